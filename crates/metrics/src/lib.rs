@@ -1,0 +1,1 @@
+//! Video segmentation quality (VSQ) and segmentation and tracking quality (STQ).

@@ -1,0 +1,1 @@
+//! Segmenters for splatseg: image and depth in, masks with scores out.

@@ -1,0 +1,1 @@
+//! Class-agnostic video segmentation methods over a segmenter and a splat memory.
