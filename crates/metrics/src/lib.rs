@@ -1,1 +1,38 @@
-//! Video segmentation quality (VSQ) and segmentation and tracking quality (STQ).
+//! Video segmentation quality (VSQ) and segmentation and tracking quality (STQ), class-agnostic.
+//!
+//! Labels in, numbers out: [`VideoScorer`] takes one frame at a time and keeps counts, never images; [`DatasetScore`]
+//! sums the counts of videos. Two protocols define both metrics, see [`Protocol`].
+//!
+//! ```
+//! use splatseg_geometry::SegmentMap;
+//! use splatseg_metrics::{FramePrediction, Protocol, ScoreSettings, VideoScorer};
+//!
+//! let settings = ScoreSettings { protocol: Protocol::Strict, ..ScoreSettings::default() };
+//! let mut scorer = VideoScorer::new(settings);
+//! let truth = SegmentMap::from_fn(4, 2, |column, _| if column < 2 { 7 } else { 0 });
+//! let prediction = SegmentMap::from_fn(4, 2, |column, _| if column < 2 { 1 } else { 0 });
+//! scorer.push(&truth, &FramePrediction::Ids(&prediction))?;
+//! assert_eq!(scorer.finish().scores().stq, Some(100.0));
+//! # Ok::<(), splatseg_metrics::MetricsError>(())
+//! ```
+
+mod assignment;
+mod error;
+mod linking;
+mod mask_runs;
+mod overlap;
+mod prediction;
+mod score;
+mod scorer;
+mod settings;
+mod stq;
+mod tubes;
+mod vsq;
+
+pub use error::MetricsError;
+pub use prediction::FramePrediction;
+pub use score::{DatasetScore, RawCounts, Scores, VideoScore};
+pub use scorer::VideoScorer;
+pub use settings::{Protocol, ScoreSettings, Void};
+pub use stq::StqCounts;
+pub use vsq::{VsqCounts, WindowLength};

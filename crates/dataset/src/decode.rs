@@ -1,0 +1,181 @@
+//! Images from files that may be damaged, cut off or lying about their size.
+
+use crate::DatasetError;
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use splatseg_geometry::{Image, SegmentMap};
+use std::io::Cursor;
+use std::path::Path;
+
+/// Larger files are no frames of a video.
+const MAX_IMAGE_FILE_BYTES: u64 = 256 << 20;
+/// Larger images are no frames of a video.
+const MAX_PIXELS: u64 = 1 << 26;
+/// DEFLATE shrinks at most 1032-fold, and a PNG pixel may have one bit. JPEG cannot do better.
+const MAX_PIXELS_PER_BYTE: u64 = 8 * 1032;
+
+/// Depth value that the Kinect's drivers write where they measured nothing, like 0.
+const NO_MEASUREMENT: u16 = u16::MAX;
+
+/// The bytes of a file of at most `limit` bytes. `what` names its content in errors.
+pub(crate) fn read_file(path: &Path, what: &'static str, limit: u64) -> Result<Vec<u8>, DatasetError> {
+    let io_error = |source: std::io::Error| match source.kind() {
+        std::io::ErrorKind::NotFound => DatasetError::MissingFile { path: path.to_owned(), what },
+        _ => DatasetError::Io { path: path.to_owned(), source },
+    };
+    let bytes = std::fs::metadata(path).map_err(io_error)?.len();
+    if bytes > limit {
+        return Err(DatasetError::FileTooBig { path: path.to_owned(), what, bytes, limit });
+    }
+    std::fs::read(path).map_err(io_error)
+}
+
+/// The `(width, height)` that an image file's header states.
+pub(crate) fn image_size(path: &Path, what: &'static str) -> Result<(usize, usize), DatasetError> {
+    let file = EncodedImage::read(path, what)?;
+    let (width, height) = file.decoder()?.dimensions();
+    Ok((width as usize, height as usize))
+}
+
+/// Reads a colour image (JPEG or PNG, any kind of pixels) as sRGB, `[height, width]`.
+pub(crate) fn read_color(path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
+    let file = EncodedImage::read(path, "colour image")?;
+    let pixels = file.decode()?.into_rgb8();
+    let (width, height) = (pixels.width() as usize, pixels.height() as usize);
+    Ok(Image::from_fn(width, height, |column, row| pixels.get_pixel(column as u32, row as u32).0))
+}
+
+/// Reads a depth image, `[height, width]`: a 16-bit grey PNG in millimetres becomes metres. 0 and 65535 are missing.
+pub(crate) fn read_depth(path: &Path) -> Result<Image<f32>, DatasetError> {
+    let file = EncodedImage::read(path, "depth image")?;
+    let expected = "a PNG with 16-bit grey";
+    file.require_grey_png(&[16], expected)?;
+    let DynamicImage::ImageLuma16(pixels) = file.decode()? else {
+        return Err(file.pixel_kind("grey with transparent".to_owned(), expected));
+    };
+    Ok(Image::from_fn(pixels.width() as usize, pixels.height() as usize, |column, row| {
+        match pixels.get_pixel(column as u32, row as u32).0[0] {
+            NO_MEASUREMENT => 0.0,
+            millimetres => f32::from(millimetres) / 1000.0,
+        }
+    }))
+}
+
+/// Reads segment ids, `[height, width]`, from a grey PNG with 8 or 16 bits.
+pub(crate) fn read_labels(path: &Path) -> Result<SegmentMap, DatasetError> {
+    let file = EncodedImage::read(path, "segment image")?;
+    let expected = "a PNG with 8- or 16-bit grey";
+    file.require_grey_png(&[8, 16], expected)?;
+    match file.decode()? {
+        DynamicImage::ImageLuma8(pixels) => {
+            Ok(labels_from(pixels.width(), pixels.height(), pixels.pixels().map(|pixel| u32::from(pixel.0[0]))))
+        }
+        DynamicImage::ImageLuma16(pixels) => {
+            Ok(labels_from(pixels.width(), pixels.height(), pixels.pixels().map(|pixel| u32::from(pixel.0[0]))))
+        }
+        _ => Err(file.pixel_kind("grey with transparent".to_owned(), expected)),
+    }
+}
+
+fn labels_from(width: u32, height: u32, mut ids: impl Iterator<Item = u32>) -> SegmentMap {
+    Image::from_fn(width as usize, height as usize, |_, _| ids.next().unwrap_or(0))
+}
+
+/// The bytes of an image file.
+struct EncodedImage<'a> {
+    path: &'a Path,
+    what: &'static str,
+    bytes: Vec<u8>,
+    format: ImageFormat,
+}
+
+impl<'a> EncodedImage<'a> {
+    fn read(path: &'a Path, what: &'static str) -> Result<Self, DatasetError> {
+        let bytes = read_file(path, what, MAX_IMAGE_FILE_BYTES)?;
+        let format = image::guess_format(&bytes).map_err(|source| DatasetError::Image {
+            path: path.to_owned(),
+            what,
+            source,
+        })?;
+        Ok(Self { path, what, bytes, format })
+    }
+
+    fn pixel_kind(&self, found: String, expected: &'static str) -> DatasetError {
+        DatasetError::PixelKind { path: self.path.to_owned(), what: self.what, found, expected }
+    }
+
+    /// Looks at the header itself: the decoder would widen 1-, 2- and 4-bit pixels and look up palettes, both of which
+    /// change ids.
+    fn require_grey_png(&self, bit_depths: &[u8], expected: &'static str) -> Result<(), DatasetError> {
+        if self.format != ImageFormat::Png {
+            return Err(self.pixel_kind(format!("{:?}", self.format), expected));
+        }
+        // Signature (8 bytes), length and "IHDR" (8), width and height (8), bit depth, colour type.
+        let (Some(bit_depth), Some(color_type)) = (self.bytes.get(24), self.bytes.get(25)) else {
+            return Ok(()); // Shorter than a header: decoding says so.
+        };
+        if *color_type == 0 && bit_depths.contains(bit_depth) {
+            return Ok(());
+        }
+        let kind = match color_type {
+            0 => "grey",
+            2 => "RGB",
+            3 => "palette",
+            4 => "grey with alpha",
+            6 => "RGBA",
+            _ => "unknown",
+        };
+        Err(self.pixel_kind(format!("{bit_depth}-bit {kind}"), expected))
+    }
+
+    fn decoding_failed(&self, source: image::ImageError) -> DatasetError {
+        DatasetError::Image { path: self.path.to_owned(), what: self.what, source }
+    }
+
+    /// A decoder that has read the header and checked the size it states.
+    fn decoder(&self) -> Result<impl ImageDecoder + '_, DatasetError> {
+        let reader = ImageReader::with_format(Cursor::new(self.bytes.as_slice()), self.format);
+        let decoder = reader.into_decoder().map_err(|source| self.decoding_failed(source))?;
+        let (width, height) = decoder.dimensions();
+        let pixels = u64::from(width) * u64::from(height);
+        if pixels > MAX_PIXELS || pixels > self.bytes.len() as u64 * MAX_PIXELS_PER_BYTE {
+            return Err(DatasetError::ImplausibleSize {
+                path: self.path.to_owned(),
+                what: self.what,
+                width,
+                height,
+                bytes: self.bytes.len(),
+                limit: MAX_PIXELS,
+            });
+        }
+        Ok(decoder)
+    }
+
+    fn decode(&self) -> Result<DynamicImage, DatasetError> {
+        if self.format == ImageFormat::Jpeg && jpeg_is_cut_off(&self.bytes) {
+            return Err(DatasetError::CutOff { path: self.path.to_owned(), what: self.what });
+        }
+        DynamicImage::from_decoder(self.decoder()?).map_err(|source| self.decoding_failed(source))
+    }
+}
+
+/// The decoder fills the rest of a truncated JPEG with grey and says nothing. Compressed data holds no markers, so an
+/// end marker must follow the last start of a scan.
+fn jpeg_is_cut_off(bytes: &[u8]) -> bool {
+    let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xFF, marker]);
+    match (last(0xDA), last(0xD9)) {
+        (Some(scan), Some(end)) => end < scan,
+        _ => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn jpeg_needs_an_end() {
+        assert!(jpeg_is_cut_off(&[0xFF, 0xD8, 0xFF, 0xDA, 1, 2]));
+        assert!(jpeg_is_cut_off(&[0xFF, 0xD8, 0xFF, 0xD9, 0xFF, 0xDA, 1, 2]));
+        assert!(!jpeg_is_cut_off(&[0xFF, 0xD8, 0xFF, 0xDA, 1, 2, 0xFF, 0xD9, 0]));
+    }
+}

@@ -1,0 +1,228 @@
+//! Everything that can be wrong with a scene.
+
+use crate::SettingsError;
+use splatseg_geometry::{FrameError, IntrinsicsError, PoseError};
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// A scene, or one of its frames, that cannot be read.
+#[derive(Debug, Error)]
+pub enum DatasetError {
+    /// There is nothing at the path.
+    #[error("{}: does not exist", path.display())]
+    NotFound {
+        /// The path that was given.
+        path: PathBuf,
+    },
+    /// The folder is empty.
+    #[error("{}: the folder is empty", path.display())]
+    EmptyFolder {
+        /// The path that was given.
+        path: PathBuf,
+    },
+    /// The path holds something, but no scene of a known format.
+    #[error("{}: not a scene of a known format. Supported are:\n{supported}", path.display())]
+    NotRecognised {
+        /// The path that was given.
+        path: PathBuf,
+        /// One line for each format: its name and what was looked for.
+        supported: String,
+    },
+    /// The path does not hold a scene of the format that was asked for.
+    #[error("{}: not a scene of format {format}, which is laid out as {layout}", path.display())]
+    OtherFormat {
+        /// The path that was given.
+        path: PathBuf,
+        /// Name of the format that was asked for.
+        format: &'static str,
+        /// What was looked for.
+        layout: &'static str,
+    },
+    /// The folder holds several recordings.
+    #[error("{}: holds several sequences, pick one of {}", path.display(), sequences.join(", "))]
+    SeveralSequences {
+        /// The path that was given.
+        path: PathBuf,
+        /// Names of the sequence folders, sorted.
+        sequences: Vec<String>,
+    },
+    /// The folder is laid out right but holds no frame.
+    #[error("{}: no frames: looked for {expected}", path.display())]
+    NoFrames {
+        /// The folder in which frames were looked for.
+        path: PathBuf,
+        /// The file names that were looked for.
+        expected: &'static str,
+    },
+    /// A frame number past the end.
+    #[error("{scene}: there is no frame {index}, the scene has {count}")]
+    NoSuchFrame {
+        /// The scene's name.
+        scene: String,
+        /// Index that was asked for.
+        index: usize,
+        /// Number of frames.
+        count: usize,
+    },
+    /// A file that the format needs is not there.
+    #[error("{}: the {what} is missing", path.display())]
+    MissingFile {
+        /// The file that was looked for.
+        path: PathBuf,
+        /// What it would hold.
+        what: &'static str,
+    },
+    /// The operating system could not read a file or folder.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// A file is too big to be what it should be.
+    #[error("{}: {bytes} bytes are too many for a {what} (at most {limit})", path.display())]
+    FileTooBig {
+        /// The file.
+        path: PathBuf,
+        /// What it should be.
+        what: &'static str,
+        /// Its size.
+        bytes: u64,
+        /// The largest size that is accepted.
+        limit: u64,
+    },
+    /// An image cannot be decoded.
+    #[error("{}: the {what} is damaged: {source}", path.display())]
+    Image {
+        /// The file.
+        path: PathBuf,
+        /// What it should hold.
+        what: &'static str,
+        /// What the decoder said.
+        source: image::ImageError,
+    },
+    /// A JPEG file ends before its image does.
+    #[error("{}: the {what} is cut off: a JPEG ends with the marker FF D9, which is missing", path.display())]
+    CutOff {
+        /// The file.
+        path: PathBuf,
+        /// What it should hold.
+        what: &'static str,
+    },
+    /// An image's header states a size that its file cannot hold, or that is beyond reason.
+    #[error(
+        "{}: the {what} claims to have {width}x{height} pixels, which its {bytes} bytes cannot hold or is more than {limit} pixels",
+        path.display()
+    )]
+    ImplausibleSize {
+        /// The file.
+        path: PathBuf,
+        /// What it should hold.
+        what: &'static str,
+        /// Stated width.
+        width: u32,
+        /// Stated height.
+        height: u32,
+        /// Size of the file.
+        bytes: usize,
+        /// Most pixels that are accepted.
+        limit: u64,
+    },
+    /// An image's pixels are of another kind.
+    #[error("{}: the {what} has {found} pixels, expected {expected}", path.display())]
+    PixelKind {
+        /// The file.
+        path: PathBuf,
+        /// What it should hold.
+        what: &'static str,
+        /// The kind of pixels in the file.
+        found: String,
+        /// The kind of pixels that it should have.
+        expected: &'static str,
+    },
+    /// Two images that belong together differ in size.
+    #[error("{}: the {what} has {}x{} pixels, but {expected_from} has {}x{}", path.display(), found.0, found.1, expected.0, expected.1)]
+    SizesDiffer {
+        /// The file (or the frame's name, for rendered scenes).
+        path: PathBuf,
+        /// What it holds.
+        what: &'static str,
+        /// Its size, `(width, height)`.
+        found: (usize, usize),
+        /// The size it should have, `(width, height)`.
+        expected: (usize, usize),
+        /// Where the expected size comes from.
+        expected_from: &'static str,
+    },
+    /// A text file does not hold what it should.
+    #[error("{}: {what}: found {found}, expected {expected}", path.display())]
+    Text {
+        /// The file.
+        path: PathBuf,
+        /// What it should hold.
+        what: &'static str,
+        /// What was found.
+        found: String,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// A camera pose is not a rigid transform.
+    #[error("{}: {source}", path.display())]
+    Pose {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: PoseError,
+    },
+    /// Intrinsics are not those of a camera.
+    #[error("{}: {source}", path.display())]
+    Intrinsics {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with them.
+        source: IntrinsicsError,
+    },
+    /// The parts of a frame do not belong together.
+    #[error("frame {name}: {source}")]
+    Frame {
+        /// The frame's name.
+        name: String,
+        /// What is wrong.
+        source: FrameError,
+    },
+    /// A description of a synthetic scene cannot be understood.
+    #[error("{text:?}: {field}: found {found:?}, expected {expected}")]
+    Synthetic {
+        /// The whole description.
+        text: String,
+        /// The setting in question.
+        field: String,
+        /// What was found.
+        found: String,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// The settings ask for the impossible.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// The thread that reads frames ended early: a format's reader has a defect.
+    #[error("{scene}: the reading thread ended early")]
+    ReaderEnded {
+        /// The scene's name.
+        scene: String,
+    },
+}
+
+/// A frame that could not be read; the frames after it can be.
+#[derive(Debug, Error)]
+#[error("frame {index} ({name}) cannot be used: {source}")]
+pub struct FrameReadError {
+    /// Index of the frame in its scene.
+    pub index: usize,
+    /// The frame's name.
+    pub name: String,
+    /// What is wrong with it.
+    #[source]
+    pub source: Box<DatasetError>,
+}

@@ -1,0 +1,75 @@
+//! Resizing and cropping of frames and labels.
+
+use crate::resample::{ImageMap, resample_color, resample_depth, resample_labels};
+use crate::{DatasetError, ImageSize, SettingsError};
+use splatseg_geometry::{RgbdFrame, SegmentMap};
+
+/// How images are framed: resized first, then cropped. Intrinsics follow.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Framing {
+    /// The size to resize to, if any.
+    pub resize: Option<ImageSize>,
+    /// Pixels to remove on each side after resizing.
+    pub crop_border: usize,
+}
+
+impl Framing {
+    /// The size, `(width, height)`, of an image of size `original` after framing.
+    ///
+    /// # Errors
+    /// [`SettingsError::CropTooLarge`] if nothing would be left.
+    pub fn check(&self, original: (usize, usize)) -> Result<(usize, usize), SettingsError> {
+        let (width, height) = self.resize.map_or(original, |size| (size.width, size.height));
+        let left = |side: usize| self.crop_border.checked_mul(2).and_then(|cut| side.checked_sub(cut)).unwrap_or(0);
+        if left(width) == 0 || left(height) == 0 {
+            return Err(SettingsError::CropTooLarge { border: self.crop_border, width, height });
+        }
+        Ok((left(width), left(height)))
+    }
+
+    /// The frame resized and cropped. Colour is low-passed when it shrinks; a depth pixel becomes the nearest valid
+    /// measurement under it, never a mixture.
+    ///
+    /// # Errors
+    /// [`SettingsError::CropTooLarge`] if nothing would be left.
+    pub fn apply(&self, frame: RgbdFrame) -> Result<RgbdFrame, DatasetError> {
+        let original = (frame.width(), frame.height());
+        self.check(original)?;
+        let mut intrinsics = *frame.intrinsics();
+        let resize = self.resize.map(|size| (size.width, size.height)).filter(|size| *size != original);
+        if resize.is_none() && self.crop_border == 0 {
+            return Ok(frame);
+        }
+        let (color, depth) = match resize {
+            Some(size) => {
+                intrinsics = intrinsics.resized(size.0, size.1);
+                let map = ImageMap::resize(original, size);
+                (resample_color(frame.color(), &map), resample_depth(frame.depth(), &map))
+            }
+            None => (frame.color().clone(), frame.depth().clone()),
+        };
+        let border = self.crop_border;
+        RgbdFrame::new(
+            frame.name(),
+            color.crop_border(border),
+            depth.crop_border(border),
+            intrinsics.cropped(border),
+            *frame.world_from_camera(),
+        )
+        .map_err(|source| DatasetError::Frame { name: frame.name().to_owned(), source })
+    }
+
+    /// Labels resized (to the nearest label) and cropped like their frame.
+    ///
+    /// # Errors
+    /// [`SettingsError::CropTooLarge`] if nothing would be left.
+    pub fn apply_to_labels(&self, labels: SegmentMap) -> Result<SegmentMap, DatasetError> {
+        let original = labels.size();
+        self.check(original)?;
+        let resized = match self.resize.map(|size| (size.width, size.height)).filter(|size| *size != original) {
+            Some(size) => resample_labels(&labels, &ImageMap::resize(original, size)),
+            None => labels,
+        };
+        Ok(if self.crop_border == 0 { resized } else { resized.crop_border(self.crop_border) })
+    }
+}

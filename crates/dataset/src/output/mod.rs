@@ -1,0 +1,50 @@
+//! Writers for predictions.
+
+mod atomic;
+mod digits;
+mod overlay;
+mod segments;
+
+pub use atomic::write_atomically;
+pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
+pub use segments::{read_segments_png, write_segments_png};
+
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Something that cannot be written.
+#[derive(Debug, Error)]
+pub enum OutputError {
+    /// The operating system could not write the file. Nothing is left at its place.
+    #[error("{}: cannot be written: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// An id does not fit a 16-bit image.
+    #[error("{}: segment id {id} does not fit a 16-bit image (at most 65535)", path.display())]
+    IdTooLarge {
+        /// The file.
+        path: PathBuf,
+        /// The id.
+        id: u32,
+    },
+    /// The image cannot be encoded, e.g. because it is empty or too large for the format.
+    #[error("{}: cannot be encoded: {source}", path.display())]
+    Encode {
+        /// The file.
+        path: PathBuf,
+        /// What the encoder said.
+        source: image::ImageError,
+    },
+    /// An overlay needs an image and segments of the same size.
+    #[error("the image has {}x{} pixels but the segments have {}x{}", image.0, image.1, segments.0, segments.1)]
+    SizesDiffer {
+        /// Size of the image, `(width, height)`.
+        image: (usize, usize),
+        /// Size of the segment map, `(width, height)`.
+        segments: (usize, usize),
+    },
+}

@@ -1,0 +1,253 @@
+//! Segments drawn over their image, for people.
+
+use super::digits::{DIGIT_HEIGHT, decimal_digits, text_pixels, text_width};
+use super::{OutputError, write_atomically};
+use crate::resample::{ImageMap, resample_color};
+use image::ExtendedColorType;
+use image::codecs::jpeg::JpegEncoder;
+use splatseg_geometry::{Image, SegmentId, SegmentMap};
+use std::path::Path;
+
+const JPEG_QUALITY: u8 = 90;
+/// Images up to this width are drawn at twice their size, so that ids can be read.
+const DOUBLED_WIDTH: usize = 400;
+/// How much of a segment's colour, in percent, lies over the image.
+const OPACITY_PERCENT: u32 = 50;
+/// A part of a segment gets its number if a square of this many pixels (in the drawn image) fits around it, for
+/// digits of one and of two pixels' thickness.
+const ROOM_FOR_TEXT: [(usize, usize); 2] = [(2, 21), (1, 11)];
+
+/// The colour of a segment, sRGB: the same in every frame and run, and far from those of the ids next to it.
+pub fn segment_color(id: SegmentId) -> [u8; 3] {
+    // Golden-ratio steps never come back to a hue; lightness and saturation tell apart those that come close.
+    let hue = (f64::from(id) * 0.618_033_988_749_895).fract();
+    let lightness = [0.55, 0.42, 0.68][id as usize % 3];
+    let saturation = [0.95, 0.70][(id as usize / 3) % 2];
+    let chroma = (1.0 - (2.0 * lightness - 1.0_f64).abs()) * saturation;
+    // Each channel is full within a sixth of the circle around its own hue and fades over the next sixth.
+    let channel = |own_hue: f64| {
+        let turn = (hue - own_hue).abs();
+        let ramp = (2.0 - 6.0 * turn.min(1.0 - turn)).clamp(0.0, 1.0);
+        ((lightness + chroma * (ramp - 0.5)) * 255.0).round() as u8
+    };
+    [channel(0.0), channel(1.0 / 3.0), channel(2.0 / 3.0)]
+}
+
+/// The image with every segment tinted in [`segment_color`], outlined, and numbered where there is room. Both are
+/// `[height, width]`; images up to 400 pixels wide come out at twice their size.
+///
+/// # Errors
+/// [`OutputError::SizesDiffer`].
+pub fn draw_overlay(color: &Image<[u8; 3]>, segments: &SegmentMap) -> Result<Image<[u8; 3]>, OutputError> {
+    if color.size() != segments.size() {
+        return Err(OutputError::SizesDiffer { image: color.size(), segments: segments.size() });
+    }
+    let (width, height) = color.size();
+    if width > DOUBLED_WIDTH {
+        return Ok(draw(color.clone(), segments));
+    }
+    let larger = resample_color(color, &ImageMap::resize((width, height), (2 * width, 2 * height)));
+    Ok(draw(larger, &Image::from_fn(2 * width, 2 * height, |column, row| segments[(column / 2, row / 2)])))
+}
+
+/// Writes [`draw_overlay`] as a JPEG, atomically. The folder must exist.
+///
+/// # Errors
+/// [`OutputError`] names the path; nothing is left at its place.
+pub fn write_overlay_jpeg(path: &Path, color: &Image<[u8; 3]>, segments: &SegmentMap) -> Result<(), OutputError> {
+    let overlay = draw_overlay(color, segments)?;
+    let bytes: Vec<u8> = overlay.pixels().iter().flatten().copied().collect();
+    let mut encoded = Vec::new();
+    JpegEncoder::new_with_quality(&mut encoded, JPEG_QUALITY)
+        .encode(&bytes, overlay.width() as u32, overlay.height() as u32, ExtendedColorType::Rgb8)
+        .map_err(|source| OutputError::Encode { path: path.to_owned(), source })?;
+    write_atomically(path, &encoded)
+}
+
+fn draw(mut image: Image<[u8; 3]>, segments: &SegmentMap) -> Image<[u8; 3]> {
+    let (width, height) = segments.size();
+    for row in 0..height {
+        for column in 0..width {
+            let id = segments[(column, row)];
+            let right = segments[((column + 1).min(width - 1), row)];
+            let below = segments[(column, (row + 1).min(height - 1))];
+            let pixel = &mut image[(column, row)];
+            if id != right || id != below {
+                *pixel = [255; 3];
+            } else if id != 0 {
+                *pixel = blended(*pixel, segment_color(id));
+            }
+        }
+    }
+    for spot in label_spots(segments) {
+        draw_number(&mut image, &spot);
+    }
+    image
+}
+
+fn blended(below: [u8; 3], above: [u8; 3]) -> [u8; 3] {
+    std::array::from_fn(|channel| {
+        let mixed = u32::from(above[channel]) * OPACITY_PERCENT + u32::from(below[channel]) * (100 - OPACITY_PERCENT);
+        (mixed / 100) as u8
+    })
+}
+
+/// Where a number is drawn.
+struct LabelSpot {
+    id: SegmentId,
+    /// Pixel (column, row) in the middle of the number.
+    center: (usize, usize),
+    /// Side of a digit's dot, pixels.
+    dot: usize,
+}
+
+/// The innermost pixel of every connected part of a segment that is large enough to be numbered.
+fn label_spots(segments: &SegmentMap) -> Vec<LabelSpot> {
+    let (width, height) = segments.size();
+    let clearance = border_distances(segments);
+    let mut visited = vec![false; width * height];
+    let mut spots = Vec::new();
+    for start in 0..width * height {
+        let id = segments.pixels()[start];
+        if id == 0 || visited[start] {
+            continue;
+        }
+        visited[start] = true;
+        let mut open = vec![start];
+        let mut innermost = start;
+        while let Some(index) = open.pop() {
+            if clearance[index] > clearance[innermost] {
+                innermost = index;
+            }
+            for neighbour in neighbours(index, (width, height)) {
+                if !visited[neighbour] && segments.pixels()[neighbour] == id {
+                    visited[neighbour] = true;
+                    open.push(neighbour);
+                }
+            }
+        }
+        let side = 2 * clearance[innermost] as usize - 1;
+        if let Some((dot, _)) = ROOM_FOR_TEXT.iter().find(|(_, room)| side >= *room) {
+            spots.push(LabelSpot { id, center: (innermost % width, innermost / width), dot: *dot });
+        }
+    }
+    spots
+}
+
+/// The row-major indices of the four pixels beside a pixel, less those outside.
+fn neighbours(index: usize, (width, height): (usize, usize)) -> impl Iterator<Item = usize> {
+    let (column, row) = (index % width, index / width);
+    [
+        (column > 0).then(|| index - 1),
+        (column + 1 < width).then(|| index + 1),
+        (row > 0).then(|| index - width),
+        (row + 1 < height).then(|| index + width),
+    ]
+    .into_iter()
+    .flatten()
+}
+
+/// For each pixel, row-major, how far (chessboard distance, at least 1) it is to a pixel of another segment or to the
+/// outside. Two passes: down from the pixels above and left, up from those below and right.
+fn border_distances(segments: &SegmentMap) -> Vec<u32> {
+    let (width, height) = segments.size();
+    let mut distances = vec![u32::MAX; width * height];
+    let mut relax = |column: usize, row: usize, steps: [(isize, isize); 4]| {
+        let id = segments[(column, row)];
+        let mut distance = distances[row * width + column];
+        for (across, down) in steps {
+            let inside = column.checked_add_signed(across).zip(row.checked_add_signed(down));
+            let beyond = match inside.filter(|(column, row)| *column < width && *row < height) {
+                Some(at) if segments[at] == id => distances[at.1 * width + at.0],
+                _ => 0,
+            };
+            distance = distance.min(beyond.saturating_add(1));
+        }
+        distances[row * width + column] = distance;
+    };
+    for row in 0..height {
+        for column in 0..width {
+            relax(column, row, [(-1, 0), (-1, -1), (0, -1), (1, -1)]);
+        }
+    }
+    for row in (0..height).rev() {
+        for column in (0..width).rev() {
+            relax(column, row, [(1, 0), (1, 1), (0, 1), (-1, 1)]);
+        }
+    }
+    distances
+}
+
+/// White digits with a dark outline.
+fn draw_number(image: &mut Image<[u8; 3]>, spot: &LabelSpot) {
+    let digits = decimal_digits(spot.id);
+    let dot = spot.dot;
+    let (text_columns, text_rows) = (text_width(&digits) * dot, DIGIT_HEIGHT * dot);
+    let place = |center: usize, text: usize, side: usize| {
+        center.saturating_sub(text / 2).max(1).min(side.saturating_sub(text + 1))
+    };
+    let left = place(spot.center.0, text_columns, image.width());
+    let top = place(spot.center.1, text_rows, image.height());
+    let pixels = text_pixels(&digits);
+    let (width, height) = image.size();
+    for (margin, ink) in [(1, [20; 3]), (0, [255; 3])] {
+        for (column, row) in &pixels {
+            let columns = (left + column * dot).saturating_sub(margin)..left + (column + 1) * dot + margin;
+            for x in columns.take_while(|x| *x < width) {
+                let rows = (top + row * dot).saturating_sub(margin)..top + (row + 1) * dot + margin;
+                for y in rows.take_while(|y| *y < height) {
+                    image[(x, y)] = ink;
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_are_steady_and_distinct() {
+        assert_eq!([1, 2, 3].map(segment_color), [1, 2, 3].map(segment_color));
+        for id in 1..60u32 {
+            for other in id + 1..id + 12 {
+                let difference: i32 = (0..3)
+                    .map(|channel| {
+                        (i32::from(segment_color(id)[channel]) - i32::from(segment_color(other)[channel])).abs()
+                    })
+                    .sum();
+                assert!(difference > 60, "ids {id} and {other}: {:?} {:?}", segment_color(id), segment_color(other));
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_stand_inside_their_region_even_if_its_centroid_does_not() {
+        let frame = Image::from_fn(90, 90, |column, row| {
+            let inner = (25..65).contains(&column) && (25..65).contains(&row);
+            if inner { 1 } else { 2 }
+        });
+        let spots = label_spots(&frame);
+        assert_eq!(spots.len(), 2);
+        for spot in spots {
+            assert_eq!(frame[spot.center], spot.id);
+        }
+    }
+
+    #[test]
+    fn small_regions_get_no_number() {
+        let map = Image::from_fn(60, 60, |column, row| u32::from(column < 8 && row < 8));
+        assert!(label_spots(&map).is_empty());
+    }
+
+    #[test]
+    fn sizes_must_agree_and_nothing_panics_on_tiny_images() {
+        assert!(draw_overlay(&Image::filled(3, 2, [0; 3]), &Image::filled(2, 3, 0)).is_err());
+        for size in [0, 1, 2, 12] {
+            let drawn = draw_overlay(&Image::filled(size, size, [9; 3]), &Image::filled(size, size, 70_000)).unwrap();
+            assert_eq!(drawn.size(), (2 * size, 2 * size));
+        }
+        assert_eq!(draw_overlay(&Image::filled(640, 4, [9; 3]), &Image::filled(640, 4, 0)).unwrap().width(), 640);
+    }
+}

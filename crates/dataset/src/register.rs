@@ -1,0 +1,64 @@
+//! Depth of one camera warped into another that stands beside it.
+
+use splatseg_geometry::{Image, Intrinsics};
+
+/// Two cameras with parallel axes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CameraPair {
+    /// The camera that measured depth.
+    pub(crate) depth: Intrinsics,
+    /// The camera to warp into.
+    pub(crate) color: Intrinsics,
+    /// How far the colour camera stands to the right of the depth camera, metres.
+    pub(crate) offset_m: f32,
+}
+
+/// Moves every measurement (z-depth, metres, `[height, width]` of the depth camera) to the pixel at which the colour
+/// camera sees it. Of several at one pixel the nearest stays; pixels that none falls on are 0. Nothing is interpolated.
+pub(crate) fn register_depth(depth: &Image<f32>, cameras: &CameraPair) -> Image<f32> {
+    let (width, height) = (cameras.color.width, cameras.color.height);
+    let mut registered: Image<f32> = Image::filled(width, height, 0.0);
+    for row in 0..depth.height() {
+        for (column, z) in depth.row(row).iter().enumerate().filter(|(_, z)| **z > 0.0) {
+            let mut point = cameras.depth.unproject(glam::Vec2::new(column as f32, row as f32), *z);
+            point.x -= cameras.offset_m;
+            let Some(pixel) = cameras.color.project(point).map(glam::Vec2::round) else { continue };
+            let inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < width as f32 && pixel.y < height as f32;
+            if inside {
+                let seen = &mut registered[(pixel.x as usize, pixel.y as usize)];
+                if *seen == 0.0 || *z < *seen {
+                    *seen = *z;
+                }
+            }
+        }
+    }
+    registered
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const COLOR: Intrinsics = Intrinsics { fx: 52.5, fy: 52.5, cx: 32.0, cy: 24.0, width: 64, height: 48 };
+
+    #[test]
+    fn points_land_where_the_colour_camera_sees_them_and_the_nearest_wins() {
+        let depth_camera = Intrinsics { fx: 58.5, fy: 58.5, ..COLOR };
+        let mut depth = Image::filled(64, 48, 2.0);
+        depth[(50, 10)] = 1.0;
+        let cameras = CameraPair { depth: depth_camera, color: COLOR, offset_m: 0.025 };
+        let registered = register_depth(&depth, &cameras);
+        let point = depth_camera.unproject(glam::Vec2::new(50.0, 10.0), 1.0) - glam::Vec3::X * 0.025;
+        let pixel = COLOR.project(point).unwrap().round();
+        assert_eq!(registered[(pixel.x as usize, pixel.y as usize)], 1.0);
+        assert_eq!(registered[(0, 0)], 0.0, "the depth camera sees less than the colour camera");
+        assert!(registered.pixels().iter().all(|z| [0.0, 1.0, 2.0].contains(z)), "measured values only");
+    }
+
+    #[test]
+    fn the_same_camera_changes_nothing() {
+        let depth = Image::from_fn(64, 48, |column, row| (column + row) as f32 * 0.01);
+        let cameras = CameraPair { depth: COLOR, color: COLOR, offset_m: 0.0 };
+        assert_eq!(register_depth(&depth, &cameras), depth);
+    }
+}

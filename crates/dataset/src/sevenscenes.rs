@@ -1,0 +1,147 @@
+//! 7-Scenes (Shotton et al., CVPR 2013): `frame-000000.color.png`, `.depth.png` (uint16 millimetres) and `.pose.txt`
+//! (4x4, camera-to-world) side by side in a sequence's folder.
+//!
+//! The published sequences have no intrinsics and their depth is not registered to colour; prepared ones may have
+//! registered depth and a `camera-intrinsics.txt` (3x3).
+
+use crate::decode::{read_color, read_depth};
+use crate::listing::{NamePattern, NumberedFile, fits, folder_name, names_in, numbered_files};
+use crate::register::{CameraPair, register_depth};
+use crate::text::{PinholeMatrix, read_pose};
+use crate::{DatasetError, DatasetSettings, Scene};
+use glam::{Mat4, Vec3};
+use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
+use std::path::{Path, PathBuf};
+
+/// What a 7-Scenes folder looks like, for messages.
+pub(crate) const LAYOUT: &str = "frame-000000.color.png (or .jpg), frame-000000.depth.png, frame-000000.pose.txt, ..., camera-intrinsics.txt (optional)";
+
+const COLOR: NamePattern = NamePattern { prefix: "frame-", suffixes: &[".color.png", ".color.jpg", ".color.jpeg"] };
+const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
+
+/// The colour camera as the data set's page describes it.
+const PUBLISHED_COLOR: Intrinsics = Intrinsics { fx: 525.0, fy: 525.0, cx: 320.0, cy: 240.0, width: 640, height: 480 };
+/// The depth camera as the data set's page describes it.
+const PUBLISHED_DEPTH: Intrinsics = Intrinsics { fx: 585.0, fy: 585.0, cx: 320.0, cy: 240.0, width: 640, height: 480 };
+
+/// One sequence in the layout of 7-Scenes. It has no ground truth.
+///
+/// Without `camera-intrinsics.txt` the published colour camera is assumed (focal length 525, principal point
+/// (320, 240), for 640x480 pixels), with a warning.
+#[derive(Debug)]
+pub struct SevenScenesScene {
+    name: String,
+    folder: PathBuf,
+    frames: Vec<NumberedFile>,
+    intrinsics: Option<PinholeMatrix>,
+    /// The offset between the cameras if depth has to be warped, metres.
+    registration: Option<f32>,
+}
+
+impl SevenScenesScene {
+    /// Lists the frames of a sequence's folder, sorted by number. Of `settings`, `register_depth` and `depth_offset_m`
+    /// matter.
+    ///
+    /// # Errors
+    /// If the folder cannot be read, has no frames or only sequences' folders, or its intrinsics are damaged.
+    pub fn open(folder: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
+        settings.validate()?;
+        let frames = numbered_files(folder, COLOR)?;
+        if frames.is_empty() {
+            let sequences = sequence_folders(folder);
+            return Err(if sequences.is_empty() {
+                DatasetError::NoFrames { path: folder.to_owned(), expected: "frame-<number>.color.png or .jpg" }
+            } else {
+                DatasetError::SeveralSequences { path: folder.to_owned(), sequences }
+            });
+        }
+        let intrinsics_path = folder.join(INTRINSICS_FILE);
+        let intrinsics = if intrinsics_path.exists() {
+            Some(PinholeMatrix::read(&intrinsics_path)?)
+        } else {
+            tracing::warn!(
+                "{}: no {INTRINSICS_FILE}: assuming the colour camera of the published 7-Scenes (focal length 525){}",
+                folder.display(),
+                if settings.register_depth { "" } else { "; their depth needs register_depth = true" }
+            );
+            None
+        };
+        let registration = settings.register_depth.then_some(settings.depth_offset_m);
+        Ok(Self { name: folder_name(folder), folder: folder.to_owned(), frames, intrinsics, registration })
+    }
+
+    fn color_camera(&self, size: (usize, usize)) -> Result<Intrinsics, DatasetError> {
+        match self.intrinsics {
+            Some(matrix) => matrix.for_size(size, &self.folder.join(INTRINSICS_FILE)),
+            None => Ok(PUBLISHED_COLOR.resized(size.0, size.1)),
+        }
+    }
+}
+
+/// Whether a folder holds a sequence, or sequences' folders.
+pub(crate) fn looks_like(path: &Path) -> bool {
+    names_in(path).iter().any(|name| fits(name, COLOR)) || !sequence_folders(path).is_empty()
+}
+
+fn sequence_folders(path: &Path) -> Vec<String> {
+    let pattern = NamePattern { prefix: "seq-", suffixes: &[""] };
+    names_in(path).into_iter().filter(|name| fits(name, pattern) && path.join(name).is_dir()).collect()
+}
+
+impl Scene for SevenScenesScene {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn frame_count(&self) -> usize {
+        self.frames.len()
+    }
+
+    fn frame_name(&self, index: usize) -> String {
+        self.frames.get(index).map(|file| file.stem.clone()).unwrap_or_default()
+    }
+
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+        let file = self.frames.get(index).ok_or_else(|| DatasetError::NoSuchFrame {
+            scene: self.name.clone(),
+            index,
+            count: self.frames.len(),
+        })?;
+        let depth_path = self.folder.join(format!("{}.depth.png", file.stem));
+        // The pose first: it is quick to read and the likeliest to be missing.
+        let mut pose = read_pose(&self.folder.join(format!("{}.pose.txt", file.stem)))?;
+        let mut depth = read_depth(&depth_path)?;
+        let color = read_color(&file.path)?;
+        let camera = self.color_camera(color.size())?;
+        if let Some(offset_m) = self.registration {
+            let depth_camera = PUBLISHED_DEPTH.resized(depth.width(), depth.height());
+            depth = register_depth(&depth, &CameraPair { depth: depth_camera, color: camera, offset_m });
+            pose = beside(&pose, offset_m);
+        } else if depth.size() != color.size() {
+            return Err(DatasetError::SizesDiffer {
+                path: depth_path,
+                what: "depth image",
+                found: depth.size(),
+                expected: color.size(),
+                expected_from: "its colour image",
+            });
+        }
+        RgbdFrame::new(file.stem.clone(), color, depth, camera, pose)
+            .map_err(|source| DatasetError::Frame { name: file.stem.clone(), source })
+    }
+
+    fn has_ground_truth(&self) -> bool {
+        false
+    }
+
+    fn read_ground_truth(&self, _index: usize) -> Result<Option<SegmentMap>, DatasetError> {
+        Ok(None)
+    }
+}
+
+/// The pose of a camera `offset_m` metres to the right.
+fn beside(pose: &Pose, offset_m: f32) -> Pose {
+    let moved = pose.to_matrix() * Mat4::from_translation(Vec3::X * offset_m);
+    // A rigid transform times a translation is rigid.
+    Pose::from_matrix(moved).unwrap_or(*pose)
+}

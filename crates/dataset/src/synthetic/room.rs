@@ -1,0 +1,199 @@
+//! What stands where in the synthetic room, and how the camera walks through it. World coordinates, metres, z up, the
+//! origin in the middle of the floor.
+
+use super::solids::{Hit, Ray, Shape, Solid};
+use super::texture::Texture;
+use glam::{Mat4, Vec2, Vec3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use splatseg_geometry::{Pose, SegmentId};
+
+/// Size of the room along x, y and z.
+const ROOM: Vec3 = Vec3::new(6.0, 5.2, 2.7);
+/// Thickness of walls, floor and ceiling; only their inner faces are seen.
+const WALL: f32 = 0.2;
+/// Things keep this far from walls and from each other.
+const GAP: f32 = 0.06;
+/// The camera walks on a circle of this radius...
+const WALK_RADIUS: f32 = 1.0;
+/// ...and things keep this far from its line, so that it never walks through one.
+const WALK_MARGIN: f32 = 0.45;
+/// Frames of one round. Positions move on by frames, so a longer video walks further, and what left comes back.
+const FRAMES_PER_ROUND: f32 = 48.0;
+const LIGHT: Vec3 = Vec3::new(0.6, -0.8, 2.3);
+
+/// The room's solids.
+#[derive(Clone, Debug)]
+pub(super) struct Room {
+    solids: Vec<Solid>,
+    seed: u64,
+}
+
+impl Room {
+    /// A room with floor (id 1), ceiling (2), four walls (3 to 6) and `objects` things (ids from 7), the same for the
+    /// same seed. Fewer things if there is no room left.
+    pub(super) fn furnished(seed: u64, objects: usize) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut solids = shell(&mut random);
+        let shell_count = solids.len();
+        let mut tops: Vec<usize> = Vec::new();
+        for number in 0..objects {
+            let id = (shell_count + number + 1) as SegmentId;
+            let on_top = number % 4 == 3;
+            let placed = match tops.pop().filter(|_| on_top) {
+                Some(carrier) => Some(standing_on(&mut random, &solids[carrier], id)),
+                None => standing_free(&mut random, &solids[shell_count..], id),
+            };
+            let Some(solid) = placed else {
+                tracing::warn!("the synthetic room is full: {number} objects instead of {objects}");
+                break;
+            };
+            let is_table = matches!(solid.shape, Shape::Box(half) if half.truncate().min_element() > 0.14);
+            if is_table && solid.center.z < 1.0 && !on_top {
+                tops.push(solids.len());
+            }
+            solids.push(solid);
+        }
+        Self { solids, seed }
+    }
+
+    /// The id and place of the first thing that a ray meets. Rays from inside the room always meet one.
+    pub(super) fn first_hit(&self, ray: Ray) -> Option<(&Solid, Hit)> {
+        let mut nearest: Option<(&Solid, Hit)> = None;
+        for solid in &self.solids {
+            if let Some(hit) = solid.hit(ray)
+                && nearest.as_ref().is_none_or(|(_, before)| hit.t < before.t)
+            {
+                nearest = Some((solid, hit));
+            }
+        }
+        nearest
+    }
+
+    /// The camera's pose in a frame: it walks round the middle, looking across it, from side to side, up and down.
+    pub(super) fn camera_pose(&self, frame: usize) -> Pose {
+        let start = (self.seed % 997) as f32 * 0.631;
+        // Whole rounds are left out before the angle is rounded, so that long videos stay exact.
+        let round = (frame % FRAMES_PER_ROUND as usize) as f32 / FRAMES_PER_ROUND;
+        let angle = start + round * std::f32::consts::TAU;
+        let sway = frame as f32;
+        let outward = Vec2::from_angle(angle);
+        let position = (outward * WALK_RADIUS).extend(1.45 + 0.1 * (sway * 0.29).sin());
+        let heading = Vec2::from_angle(angle + std::f32::consts::PI + 0.45 * (sway * 0.21).sin());
+        let forward = heading.extend(-0.28 + 0.25 * (sway * 0.17).sin()).normalize();
+        let right = forward.cross(Vec3::Z).normalize();
+        let down = forward.cross(right);
+        let matrix = Mat4::from_cols(right.extend(0.0), down.extend(0.0), forward.extend(0.0), position.extend(1.0));
+        // Three orthonormal right-handed axes are a rotation.
+        Pose::from_matrix(matrix).unwrap_or(Pose::IDENTITY)
+    }
+}
+
+/// How bright a hit is: light from a lamp below the ceiling and from all around.
+pub(super) fn brightness(point_world: Vec3, normal: Vec3) -> f32 {
+    let to_light = LIGHT - point_world;
+    let facing = normal.dot(to_light.normalize_or_zero()).max(0.0);
+    0.55 + 0.5 * facing / (1.0 + 0.05 * to_light.length_squared())
+}
+
+fn shell(random: &mut ChaCha8Rng) -> Vec<Solid> {
+    let half = ROOM / 2.0;
+    let thin = WALL / 2.0;
+    let places = [
+        (Vec3::new(0.0, 0.0, -thin), Vec3::new(half.x, half.y, thin)),
+        (Vec3::new(0.0, 0.0, ROOM.z + thin), Vec3::new(half.x, half.y, thin)),
+        (Vec3::new(-half.x - thin, 0.0, half.z), Vec3::new(thin, half.y, half.z)),
+        (Vec3::new(half.x + thin, 0.0, half.z), Vec3::new(thin, half.y, half.z)),
+        (Vec3::new(0.0, -half.y - thin, half.z), Vec3::new(half.x, thin, half.z)),
+        (Vec3::new(0.0, half.y + thin, half.z), Vec3::new(half.x, thin, half.z)),
+    ];
+    let solid = |(index, (center, half_size)): (usize, (Vec3, Vec3))| Solid {
+        id: index as SegmentId + 1,
+        shape: Shape::Box(half_size + Vec3::splat(WALL) * overlap(half_size, thin)),
+        center,
+        turn: Vec2::X,
+        texture: Texture::random(random, 0.5),
+    };
+    places.into_iter().enumerate().map(solid).collect()
+}
+
+/// 1 along a wall and 0 across it: walls reach past the room's edges, so that no ray slips through a corner.
+fn overlap(half_size: Vec3, thin: f32) -> Vec3 {
+    Vec3::select(half_size.cmpgt(Vec3::splat(thin)), Vec3::ONE, Vec3::ZERO)
+}
+
+/// A thing on the floor that touches nothing and leaves the walk free; `None` if no place is found. It gets smaller
+/// while it does not fit.
+fn standing_free(random: &mut ChaCha8Rng, others: &[Solid], id: SegmentId) -> Option<Solid> {
+    let mut size = 1.0;
+    for _ in 0..600 {
+        let shape = random_shape(random, size);
+        let reach = ROOM.truncate() / 2.0 - Vec2::splat(shape.footprint() + GAP);
+        let spot = Vec2::new(random.random_range(-reach.x..reach.x), random.random_range(-reach.y..reach.y));
+        let clear_of_walk = (spot.length() - WALK_RADIUS).abs() > WALK_MARGIN + shape.footprint();
+        let clear_of_others = others
+            .iter()
+            .all(|other| other.center.truncate().distance(spot) > other.shape.footprint() + shape.footprint() + GAP);
+        if clear_of_walk && clear_of_others {
+            return Some(solid_at(random, shape, spot.extend(shape.half_height()), id));
+        }
+        size = (size * 0.995_f32).max(0.25);
+    }
+    None
+}
+
+fn standing_on(random: &mut ChaCha8Rng, carrier: &Solid, id: SegmentId) -> Solid {
+    let shape = random_shape(random, 0.3);
+    let top = carrier.center.z + carrier.shape.half_height();
+    solid_at(random, shape, carrier.center.truncate().extend(top + shape.half_height()), id)
+}
+
+fn solid_at(random: &mut ChaCha8Rng, shape: Shape, center: Vec3, id: SegmentId) -> Solid {
+    let turn = Vec2::from_angle(random.random_range(0.0..std::f32::consts::TAU));
+    Solid { id, shape, center, turn, texture: Texture::random(random, 0.14) }
+}
+
+fn random_shape(random: &mut ChaCha8Rng, size: f32) -> Shape {
+    let mut between = |low: f32, high: f32| size * random.random_range(low..high);
+    let (width, depth, height, radius) =
+        (between(0.16, 0.5), between(0.16, 0.42), between(0.15, 0.6), between(0.13, 0.33));
+    match random.random_range(0..5) {
+        0 | 1 => Shape::Box(Vec3::new(width, depth, height)),
+        2 => Shape::Sphere(radius),
+        _ => Shape::Cylinder(radius, height),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rooms_hold_what_was_asked_for_and_the_walk_is_free() {
+        for seed in 0..20 {
+            let room = Room::furnished(seed, 40);
+            assert_eq!(room.solids.len(), 46, "seed {seed}");
+            for frame in 0..100 {
+                let position = room.camera_pose(frame).translation();
+                for solid in &room.solids[6..] {
+                    let distance = solid.center.truncate().distance(position.truncate());
+                    assert!(distance > solid.shape.footprint() + 0.4, "seed {seed}, frame {frame}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_ray_from_the_walk_meets_something() {
+        let room = Room::furnished(1, 0);
+        let origin = room.camera_pose(7).translation();
+        for index in 0..2000 {
+            let (height, angle) = (index as f32 / 1000.0 - 1.0, index as f32 * 2.4);
+            let direction = (Vec2::from_angle(angle) * (1.0 - height * height).sqrt()).extend(height);
+            let (_, hit) = room.first_hit(Ray { origin, direction }).unwrap();
+            let point = origin + hit.t * direction;
+            let inside = point.cmpge(Vec3::new(-3.01, -2.61, -0.01)) & point.cmple(Vec3::new(3.01, 2.61, 2.71));
+            assert!(inside.all(), "{point}");
+        }
+    }
+}

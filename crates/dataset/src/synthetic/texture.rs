@@ -1,0 +1,89 @@
+//! Colours that vary over a surface, as functions of the point in the solid's own coordinates.
+
+use glam::Vec3;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+/// Keeps the borders of a pattern off the faces of boxes, where rounding would flicker between its two sides.
+const PATTERN_SHIFT: Vec3 = Vec3::new(0.137, 0.271, 0.419);
+
+#[derive(Clone, Copy, Debug)]
+enum Pattern {
+    Plain,
+    Checker,
+    /// Across the direction given.
+    Stripes(Vec3),
+    Noise,
+}
+
+/// Two colours in a pattern.
+#[derive(Clone, Debug)]
+pub(super) struct Texture {
+    colors: [[u8; 3]; 2],
+    pattern: Pattern,
+    /// Length of one repetition, metres.
+    period: f32,
+}
+
+impl Texture {
+    #[cfg(test)]
+    pub(super) fn plain(color: [u8; 3]) -> Self {
+        Self { colors: [color; 2], pattern: Pattern::Plain, period: 1.0 }
+    }
+
+    /// A texture of any kind, with repetitions of about `period` metres.
+    pub(super) fn random(random: &mut ChaCha8Rng, period: f32) -> Self {
+        let base: [u8; 3] = std::array::from_fn(|_| random.random_range(50..230));
+        // A second colour that is close in one channel and clearly apart in the others.
+        let second = base.map(|value| {
+            if value > 140 { value - random.random_range(30..90) } else { value + random.random_range(25..80) }
+        });
+        let pattern = match random.random_range(0..4) {
+            0 => Pattern::Plain,
+            1 => Pattern::Checker,
+            2 => {
+                let mut direction = || random.random_range(-1.0..1.0f32);
+                Pattern::Stripes(Vec3::new(direction(), direction(), direction()).normalize_or(Vec3::Z))
+            }
+            _ => Pattern::Noise,
+        };
+        Self { colors: [base, second], pattern, period: period * random.random_range(0.7..1.4) }
+    }
+
+    /// The colour, sRGB, in 0..=255.
+    pub(super) fn color_at(&self, point_local: Vec3) -> Vec3 {
+        let point = point_local / self.period + PATTERN_SHIFT;
+        let share = match self.pattern {
+            Pattern::Plain => 0.15 * smooth_noise(point * 3.0),
+            Pattern::Checker => (point.floor().element_sum().rem_euclid(2.0) > 0.5) as u8 as f32,
+            Pattern::Stripes(across) => f32::from(point.dot(across).rem_euclid(1.0) > 0.5),
+            Pattern::Noise => smooth_noise(point * 2.0),
+        };
+        let [first, second] = self.colors.map(|color| Vec3::from(color.map(f32::from)));
+        first.lerp(second, share)
+    }
+}
+
+/// Noise in 0..=1 that varies smoothly over a length of 1.
+fn smooth_noise(point: Vec3) -> f32 {
+    let cell = point.floor();
+    let within = point - cell;
+    let blend = within * within * (Vec3::splat(3.0) - 2.0 * within);
+    let mut sum = 0.0;
+    for corner in 0..8u32 {
+        let offset = Vec3::new((corner & 1) as f32, (corner >> 1 & 1) as f32, (corner >> 2) as f32);
+        let weights = offset * blend + (Vec3::ONE - offset) * (Vec3::ONE - blend);
+        sum += weights.element_product() * hash((cell + offset).as_ivec3());
+    }
+    sum
+}
+
+/// A number in 0..1 that looks random, for each cell of a grid.
+fn hash(cell: glam::IVec3) -> f32 {
+    let mut bits = (cell.x as u32).wrapping_mul(0x9E37_79B1)
+        ^ (cell.y as u32).wrapping_mul(0x85EB_CA77)
+        ^ (cell.z as u32).wrapping_mul(0xC2B2_AE3D);
+    bits = (bits ^ bits >> 15).wrapping_mul(0x2C1B_3C6D);
+    bits = (bits ^ bits >> 12).wrapping_mul(0x297A_2D39);
+    ((bits ^ bits >> 15) >> 8) as f32 / (1 << 24) as f32
+}

@@ -1,0 +1,78 @@
+//! Matrices in text files: camera poses and intrinsics.
+
+use crate::DatasetError;
+use crate::decode::read_file;
+use splatseg_geometry::{Intrinsics, Pose};
+use std::path::Path;
+
+/// Larger files hold no matrix.
+const MAX_TEXT_BYTES: u64 = 64 << 10;
+
+/// Reads a 4x4 camera-to-world matrix, 16 numbers row by row.
+pub(crate) fn read_pose(path: &Path) -> Result<Pose, DatasetError> {
+    let what = "camera pose";
+    let numbers = read_numbers(path, what)?;
+    let matrix: [f32; 16] = numbers.as_slice().try_into().map_err(|_| DatasetError::Text {
+        path: path.to_owned(),
+        what,
+        found: format!("{} numbers", numbers.len()),
+        expected: "16, a 4x4 matrix",
+    })?;
+    Pose::from_row_major(matrix).map_err(|source| DatasetError::Pose { path: path.to_owned(), source })
+}
+
+/// The four numbers of a pinhole camera, without an image size.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct PinholeMatrix {
+    pub(crate) fx: f32,
+    pub(crate) fy: f32,
+    pub(crate) cx: f32,
+    pub(crate) cy: f32,
+}
+
+impl PinholeMatrix {
+    /// Reads a 3x3 or 4x4 camera matrix, row by row.
+    pub(crate) fn read(path: &Path) -> Result<Self, DatasetError> {
+        let what = "camera intrinsics file";
+        let numbers = read_numbers(path, what)?;
+        let wrong = |found: String, expected| DatasetError::Text { path: path.to_owned(), what, found, expected };
+        let columns = match numbers.len() {
+            9 => 3,
+            16 => 4,
+            other => return Err(wrong(format!("{other} numbers"), "9 or 16, a 3x3 or 4x4 matrix")),
+        };
+        let at = |row: usize, column: usize| numbers[row * columns + column];
+        let last_row = [at(2, 0), at(2, 1), at(2, 2)];
+        if last_row != [0.0, 0.0, 1.0] || at(1, 0) != 0.0 {
+            return Err(wrong(
+                format!("{} in row 2, column 1 and {last_row:?} as row 3", at(1, 0)),
+                "rows fx 0 cx, 0 fy cy, 0 0 1",
+            ));
+        }
+        let matrix = Self { fx: at(0, 0), fy: at(1, 1), cx: at(0, 2), cy: at(1, 2) };
+        // The size is checked when the image is known.
+        matrix.for_size((1, 1), path)?;
+        Ok(matrix)
+    }
+
+    /// The intrinsics of an image of `size` `(width, height)`. `path` is named in errors.
+    pub(crate) fn for_size(&self, size: (usize, usize), path: &Path) -> Result<Intrinsics, DatasetError> {
+        Intrinsics { fx: self.fx, fy: self.fy, cx: self.cx, cy: self.cy, width: size.0, height: size.1 }
+            .validated()
+            .map_err(|source| DatasetError::Intrinsics { path: path.to_owned(), source })
+    }
+}
+
+fn read_numbers(path: &Path, what: &'static str) -> Result<Vec<f32>, DatasetError> {
+    let bytes = read_file(path, what, MAX_TEXT_BYTES)?;
+    let wrong = |found: String| DatasetError::Text {
+        path: path.to_owned(),
+        what,
+        found,
+        expected: "numbers separated by spaces",
+    };
+    let text = std::str::from_utf8(&bytes).map_err(|_| wrong("bytes that are no text".to_owned()))?;
+    text.split_whitespace()
+        .map(|word| word.parse().map_err(|_| wrong(format!("{:?}", word.chars().take(40).collect::<String>()))))
+        .collect()
+}

@@ -1,0 +1,91 @@
+//! Predictions on disk.
+
+mod support;
+
+use splatseg_dataset::{
+    DatasetError, OutputError, read_segments_png, write_atomically, write_overlay_jpeg, write_segments_png,
+};
+use splatseg_geometry::{Image, SegmentMap};
+use std::fs;
+
+fn names(folder: &std::path::Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn segments_survive_writing_and_reading() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("7.png");
+    let map = SegmentMap::from_pixels(3, 2, vec![0, 1, 255, 256, 65_535, 3]).unwrap();
+    write_segments_png(&path, &map).unwrap();
+    assert_eq!(read_segments_png(&path).unwrap(), map);
+    assert_eq!(names(folder.path()), ["7.png"]);
+}
+
+#[test]
+fn ids_that_do_not_fit_and_empty_maps_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("7.png");
+    let error = write_segments_png(&path, &Image::filled(2, 2, 65_536)).unwrap_err();
+    assert!(error.to_string().ends_with("7.png: segment id 65536 does not fit a 16-bit image (at most 65535)"));
+    assert!(matches!(write_segments_png(&path, &Image::filled(0, 0, 1)), Err(OutputError::Encode { .. })));
+    assert!(names(folder.path()).is_empty());
+}
+
+#[test]
+fn other_images_are_not_segments() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("7.png");
+    support::write_color(&path, 4, 4);
+    assert!(matches!(read_segments_png(&path), Err(DatasetError::PixelKind { .. })));
+    assert!(matches!(read_segments_png(&folder.path().join("8.png")), Err(DatasetError::MissingFile { .. })));
+    // One bit of grey would be widened to 0 and 255 by the decoder.
+    let mut bytes = fs::read(&path).unwrap();
+    (bytes[24], bytes[25]) = (1, 0);
+    fs::write(&path, bytes).unwrap();
+    assert!(read_segments_png(&path).unwrap_err().to_string().contains("1-bit grey"));
+}
+
+#[test]
+fn failed_writes_leave_nothing_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let missing = folder.path().join("missing/a.png");
+    let error = write_atomically(&missing, b"new").unwrap_err().to_string();
+    assert!(error.contains("missing/a.png: cannot be written"), "{error}");
+    // A folder cannot be replaced by a file: the rename fails after everything is written.
+    let taken = folder.path().join("taken");
+    fs::create_dir_all(taken.join("full")).unwrap();
+    assert!(write_atomically(&taken, b"new").is_err());
+    assert_eq!(names(folder.path()), ["taken"]);
+    let path = folder.path().join("a.txt");
+    write_atomically(&path, b"old").unwrap();
+    write_atomically(&path, b"new").unwrap();
+    assert_eq!(fs::read(&path).unwrap(), b"new");
+    assert_eq!(names(folder.path()), ["a.txt", "taken"]);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn an_unwritable_folder_is_an_error_that_names_the_path() {
+    let Err(error) = write_atomically(std::path::Path::new("/proc/splatseg.png"), b"new") else {
+        panic!("/proc takes no files")
+    };
+    assert!(error.to_string().contains("/proc/splatseg.png"), "{error}");
+}
+
+#[test]
+fn overlays_are_jpegs_at_twice_the_size_of_small_images() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("7.jpg");
+    let color = Image::filled(160, 120, [100, 100, 100]);
+    write_overlay_jpeg(&path, &color, &Image::from_fn(160, 120, |column, _| 1 + u32::from(column > 80))).unwrap();
+    let drawn = image::open(&path).unwrap().into_rgb8();
+    assert_eq!(drawn.dimensions(), (320, 240));
+    assert!(matches!(
+        write_overlay_jpeg(&path, &color, &Image::filled(3, 3, 0)),
+        Err(OutputError::SizesDiffer { image: (160, 120), segments: (3, 3) })
+    ));
+}

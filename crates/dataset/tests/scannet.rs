@@ -1,0 +1,96 @@
+//! Exported ScanNet scenes, whole and damaged.
+
+mod support;
+
+use splatseg_dataset::{DatasetError, DatasetSettings, ScannetScene, Scene, open_scene};
+use std::fs;
+use support::*;
+
+const SAME: ScannetSizes = ScannetSizes { color: (40, 30), depth: (40, 30), labels: (40, 30) };
+
+#[test]
+fn frames_are_sorted_by_number_and_untouched_when_the_cameras_agree() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scannet(folder.path(), 12, &SAME);
+    let scene = open_scene(folder.path(), &DatasetSettings::default()).unwrap();
+    assert_eq!((scene.frame_count(), scene.frame_name(2), scene.frame_name(11)), (12, "2".into(), "11".into()));
+    let frame = scene.read_frame(11).unwrap();
+    assert_eq!(frame.world_from_camera().translation().x, 11.0);
+    let stored = image::open(folder.path().join("color/11.jpg")).unwrap().into_rgb8();
+    assert_eq!(frame.color()[(7, 9)], stored.get_pixel(7, 9).0);
+    assert_eq!((frame.depth()[(3, 3)], frame.intrinsics().fx), (2.0, 40.0));
+    let labels = scene.read_ground_truth(0).unwrap().unwrap();
+    assert_eq!((labels[(19, 5)], labels[(20, 5)]), (1, 2));
+}
+
+#[test]
+fn colour_and_labels_of_another_size_are_brought_to_the_depth_camera() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scannet(folder.path(), 1, &ScannetSizes { color: (160, 120), depth: (40, 30), labels: (160, 120) });
+    let scene = ScannetScene::open(folder.path()).unwrap();
+    let frame = scene.read_frame(0).unwrap();
+    assert_eq!((frame.width(), frame.height(), frame.intrinsics().width), (40, 30, 40));
+    // Red is 255 x / width, so that the same ray has the same red in both images.
+    for column in [5, 20, 34] {
+        let ray = (column as f32 - 19.5) / 40.0;
+        let expected = 255.0 * (ray * 160.0 + 79.5) / 160.0;
+        let found = f32::from(frame.color()[(column, 15)][0]);
+        assert!((found - expected).abs() < 4.0, "column {column}: {found}, expected {expected}");
+    }
+    let labels = scene.read_ground_truth(0).unwrap().unwrap();
+    assert_eq!(labels.size(), (40, 30));
+    assert_eq!((labels[(19, 5)], labels[(20, 5)]), (1, 2));
+}
+
+#[test]
+fn labels_of_a_third_size_are_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scannet(folder.path(), 1, &ScannetSizes { labels: (20, 15), ..SAME });
+    let error = ScannetScene::open(folder.path()).unwrap().read_ground_truth(0).unwrap_err();
+    assert!(matches!(error, DatasetError::SizesDiffer { found: (20, 15), expected: (40, 30), .. }), "{error}");
+}
+
+#[test]
+fn labels_may_be_8_bit_but_not_palettes_or_colours() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scannet(folder.path(), 2, &SAME);
+    let path = folder.path().join("instance-filt/0.png");
+    image::GrayImage::from_pixel(40, 30, image::Luma([7])).save(&path).unwrap();
+    let scene = ScannetScene::open(folder.path()).unwrap();
+    assert_eq!(scene.read_ground_truth(0).unwrap().unwrap()[(4, 4)], 7);
+    write_color(&path, 40, 30);
+    assert!(scene.read_ground_truth(0).unwrap_err().to_string().contains("8-bit RGB"));
+    fs::remove_file(&path).unwrap();
+    assert!(scene.read_ground_truth(0).unwrap().is_none(), "a frame without labels");
+}
+
+#[test]
+fn lost_tracking_is_an_error_of_that_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scannet(folder.path(), 2, &SAME);
+    fs::write(folder.path().join("pose/0.txt"), "-inf -inf -inf -inf\n".repeat(4)).unwrap();
+    let scene = ScannetScene::open(folder.path()).unwrap();
+    let error = scene.read_frame(0).unwrap_err().to_string();
+    assert!(error.ends_with("pose/0.txt: the pose is not finite (tracking was lost in this frame)"), "{error}");
+    assert!(scene.read_frame(1).is_ok());
+}
+
+#[test]
+fn missing_intrinsics_and_frames_are_told_on_opening() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scannet(folder.path(), 1, &SAME);
+    fs::remove_file(folder.path().join("intrinsic/intrinsic_depth.txt")).unwrap();
+    let error = ScannetScene::open(folder.path()).unwrap_err().to_string();
+    assert!(error.ends_with("intrinsic_depth.txt: the camera intrinsics file is missing"), "{error}");
+    fs::remove_file(folder.path().join("color/0.jpg")).unwrap();
+    assert!(matches!(ScannetScene::open(folder.path()), Err(DatasetError::NoFrames { .. })));
+}
+
+#[test]
+fn without_labels_there_is_no_ground_truth() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scannet(folder.path(), 1, &SAME);
+    fs::remove_dir_all(folder.path().join("instance-filt")).unwrap();
+    let scene = ScannetScene::open(folder.path()).unwrap();
+    assert!(!scene.has_ground_truth() && scene.read_ground_truth(0).unwrap().is_none());
+}

@@ -1,0 +1,184 @@
+//! Streams: selection, framing, bad frames, read-ahead.
+
+mod support;
+
+use glam::Vec2;
+use splatseg_dataset::{
+    DatasetError, DatasetSettings, FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY, Scene, SettingsError,
+    SyntheticScene, open_scene,
+};
+use splatseg_geometry::{RgbdFrame, SegmentMap};
+use std::fs;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use support::*;
+
+fn room(text: &str) -> Arc<dyn Scene> {
+    Arc::new(SyntheticScene::new(text.parse().unwrap()).unwrap())
+}
+
+fn indices(scene: &Arc<dyn Scene>, settings: &DatasetSettings) -> Vec<usize> {
+    let stream = FrameStream::open(Arc::clone(scene), settings, GroundTruth::Skip).unwrap();
+    stream.map(|frame| frame.unwrap().index).collect()
+}
+
+#[test]
+fn frames_are_selected_in_order() {
+    let scene = room("synthetic:frames=20,width=16,height=12,objects=2");
+    let settings = DatasetSettings { start: 3, stride: 4, ..Default::default() };
+    assert_eq!(indices(&scene, &settings), [3, 7, 11, 15, 19]);
+    assert_eq!(indices(&scene, &DatasetSettings { max_frames: Some(2), ..settings }), [3, 7]);
+    assert_eq!(indices(&scene, &DatasetSettings { start: 19, ..Default::default() }), [19]);
+}
+
+#[test]
+fn impossible_settings_are_told_on_opening() {
+    let scene = room("synthetic:frames=5,width=32,height=24,objects=1");
+    let refused = |settings: DatasetSettings| match FrameStream::open(Arc::clone(&scene), &settings, GroundTruth::Read)
+    {
+        Err(DatasetError::Settings(error)) => error,
+        other => panic!("{other:?}"),
+    };
+    let default = DatasetSettings::default;
+    assert_eq!(refused(DatasetSettings { stride: 0, ..default() }), SettingsError::ZeroStride);
+    assert!(matches!(refused(DatasetSettings { resize: "0x0".parse().ok(), ..default() }), SettingsError::Resize(_)));
+    assert_eq!(
+        refused(DatasetSettings { crop_border: 12, ..default() }),
+        SettingsError::CropTooLarge { border: 12, width: 32, height: 24 }
+    );
+    assert!(matches!(
+        refused(DatasetSettings { crop_border: usize::MAX, ..default() }),
+        SettingsError::CropTooLarge { .. }
+    ));
+    assert_eq!(refused(DatasetSettings { start: 5, ..default() }), SettingsError::StartPastEnd { start: 5, frames: 5 });
+}
+
+#[test]
+fn points_stay_where_they_are_after_resizing_and_cropping() {
+    let scene = room("synthetic:frames=1,seed=5,objects=6");
+    let original = scene.read_frame(0).unwrap();
+    let labels = scene.read_ground_truth(0).unwrap().unwrap();
+    let settings = DatasetSettings { resize: "200x150".parse().ok(), crop_border: 5, ..Default::default() };
+    let mut stream = FrameStream::open(scene, &settings, GroundTruth::Read).unwrap();
+    assert_eq!((stream.len(), stream.frame_size()), (1, Some((190, 140))));
+    let framed = stream.next().unwrap().unwrap();
+    let framed_labels = framed.ground_truth.unwrap();
+    assert_eq!(framed_labels.size(), (190, 140));
+    let (mut same, mut checked) = (0, 0);
+    for row in (3..140).step_by(7) {
+        for column in (3..190).step_by(7) {
+            let z = framed.frame.depth()[(column, row)];
+            let point = framed.frame.intrinsics().unproject(Vec2::new(column as f32, row as f32), z);
+            let pixel = original.intrinsics().project(point).unwrap();
+            let at = (pixel.x.round() as usize, pixel.y.round() as usize);
+            let id = framed_labels[(column, row)];
+            checked += 1;
+            // At edges the nearest measurement may be the other surface's.
+            if labels[at] == id {
+                same += 1;
+                assert!((pixel - Vec2::new(at.0 as f32, at.1 as f32)).length() < 0.8);
+                let there = original.intrinsics().unproject(pixel, original.depth()[at]);
+                assert!((there - point).length() < 0.1, "{column}, {row}: {there} {point}");
+            }
+        }
+    }
+    assert!(same * 100 > checked * 97, "{same} of {checked}");
+}
+
+#[test]
+fn bad_frames_are_told_and_skipped() {
+    let folder = tempfile::tempdir().unwrap();
+    write_sevenscenes(folder.path(), 6);
+    fs::remove_file(folder.path().join("frame-000000.depth.png")).unwrap();
+    truncate(&folder.path().join("frame-000020.color.jpg"));
+    let other_size = folder.path().join("frame-000040");
+    write_color(&other_size.with_extension("color.jpg"), 32, 24);
+    write_png16(&other_size.with_extension("depth.png"), (32, 24), |_, _| 1000);
+    let scene = open_scene(folder.path(), &DatasetSettings::default()).unwrap();
+    let stream = FrameStream::open(scene, &DatasetSettings::default(), GroundTruth::Skip).unwrap();
+    let results: Vec<_> = stream.collect();
+    assert_eq!(results.iter().map(Result::is_ok).collect::<Vec<_>>(), [false, true, false, true, false, true]);
+    let error = results[0].as_ref().unwrap_err();
+    assert_eq!((error.index, error.name.as_str()), (0, "frame-000000"));
+    assert!(error.to_string().starts_with("frame 0 (frame-000000) cannot be used: "), "{error}");
+    let error = results[4].as_ref().unwrap_err();
+    assert!(error.to_string().ends_with("the frame has 32x24 pixels, but the first frame has 64x48"), "{error}");
+    assert_eq!(results[5].as_ref().unwrap().frame.name(), "frame-000050");
+}
+
+#[test]
+fn a_scene_of_bad_frames_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    write_sevenscenes(folder.path(), 3);
+    for frame in 0..3 {
+        fs::remove_file(folder.path().join(format!("frame-{:06}.pose.txt", 10 * frame))).unwrap();
+    }
+    let scene = open_scene(folder.path(), &DatasetSettings::default()).unwrap();
+    let stream = FrameStream::open(scene, &DatasetSettings::default(), GroundTruth::Skip).unwrap();
+    assert_eq!(stream.frame_size(), None);
+    assert_eq!(stream.filter(Result::is_err).count(), 3);
+}
+
+/// Counts how often a frame was read, and fails in ways a format may.
+#[derive(Debug)]
+struct Watched {
+    inner: Arc<dyn Scene>,
+    read: AtomicUsize,
+    panics_at: usize,
+}
+
+impl Scene for Watched {
+    fn name(&self) -> &str {
+        "watched"
+    }
+    fn frame_count(&self) -> usize {
+        1000
+    }
+    fn frame_name(&self, index: usize) -> String {
+        index.to_string()
+    }
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+        self.read.fetch_add(1, Ordering::SeqCst);
+        assert!(index != self.panics_at, "a defect");
+        self.inner.read_frame(0)
+    }
+    fn has_ground_truth(&self) -> bool {
+        false
+    }
+    fn read_ground_truth(&self, _: usize) -> Result<Option<SegmentMap>, DatasetError> {
+        Ok(None)
+    }
+}
+
+fn watched(panics_at: usize) -> Arc<Watched> {
+    Arc::new(Watched {
+        inner: room("synthetic:frames=1,width=16,height=12,objects=1"),
+        read: AtomicUsize::new(0),
+        panics_at,
+    })
+}
+
+#[test]
+fn few_frames_are_read_ahead_and_dropping_stops_the_reader() {
+    let scene = watched(usize::MAX);
+    let mut stream = FrameStream::open(scene.clone(), &DatasetSettings::default(), GroundTruth::Skip).unwrap();
+    for given in 1..20 {
+        let held = stream.next().unwrap().unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(5));
+        // Frames given before are gone; the one held counts.
+        assert!(scene.read.load(Ordering::SeqCst) - (given - 1) <= MAX_FRAMES_IN_MEMORY, "{}", held.index);
+    }
+    drop(stream);
+    let read = scene.read.load(Ordering::SeqCst);
+    assert_eq!(Arc::strong_count(&scene), 1, "the thread is gone");
+    assert!(read < 30, "{read}");
+}
+
+#[test]
+fn a_defect_in_a_reader_ends_the_stream_with_an_error() {
+    let stream = FrameStream::open(watched(5), &DatasetSettings::default(), GroundTruth::Skip).unwrap();
+    let results: Vec<_> = stream.collect();
+    assert_eq!(results.len(), 6);
+    let error = results[5].as_ref().unwrap_err();
+    assert!(error.index == 5 && error.to_string().contains("ended early"), "{error}");
+}

@@ -1,0 +1,101 @@
+//! The synthetic room agrees with itself.
+
+use glam::Vec2;
+use rayon::ThreadPoolBuilder;
+use splatseg_dataset::{Scene, SyntheticScene};
+use std::collections::BTreeSet;
+
+fn room(text: &str) -> SyntheticScene {
+    SyntheticScene::new(text.parse().unwrap()).unwrap()
+}
+
+#[test]
+fn neighbouring_frames_agree_on_places_and_ids() {
+    let scene = room("synthetic:frames=40,seed=2,width=160,height=120");
+    for first in [0, 13, 30] {
+        let (here, there) = (scene.read_frame(first).unwrap(), scene.read_frame(first + 1).unwrap());
+        let ids_here = scene.read_ground_truth(first).unwrap().unwrap();
+        let ids_there = scene.read_ground_truth(first + 1).unwrap().unwrap();
+        let (mut visible, mut same_id) = (0, 0);
+        for row in 0..120 {
+            for column in 0..160 {
+                let z = here.depth()[(column, row)];
+                let point = here.intrinsics().unproject(Vec2::new(column as f32, row as f32), z);
+                let point_there = there.world_from_camera().to_camera(here.world_from_camera().to_world(point));
+                let Some(pixel) = there.intrinsics().project(point_there).map(Vec2::round) else { continue };
+                if pixel.x < 0.0 || pixel.y < 0.0 || pixel.x > 159.0 || pixel.y > 119.0 {
+                    continue;
+                }
+                let at = (pixel.x as usize, pixel.y as usize);
+                if (there.depth()[at] - point_there.z).abs() < 0.03 {
+                    visible += 1;
+                    same_id += usize::from(ids_there[at] == ids_here[(column, row)]);
+                }
+            }
+        }
+        assert!(visible > 160 * 120 * 6 / 10, "frame {first}: only {visible} pixels are seen in the next frame");
+        assert!(same_id * 1000 > visible * 980, "frame {first}: {same_id} of {visible}");
+    }
+}
+
+#[test]
+fn frames_do_not_depend_on_the_number_of_threads_or_on_order() {
+    let render = |threads: usize| {
+        let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let scene = room("synthetic:frames=9,seed=4,width=80,height=60,noise=kinect");
+        pool.install(|| {
+            (scene.read_frame(8).unwrap(), scene.read_frame(2).unwrap(), scene.read_ground_truth(8).unwrap())
+        })
+    };
+    let once = render(1);
+    assert_eq!(once, render(3));
+    assert_ne!(once.0.depth(), once.1.depth());
+}
+
+#[test]
+fn things_leave_and_come_back() {
+    let scene = room("synthetic:frames=97,width=64,height=48");
+    let seen: Vec<BTreeSet<u32>> =
+        (0..97).map(|frame| scene.read_ground_truth(frame).unwrap().unwrap().areas().into_keys().collect()).collect();
+    let all: BTreeSet<u32> = seen.iter().flatten().copied().collect();
+    assert!(all.len() >= 22, "most of the 26 instances are seen: {all:?}");
+    assert!(!all.contains(&0), "every pixel belongs to something");
+    let returning = all
+        .iter()
+        .filter(|id| {
+            let visible: Vec<bool> = seen.iter().map(|ids| ids.contains(*id)).collect();
+            let first = visible.iter().position(|v| *v).unwrap();
+            let gone = visible[first..].iter().position(|v| !*v);
+            gone.is_some_and(|gone| visible[first + gone..].contains(&true))
+        })
+        .count();
+    assert!(returning >= 10, "{returning} come back");
+}
+
+#[test]
+fn kinect_noise_is_a_kinects() {
+    let exact = room("synthetic:frames=3,seed=6").read_frame(1).unwrap();
+    let noisy = room("synthetic:frames=3,seed=6,noise=kinect").read_frame(1).unwrap();
+    let measured: Vec<(f32, f32)> = exact
+        .depth()
+        .pixels()
+        .iter()
+        .zip(noisy.depth().pixels())
+        .filter(|(_, noisy)| **noisy > 0.0)
+        .map(|(exact, noisy)| (*exact, *noisy))
+        .collect();
+    let share = measured.len() as f32 / exact.depth().pixels().len() as f32;
+    assert!((0.7..0.995).contains(&share), "{share} of the pixels are measured");
+    // Errors in units of the stated standard deviation.
+    let squares = measured.iter().map(|(z, seen)| ((seen - z) / (0.0012 + 0.0019 * (z - 0.4).powi(2))).powi(2));
+    let deviation = (squares.sum::<f32>() / measured.len() as f32).sqrt();
+    assert!((0.95..1.05).contains(&deviation), "{deviation}");
+    assert_eq!(exact.world_from_camera(), noisy.world_from_camera());
+}
+
+#[test]
+fn seeds_make_rooms() {
+    let first = room("synthetic:seed=1,width=64,height=48").read_frame(0).unwrap();
+    assert_eq!(first, room("synthetic:seed=1,width=64,height=48").read_frame(0).unwrap());
+    assert_ne!(first, room("synthetic:seed=2,width=64,height=48").read_frame(0).unwrap());
+}

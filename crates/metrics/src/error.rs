@@ -1,0 +1,65 @@
+//! Input that cannot be scored.
+
+use crate::ScoreSettings;
+use splatseg_geometry::SegmentId;
+use thiserror::Error;
+
+/// Input that cannot be scored. Sizes are `(width, height)` in pixels, frames count from 0.
+#[derive(Clone, Copy, Debug, Error, PartialEq)]
+#[non_exhaustive]
+pub enum MetricsError {
+    /// A predicted map or mask has another size than the ground truth of its frame.
+    #[error(
+        "frame {frame}: the prediction is {}x{} but the ground truth is {}x{}",
+        found.0, found.1, expected.0, expected.1
+    )]
+    PredictionSize {
+        /// Index of the frame.
+        frame: usize,
+        /// Size of the prediction.
+        found: (usize, usize),
+        /// Size of the ground truth.
+        expected: (usize, usize),
+    },
+    /// The ground truth has another size than in the video's first frame.
+    #[error(
+        "frame {frame}: the ground truth is {}x{} but the video began with {}x{}",
+        found.0, found.1, expected.0, expected.1
+    )]
+    SizeChanged {
+        /// Index of the frame.
+        frame: usize,
+        /// Size of this frame.
+        found: (usize, usize),
+        /// Size of the first frame.
+        expected: (usize, usize),
+    },
+    /// A predicted mask has id 0, which means "no segment".
+    #[error("frame {frame}: a predicted mask has id 0, expected an id above 0")]
+    MaskWithoutId {
+        /// Index of the frame.
+        frame: usize,
+    },
+    /// Two predicted masks of one frame have the same id.
+    #[error("frame {frame}: two predicted masks have id {id}, expected each id once in a frame")]
+    RepeatedId {
+        /// Index of the frame.
+        frame: usize,
+        /// The id.
+        id: SegmentId,
+    },
+    /// One video has both predictions with ids and predictions without.
+    #[error("frame {frame}: predictions with and without ids are mixed in one video")]
+    MixedPredictions {
+        /// Index of the frame.
+        frame: usize,
+    },
+    /// A video was scored with other settings than the data set it is added to.
+    #[error("the video was scored with {found:?} but the data set with {expected:?}")]
+    SettingsDiffer {
+        /// Settings of the video.
+        found: ScoreSettings,
+        /// Settings of the data set.
+        expected: ScoreSettings,
+    },
+}

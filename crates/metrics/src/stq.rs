@@ -1,0 +1,123 @@
+//! Segmentation and tracking quality: STQ = √(AQ · SQ).
+
+use crate::Protocol;
+use crate::overlap::FrameOverlaps;
+use crate::tubes::{TubeCounts, TubeOfLabel};
+use serde::{Deserialize, Serialize};
+
+/// Counts of STQ; sums over videos are counts again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StqCounts {
+    /// Sum over true tracks g of (1/|g|) Σ over predicted tracks p of TPA² / |p ∪ g| (STEP, equation 3).
+    pub sum_association: f64,
+    /// Number of true tracks.
+    pub tracks: u64,
+    /// Pixels with a true and a predicted label.
+    pub labelled_predicted: u64,
+    /// Pixels with a true label alone.
+    pub labelled_missed: u64,
+    /// Pixels with a predicted label alone.
+    pub unlabelled_predicted: u64,
+}
+
+impl StqCounts {
+    /// Association quality, in [0, 1] where predicted masks do not overlap; 0 without tracks.
+    pub fn association_quality(&self) -> f64 {
+        if self.tracks == 0 { 0.0 } else { self.sum_association / self.tracks as f64 }
+    }
+
+    /// Segmentation quality in [0, 1].
+    ///
+    /// Where there is nothing to divide by, `Strict` gives 0 as STEP's code, and `Paper` gives `None`, where the
+    /// paper's code has NaN.
+    pub fn segmentation_quality(&self, protocol: Protocol) -> Option<f64> {
+        let labelled = self.labelled_predicted + self.labelled_missed;
+        let ratio = |intersection: u64, union: u64| intersection as f64 / union as f64;
+        match protocol {
+            Protocol::Strict => {
+                let union = labelled + self.unlabelled_predicted;
+                Some(if union == 0 { 0.0 } else { ratio(self.labelled_predicted, union) })
+            }
+            Protocol::Paper => {
+                let recall = (labelled > 0).then(|| ratio(self.labelled_predicted, labelled))?;
+                // Background is a class as soon as a labelled pixel is missed, and its IoU is 0.
+                let classes = if self.labelled_missed > 0 { 2.0 } else { 1.0 };
+                Some(recall / classes)
+            }
+        }
+    }
+
+    /// STQ in [0, 1]; `None` where the segmentation quality is.
+    pub fn quality(&self, protocol: Protocol) -> Option<f64> {
+        self.segmentation_quality(protocol).map(|segmentation| (self.association_quality() * segmentation).sqrt())
+    }
+
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.sum_association += other.sum_association;
+        self.tracks += other.tracks;
+        self.labelled_predicted += other.labelled_predicted;
+        self.labelled_missed += other.labelled_missed;
+        self.unlabelled_predicted += other.unlabelled_predicted;
+    }
+}
+
+/// STQ of a video, frame by frame. Holds one count per pair of tracks that ever overlap.
+#[derive(Clone, Debug)]
+pub(crate) struct StqAccumulator {
+    protocol: Protocol,
+    tracks: TubeCounts,
+    counts: StqCounts,
+}
+
+impl StqAccumulator {
+    pub(crate) fn new(protocol: Protocol) -> Self {
+        Self { protocol, tracks: TubeCounts::default(), counts: StqCounts::default() }
+    }
+
+    /// Adds a frame.
+    pub(crate) fn push(&mut self, frame: &FrameOverlaps, tube_of_label: TubeOfLabel) {
+        let overlaps = match self.protocol {
+            Protocol::Paper => frame.full(),
+            Protocol::Strict => frame.flat(),
+        };
+        self.tracks.add(frame, overlaps, tube_of_label);
+        self.counts.labelled_predicted += frame.labelled_predicted;
+        self.counts.labelled_missed += frame.labelled_missed;
+        self.counts.unlabelled_predicted += frame.unlabelled_predicted;
+    }
+
+    pub(crate) fn finish(self) -> StqCounts {
+        let sum_association = self
+            .tracks
+            .pairs()
+            .map(|(_, _, areas)| {
+                let shared = areas.intersection as f64;
+                let union = (areas.truth + areas.predicted - areas.intersection) as f64;
+                shared * (shared / union) / areas.truth as f64
+            })
+            .sum();
+        StqCounts { sum_association, tracks: self.tracks.truth_areas.len() as u64, ..self.counts }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_to_divide_by() {
+        let empty = StqCounts::default();
+        assert_eq!(empty.quality(Protocol::Strict), Some(0.0));
+        assert_eq!(empty.quality(Protocol::Paper), None);
+    }
+
+    #[test]
+    fn the_papers_sq_is_half_the_recall_unless_nothing_is_missed() {
+        let counts =
+            StqCounts { labelled_predicted: 6, labelled_missed: 2, unlabelled_predicted: 4, ..Default::default() };
+        assert_eq!(counts.segmentation_quality(Protocol::Paper), Some(0.375));
+        assert_eq!(counts.segmentation_quality(Protocol::Strict), Some(0.5));
+        let all_found = StqCounts { labelled_missed: 0, ..counts };
+        assert_eq!(all_found.segmentation_quality(Protocol::Paper), Some(1.0));
+    }
+}
