@@ -1,0 +1,115 @@
+//! Everything that can go wrong in a segmenter.
+
+use splatseg_geometry::RleError;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Why a frame could not be segmented, or a segmenter not be made. Sizes are `(width, height)` in pixels.
+#[derive(Debug, Error)]
+pub enum SegmenterError {
+    /// A setting has an impossible value.
+    #[error("segmenter setting {field} is {found}, expected {expected}")]
+    Setting {
+        /// The setting's name, e.g. `surface.noise`.
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// What it may be.
+        expected: &'static str,
+    },
+    /// A file or folder could not be read.
+    #[error("cannot read {path}: {source}", path = path.display())]
+    Read {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The path given as a folder of masks is something else.
+    #[error("{path} is not a folder, expected one with a .png or .json file for each frame", path = path.display())]
+    NotAFolder {
+        /// The path given.
+        path: PathBuf,
+    },
+    /// The folder holds no file that could be masks.
+    #[error("{path} holds neither .png nor .json files, expected one for each frame", path = path.display())]
+    NoMasks {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// There are no masks for a frame.
+    #[error("no masks for frame {frame}: looked for {png} and {json}", png = png.display(), json = json.display())]
+    MissingFrame {
+        /// Name of the frame.
+        frame: String,
+        /// The id image that is not there.
+        png: PathBuf,
+        /// The annotation file that is not there.
+        json: PathBuf,
+    },
+    /// An image file is damaged or of a kind that cannot hold ids.
+    #[error("{path} is no id image: found {found}, expected {expected}", path = path.display())]
+    IdImage {
+        /// The file.
+        path: PathBuf,
+        /// What it holds, or what its decoder said.
+        found: String,
+        /// What it should hold.
+        expected: &'static str,
+    },
+    /// An annotation file is damaged or incomplete.
+    #[error("{path}: {field}: found {found}, expected {expected}", path = path.display())]
+    Annotation {
+        /// The file.
+        path: PathBuf,
+        /// Where in the file, e.g. `annotation 3, score`.
+        field: String,
+        /// What is there, or what the parser said.
+        found: String,
+        /// What should be there.
+        expected: &'static str,
+    },
+    /// A run-length encoded mask is damaged.
+    #[error("{path}: annotation {index}, segmentation: {source}", path = path.display())]
+    Rle {
+        /// The file.
+        path: PathBuf,
+        /// Place of the annotation in its list, from 0.
+        index: usize,
+        /// What is wrong with it.
+        source: RleError,
+    },
+    /// A file states an image that is empty, or too large to be one.
+    #[error("{path} states masks of {}x{} pixels, expected 1 to {limit} pixels in all", size.0, size.1, path = path.display())]
+    ImpossibleSize {
+        /// The file.
+        path: PathBuf,
+        /// Stated size.
+        size: (usize, usize),
+        /// Most pixels accepted.
+        limit: usize,
+    },
+    /// The masks do not fit the frame.
+    #[error(
+        "{path}: masks of {}x{} pixels become {}x{} when resized and cropped like the video, expected {}x{} as in the frame",
+        stored.0, stored.1, found.0, found.1, expected.0, expected.1, path = path.display()
+    )]
+    WrongSize {
+        /// The file.
+        path: PathBuf,
+        /// Size of the masks in the file.
+        stored: (usize, usize),
+        /// Their size after resizing and cropping.
+        found: (usize, usize),
+        /// Size of the frame.
+        expected: (usize, usize),
+    },
+    /// Another kind of segmenter, defined elsewhere, failed.
+    #[error("{name}: {source}")]
+    Other {
+        /// Name of the segmenter.
+        name: String,
+        /// What it reports.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+}

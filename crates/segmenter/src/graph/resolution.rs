@@ -1,0 +1,65 @@
+//! Large frames are segmented at a fraction of their resolution.
+
+use splatseg_geometry::{Image, Intrinsics, RgbdFrame};
+use std::borrow::Cow;
+
+/// A frame, or a smaller version of it.
+pub(super) struct View<'a> {
+    pub color: Cow<'a, Image<[u8; 3]>>,
+    /// z-depth, metres; 0 where missing.
+    pub depth: Cow<'a, Image<f32>>,
+    pub camera: Intrinsics,
+    /// A pixel of the view stands for this many rows and columns of the frame.
+    step: usize,
+}
+
+impl<'a> View<'a> {
+    /// The frame at its full resolution divided by the smallest whole number that leaves at most `max_pixels`.
+    pub fn of_frame(frame: &'a RgbdFrame, max_pixels: usize) -> Self {
+        let (width, height) = (frame.width(), frame.height());
+        let smaller = |step: usize| (width.div_ceil(step), height.div_ceil(step));
+        let fits = |(width, height): (usize, usize)| width * height <= max_pixels;
+        let step = (1..width.max(height)).find(|step| fits(smaller(*step))).unwrap_or(width.max(height));
+        if step == 1 {
+            let (color, depth) = (Cow::Borrowed(frame.color()), Cow::Borrowed(frame.depth()));
+            return Self { color, depth, camera: *frame.intrinsics(), step };
+        }
+        let (small_width, small_height) = smaller(step);
+        let (color, depth) = (frame.color(), frame.depth());
+        let small_color = Image::from_fn(small_width, small_height, |column, row| {
+            let (mut sum, mut count) = ([0u32; 3], 0);
+            for pixel in block((column, row), step, (width, height)) {
+                let rgb = color[pixel];
+                sum = [0, 1, 2].map(|channel| sum[channel] + u32::from(rgb[channel]));
+                count += 1;
+            }
+            sum.map(|channel| ((channel + count / 2) / count) as u8)
+        });
+        // A mean would invent depths between an object and what is behind it.
+        let small_depth = Image::from_fn(small_width, small_height, |column, row| {
+            block((column, row), step, (width, height))
+                .map(|pixel| depth[pixel])
+                .find(|depth| *depth > 0.0)
+                .unwrap_or(0.0)
+        });
+        // The last blocks may reach over the edge: the camera is that of the padded image.
+        let padded = Intrinsics { width: small_width * step, height: small_height * step, ..*frame.intrinsics() };
+        let camera = padded.resized(small_width, small_height);
+        Self { color: Cow::Owned(small_color), depth: Cow::Owned(small_depth), camera, step }
+    }
+
+    /// Row-major index of the view's pixel that stands for a pixel of the frame.
+    pub fn index_of(&self, column: usize, row: usize) -> usize {
+        row / self.step * self.color.width() + column / self.step
+    }
+}
+
+/// The frame's pixels that a pixel of the view stands for.
+fn block(
+    (column, row): (usize, usize),
+    step: usize,
+    (width, height): (usize, usize),
+) -> impl Iterator<Item = (usize, usize)> {
+    (row * step..((row + 1) * step).min(height))
+        .flat_map(move |row| (column * step..((column + 1) * step).min(width)).map(move |column| (column, row)))
+}

@@ -1,0 +1,201 @@
+//! Replaying stored masks: every format, and every way in which files can be wrong.
+
+use image::{ImageBuffer, Luma, Rgb};
+use proptest::prelude::*;
+use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, RunLengths, ScoredMask};
+use splatseg_segmenter::{FrameTransform, MaskFolder, Segmenter, SegmenterError};
+use std::path::Path;
+use tempfile::TempDir;
+
+fn frame(name: &str, width: usize, height: usize) -> RgbdFrame {
+    let camera = Intrinsics { fx: 10.0, fy: 10.0, cx: 1.0, cy: 1.0, width, height };
+    let (color, depth) = (Image::filled(width, height, [0; 3]), Image::filled(width, height, 1.0));
+    RgbdFrame::new(name, color, depth, camera, Pose::IDENTITY).unwrap()
+}
+
+/// A folder with one file `7.<extension>`.
+fn folder(extension: &str, content: &[u8]) -> TempDir {
+    let folder = TempDir::new().unwrap();
+    std::fs::write(folder.path().join(format!("7.{extension}")), content).unwrap();
+    folder
+}
+
+fn read(folder: &Path, transform: FrameTransform, size: (usize, usize)) -> Result<Vec<ScoredMask>, SegmenterError> {
+    MaskFolder::open(folder, transform).unwrap().segment(&frame("7", size.0, size.1))
+}
+
+fn read_json(text: &str) -> Result<Vec<ScoredMask>, SegmenterError> {
+    read(folder("json", text.as_bytes()).path(), FrameTransform::default(), (4, 5))
+}
+
+/// Ids 0, 3 and 900 on 6×4 pixels.
+fn id_folder() -> TempDir {
+    let folder = TempDir::new().unwrap();
+    let image = ImageBuffer::<Luma<u16>, _>::from_fn(6, 4, |column, row| {
+        Luma([if column < 2 {
+            900
+        } else if row == 3 {
+            3
+        } else {
+            0
+        }])
+    });
+    image.save(folder.path().join("7.png")).unwrap();
+    folder
+}
+
+#[test]
+fn ids_become_masks() {
+    let masks = read(id_folder().path(), FrameTransform::default(), (6, 4)).unwrap();
+    assert_eq!(masks.iter().map(|m| (m.mask.area(), m.score)).collect::<Vec<_>>(), [(4, 1.0), (8, 1.0)]);
+    assert!(masks[1].mask.contains(1, 3) && masks[0].mask.contains(2, 3));
+}
+
+#[test]
+fn eight_bit_ids_and_dotted_frame_names_are_read() {
+    let folder = TempDir::new().unwrap();
+    ImageBuffer::<Luma<u8>, _>::from_pixel(3, 2, Luma([255])).save(folder.path().join("a.b.color.png")).unwrap();
+    let mut segmenter = MaskFolder::open(folder.path(), FrameTransform::default()).unwrap();
+    assert_eq!(segmenter.segment(&frame("a.b.color", 3, 2)).unwrap()[0].mask.area(), 6);
+    assert_eq!(segmenter.name(), "masks");
+}
+
+#[test]
+fn masks_are_resized_and_cropped_like_the_video() {
+    let transform = FrameTransform { resize: Some((12, 8)), crop_border: 2 };
+    let masks = read(id_folder().path(), transform, (8, 4)).unwrap();
+    let expected = Mask::from_fn(8, 4, |column, _| column < 2);
+    assert_eq!(masks.len(), 1, "id 3 lies in the border that is cut off");
+    assert_eq!(masks[0].mask, expected);
+    // Already of the frame's size: used as they are, whatever the transform.
+    assert_eq!(read(id_folder().path(), transform, (6, 4)).unwrap().len(), 2);
+    let halved = FrameTransform { resize: Some((3, 2)), crop_border: 0 };
+    assert_eq!(read(id_folder().path(), halved, (3, 2)).unwrap()[1].mask.area(), 2);
+}
+
+#[test]
+fn masks_of_another_size_are_refused() {
+    let transform = FrameTransform { resize: None, crop_border: 1 };
+    let error = read(id_folder().path(), transform, (5, 5)).unwrap_err().to_string();
+    assert!(error.contains("7.png: masks of 6x4 pixels become 4x2"), "{error}");
+    assert!(error.ends_with("expected 5x5 as in the frame"), "{error}");
+    let cut_away = FrameTransform { resize: None, crop_border: usize::MAX };
+    assert!(matches!(read(id_folder().path(), cut_away, (5, 5)), Err(SegmenterError::WrongSize { found: (0, 0), .. })));
+}
+
+#[test]
+fn coco_masks_may_be_compressed_or_not_and_overlap() {
+    let list = r#"[{"segmentation": {"size": [5, 4], "counts": "62304"}, "score": 0.25, "category_id": 1},
+                   {"segmentation": {"size": [5, 4], "counts": [0, 20]}},
+                   {"segmentation": {"size": [5, 4], "counts": [20]}, "score": 1}]"#;
+    let inner = Mask::from_fn(4, 5, |column, row| (1..3).contains(&column) && (1..3).contains(&row));
+    for text in [list.to_owned(), format!(r#"{{"info": {{}}, "annotations": {list}}}"#)] {
+        let masks = read_json(&text).unwrap();
+        assert_eq!(masks.len(), 2, "the empty mask is left out");
+        assert_eq!(masks[0], ScoredMask { mask: inner.clone(), score: 0.25 });
+        assert_eq!((masks[1].mask.area(), masks[1].score), (20, 1.0));
+    }
+    assert_eq!(read_json("[]").unwrap(), []);
+}
+
+#[test]
+fn missing_frames_are_named_with_the_files_looked_for() {
+    let folder = id_folder();
+    let mut segmenter = MaskFolder::open(folder.path(), FrameTransform::default()).unwrap();
+    let error = segmenter.segment(&frame("8", 6, 4)).unwrap_err().to_string();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    assert!(error.contains("frame 8") && error.contains(&path("8.png")) && error.contains(&path("8.json")), "{error}");
+}
+
+#[test]
+fn folders_without_masks_are_refused() {
+    let empty = TempDir::new().unwrap();
+    let open = |path: &Path| MaskFolder::open(path, FrameTransform::default());
+    assert!(matches!(open(empty.path()), Err(SegmenterError::NoMasks { .. })));
+    assert!(matches!(open(&empty.path().join("none")), Err(SegmenterError::Read { .. })));
+    let folder = id_folder();
+    assert!(matches!(open(&folder.path().join("7.png")), Err(SegmenterError::NotAFolder { .. })));
+    let huge = FrameTransform { resize: Some((usize::MAX, 2)), crop_border: 0 };
+    assert!(matches!(MaskFolder::open(folder.path(), huge), Err(SegmenterError::Setting { .. })));
+}
+
+#[test]
+fn damaged_images_are_refused() {
+    let whole = std::fs::read(id_folder().path().join("7.png")).unwrap();
+    for length in [0, 10, 30, whole.len() / 2] {
+        let error = read(folder("png", &whole[..length]).path(), FrameTransform::default(), (6, 4)).unwrap_err();
+        assert!(matches!(error, SegmenterError::IdImage { .. }), "{error}");
+    }
+    let folder = TempDir::new().unwrap();
+    ImageBuffer::<Rgb<u8>, _>::new(6, 4).save(folder.path().join("7.png")).unwrap();
+    let error = read(folder.path(), FrameTransform::default(), (6, 4)).unwrap_err().to_string();
+    assert!(error.contains("7.png") && error.contains("Rgb8") && error.contains("grey PNG"), "{error}");
+}
+
+#[test]
+fn lying_image_sizes_take_no_memory() {
+    let mut png = std::fs::read(id_folder().path().join("7.png")).unwrap();
+    // Width and height stand in bytes 16 to 24 of the header; its checksum in bytes 29 to 33.
+    png[16..24].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff]);
+    let checksum = crc32(&png[12..29]);
+    png[29..33].copy_from_slice(&checksum.to_be_bytes());
+    let error = read(folder("png", &png).path(), FrameTransform::default(), (6, 4)).unwrap_err();
+    assert!(matches!(error, SegmenterError::ImpossibleSize { .. } | SegmenterError::IdImage { .. }), "{error}");
+}
+
+fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(u32::MAX, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 })
+    })
+}
+
+#[test]
+fn damaged_annotations_say_what_is_wrong() {
+    let rle = r#""segmentation": {"size": [5, 4], "counts": [20]}"#;
+    let cases = [
+        ("{", "7.json: file: found EOF"),
+        ("3", "file: found 3, expected a list of annotations"),
+        (r#"{"images": []}"#, "file: found an object, expected a list of annotations"),
+        ("[3]", "annotation 0: found invalid type"),
+        (&format!(r#"[{{{rle}}}, {{}}]"#), "annotation 1: found missing field `segmentation`"),
+        (&format!(r#"[{{{rle}, "score": 1.5}}]"#), "annotation 0, score: found 1.5, expected a number from 0 to 1"),
+        (r#"[{"segmentation": [[1, 2, 3, 4]]}]"#, "segmentation: found a list of 1, expected an RLE object"),
+        (r#"[{"segmentation": {"size": [5, -4], "counts": []}}]"#, "segmentation: found a list of 2"),
+        (r#"[{"segmentation": {"size": [5, 4]}}]"#, "annotation 0, counts: found nothing"),
+        (r#"[{"segmentation": {"size": [5, 4], "counts": [-1]}}]"#, "annotation 0, counts: found invalid value"),
+        (r#"[{"segmentation": {"size": [5, 4], "counts": "6~"}}]"#, "annotation 0, segmentation: the compressed RLE"),
+        (r#"[{"segmentation": {"size": [5, 4], "counts": [7]}}]"#, "the RLE's runs add up to 7 pixels"),
+        (r#"[{"segmentation": {"size": [0, 0], "counts": []}}]"#, "masks of 0x0 pixels"),
+        (r#"[{"segmentation": {"size": [99999999, 99999999], "counts": [1]}}]"#, "expected 1 to 67108864 pixels"),
+    ];
+    for (text, expected) in cases {
+        let error = read_json(text).unwrap_err().to_string();
+        assert!(error.contains(expected) && error.contains("7.json"), "{text}\n{error}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_mask_survives_the_file(pixels in prop::collection::vec(any::<bool>(), 20..=20)) {
+        let mask = Mask::from_fn(4, 5, |column, row| pixels[row * 4 + column]);
+        let runs = RunLengths::encode(&mask);
+        let compressed = serde_json::to_string(&runs.to_compressed()).unwrap();
+        let text = format!(
+            r#"[{{"segmentation": {{"size": [5, 4], "counts": {compressed}}}}},
+                {{"segmentation": {{"size": [5, 4], "counts": {:?}}}}}]"#,
+            runs.counts
+        );
+        let masks = read_json(&text).unwrap();
+        prop_assert_eq!(masks.len(), if mask.is_empty() { 0 } else { 2 });
+        prop_assert!(masks.iter().all(|found| found.mask == mask));
+    }
+
+    #[test]
+    fn garbage_never_panics(text in r#"[\[\]{}":,0-9a-z\-]{0,60}"#, bytes in prop::collection::vec(any::<u8>(), 0..80)) {
+        let _ = read_json(&text);
+        let png = [b"\x89PNG\r\n\x1a\n".to_vec(), bytes].concat();
+        let _ = read(folder("png", &png).path(), FrameTransform::default(), (4, 5));
+    }
+}
