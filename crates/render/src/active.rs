@@ -1,14 +1,16 @@
 //! The part of the blend-weight matrix that an optimisation works on: some pixels (rows), and the Gaussians
 //! (columns) that they see, numbered anew without gaps.
 
-use crate::{BlendWeights, TileWeights};
-use rayon::prelude::*;
+use crate::TileWeights;
 
 /// A set of a tile's 256 pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PixelSet([u64; 4]);
 
 impl PixelSet {
+    /// Every pixel.
+    pub const ALL: Self = Self([u64::MAX; 4]);
+
     /// Adds a pixel (`16 * row + column` in the tile).
     pub fn insert(&mut self, pixel: u8) {
         self.0[usize::from(pixel) / 64] |= 1 << (pixel % 64);
@@ -19,24 +21,28 @@ impl PixelSet {
         self.0[usize::from(pixel) / 64] >> (pixel % 64) & 1 == 1
     }
 
+    /// Number of pixels in the set.
+    pub fn len(&self) -> usize {
+        self.0.iter().map(|word| word.count_ones() as usize).sum()
+    }
+
     /// Whether no pixel is in the set.
     pub fn is_empty(&self) -> bool {
         self.0 == [0; 4]
     }
 }
 
-/// Rows of [`BlendWeights`] chosen by pixel, with every Gaussian that has a weight in them.
+/// Rows of [`BlendWeights`](crate::BlendWeights) chosen by pixel, with every Gaussian that has a weight in them.
 #[derive(Clone, Debug)]
 pub struct ActiveWeights {
     tiles: Vec<ActiveTile>,
     /// Index in the scene of each active Gaussian.
     gaussians: Vec<u32>,
-    /// Sum of each active Gaussian's weights over the whole image, chosen pixels or not.
-    weight_sums: Vec<f32>,
     /// The columns of active Gaussian `g` are `columns[offsets[g]..offsets[g + 1]]`.
     offsets: Vec<u32>,
     /// Positions among the columns of all active tiles, one after the other.
     columns: Vec<u32>,
+    weight_sums: Vec<f32>,
 }
 
 /// The chosen pixels of one tile.
@@ -53,35 +59,22 @@ pub struct ActiveTile {
 const UNNUMBERED: u32 = u32::MAX;
 
 impl ActiveWeights {
-    /// Restricts `weights` to the pixels `chosen` (one set per tile). The scene has `gaussian_count` Gaussians.
-    ///
-    /// # Panics
-    /// If there is not one set per tile, or a Gaussian that is seen is not below `gaussian_count`.
-    pub fn new(weights: &BlendWeights, chosen: &[PixelSet], gaussian_count: usize) -> Self {
-        assert_eq!(chosen.len(), weights.tiles().len(), "one pixel set per tile");
-        let mut tiles: Vec<ActiveTile> = weights
-            .tiles()
-            .par_iter()
-            .zip(chosen)
-            .enumerate()
-            .filter(|(_, (_, pixels))| !pixels.is_empty())
-            .map(|(tile, (weights, pixels))| ActiveTile { tile, pixels: *pixels, weights: weights.restricted(pixels) })
-            .collect();
+    /// Numbers the Gaussians of `tiles` anew. The scene has `gaussian_count` Gaussians; `seen` are the tiles of the
+    /// whole view, chosen or not.
+    pub(crate) fn new(mut tiles: Vec<ActiveTile>, seen: &[TileWeights], gaussian_count: usize) -> Self {
         let mut number = vec![UNNUMBERED; gaussian_count];
         let mut gaussians = Vec::new();
-        for tile in &mut tiles {
-            for gaussian in &mut tile.weights.gaussians {
-                let number = &mut number[*gaussian as usize];
-                if *number == UNNUMBERED {
-                    *number = gaussians.len() as u32;
-                    gaussians.push(*gaussian);
-                }
-                *gaussian = *number;
+        for gaussian in tiles.iter_mut().flat_map(|tile| &mut tile.weights.gaussians) {
+            let number = &mut number[*gaussian as usize];
+            if *number == UNNUMBERED {
+                *number = gaussians.len() as u32;
+                gaussians.push(*gaussian);
             }
+            *gaussian = *number;
         }
-        let weight_sums = weight_sums(weights, &number, gaussians.len());
         let (offsets, columns) = columns_by_gaussian(&tiles, gaussians.len());
-        Self { tiles, gaussians, weight_sums, offsets, columns }
+        let weight_sums = weight_sums(&tiles, seen, &number, gaussians.len());
+        Self { tiles, gaussians, offsets, columns, weight_sums }
     }
 
     /// Tiles with chosen pixels.
@@ -94,7 +87,8 @@ impl ActiveWeights {
         &self.gaussians
     }
 
-    /// Column sums of `W` over the whole image for each active Gaussian: its Jacobi preconditioner.
+    /// Column sums of `W`, the active Gaussians' Jacobi preconditioners: over the whole image before the view was
+    /// extended, or over the chosen pixels after it, whichever is larger.
     pub fn weight_sums(&self) -> &[f32] {
         &self.weight_sums
     }
@@ -110,9 +104,9 @@ impl ActiveWeights {
     }
 }
 
-fn weight_sums(weights: &BlendWeights, number: &[u32], count: usize) -> Vec<f32> {
-    let mut sums = vec![0.0; count];
-    for tile in weights.tiles() {
+fn weight_sums(tiles: &[ActiveTile], seen: &[TileWeights], number: &[u32], count: usize) -> Vec<f32> {
+    let mut sums = vec![0f32; count];
+    for tile in seen {
         for (gaussian, sum) in tile.gaussians.iter().zip(&tile.weight_sums) {
             let number = number[*gaussian as usize];
             if number != UNNUMBERED {
@@ -120,7 +114,13 @@ fn weight_sums(weights: &BlendWeights, number: &[u32], count: usize) -> Vec<f32>
             }
         }
     }
-    sums
+    let mut chosen = vec![0f32; count];
+    for tile in tiles {
+        for (number, sum) in tile.weights.gaussians.iter().zip(&tile.weights.weight_sums) {
+            chosen[*number as usize] += sum;
+        }
+    }
+    sums.iter().zip(chosen).map(|(sum, chosen)| sum.max(chosen)).collect()
 }
 
 /// A counting sort of all columns by Gaussian; columns of one Gaussian stay in tile order.
@@ -143,34 +143,21 @@ fn columns_by_gaussian(tiles: &[ActiveTile], count: usize) -> (Vec<u32>, Vec<u32
 }
 
 impl TileWeights {
-    /// The weights at the given pixels only; Gaussians without any of them are left out.
-    fn restricted(&self, pixels: &PixelSet) -> Self {
-        let mut kept = Self {
-            left: self.left,
-            top: self.top,
-            width: self.width,
-            height: self.height,
-            gaussians: Vec::with_capacity(self.gaussians.len()),
-            depths: Vec::with_capacity(self.gaussians.len()),
-            weight_sums: Vec::with_capacity(self.gaussians.len()),
-            offsets: Vec::with_capacity(self.gaussians.len() + 1),
-            pixels: Vec::with_capacity(self.pixels.len()),
-            weights: Vec::with_capacity(self.weights.len()),
-        };
-        kept.offsets.push(0);
+    /// The weights above `min_weight` at the given pixels; Gaussians without any of them are left out.
+    pub(crate) fn restricted(&self, pixels: &PixelSet, min_weight: f32) -> Self {
+        let mut kept = Self::empty(self.left, self.top, self.width, self.height);
+        let (mut column_pixels, mut column_weights) = (Vec::with_capacity(256), Vec::with_capacity(256));
         for (column, gaussian) in self.gaussians.iter().enumerate() {
-            let before = kept.weights.len();
+            column_pixels.clear();
+            column_weights.clear();
             for (pixel, weight) in self.column(column) {
-                if pixels.contains(pixel) {
-                    kept.pixels.push(pixel);
-                    kept.weights.push(weight);
+                if pixels.contains(pixel) && weight > min_weight {
+                    column_pixels.push(pixel);
+                    column_weights.push(weight);
                 }
             }
-            if kept.weights.len() > before {
-                kept.gaussians.push(*gaussian);
-                kept.depths.push(self.depths[column]);
-                kept.weight_sums.push(self.weight_sums[column]);
-                kept.offsets.push(kept.weights.len() as u32);
+            if !column_pixels.is_empty() {
+                kept.push_weights(*gaussian, self.depths[column], &column_pixels, &column_weights);
             }
         }
         kept

@@ -1,7 +1,7 @@
 //! The sparse matrix of blend weights, and everything that is a product with it.
 
 use crate::tiles::TILE;
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use splatseg_geometry::Image;
 
@@ -164,6 +164,44 @@ impl BlendWeights {
 }
 
 impl TileWeights {
+    /// A tile without weights.
+    pub(crate) fn empty(left: usize, top: usize, width: usize, height: usize) -> Self {
+        Self {
+            left,
+            top,
+            width,
+            height,
+            gaussians: Vec::new(),
+            depths: Vec::new(),
+            weight_sums: Vec::new(),
+            offsets: vec![0],
+            pixels: Vec::new(),
+            weights: Vec::new(),
+        }
+    }
+
+    /// Becomes another tile without weights, but keeps the memory.
+    pub(crate) fn restart(&mut self, left: usize, top: usize, width: usize, height: usize) {
+        (self.left, self.top, self.width, self.height) = (left, top, width, height);
+        self.gaussians.clear();
+        self.depths.clear();
+        self.weight_sums.clear();
+        self.offsets.truncate(1);
+        self.pixels.clear();
+        self.weights.clear();
+    }
+
+    /// Adds a Gaussian behind the others.
+    #[inline(always)]
+    pub(crate) fn push_weights(&mut self, gaussian: u32, depth: f32, pixels: &[u8], weights: &[f32]) {
+        self.gaussians.push(gaussian);
+        self.depths.push(depth);
+        self.weight_sums.push(weights.iter().sum());
+        self.pixels.extend_from_slice(pixels);
+        self.weights.extend_from_slice(weights);
+        self.offsets.push(self.weights.len() as u32);
+    }
+
     /// Number of pixels in a tile's buffers: tiles are 16 × 16, those at the right and lower edge partly unused.
     pub const PIXELS: usize = TILE * TILE;
 
@@ -191,6 +229,7 @@ impl TileWeights {
     }
 
     /// The pixels (`16 * row + column` in the tile) and weights of the tile's `column`-th Gaussian.
+    #[inline(always)]
     pub fn column(&self, column: usize) -> impl Iterator<Item = (u8, f32)> + '_ {
         let range = self.offsets[column] as usize..self.offsets[column + 1] as usize;
         self.pixels[range.clone()].iter().copied().zip(self.weights[range].iter().copied())
@@ -202,16 +241,16 @@ impl TileWeights {
     /// If `values` is too short for a Gaussian of the tile, or `pixels` is not `[16, 16, channels]`.
     pub fn accumulate(&self, values: &[f32], channels: usize, pixels: &mut [f32]) {
         assert_length("the tile's pixels", pixels.len(), Self::PIXELS * channels);
-        let arch = Arch::new();
+        let product = Accumulate { tile: self, values, pixels };
         // Known channel counts let the compiler keep a pixel in registers.
         match channels {
-            1 => arch.dispatch(|| self.accumulate_fixed::<1>(values, pixels)),
-            3 => arch.dispatch(|| self.accumulate_fixed::<3>(values, pixels)),
-            4 => arch.dispatch(|| self.accumulate_fixed::<4>(values, pixels)),
-            7 => arch.dispatch(|| self.accumulate_fixed::<7>(values, pixels)),
-            14 => arch.dispatch(|| self.accumulate_fixed::<14>(values, pixels)),
-            28 => arch.dispatch(|| self.accumulate_fixed::<28>(values, pixels)),
-            _ => arch.dispatch(|| self.accumulate_any(values, channels, pixels)),
+            1 => Arch::new().dispatch(Fixed::<_, 1>(product)),
+            3 => Arch::new().dispatch(Fixed::<_, 3>(product)),
+            4 => Arch::new().dispatch(Fixed::<_, 4>(product)),
+            7 => Arch::new().dispatch(Fixed::<_, 7>(product)),
+            14 => Arch::new().dispatch(Fixed::<_, 14>(product)),
+            28 => Arch::new().dispatch(Fixed::<_, 28>(product)),
+            _ => Arch::new().dispatch(Any(product, channels)),
         }
     }
 
@@ -220,12 +259,14 @@ impl TileWeights {
         let (values, _) = values.as_chunks::<C>();
         let (pixels, _) = pixels.as_chunks_mut::<C>();
         for (column, gaussian) in self.gaussians.iter().enumerate() {
-            let value = &values[*gaussian as usize];
+            // Copies, because the compiler cannot know that values and pixels are apart.
+            let value = values[*gaussian as usize];
             for (pixel, weight) in self.column(column) {
-                let sums = &mut pixels[pixel as usize];
+                let mut sums = pixels[pixel as usize];
                 for channel in 0..C {
                     sums[channel] += weight * value[channel];
                 }
+                pixels[pixel as usize] = sums;
             }
         }
     }
@@ -251,15 +292,15 @@ impl TileWeights {
     pub fn project_back(&self, pixels: &[f32], channels: usize, columns: &mut [f32]) {
         assert_length("the tile's pixels", pixels.len(), Self::PIXELS * channels);
         assert_length("the tile's columns", columns.len(), self.gaussians.len() * channels);
-        let arch = Arch::new();
+        let product = ProjectBack { tile: self, pixels, columns };
         match channels {
-            1 => arch.dispatch(|| self.project_back_fixed::<1>(pixels, columns)),
-            3 => arch.dispatch(|| self.project_back_fixed::<3>(pixels, columns)),
-            4 => arch.dispatch(|| self.project_back_fixed::<4>(pixels, columns)),
-            7 => arch.dispatch(|| self.project_back_fixed::<7>(pixels, columns)),
-            14 => arch.dispatch(|| self.project_back_fixed::<14>(pixels, columns)),
-            28 => arch.dispatch(|| self.project_back_fixed::<28>(pixels, columns)),
-            _ => arch.dispatch(|| self.project_back_any(pixels, channels, columns)),
+            1 => Arch::new().dispatch(Fixed::<_, 1>(product)),
+            3 => Arch::new().dispatch(Fixed::<_, 3>(product)),
+            4 => Arch::new().dispatch(Fixed::<_, 4>(product)),
+            7 => Arch::new().dispatch(Fixed::<_, 7>(product)),
+            14 => Arch::new().dispatch(Fixed::<_, 14>(product)),
+            28 => Arch::new().dispatch(Fixed::<_, 28>(product)),
+            _ => Arch::new().dispatch(Any(product, channels)),
         }
     }
 
@@ -290,5 +331,63 @@ impl TileWeights {
                 }
             }
         }
+    }
+}
+
+/// `W v` of one tile, waiting for the processor's widest vector instructions.
+struct Accumulate<'a> {
+    tile: &'a TileWeights,
+    values: &'a [f32],
+    pixels: &'a mut [f32],
+}
+
+/// `Wᵀ g` of one tile, likewise.
+struct ProjectBack<'a> {
+    tile: &'a TileWeights,
+    pixels: &'a [f32],
+    columns: &'a mut [f32],
+}
+
+/// A product with a number of channels that the compiler knows.
+struct Fixed<P, const C: usize>(P);
+
+/// A product with any number of channels.
+struct Any<P>(P, usize);
+
+// Types rather than closures: a closure is called through a shim that is compiled for the oldest processor.
+
+impl<const C: usize> WithSimd for Fixed<Accumulate<'_>, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.0.tile.accumulate_fixed::<C>(self.0.values, self.0.pixels);
+    }
+}
+
+impl WithSimd for Any<Accumulate<'_>> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.0.tile.accumulate_any(self.0.values, self.1, self.0.pixels);
+    }
+}
+
+impl<const C: usize> WithSimd for Fixed<ProjectBack<'_>, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.0.tile.project_back_fixed::<C>(self.0.pixels, self.0.columns);
+    }
+}
+
+impl WithSimd for Any<ProjectBack<'_>> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.0.tile.project_back_any(self.0.pixels, self.1, self.0.columns);
     }
 }

@@ -24,4 +24,4 @@ pub use blend_weights::{BlendWeights, TileWeights};
 pub use camera::{Camera, RasterLimits};
 pub use gaussians::Gaussians;
 pub use projection::{ProjectedGaussian, project, project_one};
-pub use view::{View, ViewTiming};
+pub use view::{ExtendedView, View, ViewTiming};

@@ -2,26 +2,40 @@
 
 use crate::camera::RasterLimits;
 use crate::tiles::{DepthKey, TILE, TileGrid};
-use crate::{ProjectedGaussian, TileWeights};
-use pulp::Arch;
+use crate::{PixelSet, ProjectedGaussian, TileWeights};
+use pulp::{Arch, Simd, WithSimd};
 
 const PIXELS: usize = TILE * TILE;
 /// Pixels of a row that are blended together. Most Gaussians of an RGB-D map are narrower.
 const LANES: usize = 8;
 
+/// What is rasterised.
+pub(crate) struct Scene<'a> {
+    pub grid: &'a TileGrid,
+    pub splats: &'a [ProjectedGaussian],
+    pub limits: &'a RasterLimits,
+}
+
+/// Which of a tile's weights are made.
+#[derive(Clone, Copy)]
+pub(crate) struct Wanted {
+    /// Only these pixels are blended.
+    pub pixels: PixelSet,
+    /// Smaller weights are blended, but not kept.
+    pub min_weight: f32,
+}
+
 /// Working memory for rasterising tiles, reused from tile to tile.
 pub(crate) struct TileRasteriser {
     transmittance: [f32; PIXELS],
-    /// 1 while the pixel takes Gaussians, 0 when it is finished or outside the image.
+    /// 1 while the pixel takes Gaussians, 0 when it is finished or not wanted.
     live: [f32; PIXELS],
     /// Bit `r` is set while row `r` has a live pixel.
     live_rows: u32,
-    gaussians: Vec<u32>,
-    depths: Vec<f32>,
-    weight_sums: Vec<f32>,
-    offsets: Vec<u32>,
-    pixels: Vec<u8>,
-    weights: Vec<f32>,
+    /// Pixels and weights of the Gaussian being blended; room for lanes beyond the last.
+    column_pixels: [u8; PIXELS + LANES],
+    column_weights: [f32; PIXELS + LANES],
+    weights: TileWeights,
 }
 
 impl TileRasteriser {
@@ -30,155 +44,170 @@ impl TileRasteriser {
             transmittance: [1.0; PIXELS],
             live: [1.0; PIXELS],
             live_rows: 0,
-            gaussians: Vec::new(),
-            depths: Vec::new(),
-            weight_sums: Vec::new(),
-            offsets: Vec::new(),
-            pixels: Vec::new(),
-            weights: Vec::new(),
+            column_pixels: [0; PIXELS + LANES],
+            column_weights: [0.0; PIXELS + LANES],
+            weights: TileWeights::empty(0, 0, 0, 0),
         }
     }
 
     /// Blends the Gaussians `keys`, front to back, into tile number `tile`.
-    pub fn rasterise(
-        &mut self,
-        grid: &TileGrid,
-        tile: usize,
-        keys: &[DepthKey],
-        splats: &[ProjectedGaussian],
-        limits: &RasterLimits,
-    ) -> TileWeights {
+    pub fn rasterise(&mut self, scene: &Scene<'_>, tile: usize, keys: &[DepthKey], wanted: &Wanted) -> TileWeights {
+        let grid = scene.grid;
         let left = tile % grid.columns * TILE;
         let top = tile / grid.columns * TILE;
         let (width, height) = ((grid.width - left).min(TILE), (grid.height - top).min(TILE));
-        self.clear(width, height);
-        Arch::new().dispatch(|| {
-            for key in keys {
-                if self.live_rows == 0 {
-                    break;
-                }
-                self.blend(&splats[(key & 0xffff_ffff) as usize], left, top, limits);
-            }
-        });
-        TileWeights {
-            left,
-            top,
-            width,
-            height,
-            gaussians: self.gaussians.clone(),
-            depths: self.depths.clone(),
-            weight_sums: self.weight_sums.clone(),
-            offsets: self.offsets.clone(),
-            pixels: self.pixels.clone(),
-            weights: self.weights.clone(),
-        }
+        self.clear(width, height, &wanted.pixels);
+        self.weights.restart(left, top, width, height);
+        Arch::new().dispatch(BlendAll { rasteriser: self, scene, keys, min_weight: wanted.min_weight });
+        // A copy has the right size; the working memory keeps its capacity.
+        self.weights.clone()
     }
 
-    fn clear(&mut self, width: usize, height: usize) {
+    fn clear(&mut self, width: usize, height: usize, wanted: &PixelSet) {
         self.transmittance = [1.0; PIXELS];
-        for (pixel, live) in self.live.iter_mut().enumerate() {
-            *live = if pixel % TILE < width && pixel / TILE < height { 1.0 } else { 0.0 };
+        self.live_rows = 0;
+        for row in 0..TILE {
+            for column in 0..TILE {
+                let live = row < height && column < width && wanted.contains((row * TILE + column) as u8);
+                self.live[row * TILE + column] = if live { 1.0 } else { 0.0 };
+                self.live_rows |= u32::from(live) << row;
+            }
         }
-        self.live_rows = (1 << height) - 1;
-        self.gaussians.clear();
-        self.depths.clear();
-        self.weight_sums.clear();
-        self.pixels.clear();
-        self.weights.clear();
-        self.offsets.clear();
-        self.offsets.push(0);
     }
 
     /// Blends one Gaussian over the pixels of its box and keeps its weights, if it has any.
     #[inline(always)]
-    fn blend(&mut self, splat: &ProjectedGaussian, left: usize, top: usize, limits: &RasterLimits) {
+    fn blend(&mut self, splat: &ProjectedGaussian, limits: &RasterLimits, min_weight: f32) {
         // In the tile's own pixels; a small margin, because the box was rounded.
-        let x = splat.mean.x - left as f32;
-        let y = splat.mean.y - top as f32;
+        let x = splat.mean.x - self.weights.left as f32;
+        let y = splat.mean.y - self.weights.top as f32;
         let reach_x = splat.half_extent.x + 0.01;
         let reach_y = splat.half_extent.y + 0.01;
         let last = (TILE - 1) as f32;
         if x + reach_x < 0.0 || x - reach_x > last || y + reach_y < 0.0 || y - reach_y > last {
             return;
         }
-        let first_column = (x - reach_x).ceil().max(0.0) as usize;
-        let last_column = (x + reach_x).floor().min(last) as usize;
-        let first_row = (y - reach_y).ceil().max(0.0) as usize;
-        let last_row = (y + reach_y).floor().min(last) as usize;
-        let before = self.weights.len();
+        // Casts to integers round towards zero and saturate: lower bounds are rounded up, upper ones down.
+        let first_column = (x - reach_x + 1.0).max(0.0) as usize;
+        let last_column = (x + reach_x).min(last) as usize;
+        let first_row = (y - reach_y + 1.0).max(0.0) as usize;
+        let last_row = (y + reach_y).min(last) as usize;
         // Eight pixels cover most boxes if they start early enough to end inside the tile; others take the whole row.
         let window = first_column.min(TILE - LANES);
         let starts: &[usize] = if last_column < window + LANES { &[window] } else { &[0, LANES] };
+        let mut kept = 0;
         for row in first_row..=last_row {
             if self.live_rows >> row & 1 == 1 {
                 for start in starts {
-                    self.blend_lanes(splat, [x, y], [*start, row], limits);
+                    let weights = self.blend_lanes(splat, [x, y], [*start, row], limits);
+                    kept = self.keep(&weights, row * TILE + start, kept, min_weight);
                 }
             }
         }
-        if self.weights.len() > before {
-            self.gaussians.push(splat.gaussian);
-            self.depths.push(splat.depth);
-            self.weight_sums.push(self.weights[before..].iter().sum());
-            self.offsets.push(self.weights.len() as u32);
+        if kept > 0 {
+            let (pixels, weights) = (&self.column_pixels[..kept], &self.column_weights[..kept]);
+            self.weights.push_weights(splat.gaussian, splat.depth, pixels, weights);
         }
     }
 
-    /// Blends one Gaussian over [`LANES`] pixels of a row, without branches so that the compiler vectorises it.
+    /// Blends one Gaussian over [`LANES`] pixels of a row and returns its weights there. There are no branches, so
+    /// that the compiler vectorises it.
     #[inline(always)]
-    fn blend_lanes(&mut self, splat: &ProjectedGaussian, mean: [f32; 2], at: [usize; 2], limits: &RasterLimits) {
-        let [start, row] = at;
+    fn blend_lanes(
+        &mut self,
+        splat: &ProjectedGaussian,
+        mean: [f32; 2],
+        [start, row]: [usize; 2],
+        limits: &RasterLimits,
+    ) -> [f32; LANES] {
         let from = row * TILE + start;
         let [a, b, c] = splat.conic;
         let dy = mean[1] - row as f32;
-        let transmittance: &mut [f32] = &mut self.transmittance[from..from + LANES];
-        let live: &mut [f32] = &mut self.live[from..from + LANES];
+        let mut alpha = [0f32; LANES];
+        for (lane, alpha) in alpha.iter_mut().enumerate() {
+            let dx = mean[0] - (start + lane) as f32;
+            let sigma = 0.5 * (a * dx * dx + c * dy * dy) + b * dx * dy;
+            let unbounded = splat.opacity * exp_negative(sigma);
+            let bounded = if unbounded < limits.max_alpha { unbounded } else { limits.max_alpha };
+            // Zero stands for "skipped"; a sigma that is not a number is skipped too.
+            *alpha = if (sigma >= 0.0) & (bounded >= limits.min_alpha) { bounded } else { 0.0 };
+        }
+        let (transmittance, live) = (lanes(&mut self.transmittance, from), lanes(&mut self.live, from));
         let mut weights = [0f32; LANES];
         let mut stopped = 0f32;
         for lane in 0..LANES {
-            let dx = mean[0] - (start + lane) as f32;
-            let sigma = 0.5 * (a * dx * dx + c * dy * dy) + b * dx * dy;
-            let alpha = (splat.opacity * exp_negative(sigma)).min(limits.max_alpha);
-            let taken = sigma >= 0.0 && alpha >= limits.min_alpha && live[lane] > 0.0;
-            let next = transmittance[lane] * (1.0 - alpha);
-            let stops = next <= limits.min_transmittance;
-            let blended = taken & !stops;
-            weights[lane] = if blended { alpha * transmittance[lane] } else { 0.0 };
-            transmittance[lane] = if blended { next } else { transmittance[lane] };
-            let stop = if taken & stops { 1.0 } else { 0.0 };
+            let before = transmittance[lane];
+            let alpha = alpha[lane] * live[lane];
+            let next = before * (1.0 - alpha);
+            let stop = if (next <= limits.min_transmittance) & (alpha > 0.0) { 1.0 } else { 0.0 };
+            let blended = alpha * (1.0 - stop);
+            weights[lane] = blended * before;
+            transmittance[lane] = before * (1.0 - blended);
             live[lane] -= stop;
             stopped += stop;
         }
         if stopped > 0.0 && self.live[row * TILE..(row + 1) * TILE].iter().all(|live| *live == 0.0) {
             self.live_rows &= !(1 << row);
         }
-        self.keep(&weights, from);
+        weights
     }
 
-    /// Appends the weights that are not zero.
+    /// Appends the weights that are large enough to the column; returns its new length.
     #[inline(always)]
-    fn keep(&mut self, weights: &[f32; LANES], from: usize) {
-        let kept = self.weights.len();
-        self.weights.resize(kept + LANES, 0.0);
-        self.pixels.resize(kept + LANES, 0);
-        let mut end = kept;
+    fn keep(&mut self, weights: &[f32; LANES], from: usize, mut kept: usize, min_weight: f32) -> usize {
         for (lane, weight) in weights.iter().enumerate() {
-            self.weights[end] = *weight;
-            self.pixels[end] = (from + lane) as u8;
-            end += usize::from(*weight > 0.0);
+            self.column_weights[kept] = *weight;
+            self.column_pixels[kept] = (from + lane) as u8;
+            kept += usize::from(*weight > min_weight);
         }
-        self.weights.truncate(end);
-        self.pixels.truncate(end);
+        kept
     }
 }
+
+/// The blending of one tile, waiting for the processor's widest vector instructions. (A type rather than a closure: a
+/// closure is called through a shim that is compiled for the oldest processor.)
+struct BlendAll<'a> {
+    rasteriser: &'a mut TileRasteriser,
+    scene: &'a Scene<'a>,
+    keys: &'a [DepthKey],
+    min_weight: f32,
+}
+
+impl WithSimd for BlendAll<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for key in self.keys {
+            if self.rasteriser.live_rows == 0 {
+                break;
+            }
+            let splat = &self.scene.splats[(key & 0xffff_ffff) as usize];
+            self.rasteriser.blend(splat, self.scene.limits, self.min_weight);
+        }
+    }
+}
+
+/// The pixels of a row from `from` on, with a length that the compiler knows.
+#[inline(always)]
+fn lanes(pixels: &mut [f32; PIXELS], from: usize) -> &mut [f32; LANES] {
+    // Rows are whole multiples of the lanes' window, which ends inside its row: the range is always there.
+    pixels[from..].first_chunk_mut().expect("a window of lanes ends inside the tile")
+}
+
+/// 1.5 · 2^23: adding it to a small number rounds that to a whole one and leaves it in the lowest bits.
+const ROUNDING: f32 = 12_582_912.0;
 
 /// e^-x for x ≥ 0 to 6e-7, relative; from plain products, so that every machine gives the same bits.
 #[inline(always)]
 fn exp_negative(x: f32) -> f32 {
-    // 2^-y with y = n + f, |f| <= 1/2; below 2^-30 nothing can be blended.
-    let y = (x * std::f32::consts::LOG2_E).clamp(0.0, 30.0);
-    let n = (y + 0.5).floor();
-    let t = (n - y) * std::f32::consts::LN_2;
+    // 2^-y with y = n - f, |f| <= 1/2; beyond 2^-30 nothing can be blended.
+    let y = x * std::f32::consts::LOG2_E;
+    let y = if y < 30.0 { y } else { 30.0 };
+    let y = if y > 0.0 { y } else { 0.0 };
+    let shifted = y + ROUNDING;
+    let n = shifted.to_bits().wrapping_sub(ROUNDING.to_bits());
+    let t = ((shifted - ROUNDING) - y) * std::f32::consts::LN_2;
     let series = 1.0 / 720.0;
     let series = series * t + 1.0 / 120.0;
     let series = series * t + 1.0 / 24.0;
@@ -186,7 +215,7 @@ fn exp_negative(x: f32) -> f32 {
     let series = series * t + 0.5;
     let series = series * t + 1.0;
     let series = series * t + 1.0;
-    series * f32::from_bits(((127 - n as i32) as u32) << 23)
+    series * f32::from_bits(127u32.wrapping_sub(n) << 23)
 }
 
 #[cfg(test)]

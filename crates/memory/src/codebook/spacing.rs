@@ -1,0 +1,103 @@
+//! How far apart the vectors of a codebook are.
+
+use super::panels::{LANES, LaneMaximum, Panels, ROWS, product};
+use pulp::{Simd, WithSimd};
+use rayon::prelude::*;
+
+/// How close every code comes to its nearest neighbour.
+#[derive(Clone, Debug)]
+pub struct Spacing {
+    /// Largest inner product of each code with another one; −1 in a codebook of one code. `[N]`
+    pub coherences: Vec<f32>,
+    /// The largest of `coherences`.
+    pub max_coherence: f32,
+    /// Smallest Euclidean distance of two codes; infinite in a codebook of one code.
+    pub min_distance: f32,
+}
+
+impl Spacing {
+    /// The spacing of the integer ids from 1 to `count`, which all point the same way.
+    pub fn of_integers(count: usize) -> Self {
+        let (coherence, min_distance) = if count == 1 { (-1.0, f32::INFINITY) } else { (1.0, 1.0) };
+        Self { coherences: Vec::new(), max_coherence: coherence, min_distance }
+    }
+
+    /// Measures row-major `[N, dim]` unit vectors; O(N² · dim), on all threads.
+    pub fn measure(vectors: &[f32], dim: usize) -> Self {
+        let panels = Panels::of_vectors(vectors, dim);
+        let arch = pulp::Arch::new();
+        let mut nearest = vec![(-1.0, 0); vectors.len() / dim];
+        nearest.par_chunks_mut(ROWS).enumerate().with_min_len(8).for_each(|(group, nearest)| {
+            arch.dispatch(NearestOfRows { vectors, dim, first: group * ROWS, panels: &panels, nearest });
+        });
+        let vector = |index: usize| &vectors[index * dim..(index + 1) * dim];
+        let distances = nearest.iter().enumerate().map(|(index, &(_, other))| {
+            if nearest.len() == 1 { f32::INFINITY } else { distance(vector(index), vector(other as usize)) }
+        });
+        let min_distance = distances.fold(f32::INFINITY, f32::min);
+        let coherences: Vec<f32> = nearest.into_iter().map(|(coherence, _)| coherence).collect();
+        let max_coherence = coherences.iter().copied().fold(-1.0, f32::max);
+        Self { coherences, max_coherence, min_distance }
+    }
+}
+
+/// Finds inner product and index of the nearest other vector of the rows from `first` on.
+struct NearestOfRows<'a> {
+    vectors: &'a [f32],
+    dim: usize,
+    first: usize,
+    panels: &'a Panels,
+    nearest: &'a mut [(f32, u32)],
+}
+
+impl WithSimd for NearestOfRows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { vectors, dim, first, panels, nearest } = self;
+        let rows = gather_rows(vectors, dim, first);
+        let mut maxima = [LaneMaximum::EMPTY; ROWS];
+        for (index, panel) in panels.iter().enumerate() {
+            let mut products = product(&rows, panel);
+            for (row, products) in products.iter_mut().enumerate() {
+                exclude_columns(products, index, first + row, vectors.len() / dim);
+                maxima[row].update(products, index as u32);
+            }
+        }
+        for (nearest, maximum) in nearest.iter_mut().zip(&maxima) {
+            let (coherence, index) = maximum.largest();
+            if coherence > f32::NEG_INFINITY {
+                *nearest = (coherence, index);
+            }
+        }
+    }
+}
+
+/// `ROWS` vectors from `first` on as `[dim, ROWS]`; zero beyond the last vector.
+#[inline(always)]
+pub fn gather_rows(vectors: &[f32], dim: usize, first: usize) -> Vec<[f32; ROWS]> {
+    let mut rows = vec![[0.0; ROWS]; dim];
+    for (row, vector) in vectors[first * dim..].chunks_exact(dim).take(ROWS).enumerate() {
+        for (rows, &value) in rows.iter_mut().zip(vector) {
+            rows[row] = value;
+        }
+    }
+    rows
+}
+
+/// Sets the products of a vector with itself, and with the columns that only fill the last panel, to −∞.
+#[inline(always)]
+pub fn exclude_columns(products: &mut [f32; LANES], panel: usize, own: usize, count: usize) {
+    let first = panel * LANES;
+    if own / LANES == panel {
+        products[own % LANES] = f32::NEG_INFINITY;
+    }
+    if first + LANES > count {
+        products[count - first..].fill(f32::NEG_INFINITY);
+    }
+}
+
+fn distance(left: &[f32], right: &[f32]) -> f32 {
+    left.iter().zip(right).map(|(left, right)| (left - right) * (left - right)).sum::<f32>().sqrt()
+}

@@ -1,0 +1,268 @@
+//! Gradient descent on the features of the Gaussians in view (METHOD, "FastSAM-Splat", step 6).
+//!
+//! The loss over pixels p with rendered feature F and target F̂ (codebook vector ĉ times confidence m) is
+//! `L = Σ_p λ_mag (m − ‖F‖)² + λ_dir (1 − cos(F̂, F))`: sums over pixels where the paper has means, which differ by
+//! the constant 1 / (H·W) only, and that is part of the step size here. Its gradient with respect to F is
+//!
+//! `−2 λ_mag (m − ‖F‖) F/‖F‖ − λ_dir (ĉ − (ĉ·F/‖F‖) F/‖F‖) / ‖F‖`
+//!
+//! and `F = W f` carries it to the features: `∂L/∂f = Wᵀ ∂L/∂F`. Each Gaussian's step is divided by its column sum of
+//! `W` (a Jacobi preconditioner): a fixed step diverges when the camera comes close and one Gaussian covers many
+//! pixels.
+
+use crate::{Codebook, Expectation, MemorySettings, SegmentBelief};
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+use splatseg_geometry::{Image, SegmentId};
+use splatseg_render::{ActiveTile, ActiveWeights, PixelSet, TileWeights};
+
+/// Magnitudes below this have no direction.
+const TINY: f32 = 1e-6;
+
+/// One optimisation of a frame's features.
+pub(crate) struct Learning<'a> {
+    pub settings: &'a MemorySettings,
+    pub codebook: &'a Codebook,
+    /// What the memory showed before it grew.
+    pub expectation: &'a Expectation,
+    /// What the features should come to show.
+    pub target: &'a SegmentBelief,
+}
+
+/// How much work a frame's learning was.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LearningExtent {
+    /// Pixels whose loss was lowered.
+    pub active_pixels: usize,
+    /// Gaussians whose features could change.
+    pub active_gaussians: usize,
+}
+
+impl Learning<'_> {
+    /// Takes the settings' number of steps on `features` `[gaussians, D]` over the weights `active`, made for
+    /// [`Self::active_pixels`].
+    pub fn descend(&self, active: &ActiveWeights, features: &mut [f32]) -> LearningExtent {
+        let feature_dim = self.codebook.feature_dim();
+        let mut local: Vec<f32> = Vec::with_capacity(active.gaussians().len() * feature_dim);
+        for gaussian in active.gaussians() {
+            local.extend_from_slice(&features[*gaussian as usize * feature_dim..][..feature_dim]);
+        }
+        let mut partial = vec![0.0; active.column_count() * feature_dim];
+        for _ in 0..self.settings.num_steps {
+            self.feature_gradient(active, &local, &mut partial);
+            self.step(active, &partial, &mut local);
+        }
+        for (gaussian, feature) in active.gaussians().iter().zip(local.chunks_exact(feature_dim)) {
+            features[*gaussian as usize * feature_dim..][..feature_dim].copy_from_slice(feature);
+        }
+        LearningExtent {
+            active_pixels: active.tiles().iter().map(|tile| tile.pixels.len()).sum(),
+            active_gaussians: active.gaussians().len(),
+        }
+    }
+
+    /// Writes `Wᵀ ∂L/∂F` of every active tile to its part of `partial`.
+    fn feature_gradient(&self, active: &ActiveWeights, features: &[f32], partial: &mut [f32]) {
+        let feature_dim = self.codebook.feature_dim();
+        let mut parts = Vec::with_capacity(active.tiles().len());
+        let mut rest = partial;
+        for tile in active.tiles() {
+            let (part, more) = rest.split_at_mut(tile.weights.gaussians().len() * feature_dim);
+            parts.push((tile, part));
+            rest = more;
+        }
+        parts.into_par_iter().for_each_init(
+            || vec![0.0; TileWeights::PIXELS * feature_dim],
+            |pixels, (tile, part)| {
+                pixels.fill(0.0);
+                tile.weights.accumulate(features, feature_dim, pixels);
+                self.loss_gradient(tile, pixels);
+                tile.weights.project_back(pixels, feature_dim, part);
+            },
+        );
+    }
+
+    /// Replaces the rendered features of a tile's active pixels by the loss's gradient with respect to them.
+    fn loss_gradient(&self, tile: &ActiveTile, pixels: &mut [f32]) {
+        Arch::new().dispatch(LossGradient { learning: self, tile, pixels });
+    }
+
+    #[inline(always)]
+    fn pixel_gradient(&self, segment: SegmentId, magnitude: f32, feature: &mut [f32]) {
+        let norm = dot(feature, feature).sqrt();
+        let radial = -2.0 * self.settings.magnitude_weight * (magnitude - norm);
+        if segment == 0 {
+            let scale = if norm > TINY { radial / norm } else { 0.0 };
+            feature.iter_mut().for_each(|value| *value *= scale);
+            return;
+        }
+        let code = self.codebook.vector(segment as usize - 1);
+        if let ([value], [id]) = (&mut *feature, code) {
+            // The integer-id ablation has no directions: the feature is pulled to the id itself.
+            *value = -2.0 * self.settings.magnitude_weight * (id - *value);
+            return;
+        }
+        if norm <= TINY {
+            // Without a direction of its own the feature takes the target's.
+            feature.iter_mut().zip(code).for_each(|(value, code)| *value = radial * code);
+            return;
+        }
+        let cosine = dot(feature, code) / norm;
+        let along_code = -self.settings.direction_weight / norm;
+        let along_feature = (radial - along_code * cosine) / norm;
+        for (value, code) in feature.iter_mut().zip(code) {
+            *value = along_feature * *value + along_code * code;
+        }
+    }
+
+    /// Adds the parts of every Gaussian's gradient and moves its feature against it.
+    fn step(&self, active: &ActiveWeights, partial: &[f32], features: &mut [f32]) {
+        let feature_dim = self.codebook.feature_dim();
+        features.par_chunks_mut(feature_dim * 512).enumerate().for_each(|(chunk, features)| {
+            for (offset, feature) in features.chunks_exact_mut(feature_dim).enumerate() {
+                let gaussian = chunk * 512 + offset;
+                let rate = self.settings.learning_rate / active.weight_sums()[gaussian];
+                for column in active.columns_of(gaussian) {
+                    let part = &partial[*column as usize * feature_dim..][..feature_dim];
+                    for (value, part) in feature.iter_mut().zip(part) {
+                        *value -= rate * part;
+                    }
+                }
+            }
+        });
+    }
+
+    /// Segment and confidence that a pixel of a tile should show.
+    fn target_at(&self, tile: &TileWeights, pixel: usize) -> (SegmentId, f32) {
+        let (left, top) = tile.origin();
+        let at = (left + pixel % TileWeights::SIDE, top + pixel / TileWeights::SIDE);
+        (self.target.segments[at], self.target.confidence[at])
+    }
+
+    /// Per tile, the pixels to be learnt: those that differ from the target and their surroundings, where the memory
+    /// covers them. (What it did not cover has grown new Gaussians, which show the target already.)
+    pub fn active_pixels(&self) -> Vec<PixelSet> {
+        let (width, height) = self.target.segments.size();
+        let columns = width.div_ceil(TileWeights::SIDE);
+        let tiles = self.expectation.features.len();
+        let mut chosen = vec![PixelSet::default(); tiles];
+        if self.settings.num_steps == 0 {
+            return chosen;
+        }
+        let differs: Vec<PixelSet> = (0..tiles).into_par_iter().map(|tile| self.differing_pixels(tile)).collect();
+        let place = |column: usize, row: usize| {
+            let tile = row / TileWeights::SIDE * columns + column / TileWeights::SIDE;
+            (tile, (row % TileWeights::SIDE * TileWeights::SIDE + column % TileWeights::SIDE) as u8)
+        };
+        let seed = Image::from_fn(width, height, |column, row| {
+            let (tile, pixel) = place(column, row);
+            differs[tile].contains(pixel)
+        });
+        let near = dilated(&seed, self.settings.active_margin);
+        for row in 0..height {
+            for column in 0..width {
+                if near[(column, row)] && self.covered((column, row)) {
+                    let (tile, pixel) = place(column, row);
+                    chosen[tile].insert(pixel);
+                }
+            }
+        }
+        chosen
+    }
+
+    /// Where too little of the memory covers a pixel, pulling it to the target would only inflate its neighbours'
+    /// features.
+    fn covered(&self, at: (usize, usize)) -> bool {
+        self.expectation.silhouette[at] >= self.settings.growth_silhouette
+    }
+
+    fn differing_pixels(&self, tile: usize) -> PixelSet {
+        let (width, height) = self.target.segments.size();
+        let columns = width.div_ceil(TileWeights::SIDE);
+        let (left, top) = (tile % columns * TileWeights::SIDE, tile / columns * TileWeights::SIDE);
+        let mut differs = PixelSet::default();
+        let features = self.expectation.features[tile].chunks_exact(self.codebook.feature_dim());
+        for (pixel, feature) in features.enumerate() {
+            let at = (left + pixel % TileWeights::SIDE, top + pixel / TileWeights::SIDE);
+            if at.0 >= width || at.1 >= height || !self.covered(at) {
+                continue;
+            }
+            let distance = self.distance_to_target(self.target.segments[at], self.target.confidence[at], feature);
+            if distance > self.settings.active_tolerance {
+                differs.insert(pixel as u8);
+            }
+        }
+        differs
+    }
+
+    /// ‖F − F̂‖.
+    fn distance_to_target(&self, segment: SegmentId, magnitude: f32, feature: &[f32]) -> f32 {
+        let squared = dot(feature, feature);
+        if segment == 0 {
+            return (squared.sqrt() - magnitude).abs();
+        }
+        let code = self.codebook.vector(segment as usize - 1);
+        let magnitude = if code.len() == 1 { 1.0 } else { magnitude };
+        let square = squared - 2.0 * magnitude * dot(feature, code) + magnitude * magnitude * dot(code, code);
+        square.max(0.0).sqrt()
+    }
+}
+
+/// The loss's gradient over a tile, waiting for the processor's widest vector instructions. (A type rather than a
+/// closure: a closure is called through a shim that is compiled for the oldest processor.)
+struct LossGradient<'a> {
+    learning: &'a Learning<'a>,
+    tile: &'a ActiveTile,
+    pixels: &'a mut [f32],
+}
+
+impl WithSimd for LossGradient<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for (pixel, feature) in self.pixels.chunks_exact_mut(self.learning.codebook.feature_dim()).enumerate() {
+            if self.tile.pixels.contains(pixel as u8) {
+                let (segment, magnitude) = self.learning.target_at(&self.tile.weights, pixel);
+                self.learning.pixel_gradient(segment, magnitude, feature);
+            }
+        }
+    }
+}
+
+/// The pixels within `margin` (in rows and columns) of one of the `seed`.
+fn dilated(seed: &Image<bool>, margin: usize) -> Image<bool> {
+    let (width, height) = seed.size();
+    let mut in_row = Image::filled(width, height, false);
+    for row in 0..height {
+        for column in (0..width).filter(|column| seed[(*column, row)]) {
+            let from = row * width + column.saturating_sub(margin);
+            let to = row * width + (column + margin).min(width - 1);
+            in_row.pixels_mut()[from..=to].fill(true);
+        }
+    }
+    let mut near = Image::filled(width, height, false);
+    for row in 0..height {
+        for other in row.saturating_sub(margin)..=(row + margin).min(height - 1) {
+            for column in 0..width {
+                near[(column, row)] |= in_row[(column, other)];
+            }
+        }
+    }
+    near
+}
+
+/// Inner product, summed in four lanes so that it vectorises and still gives the same bits everywhere.
+#[inline(always)]
+fn dot(left: &[f32], right: &[f32]) -> f32 {
+    let mut lanes = [0f32; 4];
+    let (left_chunks, left_rest) = left.as_chunks::<4>();
+    let (right_chunks, right_rest) = right.as_chunks::<4>();
+    for (left, right) in left_chunks.iter().zip(right_chunks) {
+        for lane in 0..4 {
+            lanes[lane] += left[lane] * right[lane];
+        }
+    }
+    let rest: f32 = left_rest.iter().zip(right_rest).map(|(left, right)| left * right).sum();
+    (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]) + rest
+}

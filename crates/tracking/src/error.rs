@@ -1,0 +1,27 @@
+//! Everything that can go wrong in a method.
+
+use splatseg_memory::MemoryError;
+use splatseg_segmenter::SegmenterError;
+use thiserror::Error;
+
+/// Why a method could not be made or a frame not be processed.
+#[derive(Debug, Error)]
+pub enum TrackingError {
+    /// The segmenter failed.
+    #[error(transparent)]
+    Segmenter(#[from] SegmenterError),
+    /// The memory failed.
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
+    /// A mask is not of the frame's size; both are `(width, height)`.
+    #[error("a mask has {}x{} pixels, expected the frame's {}x{}", found.0, found.1, expected.0, expected.1)]
+    MaskSize {
+        /// Size of the mask.
+        found: (usize, usize),
+        /// Size of the frame.
+        expected: (usize, usize),
+    },
+    /// A setting is out of range.
+    #[error("min_match_f_score is {0}, expected 0 to 1")]
+    MinMatchFScore(f64),
+}

@@ -1,0 +1,160 @@
+//! One-to-one matching of expected and predicted segments (METHOD, "FastSAM-Splat", step 3).
+
+use pathfinding::prelude::{Matrix, kuhn_munkres};
+use rayon::prelude::*;
+use splatseg_geometry::{Mask, SegmentId, SegmentMap};
+use std::collections::BTreeMap;
+
+/// F-scores become whole numbers of this size, so that sums are exact and equal on every machine.
+const WEIGHT_ONE: f64 = (1u64 << 40) as f64;
+
+/// An expected segment and a prediction that may be the same object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Candidate {
+    expected: SegmentId,
+    prediction: usize,
+    f_score: f64,
+}
+
+/// For each prediction the expected segment it is matched to, if any.
+///
+/// The matching is one-to-one and maximises the summed F-score, `2 |A ∩ B| / (|A| + |B|)`. Pairs without overlap, or
+/// with an F-score below `min_f_score`, are no match.
+pub fn match_segments(expected: &SegmentMap, predictions: &[&Mask], min_f_score: f64) -> Vec<Option<SegmentId>> {
+    let areas = expected.areas();
+    let candidates: Vec<Candidate> = predictions
+        .par_iter()
+        .enumerate()
+        .flat_map_iter(|(prediction, mask)| {
+            let area = mask.area();
+            let areas = &areas;
+            overlaps(expected, mask).into_iter().filter_map(move |(segment, intersection)| {
+                let f_score = 2.0 * intersection as f64 / (areas[&segment] + area) as f64;
+                (f_score >= min_f_score).then_some(Candidate { expected: segment, prediction, f_score })
+            })
+        })
+        .collect();
+    let mut matched = vec![None; predictions.len()];
+    for candidate in best_assignment(&candidates) {
+        matched[candidate.prediction] = Some(candidate.expected);
+    }
+    matched
+}
+
+/// The expected segments under a mask and the number of pixels of each, by increasing id.
+fn overlaps(expected: &SegmentMap, mask: &Mask) -> BTreeMap<SegmentId, usize> {
+    let mut counts = BTreeMap::new();
+    let (mut current, mut run) = (0, 0);
+    for index in mask.pixel_indices() {
+        let segment = expected.pixels()[index];
+        if segment != current {
+            if current != 0 {
+                *counts.entry(current).or_insert(0) += run;
+            }
+            (current, run) = (segment, 0);
+        }
+        run += 1;
+    }
+    if current != 0 {
+        *counts.entry(current).or_insert(0) += run;
+    }
+    counts
+}
+
+/// The candidates of the one-to-one matching with the largest summed F-score.
+fn best_assignment(candidates: &[Candidate]) -> Vec<Candidate> {
+    let mut rows: Vec<SegmentId> = candidates.iter().map(|candidate| candidate.expected).collect();
+    rows.sort_unstable();
+    rows.dedup();
+    let mut columns: Vec<usize> = candidates.iter().map(|candidate| candidate.prediction).collect();
+    columns.sort_unstable();
+    columns.dedup();
+    if rows.is_empty() {
+        return Vec::new();
+    }
+    // The algorithm gives every row a column, so columns of weight 0 stand for "no match".
+    let mut weights = Matrix::new(rows.len(), columns.len().max(rows.len()), 0i64);
+    let mut by_place = BTreeMap::new();
+    for candidate in candidates {
+        let (Ok(row), Ok(column)) =
+            (rows.binary_search(&candidate.expected), columns.binary_search(&candidate.prediction))
+        else {
+            continue;
+        };
+        weights[(row, column)] = (candidate.f_score * WEIGHT_ONE) as i64;
+        by_place.insert((row, column), *candidate);
+    }
+    let (_, assigned) = kuhn_munkres(&weights);
+    assigned.into_iter().enumerate().filter_map(|place| by_place.get(&place).copied()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const WIDTH: usize = 12;
+
+    fn map(ids: &[u32]) -> SegmentMap {
+        SegmentMap::from_pixels(WIDTH, ids.len() / WIDTH, ids.to_vec()).unwrap()
+    }
+
+    fn summed_f_score(expected: &SegmentMap, predictions: &[Mask], matched: &[Option<SegmentId>]) -> f64 {
+        predictions
+            .iter()
+            .zip(matched)
+            .filter_map(|(mask, segment)| segment.map(|segment| (mask, expected.mask_of(segment))))
+            .map(|(mask, segment)| {
+                2.0 * mask.intersection_area(&segment) as f64 / (mask.area() + segment.area()) as f64
+            })
+            .sum()
+    }
+
+    /// Every one-to-one matching, tried one after the other.
+    fn best_by_enumeration(expected: &SegmentMap, predictions: &[Mask], taken: &mut Vec<Option<SegmentId>>) -> f64 {
+        if taken.len() == predictions.len() {
+            return summed_f_score(expected, predictions, taken);
+        }
+        let mut choices: Vec<Option<SegmentId>> = expected.areas().into_keys().map(Some).collect();
+        choices.retain(|choice| !taken.contains(choice));
+        choices.push(None);
+        choices
+            .into_iter()
+            .map(|choice| {
+                taken.push(choice);
+                let best = best_by_enumeration(expected, predictions, taken);
+                taken.pop();
+                best
+            })
+            .fold(0.0, f64::max)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(60))]
+
+        #[test]
+        fn the_matching_is_the_best_there_is(expected in prop::collection::vec(0u32..5, 96..=96),
+                                             predicted in prop::collection::vec(0u32..5, 96..=96)) {
+            let expected = map(&expected);
+            let predictions: Vec<Mask> = Mask::of_segments(&map(&predicted)).into_iter().map(|(_, mask)| mask).collect();
+            let matched = match_segments(&expected, &predictions.iter().collect::<Vec<_>>(), 0.0);
+            let mut ids: Vec<_> = matched.iter().flatten().collect();
+            ids.sort_unstable();
+            ids.dedup();
+            prop_assert_eq!(ids.len(), matched.iter().flatten().count(), "one-to-one");
+            let best = best_by_enumeration(&expected, &predictions, &mut Vec::new());
+            prop_assert!((summed_f_score(&expected, &predictions, &matched) - best).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn pairs_without_enough_overlap_are_no_match() {
+        let expected = map(&[[1; 6], [0; 6]].concat());
+        let apart = Mask::from_fn(WIDTH, 1, |column, _| column > 7);
+        assert_eq!(match_segments(&expected, &[&apart], 0.0), [None]);
+        let grazing = Mask::from_fn(WIDTH, 1, |column, _| column > 4);
+        assert_eq!(match_segments(&expected, &[&grazing], 0.0), [Some(1)]);
+        assert_eq!(match_segments(&expected, &[&grazing], 0.5), [None]);
+        assert!(match_segments(&expected, &[], 0.0).is_empty());
+    }
+}

@@ -1,0 +1,18 @@
+//! What a method says about one frame.
+
+use crate::StageTimes;
+use splatseg_geometry::SegmentMap;
+use splatseg_memory::FrameUpdate;
+
+/// A method's result for one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameOutput {
+    /// One lasting id per pixel, `[height, width]`; 0 where there is no segment.
+    pub segments: SegmentMap,
+    /// Predicted segments that were large enough to count.
+    pub predictions: usize,
+    /// What the frame did to the memory.
+    pub update: FrameUpdate,
+    /// Where the time went.
+    pub times: StageTimes,
+}

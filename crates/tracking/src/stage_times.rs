@@ -1,0 +1,59 @@
+//! Where a frame's time went.
+
+use serde::Serialize;
+use std::time::Duration;
+
+/// Wall-clock time of each stage of one frame, or summed over frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct StageTimes {
+    /// Segmenting the image.
+    pub segment: Duration,
+    /// Projecting Gaussians and binning them into tiles.
+    pub project_and_bin: Duration,
+    /// Making the blend weights.
+    pub rasterise: Duration,
+    /// Rendering features and reading expected segments off them.
+    pub decode: Duration,
+    /// Matching expected and predicted segments.
+    pub match_segments: Duration,
+    /// Fusing them.
+    pub fuse: Duration,
+    /// Adding Gaussians.
+    pub grow: Duration,
+    /// Gradient steps on the features.
+    pub learn: Duration,
+}
+
+impl StageTimes {
+    /// Every stage by name, in the order of the method.
+    pub fn stages(&self) -> [(&'static str, Duration); 8] {
+        [
+            ("segment", self.segment),
+            ("project_and_bin", self.project_and_bin),
+            ("rasterise", self.rasterise),
+            ("decode", self.decode),
+            ("match", self.match_segments),
+            ("fuse", self.fuse),
+            ("grow", self.grow),
+            ("learn", self.learn),
+        ]
+    }
+
+    /// Time of all stages but the segmenter.
+    pub fn without_segmenter(&self) -> Duration {
+        self.stages()[1..].iter().map(|(_, time)| *time).sum()
+    }
+}
+
+impl std::ops::AddAssign for StageTimes {
+    fn add_assign(&mut self, other: Self) {
+        self.segment += other.segment;
+        self.project_and_bin += other.project_and_bin;
+        self.rasterise += other.rasterise;
+        self.decode += other.decode;
+        self.match_segments += other.match_segments;
+        self.fuse += other.fuse;
+        self.grow += other.grow;
+        self.learn += other.learn;
+    }
+}
