@@ -1,0 +1,48 @@
+//! `splatseg demo`: the whole way from video to ids on a clip that is part of the program.
+
+use super::Failure;
+use super::arguments::DemoArguments;
+use super::output_folder::{Existing, OutputFolder};
+use super::run::{Job, execute, report};
+use include_dir::{Dir, include_dir};
+use splatseg::Settings;
+use splatseg_dataset::write_atomically;
+use std::path::Path;
+
+/// A rendered room in ScanNet's exported layout, with ground truth.
+static CLIP: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/demo");
+
+/// Writes the clip to `<out>/scene` and runs on it.
+pub fn demo(arguments: &DemoArguments) -> Result<(), Failure> {
+    let existing = Existing::from_flag(arguments.overwrite);
+    OutputFolder::check(&arguments.out, existing)?;
+    let scene = arguments.out.join("scene");
+    extract(&CLIP, &scene)?;
+    let job = Job {
+        scene: scene.display().to_string(),
+        out: arguments.out.clone(),
+        // The folder now holds the clip, and was empty before or may be overwritten.
+        existing: Existing::Replace,
+        settings: Settings::default(),
+        save_memory: Some(arguments.out.join("memory.ply")),
+        load_memory: None,
+    };
+    println!("36 frames of a rendered room, camera walking through it, segmented with the built-in segmenter");
+    let summary = execute(&job)?;
+    println!("{}", report(&job, &summary));
+    println!("your own video: splatseg run FOLDER --out DIR");
+    Ok(())
+}
+
+fn extract(folder: &Dir<'_>, to: &Path) -> Result<(), Failure> {
+    let failed = |path: &Path, error: std::io::Error| Failure::work(format!("{}: {error}", path.display()));
+    std::fs::create_dir_all(to).map_err(|error| failed(to, error))?;
+    for inner in folder.dirs() {
+        extract(inner, &to.join(inner.path().file_name().unwrap_or_default()))?;
+    }
+    for file in folder.files() {
+        let path = to.join(file.path().file_name().unwrap_or_default());
+        write_atomically(&path, file.contents()).map_err(Failure::work)?;
+    }
+    Ok(())
+}

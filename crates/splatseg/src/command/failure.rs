@@ -1,0 +1,34 @@
+//! Why the command did not succeed, and so with which exit code it ends.
+
+use std::fmt;
+
+/// A failure; its text is one clear line.
+#[derive(Debug)]
+pub enum Failure {
+    /// Bad usage or input: exit code 2.
+    Input(String),
+    /// Anything else: exit code 1.
+    Work(String),
+    /// Ctrl-C: exit code 130.
+    Interrupted(String),
+}
+
+impl Failure {
+    /// Bad usage or input.
+    pub fn input(error: impl fmt::Display) -> Self {
+        Self::Input(error.to_string())
+    }
+
+    /// Work that could not be done although the input was right.
+    pub fn work(error: impl fmt::Display) -> Self {
+        Self::Work(error.to_string())
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Input(text) | Self::Work(text) | Self::Interrupted(text) => formatter.write_str(text),
+        }
+    }
+}

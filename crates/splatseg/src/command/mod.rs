@@ -1,0 +1,33 @@
+//! The parts of the `splatseg` command.
+
+mod arguments;
+mod demo;
+mod failure;
+mod output_folder;
+mod result_writer;
+mod run;
+
+pub use arguments::Arguments;
+pub use failure::Failure;
+
+use arguments::Command;
+
+/// Does what the command line asks for.
+pub fn execute(arguments: Arguments) -> Result<(), Failure> {
+    match arguments.command {
+        Command::Demo(demo) => demo::demo(&demo),
+        Command::Run(run) => run::run(&run),
+    }
+}
+
+/// Warnings go to standard error; `RUST_LOG` asks for more or less.
+pub fn start_log() {
+    use tracing_subscriber::EnvFilter;
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .without_time()
+        .with_target(false)
+        .init();
+}

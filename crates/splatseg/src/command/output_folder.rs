@@ -1,0 +1,87 @@
+//! The folder that a run writes to.
+
+use super::Failure;
+use std::path::{Path, PathBuf};
+
+/// A folder that is ready to take results.
+#[derive(Clone, Debug)]
+pub struct OutputFolder {
+    path: PathBuf,
+}
+
+/// What to do with results that are there already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Existing {
+    /// Leave them alone: the run fails.
+    Keep,
+    /// Remove what an earlier run wrote.
+    Replace,
+}
+
+impl Existing {
+    /// What `--overwrite` asks for.
+    pub fn from_flag(overwrite: bool) -> Self {
+        if overwrite { Self::Replace } else { Self::Keep }
+    }
+}
+
+/// Folders of result files, and the ending of the files in them.
+const RESULTS: [(&str, &str); 2] = [("segments", "png"), ("overlay", "jpg")];
+
+impl OutputFolder {
+    /// Checks that results can go to `path`: it does not exist, or is an empty folder, or `existing` says so.
+    pub fn check(path: &Path, existing: Existing) -> Result<(), Failure> {
+        let entries = match std::fs::read_dir(path) {
+            Ok(entries) => entries,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            Err(error) => return Err(Failure::input(format!("{}: {error}", path.display()))),
+        };
+        if existing == Existing::Keep && entries.count() > 0 {
+            return Err(Failure::input(format!(
+                "{}: the folder is not empty: choose another --out, or give --overwrite to replace earlier results",
+                path.display()
+            )));
+        }
+        Ok(())
+    }
+
+    /// Makes the folder and removes what an earlier run left in it (its own kinds of files only).
+    pub fn create(path: &Path, existing: Existing) -> Result<Self, Failure> {
+        Self::check(path, existing)?;
+        let failed = |path: &Path, error: std::io::Error| Failure::work(format!("{}: {error}", path.display()));
+        for (folder, ending) in RESULTS {
+            let folder = path.join(folder);
+            std::fs::create_dir_all(&folder).map_err(|error| failed(&folder, error))?;
+            for entry in std::fs::read_dir(&folder).map_err(|error| failed(&folder, error))?.flatten() {
+                if entry.path().extension().is_some_and(|found| found == ending) {
+                    std::fs::remove_file(entry.path()).map_err(|error| failed(&entry.path(), error))?;
+                }
+            }
+        }
+        let summary = path.join("summary.json");
+        match std::fs::remove_file(&summary) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(failed(&summary, error)),
+            _ => Ok(Self { path: path.to_owned() }),
+        }
+    }
+
+    /// The folder itself.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// File of a frame's 16-bit ids.
+    pub fn segments(&self, frame: &str) -> PathBuf {
+        self.path.join("segments").join(format!("{frame}.png"))
+    }
+
+    /// File of a frame's overlay.
+    pub fn overlay(&self, frame: &str) -> PathBuf {
+        self.path.join("overlay").join(format!("{frame}.jpg"))
+    }
+
+    /// File of the run's summary.
+    pub fn summary(&self) -> PathBuf {
+        self.path.join("summary.json")
+    }
+}

@@ -1,0 +1,253 @@
+//! `splatseg run`: from a recorded video to id images.
+
+use super::Failure;
+use super::arguments::RunArguments;
+use super::output_folder::{Existing, OutputFolder};
+use super::result_writer::{FrameResult, ResultWriter};
+use indicatif::{ProgressBar, ProgressStyle};
+use splatseg::settings::{MethodName, SegmenterName, Settings};
+use splatseg::summary::{RunCounts, Summary, peak_memory_mb};
+use splatseg_dataset::{FrameStream, GroundTruth, StreamedFrame, open_scene, write_atomically};
+use splatseg_memory::SplatMemory;
+use splatseg_segmenter::{FrameTransform, GraphSegmenter, MaskFolder, Segmenter};
+use splatseg_tracking::{FastSamSplat, Method, TrackingError};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// What a run works on.
+pub struct Job {
+    /// The scene as it was given.
+    pub scene: String,
+    /// Folder for the results.
+    pub out: PathBuf,
+    /// What to do with results that are there.
+    pub existing: Existing,
+    /// All settings.
+    pub settings: Settings,
+    /// Where to save the memory.
+    pub save_memory: Option<PathBuf>,
+    /// Where to load a memory from.
+    pub load_memory: Option<PathBuf>,
+}
+
+/// Does what `splatseg run` asks for.
+pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
+    let job = Job {
+        scene: arguments.scene.clone(),
+        out: arguments.out.clone(),
+        existing: Existing::from_flag(arguments.overwrite),
+        settings: arguments.settings()?,
+        save_memory: arguments.save_memory.clone(),
+        load_memory: arguments.load_memory.clone(),
+    };
+    let summary = execute(&job)?;
+    println!("{}", report(&job, &summary));
+    Ok(())
+}
+
+/// Runs a job to its summary, which is written too.
+pub fn execute(job: &Job) -> Result<Summary, Failure> {
+    OutputFolder::check(&job.out, job.existing)?;
+    if let Some(path) = &job.save_memory {
+        check_save_path(path, job.existing)?;
+    }
+    rayon::ThreadPoolBuilder::new().num_threads(job.settings.threads).build_global().map_err(Failure::work)?;
+    let stop = stop_on_interrupt()?;
+    let scene = open_scene(&job.scene, &job.settings.dataset).map_err(Failure::input)?;
+    let stream = FrameStream::open(scene, &job.settings.dataset, GroundTruth::Skip).map_err(Failure::input)?;
+    let mut method = make_method(job)?;
+    let folder = OutputFolder::create(&job.out, job.existing)?;
+
+    let started = Instant::now();
+    let counts = process_frames(stream, method.as_mut(), &folder, &stop)?;
+    if counts.frames == 0 && !counts.interrupted {
+        return Err(Failure::input(format!("{}: none of the frames could be used", job.scene)));
+    }
+    let fps = counts.fps(started.elapsed());
+    save_memory(job, method.memory())?;
+    let memory = method.memory();
+    let summary = Summary {
+        frames: counts.frames,
+        skipped_frames: counts.skipped_frames,
+        segments: counts.ids.len(),
+        gaussians: memory.map_or(0, SplatMemory::gaussian_count),
+        parameters: memory.map_or(0, SplatMemory::parameter_count),
+        peak_memory_mb: peak_memory_mb(),
+        stage_ms: counts.stage_ms(),
+        slowest_frame_ms: counts.slowest.as_secs_f64() * 1e3,
+        fps,
+        interrupted: counts.interrupted,
+        scene: job.scene.clone(),
+        settings: job.settings.clone(),
+        seed: job.settings.seed,
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+    };
+    let text = serde_json::to_string_pretty(&summary).map_err(Failure::work)?;
+    write_atomically(&folder.summary(), text.as_bytes()).map_err(Failure::work)?;
+    if counts.interrupted {
+        return Err(Failure::Interrupted(format!(
+            "interrupted after {} frames; their results are in {}",
+            counts.frames,
+            folder.path().display()
+        )));
+    }
+    Ok(summary)
+}
+
+/// Feeds every frame to the method and its results to the writer.
+fn process_frames(
+    stream: FrameStream,
+    method: &mut dyn Method,
+    folder: &OutputFolder,
+    stop: &AtomicBool,
+) -> Result<RunCounts, Failure> {
+    let mut counts = RunCounts::default();
+    let mut writer = ResultWriter::start(folder.clone());
+    let bar = progress_bar(stream.len());
+    for item in stream {
+        if stop.load(Ordering::Relaxed) {
+            counts.interrupted = true;
+            break;
+        }
+        let skipped = match item {
+            Ok(frame) => process_frame(frame, method, &mut writer, &mut counts)?,
+            Err(error) => Some(error.to_string()),
+        };
+        if let Some(reason) = skipped {
+            counts.skipped_frames += 1;
+            bar.suspend(|| eprintln!("warning: frame skipped: {reason}"));
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    writer.finish().map_err(Failure::work)?;
+    Ok(counts)
+}
+
+/// Processes one frame; `Some` says why it has no result although the run can go on.
+fn process_frame(
+    frame: StreamedFrame,
+    method: &mut dyn Method,
+    writer: &mut ResultWriter,
+    counts: &mut RunCounts,
+) -> Result<Option<String>, Failure> {
+    let frame = frame.frame;
+    let output = match method.process(&frame) {
+        Ok(output) => output,
+        Err(TrackingError::Segmenter(error)) => return Ok(Some(format!("{}: {error}", frame.name()))),
+        Err(error) => return Err(Failure::work(format!("frame {}: {error}", frame.name()))),
+    };
+    counts.frames += 1;
+    counts.times += output.times;
+    counts.slowest = counts.slowest.max(output.times.without_segmenter());
+    counts.ids.extend(output.segments.areas().into_keys());
+    let result = FrameResult { name: frame.name().to_owned(), color: frame.color().clone(), segments: output.segments };
+    writer.write(result).map_err(Failure::work)?;
+    Ok(None)
+}
+
+fn make_method(job: &Job) -> Result<Box<dyn Method>, Failure> {
+    let settings = &job.settings;
+    let segmenter = make_segmenter(settings)?;
+    match settings.method {
+        MethodName::FastsamSplat => {
+            let memory = match &job.load_memory {
+                Some(path) => SplatMemory::load(path, settings.memory.clone()).map_err(Failure::input)?,
+                None => new_memory(settings)?,
+            };
+            let method =
+                FastSamSplat::with_memory(segmenter, settings.fastsam_splat(), memory).map_err(Failure::input)?;
+            Ok(Box::new(method))
+        }
+    }
+}
+
+fn new_memory(settings: &Settings) -> Result<SplatMemory, Failure> {
+    let bar = ProgressBar::new(100).with_style(style("codebook {bar:30} {percent}%"));
+    let mut progress = |fraction: f32| bar.set_position((fraction * 100.0) as u64);
+    let memory = SplatMemory::new(settings.memory.clone(), settings.seed, &mut progress).map_err(Failure::input);
+    bar.finish_and_clear();
+    memory
+}
+
+fn make_segmenter(settings: &Settings) -> Result<Box<dyn Segmenter>, Failure> {
+    match settings.segmenter {
+        SegmenterName::Graph => Ok(Box::new(GraphSegmenter::new(settings.graph.clone()).map_err(Failure::input)?)),
+        SegmenterName::Masks => {
+            let folder = settings.masks.as_ref().ok_or_else(|| {
+                Failure::input("--segmenter masks needs --masks DIR, a folder with one .png or .json file per frame")
+            })?;
+            let transform = FrameTransform {
+                resize: settings.dataset.resize.map(|size| (size.width, size.height)),
+                crop_border: settings.dataset.crop_border,
+            };
+            Ok(Box::new(MaskFolder::open(folder, transform).map_err(Failure::input)?))
+        }
+    }
+}
+
+fn check_save_path(path: &Path, existing: Existing) -> Result<(), Failure> {
+    if path.exists() && existing == Existing::Keep {
+        return Err(Failure::input(format!("{}: exists: give --overwrite to replace it", path.display())));
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        return Err(Failure::input(format!("{}: the folder {} does not exist", path.display(), folder.display())));
+    }
+    Ok(())
+}
+
+fn save_memory(job: &Job, memory: Option<&SplatMemory>) -> Result<(), Failure> {
+    match (&job.save_memory, memory) {
+        (Some(path), Some(memory)) => memory.save(path).map_err(Failure::work),
+        _ => Ok(()),
+    }
+}
+
+/// Ctrl-C asks the run to stop after the frame it is at; a second one ends the program at once.
+fn stop_on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let asked = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if asked.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })
+    .map_err(Failure::work)?;
+    Ok(stop)
+}
+
+fn progress_bar(frames: usize) -> ProgressBar {
+    ProgressBar::new(frames as u64).with_style(style("{bar:40} {pos}/{len} frames, {per_sec}, {eta} left"))
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+/// What the user is told when a run is done.
+pub fn report(job: &Job, summary: &Summary) -> String {
+    let skipped = match summary.skipped_frames {
+        0 => String::new(),
+        count => format!(" ({count} skipped)"),
+    };
+    let memory = summary.peak_memory_mb.map(|peak| format!(", {peak:.0} MB at most")).unwrap_or_default();
+    let mut text = format!(
+        "{} frames{skipped}, {} segments, {} Gaussians; {:.1} frames per second ({:.1} without the segmenter{memory})\n\
+         look at {}\nids are in {}, 16-bit, one value per segment; the run is described in {}",
+        summary.frames,
+        summary.segments,
+        summary.gaussians,
+        summary.fps.total,
+        summary.fps.without_segmenter,
+        job.out.join("overlay").display(),
+        job.out.join("segments").display(),
+        job.out.join("summary.json").display(),
+    );
+    if let Some(path) = &job.save_memory {
+        text.push_str(&format!("\nthe memory is in {}: open it in any Gaussian-splat viewer", path.display()));
+    }
+    text
+}
