@@ -7,11 +7,27 @@ use std::io::Cursor;
 use std::path::Path;
 
 /// Larger files are no frames of a video.
-const MAX_IMAGE_FILE_BYTES: u64 = 256 << 20;
+pub(crate) const MAX_IMAGE_FILE_BYTES: u64 = 256 << 20;
 /// Larger images are no frames of a video.
-const MAX_PIXELS: u64 = 1 << 26;
-/// DEFLATE shrinks at most 1032-fold, and a PNG pixel may have one bit. JPEG cannot do better.
-const MAX_PIXELS_PER_BYTE: u64 = 8 * 1032;
+pub(crate) const MAX_PIXELS: u64 = 1 << 26;
+/// DEFLATE, in PNG and zlib, shrinks at most so many times.
+pub(crate) const MAX_DEFLATE_RATIO: u64 = 1032;
+/// A PNG pixel may have one bit. JPEG cannot do better.
+const MAX_PIXELS_PER_BYTE: u64 = 8 * MAX_DEFLATE_RATIO;
+
+/// What images are called in errors.
+pub(crate) const COLOR_IMAGE: &str = "colour image";
+/// What images are called in errors.
+pub(crate) const DEPTH_IMAGE: &str = "depth image";
+/// What images are called in errors.
+pub(crate) const SEGMENT_IMAGE: &str = "segment image";
+
+/// Depth images of most data sets are in millimetres.
+pub(crate) const MILLIMETRES: f32 = 1000.0;
+
+/// Colour types as the header of a PNG numbers them.
+const GREY: u8 = 0;
+const RGB: u8 = 2;
 
 /// Depth value that the Kinect's drivers write where they measured nothing, like 0.
 const NO_MEASUREMENT: u16 = u16::MAX;
@@ -29,42 +45,68 @@ pub(crate) fn read_file(path: &Path, what: &'static str, limit: u64) -> Result<V
     std::fs::read(path).map_err(io_error)
 }
 
+/// The bytes of an image file.
+pub(crate) fn read_image_file(path: &Path, what: &'static str) -> Result<Vec<u8>, DatasetError> {
+    read_file(path, what, MAX_IMAGE_FILE_BYTES)
+}
+
 /// The `(width, height)` that an image file's header states.
 pub(crate) fn image_size(path: &Path, what: &'static str) -> Result<(usize, usize), DatasetError> {
-    let file = EncodedImage::read(path, what)?;
-    let (width, height) = file.decoder()?.dimensions();
-    Ok((width as usize, height as usize))
+    encoded_size(path, what, &read_image_file(path, what)?)
 }
 
 /// Reads a colour image (JPEG or PNG, any kind of pixels) as sRGB, `[height, width]`.
 pub(crate) fn read_color(path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
-    let file = EncodedImage::read(path, "colour image")?;
-    let pixels = file.decode()?.into_rgb8();
-    let (width, height) = (pixels.width() as usize, pixels.height() as usize);
-    Ok(Image::from_fn(width, height, |column, row| pixels.get_pixel(column as u32, row as u32).0))
+    decode_color(path, &read_image_file(path, COLOR_IMAGE)?)
 }
 
-/// Reads a depth image, `[height, width]`: a 16-bit grey PNG in millimetres becomes metres. 0 and 65535 are missing.
-pub(crate) fn read_depth(path: &Path) -> Result<Image<f32>, DatasetError> {
-    let file = EncodedImage::read(path, "depth image")?;
-    let expected = "a PNG with 16-bit grey";
-    file.require_grey_png(&[16], expected)?;
-    let DynamicImage::ImageLuma16(pixels) = file.decode()? else {
-        return Err(file.pixel_kind("grey with transparent".to_owned(), expected));
-    };
-    Ok(Image::from_fn(pixels.width() as usize, pixels.height() as usize, |column, row| {
-        match pixels.get_pixel(column as u32, row as u32).0[0] {
-            NO_MEASUREMENT => 0.0,
-            millimetres => f32::from(millimetres) / 1000.0,
-        }
-    }))
+/// Reads a depth image, `[height, width]`: a 16-bit grey PNG with `units_per_metre` becomes metres. 0 and 65535 are
+/// missing.
+pub(crate) fn read_depth(path: &Path, units_per_metre: f32) -> Result<Image<f32>, DatasetError> {
+    decode_depth(path, &read_image_file(path, DEPTH_IMAGE)?, units_per_metre)
 }
 
 /// Reads segment ids, `[height, width]`, from a grey PNG with 8 or 16 bits.
 pub(crate) fn read_labels(path: &Path) -> Result<SegmentMap, DatasetError> {
-    let file = EncodedImage::read(path, "segment image")?;
+    decode_labels(path, &read_image_file(path, SEGMENT_IMAGE)?)
+}
+
+/// [`image_size`] of a file's bytes. `path` is named in errors.
+pub(crate) fn encoded_size(path: &Path, what: &'static str, bytes: &[u8]) -> Result<(usize, usize), DatasetError> {
+    let (width, height) = EncodedImage::new(path, what, bytes)?.decoder()?.dimensions();
+    Ok((width as usize, height as usize))
+}
+
+/// [`read_color`] of a file's bytes.
+pub(crate) fn decode_color(path: &Path, bytes: &[u8]) -> Result<Image<[u8; 3]>, DatasetError> {
+    let pixels = EncodedImage::new(path, COLOR_IMAGE, bytes)?.decode()?.into_rgb8();
+    let (width, height) = (pixels.width() as usize, pixels.height() as usize);
+    Ok(Image::from_fn(width, height, |column, row| pixels.get_pixel(column as u32, row as u32).0))
+}
+
+/// [`read_depth`] of a file's bytes.
+pub(crate) fn decode_depth(path: &Path, bytes: &[u8], units_per_metre: f32) -> Result<Image<f32>, DatasetError> {
+    let file = EncodedImage::new(path, DEPTH_IMAGE, bytes)?;
+    let expected = "a PNG with 16-bit grey";
+    file.require_png(&[(GREY, 16)], expected)?;
+    let DynamicImage::ImageLuma16(pixels) = file.decode()? else {
+        return Err(file.pixel_kind("grey with transparent".to_owned(), expected));
+    };
+    Ok(Image::from_fn(pixels.width() as usize, pixels.height() as usize, |column, row| {
+        metres(pixels.get_pixel(column as u32, row as u32).0[0], units_per_metre)
+    }))
+}
+
+/// A stored depth in metres; 0 for the values that mean "no measurement".
+pub(crate) fn metres(stored: u16, units_per_metre: f32) -> f32 {
+    if stored == NO_MEASUREMENT { 0.0 } else { f32::from(stored) / units_per_metre }
+}
+
+/// [`read_labels`] of a file's bytes.
+pub(crate) fn decode_labels(path: &Path, bytes: &[u8]) -> Result<SegmentMap, DatasetError> {
+    let file = EncodedImage::new(path, SEGMENT_IMAGE, bytes)?;
     let expected = "a PNG with 8- or 16-bit grey";
-    file.require_grey_png(&[8, 16], expected)?;
+    file.require_png(&[(GREY, 8), (GREY, 16)], expected)?;
     match file.decode()? {
         DynamicImage::ImageLuma8(pixels) => {
             Ok(labels_from(pixels.width(), pixels.height(), pixels.pixels().map(|pixel| u32::from(pixel.0[0]))))
@@ -76,6 +118,18 @@ pub(crate) fn read_labels(path: &Path) -> Result<SegmentMap, DatasetError> {
     }
 }
 
+/// Segment ids, `[height, width]`, from the bytes of a PNG in COCO's panoptic format: R + 256 G + 65536 B.
+pub(crate) fn decode_panoptic(path: &Path, bytes: &[u8]) -> Result<SegmentMap, DatasetError> {
+    let file = EncodedImage::new(path, SEGMENT_IMAGE, bytes)?;
+    let expected = "a PNG with 8-bit RGB";
+    file.require_png(&[(RGB, 8)], expected)?;
+    let DynamicImage::ImageRgb8(pixels) = file.decode()? else {
+        return Err(file.pixel_kind("RGB with transparent".to_owned(), expected));
+    };
+    let ids = pixels.pixels().map(|pixel| u32::from_le_bytes([pixel.0[0], pixel.0[1], pixel.0[2], 0]));
+    Ok(labels_from(pixels.width(), pixels.height(), ids))
+}
+
 fn labels_from(width: u32, height: u32, mut ids: impl Iterator<Item = u32>) -> SegmentMap {
     Image::from_fn(width as usize, height as usize, |_, _| ids.next().unwrap_or(0))
 }
@@ -84,18 +138,14 @@ fn labels_from(width: u32, height: u32, mut ids: impl Iterator<Item = u32>) -> S
 struct EncodedImage<'a> {
     path: &'a Path,
     what: &'static str,
-    bytes: Vec<u8>,
+    bytes: &'a [u8],
     format: ImageFormat,
 }
 
 impl<'a> EncodedImage<'a> {
-    fn read(path: &'a Path, what: &'static str) -> Result<Self, DatasetError> {
-        let bytes = read_file(path, what, MAX_IMAGE_FILE_BYTES)?;
-        let format = image::guess_format(&bytes).map_err(|source| DatasetError::Image {
-            path: path.to_owned(),
-            what,
-            source,
-        })?;
+    fn new(path: &'a Path, what: &'static str, bytes: &'a [u8]) -> Result<Self, DatasetError> {
+        let format =
+            image::guess_format(bytes).map_err(|source| DatasetError::Image { path: path.to_owned(), what, source })?;
         Ok(Self { path, what, bytes, format })
     }
 
@@ -103,9 +153,9 @@ impl<'a> EncodedImage<'a> {
         DatasetError::PixelKind { path: self.path.to_owned(), what: self.what, found, expected }
     }
 
-    /// Looks at the header itself: the decoder would widen 1-, 2- and 4-bit pixels and look up palettes, both of which
-    /// change ids.
-    fn require_grey_png(&self, bit_depths: &[u8], expected: &'static str) -> Result<(), DatasetError> {
+    /// Requires one of these `(colour type, bit depth)`. Looks at the header itself: the decoder would widen 1-, 2- and
+    /// 4-bit pixels and look up palettes, both of which change ids.
+    fn require_png(&self, kinds: &[(u8, u8)], expected: &'static str) -> Result<(), DatasetError> {
         if self.format != ImageFormat::Png {
             return Err(self.pixel_kind(format!("{:?}", self.format), expected));
         }
@@ -113,12 +163,12 @@ impl<'a> EncodedImage<'a> {
         let (Some(bit_depth), Some(color_type)) = (self.bytes.get(24), self.bytes.get(25)) else {
             return Ok(()); // Shorter than a header: decoding says so.
         };
-        if *color_type == 0 && bit_depths.contains(bit_depth) {
+        if kinds.contains(&(*color_type, *bit_depth)) {
             return Ok(());
         }
-        let kind = match color_type {
-            0 => "grey",
-            2 => "RGB",
+        let kind = match *color_type {
+            GREY => "grey",
+            RGB => "RGB",
             3 => "palette",
             4 => "grey with alpha",
             6 => "RGBA",
@@ -133,7 +183,7 @@ impl<'a> EncodedImage<'a> {
 
     /// A decoder that has read the header and checked the size it states.
     fn decoder(&self) -> Result<impl ImageDecoder + '_, DatasetError> {
-        let reader = ImageReader::with_format(Cursor::new(self.bytes.as_slice()), self.format);
+        let reader = ImageReader::with_format(Cursor::new(self.bytes), self.format);
         let decoder = reader.into_decoder().map_err(|source| self.decoding_failed(source))?;
         let (width, height) = decoder.dimensions();
         let pixels = u64::from(width) * u64::from(height);
@@ -151,7 +201,7 @@ impl<'a> EncodedImage<'a> {
     }
 
     fn decode(&self) -> Result<DynamicImage, DatasetError> {
-        if self.format == ImageFormat::Jpeg && jpeg_is_cut_off(&self.bytes) {
+        if self.format == ImageFormat::Jpeg && jpeg_is_cut_off(self.bytes) {
             return Err(DatasetError::CutOff { path: self.path.to_owned(), what: self.what });
         }
         DynamicImage::from_decoder(self.decoder()?).map_err(|source| self.decoding_failed(source))

@@ -5,6 +5,9 @@ use splatseg_geometry::{FrameError, IntrinsicsError, PoseError};
 use std::path::PathBuf;
 use thiserror::Error;
 
+/// As many names are listed in a message, at most.
+pub(crate) const NAMES_IN_MESSAGES: usize = 5;
+
 /// A scene, or one of its frames, that cannot be read.
 #[derive(Debug, Error)]
 pub enum DatasetError {
@@ -191,6 +194,72 @@ pub enum DatasetError {
         /// What is wrong.
         source: FrameError,
     },
+    /// A field of a file does not hold what it should.
+    #[error("{}: {field}: found {found}, expected {expected}", path.display())]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// The field, e.g. `depth compression` or `line 12`.
+        field: String,
+        /// What was found.
+        found: String,
+        /// What was expected.
+        expected: String,
+    },
+    /// Something would reach past the end of its file.
+    #[error(
+        "{}: {what} would end at byte {end}, but the file has {bytes} bytes: it is cut off, or a size in it is wrong",
+        path.display()
+    )]
+    EndsEarly {
+        /// The file.
+        path: PathBuf,
+        /// What does not fit, e.g. `frame 12`.
+        what: String,
+        /// Where it would end, bytes from the start of the file.
+        end: u64,
+        /// Size of the file.
+        bytes: u64,
+    },
+    /// A zip or tar.gz file cannot be unpacked.
+    #[error("{}: the archive is damaged: {source}", path.display())]
+    Archive {
+        /// The archive.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: std::io::Error,
+    },
+    /// A JSON file is damaged or lacks something.
+    #[error("{}: {source}", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, in which line and column.
+        source: serde_json::Error,
+    },
+    /// The path holds several videos and none is chosen.
+    #[error(
+        "{path}: holds several videos ({}): choose one by adding its name to the path, e.g. {path}:{}",
+        few(videos),
+        videos.first().map_or("NAME", String::as_str),
+        path = path.display()
+    )]
+    SeveralVideos {
+        /// The folder or archive.
+        path: PathBuf,
+        /// Names of the first few videos, in the file's order.
+        videos: Vec<String>,
+    },
+    /// There is no video of the name that was asked for.
+    #[error("{}: there is no video {video:?}; the first are {}", path.display(), few(videos))]
+    NoSuchVideo {
+        /// The folder or archive.
+        path: PathBuf,
+        /// The name that was asked for.
+        video: String,
+        /// Names of the first few videos, in the file's order.
+        videos: Vec<String>,
+    },
     /// A description of a synthetic scene cannot be understood.
     #[error("{text:?}: {field}: found {found:?}, expected {expected}")]
     Synthetic {
@@ -212,6 +281,15 @@ pub enum DatasetError {
         /// The scene's name.
         scene: String,
     },
+}
+
+/// Names in a message, with dots if there may be more.
+fn few(names: &[String]) -> String {
+    if names.is_empty() {
+        return "none at all".to_owned();
+    }
+    let more = if names.len() >= NAMES_IN_MESSAGES { ", ..." } else { "" };
+    format!("{}{more}", names.join(", "))
 }
 
 /// A frame that could not be read; the frames after it can be.

@@ -1,7 +1,9 @@
 //! The formats, and which of them a path holds.
 
 use crate::synthetic::{self, SyntheticScene};
-use crate::{DatasetError, DatasetSettings, ScannetScene, Scene, SevenScenesScene, scannet, sevenscenes};
+use crate::{DatasetError, DatasetSettings, Scene};
+use crate::{MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
+use crate::{mvpd, replica, scannet, sevenscenes, tum};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::Path;
@@ -22,6 +24,19 @@ pub enum Format {
     /// A ScanNet scene exported to folders.
     #[serde(rename = "scannet")]
     Scannet,
+    /// A ScanNet recording in its published container, `<scene>.sens`, or a folder with one.
+    #[serde(rename = "sens")]
+    Sens,
+    /// A sequence of TUM RGB-D.
+    #[serde(rename = "tum")]
+    Tum,
+    /// A Replica scene in the layout of NICE-SLAM.
+    #[serde(rename = "replica")]
+    Replica,
+    /// A video of MVPd, in a split's folder or a scene's `.tar.gz`. Of several videos one is chosen by its name, as
+    /// `FOLDER:VIDEO`, `FOLDER/imagesRGB/VIDEO` or `SCENE.tar.gz:VIDEO`.
+    #[serde(rename = "mvpd")]
+    Mvpd,
     /// The built-in synthetic room.
     #[serde(rename = "synthetic")]
     Synthetic,
@@ -56,6 +71,34 @@ const FORMATS: &[FormatEntry] = &[
         open: |path, _| Ok(Arc::new(ScannetScene::open(path)?)),
     },
     FormatEntry {
+        format: Format::Sens,
+        name: "sens",
+        layout: scannet::SENS_LAYOUT,
+        looks_like: scannet::looks_like_sens,
+        open: |path, _| Ok(Arc::new(SensScene::open(path)?)),
+    },
+    FormatEntry {
+        format: Format::Tum,
+        name: "tum",
+        layout: tum::LAYOUT,
+        looks_like: tum::looks_like,
+        open: |path, _| Ok(Arc::new(TumScene::open(path)?)),
+    },
+    FormatEntry {
+        format: Format::Replica,
+        name: "replica",
+        layout: replica::LAYOUT,
+        looks_like: replica::looks_like,
+        open: |path, _| Ok(Arc::new(ReplicaScene::open(path)?)),
+    },
+    FormatEntry {
+        format: Format::Mvpd,
+        name: "mvpd",
+        layout: mvpd::LAYOUT,
+        looks_like: mvpd::looks_like,
+        open: |path, _| Ok(Arc::new(MvpdScene::open(path)?)),
+    },
+    FormatEntry {
         format: Format::Synthetic,
         name: "synthetic",
         layout: synthetic::LAYOUT,
@@ -64,8 +107,9 @@ const FORMATS: &[FormatEntry] = &[
     },
 ];
 
-/// Opens the scene at `path`: a folder, or `synthetic` with optional settings (`synthetic:frames=60,seed=3`; a folder
-/// of that name is `./synthetic`). Frames are not read yet.
+/// Opens the scene at `path`: a folder or file, one video of several as `PATH:VIDEO` (see [`Format::Mvpd`]), or
+/// `synthetic` with optional settings (`synthetic:frames=60,seed=3`; a folder of that name is `./synthetic`). Frames
+/// are not read yet.
 ///
 /// # Errors
 /// Distinguishes a path that does not exist, an empty folder, and one that holds no known format (or not the one in
@@ -73,7 +117,7 @@ const FORMATS: &[FormatEntry] = &[
 pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetError> {
     let path = path.as_ref();
     settings.validate()?;
-    if !synthetic::looks_like(path) {
+    if !synthetic::looks_like(path) && !mvpd::looks_like(path) {
         check_path(path)?;
     }
     if settings.format == Format::Auto {
@@ -146,11 +190,13 @@ mod tests {
 
     #[test]
     fn names_are_the_same_in_text_and_serde() {
-        for format in [Format::Auto, Format::SevenScenes, Format::Scannet, Format::Synthetic] {
+        let all = FORMATS.iter().map(|entry| entry.format).chain([Format::Auto]);
+        for format in all {
             assert_eq!(format.to_string().parse(), Ok(format));
             assert_eq!(serde_json::to_string(&format).unwrap(), format!("\"{format}\""));
         }
-        let error = "tum".parse::<Format>().unwrap_err();
-        assert_eq!(error.to_string(), "format: found \"tum\", expected one of auto, 7scenes, scannet, synthetic");
+        let error = "kitti".parse::<Format>().unwrap_err();
+        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, synthetic";
+        assert_eq!(error.to_string(), format!("format: found \"kitti\", expected one of {names}"));
     }
 }

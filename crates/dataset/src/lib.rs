@@ -2,16 +2,22 @@
 //! synthetic room with exact ground truth.
 //!
 //! [`open_scene`] recognises the format of a scene, [`FrameStream`] reads its frames ahead in the background, chosen
-//! and framed (resized, cropped) as [`DatasetSettings`] say. Adding a format means one file that implements [`Scene`]
-//! and one row in the table of `formats.rs`.
+//! and framed (resized, cropped) as [`DatasetSettings`] say; a [`Preset`] has those of a benchmark. Adding a format
+//! means one file or folder that implements [`Scene`] and one row in the table of `formats.rs`.
 
+mod archive;
 mod decode;
 mod error;
 mod formats;
 mod framing;
 mod listing;
+mod mvpd;
 mod output;
+mod preset;
+mod quaternion;
+mod random_access;
 mod register;
+mod replica;
 mod resample;
 mod scannet;
 mod scene;
@@ -20,17 +26,22 @@ mod sevenscenes;
 mod stream;
 mod synthetic;
 mod text;
+mod tum;
 
 pub use error::{DatasetError, FrameReadError};
 pub use formats::{Format, FormatNameError, open_scene, supported_formats};
 pub use framing::Framing;
+pub use mvpd::MvpdScene;
 pub use output::{
     OutputError, draw_overlay, read_segments_png, segment_color, write_atomically, write_overlay_jpeg,
     write_segments_png,
 };
-pub use scannet::ScannetScene;
+pub use preset::{Preset, PresetNameError};
+pub use replica::ReplicaScene;
+pub use scannet::{ScannetScene, SensScene};
 pub use scene::Scene;
 pub use settings::{DatasetSettings, ImageSize, ImageSizeTextError, SettingsError};
 pub use sevenscenes::SevenScenesScene;
 pub use stream::{FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY, StreamedFrame};
 pub use synthetic::{Noise, SyntheticScene, SyntheticSettings};
+pub use tum::TumScene;

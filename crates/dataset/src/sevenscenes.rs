@@ -4,7 +4,7 @@
 //! The published sequences have no intrinsics and their depth is not registered to colour; prepared ones may have
 //! registered depth and a `camera-intrinsics.txt` (3x3).
 
-use crate::decode::{read_color, read_depth};
+use crate::decode::{MILLIMETRES, read_color, read_depth};
 use crate::listing::{NamePattern, NumberedFile, fits, folder_name, names_in, numbered_files};
 use crate::register::{CameraPair, register_depth};
 use crate::text::{PinholeMatrix, read_pose};
@@ -110,7 +110,7 @@ impl Scene for SevenScenesScene {
         let depth_path = self.folder.join(format!("{}.depth.png", file.stem));
         // The pose first: it is quick to read and the likeliest to be missing.
         let mut pose = read_pose(&self.folder.join(format!("{}.pose.txt", file.stem)))?;
-        let mut depth = read_depth(&depth_path)?;
+        let mut depth = read_depth(&depth_path, MILLIMETRES)?;
         let color = read_color(&file.path)?;
         let camera = self.color_camera(color.size())?;
         if let Some(offset_m) = self.registration {

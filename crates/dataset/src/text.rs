@@ -1,4 +1,4 @@
-//! Matrices in text files: camera poses and intrinsics.
+//! Text files, and the matrices in them: camera poses and intrinsics.
 
 use crate::DatasetError;
 use crate::decode::read_file;
@@ -34,7 +34,11 @@ impl PinholeMatrix {
     /// Reads a 3x3 or 4x4 camera matrix, row by row.
     pub(crate) fn read(path: &Path) -> Result<Self, DatasetError> {
         let what = "camera intrinsics file";
-        let numbers = read_numbers(path, what)?;
+        Self::from_numbers(&read_numbers(path, what)?, path, what)
+    }
+
+    /// Takes a 3x3 or 4x4 camera matrix, row by row, apart. `path` and `what` are named in errors.
+    pub(crate) fn from_numbers(numbers: &[f32], path: &Path, what: &'static str) -> Result<Self, DatasetError> {
         let wrong = |found: String, expected| DatasetError::Text { path: path.to_owned(), what, found, expected };
         let columns = match numbers.len() {
             9 => 3,
@@ -64,15 +68,25 @@ impl PinholeMatrix {
 }
 
 fn read_numbers(path: &Path, what: &'static str) -> Result<Vec<f32>, DatasetError> {
-    let bytes = read_file(path, what, MAX_TEXT_BYTES)?;
-    let wrong = |found: String| DatasetError::Text {
+    let expected = "numbers separated by spaces";
+    let wrong = |found: String| DatasetError::Text { path: path.to_owned(), what, found, expected };
+    read_text(path, what, MAX_TEXT_BYTES)?
+        .split_whitespace()
+        .map(|word| word.parse().map_err(|_| wrong(shortened(word))))
+        .collect()
+}
+
+/// The text of a file of at most `limit` bytes. `what` names its content in errors.
+pub(crate) fn read_text(path: &Path, what: &'static str, limit: u64) -> Result<String, DatasetError> {
+    String::from_utf8(read_file(path, what, limit)?).map_err(|_| DatasetError::Text {
         path: path.to_owned(),
         what,
-        found,
-        expected: "numbers separated by spaces",
-    };
-    let text = std::str::from_utf8(&bytes).map_err(|_| wrong("bytes that are no text".to_owned()))?;
-    text.split_whitespace()
-        .map(|word| word.parse().map_err(|_| wrong(format!("{:?}", word.chars().take(40).collect::<String>()))))
-        .collect()
+        found: "bytes that are no text".to_owned(),
+        expected: "UTF-8",
+    })
+}
+
+/// The beginning of a text, in quotes, for messages.
+pub(crate) fn shortened(text: &str) -> String {
+    format!("{:?}", text.chars().take(40).collect::<String>())
 }

@@ -16,7 +16,9 @@ fn missing_empty_and_unknown_paths_are_told_apart() {
     let unknown = open_scene(folder.path(), &settings).unwrap_err();
     assert!(matches!(unknown, DatasetError::NotRecognised { .. }));
     let text = unknown.to_string();
-    for part in ["7scenes: frame-000000.color.png", "scannet: color/0.jpg", "synthetic: the word synthetic"] {
+    for part in
+        ["7scenes: frame-000000.color.png", "scannet: color/0.jpg", "mvpd: panoptic_", "synthetic: the word synthetic"]
+    {
         assert!(text.contains(part), "{text}");
     }
     let file = open_scene(folder.path().join("notes.txt"), &settings);
@@ -29,7 +31,8 @@ fn a_stated_format_must_be_there() {
     write_sevenscenes(folder.path(), 1);
     let settings = |format| DatasetSettings { format, ..Default::default() };
     assert!(open_scene(folder.path(), &settings(Format::SevenScenes)).is_ok());
-    for format in [Format::Scannet, Format::Synthetic] {
+    use Format::{Mvpd, Replica, Scannet, Sens, Synthetic, Tum};
+    for format in [Scannet, Sens, Tum, Replica, Mvpd, Synthetic] {
         let error = open_scene(folder.path(), &settings(format)).unwrap_err();
         assert!(error.to_string().contains(&format!("not a scene of format {format}")), "{error}");
     }

@@ -14,7 +14,7 @@ use crate::{Codebook, Expectation, MemorySettings, SegmentBelief};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use splatseg_geometry::{Image, SegmentId};
-use splatseg_render::{ActiveTile, ActiveWeights, PixelSet, TileWeights};
+use splatseg_render::{ActiveTile, ActiveWeights, AlignedVec, PixelSet, TileWeights};
 
 /// Magnitudes below this have no direction.
 const TINY: f32 = 1e-6;
@@ -42,18 +42,18 @@ impl Learning<'_> {
     /// Takes the settings' number of steps on `features` `[gaussians, D]` over the weights `active`, made for
     /// [`Self::active_pixels`].
     pub fn descend(&self, active: &ActiveWeights, features: &mut [f32]) -> LearningExtent {
-        let feature_dim = self.codebook.feature_dim();
-        let mut local: Vec<f32> = Vec::with_capacity(active.gaussians().len() * feature_dim);
-        for gaussian in active.gaussians() {
-            local.extend_from_slice(&features[*gaussian as usize * feature_dim..][..feature_dim]);
+        let (feature_dim, row) = (self.codebook.feature_dim(), self.row());
+        let mut local = AlignedVec::zeros(active.gaussians().len() * row);
+        for (gaussian, copy) in active.gaussians().iter().zip(local.chunks_exact_mut(row)) {
+            copy[..feature_dim].copy_from_slice(&features[*gaussian as usize * feature_dim..][..feature_dim]);
         }
-        let mut partial = vec![0.0; active.column_count() * feature_dim];
+        let mut partial = AlignedVec::zeros(active.column_count() * row);
         for _ in 0..self.settings.num_steps {
             self.feature_gradient(active, &local, &mut partial);
             self.step(active, &partial, &mut local);
         }
-        for (gaussian, feature) in active.gaussians().iter().zip(local.chunks_exact(feature_dim)) {
-            features[*gaussian as usize * feature_dim..][..feature_dim].copy_from_slice(feature);
+        for (gaussian, copy) in active.gaussians().iter().zip(local.chunks_exact(row)) {
+            features[*gaussian as usize * feature_dim..][..feature_dim].copy_from_slice(&copy[..feature_dim]);
         }
         LearningExtent {
             active_pixels: active.tiles().iter().map(|tile| tile.pixels.len()).sum(),
@@ -61,32 +61,36 @@ impl Learning<'_> {
         }
     }
 
+    /// Numbers per feature in working memory: rows that fill vector registers and cache lines; the rest stays 0.
+    fn row(&self) -> usize {
+        match self.codebook.feature_dim() {
+            1 => 1,
+            feature_dim => feature_dim.next_multiple_of(8),
+        }
+    }
+
     /// Writes `Wᵀ ∂L/∂F` of every active tile to its part of `partial`.
     fn feature_gradient(&self, active: &ActiveWeights, features: &[f32], partial: &mut [f32]) {
-        let feature_dim = self.codebook.feature_dim();
+        let row = self.row();
         let mut parts = Vec::with_capacity(active.tiles().len());
         let mut rest = partial;
         for tile in active.tiles() {
-            let (part, more) = rest.split_at_mut(tile.weights.gaussians().len() * feature_dim);
+            let (part, more) = rest.split_at_mut(tile.weights.gaussians().len() * row);
             parts.push((tile, part));
             rest = more;
         }
         parts.into_par_iter().for_each_init(
-            || vec![0.0; TileWeights::PIXELS * feature_dim],
+            || AlignedVec::zeros(TileWeights::PIXELS * row),
             |pixels, (tile, part)| {
                 pixels.fill(0.0);
-                tile.weights.accumulate(features, feature_dim, pixels);
-                self.loss_gradient(tile, pixels);
-                tile.weights.project_back(pixels, feature_dim, part);
+                tile.weights.accumulate(features, row, pixels);
+                Arch::new().dispatch(LossGradient { learning: self, tile, pixels });
+                tile.weights.project_back(pixels, row, part);
             },
         );
     }
 
-    /// Replaces the rendered features of a tile's active pixels by the loss's gradient with respect to them.
-    fn loss_gradient(&self, tile: &ActiveTile, pixels: &mut [f32]) {
-        Arch::new().dispatch(LossGradient { learning: self, tile, pixels });
-    }
-
+    /// Replaces a pixel's rendered feature by the loss's gradient with respect to it.
     #[inline(always)]
     fn pixel_gradient(&self, segment: SegmentId, magnitude: f32, feature: &mut [f32]) {
         let norm = dot(feature, feature).sqrt();
@@ -117,13 +121,13 @@ impl Learning<'_> {
 
     /// Adds the parts of every Gaussian's gradient and moves its feature against it.
     fn step(&self, active: &ActiveWeights, partial: &[f32], features: &mut [f32]) {
-        let feature_dim = self.codebook.feature_dim();
-        features.par_chunks_mut(feature_dim * 512).enumerate().for_each(|(chunk, features)| {
-            for (offset, feature) in features.chunks_exact_mut(feature_dim).enumerate() {
+        let row = self.row();
+        features.par_chunks_mut(row * 512).enumerate().for_each(|(chunk, features)| {
+            for (offset, feature) in features.chunks_exact_mut(row).enumerate() {
                 let gaussian = chunk * 512 + offset;
                 let rate = self.settings.learning_rate / active.weight_sums()[gaussian];
                 for column in active.columns_of(gaussian) {
-                    let part = &partial[*column as usize * feature_dim..][..feature_dim];
+                    let part = &partial[*column as usize * row..][..row];
                     for (value, part) in feature.iter_mut().zip(part) {
                         *value -= rate * part;
                     }
@@ -221,10 +225,11 @@ impl WithSimd for LossGradient<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        for (pixel, feature) in self.pixels.chunks_exact_mut(self.learning.codebook.feature_dim()).enumerate() {
+        let feature_dim = self.learning.codebook.feature_dim();
+        for (pixel, row) in self.pixels.chunks_exact_mut(self.learning.row()).enumerate() {
             if self.tile.pixels.contains(pixel as u8) {
                 let (segment, magnitude) = self.learning.target_at(&self.tile.weights, pixel);
-                self.learning.pixel_gradient(segment, magnitude, feature);
+                self.learning.pixel_gradient(segment, magnitude, &mut row[..feature_dim]);
             }
         }
     }

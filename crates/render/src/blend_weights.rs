@@ -248,8 +248,11 @@ impl TileWeights {
             3 => Arch::new().dispatch(Fixed::<_, 3>(product)),
             4 => Arch::new().dispatch(Fixed::<_, 4>(product)),
             7 => Arch::new().dispatch(Fixed::<_, 7>(product)),
+            8 => Arch::new().dispatch(Fixed::<_, 8>(product)),
             14 => Arch::new().dispatch(Fixed::<_, 14>(product)),
+            16 => Arch::new().dispatch(Fixed::<_, 16>(product)),
             28 => Arch::new().dispatch(Fixed::<_, 28>(product)),
+            32 => Arch::new().dispatch(Fixed::<_, 32>(product)),
             _ => Arch::new().dispatch(Any(product, channels)),
         }
     }
@@ -257,7 +260,8 @@ impl TileWeights {
     #[inline(always)]
     fn accumulate_fixed<const C: usize>(&self, values: &[f32], pixels: &mut [f32]) {
         let (values, _) = values.as_chunks::<C>();
-        let (pixels, _) = pixels.as_chunks_mut::<C>();
+        // With 256 pixels known to be there, an index of one byte needs no check.
+        let Some(pixels) = pixels.as_chunks_mut::<C>().0.first_chunk_mut::<{ TILE * TILE }>() else { return };
         for (column, gaussian) in self.gaussians.iter().enumerate() {
             // Copies, because the compiler cannot know that values and pixels are apart.
             let value = values[*gaussian as usize];
@@ -298,15 +302,18 @@ impl TileWeights {
             3 => Arch::new().dispatch(Fixed::<_, 3>(product)),
             4 => Arch::new().dispatch(Fixed::<_, 4>(product)),
             7 => Arch::new().dispatch(Fixed::<_, 7>(product)),
+            8 => Arch::new().dispatch(Fixed::<_, 8>(product)),
             14 => Arch::new().dispatch(Fixed::<_, 14>(product)),
+            16 => Arch::new().dispatch(Fixed::<_, 16>(product)),
             28 => Arch::new().dispatch(Fixed::<_, 28>(product)),
+            32 => Arch::new().dispatch(Fixed::<_, 32>(product)),
             _ => Arch::new().dispatch(Any(product, channels)),
         }
     }
 
     #[inline(always)]
     fn project_back_fixed<const C: usize>(&self, pixels: &[f32], columns: &mut [f32]) {
-        let (pixels, _) = pixels.as_chunks::<C>();
+        let Some(pixels) = pixels.as_chunks::<C>().0.first_chunk::<{ TILE * TILE }>() else { return };
         let (columns, _) = columns.as_chunks_mut::<C>();
         for (column, sums) in columns.iter_mut().enumerate() {
             let mut registers = [0f32; C];

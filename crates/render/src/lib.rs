@@ -11,6 +11,7 @@
 //! vector instructions the processor has.
 
 mod active;
+mod aligned;
 mod blend_weights;
 mod camera;
 mod gaussians;
@@ -20,6 +21,7 @@ mod tiles;
 mod view;
 
 pub use active::{ActiveTile, ActiveWeights, PixelSet};
+pub use aligned::AlignedVec;
 pub use blend_weights::{BlendWeights, TileWeights};
 pub use camera::{Camera, RasterLimits};
 pub use gaussians::Gaussians;

@@ -9,6 +9,8 @@ const PIXELS: usize = TILE * TILE;
 /// Pixels of a row that are blended together. Most Gaussians of an RGB-D map are narrower.
 const LANES: usize = 8;
 
+const LANE_OFFSETS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+
 /// What is rasterised.
 pub(crate) struct Scene<'a> {
     pub grid: &'a TileGrid,
@@ -123,9 +125,10 @@ impl TileRasteriser {
         let from = row * TILE + start;
         let [a, b, c] = splat.conic;
         let dy = mean[1] - row as f32;
+        let from_start = mean[0] - start as f32;
         let mut alpha = [0f32; LANES];
         for (lane, alpha) in alpha.iter_mut().enumerate() {
-            let dx = mean[0] - (start + lane) as f32;
+            let dx = from_start - LANE_OFFSETS[lane];
             let sigma = 0.5 * (a * dx * dx + c * dy * dy) + b * dx * dy;
             let unbounded = splat.opacity * exp_negative(sigma);
             let bounded = if unbounded < limits.max_alpha { unbounded } else { limits.max_alpha };

@@ -1,5 +1,6 @@
 //! Everything that can go wrong in a segmenter.
 
+use splatseg_dataset::DatasetError;
 use splatseg_geometry::RleError;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -100,6 +101,41 @@ pub enum SegmenterError {
         /// Size of the masks in the file.
         stored: (usize, usize),
         /// Their size after resizing and cropping.
+        found: (usize, usize),
+        /// Size of the frame.
+        expected: (usize, usize),
+    },
+    /// The oracle was asked about a scene without true segments.
+    #[error("{scene} has no ground truth, which the oracle segmenter needs")]
+    NoGroundTruth {
+        /// Name of the scene.
+        scene: String,
+    },
+    /// The oracle was asked about a frame that the scene does not have or that is not labelled.
+    #[error("{scene} has no ground truth for frame {frame}, which the oracle segmenter needs")]
+    UnlabelledFrame {
+        /// Name of the scene.
+        scene: String,
+        /// Name of the frame.
+        frame: String,
+    },
+    /// The true segments of a frame cannot be read.
+    #[error("the ground truth of frame {frame}: {source}")]
+    GroundTruth {
+        /// Name of the frame.
+        frame: String,
+        /// What is wrong.
+        source: Box<DatasetError>,
+    },
+    /// The true segments are not of the frame's size.
+    #[error(
+        "the ground truth of frame {frame} has {}x{} pixels, expected the frame's {}x{}",
+        found.0, found.1, expected.0, expected.1
+    )]
+    GroundTruthSize {
+        /// Name of the frame.
+        frame: String,
+        /// Size of the true segments.
         found: (usize, usize),
         /// Size of the frame.
         expected: (usize, usize),

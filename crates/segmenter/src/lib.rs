@@ -5,13 +5,18 @@
 //! - [`GraphSegmenter`] needs no weights: it cuts the image where depth, surface orientation and colour say that one
 //!   object ends and another begins.
 //! - [`MaskFolder`] replays masks that any other model wrote to disk.
+//! - [`OracleSegmenter`] knows the truth and errs at set rates, for comparing methods without a network.
 
 mod error;
 mod graph;
 mod masks;
+mod oracle;
 mod segmenter;
 
 pub use error::SegmenterError;
 pub use graph::{BorderWeights, GraphSegmenter, GraphSettings, PatchSettings, SurfaceSettings};
 pub use masks::{FrameTransform, MaskFolder};
+pub use oracle::{
+    GroundTruthSource, OracleErrorModel, OraclePreset, OracleSegmenter, OracleSettings, SceneGroundTruth,
+};
 pub use segmenter::Segmenter;

@@ -24,4 +24,15 @@ pub enum TrackingError {
     /// A setting is out of range.
     #[error("min_match_f_score is {0}, expected 0 to 1")]
     MinMatchFScore(f64),
+    /// A setting of FastSPAM is no share.
+    #[error("{field} is {found}, expected more than 0 and at most 1")]
+    Share {
+        /// The setting's name.
+        field: &'static str,
+        /// Its value.
+        found: f64,
+    },
+    /// All ids have been given.
+    #[error("the video has more segments than there are 32-bit ids")]
+    OutOfIds,
 }

@@ -1,6 +1,7 @@
 //! FastSAM-Splat: a segmenter without memory, and a splat that remembers (METHOD, "FastSAM-Splat, one frame").
 
-use crate::{FrameOutput, Method, StageTimes, TrackingError, fuse, match_segments};
+use crate::matching::check_min_f_score;
+use crate::{FrameOutput, Method, StageTimes, TrackingError, check_sizes, fuse, match_segments};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
 use splatseg_memory::{MemorySettings, SplatMemory};
@@ -59,9 +60,7 @@ impl FastSamSplat {
         settings: FastSamSplatSettings,
         memory: SplatMemory,
     ) -> Result<Self, TrackingError> {
-        if !(0.0..=1.0).contains(&settings.min_match_f_score) {
-            return Err(TrackingError::MinMatchFScore(settings.min_match_f_score));
-        }
+        check_min_f_score(settings.min_match_f_score)?;
         Ok(Self { segmenter, memory, settings })
     }
 
@@ -99,7 +98,7 @@ impl FastSamSplat {
         times.rasterise = update.view_time.rasterise;
         times.grow = update.grow_time;
         times.learn = update.learn_time;
-        Ok(FrameOutput { segments, predictions: identified.len(), update, times })
+        Ok(FrameOutput { segments, masks: Vec::new(), predictions: identified.len(), update, times })
     }
 
     /// The matched segment's id for each prediction, or a new one.
@@ -130,13 +129,5 @@ impl Method for FastSamSplat {
 
     fn memory(&self) -> Option<&SplatMemory> {
         Some(&self.memory)
-    }
-}
-
-fn check_sizes(frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<(), TrackingError> {
-    let expected = (frame.width(), frame.height());
-    match masks.iter().map(|mask| (mask.mask.width(), mask.mask.height())).find(|found| *found != expected) {
-        Some(found) => Err(TrackingError::MaskSize { found, expected }),
-        None => Ok(()),
     }
 }

@@ -1,5 +1,6 @@
 //! What is remembered and what is seen, together (METHOD, "FastSAM-Splat", step 4).
 
+use crate::painting::painting_order;
 use splatseg_geometry::{Mask, SegmentId};
 use splatseg_memory::SegmentBelief;
 
@@ -17,10 +18,7 @@ pub fn fuse(expected: &SegmentBelief, identified: &[(SegmentId, &Mask)], confide
     for (segment, confidence) in fused.segments.pixels().iter().zip(fused.confidence.pixels_mut()) {
         *confidence = if *segment == 0 { 0.0 } else { (*confidence - confidence_decay).max(0.0) };
     }
-    let mut order: Vec<(usize, usize)> =
-        identified.iter().enumerate().map(|(index, (_, mask))| (mask.area(), index)).collect();
-    order.sort_by_key(|(area, index)| (std::cmp::Reverse(*area), *index));
-    for (_, index) in order {
+    for index in painting_order(identified.iter().map(|(_, mask)| *mask)) {
         let (segment, mask) = identified[index];
         for pixel in mask.pixel_indices() {
             fused.segments.pixels_mut()[pixel] = segment;

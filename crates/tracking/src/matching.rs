@@ -1,5 +1,6 @@
 //! One-to-one matching of expected and predicted segments (METHOD, "FastSAM-Splat", step 3).
 
+use crate::TrackingError;
 use pathfinding::prelude::{Matrix, kuhn_munkres};
 use rayon::prelude::*;
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
@@ -39,6 +40,39 @@ pub fn match_segments(expected: &SegmentMap, predictions: &[&Mask], min_f_score:
         matched[candidate.prediction] = Some(candidate.expected);
     }
     matched
+}
+
+/// For each of the `next` masks the place of the mask of `previous` that it is linked to, if any: the same matching
+/// between masks that may overlap. All masks must be of one image.
+///
+/// # Panics
+/// If masks differ in size.
+pub fn match_masks(previous: &[&Mask], next: &[&Mask], min_f_score: f64) -> Vec<Option<usize>> {
+    let areas: Vec<usize> = previous.iter().map(|mask| mask.area()).collect();
+    let candidates: Vec<Candidate> = next
+        .par_iter()
+        .enumerate()
+        .flat_map_iter(|(prediction, mask)| {
+            let area = mask.area();
+            let areas = &areas;
+            previous.iter().enumerate().filter_map(move |(place, before)| {
+                let intersection = before.intersection_area(mask);
+                let f_score = 2.0 * intersection as f64 / (areas[place] + area) as f64;
+                let overlap = intersection > 0 && f_score >= min_f_score;
+                overlap.then_some(Candidate { expected: place as SegmentId, prediction, f_score })
+            })
+        })
+        .collect();
+    let mut matched = vec![None; next.len()];
+    for candidate in best_assignment(&candidates) {
+        matched[candidate.prediction] = Some(candidate.expected as usize);
+    }
+    matched
+}
+
+/// That a smallest F-score is one.
+pub(crate) fn check_min_f_score(found: f64) -> Result<(), TrackingError> {
+    if (0.0..=1.0).contains(&found) { Ok(()) } else { Err(TrackingError::MinMatchFScore(found)) }
 }
 
 /// The expected segments under a mask and the number of pixels of each, by increasing id.

@@ -1,7 +1,7 @@
 //! What every method does.
 
 use crate::{FrameOutput, TrackingError};
-use splatseg_geometry::RgbdFrame;
+use splatseg_geometry::{RgbdFrame, ScoredMask};
 use splatseg_memory::SplatMemory;
 
 /// Gives segments of an RGB-D video their ids, one frame at a time.
@@ -18,5 +18,14 @@ pub trait Method: Send {
     /// The splat memory, if the method has one.
     fn memory(&self) -> Option<&SplatMemory> {
         None
+    }
+}
+
+/// That masks which a method was given are of its frame's size.
+pub(crate) fn check_sizes(frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<(), TrackingError> {
+    let expected = (frame.width(), frame.height());
+    match masks.iter().map(|mask| (mask.mask.width(), mask.mask.height())).find(|found| *found != expected) {
+        Some(found) => Err(TrackingError::MaskSize { found, expected }),
+        None => Ok(()),
     }
 }

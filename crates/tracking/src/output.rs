@@ -1,7 +1,7 @@
 //! What a method says about one frame.
 
 use crate::StageTimes;
-use splatseg_geometry::SegmentMap;
+use splatseg_geometry::{Mask, SegmentId, SegmentMap};
 use splatseg_memory::FrameUpdate;
 
 /// A method's result for one frame.
@@ -9,6 +9,9 @@ use splatseg_memory::FrameUpdate;
 pub struct FrameOutput {
     /// One lasting id per pixel, `[height, width]`; 0 where there is no segment.
     pub segments: SegmentMap,
+    /// The segments in full, each id once, where a method finds masks that may overlap: `segments` shows them painted,
+    /// smaller ones over larger ones, and scores count them as they are. Empty for methods with one id per pixel.
+    pub masks: Vec<(SegmentId, Mask)>,
     /// Predicted segments that were large enough to count.
     pub predictions: usize,
     /// What the frame did to the memory.

@@ -1,6 +1,9 @@
 //! Small scenes on disk, valid until a test damages them.
 #![allow(dead_code)] // Each test file uses a part.
 
+pub mod recording;
+pub mod sens;
+
 use image::{ExtendedColorType, ImageEncoder};
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,0 +1,7 @@
+//! Images inside zip and tar.gz files, read without unpacking the archive into a folder.
+
+mod tarred;
+mod zipped;
+
+pub(crate) use tarred::{MemberFlow, UnpackedMembers, for_each_member};
+pub(crate) use zipped::ZippedImages;

@@ -1,0 +1,70 @@
+//! Images inside a zip file.
+
+use crate::DatasetError;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use zip::ZipArchive;
+
+/// The most bytes of one image. Nothing bigger is unpacked: the largest segment images have a few hundred kilobytes.
+const MAX_MEMBER_BYTES: u64 = 32 << 20;
+/// The zip directory's end record lies within this many bytes of the end: 22 bytes, and a comment of up to 65535.
+const TAIL_BYTES: u64 = 22 + 20 + 65_535;
+
+/// A zip file whose images are read one by one, from any thread.
+#[derive(Debug)]
+pub(crate) struct ZippedImages {
+    path: PathBuf,
+    archive: Mutex<ZipArchive<File>>,
+}
+
+impl ZippedImages {
+    /// Reads the list of a zip file's members.
+    pub(crate) fn open(path: &Path) -> Result<Self, DatasetError> {
+        let io_error = |source| DatasetError::Io { path: path.to_owned(), source };
+        let mut file = File::open(path).map_err(io_error)?;
+        if has_zip64_directory(&mut file).map_err(io_error)? {
+            return Err(DatasetError::Field {
+                path: path.to_owned(),
+                field: "directory".to_owned(),
+                found: "a zip64 directory".to_owned(),
+                expected: "a plain one: at most 65535 images and 4 GiB".to_owned(),
+            });
+        }
+        let archive = ZipArchive::new(file)
+            .map_err(|error| DatasetError::Archive { path: path.to_owned(), source: error.into() })?;
+        Ok(Self { path: path.to_owned(), archive: Mutex::new(archive) })
+    }
+
+    /// The bytes of a member, and its path for messages; `None` if there is no such member.
+    pub(crate) fn read(&self, name: &str, what: &'static str) -> Result<Option<(PathBuf, Vec<u8>)>, DatasetError> {
+        let path = self.path.join(name);
+        let damaged = |source: std::io::Error| DatasetError::Archive { path: path.clone(), source };
+        // A reader that panicked leaves no state behind: everyone seeks first.
+        let mut archive = self.archive.lock().unwrap_or_else(PoisonError::into_inner);
+        if archive.index_for_name(name).is_none() {
+            return Ok(None);
+        }
+        let member = archive.by_name(name).map_err(|error| damaged(error.into()))?;
+        // The stated size may lie: the buffer grows with what is really there, up to one byte more than is accepted.
+        let mut bytes = Vec::new();
+        member.take(MAX_MEMBER_BYTES + 1).read_to_end(&mut bytes).map_err(damaged)?;
+        if bytes.len() as u64 > MAX_MEMBER_BYTES {
+            let bytes = bytes.len() as u64;
+            return Err(DatasetError::FileTooBig { path, what, bytes, limit: MAX_MEMBER_BYTES });
+        }
+        Ok(Some((path, bytes)))
+    }
+}
+
+/// Whether the file ends with the directory of a zip64 archive, whose 64-bit counts could claim far more memory than
+/// the file justifies. An ordinary directory counts to 65535.
+fn has_zip64_directory(file: &mut File) -> std::io::Result<bool> {
+    let len = file.seek(SeekFrom::End(0))?;
+    file.seek(SeekFrom::Start(len.saturating_sub(TAIL_BYTES)))?;
+    let mut tail = Vec::new();
+    file.take(TAIL_BYTES).read_to_end(&mut tail)?;
+    // The 20 bytes of the zip64 locator come right before the end record.
+    Ok(tail.windows(24).any(|window| window[..4] == *b"PK\x06\x07" && window[20..] == *b"PK\x05\x06"))
+}

@@ -1,0 +1,240 @@
+//! MVPd (Opipari et al., 2025), rendered from HM3D: a split's folder with `panoptic_<split>.json`,
+//! `imagesRGB/<video>/<view>.jpg`, `imagesDEPTH/<video>/<view>.png` (uint16 millimetres) and
+//! `panomasksRGB/<video>/<view>.png`, or one HM3D scene's `.tar.gz` with `panoptic.json` and the same folders.
+//!
+//! One video is one scene. It is chosen by its name: `FOLDER:VIDEO` or `FOLDER/imagesRGB/VIDEO`, and
+//! `SCENE.tar.gz:VIDEO`; where there is only one it need not be. Of the JSON file, which may have gigabytes, only the
+//! chosen video is kept. An archive is read twice, once to its JSON file and once to the video's last image; the images
+//! of the chosen video are copied to a temporary file (see `archive/tarred.rs`).
+//!
+//! Poses are a position and a quaternion (w, x, y, z) of a camera with Blender's axes: x right, y up, looking along -z.
+//! The intrinsics are those of the authors' code, taken as they are; a renderer's principal point would lie half a
+//! pixel up and to the left of theirs.
+//!
+//! True ids are the `instance_id`s of `segments_info`, unique over the video's HM3D scene; where a video's annotations
+//! lack some (the authors' script can remove them), they are the ids in the mask images, unique over the video.
+//! Regions marked `iscrowd` are no instances and have id 0. Nothing is merged or filtered by area, as the authors'
+//! loader can do.
+
+mod panoptic;
+mod video_files;
+mod video_path;
+
+pub(crate) use video_path::looks_like;
+
+use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, SEGMENT_IMAGE};
+use crate::decode::{decode_color, decode_depth, decode_panoptic, encoded_size};
+use crate::quaternion::QuaternionPose;
+use crate::{DatasetError, Scene};
+use glam::{DQuat, DVec3};
+use panoptic::{PanopticVideo, SegmentInfo};
+use splatseg_geometry::{Intrinsics, RgbdFrame, SegmentMap};
+use std::collections::{BTreeMap, HashSet};
+use std::path::Path;
+use video_files::VideoFiles;
+use video_path::VideoPath;
+
+/// What MVPd looks like, for messages.
+pub(crate) const LAYOUT: &str = "panoptic_<split>.json, imagesRGB/<video>/<view>.jpg, imagesDEPTH/, panomasksRGB/ (optional), or a \
+                                 scene's .tar.gz with the same; one of several videos is chosen as PATH:VIDEO";
+
+/// The camera of every video.
+const PUBLISHED: Intrinsics = Intrinsics { fx: 465.6029, fy: 465.6029, cx: 320.0, cy: 240.0, width: 640, height: 480 };
+
+/// Half a turn about x: from our camera axes (y down, z forward) to Blender's (y up, z backward).
+const BLENDER_FROM_OURS: DQuat = DQuat::from_xyzw(1.0, 0.0, 0.0, 0.0);
+
+/// One frame of a video.
+#[derive(Clone, Debug)]
+struct View {
+    /// File name without its extension; frames and masks are named by it.
+    stem: String,
+    color: String,
+    depth: String,
+    pose: QuaternionPose,
+}
+
+/// One video of MVPd. Frames are named like their images.
+#[derive(Debug)]
+pub struct MvpdScene {
+    name: String,
+    files: VideoFiles,
+    views: Vec<View>,
+    masks: BTreeMap<String, Mask>,
+}
+
+/// The labels of one frame.
+#[derive(Clone, Debug)]
+struct Mask {
+    file: String,
+    /// True id of each id in the mask image; `None` if they are the same.
+    instances: Option<BTreeMap<u32, u32>>,
+}
+
+impl MvpdScene {
+    /// Opens one video of a split's folder or of a scene's archive; see the [command line's way to name
+    /// it](crate::Format::Mvpd).
+    ///
+    /// # Errors
+    /// If the annotations or their archive are missing or damaged, if there is no such video, or several and none is
+    /// chosen, or if names in the annotations lead out of the video's folders or are used twice.
+    pub fn open(path: &Path) -> Result<Self, DatasetError> {
+        let chosen = VideoPath::parse(path).ok_or_else(|| DatasetError::NotFound { path: path.to_owned() })?;
+        let annotations = chosen.read_annotations()?;
+        let (video, source) = (annotations.content, annotations.path);
+        let name = safe_name(&video.name, "video_name", &source)?.to_owned();
+        let views = views_of(&video, &source)?;
+        if views.is_empty() {
+            return Err(DatasetError::NoFrames { path: source, expected: "images of the video" });
+        }
+        let masks = masks_of(&video, &source)?;
+        let mask_files = masks.values().map(|mask| mask.file.as_str());
+        let members = [
+            ("imagesRGB", views.iter().map(|view| view.color.as_str()).collect::<Vec<_>>()),
+            ("imagesDEPTH", views.iter().map(|view| view.depth.as_str()).collect()),
+            ("panomasksRGB", mask_files.collect()),
+        ];
+        let wanted = members.iter().flat_map(|(folder, files)| {
+            files.iter().map(|file| video_files::member(folder, &name, file)).collect::<Vec<_>>()
+        });
+        let files = chosen.files(&annotations.prefix, wanted.collect())?;
+        // Without the masks, which are a separate folder, the video is one without ground truth.
+        let has_masks =
+            masks.values().any(|mask| files.contains(&video_files::member("panomasksRGB", &name, &mask.file)));
+        Ok(Self { files, views, masks: if has_masks { masks } else { BTreeMap::new() }, name })
+    }
+
+    fn view(&self, index: usize) -> Result<&View, DatasetError> {
+        self.views.get(index).ok_or_else(|| DatasetError::NoSuchFrame {
+            scene: self.name.clone(),
+            index,
+            count: self.views.len(),
+        })
+    }
+
+    fn member(&self, folder: &str, file: &str) -> String {
+        video_files::member(folder, &self.name, file)
+    }
+}
+
+fn views_of(video: &PanopticVideo, source: &Path) -> Result<Vec<View>, DatasetError> {
+    let mut stems = HashSet::new();
+    let mut views = Vec::with_capacity(video.images.len());
+    for image in &video.images {
+        let color = safe_name(&image.file_name, "file_name", source)?;
+        let stem = stem_of(color);
+        if !stems.insert(stem) {
+            return Err(wrong(source, "file_name", color, "each image once"));
+        }
+        let depth = match &image.depth_file_name {
+            Some(depth) => safe_name(depth, "depth_file_name", source)?.to_owned(),
+            None => format!("{stem}.png"),
+        };
+        let [w, x, y, z] = image.camera_rotation;
+        let pose = QuaternionPose {
+            position: DVec3::from_array(image.camera_position),
+            rotation: DQuat::from_xyzw(x, y, z, w),
+        };
+        views.push(View { stem: stem.to_owned(), color: color.to_owned(), depth, pose });
+    }
+    Ok(views)
+}
+
+fn masks_of(video: &PanopticVideo, source: &Path) -> Result<BTreeMap<String, Mask>, DatasetError> {
+    let segments = || video.annotations.iter().map(|frame| frame.segments_info.as_deref());
+    // All or none: half of the ids of one kind and half of the other would not be unique.
+    let use_instances =
+        segments().all(|infos| infos.is_some_and(|infos| infos.iter().all(|info| info.instance_id.is_some())));
+    let true_id = |info: &SegmentInfo| match info.instance_id {
+        _ if info.iscrowd != 0 => 0,
+        Some(instance) if use_instances => instance,
+        _ => info.id,
+    };
+    let mut masks = BTreeMap::new();
+    for frame in &video.annotations {
+        let file = safe_name(&frame.file_name, "file_name", source)?.to_owned();
+        let instances =
+            frame.segments_info.as_ref().map(|infos| infos.iter().map(|info| (info.id, true_id(info))).collect());
+        masks.insert(stem_of(&file).to_owned(), Mask { file, instances });
+    }
+    Ok(masks)
+}
+
+/// A name in the annotations, if it is that of a file or folder and not a way elsewhere.
+fn safe_name<'a>(name: &'a str, field: &str, source: &Path) -> Result<&'a str, DatasetError> {
+    let is_plain = !name.is_empty() && name != "." && name != ".." && !name.contains(['/', '\\', '\0']);
+    if is_plain { Ok(name) } else { Err(wrong(source, field, name, "a name without folders")) }
+}
+
+fn stem_of(file: &str) -> &str {
+    file.rsplit_once('.').map_or(file, |(stem, _)| if stem.is_empty() { file } else { stem })
+}
+
+fn wrong(source: &Path, field: &str, found: &str, expected: &str) -> DatasetError {
+    DatasetError::Field {
+        path: source.to_owned(),
+        field: field.to_owned(),
+        found: crate::text::shortened(found),
+        expected: expected.to_owned(),
+    }
+}
+
+impl Scene for MvpdScene {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn frame_count(&self) -> usize {
+        self.views.len()
+    }
+
+    fn frame_name(&self, index: usize) -> String {
+        self.views.get(index).map(|view| view.stem.clone()).unwrap_or_default()
+    }
+
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+        let view = self.view(index)?;
+        let (color_file, depth_file) = (self.member("imagesRGB", &view.color), self.member("imagesDEPTH", &view.depth));
+        let (color_path, depth_path) = (self.files.path_of(&color_file), self.files.path_of(&depth_file));
+        let pose = view.pose.to_pose(BLENDER_FROM_OURS, &color_path, "camera_rotation")?;
+        let depth = decode_depth(&depth_path, &self.files.read(&depth_file, DEPTH_IMAGE)?, MILLIMETRES)?;
+        let color = decode_color(&color_path, &self.files.read(&color_file, COLOR_IMAGE)?)?;
+        if depth.size() != color.size() {
+            return Err(DatasetError::SizesDiffer {
+                path: depth_path,
+                what: DEPTH_IMAGE,
+                found: depth.size(),
+                expected: color.size(),
+                expected_from: "its colour image",
+            });
+        }
+        let camera = PUBLISHED.resized(color.width(), color.height());
+        RgbdFrame::new(view.stem.clone(), color, depth, camera, pose)
+            .map_err(|source| DatasetError::Frame { name: view.stem.clone(), source })
+    }
+
+    fn has_ground_truth(&self) -> bool {
+        !self.masks.is_empty()
+    }
+
+    fn read_ground_truth(&self, index: usize) -> Result<Option<SegmentMap>, DatasetError> {
+        let view = self.view(index)?;
+        let Some(mask) = self.masks.get(&view.stem) else { return Ok(None) };
+        let file = self.member("panomasksRGB", &mask.file);
+        let path = self.files.path_of(&file);
+        let stored = decode_panoptic(&path, &self.files.read(&file, SEGMENT_IMAGE)?)?;
+        let color_file = self.member("imagesRGB", &view.color);
+        let color = self.files.read(&color_file, COLOR_IMAGE)?;
+        let expected = encoded_size(&self.files.path_of(&color_file), COLOR_IMAGE, &color)?;
+        if stored.size() != expected {
+            let (what, found, expected_from) = (SEGMENT_IMAGE, stored.size(), "its colour image");
+            return Err(DatasetError::SizesDiffer { path, what, found, expected, expected_from });
+        }
+        let Some(instances) = &mask.instances else { return Ok(Some(stored)) };
+        let unknown = stored.areas().into_keys().find(|id| !instances.contains_key(id));
+        if let Some(id) = unknown {
+            return Err(wrong(&path, "id", &id.to_string(), "one of the segments_info of its annotation"));
+        }
+        Ok(Some(stored.map(|id| instances.get(id).copied().unwrap_or(0))))
+    }
+}

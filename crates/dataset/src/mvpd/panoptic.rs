@@ -1,0 +1,229 @@
+//! MVPd's annotations, of which one video is picked while reading: a split's file may have gigabytes.
+
+use super::video_path::VideoChoice;
+use crate::DatasetError;
+use crate::error::NAMES_IN_MESSAGES;
+use serde::de::{DeserializeSeed, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use std::fmt;
+use std::io::Read;
+
+/// One video and its annotations.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct PanopticVideo {
+    pub(super) name: String,
+    pub(super) images: Vec<ImageEntry>,
+    /// Empty if the video has none.
+    pub(super) annotations: Vec<FrameAnnotation>,
+}
+
+/// One image of a video.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub(super) struct ImageEntry {
+    pub(super) file_name: String,
+    /// The authors' script can leave it out; then the file is named like the colour image.
+    pub(super) depth_file_name: Option<String>,
+    /// Metres.
+    pub(super) camera_position: [f64; 3],
+    /// Quaternion w, x, y, z.
+    pub(super) camera_rotation: [f64; 4],
+}
+
+/// The labels of one image.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub(super) struct FrameAnnotation {
+    pub(super) file_name: String,
+    /// The authors' script can leave them out.
+    pub(super) segments_info: Option<Vec<SegmentInfo>>,
+}
+
+/// One segment of one image.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+pub(super) struct SegmentInfo {
+    /// As in the mask image.
+    pub(super) id: u32,
+    pub(super) instance_id: Option<u32>,
+    /// 1 for a region of several instances.
+    #[serde(default)]
+    pub(super) iscrowd: u8,
+}
+
+/// Reads the chosen video, or the only one, from a file of annotations, no further than needed.
+pub(super) fn read_panoptic(reader: impl Read, choice: &VideoChoice<'_>) -> Result<PanopticVideo, DatasetError> {
+    let mut file = PanopticFile { videos: Picked::new(choice.video), annotations: Picked::new(choice.video) };
+    let mut deserializer = serde_json::Deserializer::from_reader(reader);
+    let read = FileVisitor(&mut file).deserialize(&mut deserializer).and_then(|()| deserializer.end());
+    if choice.video.is_none() && file.videos.first_names.len() > 1 {
+        return Err(DatasetError::SeveralVideos { path: choice.place.to_owned(), videos: file.videos.first_names });
+    }
+    match read {
+        Err(_) if file.is_complete() => {} // Reading was ended on purpose.
+        read => read.map_err(|source| DatasetError::Json { path: choice.annotations.to_owned(), source })?,
+    }
+    let Some((name, video)) = file.videos.kept else {
+        return Err(match choice.video {
+            Some(video) => DatasetError::NoSuchVideo {
+                path: choice.place.to_owned(),
+                video: video.to_owned(),
+                videos: file.videos.first_names,
+            },
+            None => DatasetError::NoFrames { path: choice.annotations.to_owned(), expected: "a video in \"videos\"" },
+        });
+    };
+    let annotations = file.annotations.kept.filter(|(annotated, _)| *annotated == name);
+    let annotations = annotations.map(|(_, kept)| kept.annotations).unwrap_or_default();
+    Ok(PanopticVideo { name, images: video.images, annotations })
+}
+
+/// The authors write the name as `video_name` and a number as `video_id`; their format page calls the name `video_id`.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum NameOrNumber {
+    Name(String),
+    Number(u64),
+}
+
+/// An entry that belongs to a video.
+trait OfVideo {
+    /// What the entry says under `video_name` and `video_id`.
+    fn names(&mut self) -> [Option<NameOrNumber>; 2];
+}
+
+/// An entry of `"videos"`.
+#[derive(Deserialize)]
+struct Video {
+    video_name: Option<NameOrNumber>,
+    video_id: Option<NameOrNumber>,
+    images: Vec<ImageEntry>,
+}
+
+impl OfVideo for Video {
+    fn names(&mut self) -> [Option<NameOrNumber>; 2] {
+        [self.video_name.take(), self.video_id.take()]
+    }
+}
+
+/// An entry of `"annotations"`.
+#[derive(Deserialize)]
+struct VideoAnnotations {
+    video_name: Option<NameOrNumber>,
+    video_id: Option<NameOrNumber>,
+    annotations: Vec<FrameAnnotation>,
+}
+
+impl OfVideo for VideoAnnotations {
+    fn names(&mut self) -> [Option<NameOrNumber>; 2] {
+        [self.video_name.take(), self.video_id.take()]
+    }
+}
+
+/// The one entry that is kept of a list.
+struct Picked<'a, T> {
+    /// The video's name; the first one is kept if there is none.
+    wanted: Option<&'a str>,
+    kept: Option<(String, T)>,
+    /// For messages.
+    first_names: Vec<String>,
+}
+
+impl<'a, T: OfVideo> Picked<'a, T> {
+    fn new(wanted: Option<&'a str>) -> Self {
+        Self { wanted, kept: None, first_names: Vec::new() }
+    }
+
+    /// Looks at an entry, and drops it if it is not the one.
+    fn offer(&mut self, mut entry: T) -> Result<(), &'static str> {
+        let name = match entry.names().into_iter().flatten().next() {
+            Some(NameOrNumber::Name(name)) => name,
+            Some(NameOrNumber::Number(number)) => number.to_string(),
+            None => return Err("an entry has neither `video_name` nor `video_id`"),
+        };
+        if self.first_names.len() < NAMES_IN_MESSAGES {
+            self.first_names.push(name.clone());
+        }
+        if self.kept.is_none() && self.wanted.is_none_or(|wanted| wanted == name) {
+            self.kept = Some((name, entry));
+        }
+        Ok(())
+    }
+}
+
+/// What is kept of the file.
+struct PanopticFile<'a> {
+    videos: Picked<'a, Video>,
+    annotations: Picked<'a, VideoAnnotations>,
+}
+
+impl PanopticFile<'_> {
+    /// Whether nothing that follows could matter.
+    fn is_complete(&self) -> bool {
+        self.videos.wanted.is_some() && self.videos.kept.is_some() && self.annotations.kept.is_some()
+    }
+
+    /// Whether enough is known for the message that a video must be chosen.
+    fn is_ambiguous(&self) -> bool {
+        self.videos.wanted.is_none() && self.videos.first_names.len() == NAMES_IN_MESSAGES
+    }
+}
+
+/// Reads the whole file.
+struct FileVisitor<'a, 'b>(&'a mut PanopticFile<'b>);
+
+impl<'de> DeserializeSeed<'de> for FileVisitor<'_, '_> {
+    type Value = ();
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
+        deserializer.deserialize_map(self)
+    }
+}
+
+impl<'de> Visitor<'de> for FileVisitor<'_, '_> {
+    type Value = ();
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("an object with \"videos\" and \"annotations\"")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
+        while let Some(key) = map.next_key::<String>()? {
+            match key.as_str() {
+                "videos" => map.next_value_seed(Entries { file: self.0, list: |file| &mut file.videos })?,
+                "annotations" => map.next_value_seed(Entries { file: self.0, list: |file| &mut file.annotations })?,
+                _ => drop(map.next_value::<IgnoredAny>()?),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Reads the entries of a list one by one.
+struct Entries<'a, 'b, T> {
+    file: &'a mut PanopticFile<'b>,
+    list: for<'c> fn(&'c mut PanopticFile<'b>) -> &'c mut Picked<'b, T>,
+}
+
+impl<'de, T: OfVideo + Deserialize<'de>> DeserializeSeed<'de> for Entries<'_, '_, T> {
+    type Value = ();
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
+        deserializer.deserialize_seq(self)
+    }
+}
+
+impl<'de, T: OfVideo + Deserialize<'de>> Visitor<'de> for Entries<'_, '_, T> {
+    type Value = ();
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("a list with an entry for each video")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<(), A::Error> {
+        while let Some(entry) = entries.next_element::<T>()? {
+            (self.list)(self.file).offer(entry).map_err(A::Error::custom)?;
+            if self.file.is_complete() || self.file.is_ambiguous() {
+                return Err(A::Error::custom("the rest is not needed"));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,154 @@
+//! How one video of several is chosen.
+
+use super::panoptic::{PanopticVideo, read_panoptic};
+use super::video_files::VideoFiles;
+use crate::DatasetError;
+use crate::archive::{MemberFlow, UnpackedMembers, for_each_member};
+use crate::listing::names_in;
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+const IMAGES_FOLDER: &str = "imagesRGB";
+
+/// Where a video is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct VideoPath {
+    place: Place,
+    /// The video's name, if one is chosen.
+    video: Option<String>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Place {
+    /// A folder with the annotations' file and the folders of images.
+    Folder(PathBuf),
+    /// A scene's `.tar.gz`.
+    Archive(PathBuf),
+}
+
+/// The annotations of the chosen video.
+pub(super) struct Annotations {
+    pub(super) content: PanopticVideo,
+    /// The file they come from, for messages.
+    pub(super) path: PathBuf,
+    /// What stands before `imagesRGB/` in an archive, e.g. `00800-TEEsavR23oF/`; empty for a folder.
+    pub(super) prefix: String,
+}
+
+/// Whether a path leads to MVPd, with or without the choice of a video.
+pub(crate) fn looks_like(path: &Path) -> bool {
+    VideoPath::parse(path).is_some()
+}
+
+impl VideoPath {
+    /// Understands `PLACE`, `PLACE:VIDEO` and `FOLDER/imagesRGB/VIDEO`. A path that is there is never taken apart at a
+    /// colon.
+    pub(super) fn parse(path: &Path) -> Option<Self> {
+        if path.exists() {
+            return Place::at(path).map(|place| Self { place, video: None }).or_else(|| Self::from_images_folder(path));
+        }
+        let (place, video) = path.to_str()?.rsplit_once(':')?;
+        let place = Place::at(Path::new(place))?;
+        (!video.is_empty()).then(|| Self { place, video: Some(video.to_owned()) })
+    }
+
+    fn from_images_folder(path: &Path) -> Option<Self> {
+        let images = path.parent()?;
+        if images.file_name()? != IMAGES_FOLDER {
+            return None;
+        }
+        let root = images.parent().filter(|root| !root.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let video = path.file_name()?.to_str()?.to_owned();
+        Place::at(root).map(|place| Self { place, video: Some(video) })
+    }
+
+    /// Reads the annotations of the chosen video.
+    pub(super) fn read_annotations(&self) -> Result<Annotations, DatasetError> {
+        match &self.place {
+            Place::Folder(folder) => {
+                let path = folder.join(annotation_file(folder)?);
+                let file = File::open(&path).map_err(|source| DatasetError::Io { path: path.clone(), source })?;
+                let content = read_panoptic(BufReader::new(file), &self.naming(&path))?;
+                Ok(Annotations { content, path, prefix: String::new() })
+            }
+            Place::Archive(archive) => {
+                let mut annotations = None;
+                for_each_member(archive, |name, _, content| {
+                    let (prefix, file) = name.rsplit_once('/').map_or(("", name), |(folder, file)| (folder, file));
+                    if !is_annotation_file(file) {
+                        return Ok(MemberFlow::Continue);
+                    }
+                    let prefix = if prefix.is_empty() { String::new() } else { format!("{prefix}/") };
+                    let path = archive.join(name);
+                    let content = read_panoptic(BufReader::new(content), &self.naming(&path))?;
+                    annotations = Some(Annotations { content, path, prefix });
+                    Ok(MemberFlow::Stop)
+                })?;
+                annotations.ok_or_else(|| DatasetError::MissingFile {
+                    path: archive.join("panoptic.json"),
+                    what: "file of annotations",
+                })
+            }
+        }
+    }
+
+    /// Opens the files of the chosen video. `wanted` are their names, `prefix` what an archive puts before them.
+    pub(super) fn files(&self, prefix: &str, wanted: Vec<String>) -> Result<VideoFiles, DatasetError> {
+        match &self.place {
+            Place::Folder(folder) => Ok(VideoFiles::Folder(folder.clone())),
+            Place::Archive(archive) => {
+                let members: BTreeSet<String> = wanted.into_iter().map(|name| format!("{prefix}{name}")).collect();
+                let members = UnpackedMembers::unpack(archive, &members)?;
+                Ok(VideoFiles::Archive { members, prefix: prefix.to_owned() })
+            }
+        }
+    }
+
+    fn naming<'a>(&'a self, annotations: &'a Path) -> VideoChoice<'a> {
+        let (Place::Folder(place) | Place::Archive(place)) = &self.place;
+        VideoChoice { annotations, place, video: self.video.as_deref() }
+    }
+}
+
+/// The video to be read, and what to call things in messages.
+pub(super) struct VideoChoice<'a> {
+    pub(super) annotations: &'a Path,
+    pub(super) place: &'a Path,
+    pub(super) video: Option<&'a str>,
+}
+
+impl Place {
+    /// What is at a path that may not be there.
+    fn at(path: &Path) -> Option<Self> {
+        if path.is_dir() {
+            let holds_videos =
+                path.join(IMAGES_FOLDER).is_dir() && names_in(path).iter().any(|name| is_annotation_file(name));
+            return holds_videos.then(|| Self::Folder(path.to_owned()));
+        }
+        let name = path.file_name()?.to_str()?.to_ascii_lowercase();
+        let is_archive = path.is_file() && [".tar.gz", ".tgz"].iter().any(|ending| name.ends_with(ending));
+        is_archive.then(|| Self::Archive(path.to_owned()))
+    }
+}
+
+/// `panoptic.json`, or `panoptic_<split>.json`.
+fn is_annotation_file(name: &str) -> bool {
+    name.strip_prefix("panoptic")
+        .and_then(|rest| rest.strip_suffix(".json"))
+        .is_some_and(|rest| rest.is_empty() || rest.starts_with('_'))
+}
+
+fn annotation_file(folder: &Path) -> Result<String, DatasetError> {
+    let mut names: Vec<String> = names_in(folder).into_iter().filter(|name| is_annotation_file(name)).collect();
+    match (names.pop(), names.is_empty()) {
+        (Some(only), true) => Ok(only),
+        (last, _) => Err(DatasetError::Field {
+            path: folder.to_owned(),
+            field: "file of annotations".to_owned(),
+            found: names.into_iter().chain(last).collect::<Vec<_>>().join(", "),
+            expected: "one panoptic_<split>.json".to_owned(),
+        }),
+    }
+}

@@ -1,0 +1,89 @@
+//! Settings of published benchmarks, by name.
+
+use crate::{DatasetSettings, ImageSize};
+use std::fmt;
+use std::str::FromStr;
+use thiserror::Error;
+
+/// The settings with which a published benchmark reads its scenes. Take them as a start and change what should differ:
+///
+/// ```
+/// use splatseg_dataset::{DatasetSettings, Preset};
+/// let settings = DatasetSettings { max_frames: Some(10), ..Preset::ScannetMv.settings() };
+/// assert_eq!((settings.stride, settings.crop_border), (20, 5));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Preset {
+    /// `scannet-mv`, the paper's ScanNet-MV: every 20th frame, resized to 320x240 (width x height; the paper writes
+    /// 240x320, height first), 5 pixels cropped on each side: 310x230.
+    ScannetMv,
+}
+
+impl Preset {
+    /// Every preset.
+    pub const ALL: [Self; 1] = [Self::ScannetMv];
+
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ScannetMv => "scannet-mv",
+        }
+    }
+
+    /// The settings; those that the benchmark does not fix have their defaults.
+    pub fn settings(self) -> DatasetSettings {
+        match self {
+            Self::ScannetMv => DatasetSettings {
+                stride: 20,
+                resize: Some(ImageSize { width: 320, height: 240 }),
+                crop_border: 5,
+                ..DatasetSettings::default()
+            },
+        }
+    }
+}
+
+/// Text that names no preset.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("preset: found {found:?}, expected {expected}")]
+pub struct PresetNameError {
+    /// The text.
+    pub found: String,
+    /// The names of the presets.
+    pub expected: String,
+}
+
+impl fmt::Display for Preset {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.pad(self.name())
+    }
+}
+
+impl FromStr for Preset {
+    type Err = PresetNameError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Self::ALL
+            .into_iter()
+            .find(|preset| preset.name() == text)
+            .ok_or_else(|| PresetNameError { found: text.to_owned(), expected: Self::ALL.map(Self::name).join(", ") })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_read_back_and_settings_are_the_papers() {
+        for preset in Preset::ALL {
+            assert_eq!(preset.to_string().parse(), Ok(preset));
+            preset.settings().validate().unwrap();
+        }
+        let settings = Preset::ScannetMv.settings();
+        assert_eq!(settings.selected_frames(50).unwrap(), [0, 20, 40]);
+        assert_eq!(settings.framing().check((640, 480)).unwrap(), (310, 230));
+        let error = "scannet".parse::<Preset>().unwrap_err();
+        assert_eq!(error.to_string(), "preset: found \"scannet\", expected scannet-mv");
+    }
+}

@@ -1,0 +1,196 @@
+//! Replica (Straub et al., 2019) as rendered for iMAP and laid out by NICE-SLAM: `results/frame000000.jpg`,
+//! `results/depth000000.png` (16-bit) and `traj.txt` with one camera-to-world matrix (16 numbers, row-major) a line.
+//!
+//! The camera is described by `cam_params.json` in the scene's folder or the one above, as NICE-SLAM's archive has it:
+//! `{"camera": {"w", "h", "fx", "fy", "cx", "cy", "scale"}}`, with `scale` depth units per metre.
+
+use crate::decode::{read_color, read_depth, read_file};
+use crate::listing::{NamePattern, NumberedFile, folder_name, numbered_files};
+use crate::text::{read_text, shortened};
+use crate::{DatasetError, Scene};
+use serde::Deserialize;
+use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
+use std::path::{Path, PathBuf};
+
+/// What a Replica folder looks like, for messages.
+pub(crate) const LAYOUT: &str = "results/frame000000.jpg, results/depth000000.png, ..., traj.txt, cam_params.json (optional, here or one folder up)";
+
+const COLOR: NamePattern = NamePattern { prefix: "frame", suffixes: &[".png", ".jpg", ".jpeg"] };
+const IMAGES_FOLDER: &str = "results";
+const TRAJECTORY: &str = "traj.txt";
+const CAMERA_FILE: &str = "cam_params.json";
+/// Larger files hold no trajectory: a day at 30 frames a second has 2.6 million.
+const MAX_TRAJECTORY_BYTES: u64 = 1 << 30;
+const MAX_CAMERA_FILE_BYTES: u64 = 1 << 20;
+
+/// The camera with which the published scenes were rendered.
+const PUBLISHED: CameraParams =
+    CameraParams { w: 1200, h: 680, fx: 600.0, fy: 600.0, cx: 599.5, cy: 339.5, scale: 6553.5 };
+
+/// `cam_params.json`.
+#[derive(Debug, Deserialize)]
+struct CameraFile {
+    camera: CameraParams,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+struct CameraParams {
+    w: usize,
+    h: usize,
+    fx: f32,
+    fy: f32,
+    cx: f32,
+    cy: f32,
+    scale: f32,
+}
+
+/// A Replica scene in the layout of NICE-SLAM. It has no ground truth segments.
+///
+/// Without `cam_params.json` the published camera is assumed: 1200x680 pixels, focal length 600, principal point
+/// (599.5, 339.5), 6553.5 depth units per metre. Intrinsics follow the images' size. Depth of 65535, which is 10 m and
+/// more in the published scenes, is taken as missing.
+#[derive(Debug)]
+pub struct ReplicaScene {
+    name: String,
+    folder: PathBuf,
+    frames: Vec<NumberedFile>,
+    /// Row-major, camera-to-world.
+    poses: Vec<[f32; 16]>,
+    intrinsics: Intrinsics,
+    units_per_metre: f32,
+}
+
+impl ReplicaScene {
+    /// Lists the frames of a scene's folder, sorted by number, and reads its trajectory and camera.
+    ///
+    /// # Errors
+    /// If the folder has no frames, or the trajectory is missing or it or the camera's file is damaged.
+    pub fn open(folder: &Path) -> Result<Self, DatasetError> {
+        let images = folder.join(IMAGES_FOLDER);
+        let frames = numbered_files(&images, COLOR)?;
+        if frames.is_empty() {
+            return Err(DatasetError::NoFrames { path: images, expected: "frame<number>.jpg or .png" });
+        }
+        let poses = read_trajectory(&folder.join(TRAJECTORY))?;
+        let (intrinsics, units_per_metre) = read_camera(folder)?;
+        Ok(Self { name: folder_name(folder), folder: folder.to_owned(), frames, poses, intrinsics, units_per_metre })
+    }
+
+    /// The line of the trajectory, from 0, that belongs to a frame: the one at its place if there are as many lines as
+    /// frames, else the one at its number, as where every tenth image was kept with the whole trajectory.
+    fn trajectory_line(&self, index: usize, file: &NumberedFile) -> usize {
+        if self.poses.len() == self.frames.len() { index } else { usize::try_from(file.number).unwrap_or(usize::MAX) }
+    }
+}
+
+/// Whether a folder holds a scene.
+pub(crate) fn looks_like(path: &Path) -> bool {
+    path.join(TRAJECTORY).is_file() && path.join(IMAGES_FOLDER).is_dir()
+}
+
+fn read_trajectory(path: &Path) -> Result<Vec<[f32; 16]>, DatasetError> {
+    let text = read_text(path, "camera trajectory", MAX_TRAJECTORY_BYTES)?;
+    let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    let pose = |(index, line): (usize, &str)| {
+        let mut matrix = [0.0; 16];
+        let mut words = line.split_whitespace();
+        let complete = matrix.iter_mut().try_for_each(|entry| {
+            *entry = words.next()?.parse().ok()?;
+            Some(())
+        });
+        if complete.is_none() || words.next().is_some() {
+            return Err(DatasetError::Field {
+                path: path.to_owned(),
+                field: format!("line {}", index + 1),
+                found: shortened(line),
+                expected: "16 numbers, a 4x4 matrix row by row".to_owned(),
+            });
+        }
+        Ok(matrix)
+    };
+    lines.map(pose).collect()
+}
+
+/// The camera, and how many units of depth make a metre.
+fn read_camera(folder: &Path) -> Result<(Intrinsics, f32), DatasetError> {
+    let own = folder.join(CAMERA_FILE);
+    let shared = folder.canonicalize().ok().and_then(|full| Some(full.parent()?.join(CAMERA_FILE)));
+    let (params, path) = match [Some(own.clone()), shared].into_iter().flatten().find(|path| path.is_file()) {
+        Some(path) => {
+            let bytes = read_file(&path, "camera file", MAX_CAMERA_FILE_BYTES)?;
+            let file: CameraFile =
+                serde_json::from_slice(&bytes).map_err(|source| DatasetError::Json { path: path.clone(), source })?;
+            (file.camera, path)
+        }
+        None => (PUBLISHED, own),
+    };
+    let CameraParams { w, h, fx, fy, cx, cy, scale } = params;
+    if !(scale.is_finite() && scale > 0.0) {
+        return Err(DatasetError::Field {
+            path,
+            field: "camera.scale".to_owned(),
+            found: scale.to_string(),
+            expected: "a positive number of depth units per metre".to_owned(),
+        });
+    }
+    let camera = Intrinsics { fx, fy, cx, cy, width: w, height: h };
+    Ok((camera.validated().map_err(|source| DatasetError::Intrinsics { path, source })?, scale))
+}
+
+impl Scene for ReplicaScene {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn frame_count(&self) -> usize {
+        self.frames.len()
+    }
+
+    fn frame_name(&self, index: usize) -> String {
+        self.frames.get(index).map(|file| file.stem.clone()).unwrap_or_default()
+    }
+
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+        let file = self.frames.get(index).ok_or_else(|| DatasetError::NoSuchFrame {
+            scene: self.name.clone(),
+            index,
+            count: self.frames.len(),
+        })?;
+        let trajectory = self.folder.join(TRAJECTORY);
+        let line = self.trajectory_line(index, file);
+        let matrix = self.poses.get(line).ok_or_else(|| DatasetError::Field {
+            path: trajectory.clone(),
+            field: format!("pose of {}", file.stem),
+            found: format!("{} lines", self.poses.len()),
+            expected: format!("one for each of {} frames, or at least {}", self.frames.len(), line.saturating_add(1)),
+        })?;
+        let pose = Pose::from_row_major(*matrix).map_err(|source| DatasetError::Pose {
+            path: PathBuf::from(format!("{}: line {}", trajectory.display(), line + 1)),
+            source,
+        })?;
+        let digits = file.stem.trim_start_matches(COLOR.prefix);
+        let depth_path = self.folder.join(IMAGES_FOLDER).join(format!("depth{digits}.png"));
+        let depth = read_depth(&depth_path, self.units_per_metre)?;
+        let color = read_color(&file.path)?;
+        if depth.size() != color.size() {
+            return Err(DatasetError::SizesDiffer {
+                path: depth_path,
+                what: "depth image",
+                found: depth.size(),
+                expected: color.size(),
+                expected_from: "its colour image",
+            });
+        }
+        let camera = self.intrinsics.resized(color.width(), color.height());
+        RgbdFrame::new(file.stem.clone(), color, depth, camera, pose)
+            .map_err(|source| DatasetError::Frame { name: file.stem.clone(), source })
+    }
+
+    fn has_ground_truth(&self) -> bool {
+        false
+    }
+
+    fn read_ground_truth(&self, _index: usize) -> Result<Option<SegmentMap>, DatasetError> {
+        Ok(None)
+    }
+}

@@ -1,0 +1,105 @@
+//! ScanNet scenes exported to folders: `color/<i>.jpg`, `depth/<i>.png` (uint16 millimetres), `pose/<i>.txt`
+//! (4x4, camera-to-world), `intrinsic/` and, as ground truth, `instance-filt/<i>.png` or the published
+//! `<scene>_2d-instance-filt.zip` that holds it.
+
+use super::labels::InstanceLabels;
+use super::{Camera, Cameras, Measured};
+use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, image_size, read_color, read_depth};
+use crate::listing::{NamePattern, NumberedFile, folder_name, numbered_files};
+use crate::text::{PinholeMatrix, read_pose};
+use crate::{DatasetError, Scene};
+use splatseg_geometry::{RgbdFrame, SegmentMap};
+use std::path::{Path, PathBuf};
+
+/// What an exported ScanNet folder looks like, for messages.
+pub(crate) const LAYOUT: &str = "color/0.jpg, depth/0.png, pose/0.txt, ..., intrinsic/intrinsic_color.txt, \
+                                 intrinsic/intrinsic_depth.txt, instance-filt/0.png or *_2d-instance-filt.zip \
+                                 (optional)";
+
+const COLOR: NamePattern = NamePattern { prefix: "", suffixes: &[".png", ".jpg", ".jpeg"] };
+
+/// A ScanNet scene exported to folders.
+#[derive(Debug)]
+pub struct ScannetScene {
+    name: String,
+    folder: PathBuf,
+    frames: Vec<NumberedFile>,
+    cameras: Cameras,
+    labels: Option<InstanceLabels>,
+}
+
+impl ScannetScene {
+    /// Lists the frames of a scene's folder, sorted by number, and reads its cameras.
+    ///
+    /// # Errors
+    /// If the folder cannot be read or has no frames, or an intrinsics file or the labels' zip file is missing
+    /// or damaged.
+    pub fn open(folder: &Path) -> Result<Self, DatasetError> {
+        let color_folder = folder.join("color");
+        let frames = numbered_files(&color_folder, COLOR)?;
+        if frames.is_empty() {
+            return Err(DatasetError::NoFrames { path: color_folder, expected: "<number>.jpg or .png" });
+        }
+        let name = folder_name(folder);
+        let cameras = Cameras { color: read_camera(folder, "color")?, depth: read_camera(folder, "depth")? };
+        let labels = InstanceLabels::in_folder(folder, &name)?;
+        Ok(Self { name, folder: folder.to_owned(), frames, cameras, labels })
+    }
+
+    fn frame(&self, index: usize) -> Result<&NumberedFile, DatasetError> {
+        self.frames.get(index).ok_or_else(|| DatasetError::NoSuchFrame {
+            scene: self.name.clone(),
+            index,
+            count: self.frames.len(),
+        })
+    }
+
+    fn depth_path(&self, file: &NumberedFile) -> PathBuf {
+        self.folder.join("depth").join(format!("{}.png", file.stem))
+    }
+}
+
+fn read_camera(folder: &Path, camera: &str) -> Result<Camera, DatasetError> {
+    let path = folder.join("intrinsic").join(format!("intrinsic_{camera}.txt"));
+    Ok(Camera { matrix: PinholeMatrix::read(&path)?, path })
+}
+
+/// Whether a folder holds an exported ScanNet scene.
+pub(crate) fn looks_like(path: &Path) -> bool {
+    ["color", "depth", "pose"].iter().all(|folder| path.join(folder).is_dir())
+}
+
+impl Scene for ScannetScene {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn frame_count(&self) -> usize {
+        self.frames.len()
+    }
+
+    fn frame_name(&self, index: usize) -> String {
+        self.frames.get(index).map(|file| file.stem.clone()).unwrap_or_default()
+    }
+
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+        let file = self.frame(index)?;
+        // The pose first: it is quick to read, and where tracking was lost nothing else is needed.
+        let pose = read_pose(&self.folder.join("pose").join(format!("{}.txt", file.stem)))?;
+        let depth = read_depth(&self.depth_path(file), MILLIMETRES)?;
+        let color = read_color(&file.path)?;
+        self.cameras.frame(Measured { name: &file.stem, pose, color, depth })
+    }
+
+    fn has_ground_truth(&self) -> bool {
+        self.labels.is_some()
+    }
+
+    fn read_ground_truth(&self, index: usize) -> Result<Option<SegmentMap>, DatasetError> {
+        let file = self.frame(index)?;
+        let Some(source) = &self.labels else { return Ok(None) };
+        let Some((path, labels)) = source.read(&file.stem)? else { return Ok(None) };
+        let depth = image_size(&self.depth_path(file), DEPTH_IMAGE)?;
+        self.cameras.labels_at_depth(labels, &path, depth, || image_size(&file.path, COLOR_IMAGE)).map(Some)
+    }
+}

@@ -1,0 +1,80 @@
+//! ScanNet's instance labels, in a folder or in the zip file they are published in.
+
+use crate::DatasetError;
+use crate::archive::ZippedImages;
+use crate::decode::{SEGMENT_IMAGE, decode_labels, read_labels};
+use crate::listing::names_in;
+use splatseg_geometry::SegmentMap;
+use std::path::{Path, PathBuf};
+
+/// The folder of the labels, on disk and in the zip file.
+const FOLDER: &str = "instance-filt";
+const ZIP_ENDING: &str = "_2d-instance-filt.zip";
+
+/// Where the labels of a scene are: `instance-filt/<frame>.png`.
+#[derive(Debug)]
+pub(super) enum InstanceLabels {
+    /// The folder that holds the images.
+    Folder(PathBuf),
+    /// The published zip file, which is read as it is.
+    Zip(ZippedImages),
+}
+
+impl InstanceLabels {
+    /// The labels of a folder that holds one scene: the folder `instance-filt`, else the scene's own zip file, else the
+    /// only zip file of labels.
+    pub(super) fn in_folder(folder: &Path, scene: &str) -> Result<Option<Self>, DatasetError> {
+        if folder.join(FOLDER).is_dir() {
+            return Ok(Some(Self::Folder(folder.join(FOLDER))));
+        }
+        let own = format!("{scene}{ZIP_ENDING}");
+        let zips: Vec<String> = names_in(folder).into_iter().filter(|name| name.ends_with(ZIP_ENDING)).collect();
+        match zips.as_slice() {
+            [] => Ok(None),
+            [only] => Self::open_zip(&folder.join(only)).map(Some),
+            several if several.contains(&own) => Self::open_zip(&folder.join(own)).map(Some),
+            several => Err(DatasetError::Field {
+                path: folder.to_owned(),
+                field: "zip file of labels".to_owned(),
+                found: several.join(", "),
+                expected: format!("one, or {own}"),
+            }),
+        }
+    }
+
+    /// The labels of a recording in a folder that may hold others as well: its own zip file, else the folder
+    /// `instance-filt`.
+    pub(super) fn beside(folder: &Path, scene: &str) -> Result<Option<Self>, DatasetError> {
+        let zip = folder.join(format!("{scene}{ZIP_ENDING}"));
+        if zip.is_file() {
+            return Self::open_zip(&zip).map(Some);
+        }
+        Ok(folder.join(FOLDER).is_dir().then(|| Self::Folder(folder.join(FOLDER))))
+    }
+
+    fn open_zip(path: &Path) -> Result<Self, DatasetError> {
+        ZippedImages::open(path).map(Self::Zip)
+    }
+
+    /// The labels of the frame called `frame`, as stored, and the path of their image for messages; `None` if this
+    /// frame is not labelled.
+    pub(super) fn read(&self, frame: &str) -> Result<Option<(PathBuf, SegmentMap)>, DatasetError> {
+        match self {
+            Self::Folder(folder) => {
+                let path = folder.join(format!("{frame}.png"));
+                if !path.exists() {
+                    return Ok(None);
+                }
+                let labels = read_labels(&path)?;
+                Ok(Some((path, labels)))
+            }
+            Self::Zip(zip) => {
+                let Some((path, bytes)) = zip.read(&format!("{FOLDER}/{frame}.png"), SEGMENT_IMAGE)? else {
+                    return Ok(None);
+                };
+                let labels = decode_labels(&path, &bytes)?;
+                Ok(Some((path, labels)))
+            }
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! ScanNet (Dai et al., CVPR 2017), exported to folders or as the `.sens` recording itself.
+//!
+//! The frames are those of the depth camera. Colour of another size or camera (ScanNet: 1296x968 beside 640x480) is
+//! resampled to it, labels are taken from the nearest pixel; both stay as they are when the cameras are the same. The
+//! few millimetres between ScanNet's cameras are ignored, as everyone does.
+
+mod exported;
+mod labels;
+mod sens;
+mod sens_file;
+
+pub use exported::ScannetScene;
+pub(crate) use exported::{LAYOUT, looks_like};
+pub use sens::SensScene;
+pub(crate) use sens::{LAYOUT as SENS_LAYOUT, looks_like as looks_like_sens};
+
+use crate::DatasetError;
+use crate::resample::{ImageMap, resample_color, resample_labels};
+use crate::text::PinholeMatrix;
+use splatseg_geometry::{Image, Pose, RgbdFrame, SegmentMap};
+use std::path::{Path, PathBuf};
+
+/// One of a scene's cameras, and the file that describes it.
+#[derive(Clone, Debug)]
+struct Camera {
+    matrix: PinholeMatrix,
+    path: PathBuf,
+}
+
+/// The two cameras of a scene. They are taken to stand at the same place and look the same way.
+#[derive(Clone, Debug)]
+struct Cameras {
+    color: Camera,
+    depth: Camera,
+}
+
+/// What was measured in one frame.
+struct Measured<'a> {
+    name: &'a str,
+    pose: Pose,
+    color: Image<[u8; 3]>,
+    depth: Image<f32>,
+}
+
+impl Cameras {
+    /// From colour images of size `color` to depth images of size `depth`, both `(width, height)`.
+    fn depth_from_color(&self, color: (usize, usize), depth: (usize, usize)) -> Result<ImageMap, DatasetError> {
+        let color_camera = self.color.matrix.for_size(color, &self.color.path)?;
+        let depth_camera = self.depth.matrix.for_size(depth, &self.depth.path)?;
+        Ok(ImageMap::between_cameras(&color_camera, &depth_camera))
+    }
+
+    /// The frame as the depth camera sees it.
+    fn frame(&self, measured: Measured<'_>) -> Result<RgbdFrame, DatasetError> {
+        let Measured { name, pose, color, depth } = measured;
+        let map = self.depth_from_color(color.size(), depth.size())?;
+        let color = if map.is_identity() { color } else { resample_color(&color, &map) };
+        let camera = self.depth.matrix.for_size(depth.size(), &self.depth.path)?;
+        RgbdFrame::new(name, color, depth, camera, pose)
+            .map_err(|source| DatasetError::Frame { name: name.to_owned(), source })
+    }
+
+    /// Labels of the size of the depth image or of the colour image, brought to the depth camera. `path` is the labels'
+    /// file, for errors.
+    fn labels_at_depth(
+        &self,
+        labels: SegmentMap,
+        path: &Path,
+        depth: (usize, usize),
+        color: impl FnOnce() -> Result<(usize, usize), DatasetError>,
+    ) -> Result<SegmentMap, DatasetError> {
+        if labels.size() == depth {
+            return Ok(labels);
+        }
+        let color = color()?;
+        if labels.size() != color {
+            return Err(DatasetError::SizesDiffer {
+                path: path.to_owned(),
+                what: "segment image",
+                found: labels.size(),
+                expected: color,
+                expected_from: "its colour image",
+            });
+        }
+        Ok(resample_labels(&labels, &self.depth_from_color(color, depth)?))
+    }
+}

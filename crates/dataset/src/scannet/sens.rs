@@ -1,0 +1,203 @@
+//! ScanNet's `.sens` recordings, read frame by frame as they are.
+
+use super::labels::InstanceLabels;
+use super::sens_file::{ColorCompression, DepthCompression, SensFile, SensHeader};
+use super::{Camera, Cameras, Measured};
+use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MAX_DEFLATE_RATIO, MAX_PIXELS, decode_color, metres};
+use crate::listing::names_in;
+use crate::text::PinholeMatrix;
+use crate::{DatasetError, Scene};
+use flate2::read::ZlibDecoder;
+use splatseg_geometry::{Image, Pose, RgbdFrame, SegmentMap};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// What a `.sens` recording looks like, for messages.
+pub(crate) const LAYOUT: &str = "a file scene0000_00.sens, or a folder with one; beside it scene0000_00_2d-instance-filt.zip \
+                                 or instance-filt/0.png (optional)";
+
+const EXTENSION: &str = "sens";
+
+/// A ScanNet recording in its published container, version 4, with raw or zlib-compressed depth and raw, PNG or JPEG
+/// colour. Frames are named by their number, as in an exported scene.
+///
+/// Nothing is unpacked to disk, and only the places of the frames are kept in memory (24 bytes each). Ground truth
+/// comes from `<scene>_2d-instance-filt.zip` beside the recording, read as it is, or from a folder `instance-filt`.
+#[derive(Debug)]
+pub struct SensScene {
+    name: String,
+    file: SensFile,
+    cameras: Cameras,
+    labels: Option<InstanceLabels>,
+}
+
+impl SensScene {
+    /// Opens a recording, or the only one in a folder: reads its header and finds its frames.
+    ///
+    /// # Errors
+    /// If there is no recording or there are several, if it is cut off anywhere, if its header is not one of version 4
+    /// or states a compression other than those above, or if the labels' zip file is damaged.
+    pub fn open(path: &Path) -> Result<Self, DatasetError> {
+        let path = recording_in(path)?;
+        let file = SensFile::open(&path)?;
+        if file.frame_count() == 0 {
+            return Err(DatasetError::NoFrames { path, expected: "a frame count above 0 in the header" });
+        }
+        let camera = |numbers: &[f32], what| -> Result<Camera, DatasetError> {
+            Ok(Camera { matrix: PinholeMatrix::from_numbers(numbers, &path, what)?, path: path.clone() })
+        };
+        let cameras = Cameras {
+            color: camera(&file.header().color_intrinsics, "intrinsics of colour")?,
+            depth: camera(&file.header().depth_intrinsics, "intrinsics of depth")?,
+        };
+        let name = path.file_stem().map_or_else(|| "scene".to_owned(), |stem| stem.to_string_lossy().into_owned());
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let labels = InstanceLabels::beside(folder, &name)?;
+        Ok(Self { name, file, cameras, labels })
+    }
+
+    fn no_such_frame(&self, index: usize) -> DatasetError {
+        DatasetError::NoSuchFrame { scene: self.name.clone(), index, count: self.file.frame_count() }
+    }
+}
+
+/// Whether a path is a recording, or a folder that holds some.
+pub(crate) fn looks_like(path: &Path) -> bool {
+    if path.is_dir() { !recordings(path).is_empty() } else { is_recording(path) }
+}
+
+fn is_recording(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(EXTENSION))
+}
+
+fn recordings(folder: &Path) -> Vec<String> {
+    names_in(folder).into_iter().filter(|name| is_recording(Path::new(name)) && folder.join(name).is_file()).collect()
+}
+
+fn recording_in(path: &Path) -> Result<PathBuf, DatasetError> {
+    if !path.is_dir() {
+        return Ok(path.to_owned());
+    }
+    let sequences = recordings(path);
+    match sequences.as_slice() {
+        [] => Err(DatasetError::NoFrames { path: path.to_owned(), expected: "a file <scene>.sens" }),
+        [only] => Ok(path.join(only)),
+        _ => Err(DatasetError::SeveralSequences { path: path.to_owned(), sequences }),
+    }
+}
+
+/// The colour image of a frame; `path` is the frame's, for errors.
+fn color_of(bytes: &[u8], header: &SensHeader, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
+    let (width, height) = header.color_size;
+    if header.color_compression == ColorCompression::Raw {
+        require_bytes(bytes.len(), 3 * width * height, COLOR_IMAGE, path)?;
+        let mut pixels = bytes.chunks_exact(3).map(|pixel| [pixel[0], pixel[1], pixel[2]]);
+        return Ok(Image::from_fn(width, height, |_, _| pixels.next().unwrap_or_default()));
+    }
+    let color = decode_color(path, bytes)?;
+    if color.size() != header.color_size {
+        return Err(DatasetError::SizesDiffer {
+            path: path.to_owned(),
+            what: COLOR_IMAGE,
+            found: color.size(),
+            expected: header.color_size,
+            expected_from: "the recording's header",
+        });
+    }
+    Ok(color)
+}
+
+/// The depth image of a frame, metres; `path` is the frame's, for errors.
+fn depth_of(bytes: &[u8], header: &SensHeader, path: &Path) -> Result<Image<f32>, DatasetError> {
+    require_plausible_depth(bytes.len() as u64, header, path)?;
+    let (width, height) = header.depth_size;
+    let expected = 2 * width * height;
+    let inflated;
+    let stored = match header.depth_compression {
+        DepthCompression::Raw => bytes,
+        DepthCompression::Zlib => {
+            // One byte more than there should be shows that there is more, without unpacking the rest. The buffer grows
+            // with what is really there.
+            let mut buffer = Vec::new();
+            ZlibDecoder::new(bytes).take(expected as u64 + 1).read_to_end(&mut buffer).map_err(|source| {
+                DatasetError::Field {
+                    path: path.to_owned(),
+                    field: DEPTH_IMAGE.to_owned(),
+                    found: format!("damaged zlib data ({source})"),
+                    expected: format!("{width}x{height} values"),
+                }
+            })?;
+            inflated = buffer;
+            &inflated
+        }
+    };
+    require_bytes(stored.len(), expected, DEPTH_IMAGE, path)?;
+    let mut values = stored.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]]));
+    Ok(Image::from_fn(width, height, |_, _| metres(values.next().unwrap_or(0), header.depth_units_per_metre)))
+}
+
+/// Whether the stored bytes can hold a depth image of the stated size at all.
+fn require_plausible_depth(bytes: u64, header: &SensHeader, path: &Path) -> Result<(), DatasetError> {
+    let (width, height) = header.depth_size;
+    if 2 * (width * height) as u64 <= bytes.saturating_mul(MAX_DEFLATE_RATIO) {
+        return Ok(());
+    }
+    Err(DatasetError::ImplausibleSize {
+        path: path.to_owned(),
+        what: DEPTH_IMAGE,
+        width: width as u32,
+        height: height as u32,
+        bytes: bytes as usize,
+        limit: MAX_PIXELS,
+    })
+}
+
+fn require_bytes(found: usize, expected: usize, what: &'static str, path: &Path) -> Result<(), DatasetError> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(DatasetError::Field {
+        path: path.to_owned(),
+        field: what.to_owned(),
+        found: if found > expected { format!("more than {expected} bytes") } else { format!("{found} bytes") },
+        expected: format!("{expected}, as its size in the header needs"),
+    })
+}
+
+impl Scene for SensScene {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn frame_count(&self) -> usize {
+        self.file.frame_count()
+    }
+
+    fn frame_name(&self, index: usize) -> String {
+        if index < self.file.frame_count() { index.to_string() } else { String::new() }
+    }
+
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+        let path = self.file.frame_path(index);
+        // The pose first: where tracking was lost nothing else is needed.
+        let matrix = self.file.read_pose(index)?.ok_or_else(|| self.no_such_frame(index))?;
+        let pose = Pose::from_row_major(matrix).map_err(|source| DatasetError::Pose { path: path.clone(), source })?;
+        let stored = self.file.read_images(index)?.ok_or_else(|| self.no_such_frame(index))?;
+        let depth = depth_of(&stored.depth, self.file.header(), &path)?;
+        let color = color_of(&stored.color, self.file.header(), &path)?;
+        self.cameras.frame(Measured { name: &self.frame_name(index), pose, color, depth })
+    }
+
+    fn has_ground_truth(&self) -> bool {
+        self.labels.is_some()
+    }
+
+    fn read_ground_truth(&self, index: usize) -> Result<Option<SegmentMap>, DatasetError> {
+        let depth_bytes = self.file.depth_bytes(index).ok_or_else(|| self.no_such_frame(index))?;
+        let Some(source) = &self.labels else { return Ok(None) };
+        let Some((path, labels)) = source.read(&self.frame_name(index))? else { return Ok(None) };
+        let header = self.file.header();
+        require_plausible_depth(depth_bytes, header, &self.file.frame_path(index))?;
+        self.cameras.labels_at_depth(labels, &path, header.depth_size, || Ok(header.color_size)).map(Some)
+    }
+}

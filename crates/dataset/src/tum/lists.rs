@@ -1,0 +1,103 @@
+//! The text files of a TUM RGB-D sequence.
+
+use crate::DatasetError;
+use crate::quaternion::QuaternionPose;
+use crate::text::{read_text, shortened};
+use glam::{DQuat, DVec3};
+use std::path::{Component, Path, PathBuf};
+
+/// Larger files list no sequence: a day at 120 poses a second has 10 million.
+const MAX_LIST_BYTES: u64 = 1 << 30;
+
+/// An image and when it was taken.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ListedFile {
+    pub(super) seconds: f64,
+    /// File name without its extension.
+    pub(super) stem: String,
+    pub(super) path: PathBuf,
+}
+
+/// A pose and when it was measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TimedPose {
+    pub(super) seconds: f64,
+    pub(super) pose: QuaternionPose,
+    /// Number of its line, from 1, for messages.
+    pub(super) line: usize,
+}
+
+/// Reads a list of images, sorted by time. Of several at the same time the last is kept, as in `associate.py`.
+pub(super) fn read_file_list(folder: &Path, name: &str, what: &'static str) -> Result<Vec<ListedFile>, DatasetError> {
+    let path = folder.join(name);
+    let parse = |line: Line<'_>| {
+        let file = Path::new(line.words.get(1)?);
+        // A list must not lead out of its folder.
+        let inside = file.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+        let stem = file.file_stem()?.to_str()?.to_owned();
+        inside.then(|| Some(ListedFile { seconds: line.seconds()?, stem, path: folder.join(file) }))?
+    };
+    let mut files = read_lines(&path, what, "a time in seconds and a file inside the folder", parse)?;
+    sort_by_time(&mut files, |file| file.seconds);
+    Ok(files)
+}
+
+/// Reads a trajectory, sorted by time. Of several poses at the same time the last is kept.
+pub(super) fn read_trajectory(path: &Path) -> Result<Vec<TimedPose>, DatasetError> {
+    let parse = |line: Line<'_>| {
+        let numbers: Vec<f64> = line.words.iter().map(|word| word.parse().ok()).collect::<Option<_>>()?;
+        let [_, tx, ty, tz, qx, qy, qz, qw] = numbers.as_slice().try_into().ok()?;
+        let pose = QuaternionPose { position: DVec3::new(tx, ty, tz), rotation: DQuat::from_xyzw(qx, qy, qz, qw) };
+        Some(TimedPose { seconds: line.seconds()?, pose, line: line.number })
+    };
+    let mut poses = read_lines(path, "camera trajectory", "time tx ty tz qx qy qz qw", parse)?;
+    sort_by_time(&mut poses, |pose| pose.seconds);
+    Ok(poses)
+}
+
+/// A line that is no comment.
+struct Line<'a> {
+    /// From 1.
+    number: usize,
+    words: Vec<&'a str>,
+}
+
+impl Line<'_> {
+    /// Its first word as a time.
+    fn seconds(&self) -> Option<f64> {
+        self.words.first()?.parse().ok().filter(|seconds: &f64| seconds.is_finite())
+    }
+}
+
+fn read_lines<T>(
+    path: &Path,
+    what: &'static str,
+    expected: &str,
+    parse: impl Fn(Line<'_>) -> Option<T>,
+) -> Result<Vec<T>, DatasetError> {
+    let text = read_text(path, what, MAX_LIST_BYTES)?;
+    let mut parsed = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        if line.trim().is_empty() || line.trim_start().starts_with('#') {
+            continue;
+        }
+        // A few more words than any line has are enough to see that there are too many.
+        let words: Vec<&str> =
+            line.split([' ', '\t', ',']).map(str::trim).filter(|word| !word.is_empty()).take(16).collect();
+        let item = parse(Line { number: index + 1, words }).ok_or_else(|| DatasetError::Field {
+            path: path.to_owned(),
+            field: format!("line {}", index + 1),
+            found: shortened(line),
+            expected: expected.to_owned(),
+        })?;
+        parsed.push(item);
+    }
+    Ok(parsed)
+}
+
+fn sort_by_time<T>(items: &mut Vec<T>, seconds: impl Fn(&T) -> f64) {
+    // Latest line first among equal times, so that the one kept is the last in the file.
+    items.reverse();
+    items.sort_by(|left, right| seconds(left).total_cmp(&seconds(right)));
+    items.dedup_by(|later, earlier| seconds(later) == seconds(earlier));
+}

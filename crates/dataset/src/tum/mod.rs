@@ -1,0 +1,195 @@
+//! TUM RGB-D (Sturm et al., IROS 2012): `rgb.txt` and `depth.txt` list images (`time file`, seconds), `groundtruth.txt`
+//! the camera's trajectory (`time tx ty tz qx qy qz qw`, camera-to-world); lines that start with `#` are comments.
+//!
+//! Colour and depth are paired as the benchmark's `associate.py` does: the two closest times first, apart by less than
+//! 0.02 s. A frame's pose is the one measured **nearest** to its colour image, within 0.02 s: not interpolated, as in
+//! the published evaluations; the trajectory has 100 poses and more a second. Frames that find no partner or no pose
+//! are left out, with a warning.
+//!
+//! Depth is a 16-bit PNG with 5000 units per metre, registered to colour. Lens distortion is ignored.
+
+mod associate;
+mod lists;
+
+use crate::decode::{read_color, read_depth};
+use crate::listing::folder_name;
+use crate::text::{PinholeMatrix, shortened};
+use crate::{DatasetError, Scene};
+use associate::{associate, nearest};
+use glam::DQuat;
+use lists::{ListedFile, TimedPose, read_file_list, read_trajectory};
+use splatseg_geometry::{Intrinsics, RgbdFrame, SegmentMap};
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+/// What a TUM RGB-D folder looks like, for messages.
+pub(crate) const LAYOUT: &str =
+    "rgb.txt, depth.txt, groundtruth.txt and the images they list, camera-intrinsics.txt (optional)";
+
+const COLOR_LIST: &str = "rgb.txt";
+const DEPTH_LIST: &str = "depth.txt";
+const TRAJECTORY: &str = "groundtruth.txt";
+const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
+const UNITS_PER_METRE: f32 = 5000.0;
+/// Times further apart do not belong together, seconds.
+const MAX_SECONDS_APART: f64 = 0.02;
+
+const fn camera(fx: f32, fy: f32, cx: f32, cy: f32) -> Intrinsics {
+    Intrinsics { fx, fy, cx, cy, width: 640, height: 480 }
+}
+
+/// The colour cameras as the benchmark's page gives them, by what the name of the sequence contains.
+const PUBLISHED: [(&str, Intrinsics); 3] = [
+    ("freiburg1", camera(517.3, 516.5, 318.6, 255.3)),
+    ("freiburg2", camera(520.9, 521.0, 325.1, 249.7)),
+    ("freiburg3", camera(535.4, 539.2, 320.1, 247.6)),
+];
+/// The camera that ROS assumes for a Kinect.
+const ROS_DEFAULT: Intrinsics = camera(525.0, 525.0, 319.5, 239.5);
+
+/// A colour image, the depth image and the pose that belong to it.
+#[derive(Clone, Debug)]
+struct TumFrame {
+    name: String,
+    color: PathBuf,
+    depth: PathBuf,
+    pose: TimedPose,
+}
+
+/// A sequence in the layout of TUM RGB-D. It has no ground truth segments.
+///
+/// Intrinsics come from `camera-intrinsics.txt` (3x3) if it is there; otherwise they are the published ones if the
+/// folder's name contains `freiburg1`, `freiburg2` or `freiburg3`, or ROS's default (525, 525, 319.5, 239.5), with a
+/// warning; these are for 640x480 pixels and follow the images' size. Frames are named like their colour images.
+#[derive(Debug)]
+pub struct TumScene {
+    name: String,
+    folder: PathBuf,
+    frames: Vec<TumFrame>,
+    intrinsics: Option<PinholeMatrix>,
+    assumed_camera: Intrinsics,
+}
+
+impl TumScene {
+    /// Reads the lists of a sequence's folder and pairs colour, depth and poses, in order of time.
+    ///
+    /// # Errors
+    /// If a list is missing or damaged or names a colour image twice, if nothing belongs together, or if the intrinsics
+    /// are damaged.
+    pub fn open(folder: &Path) -> Result<Self, DatasetError> {
+        let color = read_file_list(folder, COLOR_LIST, "list of colour images")?;
+        let depth = read_file_list(folder, DEPTH_LIST, "list of depth images")?;
+        let trajectory = read_trajectory(&folder.join(TRAJECTORY))?;
+        let frames = frames_of(&color, &depth, &trajectory);
+        if frames.is_empty() {
+            let expected = "colour, depth and a pose within 0.02 seconds of each other";
+            return Err(DatasetError::NoFrames { path: folder.to_owned(), expected });
+        }
+        let mut names = HashSet::new();
+        // Outputs are named after frames: one would replace the other.
+        if let Some(frame) = frames.iter().find(|frame| !names.insert(frame.name.as_str())) {
+            return Err(DatasetError::Field {
+                path: folder.join(COLOR_LIST),
+                field: "file".to_owned(),
+                found: shortened(&frame.name),
+                expected: "each image once".to_owned(),
+            });
+        }
+        if frames.len() < color.len() {
+            tracing::warn!(
+                "{}: {} of {} colour images are left out: no depth image or no pose within {MAX_SECONDS_APART} s",
+                folder.display(),
+                color.len() - frames.len(),
+                color.len()
+            );
+        }
+        let name = folder_name(folder);
+        let intrinsics_path = folder.join(INTRINSICS_FILE);
+        let intrinsics = if intrinsics_path.exists() { Some(PinholeMatrix::read(&intrinsics_path)?) } else { None };
+        let published = PUBLISHED.iter().find(|(part, _)| name.contains(part)).map(|(_, camera)| *camera);
+        if intrinsics.is_none() && published.is_none() {
+            tracing::warn!(
+                "{}: no {INTRINSICS_FILE} and no freiburg1, 2 or 3 in the folder's name: assuming ROS's default camera",
+                folder.display()
+            );
+        }
+        let assumed_camera = published.unwrap_or(ROS_DEFAULT);
+        Ok(Self { name, folder: folder.to_owned(), frames, intrinsics, assumed_camera })
+    }
+
+    fn camera(&self, size: (usize, usize)) -> Result<Intrinsics, DatasetError> {
+        match self.intrinsics {
+            Some(matrix) => matrix.for_size(size, &self.folder.join(INTRINSICS_FILE)),
+            None => Ok(self.assumed_camera.resized(size.0, size.1)),
+        }
+    }
+}
+
+/// What belongs together, in order of time.
+fn frames_of(color: &[ListedFile], depth: &[ListedFile], trajectory: &[TimedPose]) -> Vec<TumFrame> {
+    let times = |list: &[ListedFile]| list.iter().map(|file| file.seconds).collect::<Vec<f64>>();
+    let pose_times: Vec<f64> = trajectory.iter().map(|pose| pose.seconds).collect();
+    let frame = |(color_index, depth_index): (usize, usize)| {
+        let (color, depth) = (&color[color_index], &depth[depth_index]);
+        let pose = nearest(&pose_times, color.seconds, MAX_SECONDS_APART)?;
+        Some(TumFrame {
+            name: color.stem.clone(),
+            color: color.path.clone(),
+            depth: depth.path.clone(),
+            pose: trajectory[pose],
+        })
+    };
+    associate(&times(color), &times(depth), MAX_SECONDS_APART).into_iter().filter_map(frame).collect()
+}
+
+/// Whether a folder holds a sequence.
+pub(crate) fn looks_like(path: &Path) -> bool {
+    [COLOR_LIST, DEPTH_LIST].iter().all(|name| path.join(name).is_file())
+}
+
+impl Scene for TumScene {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn frame_count(&self) -> usize {
+        self.frames.len()
+    }
+
+    fn frame_name(&self, index: usize) -> String {
+        self.frames.get(index).map(|frame| frame.name.clone()).unwrap_or_default()
+    }
+
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+        let frame = self.frames.get(index).ok_or_else(|| DatasetError::NoSuchFrame {
+            scene: self.name.clone(),
+            index,
+            count: self.frames.len(),
+        })?;
+        let line = format!("line {}", frame.pose.line);
+        // The benchmark's camera axes are ours.
+        let pose = frame.pose.pose.to_pose(DQuat::IDENTITY, &self.folder.join(TRAJECTORY), &line)?;
+        let depth = read_depth(&frame.depth, UNITS_PER_METRE)?;
+        let color = read_color(&frame.color)?;
+        if depth.size() != color.size() {
+            return Err(DatasetError::SizesDiffer {
+                path: frame.depth.clone(),
+                what: "depth image",
+                found: depth.size(),
+                expected: color.size(),
+                expected_from: "its colour image",
+            });
+        }
+        let camera = self.camera(color.size())?;
+        RgbdFrame::new(frame.name.clone(), color, depth, camera, pose)
+            .map_err(|source| DatasetError::Frame { name: frame.name.clone(), source })
+    }
+
+    fn has_ground_truth(&self) -> bool {
+        false
+    }
+
+    fn read_ground_truth(&self, _index: usize) -> Result<Option<SegmentMap>, DatasetError> {
+        Ok(None)
+    }
+}

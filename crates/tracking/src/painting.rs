@@ -1,0 +1,35 @@
+//! One id per pixel from masks that overlap.
+
+use splatseg_geometry::{Mask, SegmentId, SegmentMap};
+
+/// Places of the masks in the order in which they are painted: **smaller ones lie over larger ones** (a cup over the
+/// table it stands on); of two equally large ones the later lies on top.
+pub(crate) fn painting_order<'a>(masks: impl Iterator<Item = &'a Mask>) -> Vec<usize> {
+    let mut order: Vec<(usize, usize)> = masks.enumerate().map(|(index, mask)| (mask.area(), index)).collect();
+    order.sort_by_key(|(area, index)| (std::cmp::Reverse(*area), *index));
+    order.into_iter().map(|(_, index)| index).collect()
+}
+
+/// Paints masks of one image of `size` = (width, height), in [`painting_order`]; 0 where there is no mask.
+pub(crate) fn painted(size: (usize, usize), masks: &[(SegmentId, Mask)]) -> SegmentMap {
+    let mut map = SegmentMap::filled(size.0, size.1, 0);
+    for index in painting_order(masks.iter().map(|(_, mask)| mask)) {
+        let (segment, mask) = &masks[index];
+        for pixel in mask.pixel_indices() {
+            map.pixels_mut()[pixel] = *segment;
+        }
+    }
+    map
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_small_lies_over_the_large_and_the_later_over_the_earlier() {
+        let stripe = |from: usize, to: usize| Mask::from_fn(6, 1, |column, _| (from..to).contains(&column));
+        let masks = [(4, stripe(1, 2)), (9, stripe(0, 4)), (5, stripe(2, 4)), (6, stripe(3, 5))];
+        assert_eq!(painted((6, 1), &masks).pixels(), [9, 4, 5, 6, 6, 0]);
+    }
+}

@@ -1,0 +1,111 @@
+//! The baseline without memory: ids follow overlap from frame to frame, and nothing else.
+
+use splatseg_dataset::{Framing, Scene, SyntheticScene, SyntheticSettings};
+use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask};
+use splatseg_metrics::{FramePrediction, ScoreSettings, VideoScorer};
+use splatseg_segmenter::{OraclePreset, OracleSegmenter, OracleSettings, SceneGroundTruth, Segmenter, SegmenterError};
+use splatseg_tracking::{FastSam, FastSamSettings, FrameOutput, Method, TrackingError};
+use std::sync::Arc;
+
+/// For feeding masks to `track`.
+struct Unused;
+
+impl Segmenter for Unused {
+    fn name(&self) -> &str {
+        "unused"
+    }
+    fn segment(&mut self, _: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+        Ok(Vec::new())
+    }
+}
+
+const SIZE: (usize, usize) = (40, 10);
+
+fn frame(size: (usize, usize)) -> RgbdFrame {
+    let (width, height) = size;
+    let camera = Intrinsics { fx: 10.0, fy: 10.0, cx: 1.0, cy: 1.0, width, height };
+    let (color, depth) = (Image::filled(width, height, [0; 3]), Image::filled(width, height, 1.0));
+    RgbdFrame::new("0", color, depth, camera, Pose::IDENTITY).unwrap()
+}
+
+fn stripe(from: usize, to: usize) -> ScoredMask {
+    ScoredMask { mask: Mask::from_fn(SIZE.0, SIZE.1, |column, _| (from..to).contains(&column)), score: 1.0 }
+}
+
+fn fastsam(settings: FastSamSettings) -> FastSam {
+    FastSam::new(Box::new(Unused), settings).unwrap()
+}
+
+fn ids(output: &FrameOutput) -> Vec<u32> {
+    output.masks.iter().map(|(id, _)| *id).collect()
+}
+
+#[test]
+fn slow_masks_keep_their_ids_and_a_gap_ends_them() {
+    let mut method = fastsam(FastSamSettings::default());
+    let mut track = |masks: &[ScoredMask]| ids(&method.track(&frame(SIZE), masks).unwrap());
+    assert_eq!(track(&[stripe(0, 6), stripe(10, 16)]), [1, 2]);
+    assert_eq!(track(&[stripe(13, 19), stripe(2, 8)]), [2, 1]);
+    assert_eq!(track(&[stripe(4, 10)]), [1], "the second is missed");
+    assert_eq!(track(&[stripe(5, 11), stripe(15, 21)]), [1, 3], "and is somebody else afterwards");
+    assert_eq!(track(&[stripe(30, 36)]), [4], "too far away");
+    assert!(track(&[]).is_empty());
+    assert_eq!(track(&[stripe(30, 36)]), [5]);
+}
+
+#[test]
+fn the_sum_of_f_scores_decides_and_can_have_a_minimum() {
+    let mut method = fastsam(FastSamSettings::default());
+    method.track(&frame(SIZE), &[stripe(0, 10), stripe(10, 20)]).unwrap();
+    // The first mask lies on both equally; the second leaves it only the first.
+    let output = method.track(&frame(SIZE), &[stripe(4, 16), stripe(12, 22)]).unwrap();
+    assert_eq!(ids(&output), [1, 2]);
+
+    let mut strict = fastsam(FastSamSettings { min_match_f_score: 0.5, ..FastSamSettings::default() });
+    strict.track(&frame(SIZE), &[stripe(0, 10)]).unwrap();
+    assert_eq!(ids(&strict.track(&frame(SIZE), &[stripe(6, 16)]).unwrap()), [2]);
+    assert_eq!(ids(&strict.track(&frame(SIZE), &[stripe(8, 18)]).unwrap()), [2]);
+    let refused = FastSam::new(Box::new(Unused), FastSamSettings { min_match_f_score: 2.0, ..Default::default() });
+    assert!(matches!(refused, Err(TrackingError::MinMatchFScore(_))));
+}
+
+#[test]
+fn overlapping_masks_are_kept_in_full_and_painted_small_over_large() {
+    let mut method = fastsam(FastSamSettings { min_segment_area: 30, ..FastSamSettings::default() });
+    let output = method.track(&frame(SIZE), &[stripe(3, 6), stripe(0, 10), stripe(20, 22)]).unwrap();
+    assert_eq!(output.masks, [(1, stripe(3, 6).mask), (2, stripe(0, 10).mask)]);
+    assert_eq!(output.segments.row(5)[..11], [2, 2, 2, 1, 1, 1, 2, 2, 2, 2, 0]);
+    assert_eq!(output.predictions, 2);
+}
+
+#[test]
+fn masks_of_another_size_are_refused_and_another_size_of_video_starts_anew() {
+    let mut method = fastsam(FastSamSettings::default());
+    method.track(&frame(SIZE), &[stripe(0, 6)]).unwrap();
+    assert!(matches!(method.track(&frame((30, 10)), &[stripe(0, 6)]), Err(TrackingError::MaskSize { .. })));
+    let wide = ScoredMask { mask: Mask::from_fn(50, 10, |column, _| column < 6), score: 1.0 };
+    assert_eq!(ids(&method.track(&frame((50, 10)), &[wide]).unwrap()), [2]);
+}
+
+/// The ids are the links that the evaluation makes between masks without ids: both ways give the same score.
+#[test]
+fn its_ids_score_as_its_masks_without_ids() {
+    let settings = SyntheticSettings { width: 96, height: 72, frames: 20, ..SyntheticSettings::default() };
+    let scene = Arc::new(SyntheticScene::new(settings).unwrap());
+    let truth = SceneGroundTruth::new(scene.clone(), Framing::default()).unwrap();
+    let oracle = OracleSettings { preset: OraclePreset::FastsamLike, ..OracleSettings::default() };
+    let oracle = OracleSegmenter::new(truth, &oracle, 1).unwrap();
+    let mut method = FastSam::new(Box::new(oracle), FastSamSettings::default()).unwrap();
+    let new_scorer = || VideoScorer::new(ScoreSettings::default());
+    let (mut linked, mut unlinked) = (new_scorer(), new_scorer());
+    for index in 0..scene.frame_count() {
+        let truth = scene.read_ground_truth(index).unwrap().unwrap();
+        let output = method.process(&scene.read_frame(index).unwrap()).unwrap();
+        let masks: Vec<Mask> = output.masks.iter().map(|(_, mask)| mask.clone()).collect();
+        linked.push(&truth, &FramePrediction::Masks(&output.masks)).unwrap();
+        unlinked.push(&truth, &FramePrediction::Unlinked(&masks)).unwrap();
+    }
+    let (linked, unlinked) = (linked.finish().scores(), unlinked.finish().scores());
+    assert_eq!(linked, unlinked);
+    assert!(linked.vsq.unwrap() > 10.0);
+}
