@@ -271,3 +271,60 @@ fn dot(left: &[f32], right: &[f32]) -> f32 {
     let rest: f32 = left_rest.iter().zip(right_rest).map(|(left, right)| left * right).sum();
     (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]) + rest
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::CodebookSettings;
+    use proptest::prelude::*;
+
+    const FEATURE_DIM: usize = 6;
+
+    fn codebook() -> Codebook {
+        let settings = CodebookSettings { num_codes: 5, feature_dim: FEATURE_DIM, seed: 1 };
+        Codebook::generate(&settings, &mut |_| {}).unwrap()
+    }
+
+    /// The loss of one pixel as METHOD states it, in f64.
+    fn loss(settings: &MemorySettings, code: Option<&[f32]>, magnitude: f64, feature: &[f64]) -> f64 {
+        let norm = feature.iter().map(|value| value * value).sum::<f64>().sqrt();
+        let direction = code.map_or(0.0, |code| {
+            1.0 - feature.iter().zip(code).map(|(value, code)| value * f64::from(*code)).sum::<f64>() / norm
+        });
+        f64::from(settings.magnitude_weight) * (magnitude - norm).powi(2)
+            + f64::from(settings.direction_weight) * direction
+    }
+
+    proptest! {
+        #[test]
+        fn the_gradient_equals_finite_differences(feature in prop::array::uniform6(-1.0f32..1.0), segment in 0u32..=5,
+                                                  magnitude in 0.0f32..1.2) {
+            prop_assume!(dot(&feature, &feature) > 0.01);
+            let (settings, codebook) = (MemorySettings::default(), codebook());
+            let expectation = Expectation {
+                belief: SegmentBelief::empty(1, 1),
+                silhouette: Image::filled(1, 1, 1.0),
+                depth: Image::filled(1, 1, 1.0),
+                features: Vec::new(),
+            };
+            let target = SegmentBelief::empty(1, 1);
+            let learning = Learning { settings: &settings, codebook: &codebook, expectation: &expectation, target: &target };
+            let magnitude = if segment == 0 { 0.0 } else { magnitude };
+            let mut gradient = feature;
+            learning.pixel_gradient(segment, magnitude, &mut gradient);
+            let code = (segment > 0).then(|| codebook.vector(segment as usize - 1));
+            let at = feature.map(f64::from);
+            for channel in 0..FEATURE_DIM {
+                let step = 1e-5;
+                let moved = |by: f64| {
+                    let mut moved = at;
+                    moved[channel] += by;
+                    loss(&settings, code, f64::from(magnitude), &moved)
+                };
+                let numeric = (moved(step) - moved(-step)) / (2.0 * step);
+                prop_assert!((f64::from(gradient[channel]) - numeric).abs() < 1e-3 * (1.0 + numeric.abs()),
+                             "{} instead of {numeric}", gradient[channel]);
+            }
+        }
+    }
+}

@@ -31,6 +31,9 @@ pub struct DemoArguments {
     /// Replace the results of an earlier demo in that folder
     #[arg(long)]
     pub overwrite: bool,
+    /// Use at most this many of the clip's 36 frames
+    #[arg(long, value_name = "N")]
+    pub frames: Option<usize>,
 }
 
 #[derive(Debug, Args)]

@@ -18,16 +18,18 @@ pub fn demo(arguments: &DemoArguments) -> Result<(), Failure> {
     OutputFolder::check(&arguments.out, existing)?;
     let scene = arguments.out.join("scene");
     extract(&CLIP, &scene)?;
+    let mut settings = Settings::default();
+    settings.dataset.max_frames = arguments.frames;
     let job = Job {
         scene: scene.display().to_string(),
         out: arguments.out.clone(),
         // The folder now holds the clip, and was empty before or may be overwritten.
         existing: Existing::Replace,
-        settings: Settings::default(),
+        settings,
         save_memory: Some(arguments.out.join("memory.ply")),
         load_memory: None,
     };
-    println!("36 frames of a rendered room, camera walking through it, segmented with the built-in segmenter");
+    println!("a camera walks through a rendered room; the built-in segmenter, and a memory that keeps the ids");
     let summary = execute(&job)?;
     println!("{}", report(&job, &summary));
     println!("your own video: splatseg run FOLDER --out DIR");

@@ -1,0 +1,305 @@
+//! The command as its users meet it: results, exit codes, one clear line for each kind of bad input.
+
+use assert_cmd::Command;
+use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings, write_atomically};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn splatseg() -> Command {
+    Command::new(assert_cmd::cargo::cargo_bin!("splatseg"))
+}
+
+const ROOM: &str = "synthetic:frames=4,width=96,height=72,objects=8";
+
+/// The clip that the demo is made of, a scene in ScanNet's exported layout.
+fn demo_scene() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("demo")
+}
+
+/// A copy of the first frames of the demo's scene, to be damaged.
+fn copied_scene(frames: usize) -> tempfile::TempDir {
+    let copy = tempfile::tempdir().unwrap();
+    for folder in ["color", "depth", "pose", "intrinsic"] {
+        fs::create_dir(copy.path().join(folder)).unwrap();
+        for entry in fs::read_dir(demo_scene().join(folder)).unwrap() {
+            let path = entry.unwrap().path();
+            let number: Option<usize> = path.file_stem().unwrap().to_str().unwrap().parse().ok();
+            if number.is_none_or(|number| number < frames) {
+                fs::copy(&path, copy.path().join(folder).join(path.file_name().unwrap())).unwrap();
+            }
+        }
+    }
+    copy
+}
+
+fn run(scene: &Path, out: &Path) -> Command {
+    let mut command = splatseg();
+    command.arg("run").arg(scene).arg("--out").arg(out).args(["--resize", "160x120", "--set", "memory.num_codes=64"]);
+    command
+}
+
+/// Runs to the end; returns exit code and standard error.
+fn finish(command: &mut Command) -> (i32, String) {
+    let output = command.output().unwrap();
+    (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
+}
+
+fn file_names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+fn summary(out: &Path) -> serde_json::Value {
+    serde_json::from_str(&fs::read_to_string(out.join("summary.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn a_run_writes_ids_overlays_and_a_summary() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    splatseg().args(["run", ROOM, "--out"]).arg(&out).args(["--seed", "3"]).assert().success();
+    assert_eq!(file_names(&out), ["overlay", "segments", "summary.json"]);
+    assert_eq!(file_names(&out.join("segments")).len(), 4);
+    assert_eq!(file_names(&out.join("overlay")).len(), 4);
+    let summary = summary(&out);
+    assert_eq!(summary["frames"], 4);
+    assert_eq!(summary["skipped_frames"], 0);
+    assert_eq!(summary["seed"], 3);
+    assert_eq!(summary["settings"]["memory"]["feature_dim"], 28);
+    assert!(summary["segments"].as_u64().unwrap() > 5);
+    assert!(summary["gaussians"].as_u64().unwrap() >= 96 * 72);
+    let stages = ["segment", "project_and_bin", "rasterise", "decode", "match", "fuse", "grow", "learn"];
+    for stage in stages {
+        assert!(summary["stage_ms"][stage].as_f64().unwrap() >= 0.0, "{stage}");
+    }
+    assert!(summary["fps"]["total"].as_f64().unwrap() > 0.0);
+    assert!(summary["fps"]["without_segmenter"].as_f64().unwrap() > 0.0);
+}
+
+#[test]
+fn results_are_the_same_whatever_the_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let result = |threads: &str| {
+        let out = folder.path().join(threads);
+        let memory = folder.path().join(format!("{threads}.ply"));
+        let mut command = run(&demo_scene(), &out);
+        command.args(["--max-frames", "3", "--threads", threads, "--save-memory"]).arg(&memory).assert().success();
+        let segments = file_names(&out.join("segments"));
+        let images: Vec<Vec<u8>> =
+            segments.iter().map(|name| fs::read(out.join("segments").join(name)).unwrap()).collect();
+        (segments, images, fs::read(memory).unwrap())
+    };
+    assert!(result("1") == result("3"));
+}
+
+#[test]
+fn a_saved_memory_continues_with_its_ids() {
+    let folder = tempfile::tempdir().unwrap();
+    let memory = folder.path().join("memory.ply");
+    let (first, second) = (folder.path().join("first"), folder.path().join("second"));
+    run(&demo_scene(), &first).args(["--max-frames", "2", "--save-memory"]).arg(&memory).assert().success();
+    run(&demo_scene(), &second).args(["--max-frames", "2", "--load-memory"]).arg(&memory).assert().success();
+    let read = |out: &Path| splatseg_dataset::read_segments_png(&out.join("segments/1.png")).unwrap();
+    let (before, after) = (read(&first), read(&second));
+    let same = before.pixels().iter().zip(after.pixels()).filter(|(before, after)| before == after).count();
+    assert!(same * 10 > before.pixels().len() * 9, "only {same} of {} pixels keep their id", before.pixels().len());
+
+    let (code, message) = finish(
+        run(&demo_scene(), &folder.path().join("third"))
+            .args(["--set", "memory.feature_dim=7", "--load-memory"])
+            .arg(&memory),
+    );
+    assert_eq!(code, 2);
+    assert!(message.contains("28 channels, but memory.feature_dim is 7"), "{message}");
+    fs::write(&memory, b"ply\nnonsense").unwrap();
+    let out = folder.path().join("fourth");
+    let (code, message) = finish(run(&demo_scene(), &out).arg("--load-memory").arg(&memory));
+    assert_eq!(code, 2);
+    assert!(message.contains("memory.ply") && !out.exists(), "{message}");
+}
+
+#[test]
+fn masks_of_another_model_get_lasting_ids() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let masks = demo_scene().join("instance-filt");
+    let mut command = run(&demo_scene(), &out);
+    command.args(["--crop-border", "5", "--max-frames", "3", "--segmenter", "masks", "--masks"]).arg(masks);
+    command.assert().success();
+    assert_eq!(summary(&out)["frames"], 3);
+    let (code, message) = finish(run(&demo_scene(), &folder.path().join("none")).args(["--segmenter", "masks"]));
+    assert_eq!(code, 2);
+    assert!(message.contains("--masks DIR"), "{message}");
+}
+
+#[test]
+fn a_bad_frame_is_skipped_and_counted() {
+    let scene = copied_scene(6);
+    fs::write(scene.path().join("color/1.jpg"), b"no image").unwrap();
+    fs::write(scene.path().join("pose/2.txt"), "-inf ".repeat(16)).unwrap();
+    fs::remove_file(scene.path().join("depth/3.png")).unwrap();
+    fs::write(scene.path().join("pose/4.txt"), "2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1").unwrap();
+    let out = scene.path().join("out");
+    let (code, messages) = finish(&mut run(scene.path(), &out));
+    assert_eq!(code, 0, "{messages}");
+    for named in ["color/1.jpg", "pose/2.txt", "depth/3.png", "pose/4.txt"] {
+        assert!(messages.lines().any(|line| line.starts_with("warning:") && line.contains(named)), "{messages}");
+    }
+    assert_eq!(file_names(&out.join("segments")), ["0.png", "5.png"]);
+    assert_eq!((summary(&out)["frames"].clone(), summary(&out)["skipped_frames"].clone()), (2.into(), 4.into()));
+}
+
+#[test]
+fn bad_scenes_are_one_clear_line_and_exit_code_2() {
+    let empty = tempfile::tempdir().unwrap();
+    let unknown = tempfile::tempdir().unwrap();
+    fs::write(unknown.path().join("notes.txt"), "hello").unwrap();
+    let no_intrinsics = copied_scene(2);
+    fs::remove_dir_all(no_intrinsics.path().join("intrinsic")).unwrap();
+    let all_bad = copied_scene(2);
+    for frame in 0..2 {
+        fs::write(all_bad.path().join(format!("depth/{frame}.png")), b"no image").unwrap();
+    }
+    let cases = [
+        (Path::new("/nowhere/at/all"), "does not exist"),
+        (empty.path(), "empty"),
+        (unknown.path(), "7scenes"),
+        (no_intrinsics.path(), "intrinsic"),
+        (all_bad.path(), "depth/"),
+    ];
+    for (scene, expected) in cases {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out");
+        let (code, message) = finish(&mut run(scene, &out));
+        assert_eq!(code, 2, "{}: {message}", scene.display());
+        assert!(message.contains(expected), "{}: {message}", scene.display());
+        assert!(!message.contains("panicked"), "{message}");
+        assert!(!out.join("summary.json").exists(), "{}", scene.display());
+    }
+}
+
+#[test]
+fn one_frame_and_frames_without_depth_are_no_reason_to_fail() {
+    let scene = copied_scene(3);
+    let room = SyntheticScene::new(SyntheticSettings { frames: 1, ..SyntheticSettings::default() }).unwrap();
+    let empty_depth = splatseg_geometry::SegmentMap::filled(320, 240, 0);
+    assert_eq!(room.frame_count(), 1);
+    splatseg_dataset::write_segments_png(&scene.path().join("depth/1.png"), &empty_depth).unwrap();
+    run(scene.path(), &scene.path().join("out")).assert().success();
+    assert_eq!(summary(&scene.path().join("out"))["frames"], 3);
+    run(scene.path(), &scene.path().join("one")).args(["--max-frames", "1"]).assert().success();
+    // Nothing large enough to be a segment, in any frame.
+    run(scene.path(), &scene.path().join("none")).args(["--set", "min_segment_area=100000"]).assert().success();
+    assert_eq!(summary(&scene.path().join("none"))["segments"], 0);
+    // More objects than codes: a block is added.
+    run(scene.path(), &scene.path().join("few")).args(["--set", "memory.num_codes=2"]).assert().success();
+    assert!(summary(&scene.path().join("few"))["segments"].as_u64().unwrap() > 4);
+}
+
+#[test]
+fn results_are_not_overwritten_unless_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    run(&demo_scene(), &out).args(["--max-frames", "3"]).assert().success();
+    let before = fs::read(out.join("summary.json")).unwrap();
+    let (code, message) = finish(run(&demo_scene(), &out).args(["--max-frames", "1"]));
+    assert_eq!(code, 2);
+    assert!(message.contains("--overwrite"), "{message}");
+    assert_eq!(fs::read(out.join("summary.json")).unwrap(), before);
+    run(&demo_scene(), &out).args(["--max-frames", "1", "--overwrite"]).assert().success();
+    assert_eq!(file_names(&out.join("segments")), ["0.png"]);
+}
+
+#[test]
+fn bad_usage_exits_with_2_and_names_the_option() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("settings.toml");
+    fs::write(&config, "[memory]\nfeature_dim = \"many\"\n").unwrap();
+    let config = config.to_str().unwrap();
+    let cases: [(&[&str], &str); 9] = [
+        (&["--stride", "0"], "stride"),
+        (&["--resize", "big"], "resize"),
+        (&["--crop-border", "400"], "crop_border"),
+        (&["--format", "bag"], "7scenes"),
+        (&["--set", "memory.feature_dims=3"], "feature_dims"),
+        (&["--set", "memory.feature_dim=0"], "memory.feature_dim"),
+        (&["--set", "min_match_f_score=2"], "min_match_f_score"),
+        (&["--config", config], "feature_dim"),
+        (&["--start", "99"], "start"),
+    ];
+    for (options, expected) in cases {
+        let out = folder.path().join("out");
+        let mut command = splatseg();
+        command.args(["run", ROOM, "--out"]).arg(&out).args(options);
+        let (code, message) = finish(&mut command);
+        assert_eq!(code, 2, "{options:?}: {message}");
+        assert!(message.contains(expected), "{options:?}: {message}");
+        assert!(!out.exists(), "{options:?} left {}", out.display());
+    }
+}
+
+#[test]
+fn the_demo_needs_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = splatseg();
+    command.args(["demo", "--frames", "3", "--out", "here"]).current_dir(folder.path());
+    let output = command.output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(text.contains("3 frames") && text.contains("overlay"), "{text}");
+    assert_eq!(file_names(&folder.path().join("here")), ["memory.ply", "overlay", "scene", "segments", "summary.json"]);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_leaves_no_half_file() {
+    // /dev/full takes no byte: the same error as a full disk, without filling one.
+    let error = write_atomically(Path::new("/dev/full/segments/0.png"), b"x").unwrap_err();
+    assert!(error.to_string().contains("/dev/full"), "{error}");
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    fs::create_dir_all(out.join("segments")).unwrap();
+    // A folder in the place of a result cannot be replaced by a file.
+    fs::create_dir_all(out.join("segments/0.png/in the way")).unwrap();
+    let (code, message) = finish(run(&demo_scene(), &out).args(["--max-frames", "2", "--overwrite"]));
+    assert_eq!(code, 1, "{message}");
+    assert!(message.contains("0.png") && !out.join("summary.json").exists(), "{message}");
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_keeps_what_is_done_and_leaves_no_half_file() {
+    use std::process::Stdio;
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin!("splatseg"))
+        .args(["run", "synthetic:frames=2000,width=160,height=120", "--out"])
+        .arg(&out)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    while !out.join("segments/000002.png").exists() && file_count(&out.join("segments")) < 3 {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        assert!(child.try_wait().unwrap().is_none(), "the run ended early");
+    }
+    let killed = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("interrupted after"));
+    let summary = summary(&out);
+    assert_eq!(summary["interrupted"], true);
+    let frames = summary["frames"].as_u64().unwrap() as usize;
+    for name in file_names(&out.join("segments")) {
+        assert!(name.ends_with(".png"), "{name} is half a file");
+        splatseg_dataset::read_segments_png(&out.join("segments").join(&name)).unwrap();
+    }
+    assert_eq!((file_count(&out.join("segments")), file_count(&out.join("overlay"))), (frames, frames));
+}
+
+#[cfg(unix)]
+fn file_count(folder: &Path) -> usize {
+    fs::read_dir(folder).map(|entries| entries.count()).unwrap_or(0)
+}
