@@ -8,7 +8,7 @@ use rayon::prelude::*;
 const CHUNK: usize = 4096;
 
 /// One Gaussian as the image sees it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProjectedGaussian {
     /// Index of the Gaussian.
     pub gaussian: u32,

@@ -9,6 +9,9 @@ const PIXELS: usize = TILE * TILE;
 /// Pixels of a row that are blended together. Most Gaussians of an RGB-D map are narrower.
 const LANES: usize = 8;
 
+/// Gaussians fetched ahead of their blending.
+const AHEAD: usize = 32;
+
 const LANE_OFFSETS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 
 /// What is rasterised.
@@ -32,6 +35,8 @@ pub(crate) struct TileRasteriser {
     transmittance: [f32; PIXELS],
     /// 1 while the pixel takes Gaussians, 0 when it is finished or not wanted.
     live: [f32; PIXELS],
+    /// The same, a bit for each column of a row.
+    live_columns: [u32; TILE],
     /// Bit `r` is set while row `r` has a live pixel.
     live_rows: u32,
     /// Pixels and weights of the Gaussian being blended; room for lanes beyond the last.
@@ -45,6 +50,7 @@ impl TileRasteriser {
         Self {
             transmittance: [1.0; PIXELS],
             live: [1.0; PIXELS],
+            live_columns: [0; TILE],
             live_rows: 0,
             column_pixels: [0; PIXELS + LANES],
             column_weights: [0.0; PIXELS + LANES],
@@ -67,13 +73,15 @@ impl TileRasteriser {
 
     fn clear(&mut self, width: usize, height: usize, wanted: &PixelSet) {
         self.transmittance = [1.0; PIXELS];
+        self.live_columns = [0; TILE];
         self.live_rows = 0;
         for row in 0..TILE {
             for column in 0..TILE {
                 let live = row < height && column < width && wanted.contains((row * TILE + column) as u8);
                 self.live[row * TILE + column] = if live { 1.0 } else { 0.0 };
-                self.live_rows |= u32::from(live) << row;
+                self.live_columns[row] |= u32::from(live) << column;
             }
+            self.live_rows |= u32::from(self.live_columns[row] != 0) << row;
         }
     }
 
@@ -97,9 +105,11 @@ impl TileRasteriser {
         // Eight pixels cover most boxes if they start early enough to end inside the tile; others take the whole row.
         let window = first_column.min(TILE - LANES);
         let starts: &[usize] = if last_column < window + LANES { &[window] } else { &[0, LANES] };
+        let columns = ((2u32 << last_column) - 1) & !((1 << first_column) - 1);
         let mut kept = 0;
         for row in first_row..=last_row {
-            if self.live_rows >> row & 1 == 1 {
+            // Behind the nearest surfaces most pixels are finished.
+            if self.live_columns[row] & columns != 0 {
                 for start in starts {
                     let weights = self.blend_lanes(splat, [x, y], [*start, row], limits);
                     kept = self.keep(&weights, row * TILE + start, kept, min_weight);
@@ -137,7 +147,7 @@ impl TileRasteriser {
         }
         let (transmittance, live) = (lanes(&mut self.transmittance, from), lanes(&mut self.live, from));
         let mut weights = [0f32; LANES];
-        let mut stopped = 0f32;
+        let mut still_live = [0f32; LANES];
         for lane in 0..LANES {
             let before = transmittance[lane];
             let alpha = alpha[lane] * live[lane];
@@ -146,18 +156,33 @@ impl TileRasteriser {
             let blended = alpha * (1.0 - stop);
             weights[lane] = blended * before;
             transmittance[lane] = before * (1.0 - blended);
-            live[lane] -= stop;
-            stopped += stop;
+            still_live[lane] = live[lane] - stop;
         }
-        if stopped > 0.0 && self.live[row * TILE..(row + 1) * TILE].iter().all(|live| *live == 0.0) {
-            self.live_rows &= !(1 << row);
+        if still_live != *live {
+            *live = still_live;
+            self.note_finished(start, row);
         }
         weights
+    }
+
+    /// Brings the bits of live pixels up to date after some of a window finished.
+    fn note_finished(&mut self, start: usize, row: usize) {
+        for column in start..start + LANES {
+            if self.live[row * TILE + column] == 0.0 {
+                self.live_columns[row] &= !(1 << column);
+            }
+        }
+        if self.live_columns[row] == 0 {
+            self.live_rows &= !(1 << row);
+        }
     }
 
     /// Appends the weights that are large enough to the column; returns its new length.
     #[inline(always)]
     fn keep(&mut self, weights: &[f32; LANES], from: usize, mut kept: usize, min_weight: f32) -> usize {
+        if weights.iter().map(|weight| u32::from(*weight > min_weight)).sum::<u32>() == 0 {
+            return kept;
+        }
         for (lane, weight) in weights.iter().enumerate() {
             self.column_weights[kept] = *weight;
             self.column_pixels[kept] = (from + lane) as u8;
@@ -181,12 +206,18 @@ impl WithSimd for BlendAll<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        for key in self.keys {
+        // Gaussians of a tile lie scattered in memory: copying some ahead lets the processor fetch them side by side.
+        let mut ahead = [ProjectedGaussian::default(); AHEAD];
+        for keys in self.keys.chunks(AHEAD) {
             if self.rasteriser.live_rows == 0 {
                 break;
             }
-            let splat = &self.scene.splats[(key & 0xffff_ffff) as usize];
-            self.rasteriser.blend(splat, self.scene.limits, self.min_weight);
+            for (splat, key) in ahead.iter_mut().zip(keys) {
+                *splat = self.scene.splats[(key & 0xffff_ffff) as usize];
+            }
+            for splat in &ahead[..keys.len()] {
+                self.rasteriser.blend(splat, self.scene.limits, self.min_weight);
+            }
         }
     }
 }
