@@ -82,8 +82,7 @@ impl Learning<'_> {
         parts.into_par_iter().for_each_init(
             || AlignedVec::zeros(TileWeights::PIXELS * row),
             |pixels, (tile, part)| {
-                pixels.fill(0.0);
-                tile.weights.accumulate(features, row, pixels);
+                tile.render(features, row, pixels);
                 Arch::new().dispatch(LossGradient { learning: self, tile, pixels });
                 tile.weights.project_back(pixels, row, part);
             },
@@ -144,8 +143,9 @@ impl Learning<'_> {
     }
 
     /// Per tile, the pixels to be learnt: those that differ from the target and their surroundings, where the memory
-    /// covers them. (What it did not cover has grown new Gaussians, which show the target already.)
-    pub fn active_pixels(&self) -> Vec<PixelSet> {
+    /// covers them, but not those that this frame's new Gaussians may touch (`touched`): there the new ones show the
+    /// target already, and what they leave to be learnt is the next frame's.
+    pub fn active_pixels(&self, touched: &[PixelSet]) -> Vec<PixelSet> {
         let (width, height) = self.target.segments.size();
         let columns = width.div_ceil(TileWeights::SIDE);
         let tiles = self.expectation.features.len();
@@ -170,6 +170,9 @@ impl Learning<'_> {
                     chosen[tile].insert(pixel);
                 }
             }
+        }
+        for (chosen, touched) in chosen.iter_mut().zip(touched) {
+            *chosen = chosen.without(touched);
         }
         chosen
     }

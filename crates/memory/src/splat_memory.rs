@@ -134,7 +134,7 @@ impl SplatMemory {
     pub fn learn_frame(
         &mut self,
         frame: &RgbdFrame,
-        view: View,
+        mut view: View,
         expectation: &Expectation,
         target: &SegmentBelief,
     ) -> Result<FrameUpdate, MemoryError> {
@@ -142,10 +142,10 @@ impl SplatMemory {
         let started = Instant::now();
         let grown = self.grow(frame, expectation, target);
         let grow_time = started.elapsed();
-        let mut view = view.extend(&self.gaussians);
+        let touched = view.pixels_touched_since(&self.gaussians, &expectation.depth);
         let started = Instant::now();
         let learning = Learning { settings: &self.settings, codebook: &self.codebook, expectation, target };
-        let chosen = learning.active_pixels();
+        let chosen = learning.active_pixels(&touched);
         let choose_time = started.elapsed();
         let active = view.active_weights(&chosen, self.settings.learning_min_weight);
         let started = Instant::now();

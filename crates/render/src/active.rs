@@ -2,14 +2,18 @@
 //! (columns) that they see, numbered anew without gaps.
 
 use crate::TileWeights;
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
 
 /// A set of a tile's 256 pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PixelSet([u64; 4]);
 
 impl PixelSet {
-    /// Every pixel.
-    pub const ALL: Self = Self([u64::MAX; 4]);
+    /// The pixels that are not in the other set.
+    pub fn without(&self, other: &Self) -> Self {
+        Self(std::array::from_fn(|word| self.0[word] & !other.0[word]))
+    }
 
     /// Adds a pixel (`16 * row + column` in the tile).
     pub fn insert(&mut self, pixel: u8) {
@@ -54,6 +58,17 @@ pub struct ActiveTile {
     pub pixels: PixelSet,
     /// Weights at the chosen pixels; Gaussians have their active numbers.
     pub weights: TileWeights,
+    /// The same weights, pixel by pixel.
+    rows: PixelRows,
+}
+
+/// Compressed sparse rows of one tile.
+#[derive(Clone, Debug, Default)]
+struct PixelRows {
+    /// Weights of pixel `p` are `offsets[p]..offsets[p + 1]`, front to back.
+    offsets: Vec<u32>,
+    gaussians: Vec<u32>,
+    weights: Vec<f32>,
 }
 
 const UNNUMBERED: u32 = u32::MAX;
@@ -72,8 +87,9 @@ impl ActiveWeights {
             }
             *gaussian = *number;
         }
+        tiles.par_iter_mut().for_each(|tile| tile.rows = PixelRows::of_tile(&tile.weights));
         let (offsets, columns) = columns_by_gaussian(&tiles, gaussians.len());
-        let weight_sums = weight_sums(&tiles, seen, &number, gaussians.len());
+        let weight_sums = weight_sums(seen, &number, gaussians.len());
         Self { tiles, gaussians, offsets, columns, weight_sums }
     }
 
@@ -87,8 +103,7 @@ impl ActiveWeights {
         &self.gaussians
     }
 
-    /// Column sums of `W`, the active Gaussians' Jacobi preconditioners: over the whole image before the view was
-    /// extended, or over the chosen pixels after it, whichever is larger.
+    /// Column sums of `W` over the whole image, chosen pixels or not: the active Gaussians' Jacobi preconditioners.
     pub fn weight_sums(&self) -> &[f32] {
         &self.weight_sums
     }
@@ -104,7 +119,90 @@ impl ActiveWeights {
     }
 }
 
-fn weight_sums(tiles: &[ActiveTile], seen: &[TileWeights], number: &[u32], count: usize) -> Vec<f32> {
+impl ActiveTile {
+    /// The chosen pixels of a tile; the rows are made once Gaussians have their active numbers.
+    pub(crate) fn new(tile: usize, pixels: PixelSet, weights: TileWeights) -> Self {
+        Self { tile, pixels, weights, rows: PixelRows::default() }
+    }
+
+    /// Writes `W v` to `pixels` (`[16, 16, channels]`) for the chosen pixels and 0 for the others, with `values`
+    /// `[active Gaussians, channels]`. It is [`TileWeights::accumulate`] pixel by pixel, with sums kept in registers.
+    ///
+    /// # Panics
+    /// If `values` is too short or `pixels` is not `[16, 16, channels]`.
+    pub fn render(&self, values: &[f32], channels: usize, pixels: &mut [f32]) {
+        assert_eq!(pixels.len(), TileWeights::PIXELS * channels, "the tile's pixels");
+        let product = RenderRows { rows: &self.rows, values, pixels };
+        match channels {
+            8 => Arch::new().dispatch(Fixed::<8>(product)),
+            16 => Arch::new().dispatch(Fixed::<16>(product)),
+            32 => Arch::new().dispatch(Fixed::<32>(product)),
+            _ => {
+                product.pixels.fill(0.0);
+                self.weights.accumulate(values, channels, product.pixels);
+            }
+        }
+    }
+}
+
+/// The product of [`ActiveTile::render`], waiting for the processor's widest vector instructions. (A type rather than
+/// a closure: a closure is called through a shim that is compiled for the oldest processor.)
+struct RenderRows<'a> {
+    rows: &'a PixelRows,
+    values: &'a [f32],
+    pixels: &'a mut [f32],
+}
+
+/// The product with a number of channels that the compiler knows.
+struct Fixed<'a, const C: usize>(RenderRows<'a>);
+
+impl<const C: usize> WithSimd for Fixed<'_, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let RenderRows { rows, values, pixels } = self.0;
+        let (values, _) = values.as_chunks::<C>();
+        let (pixels, _) = pixels.as_chunks_mut::<C>();
+        for (range, pixel) in rows.offsets.windows(2).zip(pixels) {
+            let range = range[0] as usize..range[1] as usize;
+            let mut sums = [0f32; C];
+            for (gaussian, weight) in rows.gaussians[range.clone()].iter().zip(&rows.weights[range]) {
+                let value = &values[*gaussian as usize];
+                for channel in 0..C {
+                    sums[channel] += weight * value[channel];
+                }
+            }
+            *pixel = sums;
+        }
+    }
+}
+
+impl PixelRows {
+    /// A counting sort by pixel; the weights of one pixel stay front to back.
+    fn of_tile(tile: &TileWeights) -> Self {
+        let mut offsets = vec![0u32; TileWeights::PIXELS + 1];
+        for pixel in &tile.pixels {
+            offsets[usize::from(*pixel) + 1] += 1;
+        }
+        for pixel in 0..TileWeights::PIXELS {
+            offsets[pixel + 1] += offsets[pixel];
+        }
+        let mut next = offsets.clone();
+        let (mut gaussians, mut weights) = (vec![0; tile.pixels.len()], vec![0.0; tile.pixels.len()]);
+        for (column, gaussian) in tile.gaussians.iter().enumerate() {
+            for (pixel, weight) in tile.column(column) {
+                let place = &mut next[usize::from(pixel)];
+                gaussians[*place as usize] = *gaussian;
+                weights[*place as usize] = weight;
+                *place += 1;
+            }
+        }
+        Self { offsets, gaussians, weights }
+    }
+}
+
+fn weight_sums(seen: &[TileWeights], number: &[u32], count: usize) -> Vec<f32> {
     let mut sums = vec![0f32; count];
     for tile in seen {
         for (gaussian, sum) in tile.gaussians.iter().zip(&tile.weight_sums) {
@@ -114,13 +212,7 @@ fn weight_sums(tiles: &[ActiveTile], seen: &[TileWeights], number: &[u32], count
             }
         }
     }
-    let mut chosen = vec![0f32; count];
-    for tile in tiles {
-        for (number, sum) in tile.weights.gaussians.iter().zip(&tile.weights.weight_sums) {
-            chosen[*number as usize] += sum;
-        }
-    }
-    sums.iter().zip(chosen).map(|(sum, chosen)| sum.max(chosen)).collect()
+    sums
 }
 
 /// A counting sort of all columns by Gaussian; columns of one Gaussian stay in tile order.

@@ -26,4 +26,4 @@ pub use blend_weights::{BlendWeights, TileWeights};
 pub use camera::{Camera, RasterLimits};
 pub use gaussians::Gaussians;
 pub use projection::{ProjectedGaussian, project, project_one};
-pub use view::{ExtendedView, View, ViewTiming};
+pub use view::{View, ViewTiming};

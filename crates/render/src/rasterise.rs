@@ -2,7 +2,7 @@
 
 use crate::camera::RasterLimits;
 use crate::tiles::{DepthKey, TILE, TileGrid};
-use crate::{PixelSet, ProjectedGaussian, TileWeights};
+use crate::{ProjectedGaussian, TileWeights};
 use pulp::{Arch, Simd, WithSimd};
 
 const PIXELS: usize = TILE * TILE;
@@ -21,19 +21,10 @@ pub(crate) struct Scene<'a> {
     pub limits: &'a RasterLimits,
 }
 
-/// Which of a tile's weights are made.
-#[derive(Clone, Copy)]
-pub(crate) struct Wanted {
-    /// Only these pixels are blended.
-    pub pixels: PixelSet,
-    /// Smaller weights are blended, but not kept.
-    pub min_weight: f32,
-}
-
 /// Working memory for rasterising tiles, reused from tile to tile.
 pub(crate) struct TileRasteriser {
     transmittance: [f32; PIXELS],
-    /// 1 while the pixel takes Gaussians, 0 when it is finished or not wanted.
+    /// 1 while the pixel takes Gaussians, 0 when it is finished or outside the image.
     live: [f32; PIXELS],
     /// The same, a bit for each column of a row.
     live_columns: [u32; TILE],
@@ -59,25 +50,25 @@ impl TileRasteriser {
     }
 
     /// Blends the Gaussians `keys`, front to back, into tile number `tile`.
-    pub fn rasterise(&mut self, scene: &Scene<'_>, tile: usize, keys: &[DepthKey], wanted: &Wanted) -> TileWeights {
+    pub fn rasterise(&mut self, scene: &Scene<'_>, tile: usize, keys: &[DepthKey]) -> TileWeights {
         let grid = scene.grid;
         let left = tile % grid.columns * TILE;
         let top = tile / grid.columns * TILE;
         let (width, height) = ((grid.width - left).min(TILE), (grid.height - top).min(TILE));
-        self.clear(width, height, &wanted.pixels);
+        self.clear(width, height);
         self.weights.restart(left, top, width, height);
-        Arch::new().dispatch(BlendAll { rasteriser: self, scene, keys, min_weight: wanted.min_weight });
+        Arch::new().dispatch(BlendAll { rasteriser: self, scene, keys });
         // A copy has the right size; the working memory keeps its capacity.
         self.weights.clone()
     }
 
-    fn clear(&mut self, width: usize, height: usize, wanted: &PixelSet) {
+    fn clear(&mut self, width: usize, height: usize) {
         self.transmittance = [1.0; PIXELS];
         self.live_columns = [0; TILE];
         self.live_rows = 0;
         for row in 0..TILE {
             for column in 0..TILE {
-                let live = row < height && column < width && wanted.contains((row * TILE + column) as u8);
+                let live = row < height && column < width;
                 self.live[row * TILE + column] = if live { 1.0 } else { 0.0 };
                 self.live_columns[row] |= u32::from(live) << column;
             }
@@ -87,7 +78,7 @@ impl TileRasteriser {
 
     /// Blends one Gaussian over the pixels of its box and keeps its weights, if it has any.
     #[inline(always)]
-    fn blend(&mut self, splat: &ProjectedGaussian, limits: &RasterLimits, min_weight: f32) {
+    fn blend(&mut self, splat: &ProjectedGaussian, limits: &RasterLimits) {
         // In the tile's own pixels; a small margin, because the box was rounded.
         let x = splat.mean.x - self.weights.left as f32;
         let y = splat.mean.y - self.weights.top as f32;
@@ -112,7 +103,7 @@ impl TileRasteriser {
             if self.live_columns[row] & columns != 0 {
                 for start in starts {
                     let weights = self.blend_lanes(splat, [x, y], [*start, row], limits);
-                    kept = self.keep(&weights, row * TILE + start, kept, min_weight);
+                    kept = self.keep(&weights, row * TILE + start, kept);
                 }
             }
         }
@@ -177,16 +168,16 @@ impl TileRasteriser {
         }
     }
 
-    /// Appends the weights that are large enough to the column; returns its new length.
+    /// Appends the weights that are not zero to the column; returns its new length.
     #[inline(always)]
-    fn keep(&mut self, weights: &[f32; LANES], from: usize, mut kept: usize, min_weight: f32) -> usize {
-        if weights.iter().map(|weight| u32::from(*weight > min_weight)).sum::<u32>() == 0 {
+    fn keep(&mut self, weights: &[f32; LANES], from: usize, mut kept: usize) -> usize {
+        if weights.iter().map(|weight| u32::from(*weight > 0.0)).sum::<u32>() == 0 {
             return kept;
         }
         for (lane, weight) in weights.iter().enumerate() {
             self.column_weights[kept] = *weight;
             self.column_pixels[kept] = (from + lane) as u8;
-            kept += usize::from(*weight > min_weight);
+            kept += usize::from(*weight > 0.0);
         }
         kept
     }
@@ -198,7 +189,6 @@ struct BlendAll<'a> {
     rasteriser: &'a mut TileRasteriser,
     scene: &'a Scene<'a>,
     keys: &'a [DepthKey],
-    min_weight: f32,
 }
 
 impl WithSimd for BlendAll<'_> {
@@ -216,7 +206,7 @@ impl WithSimd for BlendAll<'_> {
                 *splat = self.scene.splats[(key & 0xffff_ffff) as usize];
             }
             for splat in &ahead[..keys.len()] {
-                self.rasteriser.blend(splat, self.scene.limits, self.min_weight);
+                self.rasteriser.blend(splat, self.scene.limits);
             }
         }
     }

@@ -1,7 +1,8 @@
 //! Which Gaussians touch which tile of the image, front to back.
 
-use crate::ProjectedGaussian;
+use crate::{PixelSet, ProjectedGaussian};
 use rayon::prelude::*;
+use splatseg_geometry::Image;
 
 /// Tiles are squares of this many pixels a side: a pixel of a tile has an index that fits a byte.
 pub(crate) const TILE: usize = 16;
@@ -43,12 +44,12 @@ impl TileGrid {
         )
     }
 
-    /// For each tile the sorted keys of the projected Gaussians `first..` that touch it.
-    pub fn bin(&self, splats: &[ProjectedGaussian], first: usize) -> Vec<Vec<DepthKey>> {
+    /// For each tile the sorted keys of the projected Gaussians that touch it.
+    pub fn bin(&self, splats: &[ProjectedGaussian]) -> Vec<Vec<DepthKey>> {
         if self.len() == 0 {
             return Vec::new();
         }
-        let chunks: Vec<ChunkBins> = (first..splats.len())
+        let chunks: Vec<ChunkBins> = (0..splats.len())
             .into_par_iter()
             .step_by(CHUNK)
             .map(|start| ChunkBins::new(self, splats, start, (start + CHUNK).min(splats.len())))
@@ -108,20 +109,23 @@ impl ChunkBins {
     }
 }
 
-/// Merges two sorted lists.
-pub(crate) fn merge_sorted(left: &[DepthKey], right: &[DepthKey]) -> Vec<DepthKey> {
-    let mut merged = Vec::with_capacity(left.len() + right.len());
-    let (mut i, mut j) = (0, 0);
-    while i < left.len() && j < right.len() {
-        if left[i] < right[j] {
-            merged.push(left[i]);
-            i += 1;
-        } else {
-            merged.push(right[j]);
-            j += 1;
+/// Per tile, the pixels in the boxes of any of the Gaussians that are nearer than `surface` there.
+pub(crate) fn touched_pixels(grid: &TileGrid, splats: &[ProjectedGaussian], surface: &Image<f32>) -> Vec<PixelSet> {
+    // Rounded outwards by a pixel: a set that is too large costs little.
+    let range = |center: f32, reach: f32, size: usize| {
+        let first = (center - reach - 1.0).max(0.0) as usize;
+        let end = (center + reach + 2.0).max(0.0) as usize;
+        first..end.min(size)
+    };
+    let mut touched = vec![PixelSet::default(); grid.len()];
+    for splat in splats {
+        let columns = range(splat.mean.x, splat.half_extent.x, grid.width);
+        for row in range(splat.mean.y, splat.half_extent.y, grid.height) {
+            for column in columns.clone().filter(|column| splat.depth < surface[(*column, row)]) {
+                let tile = row / TILE * grid.columns + column / TILE;
+                touched[tile].insert((row % TILE * TILE + column % TILE) as u8);
+            }
         }
     }
-    merged.extend_from_slice(&left[i..]);
-    merged.extend_from_slice(&right[j..]);
-    merged
+    touched
 }

@@ -4,8 +4,8 @@ mod brute_force;
 
 use glam::{Quat, Vec3};
 use proptest::prelude::*;
-use splatseg_geometry::{Intrinsics, Pose};
-use splatseg_render::{Camera, Gaussians, PixelSet, TileWeights, View};
+use splatseg_geometry::{Image, Intrinsics, Pose};
+use splatseg_render::{ActiveTile, Camera, Gaussians, PixelSet, TileWeights, View};
 
 const SIZE: (usize, usize) = (37, 26);
 
@@ -89,10 +89,18 @@ proptest! {
     }
 
     #[test]
-    fn extending_a_view_equals_making_it_anew(entries in prop::collection::vec(gaussian(), 2..80), part in 0.0f64..1.0) {
-        let all = scene(&entries);
-        let view = View::new(&scene(&entries[..(part * entries.len() as f64) as usize]), &camera());
-        prop_assert!(view.extend(&all).into_view().weights() == View::new(&all, &camera()).weights());
+    fn untouched_pixels_keep_their_weights(entries in prop::collection::vec(gaussian(), 2..40), added in prop::collection::vec(gaussian(), 1..4)) {
+        let before = scene(&entries);
+        let all = scene(&[entries.clone(), added].concat());
+        let mut view = View::new(&before, &camera());
+        let touched = view.pixels_touched_since(&all, &Image::filled(SIZE.0, SIZE.1, f32::INFINITY));
+        let values = values(all.len(), 2, 6);
+        let (old, new) = (view.weights().render(&values, 2), View::new(&all, &camera()).weights().render(&values, 2));
+        for (index, (old, new)) in old.iter().zip(&new).enumerate() {
+            let (column, row) = (index / 2 % SIZE.0, index / 2 / SIZE.0);
+            let tile = row / 16 * SIZE.0.div_ceil(16) + column / 16;
+            prop_assert!(old == new || touched[tile].contains((row % 16 * 16 + column % 16) as u8));
+        }
     }
 
     #[test]
@@ -137,9 +145,9 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(30))]
 
     #[test]
-    fn restricted_weights_give_the_same_products(entries in prop::collection::vec(gaussian(), 1..60), stride in 1usize..7, part in 0.0f64..1.0) {
+    fn restricted_weights_give_the_same_products(entries in prop::collection::vec(gaussian(), 1..60), stride in 1usize..7) {
         let gaussians = scene(&entries);
-        let view = View::new(&gaussians, &camera());
+        let mut view = View::new(&gaussians, &camera());
         let chosen = |index: usize| index.is_multiple_of(stride);
         let sets: Vec<PixelSet> = view.weights().tiles().iter().map(|tile| {
             let mut set = PixelSet::default();
@@ -152,9 +160,7 @@ proptest! {
             }
             set
         }).collect();
-        // The chosen pixels of a view extended step by step are those of the whole view.
-        let before = View::new(&scene(&entries[..(part * entries.len() as f64) as usize]), &camera());
-        let active = before.extend(&gaussians).active_weights(&sets, 0.0);
+        let active = view.active_weights(&sets, 0.0);
 
         // Wᵀ g with g zero at the other pixels.
         let mut gradient_image = values(SIZE.0 * SIZE.1, 3, 5);
@@ -177,13 +183,25 @@ proptest! {
             let mut columns = vec![0.0; tile.weights.gaussians().len() * 3];
             tile.weights.project_back(&pixels, 3, &mut columns);
             partial.extend(columns);
+            prop_assert!(rows_equal_columns(tile, &values(active.gaussians().len(), 8, 7)));
         }
         prop_assert_eq!(partial.len(), active.column_count() * 3);
+        let total = view.weights().gradient(&vec![1.0; SIZE.0 * SIZE.1], 1, gaussians.len());
         for (number, gaussian) in active.gaussians().iter().enumerate() {
+            prop_assert!((active.weight_sums()[number] - total[*gaussian as usize]).abs() < 1e-4);
             for channel in 0..3 {
                 let found: f32 = active.columns_of(number).iter().map(|c| partial[*c as usize * 3 + channel]).sum();
                 prop_assert!((found - expected[*gaussian as usize * 3 + channel]).abs() < 1e-5);
             }
         }
     }
+}
+
+/// Whether a tile rendered pixel by pixel is the same, bit by bit, as rendered Gaussian by Gaussian.
+fn rows_equal_columns(tile: &ActiveTile, values: &[f32]) -> bool {
+    let mut by_column = vec![0.0; TileWeights::PIXELS * 8];
+    let mut by_row = vec![f32::NAN; TileWeights::PIXELS * 8];
+    tile.weights.accumulate(values, 8, &mut by_column);
+    tile.render(values, 8, &mut by_row);
+    by_column == by_row
 }

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 use splatseg_dataset::DatasetSettings;
 use splatseg_memory::MemorySettings;
-use splatseg_segmenter::GraphSettings;
-use splatseg_tracking::FastSamSplatSettings;
+use splatseg_segmenter::{GraphSettings, OracleSettings};
+use splatseg_tracking::{FastSamSettings, FastSamSplatSettings, FastSpamSettings};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -34,6 +34,8 @@ pub struct Settings {
     pub memory: MemorySettings,
     /// The segmenter `graph`.
     pub graph: GraphSettings,
+    /// The segmenter `oracle`.
+    pub oracle: OracleSettings,
 }
 
 /// The methods.
@@ -43,6 +45,10 @@ pub enum MethodName {
     /// A segmenter for single frames, and a splat that remembers
     #[default]
     FastsamSplat,
+    /// A segmenter for single frames; ids are carried by overlap with the frame before
+    Fastsam,
+    /// A segmenter for single frames, and one remembered point per segment that prompts it
+    Fastspam,
 }
 
 /// The segmenters.
@@ -54,6 +60,30 @@ pub enum SegmenterName {
     Graph,
     /// Precomputed masks of any other model, one file per frame
     Masks,
+    /// The scene's ground truth with errors of known kinds and rates, for comparing methods
+    Oracle,
+}
+
+impl MethodName {
+    /// The name on the command line, in settings and in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::FastsamSplat => "fastsam-splat",
+            Self::Fastsam => "fastsam",
+            Self::Fastspam => "fastspam",
+        }
+    }
+}
+
+impl SegmenterName {
+    /// The name on the command line, in settings and in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Graph => "graph",
+            Self::Masks => "masks",
+            Self::Oracle => "oracle",
+        }
+    }
 }
 
 impl Default for Settings {
@@ -70,6 +100,7 @@ impl Default for Settings {
             dataset: DatasetSettings::default(),
             memory: method.memory,
             graph: GraphSettings::default(),
+            oracle: OracleSettings::default(),
         }
     }
 }
@@ -110,6 +141,16 @@ impl Settings {
             min_match_f_score: self.min_match_f_score,
             seed: self.seed,
         }
+    }
+
+    /// The settings for [`splatseg_tracking::FastSam`].
+    pub fn fastsam(&self) -> FastSamSettings {
+        FastSamSettings { min_segment_area: self.min_segment_area, ..FastSamSettings::default() }
+    }
+
+    /// The settings for [`splatseg_tracking::FastSpam`].
+    pub fn fastspam(&self) -> FastSpamSettings {
+        FastSpamSettings { min_segment_area: self.min_segment_area, seed: self.seed, ..FastSpamSettings::default() }
     }
 }
 

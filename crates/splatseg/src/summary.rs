@@ -1,7 +1,7 @@
 //! `summary.json`: what a run did, for scripts.
 
 use crate::Settings;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use splatseg_tracking::StageTimes;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -40,7 +40,7 @@ pub struct Summary {
 }
 
 /// Speed of a run.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FramesPerSecond {
     /// Wall-clock, reading and writing included.
     pub total: f64,

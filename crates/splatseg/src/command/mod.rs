@@ -1,11 +1,16 @@
 //! The parts of the `splatseg` command.
 
 mod arguments;
+mod bench;
 mod demo;
+mod eval;
 mod failure;
+mod method;
+mod options;
 mod output_folder;
 mod result_writer;
 mod run;
+mod score_table;
 
 pub use arguments::Arguments;
 pub use failure::Failure;
@@ -17,6 +22,8 @@ pub fn execute(arguments: Arguments) -> Result<(), Failure> {
     match arguments.command {
         Command::Demo(demo) => demo::demo(&demo),
         Command::Run(run) => run::run(&run),
+        Command::Eval(eval) => eval::eval(&eval),
+        Command::Bench(bench) => bench::bench(&bench),
     }
 }
 

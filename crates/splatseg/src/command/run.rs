@@ -2,15 +2,15 @@
 
 use super::Failure;
 use super::arguments::RunArguments;
+use super::method::{Memory, make_method};
 use super::output_folder::{Existing, OutputFolder};
 use super::result_writer::{FrameResult, ResultWriter};
 use indicatif::{ProgressBar, ProgressStyle};
-use splatseg::settings::{MethodName, SegmenterName, Settings};
+use splatseg::Settings;
 use splatseg::summary::{RunCounts, Summary, peak_memory_mb};
 use splatseg_dataset::{FrameStream, GroundTruth, StreamedFrame, open_scene, write_atomically};
 use splatseg_memory::SplatMemory;
-use splatseg_segmenter::{FrameTransform, GraphSegmenter, MaskFolder, Segmenter};
-use splatseg_tracking::{FastSamSplat, Method, TrackingError};
+use splatseg_tracking::{Method, TrackingError};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -56,8 +56,14 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
     rayon::ThreadPoolBuilder::new().num_threads(job.settings.threads).build_global().map_err(Failure::work)?;
     let stop = stop_on_interrupt()?;
     let scene = open_scene(&job.scene, &job.settings.dataset).map_err(Failure::input)?;
-    let stream = FrameStream::open(scene, &job.settings.dataset, GroundTruth::Skip).map_err(Failure::input)?;
-    let mut method = make_method(job)?;
+    let stream =
+        FrameStream::open(Arc::clone(&scene), &job.settings.dataset, GroundTruth::Skip).map_err(Failure::input)?;
+    let bar = codebook_bar();
+    let memory = job.load_memory.as_deref().map_or(Memory::New(&bar), Memory::Saved);
+    let mut method = make_method(&job.settings, &scene, &memory)?;
+    if let (Some(path), None) = (&job.save_memory, method.memory()) {
+        return Err(Failure::input(format!("{}: the method {} has no memory to save", path.display(), method.name())));
+    }
     let folder = OutputFolder::create(&job.out, job.existing)?;
 
     let started = Instant::now();
@@ -148,46 +154,6 @@ fn process_frame(
     Ok(None)
 }
 
-fn make_method(job: &Job) -> Result<Box<dyn Method>, Failure> {
-    let settings = &job.settings;
-    let segmenter = make_segmenter(settings)?;
-    match settings.method {
-        MethodName::FastsamSplat => {
-            let memory = match &job.load_memory {
-                Some(path) => SplatMemory::load(path, settings.memory.clone()).map_err(Failure::input)?,
-                None => new_memory(settings)?,
-            };
-            let method =
-                FastSamSplat::with_memory(segmenter, settings.fastsam_splat(), memory).map_err(Failure::input)?;
-            Ok(Box::new(method))
-        }
-    }
-}
-
-fn new_memory(settings: &Settings) -> Result<SplatMemory, Failure> {
-    let bar = ProgressBar::new(100).with_style(style("codebook {bar:30} {percent}%"));
-    let mut progress = |fraction: f32| bar.set_position((fraction * 100.0) as u64);
-    let memory = SplatMemory::new(settings.memory.clone(), settings.seed, &mut progress).map_err(Failure::input);
-    bar.finish_and_clear();
-    memory
-}
-
-fn make_segmenter(settings: &Settings) -> Result<Box<dyn Segmenter>, Failure> {
-    match settings.segmenter {
-        SegmenterName::Graph => Ok(Box::new(GraphSegmenter::new(settings.graph.clone()).map_err(Failure::input)?)),
-        SegmenterName::Masks => {
-            let folder = settings.masks.as_ref().ok_or_else(|| {
-                Failure::input("--segmenter masks needs --masks DIR, a folder with one .png or .json file per frame")
-            })?;
-            let transform = FrameTransform {
-                resize: settings.dataset.resize.map(|size| (size.width, size.height)),
-                crop_border: settings.dataset.crop_border,
-            };
-            Ok(Box::new(MaskFolder::open(folder, transform).map_err(Failure::input)?))
-        }
-    }
-}
-
 fn check_save_path(path: &Path, existing: Existing) -> Result<(), Failure> {
     if path.exists() && existing == Existing::Keep {
         return Err(Failure::input(format!("{}: exists: give --overwrite to replace it", path.display())));
@@ -217,6 +183,10 @@ fn stop_on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
     })
     .map_err(Failure::work)?;
     Ok(stop)
+}
+
+fn codebook_bar() -> ProgressBar {
+    ProgressBar::new(100).with_style(style("codebook {bar:30} {percent}%"))
 }
 
 fn progress_bar(frames: usize) -> ProgressBar {

@@ -1,0 +1,46 @@
+//! The command line of `splatseg bench`.
+
+use crate::command::options::{ScoreOptions, SettingsOptions};
+use clap::Args;
+use splatseg::settings::MethodName;
+use std::path::PathBuf;
+
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "Every result is saved under DIR/results as soon as it is there; a run that was stopped goes \
+    on where it stopped when it is started again. A scene that cannot be used is listed in DIR/failures.json; the others \
+    go on, and the exit code is 1.\n\n\
+    Examples:\n  \
+    splatseg bench --scenes dev-a dev-b --methods fastsam,fastspam,fastsam-splat --segmenter oracle \\\n    \
+    --set oracle.preset=fastsam-like --seeds 5 --out bench\n  \
+    splatseg bench --scenes dev-a --methods fastsam-splat --ablate memory.feature_dim=1,4,7,14,28 \\\n    \
+    --ablate memory.num_steps=0,1,5,20,50 --out ablations"
+)]
+pub struct BenchArguments {
+    /// Scenes with ground truth
+    #[arg(long, value_name = "SCENE", num_args = 1.., required = true)]
+    pub scenes: Vec<String>,
+    /// Methods; the report compares the others with the first
+    #[arg(long, value_enum, value_name = "METHOD,…", value_delimiter = ',', required = true)]
+    pub methods: Vec<MethodName>,
+    /// Folder for results.json, results.csv, failures.json, tables.md, report.html and results/
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Measure everything again, also what DIR/results has
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Results worked on at a time; they share the threads. Speeds are those of a quiet machine only with 1
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub jobs: usize,
+    /// Number of seeds: --seed and those after it
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seeds: usize,
+    /// Vary one setting, e.g. memory.feature_dim=1,4,7,14,28: each value is a variant of every method, with a row of its
+    /// own. Given several times, settings are varied one after the other, not together
+    #[arg(long, value_name = "KEY=V1,V2,…")]
+    pub ablate: Vec<String>,
+    #[command(flatten)]
+    pub score: ScoreOptions,
+    #[command(flatten)]
+    pub options: SettingsOptions,
+}

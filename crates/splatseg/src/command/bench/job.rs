@@ -1,0 +1,309 @@
+//! One method on one scene with one seed.
+
+use super::thumbnail::{StripFrames, jpeg_data_uri};
+use crate::command::method::{Memory, make_method};
+use indicatif::ProgressBar;
+use serde::{Deserialize, Serialize};
+use splatseg::settings::{MethodName, Settings};
+use splatseg::summary::{FramesPerSecond, RunCounts};
+use splatseg_dataset::{FrameStream, GroundTruth, StreamedFrame, open_scene};
+use splatseg_geometry::{Mask, SegmentMap};
+use splatseg_memory::{FrameUpdate, SplatMemory};
+use splatseg_metrics::{FramePrediction, Protocol, ScoreSettings, VideoScore, VideoScorer};
+use splatseg_tracking::{FrameOutput, Method, StageTimes, TrackingError};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Everything that decides a result.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JobInputs {
+    /// The scene as it was given.
+    pub scene: String,
+    /// All settings; `threads` is 0, as it decides nothing.
+    pub settings: Settings,
+    /// How it is scored. Its protocol means nothing: both are computed.
+    pub score: ScoreSettings,
+    /// Version of splatseg.
+    pub version: String,
+}
+
+/// What one job found out: the content of its file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JobResult {
+    /// What it was made from.
+    pub inputs: JobInputs,
+    /// Fingerprint of the program that made it.
+    pub program: String,
+    /// Frames with a result.
+    pub frames: usize,
+    /// Frames that could not be read, and are not scored.
+    pub skipped_frames: usize,
+    /// Frames that the segmenter failed on, scored as empty.
+    pub failed_frames: usize,
+    /// Distinct ids in the results.
+    pub segments: usize,
+    /// Gaussians in the memory at the end.
+    pub gaussians: usize,
+    /// Numbers that the memory holds at the end.
+    pub parameters: usize,
+    /// Speed, without scoring.
+    pub fps: FramesPerSecond,
+    /// Mean time of each stage per frame, milliseconds.
+    pub stage_ms: BTreeMap<String, f64>,
+    /// Score in the protocol `paper`.
+    pub paper: VideoScore,
+    /// Score in the protocol `strict`.
+    pub strict: VideoScore,
+    /// What is worth a curve.
+    pub series: Series,
+    /// Some of the frames, to look at.
+    pub strip: Vec<Thumbnail>,
+}
+
+/// Numbers for each frame with a result.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Series {
+    /// Time of each stage, milliseconds, in the order of the method.
+    pub stage_ms: Vec<(String, Vec<f32>)>,
+    /// Gaussians in the memory after the frame; empty for methods without memory.
+    pub gaussians: Vec<usize>,
+}
+
+/// A result drawn over its frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Thumbnail {
+    /// Name of the frame.
+    pub frame: String,
+    /// A JPEG as `data:` URI.
+    pub image: String,
+}
+
+impl JobResult {
+    /// The score in a protocol.
+    pub fn score(&self, protocol: Protocol) -> &VideoScore {
+        match protocol {
+            Protocol::Paper => &self.paper,
+            Protocol::Strict => &self.strict,
+        }
+    }
+
+    /// A few words for the terminal.
+    pub fn in_short(&self) -> String {
+        let scores = self.paper.scores();
+        let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
+        let (vsq, stq) = (number(scores.vsq), number(scores.stq));
+        format!("VSQ {vsq}, STQ {stq} (protocol paper), {:.2} frames per second", self.fps.total)
+    }
+}
+
+/// Runs a job.
+pub fn run(inputs: &JobInputs) -> Result<JobResult, String> {
+    let text = |error: &dyn std::fmt::Display| error.to_string();
+    let settings = &inputs.settings;
+    let scene = open_scene(&inputs.scene, &settings.dataset).map_err(|error| text(&error))?;
+    if !scene.has_ground_truth() {
+        return Err(format!("{}: the scene has no ground truth", inputs.scene));
+    }
+    let mut stream =
+        FrameStream::open(Arc::clone(&scene), &settings.dataset, GroundTruth::Read).map_err(|error| text(&error))?;
+    let bar = ProgressBar::hidden();
+    let mut method = make_method(settings, &scene, &Memory::New(&bar)).map_err(|error| text(&error))?;
+    let mut recorder = Recorder::new(inputs, stream.len());
+    let mut time = Duration::ZERO;
+    for position in 0.. {
+        let started = Instant::now();
+        let Some(item) = stream.next() else {
+            break;
+        };
+        let frame = match item {
+            Ok(frame) => frame,
+            Err(error) => {
+                recorder.skip(&error.to_string());
+                continue;
+            }
+        };
+        let output = process(method.as_mut(), &frame, &mut recorder)?;
+        // Scoring and drawing are not the method's.
+        time += started.elapsed();
+        recorder.record(position, &frame, &output, method.memory())?;
+    }
+    recorder.finish(inputs, method.memory(), time)
+}
+
+/// The method's output; an empty one where the segmenter fails.
+fn process(method: &mut dyn Method, frame: &StreamedFrame, recorder: &mut Recorder) -> Result<FrameOutput, String> {
+    let frame = &frame.frame;
+    match method.process(frame) {
+        Ok(output) => Ok(output),
+        Err(TrackingError::Segmenter(error)) => {
+            recorder.fail(&format!("{}: {error}", frame.name()));
+            Ok(FrameOutput {
+                segments: SegmentMap::filled(frame.width(), frame.height(), 0),
+                masks: Vec::new(),
+                predictions: 0,
+                update: FrameUpdate::default(),
+                times: StageTimes::default(),
+            })
+        }
+        Err(error) => Err(format!("frame {}: {error}", frame.name())),
+    }
+}
+
+/// How a method's results are scored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Form {
+    /// One id per pixel.
+    Ids,
+    /// Masks with ids, which may overlap.
+    Masks,
+    /// Masks whose ids the evaluation makes.
+    Unlinked,
+}
+
+/// How a method's results are scored. The paper's code links the masks of FastSAM and of FastSPAM (whose program
+/// writes no ids) itself; in print FastSPAM's points carry ids from frame to frame, so `strict` takes these.
+fn form(method: MethodName, protocol: Protocol) -> Form {
+    match (method, protocol) {
+        (MethodName::FastsamSplat, _) => Form::Ids,
+        (MethodName::Fastsam, _) | (MethodName::Fastspam, Protocol::Paper) => Form::Unlinked,
+        (MethodName::Fastspam, Protocol::Strict) => Form::Masks,
+    }
+}
+
+/// Takes down what a method does.
+struct Recorder {
+    method: MethodName,
+    paper: VideoScorer,
+    strict: VideoScorer,
+    counts: RunCounts,
+    failed_frames: usize,
+    first_trouble: Option<String>,
+    series: Series,
+    strip_frames: StripFrames,
+    strip: Vec<Thumbnail>,
+}
+
+impl Recorder {
+    fn new(inputs: &JobInputs, frames: usize) -> Self {
+        let scorer = |protocol| VideoScorer::new(ScoreSettings { protocol, ..inputs.score });
+        Self {
+            method: inputs.settings.method,
+            paper: scorer(Protocol::Paper),
+            strict: scorer(Protocol::Strict),
+            counts: RunCounts::default(),
+            failed_frames: 0,
+            first_trouble: None,
+            series: Series::default(),
+            strip_frames: StripFrames::of(frames),
+            strip: Vec::new(),
+        }
+    }
+
+    fn skip(&mut self, reason: &str) {
+        self.counts.skipped_frames += 1;
+        tracing::warn!("frame skipped: {reason}");
+        self.first_trouble.get_or_insert_with(|| reason.to_owned());
+    }
+
+    fn fail(&mut self, reason: &str) {
+        self.failed_frames += 1;
+        tracing::warn!("frame scored as empty: {reason}");
+        self.first_trouble.get_or_insert_with(|| reason.to_owned());
+    }
+
+    fn record(
+        &mut self,
+        position: usize,
+        frame: &StreamedFrame,
+        output: &FrameOutput,
+        memory: Option<&SplatMemory>,
+    ) -> Result<(), String> {
+        self.counts.frames += 1;
+        self.counts.times += output.times;
+        self.counts.ids.extend(output.segments.areas().into_keys());
+        self.series.push(&output.times, memory);
+        if let Some(truth) = &frame.ground_truth {
+            self.score(truth, output).map_err(|error| format!("frame {}: {error}", frame.frame.name()))?;
+        }
+        if self.strip_frames.contains(position) {
+            let image = jpeg_data_uri(frame.frame.color(), Some(&output.segments))?;
+            self.strip.push(Thumbnail { frame: frame.frame.name().to_owned(), image });
+        }
+        Ok(())
+    }
+
+    fn score(&mut self, truth: &SegmentMap, output: &FrameOutput) -> Result<(), splatseg_metrics::MetricsError> {
+        for (protocol, scorer) in [(Protocol::Paper, &mut self.paper), (Protocol::Strict, &mut self.strict)] {
+            match form(self.method, protocol) {
+                Form::Ids => scorer.push(truth, &FramePrediction::Ids(&output.segments))?,
+                Form::Masks => scorer.push(truth, &FramePrediction::Masks(&output.masks))?,
+                Form::Unlinked => {
+                    let masks: Vec<Mask> = output.masks.iter().map(|(_, mask)| mask.clone()).collect();
+                    scorer.push(truth, &FramePrediction::Unlinked(&masks))?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(self, inputs: &JobInputs, memory: Option<&SplatMemory>, time: Duration) -> Result<JobResult, String> {
+        let useless = |what: &str| {
+            let reason = self.first_trouble.as_ref().map(|reason| format!(": {reason}")).unwrap_or_default();
+            Err(format!("{}: {what}{reason}", inputs.scene))
+        };
+        if self.counts.frames == 0 {
+            return useless("none of the frames could be used");
+        }
+        if self.failed_frames == self.counts.frames {
+            return useless("the segmenter failed on every frame");
+        }
+        if self.paper.frames() == 0 {
+            return useless("none of the frames has ground truth");
+        }
+        Ok(JobResult {
+            inputs: inputs.clone(),
+            program: String::new(),
+            frames: self.counts.frames,
+            skipped_frames: self.counts.skipped_frames,
+            failed_frames: self.failed_frames,
+            segments: self.counts.ids.len(),
+            gaussians: memory.map_or(0, SplatMemory::gaussian_count),
+            parameters: memory.map_or(0, SplatMemory::parameter_count),
+            fps: self.counts.fps(time),
+            stage_ms: self.counts.stage_ms(),
+            paper: self.paper.finish(),
+            strict: self.strict.finish(),
+            series: self.series,
+            strip: self.strip,
+        })
+    }
+}
+
+impl Series {
+    fn push(&mut self, times: &StageTimes, memory: Option<&SplatMemory>) {
+        let stages = times.stages();
+        self.stage_ms.resize_with(stages.len(), Default::default);
+        for ((name, values), (stage, time)) in self.stage_ms.iter_mut().zip(stages) {
+            if name.is_empty() {
+                *name = stage.to_owned();
+            }
+            values.push((time.as_secs_f64() * 1e3) as f32);
+        }
+        self.gaussians.extend(memory.map(SplatMemory::gaussian_count));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_papers_protocol_makes_the_ids_of_methods_that_have_none() {
+        assert_eq!(form(MethodName::Fastsam, Protocol::Paper), Form::Unlinked);
+        assert_eq!(form(MethodName::Fastspam, Protocol::Paper), Form::Unlinked);
+        assert_eq!(form(MethodName::Fastspam, Protocol::Strict), Form::Masks);
+        assert_eq!(form(MethodName::FastsamSplat, Protocol::Paper), Form::Ids);
+    }
+}

@@ -1,0 +1,40 @@
+//! `tables.md`.
+
+use super::Results;
+use super::tables::{of_scene, over_all_scenes};
+use splatseg_metrics::Protocol;
+
+/// All tables, and what is missing in them.
+pub fn document(results: &Results) -> String {
+    let plan = results.plan;
+    let mut text = format!(
+        "# Benchmark\n\nScores are percent, mean ± sample standard deviation over {} seeds. Over several scenes, tubes, \
+         tracks and pixels are summed before dividing; scenes are not averaged. Segmenter: {}. splatseg {}.\n\n",
+        plan.seeds.len(),
+        plan.settings.segmenter.name(),
+        env!("CARGO_PKG_VERSION"),
+    );
+    let other = match results.protocol {
+        Protocol::Paper => Protocol::Strict,
+        Protocol::Strict => Protocol::Paper,
+    };
+    for protocol in [results.protocol, other] {
+        text.push_str(&over_all_scenes(results, protocol).markdown());
+        text.push('\n');
+    }
+    if plan.scenes.len() > 1 {
+        for scene in 0..plan.scenes.len() {
+            text.push_str(&of_scene(results, scene, results.protocol).markdown());
+            text.push('\n');
+        }
+    }
+    if !results.failed.is_empty() {
+        text.push_str("## Not measured\n\n");
+        for failed in &results.failed {
+            let variant = failed.variant.map(|variant| format!(" {variant}")).unwrap_or_default();
+            let error = failed.error.replace('\n', " ");
+            text.push_str(&format!("- {}, {}{variant}, seed {}: {error}\n", failed.scene, failed.method, failed.seed));
+        }
+    }
+    text
+}

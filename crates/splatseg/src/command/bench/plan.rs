@@ -1,0 +1,204 @@
+//! What a benchmark has to measure.
+
+use super::arguments::BenchArguments;
+use super::job::JobInputs;
+use super::store::job_key;
+use crate::command::Failure;
+use splatseg::Settings;
+use splatseg::settings::{MethodName, SettingsLayers};
+use splatseg_dataset::open_scene;
+use splatseg_metrics::{Protocol, ScoreSettings};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// A scene as it was given.
+#[derive(Clone, Debug)]
+pub struct SceneEntry {
+    /// Its path.
+    pub path: String,
+    /// Its name in tables, different from all others'.
+    pub name: String,
+    /// Why it cannot be opened, if it cannot.
+    pub error: Option<String>,
+}
+
+/// A method, and how its settings differ from the others'.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Variant {
+    /// The method.
+    pub method: MethodName,
+    /// The ablated setting, e.g. `memory.feature_dim=14`.
+    pub change: Option<String>,
+}
+
+impl Variant {
+    /// Its name in tables.
+    pub fn label(&self) -> String {
+        match &self.change {
+            None => self.method.name().to_owned(),
+            Some(change) => format!("{} {change}", self.method.name()),
+        }
+    }
+}
+
+/// One thing to run. Variants that come to the same settings share it.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// Its name, and that of its file.
+    pub key: String,
+    /// What decides its result.
+    pub inputs: JobInputs,
+}
+
+/// One row of the results.
+#[derive(Clone, Copy, Debug)]
+pub struct Entry {
+    /// Index of the scene.
+    pub scene: usize,
+    /// Index of the variant.
+    pub variant: usize,
+    /// The seed.
+    pub seed: u64,
+    /// Index of the job that measures it.
+    pub job: usize,
+}
+
+/// All of a benchmark.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The scenes.
+    pub scenes: Vec<SceneEntry>,
+    /// The methods and their variants, in the order of the tables.
+    pub variants: Vec<Variant>,
+    /// The seeds.
+    pub seeds: Vec<u64>,
+    /// What to run.
+    pub jobs: Vec<Job>,
+    /// The rows.
+    pub entries: Vec<Entry>,
+    /// The settings that all share.
+    pub settings: Settings,
+    /// The protocol of the main tables.
+    pub protocol: Protocol,
+    /// Threads in all; 0: one per core.
+    pub threads: usize,
+}
+
+impl Plan {
+    /// What the command line asks for.
+    pub fn new(arguments: &BenchArguments) -> Result<Self, Failure> {
+        let layers = arguments.options.layers([])?;
+        let settings = layers.clone().resolve().map_err(Failure::input)?;
+        if arguments.seeds == 0 {
+            return Err(Failure::input("--seeds: found 0, expected 1 or more"));
+        }
+        let score = arguments.score.settings()?;
+        let seeds = (0..arguments.seeds as u64).map(|step| settings.seed.saturating_add(step)).collect();
+        let mut plan = Self {
+            scenes: scenes(&arguments.scenes, &settings),
+            variants: variants(&arguments.methods, &arguments.ablate)?,
+            seeds,
+            jobs: Vec::new(),
+            entries: Vec::new(),
+            threads: settings.threads,
+            protocol: score.protocol,
+            settings,
+        };
+        plan.add_entries(&layers, score)?;
+        Ok(plan)
+    }
+
+    fn add_entries(&mut self, layers: &SettingsLayers, score: ScoreSettings) -> Result<(), Failure> {
+        let mut job_of_key = HashMap::new();
+        for (scene, scene_entry) in self.scenes.iter().enumerate() {
+            for (variant, variant_entry) in self.variants.iter().enumerate() {
+                for seed in &self.seeds {
+                    let inputs = JobInputs {
+                        scene: scene_entry.path.clone(),
+                        settings: variant_settings(layers, variant_entry, *seed)?,
+                        // Both protocols are computed.
+                        score: ScoreSettings { protocol: Protocol::Paper, ..score },
+                        version: env!("CARGO_PKG_VERSION").to_owned(),
+                    };
+                    let key = job_key(&scene_entry.name, &inputs)?;
+                    let job = *job_of_key.entry(key.clone()).or_insert_with(|| {
+                        self.jobs.push(Job { key, inputs });
+                        self.jobs.len() - 1
+                    });
+                    self.entries.push(Entry { scene, variant, seed: *seed, job });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A benchmark without any scene that can be opened is a mistake of the command line.
+    pub fn require_a_scene(&self) -> Result<(), Failure> {
+        let errors: Option<Vec<&str>> = self.scenes.iter().map(|scene| scene.error.as_deref()).collect();
+        match errors.as_deref() {
+            Some([first, ..]) => Err(Failure::input(first)),
+            _ => Ok(()),
+        }
+    }
+}
+
+fn scenes(paths: &[String], settings: &Settings) -> Vec<SceneEntry> {
+    let mut scenes: Vec<SceneEntry> = Vec::new();
+    for path in paths {
+        if scenes.iter().any(|scene| scene.path == *path) {
+            continue;
+        }
+        let opened = open_scene(path, &settings.dataset);
+        let of_path = || Path::new(path).file_name().map_or(path.clone(), |name| name.to_string_lossy().into_owned());
+        let name = opened.as_ref().map_or_else(|_| of_path(), |scene| scene.name().to_owned());
+        let taken = scenes.iter().any(|scene| scene.name == name);
+        scenes.push(SceneEntry {
+            path: path.clone(),
+            name: if taken { path.clone() } else { name },
+            error: opened.err().map(|error| error.to_string()),
+        });
+    }
+    scenes
+}
+
+/// Each method as it is, then with each value of each ablation.
+fn variants(methods: &[MethodName], ablations: &[String]) -> Result<Vec<Variant>, Failure> {
+    let mut changes = vec![None];
+    for ablation in ablations {
+        let malformed = || Failure::input(format!("--ablate {ablation}: expected KEY=V1,V2,…"));
+        let (key, values) = ablation.split_once('=').ok_or_else(malformed)?;
+        for value in values.split(',').map(str::trim) {
+            if key.trim().is_empty() || value.is_empty() {
+                return Err(malformed());
+            }
+            if matches!(key.trim(), "seed" | "method" | "threads") {
+                return Err(Failure::input(format!("--ablate {ablation}: use --seeds and --methods for these")));
+            }
+            changes.push(Some(format!("{}={value}", key.trim())));
+        }
+    }
+    let mut variants: Vec<Variant> = Vec::new();
+    for method in methods {
+        for change in &changes {
+            let variant = Variant { method: *method, change: change.clone() };
+            if !variants.contains(&variant) {
+                variants.push(variant);
+            }
+        }
+    }
+    Ok(variants)
+}
+
+fn variant_settings(layers: &SettingsLayers, variant: &Variant, seed: u64) -> Result<Settings, Failure> {
+    let mut layers = layers.clone();
+    if let Some(change) = &variant.change {
+        layers.add_assignment(change).map_err(Failure::input)?;
+    }
+    let mut settings = layers.resolve().map_err(Failure::input)?;
+    settings.method = variant.method;
+    settings.seed = seed;
+    // Results do not depend on it.
+    settings.threads = 0;
+    settings.memory.validate().map_err(Failure::input)?;
+    Ok(settings)
+}

@@ -1,0 +1,128 @@
+//! Small pictures of results.
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use image::codecs::jpeg::JpegEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+use splatseg_dataset::segment_color;
+use splatseg_geometry::{Image, SegmentMap};
+
+/// Pictures are no wider than this, pixels.
+const WIDTH: usize = 224;
+const JPEG_QUALITY: u8 = 70;
+/// Most frames of a video that are drawn.
+const MOST_FRAMES: usize = 32;
+/// How much of a segment's colour, in percent, lies over the image.
+const OPACITY_PERCENT: u32 = 58;
+
+/// Which frames of a video are drawn: every n-th, so that all methods are drawn at the same ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StripFrames {
+    step: usize,
+}
+
+impl StripFrames {
+    /// For a video of this many frames.
+    pub fn of(frames: usize) -> Self {
+        Self { step: frames.div_ceil(MOST_FRAMES).max(1) }
+    }
+
+    /// Whether the frame at this position is drawn.
+    pub fn contains(&self, position: usize) -> bool {
+        position.is_multiple_of(self.step)
+    }
+}
+
+/// The image, with segments tinted in [`segment_color`] and outlined if given, as a small JPEG in a `data:` URI. Both
+/// are `[height, width]`.
+pub fn jpeg_data_uri(color: &Image<[u8; 3]>, segments: Option<&SegmentMap>) -> Result<String, String> {
+    let (width, height) = color.size();
+    let small_width = width.clamp(1, WIDTH);
+    let small_height = (height * small_width).div_ceil(width.max(1)).max(1);
+    let scale = Scale { from: (width, height), to: (small_width, small_height) };
+    let mut pixels = Vec::with_capacity(3 * small_width * small_height);
+    for row in 0..small_height {
+        for column in 0..small_width {
+            let tone = scale.mean(color, column, row);
+            pixels.extend(match segments {
+                None => tone,
+                Some(segments) => scale.tinted(tone, segments, (column, row)),
+            });
+        }
+    }
+    let mut jpeg = Vec::new();
+    JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY)
+        .write_image(&pixels, small_width as u32, small_height as u32, ExtendedColorType::Rgb8)
+        .map_err(|error| format!("thumbnail: {error}"))?;
+    Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
+}
+
+/// From small pixels to those of the image.
+struct Scale {
+    from: (usize, usize),
+    to: (usize, usize),
+}
+
+impl Scale {
+    fn columns(&self, column: usize) -> std::ops::Range<usize> {
+        column * self.from.0 / self.to.0
+            ..((column + 1) * self.from.0 / self.to.0).max(column * self.from.0 / self.to.0 + 1)
+    }
+
+    fn rows(&self, row: usize) -> std::ops::Range<usize> {
+        row * self.from.1 / self.to.1..((row + 1) * self.from.1 / self.to.1).max(row * self.from.1 / self.to.1 + 1)
+    }
+
+    fn mean(&self, color: &Image<[u8; 3]>, column: usize, row: usize) -> [u8; 3] {
+        let (mut sum, mut count) = ([0u32; 3], 0u32);
+        for y in self.rows(row) {
+            for pixel in &color.row(y)[self.columns(column)] {
+                for (sum, channel) in sum.iter_mut().zip(pixel) {
+                    *sum += u32::from(*channel);
+                }
+                count += 1;
+            }
+        }
+        sum.map(|sum| (sum / count.max(1)) as u8)
+    }
+
+    fn id(&self, segments: &SegmentMap, (column, row): (usize, usize)) -> u32 {
+        let (columns, rows) = (self.columns(column), self.rows(row));
+        segments[((columns.start + columns.end - 1) / 2, (rows.start + rows.end - 1) / 2)]
+    }
+
+    fn tinted(&self, tone: [u8; 3], segments: &SegmentMap, at: (usize, usize)) -> [u8; 3] {
+        let id = self.id(segments, at);
+        let right = (at.0 + 1 < self.to.0).then(|| self.id(segments, (at.0 + 1, at.1)));
+        let below = (at.1 + 1 < self.to.1).then(|| self.id(segments, (at.0, at.1 + 1)));
+        if right.is_some_and(|other| other != id) || below.is_some_and(|other| other != id) {
+            return [24; 3];
+        }
+        let over = if id == 0 { [128; 3] } else { segment_color(id) };
+        let mut mixed = [0; 3];
+        for ((mixed, tone), over) in mixed.iter_mut().zip(tone).zip(over) {
+            let sum = u32::from(tone) * (100 - OPACITY_PERCENT) + u32::from(over) * OPACITY_PERCENT;
+            *mixed = (sum / 100) as u8;
+        }
+        mixed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_of_any_size_can_be_drawn() {
+        for (width, height) in [(1, 1), (640, 3), (7, 900), (320, 240)] {
+            let uri = jpeg_data_uri(&Image::filled(width, height, [90; 3]), Some(&Image::filled(width, height, 3)));
+            assert!(uri.unwrap().starts_with("data:image/jpeg;base64,/9j/"), "{width}x{height}");
+        }
+    }
+
+    #[test]
+    fn long_videos_are_thinned_out() {
+        let drawn = |frames: usize| (0..frames).filter(|position| StripFrames::of(frames).contains(*position)).count();
+        assert_eq!((drawn(5), drawn(32), drawn(80), drawn(1000)), (5, 32, 27, 32));
+    }
+}

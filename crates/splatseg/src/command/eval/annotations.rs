@@ -1,0 +1,194 @@
+//! JSON files with run-length encoded masks: COCO annotations with frames and ids, YouTube-VIS tracks.
+
+use super::pairing::SelectedFrames;
+use crate::command::Failure;
+use serde::Deserialize;
+use serde_json::Value;
+use splatseg_geometry::{RunLengths, SegmentId};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// Larger files are not read into memory.
+const MAX_BYTES: u64 = 1 << 30;
+
+/// Endings of the image files that annotations may be named after.
+const IMAGE_ENDINGS: [&str; 4] = [".jpg", ".jpeg", ".png", ".color"];
+
+/// A mask as it stands in the file.
+#[derive(Clone, Debug)]
+pub struct EncodedMask {
+    /// The segment's id, above 0.
+    pub id: SegmentId,
+    /// Its pixels.
+    pub runs: RunLengths,
+}
+
+type MasksByFrame = BTreeMap<String, Vec<EncodedMask>>;
+
+/// Reads a file's masks by name of the frame. Tracks' lists of masks are those of the selected frames, in order.
+pub fn read(path: &Path, frames: &SelectedFrames) -> Result<MasksByFrame, Failure> {
+    let wrong = |text: String| Failure::input(format!("{}: {text}", path.display()));
+    let bytes = std::fs::metadata(path).map_err(|error| wrong(error.to_string()))?.len();
+    if bytes > MAX_BYTES {
+        return Err(wrong(format!("{bytes} bytes, expected at most {MAX_BYTES}")));
+    }
+    let text = std::fs::read(path).map_err(|error| wrong(error.to_string()))?;
+    let document: Value = serde_json::from_slice(&text).map_err(|error| wrong(format!("is no JSON: {error}")))?;
+    Document { frames }.read(document).map_err(wrong)
+}
+
+/// Something with masks: a track, or one mask.
+#[derive(Deserialize)]
+struct Annotation {
+    id: Option<Value>,
+    track_id: Option<Value>,
+    segmentations: Option<Vec<Value>>,
+    segmentation: Option<Value>,
+    frame: Option<Value>,
+    file_name: Option<Value>,
+    image: Option<Value>,
+    image_id: Option<Value>,
+    video_id: Option<Value>,
+}
+
+/// An entry of COCO's list `images`.
+#[derive(Deserialize)]
+struct CocoImage {
+    id: Value,
+    file_name: String,
+}
+
+/// How the file's words become frames.
+struct Document<'a> {
+    frames: &'a SelectedFrames,
+}
+
+impl Document<'_> {
+    fn read(&self, mut document: Value) -> Result<MasksByFrame, String> {
+        let mut masks = MasksByFrame::new();
+        let images = self.images(document.get_mut("images").map(Value::take))?;
+        masks.extend(images.values().map(|name| (name.clone(), Vec::new())));
+        if let Some(names) = document.get_mut("frames").map(Value::take) {
+            let names = <Vec<Value>>::deserialize(names).map_err(|error| format!("key frames: {error}"))?;
+            for name in &names {
+                masks.entry(self.frame_name(name)?).or_default();
+            }
+        }
+        let list = document.get_mut("annotations").map(Value::take).unwrap_or(document);
+        let Value::Array(list) = list else {
+            return Err("expected a list of annotations, or an object with the key annotations".to_owned());
+        };
+        let mut videos = BTreeSet::new();
+        for (place, value) in list.into_iter().enumerate() {
+            let at = |text: String| format!("annotation {place}: {text}");
+            let annotation = Annotation::deserialize(value).map_err(|error| at(error.to_string()))?;
+            videos.extend(annotation.video_id.as_ref().map(Value::to_string));
+            if videos.len() > 1 {
+                return Err(at("belongs to another video than those before, expected one video in a file".to_owned()));
+            }
+            self.add(annotation, place, &images, &mut masks).map_err(at)?;
+        }
+        Ok(masks)
+    }
+
+    /// COCO's images, by id.
+    fn images(&self, list: Option<Value>) -> Result<BTreeMap<String, String>, String> {
+        let Some(list) = list else {
+            return Ok(BTreeMap::new());
+        };
+        let list = <Vec<CocoImage>>::deserialize(list).map_err(|error| format!("key images: {error}"))?;
+        let named = |image: CocoImage| Ok((image.id.to_string(), self.frame_name(&Value::String(image.file_name))?));
+        list.into_iter().map(named).collect()
+    }
+
+    fn add(
+        &self,
+        annotation: Annotation,
+        place: usize,
+        images: &BTreeMap<String, String>,
+        masks: &mut MasksByFrame,
+    ) -> Result<(), String> {
+        let id = annotation.track_id.as_ref().or(annotation.id.as_ref()).map(segment_id).transpose()?;
+        if let Some(segmentations) = annotation.segmentations {
+            let id = id.map_or_else(|| segment_id(&Value::from(place + 1)), Ok)?;
+            return self.add_track(id, &segmentations, masks);
+        }
+        let segmentation = annotation.segmentation.ok_or("expected the key segmentation or segmentations")?;
+        let name = match (annotation.frame.or(annotation.file_name).or(annotation.image), annotation.image_id) {
+            (Some(name), _) => self.frame_name(&name)?,
+            (None, Some(image)) => match images.get(&image.to_string()) {
+                Some(name) => name.clone(),
+                None => self.frame_name(&image)?,
+            },
+            (None, None) => return Err("expected the key frame, file_name, image or image_id".to_owned()),
+        };
+        let of_frame = masks.entry(name).or_default();
+        // Without ids the masks of a frame are only told apart.
+        let id = id.map_or_else(|| segment_id(&Value::from(of_frame.len() + 1)), Ok)?;
+        if let Some(runs) = run_lengths(&segmentation)? {
+            of_frame.push(EncodedMask { id, runs });
+        }
+        Ok(())
+    }
+
+    fn add_track(&self, id: SegmentId, segmentations: &[Value], masks: &mut MasksByFrame) -> Result<(), String> {
+        let selected = self.frames.selected();
+        if segmentations.len() > selected.len() {
+            return Err(format!(
+                "{} masks, expected at most {}, one (or null) for each frame that is scored",
+                segmentations.len(),
+                selected.len()
+            ));
+        }
+        for (segmentation, (_, name)) in segmentations.iter().zip(selected) {
+            let of_frame = masks.entry(name.clone()).or_default();
+            if let Some(runs) = run_lengths(segmentation).map_err(|error| format!("frame {name}: {error}"))? {
+                of_frame.push(EncodedMask { id, runs });
+            }
+        }
+        Ok(())
+    }
+
+    /// The frame that a name, a number or an image file stands for.
+    fn frame_name(&self, value: &Value) -> Result<String, String> {
+        let text = match value {
+            Value::String(text) => text.clone(),
+            Value::Number(number) => number.to_string(),
+            _ => return Err("expected a frame's name".to_owned()),
+        };
+        if self.frames.knows(&text) {
+            return Ok(text);
+        }
+        let mut name = text.rsplit(['/', '\\']).next().unwrap_or(&text);
+        for ending in IMAGE_ENDINGS {
+            name = name.strip_suffix(ending).unwrap_or(name);
+        }
+        Ok(name.to_owned())
+    }
+}
+
+fn segment_id(value: &Value) -> Result<SegmentId, String> {
+    let id = value.as_u64().and_then(|id| SegmentId::try_from(id).ok()).filter(|id| *id > 0);
+    id.ok_or_else(|| format!("id: found {value}, expected a whole number from 1 to {}", SegmentId::MAX))
+}
+
+/// A COCO RLE, compressed or not; `None` for null.
+fn run_lengths(value: &Value) -> Result<Option<RunLengths>, String> {
+    if value.is_null() {
+        return Ok(None);
+    }
+    let expected = "expected an RLE with size [height, width] and counts (polygons are not read)";
+    let size = value.get("size").and_then(|size| <[usize; 2]>::deserialize(size).ok());
+    let ([height, width], Some(counts)) = (size.ok_or(expected)?, value.get("counts")) else {
+        return Err(expected.to_owned());
+    };
+    match counts {
+        Value::String(text) => {
+            RunLengths::from_compressed(width, height, text).map(Some).map_err(|error| error.to_string())
+        }
+        counts => {
+            let counts = <Vec<u32>>::deserialize(counts).map_err(|error| format!("counts: {error}"))?;
+            Ok(Some(RunLengths { width, height, counts }))
+        }
+    }
+}

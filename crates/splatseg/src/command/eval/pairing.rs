@@ -1,0 +1,91 @@
+//! Which frames are scored, and whether both sides have them.
+
+use super::{MissingCounts, Predictions};
+use crate::command::Failure;
+use splatseg_dataset::{DatasetSettings, Scene};
+use std::collections::BTreeSet;
+
+/// Names that an error lists before it only counts.
+const LISTED_NAMES: usize = 5;
+
+/// What to do about frames that one side lacks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MissingFrames {
+    /// An error.
+    Refused,
+    /// Without prediction: scored as empty; without ground truth: left out.
+    Allowed,
+}
+
+/// The frames of a scene that are scored.
+#[derive(Clone, Debug)]
+pub struct SelectedFrames {
+    selected: Vec<(usize, String)>,
+    all_names: BTreeSet<String>,
+}
+
+impl SelectedFrames {
+    /// The frames that the settings select.
+    pub fn of(scene: &dyn Scene, settings: &DatasetSettings) -> Result<Self, Failure> {
+        let indices = settings.selected_frames(scene.frame_count()).map_err(Failure::input)?;
+        let selected = indices.into_iter().map(|index| (index, scene.frame_name(index))).collect();
+        let all_names = (0..scene.frame_count()).map(|index| scene.frame_name(index)).collect();
+        Ok(Self { selected, all_names })
+    }
+
+    /// Index in the scene and name of each, in order.
+    pub fn selected(&self) -> &[(usize, String)] {
+        &self.selected
+    }
+
+    /// Whether the scene has a frame of this name, selected or not.
+    pub fn knows(&self, name: &str) -> bool {
+        self.all_names.contains(name)
+    }
+
+    /// Compares the frames with those of the predictions. Predictions of frames that exist but are not selected are
+    /// nobody's mistake.
+    pub fn check(&self, predictions: &Predictions, missing: MissingFrames) -> Result<MissingCounts, Failure> {
+        let names: Vec<&str> = self.selected.iter().map(|(_, name)| name.as_str()).collect();
+        let without: Vec<&str> = names.into_iter().filter(|name| !predictions.has(name)).collect();
+        let unknown: Vec<&str> = predictions.names().filter(|name| !self.knows(name)).collect();
+        if missing == MissingFrames::Refused {
+            let path = predictions.path().display();
+            if !without.is_empty() {
+                let text = count_and_names(&without, "without prediction");
+                return Err(Failure::input(format!("{path}: {text}; --allow-missing scores them as empty")));
+            }
+            if !unknown.is_empty() {
+                let text = count_and_names(&unknown, "predicted that the scene does not have");
+                return Err(Failure::input(format!("{path}: {text}; --allow-missing leaves them out")));
+            }
+        }
+        Ok(MissingCounts {
+            missing_predictions: without.len(),
+            unlabelled_frames: 0,
+            unknown_predictions: unknown.len(),
+        })
+    }
+}
+
+/// How many frames are `what`, and which.
+pub fn count_and_names(names: &[&str], what: &str) -> String {
+    let listed = names.iter().take(LISTED_NAMES).copied().collect::<Vec<_>>().join(", ");
+    let frames = if names.len() == 1 { "frame" } else { "frames" };
+    match names.len().saturating_sub(LISTED_NAMES) {
+        0 => format!("{} {frames} {what}: {listed}", names.len()),
+        more => format!("{} {frames} {what}: {listed} and {more} more", names.len()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::count_and_names;
+
+    #[test]
+    fn long_lists_are_counted() {
+        assert_eq!(count_and_names(&["7"], "without x"), "1 frame without x: 7");
+        let names = ["a", "b", "c", "d", "e", "f", "g"];
+        assert_eq!(count_and_names(&names, "without x"), "7 frames without x: a, b, c, d, e and 2 more");
+    }
+}

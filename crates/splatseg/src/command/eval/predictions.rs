@@ -1,0 +1,170 @@
+//! Predictions on disk.
+
+use super::Ids;
+use super::annotations::{self, EncodedMask};
+use super::pairing::SelectedFrames;
+use crate::command::Failure;
+use splatseg_dataset::{Framing, read_segments_png};
+use splatseg_geometry::{Mask, SegmentId, SegmentMap};
+use splatseg_metrics::{FramePrediction, MetricsError, VideoScorer};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// The predictions of a video.
+#[derive(Debug)]
+pub enum Predictions {
+    /// A folder with one id image per frame.
+    Images {
+        /// The folder.
+        folder: PathBuf,
+        /// Names of the frames.
+        names: BTreeSet<String>,
+    },
+    /// A JSON file with run-length encoded masks.
+    Masks {
+        /// The file.
+        path: PathBuf,
+        /// Masks by name of the frame.
+        frames: BTreeMap<String, Vec<EncodedMask>>,
+    },
+}
+
+/// The predictions of one frame.
+#[derive(Debug)]
+pub enum Prediction {
+    /// One id per pixel.
+    Map(SegmentMap),
+    /// Masks that may overlap.
+    Masks(Vec<(SegmentId, Mask)>),
+}
+
+/// How predictions come to the size of the framed ground truth: those of that size are used as they are, those of
+/// the original images' size go the way of the ground truth.
+#[derive(Clone, Copy, Debug)]
+pub struct Fit {
+    /// What the ground truth went through.
+    pub framing: Framing,
+    /// Its size before, `(width, height)`.
+    pub original: (usize, usize),
+    /// Its size after, `(width, height)`.
+    pub framed: (usize, usize),
+}
+
+impl Predictions {
+    /// Opens a folder of id images, the folder of a run, or a JSON file.
+    pub fn open(path: &Path, frames: &SelectedFrames) -> Result<Self, Failure> {
+        let wrong = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", path.display()));
+        let metadata = std::fs::metadata(path).map_err(|error| wrong(&error))?;
+        if metadata.is_file() {
+            let frames = annotations::read(path, frames)?;
+            return Ok(Self::Masks { path: path.to_owned(), frames });
+        }
+        let segments = path.join("segments");
+        let folder = if segments.is_dir() { segments } else { path.to_owned() };
+        let mut names = BTreeSet::new();
+        for entry in std::fs::read_dir(&folder).map_err(|error| wrong(&error))? {
+            let name = entry.map_err(|error| wrong(&error))?.file_name();
+            if let Some(name) = name.to_str().and_then(|name| name.strip_suffix(".png")) {
+                names.insert(name.to_owned());
+            }
+        }
+        if names.is_empty() {
+            return Err(wrong(&"holds no .png files, expected one per frame, named after it"));
+        }
+        Ok(Self::Images { folder, names })
+    }
+
+    /// The folder or file.
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::Images { folder, .. } => folder,
+            Self::Masks { path, .. } => path,
+        }
+    }
+
+    /// Whether there is a prediction, be it an empty one, for this frame.
+    pub fn has(&self, name: &str) -> bool {
+        match self {
+            Self::Images { names, .. } => names.contains(name),
+            Self::Masks { frames, .. } => frames.contains_key(name),
+        }
+    }
+
+    /// The frames with predictions.
+    pub fn names(&self) -> Box<dyn Iterator<Item = &str> + '_> {
+        match self {
+            Self::Images { names, .. } => Box::new(names.iter().map(String::as_str)),
+            Self::Masks { frames, .. } => Box::new(frames.keys().map(String::as_str)),
+        }
+    }
+
+    /// The prediction of a frame; an empty one if there is none.
+    pub fn read(&self, name: &str, fit: &Fit) -> Result<Prediction, Failure> {
+        match self {
+            Self::Images { names, .. } if !names.contains(name) => {
+                Ok(Prediction::Map(SegmentMap::filled(fit.framed.0, fit.framed.1, 0)))
+            }
+            Self::Images { folder, .. } => {
+                let path = folder.join(format!("{name}.png"));
+                let map = read_segments_png(&path).map_err(Failure::input)?;
+                fit.map(map).map(Prediction::Map).map_err(|text| Failure::input(format!("{}: {text}", path.display())))
+            }
+            Self::Masks { path, frames } => {
+                let wrong = |text: String| Failure::input(format!("{}: frame {name}: {text}", path.display()));
+                let masks = frames.get(name).map(Vec::as_slice).unwrap_or_default();
+                let decoded = masks.iter().map(|mask| Ok((mask.id, fit.mask(mask)?)));
+                Ok(Prediction::Masks(decoded.collect::<Result<_, String>>().map_err(wrong)?))
+            }
+        }
+    }
+}
+
+impl Prediction {
+    /// Scores the prediction against the truth.
+    pub fn push_to(&self, scorer: &mut VideoScorer, truth: &SegmentMap, ids: Ids) -> Result<(), MetricsError> {
+        let without_ids = |masks: &[(SegmentId, Mask)]| masks.iter().map(|(_, mask)| mask.clone()).collect::<Vec<_>>();
+        match (self, ids) {
+            (Self::Map(map), Ids::Lasting) => scorer.push(truth, &FramePrediction::Ids(map)),
+            (Self::Masks(masks), Ids::Lasting) => scorer.push(truth, &FramePrediction::Masks(masks)),
+            (Self::Map(map), Ids::PerFrame) => {
+                scorer.push(truth, &FramePrediction::Unlinked(&without_ids(&Mask::of_segments(map))))
+            }
+            (Self::Masks(masks), Ids::PerFrame) => scorer.push(truth, &FramePrediction::Unlinked(&without_ids(masks))),
+        }
+    }
+}
+
+impl Fit {
+    fn check(&self, found: (usize, usize)) -> Result<(), String> {
+        if found == self.framed || found == self.original {
+            return Ok(());
+        }
+        let ((width, height), (framed_width, framed_height)) = (self.original, self.framed);
+        let expected = if self.original == self.framed {
+            format!("{width}x{height}")
+        } else {
+            format!("{framed_width}x{framed_height} (or {width}x{height}, the original size)")
+        };
+        Err(format!("the prediction has {}x{} pixels, expected {expected} as the ground truth", found.0, found.1))
+    }
+
+    fn map(&self, map: SegmentMap) -> Result<SegmentMap, String> {
+        self.check(map.size())?;
+        if map.size() == self.framed {
+            return Ok(map);
+        }
+        self.framing.apply_to_labels(map).map_err(|error| error.to_string())
+    }
+
+    fn mask(&self, encoded: &EncodedMask) -> Result<Mask, String> {
+        let size = (encoded.runs.width, encoded.runs.height);
+        // Before decoding: a file may state any size.
+        self.check(size)?;
+        let mask = encoded.runs.decode().map_err(|error| format!("mask of id {}: {error}", encoded.id))?;
+        if size == self.framed {
+            return Ok(mask);
+        }
+        let map = SegmentMap::from_fn(size.0, size.1, |column, row| u32::from(mask.contains(column, row)));
+        self.map(map).map(|map| map.mask_of(1))
+    }
+}

@@ -1,0 +1,138 @@
+//! `splatseg bench`: complete, resumable, the same whatever the number of jobs.
+
+mod support;
+
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::time::SystemTime;
+use support::{OTHER_ROOM, ROOM, bench, read_json};
+
+const SEEDS: [&str; 2] = ["--seeds", "2"];
+
+/// The rows without what a clock decides.
+fn timeless_rows(out: &Path) -> Vec<Value> {
+    let Value::Array(mut rows) = read_json(&out.join("results.json")) else { panic!("no list") };
+    for row in &mut rows {
+        let row = row.as_object_mut().unwrap();
+        row.remove("fps").unwrap();
+        row.remove("stage_ms").unwrap();
+    }
+    rows
+}
+
+fn saved(out: &Path) -> BTreeMap<String, SystemTime> {
+    let entries = fs::read_dir(out.join("results")).unwrap().map(Result::unwrap);
+    entries
+        .map(|entry| (entry.file_name().into_string().unwrap(), entry.metadata().unwrap().modified().unwrap()))
+        .collect()
+}
+
+#[test]
+fn results_are_complete_resumable_and_the_same_for_any_number_of_jobs() {
+    let folder = tempfile::tempdir().unwrap();
+    let (one, two) = (folder.path().join("one"), folder.path().join("two"));
+    let ended = bench(&[ROOM, OTHER_ROOM], &one, &SEEDS);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    check_rows(&one);
+
+    let ended = bench(&[ROOM, OTHER_ROOM], &two, &["--seeds", "2", "--jobs", "2"]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    assert_eq!(timeless_rows(&one), timeless_rows(&two));
+
+    let before = saved(&one);
+    let (gone, _) = before.iter().nth(3).unwrap();
+    fs::remove_file(one.join("results").join(gone)).unwrap();
+    let rows = timeless_rows(&one);
+    let ended = bench(&[ROOM, OTHER_ROOM], &one, &SEEDS);
+    assert_eq!((ended.code, ended.out.matches("there already").count()), (0, 7), "{}", ended.out);
+    let after = saved(&one);
+    assert_eq!(before.keys().collect::<Vec<_>>(), after.keys().collect::<Vec<_>>());
+    let renewed: Vec<&String> =
+        after.iter().filter(|(name, time)| before[*name] != **time).map(|(name, _)| name).collect();
+    assert_eq!(renewed, [gone]);
+    assert_eq!(timeless_rows(&one), rows);
+
+    // A file that was cut off is measured again, and so is everything when other settings are asked for.
+    fs::write(one.join("results").join(gone), "{").unwrap();
+    assert_eq!(bench(&[ROOM, OTHER_ROOM], &one, &SEEDS).out.matches("there already").count(), 7);
+    let ended = bench(&[ROOM], &one, &["--set", "memory.num_steps=3"]);
+    assert_eq!((ended.code, ended.out.matches("there already").count()), (0, 0));
+}
+
+/// Two scenes, two methods, two seeds.
+fn check_rows(out: &Path) {
+    let rows = timeless_rows(out);
+    let key = |row: &Value| [&row["scene"], &row["method"], &row["seed"]].map(Value::to_string).join(" ");
+    let mut keys: Vec<String> = rows.iter().map(key).collect();
+    keys.sort();
+    keys.dedup();
+    assert_eq!((rows.len(), keys.len()), (8, 8));
+    for row in &rows {
+        for key in ["vsq", "stq", "aq", "sq"] {
+            assert!(row[key].is_f64() && row["strict"][key].is_f64(), "{key}: {row}");
+        }
+        assert!(["1", "5", "10", "15"].iter().all(|length| row["vsq_k"][length].is_f64()));
+        assert_eq!((&row["segmenter"], &row["protocol"]), (&"oracle".into(), &"paper".into()));
+        assert!(out.join(row["file"].as_str().unwrap()).is_file());
+    }
+    let first = &read_json(&out.join("results.json"))[0];
+    assert!(first["fps"]["total"].as_f64().unwrap() > 0.0 && first["fps"]["without_segmenter"].is_f64());
+    assert_eq!(read_json(&out.join("failures.json")), Value::Array(Vec::new()));
+    let csv = fs::read_to_string(out.join("results.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 9);
+    assert!(csv.starts_with("scene,method,variant,seed,segmenter,protocol,vsq_1,"));
+    let tables = fs::read_to_string(out.join("tables.md")).unwrap();
+    assert!(tables.contains("| method | k=1 | k=5 | k=10 | k=15 | VSQ | STQ | AQ | SQ |"));
+    assert!(tables.contains("*FastSAM-Splat (paper, ScanNet-MV: other data)*") && tables.contains(" ± "));
+}
+
+#[test]
+fn a_broken_scene_is_listed_and_the_others_go_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let broken = folder.path().join("broken");
+    fs::create_dir(&broken).unwrap();
+    let out = folder.path().join("out");
+    let ended = bench(&[broken.to_str().unwrap(), ROOM], &out, &[]);
+    assert_eq!(ended.code, 1, "{}", ended.err);
+    assert!(ended.err.contains("2 of 4 results are missing") && ended.err.contains("broken"), "{}", ended.err);
+    let failures = read_json(&out.join("failures.json"));
+    assert_eq!(failures.as_array().unwrap().len(), 2);
+    assert_eq!(failures[0]["scene"], "broken");
+    assert!(failures[0]["error"].as_str().unwrap().contains("broken"));
+    assert_eq!(timeless_rows(&out).len(), 2);
+    assert!(fs::read_to_string(out.join("tables.md")).unwrap().contains("(1 of 2 results)"));
+    assert!(fs::read_to_string(out.join("report.html")).unwrap().contains("2 results are missing"));
+
+    let ended = bench(&[broken.to_str().unwrap()], &folder.path().join("none"), &[]);
+    assert_eq!(ended.code, 2, "{}", ended.err);
+}
+
+#[test]
+fn ablated_settings_are_rows_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let ended = bench(&[OTHER_ROOM], folder.path(), &["--ablate", "memory.num_steps=0,20"]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    let rows = timeless_rows(folder.path());
+    let variants: Vec<&Value> = rows.iter().map(|row| &row["variant"]).collect();
+    let expected = [Value::Null, "memory.num_steps=0".into(), "memory.num_steps=20".into()];
+    assert_eq!(variants, expected.iter().chain(&expected).collect::<Vec<_>>());
+    // 20 is the default: the same settings are measured once.
+    assert_eq!(rows[3]["file"], rows[5]["file"]);
+    assert_ne!(rows[3]["file"], rows[4]["file"]);
+    for wrong in ["memory.num_steps", "memory.num_steps=", "memory.nothing=1", "seed=1,2"] {
+        let ended = bench(&[OTHER_ROOM], folder.path(), &["--ablate", wrong]);
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{wrong}: {}", ended.err);
+    }
+}
+
+#[test]
+fn folders_of_others_are_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("thesis.tex"), "mine").unwrap();
+    let ended = bench(&[OTHER_ROOM], folder.path(), &[]);
+    assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+    assert_eq!(bench(&[OTHER_ROOM], folder.path(), &["--overwrite"]).code, 0);
+    assert_eq!(fs::read_to_string(folder.path().join("thesis.tex")).unwrap(), "mine");
+}

@@ -1,0 +1,53 @@
+//! What tests of the commands `eval` and `bench` share.
+
+#![allow(dead_code)] // Each test file uses a part.
+
+use assert_cmd::Command;
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+/// A video that is longer than a window of VSQ, and small.
+pub const ROOM: &str = "synthetic:frames=18,width=64,height=48,objects=6";
+/// Another one.
+pub const OTHER_ROOM: &str = "synthetic:frames=17,width=64,height=48,objects=5,seed=2";
+
+/// The command.
+pub fn splatseg() -> Command {
+    Command::new(assert_cmd::cargo::cargo_bin!("splatseg"))
+}
+
+/// How a command ended.
+pub struct Ended {
+    /// Its exit code.
+    pub code: i32,
+    /// Standard output.
+    pub out: String,
+    /// Standard error.
+    pub err: String,
+}
+
+/// Runs to the end.
+pub fn finish(command: &mut Command) -> Ended {
+    let output = command.output().unwrap();
+    Ended {
+        code: output.status.code().unwrap(),
+        out: String::from_utf8(output.stdout).unwrap(),
+        err: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+/// A small benchmark with a segmenter that errs.
+pub fn bench(scenes: &[&str], out: &Path, more: &[&str]) -> Ended {
+    let mut command = splatseg();
+    command.arg("bench").arg("--scenes").args(scenes).arg("--out").arg(out);
+    command.args(["--methods", "fastsam,fastsam-splat", "--segmenter", "oracle"]);
+    command.args(["--set", "oracle.preset=fastsam-like", "--set", "oracle.min_area_px=10"]);
+    command.args(["--set", "memory.num_codes=32", "--set", "memory.feature_dim=8", "--threads", "2"]);
+    finish(command.args(more))
+}
+
+/// A JSON file.
+pub fn read_json(path: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+}
