@@ -143,8 +143,8 @@ impl Learning<'_> {
     }
 
     /// Per tile, the pixels to be learnt: those that differ from the target and their surroundings, where the memory
-    /// covers them, but not those that this frame's new Gaussians may touch (`touched`): there the new ones show the
-    /// target already, and what they leave to be learnt is the next frame's.
+    /// covers them, but not those where this frame's new Gaussians prevail (`touched`): the new ones show the target
+    /// already, and what they leave to be learnt is the next frame's.
     pub fn active_pixels(&self, touched: &[PixelSet]) -> Vec<PixelSet> {
         let (width, height) = self.target.segments.size();
         let columns = width.div_ceil(TileWeights::SIDE);

@@ -13,6 +13,10 @@ use thiserror::Error;
 /// The largest segment id there can be: results are 16-bit images.
 pub const MAX_SEGMENT_ID: SegmentId = u16::MAX as SegmentId;
 
+/// Where a Gaussian that a frame added has at least this alpha, in front of what was there, it and no longer the view
+/// made before says what is seen.
+const NEW_GAUSSIAN_PREVAILS: f32 = 0.5;
+
 /// An online 3D Gaussian splat whose Gaussians carry segment-id features.
 ///
 /// For every frame: [`SplatMemory::view`] rasterises it, [`SplatMemory::expect`] says which segments should be seen,
@@ -142,7 +146,7 @@ impl SplatMemory {
         let started = Instant::now();
         let grown = self.grow(frame, expectation, target);
         let grow_time = started.elapsed();
-        let touched = view.pixels_touched_since(&self.gaussians, &expectation.depth);
+        let touched = view.pixels_touched_since(&self.gaussians, &expectation.depth, NEW_GAUSSIAN_PREVAILS);
         let started = Instant::now();
         let learning = Learning { settings: &self.settings, codebook: &self.codebook, expectation, target };
         let chosen = learning.active_pixels(&touched);

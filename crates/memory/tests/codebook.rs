@@ -185,32 +185,6 @@ fn features_that_stand_for_nothing() {
     );
 }
 
-/// Prints the table of the project's notes: `cargo test --release --test codebook -- --ignored --nocapture`.
-#[test]
-#[ignore = "a measurement"]
-fn measure_distances_and_times() {
-    for count in [128, 512, 2048, 8192] {
-        for dim in [4, 7, 14, 28] {
-            let start = std::time::Instant::now();
-            let codebook = codebook(count, dim);
-            let generate_s = start.elapsed().as_secs_f64();
-            println!("N {count:5}  D {dim:2}: smallest distance {:.4}, {generate_s:.3} s", codebook.min_distance());
-        }
-    }
-    let codebook = codebook(512, 28);
-    let start = std::time::Instant::now();
-    let decoded = |hinted: bool| {
-        let hint = |index: usize| hinted.then_some(index as u32);
-        let decode = |index| codebook.decode_with_hint(codebook.vector(index), hint(index), 512, 0.5);
-        (0..100).flat_map(|_| (0..512).filter_map(decode)).count()
-    };
-    assert_eq!(decoded(false), 51_200);
-    let search_ns = start.elapsed().as_nanos() / 51_200;
-    let start = std::time::Instant::now();
-    assert_eq!(decoded(true), 51_200);
-    println!("decoding: {search_ns} ns by search, {} ns by hint", start.elapsed().as_nanos() / 51_200);
-}
-
 static CODEBOOKS: LazyLock<Vec<Codebook>> =
     LazyLock::new(|| [2, 3, 4, 7, 14, 28].into_iter().map(|dim| codebook(100, dim)).collect());
 

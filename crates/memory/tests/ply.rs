@@ -331,21 +331,6 @@ fn saved_files_have_the_permissions_of_any_new_file() {
     assert_eq!(mode(&place.path), mode(&other));
 }
 
-/// `cargo test --release --test ply -- --ignored --nocapture`.
-#[test]
-#[ignore = "a measurement"]
-fn measure_a_million_gaussians() {
-    let (place, file) = (place(), sample(1_000_000, 28));
-    let start = std::time::Instant::now();
-    file.save(&place.path).unwrap();
-    let save_s = start.elapsed().as_secs_f64();
-    let start = std::time::Instant::now();
-    let loaded = SplatFile::load(&place.path).unwrap();
-    let load_s = start.elapsed().as_secs_f64();
-    assert_eq!(loaded.features, file.features);
-    println!("{} bytes: saved in {save_s:.2} s, loaded in {load_s:.2} s", fs::metadata(&place.path).unwrap().len());
-}
-
 static SAVED: LazyLock<Vec<u8>> = LazyLock::new(|| saved(&sample(3, FEATURE_DIM)));
 
 proptest! {

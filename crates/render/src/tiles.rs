@@ -109,19 +109,31 @@ impl ChunkBins {
     }
 }
 
-/// Per tile, the pixels in the boxes of any of the Gaussians that are nearer than `surface` there.
-pub(crate) fn touched_pixels(grid: &TileGrid, splats: &[ProjectedGaussian], surface: &Image<f32>) -> Vec<PixelSet> {
-    // Rounded outwards by a pixel: a set that is too large costs little.
-    let range = |center: f32, reach: f32, size: usize| {
-        let first = (center - reach - 1.0).max(0.0) as usize;
-        let end = (center + reach + 2.0).max(0.0) as usize;
+/// Where a Gaussian counts.
+pub(crate) struct Reach<'a> {
+    /// It must be nearer than this, metres.
+    pub surface: &'a Image<f32>,
+    /// Its alpha must reach this.
+    pub alpha: f32,
+    /// The alpha that a projected Gaussian has at the edge of its box.
+    pub min_alpha: f32,
+}
+
+/// Per tile, the pixels that any of the Gaussians reaches.
+pub(crate) fn touched_pixels(grid: &TileGrid, splats: &[ProjectedGaussian], reach: &Reach<'_>) -> Vec<PixelSet> {
+    // Rounded outwards: a set that is a little too large costs little.
+    let range = |center: f32, half: f32, size: usize| {
+        let first = (center - half - 0.01).ceil().max(0.0) as usize;
+        let end = (center + half + 1.01).max(0.0) as usize;
         first..end.min(size)
     };
     let mut touched = vec![PixelSet::default(); grid.len()];
-    for splat in splats {
-        let columns = range(splat.mean.x, splat.half_extent.x, grid.width);
-        for row in range(splat.mean.y, splat.half_extent.y, grid.height) {
-            for column in columns.clone().filter(|column| splat.depth < surface[(*column, row)]) {
+    for splat in splats.iter().filter(|splat| splat.opacity >= reach.alpha) {
+        let half =
+            splat.half_extent * ((splat.opacity / reach.alpha).ln() / (splat.opacity / reach.min_alpha).ln()).sqrt();
+        let columns = range(splat.mean.x, half.x, grid.width);
+        for row in range(splat.mean.y, half.y, grid.height) {
+            for column in columns.clone().filter(|column| splat.depth < reach.surface[(*column, row)]) {
                 let tile = row / TILE * grid.columns + column / TILE;
                 touched[tile].insert((row % TILE * TILE + column % TILE) as u8);
             }

@@ -1,7 +1,7 @@
 //! A view of Gaussians from a camera.
 
 use crate::rasterise::{Scene, TileRasteriser};
-use crate::tiles::{TileGrid, touched_pixels};
+use crate::tiles::{Reach, TileGrid, touched_pixels};
 use crate::{ActiveTile, ActiveWeights, BlendWeights, Camera, Gaussians, PixelSet, ProjectedGaussian, project};
 use rayon::prelude::*;
 use splatseg_geometry::Image;
@@ -50,18 +50,20 @@ impl View {
         Self { camera: *camera, grid, gaussian_count: gaussians.len(), splats, weights, timing }
     }
 
-    /// Per tile (row-major), the pixels on which the Gaussians appended to `gaussians` since the view was made could
-    /// have a weight. At all other pixels the view's weights are still those of all Gaussians.
+    /// Per tile (row-major), the pixels on which a Gaussian appended to `gaussians` since the view was made could have
+    /// an alpha of at least `alpha`, if it is nearer than `surface` there (z-depth in metres, `[height, width]`).
     ///
-    /// Gaussians that are not nearer than `surface` (z-depth in metres, `[height, width]`) at a pixel count as hidden
-    /// there: with the depth that the view shows, what they could change is what shines through the surface.
+    /// With the smallest alpha that is blended and an infinite surface, the view's weights are still those of all
+    /// Gaussians at all other pixels.
     ///
     /// # Panics
     /// If `surface` has another size than the view.
-    pub fn pixels_touched_since(&mut self, gaussians: &Gaussians, surface: &Image<f32>) -> Vec<PixelSet> {
+    pub fn pixels_touched_since(&mut self, gaussians: &Gaussians, surface: &Image<f32>, alpha: f32) -> Vec<PixelSet> {
         assert_eq!(surface.size(), (self.grid.width, self.grid.height), "the surface's size");
         let started = Instant::now();
-        let touched = touched_pixels(&self.grid, &project(gaussians, self.gaussian_count, &self.camera), surface);
+        let added = project(gaussians, self.gaussian_count, &self.camera);
+        let reach = Reach { surface, alpha, min_alpha: self.camera.limits.min_alpha };
+        let touched = touched_pixels(&self.grid, &added, &reach);
         self.timing.project += started.elapsed();
         touched
     }

@@ -93,7 +93,8 @@ proptest! {
         let before = scene(&entries);
         let all = scene(&[entries.clone(), added].concat());
         let mut view = View::new(&before, &camera());
-        let touched = view.pixels_touched_since(&all, &Image::filled(SIZE.0, SIZE.1, f32::INFINITY));
+        let everywhere = Image::filled(SIZE.0, SIZE.1, f32::INFINITY);
+        let touched = view.pixels_touched_since(&all, &everywhere, camera().limits.min_alpha);
         let values = values(all.len(), 2, 6);
         let (old, new) = (view.weights().render(&values, 2), View::new(&all, &camera()).weights().render(&values, 2));
         for (index, (old, new)) in old.iter().zip(&new).enumerate() {

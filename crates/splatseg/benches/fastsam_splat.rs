@@ -1,0 +1,73 @@
+//! Frames per second of FastSAM-Splat without its segmenter, stage by stage, on redkitchen at 310×230 (320×240 less a
+//! 5-pixel border), D = 28, 20 steps. Without `../shared` it measures the synthetic room instead.
+//!
+//! `cargo bench -p splatseg --bench fastsam_splat`
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use splatseg::dataset::{DatasetSettings, FrameStream, GroundTruth, ImageSize, Scene, open_scene};
+use splatseg::tracking::StageTimes;
+use splatseg::{FastSamSplat, FastSamSplatSettings, GraphSegmenter, GraphSettings, RgbdFrame, ScoredMask, Segmenter};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+fn scene(settings: &DatasetSettings) -> Arc<dyn Scene> {
+    let redkitchen = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/redkitchen");
+    if redkitchen.exists() {
+        return open_scene(redkitchen, settings).expect("redkitchen can be read");
+    }
+    println!("../shared is not here: measuring the synthetic room");
+    open_scene("synthetic:frames=100,noise=kinect", settings).expect("the synthetic room needs no file")
+}
+
+/// Every frame with the masks that the segmenter finds in it.
+fn segmented_frames() -> Vec<(RgbdFrame, Vec<ScoredMask>)> {
+    let resize = Some(ImageSize { width: 320, height: 240 });
+    let settings = DatasetSettings { resize, crop_border: 5, ..DatasetSettings::default() };
+    let mut segmenter = GraphSegmenter::new(GraphSettings::default()).expect("defaults are in range");
+    FrameStream::open(scene(&settings), &settings, GroundTruth::Skip)
+        .expect("the scene has frames")
+        .map(|frame| {
+            let frame = frame.expect("every frame is good").frame;
+            let masks = segmenter.segment(&frame).expect("every frame can be segmented");
+            (frame, masks)
+        })
+        .collect()
+}
+
+/// Tracks the whole video; summed stage times and the slowest frame.
+fn track(frames: &[(RgbdFrame, Vec<ScoredMask>)]) -> (StageTimes, Duration) {
+    let segmenter = GraphSegmenter::new(GraphSettings::default()).expect("defaults are in range");
+    let mut method = FastSamSplat::new(Box::new(segmenter), FastSamSplatSettings::default(), &mut |_| {})
+        .expect("defaults are in range");
+    let (mut times, mut slowest) = (StageTimes::default(), Duration::ZERO);
+    for (frame, masks) in frames {
+        let output = method.track(frame, masks).expect("masks are of the frame's size");
+        times += output.times;
+        slowest = slowest.max(output.times.without_segmenter());
+    }
+    (times, slowest)
+}
+
+fn whole_video(criterion: &mut Criterion) {
+    let frames = segmented_frames();
+    let (times, slowest) = track(&frames);
+    let count = frames.len() as f64;
+    for (stage, time) in &times.stages()[1..] {
+        println!("{stage:16} {:7.2} ms per frame", time.as_secs_f64() * 1e3 / count);
+    }
+    println!(
+        "{:.2} frames per second without the segmenter, slowest frame {:.0} ms",
+        count / times.without_segmenter().as_secs_f64(),
+        slowest.as_secs_f64() * 1e3
+    );
+    let mut group = criterion.benchmark_group("fastsam_splat");
+    group.sample_size(10);
+    group.bench_function("whole_video", |bencher| {
+        bencher.iter_custom(|rounds| (0..rounds).map(|_| track(&frames).0.without_segmenter()).sum());
+    });
+    group.finish();
+}
+
+criterion_group!(benches, whole_video);
+criterion_main!(benches);
