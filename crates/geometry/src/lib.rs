@@ -12,6 +12,7 @@
 //!
 //! No I/O and no threads live here.
 
+mod assignment;
 mod frame;
 mod image;
 mod intrinsics;
@@ -20,6 +21,7 @@ mod pose;
 mod rle;
 mod segment_map;
 
+pub use assignment::{Candidate, Ratio, best_assignment};
 pub use frame::{FrameError, RgbdFrame};
 pub use image::{Image, ImageSizeError};
 pub use intrinsics::{Intrinsics, IntrinsicsError};

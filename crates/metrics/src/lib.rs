@@ -16,7 +16,6 @@
 //! # Ok::<(), splatseg_metrics::MetricsError>(())
 //! ```
 
-mod assignment;
 mod error;
 mod linking;
 mod mask_runs;

@@ -1,8 +1,8 @@
 //! Tubes from masks without ids: masks of consecutive frames are linked one-to-one.
 
-use crate::assignment::{Candidate, Ratio, best_assignment};
 use crate::mask_runs::MaskRuns;
 use crate::tubes::TubeId;
+use splatseg_geometry::{Candidate, Ratio, best_assignment};
 
 /// Links each frame's masks to those of the frame before and numbers the tubes that come of it.
 ///

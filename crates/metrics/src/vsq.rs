@@ -1,11 +1,11 @@
 //! Video segmentation quality: VSQ^k = Σ IoU of true positives / (TP + FP/2 + FN/2) over windows of k frames.
 
 use crate::Protocol;
-use crate::assignment::{Candidate, Ratio, best_assignment};
 use crate::overlap::FrameOverlaps;
 use crate::tubes::{PairAreas, TubeCounts, TubeId, TubeOfLabel};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
+use splatseg_geometry::{Candidate, Ratio, best_assignment};
 
 /// Frames from the start of one window to the start of the next.
 const WINDOW_STEP: usize = 15;

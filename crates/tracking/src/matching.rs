@@ -1,21 +1,9 @@
 //! One-to-one matching of expected and predicted segments (METHOD, "FastSAM-Splat", step 3).
 
 use crate::TrackingError;
-use pathfinding::prelude::{Matrix, kuhn_munkres};
 use rayon::prelude::*;
-use splatseg_geometry::{Mask, SegmentId, SegmentMap};
+use splatseg_geometry::{Candidate, Mask, Ratio, SegmentId, SegmentMap, best_assignment};
 use std::collections::BTreeMap;
-
-/// F-scores become whole numbers of this size, so that sums are exact and equal on every machine.
-const WEIGHT_ONE: f64 = (1u64 << 40) as f64;
-
-/// An expected segment and a prediction that may be the same object.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Candidate {
-    expected: SegmentId,
-    prediction: usize,
-    f_score: f64,
-}
 
 /// For each prediction the expected segment it is matched to, if any.
 ///
@@ -30,14 +18,13 @@ pub fn match_segments(expected: &SegmentMap, predictions: &[&Mask], min_f_score:
             let area = mask.area();
             let areas = &areas;
             overlaps(expected, mask).into_iter().filter_map(move |(segment, intersection)| {
-                let f_score = 2.0 * intersection as f64 / (areas[&segment] + area) as f64;
-                (f_score >= min_f_score).then_some(Candidate { expected: segment, prediction, f_score })
+                candidate(u64::from(segment), prediction, [intersection, areas[&segment], area], min_f_score)
             })
         })
         .collect();
     let mut matched = vec![None; predictions.len()];
-    for candidate in best_assignment(&candidates) {
-        matched[candidate.prediction] = Some(candidate.expected);
+    for index in best_assignment(&candidates) {
+        matched[candidates[index].column as usize] = Some(candidates[index].row as SegmentId);
     }
     matched
 }
@@ -57,15 +44,13 @@ pub fn match_masks(previous: &[&Mask], next: &[&Mask], min_f_score: f64) -> Vec<
             let areas = &areas;
             previous.iter().enumerate().filter_map(move |(place, before)| {
                 let intersection = before.intersection_area(mask);
-                let f_score = 2.0 * intersection as f64 / (areas[place] + area) as f64;
-                let overlap = intersection > 0 && f_score >= min_f_score;
-                overlap.then_some(Candidate { expected: place as SegmentId, prediction, f_score })
+                candidate(place as u64, prediction, [intersection, areas[place], area], min_f_score)
             })
         })
         .collect();
     let mut matched = vec![None; next.len()];
-    for candidate in best_assignment(&candidates) {
-        matched[candidate.prediction] = Some(candidate.expected as usize);
+    for index in best_assignment(&candidates) {
+        matched[candidates[index].column as usize] = Some(candidates[index].row as usize);
     }
     matched
 }
@@ -95,31 +80,10 @@ fn overlaps(expected: &SegmentMap, mask: &Mask) -> BTreeMap<SegmentId, usize> {
     counts
 }
 
-/// The candidates of the one-to-one matching with the largest summed F-score.
-fn best_assignment(candidates: &[Candidate]) -> Vec<Candidate> {
-    let mut rows: Vec<SegmentId> = candidates.iter().map(|candidate| candidate.expected).collect();
-    rows.sort_unstable();
-    rows.dedup();
-    let mut columns: Vec<usize> = candidates.iter().map(|candidate| candidate.prediction).collect();
-    columns.sort_unstable();
-    columns.dedup();
-    if rows.is_empty() {
-        return Vec::new();
-    }
-    // The algorithm gives every row a column, so columns of weight 0 stand for "no match".
-    let mut weights = Matrix::new(rows.len(), columns.len().max(rows.len()), 0i64);
-    let mut by_place = BTreeMap::new();
-    for candidate in candidates {
-        let (Ok(row), Ok(column)) =
-            (rows.binary_search(&candidate.expected), columns.binary_search(&candidate.prediction))
-        else {
-            continue;
-        };
-        weights[(row, column)] = (candidate.f_score * WEIGHT_ONE) as i64;
-        by_place.insert((row, column), *candidate);
-    }
-    let (_, assigned) = kuhn_munkres(&weights);
-    assigned.into_iter().enumerate().filter_map(|place| by_place.get(&place).copied()).collect()
+/// A pair that may be matched, from its overlap and both areas; `None` if the overlap is too small.
+fn candidate(row: u64, prediction: usize, [overlap, first, second]: [usize; 3], min_f_score: f64) -> Option<Candidate> {
+    let f_score = Ratio::f_score(overlap as u64, first as u64, second as u64);
+    (overlap > 0 && f_score.to_f64() >= min_f_score).then(|| Candidate::new(row, prediction as u64, f_score, None))
 }
 
 #[cfg(test)]

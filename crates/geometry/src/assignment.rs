@@ -14,23 +14,26 @@ const SECONDARY_BITS: u32 = 22;
 
 /// A fraction of two pixel counts, at most 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Ratio {
-    pub(crate) numerator: u64,
-    pub(crate) denominator: u64,
+pub struct Ratio {
+    /// Pixels counted.
+    pub numerator: u64,
+    /// Pixels they are compared with.
+    pub denominator: u64,
 }
 
 impl Ratio {
     /// Intersection over union of two sets of pixels.
-    pub(crate) fn iou(intersection: u64, first_area: u64, second_area: u64) -> Self {
+    pub fn iou(intersection: u64, first_area: u64, second_area: u64) -> Self {
         Self { numerator: intersection, denominator: first_area + second_area - intersection }
     }
 
     /// F-score of two sets of pixels: twice the intersection over the summed areas.
-    pub(crate) fn f_score(intersection: u64, first_area: u64, second_area: u64) -> Self {
+    pub fn f_score(intersection: u64, first_area: u64, second_area: u64) -> Self {
         Self { numerator: 2 * intersection, denominator: first_area + second_area }
     }
 
-    pub(crate) fn to_f64(self) -> f64 {
+    /// As a number; NaN for 0 / 0.
+    pub fn to_f64(self) -> f64 {
         self.numerator as f64 / self.denominator as f64
     }
 
@@ -41,15 +44,17 @@ impl Ratio {
 
 /// A pair that may be matched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Candidate {
-    pub(crate) row: u64,
-    pub(crate) column: u64,
+pub struct Candidate {
+    /// One of the things on one side.
+    pub row: u64,
+    /// One of the things on the other side.
+    pub column: u64,
     weight: i128,
 }
 
 impl Candidate {
     /// A pair whose `primary` ratio is to be large in sum; `secondary` decides where primary sums are equal.
-    pub(crate) fn new(row: u64, column: u64, primary: Ratio, secondary: Option<Ratio>) -> Self {
+    pub fn new(row: u64, column: u64, primary: Ratio, secondary: Option<Ratio>) -> Self {
         let secondary = secondary.map_or(0, |ratio| ratio.fixed(SECONDARY_BITS));
         Self { row, column, weight: primary.fixed(PRIMARY_BITS) + secondary }
     }
@@ -57,7 +62,7 @@ impl Candidate {
 
 /// Indices of the candidates that are matched, increasing: no two share a row or a column and their summed weight is
 /// the largest. Rows and columns without candidates stay alone. No pair may be twice among the candidates.
-pub(crate) fn best_assignment(candidates: &[Candidate]) -> Vec<usize> {
+pub fn best_assignment(candidates: &[Candidate]) -> Vec<usize> {
     let mut rows: Vec<u64> = candidates.iter().map(|pair| pair.row).collect();
     let mut columns: Vec<u64> = candidates.iter().map(|pair| pair.column).collect();
     for keys in [&mut rows, &mut columns] {
