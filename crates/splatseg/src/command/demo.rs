@@ -29,10 +29,10 @@ pub fn demo(arguments: &DemoArguments) -> Result<(), Failure> {
         save_memory: Some(arguments.out.join("memory.ply")),
         load_memory: None,
     };
-    println!("a camera walks through a rendered room; the built-in segmenter, and a memory that keeps the ids");
+    say!("a camera walks through a rendered room; the built-in segmenter, and a memory that keeps the ids");
     let summary = execute(&job)?;
-    println!("{}", report(&job, &summary));
-    println!("your own video: splatseg run FOLDER --out DIR");
+    say!("{}", report(&job, &summary));
+    say!("your own video: splatseg run FOLDER --out DIR");
     Ok(())
 }
 

@@ -1,5 +1,13 @@
 //! The parts of the `splatseg` command.
 
+/// Prints a line for the user. A reader that went away (`splatseg … | head`) is no reason to fail.
+macro_rules! say {
+    ($($text:tt)*) => {{
+        use std::io::Write as _;
+        let _ = writeln!(std::io::stdout(), $($text)*);
+    }};
+}
+
 mod arguments;
 mod bench;
 mod demo;

@@ -43,7 +43,7 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
         load_memory: arguments.load_memory.clone(),
     };
     let summary = execute(&job)?;
-    println!("{}", report(&job, &summary));
+    say!("{}", report(&job, &summary));
     Ok(())
 }
 

@@ -45,7 +45,7 @@ pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
     let program = Program::running();
     let store = ResultStore::open(&arguments.out, Existing::from_flag(arguments.overwrite), &program)?;
     let workers = Workers { jobs: arguments.jobs.max(1), threads: plan.threads };
-    println!(
+    say!(
         "{} results to have: {} scenes, {} methods and variants, {} seeds",
         plan.jobs.len(),
         plan.scenes.len(),
@@ -57,8 +57,8 @@ pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
 
     let results = Results::new(&plan, plan.protocol, &outcomes);
     write(&arguments.out, &results)?;
-    println!("\n{}", tables::over_all_scenes(&results, plan.protocol).terminal());
-    println!(
+    say!("\n{}", tables::over_all_scenes(&results, plan.protocol).terminal());
+    say!(
         "tables are in {}, the report is {}: open it in a browser",
         arguments.out.join("tables.md").display(),
         arguments.out.join("report.html").display()
@@ -79,12 +79,12 @@ pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
 /// A job's result: the stored one, or a new one that is stored.
 fn obtain(job: &plan::Job, store: &ResultStore) -> Result<JobResult, String> {
     if let Some(result) = store.load(job) {
-        println!("{}: there already", job.key);
+        say!("{}: there already", job.key);
         return Ok(result);
     }
-    let result = job::run(&job.inputs).inspect_err(|error| println!("{}: failed: {error}", job.key))?;
+    let result = job::run(&job.inputs).inspect_err(|error| say!("{}: failed: {error}", job.key))?;
     store.save(job, &result).map_err(|error| error.to_string())?;
-    println!("{}: {}", job.key, result.in_short());
+    say!("{}: {}", job.key, result.in_short());
     Ok(result)
 }
 

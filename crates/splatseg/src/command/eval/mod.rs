@@ -119,17 +119,17 @@ pub fn eval(arguments: &EvalArguments) -> Result<(), Failure> {
 
 fn print_scores(arguments: &EvalArguments, score: &VideoScore, counts: &MissingCounts) {
     let protocol = protocol_name(score.settings().protocol);
-    println!("{}: {} frames, protocol {protocol}, percent", arguments.gt, score.counts().frames);
+    say!("{}: {} frames, protocol {protocol}, percent", arguments.gt, score.counts().frames);
     for (count, what) in [
         (counts.missing_predictions, "frames without prediction, scored as empty"),
         (counts.unlabelled_frames, "frames without ground truth, left out"),
         (counts.unknown_predictions, "predictions of frames that the scene does not have, left out"),
     ] {
         if count > 0 {
-            println!("{count} {what}");
+            say!("{count} {what}");
         }
     }
-    println!("{}", terminal_table(&score.scores()));
+    say!("{}", terminal_table(&score.scores()));
 }
 
 fn write_json(arguments: &EvalArguments, score: &VideoScore, missing: MissingCounts) -> Result<(), Failure> {
