@@ -1,0 +1,1 @@
+//! Neural networks and their checkpoints. Knows nothing of splats.
