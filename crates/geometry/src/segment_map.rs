@@ -22,6 +22,18 @@ impl SegmentMap {
         areas
     }
 
+    /// The map without the segments of fewer than `min_area` pixels.
+    pub fn without_small(&self, min_area: usize) -> Self {
+        let areas = self.areas();
+        let mut kept = self.clone();
+        for run in kept.pixels_mut().chunk_by_mut(|left, right| left == right) {
+            if run[0] != 0 && areas[&run[0]] < min_area {
+                run.fill(0);
+            }
+        }
+        kept
+    }
+
     /// The pixels of one id.
     pub fn mask_of(&self, id: SegmentId) -> Mask {
         Mask::from_fn(self.width(), self.height(), |column, row| self[(column, row)] == id)
@@ -31,6 +43,13 @@ impl SegmentMap {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn small_segments_are_left_out_wherever_their_pixels_are() {
+        let map = SegmentMap::from_pixels(4, 2, vec![1, 2, 1, 3, 3, 0, 3, 1]).unwrap();
+        assert_eq!(map.without_small(3).pixels(), [1, 0, 1, 3, 3, 0, 3, 1]);
+        assert_eq!(map.without_small(0), map);
+    }
 
     #[test]
     fn areas_leave_out_unlabelled_pixels() {

@@ -9,6 +9,7 @@ mod codebook;
 mod decoding;
 mod growth;
 mod learning;
+mod loss;
 mod persistence;
 mod ply;
 mod settings;

@@ -28,9 +28,12 @@ pub struct MemorySettings {
     /// Step size. Losses are summed over pixels and each Gaussian's step is divided by the sum of its blend weights,
     /// so that one value is stable at every distance; it must stay below 1 / `magnitude_weight`. Not in the paper.
     pub learning_rate: f32,
-    /// A pixel is learnt only where its rendered feature differs from the target by more than this, or where it lies
-    /// within `active_margin` of such a pixel. Negative: every pixel. Not in the paper.
+    /// A pixel is learnt only where the memory shows another segment than the target, where the confidences differ by
+    /// more than this, where the directions differ (`active_min_cosine`), or within `active_margin` of such a pixel.
+    /// Must be below `confidence_decay`, or fading is never learnt. Negative: every pixel. Not in the paper.
     pub active_tolerance: f32,
+    /// Directions differ if their cosine is below this; see `active_tolerance`. Not in the paper.
+    pub active_min_cosine: f32,
     /// See `active_tolerance`, pixels. Not in the paper.
     pub active_margin: usize,
     /// Blend weights below this are left out of learning (not of rendering). Not in the paper.
@@ -50,9 +53,10 @@ impl Default for MemorySettings {
             magnitude_weight: 50.0,
             direction_weight: 1.0,
             learning_rate: 0.01,
-            active_tolerance: 0.1,
-            active_margin: 2,
-            learning_min_weight: 0.003,
+            active_tolerance: 0.09,
+            active_min_cosine: 0.95,
+            active_margin: 1,
+            learning_min_weight: 0.005,
         }
     }
 }
@@ -97,8 +101,12 @@ impl MemorySettings {
                 return error(field, value.to_string(), "a number that is not negative");
             }
         }
-        if self.active_tolerance.is_nan() {
-            return error("active_tolerance", self.active_tolerance.to_string(), "a number");
+        for (field, value) in
+            [("active_tolerance", self.active_tolerance), ("active_min_cosine", self.active_min_cosine)]
+        {
+            if value.is_nan() {
+                return error(field, value.to_string(), "a number");
+            }
         }
         Ok(())
     }

@@ -24,7 +24,7 @@ pub struct Settings {
     pub seed: u64,
     /// Threads to compute with; 0: one per core. Results do not depend on it.
     pub threads: usize,
-    /// Predicted segments of fewer pixels are ignored.
+    /// Predicted segments of fewer pixels are ignored, and so are remembered ones in the output.
     pub min_segment_area: usize,
     /// Expected and predicted segments with a smaller F-score are no match. The paper names no minimum.
     pub min_match_f_score: f64,

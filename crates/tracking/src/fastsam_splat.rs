@@ -14,7 +14,8 @@ use std::time::Instant;
 pub struct FastSamSplatSettings {
     /// Settings of the memory.
     pub memory: MemorySettings,
-    /// Predicted segments of fewer pixels are ignored.
+    /// Predicted segments of fewer pixels are ignored, and so are remembered ones in the output: the rests that remain
+    /// along borders after an id has been overruled. (They stay in the memory. Not in the paper.)
     pub min_segment_area: usize,
     /// Expected and predicted segments with a smaller F-score are no match. The paper names no minimum.
     pub min_match_f_score: f64,
@@ -90,7 +91,8 @@ impl FastSamSplat {
         let ids = self.identify(&matched)?;
         let identified: Vec<(SegmentId, &Mask)> = ids.into_iter().zip(predictions).collect();
         let fused = fuse(&expected.belief, &identified, self.settings.memory.confidence_decay);
-        let segments = fused.decoded(self.settings.memory.decode_threshold);
+        let decoded = fused.decoded(self.settings.memory.decode_threshold);
+        let segments = decoded.without_small(self.settings.min_segment_area);
         times.fuse = started.elapsed();
 
         let update = self.memory.learn_frame(frame, view, &expected, &fused)?;

@@ -77,6 +77,7 @@ fn ids_last_while_things_leave_and_return() {
         let truth = truth(&scene, index);
         let frame = scene.read_frame(index).unwrap();
         let output = method.track(&frame, &masks(&truth, index, 12)).unwrap();
+        assert!(output.segments.areas().values().all(|area| *area >= 12), "small rests are left out of frame {index}");
         count_pairs(&mut pairs, &truth, &output.segments);
         for id in truth.areas().into_keys() {
             returned += usize::from(seen.insert(id, index).is_some_and(|last| last + 5 < index));

@@ -1,0 +1,206 @@
+//! What learning lowers (METHOD, "FastSAM-Splat", step 6), and its gradient with respect to the rendered features.
+//!
+//! The loss over pixels p with rendered feature F and target F̂ (codebook vector ĉ times confidence m) is
+//! `L = Σ_p λ_mag (m − ‖F‖)² + λ_dir (1 − cos(F̂, F))`: sums over pixels where the paper has means, which differ by
+//! the constant 1 / (H·W) only, and that is part of the step size. Its gradient with respect to F is
+//!
+//! `−2 λ_mag (m − ‖F‖) F/‖F‖ − λ_dir (ĉ − (ĉ·F/‖F‖) F/‖F‖) / ‖F‖`
+
+use crate::{Codebook, MemorySettings, SegmentBelief};
+use pulp::{Arch, Simd, WithSimd};
+use splatseg_geometry::SegmentId;
+use splatseg_render::{ActiveTile, AlignedVec, TileWeights};
+
+/// Magnitudes below this have no direction.
+const TINY: f32 = 1e-6;
+
+/// Numbers that are added side by side in inner products.
+const LANES: usize = 8;
+
+/// Numbers per feature in working memory: rows that fill vector registers and cache lines; the rest stays 0.
+pub(crate) fn padded(feature_dim: usize) -> usize {
+    match feature_dim {
+        1 => 1,
+        _ => feature_dim.next_multiple_of(LANES),
+    }
+}
+
+/// The loss of one frame.
+pub(crate) struct Loss<'a> {
+    settings: &'a MemorySettings,
+    target: &'a SegmentBelief,
+    row: usize,
+    /// The codebook, `[codes, row]`.
+    codes: AlignedVec,
+}
+
+impl<'a> Loss<'a> {
+    pub fn new(settings: &'a MemorySettings, codebook: &Codebook, target: &'a SegmentBelief) -> Self {
+        let row = padded(codebook.feature_dim());
+        let mut codes = AlignedVec::zeros(codebook.len() * row);
+        for (index, code) in codes.chunks_exact_mut(row).enumerate() {
+            code[..codebook.feature_dim()].copy_from_slice(codebook.vector(index));
+        }
+        Self { settings, target, row, codes }
+    }
+
+    /// Numbers per feature, see [`padded`].
+    pub fn row(&self) -> usize {
+        self.row
+    }
+
+    /// Replaces the rendered features of a tile's chosen pixels, `[16, 16, row]`, by the loss's gradient with respect
+    /// to them.
+    pub fn differentiate(&self, tile: &ActiveTile, pixels: &mut [f32]) {
+        let gradient = TileGradient { loss: self, tile, pixels };
+        match self.row {
+            8 => Arch::new().dispatch(Fixed::<8>(gradient)),
+            16 => Arch::new().dispatch(Fixed::<16>(gradient)),
+            32 => Arch::new().dispatch(Fixed::<32>(gradient)),
+            _ => gradient.of_chosen(|feature| feature),
+        }
+    }
+
+    /// Replaces one rendered feature by the gradient.
+    #[inline(always)]
+    fn pixel_gradient(&self, segment: SegmentId, magnitude: f32, feature: &mut [f32]) {
+        let norm = dot(feature, feature).sqrt();
+        let radial = -2.0 * self.settings.magnitude_weight * (magnitude - norm);
+        if segment == 0 {
+            let scale = if norm > TINY { radial / norm } else { 0.0 };
+            feature.iter_mut().for_each(|value| *value *= scale);
+            return;
+        }
+        let code = &self.codes[(segment as usize - 1) * self.row..][..feature.len()];
+        if let ([value], [id]) = (&mut *feature, code) {
+            // The integer-id ablation has no directions: the feature is pulled to the id itself.
+            *value = -2.0 * self.settings.magnitude_weight * (id - *value);
+            return;
+        }
+        if norm <= TINY {
+            // Without a direction of its own the feature takes the target's.
+            feature.iter_mut().zip(code).for_each(|(value, code)| *value = radial * code);
+            return;
+        }
+        let cosine = dot(feature, code) / norm;
+        let along_code = -self.settings.direction_weight / norm;
+        let along_feature = (radial - along_code * cosine) / norm;
+        for (value, code) in feature.iter_mut().zip(code) {
+            *value = along_feature * *value + along_code * code;
+        }
+    }
+}
+
+/// The loss's gradient over a tile.
+struct TileGradient<'a> {
+    loss: &'a Loss<'a>,
+    tile: &'a ActiveTile,
+    pixels: &'a mut [f32],
+}
+
+impl TileGradient<'_> {
+    /// `sized` may tell the compiler a feature's length.
+    #[inline(always)]
+    fn of_chosen(self, sized: impl Fn(&mut [f32]) -> &mut [f32]) {
+        let (left, top) = self.tile.weights.origin();
+        for (pixel, feature) in self.pixels.chunks_exact_mut(self.loss.row).enumerate() {
+            if self.tile.pixels.contains(pixel as u8) {
+                let at = (left + pixel % TileWeights::SIDE, top + pixel / TileWeights::SIDE);
+                let (segment, magnitude) = (self.loss.target.segments[at], self.loss.target.confidence[at]);
+                self.loss.pixel_gradient(segment, magnitude, sized(feature));
+            }
+        }
+    }
+}
+
+/// The gradient of features of `C` numbers, waiting for the processor's widest vector instructions. (A type rather
+/// than a closure: a closure is called through a shim that is compiled for the oldest processor.)
+struct Fixed<'a, const C: usize>(TileGradient<'a>);
+
+impl<const C: usize> WithSimd for Fixed<'_, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.0.of_chosen(|feature| match feature.first_chunk_mut::<C>() {
+            Some(feature) => feature,
+            None => &mut [],
+        });
+    }
+}
+
+/// Inner product, summed in [`LANES`] lanes and these by halves, so that it vectorises and still gives the same bits
+/// everywhere.
+#[inline(always)]
+pub(crate) fn dot(left: &[f32], right: &[f32]) -> f32 {
+    let mut lanes = [0f32; LANES];
+    let (left_chunks, left_rest) = left.as_chunks::<LANES>();
+    let (right_chunks, right_rest) = right.as_chunks::<LANES>();
+    for (left, right) in left_chunks.iter().zip(right_chunks) {
+        for lane in 0..LANES {
+            lanes[lane] += left[lane] * right[lane];
+        }
+    }
+    let rest: f32 = left_rest.iter().zip(right_rest).map(|(left, right)| left * right).sum();
+    let halves: [f32; LANES / 2] = std::array::from_fn(|lane| lanes[lane] + lanes[lane + LANES / 2]);
+    (halves[0] + halves[2]) + (halves[1] + halves[3]) + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::CodebookSettings;
+    use proptest::prelude::*;
+
+    const FEATURE_DIM: usize = 6;
+
+    fn codebook() -> Codebook {
+        let settings = CodebookSettings { num_codes: 5, feature_dim: FEATURE_DIM, seed: 1 };
+        Codebook::generate(&settings, &mut |_| {}).unwrap()
+    }
+
+    /// The loss of one pixel as METHOD states it, in f64.
+    fn loss(settings: &MemorySettings, code: Option<&[f32]>, magnitude: f64, feature: &[f64]) -> f64 {
+        let norm = feature.iter().map(|value| value * value).sum::<f64>().sqrt();
+        let direction = code.map_or(0.0, |code| {
+            1.0 - feature.iter().zip(code).map(|(value, code)| value * f64::from(*code)).sum::<f64>() / norm
+        });
+        f64::from(settings.magnitude_weight) * (magnitude - norm).powi(2)
+            + f64::from(settings.direction_weight) * direction
+    }
+
+    proptest! {
+        #[test]
+        fn the_gradient_equals_finite_differences(feature in prop::array::uniform6(-1.0f32..1.0), segment in 0u32..=5,
+                                                  magnitude in 0.0f32..1.2) {
+            prop_assume!(dot(&feature, &feature) > 0.01);
+            let (settings, codebook) = (MemorySettings::default(), codebook());
+            let target = SegmentBelief::empty(1, 1);
+            let magnitude = if segment == 0 { 0.0 } else { magnitude };
+            let mut gradient = [0.0; 8];
+            gradient[..FEATURE_DIM].copy_from_slice(&feature);
+            Loss::new(&settings, &codebook, &target).pixel_gradient(segment, magnitude, &mut gradient);
+            prop_assert_eq!(gradient[FEATURE_DIM..].to_vec(), vec![0.0; 2], "padding stays empty");
+            let code = (segment > 0).then(|| codebook.vector(segment as usize - 1));
+            let at = feature.map(f64::from);
+            for channel in 0..FEATURE_DIM {
+                let step = 1e-5;
+                let moved = |by: f64| {
+                    let mut moved = at;
+                    moved[channel] += by;
+                    loss(&settings, code, f64::from(magnitude), &moved)
+                };
+                let numeric = (moved(step) - moved(-step)) / (2.0 * step);
+                prop_assert!((f64::from(gradient[channel]) - numeric).abs() < 1e-3 * (1.0 + numeric.abs()),
+                             "{} instead of {numeric}", gradient[channel]);
+            }
+        }
+
+        #[test]
+        fn inner_products_are_right_for_any_length(pairs in prop::collection::vec((-1.0f32..1.0, -1.0f32..1.0), 0..40)) {
+            let (left, right): (Vec<f32>, Vec<f32>) = pairs.into_iter().unzip();
+            let exact: f64 = left.iter().zip(&right).map(|(left, right)| f64::from(*left) * f64::from(*right)).sum();
+            prop_assert!((f64::from(dot(&left, &right)) - exact).abs() < 1e-5);
+        }
+    }
+}
