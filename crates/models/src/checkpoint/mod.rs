@@ -18,6 +18,7 @@
 mod architecture;
 mod configuration;
 mod error;
+mod missing;
 mod pickle;
 mod safetensors_file;
 mod state_dict;
@@ -28,6 +29,7 @@ mod torch_archive;
 
 pub use architecture::Architecture;
 pub use error::CheckpointError;
+pub use missing::Missing;
 pub use tensor::{Dtype, TensorInfo};
 
 use error::{Fault, shown};
@@ -136,6 +138,29 @@ impl Checkpoint {
     /// Class of the pickled module, as `SegmentationModel`, if the file holds a module or was converted from one.
     pub fn class(&self) -> Option<&str> {
         self.contents.class.as_deref()
+    }
+
+    /// Number of learnt numbers: of all tensors but the statistics of batch norms and fixed random matrices, which a
+    /// state dict does not tell apart other than by name. FastSAM's include the constant of the box distribution, as
+    /// Ultralytics counts.
+    pub fn parameters(&self) -> usize {
+        let buffers = ["running_mean", "running_var", "num_batches_tracked", "positional_encoding_gaussian_matrix"];
+        let is_buffer = |name: &str| buffers.contains(&name.rsplit('.').next().unwrap_or_default());
+        self.tensors().filter(|tensor| !is_buffer(tensor.name())).map(TensorInfo::elements).sum()
+    }
+
+    /// Writes everything to a `.safetensors` file of splatseg's own, whose metadata (`splatseg`, JSON) keep the
+    /// configuration and the batch norms' ε. Types and names stay as they are. The file is first written under another
+    /// name in the same folder.
+    ///
+    /// # Errors
+    /// [`CheckpointError`] if there is a file at `out` (it stays as it is), a tensor cannot be read, or the file cannot
+    /// be written.
+    pub fn convert(&self, out: &Path) -> Result<(), CheckpointError> {
+        if out.exists() {
+            return Err(CheckpointError::Exists { path: out.to_owned() });
+        }
+        safetensors_file::write(self, out)
     }
 
     /// Reads a tensor of any floating-point type as `f32`, in row-major order.

@@ -1,13 +1,17 @@
 //! `.safetensors`, and what [`Checkpoint::convert`](super::Checkpoint::convert) adds to it.
 
+use super::Checkpoint;
 use super::Contents;
-use super::error::Fault;
+use super::error::{CheckpointError, Fault};
 use super::storage::Storage;
 use super::tensor::{Dtype, Layout, TensorInfo};
 use safetensors::tensor::{Dtype as FileDtype, Metadata, TensorInfo as FileTensorInfo};
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
+use std::collections::HashMap;
 use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
 
 /// Bytes of the header's length, before the header.
 const LENGTH_BYTES: u64 = 8;
@@ -99,4 +103,73 @@ fn tensor_info(name: String, info: &FileTensorInfo, begin: u64) -> Result<Tensor
     let storage = Storage { offset: begin + start as u64, len: (end - start) as u64, crc32: None };
     let layout = Layout { offset: 0, strides: None, span: (end - start) / dtype.size() };
     Ok(TensorInfo { name, dtype, shape: info.shape.clone(), layout, storage })
+}
+
+/// Writes a checkpoint as one file of splatseg's own: see [`Checkpoint::convert`].
+pub(super) fn write(checkpoint: &Checkpoint, out: &Path) -> Result<(), CheckpointError> {
+    // The widest elements first, as in other files of this kind: then all of them are aligned.
+    let mut tensors: Vec<&TensorInfo> = checkpoint.tensors().collect();
+    tensors.sort_by_key(|tensor| std::cmp::Reverse(tensor.dtype.size()));
+    let header = header(checkpoint, &tensors).map_err(|error| {
+        Fault::part("the header to be written", error, "tensors of a checkpoint").at(checkpoint.path())
+    })?;
+    let io_error = |error| CheckpointError::io(out, "write")(error);
+    let folder = out.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".writing-");
+    // Temporary files are private by default, but the result should be readable like any other file (less the umask).
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let mut file = BufWriter::new(builder.tempfile_in(folder).map_err(io_error)?);
+    file.write_all(&(header.len() as u64).to_le_bytes()).map_err(io_error)?;
+    file.write_all(&header).map_err(io_error)?;
+    for tensor in tensors {
+        file.write_all(&checkpoint.read_bytes(tensor)?).map_err(io_error)?;
+    }
+    let file = file.into_inner().map_err(|error| io_error(error.into_error()))?;
+    match file.persist_noclobber(out) {
+        Ok(_) => Ok(()),
+        Err(error) if error.error.kind() == std::io::ErrorKind::AlreadyExists => {
+            Err(CheckpointError::Exists { path: out.to_owned() })
+        }
+        Err(error) => Err(io_error(error.error)),
+    }
+}
+
+/// The header of a converted file, padded so that the tensors are aligned.
+fn header(checkpoint: &Checkpoint, tensors: &[&TensorInfo]) -> Result<Vec<u8>, String> {
+    let converted = Converted {
+        architecture: checkpoint.architecture().to_string(),
+        class: checkpoint.class().map(str::to_owned),
+        batch_norm_eps: checkpoint.batch_norm_eps(),
+        configuration: checkpoint.configuration().cloned(),
+    };
+    let converted = serde_json::to_string(&converted).map_err(|error| error.to_string())?;
+    let mut end = 0;
+    let tensors = tensors.iter().map(|tensor| {
+        let start = end;
+        end += tensor.elements() * tensor.dtype.size();
+        let (dtype, shape) = (file_dtype(tensor.dtype), tensor.shape.clone());
+        (tensor.name.clone(), FileTensorInfo { dtype, shape, data_offsets: (start, end) })
+    });
+    let metadata = HashMap::from([(METADATA_KEY.to_owned(), converted)]);
+    let metadata = Metadata::new(Some(metadata), tensors.collect()).map_err(|error| error.to_string())?;
+    let mut header = serde_json::to_vec(&metadata).map_err(|error| error.to_string())?;
+    header.resize(header.len().next_multiple_of(8), b' ');
+    Ok(header)
+}
+
+fn file_dtype(dtype: Dtype) -> FileDtype {
+    match dtype {
+        Dtype::F64 => FileDtype::F64,
+        Dtype::F32 => FileDtype::F32,
+        Dtype::F16 => FileDtype::F16,
+        Dtype::Bf16 => FileDtype::BF16,
+        Dtype::I64 => FileDtype::I64,
+        Dtype::I32 => FileDtype::I32,
+        Dtype::I16 => FileDtype::I16,
+        Dtype::I8 => FileDtype::I8,
+        Dtype::U8 => FileDtype::U8,
+        Dtype::Bool => FileDtype::BOOL,
+    }
 }
