@@ -205,11 +205,11 @@ fn broken_pickles_are_refused_at_the_byte() {
 #[test]
 fn cut_files_are_refused() {
     let bytes = torch_file(&module_pickle());
-    for len in (0..bytes.len()).step_by(7) {
+    for len in (0..bytes.len()).step_by(11) {
         refusal(&bytes[..len]);
     }
     let pickle = module_pickle();
-    for len in 0..pickle.len() {
+    for len in (0..pickle.len()).step_by(3) {
         assert_refused(&refusal(&torch_file(&pickle[..len])), &["data.pkl"]);
     }
 }

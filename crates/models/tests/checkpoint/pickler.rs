@@ -93,7 +93,6 @@ pub fn module(
     modules: &[(&str, Piece)],
     more: &[(&str, Piece)],
 ) -> Piece {
-    let tables =
-        [("_parameters", dict(parameters)), ("_buffers", ordered_dict(buffers)), ("_modules", dict(modules))];
+    let tables = [("_parameters", dict(parameters)), ("_buffers", ordered_dict(buffers)), ("_modules", dict(modules))];
     object("some.nn", class, dict(&[&tables[..], more].concat()))
 }

@@ -99,8 +99,7 @@ fn missing_and_misshapen_tensors_are_named() {
         ("model.1.conv.weight".to_owned(), vec![4, 2, 3, 3]),
     ];
     let missing = checkpoint.missing(&expected);
-    let misshapen =
-        Missing { name: "model.0.bn.running_mean".to_owned(), expected: vec![3], found: Some(vec![2]) };
+    let misshapen = Missing { name: "model.0.bn.running_mean".to_owned(), expected: vec![3], found: Some(vec![2]) };
     let absent = Missing { name: "model.1.conv.weight".to_owned(), expected: vec![4, 2, 3, 3], found: None };
     assert_eq!(missing, [misshapen, absent]);
     assert_eq!(missing[0].to_string(), "model.0.bn.running_mean: shape [2], expected [3]");

@@ -8,6 +8,7 @@
 //! describe a tree of 2⁶⁰ leaves), and nothing here recurses, not even the destructor.
 
 mod machine;
+mod opcode;
 
 pub(super) use machine::parse;
 
