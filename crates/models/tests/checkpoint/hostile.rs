@@ -152,6 +152,17 @@ fn shared_values_do_not_explode() {
 }
 
 #[test]
+fn shared_data_do_not_explode_when_converted() {
+    let names: Vec<String> = (0..2000).map(|index| format!("w{index}")).collect();
+    let entries: Vec<(&str, Piece)> = names.iter().map(|name| (name.as_str(), recalled(1))).collect();
+    let numbers = tensor(storage("FloatStorage", "n", 1 << 16), 0, &[1 << 16], &[1]);
+    let piece = [memoized(numbers, 1), b"0".to_vec(), dict(&entries)].concat();
+    let file = Written::new(&archive(&[("r/data.pkl", &pickle(&piece)), ("r/data/n", &vec![0; 1 << 18])]));
+    let message = file.open().convert(&file.folder().join("out")).unwrap_err().to_string();
+    assert_refused(&message, &["the tensors", "524288000 bytes that share data", "twice the file"]);
+}
+
+#[test]
 fn values_that_contain_themselves_are_no_trap() {
     // A module that is its own child; a configuration that is its own entry; a parameter of itself.
     let head = [global("some.nn", "M"), memoized(b")\x81".to_vec(), 0)].concat();
