@@ -315,7 +315,9 @@ fn safetensors_files_do_not_lie() {
     let long = [&(1u64 << 40).to_le_bytes()[..], b"{\"w\": 1}"].concat();
     assert_refused(&refusal(&long), &["expected a checkpoint"]);
     let long = [&(9u64 << 20).to_le_bytes()[..], &vec![b'{'; 10 << 20]].concat();
-    assert_refused(&refusal(&long), &["the header", "at most 8388608"]);
+    assert_refused(&refusal(&long), &["the header", "at most 2097152"]);
+    let axes = tensor(json!(vec![0; 17]), 0, 0);
+    assert_refused(&refusal(&safetensors_file(&axes, &[])), &["tensor w", "17 axes"]);
     let strange = json!({"__metadata__": {"splatseg": "[]"}}).to_string();
     assert_refused(&refusal(&safetensors_file(&strange, &[])), &["splatseg in the header"]);
 }
