@@ -6,6 +6,9 @@ use super::{Activation, ConvolutionShape};
 use rayon::prelude::*;
 use std::cell::RefCell;
 
+/// Values of a cache line.
+const LINE: usize = 16;
+
 thread_local! {
     /// A thread's strip, kept from one convolution to the next.
     static STRIP: RefCell<Vec<f32>> = const { RefCell::new(Vec::new()) };
@@ -77,6 +80,12 @@ impl PackedConvolution {
 
     fn run(&self, layout: &StripLayout, images: &[&[f32]], mut job: Job) {
         STRIP.with_borrow_mut(|strip| {
+            // From the start of a cache line: a vector then touches one line where taps allow it.
+            if strip.len() < layout.len() + LINE {
+                strip.resize(layout.len() + LINE, 0.0);
+            }
+            let start = strip.as_ptr().align_offset(4 * LINE);
+            let strip = &mut strip[start..start + layout.len()];
             layout.fill(images, job.rows.clone(), strip);
             let panel_len = self.weights.len() / self.bias.len() * PANEL;
             let panels = (job.channels.len() * self.shape.scale().pow(2)).div_ceil(PANEL);

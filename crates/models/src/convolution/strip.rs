@@ -60,10 +60,14 @@ impl StripLayout {
         (rows - 1) * self.pitch + self.output[1]
     }
 
+    /// Length of a strip.
+    pub fn len(&self) -> usize {
+        self.shape.inputs * self.plane
+    }
+
     /// Fills `strip` with what output rows `rows` need of `images`, whose channels are joined. Each of the images holds
     /// whole channels, row-major.
-    pub fn fill(&self, images: &[&[f32]], rows: core::ops::Range<usize>, strip: &mut Vec<f32>) {
-        strip.resize(self.shape.inputs * self.plane, 0.0);
+    pub fn fill(&self, images: &[&[f32]], rows: core::ops::Range<usize>, strip: &mut [f32]) {
         let channels = images.iter().flat_map(|image| image.chunks_exact(self.input[0] * self.input[1]));
         for (plane, channel) in strip.chunks_exact_mut(self.plane).zip(channels) {
             if self.shape.kernel == 1 && self.shape.stride == 1 && self.shape.padding == 0 {
