@@ -1,1 +1,3 @@
 //! Neural networks and their checkpoints. Knows nothing of splats.
+
+pub mod fastsam;
