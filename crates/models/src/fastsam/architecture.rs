@@ -1,6 +1,8 @@
 //! Which YOLOv8-seg a checkpoint holds.
 
 use super::{FastSamError, Weights};
+use crate::checkpoint::Checkpoint;
+use serde_json::Value;
 
 /// Layers of C2f blocks, in the order of the graph: four of the backbone, four of the neck.
 pub(super) const C2F_LAYERS: [usize; 8] = [2, 4, 6, 8, 12, 15, 18, 21];
@@ -23,6 +25,12 @@ pub struct Architecture {
     /// Prototypes, and so coefficients of each mask: 32 in all published models.
     pub mask_coefficients: usize,
 }
+
+/// The modules of `yolov8-seg.yaml`, layer by layer.
+const MODULES: [&str; 23] = [
+    "Conv", "Conv", "C2f", "Conv", "C2f", "Conv", "C2f", "Conv", "C2f", "SPPF", "nn.Upsample", "Concat", "C2f",
+    "nn.Upsample", "Concat", "C2f", "Conv", "Concat", "C2f", "Conv", "Concat", "C2f", "Segment",
+];
 
 /// Depth, width and the most channels before widening of the published sizes (`scales` in `yolov8-seg.yaml`).
 const SCALES: [(char, f64, f64, usize); 5] = [
@@ -61,15 +69,55 @@ impl Architecture {
         format!("yolov8{}-seg", size.map(|scale| scale.0.to_string()).unwrap_or_default())
     }
 
+    /// The architecture of a checkpoint: what its own configuration says, which must be YOLOv8-seg's; where there is
+    /// none, what the shapes of its tensors say.
+    ///
+    /// # Errors
+    /// [`FastSamError::NotFastSam`] if it is another model's.
+    pub fn of_checkpoint(checkpoint: &Checkpoint) -> Result<Self, FastSamError> {
+        let of_tensors = Self::of_tensors(checkpoint)?;
+        let Some(configuration) = checkpoint.configuration() else { return Ok(of_tensors) };
+        let other = |found: String| FastSamError::NotFastSam { path: checkpoint.path().to_owned(), found };
+        match Self::of_configuration(configuration) {
+            Ok(architecture) => Ok(architecture.unwrap_or(of_tensors)),
+            Err(found) => Err(other(found)),
+        }
+    }
+
+    /// What Ultralytics' `yaml` dict says; `None` if it gives no scale, `Err` says what is not YOLOv8-seg's about it.
+    fn of_configuration(configuration: &Value) -> Result<Option<Self>, String> {
+        let layers = ["backbone", "head"].into_iter().flat_map(|part| configuration[part].as_array()).flatten();
+        let modules: Vec<&str> = layers.filter_map(|layer| layer[2].as_str()).collect();
+        if modules != MODULES {
+            let different = modules.iter().zip(MODULES).position(|(found, expected)| *found != expected);
+            let layer = different.unwrap_or(modules.len().min(MODULES.len()));
+            let found = modules.get(layer).map_or("missing".to_owned(), |module| (*module).chars().take(40).collect());
+            let expected = MODULES.get(layer).copied().unwrap_or("nothing");
+            return Err(format!("a network whose layer {layer} is {found} (expected {expected})"));
+        }
+        let scale = configuration["scale"].as_str().map(|scale| &configuration["scales"][scale]);
+        let [depth, width, max_channels] = match scale {
+            Some(Value::Array(scale)) => [0, 1, 2].map(|place| scale.get(place).and_then(Value::as_f64)),
+            _ => ["depth_multiple", "width_multiple", "max_channels"].map(|key| configuration[key].as_f64()),
+        };
+        let (Some(depth), Some(width)) = (depth, width) else { return Ok(None) };
+        let max_channels = max_channels.unwrap_or(f64::MAX);
+        if !(0.0..=16.0).contains(&depth) || !(0.0..=16.0).contains(&width) || max_channels < 1.0 {
+            return Err(format!("a network of depth {depth}, width {width} and at most {max_channels} channels"));
+        }
+        Ok(Some(Self::scaled(depth, width, max_channels as usize)))
+    }
+
     /// Reads the architecture off the shapes of a checkpoint's tensors.
     ///
     /// # Errors
     /// [`FastSamError::NotFastSam`] if tensors that every YOLOv8-seg has are missing, or the model has not one class.
     pub fn of_tensors(weights: &dyn Weights) -> Result<Self, FastSamError> {
+        let other = |found: String| FastSamError::NotFastSam { path: weights.path().to_owned(), found };
         let outputs = |name: String| match weights.shape(&name).as_deref() {
             Some([outputs, ..]) if *outputs > 0 => Ok(*outputs),
-            Some(_) => Err(FastSamError::not_fastsam(format!("{name} has no channels"))),
-            None => Err(FastSamError::not_fastsam(format!("there is no tensor {name}"))),
+            Some(_) => Err(other(format!("tensor {name} without channels"))),
+            None => Err(other(format!("no tensor {name}"))),
         };
         let mut stage_channels = [0; 5];
         for (channels, layer) in stage_channels.iter_mut().zip(STAGE_LAYERS) {
@@ -82,7 +130,7 @@ impl Architecture {
         }
         let classes = outputs("model.22.cv3.0.2.weight".to_owned())?;
         if classes != 1 {
-            return Err(FastSamError::not_fastsam(format!("the model tells {classes} classes apart")));
+            return Err(other(format!("a model that tells {classes} classes apart")));
         }
         Ok(Self {
             stage_channels,

@@ -6,9 +6,6 @@ use burn::tensor::module::conv2d;
 use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// ε of every batch normalisation: Ultralytics sets it to this, PyTorch's default is 1e-5.
-const BATCH_NORM_EPSILON: f64 = 1e-3;
-
 /// What follows a convolution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Activation {
@@ -79,7 +76,7 @@ impl FusedConv {
         let mut bias = vec![0.0; shape.outputs];
         let per_output = shape.inputs * shape.kernel * shape.kernel;
         for (output, kernel) in weight.chunks_exact_mut(per_output).enumerate() {
-            let factor = f64::from(scale[output]) / (f64::from(variance[output]) + BATCH_NORM_EPSILON).sqrt();
+            let factor = f64::from(scale[output]) / (f64::from(variance[output]) + weights.batch_norm_epsilon()).sqrt();
             kernel.iter_mut().for_each(|value| *value = (f64::from(*value) * factor) as f32);
             bias[output] = (f64::from(shift[output]) - f64::from(mean[output]) * factor) as f32;
         }

@@ -1,33 +1,22 @@
 //! What can go wrong in FastSAM.
 
+use crate::checkpoint::CheckpointError;
+use std::path::PathBuf;
 use thiserror::Error;
 
 /// Why a network could not be loaded or an image not be segmented.
 #[derive(Debug, Error)]
 pub enum FastSamError {
+    /// The file cannot be read, or a tensor does not fit the architecture.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
     /// The weights are those of another model.
-    #[error("no FastSAM: {found}, expected a YOLOv8-seg with one class")]
+    #[error("{}: {found}, expected FastSAM: a YOLOv8-seg with one class", path.display())]
     NotFastSam {
+        /// The file.
+        path: PathBuf,
         /// What tells it apart.
         found: String,
-    },
-    /// A tensor is missing.
-    #[error("no tensor {name}, expected one of shape {expected:?}")]
-    MissingTensor {
-        /// Its name.
-        name: String,
-        /// Its shape in the architecture.
-        expected: Vec<usize>,
-    },
-    /// A tensor does not fit the architecture.
-    #[error("tensor {name} has shape {found:?}, expected {expected:?}")]
-    TensorShape {
-        /// Its name.
-        name: String,
-        /// Its shape in the file.
-        found: Vec<usize>,
-        /// Its shape in the architecture.
-        expected: Vec<usize>,
     },
     /// A setting has an impossible value.
     #[error("fastsam.{field} is {found}, expected {expected}")]
@@ -48,10 +37,4 @@ pub enum FastSamError {
         /// What it said.
         message: String,
     },
-}
-
-impl FastSamError {
-    pub(super) fn not_fastsam(found: impl Into<String>) -> Self {
-        Self::NotFastSam { found: found.into() }
-    }
 }

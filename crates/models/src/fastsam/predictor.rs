@@ -2,8 +2,11 @@
 
 use super::letterbox::{letterbox, normalised};
 use super::masks::{image_masks, input_mask_in_image, input_masks};
-use super::{Candidates, FastSamError, FastSamPredictorSettings, Network, Placement, Prototypes};
+use super::{Architecture, Candidates, FastSamError, FastSamPredictorSettings, Network, Placement, Prototypes};
+use crate::checkpoint::Checkpoint;
+use burn::tensor::Device;
 use splatseg_geometry::{Image, Mask};
+use std::path::Path;
 
 /// An object that FastSAM found.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,6 +29,18 @@ pub struct FastSamPredictor {
 }
 
 impl FastSamPredictor {
+    /// Loads the network of a checkpoint: Ultralytics' `.pt`, or a `.safetensors` with the same tensors.
+    ///
+    /// # Errors
+    /// [`FastSamError::Setting`] if a setting is impossible; [`FastSamError::Checkpoint`] or
+    /// [`FastSamError::NotFastSam`] name the file and what is wrong with it.
+    pub fn open(path: &Path, settings: FastSamPredictorSettings, device: &Device) -> Result<Self, FastSamError> {
+        let settings = settings.validated()?;
+        let checkpoint = Checkpoint::open(path)?;
+        let architecture = Architecture::of_checkpoint(&checkpoint)?;
+        Ok(Self { network: Network::load(&checkpoint, architecture, device)?, settings })
+    }
+
     /// A predictor with a loaded network.
     ///
     /// # Errors

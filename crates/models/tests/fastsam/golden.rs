@@ -1,8 +1,7 @@
 //! Reference files.
 
-use safetensors::{Dtype, SafeTensors};
+use safetensors::SafeTensors;
 use splatseg_geometry::{Image, Mask};
-use splatseg_models::fastsam::{FastSamError, Weights};
 use std::path::PathBuf;
 
 /// A file or folder of `../shared`, or `None` (said on a line of its own) where that folder is not at hand.
@@ -51,30 +50,6 @@ impl Golden {
 
     pub fn ints(&self, name: &str) -> Vec<i32> {
         self.bytes(name).as_chunks::<4>().0.iter().map(|bytes| i32::from_le_bytes(*bytes)).collect()
-    }
-}
-
-/// A state dict in half precision.
-impl Weights for Golden {
-    fn shape(&self, name: &str) -> Option<Vec<usize>> {
-        self.has(name).then(|| Golden::shape(self, name))
-    }
-
-    fn read_f32(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, FastSamError> {
-        let tensors = self.tensors();
-        let tensor = tensors.tensor(name).unwrap_or_else(|error| panic!("{name}: {error}"));
-        assert_eq!((tensor.shape(), tensor.dtype()), (shape, Dtype::F16), "{name}");
-        Ok(tensor.data().as_chunks::<2>().0.iter().map(|bytes| half(u16::from_le_bytes(*bytes))).collect())
-    }
-}
-
-/// An IEEE half as `f32`; weights are never infinite.
-fn half(bits: u16) -> f32 {
-    let sign = if bits >> 15 == 1 { -1.0 } else { 1.0 };
-    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f32::from(bits & 1023));
-    match exponent {
-        0 => sign * fraction * 2f32.powi(-24),
-        _ => sign * (1.0 + fraction / 1024.0) * 2f32.powi(exponent - 15),
     }
 }
 

@@ -6,3 +6,4 @@ mod network;
 mod postprocessing;
 mod prediction;
 mod preprocessing;
+mod rooms;

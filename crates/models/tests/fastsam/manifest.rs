@@ -6,6 +6,7 @@ use serde::Deserialize;
 use splatseg_models::fastsam::{Architecture, FastSamError, Network, Weights};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 #[derive(Deserialize)]
 struct Manifest {
@@ -20,6 +21,10 @@ struct Zeros {
 }
 
 impl Weights for Zeros {
+    fn path(&self) -> &Path {
+        Path::new("manifest")
+    }
+
     fn shape(&self, name: &str) -> Option<Vec<usize>> {
         self.shapes.get(name).cloned()
     }

@@ -1,7 +1,8 @@
 //! The network's raw output.
 
-use crate::golden::Golden;
+use crate::golden::{Golden, shared};
 use burn::tensor::Device;
+use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::fastsam::{Architecture, Network, RawOutput};
 
 /// Largest accepted differences from float64, as the reference data suggests: boxes in pixels, scores, coefficients,
@@ -12,10 +13,10 @@ const TOLERANCES: [f32; 4] = [5e-2, 2e-4, 1e-3, 2e-3];
 const RELATIVE: f32 = 1e-3;
 
 fn run(forward: &Golden, test: &str) -> Option<RawOutput> {
-    let weights = Golden::open("fastsam_mini_statedict.safetensors", test)?;
-    let architecture = Architecture::of_tensors(&weights).unwrap();
+    let checkpoint = Checkpoint::open(&shared("golden/fastsam/fastsam_mini_statedict.safetensors", test)?).unwrap();
+    let architecture = Architecture::of_checkpoint(&checkpoint).unwrap();
     assert_eq!(architecture, Architecture::scaled(0.33, 0.125, 1024));
-    let network = Network::load(&weights, architecture, &Device::flex()).unwrap();
+    let network = Network::load(&checkpoint, architecture, &Device::flex()).unwrap();
     let shape = forward.shape("input_u8");
     let input = forward.bytes("input_u8").iter().map(|value| f32::from(*value) / 255.0).collect();
     Some(network.forward(input, shape[2], shape[3]).unwrap())
@@ -76,7 +77,7 @@ fn raw_output_agrees_310x230_at_1024() {
 }
 
 /// Compares with a file that holds every fourth anchor, and every fourth row and column of prototypes.
-pub fn check_sampled(output: &RawOutput, forward: &Golden) {
+fn check_sampled(output: &RawOutput, forward: &Golden) {
     check_anchors(output, &forward.floats("preds_stride4"), 4);
     let found = output.prototypes();
     let (expected, shape) = (forward.floats("protos_stride4"), forward.shape("protos_stride4"));

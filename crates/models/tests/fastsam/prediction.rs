@@ -1,8 +1,8 @@
 //! From an image to objects.
 
-use crate::golden::{Golden, image};
+use crate::golden::{Golden, image, shared};
 use burn::tensor::Device;
-use splatseg_models::fastsam::{Architecture, Detection, FastSamPredictor, FastSamPredictorSettings, Network};
+use splatseg_models::fastsam::{Detection, FastSamPredictor, FastSamPredictorSettings};
 
 /// Largest difference of boxes in pixels; scores differ less.
 const BOX_TOLERANCE: f32 = 0.1;
@@ -13,10 +13,12 @@ const AREA_TOLERANCE: i32 = 4;
 fn predict(image_name: &str, image_size: usize, test: &str) -> Option<(Vec<Detection>, Golden)> {
     let image = image(&format!("golden/fastsam/image_{image_name}.png"), test)?;
     let forward = Golden::open(&format!("forward_{image_name}_{image_size}.safetensors"), test)?;
-    let weights = Golden::open("fastsam_mini_statedict.safetensors", test)?;
-    let network = Network::load(&weights, Architecture::of_tensors(&weights).unwrap(), &Device::flex()).unwrap();
+    // Every checkpoint holds the same weights.
+    let file = if image_size == 640 { "fastsam_mini_v80120.pt" } else { "fastsam_mini.pt" };
+    let weights = shared(&format!("golden/fastsam/{file}"), test)?;
     let settings = FastSamPredictorSettings { image_size, ..FastSamPredictorSettings::default() };
-    Some((FastSamPredictor::new(network, settings).unwrap().predict(&image).unwrap(), forward))
+    let predictor = FastSamPredictor::open(&weights, settings, &Device::flex()).unwrap();
+    Some((predictor.predict(&image).unwrap(), forward))
 }
 
 /// Places of `expected` boxes among the detections: each found once, whatever the order of nearly equal scores.
