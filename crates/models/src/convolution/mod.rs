@@ -18,6 +18,7 @@ use burn::tensor::module::{conv2d, conv_transpose2d};
 use burn::tensor::ops::{ConvOptions, ConvTransposeOptions};
 use burn::tensor::{Device, Tensor, TensorData};
 use packed::PackedConvolution;
+use std::fmt;
 
 /// What follows a convolution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,6 +75,12 @@ pub struct Convolution {
     shape: ConvolutionShape,
     activation: Activation,
     parameters: Parameters,
+}
+
+impl fmt::Debug for Convolution {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("Convolution").field("shape", &self.shape).field("activation", &self.activation).finish()
+    }
 }
 
 #[derive(Clone)]
