@@ -25,7 +25,8 @@ const LAYERS: [(usize, usize, usize, usize, usize); 7] = [
 fn layers(criterion: &mut Criterion) {
     let device = Device::default();
     for (inputs, outputs, kernel, stride, size) in LAYERS {
-        let mut group = criterion.benchmark_group(format!("{inputs}-{outputs}, {kernel}x{kernel}/{stride}, {size}x{size}"));
+        let mut group =
+            criterion.benchmark_group(format!("{inputs}-{outputs}, {kernel}x{kernel}/{stride}, {size}x{size}"));
         let operations = 2 * inputs * outputs * (kernel * size / stride).pow(2);
         group.sample_size(10).throughput(Throughput::Elements(operations as u64));
         let noise = |shape: [usize; 4]| Tensor::<4>::random(shape, Distribution::Uniform(-1.0, 1.0), &device);

@@ -185,7 +185,8 @@ fn silu<S: Simd, const FUSED: bool>(simd: S, x: S::f32s) -> S::f32s {
     // e^z = 2^n e^r with n = round(z / ln 2). Adding 1.5 · 2^23 rounds to the nearest whole number and leaves it in the
     // low bits.
     let z = simd.max_f32s(simd.min_f32s(simd.neg_f32s(x), simd.splat_f32s(88.0)), simd.splat_f32s(-87.0));
-    let shifted = mul_add::<S, FUSED>(simd, z, simd.splat_f32s(core::f32::consts::LOG2_E), simd.splat_f32s(12_582_912.0));
+    let shifted =
+        mul_add::<S, FUSED>(simd, z, simd.splat_f32s(core::f32::consts::LOG2_E), simd.splat_f32s(12_582_912.0));
     let n = simd.sub_f32s(shifted, simd.splat_f32s(12_582_912.0));
     // ln 2 in two parts, the first with so few bits that n times it is exact.
     let r = mul_add::<S, FUSED>(simd, n, simd.splat_f32s(-0.693_359_4), z);

@@ -6,6 +6,7 @@
 //! and activation put on before it is written ([`kernel`]). Each output is summed in the same order whoever computes it:
 //! results do not depend on the number of threads.
 
+mod filled;
 mod kernel;
 mod packed;
 mod strip;
@@ -14,9 +15,10 @@ mod tests;
 
 use burn::backend::Flex;
 use burn::tensor::activation::silu;
-use burn::tensor::module::{conv2d, conv_transpose2d};
+use burn::tensor::module::{conv_transpose2d, conv2d};
 use burn::tensor::ops::{ConvOptions, ConvTransposeOptions};
 use burn::tensor::{Device, Tensor, TensorData};
+use filled::filled;
 use packed::PackedConvolution;
 use std::fmt;
 
@@ -180,18 +182,20 @@ impl Convolution {
             .collect();
         let [out_height, out_width] = self.shape.output_size([height, width]).map(|size| size * self.shape.scale());
         let image_len = self.shape.outputs * out_height * out_width;
-        let mut output = vec![0.0; batch * image_len];
-        for (index, output) in output.chunks_exact_mut(image_len).enumerate() {
-            let images: Vec<&[f32]> = inputs
-                .iter()
-                .map(|input| {
-                    let layout = input.layout();
-                    let start = layout.start_offset() + index * layout.strides()[0] as usize;
-                    &input.storage::<f32>()[start..][..layout.shape()[1] * height * width]
-                })
-                .collect();
-            packed.forward(&images, [height, width], output);
-        }
+        let output = filled(batch * image_len, |output| {
+            let images = output.chunks_exact_mut(image_len).enumerate().map(|(index, output)| {
+                let images: Vec<&[f32]> = inputs
+                    .iter()
+                    .map(|input| {
+                        let layout = input.layout();
+                        let start = layout.start_offset() + index * layout.strides()[0] as usize;
+                        &input.storage::<f32>()[start..][..layout.shape()[1] * height * width]
+                    })
+                    .collect();
+                packed.forward(&images, [height, width], output)
+            });
+            images.sum()
+        });
         Tensor::from_data(TensorData::new(output, [batch, self.shape.outputs, out_height, out_width]), &device)
     }
 }

@@ -5,6 +5,7 @@ use super::strip::StripLayout;
 use super::{Activation, ConvolutionShape};
 use rayon::prelude::*;
 use std::cell::RefCell;
+use std::mem::MaybeUninit;
 
 /// Values of a cache line.
 const LINE: usize = 16;
@@ -41,9 +42,9 @@ impl PackedConvolution {
         Self { shape, activation, weights, bias: padded_bias, instructions: Instructions::best() }
     }
 
-    /// Convolves one image, whose channels are those of all `images` in order; adds to `output`'s place nothing: every
-    /// value of `output` `[outputs, height', width']` is written.
-    pub fn forward(&self, images: &[&[f32]], input: [usize; 2], output: &mut [f32]) {
+    /// Convolves one image, whose channels are those of all `images` in order, to `output` `[outputs, height', width']`.
+    /// Returns how many values it wrote, which is all of them, each once.
+    pub fn forward(&self, images: &[&[f32]], input: [usize; 2], output: &mut [MaybeUninit<f32>]) -> usize {
         let threads = rayon::current_num_threads();
         let layout = StripLayout::new(self.shape, input, threads);
         // If there are fewer strips than threads, the channels are shared out too.
@@ -51,11 +52,11 @@ impl PackedConvolution {
         let shares = threads.div_ceil(layout.strips()).min(panels);
         let panels_per_job = panels.div_ceil(shares);
         let jobs = self.jobs(&layout, output, panels_per_job);
-        jobs.into_par_iter().for_each(|job| self.run(&layout, images, job));
+        jobs.into_par_iter().with_max_len(1).map(|job| self.run(&layout, images, job)).sum()
     }
 
     /// Cuts `output` into what the jobs write.
-    fn jobs<'a>(&self, layout: &StripLayout, output: &'a mut [f32], panels: usize) -> Vec<Job<'a>> {
+    fn jobs<'a>(&self, layout: &StripLayout, output: &'a mut [MaybeUninit<f32>], panels: usize) -> Vec<Job<'a>> {
         let scale = self.shape.scale();
         let [height, width] = layout.output;
         let strip_len = scale * scale * layout.rows * width;
@@ -78,7 +79,7 @@ impl PackedConvolution {
         jobs
     }
 
-    fn run(&self, layout: &StripLayout, images: &[&[f32]], mut job: Job) {
+    fn run(&self, layout: &StripLayout, images: &[&[f32]], mut job: Job) -> usize {
         STRIP.with_borrow_mut(|strip| {
             // From the start of a cache line: a vector then touches one line where taps allow it.
             if strip.len() < layout.len() + LINE {
@@ -98,11 +99,13 @@ impl PackedConvolution {
                 taps: &layout.taps,
                 columns: layout.columns(job.rows.len()),
             };
+            let mut written = 0;
             match self.shape.scale() {
-                1 => self.instructions.run(product, |tile| write(layout, &tile, &mut job.channels)),
-                _ => self.instructions.run(product, |tile| write_doubled(layout, &tile, &mut job.channels)),
+                1 => self.instructions.run(product, |tile| written += write(layout, &tile, &mut job.channels)),
+                _ => self.instructions.run(product, |tile| written += write_doubled(layout, &tile, &mut job.channels)),
             }
-        });
+            written
+        })
     }
 }
 
@@ -111,7 +114,7 @@ struct Job<'a> {
     first_panel: usize,
     rows: core::ops::Range<usize>,
     /// For each channel, the rows' outputs.
-    channels: Vec<&'a mut [f32]>,
+    channels: Vec<&'a mut [MaybeUninit<f32>]>,
 }
 
 /// Calls `copy` with (output row, output column, position in the tile, length) of each run of the tile's columns that
@@ -132,31 +135,39 @@ fn for_each_run(layout: &StripLayout, tile: &Tile, rows: usize, mut copy: impl F
     }
 }
 
-/// Writes a tile to its place in the outputs.
-fn write(layout: &StripLayout, tile: &Tile, channels: &mut [&mut [f32]]) {
+/// Writes a tile to its place in the outputs; returns how many values.
+fn write(layout: &StripLayout, tile: &Tile, channels: &mut [&mut [MaybeUninit<f32>]]) -> usize {
     let width = layout.output[1];
     let rows = channels[0].len() / width;
+    let mut written = 0;
     for_each_run(layout, tile, rows, |y, x, start, len| {
         for (channel, values) in channels[tile.row..].iter_mut().zip(tile.values.chunks_exact(tile.width)).take(PANEL) {
-            channel[y * width + x..][..len].copy_from_slice(&values[start..start + len]);
+            channel[y * width + x..][..len].write_copy_of_slice(&values[start..start + len]);
+            written += len;
         }
     });
+    written
 }
 
-/// Writes a tile of an upsampling convolution: four rows make one channel of twice the size.
-fn write_doubled(layout: &StripLayout, tile: &Tile, channels: &mut [&mut [f32]]) {
+/// As [`write`], of an upsampling convolution: four rows make one channel of twice the size.
+fn write_doubled(layout: &StripLayout, tile: &Tile, channels: &mut [&mut [MaybeUninit<f32>]]) -> usize {
     let width = layout.output[1];
     let rows = channels[0].len() / (4 * width);
+    let mut written = 0;
     for_each_run(layout, tile, rows, |y, x, start, len| {
         let blocks = tile.values.chunks_exact(4 * tile.width);
         for (channel, block) in channels[tile.row / 4..].iter_mut().zip(blocks).take(PANEL / 4) {
             for (dy, pair) in block.chunks_exact(2 * tile.width).enumerate() {
                 let (left, right) = pair.split_at(tile.width);
                 let out = &mut channel[((2 * y + dy) * width + x) * 2..][..2 * len];
-                for ((out, left), right) in out.as_chunks_mut::<2>().0.iter_mut().zip(&left[start..]).zip(&right[start..]) {
-                    *out = [*left, *right];
+                for ((out, left), right) in
+                    out.as_chunks_mut::<2>().0.iter_mut().zip(&left[start..]).zip(&right[start..])
+                {
+                    *out = [MaybeUninit::new(*left), MaybeUninit::new(*right)];
                 }
+                written += 2 * len;
             }
         }
     });
+    written
 }

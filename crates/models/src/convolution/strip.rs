@@ -46,7 +46,8 @@ impl StripLayout {
             let (phase_y, phase_x) = (y % shape.stride, x % shape.stride);
             (phase_y * phases + phase_x) * phase + y / shape.stride * pitch + x / shape.stride
         };
-        let taps = (0..shape.kernel * shape.kernel).map(|tap_index| tap(tap_index / shape.kernel, tap_index % shape.kernel));
+        let taps =
+            (0..shape.kernel * shape.kernel).map(|tap_index| tap(tap_index / shape.kernel, tap_index % shape.kernel));
         Self { shape, input, output, pitch, rows, phase, plane: 16 * lines, taps: taps.collect() }
     }
 
@@ -82,7 +83,13 @@ impl StripLayout {
         }
     }
 
-    fn fill_phase(&self, channel: &[f32], [phase_y, phase_x]: [usize; 2], rows: core::ops::Range<usize>, part: &mut [f32]) {
+    fn fill_phase(
+        &self,
+        channel: &[f32],
+        [phase_y, phase_x]: [usize; 2],
+        rows: core::ops::Range<usize>,
+        part: &mut [f32],
+    ) {
         let ConvolutionShape { kernel, stride, padding, .. } = self.shape;
         let [height, width] = self.input;
         // First input column of the phase that is not padding, and where it lies in a row.

@@ -1,5 +1,6 @@
 //! The CPU path against a plain convolution in double precision, on every instruction set of the machine.
 
+use super::filled::filled;
 use super::kernel::Instructions;
 use super::packed::PackedConvolution;
 use super::*;
@@ -88,10 +89,11 @@ impl Case {
 
     fn run(&self, instructions: Instructions, threads: usize) -> Vec<f32> {
         let [height, width] = self.shape.output_size(self.size).map(|size| size * self.shape.scale());
-        let mut output = vec![f32::NAN; self.shape.outputs * height * width];
+        let packed = self.packed(instructions);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| self.packed(instructions).forward(&[&self.image], self.size, &mut output));
-        output
+        filled(self.shape.outputs * height * width, |output| {
+            pool.install(|| packed.forward(&[&self.image], self.size, output))
+        })
     }
 }
 
@@ -140,7 +142,8 @@ fn threads_do_not_change_a_bit() {
     for shape in [ConvolutionShape::new(512, 9, 3, 1, 1), ConvolutionShape::new(256, 9, 3, 2, 1)] {
         let case = Case::new(shape, [22, 30], Activation::Silu, 7);
         for instructions in Instructions::available() {
-            let bits = |threads| case.run(instructions, threads).iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+            let bits =
+                |threads| case.run(instructions, threads).iter().map(|value| value.to_bits()).collect::<Vec<_>>();
             let alone = bits(1);
             for threads in [2, 3, 8] {
                 assert!(alone == bits(threads), "{threads} threads, {instructions:?}, {shape:?}");
@@ -180,7 +183,8 @@ fn joined_views_equal_burns_own_convolution() {
 #[test]
 fn other_shapes_go_through_burn() {
     let device = Device::default();
-    let wide = Convolution::new(noise(6, 1), noise(2, 2), ConvolutionShape::new(3, 2, 1, 1, 1), Activation::None, &device);
+    let wide =
+        Convolution::new(noise(6, 1), noise(2, 2), ConvolutionShape::new(3, 2, 1, 1, 1), Activation::None, &device);
     assert!(matches!(wide.parameters, Parameters::Tensors { .. }));
     let image = Tensor::<4>::from_data(TensorData::new(noise(3 * 4 * 5, 3), [1, 3, 4, 5]), &device);
     assert_eq!(wide.forward(image.clone()).dims(), [1, 2, 6, 7]);
@@ -205,8 +209,7 @@ fn silu_holds_at_the_extremes() {
     for instructions in Instructions::available() {
         let mut packed = PackedConvolution::new(&[1.0], &[0.0], shape, Activation::Silu);
         packed.instructions = instructions;
-        let mut output = vec![0.0; values.len()];
-        packed.forward(&[&values], [1, values.len()], &mut output);
+        let output = filled(values.len(), |output| packed.forward(&[&values], [1, values.len()], output));
         for (value, found) in values.iter().zip(&output) {
             let x = f64::from(*value);
             let expected = x / (1.0 + (-x).exp());

@@ -70,12 +70,7 @@ impl FusedConv {
     }
 
     /// PyTorch's `ConvTranspose2d` with a 2×2 kernel and stride 2, with bias and no activation.
-    pub fn doubling(
-        weights: &dyn Weights,
-        name: &str,
-        channels: usize,
-        device: &Device,
-    ) -> Result<Self, FastSamError> {
+    pub fn doubling(weights: &dyn Weights, name: &str, channels: usize, device: &Device) -> Result<Self, FastSamError> {
         let weight = weights.read_f32(&format!("{name}.weight"), &[channels, channels, 2, 2])?;
         let bias = weights.read_f32(&format!("{name}.bias"), &[channels])?;
         let shape = ConvolutionShape::doubling(channels, channels);

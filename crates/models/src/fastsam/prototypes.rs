@@ -21,9 +21,8 @@ impl PrototypeBranch {
         device: &Device,
     ) -> Result<Self, FastSamError> {
         let hidden = architecture.prototype_channels;
-        let conv = |part: &str, shape: ConvShape| {
-            FusedConv::normalised(weights, &format!("{name}.{part}"), shape, device)
-        };
+        let conv =
+            |part: &str, shape: ConvShape| FusedConv::normalised(weights, &format!("{name}.{part}"), shape, device);
         Ok(Self {
             entry: conv("cv1", ConvShape::new(architecture.stage_channels[2], hidden, 3))?,
             upsample: FusedConv::doubling(weights, &format!("{name}.upsample"), hidden, device)?,

@@ -11,7 +11,8 @@ fn check(image_name: &str, image_size: usize, tensor: &str, step: usize, test: &
     let (expected, shape) = (forward.bytes(tensor), forward.shape(tensor));
     assert_eq!((input.height().div_ceil(step), input.width()), (shape[2], shape[3]));
     let rows = (0..3).flat_map(|channel| (0..input.height()).step_by(step).map(move |row| (channel, row)));
-    let found: Vec<u8> = rows.flat_map(|(channel, row)| input.row(row).iter().map(move |pixel| pixel[channel])).collect();
+    let found: Vec<u8> =
+        rows.flat_map(|(channel, row)| input.row(row).iter().map(move |pixel| pixel[channel])).collect();
     assert!(found == expected, "{} bytes differ", found.iter().zip(&expected).filter(|(a, b)| a != b).count());
 }
 

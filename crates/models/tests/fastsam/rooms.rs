@@ -11,8 +11,7 @@ const TOLERANCES: [f32; 2] = [0.1, 1e-3];
 fn check(setting: &str, confidence: f64, iou: f64, test: &str) {
     let Some(weights) = shared("models/fastsam-rooms-n.pt", test) else { return };
     let Some(golden) = Golden::open("../fastsam_rooms/predictions.safetensors", test) else { return };
-    let settings =
-        FastSamPredictorSettings { image_size: 320, confidence, iou, ..FastSamPredictorSettings::default() };
+    let settings = FastSamPredictorSettings { image_size: 320, confidence, iou, ..FastSamPredictorSettings::default() };
     let predictor = FastSamPredictor::open(&weights, settings, &Device::flex()).unwrap();
     for frame in [0, 20, 40, 60] {
         let Some(image) = image(&format!("data/rooms/dev-a/color/{frame}.jpg"), test) else { return };
@@ -32,7 +31,10 @@ fn check(setting: &str, confidence: f64, iou: f64, test: &str) {
                     && detection.mask.iou(&mask) >= 0.99
             });
             let closest = found.iter().map(|detection| different_pixels(&detection.mask, &mask)).min();
-            assert!(agrees, "frame {frame}: no detection {expected:?}, score {score}; closest mask: {closest:?} pixels");
+            assert!(
+                agrees,
+                "frame {frame}: no detection {expected:?}, score {score}; closest mask: {closest:?} pixels"
+            );
         }
     }
 }
