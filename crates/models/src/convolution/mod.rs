@@ -108,7 +108,7 @@ impl Convolution {
     ) -> Self {
         let ConvolutionShape { inputs, outputs, kernel, padding, .. } = shape;
         let weight_shape = if shape.doubling { [inputs, outputs, 2, 2] } else { [outputs, inputs, kernel, kernel] };
-        assert_eq!(weight.len(), weight_shape.iter().product(), "weights of a convolution {shape:?}");
+        assert_eq!(weight.len(), weight_shape.iter().product::<usize>(), "weights of a convolution {shape:?}");
         assert_eq!(bias.len(), outputs, "biases of a convolution {shape:?}");
         let on_cpu = Tensor::<1>::empty([1], device).try_into_primitive::<Flex>().is_ok();
         let parameters = if on_cpu && padding < kernel {
