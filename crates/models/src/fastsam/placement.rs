@@ -1,0 +1,76 @@
+//! Where an image lies in the network's input.
+
+use super::candidates::box_iou;
+
+/// Boxes that end nearer to the image's border than this are drawn out to it, in pixels (FastSAM).
+const BORDER_SNAP: f32 = 20.0;
+
+/// A box with a larger IoU with the whole image becomes the whole image (FastSAM).
+const FULL_IMAGE_IOU: f32 = 0.9;
+
+/// Sizes of image and input; from them follow scale and padding, as Ultralytics' `scale_boxes` recomputes them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Placement {
+    /// `(width, height)` of the image in pixels.
+    pub image: (usize, usize),
+    /// `(width, height)` of the network's input in pixels.
+    pub input: (usize, usize),
+}
+
+impl Placement {
+    /// Width and height that the image has within the input.
+    pub fn scaled(&self) -> (usize, usize) {
+        scaled_to_fit(self.image, self.input)
+    }
+
+    /// Width and height of the input's padding, both sides together.
+    pub fn padding(&self) -> (usize, usize) {
+        let (width, height) = self.scaled();
+        (self.input.0.saturating_sub(width), self.input.1.saturating_sub(height))
+    }
+
+    /// A box (left, top, right, bottom) in input pixels, in pixels of the image and within it.
+    pub fn box_in_image(&self, box_xyxy: [f32; 4]) -> [f32; 4] {
+        let (scaled, padding) = (self.scaled(), self.padding());
+        let along = |position: f32, padding: usize, scaled: usize, image: usize| {
+            let gain = (scaled as f64 / image as f64) as f32;
+            ((position - window_start(padding) as f32) / gain).clamp(0.0, image as f32)
+        };
+        let x = |position| along(position, padding.0, scaled.0, self.image.0);
+        let y = |position| along(position, padding.1, scaled.1, self.image.1);
+        [x(box_xyxy[0]), y(box_xyxy[1]), x(box_xyxy[2]), y(box_xyxy[3])]
+    }
+
+    /// FastSAM's adjustment of boxes (not of masks), in pixels of the image: sides close to the border lie on it, and a
+    /// box that is nearly the whole image is the whole image.
+    pub fn adjusted(&self, [mut left, mut top, mut right, mut bottom]: [f32; 4]) -> [f32; 4] {
+        let (width, height) = (self.image.0 as f32, self.image.1 as f32);
+        if left < BORDER_SNAP {
+            left = 0.0;
+        }
+        if top < BORDER_SNAP {
+            top = 0.0;
+        }
+        if right > width - BORDER_SNAP {
+            right = width;
+        }
+        if bottom > height - BORDER_SNAP {
+            bottom = height;
+        }
+        let whole = [0.0, 0.0, width, height];
+        let snapped = [left, top, right, bottom];
+        if box_iou(whole, snapped) > FULL_IMAGE_IOU { whole } else { snapped }
+    }
+}
+
+/// The size that an image of size `image` has when it is scaled to fit `frame`; both `(width, height)`.
+pub(super) fn scaled_to_fit(image: (usize, usize), frame: (usize, usize)) -> (usize, usize) {
+    let gain = (frame.1 as f64 / image.1 as f64).min(frame.0 as f64 / image.0 as f64);
+    let scaled = |side: usize| (side as f64 * gain).round_ties_even() as usize;
+    (scaled(image.0), scaled(image.1))
+}
+
+/// First pixel after the padding, of which there is `padding` on both sides together.
+pub(super) fn window_start(padding: usize) -> usize {
+    (padding as f64 / 2.0 - 0.1).round_ties_even() as usize
+}

@@ -1,0 +1,97 @@
+//! From an image to objects.
+
+use super::letterbox::{letterbox, normalised};
+use super::masks::{image_masks, input_mask_in_image, input_masks};
+use super::{Architecture, Candidates, FastSamError, FastSamPredictorSettings, Network, Placement, Prototypes};
+use crate::checkpoint::Checkpoint;
+use burn::tensor::Device;
+use splatseg_geometry::{Image, Mask};
+use std::path::Path;
+
+/// An object that FastSAM found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Detection {
+    /// Number of the anchor that found it.
+    pub anchor: usize,
+    /// Left, top, right, bottom in pixels of the image, after FastSAM's adjustment at the image's borders.
+    pub box_xyxy: [f32; 4],
+    /// Confidence in [0, 1].
+    pub score: f32,
+    /// Its pixels. Inside the box as it was before the adjustment.
+    pub mask: Mask,
+}
+
+/// FastSAM as Ultralytics 8.4 runs it (`FastSAM(…).predict`).
+#[derive(Clone, Debug)]
+pub struct FastSamPredictor {
+    network: Network,
+    settings: FastSamPredictorSettings,
+}
+
+impl FastSamPredictor {
+    /// Loads the network of a checkpoint: Ultralytics' `.pt`, or a `.safetensors` with the same tensors.
+    ///
+    /// # Errors
+    /// [`FastSamError::Setting`] if a setting is impossible; [`FastSamError::Checkpoint`] or
+    /// [`FastSamError::NotFastSam`] name the file and what is wrong with it.
+    pub fn open(path: &Path, settings: FastSamPredictorSettings, device: &Device) -> Result<Self, FastSamError> {
+        let settings = settings.validated()?;
+        let checkpoint = Checkpoint::open(path)?;
+        let architecture = Architecture::of_checkpoint(&checkpoint)?;
+        Ok(Self { network: Network::load(&checkpoint, architecture, device)?, settings })
+    }
+
+    /// A predictor with a loaded network.
+    ///
+    /// # Errors
+    /// [`FastSamError::Setting`] if a setting is impossible.
+    pub fn new(network: Network, settings: FastSamPredictorSettings) -> Result<Self, FastSamError> {
+        Ok(Self { network, settings: settings.validated()? })
+    }
+
+    /// The objects of an sRGB image, best first; their masks are of the image's size and not empty.
+    ///
+    /// # Errors
+    /// [`FastSamError::Device`] if the device fails; [`FastSamError::EmptyImage`] if the image has no pixels.
+    pub fn predict(&self, image: &Image<[u8; 3]>) -> Result<Vec<Detection>, FastSamError> {
+        if image.pixels().is_empty() {
+            return Err(FastSamError::EmptyImage);
+        }
+        let input = letterbox(image, self.settings.image_size);
+        let placement = Placement { image: image.size(), input: input.size() };
+        let output = self.network.forward(normalised(&input), input.height(), input.width())?;
+        let candidates = output.candidates(self.settings.confidence);
+        let mut detections = detections(&candidates, output.prototypes(), placement, &self.settings);
+        if !self.settings.retina_masks {
+            detections.iter_mut().for_each(|found| found.mask = input_mask_in_image(&found.mask, placement));
+            detections.retain(|found| !found.mask.is_empty());
+        }
+        Ok(detections)
+    }
+}
+
+/// What is made of the network's output: suppression, masks, boxes. Masks are of the image's size, or of the input's
+/// without `retina_masks`; detections with empty ones are left out.
+pub fn detections(
+    candidates: &Candidates,
+    prototypes: &Prototypes,
+    placement: Placement,
+    settings: &FastSamPredictorSettings,
+) -> Vec<Detection> {
+    let kept = candidates.suppressed(settings.confidence, settings.iou, settings.max_det);
+    let input_boxes: Vec<[f32; 4]> = kept.iter().map(|index| candidates.box_xyxy(*index)).collect();
+    let image_boxes: Vec<[f32; 4]> = input_boxes.iter().map(|found| placement.box_in_image(*found)).collect();
+    let masks = if settings.retina_masks {
+        image_masks(candidates, &kept, &image_boxes, prototypes, placement)
+    } else {
+        input_masks(candidates, &kept, &input_boxes, prototypes, placement)
+    };
+    let detection = |((index, image_box), mask): ((&usize, &[f32; 4]), Mask)| Detection {
+        anchor: candidates.anchor(*index),
+        box_xyxy: placement.adjusted(*image_box),
+        score: candidates.score(*index),
+        mask,
+    };
+    let found = kept.iter().zip(&image_boxes).zip(masks).map(detection);
+    found.filter(|detection| !detection.mask.is_empty()).collect()
+}

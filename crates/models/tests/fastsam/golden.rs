@@ -1,0 +1,90 @@
+//! Reference files.
+
+use safetensors::SafeTensors;
+use splatseg_geometry::{Image, Mask};
+use std::path::PathBuf;
+
+/// A file or folder of `../shared`, or `None` (said on a line of its own) where that folder is not at hand.
+pub fn shared(path: &str, test: &str) -> Option<PathBuf> {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
+    if !folder.exists() {
+        // Not `println!`: the test runner would swallow the line of a test that passes.
+        let _ = std::io::Write::write_all(
+            &mut std::io::stderr(),
+            format!("\nskipped: {test}: ../shared is not here\n").as_bytes(),
+        );
+        return None;
+    }
+    Some(folder.join(path))
+}
+
+/// One safetensors file.
+pub struct Golden(Vec<u8>);
+
+impl Golden {
+    /// A file of `golden/fastsam`.
+    pub fn open(name: &str, test: &str) -> Option<Self> {
+        let path = shared(&format!("golden/fastsam/{name}"), test)?;
+        Some(Self(std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))))
+    }
+
+    fn tensors(&self) -> SafeTensors<'_> {
+        SafeTensors::deserialize(&self.0).unwrap()
+    }
+
+    pub fn has(&self, name: &str) -> bool {
+        self.tensors().tensor(name).is_ok()
+    }
+
+    pub fn shape(&self, name: &str) -> Vec<usize> {
+        self.tensors().tensor(name).unwrap_or_else(|error| panic!("{name}: {error}")).shape().to_vec()
+    }
+
+    pub fn bytes(&self, name: &str) -> Vec<u8> {
+        self.tensors().tensor(name).unwrap_or_else(|error| panic!("{name}: {error}")).data().to_vec()
+    }
+
+    pub fn floats(&self, name: &str) -> Vec<f32> {
+        self.bytes(name).as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
+    }
+
+    pub fn ints(&self, name: &str) -> Vec<i32> {
+        self.bytes(name).as_chunks::<4>().0.iter().map(|bytes| i32::from_le_bytes(*bytes)).collect()
+    }
+}
+
+impl Golden {
+    /// Masks stored as run lengths: `<prefix>_rle`, `<prefix>_rle_offsets` and `<prefix>_hw`.
+    pub fn masks(&self, prefix: &str) -> Vec<Mask> {
+        let (runs, offsets) = (self.ints(&format!("{prefix}_rle")), self.ints(&format!("{prefix}_rle_offsets")));
+        let size = self.ints(&format!("{prefix}_hw"));
+        let (height, width) = (size[0] as usize, size[1] as usize);
+        let mask = |range: &[i32]| {
+            let mut mask = Mask::empty(width, height);
+            let mut start = 0;
+            for (place, run) in runs[range[0] as usize..range[1] as usize].iter().enumerate() {
+                let end = start + *run as usize;
+                if place % 2 == 1 {
+                    (start..end).for_each(|pixel| mask.set(pixel % width, pixel / width, true));
+                }
+                start = end;
+            }
+            assert_eq!(start, width * height);
+            mask
+        };
+        offsets.windows(2).map(mask).collect()
+    }
+}
+
+/// Pixels in one mask only.
+pub fn different_pixels(a: &Mask, b: &Mask) -> usize {
+    a.area() + b.area() - 2 * a.intersection_area(b)
+}
+
+/// An image of `../shared`.
+pub fn image(path: &str, test: &str) -> Option<Image<[u8; 3]>> {
+    let path = shared(path, test)?;
+    let image = image::open(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).into_rgb8();
+    let pixels = image.pixels().map(|pixel| pixel.0).collect();
+    Some(Image::from_pixels(image.width() as usize, image.height() as usize, pixels).unwrap())
+}

@@ -1,0 +1,9 @@
+//! FastSAM against what Ultralytics 8.4 computes (reference data in `../shared/golden`).
+
+mod golden;
+mod manifest;
+mod network;
+mod postprocessing;
+mod prediction;
+mod preprocessing;
+mod rooms;

@@ -1,0 +1,30 @@
+//! The network's input, bit for bit.
+
+use crate::golden::{Golden, image};
+use splatseg_models::fastsam::letterbox;
+
+/// Compares with planes `[3, rows, width]`, every `step`th row of the input.
+fn check(image_name: &str, image_size: usize, tensor: &str, step: usize, test: &str) {
+    let Some(image) = image(&format!("golden/fastsam/image_{image_name}.png"), test) else { return };
+    let Some(forward) = Golden::open(&format!("forward_{image_name}_{image_size}.safetensors"), test) else { return };
+    let input = letterbox(&image, image_size);
+    let (expected, shape) = (forward.bytes(tensor), forward.shape(tensor));
+    assert_eq!((input.height().div_ceil(step), input.width()), (shape[2], shape[3]));
+    let rows = (0..3).flat_map(|channel| (0..input.height()).step_by(step).map(move |row| (channel, row)));
+    let found: Vec<u8> =
+        rows.flat_map(|(channel, row)| input.row(row).iter().map(move |pixel| pixel[channel])).collect();
+    assert!(found == expected, "{} bytes differ", found.iter().zip(&expected).filter(|(a, b)| a != b).count());
+}
+
+#[test]
+fn input_is_exact_310x230() {
+    for size in [640, 1024] {
+        check("310x230", size, "input_u8", 1, "input_is_exact_310x230");
+    }
+}
+
+#[test]
+fn input_is_exact_640x480() {
+    check("640x480", 640, "input_u8", 1, "input_is_exact_640x480");
+    check("640x480", 1024, "input_u8_rows_stride4", 4, "input_is_exact_640x480");
+}
