@@ -2,12 +2,22 @@
 
 use splatseg_dataset::DatasetError;
 use splatseg_geometry::RleError;
+use splatseg_models::fastsam::FastSamError;
 use std::path::PathBuf;
 use thiserror::Error;
 
 /// Why a frame could not be segmented, or a segmenter not be made. Sizes are `(width, height)` in pixels.
 #[derive(Debug, Error)]
 pub enum SegmenterError {
+    /// The network failed.
+    #[error(transparent)]
+    FastSam(#[from] FastSamError),
+    /// Masks were asked for that nobody had made.
+    #[error("no masks were prepared for frame {frame}")]
+    NotPrepared {
+        /// Name of the frame.
+        frame: String,
+    },
     /// A setting has an impossible value.
     #[error("segmenter setting {field} is {found}, expected {expected}")]
     Setting {

@@ -4,19 +4,24 @@
 //!
 //! - [`GraphSegmenter`] needs no weights: it cuts the image where depth, surface orientation and colour say that one
 //!   object ends and another begins.
+//! - [`FastSamSegmenter`] runs FastSAM, the segmenter of the paper, on weights that the user has.
 //! - [`MaskFolder`] replays masks that any other model wrote to disk.
 //! - [`OracleSegmenter`] knows the truth and errs at set rates, for comparing methods without a network.
 
 mod error;
+mod fastsam;
 mod graph;
 mod masks;
 mod oracle;
+mod prepared;
 mod segmenter;
 
 pub use error::SegmenterError;
+pub use fastsam::FastSamSegmenter;
 pub use graph::{BorderWeights, GraphSegmenter, GraphSettings, PatchSettings, SurfaceSettings};
 pub use masks::{FrameTransform, MaskFolder};
 pub use oracle::{
     GroundTruthSource, OracleErrorModel, OraclePreset, OracleSegmenter, OracleSettings, SceneGroundTruth,
 };
+pub use prepared::PreparedMasks;
 pub use segmenter::Segmenter;

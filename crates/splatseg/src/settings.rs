@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 use splatseg_dataset::DatasetSettings;
 use splatseg_memory::MemorySettings;
+use splatseg_models::device::DeviceName;
+use splatseg_models::fastsam::FastSamPredictorSettings;
 use splatseg_segmenter::{GraphSettings, OracleSettings};
 use splatseg_tracking::{FastSamSettings, FastSamSplatSettings, FastSpamSettings};
 use std::path::{Path, PathBuf};
@@ -20,6 +22,13 @@ pub struct Settings {
     /// Folder of precomputed masks, one file per frame, for the segmenter `masks`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub masks: Option<PathBuf>,
+    /// Checkpoint of the segmenter `fastsam`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weights: Option<PathBuf>,
+    /// What networks run on.
+    pub device: DeviceName,
+    /// Whether the next frame is segmented while the memory learns this one. Results do not depend on it.
+    pub segment_ahead: bool,
     /// Seed of everything random.
     pub seed: u64,
     /// Threads to compute with; 0: one per core. Results do not depend on it.
@@ -32,6 +41,8 @@ pub struct Settings {
     pub dataset: DatasetSettings,
     /// The splat memory.
     pub memory: MemorySettings,
+    /// The segmenter `fastsam`.
+    pub fastsam: FastSamPredictorSettings,
     /// The segmenter `graph`.
     pub graph: GraphSettings,
     /// The segmenter `oracle`.
@@ -58,6 +69,8 @@ pub enum SegmenterName {
     /// Built in, no weights: cuts where depth, normals and colour say that one object ends
     #[default]
     Graph,
+    /// The network of the paper, on the weights of --weights
+    Fastsam,
     /// Precomputed masks of any other model, one file per frame
     Masks,
     /// The scene's ground truth with errors of known kinds and rates, for comparing methods
@@ -80,6 +93,7 @@ impl SegmenterName {
     pub fn name(self) -> &'static str {
         match self {
             Self::Graph => "graph",
+            Self::Fastsam => "fastsam",
             Self::Masks => "masks",
             Self::Oracle => "oracle",
         }
@@ -93,12 +107,16 @@ impl Default for Settings {
             method: MethodName::default(),
             segmenter: SegmenterName::default(),
             masks: None,
+            weights: None,
+            device: DeviceName::default(),
+            segment_ahead: true,
             seed: method.seed,
             threads: 0,
             min_segment_area: method.min_segment_area,
             min_match_f_score: method.min_match_f_score,
             dataset: DatasetSettings::default(),
             memory: method.memory,
+            fastsam: FastSamPredictorSettings::default(),
             graph: GraphSettings::default(),
             oracle: OracleSettings::default(),
         }

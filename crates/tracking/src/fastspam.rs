@@ -10,6 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
 use splatseg_memory::FrameUpdate;
+use splatseg_models::fastsam::prompts::masks_at;
 use splatseg_segmenter::Segmenter;
 use std::cmp::Reverse;
 use std::time::Instant;
@@ -195,10 +196,10 @@ impl Method for FastSpam {
 }
 
 /// All masks that contain the pixel, united; `None` if there are none.
-fn point_prompt(masks: &[&Mask], (column, row): (usize, usize)) -> Option<Mask> {
-    let mut containing = masks.iter().filter(|mask| mask.contains(column, row));
-    let mut union = (*containing.next()?).clone();
-    containing.for_each(|mask| union.unite(mask));
+fn point_prompt(masks: &[&Mask], pixel: (usize, usize)) -> Option<Mask> {
+    let mut containing = masks_at(masks, pixel);
+    let mut union = masks[containing.next()?].clone();
+    containing.for_each(|index| union.unite(masks[index]));
     Some(union)
 }
 

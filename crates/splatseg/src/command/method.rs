@@ -5,7 +5,8 @@ use indicatif::ProgressBar;
 use splatseg::settings::{MethodName, SegmenterName, Settings};
 use splatseg_dataset::Scene;
 use splatseg_memory::SplatMemory;
-use splatseg_segmenter::{FrameTransform, GraphSegmenter, MaskFolder, OracleSegmenter, SceneGroundTruth, Segmenter};
+use splatseg_models::fastsam::FastSamPredictor;
+use splatseg_segmenter::{FastSamSegmenter, FrameTransform, GraphSegmenter, MaskFolder, OracleSegmenter, SceneGroundTruth, Segmenter};
 use splatseg_tracking::{FastSam, FastSamSplat, FastSpam, Method};
 use std::path::Path;
 use std::sync::Arc;
@@ -18,9 +19,12 @@ pub enum Memory<'a> {
     Saved(&'a Path),
 }
 
-/// Makes the method of the settings for a scene.
-pub fn make_method(settings: &Settings, scene: &Arc<dyn Scene>, memory: &Memory) -> Result<Box<dyn Method>, Failure> {
-    let segmenter = make_segmenter(settings, scene)?;
+/// Makes the method of the settings, over a segmenter.
+pub fn make_method(
+    settings: &Settings,
+    segmenter: Box<dyn Segmenter>,
+    memory: &Memory,
+) -> Result<Box<dyn Method>, Failure> {
     match settings.method {
         MethodName::FastsamSplat => {
             let memory = match memory {
@@ -57,9 +61,18 @@ fn new_memory(settings: &Settings, bar: &ProgressBar) -> Result<SplatMemory, Fai
     memory
 }
 
-fn make_segmenter(settings: &Settings, scene: &Arc<dyn Scene>) -> Result<Box<dyn Segmenter>, Failure> {
+/// Makes the segmenter of the settings for a scene.
+pub fn make_segmenter(settings: &Settings, scene: &Arc<dyn Scene>) -> Result<Box<dyn Segmenter>, Failure> {
     match settings.segmenter {
         SegmenterName::Graph => Ok(Box::new(GraphSegmenter::new(settings.graph.clone()).map_err(Failure::input)?)),
+        SegmenterName::Fastsam => {
+            let weights = settings.weights.as_ref().ok_or_else(|| {
+                Failure::input("--segmenter fastsam needs --weights FILE, a checkpoint of FastSAM, e.g. FastSAM-x.pt")
+            })?;
+            let device = settings.device.open().map_err(Failure::input)?;
+            let predictor = FastSamPredictor::open(weights, settings.fastsam.clone(), &device);
+            Ok(Box::new(FastSamSegmenter::new(predictor.map_err(Failure::input)?)))
+        }
         SegmenterName::Masks => {
             let folder = settings.masks.as_ref().ok_or_else(|| {
                 Failure::input("--segmenter masks needs --masks DIR, a folder with one .png or .json file per frame")

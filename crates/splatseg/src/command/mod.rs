@@ -14,6 +14,7 @@ mod demo;
 mod eval;
 mod failure;
 mod inspect;
+mod lookahead;
 mod method;
 mod options;
 mod output_folder;

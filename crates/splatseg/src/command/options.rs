@@ -4,6 +4,7 @@ use super::Failure;
 use clap::Args;
 use splatseg::settings::{SegmenterName, SettingsLayers};
 use splatseg_dataset::{DatasetSettings, Format, Preset};
+use splatseg_models::device::DeviceName;
 use splatseg_metrics::{Protocol, ScoreSettings, Void};
 use std::path::PathBuf;
 
@@ -82,6 +83,12 @@ pub struct SettingsOptions {
     /// Precomputed masks for --segmenter masks: <frame>.png with an id per pixel, or <frame>.json with COCO masks
     #[arg(long, value_name = "DIR")]
     pub masks: Option<PathBuf>,
+    /// Checkpoint for --segmenter fastsam: FastSAM's .pt as it is published, or a .safetensors
+    #[arg(long, value_name = "FILE")]
+    pub weights: Option<PathBuf>,
+    /// What networks run on; others than the CPU must be built in [default: cpu]
+    #[arg(long, value_name = "DEVICE", value_parser = DeviceName::ALL.map(DeviceName::name))]
+    pub device: Option<String>,
     /// Settings from a TOML file
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
@@ -107,6 +114,8 @@ impl SettingsOptions {
         let options = [
             ("segmenter", self.segmenter.as_ref().and_then(choice_name)),
             ("masks", self.masks.as_ref().and_then(|path| text(path.to_string_lossy().into_owned()))),
+            ("weights", self.weights.as_ref().and_then(|path| text(path.to_string_lossy().into_owned()))),
+            ("device", self.device.clone().and_then(text)),
             ("seed", self.seed.and_then(|seed| i64::try_from(seed).ok().map(toml::Value::Integer))),
             ("threads", self.threads.and_then(whole)),
         ];

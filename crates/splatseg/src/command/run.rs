@@ -2,14 +2,16 @@
 
 use super::Failure;
 use super::arguments::RunArguments;
-use super::method::{Memory, make_method};
+use super::lookahead::{Lookahead, Processed};
+use super::method::{Memory, make_method, make_segmenter};
 use super::output_folder::{Existing, OutputFolder};
 use super::result_writer::{FrameResult, ResultWriter};
 use indicatif::{ProgressBar, ProgressStyle};
 use splatseg::Settings;
 use splatseg::summary::{RunCounts, Summary, peak_memory_mb};
-use splatseg_dataset::{FrameStream, GroundTruth, StreamedFrame, open_scene, write_atomically};
+use splatseg_dataset::{FrameStream, GroundTruth, open_scene, write_atomically};
 use splatseg_memory::SplatMemory;
+use splatseg_segmenter::PreparedMasks;
 use splatseg_tracking::{Method, TrackingError};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -60,14 +62,17 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
         FrameStream::open(Arc::clone(&scene), &job.settings.dataset, GroundTruth::Skip).map_err(Failure::input)?;
     let bar = codebook_bar();
     let memory = job.load_memory.as_deref().map_or(Memory::New(&bar), Memory::Saved);
-    let mut method = make_method(&job.settings, &scene, &memory)?;
+    let segmenter = make_segmenter(&job.settings, &scene)?;
+    let prepared = PreparedMasks::default();
+    let mut method = make_method(&job.settings, Box::new(prepared.clone()), &memory)?;
     if let (Some(path), None) = (&job.save_memory, method.memory()) {
         return Err(Failure::input(format!("{}: the method {} has no memory to save", path.display(), method.name())));
     }
     let folder = OutputFolder::create(&job.out, job.existing)?;
 
     let started = Instant::now();
-    let counts = process_frames(stream, method.as_mut(), &folder, &stop)?;
+    let frames = Lookahead::new(stream, segmenter, prepared, job.settings.segment_ahead);
+    let counts = process_frames(frames, method.as_mut(), &folder, &stop)?;
     if counts.frames == 0 && !counts.interrupted {
         return Err(Failure::input(format!("{}: none of the frames could be used", job.scene)));
     }
@@ -104,21 +109,22 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
 
 /// Feeds every frame to the method and its results to the writer.
 fn process_frames(
-    stream: FrameStream,
+    mut frames: Lookahead,
     method: &mut dyn Method,
     folder: &OutputFolder,
     stop: &AtomicBool,
 ) -> Result<RunCounts, Failure> {
     let mut counts = RunCounts::default();
     let mut writer = ResultWriter::start(folder.clone());
-    let bar = progress_bar(stream.len());
-    for item in stream {
+    let bar = progress_bar(frames.len());
+    while frames.len() > 0 {
         if stop.load(Ordering::Relaxed) {
             counts.interrupted = true;
             break;
         }
+        let Some(item) = frames.process_next(method) else { break };
         let skipped = match item {
-            Ok(frame) => process_frame(frame, method, &mut writer, &mut counts)?,
+            Ok(processed) => take_result(processed, &mut writer, &mut counts)?,
             Err(error) => Some(error.to_string()),
         };
         if let Some(reason) = skipped {
@@ -132,15 +138,14 @@ fn process_frames(
     Ok(counts)
 }
 
-/// Processes one frame; `Some` says why it has no result although the run can go on.
-fn process_frame(
-    frame: StreamedFrame,
-    method: &mut dyn Method,
+/// Counts and writes the result of a frame; `Some` says why it has none although the run can go on.
+fn take_result(
+    (frame, output): Processed,
     writer: &mut ResultWriter,
     counts: &mut RunCounts,
 ) -> Result<Option<String>, Failure> {
     let frame = frame.frame;
-    let output = match method.process(&frame) {
+    let output = match output {
         Ok(output) => output,
         Err(TrackingError::Segmenter(error)) => return Ok(Some(format!("{}: {error}", frame.name()))),
         Err(error) => return Err(Failure::work(format!("frame {}: {error}", frame.name()))),

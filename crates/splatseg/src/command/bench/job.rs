@@ -1,7 +1,8 @@
 //! One method on one scene with one seed.
 
 use super::thumbnail::{StripFrames, jpeg_data_uri};
-use crate::command::method::{Memory, make_method};
+use crate::command::lookahead::{Lookahead, Processed};
+use crate::command::method::{Memory, make_method, make_segmenter};
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use splatseg::settings::{MethodName, Settings};
@@ -10,7 +11,8 @@ use splatseg_dataset::{FrameStream, GroundTruth, StreamedFrame, open_scene};
 use splatseg_geometry::{Mask, SegmentMap};
 use splatseg_memory::{FrameUpdate, SplatMemory};
 use splatseg_metrics::{FramePrediction, Protocol, ScoreSettings, VideoScore, VideoScorer};
-use splatseg_tracking::{FrameOutput, Method, StageTimes, TrackingError};
+use splatseg_segmenter::PreparedMasks;
+use splatseg_tracking::{FrameOutput, StageTimes, TrackingError};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -106,25 +108,29 @@ pub fn run(inputs: &JobInputs) -> Result<JobResult, String> {
     if !scene.has_ground_truth() {
         return Err(format!("{}: the scene has no ground truth", inputs.scene));
     }
-    let mut stream =
+    let stream =
         FrameStream::open(Arc::clone(&scene), &settings.dataset, GroundTruth::Read).map_err(|error| text(&error))?;
     let bar = ProgressBar::hidden();
-    let mut method = make_method(settings, &scene, &Memory::New(&bar)).map_err(|error| text(&error))?;
+    let segmenter = make_segmenter(settings, &scene).map_err(|error| text(&error))?;
+    let prepared = PreparedMasks::default();
+    let mut method =
+        make_method(settings, Box::new(prepared.clone()), &Memory::New(&bar)).map_err(|error| text(&error))?;
     let mut recorder = Recorder::new(inputs, stream.len());
+    let mut frames = Lookahead::new(stream, segmenter, prepared, settings.segment_ahead);
     let mut time = Duration::ZERO;
     for position in 0.. {
         let started = Instant::now();
-        let Some(item) = stream.next() else {
+        let Some(item) = frames.process_next(method.as_mut()) else {
             break;
         };
-        let frame = match item {
-            Ok(frame) => frame,
+        let processed = match item {
+            Ok(processed) => processed,
             Err(error) => {
                 recorder.skip(&error.to_string());
                 continue;
             }
         };
-        let output = process(method.as_mut(), &frame, &mut recorder)?;
+        let (frame, output) = or_empty(processed, &mut recorder)?;
         // Scoring and drawing are not the method's.
         time += started.elapsed();
         recorder.record(position, &frame, &output, method.memory())?;
@@ -132,20 +138,24 @@ pub fn run(inputs: &JobInputs) -> Result<JobResult, String> {
     recorder.finish(inputs, method.memory(), time)
 }
 
-/// The method's output; an empty one where the segmenter fails.
-fn process(method: &mut dyn Method, frame: &StreamedFrame, recorder: &mut Recorder) -> Result<FrameOutput, String> {
-    let frame = &frame.frame;
-    match method.process(frame) {
-        Ok(output) => Ok(output),
+/// A frame with the method's output; an empty one where the segmenter failed.
+fn or_empty(
+    (streamed, output): Processed,
+    recorder: &mut Recorder,
+) -> Result<(StreamedFrame, FrameOutput), String> {
+    let frame = &streamed.frame;
+    match output {
+        Ok(output) => Ok((streamed, output)),
         Err(TrackingError::Segmenter(error)) => {
             recorder.fail(&format!("{}: {error}", frame.name()));
-            Ok(FrameOutput {
+            let output = FrameOutput {
                 segments: SegmentMap::filled(frame.width(), frame.height(), 0),
                 masks: Vec::new(),
                 predictions: 0,
                 update: FrameUpdate::default(),
                 times: StageTimes::default(),
-            })
+            };
+            Ok((streamed, output))
         }
         Err(error) => Err(format!("frame {}: {error}", frame.name())),
     }
