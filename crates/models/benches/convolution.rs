@@ -32,7 +32,7 @@ fn layers(criterion: &mut Criterion) {
         let noise = |shape: [usize; 4]| Tensor::<4>::random(shape, Distribution::Uniform(-1.0, 1.0), &device);
         let image = noise([1, inputs, size, size]);
         let weight = noise([outputs, inputs, kernel, kernel]);
-        let values = weight.clone().into_data().into_vec::<f32>().expect("weights are f32");
+        let values = weight.clone().into_data().try_into_vec::<f32>().expect("weights are f32");
         let shape = ConvolutionShape::new(inputs, outputs, kernel, stride, kernel / 2);
         let ours = Convolution::new(values, vec![0.1; outputs], shape, Activation::Silu, &device);
         group.bench_function("ours", |bencher| bencher.iter(|| ours.forward(image.clone())));

@@ -88,9 +88,15 @@ impl fmt::Debug for Convolution {
 #[derive(Clone)]
 enum Parameters {
     /// On the CPU.
-    Packed(Box<PackedConvolution>),
+    Packed(PackedConvolution),
     /// On other devices, and for shapes that the CPU path leaves out.
-    Tensors { weight: Tensor<4>, bias: Tensor<1> },
+    Tensors(Box<ConvolutionTensors>),
+}
+
+#[derive(Clone)]
+struct ConvolutionTensors {
+    weight: Tensor<4>,
+    bias: Tensor<1>,
 }
 
 impl Convolution {
@@ -118,12 +124,12 @@ impl Convolution {
             } else {
                 PackedConvolution::new(&weight, &bias, shape, activation)
             };
-            Parameters::Packed(Box::new(packed))
+            Parameters::Packed(packed)
         } else {
-            Parameters::Tensors {
+            Parameters::Tensors(Box::new(ConvolutionTensors {
                 weight: Tensor::from_data(TensorData::new(weight, weight_shape), device),
                 bias: Tensor::from_data(TensorData::new(bias, [outputs]), device),
-            }
+            }))
         };
         Self { shape, activation, parameters }
     }
@@ -144,9 +150,9 @@ impl Convolution {
     pub fn forward_joined(&self, inputs: Vec<Tensor<4>>) -> Tensor<4> {
         match &self.parameters {
             Parameters::Packed(packed) => self.forward_packed(packed, inputs),
-            Parameters::Tensors { weight, bias } => {
+            Parameters::Tensors(parameters) => {
                 let input = Tensor::cat(inputs, 1);
-                let (weight, bias) = (weight.clone(), Some(bias.clone()));
+                let (weight, bias) = (parameters.weight.clone(), Some(parameters.bias.clone()));
                 let output = if self.shape.doubling {
                     conv_transpose2d(input, weight, bias, ConvTransposeOptions::new([2; 2], [0; 2], [0; 2], [1; 2], 1))
                 } else {

@@ -167,10 +167,10 @@ fn joined_views_equal_burns_own_convolution() {
     let ours = Convolution::new(weight.clone(), bias.clone(), shape, Activation::Silu, &device);
     assert!(matches!(ours.parameters, Parameters::Packed(_)));
     let burns = Convolution {
-        parameters: Parameters::Tensors {
+        parameters: Parameters::Tensors(Box::new(ConvolutionTensors {
             weight: Tensor::from_data(TensorData::new(weight, [9, 12, 3, 3]), &device),
             bias: Tensor::from_data(TensorData::new(bias, [9]), &device),
-        },
+        })),
         ..ours.clone()
     };
     let ours = ours.forward_joined(inputs.clone());
@@ -185,17 +185,17 @@ fn other_shapes_go_through_burn() {
     let device = Device::default();
     let wide =
         Convolution::new(noise(6, 1), noise(2, 2), ConvolutionShape::new(3, 2, 1, 1, 1), Activation::None, &device);
-    assert!(matches!(wide.parameters, Parameters::Tensors { .. }));
+    assert!(matches!(wide.parameters, Parameters::Tensors(_)));
     let image = Tensor::<4>::from_data(TensorData::new(noise(3 * 4 * 5, 3), [1, 3, 4, 5]), &device);
     assert_eq!(wide.forward(image.clone()).dims(), [1, 2, 6, 7]);
 
     let shape = ConvolutionShape::doubling(3, 5);
     let (weight, bias) = (noise(60, 4), noise(5, 5));
     let ours = Convolution::new(weight.clone(), bias.clone(), shape, Activation::None, &device);
-    let parameters = Parameters::Tensors {
+    let parameters = Parameters::Tensors(Box::new(ConvolutionTensors {
         weight: Tensor::from_data(TensorData::new(weight, [3, 5, 2, 2]), &device),
         bias: Tensor::from_data(TensorData::new(bias, [5]), &device),
-    };
+    }));
     let burns = Convolution { parameters, ..ours.clone() };
     let difference = (ours.forward(image.clone()) - burns.forward(image)).abs().max().into_scalar::<f32>();
     assert!(difference < 1e-5, "{difference}");
