@@ -28,8 +28,29 @@ pub struct Architecture {
 
 /// The modules of `yolov8-seg.yaml`, layer by layer.
 const MODULES: [&str; 23] = [
-    "Conv", "Conv", "C2f", "Conv", "C2f", "Conv", "C2f", "Conv", "C2f", "SPPF", "nn.Upsample", "Concat", "C2f",
-    "nn.Upsample", "Concat", "C2f", "Conv", "Concat", "C2f", "Conv", "Concat", "C2f", "Segment",
+    "Conv",
+    "Conv",
+    "C2f",
+    "Conv",
+    "C2f",
+    "Conv",
+    "C2f",
+    "Conv",
+    "C2f",
+    "SPPF",
+    "nn.Upsample",
+    "Concat",
+    "C2f",
+    "nn.Upsample",
+    "Concat",
+    "C2f",
+    "Conv",
+    "Concat",
+    "C2f",
+    "Conv",
+    "Concat",
+    "C2f",
+    "Segment",
 ];
 
 /// Depth, width and the most channels before widening of the published sizes (`scales` in `yolov8-seg.yaml`).

@@ -28,9 +28,8 @@ pub(super) struct C2f {
 impl C2f {
     pub fn load(weights: &dyn Weights, name: &str, shape: C2fShape, device: &Device) -> Result<Self, FastSamError> {
         let hidden = shape.outputs / 2;
-        let conv = |part: &str, shape: ConvShape| {
-            FusedConv::normalised(weights, &format!("{name}.{part}"), shape, device)
-        };
+        let conv =
+            |part: &str, shape: ConvShape| FusedConv::normalised(weights, &format!("{name}.{part}"), shape, device);
         let inner = ConvShape::new(hidden, hidden, 3);
         Ok(Self {
             entry: conv("cv1", ConvShape::new(shape.inputs, 2 * hidden, 1))?,

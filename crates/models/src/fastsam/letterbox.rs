@@ -27,7 +27,8 @@ pub fn letterbox(image: &Image<[u8; 3]>, image_size: usize) -> Image<[u8; 3]> {
         [(half - 0.1).round_ties_even() as usize, (half + 0.1).round_ties_even() as usize]
     };
     let ([left, right], [top, bottom]) = (padding(new_width), padding(new_height));
-    let resized = if (new_width, new_height) == (width, height) { image } else { &resize(image, new_width, new_height) };
+    let resized =
+        if (new_width, new_height) == (width, height) { image } else { &resize(image, new_width, new_height) };
     let mut padded = Image::filled(new_width + left + right, new_height + top + bottom, [PADDING; 3]);
     let padded_width = padded.width();
     for row in 0..new_height {

@@ -41,8 +41,7 @@ impl Network {
             FusedConv::normalised(weights, &format!("model.{layer}"), ConvShape::halving(inputs, outputs), device)
         };
         let c2f = |index: usize, inputs: usize, outputs: usize| {
-            let shape =
-                C2fShape { inputs, outputs, bottlenecks: architecture.bottlenecks[index], shortcut: index < 4 };
+            let shape = C2fShape { inputs, outputs, bottlenecks: architecture.bottlenecks[index], shortcut: index < 4 };
             C2f::load(weights, &format!("model.{}", C2F_LAYERS[index]), shape, device)
         };
         let [p1, p2, p3, p4, p5] = channels;
@@ -95,8 +94,7 @@ impl Network {
             })
             .collect::<Result<_, FastSamError>>()?;
         let [_, count, proto_height, proto_width] = prototypes.dims();
-        let prototypes =
-            Prototypes { count, height: proto_height, width: proto_width, values: values(prototypes)? };
+        let prototypes = Prototypes { count, height: proto_height, width: proto_width, values: values(prototypes)? };
         Ok(RawOutput { levels, prototypes, distance_bins: DISTANCE_BINS })
     }
 

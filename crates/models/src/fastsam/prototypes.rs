@@ -23,9 +23,8 @@ impl PrototypeBranch {
         device: &Device,
     ) -> Result<Self, FastSamError> {
         let hidden = architecture.prototype_channels;
-        let conv = |part: &str, shape: ConvShape| {
-            FusedConv::normalised(weights, &format!("{name}.{part}"), shape, device)
-        };
+        let conv =
+            |part: &str, shape: ConvShape| FusedConv::normalised(weights, &format!("{name}.{part}"), shape, device);
         Ok(Self {
             entry: conv("cv1", ConvShape::new(architecture.stage_channels[2], hidden, 3))?,
             upsample: upsampling(weights, &format!("{name}.upsample"), hidden, device)?,
@@ -42,12 +41,7 @@ impl PrototypeBranch {
 }
 
 /// Reads a transposed convolution's weight `[inputs, outputs, 2, 2]` as that of a 1×1 convolution.
-fn upsampling(
-    weights: &dyn Weights,
-    name: &str,
-    channels: usize,
-    device: &Device,
-) -> Result<FusedConv, FastSamError> {
+fn upsampling(weights: &dyn Weights, name: &str, channels: usize, device: &Device) -> Result<FusedConv, FastSamError> {
     let transposed = weights.read_f32(&format!("{name}.weight"), &[channels, channels, 2, 2])?;
     let bias = weights.read_f32(&format!("{name}.bias"), &[channels])?;
     let mut weight = vec![0.0; transposed.len()];
@@ -63,8 +57,10 @@ fn upsampling(
 /// `[batch, 4 channels, height, width]` → `[batch, channels, 2 height, 2 width]`.
 fn depth_to_space(input: Tensor<4>) -> Tensor<4> {
     let [batch, channels, height, width] = input.dims();
-    input
-        .reshape([batch, channels / 4, 2, 2, height, width])
-        .permute([0, 1, 4, 2, 5, 3])
-        .reshape([batch, channels / 4, 2 * height, 2 * width])
+    input.reshape([batch, channels / 4, 2, 2, height, width]).permute([0, 1, 4, 2, 5, 3]).reshape([
+        batch,
+        channels / 4,
+        2 * height,
+        2 * width,
+    ])
 }

@@ -16,9 +16,8 @@ pub(super) struct Sppf {
 impl Sppf {
     pub fn load(weights: &dyn Weights, name: &str, channels: usize, device: &Device) -> Result<Self, FastSamError> {
         let hidden = channels / 2;
-        let conv = |part: &str, shape: ConvShape| {
-            FusedConv::normalised(weights, &format!("{name}.{part}"), shape, device)
-        };
+        let conv =
+            |part: &str, shape: ConvShape| FusedConv::normalised(weights, &format!("{name}.{part}"), shape, device);
         Ok(Self {
             entry: conv("cv1", ConvShape::new(channels, hidden, 1))?,
             exit: conv("cv2", ConvShape::new(4 * hidden, channels, 1))?,

@@ -47,8 +47,7 @@ fn check(size: char, test: &str) {
     let mut read = weights.read.into_inner();
     read.sort();
     // Constant, or a counter of training steps: no parameters.
-    let is_parameter =
-        |name: &&String| !name.ends_with(".num_batches_tracked") && *name != "model.22.dfl.conv.weight";
+    let is_parameter = |name: &&String| !name.ends_with(".num_batches_tracked") && *name != "model.22.dfl.conv.weight";
     assert_eq!(read.iter().collect::<Vec<_>>(), weights.shapes.keys().filter(is_parameter).collect::<Vec<_>>());
 }
 

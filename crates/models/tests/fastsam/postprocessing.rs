@@ -72,8 +72,7 @@ fn check_run(golden: &Golden, case: &Case, run: &Run) {
         retina_masks: run.retina_masks,
         ..FastSamPredictorSettings::default()
     };
-    let placement =
-        Placement { image: case.orig_wh.into(), input: (case.input_hw[1], case.input_hw[0]) };
+    let placement = Placement { image: case.orig_wh.into(), input: (case.input_hw[1], case.input_hw[0]) };
     let candidates = candidates(golden);
     let kept = candidates.suppressed(run.conf, run.iou, settings.max_det);
     assert_eq!(kept, indices(golden, &name("nms_idx")), "{}", run.prefix);

@@ -6,7 +6,9 @@ use splatseg::settings::{MethodName, SegmenterName, Settings};
 use splatseg_dataset::Scene;
 use splatseg_memory::SplatMemory;
 use splatseg_models::fastsam::FastSamPredictor;
-use splatseg_segmenter::{FastSamSegmenter, FrameTransform, GraphSegmenter, MaskFolder, OracleSegmenter, SceneGroundTruth, Segmenter};
+use splatseg_segmenter::{
+    FastSamSegmenter, FrameTransform, GraphSegmenter, MaskFolder, OracleSegmenter, SceneGroundTruth, Segmenter,
+};
 use splatseg_tracking::{FastSam, FastSamSplat, FastSpam, Method};
 use std::path::Path;
 use std::sync::Arc;

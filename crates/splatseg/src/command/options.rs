@@ -4,8 +4,8 @@ use super::Failure;
 use clap::Args;
 use splatseg::settings::{SegmenterName, SettingsLayers};
 use splatseg_dataset::{DatasetSettings, Format, Preset};
-use splatseg_models::device::DeviceName;
 use splatseg_metrics::{Protocol, ScoreSettings, Void};
+use splatseg_models::device::DeviceName;
 use std::path::PathBuf;
 
 /// How a scene is read.

@@ -139,10 +139,7 @@ pub fn run(inputs: &JobInputs) -> Result<JobResult, String> {
 }
 
 /// A frame with the method's output; an empty one where the segmenter failed.
-fn or_empty(
-    (streamed, output): Processed,
-    recorder: &mut Recorder,
-) -> Result<(StreamedFrame, FrameOutput), String> {
+fn or_empty((streamed, output): Processed, recorder: &mut Recorder) -> Result<(StreamedFrame, FrameOutput), String> {
     let frame = &streamed.frame;
     match output {
         Ok(output) => Ok((streamed, output)),
