@@ -2,7 +2,7 @@
 
 use safetensors::SafeTensors;
 use splatseg_geometry::{Image, Mask};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A file or folder of `../shared`, or `None` (said on a line of its own) where that folder is not at hand.
 pub fn shared(path: &str, test: &str) -> Option<PathBuf> {
@@ -81,10 +81,9 @@ pub fn different_pixels(a: &Mask, b: &Mask) -> usize {
     a.area() + b.area() - 2 * a.intersection_area(b)
 }
 
-/// An image of `../shared`.
-pub fn image(path: &str, test: &str) -> Option<Image<[u8; 3]>> {
-    let path = shared(path, test)?;
-    let image = image::open(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).into_rgb8();
+/// An image file.
+pub fn image(path: &Path) -> Image<[u8; 3]> {
+    let image = image::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).into_rgb8();
     let pixels = image.pixels().map(|pixel| pixel.0).collect();
-    Some(Image::from_pixels(image.width() as usize, image.height() as usize, pixels).unwrap())
+    Image::from_pixels(image.width() as usize, image.height() as usize, pixels).unwrap()
 }

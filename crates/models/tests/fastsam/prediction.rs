@@ -11,7 +11,7 @@ const BOX_TOLERANCE: f32 = 0.1;
 const AREA_TOLERANCE: i32 = 4;
 
 fn predict(image_name: &str, image_size: usize, test: &str) -> Option<(Vec<Detection>, Golden)> {
-    let image = image(&format!("golden/fastsam/image_{image_name}.png"), test)?;
+    let image = image(&shared(&format!("golden/fastsam/image_{image_name}.png"), test)?);
     let forward = Golden::open(&format!("forward_{image_name}_{image_size}.safetensors"), test)?;
     // Every checkpoint holds the same weights.
     let file = if image_size == 640 { "fastsam_mini_v80120.pt" } else { "fastsam_mini.pt" };

@@ -1,13 +1,13 @@
 //! The network's input, bit for bit.
 
-use crate::golden::{Golden, image};
+use crate::golden::{Golden, image, shared};
 use splatseg_models::fastsam::letterbox;
 
 /// Compares with planes `[3, rows, width]`, every `step`th row of the input.
 fn check(image_name: &str, image_size: usize, tensor: &str, step: usize, test: &str) {
-    let Some(image) = image(&format!("golden/fastsam/image_{image_name}.png"), test) else { return };
+    let Some(path) = shared(&format!("golden/fastsam/image_{image_name}.png"), test) else { return };
     let Some(forward) = Golden::open(&format!("forward_{image_name}_{image_size}.safetensors"), test) else { return };
-    let input = letterbox(&image, image_size);
+    let input = letterbox(&image(&path), image_size);
     let (expected, shape) = (forward.bytes(tensor), forward.shape(tensor));
     assert_eq!((input.height().div_ceil(step), input.width()), (shape[2], shape[3]));
     let rows = (0..3).flat_map(|channel| (0..input.height()).step_by(step).map(move |row| (channel, row)));

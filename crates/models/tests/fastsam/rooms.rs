@@ -1,21 +1,26 @@
 //! The trained network on rendered rooms.
+//!
+//! The reference was made from JPEG files, which decoders decode differently: up to 4 grey levels between libjpeg and
+//! `zune-jpeg`, enough to move scores of this network by 0.03 and so to change what is found. So `tests/data/rooms` has
+//! the frames as libjpeg decodes them.
 
-use crate::golden::{Golden, different_pixels, image, shared};
+use crate::golden::{Golden, image, shared};
 use burn::tensor::Device;
 use splatseg_geometry::Mask;
 use splatseg_models::fastsam::{FastSamError, FastSamPredictor, FastSamPredictorSettings};
+use std::path::Path;
 
 /// Largest difference of boxes in pixels, and of scores.
-const TOLERANCES: [f32; 2] = [0.1, 1e-3];
+const TOLERANCES: [f32; 2] = [1e-2, 1e-4];
 
 fn check(setting: &str, confidence: f64, iou: f64, test: &str) {
     let Some(weights) = shared("models/fastsam-rooms-n.pt", test) else { return };
     let Some(golden) = Golden::open("../fastsam_rooms/predictions.safetensors", test) else { return };
     let settings = FastSamPredictorSettings { image_size: 320, confidence, iou, ..FastSamPredictorSettings::default() };
     let predictor = FastSamPredictor::open(&weights, settings, &Device::flex()).unwrap();
+    let frames = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/rooms");
     for frame in [0, 20, 40, 60] {
-        let Some(image) = image(&format!("data/rooms/dev-a/color/{frame}.jpg"), test) else { return };
-        let found = predictor.predict(&image).unwrap();
+        let found = predictor.predict(&image(&frames.join(format!("{frame}.png")))).unwrap();
         let tensor = |name: &str| format!("frame{frame}.{setting}.{name}");
         let boxes = golden.floats(&tensor("boxes_xyxy"));
         let scores = golden.floats(&tensor("scores"));
@@ -30,11 +35,7 @@ fn check(setting: &str, confidence: f64, iou: f64, test: &str) {
                     && (detection.score - score).abs() <= TOLERANCES[1]
                     && detection.mask.iou(&mask) >= 0.99
             });
-            let closest = found.iter().map(|detection| different_pixels(&detection.mask, &mask)).min();
-            assert!(
-                agrees,
-                "frame {frame}: no detection {expected:?}, score {score}; closest mask: {closest:?} pixels"
-            );
+            assert!(agrees, "frame {frame}: no detection {expected:?}, score {score}");
         }
     }
 }
