@@ -44,6 +44,8 @@ use std::sync::{Mutex, PoisonError};
 #[derive(Debug)]
 pub struct Checkpoint {
     path: PathBuf,
+    /// Length of the file in bytes.
+    len: u64,
     /// Locked while a tensor is read: its position is shared.
     file: Mutex<File>,
     format: Format,
@@ -95,7 +97,7 @@ impl Checkpoint {
         };
         let contents = contents.map_err(|fault| fault.at(path))?;
         let index = contents.tensors.iter().enumerate().map(|(index, tensor)| (tensor.name.clone(), index)).collect();
-        Ok(Self { path: path.to_owned(), file: Mutex::new(file), format, contents, index })
+        Ok(Self { path: path.to_owned(), len, file: Mutex::new(file), format, contents, index })
     }
 
     /// The file.
@@ -154,11 +156,18 @@ impl Checkpoint {
     /// name in the same folder.
     ///
     /// # Errors
-    /// [`CheckpointError`] if there is a file at `out` (it stays as it is), a tensor cannot be read, or the file cannot
-    /// be written.
+    /// [`CheckpointError`] if there is a file at `out` (it stays as it is), a tensor cannot be read, the tensors share
+    /// so much data that they are more than twice the file, or the new file cannot be written.
     pub fn convert(&self, out: &Path) -> Result<(), CheckpointError> {
         if out.exists() {
             return Err(CheckpointError::Exists { path: out.to_owned() });
+        }
+        // Tensors may share data, which a converted file repeats: a small file could ask for a huge one.
+        let bytes = self.tensors().map(|tensor| (tensor.elements() * tensor.dtype.size()) as u128).sum::<u128>();
+        let limit = 2 * u128::from(self.len);
+        if bytes > limit {
+            let found = format!("{bytes} bytes that share data");
+            return Err(Fault::part("the tensors", found, format!("at most {limit}, twice the file")).at(&self.path));
         }
         safetensors_file::write(self, out)
     }

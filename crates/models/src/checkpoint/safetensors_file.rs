@@ -4,7 +4,7 @@ use super::Checkpoint;
 use super::Contents;
 use super::error::{CheckpointError, Fault};
 use super::storage::Storage;
-use super::tensor::{Dtype, Layout, TensorInfo};
+use super::tensor::{Dtype, Layout, MAX_AXES, TensorInfo};
 use safetensors::tensor::{Dtype as FileDtype, Metadata, TensorInfo as FileTensorInfo};
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
@@ -15,8 +15,8 @@ use std::path::Path;
 
 /// Bytes of the header's length, before the header.
 const LENGTH_BYTES: u64 = 8;
-/// The longest header; those of the largest checkpoints have about 100 KB.
-const MAX_HEADER_BYTES: u64 = 8 << 20;
+/// The longest header; those of the largest checkpoints have about 100 KB. Parsing takes up to 20 times its length.
+const MAX_HEADER_BYTES: u64 = 2 << 20;
 /// The entry of the file's `__metadata__` that holds [`Converted`], as JSON. One entry: several would be written in any
 /// order.
 const METADATA_KEY: &str = "splatseg";
@@ -99,6 +99,9 @@ fn tensor_info(name: String, info: &FileTensorInfo, begin: u64) -> Result<Tensor
         FileDtype::BOOL => Dtype::Bool,
         other => return Err(Fault::tensor(&name, format!("elements of {other:?}"), "real numbers of 8 to 64 bits")),
     };
+    if info.shape.len() > MAX_AXES {
+        return Err(Fault::tensor(&name, format!("{} axes", info.shape.len()), format!("at most {MAX_AXES}")));
+    }
     let (start, end) = info.data_offsets;
     let storage = Storage { offset: begin + start as u64, len: (end - start) as u64, crc32: None };
     let layout = Layout { offset: 0, strides: None, span: (end - start) / dtype.size() };

@@ -181,7 +181,7 @@ impl<'g, 'a> Reader<'g, 'a> {
     fn batch_norm(&mut self, id: Id, state: Id, prefix: &str) -> Result<(), Fault> {
         let graph = self.graph;
         let class = graph.object(id).and_then(|object| graph.callable(object));
-        if !class.is_some_and(|(_, name)| name == "BatchNorm2d") {
+        if class.is_none_or(|(_, name)| name != "BatchNorm2d") {
             return Ok(());
         }
         let Some(Value::Float(eps)) = self.attribute(state, "eps")?.map(|eps| graph.value(eps)) else { return Ok(()) };

@@ -7,7 +7,7 @@
 
 use super::error::Fault;
 use super::pickle::{Graph, Id, Value};
-use super::tensor::Dtype;
+use super::tensor::{Dtype, MAX_AXES};
 
 /// A tensor as the pickle claims it to be.
 #[derive(Debug)]
@@ -24,9 +24,6 @@ pub(super) struct StoredTensor<'a> {
     /// Elements of the storage.
     pub storage_elements: usize,
 }
-
-/// The longest shape; checked before a shape is copied, which a pickle may ask for many times.
-const MAX_AXES: usize = 16;
 
 /// Reads the call that makes a tensor or a parameter.
 pub(super) fn read<'a>(graph: &Graph<'a>, name: String, value: Id) -> Result<StoredTensor<'a>, Fault> {
@@ -96,6 +93,7 @@ fn sizes(graph: &Graph<'_>, value: Id) -> Option<Vec<usize>> {
         _ => value,
     };
     let items = graph.tuple(value)?;
+    // Before the shape is copied: a pickle may ask for that many times.
     if items.len() > MAX_AXES {
         return None;
     }

@@ -7,7 +7,7 @@ use half::{bf16, f16};
 use std::fmt;
 
 /// More axes than any checkpoint's tensor has.
-const MAX_AXES: usize = 16;
+pub(super) const MAX_AXES: usize = 16;
 
 /// Type of a tensor's elements; little-endian in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -152,6 +152,17 @@ fn shared_values_do_not_explode() {
 }
 
 #[test]
+fn shared_data_do_not_explode_when_converted() {
+    let names: Vec<String> = (0..2000).map(|index| format!("w{index}")).collect();
+    let entries: Vec<(&str, Piece)> = names.iter().map(|name| (name.as_str(), recalled(1))).collect();
+    let numbers = tensor(storage("FloatStorage", "n", 1 << 16), 0, &[1 << 16], &[1]);
+    let piece = [memoized(numbers, 1), b"0".to_vec(), dict(&entries)].concat();
+    let file = Written::new(&archive(&[("r/data.pkl", &pickle(&piece)), ("r/data/n", &vec![0; 1 << 18])]));
+    let message = file.open().convert(&file.folder().join("out")).unwrap_err().to_string();
+    assert_refused(&message, &["the tensors", "524288000 bytes that share data", "twice the file"]);
+}
+
+#[test]
 fn values_that_contain_themselves_are_no_trap() {
     // A module that is its own child; a configuration that is its own entry; a parameter of itself.
     let head = [global("some.nn", "M"), memoized(b")\x81".to_vec(), 0)].concat();
@@ -304,7 +315,9 @@ fn safetensors_files_do_not_lie() {
     let long = [&(1u64 << 40).to_le_bytes()[..], b"{\"w\": 1}"].concat();
     assert_refused(&refusal(&long), &["expected a checkpoint"]);
     let long = [&(9u64 << 20).to_le_bytes()[..], &vec![b'{'; 10 << 20]].concat();
-    assert_refused(&refusal(&long), &["the header", "at most 8388608"]);
+    assert_refused(&refusal(&long), &["the header", "at most 2097152"]);
+    let axes = tensor(json!(vec![0; 17]), 0, 0);
+    assert_refused(&refusal(&safetensors_file(&axes, &[])), &["tensor w", "17 axes"]);
     let strange = json!({"__metadata__": {"splatseg": "[]"}}).to_string();
     assert_refused(&refusal(&safetensors_file(&strange, &[])), &["splatseg in the header"]);
 }
