@@ -1,1 +1,6 @@
 //! Neural networks and their checkpoints. Knows nothing of splats.
+
+pub mod sam2;
+
+#[cfg(test)]
+extern crate self as splatseg_models;
