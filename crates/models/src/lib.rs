@@ -1,5 +1,6 @@
 //! Neural networks and their checkpoints. Knows nothing of splats.
 
+pub mod checkpoint;
 pub mod sam2;
 
 #[cfg(test)]

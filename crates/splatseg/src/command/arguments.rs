@@ -3,6 +3,7 @@
 use super::Failure;
 use super::bench::BenchArguments;
 use super::eval::EvalArguments;
+use super::inspect::InspectArguments;
 use super::options::{SettingsOptions, choice_name};
 use clap::{Args, Parser, Subcommand};
 use splatseg::Settings;
@@ -28,6 +29,8 @@ pub enum Command {
     Eval(Box<EvalArguments>),
     /// Compare methods: scenes × methods × seeds, with tables and a report
     Bench(Box<BenchArguments>),
+    /// Tell what a checkpoint holds: network, tensors, parameters
+    Inspect(InspectArguments),
 }
 
 #[derive(Debug, Args)]

@@ -13,6 +13,7 @@ mod bench;
 mod demo;
 mod eval;
 mod failure;
+mod inspect;
 mod method;
 mod options;
 mod output_folder;
@@ -32,6 +33,7 @@ pub fn execute(arguments: Arguments) -> Result<(), Failure> {
         Command::Run(run) => run::run(&run),
         Command::Eval(eval) => eval::eval(&eval),
         Command::Bench(bench) => bench::bench(&bench),
+        Command::Inspect(inspect) => inspect::inspect(&inspect),
     }
 }
 

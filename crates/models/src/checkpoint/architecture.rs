@@ -1,0 +1,112 @@
+//! Which network a checkpoint is of.
+
+use super::Checkpoint;
+use std::fmt;
+
+/// A network, recognised by the names and shapes of its tensors.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Architecture {
+    /// YOLOv8-seg; FastSAM if it has one class.
+    YoloV8Seg {
+        /// `n`, `s`, `m`, `l` or `x`; `None` for another width or depth.
+        scale: Option<char>,
+        /// Channels after the first convolution.
+        width: usize,
+        /// Bottlenecks of the first C2f block.
+        depth: usize,
+        /// Number of classes.
+        classes: usize,
+    },
+    /// SAM 2 or 2.1.
+    Sam2 {
+        /// `tiny`, `small`, `base_plus` or `large`; `None` for another.
+        size: Option<&'static str>,
+        /// Whether it has what 2.1 added.
+        is_2_1: bool,
+        /// Channels of the first stage of the image encoder.
+        width: usize,
+        /// Blocks of the image encoder.
+        blocks: usize,
+    },
+    /// Something else.
+    Unknown,
+}
+
+impl Architecture {
+    /// What a checkpoint is of.
+    pub(super) fn of(checkpoint: &Checkpoint) -> Self {
+        yolo_v8_seg(checkpoint).or_else(|| sam2(checkpoint)).unwrap_or(Self::Unknown)
+    }
+}
+
+/// First axis of a tensor with `N` axes.
+fn first_axis<const N: usize>(checkpoint: &Checkpoint, name: &str) -> Option<usize> {
+    let shape: &[usize; N] = checkpoint.info(name)?.shape().try_into().ok()?;
+    Some(shape[0])
+}
+
+/// How many of `prefix.0.suffix`, `prefix.1.suffix`, … there are.
+fn count(checkpoint: &Checkpoint, prefix: &str, suffix: &str) -> usize {
+    (0..).take_while(|index| checkpoint.info(&format!("{prefix}.{index}.{suffix}")).is_some()).count()
+}
+
+fn yolo_v8_seg(checkpoint: &Checkpoint) -> Option<Architecture> {
+    // Module 22 is the head: boxes (cv2), classes (cv3), mask coefficients (cv4), prototypes.
+    let width = first_axis::<4>(checkpoint, "model.0.conv.weight")?;
+    let classes = first_axis::<4>(checkpoint, "model.22.cv3.0.2.weight")?;
+    checkpoint.info("model.22.cv4.0.2.weight")?;
+    checkpoint.info("model.22.proto.cv1.conv.weight")?;
+    let depth = count(checkpoint, "model.2.m", "cv1.conv.weight");
+    let scale = match (width, depth) {
+        (16, 1) => Some('n'),
+        (32, 1) => Some('s'),
+        (48, 2) => Some('m'),
+        (64, 3) => Some('l'),
+        (80, 3) => Some('x'),
+        _ => None,
+    };
+    Some(Architecture::YoloV8Seg { scale, width, depth, classes })
+}
+
+fn sam2(checkpoint: &Checkpoint) -> Option<Architecture> {
+    let width = first_axis::<4>(checkpoint, "image_encoder.trunk.patch_embed.proj.weight")?;
+    checkpoint.info("sam_mask_decoder.iou_token.weight")?;
+    checkpoint.info("maskmem_tpos_enc")?;
+    let is_2_1 = checkpoint.info("no_obj_embed_spatial").is_some();
+    let blocks = count(checkpoint, "image_encoder.trunk.blocks", "norm1.weight");
+    let size = match (width, blocks) {
+        (96, 12) => Some("tiny"),
+        (96, 16) => Some("small"),
+        (112, 24) => Some("base_plus"),
+        (144, 48) => Some("large"),
+        _ => None,
+    };
+    Some(Architecture::Sam2 { size, is_2_1, width, blocks })
+}
+
+impl fmt::Display for Architecture {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::YoloV8Seg { scale, width, depth, classes } => {
+                let name = scale.map_or_else(|| "YOLOv8-seg".to_owned(), |scale| format!("YOLOv8{scale}-seg"));
+                match (classes, scale) {
+                    (1, Some(scale)) => write!(formatter, "FastSAM-{scale} ({name} with 1 class)")?,
+                    (1, None) => write!(formatter, "FastSAM ({name} with 1 class)")?,
+                    _ => write!(formatter, "{name} with {classes} classes")?,
+                }
+                match scale {
+                    Some(_) => Ok(()),
+                    None => write!(formatter, " of no published scale: width {width}, depth {depth}"),
+                }
+            }
+            Self::Sam2 { size, is_2_1, width, blocks } => {
+                write!(formatter, "SAM 2{}", if *is_2_1 { ".1" } else { "" })?;
+                match size {
+                    Some(size) => write!(formatter, " {size}"),
+                    None => write!(formatter, " of no published size: width {width}, {blocks} blocks"),
+                }
+            }
+            Self::Unknown => formatter.write_str("unknown"),
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! Checkpoints: the weights of a network in a file, as others publish them and as splatseg converts them.
+//!
+//! | file | what is in it |
+//! | --- | --- |
+//! | Ultralytics `.pt` | a zip archive with a pickled module: `ema` if there is one, else `model`; 8.0.x and later |
+//! | state dict `.pt` | a zip archive with a pickled dict of tensors, alone or as `model` (Meta's SAM 2.1) |
+//! | `.safetensors` | tensors by name; a file that [`Checkpoint::convert`] wrote has the configuration in its metadata |
+//!
+//! Opening reads names and shapes only; numbers are read when asked for. No code from a file is executed: a pickle is
+//! parsed into inert data ([`pickle`]), of which the parts that describe tensors are used. Of the existing readers,
+//! `pytorch-reader` (Burn's) comes closest; but it drops the module's configuration, its batch norms' ε and the order
+//! of tensors, refuses checkpoints of Ultralytics 8.0.x for the loss in them, and lets a file of a few bytes claim
+//! tensors of 10 GB; hence our own.
+//!
+//! Files need not be trusted: sizes are checked before memory is taken, and opening takes at most about 100 MB and a
+//! second whatever the file says.
+
+mod architecture;
+mod configuration;
+mod error;
+mod missing;
+mod pickle;
+mod safetensors_file;
+mod state_dict;
+mod storage;
+mod stored_tensor;
+mod tensor;
+mod torch_archive;
+
+pub use architecture::Architecture;
+pub use error::CheckpointError;
+pub use missing::Missing;
+pub use tensor::{Dtype, TensorInfo};
+
+use error::{Fault, shown};
+use serde_json::Value;
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// A checkpoint, open for reading.
+#[derive(Debug)]
+pub struct Checkpoint {
+    path: PathBuf,
+    /// Length of the file in bytes.
+    len: u64,
+    /// Locked while a tensor is read: its position is shared.
+    file: Mutex<File>,
+    format: Format,
+    contents: Contents,
+    index: HashMap<String, usize>,
+}
+
+/// What a file holds, besides the numbers.
+#[derive(Debug)]
+struct Contents {
+    tensors: Vec<TensorInfo>,
+    configuration: Option<Value>,
+    batch_norm_eps: Option<f64>,
+    class: Option<String>,
+}
+
+/// Kinds of files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// A zip archive that `torch.save` wrote.
+    Torch,
+    /// A `.safetensors`.
+    Safetensors,
+}
+
+impl Checkpoint {
+    /// Opens a file, whatever its name ends with.
+    ///
+    /// # Errors
+    /// [`CheckpointError`] if the file cannot be read, is of another kind, is damaged, or makes claims about its
+    /// tensors that it cannot hold.
+    pub fn open(path: &Path) -> Result<Self, CheckpointError> {
+        let io = |action| CheckpointError::io(path, action);
+        let file = File::open(path).map_err(io("open"))?;
+        let metadata = file.metadata().map_err(io("read"))?;
+        if !metadata.is_file() {
+            let found = "not a file".to_owned();
+            return Err(CheckpointError::NotACheckpoint { path: path.to_owned(), found });
+        }
+        let mut start = Vec::new();
+        (&file).take(16).read_to_end(&mut start).map_err(io("read"))?;
+        let len = metadata.len();
+        let (format, contents) = if start.starts_with(b"PK\x03\x04") {
+            (Format::Torch, torch_archive::open(&file, len))
+        } else if safetensors_file::begins_like_one(&start, len) {
+            (Format::Safetensors, safetensors_file::open(&file, len))
+        } else {
+            return Err(CheckpointError::NotACheckpoint { path: path.to_owned(), found: foreign(&start) });
+        };
+        let contents = contents.map_err(|fault| fault.at(path))?;
+        let index = contents.tensors.iter().enumerate().map(|(index, tensor)| (tensor.name.clone(), index)).collect();
+        Ok(Self { path: path.to_owned(), len, file: Mutex::new(file), format, contents, index })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Its kind.
+    pub fn format(&self) -> Format {
+        self.format
+    }
+
+    /// All tensors, in the order of the file; that is the state dict's, except in `.safetensors`.
+    pub fn tensors(&self) -> impl Iterator<Item = &TensorInfo> {
+        self.contents.tensors.iter()
+    }
+
+    /// A tensor by its name in the state dict, as `model.0.conv.weight`.
+    pub fn info(&self, name: &str) -> Option<&TensorInfo> {
+        self.index.get(name).map(|&index| &self.contents.tensors[index])
+    }
+
+    /// What the network is, by the names and shapes of its tensors.
+    pub fn architecture(&self) -> Architecture {
+        Architecture::of(self)
+    }
+
+    /// The dict from which Ultralytics built the module (its attribute `yaml`: `nc`, `scale`, `backbone`, `head`, …),
+    /// if the file holds a module or was converted from one. From the file: to be checked like all of it.
+    pub fn configuration(&self) -> Option<&Value> {
+        self.contents.configuration.as_ref()
+    }
+
+    /// The ε of the batch norms, if the file holds a module or was converted from one. Ultralytics' networks have 1e-3,
+    /// not PyTorch's 1e-5.
+    pub fn batch_norm_eps(&self) -> Option<f64> {
+        self.contents.batch_norm_eps
+    }
+
+    /// Class of the pickled module, as `SegmentationModel`, if the file holds a module or was converted from one.
+    pub fn class(&self) -> Option<&str> {
+        self.contents.class.as_deref()
+    }
+
+    /// Number of learnt numbers: of all tensors but the statistics of batch norms and fixed random matrices, which a
+    /// state dict does not tell apart other than by name. FastSAM's include the constant of the box distribution, as
+    /// Ultralytics counts.
+    pub fn parameters(&self) -> usize {
+        let buffers = ["running_mean", "running_var", "num_batches_tracked", "positional_encoding_gaussian_matrix"];
+        let is_buffer = |name: &str| buffers.contains(&name.rsplit('.').next().unwrap_or_default());
+        self.tensors().filter(|tensor| !is_buffer(tensor.name())).map(TensorInfo::elements).sum()
+    }
+
+    /// Writes everything to a `.safetensors` file of splatseg's own, whose metadata (`splatseg`, JSON) keep the
+    /// configuration and the batch norms' ε. Types and names stay as they are. The file is first written under another
+    /// name in the same folder.
+    ///
+    /// # Errors
+    /// [`CheckpointError`] if there is a file at `out` (it stays as it is), a tensor cannot be read, the tensors share
+    /// so much data that they are more than twice the file, or the new file cannot be written.
+    pub fn convert(&self, out: &Path) -> Result<(), CheckpointError> {
+        if out.exists() {
+            return Err(CheckpointError::Exists { path: out.to_owned() });
+        }
+        // Tensors may share data, which a converted file repeats: a small file could ask for a huge one.
+        let bytes = self.tensors().map(|tensor| (tensor.elements() * tensor.dtype.size()) as u128).sum::<u128>();
+        let limit = 2 * u128::from(self.len);
+        if bytes > limit {
+            let found = format!("{bytes} bytes that share data");
+            return Err(Fault::part("the tensors", found, format!("at most {limit}, twice the file")).at(&self.path));
+        }
+        safetensors_file::write(self, out)
+    }
+
+    /// Reads a tensor of any floating-point type as `f32`, in row-major order.
+    ///
+    /// # Errors
+    /// [`CheckpointError`] if there is no such tensor, it is of another shape or type, or its numbers cannot be read.
+    pub fn read_f32(&self, name: &str, expected_shape: &[usize]) -> Result<Vec<f32>, CheckpointError> {
+        let fault = |found: String, expected: String| Fault::tensor(name, found, expected).at(&self.path);
+        let tensor = self.info(name);
+        let tensor =
+            tensor.ok_or_else(|| fault("no such tensor".to_owned(), format!("one of shape {expected_shape:?}")))?;
+        if tensor.shape != expected_shape {
+            return Err(fault(format!("shape {:?}", tensor.shape), format!("{expected_shape:?}")));
+        }
+        if !tensor.dtype.is_float() {
+            return Err(fault(tensor.dtype.to_string(), "floating-point numbers".to_owned()));
+        }
+        let bytes = self.read_bytes(tensor)?;
+        tensor.dtype.to_f32(&bytes).ok_or_else(|| fault(tensor.dtype.to_string(), "floating-point numbers".to_owned()))
+    }
+
+    /// Reads a tensor of this checkpoint: its elements as they are in the file, little-endian, in row-major order.
+    fn read_bytes(&self, tensor: &TensorInfo) -> Result<Vec<u8>, CheckpointError> {
+        let size = tensor.dtype.size() as u64;
+        let start = tensor.layout.offset as u64 * size;
+        let end = start + tensor.layout.span as u64 * size;
+        // A reader that panicked leaves no state behind: everyone seeks first.
+        let file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        let span = tensor.storage.read(&file, start..end);
+        drop(file);
+        let span = span.map_err(|error| Fault::tensor(&tensor.name, error.to_string(), "its data").at(&self.path))?;
+        Ok(tensor.gather(span))
+    }
+}
+
+/// What a file is that is no checkpoint, by its first bytes.
+fn foreign(start: &[u8]) -> String {
+    match start {
+        [] => "an empty file".to_owned(),
+        [b'p', b'l', b'y', b'\n', ..] => "a PLY file".to_owned(),
+        // Pickles of protocol 2 and later.
+        [0x80, 2..=5, ..] => {
+            "a bare pickle (of PyTorch before 1.6; load and save it again with a later one)".to_owned()
+        }
+        _ => format!("a file that begins with {:?}", shown(&String::from_utf8_lossy(start))),
+    }
+}

@@ -1,0 +1,63 @@
+//! `splatseg inspect`: what a checkpoint holds.
+
+use super::Failure;
+use clap::Args;
+use splatseg_models::checkpoint::{Checkpoint, CheckpointError, Dtype, Format};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+#[derive(Debug, Args)]
+pub struct InspectArguments {
+    /// A checkpoint: .pt of Ultralytics or Meta, or .safetensors
+    pub file: PathBuf,
+    /// Also write it as a .safetensors file that needs no pickle; an existing file is not replaced
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub convert: Option<PathBuf>,
+    /// Also list every tensor with its type and shape
+    #[arg(long)]
+    pub tensors: bool,
+}
+
+/// Prints what the file holds.
+pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
+    let checkpoint = Checkpoint::open(&arguments.file).map_err(Failure::input)?;
+    print(&checkpoint);
+    if arguments.tensors {
+        for tensor in checkpoint.tensors() {
+            say!("  {} {} {:?}", tensor.name(), tensor.dtype(), tensor.shape());
+        }
+    }
+    if let Some(out) = &arguments.convert {
+        checkpoint.convert(out).map_err(|error| match error {
+            // The input was right: the disk is full, or the like.
+            CheckpointError::Io { ref path, .. } if path == out => Failure::work(error),
+            error => Failure::input(error),
+        })?;
+        say!("converted to   {}", out.display());
+    }
+    Ok(())
+}
+
+fn print(checkpoint: &Checkpoint) {
+    let container = match checkpoint.format() {
+        Format::Torch => "PyTorch zip archive",
+        Format::Safetensors => "safetensors",
+    };
+    let kind = match checkpoint.class() {
+        Some(class) => format!("{container}, module {class}"),
+        None => format!("{container}, state dict"),
+    };
+    let mut dtypes: BTreeMap<Dtype, usize> = BTreeMap::new();
+    for tensor in checkpoint.tensors() {
+        *dtypes.entry(tensor.dtype()).or_default() += 1;
+    }
+    let dtypes: Vec<String> = dtypes.iter().map(|(dtype, count)| format!("{count} {dtype}")).collect();
+    say!("file           {}", checkpoint.path().display());
+    say!("kind           {kind}");
+    say!("architecture   {}", checkpoint.architecture());
+    say!("tensors        {} ({})", checkpoint.tensors().count(), dtypes.join(", "));
+    say!("parameters     {}", checkpoint.parameters());
+    if let Some(eps) = checkpoint.batch_norm_eps() {
+        say!("batch-norm eps {eps}");
+    }
+}

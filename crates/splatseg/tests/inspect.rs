@@ -1,0 +1,99 @@
+//! `splatseg inspect`: what it prints, and how it refuses.
+
+mod support;
+
+use serde_json::json;
+use std::fs;
+use std::path::{Path, PathBuf};
+use support::{Ended, finish, splatseg};
+
+fn inspect(file: &Path, more: &[&str]) -> Ended {
+    finish(splatseg().arg("inspect").arg(file).args(more))
+}
+
+/// A state dict of two tensors, 6 and 2 numbers, the second of them a statistic.
+fn small_file(folder: &Path) -> PathBuf {
+    let header = json!({
+        "linear.weight": {"dtype": "F32", "shape": [2, 3], "data_offsets": [0, 24]},
+        "norm.running_mean": {"dtype": "F16", "shape": [2], "data_offsets": [24, 28]},
+    })
+    .to_string();
+    let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
+    bytes.extend(header.bytes().chain([0; 28]));
+    let path = folder.join("small.safetensors");
+    fs::write(&path, bytes).unwrap();
+    path
+}
+
+#[test]
+fn tells_what_a_file_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    let ended = inspect(&small_file(folder.path()), &["--tensors"]);
+    assert_eq!((ended.code, ended.err.as_str()), (0, ""));
+    for line in [
+        "kind           safetensors, state dict",
+        "architecture   unknown",
+        "tensors        2 (1 float32, 1 float16)",
+        "parameters     6",
+        "  linear.weight float32 [2, 3]",
+    ] {
+        assert!(ended.out.lines().any(|found| found == line), "{line}\n{}", ended.out);
+    }
+}
+
+#[test]
+fn tells_what_a_checkpoint_of_ultralytics_holds() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/models/fastsam-rooms-n.pt");
+    if !path.exists() {
+        // Not `println!`: the test runner would swallow the line of a test that passes.
+        let line = "\nskipped: tells_what_a_checkpoint_of_ultralytics_holds: ../shared is not here\n";
+        let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let converted = folder.path().join("rooms.safetensors");
+    let ended = inspect(&path, &["--convert", converted.to_str().unwrap()]);
+    assert_eq!((ended.code, ended.err.as_str()), (0, ""));
+    let first = ended.out.lines().find(|line| line.starts_with("architecture")).unwrap();
+    assert_eq!(first, "architecture   FastSAM-n (YOLOv8n-seg with 1 class)");
+    let again = inspect(&converted, &[]);
+    // All but file, kind and the line about the conversion.
+    let facts = |ended: &Ended| ended.out.lines().skip(2).take(4).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(facts(&again), facts(&ended));
+    assert!(again.out.contains("batch-norm eps 0.001"), "{}", again.out);
+}
+
+#[test]
+fn never_overwrites() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = small_file(folder.path());
+    let out = folder.path().join("out.safetensors");
+    fs::write(&out, "precious").unwrap();
+    let ended = inspect(&file, &["--convert", out.to_str().unwrap()]);
+    assert_eq!(ended.code, 2);
+    assert!(ended.err.contains("out.safetensors: exists already"), "{}", ended.err);
+    assert_eq!(fs::read_to_string(&out).unwrap(), "precious");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
+#[test]
+fn bad_files_get_one_clear_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let cases: [(&str, &[u8], &str); 4] = [
+        ("empty.pt", b"", "an empty file, expected a checkpoint"),
+        ("text.pt", b"hello world, no weights here", "a file that begins with \"hello world"),
+        ("memory.ply", b"ply\nformat binary_little_endian 1.0\n", "a PLY file, expected a checkpoint"),
+        ("cut.pt", b"PK\x03\x04 and then nothing", "the zip archive"),
+    ];
+    for (name, bytes, message) in cases {
+        let path = folder.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        let ended = inspect(&path, &[]);
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+        assert!(ended.err.contains(name) && ended.err.contains(message), "{}", ended.err);
+        assert_eq!(ended.out, "");
+    }
+    let ended = inspect(&folder.path().join("absent.pt"), &[]);
+    assert_eq!((ended.code, ended.err.lines().count()), (2, 1));
+    assert!(ended.err.contains("absent.pt: cannot open"), "{}", ended.err);
+}
