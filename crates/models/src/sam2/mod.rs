@@ -9,9 +9,13 @@ mod kernels;
 mod layers;
 mod mask_decoder;
 mod memory_attention;
+mod memory_bank;
 mod memory_encoder;
 mod network;
+mod object_mask;
 mod position_encoding;
+mod predictor;
+mod prompt;
 mod prompt_encoder;
 mod resize;
 mod sam_heads;
@@ -20,7 +24,10 @@ mod weights;
 
 pub use config::{HieraConfig, Sam2Config, Sam2Size};
 pub use error::Sam2Error;
-pub use network::Sam2;
+pub use network::{FeatureMaps, Sam2};
+pub use object_mask::ObjectMask;
+pub use predictor::{PredictorSettings, VideoPredictor, VideoState};
+pub use prompt::{Click, Prompt};
 pub use prompt_encoder::PointLabel;
 pub use weights::Weights;
 

@@ -26,6 +26,17 @@ pub struct Sam2 {
     pub(super) no_memory: Tensor<3>,
 }
 
+/// What the image encoder makes of a frame, channels last.
+#[derive(Clone, Debug)]
+pub struct FeatureMaps {
+    /// `[1, side / 16, side / 16, hidden]`.
+    pub embedding: Tensor<4>,
+    /// For the mask decoder, `[1, side / 4, side / 4, hidden / 8]`.
+    pub s0: Tensor<4>,
+    /// For the mask decoder, `[1, side / 8, side / 8, hidden / 4]`.
+    pub s1: Tensor<4>,
+}
+
 impl Sam2 {
     /// Reads the network from a checkpoint; which size it is shows from names and shapes.
     ///
@@ -76,11 +87,6 @@ impl Sam2 {
         self.image_size
     }
 
-    /// Tokens along a side of the feature map.
-    pub(super) fn feature_side(&self) -> usize {
-        self.image_size / FEATURE_STRIDE
-    }
-
     /// The device that the network runs on.
     pub fn device(&self) -> &Device {
         &self.device
@@ -90,6 +96,14 @@ impl Sam2 {
     pub fn input(&self, frame: &Image<[u8; 3]>) -> Tensor<4> {
         let resized = resize_frame(frame, self.image_size);
         Tensor::from_data(TensorData::new(normalise(&resized), [1, 3, self.image_size, self.image_size]), &self.device)
+    }
+
+    /// The feature maps of an input, `[1, 3, side, side]`, for uses beyond video.
+    pub fn encode(&self, input: Tensor<4>) -> FeatureMaps {
+        let ImageFeatures { embedding, s0, s1 } = self.encode_image(input);
+        let [_, _, hidden] = embedding.dims();
+        let side = self.image_size / FEATURE_STRIDE;
+        FeatureMaps { embedding: embedding.reshape([1, side, side, hidden]), s0, s1 }
     }
 
     /// Features of an input, `[1, 3, side, side]`.

@@ -1,6 +1,7 @@
 //! Where the network's weights come from, and the reader that hands them to the blocks.
 
 use super::Sam2Error;
+use crate::checkpoint::{Checkpoint, CheckpointError};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -63,5 +64,21 @@ impl<'a> WeightReader<'a> {
     pub fn tensor<const D: usize>(&self, name: &str, shape: [usize; D]) -> Result<Tensor<D>, Sam2Error> {
         let values = self.floats(name, &shape)?;
         Ok(Tensor::from_data(TensorData::new(values, shape), self.device))
+    }
+}
+
+/// A checkpoint: Meta's `.pt` files, or their conversion to `.safetensors`.
+impl Weights for Checkpoint {
+    fn names(&self) -> Vec<String> {
+        self.tensors().map(|tensor| tensor.name().to_owned()).collect()
+    }
+
+    fn shape(&self, name: &str) -> Option<Vec<usize>> {
+        self.info(name).map(|tensor| tensor.shape().to_vec())
+    }
+
+    fn read(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
+        let reason = |error: CheckpointError| Sam2Error::UnreadableTensor { name: name.into(), reason: error.to_string() };
+        self.read_f32(name, shape).map_err(reason)
     }
 }

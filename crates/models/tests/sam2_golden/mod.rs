@@ -2,6 +2,7 @@
 #![allow(dead_code)]
 
 use safetensors::{Dtype, SafeTensors};
+use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::sam2::{Sam2Error, Weights};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -208,8 +209,12 @@ impl Weights for MemoryWeights {
 }
 
 /// The miniature network's weights.
-pub fn mini_weights(_folder: &std::path::Path) -> MemoryWeights {
-    let golden = Golden::open(std::path::Path::new("/tmp/h/sam2"), "sam2_mini");
-    let names: Vec<String> = golden.tensors().names().iter().map(|name| name.to_string()).collect();
-    MemoryWeights(names.into_iter().map(|name| (name.clone(), (golden.shape(&name), golden.floats(&name)))).collect())
+pub fn mini_weights(folder: &std::path::Path) -> MemoryWeights {
+    let checkpoint = Checkpoint::open(&folder.join("sam2_mini.pt")).unwrap();
+    let entry = |name: String| {
+        let shape = checkpoint.shape(&name).unwrap();
+        let values = checkpoint.read(&name, &shape).unwrap();
+        (name, (shape, values))
+    };
+    MemoryWeights(checkpoint.names().into_iter().map(entry).collect())
 }
