@@ -78,6 +78,7 @@ impl Hiera {
         stages.try_into().unwrap_or_else(|_| unreachable!("there are four stages"))
     }
 
+    #[cfg(test)]
     /// The position embedding, `[side / 4, side / 4, channels]`.
     pub fn pos_embed(&self) -> &Tensor<3> {
         &self.pos_embed

@@ -5,7 +5,7 @@ use super::weights::WeightReader;
 use super::Sam2Error;
 use burn::tensor::activation::{gelu, relu, sigmoid};
 use burn::tensor::module::{conv2d, layer_norm, linear};
-use burn::tensor::ops::PaddedConvOptions;
+use burn::tensor::ops::ConvOptions;
 use burn::tensor::Tensor;
 
 /// `x · weight + bias` over the last dimension.
@@ -165,13 +165,7 @@ impl Conv2d {
 
     /// The same for `[objects, in, height, width]`.
     pub fn forward_planes(&self, input: Tensor<4>) -> Tensor<4> {
-        let padding = [self.padding; 2];
-        let options = PaddedConvOptions::from(burn::tensor::ops::ConvOptions::new(
-            [self.stride; 2],
-            padding,
-            [1, 1],
-            self.groups,
-        ));
+        let options = ConvOptions::new([self.stride; 2], [self.padding; 2], [1, 1], self.groups);
         conv2d(input, self.weight.clone(), Some(self.bias.clone()), options)
     }
 }

@@ -161,5 +161,5 @@ fn best_of_three(ious: &[f32; MASKS]) -> usize {
 
 /// The elements of a tensor, row-major.
 pub(super) fn host<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    tensor.into_data().into_vec().expect("the networks compute in float32")
+    tensor.into_data().try_into_vec().expect("the networks compute in float32")
 }
