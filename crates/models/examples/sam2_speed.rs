@@ -30,7 +30,7 @@ fn main() {
         let input = input(frame);
         let started = Instant::now();
         let maps = network.encode(input);
-        assert!(maps.embedding.into_data().into_vec::<f32>().is_ok());
+        assert!(maps.embedding.into_data().try_into_vec::<f32>().is_ok());
         encoder.push(started.elapsed().as_secs_f64());
     }
     let mut tracked = Vec::new();

@@ -6,7 +6,9 @@ mod sam2_golden;
 use burn::tensor::Device;
 use sam2_golden::{FormulaWeights, Golden, Within, assert_close, folder, mini_weights};
 use splatseg_geometry::{Image, Mask};
-use splatseg_models::sam2::{Click, ObjectMask, PredictorSettings, Prompt, Sam2, Sam2Config, Sam2Error, VideoPredictor};
+use splatseg_models::sam2::{
+    Click, ObjectMask, PredictorSettings, Prompt, Sam2, Sam2Config, Sam2Error, VideoPredictor,
+};
 use std::path::Path;
 
 const WIDTH: usize = 288;
@@ -97,7 +99,13 @@ impl Pass<'_> {
 }
 
 /// Follows all objects from the frame after the current one and compares with rows `from..` of a pass.
-fn follow(predictor: &mut VideoPredictor, frames: &[&Image<[u8; 3]>], pass: &Pass, from: usize, objects: &[(u64, usize)]) {
+fn follow(
+    predictor: &mut VideoPredictor,
+    frames: &[&Image<[u8; 3]>],
+    pass: &Pass,
+    from: usize,
+    objects: &[(u64, usize)],
+) {
     for (offset, frame) in frames.iter().enumerate() {
         let masks = predictor.track(frame).unwrap();
         for (id, number) in objects {
@@ -217,7 +225,9 @@ fn scenario_f_more_pointers_than_fit() {
 fn memory_stays_bounded_and_corrections_are_not_lost() {
     let Some(folder) = folder("memory_stays_bounded_and_corrections_are_not_lost") else { return };
     let golden = Golden::open(&folder, "mini_video_A");
-    let (network, frames) = (mini(&folder), frames(&folder));
+    // What is kept does not depend on the input's size; a small one is fast.
+    let network = Sam2::load(&mini_weights(&folder), Some(64), &Device::flex()).unwrap();
+    let frames = frames(&folder);
     let mask = masks(&golden, "masks_video_u8").remove(0);
     let mut predictor = VideoPredictor::new(&network, PredictorSettings::default()).unwrap();
     let mut without = VideoPredictor::new(&network, PredictorSettings::default()).unwrap();
@@ -225,7 +235,7 @@ fn memory_stays_bounded_and_corrections_are_not_lost() {
     for step in 0..60 {
         let frame = &frames[step % 10];
         let found = predictor.track(frame).unwrap();
-        let other = without.track(frame).unwrap();
+        let other = if step <= 3 { without.track(frame).unwrap() } else { Vec::new() };
         if step == 0 {
             predictor.prompt(7, &Prompt::Mask(mask.clone())).unwrap();
             without.prompt(7, &Prompt::Mask(mask.clone())).unwrap();
@@ -286,7 +296,10 @@ fn bad_prompts_are_refused() {
     assert_eq!(predictor.remove(1), Err(Sam2Error::UnknownObject { object: 1 }));
     assert_eq!(predictor.state().objects().count(), 0, "refused prompts make no objects");
     let other = Image::filled(10, 10, [0; 3]);
-    assert_eq!(predictor.track(&other).unwrap_err(), Sam2Error::FrameSize { found: (10, 10), expected: (WIDTH, HEIGHT) });
+    assert_eq!(
+        predictor.track(&other).unwrap_err(),
+        Sam2Error::FrameSize { found: (10, 10), expected: (WIDTH, HEIGHT) }
+    );
     let settings = PredictorSettings { objects_per_chunk: 0, ..PredictorSettings::default() };
     assert!(matches!(VideoPredictor::new(&network, settings), Err(Sam2Error::Setting { .. })));
 }

@@ -34,7 +34,7 @@ fn encoder(size: &str) {
     let network = Sam2::load(&FormulaWeights::of_manifest(&folder, size), None, &Device::flex()).unwrap();
     let maps = network.encode(input(0));
     for (name, map) in [("fpn2", maps.embedding), ("s0", maps.s0), ("s1", maps.s1)] {
-        let values: Vec<f32> = map.permute([0, 3, 1, 2]).into_data().into_vec().unwrap();
+        let values: Vec<f32> = map.permute([0, 3, 1, 2]).into_data().try_into_vec().unwrap();
         let stride = golden.ints(&format!("{name}.stride"))[0];
         let slice: Vec<f32> = values.iter().copied().step_by(stride).collect();
         let [l2, _, largest] = golden.doubles(&format!("{name}.l2_mean_absmax"))[..] else { panic!("three numbers") };
@@ -86,10 +86,11 @@ fn video(size: &str) {
         for (object, mask) in masks.iter().enumerate() {
             let what = |name: &str| format!("{size} frame {frame} object {object} {name}");
             let part = |name: &str, size: usize| golden.floats(name)[(frame * 2 + object) * size..][..size].to_vec();
-            let every = |map: &splatseg_geometry::Image<f32>, rows: (usize, usize), columns: (usize, usize)| -> Vec<f32> {
-                let rows = (rows.0..map.height()).step_by(rows.1);
-                rows.flat_map(|row| map.row(row)[columns.0..].iter().copied().step_by(columns.1)).collect()
-            };
+            let every =
+                |map: &splatseg_geometry::Image<f32>, rows: (usize, usize), columns: (usize, usize)| -> Vec<f32> {
+                    let rows = (rows.0..map.height()).step_by(rows.1);
+                    rows.flat_map(|row| map.row(row)[columns.0..].iter().copied().step_by(columns.1)).collect()
+                };
             let low = every(&mask.low_res_logits, (0, 4), (0, 4));
             assert_close(&what("low"), &low, &part("low_res_logits_slice", 4096), Within::Absolute(2e-3));
             let logits = mask.logits();

@@ -59,8 +59,14 @@ fn frames_and_masks_are_resized_as_officially() {
     let model = Size { width: SIDE, height: SIDE };
     let low = Size { width: 64, height: 64 };
     let masks = golden.floats("mask_video_u8");
-    let soft: Vec<f32> = masks.chunks_exact(288 * 200).flat_map(|mask| resize_antialiased(mask, video, model)).collect();
-    assert_close("mask_resized_soft", &soft[..SIDE * SIDE], &golden.floats("mask_resized_soft"), Within::Absolute(1e-5));
+    let soft: Vec<f32> =
+        masks.chunks_exact(288 * 200).flat_map(|mask| resize_antialiased(mask, video, model)).collect();
+    assert_close(
+        "mask_resized_soft",
+        &soft[..SIDE * SIDE],
+        &golden.floats("mask_resized_soft"),
+        Within::Absolute(1e-5),
+    );
     let binary: Vec<f32> = soft.iter().map(|value| f32::from(*value >= 0.5)).collect();
     assert_close("mask_resized_binary", &binary, &golden.floats("mask_resized_binary_u8"), Within::Absolute(0.0));
     let logits: Vec<f32> = binary
@@ -169,7 +175,8 @@ fn mask_decoder() {
     for case in CASES {
         let (points, masked) = prompt(&prompts, case);
         let mask = masked.then(|| tensor::<4>(&golden, "mask_input").squeeze_dim::<3>(1));
-        let decoded = heads.decode_all(features.embedding.clone(), &features, &[points.clone()], mask.clone());
+        let decoded =
+            heads.decode_all(features.embedding.clone(), &features, std::slice::from_ref(&points), mask.clone());
         let check = |name: &str, found: &[f32]| {
             let name = format!("{case}.{name}");
             assert_close(&name, found, &golden.floats(&name), CLOSE);
@@ -183,7 +190,13 @@ fn mask_decoder() {
         check("single.masks", &host(single.masks));
         check("single.iou", &single.ious);
         for (choice, name) in [(MaskChoice::BestOfThree, "multi"), (MaskChoice::Single, "single")] {
-            let out = heads.forward(features.embedding.clone(), &features, &[points.clone()], mask.clone(), choice);
+            let out = heads.forward(
+                features.embedding.clone(),
+                &features,
+                std::slice::from_ref(&points),
+                mask.clone(),
+                choice,
+            );
             check(&format!("{name}.heads_low_res_masks"), &host(out.masks));
             check(&format!("{name}.heads_obj_ptr"), &host(out.pointers));
             check(&format!("{name}.heads_object_score_logits"), &out.object_scores);
@@ -281,7 +294,8 @@ fn memory_encoder() {
 /// The frames and pointers of a bank in the order that the official code puts them.
 fn bank_order(bank: &str, golden: &Golden) -> (Vec<(String, usize, usize)>, Vec<(String, usize, f32)>) {
     let now: isize = bank.rsplit('f').next().unwrap().parse().unwrap();
-    let (direction, length) = if bank.starts_with('D') { (-1, 10) } else { (1, if bank.starts_with('F') { 20 } else { 10 }) };
+    let (direction, length) =
+        if bank.starts_with('D') { (-1, 10) } else { (1, if bank.starts_with('F') { 20 } else { 10 }) };
     let frames = |kind: &str| golden.floats(&format!("{bank}.{kind}_frames")).into_iter().map(|frame| frame as isize);
     let longest = (length.min(16) - 1) as f32;
     let (mut spatial, mut pointers) = (Vec::new(), Vec::new());
@@ -315,7 +329,8 @@ fn memory_attention() {
             host(all.narrow(0, index, 1))
         };
         let features: Vec<Vec<f32>> = spatial.iter().map(|(kind, index, _)| tokens(kind, *index)).collect();
-        let pointer = |kind: &str, index: usize| golden.floats(&format!("{bank}.{kind}_obj_ptr"))[index * 64..][..64].to_vec();
+        let pointer =
+            |kind: &str, index: usize| golden.floats(&format!("{bank}.{kind}_obj_ptr"))[index * 64..][..64].to_vec();
         let values: Vec<Vec<f32>> = pointers.iter().map(|(kind, index, _)| pointer(kind, *index)).collect();
         let spatial: Vec<SpatialMemory> = spatial
             .iter()

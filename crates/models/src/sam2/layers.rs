@@ -1,12 +1,12 @@
 //! The few layer types that all blocks are made of. Activations are kept channels-last, so that a layer over channels
 //! is a layer over the last dimension.
 
-use super::weights::WeightReader;
 use super::Sam2Error;
+use super::weights::WeightReader;
+use burn::tensor::Tensor;
 use burn::tensor::activation::{gelu, relu, sigmoid};
 use burn::tensor::module::{conv2d, layer_norm, linear};
 use burn::tensor::ops::ConvOptions;
-use burn::tensor::Tensor;
 
 /// `x · weight + bias` over the last dimension.
 #[derive(Clone, Debug)]

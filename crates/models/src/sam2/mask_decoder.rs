@@ -56,7 +56,8 @@ pub(super) struct MaskDecoder {
 impl MaskDecoder {
     pub fn load(reader: &WeightReader, dim: usize) -> Result<Self, Sam2Error> {
         let token = |name: &str, count| reader.tensor(&format!("{name}.weight"), [count, dim]);
-        let tokens: [Tensor<2>; 3] = [token("obj_score_token", 1)?, token("iou_token", 1)?, token("mask_tokens", MASKS)?];
+        let tokens: [Tensor<2>; 3] =
+            [token("obj_score_token", 1)?, token("iou_token", 1)?, token("mask_tokens", MASKS)?];
         let upscaling = reader.child("output_upscaling");
         let mlp = |name: String, widths: &[usize]| Mlp::load(&reader.child(name), widths, Activation::Relu);
         Ok(Self {
@@ -75,7 +76,13 @@ impl MaskDecoder {
 
     /// Transformer output for image embeddings `[objects or 1, tokens, hidden]`, sparse prompts `[objects, n, hidden]`
     /// and dense prompts `[objects or 1, tokens or 1, hidden]`: tokens `[objects, 6 + n, hidden]`, and the image side.
-    pub fn transform(&self, image: Tensor<3>, image_pe: &Tensor<3>, sparse: Tensor<3>, dense: Tensor<3>) -> [Tensor<3>; 2] {
+    pub fn transform(
+        &self,
+        image: Tensor<3>,
+        image_pe: &Tensor<3>,
+        sparse: Tensor<3>,
+        dense: Tensor<3>,
+    ) -> [Tensor<3>; 2] {
         let [objects, _, hidden] = sparse.dims();
         let output_tokens = self.output_tokens.clone().expand([objects, 2 + MASKS, hidden]);
         let tokens = Tensor::cat(vec![output_tokens, sparse], 1);

@@ -135,7 +135,11 @@ impl Layer {
                 let rows = |data, width: usize, count| HeadRows { data, count, width, stride: width };
                 let start = if query_objects == 1 { 0 } else { object * tokens * hidden };
                 let count = memory.values.len() / memory_dim;
-                [rows(&queries[start..], hidden, tokens), rows(keys, hidden, count), rows(&memory.values, memory_dim, count)]
+                [
+                    rows(&queries[start..], hidden, tokens),
+                    rows(keys, hidden, count),
+                    rows(&memory.values, memory_dim, count),
+                ]
             })
             .collect();
         let out = multi_head_attention(&problems, 1);

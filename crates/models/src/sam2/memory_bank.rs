@@ -74,7 +74,8 @@ impl MemoryBank {
         let recent = (1..NUM_MASK_MEMORIES).rev();
         let recent = recent.filter_map(|distance| Some((before(distance)?.features.as_ref()?, distance - 1)));
         let spatial = prompted.iter().filter_map(|known| Some((known.features.as_ref()?, NUM_MASK_MEMORIES - 1)));
-        let spatial: Vec<(Vec<f32>, usize)> = spatial.chain(recent).map(|(values, row)| (floats(values), row)).collect();
+        let spatial: Vec<(Vec<f32>, usize)> =
+            spatial.chain(recent).map(|(values, row)| (floats(values), row)).collect();
         let spatial: Vec<SpatialMemory> = spatial
             .iter()
             .map(|(features, temporal_row)| SpatialMemory { features, temporal_row: *temporal_row })

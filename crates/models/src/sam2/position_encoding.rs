@@ -48,7 +48,8 @@ pub fn random_fourier(x: f32, y: f32, gaussian: &[f32]) -> Vec<f32> {
 /// 2i + 1 are rotated. The first half of the pairs turns with the column, the second with the row.
 pub fn rotary(side: usize, channels: usize) -> Vec<[f32; 2]> {
     let quarter = channels / 4;
-    let frequencies: Vec<f32> = (0..quarter).map(|i| 1.0 / TEMPERATURE.powf((4 * i) as f32 / channels as f32)).collect();
+    let frequencies: Vec<f32> =
+        (0..quarter).map(|i| 1.0 / TEMPERATURE.powf((4 * i) as f32 / channels as f32)).collect();
     let turn = |position: usize, frequency: &f32| {
         let angle = position as f32 * frequency;
         [angle.cos(), angle.sin()]

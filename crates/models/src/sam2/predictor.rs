@@ -45,16 +45,12 @@ impl Default for PredictorSettings {
 impl PredictorSettings {
     /// What the official predictor does, for a video of `length` frames.
     pub fn parity(length: usize) -> Self {
-        Self {
-            max_prompted_frames: None,
-            corrections_condition: false,
-            video_length: Some(length),
-            ..Self::default()
-        }
+        Self { max_prompted_frames: None, corrections_condition: false, video_length: Some(length), ..Self::default() }
     }
 
     fn validated(self) -> Result<Self, Sam2Error> {
-        let setting = |field, found: usize| Sam2Error::Setting { field, found: found.to_string(), expected: "at least 1" };
+        let setting =
+            |field, found: usize| Sam2Error::Setting { field, found: found.to_string(), expected: "at least 1" };
         match self {
             Self { objects_per_chunk: 0, .. } => Err(setting("objects_per_chunk", 0)),
             Self { max_prompted_frames: Some(0), .. } => Err(setting("max_prompted_frames", 0)),
@@ -245,7 +241,10 @@ impl<'n> VideoPredictor<'n> {
             for index in &rest {
                 let id = checked[*index].0;
                 let first_of_object = rest.iter().find(|other| checked[**other].0 == id) == Some(index);
-                if chunk.len() < self.settings.objects_per_chunk && first_of_object && self.kind(&checked[*index]) == kind {
+                if chunk.len() < self.settings.objects_per_chunk
+                    && first_of_object
+                    && self.kind(&checked[*index]) == kind
+                {
                     chunk.push(*index);
                 }
             }

@@ -1,7 +1,7 @@
 //! Prompts of a user, and what makes them unusable.
 
-use super::resize::{Size, resize_antialiased};
 use super::prompt_encoder::InputPoint;
+use super::resize::{Size, resize_antialiased};
 use super::{PointLabel, Sam2Error};
 use splatseg_geometry::Mask;
 
@@ -47,7 +47,10 @@ impl Prompt {
 /// A prompt that was found usable, in terms of the network's input.
 #[derive(Clone, Debug)]
 pub(super) enum CheckedPrompt {
-    Points { points: Vec<InputPoint>, replace: bool },
+    Points {
+        points: Vec<InputPoint>,
+        replace: bool,
+    },
     /// 1 inside and 0 outside, `[side, side]`.
     Mask(Vec<f32>),
 }
@@ -68,7 +71,11 @@ impl CheckedPrompt {
                 y: y / frame.1 as f32 * image_size as f32,
                 label: Some(label),
             };
-            if inside { Ok(point) } else { Err(Sam2Error::PointOutside { object, x, y, width: frame.0, height: frame.1 }) }
+            if inside {
+                Ok(point)
+            } else {
+                Err(Sam2Error::PointOutside { object, x, y, width: frame.0, height: frame.1 })
+            }
         };
         let mut points = Vec::new();
         if let Some(corners @ [x0, y0, x1, y1]) = bounding_box {
@@ -97,8 +104,7 @@ fn checked_mask(object: u64, mask: &Mask, frame: (usize, usize), image_size: usi
     }
     let mut values = vec![0f32; found.0 * found.1];
     mask.pixel_indices().for_each(|index| values[index] = 1.0);
-    let (from, to) =
-        (Size { width: found.0, height: found.1 }, Size { width: image_size, height: image_size });
+    let (from, to) = (Size { width: found.0, height: found.1 }, Size { width: image_size, height: image_size });
     if from != to {
         values = resize_antialiased(&values, from, to);
         values.iter_mut().for_each(|value| *value = f32::from(*value >= 0.5));

@@ -68,12 +68,9 @@ impl PromptEncoder {
     pub fn load(reader: &WeightReader, hidden_dim: usize, image_size: usize) -> Result<Self, Sam2Error> {
         let embedding = |name: &str| reader.floats(&format!("{name}.weight"), &[1, hidden_dim]);
         let mask = reader.child("mask_downscaling");
-        let halve =
-            |inputs, outputs| ConvShape { inputs, outputs, kernel: 2, stride: 2, padding: 0, groups: 1 };
+        let halve = |inputs, outputs| ConvShape { inputs, outputs, kernel: 2, stride: 2, padding: 0, groups: 1 };
         Ok(Self {
-            gaussian: reader
-                .child("pe_layer")
-                .floats("positional_encoding_gaussian_matrix", &[2, hidden_dim / 2])?,
+            gaussian: reader.child("pe_layer").floats("positional_encoding_gaussian_matrix", &[2, hidden_dim / 2])?,
             point_embeddings: [
                 embedding("point_embeddings.0")?,
                 embedding("point_embeddings.1")?,

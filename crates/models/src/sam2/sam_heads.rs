@@ -1,14 +1,14 @@
 //! Prompt encoder, mask decoder and object pointer together (official `sam2_base.py`, `_forward_sam_heads` and
 //! `_use_mask_as_output`).
 
+use super::Sam2Error;
 use super::config::NO_OBJECT_LOGIT;
 use super::image_encoder::ImageFeatures;
 use super::layers::{Activation, Conv2d, ConvShape, Mlp};
 use super::mask_decoder::{DecodedMasks, MaskDecoder, host};
 use super::prompt_encoder::{InputPoint, PromptEncoder};
-use super::resize::{resize_antialiased, Size};
+use super::resize::{Size, resize_antialiased};
 use super::weights::WeightReader;
-use super::Sam2Error;
 use burn::tensor::{Tensor, TensorData};
 
 /// Logit of a given mask inside; outside it is the negative.
@@ -139,9 +139,12 @@ impl SamHeads {
             return pointers;
         }
         let rows = present.iter().enumerate();
-        let rows = rows.map(|(object, present)| {
-            if *present { pointers.clone().narrow(0, object, 1) } else { self.no_object_pointer.clone() }
-        });
+        let rows =
+            rows.map(
+                |(object, present)| {
+                    if *present { pointers.clone().narrow(0, object, 1) } else { self.no_object_pointer.clone() }
+                },
+            );
         Tensor::cat(rows.collect(), 0)
     }
 }

@@ -71,7 +71,13 @@ impl Layer {
         })
     }
 
-    fn forward(&self, tokens: Tensor<3>, image: Tensor<3>, token_pe: &Tensor<3>, image_pe: &Tensor<3>) -> [Tensor<3>; 2] {
+    fn forward(
+        &self,
+        tokens: Tensor<3>,
+        image: Tensor<3>,
+        token_pe: &Tensor<3>,
+        image_pe: &Tensor<3>,
+    ) -> [Tensor<3>; 2] {
         let tokens = if self.first {
             self.self_attention.forward(tokens.clone(), tokens.clone(), tokens)
         } else {

@@ -78,7 +78,8 @@ impl Weights for Checkpoint {
     }
 
     fn read(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
-        let reason = |error: CheckpointError| Sam2Error::UnreadableTensor { name: name.into(), reason: error.to_string() };
+        let reason =
+            |error: CheckpointError| Sam2Error::UnreadableTensor { name: name.into(), reason: error.to_string() };
         self.read_f32(name, shape).map_err(reason)
     }
 }

@@ -22,13 +22,7 @@ pub struct Scratch {
 
 impl Scratch {
     pub fn new() -> Self {
-        Self {
-            arch: Arch::new(),
-            scores: Vec::new(),
-            running: Vec::new(),
-            rescale: Vec::new(),
-            weighted: Vec::new(),
-        }
+        Self { arch: Arch::new(), scores: Vec::new(), running: Vec::new(), rescale: Vec::new(), weighted: Vec::new() }
     }
 }
 

@@ -17,7 +17,7 @@ fn exp2(x: f32) -> f32 {
     value = f32::mul_add(value, fraction, 1.333_355_8e-3);
     value = f32::mul_add(value, fraction, 9.618_129e-3);
     value = f32::mul_add(value, fraction, 5.550_411e-2);
-    value = f32::mul_add(value, fraction, 2.402_265_1e-1);
+    value = f32::mul_add(value, fraction, 2.402_265e-1);
     value = f32::mul_add(value, fraction, 6.931_472e-1);
     value = f32::mul_add(value, fraction, 1.0);
     let exponent = shifted.to_bits().wrapping_sub(ROUND.to_bits()).wrapping_add(127);
@@ -27,7 +27,13 @@ fn exp2(x: f32) -> f32 {
 /// One block of scores of the running softmax: updates each row's maximum and sum, replaces the scores by
 /// exp(score - maximum), and returns in `rescale` by what each row's earlier results must be multiplied.
 /// `scores` is `[rows, columns]`, times log2(e).
-pub fn softmax_block(arch: Arch, scores: &mut [f32], columns: usize, running: &mut [RunningSoftmax], rescale: &mut [f32]) {
+pub fn softmax_block(
+    arch: Arch,
+    scores: &mut [f32],
+    columns: usize,
+    running: &mut [RunningSoftmax],
+    rescale: &mut [f32],
+) {
     arch.dispatch(
         #[inline(always)]
         || {

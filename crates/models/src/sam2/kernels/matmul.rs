@@ -17,7 +17,10 @@ impl<'a> Matrix<'a> {
     /// # Panics
     /// If `data` is too short.
     pub fn new(data: &'a [f32], rows: usize, columns: usize, row_stride: usize) -> Self {
-        assert!(rows == 0 || columns == 0 || (rows - 1) * row_stride + columns <= data.len(), "matrix outside its slice");
+        assert!(
+            rows == 0 || columns == 0 || (rows - 1) * row_stride + columns <= data.len(),
+            "matrix outside its slice"
+        );
         Self { data, rows, columns, row_stride, column_stride: 1 }
     }
 
