@@ -4,3 +4,7 @@ pub mod checkpoint;
 pub mod convolution;
 pub mod device;
 pub mod fastsam;
+pub mod sam2;
+
+#[cfg(test)]
+extern crate self as splatseg_models;

@@ -1,0 +1,129 @@
+//! What can go wrong with SAM 2.1.
+
+use thiserror::Error;
+
+/// Weights that are not SAM 2.1's, or a prompt that makes no sense.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[non_exhaustive]
+pub enum Sam2Error {
+    /// A tensor of the network is not in the checkpoint.
+    #[error("tensor `{name}` is missing")]
+    MissingTensor {
+        /// The tensor's name.
+        name: String,
+    },
+    /// A tensor has another shape than the network needs.
+    #[error("tensor `{name}` has shape {found:?} instead of {expected:?}")]
+    TensorShape {
+        /// The tensor's name.
+        name: String,
+        /// Its shape in the checkpoint.
+        found: Vec<usize>,
+        /// The shape that the network needs.
+        expected: Vec<usize>,
+    },
+    /// The checkpoint holds a tensor that is not part of the network.
+    #[error("tensor `{name}` is not part of SAM 2.1")]
+    UnexpectedTensor {
+        /// The tensor's name.
+        name: String,
+    },
+    /// No configuration has such a trunk.
+    #[error(
+        "no SAM 2.1 has an image encoder of {blocks} blocks and {embed_dim} channels in the first (tiny: 12 and 96, \
+         small: 16 and 96, base_plus: 24 and 112, large: 48 and 144)"
+    )]
+    UnknownConfiguration {
+        /// Number of trunk blocks in the checkpoint.
+        blocks: usize,
+        /// Channels of the first trunk block.
+        embed_dim: usize,
+    },
+    /// A tensor could not be read.
+    #[error("tensor `{name}` cannot be read: {reason}")]
+    UnreadableTensor {
+        /// The tensor's name.
+        name: String,
+        /// What the reader says.
+        reason: String,
+    },
+    /// A setting is out of range.
+    #[error("{field} is {found}, but it must be {expected}")]
+    Setting {
+        /// The setting's name.
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// What is allowed.
+        expected: &'static str,
+    },
+    /// Frames of one video differ in size.
+    #[error("the frame has {}x{} pixels, but the video began with {}x{}", found.0, found.1, expected.0, expected.1)]
+    FrameSize {
+        /// `(width, height)` of the frame.
+        found: (usize, usize),
+        /// `(width, height)` of the first frame.
+        expected: (usize, usize),
+    },
+    /// A prompt came before the first frame.
+    #[error("there is no frame to prompt on yet")]
+    NoFrame,
+    /// The object is not being tracked.
+    #[error("there is no object {object}")]
+    UnknownObject {
+        /// The id that was asked for.
+        object: u64,
+    },
+    /// A prompt without points, box or mask.
+    #[error("the prompt of object {object} is empty")]
+    EmptyPrompt {
+        /// The object prompted.
+        object: u64,
+    },
+    /// A mask prompt without any pixel, or one that vanishes when it is resized to the network's input.
+    #[error("the mask given for object {object} has no pixel at the network's resolution")]
+    EmptyMask {
+        /// The object prompted.
+        object: u64,
+    },
+    /// A mask prompt of another size than the frame.
+    #[error("the mask given for object {object} has {}x{} pixels, but the frame has {}x{}", found.0, found.1, expected.0, expected.1)]
+    MaskSize {
+        /// The object prompted.
+        object: u64,
+        /// `(width, height)` of the mask.
+        found: (usize, usize),
+        /// `(width, height)` of the frame.
+        expected: (usize, usize),
+    },
+    /// A coordinate that is not finite, or outside the frame.
+    #[error(
+        "the prompt of object {object} has the point ({x}, {y}), but the frame covers 0..{width} by 0..{height} pixels"
+    )]
+    PointOutside {
+        /// The object prompted.
+        object: u64,
+        /// Column, in pixels.
+        x: f32,
+        /// Row, in pixels.
+        y: f32,
+        /// Width of the frame.
+        width: usize,
+        /// Height of the frame.
+        height: usize,
+    },
+    /// A box without area.
+    #[error("the box of object {object} goes from ({}, {}) to ({}, {}): it has no area", corners[0], corners[1], corners[2], corners[3])]
+    EmptyBox {
+        /// The object prompted.
+        object: u64,
+        /// x0, y0, x1, y1 in pixels.
+        corners: [f32; 4],
+    },
+    /// Points to be added to those before cannot bring a box along: a box comes first.
+    #[error("the prompt of object {object} adds a box to earlier points: give the box with the first points")]
+    LateBox {
+        /// The object prompted.
+        object: u64,
+    },
+}

@@ -1,0 +1,237 @@
+//! Memory attention: a frame's features look at what is remembered of an object (official `memory_attention.py`,
+//! `sam/transformer.py` for the rotary attention, `sam2_base.py` for how the memory is put together).
+
+use super::config::MEMORY_ATTENTION_LAYERS;
+use super::kernels::{HeadRows, attention, multi_head_attention, rotate};
+use super::layers::{Activation, LayerNorm, Linear};
+use super::mask_decoder::host;
+use super::position_encoding::{rotary, sine_1d, sine_2d};
+use super::weights::WeightReader;
+use super::{Sam2Config, Sam2Error};
+use burn::tensor::{Tensor, TensorData};
+
+const EPSILON: f64 = 1e-5;
+/// Weight of the position encoding that is added to the features.
+const POSITION_WEIGHT: f64 = 0.1;
+
+/// What is remembered of one object, ready to be attended to.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct AssembledMemory {
+    /// `[tokens, memory]`: the memories, then the object pointers cut into pieces.
+    pub values: Vec<f32>,
+    /// `[tokens, memory]`: the same plus position encodings.
+    pub keys: Vec<f32>,
+    /// How many tokens at the end belong to pointers.
+    pub pointer_tokens: usize,
+}
+
+/// A remembered frame of one object.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SpatialMemory<'a> {
+    /// `[side · side, memory]`.
+    pub features: &'a [f32],
+    /// Row of the temporal encoding: k - 1 for the frame k steps away, the last row for conditioning frames.
+    pub temporal_row: usize,
+}
+
+/// A remembered object pointer.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RememberedPointer<'a> {
+    /// `[hidden]`.
+    pub pointer: &'a [f32],
+    /// Distance in frames, divided by the largest distance that pointers can have.
+    pub distance: f32,
+}
+
+/// One layer.
+#[derive(Clone, Debug)]
+struct Layer {
+    norm1: LayerNorm,
+    self_queries: Linear,
+    self_keys: Linear,
+    self_values: Linear,
+    self_out: Linear,
+    norm2: LayerNorm,
+    cross_queries: Linear,
+    cross_keys: Linear,
+    /// The projection of the values and the one of the result, in one: the weights of a softmax sum to 1, so that
+    /// projecting the weighted mean of the few memory channels equals averaging many projected ones.
+    cross_values_out: Linear,
+    norm3: LayerNorm,
+    linear1: Linear,
+    linear2: Linear,
+}
+
+/// Memory attention.
+#[derive(Clone, Debug)]
+pub(super) struct MemoryAttention {
+    layers: Vec<Layer>,
+    norm: LayerNorm,
+    /// Position encoding of the feature map times its weight, `[1, tokens, hidden]`.
+    position: Tensor<3>,
+    /// Rotary angles of the feature map.
+    angles: Vec<[f32; 2]>,
+    /// Position encoding of a memory, `[tokens, memory]`.
+    memory_position: Vec<f32>,
+    /// `[7, memory]`.
+    temporal: Vec<f32>,
+    pointer_position: Linear,
+    hidden_dim: usize,
+    memory_dim: usize,
+}
+
+impl Layer {
+    fn load(reader: &WeightReader, config: &Sam2Config) -> Result<Self, Sam2Error> {
+        let (hidden, memory) = (config.hidden_dim, config.memory_dim);
+        let norm = |name: &str| LayerNorm::load(&reader.child(name), hidden, EPSILON);
+        let linear = |name: &str, inputs, outputs| Linear::load(&reader.child(name), inputs, outputs);
+        let cross_out = linear("cross_attn_image.out_proj", hidden, hidden)?;
+        Ok(Self {
+            norm1: norm("norm1")?,
+            self_queries: linear("self_attn.q_proj", hidden, hidden)?,
+            self_keys: linear("self_attn.k_proj", hidden, hidden)?,
+            self_values: linear("self_attn.v_proj", hidden, hidden)?,
+            self_out: linear("self_attn.out_proj", hidden, hidden)?,
+            norm2: norm("norm2")?,
+            cross_queries: linear("cross_attn_image.q_proj", hidden, hidden)?,
+            cross_keys: linear("cross_attn_image.k_proj", memory, hidden)?,
+            cross_values_out: linear("cross_attn_image.v_proj", memory, hidden)?.then(&cross_out),
+            norm3: norm("norm3")?,
+            linear1: linear("linear1", hidden, config.memory_feed_forward_dim)?,
+            linear2: linear("linear2", config.memory_feed_forward_dim, hidden)?,
+        })
+    }
+
+    /// `[objects or 1, tokens, hidden]` and one memory per object to `[objects, tokens, hidden]`. What is the same for
+    /// all objects is computed once.
+    fn forward(&self, map: Tensor<3>, memories: &[AssembledMemory], angles: &[[f32; 2]]) -> Tensor<3> {
+        let map = self.attend_to_self(map, angles);
+        let attended = self.attend_to_memories(self.norm2.forward(map.clone()), memories, angles);
+        let map = map + attended;
+        let hidden = Activation::Relu.apply(self.linear1.forward(self.norm3.forward(map.clone())));
+        map + self.linear2.forward(hidden)
+    }
+
+    fn attend_to_self(&self, map: Tensor<3>, angles: &[[f32; 2]]) -> Tensor<3> {
+        let normed = self.norm1.forward(map.clone());
+        let queries = rotated(self.self_queries.forward(normed.clone()), angles);
+        let keys = rotated(self.self_keys.forward(normed.clone()), angles);
+        map + self.self_out.forward(attention(queries, keys, self.self_values.forward(normed), 1))
+    }
+
+    fn attend_to_memories(&self, queries: Tensor<3>, memories: &[AssembledMemory], angles: &[[f32; 2]]) -> Tensor<3> {
+        let device = queries.device();
+        let queries = self.cross_queries.forward(queries);
+        let [query_objects, tokens, hidden] = queries.dims();
+        let mut queries = host(queries);
+        rotate(&mut queries, angles, hidden / 2);
+        let memory_dim = self.cross_keys.weight.dims()[0];
+        let keys: Vec<Vec<f32>> = memories.iter().map(|memory| self.keys(memory, angles, &device)).collect();
+        let problems: Vec<[HeadRows; 3]> = memories
+            .iter()
+            .zip(&keys)
+            .enumerate()
+            .map(|(object, (memory, keys))| {
+                let rows = |data, width: usize, count| HeadRows { data, count, width, stride: width };
+                let start = if query_objects == 1 { 0 } else { object * tokens * hidden };
+                let count = memory.values.len() / memory_dim;
+                [
+                    rows(&queries[start..], hidden, tokens),
+                    rows(keys, hidden, count),
+                    rows(&memory.values, memory_dim, count),
+                ]
+            })
+            .collect();
+        let out = multi_head_attention(&problems, 1);
+        let out = TensorData::new(out, [memories.len(), tokens, memory_dim]);
+        self.cross_values_out.forward(Tensor::from_data(out, &device))
+    }
+
+    /// Keys of a memory, `[tokens, hidden]`, those of frames rotated.
+    fn keys(&self, memory: &AssembledMemory, angles: &[[f32; 2]], device: &burn::tensor::Device) -> Vec<f32> {
+        let [memory_dim, hidden] = self.cross_keys.weight.dims();
+        let count = memory.keys.len() / memory_dim;
+        let input = Tensor::<1>::from_data(memory.keys.as_slice(), device).reshape([count, memory_dim]);
+        let mut keys = host(self.cross_keys.forward(input));
+        rotate(&mut keys[..(count - memory.pointer_tokens) * hidden], angles, hidden / 2);
+        keys
+    }
+}
+
+/// Rotary position encoding of `[objects, tokens, hidden]`.
+fn rotated(map: Tensor<3>, angles: &[[f32; 2]]) -> Tensor<3> {
+    let (shape, device) = (map.dims(), map.device());
+    let mut values = host(map);
+    rotate(&mut values, angles, shape[2] / 2);
+    Tensor::from_data(TensorData::new(values, shape), &device)
+}
+
+impl MemoryAttention {
+    /// Reads memory attention for a feature map of `side` × `side` tokens.
+    pub fn load(reader: &WeightReader, config: &Sam2Config, side: usize) -> Result<Self, Sam2Error> {
+        let (hidden_dim, memory_dim) = (config.hidden_dim, config.memory_dim);
+        let rows = super::config::NUM_MASK_MEMORIES;
+        let attention = reader.child("memory_attention");
+        let position = TensorData::new(sine_2d(side, side, hidden_dim), [1, side * side, hidden_dim]);
+        Ok(Self {
+            layers: (0..MEMORY_ATTENTION_LAYERS)
+                .map(|layer| Layer::load(&attention.child(format!("layers.{layer}")), config))
+                .collect::<Result<_, _>>()?,
+            norm: LayerNorm::load(&attention.child("norm"), hidden_dim, EPSILON)?,
+            position: Tensor::from_data(position, reader.device()) * POSITION_WEIGHT,
+            angles: rotary(side, hidden_dim),
+            memory_position: sine_2d(side, side, memory_dim),
+            temporal: reader.floats("maskmem_tpos_enc", &[rows, 1, 1, memory_dim])?,
+            pointer_position: Linear::load(&reader.child("obj_ptr_tpos_proj"), hidden_dim, memory_dim)?,
+            hidden_dim,
+            memory_dim,
+        })
+    }
+
+    /// Puts an object's memory together: frames first, then pointers, each in the order given.
+    pub fn assemble(&self, frames: &[SpatialMemory], pointers: &[RememberedPointer]) -> AssembledMemory {
+        let mut values = Vec::new();
+        let mut keys = Vec::new();
+        for frame in frames {
+            let temporal = &self.temporal[frame.temporal_row * self.memory_dim..][..self.memory_dim];
+            values.extend_from_slice(frame.features);
+            let tokens = frame.features.chunks_exact(self.memory_dim);
+            for (token, position) in tokens.zip(self.memory_position.chunks_exact(self.memory_dim)) {
+                let sum = |((value, spatial), temporal): ((&f32, &f32), &f32)| value + (spatial + temporal);
+                keys.extend(token.iter().zip(position).zip(temporal).map(sum));
+            }
+        }
+        let positions = self.pointer_positions(pointers);
+        for (pointer, position) in pointers.iter().zip(positions.chunks_exact(self.memory_dim)) {
+            values.extend_from_slice(pointer.pointer);
+            keys.extend(pointer.pointer.iter().zip(position.iter().cycle()).map(|(value, position)| value + position));
+        }
+        AssembledMemory { values, keys, pointer_tokens: pointers.len() * (self.hidden_dim / self.memory_dim) }
+    }
+
+    /// Encodings of the pointers' distances, `[pointers, memory]`.
+    fn pointer_positions(&self, pointers: &[RememberedPointer]) -> Vec<f32> {
+        if pointers.is_empty() {
+            return Vec::new();
+        }
+        let sines = pointers.iter().flat_map(|pointer| sine_1d(pointer.distance, self.hidden_dim)).collect();
+        let sines = TensorData::new::<f32, _>(sines, [pointers.len(), self.hidden_dim]);
+        host(self.pointer_position.forward(Tensor::<2>::from_data(sines, &self.position.device())))
+    }
+
+    /// Features of a frame, `[1, tokens, hidden]`, in the light of each object's memory: `[objects, tokens, hidden]`.
+    /// `seen` is called with every layer's output.
+    pub fn forward(
+        &self,
+        embedding: Tensor<3>,
+        memories: &[AssembledMemory],
+        mut seen: impl FnMut(usize, &Tensor<3>),
+    ) -> Tensor<3> {
+        let mut map = embedding + self.position.clone();
+        for (index, layer) in self.layers.iter().enumerate() {
+            map = layer.forward(map, memories, &self.angles);
+            seen(index, &map);
+        }
+        self.norm.forward(map)
+    }
+}

@@ -1,0 +1,113 @@
+//! The whole network.
+
+use super::image_encoder::{ImageEncoder, ImageFeatures};
+use super::memory_attention::MemoryAttention;
+use super::memory_encoder::MemoryEncoder;
+use super::resize::{normalise, resize_frame};
+use super::sam_heads::SamHeads;
+use super::weights::WeightReader;
+use super::{Sam2Config, Sam2Error, Weights, config::FEATURE_STRIDE};
+use burn::tensor::{Device, Tensor, TensorData};
+use splatseg_geometry::Image;
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+
+/// SAM 2.1 with its weights. It holds no state of any video: one network serves any number of them.
+#[derive(Clone, Debug)]
+pub struct Sam2 {
+    config: Sam2Config,
+    image_size: usize,
+    device: Device,
+    pub(super) image_encoder: ImageEncoder,
+    pub(super) heads: SamHeads,
+    pub(super) memory_encoder: MemoryEncoder,
+    pub(super) memory_attention: MemoryAttention,
+    /// Added to the features of a frame where an object has no memory yet, `[1, 1, hidden]`.
+    pub(super) no_memory: Tensor<3>,
+}
+
+/// What the image encoder makes of a frame, channels last.
+#[derive(Clone, Debug)]
+pub struct FeatureMaps {
+    /// `[1, side / 16, side / 16, hidden]`.
+    pub embedding: Tensor<4>,
+    /// For the mask decoder, `[1, side / 4, side / 4, hidden / 8]`.
+    pub s0: Tensor<4>,
+    /// For the mask decoder, `[1, side / 8, side / 8, hidden / 4]`.
+    pub s1: Tensor<4>,
+}
+
+impl Sam2 {
+    /// Reads the network from a checkpoint; which size it is shows from names and shapes.
+    ///
+    /// `image_size` is the side of the square that frames are resized to: 1024 as published if `None`. Smaller is
+    /// faster, at the cost of thin structures; position embeddings are interpolated as the official code does.
+    ///
+    /// # Errors
+    /// If `image_size` is no positive multiple of 32, or a tensor is missing, superfluous, or of another shape.
+    pub fn load(weights: &dyn Weights, image_size: Option<usize>, device: &Device) -> Result<Self, Sam2Error> {
+        let config = Sam2Config::recognise(weights)?;
+        let image_size = image_size.unwrap_or(config.image_size);
+        if image_size == 0 || !image_size.is_multiple_of(32) || image_size > 4096 {
+            return Err(Sam2Error::Setting {
+                field: "image_size",
+                found: image_size.to_string(),
+                expected: "a multiple of 32 up to 4096",
+            });
+        }
+        let side = image_size / FEATURE_STRIDE;
+        let read = RefCell::new(BTreeSet::new());
+        let reader = WeightReader::new(weights, &read, device);
+        let network = Self {
+            config,
+            image_size,
+            device: device.clone(),
+            image_encoder: ImageEncoder::load(&reader, &config, image_size)?,
+            heads: SamHeads::load(&reader, config.hidden_dim, image_size, side)?,
+            memory_encoder: MemoryEncoder::load(&reader, config.hidden_dim, config.memory_dim)?,
+            memory_attention: MemoryAttention::load(&reader, &config, side)?,
+            no_memory: reader.tensor("no_mem_embed", [1, 1, config.hidden_dim])?,
+        };
+        // Part of every checkpoint, but without effect in this configuration.
+        reader.floats("no_mem_pos_enc", &[1, 1, config.hidden_dim])?;
+        let read = read.into_inner();
+        match weights.names().into_iter().find(|name| !read.contains(name)) {
+            Some(name) => Err(Sam2Error::UnexpectedTensor { name }),
+            None => Ok(network),
+        }
+    }
+
+    /// The network's size and hyper-parameters.
+    pub fn config(&self) -> &Sam2Config {
+        &self.config
+    }
+
+    /// Side of the square that frames are resized to, in pixels.
+    pub fn image_size(&self) -> usize {
+        self.image_size
+    }
+
+    /// The device that the network runs on.
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+
+    /// The network's input for a frame: resized, normalised, `[1, 3, side, side]`.
+    pub fn input(&self, frame: &Image<[u8; 3]>) -> Tensor<4> {
+        let resized = resize_frame(frame, self.image_size);
+        Tensor::from_data(TensorData::new(normalise(&resized), [1, 3, self.image_size, self.image_size]), &self.device)
+    }
+
+    /// The feature maps of an input, `[1, 3, side, side]`, for uses beyond video.
+    pub fn encode(&self, input: Tensor<4>) -> FeatureMaps {
+        let ImageFeatures { embedding, s0, s1 } = self.encode_image(input);
+        let [_, _, hidden] = embedding.dims();
+        let side = self.image_size / FEATURE_STRIDE;
+        FeatureMaps { embedding: embedding.reshape([1, side, side, hidden]), s0, s1 }
+    }
+
+    /// Features of an input, `[1, 3, side, side]`.
+    pub(super) fn encode_image(&self, input: Tensor<4>) -> ImageFeatures {
+        self.image_encoder.forward(input)
+    }
+}

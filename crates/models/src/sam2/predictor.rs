@@ -1,0 +1,419 @@
+//! Streaming prediction: frames come one at a time, objects come and go, and clicks correct them.
+
+use super::image_encoder::ImageFeatures;
+use super::mask_decoder::host;
+use super::memory_attention::AssembledMemory;
+use super::memory_bank::MemoryBank;
+use super::memory_encoder::MaskForMemory;
+use super::prompt::CheckedPrompt;
+use super::prompt_encoder::InputPoint;
+use super::resize::{Size, resize_bilinear};
+use super::sam_heads::{HeadOutputs, MaskChoice};
+use super::{ObjectMask, Prompt, Sam2, Sam2Error};
+use burn::tensor::{Tensor, TensorData};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use splatseg_geometry::Image;
+use std::collections::BTreeMap;
+
+/// Earlier logits are clamped to this when they go along with new clicks.
+const LOGIT_LIMIT: f32 = 32.0;
+
+/// How a video is tracked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PredictorSettings {
+    /// How many objects go through the network together. More is faster and takes more memory; results are the same.
+    pub objects_per_chunk: usize,
+    /// How many prompted frames of an object attention sees, the latest ones; `None` for all of them, as in the official
+    /// code, whose memory grows with every prompted frame.
+    pub max_prompted_frames: Option<usize>,
+    /// Whether a correction on a tracked frame conditions the frames after it. If not, it changes only what is returned
+    /// for its own frame, as in the official code, which tracks that frame again without the clicks.
+    pub corrections_condition: bool,
+    /// Number of frames of the video, where known: the official code measures the age of object pointers against it in
+    /// videos of fewer than 16 frames.
+    pub video_length: Option<usize>,
+}
+
+impl Default for PredictorSettings {
+    fn default() -> Self {
+        Self { objects_per_chunk: 4, max_prompted_frames: Some(4), corrections_condition: true, video_length: None }
+    }
+}
+
+impl PredictorSettings {
+    /// What the official predictor does, for a video of `length` frames.
+    pub fn parity(length: usize) -> Self {
+        Self { max_prompted_frames: None, corrections_condition: false, video_length: Some(length), ..Self::default() }
+    }
+
+    fn validated(self) -> Result<Self, Sam2Error> {
+        let setting =
+            |field, found: usize| Sam2Error::Setting { field, found: found.to_string(), expected: "at least 1" };
+        match self {
+            Self { objects_per_chunk: 0, .. } => Err(setting("objects_per_chunk", 0)),
+            Self { max_prompted_frames: Some(0), .. } => Err(setting("max_prompted_frames", 0)),
+            _ => Ok(self),
+        }
+    }
+}
+
+/// What the network says of one object in the current frame.
+#[derive(Clone, Debug)]
+struct Prediction {
+    /// `[side, side]` at a quarter of the input's resolution.
+    logits: Vec<f32>,
+    predicted_iou: f32,
+    pointer: Vec<f32>,
+    object_score: f32,
+}
+
+/// Everything known of one object.
+#[derive(Clone, Debug, Default)]
+struct TrackedObject {
+    bank: MemoryBank,
+    /// Tracked in the current frame, from memory.
+    tracked: Option<Prediction>,
+    /// Prompted on the current frame.
+    prompted: Option<Prediction>,
+    /// Points given on the current frame.
+    points: Vec<InputPoint>,
+}
+
+/// Everything that a video's past leaves behind: it grows with the number of objects, not of frames.
+#[derive(Clone, Debug, Default)]
+pub struct VideoState {
+    /// Frames so far.
+    frames: usize,
+    /// `(width, height)` of the frames.
+    size: (usize, usize),
+    features: Option<ImageFeatures>,
+    objects: BTreeMap<u64, TrackedObject>,
+}
+
+impl VideoState {
+    /// Ids of the objects, increasing.
+    pub fn objects(&self) -> impl Iterator<Item = u64> + '_ {
+        self.objects.keys().copied()
+    }
+
+    /// Number of frames so far.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// Bytes that the memories of all objects take.
+    pub fn memory_bytes(&self) -> usize {
+        self.objects.values().map(|object| object.bank.bytes()).sum()
+    }
+
+    /// An object's memory of a frame, `[tokens, channels]`, while attention can still see it. The current frame is
+    /// remembered by [`VideoPredictor::remember_frame`].
+    pub fn memory(&self, object: u64, frame: usize) -> Option<Vec<f32>> {
+        self.objects.get(&object)?.bank.features(frame)
+    }
+
+    fn index(&self) -> usize {
+        self.frames - 1
+    }
+}
+
+/// Follows objects through a stream of frames.
+#[derive(Debug)]
+pub struct VideoPredictor<'n> {
+    network: &'n Sam2,
+    settings: PredictorSettings,
+    state: VideoState,
+}
+
+impl<'n> VideoPredictor<'n> {
+    /// A predictor before its first frame.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn new(network: &'n Sam2, settings: PredictorSettings) -> Result<Self, Sam2Error> {
+        Self::resume(network, settings, VideoState::default())
+    }
+
+    /// A predictor that goes on from a state.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn resume(network: &'n Sam2, settings: PredictorSettings, state: VideoState) -> Result<Self, Sam2Error> {
+        Ok(Self { network, settings: settings.validated()?, state })
+    }
+
+    /// What is known so far.
+    pub fn state(&self) -> &VideoState {
+        &self.state
+    }
+
+    /// Takes the next frame and follows every object into it; masks come by increasing id.
+    ///
+    /// # Errors
+    /// If the frame's size is not that of the first.
+    pub fn track(&mut self, frame: &Image<[u8; 3]>) -> Result<Vec<ObjectMask>, Sam2Error> {
+        self.check_size(frame.size())?;
+        let input = self.network.input(frame);
+        Ok(self.advance(input, frame.size()))
+    }
+
+    /// [`Self::track`] for a frame that is already the network's input, `[1, 3, side, side]` (see [`Sam2::input`]), of a
+    /// video of `size` (width, height).
+    ///
+    /// # Errors
+    /// If `size` is not that of the first frame.
+    pub fn track_input(&mut self, input: Tensor<4>, size: (usize, usize)) -> Result<Vec<ObjectMask>, Sam2Error> {
+        self.check_size(size)?;
+        Ok(self.advance(input, size))
+    }
+
+    fn check_size(&self, found: (usize, usize)) -> Result<(), Sam2Error> {
+        let expected = self.state.size;
+        if found.0 == 0 || found.1 == 0 || (self.state.frames > 0 && found != expected) {
+            return Err(Sam2Error::FrameSize { found, expected });
+        }
+        Ok(())
+    }
+
+    fn advance(&mut self, input: Tensor<4>, size: (usize, usize)) -> Vec<ObjectMask> {
+        self.remember_frame();
+        let features = self.network.encode_image(input);
+        self.state.size = size;
+        self.state.frames += 1;
+        for object in self.state.objects.values_mut() {
+            (object.tracked, object.prompted) = (None, None);
+            object.points.clear();
+        }
+        let ids: Vec<u64> = self.state.objects.keys().copied().collect();
+        let mut masks = Vec::with_capacity(ids.len());
+        for ids in ids.chunks(self.settings.objects_per_chunk) {
+            let memories = ids.iter().map(|id| self.assemble(*id)).collect::<Vec<_>>();
+            let embeddings = self.network.memory_attention.forward(features.embedding.clone(), &memories, |_, _| {});
+            let points = vec![Vec::new(); ids.len()];
+            let out = self.network.heads.forward(embeddings, &features, &points, None, MaskChoice::BestOfThree);
+            for (id, prediction) in ids.iter().zip(predictions(out)) {
+                masks.push(self.object_mask(*id, &prediction));
+                self.object_mut(*id).tracked = Some(prediction);
+            }
+        }
+        self.state.features = Some(features);
+        masks
+    }
+
+    fn object_mut(&mut self, id: u64) -> &mut TrackedObject {
+        self.state.objects.entry(id).or_default()
+    }
+
+    fn assemble(&self, id: u64) -> AssembledMemory {
+        let bank = &self.state.objects[&id].bank;
+        bank.assemble(self.state.index(), &self.network.memory_attention, &self.settings)
+    }
+
+    /// Prompts one object on the current frame; an unknown id becomes a new object. On a frame where the object was
+    /// tracked, the prompt corrects it.
+    ///
+    /// # Errors
+    /// If there is no frame yet, or the prompt is empty, not finite or outside the frame. Nothing is changed then.
+    pub fn prompt(&mut self, object: u64, prompt: &Prompt) -> Result<ObjectMask, Sam2Error> {
+        Ok(self.prompt_all(&[(object, prompt.clone())])?.remove(0))
+    }
+
+    /// Prompts many objects at once, with the same results as one after another; masks come in the order of the prompts.
+    ///
+    /// # Errors
+    /// As [`Self::prompt`]; if one prompt is bad, none takes effect.
+    pub fn prompt_all(&mut self, prompts: &[(u64, Prompt)]) -> Result<Vec<ObjectMask>, Sam2Error> {
+        let Some(features) = self.state.features.clone() else { return Err(Sam2Error::NoFrame) };
+        let size = self.network.image_size();
+        let checked = prompts
+            .iter()
+            .map(|(object, prompt)| Ok((*object, CheckedPrompt::new(*object, prompt, self.state.size, size)?)))
+            .collect::<Result<Vec<_>, Sam2Error>>()?;
+
+        let mut masks: Vec<Option<ObjectMask>> = vec![None; checked.len()];
+        let mut rest: Vec<usize> = (0..checked.len()).collect();
+        while !rest.is_empty() {
+            // Prompts that can go through the network together: of the same kind, and one per object.
+            let kind = self.kind(&checked[rest[0]]);
+            let mut chunk: Vec<usize> = Vec::new();
+            for index in &rest {
+                let id = checked[*index].0;
+                let first_of_object = rest.iter().find(|other| checked[**other].0 == id) == Some(index);
+                if chunk.len() < self.settings.objects_per_chunk
+                    && first_of_object
+                    && self.kind(&checked[*index]) == kind
+                {
+                    chunk.push(*index);
+                }
+            }
+            rest.retain(|index| !chunk.contains(index));
+            let prompts: Vec<&(u64, CheckedPrompt)> = chunk.iter().map(|index| &checked[*index]).collect();
+            let out = self.prompt_chunk(&prompts, kind, &features);
+            for ((index, (id, _)), prediction) in chunk.iter().zip(prompts).zip(predictions(out)) {
+                masks[*index] = Some(self.object_mask(*id, &prediction));
+                self.object_mut(*id).prompted = Some(prediction);
+            }
+        }
+        Ok(masks.into_iter().flatten().collect())
+    }
+
+    /// What must be equal for prompts to go through the network together.
+    fn kind(&self, (id, prompt): &(u64, CheckedPrompt)) -> PromptKind {
+        let object = self.state.objects.get(id);
+        match prompt {
+            CheckedPrompt::Mask(_) => PromptKind::Mask,
+            CheckedPrompt::Points { points, replace } => PromptKind::Points {
+                count: points.len() + if *replace { 0 } else { object.map_or(0, |object| object.points.len()) },
+                has_memory: object.is_some_and(|object| object.tracked.is_some()),
+                has_logits: object.is_some_and(|object| object.tracked.is_some() || object.prompted.is_some()),
+            },
+        }
+    }
+
+    fn prompt_chunk(
+        &mut self,
+        prompts: &[&(u64, CheckedPrompt)],
+        kind: PromptKind,
+        features: &ImageFeatures,
+    ) -> HeadOutputs {
+        let PromptKind::Points { count, has_memory, has_logits } = kind else {
+            let masks: Vec<Vec<f32>> = prompts
+                .iter()
+                .filter_map(|(_, prompt)| match prompt {
+                    CheckedPrompt::Mask(mask) => Some(mask.clone()),
+                    CheckedPrompt::Points { .. } => None,
+                })
+                .collect();
+            prompts.iter().for_each(|(id, _)| self.object_mut(*id).points.clear());
+            return self.network.heads.use_masks_as_output(features, &masks, self.network.image_size());
+        };
+        let mut all_points = Vec::with_capacity(prompts.len());
+        for (id, prompt) in prompts {
+            let object = self.object_mut(*id);
+            if let CheckedPrompt::Points { points, replace } = prompt {
+                if *replace {
+                    object.points.clear();
+                }
+                object.points.extend(points);
+            }
+            all_points.push(object.points.clone());
+        }
+        let embeddings = if has_memory {
+            let memories = prompts.iter().map(|(id, _)| self.assemble(*id)).collect::<Vec<_>>();
+            self.network.memory_attention.forward(features.embedding.clone(), &memories, |_, _| {})
+        } else {
+            features.embedding.clone() + self.network.no_memory.clone()
+        };
+        let masks = has_logits.then(|| self.earlier_logits(prompts));
+        let choice = if count <= 1 { MaskChoice::BestOfThree } else { MaskChoice::Single };
+        self.network.heads.forward(embeddings, features, &all_points, masks, choice)
+    }
+
+    /// The logits that the objects have on this frame so far, `[objects, side, side]`.
+    fn earlier_logits(&self, prompts: &[&(u64, CheckedPrompt)]) -> Tensor<3> {
+        let side = self.network.image_size() / 4;
+        let logits: Vec<f32> = prompts
+            .iter()
+            .filter_map(|(id, _)| self.state.objects[id].prompted.as_ref().or(self.state.objects[id].tracked.as_ref()))
+            .flat_map(|prediction| prediction.logits.iter().map(|logit| logit.clamp(-LOGIT_LIMIT, LOGIT_LIMIT)))
+            .collect();
+        Tensor::from_data(TensorData::new(logits, [prompts.len(), side, side]), self.network.device())
+    }
+
+    /// Stops following an object and forgets it.
+    ///
+    /// # Errors
+    /// If there is no such object.
+    pub fn remove(&mut self, object: u64) -> Result<(), Sam2Error> {
+        self.state.objects.remove(&object).map(|_| ()).ok_or(Sam2Error::UnknownObject { object })
+    }
+
+    /// Puts the current frame into memory. The next frame does this by itself.
+    pub fn remember_frame(&mut self) {
+        let Some(features) = self.state.features.take() else { return };
+        let now = self.state.index();
+        let projected = self.network.memory_encoder.project_features(features.embedding.clone());
+        let conditions = |object: &TrackedObject| {
+            object.prompted.is_some() && (object.tracked.is_none() || self.settings.corrections_condition)
+        };
+        let (prompted, tracked): (Vec<u64>, Vec<u64>) =
+            self.state.objects.keys().partition(|id| conditions(&self.state.objects[*id]));
+        for (ids, prompted) in [(prompted, true), (tracked, false)] {
+            for ids in ids.chunks(self.settings.objects_per_chunk) {
+                self.remember_chunk(ids, prompted, now, &projected);
+            }
+        }
+        for object in self.state.objects.values_mut() {
+            object.bank.forget(now, &self.settings);
+        }
+        self.state.features = Some(features);
+    }
+
+    fn remember_chunk(&mut self, ids: &[u64], prompted: bool, now: usize, projected: &Tensor<4>) {
+        let kind = if prompted { MaskForMemory::Binary } else { MaskForMemory::Soft };
+        let chosen: Vec<Prediction> = ids
+            .iter()
+            .filter_map(|id| {
+                let object = &self.state.objects[id];
+                if prompted { object.prompted.clone() } else { object.tracked.clone() }
+            })
+            .collect();
+        let side = self.network.image_size();
+        let (low, high) = (Size { width: side / 4, height: side / 4 }, Size { width: side, height: side });
+        let masks: Vec<Vec<f32>> = chosen
+            .par_iter()
+            .map(|prediction| {
+                let mut mask = resize_bilinear(&prediction.logits, low, high);
+                mask.iter_mut().for_each(|logit| *logit = kind.apply(*logit));
+                mask
+            })
+            .collect();
+        let masks = TensorData::new(masks.concat(), [ids.len(), side, side]);
+        let masks = Tensor::from_data(masks, self.network.device());
+        let scores: Vec<f32> = chosen.iter().map(|prediction| prediction.object_score).collect();
+        let memories = host(self.network.memory_encoder.forward(projected.clone(), masks, &scores));
+        let length = memories.len() / ids.len();
+        for ((id, memory), prediction) in ids.iter().zip(memories.chunks_exact(length)).zip(chosen) {
+            self.object_mut(*id).bank.remember(now, prompted, memory, prediction.pointer);
+        }
+    }
+
+    fn object_mask(&self, object: u64, prediction: &Prediction) -> ObjectMask {
+        let side = self.network.image_size() / 4;
+        ObjectMask {
+            object,
+            low_res_logits: Image::from_pixels(side, side, prediction.logits.clone()).expect("a square of logits"),
+            object_score: prediction.object_score,
+            predicted_iou: prediction.predicted_iou,
+            pointer: prediction.pointer.clone(),
+            frame_size: self.state.size,
+        }
+    }
+}
+
+/// What prompts that go through the network together have in common.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum PromptKind {
+    Mask,
+    Points { count: usize, has_memory: bool, has_logits: bool },
+}
+
+/// The outputs of a chunk, one by one.
+fn predictions(out: HeadOutputs) -> Vec<Prediction> {
+    let [_, height, width] = out.masks.dims();
+    let [_, hidden] = out.pointers.dims();
+    let (masks, pointers) = (host(out.masks), host(out.pointers));
+    masks
+        .chunks_exact(height * width)
+        .zip(pointers.chunks_exact(hidden))
+        .zip(out.ious.iter().zip(&out.object_scores))
+        .map(|((logits, pointer), (predicted_iou, object_score))| Prediction {
+            logits: logits.to_vec(),
+            predicted_iou: *predicted_iou,
+            pointer: pointer.to_vec(),
+            object_score: *object_score,
+        })
+        .collect()
+}

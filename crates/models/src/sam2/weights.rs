@@ -1,0 +1,85 @@
+//! Where the network's weights come from, and the reader that hands them to the blocks.
+
+use super::Sam2Error;
+use crate::checkpoint::{Checkpoint, CheckpointError};
+use burn::tensor::{Device, Tensor, TensorData};
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+
+/// A set of named float32 tensors: a checkpoint, or anything else that knows names and shapes.
+pub trait Weights {
+    /// All names.
+    fn names(&self) -> Vec<String>;
+
+    /// The shape of a tensor, outermost dimension first; `None` if there is no such tensor.
+    fn shape(&self, name: &str) -> Option<Vec<usize>>;
+
+    /// The elements of a tensor, row-major.
+    ///
+    /// # Errors
+    /// If there is no such tensor, or it is not float32 of that `shape`, or it cannot be read.
+    fn read(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error>;
+}
+
+/// A view of [`Weights`] below a prefix, that checks shapes, makes tensors and remembers what was read.
+pub(super) struct WeightReader<'a> {
+    source: &'a dyn Weights,
+    read: &'a RefCell<BTreeSet<String>>,
+    device: &'a Device,
+    prefix: String,
+}
+
+impl<'a> WeightReader<'a> {
+    /// A reader of everything in `source`; the names it reads are added to `read`.
+    pub fn new(source: &'a dyn Weights, read: &'a RefCell<BTreeSet<String>>, device: &'a Device) -> Self {
+        Self { source, read, device, prefix: String::new() }
+    }
+
+    /// The reader of the tensors called `self.prefix + name + "."` and on.
+    pub fn child(&self, name: impl std::fmt::Display) -> Self {
+        Self { prefix: format!("{}{name}.", self.prefix), ..*self }
+    }
+
+    /// The device that tensors are made on.
+    pub fn device(&self) -> &Device {
+        self.device
+    }
+
+    /// The elements of a tensor, row-major.
+    pub fn floats(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
+        let name = format!("{}{name}", self.prefix);
+        match self.source.shape(&name) {
+            None => return Err(Sam2Error::MissingTensor { name }),
+            Some(found) if found != shape => {
+                return Err(Sam2Error::TensorShape { name, found, expected: shape.to_vec() });
+            }
+            Some(_) => {}
+        }
+        let values = self.source.read(&name, shape)?;
+        self.read.borrow_mut().insert(name);
+        Ok(values)
+    }
+
+    /// A tensor as stored.
+    pub fn tensor<const D: usize>(&self, name: &str, shape: [usize; D]) -> Result<Tensor<D>, Sam2Error> {
+        let values = self.floats(name, &shape)?;
+        Ok(Tensor::from_data(TensorData::new(values, shape), self.device))
+    }
+}
+
+/// A checkpoint: Meta's `.pt` files, or their conversion to `.safetensors`.
+impl Weights for Checkpoint {
+    fn names(&self) -> Vec<String> {
+        self.tensors().map(|tensor| tensor.name().to_owned()).collect()
+    }
+
+    fn shape(&self, name: &str) -> Option<Vec<usize>> {
+        self.info(name).map(|tensor| tensor.shape().to_vec())
+    }
+
+    fn read(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
+        let reason =
+            |error: CheckpointError| Sam2Error::UnreadableTensor { name: name.into(), reason: error.to_string() };
+        self.read_f32(name, shape).map_err(reason)
+    }
+}

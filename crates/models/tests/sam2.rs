@@ -1,0 +1,343 @@
+//! SAM 2.1 on videos against the official predictor (reference data in `../shared/golden/sam2`), and what must hold
+//! without reference.
+
+mod sam2_golden;
+
+use burn::tensor::Device;
+use sam2_golden::{FormulaWeights, Golden, Within, assert_close, folder, mini_weights};
+use splatseg_geometry::{Image, Mask};
+use splatseg_models::sam2::{
+    Click, ObjectMask, PredictorSettings, Prompt, Sam2, Sam2Config, Sam2Error, VideoPredictor,
+};
+use std::path::Path;
+
+const WIDTH: usize = 288;
+const HEIGHT: usize = 200;
+
+fn mini(folder: &Path) -> Sam2 {
+    Sam2::load(&mini_weights(folder), None, &Device::flex()).unwrap()
+}
+
+fn frames(folder: &Path) -> Vec<Image<[u8; 3]>> {
+    let read = |index: usize| {
+        let picture = image::open(folder.join(format!("mini_video/{index:05}.png"))).unwrap().to_rgb8();
+        Image::from_pixels(WIDTH, HEIGHT, picture.pixels().map(|pixel| pixel.0).collect()).unwrap()
+    };
+    (0..10).map(read).collect()
+}
+
+fn masks(golden: &Golden, name: &str) -> Vec<Mask> {
+    let values = golden.bytes(name);
+    let mask = |values: &[u8]| Mask::from_fn(WIDTH, HEIGHT, |column, row| values[row * WIDTH + column] != 0);
+    values.chunks_exact(WIDTH * HEIGHT).map(mask).collect()
+}
+
+fn clicks(golden: &Golden, name: &str) -> Vec<Click> {
+    let (coords, labels) = (golden.floats(&format!("{name}.coords")), golden.floats(&format!("{name}.labels")));
+    let clicks = coords.chunks_exact(2).zip(labels);
+    clicks.map(|(point, label)| Click { x: point[0], y: point[1], positive: label == 1.0 }).collect()
+}
+
+const VIDEO: Within = Within::Mixed(2e-3, 1e-3);
+
+/// Logits of the video's size as the predictor's calls return them: one mask per object, -1024 for those unknown yet.
+#[track_caller]
+fn assert_video_logits(golden: &Golden, name: &str, found: &[Option<&ObjectMask>]) {
+    let expected = golden.floats(name);
+    for (object, expected) in expected.chunks_exact(WIDTH * HEIGHT).enumerate() {
+        let logits = match found[object] {
+            Some(mask) => mask.logits().into_pixels(),
+            None => vec![-1024.0; WIDTH * HEIGHT],
+        };
+        assert_close(&format!("{name} of object {object}"), &logits, expected, VIDEO);
+    }
+}
+
+/// One pass of a reference scenario.
+struct Pass<'a> {
+    golden: &'a Golden,
+    pass: &'a str,
+}
+
+impl Pass<'_> {
+    /// Row `row` and object number `object` of a tensor `[frames, objects, ..]`.
+    fn part(&self, name: &str, row: usize, object: usize) -> Vec<f32> {
+        let name = format!("{}.{name}", self.pass);
+        let shape = self.golden.shape(&name);
+        let size: usize = shape[2..].iter().product();
+        self.golden.floats(&name)[(row * shape[1] + object) * size..][..size].to_vec()
+    }
+
+    /// Compares a frame: `row` counts the pass's frames, `object` its objects.
+    #[track_caller]
+    fn check(&self, row: usize, object: usize, found: &ObjectMask) {
+        let what = |name: &str| format!("{}.{name} row {row} object {object}", self.pass);
+        let expected = self.part("low_res_logits", row, object);
+        let within = if expected[0] == -1024.0 { Within::Absolute(0.0) } else { Within::Absolute(2e-3) };
+        assert_close(&what("low_res_logits"), found.low_res_logits.pixels(), &expected, within);
+        if self.golden.has(&format!("{}.video_logits", self.pass)) {
+            let expected = self.part("video_logits", row, object);
+            assert_close(&what("video_logits"), found.logits().pixels(), &expected, VIDEO);
+        }
+        let score = self.part("object_score_logits", row, object);
+        assert_close(&what("score"), &[found.object_score], &score, Within::Absolute(2e-3));
+        let pointer = self.part("obj_ptr", row, object);
+        assert_close(&what("obj_ptr"), &found.pointer, &pointer, Within::Absolute(1e-3));
+    }
+
+    /// Compares an object's memory of a frame.
+    #[track_caller]
+    fn check_memory(&self, row: usize, object: usize, found: &[f32]) {
+        let planes = self.part("maskmem_features", row, object);
+        let tokens = planes.len() / 16;
+        let expected: Vec<f32> = (0..planes.len()).map(|index| planes[index % 16 * tokens + index / 16]).collect();
+        let what = format!("{}.maskmem_features row {row} object {object}", self.pass);
+        assert_close(&what, found, &expected, Within::OfMax(0.01));
+        let mean = found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).sum::<f32>() / found.len() as f32;
+        assert!(mean < 1e-3, "{what}: off by {mean} on average");
+    }
+}
+
+/// Follows all objects from the frame after the current one and compares with rows `from..` of a pass.
+fn follow(
+    predictor: &mut VideoPredictor,
+    frames: &[&Image<[u8; 3]>],
+    pass: &Pass,
+    from: usize,
+    objects: &[(u64, usize)],
+) {
+    for (offset, frame) in frames.iter().enumerate() {
+        let masks = predictor.track(frame).unwrap();
+        for (id, number) in objects {
+            let mask = masks.iter().find(|mask| mask.object == *id).unwrap();
+            pass.check(from + offset, *number, mask);
+        }
+        predictor.remember_frame();
+        let now = predictor.state().frames() - 1;
+        for (id, number) in objects {
+            pass.check_memory(from + offset, *number, &predictor.state().memory(*id, now).unwrap());
+        }
+    }
+}
+
+#[test]
+fn scenario_a_mask_prompts() {
+    let Some(folder) = folder("scenario_a_mask_prompts") else { return };
+    let golden = Golden::open(&folder, "mini_video_A");
+    let (network, frames) = (mini(&folder), frames(&folder));
+    let pass = Pass { golden: &golden, pass: "p1" };
+    for objects_per_chunk in [1, 2, 8] {
+        let settings = PredictorSettings { objects_per_chunk, ..PredictorSettings::parity(10) };
+        let mut predictor = VideoPredictor::new(&network, settings).unwrap();
+        predictor.track(&frames[0]).unwrap();
+        let prompts: Vec<(u64, Prompt)> =
+            (1..).zip(masks(&golden, "masks_video_u8").into_iter().map(Prompt::Mask)).collect();
+        let prompted = predictor.prompt_all(&prompts).unwrap();
+        assert_video_logits(&golden, "after_add3.video_logits", &prompted.iter().map(Some).collect::<Vec<_>>());
+        prompted.iter().enumerate().for_each(|(number, mask)| pass.check(0, number, mask));
+        let rest: Vec<_> = frames[1..].iter().collect();
+        follow(&mut predictor, &rest, &pass, 1, &[(1, 0), (2, 1), (3, 2)]);
+    }
+}
+
+/// Box and points on frame 0, then a correction on frame 5.
+fn scenario_b(settings: PredictorSettings, corrected: &str) {
+    let Some(folder) = folder("scenario_b") else { return };
+    let golden = Golden::open(&folder, "mini_video_B");
+    let after = Golden::open(&folder, corrected);
+    let (network, frames) = (mini(&folder), frames(&folder));
+    let mut predictor = VideoPredictor::new(&network, settings).unwrap();
+    predictor.track(&frames[0]).unwrap();
+    let corners: [f32; 4] = golden.floats("box1").try_into().unwrap();
+    let first = predictor.prompt(1, &Prompt::bounding_box(corners)).unwrap();
+    assert_video_logits(&golden, "after_add1.video_logits", &[Some(&first)]);
+    let clicked = Prompt::Points { bounding_box: None, clicks: clicks(&golden, "points2_first") };
+    let second = predictor.prompt(2, &clicked).unwrap();
+    assert_video_logits(&golden, "after_add2_first.video_logits", &[Some(&first), Some(&second)]);
+    let second = predictor.prompt(2, &Prompt::MoreClicks(clicks(&golden, "points2_second"))).unwrap();
+    assert_video_logits(&golden, "after_add2_second.video_logits", &[Some(&first), Some(&second)]);
+    let pass = Pass { golden: &golden, pass: "p1" };
+    pass.check(0, 0, &first);
+    pass.check(0, 1, &second);
+    let objects = [(1, 0), (2, 1)];
+    follow(&mut predictor, &frames[1..5].iter().collect::<Vec<_>>(), &pass, 1, &objects);
+
+    let tracked = predictor.track(&frames[5]).unwrap();
+    tracked.iter().enumerate().for_each(|(number, mask)| pass.check(5, number, mask));
+    let correction = Prompt::Points { bounding_box: None, clicks: clicks(&after, "correction") };
+    let mask = predictor.prompt(2, &correction).unwrap();
+    let expected = after.floats("after_correction.obj2_low_res_logits");
+    assert_close("correction", mask.low_res_logits.pixels(), &expected, Within::Absolute(2e-3));
+    let expected = after.floats("after_correction.obj2_obj_ptr");
+    assert_close("correction's pointer", &mask.pointer, &expected, Within::Absolute(1e-3));
+    let expected = after.floats("after_correction.obj2_object_score_logits");
+    assert_close("correction's score", &[mask.object_score], &expected, Within::Absolute(2e-3));
+    assert_video_logits(&after, "after_correction.video_logits", &[Some(&tracked[0]), Some(&mask)]);
+    let pass = Pass { golden: &after, pass: "p2" };
+    follow(&mut predictor, &frames[6..].iter().collect::<Vec<_>>(), &pass, 1, &objects);
+}
+
+#[test]
+fn scenario_b_corrections_without_effect() {
+    scenario_b(PredictorSettings::parity(10), "mini_video_B");
+}
+
+#[test]
+fn scenario_b_corrections_that_condition() {
+    let parity = PredictorSettings::parity(10);
+    scenario_b(PredictorSettings { corrections_condition: true, ..parity }, "mini_video_B_all_cond");
+}
+
+#[test]
+fn scenario_c_an_object_added_late() {
+    let Some(folder) = folder("scenario_c_an_object_added_late") else { return };
+    let (start, golden) = (Golden::open(&folder, "mini_video_A"), Golden::open(&folder, "mini_video_C"));
+    let (network, frames) = (mini(&folder), frames(&folder));
+    let mut predictor = VideoPredictor::new(&network, PredictorSettings::parity(10)).unwrap();
+    predictor.track(&frames[0]).unwrap();
+    for (id, mask) in (1..=2).zip(masks(&start, "masks_video_u8")) {
+        predictor.prompt(id, &Prompt::Mask(mask)).unwrap();
+    }
+    let (before, pass) = (Pass { golden: &start, pass: "p1" }, Pass { golden: &golden, pass: "p2" });
+    follow(&mut predictor, &frames[1..4].iter().collect::<Vec<_>>(), &before, 1, &[(1, 0), (2, 1)]);
+    let tracked = predictor.track(&frames[4]).unwrap();
+    let added = predictor.prompt(3, &Prompt::Mask(masks(&golden, "mask3_video_u8").remove(0))).unwrap();
+    assert_video_logits(&golden, "after_add3.video_logits", &[Some(&tracked[0]), Some(&tracked[1]), Some(&added)]);
+    for (number, mask) in [&tracked[0], &tracked[1], &added].into_iter().enumerate() {
+        pass.check(0, number, mask);
+    }
+    follow(&mut predictor, &frames[5..].iter().collect::<Vec<_>>(), &pass, 1, &[(1, 0), (2, 1), (3, 2)]);
+}
+
+#[test]
+fn scenario_f_more_pointers_than_fit() {
+    let Some(folder) = folder("scenario_f_more_pointers_than_fit") else { return };
+    let golden = Golden::open(&folder, "mini_video_F_long");
+    let (network, frames) = (mini(&folder), frames(&folder));
+    let order: Vec<_> = golden.ints("source_frame").into_iter().map(|index| &frames[index]).collect();
+    let mut predictor = VideoPredictor::new(&network, PredictorSettings::parity(20)).unwrap();
+    predictor.track(order[0]).unwrap();
+    predictor.prompt(1, &Prompt::Mask(masks(&golden, "mask_video_u8").remove(0))).unwrap();
+    follow(&mut predictor, &order[1..], &Pass { golden: &golden, pass: "p1" }, 1, &[(1, 0)]);
+}
+
+#[test]
+fn memory_stays_bounded_and_corrections_are_not_lost() {
+    let Some(folder) = folder("memory_stays_bounded_and_corrections_are_not_lost") else { return };
+    let golden = Golden::open(&folder, "mini_video_A");
+    // What is kept does not depend on the input's size; a small one is fast.
+    let network = Sam2::load(&mini_weights(&folder), Some(64), &Device::flex()).unwrap();
+    let frames = frames(&folder);
+    let mask = masks(&golden, "masks_video_u8").remove(0);
+    let mut predictor = VideoPredictor::new(&network, PredictorSettings::default()).unwrap();
+    let mut without = VideoPredictor::new(&network, PredictorSettings::default()).unwrap();
+    let mut bytes = Vec::new();
+    for step in 0..60 {
+        let frame = &frames[step % 10];
+        let found = predictor.track(frame).unwrap();
+        let other = if step <= 3 { without.track(frame).unwrap() } else { Vec::new() };
+        if step == 0 {
+            predictor.prompt(7, &Prompt::Mask(mask.clone())).unwrap();
+            without.prompt(7, &Prompt::Mask(mask.clone())).unwrap();
+        } else if step == 2 {
+            assert_eq!(found, other);
+            predictor.prompt(7, &Prompt::click(5.0, 190.0)).unwrap();
+        } else if step == 3 {
+            assert_ne!(found, other, "a correction must change what follows");
+        } else if step % 5 == 0 {
+            predictor.prompt(7, &Prompt::Mask(mask.clone())).unwrap();
+        }
+        bytes.push(predictor.state().memory_bytes());
+    }
+    let early = bytes[..30].iter().max();
+    assert_eq!(early, bytes[30..].iter().max(), "memory grows with the video: {bytes:?}");
+}
+
+#[test]
+fn removed_objects_leave_no_trace() {
+    let Some(folder) = folder("removed_objects_leave_no_trace") else { return };
+    let golden = Golden::open(&folder, "mini_video_A");
+    let (network, frames) = (mini(&folder), frames(&folder));
+    let masks = masks(&golden, "masks_video_u8");
+    let mut both = VideoPredictor::new(&network, PredictorSettings::default()).unwrap();
+    let mut one = VideoPredictor::new(&network, PredictorSettings::default()).unwrap();
+    both.track(&frames[0]).unwrap();
+    one.track(&frames[0]).unwrap();
+    both.prompt_all(&[(5, Prompt::Mask(masks[0].clone())), (2, Prompt::Mask(masks[1].clone()))]).unwrap();
+    one.prompt(2, &Prompt::Mask(masks[1].clone())).unwrap();
+    let found = both.track(&frames[1]).unwrap();
+    assert_eq!(found.iter().map(|mask| mask.object).collect::<Vec<_>>(), [2, 5]);
+    one.track(&frames[1]).unwrap();
+    both.remove(5).unwrap();
+    assert_eq!(both.remove(5), Err(Sam2Error::UnknownObject { object: 5 }));
+    assert_eq!(both.track(&frames[2]).unwrap(), one.track(&frames[2]).unwrap());
+}
+
+#[test]
+fn bad_prompts_are_refused() {
+    let Some(folder) = folder("bad_prompts_are_refused") else { return };
+    let (network, frames) = (mini(&folder), frames(&folder));
+    let mut predictor = VideoPredictor::new(&network, PredictorSettings::default()).unwrap();
+    assert_eq!(predictor.prompt(1, &Prompt::click(3.0, 3.0)), Err(Sam2Error::NoFrame));
+    predictor.track(&frames[0]).unwrap();
+    for (x, y) in [(f32::NAN, 3.0), (3.0, f32::INFINITY), (-0.5, 3.0), (289.0, 3.0), (3.0, 200.5)] {
+        let refused = predictor.prompt(1, &Prompt::click(x, y));
+        assert!(matches!(refused, Err(Sam2Error::PointOutside { object: 1, .. })), "({x}, {y}): {refused:?}");
+    }
+    let corners = [50.0, 50.0, 50.0, 80.0];
+    let refused = predictor.prompt(1, &Prompt::bounding_box(corners));
+    assert_eq!(refused, Err(Sam2Error::EmptyBox { object: 1, corners }));
+    let nothing = Prompt::Points { bounding_box: None, clicks: Vec::new() };
+    assert_eq!(predictor.prompt(1, &nothing), Err(Sam2Error::EmptyPrompt { object: 1 }));
+    let refused = predictor.prompt(1, &Prompt::Mask(Mask::empty(WIDTH, HEIGHT)));
+    assert_eq!(refused, Err(Sam2Error::EmptyMask { object: 1 }));
+    let refused = predictor.prompt(1, &Prompt::Mask(Mask::from_fn(3, 4, |_, _| true)));
+    assert_eq!(refused, Err(Sam2Error::MaskSize { object: 1, found: (3, 4), expected: (WIDTH, HEIGHT) }));
+    assert_eq!(predictor.remove(1), Err(Sam2Error::UnknownObject { object: 1 }));
+    assert_eq!(predictor.state().objects().count(), 0, "refused prompts make no objects");
+    let other = Image::filled(10, 10, [0; 3]);
+    assert_eq!(
+        predictor.track(&other).unwrap_err(),
+        Sam2Error::FrameSize { found: (10, 10), expected: (WIDTH, HEIGHT) }
+    );
+    let settings = PredictorSettings { objects_per_chunk: 0, ..PredictorSettings::default() };
+    assert!(matches!(VideoPredictor::new(&network, settings), Err(Sam2Error::Setting { .. })));
+}
+
+/// Names and shapes, with zeros for numbers.
+struct Shapes(FormulaWeights);
+
+impl splatseg_models::sam2::Weights for Shapes {
+    fn names(&self) -> Vec<String> {
+        self.0.names()
+    }
+
+    fn shape(&self, name: &str) -> Option<Vec<usize>> {
+        self.0.shape(name)
+    }
+
+    fn read(&self, _: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
+        Ok(vec![0.0; shape.iter().product()])
+    }
+}
+
+#[test]
+fn every_size_is_recognised_and_has_exactly_its_tensors() {
+    let Some(folder) = folder("every_size_is_recognised_and_has_exactly_its_tensors") else { return };
+    for (size, config) in ["tiny", "small", "base_plus", "large"].into_iter().zip(&Sam2Config::ALL[1..]) {
+        let mut weights = Shapes(FormulaWeights::of_manifest(&folder, size));
+        let network = Sam2::load(&weights, Some(64), &Device::flex()).unwrap_or_else(|error| panic!("{size}: {error}"));
+        assert_eq!(network.config(), config, "{size}");
+
+        weights.0.shapes_mut().insert("extra".into(), vec![1]);
+        let refused = Sam2::load(&weights, Some(64), &Device::flex()).unwrap_err();
+        assert_eq!(refused, Sam2Error::UnexpectedTensor { name: "extra".into() });
+        weights.0.shapes_mut().remove("memory_encoder.out_proj.bias");
+        let refused = Sam2::load(&weights, Some(64), &Device::flex()).unwrap_err();
+        assert_eq!(refused, Sam2Error::MissingTensor { name: "memory_encoder.out_proj.bias".into() });
+        weights.0.shapes_mut().insert("no_obj_ptr".into(), vec![1, 3]);
+        let refused = Sam2::load(&weights, Some(64), &Device::flex()).unwrap_err();
+        let expected = Sam2Error::TensorShape { name: "no_obj_ptr".into(), found: vec![1, 3], expected: vec![1, 256] };
+        assert_eq!(refused, expected);
+    }
+}

@@ -1,0 +1,220 @@
+//! Reference data in `../shared/golden/sam2`, read and compared.
+#![allow(dead_code)]
+
+use safetensors::{Dtype, SafeTensors};
+use splatseg_models::checkpoint::Checkpoint;
+use splatseg_models::sam2::{Sam2Error, Weights};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// The folder of reference data, or `None` (said on a line of its own) where it is not at hand.
+pub fn folder(test: &str) -> Option<PathBuf> {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden/sam2");
+    if folder.exists() {
+        return Some(folder);
+    }
+    // Not `println!`: the test runner would swallow the line of a test that passes.
+    let line = format!("\nskipped: {test}: ../shared is not here\n");
+    let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
+    None
+}
+
+/// One reference file.
+pub struct Golden(Vec<u8>);
+
+impl Golden {
+    pub fn open(folder: &std::path::Path, name: &str) -> Self {
+        let path = folder.join(format!("{name}.safetensors"));
+        Self(std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display())))
+    }
+
+    fn tensors(&self) -> SafeTensors<'_> {
+        SafeTensors::deserialize(&self.0).unwrap()
+    }
+
+    pub fn shape(&self, name: &str) -> Vec<usize> {
+        self.tensors().tensor(name).unwrap_or_else(|error| panic!("{name}: {error}")).shape().to_vec()
+    }
+
+    pub fn has(&self, name: &str) -> bool {
+        self.tensors().tensor(name).is_ok()
+    }
+
+    /// The elements as numbers, row-major.
+    pub fn floats(&self, name: &str) -> Vec<f32> {
+        let tensors = self.tensors();
+        let tensor = tensors.tensor(name).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let data = tensor.data();
+        match tensor.dtype() {
+            Dtype::F32 => data.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect(),
+            Dtype::F64 => data.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes) as f32).collect(),
+            Dtype::I32 => data.as_chunks::<4>().0.iter().map(|bytes| i32::from_le_bytes(*bytes) as f32).collect(),
+            Dtype::F16 => {
+                data.as_chunks::<2>().0.iter().map(|bytes| burn::tensor::f16::from_le_bytes(*bytes).to_f32()).collect()
+            }
+            Dtype::U8 => data.iter().map(|byte| f32::from(*byte)).collect(),
+            other => panic!("{name} is {other:?}"),
+        }
+    }
+
+    pub fn doubles(&self, name: &str) -> Vec<f64> {
+        let tensors = self.tensors();
+        let data = tensors.tensor(name).unwrap().data();
+        data.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()
+    }
+
+    pub fn ints(&self, name: &str) -> Vec<usize> {
+        self.floats(name).iter().map(|value| *value as usize).collect()
+    }
+
+    pub fn bytes(&self, name: &str) -> Vec<u8> {
+        self.tensors().tensor(name).unwrap_or_else(|error| panic!("{name}: {error}")).data().to_vec()
+    }
+}
+
+/// How far values may lie from the reference.
+#[derive(Clone, Copy, Debug)]
+pub enum Within {
+    /// A share of the largest reference magnitude.
+    OfMax(f32),
+    /// An absolute difference.
+    Absolute(f32),
+    /// An absolute difference plus a share of the reference value.
+    Mixed(f32, f32),
+}
+
+/// Panics unless `found` is close to `expected`; returns the largest difference. With `SAM2_REPORT` set, differences are
+/// written out.
+#[track_caller]
+pub fn assert_close(what: &str, found: &[f32], expected: &[f32], within: Within) -> f32 {
+    assert_eq!(found.len(), expected.len(), "{what}: number of elements");
+    let largest = expected.iter().fold(0f32, |largest, value| largest.max(value.abs()));
+    let mut worst = 0f32;
+    for (index, (found, expected)) in found.iter().zip(expected).enumerate() {
+        let difference = (found - expected).abs();
+        let allowed = match within {
+            Within::OfMax(share) => share * largest,
+            Within::Absolute(allowed) => allowed,
+            Within::Mixed(allowed, share) => allowed + share * expected.abs(),
+        };
+        assert!(
+            difference <= allowed,
+            "{what}[{index}]: {found} instead of {expected}, off by {difference}, allowed {allowed} (max {largest})"
+        );
+        worst = worst.max(difference);
+    }
+    if std::env::var_os("SAM2_REPORT").is_some() {
+        eprintln!("{what}: off by {worst:.2e} at most, {:.1e} of the largest", worst / largest.max(1e-30));
+    }
+    worst
+}
+
+/// Weights given by a formula of name and index (the reference data's README).
+pub struct FormulaWeights(BTreeMap<String, Vec<usize>>);
+
+impl FormulaWeights {
+    /// Weights of the names and shapes in `manifest_<size>.json`.
+    pub fn of_manifest(folder: &std::path::Path, size: &str) -> Self {
+        let text = std::fs::read_to_string(folder.join(format!("manifest_{size}.json"))).unwrap();
+        let manifest: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let entry = |entry: &serde_json::Value| {
+            let shape = entry[1].as_array().unwrap().iter().map(|size| size.as_u64().unwrap() as usize).collect();
+            (entry[0].as_str().unwrap().to_owned(), shape)
+        };
+        Self(manifest["tensors"].as_array().unwrap().iter().map(entry).collect())
+    }
+
+    pub fn shapes_mut(&mut self) -> &mut BTreeMap<String, Vec<usize>> {
+        &mut self.0
+    }
+}
+
+/// Number i of the sequence called `name`, in [-1, 1).
+pub fn uniform(name_hash: u64, index: usize) -> f64 {
+    let mut z = name_hash.wrapping_add(index as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    let hash = z ^ (z >> 31);
+    (hash >> 11) as f64 / (1u64 << 53) as f64 * 2.0 - 1.0
+}
+
+pub fn fnv1a64(name: &str) -> u64 {
+    name.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
+/// Element `index` of the tensor called `name`.
+pub fn formula_element(name: &str, shape: &[usize], index: usize) -> f32 {
+    let leaf = name.rsplit('.').next().unwrap();
+    let fan_in: usize = shape.iter().skip(1).product();
+    let (offset, scale) = match leaf {
+        "positional_encoding_gaussian_matrix" => (0.0, 3f64.sqrt()),
+        "gamma" => (1.0, 0.1),
+        _ if name == "sam_mask_decoder.pred_obj_score_head.layers.2.bias" => (3.0, 0.05),
+        "weight" if shape.len() >= 2 => (0.0, (3.0 / fan_in as f64).sqrt()),
+        "weight" => (1.0, 0.1),
+        "bias" => (0.0, 0.05),
+        _ => (0.0, 0.02),
+    };
+    (offset + scale * uniform(fnv1a64(name), index)) as f32
+}
+
+impl Weights for FormulaWeights {
+    fn names(&self) -> Vec<String> {
+        self.0.keys().cloned().collect()
+    }
+
+    fn shape(&self, name: &str) -> Option<Vec<usize>> {
+        self.0.get(name).cloned()
+    }
+
+    fn read(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
+        let count: usize = shape.iter().product();
+        Ok((0..count).map(|index| formula_element(name, shape, index)).collect())
+    }
+}
+
+/// The formula's input frame t, `[3, 1024, 1024]`.
+pub fn formula_frame(t: usize) -> Vec<f32> {
+    let (coarse, fine) = (fnv1a64("input.coarse"), fnv1a64(&format!("input.fine.{t}")));
+    let mut values = Vec::with_capacity(3 << 20);
+    for channel in 0..3 {
+        for y in 0..1024 {
+            for x in 0..1024 {
+                let (yc, xc) = ((y + 8 * t) / 32 % 32, (x + 16 * t) / 32 % 32);
+                let coarse = uniform(coarse, channel * 1024 + yc * 32 + xc);
+                let fine = uniform(fine, channel * 1_048_576 + y * 1024 + x);
+                values.push((1.5 * coarse + 0.5 * fine) as f32);
+            }
+        }
+    }
+    values
+}
+
+/// Tensors in memory: name to shape and elements.
+#[derive(Clone)]
+pub struct MemoryWeights(pub BTreeMap<String, (Vec<usize>, Vec<f32>)>);
+
+impl Weights for MemoryWeights {
+    fn names(&self) -> Vec<String> {
+        self.0.keys().cloned().collect()
+    }
+
+    fn shape(&self, name: &str) -> Option<Vec<usize>> {
+        self.0.get(name).map(|(shape, _)| shape.clone())
+    }
+
+    fn read(&self, name: &str, _: &[usize]) -> Result<Vec<f32>, Sam2Error> {
+        Ok(self.0[name].1.clone())
+    }
+}
+
+/// The miniature network's weights.
+pub fn mini_weights(folder: &std::path::Path) -> MemoryWeights {
+    let checkpoint = Checkpoint::open(&folder.join("sam2_mini.pt")).unwrap();
+    let entry = |name: String| {
+        let shape = checkpoint.shape(&name).unwrap();
+        let values = checkpoint.read(&name, &shape).unwrap();
+        (name, (shape, values))
+    };
+    MemoryWeights(checkpoint.names().into_iter().map(entry).collect())
+}

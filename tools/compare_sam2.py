@@ -1,0 +1,103 @@
+#!/usr/bin/env python3
+"""Times SAM 2.1 of splatseg beside the official PyTorch code, on the same machine, one after the other.
+
+    pip install torch torchvision sam2        # in a virtual environment
+    cargo build --release -p splatseg-models --example sam2_speed
+    python tools/compare_sam2.py ../shared/golden/sam2 --size base_plus --objects 1 5 20
+
+Weights are random: speed does not depend on them. Both follow the same number of objects, prompted with masks on the
+first frame, for as many frames as fill the memory (7); the minimum over the frames after that counts, so that other work
+on the machine disturbs less. One line of JSON per number of objects.
+"""
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+CONFIGS = {"tiny": "t", "small": "s", "base_plus": "b+", "large": "l"}
+
+
+def official(arguments, objects):
+    """Seconds per call of the official code, and peak memory, in a process of its own."""
+    import torch
+    from sam2.build_sam import build_sam2_video_predictor
+
+    torch.set_num_threads(arguments.threads)
+    torch.manual_seed(0)
+    side = arguments.image_size
+    config = f"configs/sam2.1/sam2.1_hiera_{CONFIGS[arguments.size]}.yaml"
+    predictor = build_sam2_video_predictor(
+        config, ckpt_path=None, device="cpu", hydra_overrides_extra=[f"++model.image_size={side}"]
+    )
+    predictor.fill_hole_area = 0
+    images = torch.randn(arguments.frames, 3, side, side)
+    encoder = []
+    with torch.inference_mode():
+        for _ in range(3):
+            started = time.perf_counter()
+            predictor.forward_image(images[:1])
+            encoder.append(time.perf_counter() - started)
+    tracked = []
+    if objects:
+        import sam2.sam2_video_predictor as module
+
+        module.load_video_frames = lambda **_: (images, side, side)
+        state = predictor.init_state(video_path="")
+        for index in range(objects):
+            mask = torch.zeros(side, side, dtype=torch.bool)
+            left = index * side // (2 * objects)
+            mask[: side // 2, left : left + side // 4] = True
+            predictor.add_new_mask(state, 0, index, mask)
+        started = time.perf_counter()
+        for frame, _, _ in predictor.propagate_in_video(state):
+            now = time.perf_counter()
+            if frame > 0:
+                tracked.append(now - started)
+            started = now
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+    print(json.dumps({"encoder_s": encoder, "tracked_frame_s": tracked, "peak_memory_mb": peak}))
+
+
+def last_json(command):
+    out = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+    return json.loads(out.strip().splitlines()[-1])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("manifests", type=Path)
+    parser.add_argument("--size", choices=CONFIGS, default="base_plus")
+    parser.add_argument("--image-size", type=int, default=1024)
+    parser.add_argument("--objects", type=int, nargs="+", default=[1, 5, 20])
+    parser.add_argument("--frames", type=int, default=9)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--binary", default="target/release/examples/sam2_speed")
+    parser.add_argument("--official-only", type=int, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.official_only is not None:
+        return official(arguments, arguments.official_only)
+    for objects in arguments.objects:
+        common = ["--size", arguments.size, "--image-size", str(arguments.image_size), "--frames", str(arguments.frames)]
+        theirs = last_json(
+            [sys.executable, __file__, str(arguments.manifests), *common, "--threads", str(arguments.threads)]
+            + ["--official-only", str(objects)]
+        )
+        ours = last_json(
+            ["env", f"RAYON_NUM_THREADS={arguments.threads}", arguments.binary, str(arguments.manifests)]
+            + [arguments.size, str(arguments.image_size), str(objects), str(arguments.frames)]
+        )
+        row = {"size": arguments.size, "image_size": arguments.image_size, "objects": objects}
+        for name, result in (("official", theirs), ("splatseg", ours)):
+            row[f"{name}_encoder_s"] = round(min(result["encoder_s"]), 3)
+            if result["tracked_frame_s"]:
+                row[f"{name}_tracked_frame_s"] = round(min(result["tracked_frame_s"][6:]), 3)
+            row[f"{name}_peak_memory_mb"] = result["peak_memory_mb"]
+        print(json.dumps(row), flush=True)
+
+
+if __name__ == "__main__":
+    main()
