@@ -27,7 +27,8 @@ pub struct Settings {
     pub weights: Option<PathBuf>,
     /// What networks run on.
     pub device: DeviceName,
-    /// Whether the next frame is segmented while the memory learns this one. Results do not depend on it.
+    /// Whether the next frame is segmented while the memory learns this one. Results do not depend on it; the times of
+    /// stages then include what the other side takes from them.
     pub segment_ahead: bool,
     /// Seed of everything random.
     pub seed: u64,
@@ -109,7 +110,7 @@ impl Default for Settings {
             masks: None,
             weights: None,
             device: DeviceName::default(),
-            segment_ahead: true,
+            segment_ahead: false,
             seed: method.seed,
             threads: 0,
             min_segment_area: method.min_segment_area,
