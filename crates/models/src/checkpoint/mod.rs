@@ -7,7 +7,7 @@
 //! | `.safetensors` | tensors by name; a file that [`Checkpoint::convert`] wrote has the configuration in its metadata |
 //!
 //! Opening reads names and shapes only; numbers are read when asked for. No code from a file is executed: a pickle is
-//! parsed into inert data ([`pickle`]), of which the parts that describe tensors are used. Of the existing readers,
+//! parsed into inert data (`pickle`), of which the parts that describe tensors are used. Of the existing readers,
 //! `pytorch-reader` (Burn's) comes closest; but it drops the module's configuration, its batch norms' ε and the order
 //! of tensors, refuses checkpoints of Ultralytics 8.0.x for the loss in them, and lets a file of a few bytes claim
 //! tensors of 10 GB; hence our own.

@@ -1,9 +1,9 @@
 //! Convolution with bias and activation: a path of our own on the CPU, Burn's operations elsewhere.
 //!
 //! On the CPU, a convolution is a matrix product whose right side is never built. A thread copies some rows of the
-//! image, padded, into a strip that fits its second-level cache ([`strip`]); there every tap of the kernel is a shift, so
+//! image, padded, into a strip that fits its second-level cache (`strip`); there every tap of the kernel is a shift, so
 //! the kernel reads its operands where they lie and keeps a tile of outputs in registers over the whole sum, with bias
-//! and activation put on before it is written ([`kernel`]). Each output is summed in the same order whoever computes it:
+//! and activation put on before it is written (`kernel`). Each output is summed in the same order whoever computes it:
 //! results do not depend on the number of threads.
 
 mod filled;
