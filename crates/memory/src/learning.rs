@@ -1,8 +1,8 @@
 //! Gradient descent on the features of the Gaussians in view (METHOD, "FastSAM-Splat", step 6).
 //!
-//! `F = W f` carries the gradient of the [loss](crate::loss) to the features: `∂L/∂f = Wᵀ ∂L/∂F`. Each Gaussian's step is divided by its column sum of
-//! `W` (a Jacobi preconditioner): a fixed step diverges when the camera comes close and one Gaussian covers many
-//! pixels.
+//! `F = W f` carries the gradient of the [loss](crate::loss) to the features: `∂L/∂f = Wᵀ ∂L/∂F`. Each Gaussian's step
+//! is divided by its column sum of `W` (a Jacobi preconditioner): a fixed step diverges when the camera comes close
+//! and one Gaussian covers many pixels.
 
 use crate::loss::{Loss, dot, padded};
 use crate::{Codebook, Expectation, MemorySettings, SegmentBelief};
