@@ -35,7 +35,7 @@ fn main() {
     }
     let mut tracked = Vec::new();
     if objects > 0 {
-        let mut predictor = VideoPredictor::new(&network, PredictorSettings::default()).expect("default settings");
+        let mut predictor = VideoPredictor::new(network, PredictorSettings::default()).expect("default settings");
         predictor.track_input(input(0), (side, side)).expect("the first frame");
         let prompts: Vec<(u64, Prompt)> = (0..objects)
             .map(|object| {

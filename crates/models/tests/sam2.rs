@@ -10,12 +10,13 @@ use splatseg_models::sam2::{
     Click, ObjectMask, PredictorSettings, Prompt, Sam2, Sam2Config, Sam2Error, VideoPredictor,
 };
 use std::path::Path;
+use std::sync::Arc;
 
 const WIDTH: usize = 288;
 const HEIGHT: usize = 200;
 
-fn mini(folder: &Path) -> Sam2 {
-    Sam2::load(&mini_weights(folder), None, &Device::flex()).unwrap()
+fn mini(folder: &Path) -> Arc<Sam2> {
+    Arc::new(Sam2::load(&mini_weights(folder), None, &Device::flex()).unwrap())
 }
 
 fn frames(folder: &Path) -> Vec<Image<[u8; 3]>> {
@@ -128,7 +129,7 @@ fn scenario_a_mask_prompts() {
     let pass = Pass { golden: &golden, pass: "p1" };
     for objects_per_chunk in [1, 2, 8] {
         let settings = PredictorSettings { objects_per_chunk, ..PredictorSettings::parity(10) };
-        let mut predictor = VideoPredictor::new(&network, settings).unwrap();
+        let mut predictor = VideoPredictor::new(network.clone(), settings).unwrap();
         predictor.track(&frames[0]).unwrap();
         let prompts: Vec<(u64, Prompt)> =
             (1..).zip(masks(&golden, "masks_video_u8").into_iter().map(Prompt::Mask)).collect();
@@ -146,7 +147,7 @@ fn scenario_b(settings: PredictorSettings, corrected: &str) {
     let golden = Golden::open(&folder, "mini_video_B");
     let after = Golden::open(&folder, corrected);
     let (network, frames) = (mini(&folder), frames(&folder));
-    let mut predictor = VideoPredictor::new(&network, settings).unwrap();
+    let mut predictor = VideoPredictor::new(network.clone(), settings).unwrap();
     predictor.track(&frames[0]).unwrap();
     let corners: [f32; 4] = golden.floats("box1").try_into().unwrap();
     let first = predictor.prompt(1, &Prompt::bounding_box(corners)).unwrap();
@@ -193,7 +194,7 @@ fn scenario_c_an_object_added_late() {
     let Some(folder) = folder("scenario_c_an_object_added_late") else { return };
     let (start, golden) = (Golden::open(&folder, "mini_video_A"), Golden::open(&folder, "mini_video_C"));
     let (network, frames) = (mini(&folder), frames(&folder));
-    let mut predictor = VideoPredictor::new(&network, PredictorSettings::parity(10)).unwrap();
+    let mut predictor = VideoPredictor::new(network.clone(), PredictorSettings::parity(10)).unwrap();
     predictor.track(&frames[0]).unwrap();
     for (id, mask) in (1..=2).zip(masks(&start, "masks_video_u8")) {
         predictor.prompt(id, &Prompt::Mask(mask)).unwrap();
@@ -215,7 +216,7 @@ fn scenario_f_more_pointers_than_fit() {
     let golden = Golden::open(&folder, "mini_video_F_long");
     let (network, frames) = (mini(&folder), frames(&folder));
     let order: Vec<_> = golden.ints("source_frame").into_iter().map(|index| &frames[index]).collect();
-    let mut predictor = VideoPredictor::new(&network, PredictorSettings::parity(20)).unwrap();
+    let mut predictor = VideoPredictor::new(network.clone(), PredictorSettings::parity(20)).unwrap();
     predictor.track(order[0]).unwrap();
     predictor.prompt(1, &Prompt::Mask(masks(&golden, "mask_video_u8").remove(0))).unwrap();
     follow(&mut predictor, &order[1..], &Pass { golden: &golden, pass: "p1" }, 1, &[(1, 0)]);
@@ -226,11 +227,11 @@ fn memory_stays_bounded_and_corrections_are_not_lost() {
     let Some(folder) = folder("memory_stays_bounded_and_corrections_are_not_lost") else { return };
     let golden = Golden::open(&folder, "mini_video_A");
     // What is kept does not depend on the input's size; a small one is fast.
-    let network = Sam2::load(&mini_weights(&folder), Some(64), &Device::flex()).unwrap();
+    let network = Arc::new(Sam2::load(&mini_weights(&folder), Some(64), &Device::flex()).unwrap());
     let frames = frames(&folder);
     let mask = masks(&golden, "masks_video_u8").remove(0);
-    let mut predictor = VideoPredictor::new(&network, PredictorSettings::default()).unwrap();
-    let mut without = VideoPredictor::new(&network, PredictorSettings::default()).unwrap();
+    let mut predictor = VideoPredictor::new(network.clone(), PredictorSettings::default()).unwrap();
+    let mut without = VideoPredictor::new(network.clone(), PredictorSettings::default()).unwrap();
     let mut bytes = Vec::new();
     for step in 0..60 {
         let frame = &frames[step % 10];
@@ -259,8 +260,8 @@ fn removed_objects_leave_no_trace() {
     let golden = Golden::open(&folder, "mini_video_A");
     let (network, frames) = (mini(&folder), frames(&folder));
     let masks = masks(&golden, "masks_video_u8");
-    let mut both = VideoPredictor::new(&network, PredictorSettings::default()).unwrap();
-    let mut one = VideoPredictor::new(&network, PredictorSettings::default()).unwrap();
+    let mut both = VideoPredictor::new(network.clone(), PredictorSettings::default()).unwrap();
+    let mut one = VideoPredictor::new(network.clone(), PredictorSettings::default()).unwrap();
     both.track(&frames[0]).unwrap();
     one.track(&frames[0]).unwrap();
     both.prompt_all(&[(5, Prompt::Mask(masks[0].clone())), (2, Prompt::Mask(masks[1].clone()))]).unwrap();
@@ -277,7 +278,7 @@ fn removed_objects_leave_no_trace() {
 fn bad_prompts_are_refused() {
     let Some(folder) = folder("bad_prompts_are_refused") else { return };
     let (network, frames) = (mini(&folder), frames(&folder));
-    let mut predictor = VideoPredictor::new(&network, PredictorSettings::default()).unwrap();
+    let mut predictor = VideoPredictor::new(network.clone(), PredictorSettings::default()).unwrap();
     assert_eq!(predictor.prompt(1, &Prompt::click(3.0, 3.0)), Err(Sam2Error::NoFrame));
     predictor.track(&frames[0]).unwrap();
     for (x, y) in [(f32::NAN, 3.0), (3.0, f32::INFINITY), (-0.5, 3.0), (289.0, 3.0), (3.0, 200.5)] {
@@ -301,7 +302,7 @@ fn bad_prompts_are_refused() {
         Sam2Error::FrameSize { found: (10, 10), expected: (WIDTH, HEIGHT) }
     );
     let settings = PredictorSettings { objects_per_chunk: 0, ..PredictorSettings::default() };
-    assert!(matches!(VideoPredictor::new(&network, settings), Err(Sam2Error::Setting { .. })));
+    assert!(matches!(VideoPredictor::new(network.clone(), settings), Err(Sam2Error::Setting { .. })));
 }
 
 /// Names and shapes, with zeros for numbers.

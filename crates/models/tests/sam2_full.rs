@@ -73,7 +73,7 @@ fn video(size: &str) {
     let Some(folder) = folder("video of a published size") else { return };
     let golden = Golden::open(&folder, &format!("full_{size}_video"));
     let network = Sam2::load(&FormulaWeights::of_manifest(&folder, size), None, &Device::flex()).unwrap();
-    let mut predictor = VideoPredictor::new(&network, PredictorSettings::parity(3)).unwrap();
+    let mut predictor = VideoPredictor::new(network, PredictorSettings::parity(3)).unwrap();
     let square = Mask::from_fn(SIDE, SIDE, |x, y| (200..600).contains(&x) && (300..700).contains(&y));
     let disc = Mask::from_fn(SIDE, SIDE, |x, y| x.abs_diff(700).pow(2) + y.abs_diff(350).pow(2) < 160 * 160);
     for frame in 0..3 {

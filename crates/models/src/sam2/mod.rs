@@ -19,6 +19,7 @@ mod prompt;
 mod prompt_encoder;
 mod resize;
 mod sam_heads;
+mod settings;
 mod two_way_transformer;
 mod weights;
 
@@ -26,9 +27,10 @@ pub use config::{HieraConfig, Sam2Config, Sam2Size};
 pub use error::Sam2Error;
 pub use network::{FeatureMaps, Sam2};
 pub use object_mask::ObjectMask;
-pub use predictor::{PredictorSettings, VideoPredictor, VideoState};
+pub use predictor::{VideoPredictor, VideoState};
 pub use prompt::{Click, Prompt};
 pub use prompt_encoder::PointLabel;
+pub use settings::PredictorSettings;
 pub use weights::Weights;
 
 #[cfg(test)]

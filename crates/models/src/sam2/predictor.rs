@@ -9,55 +9,15 @@ use super::prompt::CheckedPrompt;
 use super::prompt_encoder::InputPoint;
 use super::resize::{Size, resize_bilinear};
 use super::sam_heads::{HeadOutputs, MaskChoice};
-use super::{ObjectMask, Prompt, Sam2, Sam2Error};
+use super::{ObjectMask, PredictorSettings, Prompt, Sam2, Sam2Error};
 use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use splatseg_geometry::Image;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Earlier logits are clamped to this when they go along with new clicks.
 const LOGIT_LIMIT: f32 = 32.0;
-
-/// How a video is tracked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PredictorSettings {
-    /// How many objects go through the network together. More is faster and takes more memory; results are the same.
-    pub objects_per_chunk: usize,
-    /// How many prompted frames of an object attention sees, the latest ones; `None` for all of them, as in the official
-    /// code, whose memory grows with every prompted frame.
-    pub max_prompted_frames: Option<usize>,
-    /// Whether a correction on a tracked frame conditions the frames after it. If not, it changes only what is returned
-    /// for its own frame, as in the official code, which tracks that frame again without the clicks.
-    pub corrections_condition: bool,
-    /// Number of frames of the video, where known: the official code measures the age of object pointers against it in
-    /// videos of fewer than 16 frames.
-    pub video_length: Option<usize>,
-}
-
-impl Default for PredictorSettings {
-    fn default() -> Self {
-        Self { objects_per_chunk: 4, max_prompted_frames: Some(4), corrections_condition: true, video_length: None }
-    }
-}
-
-impl PredictorSettings {
-    /// What the official predictor does, for a video of `length` frames.
-    pub fn parity(length: usize) -> Self {
-        Self { max_prompted_frames: None, corrections_condition: false, video_length: Some(length), ..Self::default() }
-    }
-
-    fn validated(self) -> Result<Self, Sam2Error> {
-        let setting =
-            |field, found: usize| Sam2Error::Setting { field, found: found.to_string(), expected: "at least 1" };
-        match self {
-            Self { objects_per_chunk: 0, .. } => Err(setting("objects_per_chunk", 0)),
-            Self { max_prompted_frames: Some(0), .. } => Err(setting("max_prompted_frames", 0)),
-            _ => Ok(self),
-        }
-    }
-}
 
 /// What the network says of one object in the current frame.
 #[derive(Clone, Debug)]
@@ -121,18 +81,18 @@ impl VideoState {
 
 /// Follows objects through a stream of frames.
 #[derive(Debug)]
-pub struct VideoPredictor<'n> {
-    network: &'n Sam2,
+pub struct VideoPredictor {
+    network: Arc<Sam2>,
     settings: PredictorSettings,
     state: VideoState,
 }
 
-impl<'n> VideoPredictor<'n> {
+impl VideoPredictor {
     /// A predictor before its first frame.
     ///
     /// # Errors
     /// If a setting is out of range.
-    pub fn new(network: &'n Sam2, settings: PredictorSettings) -> Result<Self, Sam2Error> {
+    pub fn new(network: impl Into<Arc<Sam2>>, settings: PredictorSettings) -> Result<Self, Sam2Error> {
         Self::resume(network, settings, VideoState::default())
     }
 
@@ -140,8 +100,12 @@ impl<'n> VideoPredictor<'n> {
     ///
     /// # Errors
     /// If a setting is out of range.
-    pub fn resume(network: &'n Sam2, settings: PredictorSettings, state: VideoState) -> Result<Self, Sam2Error> {
-        Ok(Self { network, settings: settings.validated()?, state })
+    pub fn resume(
+        network: impl Into<Arc<Sam2>>,
+        settings: PredictorSettings,
+        state: VideoState,
+    ) -> Result<Self, Sam2Error> {
+        Ok(Self { network: network.into(), settings: settings.validated()?, state })
     }
 
     /// What is known so far.
