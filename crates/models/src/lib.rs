@@ -1,6 +1,7 @@
 //! Neural networks and their checkpoints. Knows nothing of splats.
 
 pub mod checkpoint;
+pub mod completeness;
 pub mod convolution;
 pub mod device;
 pub mod fastsam;

@@ -317,7 +317,10 @@ impl splatseg_models::sam2::Weights for Shapes {
         self.0.shape(name)
     }
 
-    fn read(&self, _: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
+    fn read(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
+        if self.shape(name).as_deref() != Some(shape) {
+            return Err(Sam2Error::UnreadableTensor { name: name.into(), reason: "refused".into() });
+        }
         Ok(vec![0.0; shape.iter().product()])
     }
 }

@@ -10,10 +10,11 @@ pub use splatseg_dataset as dataset;
 pub use splatseg_geometry as geometry;
 pub use splatseg_memory as memory;
 pub use splatseg_metrics as metrics;
+pub use splatseg_models as models;
 pub use splatseg_render as render;
 pub use splatseg_segmenter as segmenter;
 pub use splatseg_tracking as tracking;
 
 pub use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
-pub use splatseg_segmenter::{GraphSegmenter, GraphSettings, MaskFolder, OracleSegmenter, OracleSettings, Segmenter};
+pub use splatseg_segmenter::{FastSamSegmenter, GraphSegmenter, GraphSettings, MaskFolder, OracleSegmenter, OracleSettings, Segmenter};
 pub use splatseg_tracking::{FastSam, FastSamSplat, FastSamSplatSettings, FastSpam, FrameOutput, Method};

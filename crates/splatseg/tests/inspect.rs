@@ -35,6 +35,7 @@ fn tells_what_a_file_holds() {
         "architecture   unknown",
         "tensors        2 (1 float32, 1 float16)",
         "parameters     6",
+        "missing        it is of no network that splatseg runs: FastSAM or SAM 2.1",
         "  linear.weight float32 [2, 3]",
     ] {
         assert!(ended.out.lines().any(|found| found == line), "{line}\n{}", ended.out);
@@ -56,6 +57,7 @@ fn tells_what_a_checkpoint_of_ultralytics_holds() {
     assert_eq!((ended.code, ended.err.as_str()), (0, ""));
     let first = ended.out.lines().find(|line| line.starts_with("architecture")).unwrap();
     assert_eq!(first, "architecture   FastSAM-n (YOLOv8n-seg with 1 class)");
+    assert!(ended.out.lines().any(|line| line == "missing        nothing"), "{}", ended.out);
     let again = inspect(&converted, &[]);
     // All but file, kind and the line about the conversion.
     let facts = |ended: &Ended| ended.out.lines().skip(2).take(4).map(str::to_owned).collect::<Vec<_>>();

@@ -18,7 +18,6 @@
 mod architecture;
 mod configuration;
 mod error;
-mod missing;
 mod pickle;
 mod safetensors_file;
 mod state_dict;
@@ -29,7 +28,6 @@ mod torch_archive;
 
 pub use architecture::Architecture;
 pub use error::CheckpointError;
-pub use missing::Missing;
 pub use tensor::{Dtype, TensorInfo};
 
 use error::{Fault, shown};

@@ -48,14 +48,14 @@ impl<'a> WeightReader<'a> {
     /// The elements of a tensor, row-major.
     pub fn floats(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
         let name = format!("{}{name}", self.prefix);
-        match self.source.shape(&name) {
-            None => return Err(Sam2Error::MissingTensor { name }),
+        let refusal = |error| match self.source.shape(&name) {
+            None => Sam2Error::MissingTensor { name: name.clone() },
             Some(found) if found != shape => {
-                return Err(Sam2Error::TensorShape { name, found, expected: shape.to_vec() });
+                Sam2Error::TensorShape { name: name.clone(), found, expected: shape.to_vec() }
             }
-            Some(_) => {}
-        }
-        let values = self.source.read(&name, shape)?;
+            Some(_) => error,
+        };
+        let values = self.source.read(&name, shape).map_err(refusal)?;
         self.read.borrow_mut().insert(name);
         Ok(values)
     }

@@ -1,9 +1,9 @@
 //! The network's raw output.
 
-use crate::golden::{Golden, shared};
+use crate::golden::{Golden, image, shared};
 use burn::tensor::Device;
 use splatseg_models::checkpoint::Checkpoint;
-use splatseg_models::fastsam::{Architecture, Network, RawOutput};
+use splatseg_models::fastsam::{Architecture, Network, RawOutput, letterbox};
 
 /// Largest accepted differences from float64, as the reference data suggests: boxes in pixels, scores, coefficients,
 /// prototypes.
@@ -12,14 +12,19 @@ const TOLERANCES: [f32; 4] = [5e-2, 2e-4, 1e-3, 2e-3];
 /// The relative difference that is asked for, of each group's largest magnitude.
 const RELATIVE: f32 = 1e-3;
 
-fn run(forward: &Golden, test: &str) -> Option<RawOutput> {
+/// The raw output for the bytes of an input, `[3, height, width]`.
+fn run((bytes, [height, width]): (Vec<u8>, [usize; 2]), test: &str) -> Option<RawOutput> {
     let checkpoint = Checkpoint::open(&shared("golden/fastsam/fastsam_mini_statedict.safetensors", test)?).unwrap();
     let architecture = Architecture::of_checkpoint(&checkpoint).unwrap();
     assert_eq!(architecture, Architecture::scaled(0.33, 0.125, 1024));
     let network = Network::load(&checkpoint, architecture, &Device::flex()).unwrap();
+    let input = bytes.iter().map(|value| f32::from(*value) / 255.0).collect();
+    Some(network.forward(input, height, width).unwrap())
+}
+
+fn whole_input(forward: &Golden) -> (Vec<u8>, [usize; 2]) {
     let shape = forward.shape("input_u8");
-    let input = forward.bytes("input_u8").iter().map(|value| f32::from(*value) / 255.0).collect();
-    Some(network.forward(input, shape[2], shape[3]).unwrap())
+    (forward.bytes("input_u8"), [shape[2], shape[3]])
 }
 
 /// Compares every `step`th anchor with `expected` `[37, anchors]`.
@@ -48,7 +53,7 @@ fn check_anchors(output: &RawOutput, expected: &[f32], step: usize) {
 
 fn check_whole(name: &str, test: &str) {
     let Some(forward) = Golden::open(name, test) else { return };
-    let Some(output) = run(&forward, test) else { return };
+    let Some(output) = run(whole_input(&forward), test) else { return };
     check_anchors(&output, &forward.floats("preds"), 1);
     let (found, expected) = (output.prototypes(), forward.floats("protos"));
     assert_eq!([1, found.count, found.height, found.width].as_slice(), forward.shape("protos"));
@@ -72,7 +77,19 @@ fn raw_output_agrees_640x480_at_640() {
 fn raw_output_agrees_310x230_at_1024() {
     let test = "raw_output_agrees_310x230_at_1024";
     let Some(forward) = Golden::open("forward_310x230_1024.safetensors", test) else { return };
-    let Some(output) = run(&forward, test) else { return };
+    let Some(output) = run(whole_input(&forward), test) else { return };
+    check_sampled(&output, &forward);
+}
+
+#[test]
+fn raw_output_agrees_640x480_at_1024() {
+    let test = "raw_output_agrees_640x480_at_1024";
+    let Some(forward) = Golden::open("forward_640x480_1024.safetensors", test) else { return };
+    let Some(path) = shared("golden/fastsam/image_640x480.png", test) else { return };
+    // The file holds every fourth row of the input only (compared in `preprocessing`).
+    let input = letterbox(&image(&path), 1024);
+    let planes = (0..3).flat_map(|channel| input.pixels().iter().map(move |pixel| pixel[channel])).collect();
+    let Some(output) = run((planes, [input.height(), input.width()]), test) else { return };
     check_sampled(&output, &forward);
 }
 

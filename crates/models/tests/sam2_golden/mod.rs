@@ -168,9 +168,16 @@ impl Weights for FormulaWeights {
     }
 
     fn read(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
+        if self.shape(name).as_deref() != Some(shape) {
+            return Err(refusal(name));
+        }
         let count: usize = shape.iter().product();
         Ok((0..count).map(|index| formula_element(name, shape, index)).collect())
     }
+}
+
+fn refusal(name: &str) -> Sam2Error {
+    Sam2Error::UnreadableTensor { name: name.to_owned(), reason: "not there, or of another shape".to_owned() }
 }
 
 /// The formula's input frame t, `[3, 1024, 1024]`.
@@ -203,8 +210,9 @@ impl Weights for MemoryWeights {
         self.0.get(name).map(|(shape, _)| shape.clone())
     }
 
-    fn read(&self, name: &str, _: &[usize]) -> Result<Vec<f32>, Sam2Error> {
-        Ok(self.0[name].1.clone())
+    fn read(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
+        let (_, values) = self.0.get(name).filter(|(found, _)| found == shape).ok_or_else(|| refusal(name))?;
+        Ok(values.clone())
     }
 }
 

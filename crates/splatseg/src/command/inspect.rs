@@ -3,6 +3,7 @@
 use super::Failure;
 use clap::Args;
 use splatseg_models::checkpoint::{Checkpoint, CheckpointError, Dtype, Format};
+use splatseg_models::completeness::missing_tensors;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -22,6 +23,7 @@ pub struct InspectArguments {
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     let checkpoint = Checkpoint::open(&arguments.file).map_err(Failure::input)?;
     print(&checkpoint);
+    print_missing(&checkpoint, arguments.tensors);
     if arguments.tensors {
         for tensor in checkpoint.tensors() {
             say!("  {} {} {:?}", tensor.name(), tensor.dtype(), tensor.shape());
@@ -59,5 +61,25 @@ fn print(checkpoint: &Checkpoint) {
     say!("parameters     {}", checkpoint.parameters());
     if let Some(eps) = checkpoint.batch_norm_eps() {
         say!("batch-norm eps {eps}");
+    }
+}
+
+/// Missing tensors that are listed without `--tensors`.
+const LISTED: usize = 10;
+
+fn print_missing(checkpoint: &Checkpoint, all: bool) {
+    let Some(missing) = missing_tensors(checkpoint) else {
+        say!("missing        it is of no network that splatseg runs: FastSAM or SAM 2.1");
+        return;
+    };
+    if missing.is_empty() {
+        say!("missing        nothing");
+        return;
+    }
+    let listed = if all { missing.len() } else { missing.len().min(LISTED) };
+    say!("missing        {} tensors that the network needs", missing.len());
+    missing[..listed].iter().for_each(|tensor| say!("  {tensor}"));
+    if listed < missing.len() {
+        say!("  … and {} more (--tensors lists them)", missing.len() - listed);
     }
 }
