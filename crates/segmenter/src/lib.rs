@@ -7,7 +7,10 @@
 //! - [`FastSamSegmenter`] runs FastSAM, the segmenter of the paper, on weights that the user has.
 //! - [`MaskFolder`] replays masks that any other model wrote to disk.
 //! - [`OracleSegmenter`] knows the truth and errs at set rates, for comparing methods without a network.
+//! - [`FirstAppearances`] gives each true object once, where it appears: ground-truth prompts for a tracker.
 
+mod appearances;
+pub mod chance;
 mod error;
 mod fastsam;
 mod graph;
@@ -16,6 +19,7 @@ mod oracle;
 mod prepared;
 mod segmenter;
 
+pub use appearances::FirstAppearances;
 pub use error::SegmenterError;
 pub use fastsam::FastSamSegmenter;
 pub use graph::{BorderWeights, GraphSegmenter, GraphSettings, PatchSettings, SurfaceSettings};

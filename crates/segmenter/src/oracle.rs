@@ -3,9 +3,9 @@
 //! One frame, in order: objects that are never found or too small are left out ([`OracleErrorModel`]); neighbours
 //! become one mask ([`merge`]); masks fall into pieces ([`split`]); some are missed; outlines wander and masks of
 //! nothing are added ([`outline`]). Every error is drawn from the seed, the frame's name and the object's id
-//! ([`chance`]), so a frame's masks are the same whatever was segmented before.
+//! ([`crate::chance`]), so a frame's masks are the same whatever was segmented before.
 
-mod chance;
+mod decision;
 mod merge;
 mod outline;
 mod settings;
@@ -15,8 +15,9 @@ mod truth;
 pub use settings::{OracleErrorModel, OraclePreset, OracleSettings};
 pub use truth::{GroundTruthSource, SceneGroundTruth};
 
+use crate::chance::{Chance, FrameChance, normal, poisson};
 use crate::{Segmenter, SegmenterError};
-use chance::{Chance, Decision, FrameChance, normal, poisson};
+use decision::Decision;
 use merge::merged;
 use outline::{Wander, blob};
 use rand::RngExt;

@@ -16,5 +16,10 @@ pub use splatseg_segmenter as segmenter;
 pub use splatseg_tracking as tracking;
 
 pub use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
-pub use splatseg_segmenter::{FastSamSegmenter, GraphSegmenter, GraphSettings, MaskFolder, OracleSegmenter, OracleSettings, Segmenter};
-pub use splatseg_tracking::{FastSam, FastSamSplat, FastSamSplatSettings, FastSpam, FrameOutput, Method};
+pub use splatseg_segmenter::{
+    FastSamSegmenter, GraphSegmenter, GraphSettings, MaskFolder, OracleSegmenter, OracleSettings, Segmenter,
+};
+pub use splatseg_tracking::{
+    FastSam, FastSamSplat, FastSamSplatSettings, FastSpam, FrameOutput, Method, Sam2Baseline, Sam2Splat,
+    Sam2SplatSettings, Sam2Tracker, Tracker,
+};

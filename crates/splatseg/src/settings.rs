@@ -6,7 +6,10 @@ use splatseg_memory::MemorySettings;
 use splatseg_models::device::DeviceName;
 use splatseg_models::fastsam::FastSamPredictorSettings;
 use splatseg_segmenter::{GraphSettings, OracleSettings};
-use splatseg_tracking::{FastSamSettings, FastSamSplatSettings, FastSpamSettings};
+use splatseg_tracking::{
+    FastSamSettings, FastSamSplatSettings, FastSpamSettings, NewObjectSettings, PromptSource, RepromptSettings,
+    Sam2SplatSettings, Sam2TrackerSettings, SimTrackerSettings,
+};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -25,6 +28,15 @@ pub struct Settings {
     /// Checkpoint of the segmenter `fastsam`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub weights: Option<PathBuf>,
+    /// The tracker of the methods `sam2` and `sam2-splat`.
+    pub tracker: TrackerName,
+    /// Checkpoint of the tracker `sam2`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracker_weights: Option<PathBuf>,
+    /// Where the tracker's mask prompts come from: the segmenter's detections, or the ground truth.
+    pub prompts: PromptSource,
+    /// Detections with a larger IoU with any track's mask are no new objects.
+    pub max_detection_iou: f64,
     /// What networks run on.
     pub device: DeviceName,
     /// Whether the next frame is segmented while the memory learns this one. Results do not depend on it; the times of
@@ -44,6 +56,12 @@ pub struct Settings {
     pub memory: MemorySettings,
     /// The segmenter `fastsam`.
     pub fastsam: FastSamPredictorSettings,
+    /// The tracker `sam2`.
+    pub sam2: Sam2TrackerSettings,
+    /// The tracker `sim`.
+    pub sim_tracker: SimTrackerSettings,
+    /// How the method `sam2-splat` puts its tracker right.
+    pub reprompt: RepromptSettings,
     /// The segmenter `graph`.
     pub graph: GraphSettings,
     /// The segmenter `oracle`.
@@ -61,6 +79,10 @@ pub enum MethodName {
     Fastsam,
     /// A segmenter for single frames, and one remembered point per segment that prompts it
     Fastspam,
+    /// A tracker that detections of a segmenter prompt
+    Sam2,
+    /// The same, and a splat that remembers and puts the tracker right
+    Sam2Splat,
 }
 
 /// The segmenters.
@@ -78,6 +100,17 @@ pub enum SegmenterName {
     Oracle,
 }
 
+/// The trackers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum TrackerName {
+    /// SAM 2.1, on the weights of --tracker-weights
+    #[default]
+    Sam2,
+    /// The scene's ground truth with errors of known kinds and rates, for comparing methods
+    Sim,
+}
+
 impl MethodName {
     /// The name on the command line, in settings and in tables.
     pub fn name(self) -> &'static str {
@@ -85,6 +118,23 @@ impl MethodName {
             Self::FastsamSplat => "fastsam-splat",
             Self::Fastsam => "fastsam",
             Self::Fastspam => "fastspam",
+            Self::Sam2 => "sam2",
+            Self::Sam2Splat => "sam2-splat",
+        }
+    }
+
+    /// Whether the method builds on a tracker.
+    pub fn has_tracker(self) -> bool {
+        matches!(self, Self::Sam2 | Self::Sam2Splat)
+    }
+}
+
+impl TrackerName {
+    /// The name on the command line, in settings and in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sam2 => "sam2",
+            Self::Sim => "sim",
         }
     }
 }
@@ -109,6 +159,10 @@ impl Default for Settings {
             segmenter: SegmenterName::default(),
             masks: None,
             weights: None,
+            tracker: TrackerName::default(),
+            tracker_weights: None,
+            prompts: PromptSource::default(),
+            max_detection_iou: NewObjectSettings::default().max_detection_iou,
             device: DeviceName::default(),
             segment_ahead: false,
             seed: method.seed,
@@ -118,6 +172,9 @@ impl Default for Settings {
             dataset: DatasetSettings::default(),
             memory: method.memory,
             fastsam: FastSamPredictorSettings::default(),
+            sam2: Sam2TrackerSettings::default(),
+            sim_tracker: SimTrackerSettings::default(),
+            reprompt: RepromptSettings::default(),
             graph: GraphSettings::default(),
             oracle: OracleSettings::default(),
         }
@@ -170,6 +227,25 @@ impl Settings {
     /// The settings for [`splatseg_tracking::FastSpam`].
     pub fn fastspam(&self) -> FastSpamSettings {
         FastSpamSettings { min_segment_area: self.min_segment_area, seed: self.seed, ..FastSpamSettings::default() }
+    }
+
+    /// The settings for [`splatseg_tracking::Sam2Baseline`].
+    pub fn new_objects(&self) -> NewObjectSettings {
+        NewObjectSettings {
+            prompts: self.prompts,
+            max_detection_iou: self.max_detection_iou,
+            min_segment_area: self.min_segment_area,
+        }
+    }
+
+    /// The settings for [`splatseg_tracking::Sam2Splat`].
+    pub fn sam2_splat(&self) -> Sam2SplatSettings {
+        Sam2SplatSettings {
+            memory: self.memory.clone(),
+            new_objects: self.new_objects(),
+            reprompt: self.reprompt,
+            seed: self.seed,
+        }
     }
 }
 

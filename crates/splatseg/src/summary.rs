@@ -2,7 +2,7 @@
 
 use crate::Settings;
 use serde::{Deserialize, Serialize};
-use splatseg_tracking::StageTimes;
+use splatseg_tracking::{StageTimes, TrackErrorCounts};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -23,6 +23,8 @@ pub struct Summary {
     pub peak_memory_mb: Option<f64>,
     /// Mean time of each stage per frame, milliseconds.
     pub stage_ms: BTreeMap<String, f64>,
+    /// Errors of the tracker that the method found and put right.
+    pub track_errors: TrackErrorCounts,
     /// Time of the slowest frame, all stages but the segmenter, milliseconds.
     pub slowest_frame_ms: f64,
     /// Frames per second.
@@ -59,6 +61,8 @@ pub struct RunCounts {
     pub ids: BTreeSet<u32>,
     /// Summed stage times.
     pub times: StageTimes,
+    /// Summed errors of the tracker.
+    pub track_errors: TrackErrorCounts,
     /// Slowest frame, all stages but the segmenter.
     pub slowest: Duration,
     /// Stopped before the last frame.

@@ -1,5 +1,6 @@
 //! Everything that can go wrong in a method.
 
+use crate::TrackerError;
 use splatseg_memory::MemoryError;
 use splatseg_segmenter::SegmenterError;
 use thiserror::Error;
@@ -13,6 +14,9 @@ pub enum TrackingError {
     /// The memory failed.
     #[error(transparent)]
     Memory(#[from] MemoryError),
+    /// The tracker failed.
+    #[error(transparent)]
+    Tracker(#[from] TrackerError),
     /// A mask is not of the frame's size; both are `(width, height)`.
     #[error("a mask has {}x{} pixels, expected the frame's {}x{}", found.0, found.1, expected.0, expected.1)]
     MaskSize {
@@ -31,6 +35,16 @@ pub enum TrackingError {
         field: &'static str,
         /// Its value.
         found: f64,
+    },
+    /// A setting of a method over a tracker is out of range.
+    #[error("{field} is {found}, expected {expected}")]
+    Setting {
+        /// The setting's name, e.g. `reprompt.clicks`.
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// What it may be.
+        expected: &'static str,
     },
     /// All ids have been given.
     #[error("the video has more segments than there are 32-bit ids")]

@@ -3,7 +3,7 @@
 use crate::matching::{check_min_f_score, match_masks};
 use crate::painting::painted;
 use crate::segment_ids::SegmentIds;
-use crate::{FrameOutput, Method, StageTimes, TrackingError, check_sizes};
+use crate::{FrameOutput, Method, StageTimes, TrackErrorCounts, TrackingError, check_sizes};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
 use splatseg_memory::FrameUpdate;
@@ -42,12 +42,18 @@ impl FastSam {
         check_min_f_score(settings.min_match_f_score)?;
         Ok(Self { segmenter, settings, ids: SegmentIds::default(), previous: Vec::new() })
     }
+}
 
-    /// Gives masks of `frame`, from whatever source, their ids: every step but the segmenter's.
-    ///
-    /// # Errors
-    /// [`TrackingError::MaskSize`] if a mask is not of the frame's size.
-    pub fn track(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+impl Method for FastSam {
+    fn name(&self) -> &str {
+        "fastsam"
+    }
+
+    fn segmenter(&mut self) -> &mut dyn Segmenter {
+        self.segmenter.as_mut()
+    }
+
+    fn track(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
         check_sizes(frame, masks)?;
         let mut times = StageTimes::default();
         let size = (frame.width(), frame.height());
@@ -75,21 +81,13 @@ impl FastSam {
         self.previous.clone_from(&identified);
         times.fuse = started.elapsed();
         let predictions = identified.len();
-        Ok(FrameOutput { segments, masks: identified, predictions, update: FrameUpdate::default(), times })
-    }
-}
-
-impl Method for FastSam {
-    fn name(&self) -> &str {
-        "fastsam"
-    }
-
-    fn process(&mut self, frame: &RgbdFrame) -> Result<FrameOutput, TrackingError> {
-        let started = Instant::now();
-        let masks = self.segmenter.segment(frame)?;
-        let segment = started.elapsed();
-        let mut output = self.track(frame, &masks)?;
-        output.times.segment = segment;
-        Ok(output)
+        Ok(FrameOutput {
+            segments,
+            masks: identified,
+            predictions,
+            track_errors: TrackErrorCounts::default(),
+            update: FrameUpdate::default(),
+            times,
+        })
     }
 }

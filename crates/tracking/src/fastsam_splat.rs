@@ -1,7 +1,7 @@
 //! FastSAM-Splat: a segmenter without memory, and a splat that remembers (METHOD, "FastSAM-Splat, one frame").
 
 use crate::matching::check_min_f_score;
-use crate::{FrameOutput, Method, StageTimes, TrackingError, check_sizes, fuse, match_segments};
+use crate::{FrameOutput, Method, StageTimes, TrackErrorCounts, TrackingError, check_sizes, fuse, match_segments};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
 use splatseg_memory::{MemorySettings, SplatMemory};
@@ -65,11 +65,28 @@ impl FastSamSplat {
         Ok(Self { segmenter, memory, settings })
     }
 
-    /// Gives masks of `frame`, from whatever source, their lasting ids: every step but the segmenter's.
-    ///
-    /// # Errors
-    /// If a mask is not of the frame's size, or the video has more segments than a 16-bit image can name.
-    pub fn track(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+    /// The matched segment's id for each prediction, or a new one.
+    fn identify(&mut self, matched: &[Option<SegmentId>]) -> Result<Vec<SegmentId>, TrackingError> {
+        matched
+            .iter()
+            .map(|segment| match segment {
+                Some(segment) => Ok(*segment),
+                None => Ok(self.memory.new_segment()?),
+            })
+            .collect()
+    }
+}
+
+impl Method for FastSamSplat {
+    fn name(&self) -> &str {
+        "fastsam-splat"
+    }
+
+    fn segmenter(&mut self) -> &mut dyn Segmenter {
+        self.segmenter.as_mut()
+    }
+
+    fn track(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
         check_sizes(frame, masks)?;
         let mut times = StageTimes::default();
 
@@ -100,33 +117,14 @@ impl FastSamSplat {
         times.rasterise = update.view_time.rasterise;
         times.grow = update.grow_time;
         times.learn = update.learn_time;
-        Ok(FrameOutput { segments, masks: Vec::new(), predictions: identified.len(), update, times })
-    }
-
-    /// The matched segment's id for each prediction, or a new one.
-    fn identify(&mut self, matched: &[Option<SegmentId>]) -> Result<Vec<SegmentId>, TrackingError> {
-        matched
-            .iter()
-            .map(|segment| match segment {
-                Some(segment) => Ok(*segment),
-                None => Ok(self.memory.new_segment()?),
-            })
-            .collect()
-    }
-}
-
-impl Method for FastSamSplat {
-    fn name(&self) -> &str {
-        "fastsam-splat"
-    }
-
-    fn process(&mut self, frame: &RgbdFrame) -> Result<FrameOutput, TrackingError> {
-        let started = Instant::now();
-        let masks = self.segmenter.segment(frame)?;
-        let segment = started.elapsed();
-        let mut output = self.track(frame, &masks)?;
-        output.times.segment = segment;
-        Ok(output)
+        Ok(FrameOutput {
+            segments,
+            masks: Vec::new(),
+            predictions: identified.len(),
+            track_errors: TrackErrorCounts::default(),
+            update,
+            times,
+        })
     }
 
     fn memory(&self) -> Option<&SplatMemory> {

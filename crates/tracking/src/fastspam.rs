@@ -3,7 +3,7 @@
 
 use crate::painting::painted;
 use crate::segment_ids::SegmentIds;
-use crate::{FrameOutput, Method, StageTimes, TrackingError, check_sizes};
+use crate::{FrameOutput, Method, StageTimes, TrackErrorCounts, TrackingError, check_sizes};
 use glam::{Vec2, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -70,41 +70,6 @@ impl FastSpam {
         }
         let random = ChaCha8Rng::seed_from_u64(settings.seed);
         Ok(Self { segmenter, settings, random, ids: SegmentIds::default(), points_world: Vec::new() })
-    }
-
-    /// Gives masks of `frame`, from whatever source, their ids: every step but the segmenter's.
-    ///
-    /// # Errors
-    /// [`TrackingError::MaskSize`] if a mask is not of the frame's size.
-    pub fn track(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
-        check_sizes(frame, masks)?;
-        let mut times = StageTimes::default();
-
-        let started = Instant::now();
-        let least = self.settings.min_segment_area.max(1);
-        let mut masks: Vec<&Mask> = masks.iter().map(|mask| &mask.mask).filter(|mask| mask.area() >= least).collect();
-        masks.sort_by_key(|mask| Reverse(mask.area()));
-        let points = self.projected_points(frame);
-        let mut segments = if points.is_empty() {
-            let mut all = Vec::with_capacity(masks.len());
-            for mask in masks {
-                all.push((self.ids.new_segment()?, mask.clone()));
-            }
-            all
-        } else {
-            self.prompted(&masks, &points)?
-        };
-        segments.retain(|(_, mask)| !mask.is_empty());
-        segments.sort_by_key(|(_, mask)| Reverse(mask.area()));
-        self.points_world =
-            segments.iter().filter_map(|(id, mask)| Some((*id, lifted(frame, self.point_of(mask)?)?))).collect();
-        times.match_segments = started.elapsed();
-
-        let started = Instant::now();
-        let map = painted((frame.width(), frame.height()), &segments);
-        times.fuse = started.elapsed();
-        let predictions = segments.len();
-        Ok(FrameOutput { segments: map, masks: segments, predictions, update: FrameUpdate::default(), times })
     }
 
     /// Where the remembered points appear in `frame`, as (column, row); without those outside.
@@ -185,13 +150,46 @@ impl Method for FastSpam {
         "fastspam"
     }
 
-    fn process(&mut self, frame: &RgbdFrame) -> Result<FrameOutput, TrackingError> {
+    fn segmenter(&mut self) -> &mut dyn Segmenter {
+        self.segmenter.as_mut()
+    }
+
+    fn track(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+        check_sizes(frame, masks)?;
+        let mut times = StageTimes::default();
+
         let started = Instant::now();
-        let masks = self.segmenter.segment(frame)?;
-        let segment = started.elapsed();
-        let mut output = self.track(frame, &masks)?;
-        output.times.segment = segment;
-        Ok(output)
+        let least = self.settings.min_segment_area.max(1);
+        let mut masks: Vec<&Mask> = masks.iter().map(|mask| &mask.mask).filter(|mask| mask.area() >= least).collect();
+        masks.sort_by_key(|mask| Reverse(mask.area()));
+        let points = self.projected_points(frame);
+        let mut segments = if points.is_empty() {
+            let mut all = Vec::with_capacity(masks.len());
+            for mask in masks {
+                all.push((self.ids.new_segment()?, mask.clone()));
+            }
+            all
+        } else {
+            self.prompted(&masks, &points)?
+        };
+        segments.retain(|(_, mask)| !mask.is_empty());
+        segments.sort_by_key(|(_, mask)| Reverse(mask.area()));
+        self.points_world =
+            segments.iter().filter_map(|(id, mask)| Some((*id, lifted(frame, self.point_of(mask)?)?))).collect();
+        times.match_segments = started.elapsed();
+
+        let started = Instant::now();
+        let map = painted((frame.width(), frame.height()), &segments);
+        times.fuse = started.elapsed();
+        let predictions = segments.len();
+        Ok(FrameOutput {
+            segments: map,
+            masks: segments,
+            predictions,
+            track_errors: TrackErrorCounts::default(),
+            update: FrameUpdate::default(),
+            times,
+        })
     }
 }
 

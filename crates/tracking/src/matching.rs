@@ -61,7 +61,7 @@ pub(crate) fn check_min_f_score(found: f64) -> Result<(), TrackingError> {
 }
 
 /// The expected segments under a mask and the number of pixels of each, by increasing id.
-fn overlaps(expected: &SegmentMap, mask: &Mask) -> BTreeMap<SegmentId, usize> {
+pub(crate) fn overlaps(expected: &SegmentMap, mask: &Mask) -> BTreeMap<SegmentId, usize> {
     let mut counts = BTreeMap::new();
     let (mut current, mut run) = (0, 0);
     for index in mask.pixel_indices() {

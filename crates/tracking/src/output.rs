@@ -1,6 +1,6 @@
 //! What a method says about one frame.
 
-use crate::StageTimes;
+use crate::{StageTimes, TrackErrorCounts};
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
 use splatseg_memory::FrameUpdate;
 
@@ -14,6 +14,8 @@ pub struct FrameOutput {
     pub masks: Vec<(SegmentId, Mask)>,
     /// Predicted segments that were large enough to count.
     pub predictions: usize,
+    /// Errors of the tracker that were found and put right; 0 for methods that look for none.
+    pub track_errors: TrackErrorCounts,
     /// What the frame did to the memory.
     pub update: FrameUpdate,
     /// Where the time went.

@@ -8,14 +8,18 @@ use std::time::Duration;
 pub struct StageTimes {
     /// Segmenting the image.
     pub segment: Duration,
+    /// A tracker following its tracks and taking up new ones.
+    pub track: Duration,
     /// Projecting Gaussians and binning them into tiles.
     pub project_and_bin: Duration,
     /// Making the blend weights.
     pub rasterise: Duration,
     /// Rendering features and reading expected segments off them.
     pub decode: Duration,
-    /// Matching expected and predicted segments.
+    /// Matching expected and predicted segments, or finding a tracker's errors.
     pub match_segments: Duration,
+    /// Prompting a tracker to put its errors right.
+    pub reprompt: Duration,
     /// Fusing them.
     pub fuse: Duration,
     /// Adding Gaussians.
@@ -26,20 +30,22 @@ pub struct StageTimes {
 
 impl StageTimes {
     /// Every stage by name, in the order of the method.
-    pub fn stages(&self) -> [(&'static str, Duration); 8] {
+    pub fn stages(&self) -> [(&'static str, Duration); 10] {
         [
             ("segment", self.segment),
+            ("track", self.track),
             ("project_and_bin", self.project_and_bin),
             ("rasterise", self.rasterise),
             ("decode", self.decode),
             ("match", self.match_segments),
+            ("reprompt", self.reprompt),
             ("fuse", self.fuse),
             ("grow", self.grow),
             ("learn", self.learn),
         ]
     }
 
-    /// Time of all stages but the segmenter.
+    /// Time of all stages but the segmenter; a tracker's are part of it.
     pub fn without_segmenter(&self) -> Duration {
         self.stages()[1..].iter().map(|(_, time)| *time).sum()
     }
@@ -48,10 +54,12 @@ impl StageTimes {
 impl std::ops::AddAssign for StageTimes {
     fn add_assign(&mut self, other: Self) {
         self.segment += other.segment;
+        self.track += other.track;
         self.project_and_bin += other.project_and_bin;
         self.rasterise += other.rasterise;
         self.decode += other.decode;
         self.match_segments += other.match_segments;
+        self.reprompt += other.reprompt;
         self.fuse += other.fuse;
         self.grow += other.grow;
         self.learn += other.learn;

@@ -1,7 +1,8 @@
 //! Neighbouring objects in one mask.
 
 use super::OracleErrorModel;
-use super::chance::{Decision, FrameChance};
+use super::decision::Decision;
+use crate::chance::{Chance, FrameChance};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
@@ -58,7 +59,7 @@ pub(super) fn merged(
 /// Each neighbour's number hangs on its id alone, so that in the next frame, with other neighbours and other lengths,
 /// the same `random` mostly chooses the same one: the first event of a race whose rates are the lengths.
 fn neighbour(borders: &Borders, id: SegmentId, random: &mut ChaCha8Rng) -> Option<SegmentId> {
-    let race = super::chance::Chance { seed: random.random() };
+    let race = Chance { seed: random.random() };
     let time = |neighbour: SegmentId, length: usize| {
         let uniform: f64 = race.of_object(Decision::Neighbour, neighbour).random();
         -(1.0 - uniform).ln() / length as f64

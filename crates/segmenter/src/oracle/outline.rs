@@ -1,6 +1,6 @@
 //! Outlines that wander, and masks of nothing.
 
-use super::chance::normal;
+use crate::chance::normal;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use splatseg_geometry::Mask;

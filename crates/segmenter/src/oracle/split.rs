@@ -1,8 +1,9 @@
 //! Objects in pieces.
 
 use super::OracleErrorModel;
-use super::chance::{Decision, FrameChance};
+use super::decision::Decision;
 use super::merge::Group;
+use crate::chance::FrameChance;
 use rand::RngExt;
 use splatseg_geometry::Mask;
 

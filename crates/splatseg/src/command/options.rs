@@ -2,7 +2,7 @@
 
 use super::Failure;
 use clap::Args;
-use splatseg::settings::{SegmenterName, SettingsLayers};
+use splatseg::settings::{SegmenterName, SettingsLayers, TrackerName};
 use splatseg_dataset::{DatasetSettings, Format, Preset};
 use splatseg_metrics::{Protocol, ScoreSettings, Void};
 use splatseg_models::device::DeviceName;
@@ -86,6 +86,15 @@ pub struct SettingsOptions {
     /// Checkpoint for --segmenter fastsam: FastSAM's .pt as it is published, or a .safetensors
     #[arg(long, value_name = "FILE")]
     pub weights: Option<PathBuf>,
+    /// Tracker of the methods sam2 and sam2-splat [default: sam2]
+    #[arg(long, value_enum, value_name = "TRACKER")]
+    pub tracker: Option<TrackerName>,
+    /// Checkpoint for --tracker sam2: Meta's sam2.1_hiera_*.pt as it is published, or a .safetensors
+    #[arg(long, value_name = "FILE")]
+    pub tracker_weights: Option<PathBuf>,
+    /// Where the tracker's mask prompts come from [default: detections]
+    #[arg(long, value_enum, value_name = "SOURCE")]
+    pub prompts: Option<PromptsName>,
     /// What networks run on; others than the CPU must be built in [default: cpu]
     #[arg(long, value_name = "DEVICE", value_parser = DeviceName::ALL.map(DeviceName::name))]
     pub device: Option<String>,
@@ -115,6 +124,12 @@ impl SettingsOptions {
             ("segmenter", self.segmenter.as_ref().and_then(choice_name)),
             ("masks", self.masks.as_ref().and_then(|path| text(path.to_string_lossy().into_owned()))),
             ("weights", self.weights.as_ref().and_then(|path| text(path.to_string_lossy().into_owned()))),
+            ("tracker", self.tracker.as_ref().and_then(choice_name)),
+            (
+                "tracker_weights",
+                self.tracker_weights.as_ref().and_then(|path| text(path.to_string_lossy().into_owned())),
+            ),
+            ("prompts", self.prompts.as_ref().and_then(choice_name)),
             ("device", self.device.clone().and_then(text)),
             ("seed", self.seed.and_then(|seed| i64::try_from(seed).ok().map(toml::Value::Integer))),
             ("threads", self.threads.and_then(whole)),
@@ -126,6 +141,15 @@ impl SettingsOptions {
         }
         Ok(layers)
     }
+}
+
+/// Where a tracker's mask prompts come from, on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum PromptsName {
+    /// The segmenter's detections that lie on no track
+    Detections,
+    /// The scene's ground truth: every object on the frame where it becomes visible
+    GroundTruth,
 }
 
 /// How results are scored.

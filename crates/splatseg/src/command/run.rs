@@ -64,7 +64,7 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
     let memory = job.load_memory.as_deref().map_or(Memory::New(&bar), Memory::Saved);
     let segmenter = make_segmenter(&job.settings, &scene)?;
     let prepared = PreparedMasks::default();
-    let mut method = make_method(&job.settings, Box::new(prepared.clone()), &memory)?;
+    let mut method = make_method(&job.settings, &scene, Box::new(prepared.clone()), &memory)?;
     if let (Some(path), None) = (&job.save_memory, method.memory()) {
         return Err(Failure::input(format!("{}: the method {} has no memory to save", path.display(), method.name())));
     }
@@ -87,6 +87,7 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
         parameters: memory.map_or(0, SplatMemory::parameter_count),
         peak_memory_mb: peak_memory_mb(),
         stage_ms: counts.stage_ms(),
+        track_errors: counts.track_errors,
         slowest_frame_ms: counts.slowest.as_secs_f64() * 1e3,
         fps,
         interrupted: counts.interrupted,
@@ -152,6 +153,7 @@ fn take_result(
     };
     counts.frames += 1;
     counts.times += output.times;
+    counts.track_errors += output.track_errors;
     counts.slowest = counts.slowest.max(output.times.without_segmenter());
     counts.ids.extend(output.segments.areas().into_keys());
     let result = FrameResult { name: frame.name().to_owned(), color: frame.color().clone(), segments: output.segments };

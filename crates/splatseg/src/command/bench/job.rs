@@ -12,7 +12,7 @@ use splatseg_geometry::{Mask, SegmentMap};
 use splatseg_memory::{FrameUpdate, SplatMemory};
 use splatseg_metrics::{FramePrediction, Protocol, ScoreSettings, VideoScore, VideoScorer};
 use splatseg_segmenter::PreparedMasks;
-use splatseg_tracking::{FrameOutput, StageTimes, TrackingError};
+use splatseg_tracking::{FrameOutput, StageTimes, TrackErrorCounts, TrackingError};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -54,6 +54,8 @@ pub struct JobResult {
     pub fps: FramesPerSecond,
     /// Mean time of each stage per frame, milliseconds.
     pub stage_ms: BTreeMap<String, f64>,
+    /// Errors of the tracker that the method found and put right.
+    pub track_errors: TrackErrorCounts,
     /// Score in the protocol `paper`.
     pub paper: VideoScore,
     /// Score in the protocol `strict`.
@@ -114,7 +116,7 @@ pub fn run(inputs: &JobInputs) -> Result<JobResult, String> {
     let segmenter = make_segmenter(settings, &scene).map_err(|error| text(&error))?;
     let prepared = PreparedMasks::default();
     let mut method =
-        make_method(settings, Box::new(prepared.clone()), &Memory::New(&bar)).map_err(|error| text(&error))?;
+        make_method(settings, &scene, Box::new(prepared.clone()), &Memory::New(&bar)).map_err(|error| text(&error))?;
     let mut recorder = Recorder::new(inputs, stream.len());
     let mut frames = Lookahead::new(stream, segmenter, prepared, settings.segment_ahead);
     let mut time = Duration::ZERO;
@@ -149,6 +151,7 @@ fn or_empty((streamed, output): Processed, recorder: &mut Recorder) -> Result<(S
                 segments: SegmentMap::filled(frame.width(), frame.height(), 0),
                 masks: Vec::new(),
                 predictions: 0,
+                track_errors: TrackErrorCounts::default(),
                 update: FrameUpdate::default(),
                 times: StageTimes::default(),
             };
@@ -170,12 +173,13 @@ enum Form {
 }
 
 /// How a method's results are scored. The paper's code links the masks of FastSAM and of FastSPAM (whose program
-/// writes no ids) itself; in print FastSPAM's points carry ids from frame to frame, so `strict` takes these.
+/// writes no ids) itself; in print FastSPAM's points carry ids from frame to frame, so `strict` takes these. A tracker's
+/// masks have ids and may overlap.
 fn form(method: MethodName, protocol: Protocol) -> Form {
     match (method, protocol) {
         (MethodName::FastsamSplat, _) => Form::Ids,
         (MethodName::Fastsam, _) | (MethodName::Fastspam, Protocol::Paper) => Form::Unlinked,
-        (MethodName::Fastspam, Protocol::Strict) => Form::Masks,
+        (MethodName::Fastspam, Protocol::Strict) | (MethodName::Sam2 | MethodName::Sam2Splat, _) => Form::Masks,
     }
 }
 
@@ -229,6 +233,7 @@ impl Recorder {
     ) -> Result<(), String> {
         self.counts.frames += 1;
         self.counts.times += output.times;
+        self.counts.track_errors += output.track_errors;
         self.counts.ids.extend(output.segments.areas().into_keys());
         self.series.push(&output.times, memory);
         if let Some(truth) = &frame.ground_truth {
@@ -280,6 +285,7 @@ impl Recorder {
             parameters: memory.map_or(0, SplatMemory::parameter_count),
             fps: self.counts.fps(time),
             stage_ms: self.counts.stage_ms(),
+            track_errors: self.counts.track_errors,
             paper: self.paper.finish(),
             strict: self.strict.finish(),
             series: self.series,

@@ -1,6 +1,7 @@
 //! `tables.md`.
 
 use super::Results;
+use super::stage_table::StageTable;
 use super::tables::{of_scene, over_all_scenes};
 use splatseg_metrics::Protocol;
 
@@ -9,9 +10,9 @@ pub fn document(results: &Results) -> String {
     let plan = results.plan;
     let mut text = format!(
         "# Benchmark\n\nScores are percent, mean ± sample standard deviation over {} seeds. Over several scenes, tubes, \
-         tracks and pixels are summed before dividing; scenes are not averaged. Segmenter: {}. splatseg {}.\n\n",
+         tracks and pixels are summed before dividing; scenes are not averaged. {}. splatseg {}.\n\n",
         plan.seeds.len(),
-        plan.settings.segmenter.name(),
+        plan.parts(),
         env!("CARGO_PKG_VERSION"),
     );
     let other = match results.protocol {
@@ -22,6 +23,8 @@ pub fn document(results: &Results) -> String {
         text.push_str(&over_all_scenes(results, protocol).markdown());
         text.push('\n');
     }
+    text.push_str(&StageTable::new(results).markdown());
+    text.push('\n');
     if plan.scenes.len() > 1 {
         for scene in 0..plan.scenes.len() {
             text.push_str(&of_scene(results, scene, results.protocol).markdown());

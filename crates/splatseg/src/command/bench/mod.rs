@@ -9,6 +9,7 @@ mod plan;
 mod pool;
 mod report;
 mod rows;
+mod stage_table;
 mod store;
 mod tables;
 mod thumbnail;

@@ -8,6 +8,7 @@ use splatseg::Settings;
 use splatseg::settings::{MethodName, SettingsLayers};
 use splatseg_dataset::open_scene;
 use splatseg_metrics::{Protocol, ScoreSettings};
+use splatseg_tracking::PromptSource;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -130,6 +131,20 @@ impl Plan {
             }
         }
         Ok(())
+    }
+
+    /// What the methods build on, for headings.
+    pub fn parts(&self) -> String {
+        let segmenter = format!("segmenter {}", self.settings.segmenter.name());
+        let with_tracker = self.variants.iter().any(|variant| variant.method.has_tracker());
+        if !with_tracker {
+            return segmenter;
+        }
+        let prompts = match self.settings.prompts {
+            PromptSource::Detections => "detections",
+            PromptSource::GroundTruth => "ground truth",
+        };
+        format!("{segmenter}, tracker {}, prompted with {prompts}", self.settings.tracker.name())
     }
 
     /// A benchmark without any scene that can be opened is a mistake of the command line.

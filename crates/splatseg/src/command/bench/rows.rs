@@ -7,6 +7,7 @@ use serde::Serialize;
 use splatseg::Settings;
 use splatseg::summary::FramesPerSecond;
 use splatseg_metrics::{Protocol, Scores};
+use splatseg_tracking::TrackErrorCounts;
 use std::collections::BTreeMap;
 
 /// A result and what it is the result of.
@@ -79,6 +80,8 @@ pub struct Row<'a> {
     pub parameters: usize,
     /// Mean time of each stage per frame, milliseconds.
     pub stage_ms: &'a BTreeMap<String, f64>,
+    /// Errors of the tracker that the method found and put right.
+    pub track_errors: TrackErrorCounts,
     /// Where the full result is.
     pub file: String,
     /// All settings; `threads` is 0.
@@ -114,6 +117,7 @@ impl<'a> Row<'a> {
             gaussians: result.gaussians,
             parameters: result.parameters,
             stage_ms: &result.stage_ms,
+            track_errors: result.track_errors,
             file: format!("results/{}.json", finished.key),
             settings: &result.inputs.settings,
             version: &result.inputs.version,

@@ -9,6 +9,7 @@ mod strips;
 
 use super::Results;
 use super::paper;
+use super::stage_table::StageTable;
 use super::tables::{Origin, Spread, Table, of_scene, over_all_scenes};
 use crate::command::score_table::{COLUMNS, protocol_name};
 use html::{escape, escape_script};
@@ -49,6 +50,7 @@ pub fn page(results: &Results) -> Result<String, String> {
     body.push_str(HOW_TO_READ);
     body.push_str("</details>");
     body.push_str(&folded_table(&over_all_scenes(results, other(results.protocol))));
+    body.push_str(&stage_times(&StageTable::new(results)));
     body.push_str("<h2>Comparison</h2><div class=\"charts\">");
     body.extend(curves::comparison(results));
     body.push_str("</div>");
@@ -82,12 +84,12 @@ fn header(results: &Results) -> String {
         .sum();
     let count = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
     format!(
-        "<h1>splatseg benchmark</h1><p class=\"facts\">{}, {}, {}, {}; segmenter {}; protocol {}; splatseg {}, {}</p>",
+        "<h1>splatseg benchmark</h1><p class=\"facts\">{}, {}, {}, {}; {}; protocol {}; splatseg {}, {}</p>",
         count(plan.scenes.len(), "scene"),
         count(frames, "frame"),
         count(plan.variants.len(), "method"),
         count(plan.seeds.len(), "seed"),
-        escape(plan.settings.segmenter.name()),
+        escape(&plan.parts()),
         protocol_name(results.protocol),
         env!("CARGO_PKG_VERSION"),
         date::today(),
@@ -142,6 +144,20 @@ fn table_body(table: &Table) -> String {
         text.push_str(&format!("<td>{}</td></tr>", html_cell(row.speed)));
     }
     text.push_str("</tbody></table></div>");
+    text
+}
+
+fn stage_times(table: &StageTable) -> String {
+    let mut text = format!("<details><summary>{}</summary>", StageTable::TITLE);
+    text.push_str("<div class=\"wide\"><table><thead><tr><th scope=\"col\">method</th>");
+    text.extend(table.columns().map(|name| format!("<th scope=\"col\">{}</th>", escape(name))));
+    text.push_str("</tr></thead><tbody>");
+    for (label, times) in &table.rows {
+        text.push_str(&format!("<tr><th scope=\"row\">{}</th>", escape(label)));
+        text.extend(times.iter().map(|time| format!("<td>{time:.2}</td>")));
+        text.push_str("</tr>");
+    }
+    text.push_str("</tbody></table></div></details>");
     text
 }
 

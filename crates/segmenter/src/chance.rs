@@ -1,46 +1,38 @@
 //! Random numbers that depend on what they decide, not on what was asked before.
+//!
+//! What a number decides is told by a whole number. Each kind of decision has its own, so that changing one rate leaves
+//! the other errors alone.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use splatseg_geometry::SegmentId;
 
-/// What a random number decides; each kind has its own, so that changing one rate leaves the other errors alone.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Decision {
-    PersistentMiss = 1,
-    Miss,
-    Split,
-    Merge,
-    Neighbour,
-    Outline,
-    FalsePositives,
-    Score,
-}
-
 /// The source of all chance of a run.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Chance {
-    pub(super) seed: u64,
+pub struct Chance {
+    /// The seed of the run.
+    pub seed: u64,
 }
 
 /// The chance of one frame.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct FrameChance<'a> {
-    pub(super) run: Chance,
+pub struct FrameChance<'a> {
+    /// The chance of the run.
+    pub run: Chance,
     /// Name of the frame.
-    pub(super) frame: &'a str,
+    pub frame: &'a str,
 }
 
 impl Chance {
     /// Numbers about an object, the same in every frame.
-    pub(super) fn of_object(self, decision: Decision, object: SegmentId) -> ChaCha8Rng {
+    pub fn of_object(self, decision: impl Into<u64>, object: SegmentId) -> ChaCha8Rng {
         Key::new(self.seed, decision).number(u64::from(object)).generator()
     }
 }
 
 impl FrameChance<'_> {
     /// Numbers about something in this frame. `number` tells apart what is decided several times for one object.
-    pub(super) fn of_frame(self, decision: Decision, object: SegmentId, number: usize) -> ChaCha8Rng {
+    pub fn of_frame(self, decision: impl Into<u64>, object: SegmentId, number: usize) -> ChaCha8Rng {
         Key::new(self.run.seed, decision)
             .number(u64::from(object))
             .number(number as u64)
@@ -50,7 +42,7 @@ impl FrameChance<'_> {
 
     /// Numbers about an object that are its lasting ones in a share `persistence` of the frames and otherwise those of
     /// this frame. Either way each is as likely as without persistence.
-    pub(super) fn lasting_or_fresh(self, decision: Decision, object: SegmentId, persistence: f64) -> ChaCha8Rng {
+    pub fn lasting_or_fresh(self, decision: impl Into<u64> + Copy, object: SegmentId, persistence: f64) -> ChaCha8Rng {
         let mut fresh = self.of_frame(decision, object, 0);
         if fresh.random::<f64>() < persistence { self.run.of_object(decision, object) } else { fresh }
     }
@@ -60,8 +52,8 @@ impl FrameChance<'_> {
 struct Key(u64);
 
 impl Key {
-    fn new(seed: u64, decision: Decision) -> Self {
-        Self(0xcbf2_9ce4_8422_2325).number(seed).number(decision as u64)
+    fn new(seed: u64, decision: impl Into<u64>) -> Self {
+        Self(0xcbf2_9ce4_8422_2325).number(seed).number(decision.into())
     }
 
     fn number(self, number: u64) -> Self {
@@ -78,14 +70,14 @@ impl Key {
 }
 
 /// A standard normal number (Box and Muller).
-pub(super) fn normal(random: &mut ChaCha8Rng) -> f32 {
+pub fn normal(random: &mut ChaCha8Rng) -> f32 {
     // 1 - [0, 1) is never 0.
     let radius = (-2.0 * (1.0 - random.random::<f32>()).ln()).sqrt();
     radius * (std::f32::consts::TAU * random.random::<f32>()).cos()
 }
 
 /// A Poisson number (Knuth's product of uniform numbers). `mean` must be moderate: e^-mean is compared with.
-pub(super) fn poisson(mean: f64, random: &mut ChaCha8Rng) -> usize {
+pub fn poisson(mean: f64, random: &mut ChaCha8Rng) -> usize {
     let threshold = (-mean).exp();
     let mut product = random.random::<f64>();
     let mut count = 0;

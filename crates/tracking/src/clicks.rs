@@ -1,0 +1,78 @@
+//! Where to click (METHOD, "SAM2-Splat, one frame", step 3: clicks "sampled from" a region; how is left open).
+
+use crate::distance::depth_inside;
+use splatseg_geometry::Mask;
+
+/// Up to `count` pixels (column, row) inside a region, away from its outline and from each other; none if the region is
+/// empty, fewer if it has fewer pixels that deep.
+///
+/// The first is the innermost pixel. Each further one is the pixel farthest from those chosen, among the pixels at least
+/// half as deep inside the region as the innermost: expected outlines are off by a pixel or two, and a click beside the
+/// object would ask for another one. Of several equally good pixels the first in reading order is chosen, so the clicks
+/// follow from the region alone. The image's border counts as outline.
+pub fn sample_clicks(region: &Mask, count: usize) -> Vec<(usize, usize)> {
+    let depth = depth_inside(region);
+    let innermost = depth.iter().copied().max().unwrap_or(0);
+    if innermost == 0 {
+        return Vec::new();
+    }
+    let pixel = |index: usize| (index % region.width(), index / region.width());
+    let interior: Vec<(usize, usize)> =
+        (0..depth.len()).filter(|index| depth[*index] > 0 && 2 * depth[*index] >= innermost).map(pixel).collect();
+    let first = depth.iter().position(|found| *found == innermost).map(pixel);
+    let mut chosen: Vec<(usize, usize)> = first.into_iter().take(count).collect();
+    // Squared distance of each interior pixel to the nearest click.
+    let mut apart = vec![usize::MAX; interior.len()];
+    while let Some(last) = chosen.last().filter(|_| chosen.len() < count).copied() {
+        let mut farthest = (0, None);
+        for (place, (column, row)) in interior.iter().enumerate() {
+            let distance = column.abs_diff(last.0).pow(2) + row.abs_diff(last.1).pow(2);
+            apart[place] = apart[place].min(distance);
+            if apart[place] > farthest.0 {
+                farthest = (apart[place], Some(interior[place]));
+            }
+        }
+        match farthest.1 {
+            Some(next) => chosen.push(next),
+            None => break,
+        }
+    }
+    chosen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn the_first_click_is_innermost_and_the_others_spread_out() {
+        let bar = Mask::from_fn(40, 20, |column, row| (4..34).contains(&column) && (6..13).contains(&row));
+        let clicks = sample_clicks(&bar, 3);
+        assert_eq!(clicks[0], (7, 9), "the first of the pixels in the middle");
+        assert_eq!(clicks.len(), 3);
+        assert!(clicks[1].0 > 28 && (12..24).contains(&clicks[2].0), "{clicks:?}");
+        assert_eq!(sample_clicks(&bar, 1), [(7, 9)]);
+    }
+
+    #[test]
+    fn small_regions_have_few_clicks_and_empty_ones_none() {
+        let pair = Mask::from_fn(9, 9, |column, row| row == 4 && (3..5).contains(&column));
+        assert_eq!(sample_clicks(&pair, 5), [(3, 4), (4, 4)]);
+        assert!(sample_clicks(&Mask::empty(9, 9), 5).is_empty() && sample_clicks(&pair, 0).is_empty());
+    }
+
+    proptest! {
+        #[test]
+        fn clicks_are_different_pixels_of_the_region(inside in prop::collection::vec(any::<bool>(), 96..=96)) {
+            let region = Mask::from_fn(12, 8, |column, row| inside[row * 12 + column]);
+            let clicks = sample_clicks(&region, 5);
+            prop_assert!(clicks.iter().all(|(column, row)| region.contains(*column, *row)));
+            let mut different = clicks.clone();
+            different.sort_unstable();
+            different.dedup();
+            prop_assert_eq!(different.len(), clicks.len());
+            prop_assert_eq!(clicks.is_empty(), region.is_empty());
+        }
+    }
+}

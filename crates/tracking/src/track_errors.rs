@@ -1,0 +1,279 @@
+//! The tracker's errors, seen from the memory (METHOD, "SAM2-Splat, one frame", step 2).
+//!
+//! A track's id is also the id of the segment that the memory should show at the same place. Terms:
+//!
+//! - An expected segment is **trusted** if it is large enough (`min_expected_area`) and its mean confidence is high
+//!   enough (`min_confidence`). Nothing is said of other segments.
+//! - A track **lies on** the expected segment with which it has the largest F-score, if that is at least `min_f_score`.
+//!   Only pixels count where the memory expects anything: a track that goes on into what the memory has not seen is right.
+//! - A track's **wrong share** is the share of the pixels showing its id, where the memory expects any segment, on which
+//!   it expects another. An id is shown where the track's mask is not below a smaller one (as segments are painted).
+//! - A track in view is **right** if its own segment is trusted, their F-score is at least `min_f_score`, and its wrong
+//!   share is at most `max_wrong_share`; it is **wrong** if its own segment is trusted and it is not right. A track whose
+//!   own segment is not expected, or not trusted, is neither: the memory does not know it (yet).
+//!
+//! The errors:
+//!
+//! - **(a) not tracked**: a trusted segment whose own track shows nothing and that no track lies on, where other tracks
+//!   cover at most `max_covered_share` of it. Remedy: clicks on what they leave.
+//! - **(b) incorrect track**: a trusted segment whose own track shows nothing, but another lies on it; or whose own
+//!   track is wrong (unless that is a duplicate). Remedy: positive clicks on the segment, negative ones on what its
+//!   track has of other segments. A track that lies on it and whose own segment the memory does not expect is removed:
+//!   it follows this object under a newer id, or its object is out of view and will be prompted when it returns.
+//! - **(c) duplicated track**: a track lies on a segment that its own, right track follows. If the track's own segment is
+//!   trusted it gets positive clicks there and negative ones on the other; if it is not expected, it is removed.
+//!
+//! No remedy asks for pixels of a track that is right, and no right track is ever prompted or removed.
+
+use crate::RepromptSettings;
+use crate::matching::overlaps;
+use crate::painting::painted;
+use rayon::prelude::*;
+use splatseg_geometry::{Mask, SegmentId, SegmentMap};
+use splatseg_memory::SegmentBelief;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The kinds of errors that a memory can see.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum TrackErrorKind {
+    /// Expected but absent.
+    NotTracked,
+    /// Tracked under another id.
+    IncorrectTrack,
+    /// One expected segment, several tracks.
+    DuplicatedTrack,
+}
+
+/// An error of a tracker.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrackError {
+    /// Its kind.
+    pub kind: TrackErrorKind,
+    /// The track that something must be done about.
+    pub track: SegmentId,
+    /// What.
+    pub remedy: Remedy,
+}
+
+/// What puts an error right.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Remedy {
+    /// The track is to be prompted.
+    Prompt {
+        /// Where it should be: positive clicks.
+        expected: Mask,
+        /// Where it should not be: negative clicks. Empty if its label is nowhere wrong.
+        wrong: Mask,
+    },
+    /// The track is to be removed.
+    Remove,
+}
+
+/// Errors of a frame, or summed over frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct TrackErrorCounts {
+    /// Expected but absent.
+    pub not_tracked: usize,
+    /// Tracked under another id.
+    pub incorrect_track: usize,
+    /// One expected segment, several tracks.
+    pub duplicated_track: usize,
+}
+
+impl TrackErrorCounts {
+    /// The counts of a list of errors.
+    pub fn of(errors: &[TrackError]) -> Self {
+        let count = |kind| errors.iter().filter(|error| error.kind == kind).count();
+        Self {
+            not_tracked: count(TrackErrorKind::NotTracked),
+            incorrect_track: count(TrackErrorKind::IncorrectTrack),
+            duplicated_track: count(TrackErrorKind::DuplicatedTrack),
+        }
+    }
+}
+
+impl std::ops::AddAssign for TrackErrorCounts {
+    fn add_assign(&mut self, other: Self) {
+        self.not_tracked += other.not_tracked;
+        self.incorrect_track += other.incorrect_track;
+        self.duplicated_track += other.duplicated_track;
+    }
+}
+
+/// The errors of the kinds that `settings` look for, those of one track as one, by increasing id of the track.
+///
+/// `tracks` are the tracker's masks of a frame, by increasing id; `expected` is what the memory expects in it.
+pub fn find_track_errors(
+    expected: &SegmentBelief,
+    tracks: &[(SegmentId, Mask)],
+    settings: &RepromptSettings,
+) -> Vec<TrackError> {
+    let comparison = Comparison::new(expected, tracks, settings);
+    let mut errors = Vec::new();
+    for segment in comparison.trusted.iter().copied() {
+        if let Some(error) = comparison.error_of_expected(segment) {
+            errors.push(error);
+        }
+    }
+    for id in comparison.tracks.keys().copied() {
+        if let Some(error) = comparison.error_of_unexpected(id) {
+            errors.push(error);
+        }
+    }
+    errors.retain(|error| match error.kind {
+        TrackErrorKind::NotTracked => settings.not_tracked,
+        TrackErrorKind::IncorrectTrack => settings.incorrect_track,
+        TrackErrorKind::DuplicatedTrack => settings.duplicated_track,
+    });
+    errors.sort_by_key(|error| error.track);
+    errors
+}
+
+/// A track in view, compared with what is expected.
+struct ComparedTrack<'a> {
+    mask: &'a Mask,
+    /// The expected segment that it lies on.
+    lies_on: Option<SegmentId>,
+    standing: Standing,
+}
+
+/// What the memory says of a track.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Standing {
+    Right,
+    Wrong,
+    Unknown,
+}
+
+struct Comparison<'a> {
+    expected: &'a SegmentMap,
+    settings: &'a RepromptSettings,
+    trusted: BTreeSet<SegmentId>,
+    /// Those in view.
+    tracks: BTreeMap<SegmentId, ComparedTrack<'a>>,
+}
+
+impl<'a> Comparison<'a> {
+    fn new(expected: &'a SegmentBelief, tracks: &'a [(SegmentId, Mask)], settings: &'a RepromptSettings) -> Self {
+        let segments = &expected.segments;
+        let (areas, trusted) = (segments.areas(), trusted(expected, settings));
+        let wrong_shares = wrong_shares(segments, tracks);
+        let compare = |id: SegmentId, mask: &'a Mask| {
+            let overlaps = overlaps(segments, mask);
+            let known: usize = overlaps.values().sum();
+            let f_score = |segment: &SegmentId| {
+                let shared = overlaps.get(segment).copied().unwrap_or(0);
+                2.0 * shared as f64 / (known + areas.get(segment).copied().unwrap_or(0)).max(1) as f64
+            };
+            // The first of several equally good ones.
+            let best =
+                overlaps.keys().map(|segment| (f_score(segment), *segment)).rev().max_by(|a, b| a.0.total_cmp(&b.0));
+            let is_right = f_score(&id) >= settings.min_f_score
+                && wrong_shares.get(&id).copied().unwrap_or(0.0) <= settings.max_wrong_share;
+            let standing = match (trusted.contains(&id), is_right) {
+                (false, _) => Standing::Unknown,
+                (true, true) => Standing::Right,
+                (true, false) => Standing::Wrong,
+            };
+            let lies_on = best.filter(|(score, _)| *score >= settings.min_f_score).map(|(_, segment)| segment);
+            ComparedTrack { mask, lies_on, standing }
+        };
+        let in_view: Vec<&(SegmentId, Mask)> = tracks.iter().filter(|(_, mask)| !mask.is_empty()).collect();
+        let compared = in_view.into_par_iter().map(|(id, mask)| (*id, compare(*id, mask)));
+        Self { expected: segments, settings, tracks: compared.collect::<Vec<_>>().into_iter().collect(), trusted }
+    }
+
+    /// What is wrong about a trusted segment's own track.
+    fn error_of_expected(&self, segment: SegmentId) -> Option<TrackError> {
+        let own = self.tracks.get(&segment);
+        if own.is_some_and(|own| own.standing == Standing::Right) {
+            return None;
+        }
+        let expected = self.expected.mask_of(segment);
+        let area = expected.area();
+        let left = self.left_by_others(segment, expected);
+        if ((area - left.area()) as f64) > self.settings.max_covered_share * area as f64 {
+            return None;
+        }
+        let kind = match own {
+            Some(own) if own.lies_on.is_some_and(|other| other != segment && self.is_right(other)) => {
+                TrackErrorKind::DuplicatedTrack
+            }
+            None if !self.is_lain_on(segment) => TrackErrorKind::NotTracked,
+            _ => TrackErrorKind::IncorrectTrack,
+        };
+        let wrong = own.map_or_else(
+            || Mask::empty(left.width(), left.height()),
+            |own| {
+                let expects_other = |column, row| ![0, segment].contains(&self.expected[(column, row)]);
+                Mask::from_fn(left.width(), left.height(), |column, row| {
+                    own.mask.contains(column, row) && expects_other(column, row)
+                })
+            },
+        );
+        Some(TrackError { kind, track: segment, remedy: Remedy::Prompt { expected: left, wrong } })
+    }
+
+    /// What is wrong about a track that lies on another segment while its own is not trusted.
+    fn error_of_unexpected(&self, id: SegmentId) -> Option<TrackError> {
+        let track = self.tracks.get(&id).filter(|track| track.standing == Standing::Unknown)?;
+        let segment = track.lies_on.filter(|segment| *segment != id && self.trusted.contains(segment))?;
+        let kind = if self.is_right(segment) {
+            TrackErrorKind::DuplicatedTrack
+        } else {
+            // The segment's own track is prompted, unless right tracks cover it.
+            self.error_of_expected(segment)?;
+            TrackErrorKind::IncorrectTrack
+        };
+        Some(TrackError { kind, track: id, remedy: Remedy::Remove })
+    }
+
+    fn is_right(&self, id: SegmentId) -> bool {
+        self.tracks.get(&id).is_some_and(|track| track.standing == Standing::Right)
+    }
+
+    /// Whether any track but its own lies on a segment.
+    fn is_lain_on(&self, segment: SegmentId) -> bool {
+        self.tracks.iter().any(|(id, track)| *id != segment && track.lies_on == Some(segment))
+    }
+
+    /// What other tracks leave of a segment, but for those that are wrong or lie on it.
+    fn left_by_others(&self, segment: SegmentId, mut expected: Mask) -> Mask {
+        let has_a_claim = |track: &ComparedTrack| track.standing != Standing::Wrong && track.lies_on != Some(segment);
+        for (id, track) in &self.tracks {
+            if *id != segment && has_a_claim(track) {
+                expected.subtract(track.mask);
+            }
+        }
+        expected
+    }
+}
+
+/// The expected segments that are large and certain enough.
+fn trusted(expected: &SegmentBelief, settings: &RepromptSettings) -> BTreeSet<SegmentId> {
+    let mut sums: BTreeMap<SegmentId, (usize, f64)> = BTreeMap::new();
+    for (segment, confidence) in expected.segments.pixels().iter().zip(expected.confidence.pixels()) {
+        if *segment != 0 {
+            let (area, sum) = sums.entry(*segment).or_default();
+            *area += 1;
+            *sum += f64::from(*confidence);
+        }
+    }
+    let is_trusted = |(area, sum): &(usize, f64)| {
+        *area >= settings.min_expected_area.max(1) && sum / *area as f64 >= f64::from(settings.min_confidence)
+    };
+    sums.into_iter().filter(|(_, found)| is_trusted(found)).map(|(segment, _)| segment).collect()
+}
+
+/// The share of each shown id's pixels, of those where a segment is expected, on which it is another.
+fn wrong_shares(expected: &SegmentMap, tracks: &[(SegmentId, Mask)]) -> BTreeMap<SegmentId, f64> {
+    let mut counts: BTreeMap<SegmentId, (usize, usize)> = BTreeMap::new();
+    for (shown, expected) in painted(expected.size(), tracks).pixels().iter().zip(expected.pixels()) {
+        if *shown != 0 && *expected != 0 {
+            let (known, wrong) = counts.entry(*shown).or_default();
+            *known += 1;
+            *wrong += usize::from(shown != expected);
+        }
+    }
+    counts.into_iter().map(|(id, (known, wrong))| (id, wrong as f64 / known as f64)).collect()
+}
