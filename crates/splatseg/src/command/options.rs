@@ -14,10 +14,9 @@ pub struct DatasetOptions {
     /// Format of the scene: auto, 7scenes, scannet, sens, tum, replica, mvpd or synthetic [default: auto]
     #[arg(long, value_name = "FORMAT")]
     pub format: Option<Format>,
-    /// Read scenes as a published benchmark does: scannet-mv (the paper's: --stride 20 --resize 320x240
-    /// --crop-border 5). Other options win over it
-    #[arg(long, value_name = "PRESET")]
-    pub preset: Option<Preset>,
+    /// Read scenes as a published benchmark does; other options win over it
+    #[arg(long, value_enum, value_name = "PRESET")]
+    pub preset: Option<PresetName>,
     /// Use every N-th frame
     #[arg(long, value_name = "N")]
     pub stride: Option<usize>,
@@ -38,11 +37,21 @@ pub struct DatasetOptions {
     pub register_depth: bool,
 }
 
+/// The presets on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum PresetName {
+    /// The paper's ScanNet-MV: --stride 20 --resize 320x240 --crop-border 5
+    ScannetMv,
+    /// The same; `bench` then measures every row of the paper's tables
+    Paper,
+}
+
 impl DatasetOptions {
     /// Lays the options that were given over the layers.
     pub fn add_to(&self, layers: &mut SettingsLayers) -> Result<(), Failure> {
-        if let Some(preset) = self.preset {
-            let preset = preset.settings();
+        if self.preset.is_some() {
+            // Both read scenes in the same way.
+            let preset = Preset::ScannetMv.settings();
             let settings = [
                 ("dataset.stride", whole(preset.stride)),
                 ("dataset.resize", preset.resize.and_then(|size| text(size.to_string()))),
@@ -115,7 +124,15 @@ pub struct SettingsOptions {
 impl SettingsOptions {
     /// The layers that file, options and assignments make together; `more` options lie under the assignments.
     pub fn layers<const N: usize>(&self, more: [(&str, Option<toml::Value>); N]) -> Result<SettingsLayers, Failure> {
-        let mut layers = SettingsLayers::default();
+        self.layers_over(SettingsLayers::default(), more)
+    }
+
+    /// [`Self::layers`] over other settings.
+    pub fn layers_over<const N: usize>(
+        &self,
+        mut layers: SettingsLayers,
+        more: [(&str, Option<toml::Value>); N],
+    ) -> Result<SettingsLayers, Failure> {
         if let Some(path) = &self.config {
             layers.add_file(path).map_err(Failure::input)?;
         }

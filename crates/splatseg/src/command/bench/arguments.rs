@@ -1,6 +1,6 @@
 //! The command line of `splatseg bench`.
 
-use crate::command::options::{ScoreOptions, SettingsOptions};
+use crate::command::options::{PresetName, ScoreOptions, SettingsOptions};
 use clap::Args;
 use splatseg::settings::MethodName;
 use std::path::PathBuf;
@@ -14,15 +14,23 @@ use std::path::PathBuf;
     splatseg bench --scenes dev-a dev-b --methods fastsam,fastspam,fastsam-splat --segmenter oracle \\\n    \
     --set oracle.preset=fastsam-like --seeds 5 --out bench\n  \
     splatseg bench --scenes dev-a --methods fastsam-splat --ablate memory.feature_dim=1,4,7,14,28 \\\n    \
-    --ablate memory.num_steps=0,1,5,20,50 --out ablations"
+    --ablate memory.num_steps=0,1,5,20,50 --out ablations\n  \
+    splatseg bench --preset paper --scannet ScanNet --weights-dir weights --out paper"
 )]
 pub struct BenchArguments {
     /// Scenes with ground truth
-    #[arg(long, value_name = "SCENE", num_args = 1.., required = true)]
+    #[arg(long, value_name = "SCENE", num_args = 1.., required_unless_present = "preset")]
     pub scenes: Vec<String>,
     /// Methods; the report compares the others with the first
-    #[arg(long, value_enum, value_name = "METHOD,…", value_delimiter = ',', required = true)]
+    #[arg(long, value_enum, value_name = "METHOD,…", value_delimiter = ',', required_unless_present = "preset")]
     pub methods: Vec<MethodName>,
+    /// For --preset paper: ScanNet's folder, with scenes (.sens or exported) in it or in `scans`; where it has a
+    /// scannetv2_val.txt, only the scenes that this names
+    #[arg(long, value_name = "DIR")]
+    pub scannet: Option<PathBuf>,
+    /// For --preset paper: folder with the checkpoints of FastSAM and SAM 2.1, under any name
+    #[arg(long, value_name = "DIR")]
+    pub weights_dir: Option<PathBuf>,
     /// Folder for results.json, results.csv, failures.json, tables.md, report.html and results/
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -43,4 +51,11 @@ pub struct BenchArguments {
     pub score: ScoreOptions,
     #[command(flatten)]
     pub options: SettingsOptions,
+}
+
+impl BenchArguments {
+    /// Whether all of the paper's tables are asked for.
+    pub fn runs_the_paper(&self) -> bool {
+        self.options.dataset.preset == Some(PresetName::Paper)
+    }
 }

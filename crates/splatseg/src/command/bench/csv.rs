@@ -31,7 +31,7 @@ fn cells(row: &Row) -> Vec<String> {
     let mut cells = vec![
         quoted(row.scene),
         quoted(row.method),
-        quoted(row.variant.unwrap_or_default()),
+        quoted(row.variant.as_deref().unwrap_or_default()),
         row.seed.to_string(),
         quoted(row.segmenter),
         quoted(row.protocol),

@@ -34,7 +34,7 @@ pub fn document(results: &Results) -> String {
     if !results.failed.is_empty() {
         text.push_str("## Not measured\n\n");
         for failed in &results.failed {
-            let variant = failed.variant.map(|variant| format!(" {variant}")).unwrap_or_default();
+            let variant = failed.variant.as_ref().map(|variant| format!(" {variant}")).unwrap_or_default();
             let error = failed.error.replace('\n', " ");
             text.push_str(&format!("- {}, {}{variant}, seed {}: {error}\n", failed.scene, failed.method, failed.seed));
         }

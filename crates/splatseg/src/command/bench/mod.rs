@@ -19,6 +19,7 @@ pub use arguments::BenchArguments;
 use super::Failure;
 use super::output_folder::Existing;
 use job::JobResult;
+use paper::PaperBenchmark;
 use plan::Plan;
 use pool::Workers;
 use rows::{Failed, Finished, Row};
@@ -41,7 +42,11 @@ pub struct Results<'a> {
 
 /// Does what `splatseg bench` asks for.
 pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
-    let plan = Plan::new(arguments)?;
+    let paper = arguments.runs_the_paper().then(|| PaperBenchmark::prepare(arguments)).transpose()?;
+    let plan = match &paper {
+        Some(paper) => paper.plan(arguments)?,
+        None => Plan::new(arguments)?,
+    };
     plan.require_a_scene()?;
     let program = Program::running();
     let store = ResultStore::open(&arguments.out, Existing::from_flag(arguments.overwrite), &program)?;
@@ -58,6 +63,11 @@ pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
 
     let results = Results::new(&plan, plan.protocol, &outcomes);
     write(&arguments.out, &results)?;
+    if let Some(paper) = &paper {
+        let path = arguments.out.join("paper.md");
+        write_atomically(&path, paper::document(paper, &results).as_bytes()).map_err(Failure::work)?;
+        say!("\n{}\nthe paper's tables, ours beside its own, are in {}", paper.missing_list(), path.display());
+    }
     say!("\n{}", tables::over_all_scenes(&results, plan.protocol).terminal());
     say!(
         "tables are in {}, the report is {}: open it in a browser",
@@ -106,7 +116,7 @@ impl<'a> Results<'a> {
                     scene: &scene.name,
                     scene_path: &scene.path,
                     method: plan.variants[entry.variant].method.name(),
-                    variant: plan.variants[entry.variant].change.as_deref(),
+                    variant: plan.variants[entry.variant].change(),
                     seed: entry.seed,
                     error,
                 }),

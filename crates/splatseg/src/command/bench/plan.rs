@@ -28,17 +28,20 @@ pub struct SceneEntry {
 pub struct Variant {
     /// The method.
     pub method: MethodName,
-    /// The ablated setting, e.g. `memory.feature_dim=14`.
-    pub change: Option<String>,
+    /// Settings that differ, e.g. `memory.feature_dim=14`; none for the method as it is.
+    pub changes: Vec<String>,
 }
 
 impl Variant {
     /// Its name in tables.
     pub fn label(&self) -> String {
-        match &self.change {
-            None => self.method.name().to_owned(),
-            Some(change) => format!("{} {change}", self.method.name()),
-        }
+        let name = self.method.name();
+        self.change().map_or_else(|| name.to_owned(), |change| format!("{name} {change}"))
+    }
+
+    /// What differs, in one text.
+    pub fn change(&self) -> Option<String> {
+        (!self.changes.is_empty()).then(|| self.changes.join(" "))
     }
 }
 
@@ -88,7 +91,17 @@ pub struct Plan {
 impl Plan {
     /// What the command line asks for.
     pub fn new(arguments: &BenchArguments) -> Result<Self, Failure> {
-        let layers = arguments.options.layers([])?;
+        let variants = variants(&arguments.methods, &arguments.ablate)?;
+        Self::of(arguments, &arguments.options.layers([])?, &arguments.scenes, variants)
+    }
+
+    /// These variants on these scenes, with the settings of `layers`.
+    pub fn of(
+        arguments: &BenchArguments,
+        layers: &SettingsLayers,
+        scene_paths: &[String],
+        variants: Vec<Variant>,
+    ) -> Result<Self, Failure> {
         let settings = layers.clone().resolve().map_err(Failure::input)?;
         if arguments.seeds == 0 {
             return Err(Failure::input("--seeds: found 0, expected 1 or more"));
@@ -96,8 +109,8 @@ impl Plan {
         let score = arguments.score.settings()?;
         let seeds = (0..arguments.seeds as u64).map(|step| settings.seed.saturating_add(step)).collect();
         let mut plan = Self {
-            scenes: scenes(&arguments.scenes, &settings),
-            variants: variants(&arguments.methods, &arguments.ablate)?,
+            scenes: scenes(scene_paths, &settings),
+            variants,
             seeds,
             jobs: Vec::new(),
             entries: Vec::new(),
@@ -105,7 +118,7 @@ impl Plan {
             protocol: score.protocol,
             settings,
         };
-        plan.add_entries(&layers, score)?;
+        plan.add_entries(layers, score)?;
         Ok(plan)
     }
 
@@ -178,7 +191,7 @@ fn scenes(paths: &[String], settings: &Settings) -> Vec<SceneEntry> {
 
 /// Each method as it is, then with each value of each ablation.
 fn variants(methods: &[MethodName], ablations: &[String]) -> Result<Vec<Variant>, Failure> {
-    let mut changes = vec![None];
+    let mut changes = vec![Vec::new()];
     for ablation in ablations {
         let malformed = || Failure::input(format!("--ablate {ablation}: expected KEY=V1,V2,…"));
         let (key, values) = ablation.split_once('=').ok_or_else(malformed)?;
@@ -189,13 +202,13 @@ fn variants(methods: &[MethodName], ablations: &[String]) -> Result<Vec<Variant>
             if matches!(key.trim(), "seed" | "method" | "threads") {
                 return Err(Failure::input(format!("--ablate {ablation}: use --seeds and --methods for these")));
             }
-            changes.push(Some(format!("{}={value}", key.trim())));
+            changes.push(vec![format!("{}={value}", key.trim())]);
         }
     }
     let mut variants: Vec<Variant> = Vec::new();
     for method in methods {
         for change in &changes {
-            let variant = Variant { method: *method, change: change.clone() };
+            let variant = Variant { method: *method, changes: change.clone() };
             if !variants.contains(&variant) {
                 variants.push(variant);
             }
@@ -206,7 +219,7 @@ fn variants(methods: &[MethodName], ablations: &[String]) -> Result<Vec<Variant>
 
 fn variant_settings(layers: &SettingsLayers, variant: &Variant, seed: u64) -> Result<Settings, Failure> {
     let mut layers = layers.clone();
-    if let Some(change) = &variant.change {
+    for change in &variant.changes {
         layers.add_assignment(change).map_err(Failure::input)?;
     }
     let mut settings = layers.resolve().map_err(Failure::input)?;

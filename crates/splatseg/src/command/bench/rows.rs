@@ -33,8 +33,8 @@ pub struct Failed<'a> {
     pub scene_path: &'a str,
     /// Name of the method.
     pub method: &'static str,
-    /// The ablated setting.
-    pub variant: Option<&'a str>,
+    /// The ablated settings.
+    pub variant: Option<String>,
     /// The seed.
     pub seed: u64,
     /// Why.
@@ -50,8 +50,8 @@ pub struct Row<'a> {
     pub scene_path: &'a str,
     /// Name of the method.
     pub method: &'static str,
-    /// The ablated setting, e.g. `memory.feature_dim=14`.
-    pub variant: Option<&'a str>,
+    /// The ablated settings, e.g. `memory.feature_dim=14`.
+    pub variant: Option<String>,
     /// The seed.
     pub seed: u64,
     /// Name of the segmenter.
@@ -103,7 +103,7 @@ impl<'a> Row<'a> {
             scene: &scene.name,
             scene_path: &scene.path,
             method: variant.method.name(),
-            variant: variant.change.as_deref(),
+            variant: variant.change(),
             seed: finished.seed,
             segmenter: result.inputs.settings.segmenter.name(),
             protocol: protocol_name(results.protocol),

@@ -92,7 +92,9 @@ fn against_first(results: &Results, name: &str, score: impl Fn(&Scores) -> Optio
 fn ablations(results: &Results, table: &Table) -> Vec<Chart> {
     let mut groups: Vec<(String, Vec<(String, usize)>)> = Vec::new();
     for (place, variant) in results.plan.variants.iter().enumerate() {
-        if let Some((key, value)) = variant.change.as_deref().and_then(|change| change.split_once('=')) {
+        // Several settings at once have no axis.
+        let [change] = variant.changes.as_slice() else { continue };
+        if let Some((key, value)) = change.split_once('=') {
             let title = format!("{} over {key}", variant.method.name());
             match groups.iter_mut().find(|(other, _)| *other == title) {
                 Some((_, values)) => values.push((value.to_owned(), place)),

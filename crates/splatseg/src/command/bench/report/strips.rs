@@ -38,7 +38,7 @@ pub fn of_scenes(results: &Results) -> Vec<Strip> {
     let plan = results.plan;
     let mut variants: Vec<usize> = (0..plan.variants.len()).collect();
     if variants.len() > MOST_METHODS {
-        variants.retain(|variant| plan.variants[*variant].change.is_none());
+        variants.retain(|variant| plan.variants[*variant].changes.is_empty());
         variants.truncate(MOST_METHODS);
     }
     let panels = variants.len() + 2;

@@ -1,0 +1,207 @@
+//! What the paper's tables are made from: scenes and checkpoints in the user's folders.
+
+use crate::command::Failure;
+use splatseg_dataset::{DatasetSettings, open_scene};
+use splatseg_models::checkpoint::{Architecture, Checkpoint};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// A file of scene names, one per line, as ScanNet publishes its validation split.
+const VALIDATION_SPLIT: &str = "scannetv2_val.txt";
+
+/// Something that is not there, and where its owner publishes it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MissingInput {
+    /// What, and for which rows.
+    pub what: String,
+    /// Where.
+    pub published: &'static str,
+}
+
+/// What was found.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Inputs {
+    /// Paths of scenes, by name.
+    pub scenes: Vec<String>,
+    /// FastSAM's checkpoint.
+    pub fastsam: Option<PathBuf>,
+    /// SAM 2.1's checkpoint.
+    pub sam2: Option<PathBuf>,
+    /// How what was found differs from what the paper used.
+    pub notes: Vec<String>,
+    /// What was not found.
+    pub missing: Vec<MissingInput>,
+}
+
+impl Inputs {
+    /// Looks through the folders.
+    ///
+    /// # Errors
+    /// If a folder cannot be read.
+    pub fn find(scannet: Option<&Path>, weights_dir: Option<&Path>) -> Result<Self, Failure> {
+        let mut inputs = Self::default();
+        if let Some(folder) = scannet {
+            inputs.scenes = scenes(folder, &mut inputs.missing)?;
+        }
+        if inputs.scenes.is_empty() {
+            inputs.missing.push(MissingInput {
+                what: "ScanNet's validation scenes (.sens, or exported with labels): every row".to_owned(),
+                published: "http://www.scan-net.org, after signing its terms of use",
+            });
+        }
+        if let Some(folder) = weights_dir {
+            inputs.look_for_weights(folder)?;
+        }
+        if inputs.fastsam.is_none() {
+            inputs.missing.push(MissingInput {
+                what: "FastSAM-x.pt: every row but those prompted from ground truth".to_owned(),
+                published: "https://github.com/CASIA-IVA-Lab/FastSAM, or https://docs.ultralytics.com/models/fast-sam",
+            });
+        }
+        if inputs.sam2.is_none() {
+            inputs.missing.push(MissingInput {
+                what: "sam2.1_hiera_base_plus.pt: SAM2 and SAM2-Splat".to_owned(),
+                published: "https://github.com/facebookresearch/sam2",
+            });
+        }
+        inputs.missing.push(MissingInput {
+            what: "MVPd: its table".to_owned(),
+            published: "https://topipari.com/projects/FastSAM-Splat",
+        });
+        Ok(inputs)
+    }
+
+    fn look_for_weights(&mut self, folder: &Path) -> Result<(), Failure> {
+        let mut found: Vec<(PathBuf, Architecture)> = Vec::new();
+        for path in entries(folder)? {
+            let extension = path.extension().and_then(|extension| extension.to_str());
+            if !path.is_file() || !matches!(extension, Some("pt" | "pth" | "safetensors")) {
+                continue;
+            }
+            match Checkpoint::open(&path) {
+                Ok(checkpoint) => found.push((path, checkpoint.architecture())),
+                Err(error) => self.notes.push(format!("left alone: {error}")),
+            }
+        }
+        if let Some((path, name)) = best(&found, fastsam_rank) {
+            if fastsam_rank(&name) != Some(0) {
+                self.notes.push(format!("the paper's FastSAM-x is not there; in its place: {name}, {}", path.display()));
+            }
+            self.fastsam = Some(path);
+        }
+        if let Some((path, name)) = best(&found, sam2_rank) {
+            if sam2_rank(&name) != Some(0) {
+                let (name, path) = (name.to_string(), path.display());
+                self.notes.push(format!("the paper's SAM 2.1 base_plus is not there; in its place: {name}, {path}"));
+            }
+            self.sam2 = Some(path);
+        }
+        Ok(())
+    }
+}
+
+/// The scenes of ScanNet in a folder: the folder itself, or what lies in it or in its `scans`.
+fn scenes(folder: &Path, missing: &mut Vec<MissingInput>) -> Result<Vec<String>, Failure> {
+    let settings = DatasetSettings::default();
+    let can_be_opened = |path: &Path| open_scene(&path.to_string_lossy(), &settings).is_ok();
+    if can_be_opened(folder) {
+        return Ok(vec![folder.to_string_lossy().into_owned()]);
+    }
+    let mut paths = entries(folder)?;
+    if folder.join("scans").is_dir() {
+        paths.extend(entries(&folder.join("scans"))?);
+    }
+    let split = std::fs::read_to_string(folder.join(VALIDATION_SPLIT)).ok();
+    let wanted: Option<BTreeSet<&str>> =
+        split.as_deref().map(|text| text.lines().map(str::trim).filter(|name| !name.is_empty()).collect());
+    let name = |path: &Path| path.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    paths.retain(|path| wanted.as_ref().is_none_or(|wanted| wanted.contains(name(path).as_str())));
+    paths.retain(|path| can_be_opened(path));
+    let there: BTreeSet<String> = paths.iter().map(|path| name(path)).collect();
+    let absent: Vec<&str> =
+        wanted.iter().flatten().copied().filter(|name| !there.contains(*name)).collect();
+    if let [first, ..] = absent.as_slice() {
+        missing.push(MissingInput {
+            what: format!("{} scenes of {VALIDATION_SPLIT}, {first} the first", absent.len()),
+            published: "http://www.scan-net.org, after signing its terms of use",
+        });
+    }
+    Ok(paths.iter().map(|path| path.to_string_lossy().into_owned()).collect())
+}
+
+/// What lies in a folder, by name.
+fn entries(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let of_folder = |error: std::io::Error| Failure::input(format!("{}: {error}", folder.display()));
+    let mut paths = std::fs::read_dir(folder)
+        .map_err(of_folder)?
+        .map(|entry| entry.map(|entry| entry.path()).map_err(of_folder))
+        .collect::<Result<Vec<_>, _>>()?;
+    paths.sort();
+    Ok(paths)
+}
+
+/// The checkpoint of the lowest rank, and of several the first by name.
+fn best(
+    found: &[(PathBuf, Architecture)],
+    rank: fn(&Architecture) -> Option<usize>,
+) -> Option<(PathBuf, Architecture)> {
+    found.iter().filter(|(_, architecture)| rank(architecture).is_some()).min_by_key(|(_, name)| rank(name)).cloned()
+}
+
+/// 0 for the paper's FastSAM-x, larger for other FastSAMs.
+fn fastsam_rank(architecture: &Architecture) -> Option<usize> {
+    match architecture {
+        Architecture::YoloV8Seg { scale, classes: 1, .. } => {
+            Some(scale.and_then(|scale| "xlmsn".find(scale)).unwrap_or(5))
+        }
+        _ => None,
+    }
+}
+
+/// 0 for the paper's SAM 2.1 base_plus, larger for other sizes.
+fn sam2_rank(architecture: &Architecture) -> Option<usize> {
+    match architecture {
+        Architecture::Sam2 { size, is_2_1: true, .. } => {
+            let sizes = ["base_plus", "large", "small", "tiny"];
+            Some(size.and_then(|size| sizes.iter().position(|known| *known == size)).unwrap_or(4))
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_missing_is_told_with_its_source() {
+        let inputs = Inputs::find(None, None).unwrap();
+        let whats: Vec<&str> = inputs.missing.iter().map(|missing| missing.what.as_str()).collect();
+        assert_eq!(whats.len(), 4);
+        for (what, name) in whats.iter().zip(["ScanNet", "FastSAM-x.pt", "sam2.1_hiera_base_plus.pt", "MVPd"]) {
+            assert!(what.contains(name), "{what}");
+        }
+        assert!(inputs.missing.iter().all(|missing| missing.published.starts_with("http")));
+        let absent = Inputs::find(None, Some(Path::new("/nowhere"))).unwrap_err();
+        assert!(absent.to_string().contains("/nowhere"), "{absent}");
+    }
+
+    #[test]
+    fn the_papers_checkpoints_come_first() {
+        let yolo = |scale, classes| Architecture::YoloV8Seg { scale, width: 16, depth: 1, classes };
+        let sam2 = |size, is_2_1| Architecture::Sam2 { size, is_2_1, width: 96, blocks: 12 };
+        let found: Vec<(PathBuf, Architecture)> = [
+            ("a", yolo(Some('s'), 1)),
+            ("b", yolo(Some('x'), 80)),
+            ("c", yolo(Some('x'), 1)),
+            ("d", sam2(Some("tiny"), true)),
+            ("e", sam2(Some("base_plus"), false)),
+            ("f", sam2(Some("large"), true)),
+        ]
+        .map(|(path, architecture)| (PathBuf::from(path), architecture))
+        .to_vec();
+        assert_eq!(best(&found, fastsam_rank).unwrap().0, Path::new("c"));
+        assert_eq!(best(&found, sam2_rank).unwrap().0, Path::new("f"));
+        assert_eq!(best(&found[1..2], fastsam_rank), None);
+    }
+}
