@@ -43,10 +43,12 @@ fn every_row_that_the_inputs_allow_is_measured() {
     fs::copy(shared.join("golden/fastsam/fastsam_mini.pt"), weights.join("any name.pt")).unwrap();
     let folders =
         ["--scannet", scannet.to_str().unwrap(), "--weights-dir", weights.to_str().unwrap(), "--max-frames", "2"];
-    let small = ["--set", "fastsam.image_size=320", "--set", "memory.num_codes=64"];
+    let small =
+        ["fastsam.image_size=320", "fastsam.max_det=8", "memory.num_codes=64"].map(|setting| ["--set", setting]);
+    let arguments = [&folders[..], small.as_flattened()].concat();
 
     // Without SAM 2.1: its rows are listed with what they need.
-    let ended = bench_paper(&out, &[&folders[..], &small].concat());
+    let ended = bench_paper(&out, &arguments);
     assert_eq!(ended.code, 0, "{}", ended.err);
     let text = fs::read_to_string(out.join("paper.md")).unwrap();
     for line in [
@@ -63,7 +65,7 @@ fn every_row_that_the_inputs_allow_is_measured() {
     assert_eq!(measured(&out), 8);
 
     fs::copy(shared.join("golden/sam2/sam2_mini.pt"), weights.join("sam2.pt")).unwrap();
-    let ended = bench_paper(&out, &[&folders[..], &small].concat());
+    let ended = bench_paper(&out, &arguments);
     assert_eq!(ended.code, 0, "{}", ended.err);
     let text = fs::read_to_string(out.join("paper.md")).unwrap();
     assert!(!text.contains("needs weights"), "{text}");

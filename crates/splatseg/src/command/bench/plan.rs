@@ -225,8 +225,11 @@ fn variant_settings(layers: &SettingsLayers, variant: &Variant, seed: u64) -> Re
     let mut settings = layers.resolve().map_err(Failure::input)?;
     settings.method = variant.method;
     settings.seed = seed;
-    // Results do not depend on it.
+    // Results do not depend on these.
     settings.threads = 0;
+    if !matches!(variant.method, MethodName::Sam2 | MethodName::Sam2Splat) {
+        settings.tracker_weights = None;
+    }
     settings.memory.validate().map_err(Failure::input)?;
     Ok(settings)
 }

@@ -85,7 +85,8 @@ impl Inputs {
         }
         if let Some((path, name)) = best(&found, fastsam_rank) {
             if fastsam_rank(&name) != Some(0) {
-                self.notes.push(format!("the paper's FastSAM-x is not there; in its place: {name}, {}", path.display()));
+                self.notes
+                    .push(format!("the paper's FastSAM-x is not there; in its place: {name}, {}", path.display()));
             }
             self.fastsam = Some(path);
         }
@@ -103,7 +104,7 @@ impl Inputs {
 /// The scenes of ScanNet in a folder: the folder itself, or what lies in it or in its `scans`.
 fn scenes(folder: &Path, missing: &mut Vec<MissingInput>) -> Result<Vec<String>, Failure> {
     let settings = DatasetSettings::default();
-    let can_be_opened = |path: &Path| open_scene(&path.to_string_lossy(), &settings).is_ok();
+    let can_be_opened = |path: &Path| open_scene(path, &settings).is_ok();
     if can_be_opened(folder) {
         return Ok(vec![folder.to_string_lossy().into_owned()]);
     }
@@ -118,8 +119,7 @@ fn scenes(folder: &Path, missing: &mut Vec<MissingInput>) -> Result<Vec<String>,
     paths.retain(|path| wanted.as_ref().is_none_or(|wanted| wanted.contains(name(path).as_str())));
     paths.retain(|path| can_be_opened(path));
     let there: BTreeSet<String> = paths.iter().map(|path| name(path)).collect();
-    let absent: Vec<&str> =
-        wanted.iter().flatten().copied().filter(|name| !there.contains(*name)).collect();
+    let absent: Vec<&str> = wanted.iter().flatten().copied().filter(|name| !there.contains(*name)).collect();
     if let [first, ..] = absent.as_slice() {
         missing.push(MissingInput {
             what: format!("{} scenes of {VALIDATION_SPLIT}, {first} the first", absent.len()),

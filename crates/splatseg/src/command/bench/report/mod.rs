@@ -101,7 +101,7 @@ fn failures(results: &Results) -> String {
         return String::new();
     }
     let items = results.failed.iter().map(|failed| {
-        let variant = failed.variant.map(|variant| format!(" {variant}")).unwrap_or_default();
+        let variant = failed.variant.as_ref().map(|variant| format!(" {variant}")).unwrap_or_default();
         let what = format!("{}, {}{variant}, seed {}: {}", failed.scene, failed.method, failed.seed, failed.error);
         format!("<li>{}</li>", escape(&what))
     });
