@@ -28,13 +28,13 @@ pub struct SimTrackerSettings {
 impl Default for SimTrackerSettings {
     fn default() -> Self {
         Self {
-            loss_rate: 0.5,
-            lasting_loss_share: 0.5,
+            loss_rate: 1.0,
+            lasting_loss_share: 0.9,
             loss_frames: 5.0,
-            swap_rate: 0.003,
-            duplicate_rate: 0.003,
-            drift_rate: 0.003,
-            drift_px_per_frame: 2.0,
+            swap_rate: 0.2,
+            duplicate_rate: 0.2,
+            drift_rate: 0.2,
+            drift_px_per_frame: 6.0,
         }
     }
 }
