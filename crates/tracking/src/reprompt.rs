@@ -25,6 +25,8 @@ pub struct RepromptSettings {
     /// A track is wrong if the memory expects other segments on more than this share of the pixels that show its id. In
     /// [0, 1].
     pub max_wrong_share: f64,
+    /// Pixels this near to the track's own expected segment are not wrong, in steps along rows and columns.
+    pub outline_tolerance_px: usize,
     /// An absent segment is prompted if other tracks cover at most this share of it. In [0, 1].
     pub max_covered_share: f64,
     /// Expected segments of fewer pixels are not trusted.
@@ -42,6 +44,7 @@ impl Default for RepromptSettings {
             clicks: 5,
             min_f_score: 0.5,
             max_wrong_share: 0.25,
+            outline_tolerance_px: 2,
             max_covered_share: 0.5,
             min_expected_area: 100,
             min_confidence: 0.6,

@@ -6,8 +6,9 @@
 //!   enough (`min_confidence`). Nothing is said of other segments.
 //! - A track **lies on** the expected segment with which it has the largest F-score, if that is at least `min_f_score`.
 //!   Only pixels count where the memory expects anything: a track that goes on into what the memory has not seen is right.
-//! - A track's **wrong share** is the share of the pixels showing its id, where the memory expects any segment, on which
-//!   it expects another. An id is shown where the track's mask is not below a smaller one (as segments are painted).
+//! - A track's **wrong share** is the share of the pixels showing its id on which the memory expects another segment, but
+//!   for those within `outline_tolerance_px` of its own: outlines are never exact. An id is shown where the track's mask
+//!   is not below a smaller one (as segments are painted).
 //! - A track in view is **right** if its own segment is trusted, their F-score is at least `min_f_score`, and its wrong
 //!   share is at most `max_wrong_share`; it is **wrong** if its own segment is trusted and it is not right. A track whose
 //!   own segment is not expected, or not trusted, is neither: the memory does not know it (yet).
@@ -26,6 +27,7 @@
 //! No remedy asks for pixels of a track that is right, and no right track is ever prompted or removed.
 
 use crate::RepromptSettings;
+use crate::distance::steps_to;
 use crate::matching::overlaps;
 use crate::painting::painted;
 use rayon::prelude::*;
@@ -157,7 +159,7 @@ impl<'a> Comparison<'a> {
     fn new(expected: &'a SegmentBelief, tracks: &'a [(SegmentId, Mask)], settings: &'a RepromptSettings) -> Self {
         let segments = &expected.segments;
         let (areas, trusted) = (segments.areas(), trusted(expected, settings));
-        let wrong_shares = wrong_shares(segments, tracks);
+        let wrong_shares = wrong_shares(segments, tracks, &trusted, settings);
         let compare = |id: SegmentId, mask: &'a Mask| {
             let overlaps = overlaps(segments, mask);
             let known: usize = overlaps.values().sum();
@@ -265,15 +267,34 @@ fn trusted(expected: &SegmentBelief, settings: &RepromptSettings) -> BTreeSet<Se
     sums.into_iter().filter(|(_, found)| is_trusted(found)).map(|(segment, _)| segment).collect()
 }
 
-/// The share of each shown id's pixels, of those where a segment is expected, on which it is another.
-fn wrong_shares(expected: &SegmentMap, tracks: &[(SegmentId, Mask)]) -> BTreeMap<SegmentId, f64> {
+/// The wrong share of each trusted id that is shown. Shares that are small enough without `outline_tolerance_px` are
+/// given without it: nothing hangs on their exact value.
+fn wrong_shares(
+    expected: &SegmentMap,
+    tracks: &[(SegmentId, Mask)],
+    trusted: &BTreeSet<SegmentId>,
+    settings: &RepromptSettings,
+) -> BTreeMap<SegmentId, f64> {
+    let shown = painted(expected.size(), tracks);
     let mut counts: BTreeMap<SegmentId, (usize, usize)> = BTreeMap::new();
-    for (shown, expected) in painted(expected.size(), tracks).pixels().iter().zip(expected.pixels()) {
-        if *shown != 0 && *expected != 0 {
-            let (known, wrong) = counts.entry(*shown).or_default();
-            *known += 1;
-            *wrong += usize::from(shown != expected);
+    for (shown, expected) in shown.pixels().iter().zip(expected.pixels()) {
+        if trusted.contains(shown) {
+            let (area, wrong) = counts.entry(*shown).or_default();
+            *area += 1;
+            *wrong += usize::from(*expected != 0 && shown != expected);
         }
     }
-    counts.into_iter().map(|(id, (known, wrong))| (id, wrong as f64 / known as f64)).collect()
+    let share = |(id, (area, wrong)): (SegmentId, (usize, usize))| {
+        let share = wrong as f64 / area as f64;
+        if share <= settings.max_wrong_share {
+            return (id, share);
+        }
+        let steps = steps_to(expected.size(), |index| expected.pixels()[index] == id);
+        let is_wrong = |index: &usize| {
+            let other = expected.pixels()[*index];
+            shown.pixels()[*index] == id && other != 0 && steps[*index] > settings.outline_tolerance_px
+        };
+        (id, (0..steps.len()).filter(is_wrong).count() as f64 / area as f64)
+    };
+    counts.into_iter().map(share).collect()
 }

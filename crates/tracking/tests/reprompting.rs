@@ -1,0 +1,110 @@
+//! Every kind of error of a tracker, alone: it is found and put right, right tracks are left alone, and with its
+//! category switched off it stays.
+
+mod watched;
+
+use splatseg_tracking::{Method, RepromptSettings, SimTrackerSettings, TrackErrorCounts};
+use watched::{Seen, baseline, room, splat, tracker, watch};
+
+const OFF: RepromptSettings = RepromptSettings {
+    not_tracked: false,
+    incorrect_track: false,
+    duplicated_track: false,
+    clicks: 5,
+    min_f_score: 0.5,
+    max_wrong_share: 0.25,
+    outline_tolerance_px: 2,
+    max_covered_share: 0.5,
+    min_expected_area: 30,
+    min_confidence: 0.6,
+};
+
+/// A room, seen with a tracker that errs, and a method that looks for some errors.
+fn seen(errors: SimTrackerSettings, reprompt: RepromptSettings) -> Seen {
+    let scene = room(56);
+    let tracker = tracker(&scene, errors);
+    let mut method = splat(&scene, tracker.clone(), reprompt);
+    watch(&scene, &tracker, &mut method, 0.6)
+}
+
+/// That errors are put right within two frames where they are looked for, and stay where not. `of_kind` counts them.
+fn assert_repaired(errors: SimTrackerSettings, on: RepromptSettings, of_kind: impl Fn(TrackErrorCounts) -> usize) {
+    let repaired = seen(errors, on);
+    let left = seen(errors, OFF);
+    assert_eq!(left.found, TrackErrorCounts::default());
+    assert!(left.wrong > 20, "the tracker does err, in {} frames", left.wrong);
+    assert!(of_kind(repaired.found) >= 2, "{:?}", repaired.found);
+    assert!(repaired.longest <= 2, "an error lasted {} frames", repaired.longest);
+    assert!(repaired.wrong * 3 < left.wrong, "{} of {} wrong frames are left", repaired.wrong, left.wrong);
+}
+
+#[test]
+fn lost_tracks_are_found_again() {
+    let errors = SimTrackerSettings { loss_rate: 1.0, lasting_loss_share: 1.0, ..SimTrackerSettings::PERFECT };
+    assert_repaired(errors, RepromptSettings { not_tracked: true, ..OFF }, |found| found.not_tracked);
+}
+
+#[test]
+fn swapped_tracks_are_swapped_back() {
+    let errors = SimTrackerSettings { swap_rate: 0.02, ..SimTrackerSettings::PERFECT };
+    assert_repaired(errors, RepromptSettings { incorrect_track: true, ..OFF }, |found| found.incorrect_track);
+}
+
+#[test]
+fn duplicates_are_sent_back_to_their_objects() {
+    let errors = SimTrackerSettings { duplicate_rate: 0.02, ..SimTrackerSettings::PERFECT };
+    assert_repaired(errors, RepromptSettings { duplicated_track: true, ..OFF }, |found| found.duplicated_track);
+}
+
+#[test]
+fn drifting_masks_are_cut_back() {
+    let errors = SimTrackerSettings { drift_rate: 0.1, drift_px_per_frame: 4.0, ..SimTrackerSettings::PERFECT };
+    assert_repaired(errors, RepromptSettings { incorrect_track: true, ..OFF }, |found| found.incorrect_track);
+}
+
+#[test]
+fn a_category_alone_leaves_the_other_errors() {
+    let swaps = SimTrackerSettings { swap_rate: 0.02, ..SimTrackerSettings::PERFECT };
+    let others = RepromptSettings { incorrect_track: false, ..RepromptSettings::default() };
+    assert!(seen(swaps, others).wrong > 50);
+    let losses = SimTrackerSettings { loss_rate: 1.0, lasting_loss_share: 1.0, ..SimTrackerSettings::PERFECT };
+    let others = RepromptSettings { not_tracked: false, ..RepromptSettings::default() };
+    assert!(seen(losses, others).wrong > 50);
+}
+
+#[test]
+fn right_tracks_are_left_alone() {
+    let scene = room(56);
+    let shared = tracker(&scene, SimTrackerSettings::PERFECT);
+    let mut with_memory = splat(&scene, shared.clone(), RepromptSettings::default());
+    let watched = watch(&scene, &shared, &mut with_memory, 1.0);
+    assert_eq!((watched.found, watched.wrong), (TrackErrorCounts::default(), 0));
+    let shared = tracker(&scene, SimTrackerSettings::PERFECT);
+    let alone = watch(&scene, &shared, &mut baseline(&scene, shared.clone()), 1.0);
+    assert!(watched.masks == alone.masks, "without errors the memory changes nothing");
+}
+
+#[test]
+fn the_same_bytes_with_one_thread_and_with_several() {
+    let errors = SimTrackerSettings {
+        loss_rate: 0.5,
+        lasting_loss_share: 0.5,
+        loss_frames: 4.0,
+        swap_rate: 0.02,
+        duplicate_rate: 0.02,
+        drift_rate: 0.02,
+        drift_px_per_frame: 1.5,
+    };
+    let with_threads = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let scene = room(20);
+            let tracker = tracker(&scene, errors);
+            let mut method = splat(&scene, tracker.clone(), RepromptSettings::default());
+            let masks = watch(&scene, &tracker, &mut method, 0.5).masks;
+            let features: Vec<u32> = method.memory().unwrap().features().iter().map(|value| value.to_bits()).collect();
+            (masks, features)
+        })
+    };
+    assert!(with_threads(1) == with_threads(3));
+}

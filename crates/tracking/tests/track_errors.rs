@@ -1,0 +1,116 @@
+//! The tracker's errors as the memory sees them, on small maps.
+
+use splatseg_geometry::{Image, Mask, SegmentId, SegmentMap};
+use splatseg_memory::SegmentBelief;
+use splatseg_tracking::{Remedy, RepromptSettings, TrackErrorCounts, TrackErrorKind, find_track_errors};
+
+const SIZE: (usize, usize) = (60, 10);
+
+fn stripe(from: usize, to: usize) -> Mask {
+    Mask::from_fn(SIZE.0, SIZE.1, |column, _| (from..to).contains(&column))
+}
+
+/// Segments 1, 2, 3 in stripes of ten columns, then nothing.
+fn expected() -> SegmentBelief {
+    let segments = SegmentMap::from_fn(SIZE.0, SIZE.1, |column, _| match column / 10 {
+        stripe @ 0..3 => stripe as u32 + 1,
+        _ => 0,
+    });
+    SegmentBelief { segments, confidence: Image::filled(SIZE.0, SIZE.1, 1.0) }
+}
+
+type Found = (TrackErrorKind, SegmentId, Option<(Mask, Mask)>);
+
+fn errors_in(expected: &SegmentBelief, tracks: &[(SegmentId, Mask)]) -> Vec<Found> {
+    let found = find_track_errors(expected, tracks, &RepromptSettings::default());
+    let parts = |remedy: Remedy| match remedy {
+        Remedy::Prompt { expected, wrong } => Some((expected, wrong)),
+        Remedy::Remove => None,
+    };
+    found.into_iter().map(|error| (error.kind, error.track, parts(error.remedy))).collect()
+}
+
+fn errors(tracks: &[(SegmentId, Mask)]) -> Vec<Found> {
+    errors_in(&expected(), tracks)
+}
+
+#[test]
+fn tracks_where_they_are_expected_are_right() {
+    assert!(errors(&[(1, stripe(0, 10)), (2, stripe(10, 20)), (3, stripe(20, 30))]).is_empty());
+    // A bit off, on into what is not known, and a track of something new.
+    assert!(errors(&[(1, stripe(0, 9)), (2, stripe(11, 21)), (3, stripe(20, 45)), (4, stripe(50, 60))]).is_empty());
+    // Something new in front of what is known.
+    let small = Mask::from_fn(SIZE.0, SIZE.1, |column, row| (2..5).contains(&column) && row < 6);
+    assert!(errors(&[(1, stripe(0, 10)), (2, stripe(10, 20)), (3, stripe(20, 30)), (9, small)]).is_empty());
+}
+
+#[test]
+fn what_no_track_shows_is_not_tracked() {
+    let nothing = stripe(0, 0);
+    let not_tracked = |from, to| (TrackErrorKind::NotTracked, 2, Some((stripe(from, to), nothing.clone())));
+    assert_eq!(errors(&[(1, stripe(0, 10)), (3, stripe(20, 30))]), [not_tracked(10, 20)]);
+    assert_eq!(errors(&[(1, stripe(0, 10)), (2, nothing.clone()), (3, stripe(20, 30))]), [not_tracked(10, 20)]);
+    assert_eq!(errors(&[(1, stripe(0, 12)), (3, stripe(20, 30))]), [not_tracked(12, 20)], "but what others have");
+    let others = [(1, stripe(0, 10)), (3, stripe(20, 30)), (7, stripe(10, 13)), (8, stripe(13, 16))];
+    assert!(errors(&others).is_empty(), "other tracks have most of it");
+}
+
+#[test]
+fn swapped_tracks_are_clicked_back() {
+    let found = errors(&[(1, stripe(10, 20)), (2, stripe(0, 10)), (3, stripe(20, 30))]);
+    let incorrect = |id, expected, wrong| (TrackErrorKind::IncorrectTrack, id, Some((expected, wrong)));
+    let expected = [incorrect(1, stripe(0, 10), stripe(10, 20)), incorrect(2, stripe(10, 20), stripe(0, 10))];
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn a_segment_under_another_id_gets_its_own_back() {
+    let found = errors(&[(1, stripe(0, 10)), (3, stripe(20, 30)), (7, stripe(11, 20))]);
+    let own = (TrackErrorKind::IncorrectTrack, 2, Some((stripe(10, 20), stripe(0, 0))));
+    assert_eq!(found, [own, (TrackErrorKind::IncorrectTrack, 7, None)]);
+}
+
+#[test]
+fn duplicates_go_back_or_away() {
+    let found = errors(&[(1, stripe(0, 10)), (2, stripe(0, 10)), (3, stripe(20, 30))]);
+    assert_eq!(found, [(TrackErrorKind::DuplicatedTrack, 2, Some((stripe(10, 20), stripe(0, 10))))]);
+    let found = errors(&[(1, stripe(0, 10)), (2, stripe(10, 20)), (3, stripe(20, 30)), (7, stripe(0, 9))]);
+    assert_eq!(found, [(TrackErrorKind::DuplicatedTrack, 7, None)]);
+}
+
+#[test]
+fn a_mask_that_grows_over_another_segment_is_cut_back() {
+    let found = errors(&[(1, stripe(0, 17)), (3, stripe(20, 30))]);
+    let grown = (TrackErrorKind::IncorrectTrack, 1, Some((stripe(0, 10), stripe(10, 17))));
+    assert_eq!(found[0], grown);
+}
+
+#[test]
+fn small_or_uncertain_expectations_say_nothing() {
+    let tracks = [(1, stripe(0, 10)), (3, stripe(20, 30))];
+    let mut uncertain = expected();
+    for (segment, confidence) in uncertain.segments.pixels().iter().zip(uncertain.confidence.pixels_mut()) {
+        *confidence = if *segment == 2 { 0.5 } else { 1.0 };
+    }
+    assert!(errors_in(&uncertain, &tracks).is_empty());
+    let mut small = expected();
+    small.segments.pixels_mut().iter_mut().enumerate().for_each(|(index, segment)| {
+        if *segment == 2 && index / SIZE.0 == 0 {
+            *segment = 0;
+        }
+    });
+    assert!(errors_in(&small, &tracks).is_empty(), "90 pixels");
+}
+
+#[test]
+fn each_category_can_be_switched_off() {
+    // Segment 3 is lost, track 2 follows what track 1 does, and track 1 … is right.
+    let tracks = [(1, stripe(0, 10)), (2, stripe(0, 10))];
+    let count = |settings: &RepromptSettings| TrackErrorCounts::of(&find_track_errors(&expected(), &tracks, settings));
+    let all = count(&RepromptSettings::default());
+    assert_eq!(all, TrackErrorCounts { not_tracked: 1, incorrect_track: 0, duplicated_track: 1 });
+    let without = RepromptSettings { not_tracked: false, ..RepromptSettings::default() };
+    assert_eq!(count(&without), TrackErrorCounts { not_tracked: 0, ..all });
+    let without = RepromptSettings { duplicated_track: false, ..RepromptSettings::default() };
+    assert_eq!(count(&without), TrackErrorCounts { duplicated_track: 0, ..all });
+}

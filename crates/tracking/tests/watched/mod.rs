@@ -1,0 +1,121 @@
+//! A simulated tracker in the synthetic room, watched while it errs: which track should follow which object, and for
+//! how long it does not.
+
+#![allow(dead_code)] // Each test file uses a part.
+
+use splatseg_dataset::{Framing, Scene, SyntheticScene, SyntheticSettings};
+use splatseg_geometry::{Mask, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_memory::MemorySettings;
+use splatseg_models::sam2::Prompt;
+use splatseg_segmenter::{FirstAppearances, SceneGroundTruth};
+use splatseg_tracking::{
+    Method, NewObjectSettings, PromptSource, RepromptSettings, Sam2Baseline, Sam2Splat, Sam2SplatSettings, SimTracker,
+    SimTrackerSettings, TrackErrorCounts, Tracker, TrackerError,
+};
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+
+/// Objects of fewer pixels in a frame are not looked at, and expected segments of half as many not trusted.
+pub const MIN_AREA: usize = 60;
+
+/// A tracker that others can look at.
+#[derive(Clone)]
+pub struct Shared(pub Arc<Mutex<SimTracker>>);
+
+impl Tracker for Shared {
+    fn name(&self) -> &str {
+        "shared"
+    }
+    fn track(&mut self, frame: &RgbdFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
+        self.0.lock().unwrap().track(frame)
+    }
+    fn prompt(&mut self, prompts: &[(SegmentId, Prompt)]) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
+        self.0.lock().unwrap().prompt(prompts)
+    }
+    fn remove(&mut self, track: SegmentId) {
+        self.0.lock().unwrap().remove(track);
+    }
+}
+
+/// A small room; its 48 frames are one round of the camera, so things leave the picture and return.
+pub fn room(frames: usize) -> Arc<SyntheticScene> {
+    let settings = SyntheticSettings { width: 112, height: 84, frames, objects: 12, seed: 5, ..Default::default() };
+    Arc::new(SyntheticScene::new(settings).unwrap())
+}
+
+fn truth(scene: &Arc<SyntheticScene>) -> SceneGroundTruth {
+    SceneGroundTruth::new(scene.clone(), Framing::default()).unwrap()
+}
+
+fn new_objects() -> NewObjectSettings {
+    NewObjectSettings { prompts: PromptSource::GroundTruth, min_segment_area: 12, ..NewObjectSettings::default() }
+}
+
+/// A tracker in a room, and what is seen of it.
+pub fn tracker(scene: &Arc<SyntheticScene>, errors: SimTrackerSettings) -> Shared {
+    Shared(Arc::new(Mutex::new(SimTracker::new(truth(scene), errors, 3).unwrap())))
+}
+
+/// SAM2 with ground-truth prompts.
+pub fn baseline(scene: &Arc<SyntheticScene>, tracker: Shared) -> Sam2Baseline {
+    let prompts = FirstAppearances::new(truth(scene), new_objects().min_segment_area);
+    Sam2Baseline::new(Box::new(prompts), Box::new(tracker), new_objects()).unwrap()
+}
+
+/// SAM2-Splat with ground-truth prompts.
+pub fn splat(scene: &Arc<SyntheticScene>, tracker: Shared, reprompt: RepromptSettings) -> Sam2Splat {
+    let prompts = FirstAppearances::new(truth(scene), new_objects().min_segment_area);
+    let reprompt = RepromptSettings { min_expected_area: MIN_AREA / 2, ..reprompt };
+    let memory = MemorySettings { num_codes: 64, ..MemorySettings::default() };
+    let settings = Sam2SplatSettings { memory, new_objects: new_objects(), reprompt, seed: 0 };
+    Sam2Splat::new(Box::new(prompts), Box::new(tracker), settings, &mut |_| {}).unwrap()
+}
+
+/// What was seen over a video.
+#[derive(Debug, Default)]
+pub struct Seen {
+    /// Errors that the method found.
+    pub found: TrackErrorCounts,
+    /// Frames, over all tracks, in which an object in view is not what its track shows.
+    pub wrong: usize,
+    /// The longest time that a track was wrong, in frames that show its object such that the memory knows most of it.
+    pub longest: usize,
+    /// The output of each frame.
+    pub masks: Vec<Vec<(SegmentId, Mask)>>,
+}
+
+/// Runs a method over a room and watches its tracks. A track is right if its IoU with its object, the one that it
+/// followed first, is at least `min_iou`.
+pub fn watch(scene: &SyntheticScene, tracker: &Shared, method: &mut dyn Method, min_iou: f64) -> Seen {
+    let mut seen = Seen::default();
+    let mut owner: BTreeMap<SegmentId, SegmentId> = BTreeMap::new();
+    let mut streaks: BTreeMap<SegmentId, usize> = BTreeMap::new();
+    for index in 0..scene.frame_count() {
+        let truth = scene.read_ground_truth(index).unwrap().unwrap();
+        let frame = scene.read_frame(index).unwrap();
+        let expected = method.memory().map(|memory| memory.expect(&memory.view(&frame)).belief.segments);
+        let output = method.process(&frame).unwrap();
+        seen.found += output.track_errors;
+        for (id, _) in &output.masks {
+            let first =
+                || *tracker.0.lock().unwrap().followed(*id).unwrap().first().expect("a new track has an object");
+            owner.entry(*id).or_insert_with(first);
+        }
+        for (id, object) in &owner {
+            let mask = truth.mask_of(*object);
+            if mask.area() < MIN_AREA {
+                continue;
+            }
+            let shown = output.masks.iter().find(|(shown, _)| shown == id);
+            let is_wrong = shown.map_or(0.0, |(_, shown)| shown.iou(&mask)) < min_iou;
+            let knows = |map: &SegmentMap| 2 * map.mask_of(*id).intersection_area(&mask) >= mask.area();
+            let is_known = expected.as_ref().is_some_and(knows);
+            let streak = streaks.entry(*id).or_insert(0);
+            *streak = if is_wrong { *streak + usize::from(is_known) } else { 0 };
+            seen.wrong += usize::from(is_wrong);
+            seen.longest = seen.longest.max(*streak);
+        }
+        seen.masks.push(output.masks);
+    }
+    seen
+}
