@@ -1,7 +1,9 @@
 //! Images from files that may be damaged, cut off or lying about their size.
 
 use crate::DatasetError;
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use crate::jpeg::{Jpeg, JpegError};
+use image::error::{DecodingError, ImageFormatHint};
+use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader};
 use splatseg_geometry::{Image, SegmentMap};
 use std::io::Cursor;
 use std::path::Path;
@@ -56,6 +58,17 @@ pub(crate) fn image_size(path: &Path, what: &'static str) -> Result<(usize, usiz
 }
 
 /// Reads a colour image (JPEG or PNG, any kind of pixels) as sRGB, `[height, width]`.
+///
+/// Pixels of a JPEG are those that libjpeg-turbo gives, and with it Pillow and OpenCV. Its orientation tag is not
+/// followed: depth images have none.
+///
+/// # Errors
+/// If the file cannot be read, is damaged, or is too large to be a frame of a video.
+pub fn read_color_image(path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
+    read_color(path)
+}
+
+/// [`read_color_image`] as scenes call it.
 pub(crate) fn read_color(path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
     decode_color(path, &read_image_file(path, COLOR_IMAGE)?)
 }
@@ -73,13 +86,21 @@ pub(crate) fn read_labels(path: &Path) -> Result<SegmentMap, DatasetError> {
 
 /// [`image_size`] of a file's bytes. `path` is named in errors.
 pub(crate) fn encoded_size(path: &Path, what: &'static str, bytes: &[u8]) -> Result<(usize, usize), DatasetError> {
-    let (width, height) = EncodedImage::new(path, what, bytes)?.decoder()?.dimensions();
+    let file = EncodedImage::new(path, what, bytes)?;
+    let (width, height) = match file.jpeg()? {
+        Some(jpeg) => jpeg.size(),
+        None => file.decoder()?.dimensions(),
+    };
     Ok((width as usize, height as usize))
 }
 
 /// [`read_color`] of a file's bytes.
 pub(crate) fn decode_color(path: &Path, bytes: &[u8]) -> Result<Image<[u8; 3]>, DatasetError> {
-    let pixels = EncodedImage::new(path, COLOR_IMAGE, bytes)?.decode()?.into_rgb8();
+    let file = EncodedImage::new(path, COLOR_IMAGE, bytes)?;
+    if let Some(image) = file.decode_jpeg()? {
+        return Ok(image);
+    }
+    let pixels = file.decode()?.into_rgb8();
     let (width, height) = (pixels.width() as usize, pixels.height() as usize);
     Ok(Image::from_fn(width, height, |column, row| pixels.get_pixel(column as u32, row as u32).0))
 }
@@ -181,11 +202,35 @@ impl<'a> EncodedImage<'a> {
         DatasetError::Image { path: self.path.to_owned(), what: self.what, source }
     }
 
-    /// A decoder that has read the header and checked the size it states.
-    fn decoder(&self) -> Result<impl ImageDecoder + '_, DatasetError> {
-        let reader = ImageReader::with_format(Cursor::new(self.bytes), self.format);
-        let decoder = reader.into_decoder().map_err(|source| self.decoding_failed(source))?;
-        let (width, height) = decoder.dimensions();
+    /// The file as JPEG, its size checked; `None` for other formats and for kinds of JPEG that are left to [`image`].
+    fn jpeg(&self) -> Result<Option<Jpeg<'a>>, DatasetError> {
+        if self.format != ImageFormat::Jpeg {
+            return Ok(None);
+        }
+        match Jpeg::read_header(self.bytes) {
+            Ok(jpeg) => self.check_size(jpeg.size()).map(|()| Some(jpeg)),
+            Err(JpegError::Unsupported(_)) => Ok(None),
+            Err(error) => Err(self.jpeg_failed(error)),
+        }
+    }
+
+    /// The pixels of a JPEG; `None` for other formats and for kinds of JPEG that are left to [`image`].
+    fn decode_jpeg(&self) -> Result<Option<Image<[u8; 3]>>, DatasetError> {
+        self.require_end()?;
+        let Some(jpeg) = self.jpeg()? else { return Ok(None) };
+        match jpeg.decode() {
+            Ok(image) => Ok(Some(image)),
+            Err(JpegError::Unsupported(_)) => Ok(None),
+            Err(error) => Err(self.jpeg_failed(error)),
+        }
+    }
+
+    fn jpeg_failed(&self, error: JpegError) -> DatasetError {
+        let hint = ImageFormatHint::Exact(ImageFormat::Jpeg);
+        self.decoding_failed(ImageError::Decoding(DecodingError::new(hint, error)))
+    }
+
+    fn check_size(&self, (width, height): (u32, u32)) -> Result<(), DatasetError> {
         let pixels = u64::from(width) * u64::from(height);
         if pixels > MAX_PIXELS || pixels > self.bytes.len() as u64 * MAX_PIXELS_PER_BYTE {
             return Err(DatasetError::ImplausibleSize {
@@ -197,19 +242,33 @@ impl<'a> EncodedImage<'a> {
                 limit: MAX_PIXELS,
             });
         }
+        Ok(())
+    }
+
+    /// A decoder that has read the header and checked the size it states.
+    fn decoder(&self) -> Result<impl ImageDecoder + '_, DatasetError> {
+        let reader = ImageReader::with_format(Cursor::new(self.bytes), self.format);
+        let decoder = reader.into_decoder().map_err(|source| self.decoding_failed(source))?;
+        self.check_size(decoder.dimensions())?;
         Ok(decoder)
     }
 
-    fn decode(&self) -> Result<DynamicImage, DatasetError> {
+    /// Requires that a JPEG is whole.
+    fn require_end(&self) -> Result<(), DatasetError> {
         if self.format == ImageFormat::Jpeg && jpeg_is_cut_off(self.bytes) {
             return Err(DatasetError::CutOff { path: self.path.to_owned(), what: self.what });
         }
+        Ok(())
+    }
+
+    fn decode(&self) -> Result<DynamicImage, DatasetError> {
+        self.require_end()?;
         DynamicImage::from_decoder(self.decoder()?).map_err(|source| self.decoding_failed(source))
     }
 }
 
-/// The decoder fills the rest of a truncated JPEG with grey and says nothing. Compressed data holds no markers, so an
-/// end marker must follow the last start of a scan.
+/// The decoder of `image` fills the rest of a truncated JPEG with grey and says nothing. Compressed data holds no
+/// markers, so an end marker must follow the last start of a scan.
 fn jpeg_is_cut_off(bytes: &[u8]) -> bool {
     let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xFF, marker]);
     match (last(0xDA), last(0xD9)) {

@@ -10,6 +10,7 @@ mod decode;
 mod error;
 mod formats;
 mod framing;
+mod jpeg;
 mod listing;
 mod mvpd;
 mod output;
@@ -28,6 +29,7 @@ mod synthetic;
 mod text;
 mod tum;
 
+pub use decode::read_color_image;
 pub use error::{DatasetError, FrameReadError};
 pub use formats::{Format, FormatNameError, open_scene, supported_formats};
 pub use framing::Framing;

@@ -7,16 +7,6 @@ use splatseg_dataset::{DatasetSettings, ScannetScene, Scene, SevenScenesScene, r
 use std::fs;
 use support::*;
 
-/// The bytes with some changed and the rest cut off.
-fn damaged(mut bytes: Vec<u8>, changes: &[(prop::sample::Index, u8)], keep: &prop::sample::Index) -> Vec<u8> {
-    for (at, value) in changes {
-        let at = at.index(bytes.len());
-        bytes[at] = *value;
-    }
-    bytes.truncate(keep.index(2 * bytes.len()));
-    bytes
-}
-
 proptest! {
     #![proptest_config(ProptestConfig { cases: 150, ..ProptestConfig::default() })]
 

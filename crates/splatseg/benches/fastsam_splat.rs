@@ -6,7 +6,9 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use splatseg::dataset::{DatasetSettings, FrameStream, GroundTruth, ImageSize, Scene, open_scene};
 use splatseg::tracking::StageTimes;
-use splatseg::{FastSamSplat, FastSamSplatSettings, Method, GraphSegmenter, GraphSettings, RgbdFrame, ScoredMask, Segmenter};
+use splatseg::{
+    FastSamSplat, FastSamSplatSettings, GraphSegmenter, GraphSettings, Method, RgbdFrame, ScoredMask, Segmenter,
+};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;

@@ -5,6 +5,7 @@ pub mod recording;
 pub mod sens;
 
 use image::{ExtendedColorType, ImageEncoder};
+use proptest::sample::Index;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -70,6 +71,16 @@ pub fn write_scannet(folder: &Path, frames: usize, sizes: &ScannetSizes) {
         write_png16(&folder.join(format!("instance-filt/{frame}.png")), sizes.labels, |x, _| 1 + u16::from(x >= half));
         fs::write(folder.join(format!("pose/{frame}.txt")), pose_text(frame)).unwrap();
     }
+}
+
+/// The bytes with some changed and the rest cut off.
+pub fn damaged(mut bytes: Vec<u8>, changes: &[(Index, u8)], keep: &Index) -> Vec<u8> {
+    for (at, value) in changes {
+        let at = at.index(bytes.len());
+        bytes[at] = *value;
+    }
+    bytes.truncate(keep.index(2 * bytes.len()));
+    bytes
 }
 
 /// Keeps only the first half of a file.
