@@ -6,8 +6,8 @@
 //! triangle-shaped ("fancy") upsampling and 16-bit fixed-point colours.
 //!
 //! Decoded are sequential and progressive Huffman-coded files with 8 bits and one or three components. Other kinds
-//! are [`JpegError::Unsupported`]. Unlike libjpeg, damaged data is an error and never grey, and progressive files that leave
-//! out their last refinements are not smoothed.
+//! are [`JpegError::Unsupported`]. Unlike libjpeg, damaged data is an error and never grey, and progressive files that
+//! leave out their last refinements are not smoothed.
 
 mod bits;
 mod color;
