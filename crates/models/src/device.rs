@@ -1,6 +1,7 @@
 //! What networks run on.
 
-use burn::tensor::Device;
+use burn::backend::Flex;
+use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -107,4 +108,9 @@ mod tests {
             "the device cuda is not part of this program: build it with --features cuda"
         );
     }
+}
+
+/// Whether tensors on a device are computed on the CPU, by what this crate has of its own.
+pub(crate) fn is_cpu(device: &Device) -> bool {
+    Tensor::<1>::empty([1], device).try_into_primitive::<Flex>().is_ok()
 }

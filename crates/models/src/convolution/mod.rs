@@ -1,35 +1,29 @@
 //! Convolution with bias and activation: a path of our own on the CPU, Burn's operations elsewhere.
 //!
-//! On the CPU, a convolution is a matrix product whose right side is never built. A thread copies some rows of the
-//! image, padded, into a strip that fits its second-level cache (`strip`); there every tap of the kernel is a shift, so
-//! the kernel reads its operands where they lie and keeps a tile of outputs in registers over the whole sum, with bias
-//! and activation put on before it is written (`kernel`). Each output is summed in the same order whoever computes it:
-//! results do not depend on the number of threads.
+//! On the CPU, a convolution is a matrix product (`crate::product`) whose right side is never built as a whole. A thread
+//! copies some rows of the image, padded, into a strip in which every tap of the kernel is a shift (`strip`), packs a few
+//! columns at a time from there, and puts bias and activation on the sums while they are in its cache (`direct`). Kernels
+//! of 3×3 with stride 1 take Winograd's way instead (`winograd`). Each output is summed in the same order whoever computes
+//! it: results do not depend on the number of threads.
 
-mod filled;
-mod kernel;
-mod packed;
+mod direct;
 mod strip;
 #[cfg(test)]
 mod tests;
+mod winograd;
 
+use crate::device::is_cpu;
+pub use crate::product::Activation;
+use crate::product::{Instructions, filled};
 use burn::backend::Flex;
-use burn::tensor::activation::silu;
+use burn::tensor::activation::{gelu, relu, silu};
 use burn::tensor::module::{conv_transpose2d, conv2d};
 use burn::tensor::ops::{ConvOptions, ConvTransposeOptions};
 use burn::tensor::{Device, Tensor, TensorData};
-use filled::filled;
-use packed::PackedConvolution;
+use direct::DirectConvolution;
 use std::fmt;
-
-/// What follows a convolution.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Activation {
-    /// Nothing.
-    None,
-    /// x · σ(x).
-    Silu,
-}
+use std::mem::MaybeUninit;
+use winograd::WinogradConvolution;
 
 /// Sizes of a convolution with a square kernel, the same stride and padding along both axes, and one group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,7 +82,9 @@ impl fmt::Debug for Convolution {
 #[derive(Clone)]
 enum Parameters {
     /// On the CPU.
-    Packed(PackedConvolution),
+    Direct(DirectConvolution),
+    /// On the CPU, 3×3 with stride 1.
+    Winograd(WinogradConvolution),
     /// On other devices, and for shapes that the CPU path leaves out.
     Tensors(Box<ConvolutionTensors>),
 }
@@ -97,6 +93,26 @@ enum Parameters {
 struct ConvolutionTensors {
     weight: Tensor<4>,
     bias: Tensor<1>,
+}
+
+impl Parameters {
+    /// For the CPU.
+    fn packed(
+        weight: &[f32],
+        bias: &[f32],
+        shape: ConvolutionShape,
+        activation: Activation,
+        instructions: Instructions,
+    ) -> Self {
+        if WinogradConvolution::suits(shape) {
+            Self::Winograd(WinogradConvolution::new(weight, bias, shape, activation, instructions))
+        } else if shape.doubling {
+            let (weight, bias) = by_output_pixel(weight, bias, shape);
+            Self::Direct(DirectConvolution::new(&weight, &bias, shape, activation, instructions))
+        } else {
+            Self::Direct(DirectConvolution::new(weight, bias, shape, activation, instructions))
+        }
+    }
 }
 
 impl Convolution {
@@ -116,15 +132,8 @@ impl Convolution {
         let weight_shape = if shape.doubling { [inputs, outputs, 2, 2] } else { [outputs, inputs, kernel, kernel] };
         assert_eq!(weight.len(), weight_shape.iter().product::<usize>(), "weights of a convolution {shape:?}");
         assert_eq!(bias.len(), outputs, "biases of a convolution {shape:?}");
-        let on_cpu = Tensor::<1>::empty([1], device).try_into_primitive::<Flex>().is_ok();
-        let parameters = if on_cpu && padding < kernel {
-            let packed = if shape.doubling {
-                let (weight, bias) = by_output_pixel(&weight, &bias, shape);
-                PackedConvolution::new(&weight, &bias, shape, activation)
-            } else {
-                PackedConvolution::new(&weight, &bias, shape, activation)
-            };
-            Parameters::Packed(packed)
+        let parameters = if is_cpu(device) && padding < kernel {
+            Parameters::packed(&weight, &bias, shape, activation, Instructions::best())
         } else {
             Parameters::Tensors(Box::new(ConvolutionTensors {
                 weight: Tensor::from_data(TensorData::new(weight, weight_shape), device),
@@ -149,7 +158,12 @@ impl Convolution {
     /// As `forward`, and if the inputs differ in batch, height, or width.
     pub fn forward_joined(&self, inputs: Vec<Tensor<4>>) -> Tensor<4> {
         match &self.parameters {
-            Parameters::Packed(packed) => self.forward_packed(packed, inputs),
+            Parameters::Direct(packed) => {
+                self.forward_packed(inputs, |images, size, output| packed.forward(images, size, output))
+            }
+            Parameters::Winograd(packed) => {
+                self.forward_packed(inputs, |images, size, output| packed.forward(images, size, output))
+            }
             Parameters::Tensors(parameters) => {
                 let input = Tensor::cat(inputs, 1);
                 let (weight, bias) = (parameters.weight.clone(), Some(parameters.bias.clone()));
@@ -161,13 +175,21 @@ impl Convolution {
                 };
                 match self.activation {
                     Activation::None => output,
+                    Activation::Relu => relu(output),
                     Activation::Silu => silu(output),
+                    Activation::Gelu => gelu(output),
                 }
             }
         }
     }
 
-    fn forward_packed(&self, packed: &PackedConvolution, inputs: Vec<Tensor<4>>) -> Tensor<4> {
+    /// `forward` convolves one image, given as several with some channels each, of a height and width, and returns how
+    /// many values it wrote.
+    fn forward_packed(
+        &self,
+        inputs: Vec<Tensor<4>>,
+        forward: impl Fn(&[&[f32]], [usize; 2], &mut [MaybeUninit<f32>]) -> usize,
+    ) -> Tensor<4> {
         let device = inputs[0].device();
         let [batch, _, height, width] = inputs[0].dims();
         let channels: usize = inputs.iter().map(|input| input.dims()[1]).sum();
@@ -198,7 +220,7 @@ impl Convolution {
                         &input.storage::<f32>()[start..][..layout.shape()[1] * height * width]
                     })
                     .collect();
-                packed.forward(&images, [height, width], output)
+                forward(&images, [height, width], output)
             });
             images.sum()
         });

@@ -1,7 +1,7 @@
 //! Strips: some rows of the input, laid out so that every tap of the kernel is a shift.
 
 use super::ConvolutionShape;
-use super::kernel::MAX_TILE_COLUMNS;
+use super::direct::MAX_TILE_COLUMNS;
 
 /// Most values of a strip where a single row of outputs does not need more: 1 MiB, half of a usual second-level cache.
 const STRIP_LEN: usize = 1 << 18;

@@ -1,12 +1,15 @@
 //! Every block against the official code's numbers.
 
+use super::fpn_neck::FpnNeck;
+use super::host::host;
 use super::image_encoder::ImageFeatures;
-use super::mask_decoder::{DecodedMasks, host};
+use super::mask_decoder::DecodedMasks;
 use super::memory_attention::{RememberedPointer, SpatialMemory};
 use super::memory_encoder::MaskForMemory;
 use super::prompt_encoder::InputPoint;
 use super::resize::{Size, normalise, resize_antialiased, resize_bilinear, resize_frame};
 use super::sam_heads::MaskChoice;
+use super::weights::WeightReader;
 use super::{PointLabel, Sam2};
 use burn::tensor::{Device, Tensor, TensorData};
 use splatseg_geometry::Image;
@@ -98,8 +101,13 @@ fn image_encoder() {
         let name = format!("block{block}");
         assert_close(&name, &host(map.clone()), &golden.floats(&name), CLOSE);
     });
-    for level in [0, 1] {
-        let map = network.image_encoder.neck.lateral(level).forward(stages[level].clone());
+    let (weights, device) = (golden::mini_weights(&folder), Device::flex());
+    let read = Default::default();
+    let reader = WeightReader::new(&weights, &read, &device).child("image_encoder.neck");
+    let channels = [0, 1, 2, 3].map(|stage| network.config().trunk.embed_dim << stage);
+    let (_, finest) = FpnNeck::load(&reader, channels, network.config().hidden_dim).unwrap();
+    for (level, weights) in finest.into_iter().enumerate() {
+        let map = weights.on(&device).forward(stages[level].clone());
         assert_planes(&golden, &format!("fpn{level}"), map.unsqueeze(), CLOSE);
     }
     let ImageFeatures { embedding, s0, s1 } = network.image_encoder.features(stages);

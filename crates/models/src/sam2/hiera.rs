@@ -1,5 +1,6 @@
 //! The image encoder's trunk, Hiera (Ryali et al. 2023; official `hieradet.py`).
 
+use super::host::{HostValues, from_host};
 use super::kernels::{HeadRows, WindowShape, max_pool, multi_head_attention, window_attention};
 use super::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear, Mlp};
 use super::position_encoding::windowed_embedding;
@@ -127,15 +128,13 @@ impl Block {
     }
 
     fn forward(&self, map: Tensor<3>) -> Tensor<3> {
-        let normed = self.norm1.forward(map.clone());
+        let qkv = self.qkv.forward_normed(&self.norm1, map.clone());
         let shortcut = match &self.shortcut {
             None => map,
-            Some(projection) => pool(projection.forward(normed.clone())),
+            Some(projection) => pool(projection.forward_normed(&self.norm1, map)),
         };
-        let attended = self.attention_out.forward(self.attend(self.qkv.forward(normed)));
-        let map = shortcut + attended;
-        let fed_forward = self.mlp.forward(self.norm2.forward(map.clone()));
-        map + fed_forward
+        let map = self.attention_out.forward_added(self.attend(qkv), shortcut);
+        self.mlp.forward_residual(Some(&self.norm2), map)
     }
 
     /// Multi-head attention, `[height, width, 3 · channels]` to `[height, width, channels]`, or half as high and wide
@@ -144,8 +143,8 @@ impl Block {
         let device = qkv.device();
         let [height, width, _] = qkv.dims();
         let BlockShape { outputs: channels, heads, window, .. } = self.shape;
-        let data = qkv.into_data();
-        let qkv = data.as_slice::<f32>().expect("the networks compute in float32");
+        let data = HostValues::of(qkv);
+        let qkv = data.as_slice();
         let pooled = self.shortcut.as_ref().map(|_| max_pool(qkv, (height, width), 3 * channels, channels));
         let (queries, query_stride, pooling) = match &pooled {
             Some(pooled) => (pooled.as_slice(), channels, 2),
@@ -165,7 +164,7 @@ impl Block {
                 multi_head_attention(&[[queries, keys, values]], heads)
             }
         };
-        Tensor::from_data(TensorData::new(out, [height / pooling, width / pooling, channels]), &device)
+        from_host(out, [height / pooling, width / pooling, channels], &device)
     }
 }
 
@@ -173,8 +172,6 @@ impl Block {
 fn pool(map: Tensor<3>) -> Tensor<3> {
     let device = map.device();
     let [height, width, channels] = map.dims();
-    let data = map.into_data();
-    let values = data.as_slice::<f32>().expect("the networks compute in float32");
-    let pooled = max_pool(values, (height, width), channels, channels);
-    Tensor::from_data(TensorData::new(pooled, [height / 2, width / 2, channels]), &device)
+    let pooled = max_pool(HostValues::of(map).as_slice(), (height, width), channels, channels);
+    from_host(pooled, [height / 2, width / 2, channels], &device)
 }

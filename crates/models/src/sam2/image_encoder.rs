@@ -2,7 +2,7 @@
 
 use super::fpn_neck::FpnNeck;
 use super::hiera::Hiera;
-use super::layers::Linear;
+use super::layers::{Linear, LinearWeights};
 use super::weights::WeightReader;
 use super::{Sam2Config, Sam2Error};
 use burn::tensor::Tensor;
@@ -35,11 +35,11 @@ impl ImageEncoder {
         let hidden = config.hidden_dim;
         let channels = [0, 1, 2, 3].map(|stage| config.trunk.embed_dim << stage);
         let trunk = Hiera::load(&reader.child("image_encoder.trunk"), &config.trunk, image_size)?;
-        let neck = FpnNeck::load(&reader.child("image_encoder.neck"), channels, hidden)?;
+        let (neck, [level0, level1]) = FpnNeck::load(&reader.child("image_encoder.neck"), channels, hidden)?;
         let decoder = reader.child("sam_mask_decoder");
-        let s0 = neck.lateral(0).then(&Linear::load_pointwise(&decoder.child("conv_s0"), hidden, hidden / 8)?);
-        let s1 = neck.lateral(1).then(&Linear::load_pointwise(&decoder.child("conv_s1"), hidden, hidden / 4)?);
-        Ok(Self { trunk, neck, s0, s1 })
+        let s0 = level0.then(&LinearWeights::load_pointwise(&decoder.child("conv_s0"), hidden, hidden / 8)?);
+        let s1 = level1.then(&LinearWeights::load_pointwise(&decoder.child("conv_s1"), hidden, hidden / 4)?);
+        Ok(Self { trunk, neck, s0: s0.on(reader.device()), s1: s1.on(reader.device()) })
     }
 
     /// Features of a normalised image, `[1, 3, side, side]`.

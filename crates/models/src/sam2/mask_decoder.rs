@@ -1,8 +1,9 @@
 //! The mask decoder: from image features and prompt embeddings to masks (official `mask_decoder.py`).
 
 use super::Sam2Error;
+use super::host::host;
 use super::image_encoder::ImageFeatures;
-use super::layers::{Activation, LayerNorm, Mlp, Upscale};
+use super::layers::{Activation, LayerNorm, Mlp, Upscale, activate};
 use super::two_way_transformer::TwoWayTransformer;
 use super::weights::WeightReader;
 use burn::tensor::{Int, Tensor, TensorData};
@@ -96,8 +97,8 @@ impl MaskDecoder {
         let [objects, pixels, hidden] = image.dims();
         let side = pixels.isqrt();
         let map = self.upscale1.forward(image.reshape([objects, side, side, hidden])) + features.s1.clone();
-        let map = Activation::Gelu.apply(self.upscale_norm.forward(map));
-        let map = Activation::Gelu.apply(self.upscale2.forward(map) + features.s0.clone());
+        let map = activate(Activation::Gelu, self.upscale_norm.forward(map));
+        let map = activate(Activation::Gelu, self.upscale2.forward(map) + features.s0.clone());
         let map = map.reshape([objects, 16 * pixels, hidden / 8]);
 
         let mask_tokens = tokens.clone().narrow(1, 2, MASKS);
@@ -164,9 +165,4 @@ impl DecodedMasks {
 fn best_of_three(ious: &[f32; MASKS]) -> usize {
     // The first of equals, as torch.argmax.
     (2..MASKS).fold(1, |best, mask| if ious[mask] > ious[best] { mask } else { best })
-}
-
-/// The elements of a tensor, row-major.
-pub(super) fn host<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    tensor.into_data().try_into_vec().expect("the networks compute in float32")
 }

@@ -2,9 +2,9 @@
 //! `sam/transformer.py` for the rotary attention, `sam2_base.py` for how the memory is put together).
 
 use super::config::MEMORY_ATTENTION_LAYERS;
-use super::kernels::{HeadRows, attention, multi_head_attention, rotate};
-use super::layers::{Activation, LayerNorm, Linear};
-use super::mask_decoder::host;
+use super::host::{HostValues, from_host, host};
+use super::kernels::{HeadRows, multi_head_attention, rotate};
+use super::layers::{Activation, LayerNorm, Linear, LinearWeights, forward_chain};
 use super::position_encoding::{rotary, sine_1d, sine_2d};
 use super::weights::WeightReader;
 use super::{Sam2Config, Sam2Error};
@@ -85,7 +85,8 @@ impl Layer {
         let (hidden, memory) = (config.hidden_dim, config.memory_dim);
         let norm = |name: &str| LayerNorm::load(&reader.child(name), hidden, EPSILON);
         let linear = |name: &str, inputs, outputs| Linear::load(&reader.child(name), inputs, outputs);
-        let cross_out = linear("cross_attn_image.out_proj", hidden, hidden)?;
+        let cross_values = LinearWeights::load(&reader.child("cross_attn_image.v_proj"), memory, hidden)?;
+        let cross_out = LinearWeights::load(&reader.child("cross_attn_image.out_proj"), hidden, hidden)?;
         Ok(Self {
             norm1: norm("norm1")?,
             self_queries: linear("self_attn.q_proj", hidden, hidden)?,
@@ -95,7 +96,7 @@ impl Layer {
             norm2: norm("norm2")?,
             cross_queries: linear("cross_attn_image.q_proj", hidden, hidden)?,
             cross_keys: linear("cross_attn_image.k_proj", memory, hidden)?,
-            cross_values_out: linear("cross_attn_image.v_proj", memory, hidden)?.then(&cross_out),
+            cross_values_out: cross_values.then(&cross_out).on(reader.device()),
             norm3: norm("norm3")?,
             linear1: linear("linear1", hidden, config.memory_feed_forward_dim)?,
             linear2: linear("linear2", config.memory_feed_forward_dim, hidden)?,
@@ -106,64 +107,64 @@ impl Layer {
     /// all objects is computed once.
     fn forward(&self, map: Tensor<3>, memories: &[AssembledMemory], angles: &[[f32; 2]]) -> Tensor<3> {
         let map = self.attend_to_self(map, angles);
-        let attended = self.attend_to_memories(self.norm2.forward(map.clone()), memories, angles);
-        let map = map + attended;
-        let hidden = Activation::Relu.apply(self.linear1.forward(self.norm3.forward(map.clone())));
-        map + self.linear2.forward(hidden)
+        let map = self.attend_to_memories(map, memories, angles);
+        let layers = [(&self.linear1, Activation::Relu), (&self.linear2, Activation::None)];
+        forward_chain(Some(&self.norm3), &layers, map.clone(), Some(map))
     }
 
     fn attend_to_self(&self, map: Tensor<3>, angles: &[[f32; 2]]) -> Tensor<3> {
-        let normed = self.norm1.forward(map.clone());
-        let queries = rotated(self.self_queries.forward(normed.clone()), angles);
-        let keys = rotated(self.self_keys.forward(normed.clone()), angles);
-        map + self.self_out.forward(attention(queries, keys, self.self_values.forward(normed), 1))
+        let (shape, device) = (map.dims(), map.device());
+        let [objects, tokens, hidden] = shape;
+        let rotated = |linear: &Linear| {
+            let mut rows = host(linear.forward_normed(&self.norm1, map.clone()));
+            rotate(&mut rows, angles, hidden / 2);
+            rows
+        };
+        let (queries, keys) = (rotated(&self.self_queries), rotated(&self.self_keys));
+        let values = HostValues::of(self.self_values.forward_normed(&self.norm1, map.clone()));
+        let problem = |object: usize| {
+            [&queries, &keys, values.as_slice()].map(|data| HeadRows {
+                data: &data[object * tokens * hidden..],
+                count: tokens,
+                width: hidden,
+                stride: hidden,
+            })
+        };
+        let problems: Vec<[HeadRows; 3]> = (0..objects).map(problem).collect();
+        let attended = from_host(multi_head_attention(&problems, 1), shape, &device);
+        self.self_out.forward_added(attended, map)
     }
 
-    fn attend_to_memories(&self, queries: Tensor<3>, memories: &[AssembledMemory], angles: &[[f32; 2]]) -> Tensor<3> {
-        let device = queries.device();
-        let queries = self.cross_queries.forward(queries);
+    fn attend_to_memories(&self, map: Tensor<3>, memories: &[AssembledMemory], angles: &[[f32; 2]]) -> Tensor<3> {
+        let device = map.device();
+        let queries = self.cross_queries.forward_normed(&self.norm2, map.clone());
         let [query_objects, tokens, hidden] = queries.dims();
         let mut queries = host(queries);
         rotate(&mut queries, angles, hidden / 2);
-        let memory_dim = self.cross_keys.weight.dims()[0];
-        let keys: Vec<Vec<f32>> = memories.iter().map(|memory| self.keys(memory, angles, &device)).collect();
-        let problems: Vec<[HeadRows; 3]> = memories
-            .iter()
-            .zip(&keys)
-            .enumerate()
-            .map(|(object, (memory, keys))| {
-                let rows = |data, width: usize, count| HeadRows { data, count, width, stride: width };
-                let start = if query_objects == 1 { 0 } else { object * tokens * hidden };
-                let count = memory.values.len() / memory_dim;
-                [
-                    rows(&queries[start..], hidden, tokens),
-                    rows(keys, hidden, count),
-                    rows(&memory.values, memory_dim, count),
-                ]
-            })
-            .collect();
-        let out = multi_head_attention(&problems, 1);
-        let out = TensorData::new(out, [memories.len(), tokens, memory_dim]);
-        self.cross_values_out.forward(Tensor::from_data(out, &device))
+        let [memory_dim, _] = self.cross_keys.dims();
+        // One object after the other: the keys of a full memory take tens of megabytes.
+        let attended = memories.iter().enumerate().flat_map(|(object, memory)| {
+            let keys = self.keys(memory, angles, &device);
+            let rows = |data, width: usize, count| HeadRows { data, count, width, stride: width };
+            let start = if query_objects == 1 { 0 } else { object * tokens * hidden };
+            let count = memory.values.len() / memory_dim;
+            let queries = rows(&queries[start..], hidden, tokens);
+            multi_head_attention(&[[queries, rows(&keys, hidden, count), rows(&memory.values, memory_dim, count)]], 1)
+        });
+        let attended = from_host(attended.collect(), [memories.len(), tokens, memory_dim], &device);
+        let map = map.expand([memories.len(), tokens, hidden]);
+        self.cross_values_out.forward_added(attended, map)
     }
 
     /// Keys of a memory, `[tokens, hidden]`, those of frames rotated.
     fn keys(&self, memory: &AssembledMemory, angles: &[[f32; 2]], device: &burn::tensor::Device) -> Vec<f32> {
-        let [memory_dim, hidden] = self.cross_keys.weight.dims();
+        let [memory_dim, hidden] = self.cross_keys.dims();
         let count = memory.keys.len() / memory_dim;
         let input = Tensor::<1>::from_data(memory.keys.as_slice(), device).reshape([count, memory_dim]);
         let mut keys = host(self.cross_keys.forward(input));
         rotate(&mut keys[..(count - memory.pointer_tokens) * hidden], angles, hidden / 2);
         keys
     }
-}
-
-/// Rotary position encoding of `[objects, tokens, hidden]`.
-fn rotated(map: Tensor<3>, angles: &[[f32; 2]]) -> Tensor<3> {
-    let (shape, device) = (map.dims(), map.device());
-    let mut values = host(map);
-    rotate(&mut values, angles, shape[2] / 2);
-    Tensor::from_data(TensorData::new(values, shape), &device)
 }
 
 impl MemoryAttention {

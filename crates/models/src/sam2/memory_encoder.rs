@@ -1,7 +1,7 @@
 //! The memory encoder: a frame's features and a mask become a memory (official `memory_encoder.py`).
 
 use super::Sam2Error;
-use super::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear};
+use super::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear, LinearWeights, activate, forward_chain};
 use super::weights::WeightReader;
 use burn::tensor::Tensor;
 
@@ -48,19 +48,19 @@ impl ConvNextBlock {
     fn load(reader: &WeightReader, channels: usize) -> Result<Self, Sam2Error> {
         let shape =
             ConvShape { inputs: channels, outputs: channels, kernel: 7, stride: 1, padding: 3, groups: channels };
-        let gamma: Tensor<1> = reader.tensor("gamma", [channels])?;
-        let narrow = Linear::load(&reader.child("pwconv2"), 4 * channels, channels)?;
+        let gamma = reader.floats("gamma", &[channels])?;
+        let narrow = LinearWeights::load(&reader.child("pwconv2"), 4 * channels, channels)?;
         Ok(Self {
             depthwise: Conv2d::load(&reader.child("dwconv"), shape)?,
             norm: LayerNorm::load(&reader.child("norm"), channels, EPSILON)?,
             widen: Linear::load(&reader.child("pwconv1"), channels, 4 * channels)?,
-            narrow: Linear { weight: narrow.weight * gamma.clone().unsqueeze(), bias: narrow.bias * gamma },
+            narrow: narrow.scaled(&gamma).on(reader.device()),
         })
     }
 
     fn forward(&self, map: Tensor<4>) -> Tensor<4> {
-        let hidden = self.widen.forward(self.norm.forward(self.depthwise.forward(map.clone())));
-        map + self.narrow.forward(Activation::Gelu.apply(hidden))
+        let layers = [(&self.widen, Activation::Gelu), (&self.narrow, Activation::None)];
+        forward_chain(Some(&self.norm), &layers, self.depthwise.forward(map.clone()), Some(map))
     }
 }
 
@@ -131,7 +131,7 @@ impl MemoryEncoder {
     pub fn downsample_masks(&self, masks: Tensor<3>) -> Tensor<4> {
         let mut map = masks.unsqueeze_dim(3);
         for (conv, norm) in &self.halvings {
-            map = Activation::Gelu.apply(norm.forward(conv.forward(map)));
+            map = activate(Activation::Gelu, norm.forward(conv.forward(map)));
         }
         self.mask_projection.forward(map)
     }

@@ -4,6 +4,7 @@ mod config;
 mod error;
 mod fpn_neck;
 mod hiera;
+mod host;
 mod image_encoder;
 mod kernels;
 mod layers;

@@ -1,7 +1,7 @@
 //! Streaming prediction: frames come one at a time, objects come and go, and clicks correct them.
 
+use super::host::host;
 use super::image_encoder::ImageFeatures;
-use super::mask_decoder::host;
 use super::memory_attention::AssembledMemory;
 use super::memory_bank::MemoryBank;
 use super::memory_encoder::MaskForMemory;

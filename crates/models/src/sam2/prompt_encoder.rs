@@ -1,7 +1,7 @@
 //! The prompt encoder: points, boxes (as two points) and masks to embeddings (official `prompt_encoder.py`).
 
 use super::Sam2Error;
-use super::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear};
+use super::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear, activate};
 use super::position_encoding::random_fourier;
 use super::weights::WeightReader;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -121,8 +121,8 @@ impl PromptEncoder {
     pub fn embed_masks(&self, logits: Tensor<3>) -> Tensor<3> {
         let [objects, height, width] = logits.dims();
         let map = logits.reshape([objects, height, width, 1]);
-        let map = Activation::Gelu.apply(self.mask.norm1.forward(self.mask.conv1.forward(map)));
-        let map = Activation::Gelu.apply(self.mask.norm2.forward(self.mask.conv2.forward(map)));
+        let map = activate(Activation::Gelu, self.mask.norm1.forward(self.mask.conv1.forward(map)));
+        let map = activate(Activation::Gelu, self.mask.norm2.forward(self.mask.conv2.forward(map)));
         self.mask.project.forward(map).reshape([objects, height / 4 * (width / 4), self.hidden_dim])
     }
 

@@ -3,9 +3,10 @@
 
 use super::Sam2Error;
 use super::config::NO_OBJECT_LOGIT;
+use super::host::host;
 use super::image_encoder::ImageFeatures;
 use super::layers::{Activation, Conv2d, ConvShape, Mlp};
-use super::mask_decoder::{DecodedMasks, MaskDecoder, host};
+use super::mask_decoder::{DecodedMasks, MaskDecoder};
 use super::prompt_encoder::{InputPoint, PromptEncoder};
 use super::resize::{Size, resize_antialiased};
 use super::weights::WeightReader;

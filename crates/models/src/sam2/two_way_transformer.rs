@@ -1,7 +1,8 @@
 //! The mask decoder's transformer: tokens and image attend to each other (official `sam/transformer.py`).
 
 use super::Sam2Error;
-use super::kernels::attention;
+use super::host::{HostValues, from_host};
+use super::kernels::{HeadRows, multi_head_attention};
 use super::layers::{Activation, LayerNorm, Linear, Mlp};
 use super::weights::WeightReader;
 use burn::tensor::Tensor;
@@ -36,8 +37,23 @@ impl Attention {
     /// `[objects, n, dim]`, `[objects, m, dim]`, `[objects, m, dim]` to `[objects, n, dim]`.
     fn forward(&self, queries: Tensor<3>, keys: Tensor<3>, values: Tensor<3>) -> Tensor<3> {
         let (queries, keys) = (self.queries.forward(queries), self.keys.forward(keys));
-        self.out.forward(attention(queries, keys, self.values.forward(values), HEADS))
+        self.out.forward(attention(queries, keys, self.values.forward(values)))
     }
+}
+
+/// Attention with the heads side by side in the channels: `[objects, n, dim]`, `[objects, m, dim]`, `[objects, m, dim]` to
+/// `[objects, n, dim]`.
+fn attention(queries: Tensor<3>, keys: Tensor<3>, values: Tensor<3>) -> Tensor<3> {
+    let (shape, device) = (queries.dims(), queries.device());
+    let operands = [queries, keys, values].map(|operand| (operand.dims(), HostValues::of(operand)));
+    let problem = |object: usize| {
+        operands.each_ref().map(|([_, count, channels], values)| {
+            let data = &values.as_slice()[object * count * channels..];
+            HeadRows { data, count: *count, width: channels / HEADS, stride: *channels }
+        })
+    };
+    let problems: Vec<[HeadRows; 3]> = (0..shape[0]).map(problem).collect();
+    from_host(multi_head_attention(&problems, HEADS), shape, &device)
 }
 
 /// One layer (official `TwoWayAttentionBlock`).
@@ -91,7 +107,7 @@ impl Layer {
         let attended = self.token_to_image.forward(placed, placed_image.clone(), image.clone());
         let tokens = self.norm2.forward(tokens + attended);
 
-        let tokens = self.norm3.forward(tokens.clone() + self.mlp.forward(tokens));
+        let tokens = self.norm3.forward(self.mlp.forward_residual(None, tokens));
 
         let placed = tokens.clone() + token_pe.clone();
         let attended = self.image_to_token.forward(placed_image, placed, tokens.clone());

@@ -1,78 +1,17 @@
 //! Softmax attention in blocks, without a matrix of all scores (FlashAttention, Dao et al. 2022).
+//!
+//! Scores are computed transposed, keys by queries: a panel of queries lies side by side in the lanes of a vector, so that
+//! maxima and sums over keys need nothing from other lanes, and the weights come out as the panel that the product with the
+//! values reads.
 
-use super::exponential::{RunningSoftmax, scale_rows, softmax_block};
-use super::matmul::{Matrix, multiply};
-use burn::tensor::{Tensor, TensorData};
-use pulp::Arch;
+use super::softmax::{RunningSoftmax, soften};
+use crate::product::{Instructions, pack_columns, pack_rows};
 use rayon::prelude::*;
 
-/// Queries handled together: their results and scores stay in a core's second-level cache.
+/// Queries handled together, about: while a block of keys lies in a core's second-level cache, all of them see it.
 const QUERY_BLOCK: usize = 128;
-/// Keys handled together.
-const KEY_BLOCK: usize = 256;
-
-/// Buffers of one thread.
-pub struct Scratch {
-    arch: Arch,
-    scores: Vec<f32>,
-    running: Vec<RunningSoftmax>,
-    rescale: Vec<f32>,
-    weighted: Vec<f32>,
-}
-
-impl Scratch {
-    pub fn new() -> Self {
-        Self { arch: Arch::new(), scores: Vec::new(), running: Vec::new(), rescale: Vec::new(), weighted: Vec::new() }
-    }
-}
-
-/// Rows in a slice: `width` elements each, `stride` apart.
-#[derive(Clone, Copy)]
-pub struct Rows<'a> {
-    pub data: &'a [f32],
-    pub count: usize,
-    pub width: usize,
-    pub stride: usize,
-}
-
-impl<'a> Rows<'a> {
-    fn block(&self, start: usize, count: usize) -> Matrix<'a> {
-        Matrix::new(&self.data[start * self.stride..], count, self.width, self.stride)
-    }
-}
-
-/// Attention of one head: `softmax(queries · keysᵀ / √width) · values`, with row i of the result at
-/// `out[i * out_stride..]`.
-pub fn attend(queries: Rows, keys: Rows, values: Rows, out: &mut [f32], out_stride: usize, scratch: &mut Scratch) {
-    let Scratch { arch, scores, running, rescale, weighted } = scratch;
-    let scale = std::f32::consts::LOG2_E / (queries.width as f32).sqrt();
-    let rows = queries.count;
-    running.clear();
-    running.resize(rows, RunningSoftmax::EMPTY);
-    rescale.resize(rows, 0.0);
-    weighted.clear();
-    weighted.resize(rows * values.width, 0.0);
-    let mut start = 0;
-    while start < keys.count {
-        let count = KEY_BLOCK.min(keys.count - start);
-        scores.resize(rows * count, 0.0);
-        multiply(scores, count, queries.block(0, rows), keys.block(start, count).transposed(), scale, false);
-        softmax_block(*arch, scores, count, running, &mut rescale[..rows]);
-        if start > 0 {
-            scale_rows(*arch, weighted, values.width, &rescale[..rows]);
-        }
-        let probabilities = Matrix::new(scores, rows, count, count);
-        multiply(weighted, values.width, probabilities, values.block(start, count), 1.0, start > 0);
-        start += count;
-    }
-    for (row, state) in running.iter().enumerate() {
-        let factor = 1.0 / state.sum;
-        let result = &mut out[row * out_stride..row * out_stride + values.width];
-        for (result, value) in result.iter_mut().zip(&weighted[row * values.width..]) {
-            *result = value * factor;
-        }
-    }
-}
+/// Keys handled together; a multiple of the rows of every tile.
+const KEY_BLOCK: usize = 120;
 
 /// The rows of all heads, side by side: row i of head h starts at `data[i * stride + h * width]`.
 #[derive(Clone, Copy)]
@@ -88,13 +27,123 @@ pub struct HeadRows<'a> {
 }
 
 impl<'a> HeadRows<'a> {
-    fn head(&self, head: usize) -> Rows<'a> {
-        let data = self.data.get(head * self.width..).unwrap_or(&[]);
-        Rows { data, count: self.count, width: self.width, stride: self.stride }
+    /// Row `index` of a head.
+    #[inline(always)]
+    fn row(&self, head: usize, index: usize) -> &'a [f32] {
+        &self.data[index * self.stride + head * self.width..][..self.width]
     }
+}
 
-    fn block(&self, start: usize, count: usize) -> Self {
-        Self { data: &self.data[start * self.stride..], count, ..*self }
+/// Keys and values of one head, rearranged for the products with any number of queries.
+#[derive(Default)]
+pub struct PackedMemory {
+    count: usize,
+    width: usize,
+    value_width: usize,
+    /// Block by block, panels of keys.
+    keys: Vec<f32>,
+    /// Block by block, panels of the values' elements.
+    values: Vec<f32>,
+}
+
+impl PackedMemory {
+    /// Replaces what is there by `count` keys and values.
+    pub fn pack<'a>(
+        &mut self,
+        instructions: Instructions,
+        count: usize,
+        key: impl Fn(usize) -> &'a [f32],
+        value: impl Fn(usize) -> &'a [f32],
+    ) {
+        let rows = instructions.rows();
+        *self = Self { count, width: key(0).len(), value_width: value(0).len(), ..std::mem::take(self) };
+        self.keys.clear();
+        self.values.clear();
+        instructions.vectorized(
+            #[inline(always)]
+            || {
+                for start in (0..count).step_by(KEY_BLOCK) {
+                    let block = start..count.min(start + KEY_BLOCK);
+                    pack_rows(block.clone().map(&key), block.len(), self.width, rows, &mut self.keys);
+                    pack_columns(|| block.clone().map(&value), self.value_width, rows, &mut self.values);
+                }
+            },
+        );
+    }
+}
+
+/// Buffers of one thread.
+pub struct Scratch {
+    pub instructions: Instructions,
+    queries: Vec<f32>,
+    /// Of a block of keys and a panel of queries, `[keys, columns]`.
+    scores: Vec<f32>,
+    running: Vec<RunningSoftmax>,
+    /// Weighted sums of values, `[query panels, value elements, columns]`.
+    weighted: Vec<f32>,
+}
+
+impl Scratch {
+    pub fn new() -> Self {
+        let instructions = Instructions::best();
+        Self { instructions, queries: Vec::new(), scores: Vec::new(), running: Vec::new(), weighted: Vec::new() }
+    }
+}
+
+/// Attention of one head: `softmax(queries · keysᵀ / √width) · values` of `count` queries, with row i of the result at
+/// `out[i * out_stride..]`.
+pub fn attend<'a>(
+    memory: &PackedMemory,
+    count: usize,
+    query: impl Fn(usize) -> &'a [f32],
+    out: &mut [f32],
+    out_stride: usize,
+    scratch: &mut Scratch,
+) {
+    let Scratch { instructions, queries, scores, running, weighted } = scratch;
+    let (rows, columns) = (instructions.rows(), instructions.columns());
+    let scale = std::f32::consts::LOG2_E / (memory.width as f32).sqrt();
+    queries.clear();
+    instructions.vectorized(
+        #[inline(always)]
+        || {
+            pack_rows((0..count).map(&query), count, memory.width, columns, queries);
+            queries.iter_mut().for_each(|value| *value *= scale);
+        },
+    );
+    let value_rows = memory.value_width.next_multiple_of(rows);
+    running.clear();
+    running.resize(count.div_ceil(columns) * columns / RunningSoftmax::LANES, RunningSoftmax::EMPTY);
+    weighted.clear();
+    weighted.resize(count.div_ceil(columns) * columns * value_rows, 0.0);
+    for start in (0..memory.count).step_by(KEY_BLOCK) {
+        let keys = KEY_BLOCK.min(memory.count - start);
+        let padded = keys.next_multiple_of(rows);
+        let key_panels = &memory.keys[start * memory.width..][..padded * memory.width];
+        let value_panels = &memory.values[start * value_rows..][..keys * value_rows];
+        let panels = queries.chunks_exact(memory.width * columns);
+        let states = running.chunks_exact_mut(columns / RunningSoftmax::LANES);
+        for ((queries, states), weighted) in panels.zip(states).zip(weighted.chunks_exact_mut(value_rows * columns)) {
+            scores.clear();
+            scores.resize(padded * columns, 0.0);
+            instructions.add_product(key_panels, queries, memory.width, scores);
+            let scores = &mut scores[..keys * columns];
+            instructions.vectorized(
+                #[inline(always)]
+                || soften(scores, states, weighted),
+            );
+            instructions.add_product(value_panels, scores, keys, weighted);
+        }
+    }
+    let panels = weighted.chunks_exact(value_rows * columns).zip(running.chunks_exact(columns / RunningSoftmax::LANES));
+    for (panel, (weighted, states)) in panels.enumerate() {
+        for lane in 0..columns.min(count - panel * columns) {
+            let factor = 1.0 / states[lane / RunningSoftmax::LANES].sums[lane % RunningSoftmax::LANES];
+            let out = &mut out[(panel * columns + lane) * out_stride..][..memory.value_width];
+            for (out, values) in out.iter_mut().zip(weighted.chunks_exact(columns)) {
+                *out = values[lane] * factor;
+            }
+        }
     }
 }
 
@@ -103,42 +152,32 @@ impl<'a> HeadRows<'a> {
 pub fn multi_head_attention(problems: &[[HeadRows; 3]], heads: usize) -> Vec<f32> {
     let Some([queries, _, values]) = problems.first() else { return Vec::new() };
     let (count, out_stride) = (queries.count, heads * values.width);
+    let instructions = Instructions::best();
+    let memories: Vec<PackedMemory> = (0..problems.len() * heads)
+        .into_par_iter()
+        .map(|index| {
+            let ([_, keys, values], head) = (problems[index / heads], index % heads);
+            let mut memory = PackedMemory::default();
+            memory.pack(instructions, keys.count, |row| keys.row(head, row), |row| values.row(head, row));
+            memory
+        })
+        .collect();
     let mut out = vec![0f32; problems.len() * count * out_stride];
-    let mut blocks: Vec<(&[HeadRows; 3], usize, &mut [f32])> = out
+    let blocks: Vec<(usize, usize, &mut [f32])> = out
         .chunks_mut(count * out_stride)
-        .zip(problems)
-        .flat_map(|(rows, problem)| {
+        .enumerate()
+        .flat_map(|(problem, rows)| {
             let blocks = rows.chunks_mut(QUERY_BLOCK * out_stride).enumerate();
             blocks.map(move |(block, rows)| (problem, block * QUERY_BLOCK, rows))
         })
         .collect();
-    blocks.par_iter_mut().for_each_init(Scratch::new, |scratch, ([queries, keys, values], start, out)| {
-        let queries = queries.block(*start, out.len() / out_stride);
+    blocks.into_par_iter().with_max_len(1).for_each_init(Scratch::new, |scratch, (problem, start, out)| {
+        let count = out.len() / out_stride;
         for head in 0..heads {
+            let query = |row: usize| problems[problem][0].row(head, start + row);
             let out = &mut out[head * values.width..];
-            attend(queries.head(head), keys.head(head), values.head(head), out, out_stride, scratch);
+            attend(&memories[problem * heads + head], count, query, out, out_stride, scratch);
         }
     });
     out
-}
-
-/// Attention with `heads` heads side by side in the channels: queries `[objects or 1, n, heads · d]`, keys
-/// `[objects or 1, m, heads · d]`, values `[objects or 1, m, heads · e]` to `[objects, n, heads · e]`.
-pub fn attention(queries: Tensor<3>, keys: Tensor<3>, values: Tensor<3>, heads: usize) -> Tensor<3> {
-    let device = queries.device();
-    let operands = [queries, keys, values].map(|operand| (operand.dims(), operand.into_data()));
-    let objects = operands.iter().map(|([objects, ..], _)| *objects).max().unwrap_or(0);
-    let ([_, n, _], [_, _, out_channels]) = (operands[0].0, operands[2].0);
-    let problems: Vec<[HeadRows; 3]> = (0..objects)
-        .map(|object| {
-            std::array::from_fn(|operand| {
-                let ([objects, count, channels], data) = &operands[operand];
-                let data = data.as_slice::<f32>().expect("the networks compute in float32");
-                let start = if *objects == 1 { 0 } else { object * count * channels };
-                HeadRows { data: &data[start..], count: *count, width: channels / heads, stride: *channels }
-            })
-        })
-        .collect();
-    let out = multi_head_attention(&problems, heads);
-    Tensor::from_data(TensorData::new(out, [objects, n, out_channels]), &device)
 }

@@ -1,6 +1,6 @@
 //! Attention within square windows of a map.
 
-use super::attention::{Rows, Scratch, attend};
+use super::attention::{PackedMemory, Scratch, attend};
 use rayon::prelude::*;
 
 /// The maps that [`window_attention`] works on.
@@ -33,9 +33,9 @@ pub fn window_attention(queries: &[f32], qkv: &[f32], padding: &[f32], shape: Wi
     let results: Vec<Vec<f32>> = (0..rows * columns)
         .into_par_iter()
         .map_init(
-            || (Scratch::new(), WindowBuffers::default()),
-            |(scratch, buffers), index| {
-                buffers.attend(queries, qkv, padding, shape, (index / columns, index % columns), scratch)
+            || (Scratch::new(), PackedMemory::default()),
+            |(scratch, memory), index| {
+                attend_in_window([queries, qkv, padding], shape, (index / columns, index % columns), memory, scratch)
             },
         )
         .collect();
@@ -52,60 +52,36 @@ pub fn window_attention(queries: &[f32], qkv: &[f32], padding: &[f32], shape: Wi
     out
 }
 
-/// Contiguous copies of one head's rows.
-#[derive(Default)]
-struct WindowBuffers {
-    queries: Vec<f32>,
-    keys: Vec<f32>,
-    values: Vec<f32>,
-}
-
-impl WindowBuffers {
-    /// The results of one window's queries inside the map, row-major.
-    fn attend(
-        &mut self,
-        queries: &[f32],
-        qkv: &[f32],
-        padding: &[f32],
-        shape: WindowShape,
-        (row, column): (usize, usize),
-        scratch: &mut Scratch,
-    ) -> Vec<f32> {
-        let WindowShape { height, width, window, pooling, heads, channels, query_stride } = shape;
-        let (top, left) = (row * window / pooling, column * window / pooling);
-        let query_rows = (window / pooling).min(height / pooling - top);
-        let query_columns = (window / pooling).min(width / pooling - left);
-        let head_width = channels / heads;
-        let mut out = vec![0f32; query_rows * query_columns * channels];
-        for head in 0..heads {
-            let at = head * head_width;
-            self.queries.clear();
-            for y in top..top + query_rows {
-                for x in left..left + query_columns {
-                    let start = (y * (width / pooling) + x) * query_stride + at;
-                    self.queries.extend_from_slice(&queries[start..start + head_width]);
-                }
-            }
-            self.keys.clear();
-            self.values.clear();
-            for y in row * window..(row + 1) * window {
-                for x in column * window..(column + 1) * window {
-                    let inside = y < height && x < width;
-                    let token = if inside { &qkv[(y * width + x) * 3 * channels..] } else { padding };
-                    self.keys.extend_from_slice(&token[channels + at..][..head_width]);
-                    self.values.extend_from_slice(&token[2 * channels + at..][..head_width]);
-                }
-            }
-            let rows = |data, count| Rows { data, count, width: head_width, stride: head_width };
-            attend(
-                rows(&self.queries, query_rows * query_columns),
-                rows(&self.keys, window * window),
-                rows(&self.values, window * window),
-                &mut out[at..],
-                channels,
-                scratch,
-            );
-        }
-        out
+/// The results of one window's queries inside the map, row-major.
+fn attend_in_window(
+    [queries, qkv, padding]: [&[f32]; 3],
+    shape: WindowShape,
+    (row, column): (usize, usize),
+    memory: &mut PackedMemory,
+    scratch: &mut Scratch,
+) -> Vec<f32> {
+    let WindowShape { height, width, window, pooling, heads, channels, query_stride } = shape;
+    let (top, left) = (row * window / pooling, column * window / pooling);
+    let query_rows = (window / pooling).min(height / pooling - top);
+    let query_columns = (window / pooling).min(width / pooling - left);
+    let head_width = channels / heads;
+    let mut out = vec![0f32; query_rows * query_columns * channels];
+    let token = |index: usize| {
+        let (y, x) = (row * window + index / window, column * window + index % window);
+        if y < height && x < width { &qkv[(y * width + x) * 3 * channels..][..3 * channels] } else { padding }
+    };
+    let query = |index: usize| {
+        let (y, x) = (top + index / query_columns, left + index % query_columns);
+        &queries[(y * (width / pooling) + x) * query_stride..][..channels]
+    };
+    for head in 0..heads {
+        let at = head * head_width..(head + 1) * head_width;
+        let part = |from: usize| channels * from + at.start..channels * from + at.end;
+        let (keys, values) = (part(1), part(2));
+        let key = |index: usize| &token(index)[keys.clone()];
+        memory.pack(scratch.instructions, window * window, key, |index| &token(index)[values.clone()]);
+        let query = |index: usize| &query(index)[at.clone()];
+        attend(memory, query_rows * query_columns, query, &mut out[at.start..], channels, scratch);
     }
+    out
 }

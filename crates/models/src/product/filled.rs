@@ -7,13 +7,13 @@ use std::mem::MaybeUninit;
 ///
 /// # Panics
 /// If that is not all.
-pub(super) fn filled(len: usize, fill: impl FnOnce(&mut [MaybeUninit<f32>]) -> usize) -> Vec<f32> {
+pub(crate) fn filled(len: usize, fill: impl FnOnce(&mut [MaybeUninit<f32>]) -> usize) -> Vec<f32> {
     let mut values: Vec<f32> = Vec::with_capacity(len);
     let written = fill(&mut values.spare_capacity_mut()[..len]);
     assert_eq!(written, len, "values written");
     // SAFETY: the capacity is `len` at least, and as many values were written to as many places. That the places differ
-    // rests on `PackedConvolution`, the only user: each job has its own slices of the output, tiles of a job have
-    // different rows or columns, and the runs of a tile do not overlap.
+    // rests on the layers that use this: jobs have slices of the output of their own, the rows and columns of their tiles
+    // differ, and the runs of a tile do not overlap.
     unsafe { values.set_len(len) };
     values
 }
