@@ -96,6 +96,7 @@ def main():
             if result["tracked_frame_s"]:
                 row[f"{name}_tracked_frame_s"] = round(min(result["tracked_frame_s"][6:]), 3)
             row[f"{name}_peak_memory_mb"] = result["peak_memory_mb"]
+        row["splatseg_memory_bank_mb"] = round(ours["memory_bank_mb"], 1)
         print(json.dumps(row), flush=True)
 
 

@@ -34,6 +34,7 @@ fn main() {
         encoder.push(started.elapsed().as_secs_f64());
     }
     let mut tracked = Vec::new();
+    let mut state_mb = 0.0;
     if objects > 0 {
         let mut predictor = VideoPredictor::new(network, PredictorSettings::default()).expect("default settings");
         predictor.track_input(input(0), (side, side)).expect("the first frame");
@@ -51,11 +52,12 @@ fn main() {
             predictor.track_input(input, (side, side)).expect("frames of one size");
             tracked.push(started.elapsed().as_secs_f64());
         }
+        state_mb = predictor.state().memory_bytes() as f64 / (1 << 20) as f64;
     }
     println!(
         "{}",
         serde_json::json!({ "size": size, "image_size": side, "objects": objects, "encoder_s": encoder,
-            "tracked_frame_s": tracked, "peak_memory_mb": peak_memory_mb() })
+            "tracked_frame_s": tracked, "peak_memory_mb": peak_memory_mb(), "memory_bank_mb": state_mb })
     );
 }
 

@@ -222,6 +222,31 @@ fn scenario_f_more_pointers_than_fit() {
     follow(&mut predictor, &order[1..], &Pass { golden: &golden, pass: "p1" }, 1, &[(1, 0)]);
 }
 
+/// The network on a smaller input than it was made for: position embeddings are interpolated as the official code does.
+/// `tools/make_sam2_size_test_data.py` made the reference.
+#[test]
+fn another_image_size() {
+    let Some(folder) = folder("another_image_size") else { return };
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    let golden = Golden::open(&data, "sam2_mini_224");
+    let network = Arc::new(Sam2::load(&mini_weights(&folder), Some(224), &Device::flex()).unwrap());
+    let frames = frames(&folder);
+    let embedding = network.encode(network.input(&frames[0])).embedding.permute([0, 3, 1, 2]);
+    let embedding = embedding.into_data().try_into_vec::<f32>().unwrap();
+    assert_close("embedding", &embedding, &golden.floats("embedding"), Within::OfMax(1e-5));
+    let mask = masks(&Golden::open(&folder, "mini_preprocess"), "mask_video_u8").remove(0);
+    let mut predictor = VideoPredictor::new(network, PredictorSettings::parity(3)).unwrap();
+    let (logits, scores) = (golden.floats("low_res_logits"), golden.floats("object_score_logits"));
+    for (index, frame) in frames[..3].iter().enumerate() {
+        let found = predictor.track(frame).unwrap();
+        let found =
+            if index == 0 { predictor.prompt(1, &Prompt::Mask(mask.clone())).unwrap() } else { found[0].clone() };
+        let expected = &logits[index * 56 * 56..][..56 * 56];
+        assert_close("low_res_logits", found.low_res_logits.pixels(), expected, Within::Absolute(2e-3));
+        assert_close("object_score", &[found.object_score], &scores[index..=index], Within::Absolute(2e-3));
+    }
+}
+
 #[test]
 fn memory_stays_bounded_and_corrections_are_not_lost() {
     let Some(folder) = folder("memory_stays_bounded_and_corrections_are_not_lost") else { return };
