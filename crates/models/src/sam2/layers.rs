@@ -3,7 +3,7 @@
 
 use super::Sam2Error;
 use super::host::{HostValues, from_host, host};
-use super::kernels::apply_to_all;
+use super::kernels::{AxialKeys, apply_to_all};
 use super::weights::WeightReader;
 use crate::device::is_cpu;
 pub(super) use crate::product::Activation;
@@ -49,6 +49,11 @@ impl LinearWeights {
             row.iter_mut().zip(factors).for_each(|(value, factor)| *value *= factor);
         }
         self
+    }
+
+    /// The layer as what makes the keys of remembered maps.
+    pub fn axial_keys(&self, angles: &[[f32; 2]], side: usize) -> AxialKeys {
+        AxialKeys::new(&self.weight, &self.bias, angles, side, Instructions::best())
     }
 
     /// The layer on a device.
@@ -100,14 +105,6 @@ impl Linear {
         match self {
             Self::Packed(packed) => Some(packed),
             Self::Tensors { .. } => None,
-        }
-    }
-
-    /// Inputs and outputs.
-    pub fn dims(&self) -> [usize; 2] {
-        match self {
-            Self::Packed(packed) => packed.dims(),
-            Self::Tensors { weight, .. } => weight.dims(),
         }
     }
 

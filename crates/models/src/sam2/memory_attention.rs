@@ -3,7 +3,7 @@
 
 use super::config::MEMORY_ATTENTION_LAYERS;
 use super::host::{HostValues, from_host, host};
-use super::kernels::{HeadRows, multi_head_attention, rotate};
+use super::kernels::{AxialKeys, HeadRows, RememberedMaps, multi_head_attention, rotate};
 use super::layers::{Activation, LayerNorm, Linear, LinearWeights, forward_chain};
 use super::position_encoding::{rotary, sine_1d, sine_2d};
 use super::weights::WeightReader;
@@ -53,7 +53,7 @@ struct Layer {
     self_out: Linear,
     norm2: LayerNorm,
     cross_queries: Linear,
-    cross_keys: Linear,
+    cross_keys: AxialKeys,
     /// The projection of the values and the one of the result, in one: the weights of a softmax sum to 1, so that
     /// projecting the weighted mean of the few memory channels equals averaging many projected ones.
     cross_values_out: Linear,
@@ -81,7 +81,7 @@ pub(super) struct MemoryAttention {
 }
 
 impl Layer {
-    fn load(reader: &WeightReader, config: &Sam2Config) -> Result<Self, Sam2Error> {
+    fn load(reader: &WeightReader, config: &Sam2Config, angles: &[[f32; 2]], side: usize) -> Result<Self, Sam2Error> {
         let (hidden, memory) = (config.hidden_dim, config.memory_dim);
         let norm = |name: &str| LayerNorm::load(&reader.child(name), hidden, EPSILON);
         let linear = |name: &str, inputs, outputs| Linear::load(&reader.child(name), inputs, outputs);
@@ -95,7 +95,8 @@ impl Layer {
             self_out: linear("self_attn.out_proj", hidden, hidden)?,
             norm2: norm("norm2")?,
             cross_queries: linear("cross_attn_image.q_proj", hidden, hidden)?,
-            cross_keys: linear("cross_attn_image.k_proj", memory, hidden)?,
+            cross_keys: LinearWeights::load(&reader.child("cross_attn_image.k_proj"), memory, hidden)?
+                .axial_keys(angles, side),
             cross_values_out: cross_values.then(&cross_out).on(reader.device()),
             norm3: norm("norm3")?,
             linear1: linear("linear1", hidden, config.memory_feed_forward_dim)?,
@@ -141,29 +142,16 @@ impl Layer {
         let [query_objects, tokens, hidden] = queries.dims();
         let mut queries = host(queries);
         rotate(&mut queries, angles, hidden / 2);
-        let [memory_dim, _] = self.cross_keys.dims();
-        // One object after the other: the keys of a full memory take tens of megabytes.
-        let attended = memories.iter().enumerate().flat_map(|(object, memory)| {
-            let keys = self.keys(memory, angles, &device);
-            let rows = |data, width: usize, count| HeadRows { data, count, width, stride: width };
-            let start = if query_objects == 1 { 0 } else { object * tokens * hidden };
-            let count = memory.values.len() / memory_dim;
-            let queries = rows(&queries[start..], hidden, tokens);
-            multi_head_attention(&[[queries, rows(&keys, hidden, count), rows(&memory.values, memory_dim, count)]], 1)
-        });
+        let memory_dim = self.cross_keys.memory_dim();
+        let attended =
+            memories.iter().enumerate().flat_map(|(object, AssembledMemory { values, keys, pointer_tokens })| {
+                let start = if query_objects == 1 { 0 } else { object * tokens * hidden };
+                let memory = RememberedMaps { keys, values, pointer_tokens: *pointer_tokens };
+                self.cross_keys.attend(&queries[start..start + tokens * hidden], memory)
+            });
         let attended = from_host(attended.collect(), [memories.len(), tokens, memory_dim], &device);
         let map = map.expand([memories.len(), tokens, hidden]);
         self.cross_values_out.forward_added(attended, map)
-    }
-
-    /// Keys of a memory, `[tokens, hidden]`, those of frames rotated.
-    fn keys(&self, memory: &AssembledMemory, angles: &[[f32; 2]], device: &burn::tensor::Device) -> Vec<f32> {
-        let [memory_dim, hidden] = self.cross_keys.dims();
-        let count = memory.keys.len() / memory_dim;
-        let input = Tensor::<1>::from_data(memory.keys.as_slice(), device).reshape([count, memory_dim]);
-        let mut keys = host(self.cross_keys.forward(input));
-        rotate(&mut keys[..(count - memory.pointer_tokens) * hidden], angles, hidden / 2);
-        keys
     }
 }
 
@@ -173,14 +161,15 @@ impl MemoryAttention {
         let (hidden_dim, memory_dim) = (config.hidden_dim, config.memory_dim);
         let rows = super::config::NUM_MASK_MEMORIES;
         let attention = reader.child("memory_attention");
+        let angles = rotary(side, hidden_dim);
         let position = TensorData::new(sine_2d(side, side, hidden_dim), [1, side * side, hidden_dim]);
         Ok(Self {
             layers: (0..MEMORY_ATTENTION_LAYERS)
-                .map(|layer| Layer::load(&attention.child(format!("layers.{layer}")), config))
+                .map(|layer| Layer::load(&attention.child(format!("layers.{layer}")), config, &angles, side))
                 .collect::<Result<_, _>>()?,
             norm: LayerNorm::load(&attention.child("norm"), hidden_dim, EPSILON)?,
             position: Tensor::from_data(position, reader.device()) * POSITION_WEIGHT,
-            angles: rotary(side, hidden_dim),
+            angles,
             memory_position: sine_2d(side, side, memory_dim),
             temporal: reader.floats("maskmem_tpos_enc", &[rows, 1, 1, memory_dim])?,
             pointer_position: Linear::load(&reader.child("obj_ptr_tpos_proj"), hidden_dim, memory_dim)?,

@@ -5,7 +5,7 @@
 //! values reads.
 
 use super::softmax::{RunningSoftmax, soften};
-use crate::product::{Instructions, pack_columns, pack_rows};
+use crate::product::{Instructions, LANES, pack_columns, pack_rows};
 use rayon::prelude::*;
 
 /// Queries handled together, about: while a block of keys lies in a core's second-level cache, all of them see it.
@@ -113,7 +113,7 @@ pub fn attend<'a>(
     );
     let value_rows = memory.value_width.next_multiple_of(rows);
     running.clear();
-    running.resize(count.div_ceil(columns) * columns / RunningSoftmax::LANES, RunningSoftmax::EMPTY);
+    running.resize(count.div_ceil(columns) * columns / LANES, RunningSoftmax::EMPTY);
     weighted.clear();
     weighted.resize(count.div_ceil(columns) * columns * value_rows, 0.0);
     for start in (0..memory.count).step_by(KEY_BLOCK) {
@@ -122,7 +122,7 @@ pub fn attend<'a>(
         let key_panels = &memory.keys[start * memory.width..][..padded * memory.width];
         let value_panels = &memory.values[start * value_rows..][..keys * value_rows];
         let panels = queries.chunks_exact(memory.width * columns);
-        let states = running.chunks_exact_mut(columns / RunningSoftmax::LANES);
+        let states = running.chunks_exact_mut(columns / LANES);
         for ((queries, states), weighted) in panels.zip(states).zip(weighted.chunks_exact_mut(value_rows * columns)) {
             scores.clear();
             scores.resize(padded * columns, 0.0);
@@ -135,14 +135,33 @@ pub fn attend<'a>(
             instructions.add_product(value_panels, scores, keys, weighted);
         }
     }
-    let panels = weighted.chunks_exact(value_rows * columns).zip(running.chunks_exact(columns / RunningSoftmax::LANES));
-    for (panel, (weighted, states)) in panels.enumerate() {
-        for lane in 0..columns.min(count - panel * columns) {
-            let factor = 1.0 / states[lane / RunningSoftmax::LANES].sums[lane % RunningSoftmax::LANES];
-            let out = &mut out[(panel * columns + lane) * out_stride..][..memory.value_width];
-            for (out, values) in out.iter_mut().zip(weighted.chunks_exact(columns)) {
-                *out = values[lane] * factor;
-            }
+    let (panels, states) = (weighted.chunks_exact(value_rows * columns), running.chunks_exact(columns / LANES));
+    for (panel, (weighted, states)) in panels.zip(states).enumerate() {
+        let rows =
+            ResultRows { count: columns.min(count - panel * columns), width: memory.value_width, stride: out_stride };
+        write_result(weighted, states, rows, &mut out[panel * columns * out_stride..]);
+    }
+}
+
+/// Where results of queries go.
+#[derive(Clone, Copy)]
+pub struct ResultRows {
+    /// Queries.
+    pub count: usize,
+    /// Elements of a result.
+    pub width: usize,
+    /// Elements from result to result.
+    pub stride: usize,
+}
+
+/// Divides the weighted sums of a panel of queries, `[value elements, columns]`, by the sums of their weights, and writes
+/// one row per query.
+pub fn write_result(weighted: &[f32], states: &[RunningSoftmax], rows: ResultRows, out: &mut [f32]) {
+    for lane in 0..rows.count {
+        let factor = 1.0 / states[lane / LANES].sums[lane % LANES];
+        let out = &mut out[lane * rows.stride..][..rows.width];
+        for (out, values) in out.iter_mut().zip(weighted.chunks_exact(states.len() * LANES)) {
+            *out = values[lane] * factor;
         }
     }
 }

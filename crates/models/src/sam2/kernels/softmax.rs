@@ -10,8 +10,6 @@ pub struct RunningSoftmax {
 }
 
 impl RunningSoftmax {
-    /// Queries of one of these.
-    pub const LANES: usize = LANES;
     /// Before the first score. The maximum is finite so that differences of maxima are numbers.
     pub const EMPTY: Self = Self { maxima: [-1e30; LANES], sums: [0.0; LANES] };
 }
