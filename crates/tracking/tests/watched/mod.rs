@@ -97,8 +97,8 @@ pub struct Seen {
     pub masks: Vec<Vec<(SegmentId, Mask)>>,
 }
 
-/// Runs a method over the room, or the beginning of it, and watches its tracks. A track is right if its IoU with its object, the one that it
-/// followed first, is at least `min_iou`.
+/// Runs a method over the room, or the beginning of it, and watches its tracks. A track is right if its IoU with its
+/// object, the one that it followed first, is at least `min_iou`.
 pub fn watch(room: &[SeenFrame], tracker: &Shared, method: &mut dyn Method, min_iou: f64) -> Seen {
     let mut seen = Seen::default();
     let mut owner: BTreeMap<SegmentId, SegmentId> = BTreeMap::new();
