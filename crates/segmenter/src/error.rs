@@ -115,14 +115,18 @@ pub enum SegmenterError {
         /// Size of the frame.
         expected: (usize, usize),
     },
-    /// The oracle was asked about a scene without true segments.
-    #[error("{scene} has no ground truth, which the oracle segmenter needs")]
+    /// Truth was asked for in a scene without true segments.
+    #[error(
+        "{scene} has no ground truth, which the oracle segmenter, the simulated tracker and ground-truth prompts need"
+    )]
     NoGroundTruth {
         /// Name of the scene.
         scene: String,
     },
-    /// The oracle was asked about a frame that the scene does not have or that is not labelled.
-    #[error("{scene} has no ground truth for frame {frame}, which the oracle segmenter needs")]
+    /// Truth was asked for in a frame that the scene does not have or that is not labelled.
+    #[error(
+        "{scene} has no ground truth for frame {frame}, which the oracle segmenter, the simulated tracker and ground-truth prompts need"
+    )]
     UnlabelledFrame {
         /// Name of the scene.
         scene: String,

@@ -112,7 +112,7 @@ impl Scene for Unlabelled {
 #[test]
 fn missing_and_misfitting_truth_is_named() {
     let error = SceneGroundTruth::new(Arc::new(Unlabelled), Framing::default()).unwrap_err();
-    assert_eq!(error.to_string(), "attic has no ground truth, which the oracle segmenter needs");
+    assert!(error.to_string().starts_with("attic has no ground truth, which the oracle segmenter"), "{error}");
 
     let truth = SceneGroundTruth::new(room(2), Framing::default()).unwrap();
     let mut oracle = OracleSegmenter::new(truth, &OracleSettings::default(), 0).unwrap();

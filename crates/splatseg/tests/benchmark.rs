@@ -128,6 +128,19 @@ fn ablated_settings_are_rows_of_their_own() {
 }
 
 #[test]
+fn a_tracker_that_no_scene_could_use_is_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let of_sim = ["reprompt.clicks=0", "max_detection_iou=2", "sim_tracker.swap_rate=2"];
+    let of_sim = of_sim.map(|wrong| (vec!["--tracker", "sim", "--set", wrong], wrong.split('=').next().unwrap()));
+    for (arguments, named) in of_sim.into_iter().chain([(Vec::new(), "--tracker-weights")]) {
+        let arguments = [vec!["--methods", "sam2-splat"], arguments].concat();
+        let ended = bench(&[OTHER_ROOM], folder.path(), &arguments);
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{arguments:?}: {}", ended.err);
+        assert!(ended.err.contains(named), "{}", ended.err);
+    }
+}
+
+#[test]
 fn folders_of_others_are_left_alone() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("thesis.tex"), "mine").unwrap();

@@ -7,20 +7,24 @@ use splatseg_geometry::Mask;
 /// empty, fewer if it has fewer pixels that deep.
 ///
 /// The first is the innermost pixel. Each further one is the pixel farthest from those chosen, among the pixels at least
-/// half as deep inside the region as the innermost: expected outlines are off by a pixel or two, and a click beside the
-/// object would ask for another one. Of several equally good pixels the first in reading order is chosen, so the clicks
-/// follow from the region alone. The image's border counts as outline.
+/// half as deep inside the region as the innermost and connected with it inside the region. Expected outlines are off by
+/// a pixel or two, and rests of an id remain elsewhere in the memory after it has been overruled: a click there would
+/// ask for another object. Of several equally good pixels the first in reading order is chosen, so the clicks follow from
+/// the region alone. The image's border counts as outline.
 pub fn sample_clicks(region: &Mask, count: usize) -> Vec<(usize, usize)> {
     let depth = depth_inside(region);
     let innermost = depth.iter().copied().max().unwrap_or(0);
-    if innermost == 0 {
+    let Some(start) = depth.iter().position(|found| *found == innermost && innermost > 0) else {
         return Vec::new();
-    }
-    let pixel = |index: usize| (index % region.width(), index / region.width());
-    let interior: Vec<(usize, usize)> =
-        (0..depth.len()).filter(|index| depth[*index] > 0 && 2 * depth[*index] >= innermost).map(pixel).collect();
-    let first = depth.iter().position(|found| *found == innermost).map(pixel);
-    let mut chosen: Vec<(usize, usize)> = first.into_iter().take(count).collect();
+    };
+    let size = (region.width(), region.height());
+    let pixel = |index: usize| (index % size.0, index / size.0);
+    let is_deep = |index: &usize| 2 * depth[*index] >= innermost;
+    let mut interior: Vec<usize> =
+        connected_with(start, size, |index| depth[index] > 0).into_iter().filter(is_deep).collect();
+    interior.sort_unstable();
+    let interior: Vec<(usize, usize)> = interior.into_iter().map(pixel).collect();
+    let mut chosen: Vec<(usize, usize)> = [pixel(start)].into_iter().take(count).collect();
     // Squared distance of each interior pixel to the nearest click.
     let mut apart = vec![usize::MAX; interior.len()];
     while let Some(last) = chosen.last().filter(|_| chosen.len() < count).copied() {
@@ -40,6 +44,30 @@ pub fn sample_clicks(region: &Mask, count: usize) -> Vec<(usize, usize)> {
     chosen
 }
 
+/// The pixels that steps along rows and columns reach from `start` without leaving those that are inside.
+fn connected_with(start: usize, (width, height): (usize, usize), is_inside: impl Fn(usize) -> bool) -> Vec<usize> {
+    let mut is_found = vec![false; width * height];
+    is_found[start] = true;
+    let mut found = vec![start];
+    let mut next = 0;
+    while let Some(index) = found.get(next).copied() {
+        next += 1;
+        let neighbours = [
+            (index % width > 0).then(|| index - 1),
+            (index % width + 1 < width).then_some(index + 1),
+            (index >= width).then(|| index - width),
+            (index + width < width * height).then_some(index + width),
+        ];
+        for neighbour in neighbours.into_iter().flatten() {
+            if is_inside(neighbour) && !is_found[neighbour] {
+                is_found[neighbour] = true;
+                found.push(neighbour);
+            }
+        }
+    }
+    found
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -53,6 +81,19 @@ mod tests {
         assert_eq!(clicks.len(), 3);
         assert!(clicks[1].0 > 28 && (12..24).contains(&clicks[2].0), "{clicks:?}");
         assert_eq!(sample_clicks(&bar, 1), [(7, 9)]);
+    }
+
+    #[test]
+    fn rests_elsewhere_are_not_clicked() {
+        let is_inside = |column: usize, row: usize| {
+            let block = (4..16).contains(&column) && (4..16).contains(&row);
+            let rest = (30..40).contains(&column) && (5..15).contains(&row);
+            block || rest
+        };
+        let clicks = sample_clicks(&Mask::from_fn(48, 20, is_inside), 5);
+        assert!(clicks.len() == 5 && clicks.iter().all(|(column, _)| *column < 16), "{clicks:?}");
+        let bridged = sample_clicks(&Mask::from_fn(48, 20, |column, row| is_inside(column, row) || row == 10), 5);
+        assert!(bridged.iter().any(|(column, _)| *column >= 30), "one region: {bridged:?}");
     }
 
     #[test]

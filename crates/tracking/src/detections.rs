@@ -36,7 +36,10 @@ impl Default for NewObjectSettings {
 
 impl NewObjectSettings {
     /// The settings, if all are in range.
-    pub(crate) fn validated(self) -> Result<Self, TrackingError> {
+    ///
+    /// # Errors
+    /// [`TrackingError::Setting`] names the first that is not.
+    pub fn validated(self) -> Result<Self, TrackingError> {
         if (0.0..=1.0).contains(&self.max_detection_iou) {
             return Ok(self);
         }

@@ -54,7 +54,10 @@ impl Default for RepromptSettings {
 
 impl RepromptSettings {
     /// The settings, if all are in range.
-    pub(crate) fn validated(self) -> Result<Self, TrackingError> {
+    ///
+    /// # Errors
+    /// [`TrackingError::Setting`] names the first that is not.
+    pub fn validated(self) -> Result<Self, TrackingError> {
         let setting = |field, found: String, expected| Err(TrackingError::Setting { field, found, expected });
         if self.clicks == 0 {
             return setting("reprompt.clicks", "0".to_owned(), "1 or more");

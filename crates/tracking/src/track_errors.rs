@@ -19,7 +19,7 @@
 //!   cover at most `max_covered_share` of it. Remedy: clicks on what they leave.
 //! - **(b) incorrect track**: a trusted segment whose own track shows nothing, but another lies on it; or whose own
 //!   track is wrong (unless that is a duplicate). Remedy: positive clicks on the segment, negative ones on what its
-//!   track has of other segments. A track that lies on it and whose own segment the memory does not expect is removed:
+//!   track has of other segments, or on all of a track that has nothing of its own segment. A track that lies on it and whose own segment the memory does not expect is removed:
 //!   it follows this object under a newer id, or its object is out of view and will be prompted when it returns.
 //! - **(c) duplicated track**: a track lies on a segment that its own, right track follows. If the track's own segment is
 //!   trusted it gets positive clicks there and negative ones on the other; if it is not expected, it is removed.
@@ -204,16 +204,18 @@ impl<'a> Comparison<'a> {
             None if !self.is_lain_on(segment) => TrackErrorKind::NotTracked,
             _ => TrackErrorKind::IncorrectTrack,
         };
-        let wrong = own.map_or_else(
-            || Mask::empty(left.width(), left.height()),
-            |own| {
-                let expects_other = |column, row| ![0, segment].contains(&self.expected[(column, row)]);
-                Mask::from_fn(left.width(), left.height(), |column, row| {
-                    own.mask.contains(column, row) && expects_other(column, row)
-                })
-            },
-        );
+        let wrong = own
+            .map_or_else(|| Mask::empty(left.width(), left.height()), |own| self.wrongly_labelled(segment, own.mask));
         Some(TrackError { kind, track: segment, remedy: Remedy::Prompt { expected: left, wrong } })
+    }
+
+    /// Where a wrong track's label is wrong: on other segments and, if no part of it is on its own, everywhere.
+    fn wrongly_labelled(&self, segment: SegmentId, mask: &Mask) -> Mask {
+        let is_elsewhere = mask.pixel_indices().all(|index| self.expected.pixels()[index] != segment);
+        Mask::from_fn(mask.width(), mask.height(), |column, row| {
+            let expected = self.expected[(column, row)];
+            mask.contains(column, row) && expected != segment && (is_elsewhere || expected != 0)
+        })
     }
 
     /// What is wrong about a track that lies on another segment while its own is not trusted.

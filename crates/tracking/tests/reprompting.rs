@@ -4,7 +4,7 @@
 mod watched;
 
 use splatseg_tracking::{Method, RepromptSettings, SimTrackerSettings, TrackErrorCounts};
-use watched::{Seen, baseline, room, splat, tracker, watch};
+use watched::{ROOM, Seen, baseline, splat, tracker, watch};
 
 const OFF: RepromptSettings = RepromptSettings {
     not_tracked: false,
@@ -19,12 +19,11 @@ const OFF: RepromptSettings = RepromptSettings {
     min_confidence: 0.6,
 };
 
-/// A room, seen with a tracker that errs, and a method that looks for some errors.
+/// The room, seen with a tracker that errs, and a method that looks for some errors.
 fn seen(errors: SimTrackerSettings, reprompt: RepromptSettings) -> Seen {
-    let scene = room(56);
-    let tracker = tracker(&scene, errors);
-    let mut method = splat(&scene, tracker.clone(), reprompt);
-    watch(&scene, &tracker, &mut method, 0.6)
+    let tracker = tracker(errors);
+    let mut method = splat(tracker.clone(), reprompt);
+    watch(&ROOM, &tracker, &mut method, 0.6)
 }
 
 /// That errors are put right within two frames where they are looked for, and stay where not. `of_kind` counts them.
@@ -74,13 +73,12 @@ fn a_category_alone_leaves_the_other_errors() {
 
 #[test]
 fn right_tracks_are_left_alone() {
-    let scene = room(56);
-    let shared = tracker(&scene, SimTrackerSettings::PERFECT);
-    let mut with_memory = splat(&scene, shared.clone(), RepromptSettings::default());
-    let watched = watch(&scene, &shared, &mut with_memory, 1.0);
+    let shared = tracker(SimTrackerSettings::PERFECT);
+    let mut with_memory = splat(shared.clone(), RepromptSettings::default());
+    let watched = watch(&ROOM, &shared, &mut with_memory, 1.0);
     assert_eq!((watched.found, watched.wrong), (TrackErrorCounts::default(), 0));
-    let shared = tracker(&scene, SimTrackerSettings::PERFECT);
-    let alone = watch(&scene, &shared, &mut baseline(&scene, shared.clone()), 1.0);
+    let shared = tracker(SimTrackerSettings::PERFECT);
+    let alone = watch(&ROOM, &shared, &mut baseline(shared.clone()), 1.0);
     assert!(watched.masks == alone.masks, "without errors the memory changes nothing");
 }
 
@@ -98,10 +96,9 @@ fn the_same_bytes_with_one_thread_and_with_several() {
     let with_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let scene = room(20);
-            let tracker = tracker(&scene, errors);
-            let mut method = splat(&scene, tracker.clone(), RepromptSettings::default());
-            let masks = watch(&scene, &tracker, &mut method, 0.5).masks;
+            let tracker = tracker(errors);
+            let mut method = splat(tracker.clone(), RepromptSettings::default());
+            let masks = watch(&ROOM[..20], &tracker, &mut method, 0.5).masks;
             let features: Vec<u32> = method.memory().unwrap().features().iter().map(|value| value.to_bits()).collect();
             (masks, features)
         })

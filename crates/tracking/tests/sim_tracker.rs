@@ -87,13 +87,37 @@ fn prompts_are_understood() {
         (7, clicks(&[(15.0, false), (25.0, true)])),
         (8, Prompt::MoreClicks(vec![Click { x: 0.0, y: 0.0, positive: true }])),
         (9, clicks(&[(35.0, false)])),
-        (10, clicks(&[(15.0, true), (15.0, false)])),
+        (10, clicks(&[(15.0, false)])),
     ];
     tracker.prompt(&corrected).unwrap();
-    assert_eq!([7, 8, 9, 10].map(|track| followed(&tracker, track)), [vec![1, 3], vec![1], vec![], vec![2, 3]]);
+    assert_eq!([7, 8, 9, 10].map(|track| followed(&tracker, track)), [vec![3], vec![1], vec![], vec![3]]);
     tracker.remove(7);
     tracker.remove(77);
     assert_eq!(tracker.track(&frame(2)).unwrap().len(), 4);
+}
+
+/// What track 2, which follows object 2, follows after a prompt.
+fn after(prompt: Prompt) -> Vec<SegmentId> {
+    let mut tracker = following(SimTrackerSettings::PERFECT, 0);
+    tracker.prompt(&[(2, prompt)]).unwrap();
+    followed(&tracker, 2)
+}
+
+#[test]
+fn clicks_that_disagree_ask_for_the_object_of_most_of_them() {
+    let (on_1, on_3, on_4, on_nothing) = ((5.0, true), (25.0, true), (35.0, true), (55.0, true));
+    assert_eq!(after(clicks(&[on_1, on_3, (22.0, true)])), [3], "never the union, nor what it was before");
+    assert_eq!(after(clicks(&[on_3, on_1])), [3], "a tie is decided by the first");
+    assert_eq!(after(clicks(&[on_1, on_3, (22.0, true), (27.0, false), (29.0, false)])), [1]);
+    assert_eq!(after(clicks(&[on_4, (31.0, false)])), [4], "as many for it as against it");
+    assert!(after(clicks(&[on_4, (31.0, false), (32.0, false)])).is_empty());
+    assert_eq!(after(clicks(&[on_nothing, on_3, on_nothing])), [3], "unlabelled ground says nothing");
+    assert!(after(clicks(&[on_nothing])).is_empty());
+    let boxed = Prompt::Points {
+        bounding_box: Some([0.0, 0.0, 30.0, 10.0]),
+        clicks: vec![Click { x: 5.0, y: 5.0, positive: false }, Click { x: 35.0, y: 5.0, positive: true }],
+    };
+    assert_eq!(after(boxed), [2, 3, 4]);
 }
 
 #[test]

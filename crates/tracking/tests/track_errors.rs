@@ -64,6 +64,19 @@ fn swapped_tracks_are_clicked_back() {
 }
 
 #[test]
+fn a_track_away_from_its_segment_is_wrong_on_unseen_ground_too() {
+    let found = errors(&[(1, stripe(28, 50)), (2, stripe(10, 20)), (3, stripe(20, 28))]);
+    assert_eq!(found, [(TrackErrorKind::IncorrectTrack, 1, Some((stripe(0, 10), stripe(28, 50))))]);
+    let grown = Mask::from_fn(SIZE.0, SIZE.1, |column, _| (0..19).contains(&column) || column >= 56);
+    let on_others = (TrackErrorKind::IncorrectTrack, 1, Some((stripe(0, 10), stripe(10, 19))));
+    assert_eq!(
+        errors(&[(1, grown), (3, stripe(20, 30))])[0],
+        on_others,
+        "what is unseen may be right, as part of it is"
+    );
+}
+
+#[test]
 fn a_segment_under_another_id_gets_its_own_back() {
     let found = errors(&[(1, stripe(0, 10)), (3, stripe(20, 30)), (7, stripe(11, 20))]);
     let own = (TrackErrorKind::IncorrectTrack, 2, Some((stripe(10, 20), stripe(0, 0))));

@@ -89,11 +89,7 @@ fn new_memory(settings: &Settings, bar: &ProgressBar) -> Result<SplatMemory, Fai
 fn make_tracker(settings: &Settings, scene: &Arc<dyn Scene>) -> Result<Box<dyn Tracker>, Failure> {
     match settings.tracker {
         TrackerName::Sam2 => {
-            let path = settings.tracker_weights.as_ref().ok_or_else(|| {
-                Failure::input(
-                    "--tracker sam2 needs --tracker-weights FILE, a checkpoint of SAM 2.1, e.g. sam2.1_hiera_base_plus.pt",
-                )
-            })?;
+            let path = tracker_weights(settings)?;
             let of_file = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", path.display()));
             let device = settings.device.open().map_err(Failure::input)?;
             let weights = Checkpoint::open(path).map_err(Failure::input)?;
@@ -105,6 +101,15 @@ fn make_tracker(settings: &Settings, scene: &Arc<dyn Scene>) -> Result<Box<dyn T
             Ok(Box::new(tracker.map_err(Failure::input)?))
         }
     }
+}
+
+/// The checkpoint that `--tracker sam2` cannot do without.
+pub fn tracker_weights(settings: &Settings) -> Result<&Path, Failure> {
+    settings.tracker_weights.as_deref().ok_or_else(|| {
+        Failure::input(
+            "--tracker sam2 needs --tracker-weights FILE, a checkpoint of SAM 2.1, e.g. sam2.1_hiera_base_plus.pt",
+        )
+    })
 }
 
 fn ground_truth(settings: &Settings, scene: &Arc<dyn Scene>) -> Result<SceneGroundTruth, Failure> {

@@ -33,30 +33,44 @@ pub(super) fn checked(track: SegmentId, prompt: &Prompt, size: (usize, usize)) -
 ///
 /// - A **mask** asks for the objects of which it covers more than half, whatever the track showed before.
 /// - A **box** asks for the objects of which more than half lies in it.
-/// - **Clicks** correct what the track shows: the object under a negative click is no longer part of it, that under a
-///   positive one is, and a positive click has the last word. Clicks on unlabelled ground say nothing.
+/// - **Clicks** without a box ask for one object, the [`clicked`] one, whatever the track showed before. Negative clicks
+///   alone say what it is not.
+/// - **Clicks with a box**, and further clicks, correct what the box asks for or the track shows: the objects under
+///   negative clicks are no longer part of it, the [`clicked`] one is.
 pub(super) fn answered(
     prompt: &Prompt,
     frame: &TrueFrame,
     before: Option<&BTreeSet<SegmentId>>,
 ) -> BTreeSet<SegmentId> {
-    let (bounding_box, clicks) = match prompt {
+    let shown = || before.cloned().unwrap_or_default();
+    let (mut objects, clicks) = match prompt {
         Prompt::Mask(mask) => return frame.mostly_in(mask),
-        Prompt::Points { bounding_box, clicks } => (*bounding_box, clicks),
-        Prompt::MoreClicks(clicks) => (None, clicks),
+        Prompt::Points { bounding_box: Some(corners), clicks } => {
+            (frame.mostly_in(&filled(*corners, frame.size())), clicks)
+        }
+        Prompt::Points { bounding_box: None, clicks } if clicks.iter().any(|click| click.positive) => {
+            return clicked(clicks, frame).into_iter().collect();
+        }
+        Prompt::Points { bounding_box: None, clicks } | Prompt::MoreClicks(clicks) => (shown(), clicks),
     };
-    let mut objects = match bounding_box {
-        Some(corners) => frame.mostly_in(&filled(corners, frame.size())),
-        None => before.cloned().unwrap_or_default(),
-    };
-    let clicked = |positive: bool| {
-        clicks.iter().filter(move |click| click.positive == positive).filter_map(|click| object_under(click, frame))
-    };
-    clicked(false).for_each(|object| {
+    for object in clicks.iter().filter(|click| !click.positive).filter_map(|click| object_under(click, frame)) {
         objects.remove(&object);
-    });
-    objects.extend(clicked(true));
+    }
+    objects.extend(clicked(clicks, frame));
     objects
+}
+
+/// The one object that agrees with most of the clicks: the one with the most positive clicks, less the negative clicks on
+/// it; of several equally good ones that of the earliest click. No object if each has more negative clicks than positive
+/// ones. Clicks on unlabelled ground say nothing.
+fn clicked(clicks: &[Click], frame: &TrueFrame) -> Option<SegmentId> {
+    let hits: Vec<(SegmentId, bool)> =
+        clicks.iter().filter_map(|click| Some((object_under(click, frame)?, click.positive))).collect();
+    let count = |object, positive| hits.iter().filter(|hit| **hit == (object, positive)).count();
+    let candidates = hits.iter().filter(|(_, positive)| *positive).map(|(object, _)| *object);
+    let agreeing: Vec<SegmentId> = candidates.filter(|object| count(*object, true) >= count(*object, false)).collect();
+    // The first of several equally good ones.
+    agreeing.into_iter().rev().max_by_key(|object| count(*object, true) - count(*object, false))
 }
 
 fn object_under(click: &Click, frame: &TrueFrame) -> Option<SegmentId> {

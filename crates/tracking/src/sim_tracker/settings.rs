@@ -52,7 +52,10 @@ impl SimTrackerSettings {
     };
 
     /// The settings, if all are in range.
-    pub(super) fn validated(self) -> Result<Self, TrackerError> {
+    ///
+    /// # Errors
+    /// [`TrackerError::Setting`] names the first that is not.
+    pub fn validated(self) -> Result<Self, TrackerError> {
         let rates = [
             ("sim_tracker.loss_rate", self.loss_rate),
             ("sim_tracker.lasting_loss_share", self.lasting_loss_share),

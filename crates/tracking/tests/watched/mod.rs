@@ -3,17 +3,17 @@
 
 #![allow(dead_code)] // Each test file uses a part.
 
-use splatseg_dataset::{Framing, Scene, SyntheticScene, SyntheticSettings};
+use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
 use splatseg_geometry::{Mask, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::MemorySettings;
 use splatseg_models::sam2::Prompt;
-use splatseg_segmenter::{FirstAppearances, SceneGroundTruth};
+use splatseg_segmenter::{FirstAppearances, GroundTruthSource};
 use splatseg_tracking::{
     Method, NewObjectSettings, PromptSource, RepromptSettings, Sam2Baseline, Sam2Splat, Sam2SplatSettings, SimTracker,
     SimTrackerSettings, TrackErrorCounts, Tracker, TrackerError,
 };
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, LazyLock, Mutex};
 
 /// Objects of fewer pixels in a frame are not looked at, and expected segments of half as many not trusted.
 pub const MIN_AREA: usize = 60;
@@ -37,36 +37,49 @@ impl Tracker for Shared {
     }
 }
 
-/// A small room; its 48 frames are one round of the camera, so things leave the picture and return.
-pub fn room(frames: usize) -> Arc<SyntheticScene> {
-    let settings = SyntheticSettings { width: 112, height: 84, frames, objects: 12, seed: 5, ..Default::default() };
-    Arc::new(SyntheticScene::new(settings).unwrap())
+/// A frame of the room, and what it shows.
+pub struct SeenFrame {
+    frame: RgbdFrame,
+    truth: SegmentMap,
 }
 
-fn truth(scene: &Arc<SyntheticScene>) -> SceneGroundTruth {
-    SceneGroundTruth::new(scene.clone(), Framing::default()).unwrap()
+/// A small room; 48 of its 56 frames are one round of the camera, so things leave the picture and return. Rendered once.
+pub static ROOM: LazyLock<Vec<SeenFrame>> = LazyLock::new(|| {
+    let settings = SyntheticSettings { width: 112, height: 84, frames: 56, objects: 12, seed: 5, ..Default::default() };
+    let scene = SyntheticScene::new(settings).unwrap();
+    let seen = |index| SeenFrame {
+        frame: scene.read_frame(index).unwrap(),
+        truth: scene.read_ground_truth(index).unwrap().unwrap(),
+    };
+    (0..scene.frame_count()).map(seen).collect()
+});
+
+fn truth() -> impl GroundTruthSource + 'static {
+    let of_frame =
+        |frame: &RgbdFrame| ROOM.iter().find(|seen| seen.frame.name() == frame.name()).unwrap().truth.clone();
+    move |frame: &RgbdFrame| Ok(of_frame(frame))
 }
 
 fn new_objects() -> NewObjectSettings {
     NewObjectSettings { prompts: PromptSource::GroundTruth, min_segment_area: 12, ..NewObjectSettings::default() }
 }
 
-/// A tracker in a room, and what is seen of it.
-pub fn tracker(scene: &Arc<SyntheticScene>, errors: SimTrackerSettings) -> Shared {
-    Shared(Arc::new(Mutex::new(SimTracker::new(truth(scene), errors, 3).unwrap())))
+/// A tracker in the room that others can look at.
+pub fn tracker(errors: SimTrackerSettings) -> Shared {
+    Shared(Arc::new(Mutex::new(SimTracker::new(truth(), errors, 3).unwrap())))
 }
 
 /// SAM2 with ground-truth prompts.
-pub fn baseline(scene: &Arc<SyntheticScene>, tracker: Shared) -> Sam2Baseline {
-    let prompts = FirstAppearances::new(truth(scene), new_objects().min_segment_area);
+pub fn baseline(tracker: Shared) -> Sam2Baseline {
+    let prompts = FirstAppearances::new(truth(), new_objects().min_segment_area);
     Sam2Baseline::new(Box::new(prompts), Box::new(tracker), new_objects()).unwrap()
 }
 
 /// SAM2-Splat with ground-truth prompts.
-pub fn splat(scene: &Arc<SyntheticScene>, tracker: Shared, reprompt: RepromptSettings) -> Sam2Splat {
-    let prompts = FirstAppearances::new(truth(scene), new_objects().min_segment_area);
+pub fn splat(tracker: Shared, reprompt: RepromptSettings) -> Sam2Splat {
+    let prompts = FirstAppearances::new(truth(), new_objects().min_segment_area);
     let reprompt = RepromptSettings { min_expected_area: MIN_AREA / 2, ..reprompt };
-    let memory = MemorySettings { num_codes: 64, ..MemorySettings::default() };
+    let memory = MemorySettings { num_codes: 64, feature_dim: 14, ..MemorySettings::default() };
     let settings = Sam2SplatSettings { memory, new_objects: new_objects(), reprompt, seed: 0 };
     Sam2Splat::new(Box::new(prompts), Box::new(tracker), settings, &mut |_| {}).unwrap()
 }
@@ -84,17 +97,15 @@ pub struct Seen {
     pub masks: Vec<Vec<(SegmentId, Mask)>>,
 }
 
-/// Runs a method over a room and watches its tracks. A track is right if its IoU with its object, the one that it
-/// followed first, is at least `min_iou`.
-pub fn watch(scene: &SyntheticScene, tracker: &Shared, method: &mut dyn Method, min_iou: f64) -> Seen {
+/// Runs a method over the room, or the beginning of it, and watches its tracks. A track is right if its IoU with its
+/// object, the one that it followed first, is at least `min_iou`.
+pub fn watch(room: &[SeenFrame], tracker: &Shared, method: &mut dyn Method, min_iou: f64) -> Seen {
     let mut seen = Seen::default();
     let mut owner: BTreeMap<SegmentId, SegmentId> = BTreeMap::new();
     let mut streaks: BTreeMap<SegmentId, usize> = BTreeMap::new();
-    for index in 0..scene.frame_count() {
-        let truth = scene.read_ground_truth(index).unwrap().unwrap();
-        let frame = scene.read_frame(index).unwrap();
-        let expected = method.memory().map(|memory| memory.expect(&memory.view(&frame)).belief.segments);
-        let output = method.process(&frame).unwrap();
+    for SeenFrame { frame, truth } in room {
+        let expected = method.memory().map(|memory| memory.expect(&memory.view(frame)).belief.segments);
+        let output = method.process(frame).unwrap();
         seen.found += output.track_errors;
         for (id, _) in &output.masks {
             let first =

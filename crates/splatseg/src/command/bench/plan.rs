@@ -4,8 +4,9 @@ use super::arguments::BenchArguments;
 use super::job::JobInputs;
 use super::store::job_key;
 use crate::command::Failure;
+use crate::command::method::tracker_weights;
 use splatseg::Settings;
-use splatseg::settings::{MethodName, SettingsLayers};
+use splatseg::settings::{MethodName, SettingsLayers, TrackerName};
 use splatseg_dataset::open_scene;
 use splatseg_metrics::{Protocol, ScoreSettings};
 use splatseg_tracking::PromptSource;
@@ -227,9 +228,21 @@ fn variant_settings(layers: &SettingsLayers, variant: &Variant, seed: u64) -> Re
     settings.seed = seed;
     // Results do not depend on these.
     settings.threads = 0;
-    if !matches!(variant.method, MethodName::Sam2 | MethodName::Sam2Splat) {
+    if variant.method.has_tracker() {
+        check_tracker(&settings)?;
+    } else {
         settings.tracker_weights = None;
     }
     settings.memory.validate().map_err(Failure::input)?;
     Ok(settings)
+}
+
+/// What a tracker would refuse on every scene alike is a mistake of the command line.
+fn check_tracker(settings: &Settings) -> Result<(), Failure> {
+    settings.reprompt.validated().map_err(Failure::input)?;
+    settings.new_objects().validated().map_err(Failure::input)?;
+    match settings.tracker {
+        TrackerName::Sam2 => tracker_weights(settings).map(|_| ()),
+        TrackerName::Sim => settings.sim_tracker.validated().map(|_| ()).map_err(Failure::input),
+    }
 }

@@ -9,15 +9,20 @@ use splatseg_tracking::StageTimes;
 pub struct StageTable {
     /// Names of the stages that any method has, in the order of the methods.
     pub stages: Vec<&'static str>,
-    /// The variant's name, then a time for each stage, and all but the segmenter together.
+    /// Headings of the sums after the stages.
+    pub totals: Vec<&'static str>,
+    /// The variant's name, then a time for each stage and each sum.
     pub rows: Vec<(String, Vec<f64>)>,
 }
+
+/// What a method costs beside its segmenter.
+const BESIDE_SEGMENTER: &str = "all but the segmenter";
+/// What a memory and its comparison with a tracker cost beside both networks, but for re-prompts.
+const BESIDE_NETWORKS: &str = "all but segmenter and tracker";
 
 impl StageTable {
     /// The title of the table.
     pub const TITLE: &str = "Time of each stage, milliseconds per frame";
-    /// The last column: what a method costs beside its segmenter.
-    pub const TOTAL: &str = "all but the segmenter";
 
     /// The table of a benchmark. Stages that take no time in any method are left out.
     pub fn new(results: &Results) -> Self {
@@ -38,17 +43,24 @@ impl StageTable {
             .collect();
         let used: Vec<usize> =
             (0..names.len()).filter(|stage| all.iter().any(|(_, times)| times[*stage] > 0.0)).collect();
+        let stages: Vec<&str> = used.iter().map(|stage| names[*stage]).collect();
+        let mut totals = vec![BESIDE_SEGMENTER];
+        if stages.contains(&"track") {
+            totals.push(BESIDE_NETWORKS);
+        }
         let row = |(label, times): (String, Vec<f64>)| {
-            // The first stage is the segmenter's.
-            let total = times[1..].iter().sum();
-            (label, used.iter().map(|stage| times[*stage]).chain([total]).collect())
+            // The first stages are the segmenter's and the tracker's.
+            let sums = [times[1..].iter().sum(), times[2..].iter().sum()];
+            let row = used.iter().map(|stage| times[*stage]).chain(sums.into_iter().take(totals.len()));
+            (label, row.collect())
         };
-        Self { stages: used.iter().map(|stage| names[*stage]).collect(), rows: all.into_iter().map(row).collect() }
+        let rows = all.into_iter().map(row).collect();
+        Self { stages, rows, totals }
     }
 
     /// The heading of each column after the first.
     pub fn columns(&self) -> impl Iterator<Item = &str> {
-        self.stages.iter().copied().chain([Self::TOTAL])
+        self.stages.iter().chain(&self.totals).copied()
     }
 
     /// As Markdown, with a heading.
