@@ -6,7 +6,7 @@
 
 use burn::tensor::Device;
 use splatseg_models::checkpoint::Checkpoint;
-use splatseg_models::fastsam::{Architecture, Network};
+use splatseg_models::fastsam::{Network, YoloArchitecture};
 use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let start = Instant::now();
     let network = {
         let checkpoint = Checkpoint::open(Path::new(path))?;
-        let architecture = Architecture::of_checkpoint(&checkpoint)?;
+        let architecture = YoloArchitecture::of_checkpoint(&checkpoint)?;
         Network::load(&checkpoint, architecture, &Device::default())?
     };
     let load = milliseconds(start);

@@ -42,7 +42,7 @@ pub fn missing_tensors(checkpoint: &Checkpoint) -> Option<Vec<Missing>> {
     let audit = Audit::of(checkpoint);
     let built = match checkpoint.architecture() {
         Architecture::YoloV8Seg { .. } => {
-            let architecture = fastsam::Architecture::of_checkpoint(checkpoint).ok()?;
+            let architecture = fastsam::YoloArchitecture::of_checkpoint(checkpoint).ok()?;
             fastsam::Network::load(&audit, architecture, &Device::flex()).is_ok()
         }
         Architecture::Sam2 { .. } => match Sam2::load(&audit, None, &Device::flex()) {

@@ -69,30 +69,38 @@ impl DeviceName {
     }
 }
 
-/// A device that has added two numbers. Burn starts drivers when they are first used, and panics where there are none.
+/// A device that has added two numbers: burn starts drivers when they are first used.
 #[cfg(any(feature = "cuda", feature = "vulkan", feature = "metal"))]
-fn tried(name: DeviceName, open: impl FnOnce() -> Device + std::panic::UnwindSafe) -> Result<Device, DeviceError> {
+fn tried(name: DeviceName, open: impl FnOnce() -> Device) -> Result<Device, DeviceError> {
     use burn::tensor::Tensor;
-    let hook = std::panic::take_hook();
-    // The panic becomes an error with the same text: it need not be told twice.
-    std::panic::set_hook(Box::new(|_| {}));
-    let outcome = std::panic::catch_unwind(|| {
+    let outcome = panics_told(|| {
         let device = open();
         let sum = Tensor::<1>::from_data([1.0, 2.0], &device).sum();
         sum.try_into_data().map(|_| device).map_err(|error| format!("{error:?}"))
     });
-    std::panic::set_hook(hook);
-    let message = match outcome {
-        Ok(Ok(device)) => return Ok(device),
-        Ok(Err(message)) => message,
-        Err(panic) => {
-            let text = panic.downcast_ref::<String>().cloned();
-            text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned())).unwrap_or_default()
-        }
-    };
-    // One line, whatever the driver says.
-    let message = message.lines().next().filter(|line| !line.is_empty()).unwrap_or("no driver").to_owned();
-    Err(DeviceError::Unusable { name: name.name(), message })
+    outcome.map_err(|message| {
+        // One line, whatever the driver says.
+        let message = message.lines().next().filter(|line| !line.is_empty()).unwrap_or("no driver").to_owned();
+        DeviceError::Unusable { name: name.name(), message }
+    })
+}
+
+/// What `work` returns, or the message of the first panic of any thread while it runs, which is not printed. Without a
+/// driver a thread of burn's panics, and then the one that waits for it, which knows no reason.
+#[cfg(any(test, feature = "cuda", feature = "vulkan", feature = "metal"))]
+fn panics_told<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
+    use std::sync::{Arc, Mutex, PoisonError};
+    let first = Arc::new(Mutex::new(None));
+    let seen = Arc::clone(&first);
+    let hook = take_hook();
+    set_hook(Box::new(move |panic| {
+        let message = panic.payload_as_str().unwrap_or_default().to_owned();
+        seen.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(message);
+    }));
+    let outcome = catch_unwind(AssertUnwindSafe(work));
+    set_hook(hook);
+    outcome.unwrap_or_else(|_| Err(first.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_default()))
 }
 
 #[cfg(test)]
@@ -107,6 +115,17 @@ mod tests {
             DeviceName::Cuda.open().unwrap_err().to_string(),
             "the device cuda is not part of this program: build it with --features cuda"
         );
+    }
+
+    #[test]
+    fn of_several_panics_the_first_is_told() {
+        let waiting: Result<(), String> = panics_told(|| {
+            let service = std::thread::spawn(|| panic!("no adapter"));
+            service.join().unwrap();
+            Ok(())
+        });
+        assert_eq!(waiting, Err("no adapter".to_owned()));
+        assert_eq!(panics_told(|| Ok(3)), Ok(3));
     }
 }
 

@@ -147,7 +147,7 @@ fn read_view(options: &Options, name: &str) -> Result<View> {
     if !scene.join("color").is_dir() {
         return read_seven_scenes(options, name);
     }
-    let color = image::open(scene.join(format!("color/{name}.jpg")))?.into_rgb8();
+    let color = read_color(&scene.join(format!("color/{name}.jpg")))?;
     let depth = image::open(scene.join(format!("depth/{name}.png")))?.into_luma16();
     let numbers = numbers(&scene.join("intrinsic/intrinsic_color.txt"))?;
     let camera = camera([numbers[0], numbers[5], numbers[2], numbers[6]], &color);
@@ -164,13 +164,20 @@ fn read_view(options: &Options, name: &str) -> Result<View> {
 }
 
 fn read_seven_scenes(options: &Options, name: &str) -> Result<View> {
-    let color = image::open(options.scene.join(format!("{name}.color.jpg")))?.into_rgb8();
+    let color = read_color(&options.scene.join(format!("{name}.color.jpg")))?;
     let depth = image::open(options.scene.join(format!("{name}.depth.png")))?.into_luma16();
     let numbers = numbers(&options.scene.join("camera-intrinsics.txt"))?;
     let full = camera([numbers[0], numbers[4], numbers[2], numbers[5]], &color);
     let color = imageops::resize(&color, 320, 240, imageops::FilterType::Triangle);
     let depth = imageops::resize(&depth, 320, 240, imageops::FilterType::Nearest);
     Ok(View { frame: frame(name, &color, &depth, full.resized(320, 240), options.crop)?, truth: None })
+}
+
+/// A colour image as the command reads it.
+fn read_color(path: &Path) -> Result<RgbImage> {
+    let color = splatseg_dataset::read_color_image(path)?;
+    let pixel = |column: u32, row: u32| image::Rgb(color[(column as usize, row as usize)]);
+    Ok(RgbImage::from_fn(color.width() as u32, color.height() as u32, pixel))
 }
 
 fn numbers(path: &Path) -> Result<Vec<f32>> {

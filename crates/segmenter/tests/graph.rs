@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 use proptest::prelude::*;
+use splatseg_dataset::read_color_image;
 use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentMap};
 use splatseg_segmenter::{GraphSegmenter, GraphSettings, Segmenter, SegmenterError};
 use std::path::Path;
@@ -208,11 +209,10 @@ fn most_objects_of_a_rendered_room_are_found() {
     }
     let (mut best_sum, mut objects) = (0.0, 0.0);
     for index in (0..80).step_by(10) {
-        let color = image::open(scene.join(format!("color/{index}.jpg"))).unwrap().into_rgb8();
+        let color = read_color_image(&scene.join(format!("color/{index}.jpg"))).unwrap();
         let depth = image::open(scene.join(format!("depth/{index}.png"))).unwrap().into_luma16();
         let truth = image::open(scene.join(format!("instance-filt/{index}.png"))).unwrap().into_luma16();
         let view = Intrinsics { fx: 288.935, fy: 288.935, cx: 159.5, cy: 119.5, width: 320, height: 240 };
-        let color = Image::from_pixels(320, 240, color.pixels().map(|pixel| pixel.0).collect()).unwrap();
         let depth = depth.pixels().map(|pixel| f32::from(pixel.0[0]) / 1000.0).collect();
         let depth = Image::from_pixels(320, 240, depth).unwrap();
         let truth = truth.pixels().map(|pixel| u32::from(pixel.0[0])).collect();

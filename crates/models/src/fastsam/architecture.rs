@@ -15,7 +15,7 @@ const MAX_BOTTLENECKS: usize = 64;
 
 /// The sizes that tell one YOLOv8-seg from another (`yolov8-seg.yaml` of Ultralytics); everything else follows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Architecture {
+pub struct YoloArchitecture {
     /// Channels of the backbone's five stages, strides 2, 4, 8, 16, 32.
     pub stage_channels: [usize; 5],
     /// Bottlenecks of each C2f block: layers 2, 4, 6, 8 of the backbone, 12, 15, 18, 21 of the neck.
@@ -62,7 +62,7 @@ const SCALES: [(char, f64, f64, usize); 5] = [
     ('x', 1.00, 1.25, 512),
 ];
 
-impl Architecture {
+impl YoloArchitecture {
     /// The architecture with a `depth` and `width` multiple and at most `max_channels` channels before widening.
     ///
     /// The rules are those of Ultralytics' `parse_model`: channels are rounded up to multiples of 8, numbers of
@@ -168,14 +168,14 @@ mod tests {
 
     #[test]
     fn sizes_are_those_of_the_published_models() {
-        let x = Architecture::published('x').unwrap();
+        let x = YoloArchitecture::published('x').unwrap();
         assert_eq!(x.stage_channels, [80, 160, 320, 640, 640]);
         assert_eq!(x.bottlenecks, [3, 6, 6, 3, 3, 3, 3, 3]);
         assert_eq!((x.prototype_channels, x.name().as_str()), (320, "yolov8x-seg"));
-        let medium = Architecture::published('m').unwrap();
+        let medium = YoloArchitecture::published('m').unwrap();
         assert_eq!(medium.stage_channels, [48, 96, 192, 384, 576]);
         assert_eq!(medium.bottlenecks, [2, 4, 4, 2, 2, 2, 2, 2]);
-        assert_eq!(Architecture::scaled(0.33, 0.125, 1024).name(), "yolov8-seg");
-        assert_eq!(Architecture::published('z'), None);
+        assert_eq!(YoloArchitecture::scaled(0.33, 0.125, 1024).name(), "yolov8-seg");
+        assert_eq!(YoloArchitecture::published('z'), None);
     }
 }

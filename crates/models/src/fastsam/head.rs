@@ -2,7 +2,7 @@
 
 use super::conv::{ConvShape, FusedConv};
 use super::prototypes::PrototypeBranch;
-use super::{Architecture, FastSamError, Weights};
+use super::{FastSamError, Weights, YoloArchitecture};
 use burn::tensor::{Device, Tensor};
 
 /// Distances from an anchor to a side of its box are distributions over this many bins.
@@ -41,7 +41,7 @@ impl Head {
     pub fn load(
         weights: &dyn Weights,
         name: &str,
-        architecture: &Architecture,
+        architecture: &YoloArchitecture,
         device: &Device,
     ) -> Result<Self, FastSamError> {
         let features = [2, 3, 4].map(|stage| architecture.stage_channels[stage]);

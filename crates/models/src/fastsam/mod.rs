@@ -23,7 +23,7 @@ mod settings;
 mod sppf;
 mod weights;
 
-pub use architecture::Architecture;
+pub use architecture::YoloArchitecture;
 pub use candidates::Candidates;
 pub use error::FastSamError;
 pub use letterbox::{letterbox, normalised};

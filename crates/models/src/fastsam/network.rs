@@ -6,7 +6,7 @@ use super::conv::{ConvShape, FusedConv};
 use super::head::{DISTANCE_BINS, Head};
 use super::raw_output::{RawLevel, RawOutput};
 use super::sppf::Sppf;
-use super::{Architecture, FastSamError, Prototypes, Weights};
+use super::{FastSamError, Prototypes, Weights, YoloArchitecture};
 use burn::tensor::module::interpolate;
 use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -14,7 +14,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 /// The network of FastSAM: YOLOv8-seg with one class, on one device. Layers are numbered as in `yolov8-seg.yaml`.
 #[derive(Clone, Debug)]
 pub struct Network {
-    architecture: Architecture,
+    architecture: YoloArchitecture,
     device: Device,
     /// Layers 0, 1, 3, 5, 7: each halves the image.
     stages: [FusedConv; 5],
@@ -35,7 +35,7 @@ impl Network {
     ///
     /// # Errors
     /// [`FastSamError`] names the tensor that is missing or has another shape than the architecture asks for.
-    pub fn load(weights: &dyn Weights, architecture: Architecture, device: &Device) -> Result<Self, FastSamError> {
+    pub fn load(weights: &dyn Weights, architecture: YoloArchitecture, device: &Device) -> Result<Self, FastSamError> {
         let channels = architecture.stage_channels;
         let halving = |layer: usize, inputs: usize, outputs: usize| {
             FusedConv::normalised(weights, &format!("model.{layer}"), ConvShape::halving(inputs, outputs), device)
@@ -64,7 +64,7 @@ impl Network {
     }
 
     /// The sizes of this network.
-    pub fn architecture(&self) -> &Architecture {
+    pub fn architecture(&self) -> &YoloArchitecture {
         &self.architecture
     }
 

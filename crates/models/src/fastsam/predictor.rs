@@ -2,7 +2,7 @@
 
 use super::letterbox::{letterbox, normalised};
 use super::masks::{image_masks, input_mask_in_image, input_masks};
-use super::{Architecture, Candidates, FastSamError, FastSamPredictorSettings, Network, Placement, Prototypes};
+use super::{Candidates, FastSamError, FastSamPredictorSettings, Network, Placement, Prototypes, YoloArchitecture};
 use crate::checkpoint::Checkpoint;
 use burn::tensor::Device;
 use splatseg_geometry::{Image, Mask};
@@ -37,7 +37,7 @@ impl FastSamPredictor {
     pub fn open(path: &Path, settings: FastSamPredictorSettings, device: &Device) -> Result<Self, FastSamError> {
         let settings = settings.validated()?;
         let checkpoint = Checkpoint::open(path)?;
-        let architecture = Architecture::of_checkpoint(&checkpoint)?;
+        let architecture = YoloArchitecture::of_checkpoint(&checkpoint)?;
         Ok(Self { network: Network::load(&checkpoint, architecture, device)?, settings })
     }
 

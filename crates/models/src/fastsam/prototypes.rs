@@ -1,7 +1,7 @@
 //! The branch that makes mask prototypes.
 
 use super::conv::{ConvShape, FusedConv};
-use super::{Architecture, FastSamError, Weights};
+use super::{FastSamError, Weights, YoloArchitecture};
 use burn::tensor::{Device, Tensor};
 
 /// Ultralytics' `Proto`: prototypes at a quarter of the input's size from features at an eighth.
@@ -17,7 +17,7 @@ impl PrototypeBranch {
     pub fn load(
         weights: &dyn Weights,
         name: &str,
-        architecture: &Architecture,
+        architecture: &YoloArchitecture,
         device: &Device,
     ) -> Result<Self, FastSamError> {
         let hidden = architecture.prototype_channels;

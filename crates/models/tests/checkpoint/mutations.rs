@@ -1,4 +1,6 @@
 //! Good files with bytes changed at random: whatever the reader says, it says it soon and without a panic.
+//!
+//! `PROPTEST_CASES=20000` tries that many files of each kind.
 
 use crate::files::{Written, module_pickle, safetensors_file, torch_file};
 use proptest::prelude::*;
@@ -45,7 +47,7 @@ fn changed(bytes: &[u8], changes: &[(Index, u8, usize)]) -> Vec<u8> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn changed_pickles(changes in changes()) {

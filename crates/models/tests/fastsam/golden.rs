@@ -81,9 +81,7 @@ pub fn different_pixels(a: &Mask, b: &Mask) -> usize {
     a.area() + b.area() - 2 * a.intersection_area(b)
 }
 
-/// An image file.
+/// An image file, as the command reads it.
 pub fn image(path: &Path) -> Image<[u8; 3]> {
-    let image = image::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).into_rgb8();
-    let pixels = image.pixels().map(|pixel| pixel.0).collect();
-    Image::from_pixels(image.width() as usize, image.height() as usize, pixels).unwrap()
+    splatseg_dataset::read_color_image(path).unwrap_or_else(|error| panic!("{error}"))
 }

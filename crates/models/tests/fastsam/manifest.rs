@@ -3,7 +3,7 @@
 use crate::golden::shared;
 use burn::tensor::Device;
 use serde::Deserialize;
-use splatseg_models::fastsam::{Architecture, FastSamError, Network, Weights};
+use splatseg_models::fastsam::{FastSamError, Network, Weights, YoloArchitecture};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -40,9 +40,9 @@ fn check(size: char, test: &str) {
     let Some(path) = shared(&format!("golden/fastsam/manifest_{size}.json"), test) else { return };
     let manifest: Manifest = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
     let weights = Zeros { shapes: manifest.tensors.into_iter().collect(), read: RefCell::default() };
-    let architecture = Architecture::of_tensors(&weights).unwrap();
+    let architecture = YoloArchitecture::of_tensors(&weights).unwrap();
     assert_eq!(architecture.name(), manifest.arch);
-    assert_eq!(Architecture::published(size), Some(architecture));
+    assert_eq!(YoloArchitecture::published(size), Some(architecture));
     Network::load(&weights, architecture, &Device::flex()).unwrap();
     let mut read = weights.read.into_inner();
     read.sort();
