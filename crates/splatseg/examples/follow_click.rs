@@ -11,7 +11,14 @@ use splatseg::models::device::DeviceName;
 use splatseg::models::sam2::{PredictorSettings, Prompt, Sam2, VideoPredictor};
 use std::path::Path;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() {
+    if let Err(error) = follow() {
+        eprintln!("error: {error}");
+        std::process::exit(1);
+    }
+}
+
+fn follow() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [weights, scene, x, y, out] = arguments.as_slice() else {
         return Err("usage: follow_click SAM2_CHECKPOINT SCENE X Y OUT".into());

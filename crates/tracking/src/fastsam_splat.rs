@@ -1,6 +1,7 @@
 //! FastSAM-Splat: a segmenter without memory, and a splat that remembers (METHOD, "FastSAM-Splat, one frame").
 
 use crate::matching::check_min_f_score;
+use crate::painting::visible_parts;
 use crate::{FrameOutput, Method, StageTimes, TrackErrorCounts, TrackingError, check_sizes, fuse, match_segments};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
@@ -30,6 +31,8 @@ impl Default for FastSamSplatSettings {
 }
 
 /// The method: feed it frames in order ([`Method::process`]), get a segment map for each.
+///
+/// Where predictions overlap, the smaller lie over the larger, and what is to be seen of each is what is matched.
 ///
 /// It is online: the map of a frame depends on that frame and earlier ones only.
 pub struct FastSamSplat {
@@ -96,11 +99,12 @@ impl Method for FastSamSplat {
         times.decode = started.elapsed();
 
         let started = Instant::now();
-        let predictions: Vec<&Mask> = masks
-            .iter()
-            .map(|mask| &mask.mask)
-            .filter(|mask| mask.area() >= self.settings.min_segment_area.max(1))
-            .collect();
+        // Copies of a mask would otherwise take the remembered id from each other and then hide each other.
+        let least = self.settings.min_segment_area.max(1);
+        let masks: Vec<&Mask> = masks.iter().map(|mask| &mask.mask).filter(|mask| mask.area() >= least).collect();
+        let mut parts = visible_parts((frame.width(), frame.height()), &masks);
+        parts.retain(|part| part.area() >= least);
+        let predictions: Vec<&Mask> = parts.iter().collect();
         let matched = match_segments(&expected.belief.segments, &predictions, self.settings.min_match_f_score);
         times.match_segments = started.elapsed();
 

@@ -22,6 +22,17 @@ pub(crate) fn painted(size: (usize, usize), masks: &[(SegmentId, Mask)]) -> Segm
     map
 }
 
+/// What is to be seen of each mask once all are painted, in [`painting_order`]; for some that is nothing.
+pub(crate) fn visible_parts(size: (usize, usize), masks: &[&Mask]) -> Vec<Mask> {
+    let numbered = |(index, mask): (usize, &&Mask)| (index as SegmentId + 1, (*mask).clone());
+    let map = painted(size, &masks.iter().enumerate().map(numbered).collect::<Vec<_>>());
+    let part = |index: usize| {
+        let pixels = map.pixels();
+        Mask::from_fn(size.0, size.1, |column, row| pixels[row * size.0 + column] as usize == index + 1)
+    };
+    (0..masks.len()).map(part).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -31,5 +42,13 @@ mod tests {
         let stripe = |from: usize, to: usize| Mask::from_fn(6, 1, |column, _| (from..to).contains(&column));
         let masks = [(4, stripe(1, 2)), (9, stripe(0, 4)), (5, stripe(2, 4)), (6, stripe(3, 5))];
         assert_eq!(painted((6, 1), &masks).pixels(), [9, 4, 5, 6, 6, 0]);
+    }
+
+    #[test]
+    fn copies_share_no_pixel() {
+        let stripe = |from: usize, to: usize| Mask::from_fn(6, 1, |column, _| (from..to).contains(&column));
+        let masks = [stripe(0, 5), stripe(1, 5), stripe(1, 5), stripe(5, 6)];
+        let parts = visible_parts((6, 1), &masks.each_ref());
+        assert_eq!(parts, [stripe(0, 1), stripe(0, 0), stripe(1, 5), stripe(5, 6)]);
     }
 }
