@@ -103,6 +103,11 @@ fn panics_told<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String>
     outcome.unwrap_or_else(|_| Err(first.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_default()))
 }
 
+/// Whether tensors on a device are computed on the CPU, by what this crate has of its own.
+pub(crate) fn is_cpu(device: &Device) -> bool {
+    Tensor::<1>::empty([1], device).try_into_primitive::<Flex>().is_ok()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -127,9 +132,4 @@ mod tests {
         assert_eq!(waiting, Err("no adapter".to_owned()));
         assert_eq!(panics_told(|| Ok(3)), Ok(3));
     }
-}
-
-/// Whether tensors on a device are computed on the CPU, by what this crate has of its own.
-pub(crate) fn is_cpu(device: &Device) -> bool {
-    Tensor::<1>::empty([1], device).try_into_primitive::<Flex>().is_ok()
 }

@@ -67,7 +67,7 @@ impl DirectConvolution {
         let layout = StripLayout::new(self.shape, input, threads);
         // If there are fewer strips than threads, the rows are shared out too: whole panels, and whole channels.
         let rows = self.instructions.rows();
-        let unit = if self.shape.doubling && rows % 4 != 0 { 2 * rows } else { rows };
+        let unit = if self.shape.doubling && !rows.is_multiple_of(4) { 2 * rows } else { rows };
         let units = self.bias.len().div_ceil(unit);
         let shares = threads.div_ceil(layout.strips()).min(units);
         let jobs = self.jobs(&layout, output, units.div_ceil(shares) * unit);

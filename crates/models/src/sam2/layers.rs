@@ -63,10 +63,10 @@ impl LinearWeights {
             return Linear::Packed(PackedLinear::new(&weight, &bias, Instructions::best()));
         }
         let [inputs, outputs] = [weight.len() / bias.len(), bias.len()];
-        Linear::Tensors {
+        Linear::Tensors(Box::new(LinearTensors {
             weight: Tensor::from_data(TensorData::new(weight, [inputs, outputs]), device),
             bias: Tensor::from_data(TensorData::new(bias, [outputs]), device),
-        }
+        }))
     }
 }
 
@@ -82,12 +82,16 @@ pub(super) enum Linear {
     /// On the CPU.
     Packed(PackedLinear),
     /// On other devices.
-    Tensors {
-        /// `[in, out]`.
-        weight: Tensor<2>,
-        /// `[out]`.
-        bias: Tensor<1>,
-    },
+    Tensors(Box<LinearTensors>),
+}
+
+/// The parameters of a [`Linear`] on another device than the CPU.
+#[derive(Clone, Debug)]
+pub(super) struct LinearTensors {
+    /// `[in, out]`.
+    weight: Tensor<2>,
+    /// `[out]`.
+    bias: Tensor<1>,
 }
 
 impl Linear {
@@ -104,7 +108,7 @@ impl Linear {
     fn packed(&self) -> Option<&PackedLinear> {
         match self {
             Self::Packed(packed) => Some(packed),
-            Self::Tensors { .. } => None,
+            Self::Tensors(_) => None,
         }
     }
 
@@ -136,8 +140,8 @@ pub(super) fn forward_chain<const D: usize>(
     let Some(layers) = packed.collect::<Option<Vec<_>>>() else {
         let input = norm.map_or(input.clone(), |norm| norm.forward(input));
         let through = |input, (layer, activation): &(&Linear, Activation)| match layer {
-            Linear::Tensors { weight, bias } => {
-                activate(*activation, linear(input, weight.clone(), Some(bias.clone())))
+            Linear::Tensors(layer) => {
+                activate(*activation, linear(input, layer.weight.clone(), Some(layer.bias.clone())))
             }
             Linear::Packed(_) => unreachable!("all layers of a network are on one device"),
         };
