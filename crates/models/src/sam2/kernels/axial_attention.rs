@@ -120,7 +120,6 @@ impl AxialKeys {
         let tokens = self.side * self.side;
         let count = keys.len() / width;
         let maps = (count - pointer_tokens) / tokens;
-        let token = |data: &'_ [f32], index: usize| -> Vec<f32> { data[index * width..][..width].to_vec() };
         let group = self.instructions.axial_rows();
         let mut packed_keys = vec![0.0; maps * tokens * width];
         packed_keys.par_chunks_mut((maps * width).max(1)).enumerate().for_each(|(place, out)| {
@@ -146,10 +145,9 @@ impl AxialKeys {
             })
             .collect();
         let (mut pointer_keys, mut pointer_values) = (Vec::new(), Vec::new());
-        let pointer = |data: &'_ [f32]| (count - pointer_tokens..count).flat_map(|index| token(data, index)).collect();
-        let (last_keys, last_values): (Vec<f32>, Vec<f32>) = (pointer(keys), pointer(values));
-        pack_rows(last_keys.chunks_exact(width), pointer_tokens, width, rows, &mut pointer_keys);
-        pack_columns(|| last_values.chunks_exact(width), width, rows, &mut pointer_values);
+        let pointers = (count - pointer_tokens) * width;
+        pack_rows(keys[pointers..].chunks_exact(width), pointer_tokens, width, rows, &mut pointer_keys);
+        pack_columns(|| values[pointers..].chunks_exact(width), width, rows, &mut pointer_values);
         let values = row_values.concat();
         PackedMaps { maps, keys: packed_keys, values, pointers: pointer_tokens, pointer_keys, pointer_values }
     }
