@@ -270,7 +270,7 @@ pub enum DatasetError {
         /// What was found.
         found: String,
         /// What was expected.
-        expected: &'static str,
+        expected: String,
     },
     /// The settings ask for the impossible.
     #[error(transparent)]

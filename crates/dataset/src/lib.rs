@@ -45,5 +45,5 @@ pub use scene::Scene;
 pub use settings::{DatasetSettings, ImageSize, ImageSizeTextError, SettingsError};
 pub use sevenscenes::SevenScenesScene;
 pub use stream::{FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY, StreamedFrame};
-pub use synthetic::{Noise, SyntheticScene, SyntheticSettings};
+pub use synthetic::{CameraMotion, Motion, Mover, Noise, SyntheticScene, SyntheticSettings};
 pub use tum::TumScene;

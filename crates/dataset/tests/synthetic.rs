@@ -99,3 +99,42 @@ fn seeds_make_rooms() {
     assert_eq!(first, room("synthetic:seed=1,width=64,height=48").read_frame(0).unwrap());
     assert_ne!(first, room("synthetic:seed=2,width=64,height=48").read_frame(0).unwrap());
 }
+
+#[test]
+fn a_static_camera_sees_the_first_frame_for_the_whole_video() {
+    let (still, walking) = (room("synthetic:frames=9,camera=static"), room("synthetic:frames=9"));
+    let first = walking.read_frame(0).unwrap();
+    let last = still.read_frame(8).unwrap();
+    assert_eq!((first.color(), first.depth()), (last.color(), last.depth()));
+    assert_eq!(first.world_from_camera(), last.world_from_camera());
+    assert_ne!(first.world_from_camera(), walking.read_frame(8).unwrap().world_from_camera());
+}
+
+/// Frame, pixel, id, depth and colour, taken before anything could move in the room.
+type Seen = (usize, (usize, usize), u32, f32, [u8; 3]);
+
+#[test]
+fn rooms_in_which_nothing_moves_stay_as_they_were() {
+    let expected: [Seen; 8] = [
+        (0, (5, 5), 5, 4.1753974, [86, 56, 98]),
+        (0, (32, 40), 1, 2.6582143, [78, 110, 130]),
+        (0, (40, 30), 5, 3.8103998, [124, 121, 163]),
+        (0, (50, 20), 5, 3.4429955, [92, 60, 105]),
+        (31, (20, 24), 1, 3.3206618, [63, 87, 104]),
+        (31, (32, 40), 15, 1.365843, [206, 170, 170]),
+        (31, (50, 20), 12, 2.9397671, [87, 110, 91]),
+        (31, (60, 44), 1, 1.9610363, [66, 102, 117]),
+    ];
+    for text in ["synthetic:frames=60,seed=3,width=64,height=48", "synthetic:seed=3,width=64,height=48,moving=0"] {
+        let scene = room(text);
+        assert_eq!(scene.name(), "synthetic:frames=60,seed=3,width=64,height=48,objects=20,noise=none");
+        assert!(scene.movers().is_empty());
+        for (index, at, id, depth, color) in expected {
+            let frame = scene.read_frame(index).unwrap();
+            assert_eq!(scene.read_ground_truth(index).unwrap().unwrap()[at], id, "frame {index}, {at:?}");
+            // Sines differ in their last digit between platforms.
+            assert!((frame.depth()[at] - depth).abs() < 1e-3, "frame {index}, {at:?}");
+            assert!(frame.color()[at].iter().zip(color).all(|(found, value)| found.abs_diff(value) <= 1));
+        }
+    }
+}

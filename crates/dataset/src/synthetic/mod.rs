@@ -1,13 +1,16 @@
 //! A furnished room that is ray-cast on demand, with exact depth, poses and instance ids.
 
+mod motion;
+mod movers;
 mod noise;
 mod room;
 mod settings;
 mod solids;
 mod texture;
 
+pub use motion::{Motion, Mover};
 pub use noise::Noise;
-pub use settings::SyntheticSettings;
+pub use settings::{CameraMotion, SyntheticSettings};
 pub(crate) use settings::{LAYOUT, looks_like};
 
 use crate::{DatasetError, Scene};
@@ -22,7 +25,8 @@ use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 const FOCAL_WIDTHS: f32 = 0.9;
 
 /// A room with textured boxes, spheres and cylinders through which a camera walks in rounds, so that things leave the
-/// image and come back. Frames are rendered when they are read, the same ones for the same settings.
+/// image and come back. Frames are rendered when they are read, the same ones for the same settings. With
+/// [`SyntheticSettings::moving`] some things slide, vanish or appear, in colour, depth and ids alike.
 ///
 /// Floor, ceiling and walls have ids 1 to 6, the things ids from 7. World coordinates have z up and their origin in
 /// the middle of the floor.
@@ -31,6 +35,7 @@ pub struct SyntheticScene {
     name: String,
     settings: SyntheticSettings,
     room: Room,
+    movers: Vec<Mover>,
     intrinsics: Intrinsics,
 }
 
@@ -38,7 +43,8 @@ impl SyntheticScene {
     /// Furnishes the room.
     ///
     /// # Errors
-    /// [`DatasetError::Synthetic`] names a setting that is out of range.
+    /// [`DatasetError::Synthetic`] names a setting that is out of range, also if more things are to move than there are
+    /// things on which nothing else stands.
     pub fn new(settings: SyntheticSettings) -> Result<Self, DatasetError> {
         settings.validate()?;
         let (width, height) = (settings.width, settings.height);
@@ -52,12 +58,43 @@ impl SyntheticScene {
             height,
         };
         let room = Room::furnished(settings.seed, settings.objects);
-        Ok(Self { name: settings.to_string(), settings, room, intrinsics })
+        let mut scene = Self { name: settings.to_string(), settings, room, movers: Vec::new(), intrinsics };
+        scene.movers = scene.choose_movers()?;
+        Ok(scene)
+    }
+
+    /// The things that move, vanish or appear, and how. The kinds take turns: slide, vanish, appear, slide, and so on;
+    /// if nothing has room to slide, a thing vanishes instead. A smaller [`SyntheticSettings::moving`] gives the first
+    /// of the same movers.
+    pub fn movers(&self) -> &[Mover] {
+        &self.movers
+    }
+
+    fn choose_movers(&self) -> Result<Vec<Mover>, DatasetError> {
+        let SyntheticSettings { frames, seed, moving, .. } = self.settings;
+        movers::choose(&self.room, &self.intrinsics, frames, |frame| self.camera_pose(frame), seed, moving).ok_or_else(
+            || DatasetError::Synthetic {
+                text: self.name.clone(),
+                field: "moving".to_owned(),
+                found: moving.to_string(),
+                expected: format!(
+                    "at most {}, the number of things on which nothing else stands",
+                    self.room.carrying_nothing().count()
+                ),
+            },
+        )
     }
 
     /// The settings it was made with.
     pub fn settings(&self) -> &SyntheticSettings {
         &self.settings
+    }
+
+    fn camera_pose(&self, frame: usize) -> Pose {
+        match self.settings.camera {
+            CameraMotion::Walk => self.room.camera_pose(frame),
+            CameraMotion::Static => self.room.camera_pose(0),
+        }
     }
 
     fn check_index(&self, index: usize) -> Result<(), DatasetError> {
@@ -67,21 +104,25 @@ impl SyntheticScene {
         Err(DatasetError::NoSuchFrame { scene: self.name.clone(), index, count: self.settings.frames })
     }
 
-    /// What the ray through the middle of every pixel sees, exactly.
-    fn cast_rays(&self, pose: &Pose) -> Image<Sample> {
+    /// What the ray through the middle of every pixel sees in a frame, exactly.
+    fn cast_rays(&self, frame: usize) -> Image<Sample> {
+        let (room, pose) = (self.room.at(frame, &self.movers), self.camera_pose(frame));
         let (width, height) = (self.intrinsics.width, self.intrinsics.height);
-        let sample_at = |index: usize| self.sample(pose, Vec2::new((index % width) as f32, (index / width) as f32));
+        let sample_at = |index: usize| {
+            let pixel = Vec2::new((index % width) as f32, (index / width) as f32);
+            self.sample(&room, &pose, pixel)
+        };
         // Whole rows to a task: single pixels are too little work.
         let samples: Vec<Sample> = (0..width * height).into_par_iter().with_min_len(width).map(sample_at).collect();
         let mut samples = samples.into_iter();
         Image::from_fn(width, height, |_, _| samples.next().unwrap_or_default())
     }
 
-    fn sample(&self, pose: &Pose, pixel: Vec2) -> Sample {
+    fn sample(&self, room: &Room, pose: &Pose, pixel: Vec2) -> Sample {
         // With depth 1 the ray's direction has z = 1 in the camera, so that distance along it is z-depth.
         let direction = pose.rotation() * self.intrinsics.unproject(pixel, 1.0);
         let ray = Ray { origin: pose.translation(), direction };
-        let Some((solid, hit)) = self.room.first_hit(ray) else { return Sample::default() };
+        let Some((solid, hit)) = room.first_hit(ray) else { return Sample::default() };
         let lit = brightness(ray.origin + hit.t * direction, hit.normal);
         Sample {
             id: solid.id,
@@ -107,8 +148,7 @@ impl Scene for SyntheticScene {
 
     fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
         self.check_index(index)?;
-        let pose = self.room.camera_pose(index);
-        let exact = self.cast_rays(&pose);
+        let exact = self.cast_rays(index);
         let (width, height) = exact.size();
         let measured: Vec<([u8; 3], f32)> = match self.settings.noise {
             Noise::None => exact.pixels().iter().map(|sample| (color_bytes(sample.color), sample.depth)).collect(),
@@ -117,7 +157,7 @@ impl Scene for SyntheticScene {
         let color = Image::from_fn(width, height, |column, row| measured[row * width + column].0);
         let depth = Image::from_fn(width, height, |column, row| measured[row * width + column].1);
         let name = self.frame_name(index);
-        RgbdFrame::new(name.clone(), color, depth, self.intrinsics, pose)
+        RgbdFrame::new(name.clone(), color, depth, self.intrinsics, self.camera_pose(index))
             .map_err(|source| DatasetError::Frame { name, source })
     }
 
@@ -127,6 +167,6 @@ impl Scene for SyntheticScene {
 
     fn read_ground_truth(&self, index: usize) -> Result<Option<SegmentMap>, DatasetError> {
         self.check_index(index)?;
-        Ok(Some(self.cast_rays(&self.room.camera_pose(index)).map(|sample| sample.id)))
+        Ok(Some(self.cast_rays(index).map(|sample| sample.id)))
     }
 }

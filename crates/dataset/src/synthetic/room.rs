@@ -1,12 +1,14 @@
 //! What stands where in the synthetic room, and how the camera walks through it. World coordinates, metres, z up, the
 //! origin in the middle of the floor.
 
+use super::motion::Mover;
 use super::solids::{Hit, Ray, Shape, Solid};
 use super::texture::Texture;
 use glam::{Mat4, Vec2, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use splatseg_geometry::{Pose, SegmentId};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Size of the room along x, y and z.
 const ROOM: Vec3 = Vec3::new(6.0, 5.2, 2.7);
@@ -20,13 +22,26 @@ const WALK_RADIUS: f32 = 1.0;
 const WALK_MARGIN: f32 = 0.45;
 /// Frames of one round. Positions move on by frames, so a longer video walks further, and what left comes back.
 const FRAMES_PER_ROUND: f32 = 48.0;
+/// Ids up to this are floor, ceiling and walls.
+const SHELL: SegmentId = 6;
 const LIGHT: Vec3 = Vec3::new(0.6, -0.8, 2.3);
 
 /// The room's solids.
 #[derive(Clone, Debug)]
 pub(super) struct Room {
     solids: Vec<Solid>,
+    /// What each thing that does not stand on the floor stands on.
+    carriers: BTreeMap<SegmentId, SegmentId>,
     seed: u64,
+}
+
+/// The part of the floor that a thing needs: the circle it covers, drawn along the line it slides on.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lane {
+    pub(super) start: Vec2,
+    /// The same as `start` for a thing that stays where it is.
+    pub(super) end: Vec2,
+    radius: f32,
 }
 
 impl Room {
@@ -37,11 +52,15 @@ impl Room {
         let mut solids = shell(&mut random);
         let shell_count = solids.len();
         let mut tops: Vec<usize> = Vec::new();
+        let mut carriers = BTreeMap::new();
         for number in 0..objects {
             let id = (shell_count + number + 1) as SegmentId;
             let on_top = number % 4 == 3;
             let placed = match tops.pop().filter(|_| on_top) {
-                Some(carrier) => Some(standing_on(&mut random, &solids[carrier], id)),
+                Some(carrier) => {
+                    carriers.insert(id, solids[carrier].id);
+                    Some(standing_on(&mut random, &solids[carrier], id))
+                }
                 None => standing_free(&mut random, &solids[shell_count..], id),
             };
             let Some(solid) = placed else {
@@ -54,7 +73,63 @@ impl Room {
             }
             solids.push(solid);
         }
-        Self { solids, seed }
+        Self { solids, carriers, seed }
+    }
+
+    /// The room as it is in a frame, with the movers where they are then.
+    pub(super) fn at(&self, frame: usize, movers: &[Mover]) -> Self {
+        let mut room = self.clone();
+        for mover in movers {
+            match mover.motion.offset_at(frame) {
+                None => room.solids.retain(|solid| solid.id != mover.id),
+                Some(offset) => {
+                    room.solids.iter_mut().filter(|solid| solid.id == mover.id).for_each(|solid| solid.center += offset)
+                }
+            }
+        }
+        room
+    }
+
+    /// The ids of the things on which nothing else stands.
+    pub(super) fn carrying_nothing(&self) -> impl Iterator<Item = SegmentId> {
+        let carrying: BTreeSet<SegmentId> = self.carriers.values().copied().collect();
+        self.things().map(|solid| solid.id).filter(move |id| !carrying.contains(id))
+    }
+
+    /// Where each thing stands.
+    pub(super) fn lanes(&self) -> BTreeMap<SegmentId, Lane> {
+        self.things().map(|solid| (solid.id, Lane::of(solid))).collect()
+    }
+
+    /// How many steps, at most `most`, a thing can slide from its place: clear of the walls, the camera's walk and all
+    /// the `lanes` but its own, and not beyond the edge of what it stands on.
+    pub(super) fn free_steps(
+        &self,
+        id: SegmentId,
+        step: Vec2,
+        most: usize,
+        lanes: &BTreeMap<SegmentId, Lane>,
+    ) -> usize {
+        let Some(thing) = self.things().find(|solid| solid.id == id) else { return 0 };
+        let carrier = self.carriers.get(&id).and_then(|below| self.things().find(|solid| solid.id == *below));
+        let others: Vec<Lane> = lanes
+            .iter()
+            .filter(|(other, _)| **other != id && carrier.is_none_or(|below| below.id != **other))
+            .map(|(_, lane)| *lane)
+            .collect();
+        let footprint = thing.shape.footprint();
+        let reach = reach_of(footprint);
+        let is_free = |steps: &usize| {
+            let spot = thing.center.truncate() + *steps as f32 * step;
+            spot.abs().cmple(reach).all()
+                && is_clear(spot, footprint, &others)
+                && carrier.is_none_or(|below| below.has_on_top(spot, footprint))
+        };
+        (1..=most).take_while(is_free).count()
+    }
+
+    fn things(&self) -> impl Iterator<Item = &Solid> {
+        self.solids.iter().filter(|solid| solid.id > SHELL)
     }
 
     /// The id and place of the first thing that a ray meets. Rays from inside the room always meet one.
@@ -125,21 +200,43 @@ fn overlap(half_size: Vec3, thin: f32) -> Vec3 {
 /// A thing on the floor that touches nothing and leaves the walk free; `None` if no place is found. It gets smaller
 /// while it does not fit.
 fn standing_free(random: &mut ChaCha8Rng, others: &[Solid], id: SegmentId) -> Option<Solid> {
+    let others: Vec<Lane> = others.iter().map(Lane::of).collect();
     let mut size = 1.0;
     for _ in 0..600 {
         let shape = random_shape(random, size);
-        let reach = ROOM.truncate() / 2.0 - Vec2::splat(shape.footprint() + GAP);
+        let reach = reach_of(shape.footprint());
         let spot = Vec2::new(random.random_range(-reach.x..reach.x), random.random_range(-reach.y..reach.y));
-        let clear_of_walk = (spot.length() - WALK_RADIUS).abs() > WALK_MARGIN + shape.footprint();
-        let clear_of_others = others
-            .iter()
-            .all(|other| other.center.truncate().distance(spot) > other.shape.footprint() + shape.footprint() + GAP);
-        if clear_of_walk && clear_of_others {
+        if is_clear(spot, shape.footprint(), &others) {
             return Some(solid_at(random, shape, spot.extend(shape.half_height()), id));
         }
         size = (size * 0.995_f32).max(0.25);
     }
     None
+}
+
+/// How far from the middle of the room something that covers such a circle may be, along x and y.
+fn reach_of(footprint: f32) -> Vec2 {
+    ROOM.truncate() / 2.0 - Vec2::splat(footprint + GAP)
+}
+
+/// Whether something that covers such a circle at `spot` is clear of the camera's walk and of the others.
+fn is_clear(spot: Vec2, footprint: f32, others: &[Lane]) -> bool {
+    let clear_of_walk = (spot.length() - WALK_RADIUS).abs() > WALK_MARGIN + footprint;
+    clear_of_walk && others.iter().all(|other| other.distance(spot) > other.radius + footprint + GAP)
+}
+
+impl Lane {
+    fn of(solid: &Solid) -> Self {
+        let center = solid.center.truncate();
+        Self { start: center, end: center, radius: solid.shape.footprint() }
+    }
+
+    /// Distance from the line along which the thing slides, metres.
+    fn distance(&self, spot: Vec2) -> f32 {
+        let way = self.end - self.start;
+        let along = ((spot - self.start).dot(way) / way.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+        spot.distance(self.start + along * way)
+    }
 }
 
 fn standing_on(random: &mut ChaCha8Rng, carrier: &Solid, id: SegmentId) -> Solid {
@@ -166,7 +263,10 @@ fn random_shape(random: &mut ChaCha8Rng, size: f32) -> Shape {
 
 #[cfg(test)]
 mod tests {
+    use super::super::motion::Motion;
+    use super::super::movers;
     use super::*;
+    use splatseg_geometry::Intrinsics;
 
     #[test]
     fn rooms_hold_what_was_asked_for_and_the_walk_is_free() {
@@ -181,6 +281,40 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn movers_keep_clear_of_the_walls_the_walk_and_each_other() {
+        let mut slides_on_top = 0;
+        for seed in 0..20 {
+            let room = Room::furnished(seed, 40);
+            let camera = Intrinsics { fx: 288.0, fy: 288.0, cx: 159.5, cy: 119.5, width: 320, height: 240 };
+            let count = room.carrying_nothing().count();
+            let movers = movers::choose(&room, &camera, 60, |frame| room.camera_pose(frame), seed, count).unwrap();
+            slides_on_top +=
+                movers.iter().filter(|mover| is_slide(mover) && room.carriers.contains_key(&mover.id)).count();
+            for frame in [1, 5, 10, 15, 20, 29, 30, 31, 40] {
+                let now = room.at(frame, &movers);
+                assert!(now.things().all(|thing| is_in_place(&now, thing)), "seed {seed}, frame {frame}");
+            }
+        }
+        assert!(slides_on_top > 0);
+    }
+
+    fn is_slide(mover: &Mover) -> bool {
+        matches!(mover.motion, Motion::Slide { .. })
+    }
+
+    /// Whether nothing but what carries it, or what it carries, is nearer than the gap.
+    fn is_in_place(room: &Room, thing: &Solid) -> bool {
+        let (spot, footprint) = (thing.center.truncate(), thing.shape.footprint());
+        let unrelated = |other: &&Solid| {
+            let related =
+                room.carriers.get(&thing.id) == Some(&other.id) || room.carriers.get(&other.id) == Some(&thing.id);
+            other.id != thing.id && !related
+        };
+        let others: Vec<Lane> = room.things().filter(unrelated).map(Lane::of).collect();
+        spot.abs().cmple(reach_of(footprint)).all() && is_clear(spot, footprint, &others)
     }
 
     #[test]

@@ -9,15 +9,18 @@ use std::str::FromStr;
 
 /// How the synthetic room is asked for, for messages.
 pub(crate) const LAYOUT: &str = "the word synthetic, or synthetic:frames=60,seed=0,width=320,height=240,objects=20,noise=none \
-                                 with any of these settings (noise: none or kinect)";
+                                 with any of these settings (noise: none or kinect), moving=2 (the number of moving things) \
+                                 and camera=static";
 
+const KEYS: &str = "width, height, frames, seed, objects, noise, moving or camera";
 const PREFIX: &str = "synthetic";
 const SIDE: std::ops::RangeInclusive<usize> = 8..=4096;
 const OBJECTS: std::ops::RangeInclusive<usize> = 0..=60;
+const MOVING: std::ops::RangeInclusive<usize> = 0..=60;
 const FRAMES: std::ops::RangeInclusive<usize> = 1..=1_000_000;
 
 /// What the synthetic room is like. Written `synthetic:frames=60,seed=3,width=320,height=240,objects=20,noise=kinect`,
-/// where everything has a default.
+/// where everything has a default; `moving=2` and `camera=static` may be added.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SyntheticSettings {
@@ -33,11 +36,29 @@ pub struct SyntheticSettings {
     pub objects: usize,
     /// How frames are disturbed. Default: not at all.
     pub noise: Noise,
+    /// Number of things that move, 0 to 60 and at most the number of things on which nothing else stands. The first
+    /// slides, the second vanishes and the third appears after a third to half of the video, and so on in turn. Things
+    /// that the camera sees well are chosen first. Default: 0.
+    pub moving: usize,
+    /// Where the camera is. Default: it walks.
+    pub camera: CameraMotion,
+}
+
+/// What the camera of the synthetic room does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CameraMotion {
+    /// It walks in rounds of 48 frames.
+    #[default]
+    Walk,
+    /// It stays where the walk begins.
+    Static,
 }
 
 impl Default for SyntheticSettings {
     fn default() -> Self {
-        Self { width: 320, height: 240, frames: 60, seed: 0, objects: 20, noise: Noise::None }
+        let (noise, camera) = (Noise::None, CameraMotion::Walk);
+        Self { width: 320, height: 240, frames: 60, seed: 0, objects: 20, noise, moving: 0, camera }
     }
 }
 
@@ -59,11 +80,13 @@ impl SyntheticSettings {
             ("height", self.height, SIDE, "8 to 4096"),
             ("frames", self.frames, FRAMES, "1 to 1000000"),
             ("objects", self.objects, OBJECTS, "0 to 60"),
+            ("moving", self.moving, MOVING, "0 to 60"),
+            ("moving", self.moving, 0..=self.objects, "at most the number of objects"),
         ];
         for (field, found, range, expected) in checks {
             if !range.contains(&found) {
-                let (text, found) = (self.to_string(), found.to_string());
-                return Err(DatasetError::Synthetic { text, field: field.to_owned(), found, expected });
+                let (text, field, found) = (self.to_string(), field.to_owned(), found.to_string());
+                return Err(DatasetError::Synthetic { text, field, found, expected: expected.to_owned() });
             }
         }
         Ok(())
@@ -80,7 +103,15 @@ impl fmt::Display for SyntheticSettings {
         write!(
             formatter,
             "{PREFIX}:frames={frames},seed={seed},width={width},height={height},objects={objects},noise={noise}"
-        )
+        )?;
+        // Only when set, so that rooms in which nothing moves keep their names.
+        if self.moving > 0 {
+            write!(formatter, ",moving={}", self.moving)?;
+        }
+        match self.camera {
+            CameraMotion::Walk => Ok(()),
+            CameraMotion::Static => write!(formatter, ",camera=static"),
+        }
     }
 }
 
@@ -88,11 +119,11 @@ impl FromStr for SyntheticSettings {
     type Err = DatasetError;
 
     fn from_str(text: &str) -> Result<Self, DatasetError> {
-        let wrong = |field: &str, found: &str, expected| DatasetError::Synthetic {
+        let wrong = |field: &str, found: &str, expected: &str| DatasetError::Synthetic {
             text: text.to_owned(),
             field: field.to_owned(),
             found: found.to_owned(),
-            expected,
+            expected: expected.to_owned(),
         };
         let rest = text.strip_prefix(PREFIX).ok_or_else(|| wrong("scene", text, LAYOUT))?;
         let list = match rest.strip_prefix(':') {
@@ -109,6 +140,7 @@ impl FromStr for SyntheticSettings {
                 "height" => settings.height = number()?,
                 "frames" => settings.frames = number()?,
                 "objects" => settings.objects = number()?,
+                "moving" => settings.moving = number()?,
                 "seed" => settings.seed = value.parse().map_err(|_| wrong(key, value, "a whole number"))?,
                 "noise" => {
                     settings.noise = match value {
@@ -117,7 +149,14 @@ impl FromStr for SyntheticSettings {
                         _ => return Err(wrong(key, value, "none or kinect")),
                     }
                 }
-                _ => return Err(wrong("setting", key, "width, height, frames, seed, objects or noise")),
+                "camera" => {
+                    settings.camera = match value {
+                        "walk" => CameraMotion::Walk,
+                        "static" => CameraMotion::Static,
+                        _ => return Err(wrong(key, value, "walk or static")),
+                    }
+                }
+                _ => return Err(wrong("setting", key, KEYS)),
             }
         }
         settings.validate()?;
@@ -134,6 +173,9 @@ mod tests {
         assert_eq!("synthetic".parse::<SyntheticSettings>().unwrap(), SyntheticSettings::default());
         let text = "synthetic:frames=7,seed=3,width=64,height=48,objects=5,noise=kinect";
         assert_eq!(text.parse::<SyntheticSettings>().unwrap().to_string(), text);
+        let moving = format!("{text},moving=2,camera=static");
+        assert_eq!(moving.parse::<SyntheticSettings>().unwrap().to_string(), moving);
+        assert_eq!(format!("{text},moving=0,camera=walk").parse::<SyntheticSettings>().unwrap().to_string(), text);
         assert!(looks_like(Path::new(text)) && looks_like(Path::new("synthetic")));
         assert!(!looks_like(Path::new("./synthetic")) && !looks_like(Path::new("synthetic-rooms")));
     }
@@ -145,6 +187,11 @@ mod tests {
         assert!(error("synthetic:frames=0").contains("expected 1 to 1000000"));
         assert!(error("synthetic:colour=1").contains("found \"colour\""));
         assert!(error("synthetic:noise=loud").contains("none or kinect"));
+        assert!(error("synthetic:camera=drone").contains("camera: found \"drone\", expected walk or static"));
+        assert!(error("synthetic:moving=-1").contains("moving: found \"-1\", expected a whole number"));
+        assert!(error("synthetic:moving=61").contains("moving: found \"61\", expected 0 to 60"));
+        let few = error("synthetic:objects=3,moving=4");
+        assert!(few.contains("moving: found \"4\", expected at most the number of objects"), "{few}");
         assert!(error("synthetic:noise").contains("key=value"));
     }
 }

@@ -88,6 +88,13 @@ impl Solid {
         let point_local = local.origin + t * local.direction;
         Some(Hit { t, point_local, normal: turned(normal_local, self.turn) })
     }
+
+    /// Whether a horizontal circle on top of the solid lies entirely within it. Only boxes carry things; the answer is
+    /// no for every other shape.
+    pub(super) fn has_on_top(&self, middle_world: Vec2, radius: f32) -> bool {
+        let middle = Vec2::new(self.turn.x, -self.turn.y).rotate(middle_world - self.center.truncate());
+        matches!(self.shape, Shape::Box(half) if (middle.abs() + radius).cmple(half.truncate()).all())
+    }
 }
 
 /// Turns a vector about the vertical.
