@@ -1,7 +1,8 @@
 //! Video segmentation quality (VSQ) and segmentation and tracking quality (STQ), class-agnostic.
 //!
 //! Labels in, numbers out: [`VideoScorer`] takes one frame at a time and keeps counts, never images; [`DatasetScore`]
-//! sums the counts of videos. Two protocols define both metrics, see [`Protocol`].
+//! sums the counts of videos. Two protocols define both metrics, see [`Protocol`]. How well objects keep their ids is
+//! also told by the size of the object, see [`SizeScores`].
 //!
 //! ```
 //! use splatseg_geometry::SegmentMap;
@@ -16,6 +17,7 @@
 //! # Ok::<(), splatseg_metrics::MetricsError>(())
 //! ```
 
+mod by_size;
 mod error;
 mod linking;
 mod mask_runs;
@@ -28,6 +30,7 @@ mod stq;
 mod tubes;
 mod vsq;
 
+pub use by_size::{LARGE_ABOVE_PX, SMALL_BELOW_PX, SizeClass, SizeCounts, SizeScores};
 pub use error::MetricsError;
 pub use prediction::FramePrediction;
 pub use score::{DatasetScore, RawCounts, Scores, VideoScore};

@@ -1,10 +1,11 @@
 //! Scores of videos and data sets.
 
-use crate::{MetricsError, ScoreSettings, StqCounts, VsqCounts, WindowLength};
+use crate::by_size::no_counts;
+use crate::{MetricsError, ScoreSettings, SizeClass, SizeCounts, SizeScores, StqCounts, VsqCounts, WindowLength};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Scores in percent; `None` (JSON `null`) where there is nothing to divide by.
+/// Scores in percent (but for what [`SizeScores`] counts); `None` (JSON `null`) where there is nothing to divide by.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scores {
     /// Mean of the `vsq_k` that are not `None`.
@@ -18,6 +19,8 @@ pub struct Scores {
     pub aq: Option<f64>,
     /// Segmentation quality.
     pub sq: Option<f64>,
+    /// How well objects keep their ids, by their size.
+    pub by_size: BTreeMap<SizeClass, SizeScores>,
 }
 
 /// Summed counts, of which scores are quotients.
@@ -27,6 +30,8 @@ pub struct RawCounts {
     pub vsq_k: BTreeMap<WindowLength, VsqCounts>,
     /// Counts of STQ.
     pub stq: StqCounts,
+    /// Counts of ids by the size of the object, for every class.
+    pub by_size: BTreeMap<SizeClass, SizeCounts>,
     /// Number of frames.
     pub frames: u64,
 }
@@ -36,6 +41,7 @@ impl RawCounts {
         Self {
             vsq_k: WindowLength::ALL.map(|length| (length, VsqCounts::default())).into(),
             stq: StqCounts::default(),
+            by_size: no_counts(),
             frames: 0,
         }
     }
@@ -45,6 +51,9 @@ impl RawCounts {
             self.vsq_k.entry(*length).or_default().add(counts);
         }
         self.stq.add(&other.stq);
+        for (class, counts) in &other.by_size {
+            self.by_size.entry(*class).or_default().add(counts);
+        }
         self.frames += other.frames;
     }
 
@@ -59,6 +68,7 @@ impl RawCounts {
             stq: self.stq.quality(settings.protocol).map(percent),
             aq: Some(percent(self.stq.association_quality())),
             sq: self.stq.segmentation_quality(settings.protocol).map(percent),
+            by_size: self.by_size.iter().map(|(class, counts)| (*class, counts.scores())).collect(),
         }
     }
 }
@@ -71,9 +81,8 @@ pub struct VideoScore {
 }
 
 impl VideoScore {
-    pub(crate) fn new(settings: ScoreSettings, vsq: [VsqCounts; 4], stq: StqCounts, frames: u64) -> Self {
-        let vsq_k = WindowLength::ALL.into_iter().zip(vsq).collect();
-        Self { settings, counts: RawCounts { vsq_k, stq, frames } }
+    pub(crate) fn new(settings: ScoreSettings, counts: RawCounts) -> Self {
+        Self { settings, counts }
     }
 
     /// The video's scores, in percent.

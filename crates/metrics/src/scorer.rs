@@ -1,5 +1,6 @@
 //! Scoring a video frame by frame.
 
+use crate::by_size::SizeAccumulator;
 use crate::linking::Linker;
 use crate::mask_runs::MaskRuns;
 use crate::overlap::FrameOverlaps;
@@ -7,7 +8,7 @@ use crate::prediction::{Labels, Linkage};
 use crate::stq::StqAccumulator;
 use crate::tubes::TubeOfLabel;
 use crate::vsq::VsqAccumulator;
-use crate::{FramePrediction, MetricsError, Protocol, ScoreSettings, VideoScore};
+use crate::{FramePrediction, MetricsError, Protocol, RawCounts, ScoreSettings, VideoScore, WindowLength};
 use splatseg_geometry::SegmentMap;
 
 /// Scores one video, a frame at a time. Frames are counted and dropped: memory grows with the number of tubes that
@@ -21,6 +22,7 @@ pub struct VideoScorer {
     linker: Linker,
     vsq: VsqAccumulator,
     stq: StqAccumulator,
+    by_size: SizeAccumulator,
 }
 
 impl VideoScorer {
@@ -34,6 +36,7 @@ impl VideoScorer {
             linker: Linker::default(),
             vsq: VsqAccumulator::new(settings.protocol),
             stq: StqAccumulator::new(settings.protocol),
+            by_size: SizeAccumulator::default(),
         }
     }
 
@@ -73,6 +76,7 @@ impl VideoScorer {
         };
         self.vsq.push(&overlaps, tube_of_label);
         self.stq.push(&overlaps, tube_of_label);
+        self.by_size.push(&overlaps, tube_of_label);
         (self.size, self.linkage) = (Some(size), Some(linkage));
         self.frames += 1;
         Ok(())
@@ -85,6 +89,12 @@ impl VideoScorer {
 
     /// Ends the video.
     pub fn finish(self) -> VideoScore {
-        VideoScore::new(self.settings, self.vsq.finish(), self.stq.finish(), self.frames as u64)
+        let counts = RawCounts {
+            vsq_k: WindowLength::ALL.into_iter().zip(self.vsq.finish()).collect(),
+            by_size: self.by_size.finish(&self.stq.associations()),
+            stq: self.stq.finish(),
+            frames: self.frames as u64,
+        };
+        VideoScore::new(self.settings, counts)
     }
 }

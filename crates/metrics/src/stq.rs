@@ -2,8 +2,10 @@
 
 use crate::Protocol;
 use crate::overlap::FrameOverlaps;
-use crate::tubes::{TubeCounts, TubeOfLabel};
+use crate::tubes::{PairAreas, TubeCounts, TubeOfLabel};
 use serde::{Deserialize, Serialize};
+use splatseg_geometry::SegmentId;
+use std::collections::BTreeMap;
 
 /// Counts of STQ; sums over videos are counts again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -86,18 +88,26 @@ impl StqAccumulator {
         self.counts.unlabelled_predicted += frame.unlabelled_predicted;
     }
 
+    /// What each true track so far adds to [`StqCounts::sum_association`]; tracks without any overlap are absent.
+    pub(crate) fn associations(&self) -> BTreeMap<SegmentId, f64> {
+        let mut associations = BTreeMap::new();
+        for (truth, _, areas) in self.tracks.pairs() {
+            *associations.entry(truth).or_insert(0.0) += association(areas);
+        }
+        associations
+    }
+
     pub(crate) fn finish(self) -> StqCounts {
-        let sum_association = self
-            .tracks
-            .pairs()
-            .map(|(_, _, areas)| {
-                let shared = areas.intersection as f64;
-                let union = (areas.truth + areas.predicted - areas.intersection) as f64;
-                shared * (shared / union) / areas.truth as f64
-            })
-            .sum();
+        let sum_association = self.tracks.pairs().map(|(_, _, areas)| association(areas)).sum();
         StqCounts { sum_association, tracks: self.tracks.truth_areas.len() as u64, ..self.counts }
     }
+}
+
+/// (1/|g|) · TPA² / |p ∪ g| of a true and a predicted track.
+fn association(areas: PairAreas) -> f64 {
+    let shared = areas.intersection as f64;
+    let union = (areas.truth + areas.predicted - areas.intersection) as f64;
+    shared * (shared / union) / areas.truth as f64
 }
 
 #[cfg(test)]
