@@ -3,9 +3,9 @@
 //! `cargo bench -p splatseg-memory`
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use glam::{Quat, Vec3};
-use splatseg_memory::{Codebook, CodebookSettings, SplatFile};
-use splatseg_render::Gaussians;
+use glam::Vec3;
+use splatseg_memory::{Codebook, CodebookSettings, SplatContent, SplatFile, SplatMap, Votes};
+use splatseg_render::Balls;
 use std::hint::black_box;
 
 fn codebook(num_codes: usize, feature_dim: usize) -> Codebook {
@@ -42,24 +42,31 @@ fn decoding(criterion: &mut Criterion) {
 
 fn files(criterion: &mut Criterion) {
     const COUNT: usize = 1_000_000;
-    let mut gaussians = Gaussians::default();
-    for index in 0..COUNT {
-        gaussians.push(Vec3::splat(index as f32 * 1e-5), Quat::IDENTITY, Vec3::splat(0.01), 1.0);
-    }
-    let file = SplatFile {
-        gaussians,
-        colors: vec![[0.5; 3]; COUNT],
-        features: vec![0.25; COUNT * 28],
-        segment_ids: vec![1; COUNT],
-        codebook: codebook(512, 28),
-        used_codes: 512,
+    let means = (0..COUNT).map(|index| Vec3::splat(index as f32 * 1e-5)).collect();
+    let map = SplatMap {
+        balls: Balls { means, radii: vec![0.01; COUNT] },
+        colors: vec![[128; 3]; COUNT],
+        last_seen: vec![7; COUNT],
+        seen_through: vec![0; COUNT],
     };
+    let evidence = SplatContent::Evidence { votes: vec![Votes::one(1, 4.0); COUNT] };
+    let features = SplatContent::Features { features: vec![0.25; COUNT * 28], codebook: codebook(512, 28) };
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let path = folder.path().join("memory.ply");
     let mut group = criterion.benchmark_group("million_gaussians");
     group.sample_size(10);
-    group.bench_function("save", |bencher| bencher.iter(|| file.save(&path).expect("the file can be written")));
-    group.bench_function("load", |bencher| bencher.iter(|| SplatFile::load(&path).expect("the file can be read")));
+    for content in [evidence, features] {
+        let kind = content.kind().name();
+        let (map, segment_ids) = (map.clone(), vec![1; COUNT]);
+        let file =
+            SplatFile { map, content, segment_ids, sightings: vec![9; 40], carried: vec![true; 40], frames: 300 };
+        group.bench_function(format!("save_{kind}"), |bencher| {
+            bencher.iter(|| file.save(&path).expect("the file can be written"));
+        });
+        group.bench_function(format!("load_{kind}"), |bencher| {
+            bencher.iter(|| SplatFile::load(&path).expect("the file can be read"));
+        });
+    }
     group.finish();
 }
 

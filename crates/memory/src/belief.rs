@@ -12,19 +12,6 @@ pub struct SegmentBelief {
     pub confidence: Image<f32>,
 }
 
-/// What the memory expects a camera to see.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Expectation {
-    /// Decoded segments, and the magnitudes ‖F‖ of the rendered features (also where no segment was decoded).
-    pub belief: SegmentBelief,
-    /// Rendered silhouette (accumulated alpha) in [0, 1], `[height, width]`.
-    pub silhouette: Image<f32>,
-    /// Rendered z-depth in metres, divided by the silhouette, `[height, width]`; 0 where nothing is seen.
-    pub depth: Image<f32>,
-    /// Rendered features per tile, `[16, 16, D]`.
-    pub(crate) features: Vec<Vec<f32>>,
-}
-
 impl SegmentBelief {
     /// A belief in nothing.
     pub fn empty(width: usize, height: usize) -> Self {

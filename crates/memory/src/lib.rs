@@ -1,24 +1,33 @@
-//! An online 3D Gaussian splat that remembers segments: codebook, growth, decoding, learning, PLY files.
+//! An online 3D Gaussian splat that remembers segments: growth, removal, evidence or features, PLY files.
 //!
-//! [`SplatMemory`] is asked three things for every frame: how its Gaussians look from there ([`SplatMemory::view`]),
-//! which segments it expects there ([`SplatMemory::expect`]), and to take in what was seen
-//! ([`SplatMemory::learn_frame`]). It knows nothing of segmenters.
+//! [`SplatMemory`] is asked three things for every frame: which segments it expects there ([`SplatMemory::recall`]), what
+//! the frame shows once that and the predictions are brought together ([`SplatMemory::fuse`]), and to take in what was
+//! seen ([`SplatMemory::update`]). It knows nothing of segmenters.
+//!
+//! What a memory must do with segments is in `segment_store.rs`; `evidence/` and `features/` are the two that do it.
 
 mod belief;
-mod codebook;
-mod decoding;
+mod borders;
+mod depthless;
+mod evidence;
+mod features;
 mod growth;
-mod learning;
-mod loss;
+mod map;
 mod persistence;
 mod ply;
+mod recall;
+mod removal;
+mod segment_store;
+mod segments;
 mod settings;
 mod splat_memory;
 
-pub use belief::{Expectation, SegmentBelief};
-pub use codebook::{Codebook, CodebookError, CodebookSettings};
-pub use learning::LearningExtent;
+pub use belief::SegmentBelief;
+pub use evidence::Votes;
+pub use features::{Codebook, CodebookError, CodebookSettings, LearningExtent};
+pub use map::SplatMap;
 pub use persistence::LoadMemoryError;
-pub use ply::{SplatFile, SplatFileError, SplatFileView};
-pub use settings::{MemorySettings, SettingsError};
-pub use splat_memory::{FrameUpdate, MAX_SEGMENT_ID, MemoryError, SplatMemory};
+pub use ply::{SplatContent, SplatContentView, SplatFile, SplatFileError, SplatFileView};
+pub use recall::Recall;
+pub use settings::{GrowthRule, MemoryKind, MemorySettings, SettingsError};
+pub use splat_memory::{ABSTAIN, FrameUpdate, MAX_SEGMENT_ID, MemoryError, SplatMemory};

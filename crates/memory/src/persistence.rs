@@ -1,6 +1,11 @@
 //! A memory on disk: saved after one run, continued in another.
 
-use crate::{MemoryError, MemorySettings, SplatFile, SplatFileError, SplatFileView, SplatMemory};
+use crate::evidence::EvidenceStore;
+use crate::features::FeatureStore;
+use crate::segment_store::SegmentStore;
+use crate::segments::Segments;
+use crate::{MemoryError, MemorySettings, SplatContent, SplatFile, SplatFileError, SplatFileView, SplatMemory};
+use splatseg_geometry::SegmentId;
 use std::path::Path;
 use thiserror::Error;
 
@@ -13,6 +18,16 @@ pub enum LoadMemoryError {
     /// A setting is out of range.
     #[error(transparent)]
     Settings(#[from] MemoryError),
+    /// The file holds another kind of memory than the settings ask for.
+    #[error("{path}: a memory of the kind {found:?}, but memory.kind is {expected:?}")]
+    Kind {
+        /// The file.
+        path: String,
+        /// Kind of the file.
+        found: &'static str,
+        /// Kind in the settings.
+        expected: &'static str,
+    },
     /// The file's features have another length than the settings ask for.
     #[error("{path}: its features have {found} channels, but memory.feature_dim is {expected}")]
     FeatureDim {
@@ -28,57 +43,52 @@ pub enum LoadMemoryError {
 impl SplatMemory {
     /// Writes the memory to one PLY file that splat viewers open; whatever is at `path` is replaced.
     ///
-    /// Besides the usual 3DGS properties each Gaussian has its feature and the `segment_id` that it decodes to.
+    /// Besides the usual 3DGS properties each Gaussian has what it remembers of segments, and the `segment_id` that it
+    /// shows by itself.
     ///
     /// # Errors
     /// If the file cannot be written. No half file is left.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), SplatFileError> {
         let segment_ids = self.segment_ids();
+        let ids = 1..=self.segments.len() as SegmentId;
+        let sightings: Vec<u32> = ids.map(|id| self.segments.sightings(id)).collect();
         let view = SplatFileView {
-            gaussians: &self.gaussians,
-            colors: &self.colors,
-            features: &self.features,
+            map: &self.map,
+            content: self.store.content(),
             segment_ids: &segment_ids,
-            codebook: &self.codebook,
-            used_codes: self.used_codes,
+            sightings: &sightings,
+            carried: self.segments.carried(),
+            frames: self.frames,
         };
         view.save(path)
     }
 
-    /// Continues a saved memory: the ids in it stay what they are. `settings` are those of the coming run.
+    /// Continues a saved memory as if the run had not ended: the ids in it stay what they are. `settings` are those of
+    /// the coming run.
     ///
     /// # Errors
-    /// If the file is foreign or damaged, or its features do not fit the settings.
+    /// If the file is foreign or damaged, holds another kind of memory, or its features do not fit the settings.
     pub fn load(path: impl AsRef<Path>, settings: MemorySettings) -> Result<Self, LoadMemoryError> {
         settings.validate().map_err(MemoryError::from)?;
         let path = path.as_ref();
-        let file = SplatFile::load(path)?;
-        let found = file.codebook.feature_dim();
-        if found != settings.feature_dim {
-            let path = path.display().to_string();
-            return Err(LoadMemoryError::FeatureDim { path, found, expected: settings.feature_dim });
+        let SplatFile { map, content, sightings, carried, frames, segment_ids: _ } = SplatFile::load(path)?;
+        let (path, found, expected) = (path.display().to_string(), content.kind(), settings.kind);
+        if found != expected {
+            return Err(LoadMemoryError::Kind { path, found: found.name(), expected: expected.name() });
         }
-        Ok(Self {
-            settings,
-            codebook: file.codebook,
-            used_codes: file.used_codes,
-            gaussians: file.gaussians,
-            colors: file.colors,
-            features: file.features,
-        })
-    }
-
-    /// The segment that each Gaussian's own feature decodes to; 0 where there is none.
-    fn segment_ids(&self) -> Vec<u32> {
-        let mut hint = None;
-        self.features
-            .chunks_exact(self.settings.feature_dim)
-            .map(|feature| {
-                let threshold = self.settings.decode_threshold;
-                let code = self.codebook.decode_with_hint(feature, hint, self.used_codes, threshold);
-                hint = code.or(hint);
-                code.map_or(0, |code| code + 1)
-            })
-            .collect()
+        let store: Box<dyn SegmentStore> = match content {
+            SplatContent::Evidence { votes } => Box::new(EvidenceStore { settings: settings.clone(), votes }),
+            SplatContent::Features { features, codebook } => {
+                let (found, expected) = (codebook.feature_dim(), settings.feature_dim);
+                if found != expected {
+                    return Err(LoadMemoryError::FeatureDim { path, found, expected });
+                }
+                let used_codes = sightings.len();
+                Box::new(FeatureStore { settings: settings.clone(), codebook, used_codes, features })
+            }
+        };
+        let mut memory = Self::with_parts(settings, map, store, Segments::given(sightings, carried));
+        memory.frames = frames;
+        Ok(memory)
     }
 }

@@ -1,36 +1,43 @@
 //! The memory itself: what it holds and the three things that are asked of it.
 
-use crate::decoding::Decoder;
-use crate::growth::new_gaussians;
-use crate::learning::{Learning, LearningExtent};
-use crate::{Codebook, CodebookError, CodebookSettings, Expectation, MemorySettings, SegmentBelief, SettingsError};
-use glam::{Quat, Vec3};
-use splatseg_geometry::{RgbdFrame, SegmentId};
-use splatseg_render::{Camera, Gaussians, View, ViewTiming};
+use crate::depthless::DepthlessSegments;
+use crate::evidence::EvidenceStore;
+use crate::features::FeatureStore;
+use crate::map::SplatMap;
+use crate::removal::{longest_unseen, note_sights};
+use crate::segment_store::SegmentStore;
+use crate::segments::Segments;
+use crate::{CodebookError, GrowthRule, LearningExtent, MemoryKind, MemorySettings, Recall, SettingsError, growth};
+use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
+use splatseg_render::{Balls, Camera, RasterLimits, ViewTiming};
 use std::time::{Duration, Instant};
 use thiserror::Error;
 
 /// The largest segment id there can be: results are 16-bit images.
 pub const MAX_SEGMENT_ID: SegmentId = u16::MAX as SegmentId;
 
-/// Where a Gaussian that a frame added has at least this alpha, in front of what was there, it and no longer the view
-/// made before says what is seen.
-const NEW_GAUSSIAN_PREVAILS: f32 = 0.5;
+/// Stands for an id where a prediction is seen that has no say: it neither votes nor is it "no segment".
+pub const ABSTAIN: SegmentId = SegmentId::MAX;
 
-/// An online 3D Gaussian splat whose Gaussians carry segment-id features.
+/// Frames between two looks at which ids are still carried, unless Gaussians were removed.
+const FRAMES_PER_CENSUS: u32 = 16;
+
+/// An online 3D Gaussian splat whose Gaussians remember segments.
 ///
-/// For every frame: [`SplatMemory::view`] rasterises it, [`SplatMemory::expect`] says which segments should be seen,
-/// and [`SplatMemory::learn_frame`] takes in what was seen.
-#[derive(Clone, Debug)]
+/// For every frame: [`SplatMemory::recall`] says which segments should be seen, [`SplatMemory::fuse`] brings that
+/// together with what is seen, and [`SplatMemory::update`] takes in what was seen. What Gaussians remember of segments is
+/// one of two [`MemoryKind`]s; the map is the same for both.
+#[derive(Debug)]
 pub struct SplatMemory {
     pub(crate) settings: MemorySettings,
-    pub(crate) codebook: Codebook,
-    pub(crate) used_codes: usize,
-    pub(crate) gaussians: Gaussians,
-    /// sRGB in [0, 1].
-    pub(crate) colors: Vec<[f32; 3]>,
-    /// `[gaussians, D]`.
-    pub(crate) features: Vec<f32>,
+    pub(crate) map: SplatMap,
+    pub(crate) store: Box<dyn SegmentStore>,
+    pub(crate) segments: Segments,
+    /// What no Gaussian can carry; not saved.
+    depthless: DepthlessSegments,
+    /// Frames taken in.
+    pub(crate) frames: u32,
+    warned_of_limit: bool,
 }
 
 /// What keeps a memory from being made or used.
@@ -45,18 +52,18 @@ pub enum MemoryError {
     /// All ids that fit a 16-bit image are used.
     #[error("the video has more than {MAX_SEGMENT_ID} segments, more ids than a 16-bit image can hold")]
     OutOfIds,
-    /// A target is not of the frame's size; both are `(width, height)`.
-    #[error("the target has {}x{} pixels, expected the frame's {}x{}", found.0, found.1, expected.0, expected.1)]
-    TargetSize {
-        /// Size of the target.
+    /// The predictions are not of the frame's size; both are `(width, height)`.
+    #[error("the predictions have {}x{} pixels, expected the frame's {}x{}", found.0, found.1, expected.0, expected.1)]
+    PredictionSize {
+        /// Size of the predictions.
         found: (usize, usize),
         /// Size of the frame.
         expected: (usize, usize),
     },
-    /// A target names a segment that [`SplatMemory::new_segment`] never gave.
-    #[error("the target names segment {found}, but only 1 to {known} exist")]
+    /// A prediction has an id that [`SplatMemory::new_segment`] never gave.
+    #[error("a prediction has the id {found}, but only 1 to {known} exist")]
     UnknownSegment {
-        /// The id in the target.
+        /// The id.
         found: SegmentId,
         /// The largest id given so far.
         known: usize,
@@ -64,130 +71,167 @@ pub enum MemoryError {
 }
 
 /// What taking in a frame did and how long it took.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FrameUpdate {
     /// Gaussians added.
     pub grown: usize,
+    /// Gaussians removed.
+    pub removed: usize,
+    /// Ids that nothing in the memory carries any more.
+    pub forgotten: Vec<SegmentId>,
     /// Extent of the learning.
     pub learning: LearningExtent,
-    /// Time spent choosing and adding Gaussians.
+    /// Time spent choosing, adding and removing Gaussians.
     pub grow_time: Duration,
-    /// Time spent on gradient steps.
+    /// Time spent on votes or gradient steps.
     pub learn_time: Duration,
-    /// Time spent on the frame's view, first and after growth.
+    /// Time spent on the frame's view.
     pub view_time: ViewTiming,
 }
 
 impl SplatMemory {
-    /// An empty memory. Making the codebook takes up to a few seconds; `progress` is told the fraction done.
+    /// An empty memory. A codebook, which only [`MemoryKind::Features`] needs, takes up to a few seconds; `progress` is
+    /// told the fraction done.
     ///
     /// # Errors
     /// If a setting is out of range.
     pub fn new(settings: MemorySettings, seed: u64, progress: &mut dyn FnMut(f32)) -> Result<Self, MemoryError> {
         settings.validate()?;
-        let codebook_settings =
-            CodebookSettings { num_codes: settings.num_codes, feature_dim: settings.feature_dim, seed };
-        let codebook = Codebook::generate(&codebook_settings, progress)?;
-        Ok(Self {
-            settings,
-            codebook,
-            used_codes: 0,
-            gaussians: Gaussians::default(),
-            colors: Vec::new(),
-            features: Vec::new(),
-        })
-    }
-
-    /// The memory as `frame`'s camera sees it.
-    pub fn view(&self, frame: &RgbdFrame) -> View {
-        View::new(&self.gaussians, &Camera::new(*frame.intrinsics(), frame.world_from_camera()))
-    }
-
-    /// The segments that the memory expects in a view.
-    pub fn expect(&self, view: &View) -> Expectation {
-        let decoder = Decoder {
-            codebook: &self.codebook,
-            used_codes: self.used_codes,
-            threshold: self.settings.decode_threshold,
+        let store: Box<dyn SegmentStore> = match settings.kind {
+            MemoryKind::Evidence => Box::new(EvidenceStore::new(settings.clone())),
+            MemoryKind::Features => Box::new(FeatureStore::new(settings.clone(), seed, progress)?),
         };
-        decoder.expect(view.weights(), &self.features)
+        Ok(Self::with_parts(settings, SplatMap::default(), store, Segments::default()))
     }
 
-    /// A code, and so an id, that no segment has had yet. When the codes run out, a block of new ones is made.
+    pub(crate) fn with_parts(
+        settings: MemorySettings,
+        map: SplatMap,
+        store: Box<dyn SegmentStore>,
+        segments: Segments,
+    ) -> Self {
+        let depthless = DepthlessSegments::default();
+        Self { settings, map, store, segments, depthless, frames: 0, warned_of_limit: false }
+    }
+
+    /// What the memory expects `frame` to show.
+    pub fn recall<'f>(&self, frame: &'f RgbdFrame) -> Recall<'f> {
+        let mut camera = Camera::new(*frame.intrinsics(), frame.world_from_camera());
+        if self.settings.kind == MemoryKind::Evidence {
+            let (min_alpha, min_transmittance) = (self.settings.min_alpha, self.settings.min_transmittance);
+            // The Gaussian that finishes a pixel is not blended: one alone must not finish it.
+            let max_alpha = camera.limits.max_alpha.min(1.0 - 2.0 * min_transmittance);
+            camera.limits = RasterLimits { min_alpha, max_alpha, min_transmittance, ..camera.limits };
+        }
+        let mut recall =
+            Recall::new(&self.map.balls, self.store.as_ref(), frame, &camera, self.settings.depth_disparity);
+        if self.settings.links_depthless() {
+            self.depthless.expect(&mut recall, self.settings.growth_silhouette);
+        }
+        recall
+    }
+
+    /// An id that no segment has had yet.
     ///
     /// # Errors
     /// [`MemoryError::OutOfIds`] if the id would not fit a 16-bit image.
     pub fn new_segment(&mut self) -> Result<SegmentId, MemoryError> {
-        if self.used_codes >= MAX_SEGMENT_ID as usize {
-            return Err(MemoryError::OutOfIds);
-        }
-        if self.used_codes == self.codebook.len() {
-            tracing::info!("all {} codes are used: making {} more", self.codebook.len(), self.settings.num_codes);
-            self.codebook.extend(self.settings.num_codes, &mut |_| {})?;
-        }
-        self.used_codes += 1;
-        Ok(self.used_codes as SegmentId)
+        let id = self.segments.add()?;
+        self.store.new_segment(id)?;
+        Ok(id)
     }
 
-    /// Grows by what `frame` shows and the memory lacks, then learns to show `target` from the frame's pose.
+    /// Takes an id back that [`Self::new_segment`] gave and no prediction has after all; it is given again.
+    pub fn take_back(&mut self, id: SegmentId) {
+        self.segments.take_back(id);
+    }
+
+    /// The frame's segments, `[height, width]`: what the memory expects and the frame's predictions `seen` together.
     ///
-    /// `view` and `expectation` are those of this frame, before the update.
+    /// `seen` has the id of the prediction that is visible at each pixel, 0 where there is none and [`ABSTAIN`] where the
+    /// prediction has no say.
     ///
     /// # Errors
-    /// If `target` has another size than the frame or names a segment that does not exist.
-    pub fn learn_frame(
-        &mut self,
-        frame: &RgbdFrame,
-        mut view: View,
-        expectation: &Expectation,
-        target: &SegmentBelief,
-    ) -> Result<FrameUpdate, MemoryError> {
-        self.check_target(frame, target)?;
-        let started = Instant::now();
-        let grown = self.grow(frame, expectation, target);
-        let grow_time = started.elapsed();
-        let touched = view.pixels_touched_since(&self.gaussians, &expectation.depth, NEW_GAUSSIAN_PREVAILS);
-        let started = Instant::now();
-        let learning = Learning { settings: &self.settings, codebook: &self.codebook, expectation, target };
-        let chosen = learning.active_pixels(&touched);
-        let choose_time = started.elapsed();
-        let active = view.active_weights(&chosen, self.settings.learning_min_weight);
-        let started = Instant::now();
-        let extent = learning.descend(&active, &mut self.features);
-        let learn_time = choose_time + started.elapsed();
-        Ok(FrameUpdate { grown, learning: extent, grow_time, learn_time, view_time: view.timing() })
+    /// If `seen` has another size than the frame or an id that does not exist.
+    pub fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> Result<SegmentMap, MemoryError> {
+        self.check_predictions(recall.frame, seen)?;
+        Ok(self.store.fuse(recall, seen))
     }
 
-    fn check_target(&self, frame: &RgbdFrame, target: &SegmentBelief) -> Result<(), MemoryError> {
-        let expected = (frame.width(), frame.height());
-        for found in [target.segments.size(), target.confidence.size()] {
-            if found != expected {
-                return Err(MemoryError::TargetSize { found, expected });
-            }
+    /// Takes in what the frame shows: learns from its predictions `seen`, grows by the surfaces that the map lacks, and
+    /// forgets those that are gone.
+    ///
+    /// # Errors
+    /// As [`Self::fuse`].
+    pub fn update(&mut self, mut recall: Recall<'_>, seen: &SegmentMap) -> Result<FrameUpdate, MemoryError> {
+        self.check_predictions(recall.frame, seen)?;
+        self.segments.note_sightings(seen);
+        let started = Instant::now();
+        let added = match self.settings.growth_rule() {
+            GrowthRule::Paper => growth::by_paper(&recall, &self.settings),
+            _ => growth::missing(&recall, seen, &self.settings),
+        };
+        self.map.add(&added, self.frames);
+        self.store.grow(&added, &recall, seen);
+        let mut grow_time = started.elapsed();
+
+        let started = Instant::now();
+        let learning = self.store.learn(&mut recall, &self.map.balls, seen);
+        if self.settings.links_depthless() {
+            self.depthless.take_in(&recall, seen, self.settings.growth_silhouette, self.frames);
         }
-        let largest = target.segments.pixels().iter().copied().max().unwrap_or(0);
-        if largest as usize > self.used_codes {
-            return Err(MemoryError::UnknownSegment { found: largest, known: self.used_codes });
+        let learn_time = started.elapsed();
+
+        let started = Instant::now();
+        let (removed, forgotten) = self.forget(&recall);
+        grow_time += started.elapsed();
+        self.frames = self.frames.saturating_add(1);
+        let view_time = recall.view_timing();
+        Ok(FrameUpdate { grown: added.len(), removed, forgotten, learning, grow_time, learn_time, view_time })
+    }
+
+    /// Removes what is gone; returns how many Gaussians that were, and the ids that nothing carries any more.
+    fn forget(&mut self, recall: &Recall<'_>) -> (usize, Vec<SegmentId>) {
+        if self.settings.growth_rule() == GrowthRule::Paper && self.map.len() <= self.settings.max_gaussians {
+            return (0, Vec::new());
+        }
+        let before = self.map.len();
+        if let Some(keep) = note_sights(&mut self.map, recall, &self.settings, self.frames) {
+            self.retain(&keep);
+        }
+        if let Some(keep) = longest_unseen(&self.map, self.settings.max_gaussians) {
+            if !self.warned_of_limit {
+                let max = self.settings.max_gaussians;
+                tracing::warn!("the map has reached memory.max_gaussians = {max}: what was not seen for longest goes");
+                self.warned_of_limit = true;
+            }
+            self.retain(&keep);
+        }
+        let removed = before - self.map.len();
+        if removed == 0 && !self.frames.is_multiple_of(FRAMES_PER_CENSUS) {
+            return (0, Vec::new());
+        }
+        let mut carried = vec![false; self.segments.len() + 1];
+        self.store.mark_carried(&mut carried);
+        self.depthless.mark_carried(&mut carried);
+        (removed, self.segments.note_carried(&carried))
+    }
+
+    fn retain(&mut self, keep: &[bool]) {
+        self.map.retain(keep);
+        self.store.retain(keep);
+    }
+
+    fn check_predictions(&self, frame: &RgbdFrame, seen: &SegmentMap) -> Result<(), MemoryError> {
+        let (found, expected) = (seen.size(), (frame.width(), frame.height()));
+        if found != expected {
+            return Err(MemoryError::PredictionSize { found, expected });
+        }
+        let largest = seen.pixels().iter().copied().filter(|id| *id != ABSTAIN).max().unwrap_or(0);
+        if largest as usize > self.segments.len() {
+            return Err(MemoryError::UnknownSegment { found: largest, known: self.segments.len() });
         }
         Ok(())
-    }
-
-    fn grow(&mut self, frame: &RgbdFrame, expectation: &Expectation, target: &SegmentBelief) -> usize {
-        let feature_dim = self.settings.feature_dim;
-        let added = new_gaussians(frame, expectation, &self.settings);
-        for gaussian in &added {
-            self.gaussians.push(gaussian.mean, Quat::IDENTITY, Vec3::splat(gaussian.scale), 1.0);
-            self.colors.push(gaussian.color);
-            match target.segments.pixels()[gaussian.pixel] {
-                0 => self.features.resize(self.features.len() + feature_dim, 0.0),
-                segment => {
-                    let confidence = if feature_dim == 1 { 1.0 } else { target.confidence.pixels()[gaussian.pixel] };
-                    let code = self.codebook.vector(segment as usize - 1);
-                    self.features.extend(code.iter().map(|value| confidence * value));
-                }
-            }
-        }
-        added.len()
     }
 
     /// The settings it was made with.
@@ -197,36 +241,36 @@ impl SplatMemory {
 
     /// Number of Gaussians.
     pub fn gaussian_count(&self) -> usize {
-        self.gaussians.len()
+        self.map.len()
     }
 
     /// Number of ids given so far: ids are 1 to this.
     pub fn segment_count(&self) -> usize {
-        self.used_codes
+        self.segments.len()
     }
 
-    /// Numbers that the Gaussians hold: position 3, orientation 4, scale 3, opacity 1, colour 3, feature D each.
+    /// Whether an id is tentative: its thing was seen in one frame only. It is given for good once it was seen in two.
+    pub fn is_tentative(&self, id: SegmentId) -> bool {
+        self.segments.sightings(id) < 2
+    }
+
+    /// Numbers that the Gaussians hold: position 3, radius 1, colour 3, and for segments 8 (votes) or D (features).
     pub fn parameter_count(&self) -> usize {
-        self.gaussians.len() * (3 + 4 + 3 + 1 + 3 + self.settings.feature_dim)
+        self.map.len() * (SplatMap::NUMBERS + self.store.numbers_per_gaussian())
     }
 
-    /// The Gaussians' geometry, world coordinates.
-    pub fn gaussians(&self) -> &Gaussians {
-        &self.gaussians
+    /// Where the Gaussians are, world coordinates.
+    pub fn balls(&self) -> &Balls {
+        &self.map.balls
     }
 
-    /// Colours of the Gaussians, sRGB in [0, 1].
-    pub fn colors(&self) -> &[[f32; 3]] {
-        &self.colors
+    /// Colours of the Gaussians, sRGB.
+    pub fn colors(&self) -> &[[u8; 3]] {
+        &self.map.colors
     }
 
-    /// Segment-id features, `[gaussians, D]`.
-    pub fn features(&self) -> &[f32] {
-        &self.features
-    }
-
-    /// The code of every segment.
-    pub fn codebook(&self) -> &Codebook {
-        &self.codebook
+    /// The segment that each Gaussian shows by itself, 0 for none.
+    pub fn segment_ids(&self) -> Vec<SegmentId> {
+        self.store.segment_ids()
     }
 }

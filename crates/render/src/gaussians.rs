@@ -2,6 +2,30 @@
 
 use glam::{Quat, Vec3};
 
+/// The shape of one Gaussian.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// The same standard deviation in every direction, metres.
+    Ball(f32),
+    /// Standard deviations along three axes, metres, and the orientation of those axes.
+    Ellipsoid(Vec3, Quat),
+}
+
+/// Anything that can be rendered as 3D Gaussians. World coordinates.
+pub trait Splats: Sync {
+    /// Number of Gaussians.
+    fn count(&self) -> usize;
+
+    /// Centre of a Gaussian, metres.
+    fn mean(&self, index: usize) -> Vec3;
+
+    /// Its opacity in [0, 1].
+    fn opacity(&self, index: usize) -> f32;
+
+    /// Its shape.
+    fn shape(&self, index: usize) -> Shape;
+}
+
 /// Anisotropic 3D Gaussians in world coordinates, one entry per Gaussian in every array.
 ///
 /// What a Gaussian *carries* (colour, features) is not here: channels are rendered as products with
@@ -35,5 +59,79 @@ impl Gaussians {
         self.quats.push(quat);
         self.scales.push(scale);
         self.opacities.push(opacity);
+    }
+}
+
+impl Splats for Gaussians {
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    #[inline(always)]
+    fn mean(&self, index: usize) -> Vec3 {
+        self.means[index]
+    }
+
+    #[inline(always)]
+    fn opacity(&self, index: usize) -> f32 {
+        self.opacities[index]
+    }
+
+    #[inline(always)]
+    fn shape(&self, index: usize) -> Shape {
+        let scale = self.scales[index];
+        if scale.x == scale.y && scale.y == scale.z {
+            // A ball looks the same from every side.
+            return Shape::Ball(scale.x);
+        }
+        Shape::Ellipsoid(scale, self.quats[index])
+    }
+}
+
+/// Opaque balls: what a map grown from depth images is made of. One entry per Gaussian in every array.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Balls {
+    /// Centres, world coordinates, metres.
+    pub means: Vec<Vec3>,
+    /// Standard deviations, metres.
+    pub radii: Vec<f32>,
+}
+
+impl Balls {
+    /// Number of balls.
+    pub fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.means.is_empty()
+    }
+
+    /// Adds one ball.
+    pub fn push(&mut self, mean: Vec3, radius: f32) {
+        self.means.push(mean);
+        self.radii.push(radius);
+    }
+}
+
+impl Splats for Balls {
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    #[inline(always)]
+    fn mean(&self, index: usize) -> Vec3 {
+        self.means[index]
+    }
+
+    #[inline(always)]
+    fn opacity(&self, _: usize) -> f32 {
+        1.0
+    }
+
+    #[inline(always)]
+    fn shape(&self, index: usize) -> Shape {
+        Shape::Ball(self.radii[index])
     }
 }

@@ -24,6 +24,6 @@ pub use active::{ActiveTile, ActiveWeights, PixelSet};
 pub use aligned::AlignedVec;
 pub use blend_weights::{BlendWeights, TileWeights};
 pub use camera::{Camera, RasterLimits};
-pub use gaussians::Gaussians;
+pub use gaussians::{Balls, Gaussians, Shape, Splats};
 pub use projection::{ProjectedGaussian, project, project_one};
 pub use view::{View, ViewTiming};

@@ -1,7 +1,7 @@
 //! From 3D Gaussians to 2D Gaussians on the image ("EWA splatting", as in 3DGS and gsplat).
 
-use crate::{Camera, Gaussians};
-use glam::{Mat3, Quat, Vec2, Vec3};
+use crate::{Camera, Shape, Splats};
+use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Gaussians projected by one task; small enough to balance two cores, large enough to cost no overhead.
@@ -25,12 +25,12 @@ pub struct ProjectedGaussian {
 }
 
 /// Projects the Gaussians `first..` of `gaussians` and keeps those that can touch the image, in index order.
-pub fn project(gaussians: &Gaussians, first: usize, camera: &Camera) -> Vec<ProjectedGaussian> {
-    let chunks: Vec<Vec<ProjectedGaussian>> = (first..gaussians.len())
+pub fn project(gaussians: &(impl Splats + ?Sized), first: usize, camera: &Camera) -> Vec<ProjectedGaussian> {
+    let chunks: Vec<Vec<ProjectedGaussian>> = (first..gaussians.count())
         .into_par_iter()
         .step_by(CHUNK)
         .map(|start| {
-            let end = (start + CHUNK).min(gaussians.len());
+            let end = (start + CHUNK).min(gaussians.count());
             (start..end).filter_map(|index| project_one(gaussians, index, camera)).collect()
         })
         .collect();
@@ -38,20 +38,19 @@ pub fn project(gaussians: &Gaussians, first: usize, camera: &Camera) -> Vec<Proj
 }
 
 /// Projects one Gaussian; `None` if it is outside the near and far planes or the image, too faint, or not finite.
-pub fn project_one(gaussians: &Gaussians, index: usize, camera: &Camera) -> Option<ProjectedGaussian> {
+pub fn project_one(gaussians: &(impl Splats + ?Sized), index: usize, camera: &Camera) -> Option<ProjectedGaussian> {
     let limits = &camera.limits;
-    let center = camera.to_camera(gaussians.means[index]);
-    let opacity = gaussians.opacities[index];
+    let center = camera.to_camera(gaussians.mean(index));
+    let opacity = gaussians.opacity(index);
     let in_range = center.z > limits.near_plane && center.z < limits.far_plane;
     if !in_range || opacity < limits.min_alpha || !opacity.is_finite() {
         return None;
     }
-    let scale = gaussians.scales[index];
     let (width, height) = (camera.intrinsics.width as f32, camera.intrinsics.height as f32);
     let mean = project_center(center, camera);
     // Alpha reaches its minimum where sigma = ln(opacity / minimum).
     let deviations = (2.0 * (opacity / limits.min_alpha).ln()).sqrt();
-    let [xx, xy, yy] = covariance_2d(gaussians.quats[index], scale, center, camera);
+    let [xx, xy, yy] = covariance_2d(gaussians.shape(index), center, camera);
     let half_extent = Vec2::new(deviations * xx.sqrt(), deviations * yy.sqrt());
     // Half a pixel beyond the outermost pixel centres is the image's edge.
     let inside = mean.x + half_extent.x > -0.5
@@ -81,7 +80,7 @@ fn project_center(center: Vec3, camera: &Camera) -> Vec2 {
 
 /// `(xx, xy, yy)` of J V J^T plus the low-pass, with V the covariance in the camera's frame and J the local affine
 /// approximation of projection, whose centre is clamped to 0.3 times the field of view beyond the image.
-fn covariance_2d(quat: Quat, scale: Vec3, center: Vec3, camera: &Camera) -> [f32; 3] {
+fn covariance_2d(shape: Shape, center: Vec3, camera: &Camera) -> [f32; 3] {
     let intrinsics = &camera.intrinsics;
     let (fx, fy) = (intrinsics.fx, intrinsics.fy);
     let (width, height) = (intrinsics.width as f32, intrinsics.height as f32);
@@ -95,16 +94,21 @@ fn covariance_2d(quat: Quat, scale: Vec3, center: Vec3, camera: &Camera) -> [f32
     let row_x = Vec3::new(fx / z, 0.0, -fx * tx / (z * z));
     let row_y = Vec3::new(0.0, fy / z, -fy * ty / (z * z));
     let low_pass = camera.limits.low_pass;
-    if scale.x == scale.y && scale.y == scale.z {
+    match shape {
         // A ball looks the same from every side: no rotation is needed.
-        let variance = scale.x * scale.x;
-        return [
-            variance * row_x.length_squared() + low_pass,
-            variance * row_x.dot(row_y),
-            variance * row_y.length_squared() + low_pass,
-        ];
+        Shape::Ball(radius) => {
+            let variance = radius * radius;
+            [
+                variance * row_x.length_squared() + low_pass,
+                variance * row_x.dot(row_y),
+                variance * row_y.length_squared() + low_pass,
+            ]
+        }
+        Shape::Ellipsoid(scale, quat) => {
+            let rotation = camera.camera_from_world_rotation * Mat3::from_quat(quat.normalize());
+            let axes = (rotation * Mat3::from_diagonal(scale)).transpose();
+            let (x, y) = (axes * row_x, axes * row_y);
+            [x.length_squared() + low_pass, x.dot(y), y.length_squared() + low_pass]
+        }
     }
-    let axes = camera.camera_from_world_rotation * Mat3::from_quat(quat.normalize()) * Mat3::from_diagonal(scale);
-    let (x, y) = (axes.transpose() * row_x, axes.transpose() * row_y);
-    [x.length_squared() + low_pass, x.dot(y), y.length_squared() + low_pass]
 }

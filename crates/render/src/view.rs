@@ -2,7 +2,9 @@
 
 use crate::rasterise::{Scene, TileRasteriser};
 use crate::tiles::{Reach, TileGrid, touched_pixels};
-use crate::{ActiveTile, ActiveWeights, BlendWeights, Camera, Gaussians, PixelSet, ProjectedGaussian, project};
+use crate::{
+    ActiveTile, ActiveWeights, BlendWeights, Camera, PixelSet, ProjectedGaussian, Splats, TileWeights, project,
+};
 use rayon::prelude::*;
 use splatseg_geometry::Image;
 use std::time::{Duration, Instant};
@@ -18,7 +20,7 @@ pub struct View {
     timing: ViewTiming,
 }
 
-/// Wall-clock time spent on a view so far.
+/// Wall-clock time that it took to make a view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ViewTiming {
     /// Projecting Gaussians and binning them into tiles.
@@ -27,11 +29,28 @@ pub struct ViewTiming {
     pub rasterise: Duration,
 }
 
+impl ViewTiming {
+    /// All of it.
+    pub fn total(&self) -> Duration {
+        self.project + self.rasterise
+    }
+}
+
 impl View {
     /// Rasterises `gaussians` as `camera` sees them.
     ///
     /// The semantics are those of `gsplat.rasterization` 1.5 in its classic mode, without background.
-    pub fn new(gaussians: &Gaussians, camera: &Camera) -> Self {
+    pub fn new(gaussians: &impl Splats, camera: &Camera) -> Self {
+        Self::read(gaussians, camera, |_| ()).0
+    }
+
+    /// Rasterises as [`View::new`] and has `read_tile` look at every tile while its weights are still in the cache.
+    /// What it returns comes back row-major, one value per tile.
+    pub fn read<T: Send>(
+        gaussians: &impl Splats,
+        camera: &Camera,
+        read_tile: impl Fn(&TileWeights) -> T + Sync,
+    ) -> (Self, Vec<T>) {
         let started = Instant::now();
         let grid = TileGrid::new(camera.intrinsics.width, camera.intrinsics.height);
         let splats = project(gaussians, 0, camera);
@@ -40,14 +59,18 @@ impl View {
 
         let started = Instant::now();
         let scene = Scene { grid: &grid, splats: &splats, limits: &camera.limits };
-        let tiles = keys
+        let (tiles, found) = keys
             .par_iter()
             .enumerate()
-            .map_init(TileRasteriser::new, |rasteriser, (tile, keys)| rasteriser.rasterise(&scene, tile, keys))
-            .collect();
+            .map_init(TileRasteriser::new, |rasteriser, (tile, keys)| {
+                let weights = rasteriser.rasterise(&scene, tile, keys);
+                let found = read_tile(&weights);
+                (weights, found)
+            })
+            .unzip();
         let weights = BlendWeights { width: grid.width, height: grid.height, tiles, tile_columns: grid.columns.max(1) };
         let timing = ViewTiming { project, rasterise: started.elapsed() };
-        Self { camera: *camera, grid, gaussian_count: gaussians.len(), splats, weights, timing }
+        (Self { camera: *camera, grid, gaussian_count: gaussians.count(), splats, weights, timing }, found)
     }
 
     /// Per tile (row-major), the pixels on which a Gaussian appended to `gaussians` since the view was made could have
@@ -58,23 +81,24 @@ impl View {
     ///
     /// # Panics
     /// If `surface` has another size than the view.
-    pub fn pixels_touched_since(&mut self, gaussians: &Gaussians, surface: &Image<f32>, alpha: f32) -> Vec<PixelSet> {
+    pub fn pixels_touched_since(
+        &self,
+        gaussians: &(impl Splats + ?Sized),
+        surface: &Image<f32>,
+        alpha: f32,
+    ) -> Vec<PixelSet> {
         assert_eq!(surface.size(), (self.grid.width, self.grid.height), "the surface's size");
-        let started = Instant::now();
         let added = project(gaussians, self.gaussian_count, &self.camera);
         let reach = Reach { surface, alpha, min_alpha: self.camera.limits.min_alpha };
-        let touched = touched_pixels(&self.grid, &added, &reach);
-        self.timing.project += started.elapsed();
-        touched
+        touched_pixels(&self.grid, &added, &reach)
     }
 
     /// The weights above `min_weight` at the pixels `chosen` (one set per tile, row-major).
     ///
     /// # Panics
     /// If there is not one set per tile.
-    pub fn active_weights(&mut self, chosen: &[PixelSet], min_weight: f32) -> ActiveWeights {
+    pub fn active_weights(&self, chosen: &[PixelSet], min_weight: f32) -> ActiveWeights {
         assert_eq!(chosen.len(), self.weights.tiles.len(), "one pixel set per tile");
-        let started = Instant::now();
         let tiles: Vec<ActiveTile> = chosen
             .par_iter()
             .zip(&self.weights.tiles)
@@ -82,9 +106,7 @@ impl View {
             .filter(|(_, (pixels, _))| !pixels.is_empty())
             .map(|(tile, (pixels, weights))| ActiveTile::new(tile, *pixels, weights.restricted(pixels, min_weight)))
             .collect();
-        let active = ActiveWeights::new(tiles, &self.weights.tiles, self.gaussian_count);
-        self.timing.rasterise += started.elapsed();
-        active
+        ActiveWeights::new(tiles, &self.weights.tiles, self.gaussian_count)
     }
 
     /// The camera of the view.
@@ -102,7 +124,7 @@ impl View {
         &self.splats
     }
 
-    /// Time spent so far.
+    /// Time that it took to make the view.
     pub fn timing(&self) -> ViewTiming {
         self.timing
     }

@@ -92,7 +92,7 @@ proptest! {
     fn untouched_pixels_keep_their_weights(entries in prop::collection::vec(gaussian(), 2..40), added in prop::collection::vec(gaussian(), 1..4)) {
         let before = scene(&entries);
         let all = scene(&[entries.clone(), added].concat());
-        let mut view = View::new(&before, &camera());
+        let view = View::new(&before, &camera());
         let everywhere = Image::filled(SIZE.0, SIZE.1, f32::INFINITY);
         let touched = view.pixels_touched_since(&all, &everywhere, camera().limits.min_alpha);
         let values = values(all.len(), 2, 6);
@@ -148,7 +148,7 @@ proptest! {
     #[test]
     fn restricted_weights_give_the_same_products(entries in prop::collection::vec(gaussian(), 1..60), stride in 1usize..7) {
         let gaussians = scene(&entries);
-        let mut view = View::new(&gaussians, &camera());
+        let view = View::new(&gaussians, &camera());
         let chosen = |index: usize| index.is_multiple_of(stride);
         let sets: Vec<PixelSet> = view.weights().tiles().iter().map(|tile| {
             let mut set = PixelSet::default();

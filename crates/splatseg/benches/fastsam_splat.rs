@@ -1,10 +1,12 @@
-//! Frames per second of FastSAM-Splat without its segmenter, stage by stage, on redkitchen at 310×230 (320×240 less a
-//! 5-pixel border), D = 28, 20 steps. Without `../shared` it measures the synthetic room instead.
+//! Frames per second of FastSAM-Splat without its segmenter, stage by stage, with both kinds of memory, on redkitchen at
+//! 310×230 (320×240 less a 5-pixel border); features have D = 28 and 20 steps. Without `../shared` it measures the
+//! synthetic room instead.
 //!
 //! `cargo bench -p splatseg --bench fastsam_splat`
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use splatseg::dataset::{DatasetSettings, FrameStream, GroundTruth, ImageSize, Scene, open_scene};
+use splatseg::memory::{MemoryKind, MemorySettings};
 use splatseg::tracking::StageTimes;
 use splatseg::{
     FastSamSplat, FastSamSplatSettings, GraphSegmenter, GraphSettings, Method, RgbdFrame, ScoredMask, Segmenter,
@@ -38,10 +40,11 @@ fn segmented_frames() -> Vec<(RgbdFrame, Vec<ScoredMask>)> {
 }
 
 /// Tracks the whole video; summed stage times and the slowest frame.
-fn track(frames: &[(RgbdFrame, Vec<ScoredMask>)]) -> (StageTimes, Duration) {
+fn track(frames: &[(RgbdFrame, Vec<ScoredMask>)], kind: MemoryKind) -> (StageTimes, Duration) {
     let segmenter = GraphSegmenter::new(GraphSettings::default()).expect("defaults are in range");
-    let mut method = FastSamSplat::new(Box::new(segmenter), FastSamSplatSettings::default(), &mut |_| {})
-        .expect("defaults are in range");
+    let memory = MemorySettings { kind, ..MemorySettings::default() };
+    let settings = FastSamSplatSettings { memory, ..FastSamSplatSettings::default() };
+    let mut method = FastSamSplat::new(Box::new(segmenter), settings, &mut |_| {}).expect("defaults are in range");
     let (mut times, mut slowest) = (StageTimes::default(), Duration::ZERO);
     for (frame, masks) in frames {
         let output = method.track(frame, masks).expect("masks are of the frame's size");
@@ -51,23 +54,31 @@ fn track(frames: &[(RgbdFrame, Vec<ScoredMask>)]) -> (StageTimes, Duration) {
     (times, slowest)
 }
 
-fn whole_video(criterion: &mut Criterion) {
-    let frames = segmented_frames();
-    let (times, slowest) = track(&frames);
+fn print_stages(frames: &[(RgbdFrame, Vec<ScoredMask>)], kind: MemoryKind) {
+    let (times, slowest) = track(frames, kind);
     let count = frames.len() as f64;
     for (stage, time) in &times.stages()[1..] {
         println!("{stage:16} {:7.2} ms per frame", time.as_secs_f64() * 1e3 / count);
     }
     println!(
-        "{:.2} frames per second without the segmenter, slowest frame {:.0} ms",
+        "{}: {:.2} frames per second without the segmenter, slowest frame {:.0} ms",
+        kind.name(),
         count / times.without_segmenter().as_secs_f64(),
         slowest.as_secs_f64() * 1e3
     );
+}
+
+fn whole_video(criterion: &mut Criterion) {
+    let frames = segmented_frames();
+    let kinds = [MemoryKind::Evidence, MemoryKind::Features];
+    kinds.into_iter().for_each(|kind| print_stages(&frames, kind));
     let mut group = criterion.benchmark_group("fastsam_splat");
     group.sample_size(10);
-    group.bench_function("whole_video", |bencher| {
-        bencher.iter_custom(|rounds| (0..rounds).map(|_| track(&frames).0.without_segmenter()).sum());
-    });
+    for kind in kinds {
+        group.bench_function(format!("whole_video/{}", kind.name()), |bencher| {
+            bencher.iter_custom(|rounds| (0..rounds).map(|_| track(&frames, kind).0.without_segmenter()).sum());
+        });
+    }
     group.finish();
 }
 

@@ -7,8 +7,8 @@ use splatseg_models::device::DeviceName;
 use splatseg_models::fastsam::FastSamPredictorSettings;
 use splatseg_segmenter::{GraphSettings, OracleSettings};
 use splatseg_tracking::{
-    FastSamSettings, FastSamSplatSettings, FastSpamSettings, NewObjectSettings, PromptSource, RepromptSettings,
-    Sam2SplatSettings, Sam2TrackerSettings, SimTrackerSettings,
+    ExplanationSettings, FastSamSettings, FastSamSplatSettings, FastSpamSettings, NewObjectSettings, PromptSource,
+    RepromptSettings, Sam2SplatSettings, Sam2TrackerSettings, SimTrackerSettings,
 };
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -50,6 +50,10 @@ pub struct Settings {
     pub min_segment_area: usize,
     /// Expected and predicted segments with a smaller F-score are no match. The paper names no minimum.
     pub min_match_f_score: f64,
+    /// Whether the method `fastsam-splat` shows a segment before its thing was seen in a second frame.
+    pub show_tentative: bool,
+    /// What the method `fastsam-splat` lets its memory know better than a frame.
+    pub explanation: ExplanationSettings,
     /// How the scene is read.
     pub dataset: DatasetSettings,
     /// The splat memory.
@@ -169,6 +173,8 @@ impl Default for Settings {
             threads: 0,
             min_segment_area: method.min_segment_area,
             min_match_f_score: method.min_match_f_score,
+            show_tentative: method.show_tentative,
+            explanation: method.explanation,
             dataset: DatasetSettings::default(),
             memory: method.memory,
             fastsam: FastSamPredictorSettings::default(),
@@ -215,6 +221,8 @@ impl Settings {
             memory: self.memory.clone(),
             min_segment_area: self.min_segment_area,
             min_match_f_score: self.min_match_f_score,
+            show_tentative: self.show_tentative,
+            explanation: self.explanation,
             seed: self.seed,
         }
     }

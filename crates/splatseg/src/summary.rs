@@ -15,6 +15,8 @@ pub struct Summary {
     pub skipped_frames: usize,
     /// Distinct ids in the results.
     pub segments: usize,
+    /// How many of them are tentative: the memory has seen their thing in one frame only.
+    pub tentative_segments: usize,
     /// Gaussians in the memory at the end.
     pub gaussians: usize,
     /// Numbers that the memory holds at the end.
@@ -29,6 +31,8 @@ pub struct Summary {
     pub slowest_frame_ms: f64,
     /// Frames per second.
     pub fps: FramesPerSecond,
+    /// How the run went along, at up to 64 frames in equal steps.
+    pub curve: Vec<CurvePoint>,
     /// Whether the run was stopped (Ctrl-C) before the last frame.
     pub interrupted: bool,
     /// The scene as it was given.
@@ -50,6 +54,66 @@ pub struct FramesPerSecond {
     pub without_segmenter: f64,
 }
 
+/// A run at one frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CurvePoint {
+    /// Frames with a result so far.
+    pub frame: usize,
+    /// Gaussians in the memory.
+    pub gaussians: usize,
+    /// Resident memory of the process, megabytes (10^6 bytes); null where the system does not tell.
+    pub memory_mb: Option<f64>,
+    /// Mean time of a frame since the point before, all stages but the segmenter, milliseconds.
+    pub ms: f64,
+}
+
+/// The points of a run of unknown length: one for every `step` frames, and `step` doubles as they become too many.
+#[derive(Clone, Debug)]
+pub struct RunCurve {
+    points: Vec<CurvePoint>,
+    step: usize,
+    frames: usize,
+    time: Duration,
+}
+
+impl Default for RunCurve {
+    fn default() -> Self {
+        Self { points: Vec::new(), step: 1, frames: 0, time: Duration::ZERO }
+    }
+}
+
+impl RunCurve {
+    /// Points that are kept at most.
+    const MAX_POINTS: usize = 64;
+
+    /// Takes note of a frame that took `time`, all stages but the segmenter.
+    pub fn push(&mut self, time: Duration, gaussians: usize) {
+        self.frames += 1;
+        self.time += time;
+        if !self.frames.is_multiple_of(self.step) {
+            return;
+        }
+        let ms = self.time.as_secs_f64() * 1e3 / self.step as f64;
+        self.points.push(CurvePoint { frame: self.frames, gaussians, memory_mb: memory_mb("VmRSS:"), ms });
+        self.time = Duration::ZERO;
+        if self.points.len() >= Self::MAX_POINTS {
+            self.halve();
+        }
+    }
+
+    /// Makes one point of two.
+    fn halve(&mut self) {
+        let of_two = |pair: &[CurvePoint]| CurvePoint { ms: 0.5 * (pair[0].ms + pair[1].ms), ..pair[1] };
+        self.points = self.points.chunks_exact(2).map(of_two).collect();
+        self.step *= 2;
+    }
+
+    /// The points so far.
+    pub fn into_points(self) -> Vec<CurvePoint> {
+        self.points
+    }
+}
+
 /// Counts over the frames of a run.
 #[derive(Clone, Debug, Default)]
 pub struct RunCounts {
@@ -63,6 +127,8 @@ pub struct RunCounts {
     pub times: StageTimes,
     /// Summed errors of the tracker.
     pub track_errors: TrackErrorCounts,
+    /// How the run goes along.
+    pub curve: RunCurve,
     /// Slowest frame, all stages but the segmenter.
     pub slowest: Duration,
     /// Stopped before the last frame.
@@ -85,8 +151,34 @@ impl RunCounts {
 
 /// The largest resident memory that this process has had, megabytes (10^6 bytes). Only Linux tells without help.
 pub fn peak_memory_mb() -> Option<f64> {
+    memory_mb("VmHWM:")
+}
+
+fn memory_mb(field: &str) -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let line = status.lines().find_map(|line| line.strip_prefix(field))?;
     let kibibytes: f64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kibibytes * 1024.0 / 1e6)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_run_has_few_points_in_equal_steps() {
+        let mut curve = RunCurve::default();
+        for frame in 1..=1000 {
+            curve.push(Duration::from_millis(frame), frame as usize);
+        }
+        let points = curve.into_points();
+        assert!((32..=64).contains(&points.len()), "{}", points.len());
+        let step = points[0].frame;
+        for (index, point) in points.iter().enumerate() {
+            assert_eq!(point.frame, (index + 1) * step);
+            assert_eq!(point.gaussians, point.frame);
+            let mean = (point.frame as f64 + (point.frame - step + 1) as f64) / 2.0;
+            assert!((point.ms - mean).abs() < 1e-9, "{} instead of {mean}", point.ms);
+        }
+    }
 }

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use std::time::SystemTime;
-use support::{OTHER_ROOM, ROOM, bench, read_json};
+use support::{FEATURES, OTHER_ROOM, ROOM, bench, read_json};
 
 const SEEDS: [&str; 2] = ["--seeds", "2"];
 
@@ -54,11 +54,24 @@ fn results_are_complete_resumable_and_the_same_for_any_number_of_jobs() {
     assert_eq!(renewed, [gone]);
     assert_eq!(timeless_rows(&one), rows);
 
-    // A file that was cut off is measured again, and so is everything when other settings are asked for.
+    // A file that was cut off is measured again, and so is one of a version without the counts by size, and everything
+    // when other settings are asked for.
     fs::write(one.join("results").join(gone), "{").unwrap();
-    assert_eq!(bench(&[ROOM, OTHER_ROOM], &one, &SEEDS).out.matches("there already").count(), 7);
-    let ended = bench(&[ROOM], &one, &["--set", "memory.num_steps=3"]);
+    make_older(&one.join("results").join(before.keys().next().unwrap()));
+    let ended = bench(&[ROOM, OTHER_ROOM], &one, &SEEDS);
+    assert_eq!((ended.code, ended.out.matches("there already").count()), (0, 6), "{}", ended.err);
+    assert_eq!(timeless_rows(&one), rows);
+    let ended = bench(&[ROOM], &one, &["--set", "memory.max_votes=3"]);
     assert_eq!((ended.code, ended.out.matches("there already").count()), (0, 0));
+}
+
+/// Takes from a result what earlier versions did not count.
+fn make_older(result: &Path) {
+    let mut value = read_json(result);
+    for protocol in ["paper", "strict"] {
+        value[protocol]["counts"].as_object_mut().unwrap().remove("by_size").unwrap();
+    }
+    fs::write(result, value.to_string()).unwrap();
 }
 
 /// Two scenes, two methods, two seeds.
@@ -74,6 +87,7 @@ fn check_rows(out: &Path) {
             assert!(row[key].is_f64() && row["strict"][key].is_f64(), "{key}: {row}");
         }
         assert!(["1", "5", "10", "15"].iter().all(|length| row["vsq_k"][length].is_f64()));
+        check_sizes(row);
         assert_eq!((&row["segmenter"], &row["protocol"]), (&"oracle".into(), &"paper".into()));
         assert!(out.join(row["file"].as_str().unwrap()).is_file());
     }
@@ -83,9 +97,42 @@ fn check_rows(out: &Path) {
     let csv = fs::read_to_string(out.join("results.csv")).unwrap();
     assert_eq!(csv.lines().count(), 9);
     assert!(csv.starts_with("scene,method,variant,seed,segmenter,protocol,vsq_1,"));
+    let last_columns = ",large_objects,large_aq,large_found,large_ids_per_object,large_main_id";
+    assert!(csv.lines().next().unwrap().ends_with(last_columns));
+    assert!(csv.contains(",parameters,small_objects,small_aq,"));
+    // Quoted names of scenes hold the only other commas.
+    let columns = |line: &str| line.split('"').step_by(2).map(|part| part.matches(',').count()).sum::<usize>();
+    assert!(csv.lines().all(|line| columns(line) == columns(csv.lines().next().unwrap())));
     let tables = fs::read_to_string(out.join("tables.md")).unwrap();
+    for protocol in ["paper", "strict"] {
+        assert!(tables.contains(&format!("## By size of the object, protocol {protocol}\n")));
+    }
+    assert!(tables.contains("| method | size | objects | AQ | found | ids per object | main id |"));
+    assert_eq!(tables.matches("| fastsam-splat | small (under 400 px) | ").count(), 2);
     assert!(tables.contains("| method | k=1 | k=5 | k=10 | k=15 | VSQ | STQ | AQ | SQ |"));
     assert!(tables.contains("*FastSAM-Splat (paper, ScanNet-MV: other data)*") && tables.contains(" ± "));
+}
+
+/// The objects of both protocols are the same, and AQ is the mean over all of them.
+fn check_sizes(row: &Value) {
+    const CLASSES: [&str; 3] = ["small", "medium", "large"];
+    for scores in [row, &row["strict"]] {
+        let (mut sum, mut objects) = (0.0, 0.0);
+        for class in CLASSES {
+            let sizes = &scores["by_size"][class];
+            assert_eq!(sizes["objects"], row["by_size"][class]["objects"]);
+            if sizes["objects"] == 0 {
+                assert!(sizes["aq"].is_null());
+                continue;
+            }
+            let count = sizes["objects"].as_f64().unwrap();
+            sum += sizes["aq"].as_f64().unwrap() * count;
+            objects += count;
+            assert!(sizes["found"].is_f64() && sizes["main_id"].is_f64(), "{sizes}");
+            assert!(sizes["found"] == 0.0 || sizes["ids_per_object"].as_f64().unwrap() >= 1.0, "{sizes}");
+        }
+        assert!((sum / objects - scores["aq"].as_f64().unwrap()).abs() < 1e-9, "{scores}");
+    }
 }
 
 #[test]
@@ -112,7 +159,8 @@ fn a_broken_scene_is_listed_and_the_others_go_on() {
 #[test]
 fn ablated_settings_are_rows_of_their_own() {
     let folder = tempfile::tempdir().unwrap();
-    let ended = bench(&[OTHER_ROOM], folder.path(), &["--ablate", "memory.num_steps=0,20"]);
+    let ablated = [&FEATURES[..], &["--ablate", "memory.num_steps=0,20"]].concat();
+    let ended = bench(&[OTHER_ROOM], folder.path(), &ablated);
     assert_eq!(ended.code, 0, "{}", ended.err);
     let rows = timeless_rows(folder.path());
     let variants: Vec<&Value> = rows.iter().map(|row| &row["variant"]).collect();

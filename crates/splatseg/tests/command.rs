@@ -11,6 +11,9 @@ fn splatseg() -> Command {
 
 const ROOM: &str = "synthetic:frames=4,width=96,height=72,objects=8";
 
+/// The paper's memory, with a codebook that is made at once.
+const FEATURES: [&str; 4] = ["--set", "memory.kind=features", "--set", "memory.num_codes=64"];
+
 /// The clip that the demo is made of, a scene in ScanNet's exported layout.
 fn demo_scene() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("demo")
@@ -34,7 +37,7 @@ fn copied_scene(frames: usize) -> tempfile::TempDir {
 
 fn run(scene: &Path, out: &Path) -> Command {
     let mut command = splatseg();
-    command.arg("run").arg(scene).arg("--out").arg(out).args(["--resize", "160x120", "--set", "memory.num_codes=64"]);
+    command.arg("run").arg(scene).arg("--out").arg(out).args(["--resize", "160x120"]);
     command
 }
 
@@ -67,9 +70,13 @@ fn a_run_writes_ids_overlays_and_a_summary() {
     assert_eq!(summary["frames"], 4);
     assert_eq!(summary["skipped_frames"], 0);
     assert_eq!(summary["seed"], 3);
-    assert_eq!(summary["settings"]["memory"]["feature_dim"], 28);
+    assert_eq!(summary["settings"]["memory"]["kind"], "evidence");
     assert!(summary["segments"].as_u64().unwrap() > 5);
-    assert!(summary["gaussians"].as_u64().unwrap() >= 96 * 72);
+    let gaussians = summary["gaussians"].as_u64().unwrap();
+    // Not one for every pixel, but one for each block of at most 8x8.
+    assert!((96 * 72 / 64..96 * 72).contains(&gaussians), "{gaussians}");
+    // Position, radius and colour are 7 numbers, votes 8.
+    assert_eq!(summary["parameters"], gaussians * 15);
     let stages = ["segment", "project_and_bin", "rasterise", "decode", "match", "fuse", "grow", "learn"];
     for stage in stages {
         assert!(summary["stage_ms"][stage].as_f64().unwrap() >= 0.0, "{stage}");
@@ -79,45 +86,79 @@ fn a_run_writes_ids_overlays_and_a_summary() {
 }
 
 #[test]
+fn a_run_with_the_papers_memory_has_a_gaussian_for_every_pixel() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    splatseg().args(["run", ROOM, "--out"]).arg(&out).args(FEATURES).assert().success();
+    let summary = summary(&out);
+    assert_eq!(summary["settings"]["memory"]["kind"], "features");
+    assert_eq!(summary["settings"]["memory"]["feature_dim"], 28);
+    assert!(summary["segments"].as_u64().unwrap() > 5);
+    let gaussians = summary["gaussians"].as_u64().unwrap();
+    assert!(gaussians >= 96 * 72);
+    assert_eq!(summary["parameters"], gaussians * (7 + 28));
+}
+
+#[test]
 fn results_are_the_same_whatever_the_threads() {
     let folder = tempfile::tempdir().unwrap();
-    let result = |threads: &str| {
-        let out = folder.path().join(threads);
-        let memory = folder.path().join(format!("{threads}.ply"));
+    let result = |kind: &[&str], threads: &str| {
+        let out = folder.path().join(format!("{threads}-{}", kind.len()));
+        let memory = out.with_extension("ply");
         let mut command = run(&demo_scene(), &out);
-        command.args(["--max-frames", "3", "--threads", threads, "--save-memory"]).arg(&memory).assert().success();
+        command.args(["--max-frames", "3", "--threads", threads]).args(kind);
+        command.arg("--save-memory").arg(&memory).assert().success();
         let segments = file_names(&out.join("segments"));
         let images: Vec<Vec<u8>> =
             segments.iter().map(|name| fs::read(out.join("segments").join(name)).unwrap()).collect();
         (segments, images, fs::read(memory).unwrap())
     };
-    assert!(result("1") == result("3"));
+    for kind in [&[], &FEATURES[..]] {
+        assert!(result(kind, "1") == result(kind, "3"), "{kind:?}");
+    }
+}
+
+/// Saves a memory after two frames and shows them to it again.
+fn assert_memory_continues(folder: &Path, kind: &[&str]) {
+    let memory = folder.join("memory.ply");
+    let (first, second) = (folder.join("first"), folder.join("second"));
+    let run_two_frames = |out: &Path, with_memory: &str| {
+        let mut command = run(&demo_scene(), out);
+        command.args(kind).args(["--max-frames", "2", with_memory]).arg(&memory).assert().success();
+    };
+    run_two_frames(&first, "--save-memory");
+    run_two_frames(&second, "--load-memory");
+    let read = |out: &Path| splatseg_dataset::read_segments_png(&out.join("segments/1.png")).unwrap();
+    let (before, after) = (read(&first), read(&second));
+    let same = before.pixels().iter().zip(after.pixels()).filter(|(before, after)| before == after).count();
+    assert!(same * 10 > before.pixels().len() * 9, "only {same} of {} pixels keep their id", before.pixels().len());
+}
+
+/// Asserts that a memory is not loaded, and what is said then.
+fn assert_not_loaded(folder: &Path, options: &[&str], expected: &str) {
+    let (memory, out) = (folder.join("memory.ply"), folder.join("refused"));
+    let (code, message) = finish(run(&demo_scene(), &out).args(options).arg("--load-memory").arg(&memory));
+    assert_eq!(code, 2, "{message}");
+    assert!(message.contains(expected) && !out.exists(), "{message}");
 }
 
 #[test]
 fn a_saved_memory_continues_with_its_ids() {
     let folder = tempfile::tempdir().unwrap();
-    let memory = folder.path().join("memory.ply");
-    let (first, second) = (folder.path().join("first"), folder.path().join("second"));
-    run(&demo_scene(), &first).args(["--max-frames", "2", "--save-memory"]).arg(&memory).assert().success();
-    run(&demo_scene(), &second).args(["--max-frames", "2", "--load-memory"]).arg(&memory).assert().success();
-    let read = |out: &Path| splatseg_dataset::read_segments_png(&out.join("segments/1.png")).unwrap();
-    let (before, after) = (read(&first), read(&second));
-    let same = before.pixels().iter().zip(after.pixels()).filter(|(before, after)| before == after).count();
-    assert!(same * 10 > before.pixels().len() * 9, "only {same} of {} pixels keep their id", before.pixels().len());
+    assert_memory_continues(folder.path(), &[]);
+    let other_kind = "a memory of the kind \"evidence\", but memory.kind is \"features\"";
+    assert_not_loaded(folder.path(), &FEATURES, other_kind);
+    fs::write(folder.path().join("memory.ply"), b"ply\nnonsense").unwrap();
+    assert_not_loaded(folder.path(), &[], "memory.ply");
+}
 
-    let (code, message) = finish(
-        run(&demo_scene(), &folder.path().join("third"))
-            .args(["--set", "memory.feature_dim=7", "--load-memory"])
-            .arg(&memory),
-    );
-    assert_eq!(code, 2);
-    assert!(message.contains("28 channels, but memory.feature_dim is 7"), "{message}");
-    fs::write(&memory, b"ply\nnonsense").unwrap();
-    let out = folder.path().join("fourth");
-    let (code, message) = finish(run(&demo_scene(), &out).arg("--load-memory").arg(&memory));
-    assert_eq!(code, 2);
-    assert!(message.contains("memory.ply") && !out.exists(), "{message}");
+#[test]
+fn a_saved_memory_of_features_continues_with_its_ids() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_memory_continues(folder.path(), &FEATURES);
+    assert_not_loaded(folder.path(), &[], "a memory of the kind \"features\", but memory.kind is \"evidence\"");
+    let fewer = [&FEATURES[..], &["--set", "memory.feature_dim=7"]].concat();
+    assert_not_loaded(folder.path(), &fewer, "28 channels, but memory.feature_dim is 7");
 }
 
 #[test]
@@ -194,7 +235,8 @@ fn one_frame_and_frames_without_depth_are_no_reason_to_fail() {
     run(scene.path(), &scene.path().join("none")).args(["--set", "min_segment_area=100000"]).assert().success();
     assert_eq!(summary(&scene.path().join("none"))["segments"], 0);
     // More objects than codes: a block is added.
-    run(scene.path(), &scene.path().join("few")).args(["--set", "memory.num_codes=2"]).assert().success();
+    let few = ["--set", "memory.kind=features", "--set", "memory.num_codes=2"];
+    run(scene.path(), &scene.path().join("few")).args(few).assert().success();
     assert!(summary(&scene.path().join("few"))["segments"].as_u64().unwrap() > 4);
 }
 
@@ -218,13 +260,17 @@ fn bad_usage_exits_with_2_and_names_the_option() {
     let config = folder.path().join("settings.toml");
     fs::write(&config, "[memory]\nfeature_dim = \"many\"\n").unwrap();
     let config = config.to_str().unwrap();
-    let cases: [(&[&str], &str); 9] = [
+    let cases: [(&[&str], &str); 13] = [
         (&["--stride", "0"], "stride"),
         (&["--resize", "big"], "resize"),
         (&["--crop-border", "400"], "crop_border"),
         (&["--format", "bag"], "7scenes"),
         (&["--set", "memory.feature_dims=3"], "feature_dims"),
         (&["--set", "memory.feature_dim=0"], "memory.feature_dim"),
+        (&["--set", "memory.kind=votes"], "kind"),
+        (&["--set", "memory.max_votes=0"], "memory.max_votes"),
+        (&["--set", "memory.max_gaussians=0"], "memory.max_gaussians"),
+        (&["--set", "explanation.min_new_fraction=2"], "explanation.min_new_fraction"),
         (&["--set", "min_match_f_score=2"], "min_match_f_score"),
         (&["--config", config], "feature_dim"),
         (&["--start", "99"], "start"),

@@ -87,6 +87,14 @@ fn a_perfect_prediction_scores_100_in_every_form() {
     assert_eq!(expected["vsq_k"], json!({"1": 100.0, "5": 100.0, "10": 100.0, "15": 100.0}));
     assert_eq!((&expected["protocol"], &expected["frames"]), (&json!("strict"), &json!(18)));
 
+    let printed = eval(images.path(), &strict).out;
+    assert!(printed.contains("ids per object") && printed.contains("small (under 400 px)"), "{printed}");
+    let small = &expected["by_size"]["small"];
+    assert_eq!(
+        (&small["aq"], &small["ids_per_object"], &small["main_id"]),
+        (&json!(100.0), &json!(1.0), &json!(100.0))
+    );
+
     let list = Value::Array(tracks());
     let masks: Vec<Value> = truth()
         .iter()
@@ -110,7 +118,7 @@ fn the_results_of_a_run_are_read_as_the_run_read_its_scene() {
     let out = folder.path().join("out");
     let mut run = splatseg();
     run.args(["run", ROOM, "--resize", "32x24", "--crop-border", "2", "--stride", "2", "--out"]).arg(&out);
-    run.args(["--set", "memory.num_codes=32", "--set", "memory.feature_dim=8", "--segmenter", "oracle"]);
+    run.args(["--segmenter", "oracle"]);
     assert_eq!(finish(&mut run).code, 0);
     let found = scores(&out, &["--protocol", "strict"]);
     assert_eq!(found["frames"], json!(9));

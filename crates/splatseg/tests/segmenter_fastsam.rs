@@ -4,7 +4,7 @@ mod support;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use support::{Ended, OTHER_ROOM, finish, splatseg};
+use support::{Ended, FEATURES, OTHER_ROOM, finish, splatseg};
 
 /// A file or folder of `../shared`, or `None` (said on a line of its own) where that folder is not at hand.
 fn shared(path: &str, test: &str) -> Option<PathBuf> {
@@ -20,8 +20,7 @@ fn shared(path: &str, test: &str) -> Option<PathBuf> {
 
 fn run(scene: &str, out: &Path, more: &[&str]) -> Ended {
     let mut command = splatseg();
-    command.arg("run").arg(scene).arg("--out").arg(out).args(["--set", "memory.num_codes=32"]);
-    finish(command.args(more))
+    finish(command.arg("run").arg(scene).arg("--out").arg(out).args(more))
 }
 
 /// The id images of a run, by name.
@@ -47,6 +46,7 @@ fn assert_same_results(scene: &str, more: &[&str]) {
 #[test]
 fn segmenting_ahead_changes_no_result() {
     assert_same_results(OTHER_ROOM, &[]);
+    assert_same_results(OTHER_ROOM, &FEATURES);
 }
 
 #[test]
@@ -55,7 +55,7 @@ fn fastsam_runs_on_its_weights_and_segmenting_ahead_changes_no_result() {
     let Some(weights) = shared("models/fastsam-rooms-n.pt", test) else { return };
     let Some(scene) = shared("data/rooms/dev-a", test) else { return };
     let options = ["--segmenter", "fastsam", "--weights", weights.to_str().unwrap(), "--max-frames", "3"];
-    let size = ["--set", "fastsam.image_size=320", "--set", "memory.feature_dim=8"];
+    let size = ["--set", "fastsam.image_size=320"];
     assert_same_results(scene.to_str().unwrap(), &[options.as_slice(), &size].concat());
 }
 

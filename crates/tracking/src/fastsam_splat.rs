@@ -1,11 +1,13 @@
 //! FastSAM-Splat: a segmenter without memory, and a splat that remembers (METHOD, "FastSAM-Splat, one frame").
 
 use crate::matching::check_min_f_score;
-use crate::painting::visible_parts;
-use crate::{FrameOutput, Method, StageTimes, TrackErrorCounts, TrackingError, check_sizes, fuse, match_segments};
+use crate::painting::{painted_parts, visible_parts};
+use crate::{
+    ExplanationSettings, FrameOutput, Method, StageTimes, TrackErrorCounts, TrackingError, check_sizes, match_segments,
+};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
-use splatseg_memory::{MemorySettings, SplatMemory};
+use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
+use splatseg_memory::{ABSTAIN, MemoryKind, MemorySettings, Recall, SplatMemory};
 use splatseg_segmenter::Segmenter;
 use std::time::Instant;
 
@@ -15,24 +17,35 @@ use std::time::Instant;
 pub struct FastSamSplatSettings {
     /// Settings of the memory.
     pub memory: MemorySettings,
-    /// Predicted segments of fewer pixels are ignored, and so are remembered ones in the output: the rests that remain
-    /// along borders after an id has been overruled. (They stay in the memory. Not in the paper.)
+    /// Predicted segments of fewer pixels are ignored, and so are remembered ones in the output: what is left along
+    /// borders after an id has been overruled. (They stay in the memory. Not in the paper.)
     pub min_segment_area: usize,
     /// Expected and predicted segments with a smaller F-score are no match. The paper names no minimum.
     pub min_match_f_score: f64,
+    /// Whether a segment is shown before its thing was seen in a second frame. Not in the paper, which shows all.
+    pub show_tentative: bool,
+    /// What the memory knows better than a frame; used with [`MemoryKind::Evidence`] only.
+    pub explanation: ExplanationSettings,
     /// Seed of the codebook.
     pub seed: u64,
 }
 
 impl Default for FastSamSplatSettings {
     fn default() -> Self {
-        Self { memory: MemorySettings::default(), min_segment_area: 50, min_match_f_score: 0.0, seed: 0 }
+        Self {
+            memory: MemorySettings::default(),
+            min_segment_area: 50,
+            min_match_f_score: 0.0,
+            show_tentative: true,
+            explanation: ExplanationSettings::default(),
+            seed: 0,
+        }
     }
 }
 
 /// The method: feed it frames in order ([`Method::process`]), get a segment map for each.
 ///
-/// Where predictions overlap, the smaller lie over the larger, and what is to be seen of each is what is matched.
+/// Where predictions overlap, the smaller lie over the larger, and the visible part of each is what is matched.
 ///
 /// It is online: the map of a frame depends on that frame and earlier ones only.
 pub struct FastSamSplat {
@@ -41,8 +54,17 @@ pub struct FastSamSplat {
     settings: FastSamSplatSettings,
 }
 
+/// The visible predictions of a frame and the ids they got.
+struct Identified {
+    parts: Vec<Mask>,
+    ids: Vec<SegmentId>,
+    /// Ids and areas of those that no remembered segment matches.
+    new: Vec<(SegmentId, usize)>,
+}
+
 impl FastSamSplat {
-    /// A method with an empty memory. `progress` is told the fraction of the codebook that is made (up to seconds).
+    /// A method with an empty memory. `progress` is told the fraction of the codebook that is made, for a memory that
+    /// has one.
     ///
     /// # Errors
     /// If a setting is out of range.
@@ -61,22 +83,60 @@ impl FastSamSplat {
     /// If a setting is out of range.
     pub fn with_memory(
         segmenter: Box<dyn Segmenter>,
-        settings: FastSamSplatSettings,
+        mut settings: FastSamSplatSettings,
         memory: SplatMemory,
     ) -> Result<Self, TrackingError> {
         check_min_f_score(settings.min_match_f_score)?;
+        settings.explanation.validated()?;
+        if memory.settings().kind == MemoryKind::Features {
+            settings.explanation = ExplanationSettings::NONE;
+        }
         Ok(Self { segmenter, memory, settings })
     }
 
-    /// The matched segment's id for each prediction, or a new one.
-    fn identify(&mut self, matched: &[Option<SegmentId>]) -> Result<Vec<SegmentId>, TrackingError> {
-        matched
-            .iter()
-            .map(|segment| match segment {
-                Some(segment) => Ok(*segment),
-                None => Ok(self.memory.new_segment()?),
-            })
-            .collect()
+    /// What is visible of each prediction, where that is enough.
+    fn visible(&self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Vec<Mask> {
+        let least = self.settings.min_segment_area.max(1);
+        let masks: Vec<&Mask> = masks.iter().map(|mask| &mask.mask).filter(|mask| mask.area() >= least).collect();
+        let parts = visible_parts((frame.width(), frame.height()), &masks);
+        let is_kept =
+            |part: &Mask, whole: &Mask| part.area() >= least && self.settings.explanation.is_visible(part, whole);
+        parts.into_iter().zip(masks).filter(|(part, whole)| is_kept(part, whole)).map(|(part, _)| part).collect()
+    }
+
+    /// Matches predictions with expected segments. Each takes the matched segment's id, or a new one.
+    fn identify(&mut self, expected: &SegmentMap, parts: Vec<Mask>) -> Result<Identified, TrackingError> {
+        let predictions: Vec<&Mask> = parts.iter().collect();
+        let matched = match_segments(expected, &predictions, self.settings.min_match_f_score);
+        let (mut ids, mut new) = (Vec::with_capacity(parts.len()), Vec::new());
+        for (part, matched) in parts.iter().zip(matched) {
+            ids.push(match matched {
+                Some(id) => id,
+                None => {
+                    let id = self.memory.new_segment()?;
+                    new.push((id, part.area()));
+                    id
+                }
+            });
+        }
+        Ok(Identified { parts, ids, new })
+    }
+
+    /// Brings memory and predictions together: the frame's output, and the ids that have a say in what is learnt.
+    fn fuse(&mut self, recall: &Recall<'_>, found: &Identified) -> Result<(SegmentMap, SegmentMap), TrackingError> {
+        let size = recall.expected().segments.size();
+        let mut seen = painted_parts(size, found.ids.iter().copied().zip(&found.parts));
+        let mut shown = self.memory.fuse(recall, &seen)?;
+        let explained = self.settings.explanation.explained(&found.new, &shown);
+        if !explained.is_empty() {
+            for id in seen.pixels_mut().iter_mut().filter(|id| explained.contains(id)) {
+                *id = ABSTAIN;
+            }
+            explained.iter().for_each(|id| self.memory.take_back(*id));
+            shown = self.memory.fuse(recall, &seen)?;
+        }
+        self.settings.explanation.drop_leftovers(&mut shown, &recall.expected().segments, &seen);
+        Ok((shown.without_small(self.settings.min_segment_area), seen))
     }
 }
 
@@ -93,38 +153,28 @@ impl Method for FastSamSplat {
         check_sizes(frame, masks)?;
         let mut times = StageTimes::default();
 
-        let view = self.memory.view(frame);
         let started = Instant::now();
-        let expected = self.memory.expect(&view);
-        times.decode = started.elapsed();
+        let recall = self.memory.recall(frame);
+        times.decode = started.elapsed().saturating_sub(recall.view_timing().total());
 
         let started = Instant::now();
-        // Copies of a mask would otherwise take the remembered id from each other and then hide each other.
-        let least = self.settings.min_segment_area.max(1);
-        let masks: Vec<&Mask> = masks.iter().map(|mask| &mask.mask).filter(|mask| mask.area() >= least).collect();
-        let mut parts = visible_parts((frame.width(), frame.height()), &masks);
-        parts.retain(|part| part.area() >= least);
-        let predictions: Vec<&Mask> = parts.iter().collect();
-        let matched = match_segments(&expected.belief.segments, &predictions, self.settings.min_match_f_score);
+        let parts = self.visible(frame, masks);
+        let identified = self.identify(&recall.expected().segments, parts)?;
         times.match_segments = started.elapsed();
 
         let started = Instant::now();
-        let ids = self.identify(&matched)?;
-        let identified: Vec<(SegmentId, &Mask)> = ids.into_iter().zip(predictions).collect();
-        let fused = fuse(&expected.belief, &identified, self.settings.memory.confidence_decay);
-        let decoded = fused.decoded(self.settings.memory.decode_threshold);
-        let segments = decoded.without_small(self.settings.min_segment_area);
+        let (mut segments, seen) = self.fuse(&recall, &identified)?;
         times.fuse = started.elapsed();
 
-        let update = self.memory.learn_frame(frame, view, &expected, &fused)?;
-        times.project_and_bin = update.view_time.project;
-        times.rasterise = update.view_time.rasterise;
-        times.grow = update.grow_time;
-        times.learn = update.learn_time;
+        let update = self.memory.update(recall, &seen)?;
+        times.take_update(&update);
+        if !self.settings.show_tentative {
+            segments = segments.map(|id| if self.memory.is_tentative(*id) { 0 } else { *id });
+        }
         Ok(FrameOutput {
             segments,
             masks: Vec::new(),
-            predictions: identified.len(),
+            predictions: identified.ids.len(),
             track_errors: TrackErrorCounts::default(),
             update,
             times,

@@ -1,7 +1,7 @@
 //! Methods that give every object of an RGB-D video one lasting id.
 //!
 //! [`FastSamSplat`] reads like the list in the paper: what the memory expects ([`splatseg_memory`]) is matched with
-//! what a segmenter sees ([`match_segments`]), both are fused ([`fuse`]), and the memory learns the result.
+//! what a segmenter sees ([`match_segments`]), and the memory fuses both and takes in what was seen.
 //!
 //! [`Sam2Splat`] has a [`Tracker`] below it, whose errors the memory sees ([`find_track_errors`]) and clicks put right
 //! ([`sample_clicks`]). Trackers are SAM 2.1 ([`Sam2Tracker`]) and one that knows the truth and errs at set rates
@@ -14,10 +14,10 @@ mod clicks;
 mod detections;
 mod distance;
 mod error;
+mod explained;
 mod fastsam;
 mod fastsam_splat;
 mod fastspam;
-mod fusion;
 mod matching;
 mod method;
 mod output;
@@ -38,10 +38,10 @@ use method::check_sizes;
 pub use clicks::sample_clicks;
 pub use detections::{NewObjectSettings, PromptSource};
 pub use error::TrackingError;
+pub use explained::ExplanationSettings;
 pub use fastsam::{FastSam, FastSamSettings};
 pub use fastsam_splat::{FastSamSplat, FastSamSplatSettings};
 pub use fastspam::{FastSpam, FastSpamSettings};
-pub use fusion::fuse;
 pub use matching::{match_masks, match_segments};
 pub use method::Method;
 pub use output::FrameOutput;

@@ -12,11 +12,19 @@ pub(crate) fn painting_order<'a>(masks: impl Iterator<Item = &'a Mask>) -> Vec<u
 
 /// Paints masks of one image of `size` = (width, height), in [`painting_order`]; 0 where there is no mask.
 pub(crate) fn painted(size: (usize, usize), masks: &[(SegmentId, Mask)]) -> SegmentMap {
+    let order = painting_order(masks.iter().map(|(_, mask)| mask));
+    painted_parts(size, order.into_iter().map(|index| (masks[index].0, &masks[index].1)))
+}
+
+/// Paints masks in the order in which they come, later ones over earlier ones.
+pub(crate) fn painted_parts<'a>(
+    size: (usize, usize),
+    masks: impl Iterator<Item = (SegmentId, &'a Mask)>,
+) -> SegmentMap {
     let mut map = SegmentMap::filled(size.0, size.1, 0);
-    for index in painting_order(masks.iter().map(|(_, mask)| mask)) {
-        let (segment, mask) = &masks[index];
+    for (segment, mask) in masks {
         for pixel in mask.pixel_indices() {
-            map.pixels_mut()[pixel] = *segment;
+            map.pixels_mut()[pixel] = segment;
         }
     }
     map
@@ -24,13 +32,13 @@ pub(crate) fn painted(size: (usize, usize), masks: &[(SegmentId, Mask)]) -> Segm
 
 /// What is to be seen of each mask once all are painted, in [`painting_order`]; for some that is nothing.
 pub(crate) fn visible_parts(size: (usize, usize), masks: &[&Mask]) -> Vec<Mask> {
-    let numbered = |(index, mask): (usize, &&Mask)| (index as SegmentId + 1, (*mask).clone());
-    let map = painted(size, &masks.iter().enumerate().map(numbered).collect::<Vec<_>>());
-    let part = |index: usize| {
-        let pixels = map.pixels();
-        Mask::from_fn(size.0, size.1, |column, row| pixels[row * size.0 + column] as usize == index + 1)
-    };
-    (0..masks.len()).map(part).collect()
+    let order = painting_order(masks.iter().copied());
+    let map = painted_parts(size, order.into_iter().map(|index| (index as SegmentId + 1, masks[index])));
+    let mut parts = vec![Mask::empty(size.0, size.1); masks.len()];
+    for (number, part) in Mask::of_segments(&map) {
+        parts[number as usize - 1] = part;
+    }
+    parts
 }
 
 #[cfg(test)]

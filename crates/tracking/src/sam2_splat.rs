@@ -5,10 +5,10 @@ use crate::reprompt::corrections;
 use crate::track_masks::{add_tracks, prompt_tracks, visible};
 use crate::{
     FrameOutput, Method, NewObjectSettings, RepromptSettings, StageTimes, TrackErrorCounts, Tracker, TrackingError,
-    check_sizes, find_track_errors, fuse,
+    check_sizes, find_track_errors,
 };
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
+use splatseg_geometry::{RgbdFrame, ScoredMask};
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_segmenter::Segmenter;
 use std::time::Instant;
@@ -87,13 +87,12 @@ impl Method for Sam2Splat {
         let mut tracks = self.tracker.track(frame)?;
         times.track = started.elapsed();
 
-        let view = self.memory.view(frame);
         let started = Instant::now();
-        let expected = self.memory.expect(&view);
-        times.decode = started.elapsed();
+        let recall = self.memory.recall(frame);
+        times.decode = started.elapsed().saturating_sub(recall.view_timing().total());
 
         let started = Instant::now();
-        let errors = find_track_errors(&expected.belief, &tracks, &self.settings.reprompt);
+        let errors = find_track_errors(recall.expected(), &tracks, &self.settings.reprompt);
         times.match_segments = started.elapsed();
 
         let started = Instant::now();
@@ -111,15 +110,10 @@ impl Method for Sam2Splat {
         let started = Instant::now();
         let masks = visible(tracks);
         let segments = painted((frame.width(), frame.height()), &masks);
-        let identified: Vec<(SegmentId, &Mask)> = masks.iter().map(|(id, mask)| (*id, mask)).collect();
-        let fused = fuse(&expected.belief, &identified, self.settings.memory.confidence_decay);
         times.fuse = started.elapsed();
 
-        let update = self.memory.learn_frame(frame, view, &expected, &fused)?;
-        times.project_and_bin = update.view_time.project;
-        times.rasterise = update.view_time.rasterise;
-        times.grow = update.grow_time;
-        times.learn = update.learn_time;
+        let update = self.memory.update(recall, &segments)?;
+        times.take_update(&update);
         let (predictions, track_errors) = (masks.len(), TrackErrorCounts::of(&errors));
         Ok(FrameOutput { segments, masks, predictions, track_errors, update, times })
     }

@@ -1,6 +1,7 @@
 //! Where a frame's time went.
 
 use serde::Serialize;
+use splatseg_memory::FrameUpdate;
 use std::time::Duration;
 
 /// Wall-clock time of each stage of one frame, or summed over frames.
@@ -12,9 +13,9 @@ pub struct StageTimes {
     pub track: Duration,
     /// Projecting Gaussians and binning them into tiles.
     pub project_and_bin: Duration,
-    /// Making the blend weights.
+    /// Making the blend weights and reading expected segments off them.
     pub rasterise: Duration,
-    /// Rendering features and reading expected segments off them.
+    /// Putting together what was read.
     pub decode: Duration,
     /// Matching expected and predicted segments, or finding a tracker's errors.
     pub match_segments: Duration,
@@ -22,13 +23,21 @@ pub struct StageTimes {
     pub reprompt: Duration,
     /// Fusing them.
     pub fuse: Duration,
-    /// Adding Gaussians.
+    /// Adding and removing Gaussians.
     pub grow: Duration,
-    /// Gradient steps on the features.
+    /// Taking in what was seen: votes, or gradient steps on the features.
     pub learn: Duration,
 }
 
 impl StageTimes {
+    /// Notes the times of taking a frame into a memory.
+    pub(crate) fn take_update(&mut self, update: &FrameUpdate) {
+        self.project_and_bin = update.view_time.project;
+        self.rasterise = update.view_time.rasterise;
+        self.grow = update.grow_time;
+        self.learn = update.learn_time;
+    }
+
     /// Every stage by name, in the order of the method.
     pub fn stages(&self) -> [(&'static str, Duration); 10] {
         [

@@ -1,60 +1,17 @@
 //! FastSAM-Splat on the synthetic room, where every id is known: ids last while things leave the picture and return.
 
+mod exact_masks;
+
+use exact_masks::{MIN_AREA, count_pairs, evidence, features, masks, method, truth};
 use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
 use splatseg_geometry::{Image, Mask, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
-use splatseg_memory::MemorySettings;
-use splatseg_segmenter::{Segmenter, SegmenterError};
-use splatseg_tracking::{FastSamSplat, FastSamSplatSettings, Method, TrackingError};
+use splatseg_memory::{MemorySettings, SplatContent, SplatFile};
+use splatseg_tracking::{Method, TrackingError};
 use std::collections::BTreeMap;
-
-/// A segmenter that finds nothing by itself; the tests hand masks over.
-struct Nothing;
-
-impl Segmenter for Nothing {
-    fn name(&self) -> &str {
-        "nothing"
-    }
-
-    fn segment(&mut self, _: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
-        Ok(Vec::new())
-    }
-}
 
 fn room(frames: usize) -> SyntheticScene {
     let settings = SyntheticSettings { width: 112, height: 84, frames, objects: 12, seed: 5, ..Default::default() };
     SyntheticScene::new(settings).unwrap()
-}
-
-fn method(memory: MemorySettings) -> FastSamSplat {
-    let settings = FastSamSplatSettings { memory, min_segment_area: 12, ..FastSamSplatSettings::default() };
-    FastSamSplat::new(Box::new(Nothing), settings, &mut |_| {}).unwrap()
-}
-
-fn small_memory() -> MemorySettings {
-    MemorySettings { num_codes: 64, ..MemorySettings::default() }
-}
-
-fn truth(scene: &SyntheticScene, index: usize) -> SegmentMap {
-    scene.read_ground_truth(index).unwrap().unwrap()
-}
-
-/// True masks of at least `min_area` pixels, in an order that changes from frame to frame and carries no id.
-fn masks(truth: &SegmentMap, index: usize, min_area: usize) -> Vec<ScoredMask> {
-    let mut masks: Vec<ScoredMask> = Mask::of_segments(truth)
-        .into_iter()
-        .filter(|(_, mask)| mask.area() >= min_area)
-        .map(|(_, mask)| ScoredMask { mask, score: 1.0 })
-        .collect();
-    let count = masks.len().max(1);
-    masks.rotate_left(index * 7 % count);
-    masks
-}
-
-/// Pixels of each (true id, output id) pair.
-fn count_pairs(pairs: &mut BTreeMap<(SegmentId, SegmentId), usize>, truth: &SegmentMap, output: &SegmentMap) {
-    for pair in truth.pixels().iter().zip(output.pixels()) {
-        *pairs.entry((*pair.0, *pair.1)).or_insert(0) += 1;
-    }
 }
 
 /// Share of the pixels that show the one output id which their object has most.
@@ -67,17 +24,18 @@ fn consistency(pairs: &BTreeMap<(SegmentId, SegmentId), usize>) -> f64 {
     best.values().sum::<usize>() as f64 / pairs.values().sum::<usize>() as f64
 }
 
-#[test]
-fn ids_last_while_things_leave_and_return() {
+/// Follows everything for a bit more than a round of the camera.
+fn assert_ids_last(memory: MemorySettings) {
     let scene = room(52);
-    let mut method = method(small_memory());
+    let mut method = method(memory);
     let mut pairs = BTreeMap::new();
     let (mut seen, mut returned) = (BTreeMap::new(), 0);
     for index in 0..scene.frame_count() {
         let truth = truth(&scene, index);
         let frame = scene.read_frame(index).unwrap();
-        let output = method.track(&frame, &masks(&truth, index, 12)).unwrap();
-        assert!(output.segments.areas().values().all(|area| *area >= 12), "small rests are left out of frame {index}");
+        let output = method.track(&frame, &masks(&truth, index)).unwrap();
+        let has_small_rests = output.segments.areas().values().any(|area| *area < MIN_AREA);
+        assert!(!has_small_rests, "small rests are left out of frame {index}");
         count_pairs(&mut pairs, &truth, &output.segments);
         for id in truth.areas().into_keys() {
             returned += usize::from(seen.insert(id, index).is_some_and(|last| last + 5 < index));
@@ -93,29 +51,79 @@ fn ids_last_while_things_leave_and_return() {
 }
 
 #[test]
-fn what_one_frame_misses_is_filled_in_from_memory_and_fades_in_time() {
+fn ids_last_while_things_leave_and_return() {
+    assert_ids_last(evidence());
+}
+
+#[test]
+fn ids_last_in_a_memory_of_features() {
+    assert_ids_last(features());
+}
+
+/// Shows the first frame with its masks so many times and then, with the camera where it was, without any; the shares
+/// of the pixels with a segment that have one in each of the frames without masks.
+fn shown_when_blind(memory: MemorySettings, seen_frames: usize, blind_frames: usize) -> Vec<f32> {
     let scene = room(4);
-    let mut method = method(small_memory());
+    let mut method = method(memory);
     let frame = scene.read_frame(0).unwrap();
-    let all = masks(&truth(&scene, 0), 0, 12);
-    let first = method.track(&frame, &all).unwrap().segments;
     let labelled = |map: &SegmentMap| map.pixels().iter().filter(|id| **id != 0).count();
-    // The camera stays and the segmenter goes blind: C_conf = 0.1 a frame takes a confidence of 1 below 0.5.
-    let shown: Vec<usize> = (0..8).map(|_| labelled(&method.track(&frame, &[]).unwrap().segments)).collect();
-    assert!(shown[..3].iter().all(|count| *count * 10 > labelled(&first) * 9), "{shown:?} of {}", labelled(&first));
-    assert_eq!(shown[7], 0, "{shown:?}");
-    assert_eq!(method.memory().unwrap().segment_count(), all.len());
+    let mut known = 0;
+    for index in 0..seen_frames {
+        let all = masks(&truth(&scene, 0), index);
+        known = labelled(&method.track(&frame, &all).unwrap().segments);
+        assert_eq!(method.memory().unwrap().segment_count(), all.len());
+    }
+    let mut share = || labelled(&method.track(&frame, &[]).unwrap().segments) as f32 / known as f32;
+    (0..blind_frames).map(|_| share()).collect()
+}
+
+#[test]
+fn what_one_frame_misses_is_filled_in_from_features_and_fades_in_time() {
+    // C_conf = 0.1 a frame takes a confidence of 1 below 0.5.
+    let shown = shown_when_blind(features(), 1, 8);
+    assert!(shown[..3].iter().all(|share| *share > 0.9), "{shown:?}");
+    assert_eq!(shown[7], 0.0, "{shown:?}");
+}
+
+/// Frames without masks in which a segment is still shown after `seen_frames` with its mask, where a pixel sees one
+/// Gaussian and nothing else.
+///
+/// Votes of 1 per frame, scaled down to `max_votes`, stand against those for "no segment", `no_segment_weight` per frame
+/// without a mask; and to be shown a segment must exceed the frame's own vote, too.
+fn frames_remembered(settings: &MemorySettings, seen_frames: usize) -> usize {
+    let (mut votes, mut against) = ((seen_frames as f32).min(settings.max_votes), 0.0);
+    let mut frames = 0;
+    while votes > against + settings.observation_weight * settings.no_segment_weight {
+        frames += 1;
+        against += settings.no_segment_weight;
+        let scale = (settings.max_votes / (votes + against)).min(1.0);
+        (votes, against) = (votes * scale, against * scale);
+    }
+    frames
+}
+
+#[test]
+fn what_one_frame_misses_is_filled_in_from_votes_and_outvoted_in_time() {
+    assert_eq!([1, 30].map(|seen_frames| frames_remembered(&evidence(), seen_frames)), [9, 28]);
+    for seen_frames in [1, 30] {
+        let remembered = frames_remembered(&evidence(), seen_frames);
+        let shown = shown_when_blind(evidence(), seen_frames, remembered + 6);
+        // The last of these frames is a close vote, which neighbours that blend decide.
+        assert!(shown[..remembered - 1].iter().all(|share| *share > 0.9), "seen {seen_frames} times: {shown:?}");
+        // Gaussians of which less than a pixel is seen get less than a whole vote, and so remember for longer.
+        assert!(shown[remembered..].iter().all(|share| *share < 0.05), "seen {seen_frames} times: {shown:?}");
+    }
 }
 
 #[test]
 fn every_feature_dimension_works() {
     let scene = room(48);
     for feature_dim in [1, 4, 7, 14, 28, 5] {
-        let mut method = method(MemorySettings { feature_dim, ..small_memory() });
+        let mut method = method(MemorySettings { feature_dim, ..features() });
         let mut pairs = BTreeMap::new();
         for index in 0..5 {
             let truth = truth(&scene, index);
-            let output = method.track(&scene.read_frame(index).unwrap(), &masks(&truth, index, 12)).unwrap();
+            let output = method.track(&scene.read_frame(index).unwrap(), &masks(&truth, index)).unwrap();
             count_pairs(&mut pairs, &truth, &output.segments);
         }
         // One channel cannot tell a mixture of two ids from a third; the paper's ablation shows the same.
@@ -127,12 +135,17 @@ fn every_feature_dimension_works() {
 #[test]
 fn more_objects_than_codes_get_ids_all_the_same() {
     let scene = room(2);
-    let mut method = method(MemorySettings { num_codes: 3, feature_dim: 8, ..small_memory() });
+    let mut method = method(MemorySettings { num_codes: 3, feature_dim: 8, ..features() });
     let truth = truth(&scene, 0);
-    let all = masks(&truth, 0, 12);
+    let all = masks(&truth, 0);
     let output = method.track(&scene.read_frame(0).unwrap(), &all).unwrap();
     assert_eq!(output.segments.areas().len(), all.len());
-    assert!(all.len() > 3 && method.memory().unwrap().codebook().len() >= all.len());
+    let file = tempfile::NamedTempFile::new().unwrap();
+    method.memory().unwrap().save(file.path()).unwrap();
+    let SplatContent::Features { codebook, .. } = SplatFile::load(file.path()).unwrap().content else {
+        panic!("a memory of features")
+    };
+    assert!(all.len() > 3 && codebook.len() >= all.len());
 }
 
 #[test]
@@ -147,17 +160,19 @@ fn frames_without_depth_or_masks_are_taken() {
         *frame.world_from_camera(),
     )
     .unwrap();
-    let mut method = method(small_memory());
-    let output = method.track(&blind, &masks(&truth(&scene, 0), 0, 12)).unwrap();
-    assert!(output.segments.areas().len() > 3, "segments need no depth to be seen");
-    assert_eq!(method.memory().unwrap().gaussian_count(), 0, "but depth to be remembered");
-    assert!(method.process(&frame).unwrap().segments.areas().is_empty());
+    for memory in [evidence(), features()] {
+        let mut method = method(memory);
+        let output = method.track(&blind, &masks(&truth(&scene, 0), 0)).unwrap();
+        assert!(output.segments.areas().len() > 3, "segments need no depth to be seen");
+        assert_eq!(method.memory().unwrap().gaussian_count(), 0, "but depth to be remembered");
+        assert!(method.process(&frame).unwrap().segments.areas().is_empty());
+    }
 }
 
 #[test]
 fn masks_of_another_size_are_refused() {
     let scene = room(1);
     let wrong = ScoredMask { mask: Mask::empty(10, 10), score: 1.0 };
-    let error = method(small_memory()).track(&scene.read_frame(0).unwrap(), &[wrong]).unwrap_err();
+    let error = method(evidence()).track(&scene.read_frame(0).unwrap(), &[wrong]).unwrap_err();
     assert!(matches!(error, TrackingError::MaskSize { found: (10, 10), expected: (112, 84) }));
 }

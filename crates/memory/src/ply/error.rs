@@ -36,7 +36,7 @@ pub enum SplatFileError {
     /// A PLY of another program, or one that another program has saved again.
     #[error(
         "{}: a PLY file, but not a splatseg memory: its header has no \"comment splatseg memory\" (editors drop it, \
-         and the codebook with it)",
+         and what stands behind the vertices)",
         path.display()
     )]
     NotAMemory {
@@ -63,7 +63,7 @@ pub enum SplatFileError {
         /// What should stand there.
         expected: String,
     },
-    /// A file shorter or longer than its header and its codebook say.
+    /// A file shorter or longer than its header says.
     #[error("{}: {found} bytes long, expected {expected} for {content}: cut off or damaged", path.display())]
     Length {
         /// The file.
@@ -123,15 +123,15 @@ pub enum SplatFileError {
         /// The length it should have.
         expected: usize,
     },
-    /// More used codes than codes.
-    #[error("{}: used_codes is {found}, expected at most the codebook's {codes}", path.display())]
-    UsedCodes {
+    /// More segments than ids that a 16-bit image can hold, or than codes.
+    #[error("{}: {found} segments, expected at most {max}", path.display())]
+    Segments {
         /// The file.
         path: PathBuf,
-        /// Used codes.
+        /// Segments there are.
         found: u64,
-        /// Codes there are.
-        codes: usize,
+        /// Segments there can be.
+        max: u64,
     },
     /// The codebook in the file is none.
     #[error("{}: {source}", path.display())]

@@ -1,8 +1,8 @@
 //! The text at the beginning of the file.
 
+use super::VERSION;
 use super::error::SplatFileError;
-use super::record::FLOAT_PROPERTIES;
-use super::{SplatFileView, VERSION};
+use super::layout::{Layout, Sizes};
 use std::fmt::Write;
 use std::io::{BufRead, Read};
 use std::path::Path;
@@ -10,37 +10,32 @@ use std::path::Path;
 /// Longer headers are none of ours: the largest feature has 2^16 dimensions.
 const MAX_HEADER_BYTES: u64 = 1 << 22;
 /// How much of a strange line an error shows.
-const SHOWN_CHARS: usize = 60;
+const SHOWN_CHARS: usize = 100;
 
 /// What the header says.
 pub struct Header {
     /// The text itself, as it was read.
     pub bytes: Vec<u8>,
-    /// Number of Gaussians it announces.
-    pub gaussians: u64,
-    /// Dimension of the features.
-    pub feature_dim: usize,
+    /// What it announces.
+    pub sizes: Sizes,
 }
 
 /// The header of a file.
-pub fn format(view: &SplatFileView<'_>) -> String {
-    let (dim, codes, used) = (view.codebook.feature_dim(), view.codebook.len(), view.used_codes);
+pub fn format(sizes: &Sizes) -> String {
+    let (kind, segments) = (sizes.layout.kind().name(), sizes.segments);
     let mut text = String::from("ply\nformat binary_little_endian 1.0\n");
     // Writing to a string cannot fail.
-    let _ = writeln!(text, "comment splatseg memory {VERSION} feature_dim {dim} codes {codes} used {used}");
-    let _ = writeln!(text, "element vertex {}", view.gaussians.len());
-    for line in property_lines(dim) {
-        text.push_str(&line);
-        text.push('\n');
+    let _ = write!(text, "comment splatseg memory {VERSION} kind {kind} ");
+    if let Layout::Features { feature_dim, codes } = sizes.layout {
+        let _ = write!(text, "feature_dim {feature_dim} codes {codes} ");
+    }
+    let _ = writeln!(text, "segments {segments}");
+    let _ = writeln!(text, "element vertex {}", sizes.gaussians);
+    for (kind, name) in sizes.layout.properties() {
+        let _ = writeln!(text, "property {kind} {name}");
     }
     text.push_str("end_header\n");
     text
-}
-
-fn property_lines(feature_dim: usize) -> impl Iterator<Item = String> {
-    let fixed = FLOAT_PROPERTIES.iter().map(|name| format!("property float {name}"));
-    let features = (0..feature_dim).map(|index| format!("property float feature_{index}"));
-    fixed.chain(features).chain(std::iter::once("property int segment_id".to_owned()))
 }
 
 /// Reads the header and leaves `reader` at the first vertex.
@@ -56,26 +51,46 @@ pub fn read(reader: &mut impl BufRead, path: &Path) -> Result<Header, SplatFileE
     let Some(announced) = announced else {
         return Err(SplatFileError::NotAMemory { path: path.to_owned() });
     };
-    let version = announced.split(' ').next().unwrap_or_default();
-    if version.parse() != Ok(VERSION) {
-        return Err(SplatFileError::Version { path: path.to_owned(), found: shown(version), expected: VERSION });
-    }
+    let (layout, segments) = read_announcement(announced, path)?;
     let mut body = lines.into_iter().filter(|line| !line.starts_with("comment ") && !line.starts_with("format "));
     let element = body.next().unwrap_or_default();
     let Some(Ok(gaussians)) = element.strip_prefix("element vertex ").map(str::parse) else {
         return Err(header_error(path, element, "element vertex and a count"));
     };
-    let properties: Vec<&str> = body.collect();
-    // All lines but the fixed floats, the id and `end_header` are features.
-    let feature_dim = properties.len().saturating_sub(FLOAT_PROPERTIES.len() + 2).max(1);
-    let expected = property_lines(feature_dim).chain(std::iter::once("end_header".to_owned()));
-    for (index, expected) in expected.enumerate() {
-        let found = properties.get(index).copied().unwrap_or_default();
+    let properties = layout.properties().map(|(kind, name)| format!("property {kind} {name}"));
+    for expected in properties.chain(std::iter::once("end_header".to_owned())) {
+        let found = body.next().unwrap_or_default();
         if found != expected {
             return Err(header_error(path, found, &format!("{expected:?}")));
         }
     }
-    Ok(Header { gaussians, feature_dim, bytes })
+    let sizes = Sizes { gaussians, segments, layout };
+    sizes.check_segments(path)?;
+    Ok(Header { sizes, bytes })
+}
+
+/// What our comment says behind "splatseg memory": kind of content and number of segments.
+fn read_announcement(announced: &str, path: &Path) -> Result<(Layout, u64), SplatFileError> {
+    let words: Vec<&str> = announced.split(' ').collect();
+    let (version, words) = words.split_first().unwrap_or((&"", &[]));
+    if version.parse() != Ok(VERSION) {
+        return Err(SplatFileError::Version { path: path.to_owned(), found: shown(version), expected: VERSION });
+    }
+    let read = match *words {
+        ["kind", "evidence", "segments", segments] => segments.parse().ok().map(|count| (Layout::Evidence, count)),
+        ["kind", "features", "feature_dim", dim, "codes", codes, "segments", segments] => {
+            match (dim.parse(), codes.parse(), segments.parse()) {
+                (Ok(feature_dim @ 1..), Ok(codes), Ok(count)) => Some((Layout::Features { feature_dim, codes }, count)),
+                _ => None,
+            }
+        }
+        _ => None,
+    };
+    read.ok_or_else(|| {
+        let expected =
+            "version, kind evidence and segments, or version, kind features, feature_dim, codes and segments";
+        header_error(path, announced, expected)
+    })
 }
 
 /// The bytes up to the line `end_header`, that included.

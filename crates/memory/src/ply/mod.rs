@@ -1,105 +1,179 @@
-//! The memory as one file: a PLY that any splat viewer opens, with the codebook behind its vertices.
+//! The memory as one file: a PLY that any splat viewer opens, with what belongs to no Gaussian behind its vertices.
 //!
 //! A binary little-endian PLY with the properties of 3D Gaussian splatting in their usual order, spherical harmonics of
-//! degree 0, then the segment feature and the decoded segment id:
+//! degree 0, then what the memory needs to go on:
 //!
 //! ```text
 //! ply
 //! format binary_little_endian 1.0
-//! comment splatseg memory 1 feature_dim 28 codes 512 used 40
+//! comment splatseg memory 2 kind evidence segments 40
 //! element vertex 120000
 //! property float x, y, z            metres
 //! property float nx, ny, nz         zero
-//! property float f_dc_0..2          (colour − 0.5) / 0.28209479177387814
-//! property float opacity            logit; beyond ±16 for 1 and 0, see below
-//! property float scale_0..2         natural logarithms of metres
-//! property float rot_0..3           w, x, y, z
-//! property float feature_0..27
-//! property int segment_id           0 for none
+//! property float f_dc_0..2          (colour / 255 − 0.5) / 0.28209479177387814
+//! property float opacity            logit: 20, whose sigmoid is exactly 1 in f32
+//! property float scale_0..2         natural logarithm of the radius, three times
+//! property float rot_0..3           1, 0, 0, 0
+//! property float radius             metres: that of `scale`, to the last bit
+//! property uint last_seen           number of the last frame that saw the Gaussian
+//! property int seen_through         frames that have seen through it since, 0 to 255
+//! property int vote_id_0            a segment, 0 for "none"...
+//! property float votes_0            ...and the votes for it, 0 in an empty slot
+//! ...                               the same for slots 1 to 3
+//! property int segment_id           the segment that the Gaussian shows, 0 for none; for viewers
 //! end_header
 //! ```
 //!
-//! (one property a line). A block that the comment announces follows the vertices, all little-endian: `SPLATSEG`,
-//! version `u32`, feature_dim `u32`, codes `u64`, used codes `u64`, seed `u64`, blocks `u32`, the codes `f32`
-//! `[codes, feature_dim]`, and the CRC-32 (zlib's) `u32` of every byte of the file before it. It is no second element
-//! of the PLY because browser viewers (antimatter15/splat, gsplat.js) count every `property` line of the header as part
-//! of a vertex; like PlayCanvas/SuperSplat, GaussianSplats3D and plyfile, they ignore what follows the vertices. The
-//! two also look for the end of the header in the first 10 KB: features of more than about 300 dimensions are too
-//! much for them.
+//! (one property a line). A memory of features has another comment, and features in place of votes:
+//!
+//! ```text
+//! comment splatseg memory 2 kind features feature_dim 28 codes 512 segments 40
+//! property float feature_0..27
+//! ```
+//!
+//! `segments` is the number of ids given: the ids of the file are 0 to that. A block follows the vertices, all
+//! little-endian:
+//!
+//! | Field | Type | |
+//! |---|---|---|
+//! | mark | `[u8; 8]` | `SPLATSEG` |
+//! | version | `u32` | 2 |
+//! | kind | `u32` | 0 evidence, 1 features |
+//! | segments | `u32` | as in the comment |
+//! | frames | `u32` | frames taken in |
+//! | feature_dim | `u32` | features only |
+//! | codes | `u64` | features only |
+//! | seed | `u64` | features only: what the codes were made from |
+//! | blocks | `u32` | features only: how many times codes were made |
+//! | the codes | `f32` `[codes, feature_dim]` | features only |
+//! | sightings | `u32` `[segments]` | frames in which a prediction had the id |
+//! | carried | `u8` `[segments]` | 1 if anything carried the id when that was last looked at, else 0 |
+//! | checksum | `u32` | CRC-32 (zlib's) of every byte of the file before it |
+//!
+//! Segments without depth are not in the file: they are views of a camera and no Gaussians, and are linked within a run.
+//!
+//! It is no second element of the PLY because browser viewers (antimatter15/splat, gsplat.js) count every `property`
+//! line of the header as part of a vertex; like PlayCanvas/SuperSplat, GaussianSplats3D and plyfile, they ignore what
+//! follows the vertices. The two also look for the end of the header in the first 10 KB: features of more than about
+//! 300 dimensions are too much for them. All properties have four bytes, so that no viewer takes a wrong offset.
 //!
 //! Without `f_rest_*`, loaders that take the degree from the file (all of the above) see degree 0. Inria's `load_ply`
 //! has to be told (`--sh_degree 0`, its assertion counts them); SIBR and other readers of fixed records cannot read it.
-//!
-//! An opacity of 1 is stored as logit 20 and 0 as −110, whose sigmoids are exactly 1 and 0 in `f32`.
 
-mod crc32;
 mod error;
 mod header;
+mod layout;
 mod reader;
 mod record;
+mod trailer;
 mod writer;
 
 pub use error::SplatFileError;
 
-use crate::Codebook;
-use splatseg_render::Gaussians;
+use crate::{Codebook, MemoryKind, SplatMap, Votes};
 use std::path::Path;
 
 /// Version of the format, in the header's comment and in the block behind the vertices.
-const VERSION: u32 = 1;
-/// Starts the block behind the vertices.
-const TRAILER_MAGIC: [u8; 8] = *b"SPLATSEG";
-/// Bytes of that block before the codes.
-const TRAILER_HEAD_BYTES: usize = 44;
-/// Bytes of the checksum that ends the file.
-const CHECKSUM_BYTES: usize = 4;
+const VERSION: u32 = 2;
 /// Records pass through memory in pieces of about this size.
 const CHUNK_BYTES: usize = 1 << 18;
 
-/// A splat memory as it is loaded from a file; `N` Gaussians, features of dimension `D = codebook.feature_dim()`.
+/// A splat memory as it is loaded from a file: N Gaussians, S segment ids given.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SplatFile {
-    /// Geometry, N entries.
-    pub gaussians: Gaussians,
-    /// Red, green and blue in [0, 1], `[N]`.
-    pub colors: Vec<[f32; 3]>,
-    /// Segment features, row-major `[N, D]`.
-    pub features: Vec<f32>,
-    /// Decoded segment of each Gaussian, 0 for none, `[N]`; for viewers.
+    /// The Gaussians, N entries.
+    pub map: SplatMap,
+    /// What they remember of segments, N entries.
+    pub content: SplatContent,
+    /// Segment that each Gaussian shows by itself, 0 for none, `[N]`; for viewers.
     pub segment_ids: Vec<u32>,
-    /// The codes.
-    pub codebook: Codebook,
-    /// How many codes, from the first on, are given to segments.
-    pub used_codes: usize,
+    /// Frames in which a prediction had each id, by id − 1, `[S]`.
+    pub sightings: Vec<u32>,
+    /// Whether anything carried each id when that was last looked at, by id − 1, `[S]`.
+    pub carried: Vec<bool>,
+    /// Frames taken in.
+    pub frames: u32,
+}
+
+/// What Gaussians remember of segments.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SplatContent {
+    /// A memory of [`MemoryKind::Evidence`].
+    Evidence {
+        /// `[N]`.
+        votes: Vec<Votes>,
+    },
+    /// A memory of [`MemoryKind::Features`].
+    Features {
+        /// Row-major `[N, D]`.
+        features: Vec<f32>,
+        /// The codes, of dimension D; those of the S ids come first.
+        codebook: Codebook,
+    },
 }
 
 /// A splat memory to be saved, borrowed: the same fields as [`SplatFile`], without a copy of the memory.
 #[derive(Clone, Copy, Debug)]
 pub struct SplatFileView<'a> {
-    /// Geometry, N entries.
-    pub gaussians: &'a Gaussians,
-    /// Red, green and blue, `[N]`; clamped to [0, 1].
-    pub colors: &'a [[f32; 3]],
-    /// Segment features, row-major `[N, D]`.
-    pub features: &'a [f32],
-    /// Decoded segment of each Gaussian, 0 for none, `[N]`; for viewers.
+    /// The Gaussians, N entries.
+    pub map: &'a SplatMap,
+    /// What they remember of segments, N entries.
+    pub content: SplatContentView<'a>,
+    /// Segment that each Gaussian shows by itself, 0 for none, `[N]`; for viewers.
     pub segment_ids: &'a [u32],
-    /// The codes.
-    pub codebook: &'a Codebook,
-    /// How many codes, from the first on, are given to segments.
-    pub used_codes: usize,
+    /// Frames in which a prediction had each id, by id − 1, `[S]`.
+    pub sightings: &'a [u32],
+    /// Whether anything carried each id when that was last looked at, by id − 1, `[S]`.
+    pub carried: &'a [bool],
+    /// Frames taken in.
+    pub frames: u32,
+}
+
+/// [`SplatContent`], borrowed.
+#[derive(Clone, Copy, Debug)]
+pub enum SplatContentView<'a> {
+    /// A memory of [`MemoryKind::Evidence`].
+    Evidence {
+        /// `[N]`.
+        votes: &'a [Votes],
+    },
+    /// A memory of [`MemoryKind::Features`].
+    Features {
+        /// Row-major `[N, D]`.
+        features: &'a [f32],
+        /// The codes, of dimension D; those of the S ids come first.
+        codebook: &'a Codebook,
+    },
+}
+
+impl SplatContent {
+    /// The kind of memory that has such content.
+    pub fn kind(&self) -> MemoryKind {
+        match self {
+            Self::Evidence { .. } => MemoryKind::Evidence,
+            Self::Features { .. } => MemoryKind::Features,
+        }
+    }
+
+    /// The same, borrowed.
+    pub fn view(&self) -> SplatContentView<'_> {
+        match self {
+            Self::Evidence { votes } => SplatContentView::Evidence { votes },
+            Self::Features { features, codebook } => SplatContentView::Features { features, codebook },
+        }
+    }
 }
 
 impl SplatFile {
     /// The same, borrowed.
     pub fn view(&self) -> SplatFileView<'_> {
         SplatFileView {
-            gaussians: &self.gaussians,
-            colors: &self.colors,
-            features: &self.features,
+            map: &self.map,
+            content: self.content.view(),
             segment_ids: &self.segment_ids,
-            codebook: &self.codebook,
-            used_codes: self.used_codes,
+            sightings: &self.sightings,
+            carried: &self.carried,
+            frames: self.frames,
         }
     }
 
@@ -111,10 +185,7 @@ impl SplatFile {
         self.view().save(path)
     }
 
-    /// Reads a file that [`SplatFileView::save`] wrote.
-    ///
-    /// Means, orientations, features, ids and codes come back bit for bit; colours and opacities within 1e-6, scales
-    /// within a relative 1e-6.
+    /// Reads a file that [`SplatFileView::save`] wrote. Everything comes back as it was, to the last bit.
     ///
     /// # Errors
     /// [`SplatFileError`] if the file cannot be read, is another kind of PLY, was cut off or altered, or holds values

@@ -1,167 +1,190 @@
 //! One Gaussian as the bytes of one PLY vertex, and back.
 
-use super::SplatFileView;
 use super::error::SplatFileError;
-use glam::{Quat, Vec3};
-use splatseg_render::Gaussians;
+use super::layout::{FLOAT_PROPERTIES, Layout, Sizes};
+use super::{SplatContentView, SplatFileView};
+use crate::{SplatMap, Votes};
+use glam::Vec3;
+use splatseg_render::Balls;
 use std::path::Path;
 
 /// Y_00, the spherical harmonic of degree 0: 1 / (2 √π).
 const HARMONIC_0: f64 = 0.28209479177387814;
 /// Stands for opacity 1: its sigmoid is 1 in `f32`.
 const LOGIT_OF_1: f32 = 20.0;
-/// Stands for opacity 0: its sigmoid is 0 in `f32`, below half of the smallest denormal.
-const LOGIT_OF_0: f32 = -110.0;
-
-/// The float properties before the features, in the order of the file.
-pub const FLOAT_PROPERTIES: [&str; 17] = [
-    "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0",
-    "rot_1", "rot_2", "rot_3",
-];
-
-/// Bytes of a record with features of dimension `feature_dim`.
-pub const fn record_bytes(feature_dim: usize) -> usize {
-    4 * (FLOAT_PROPERTIES.len() + feature_dim + 1)
-}
 
 /// Appends the record of Gaussian `index`.
 pub fn encode(view: &SplatFileView<'_>, index: usize, path: &Path, bytes: &mut Vec<u8>) -> Result<(), SplatFileError> {
-    let invalid = |property: &str, found: f32, expected: &str| value_error(path, index, property, found, expected);
-    let (mean, quat) = (view.gaussians.means[index], view.gaussians.quats[index]);
-    let (scale, opacity) = (view.gaussians.scales[index], view.gaussians.opacities[index]);
-    if !(0.0..=1.0).contains(&opacity) {
-        return Err(invalid("opacity", opacity, "a value in [0, 1]"));
+    let vertex = Vertex { path, index };
+    let segments = view.sightings.len() as u32;
+    let (mean, radius) = (view.map.balls.means[index], view.map.balls.radii[index]);
+    for (value, property) in mean.to_array().into_iter().zip(FLOAT_PROPERTIES) {
+        vertex.finite(property, value)?;
     }
-    for (value, property) in scale.to_array().into_iter().zip(&FLOAT_PROPERTIES[10..]) {
-        if !(value > 0.0 && value.is_finite()) {
-            return Err(invalid(property, value, "a positive finite value"));
+    vertex.positive("radius", radius)?;
+    vertex.at_most("last_seen", view.map.last_seen[index], view.frames)?;
+    vertex.at_most("segment_id", view.segment_ids[index], segments)?;
+    let [red, green, blue] = view.map.colors[index].map(harmonic);
+    let scale = f64::from(radius).ln() as f32;
+    let shape = [LOGIT_OF_1, scale, scale, scale, 1.0, 0.0, 0.0, 0.0, radius];
+    let floats = [mean.x, mean.y, mean.z, 0.0, 0.0, 0.0, red, green, blue].into_iter().chain(shape);
+    bytes.extend(floats.flat_map(f32::to_le_bytes));
+    bytes.extend(view.map.last_seen[index].to_le_bytes());
+    bytes.extend(u32::from(view.map.seen_through[index]).to_le_bytes());
+    match view.content {
+        SplatContentView::Evidence { votes } => {
+            for (slot, (id, votes)) in votes[index].slots().into_iter().enumerate() {
+                vertex.at_most(format_args!("vote_id_{slot}"), u32::from(id), segments)?;
+                vertex.not_negative(format_args!("votes_{slot}"), votes)?;
+                bytes.extend(u32::from(id).to_le_bytes());
+                bytes.extend(votes.to_le_bytes());
+            }
+        }
+        SplatContentView::Features { features, codebook } => {
+            let dim = codebook.feature_dim();
+            for (channel, value) in features[index * dim..(index + 1) * dim].iter().enumerate() {
+                vertex.finite(format_args!("feature_{channel}"), *value)?;
+                bytes.extend(value.to_le_bytes());
+            }
         }
     }
-    let color = view.colors[index].map(|channel| (f64::from(channel.clamp(0.0, 1.0)) - 0.5) / HARMONIC_0);
-    let [red, green, blue] = color.map(|value| value as f32);
-    let [scale_0, scale_1, scale_2] = scale.to_array().map(|value| f64::from(value).ln() as f32);
-    let floats = [
-        mean.x,
-        mean.y,
-        mean.z,
-        0.0,
-        0.0,
-        0.0,
-        red,
-        green,
-        blue,
-        logit(opacity),
-        scale_0,
-        scale_1,
-        scale_2,
-        quat.w,
-        quat.x,
-        quat.y,
-        quat.z,
-    ];
-    if let Some(at) = floats.iter().position(|value| !value.is_finite()) {
-        return Err(invalid(FLOAT_PROPERTIES[at], floats[at], "a finite value"));
-    }
-    let dim = view.codebook.feature_dim();
-    let feature = &view.features[index * dim..(index + 1) * dim];
-    if let Some(at) = feature.iter().position(|value| !value.is_finite()) {
-        return Err(invalid(&format!("feature_{at}"), feature[at], "a finite value"));
-    }
-    let id = check_segment_id(view.segment_ids[index], view.codebook.len(), index, path)?;
-    bytes.extend(floats.iter().chain(feature).flat_map(|value| value.to_le_bytes()));
-    bytes.extend(id.to_le_bytes());
+    bytes.extend(view.segment_ids[index].to_le_bytes());
     Ok(())
 }
 
-/// The Gaussians of a file, as [`SplatFile`](super::SplatFile) has them but for the ids, still to be checked.
+/// The Gaussians of a file.
 pub struct Records {
-    /// Geometry, N entries.
-    pub gaussians: Gaussians,
-    /// In [0, 1], `[N]`.
-    pub colors: Vec<[f32; 3]>,
-    /// Row-major `[N, D]`.
+    /// The map, N entries.
+    pub map: SplatMap,
+    /// `[N]`, or nothing in a file of features.
+    pub votes: Vec<Votes>,
+    /// Row-major `[N, D]`, or nothing in a file of votes.
     pub features: Vec<f32>,
-    /// As they stand in the file, `[N]`.
+    /// `[N]`.
     pub segment_ids: Vec<u32>,
 }
 
 impl Records {
-    /// No Gaussians, but room for `count`.
-    pub fn with_capacity(count: usize, feature_dim: usize) -> Self {
-        let gaussians = Gaussians {
-            means: Vec::with_capacity(count),
-            quats: Vec::with_capacity(count),
-            scales: Vec::with_capacity(count),
-            opacities: Vec::with_capacity(count),
+    /// No Gaussians, but room for those of a file. Its length must have been checked.
+    pub fn with_capacity(sizes: &Sizes) -> Self {
+        let count = sizes.gaussians as usize;
+        let (votes, features) = match sizes.layout {
+            Layout::Evidence => (count, 0),
+            Layout::Features { feature_dim, .. } => (0, count * feature_dim),
         };
-        Self {
-            gaussians,
+        let map = SplatMap {
+            balls: Balls { means: Vec::with_capacity(count), radii: Vec::with_capacity(count) },
             colors: Vec::with_capacity(count),
-            features: Vec::with_capacity(count * feature_dim),
-            segment_ids: Vec::with_capacity(count),
-        }
+            last_seen: Vec::with_capacity(count),
+            seen_through: Vec::with_capacity(count),
+        };
+        let (votes, features) = (Vec::with_capacity(votes), Vec::with_capacity(features));
+        Self { map, votes, features, segment_ids: Vec::with_capacity(count) }
     }
 }
 
 /// Appends the Gaussian of one record.
-pub fn decode(record: &[u8], records: &mut Records, path: &Path) -> Result<(), SplatFileError> {
-    let index = records.gaussians.len();
+pub fn decode(record: &[u8], sizes: &Sizes, records: &mut Records, path: &Path) -> Result<(), SplatFileError> {
+    let vertex = Vertex { path, index: records.map.len() };
+    let segments = sizes.segments as u32;
     let (words, _) = record.as_chunks::<4>();
-    let (floats, id) = words.split_at(words.len().saturating_sub(1));
-    let Some((fixed, feature)) = floats.split_first_chunk::<{ FLOAT_PROPERTIES.len() }>() else {
-        return Ok(());
-    };
-    let fixed = fixed.map(f32::from_le_bytes);
-    if let Some(at) = fixed.iter().position(|value| !value.is_finite()) {
-        return Err(value_error(path, index, FLOAT_PROPERTIES[at], fixed[at], "a finite value"));
+    // A record has the length of its layout, so there is always an else that never happens.
+    let Some((floats, rest)) = words.split_first_chunk::<{ FLOAT_PROPERTIES.len() }>() else { return Ok(()) };
+    let Some(([last_seen, seen_through], rest)) = rest.split_first_chunk() else { return Ok(()) };
+    let Some((segment_id, content)) = rest.split_last() else { return Ok(()) };
+
+    let floats = floats.map(f32::from_le_bytes);
+    for (value, property) in floats.into_iter().zip(FLOAT_PROPERTIES) {
+        vertex.finite(property, value)?;
     }
-    let [x, y, z, _, _, _, red, green, blue, opacity, scale_0, scale_1, scale_2, w, i, j, k] = fixed;
-    let scale = [scale_0, scale_1, scale_2].map(|value| f64::from(value).exp() as f32);
-    if let Some(at) = scale.iter().position(|value| !(*value > 0.0 && value.is_finite())) {
-        return Err(value_error(path, index, FLOAT_PROPERTIES[10 + at], fixed[10 + at], "the logarithm of an f32"));
-    }
-    for (at, value) in feature.iter().map(|&bytes| f32::from_le_bytes(bytes)).enumerate() {
-        if !value.is_finite() {
-            return Err(value_error(path, index, &format!("feature_{at}"), value, "a finite value"));
+    let [x, y, z, _, _, _, red, green, blue, .., radius] = floats;
+    vertex.positive("radius", radius)?;
+    let seen_through = u32::from_le_bytes(*seen_through);
+    vertex.at_most("seen_through", seen_through, u32::from(u8::MAX))?;
+    let segment_id = u32::from_le_bytes(*segment_id);
+    vertex.at_most("segment_id", segment_id, segments)?;
+    match sizes.layout {
+        Layout::Evidence => records.votes.push(decode_votes(content, segments, &vertex)?),
+        Layout::Features { .. } => {
+            for (channel, value) in content.iter().map(|&bytes| f32::from_le_bytes(bytes)).enumerate() {
+                vertex.finite(format_args!("feature_{channel}"), value)?;
+                records.features.push(value);
+            }
         }
-        records.features.push(value);
     }
-    let color = [red, green, blue].map(|value| (f64::from(value) * HARMONIC_0 + 0.5).clamp(0.0, 1.0) as f32);
-    records.colors.push(color);
-    records.segment_ids.extend(id.iter().map(|&bytes| u32::from_le_bytes(bytes)));
-    records.gaussians.push(Vec3::new(x, y, z), Quat::from_xyzw(i, j, k, w), Vec3::from(scale), sigmoid(opacity));
+    records.map.balls.push(Vec3::new(x, y, z), radius);
+    records.map.colors.push([red, green, blue].map(color));
+    records.map.last_seen.push(u32::from_le_bytes(*last_seen));
+    records.map.seen_through.push(seen_through as u8);
+    records.segment_ids.push(segment_id);
     Ok(())
 }
 
-/// The id as the file's `int`, if it is that of a code or 0.
-pub fn check_segment_id(id: u32, codes: usize, gaussian: usize, path: &Path) -> Result<i32, SplatFileError> {
-    match i32::try_from(id) {
-        Ok(valid) if id as usize <= codes => Ok(valid),
-        _ => Err(value_error(path, gaussian, "segment_id", id, &format!("an id from 0 to {codes}"))),
+fn decode_votes(words: &[[u8; 4]], segments: u32, vertex: &Vertex<'_>) -> Result<Votes, SplatFileError> {
+    let mut slots = [(0, 0.0); Votes::SLOTS];
+    for (slot, (into, [id, votes])) in slots.iter_mut().zip(words.as_chunks().0).enumerate() {
+        let (id, votes) = (u32::from_le_bytes(*id), f32::from_le_bytes(*votes));
+        vertex.at_most(format_args!("vote_id_{slot}"), id, segments)?;
+        vertex.not_negative(format_args!("votes_{slot}"), votes)?;
+        *into = (id as u16, votes);
+    }
+    Ok(Votes::from_slots(slots))
+}
+
+/// Refuses a frame number behind the last of the `frames` that the file says were taken in.
+pub fn check_last_seen(last_seen: &[u32], frames: u32, path: &Path) -> Result<(), SplatFileError> {
+    let mut numbers = last_seen.iter().enumerate();
+    numbers.try_for_each(|(index, &frame)| Vertex { path, index }.at_most("last_seen", frame, frames))
+}
+
+/// A Gaussian in a file, for what can be wrong with its values.
+struct Vertex<'a> {
+    path: &'a Path,
+    index: usize,
+}
+
+impl Vertex<'_> {
+    fn check(
+        &self,
+        holds: bool,
+        property: impl std::fmt::Display,
+        found: impl std::fmt::Display,
+        expected: impl std::fmt::Display,
+    ) -> Result<(), SplatFileError> {
+        if holds {
+            return Ok(());
+        }
+        Err(SplatFileError::Value {
+            path: self.path.to_owned(),
+            gaussian: self.index,
+            property: property.to_string(),
+            found: found.to_string(),
+            expected: expected.to_string(),
+        })
+    }
+
+    fn finite(&self, property: impl std::fmt::Display, value: f32) -> Result<(), SplatFileError> {
+        self.check(value.is_finite(), property, value, "a finite value")
+    }
+
+    fn positive(&self, property: impl std::fmt::Display, value: f32) -> Result<(), SplatFileError> {
+        self.check(value.is_finite() && value > 0.0, property, value, "a positive finite value")
+    }
+
+    fn not_negative(&self, property: impl std::fmt::Display, value: f32) -> Result<(), SplatFileError> {
+        self.check(value.is_finite() && value >= 0.0, property, value, "a finite value that is not negative")
+    }
+
+    fn at_most(&self, property: impl std::fmt::Display, value: u32, max: u32) -> Result<(), SplatFileError> {
+        self.check(value <= max, property, value, format_args!("a number from 0 to {max}"))
     }
 }
 
-fn value_error(
-    path: &Path,
-    gaussian: usize,
-    property: &str,
-    found: impl std::fmt::Display,
-    expected: &str,
-) -> SplatFileError {
-    SplatFileError::Value {
-        path: path.to_owned(),
-        gaussian,
-        property: property.to_owned(),
-        found: found.to_string(),
-        expected: expected.to_owned(),
-    }
+fn harmonic(channel: u8) -> f32 {
+    ((f64::from(channel) / 255.0 - 0.5) / HARMONIC_0) as f32
 }
 
-fn logit(opacity: f32) -> f32 {
-    let opacity = f64::from(opacity);
-    ((opacity / (1.0 - opacity)).ln() as f32).clamp(LOGIT_OF_0, LOGIT_OF_1)
-}
-
-fn sigmoid(logit: f32) -> f32 {
-    (1.0 / (1.0 + (-f64::from(logit)).exp())) as f32
+fn color(harmonic: f32) -> u8 {
+    // Casts saturate: what a viewer would clamp is clamped.
+    ((f64::from(harmonic) * HARMONIC_0 + 0.5) * 255.0).round() as u8
 }

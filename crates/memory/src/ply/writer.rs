@@ -1,44 +1,50 @@
 //! Memories to files.
 
-use super::crc32::Crc32;
 use super::error::SplatFileError;
-use super::{CHUNK_BYTES, SplatFileView, TRAILER_MAGIC, VERSION, header, record};
+use super::layout::Sizes;
+use super::{CHUNK_BYTES, SplatContentView, SplatFileView, header, record, trailer};
+use crc32fast::Hasher;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
 /// Writes under a temporary name and renames.
 pub fn save(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileError> {
-    check(view, path)?;
+    let sizes = Sizes::of(view);
+    check_lengths(view, path)?;
+    sizes.check_segments(path)?;
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
     let mut temporary = create_temporary(folder).map_err(SplatFileError::io(path, "create a file beside it"))?;
-    write_file(view, path, &mut temporary)?;
+    write_file(view, &sizes, path, &mut temporary)?;
     temporary.persist(path).map_err(|error| SplatFileError::io(path, "put the finished file there")(error.error))?;
     Ok(())
 }
 
-/// Array lengths and ids that contradict each other.
-fn check(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileError> {
-    let count = view.gaussians.len();
+/// Refuses arrays whose lengths contradict each other.
+fn check_lengths(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileError> {
+    let count = view.map.len();
+    let content = match view.content {
+        SplatContentView::Evidence { votes } => ("votes", votes.len(), count),
+        SplatContentView::Features { features, codebook } => {
+            ("features", features.len(), count.saturating_mul(codebook.feature_dim()))
+        }
+    };
     let lengths = [
-        ("quats", view.gaussians.quats.len(), count),
-        ("scales", view.gaussians.scales.len(), count),
-        ("opacities", view.gaussians.opacities.len(), count),
-        ("colors", view.colors.len(), count),
-        ("features", view.features.len(), count.saturating_mul(view.codebook.feature_dim())),
+        ("radii", view.map.balls.radii.len(), count),
+        ("colors", view.map.colors.len(), count),
+        ("last_seen", view.map.last_seen.len(), count),
+        ("seen_through", view.map.seen_through.len(), count),
+        content,
         ("segment_ids", view.segment_ids.len(), count),
+        ("carried", view.carried.len(), view.sightings.len()),
     ];
     for (field, found, expected) in lengths {
         if found != expected {
             return Err(SplatFileError::Inconsistent { path: path.to_owned(), field, found, expected });
         }
-    }
-    if view.used_codes > view.codebook.len() {
-        let (found, codes) = (view.used_codes as u64, view.codebook.len());
-        return Err(SplatFileError::UsedCodes { path: path.to_owned(), found, codes });
     }
     Ok(())
 }
@@ -55,53 +61,56 @@ fn create_temporary(folder: &Path) -> std::io::Result<NamedTempFile> {
     builder.tempfile_in(folder)
 }
 
-fn write_file(view: &SplatFileView<'_>, path: &Path, file: &mut NamedTempFile) -> Result<(), SplatFileError> {
-    let mut output = Output { file: BufWriter::new(file), crc: Crc32::new(), path: path.to_owned() };
-    output.write(header::format(view).as_bytes())?;
-    let mut chunk = Vec::with_capacity(CHUNK_BYTES + record::record_bytes(view.codebook.feature_dim()));
-    for index in 0..view.gaussians.len() {
+fn write_file(
+    view: &SplatFileView<'_>,
+    sizes: &Sizes,
+    path: &Path,
+    file: &mut NamedTempFile,
+) -> Result<(), SplatFileError> {
+    let mut output = Output { file: BufWriter::new(file), crc: Hasher::new(), path: path.to_owned() };
+    output.write(header::format(sizes).as_bytes())?;
+    let mut chunk = Vec::with_capacity(CHUNK_BYTES + sizes.layout.record_bytes() as usize);
+    for index in 0..view.map.len() {
         record::encode(view, index, path, &mut chunk)?;
-        output.write_full_chunk(&mut chunk)?;
-    }
-    chunk.extend(TRAILER_MAGIC);
-    chunk.extend(VERSION.to_le_bytes());
-    chunk.extend((view.codebook.feature_dim() as u32).to_le_bytes());
-    chunk.extend((view.codebook.len() as u64).to_le_bytes());
-    chunk.extend((view.used_codes as u64).to_le_bytes());
-    chunk.extend(view.codebook.seed().to_le_bytes());
-    chunk.extend(view.codebook.blocks().to_le_bytes());
-    for value in view.codebook.vectors() {
-        chunk.extend(value.to_le_bytes());
-        output.write_full_chunk(&mut chunk)?;
+        if chunk.len() >= CHUNK_BYTES {
+            output.write(&chunk)?;
+            chunk.clear();
+        }
     }
     output.write(&chunk)?;
+    trailer::write(view, sizes, &mut output)?;
     output.finish()
 }
 
 /// The file being written and the checksum of what is in it.
-struct Output<W: Write> {
+pub struct Output<W: Write> {
     file: BufWriter<W>,
-    crc: Crc32,
+    crc: Hasher,
     path: PathBuf,
 }
 
 impl<W: Write> Output<W> {
-    fn write(&mut self, bytes: &[u8]) -> Result<(), SplatFileError> {
+    /// Appends bytes.
+    pub fn write(&mut self, bytes: &[u8]) -> Result<(), SplatFileError> {
         self.crc.update(bytes);
         self.file.write_all(bytes).map_err(SplatFileError::io(&self.path, "write"))
     }
 
-    /// Writes and empties `chunk` once it is large enough to be worth it.
-    fn write_full_chunk(&mut self, chunk: &mut Vec<u8>) -> Result<(), SplatFileError> {
-        if chunk.len() >= CHUNK_BYTES {
-            self.write(chunk)?;
-            chunk.clear();
+    /// Appends numbers of four bytes.
+    pub fn write_words(&mut self, words: impl Iterator<Item = [u8; 4]>) -> Result<(), SplatFileError> {
+        let mut chunk = Vec::with_capacity(CHUNK_BYTES);
+        for word in words {
+            chunk.extend(word);
+            if chunk.len() >= CHUNK_BYTES {
+                self.write(&chunk)?;
+                chunk.clear();
+            }
         }
-        Ok(())
+        self.write(&chunk)
     }
 
     fn finish(mut self) -> Result<(), SplatFileError> {
-        let checksum = self.crc.value();
+        let checksum = self.crc.clone().finalize();
         self.write(&checksum.to_le_bytes())?;
         self.file.flush().map_err(SplatFileError::io(&self.path, "write"))
     }

@@ -49,7 +49,7 @@ pub struct DemoArguments {
 #[derive(Debug, Args)]
 #[command(after_long_help = "Later layers win: defaults, --config, the options above, --set.\n\nExamples:\n  \
     splatseg run redkitchen --out out --resize 320x240 --crop-border 5\n  \
-    splatseg run scene0011_00 --out out --stride 20 --set memory.feature_dim=14\n  \
+    splatseg run scene0011_00 --out out --stride 20 --set memory.max_votes=8\n  \
     splatseg run scene --out out --segmenter masks --masks my_model_output\n  \
     splatseg run synthetic:frames=60,seed=3 --out out")]
 pub struct RunArguments {

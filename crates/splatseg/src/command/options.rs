@@ -110,7 +110,7 @@ pub struct SettingsOptions {
     /// Settings from a TOML file
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
-    /// Any setting, e.g. memory.feature_dim=14; `summary.json` lists them all
+    /// Any setting, e.g. memory.max_votes=8; `summary.json` lists them all
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
     /// Seed of everything random [default: 0]

@@ -83,6 +83,7 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
         frames: counts.frames,
         skipped_frames: counts.skipped_frames,
         segments: counts.ids.len(),
+        tentative_segments: memory.map_or(0, |memory| counts.ids.iter().filter(|id| memory.is_tentative(**id)).count()),
         gaussians: memory.map_or(0, SplatMemory::gaussian_count),
         parameters: memory.map_or(0, SplatMemory::parameter_count),
         peak_memory_mb: peak_memory_mb(),
@@ -90,6 +91,7 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
         track_errors: counts.track_errors,
         slowest_frame_ms: counts.slowest.as_secs_f64() * 1e3,
         fps,
+        curve: counts.curve.into_points(),
         interrupted: counts.interrupted,
         scene: job.scene.clone(),
         settings: job.settings.clone(),
@@ -125,7 +127,7 @@ fn process_frames(
         }
         let Some(item) = frames.process_next(method) else { break };
         let skipped = match item {
-            Ok(processed) => take_result(processed, &mut writer, &mut counts)?,
+            Ok(processed) => take_result(processed, method.memory(), &mut writer, &mut counts)?,
             Err(error) => Some(error.to_string()),
         };
         if let Some(reason) = skipped {
@@ -142,6 +144,7 @@ fn process_frames(
 /// Counts and writes the result of a frame; `Some` says why it has none although the run can go on.
 fn take_result(
     (frame, output): Processed,
+    memory: Option<&SplatMemory>,
     writer: &mut ResultWriter,
     counts: &mut RunCounts,
 ) -> Result<Option<String>, Failure> {
@@ -155,6 +158,7 @@ fn take_result(
     counts.times += output.times;
     counts.track_errors += output.track_errors;
     counts.slowest = counts.slowest.max(output.times.without_segmenter());
+    counts.curve.push(output.times.without_segmenter(), memory.map_or(0, SplatMemory::gaussian_count));
     counts.ids.extend(output.segments.areas().into_keys());
     let result = FrameResult { name: frame.name().to_owned(), color: frame.color().clone(), segments: output.segments };
     writer.write(result).map_err(Failure::work)?;

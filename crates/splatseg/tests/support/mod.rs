@@ -12,6 +12,10 @@ pub const ROOM: &str = "synthetic:frames=18,width=64,height=48,objects=6";
 /// Another one.
 pub const OTHER_ROOM: &str = "synthetic:frames=17,width=64,height=48,objects=5,seed=2";
 
+/// The paper's memory, with a codebook that is made at once.
+pub const FEATURES: [&str; 6] =
+    ["--set", "memory.kind=features", "--set", "memory.num_codes=32", "--set", "memory.feature_dim=8"];
+
 /// The command.
 pub fn splatseg() -> Command {
     Command::new(assert_cmd::cargo::cargo_bin!("splatseg"))
@@ -43,7 +47,7 @@ pub fn bench(scenes: &[&str], out: &Path, more: &[&str]) -> Ended {
     command.arg("bench").arg("--scenes").args(scenes).arg("--out").arg(out);
     command.args(["--methods", "fastsam,fastsam-splat", "--segmenter", "oracle"]);
     command.args(["--set", "oracle.preset=fastsam-like", "--set", "oracle.min_area_px=10"]);
-    command.args(["--set", "memory.num_codes=32", "--set", "memory.feature_dim=8", "--threads", "2"]);
+    command.args(["--threads", "2"]);
     finish(command.args(more))
 }
 

@@ -5,7 +5,7 @@
 
 use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
 use splatseg_geometry::{Mask, RgbdFrame, SegmentId, SegmentMap};
-use splatseg_memory::MemorySettings;
+use splatseg_memory::{MemoryKind, MemorySettings};
 use splatseg_models::sam2::Prompt;
 use splatseg_segmenter::{FirstAppearances, GroundTruthSource};
 use splatseg_tracking::{
@@ -76,10 +76,10 @@ pub fn baseline(tracker: Shared) -> Sam2Baseline {
 }
 
 /// SAM2-Splat with ground-truth prompts.
-pub fn splat(tracker: Shared, reprompt: RepromptSettings) -> Sam2Splat {
+pub fn splat(tracker: Shared, kind: MemoryKind, reprompt: RepromptSettings) -> Sam2Splat {
     let prompts = FirstAppearances::new(truth(), new_objects().min_segment_area);
     let reprompt = RepromptSettings { min_expected_area: MIN_AREA / 2, ..reprompt };
-    let memory = MemorySettings { num_codes: 64, feature_dim: 14, ..MemorySettings::default() };
+    let memory = MemorySettings { kind, num_codes: 64, feature_dim: 14, ..MemorySettings::default() };
     let settings = Sam2SplatSettings { memory, new_objects: new_objects(), reprompt, seed: 0 };
     Sam2Splat::new(Box::new(prompts), Box::new(tracker), settings, &mut |_| {}).unwrap()
 }
@@ -104,7 +104,7 @@ pub fn watch(room: &[SeenFrame], tracker: &Shared, method: &mut dyn Method, min_
     let mut owner: BTreeMap<SegmentId, SegmentId> = BTreeMap::new();
     let mut streaks: BTreeMap<SegmentId, usize> = BTreeMap::new();
     for SeenFrame { frame, truth } in room {
-        let expected = method.memory().map(|memory| memory.expect(&memory.view(frame)).belief.segments);
+        let expected = method.memory().map(|memory| memory.recall(frame).expected().segments.clone());
         let output = method.process(frame).unwrap();
         seen.found += output.track_errors;
         for (id, _) in &output.masks {

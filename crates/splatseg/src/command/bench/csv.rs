@@ -1,8 +1,8 @@
 //! `results.csv`: the rows for spreadsheets.
 
 use super::rows::Row;
-use crate::command::score_table::{COLUMN_KEYS, columns};
-use splatseg_metrics::Scores;
+use crate::command::score_table::{COLUMN_KEYS, SIZE_COLUMN_KEYS, columns, size_columns};
+use splatseg_metrics::{Scores, SizeClass};
 
 /// The rows with a line of column names above.
 pub fn table(rows: &[Row]) -> String {
@@ -16,6 +16,10 @@ pub fn table(rows: &[Row]) -> String {
             .map(str::to_owned),
     );
     header.push("parameters".to_owned());
+    header.extend(SizeClass::ALL.into_iter().flat_map(|class| {
+        let key = move |key: &str| format!("{}_{key}", class.name());
+        std::iter::once(key("objects")).chain(SIZE_COLUMN_KEYS.map(key))
+    }));
     let mut text = header.join(",");
     text.push('\n');
     for row in rows {
@@ -41,6 +45,12 @@ fn cells(row: &Row) -> Vec<String> {
     cells.extend([row.fps.total, row.fps.without_segmenter].map(|rate| rate.to_string()));
     let counts = [row.frames, row.skipped_frames, row.failed_frames, row.segments, row.gaussians, row.parameters];
     cells.extend(counts.map(|count| count.to_string()));
+    for class in SizeClass::ALL {
+        let sizes = row.scores.by_size.get(&class);
+        cells.push(sizes.map_or(0, |sizes| sizes.objects).to_string());
+        let columns = sizes.map(size_columns).unwrap_or_default();
+        cells.extend(columns.map(|value| value.map_or_else(String::new, |value| value.to_string())));
+    }
     cells
 }
 

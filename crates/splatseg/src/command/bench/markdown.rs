@@ -1,8 +1,10 @@
 //! `tables.md`.
 
 use super::Results;
+use super::size_table::SizeTable;
 use super::stage_table::StageTable;
 use super::tables::{of_scene, over_all_scenes};
+use crate::command::score_table::SIZE_COLUMNS_EXPLAINED;
 use splatseg_metrics::Protocol;
 
 /// All tables, and what is missing in them.
@@ -10,7 +12,8 @@ pub fn document(results: &Results) -> String {
     let plan = results.plan;
     let mut text = format!(
         "# Benchmark\n\nScores are percent, mean ± sample standard deviation over {} seeds. Over several scenes, tubes, \
-         tracks and pixels are summed before dividing; scenes are not averaged. {}. splatseg {}.\n\n",
+         tracks and pixels are summed before dividing; scenes are not averaged. {}. splatseg {}.\n\nTables by size: \
+         {SIZE_COLUMNS_EXPLAINED}\n\n",
         plan.seeds.len(),
         plan.parts(),
         env!("CARGO_PKG_VERSION"),
@@ -21,6 +24,10 @@ pub fn document(results: &Results) -> String {
     };
     for protocol in [results.protocol, other] {
         text.push_str(&over_all_scenes(results, protocol).markdown());
+        text.push('\n');
+    }
+    for protocol in [results.protocol, other] {
+        text.push_str(&SizeTable::new(results, protocol).markdown());
         text.push('\n');
     }
     text.push_str(&StageTable::new(results).markdown());

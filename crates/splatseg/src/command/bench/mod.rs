@@ -9,6 +9,7 @@ mod plan;
 mod pool;
 mod report;
 mod rows;
+mod size_table;
 mod stage_table;
 mod store;
 mod tables;

@@ -102,6 +102,17 @@ fn measured_row(results: &Results, variant: usize, finished: &[&Finished], about
     let cells = std::array::from_fn(|column| {
         spread(&scores.iter().filter_map(|scores| columns(scores)[column]).collect::<Vec<f64>>())
     });
+    TableRow {
+        label: results.plan.variants[variant].label(),
+        origin: Origin::Measured,
+        cells,
+        speed: spread(&finished.iter().map(|finished| finished.result.fps.total).collect::<Vec<f64>>()),
+        note: what_is_missing(finished, wanted),
+    }
+}
+
+/// What a row of these results lacks, of which there should be `wanted`.
+pub fn what_is_missing(finished: &[&Finished], wanted: usize) -> Option<String> {
     let skipped: usize = finished.iter().map(|finished| finished.result.skipped_frames).sum();
     let failed: usize = finished.iter().map(|finished| finished.result.failed_frames).sum();
     let mut notes = Vec::new();
@@ -114,13 +125,7 @@ fn measured_row(results: &Results, variant: usize, finished: &[&Finished], about
     if failed > 0 {
         notes.push(format!("{failed} frames without result"));
     }
-    TableRow {
-        label: results.plan.variants[variant].label(),
-        origin: Origin::Measured,
-        cells,
-        speed: spread(&finished.iter().map(|finished| finished.result.fps.total).collect::<Vec<f64>>()),
-        note: (!notes.is_empty()).then(|| notes.join("; ")),
-    }
+    (!notes.is_empty()).then(|| notes.join("; "))
 }
 
 /// Scores over the scenes for each seed.

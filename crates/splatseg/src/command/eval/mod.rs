@@ -7,7 +7,7 @@ mod predictions;
 use super::Failure;
 use super::options::{DatasetOptions, ScoreOptions};
 use super::output_folder::Existing;
-use super::score_table::{protocol_name, terminal_table};
+use super::score_table::{SIZE_COLUMNS_EXPLAINED, protocol_name, terminal_size_table, terminal_table};
 use clap::Args;
 use pairing::{MissingFrames, SelectedFrames};
 use predictions::Predictions;
@@ -16,8 +16,7 @@ use splatseg_dataset::{DatasetSettings, Scene, open_scene, write_atomically};
 use splatseg_metrics::{RawCounts, Scores, VideoScore, VideoScorer, Void};
 use std::path::{Path, PathBuf};
 
-#[derive(Debug, Args)]
-#[command(after_long_help = "Predictions are one of\n\
+const HELP: &str = "Predictions are one of\n\
     - a folder with <frame>.png for every frame, 8-bit or 16-bit grey, one value per segment, 0 for none;\n\
     - a folder that `splatseg run` wrote; it is read as that run read its scene, unless options say otherwise;\n\
     - a .json file with a list (or an object whose key `annotations` holds it) of\n  \
@@ -28,7 +27,10 @@ use std::path::{Path, PathBuf};
       or not. Masks may overlap. Frames without any mask are listed in a key `frames` (or `images`).\n\n\
     Examples:\n  \
     splatseg eval --gt scene0011_00 --pred out\n  \
-    splatseg eval --gt scene0011_00 --stride 20 --resize 320x240 --pred tracks.json --json scores.json")]
+    splatseg eval --gt scene0011_00 --stride 20 --resize 320x240 --pred tracks.json --json scores.json";
+
+#[derive(Debug, Args)]
+#[command(after_long_help = format!("{HELP}\n\nTable by size: {SIZE_COLUMNS_EXPLAINED}"))]
 pub struct EvalArguments {
     /// The scene with its ground truth
     #[arg(long, value_name = "SCENE")]
@@ -129,7 +131,8 @@ fn print_scores(arguments: &EvalArguments, score: &VideoScore, counts: &MissingC
             say!("{count} {what}");
         }
     }
-    say!("{}", terminal_table(&score.scores()));
+    let scores = score.scores();
+    say!("{}\n\n{}", terminal_table(&scores), terminal_size_table(&scores));
 }
 
 fn write_json(arguments: &EvalArguments, score: &VideoScore, missing: MissingCounts) -> Result<(), Failure> {

@@ -107,7 +107,10 @@ fn of_name(name: &str) -> (MethodName, &'static [&'static str]) {
 }
 
 fn row(table: PaperTable, name: &str, (method, changes): (MethodName, &[&str]), paper: [Option<f64>; 8]) -> PaperRow {
-    let changes = changes.iter().map(|change| (*change).to_owned()).collect();
+    let has_memory = matches!(method, MethodName::FastsamSplat | MethodName::Sam2Splat);
+    // The paper's rows have the paper's memory.
+    let memory = has_memory.then_some("memory.kind=features");
+    let changes = memory.iter().chain(changes).map(|change| (*change).to_owned()).collect();
     PaperRow { table, name: name.to_owned(), variant: Variant { method, changes }, paper }
 }
 

@@ -9,9 +9,10 @@ mod strips;
 
 use super::Results;
 use super::paper;
+use super::size_table::SizeTable;
 use super::stage_table::StageTable;
 use super::tables::{Origin, Spread, Table, of_scene, over_all_scenes};
-use crate::command::score_table::{COLUMNS, protocol_name};
+use crate::command::score_table::{COLUMNS, SIZE_COLUMNS_EXPLAINED, protocol_name};
 use html::{escape, escape_script};
 use serde::Serialize;
 use splatseg_metrics::Protocol;
@@ -50,6 +51,7 @@ pub fn page(results: &Results) -> Result<String, String> {
     body.push_str(HOW_TO_READ);
     body.push_str("</details>");
     body.push_str(&folded_table(&over_all_scenes(results, other(results.protocol))));
+    body.push_str(&sizes(&SizeTable::new(results, results.protocol)));
     body.push_str(&stage_times(&StageTable::new(results)));
     body.push_str("<h2>Comparison</h2><div class=\"charts\">");
     body.extend(curves::comparison(results));
@@ -144,6 +146,21 @@ fn table_body(table: &Table) -> String {
         text.push_str(&format!("<td>{}</td></tr>", html_cell(row.speed)));
     }
     text.push_str("</tbody></table></div>");
+    text
+}
+
+fn sizes(table: &SizeTable) -> String {
+    let mut text = format!("<details><summary>{}</summary><p>{SIZE_COLUMNS_EXPLAINED}</p>", escape(&table.title));
+    text.push_str("<div class=\"wide\"><table><thead><tr><th scope=\"col\">method</th>");
+    text.extend(SizeTable::columns().map(|name| format!("<th scope=\"col\">{name}</th>")));
+    text.push_str("</tr></thead><tbody>");
+    for row in &table.rows {
+        text.push_str(&format!("<tr><th scope=\"row\">{}</th>", escape(&row.method)));
+        text.push_str(&format!("<td>{}</td><td>{}</td>", row.class.label(), row.objects));
+        text.extend(row.cells.map(|value| format!("<td>{}</td>", html_cell(value))));
+        text.push_str("</tr>");
+    }
+    text.push_str("</tbody></table></div></details>");
     text
 }
 

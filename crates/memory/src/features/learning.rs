@@ -1,11 +1,12 @@
 //! Gradient descent on the features of the Gaussians in view (METHOD, "FastSAM-Splat", step 6).
 //!
-//! `F = W f` carries the gradient of the [loss](crate::loss) to the features: `∂L/∂f = Wᵀ ∂L/∂F`. Each Gaussian's step
+//! `F = W f` carries the gradient of the [loss](super::loss) to the features: `∂L/∂f = Wᵀ ∂L/∂F`. Each Gaussian's step
 //! is divided by its column sum of `W` (a Jacobi preconditioner): a fixed step diverges when the camera comes close
 //! and one Gaussian covers many pixels.
 
-use crate::loss::{Loss, dot, padded};
-use crate::{Codebook, Expectation, MemorySettings, SegmentBelief};
+use super::loss::{Loss, dot, padded};
+use crate::recall::Recall;
+use crate::{Codebook, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
 use splatseg_geometry::Image;
 use splatseg_render::{ActiveWeights, AlignedVec, PixelSet, TileWeights};
@@ -15,7 +16,7 @@ pub(crate) struct Learning<'a> {
     pub settings: &'a MemorySettings,
     pub codebook: &'a Codebook,
     /// What the memory showed before it grew.
-    pub expectation: &'a Expectation,
+    pub recall: &'a Recall<'a>,
     /// What the features should come to show.
     pub target: &'a SegmentBelief,
 }
@@ -77,7 +78,7 @@ impl Learning<'_> {
     pub fn active_pixels(&self, touched: &[PixelSet]) -> Vec<PixelSet> {
         let (width, height) = self.target.segments.size();
         let columns = width.div_ceil(TileWeights::SIDE);
-        let tiles = self.expectation.features.len();
+        let tiles = self.recall.tiles.len();
         let mut chosen = vec![PixelSet::default(); tiles];
         if self.settings.num_steps == 0 {
             return chosen;
@@ -109,7 +110,7 @@ impl Learning<'_> {
     /// Where too little of the memory covers a pixel, pulling it to the target would only inflate its neighbours'
     /// features.
     fn covered(&self, at: (usize, usize)) -> bool {
-        self.expectation.silhouette[at] >= self.settings.growth_silhouette
+        self.recall.silhouette[at] >= self.settings.growth_silhouette
     }
 
     fn differing_pixels(&self, tile: usize) -> PixelSet {
@@ -117,7 +118,7 @@ impl Learning<'_> {
         let columns = width.div_ceil(TileWeights::SIDE);
         let (left, top) = (tile % columns * TileWeights::SIDE, tile / columns * TileWeights::SIDE);
         let mut differs = PixelSet::default();
-        let features = self.expectation.features[tile].chunks_exact(self.codebook.feature_dim());
+        let features = self.recall.tiles[tile].values.chunks_exact(self.codebook.feature_dim());
         for (pixel, feature) in features.enumerate() {
             let at = (left + pixel % TileWeights::SIDE, top + pixel / TileWeights::SIDE);
             if at.0 >= width || at.1 >= height || !self.covered(at) {
@@ -138,7 +139,7 @@ impl Learning<'_> {
         if segment == 0 {
             return (norm - magnitude).abs() > self.settings.active_tolerance;
         }
-        if self.expectation.belief.segments[at] != segment {
+        if self.recall.belief.segments[at] != segment {
             return true;
         }
         let code = self.codebook.vector(segment as usize - 1);

@@ -1,0 +1,194 @@
+//! The memory of evidence: every Gaussian keeps votes, how often it was seen as which segment.
+//!
+//! With blend weights `W` and `votes_i` of Gaussian `i`, the evidence for a segment at pixel `p` is
+//! `E_p(id) = Σ_i W[p,i] · votes_i(id)`. Id 0, "no segment", takes part like any other.
+//!
+//! - **Expected** ([`EvidenceStore::read_tile`]): the id with the most evidence, if that exceeds `min_evidence` and the
+//!   silhouette 0.5. Its confidence is that evidence, at most 1: what one fresh observation has.
+//! - **Shown** ([`EvidenceStore::fuse`]): the id with the most evidence once the frame's own prediction has
+//!   `observation_weight` of it; "no prediction" has `no_segment_weight` of that, for id 0.
+//! - **Learnt** ([`EvidenceStore::learn`]): each Gaussian takes a vote for the predictions where it is seen. Predictions
+//!   vote, not what was shown, so that evidence never confirms itself.
+
+mod votes;
+mod voting;
+
+pub use votes::Votes;
+
+use crate::map::{NewGaussian, retain};
+use crate::ply::SplatContentView;
+use crate::recall::{Recall, TileSurface, cut};
+use crate::segment_store::{SegmentStore, StoreTile};
+use crate::{ABSTAIN, LearningExtent, MemoryError, MemorySettings};
+use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_render::{Splats, TileWeights};
+use voting::FrameVotes;
+
+const PIXELS: usize = TileWeights::PIXELS;
+
+/// A segment is expected only where the map covers at least this much of the pixel.
+const MIN_SILHOUETTE: f32 = 0.5;
+
+/// Where less light than this comes through what is gone, nothing can be told of what lies behind.
+const MIN_LIGHT: f32 = 0.05;
+
+/// Votes per Gaussian.
+#[derive(Clone, Debug)]
+pub(crate) struct EvidenceStore {
+    pub settings: MemorySettings,
+    pub votes: Vec<Votes>,
+}
+
+impl EvidenceStore {
+    /// A store for a map without Gaussians.
+    pub fn new(settings: MemorySettings) -> Self {
+        Self { settings, votes: Vec::new() }
+    }
+
+    /// `E_p(id)` of a tile: the ids, and `[ids, 16, 16]` of evidence.
+    ///
+    /// Only what lies near the observed depth counts. What lies in front of it is gone, or never was there: the light
+    /// that it takes is given back to what is behind.
+    fn evidence(&self, tile: &TileWeights, observed: &[f32; PIXELS]) -> (Vec<SegmentId>, Vec<f32>) {
+        let tolerance = self.settings.depth_tolerance;
+        let (mut ids, mut evidence): (Vec<SegmentId>, Vec<f32>) = (Vec::new(), Vec::new());
+        let mut light = [1.0f32; PIXELS];
+        let mut counted: Vec<(u8, f32)> = Vec::with_capacity(PIXELS);
+        for (column, gaussian) in tile.gaussians().iter().enumerate() {
+            let depth = tile.depths()[column];
+            counted.clear();
+            for (pixel, weight) in tile.column(column) {
+                let observed = observed[usize::from(pixel)];
+                let behind = if observed > 0.0 { depth - observed } else { 0.0 };
+                if behind < -tolerance {
+                    light[usize::from(pixel)] -= weight;
+                } else if behind <= tolerance && weight >= self.settings.min_weight * light[usize::from(pixel)] {
+                    counted.push((pixel, weight));
+                }
+            }
+            if counted.is_empty() {
+                continue;
+            }
+            for (id, votes) in self.votes[*gaussian as usize].iter() {
+                // A tile shows few segments, and neighbours mostly the same one.
+                let place = ids.iter().position(|known| *known == id).unwrap_or_else(|| {
+                    ids.push(id);
+                    evidence.resize(evidence.len() + PIXELS, 0.0);
+                    ids.len() - 1
+                });
+                let pixels = &mut evidence[place * PIXELS..(place + 1) * PIXELS];
+                for (pixel, weight) in &counted {
+                    pixels[usize::from(*pixel)] += weight * votes;
+                }
+            }
+        }
+        if light.iter().any(|light| *light < 1.0) {
+            for pixels in evidence.chunks_exact_mut(PIXELS) {
+                for (evidence, light) in pixels.iter_mut().zip(&light) {
+                    *evidence /= light.max(MIN_LIGHT);
+                }
+            }
+        }
+        (ids, evidence)
+    }
+}
+
+impl SegmentStore for EvidenceStore {
+    fn read_tile(&self, tile: &TileWeights, surface: &TileSurface) -> StoreTile {
+        let (ids, values) = self.evidence(tile, &surface.observed);
+        let (mut segments, mut confidence) = (vec![0; PIXELS], vec![0.0; PIXELS]);
+        let mut best = [0.0f32; PIXELS];
+        for (id, evidence) in ids.iter().zip(values.chunks_exact(PIXELS)) {
+            for pixel in 0..PIXELS {
+                // Of equal ones the smaller id wins, in whatever order Gaussians brought them.
+                let wins = evidence[pixel] > best[pixel] || (evidence[pixel] == best[pixel] && *id < segments[pixel]);
+                if wins {
+                    best[pixel] = evidence[pixel];
+                    segments[pixel] = *id;
+                }
+            }
+        }
+        for pixel in 0..PIXELS {
+            if best[pixel] <= self.settings.min_evidence || surface.silhouette[pixel] <= MIN_SILHOUETTE {
+                segments[pixel] = 0;
+            }
+            if segments[pixel] != 0 {
+                confidence[pixel] = best[pixel].min(1.0);
+            }
+        }
+        StoreTile { segments, confidence, ids, values }
+    }
+
+    fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> SegmentMap {
+        let (observed, unobserved) =
+            (self.settings.observation_weight, self.settings.observation_weight * self.settings.no_segment_weight);
+        recall.map_tiles(|tile, found, fused| {
+            let seen = cut(tile, seen);
+            // What is seen competes with what is remembered; "no segment" needs no memory to compete.
+            let mut best = seen.map(|seen| match seen {
+                ABSTAIN => 0.0,
+                0 => unobserved,
+                _ => observed,
+            });
+            *fused = seen.map(|seen| if seen == ABSTAIN { 0 } else { seen });
+            for (id, evidence) in found.ids.iter().zip(found.values.chunks_exact(PIXELS)) {
+                for pixel in 0..PIXELS {
+                    if seen[pixel] == *id {
+                        best[pixel] += evidence[pixel];
+                    }
+                }
+            }
+            for (id, evidence) in found.ids.iter().zip(found.values.chunks_exact(PIXELS)) {
+                for pixel in 0..PIXELS {
+                    let wins = evidence[pixel] > best[pixel] || (evidence[pixel] == best[pixel] && *id < fused[pixel]);
+                    if seen[pixel] != *id && wins {
+                        best[pixel] = evidence[pixel];
+                        fused[pixel] = *id;
+                    }
+                }
+            }
+        })
+    }
+
+    fn grow(&mut self, added: &[NewGaussian], _: &Recall<'_>, seen: &SegmentMap) {
+        self.votes.extend(added.iter().map(|gaussian| match seen.pixels()[gaussian.pixel] {
+            0 => Votes::one(0, self.settings.no_segment_weight),
+            ABSTAIN => Votes::default(),
+            id => Votes::one(id, 1.0),
+        }));
+    }
+
+    fn learn(&mut self, recall: &mut Recall<'_>, _: &dyn Splats, seen: &SegmentMap) -> LearningExtent {
+        let frame = FrameVotes::count(recall.view.weights(), seen, self.votes.len());
+        let active_gaussians = frame.apply(&mut self.votes, &self.settings);
+        LearningExtent { active_pixels: seen.pixels().len(), active_gaussians }
+    }
+
+    fn retain(&mut self, keep: &[bool]) {
+        retain(&mut self.votes, keep);
+    }
+
+    fn new_segment(&mut self, _: SegmentId) -> Result<(), MemoryError> {
+        Ok(())
+    }
+
+    fn segment_ids(&self) -> Vec<SegmentId> {
+        self.votes.iter().map(|votes| votes.winner(self.settings.min_evidence)).collect()
+    }
+
+    fn mark_carried(&self, carried: &mut [bool]) {
+        for (id, _) in self.votes.iter().flat_map(Votes::iter) {
+            if let Some(carried) = carried.get_mut(id as usize) {
+                *carried = true;
+            }
+        }
+    }
+
+    fn numbers_per_gaussian(&self) -> usize {
+        2 * Votes::SLOTS
+    }
+
+    fn content(&self) -> SplatContentView<'_> {
+        SplatContentView::Evidence { votes: &self.votes }
+    }
+}

@@ -1,0 +1,126 @@
+//! The votes of one Gaussian.
+
+use splatseg_geometry::SegmentId;
+
+/// Votes below this say nothing any more and make room.
+const NEGLIGIBLE: f32 = 0.02;
+
+/// Up to four segments and the votes for each.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Votes {
+    ids: [u16; Self::SLOTS],
+    /// 0 where the slot is empty.
+    votes: [f32; Self::SLOTS],
+}
+
+impl Votes {
+    /// Segments that a Gaussian can have votes for.
+    pub const SLOTS: usize = 4;
+
+    /// Votes for one segment.
+    pub fn one(id: SegmentId, votes: f32) -> Self {
+        let mut one = Self::default();
+        (one.ids[0], one.votes[0]) = (id as u16, votes);
+        one
+    }
+
+    /// Votes slot by slot: the segment and how many. An empty slot has 0 votes for whatever segment.
+    pub fn from_slots(slots: [(u16, f32); Self::SLOTS]) -> Self {
+        Self { ids: slots.map(|(id, _)| id), votes: slots.map(|(_, votes)| votes) }
+    }
+
+    /// The slots, as [`Votes::from_slots`] takes them.
+    pub fn slots(&self) -> [(u16, f32); Self::SLOTS] {
+        std::array::from_fn(|slot| (self.ids[slot], self.votes[slot]))
+    }
+
+    /// The segments with votes, and how many.
+    #[inline(always)]
+    pub fn iter(&self) -> impl Iterator<Item = (SegmentId, f32)> + '_ {
+        self.ids
+            .iter()
+            .zip(&self.votes)
+            .filter(|(_, votes)| **votes > 0.0)
+            .map(|(id, votes)| (SegmentId::from(*id), *votes))
+    }
+
+    /// Adds votes for a segment. If all slots are taken by others it takes the place of the weakest, if it is stronger.
+    pub fn add(&mut self, id: SegmentId, votes: f32) {
+        let id = id as u16;
+        let known = (0..Self::SLOTS).find(|slot| self.votes[*slot] > 0.0 && self.ids[*slot] == id);
+        if let Some(slot) = known {
+            self.votes[slot] += votes;
+            return;
+        }
+        let mut weakest = 0;
+        for slot in 1..Self::SLOTS {
+            if self.votes[slot] < self.votes[weakest] {
+                weakest = slot;
+            }
+        }
+        if votes > self.votes[weakest] {
+            (self.ids[weakest], self.votes[weakest]) = (id, votes);
+        }
+    }
+
+    /// Scales the votes down to a sum of at most `max`, so that new ones keep their weight, and drops negligible ones.
+    pub fn cap(&mut self, max: f32) {
+        let sum: f32 = self.votes.iter().sum();
+        let scale = if sum > max { max / sum } else { 1.0 };
+        for votes in &mut self.votes {
+            *votes *= scale;
+            if *votes < NEGLIGIBLE {
+                *votes = 0.0;
+            }
+        }
+    }
+
+    /// The segment with the most votes, the smallest id of equal ones; 0 if it has no more than `min`.
+    pub fn winner(&self, min: f32) -> SegmentId {
+        let best = self.iter().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
+        best.filter(|(_, votes)| *votes > min).map_or(0, |(id, _)| id)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn many_votes_outweigh_one_wrong_mask() {
+        let mut votes = Votes::one(7, 1.0);
+        (0..9).for_each(|_| votes.add(7, 1.0));
+        votes.cap(4.0);
+        votes.add(3, 1.0);
+        assert_eq!(votes.winner(0.3), 7);
+    }
+
+    #[test]
+    fn capped_votes_change_their_mind() {
+        let mut votes = Votes::one(7, 1.0);
+        for _ in 0..1000 {
+            votes.add(7, 1.0);
+            votes.cap(4.0);
+        }
+        let frames = (1..).find(|_| {
+            votes.add(3, 1.0);
+            votes.cap(4.0);
+            votes.winner(0.3) == 3
+        });
+        assert!(frames <= Some(5), "{frames:?} frames");
+    }
+
+    #[test]
+    fn the_weakest_makes_room_for_a_stronger_one() {
+        let mut votes = Votes::default();
+        for (id, count) in [(1, 0.5), (2, 0.4), (3, 0.3), (4, 0.2)] {
+            votes.add(id, count);
+        }
+        votes.add(5, 0.1);
+        assert_eq!(votes.iter().map(|(id, _)| id).collect::<Vec<_>>(), [1, 2, 3, 4]);
+        votes.add(5, 1.0);
+        assert_eq!(votes.iter().map(|(id, _)| id).collect::<Vec<_>>(), [1, 2, 3, 5]);
+        assert_eq!(votes.winner(0.3), 5);
+        assert_eq!(Votes::one(1, 0.2).winner(0.3), 0);
+    }
+}

@@ -1,0 +1,184 @@
+//! The paper's memory: every Gaussian carries a feature vector whose direction is the segment's id and whose magnitude
+//! the confidence (METHOD, "Memory").
+//!
+//! - **Expected**: the rendered feature's best code ([`Decoder`], "Decoding").
+//! - **Shown**: the decoded target F̂ ([`target`], "FastSAM-Splat", steps 4 and 5).
+//! - **Learnt**: gradient steps from the rendered features towards F̂ ([`Learning`], step 6).
+
+mod codebook;
+mod decoding;
+mod learning;
+mod loss;
+
+pub use codebook::{Codebook, CodebookError, CodebookSettings};
+pub use learning::LearningExtent;
+
+use crate::map::NewGaussian;
+use crate::ply::SplatContentView;
+use crate::recall::{Recall, TileSurface};
+use crate::segment_store::{SegmentStore, StoreTile};
+use crate::{ABSTAIN, MemoryError, MemorySettings, SegmentBelief};
+use decoding::Decoder;
+use learning::Learning;
+use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_render::{Splats, TileWeights};
+
+/// Where a Gaussian that a frame added has at least this alpha, in front of what was there, it and no longer the view
+/// made before says what is seen.
+const NEW_GAUSSIAN_PREVAILS: f32 = 0.5;
+
+/// Features per Gaussian, and the code of every segment.
+#[derive(Clone, Debug)]
+pub(crate) struct FeatureStore {
+    pub settings: MemorySettings,
+    pub codebook: Codebook,
+    /// Codes given to segments, from the first on.
+    pub used_codes: usize,
+    /// `[gaussians, D]`.
+    pub features: Vec<f32>,
+}
+
+impl FeatureStore {
+    /// A store for a map without Gaussians. Making the codebook takes up to a few seconds; `progress` is told the
+    /// fraction done.
+    pub fn new(settings: MemorySettings, seed: u64, progress: &mut dyn FnMut(f32)) -> Result<Self, MemoryError> {
+        let codebook_settings =
+            CodebookSettings { num_codes: settings.num_codes, feature_dim: settings.feature_dim, seed };
+        let codebook = Codebook::generate(&codebook_settings, progress)?;
+        Ok(Self { settings, codebook, used_codes: 0, features: Vec::new() })
+    }
+
+    fn decoder(&self) -> Decoder<'_> {
+        Decoder { codebook: &self.codebook, used_codes: self.used_codes, threshold: self.settings.decode_threshold }
+    }
+}
+
+/// F̂: predictions have full confidence; remembered segments keep their id where no prediction covers them and lose
+/// `confidence_decay` of the confidence that the memory showed, not below zero. That also holds for the part of a
+/// *matched* segment that its prediction leaves out: this frame did not confirm it either. (The paper does not say.)
+fn target(expected: &SegmentBelief, seen: &SegmentMap, confidence_decay: f32) -> SegmentBelief {
+    let mut target = expected.clone();
+    let pixels = target.segments.pixels_mut().iter_mut().zip(target.confidence.pixels_mut());
+    for ((segment, confidence), seen) in pixels.zip(seen.pixels()) {
+        match (*seen, *segment) {
+            (ABSTAIN, _) => {}
+            (0, 0) => *confidence = 0.0,
+            (0, _) => *confidence = (*confidence - confidence_decay).max(0.0),
+            _ => (*segment, *confidence) = (*seen, 1.0),
+        }
+    }
+    target
+}
+
+impl SegmentStore for FeatureStore {
+    fn read_tile(&self, tile: &TileWeights, surface: &TileSurface) -> StoreTile {
+        let mut rendered = vec![0.0; TileWeights::PIXELS * self.codebook.feature_dim()];
+        tile.accumulate(&self.features, self.codebook.feature_dim(), &mut rendered);
+        self.decoder().read_tile(surface, rendered)
+    }
+
+    fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> SegmentMap {
+        target(&recall.belief, seen, self.settings.confidence_decay).decoded(self.settings.decode_threshold)
+    }
+
+    fn grow(&mut self, added: &[NewGaussian], recall: &Recall<'_>, seen: &SegmentMap) {
+        let feature_dim = self.settings.feature_dim;
+        let target = target(&recall.belief, seen, self.settings.confidence_decay);
+        for gaussian in added {
+            match target.segments.pixels()[gaussian.pixel] {
+                0 => self.features.resize(self.features.len() + feature_dim, 0.0),
+                segment => {
+                    let confidence = if feature_dim == 1 { 1.0 } else { target.confidence.pixels()[gaussian.pixel] };
+                    let code = self.codebook.vector(segment as usize - 1);
+                    self.features.extend(code.iter().map(|value| confidence * value));
+                }
+            }
+        }
+    }
+
+    fn learn(&mut self, recall: &mut Recall<'_>, map: &dyn Splats, seen: &SegmentMap) -> LearningExtent {
+        let touched = recall.view.pixels_touched_since(map, &recall.depth, NEW_GAUSSIAN_PREVAILS);
+        let target = target(&recall.belief, seen, self.settings.confidence_decay);
+        let learning = Learning { settings: &self.settings, codebook: &self.codebook, recall, target: &target };
+        let chosen = learning.active_pixels(&touched);
+        let active = recall.view.active_weights(&chosen, self.settings.learning_min_weight);
+        learning.descend(&active, &mut self.features)
+    }
+
+    fn retain(&mut self, keep: &[bool]) {
+        let feature_dim = self.settings.feature_dim;
+        let mut kept = 0;
+        for (index, _) in keep.iter().enumerate().filter(|(_, keep)| **keep) {
+            self.features.copy_within(index * feature_dim..(index + 1) * feature_dim, kept * feature_dim);
+            kept += 1;
+        }
+        self.features.truncate(kept * feature_dim);
+    }
+
+    fn new_segment(&mut self, id: SegmentId) -> Result<(), MemoryError> {
+        if id as usize > self.codebook.len() {
+            tracing::info!("all {} codes are used: making {} more", self.codebook.len(), self.settings.num_codes);
+            self.codebook.extend(self.settings.num_codes, &mut |_| {})?;
+        }
+        self.used_codes = self.used_codes.max(id as usize);
+        Ok(())
+    }
+
+    fn segment_ids(&self) -> Vec<SegmentId> {
+        let mut hint = None;
+        let decode = |feature| {
+            let threshold = self.settings.decode_threshold;
+            let code = self.codebook.decode_with_hint(feature, hint, self.used_codes, threshold);
+            hint = code.or(hint);
+            code.map_or(0, |code| code + 1)
+        };
+        self.features.chunks_exact(self.settings.feature_dim).map(decode).collect()
+    }
+
+    fn mark_carried(&self, carried: &mut [bool]) {
+        for id in self.segment_ids() {
+            if let Some(carried) = carried.get_mut(id as usize) {
+                *carried = true;
+            }
+        }
+    }
+
+    fn numbers_per_gaussian(&self) -> usize {
+        self.settings.feature_dim
+    }
+
+    fn content(&self) -> SplatContentView<'_> {
+        SplatContentView::Features { features: &self.features, codebook: &self.codebook }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatseg_geometry::Image;
+
+    #[test]
+    fn predictions_cover_memory_and_the_unseen_fades() {
+        let expected = SegmentBelief {
+            segments: SegmentMap::from_pixels(5, 1, vec![3, 3, 4, 4, 0]).unwrap(),
+            confidence: Image::from_pixels(5, 1, vec![0.9, 0.9, 0.55, 0.05, 0.3]).unwrap(),
+        };
+        let seen = SegmentMap::from_pixels(5, 1, vec![3, 7, 0, 0, 0]).unwrap();
+        let target = target(&expected, &seen, 0.1);
+        assert_eq!(target.segments.pixels(), [3, 7, 4, 4, 0]);
+        let expected_confidence = [1.0, 1.0, 0.45, 0.0, 0.0];
+        for (found, expected) in target.confidence.pixels().iter().zip(expected_confidence) {
+            assert!((found - expected).abs() < 1e-6);
+        }
+        assert_eq!(target.decoded(0.5).pixels(), [3, 7, 0, 0, 0]);
+    }
+
+    #[test]
+    fn removed_gaussians_take_their_features_along() {
+        let settings = MemorySettings { feature_dim: 2, num_codes: 4, ..MemorySettings::default() };
+        let mut store = FeatureStore::new(settings, 0, &mut |_| {}).unwrap();
+        store.features = (0..8).map(|value| value as f32).collect();
+        store.retain(&[false, true, false, true]);
+        assert_eq!(store.features, [2.0, 3.0, 6.0, 7.0]);
+    }
+}

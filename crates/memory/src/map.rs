@@ -1,0 +1,65 @@
+//! The Gaussians of the map: where they are and what they look like, whatever they remember of segments.
+
+use glam::Vec3;
+use splatseg_render::Balls;
+
+/// Gaussians with what both kinds of memory need to know of them, one entry per Gaussian in every array.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SplatMap {
+    /// Centres and radii, world coordinates, metres.
+    pub balls: Balls,
+    /// sRGB.
+    pub colors: Vec<[u8; 3]>,
+    /// Number of the last frame that saw each Gaussian.
+    pub last_seen: Vec<u32>,
+    /// Frames that have seen through each Gaussian since one last saw it.
+    pub seen_through: Vec<u8>,
+}
+
+/// A Gaussian to be added: the surface patch that one pixel or a block of them sees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct NewGaussian {
+    /// Row-major index of the pixel, or of one in the middle of the block.
+    pub pixel: usize,
+    /// Back-projected point, world coordinates, metres.
+    pub mean: Vec3,
+    /// Standard deviation in every direction, metres.
+    pub radius: f32,
+    /// sRGB.
+    pub color: [u8; 3],
+}
+
+impl SplatMap {
+    /// Numbers that a Gaussian holds besides what it remembers: position 3, radius 1, colour 3.
+    pub(crate) const NUMBERS: usize = 3 + 1 + 3;
+
+    /// Number of Gaussians.
+    pub(crate) fn len(&self) -> usize {
+        self.balls.len()
+    }
+
+    /// Adds Gaussians that frame number `frame` saw first.
+    pub(crate) fn add(&mut self, added: &[NewGaussian], frame: u32) {
+        for gaussian in added {
+            self.balls.push(gaussian.mean, gaussian.radius);
+            self.colors.push(gaussian.color);
+        }
+        self.last_seen.resize(self.len(), frame);
+        self.seen_through.resize(self.len(), 0);
+    }
+
+    /// Keeps the Gaussians for which `keep` holds, in their order.
+    pub(crate) fn retain(&mut self, keep: &[bool]) {
+        retain(&mut self.balls.means, keep);
+        retain(&mut self.balls.radii, keep);
+        retain(&mut self.colors, keep);
+        retain(&mut self.last_seen, keep);
+        retain(&mut self.seen_through, keep);
+    }
+}
+
+/// Keeps the entries for which `keep` holds, in their order.
+pub(crate) fn retain<T>(entries: &mut Vec<T>, keep: &[bool]) {
+    let mut keep = keep.iter();
+    entries.retain(|_| keep.next().copied().unwrap_or(true));
+}

@@ -1,0 +1,122 @@
+//! What a file consists of: its properties and its sizes.
+
+use super::error::SplatFileError;
+use super::{SplatContentView, SplatFileView, trailer};
+use crate::{MAX_SEGMENT_ID, MemoryKind, Votes};
+use std::path::Path;
+
+/// The float properties that begin every vertex, in the order of the file.
+pub const FLOAT_PROPERTIES: [&str; 18] = [
+    "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0",
+    "rot_1", "rot_2", "rot_3", "radius",
+];
+/// Properties of every vertex besides those: `last_seen`, `seen_through` and `segment_id`.
+const OTHER_PROPERTIES: usize = 3;
+/// Every property has four bytes.
+const PROPERTY_BYTES: u64 = 4;
+
+/// The kind of content, and the sizes that only that kind has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Layout {
+    /// Votes per Gaussian.
+    Evidence,
+    /// Features per Gaussian and a codebook.
+    Features {
+        /// Dimension of features and codes.
+        feature_dim: usize,
+        /// Number of codes.
+        codes: u64,
+    },
+}
+
+/// All that a file's length depends on, but for its header.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sizes {
+    /// Number of Gaussians.
+    pub gaussians: u64,
+    /// Number of segment ids given.
+    pub segments: u64,
+    /// Kind of content and its sizes.
+    pub layout: Layout,
+}
+
+impl Layout {
+    /// The kind of memory.
+    pub fn kind(self) -> MemoryKind {
+        match self {
+            Self::Evidence => MemoryKind::Evidence,
+            Self::Features { .. } => MemoryKind::Features,
+        }
+    }
+
+    /// The vertex properties in the order of the file: type and name.
+    pub fn properties(self) -> impl Iterator<Item = (&'static str, String)> {
+        let named = |(kind, name): (&'static str, &str)| (kind, name.to_owned());
+        let floats = FLOAT_PROPERTIES.map(|name| ("float", name));
+        let sights = [("uint", "last_seen"), ("int", "seen_through")];
+        let (slots, feature_dim) = match self {
+            Self::Evidence => (Votes::SLOTS, 0),
+            Self::Features { feature_dim, .. } => (0, feature_dim),
+        };
+        let votes = |slot| [("int", format!("vote_id_{slot}")), ("float", format!("votes_{slot}"))];
+        let features = (0..feature_dim).map(|channel| ("float", format!("feature_{channel}")));
+        let fixed = floats.into_iter().chain(sights).map(named);
+        fixed.chain((0..slots).flat_map(votes)).chain(features).chain(std::iter::once(named(("int", "segment_id"))))
+    }
+
+    /// Bytes of a vertex; `u64::MAX` for more than can be counted.
+    pub fn record_bytes(self) -> u64 {
+        let own = match self {
+            Self::Evidence => 2 * Votes::SLOTS,
+            Self::Features { feature_dim, .. } => feature_dim,
+        };
+        PROPERTY_BYTES.saturating_mul((FLOAT_PROPERTIES.len() + OTHER_PROPERTIES).saturating_add(own) as u64)
+    }
+
+    /// The most segment ids that can have been given.
+    fn max_segments(self) -> u64 {
+        match self {
+            Self::Evidence => u64::from(MAX_SEGMENT_ID),
+            Self::Features { codes, .. } => codes.min(u64::from(MAX_SEGMENT_ID)),
+        }
+    }
+}
+
+impl Sizes {
+    /// Those of a memory.
+    pub fn of(view: &SplatFileView<'_>) -> Self {
+        let layout = match view.content {
+            SplatContentView::Evidence { .. } => Layout::Evidence,
+            SplatContentView::Features { codebook, .. } => {
+                Layout::Features { feature_dim: codebook.feature_dim(), codes: codebook.len() as u64 }
+            }
+        };
+        Self { gaussians: view.map.len() as u64, segments: view.sightings.len() as u64, layout }
+    }
+
+    /// Refuses more segments than there can be.
+    pub fn check_segments(&self, path: &Path) -> Result<(), SplatFileError> {
+        let (found, max) = (self.segments, self.layout.max_segments());
+        if found <= max {
+            return Ok(());
+        }
+        Err(SplatFileError::Segments { path: path.to_owned(), found, max })
+    }
+
+    /// Length of a file with a header of `header_bytes`; `u64::MAX` for more than can be counted.
+    pub fn file_bytes(&self, header_bytes: usize) -> u64 {
+        let records = self.gaussians.saturating_mul(self.layout.record_bytes());
+        records.saturating_add(trailer::bytes(self)).saturating_add(header_bytes as u64)
+    }
+
+    /// What the sizes are of, for people.
+    pub fn description(&self) -> String {
+        let Self { gaussians, segments, layout } = self;
+        match layout {
+            Layout::Evidence => format!("{gaussians} Gaussians with votes and {segments} segments"),
+            Layout::Features { feature_dim, codes } => {
+                format!("{gaussians} Gaussians and {codes} codes of dimension {feature_dim}, and {segments} segments")
+            }
+        }
+    }
+}

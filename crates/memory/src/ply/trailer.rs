@@ -1,0 +1,167 @@
+//! The block behind the vertices: what belongs to no Gaussian.
+
+use super::error::SplatFileError;
+use super::layout::{Layout, Sizes};
+use super::reader::Input;
+use super::writer::Output;
+use super::{SplatContentView, SplatFileView, VERSION};
+use crate::{Codebook, MemoryKind};
+use std::io::Write;
+use std::path::Path;
+
+/// Starts the block.
+const MAGIC: [u8; 8] = *b"SPLATSEG";
+/// Bytes of the fields that every kind has: mark, version, kind, segments, frames.
+const HEAD_BYTES: u64 = 24;
+/// Bytes of the fields before the codes: feature_dim, codes, seed, blocks.
+const CODEBOOK_HEAD_BYTES: u64 = 24;
+/// Bytes of sightings and carried per segment.
+const SEGMENT_BYTES: u64 = 5;
+/// Bytes of the checksum that ends the file.
+const CHECKSUM_BYTES: u64 = 4;
+
+/// Length of the block, checksum included; `u64::MAX` for more than can be counted.
+pub fn bytes(sizes: &Sizes) -> u64 {
+    let codebook = match sizes.layout {
+        Layout::Evidence => 0,
+        Layout::Features { feature_dim, codes } => {
+            codes.saturating_mul(feature_dim as u64).saturating_mul(4).saturating_add(CODEBOOK_HEAD_BYTES)
+        }
+    };
+    let segments = sizes.segments.saturating_mul(SEGMENT_BYTES);
+    segments.saturating_add(codebook).saturating_add(HEAD_BYTES + CHECKSUM_BYTES)
+}
+
+/// Writes the block up to the checksum.
+pub fn write<W: Write>(view: &SplatFileView<'_>, sizes: &Sizes, output: &mut Output<W>) -> Result<(), SplatFileError> {
+    output.write(&MAGIC)?;
+    for field in [VERSION, number_of(sizes.layout.kind()), sizes.segments as u32, view.frames] {
+        output.write(&field.to_le_bytes())?;
+    }
+    if let SplatContentView::Features { codebook, .. } = view.content {
+        output.write(&(codebook.feature_dim() as u32).to_le_bytes())?;
+        output.write(&(codebook.len() as u64).to_le_bytes())?;
+        output.write(&codebook.seed().to_le_bytes())?;
+        output.write(&codebook.blocks().to_le_bytes())?;
+        output.write_words(codebook.vectors().iter().map(|value| value.to_le_bytes()))?;
+    }
+    output.write_words(view.sightings.iter().map(|count| count.to_le_bytes()))?;
+    let carried: Vec<u8> = view.carried.iter().copied().map(u8::from).collect();
+    output.write(&carried)
+}
+
+/// The block as it stands in a file, still to be checked.
+pub struct Trailer {
+    magic: [u8; 8],
+    version: u32,
+    kind: u32,
+    segments: u32,
+    frames: u32,
+    codes: Option<Codes>,
+    sightings: Vec<u32>,
+    carried: Vec<u8>,
+}
+
+struct Codes {
+    feature_dim: u32,
+    count: u64,
+    seed: u64,
+    blocks: u32,
+    /// As many as the header announces, whatever the block says.
+    vectors: Vec<f32>,
+}
+
+/// What the block holds.
+pub struct Contents {
+    /// Frames taken in.
+    pub frames: u32,
+    /// The codes, in a file of features.
+    pub codebook: Option<Codebook>,
+    /// By id − 1.
+    pub sightings: Vec<u32>,
+    /// By id − 1.
+    pub carried: Vec<bool>,
+}
+
+impl Trailer {
+    /// Reads the block up to the checksum. The length of the file must have been checked.
+    pub fn read(sizes: &Sizes, input: &mut Input<'_>) -> Result<Self, SplatFileError> {
+        Ok(Self {
+            magic: input.array()?,
+            version: u32::from_le_bytes(input.array()?),
+            kind: u32::from_le_bytes(input.array()?),
+            segments: u32::from_le_bytes(input.array()?),
+            frames: u32::from_le_bytes(input.array()?),
+            codes: match sizes.layout {
+                Layout::Evidence => None,
+                Layout::Features { feature_dim, codes } => Some(Codes {
+                    feature_dim: u32::from_le_bytes(input.array()?),
+                    count: u64::from_le_bytes(input.array()?),
+                    seed: u64::from_le_bytes(input.array()?),
+                    blocks: u32::from_le_bytes(input.array()?),
+                    vectors: input.words(codes * feature_dim as u64, f32::from_le_bytes)?,
+                }),
+            },
+            sightings: input.words(sizes.segments, u32::from_le_bytes)?,
+            carried: {
+                let mut carried = vec![0; sizes.segments as usize];
+                input.read(&mut carried)?;
+                carried
+            },
+        })
+    }
+
+    /// What the block holds, if that is as the header has it.
+    pub fn checked(self, sizes: &Sizes, path: &Path) -> Result<Contents, SplatFileError> {
+        let text = |magic: &[u8]| format!("{:?}", String::from_utf8_lossy(magic));
+        check_field("the mark behind the vertices", text(&self.magic), text(&MAGIC), path)?;
+        check_field("the version behind the vertices", self.version, VERSION, path)?;
+        check_field("the kind behind the vertices", self.kind, number_of(sizes.layout.kind()), path)?;
+        check_field("the number of segments behind the vertices", u64::from(self.segments), sizes.segments, path)?;
+        let codebook = self.codes.map(|codes| codes.checked(sizes, path)).transpose()?;
+        if let Some(&strange) = self.carried.iter().find(|&&carried| carried > 1) {
+            return Err(field_error("carried", strange, "0 or 1", path));
+        }
+        let carried = self.carried.into_iter().map(|carried| carried == 1).collect();
+        Ok(Contents { frames: self.frames, codebook, sightings: self.sightings, carried })
+    }
+}
+
+impl Codes {
+    fn checked(self, sizes: &Sizes, path: &Path) -> Result<Codebook, SplatFileError> {
+        let (feature_dim, count) = match sizes.layout {
+            Layout::Evidence => (0, 0),
+            Layout::Features { feature_dim, codes } => (feature_dim, codes),
+        };
+        check_field("the codebook's feature_dim", u64::from(self.feature_dim), feature_dim as u64, path)?;
+        check_field("the codebook's number of codes", self.count, count, path)?;
+        Codebook::from_vectors(feature_dim, self.vectors, self.seed, self.blocks)
+            .map_err(|source| SplatFileError::Codebook { path: path.to_owned(), source })
+    }
+}
+
+fn number_of(kind: MemoryKind) -> u32 {
+    match kind {
+        MemoryKind::Evidence => 0,
+        MemoryKind::Features => 1,
+    }
+}
+
+fn check_field<T: PartialEq + std::fmt::Display>(
+    field: &'static str,
+    found: T,
+    expected: T,
+    path: &Path,
+) -> Result<(), SplatFileError> {
+    if found == expected { Ok(()) } else { Err(field_error(field, found, expected, path)) }
+}
+
+fn field_error(
+    field: &'static str,
+    found: impl std::fmt::Display,
+    expected: impl std::fmt::Display,
+    path: &Path,
+) -> SplatFileError {
+    let (found, expected) = (found.to_string(), expected.to_string());
+    SplatFileError::Trailer { path: path.to_owned(), field, found, expected }
+}

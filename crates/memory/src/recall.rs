@@ -1,0 +1,168 @@
+//! The memory as one frame's camera sees it.
+
+use crate::SegmentBelief;
+use crate::depthless::DepthlessSight;
+use crate::segment_store::{SegmentStore, StoreTile};
+use rayon::prelude::*;
+use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
+use splatseg_render::{Camera, Splats, TileWeights, View, ViewTiming};
+
+/// Pixels of a tile.
+const PIXELS: usize = TileWeights::PIXELS;
+
+/// What the memory expects a frame to show, made by [`SplatMemory::recall`](crate::SplatMemory::recall) before the frame
+/// is taken in.
+#[derive(Debug)]
+pub struct Recall<'f> {
+    pub(crate) frame: &'f RgbdFrame,
+    pub(crate) view: View,
+    pub(crate) belief: SegmentBelief,
+    /// Rendered silhouette (accumulated alpha) in [0, 1], `[height, width]`.
+    pub(crate) silhouette: Image<f32>,
+    /// Rendered z-depth in metres, divided by the silhouette, `[height, width]`; 0 where nothing is seen.
+    pub(crate) depth: Image<f32>,
+    /// Accumulated alpha up to the frame's own surface in [0, 1], `[height, width]`: near 0 where the map lacks it.
+    pub(crate) covered: Image<f32>,
+    pub(crate) tiles: Vec<StoreTile>,
+    /// Where remembered segments without depth should be seen.
+    pub(crate) depthless: Vec<DepthlessSight>,
+}
+
+/// What a tile of the frame and of the map look like, whatever is remembered of segments. Buffers are `[16, 16]`.
+#[derive(Clone, Debug)]
+pub(crate) struct TileSurface {
+    /// Accumulated alpha.
+    pub silhouette: [f32; PIXELS],
+    /// Rendered z-depth, metres, divided by the silhouette.
+    pub depth: [f32; PIXELS],
+    /// The frame's z-depth, metres, 0 where missing.
+    pub observed: [f32; PIXELS],
+    /// Accumulated alpha of what does not lie behind the frame's own surface.
+    pub covered: [f32; PIXELS],
+}
+
+impl<'f> Recall<'f> {
+    /// Looks at `map` with the camera of `frame` and reads what `store` expects there.
+    ///
+    /// What lies up to `tolerance` metres behind the frame's surface counts as that surface.
+    pub(crate) fn new(
+        map: &impl Splats,
+        store: &dyn SegmentStore,
+        frame: &'f RgbdFrame,
+        camera: &Camera,
+        tolerance: f32,
+    ) -> Self {
+        let (view, tiles) = View::read(map, camera, |tile| {
+            let surface = TileSurface::read(tile, frame.depth(), tolerance);
+            (store.read_tile(tile, &surface), surface)
+        });
+        let (width, height) = (frame.width(), frame.height());
+        let mut recall = Self {
+            frame,
+            view,
+            belief: SegmentBelief::empty(width, height),
+            silhouette: Image::filled(width, height, 0.0),
+            depth: Image::filled(width, height, 0.0),
+            covered: Image::filled(width, height, 0.0),
+            tiles: Vec::with_capacity(tiles.len()),
+            depthless: Vec::new(),
+        };
+        for (index, (found, surface)) in tiles.into_iter().enumerate() {
+            recall.put(index, &found, &surface);
+            recall.tiles.push(StoreTile { segments: Vec::new(), confidence: Vec::new(), ..found });
+        }
+        recall
+    }
+
+    fn put(&mut self, index: usize, found: &StoreTile, surface: &TileSurface) {
+        let tile = &self.view.weights().tiles()[index];
+        let ((left, top), (width, height)) = (tile.origin(), tile.size());
+        for row in 0..height {
+            let from = row * TileWeights::SIDE..row * TileWeights::SIDE + width;
+            let start = (top + row) * self.frame.width() + left;
+            let to = start..start + width;
+            self.belief.segments.pixels_mut()[to.clone()].copy_from_slice(&found.segments[from.clone()]);
+            self.belief.confidence.pixels_mut()[to.clone()].copy_from_slice(&found.confidence[from.clone()]);
+            self.silhouette.pixels_mut()[to.clone()].copy_from_slice(&surface.silhouette[from.clone()]);
+            self.depth.pixels_mut()[to.clone()].copy_from_slice(&surface.depth[from.clone()]);
+            self.covered.pixels_mut()[to].copy_from_slice(&surface.covered[from]);
+        }
+    }
+
+    /// The segments that the memory expects to be seen, and how sure it is of them.
+    pub fn expected(&self) -> &SegmentBelief {
+        &self.belief
+    }
+
+    /// Rendered silhouette (accumulated alpha) in [0, 1], `[height, width]`.
+    pub fn silhouette(&self) -> &Image<f32> {
+        &self.silhouette
+    }
+
+    /// Rendered z-depth in metres, `[height, width]`; 0 where nothing is seen.
+    pub fn depth(&self) -> &Image<f32> {
+        &self.depth
+    }
+
+    /// Time spent on the view.
+    pub fn view_timing(&self) -> ViewTiming {
+        self.view.timing()
+    }
+
+    /// `[height, width]` of what `read` makes of each tile, `[16, 16]` row-major.
+    pub(crate) fn map_tiles(&self, read: impl Fn(&TileWeights, &StoreTile, &mut [u32; PIXELS]) + Sync) -> SegmentMap {
+        let (width, height) = (self.frame.width(), self.frame.height());
+        let tiles = self.view.weights().tiles();
+        let columns = self.view.weights().tile_columns();
+        let mut map = SegmentMap::filled(width, height, 0);
+        let band = (TileWeights::SIDE * width).max(1);
+        map.pixels_mut().par_chunks_mut(band).enumerate().for_each(|(band, rows)| {
+            let mut pixels = [0; PIXELS];
+            for (tile, found) in tiles.iter().zip(&self.tiles).skip(band * columns).take(columns) {
+                read(tile, found, &mut pixels);
+                let ((left, _), (tile_width, tile_height)) = (tile.origin(), tile.size());
+                for row in 0..tile_height {
+                    let from = row * TileWeights::SIDE;
+                    let to = row * width + left;
+                    rows[to..to + tile_width].copy_from_slice(&pixels[from..from + tile_width]);
+                }
+            }
+        });
+        map
+    }
+}
+
+impl TileSurface {
+    fn read(tile: &TileWeights, observed: &Image<f32>, tolerance: f32) -> Self {
+        let mut surface = Self {
+            silhouette: [0.0; PIXELS],
+            depth: [0.0; PIXELS],
+            covered: [0.0; PIXELS],
+            observed: cut(tile, observed),
+        };
+        let limit = surface.observed.map(|depth| depth + tolerance);
+        for (column, depth) in tile.depths().iter().enumerate() {
+            for (pixel, weight) in tile.column(column) {
+                let pixel = usize::from(pixel);
+                surface.silhouette[pixel] += weight;
+                surface.depth[pixel] += weight * depth;
+                surface.covered[pixel] += if *depth <= limit[pixel] { weight } else { 0.0 };
+            }
+        }
+        for (depth, silhouette) in surface.depth.iter_mut().zip(&surface.silhouette) {
+            *depth = if *silhouette > 0.0 { *depth / silhouette } else { 0.0 };
+        }
+        surface
+    }
+}
+
+/// A tile's part of an image, `[16, 16]`; the default where the image ends.
+pub(crate) fn cut<T: Copy + Default>(tile: &TileWeights, image: &Image<T>) -> [T; PIXELS] {
+    let ((left, top), (width, height)) = (tile.origin(), tile.size());
+    let mut part = [T::default(); PIXELS];
+    for row in 0..height {
+        let from = row * TileWeights::SIDE;
+        part[from..from + width].copy_from_slice(&image.row(top + row)[left..left + width]);
+    }
+    part
+}

@@ -1,0 +1,59 @@
+//! What a memory must do with segments: the one thing in which the kinds of memory differ.
+
+use crate::map::NewGaussian;
+use crate::ply::SplatContentView;
+use crate::recall::{Recall, TileSurface};
+use crate::{LearningExtent, MemoryError};
+use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_render::{Splats, TileWeights};
+
+/// What a store reads off one tile of a view: buffers are `[16, 16]`, row-major.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct StoreTile {
+    /// The segment expected at every pixel, 0 for none.
+    pub segments: Vec<SegmentId>,
+    /// How sure that is; 1 is what a fresh observation has.
+    pub confidence: Vec<f32>,
+    /// Ids that `values` are about, for stores that need to know.
+    pub ids: Vec<SegmentId>,
+    /// The store's own notes for the rest of the frame.
+    pub values: Vec<f32>,
+}
+
+/// What Gaussians remember of segments, one entry per Gaussian of the map: read off a view, brought together with what
+/// the frame shows, and updated by it.
+///
+/// For every frame: [`read_tile`](Self::read_tile) for each tile, [`fuse`](Self::fuse), then [`grow`](Self::grow) and
+/// [`learn`](Self::learn). `seen` is always the frame's predictions: the id of the one that is visible at each pixel, 0
+/// where there is none, [`ABSTAIN`](crate::ABSTAIN) where the one that is there has no say.
+pub(crate) trait SegmentStore: std::fmt::Debug + Send + Sync {
+    /// Reads the expected segments off a tile (METHOD, "FastSAM-Splat", step 1).
+    fn read_tile(&self, tile: &TileWeights, surface: &TileSurface) -> StoreTile;
+
+    /// What the frame shows once memory and predictions are brought together (step 4).
+    fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> SegmentMap;
+
+    /// Appends what newly grown Gaussians know of segments.
+    fn grow(&mut self, added: &[NewGaussian], recall: &Recall<'_>, seen: &SegmentMap);
+
+    /// Takes in what the frame shows (step 6). `map` has its new Gaussians already.
+    fn learn(&mut self, recall: &mut Recall<'_>, map: &dyn Splats, seen: &SegmentMap) -> LearningExtent;
+
+    /// Keeps the Gaussians for which `keep` holds, in their order.
+    fn retain(&mut self, keep: &[bool]);
+
+    /// Prepares for a segment id that was never used before.
+    fn new_segment(&mut self, id: SegmentId) -> Result<(), MemoryError>;
+
+    /// The segment that each Gaussian shows by itself, 0 for none.
+    fn segment_ids(&self) -> Vec<SegmentId>;
+
+    /// Marks in `carried` every id that any Gaussian remembers.
+    fn mark_carried(&self, carried: &mut [bool]);
+
+    /// Numbers that each Gaussian holds for segments.
+    fn numbers_per_gaussian(&self) -> usize;
+
+    /// All that it remembers, to be saved.
+    fn content(&self) -> SplatContentView<'_>;
+}

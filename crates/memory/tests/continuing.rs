@@ -1,0 +1,130 @@
+//! A memory that is saved and continued behaves as one that never stopped.
+
+use glam::{Mat4, Vec3};
+use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
+use splatseg_memory::{GrowthRule, LearningExtent, LoadMemoryError, MemoryKind, MemorySettings, SplatMemory};
+use std::fs;
+use std::path::Path;
+
+const WIDTH: usize = 64;
+const HEIGHT: usize = 48;
+/// Frames before the memory is saved, and all frames.
+const SAVED_AFTER: usize = 6;
+const FRAMES: usize = 20;
+/// From this frame on the box is gone: saved in the middle of noticing it.
+const BOX_GONE: usize = 4;
+/// From this frame on there is one more segment.
+const NEW_SEGMENT: usize = 9;
+
+fn settings(kind: MemoryKind, growth: GrowthRule) -> MemorySettings {
+    // So few codes that the loaded codebook has to be extended.
+    MemorySettings { kind, growth, feature_dim: 4, num_codes: 3, num_steps: 3, ..MemorySettings::default() }
+}
+
+/// A wall of two segments, a box before it, and the segments that are seen there; some frames see none.
+fn frame(number: usize) -> (RgbdFrame, SegmentMap) {
+    let is_box = |column: usize, row: usize| {
+        number < BOX_GONE && (20 - number..40 - number).contains(&column) && (10..30).contains(&row)
+    };
+    let depth = Image::from_fn(WIDTH, HEIGHT, |column, row| if is_box(column, row) { 1.5 } else { 3.0 });
+    let color = Image::from_fn(WIDTH, HEIGHT, |column, row| [column as u8 * 3, row as u8 * 5, number as u8]);
+    let intrinsics = Intrinsics { fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5, width: WIDTH, height: HEIGHT };
+    let pose = Pose::from_matrix(Mat4::from_translation(Vec3::X * 0.025 * number as f32)).unwrap();
+    let seen = SegmentMap::from_fn(WIDTH, HEIGHT, |column, row| match () {
+        () if number % 5 == 3 => 0,
+        () if is_box(column, row) => 3,
+        () if number >= NEW_SEGMENT && row >= 36 => 4,
+        () if column + number / 2 < 30 => 1,
+        () => 2,
+    });
+    (RgbdFrame::new(number.to_string(), color, depth, intrinsics, pose).unwrap(), seen)
+}
+
+/// What a frame gave: what was expected and shown, and how the memory changed.
+#[derive(Debug, PartialEq)]
+struct Outcome {
+    expected: SegmentMap,
+    shown: SegmentMap,
+    grown: usize,
+    removed: usize,
+    forgotten: Vec<u32>,
+    learning: LearningExtent,
+}
+
+fn take_in(memory: &mut SplatMemory, frames: std::ops::Range<usize>) -> Vec<Outcome> {
+    let outcome = |number| {
+        let (frame, seen) = frame(number);
+        let needed = if number >= NEW_SEGMENT { 4 } else { 3 };
+        for id in memory.segment_count()..needed {
+            assert_eq!(memory.new_segment().unwrap() as usize, id + 1);
+        }
+        let recall = memory.recall(&frame);
+        let (expected, shown) = (recall.expected().segments.clone(), memory.fuse(&recall, &seen).unwrap());
+        let update = memory.update(recall, &seen).unwrap();
+        let (grown, removed) = (update.grown, update.removed);
+        Outcome { expected, shown, grown, removed, forgotten: update.forgotten, learning: update.learning }
+    };
+    frames.map(outcome).collect()
+}
+
+fn continues(kind: MemoryKind, growth: GrowthRule, folder: &Path) -> Vec<Outcome> {
+    let settings = settings(kind, growth);
+    let mut memory = SplatMemory::new(settings.clone(), 7, &mut |_| {}).unwrap();
+    take_in(&mut memory, 0..SAVED_AFTER);
+    let path = folder.join("memory.ply");
+    memory.save(&path).unwrap();
+    let mut loaded = SplatMemory::load(&path, settings).unwrap();
+    assert_eq!(loaded.segment_count(), 3);
+    assert_eq!(loaded.segment_ids(), memory.segment_ids());
+    assert_eq!((loaded.balls(), loaded.colors()), (memory.balls(), memory.colors()));
+    loaded.save(&path).unwrap();
+
+    let outcomes = take_in(&mut memory, SAVED_AFTER..FRAMES);
+    assert_eq!(take_in(&mut loaded, SAVED_AFTER..FRAMES), outcomes);
+    let (one, other) = (folder.join("one.ply"), folder.join("other.ply"));
+    memory.save(&one).unwrap();
+    loaded.save(&other).unwrap();
+    assert!(fs::read(one).unwrap() == fs::read(other).unwrap(), "all that is remembered is the same");
+    outcomes
+}
+
+#[test]
+fn a_continued_memory_is_one_that_never_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    for (kind, growth) in [
+        (MemoryKind::Evidence, GrowthRule::Auto),
+        (MemoryKind::Features, GrowthRule::Auto),
+        (MemoryKind::Features, GrowthRule::Missing),
+    ] {
+        let outcomes = continues(kind, growth, folder.path());
+        assert!(outcomes[0].expected.areas().contains_key(&1), "a loaded memory knows the wall");
+        assert!(outcomes.iter().any(|outcome| outcome.shown.areas().contains_key(&4)));
+        if kind == MemoryKind::Evidence {
+            assert!(outcomes.iter().any(|outcome| outcome.removed > 0), "the box goes after it was loaded");
+            assert!(outcomes.iter().any(|outcome| outcome.forgotten == [3]));
+        }
+    }
+}
+
+#[test]
+fn another_memory_than_the_settings_ask_for_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("memory.ply");
+    let of = |kind| settings(kind, GrowthRule::Auto);
+    let save = |kind| SplatMemory::new(of(kind), 0, &mut |_| {}).unwrap().save(&path).unwrap();
+    let refusal = |settings| SplatMemory::load(&path, settings).unwrap_err();
+
+    save(MemoryKind::Evidence);
+    let error = refusal(of(MemoryKind::Features));
+    assert!(matches!(error, LoadMemoryError::Kind { found: "evidence", expected: "features", .. }), "{error}");
+    assert!(error.to_string().contains("memory.ply") && error.to_string().contains("memory.kind"), "{error}");
+
+    save(MemoryKind::Features);
+    assert!(matches!(refusal(of(MemoryKind::Evidence)), LoadMemoryError::Kind { found: "features", .. }));
+    let other = MemorySettings { feature_dim: 5, ..of(MemoryKind::Features) };
+    assert!(matches!(refusal(other), LoadMemoryError::FeatureDim { found: 4, expected: 5, .. }));
+    let impossible = MemorySettings { feature_dim: 0, ..of(MemoryKind::Features) };
+    assert!(matches!(refusal(impossible), LoadMemoryError::Settings(_)));
+    fs::write(&path, "ply\n").unwrap();
+    assert!(matches!(refusal(of(MemoryKind::Evidence)), LoadMemoryError::File(_)));
+}

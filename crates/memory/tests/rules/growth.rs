@@ -1,0 +1,90 @@
+//! Where the map grows and where it does not.
+
+use crate::run::{Run, evidence};
+use crate::scene::{Scene, Solid, pose};
+use splatseg_memory::{GrowthRule, MemorySettings};
+
+/// A box 3 without a table, its front `distance` before the wall.
+fn box_before_wall(distance: f32) -> Solid {
+    Solid::new(3, [0.0, 0.0, 3.2 - distance], [0.6, 0.6, 0.4])
+}
+
+#[test]
+fn the_map_grows_where_nothing_covers() {
+    let scene = Scene::wall();
+    let mut run = Run::new(evidence());
+    let first = run.show(&scene.seen_from_origin());
+    assert_eq!(first.update.grown, run.memory.gaussian_count());
+    // A view 3 m away is 3.6 m wide.
+    let right_edge = run.means().iter().map(|mean| mean.x).fold(f32::MIN, f32::max);
+    assert!((1.6..1.9).contains(&right_edge), "{right_edge} m");
+
+    let second = run.show(&scene.seen_from(pose([1.0, 0.0, 0.0], 0.0)));
+    assert!(second.update.grown * 2 < first.update.grown, "only the strip that is new: {}", second.update.grown);
+    let added = &run.means()[first.update.grown..];
+    let leftmost = added.iter().map(|mean| mean.x).fold(f32::MAX, f32::min);
+    assert!(leftmost > right_edge - 0.05, "none where the wall was known: {leftmost} m");
+    assert!(added.iter().any(|mean| mean.x > right_edge + 0.8), "up to the new edge");
+}
+
+#[test]
+fn a_surface_clearly_in_front_is_added() {
+    let mut run = Run::new(evidence());
+    run.show(&Scene::wall().seen_from_origin());
+    let known = run.memory.gaussian_count();
+    let solid = box_before_wall(0.3);
+    let step = run.show(&Scene::wall().with(solid).seen_from_origin());
+    assert!(step.update.grown > 0);
+    let added = &run.means()[known..];
+    assert!(added.iter().all(|mean| solid.contains(*mean, 0.01)), "only the box");
+}
+
+#[test]
+fn a_surface_within_the_depth_disparity_is_not_new() {
+    let mut run = Run::new(evidence());
+    run.show(&Scene::wall().seen_from_origin());
+    let step = run.show(&Scene::wall().with(box_before_wall(0.1)).seen_from_origin());
+    assert_eq!(step.update.grown, 0);
+}
+
+#[test]
+fn a_box_that_disappears_reveals_a_known_wall() {
+    let (without, with) = (Scene::wall(), Scene::wall().with(box_before_wall(0.8)));
+    let mut run = Run::new(evidence());
+    run.show(&without.seen_from_origin());
+    run.show_times(&with.seen_from_origin(), 3);
+    for (frame, step) in run.show_times(&without.seen_from_origin(), 10).iter().enumerate() {
+        assert_eq!(step.update.grown, 0, "frame {frame} without the box");
+    }
+}
+
+#[test]
+fn a_farther_surface_is_added_by_the_papers_rule_alone() {
+    for (growth, expected) in [(GrowthRule::Missing, 0), (GrowthRule::Paper, 96 * 72)] {
+        let mut run = Run::new(MemorySettings { growth, removal_frames: 0, ..evidence() });
+        let near = Scene::wall().seen_from_origin();
+        run.show(&near);
+        let mut far = near.clone();
+        far.depth.pixels_mut().fill(3.5);
+        assert_eq!(run.show(&far).update.grown, expected, "{growth:?}");
+    }
+}
+
+#[test]
+fn a_mixed_pixel_gets_no_gaussian() {
+    let scene = Scene::wall().with(box_before_wall(1.0));
+    let mut shot = scene.seen_from_origin();
+    let front = shot.truth.clone();
+    for row in 0..front.height() {
+        for column in 1..front.width() - 1 {
+            if front[(column, row)] == 3 && front[(column - 1, row)] == 1 {
+                shot.depth[(column, row)] = 2.5;
+            }
+        }
+    }
+    assert!(shot.depth.pixels().iter().filter(|depth| **depth == 2.5).count() > 20);
+    let mut run = Run::new(evidence());
+    run.show_times(&shot, 3);
+    let mixed = run.means().iter().filter(|mean| mean.z > 2.05 && mean.z < 2.95 && mean.x < 0.0).count();
+    assert_eq!(mixed, 0, "every Gaussian lies on a surface");
+}

@@ -1,0 +1,42 @@
+//! The most Gaussians that are kept.
+
+use crate::run::{Run, agreement, evidence};
+use crate::scene::{Scene, pose};
+use splatseg_memory::MemorySettings;
+
+#[test]
+fn what_is_beyond_the_limit_goes_longest_unseen_first() {
+    let scene = Scene::room();
+    let shots: Vec<_> = (0..=180).step_by(10).map(|degrees| scene.seen_from(pose([0.0; 3], degrees as f32))).collect();
+    let mut unlimited = Run::new(evidence());
+    shots.iter().for_each(|shot| drop(unlimited.show(shot)));
+    let limit = unlimited.memory.gaussian_count() / 2;
+
+    let mut run = Run::new(MemorySettings { max_gaussians: limit, ..evidence() });
+    for shot in &shots {
+        run.show(shot);
+        assert!(run.memory.gaussian_count() <= limit);
+    }
+    assert_eq!(run.memory.gaussian_count(), limit);
+    let share = |shot| {
+        let found = agreement(&run.expected(shot), &shot.truth);
+        let before = agreement(&unlimited.expected(shot), &shot.truth);
+        (found, before)
+    };
+    let (last, unlimited_last) = share(shots.last().unwrap());
+    assert!(last > 0.95 && last >= unlimited_last - 0.01, "the last view is whole: {last}");
+    let (first, unlimited_first) = share(&shots[0]);
+    assert!(first < 0.2 && unlimited_first > 0.95, "the first is gone: {first}, {unlimited_first} without a limit");
+}
+
+#[test]
+fn a_frame_with_more_than_the_limit_stays_below_it() {
+    let shot = Scene::boxes().seen_from_origin();
+    for growth_spacing in [1, 4] {
+        let mut run = Run::new(MemorySettings { max_gaussians: 100, growth_spacing, ..evidence() });
+        for _ in 0..5 {
+            run.show(&shot);
+            assert_eq!(run.memory.gaussian_count(), 100);
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! A memory that is shown views, as a run of the method does it.
+
+use crate::scene::{Shot, Solid};
+use glam::Vec3;
+use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_memory::{FrameUpdate, MemoryKind, MemorySettings, SplatMemory};
+use std::collections::BTreeMap;
+
+/// The default settings.
+pub fn evidence() -> MemorySettings {
+    MemorySettings::default()
+}
+
+/// The paper's memory, with a codebook that is made at once.
+pub fn features() -> MemorySettings {
+    MemorySettings { kind: MemoryKind::Features, feature_dim: 8, num_codes: 16, ..MemorySettings::default() }
+}
+
+/// Both kinds.
+pub fn kinds() -> [MemorySettings; 2] {
+    [evidence(), features()]
+}
+
+pub struct Run {
+    pub memory: SplatMemory,
+}
+
+/// What one frame gave.
+pub struct Step {
+    /// What was expected before the frame was taken in.
+    pub expected: SegmentMap,
+    pub fused: SegmentMap,
+    pub update: FrameUpdate,
+}
+
+impl Run {
+    pub fn new(settings: MemorySettings) -> Self {
+        Self { memory: SplatMemory::new(settings, 0, &mut |_| {}).unwrap() }
+    }
+
+    /// Takes in a view whose predictions are the truth.
+    pub fn show(&mut self, shot: &Shot) -> Step {
+        self.show_as(shot, &shot.truth)
+    }
+
+    /// Takes in `count` equal views.
+    pub fn show_times(&mut self, shot: &Shot, count: usize) -> Vec<Step> {
+        (0..count).map(|_| self.show(shot)).collect()
+    }
+
+    /// Takes in a view with other predictions than the truth. Ids that do not exist yet are made.
+    pub fn show_as(&mut self, shot: &Shot, seen: &SegmentMap) -> Step {
+        let largest = seen.pixels().iter().copied().filter(|id| *id != splatseg_memory::ABSTAIN).max().unwrap_or(0);
+        while self.memory.segment_count() < largest as usize {
+            self.memory.new_segment().unwrap();
+        }
+        let frame = shot.frame();
+        let recall = self.memory.recall(&frame);
+        let expected = recall.expected().segments.clone();
+        let abstains = seen.pixels().contains(&splatseg_memory::ABSTAIN);
+        let fused = if abstains { expected.clone() } else { self.memory.fuse(&recall, seen).unwrap() };
+        let update = self.memory.update(recall, seen).unwrap();
+        Step { expected, fused, update }
+    }
+
+    /// Takes in a view as the method does: each true mask has the id of the expected segment that it overlaps most, a
+    /// new one if there is none. Returns the id of each true mask.
+    pub fn show_matched(&mut self, shot: &Shot) -> BTreeMap<SegmentId, SegmentId> {
+        let expected = self.expected(shot);
+        let mut overlaps = BTreeMap::new();
+        for pair in shot.truth.pixels().iter().copied().zip(expected.pixels().iter().copied()) {
+            *overlaps.entry(pair).or_insert(0) += 1;
+        }
+        let mut ids = BTreeMap::new();
+        for truth in shot.truth.areas().into_keys() {
+            let found = overlaps.iter().filter(|((of, id), _)| *of == truth && *id != 0);
+            let best = found.max_by_key(|(_, area)| **area).map(|((_, id), _)| *id);
+            ids.insert(truth, best.unwrap_or_else(|| self.memory.new_segment().unwrap()));
+        }
+        self.show_as(shot, &shot.truth.map(|truth| ids.get(truth).copied().unwrap_or(0)));
+        ids
+    }
+
+    pub fn expected(&self, shot: &Shot) -> SegmentMap {
+        self.memory.recall(&shot.frame()).expected().segments.clone()
+    }
+
+    pub fn means(&self) -> &[Vec3] {
+        &self.memory.balls().means
+    }
+
+    /// Gaussians in a box or at most `slack` outside of it.
+    pub fn count_in(&self, solid: &Solid, slack: f32) -> usize {
+        self.means().iter().filter(|mean| solid.contains(**mean, slack)).count()
+    }
+}
+
+/// The share of the pixels of `id` in `truth` that `found` has right.
+pub fn recalled(found: &SegmentMap, truth: &SegmentMap, id: SegmentId) -> f32 {
+    let of_id = || truth.pixels().iter().zip(found.pixels()).filter(|(truth, _)| **truth == id);
+    of_id().filter(|(truth, found)| truth == found).count() as f32 / of_id().count() as f32
+}
+
+/// The share of all pixels that are equal.
+pub fn agreement(one: &SegmentMap, other: &SegmentMap) -> f32 {
+    let equal = one.pixels().iter().zip(other.pixels()).filter(|(one, other)| one == other).count();
+    equal as f32 / one.pixels().len() as f32
+}

@@ -1,0 +1,92 @@
+//! Votes against wrong masks.
+
+use crate::run::{Run, agreement, evidence, recalled};
+use crate::scene::{Scene, Shot};
+use splatseg_geometry::SegmentMap;
+use splatseg_memory::ABSTAIN;
+
+/// Frames after which another id must have won: votes are capped at 4 and a new id gains one per frame, while the old
+/// ones are scaled by 4/5. So the new one has the majority in the fourth frame where a pixel is one Gaussian's alone;
+/// twice that leaves room for neighbours that blend.
+const FRAMES_TO_CHANGE: usize = 8;
+
+/// A run that has seen the boxes ten times.
+fn run_that_knows_boxes() -> (Run, Shot) {
+    let shot = Scene::boxes().seen_from_origin();
+    let mut run = Run::new(evidence());
+    run.show_times(&shot, 10);
+    (run, shot)
+}
+
+/// Ids of the view, with some replaced.
+fn replaced(shot: &Shot, replace: impl Fn(u32) -> u32) -> SegmentMap {
+    shot.truth.map(|id| replace(*id))
+}
+
+#[test]
+fn a_frame_is_expected_as_it_was_seen() {
+    let (run, shot) = run_that_knows_boxes();
+    let found = agreement(&run.expected(&shot), &shot.truth);
+    assert!(found > 0.98, "{found}");
+}
+
+#[test]
+fn many_frames_win_over_one_wrong_mask() {
+    let (mut run, shot) = run_that_knows_boxes();
+    let step = run.show_as(&shot, &replaced(&shot, |id| if id == 3 { 5 } else { id }));
+    let (fused, expected) = (recalled(&step.fused, &shot.truth, 3), recalled(&run.expected(&shot), &shot.truth, 3));
+    assert!(fused > 0.95 && expected > 0.95, "fused {fused}, expected {expected}");
+}
+
+#[test]
+fn a_mask_over_two_segments_does_not_unite_them() {
+    let replacements: [fn(u32) -> u32; 3] = [
+        |id| if id == 4 { 3 } else { id },
+        |id| if id == 3 || id == 4 { 5 } else { id },
+        |id| if id == 3 || id == 4 { 2 } else { id },
+    ];
+    for replace in replacements {
+        let (mut run, shot) = run_that_knows_boxes();
+        let step = run.show_as(&shot, &replaced(&shot, replace));
+        let expected = run.expected(&shot);
+        for id in [3, 4] {
+            let shares = [&step.fused, &expected].map(|found| recalled(found, &shot.truth, id));
+            assert!(shares.iter().all(|share| *share > 0.9), "segment {id}: {shares:?}");
+        }
+    }
+}
+
+#[test]
+fn a_missing_prediction_does_not_erase_a_segment() {
+    let (mut run, shot) = run_that_knows_boxes();
+    let step = run.show_as(&shot, &replaced(&shot, |id| if id == 3 { 0 } else { id }));
+    let shares = [&step.fused, &run.expected(&shot)].map(|found| recalled(found, &shot.truth, 3));
+    assert!(shares.iter().all(|share| *share > 0.95), "{shares:?}");
+}
+
+#[test]
+fn votes_change_their_mind_after_some_frames() {
+    let (mut run, shot) = run_that_knows_boxes();
+    // As many votes as there can be.
+    run.show_times(&shot, 40);
+    let changed = replaced(&shot, |id| if id == 3 { 5 } else { id });
+    for frame in 1..=FRAMES_TO_CHANGE {
+        run.show_as(&shot, &changed);
+        let share = recalled(&run.expected(&shot), &changed, 5);
+        if share > 0.95 {
+            assert!(frame >= 3, "one or two frames must not do: {frame}");
+            return;
+        }
+    }
+    panic!("still the old id after {FRAMES_TO_CHANGE} frames");
+}
+
+#[test]
+fn a_prediction_without_a_say_leaves_votes_as_they_are() {
+    let (mut run, shot) = run_that_knows_boxes();
+    let before = run.memory.segment_ids();
+    let known = before.len();
+    run.show_as(&shot, &SegmentMap::filled(shot.truth.width(), shot.truth.height(), ABSTAIN));
+    assert!(run.memory.segment_ids()[..known] == before);
+    assert!(agreement(&run.expected(&shot), &shot.truth) > 0.98);
+}

@@ -1,0 +1,206 @@
+//! FastSAM-Splat in a room in which things slide, vanish and appear, with exact masks that carry no id.
+
+mod exact_masks;
+
+use exact_masks::{evidence, masks, method, truth};
+use splatseg_dataset::{CameraMotion, Motion, Scene, SyntheticScene};
+use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_memory::FrameUpdate;
+use splatseg_tracking::Method;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::LazyLock;
+
+/// A thing of fewer pixels in a frame is not looked at there.
+const LOOKED_AT: usize = 30;
+
+/// Ids up to this are floor, ceiling and walls.
+const SHELL: SegmentId = 6;
+
+/// Videos in which one thing slides, one vanishes and one appears, each shown to the method once.
+static VIDEOS: LazyLock<Vec<Watched>> = LazyLock::new(|| {
+    let small = "width=112,height=84,objects=12,moving=3";
+    let still = [1, 2].map(|seed| watch(&format!("synthetic:frames=40,seed={seed},{small},camera=static")));
+    let walking = [1, 2].map(|seed| watch(&format!("synthetic:frames=60,seed={seed},{small},camera=walk")));
+    still.into_iter().chain(walking).collect()
+});
+
+/// What became of a frame.
+struct Step {
+    truth: SegmentMap,
+    /// What the memory expected before it was shown the frame.
+    expected: SegmentMap,
+    output: SegmentMap,
+    update: FrameUpdate,
+}
+
+/// A video that was shown to the method.
+struct Watched {
+    text: String,
+    scene: SyntheticScene,
+    is_still: bool,
+    steps: Vec<Step>,
+    /// Ids given.
+    id_count: usize,
+}
+
+/// Shows a video to the method.
+fn watch(text: &str) -> Watched {
+    let scene = SyntheticScene::new(text.parse().unwrap()).unwrap();
+    let mut method = method(evidence());
+    let mut steps = Vec::new();
+    for index in 0..scene.frame_count() {
+        let (frame, truth) = (scene.read_frame(index).unwrap(), truth(&scene, index));
+        let expected = method.memory().unwrap().recall(&frame).expected().segments.clone();
+        let output = method.track(&frame, &masks(&truth, index)).unwrap();
+        steps.push(Step { truth, expected, output: output.segments, update: output.update });
+    }
+    let id_count = method.memory().unwrap().segment_count();
+    let is_still = scene.settings().camera == CameraMotion::Static;
+    Watched { text: text.to_owned(), scene, is_still, steps, id_count }
+}
+
+impl Step {
+    /// The id that most pixels of a thing show; `None` if too little of it is in view.
+    fn id_of(&self, thing: SegmentId) -> Option<SegmentId> {
+        let mut counts = BTreeMap::<SegmentId, usize>::new();
+        for (truth, shown) in self.truth.pixels().iter().zip(self.output.pixels()) {
+            if *truth == thing {
+                *counts.entry(*shown).or_default() += 1;
+            }
+        }
+        (counts.values().sum::<usize>() >= LOOKED_AT)
+            .then(|| counts.into_iter().max_by_key(|(_, count)| *count).map(|(id, _)| id))?
+    }
+}
+
+impl Watched {
+    /// The ids that a thing shows from a frame on, wherever enough of it is in view.
+    fn ids_of(&self, thing: SegmentId, from: usize) -> BTreeSet<SegmentId> {
+        self.steps.iter().skip(from).filter_map(|step| step.id_of(thing)).collect()
+    }
+
+    /// The thing that moves in a way, and the frame of that.
+    fn mover(&self, frame_of: impl Fn(Motion) -> Option<usize>) -> (SegmentId, usize) {
+        self.scene.movers().iter().find_map(|mover| Some((mover.id, frame_of(mover.motion)?))).unwrap()
+    }
+}
+
+#[test]
+fn a_sliding_thing_keeps_one_id() {
+    for watched in VIDEOS.iter() {
+        let slider = watched.mover(|motion| matches!(motion, Motion::Slide { .. }).then_some(0));
+        let ids = watched.ids_of(slider.0, 0);
+        assert!(ids.len() == 1 && !ids.contains(&0), "{}: {ids:?}", watched.text);
+    }
+}
+
+#[test]
+fn a_vanished_thing_is_gone_within_five_frames() {
+    for watched in VIDEOS.iter().filter(|watched| watched.is_still) {
+        let (thing, vanished) = watched.mover(|motion| match motion {
+            Motion::Vanish { frame } => Some(frame),
+            _ => None,
+        });
+        let ids = watched.ids_of(thing, 0);
+        assert_eq!(ids.len(), 1, "{}: it had one id", watched.text);
+        for (index, step) in watched.steps.iter().enumerate().skip(vanished + 5) {
+            for id in &ids {
+                let is_there = step.output.areas().contains_key(id) || step.expected.areas().contains_key(id);
+                assert!(!is_there, "{}: {id} in frame {index}, gone since {vanished}", watched.text);
+            }
+        }
+    }
+}
+
+/// Where the camera walks a thing may vanish out of view: that is noticed once its place is in view again.
+#[test]
+fn a_thing_that_vanished_out_of_view_is_not_shown_for_long() {
+    for watched in VIDEOS.iter().filter(|watched| !watched.is_still) {
+        let (thing, vanished) = watched.mover(|motion| match motion {
+            Motion::Vanish { frame } => Some(frame),
+            _ => None,
+        });
+        let ids = watched.ids_of(thing, 0);
+        let shows = |step: &&Step| ids.iter().any(|id| step.output.areas().contains_key(id));
+        let frames = watched.steps.iter().skip(vanished).filter(shows).count();
+        assert!(!ids.is_empty() && frames <= 5, "{}: shown in {frames} frames after it was gone", watched.text);
+    }
+}
+
+#[test]
+fn a_thing_that_appears_gets_one_id_that_lasts() {
+    let mut seen_count = 0;
+    for watched in VIDEOS.iter() {
+        let (thing, appeared) = watched.mover(|motion| match motion {
+            Motion::Appear { frame } => Some(frame),
+            _ => None,
+        });
+        let ids = watched.ids_of(thing, appeared);
+        seen_count += usize::from(!ids.is_empty());
+        assert!(ids.len() <= 1 && !ids.contains(&0), "{}: {ids:?}", watched.text);
+        let before = watched.steps.iter().take(appeared).flat_map(|step| step.output.areas().into_keys());
+        assert!(before.filter(|id| ids.contains(id)).count() == 0, "{}: its id is a new one", watched.text);
+    }
+    assert!(seen_count >= 3, "{seen_count} things appear in view");
+}
+
+#[test]
+fn nothing_else_changes_its_id() {
+    for watched in VIDEOS.iter() {
+        let movers: BTreeSet<SegmentId> = watched.scene.movers().iter().map(|mover| mover.id).collect();
+        let things: BTreeSet<SegmentId> =
+            watched.steps.iter().flat_map(|step| step.truth.areas().into_keys()).collect();
+        for thing in things.difference(&movers) {
+            // A wall that is seen in parts, with a stretch between them that never was, is several to a memory.
+            if !watched.is_still && *thing <= SHELL {
+                continue;
+            }
+            // The first frame that shows enough of a thing may still explain it by what lies behind.
+            let ids: Vec<SegmentId> = watched.steps.iter().filter_map(|step| step.id_of(*thing)).skip(1).collect();
+            let distinct: BTreeSet<SegmentId> = ids.into_iter().collect();
+            assert!(distinct.len() <= 1 && !distinct.contains(&0), "{}: thing {thing} has {distinct:?}", watched.text);
+        }
+    }
+}
+
+#[test]
+fn a_still_camera_adds_no_gaussians_after_its_first_frame() {
+    for seed in 0..3 {
+        let watched = watch(&format!("synthetic:frames=30,seed={seed},width=112,height=84,objects=12,camera=static"));
+        let grown: Vec<usize> = watched.steps.iter().map(|step| step.update.grown).collect();
+        assert!(grown[0] > 0 && grown[1..].iter().all(|count| *count == 0), "seed {seed}: {grown:?}");
+        assert!(watched.steps.iter().all(|step| step.update.removed == 0), "seed {seed}");
+    }
+}
+
+/// Measured with the seeds 0 to 2: as many ids as there are things to be seen, and at most one Gaussian after the first
+/// frame. A Kinect's noise, at most 4 cm within 5 m, is far below the 15 cm that tell surfaces apart.
+#[test]
+fn depth_noise_before_a_still_camera_makes_no_ids() {
+    for seed in 0..3 {
+        let settings = "width=112,height=84,objects=12,camera=static,noise=kinect";
+        let watched = watch(&format!("synthetic:frames=30,seed={seed},{settings}"));
+        let things = masks(&watched.steps[0].truth, 0).len();
+        assert_eq!(watched.id_count, things, "seed {seed}: ids given");
+        let shown: BTreeSet<SegmentId> =
+            watched.steps.iter().flat_map(|step| step.output.areas().into_keys()).collect();
+        assert_eq!(shown.len(), things, "seed {seed}: ids shown");
+        let grown: usize = watched.steps[1..].iter().map(|step| step.update.grown).sum();
+        assert!(grown * 100 <= watched.steps[0].update.grown, "seed {seed}: {grown} Gaussians after the first frame");
+    }
+}
+
+#[test]
+#[ignore = "what is gone still covers what it reveals: no Gaussians for three frames and more, and an id for each"]
+fn a_thing_that_a_sliding_one_reveals_gets_one_id() {
+    let watched = watch("synthetic:frames=12,seed=1,width=160,height=120,moving=3,camera=static");
+    let ids = watched.ids_of(21, 0);
+    assert_eq!(ids.len(), 1, "{ids:?}");
+}
+
+#[test]
+fn predictions_that_are_explained_use_up_no_ids() {
+    let watched = watch("synthetic:frames=40,seed=3,width=160,height=120,objects=12,moving=3,camera=static");
+    let things = watched.steps.iter().flat_map(|step| step.truth.areas().into_keys()).collect::<BTreeSet<_>>().len();
+    assert!(watched.id_count <= things + 2, "{} ids for {things} things", watched.id_count);
+}
