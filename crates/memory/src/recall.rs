@@ -1,11 +1,12 @@
 //! The memory as one frame's camera sees it.
 
-use crate::SegmentBelief;
 use crate::depthless::DepthlessSight;
+use crate::removal::{Present, Sight, sights};
 use crate::segment_store::{SegmentStore, StoreTile};
+use crate::{GrowthRule, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
 use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
-use splatseg_render::{Camera, Splats, TileWeights, View, ViewTiming};
+use splatseg_render::{Balls, Camera, TileWeights, View, ViewTiming};
 
 /// Pixels of a tile.
 const PIXELS: usize = TileWeights::PIXELS;
@@ -16,6 +17,8 @@ const PIXELS: usize = TileWeights::PIXELS;
 pub struct Recall<'f> {
     pub(crate) frame: &'f RgbdFrame,
     pub(crate) view: View,
+    /// What the frame says of every Gaussian; empty where nothing is ever removed.
+    pub(crate) sights: Vec<Sight>,
     pub(crate) belief: SegmentBelief,
     /// Rendered silhouette (accumulated alpha) in [0, 1], `[height, width]`.
     pub(crate) silhouette: Image<f32>,
@@ -44,15 +47,22 @@ pub(crate) struct TileSurface {
 impl<'f> Recall<'f> {
     /// Looks at `map` with the camera of `frame` and reads what `store` expects there.
     ///
-    /// What lies up to `tolerance` metres behind the frame's surface counts as that surface.
+    /// Gaussians that the frame sees through are left out. What lies up to `depth_disparity` behind the frame's surface
+    /// counts as that surface.
     pub(crate) fn new(
-        map: &impl Splats,
+        map: &Balls,
         store: &dyn SegmentStore,
         frame: &'f RgbdFrame,
         camera: &Camera,
-        tolerance: f32,
+        settings: &MemorySettings,
     ) -> Self {
-        let (view, tiles) = View::read(map, camera, |tile| {
+        let tolerance = settings.depth_disparity;
+        let sights = match settings.growth_rule() {
+            GrowthRule::Paper => Vec::new(),
+            _ => sights(map, frame, camera, settings),
+        };
+        let present = Present::new(map, if settings.removal_frames > 0 { &sights } else { &[] });
+        let (view, tiles) = View::read(&present, camera, |tile| {
             let surface = TileSurface::read(tile, frame.depth(), tolerance);
             (store.read_tile(tile, &surface), surface)
         });
@@ -60,6 +70,7 @@ impl<'f> Recall<'f> {
         let mut recall = Self {
             frame,
             view,
+            sights,
             belief: SegmentBelief::empty(width, height),
             silhouette: Image::filled(width, height, 0.0),
             depth: Image::filled(width, height, 0.0),

@@ -123,8 +123,7 @@ impl SplatMemory {
             let max_alpha = camera.limits.max_alpha.min(1.0 - 2.0 * min_transmittance);
             camera.limits = RasterLimits { min_alpha, max_alpha, min_transmittance, ..camera.limits };
         }
-        let mut recall =
-            Recall::new(&self.map.balls, self.store.as_ref(), frame, &camera, self.settings.depth_disparity);
+        let mut recall = Recall::new(&self.map.balls, self.store.as_ref(), frame, &camera, &self.settings);
         if self.settings.links_depthless() {
             self.depthless.expect(&mut recall, self.settings.growth_silhouette);
         }
@@ -196,7 +195,7 @@ impl SplatMemory {
             return (0, Vec::new());
         }
         let before = self.map.len();
-        if let Some(keep) = note_sights(&mut self.map, recall, &self.settings, self.frames) {
+        if let Some(keep) = note_sights(&mut self.map, &recall.sights, self.settings.removal_frames, self.frames) {
             self.retain(&keep);
         }
         if let Some(keep) = longest_unseen(&self.map, self.settings.max_gaussians) {
