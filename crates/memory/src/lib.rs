@@ -16,6 +16,7 @@ mod map;
 mod persistence;
 mod ply;
 mod recall;
+mod recurring;
 mod removal;
 mod segment_store;
 mod segments;

@@ -3,7 +3,7 @@
 use crate::depthless::DepthlessSight;
 use crate::removal::{Present, Sight, sights};
 use crate::segment_store::{SegmentStore, StoreTile};
-use crate::{GrowthRule, MemorySettings, SegmentBelief};
+use crate::{GrowthRule, MemoryKind, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
 use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
 use splatseg_render::{Balls, Camera, TileWeights, View, ViewTiming};
@@ -17,7 +17,7 @@ const PIXELS: usize = TileWeights::PIXELS;
 pub struct Recall<'f> {
     pub(crate) frame: &'f RgbdFrame,
     pub(crate) view: View,
-    /// What the frame says of every Gaussian; empty where nothing is ever removed.
+    /// What the frame says of every Gaussian; empty for the paper's memory, which does not ask.
     pub(crate) sights: Vec<Sight>,
     pub(crate) belief: SegmentBelief,
     /// Rendered silhouette (accumulated alpha) in [0, 1], `[height, width]`.
@@ -57,11 +57,11 @@ impl<'f> Recall<'f> {
         settings: &MemorySettings,
     ) -> Self {
         let tolerance = settings.depth_disparity;
-        let sights = match settings.growth_rule() {
-            GrowthRule::Paper => Vec::new(),
-            _ => sights(map, frame, camera, settings),
-        };
-        let present = Present::new(map, if settings.removal_frames > 0 { &sights } else { &[] });
+        let is_paper = settings.growth_rule() == GrowthRule::Paper;
+        let needs_sights = !is_paper || settings.kind == MemoryKind::Evidence;
+        let sights = if needs_sights { sights(map, frame, camera, settings) } else { Vec::new() };
+        let forgets = !is_paper && settings.removal_frames > 0;
+        let present = Present::new(map, if forgets { &sights } else { &[] });
         let (view, tiles) = View::read(&present, camera, |tile| {
             let surface = TileSurface::read(tile, frame.depth(), tolerance);
             (store.read_tile(tile, &surface), surface)

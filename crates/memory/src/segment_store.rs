@@ -39,6 +39,9 @@ pub(crate) trait SegmentStore: std::fmt::Debug + Send + Sync {
     /// Takes in what the frame shows (step 6). `map` has its new Gaussians already.
     fn learn(&mut self, recall: &mut Recall<'_>, map: &dyn Splats, seen: &SegmentMap) -> LearningExtent;
 
+    /// Makes some Gaussians surer of a segment than of all others together.
+    fn favour(&mut self, _gaussians: &[u32], _id: SegmentId) {}
+
     /// Keeps the Gaussians for which `keep` holds, in their order.
     fn retain(&mut self, keep: &[bool]);
 
@@ -47,9 +50,6 @@ pub(crate) trait SegmentStore: std::fmt::Debug + Send + Sync {
 
     /// The segment that each Gaussian shows by itself, 0 for none.
     fn segment_ids(&self) -> Vec<SegmentId>;
-
-    /// Marks in `carried` every id that any Gaussian remembers.
-    fn mark_carried(&self, carried: &mut [bool]);
 
     /// Numbers that each Gaussian holds for segments.
     fn numbers_per_gaussian(&self) -> usize;

@@ -4,7 +4,8 @@ use crate::depthless::DepthlessSegments;
 use crate::evidence::EvidenceStore;
 use crate::features::FeatureStore;
 use crate::map::SplatMap;
-use crate::removal::{longest_unseen, note_sights};
+use crate::recurring::RecurringPredictions;
+use crate::removal::{longest_unseen, note_sights, sights};
 use crate::segment_store::SegmentStore;
 use crate::segments::Segments;
 use crate::{CodebookError, GrowthRule, LearningExtent, MemoryKind, MemorySettings, Recall, SettingsError, growth};
@@ -19,7 +20,7 @@ pub const MAX_SEGMENT_ID: SegmentId = u16::MAX as SegmentId;
 /// Stands for an id where a prediction is seen that has no say: it neither votes nor is it "no segment".
 pub const ABSTAIN: SegmentId = SegmentId::MAX;
 
-/// Frames between two looks at which ids are still carried, unless Gaussians were removed.
+/// Frames between two looks at which ids are still carried, unless Gaussians were removed: features take long to decode.
 const FRAMES_PER_CENSUS: u32 = 16;
 
 /// An online 3D Gaussian splat whose Gaussians remember segments.
@@ -35,6 +36,8 @@ pub struct SplatMemory {
     pub(crate) segments: Segments,
     /// What no Gaussian can carry; not saved.
     depthless: DepthlessSegments,
+    /// Predictions that were explained by what is remembered; not saved.
+    recurring: RecurringPredictions,
     /// Frames taken in.
     pub(crate) frames: u32,
     warned_of_limit: bool,
@@ -77,7 +80,7 @@ pub struct FrameUpdate {
     pub grown: usize,
     /// Gaussians removed.
     pub removed: usize,
-    /// Ids that nothing in the memory carries any more.
+    /// Ids that nothing in the memory shows any more.
     pub forgotten: Vec<SegmentId>,
     /// Extent of the learning.
     pub learning: LearningExtent,
@@ -111,7 +114,8 @@ impl SplatMemory {
         segments: Segments,
     ) -> Self {
         let depthless = DepthlessSegments::default();
-        Self { settings, map, store, segments, depthless, frames: 0, warned_of_limit: false }
+        let recurring = RecurringPredictions::default();
+        Self { settings, map, store, segments, depthless, recurring, frames: 0, warned_of_limit: false }
     }
 
     /// What the memory expects `frame` to show.
@@ -157,6 +161,26 @@ impl SplatMemory {
         Ok(self.store.fuse(recall, seen))
     }
 
+    /// Takes note of the frame's predictions that remembered segments explain, which have no say: `explained` has their
+    /// ids, 0 elsewhere. To be called for every frame between [`Self::recall`] and [`Self::update`].
+    ///
+    /// Returns the ids of those that recurred `needed` times in the same place. They are objects of their own: from this
+    /// frame on they have a say, and their Gaussians have more votes for them than for what explained them.
+    ///
+    /// # Errors
+    /// As [`Self::fuse`].
+    pub fn note_explained(
+        &mut self,
+        recall: &Recall<'_>,
+        explained: &SegmentMap,
+        needed: usize,
+    ) -> Result<Vec<SegmentId>, MemoryError> {
+        self.check_predictions(recall.frame, explained)?;
+        let recurring = self.recurring.note(recall, explained, needed);
+        recurring.iter().for_each(|(id, gaussians)| self.store.favour(gaussians, *id));
+        Ok(recurring.into_keys().collect())
+    }
+
     /// Takes in what the frame shows: learns from its predictions `seen`, grows by the surfaces that the map lacks, and
     /// forgets those that are gone.
     ///
@@ -195,7 +219,12 @@ impl SplatMemory {
             return (0, Vec::new());
         }
         let before = self.map.len();
-        if let Some(keep) = note_sights(&mut self.map, &recall.sights, self.settings.removal_frames, self.frames) {
+        let found = match recall.sights.is_empty() {
+            true => sights(&self.map.balls, recall.frame, recall.view.camera(), &self.settings),
+            false => Vec::new(),
+        };
+        let sights = if recall.sights.is_empty() { &found } else { &recall.sights };
+        if let Some(keep) = note_sights(&mut self.map, sights, self.settings.removal_frames, self.frames) {
             self.retain(&keep);
         }
         if let Some(keep) = longest_unseen(&self.map, self.settings.max_gaussians) {
@@ -207,17 +236,24 @@ impl SplatMemory {
             self.retain(&keep);
         }
         let removed = before - self.map.len();
-        if removed == 0 && !self.frames.is_multiple_of(FRAMES_PER_CENSUS) {
+        let is_cheap = self.settings.kind == MemoryKind::Evidence;
+        if !is_cheap && removed == 0 && !self.frames.is_multiple_of(FRAMES_PER_CENSUS) {
             return (0, Vec::new());
         }
+        // An id is carried by the Gaussians that show it: stray votes in its neighbours do not.
         let mut carried = vec![false; self.segments.len() + 1];
-        self.store.mark_carried(&mut carried);
+        for id in self.store.segment_ids() {
+            if let Some(carried) = carried.get_mut(id as usize) {
+                *carried = true;
+            }
+        }
         self.depthless.mark_carried(&mut carried);
         (removed, self.segments.note_carried(&carried))
     }
 
     fn retain(&mut self, keep: &[bool]) {
         self.map.retain(keep);
+        self.recurring.retain(keep);
         self.store.retain(keep);
     }
 

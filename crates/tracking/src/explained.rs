@@ -5,11 +5,11 @@
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
 use splatseg_memory::ABSTAIN;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::TrackingError;
 
-/// Settings of these rules. All are fractions from 0 to 1; 0 switches a rule off.
+/// Settings of these rules. All but one are fractions from 0 to 1; 0 switches a rule off.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExplanationSettings {
@@ -19,6 +19,9 @@ pub struct ExplanationSettings {
     /// A prediction without a match is new only if at least this much of it is shown beside what is remembered. The
     /// memory explains the others by segments that it is sure of: they get no id and have no say.
     pub min_new_fraction: f32,
+    /// A prediction that was explained in this many frames more than showed its place without it is new after all: a
+    /// thing that was first seen as part of another.
+    pub recurrences: usize,
     /// A remembered segment that no prediction matches is shown only if at least this much of what was expected is left
     /// of it.
     pub min_remembered_fraction: f32,
@@ -26,13 +29,14 @@ pub struct ExplanationSettings {
 
 impl Default for ExplanationSettings {
     fn default() -> Self {
-        Self { min_visible_fraction: 0.3, min_new_fraction: 0.7, min_remembered_fraction: 0.5 }
+        Self { min_visible_fraction: 0.3, min_new_fraction: 0.7, recurrences: 8, min_remembered_fraction: 0.5 }
     }
 }
 
 impl ExplanationSettings {
     /// No rule at all: the paper's method.
-    pub const NONE: Self = Self { min_visible_fraction: 0.0, min_new_fraction: 0.0, min_remembered_fraction: 0.0 };
+    pub const NONE: Self =
+        Self { min_visible_fraction: 0.0, min_new_fraction: 0.0, recurrences: 0, min_remembered_fraction: 0.0 };
 
     /// The settings, if all are in range.
     ///
@@ -69,26 +73,51 @@ impl ExplanationSettings {
     }
 
     /// Takes what is left of overruled segments out of `shown`: predictions show in their place.
-    pub(crate) fn drop_leftovers(&self, shown: &mut SegmentMap, expected: &SegmentMap, seen: &SegmentMap) {
+    pub(crate) fn drop_leftovers(
+        &self,
+        overruled: &mut OverruledSegments,
+        shown: &mut SegmentMap,
+        expected: &SegmentMap,
+        seen: &SegmentMap,
+    ) {
         if self.min_remembered_fraction == 0.0 {
             return;
         }
-        let (expected, predicted) = (expected.areas(), seen.areas());
-        let is_leftover = |(id, area): &(SegmentId, usize)| {
-            let least = self.min_remembered_fraction * expected.get(id).copied().unwrap_or(0) as f32;
-            !predicted.contains_key(id) && (*area as f32) < least
-        };
-        let leftovers: BTreeSet<SegmentId> = shown.areas().into_iter().filter(is_leftover).map(|(id, _)| id).collect();
-        if leftovers.is_empty() {
+        overruled.take_in(self.min_remembered_fraction, &shown.areas(), &expected.areas(), &seen.areas());
+        if overruled.0.is_empty() {
             return;
         }
         for (shown, seen) in shown.pixels_mut().iter_mut().zip(seen.pixels()) {
-            if leftovers.contains(shown) {
+            if overruled.0.contains_key(shown) {
                 *shown = if *seen == ABSTAIN { 0 } else { *seen };
             }
         }
     }
 }
+
+/// Remembered segments that predictions have overruled, each with the largest area expected of it since: what islands
+/// are left of it in later frames stay hidden, until a prediction has its id again or enough of it shows.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct OverruledSegments(BTreeMap<SegmentId, usize>);
+
+impl OverruledSegments {
+    /// Takes in the areas by id of what a frame shows, what was expected there, and what was predicted.
+    fn take_in(&mut self, min_fraction: f32, shown: &Areas, expected: &Areas, predicted: &Areas) {
+        self.0.retain(|id, _| !predicted.contains_key(id));
+        for (id, area) in expected.iter().filter(|(id, _)| !predicted.contains_key(id)) {
+            let known = self.0.get(id).copied().unwrap_or(0).max(*area);
+            let left = shown.get(id).copied().unwrap_or(0);
+            if (left as f32) < min_fraction * known as f32 {
+                self.0.insert(*id, known);
+            } else {
+                self.0.remove(id);
+            }
+        }
+    }
+}
+
+/// Pixels by segment.
+type Areas = BTreeMap<SegmentId, usize>;
 
 #[cfg(test)]
 mod tests {
@@ -113,11 +142,27 @@ mod tests {
         let expected = map(&[1, 1, 1, 1, 2, 2, 3, 3]);
         let seen = map(&[4, 4, 4, 4, 4, 0, ABSTAIN, 4]);
         let mut shown = map(&[4, 4, 4, 1, 2, 2, 3, 4]);
-        rules.drop_leftovers(&mut shown, &expected, &seen);
+        rules.drop_leftovers(&mut OverruledSegments::default(), &mut shown, &expected, &seen);
         assert_eq!(shown.pixels(), [4, 4, 4, 4, 2, 2, 3, 4], "half of 3 is left, a quarter of 1");
         let mut shown = map(&[4, 4, 4, 1, 2, 2, 3, 4]);
-        ExplanationSettings::NONE.drop_leftovers(&mut shown, &expected, &seen);
+        ExplanationSettings::NONE.drop_leftovers(&mut OverruledSegments::default(), &mut shown, &expected, &seen);
         assert_eq!(shown.pixels()[3], 1);
+    }
+
+    #[test]
+    fn islands_of_an_overruled_segment_do_not_return() {
+        let rules = ExplanationSettings { min_remembered_fraction: 0.5, ..ExplanationSettings::default() };
+        let mut overruled = OverruledSegments::default();
+        let mut shown_after = |shown: &[SegmentId], expected: &[SegmentId], seen: &[SegmentId]| {
+            let mut shown = map(shown);
+            rules.drop_leftovers(&mut overruled, &mut shown, &map(expected), &map(seen));
+            shown.pixels().to_vec()
+        };
+        assert_eq!(shown_after(&[4, 4, 4, 1, 2], &[1, 1, 1, 1, 2], &[4, 4, 4, 4, 0]), [4, 4, 4, 4, 2]);
+        let island = [4, 4, 4, 1, 2];
+        assert_eq!(shown_after(&island, &island, &[4, 4, 4, 4, 0]), [4, 4, 4, 4, 2], "all that is expected is left");
+        assert_eq!(shown_after(&island, &island, &[4, 4, 4, 1, 0]), island, "a prediction has its id");
+        assert_eq!(shown_after(&island, &island, &[4, 4, 4, 4, 0]), island, "it is an equal among others again");
     }
 
     #[test]

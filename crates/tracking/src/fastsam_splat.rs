@@ -1,5 +1,6 @@
 //! FastSAM-Splat: a segmenter without memory, and a splat that remembers (METHOD, "FastSAM-Splat, one frame").
 
+use crate::explained::OverruledSegments;
 use crate::matching::check_min_f_score;
 use crate::painting::{painted_parts, visible_parts};
 use crate::{
@@ -52,6 +53,7 @@ pub struct FastSamSplat {
     segmenter: Box<dyn Segmenter>,
     memory: SplatMemory,
     settings: FastSamSplatSettings,
+    overruled: OverruledSegments,
 }
 
 /// The visible predictions of a frame and the ids they got.
@@ -91,7 +93,7 @@ impl FastSamSplat {
         if memory.settings().kind == MemoryKind::Features {
             settings.explanation = ExplanationSettings::NONE;
         }
-        Ok(Self { segmenter, memory, settings })
+        Ok(Self { segmenter, memory, settings, overruled: OverruledSegments::default() })
     }
 
     /// What is visible of each prediction, where that is enough.
@@ -127,7 +129,13 @@ impl FastSamSplat {
         let size = recall.expected().segments.size();
         let mut seen = painted_parts(size, found.ids.iter().copied().zip(&found.parts));
         let mut shown = self.memory.fuse(recall, &seen)?;
-        let explained = self.settings.explanation.explained(&found.new, &shown);
+        let mut explained = self.settings.explanation.explained(&found.new, &shown);
+        if self.settings.explanation.recurrences > 0 {
+            let map = seen.map(|id| if explained.contains(id) { *id } else { 0 });
+            for id in self.memory.note_explained(recall, &map, self.settings.explanation.recurrences)? {
+                explained.remove(&id);
+            }
+        }
         if !explained.is_empty() {
             for id in seen.pixels_mut().iter_mut().filter(|id| explained.contains(id)) {
                 *id = ABSTAIN;
@@ -135,7 +143,7 @@ impl FastSamSplat {
             explained.iter().for_each(|id| self.memory.take_back(*id));
             shown = self.memory.fuse(recall, &seen)?;
         }
-        self.settings.explanation.drop_leftovers(&mut shown, &recall.expected().segments, &seen);
+        self.settings.explanation.drop_leftovers(&mut self.overruled, &mut shown, &recall.expected().segments, &seen);
         Ok((shown.without_small(self.settings.min_segment_area), seen))
     }
 }

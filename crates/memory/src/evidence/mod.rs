@@ -164,6 +164,14 @@ impl SegmentStore for EvidenceStore {
         LearningExtent { active_pixels: seen.pixels().len(), active_gaussians }
     }
 
+    fn favour(&mut self, gaussians: &[u32], id: SegmentId) {
+        for gaussian in gaussians {
+            let votes = &mut self.votes[*gaussian as usize];
+            votes.add(id, 2.0 * self.settings.max_votes);
+            votes.cap(self.settings.max_votes);
+        }
+    }
+
     fn retain(&mut self, keep: &[bool]) {
         retain(&mut self.votes, keep);
     }
@@ -174,14 +182,6 @@ impl SegmentStore for EvidenceStore {
 
     fn segment_ids(&self) -> Vec<SegmentId> {
         self.votes.iter().map(|votes| votes.winner(self.settings.min_evidence)).collect()
-    }
-
-    fn mark_carried(&self, carried: &mut [bool]) {
-        for (id, _) in self.votes.iter().flat_map(Votes::iter) {
-            if let Some(carried) = carried.get_mut(id as usize) {
-                *carried = true;
-            }
-        }
     }
 
     fn numbers_per_gaussian(&self) -> usize {

@@ -135,14 +135,6 @@ impl SegmentStore for FeatureStore {
         self.features.chunks_exact(self.settings.feature_dim).map(decode).collect()
     }
 
-    fn mark_carried(&self, carried: &mut [bool]) {
-        for id in self.segment_ids() {
-            if let Some(carried) = carried.get_mut(id as usize) {
-                *carried = true;
-            }
-        }
-    }
-
     fn numbers_per_gaussian(&self) -> usize {
         self.settings.feature_dim
     }

@@ -5,6 +5,7 @@ mod coarseness;
 mod features;
 mod growth;
 mod limit;
+mod recurring;
 mod removal;
 mod run;
 mod scene;
