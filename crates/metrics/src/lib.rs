@@ -1,8 +1,8 @@
 //! Video segmentation quality (VSQ) and segmentation and tracking quality (STQ), class-agnostic.
 //!
-//! Labels in, numbers out: [`VideoScorer`] takes one frame at a time and keeps counts, never images; [`DatasetScore`]
-//! sums the counts of videos. Two protocols define both metrics, see [`Protocol`]. How well objects keep their ids is
-//! also told by the size of the object, see [`SizeScores`].
+//! Labels in, numbers out: [`VideoScorer`] takes one frame at a time and keeps counts, not images; [`DatasetScore`] sums
+//! the counts of videos. Two protocols define both metrics, see [`Protocol`]. How well objects keep their ids is also
+//! reported by the size of the object, see [`SizeScores`].
 //!
 //! ```
 //! use splatseg_geometry::SegmentMap;
@@ -19,8 +19,6 @@
 
 mod by_size;
 mod error;
-mod linking;
-mod mask_runs;
 mod overlap;
 mod prediction;
 mod score;

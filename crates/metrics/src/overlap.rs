@@ -1,9 +1,8 @@
-//! Which true segment shares how many pixels with which predicted label, in one frame.
+//! How many pixels each true segment shares with each predicted label in one frame.
 
-use crate::mask_runs::MaskRuns;
 use crate::prediction::Labels;
 use crate::{ScoreSettings, Void};
-use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_geometry::{MaskRuns, SegmentId, SegmentMap};
 use std::collections::BTreeMap;
 
 /// Pixels that a true segment (0: unlabelled) shares with a predicted label (0: none).
@@ -14,33 +13,33 @@ pub(crate) struct Overlap {
     pub(crate) pixels: u64,
 }
 
-/// All that the metrics need to know of one frame. Small true segments are gone, and so are predictions on unlabelled
-/// ground if the settings say so.
+/// All that the metrics need to know about one frame. True segments below the minimum area are left out, and so are
+/// predictions on unlabelled pixels if the settings say so.
 #[derive(Debug)]
 pub(crate) struct FrameOverlaps {
     /// Area of every true segment.
     pub(crate) truth_areas: BTreeMap<SegmentId, u64>,
-    /// Every predicted label (above 0) in full, against every true id and unlabelled ground (0).
+    /// Every predicted label (above 0) with its whole mask, against every true id and unlabelled pixels (0).
     full: Vec<Overlap>,
-    /// The same with one label per pixel; `None` if no predicted masks overlapped, so that `full` is that already.
+    /// The same with one label per pixel; `None` if that is already so in `full`, because no masks overlap.
     flat: Option<Vec<Overlap>>,
-    /// Predicted masks that had no pixel to begin with.
+    /// Labels of predicted masks without any pixel.
     pub(crate) empty_labels: Vec<SegmentId>,
     /// Pixels with a true and a predicted label.
     pub(crate) labelled_predicted: u64,
-    /// Pixels with a true label alone.
+    /// Pixels with a true label only.
     pub(crate) labelled_missed: u64,
-    /// Pixels with a predicted label alone.
+    /// Pixels with a predicted label only.
     pub(crate) unlabelled_predicted: u64,
 }
 
 impl FrameOverlaps {
-    /// Counts a frame. `truth` and `labels` must be of one size.
+    /// Counts a frame. `truth` and `labels` must have the same size.
     pub(crate) fn count(truth: &SegmentMap, labels: &Labels, settings: &ScoreSettings) -> Self {
-        let smallest_area = settings.min_ground_truth_area * truth.pixels().len() as f64;
+        let min_area = settings.min_ground_truth_area * truth.pixels().len() as f64;
         let mut truth_areas: BTreeMap<SegmentId, u64> =
             truth.areas().into_iter().map(|(id, area)| (id, area as u64)).collect();
-        truth_areas.retain(|_, area| *area as f64 >= smallest_area);
+        truth_areas.retain(|_, area| *area as f64 >= min_area);
 
         let cleaned = |mut overlaps: Vec<Overlap>| {
             for overlap in &mut overlaps {
@@ -55,7 +54,7 @@ impl FrameOverlaps {
             Labels::Map(map) => (cleaned(overlaps_of_map(truth, map.pixels())), None, Vec::new()),
             Labels::Masks(masks) => {
                 let full = cleaned(overlaps_of_masks(truth, masks));
-                let flat = cleaned(overlaps_of_map(truth, &painted(masks, truth.pixels().len())));
+                let flat = cleaned(overlaps_of_map(truth, &composited(masks, truth.pixels().len())));
                 let empty = masks.iter().filter(|(_, runs)| runs.area() == 0).map(|(label, _)| *label).collect();
                 (full, Some(flat), empty)
             }
@@ -68,7 +67,7 @@ impl FrameOverlaps {
         Self { truth_areas, full, flat, empty_labels, labelled_predicted, labelled_missed, unlabelled_predicted }
     }
 
-    /// Every predicted mask in full.
+    /// Every predicted mask as it is.
     pub(crate) fn full(&self) -> &[Overlap] {
         &self.full
     }
@@ -79,9 +78,9 @@ impl FrameOverlaps {
     }
 }
 
-/// One label per pixel from masks that may overlap: the smallest mask is on top, of equal ones that with the lowest
-/// label. The paper's code paints masks in this order too (`binmasks_to_panomask` of `metrics/utils.py`).
-fn painted(masks: &[(SegmentId, MaskRuns)], pixels: usize) -> Vec<SegmentId> {
+/// One label per pixel from masks that may overlap: the smallest mask is on top; among masks of equal size, that with
+/// the lowest label. The paper's code composites masks in the same order (`binmasks_to_panomask` in `metrics/utils.py`).
+fn composited(masks: &[(SegmentId, MaskRuns)], pixels: usize) -> Vec<SegmentId> {
     let mut order: Vec<&(SegmentId, MaskRuns)> = masks.iter().collect();
     order.sort_by_key(|(label, runs)| std::cmp::Reverse((runs.area(), *label)));
     let mut map = vec![0; pixels];
@@ -164,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn unlabelled_ground_and_small_truths_can_be_left_out() {
+    fn unlabelled_pixels_and_small_truths_can_be_left_out() {
         let settings = ScoreSettings { void: Void::Excluded, min_ground_truth_area: 0.3, ..ScoreSettings::default() };
         let frame = counted(&settings);
         assert_eq!(triples(frame.full()), [(1, 5, 2)]);

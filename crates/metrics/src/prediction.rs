@@ -1,20 +1,20 @@
-//! What a method says about one frame.
+//! The predicted segments of one frame.
 
 use crate::MetricsError;
-use crate::mask_runs::MaskRuns;
-use splatseg_geometry::{Mask, SegmentId, SegmentMap};
+use splatseg_geometry::{Mask, MaskRuns, SegmentId, SegmentMap};
 use std::collections::BTreeSet;
 
-/// The predicted segments of one frame, of the size of its ground truth. Ids are unrelated to the true ones.
+/// The predicted segments of one frame, in the size of its ground truth. Predicted ids need not match the true ones.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub enum FramePrediction<'a> {
     /// One id per pixel, `[height, width]`, 0 where there is none; an id stays with its object through the video.
     Ids(&'a SegmentMap),
     /// Masks that may overlap, with ids above 0 that stay with their objects through the video; each id at most once.
     Masks(&'a [(SegmentId, Mask)]),
-    /// Masks without ids, which may overlap, of a method that sees each frame alone. Masks of consecutive frames are
-    /// linked by the Hungarian algorithm maximising the summed F-score; a tube that finds no partner in the next frame
-    /// ends. VSQ cuts the linked tubes at its windows, STQ takes them through the video.
+    /// Masks without ids, which may overlap, from a method that segments each frame on its own. Masks of consecutive
+    /// frames are linked by a [`MaskLinker`](splatseg_geometry::MaskLinker); a tube without a partner in the next frame
+    /// ends. VSQ cuts the linked tubes at its windows, STQ takes them over the whole video.
     Unlinked(&'a [Mask]),
 }
 
@@ -25,7 +25,7 @@ pub(crate) enum Linkage {
     Unlinked,
 }
 
-/// The predicted labels of one frame, checked.
+/// The predicted labels of one frame, after checks.
 pub(crate) enum Labels<'a> {
     /// One label per pixel.
     Map(&'a SegmentMap),
@@ -64,11 +64,11 @@ impl<'a> FramePrediction<'a> {
                         return Err(MetricsError::RepeatedId { frame, id: *id });
                     }
                 }
-                Ok(Labels::Masks(masks.iter().map(|(id, mask)| (*id, MaskRuns::of(mask))).collect()))
+                Ok(Labels::Masks(masks.iter().map(|(id, mask)| (*id, MaskRuns::from_mask(mask))).collect()))
             }
             Self::Unlinked(masks) => {
                 masks.iter().try_for_each(mask_size)?;
-                Ok(Labels::Masks((1..).zip(masks.iter().map(MaskRuns::of)).collect()))
+                Ok(Labels::Masks((1..).zip(masks.iter().map(MaskRuns::from_mask)).collect()))
             }
         }
     }

@@ -1,25 +1,23 @@
 //! Scoring a video frame by frame.
 
 use crate::by_size::SizeAccumulator;
-use crate::linking::Linker;
-use crate::mask_runs::MaskRuns;
 use crate::overlap::FrameOverlaps;
 use crate::prediction::{Labels, Linkage};
 use crate::stq::StqAccumulator;
 use crate::tubes::TubeOfLabel;
 use crate::vsq::VsqAccumulator;
 use crate::{FramePrediction, MetricsError, Protocol, RawCounts, ScoreSettings, VideoScore, WindowLength};
-use splatseg_geometry::SegmentMap;
+use splatseg_geometry::{MaskLinker, MaskRuns, SegmentMap};
 
-/// Scores one video, a frame at a time. Frames are counted and dropped: memory grows with the number of tubes that
-/// overlap, not with images.
+/// Scores one video, a frame at a time. Frames are counted, not kept: memory grows with the number of overlapping
+/// tubes, not with the number of frames.
 #[derive(Clone, Debug)]
 pub struct VideoScorer {
     settings: ScoreSettings,
     frames: usize,
     size: Option<(usize, usize)>,
     linkage: Option<Linkage>,
-    linker: Linker,
+    linker: MaskLinker,
     vsq: VsqAccumulator,
     stq: StqAccumulator,
     by_size: SizeAccumulator,
@@ -33,7 +31,7 @@ impl VideoScorer {
             frames: 0,
             size: None,
             linkage: None,
-            linker: Linker::default(),
+            linker: MaskLinker::default(),
             vsq: VsqAccumulator::new(settings.protocol),
             stq: StqAccumulator::new(settings.protocol),
             by_size: SizeAccumulator::default(),
@@ -44,8 +42,8 @@ impl VideoScorer {
     /// objects through the video. The prediction has the same size.
     ///
     /// # Errors
-    /// If sizes differ, the frame's predicted ids are not usable ([`MetricsError`] says how), or predictions with and
-    /// without ids are mixed. Nothing of the frame is counted then.
+    /// If sizes differ, predicted ids are invalid (see [`MetricsError`]), or predictions with and without ids are mixed.
+    /// Then nothing of the frame is counted.
     pub fn push(&mut self, ground_truth: &SegmentMap, prediction: &FramePrediction) -> Result<(), MetricsError> {
         let size = ground_truth.size();
         let expected = self.size.unwrap_or(size);
@@ -62,15 +60,15 @@ impl VideoScorer {
             (linkage, self.settings.protocol, &mut labels)
             && masks.is_empty()
         {
-            // The paper's `collect_rle_window` puts one empty mask in the place of none; it is a false positive.
+            // The paper's `collect_rle_window` replaces no masks with one empty mask, which is a false positive.
             masks.push((1, MaskRuns::default()));
         }
         let overlaps = FrameOverlaps::count(ground_truth, &labels, &self.settings);
-        // Linking is part of the prediction: it sees the masks as they are, unlabelled ground included.
+        // Linking is part of the prediction: it uses the whole masks, unlabelled pixels included.
         let tube_of_label = match (linkage, labels) {
             (Linkage::Unlinked, Labels::Masks(masks)) => {
                 let masks = masks.into_iter().map(|(_, runs)| runs).collect();
-                TubeOfLabel::Linked(self.linker.tubes_of_next(masks))
+                TubeOfLabel::Linked(self.linker.link(masks))
             }
             _ => TubeOfLabel::Id,
         };

@@ -1,11 +1,10 @@
 //! FastSAM on its own: no memory but the frame before (METHOD, "Baselines").
 
-use crate::matching::{check_min_f_score, match_masks};
+use crate::matching::check_min_f_score;
 use crate::painting::painted;
-use crate::segment_ids::SegmentIds;
 use crate::{FrameOutput, Method, StageTimes, TrackErrorCounts, TrackingError, check_sizes};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
+use splatseg_geometry::{Mask, MaskLinker, MaskRuns, RgbdFrame, ScoredMask, SegmentId};
 use splatseg_memory::FrameUpdate;
 use splatseg_segmenter::Segmenter;
 use std::time::Instant;
@@ -23,14 +22,12 @@ pub struct FastSamSettings {
 /// The baseline without memory: every frame is segmented alone, and masks take the ids of those of the frame before
 /// that they overlap.
 ///
-/// The link is the one that the paper's evaluation makes for methods without ids (`get_tubes` in `evaluate_iVPQ.py`):
-/// one-to-one, with the largest sum of F-scores, pairs without overlap undone. A mask without a partner is a new
-/// segment, so whatever is missed in one frame has another id afterwards.
+/// Masks are linked by [`MaskLinker`], as the paper's evaluation does for methods without ids. A mask without a partner
+/// is a new segment, so an object that is missed in one frame has another id afterwards.
 pub struct FastSam {
     segmenter: Box<dyn Segmenter>,
     settings: FastSamSettings,
-    ids: SegmentIds,
-    previous: Vec<(SegmentId, Mask)>,
+    linker: MaskLinker,
 }
 
 impl FastSam {
@@ -40,7 +37,8 @@ impl FastSam {
     /// [`TrackingError::MinMatchFScore`] if that setting is out of range.
     pub fn new(segmenter: Box<dyn Segmenter>, settings: FastSamSettings) -> Result<Self, TrackingError> {
         check_min_f_score(settings.min_match_f_score)?;
-        Ok(Self { segmenter, settings, ids: SegmentIds::default(), previous: Vec::new() })
+        let linker = MaskLinker::new(settings.min_match_f_score);
+        Ok(Self { segmenter, settings, linker })
     }
 }
 
@@ -61,24 +59,14 @@ impl Method for FastSam {
         let started = Instant::now();
         let least = self.settings.min_segment_area.max(1);
         let masks: Vec<&Mask> = masks.iter().map(|mask| &mask.mask).filter(|mask| mask.area() >= least).collect();
-        // Where a video changes its size there is no overlap to speak of.
-        let previous: Vec<&Mask> = self.previous.iter().map(|(_, mask)| mask).collect();
-        let comparable = previous.iter().all(|mask| (mask.width(), mask.height()) == size);
-        let previous = if comparable { previous } else { Vec::new() };
-        let partners = match_masks(&previous, &masks, self.settings.min_match_f_score);
+        let tubes = self.linker.link(masks.iter().map(|mask| MaskRuns::from_mask(mask)).collect());
+        let id = |tube: &u64| SegmentId::try_from(*tube).map_err(|_| TrackingError::OutOfIds);
+        let ids: Vec<SegmentId> = tubes.iter().map(id).collect::<Result<_, _>>()?;
         times.match_segments = started.elapsed();
 
         let started = Instant::now();
-        let mut identified = Vec::with_capacity(masks.len());
-        for (mask, partner) in masks.into_iter().zip(partners) {
-            let id = match partner {
-                Some(partner) => self.previous[partner].0,
-                None => self.ids.new_segment()?,
-            };
-            identified.push((id, mask.clone()));
-        }
+        let identified: Vec<(SegmentId, Mask)> = ids.into_iter().zip(masks.into_iter().cloned()).collect();
         let segments = painted(size, &identified);
-        self.previous.clone_from(&identified);
         times.fuse = started.elapsed();
         let predictions = identified.len();
         Ok(FrameOutput {

@@ -42,7 +42,7 @@ pub use explained::ExplanationSettings;
 pub use fastsam::{FastSam, FastSamSettings};
 pub use fastsam_splat::{FastSamSplat, FastSamSplatSettings};
 pub use fastspam::{FastSpam, FastSpamSettings};
-pub use matching::{match_masks, match_segments};
+pub use matching::match_segments;
 pub use method::Method;
 pub use output::FrameOutput;
 pub use reprompt::RepromptSettings;

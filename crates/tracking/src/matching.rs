@@ -29,32 +29,6 @@ pub fn match_segments(expected: &SegmentMap, predictions: &[&Mask], min_f_score:
     matched
 }
 
-/// For each of the `next` masks the place of the mask of `previous` that it is linked to, if any: the same matching
-/// between masks that may overlap. All masks must be of one image.
-///
-/// # Panics
-/// If masks differ in size.
-pub fn match_masks(previous: &[&Mask], next: &[&Mask], min_f_score: f64) -> Vec<Option<usize>> {
-    let areas: Vec<usize> = previous.iter().map(|mask| mask.area()).collect();
-    let candidates: Vec<Candidate> = next
-        .par_iter()
-        .enumerate()
-        .flat_map_iter(|(prediction, mask)| {
-            let area = mask.area();
-            let areas = &areas;
-            previous.iter().enumerate().filter_map(move |(place, before)| {
-                let intersection = before.intersection_area(mask);
-                candidate(place as u64, prediction, [intersection, areas[place], area], min_f_score)
-            })
-        })
-        .collect();
-    let mut matched = vec![None; next.len()];
-    for index in best_assignment(&candidates) {
-        matched[candidates[index].column as usize] = Some(candidates[index].row as usize);
-    }
-    matched
-}
-
 /// That a smallest F-score is one.
 pub(crate) fn check_min_f_score(found: f64) -> Result<(), TrackingError> {
     if (0.0..=1.0).contains(&found) { Ok(()) } else { Err(TrackingError::MinMatchFScore(found)) }

@@ -1,17 +1,19 @@
-//! Masks as runs of pixels, so that overlaps of many masks cost time by their outlines instead of by the image.
+//! Masks as runs of pixels: the overlap of two masks costs time in proportion to their outlines, not to the image.
 
-use splatseg_geometry::Mask;
+use crate::Mask;
 use std::ops::Range;
 
-/// The pixels of a mask as runs of consecutive row-major indices, increasing, none empty, no two touching.
+/// The pixels of a mask as runs of consecutive row-major indices, in increasing order; no run is empty and no two touch.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct MaskRuns {
+pub struct MaskRuns {
+    size: (usize, usize),
     runs: Vec<Range<usize>>,
     area: u64,
 }
 
 impl MaskRuns {
-    pub(crate) fn of(mask: &Mask) -> Self {
+    /// The runs of a mask's pixels.
+    pub fn from_mask(mask: &Mask) -> Self {
         let mut runs: Vec<Range<usize>> = Vec::new();
         let mut area = 0;
         for pixel in mask.pixel_indices() {
@@ -21,20 +23,24 @@ impl MaskRuns {
                 _ => runs.push(pixel..pixel + 1),
             }
         }
-        Self { runs, area }
+        Self { size: (mask.width(), mask.height()), runs, area }
     }
 
-    pub(crate) fn runs(&self) -> &[Range<usize>] {
+    /// The runs.
+    pub fn runs(&self) -> &[Range<usize>] {
         &self.runs
     }
 
     /// Number of pixels.
-    pub(crate) fn area(&self) -> u64 {
+    pub fn area(&self) -> u64 {
         self.area
     }
 
-    /// Number of pixels in both masks.
-    pub(crate) fn intersection_area(&self, other: &Self) -> u64 {
+    /// Number of pixels in both masks; 0 if they belong to images of different sizes.
+    pub fn intersection_area(&self, other: &Self) -> u64 {
+        if self.size != other.size {
+            return 0;
+        }
         let (mut ours, mut theirs) = (self.runs.iter().peekable(), other.runs.iter().peekable());
         let mut pixels = 0;
         while let (Some(our), Some(their)) = (ours.peek(), theirs.peek()) {
@@ -60,11 +66,18 @@ mod tests {
                                       b in prop::collection::vec(any::<bool>(), 91..=91)) {
             let mask = |pixels: &[bool]| Mask::from_fn(13, 7, |column, row| pixels[row * 13 + column]);
             let (first, second) = (mask(&a), mask(&b));
-            let (first_runs, second_runs) = (MaskRuns::of(&first), MaskRuns::of(&second));
+            let (first_runs, second_runs) = (MaskRuns::from_mask(&first), MaskRuns::from_mask(&second));
             prop_assert_eq!(first_runs.area(), first.area() as u64);
             prop_assert_eq!(first_runs.intersection_area(&second_runs), first.intersection_area(&second) as u64);
             let pixels: Vec<usize> = first_runs.runs().iter().cloned().flatten().collect();
             prop_assert_eq!(pixels, first.pixel_indices().collect::<Vec<_>>());
         }
+    }
+
+    #[test]
+    fn masks_of_different_images_do_not_overlap() {
+        let full = |width, height| MaskRuns::from_mask(&Mask::from_fn(width, height, |_, _| true));
+        assert_eq!(full(6, 4).intersection_area(&full(6, 4)), 24);
+        assert_eq!(full(6, 4).intersection_area(&full(4, 6)), 0);
     }
 }
