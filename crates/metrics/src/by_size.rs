@@ -12,14 +12,15 @@ pub const SMALL_BELOW_PX: u64 = 400;
 /// A true object is large above this mean area, in pixels.
 pub const LARGE_ABOVE_PX: u64 = 4000;
 
-/// The size of a true object: the mean of its area over the frames that show it, in pixels of the frames that are
-/// scored. As JSON keys: `"small"`, `"medium"`, `"large"`.
+/// The size of a true object: its mean area over the frames that show it, in pixels of the scored frames. As JSON keys:
+/// `"small"`, `"medium"`, `"large"`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[non_exhaustive]
 #[serde(rename_all = "lowercase")]
 pub enum SizeClass {
     /// Under [`SMALL_BELOW_PX`].
     Small,
-    /// From [`SMALL_BELOW_PX`] to [`LARGE_ABOVE_PX`], both included.
+    /// From [`SMALL_BELOW_PX`] to [`LARGE_ABOVE_PX`], inclusive.
     Medium,
     /// Over [`LARGE_ABOVE_PX`].
     Large,
@@ -29,8 +30,8 @@ impl SizeClass {
     /// All classes, increasing.
     pub const ALL: [Self; 3] = [Self::Small, Self::Medium, Self::Large];
 
-    /// The class of an object with `pixels` in all of its `frames` together.
-    fn of(pixels: u64, frames: u64) -> Self {
+    /// The class of an object that has `pixels` pixels in all of its `frames` together.
+    fn from_area(pixels: u64, frames: u64) -> Self {
         if pixels < SMALL_BELOW_PX * frames {
             Self::Small
         } else if pixels > LARGE_ABOVE_PX * frames {
@@ -60,25 +61,25 @@ impl SizeClass {
     }
 }
 
-/// Counts of the true objects of one size; sums over videos are counts again.
+/// Counts of the true objects of one size. Counts of several videos can be added.
 ///
-/// The id of an object in a frame is the predicted id on more than half of its pixels, where each pixel has one id:
-/// where predicted masks overlap, the smallest one's (as in [`Protocol::Strict`](crate::Protocol::Strict), but in both
-/// protocols). There is at most one such id. A neighbour's mask that spills over the border adds none, and neither does
-/// a frame in which nothing or too little is predicted on the object; a neighbour's mask that swallows the object does.
+/// The id of an object in a frame is the predicted id that covers more than half of its pixels. Each pixel has one id:
+/// where predicted masks overlap, that of the smallest (as in [`Protocol::Strict`](crate::Protocol::Strict), but under
+/// both protocols). So there is at most one such id. A neighbour's mask that spills over the border adds no id, and
+/// neither does a frame in which too little of the object is covered; a neighbour's mask that swallows the object does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SizeCounts {
-    /// The part of [`StqCounts::sum_association`](crate::StqCounts::sum_association) that is of these objects.
+    /// What these objects contribute to [`StqCounts::sum_association`](crate::StqCounts::sum_association).
     pub sum_association: f64,
     /// Number of objects: true tracks.
     pub objects: u64,
-    /// Number of objects that have an id in any frame.
+    /// Number of objects that have an id in at least one frame.
     pub found: u64,
     /// Number of distinct ids of each object over its video, summed over objects.
     pub ids: u64,
     /// Number of frames that show each object, summed over objects.
     pub frames: u64,
-    /// Number of frames in which each object has the id that it has most often, summed over objects.
+    /// Number of frames in which each object has its most frequent id, summed over objects.
     pub main_id_frames: u64,
 }
 
@@ -105,24 +106,25 @@ impl SizeCounts {
     }
 }
 
-/// How well the objects of one size keep their ids. [`SizeCounts`] says what the id of an object is. `None` (JSON
-/// `null`) where there is nothing to divide by.
+/// How well the objects of one size keep their ids. [`SizeCounts`] defines the id of an object. `None` (JSON `null`)
+/// where there is nothing to divide by.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct SizeScores {
     /// Number of true objects.
     pub objects: u64,
-    /// Mean association quality of these objects, percent: each has the same weight, as in
+    /// Mean association quality of these objects, percent; all have the same weight, as in
     /// [`Scores::aq`](crate::Scores::aq).
     pub aq: Option<f64>,
-    /// Objects that have an id in any frame, percent of all.
+    /// Objects that have an id in at least one frame, percent.
     pub found: Option<f64>,
-    /// Mean number of distinct ids of an object over its video, of those that have any. 1 is best.
+    /// Mean number of distinct ids over the video, of the objects that have any; 1 is best.
     pub ids_per_object: Option<f64>,
-    /// Frames in which an object has the id that it has most often, percent of the frames that show one.
+    /// Frames in which an object has its most frequent id, percent of the frames that show it.
     pub main_id: Option<f64>,
 }
 
-/// A true object over its video.
+/// What is known of a true object's ids over its video.
 #[derive(Clone, Debug, Default)]
 struct ObjectIds {
     frames: u64,
@@ -131,7 +133,7 @@ struct ObjectIds {
     frames_of_id: BTreeMap<TubeId, u64>,
 }
 
-/// Ids of the objects of a video, frame by frame. Holds one count per object and id that it ever has.
+/// Collects the ids of a video's objects, frame by frame. Holds one count for each object and id.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SizeAccumulator {
     objects: BTreeMap<SegmentId, ObjectIds>,
@@ -146,7 +148,7 @@ impl SizeAccumulator {
             object.pixels += area;
         }
         for overlap in frame.flat() {
-            // Unlabelled ground has no area.
+            // Unlabelled pixels belong to no object.
             let Some(area) = frame.truth_areas.get(&overlap.truth) else { continue };
             if 2 * overlap.pixels > *area {
                 let object = self.objects.entry(overlap.truth).or_default();
@@ -155,11 +157,11 @@ impl SizeAccumulator {
         }
     }
 
-    /// Counts by size, with the association of each true track as STQ has it; tracks that are absent there have 0.
+    /// Counts by size. `associations` is what each true track contributes to STQ; 0 for tracks that it lacks.
     pub(crate) fn finish(self, associations: &BTreeMap<SegmentId, f64>) -> BTreeMap<SizeClass, SizeCounts> {
-        let mut counts = no_counts();
+        let mut counts = zero_counts();
         for (truth, object) in &self.objects {
-            counts.entry(SizeClass::of(object.pixels, object.frames)).or_default().add(&SizeCounts {
+            counts.entry(SizeClass::from_area(object.pixels, object.frames)).or_default().add(&SizeCounts {
                 sum_association: associations.get(truth).copied().unwrap_or(0.0),
                 objects: 1,
                 found: u64::from(!object.frames_of_id.is_empty()),
@@ -172,8 +174,8 @@ impl SizeAccumulator {
     }
 }
 
-/// Every class, without objects.
-pub(crate) fn no_counts() -> BTreeMap<SizeClass, SizeCounts> {
+/// Zero counts for every class.
+pub(crate) fn zero_counts() -> BTreeMap<SizeClass, SizeCounts> {
     SizeClass::ALL.map(|class| (class, SizeCounts::default())).into()
 }
 
@@ -192,7 +194,7 @@ mod tests {
             (8000, 2, SizeClass::Medium),
             (8001, 2, SizeClass::Large),
         ] {
-            assert_eq!(SizeClass::of(pixels, frames), class, "{pixels} pixels in {frames} frames");
+            assert_eq!(SizeClass::from_area(pixels, frames), class, "{pixels} pixels in {frames} frames");
         }
         let labels = SizeClass::ALL.map(SizeClass::label);
         assert_eq!(labels, ["small (under 400 px)", "medium (400 to 4000 px)", "large (over 4000 px)"]);

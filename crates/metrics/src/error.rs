@@ -54,12 +54,12 @@ pub enum MetricsError {
         /// Index of the frame.
         frame: usize,
     },
-    /// A video was scored with other settings than the data set it is added to.
-    #[error("the video was scored with {found:?} but the data set with {expected:?}")]
+    /// A video was scored with other settings than the dataset it is added to.
+    #[error("the video was scored with {found:?} but the dataset with {expected:?}")]
     SettingsDiffer {
         /// Settings of the video.
         found: ScoreSettings,
-        /// Settings of the data set.
+        /// Settings of the dataset.
         expected: ScoreSettings,
     },
 }

@@ -1,21 +1,22 @@
-//! Scores of videos and data sets.
+//! Scores of videos and datasets.
 
-use crate::by_size::no_counts;
+use crate::by_size::zero_counts;
 use crate::{MetricsError, ScoreSettings, SizeClass, SizeCounts, SizeScores, StqCounts, VsqCounts, WindowLength};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Scores in percent (but for what [`SizeScores`] counts); `None` (JSON `null`) where there is nothing to divide by.
+/// Scores, percent (except for the numbers in [`SizeScores`]); `None` (JSON `null`) where there is nothing to divide by.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Scores {
     /// Mean of the `vsq_k` that are not `None`.
     pub vsq: Option<f64>,
     /// VSQ^k by window length k.
     pub vsq_k: BTreeMap<WindowLength, Option<f64>>,
-    /// √(AQ · SQ). Never `None` in the strict protocol, where an empty quotient is 0 as in STEP's code.
+    /// √(AQ · SQ). Never `None` under the strict protocol, where division by zero gives 0, as in STEP's code.
     pub stq: Option<f64>,
-    /// Association quality; 0 without true tracks. In the paper protocol above 100 if masks that overlap each other
-    /// cover the same object, which that code allows.
+    /// Association quality; 0 without true tracks. Under the paper protocol it can exceed 100 where overlapping masks
+    /// cover the same object, which the paper's code allows.
     pub aq: Option<f64>,
     /// Segmentation quality.
     pub sq: Option<f64>,
@@ -23,14 +24,15 @@ pub struct Scores {
     pub by_size: BTreeMap<SizeClass, SizeScores>,
 }
 
-/// Summed counts, of which scores are quotients.
+/// The counts that scores are computed from. Counts of several videos can be added.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct RawCounts {
     /// Counts of VSQ^k by window length k.
     pub vsq_k: BTreeMap<WindowLength, VsqCounts>,
     /// Counts of STQ.
     pub stq: StqCounts,
-    /// Counts of ids by the size of the object, for every class.
+    /// Counts of ids, by size of the object; every class is there.
     pub by_size: BTreeMap<SizeClass, SizeCounts>,
     /// Number of frames.
     pub frames: u64,
@@ -41,7 +43,7 @@ impl RawCounts {
         Self {
             vsq_k: WindowLength::ALL.map(|length| (length, VsqCounts::default())).into(),
             stq: StqCounts::default(),
-            by_size: no_counts(),
+            by_size: zero_counts(),
             frames: 0,
         }
     }
@@ -73,7 +75,7 @@ impl RawCounts {
     }
 }
 
-/// What a scored video comes to.
+/// The score of a video.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VideoScore {
     settings: ScoreSettings,
@@ -95,13 +97,13 @@ impl VideoScore {
         &self.counts
     }
 
-    /// The settings it was scored with.
+    /// The settings that the video was scored with.
     pub fn settings(&self) -> &ScoreSettings {
         &self.settings
     }
 }
 
-/// Scores over the videos of a data set: tracks, tubes and pixels are summed, not videos averaged.
+/// Scores over the videos of a dataset: tracks, tubes and pixels are summed; scores of videos are not averaged.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DatasetScore {
     settings: ScoreSettings,
@@ -110,7 +112,7 @@ pub struct DatasetScore {
 }
 
 impl DatasetScore {
-    /// A data set without videos yet, all of which are scored with `settings`.
+    /// A dataset without videos yet. All of its videos must be scored with `settings`.
     pub fn new(settings: ScoreSettings) -> Self {
         Self { settings, counts: RawCounts::zero(), videos: 0 }
     }
@@ -118,7 +120,7 @@ impl DatasetScore {
     /// Adds a video.
     ///
     /// # Errors
-    /// [`MetricsError::SettingsDiffer`] if it was scored with other settings; nothing is added then.
+    /// [`MetricsError::SettingsDiffer`] if it was scored with other settings; then nothing is added.
     pub fn add(&mut self, video: &VideoScore) -> Result<(), MetricsError> {
         if video.settings != self.settings {
             return Err(MetricsError::SettingsDiffer { found: video.settings, expected: self.settings });

@@ -7,8 +7,9 @@ use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
 use std::collections::BTreeMap;
 
-/// Counts of STQ; sums over videos are counts again.
+/// Counts of STQ. Counts of several videos can be added.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct StqCounts {
     /// Sum over true tracks g of (1/|g|) Σ over predicted tracks p of TPA² / |p ∪ g| (STEP, equation 3).
     pub sum_association: f64,
@@ -16,9 +17,9 @@ pub struct StqCounts {
     pub tracks: u64,
     /// Pixels with a true and a predicted label.
     pub labelled_predicted: u64,
-    /// Pixels with a true label alone.
+    /// Pixels with a true label only.
     pub labelled_missed: u64,
-    /// Pixels with a predicted label alone.
+    /// Pixels with a predicted label only.
     pub unlabelled_predicted: u64,
 }
 
@@ -63,7 +64,7 @@ impl StqCounts {
     }
 }
 
-/// STQ of a video, frame by frame. Holds one count per pair of tracks that ever overlap.
+/// Collects the counts of STQ, frame by frame. Holds one count for each pair of tracks that overlap anywhere.
 #[derive(Clone, Debug)]
 pub(crate) struct StqAccumulator {
     protocol: Protocol,
@@ -88,7 +89,7 @@ impl StqAccumulator {
         self.counts.unlabelled_predicted += frame.unlabelled_predicted;
     }
 
-    /// What each true track so far adds to [`StqCounts::sum_association`]; tracks without any overlap are absent.
+    /// What each true track so far contributes to [`StqCounts::sum_association`]; tracks without any overlap are absent.
     pub(crate) fn associations(&self) -> BTreeMap<SegmentId, f64> {
         let mut associations = BTreeMap::new();
         for (truth, _, areas) in self.tracks.pairs() {

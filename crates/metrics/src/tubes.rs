@@ -1,4 +1,4 @@
-//! Tubes (a segment in several frames) as pixel counts.
+//! Tubes, a segment's masks over several frames, as pixel counts.
 
 use crate::overlap::{FrameOverlaps, Overlap};
 use splatseg_geometry::SegmentId;
@@ -25,8 +25,8 @@ impl TubeOfLabel<'_> {
     }
 }
 
-/// Areas of all true and predicted tubes of some frames, and the areas of their intersections: what VSQ needs of a
-/// window and STQ of a video. Ordered maps, so that sums are taken in the same order every time.
+/// Areas of the true and predicted tubes of some frames, and of their intersections: all that VSQ needs to know about a
+/// window, and STQ about a video. The maps are ordered, so that sums are always taken in the same order.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TubeCounts {
     pub(crate) truth_areas: BTreeMap<SegmentId, u64>,
@@ -36,7 +36,7 @@ pub(crate) struct TubeCounts {
 }
 
 impl TubeCounts {
-    /// Adds a frame, with the predicted masks as in `overlaps` (the frame's `full` or `flat` ones).
+    /// Adds a frame. `overlaps` are its `full` or `flat` ones.
     pub(crate) fn add(&mut self, frame: &FrameOverlaps, overlaps: &[Overlap], tube_of_label: TubeOfLabel) {
         for (truth, area) in &frame.truth_areas {
             *self.truth_areas.entry(*truth).or_insert(0) += area;

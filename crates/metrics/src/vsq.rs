@@ -4,14 +4,14 @@ use crate::Protocol;
 use crate::overlap::FrameOverlaps;
 use crate::tubes::{PairAreas, TubeCounts, TubeId, TubeOfLabel};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::SegmentId;
-use splatseg_geometry::{Candidate, Ratio, best_assignment};
+use splatseg_geometry::{Candidate, Ratio, SegmentId, best_assignment};
 
 /// Frames from the start of one window to the start of the next.
 const WINDOW_STEP: usize = 15;
 
 /// The window lengths k over which VSQ is the mean. As JSON keys: `"1"`, `"5"`, `"10"`, `"15"`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum WindowLength {
     /// One frame.
     #[serde(rename = "1")]
@@ -42,8 +42,9 @@ impl WindowLength {
     }
 }
 
-/// Counts of one window length; sums over windows and videos are counts again.
+/// Counts of one window length. Counts of several windows or videos can be added.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct VsqCounts {
     /// Sum of the true positives' IoU.
     pub sum_iou: f64,
@@ -75,7 +76,7 @@ impl VsqCounts {
         self.windows += other.windows;
     }
 
-    fn of_window(tubes: &TubeCounts, protocol: Protocol) -> Self {
+    fn from_window(tubes: &TubeCounts, protocol: Protocol) -> Self {
         let candidate = |(truth, tube, areas): (SegmentId, TubeId, PairAreas)| {
             let iou = Ratio::iou(areas.intersection, areas.truth, areas.predicted);
             let matched_on = match protocol {
@@ -108,14 +109,14 @@ fn is_true_positive(iou: Ratio, protocol: Protocol) -> bool {
     }
 }
 
-/// VSQ of a video, frame by frame. Holds the counts of the current window alone.
+/// Collects the counts of VSQ, frame by frame. Holds the tubes of the current window only.
 #[derive(Clone, Debug)]
 pub(crate) struct VsqAccumulator {
     protocol: Protocol,
     frames_in_window: usize,
     window: TubeCounts,
-    /// Of the current window, by [`WindowLength::ALL`]: the paper's code counts a window only if a frame follows it,
-    /// and that is not known before the frame comes.
+    /// Counts of the current window, by [`WindowLength::ALL`]. The paper's code counts a window only if a frame follows
+    /// it, which is not known until that frame arrives.
     provisional: [VsqCounts; 4],
     confirmed: [VsqCounts; 4],
 }
@@ -147,7 +148,7 @@ impl VsqAccumulator {
         self.frames_in_window += 1;
         for (length, counts) in WindowLength::ALL.into_iter().zip(&mut self.provisional) {
             if length.frames() == self.frames_in_window {
-                *counts = VsqCounts::of_window(&self.window, self.protocol);
+                *counts = VsqCounts::from_window(&self.window, self.protocol);
             }
         }
         if self.protocol == Protocol::Strict {
@@ -161,7 +162,7 @@ impl VsqAccumulator {
         }
     }
 
-    /// The counts of all windows that count, by [`WindowLength::ALL`].
+    /// The counts of all confirmed windows, by [`WindowLength::ALL`].
     pub(crate) fn finish(self) -> [VsqCounts; 4] {
         self.confirmed.map(|counts| {
             // `summarize_iVPQ` of the paper's code leaves out a video in which nothing was to be found.
