@@ -20,7 +20,6 @@ mod options;
 mod output_folder;
 mod result_writer;
 mod run;
-mod score_table;
 
 pub use arguments::Arguments;
 pub use failure::Failure;

@@ -1,6 +1,6 @@
 //! One method on one scene with one seed.
 
-use super::thumbnail::{StripFrames, jpeg_data_uri};
+use super::pictures::{StripFrames, jpeg_data_uri};
 use crate::command::lookahead::{Lookahead, Processed};
 use crate::command::method::{Memory, make_method, make_segmenter};
 use indicatif::ProgressBar;
@@ -11,6 +11,7 @@ use splatseg_dataset::{FrameStream, GroundTruth, StreamedFrame, open_scene};
 use splatseg_geometry::{Mask, SegmentMap};
 use splatseg_memory::{FrameUpdate, SplatMemory};
 use splatseg_metrics::{FramePrediction, Protocol, ScoreSettings, VideoScore, VideoScorer};
+use splatseg_report::{Series, Thumbnail};
 use splatseg_segmenter::PreparedMasks;
 use splatseg_tracking::{FrameOutput, StageTimes, TrackErrorCounts, TrackingError};
 use std::collections::BTreeMap;
@@ -64,24 +65,6 @@ pub struct JobResult {
     pub series: Series,
     /// Some of the frames, to look at.
     pub strip: Vec<Thumbnail>,
-}
-
-/// Numbers for each frame with a result.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Series {
-    /// Time of each stage, milliseconds, in the order of the method.
-    pub stage_ms: Vec<(String, Vec<f32>)>,
-    /// Gaussians in the memory after the frame; empty for methods without memory.
-    pub gaussians: Vec<usize>,
-}
-
-/// A result drawn over its frame.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Thumbnail {
-    /// Name of the frame.
-    pub frame: String,
-    /// A JPEG as `data:` URI.
-    pub image: String,
 }
 
 impl JobResult {
@@ -235,7 +218,7 @@ impl Recorder {
         self.counts.times += output.times;
         self.counts.track_errors += output.track_errors;
         self.counts.ids.extend(output.segments.areas().into_keys());
-        self.series.push(&output.times, memory);
+        self.series.push(output.times.stages(), memory.map(SplatMemory::gaussian_count));
         if let Some(truth) = &frame.ground_truth {
             self.score(truth, output).map_err(|error| format!("frame {}: {error}", frame.frame.name()))?;
         }
@@ -291,20 +274,6 @@ impl Recorder {
             series: self.series,
             strip: self.strip,
         })
-    }
-}
-
-impl Series {
-    fn push(&mut self, times: &StageTimes, memory: Option<&SplatMemory>) {
-        let stages = times.stages();
-        self.stage_ms.resize_with(stages.len(), Default::default);
-        for ((name, values), (stage, time)) in self.stage_ms.iter_mut().zip(stages) {
-            if name.is_empty() {
-                *name = stage.to_owned();
-            }
-            values.push((time.as_secs_f64() * 1e3) as f32);
-        }
-        self.gaussians.extend(memory.map(SplatMemory::gaussian_count));
     }
 }
 

@@ -33,19 +33,6 @@ pub struct Variant {
     pub changes: Vec<String>,
 }
 
-impl Variant {
-    /// Its name in tables.
-    pub fn label(&self) -> String {
-        let name = self.method.name();
-        self.change().map_or_else(|| name.to_owned(), |change| format!("{name} {change}"))
-    }
-
-    /// What differs, in one text.
-    pub fn change(&self) -> Option<String> {
-        (!self.changes.is_empty()).then(|| self.changes.join(" "))
-    }
-}
-
 /// One thing to run. Variants that come to the same settings share it.
 #[derive(Clone, Debug)]
 pub struct Job {

@@ -1,4 +1,4 @@
-//! Jobs at the same time, each on threads of its own.
+//! Runs jobs at the same time, each on threads of its own.
 
 use super::plan::Job;
 use crate::command::Failure;
@@ -9,15 +9,15 @@ use std::sync::{Mutex, PoisonError};
 /// How jobs share the machine.
 #[derive(Clone, Copy, Debug)]
 pub struct Workers {
-    /// Jobs at a time.
+    /// Number of jobs at a time.
     pub jobs: usize,
-    /// Threads of all of them; 0: one per core.
+    /// Number of threads for all of them together; 0: one per core.
     pub threads: usize,
 }
 
 impl Workers {
-    /// Does `work` on every job; results are in the jobs' order, whatever the number of workers. A job that panics
-    /// has failed, and the others go on.
+    /// Runs `work` on every job. Results are in the order of the jobs, whatever the number of workers. A job that panics
+    /// fails; the others go on.
     pub fn run<T: Send>(
         &self,
         jobs: &[Job],

@@ -7,13 +7,13 @@ mod predictions;
 use super::Failure;
 use super::options::{DatasetOptions, ScoreOptions};
 use super::output_folder::Existing;
-use super::score_table::{SIZE_COLUMNS_EXPLAINED, protocol_name, terminal_size_table, terminal_table};
 use clap::Args;
 use pairing::{MissingFrames, SelectedFrames};
 use predictions::Predictions;
 use serde::Serialize;
 use splatseg_dataset::{DatasetSettings, Scene, open_scene, write_atomically};
 use splatseg_metrics::{RawCounts, Scores, VideoScore, VideoScorer, Void};
+use splatseg_report::{SIZE_COLUMNS_EXPLAINED, terminal_size_table, terminal_table};
 use std::path::{Path, PathBuf};
 
 const HELP: &str = "Predictions are one of\n\
@@ -120,7 +120,7 @@ pub fn eval(arguments: &EvalArguments) -> Result<(), Failure> {
 }
 
 fn print_scores(arguments: &EvalArguments, score: &VideoScore, counts: &MissingCounts) {
-    let protocol = protocol_name(score.settings().protocol);
+    let protocol = score.settings().protocol.name();
     say!("{}: {} frames, protocol {protocol}, percent", arguments.gt, score.counts().frames);
     for (count, what) in [
         (counts.missing_predictions, "frames without prediction, scored as empty"),
@@ -142,7 +142,7 @@ fn write_json(arguments: &EvalArguments, score: &VideoScore, missing: MissingCou
     let settings = score.settings();
     let evaluation = Evaluation {
         scores: score.scores(),
-        protocol: protocol_name(settings.protocol),
+        protocol: settings.protocol.name(),
         void: settings.void,
         min_truth_area: settings.min_ground_truth_area,
         scene: &arguments.gt,

@@ -1,4 +1,4 @@
-//! What the paper's tables are made from: scenes and checkpoints in the user's folders.
+//! What the paper's tables need: scenes and checkpoints in the user's folders.
 
 use crate::command::Failure;
 use splatseg_dataset::{DatasetSettings, open_scene};
@@ -6,15 +6,32 @@ use splatseg_models::checkpoint::{Architecture, Checkpoint};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// A file of scene names, one per line, as ScanNet publishes its validation split.
+/// A file of scene names, one per line: the form in which ScanNet publishes its validation split.
 const VALIDATION_SPLIT: &str = "scannetv2_val.txt";
 
-/// Something that is not there, and where its owner publishes it.
+/// An input of the paper's tables.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input {
+    /// Scenes of ScanNet.
+    Scenes,
+    /// The scenes of the validation split that were not found, where others were.
+    RestOfTheSplit,
+    /// FastSAM's checkpoint.
+    FastSam,
+    /// SAM 2.1's checkpoint.
+    Sam2,
+    /// The dataset MVPd.
+    Mvpd,
+}
+
+/// An input that was not found, and where its owner publishes it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MissingInput {
-    /// What, and for which rows.
+    /// Which input.
+    pub input: Input,
+    /// Its name, and the rows that need it.
     pub what: String,
-    /// Where.
+    /// Where to get it.
     pub published: &'static str,
 }
 
@@ -45,33 +62,37 @@ impl Inputs {
         }
         if inputs.scenes.is_empty() {
             inputs.missing.push(MissingInput {
+                input: Input::Scenes,
                 what: "ScanNet's validation scenes (.sens, or exported with labels): every row".to_owned(),
                 published: "http://www.scan-net.org, after signing its terms of use",
             });
         }
         if let Some(folder) = weights_dir {
-            inputs.look_for_weights(folder)?;
+            inputs.find_weights(folder)?;
         }
         if inputs.fastsam.is_none() {
             inputs.missing.push(MissingInput {
-                what: "FastSAM-x.pt: every row but those prompted from ground truth".to_owned(),
+                input: Input::FastSam,
+                what: "FastSAM-x.pt: every row except those prompted from ground truth".to_owned(),
                 published: "https://github.com/CASIA-IVA-Lab/FastSAM, or https://docs.ultralytics.com/models/fast-sam",
             });
         }
         if inputs.sam2.is_none() {
             inputs.missing.push(MissingInput {
+                input: Input::Sam2,
                 what: "sam2.1_hiera_base_plus.pt: SAM2 and SAM2-Splat".to_owned(),
                 published: "https://github.com/facebookresearch/sam2",
             });
         }
         inputs.missing.push(MissingInput {
+            input: Input::Mvpd,
             what: "MVPd: its table".to_owned(),
             published: "https://topipari.com/projects/FastSAM-Splat",
         });
         Ok(inputs)
     }
 
-    fn look_for_weights(&mut self, folder: &Path) -> Result<(), Failure> {
+    fn find_weights(&mut self, folder: &Path) -> Result<(), Failure> {
         let mut found: Vec<(PathBuf, Architecture)> = Vec::new();
         for path in entries(folder)? {
             let extension = path.extension().and_then(|extension| extension.to_str());
@@ -80,20 +101,20 @@ impl Inputs {
             }
             match Checkpoint::open(&path) {
                 Ok(checkpoint) => found.push((path, checkpoint.architecture())),
-                Err(error) => self.notes.push(format!("left alone: {error}")),
+                Err(error) => self.notes.push(format!("skipped: {error}")),
             }
         }
         if let Some((path, name)) = best(&found, fastsam_rank) {
             if fastsam_rank(&name) != Some(0) {
                 self.notes
-                    .push(format!("the paper's FastSAM-x is not there; in its place: {name}, {}", path.display()));
+                    .push(format!("the paper's FastSAM-x was not found; used instead: {name}, {}", path.display()));
             }
             self.fastsam = Some(path);
         }
         if let Some((path, name)) = best(&found, sam2_rank) {
             if sam2_rank(&name) != Some(0) {
                 let (name, path) = (name.to_string(), path.display());
-                self.notes.push(format!("the paper's SAM 2.1 base_plus is not there; in its place: {name}, {path}"));
+                self.notes.push(format!("the paper's SAM 2.1 base_plus was not found; used instead: {name}, {path}"));
             }
             self.sam2 = Some(path);
         }
@@ -101,7 +122,7 @@ impl Inputs {
     }
 }
 
-/// The scenes of ScanNet in a folder: the folder itself, or what lies in it or in its `scans`.
+/// The scenes of ScanNet in a folder: the folder itself, or those in it or in its `scans`.
 fn scenes(folder: &Path, missing: &mut Vec<MissingInput>) -> Result<Vec<String>, Failure> {
     let settings = DatasetSettings::default();
     let can_be_opened = |path: &Path| open_scene(path, &settings).is_ok();
@@ -122,6 +143,7 @@ fn scenes(folder: &Path, missing: &mut Vec<MissingInput>) -> Result<Vec<String>,
     let absent: Vec<&str> = wanted.iter().flatten().copied().filter(|name| !there.contains(*name)).collect();
     if let [first, ..] = absent.as_slice() {
         missing.push(MissingInput {
+            input: Input::RestOfTheSplit,
             what: format!("{} scenes of {VALIDATION_SPLIT}, {first} the first", absent.len()),
             published: "http://www.scan-net.org, after signing its terms of use",
         });
@@ -129,7 +151,7 @@ fn scenes(folder: &Path, missing: &mut Vec<MissingInput>) -> Result<Vec<String>,
     Ok(paths.iter().map(|path| path.to_string_lossy().into_owned()).collect())
 }
 
-/// What lies in a folder, by name.
+/// A folder's entries, by name.
 fn entries(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     let of_folder = |error: std::io::Error| Failure::input(format!("{}: {error}", folder.display()));
     let mut paths = std::fs::read_dir(folder)
@@ -140,7 +162,7 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     Ok(paths)
 }
 
-/// The checkpoint of the lowest rank, and of several the first by name.
+/// The checkpoint of the lowest rank; of several such, the first by name.
 fn best(
     found: &[(PathBuf, Architecture)],
     rank: fn(&Architecture) -> Option<usize>,

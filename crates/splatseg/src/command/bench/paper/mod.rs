@@ -1,30 +1,27 @@
-//! The whole paper in one command: what its rows need, what of that is there, and its numbers beside ours.
+//! `--preset paper`: the rows of the paper's tables that can be measured with the inputs that are at hand.
 
-mod document;
 mod inputs;
-mod numbers;
 mod rows;
-
-pub use document::document;
-pub use numbers::{MARK, SCANNET_MV};
 
 use super::arguments::BenchArguments;
 use super::plan::{Plan, Variant};
 use crate::command::Failure;
-use inputs::{Inputs, MissingInput};
-use rows::PaperRow;
+use inputs::{Input, Inputs, MissingInput};
+use rows::PlannedRow;
 use splatseg::Settings;
 use splatseg::settings::{SegmenterName, SettingsLayers, TrackerName};
 use splatseg_dataset::Preset;
+use splatseg_report::Benchmark;
+use splatseg_report::paper::{PaperRow, document};
 use std::path::Path;
 
 /// The paper's tables, as far as the inputs allow.
 #[derive(Debug)]
 pub struct PaperBenchmark {
-    /// Folders' contents.
+    /// What was found in the folders.
     inputs: Inputs,
-    /// Every row, and what keeps it from being run.
-    rows: Vec<(PaperRow, Option<&'static str>)>,
+    /// Every row, and why it cannot be run, if it cannot.
+    rows: Vec<(PlannedRow, Option<&'static str>)>,
     layers: SettingsLayers,
 }
 
@@ -46,7 +43,7 @@ impl PaperBenchmark {
         Ok(Self { rows: rows.collect(), inputs, layers })
     }
 
-    /// What is to be measured.
+    /// What to measure.
     ///
     /// # Errors
     /// If there is no scene, or no row has what it needs.
@@ -66,16 +63,33 @@ impl PaperBenchmark {
 
     /// What is missing, and where its owner publishes it.
     pub fn missing_list(&self) -> String {
-        let lines = self.inputs.missing.iter().map(|missing| format!("- {}: {}\n", missing.what, missing.published));
+        let lines = self.missing_inputs().map(|missing| format!("- {missing}\n"));
         format!("Missing:\n\n{}", lines.collect::<String>())
+    }
+
+    /// The paper's tables with what was measured, as Markdown.
+    pub fn document(&self, plan: &Plan, benchmark: &Benchmark) -> String {
+        let rows = self.rows.iter().map(|(row, obstacle)| PaperRow {
+            table: row.table,
+            name: row.name.clone(),
+            published: row.published,
+            variant: plan.variants.iter().position(|variant| *variant == row.variant),
+            obstacle: obstacle.map(str::to_owned),
+        });
+        let missing: Vec<String> = self.missing_inputs().collect();
+        document(benchmark, &rows.collect::<Vec<_>>(), &self.inputs.notes, &missing)
+    }
+
+    fn missing_inputs(&self) -> impl Iterator<Item = String> {
+        self.inputs.missing.iter().map(|missing| format!("{}: {}", missing.what, missing.published))
     }
 }
 
-/// The paper's settings, below those of the command line.
+/// The paper's settings; those of the command line are laid over them.
 fn base(inputs: &Inputs) -> Result<SettingsLayers, Failure> {
     let mut layers = SettingsLayers::default();
     let mut add = |key: &str, value: toml::Value| {
-        layers.add(key, value).ok_or_else(|| Failure::work(format!("{key} is no setting")))
+        layers.add(key, value).ok_or_else(|| Failure::work(format!("there is no setting {key}")))
     };
     let preset = toml::Value::try_from(Preset::ScannetMv.settings()).map_err(Failure::work)?;
     add("dataset", preset)?;
@@ -88,8 +102,8 @@ fn base(inputs: &Inputs) -> Result<SettingsLayers, Failure> {
     Ok(layers)
 }
 
-/// What keeps a row from being run.
-fn obstacle(row: &PaperRow, settings: &Settings) -> Option<&'static str> {
+/// Why a row cannot be run, if it cannot.
+fn obstacle(row: &PlannedRow, settings: &Settings) -> Option<&'static str> {
     if row.needs_tracker() && settings.tracker == TrackerName::Sam2 && settings.tracker_weights.is_none() {
         return Some("needs weights of SAM 2.1");
     }
@@ -97,13 +111,13 @@ fn obstacle(row: &PaperRow, settings: &Settings) -> Option<&'static str> {
     (needs_weights && settings.weights.is_none()).then_some("needs weights of FastSAM")
 }
 
-/// Whether the command line put something in the place of a missing input.
+/// Whether the command line replaces a missing input with something else.
 fn is_replaced(missing: &MissingInput, settings: &Settings, has_scenes: bool) -> bool {
     let has_file = |path: &Option<std::path::PathBuf>| path.as_deref().is_some_and(Path::exists);
-    match missing.what.split(|letter: char| !letter.is_alphanumeric()).next() {
-        Some("ScanNet") => has_scenes,
-        Some("FastSAM") => settings.segmenter != SegmenterName::Fastsam || has_file(&settings.weights),
-        Some("sam2") => settings.tracker != TrackerName::Sam2 || has_file(&settings.tracker_weights),
-        _ => false,
+    match missing.input {
+        Input::Scenes => has_scenes,
+        Input::FastSam => settings.segmenter != SegmenterName::Fastsam || has_file(&settings.weights),
+        Input::Sam2 => settings.tracker != TrackerName::Sam2 || has_file(&settings.tracker_weights),
+        Input::RestOfTheSplit | Input::Mvpd => false,
     }
 }

@@ -1,65 +1,37 @@
 //! The rows of the paper's tables, as variants of a benchmark.
 
-use super::numbers::{FEATURE_DIMS, SCANNET_MV};
 use crate::command::bench::plan::Variant;
 use splatseg::settings::MethodName;
+use splatseg_report::paper::{FEATURE_DIMS, PaperTable, SCANNET_MV};
 
-/// The paper's tables that a benchmark can measure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PaperTable {
-    /// Methods on ScanNet-MV.
-    Methods,
-    /// Dimensions of the segment-id feature.
-    FeatureDims,
-    /// Categories of re-prompting.
-    Categories,
-    /// Clicks for each re-prompted object.
-    Clicks,
-}
-
-/// A row: what it is called, what it runs, and what the paper found.
+/// A row of the paper's tables, and the variant that measures it.
 #[derive(Clone, Debug)]
-pub struct PaperRow {
+pub struct PlannedRow {
     /// Its table.
     pub table: PaperTable,
     /// Its name there.
     pub name: String,
     /// What it runs.
     pub variant: Variant,
-    /// The paper's scores, percent, in the order of the score table; `None` where the paper's are not at hand.
-    pub paper: [Option<f64>; 8],
+    /// The paper's scores, see [`splatseg_report::paper::PaperRow::published`].
+    pub published: [Option<f64>; 8],
 }
 
-impl PaperTable {
-    /// Every table, in the paper's order.
-    pub const ALL: [Self; 4] = [Self::Methods, Self::FeatureDims, Self::Categories, Self::Clicks];
-
-    /// Its heading.
-    pub fn title(self) -> &'static str {
-        match self {
-            Self::Methods => "Methods on ScanNet-MV",
-            Self::FeatureDims => "Dimension of the segment-id feature (FastSAM-Splat)",
-            Self::Categories => "Categories of re-prompting (SAM2-Splat, detections)",
-            Self::Clicks => "Clicks per re-prompted object (SAM2-Splat, detections)",
-        }
-    }
-}
-
-impl PaperRow {
-    /// Whether a segmenter prompts the method; ground truth does otherwise.
+impl PlannedRow {
+    /// Whether the method needs a segmenter; otherwise ground truth prompts it.
     pub fn needs_segmenter(&self) -> bool {
         !self.variant.changes.iter().any(|change| change == "prompts=ground-truth")
     }
 
-    /// Whether the method has a tracker.
+    /// Whether the method needs a tracker.
     pub fn needs_tracker(&self) -> bool {
         matches!(self.variant.method, MethodName::Sam2 | MethodName::Sam2Splat)
     }
 }
 
 /// All rows, table by table.
-pub fn all() -> Vec<PaperRow> {
-    let mut rows: Vec<PaperRow> = SCANNET_MV
+pub fn all() -> Vec<PlannedRow> {
+    let mut rows: Vec<PlannedRow> = SCANNET_MV
         .iter()
         .map(|(name, cells)| {
             let (method, changes): (_, &[&str]) = of_name(name);
@@ -67,9 +39,9 @@ pub fn all() -> Vec<PaperRow> {
         })
         .collect();
     rows.extend(FEATURE_DIMS.map(|(dims, vsq, stq)| {
-        let paper = [None, None, None, None, Some(vsq), Some(stq), None, None];
+        let published = [None, None, None, None, Some(vsq), Some(stq), None, None];
         let change = format!("memory.feature_dim={dims}");
-        row(PaperTable::FeatureDims, &format!("D = {dims}"), (MethodName::FastsamSplat, &[&change]), paper)
+        row(PaperTable::FeatureDims, &format!("D = {dims}"), (MethodName::FastsamSplat, &[&change]), published)
     }));
     let categories = ["not_tracked", "incorrect_track", "duplicated_track"];
     let chosen: [(&str, &[&str]); 5] = [
@@ -91,8 +63,8 @@ pub fn all() -> Vec<PaperRow> {
     rows
 }
 
-/// What runs under a name of the paper's main table. Where ground truth prompts, masks of a network have no use: the
-/// oracle stands in for it.
+/// What runs under a name of the paper's main table. Where ground truth prompts the tracker, a network's masks are not
+/// used: the oracle takes its place.
 fn of_name(name: &str) -> (MethodName, &'static [&'static str]) {
     const GROUND_TRUTH: &[&str] = &["prompts=ground-truth", "segmenter=oracle"];
     match name {
@@ -106,12 +78,17 @@ fn of_name(name: &str) -> (MethodName, &'static [&'static str]) {
     }
 }
 
-fn row(table: PaperTable, name: &str, (method, changes): (MethodName, &[&str]), paper: [Option<f64>; 8]) -> PaperRow {
+fn row(
+    table: PaperTable,
+    name: &str,
+    (method, changes): (MethodName, &[&str]),
+    published: [Option<f64>; 8],
+) -> PlannedRow {
     let has_memory = matches!(method, MethodName::FastsamSplat | MethodName::Sam2Splat);
-    // The paper's rows have the paper's memory.
+    // The paper's rows use the paper's memory.
     let memory = has_memory.then_some("memory.kind=features");
     let changes = memory.iter().chain(changes).map(|change| (*change).to_owned()).collect();
-    PaperRow { table, name: name.to_owned(), variant: Variant { method, changes }, paper }
+    PlannedRow { table, name: name.to_owned(), variant: Variant { method, changes }, published }
 }
 
 #[cfg(test)]

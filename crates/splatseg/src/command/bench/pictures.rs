@@ -1,18 +1,20 @@
-//! Small pictures of results.
+//! Small pictures for the report: frames, their ground truth, and results drawn over them.
 
+use super::plan::{Plan, SceneEntry};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use splatseg_dataset::segment_color;
+use splatseg_dataset::{DatasetSettings, open_scene, segment_color};
 use splatseg_geometry::{Image, SegmentMap};
+use splatseg_report::ScenePicture;
 
 /// Pictures are no wider than this, pixels.
 const WIDTH: usize = 224;
 const JPEG_QUALITY: u8 = 70;
-/// Most frames of a video that are drawn.
-const MOST_FRAMES: usize = 32;
-/// How much of a segment's colour, in percent, lies over the image.
+/// At most this many frames of a video are drawn.
+const MAX_FRAMES: usize = 32;
+/// Opacity of the segments' colours over the image, percent.
 const OPACITY_PERCENT: u32 = 58;
 
 /// Which frames of a video are drawn: every n-th, so that all methods are drawn at the same ones.
@@ -24,7 +26,7 @@ pub struct StripFrames {
 impl StripFrames {
     /// For a video of this many frames.
     pub fn of(frames: usize) -> Self {
-        Self { step: frames.div_ceil(MOST_FRAMES).max(1) }
+        Self { step: frames.div_ceil(MAX_FRAMES).max(1) }
     }
 
     /// Whether the frame at this position is drawn.
@@ -33,8 +35,46 @@ impl StripFrames {
     }
 }
 
-/// The image, with segments tinted in [`segment_color`] and outlined if given, as a small JPEG in a `data:` URI. Both
-/// are `[height, width]`.
+/// The pictures of every scene, at most `frames` of each; none for scenes that cannot be read any more.
+pub fn of_scenes(plan: &Plan, frames: usize) -> Vec<Vec<ScenePicture>> {
+    let of_scene = |entry: &SceneEntry| {
+        // A scene that has disappeared since it was measured does not stop the report.
+        of_scene(entry, &plan.settings.dataset, frames).unwrap_or_else(|error| {
+            tracing::warn!("{}: no pictures: {error}", entry.path);
+            Vec::new()
+        })
+    };
+    plan.scenes.iter().map(of_scene).collect()
+}
+
+/// Image and ground truth of at most `limit` of the frames that results are drawn for.
+fn of_scene(entry: &SceneEntry, settings: &DatasetSettings, limit: usize) -> Result<Vec<ScenePicture>, String> {
+    let text = |error: &dyn std::fmt::Display| error.to_string();
+    let scene = open_scene(&entry.path, settings).map_err(|error| text(&error))?;
+    let selected = settings.selected_frames(scene.frame_count()).map_err(|error| text(&error))?;
+    let strip = StripFrames::of(selected.len());
+    let drawn = selected.iter().enumerate().filter(|(position, _)| strip.contains(*position));
+    let drawn: Vec<usize> = drawn.map(|(_, index)| *index).collect();
+    let step = drawn.len().div_ceil(limit.max(1)).max(1);
+    let mut pictures = Vec::new();
+    for index in drawn.into_iter().step_by(step) {
+        // The methods skipped frames that cannot be read, too.
+        let Ok(frame) = scene.read_frame(index).and_then(|frame| settings.framing().apply(frame)) else {
+            continue;
+        };
+        let truth = scene.read_ground_truth(index).ok().flatten();
+        let truth = truth.and_then(|truth| settings.framing().apply_to_labels(truth).ok());
+        pictures.push(ScenePicture {
+            frame: frame.name().to_owned(),
+            image: jpeg_data_uri(frame.color(), None)?,
+            ground_truth: truth.map(|truth| jpeg_data_uri(frame.color(), Some(&truth))).transpose()?,
+        });
+    }
+    Ok(pictures)
+}
+
+/// The image as a small JPEG in a `data:` URI, with segments outlined and tinted in [`segment_color`] if there are any.
+/// Image and segments have the same size.
 pub fn jpeg_data_uri(color: &Image<[u8; 3]>, segments: Option<&SegmentMap>) -> Result<String, String> {
     let (width, height) = color.size();
     let small_width = width.clamp(1, WIDTH);
@@ -43,10 +83,10 @@ pub fn jpeg_data_uri(color: &Image<[u8; 3]>, segments: Option<&SegmentMap>) -> R
     let mut pixels = Vec::with_capacity(3 * small_width * small_height);
     for row in 0..small_height {
         for column in 0..small_width {
-            let tone = scale.mean(color, column, row);
+            let mean = scale.mean(color, column, row);
             pixels.extend(match segments {
-                None => tone,
-                Some(segments) => scale.tinted(tone, segments, (column, row)),
+                None => mean,
+                Some(segments) => scale.tinted(mean, segments, (column, row)),
             });
         }
     }
@@ -57,7 +97,7 @@ pub fn jpeg_data_uri(color: &Image<[u8; 3]>, segments: Option<&SegmentMap>) -> R
     Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
 }
 
-/// From small pixels to those of the image.
+/// From pixels of the small picture to those of the image.
 struct Scale {
     from: (usize, usize),
     to: (usize, usize),
@@ -91,20 +131,18 @@ impl Scale {
         segments[((columns.start + columns.end - 1) / 2, (rows.start + rows.end - 1) / 2)]
     }
 
-    fn tinted(&self, tone: [u8; 3], segments: &SegmentMap, at: (usize, usize)) -> [u8; 3] {
+    fn tinted(&self, color: [u8; 3], segments: &SegmentMap, at: (usize, usize)) -> [u8; 3] {
         let id = self.id(segments, at);
         let right = (at.0 + 1 < self.to.0).then(|| self.id(segments, (at.0 + 1, at.1)));
         let below = (at.1 + 1 < self.to.1).then(|| self.id(segments, (at.0, at.1 + 1)));
         if right.is_some_and(|other| other != id) || below.is_some_and(|other| other != id) {
             return [24; 3];
         }
-        let over = if id == 0 { [128; 3] } else { segment_color(id) };
-        let mut mixed = [0; 3];
-        for ((mixed, tone), over) in mixed.iter_mut().zip(tone).zip(over) {
-            let sum = u32::from(tone) * (100 - OPACITY_PERCENT) + u32::from(over) * OPACITY_PERCENT;
-            *mixed = (sum / 100) as u8;
-        }
-        mixed
+        let tint = if id == 0 { [128; 3] } else { segment_color(id) };
+        std::array::from_fn(|channel| {
+            let (below, above) = (u32::from(color[channel]), u32::from(tint[channel]));
+            ((below * (100 - OPACITY_PERCENT) + above * OPACITY_PERCENT) / 100) as u8
+        })
     }
 }
 

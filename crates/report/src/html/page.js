@@ -1,5 +1,5 @@
 "use strict";
-// Moves the strips. The page's charts and tables need no script.
+// Moves the strips. Charts and tables work without scripts.
 const benchmark = JSON.parse(document.getElementById("benchmark").textContent);
 
 function show(strip, frame) {

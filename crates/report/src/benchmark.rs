@@ -1,0 +1,210 @@
+//! What a benchmark measured: the data behind every table and chart.
+
+use serde::{Deserialize, Serialize};
+use splatseg_metrics::{DatasetScore, Protocol, Scores, VideoScore};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// A benchmark: what was compared, what was measured, and which results are missing.
+#[derive(Clone, Debug)]
+pub struct Benchmark<'a> {
+    /// Names of the scenes.
+    pub scenes: Vec<String>,
+    /// The methods and their variants, in the order of the tables; charts compare the others with the first.
+    pub variants: Vec<Variant>,
+    /// The seeds.
+    pub seeds: Vec<u64>,
+    /// The protocol of the main tables and of the charts.
+    pub protocol: Protocol,
+    /// What all methods share, for headings, e.g. `segmenter graph`.
+    pub setup: String,
+    /// The settings that all methods share, as text.
+    pub settings: String,
+    /// Version of the program that measured.
+    pub version: &'a str,
+    /// What was measured, by scene, variant and seed.
+    pub measurements: Vec<Measurement<'a>>,
+    /// What was not measured, and why.
+    pub missing: Vec<MissingResult<'a>>,
+}
+
+/// A method, and how its settings differ from the other methods'.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Variant {
+    /// Name of the method.
+    pub method: String,
+    /// The settings that differ, e.g. `memory.feature_dim=14`; empty for the method as it is.
+    pub changes: Vec<String>,
+}
+
+/// The result of one variant on one scene with one seed.
+#[derive(Clone, Debug)]
+pub struct Measurement<'a> {
+    /// Index of the scene.
+    pub scene: usize,
+    /// Index of the variant.
+    pub variant: usize,
+    /// The seed.
+    pub seed: u64,
+    /// Name of the segmenter.
+    pub segmenter: &'a str,
+    /// Frames with a result.
+    pub frames: usize,
+    /// Frames that could not be read; they are not scored.
+    pub skipped_frames: usize,
+    /// Frames on which the segmenter failed; they are scored as empty.
+    pub failed_frames: usize,
+    /// Number of distinct ids in the results.
+    pub segments: usize,
+    /// Gaussians in the memory at the end.
+    pub gaussians: usize,
+    /// Numbers stored in the memory at the end.
+    pub parameters: usize,
+    /// Speed, without the time for scoring.
+    pub frames_per_second: f64,
+    /// Speed of everything but the segmenter.
+    pub frames_per_second_without_segmenter: f64,
+    /// Mean time of each stage per frame, milliseconds.
+    pub stage_ms: &'a BTreeMap<String, f64>,
+    /// Score under [`Protocol::Paper`].
+    pub paper: &'a VideoScore,
+    /// Score under [`Protocol::Strict`].
+    pub strict: &'a VideoScore,
+    /// What is plotted over the frames.
+    pub series: &'a Series,
+    /// Results of some frames, drawn.
+    pub thumbnails: &'a [Thumbnail],
+}
+
+/// A result that could not be measured. Its keys are those of `failures.json`, which are part of the interface.
+#[derive(Clone, Debug, Serialize)]
+pub struct MissingResult<'a> {
+    /// Name of the scene.
+    pub scene: &'a str,
+    /// The scene as given on the command line.
+    pub scene_path: &'a str,
+    /// Name of the method.
+    pub method: &'a str,
+    /// The settings that differ from the other methods'.
+    pub variant: Option<String>,
+    /// The seed.
+    pub seed: u64,
+    /// Why it is missing.
+    pub error: &'a str,
+}
+
+/// Numbers for each frame with a result.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Series {
+    /// Name of each stage and its time in each frame, milliseconds; stages are in the order of the method.
+    pub stage_ms: Vec<(String, Vec<f32>)>,
+    /// Gaussians in the memory after each frame; empty for methods without memory.
+    pub gaussians: Vec<usize>,
+}
+
+/// A result drawn over its frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Thumbnail {
+    /// Name of the frame.
+    pub frame: String,
+    /// A JPEG as `data:` URI.
+    pub image: String,
+}
+
+impl Variant {
+    /// Its name in tables.
+    pub fn label(&self) -> String {
+        self.change().map_or_else(|| self.method.clone(), |change| format!("{} {change}", self.method))
+    }
+
+    /// The settings that differ, in one text; `None` for the method as it is.
+    pub fn change(&self) -> Option<String> {
+        (!self.changes.is_empty()).then(|| self.changes.join(" "))
+    }
+}
+
+impl Series {
+    /// Adds a frame: the time of each stage, the same stages in the same order for every frame, and the number of
+    /// Gaussians where there is a memory.
+    pub fn push<'s>(&mut self, stages: impl IntoIterator<Item = (&'s str, Duration)>, gaussians: Option<usize>) {
+        for (index, (stage, time)) in stages.into_iter().enumerate() {
+            if index == self.stage_ms.len() {
+                self.stage_ms.push((stage.to_owned(), Vec::new()));
+            }
+            self.stage_ms[index].1.push((time.as_secs_f64() * 1e3) as f32);
+        }
+        self.gaussians.extend(gaussians);
+    }
+}
+
+impl Measurement<'_> {
+    /// The score under a protocol.
+    pub fn score(&self, protocol: Protocol) -> &VideoScore {
+        match protocol {
+            Protocol::Paper => self.paper,
+            Protocol::Strict => self.strict,
+        }
+    }
+}
+
+impl<'a> Benchmark<'a> {
+    /// The protocol that the main tables do not use.
+    pub(crate) fn other_protocol(&self) -> Protocol {
+        match self.protocol {
+            Protocol::Paper => Protocol::Strict,
+            Protocol::Strict => Protocol::Paper,
+        }
+    }
+
+    /// What was measured of one variant, on all scenes.
+    pub(crate) fn of_variant(&self, variant: usize) -> Vec<&Measurement<'a>> {
+        self.measurements.iter().filter(|measurement| measurement.variant == variant).collect()
+    }
+
+    /// What was measured of one variant on one scene, by seed.
+    pub(crate) fn of(&self, scene: usize, variant: usize) -> impl Iterator<Item = &Measurement<'a>> {
+        let wanted = (scene, variant);
+        self.measurements.iter().filter(move |measurement| (measurement.scene, measurement.variant) == wanted)
+    }
+
+    /// The scores over the scenes of these measurements, one for each seed: counts are summed before dividing.
+    pub(crate) fn totals_by_seed(&self, measurements: &[&Measurement], protocol: Protocol) -> Vec<Scores> {
+        let mut totals = Vec::new();
+        for seed in &self.seeds {
+            let mut of_seed = measurements.iter().filter(|measurement| measurement.seed == *seed).peekable();
+            let Some(first) = of_seed.peek() else { continue };
+            let mut total = DatasetScore::new(*first.score(protocol).settings());
+            for measurement in of_seed {
+                // All results of a benchmark are scored with the same settings, so none is refused.
+                let _ = total.add(measurement.score(protocol));
+            }
+            totals.push(total.total());
+        }
+        totals
+    }
+}
+
+/// What is missing in a row of these measurements, of which there should be `expected`.
+pub(crate) fn missing_note(measurements: &[&Measurement], expected: usize) -> Option<String> {
+    let skipped: usize = measurements.iter().map(|measurement| measurement.skipped_frames).sum();
+    let failed: usize = measurements.iter().map(|measurement| measurement.failed_frames).sum();
+    let mut notes = Vec::new();
+    if measurements.len() < expected {
+        notes.push(format!("{} of {expected} results", measurements.len()));
+    }
+    if skipped > 0 {
+        notes.push(format!("{skipped} frames could not be read"));
+    }
+    if failed > 0 {
+        notes.push(format!("the segmenter failed on {failed} frames"));
+    }
+    (!notes.is_empty()).then(|| notes.join("; "))
+}
+
+impl MissingResult<'_> {
+    /// Which result it is, and why it is missing.
+    pub(crate) fn text(&self) -> String {
+        let variant = self.variant.as_ref().map(|variant| format!(" {variant}")).unwrap_or_default();
+        format!("{}, {}{variant}, seed {}: {}", self.scene, self.method, self.seed, self.error)
+    }
+}

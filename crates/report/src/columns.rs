@@ -1,0 +1,67 @@
+//! The columns of the tables of scores, and tables of one video's scores for a terminal.
+
+use splatseg_metrics::{Scores, SizeScores};
+
+/// The columns, in the order of the paper's tables.
+pub(crate) const COLUMNS: [&str; 8] = ["k=1", "k=5", "k=10", "k=15", "VSQ", "STQ", "AQ", "SQ"];
+
+/// The place of VSQ in [`COLUMNS`].
+pub(crate) const VSQ: usize = 4;
+
+/// The place of STQ in [`COLUMNS`].
+pub(crate) const STQ: usize = 5;
+
+/// The same columns as keys of CSV files, named after the JSON keys.
+pub(crate) const COLUMN_KEYS: [&str; 8] = ["vsq_1", "vsq_5", "vsq_10", "vsq_15", "vsq", "stq", "aq", "sq"];
+
+/// Scores in the order of [`COLUMNS`], percent; `None` where there is nothing to divide by.
+pub(crate) fn columns(scores: &Scores) -> [Option<f64>; 8] {
+    let mut columns = [None; 8];
+    for (column, quality) in columns.iter_mut().zip(scores.vsq_k.values()) {
+        *column = *quality;
+    }
+    columns[VSQ..].copy_from_slice(&[scores.vsq, scores.stq, scores.aq, scores.sq]);
+    columns
+}
+
+/// The columns of tables by size of the object, after the number of objects.
+pub(crate) const SIZE_COLUMNS: [&str; 4] = ["AQ", "found", "ids per object", "main id"];
+
+/// The same columns as keys of CSV files, named after the JSON keys.
+pub(crate) const SIZE_COLUMN_KEYS: [&str; 4] = ["aq", "found", "ids_per_object", "main_id"];
+
+/// What the columns of tables by size of the object mean.
+pub const SIZE_COLUMNS_EXPLAINED: &str = "An object's size is its mean area over the frames that show it. Its id in a \
+    frame is the predicted id that covers more than half of its pixels, even if that id belongs to a larger neighbour. \
+    AQ: as in STQ, over these objects only. Found: objects that have an id in at least one frame, percent. Ids per \
+    object: how many different ids an object that was found has over the video; 1 is best. Main id: frames in which an \
+    object has its most frequent id, percent of the frames that show it.";
+
+/// Scores of a size in the order of [`SIZE_COLUMNS`]; `None` where there is nothing to divide by.
+pub(crate) fn size_columns(scores: &SizeScores) -> [Option<f64>; 4] {
+    [scores.aq, scores.found, scores.ids_per_object, scores.main_id]
+}
+
+/// Two lines for a terminal: the names of the columns and one row of scores.
+pub fn terminal_table(scores: &Scores) -> String {
+    let line = |cells: Vec<String>| cells.iter().map(|cell| format!("{cell:>8}")).collect::<String>();
+    let names = COLUMNS.iter().map(|name| (*name).to_owned()).collect();
+    format!("{}\n{}", line(names), line(columns(scores).map(terminal_cell).to_vec()))
+}
+
+/// Lines for a terminal: a row of scores for each size of object.
+pub fn terminal_size_table(scores: &Scores) -> String {
+    let width = scores.by_size.keys().map(|class| class.label().len()).max().unwrap_or(0);
+    let mut text = format!("{:width$}{:>9}", "", "objects");
+    text.extend(SIZE_COLUMNS.map(|name| format!("{name:>16}")));
+    for (class, sizes) in &scores.by_size {
+        text.push_str(&format!("\n{:width$}{:>9}", class.label(), sizes.objects));
+        text.extend(size_columns(sizes).map(|value| format!("{:>16}", terminal_cell(value))));
+    }
+    text
+}
+
+/// A number for a terminal.
+pub(crate) fn terminal_cell(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
+}

@@ -1,0 +1,79 @@
+//! `results.csv`: every measurement on a line, for spreadsheets.
+
+use crate::columns::{COLUMN_KEYS, SIZE_COLUMN_KEYS, columns, size_columns};
+use crate::{Benchmark, Measurement};
+use splatseg_metrics::{Scores, SizeClass};
+
+/// The measurements, below a line of column names.
+pub fn csv_table(benchmark: &Benchmark) -> String {
+    let mut text = header(benchmark).join(",");
+    text.push('\n');
+    for measurement in &benchmark.measurements {
+        text.push_str(&cells(benchmark, measurement).join(","));
+        text.push('\n');
+    }
+    text
+}
+
+fn header(benchmark: &Benchmark) -> Vec<String> {
+    let other = benchmark.other_protocol().name();
+    let mut header: Vec<String> =
+        ["scene", "method", "variant", "seed", "segmenter", "protocol"].map(str::to_owned).to_vec();
+    header.extend(COLUMN_KEYS.map(str::to_owned));
+    header.extend(COLUMN_KEYS.map(|key| format!("{other}_{key}")));
+    let counts = ["frames", "skipped_frames", "failed_frames", "segments", "gaussians", "parameters"];
+    header.extend(["fps_total", "fps_without_segmenter"].into_iter().chain(counts).map(str::to_owned));
+    header.extend(SizeClass::ALL.into_iter().flat_map(|class| {
+        let key = move |key: &str| format!("{}_{key}", class.name());
+        std::iter::once(key("objects")).chain(SIZE_COLUMN_KEYS.map(key))
+    }));
+    header
+}
+
+fn cells(benchmark: &Benchmark, measurement: &Measurement) -> Vec<String> {
+    let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
+    let variant = &benchmark.variants[measurement.variant];
+    let scores = measurement.score(benchmark.protocol).scores();
+    let other: Scores = measurement.score(benchmark.other_protocol()).scores();
+    let mut cells = vec![
+        quoted(&benchmark.scenes[measurement.scene]),
+        quoted(&variant.method),
+        quoted(&variant.change().unwrap_or_default()),
+        measurement.seed.to_string(),
+        quoted(measurement.segmenter),
+        quoted(benchmark.protocol.name()),
+    ];
+    cells.extend([&scores, &other].into_iter().flat_map(columns).map(number));
+    let speeds = [measurement.frames_per_second, measurement.frames_per_second_without_segmenter];
+    cells.extend(speeds.map(|speed| speed.to_string()));
+    let counts = [
+        measurement.frames,
+        measurement.skipped_frames,
+        measurement.failed_frames,
+        measurement.segments,
+        measurement.gaussians,
+        measurement.parameters,
+    ];
+    cells.extend(counts.map(|count| count.to_string()));
+    for class in SizeClass::ALL {
+        let sizes = scores.by_size.get(&class);
+        cells.push(sizes.map_or(0, |sizes| sizes.objects).to_string());
+        cells.extend(sizes.map(size_columns).unwrap_or_default().map(number));
+    }
+    cells
+}
+
+/// A cell, quoted where RFC 4180 asks for it.
+fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn cells_with_commas_are_quoted() {
+        assert_eq!(super::quoted("synthetic:frames=3,seed=1"), "\"synthetic:frames=3,seed=1\"");
+        assert_eq!(super::quoted("a\"b"), "\"a\"\"b\"");
+        assert_eq!(super::quoted("dev-a"), "dev-a");
+    }
+}

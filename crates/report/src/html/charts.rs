@@ -1,0 +1,193 @@
+//! The charts of the page.
+
+use super::axes::{Axes, XAxis, round_up};
+use super::chart::{Chart, Curve, Style};
+use crate::columns::{STQ, VSQ};
+use crate::{Benchmark, Measurement, ScoreTable};
+use maud::Markup;
+use splatseg_metrics::{Scores, WindowLength};
+
+/// Over all scenes: VSQ^k against k, each ablation, and every method against the first.
+pub(super) fn comparison(benchmark: &Benchmark) -> Vec<Markup> {
+    let table = ScoreTable::over_all_scenes(benchmark, benchmark.protocol);
+    let mut charts = vec![vsq_by_window_length(benchmark, &table)];
+    charts.extend(ablations(benchmark, &table));
+    if benchmark.variants.len() > 1 {
+        charts.push(against_first(benchmark, "VSQ", |scores| scores.vsq));
+        charts.push(against_first(benchmark, "STQ", |scores| scores.stq));
+    }
+    charts.iter().map(Chart::markup).collect()
+}
+
+/// Of one scene, with the first seed: the number of Gaussians, and where time goes, over the frames.
+pub(super) fn of_scene(benchmark: &Benchmark, scene: usize) -> Vec<Markup> {
+    let first: Vec<&Measurement> =
+        (0..benchmark.variants.len()).filter_map(|variant| benchmark.of(scene, variant).next()).collect();
+    let mut charts: Vec<Chart> = gaussians(benchmark, &first).into_iter().collect();
+    charts.extend(first.iter().map(|measurement| stage_times(benchmark, measurement)));
+    charts.iter().map(Chart::markup).collect()
+}
+
+fn vsq_by_window_length(benchmark: &Benchmark, table: &ScoreTable) -> Chart {
+    let lengths = WindowLength::ALL.map(|length| length.frames() as f64);
+    let curves: Vec<Curve> = (0..benchmark.variants.len())
+        .map(|variant| {
+            let cells = lengths.iter().zip(&table.rows[variant].cells);
+            let known = || cells.clone().filter_map(|(length, cell)| cell.map(|cell| (*length, cell)));
+            Curve {
+                label: benchmark.variants[variant].label(),
+                color: variant,
+                points: known().map(|(length, cell)| (length, cell.mean)).collect(),
+                notes: known().map(|(length, cell)| format!("k = {length}: {}", cell.text())).collect(),
+            }
+        })
+        .collect();
+    Chart {
+        title: "VSQ by window length".to_owned(),
+        axes: Axes {
+            x: XAxis::Values(lengths.to_vec()),
+            x_label: "window length k, frames".to_owned(),
+            y_end: end_of_axis(&curves),
+            y_label: "VSQ for k, percent".to_owned(),
+        },
+        curves,
+        style: Style::Lines,
+    }
+}
+
+/// Every scene and seed as a dot: the first method's score on the horizontal axis, another's on the vertical one.
+fn against_first(benchmark: &Benchmark, name: &str, score: impl Fn(&Scores) -> Option<f64>) -> Chart {
+    let score = |measurement: &Measurement| score(&measurement.score(benchmark.protocol).scores());
+    let mut curves = Vec::new();
+    for variant in 1..benchmark.variants.len() {
+        let (mut points, mut notes) = (Vec::new(), Vec::new());
+        for measurement in benchmark.of_variant(variant) {
+            let first = benchmark.of(measurement.scene, 0).find(|first| first.seed == measurement.seed);
+            if let Some((x, y)) = first.and_then(&score).zip(score(measurement)) {
+                points.push((x, y));
+                let scene = &benchmark.scenes[measurement.scene];
+                notes.push(format!("{scene}, seed {}: {y:.2} against {x:.2}", measurement.seed));
+            }
+        }
+        curves.push(Curve { label: benchmark.variants[variant].label(), color: variant, points, notes });
+    }
+    let largest_x = curves.iter().flat_map(|curve| &curve.points).map(|(x, _)| *x).fold(0.0, f64::max);
+    let end = end_of_axis(&curves).max(round_up(largest_x));
+    let first = benchmark.variants[0].label();
+    Chart {
+        title: format!("{name} of each video, against {first}"),
+        axes: Axes {
+            x: XAxis::Range(end),
+            x_label: format!("{name} of {first}"),
+            y_end: end,
+            y_label: format!("{name}; above the line is better"),
+        },
+        curves,
+        style: Style::Scatter,
+    }
+}
+
+/// The values of a setting that a method was run with, each with the index of its variant.
+struct Ablation<'a> {
+    method: &'a str,
+    setting: &'a str,
+    values: Vec<(&'a str, usize)>,
+}
+
+/// VSQ and STQ over the values of each ablated setting.
+fn ablations(benchmark: &Benchmark, table: &ScoreTable) -> Vec<Chart> {
+    let mut ablations: Vec<Ablation> = Vec::new();
+    for (index, variant) in benchmark.variants.iter().enumerate() {
+        // Several settings at once have no axis.
+        let [change] = variant.changes.as_slice() else { continue };
+        let Some((setting, value)) = change.split_once('=') else { continue };
+        let same = |ablation: &&mut Ablation| (ablation.method, ablation.setting) == (&variant.method, setting);
+        match ablations.iter_mut().find(same) {
+            Some(ablation) => ablation.values.push((value, index)),
+            None => ablations.push(Ablation { method: &variant.method, setting, values: vec![(value, index)] }),
+        }
+    }
+    ablations.iter().map(|ablation| ablation_chart(ablation, table)).collect()
+}
+
+fn ablation_chart(ablation: &Ablation, table: &ScoreTable) -> Chart {
+    let curve = |label: &str, color: usize, column: usize| {
+        let known = ablation.values.iter().enumerate().filter_map(|(index, (value, variant))| {
+            table.rows[*variant].cells[column].map(|cell| (index as f64, cell, value))
+        });
+        let (points, notes) =
+            known.map(|(x, cell, value)| ((x, cell.mean), format!("{value}: {}", cell.text()))).unzip();
+        Curve { label: label.to_owned(), color, points, notes }
+    };
+    let curves = vec![curve("VSQ", 0, VSQ), curve("STQ", 1, STQ)];
+    Chart {
+        title: format!("{} by {}", ablation.method, ablation.setting),
+        axes: Axes {
+            x: XAxis::Names(ablation.values.iter().map(|(value, _)| (*value).to_owned()).collect()),
+            x_label: ablation.setting.to_owned(),
+            y_end: end_of_axis(&curves),
+            y_label: "percent".to_owned(),
+        },
+        curves,
+        style: Style::Lines,
+    }
+}
+
+fn gaussians(benchmark: &Benchmark, first: &[&Measurement]) -> Option<Chart> {
+    let with_memory = first.iter().filter(|measurement| !measurement.series.gaussians.is_empty());
+    let curves: Vec<Curve> = with_memory
+        .map(|measurement| Curve {
+            label: benchmark.variants[measurement.variant].label(),
+            color: measurement.variant,
+            points: numbered(measurement.series.gaussians.iter().map(|count| *count as f64)),
+            notes: Vec::new(),
+        })
+        .collect();
+    (!curves.is_empty()).then(|| Chart {
+        title: "Gaussians in the memory".to_owned(),
+        axes: over_frames(&curves, end_of_axis(&curves), "Gaussians"),
+        curves,
+        style: Style::Lines,
+    })
+}
+
+fn stage_times(benchmark: &Benchmark, measurement: &Measurement) -> Chart {
+    let stages = measurement.series.stage_ms.iter().enumerate();
+    let used = stages.filter(|(_, (_, times))| times.iter().any(|time| *time > 0.0));
+    let curves: Vec<Curve> = used
+        .map(|(index, (name, times))| Curve {
+            label: name.replace('_', " "),
+            color: index,
+            points: numbered(times.iter().map(|time| f64::from(*time))),
+            notes: Vec::new(),
+        })
+        .collect();
+    let frames = curves.iter().map(|curve| curve.points.len()).min().unwrap_or(0);
+    let totals = (0..frames).map(|frame| curves.iter().map(|curve| curve.points[frame].1).sum::<f64>());
+    let end = round_up(totals.fold(0.0, f64::max));
+    Chart {
+        title: format!("Time of each stage, {}", benchmark.variants[measurement.variant].label()),
+        axes: over_frames(&curves, end, "milliseconds"),
+        curves,
+        style: Style::Stack,
+    }
+}
+
+fn over_frames(curves: &[Curve], end: f64, y_label: &str) -> Axes {
+    let frames = curves.iter().map(|curve| curve.points.len()).max().unwrap_or(0);
+    Axes {
+        x: XAxis::Range(frames.saturating_sub(1).max(1) as f64),
+        x_label: "frame".to_owned(),
+        y_end: end,
+        y_label: y_label.to_owned(),
+    }
+}
+
+fn numbered(values: impl Iterator<Item = f64>) -> Vec<(f64, f64)> {
+    values.enumerate().map(|(index, value)| (index as f64, value)).collect()
+}
+
+/// Where a vertical axis for these curves ends.
+fn end_of_axis(curves: &[Curve]) -> f64 {
+    round_up(curves.iter().flat_map(|curve| &curve.points).map(|(_, y)| *y).fold(0.0, f64::max))
+}

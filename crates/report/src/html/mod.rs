@@ -1,0 +1,11 @@
+//! `report.html`: everything on one page that needs no network, no other file and no program but a browser.
+
+mod axes;
+mod chart;
+mod charts;
+mod page;
+mod strips;
+mod tables;
+
+pub use page::html_page;
+pub use strips::{ScenePicture, frames_per_strip};

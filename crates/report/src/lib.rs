@@ -1,0 +1,30 @@
+//! Reports on video segmentation benchmarks: tables as Markdown, CSV and plain text, and one HTML page with charts.
+//!
+//! Plain data in, text out. A [`Benchmark`] says what was compared and holds the measurements; it knows nothing of how
+//! they were made. From it come
+//!
+//! - [`html_page`]: a page with tables, charts and pictures, in a single file that needs no network;
+//! - [`markdown_tables`] and [`csv_table`];
+//! - [`ScoreTable`], [`SizeTable`] and [`StageTable`], the tables themselves;
+//! - [`paper::document`]: the tables of the paper that the methods come from, with its numbers next to the measured ones.
+
+mod benchmark;
+mod columns;
+mod csv;
+mod html;
+mod markdown;
+pub mod paper;
+mod score_table;
+mod size_table;
+mod spread;
+mod stage_table;
+
+pub use benchmark::{Benchmark, Measurement, MissingResult, Series, Thumbnail, Variant};
+pub use columns::{SIZE_COLUMNS_EXPLAINED, terminal_size_table, terminal_table};
+pub use csv::csv_table;
+pub use html::{ScenePicture, frames_per_strip, html_page};
+pub use markdown::markdown_tables;
+pub use score_table::{Origin, ScoreRow, ScoreTable};
+pub use size_table::{SizeRow, SizeTable};
+pub use spread::Spread;
+pub use stage_table::StageTable;

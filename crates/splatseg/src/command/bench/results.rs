@@ -1,0 +1,181 @@
+//! What a benchmark came to: the rows of `results.json`, the data of the report, and the files with both.
+
+use super::job::JobResult;
+use super::pictures;
+use super::plan::{Entry, Plan};
+use crate::command::Failure;
+use serde::Serialize;
+use splatseg::Settings;
+use splatseg::summary::FramesPerSecond;
+use splatseg_dataset::write_atomically;
+use splatseg_metrics::{Protocol, Scores};
+use splatseg_report::{Benchmark, Measurement, MissingResult, Variant};
+use splatseg_report::{csv_table, frames_per_strip, html_page, markdown_tables};
+use splatseg_tracking::TrackErrorCounts;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// A plan and what became of its jobs.
+pub struct Results<'a> {
+    /// What was asked for.
+    pub plan: &'a Plan,
+    /// The result of each of the plan's jobs, or why there is none.
+    pub outcomes: &'a [Result<JobResult, String>],
+}
+
+/// A row of `results.json`. Its keys are part of the interface.
+#[derive(Clone, Debug, Serialize)]
+struct Row<'a> {
+    /// Name of the scene.
+    scene: &'a str,
+    /// The scene as given on the command line.
+    scene_path: &'a str,
+    /// Name of the method.
+    method: &'static str,
+    /// The ablated settings, e.g. `memory.feature_dim=14`.
+    variant: Option<String>,
+    /// The seed.
+    seed: u64,
+    /// Name of the segmenter.
+    segmenter: &'static str,
+    /// The protocol of the scores that follow.
+    protocol: &'static str,
+    /// The scores under that protocol, percent.
+    #[serde(flatten)]
+    scores: Scores,
+    /// The scores under the other protocol, under its name.
+    #[serde(flatten)]
+    other_protocol: BTreeMap<&'static str, Scores>,
+    /// Speed, without the time for scoring.
+    fps: FramesPerSecond,
+    /// Frames with a result.
+    frames: usize,
+    /// Frames that could not be read; they are not scored.
+    skipped_frames: usize,
+    /// Frames on which the segmenter failed; they are scored as empty.
+    failed_frames: usize,
+    /// Number of distinct ids in the results.
+    segments: usize,
+    /// Gaussians in the memory at the end.
+    gaussians: usize,
+    /// Numbers stored in the memory at the end.
+    parameters: usize,
+    /// Mean time of each stage per frame, milliseconds.
+    stage_ms: &'a BTreeMap<String, f64>,
+    /// Errors of the tracker that the method found and corrected.
+    track_errors: TrackErrorCounts,
+    /// The file with the full result.
+    file: String,
+    /// All settings; `threads` is 0.
+    settings: &'a Settings,
+    /// Version of splatseg.
+    version: &'a str,
+}
+
+impl<'a> Results<'a> {
+    /// The data of the report.
+    pub fn benchmark(&self) -> Result<Benchmark<'a>, Failure> {
+        let plan = self.plan;
+        let variants: Vec<Variant> = plan
+            .variants
+            .iter()
+            .map(|variant| Variant { method: variant.method.name().to_owned(), changes: variant.changes.clone() })
+            .collect();
+        let (mut measurements, mut missing) = (Vec::new(), Vec::new());
+        for entry in &plan.entries {
+            match &self.outcomes[entry.job] {
+                Ok(result) => measurements.push(measurement(entry, result)),
+                Err(error) => missing.push(MissingResult {
+                    scene: &plan.scenes[entry.scene].name,
+                    scene_path: &plan.scenes[entry.scene].path,
+                    method: plan.variants[entry.variant].method.name(),
+                    variant: variants[entry.variant].change(),
+                    seed: entry.seed,
+                    error,
+                }),
+            }
+        }
+        Ok(Benchmark {
+            scenes: plan.scenes.iter().map(|scene| scene.name.clone()).collect(),
+            variants,
+            seeds: plan.seeds.clone(),
+            protocol: plan.protocol,
+            setup: plan.parts(),
+            settings: toml::to_string_pretty(&plan.settings).map_err(Failure::work)?,
+            version: env!("CARGO_PKG_VERSION"),
+            measurements,
+            missing,
+        })
+    }
+
+    /// Writes the rows, the tables and the report to a folder.
+    pub fn write(&self, benchmark: &Benchmark, out: &Path) -> Result<(), Failure> {
+        let write = |name: &str, text: &str| write_atomically(&out.join(name), text.as_bytes()).map_err(Failure::work);
+        let rows = self.rows(benchmark);
+        write("results.json", &serde_json::to_string_pretty(&rows).map_err(Failure::work)?)?;
+        write("failures.json", &serde_json::to_string_pretty(&benchmark.missing).map_err(Failure::work)?)?;
+        write("results.csv", &csv_table(benchmark))?;
+        write("tables.md", &markdown_tables(benchmark))?;
+        let pictures = pictures::of_scenes(self.plan, frames_per_strip(benchmark));
+        write("report.html", &html_page(benchmark, &pictures, &rows).map_err(Failure::work)?)
+    }
+
+    fn rows(&self, benchmark: &Benchmark) -> Vec<Row<'a>> {
+        let measured =
+            self.plan.entries.iter().filter_map(|entry| Some((entry, self.outcomes[entry.job].as_ref().ok()?)));
+        measured.map(|(entry, result)| self.row(entry, result, &benchmark.variants[entry.variant])).collect()
+    }
+
+    fn row(&self, entry: &Entry, result: &'a JobResult, variant: &Variant) -> Row<'a> {
+        let plan = self.plan;
+        let other = match plan.protocol {
+            Protocol::Paper => Protocol::Strict,
+            Protocol::Strict => Protocol::Paper,
+        };
+        Row {
+            scene: &plan.scenes[entry.scene].name,
+            scene_path: &plan.scenes[entry.scene].path,
+            method: plan.variants[entry.variant].method.name(),
+            variant: variant.change(),
+            seed: entry.seed,
+            segmenter: result.inputs.settings.segmenter.name(),
+            protocol: plan.protocol.name(),
+            scores: result.score(plan.protocol).scores(),
+            other_protocol: BTreeMap::from([(other.name(), result.score(other).scores())]),
+            fps: result.fps,
+            frames: result.frames,
+            skipped_frames: result.skipped_frames,
+            failed_frames: result.failed_frames,
+            segments: result.segments,
+            gaussians: result.gaussians,
+            parameters: result.parameters,
+            stage_ms: &result.stage_ms,
+            track_errors: result.track_errors,
+            file: format!("results/{}.json", plan.jobs[entry.job].key),
+            settings: &result.inputs.settings,
+            version: &result.inputs.version,
+        }
+    }
+}
+
+fn measurement<'a>(entry: &Entry, result: &'a JobResult) -> Measurement<'a> {
+    Measurement {
+        scene: entry.scene,
+        variant: entry.variant,
+        seed: entry.seed,
+        segmenter: result.inputs.settings.segmenter.name(),
+        frames: result.frames,
+        skipped_frames: result.skipped_frames,
+        failed_frames: result.failed_frames,
+        segments: result.segments,
+        gaussians: result.gaussians,
+        parameters: result.parameters,
+        frames_per_second: result.fps.total,
+        frames_per_second_without_segmenter: result.fps.without_segmenter,
+        stage_ms: &result.stage_ms,
+        paper: &result.paper,
+        strict: &result.strict,
+        series: &result.series,
+        thumbnails: &result.strip,
+    }
+}
