@@ -177,7 +177,7 @@ fn damaged_files_are_named() {
         (json!([{"id": 1}]), "annotation 0: expected the key segmentation"),
         (json!([{"id": 1, "segmentation": good}]), "expected the key frame"),
         (json!([{"frame": name, "id": 0, "segmentation": good}]), "id: found 0"),
-        (one(json!([[1, 2, 3, 4]])), "polygons are not read"),
+        (one(json!([[1, 2, 3, 4]])), "polygons are not supported"),
         (one(json!({"size": [48, 64], "counts": "\u{1}"})), "damaged at character 0"),
         (one(json!({"size": [48, 64], "counts": [7]})), "add up to 7 pixels"),
         (one(lying), "48000000 pixels, expected 64x48"),
@@ -191,7 +191,7 @@ fn damaged_files_are_named() {
     }
     let path = folder.path().join("cut.json");
     fs::write(&path, "[{\"segmentations\": [").unwrap();
-    assert!(eval(&path, &[]).err.contains("cut.json: is no JSON"));
+    assert!(eval(&path, &[]).err.contains("cut.json: is not JSON"));
     let images = perfect_images();
     fs::write(images.path().join(format!("{name}.png")), b"no image").unwrap();
     let ended = eval(images.path(), &[]);

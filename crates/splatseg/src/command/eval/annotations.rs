@@ -1,6 +1,6 @@
 //! JSON files with run-length encoded masks: COCO annotations with frames and ids, YouTube-VIS tracks.
 
-use super::pairing::SelectedFrames;
+use super::frames::SelectedFrames;
 use crate::command::Failure;
 use serde::Deserialize;
 use serde_json::Value;
@@ -8,13 +8,13 @@ use splatseg_geometry::{RunLengths, SegmentId};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// Larger files are not read into memory.
+/// Larger files are refused.
 const MAX_BYTES: u64 = 1 << 30;
 
 /// Endings of the image files that annotations may be named after.
 const IMAGE_ENDINGS: [&str; 4] = [".jpg", ".jpeg", ".png", ".color"];
 
-/// A mask as it stands in the file.
+/// A mask as in the file.
 #[derive(Clone, Debug)]
 pub struct EncodedMask {
     /// The segment's id, above 0.
@@ -25,7 +25,7 @@ pub struct EncodedMask {
 
 type MasksByFrame = BTreeMap<String, Vec<EncodedMask>>;
 
-/// Reads a file's masks by name of the frame. Tracks' lists of masks are those of the selected frames, in order.
+/// Reads a file's masks, by name of the frame. A track lists one mask for each selected frame, in order.
 pub fn read(path: &Path, frames: &SelectedFrames) -> Result<MasksByFrame, Failure> {
     let wrong = |text: String| Failure::input(format!("{}: {text}", path.display()));
     let bytes = std::fs::metadata(path).map_err(|error| wrong(error.to_string()))?.len();
@@ -33,11 +33,11 @@ pub fn read(path: &Path, frames: &SelectedFrames) -> Result<MasksByFrame, Failur
         return Err(wrong(format!("{bytes} bytes, expected at most {MAX_BYTES}")));
     }
     let text = std::fs::read(path).map_err(|error| wrong(error.to_string()))?;
-    let document: Value = serde_json::from_slice(&text).map_err(|error| wrong(format!("is no JSON: {error}")))?;
+    let document: Value = serde_json::from_slice(&text).map_err(|error| wrong(format!("is not JSON: {error}")))?;
     Document { frames }.read(document).map_err(wrong)
 }
 
-/// Something with masks: a track, or one mask.
+/// A track or a single mask.
 #[derive(Deserialize)]
 struct Annotation {
     id: Option<Value>,
@@ -58,7 +58,7 @@ struct CocoImage {
     file_name: String,
 }
 
-/// How the file's words become frames.
+/// A file's content, read for these frames.
 struct Document<'a> {
     frames: &'a SelectedFrames,
 }
@@ -84,7 +84,9 @@ impl Document<'_> {
             let annotation = Annotation::deserialize(value).map_err(|error| at(error.to_string()))?;
             videos.extend(annotation.video_id.as_ref().map(Value::to_string));
             if videos.len() > 1 {
-                return Err(at("belongs to another video than those before, expected one video in a file".to_owned()));
+                return Err(
+                    at("belongs to another video than those before it, expected one video per file".to_owned()),
+                );
             }
             self.add(annotation, place, &images, &mut masks).map_err(at)?;
         }
@@ -123,7 +125,7 @@ impl Document<'_> {
             (None, None) => return Err("expected the key frame, file_name, image or image_id".to_owned()),
         };
         let of_frame = masks.entry(name).or_default();
-        // Without ids the masks of a frame are only told apart.
+        // A mask without an id gets its position in the frame.
         let id = id.map_or_else(|| segment_id(&Value::from(of_frame.len() + 1)), Ok)?;
         if let Some(runs) = run_lengths(&segmentation)? {
             of_frame.push(EncodedMask { id, runs });
@@ -149,7 +151,7 @@ impl Document<'_> {
         Ok(())
     }
 
-    /// The frame that a name, a number or an image file stands for.
+    /// The frame that a name, a number or the path of an image refers to.
     fn frame_name(&self, value: &Value) -> Result<String, String> {
         let text = match value {
             Value::String(text) => text.clone(),
@@ -169,7 +171,7 @@ impl Document<'_> {
 
 fn segment_id(value: &Value) -> Result<SegmentId, String> {
     let id = value.as_u64().and_then(|id| SegmentId::try_from(id).ok()).filter(|id| *id > 0);
-    id.ok_or_else(|| format!("id: found {value}, expected a whole number from 1 to {}", SegmentId::MAX))
+    id.ok_or_else(|| format!("id: found {value}, expected an integer from 1 to {}", SegmentId::MAX))
 }
 
 /// A COCO RLE, compressed or not; `None` for null.
@@ -177,7 +179,7 @@ fn run_lengths(value: &Value) -> Result<Option<RunLengths>, String> {
     if value.is_null() {
         return Ok(None);
     }
-    let expected = "expected an RLE with size [height, width] and counts (polygons are not read)";
+    let expected = "expected an RLE with size [height, width] and counts (polygons are not supported)";
     let size = value.get("size").and_then(|size| <[usize; 2]>::deserialize(size).ok());
     let ([height, width], Some(counts)) = (size.ok_or(expected)?, value.get("counts")) else {
         return Err(expected.to_owned());

@@ -1,29 +1,34 @@
-//! `splatseg eval`: anybody's predictions against a scene's ground truth.
+//! `splatseg eval`: scores predictions of any origin against a scene's ground truth.
+//!
+//! `frames.rs` says which frames are scored, `predictions.rs` and `annotations.rs` read what was predicted for them, and
+//! `scoring.rs` compares both.
 
 mod annotations;
-mod pairing;
+mod frames;
 mod predictions;
+mod scoring;
 
 use super::Failure;
 use super::options::{DatasetOptions, ScoreOptions};
 use super::output_folder::Existing;
 use clap::Args;
-use pairing::{MissingFrames, SelectedFrames};
+use frames::{MissingCounts, MissingFrames, SelectedFrames};
 use predictions::Predictions;
+use scoring::{Ids, Scoring};
 use serde::Serialize;
-use splatseg_dataset::{DatasetSettings, Scene, open_scene, write_atomically};
+use splatseg_dataset::{DatasetSettings, open_scene, write_atomically};
 use splatseg_metrics::{RawCounts, Scores, VideoScore, VideoScorer, Void};
 use splatseg_report::{SIZE_COLUMNS_EXPLAINED, terminal_size_table, terminal_table};
 use std::path::{Path, PathBuf};
 
 const HELP: &str = "Predictions are one of\n\
-    - a folder with <frame>.png for every frame, 8-bit or 16-bit grey, one value per segment, 0 for none;\n\
-    - a folder that `splatseg run` wrote; it is read as that run read its scene, unless options say otherwise;\n\
-    - a .json file with a list (or an object whose key `annotations` holds it) of\n  \
-      tracks, as YouTube-VIS results have them: {\"segmentations\": [RLE or null, one per frame], \"id\": N}, or\n  \
+    - a folder with <frame>.png for every frame, 8-bit or 16-bit greyscale, one value per segment, 0 for none;\n\
+    - a folder written by `splatseg run`; the scene is read as that run read it, unless options say otherwise;\n\
+    - a .json file with a list (or an object with the list under the key `annotations`) of\n  \
+      tracks, as in YouTube-VIS results: {\"segmentations\": [RLE or null, one per frame], \"id\": N}, or\n  \
       single masks: {\"frame\": NAME, \"id\": N, \"segmentation\": RLE}.\n  \
-      `file_name`, `image`, or `image_id` with a COCO list `images`, may stand for `frame`; `track_id` for `id`; a\n  \
-      track without id takes its place in the list. RLE is {\"size\": [height, width], \"counts\": ...}, compressed\n  \
+      `file_name`, `image`, or `image_id` with a COCO list `images`, may replace `frame`; `track_id` may replace\n  \
+      `id`; the id of a track without one is its position in the list. RLE is {\"size\": [height, width], \"counts\": ...}, compressed\n  \
       or not. Masks may overlap. Frames without any mask are listed in a key `frames` (or `images`).\n\n\
     Examples:\n  \
     splatseg eval --gt scene0011_00 --pred out\n  \
@@ -32,37 +37,28 @@ const HELP: &str = "Predictions are one of\n\
 #[derive(Debug, Args)]
 #[command(after_long_help = format!("{HELP}\n\nTable by size: {SIZE_COLUMNS_EXPLAINED}"))]
 pub struct EvalArguments {
-    /// The scene with its ground truth
+    /// Scene with ground truth
     #[arg(long, value_name = "SCENE")]
     pub gt: String,
-    /// The predictions
+    /// Predictions, see below
     #[arg(long, value_name = "DIR|FILE.json")]
     pub pred: PathBuf,
     #[command(flatten)]
     pub score: ScoreOptions,
-    /// Write the scores as JSON, too
+    /// Also write the scores to a JSON file
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Replace that file if it exists
+    /// Replace the JSON file if it exists
     #[arg(long)]
     pub overwrite: bool,
-    /// Score frames without prediction as empty ones, and leave out frames without ground truth
+    /// Score frames without prediction as empty, and leave out frames without ground truth
     #[arg(long)]
     pub allow_missing: bool,
-    /// Ids hold for one frame only: link masks of consecutive frames as the paper does for such methods
+    /// Predicted ids are valid in one frame only: link masks of consecutive frames, as the paper does for such methods
     #[arg(long)]
     pub no_ids: bool,
     #[command(flatten)]
     pub dataset: DatasetOptions,
-}
-
-/// Whether predicted ids mean the same object in every frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ids {
-    /// They do.
-    Lasting,
-    /// They tell apart the masks of one frame.
-    PerFrame,
 }
 
 /// What `--json` writes. Its keys are part of the interface.
@@ -75,7 +71,7 @@ struct Evaluation<'a> {
     min_truth_area: f64,
     scene: &'a str,
     predictions: String,
-    /// Whether predicted ids last for the whole video.
+    /// Whether predicted ids mean the same object in every frame.
     ids: bool,
     /// Frames that were scored.
     frames: u64,
@@ -83,14 +79,6 @@ struct Evaluation<'a> {
     missing: MissingCounts,
     counts: &'a RawCounts,
     version: &'static str,
-}
-
-/// Frames that one side lacks.
-#[derive(Clone, Copy, Debug, Serialize)]
-struct MissingCounts {
-    missing_predictions: usize,
-    unlabelled_frames: usize,
-    unknown_predictions: usize,
 }
 
 /// Does what `splatseg eval` asks for.
@@ -157,7 +145,7 @@ fn write_json(arguments: &EvalArguments, score: &VideoScore, missing: MissingCou
     write_atomically(path, text.as_bytes()).map_err(Failure::work)
 }
 
-/// How a `splatseg run` whose results `path` holds read its scene; the defaults for anybody else's predictions.
+/// How the `splatseg run` that wrote `path` read its scene; the defaults for other predictions.
 fn dataset_of_run(path: &Path) -> Result<DatasetSettings, Failure> {
     let summary = path.join("summary.json");
     if !path.join("segments").is_dir() || !summary.is_file() {
@@ -169,43 +157,4 @@ fn dataset_of_run(path: &Path) -> Result<DatasetSettings, Failure> {
     let settings = summary_value.pointer_mut("/settings/dataset").map(serde_json::Value::take);
     let settings = settings.ok_or_else(|| wrong(&"expected the key settings.dataset"))?;
     serde_json::from_value(settings).map_err(|error| wrong(&error))
-}
-
-/// Everything that is scored.
-struct Scoring<'a> {
-    scene: &'a dyn Scene,
-    dataset: &'a DatasetSettings,
-    frames: &'a SelectedFrames,
-    predictions: &'a Predictions,
-    ids: Ids,
-}
-
-impl Scoring<'_> {
-    /// The video's score, and how many frames have no ground truth.
-    fn run(&self, mut scorer: VideoScorer, missing: MissingFrames) -> Result<(VideoScore, usize), Failure> {
-        let mut unlabelled = Vec::new();
-        for (index, name) in self.frames.selected() {
-            let Some(truth) = self.scene.read_ground_truth(*index).map_err(Failure::input)? else {
-                unlabelled.push(name.as_str());
-                continue;
-            };
-            let original = truth.size();
-            let truth = self.dataset.framing().apply_to_labels(truth).map_err(Failure::input)?;
-            let fit = predictions::Fit { framing: self.dataset.framing(), original, framed: truth.size() };
-            let prediction = self.predictions.read(name, &fit)?;
-            prediction.push_to(&mut scorer, &truth, self.ids).map_err(|error| {
-                Failure::input(format!("{}: frame {name}: {error}", self.predictions.path().display()))
-            })?;
-        }
-        if missing == MissingFrames::Refused && !unlabelled.is_empty() {
-            return Err(Failure::input(format!(
-                "{}; --allow-missing leaves them out",
-                pairing::count_and_names(&unlabelled, "without ground truth")
-            )));
-        }
-        if scorer.frames() == 0 {
-            return Err(Failure::input("none of the frames has ground truth"));
-        }
-        Ok((scorer.finish(), unlabelled.len()))
-    }
 }

@@ -1,8 +1,8 @@
 //! Predictions on disk.
 
-use super::Ids;
 use super::annotations::{self, EncodedMask};
-use super::pairing::SelectedFrames;
+use super::frames::SelectedFrames;
+use super::scoring::Ids;
 use crate::command::Failure;
 use splatseg_dataset::{Framing, read_segments_png};
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
@@ -38,15 +38,15 @@ pub enum Prediction {
     Masks(Vec<(SegmentId, Mask)>),
 }
 
-/// How predictions come to the size of the framed ground truth: those of that size are used as they are, those of
-/// the original images' size go the way of the ground truth.
+/// How predictions get the size of the framed ground truth. Those of that size are used as they are; those of the
+/// original images' size are framed as the ground truth was.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
-    /// What the ground truth went through.
+    /// How the ground truth was framed.
     pub framing: Framing,
-    /// Its size before, `(width, height)`.
+    /// The ground truth's size before, `(width, height)`.
     pub original: (usize, usize),
-    /// Its size after, `(width, height)`.
+    /// The ground truth's size after, `(width, height)`.
     pub framed: (usize, usize),
 }
 
@@ -69,7 +69,7 @@ impl Predictions {
             }
         }
         if names.is_empty() {
-            return Err(wrong(&"holds no .png files, expected one per frame, named after it"));
+            return Err(wrong(&"the folder has no .png files, expected one per frame, named after it"));
         }
         Ok(Self::Images { folder, names })
     }
@@ -82,7 +82,7 @@ impl Predictions {
         }
     }
 
-    /// Whether there is a prediction, be it an empty one, for this frame.
+    /// Whether there is a prediction for this frame; it may be empty.
     pub fn has(&self, name: &str) -> bool {
         match self {
             Self::Images { names, .. } => names.contains(name),
@@ -145,7 +145,7 @@ impl Fit {
         } else {
             format!("{framed_width}x{framed_height} (or {width}x{height}, the original size)")
         };
-        Err(format!("the prediction has {}x{} pixels, expected {expected} as the ground truth", found.0, found.1))
+        Err(format!("the prediction has {}x{} pixels, expected {expected} like the ground truth", found.0, found.1))
     }
 
     fn map(&self, map: SegmentMap) -> Result<SegmentMap, String> {

@@ -1,20 +1,32 @@
-//! Which frames are scored, and whether both sides have them.
+//! Which frames are scored, and whether ground truth and predictions have them.
 
-use super::{MissingCounts, Predictions};
+use super::predictions::Predictions;
 use crate::command::Failure;
+use serde::Serialize;
 use splatseg_dataset::{DatasetSettings, Scene};
 use std::collections::BTreeSet;
 
-/// Names that an error lists before it only counts.
+/// At most this many names are listed in an error.
 const LISTED_NAMES: usize = 5;
 
-/// What to do about frames that one side lacks.
+/// What to do about frames that the predictions or the ground truth lack.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MissingFrames {
     /// An error.
     Refused,
     /// Without prediction: scored as empty; without ground truth: left out.
     Allowed,
+}
+
+/// How many frames the predictions or the ground truth lack.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct MissingCounts {
+    /// Frames without prediction.
+    pub missing_predictions: usize,
+    /// Frames without ground truth.
+    pub unlabelled_frames: usize,
+    /// Predictions of frames that the scene does not have.
+    pub unknown_predictions: usize,
 }
 
 /// The frames of a scene that are scored.
@@ -43,8 +55,8 @@ impl SelectedFrames {
         self.all_names.contains(name)
     }
 
-    /// Compares the frames with those of the predictions. Predictions of frames that exist but are not selected are
-    /// nobody's mistake.
+    /// Compares the frames with those of the predictions. Predictions of frames that exist but are not selected are not
+    /// an error.
     pub fn check(&self, predictions: &Predictions, missing: MissingFrames) -> Result<MissingCounts, Failure> {
         let names: Vec<&str> = self.selected.iter().map(|(_, name)| name.as_str()).collect();
         let without: Vec<&str> = names.into_iter().filter(|name| !predictions.has(name)).collect();
