@@ -3,7 +3,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use splatseg_geometry::Image;
 use splatseg_models::fastsam::{
-    Candidates, FastSamPredictorSettings, Placement, Prototypes, detections, letterbox, normalised,
+    Candidates, FastSamPredictorSettings, Placement, Prototypes, detections, input_values, letterbox,
 };
 use std::hint::black_box;
 
@@ -37,7 +37,7 @@ fn fastsam(criterion: &mut Criterion) {
     });
     let image = Image::from_fn(640, 480, |column, row| [column as u8, row as u8, (column ^ row) as u8]);
     criterion.bench_function("input of 1024x768 from 640x480", |bencher| {
-        bencher.iter(|| normalised(&letterbox(black_box(&image), 1024)));
+        bencher.iter(|| input_values(&letterbox(black_box(&image), 1024)));
     });
 }
 

@@ -6,7 +6,7 @@
 
 use burn::tensor::Device;
 use splatseg_models::checkpoint::Checkpoint;
-use splatseg_models::fastsam::{Network, YoloArchitecture};
+use splatseg_models::fastsam::{FastSamConfig, FastSamNetwork};
 use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
@@ -23,8 +23,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let start = Instant::now();
     let network = {
         let checkpoint = Checkpoint::open(Path::new(path))?;
-        let architecture = YoloArchitecture::of_checkpoint(&checkpoint)?;
-        Network::load(&checkpoint, architecture, &Device::default())?
+        let architecture = FastSamConfig::from_checkpoint(&checkpoint)?;
+        FastSamNetwork::load(&checkpoint, architecture, &Device::default())?
     };
     let load = milliseconds(start);
     let image: Vec<f32> = (0..3 * size * size).map(|index| (index * 7919 % 256) as f32 / 255.0).collect();

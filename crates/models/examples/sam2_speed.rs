@@ -9,7 +9,7 @@ mod sam2_golden;
 use burn::tensor::{Device, Tensor, TensorData};
 use sam2_golden::FormulaWeights;
 use splatseg_geometry::Mask;
-use splatseg_models::sam2::{PredictorSettings, Prompt, Sam2, VideoPredictor};
+use splatseg_models::sam2::{Prompt, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
 use std::time::Instant;
 
 fn main() {
@@ -20,7 +20,7 @@ fn main() {
     let (folder, size) = (&arguments[0], &arguments[1]);
     let (side, objects, frames) = (number(2, 1024), number(3, 1), number(4, 9));
     let weights = FormulaWeights::of_manifest(std::path::Path::new(folder), size);
-    let network = Sam2::load(&weights, Some(side), &Device::flex()).expect("the manifest's tensors");
+    let network = Sam2Network::load(&weights, Some(side), &Device::flex()).expect("the manifest's tensors");
     let input = |frame: usize| {
         let values = (0..3 * side * side).map(|index| ((index * 7919 + frame * 104_729) % 1000) as f32 / 250.0 - 2.0);
         Tensor::<4>::from_data(TensorData::new(values.collect::<Vec<f32>>(), [1, 3, side, side]), &Device::flex())
@@ -36,7 +36,7 @@ fn main() {
     let mut tracked = Vec::new();
     let mut state_mb = 0.0;
     if objects > 0 {
-        let mut predictor = VideoPredictor::new(network, PredictorSettings::default()).expect("default settings");
+        let mut predictor = Sam2Predictor::new(network, Sam2PredictorSettings::default()).expect("default settings");
         predictor.track_input(input(0), (side, side)).expect("the first frame");
         let prompts: Vec<(u64, Prompt)> = (0..objects)
             .map(|object| {

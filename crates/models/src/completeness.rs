@@ -2,7 +2,7 @@
 
 use crate::checkpoint::{Architecture, Checkpoint};
 use crate::fastsam::{self, FastSamError};
-use crate::sam2::{self, Sam2, Sam2Error};
+use crate::sam2::{self, Sam2Error, Sam2Network};
 use burn::tensor::Device;
 use std::cell::{Cell, RefCell};
 use std::fmt;
@@ -42,10 +42,10 @@ pub fn missing_tensors(checkpoint: &Checkpoint) -> Option<Vec<Missing>> {
     let audit = Audit::of(checkpoint);
     let built = match checkpoint.architecture() {
         Architecture::YoloV8Seg { .. } => {
-            let architecture = fastsam::YoloArchitecture::of_checkpoint(checkpoint).ok()?;
-            fastsam::Network::load(&audit, architecture, &Device::flex()).is_ok()
+            let config = fastsam::FastSamConfig::from_checkpoint(checkpoint).ok()?;
+            fastsam::FastSamNetwork::load(&audit, config, &Device::flex()).is_ok()
         }
-        Architecture::Sam2 { .. } => match Sam2::load(&audit, None, &Device::flex()) {
+        Architecture::Sam2 { .. } => match Sam2Network::load(&audit, None, &Device::flex()) {
             Ok(_) | Err(Sam2Error::UnexpectedTensor { .. }) => true,
             Err(_) => false,
         },

@@ -5,7 +5,6 @@ pub mod completeness;
 pub mod convolution;
 pub mod device;
 pub mod fastsam;
-mod product;
 pub mod sam2;
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use burn::tensor::Device;
 use sam2_golden::{FormulaWeights, Golden, Within, assert_close, folder, mini_weights};
 use splatseg_geometry::{Image, Mask};
 use splatseg_models::sam2::{
-    Click, ObjectMask, PredictorSettings, Prompt, Sam2, Sam2Config, Sam2Error, VideoPredictor,
+    Click, ObjectMask, Prompt, Sam2Config, Sam2Error, Sam2Network, Sam2Predictor, Sam2PredictorSettings,
 };
 use std::path::Path;
 use std::sync::Arc;
@@ -15,8 +15,8 @@ use std::sync::Arc;
 const WIDTH: usize = 288;
 const HEIGHT: usize = 200;
 
-fn mini(folder: &Path) -> Arc<Sam2> {
-    Arc::new(Sam2::load(&mini_weights(folder), None, &Device::flex()).unwrap())
+fn mini(folder: &Path) -> Arc<Sam2Network> {
+    Arc::new(Sam2Network::load(&mini_weights(folder), None, &Device::flex()).unwrap())
 }
 
 fn frames(folder: &Path) -> Vec<Image<[u8; 3]>> {
@@ -101,7 +101,7 @@ impl Pass<'_> {
 
 /// Follows all objects from the frame after the current one and compares with rows `from..` of a pass.
 fn follow(
-    predictor: &mut VideoPredictor,
+    predictor: &mut Sam2Predictor,
     frames: &[&Image<[u8; 3]>],
     pass: &Pass,
     from: usize,
@@ -128,8 +128,8 @@ fn scenario_a_mask_prompts() {
     let (network, frames) = (mini(&folder), frames(&folder));
     let pass = Pass { golden: &golden, pass: "p1" };
     for objects_per_chunk in [1, 2, 8] {
-        let settings = PredictorSettings { objects_per_chunk, ..PredictorSettings::parity(10) };
-        let mut predictor = VideoPredictor::new(network.clone(), settings).unwrap();
+        let settings = Sam2PredictorSettings { objects_per_chunk, ..Sam2PredictorSettings::parity(10) };
+        let mut predictor = Sam2Predictor::new(network.clone(), settings).unwrap();
         predictor.track(&frames[0]).unwrap();
         let prompts: Vec<(u64, Prompt)> =
             (1..).zip(masks(&golden, "masks_video_u8").into_iter().map(Prompt::Mask)).collect();
@@ -142,12 +142,12 @@ fn scenario_a_mask_prompts() {
 }
 
 /// Box and points on frame 0, then a correction on frame 5.
-fn scenario_b(settings: PredictorSettings, corrected: &str) {
+fn scenario_b(settings: Sam2PredictorSettings, corrected: &str) {
     let Some(folder) = folder("scenario_b") else { return };
     let golden = Golden::open(&folder, "mini_video_B");
     let after = Golden::open(&folder, corrected);
     let (network, frames) = (mini(&folder), frames(&folder));
-    let mut predictor = VideoPredictor::new(network.clone(), settings).unwrap();
+    let mut predictor = Sam2Predictor::new(network.clone(), settings).unwrap();
     predictor.track(&frames[0]).unwrap();
     let corners: [f32; 4] = golden.floats("box1").try_into().unwrap();
     let first = predictor.prompt(1, &Prompt::bounding_box(corners)).unwrap();
@@ -180,13 +180,13 @@ fn scenario_b(settings: PredictorSettings, corrected: &str) {
 
 #[test]
 fn scenario_b_corrections_without_effect() {
-    scenario_b(PredictorSettings::parity(10), "mini_video_B");
+    scenario_b(Sam2PredictorSettings::parity(10), "mini_video_B");
 }
 
 #[test]
 fn scenario_b_corrections_that_condition() {
-    let parity = PredictorSettings::parity(10);
-    scenario_b(PredictorSettings { corrections_condition: true, ..parity }, "mini_video_B_all_cond");
+    let parity = Sam2PredictorSettings::parity(10);
+    scenario_b(Sam2PredictorSettings { corrections_condition: true, ..parity }, "mini_video_B_all_cond");
 }
 
 #[test]
@@ -194,7 +194,7 @@ fn scenario_c_an_object_added_late() {
     let Some(folder) = folder("scenario_c_an_object_added_late") else { return };
     let (start, golden) = (Golden::open(&folder, "mini_video_A"), Golden::open(&folder, "mini_video_C"));
     let (network, frames) = (mini(&folder), frames(&folder));
-    let mut predictor = VideoPredictor::new(network.clone(), PredictorSettings::parity(10)).unwrap();
+    let mut predictor = Sam2Predictor::new(network.clone(), Sam2PredictorSettings::parity(10)).unwrap();
     predictor.track(&frames[0]).unwrap();
     for (id, mask) in (1..=2).zip(masks(&start, "masks_video_u8")) {
         predictor.prompt(id, &Prompt::Mask(mask)).unwrap();
@@ -216,7 +216,7 @@ fn scenario_f_more_pointers_than_fit() {
     let golden = Golden::open(&folder, "mini_video_F_long");
     let (network, frames) = (mini(&folder), frames(&folder));
     let order: Vec<_> = golden.ints("source_frame").into_iter().map(|index| &frames[index]).collect();
-    let mut predictor = VideoPredictor::new(network.clone(), PredictorSettings::parity(20)).unwrap();
+    let mut predictor = Sam2Predictor::new(network.clone(), Sam2PredictorSettings::parity(20)).unwrap();
     predictor.track(order[0]).unwrap();
     predictor.prompt(1, &Prompt::Mask(masks(&golden, "mask_video_u8").remove(0))).unwrap();
     follow(&mut predictor, &order[1..], &Pass { golden: &golden, pass: "p1" }, 1, &[(1, 0)]);
@@ -229,13 +229,13 @@ fn another_image_size() {
     let Some(folder) = folder("another_image_size") else { return };
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     let golden = Golden::open(&data, "sam2_mini_224");
-    let network = Arc::new(Sam2::load(&mini_weights(&folder), Some(224), &Device::flex()).unwrap());
+    let network = Arc::new(Sam2Network::load(&mini_weights(&folder), Some(224), &Device::flex()).unwrap());
     let frames = frames(&folder);
     let embedding = network.encode(network.input(&frames[0])).embedding.permute([0, 3, 1, 2]);
     let embedding = embedding.into_data().try_into_vec::<f32>().unwrap();
     assert_close("embedding", &embedding, &golden.floats("embedding"), Within::OfMax(1e-5));
     let mask = masks(&Golden::open(&folder, "mini_preprocess"), "mask_video_u8").remove(0);
-    let mut predictor = VideoPredictor::new(network, PredictorSettings::parity(3)).unwrap();
+    let mut predictor = Sam2Predictor::new(network, Sam2PredictorSettings::parity(3)).unwrap();
     let (logits, scores) = (golden.floats("low_res_logits"), golden.floats("object_score_logits"));
     for (index, frame) in frames[..3].iter().enumerate() {
         let found = predictor.track(frame).unwrap();
@@ -252,11 +252,11 @@ fn memory_stays_bounded_and_corrections_are_not_lost() {
     let Some(folder) = folder("memory_stays_bounded_and_corrections_are_not_lost") else { return };
     let golden = Golden::open(&folder, "mini_video_A");
     // What is kept does not depend on the input's size; a small one is fast.
-    let network = Arc::new(Sam2::load(&mini_weights(&folder), Some(64), &Device::flex()).unwrap());
+    let network = Arc::new(Sam2Network::load(&mini_weights(&folder), Some(64), &Device::flex()).unwrap());
     let frames = frames(&folder);
     let mask = masks(&golden, "masks_video_u8").remove(0);
-    let mut predictor = VideoPredictor::new(network.clone(), PredictorSettings::default()).unwrap();
-    let mut without = VideoPredictor::new(network.clone(), PredictorSettings::default()).unwrap();
+    let mut predictor = Sam2Predictor::new(network.clone(), Sam2PredictorSettings::default()).unwrap();
+    let mut without = Sam2Predictor::new(network.clone(), Sam2PredictorSettings::default()).unwrap();
     let mut bytes = Vec::new();
     for step in 0..60 {
         let frame = &frames[step % 10];
@@ -285,8 +285,8 @@ fn removed_objects_leave_no_trace() {
     let golden = Golden::open(&folder, "mini_video_A");
     let (network, frames) = (mini(&folder), frames(&folder));
     let masks = masks(&golden, "masks_video_u8");
-    let mut both = VideoPredictor::new(network.clone(), PredictorSettings::default()).unwrap();
-    let mut one = VideoPredictor::new(network.clone(), PredictorSettings::default()).unwrap();
+    let mut both = Sam2Predictor::new(network.clone(), Sam2PredictorSettings::default()).unwrap();
+    let mut one = Sam2Predictor::new(network.clone(), Sam2PredictorSettings::default()).unwrap();
     both.track(&frames[0]).unwrap();
     one.track(&frames[0]).unwrap();
     both.prompt_all(&[(5, Prompt::Mask(masks[0].clone())), (2, Prompt::Mask(masks[1].clone()))]).unwrap();
@@ -303,7 +303,7 @@ fn removed_objects_leave_no_trace() {
 fn bad_prompts_are_refused() {
     let Some(folder) = folder("bad_prompts_are_refused") else { return };
     let (network, frames) = (mini(&folder), frames(&folder));
-    let mut predictor = VideoPredictor::new(network.clone(), PredictorSettings::default()).unwrap();
+    let mut predictor = Sam2Predictor::new(network.clone(), Sam2PredictorSettings::default()).unwrap();
     assert_eq!(predictor.prompt(1, &Prompt::click(3.0, 3.0)), Err(Sam2Error::NoFrame));
     predictor.track(&frames[0]).unwrap();
     for (x, y) in [(f32::NAN, 3.0), (3.0, f32::INFINITY), (-0.5, 3.0), (289.0, 3.0), (3.0, 200.5)] {
@@ -326,8 +326,8 @@ fn bad_prompts_are_refused() {
         predictor.track(&other).unwrap_err(),
         Sam2Error::FrameSize { found: (10, 10), expected: (WIDTH, HEIGHT) }
     );
-    let settings = PredictorSettings { objects_per_chunk: 0, ..PredictorSettings::default() };
-    assert!(matches!(VideoPredictor::new(network.clone(), settings), Err(Sam2Error::Setting { .. })));
+    let settings = Sam2PredictorSettings { objects_per_chunk: 0, ..Sam2PredictorSettings::default() };
+    assert!(matches!(Sam2Predictor::new(network.clone(), settings), Err(Sam2Error::Setting { .. })));
 }
 
 /// Names and shapes, with zeros for numbers.
@@ -355,17 +355,18 @@ fn every_size_is_recognised_and_has_exactly_its_tensors() {
     let Some(folder) = folder("every_size_is_recognised_and_has_exactly_its_tensors") else { return };
     for (size, config) in ["tiny", "small", "base_plus", "large"].into_iter().zip(&Sam2Config::ALL[1..]) {
         let mut weights = Shapes(FormulaWeights::of_manifest(&folder, size));
-        let network = Sam2::load(&weights, Some(64), &Device::flex()).unwrap_or_else(|error| panic!("{size}: {error}"));
+        let network =
+            Sam2Network::load(&weights, Some(64), &Device::flex()).unwrap_or_else(|error| panic!("{size}: {error}"));
         assert_eq!(network.config(), config, "{size}");
 
         weights.0.shapes_mut().insert("extra".into(), vec![1]);
-        let refused = Sam2::load(&weights, Some(64), &Device::flex()).unwrap_err();
+        let refused = Sam2Network::load(&weights, Some(64), &Device::flex()).unwrap_err();
         assert_eq!(refused, Sam2Error::UnexpectedTensor { name: "extra".into() });
         weights.0.shapes_mut().remove("memory_encoder.out_proj.bias");
-        let refused = Sam2::load(&weights, Some(64), &Device::flex()).unwrap_err();
+        let refused = Sam2Network::load(&weights, Some(64), &Device::flex()).unwrap_err();
         assert_eq!(refused, Sam2Error::MissingTensor { name: "memory_encoder.out_proj.bias".into() });
         weights.0.shapes_mut().insert("no_obj_ptr".into(), vec![1, 3]);
-        let refused = Sam2::load(&weights, Some(64), &Device::flex()).unwrap_err();
+        let refused = Sam2Network::load(&weights, Some(64), &Device::flex()).unwrap_err();
         let expected = Sam2Error::TensorShape { name: "no_obj_ptr".into(), found: vec![1, 3], expected: vec![1, 256] };
         assert_eq!(refused, expected);
     }

@@ -6,7 +6,7 @@ mod sam2_golden;
 use burn::tensor::{Device, Tensor, TensorData};
 use sam2_golden::{FormulaWeights, Golden, Within, assert_close, folder, formula_element, formula_frame};
 use splatseg_geometry::Mask;
-use splatseg_models::sam2::{PredictorSettings, Prompt, Sam2, VideoPredictor};
+use splatseg_models::sam2::{Prompt, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
 
 const SIDE: usize = 1024;
 
@@ -31,7 +31,7 @@ fn the_formula_is_that_of_the_reference() {
 fn encoder(size: &str) {
     let Some(folder) = folder("encoder of a published size") else { return };
     let golden = Golden::open(&folder, &format!("full_{size}_encoder"));
-    let network = Sam2::load(&FormulaWeights::of_manifest(&folder, size), None, &Device::flex()).unwrap();
+    let network = Sam2Network::load(&FormulaWeights::of_manifest(&folder, size), None, &Device::flex()).unwrap();
     let maps = network.encode(input(0));
     for (name, map) in [("fpn2", maps.embedding), ("s0", maps.s0), ("s1", maps.s1)] {
         let values: Vec<f32> = map.permute([0, 3, 1, 2]).into_data().try_into_vec().unwrap();
@@ -72,8 +72,8 @@ fn large_encoder() {
 fn video(size: &str) {
     let Some(folder) = folder("video of a published size") else { return };
     let golden = Golden::open(&folder, &format!("full_{size}_video"));
-    let network = Sam2::load(&FormulaWeights::of_manifest(&folder, size), None, &Device::flex()).unwrap();
-    let mut predictor = VideoPredictor::new(network, PredictorSettings::parity(3)).unwrap();
+    let network = Sam2Network::load(&FormulaWeights::of_manifest(&folder, size), None, &Device::flex()).unwrap();
+    let mut predictor = Sam2Predictor::new(network, Sam2PredictorSettings::parity(3)).unwrap();
     let square = Mask::from_fn(SIDE, SIDE, |x, y| (200..600).contains(&x) && (300..700).contains(&y));
     let disc = Mask::from_fn(SIDE, SIDE, |x, y| x.abs_diff(700).pow(2) + y.abs_diff(350).pow(2) < 160 * 160);
     for frame in 0..3 {

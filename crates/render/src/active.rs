@@ -1,9 +1,9 @@
-//! The part of the blend-weight matrix that an optimisation works on: some pixels (rows), and the Gaussians
-//! (columns) that they see, numbered anew without gaps.
+//! The part of the blend-weight matrix that an optimisation works on: chosen pixels (rows), and the Gaussians (columns)
+//! with a weight there, renumbered without gaps.
 
 use crate::TileWeights;
-use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
+use splatseg_kernels::{Instructions, Vectorize};
 
 /// A set of a tile's 256 pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -74,7 +74,7 @@ struct PixelRows {
 const UNNUMBERED: u32 = u32::MAX;
 
 impl ActiveWeights {
-    /// Numbers the Gaussians of `tiles` anew. The scene has `gaussian_count` Gaussians; `seen` are the tiles of the
+    /// Renumbers the Gaussians of `tiles`. The scene has `gaussian_count` Gaussians; `seen` are the tiles of the
     /// whole view, chosen or not.
     pub(crate) fn new(mut tiles: Vec<ActiveTile>, seen: &[TileWeights], gaussian_count: usize) -> Self {
         let mut number = vec![UNNUMBERED; gaussian_count];
@@ -87,7 +87,7 @@ impl ActiveWeights {
             }
             *gaussian = *number;
         }
-        tiles.par_iter_mut().for_each(|tile| tile.rows = PixelRows::of_tile(&tile.weights));
+        tiles.par_iter_mut().for_each(|tile| tile.rows = PixelRows::from_tile(&tile.weights));
         let (offsets, columns) = columns_by_gaussian(&tiles, gaussians.len());
         let weight_sums = weight_sums(seen, &number, gaussians.len());
         Self { tiles, gaussians, offsets, columns, weight_sums }
@@ -134,9 +134,9 @@ impl ActiveTile {
         assert_eq!(pixels.len(), TileWeights::PIXELS * channels, "the tile's pixels");
         let product = RenderRows { rows: &self.rows, values, pixels };
         match channels {
-            8 => Arch::new().dispatch(Fixed::<8>(product)),
-            16 => Arch::new().dispatch(Fixed::<16>(product)),
-            32 => Arch::new().dispatch(Fixed::<32>(product)),
+            8 => Instructions::best().run(Fixed::<8>(product)),
+            16 => Instructions::best().run(Fixed::<16>(product)),
+            32 => Instructions::best().run(Fixed::<32>(product)),
             _ => {
                 product.pixels.fill(0.0);
                 self.weights.accumulate(values, channels, product.pixels);
@@ -145,8 +145,7 @@ impl ActiveTile {
     }
 }
 
-/// The product of [`ActiveTile::render`], waiting for the processor's widest vector instructions. (A type rather than
-/// a closure: a closure is called through a shim that is compiled for the oldest processor.)
+/// The product of [`ActiveTile::render`].
 struct RenderRows<'a> {
     rows: &'a PixelRows,
     values: &'a [f32],
@@ -156,11 +155,11 @@ struct RenderRows<'a> {
 /// The product with a number of channels that the compiler knows.
 struct Fixed<'a, const C: usize>(RenderRows<'a>);
 
-impl<const C: usize> WithSimd for Fixed<'_, C> {
+impl<const C: usize> Vectorize for Fixed<'_, C> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run(self) {
         let RenderRows { rows, values, pixels } = self.0;
         let (values, _) = values.as_chunks::<C>();
         let (pixels, _) = pixels.as_chunks_mut::<C>();
@@ -180,7 +179,7 @@ impl<const C: usize> WithSimd for Fixed<'_, C> {
 
 impl PixelRows {
     /// A counting sort by pixel; the weights of one pixel stay front to back.
-    fn of_tile(tile: &TileWeights) -> Self {
+    fn from_tile(tile: &TileWeights) -> Self {
         let mut offsets = vec![0u32; TileWeights::PIXELS + 1];
         for pixel in &tile.pixels {
             offsets[usize::from(*pixel) + 1] += 1;

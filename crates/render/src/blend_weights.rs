@@ -1,9 +1,9 @@
-//! The sparse matrix of blend weights, and everything that is a product with it.
+//! The sparse matrix of blend weights, and products with it.
 
 use crate::tiles::TILE;
-use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use splatseg_geometry::Image;
+use splatseg_kernels::{Instructions, Vectorize};
 
 /// The pixel × Gaussian matrix `W` of one view: `W[p, i]` = alpha of Gaussian `i` at pixel `p` times the
 /// transmittance in front of it.
@@ -36,7 +36,7 @@ pub struct TileWeights {
     pub(crate) weights: Vec<f32>,
 }
 
-/// Channels per Gaussian are given for fewer Gaussians than the view has, or images of another size.
+/// Panics if a slice has another length than expected.
 #[track_caller]
 fn assert_length(what: &str, found: usize, expected: usize) {
     assert!(found == expected, "{what} hold {found} values, expected {expected}");
@@ -127,7 +127,7 @@ impl BlendWeights {
         gradient
     }
 
-    /// Accumulated alpha ("silhouette"), `[height, width]`: 1 minus the transmittance that is left.
+    /// Accumulated alpha ("silhouette"), `[height, width]`: 1 minus the remaining transmittance.
     pub fn silhouette(&self) -> Image<f32> {
         self.image_of(|_, _| 1.0)
     }
@@ -244,13 +244,13 @@ impl TileWeights {
         let product = Accumulate { tile: self, values, pixels };
         // Known channel counts let the compiler keep a pixel in registers.
         match channels {
-            1 => Arch::new().dispatch(Fixed::<_, 1>(product)),
-            3 => Arch::new().dispatch(Fixed::<_, 3>(product)),
-            4 => Arch::new().dispatch(Fixed::<_, 4>(product)),
-            7 => Arch::new().dispatch(Fixed::<_, 7>(product)),
-            14 => Arch::new().dispatch(Fixed::<_, 14>(product)),
-            28 => Arch::new().dispatch(Fixed::<_, 28>(product)),
-            _ => Arch::new().dispatch(Any(product, channels)),
+            1 => Instructions::best().run(Fixed::<_, 1>(product)),
+            3 => Instructions::best().run(Fixed::<_, 3>(product)),
+            4 => Instructions::best().run(Fixed::<_, 4>(product)),
+            7 => Instructions::best().run(Fixed::<_, 7>(product)),
+            14 => Instructions::best().run(Fixed::<_, 14>(product)),
+            28 => Instructions::best().run(Fixed::<_, 28>(product)),
+            _ => Instructions::best().run(Any(product, channels)),
         }
     }
 
@@ -295,10 +295,10 @@ impl TileWeights {
         assert_length("the tile's columns", columns.len(), self.gaussians.len() * channels);
         let product = ProjectBack { tile: self, pixels, columns };
         match channels {
-            8 => Arch::new().dispatch(Fixed::<_, 8>(product)),
-            16 => Arch::new().dispatch(Fixed::<_, 16>(product)),
-            32 => Arch::new().dispatch(Fixed::<_, 32>(product)),
-            _ => Arch::new().dispatch(Any(product, channels)),
+            8 => Instructions::best().run(Fixed::<_, 8>(product)),
+            16 => Instructions::best().run(Fixed::<_, 16>(product)),
+            32 => Instructions::best().run(Fixed::<_, 32>(product)),
+            _ => Instructions::best().run(Any(product, channels)),
         }
     }
 
@@ -332,14 +332,14 @@ impl TileWeights {
     }
 }
 
-/// `W v` of one tile, waiting for the processor's widest vector instructions.
+/// `W v` of one tile.
 struct Accumulate<'a> {
     tile: &'a TileWeights,
     values: &'a [f32],
     pixels: &'a mut [f32],
 }
 
-/// `Wᵀ g` of one tile, likewise.
+/// `Wᵀ g` of one tile.
 struct ProjectBack<'a> {
     tile: &'a TileWeights,
     pixels: &'a [f32],
@@ -352,40 +352,38 @@ struct Fixed<P, const C: usize>(P);
 /// A product with any number of channels.
 struct Any<P>(P, usize);
 
-// Types rather than closures: a closure is called through a shim that is compiled for the oldest processor.
-
-impl<const C: usize> WithSimd for Fixed<Accumulate<'_>, C> {
+impl<const C: usize> Vectorize for Fixed<Accumulate<'_>, C> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run(self) {
         self.0.tile.accumulate_fixed::<C>(self.0.values, self.0.pixels);
     }
 }
 
-impl WithSimd for Any<Accumulate<'_>> {
+impl Vectorize for Any<Accumulate<'_>> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run(self) {
         self.0.tile.accumulate_any(self.0.values, self.1, self.0.pixels);
     }
 }
 
-impl<const C: usize> WithSimd for Fixed<ProjectBack<'_>, C> {
+impl<const C: usize> Vectorize for Fixed<ProjectBack<'_>, C> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run(self) {
         self.0.tile.project_back_fixed::<C>(self.0.pixels, self.0.columns);
     }
 }
 
-impl WithSimd for Any<ProjectBack<'_>> {
+impl Vectorize for Any<ProjectBack<'_>> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run(self) {
         self.0.tile.project_back_any(self.0.pixels, self.1, self.0.columns);
     }
 }

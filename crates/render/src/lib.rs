@@ -1,8 +1,8 @@
 //! 3D Gaussians and a camera in, [`BlendWeights`] out; every image is then a product with them.
 //!
-//! Geometry does not change while segment features are learnt, and rendering is linear in whatever a Gaussian
-//! carries: `F = W f`. So a view is rasterised **once** ([`View`]), and colour, depth, silhouette, any number of
-//! feature channels, and the gradients with respect to them, are products with `W` and `Wᵀ`.
+//! Geometry does not change while segment features are learnt, and rendering is linear in the features: `F = W f`. So a
+//! view is rasterised **once** ([`View`]), and colour, depth, silhouette, any number of feature channels, and the gradients
+//! with respect to them, are products with `W` and `Wᵀ`.
 //!
 //! Semantics are those of 3DGS as `gsplat.rasterization` 1.5 (classic mode) defines them: 0.3 px² low-pass, alpha at
 //! most 0.999, alphas below 1/255 skipped, a pixel finished when its transmittance would fall to 1e-4.
@@ -11,7 +11,6 @@
 //! vector instructions the processor has.
 
 mod active;
-mod aligned;
 mod blend_weights;
 mod camera;
 mod gaussians;
@@ -21,7 +20,6 @@ mod tiles;
 mod view;
 
 pub use active::{ActiveTile, ActiveWeights, PixelSet};
-pub use aligned::AlignedVec;
 pub use blend_weights::{BlendWeights, TileWeights};
 pub use camera::{Camera, RasterLimits};
 pub use gaussians::{Balls, Gaussians, Shape, Splats};

@@ -3,7 +3,8 @@
 use crate::camera::RasterLimits;
 use crate::tiles::{DepthKey, TILE, TileGrid};
 use crate::{ProjectedGaussian, TileWeights};
-use pulp::{Arch, Simd, WithSimd};
+use splatseg_kernels::exp::exp_negative;
+use splatseg_kernels::{Instructions, Vectorize};
 
 const PIXELS: usize = TILE * TILE;
 /// Pixels of a row that are blended together. Most Gaussians of an RGB-D map are narrower.
@@ -57,7 +58,7 @@ impl TileRasteriser {
         let (width, height) = ((grid.width - left).min(TILE), (grid.height - top).min(TILE));
         self.clear(width, height);
         self.weights.restart(left, top, width, height);
-        Arch::new().dispatch(BlendAll { rasteriser: self, scene, keys });
+        Instructions::best().run(BlendAll { rasteriser: self, scene, keys });
         // A copy has the right size; the working memory keeps its capacity.
         self.weights.clone()
     }
@@ -183,19 +184,18 @@ impl TileRasteriser {
     }
 }
 
-/// The blending of one tile, waiting for the processor's widest vector instructions. (A type rather than a closure: a
-/// closure is called through a shim that is compiled for the oldest processor.)
+/// The blending of one tile.
 struct BlendAll<'a> {
     rasteriser: &'a mut TileRasteriser,
     scene: &'a Scene<'a>,
     keys: &'a [DepthKey],
 }
 
-impl WithSimd for BlendAll<'_> {
+impl Vectorize for BlendAll<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run(self) {
         // Gaussians of a tile lie scattered in memory: copying some ahead lets the processor fetch them side by side.
         let mut ahead = [ProjectedGaussian::default(); AHEAD];
         for keys in self.keys.chunks(AHEAD) {
@@ -217,42 +217,4 @@ impl WithSimd for BlendAll<'_> {
 fn lanes(pixels: &mut [f32; PIXELS], from: usize) -> &mut [f32; LANES] {
     // Rows are whole multiples of the lanes' window, which ends inside its row: the range is always there.
     pixels[from..].first_chunk_mut().expect("a window of lanes ends inside the tile")
-}
-
-/// 1.5 · 2^23: adding it to a small number rounds that to a whole one and leaves it in the lowest bits.
-const ROUNDING: f32 = 12_582_912.0;
-
-/// e^-x for x ≥ 0 to 6e-7, relative; from plain products, so that every machine gives the same bits.
-#[inline(always)]
-fn exp_negative(x: f32) -> f32 {
-    // 2^-y with y = n - f, |f| <= 1/2; beyond 2^-30 nothing can be blended.
-    let y = x * std::f32::consts::LOG2_E;
-    let y = if y < 30.0 { y } else { 30.0 };
-    let y = if y > 0.0 { y } else { 0.0 };
-    let shifted = y + ROUNDING;
-    let n = shifted.to_bits().wrapping_sub(ROUNDING.to_bits());
-    let t = ((shifted - ROUNDING) - y) * std::f32::consts::LN_2;
-    let series = 1.0 / 720.0;
-    let series = series * t + 1.0 / 120.0;
-    let series = series * t + 1.0 / 24.0;
-    let series = series * t + 1.0 / 6.0;
-    let series = series * t + 0.5;
-    let series = series * t + 1.0;
-    let series = series * t + 1.0;
-    series * f32::from_bits(127u32.wrapping_sub(n) << 23)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::exp_negative;
-
-    #[test]
-    fn the_exponential_is_accurate() {
-        for step in 0..60_000 {
-            let x = step as f32 * 1e-4;
-            let relative = (f64::from(exp_negative(x)) / (-f64::from(x)).exp() - 1.0).abs();
-            assert!(relative < 6e-7, "exp(-{x}) is off by {relative}");
-        }
-        assert!(exp_negative(1e30) < 1e-8 && exp_negative(f32::INFINITY) < 1e-8);
-    }
 }

@@ -109,7 +109,7 @@ impl ChunkBins {
     }
 }
 
-/// Where a Gaussian counts.
+/// Where a Gaussian matters.
 pub(crate) struct Reach<'a> {
     /// It must be nearer than this, metres.
     pub surface: &'a Image<f32>,
@@ -119,7 +119,7 @@ pub(crate) struct Reach<'a> {
     pub min_alpha: f32,
 }
 
-/// Per tile, the pixels that any of the Gaussians reaches.
+/// Per tile, the pixels that at least one of the Gaussians reaches.
 pub(crate) fn touched_pixels(grid: &TileGrid, splats: &[ProjectedGaussian], reach: &Reach<'_>) -> Vec<PixelSet> {
     // Rounded outwards: a set that is a little too large costs little.
     let range = |center: f32, half: f32, size: usize| {

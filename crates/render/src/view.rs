@@ -20,17 +20,17 @@ pub struct View {
     timing: ViewTiming,
 }
 
-/// Wall-clock time that it took to make a view.
+/// Wall-clock time spent on a view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ViewTiming {
     /// Projecting Gaussians and binning them into tiles.
     pub project: Duration,
-    /// Blending: making weights.
+    /// Alpha blending.
     pub rasterise: Duration,
 }
 
 impl ViewTiming {
-    /// All of it.
+    /// The sum of both.
     pub fn total(&self) -> Duration {
         self.project + self.rasterise
     }
@@ -44,8 +44,8 @@ impl View {
         Self::read(gaussians, camera, |_| ()).0
     }
 
-    /// Rasterises as [`View::new`] and has `read_tile` look at every tile while its weights are still in the cache.
-    /// What it returns comes back row-major, one value per tile.
+    /// Rasterises as [`View::new`], and calls `read_tile` on every tile while its weights are still in the cache. Its
+    /// results are returned row-major, one per tile.
     pub fn read<T: Send>(
         gaussians: &impl Splats,
         camera: &Camera,
@@ -124,7 +124,7 @@ impl View {
         &self.splats
     }
 
-    /// Time that it took to make the view.
+    /// Time spent on the view.
     pub fn timing(&self) -> ViewTiming {
         self.timing
     }

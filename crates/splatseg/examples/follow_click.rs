@@ -8,7 +8,7 @@ use splatseg::dataset::{DatasetSettings, FrameStream, GroundTruth, open_scene, w
 use splatseg::geometry::SegmentMap;
 use splatseg::models::checkpoint::Checkpoint;
 use splatseg::models::device::DeviceName;
-use splatseg::models::sam2::{PredictorSettings, Prompt, Sam2, VideoPredictor};
+use splatseg::models::sam2::{Prompt, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
 use std::path::Path;
 
 fn main() {
@@ -26,8 +26,8 @@ fn follow() -> Result<(), Box<dyn std::error::Error>> {
     let out = Path::new(out);
     std::fs::create_dir(out)?;
     // 512 is a quarter of the pixels the network was published with, and fast enough to watch on a CPU.
-    let network = Sam2::load(&Checkpoint::open(Path::new(weights))?, Some(512), &DeviceName::Cpu.open()?)?;
-    let mut predictor = VideoPredictor::new(network, PredictorSettings::default())?;
+    let network = Sam2Network::load(&Checkpoint::open(Path::new(weights))?, Some(512), &DeviceName::Cpu.open()?)?;
+    let mut predictor = Sam2Predictor::new(network, Sam2PredictorSettings::default())?;
 
     let settings = DatasetSettings::default();
     let frames = FrameStream::open(open_scene(scene, &settings)?, &settings, GroundTruth::Skip)?;

@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
 use splatseg_memory::FrameUpdate;
-use splatseg_models::fastsam::prompts::masks_at;
+use splatseg_models::fastsam::masks_at;
 use splatseg_segmenter::Segmenter;
 use std::cmp::Reverse;
 use std::time::Instant;

@@ -4,7 +4,7 @@ use crate::{Tracker, TrackerError};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Mask, RgbdFrame, SegmentId};
-use splatseg_models::sam2::{ObjectMask, PredictorSettings, Prompt, Sam2, Sam2Error, VideoPredictor};
+use splatseg_models::sam2::{ObjectMask, Prompt, Sam2Error, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
 use std::sync::Arc;
 
 /// Settings of SAM 2.1 and of [`Sam2Tracker`].
@@ -23,7 +23,7 @@ pub struct Sam2TrackerSettings {
 
 impl Default for Sam2TrackerSettings {
     fn default() -> Self {
-        let predictor = PredictorSettings::default();
+        let predictor = Sam2PredictorSettings::default();
         Self {
             image_size: None,
             objects_per_chunk: predictor.objects_per_chunk,
@@ -35,8 +35,8 @@ impl Default for Sam2TrackerSettings {
 impl Sam2TrackerSettings {
     /// The predictor's settings. A correction on a tracked frame conditions the frames after it: without that it would
     /// be gone in the next frame.
-    fn predictor(self) -> PredictorSettings {
-        PredictorSettings {
+    fn predictor(self) -> Sam2PredictorSettings {
+        Sam2PredictorSettings {
             objects_per_chunk: self.objects_per_chunk,
             max_prompted_frames: (self.max_prompted_frames > 0).then_some(self.max_prompted_frames),
             corrections_condition: true,
@@ -50,7 +50,7 @@ impl Sam2TrackerSettings {
 /// A mask prompt too thin for the network's resolution is left out: its mask is empty.
 #[derive(Debug)]
 pub struct Sam2Tracker {
-    predictor: VideoPredictor,
+    predictor: Sam2Predictor,
     /// `(width, height)` of the current frame.
     size: (usize, usize),
 }
@@ -60,8 +60,8 @@ impl Sam2Tracker {
     ///
     /// # Errors
     /// [`TrackerError::Sam2`] if a setting is out of range.
-    pub fn new(network: impl Into<Arc<Sam2>>, settings: Sam2TrackerSettings) -> Result<Self, TrackerError> {
-        Ok(Self { predictor: VideoPredictor::new(network, settings.predictor())?, size: (0, 0) })
+    pub fn new(network: impl Into<Arc<Sam2Network>>, settings: Sam2TrackerSettings) -> Result<Self, TrackerError> {
+        Ok(Self { predictor: Sam2Predictor::new(network, settings.predictor())?, size: (0, 0) })
     }
 }
 

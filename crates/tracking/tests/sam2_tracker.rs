@@ -3,13 +3,13 @@
 use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame};
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::device::DeviceName;
-use splatseg_models::sam2::{Click, Prompt, Sam2, Sam2Error};
+use splatseg_models::sam2::{Click, Prompt, Sam2Error, Sam2Network};
 use splatseg_tracking::{Sam2Tracker, Sam2TrackerSettings, Tracker, TrackerError};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 /// The miniature network, or `None` (said on a line of its own) where `../shared` is not at hand.
-fn network(test: &str) -> Option<Arc<Sam2>> {
+fn network(test: &str) -> Option<Arc<Sam2Network>> {
     let file = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden/sam2/sam2_mini.pt");
     if !file.exists() {
         // Not `println!`: the test runner would swallow the line of a test that passes.
@@ -18,7 +18,7 @@ fn network(test: &str) -> Option<Arc<Sam2>> {
         return None;
     }
     let weights = Checkpoint::open(&file).unwrap();
-    Some(Arc::new(Sam2::load(&weights, Some(128), &DeviceName::Cpu.open().unwrap()).unwrap()))
+    Some(Arc::new(Sam2Network::load(&weights, Some(128), &DeviceName::Cpu.open().unwrap()).unwrap()))
 }
 
 fn frame(index: usize, (width, height): (usize, usize)) -> RgbdFrame {

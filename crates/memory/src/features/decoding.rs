@@ -5,10 +5,10 @@ use crate::recall::TileSurface;
 use crate::segment_store::StoreTile;
 use splatseg_render::TileWeights;
 
-/// What is needed to read segments off features.
+/// Decodes features to segments.
 pub(crate) struct Decoder<'a> {
     pub codebook: &'a Codebook,
-    /// Codes given to segments so far; the others cannot be seen.
+    /// Codes assigned to segments so far; the others cannot occur.
     pub used_codes: usize,
     pub threshold: f32,
 }
@@ -32,7 +32,7 @@ impl Decoder<'_> {
     }
 }
 
-/// ‖F‖. A one-dimensional feature is an id, not a direction: it is believed or it is not.
+/// ‖F‖. A one-dimensional feature is an id, not a direction: its confidence is 1 or 0.
 fn magnitude(feature: &[f32], decoded: bool) -> f32 {
     match feature {
         [_] => f32::from(u8::from(decoded)),

@@ -4,27 +4,29 @@
 //! is divided by its column sum of `W` (a Jacobi preconditioner): a fixed step diverges when the camera comes close
 //! and one Gaussian covers many pixels.
 
-use super::loss::{Loss, dot, padded};
+use super::loss::{Loss, padded};
 use crate::recall::Recall;
 use crate::{Codebook, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
 use splatseg_geometry::Image;
-use splatseg_render::{ActiveWeights, AlignedVec, PixelSet, TileWeights};
+use splatseg_kernels::AlignedVec;
+use splatseg_kernels::inner_products::dot;
+use splatseg_render::{ActiveWeights, PixelSet, TileWeights};
 
 /// One optimisation of a frame's features.
 pub(crate) struct Learning<'a> {
     pub settings: &'a MemorySettings,
     pub codebook: &'a Codebook,
-    /// What the memory showed before it grew.
+    /// What the memory rendered before it grew.
     pub recall: &'a Recall<'a>,
-    /// What the features should come to show.
+    /// What the features should render.
     pub target: &'a SegmentBelief,
 }
 
-/// How much work a frame's learning was.
+/// The size of a frame's optimisation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LearningExtent {
-    /// Pixels whose loss was lowered.
+    /// Pixels in the loss.
     pub active_pixels: usize,
     /// Gaussians whose features could change.
     pub active_gaussians: usize,
@@ -73,8 +75,8 @@ impl Learning<'_> {
     }
 
     /// Per tile, the pixels to be learnt: those that differ from the target and their surroundings, where the memory
-    /// covers them, but not those where this frame's new Gaussians prevail (`touched`): the new ones show the target
-    /// already, and what they leave to be learnt is the next frame's.
+    /// covers them, except where this frame's new Gaussians prevail (`touched`). The new ones render the target already;
+    /// what remains is left to the next frame.
     pub fn active_pixels(&self, touched: &[PixelSet]) -> Vec<PixelSet> {
         let (width, height) = self.target.segments.size();
         let columns = width.div_ceil(TileWeights::SIDE);
@@ -107,8 +109,8 @@ impl Learning<'_> {
         chosen
     }
 
-    /// Where too little of the memory covers a pixel, pulling it to the target would only inflate its neighbours'
-    /// features.
+    /// Whether the memory covers a pixel. Where it covers too little, pulling the pixel to the target would only inflate
+    /// the features around it.
     fn covered(&self, at: (usize, usize)) -> bool {
         self.recall.silhouette[at] >= self.settings.growth_silhouette
     }
@@ -131,8 +133,8 @@ impl Learning<'_> {
         differs
     }
 
-    /// Whether a pixel's rendered feature shows another segment than the target, or another confidence or direction by
-    /// more than the settings let pass.
+    /// Whether the rendered feature of a pixel decodes to another segment than the target's, or differs in confidence or
+    /// direction by more than the settings allow.
     fn differs(&self, at: (usize, usize), feature: &[f32]) -> bool {
         let (segment, magnitude) = (self.target.segments[at], self.target.confidence[at]);
         let norm = dot(feature, feature).sqrt();

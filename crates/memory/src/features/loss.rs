@@ -1,4 +1,4 @@
-//! What learning lowers (METHOD, "FastSAM-Splat", step 6), and its gradient with respect to the rendered features.
+//! The loss (METHOD, "FastSAM-Splat", step 6), and its gradient with respect to the rendered features.
 //!
 //! The loss over pixels p with rendered feature F and target F̂ (codebook vector ĉ times confidence m) is
 //! `L = Σ_p λ_mag (m − ‖F‖)² + λ_dir (1 − cos(F̂, F))`: sums over pixels where the paper has means, which differ by
@@ -7,17 +7,18 @@
 //! `−2 λ_mag (m − ‖F‖) F/‖F‖ − λ_dir (ĉ − (ĉ·F/‖F‖) F/‖F‖) / ‖F‖`
 
 use crate::{Codebook, MemorySettings, SegmentBelief};
-use pulp::{Arch, Simd, WithSimd};
 use splatseg_geometry::SegmentId;
-use splatseg_render::{ActiveTile, AlignedVec, TileWeights};
+use splatseg_kernels::inner_products::dot;
+use splatseg_kernels::{AlignedVec, Instructions, Vectorize};
+use splatseg_render::{ActiveTile, TileWeights};
 
 /// Magnitudes below this have no direction.
 const TINY: f32 = 1e-6;
 
-/// Numbers that are added side by side in inner products.
+/// Features are padded to a multiple of this.
 const LANES: usize = 8;
 
-/// Numbers per feature in working memory: rows that fill vector registers and cache lines; the rest stays 0.
+/// Length of a feature in working memory, where rows fill whole vector registers and cache lines; the padding stays 0.
 pub(crate) fn padded(feature_dim: usize) -> usize {
     match feature_dim {
         1 => 1,
@@ -44,7 +45,7 @@ impl<'a> Loss<'a> {
         Self { settings, target, row, codes }
     }
 
-    /// Numbers per feature, see [`padded`].
+    /// Padded length of a feature, see [`padded`].
     pub fn row(&self) -> usize {
         self.row
     }
@@ -54,10 +55,10 @@ impl<'a> Loss<'a> {
     pub fn differentiate(&self, tile: &ActiveTile, pixels: &mut [f32]) {
         let gradient = TileGradient { loss: self, tile, pixels };
         match self.row {
-            8 => Arch::new().dispatch(Fixed::<8>(gradient)),
-            16 => Arch::new().dispatch(Fixed::<16>(gradient)),
-            32 => Arch::new().dispatch(Fixed::<32>(gradient)),
-            _ => gradient.of_chosen(|feature| feature),
+            8 => Instructions::best().run(Fixed::<8>(gradient)),
+            16 => Instructions::best().run(Fixed::<16>(gradient)),
+            32 => Instructions::best().run(Fixed::<32>(gradient)),
+            _ => gradient.differentiate_chosen(|feature| feature),
         }
     }
 
@@ -99,9 +100,9 @@ struct TileGradient<'a> {
 }
 
 impl TileGradient<'_> {
-    /// `sized` may tell the compiler a feature's length.
+    /// Visits the chosen pixels. `sized` can tell the compiler the length of a feature.
     #[inline(always)]
-    fn of_chosen(self, sized: impl Fn(&mut [f32]) -> &mut [f32]) {
+    fn differentiate_chosen(self, sized: impl Fn(&mut [f32]) -> &mut [f32]) {
         let (left, top) = self.tile.weights.origin();
         for (pixel, feature) in self.pixels.chunks_exact_mut(self.loss.row).enumerate() {
             if self.tile.pixels.contains(pixel as u8) {
@@ -113,37 +114,19 @@ impl TileGradient<'_> {
     }
 }
 
-/// The gradient of features of `C` numbers, waiting for the processor's widest vector instructions. (A type rather
-/// than a closure: a closure is called through a shim that is compiled for the oldest processor.)
+/// The gradient of features whose length `C` the compiler knows.
 struct Fixed<'a, const C: usize>(TileGradient<'a>);
 
-impl<const C: usize> WithSimd for Fixed<'_, C> {
+impl<const C: usize> Vectorize for Fixed<'_, C> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        self.0.of_chosen(|feature| match feature.first_chunk_mut::<C>() {
+    fn run(self) {
+        self.0.differentiate_chosen(|feature| match feature.first_chunk_mut::<C>() {
             Some(feature) => feature,
             None => &mut [],
         });
     }
-}
-
-/// Inner product, summed in [`LANES`] lanes and these by halves, so that it vectorises and still gives the same bits
-/// everywhere.
-#[inline(always)]
-pub(crate) fn dot(left: &[f32], right: &[f32]) -> f32 {
-    let mut lanes = [0f32; LANES];
-    let (left_chunks, left_rest) = left.as_chunks::<LANES>();
-    let (right_chunks, right_rest) = right.as_chunks::<LANES>();
-    for (left, right) in left_chunks.iter().zip(right_chunks) {
-        for lane in 0..LANES {
-            lanes[lane] += left[lane] * right[lane];
-        }
-    }
-    let rest: f32 = left_rest.iter().zip(right_rest).map(|(left, right)| left * right).sum();
-    let halves: [f32; LANES / 2] = std::array::from_fn(|lane| lanes[lane] + lanes[lane + LANES / 2]);
-    (halves[0] + halves[2]) + (halves[1] + halves[3]) + rest
 }
 
 #[cfg(test)]
@@ -194,13 +177,6 @@ mod tests {
                 prop_assert!((f64::from(gradient[channel]) - numeric).abs() < 1e-3 * (1.0 + numeric.abs()),
                              "{} instead of {numeric}", gradient[channel]);
             }
-        }
-
-        #[test]
-        fn inner_products_are_right_for_any_length(pairs in prop::collection::vec((-1.0f32..1.0, -1.0f32..1.0), 0..40)) {
-            let (left, right): (Vec<f32>, Vec<f32>) = pairs.into_iter().unzip();
-            let exact: f64 = left.iter().zip(&right).map(|(left, right)| f64::from(*left) * f64::from(*right)).sum();
-            prop_assert!((f64::from(dot(&left, &right)) - exact).abs() < 1e-5);
         }
     }
 }

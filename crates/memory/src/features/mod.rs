@@ -23,8 +23,8 @@ use learning::Learning;
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_render::{Splats, TileWeights};
 
-/// Where a Gaussian that a frame added has at least this alpha, in front of what was there, it and no longer the view
-/// made before says what is seen.
+/// A Gaussian that a frame added prevails where it has at least this alpha in front of what was there: the view made
+/// before no longer holds.
 const NEW_GAUSSIAN_PREVAILS: f32 = 0.5;
 
 /// Features per Gaussian, and the code of every segment.
@@ -32,14 +32,14 @@ const NEW_GAUSSIAN_PREVAILS: f32 = 0.5;
 pub(crate) struct FeatureStore {
     pub settings: MemorySettings,
     pub codebook: Codebook,
-    /// Codes given to segments, from the first on.
+    /// Number of codes assigned to segments, from the first on.
     pub used_codes: usize,
     /// `[gaussians, D]`.
     pub features: Vec<f32>,
 }
 
 impl FeatureStore {
-    /// A store for a map without Gaussians. Making the codebook takes up to a few seconds; `progress` is told the
+    /// A store for a map without Gaussians. Making the codebook takes up to a few seconds; `progress` receives the
     /// fraction done.
     pub fn new(settings: MemorySettings, seed: u64, progress: &mut dyn FnMut(f32)) -> Result<Self, MemoryError> {
         let codebook_settings =

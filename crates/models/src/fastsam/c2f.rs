@@ -14,8 +14,8 @@ pub(super) struct C2fShape {
     pub shortcut: bool,
 }
 
-/// Ultralytics' `C2f`: a 1×1 convolution whose output is cut in two; bottlenecks are chained on the second half; all
-/// that came out on the way is joined and goes through another 1×1 convolution.
+/// Ultralytics' `C2f`: a 1×1 convolution whose output is split in two; bottlenecks are chained on the second half; the
+/// outputs of all of them are concatenated and go through another 1×1 convolution.
 #[derive(Clone, Debug)]
 pub(super) struct C2f {
     entry: FusedConv,
@@ -28,8 +28,9 @@ pub(super) struct C2f {
 impl C2f {
     pub fn load(weights: &dyn Weights, name: &str, shape: C2fShape, device: &Device) -> Result<Self, FastSamError> {
         let hidden = shape.outputs / 2;
-        let conv =
-            |part: &str, shape: ConvShape| FusedConv::normalised(weights, &format!("{name}.{part}"), shape, device);
+        let conv = |part: &str, shape: ConvShape| {
+            FusedConv::batch_normalised(weights, &format!("{name}.{part}"), shape, device)
+        };
         let inner = ConvShape::new(hidden, hidden, 3);
         Ok(Self {
             entry: conv("cv1", ConvShape::new(shape.inputs, 2 * hidden, 1))?,
@@ -46,7 +47,7 @@ impl C2f {
         self.forward_joined(vec![input])
     }
 
-    /// As `forward`, of inputs joined along their channels.
+    /// As `forward`, of inputs concatenated along their channels.
     pub fn forward_joined(&self, inputs: Vec<Tensor<4>>) -> Tensor<4> {
         let entered = self.entry.forward_joined(inputs);
         let mut last = entered.clone().narrow(1, self.hidden, self.hidden);

@@ -72,12 +72,12 @@ impl Candidates {
         &self.coefficients[index * self.coefficient_count..][..self.coefficient_count]
     }
 
-    /// Non-maximum suppression: places of the candidates with a score above `confidence` that no better one covers with
-    /// an IoU above `iou`, best first (the earlier anchor where scores are equal), at most `max_det`.
+    /// Non-maximum suppression: indices of the candidates with a score above `confidence` that overlap no better one by an
+    /// IoU above `iou`, best first (the earlier anchor where scores are equal), at most `max_det`.
     ///
     /// The greedy rule of torchvision's `nms`, which Ultralytics calls: both thresholds are exclusive, areas have no
     /// "+ 1".
-    pub fn suppressed(&self, confidence: f64, iou: f64, max_det: usize) -> Vec<usize> {
+    pub fn nms(&self, confidence: f64, iou: f64, max_det: usize) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.len()).filter(|i| f64::from(self.scores[*i]) > confidence).collect();
         order.sort_by(|a, b| self.scores[*b].total_cmp(&self.scores[*a]));
         order.truncate(MAX_CANDIDATES);
@@ -95,7 +95,7 @@ impl Candidates {
     }
 }
 
-/// Ultralytics looks at no more candidates than these, the best (`max_nms`).
+/// NMS considers this many of the best candidates (Ultralytics' `max_nms`).
 const MAX_CANDIDATES: usize = 30_000;
 
 /// Intersection over union of two boxes (left, top, right, bottom); 0 where neither has an area.

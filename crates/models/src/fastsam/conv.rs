@@ -1,4 +1,4 @@
-//! The one convolution that everything in the network is made of.
+//! The convolution that all of the network is made of.
 
 use super::{FastSamError, Weights};
 use crate::convolution::{Activation, Convolution, ConvolutionShape};
@@ -34,7 +34,7 @@ impl ConvShape {
 pub(super) struct FusedConv(Convolution);
 
 impl FusedConv {
-    /// Puts one together: `weight` `[outputs, inputs, kernel, kernel]`, `bias` `[outputs]`, row-major.
+    /// From `weight` `[outputs, inputs, kernel, kernel]`, `bias` `[outputs]`, row-major.
     pub fn new(weight: Vec<f32>, bias: Vec<f32>, shape: ConvShape, activation: Activation, device: &Device) -> Self {
         let ConvShape { inputs, outputs, kernel, stride } = shape;
         let shape = ConvolutionShape::new(inputs, outputs, kernel, stride, kernel / 2);
@@ -42,7 +42,7 @@ impl FusedConv {
     }
 
     /// Ultralytics' `Conv`: convolution without bias, batch normalisation, SiLU.
-    pub fn normalised(
+    pub fn batch_normalised(
         weights: &dyn Weights,
         name: &str,
         shape: ConvShape,
@@ -82,7 +82,7 @@ impl FusedConv {
         self.0.forward(input)
     }
 
-    /// As `forward`, of inputs joined along their channels.
+    /// As `forward`, of inputs concatenated along their channels.
     pub fn forward_joined(&self, inputs: Vec<Tensor<4>>) -> Tensor<4> {
         self.0.forward_joined(inputs)
     }

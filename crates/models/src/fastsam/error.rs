@@ -1,11 +1,12 @@
-//! What can go wrong in FastSAM.
+//! Errors of FastSAM.
 
 use crate::checkpoint::CheckpointError;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a network could not be loaded or an image not be segmented.
+/// Why a network could not be loaded, or an image not segmented.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum FastSamError {
     /// The file cannot be read, or a tensor does not fit the architecture.
     #[error(transparent)]
@@ -15,10 +16,10 @@ pub enum FastSamError {
     NotFastSam {
         /// The file.
         path: PathBuf,
-        /// What tells it apart.
+        /// What they are instead.
         found: String,
     },
-    /// A setting has an impossible value.
+    /// A setting is out of range.
     #[error("fastsam.{field} is {found}, expected {expected}")]
     Setting {
         /// The setting's name, e.g. `image_size`.
@@ -28,10 +29,10 @@ pub enum FastSamError {
         /// What it may be.
         expected: &'static str,
     },
-    /// There is nothing to segment.
+    /// The image is empty.
     #[error("the image has no pixels")]
     EmptyImage,
-    /// The device failed while it computed.
+    /// The device failed.
     #[error("the device failed: {message}")]
     Device {
         /// What it said.

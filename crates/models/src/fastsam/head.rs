@@ -2,7 +2,7 @@
 
 use super::conv::{ConvShape, FusedConv};
 use super::prototypes::PrototypeBranch;
-use super::{FastSamError, Weights, YoloArchitecture};
+use super::{FastSamConfig, FastSamError, Weights};
 use burn::tensor::{Device, Tensor};
 
 /// Distances from an anchor to a side of its box are distributions over this many bins.
@@ -26,7 +26,7 @@ struct HeadLevel {
     coefficients: Branch,
 }
 
-/// What the head says about the anchors of one level, before any decoding.
+/// The head's output for the anchors of one level, before decoding.
 #[derive(Clone, Debug)]
 pub(super) struct LevelOutput {
     /// `[batch, 4 · bins, height, width]`: logits of the distances to the left, top, right and bottom side.
@@ -41,11 +41,11 @@ impl Head {
     pub fn load(
         weights: &dyn Weights,
         name: &str,
-        architecture: &YoloArchitecture,
+        config: &FastSamConfig,
         device: &Device,
     ) -> Result<Self, FastSamError> {
-        let features = [2, 3, 4].map(|stage| architecture.stage_channels[stage]);
-        let coefficients = architecture.mask_coefficients;
+        let features = [2, 3, 4].map(|stage| config.stage_channels[stage]);
+        let coefficients = config.mask_coefficients;
         let load_level = |(level, inputs): (usize, usize)| {
             let branch = |part: &str, hidden: usize, outputs: usize| {
                 Branch::load(weights, &format!("{name}.{part}.{level}"), [inputs, hidden, outputs], device)
@@ -58,7 +58,7 @@ impl Head {
         };
         Ok(Self {
             levels: features.into_iter().enumerate().map(load_level).collect::<Result<_, FastSamError>>()?,
-            prototypes: PrototypeBranch::load(weights, &format!("{name}.proto"), architecture, device)?,
+            prototypes: PrototypeBranch::load(weights, &format!("{name}.proto"), config, device)?,
         })
     }
 
@@ -92,8 +92,8 @@ impl Branch {
         device: &Device,
     ) -> Result<Self, FastSamError> {
         Ok(Self([
-            FusedConv::normalised(weights, &format!("{name}.0"), ConvShape::new(inputs, hidden, 3), device)?,
-            FusedConv::normalised(weights, &format!("{name}.1"), ConvShape::new(hidden, hidden, 3), device)?,
+            FusedConv::batch_normalised(weights, &format!("{name}.0"), ConvShape::new(inputs, hidden, 3), device)?,
+            FusedConv::batch_normalised(weights, &format!("{name}.1"), ConvShape::new(hidden, hidden, 3), device)?,
             FusedConv::plain(weights, &format!("{name}.2"), ConvShape::new(hidden, outputs, 1), device)?,
         ]))
     }

@@ -1,4 +1,4 @@
-//! From an image to the network's input.
+//! Letterboxing: from an image to the network's input.
 
 use rayon::prelude::*;
 use splatseg_geometry::Image;
@@ -39,11 +39,11 @@ pub fn letterbox(image: &Image<[u8; 3]>, image_size: usize) -> Image<[u8; 3]> {
 }
 
 /// The network's input: RGB planes `[3, height, width]` in [0, 1].
-pub fn normalised(image: &Image<[u8; 3]>) -> Vec<f32> {
+pub fn input_values(image: &Image<[u8; 3]>) -> Vec<f32> {
     (0..3).flat_map(|channel| image.pixels().iter().map(move |pixel| f32::from(pixel[channel]) / 255.0)).collect()
 }
 
-/// Two neighbouring samples of a line and their weights, which sum up to 2048 (but for rounding).
+/// Two neighbouring samples and their weights, which add up to 2048 (but for rounding).
 #[derive(Clone, Copy, Debug)]
 struct Tap {
     first: i64,
@@ -64,13 +64,13 @@ fn taps(from: usize, to: usize) -> Vec<Tap> {
         .collect()
 }
 
-/// `cv2.resize(…, INTER_LINEAR)` on 8-bit pixels, bit for bit: 11-bit weights, rounded down in between.
+/// `cv2.resize(…, INTER_LINEAR)` on 8-bit pixels, bit for bit: 11-bit weights, with intermediate results rounded down.
 fn resize(image: &Image<[u8; 3]>, width: usize, height: usize) -> Image<[u8; 3]> {
     let last_column = image.width() as i64 - 1;
     let columns: Vec<(usize, usize, [i32; 2])> = taps(image.width(), width)
         .into_iter()
         .map(|tap| match tap.first {
-            // Outside, a column counts fully; a row (below) keeps its weights, of the same pixel twice.
+            // At the border a column has all the weight; a row (below) keeps its weights, applied to the same pixel twice.
             first if first < 0 => (0, 0, [WEIGHT_ONE as i32, 0]),
             first if first >= last_column => (last_column as usize, last_column as usize, [WEIGHT_ONE as i32, 0]),
             first => (first as usize, first as usize + 1, tap.weights),

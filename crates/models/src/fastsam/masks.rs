@@ -1,10 +1,10 @@
 //! Masks from prototypes.
 //!
-//! Ultralytics mixes the prototypes for every detection, scales the whole map up, thresholds it at 0 and clears what
-//! lies outside the box. Only what lies inside the box is computed here; scaling is linear, so its steps are one.
+//! Ultralytics combines the prototypes for every detection, scales the whole map up, thresholds it at 0 and clears what
+//! lies outside the box. Here only the inside of the box is computed; scaling is linear, so its steps become one.
 
 use super::placement::{Placement, scaled_to_fit, window_start};
-use super::resampling::{Mixture, Resampling};
+use super::resampling::{Resampling, Taps};
 use super::{Candidates, Prototypes};
 use rayon::prelude::*;
 use splatseg_geometry::Mask;
@@ -22,7 +22,7 @@ struct Region {
 
 impl Region {
     /// The pixels (column, row) with left ≤ column < right and top ≤ row < bottom within an image.
-    fn of_box([left, top, right, bottom]: [f32; 4], (width, height): (usize, usize)) -> Self {
+    fn from_box([left, top, right, bottom]: [f32; 4], (width, height): (usize, usize)) -> Self {
         let along = |from: f32, to: f32, size: usize| {
             let pixel = |position: f32| (position.ceil().max(0.0) as usize).min(size);
             pixel(from)..pixel(to).max(pixel(from))
@@ -31,13 +31,13 @@ impl Region {
     }
 }
 
-/// Numbers of a rectangle of an image, row-major.
+/// Values of a rectangle of an image, row-major.
 struct Patch {
     region: Region,
     values: Vec<f32>,
 }
 
-/// How a line of prototypes, or of a mask, becomes a line of the image, along both axes.
+/// How prototypes, or a mask, are scaled to an image, along both axes.
 struct Scaling {
     columns: Resampling,
     rows: Resampling,
@@ -76,8 +76,7 @@ pub fn input_masks(
     masks(candidates, kept, boxes_xyxy, prototypes, &scaling)
 }
 
-/// A mask of the input brought to the image's size: scaled, and set where more than half is covered (`scale_masks(…) >
-/// 0.5`).
+/// A mask of the input at the image's size: scaled, and set where more than half is covered (`scale_masks(…) > 0.5`).
 pub fn input_mask_in_image(mask: &Mask, placement: Placement) -> Mask {
     let scaling = window_to_image((mask.width(), mask.height()), 1, placement.image);
     let region = Region { columns: 0..mask.width(), rows: 0..mask.height() };
@@ -87,8 +86,8 @@ pub fn input_mask_in_image(mask: &Mask, placement: Placement) -> Mask {
     thresholded(&Patch { region, values }, &scaling, whole, 0.5)
 }
 
-/// From prototypes to the image. Where the padding is no multiple of a prototype sample's size, the window of the image
-/// begins between two samples; the maps are then scaled up first, so that it does not.
+/// From prototypes to the image. Where the padding is not a multiple of a prototype sample's size, the window of the
+/// image begins between two samples; the maps are then scaled up first, so that it does not.
 fn prototypes_to_image(prototypes: &Prototypes, placement: Placement) -> Scaling {
     let (columns, rows) = placement.padding();
     let padding = columns | rows;
@@ -96,14 +95,14 @@ fn prototypes_to_image(prototypes: &Prototypes, placement: Placement) -> Scaling
     window_to_image((prototypes.width, prototypes.height), upscaling, placement.image)
 }
 
-/// Scales up by a whole number, cuts out the window of an image (what is no padding), and brings it to the image's size.
+/// Scales up by an integer, cuts out the window of the image (all but the padding) and scales it to the image's size.
 fn window_to_image(map: (usize, usize), upscaling: usize, image: (usize, usize)) -> Scaling {
     let frame = (map.0 * upscaling, map.1 * upscaling);
     let scaled = scaled_to_fit(image, frame);
     let along = |from: usize, frame: usize, scaled: usize, to: usize| {
         let scaled = scaled.clamp(1, frame);
         let start = window_start(frame - scaled);
-        Resampling::of_window(from, start..start + scaled, to, upscaling)
+        Resampling::from_window(from, start..start + scaled, to, upscaling)
     };
     Scaling {
         columns: along(map.0, frame.0, scaled.0, image.0),
@@ -126,19 +125,19 @@ fn masks(
     kept.par_iter()
         .zip(boxes_xyxy)
         .map(|(index, box_xyxy)| {
-            let region = Region::of_box(*box_xyxy, scaling.size);
+            let region = Region::from_box(*box_xyxy, scaling.size);
             let sources = Region {
                 columns: scaling.columns.sources(region.columns.clone()),
                 rows: scaling.rows.sources(region.rows.clone()),
             };
-            let logits = mixed_prototypes(prototypes, candidates.coefficients(*index), sources);
+            let logits = combined_prototypes(prototypes, candidates.coefficients(*index), sources);
             thresholded(&logits, scaling, region, 0.0)
         })
         .collect()
 }
 
-/// Mask logits: the prototypes' sum, weighted with coefficients, in a region of the prototypes.
-fn mixed_prototypes(prototypes: &Prototypes, coefficients: &[f32], region: Region) -> Patch {
+/// Mask logits: the sum of the prototypes, weighted with coefficients, in a region of them.
+fn combined_prototypes(prototypes: &Prototypes, coefficients: &[f32], region: Region) -> Patch {
     let width = region.columns.len();
     let mut values = vec![0.0; width * region.rows.len()];
     let area = prototypes.width * prototypes.height;
@@ -156,7 +155,7 @@ fn mixed_prototypes(prototypes: &Prototypes, coefficients: &[f32], region: Regio
 }
 
 /// The mask of the pixels of `region` at which the scaled `patch` exceeds a threshold. The patch holds all samples that
-/// the region is mixed from.
+/// the region depends on.
 fn thresholded(patch: &Patch, scaling: &Scaling, region: Region, threshold: f32) -> Mask {
     let mut mask = Mask::empty(scaling.size.0, scaling.size.1);
     let width = region.columns.len();
@@ -164,18 +163,18 @@ fn thresholded(patch: &Patch, scaling: &Scaling, region: Region, threshold: f32)
         return mask;
     }
     // First along the rows of the patch, then along its columns.
-    let columns = scaling.columns.mixtures(region.columns.clone());
+    let columns = scaling.columns.taps(region.columns.clone());
     let mut stretched = vec![0.0; width * patch.region.rows.len()];
     let lines = patch.values.chunks_exact(patch.region.columns.len()).zip(stretched.chunks_exact_mut(width));
     for (samples, output) in lines {
-        for (value, mixture) in output.iter_mut().zip(columns) {
-            let samples = &samples[mixture.first - patch.region.columns.start..][..mixture.count];
-            *value = samples.iter().zip(mixture.weights).map(|(sample, weight)| sample * weight).sum();
+        for (value, taps) in output.iter_mut().zip(columns) {
+            let samples = &samples[taps.first - patch.region.columns.start..][..taps.count];
+            *value = samples.iter().zip(taps.weights).map(|(sample, weight)| sample * weight).sum();
         }
     }
     let mut line = vec![0.0; width];
-    for (row, mixture) in region.rows.clone().zip(scaling.rows.mixtures(region.rows.clone())) {
-        mix_rows(&mut line, mixture, &stretched[(mixture.first - patch.region.rows.start) * width..]);
+    for (row, taps) in region.rows.clone().zip(scaling.rows.taps(region.rows.clone())) {
+        sum_rows(&mut line, taps, &stretched[(taps.first - patch.region.rows.start) * width..]);
         for (column, value) in region.columns.clone().zip(&line) {
             if *value > threshold {
                 mask.set(column, row, true);
@@ -185,12 +184,35 @@ fn thresholded(patch: &Patch, scaling: &Scaling, region: Region, threshold: f32)
     mask
 }
 
-/// Mixes the first rows of `rows`, each as long as `line`.
-fn mix_rows(line: &mut [f32], mixture: &Mixture, rows: &[f32]) {
+/// The weighted sum of the first rows of `rows`, each as long as `line`.
+fn sum_rows(line: &mut [f32], taps: &Taps, rows: &[f32]) {
     line.fill(0.0);
-    for (row, weight) in rows.chunks_exact(line.len()).zip(&mixture.weights[..mixture.count]) {
+    for (row, weight) in rows.chunks_exact(line.len()).zip(&taps.weights[..taps.count]) {
         for (value, sample) in line.iter_mut().zip(row) {
             *value += weight * sample;
         }
+    }
+}
+
+/// Indices of the masks that contain a pixel (column, row): what a point prompt selects. FastSAM prompts choose among the
+/// masks of the whole image; the network is not run again.
+///
+/// # Panics
+/// If the pixel lies outside a mask's image.
+pub fn masks_at(masks: &[&Mask], (column, row): (usize, usize)) -> impl Iterator<Item = usize> {
+    masks.iter().enumerate().filter(move |(_, mask)| mask.contains(column, row)).map(|(index, _)| index)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_selects_the_masks_that_contain_it() {
+        let stripe = |from: usize, to: usize| Mask::from_fn(6, 2, |column, _| (from..to).contains(&column));
+        let masks = [stripe(0, 3), stripe(2, 5), stripe(5, 6)];
+        let masks: Vec<&Mask> = masks.iter().collect();
+        assert_eq!(masks_at(&masks, (2, 0)).collect::<Vec<_>>(), [0, 1]);
+        assert_eq!(masks_at(&masks, (5, 1)).collect::<Vec<_>>(), [2]);
     }
 }

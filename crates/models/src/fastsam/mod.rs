@@ -1,12 +1,13 @@
 //! FastSAM (Zhao et al. 2023, arXiv 2306.12156): YOLOv8-seg with one class, "object", and everything around it.
 //!
-//! One image goes through `letterbox` (to the network's input), [`Network`] (to a [`RawOutput`]), [`Candidates`] (boxes
-//! that may be objects, and suppression), `masks` (from prototypes to masks). The reference for every step is
-//! Ultralytics 8.4.
+//! An image goes through `letterbox` (the network's input), [`FastSamNetwork`] (a [`RawOutput`]), [`Candidates`] (boxes
+//! that may be objects, and NMS) and `masks` (from prototypes to masks). The reference for every step is Ultralytics 8.4.
+//! Files that do the same as in [`sam2`](crate::sam2) have the same names: `config`, `weights`, `network`, `predictor`,
+//! `settings`, `error`.
 
-mod architecture;
 mod c2f;
 mod candidates;
+mod config;
 mod conv;
 mod error;
 mod head;
@@ -15,7 +16,6 @@ mod masks;
 mod network;
 mod placement;
 mod predictor;
-pub mod prompts;
 mod prototypes;
 mod raw_output;
 mod resampling;
@@ -23,12 +23,12 @@ mod settings;
 mod sppf;
 mod weights;
 
-pub use architecture::YoloArchitecture;
 pub use candidates::Candidates;
+pub use config::FastSamConfig;
 pub use error::FastSamError;
-pub use letterbox::{letterbox, normalised};
-pub use masks::{image_masks, input_mask_in_image, input_masks};
-pub use network::Network;
+pub use letterbox::{input_values, letterbox};
+pub use masks::{image_masks, input_mask_in_image, input_masks, masks_at};
+pub use network::FastSamNetwork;
 pub use placement::Placement;
 pub use predictor::{Detection, FastSamPredictor, detections};
 pub use raw_output::{Prototypes, RawOutput};

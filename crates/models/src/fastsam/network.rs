@@ -1,20 +1,20 @@
 //! YOLOv8-seg: backbone, neck and head.
 
-use super::architecture::C2F_LAYERS;
 use super::c2f::{C2f, C2fShape};
+use super::config::C2F_LAYERS;
 use super::conv::{ConvShape, FusedConv};
 use super::head::{DISTANCE_BINS, Head};
 use super::raw_output::{RawLevel, RawOutput};
 use super::sppf::Sppf;
-use super::{FastSamError, Prototypes, Weights, YoloArchitecture};
+use super::{FastSamConfig, FastSamError, Prototypes, Weights};
 use burn::tensor::module::interpolate;
 use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
 use burn::tensor::{Device, Tensor, TensorData};
 
 /// The network of FastSAM: YOLOv8-seg with one class, on one device. Layers are numbered as in `yolov8-seg.yaml`.
 #[derive(Clone, Debug)]
-pub struct Network {
-    architecture: YoloArchitecture,
+pub struct FastSamNetwork {
+    config: FastSamConfig,
     device: Device,
     /// Layers 0, 1, 3, 5, 7: each halves the image.
     stages: [FusedConv; 5],
@@ -30,23 +30,23 @@ pub struct Network {
     head: Head,
 }
 
-impl Network {
+impl FastSamNetwork {
     /// Loads the network that `weights` hold; batch normalisation becomes part of the convolutions.
     ///
     /// # Errors
-    /// [`FastSamError`] names the tensor that is missing or has another shape than the architecture asks for.
-    pub fn load(weights: &dyn Weights, architecture: YoloArchitecture, device: &Device) -> Result<Self, FastSamError> {
-        let channels = architecture.stage_channels;
+    /// [`FastSamError`] names the tensor that is missing or has another shape than the config asks for.
+    pub fn load(weights: &dyn Weights, config: FastSamConfig, device: &Device) -> Result<Self, FastSamError> {
+        let channels = config.stage_channels;
         let halving = |layer: usize, inputs: usize, outputs: usize| {
-            FusedConv::normalised(weights, &format!("model.{layer}"), ConvShape::halving(inputs, outputs), device)
+            FusedConv::batch_normalised(weights, &format!("model.{layer}"), ConvShape::halving(inputs, outputs), device)
         };
         let c2f = |index: usize, inputs: usize, outputs: usize| {
-            let shape = C2fShape { inputs, outputs, bottlenecks: architecture.bottlenecks[index], shortcut: index < 4 };
+            let shape = C2fShape { inputs, outputs, bottlenecks: config.bottlenecks[index], shortcut: index < 4 };
             C2f::load(weights, &format!("model.{}", C2F_LAYERS[index]), shape, device)
         };
         let [p1, p2, p3, p4, p5] = channels;
         Ok(Self {
-            architecture,
+            config,
             device: device.clone(),
             stages: [
                 halving(0, 3, p1)?,
@@ -59,13 +59,13 @@ impl Network {
             sppf: Sppf::load(weights, "model.9", p5, device)?,
             neck: [c2f(4, p5 + p4, p4)?, c2f(5, p4 + p3, p3)?, c2f(6, p3 + p4, p4)?, c2f(7, p4 + p5, p5)?],
             downsampling: [halving(16, p3, p3)?, halving(19, p4, p4)?],
-            head: Head::load(weights, "model.22", &architecture, device)?,
+            head: Head::load(weights, "model.22", &config, device)?,
         })
     }
 
     /// The sizes of this network.
-    pub fn architecture(&self) -> &YoloArchitecture {
-        &self.architecture
+    pub fn config(&self) -> &FastSamConfig {
+        &self.config
     }
 
     /// Runs the network on `input`, one RGB image `[3, height, width]` in [0, 1], row-major.

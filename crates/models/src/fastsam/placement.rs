@@ -1,14 +1,14 @@
-//! Where an image lies in the network's input.
+//! Where an image is in the letterboxed input of the network.
 
 use super::candidates::box_iou;
 
-/// Boxes that end nearer to the image's border than this are drawn out to it, in pixels (FastSAM).
+/// Boxes that end closer to the image's border than this many pixels are extended to it (FastSAM).
 const BORDER_SNAP: f32 = 20.0;
 
 /// A box with a larger IoU with the whole image becomes the whole image (FastSAM).
 const FULL_IMAGE_IOU: f32 = 0.9;
 
-/// Sizes of image and input; from them follow scale and padding, as Ultralytics' `scale_boxes` recomputes them.
+/// Sizes of image and input, which determine scale and padding as in Ultralytics' `scale_boxes`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Placement {
     /// `(width, height)` of the image in pixels.
@@ -41,8 +41,8 @@ impl Placement {
         [x(box_xyxy[0]), y(box_xyxy[1]), x(box_xyxy[2]), y(box_xyxy[3])]
     }
 
-    /// FastSAM's adjustment of boxes (not of masks), in pixels of the image: sides close to the border lie on it, and a
-    /// box that is nearly the whole image is the whole image.
+    /// FastSAM's adjustment of boxes (not of masks), in pixels of the image: sides close to the border move to it, and a
+    /// box that is nearly the whole image becomes the whole image.
     pub fn adjusted(&self, [mut left, mut top, mut right, mut bottom]: [f32; 4]) -> [f32; 4] {
         let (width, height) = (self.image.0 as f32, self.image.1 as f32);
         if left < BORDER_SNAP {
@@ -70,7 +70,7 @@ pub(super) fn scaled_to_fit(image: (usize, usize), frame: (usize, usize)) -> (us
     (scaled(image.0), scaled(image.1))
 }
 
-/// First pixel after the padding, of which there is `padding` on both sides together.
+/// First pixel after the padding on the near side, where both sides together have `padding` pixels.
 pub(super) fn window_start(padding: usize) -> usize {
     (padding as f64 / 2.0 - 0.1).round_ties_even() as usize
 }

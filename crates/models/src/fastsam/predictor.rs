@@ -1,8 +1,8 @@
-//! From an image to objects.
+//! Prediction: from an image to objects.
 
-use super::letterbox::{letterbox, normalised};
+use super::letterbox::{input_values, letterbox};
 use super::masks::{image_masks, input_mask_in_image, input_masks};
-use super::{Candidates, FastSamError, FastSamPredictorSettings, Network, Placement, Prototypes, YoloArchitecture};
+use super::{Candidates, FastSamConfig, FastSamError, FastSamNetwork, FastSamPredictorSettings, Placement, Prototypes};
 use crate::checkpoint::Checkpoint;
 use burn::tensor::Device;
 use splatseg_geometry::{Image, Mask};
@@ -17,14 +17,14 @@ pub struct Detection {
     pub box_xyxy: [f32; 4],
     /// Confidence in [0, 1].
     pub score: f32,
-    /// Its pixels. Inside the box as it was before the adjustment.
+    /// Its pixels, inside the box as it was before the adjustment.
     pub mask: Mask,
 }
 
 /// FastSAM as Ultralytics 8.4 runs it (`FastSAM(…).predict`).
 #[derive(Clone, Debug)]
 pub struct FastSamPredictor {
-    network: Network,
+    network: FastSamNetwork,
     settings: FastSamPredictorSettings,
 }
 
@@ -37,19 +37,19 @@ impl FastSamPredictor {
     pub fn open(path: &Path, settings: FastSamPredictorSettings, device: &Device) -> Result<Self, FastSamError> {
         let settings = settings.validated()?;
         let checkpoint = Checkpoint::open(path)?;
-        let architecture = YoloArchitecture::of_checkpoint(&checkpoint)?;
-        Ok(Self { network: Network::load(&checkpoint, architecture, device)?, settings })
+        let config = FastSamConfig::from_checkpoint(&checkpoint)?;
+        Ok(Self { network: FastSamNetwork::load(&checkpoint, config, device)?, settings })
     }
 
     /// A predictor with a loaded network.
     ///
     /// # Errors
     /// [`FastSamError::Setting`] if a setting is impossible.
-    pub fn new(network: Network, settings: FastSamPredictorSettings) -> Result<Self, FastSamError> {
+    pub fn new(network: FastSamNetwork, settings: FastSamPredictorSettings) -> Result<Self, FastSamError> {
         Ok(Self { network, settings: settings.validated()? })
     }
 
-    /// The objects of an sRGB image, best first; their masks are of the image's size and not empty.
+    /// The objects of an sRGB image, best first; their masks have the image's size and are not empty.
     ///
     /// # Errors
     /// [`FastSamError::Device`] if the device fails; [`FastSamError::EmptyImage`] if the image has no pixels.
@@ -59,7 +59,7 @@ impl FastSamPredictor {
         }
         let input = letterbox(image, self.settings.image_size);
         let placement = Placement { image: image.size(), input: input.size() };
-        let output = self.network.forward(normalised(&input), input.height(), input.width())?;
+        let output = self.network.forward(input_values(&input), input.height(), input.width())?;
         let candidates = output.candidates(self.settings.confidence);
         let mut detections = detections(&candidates, output.prototypes(), placement, &self.settings);
         if !self.settings.retina_masks {
@@ -70,15 +70,15 @@ impl FastSamPredictor {
     }
 }
 
-/// What is made of the network's output: suppression, masks, boxes. Masks are of the image's size, or of the input's
-/// without `retina_masks`; detections with empty ones are left out.
+/// Detections from the network's output: NMS, masks and boxes. Masks have the image's size, or the input's without
+/// `retina_masks`; detections whose mask is empty are left out.
 pub fn detections(
     candidates: &Candidates,
     prototypes: &Prototypes,
     placement: Placement,
     settings: &FastSamPredictorSettings,
 ) -> Vec<Detection> {
-    let kept = candidates.suppressed(settings.confidence, settings.iou, settings.max_det);
+    let kept = candidates.nms(settings.confidence, settings.iou, settings.max_det);
     let input_boxes: Vec<[f32; 4]> = kept.iter().map(|index| candidates.box_xyxy(*index)).collect();
     let image_boxes: Vec<[f32; 4]> = input_boxes.iter().map(|found| placement.box_in_image(*found)).collect();
     let masks = if settings.retina_masks {

@@ -1,7 +1,7 @@
 //! The branch that makes mask prototypes.
 
 use super::conv::{ConvShape, FusedConv};
-use super::{FastSamError, Weights, YoloArchitecture};
+use super::{FastSamConfig, FastSamError, Weights};
 use burn::tensor::{Device, Tensor};
 
 /// Ultralytics' `Proto`: prototypes at a quarter of the input's size from features at an eighth.
@@ -17,17 +17,18 @@ impl PrototypeBranch {
     pub fn load(
         weights: &dyn Weights,
         name: &str,
-        architecture: &YoloArchitecture,
+        config: &FastSamConfig,
         device: &Device,
     ) -> Result<Self, FastSamError> {
-        let hidden = architecture.prototype_channels;
-        let conv =
-            |part: &str, shape: ConvShape| FusedConv::normalised(weights, &format!("{name}.{part}"), shape, device);
+        let hidden = config.prototype_channels;
+        let conv = |part: &str, shape: ConvShape| {
+            FusedConv::batch_normalised(weights, &format!("{name}.{part}"), shape, device)
+        };
         Ok(Self {
-            entry: conv("cv1", ConvShape::new(architecture.stage_channels[2], hidden, 3))?,
+            entry: conv("cv1", ConvShape::new(config.stage_channels[2], hidden, 3))?,
             upsample: FusedConv::doubling(weights, &format!("{name}.upsample"), hidden, device)?,
             middle: conv("cv2", ConvShape::new(hidden, hidden, 3))?,
-            exit: conv("cv3", ConvShape::new(hidden, architecture.mask_coefficients, 1))?,
+            exit: conv("cv3", ConvShape::new(hidden, config.mask_coefficients, 1))?,
         })
     }
 

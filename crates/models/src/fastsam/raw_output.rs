@@ -1,9 +1,9 @@
-//! What the network says about an image, and what it means.
+//! The output of the network, and how it is decoded.
 
 use super::Candidates;
 use super::head::STRIDES;
 
-/// Maps from which masks are mixed, at a quarter of the input's size.
+/// Prototype maps, whose linear combinations are the masks, at a quarter of the input's size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prototypes {
     /// Number of maps.

@@ -1,13 +1,13 @@
-//! Linear resampling of lines, as `interpolate(…, mode="bilinear", align_corners=False)` does along each axis.
+//! Linear resampling along one axis, as `interpolate(…, mode="bilinear", align_corners=False)` does along each axis.
 
 use std::ops::Range;
 
-/// Most source samples that a target sample is mixed from, after two resamplings in a row.
+/// Most source samples of a target sample, after two resamplings in a row.
 const MAX_TAPS: usize = 4;
 
-/// A target sample as a mixture of neighbouring source samples.
+/// A target sample as a weighted sum of neighbouring source samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Mixture {
+pub(super) struct Taps {
     /// First source sample.
     pub first: usize,
     /// How many there are.
@@ -16,44 +16,44 @@ pub(super) struct Mixture {
     pub weights: [f32; MAX_TAPS],
 }
 
-/// How every target sample is mixed from source samples.
+/// The taps of every target sample.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Resampling(Vec<Mixture>);
+pub(super) struct Resampling(Vec<Taps>);
 
 impl Resampling {
-    /// `from` samples scaled to `to`; positions beyond the first and last sample's centre take that sample.
+    /// Scales `from` samples to `to`; positions beyond the centre of the first or last sample take that sample.
     pub fn linear(from: usize, to: usize) -> Self {
-        Self::of_window(from, 0..from, to, 1)
+        Self::from_window(from, 0..from, to, 1)
     }
 
-    /// `from` samples, first scaled up by the whole number `upscaling`; `window`, in samples of the upscaled line, is then
-    /// scaled to `to` samples. Both steps are linear, so together they are one mixture of few source samples.
-    pub fn of_window(from: usize, window: Range<usize>, to: usize, upscaling: usize) -> Self {
+    /// Scales `from` samples up by the integer `upscaling`, and then `window`, in samples of the upscaled line, to `to`
+    /// samples. Both steps are linear, so together they are one weighted sum of few source samples.
+    pub fn from_window(from: usize, window: Range<usize>, to: usize, upscaling: usize) -> Self {
         let upscaled = from * upscaling;
-        let mixture = |target: usize| {
+        let taps_of = |target: usize| {
             let mut weights = [0.0; 2 * 2];
             let mut places = [0; 2 * 2];
-            let mut taps = 0;
+            let mut count = 0;
             for (place, weight) in interpolated(target, window.len(), to) {
                 for (source, share) in interpolated(window.start + place, from, upscaled) {
-                    (places[taps], weights[taps]) = (source, weight * share);
-                    taps += 1;
+                    (places[count], weights[count]) = (source, weight * share);
+                    count += 1;
                 }
             }
-            Mixture::sum(&places, &weights)
+            Taps::sum(&places, &weights)
         };
-        Self((0..to).map(mixture).collect())
+        Self((0..to).map(taps_of).collect())
     }
 
-    /// The source samples that target samples of a range are mixed from.
+    /// The source samples that a range of target samples depends on.
     pub fn sources(&self, targets: Range<usize>) -> Range<usize> {
-        let Some(mixtures) = self.0.get(targets).filter(|mixtures| !mixtures.is_empty()) else { return 0..0 };
-        // Sources move on with targets.
-        mixtures[0].first..mixtures.iter().map(|mixture| mixture.first + mixture.count).max().unwrap_or(0)
+        let Some(taps) = self.0.get(targets).filter(|taps| !taps.is_empty()) else { return 0..0 };
+        // Sources advance with targets.
+        taps[0].first..taps.iter().map(|taps| taps.first + taps.count).max().unwrap_or(0)
     }
 
-    /// The mixtures of a range of target samples.
-    pub fn mixtures(&self, targets: Range<usize>) -> &[Mixture] {
+    /// The taps of a range of target samples.
+    pub fn taps(&self, targets: Range<usize>) -> &[Taps] {
         &self.0[targets]
     }
 }
@@ -66,8 +66,8 @@ fn interpolated(target: usize, from: usize, to: usize) -> [(usize, f64); 2] {
     [(first, 1.0 - fraction), ((first + 1).min(from - 1), fraction)]
 }
 
-impl Mixture {
-    /// The sum of weighted samples that lie close together.
+impl Taps {
+    /// The sum of weighted samples that are close together.
     fn sum(places: &[usize], weights: &[f64]) -> Self {
         let mixed = || places.iter().zip(weights).filter(|(_, weight)| **weight != 0.0);
         let first = mixed().map(|(place, _)| *place).min().unwrap_or(0);
@@ -86,10 +86,9 @@ mod tests {
     use proptest::prelude::*;
 
     fn apply(resampling: &Resampling, line: &[f32]) -> Vec<f32> {
-        let mix = |mixture: &Mixture| {
-            (0..mixture.count).map(|tap| mixture.weights[tap] * line[mixture.first + tap]).sum::<f32>()
-        };
-        resampling.0.iter().map(mix).collect()
+        let weighted_sum =
+            |taps: &Taps| (0..taps.count).map(|tap| taps.weights[tap] * line[taps.first + tap]).sum::<f32>();
+        resampling.0.iter().map(weighted_sum).collect()
     }
 
     #[test]
@@ -103,14 +102,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn one_mixture_equals_two_steps(line in prop::collection::vec(-9f32..9.0, 1..20), upscaling in 1usize..5,
+        fn one_pass_equals_two_steps(line in prop::collection::vec(-9f32..9.0, 1..20), upscaling in 1usize..5,
                                         to in 1usize..70, cut in (0usize..20, 0usize..20)) {
             let from = line.len();
             let upscaled = apply(&Resampling::linear(from, from * upscaling), &line);
             let start = cut.0.min(upscaled.len() - 1);
             let window = start..(start + 1 + cut.1).min(upscaled.len());
             let expected = apply(&Resampling::linear(window.len(), to), &upscaled[window.clone()]);
-            let resampling = Resampling::of_window(from, window, to, upscaling);
+            let resampling = Resampling::from_window(from, window, to, upscaling);
             for (found, expected) in apply(&resampling, &line).iter().zip(&expected) {
                 prop_assert!((found - expected).abs() < 1e-4, "{} {}", found, expected);
             }

@@ -13,14 +13,14 @@ const MAX_IMAGE_SIZE: usize = 4096;
 pub struct FastSamPredictorSettings {
     /// The longer side of the network's input in pixels, a multiple of 32 (`imgsz`). Default: 1024.
     pub image_size: usize,
-    /// Boxes with a lower score are nothing, from 0 to 1 (`conf`). Default: 0.4.
+    /// Boxes with a lower score are dropped, from 0 to 1 (`conf`). Default: 0.4.
     pub confidence: f64,
-    /// Of two boxes with a larger IoU the better is kept, from 0 to 1 (`iou`). Default: 0.9.
+    /// NMS drops a box that overlaps a better one by a larger IoU, from 0 to 1 (`iou`). Default: 0.9.
     pub iou: f64,
     /// Most objects of an image. Default: 300.
     pub max_det: usize,
-    /// Whether masks are made at the image's size; at the network's input's otherwise, which is coarser where that is
-    /// smaller. Default: true.
+    /// Whether masks are computed at the image's size. Otherwise they have the size of the network's input, which is
+    /// coarser where that is smaller. Default: true.
     pub retina_masks: bool,
 }
 
@@ -31,10 +31,10 @@ impl Default for FastSamPredictorSettings {
 }
 
 impl FastSamPredictorSettings {
-    /// The settings, if they are possible.
+    /// The settings, if all are in range.
     ///
     /// # Errors
-    /// [`FastSamError::Setting`] names the one that is not.
+    /// [`FastSamError::Setting`] names the first that is not.
     pub fn validated(self) -> Result<Self, FastSamError> {
         let size = self.image_size;
         if !(size.is_multiple_of(INPUT_MULTIPLE) && (INPUT_MULTIPLE..=MAX_IMAGE_SIZE).contains(&size)) {

@@ -1,4 +1,4 @@
-//! SPPF: what lies further away, at the backbone's end.
+//! SPPF: spatial pyramid pooling at the end of the backbone.
 
 use super::conv::{ConvShape, FusedConv};
 use super::{FastSamError, Weights};
@@ -6,7 +6,7 @@ use burn::tensor::module::max_pool2d;
 use burn::tensor::ops::MaxPoolOptions;
 use burn::tensor::{Device, Tensor};
 
-/// Ultralytics' `SPPF`: three chained 5×5 maxima, joined with what they were taken of, between 1×1 convolutions.
+/// Ultralytics' `SPPF`: three chained 5×5 max-poolings, concatenated with their input, between two 1×1 convolutions.
 #[derive(Clone, Debug)]
 pub(super) struct Sppf {
     entry: FusedConv,
@@ -16,8 +16,9 @@ pub(super) struct Sppf {
 impl Sppf {
     pub fn load(weights: &dyn Weights, name: &str, channels: usize, device: &Device) -> Result<Self, FastSamError> {
         let hidden = channels / 2;
-        let conv =
-            |part: &str, shape: ConvShape| FusedConv::normalised(weights, &format!("{name}.{part}"), shape, device);
+        let conv = |part: &str, shape: ConvShape| {
+            FusedConv::batch_normalised(weights, &format!("{name}.{part}"), shape, device)
+        };
         Ok(Self {
             entry: conv("cv1", ConvShape::new(channels, hidden, 1))?,
             exit: conv("cv2", ConvShape::new(4 * hidden, channels, 1))?,

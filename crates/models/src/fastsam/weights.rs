@@ -1,24 +1,24 @@
-//! Where a network's parameters come from.
+//! Where the network's weights come from.
 
 use super::FastSamError;
 use crate::checkpoint::Checkpoint;
 use std::path::Path;
 
-/// ε of a batch normalisation where the file does not say: Ultralytics sets it to this, PyTorch's default is 1e-5.
+/// ε of batch normalisation where the file does not say; Ultralytics uses this value, PyTorch's default is 1e-5.
 const BATCH_NORM_EPSILON: f64 = 1e-3;
 
-/// Named tensors.
+/// A set of named tensors: a checkpoint, or anything else that knows names and shapes.
 pub trait Weights {
     /// The file, for errors.
     fn path(&self) -> &Path;
 
-    /// Shape of a tensor; `None` if there is none of that name.
+    /// The shape of a tensor, outermost dimension first; `None` if there is no such tensor.
     fn shape(&self, name: &str) -> Option<Vec<usize>>;
 
     /// The values of a tensor as `f32`, row-major.
     ///
     /// # Errors
-    /// If there is no tensor of that name, it has another shape, or cannot be read.
+    /// If there is no such tensor, it has another shape, or it cannot be read.
     fn read_f32(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, FastSamError>;
 
     /// ε of every batch normalisation.

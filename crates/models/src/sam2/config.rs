@@ -2,8 +2,9 @@
 
 use super::{Sam2Error, Weights};
 
-/// The published sizes, and the miniature that the tests use.
+/// The published sizes, and the miniature that tests use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Sam2Size {
     /// A random network of the same structure, for tests.
     Mini,
@@ -97,16 +98,11 @@ impl Sam2Config {
         ),
     ];
 
-    /// The configuration of a size.
-    pub fn of(size: Sam2Size) -> Self {
-        Self::ALL[size as usize]
-    }
-
-    /// Recognises the size from the names and shapes of a checkpoint.
+    /// The configuration of a checkpoint, by the names and shapes of its tensors.
     ///
     /// # Errors
     /// If the trunk's first embedding is missing, or no size has so many blocks and channels.
-    pub fn recognise(weights: &dyn Weights) -> Result<Self, Sam2Error> {
+    pub fn from_weights(weights: &dyn Weights) -> Result<Self, Sam2Error> {
         let name = "image_encoder.trunk.patch_embed.proj.bias";
         let shape = weights.shape(name).ok_or_else(|| Sam2Error::MissingTensor { name: name.into() })?;
         let embed_dim = shape.first().copied().unwrap_or(0);

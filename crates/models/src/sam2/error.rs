@@ -1,8 +1,8 @@
-//! What can go wrong with SAM 2.1.
+//! Errors of SAM 2.1.
 
 use thiserror::Error;
 
-/// Weights that are not SAM 2.1's, or a prompt that makes no sense.
+/// Weights that are not those of SAM 2.1, or a prompt that cannot be used.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum Sam2Error {
@@ -28,9 +28,9 @@ pub enum Sam2Error {
         /// The tensor's name.
         name: String,
     },
-    /// No configuration has such a trunk.
+    /// No published configuration has such a trunk.
     #[error(
-        "no SAM 2.1 has an image encoder of {blocks} blocks and {embed_dim} channels in the first (tiny: 12 and 96, \
+        "no SAM 2.1 has an image encoder with {blocks} blocks and {embed_dim} channels in the first (tiny: 12 and 96, \
          small: 16 and 96, base_plus: 24 and 112, large: 48 and 144)"
     )]
     UnknownConfiguration {
@@ -44,7 +44,7 @@ pub enum Sam2Error {
     UnreadableTensor {
         /// The tensor's name.
         name: String,
-        /// What the reader says.
+        /// Why.
         reason: String,
     },
     /// A setting is out of range.
@@ -120,7 +120,7 @@ pub enum Sam2Error {
         /// x0, y0, x1, y1 in pixels.
         corners: [f32; 4],
     },
-    /// Points to be added to those before cannot bring a box along: a box comes first.
+    /// A box that comes with points added to earlier ones: a box has to come first.
     #[error("the prompt of object {object} adds a box to earlier points: give the box with the first points")]
     LateBox {
         /// The object prompted.

@@ -1,37 +1,31 @@
 //! SAM 2.1: promptable segmentation of images and videos (Ravi et al. 2024).
+//!
+//! The rooms follow the figure of the paper: [`encoder`] (a frame to features), [`memory`] (what is remembered of an
+//! object, and attention to it), [`prompt`] (clicks, boxes and masks), [`heads`] (features and prompts to masks).
+//! [`Sam2Network`] holds them all, [`Sam2Predictor`] follows objects through a video.
 
 mod config;
+mod encoder;
 mod error;
-mod fpn_neck;
-mod hiera;
-mod host;
-mod image_encoder;
-mod kernels;
+mod heads;
 mod layers;
-mod mask_decoder;
-mod memory_attention;
-mod memory_bank;
-mod memory_encoder;
+mod memory;
 mod network;
-mod object_mask;
-mod position_encoding;
 mod predictor;
 mod prompt;
-mod prompt_encoder;
 mod resize;
-mod sam_heads;
 mod settings;
-mod two_way_transformer;
+mod video_state;
 mod weights;
 
 pub use config::{HieraConfig, Sam2Config, Sam2Size};
 pub use error::Sam2Error;
-pub use network::{FeatureMaps, Sam2};
-pub use object_mask::ObjectMask;
-pub use predictor::{VideoPredictor, VideoState};
-pub use prompt::{Click, Prompt};
-pub use prompt_encoder::PointLabel;
-pub use settings::PredictorSettings;
+pub use heads::ObjectMask;
+pub use network::{FeatureMaps, Sam2Network};
+pub use predictor::Sam2Predictor;
+pub use prompt::{Click, PointLabel, Prompt};
+pub use settings::Sam2PredictorSettings;
+pub use video_state::VideoState;
 pub use weights::Weights;
 
 #[cfg(test)]

@@ -1,10 +1,9 @@
-//! The whole network.
+//! The network: encoder, memory and heads.
 
-use super::image_encoder::{ImageEncoder, ImageFeatures};
-use super::memory_attention::MemoryAttention;
-use super::memory_encoder::MemoryEncoder;
+use super::encoder::{ImageEncoder, ImageFeatures};
+use super::heads::SamHeads;
+use super::memory::{MemoryAttention, MemoryEncoder};
 use super::resize::{normalise, resize_frame};
-use super::sam_heads::SamHeads;
 use super::weights::WeightReader;
 use super::{Sam2Config, Sam2Error, Weights, config::FEATURE_STRIDE};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -12,9 +11,9 @@ use splatseg_geometry::Image;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 
-/// SAM 2.1 with its weights. It holds no state of any video: one network serves any number of them.
+/// SAM 2.1 with its weights. It holds no state: one network serves any number of videos.
 #[derive(Clone, Debug)]
-pub struct Sam2 {
+pub struct Sam2Network {
     config: Sam2Config,
     image_size: usize,
     device: Device,
@@ -26,7 +25,7 @@ pub struct Sam2 {
     pub(super) no_memory: Tensor<3>,
 }
 
-/// What the image encoder makes of a frame, channels last.
+/// The output of the image encoder, channels last.
 #[derive(Clone, Debug)]
 pub struct FeatureMaps {
     /// `[1, side / 16, side / 16, hidden]`.
@@ -37,16 +36,16 @@ pub struct FeatureMaps {
     pub s1: Tensor<4>,
 }
 
-impl Sam2 {
-    /// Reads the network from a checkpoint; which size it is shows from names and shapes.
+impl Sam2Network {
+    /// Loads the network of a checkpoint, whose size follows from names and shapes.
     ///
     /// `image_size` is the side of the square that frames are resized to: 1024 as published if `None`. Smaller is
     /// faster, at the cost of thin structures; position embeddings are interpolated as the official code does.
     ///
     /// # Errors
-    /// If `image_size` is no positive multiple of 32, or a tensor is missing, superfluous, or of another shape.
+    /// If `image_size` is not a positive multiple of 32, or a tensor is missing, unexpected, or of another shape.
     pub fn load(weights: &dyn Weights, image_size: Option<usize>, device: &Device) -> Result<Self, Sam2Error> {
-        let config = Sam2Config::recognise(weights)?;
+        let config = Sam2Config::from_weights(weights)?;
         let image_size = image_size.unwrap_or(config.image_size);
         if image_size == 0 || !image_size.is_multiple_of(32) || image_size > 4096 {
             return Err(Sam2Error::Setting {

@@ -1,114 +1,51 @@
-//! Streaming prediction: frames come one at a time, objects come and go, and clicks correct them.
+//! Streaming prediction: frames come one at a time, objects come and go, and clicks correct their masks.
 
-use super::host::host;
-use super::image_encoder::ImageFeatures;
-use super::memory_attention::AssembledMemory;
-use super::memory_bank::MemoryBank;
-use super::memory_encoder::MaskForMemory;
+use super::encoder::ImageFeatures;
+use super::heads::{HeadOutputs, MaskChoice};
+use super::layers::host::host;
+use super::memory::{AssembledMemory, MaskForMemory};
 use super::prompt::CheckedPrompt;
-use super::prompt_encoder::InputPoint;
 use super::resize::{Size, resize_bilinear};
-use super::sam_heads::{HeadOutputs, MaskChoice};
-use super::{ObjectMask, PredictorSettings, Prompt, Sam2, Sam2Error};
+use super::video_state::{Prediction, TrackedObject, VideoState};
+use super::{ObjectMask, Prompt, Sam2Error, Sam2Network, Sam2PredictorSettings};
 use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
 use splatseg_geometry::Image;
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Earlier logits are clamped to this when they go along with new clicks.
 const LOGIT_LIMIT: f32 = 32.0;
 
-/// What the network says of one object in the current frame.
-#[derive(Clone, Debug)]
-struct Prediction {
-    /// `[side, side]` at a quarter of the input's resolution.
-    logits: Vec<f32>,
-    predicted_iou: f32,
-    pointer: Vec<f32>,
-    object_score: f32,
-}
-
-/// Everything known of one object.
-#[derive(Clone, Debug, Default)]
-struct TrackedObject {
-    bank: MemoryBank,
-    /// Tracked in the current frame, from memory.
-    tracked: Option<Prediction>,
-    /// Prompted on the current frame.
-    prompted: Option<Prediction>,
-    /// Points given on the current frame.
-    points: Vec<InputPoint>,
-}
-
-/// Everything that a video's past leaves behind: it grows with the number of objects, not of frames.
-#[derive(Clone, Debug, Default)]
-pub struct VideoState {
-    /// Frames so far.
-    frames: usize,
-    /// `(width, height)` of the frames.
-    size: (usize, usize),
-    features: Option<ImageFeatures>,
-    objects: BTreeMap<u64, TrackedObject>,
-}
-
-impl VideoState {
-    /// Ids of the objects, increasing.
-    pub fn objects(&self) -> impl Iterator<Item = u64> + '_ {
-        self.objects.keys().copied()
-    }
-
-    /// Number of frames so far.
-    pub fn frames(&self) -> usize {
-        self.frames
-    }
-
-    /// Bytes that the memories of all objects take.
-    pub fn memory_bytes(&self) -> usize {
-        self.objects.values().map(|object| object.bank.bytes()).sum()
-    }
-
-    /// An object's memory of a frame, `[tokens, channels]`, while attention can still see it. The current frame is
-    /// remembered by [`VideoPredictor::remember_frame`].
-    pub fn memory(&self, object: u64, frame: usize) -> Option<Vec<f32>> {
-        self.objects.get(&object)?.bank.features(frame)
-    }
-
-    fn index(&self) -> usize {
-        self.frames - 1
-    }
-}
-
 /// Follows objects through a stream of frames.
 #[derive(Debug)]
-pub struct VideoPredictor {
-    network: Arc<Sam2>,
-    settings: PredictorSettings,
+pub struct Sam2Predictor {
+    network: Arc<Sam2Network>,
+    settings: Sam2PredictorSettings,
     state: VideoState,
 }
 
-impl VideoPredictor {
+impl Sam2Predictor {
     /// A predictor before its first frame.
     ///
     /// # Errors
     /// If a setting is out of range.
-    pub fn new(network: impl Into<Arc<Sam2>>, settings: PredictorSettings) -> Result<Self, Sam2Error> {
+    pub fn new(network: impl Into<Arc<Sam2Network>>, settings: Sam2PredictorSettings) -> Result<Self, Sam2Error> {
         Self::resume(network, settings, VideoState::default())
     }
 
-    /// A predictor that goes on from a state.
+    /// A predictor that continues from a state.
     ///
     /// # Errors
     /// If a setting is out of range.
     pub fn resume(
-        network: impl Into<Arc<Sam2>>,
-        settings: PredictorSettings,
+        network: impl Into<Arc<Sam2Network>>,
+        settings: Sam2PredictorSettings,
         state: VideoState,
     ) -> Result<Self, Sam2Error> {
         Ok(Self { network: network.into(), settings: settings.validated()?, state })
     }
 
-    /// What is known so far.
+    /// The state of the video so far.
     pub fn state(&self) -> &VideoState {
         &self.state
     }
@@ -123,7 +60,7 @@ impl VideoPredictor {
         Ok(self.advance(input, frame.size()))
     }
 
-    /// [`Self::track`] for a frame that is already the network's input, `[1, 3, side, side]` (see [`Sam2::input`]), of a
+    /// [`Self::track`] for a frame that is already the network's input, `[1, 3, side, side]` (see [`Sam2Network::input`]), of a
     /// video of `size` (width, height).
     ///
     /// # Errors
@@ -157,7 +94,7 @@ impl VideoPredictor {
             let embeddings = self.network.memory_attention.forward(features.embedding.clone(), &memories, |_, _| {});
             let points = vec![Vec::new(); ids.len()];
             let out = self.network.heads.forward(embeddings, &features, &points, None, MaskChoice::BestOfThree);
-            for (id, prediction) in ids.iter().zip(predictions(out)) {
+            for (id, prediction) in ids.iter().zip(Prediction::from_outputs(out)) {
                 masks.push(self.object_mask(*id, &prediction));
                 self.object_mut(*id).tracked = Some(prediction);
             }
@@ -197,14 +134,14 @@ impl VideoPredictor {
             .collect::<Result<Vec<_>, Sam2Error>>()?;
 
         let mut masks: Vec<Option<ObjectMask>> = vec![None; checked.len()];
-        let mut rest: Vec<usize> = (0..checked.len()).collect();
-        while !rest.is_empty() {
+        let mut waiting: Vec<usize> = (0..checked.len()).collect();
+        while !waiting.is_empty() {
             // Prompts that can go through the network together: of the same kind, and one per object.
-            let kind = self.kind(&checked[rest[0]]);
+            let kind = self.kind(&checked[waiting[0]]);
             let mut chunk: Vec<usize> = Vec::new();
-            for index in &rest {
+            for index in &waiting {
                 let id = checked[*index].0;
-                let first_of_object = rest.iter().find(|other| checked[**other].0 == id) == Some(index);
+                let first_of_object = waiting.iter().find(|other| checked[**other].0 == id) == Some(index);
                 if chunk.len() < self.settings.objects_per_chunk
                     && first_of_object
                     && self.kind(&checked[*index]) == kind
@@ -212,10 +149,10 @@ impl VideoPredictor {
                     chunk.push(*index);
                 }
             }
-            rest.retain(|index| !chunk.contains(index));
+            waiting.retain(|index| !chunk.contains(index));
             let prompts: Vec<&(u64, CheckedPrompt)> = chunk.iter().map(|index| &checked[*index]).collect();
             let out = self.prompt_chunk(&prompts, kind, &features);
-            for ((index, (id, _)), prediction) in chunk.iter().zip(prompts).zip(predictions(out)) {
+            for ((index, (id, _)), prediction) in chunk.iter().zip(prompts).zip(Prediction::from_outputs(out)) {
                 masks[*index] = Some(self.object_mask(*id, &prediction));
                 self.object_mut(*id).prompted = Some(prediction);
             }
@@ -223,7 +160,7 @@ impl VideoPredictor {
         Ok(masks.into_iter().flatten().collect())
     }
 
-    /// What must be equal for prompts to go through the network together.
+    /// What prompts must have in common to go through the network together.
     fn kind(&self, (id, prompt): &(u64, CheckedPrompt)) -> PromptKind {
         let object = self.state.objects.get(id);
         match prompt {
@@ -357,27 +294,9 @@ impl VideoPredictor {
     }
 }
 
-/// What prompts that go through the network together have in common.
+/// What prompts must have in common to go through the network together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PromptKind {
     Mask,
     Points { count: usize, has_memory: bool, has_logits: bool },
-}
-
-/// The outputs of a chunk, one by one.
-fn predictions(out: HeadOutputs) -> Vec<Prediction> {
-    let [_, height, width] = out.masks.dims();
-    let [_, hidden] = out.pointers.dims();
-    let (masks, pointers) = (host(out.masks), host(out.pointers));
-    masks
-        .chunks_exact(height * width)
-        .zip(pointers.chunks_exact(hidden))
-        .zip(out.ious.iter().zip(&out.object_scores))
-        .map(|((logits, pointer), (predicted_iou, object_score))| Prediction {
-            logits: logits.to_vec(),
-            predicted_iou: *predicted_iou,
-            pointer: pointer.to_vec(),
-            object_score: *object_score,
-        })
-        .collect()
 }

@@ -1,4 +1,4 @@
-//! Resizing of frames and masks, each with the filter and rounding of the official code.
+//! Resizing of frames and masks, with the filters and rounding of the official code.
 
 use rayon::prelude::*;
 use splatseg_geometry::Image;
@@ -133,7 +133,7 @@ pub(super) fn resize_bilinear(map: &[f32], from: Size, to: Size) -> Vec<f32> {
     out
 }
 
-/// The two sources of every target position, and the weight of the second.
+/// The two source positions of every target position, and the weight of the second.
 fn bilinear_taps(source: usize, target: usize) -> Vec<(usize, usize, f32)> {
     let scale = source as f32 / target as f32;
     let taps = |position: usize| {

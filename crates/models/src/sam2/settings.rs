@@ -1,4 +1,4 @@
-//! Settings of the streaming predictor.
+//! Settings of SAM 2.1.
 
 use super::Sam2Error;
 use serde::{Deserialize, Serialize};
@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 /// How a video is tracked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct PredictorSettings {
-    /// How many objects go through the network together. More is faster and takes more memory; results are the same.
+pub struct Sam2PredictorSettings {
+    /// How many objects go through the network together. More is faster and takes more memory; results do not change.
     pub objects_per_chunk: usize,
     /// How many prompted frames of an object attention sees, the latest ones; `None` for all of them, as in the official
     /// code, whose memory grows with every prompted frame.
@@ -20,13 +20,13 @@ pub struct PredictorSettings {
     pub video_length: Option<usize>,
 }
 
-impl Default for PredictorSettings {
+impl Default for Sam2PredictorSettings {
     fn default() -> Self {
         Self { objects_per_chunk: 4, max_prompted_frames: Some(4), corrections_condition: true, video_length: None }
     }
 }
 
-impl PredictorSettings {
+impl Sam2PredictorSettings {
     /// What the official predictor does, for a video of `length` frames.
     pub fn parity(length: usize) -> Self {
         Self { max_prompted_frames: None, corrections_condition: false, video_length: Some(length), ..Self::default() }

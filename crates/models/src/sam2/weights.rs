@@ -1,4 +1,4 @@
-//! Where the network's weights come from, and the reader that hands them to the blocks.
+//! Where the network's weights come from, and the reader that the blocks load them with.
 
 use super::Sam2Error;
 use crate::checkpoint::{Checkpoint, CheckpointError};

@@ -3,7 +3,7 @@
 use crate::golden::shared;
 use burn::tensor::Device;
 use serde::Deserialize;
-use splatseg_models::fastsam::{FastSamError, Network, Weights, YoloArchitecture};
+use splatseg_models::fastsam::{FastSamConfig, FastSamError, FastSamNetwork, Weights};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -40,10 +40,10 @@ fn check(size: char, test: &str) {
     let Some(path) = shared(&format!("golden/fastsam/manifest_{size}.json"), test) else { return };
     let manifest: Manifest = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
     let weights = Zeros { shapes: manifest.tensors.into_iter().collect(), read: RefCell::default() };
-    let architecture = YoloArchitecture::of_tensors(&weights).unwrap();
+    let architecture = FastSamConfig::from_tensors(&weights).unwrap();
     assert_eq!(architecture.name(), manifest.arch);
-    assert_eq!(YoloArchitecture::published(size), Some(architecture));
-    Network::load(&weights, architecture, &Device::flex()).unwrap();
+    assert_eq!(FastSamConfig::published(size), Some(architecture));
+    FastSamNetwork::load(&weights, architecture, &Device::flex()).unwrap();
     let mut read = weights.read.into_inner();
     read.sort();
     // Constant, or a counter of training steps: no parameters.

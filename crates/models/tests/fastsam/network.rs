@@ -3,7 +3,7 @@
 use crate::golden::{Golden, image, shared};
 use burn::tensor::Device;
 use splatseg_models::checkpoint::Checkpoint;
-use splatseg_models::fastsam::{Network, RawOutput, YoloArchitecture, letterbox};
+use splatseg_models::fastsam::{FastSamConfig, FastSamNetwork, RawOutput, letterbox};
 
 /// Largest accepted differences from float64, as the reference data suggests: boxes in pixels, scores, coefficients,
 /// prototypes.
@@ -15,9 +15,9 @@ const RELATIVE: f32 = 1e-3;
 /// The raw output for the bytes of an input, `[3, height, width]`.
 fn run((bytes, [height, width]): (Vec<u8>, [usize; 2]), test: &str) -> Option<RawOutput> {
     let checkpoint = Checkpoint::open(&shared("golden/fastsam/fastsam_mini_statedict.safetensors", test)?).unwrap();
-    let architecture = YoloArchitecture::of_checkpoint(&checkpoint).unwrap();
-    assert_eq!(architecture, YoloArchitecture::scaled(0.33, 0.125, 1024));
-    let network = Network::load(&checkpoint, architecture, &Device::flex()).unwrap();
+    let architecture = FastSamConfig::from_checkpoint(&checkpoint).unwrap();
+    assert_eq!(architecture, FastSamConfig::scaled(0.33, 0.125, 1024));
+    let network = FastSamNetwork::load(&checkpoint, architecture, &Device::flex()).unwrap();
     let input = bytes.iter().map(|value| f32::from(*value) / 255.0).collect();
     Some(network.forward(input, height, width).unwrap())
 }

@@ -74,7 +74,7 @@ fn check_run(golden: &Golden, case: &Case, run: &Run) {
     };
     let placement = Placement { image: case.orig_wh.into(), input: (case.input_hw[1], case.input_hw[0]) };
     let candidates = candidates(golden);
-    let kept = candidates.suppressed(run.conf, run.iou, settings.max_det);
+    let kept = candidates.nms(run.conf, run.iou, settings.max_det);
     assert_eq!(kept, indices(golden, &name("nms_idx")), "{}", run.prefix);
     let boxes: Vec<[f32; 4]> = kept.iter().map(|index| candidates.box_xyxy(*index)).collect();
     assert_boxes(&boxes, &golden.floats(&name("nms_xyxy")), &name("nms_xyxy"));

@@ -7,7 +7,7 @@ use splatseg_dataset::Scene;
 use splatseg_memory::SplatMemory;
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::fastsam::FastSamPredictor;
-use splatseg_models::sam2::Sam2;
+use splatseg_models::sam2::Sam2Network;
 use splatseg_segmenter::{
     FastSamSegmenter, FirstAppearances, FrameTransform, GraphSegmenter, MaskFolder, OracleSegmenter, SceneGroundTruth,
     Segmenter,
@@ -93,7 +93,8 @@ fn make_tracker(settings: &Settings, scene: &Arc<dyn Scene>) -> Result<Box<dyn T
             let of_file = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", path.display()));
             let device = settings.device.open().map_err(Failure::input)?;
             let weights = Checkpoint::open(path).map_err(Failure::input)?;
-            let network = Sam2::load(&weights, settings.sam2.image_size, &device).map_err(|error| of_file(&error))?;
+            let network =
+                Sam2Network::load(&weights, settings.sam2.image_size, &device).map_err(|error| of_file(&error))?;
             Ok(Box::new(Sam2Tracker::new(network, settings.sam2).map_err(Failure::input)?))
         }
         TrackerName::Sim => {

@@ -1,8 +1,9 @@
 //! Features to codes.
 
 use super::Codebook;
-use super::panels::{LANES, LaneMaximum, Panels, product};
-use pulp::{Simd, WithSimd};
+use splatseg_kernels::inner_products::{LaneMaximum, Panels, product};
+use splatseg_kernels::instructions::LANES;
+use splatseg_kernels::{Instructions, Vectorize};
 
 /// Squared lengths of features that are safe from overflow and underflow in the tests of the shortcut.
 const SAFE_SQUARES: std::ops::Range<f32> = 1e-20..1e30;
@@ -17,7 +18,7 @@ impl Codebook {
     ///
     /// Among the first `used` codes, the one with the largest inner product (the lowest index of equals) if that
     /// exceeds `threshold` (0.5 in the paper). With D = 1 the value, rounded, is the segment id, and `threshold` plays
-    /// no part. `None` for "no segment", for a feature that is not finite, and for one that has not D values.
+    /// no part. `None` for "no segment", for a feature that is not finite, and for one that does not have D values.
     pub fn decode(&self, feature: &[f32], used: usize, threshold: f32) -> Option<u32> {
         self.decode_with_hint(feature, None, used, threshold)
     }
@@ -45,7 +46,7 @@ impl Codebook {
         }
     }
 
-    /// What [`Codebook::search`] would certainly return, if that can be told from the hinted code alone.
+    /// What [`Codebook::search`] would certainly return, if the hinted code alone determines it.
     fn shortcut(&self, feature: &[f32], hint: Option<u32>, threshold: f32) -> Option<Option<u32>> {
         let square = feature.iter().fold(0.0, |sum, value| sum + value * value);
         if !SAFE_SQUARES.contains(&square) {
@@ -67,7 +68,7 @@ impl Codebook {
 
     /// Compares with all of the first `used` codes.
     fn search(&self, feature: &[f32], used: usize, threshold: f32) -> Option<u32> {
-        let (product, index) = pulp::Arch::new().dispatch(Search { feature, columns: &self.columns, used });
+        let (product, index) = Instructions::best().run(Search { feature, columns: &self.columns, used });
         (product > threshold && product < f32::INFINITY).then_some(index)
     }
 }
@@ -79,11 +80,11 @@ struct Search<'a> {
     used: usize,
 }
 
-impl WithSimd for Search<'_> {
+impl Vectorize for Search<'_> {
     type Output = (f32, u32);
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> (f32, u32) {
+    fn run(self) -> (f32, u32) {
         let mut maximum = LaneMaximum::EMPTY;
         let rows = self.feature.as_chunks::<1>().0;
         for (index, panel) in self.columns.iter().take(self.used.div_ceil(LANES)).enumerate() {

@@ -1,15 +1,14 @@
-//! The codebook: unit vectors in R^D that stand for segments, as far apart as they can be pushed.
+//! The codebook: unit vectors in R^D that stand for segments, pushed apart as far as possible.
 
 mod decode;
-mod panels;
 mod repulsion;
 mod spacing;
 
-use panels::Panels;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use spacing::Spacing;
+use splatseg_kernels::inner_products::Panels;
 use std::sync::OnceLock;
 use thiserror::Error;
 
@@ -22,7 +21,7 @@ const MAX_INTEGER_CODES: usize = 1 << 24;
 /// Codebooks up to this size measure their spacing when they are made, in well under a second.
 const MAX_EAGER_SPACING: usize = 1 << 14;
 
-/// What a [`Codebook`] is made from.
+/// Settings of a [`Codebook`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CodebookSettings {
@@ -40,13 +39,14 @@ impl Default for CodebookSettings {
     }
 }
 
-/// A codebook that cannot be made.
+/// Why a codebook cannot be made.
 #[derive(Clone, Debug, Error, PartialEq)]
+#[non_exhaustive]
 pub enum CodebookError {
     /// A codebook without codes.
     #[error("num_codes is 0, but a codebook needs at least 1 code")]
     NoCodes,
-    /// The dimension is zero or beyond all reason.
+    /// The dimension is zero or too large.
     #[error("feature_dim is {found}, but it has to be from 1 to {MAX_FEATURE_DIM}")]
     FeatureDim {
         /// The dimension asked for.
@@ -62,8 +62,8 @@ pub enum CodebookError {
         /// The dimension they are to have.
         feature_dim: usize,
     },
-    /// The number of values is no multiple of the dimension.
-    #[error("the codebook has {found} values, which do not divide into vectors of feature_dim {feature_dim}")]
+    /// The number of values is not a multiple of the dimension.
+    #[error("the codebook has {found} values, which is not a whole number of vectors of feature_dim {feature_dim}")]
     RaggedVectors {
         /// Number of values.
         found: usize,
@@ -108,7 +108,7 @@ impl PartialEq for Codebook {
 
 impl Codebook {
     /// Makes random codes and pushes them apart, which approaches the paper's objective −min ‖c_i − c_j‖ through
-    /// energies of growing exponent. `progress` hears the fraction done, up to 1, on the calling thread.
+    /// energies of growing exponent. `progress` receives the fraction done, up to 1, on the calling thread.
     ///
     /// About 0.25 s for 512 codes of 28 dimensions on two cores, which come 1.22 apart (at random: 0.7). From about
     /// 1,200 codes on there are fewer steps, to stay near 1 s; above about 24,000 there are none.
@@ -136,7 +136,7 @@ impl Codebook {
         Ok(())
     }
 
-    /// The codebook of `vectors` `[N, D]` that were made from `seed` in `blocks` blocks.
+    /// The codebook with the given `vectors` `[N, D]`, made from `seed` in `blocks` blocks.
     ///
     /// # Errors
     /// [`CodebookError`] if the sizes are impossible, or a vector is not one that [`Codebook::generate`] could make.
@@ -160,7 +160,7 @@ impl Codebook {
     }
 
     fn assemble(feature_dim: usize, vectors: Vec<f32>, seed: u64, blocks: u32) -> Self {
-        let columns = Panels::of_vectors(&vectors, feature_dim);
+        let columns = Panels::from_vectors(&vectors, feature_dim);
         let codebook = Self { feature_dim, vectors, columns, seed, blocks, spacing: OnceLock::new() };
         if codebook.len() <= MAX_EAGER_SPACING {
             codebook.spacing();
@@ -201,7 +201,7 @@ impl Codebook {
     /// The code of segment `index + 1`, `[D]`.
     ///
     /// # Panics
-    /// If `index` is not below [`Codebook::len`], as with a slice.
+    /// If `index` is not below [`Codebook::len`].
     pub fn vector(&self, index: usize) -> &[f32] {
         &self.vectors[index * self.feature_dim..][..self.feature_dim]
     }
@@ -222,7 +222,7 @@ impl Codebook {
 
     fn spacing(&self) -> &Spacing {
         self.spacing.get_or_init(|| match self.feature_dim {
-            1 => Spacing::of_integers(self.len()),
+            1 => Spacing::from_integers(self.len()),
             dim => Spacing::measure(&self.vectors, dim),
         })
     }

@@ -8,10 +8,11 @@
 //!
 //! p is a power of two, so that powers are squarings: no library function whose last bit differs between platforms.
 
-use super::panels::{LANES, LaneMaximum, Panels, ROWS, product};
-use super::spacing::{exclude_columns, gather_rows};
-use pulp::{Simd, WithSimd};
+use super::spacing::exclude_columns;
 use rayon::prelude::*;
+use splatseg_kernels::inner_products::{LaneMaximum, Panels, ROWS, gather_rows, product};
+use splatseg_kernels::instructions::LANES;
+use splatseg_kernels::{Instructions, Vectorize};
 
 /// Steps where the work allows it.
 const MAX_STEPS: usize = 400;
@@ -46,7 +47,7 @@ struct Step {
 
 /// Moves the vectors from index `first` on, of row-major unit vectors `[N, dim]`, away from all others.
 ///
-/// The vectors before `first` stay. `progress` hears the fraction done after every step. Large codebooks take fewer
+/// The vectors before `first` stay. `progress` receives the fraction done after every step. Large codebooks take fewer
 /// steps, to bound the time; very large ones none.
 pub fn spread(vectors: &mut [f32], dim: usize, first: usize, progress: &mut dyn FnMut(f32)) {
     let count = vectors.len() / dim;
@@ -102,24 +103,21 @@ fn advance(vector: &mut [f32], velocity: &mut [f32], force: &[f32], size: f32) {
     normalize(vector);
 }
 
-/// The weighted mean of every moving code's neighbours, which it is to move away from; `forces` is `[N − first, dim]`.
+/// The weighted mean of the neighbours of every moving code, which it is pushed away from; `forces` is `[N − first, dim]`.
 fn compute_forces(vectors: &[f32], dim: usize, first: usize, step: Step, forces: &mut [f32]) {
-    let columns = Panels::of_vectors(vectors, dim);
-    let dimensions = Panels::of_dimensions(vectors, dim);
-    let arch = pulp::Arch::new();
+    let columns = Panels::from_vectors(vectors, dim);
+    let dimensions = Panels::from_dimensions(vectors, dim);
+    let instructions = Instructions::best();
     forces.par_chunks_mut(ROWS * dim).enumerate().with_min_len(4).for_each_init(
         Vec::new,
         |weights, (group, forces)| {
             let rows = RowGroup { vectors, dim, first: first + group * ROWS };
-            arch.dispatch(RowForces { rows, columns: &columns, dimensions: &dimensions, step, weights, forces });
+            instructions.run(RowForces { rows, columns: &columns, dimensions: &dimensions, step, weights, forces });
         },
     );
 }
 
 /// The work of [`compute_forces`] on one group of rows.
-///
-/// A type and not a closure: one that only borrows is called through a shim that may not be compiled for the
-/// instructions that `dispatch` found.
 struct RowForces<'a> {
     rows: RowGroup<'a>,
     columns: &'a Panels,
@@ -131,11 +129,11 @@ struct RowForces<'a> {
     forces: &'a mut [f32],
 }
 
-impl WithSimd for RowForces<'_> {
+impl Vectorize for RowForces<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run(self) {
         let gaps = self.rows.inner_products(self.columns, self.weights);
         let totals = weigh(self.weights, gaps, self.step);
         self.rows.mean_neighbours(self.dimensions, self.weights, totals, self.forces);
@@ -159,7 +157,7 @@ impl RowGroup<'_> {
         let mut maxima = [LaneMaximum::EMPTY; ROWS];
         products.clear();
         for (index, panel) in columns.iter().enumerate() {
-            let mut sums = product(&rows, panel);
+            let mut sums = product(rows.as_chunks::<ROWS>().0, panel);
             for (row, sums) in sums.iter_mut().enumerate() {
                 exclude_columns(sums, index, self.first + row, count);
                 maxima[row].update(sums, 0);

@@ -1,10 +1,11 @@
 //! How far apart the vectors of a codebook are.
 
-use super::panels::{LANES, LaneMaximum, Panels, ROWS, product};
-use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
+use splatseg_kernels::inner_products::{LaneMaximum, Panels, ROWS, gather_rows, product};
+use splatseg_kernels::instructions::LANES;
+use splatseg_kernels::{Instructions, Vectorize};
 
-/// How close every code comes to its nearest neighbour.
+/// How close every code is to its nearest neighbour.
 #[derive(Clone, Debug)]
 pub struct Spacing {
     /// Largest inner product of each code with another one; −1 in a codebook of one code. `[N]`
@@ -17,18 +18,18 @@ pub struct Spacing {
 
 impl Spacing {
     /// The spacing of the integer ids from 1 to `count`, which all point the same way.
-    pub fn of_integers(count: usize) -> Self {
+    pub fn from_integers(count: usize) -> Self {
         let (coherence, min_distance) = if count == 1 { (-1.0, f32::INFINITY) } else { (1.0, 1.0) };
         Self { coherences: Vec::new(), max_coherence: coherence, min_distance }
     }
 
     /// Measures row-major `[N, dim]` unit vectors; O(N² · dim), on all threads.
     pub fn measure(vectors: &[f32], dim: usize) -> Self {
-        let panels = Panels::of_vectors(vectors, dim);
-        let arch = pulp::Arch::new();
+        let panels = Panels::from_vectors(vectors, dim);
+        let instructions = Instructions::best();
         let mut nearest = vec![(-1.0, 0); vectors.len() / dim];
         nearest.par_chunks_mut(ROWS).enumerate().with_min_len(8).for_each(|(group, nearest)| {
-            arch.dispatch(NearestOfRows { vectors, dim, first: group * ROWS, panels: &panels, nearest });
+            instructions.run(NearestOfRows { vectors, dim, first: group * ROWS, panels: &panels, nearest });
         });
         let vector = |index: usize| &vectors[index * dim..(index + 1) * dim];
         let distances = nearest.iter().enumerate().map(|(index, &(_, other))| {
@@ -50,16 +51,16 @@ struct NearestOfRows<'a> {
     nearest: &'a mut [(f32, u32)],
 }
 
-impl WithSimd for NearestOfRows<'_> {
+impl Vectorize for NearestOfRows<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run(self) {
         let Self { vectors, dim, first, panels, nearest } = self;
         let rows = gather_rows(vectors, dim, first);
         let mut maxima = [LaneMaximum::EMPTY; ROWS];
         for (index, panel) in panels.iter().enumerate() {
-            let mut products = product(&rows, panel);
+            let mut products = product(rows.as_chunks::<ROWS>().0, panel);
             for (row, products) in products.iter_mut().enumerate() {
                 exclude_columns(products, index, first + row, vectors.len() / dim);
                 maxima[row].update(products, index as u32);
@@ -72,18 +73,6 @@ impl WithSimd for NearestOfRows<'_> {
             }
         }
     }
-}
-
-/// `ROWS` vectors from `first` on as `[dim, ROWS]`; zero beyond the last vector.
-#[inline(always)]
-pub fn gather_rows(vectors: &[f32], dim: usize, first: usize) -> Vec<[f32; ROWS]> {
-    let mut rows = vec![[0.0; ROWS]; dim];
-    for (row, vector) in vectors[first * dim..].chunks_exact(dim).take(ROWS).enumerate() {
-        for (rows, &value) in rows.iter_mut().zip(vector) {
-            rows[row] = value;
-        }
-    }
-    rows
 }
 
 /// Sets the products of a vector with itself, and with the columns that only fill the last panel, to −∞.

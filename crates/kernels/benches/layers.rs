@@ -1,0 +1,119 @@
+//! Layers of FastSAM (yolov8x-seg at 640×640) and of SAM 2.1 tiny, and the machine's peak, which both are a share of.
+//!
+//! `cargo bench -p splatseg-kernels`; throughput "elements" are floating-point operations.
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use pulp::{Arch, Simd, WithSimd};
+use splatseg_kernels::convolution::{ConvolutionShape, PackedConvolution};
+use splatseg_kernels::gemm::{LinearChain, PackedLinear};
+use splatseg_kernels::{Activation, Instructions};
+use std::hint::black_box;
+
+/// (inputs, outputs, kernel, stride, height and width of the input).
+const CONVOLUTIONS: [(usize, usize, usize, usize, usize); 7] = [
+    (3, 80, 3, 2, 640),
+    (80, 80, 3, 1, 160),
+    (160, 160, 3, 1, 80),
+    (320, 320, 3, 1, 40),
+    (320, 320, 3, 1, 20),
+    (320, 640, 3, 2, 80),
+    (1280, 640, 1, 1, 40),
+];
+
+/// (tokens, inputs, outputs).
+const LINEAR_LAYERS: [(usize, usize, usize); 4] =
+    [(65_536, 96, 96), (65_536, 96, 288), (16_384, 192, 768), (4096, 384, 1536)];
+
+fn noise(len: usize) -> Vec<f32> {
+    (0..len).map(|index| (index * 7919 % 2003) as f32 / 1001.0 - 1.0).collect()
+}
+
+fn convolutions(criterion: &mut Criterion) {
+    for (inputs, outputs, kernel, stride, size) in CONVOLUTIONS {
+        let name = format!("convolution {inputs}-{outputs}, {kernel}x{kernel}/{stride}, {size}x{size}");
+        let mut group = criterion.benchmark_group(name);
+        let operations = 2 * inputs * outputs * (kernel * size / stride).pow(2);
+        group.sample_size(20).throughput(Throughput::Elements(operations as u64));
+        let shape = ConvolutionShape::new(inputs, outputs, kernel, stride, kernel / 2);
+        let weight = noise(outputs * inputs * kernel * kernel);
+        let packed =
+            PackedConvolution::new(&weight, &vec![0.1; outputs], shape, Activation::Silu, Instructions::best());
+        let image = noise(inputs * size * size);
+        let len = outputs * shape.output_size([size; 2]).iter().product::<usize>();
+        group.bench_function("forward", |bencher| {
+            bencher.iter(|| {
+                let mut output = vec![0.0; len];
+                packed.forward(&[&image], [size; 2], &mut output);
+                output
+            });
+        });
+        group.finish();
+    }
+}
+
+fn linear_layers(criterion: &mut Criterion) {
+    for (tokens, inputs, outputs) in LINEAR_LAYERS {
+        let mut group = criterion.benchmark_group(format!("linear {tokens}x{inputs}-{outputs}"));
+        group.sample_size(20).throughput(Throughput::Elements((2 * tokens * inputs * outputs) as u64));
+        let layer = PackedLinear::new(&noise(inputs * outputs), &noise(outputs), Instructions::best());
+        let tokens = noise(tokens * inputs);
+        let layers = [(&layer, Activation::Gelu)];
+        let chain = LinearChain { norm: None, layers: &layers };
+        group.bench_function("forward", |bencher| bencher.iter(|| chain.forward(black_box(&tokens), None)));
+        group.finish();
+    }
+}
+
+/// Sums in registers that wait for nothing: what all threads do when memory is no limit.
+struct MultiplyAdds(usize);
+
+/// More than the latency of a multiply-add times how many start in a cycle, and few enough for 16 registers.
+const CHAINS: usize = 12;
+
+impl WithSimd for MultiplyAdds {
+    type Output = f32;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f32 {
+        let (factor, term) = (simd.splat_f32s(black_box(0.5)), simd.splat_f32s(black_box(0.25)));
+        let mut sums = [simd.splat_f32s(0.0); CHAINS];
+        for _ in 0..self.0 {
+            for sum in &mut sums {
+                *sum = simd.mul_add_f32s(factor, term, *sum);
+            }
+        }
+        sums.into_iter().map(|sum| simd.reduce_sum_f32s(sum)).sum()
+    }
+}
+
+struct Lanes;
+
+impl WithSimd for Lanes {
+    type Output = usize;
+
+    fn with_simd<S: Simd>(self, _: S) -> usize {
+        S::F32_LANES
+    }
+}
+
+fn peak(criterion: &mut Criterion) {
+    const REPEATS: usize = 2_000_000;
+    let arch = Arch::new();
+    let operations = 2 * CHAINS * REPEATS * arch.dispatch(Lanes);
+    let mut group = criterion.benchmark_group("peak");
+    for threads in [1, rayon::current_num_threads()] {
+        group.throughput(Throughput::Elements((operations * threads) as u64));
+        group.bench_function(format!("{threads} threads"), |bencher| {
+            bencher.iter(|| {
+                std::thread::scope(|scope| {
+                    for _ in 0..threads {
+                        scope.spawn(|| black_box(arch.dispatch(MultiplyAdds(REPEATS))));
+                    }
+                });
+            })
+        });
+    }
+}
+
+criterion_group!(benches, peak, convolutions, linear_layers);
+criterion_main!(benches);

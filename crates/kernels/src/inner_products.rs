@@ -1,0 +1,142 @@
+//! Inner products of many vectors that give the same bits on every processor, and the largest of them.
+//!
+//! Every sum runs over its terms in order, one sum per lane, so results do not depend on the width of the processor's
+//! vectors, nor on threads. Fused multiply-add is never asked for, and Rust does not introduce it by itself.
+
+use crate::gemm::{pack_columns, pack_rows};
+use crate::instructions::LANES;
+
+/// Left-hand rows that share each load of a panel.
+pub const ROWS: usize = 4;
+
+/// A matrix of `[depth, width]`, packed into panels of [`LANES`] columns.
+#[derive(Clone, Debug)]
+pub struct Panels {
+    depth: usize,
+    /// `[ceil(width / LANES), depth, LANES]`; columns beyond `width` are zero.
+    values: Vec<f32>,
+}
+
+impl Panels {
+    /// The transpose of row-major `[count, dim]` vectors: one column, and so one inner product, per vector.
+    pub fn from_vectors(vectors: &[f32], dim: usize) -> Self {
+        let mut values = Vec::new();
+        pack_rows(vectors.chunks_exact(dim), vectors.len() / dim, dim, LANES, &mut values);
+        Self { depth: dim, values }
+    }
+
+    /// Row-major `[count, dim]` vectors as they are: one column per dimension, for weighted sums of vectors.
+    pub fn from_dimensions(vectors: &[f32], dim: usize) -> Self {
+        let mut values = Vec::new();
+        pack_columns(|| vectors.chunks_exact(dim), dim, LANES, &mut values);
+        Self { depth: vectors.len() / dim, values }
+    }
+
+    /// The panels in the order of their columns, each `[depth, LANES]`.
+    #[inline(always)]
+    pub fn iter(&self) -> impl Iterator<Item = &[[f32; LANES]]> {
+        self.values.as_chunks::<LANES>().0.chunks_exact(self.depth.max(1))
+    }
+}
+
+/// [`ROWS`] of the row-major `vectors` `[count, dim]` from `first` on, as `[dim, ROWS]`; zero beyond the last vector.
+#[inline(always)]
+pub fn gather_rows(vectors: &[f32], dim: usize, first: usize) -> Vec<f32> {
+    let mut rows = Vec::with_capacity(ROWS * dim);
+    pack_rows(vectors[first * dim..].chunks_exact(dim).take(ROWS), ROWS, dim, ROWS, &mut rows);
+    rows
+}
+
+/// `rows`ᵀ · `panel`: `[depth, N]` and `[depth, LANES]` to `[N, LANES]`.
+#[inline(always)]
+pub fn product<const N: usize>(rows: &[[f32; N]], panel: &[[f32; LANES]]) -> [[f32; LANES]; N] {
+    let mut sums = [[0.0; LANES]; N];
+    for (row, lanes) in rows.iter().zip(panel) {
+        for (sum, &left) in sums.iter_mut().zip(row) {
+            for (sum, &right) in sum.iter_mut().zip(lanes) {
+                *sum += left * right;
+            }
+        }
+    }
+    sums
+}
+
+/// The largest of many values and its index, kept per lane.
+#[derive(Clone, Copy)]
+pub struct LaneMaximum {
+    values: [f32; LANES],
+    panels: [u32; LANES],
+}
+
+impl LaneMaximum {
+    /// Nothing seen yet.
+    pub const EMPTY: Self = Self { values: [f32::NEG_INFINITY; LANES], panels: [0; LANES] };
+
+    /// Takes in the values of the columns of one panel; NaN is passed over.
+    #[inline(always)]
+    pub fn update(&mut self, values: &[f32; LANES], panel: u32) {
+        for ((best, index), &value) in self.values.iter_mut().zip(&mut self.panels).zip(values) {
+            let larger = value > *best;
+            *best = if larger { value } else { *best };
+            *index = if larger { panel } else { *index };
+        }
+    }
+
+    /// The largest value and its column, the lowest one of several; `(−∞, _)` if nothing was seen.
+    #[inline(always)]
+    pub fn largest(&self) -> (f32, u32) {
+        let mut largest = (f32::NEG_INFINITY, u32::MAX);
+        for (lane, (&value, &panel)) in self.values.iter().zip(&self.panels).enumerate() {
+            let column = panel * LANES as u32 + lane as u32;
+            if value > largest.0 || (value == largest.0 && column < largest.1) {
+                largest = (value, column);
+            }
+        }
+        largest
+    }
+}
+
+/// The inner product of two vectors of equal length, summed in eight lanes and these by halves, so that it becomes vector
+/// code and gives the same bits everywhere.
+#[inline(always)]
+pub fn dot(left: &[f32], right: &[f32]) -> f32 {
+    const LANES: usize = 8;
+    let mut lanes = [0f32; LANES];
+    let (left_chunks, left_rest) = left.as_chunks::<LANES>();
+    let (right_chunks, right_rest) = right.as_chunks::<LANES>();
+    for (left, right) in left_chunks.iter().zip(right_chunks) {
+        for lane in 0..LANES {
+            lanes[lane] += left[lane] * right[lane];
+        }
+    }
+    let rest: f32 = left_rest.iter().zip(right_rest).map(|(left, right)| left * right).sum();
+    let halves: [f32; LANES / 2] = std::array::from_fn(|lane| lanes[lane] + lanes[lane + LANES / 2]);
+    (halves[0] + halves[2]) + (halves[1] + halves[3]) + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn inner_products_are_right_for_any_length(pairs in prop::collection::vec((-1.0f32..1.0, -1.0f32..1.0), 0..40)) {
+            let (left, right): (Vec<f32>, Vec<f32>) = pairs.into_iter().unzip();
+            let exact: f64 = left.iter().zip(&right).map(|(left, right)| f64::from(*left) * f64::from(*right)).sum();
+            prop_assert!((f64::from(dot(&left, &right)) - exact).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn the_largest_product_is_the_first_of_equals() {
+        let vectors: Vec<f32> = (0..40).flat_map(|index| [(index % 20) as f32, 1.0]).collect();
+        let panels = Panels::from_vectors(&vectors, 2);
+        let mut maximum = LaneMaximum::EMPTY;
+        for (index, panel) in panels.iter().enumerate() {
+            let [products] = product(&[[2.0], [0.5]], panel);
+            maximum.update(&products, index as u32);
+        }
+        assert_eq!(maximum.largest(), (38.5, 19));
+    }
+}

@@ -1,0 +1,175 @@
+//! Which vector instructions a loop is compiled for, and how it is reached.
+
+use pulp::{Simd, WithSimd};
+
+/// Lanes of the widest vector of `f32`; loops over slices are cut into chunks of this many values.
+pub const LANES: usize = 16;
+
+/// An instruction set that loops are compiled for.
+///
+/// Networks give the same result with all of them except `Portable`, which rounds products and sums separately where
+/// the others round them together.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub enum Instructions {
+    /// AVX-512.
+    #[cfg(target_arch = "x86_64")]
+    V4(pulp::x86::V4),
+    /// AVX2 and FMA.
+    #[cfg(target_arch = "x86_64")]
+    V3(pulp::x86::V3),
+    /// NEON.
+    #[cfg(target_arch = "aarch64")]
+    Neon(pulp::aarch64::Neon),
+    /// The baseline of the target, without fused multiply-add.
+    Portable,
+}
+
+/// Work that [`Instructions::run`] compiles for every instruction set. All it calls has to be `#[inline(always)]`.
+///
+/// Closures are work too, if they are `#[inline(always)]`. They are called by `FnMut`, not by `FnOnce`: for that the
+/// compiler makes a shim, which it may compile for the oldest processor.
+pub trait Vectorize {
+    /// What the work returns.
+    type Output;
+
+    /// Does the work. Implementations have to be `#[inline(always)]`.
+    fn run(self) -> Self::Output;
+}
+
+impl<R, F: FnMut() -> R> Vectorize for F {
+    type Output = R;
+
+    #[inline(always)]
+    fn run(mut self) -> R {
+        self()
+    }
+}
+
+/// Lets pulp call [`Vectorize`] work.
+struct Work<W>(W);
+
+impl<W: Vectorize> WithSimd for Work<W> {
+    type Output = W::Output;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> W::Output {
+        self.0.run()
+    }
+}
+
+/// Work on tiles of `ROWS` × (`VECTORS` vectors) that are kept in registers.
+pub(crate) trait TileKernel {
+    fn run<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(self, simd: S);
+}
+
+/// A [`TileKernel`] with the tile of an instruction set.
+struct Tiled<K, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(K);
+
+impl<K: TileKernel, const ROWS: usize, const VECTORS: usize, const FUSED: bool> WithSimd
+    for Tiled<K, ROWS, VECTORS, FUSED>
+{
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.0.run::<S, ROWS, VECTORS, FUSED>(simd);
+    }
+}
+
+/// `factor · value + sum`, rounded once if `FUSED`, else twice.
+#[inline(always)]
+pub(crate) fn multiply_add<S: Simd, const FUSED: bool>(
+    simd: S,
+    factor: S::f32s,
+    value: S::f32s,
+    sum: S::f32s,
+) -> S::f32s {
+    if FUSED { simd.mul_add_f32s(factor, value, sum) } else { simd.add_f32s(simd.mul_f32s(factor, value), sum) }
+}
+
+impl Instructions {
+    /// Every set that this machine runs, best first.
+    pub fn available() -> Vec<Self> {
+        let mut sets = Vec::new();
+        #[cfg(target_arch = "x86_64")]
+        {
+            sets.extend(pulp::x86::V4::try_new().map(Self::V4));
+            sets.extend(pulp::x86::V3::try_new().map(Self::V3));
+        }
+        #[cfg(target_arch = "aarch64")]
+        sets.extend(pulp::aarch64::Neon::try_new().map(Self::Neon));
+        sets.push(Self::Portable);
+        sets
+    }
+
+    /// The best set that this machine runs.
+    #[inline]
+    pub fn best() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if let Some(simd) = pulp::x86::V4::try_new() {
+                return Self::V4(simd);
+            }
+            if let Some(simd) = pulp::x86::V3::try_new() {
+                return Self::V3(simd);
+            }
+        }
+        #[cfg(target_arch = "aarch64")]
+        if let Some(simd) = pulp::aarch64::Neon::try_new() {
+            return Self::Neon(simd);
+        }
+        Self::Portable
+    }
+
+    /// Rows of a tile of the GEMM microkernel.
+    pub fn rows(self) -> usize {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::V4(_) => 8,
+            #[cfg(target_arch = "x86_64")]
+            Self::V3(_) => 6,
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon(_) => 6,
+            Self::Portable => 4,
+        }
+    }
+
+    /// Columns of a tile, a multiple of [`LANES`].
+    pub fn columns(self) -> usize {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::V4(_) => 32,
+            _ => 16,
+        }
+    }
+
+    /// Runs `work` compiled for these instructions: loops over slices in it become vector code.
+    #[inline(always)]
+    pub fn run<W: Vectorize>(self, work: W) -> W::Output {
+        let work = Work(work);
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::V4(simd) => Simd::vectorize(simd, work),
+            #[cfg(target_arch = "x86_64")]
+            Self::V3(simd) => Simd::vectorize(simd, work),
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon(simd) => Simd::vectorize(simd, work),
+            Self::Portable => Simd::vectorize(pulp::Scalar128b, work),
+        }
+    }
+
+    /// Runs a kernel with these instructions and their tile.
+    #[inline(always)]
+    pub(crate) fn run_tiled<K: TileKernel>(self, kernel: K) {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::V4(simd) => Simd::vectorize(simd, Tiled::<K, 8, 2, true>(kernel)),
+            #[cfg(target_arch = "x86_64")]
+            Self::V3(simd) => Simd::vectorize(simd, Tiled::<K, 6, 2, true>(kernel)),
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon(simd) => Simd::vectorize(simd, Tiled::<K, 6, 4, true>(kernel)),
+            Self::Portable => Simd::vectorize(pulp::Scalar128b, Tiled::<K, 4, 4, false>(kernel)),
+        }
+    }
+}

@@ -1,0 +1,32 @@
+//! The vector code of splatseg: loops over plain slices of `f32`, compiled for the best instructions of the processor
+//! they run on. Knows nothing of tensors, networks or splats.
+//!
+//! | module | what it computes |
+//! | --- | --- |
+//! | [`instructions`] | picks the instruction set, once for all loops of the workspace |
+//! | [`gemm`] | matrix products: packing, the microkernel, linear layers |
+//! | [`convolution`] | 2D convolution: direct, and Winograd's algorithm |
+//! | [`attention`] | softmax attention: global, windowed, and axial; rotary position encoding; pooling |
+//! | [`activation`], [`layer_norm`] | what stands between layers |
+//! | [`exp`](mod@exp) | exponentials and the error function |
+//! | [`inner_products`] | products that give the same bits on every processor, and searches for the largest |
+//! | [`aligned`] | vectors that start at a cache line |
+//!
+//! Work is divided into blocks of fixed size and every sum has a fixed order, so results never depend on the number of
+//! threads. Networks fuse multiplications and additions where the processor can ([`gemm`], [`attention`]); what a map
+//! is made of ([`inner_products`], [`exp::exp_negative`](exp::exp_negative)) never does, so that maps have the same bytes
+//! on every machine.
+
+pub mod activation;
+pub mod aligned;
+pub mod attention;
+pub mod convolution;
+pub mod exp;
+pub mod gemm;
+pub mod inner_products;
+pub mod instructions;
+pub mod layer_norm;
+
+pub use activation::Activation;
+pub use aligned::AlignedVec;
+pub use instructions::{Instructions, Vectorize};

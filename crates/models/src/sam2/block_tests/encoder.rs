@@ -1,0 +1,41 @@
+use super::*;
+use crate::sam2::encoder::ImageFeatures;
+use crate::sam2::encoder::fpn_neck::FpnNeck;
+use crate::sam2::encoder::position_encoding;
+use crate::sam2::resize::{normalise, resize_frame};
+use crate::sam2::weights::WeightReader;
+
+#[test]
+fn image_encoder() {
+    let Some(folder) = folder("image_encoder") else { return };
+    let golden = Golden::open(&folder, "mini_image_encoder");
+    let network = mini(&folder);
+    let input = network.input(&frame(&folder, 0));
+    assert_close("input", &host(input.clone()), &golden.floats("input"), Within::Absolute(1e-6));
+    assert_eq!(normalise(&resize_frame(&frame(&folder, 0), SIDE)), host(input.clone()));
+    let trunk = &network.image_encoder.trunk;
+    assert_close("patch_embed", &host(trunk.embed_patches(input.clone())), &golden.floats("patch_embed"), CLOSE);
+    assert_close("pos_embed", &host(trunk.pos_embed().clone()), &golden.floats("pos_embed_full"), CLOSE);
+    let stages = trunk.forward(input, |block, map| {
+        let name = format!("block{block}");
+        assert_close(&name, &host(map.clone()), &golden.floats(&name), CLOSE);
+    });
+    let (weights, device) = (golden::mini_weights(&folder), Device::flex());
+    let read = Default::default();
+    let reader = WeightReader::new(&weights, &read, &device).child("image_encoder.neck");
+    let channels = [0, 1, 2, 3].map(|stage| network.config().trunk.embed_dim << stage);
+    let (_, finest) = FpnNeck::load(&reader, channels, network.config().hidden_dim).unwrap();
+    for (level, weights) in finest.into_iter().enumerate() {
+        let map = weights.on(&device).forward(stages[level].clone());
+        assert_planes(&golden, &format!("fpn{level}"), map.unsqueeze(), CLOSE);
+    }
+    let ImageFeatures { embedding, s0, s1 } = network.image_encoder.features(stages);
+    assert_planes(&golden, "fpn2", embedding.reshape([1, 16, 16, 64]), CLOSE);
+    assert_planes(&golden, "s0", s0, CLOSE);
+    assert_planes(&golden, "s1", s1, CLOSE);
+    for (name, side) in [("pos1", 32), ("pos2", 16)] {
+        let encoded = position_encoding::sine_2d(side, side, 64);
+        let encoded = Tensor::<1>::from_data(encoded.as_slice(), &Device::flex()).reshape([1, side, side, 64]);
+        assert_planes(&golden, name, encoded, CLOSE);
+    }
+}

@@ -1,0 +1,104 @@
+use super::*;
+use crate::sam2::encoder::position_encoding;
+use crate::sam2::memory::{MaskForMemory, RememberedPointer, SpatialMemory};
+
+#[test]
+fn memory_encoder() {
+    let Some(folder) = folder("memory_encoder") else { return };
+    let golden = Golden::open(&folder, "mini_memory_encoder");
+    let network = mini(&folder);
+    let encoder = &network.memory_encoder;
+    let features = encoder.project_features(channels_last(&golden, "pix_feat").reshape([1, 256, 64]));
+    assert_planes(&golden, "sigmoid.present.pix_feat_proj", features.clone(), CLOSE);
+    for (name, kind) in [("sigmoid", MaskForMemory::Soft), ("binarized", MaskForMemory::Binary)] {
+        let masks: Vec<f32> = golden.floats("mask_logits").iter().map(|logit| kind.apply(*logit)).collect();
+        let masks = Tensor::<1>::from_data(masks.as_slice(), &Device::flex()).reshape([1, SIDE, SIDE]);
+        if kind == MaskForMemory::Soft {
+            assert_planes(&golden, "sigmoid.present.mask_downsampler", encoder.downsample_masks(masks.clone()), CLOSE);
+        }
+        for (presence, score) in [("present", 1.0), ("absent", -1.0)] {
+            let memory = encoder.forward(features.clone(), masks.clone(), &[score]).reshape([1, 16, 16, 16]);
+            assert_planes(&golden, &format!("{name}.{presence}.features"), memory, CLOSE);
+        }
+    }
+    let position = position_encoding::sine_2d(16, 16, 16);
+    let position = Tensor::<1>::from_data(position.as_slice(), &Device::flex()).reshape([1, 16, 16, 16]);
+    assert_planes(&golden, "pos", position, CLOSE);
+}
+
+type Memories = Vec<(String, usize, usize)>;
+type Pointers = Vec<(String, usize, f32)>;
+
+/// The frames and pointers of a bank in the order that the official code puts them.
+fn bank_order(bank: &str, golden: &Golden) -> (Memories, Pointers) {
+    let now: isize = bank.rsplit('f').next().unwrap().parse().unwrap();
+    let (direction, length) =
+        if bank.starts_with('D') { (-1, 10) } else { (1, if bank.starts_with('F') { 20 } else { 10 }) };
+    let frames = |kind: &str| golden.floats(&format!("{bank}.{kind}_frames")).into_iter().map(|frame| frame as isize);
+    let longest = (length.min(16) - 1) as f32;
+    let (mut spatial, mut pointers) = (Vec::new(), Vec::new());
+    for (index, frame) in frames("cond").enumerate() {
+        spatial.push(("cond".to_owned(), index, 6));
+        let distance = (now - frame) * direction;
+        if distance >= 0 {
+            pointers.push(("cond".to_owned(), index, distance as f32 / longest));
+        }
+    }
+    let at = |distance: isize| frames("noncond").position(|frame| (now - frame) * direction == distance);
+    for distance in (1..=6).rev() {
+        spatial.extend(at(distance).map(|index| ("noncond".to_owned(), index, distance as usize - 1)));
+    }
+    for distance in 1..length.min(16) {
+        pointers.extend(at(distance).map(|index| ("noncond".to_owned(), index, distance as f32 / longest)));
+    }
+    (spatial, pointers)
+}
+
+#[test]
+fn memory_attention() {
+    let Some(folder) = folder("memory_attention") else { return };
+    let golden = Golden::open(&folder, "mini_memory_attention");
+    let network = mini(&folder);
+    let attention = &network.memory_attention;
+    for bank in ["A_f2", "A_f9", "D_rev_f3", "E_f4", "F_f19"] {
+        let (spatial, pointers) = bank_order(bank, &golden);
+        let tokens = |kind: &str, index: usize| {
+            let all = channels_last(&golden, &format!("{bank}.{kind}_maskmem_features"));
+            host(all.narrow(0, index, 1))
+        };
+        let features: Vec<Vec<f32>> = spatial.iter().map(|(kind, index, _)| tokens(kind, *index)).collect();
+        let pointer =
+            |kind: &str, index: usize| golden.floats(&format!("{bank}.{kind}_obj_ptr"))[index * 64..][..64].to_vec();
+        let values: Vec<Vec<f32>> = pointers.iter().map(|(kind, index, _)| pointer(kind, *index)).collect();
+        let spatial: Vec<SpatialMemory> = spatial
+            .iter()
+            .zip(&features)
+            .map(|((_, _, row), features)| SpatialMemory { features, temporal_row: *row })
+            .collect();
+        let pointers: Vec<RememberedPointer> = pointers
+            .iter()
+            .zip(&values)
+            .map(|((_, _, distance), pointer)| RememberedPointer { pointer, distance: *distance })
+            .collect();
+        let memory = attention.assemble(&spatial, &pointers);
+        assert_eq!(memory.pointer_tokens, golden.ints(&format!("{bank}.num_obj_ptr_tokens"))[0], "{bank}");
+        let expected = golden.floats(&format!("{bank}.memory"));
+        assert_close(&format!("{bank}.memory"), &memory.values, &expected, Within::Absolute(0.0));
+        let position = golden.floats(&format!("{bank}.memory_pos"));
+        let keys: Vec<f32> = expected.iter().zip(position).map(|(value, position)| value + position).collect();
+        assert_close(&format!("{bank}.keys"), &memory.keys, &keys, CLOSE);
+
+        let current = tensor::<2>(&golden, &format!("{bank}.curr")).unsqueeze();
+        // Twice the same memory: objects must not disturb each other.
+        let out = attention.forward(current, &[memory.clone(), memory], |layer, map| {
+            let name = format!("{bank}.layer{layer}");
+            if golden.has(&name) {
+                assert_close(&name, &host(map.clone().narrow(0, 1, 1)), &golden.floats(&name), CLOSE);
+            }
+        });
+        for object in [0, 1] {
+            let out = host(out.clone().narrow(0, object, 1));
+            assert_close(&format!("{bank}.out"), &out, &golden.floats(&format!("{bank}.out")), CLOSE);
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! Every block against the official code's numbers, room by room.
+
+mod encoder;
+mod heads;
+mod memory;
+mod prompt;
+mod resize;
+
+use super::Sam2Network;
+use super::layers::host::host;
+use super::prompt::{InputPoint, PointLabel};
+use burn::tensor::{Device, Tensor, TensorData};
+use splatseg_geometry::Image;
+use std::path::Path;
+
+#[path = "../../../tests/sam2_golden/mod.rs"]
+mod golden;
+
+use golden::{Golden, Within, assert_close, folder};
+
+const CLOSE: Within = Within::OfMax(1e-5);
+const SIDE: usize = 256;
+
+fn mini(folder: &Path) -> Sam2Network {
+    Sam2Network::load(&golden::mini_weights(folder), None, &Device::flex()).unwrap()
+}
+
+fn tensor<const D: usize>(golden: &Golden, name: &str) -> Tensor<D> {
+    let shape: [usize; D] = golden.shape(name).try_into().unwrap();
+    Tensor::from_data(TensorData::new(golden.floats(name), shape), &Device::flex())
+}
+
+/// `[objects, channels, height, width]` to channels-last.
+fn channels_last(golden: &Golden, name: &str) -> Tensor<4> {
+    tensor::<4>(golden, name).permute([0, 2, 3, 1])
+}
+
+/// A channels-last map against a reference that has channels first.
+#[track_caller]
+fn assert_planes(golden: &Golden, name: &str, found: Tensor<4>, within: Within) {
+    assert_close(name, &host(found.permute([0, 3, 1, 2])), &golden.floats(name), within);
+}
+
+fn frame(folder: &Path, index: usize) -> Image<[u8; 3]> {
+    let picture = image::open(folder.join(format!("mini_video/{index:05}.png"))).unwrap().to_rgb8();
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    Image::from_pixels(width, height, picture.pixels().map(|pixel| pixel.0).collect()).unwrap()
+}
+
+/// The prompts of a case: points and whether there is a mask.
+fn prompt(golden: &Golden, case: &str) -> (Vec<InputPoint>, bool) {
+    let label = |label: f32| match label as i32 {
+        0 => Some(PointLabel::Negative),
+        1 => Some(PointLabel::Positive),
+        2 => Some(PointLabel::BoxStart),
+        3 => Some(PointLabel::BoxEnd),
+        _ => None,
+    };
+    let coords = golden.floats(&format!("{case}.coords"));
+    let labels = golden.floats(&format!("{case}.labels"));
+    let points = coords.chunks_exact(2).zip(labels);
+    let points = points.map(|(point, value)| InputPoint { x: point[0], y: point[1], label: label(value) });
+    (points.filter(|point| point.label.is_some()).collect(), case.contains("mask"))
+}
+
+const CASES: [&str; 7] = ["point1", "points3", "box", "box_points", "mask", "points_mask", "none"];

@@ -1,0 +1,177 @@
+//! The image encoder's trunk, Hiera (Ryali et al. 2023; official `hieradet.py`).
+
+use super::position_encoding::windowed_embedding;
+use crate::sam2::layers::host::{HostValues, from_host};
+use crate::sam2::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear, Mlp};
+use crate::sam2::weights::WeightReader;
+use crate::sam2::{HieraConfig, Sam2Error};
+use burn::tensor::{Tensor, TensorData};
+use splatseg_kernels::attention::{HeadRows, WindowShape, max_pool, multi_head_attention, window_attention};
+
+/// Channel normalisation in the trunk.
+const EPSILON: f64 = 1e-6;
+/// Hidden channels of a block's feed-forward layer, per channel.
+const MLP_RATIO: usize = 4;
+
+/// The trunk.
+#[derive(Clone, Debug)]
+pub(crate) struct Hiera {
+    patch_embed: Conv2d,
+    /// `[side, side, channels]`.
+    pos_embed: Tensor<3>,
+    blocks: Vec<Block>,
+    /// The last block of each stage.
+    stage_ends: [usize; 4],
+}
+
+impl Hiera {
+    /// Reads the trunk for a square input of `image_size` pixels.
+    pub fn load(reader: &WeightReader, config: &HieraConfig, image_size: usize) -> Result<Self, Sam2Error> {
+        let channels = config.embed_dim;
+        let patch = ConvShape { inputs: 3, outputs: channels, kernel: 7, stride: 4, padding: 3, groups: 1 };
+        let patch_embed = Conv2d::load(&reader.child("patch_embed.proj"), patch)?;
+        let size = config.pos_embed_size;
+        let tile = config.window_sizes[0];
+        let background = reader.floats("pos_embed", &[1, channels, size, size])?;
+        let window = reader.floats("pos_embed_window", &[1, channels, tile, tile])?;
+        let side = image_size / 4;
+        let pos_embed = windowed_embedding(&background, &window, channels, side);
+        let pos_embed = Tensor::from_data(TensorData::new(pos_embed, [side, side, channels]), reader.device());
+
+        let mut blocks = Vec::new();
+        let mut stage_ends = [0; 4];
+        for (stage, count) in config.stages.into_iter().enumerate() {
+            for block in 0..count {
+                let index = blocks.len();
+                let enters_stage = stage > 0 && block == 0;
+                // The first block of a stage still works on the windows of the stage before.
+                let window = config.window_sizes[if enters_stage { stage - 1 } else { stage }];
+                let shape = BlockShape {
+                    inputs: channels << if enters_stage { stage - 1 } else { stage },
+                    outputs: channels << stage,
+                    heads: config.num_heads << stage,
+                    window: (!config.global_blocks.contains(&index)).then_some(window),
+                };
+                blocks.push(Block::load(&reader.child(format!("blocks.{index}")), shape)?);
+            }
+            stage_ends[stage] = blocks.len() - 1;
+        }
+        Ok(Self { patch_embed, pos_embed, blocks, stage_ends })
+    }
+
+    /// The patch embedding of a normalised image: `[1, 3, side, side]` to `[side / 4, side / 4, channels]`.
+    pub fn embed_patches(&self, image: Tensor<4>) -> Tensor<3> {
+        self.patch_embed.forward_planes(image).permute([0, 2, 3, 1]).squeeze_dim(0)
+    }
+
+    /// The outputs of the four stages, finest first: `[side / 4, side / 4, channels]` to
+    /// `[side / 32, side / 32, 8 · channels]`. `observe` is called with every block's number and output.
+    pub fn forward(&self, image: Tensor<4>, mut observe: impl FnMut(usize, &Tensor<3>)) -> [Tensor<3>; 4] {
+        let mut map = self.embed_patches(image) + self.pos_embed.clone();
+        let mut stages = Vec::with_capacity(4);
+        for (index, block) in self.blocks.iter().enumerate() {
+            map = block.forward(map);
+            observe(index, &map);
+            if self.stage_ends.contains(&index) {
+                stages.push(map.clone());
+            }
+        }
+        stages.try_into().unwrap_or_else(|_| unreachable!("there are four stages"))
+    }
+
+    #[cfg(test)]
+    /// The position embedding, `[side / 4, side / 4, channels]`.
+    pub fn pos_embed(&self) -> &Tensor<3> {
+        &self.pos_embed
+    }
+}
+
+/// The hyper-parameters of a [`Block`].
+#[derive(Clone, Copy, Debug)]
+struct BlockShape {
+    inputs: usize,
+    outputs: usize,
+    heads: usize,
+    /// Side of the attention windows; `None` if the block attends to the whole map.
+    window: Option<usize>,
+}
+
+/// One transformer block (official `MultiScaleBlock`). A block with more channels than its input halves the map.
+#[derive(Clone, Debug)]
+struct Block {
+    shape: BlockShape,
+    norm1: LayerNorm,
+    qkv: Linear,
+    /// The projection of an all-zero token, which windows are padded with.
+    padding: Vec<f32>,
+    attention_out: Linear,
+    norm2: LayerNorm,
+    mlp: Mlp,
+    /// Of the residual branch, where the number of channels changes.
+    shortcut: Option<Linear>,
+}
+
+impl Block {
+    fn load(reader: &WeightReader, shape: BlockShape) -> Result<Self, Sam2Error> {
+        let BlockShape { inputs, outputs, .. } = shape;
+        let shortcut = (inputs != outputs).then(|| Linear::load(&reader.child("proj"), inputs, outputs)).transpose()?;
+        Ok(Self {
+            shape,
+            norm1: LayerNorm::load(&reader.child("norm1"), inputs, EPSILON)?,
+            qkv: Linear::load(&reader.child("attn.qkv"), inputs, 3 * outputs)?,
+            padding: reader.child("attn.qkv").floats("bias", &[3 * outputs])?,
+            attention_out: Linear::load(&reader.child("attn.proj"), outputs, outputs)?,
+            norm2: LayerNorm::load(&reader.child("norm2"), outputs, EPSILON)?,
+            mlp: Mlp::load(&reader.child("mlp"), &[outputs, MLP_RATIO * outputs, outputs], Activation::Gelu)?,
+            shortcut,
+        })
+    }
+
+    fn forward(&self, map: Tensor<3>) -> Tensor<3> {
+        let qkv = self.qkv.forward_normed(&self.norm1, map.clone());
+        let shortcut = match &self.shortcut {
+            None => map,
+            Some(projection) => pool(projection.forward_normed(&self.norm1, map)),
+        };
+        let map = self.attention_out.forward_added(self.attend(qkv), shortcut);
+        self.mlp.forward_residual(Some(&self.norm2), map)
+    }
+
+    /// Multi-head attention, `[height, width, 3 · channels]` to `[height, width, channels]`, or half as high and wide
+    /// where queries are pooled.
+    fn attend(&self, qkv: Tensor<3>) -> Tensor<3> {
+        let device = qkv.device();
+        let [height, width, _] = qkv.dims();
+        let BlockShape { outputs: channels, heads, window, .. } = self.shape;
+        let data = HostValues::from_tensor(qkv);
+        let qkv = data.as_slice();
+        let pooled = self.shortcut.as_ref().map(|_| max_pool(qkv, (height, width), 3 * channels, channels));
+        let (queries, query_stride, pooling) = match &pooled {
+            Some(pooled) => (pooled.as_slice(), channels, 2),
+            None => (qkv, 3 * channels, 1),
+        };
+        let out = match window {
+            Some(window) => {
+                let shape = WindowShape { height, width, window, pooling, heads, channels, query_stride };
+                window_attention(queries, qkv, &self.padding, shape)
+            }
+            None => {
+                let rows = |data, stride, count| HeadRows { data, count, width: channels / heads, stride };
+                let tokens = height * width;
+                let queries = rows(queries, query_stride, tokens / (pooling * pooling));
+                let keys = rows(&qkv[channels..], 3 * channels, tokens);
+                let values = rows(&qkv[2 * channels..], 3 * channels, tokens);
+                multi_head_attention(&[[queries, keys, values]], heads)
+            }
+        };
+        from_host(out, [height / pooling, width / pooling, channels], &device)
+    }
+}
+
+/// Max-pooling of 2×2 tokens.
+fn pool(map: Tensor<3>) -> Tensor<3> {
+    let device = map.device();
+    let [height, width, channels] = map.dims();
+    let pooled = max_pool(HostValues::from_tensor(map).as_slice(), (height, width), channels, channels);
+    from_host(pooled, [height / 2, width / 2, channels], &device)
+}

@@ -1,0 +1,61 @@
+//! The image encoder: trunk, neck and the decoder's high-resolution projections, once per frame.
+
+use super::fpn_neck::FpnNeck;
+use super::hiera::Hiera;
+use crate::sam2::layers::{Linear, LinearWeights};
+use crate::sam2::weights::WeightReader;
+use crate::sam2::{Sam2Config, Sam2Error};
+use burn::tensor::Tensor;
+
+/// What the rest of the network sees of a frame.
+#[derive(Clone, Debug)]
+pub(crate) struct ImageFeatures {
+    /// `[1, tokens, hidden]` at stride 16, row-major.
+    pub embedding: Tensor<3>,
+    /// `[1, side, side, hidden / 8]` at stride 4.
+    pub s0: Tensor<4>,
+    /// `[1, side, side, hidden / 4]` at stride 8.
+    pub s1: Tensor<4>,
+}
+
+/// The image encoder.
+#[derive(Clone, Debug)]
+pub(crate) struct ImageEncoder {
+    pub trunk: Hiera,
+    pub neck: FpnNeck,
+    /// The neck's level 0 and the decoder's `conv_s0` in one: nothing else looks at that level.
+    s0: Linear,
+    /// The neck's level 1 and the decoder's `conv_s1` in one.
+    s1: Linear,
+}
+
+impl ImageEncoder {
+    /// Reads the encoder for a square input of `image_size` pixels.
+    pub fn load(reader: &WeightReader, config: &Sam2Config, image_size: usize) -> Result<Self, Sam2Error> {
+        let hidden = config.hidden_dim;
+        let channels = [0, 1, 2, 3].map(|stage| config.trunk.embed_dim << stage);
+        let trunk = Hiera::load(&reader.child("image_encoder.trunk"), &config.trunk, image_size)?;
+        let (neck, [level0, level1]) = FpnNeck::load(&reader.child("image_encoder.neck"), channels, hidden)?;
+        let decoder = reader.child("sam_mask_decoder");
+        let s0 = level0.then(&LinearWeights::load_pointwise(&decoder.child("conv_s0"), hidden, hidden / 8)?);
+        let s1 = level1.then(&LinearWeights::load_pointwise(&decoder.child("conv_s1"), hidden, hidden / 4)?);
+        Ok(Self { trunk, neck, s0: s0.on(reader.device()), s1: s1.on(reader.device()) })
+    }
+
+    /// Features of a normalised image, `[1, 3, side, side]`.
+    pub fn forward(&self, image: Tensor<4>) -> ImageFeatures {
+        let [stage0, stage1, stage2, stage3] = self.trunk.forward(image, |_, _| {});
+        self.features([stage0, stage1, stage2, stage3])
+    }
+
+    /// Features from the trunk's stages, finest first.
+    pub fn features(&self, [stage0, stage1, stage2, stage3]: [Tensor<3>; 4]) -> ImageFeatures {
+        let map = self.neck.fuse(stage2, stage3);
+        let [height, width, hidden] = map.dims();
+        ImageFeatures {
+            embedding: map.reshape([1, height * width, hidden]),
+            s0: self.s0.forward(stage0).unsqueeze(),
+            s1: self.s1.forward(stage1).unsqueeze(),
+        }
+    }
+}

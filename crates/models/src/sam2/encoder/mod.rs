@@ -1,0 +1,8 @@
+//! The image encoder, which runs once per frame: the trunk Hiera, the feature pyramid, and position encodings.
+
+pub(crate) mod fpn_neck;
+mod hiera;
+mod image_encoder;
+pub(crate) mod position_encoding;
+
+pub(crate) use image_encoder::{ImageEncoder, ImageFeatures};

@@ -1,0 +1,137 @@
+//! The few layer types that all blocks are made of. Activations are channels-last, so that a layer over channels is a
+//! layer over the last dimension.
+
+pub(crate) mod host;
+mod linear;
+
+pub(crate) use linear::{Linear, LinearWeights, Mlp, activate, forward_chain};
+pub(crate) use splatseg_kernels::Activation;
+
+use crate::device::is_cpu;
+use crate::sam2::Sam2Error;
+use crate::sam2::weights::WeightReader;
+use burn::tensor::Tensor;
+use burn::tensor::module::{conv2d, layer_norm as normalise};
+use burn::tensor::ops::ConvOptions;
+use host::{HostValues, from_host, host};
+use splatseg_kernels::layer_norm;
+
+/// Layer normalisation over the last dimension.
+#[derive(Clone, Debug)]
+pub(crate) struct LayerNorm {
+    weight: Tensor<1>,
+    bias: Tensor<1>,
+    epsilon: f64,
+}
+
+impl LayerNorm {
+    /// Reads `weight` and `bias`. `epsilon` is 1e-6 in the trunk and where the official code normalises maps, and 1e-5
+    /// in the transformers.
+    pub fn load(reader: &WeightReader, channels: usize, epsilon: f64) -> Result<Self, Sam2Error> {
+        Ok(Self { weight: reader.tensor("weight", [channels])?, bias: reader.tensor("bias", [channels])?, epsilon })
+    }
+
+    /// `[.., channels]` to the same shape.
+    pub fn forward<const D: usize>(&self, input: Tensor<D>) -> Tensor<D> {
+        let device = input.device();
+        if !is_cpu(&device) {
+            return normalise(input, self.weight.clone(), Some(self.bias.clone()), self.epsilon);
+        }
+        let (shape, mut values) = (input.dims(), host(input));
+        self.host().as_kernel().apply_parallel(&mut values);
+        from_host(values, shape, &device)
+    }
+
+    pub fn host(&self) -> HostNorm {
+        let [weight, bias] = [&self.weight, &self.bias].map(|parameter| HostValues::from_tensor(parameter.clone()));
+        HostNorm { weight, bias, epsilon: self.epsilon as f32 }
+    }
+}
+
+/// The parameters of a [`LayerNorm`] as slices.
+pub(crate) struct HostNorm {
+    weight: HostValues,
+    bias: HostValues,
+    epsilon: f32,
+}
+
+impl HostNorm {
+    pub fn as_kernel(&self) -> layer_norm::LayerNorm<'_> {
+        layer_norm::LayerNorm { weight: self.weight.as_slice(), bias: self.bias.as_slice(), epsilon: self.epsilon }
+    }
+}
+
+/// A convolution of channels-last maps.
+#[derive(Clone, Debug)]
+pub(crate) struct Conv2d {
+    /// `[out, in / groups, k, k]`.
+    weight: Tensor<4>,
+    bias: Tensor<1>,
+    stride: usize,
+    padding: usize,
+    groups: usize,
+}
+
+/// The hyper-parameters of a [`Conv2d`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ConvShape {
+    pub inputs: usize,
+    pub outputs: usize,
+    pub kernel: usize,
+    pub stride: usize,
+    pub padding: usize,
+    pub groups: usize,
+}
+
+impl Conv2d {
+    pub fn load(reader: &WeightReader, shape: ConvShape) -> Result<Self, Sam2Error> {
+        let ConvShape { inputs, outputs, kernel, stride, padding, groups } = shape;
+        let weight = reader.tensor("weight", [outputs, inputs / groups, kernel, kernel])?;
+        Ok(Self { weight, bias: reader.tensor("bias", [outputs])?, stride, padding, groups })
+    }
+
+    /// `[objects, height, width, in]` to `[objects, height / stride, width / stride, out]`.
+    pub fn forward(&self, input: Tensor<4>) -> Tensor<4> {
+        self.forward_planes(input.permute([0, 3, 1, 2])).permute([0, 2, 3, 1])
+    }
+
+    /// The same for `[objects, in, height, width]`.
+    pub fn forward_planes(&self, input: Tensor<4>) -> Tensor<4> {
+        let options = ConvOptions::new([self.stride; 2], [self.padding; 2], [1, 1], self.groups);
+        conv2d(input, self.weight.clone(), Some(self.bias.clone()), options)
+    }
+}
+
+/// A transposed convolution whose stride is its kernel size: every pixel becomes a 2×2 block.
+#[derive(Clone, Debug)]
+pub(crate) struct Upscale {
+    /// To the four output pixels' channels, `[in, 2 · 2 · out]`.
+    linear: Linear,
+    outputs: usize,
+}
+
+impl Upscale {
+    /// Reads `weight` (`[in, out, 2, 2]`) and `bias` of a `ConvTranspose2d`.
+    pub fn load(reader: &WeightReader, inputs: usize, outputs: usize) -> Result<Self, Sam2Error> {
+        let stored = reader.floats("weight", &[inputs, outputs, 2, 2])?;
+        let element = |index: usize| {
+            let (input, pixel, output) = (index / (4 * outputs), index / outputs % 4, index % outputs);
+            stored[(input * outputs + output) * 4 + pixel]
+        };
+        let weights = LinearWeights {
+            weight: (0..stored.len()).map(element).collect(),
+            bias: reader.floats("bias", &[outputs])?.repeat(4),
+        };
+        Ok(Self { linear: weights.on(reader.device()), outputs })
+    }
+
+    /// `[objects, height, width, in]` to `[objects, 2 height, 2 width, out]`.
+    pub fn forward(&self, input: Tensor<4>) -> Tensor<4> {
+        let [objects, height, width, _] = input.dims();
+        self.linear
+            .forward(input)
+            .reshape([objects, height, width, 2, 2, self.outputs])
+            .permute([0, 1, 3, 2, 4, 5])
+            .reshape([objects, 2 * height, 2 * width, self.outputs])
+    }
+}

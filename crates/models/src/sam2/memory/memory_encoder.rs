@@ -1,0 +1,138 @@
+//! The memory encoder: a frame's features and a mask become a memory (official `memory_encoder.py`).
+
+use crate::sam2::Sam2Error;
+use crate::sam2::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear, LinearWeights, activate, forward_chain};
+use crate::sam2::weights::WeightReader;
+use burn::tensor::Tensor;
+
+/// Channel normalisation of maps.
+const EPSILON: f64 = 1e-6;
+/// Channels of the mask after each halving.
+const MASK_CHANNELS: [usize; 5] = [1, 4, 16, 64, 256];
+const FUSER_BLOCKS: usize = 2;
+/// Mask probabilities p enter the encoder as `MASK_SCALE · p + MASK_BIAS`.
+const MASK_SCALE: f32 = 20.0;
+const MASK_BIAS: f32 = -10.0;
+
+/// How mask logits enter the memory encoder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum MaskForMemory {
+    /// Their sigmoid: masks that the network predicted by itself.
+    Soft,
+    /// As 0 or 1: masks from a prompt.
+    Binary,
+}
+
+impl MaskForMemory {
+    /// What the encoder sees for a logit.
+    pub fn apply(self, logit: f32) -> f32 {
+        let probability = match self {
+            Self::Soft => 1.0 / (1.0 + (-logit).exp()),
+            Self::Binary => f32::from(logit > 0.0),
+        };
+        probability * MASK_SCALE + MASK_BIAS
+    }
+}
+
+/// A ConvNeXt block (official `CXBlock`).
+#[derive(Clone, Debug)]
+struct ConvNextBlock {
+    depthwise: Conv2d,
+    norm: LayerNorm,
+    widen: Linear,
+    /// With the layer scale multiplied in.
+    narrow: Linear,
+}
+
+impl ConvNextBlock {
+    fn load(reader: &WeightReader, channels: usize) -> Result<Self, Sam2Error> {
+        let shape =
+            ConvShape { inputs: channels, outputs: channels, kernel: 7, stride: 1, padding: 3, groups: channels };
+        let gamma = reader.floats("gamma", &[channels])?;
+        let narrow = LinearWeights::load(&reader.child("pwconv2"), 4 * channels, channels)?;
+        Ok(Self {
+            depthwise: Conv2d::load(&reader.child("dwconv"), shape)?,
+            norm: LayerNorm::load(&reader.child("norm"), channels, EPSILON)?,
+            widen: Linear::load(&reader.child("pwconv1"), channels, 4 * channels)?,
+            narrow: narrow.scaled(&gamma).on(reader.device()),
+        })
+    }
+
+    fn forward(&self, map: Tensor<4>) -> Tensor<4> {
+        let layers = [(&self.widen, Activation::Gelu), (&self.narrow, Activation::None)];
+        forward_chain(Some(&self.norm), &layers, self.depthwise.forward(map.clone()), Some(map))
+    }
+}
+
+/// The memory encoder.
+#[derive(Clone, Debug)]
+pub(crate) struct MemoryEncoder {
+    /// Each halves the mask.
+    halvings: Vec<(Conv2d, LayerNorm)>,
+    mask_projection: Linear,
+    feature_projection: Linear,
+    fuser: Vec<ConvNextBlock>,
+    out_projection: Linear,
+    /// Added to the memory of a frame without the object, `[1, 1, memory]`.
+    no_object: Tensor<3>,
+}
+
+impl MemoryEncoder {
+    pub fn load(reader: &WeightReader, hidden: usize, memory_dim: usize) -> Result<Self, Sam2Error> {
+        let encoder = reader.child("memory_encoder");
+        let mask = encoder.child("mask_downsampler.encoder");
+        let halving = |index: usize| {
+            let [inputs, outputs] = [MASK_CHANNELS[index], MASK_CHANNELS[index + 1]];
+            let shape = ConvShape { inputs, outputs, kernel: 3, stride: 2, padding: 1, groups: 1 };
+            // A convolution, a norm and an activation without weights.
+            let conv = Conv2d::load(&mask.child(3 * index), shape)?;
+            Ok((conv, LayerNorm::load(&mask.child(3 * index + 1), outputs, EPSILON)?))
+        };
+        Ok(Self {
+            halvings: (0..4).map(halving).collect::<Result<_, _>>()?,
+            mask_projection: Linear::load_pointwise(&mask.child("12"), MASK_CHANNELS[4], hidden)?,
+            feature_projection: Linear::load_pointwise(&encoder.child("pix_feat_proj"), hidden, hidden)?,
+            fuser: (0..FUSER_BLOCKS)
+                .map(|block| ConvNextBlock::load(&encoder.child(format!("fuser.layers.{block}")), hidden))
+                .collect::<Result<_, _>>()?,
+            out_projection: Linear::load_pointwise(&encoder.child("out_proj"), hidden, memory_dim)?,
+            no_object: reader.tensor("no_obj_embed_spatial", [1, memory_dim])?.unsqueeze(),
+        })
+    }
+
+    /// The part of a frame's features that does not depend on the object: `[1, side · side, hidden]` to
+    /// `[1, side, side, hidden]`.
+    pub fn project_features(&self, embedding: Tensor<3>) -> Tensor<4> {
+        let [_, tokens, hidden] = embedding.dims();
+        let side = tokens.isqrt();
+        self.feature_projection.forward(embedding).reshape([1, side, side, hidden])
+    }
+
+    /// Memories of objects: features from [`Self::project_features`], and masks `[objects, 16 side, 16 side]` after
+    /// [`MaskForMemory::apply`], to `[objects, side · side, memory]`.
+    pub fn forward(&self, features: Tensor<4>, masks: Tensor<3>, object_scores: &[f32]) -> Tensor<3> {
+        let mut map = features + self.downsample_masks(masks);
+        for block in &self.fuser {
+            map = block.forward(map);
+        }
+        let [objects, height, width, _] = map.dims();
+        let map = self.out_projection.forward(map);
+        let channels = map.dims()[3];
+        let memories = map.reshape([objects, height * width, channels]);
+        let absent: Vec<f32> = object_scores.iter().map(|score| f32::from(*score <= 0.0)).collect();
+        if absent.iter().all(|absent| *absent == 0.0) {
+            return memories;
+        }
+        let absent = Tensor::<1>::from_data(absent.as_slice(), &memories.device()).reshape([objects, 1, 1]);
+        memories + absent * self.no_object.clone()
+    }
+
+    /// `[objects, 16 side, 16 side]` to `[objects, side, side, hidden]`.
+    pub fn downsample_masks(&self, masks: Tensor<3>) -> Tensor<4> {
+        let mut map = masks.unsqueeze_dim(3);
+        for (conv, norm) in &self.halvings {
+            map = activate(Activation::Gelu, norm.forward(conv.forward(map)));
+        }
+        self.mask_projection.forward(map)
+    }
+}

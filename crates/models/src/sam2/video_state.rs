@@ -1,0 +1,89 @@
+//! The state of a video: what is known of every object.
+
+use super::encoder::ImageFeatures;
+use super::heads::HeadOutputs;
+use super::layers::host::host;
+use super::memory::MemoryBank;
+use super::prompt::InputPoint;
+use std::collections::BTreeMap;
+
+/// The output of the network for one object in the current frame.
+#[derive(Clone, Debug)]
+pub(super) struct Prediction {
+    /// `[side, side]` at a quarter of the input's resolution.
+    pub(super) logits: Vec<f32>,
+    pub(super) predicted_iou: f32,
+    pub(super) pointer: Vec<f32>,
+    pub(super) object_score: f32,
+}
+
+/// Everything known of one object.
+#[derive(Clone, Debug, Default)]
+pub(super) struct TrackedObject {
+    pub(super) bank: MemoryBank,
+    /// Tracked in the current frame, from memory.
+    pub(super) tracked: Option<Prediction>,
+    /// Prompted on the current frame.
+    pub(super) prompted: Option<Prediction>,
+    /// Points given on the current frame.
+    pub(super) points: Vec<InputPoint>,
+}
+
+/// Everything that is kept of a video's past. It grows with the number of objects, not of frames.
+#[derive(Clone, Debug, Default)]
+pub struct VideoState {
+    /// Frames so far.
+    pub(super) frames: usize,
+    /// `(width, height)` of the frames.
+    pub(super) size: (usize, usize),
+    pub(super) features: Option<ImageFeatures>,
+    pub(super) objects: BTreeMap<u64, TrackedObject>,
+}
+
+impl VideoState {
+    /// Ids of the objects, increasing.
+    pub fn objects(&self) -> impl Iterator<Item = u64> + '_ {
+        self.objects.keys().copied()
+    }
+
+    /// Number of frames so far.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// Bytes that the memories of all objects take.
+    pub fn memory_bytes(&self) -> usize {
+        self.objects.values().map(|object| object.bank.bytes()).sum()
+    }
+
+    /// An object's memory of a frame, `[tokens, channels]`, while attention can still see it. The current frame is
+    /// remembered by [`Sam2Predictor::remember_frame`](super::Sam2Predictor::remember_frame).
+    pub fn memory(&self, object: u64, frame: usize) -> Option<Vec<f32>> {
+        self.objects.get(&object)?.bank.features(frame)
+    }
+
+    /// Index of the current frame.
+    pub(super) fn index(&self) -> usize {
+        self.frames - 1
+    }
+}
+
+impl Prediction {
+    /// The outputs of a chunk, one per object.
+    pub(super) fn from_outputs(out: HeadOutputs) -> Vec<Self> {
+        let [_, height, width] = out.masks.dims();
+        let [_, hidden] = out.pointers.dims();
+        let (masks, pointers) = (host(out.masks), host(out.pointers));
+        masks
+            .chunks_exact(height * width)
+            .zip(pointers.chunks_exact(hidden))
+            .zip(out.ious.iter().zip(&out.object_scores))
+            .map(|((logits, pointer), (predicted_iou, object_score))| Self {
+                logits: logits.to_vec(),
+                predicted_iou: *predicted_iou,
+                pointer: pointer.to_vec(),
+                object_score: *object_score,
+            })
+            .collect()
+    }
+}
