@@ -1,7 +1,7 @@
 //! SAM 2.1: promptable segmentation of images and videos (Ravi et al. 2024).
 //!
-//! The rooms follow the figure of the paper: [`encoder`] (a frame to features), [`memory`] (what is remembered of an
-//! object, and attention to it), [`prompt`] (clicks, boxes and masks), [`heads`] (features and prompts to masks).
+//! The rooms follow the figure of the paper: `encoder` (a frame to features), `memory` (what is remembered of an
+//! object, and attention to it), `prompt` (clicks, boxes and masks), `heads` (features and prompts to masks).
 //! [`Sam2Network`] holds them all, [`Sam2Predictor`] follows objects through a video.
 
 mod config;
