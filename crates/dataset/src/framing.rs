@@ -32,7 +32,7 @@ impl Framing {
     ///
     /// # Errors
     /// [`SettingsError::CropTooLarge`] if nothing would be left.
-    pub fn apply(&self, frame: RgbdFrame) -> Result<RgbdFrame, DatasetError> {
+    pub fn apply<'a>(&self, frame: RgbdFrame<'a>) -> Result<RgbdFrame<'a>, DatasetError> {
         let original = (frame.width(), frame.height());
         self.check(original)?;
         let mut intrinsics = *frame.intrinsics();
@@ -46,7 +46,7 @@ impl Framing {
                 let map = ImageMap::resize(original, size);
                 (resample_color(frame.color(), &map), resample_depth(frame.depth(), &map))
             }
-            None => (frame.color().clone(), frame.depth().clone()),
+            None => (frame.color().as_borrowed(), frame.depth().as_borrowed()),
         };
         let border = self.crop_border;
         RgbdFrame::new(
@@ -56,6 +56,7 @@ impl Framing {
             intrinsics.cropped(border),
             *frame.world_from_camera(),
         )
+        .map(|framed| framed.with_timestamp(frame.timestamp()))
         .map_err(|source| DatasetError::Frame { name: frame.name().to_owned(), source })
     }
 

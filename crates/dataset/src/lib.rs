@@ -15,7 +15,6 @@ mod listing;
 mod mvpd;
 mod output;
 mod preset;
-mod quaternion;
 mod random_access;
 mod register;
 mod replica;

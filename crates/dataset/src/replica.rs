@@ -150,7 +150,7 @@ impl Scene for ReplicaScene {
         self.frames.get(index).map(|file| file.stem.clone()).unwrap_or_default()
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
         let file = self.frames.get(index).ok_or_else(|| DatasetError::NoSuchFrame {
             scene: self.name.clone(),
             index,

@@ -3,7 +3,7 @@
 //!
 //! Pixel centres have integer coordinates, as everywhere in the project.
 
-use splatseg_geometry::{Image, Intrinsics, SegmentMap};
+use splatseg_geometry::{CowImage, Image, Intrinsics, SegmentMap};
 
 /// Where the target pixels of one axis lie in the source: `source = scale * target + offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,9 +107,9 @@ impl AxisMap {
 }
 
 /// Low-passed colour at the target pixels. Outside the source its edge is repeated. Black for an empty source.
-pub(crate) fn resample_color(source: &Image<[u8; 3]>, map: &ImageMap) -> Image<[u8; 3]> {
+pub(crate) fn resample_color(source: &CowImage<'_, [u8; 3]>, map: &ImageMap) -> Image<[u8; 3]> {
     if map.is_identity() {
-        return source.clone();
+        return source.clone().into_owned();
     }
     let (width, height) = (map.columns.target_len, map.rows.target_len);
     if source.pixels().is_empty() {
@@ -140,9 +140,9 @@ fn weighted(taps: &Taps, pixel: impl Fn(usize) -> [f32; 3]) -> [f32; 3] {
 
 /// For each target pixel the valid depth nearest to its centre, among the source pixels that it covers; 0 if there is
 /// none.
-pub(crate) fn resample_depth(source: &Image<f32>, map: &ImageMap) -> Image<f32> {
+pub(crate) fn resample_depth(source: &CowImage<'_, f32>, map: &ImageMap) -> Image<f32> {
     if map.is_identity() {
-        return source.clone();
+        return source.clone().into_owned();
     }
     let (width, height) = (map.columns.target_len, map.rows.target_len);
     if source.pixels().is_empty() {

@@ -19,7 +19,7 @@ pub trait Scene: Debug + Send + Sync {
     ///
     /// # Errors
     /// [`DatasetError`] names the file and what is wrong with it. Other frames can still be read.
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError>;
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError>;
 
     /// Whether the scene comes with true segments.
     fn has_ground_truth(&self) -> bool;

@@ -9,7 +9,7 @@ use crate::listing::{NamePattern, NumberedFile, fits, folder_name, names_in, num
 use crate::register::{CameraPair, register_depth};
 use crate::text::{PinholeMatrix, read_pose};
 use crate::{DatasetError, DatasetSettings, Scene};
-use glam::{Mat4, Vec3};
+use glam::Vec3;
 use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::path::{Path, PathBuf};
 
@@ -101,7 +101,7 @@ impl Scene for SevenScenesScene {
         self.frames.get(index).map(|file| file.stem.clone()).unwrap_or_default()
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
         let file = self.frames.get(index).ok_or_else(|| DatasetError::NoSuchFrame {
             scene: self.name.clone(),
             index,
@@ -116,7 +116,7 @@ impl Scene for SevenScenesScene {
         if let Some(offset_m) = self.registration {
             let depth_camera = PUBLISHED_DEPTH.resized(depth.width(), depth.height());
             depth = register_depth(&depth, &CameraPair { depth: depth_camera, color: camera, offset_m });
-            pose = beside(&pose, offset_m);
+            pose = pose * Pose::from_translation(Vec3::X * offset_m);
         } else if depth.size() != color.size() {
             return Err(DatasetError::SizesDiffer {
                 path: depth_path,
@@ -137,11 +137,4 @@ impl Scene for SevenScenesScene {
     fn read_ground_truth(&self, _index: usize) -> Result<Option<SegmentMap>, DatasetError> {
         Ok(None)
     }
-}
-
-/// The pose of a camera `offset_m` metres to the right.
-fn beside(pose: &Pose, offset_m: f32) -> Pose {
-    let moved = pose.to_matrix() * Mat4::from_translation(Vec3::X * offset_m);
-    // A rigid transform times a translation is rigid.
-    Pose::from_matrix(moved).unwrap_or(*pose)
 }

@@ -28,7 +28,7 @@ pub struct StreamedFrame {
     /// Index of the frame in its scene.
     pub index: usize,
     /// The frame; its name is the scene's name for it.
-    pub frame: RgbdFrame,
+    pub frame: RgbdFrame<'static>,
     /// The true segments, of the frame's size; `None` if there are none or they were not asked for.
     pub ground_truth: Option<SegmentMap>,
 }

@@ -13,7 +13,7 @@ fn redkitchen_is_a_registered_recording() {
     let scene = open_scene(path, &DatasetSettings::default()).unwrap();
     assert_eq!((scene.name(), scene.frame_count(), scene.frame_name(15)), ("redkitchen", 100, "frame-000150".into()));
     let settings = DatasetSettings { stride: 33, resize: "320x240".parse().ok(), crop_border: 5, ..Default::default() };
-    let frames: Vec<RgbdFrame> =
+    let frames: Vec<RgbdFrame<'static>> =
         FrameStream::open(scene, &settings, GroundTruth::Skip).unwrap().map(|frame| frame.unwrap().frame).collect();
     assert_eq!(frames.len(), 4);
     for frame in &frames {

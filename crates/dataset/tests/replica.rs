@@ -9,8 +9,8 @@ use std::path::Path;
 use std::sync::OnceLock;
 use support::recording::*;
 
-fn room() -> &'static [(RgbdFrame, SegmentMap)] {
-    static ROOM: OnceLock<Vec<(RgbdFrame, SegmentMap)>> = OnceLock::new();
+fn room() -> &'static [(RgbdFrame<'static>, SegmentMap)] {
+    static ROOM: OnceLock<Vec<(RgbdFrame<'static>, SegmentMap)>> = OnceLock::new();
     ROOM.get_or_init(|| recording("synthetic:frames=3,width=60,height=34,seed=2"))
 }
 

@@ -137,7 +137,7 @@ impl Scene for Watched {
     fn frame_name(&self, index: usize) -> String {
         index.to_string()
     }
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
         self.read.fetch_add(1, Ordering::SeqCst);
         assert!(index != self.panics_at, "a defect");
         self.inner.read_frame(0)

@@ -11,7 +11,7 @@ fn room(text: &str) -> SyntheticScene {
     SyntheticScene::new(text.parse().unwrap()).unwrap()
 }
 
-fn read(scene: &SyntheticScene, index: usize) -> (RgbdFrame, SegmentMap) {
+fn read(scene: &SyntheticScene, index: usize) -> (RgbdFrame<'static>, SegmentMap) {
     (scene.read_frame(index).unwrap(), scene.read_ground_truth(index).unwrap().unwrap())
 }
 
@@ -22,7 +22,10 @@ fn pixels_of(ids: &SegmentMap, id: u32) -> BTreeSet<(usize, usize)> {
 }
 
 /// The pixels at which colour, depth or id differ between two frames.
-fn changed(first: &(RgbdFrame, SegmentMap), second: &(RgbdFrame, SegmentMap)) -> BTreeSet<(usize, usize)> {
+fn changed(
+    first: &(RgbdFrame<'static>, SegmentMap),
+    second: &(RgbdFrame<'static>, SegmentMap),
+) -> BTreeSet<(usize, usize)> {
     let (width, height) = first.1.size();
     let all = (0..height).flat_map(|row| (0..width).map(move |column| (column, row)));
     all.filter(|at| {

@@ -1,14 +1,36 @@
 //! One frame of an RGB-D video.
 
-use crate::{Image, Intrinsics, IntrinsicsError, Pose};
+use crate::{CowImage, Intrinsics, IntrinsicsError, Pose};
+use std::time::Duration;
 use thiserror::Error;
 
-/// One registered RGB-D frame: colour and depth of the same pixels, the camera and where it stood.
+/// One registered RGB-D frame: colour and depth of the same pixels, the camera's intrinsics and pose, and, if known,
+/// when it was taken.
+///
+/// The images may borrow their pixels for `'a`, so that a frame can be made from a camera driver's buffers without a
+/// copy. A frame that owns its pixels, as datasets return it, is an `RgbdFrame<'static>`.
+///
+/// ```
+/// use splatseg_geometry::{CowImage, Intrinsics, Pose, RgbdFrame};
+/// use std::time::Duration;
+/// let (rgb, depth_m) = ([128u8; 3 * 4], [1.5f32; 4]); // 2x2 pixels, as a driver hands them over
+/// let frame = RgbdFrame::new(
+///     "0",
+///     CowImage::from_slice(2, 2, rgb.as_chunks().0)?,
+///     CowImage::from_slice(2, 2, &depth_m)?,
+///     Intrinsics { fx: 2.0, fy: 2.0, cx: 0.5, cy: 0.5, width: 2, height: 2 },
+///     Pose::IDENTITY,
+/// )?
+/// .with_timestamp(Duration::from_millis(33));
+/// assert_eq!(frame.depth().pixels().as_ptr(), depth_m.as_ptr());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
-pub struct RgbdFrame {
+pub struct RgbdFrame<'a> {
     name: String,
-    color: Image<[u8; 3]>,
-    depth: Image<f32>,
+    timestamp: Option<Duration>,
+    color: CowImage<'a, [u8; 3]>,
+    depth: CowImage<'a, f32>,
     intrinsics: Intrinsics,
     world_from_camera: Pose,
 }
@@ -37,16 +59,17 @@ pub enum FrameError {
     Intrinsics(#[from] IntrinsicsError),
 }
 
-impl RgbdFrame {
-    /// Puts a frame together. `color` and `depth` are `[height, width]` of the same pixels; `depth` is z-depth in
-    /// metres, where negative, infinite and NaN values become 0 ("missing").
+impl<'a> RgbdFrame<'a> {
+    /// Assembles a frame without a timestamp. `color` (sRGB) and `depth` are `[height, width]` and show the same pixels;
+    /// `depth` is z-depth in metres, where negative, infinite and NaN values become 0 ("missing"). Borrowed depth is
+    /// copied only if it has such values.
     ///
     /// # Errors
     /// If the sizes of the images and of the intrinsics differ, or the intrinsics are impossible.
     pub fn new(
         name: impl Into<String>,
-        color: Image<[u8; 3]>,
-        mut depth: Image<f32>,
+        color: CowImage<'a, [u8; 3]>,
+        mut depth: CowImage<'a, f32>,
         intrinsics: Intrinsics,
         world_from_camera: Pose,
     ) -> Result<Self, FrameError> {
@@ -60,17 +83,35 @@ impl RgbdFrame {
             });
         }
         intrinsics.validated()?;
-        for value in depth.pixels_mut() {
-            if !(value.is_finite() && *value > 0.0) {
+        let is_measured_or_zero = |value: &f32| value.is_finite() && *value >= 0.0 && value.is_sign_positive();
+        if !depth.pixels().iter().all(is_measured_or_zero) {
+            for value in depth.pixels_mut().iter_mut().filter(|value| !is_measured_or_zero(value)) {
                 *value = 0.0;
             }
         }
-        Ok(Self { name: name.into(), color, depth, intrinsics, world_from_camera })
+        Ok(Self { name: name.into(), timestamp: None, color, depth, intrinsics, world_from_camera })
+    }
+
+    /// The frame with the time at which its colour image was taken, or without one; see [`RgbdFrame::timestamp`].
+    pub fn with_timestamp(mut self, timestamp: impl Into<Option<Duration>>) -> Self {
+        self.timestamp = timestamp.into();
+        self
+    }
+
+    /// The frame with pixels of its own; copies those that are borrowed.
+    pub fn into_owned(self) -> RgbdFrame<'static> {
+        RgbdFrame { color: self.color.into_owned(), depth: self.depth.into_owned(), ..self }
     }
 
     /// The frame's name in its scene, e.g. `frame-000150` or `42`: outputs are named after it.
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// When the colour image was taken, counted from an instant that is the same for the whole video (for TUM RGB-D the
+    /// Unix epoch, for other recordings often the start of the sensor); `None` if the source does not say.
+    pub fn timestamp(&self) -> Option<Duration> {
+        self.timestamp
     }
 
     /// Width in pixels.
@@ -84,21 +125,21 @@ impl RgbdFrame {
     }
 
     /// sRGB colour, `[height, width]`.
-    pub fn color(&self) -> &Image<[u8; 3]> {
+    pub fn color(&self) -> &CowImage<'a, [u8; 3]> {
         &self.color
     }
 
     /// z-depth in metres, `[height, width]`; 0 where missing, otherwise positive and finite.
-    pub fn depth(&self) -> &Image<f32> {
+    pub fn depth(&self) -> &CowImage<'a, f32> {
         &self.depth
     }
 
-    /// The camera.
+    /// The camera's intrinsics.
     pub fn intrinsics(&self) -> &Intrinsics {
         &self.intrinsics
     }
 
-    /// Where the camera stood.
+    /// The camera's pose.
     pub fn world_from_camera(&self) -> &Pose {
         &self.world_from_camera
     }
@@ -107,6 +148,7 @@ impl RgbdFrame {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Image;
 
     const CAMERA: Intrinsics = Intrinsics { fx: 2.0, fy: 2.0, cx: 0.5, cy: 0.5, width: 2, height: 2 };
 
@@ -115,6 +157,34 @@ mod tests {
         let depth = Image::from_pixels(2, 2, vec![1.5, f32::NAN, -1.0, f32::INFINITY]).unwrap();
         let frame = RgbdFrame::new("0", Image::filled(2, 2, [0; 3]), depth, CAMERA, Pose::IDENTITY).unwrap();
         assert_eq!(frame.depth().pixels(), &[1.5, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn usable_buffers_are_not_copied() {
+        let (rgb, metres) = (vec![[1, 2, 3]; 4], vec![1.5, 0.0, 2.0, 3.0]);
+        let with_depth = |depth| {
+            let color = CowImage::from_slice(2, 2, &rgb).unwrap();
+            RgbdFrame::new("0", color, depth, CAMERA, Pose::IDENTITY).unwrap()
+        };
+        let frame = with_depth(CowImage::from_slice(2, 2, &metres).unwrap());
+        assert_eq!(frame.color().pixels().as_ptr(), rgb.as_ptr());
+        assert_eq!(frame.depth().pixels().as_ptr(), metres.as_ptr());
+        let damaged = [1.5, f32::NAN, 2.0, -0.0];
+        let frame = with_depth(CowImage::from_slice(2, 2, &damaged).unwrap());
+        let bits: Vec<u32> = frame.depth().pixels().iter().map(|metres| metres.to_bits()).collect();
+        assert_eq!(bits, [1.5f32, 0.0, 2.0, 0.0].map(f32::to_bits));
+        assert!(damaged[1].is_nan(), "the caller's buffer stays as it is");
+    }
+
+    #[test]
+    fn a_timestamp_is_kept_when_the_pixels_become_the_frames_own() {
+        let metres = [1.0; 4];
+        let depth = CowImage::from_slice(2, 2, &metres).unwrap();
+        let frame = RgbdFrame::new("0", Image::filled(2, 2, [0; 3]), depth, CAMERA, Pose::IDENTITY).unwrap();
+        assert_eq!(frame.timestamp(), None);
+        let stamped = frame.with_timestamp(Duration::from_micros(7));
+        let owned: RgbdFrame<'static> = stamped.clone().into_owned();
+        assert_eq!((owned.timestamp(), &owned), (Some(Duration::from_micros(7)), &stamped));
     }
 
     #[test]

@@ -1,18 +1,35 @@
-//! A plain image: row-major pixels of any type.
+//! A plain image: row-major pixels of any type, owned or borrowed.
 
+use std::borrow::Cow;
 use thiserror::Error;
 
-/// Row-major image of `height` × `width` pixels of type `T`.
+/// Row-major image of `height` × `width` pixels of type `T` that owns its pixels.
+///
+/// It is a [`CowImage`], and can be passed wherever a function takes a reference to one.
+pub type Image<T> = CowImage<'static, T>;
+
+/// Row-major image of `height` × `width` pixels of type `T`, which are either its own or borrowed for `'a`, for example
+/// from a camera driver's buffer or a NumPy array. Borrowed pixels are copied only if the image is changed.
+///
+/// ```
+/// use splatseg_geometry::CowImage;
+/// let buffer: &[u8] = &[255, 0, 0, 0, 255, 0]; // RGB bytes of two pixels, row by row
+/// let (pixels, _) = buffer.as_chunks::<3>();
+/// let image = CowImage::from_slice(2, 1, pixels)?;
+/// assert_eq!(image[(1, 0)], [0, 255, 0]);
+/// assert_eq!(image.pixels().as_ptr(), pixels.as_ptr());
+/// # Ok::<(), splatseg_geometry::ImageSizeError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Image<T> {
+pub struct CowImage<'a, T: Clone> {
     width: usize,
     height: usize,
-    pixels: Vec<T>,
+    pixels: Cow<'a, [T]>,
 }
 
 /// The number of pixels does not match the stated size.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
-#[error("an image of {width}x{height} needs {} pixels, but {found} were given", width * height)]
+#[error("an image of {width}x{height} needs {} pixels, but {found} were given", *width as u128 * *height as u128)]
 pub struct ImageSizeError {
     /// Stated width in pixels.
     pub width: usize,
@@ -22,27 +39,24 @@ pub struct ImageSizeError {
     pub found: usize,
 }
 
-impl<T> Image<T> {
-    /// Wraps row-major `pixels`, `[height, width]`.
+impl<'a, T: Clone> CowImage<'a, T> {
+    /// Borrows row-major `pixels`, `[height, width]`. Nothing is copied.
     ///
     /// # Errors
     /// If `pixels` does not hold exactly `width * height` values.
-    pub fn from_pixels(width: usize, height: usize, pixels: Vec<T>) -> Result<Self, ImageSizeError> {
-        if width.checked_mul(height) != Some(pixels.len()) {
-            return Err(ImageSizeError { width, height, found: pixels.len() });
-        }
-        Ok(Self { width, height, pixels })
+    pub fn from_slice(width: usize, height: usize, pixels: &'a [T]) -> Result<Self, ImageSizeError> {
+        check_size(width, height, pixels.len())?;
+        Ok(Self { width, height, pixels: Cow::Borrowed(pixels) })
     }
 
-    /// Makes an image by calling `pixel(column, row)` for every pixel, row by row.
-    pub fn from_fn(width: usize, height: usize, mut pixel: impl FnMut(usize, usize) -> T) -> Self {
-        let mut pixels = Vec::with_capacity(width * height);
-        for row in 0..height {
-            for column in 0..width {
-                pixels.push(pixel(column, row));
-            }
-        }
-        Self { width, height, pixels }
+    /// The same image, borrowed from this one.
+    pub fn as_borrowed(&self) -> CowImage<'_, T> {
+        CowImage { width: self.width, height: self.height, pixels: Cow::Borrowed(&self.pixels) }
+    }
+
+    /// The image with pixels of its own; copies them if they are borrowed.
+    pub fn into_owned(self) -> Image<T> {
+        CowImage { width: self.width, height: self.height, pixels: Cow::Owned(self.pixels.into_owned()) }
     }
 
     /// Width in pixels.
@@ -65,9 +79,9 @@ impl<T> Image<T> {
         &self.pixels
     }
 
-    /// All pixels, row-major, to be changed in place.
+    /// All pixels, row-major, to be changed in place. Copies them first if they are borrowed.
     pub fn pixels_mut(&mut self) -> &mut [T] {
-        &mut self.pixels
+        self.pixels.to_mut()
     }
 
     /// The pixels of one row.
@@ -75,36 +89,61 @@ impl<T> Image<T> {
         &self.pixels[row * self.width..(row + 1) * self.width]
     }
 
-    /// Gives the pixels back, row-major.
+    /// Returns the pixels, row-major; copies them if they are borrowed.
     pub fn into_pixels(self) -> Vec<T> {
-        self.pixels
+        self.pixels.into_owned()
     }
 
     /// The image with every pixel replaced by `change(pixel)`.
-    pub fn map<U>(&self, change: impl FnMut(&T) -> U) -> Image<U> {
-        Image { width: self.width, height: self.height, pixels: self.pixels.iter().map(change).collect() }
+    pub fn map<U: Clone>(&self, change: impl FnMut(&T) -> U) -> Image<U> {
+        let pixels = Cow::Owned(self.pixels.iter().map(change).collect());
+        CowImage { width: self.width, height: self.height, pixels }
+    }
+
+    /// The image without `border` pixels on each side; empty if nothing is left.
+    pub fn crop_border(&self, border: usize) -> Image<T> {
+        let width = self.width.saturating_sub(2 * border);
+        let height = self.height.saturating_sub(2 * border);
+        if width == 0 || height == 0 {
+            return CowImage { width: 0, height: 0, pixels: Cow::Owned(Vec::new()) };
+        }
+        Image::from_fn(width, height, |column, row| self[(column + border, row + border)].clone())
     }
 }
 
 impl<T: Clone> Image<T> {
-    /// An image with the same `value` everywhere.
-    pub fn filled(width: usize, height: usize, value: T) -> Self {
-        Self { width, height, pixels: vec![value; width * height] }
+    /// Takes row-major `pixels`, `[height, width]`.
+    ///
+    /// # Errors
+    /// If `pixels` does not hold exactly `width * height` values.
+    pub fn from_pixels(width: usize, height: usize, pixels: Vec<T>) -> Result<Self, ImageSizeError> {
+        check_size(width, height, pixels.len())?;
+        Ok(Self { width, height, pixels: Cow::Owned(pixels) })
     }
 
-    /// The image without `border` pixels on each side; empty if nothing is left.
-    pub fn crop_border(&self, border: usize) -> Self {
-        let width = self.width.saturating_sub(2 * border);
-        let height = self.height.saturating_sub(2 * border);
-        if width == 0 || height == 0 {
-            return Self { width: 0, height: 0, pixels: Vec::new() };
+    /// Makes an image by calling `pixel(column, row)` for every pixel, row by row.
+    pub fn from_fn(width: usize, height: usize, mut pixel: impl FnMut(usize, usize) -> T) -> Self {
+        let mut pixels = Vec::with_capacity(width * height);
+        for row in 0..height {
+            for column in 0..width {
+                pixels.push(pixel(column, row));
+            }
         }
-        Self::from_fn(width, height, |column, row| self[(column + border, row + border)].clone())
+        Self { width, height, pixels: Cow::Owned(pixels) }
+    }
+
+    /// An image with the same `value` everywhere.
+    pub fn filled(width: usize, height: usize, value: T) -> Self {
+        Self { width, height, pixels: Cow::Owned(vec![value; width * height]) }
     }
 }
 
+fn check_size(width: usize, height: usize, found: usize) -> Result<(), ImageSizeError> {
+    if width.checked_mul(height) == Some(found) { Ok(()) } else { Err(ImageSizeError { width, height, found }) }
+}
+
 /// `image[(column, row)]`.
-impl<T> std::ops::Index<(usize, usize)> for Image<T> {
+impl<T: Clone> std::ops::Index<(usize, usize)> for CowImage<'_, T> {
     type Output = T;
 
     fn index(&self, (column, row): (usize, usize)) -> &T {
@@ -113,10 +152,10 @@ impl<T> std::ops::Index<(usize, usize)> for Image<T> {
     }
 }
 
-impl<T> std::ops::IndexMut<(usize, usize)> for Image<T> {
+impl<T: Clone> std::ops::IndexMut<(usize, usize)> for CowImage<'_, T> {
     fn index_mut(&mut self, (column, row): (usize, usize)) -> &mut T {
         debug_assert!(column < self.width);
-        &mut self.pixels[row * self.width + column]
+        &mut self.pixels.to_mut()[row * self.width + column]
     }
 }
 
@@ -128,6 +167,20 @@ mod tests {
     fn sizes_are_checked() {
         let error = Image::from_pixels(3, 2, vec![0; 5]).unwrap_err();
         assert_eq!(error.to_string(), "an image of 3x2 needs 6 pixels, but 5 were given");
+    }
+
+    #[test]
+    fn borrowed_pixels_are_copied_only_to_change_them() {
+        let buffer = vec![1, 2, 3, 4, 5, 6];
+        let mut image = CowImage::from_slice(3, 2, &buffer).unwrap();
+        assert_eq!(image.clone().pixels().as_ptr(), buffer.as_ptr());
+        assert_eq!(image, Image::from_pixels(3, 2, buffer.clone()).unwrap());
+        image[(0, 1)] = 9;
+        assert_eq!((image.row(1), &buffer[3..]), (&[9, 5, 6][..], &[4, 5, 6][..]));
+        let own = image.into_owned();
+        assert_eq!(own.as_borrowed().pixels().as_ptr(), own.pixels().as_ptr());
+        assert!(CowImage::from_slice(2, 2, &buffer).is_err());
+        assert!(CowImage::from_slice(usize::MAX, 2, &buffer).is_err(), "the product would overflow");
     }
 
     #[test]

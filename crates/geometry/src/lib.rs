@@ -25,7 +25,7 @@ mod segment_map;
 
 pub use assignment::{Candidate, Ratio, best_assignment};
 pub use frame::{FrameError, RgbdFrame};
-pub use image::{Image, ImageSizeError};
+pub use image::{CowImage, Image, ImageSizeError};
 pub use intrinsics::{Intrinsics, IntrinsicsError};
 pub use linking::MaskLinker;
 pub use mask::{Mask, ScoredMask};

@@ -1,7 +1,7 @@
 //! Where segments and surfaces end in a frame.
 
 use rayon::prelude::*;
-use splatseg_geometry::{Image, SegmentMap};
+use splatseg_geometry::{CowImage, Image, SegmentMap};
 
 /// Distances are not told apart beyond this, pixels.
 pub(crate) const MAX_DISTANCE: u8 = 32;
@@ -20,7 +20,7 @@ pub(crate) struct Borders {
 impl Borders {
     /// Finds them. Depths are metres, 0 where missing; neighbours that differ by more than the fraction
     /// `edge_disparity` are on two surfaces.
-    pub fn new(depth: &Image<f32>, segments: &SegmentMap, edge_disparity: f32) -> Self {
+    pub fn new(depth: &CowImage<'_, f32>, segments: &SegmentMap, edge_disparity: f32) -> Self {
         let (width, height) = depth.size();
         let mut kinds = Image::filled(width, height, 0);
         kinds.pixels_mut().par_chunks_mut(width.max(1)).enumerate().for_each(|(row, kinds)| {
@@ -44,7 +44,7 @@ impl Borders {
     }
 }
 
-fn kind_of(depth: &Image<f32>, segments: &SegmentMap, (column, row): (usize, usize), edge_disparity: f32) -> u8 {
+fn kind_of(depth: &CowImage<'_, f32>, segments: &SegmentMap, (column, row): (usize, usize), edge_disparity: f32) -> u8 {
     let (width, height) = depth.size();
     let (own, segment) = (depth[(column, row)], segments[(column, row)]);
     let (mut nearer, mut farther, mut border) = (false, false, false);
@@ -75,7 +75,7 @@ fn kind_of(depth: &Image<f32>, segments: &SegmentMap, (column, row): (usize, usi
 
 /// Whether a pixel goes on with what lies beside it in its row, and above or below it. A surface seen at a small angle
 /// has depth edges on both sides of each pixel, but along rows and columns its inverse depth is a straight line.
-fn is_on_a_plane(depth: &Image<f32>, (column, row): (usize, usize), edge_disparity: f32) -> bool {
+fn is_on_a_plane(depth: &CowImage<'_, f32>, (column, row): (usize, usize), edge_disparity: f32) -> bool {
     let inverse = |by: (isize, isize), steps: isize| {
         let at = (column.checked_add_signed(steps * by.0)?, row.checked_add_signed(steps * by.1)?);
         let is_inside = at.0 < depth.width() && at.1 < depth.height();

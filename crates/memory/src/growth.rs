@@ -85,7 +85,7 @@ enum Want {
 }
 
 struct Growth<'a> {
-    frame: &'a RgbdFrame,
+    frame: &'a RgbdFrame<'a>,
     borders: &'a Borders,
     wanted: &'a Image<Want>,
     settings: &'a MemorySettings,

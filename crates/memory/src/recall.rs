@@ -5,8 +5,8 @@ use crate::removal::{Present, Sight, sights};
 use crate::segment_store::{SegmentStore, StoreTile};
 use crate::{GrowthRule, MemoryKind, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
-use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
-use splatseg_render::{Balls, Camera, TileWeights, View, ViewTiming};
+use splatseg_geometry::{CowImage, Image, RgbdFrame, SegmentMap};
+use splatseg_render::{Camera, Splats, TileWeights, View, ViewTiming};
 
 /// Pixels of a tile.
 const PIXELS: usize = TileWeights::PIXELS;
@@ -15,7 +15,7 @@ const PIXELS: usize = TileWeights::PIXELS;
 /// is taken in.
 #[derive(Debug)]
 pub struct Recall<'f> {
-    pub(crate) frame: &'f RgbdFrame,
+    pub(crate) frame: &'f RgbdFrame<'f>,
     pub(crate) view: View,
     /// What the frame says of every Gaussian; empty for the paper's memory, which does not ask.
     pub(crate) sights: Vec<Sight>,
@@ -144,7 +144,7 @@ impl<'f> Recall<'f> {
 }
 
 impl TileSurface {
-    fn read(tile: &TileWeights, observed: &Image<f32>, tolerance: f32) -> Self {
+    fn read(tile: &TileWeights, observed: &CowImage<'_, f32>, tolerance: f32) -> Self {
         let mut surface = Self {
             silhouette: [0.0; PIXELS],
             depth: [0.0; PIXELS],
@@ -168,7 +168,7 @@ impl TileSurface {
 }
 
 /// A tile's part of an image, `[16, 16]`; the default where the image ends.
-pub(crate) fn cut<T: Copy + Default>(tile: &TileWeights, image: &Image<T>) -> [T; PIXELS] {
+pub(crate) fn cut<T: Copy + Default>(tile: &TileWeights, image: &CowImage<'_, T>) -> [T; PIXELS] {
     let ((left, top), (width, height)) = (tile.origin(), tile.size());
     let mut part = [T::default(); PIXELS];
     for row in 0..height {

@@ -119,7 +119,7 @@ impl SplatMemory {
     }
 
     /// What the memory expects `frame` to show.
-    pub fn recall<'f>(&self, frame: &'f RgbdFrame) -> Recall<'f> {
+    pub fn recall<'f>(&self, frame: &'f RgbdFrame<'_>) -> Recall<'f> {
         let mut camera = Camera::new(*frame.intrinsics(), frame.world_from_camera());
         if self.settings.kind == MemoryKind::Evidence {
             let (min_alpha, min_transmittance) = (self.settings.min_alpha, self.settings.min_transmittance);

@@ -22,7 +22,7 @@ fn settings(kind: MemoryKind, growth: GrowthRule) -> MemorySettings {
 }
 
 /// A wall of two segments, a box before it, and the segments that are seen there; some frames see none.
-fn frame(number: usize) -> (RgbdFrame, SegmentMap) {
+fn frame(number: usize) -> (RgbdFrame<'static>, SegmentMap) {
     let is_box = |column: usize, row: usize| {
         number < BOX_GONE && (20 - number..40 - number).contains(&column) && (10..30).contains(&row)
     };

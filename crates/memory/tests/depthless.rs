@@ -25,7 +25,7 @@ fn hit(origin: Vec3, ray: Vec3) -> (SegmentId, Vec3) {
 }
 
 /// The room from `pose`: depth but for screen and mat, and what is seen.
-fn view(pose: &Pose) -> (RgbdFrame, SegmentMap) {
+fn view(pose: &Pose) -> (RgbdFrame<'static>, SegmentMap) {
     let ray = |column: usize, row: usize| CAMERA.unproject(Vec2::new(column as f32, row as f32), 1.0);
     let hits = Image::from_fn(CAMERA.width, CAMERA.height, |column, row| {
         hit(pose.translation(), pose.rotation() * ray(column, row))
@@ -35,7 +35,7 @@ fn view(pose: &Pose) -> (RgbdFrame, SegmentMap) {
     (frame(depth, *pose), truth)
 }
 
-fn frame(depth: Image<f32>, pose: Pose) -> RgbdFrame {
+fn frame(depth: Image<f32>, pose: Pose) -> RgbdFrame<'static> {
     let color = Image::filled(depth.width(), depth.height(), [90; 3]);
     RgbdFrame::new("0", color, depth, CAMERA, pose).unwrap()
 }

@@ -28,7 +28,7 @@ struct Options {
 }
 
 struct View {
-    frame: RgbdFrame,
+    frame: RgbdFrame<'static>,
     truth: Option<SegmentMap>,
 }
 
@@ -199,7 +199,7 @@ fn frame(
     depth: &image::ImageBuffer<image::Luma<u16>, Vec<u16>>,
     camera: Intrinsics,
     crop: usize,
-) -> Result<RgbdFrame> {
+) -> Result<RgbdFrame<'static>> {
     let (width, height) = (camera.width, camera.height);
     let color = Image::from_pixels(width, height, color.pixels().map(|pixel| pixel.0).collect())?;
     let depth = Image::from_pixels(width, height, depth.pixels().map(|p| f32::from(p.0[0]) / 1000.0).collect())?;

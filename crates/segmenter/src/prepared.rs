@@ -44,7 +44,7 @@ mod tests {
     use super::*;
     use splatseg_geometry::{Image, Intrinsics, Mask, Pose};
 
-    fn frame(name: &str) -> RgbdFrame {
+    fn frame(name: &str) -> RgbdFrame<'static> {
         let camera = Intrinsics { fx: 2.0, fy: 2.0, cx: 0.5, cy: 0.5, width: 2, height: 2 };
         RgbdFrame::new(name, Image::filled(2, 2, [0; 3]), Image::filled(2, 2, 1.0), camera, Pose::IDENTITY).unwrap()
     }

@@ -15,7 +15,7 @@ fn camera(width: usize, height: usize) -> Intrinsics {
     Intrinsics { fx: focal, fy: focal, cx: (width as f32 - 1.0) / 2.0, cy: (height as f32 - 1.0) / 2.0, width, height }
 }
 
-fn frame(color: Image<[u8; 3]>, depth: Image<f32>) -> RgbdFrame {
+fn frame(color: Image<[u8; 3]>, depth: Image<f32>) -> RgbdFrame<'static> {
     let (width, height) = color.size();
     RgbdFrame::new("0", color, depth, camera(width, height), Pose::IDENTITY).unwrap()
 }
@@ -43,7 +43,7 @@ fn enter(ray: Vec3, low: Vec3, high: Vec3) -> Option<f32> {
 
 /// Two boxes on a floor seen from above, and who is where: 1 is the floor, 2 and 3 are the boxes. Everything has the
 /// same colour, so only geometry tells them apart; depth has the noise of a Kinect.
-fn two_boxes() -> (RgbdFrame, SegmentMap) {
+fn two_boxes() -> (RgbdFrame<'static>, SegmentMap) {
     // The scene is tilted by 40° about the camera's x axis: y points down in it, the floor is y = 1.2.
     let tilt = glam::Quat::from_rotation_x(-40f32.to_radians());
     let boxes = [

@@ -7,7 +7,7 @@ use splatseg_segmenter::{FrameTransform, MaskFolder, Segmenter, SegmenterError};
 use std::path::Path;
 use tempfile::TempDir;
 
-fn frame(name: &str, width: usize, height: usize) -> RgbdFrame {
+fn frame(name: &str, width: usize, height: usize) -> RgbdFrame<'static> {
     let camera = Intrinsics { fx: 10.0, fy: 10.0, cx: 1.0, cy: 1.0, width, height };
     let (color, depth) = (Image::filled(width, height, [0; 3]), Image::filled(width, height, 1.0));
     RgbdFrame::new(name, color, depth, camera, Pose::IDENTITY).unwrap()

@@ -8,7 +8,7 @@ use splatseg_segmenter::{OraclePreset, OracleSegmenter, OracleSettings, SceneGro
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-fn frame(name: &str, size: (usize, usize)) -> RgbdFrame {
+fn frame(name: &str, size: (usize, usize)) -> RgbdFrame<'static> {
     let (width, height) = size;
     let camera = Intrinsics { fx: 10.0, fy: 10.0, cx: 1.0, cy: 1.0, width, height };
     RgbdFrame::new(
@@ -98,7 +98,7 @@ impl Scene for Unlabelled {
     fn frame_name(&self, _: usize) -> String {
         "0".to_owned()
     }
-    fn read_frame(&self, _: usize) -> Result<RgbdFrame, DatasetError> {
+    fn read_frame(&self, _: usize) -> Result<RgbdFrame<'static>, DatasetError> {
         Ok(frame("0", (4, 3)))
     }
     fn has_ground_truth(&self) -> bool {
@@ -266,7 +266,7 @@ fn the_small_is_not_found() {
 fn masks_depend_on_the_frame_alone_whatever_the_order_and_the_threads() {
     let settings = OracleSettings { preset: OraclePreset::FastsamLike, ..Default::default() };
     let scene = room(6);
-    let frames: Vec<RgbdFrame> = (0..6).map(|index| scene.read_frame(index).unwrap()).collect();
+    let frames: Vec<RgbdFrame<'static>> = (0..6).map(|index| scene.read_frame(index).unwrap()).collect();
     let run = |order: &[usize], threads: usize, seed: u64| {
         let truth = SceneGroundTruth::new(scene.clone(), Framing::default()).unwrap();
         let mut oracle = OracleSegmenter::new(truth, &settings, seed).unwrap();

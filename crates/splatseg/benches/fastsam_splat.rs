@@ -25,7 +25,7 @@ fn scene(settings: &DatasetSettings) -> Arc<dyn Scene> {
 }
 
 /// Every frame with the masks that the segmenter finds in it.
-fn segmented_frames() -> Vec<(RgbdFrame, Vec<ScoredMask>)> {
+fn segmented_frames() -> Vec<(RgbdFrame<'static>, Vec<ScoredMask>)> {
     let resize = Some(ImageSize { width: 320, height: 240 });
     let settings = DatasetSettings { resize, crop_border: 5, ..DatasetSettings::default() };
     let mut segmenter = GraphSegmenter::new(GraphSettings::default()).expect("defaults are in range");
@@ -40,7 +40,7 @@ fn segmented_frames() -> Vec<(RgbdFrame, Vec<ScoredMask>)> {
 }
 
 /// Tracks the whole video; summed stage times and the slowest frame.
-fn track(frames: &[(RgbdFrame, Vec<ScoredMask>)], kind: MemoryKind) -> (StageTimes, Duration) {
+fn track(frames: &[(RgbdFrame<'static>, Vec<ScoredMask>)], kind: MemoryKind) -> (StageTimes, Duration) {
     let segmenter = GraphSegmenter::new(GraphSettings::default()).expect("defaults are in range");
     let memory = MemorySettings { kind, ..MemorySettings::default() };
     let settings = FastSamSplatSettings { memory, ..FastSamSplatSettings::default() };
@@ -54,7 +54,7 @@ fn track(frames: &[(RgbdFrame, Vec<ScoredMask>)], kind: MemoryKind) -> (StageTim
     (times, slowest)
 }
 
-fn print_stages(frames: &[(RgbdFrame, Vec<ScoredMask>)], kind: MemoryKind) {
+fn print_stages(frames: &[(RgbdFrame<'static>, Vec<ScoredMask>)], kind: MemoryKind) {
     let (times, slowest) = track(frames, kind);
     let count = frames.len() as f64;
     for (stage, time) in &times.stages()[1..] {

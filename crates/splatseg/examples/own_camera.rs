@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 /// One frame, put together as a driver would: registered colour and depth in metres, intrinsics, camera-to-world pose.
-fn next_frame(camera: &SyntheticScene, index: usize) -> Result<RgbdFrame, Box<dyn std::error::Error>> {
+fn next_frame(camera: &SyntheticScene, index: usize) -> Result<RgbdFrame<'static>, Box<dyn std::error::Error>> {
     let frame = camera.read_frame(index)?;
     let (color, depth) = (frame.color().clone(), frame.depth().clone());
     Ok(RgbdFrame::new(format!("{index}"), color, depth, *frame.intrinsics(), *frame.world_from_camera())?)

@@ -21,7 +21,7 @@ impl Segmenter for Unused {
 
 const SIZE: (usize, usize) = (40, 10);
 
-fn frame(size: (usize, usize)) -> RgbdFrame {
+fn frame(size: (usize, usize)) -> RgbdFrame<'static> {
     let (width, height) = size;
     let camera = Intrinsics { fx: 10.0, fy: 10.0, cx: 1.0, cy: 1.0, width, height };
     let (color, depth) = (Image::filled(width, height, [0; 3]), Image::filled(width, height, 1.0));

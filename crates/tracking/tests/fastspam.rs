@@ -24,7 +24,7 @@ const WIDTH: usize = 60;
 const HEIGHT: usize = 20;
 
 /// Seen by a camera so far to the left that things 2 m away appear `columns` pixels farther to the right.
-fn frame_with_depth(columns: f32, depth: impl FnMut(usize, usize) -> f32) -> RgbdFrame {
+fn frame_with_depth(columns: f32, depth: impl FnMut(usize, usize) -> f32) -> RgbdFrame<'static> {
     let camera = Intrinsics { fx: 40.0, fy: 40.0, cx: 30.0, cy: 10.0, width: WIDTH, height: HEIGHT };
     let pose = Pose::from_matrix(Mat4::from_translation(Vec3::new(-columns * 2.0 / 40.0, 0.3, -0.1))).unwrap();
     let (color, depth) = (Image::filled(WIDTH, HEIGHT, [0; 3]), Image::from_fn(WIDTH, HEIGHT, depth));
@@ -32,7 +32,7 @@ fn frame_with_depth(columns: f32, depth: impl FnMut(usize, usize) -> f32) -> Rgb
 }
 
 /// A wall 2 m ahead.
-fn frame(columns: f32) -> RgbdFrame {
+fn frame(columns: f32) -> RgbdFrame<'static> {
     frame_with_depth(columns, |_, _| 2.0)
 }
 

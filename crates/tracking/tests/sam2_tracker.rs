@@ -21,7 +21,7 @@ fn network(test: &str) -> Option<Arc<Sam2Network>> {
     Some(Arc::new(Sam2Network::load(&weights, Some(128), &DeviceName::Cpu.open().unwrap()).unwrap()))
 }
 
-fn frame(index: usize, (width, height): (usize, usize)) -> RgbdFrame {
+fn frame(index: usize, (width, height): (usize, usize)) -> RgbdFrame<'static> {
     let camera = Intrinsics { fx: 50.0, fy: 50.0, cx: 1.0, cy: 1.0, width, height };
     let bright = |column: usize| if (20 + index..50 + index).contains(&column) { [200, 40, 40] } else { [30, 60, 90] };
     let color = Image::from_fn(width, height, |column, _| bright(column));

@@ -6,7 +6,7 @@ use splatseg_tracking::{SimTracker, SimTrackerSettings, Tracker, TrackerError};
 
 const SIZE: (usize, usize) = (60, 10);
 
-fn frame(index: usize) -> RgbdFrame {
+fn frame(index: usize) -> RgbdFrame<'static> {
     let (width, height) = SIZE;
     let camera = Intrinsics { fx: 10.0, fy: 10.0, cx: 1.0, cy: 1.0, width, height };
     let (color, depth) = (Image::filled(width, height, [0; 3]), Image::filled(width, height, 1.0));

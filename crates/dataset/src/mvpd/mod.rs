@@ -24,11 +24,10 @@ pub(crate) use video_path::looks_like;
 
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, SEGMENT_IMAGE};
 use crate::decode::{decode_color, decode_depth, decode_panoptic, encoded_size};
-use crate::quaternion::QuaternionPose;
 use crate::{DatasetError, Scene};
 use glam::{DQuat, DVec3};
 use panoptic::{PanopticVideo, SegmentInfo};
-use splatseg_geometry::{Intrinsics, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 use video_files::VideoFiles;
@@ -51,7 +50,10 @@ struct View {
     stem: String,
     color: String,
     depth: String,
-    pose: QuaternionPose,
+    /// Where the camera stands, metres.
+    position: DVec3,
+    /// From Blender's camera axes to the world's; of any length.
+    rotation: DQuat,
 }
 
 /// One video of MVPd. Frames are named like their images.
@@ -131,11 +133,8 @@ fn views_of(video: &PanopticVideo, source: &Path) -> Result<Vec<View>, DatasetEr
             None => format!("{stem}.png"),
         };
         let [w, x, y, z] = image.camera_rotation;
-        let pose = QuaternionPose {
-            position: DVec3::from_array(image.camera_position),
-            rotation: DQuat::from_xyzw(x, y, z, w),
-        };
-        views.push(View { stem: stem.to_owned(), color: color.to_owned(), depth, pose });
+        let (position, rotation) = (DVec3::from_array(image.camera_position), DQuat::from_xyzw(x, y, z, w));
+        views.push(View { stem: stem.to_owned(), color: color.to_owned(), depth, position, rotation });
     }
     Ok(views)
 }
@@ -192,11 +191,12 @@ impl Scene for MvpdScene {
         self.views.get(index).map(|view| view.stem.clone()).unwrap_or_default()
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
         let view = self.view(index)?;
         let (color_file, depth_file) = (self.member("imagesRGB", &view.color), self.member("imagesDEPTH", &view.depth));
         let (color_path, depth_path) = (self.files.path_of(&color_file), self.files.path_of(&depth_file));
-        let pose = view.pose.to_pose(BLENDER_FROM_OURS, &color_path, "camera_rotation")?;
+        let pose = Pose::from_quaternion(view.position, view.rotation * BLENDER_FROM_OURS)
+            .map_err(|source| DatasetError::Pose { path: color_path.clone(), source })?;
         let depth = decode_depth(&depth_path, &self.files.read(&depth_file, DEPTH_IMAGE)?, MILLIMETRES)?;
         let color = decode_color(&color_path, &self.files.read(&color_file, COLOR_IMAGE)?)?;
         if depth.size() != color.size() {

@@ -5,7 +5,7 @@ use super::{OutputError, write_atomically};
 use crate::resample::{ImageMap, resample_color};
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
-use splatseg_geometry::{Image, SegmentId, SegmentMap};
+use splatseg_geometry::{CowImage, Image, SegmentId, SegmentMap};
 use std::path::Path;
 
 const JPEG_QUALITY: u8 = 90;
@@ -38,13 +38,13 @@ pub fn segment_color(id: SegmentId) -> [u8; 3] {
 ///
 /// # Errors
 /// [`OutputError::SizesDiffer`].
-pub fn draw_overlay(color: &Image<[u8; 3]>, segments: &SegmentMap) -> Result<Image<[u8; 3]>, OutputError> {
+pub fn draw_overlay(color: &CowImage<'_, [u8; 3]>, segments: &SegmentMap) -> Result<Image<[u8; 3]>, OutputError> {
     if color.size() != segments.size() {
         return Err(OutputError::SizesDiffer { image: color.size(), segments: segments.size() });
     }
     let (width, height) = color.size();
     if width > DOUBLED_WIDTH {
-        return Ok(draw(color.clone(), segments));
+        return Ok(draw(color.clone().into_owned(), segments));
     }
     let larger = resample_color(color, &ImageMap::resize((width, height), (2 * width, 2 * height)));
     Ok(draw(larger, &Image::from_fn(2 * width, 2 * height, |column, row| segments[(column / 2, row / 2)])))
@@ -54,7 +54,11 @@ pub fn draw_overlay(color: &Image<[u8; 3]>, segments: &SegmentMap) -> Result<Ima
 ///
 /// # Errors
 /// [`OutputError`] names the path; nothing is left at its place.
-pub fn write_overlay_jpeg(path: &Path, color: &Image<[u8; 3]>, segments: &SegmentMap) -> Result<(), OutputError> {
+pub fn write_overlay_jpeg(
+    path: &Path,
+    color: &CowImage<'_, [u8; 3]>,
+    segments: &SegmentMap,
+) -> Result<(), OutputError> {
     let overlay = draw_overlay(color, segments)?;
     let bytes: Vec<u8> = overlay.pixels().iter().flatten().copied().collect();
     let mut encoded = Vec::new();

@@ -82,13 +82,13 @@ impl Scene for ScannetScene {
         self.frames.get(index).map(|file| file.stem.clone()).unwrap_or_default()
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
         let file = self.frame(index)?;
         // The pose first: it is quick to read, and where tracking was lost nothing else is needed.
         let pose = read_pose(&self.folder.join("pose").join(format!("{}.txt", file.stem)))?;
         let depth = read_depth(&self.depth_path(file), MILLIMETRES)?;
         let color = read_color(&file.path)?;
-        self.cameras.frame(Measured { name: &file.stem, pose, color, depth })
+        self.cameras.frame(Measured { name: &file.stem, timestamp: None, pose, color, depth })
     }
 
     fn has_ground_truth(&self) -> bool {

@@ -19,6 +19,7 @@ use crate::resample::{ImageMap, resample_color, resample_labels};
 use crate::text::PinholeMatrix;
 use splatseg_geometry::{Image, Pose, RgbdFrame, SegmentMap};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// One of a scene's cameras, and the file that describes it.
 #[derive(Clone, Debug)]
@@ -37,6 +38,7 @@ struct Cameras {
 /// What was measured in one frame.
 struct Measured<'a> {
     name: &'a str,
+    timestamp: Option<Duration>,
     pose: Pose,
     color: Image<[u8; 3]>,
     depth: Image<f32>,
@@ -51,12 +53,13 @@ impl Cameras {
     }
 
     /// The frame as the depth camera sees it.
-    fn frame(&self, measured: Measured<'_>) -> Result<RgbdFrame, DatasetError> {
-        let Measured { name, pose, color, depth } = measured;
+    fn frame(&self, measured: Measured<'_>) -> Result<RgbdFrame<'static>, DatasetError> {
+        let Measured { name, timestamp, pose, color, depth } = measured;
         let map = self.depth_from_color(color.size(), depth.size())?;
         let color = if map.is_identity() { color } else { resample_color(&color, &map) };
         let camera = self.depth.matrix.for_size(depth.size(), &self.depth.path)?;
         RgbdFrame::new(name, color, depth, camera, pose)
+            .map(|frame| frame.with_timestamp(timestamp))
             .map_err(|source| DatasetError::Frame { name: name.to_owned(), source })
     }
 

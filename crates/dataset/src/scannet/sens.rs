@@ -177,15 +177,16 @@ impl Scene for SensScene {
         if index < self.file.frame_count() { index.to_string() } else { String::new() }
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
         let path = self.file.frame_path(index);
         // The pose first: where tracking was lost nothing else is needed.
-        let matrix = self.file.read_pose(index)?.ok_or_else(|| self.no_such_frame(index))?;
-        let pose = Pose::from_row_major(matrix).map_err(|source| DatasetError::Pose { path: path.clone(), source })?;
+        let header = self.file.read_frame_header(index)?.ok_or_else(|| self.no_such_frame(index))?;
+        let pose = Pose::from_row_major(header.world_from_camera)
+            .map_err(|source| DatasetError::Pose { path: path.clone(), source })?;
         let stored = self.file.read_images(index)?.ok_or_else(|| self.no_such_frame(index))?;
         let depth = depth_of(&stored.depth, self.file.header(), &path)?;
         let color = color_of(&stored.color, self.file.header(), &path)?;
-        self.cameras.frame(Measured { name: &self.frame_name(index), pose, color, depth })
+        self.cameras.frame(Measured { name: &self.frame_name(index), timestamp: header.timestamp, pose, color, depth })
     }
 
     fn has_ground_truth(&self) -> bool {

@@ -14,6 +14,7 @@ use crate::random_access::RandomAccessFile;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 const VERSION: u32 = 4;
 /// Version and length of the sensor's name.
@@ -62,6 +63,15 @@ struct FrameSpan {
     offset: u64,
     color_bytes: u64,
     depth_bytes: u64,
+}
+
+/// What stands before the images of one frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FrameHeader {
+    /// 4x4, row-major.
+    pub(super) world_from_camera: [f32; 16],
+    /// When colour was taken; `None` for 0, which recorders write that keep no time.
+    pub(super) timestamp: Option<Duration>,
 }
 
 /// The images of one frame as they are stored.
@@ -115,11 +125,14 @@ impl SensFile {
         PathBuf::from(format!("{}: frame {index}", self.path.display()))
     }
 
-    /// Reads the pose of a frame, camera-to-world, 4x4, row-major; `None` past the last frame.
-    pub(super) fn read_pose(&self, index: usize) -> Result<Option<[f32; 16]>, DatasetError> {
+    /// Reads what stands before a frame's images; `None` past the last frame.
+    pub(super) fn read_frame_header(&self, index: usize) -> Result<Option<FrameHeader>, DatasetError> {
         let Some(span) = self.frames.get(index) else { return Ok(None) };
-        let bytes = self.read(span.offset, 64)?;
-        Ok(Fields(&bytes).matrix())
+        let bytes = self.read(span.offset, FRAME_HEADER_BYTES as u64)?;
+        let mut fields = Fields(&bytes);
+        let (matrix, microseconds) = (fields.matrix(), fields.u64());
+        let timestamp = microseconds.filter(|time| *time > 0).map(Duration::from_micros);
+        Ok(matrix.map(|world_from_camera| FrameHeader { world_from_camera, timestamp }))
     }
 
     /// Reads the images of a frame; `None` past the last frame.

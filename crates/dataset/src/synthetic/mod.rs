@@ -146,7 +146,7 @@ impl Scene for SyntheticScene {
         if index < self.settings.frames { format!("frame-{index:06}") } else { String::new() }
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
         self.check_index(index)?;
         let exact = self.cast_rays(index);
         let (width, height) = exact.size();

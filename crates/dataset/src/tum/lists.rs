@@ -1,7 +1,6 @@
 //! The text files of a TUM RGB-D sequence.
 
 use crate::DatasetError;
-use crate::quaternion::QuaternionPose;
 use crate::text::{read_text, shortened};
 use glam::{DQuat, DVec3};
 use std::path::{Component, Path, PathBuf};
@@ -22,7 +21,10 @@ pub(super) struct ListedFile {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TimedPose {
     pub(super) seconds: f64,
-    pub(super) pose: QuaternionPose,
+    /// Where the camera stands, metres.
+    pub(super) position: DVec3,
+    /// From the camera's to the world's axes; of any length.
+    pub(super) rotation: DQuat,
     /// Number of its line, from 1, for messages.
     pub(super) line: usize,
 }
@@ -47,8 +49,8 @@ pub(super) fn read_trajectory(path: &Path) -> Result<Vec<TimedPose>, DatasetErro
     let parse = |line: Line<'_>| {
         let numbers: Vec<f64> = line.words.iter().map(|word| word.parse().ok()).collect::<Option<_>>()?;
         let [_, tx, ty, tz, qx, qy, qz, qw] = numbers.as_slice().try_into().ok()?;
-        let pose = QuaternionPose { position: DVec3::new(tx, ty, tz), rotation: DQuat::from_xyzw(qx, qy, qz, qw) };
-        Some(TimedPose { seconds: line.seconds()?, pose, line: line.number })
+        let (position, rotation) = (DVec3::new(tx, ty, tz), DQuat::from_xyzw(qx, qy, qz, qw));
+        Some(TimedPose { seconds: line.seconds()?, position, rotation, line: line.number })
     };
     let mut poses = read_lines(path, "camera trajectory", "time tx ty tz qx qy qz qw", parse)?;
     sort_by_time(&mut poses, |pose| pose.seconds);

@@ -16,11 +16,11 @@ use crate::listing::folder_name;
 use crate::text::{PinholeMatrix, shortened};
 use crate::{DatasetError, Scene};
 use associate::{associate, nearest};
-use glam::DQuat;
 use lists::{ListedFile, TimedPose, read_file_list, read_trajectory};
-use splatseg_geometry::{Intrinsics, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// What a TUM RGB-D folder looks like, for messages.
 pub(crate) const LAYOUT: &str =
@@ -51,6 +51,8 @@ const ROS_DEFAULT: Intrinsics = camera(525.0, 525.0, 319.5, 239.5);
 #[derive(Clone, Debug)]
 struct TumFrame {
     name: String,
+    /// When the colour image was taken, since the Unix epoch; `None` for the odd list with times before it.
+    timestamp: Option<Duration>,
     color: PathBuf,
     depth: PathBuf,
     pose: TimedPose,
@@ -134,6 +136,7 @@ fn frames_of(color: &[ListedFile], depth: &[ListedFile], trajectory: &[TimedPose
         let pose = nearest(&pose_times, color.seconds, MAX_SECONDS_APART)?;
         Some(TumFrame {
             name: color.stem.clone(),
+            timestamp: Duration::try_from_secs_f64(color.seconds).ok(),
             color: color.path.clone(),
             depth: depth.path.clone(),
             pose: trajectory[pose],
@@ -160,15 +163,17 @@ impl Scene for TumScene {
         self.frames.get(index).map(|frame| frame.name.clone()).unwrap_or_default()
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame, DatasetError> {
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
         let frame = self.frames.get(index).ok_or_else(|| DatasetError::NoSuchFrame {
             scene: self.name.clone(),
             index,
             count: self.frames.len(),
         })?;
-        let line = format!("line {}", frame.pose.line);
         // The benchmark's camera axes are ours.
-        let pose = frame.pose.pose.to_pose(DQuat::IDENTITY, &self.folder.join(TRAJECTORY), &line)?;
+        let pose = Pose::from_quaternion(frame.pose.position, frame.pose.rotation).map_err(|source| {
+            let trajectory = self.folder.join(TRAJECTORY);
+            DatasetError::Pose { path: format!("{}: line {}", trajectory.display(), frame.pose.line).into(), source }
+        })?;
         let depth = read_depth(&frame.depth, UNITS_PER_METRE)?;
         let color = read_color(&frame.color)?;
         if depth.size() != color.size() {
@@ -182,6 +187,7 @@ impl Scene for TumScene {
         }
         let camera = self.camera(color.size())?;
         RgbdFrame::new(frame.name.clone(), color, depth, camera, pose)
+            .map(|read| read.with_timestamp(frame.timestamp))
             .map_err(|source| DatasetError::Frame { name: frame.name.clone(), source })
     }
 

@@ -3,18 +3,18 @@
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use splatseg_dataset::{Scene, SyntheticScene};
-use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
+use splatseg_geometry::{CowImage, RgbdFrame, SegmentMap};
 use std::io::Write;
 
 /// Frames with their true segments.
-pub fn recording(text: &str) -> Vec<(RgbdFrame, SegmentMap)> {
+pub fn recording(text: &str) -> Vec<(RgbdFrame<'static>, SegmentMap)> {
     let scene = SyntheticScene::new(text.parse().unwrap()).unwrap();
     (0..scene.frame_count())
         .map(|index| (scene.read_frame(index).unwrap(), scene.read_ground_truth(index).unwrap().unwrap()))
         .collect()
 }
 
-pub fn jpeg_bytes(color: &Image<[u8; 3]>) -> Vec<u8> {
+pub fn jpeg_bytes(color: &CowImage<'_, [u8; 3]>) -> Vec<u8> {
     let pixels: Vec<u8> = color.pixels().iter().flatten().copied().collect();
     let mut bytes = Vec::new();
     JpegEncoder::new_with_quality(&mut bytes, 95)
@@ -29,17 +29,17 @@ fn png_bytes(pixels: &[u8], (width, height): (usize, usize), kind: ExtendedColor
     bytes
 }
 
-pub fn png_color_bytes(color: &Image<[u8; 3]>) -> Vec<u8> {
+pub fn png_color_bytes(color: &CowImage<'_, [u8; 3]>) -> Vec<u8> {
     let pixels: Vec<u8> = color.pixels().iter().flatten().copied().collect();
     png_bytes(&pixels, color.size(), ExtendedColorType::Rgb8)
 }
 
 /// Depth as 16-bit integers with so many units in a metre.
-pub fn depth_units(depth: &Image<f32>, units_per_metre: f32) -> Vec<u16> {
+pub fn depth_units(depth: &CowImage<'_, f32>, units_per_metre: f32) -> Vec<u16> {
     depth.pixels().iter().map(|z| (z * units_per_metre).round() as u16).collect()
 }
 
-pub fn png_depth_bytes(depth: &Image<f32>, units_per_metre: f32) -> Vec<u8> {
+pub fn png_depth_bytes(depth: &CowImage<'_, f32>, units_per_metre: f32) -> Vec<u8> {
     let pixels: Vec<u8> = depth_units(depth, units_per_metre).iter().flat_map(|unit| unit.to_ne_bytes()).collect();
     png_bytes(&pixels, depth.size(), ExtendedColorType::L16)
 }

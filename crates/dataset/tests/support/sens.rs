@@ -2,7 +2,7 @@
 
 use super::recording::{depth_units, jpeg_bytes, png_color_bytes};
 use flate2::write::ZlibEncoder;
-use splatseg_geometry::{Image, Intrinsics, RgbdFrame};
+use splatseg_geometry::{CowImage, Intrinsics, RgbdFrame};
 use std::io::Write;
 
 /// What the header says, and how the frames are stored.
@@ -53,7 +53,7 @@ impl SensWriter {
         bytes
     }
 
-    pub fn frame(&self, pose: [f32; 16], color: &Image<[u8; 3]>, depth: &Image<f32>) -> Vec<u8> {
+    pub fn frame(&self, pose: [f32; 16], color: &CowImage<'_, [u8; 3]>, depth: &CowImage<'_, f32>) -> Vec<u8> {
         let color = match self.color_compression {
             0 => color.pixels().iter().flatten().copied().collect(),
             1 => png_color_bytes(color),

@@ -84,7 +84,7 @@ pub(crate) struct DepthlessSight {
 /// A frame that is taken in.
 #[derive(Clone, Copy)]
 struct View<'a> {
-    frame: &'a RgbdFrame,
+    frame: &'a RgbdFrame<'a>,
     number: u32,
     viewpoint: Viewpoint,
     seen: &'a SegmentMap,

@@ -8,7 +8,7 @@ use super::region::Region;
 use glam::{Vec2, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
+use splatseg_geometry::{CowImage, RgbdFrame, SegmentMap};
 
 /// How far from a region depth is looked for, pixels: around screens and glass there is often none for a while.
 const REACH: usize = 12;
@@ -104,7 +104,7 @@ fn border_points(region: &Region, frame: &RgbdFrame, seen: &SegmentMap) -> Vec<B
 }
 
 /// The second pixel with depth on the way from `from`: the first may be a mixture.
-fn first_surface(depth: &Image<f32>, from: (usize, usize), step: (isize, isize)) -> Option<(usize, usize)> {
+fn first_surface(depth: &CowImage<'_, f32>, from: (usize, usize), step: (isize, isize)) -> Option<(usize, usize)> {
     let (width, height) = depth.size();
     let mut at = from;
     let mut found = None;

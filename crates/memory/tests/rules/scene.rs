@@ -125,7 +125,7 @@ pub struct Shot {
 }
 
 impl Shot {
-    pub fn frame(&self) -> RgbdFrame {
+    pub fn frame(&self) -> RgbdFrame<'static> {
         let color = self.truth.map(|id| [(id * 40) as u8, 100, 200]);
         RgbdFrame::new("0", color, self.depth.clone(), self.intrinsics, self.pose).unwrap()
     }

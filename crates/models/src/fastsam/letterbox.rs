@@ -1,7 +1,7 @@
 //! Letterboxing: from an image to the network's input.
 
 use rayon::prelude::*;
-use splatseg_geometry::Image;
+use splatseg_geometry::{CowImage, Image};
 
 /// Sides of the network's input are multiples of this.
 pub(super) const INPUT_MULTIPLE: usize = 32;
@@ -16,7 +16,7 @@ const WEIGHT_ONE: f32 = 2048.0;
 /// padding than to the next multiple of 32).
 ///
 /// `image_size` is the side of the square in pixels; small images are scaled up.
-pub fn letterbox(image: &Image<[u8; 3]>, image_size: usize) -> Image<[u8; 3]> {
+pub fn letterbox(image: &CowImage<'_, [u8; 3]>, image_size: usize) -> Image<[u8; 3]> {
     let (width, height) = image.size();
     let ratio = (image_size as f64 / height as f64).min(image_size as f64 / width as f64);
     // Python rounds halves to even.
@@ -39,7 +39,7 @@ pub fn letterbox(image: &Image<[u8; 3]>, image_size: usize) -> Image<[u8; 3]> {
 }
 
 /// The network's input: RGB planes `[3, height, width]` in [0, 1].
-pub fn input_values(image: &Image<[u8; 3]>) -> Vec<f32> {
+pub fn normalised(image: &CowImage<'_, [u8; 3]>) -> Vec<f32> {
     (0..3).flat_map(|channel| image.pixels().iter().map(move |pixel| f32::from(pixel[channel]) / 255.0)).collect()
 }
 
@@ -64,8 +64,8 @@ fn taps(from: usize, to: usize) -> Vec<Tap> {
         .collect()
 }
 
-/// `cv2.resize(…, INTER_LINEAR)` on 8-bit pixels, bit for bit: 11-bit weights, with intermediate results rounded down.
-fn resize(image: &Image<[u8; 3]>, width: usize, height: usize) -> Image<[u8; 3]> {
+/// `cv2.resize(…, INTER_LINEAR)` on 8-bit pixels, bit for bit: 11-bit weights, rounded down in between.
+fn resize(image: &CowImage<'_, [u8; 3]>, width: usize, height: usize) -> Image<[u8; 3]> {
     let last_column = image.width() as i64 - 1;
     let columns: Vec<(usize, usize, [i32; 2])> = taps(image.width(), width)
         .into_iter()

@@ -5,7 +5,7 @@ use super::masks::{image_masks, input_mask_in_image, input_masks};
 use super::{Candidates, FastSamConfig, FastSamError, FastSamNetwork, FastSamPredictorSettings, Placement, Prototypes};
 use crate::checkpoint::Checkpoint;
 use burn::tensor::Device;
-use splatseg_geometry::{Image, Mask};
+use splatseg_geometry::{CowImage, Mask};
 use std::path::Path;
 
 /// An object that FastSAM found.
@@ -53,7 +53,7 @@ impl FastSamPredictor {
     ///
     /// # Errors
     /// [`FastSamError::Device`] if the device fails; [`FastSamError::EmptyImage`] if the image has no pixels.
-    pub fn predict(&self, image: &Image<[u8; 3]>) -> Result<Vec<Detection>, FastSamError> {
+    pub fn predict(&self, image: &CowImage<'_, [u8; 3]>) -> Result<Vec<Detection>, FastSamError> {
         if image.pixels().is_empty() {
             return Err(FastSamError::EmptyImage);
         }

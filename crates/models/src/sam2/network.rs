@@ -7,7 +7,7 @@ use super::resize::{normalise, resize_frame};
 use super::weights::WeightReader;
 use super::{Sam2Config, Sam2Error, Weights, config::FEATURE_STRIDE};
 use burn::tensor::{Device, Tensor, TensorData};
-use splatseg_geometry::Image;
+use splatseg_geometry::CowImage;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 
@@ -92,7 +92,7 @@ impl Sam2Network {
     }
 
     /// The network's input for a frame: resized, normalised, `[1, 3, side, side]`.
-    pub fn input(&self, frame: &Image<[u8; 3]>) -> Tensor<4> {
+    pub fn input(&self, frame: &CowImage<'_, [u8; 3]>) -> Tensor<4> {
         let resized = resize_frame(frame, self.image_size);
         Tensor::from_data(TensorData::new(normalise(&resized), [1, 3, self.image_size, self.image_size]), &self.device)
     }

@@ -10,7 +10,8 @@ use super::video_state::{Prediction, TrackedObject, VideoState};
 use super::{ObjectMask, Prompt, Sam2Error, Sam2Network, Sam2PredictorSettings};
 use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
-use splatseg_geometry::Image;
+use splatseg_geometry::{CowImage, Image};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Earlier logits are clamped to this when they go along with new clicks.
@@ -54,7 +55,7 @@ impl Sam2Predictor {
     ///
     /// # Errors
     /// If the frame's size is not that of the first.
-    pub fn track(&mut self, frame: &Image<[u8; 3]>) -> Result<Vec<ObjectMask>, Sam2Error> {
+    pub fn track(&mut self, frame: &CowImage<'_, [u8; 3]>) -> Result<Vec<ObjectMask>, Sam2Error> {
         self.check_size(frame.size())?;
         let input = self.network.input(frame);
         Ok(self.advance(input, frame.size()))

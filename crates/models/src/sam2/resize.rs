@@ -1,7 +1,7 @@
 //! Resizing of frames and masks, with the filters and rounding of the official code.
 
 use rayon::prelude::*;
-use splatseg_geometry::Image;
+use splatseg_geometry::{CowImage, Image};
 
 /// A size in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,7 +51,7 @@ fn cubic(x: f64) -> f64 {
 }
 
 /// Pillow's bicubic resize of an 8-bit image to a square: rows first, with 8-bit results in between, in fixed point.
-pub(super) fn resize_frame(image: &Image<[u8; 3]>, side: usize) -> Image<[u8; 3]> {
+pub(super) fn resize_frame(image: &CowImage<'_, [u8; 3]>, side: usize) -> Image<[u8; 3]> {
     const PRECISION: u32 = 22;
     let fixed = |taps: Vec<Taps>| -> Vec<(usize, Vec<i64>)> {
         let round = |weight: &f64| (weight * f64::from(1u32 << PRECISION)).round() as i64;
@@ -91,7 +91,7 @@ const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 const STD: [f32; 3] = [0.229, 0.224, 0.225];
 
 /// The network's input for a frame that has its size: `[3, height, width]`.
-pub(super) fn normalise(image: &Image<[u8; 3]>) -> Vec<f32> {
+pub(super) fn normalise(image: &CowImage<'_, [u8; 3]>) -> Vec<f32> {
     let plane = |channel: usize| {
         image.pixels().iter().map(move |pixel| (f32::from(pixel[channel]) / 255.0 - MEAN[channel]) / STD[channel])
     };

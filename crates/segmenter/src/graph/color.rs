@@ -1,7 +1,7 @@
 //! CIELAB, smoothed within edges.
 
 use rayon::prelude::*;
-use splatseg_geometry::Image;
+use splatseg_geometry::{CowImage, Image};
 
 /// CIELAB colour (D65 white): L in [0, 100], a and b about [-100, 100].
 pub(super) type Lab = [f32; 3];
@@ -15,7 +15,7 @@ pub(super) fn difference(first: Lab, second: Lab, lightness: f32) -> f32 {
 
 /// The image in CIELAB; every pixel is the mean of its 5×5 neighbourhood, in which pixels whose colour is `range` or
 /// more away count nothing (Tukey's biweight).
-pub(super) fn smoothed_lab(color: &Image<[u8; 3]>, range: f32) -> Image<Lab> {
+pub(super) fn smoothed_lab(color: &CowImage<'_, [u8; 3]>, range: f32) -> Image<Lab> {
     let (width, height) = color.size();
     let linear: Vec<f32> = (0..256).map(|value| linear_from_srgb(value as f32 / 255.0)).collect();
     let lab: Vec<Lab> = color.pixels().par_iter().with_min_len(4096).map(|rgb| lab_from_rgb(*rgb, &linear)).collect();

@@ -1,13 +1,12 @@
 //! Large frames are segmented at a fraction of their resolution.
 
-use splatseg_geometry::{Image, Intrinsics, RgbdFrame};
-use std::borrow::Cow;
+use splatseg_geometry::{CowImage, Image, Intrinsics, RgbdFrame};
 
 /// A frame, or a smaller version of it.
 pub(super) struct View<'a> {
-    pub color: Cow<'a, Image<[u8; 3]>>,
+    pub color: CowImage<'a, [u8; 3]>,
     /// z-depth, metres; 0 where missing.
-    pub depth: Cow<'a, Image<f32>>,
+    pub depth: CowImage<'a, f32>,
     pub camera: Intrinsics,
     /// A pixel of the view stands for this many rows and columns of the frame.
     step: usize,
@@ -15,13 +14,13 @@ pub(super) struct View<'a> {
 
 impl<'a> View<'a> {
     /// The frame at its full resolution divided by the smallest whole number that leaves at most `max_pixels`.
-    pub fn of_frame(frame: &'a RgbdFrame, max_pixels: usize) -> Self {
+    pub fn of_frame(frame: &'a RgbdFrame<'_>, max_pixels: usize) -> Self {
         let (width, height) = (frame.width(), frame.height());
         let smaller = |step: usize| (width.div_ceil(step), height.div_ceil(step));
         let fits = |(width, height): (usize, usize)| width * height <= max_pixels;
         let step = (1..width.max(height)).find(|step| fits(smaller(*step))).unwrap_or(width.max(height));
         if step == 1 {
-            let (color, depth) = (Cow::Borrowed(frame.color()), Cow::Borrowed(frame.depth()));
+            let (color, depth) = (frame.color().as_borrowed(), frame.depth().as_borrowed());
             return Self { color, depth, camera: *frame.intrinsics(), step };
         }
         let (small_width, small_height) = smaller(step);
@@ -45,7 +44,7 @@ impl<'a> View<'a> {
         // The last blocks may reach over the edge: the camera is that of the padded image.
         let padded = Intrinsics { width: small_width * step, height: small_height * step, ..*frame.intrinsics() };
         let camera = padded.resized(small_width, small_height);
-        Self { color: Cow::Owned(small_color), depth: Cow::Owned(small_depth), camera, step }
+        Self { color: small_color, depth: small_depth, camera, step }
     }
 
     /// Row-major index of the view's pixel that stands for a pixel of the frame.

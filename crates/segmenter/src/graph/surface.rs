@@ -8,7 +8,7 @@ use super::color::{Lab, difference};
 use super::settings::SurfaceSettings;
 use glam::Vec3;
 use rayon::prelude::*;
-use splatseg_geometry::{Image, Intrinsics};
+use splatseg_geometry::{CowImage, Image, Intrinsics};
 
 /// What is known of the surface seen at a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +41,12 @@ impl Surface {
     /// Fits planes where there is depth and carries them over holes of a few pixels.
     ///
     /// `depth` is z-depth in metres, 0 where missing; `lab` the colour of the same pixels; `camera` theirs too.
-    pub fn of_depth(depth: &Image<f32>, camera: Intrinsics, lab: &Image<Lab>, settings: &SurfaceSettings) -> Self {
+    pub fn of_depth(
+        depth: &CowImage<'_, f32>,
+        camera: Intrinsics,
+        lab: &Image<Lab>,
+        settings: &SurfaceSettings,
+    ) -> Self {
         let inverse = depth.map(|depth| if *depth > 0.0 { 1.0 / depth } else { 0.0 });
         let smooth = smoothed(&inverse, &camera, settings.noise);
         let fit = PlaneFit { inverse: &smooth, camera: &camera, settings, reaches: sample_reaches() };

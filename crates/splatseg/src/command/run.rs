@@ -160,7 +160,11 @@ fn take_result(
     counts.slowest = counts.slowest.max(output.times.without_segmenter());
     counts.curve.push(output.times.without_segmenter(), memory.map_or(0, SplatMemory::gaussian_count));
     counts.ids.extend(output.segments.areas().into_keys());
-    let result = FrameResult { name: frame.name().to_owned(), color: frame.color().clone(), segments: output.segments };
+    let result = FrameResult {
+        name: frame.name().to_owned(),
+        color: frame.color().clone().into_owned(),
+        segments: output.segments,
+    };
     writer.write(result).map_err(Failure::work)?;
     Ok(None)
 }

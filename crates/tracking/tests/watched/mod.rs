@@ -39,7 +39,7 @@ impl Tracker for Shared {
 
 /// A frame of the room, and what it shows.
 pub struct SeenFrame {
-    frame: RgbdFrame,
+    frame: RgbdFrame<'static>,
     truth: SegmentMap,
 }
 
