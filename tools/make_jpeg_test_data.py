@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Small JPEG files of all kinds that the crate `dataset` decodes, with the pixels that libjpeg-turbo gives.
+"""Small JPEG files of all kinds that the crate `jpeg` decodes, with the pixels that libjpeg-turbo gives.
 
 Needs `pip install pillow numpy` and libjpeg-turbo's `cjpeg` (Debian: libjpeg-turbo-progs):
-    python tools/make_jpeg_test_data.py [--folder crates/dataset/tests/data/jpeg]
+    python tools/make_jpeg_test_data.py [--folder crates/jpeg/tests/data]
 
-Writes NAME.jpg, made by cjpeg, and NAME.png, the same as Pillow decodes it; and into other/ two files of kinds that are
-not decoded as libjpeg-turbo does, without pixels. `--random COUNT` writes that many files of
-random kinds and sizes instead, to check more than is worth keeping.
+Writes NAME.jpg, made by cjpeg, and NAME.png, the same as Pillow decodes it, and two files of kinds that the crate does
+not decode (arithmetic.jpg, cmyk.jpg), without pixels. `--random COUNT` writes that many files of random kinds and sizes
+instead, to check more than is worth keeping.
 """
 
 import argparse
@@ -27,32 +27,26 @@ UNUSUAL_PROGRESSION = """0,1,2: 0-0, 0, 2;
 1: 1-20, 3, 2; 1: 1-20, 2, 1; 0,1,2: 0-0, 1, 0; 1: 1-20, 1, 0;
 """
 
-# Name: width, height, options of cjpeg, script of scans.
+# Name: seed, width, height, options of cjpeg, script of scans.
 KINDS = {
-    "444": (43, 29, "-sample 1x1", None),
-    "422": (43, 29, "-sample 2x1", None),
-    "420": (43, 29, "-sample 2x2", None),
-    "440": (43, 29, "-sample 1x2", None),
-    "411": (43, 29, "-sample 4x1", None),
-    "third": (37, 29, "-sample 3x1", None),
-    "mixed": (37, 29, "-sample 2x2,1x2,2x1", None),
-    "410": (37, 29, "-sample 4x2,1x1,1x1", None),
-    "best": (37, 29, "-sample 2x2 -quality 100", None),
-    "worst": (37, 29, "-sample 2x2 -quality 3", None),
-    "grey": (43, 29, "-grayscale", None),
-    "rgb": (37, 29, "-rgb", None),
-    "optimised": (37, 29, "-sample 2x2 -optimize", None),
-    "progressive": (43, 29, "-sample 2x2 -progressive", None),
-    "progressive_grey": (37, 29, "-grayscale -progressive -restart 2B", None),
-    "progressive_unusual": (37, 29, "-sample 2x1 -restart 3B", UNUSUAL_PROGRESSION),
-    "separate_scans": (37, 29, "-sample 2x2", SEPARATE_SCANS),
-    "restarts": (43, 29, "-sample 2x2 -restart 1B", None),
-    "restart_rows": (17, 23, "-sample 2x1 -restart 1", None),
-    "pixel": (1, 1, "-sample 2x2", None),
-    "two_columns": (3, 21, "-sample 2x2", None),
-    "two_columns_422": (4, 9, "-sample 2x1", None),
-    "row": (19, 1, "-sample 2x2", None),
-    "column_440": (1, 19, "-sample 1x2", None),
+    "444": (0, 43, 29, "-sample 1x1", None),
+    "422": (1, 43, 29, "-sample 2x1", None),
+    "420": (2, 43, 29, "-sample 2x2", None),
+    "440": (3, 43, 29, "-sample 1x2", None),
+    "411": (4, 43, 29, "-sample 4x1", None),
+    "third": (5, 37, 29, "-sample 3x1", None),
+    "mixed": (6, 37, 29, "-sample 2x2,1x2,2x1", None),
+    "410": (7, 37, 29, "-sample 4x2,1x1,1x1", None),
+    "worst": (9, 37, 29, "-sample 2x2 -quality 3", None),
+    "grey": (10, 43, 29, "-grayscale", None),
+    "rgb": (11, 37, 29, "-rgb", None),
+    "progressive": (13, 43, 29, "-sample 2x2 -progressive", None),
+    "progressive_unusual": (15, 37, 29, "-sample 2x1 -restart 3B", UNUSUAL_PROGRESSION),
+    "separate_scans": (16, 37, 29, "-sample 2x2", SEPARATE_SCANS),
+    "restarts": (17, 43, 29, "-sample 2x2 -restart 1B", None),
+    "two_columns": (20, 3, 21, "-sample 2x2", None),
+    "two_columns_422": (21, 4, 9, "-sample 2x1", None),
+    "column_440": (23, 1, 19, "-sample 1x2", None),
 }
 
 
@@ -102,7 +96,7 @@ def write_random(folder: Path, count: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--folder", type=Path, default=Path("crates/dataset/tests/data/jpeg"))
+    parser.add_argument("--folder", type=Path, default=Path("crates/jpeg/tests/data"))
     parser.add_argument("--random", type=int, default=0, metavar="COUNT")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
@@ -110,12 +104,10 @@ def main() -> None:
     if options.random:
         write_random(options.folder, options.random)
         return
-    for seed, (name, (width, height, encoding, scans)) in enumerate(KINDS.items()):
+    for name, (seed, width, height, encoding, scans) in KINDS.items():
         write(options.folder, name, encode(picture(width, height, seed), encoding, scans))
-    other = options.folder / "other"
-    other.mkdir(exist_ok=True)
-    (other / "arithmetic.jpg").write_bytes(encode(picture(16, 16, 0), "-arithmetic", None))
-    Image.fromarray(picture(16, 24, 0)).convert("CMYK").save(other / "cmyk.jpg")
+    (options.folder / "arithmetic.jpg").write_bytes(encode(picture(16, 16, 0), "-arithmetic", None))
+    Image.fromarray(picture(16, 24, 0)).convert("CMYK").save(options.folder / "cmyk.jpg")
 
 
 if __name__ == "__main__":

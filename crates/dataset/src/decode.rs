@@ -1,18 +1,18 @@
 //! Images from files that may be damaged, cut off or lying about their size.
 
 use crate::DatasetError;
-use crate::jpeg::{Jpeg, JpegError};
 use image::error::{DecodingError, ImageFormatHint};
 use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader};
 use splatseg_geometry::{Image, SegmentMap};
+use splatseg_jpeg::{Jpeg, JpegError};
 use std::io::Cursor;
 use std::path::Path;
 
-/// Larger files are no frames of a video.
+/// Larger files are not frames of a video.
 pub(crate) const MAX_IMAGE_FILE_BYTES: u64 = 256 << 20;
-/// Larger images are no frames of a video.
+/// Larger images are not frames of a video.
 pub(crate) const MAX_PIXELS: u64 = 1 << 26;
-/// DEFLATE, in PNG and zlib, shrinks at most so many times.
+/// The highest compression ratio of DEFLATE, as used in PNG and zlib.
 pub(crate) const MAX_DEFLATE_RATIO: u64 = 1032;
 /// A PNG pixel may have one bit. JPEG cannot do better.
 const MAX_PIXELS_PER_BYTE: u64 = 8 * MAX_DEFLATE_RATIO;
@@ -218,14 +218,17 @@ impl<'a> EncodedImage<'a> {
     fn decode_jpeg(&self) -> Result<Option<Image<[u8; 3]>>, DatasetError> {
         self.require_end()?;
         let Some(jpeg) = self.jpeg()? else { return Ok(None) };
+        let (width, height) = jpeg.size();
         match jpeg.decode() {
-            Ok(image) => Ok(Some(image)),
+            Ok(pixels) => Image::from_pixels(width as usize, height as usize, pixels)
+                .map(Some)
+                .map_err(|error| self.jpeg_failed(error)),
             Err(JpegError::Unsupported(_)) => Ok(None),
             Err(error) => Err(self.jpeg_failed(error)),
         }
     }
 
-    fn jpeg_failed(&self, error: JpegError) -> DatasetError {
+    fn jpeg_failed(&self, error: impl std::error::Error + Send + Sync + 'static) -> DatasetError {
         let hint = ImageFormatHint::Exact(ImageFormat::Jpeg);
         self.decoding_failed(ImageError::Decoding(DecodingError::new(hint, error)))
     }

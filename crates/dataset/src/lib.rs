@@ -10,7 +10,6 @@ mod decode;
 mod error;
 mod formats;
 mod framing;
-mod jpeg;
 mod listing;
 mod mvpd;
 mod output;

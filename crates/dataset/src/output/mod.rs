@@ -1,21 +1,20 @@
 //! Writers for predictions.
 
-mod atomic;
 mod digits;
 mod overlay;
 mod segments;
 
-pub use atomic::write_atomically;
 pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
 pub use segments::{read_segments_png, write_segments_png};
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Something that cannot be written.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum OutputError {
-    /// The operating system could not write the file. Nothing is left at its place.
+    /// The operating system could not write the file. No partial file is left.
     #[error("{}: cannot be written: {source}", path.display())]
     Io {
         /// The file.
@@ -47,4 +46,14 @@ pub enum OutputError {
         /// Size of the segment map, `(width, height)`.
         segments: (usize, usize),
     },
+}
+
+/// Writes `bytes` to `path`, replacing what is there, so that a reader sees the old file or the new one, never a part
+/// (see [`splatseg_atomic_file`]). The folder must exist.
+///
+/// # Errors
+/// [`OutputError::Io`] names the path; the old file stays as it was.
+pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
+    splatseg_atomic_file::write_atomically(path, bytes)
+        .map_err(|source| OutputError::Io { path: path.to_owned(), source })
 }

@@ -53,7 +53,7 @@ pub fn draw_overlay(color: &CowImage<'_, [u8; 3]>, segments: &SegmentMap) -> Res
 /// Writes [`draw_overlay`] as a JPEG, atomically. The folder must exist.
 ///
 /// # Errors
-/// [`OutputError`] names the path; nothing is left at its place.
+/// [`OutputError`] names the path; no partial file is left.
 pub fn write_overlay_jpeg(
     path: &Path,
     color: &CowImage<'_, [u8; 3]>,

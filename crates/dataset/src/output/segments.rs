@@ -12,7 +12,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// [`OutputError::IdTooLarge`] for ids above 65535, [`OutputError::Encode`] for an empty map, [`OutputError::Io`] if
-/// the file cannot be written; then nothing is left at its place.
+/// the file cannot be written; then no partial file is left.
 pub fn write_segments_png(path: &Path, segments: &SegmentMap) -> Result<(), OutputError> {
     if let Some(id) = segments.pixels().iter().find(|id| **id > u32::from(u16::MAX)) {
         return Err(OutputError::IdTooLarge { path: path.to_owned(), id: *id });

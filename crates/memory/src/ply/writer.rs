@@ -4,23 +4,18 @@ use super::error::SplatFileError;
 use super::layout::Sizes;
 use super::{CHUNK_BYTES, SplatContentView, SplatFileView, header, record, trailer};
 use crc32fast::Hasher;
+use splatseg_atomic_file::AtomicFile;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
-use tempfile::NamedTempFile;
 
 /// Writes under a temporary name and renames.
 pub fn save(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileError> {
     let sizes = Sizes::of(view);
     check_lengths(view, path)?;
     sizes.check_segments(path)?;
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    let mut temporary = create_temporary(folder).map_err(SplatFileError::io(path, "create a file beside it"))?;
-    write_file(view, &sizes, path, &mut temporary)?;
-    temporary.persist(path).map_err(|error| SplatFileError::io(path, "put the finished file there")(error.error))?;
-    Ok(())
+    let mut file = AtomicFile::create(path).map_err(SplatFileError::io(path, "create a file beside it"))?;
+    write_file(view, &sizes, path, &mut file)?;
+    file.commit().map_err(SplatFileError::io(path, "put the finished file there"))
 }
 
 /// Refuses arrays whose lengths contradict each other.
@@ -49,23 +44,11 @@ fn check_lengths(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileE
     Ok(())
 }
 
-fn create_temporary(folder: &Path) -> std::io::Result<NamedTempFile> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".splatseg-").suffix(".tmp");
-    #[cfg(unix)]
-    {
-        // What any new file gets, less the umask; a temporary file's default is for its owner alone.
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    builder.tempfile_in(folder)
-}
-
 fn write_file(
     view: &SplatFileView<'_>,
     sizes: &Sizes,
     path: &Path,
-    file: &mut NamedTempFile,
+    file: &mut AtomicFile,
 ) -> Result<(), SplatFileError> {
     let mut output = Output { file: BufWriter::new(file), crc: Hasher::new(), path: path.to_owned() };
     output.write(header::format(sizes).as_bytes())?;

@@ -8,9 +8,10 @@ use super::tensor::{Dtype, Layout, MAX_AXES, TensorInfo};
 use safetensors::tensor::{Dtype as FileDtype, Metadata, TensorInfo as FileTensorInfo};
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
+use splatseg_atomic_file::AtomicFile;
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::Write as _;
 use std::path::Path;
 
 /// Bytes of the header's length, before the header.
@@ -117,26 +118,16 @@ pub(super) fn write(checkpoint: &Checkpoint, out: &Path) -> Result<(), Checkpoin
         Fault::part("the header to be written", error, "tensors of a checkpoint").at(checkpoint.path())
     })?;
     let io_error = |error| CheckpointError::io(out, "write")(error);
-    let folder = out.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".writing-");
-    // Temporary files are private by default, but the result should be readable like any other file (less the umask).
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let mut file = BufWriter::new(builder.tempfile_in(folder).map_err(io_error)?);
+    let mut file = AtomicFile::create(out).map_err(io_error)?;
     file.write_all(&(header.len() as u64).to_le_bytes()).map_err(io_error)?;
     file.write_all(&header).map_err(io_error)?;
     for tensor in tensors {
         file.write_all(&checkpoint.read_bytes(tensor)?).map_err(io_error)?;
     }
-    let file = file.into_inner().map_err(|error| io_error(error.into_error()))?;
-    match file.persist_noclobber(out) {
-        Ok(_) => Ok(()),
-        Err(error) if error.error.kind() == std::io::ErrorKind::AlreadyExists => {
-            Err(CheckpointError::Exists { path: out.to_owned() })
-        }
-        Err(error) => Err(io_error(error.error)),
-    }
+    file.commit_new().map_err(|error| match error.kind() {
+        std::io::ErrorKind::AlreadyExists => CheckpointError::Exists { path: out.to_owned() },
+        _ => io_error(error),
+    })
 }
 
 /// The header of a converted file, padded so that the tensors are aligned.

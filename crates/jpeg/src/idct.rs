@@ -48,7 +48,7 @@ const ODD: [[i32; 4]; 4] = [
 pub(super) struct Coefficients {
     /// Row-major: vertical frequencies downwards.
     values: [i16; BLOCK_LEN],
-    /// The place of the last one that is not 0, in the file's order; at least 0.
+    /// Index of the last coefficient that is not 0, in zigzag order; 0 if all are.
     last: usize,
 }
 

@@ -4,14 +4,15 @@ use thiserror::Error;
 
 /// A JPEG file that cannot be decoded.
 #[derive(Debug, PartialEq, Eq, Error)]
-pub(crate) enum JpegError {
+#[non_exhaustive]
+pub enum JpegError {
     /// The file may be fine, but is of a kind that is not decoded here.
     #[error("{0} is not supported")]
     Unsupported(&'static str),
     /// The file ends within its header.
     #[error("the file ends within its header")]
     Ended,
-    /// A segment does not hold what the standard asks for.
+    /// A segment is not as the standard requires.
     #[error("the segment FF {marker:02X} is wrong: {reason}")]
     Segment {
         /// Second byte of the segment's marker.

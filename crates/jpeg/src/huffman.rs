@@ -95,7 +95,7 @@ impl HuffmanCode {
 
 const BAD_CODE: JpegError = JpegError::Data("there is a code without a meaning");
 
-/// A coefficient that can be told from its first 9 bits.
+/// A coefficient that its first 9 bits determine.
 #[derive(Clone, Copy, Default)]
 pub(super) struct ShortCoefficient {
     /// The coefficient as stored, not 0.

@@ -85,14 +85,19 @@ fn read_scan(segments: &Segments, frame: &Frame, scan: &Scan, components: &mut [
         (0, 0) => {
             let codes = scan.components.iter().map(|part| segments.dc_code(part.dc_code)).collect::<Result<_, _>>()?;
             let predictions = vec![0; indices.len()];
-            read_blocks(segments, frame, scan, &mut FirstDc { components, indices, codes, predictions, low })
+            read_blocks(
+                segments.scan_data(),
+                frame,
+                scan,
+                &mut FirstDc { components, indices, codes, predictions, low },
+            )
         }
-        (0, _) => read_blocks(segments, frame, scan, &mut RefineDc { components, indices, low }),
+        (0, _) => read_blocks(segments.scan_data(), frame, scan, &mut RefineDc { components, indices, low }),
         (_, high) => {
             let code = segments.ac_code(scan.components[0].ac_code)?;
             let component = &mut components[indices[0]];
             let mut decoder = AcScan { component, code, band: scan.band, low, blocks_to_skip: 0, refine: high > 0 };
-            read_blocks(segments, frame, scan, &mut decoder)
+            read_blocks(segments.scan_data(), frame, scan, &mut decoder)
         }
     }
 }

@@ -3,15 +3,14 @@
 use super::color::{ColorModel, from_ycbcr};
 use super::frame::{Frame, Plane};
 use super::upsample::Upsampler;
-use splatseg_geometry::Image;
 
-/// The image as sRGB. There is a plane for each component.
-pub(super) fn image(frame: &Frame, planes: &[Plane], model: ColorModel) -> Image<[u8; 3]> {
-    let mut image = Image::filled(frame.width, frame.height, [0; 3]);
+/// The image as RGB, row-major. There is a plane for each component.
+pub(super) fn pixels(frame: &Frame, planes: &[Plane], model: ColorModel) -> Vec<[u8; 3]> {
+    let mut image = vec![[0; 3]; frame.width * frame.height];
     let components = frame.components.iter().zip(planes);
     let mut rows: Vec<Upsampler> =
         components.map(|(component, plane)| Upsampler::new(frame, component, plane)).collect();
-    for (row, pixels) in image.pixels_mut().chunks_exact_mut(frame.width).enumerate() {
+    for (row, pixels) in image.chunks_exact_mut(frame.width).enumerate() {
         match &mut rows[..] {
             [only] => grey(only.row(row), pixels),
             [first, second, third] => {

@@ -3,7 +3,6 @@
 use super::JpegError;
 use super::bits::BitReader;
 use super::frame::Frame;
-use super::segments::Segments;
 
 /// The highest power of two by which a progressive scan divides coefficients.
 const MAX_SHIFT: u8 = 13;
@@ -79,16 +78,23 @@ pub(super) trait BlockDecoder {
     fn restart(&mut self);
 }
 
+/// The compressed data of a scan.
+pub(super) struct ScanData<'a> {
+    /// At the data's first bit.
+    pub(super) bits: BitReader<'a>,
+    /// Units between two restart markers; 0 without.
+    pub(super) restart_interval: usize,
+}
+
 /// Reads the compressed data of `scan`. Returns the position behind it.
 pub(super) fn read_blocks(
-    segments: &Segments,
+    data: ScanData,
     frame: &Frame,
     scan: &Scan,
     decoder: &mut impl BlockDecoder,
 ) -> Result<usize, JpegError> {
-    let mut bits = BitReader::new(segments.bytes(), segments.position());
-    let mut restarts =
-        Restarts { interval: segments.restart_interval(), units_left: segments.restart_interval(), next: 0 };
+    let ScanData { mut bits, restart_interval } = data;
+    let mut restarts = Restarts { interval: restart_interval, units_left: restart_interval, next: 0 };
     if let [only] = &scan.components[..] {
         let (columns, rows) = frame.components[only.index].blocks;
         for row in 0..rows {

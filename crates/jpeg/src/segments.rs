@@ -1,10 +1,11 @@
 //! The segments between compressed data: tables and headers (T.81 annex B).
 
 use super::JpegError;
+use super::bits::BitReader;
 use super::color::ColorModel;
 use super::frame::{BLOCK_LEN, Frame};
 use super::huffman::{AcCode, HuffmanCode};
-use super::scan::Scan;
+use super::scan::{Scan, ScanData};
 
 /// The start of the image.
 const SOI: u8 = 0xD8;
@@ -49,24 +50,14 @@ impl<'a> Segments<'a> {
         })
     }
 
-    /// The whole file.
-    pub(super) fn bytes(&self) -> &'a [u8] {
-        self.bytes
-    }
-
-    /// Where the next segment, or compressed data, begins.
-    pub(super) fn position(&self) -> usize {
-        self.position
+    /// The compressed data of the scan whose header was read last.
+    pub(super) fn scan_data(&self) -> ScanData<'a> {
+        ScanData { bits: BitReader::new(self.bytes, self.position), restart_interval: self.restart_interval }
     }
 
     /// Goes on behind compressed data.
     pub(super) fn set_position(&mut self, position: usize) {
         self.position = position;
-    }
-
-    /// Units of a scan between two restart markers; 0 for a scan without.
-    pub(super) fn restart_interval(&self) -> usize {
-        self.restart_interval
     }
 
     /// The quantisation table `index`, in the file's order of coefficients.
@@ -90,7 +81,7 @@ impl<'a> Segments<'a> {
         self.frame.take()
     }
 
-    /// What the components mean. Files that do not say so are told apart as libjpeg does.
+    /// What the components mean. Where the file does not say, it is guessed as libjpeg does.
     pub(super) fn color_model(&self, frame: &Frame) -> ColorModel {
         let ids: Vec<u8> = frame.components.iter().map(|component| component.id).collect();
         match ids[..] {

@@ -14,7 +14,7 @@ pub(super) fn decode(segments: &mut Segments, frame: &Frame, first: Scan) -> Res
     let mut scan = first;
     loop {
         let mut decoder = SequentialScan::new(segments, frame, &scan)?;
-        let end = read_blocks(segments, frame, &scan, &mut decoder)?;
+        let end = read_blocks(segments.scan_data(), frame, &scan, &mut decoder)?;
         for (part, component) in decoder.parts.into_iter().zip(&scan.components) {
             if planes[component.index].replace(part.plane).is_some() {
                 return Err(JpegError::Data("a component is there twice"));
