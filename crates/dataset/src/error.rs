@@ -1,15 +1,18 @@
-//! Everything that can be wrong with a scene.
+//! Everything that can be wrong with a scene or its settings.
 
-use crate::SettingsError;
 use splatseg_geometry::{FrameError, IntrinsicsError, PoseError};
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// As many names are listed in a message, at most.
+/// The most names that a message lists.
 pub(crate) const NAMES_IN_MESSAGES: usize = 5;
+
+/// The largest width or height, in pixels, that frames can be resized to.
+pub(crate) const MAX_SIDE: usize = 16_384;
 
 /// A scene, or one of its frames, that cannot be read.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum DatasetError {
     /// There is nothing at the path.
     #[error("{}: does not exist", path.display())]
@@ -23,7 +26,7 @@ pub enum DatasetError {
         /// The path that was given.
         path: PathBuf,
     },
-    /// The path holds something, but no scene of a known format.
+    /// The path holds something, but not a scene of a known format.
     #[error("{}: not a scene of a known format. Supported are:\n{supported}", path.display())]
     NotRecognised {
         /// The path that was given.
@@ -31,12 +34,12 @@ pub enum DatasetError {
         /// One line for each format: its name and what was looked for.
         supported: String,
     },
-    /// The path does not hold a scene of the format that was asked for.
+    /// The path does not hold a scene of the requested format.
     #[error("{}: not a scene of format {format}, which is laid out as {layout}", path.display())]
     OtherFormat {
         /// The path that was given.
         path: PathBuf,
-        /// Name of the format that was asked for.
+        /// Name of the requested format.
         format: &'static str,
         /// What was looked for.
         layout: &'static str,
@@ -49,7 +52,7 @@ pub enum DatasetError {
         /// Names of the sequence folders, sorted.
         sequences: Vec<String>,
     },
-    /// The folder is laid out right but holds no frame.
+    /// The folder has the right layout but no frames.
     #[error("{}: no frames: looked for {expected}", path.display())]
     NoFrames {
         /// The folder in which frames were looked for.
@@ -57,12 +60,12 @@ pub enum DatasetError {
         /// The file names that were looked for.
         expected: &'static str,
     },
-    /// A frame number past the end.
+    /// A frame index past the end.
     #[error("{scene}: there is no frame {index}, the scene has {count}")]
     NoSuchFrame {
         /// The scene's name.
         scene: String,
-        /// Index that was asked for.
+        /// The requested index.
         index: usize,
         /// Number of frames.
         count: usize,
@@ -80,7 +83,7 @@ pub enum DatasetError {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the operating system said.
+        /// What the operating system reported.
         source: std::io::Error,
     },
     /// A file is too big to be what it should be.
@@ -102,7 +105,7 @@ pub enum DatasetError {
         path: PathBuf,
         /// What it should hold.
         what: &'static str,
-        /// What the decoder said.
+        /// What the decoder reported.
         source: image::ImageError,
     },
     /// A JPEG file ends before its image does.
@@ -113,7 +116,7 @@ pub enum DatasetError {
         /// What it should hold.
         what: &'static str,
     },
-    /// An image's header states a size that its file cannot hold, or that is beyond reason.
+    /// An image's header states a size that its file cannot hold, or that is larger than any frame of a video.
     #[error(
         "{}: the {what} claims to have {width}x{height} pixels, which its {bytes} bytes cannot hold or is more than {limit} pixels",
         path.display()
@@ -132,7 +135,7 @@ pub enum DatasetError {
         /// Most pixels that are accepted.
         limit: u64,
     },
-    /// An image's pixels are of another kind.
+    /// An image has the wrong kind of pixels.
     #[error("{}: the {what} has {found} pixels, expected {expected}", path.display())]
     PixelKind {
         /// The file.
@@ -144,7 +147,7 @@ pub enum DatasetError {
         /// The kind of pixels that it should have.
         expected: &'static str,
     },
-    /// Two images that belong together differ in size.
+    /// Two images that should have the same size differ.
     #[error("{}: the {what} has {}x{} pixels, but {expected_from} has {}x{}", path.display(), found.0, found.1, expected.0, expected.1)]
     SizesDiffer {
         /// The file (or the frame's name, for rendered scenes).
@@ -186,7 +189,7 @@ pub enum DatasetError {
         /// What is wrong with them.
         source: IntrinsicsError,
     },
-    /// The parts of a frame do not belong together.
+    /// The parts of a frame do not fit together.
     #[error("frame {name}: {source}")]
     Frame {
         /// The frame's name.
@@ -250,12 +253,12 @@ pub enum DatasetError {
         /// Names of the first few videos, in the file's order.
         videos: Vec<String>,
     },
-    /// There is no video of the name that was asked for.
+    /// There is no video of the requested name.
     #[error("{}: there is no video {video:?}; the first are {}", path.display(), few(videos))]
     NoSuchVideo {
         /// The folder or archive.
         path: PathBuf,
-        /// The name that was asked for.
+        /// The requested name.
         video: String,
         /// Names of the first few videos, in the file's order.
         videos: Vec<String>,
@@ -272,15 +275,64 @@ pub enum DatasetError {
         /// What was expected.
         expected: String,
     },
-    /// The settings ask for the impossible.
+    /// A setting is out of range, or does not suit this scene.
     #[error(transparent)]
     Settings(#[from] SettingsError),
+    /// A [`Scene`](crate::Scene) that is defined elsewhere failed.
+    #[error("{scene}: {source}")]
+    Other {
+        /// The scene's name.
+        scene: String,
+        /// What it reports.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
     /// The thread that reads frames ended early: a format's reader has a defect.
     #[error("{scene}: the reading thread ended early")]
     ReaderEnded {
         /// The scene's name.
         scene: String,
     },
+}
+
+/// Settings with which a scene cannot be read.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[non_exhaustive]
+pub enum SettingsError {
+    /// A stride of 0 would read the same frame forever.
+    #[error("stride: found 0, expected 1 or more")]
+    ZeroStride,
+    /// `max_frames` is 0.
+    #[error("max_frames: found 0, expected 1 or more")]
+    NoFrames,
+    /// The first frame would be past the end.
+    #[error("start: found {start}, but the scene has {frames} frames, counted from 0")]
+    StartPastEnd {
+        /// Requested position of the first frame.
+        start: usize,
+        /// Number of frames of the scene.
+        frames: usize,
+    },
+    /// An image size that is out of range.
+    #[error("resize: found {width}x{height}, expected sides of 1 to {max} pixels", max = MAX_SIDE)]
+    Resize {
+        /// Requested width.
+        width: usize,
+        /// Requested height.
+        height: usize,
+    },
+    /// Cropping would leave nothing.
+    #[error("crop_border: cutting {border} pixels on each side leaves nothing of {width}x{height}")]
+    CropTooLarge {
+        /// Pixels to be removed on each side.
+        border: usize,
+        /// Width before cropping.
+        width: usize,
+        /// Height before cropping.
+        height: usize,
+    },
+    /// The baseline between the cameras is not a length.
+    #[error("depth_offset_m: found {0}, expected between -1 and 1 metre")]
+    DepthOffset(f32),
 }
 
 /// Names in a message, with dots if there may be more.

@@ -1,46 +1,11 @@
 //! The formats, and which of them a path holds.
 
 use crate::synthetic::{self, SyntheticScene};
-use crate::{DatasetError, DatasetSettings, Scene};
+use crate::{DatasetError, DatasetSettings, Format, Scene};
 use crate::{MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
 use crate::{mvpd, replica, scannet, sevenscenes, tum};
-use serde::{Deserialize, Serialize};
-use std::fmt;
 use std::path::Path;
-use std::str::FromStr;
 use std::sync::Arc;
-use thiserror::Error;
-
-/// The format of a scene.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum Format {
-    /// Recognised by the scene's files.
-    #[default]
-    #[serde(rename = "auto")]
-    Auto,
-    /// A sequence of 7-Scenes.
-    #[serde(rename = "7scenes")]
-    SevenScenes,
-    /// A ScanNet scene exported to folders.
-    #[serde(rename = "scannet")]
-    Scannet,
-    /// A ScanNet recording in its published container, `<scene>.sens`, or a folder with one.
-    #[serde(rename = "sens")]
-    Sens,
-    /// A sequence of TUM RGB-D.
-    #[serde(rename = "tum")]
-    Tum,
-    /// A Replica scene in the layout of NICE-SLAM.
-    #[serde(rename = "replica")]
-    Replica,
-    /// A video of MVPd, in a split's folder or a scene's `.tar.gz`. Of several videos one is chosen by its name, as
-    /// `FOLDER:VIDEO`, `FOLDER/imagesRGB/VIDEO` or `SCENE.tar.gz:VIDEO`.
-    #[serde(rename = "mvpd")]
-    Mvpd,
-    /// The built-in synthetic room.
-    #[serde(rename = "synthetic")]
-    Synthetic,
-}
 
 /// Opens a scene of one format.
 type OpenScene = fn(&Path, &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetError>;
@@ -48,7 +13,6 @@ type OpenScene = fn(&Path, &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetEr
 /// A format as the recogniser knows it.
 struct FormatEntry {
     format: Format,
-    name: &'static str,
     layout: &'static str,
     looks_like: fn(&Path) -> bool,
     open: OpenScene,
@@ -58,49 +22,42 @@ struct FormatEntry {
 const FORMATS: &[FormatEntry] = &[
     FormatEntry {
         format: Format::SevenScenes,
-        name: "7scenes",
         layout: sevenscenes::LAYOUT,
         looks_like: sevenscenes::looks_like,
         open: |path, settings| Ok(Arc::new(SevenScenesScene::open(path, settings)?)),
     },
     FormatEntry {
         format: Format::Scannet,
-        name: "scannet",
         layout: scannet::LAYOUT,
         looks_like: scannet::looks_like,
         open: |path, _| Ok(Arc::new(ScannetScene::open(path)?)),
     },
     FormatEntry {
         format: Format::Sens,
-        name: "sens",
         layout: scannet::SENS_LAYOUT,
         looks_like: scannet::looks_like_sens,
         open: |path, _| Ok(Arc::new(SensScene::open(path)?)),
     },
     FormatEntry {
         format: Format::Tum,
-        name: "tum",
         layout: tum::LAYOUT,
         looks_like: tum::looks_like,
         open: |path, _| Ok(Arc::new(TumScene::open(path)?)),
     },
     FormatEntry {
         format: Format::Replica,
-        name: "replica",
         layout: replica::LAYOUT,
         looks_like: replica::looks_like,
         open: |path, _| Ok(Arc::new(ReplicaScene::open(path)?)),
     },
     FormatEntry {
         format: Format::Mvpd,
-        name: "mvpd",
         layout: mvpd::LAYOUT,
         looks_like: mvpd::looks_like,
         open: |path, _| Ok(Arc::new(MvpdScene::open(path)?)),
     },
     FormatEntry {
         format: Format::Synthetic,
-        name: "synthetic",
         layout: synthetic::LAYOUT,
         looks_like: synthetic::looks_like,
         open: |path, _| Ok(Arc::new(SyntheticScene::new(path.to_string_lossy().parse()?)?)),
@@ -130,7 +87,7 @@ pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<
         Some(entry) if (entry.looks_like)(path) => (entry.open)(path, settings),
         found => Err(DatasetError::OtherFormat {
             path: path.to_owned(),
-            format: found.map_or("auto", |entry| entry.name),
+            format: settings.format.name(),
             layout: found.map_or("", |entry| entry.layout),
         }),
     }
@@ -138,7 +95,7 @@ pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<
 
 /// One line for each supported format: its name and what its scenes look like.
 pub fn supported_formats() -> Vec<String> {
-    FORMATS.iter().map(|entry| format!("  {}: {}", entry.name, entry.layout)).collect()
+    FORMATS.iter().map(|entry| format!("  {}: {}", entry.format, entry.layout)).collect()
 }
 
 fn check_path(path: &Path) -> Result<(), DatasetError> {
@@ -151,52 +108,4 @@ fn check_path(path: &Path) -> Result<(), DatasetError> {
         return Err(DatasetError::EmptyFolder { path: path.to_owned() });
     }
     Ok(())
-}
-
-/// Text that names no format.
-#[derive(Clone, Debug, Error, PartialEq, Eq)]
-#[error("format: found {found:?}, expected one of auto, {expected}")]
-pub struct FormatNameError {
-    /// The text.
-    pub found: String,
-    /// The names of the formats.
-    pub expected: String,
-}
-
-impl fmt::Display for Format {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = FORMATS.iter().find(|entry| entry.format == *self).map_or("auto", |entry| entry.name);
-        formatter.pad(name)
-    }
-}
-
-impl FromStr for Format {
-    type Err = FormatNameError;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        if text == "auto" {
-            return Ok(Self::Auto);
-        }
-        FORMATS.iter().find(|entry| entry.name == text).map(|entry| entry.format).ok_or_else(|| FormatNameError {
-            found: text.to_owned(),
-            expected: FORMATS.iter().map(|entry| entry.name).collect::<Vec<_>>().join(", "),
-        })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_are_the_same_in_text_and_serde() {
-        let all = FORMATS.iter().map(|entry| entry.format).chain([Format::Auto]);
-        for format in all {
-            assert_eq!(format.to_string().parse(), Ok(format));
-            assert_eq!(serde_json::to_string(&format).unwrap(), format!("\"{format}\""));
-        }
-        let error = "kitti".parse::<Format>().unwrap_err();
-        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, synthetic";
-        assert_eq!(error.to_string(), format!("format: found \"kitti\", expected one of {names}"));
-    }
 }

@@ -1,8 +1,12 @@
 //! Resizing and cropping of frames and labels.
 
 use crate::resample::{ImageMap, resample_color, resample_depth, resample_labels};
-use crate::{DatasetError, ImageSize, SettingsError};
-use splatseg_geometry::{RgbdFrame, SegmentMap};
+use crate::{DatasetError, SettingsError};
+use serde::{Deserialize, Serialize};
+use splatseg_geometry::{Mask, RgbdFrame, SegmentMap};
+use std::fmt;
+use std::str::FromStr;
+use thiserror::Error;
 
 /// How images are framed: resized first, then cropped. Intrinsics follow.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -72,5 +76,62 @@ impl Framing {
             None => labels,
         };
         Ok(if self.crop_border == 0 { resized } else { resized.crop_border(self.crop_border) })
+    }
+
+    /// A mask resized (to the nearest pixel, as labels are) and cropped like its frame.
+    ///
+    /// # Errors
+    /// [`SettingsError::CropTooLarge`] if nothing would be left.
+    pub fn apply_to_mask(&self, mask: &Mask) -> Result<Mask, SettingsError> {
+        let original = (mask.width(), mask.height());
+        let (width, height) = self.check(original)?;
+        let map = ImageMap::resize(original, self.resize.map_or(original, |size| (size.width, size.height)));
+        Ok(Mask::from_fn(width, height, |column, row| {
+            let nearest = map.nearest(column + self.crop_border, row + self.crop_border);
+            nearest.is_some_and(|(column, row)| mask.contains(column, row))
+        }))
+    }
+}
+
+/// An image size in pixels, written `WIDTHxHEIGHT`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ImageSize {
+    /// Width, pixels.
+    pub width: usize,
+    /// Height, pixels.
+    pub height: usize,
+}
+
+/// Text that is not an image size.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("image size: found {0:?}, expected WIDTHxHEIGHT in pixels, e.g. 320x240")]
+pub struct ImageSizeTextError(String);
+
+impl fmt::Display for ImageSize {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}x{}", self.width, self.height)
+    }
+}
+
+impl FromStr for ImageSize {
+    type Err = ImageSizeTextError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let sides = text.split_once(['x', 'X']).and_then(|(width, height)| {
+            Some(Self { width: width.trim().parse().ok()?, height: height.trim().parse().ok()? })
+        });
+        sides.ok_or_else(|| ImageSizeTextError(text.to_owned()))
+    }
+}
+
+impl Serialize for ImageSize {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for ImageSize {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
     }
 }

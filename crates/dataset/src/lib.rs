@@ -8,6 +8,7 @@
 mod archive;
 mod decode;
 mod error;
+mod format;
 mod formats;
 mod framing;
 mod listing;
@@ -28,9 +29,10 @@ mod text;
 mod tum;
 
 pub use decode::read_color_image;
-pub use error::{DatasetError, FrameReadError};
-pub use formats::{Format, FormatNameError, open_scene, supported_formats};
-pub use framing::Framing;
+pub use error::{DatasetError, FrameReadError, SettingsError};
+pub use format::{Format, FormatNameError};
+pub use formats::{open_scene, supported_formats};
+pub use framing::{Framing, ImageSize, ImageSizeTextError};
 pub use mvpd::MvpdScene;
 pub use output::{
     OutputError, draw_overlay, read_segments_png, segment_color, write_atomically, write_overlay_jpeg,
@@ -40,7 +42,7 @@ pub use preset::{Preset, PresetNameError};
 pub use replica::ReplicaScene;
 pub use scannet::{ScannetScene, SensScene};
 pub use scene::Scene;
-pub use settings::{DatasetSettings, ImageSize, ImageSizeTextError, SettingsError};
+pub use settings::DatasetSettings;
 pub use sevenscenes::SevenScenesScene;
 pub use stream::{FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY, StreamedFrame};
 pub use synthetic::{CameraMotion, Motion, Mover, Noise, SyntheticScene, SyntheticSettings};

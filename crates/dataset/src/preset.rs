@@ -13,6 +13,7 @@ use thiserror::Error;
 /// assert_eq!((settings.stride, settings.crop_border), (20, 5));
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Preset {
     /// `scannet-mv`, the paper's ScanNet-MV: every 20th frame, resized to 320x240 (width x height; the paper writes
     /// 240x320, height first), 5 pixels cropped on each side: 310x230.

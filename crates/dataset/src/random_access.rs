@@ -1,10 +1,10 @@
-//! Files of which parts are read, from any thread.
+//! Reading parts of a file from any thread.
 
 use std::fs::File;
 use std::io::{Read, Result, Seek, SeekFrom};
 use std::sync::{Mutex, PoisonError};
 
-/// A file of which parts are read, from any thread.
+/// A file whose parts are read from any thread.
 #[derive(Debug)]
 pub(crate) struct RandomAccessFile {
     file: Mutex<File>,

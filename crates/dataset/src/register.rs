@@ -14,7 +14,7 @@ pub(crate) struct CameraPair {
 }
 
 /// Moves every measurement (z-depth, metres, `[height, width]` of the depth camera) to the pixel at which the colour
-/// camera sees it. Of several at one pixel the nearest stays; pixels that none falls on are 0. Nothing is interpolated.
+/// camera sees it. Where several fall on one pixel, the nearest is kept; pixels without any are 0. Nothing is interpolated.
 pub(crate) fn register_depth(depth: &Image<f32>, cameras: &CameraPair) -> Image<f32> {
     let (width, height) = (cameras.color.width, cameras.color.height);
     let mut registered: Image<f32> = Image::filled(width, height, 0.0);

@@ -6,6 +6,7 @@
 
 use crate::decode::{read_color, read_depth, read_file};
 use crate::listing::{NamePattern, NumberedFile, folder_name, numbered_files};
+use crate::scene::{FrameParts, entry, require_registered};
 use crate::text::{read_text, shortened};
 use crate::{DatasetError, Scene};
 use serde::Deserialize;
@@ -19,7 +20,7 @@ const COLOR: NamePattern = NamePattern { prefix: "frame", suffixes: &[".png", ".
 const IMAGES_FOLDER: &str = "results";
 const TRAJECTORY: &str = "traj.txt";
 const CAMERA_FILE: &str = "cam_params.json";
-/// Larger files hold no trajectory: a day at 30 frames a second has 2.6 million.
+/// Larger files are not trajectories: a day at 30 frames a second has 2.6 million.
 const MAX_TRAJECTORY_BYTES: u64 = 1 << 30;
 const MAX_CAMERA_FILE_BYTES: u64 = 1 << 20;
 
@@ -151,11 +152,7 @@ impl Scene for ReplicaScene {
     }
 
     fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
-        let file = self.frames.get(index).ok_or_else(|| DatasetError::NoSuchFrame {
-            scene: self.name.clone(),
-            index,
-            count: self.frames.len(),
-        })?;
+        let file = entry(&self.frames, index, &self.name)?;
         let trajectory = self.folder.join(TRAJECTORY);
         let line = self.trajectory_line(index, file);
         let matrix = self.poses.get(line).ok_or_else(|| DatasetError::Field {
@@ -172,18 +169,10 @@ impl Scene for ReplicaScene {
         let depth_path = self.folder.join(IMAGES_FOLDER).join(format!("depth{digits}.png"));
         let depth = read_depth(&depth_path, self.units_per_metre)?;
         let color = read_color(&file.path)?;
-        if depth.size() != color.size() {
-            return Err(DatasetError::SizesDiffer {
-                path: depth_path,
-                what: "depth image",
-                found: depth.size(),
-                expected: color.size(),
-                expected_from: "its colour image",
-            });
-        }
-        let camera = self.intrinsics.resized(color.width(), color.height());
-        RgbdFrame::new(file.stem.clone(), color, depth, camera, pose)
-            .map_err(|source| DatasetError::Frame { name: file.stem.clone(), source })
+        require_registered(&color, &depth, &depth_path)?;
+        let intrinsics = self.intrinsics.resized(color.width(), color.height());
+        let name = file.stem.clone();
+        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: pose }.into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

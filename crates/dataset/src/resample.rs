@@ -44,6 +44,13 @@ impl ImageMap {
         }
     }
 
+    /// The source pixel, `(column, row)`, nearest to a target pixel; `None` outside the source. Halfway between two
+    /// pixels it is the left or upper one. Labels and masks both follow this rule.
+    pub(crate) fn nearest(&self, column: usize, row: usize) -> Option<(usize, usize)> {
+        let inside = self.columns.is_inside(column) && self.rows.is_inside(row);
+        inside.then(|| (self.columns.nearest(column), self.rows.nearest(row)))
+    }
+
     /// Whether every pixel stays where it is.
     pub(crate) fn is_identity(&self) -> bool {
         [self.columns, self.rows]
@@ -170,13 +177,7 @@ pub(crate) fn resample_labels(source: &SegmentMap, map: &ImageMap) -> SegmentMap
     if source.pixels().is_empty() {
         return Image::filled(width, height, 0);
     }
-    Image::from_fn(width, height, |column, row| {
-        if map.columns.is_inside(column) && map.rows.is_inside(row) {
-            source[(map.columns.nearest(column), map.rows.nearest(row))]
-        } else {
-            0
-        }
-    })
+    Image::from_fn(width, height, |column, row| map.nearest(column, row).map_or(0, |nearest| source[nearest]))
 }
 
 #[cfg(test)]

@@ -1,10 +1,15 @@
-//! What every format offers.
+//! What every format offers, and how each of them puts a frame together.
 
 use crate::DatasetError;
-use splatseg_geometry::{RgbdFrame, SegmentMap};
+use crate::decode::DEPTH_IMAGE;
+use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::fmt::Debug;
+use std::path::Path;
+use std::time::Duration;
 
 /// A recorded or rendered RGB-D video whose frames can be read in any order, from any thread.
+///
+/// A scene of your own implements this trait and reports its own errors as [`DatasetError::Other`].
 pub trait Scene: Debug + Send + Sync {
     /// The scene's name, e.g. its folder's.
     fn name(&self) -> &str;
@@ -30,4 +35,48 @@ pub trait Scene: Debug + Send + Sync {
     /// # Errors
     /// [`DatasetError`] names the file and what is wrong with it.
     fn read_ground_truth(&self, index: usize) -> Result<Option<SegmentMap>, DatasetError>;
+}
+
+/// What a format has read of one frame.
+pub(crate) struct FrameParts {
+    pub(crate) name: String,
+    pub(crate) timestamp: Option<Duration>,
+    pub(crate) color: Image<[u8; 3]>,
+    pub(crate) depth: Image<f32>,
+    pub(crate) intrinsics: Intrinsics,
+    pub(crate) world_from_camera: Pose,
+}
+
+impl FrameParts {
+    /// The frame. Its parts must have the same size, which [`require_registered`] checks earlier, with the file's name.
+    pub(crate) fn into_frame(self) -> Result<RgbdFrame<'static>, DatasetError> {
+        let Self { name, timestamp, color, depth, intrinsics, world_from_camera } = self;
+        RgbdFrame::new(name.clone(), color, depth, intrinsics, world_from_camera)
+            .map(|frame| frame.with_timestamp(timestamp))
+            .map_err(|source| DatasetError::Frame { name, source })
+    }
+}
+
+/// Requires that a depth image, read from `depth_path`, has the size of its colour image.
+pub(crate) fn require_registered(
+    color: &Image<[u8; 3]>,
+    depth: &Image<f32>,
+    depth_path: &Path,
+) -> Result<(), DatasetError> {
+    if depth.size() == color.size() {
+        return Ok(());
+    }
+    Err(DatasetError::SizesDiffer {
+        path: depth_path.to_owned(),
+        what: DEPTH_IMAGE,
+        found: depth.size(),
+        expected: color.size(),
+        expected_from: "its colour image",
+    })
+}
+
+/// The entry of frame `index` in the list of a scene's frames.
+pub(crate) fn entry<'a, T>(frames: &'a [T], index: usize, scene: &str) -> Result<&'a T, DatasetError> {
+    let count = frames.len();
+    frames.get(index).ok_or_else(|| DatasetError::NoSuchFrame { scene: scene.to_owned(), index, count })
 }

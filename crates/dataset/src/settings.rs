@@ -1,13 +1,8 @@
 //! Which frames of a scene are used, and how they are framed.
 
-use crate::{Format, Framing};
+use crate::error::MAX_SIDE;
+use crate::{Format, Framing, ImageSize, SettingsError};
 use serde::{Deserialize, Serialize};
-use std::fmt;
-use std::str::FromStr;
-use thiserror::Error;
-
-/// The largest width or height, in pixels, that frames can be resized to.
-const MAX_SIDE: usize = 16_384;
 
 /// How a scene is read. Frames are resized first, then cropped.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,41 +45,6 @@ impl Default for DatasetSettings {
     }
 }
 
-/// Settings that no scene, or not this one, can be read with.
-#[derive(Clone, Debug, Error, PartialEq)]
-pub enum SettingsError {
-    /// A stride of 0 would use one frame for ever.
-    #[error("stride: found 0, expected 1 or more")]
-    ZeroStride,
-    /// No frames are wanted.
-    #[error("max_frames: found 0, expected 1 or more")]
-    NoFrames,
-    /// The first frame would be past the end.
-    #[error("start: found {start}, but the scene has {frames} frames, counted from 0")]
-    StartPastEnd {
-        /// Position of the first frame asked for.
-        start: usize,
-        /// Number of frames of the scene.
-        frames: usize,
-    },
-    /// An image size that cannot be.
-    #[error("resize: found {0}, expected sides of 1 to {max} pixels", max = MAX_SIDE)]
-    Resize(ImageSize),
-    /// Cropping would leave nothing.
-    #[error("crop_border: cutting {border} pixels on each side leaves nothing of {width}x{height}")]
-    CropTooLarge {
-        /// Pixels to be removed on each side.
-        border: usize,
-        /// Width before cropping.
-        width: usize,
-        /// Height before cropping.
-        height: usize,
-    },
-    /// The baseline between the cameras is not a length.
-    #[error("depth_offset_m: found {0}, expected between -1 and 1 metre")]
-    DepthOffset(f32),
-}
-
 impl DatasetSettings {
     /// Checks what can be checked without a scene.
     ///
@@ -99,7 +59,7 @@ impl DatasetSettings {
         }
         if let Some(size) = self.resize {
             if !(1..=MAX_SIDE).contains(&size.width) || !(1..=MAX_SIDE).contains(&size.height) {
-                return Err(SettingsError::Resize(size));
+                return Err(SettingsError::Resize { width: size.width, height: size.height });
             }
             self.framing().check((size.width, size.height))?;
         }
@@ -125,49 +85,6 @@ impl DatasetSettings {
     /// How every frame is resized and cropped.
     pub fn framing(&self) -> Framing {
         Framing { resize: self.resize, crop_border: self.crop_border }
-    }
-}
-
-/// An image size in pixels, written `WIDTHxHEIGHT`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct ImageSize {
-    /// Width, pixels.
-    pub width: usize,
-    /// Height, pixels.
-    pub height: usize,
-}
-
-/// Text that is not an image size.
-#[derive(Clone, Debug, Error, PartialEq, Eq)]
-#[error("image size: found {0:?}, expected WIDTHxHEIGHT in pixels, e.g. 320x240")]
-pub struct ImageSizeTextError(String);
-
-impl fmt::Display for ImageSize {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{}x{}", self.width, self.height)
-    }
-}
-
-impl FromStr for ImageSize {
-    type Err = ImageSizeTextError;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let sides = text.split_once(['x', 'X']).and_then(|(width, height)| {
-            Some(Self { width: width.trim().parse().ok()?, height: height.trim().parse().ok()? })
-        });
-        sides.ok_or_else(|| ImageSizeTextError(text.to_owned()))
-    }
-}
-
-impl Serialize for ImageSize {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
-}
-
-impl<'de> Deserialize<'de> for ImageSize {
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
     }
 }
 

@@ -7,6 +7,7 @@
 use crate::decode::{MILLIMETRES, read_color, read_depth};
 use crate::listing::{NamePattern, NumberedFile, fits, folder_name, names_in, numbered_files};
 use crate::register::{CameraPair, register_depth};
+use crate::scene::{FrameParts, entry, require_registered};
 use crate::text::{PinholeMatrix, read_pose};
 use crate::{DatasetError, DatasetSettings, Scene};
 use glam::Vec3;
@@ -102,11 +103,7 @@ impl Scene for SevenScenesScene {
     }
 
     fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
-        let file = self.frames.get(index).ok_or_else(|| DatasetError::NoSuchFrame {
-            scene: self.name.clone(),
-            index,
-            count: self.frames.len(),
-        })?;
+        let file = entry(&self.frames, index, &self.name)?;
         let depth_path = self.folder.join(format!("{}.depth.png", file.stem));
         // The pose first: it is quick to read and the likeliest to be missing.
         let mut pose = read_pose(&self.folder.join(format!("{}.pose.txt", file.stem)))?;
@@ -117,17 +114,11 @@ impl Scene for SevenScenesScene {
             let depth_camera = PUBLISHED_DEPTH.resized(depth.width(), depth.height());
             depth = register_depth(&depth, &CameraPair { depth: depth_camera, color: camera, offset_m });
             pose = pose * Pose::from_translation(Vec3::X * offset_m);
-        } else if depth.size() != color.size() {
-            return Err(DatasetError::SizesDiffer {
-                path: depth_path,
-                what: "depth image",
-                found: depth.size(),
-                expected: color.size(),
-                expected_from: "its colour image",
-            });
+        } else {
+            require_registered(&color, &depth, &depth_path)?;
         }
-        RgbdFrame::new(file.stem.clone(), color, depth, camera, pose)
-            .map_err(|source| DatasetError::Frame { name: file.stem.clone(), source })
+        let name = file.stem.clone();
+        FrameParts { name, timestamp: None, color, depth, intrinsics: camera, world_from_camera: pose }.into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

@@ -29,7 +29,7 @@ pub struct StreamedFrame {
     pub index: usize,
     /// The frame; its name is the scene's name for it.
     pub frame: RgbdFrame<'static>,
-    /// The true segments, of the frame's size; `None` if there are none or they were not asked for.
+    /// The true segments, of the frame's size; `None` if there are none or they were not requested.
     pub ground_truth: Option<SegmentMap>,
 }
 
@@ -133,7 +133,7 @@ impl Drop for FrameStream {
         // Without a receiver the thread's next send fails, which ends it.
         self.receiver = None;
         if let Some(reader) = self.reader.take() {
-            // A panic in the reader has been told as `ReaderEnded`.
+            // A panic in the reader has been reported as `ReaderEnded`.
             let _ = reader.join();
         }
     }

@@ -5,7 +5,7 @@ use crate::decode::read_file;
 use splatseg_geometry::{Intrinsics, Pose};
 use std::path::Path;
 
-/// Larger files hold no matrix.
+/// Larger files are not matrices.
 const MAX_TEXT_BYTES: u64 = 64 << 10;
 
 /// Reads a 4x4 camera-to-world matrix, 16 numbers row by row.
@@ -81,7 +81,7 @@ pub(crate) fn read_text(path: &Path, what: &'static str, limit: u64) -> Result<S
     String::from_utf8(read_file(path, what, limit)?).map_err(|_| DatasetError::Text {
         path: path.to_owned(),
         what,
-        found: "bytes that are no text".to_owned(),
+        found: "bytes that are not text".to_owned(),
         expected: "UTF-8",
     })
 }

@@ -3,9 +3,10 @@
 mod support;
 
 use glam::Vec2;
+use proptest::prelude::*;
 use splatseg_dataset::{
-    DatasetError, DatasetSettings, FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY, Scene, SettingsError,
-    SyntheticScene, open_scene,
+    DatasetError, DatasetSettings, FrameStream, Framing, GroundTruth, ImageSize, MAX_FRAMES_IN_MEMORY, Scene,
+    SettingsError, SyntheticScene, open_scene,
 };
 use splatseg_geometry::{RgbdFrame, SegmentMap};
 use std::fs;
@@ -41,7 +42,10 @@ fn impossible_settings_are_told_on_opening() {
     };
     let default = DatasetSettings::default;
     assert_eq!(refused(DatasetSettings { stride: 0, ..default() }), SettingsError::ZeroStride);
-    assert!(matches!(refused(DatasetSettings { resize: "0x0".parse().ok(), ..default() }), SettingsError::Resize(_)));
+    assert!(matches!(
+        refused(DatasetSettings { resize: "0x0".parse().ok(), ..default() }),
+        SettingsError::Resize { .. }
+    ));
     assert_eq!(
         refused(DatasetSettings { crop_border: 12, ..default() }),
         SettingsError::CropTooLarge { border: 12, width: 32, height: 24 }
@@ -181,4 +185,18 @@ fn a_defect_in_a_reader_ends_the_stream_with_an_error() {
     assert_eq!(results.len(), 6);
     let error = results[5].as_ref().unwrap_err();
     assert!(error.index == 5 && error.to_string().contains("ended early"), "{error}");
+}
+
+proptest! {
+    #[test]
+    fn masks_and_labels_take_the_same_pixels(
+        (width, height) in (2usize..20, 2usize..20), (to_width, to_height) in (3usize..40, 3usize..40),
+        crop_border in 0usize..2, salt in any::<u32>(),
+    ) {
+        let id = |column: usize, row: usize| (salt >> ((3 * column + 7 * row) % 31)) & 1;
+        let labels = SegmentMap::from_fn(width, height, id);
+        let framing = Framing { resize: Some(ImageSize { width: to_width, height: to_height }), crop_border };
+        let framed = framing.apply_to_labels(labels.clone()).unwrap();
+        prop_assert_eq!(framing.apply_to_mask(&labels.mask_of(1)).unwrap(), framed.mask_of(1));
+    }
 }

@@ -53,7 +53,7 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    /// A pair whose `primary` ratio is to be large in sum; `secondary` decides where primary sums are equal.
+    /// A pair whose `primary` ratio counts towards the sum to be maximised; `secondary` decides between equal sums.
     pub fn new(row: u64, column: u64, primary: Ratio, secondary: Option<Ratio>) -> Self {
         let secondary = secondary.map_or(0, |ratio| ratio.fixed(SECONDARY_BITS));
         Self { row, column, weight: primary.fixed(PRIMARY_BITS) + secondary }
@@ -61,7 +61,7 @@ impl Candidate {
 }
 
 /// Indices of the candidates that are matched, increasing: no two share a row or a column and their summed weight is
-/// the largest. Rows and columns without candidates stay alone. No pair may be twice among the candidates.
+/// the largest. Rows and columns without candidates stay unmatched. No pair may occur twice.
 pub fn best_assignment(candidates: &[Candidate]) -> Vec<usize> {
     let mut rows: Vec<u64> = candidates.iter().map(|pair| pair.row).collect();
     let mut columns: Vec<u64> = candidates.iter().map(|pair| pair.column).collect();
@@ -87,7 +87,7 @@ pub fn best_assignment(candidates: &[Candidate]) -> Vec<usize> {
     let (_, long_of_short) = kuhn_munkres(&weights);
     let is_matched = |pair: &Candidate| {
         let (short, long) = position(pair);
-        // A weight of 0 is no overlap, not a match.
+        // A weight of 0 means no overlap, which is not a match.
         long_of_short[short] == long && pair.weight > 0
     };
     (0..candidates.len()).filter(|index| is_matched(&candidates[*index])).collect()

@@ -35,8 +35,9 @@ pub struct RgbdFrame<'a> {
     world_from_camera: Pose,
 }
 
-/// Images and intrinsics that do not belong together.
+/// Images and intrinsics that do not fit together.
 #[derive(Clone, Debug, Error, PartialEq)]
+#[non_exhaustive]
 pub enum FrameError {
     /// Colour and depth differ in size; both are `(width, height)`.
     #[error("colour is {}x{} but depth is {}x{}: they must be registered to the same pixels", color.0, color.1, depth.0, depth.1)]
@@ -54,7 +55,7 @@ pub enum FrameError {
         /// Size of the images.
         image: (usize, usize),
     },
-    /// The intrinsics are impossible.
+    /// The intrinsics are not those of a camera.
     #[error(transparent)]
     Intrinsics(#[from] IntrinsicsError),
 }
@@ -65,7 +66,7 @@ impl<'a> RgbdFrame<'a> {
     /// copied only if it has such values.
     ///
     /// # Errors
-    /// If the sizes of the images and of the intrinsics differ, or the intrinsics are impossible.
+    /// If the sizes of the images and of the intrinsics differ, or the intrinsics are not those of a camera.
     pub fn new(
         name: impl Into<String>,
         color: CowImage<'a, [u8; 3]>,

@@ -22,7 +22,7 @@ pub struct Intrinsics {
     pub height: usize,
 }
 
-/// Intrinsics that no camera can have.
+/// Intrinsics that are not those of a pinhole camera.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 #[error(
     "intrinsics fx={}, fy={}, cx={}, cy={} of a {}x{} image are not those of a camera: focal lengths must be \

@@ -1,7 +1,5 @@
 //! Binary masks, packed into bits so that overlaps are counted 64 pixels at a time.
 
-use crate::SegmentMap;
-
 /// A binary mask over an image of `height` × `width` pixels.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Mask {
@@ -38,18 +36,6 @@ impl Mask {
             }
         }
         mask
-    }
-
-    /// One mask for every id of a segment map but 0, by increasing id.
-    pub fn of_segments(map: &SegmentMap) -> Vec<(crate::SegmentId, Self)> {
-        let mut masks: std::collections::BTreeMap<_, _> =
-            map.areas().into_keys().map(|id| (id, Self::empty(map.width(), map.height()))).collect();
-        for (index, id) in map.pixels().iter().enumerate() {
-            if let Some(mask) = masks.get_mut(id) {
-                mask.words[index / 64] |= 1 << (index % 64);
-            }
-        }
-        masks.into_iter().collect()
     }
 
     /// Width in pixels.
@@ -95,6 +81,11 @@ impl Mask {
     /// Whether the mask has no pixel.
     pub fn is_empty(&self) -> bool {
         self.words.iter().all(|word| *word == 0)
+    }
+
+    /// Adds the pixel with this row-major index, which must lie inside the image.
+    pub(crate) fn insert_index(&mut self, index: usize) {
+        self.words[index / 64] |= 1 << (index % 64);
     }
 
     /// Row-major indices of the mask's pixels, increasing.
@@ -208,12 +199,5 @@ mod tests {
         square.set(2, 3, false);
         assert!(!square.contains(2, 3) && square.contains(4, 5));
         assert_eq!(Mask::empty(3, 3).centroid(), None);
-    }
-
-    #[test]
-    fn segments_become_masks_by_id() {
-        let map = SegmentMap::from_pixels(2, 2, vec![9, 0, 4, 9]).unwrap();
-        let masks = Mask::of_segments(&map);
-        assert_eq!(masks.iter().map(|(id, mask)| (*id, mask.area())).collect::<Vec<_>>(), [(4, 1), (9, 2)]);
     }
 }

@@ -16,8 +16,9 @@ pub struct Pose {
     translation: Vec3,
 }
 
-/// A matrix that is not a rigid transform.
+/// A matrix or quaternion that does not give a rigid transform.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
+#[non_exhaustive]
 pub enum PoseError {
     /// An entry is NaN or infinite. ScanNet writes `-inf` where tracking was lost.
     #[error("the pose is not finite (tracking was lost in this frame)")]
@@ -30,7 +31,7 @@ pub enum PoseError {
     LastRow(f32, f32, f32, f32),
     /// The upper left 3×3 part is not a rotation.
     #[error(
-        "the pose is not a rigid transform: its 3x3 part has determinant {determinant} and is off a rotation by {deviation}"
+        "the pose is not a rigid transform: its 3x3 part has determinant {determinant} and deviates from a rotation by {deviation}"
     )]
     NotRigid {
         /// Determinant of the 3×3 part; 1 for a rotation.

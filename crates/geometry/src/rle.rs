@@ -17,8 +17,9 @@ pub struct RunLengths {
     pub counts: Vec<u32>,
 }
 
-/// An RLE that describes no mask.
+/// An RLE that does not describe a mask.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum RleError {
     /// The runs do not fill the image.
     #[error("the RLE's runs add up to {found} pixels, but an image of {width}x{height} has {}", width * height)]
@@ -30,7 +31,7 @@ pub enum RleError {
         /// Stated height.
         height: usize,
     },
-    /// The compressed string has a character outside `0`..`o`, ends inside a number, or holds a number that is no count.
+    /// The compressed string has a character outside `0`..`o`, ends inside a number, or holds a number that is not a valid count.
     #[error("the compressed RLE is damaged at character {position}")]
     Damaged {
         /// Index of the offending character.

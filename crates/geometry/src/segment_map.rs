@@ -12,7 +12,7 @@ pub type SegmentMap = Image<SegmentId>;
 impl SegmentMap {
     /// The pixel count of every id in the map but 0, by increasing id.
     pub fn areas(&self) -> BTreeMap<SegmentId, usize> {
-        // Neighbours mostly share an id: counting runs spares most of the map look-ups.
+        // Neighbours mostly share an id: counting runs saves most of the map look-ups.
         let mut areas = BTreeMap::new();
         for run in self.pixels().chunk_by(|left, right| left == right) {
             if run[0] != 0 {
@@ -40,6 +40,20 @@ impl SegmentMap {
     }
 }
 
+impl Mask {
+    /// One mask for every id of a segment map but 0, by increasing id.
+    pub fn of_segments(map: &SegmentMap) -> Vec<(SegmentId, Self)> {
+        let mut masks: BTreeMap<_, _> =
+            map.areas().into_keys().map(|id| (id, Self::empty(map.width(), map.height()))).collect();
+        for (index, id) in map.pixels().iter().enumerate() {
+            if let Some(mask) = masks.get_mut(id) {
+                mask.insert_index(index);
+            }
+        }
+        masks.into_iter().collect()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -56,5 +70,12 @@ mod tests {
         let map = SegmentMap::from_pixels(3, 2, vec![7, 0, 7, 2, 7, 0]).unwrap();
         assert_eq!(map.areas().into_iter().collect::<Vec<_>>(), [(2, 1), (7, 3)]);
         assert_eq!(map.mask_of(7).area(), 3);
+    }
+
+    #[test]
+    fn segments_become_masks_by_id() {
+        let map = SegmentMap::from_pixels(2, 2, vec![9, 0, 4, 9]).unwrap();
+        let masks = Mask::of_segments(&map);
+        assert_eq!(masks.iter().map(|(id, mask)| (*id, mask.area())).collect::<Vec<_>>(), [(4, 1), (9, 2)]);
     }
 }

@@ -6,19 +6,20 @@ use splatseg_models::fastsam::FastSamError;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a frame could not be segmented, or a segmenter not be made. Sizes are `(width, height)` in pixels.
+/// Why a frame could not be segmented, or a segmenter could not be made. Sizes are `(width, height)` in pixels.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum SegmenterError {
     /// The network failed.
     #[error(transparent)]
     FastSam(#[from] FastSamError),
-    /// Masks were asked for that nobody had made.
+    /// Masks were requested for a frame for which none were prepared.
     #[error("no masks were prepared for frame {frame}")]
     NotPrepared {
         /// Name of the frame.
         frame: String,
     },
-    /// A setting has an impossible value.
+    /// A setting is out of range.
     #[error("segmenter setting {field} is {found}, expected {expected}")]
     Setting {
         /// The setting's name, e.g. `surface.noise`.
@@ -33,7 +34,7 @@ pub enum SegmenterError {
     Read {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// What the system reported.
         source: std::io::Error,
     },
     /// The path given as a folder of masks is something else.
@@ -42,7 +43,7 @@ pub enum SegmenterError {
         /// The path given.
         path: PathBuf,
     },
-    /// The folder holds no file that could be masks.
+    /// The folder holds no file that could contain masks.
     #[error("{path} holds neither .png nor .json files, expected one for each frame", path = path.display())]
     NoMasks {
         /// The folder.
@@ -53,21 +54,14 @@ pub enum SegmenterError {
     MissingFrame {
         /// Name of the frame.
         frame: String,
-        /// The id image that is not there.
+        /// The missing id image.
         png: PathBuf,
-        /// The annotation file that is not there.
+        /// The missing annotation file.
         json: PathBuf,
     },
-    /// An image file is damaged or of a kind that cannot hold ids.
-    #[error("{path} is no id image: found {found}, expected {expected}", path = path.display())]
-    IdImage {
-        /// The file.
-        path: PathBuf,
-        /// What it holds, or what its decoder said.
-        found: String,
-        /// What it should hold.
-        expected: &'static str,
-    },
+    /// An image of ids cannot be read, or is of a kind that cannot hold ids.
+    #[error(transparent)]
+    IdImage(Box<DatasetError>),
     /// An annotation file is damaged or incomplete.
     #[error("{path}: {field}: found {found}, expected {expected}", path = path.display())]
     Annotation {
@@ -115,7 +109,7 @@ pub enum SegmenterError {
         /// Size of the frame.
         expected: (usize, usize),
     },
-    /// Truth was asked for in a scene without true segments.
+    /// Ground truth was requested from a scene without true segments.
     #[error(
         "{scene} has no ground truth, which the oracle segmenter, the simulated tracker and ground-truth prompts need"
     )]
@@ -123,7 +117,7 @@ pub enum SegmenterError {
         /// Name of the scene.
         scene: String,
     },
-    /// Truth was asked for in a frame that the scene does not have or that is not labelled.
+    /// Ground truth was requested for a frame that the scene does not have or that is not labelled.
     #[error(
         "{scene} has no ground truth for frame {frame}, which the oracle segmenter, the simulated tracker and ground-truth prompts need"
     )]
@@ -141,7 +135,7 @@ pub enum SegmenterError {
         /// What is wrong.
         source: Box<DatasetError>,
     },
-    /// The true segments are not of the frame's size.
+    /// The true segments differ in size from the frame.
     #[error(
         "the ground truth of frame {frame} has {}x{} pixels, expected the frame's {}x{}",
         found.0, found.1, expected.0, expected.1
@@ -154,7 +148,7 @@ pub enum SegmenterError {
         /// Size of the frame.
         expected: (usize, usize),
     },
-    /// Another kind of segmenter, defined elsewhere, failed.
+    /// A [`Segmenter`](crate::Segmenter) that is defined elsewhere failed.
     #[error("{name}: {source}")]
     Other {
         /// Name of the segmenter.

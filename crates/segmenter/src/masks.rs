@@ -1,23 +1,14 @@
 //! Masks that another program computed, one file per frame.
 
 mod annotations;
-mod id_image;
 
 use crate::{Segmenter, SegmenterError};
+use splatseg_dataset::{Framing, ImageSize, read_segments_png};
 use splatseg_geometry::{Mask, RgbdFrame, ScoredMask};
 use std::path::{Path, PathBuf};
 
 /// Most pixels that a stored mask may have: files are not trusted with more memory than that.
 const MAX_PIXELS: usize = 1 << 26;
-
-/// How the video's images were changed before they became frames: masks of the original images go the same way.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FrameTransform {
-    /// `(width, height)` in pixels that the images were resized to; `None` if they kept their size.
-    pub resize: Option<(usize, usize)>,
-    /// Pixels cut off on each side, after resizing.
-    pub crop_border: usize,
-}
 
 /// A segmenter that replays stored masks.
 ///
@@ -29,35 +20,37 @@ pub struct FrameTransform {
 ///   or a list of run lengths; `score` is in [0, 1] and 1 if left out; other keys are ignored. Masks may overlap.
 ///
 /// Where both exist the PNG is read. Masks of the frame's size are used as they are; all others are resized (nearest
-/// pixel) and cropped by the [`FrameTransform`].
+/// pixel) and cropped by the [`Framing`], as the video's own images were.
 #[derive(Clone, Debug)]
 pub struct MaskFolder {
     folder: PathBuf,
-    transform: FrameTransform,
+    framing: Framing,
 }
 
 impl MaskFolder {
-    /// Opens a folder of masks made for a video whose frames are changed by `transform`.
+    /// Opens a folder of masks made for a video whose frames are resized and cropped by `framing`.
     ///
     /// # Errors
-    /// If `folder` cannot be read, is no folder, or holds neither `.png` nor `.json` files.
-    pub fn open(folder: impl Into<PathBuf>, transform: FrameTransform) -> Result<Self, SegmenterError> {
+    /// If `folder` cannot be read, is not a folder, or holds neither `.png` nor `.json` files.
+    pub fn open(folder: impl Into<PathBuf>, framing: Framing) -> Result<Self, SegmenterError> {
         let folder = folder.into();
         let read_error = |source| SegmenterError::Read { path: folder.clone(), source };
         if !std::fs::metadata(&folder).map_err(read_error)?.is_dir() {
             return Err(SegmenterError::NotAFolder { path: folder });
         }
-        if matches!(transform.resize, Some((width, height)) if width.saturating_mul(height) > MAX_PIXELS) {
+        if let Some(size @ ImageSize { width, height }) = framing.resize
+            && width.saturating_mul(height) > MAX_PIXELS
+        {
             return Err(SegmenterError::Setting {
                 field: "resize",
-                found: format!("{:?}", transform.resize),
+                found: size.to_string(),
                 expected: "at most 67108864 pixels in all",
             });
         }
         for entry in std::fs::read_dir(&folder).map_err(read_error)? {
             let name = entry.map_err(read_error)?.path();
             if name.extension().is_some_and(|extension| extension == "png" || extension == "json") {
-                return Ok(Self { folder, transform });
+                return Ok(Self { folder, framing });
             }
         }
         Err(SegmenterError::NoMasks { path: folder })
@@ -74,15 +67,16 @@ impl Segmenter for MaskFolder {
         let png = self.folder.join(format!("{}.png", frame.name()));
         let json = self.folder.join(format!("{}.json", frame.name()));
         let (path, stored) = if png.is_file() {
-            let masks = id_image::read(&png)?;
-            (png, masks)
+            let ids = read_segments_png(&png).map_err(|error| SegmenterError::IdImage(Box::new(error)))?;
+            let masks = Mask::of_segments(&ids).into_iter().map(|(_, mask)| ScoredMask { mask, score: 1.0 });
+            (png, masks.collect())
         } else if json.is_file() {
             let masks = annotations::read(&json)?;
             (json, masks)
         } else {
             return Err(SegmenterError::MissingFrame { frame: frame.name().to_owned(), png, json });
         };
-        let fit = Fit { path: &path, transform: self.transform, frame_size: (frame.width(), frame.height()) };
+        let fit = Fit { path: &path, framing: self.framing, frame_size: (frame.width(), frame.height()) };
         let mut masks = Vec::with_capacity(stored.len());
         for ScoredMask { mask, score } in stored {
             let mask = fit.apply(mask)?;
@@ -97,7 +91,7 @@ impl Segmenter for MaskFolder {
 /// Brings stored masks to the size of the frame.
 struct Fit<'a> {
     path: &'a Path,
-    transform: FrameTransform,
+    framing: Framing,
     frame_size: (usize, usize),
 }
 
@@ -107,23 +101,14 @@ impl Fit<'_> {
         if stored == self.frame_size {
             return Ok(mask);
         }
-        let border = self.transform.crop_border;
-        let resized = self.transform.resize.unwrap_or(stored);
-        let cut = |length: usize| length.saturating_sub(border.saturating_mul(2));
-        let found = (cut(resized.0), cut(resized.1));
-        if found != self.frame_size {
-            return Err(SegmenterError::WrongSize {
-                path: self.path.to_owned(),
-                stored,
-                found,
-                expected: self.frame_size,
-            });
+        // Where the crop leaves nothing, nothing can have the frame's size.
+        let found = self.framing.check(stored).unwrap_or((0, 0));
+        match self.framing.apply_to_mask(&mask) {
+            Ok(mask) if found == self.frame_size => Ok(mask),
+            _ => {
+                Err(SegmenterError::WrongSize { path: self.path.to_owned(), stored, found, expected: self.frame_size })
+            }
         }
-        // Pixel centres are at integer coordinates: the nearest source pixel of k is floor((k + 1/2) · from / to).
-        let nearest = |pixel: usize, from: usize, to: usize| (2 * pixel + 1) * from / (2 * to);
-        Ok(Mask::from_fn(found.0, found.1, |column, row| {
-            mask.contains(nearest(column + border, stored.0, resized.0), nearest(row + border, stored.1, resized.1))
-        }))
     }
 }
 

@@ -2,8 +2,9 @@
 
 use image::{ImageBuffer, Luma, Rgb};
 use proptest::prelude::*;
-use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, RunLengths, ScoredMask};
-use splatseg_segmenter::{FrameTransform, MaskFolder, Segmenter, SegmenterError};
+use splatseg_dataset::{Framing, ImageSize};
+use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, RunLengths, ScoredMask, SegmentMap};
+use splatseg_segmenter::{MaskFolder, Segmenter, SegmenterError};
 use std::path::Path;
 use tempfile::TempDir;
 
@@ -20,12 +21,12 @@ fn folder(extension: &str, content: &[u8]) -> TempDir {
     folder
 }
 
-fn read(folder: &Path, transform: FrameTransform, size: (usize, usize)) -> Result<Vec<ScoredMask>, SegmenterError> {
-    MaskFolder::open(folder, transform).unwrap().segment(&frame("7", size.0, size.1))
+fn read(folder: &Path, framing: Framing, size: (usize, usize)) -> Result<Vec<ScoredMask>, SegmenterError> {
+    MaskFolder::open(folder, framing).unwrap().segment(&frame("7", size.0, size.1))
 }
 
 fn read_json(text: &str) -> Result<Vec<ScoredMask>, SegmenterError> {
-    read(folder("json", text.as_bytes()).path(), FrameTransform::default(), (4, 5))
+    read(folder("json", text.as_bytes()).path(), Framing::default(), (4, 5))
 }
 
 /// Ids 0, 3 and 900 on 6×4 pixels.
@@ -46,7 +47,7 @@ fn id_folder() -> TempDir {
 
 #[test]
 fn ids_become_masks() {
-    let masks = read(id_folder().path(), FrameTransform::default(), (6, 4)).unwrap();
+    let masks = read(id_folder().path(), Framing::default(), (6, 4)).unwrap();
     assert_eq!(masks.iter().map(|m| (m.mask.area(), m.score)).collect::<Vec<_>>(), [(4, 1.0), (8, 1.0)]);
     assert!(masks[1].mask.contains(1, 3) && masks[0].mask.contains(2, 3));
 }
@@ -55,31 +56,44 @@ fn ids_become_masks() {
 fn eight_bit_ids_and_dotted_frame_names_are_read() {
     let folder = TempDir::new().unwrap();
     ImageBuffer::<Luma<u8>, _>::from_pixel(3, 2, Luma([255])).save(folder.path().join("a.b.color.png")).unwrap();
-    let mut segmenter = MaskFolder::open(folder.path(), FrameTransform::default()).unwrap();
+    let mut segmenter = MaskFolder::open(folder.path(), Framing::default()).unwrap();
     assert_eq!(segmenter.segment(&frame("a.b.color", 3, 2)).unwrap()[0].mask.area(), 6);
     assert_eq!(segmenter.name(), "masks");
 }
 
 #[test]
 fn masks_are_resized_and_cropped_like_the_video() {
-    let transform = FrameTransform { resize: Some((12, 8)), crop_border: 2 };
-    let masks = read(id_folder().path(), transform, (8, 4)).unwrap();
+    let framing = Framing { resize: Some(ImageSize { width: 12, height: 8 }), crop_border: 2 };
+    let masks = read(id_folder().path(), framing, (8, 4)).unwrap();
     let expected = Mask::from_fn(8, 4, |column, _| column < 2);
     assert_eq!(masks.len(), 1, "id 3 lies in the border that is cut off");
     assert_eq!(masks[0].mask, expected);
-    // Already of the frame's size: used as they are, whatever the transform.
-    assert_eq!(read(id_folder().path(), transform, (6, 4)).unwrap().len(), 2);
-    let halved = FrameTransform { resize: Some((3, 2)), crop_border: 0 };
-    assert_eq!(read(id_folder().path(), halved, (3, 2)).unwrap()[1].mask.area(), 2);
+    // Already of the frame's size: used as they are, whatever the framing.
+    assert_eq!(read(id_folder().path(), framing, (6, 4)).unwrap().len(), 2);
+    let halved = Framing { resize: Some(ImageSize { width: 3, height: 2 }), crop_border: 0 };
+    // Of two rows at the same distance the upper one counts, so id 3, in the lowest row alone, is not seen.
+    let masks = read(id_folder().path(), halved, (3, 2)).unwrap();
+    assert_eq!(masks.iter().map(|found| found.mask.clone()).collect::<Vec<_>>(), [Mask::from_fn(3, 2, |x, _| x == 0)]);
+}
+
+#[test]
+fn masks_and_labels_take_the_same_pixels_at_half_size() {
+    let folder = TempDir::new().unwrap();
+    ImageBuffer::<Luma<u8>, _>::from_raw(4, 1, vec![1u8, 2, 3, 4]).unwrap().save(folder.path().join("7.png")).unwrap();
+    let half = Framing { resize: Some(ImageSize { width: 2, height: 1 }), crop_border: 0 };
+    let labels = half.apply_to_labels(SegmentMap::from_pixels(4, 1, vec![1, 2, 3, 4]).unwrap()).unwrap();
+    let masks = read(folder.path(), half, (2, 1)).unwrap();
+    let expected: Vec<Mask> = Mask::of_segments(&labels).into_iter().map(|(_, mask)| mask).collect();
+    assert_eq!(masks.into_iter().map(|scored| scored.mask).collect::<Vec<_>>(), expected);
 }
 
 #[test]
 fn masks_of_another_size_are_refused() {
-    let transform = FrameTransform { resize: None, crop_border: 1 };
-    let error = read(id_folder().path(), transform, (5, 5)).unwrap_err().to_string();
+    let framing = Framing { resize: None, crop_border: 1 };
+    let error = read(id_folder().path(), framing, (5, 5)).unwrap_err().to_string();
     assert!(error.contains("7.png: masks of 6x4 pixels become 4x2"), "{error}");
     assert!(error.ends_with("expected 5x5 as in the frame"), "{error}");
-    let cut_away = FrameTransform { resize: None, crop_border: usize::MAX };
+    let cut_away = Framing { resize: None, crop_border: usize::MAX };
     assert!(matches!(read(id_folder().path(), cut_away, (5, 5)), Err(SegmenterError::WrongSize { found: (0, 0), .. })));
 }
 
@@ -101,7 +115,7 @@ fn coco_masks_may_be_compressed_or_not_and_overlap() {
 #[test]
 fn missing_frames_are_named_with_the_files_looked_for() {
     let folder = id_folder();
-    let mut segmenter = MaskFolder::open(folder.path(), FrameTransform::default()).unwrap();
+    let mut segmenter = MaskFolder::open(folder.path(), Framing::default()).unwrap();
     let error = segmenter.segment(&frame("8", 6, 4)).unwrap_err().to_string();
     let path = |name: &str| folder.path().join(name).display().to_string();
     assert!(error.contains("frame 8") && error.contains(&path("8.png")) && error.contains(&path("8.json")), "{error}");
@@ -110,12 +124,12 @@ fn missing_frames_are_named_with_the_files_looked_for() {
 #[test]
 fn folders_without_masks_are_refused() {
     let empty = TempDir::new().unwrap();
-    let open = |path: &Path| MaskFolder::open(path, FrameTransform::default());
+    let open = |path: &Path| MaskFolder::open(path, Framing::default());
     assert!(matches!(open(empty.path()), Err(SegmenterError::NoMasks { .. })));
     assert!(matches!(open(&empty.path().join("none")), Err(SegmenterError::Read { .. })));
     let folder = id_folder();
     assert!(matches!(open(&folder.path().join("7.png")), Err(SegmenterError::NotAFolder { .. })));
-    let huge = FrameTransform { resize: Some((usize::MAX, 2)), crop_border: 0 };
+    let huge = Framing { resize: Some(ImageSize { width: usize::MAX, height: 2 }), crop_border: 0 };
     assert!(matches!(MaskFolder::open(folder.path(), huge), Err(SegmenterError::Setting { .. })));
 }
 
@@ -123,13 +137,13 @@ fn folders_without_masks_are_refused() {
 fn damaged_images_are_refused() {
     let whole = std::fs::read(id_folder().path().join("7.png")).unwrap();
     for length in [0, 10, 30, whole.len() / 2] {
-        let error = read(folder("png", &whole[..length]).path(), FrameTransform::default(), (6, 4)).unwrap_err();
-        assert!(matches!(error, SegmenterError::IdImage { .. }), "{error}");
+        let error = read(folder("png", &whole[..length]).path(), Framing::default(), (6, 4)).unwrap_err();
+        assert!(matches!(error, SegmenterError::IdImage(_)), "{error}");
     }
     let folder = TempDir::new().unwrap();
     ImageBuffer::<Rgb<u8>, _>::new(6, 4).save(folder.path().join("7.png")).unwrap();
-    let error = read(folder.path(), FrameTransform::default(), (6, 4)).unwrap_err().to_string();
-    assert!(error.contains("7.png") && error.contains("Rgb8") && error.contains("grey PNG"), "{error}");
+    let error = read(folder.path(), Framing::default(), (6, 4)).unwrap_err().to_string();
+    assert!(error.contains("7.png") && error.contains("8-bit RGB") && error.contains("16-bit grey"), "{error}");
 }
 
 #[test]
@@ -137,16 +151,10 @@ fn lying_image_sizes_take_no_memory() {
     let mut png = std::fs::read(id_folder().path().join("7.png")).unwrap();
     // Width and height stand in bytes 16 to 24 of the header; its checksum in bytes 29 to 33.
     png[16..24].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff]);
-    let checksum = crc32(&png[12..29]);
+    let checksum = crc32fast::hash(&png[12..29]);
     png[29..33].copy_from_slice(&checksum.to_be_bytes());
-    let error = read(folder("png", &png).path(), FrameTransform::default(), (6, 4)).unwrap_err();
-    assert!(matches!(error, SegmenterError::ImpossibleSize { .. } | SegmenterError::IdImage { .. }), "{error}");
-}
-
-fn crc32(bytes: &[u8]) -> u32 {
-    !bytes.iter().fold(u32::MAX, |crc, byte| {
-        (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 })
-    })
+    let error = read(folder("png", &png).path(), Framing::default(), (6, 4)).unwrap_err();
+    assert!(matches!(error, SegmenterError::IdImage(_)), "{error}");
 }
 
 #[test]
@@ -196,6 +204,6 @@ proptest! {
     fn garbage_never_panics(text in r#"[\[\]{}":,0-9a-z\-]{0,60}"#, bytes in prop::collection::vec(any::<u8>(), 0..80)) {
         let _ = read_json(&text);
         let png = [b"\x89PNG\r\n\x1a\n".to_vec(), bytes].concat();
-        let _ = read(folder("png", &png).path(), FrameTransform::default(), (4, 5));
+        let _ = read(folder("png", &png).path(), Framing::default(), (4, 5));
     }
 }

@@ -23,7 +23,7 @@ use tar::{Archive, Entry, EntryType, PaxExtensions};
 const MAX_RATIO: u64 = 64;
 /// What an archive of any size may unpack to.
 const ALWAYS_UNPACKED_BYTES: u64 = 64 << 20;
-/// Longer member names are no data set's.
+/// No data set has longer member names.
 const MAX_NAME_BYTES: u64 = 64 << 10;
 
 /// Whether to go on to the next member.

@@ -47,7 +47,7 @@ impl ZippedImages {
             return Ok(None);
         }
         let member = archive.by_name(name).map_err(|error| damaged(error.into()))?;
-        // The stated size may lie: the buffer grows with what is really there, up to one byte more than is accepted.
+        // The stated size may be wrong: the buffer grows with the data, up to one byte more than is accepted.
         let mut bytes = Vec::new();
         member.take(MAX_MEMBER_BYTES + 1).read_to_end(&mut bytes).map_err(damaged)?;
         if bytes.len() as u64 > MAX_MEMBER_BYTES {

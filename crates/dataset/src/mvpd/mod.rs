@@ -13,7 +13,7 @@
 //!
 //! True ids are the `instance_id`s of `segments_info`, unique over the video's HM3D scene; where a video's annotations
 //! lack some (the authors' script can remove them), they are the ids in the mask images, unique over the video.
-//! Regions marked `iscrowd` are no instances and have id 0. Nothing is merged or filtered by area, as the authors'
+//! Regions marked `iscrowd` are not instances and have id 0. Nothing is merged or filtered by area, as the authors'
 //! loader can do.
 
 mod panoptic;
@@ -24,6 +24,7 @@ pub(crate) use video_path::looks_like;
 
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, SEGMENT_IMAGE};
 use crate::decode::{decode_color, decode_depth, decode_panoptic, encoded_size};
+use crate::scene::{FrameParts, entry, require_registered};
 use crate::{DatasetError, Scene};
 use glam::{DQuat, DVec3};
 use panoptic::{PanopticVideo, SegmentInfo};
@@ -106,14 +107,6 @@ impl MvpdScene {
         Ok(Self { files, views, masks: if has_masks { masks } else { BTreeMap::new() }, name })
     }
 
-    fn view(&self, index: usize) -> Result<&View, DatasetError> {
-        self.views.get(index).ok_or_else(|| DatasetError::NoSuchFrame {
-            scene: self.name.clone(),
-            index,
-            count: self.views.len(),
-        })
-    }
-
     fn member(&self, folder: &str, file: &str) -> String {
         video_files::member(folder, &self.name, file)
     }
@@ -192,25 +185,17 @@ impl Scene for MvpdScene {
     }
 
     fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
-        let view = self.view(index)?;
+        let view = entry(&self.views, index, &self.name)?;
         let (color_file, depth_file) = (self.member("imagesRGB", &view.color), self.member("imagesDEPTH", &view.depth));
         let (color_path, depth_path) = (self.files.path_of(&color_file), self.files.path_of(&depth_file));
         let pose = Pose::from_quaternion(view.position, view.rotation * BLENDER_FROM_OURS)
             .map_err(|source| DatasetError::Pose { path: color_path.clone(), source })?;
         let depth = decode_depth(&depth_path, &self.files.read(&depth_file, DEPTH_IMAGE)?, MILLIMETRES)?;
         let color = decode_color(&color_path, &self.files.read(&color_file, COLOR_IMAGE)?)?;
-        if depth.size() != color.size() {
-            return Err(DatasetError::SizesDiffer {
-                path: depth_path,
-                what: DEPTH_IMAGE,
-                found: depth.size(),
-                expected: color.size(),
-                expected_from: "its colour image",
-            });
-        }
-        let camera = PUBLISHED.resized(color.width(), color.height());
-        RgbdFrame::new(view.stem.clone(), color, depth, camera, pose)
-            .map_err(|source| DatasetError::Frame { name: view.stem.clone(), source })
+        require_registered(&color, &depth, &depth_path)?;
+        let intrinsics = PUBLISHED.resized(color.width(), color.height());
+        let name = view.stem.clone();
+        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: pose }.into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {
@@ -218,7 +203,7 @@ impl Scene for MvpdScene {
     }
 
     fn read_ground_truth(&self, index: usize) -> Result<Option<SegmentMap>, DatasetError> {
-        let view = self.view(index)?;
+        let view = entry(&self.views, index, &self.name)?;
         let Some(mask) = self.masks.get(&view.stem) else { return Ok(None) };
         let file = self.member("panomasksRGB", &mask.file);
         let path = self.files.path_of(&file);

@@ -1,12 +1,12 @@
-//! MVPd's annotations, of which one video is picked while reading: a split's file may have gigabytes.
+//! MVPd's annotations. One video is picked out while reading: the file of a split can have gigabytes.
 
-use super::video_path::VideoChoice;
 use crate::DatasetError;
 use crate::error::NAMES_IN_MESSAGES;
 use serde::de::{DeserializeSeed, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use std::fmt;
 use std::io::Read;
+use std::path::Path;
 
 /// One video and its annotations.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,6 +48,13 @@ pub(super) struct SegmentInfo {
     pub(super) iscrowd: u8,
 }
 
+/// The video to be read, and what to call things in messages.
+pub(super) struct VideoChoice<'a> {
+    pub(super) annotations: &'a Path,
+    pub(super) place: &'a Path,
+    pub(super) video: Option<&'a str>,
+}
+
 /// Reads the chosen video, or the only one, from a file of annotations, no further than needed.
 pub(super) fn read_panoptic(reader: impl Read, choice: &VideoChoice<'_>) -> Result<PanopticVideo, DatasetError> {
     let mut file = PanopticFile { videos: Picked::new(choice.video), annotations: Picked::new(choice.video) };
@@ -57,7 +64,7 @@ pub(super) fn read_panoptic(reader: impl Read, choice: &VideoChoice<'_>) -> Resu
         return Err(DatasetError::SeveralVideos { path: choice.place.to_owned(), videos: file.videos.first_names });
     }
     match read {
-        Err(_) if file.is_complete() => {} // Reading was ended on purpose.
+        Err(_) if file.is_complete() => {} // Reading was stopped early on purpose.
         read => read.map_err(|source| DatasetError::Json { path: choice.annotations.to_owned(), source })?,
     }
     let Some((name, video)) = file.videos.kept else {

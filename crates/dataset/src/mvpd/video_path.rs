@@ -1,6 +1,6 @@
 //! How one video of several is chosen.
 
-use super::panoptic::{PanopticVideo, read_panoptic};
+use super::panoptic::{PanopticVideo, VideoChoice, read_panoptic};
 use super::video_files::VideoFiles;
 use crate::DatasetError;
 use crate::archive::{MemberFlow, UnpackedMembers, for_each_member};
@@ -43,7 +43,7 @@ pub(crate) fn looks_like(path: &Path) -> bool {
 }
 
 impl VideoPath {
-    /// Understands `PLACE`, `PLACE:VIDEO` and `FOLDER/imagesRGB/VIDEO`. A path that is there is never taken apart at a
+    /// Understands `PLACE`, `PLACE:VIDEO` and `FOLDER/imagesRGB/VIDEO`. An existing path is never split at a
     /// colon.
     pub(super) fn parse(path: &Path) -> Option<Self> {
         if path.exists() {
@@ -110,13 +110,6 @@ impl VideoPath {
         let (Place::Folder(place) | Place::Archive(place)) = &self.place;
         VideoChoice { annotations, place, video: self.video.as_deref() }
     }
-}
-
-/// The video to be read, and what to call things in messages.
-pub(super) struct VideoChoice<'a> {
-    pub(super) annotations: &'a Path,
-    pub(super) place: &'a Path,
-    pub(super) video: Option<&'a str>,
 }
 
 impl Place {

@@ -3,9 +3,10 @@
 //! `<scene>_2d-instance-filt.zip` that holds it.
 
 use super::labels::InstanceLabels;
-use super::{Camera, Cameras, Measured};
+use super::{Camera, Cameras};
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, image_size, read_color, read_depth};
 use crate::listing::{NamePattern, NumberedFile, folder_name, numbered_files};
+use crate::scene::{FrameParts, entry};
 use crate::text::{PinholeMatrix, read_pose};
 use crate::{DatasetError, Scene};
 use splatseg_geometry::{RgbdFrame, SegmentMap};
@@ -46,14 +47,6 @@ impl ScannetScene {
         Ok(Self { name, folder: folder.to_owned(), frames, cameras, labels })
     }
 
-    fn frame(&self, index: usize) -> Result<&NumberedFile, DatasetError> {
-        self.frames.get(index).ok_or_else(|| DatasetError::NoSuchFrame {
-            scene: self.name.clone(),
-            index,
-            count: self.frames.len(),
-        })
-    }
-
     fn depth_path(&self, file: &NumberedFile) -> PathBuf {
         self.folder.join("depth").join(format!("{}.png", file.stem))
     }
@@ -83,12 +76,13 @@ impl Scene for ScannetScene {
     }
 
     fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
-        let file = self.frame(index)?;
+        let file = entry(&self.frames, index, &self.name)?;
         // The pose first: it is quick to read, and where tracking was lost nothing else is needed.
         let pose = read_pose(&self.folder.join("pose").join(format!("{}.txt", file.stem)))?;
         let depth = read_depth(&self.depth_path(file), MILLIMETRES)?;
-        let color = read_color(&file.path)?;
-        self.cameras.frame(Measured { name: &file.stem, timestamp: None, pose, color, depth })
+        let (intrinsics, color) = self.cameras.color_at_depth(read_color(&file.path)?, depth.size())?;
+        let name = file.stem.clone();
+        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: pose }.into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {
@@ -96,7 +90,7 @@ impl Scene for ScannetScene {
     }
 
     fn read_ground_truth(&self, index: usize) -> Result<Option<SegmentMap>, DatasetError> {
-        let file = self.frame(index)?;
+        let file = entry(&self.frames, index, &self.name)?;
         let Some(source) = &self.labels else { return Ok(None) };
         let Some((path, labels)) = source.read(&file.stem)? else { return Ok(None) };
         let depth = image_size(&self.depth_path(file), DEPTH_IMAGE)?;

@@ -2,7 +2,7 @@
 //!
 //! The frames are those of the depth camera. Colour of another size or camera (ScanNet: 1296x968 beside 640x480) is
 //! resampled to it, labels are taken from the nearest pixel; both stay as they are when the cameras are the same. The
-//! few millimetres between ScanNet's cameras are ignored, as everyone does.
+//! few millimetres between ScanNet's cameras are ignored, as is usual.
 
 mod exported;
 mod labels;
@@ -17,9 +17,8 @@ pub(crate) use sens::{LAYOUT as SENS_LAYOUT, looks_like as looks_like_sens};
 use crate::DatasetError;
 use crate::resample::{ImageMap, resample_color, resample_labels};
 use crate::text::PinholeMatrix;
-use splatseg_geometry::{Image, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Image, Intrinsics, SegmentMap};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 /// One of a scene's cameras, and the file that describes it.
 #[derive(Clone, Debug)]
@@ -35,15 +34,6 @@ struct Cameras {
     depth: Camera,
 }
 
-/// What was measured in one frame.
-struct Measured<'a> {
-    name: &'a str,
-    timestamp: Option<Duration>,
-    pose: Pose,
-    color: Image<[u8; 3]>,
-    depth: Image<f32>,
-}
-
 impl Cameras {
     /// From colour images of size `color` to depth images of size `depth`, both `(width, height)`.
     fn depth_from_color(&self, color: (usize, usize), depth: (usize, usize)) -> Result<ImageMap, DatasetError> {
@@ -52,18 +42,19 @@ impl Cameras {
         Ok(ImageMap::between_cameras(&color_camera, &depth_camera))
     }
 
-    /// The frame as the depth camera sees it.
-    fn frame(&self, measured: Measured<'_>) -> Result<RgbdFrame<'static>, DatasetError> {
-        let Measured { name, timestamp, pose, color, depth } = measured;
-        let map = self.depth_from_color(color.size(), depth.size())?;
+    /// The intrinsics of the depth camera and the colour image as it sees it. `depth` is the size of the depth image,
+    /// `(width, height)`.
+    fn color_at_depth(
+        &self,
+        color: Image<[u8; 3]>,
+        depth: (usize, usize),
+    ) -> Result<(Intrinsics, Image<[u8; 3]>), DatasetError> {
+        let map = self.depth_from_color(color.size(), depth)?;
         let color = if map.is_identity() { color } else { resample_color(&color, &map) };
-        let camera = self.depth.matrix.for_size(depth.size(), &self.depth.path)?;
-        RgbdFrame::new(name, color, depth, camera, pose)
-            .map(|frame| frame.with_timestamp(timestamp))
-            .map_err(|source| DatasetError::Frame { name: name.to_owned(), source })
+        Ok((self.depth.matrix.for_size(depth, &self.depth.path)?, color))
     }
 
-    /// Labels of the size of the depth image or of the colour image, brought to the depth camera. `path` is the labels'
+    /// Labels of the size of the depth image or of the colour image, resampled to the depth camera. `path` is the labels'
     /// file, for errors.
     fn labels_at_depth(
         &self,

@@ -2,9 +2,10 @@
 
 use super::labels::InstanceLabels;
 use super::sens_file::{ColorCompression, DepthCompression, SensFile, SensHeader};
-use super::{Camera, Cameras, Measured};
+use super::{Camera, Cameras};
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MAX_DEFLATE_RATIO, MAX_PIXELS, decode_color, metres};
 use crate::listing::names_in;
+use crate::scene::FrameParts;
 use crate::text::PinholeMatrix;
 use crate::{DatasetError, Scene};
 use flate2::read::ZlibDecoder;
@@ -21,7 +22,7 @@ const EXTENSION: &str = "sens";
 /// A ScanNet recording in its published container, version 4, with raw or zlib-compressed depth and raw, PNG or JPEG
 /// colour. Frames are named by their number, as in an exported scene.
 ///
-/// Nothing is unpacked to disk, and only the places of the frames are kept in memory (24 bytes each). Ground truth
+/// Nothing is unpacked to disk, and only the frames' offsets are kept in memory (24 bytes each). Ground truth
 /// comes from `<scene>_2d-instance-filt.zip` beside the recording, read as it is, or from a folder `instance-filt`.
 #[derive(Debug)]
 pub struct SensScene {
@@ -116,8 +117,8 @@ fn depth_of(bytes: &[u8], header: &SensHeader, path: &Path) -> Result<Image<f32>
     let stored = match header.depth_compression {
         DepthCompression::Raw => bytes,
         DepthCompression::Zlib => {
-            // One byte more than there should be shows that there is more, without unpacking the rest. The buffer grows
-            // with what is really there.
+            // Reading one byte more than expected shows that there is too much, without unpacking all of it. The buffer
+            // grows with the data and not with the stated size.
             let mut buffer = Vec::new();
             ZlibDecoder::new(bytes).take(expected as u64 + 1).read_to_end(&mut buffer).map_err(|source| {
                 DatasetError::Field {
@@ -186,7 +187,9 @@ impl Scene for SensScene {
         let stored = self.file.read_images(index)?.ok_or_else(|| self.no_such_frame(index))?;
         let depth = depth_of(&stored.depth, self.file.header(), &path)?;
         let color = color_of(&stored.color, self.file.header(), &path)?;
-        self.cameras.frame(Measured { name: &self.frame_name(index), timestamp: header.timestamp, pose, color, depth })
+        let (intrinsics, color) = self.cameras.color_at_depth(color, depth.size())?;
+        let (name, timestamp) = (self.frame_name(index), header.timestamp);
+        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: pose }.into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

@@ -91,7 +91,7 @@ pub(super) struct SensFile {
 }
 
 impl SensFile {
-    /// Reads the header and walks over the frames' headers, without their data.
+    /// Reads the header and the frames' headers, skipping their data.
     pub(super) fn open(path: &Path) -> Result<Self, DatasetError> {
         let io_error = |source: std::io::Error| match source.kind() {
             std::io::ErrorKind::NotFound => DatasetError::NotFound { path: path.to_owned() },
@@ -154,7 +154,7 @@ impl SensFile {
     }
 }
 
-/// The first walk over a recording.
+/// The first pass over a recording.
 struct Walk<'a> {
     path: &'a Path,
     file: &'a mut File,
@@ -188,7 +188,7 @@ impl Walk<'_> {
         Ok(bytes)
     }
 
-    /// Goes past bytes that are not needed now. `what` names them.
+    /// Skips bytes that are not needed now. `what` names them.
     fn skip(&mut self, bytes: u64, what: impl Fn() -> String) -> Result<(), DatasetError> {
         if self.len - self.position < bytes {
             return Err(self.ends_early(what(), bytes));
@@ -247,7 +247,7 @@ impl Walk<'_> {
         Ok((width as usize, height as usize))
     }
 
-    /// Finds the place of the next frame and goes past it.
+    /// Finds the offset of the next frame and skips it.
     fn frame_span(&mut self, index: u64) -> Result<FrameSpan, DatasetError> {
         let name = || format!("frame {index}");
         let offset = self.position;

@@ -13,6 +13,7 @@ pub use noise::Noise;
 pub use settings::{CameraMotion, SyntheticSettings};
 pub(crate) use settings::{LAYOUT, looks_like};
 
+use crate::scene::FrameParts;
 use crate::{DatasetError, Scene};
 use glam::Vec2;
 use noise::{Sample, as_kinect_sees, color_bytes};
@@ -24,7 +25,7 @@ use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 /// Focal length in image widths: a field of view of 58 degrees, a Kinect's.
 const FOCAL_WIDTHS: f32 = 0.9;
 
-/// A room with textured boxes, spheres and cylinders through which a camera walks in rounds, so that things leave the
+/// A room with textured boxes, spheres and cylinders through which a camera walks in a circle, so that objects leave the
 /// image and come back. Frames are rendered when they are read, the same ones for the same settings. With
 /// [`SyntheticSettings::moving`] some things slide, vanish or appear, in colour, depth and ids alike.
 ///
@@ -156,9 +157,8 @@ impl Scene for SyntheticScene {
         };
         let color = Image::from_fn(width, height, |column, row| measured[row * width + column].0);
         let depth = Image::from_fn(width, height, |column, row| measured[row * width + column].1);
-        let name = self.frame_name(index);
-        RgbdFrame::new(name.clone(), color, depth, self.intrinsics, self.camera_pose(index))
-            .map_err(|source| DatasetError::Frame { name, source })
+        let (name, intrinsics, world_from_camera) = (self.frame_name(index), self.intrinsics, self.camera_pose(index));
+        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera }.into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

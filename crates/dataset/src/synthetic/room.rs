@@ -1,4 +1,4 @@
-//! What stands where in the synthetic room, and how the camera walks through it. World coordinates, metres, z up, the
+//! The layout of the synthetic room and the camera's path through it. World coordinates, metres, z up, the
 //! origin in the middle of the floor.
 
 use super::motion::Mover;
@@ -18,7 +18,7 @@ const WALL: f32 = 0.2;
 const GAP: f32 = 0.06;
 /// The camera walks on a circle of this radius...
 const WALK_RADIUS: f32 = 1.0;
-/// ...and things keep this far from its line, so that it never walks through one.
+/// ...and objects keep this distance from its path, so that it never passes through one.
 const WALK_MARGIN: f32 = 0.45;
 /// Frames of one round. Positions move on by frames, so a longer video walks further, and what left comes back.
 const FRAMES_PER_ROUND: f32 = 48.0;

@@ -7,7 +7,7 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-/// How the synthetic room is asked for, for messages.
+/// How to name a synthetic room, for messages.
 pub(crate) const LAYOUT: &str = "the word synthetic, or synthetic:frames=60,seed=0,width=320,height=240,objects=20,noise=none \
                                  with any of these settings (noise: none or kinect), moving=2 (the number of moving things) \
                                  and camera=static";
@@ -48,10 +48,10 @@ pub struct SyntheticSettings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CameraMotion {
-    /// It walks in rounds of 48 frames.
+    /// It walks in a circle, 48 frames a round.
     #[default]
     Walk,
-    /// It stays where the walk begins.
+    /// It stays at the start of the walk.
     Static,
 }
 
@@ -62,7 +62,7 @@ impl Default for SyntheticSettings {
     }
 }
 
-/// Whether a path asks for the synthetic room.
+/// Whether a path names a synthetic room.
 pub(crate) fn looks_like(path: &Path) -> bool {
     path.to_str()
         .and_then(|text| text.strip_prefix(PREFIX))

@@ -1,4 +1,4 @@
-//! What belongs together by its time.
+//! Pairing by time.
 
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;

@@ -5,7 +5,7 @@ use crate::text::{read_text, shortened};
 use glam::{DQuat, DVec3};
 use std::path::{Component, Path, PathBuf};
 
-/// Larger files list no sequence: a day at 120 poses a second has 10 million.
+/// Larger files are not lists of a sequence: a day at 120 poses a second has 10 million.
 const MAX_LIST_BYTES: u64 = 1 << 30;
 
 /// An image and when it was taken.
@@ -57,7 +57,7 @@ pub(super) fn read_trajectory(path: &Path) -> Result<Vec<TimedPose>, DatasetErro
     Ok(poses)
 }
 
-/// A line that is no comment.
+/// A line that is not a comment.
 struct Line<'a> {
     /// From 1.
     number: usize,

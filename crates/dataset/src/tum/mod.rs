@@ -13,6 +13,7 @@ mod lists;
 
 use crate::decode::{read_color, read_depth};
 use crate::listing::folder_name;
+use crate::scene::{FrameParts, entry, require_registered};
 use crate::text::{PinholeMatrix, shortened};
 use crate::{DatasetError, Scene};
 use associate::{associate, nearest};
@@ -31,7 +32,7 @@ const DEPTH_LIST: &str = "depth.txt";
 const TRAJECTORY: &str = "groundtruth.txt";
 const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
 const UNITS_PER_METRE: f32 = 5000.0;
-/// Times further apart do not belong together, seconds.
+/// Images and poses further apart in time are not paired, seconds.
 const MAX_SECONDS_APART: f64 = 0.02;
 
 const fn camera(fx: f32, fy: f32, cx: f32, cy: f32) -> Intrinsics {
@@ -76,7 +77,7 @@ impl TumScene {
     /// Reads the lists of a sequence's folder and pairs colour, depth and poses, in order of time.
     ///
     /// # Errors
-    /// If a list is missing or damaged or names a colour image twice, if nothing belongs together, or if the intrinsics
+    /// If a list is missing or damaged or names a colour image twice, if nothing can be paired, or if the intrinsics
     /// are damaged.
     pub fn open(folder: &Path) -> Result<Self, DatasetError> {
         let color = read_file_list(folder, COLOR_LIST, "list of colour images")?;
@@ -127,7 +128,7 @@ impl TumScene {
     }
 }
 
-/// What belongs together, in order of time.
+/// Colour, depth and poses paired by time, in order of time.
 fn frames_of(color: &[ListedFile], depth: &[ListedFile], trajectory: &[TimedPose]) -> Vec<TumFrame> {
     let times = |list: &[ListedFile]| list.iter().map(|file| file.seconds).collect::<Vec<f64>>();
     let pose_times: Vec<f64> = trajectory.iter().map(|pose| pose.seconds).collect();
@@ -164,11 +165,7 @@ impl Scene for TumScene {
     }
 
     fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
-        let frame = self.frames.get(index).ok_or_else(|| DatasetError::NoSuchFrame {
-            scene: self.name.clone(),
-            index,
-            count: self.frames.len(),
-        })?;
+        let frame = entry(&self.frames, index, &self.name)?;
         // The benchmark's camera axes are ours.
         let pose = Pose::from_quaternion(frame.pose.position, frame.pose.rotation).map_err(|source| {
             let trajectory = self.folder.join(TRAJECTORY);
@@ -176,19 +173,9 @@ impl Scene for TumScene {
         })?;
         let depth = read_depth(&frame.depth, UNITS_PER_METRE)?;
         let color = read_color(&frame.color)?;
-        if depth.size() != color.size() {
-            return Err(DatasetError::SizesDiffer {
-                path: frame.depth.clone(),
-                what: "depth image",
-                found: depth.size(),
-                expected: color.size(),
-                expected_from: "its colour image",
-            });
-        }
-        let camera = self.camera(color.size())?;
-        RgbdFrame::new(frame.name.clone(), color, depth, camera, pose)
-            .map(|read| read.with_timestamp(frame.timestamp))
-            .map_err(|source| DatasetError::Frame { name: frame.name.clone(), source })
+        require_registered(&color, &depth, &frame.depth)?;
+        let (name, timestamp, intrinsics) = (frame.name.clone(), frame.timestamp, self.camera(color.size())?);
+        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: pose }.into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

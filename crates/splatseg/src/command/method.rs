@@ -9,8 +9,7 @@ use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::fastsam::FastSamPredictor;
 use splatseg_models::sam2::Sam2Network;
 use splatseg_segmenter::{
-    FastSamSegmenter, FirstAppearances, FrameTransform, GraphSegmenter, MaskFolder, OracleSegmenter, SceneGroundTruth,
-    Segmenter,
+    FastSamSegmenter, FirstAppearances, GraphSegmenter, MaskFolder, OracleSegmenter, SceneGroundTruth, Segmenter,
 };
 use splatseg_tracking::{
     FastSam, FastSamSplat, FastSpam, Method, PromptSource, Sam2Baseline, Sam2Splat, Sam2Tracker, SimTracker, Tracker,
@@ -137,11 +136,7 @@ pub fn make_segmenter(settings: &Settings, scene: &Arc<dyn Scene>) -> Result<Box
             let folder = settings.masks.as_ref().ok_or_else(|| {
                 Failure::input("--segmenter masks needs --masks DIR, a folder with one .png or .json file per frame")
             })?;
-            let transform = FrameTransform {
-                resize: settings.dataset.resize.map(|size| (size.width, size.height)),
-                crop_border: settings.dataset.crop_border,
-            };
-            Ok(Box::new(MaskFolder::open(folder, transform).map_err(Failure::input)?))
+            Ok(Box::new(MaskFolder::open(folder, settings.dataset.framing()).map_err(Failure::input)?))
         }
         SegmenterName::Oracle => {
             let segmenter = OracleSegmenter::new(ground_truth(settings, scene)?, &settings.oracle, settings.seed);
