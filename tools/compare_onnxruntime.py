@@ -2,8 +2,8 @@
 """Times and peak memory of FastSAM's network: ours against ONNX Runtime, same weights, same image size, in one run.
 
 Needs `pip install ultralytics onnx onnxscript onnxruntime` and our runner:
-    cargo build --release -p splatseg-models --example fastsam_speed
-    python tools/compare_onnxruntime.py --runner target/release/examples/fastsam_speed
+    cargo build --release --package xtask
+    python tools/compare_onnxruntime.py --xtask target/release/xtask
 
 The weights are random (a network's speed does not depend on them). The first run writes them to --folder as an Ultralytics
 checkpoint and as ONNX. Each round starts a fresh process of either side, one after the other, so that both see the same
@@ -87,7 +87,7 @@ def child(command: list, environment: dict | None = None) -> dict:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runner", type=Path, default=Path("target/release/examples/fastsam_speed"))
+    parser.add_argument("--xtask", type=Path, default=Path("target/release/xtask"))
     parser.add_argument("--folder", type=Path, default=Path("target/compare"), help="where the weights are kept")
     parser.add_argument("--model", default="yolov8x-seg", help="yolov8{n,s,m,l,x}-seg")
     parser.add_argument("--size", type=int, default=640, help="height and width of the image")
@@ -105,7 +105,7 @@ def main() -> None:
         flags = ["--size", settings.size, "--passes", settings.passes, "--threads", settings.threads]
         results["ONNX Runtime"].append(child([sys.executable, __file__, "--onnxruntime-child", graph, *flags]))
         threads = {"RAYON_NUM_THREADS": str(settings.threads)}
-        ours = [settings.runner, checkpoint, settings.size, settings.passes]
+        ours = [settings.xtask, "fastsam-speed", checkpoint, settings.size, settings.passes]
         results["splatseg"].append(child(ours, threads))
     print(f"{settings.model}, {settings.size}×{settings.size}, batch 1, {settings.threads} threads; ", end="")
     print(f"{settings.rounds} processes each in turn, {settings.passes} passes a process")

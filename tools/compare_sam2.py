@@ -2,8 +2,8 @@
 """Times SAM 2.1 of splatseg beside the official PyTorch code, on the same machine, one after the other.
 
     pip install torch torchvision sam2        # in a virtual environment
-    cargo build --release -p splatseg-models --example sam2_speed
-    python tools/compare_sam2.py ../shared/golden/sam2 --size base_plus --objects 1 5 20
+    cargo build --release --package xtask
+    python tools/compare_sam2.py crates/models/tests/data/sam2 --size base_plus --objects 1 5 20
 
 Weights are random: speed does not depend on them. Both follow the same number of objects, prompted with masks on the
 first frame, for as many frames as fill the memory (7); the minimum over the frames after that counts, so that other work
@@ -59,7 +59,7 @@ def official(arguments, objects):
                 tracked.append(now - started)
             started = now
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-    print(json.dumps({"encoder_s": encoder, "tracked_frame_s": tracked, "peak_memory_mb": peak}))
+    print(json.dumps({"encoder_s": encoder, "tracked_frame_s": tracked, "peak_memory_mib": peak}))
 
 
 def last_json(command):
@@ -69,13 +69,13 @@ def last_json(command):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("manifests", type=Path)
+    parser.add_argument("manifests", type=Path, help="folder of manifest_SIZE.json")
     parser.add_argument("--size", choices=CONFIGS, default="base_plus")
     parser.add_argument("--image-size", type=int, default=1024)
     parser.add_argument("--objects", type=int, nargs="+", default=[1, 5, 20])
     parser.add_argument("--frames", type=int, default=9)
     parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--binary", default="target/release/examples/sam2_speed")
+    parser.add_argument("--xtask", default="target/release/xtask")
     parser.add_argument("--official-only", type=int, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.official_only is not None:
@@ -87,16 +87,17 @@ def main():
             + ["--official-only", str(objects)]
         )
         ours = last_json(
-            ["env", f"RAYON_NUM_THREADS={arguments.threads}", arguments.binary, str(arguments.manifests)]
-            + [arguments.size, str(arguments.image_size), str(objects), str(arguments.frames)]
+            ["env", f"RAYON_NUM_THREADS={arguments.threads}", arguments.xtask, "sam2-speed"]
+            + [str(arguments.manifests / f"manifest_{arguments.size}.json"), "--image-size", str(arguments.image_size)]
+            + ["--objects", str(objects), "--frames", str(arguments.frames)]
         )
         row = {"size": arguments.size, "image_size": arguments.image_size, "objects": objects}
         for name, result in (("official", theirs), ("splatseg", ours)):
             row[f"{name}_encoder_s"] = round(min(result["encoder_s"]), 3)
             if result["tracked_frame_s"]:
                 row[f"{name}_tracked_frame_s"] = round(min(result["tracked_frame_s"][min(6, arguments.frames - 2) :]), 3)
-            row[f"{name}_peak_memory_mb"] = result["peak_memory_mb"]
-        row["splatseg_memory_bank_mb"] = round(ours["memory_bank_mb"], 1)
+            row[f"{name}_peak_memory_mib"] = result["peak_memory_mib"]
+        row["splatseg_memory_bank_mib"] = round(ours["memory_bank_mib"], 1)
         print(json.dumps(row), flush=True)
 
 

@@ -1,26 +1,29 @@
 //! What the baseline without memory scores on the oracle's masks: the calibration of the preset `fastsam-like`
 //! (`docs/ORACLE.md`).
-//!
-//! `cargo run --release -p splatseg-tracking --example calibrate_oracle -- SCENE... [--seeds N] [--settings JSON]`
-//!
-//! Scenes are read with the paper's 5-pixel border cropped. JSON are oracle settings, e.g.
-//! `'{"preset": "fastsam-like", "miss_rate": 0.1}'`; without it the preset is used as it is.
 
+use anyhow::{Context, Result, bail};
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, StreamedFrame, open_scene};
 use splatseg_geometry::{Mask, RgbdFrame};
 use splatseg_metrics::{DatasetScore, FramePrediction, Protocol, ScoreSettings, Scores, VideoScorer};
 use splatseg_segmenter::{OraclePreset, OracleSegmenter, OracleSettings};
 use splatseg_tracking::{FastSam, FastSamSettings, Method};
 use std::collections::HashMap;
-use std::error::Error;
 use std::sync::Arc;
 
-type Result<T> = std::result::Result<T, Box<dyn Error>>;
-
-struct Options {
+/// Score the oracle's masks without a memory, for its calibration
+///
+/// Scenes are read with the paper's 5-pixel border cropped.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Labelled scenes
+    #[arg(required = true)]
     scenes: Vec<String>,
-    seeds: u64,
-    settings: OracleSettings,
+    /// Number of seeds
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..))]
+    seeds: u16,
+    /// Settings of the oracle in place of the preset, e.g. '{"preset": "fastsam-like", "miss_rate": 0.1}'
+    #[arg(long, value_name = "JSON")]
+    settings: Option<String>,
 }
 
 /// A scene in memory, for going through it once for each seed.
@@ -29,16 +32,19 @@ struct Video {
     frames: Arc<Vec<StreamedFrame>>,
 }
 
-fn main() -> Result<()> {
-    let options = options()?;
-    let videos = options.scenes.iter().map(|path| read(path)).collect::<Result<Vec<Video>>>()?;
-    println!("{}", serde_json::to_string(&options.settings.resolved()?)?);
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let settings = match &arguments.settings {
+        Some(text) => serde_json::from_str(text).context("--settings")?,
+        None => OracleSettings { preset: OraclePreset::FastsamLike, ..OracleSettings::default() },
+    };
+    let videos = arguments.scenes.iter().map(|path| read(path)).collect::<Result<Vec<Video>>>()?;
+    println!("{}", serde_json::to_string(&settings.resolved()?)?);
     describe(&videos);
     println!("{:<8} {:<7} {:>6} {:>6} {:>6} {:>6}  {HEADINGS}", "protocol", "seed", "k=1", "5", "10", "15");
     for protocol in [Protocol::Paper, Protocol::Strict] {
         let mut rows = Vec::new();
-        for seed in 0..options.seeds {
-            let (row, masks_per_frame) = scored(&videos, &options.settings, seed, protocol)?;
+        for seed in 0..u64::from(arguments.seeds) {
+            let (row, masks_per_frame) = scored(&videos, &settings, seed, protocol)?;
             println!("{:<8} {seed:<7} {}  masks/frame {masks_per_frame:.1}", format!("{protocol:?}"), text(&row));
             rows.push(row);
         }
@@ -54,31 +60,13 @@ const HEADINGS: &str = "   VSQ    STQ     AQ     SQ";
 /// The paper's FastSAM on ScanNet-MV, in the columns of the table.
 const PAPERS_FASTSAM: [f64; 8] = [46.98, 39.19, 34.28, 31.21, 37.92, 28.17, 19.74, 40.19];
 
-fn options() -> Result<Options> {
-    let settings = OracleSettings { preset: OraclePreset::FastsamLike, ..OracleSettings::default() };
-    let mut options = Options { scenes: Vec::new(), seeds: 5, settings };
-    let mut arguments = std::env::args().skip(1);
-    while let Some(argument) = arguments.next() {
-        let mut value = || arguments.next().ok_or(format!("{argument} needs a value"));
-        match argument.as_str() {
-            "--seeds" => options.seeds = value()?.parse()?,
-            "--settings" => options.settings = serde_json::from_str(&value()?)?,
-            _ => options.scenes.push(argument),
-        }
-    }
-    if options.scenes.is_empty() || options.seeds == 0 {
-        return Err("expected SCENE... [--seeds N] [--settings JSON]".into());
-    }
-    Ok(options)
-}
-
 fn read(path: &str) -> Result<Video> {
     let dataset = DatasetSettings { crop_border: 5, ..DatasetSettings::default() };
     let scene = open_scene(path, &dataset)?;
     let name = scene.name().to_owned();
     let frames = FrameStream::open(scene, &dataset, GroundTruth::Read)?.collect::<std::result::Result<Vec<_>, _>>()?;
     if frames.iter().any(|frame| frame.ground_truth.is_none()) {
-        return Err(format!("{path}: not every frame is labelled").into());
+        bail!("{path}: not every frame is labelled");
     }
     Ok(Video { name, frames: Arc::new(frames) })
 }
@@ -102,7 +90,7 @@ fn scored(videos: &[Video], settings: &OracleSettings, seed: u64, protocol: Prot
         let mut scorer = VideoScorer::new(score_settings);
         for StreamedFrame { frame, ground_truth, .. } in video.frames.iter() {
             let masks: Vec<Mask> = method.process(frame)?.masks.into_iter().map(|(_, mask)| mask).collect();
-            let truth = ground_truth.as_ref().ok_or("a frame without labels")?;
+            let truth = ground_truth.as_ref().context("a frame without labels")?;
             scorer.push(truth, &FramePrediction::Unlinked(&masks))?;
             mask_count += masks.len();
             frame_count += 1;

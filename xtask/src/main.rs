@@ -1,0 +1,34 @@
+//! Measurements for those who work on splatseg, none of which a user needs: `cargo xtask --help`.
+
+mod calibrate_oracle;
+mod fastsam_speed;
+mod graph_quality;
+mod peak_memory;
+mod sam2_speed;
+
+use clap::{Parser, Subcommand};
+
+/// Measurements for those who work on splatseg
+#[derive(Parser)]
+#[command(name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    GraphQuality(graph_quality::Arguments),
+    CalibrateOracle(calibrate_oracle::Arguments),
+    FastsamSpeed(fastsam_speed::Arguments),
+    Sam2Speed(sam2_speed::Arguments),
+}
+
+fn main() -> anyhow::Result<()> {
+    match Arguments::parse().task {
+        Task::GraphQuality(arguments) => graph_quality::run(&arguments),
+        Task::CalibrateOracle(arguments) => calibrate_oracle::run(&arguments),
+        Task::FastsamSpeed(arguments) => fastsam_speed::run(&arguments),
+        Task::Sam2Speed(arguments) => sam2_speed::run(&arguments),
+    }
+}
