@@ -97,7 +97,7 @@ fn scored(videos: &[Video], settings: &OracleSettings, seed: u64, protocol: Prot
         }
         total.add(&scorer.finish())?;
     }
-    Ok((columns(&total.total()), mask_count as f64 / frame_count as f64))
+    Ok((columns(&total.total()), mask_count as f64 / f64::from(frame_count)))
 }
 
 /// An oracle that knows the labels in memory.

@@ -47,3 +47,7 @@ pub use sevenscenes::SevenScenesScene;
 pub use stream::{FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY, StreamedFrame};
 pub use synthetic::{CameraMotion, Motion, Mover, Noise, SyntheticScene, SyntheticSettings};
 pub use tum::TumScene;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

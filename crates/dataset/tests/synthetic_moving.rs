@@ -75,7 +75,7 @@ fn kinds_take_turns_and_fewer_movers_are_the_first_of_more() {
 #[test]
 fn a_pushed_thing_moves_and_the_rest_of_the_image_stays() {
     let scene = room("synthetic:frames=40,seed=1,width=160,height=120,moving=1,camera=static");
-    let (id, _) = only(scene.movers(), |motion| matches!(motion, Motion::Slide { .. }).then_some(()));
+    let (id, ()) = only(scene.movers(), |motion| matches!(motion, Motion::Slide { .. }).then_some(()));
     let mut before = read(&scene, 0);
     for index in 1..12 {
         let now = read(&scene, index);

@@ -46,6 +46,7 @@ impl Intrinsics {
     }
 
     /// The camera of the same image resized to `width` × `height` pixels.
+    #[must_use]
     pub fn resized(&self, width: usize, height: usize) -> Self {
         let scale_x = width as f32 / self.width as f32;
         let scale_y = height as f32 / self.height as f32;
@@ -60,6 +61,7 @@ impl Intrinsics {
     }
 
     /// The camera of the same image without `border` pixels on each side.
+    #[must_use]
     pub fn cropped(&self, border: usize) -> Self {
         Self {
             cx: self.cx - border as f32,

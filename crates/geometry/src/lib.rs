@@ -33,3 +33,7 @@ pub use mask_runs::MaskRuns;
 pub use pose::{Pose, PoseError};
 pub use rle::{RleError, RunLengths};
 pub use segment_map::{SegmentId, SegmentMap};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

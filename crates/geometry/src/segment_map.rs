@@ -23,6 +23,7 @@ impl SegmentMap {
     }
 
     /// The map without the segments of fewer than `min_area` pixels.
+    #[must_use]
     pub fn without_small(&self, min_area: usize) -> Self {
         let areas = self.areas();
         let mut kept = self.clone();

@@ -32,3 +32,7 @@ pub use ply::{SplatContent, SplatContentView, SplatFile, SplatFileError, SplatFi
 pub use recall::Recall;
 pub use settings::{GrowthRule, MemoryKind, MemorySettings, SettingsError};
 pub use splat_memory::{ABSTAIN, FrameUpdate, MAX_SEGMENT_ID, MemoryError, SplatMemory};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -36,3 +36,7 @@ pub use scorer::VideoScorer;
 pub use settings::{Protocol, ScoreSettings, Void};
 pub use stq::StqCounts;
 pub use vsq::{VsqCounts, WindowLength};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

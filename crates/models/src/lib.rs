@@ -9,3 +9,7 @@ pub mod sam2;
 
 #[cfg(test)]
 extern crate self as splatseg_models;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -11,6 +11,7 @@ pub struct PixelSet([u64; 4]);
 
 impl PixelSet {
     /// The pixels that are not in the other set.
+    #[must_use]
     pub fn without(&self, other: &Self) -> Self {
         Self(std::array::from_fn(|word| self.0[word] & !other.0[word]))
     }

@@ -25,3 +25,7 @@ pub use camera::{Camera, RasterLimits};
 pub use gaussians::{Balls, Gaussians, Shape, Splats};
 pub use projection::{ProjectedGaussian, project, project_one};
 pub use view::{View, ViewTiming};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -27,20 +27,8 @@ pub use oracle::{
     GroundTruthSource, OracleErrorModel, OraclePreset, OracleSegmenter, OracleSettings, SceneGroundTruth,
 };
 pub use prepared::PreparedMasks;
+pub use segmenter::Segmenter;
 
-use splatseg_geometry::{RgbdFrame, ScoredMask};
-
-/// Finds the segments of single frames.
-///
-/// A segmenter of your own implements this trait and reports its own errors as [`SegmenterError::Other`].
-pub trait Segmenter: Send {
-    /// A short name for tables and summaries, e.g. `graph`.
-    fn name(&self) -> &str;
-
-    /// The segments of `frame`: masks of the frame's size, which may overlap, in any order. Empty masks are left out,
-    /// so a frame in which nothing was found gives an empty list.
-    ///
-    /// # Errors
-    /// [`SegmenterError`] says why the frame could not be segmented.
-    fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError>;
-}
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -165,7 +165,7 @@ fn damaged_annotations_say_what_is_wrong() {
         ("3", "file: found 3, expected a list of annotations"),
         (r#"{"images": []}"#, "file: found an object, expected a list of annotations"),
         ("[3]", "annotation 0: found invalid type"),
-        (&format!(r#"[{{{rle}}}, {{}}]"#), "annotation 1: found missing field `segmentation`"),
+        (&format!(r"[{{{rle}}}, {{}}]"), "annotation 1: found missing field `segmentation`"),
         (&format!(r#"[{{{rle}, "score": 1.5}}]"#), "annotation 0, score: found 1.5, expected a number from 0 to 1"),
         (r#"[{"segmentation": [[1, 2, 3, 4]]}]"#, "segmentation: found a list of 1, expected an RLE object"),
         (r#"[{"segmentation": {"size": [5, -4], "counts": []}}]"#, "segmentation: found a list of 2"),

@@ -53,3 +53,7 @@ pub use sim_tracker::{SimTracker, SimTrackerSettings};
 pub use stage_times::StageTimes;
 pub use track_errors::{Remedy, TrackError, TrackErrorCounts, TrackErrorKind, find_track_errors};
 pub use tracker::{Tracker, TrackerError};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

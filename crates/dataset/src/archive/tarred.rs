@@ -1,6 +1,6 @@
 //! Images inside a tar.gz file.
 //!
-//! A gzip stream cannot be seeked in: reading a frame in the middle means unpacking everything before it. So the
+//! There is no seeking in a gzip stream: reading a frame in the middle means unpacking everything before it. So the
 //! members that are wanted are copied once, on opening, to a temporary file without a name, from which frames are then
 //! read in any order. It holds the members as they are (JPEG and PNG files), lies where the system keeps temporary
 //! files (`TMPDIR`) and is gone when the scene is dropped or the program ends, however it ends. Memory holds only the

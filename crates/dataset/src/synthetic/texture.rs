@@ -55,7 +55,7 @@ impl Texture {
         let point = point_local / self.period + PATTERN_SHIFT;
         let share = match self.pattern {
             Pattern::Plain => 0.15 * smooth_noise(point * 3.0),
-            Pattern::Checker => (point.floor().element_sum().rem_euclid(2.0) > 0.5) as u8 as f32,
+            Pattern::Checker => f32::from(point.floor().element_sum().rem_euclid(2.0) > 0.5),
             Pattern::Stripes(across) => f32::from(point.dot(across).rem_euclid(1.0) > 0.5),
             Pattern::Noise => smooth_noise(point * 2.0),
         };
