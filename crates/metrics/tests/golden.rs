@@ -1,7 +1,6 @@
 //! Scores against reference numbers: those of the paper's evaluation code, of scipy and of deeplab2.
 //!
-//! The complete set lies outside the repository and is skipped where it is missing; `tests/data` holds two of its
-//! videos with their per-video numbers, so that every machine checks something.
+//! `tools/make_metrics_test_data.py` checks the reference numbers in `tests/data` and says where they come from.
 
 mod videos;
 
@@ -19,22 +18,8 @@ use videos::{HandedAs, LabelledFrame, read_video, score};
 const SINGLE: f64 = 1e-6;
 const DOUBLE: f64 = 1e-9;
 
-fn small() -> PathBuf {
+fn data() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data")
-}
-
-fn complete(test: &str) -> Option<PathBuf> {
-    let root = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/golden"));
-    if root.join("vsq/expected.json").exists() {
-        return Some(root);
-    }
-    // With one test thread the harness has already begun a line.
-    // Not `println!`: the test runner would swallow the line of a test that passes.
-    let _ = std::io::Write::write_all(
-        &mut std::io::stderr(),
-        format!("\nskipped: {test}: ../shared is not here\n").as_bytes(),
-    );
-    None
 }
 
 fn json(path: PathBuf) -> Value {
@@ -201,51 +186,23 @@ fn check_strict_stq(root: &Path) {
 }
 
 #[test]
-fn small_strict_vsq() {
-    check_strict_vsq(&small());
+fn strict_vsq() {
+    check_strict_vsq(&data());
 }
 
 #[test]
-fn small_paper_vsq() {
-    check_paper_vsq(&small());
+fn paper_vsq() {
+    check_paper_vsq(&data());
 }
 
 #[test]
-fn small_paper_stq() {
-    check_paper_stq(&small());
+fn paper_stq() {
+    check_paper_stq(&data());
 }
 
 #[test]
-fn small_strict_stq() {
-    check_strict_stq(&small());
-}
-
-#[test]
-fn complete_strict_vsq() {
-    if let Some(root) = complete("complete_strict_vsq") {
-        check_strict_vsq(&root);
-    }
-}
-
-#[test]
-fn complete_paper_vsq() {
-    if let Some(root) = complete("complete_paper_vsq") {
-        check_paper_vsq(&root);
-    }
-}
-
-#[test]
-fn complete_paper_stq() {
-    if let Some(root) = complete("complete_paper_stq") {
-        check_paper_stq(&root);
-    }
-}
-
-#[test]
-fn complete_strict_stq() {
-    if let Some(root) = complete("complete_strict_stq") {
-        check_strict_stq(&root);
-    }
+fn strict_stq() {
+    check_strict_stq(&data());
 }
 
 fn map_of_nested(rows: &Value) -> SegmentMap {
@@ -255,8 +212,7 @@ fn map_of_nested(rows: &Value) -> SegmentMap {
 
 #[test]
 fn deeplab2_unit_vectors() {
-    let Some(root) = complete("deeplab2_unit_vectors") else { return };
-    let file = json(root.join("stq/unit_vectors.json"));
+    let file = json(data().join("stq/unit_vectors.json"));
     let vectors = file["vectors"].as_array().unwrap();
     assert_eq!(vectors.len(), 13);
     for vector in vectors {
@@ -283,8 +239,7 @@ fn deeplab2_unit_vectors() {
 
 #[test]
 fn matching_comes_before_the_threshold() {
-    let Some(root) = complete("matching_comes_before_the_threshold") else { return };
-    let case = &json(root.join("vsq/expected.json"))["matching_order_case"];
+    let case = &json(data().join("vsq/expected.json"))["matching_order_case"];
     let map = |key: &str| {
         let runs: Vec<(u32, usize)> = serde_json::from_value(case[key].clone()).unwrap();
         let ids: Vec<u32> = runs.into_iter().flat_map(|(id, length)| vec![id; length]).collect();
@@ -303,7 +258,7 @@ fn matching_comes_before_the_threshold() {
 
 #[test]
 fn scores_are_json_with_the_documented_keys() {
-    let frames = read_video(&small().join("stq/v5_hard"));
+    let frames = read_video(&data().join("stq/v5_hard"));
     let scores = score(&frames, HandedAs::Ids, settings(Protocol::Strict, Void::Counted)).scores();
     let value = serde_json::to_value(&scores).unwrap();
     let keys = |value: &Value| value.as_object().unwrap().keys().cloned().collect::<BTreeSet<String>>();
