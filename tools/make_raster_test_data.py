@@ -110,7 +110,7 @@ def view(scene, prefix, viewmat):
     """Projection and images of one view, named with the prefix, and the blend weights."""
     projected = project(scene, viewmat)
     rendered, weights = images(scene, projected)
-    means, conics, depths, radii, boxes = projected
+    means, conics, depths, _, boxes = projected
     named = {"inter.means2d": means, "inter.conics": conics, "inter.depths": depths, "inter.radii_opacity": boxes}
     named |= {f"out.{name}": image for name, image in rendered.items()}
     return {f"{prefix}{name}": values for name, values in ({"viewmat": viewmat} | named).items()}, weights
