@@ -6,9 +6,15 @@ use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::completeness::{Missing, missing_tensors};
 use std::path::{Path, PathBuf};
 
-/// A file of `../shared`, or `None` (said on a line of its own) where that folder is not at hand.
+/// A file of `tests/data` (where `golden/` of `../shared` is left out) or of `../shared`, or `None` (said on a line of its
+/// own) where it is in neither.
 fn shared(path: &str, test: &str) -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let own = root.join("tests/data").join(path.trim_start_matches("golden/"));
+    if own.is_file() {
+        return Some(own);
+    }
+    let folder = root.join("../../../shared");
     if !folder.exists() {
         // Not `println!`: the test runner would swallow the line of a test that passes.
         let line = format!("\nskipped: {test}: ../shared is not here\n");

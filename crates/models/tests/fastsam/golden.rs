@@ -4,9 +4,15 @@ use safetensors::SafeTensors;
 use splatseg_geometry::{Image, Mask};
 use std::path::{Path, PathBuf};
 
-/// A file or folder of `../shared`, or `None` (said on a line of its own) where that folder is not at hand.
+/// A file of `tests/data` (where `golden/` of `../shared` is left out) or of `../shared`, or `None` (said on a line of its
+/// own) where it is in neither.
 pub fn shared(path: &str, test: &str) -> Option<PathBuf> {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let own = root.join("tests/data").join(path.trim_start_matches("golden/"));
+    if own.is_file() {
+        return Some(own);
+    }
+    let folder = root.join("../../../shared");
     if !folder.exists() {
         // Not `println!`: the test runner would swallow the line of a test that passes.
         let _ = std::io::Write::write_all(
@@ -22,7 +28,7 @@ pub fn shared(path: &str, test: &str) -> Option<PathBuf> {
 pub struct Golden(Vec<u8>);
 
 impl Golden {
-    /// A file of `golden/fastsam`.
+    /// A file of `golden/fastsam`, see [`shared`].
     pub fn open(name: &str, test: &str) -> Option<Self> {
         let path = shared(&format!("golden/fastsam/{name}"), test)?;
         Some(Self(std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))))

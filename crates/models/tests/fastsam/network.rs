@@ -2,6 +2,7 @@
 
 use crate::golden::{Golden, image, shared};
 use burn::tensor::Device;
+use splatseg_geometry::Image;
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::fastsam::{FastSamConfig, FastSamNetwork, RawOutput, letterbox};
 
@@ -25,6 +26,12 @@ fn run((bytes, [height, width]): (Vec<u8>, [usize; 2]), test: &str) -> Option<Ra
 fn whole_input(forward: &Golden) -> (Vec<u8>, [usize; 2]) {
     let shape = forward.shape("input_u8");
     (forward.bytes("input_u8"), [shape[2], shape[3]])
+}
+
+/// The bytes of an input, `[3, height, width]`, and its size.
+fn planes_of(input: &Image<[u8; 3]>) -> (Vec<u8>, [usize; 2]) {
+    let planes = (0..3).flat_map(|channel| input.pixels().iter().map(move |pixel| pixel[channel])).collect();
+    (planes, [input.height(), input.width()])
 }
 
 /// Compares every `step`th anchor with `expected` `[37, anchors]`.
@@ -74,6 +81,15 @@ fn raw_output_agrees_640x480_at_640() {
 }
 
 #[test]
+fn raw_output_agrees_where_it_is_sampled() {
+    let test = "raw_output_agrees_where_it_is_sampled";
+    let Some(path) = shared("golden/fastsam/image_310x230.png", test) else { return };
+    let forward = Golden::open("forward.safetensors", test).unwrap();
+    let output = run(planes_of(&letterbox(&image(&path), 640)), test).unwrap();
+    check_sampled(&output, &forward);
+}
+
+#[test]
 fn raw_output_agrees_310x230_at_1024() {
     let test = "raw_output_agrees_310x230_at_1024";
     let Some(forward) = Golden::open("forward_310x230_1024.safetensors", test) else { return };
@@ -88,8 +104,7 @@ fn raw_output_agrees_640x480_at_1024() {
     let Some(path) = shared("golden/fastsam/image_640x480.png", test) else { return };
     // The file holds every fourth row of the input only (compared in `preprocessing`).
     let input = letterbox(&image(&path), 1024);
-    let planes = (0..3).flat_map(|channel| input.pixels().iter().map(move |pixel| pixel[channel])).collect();
-    let Some(output) = run((planes, [input.height(), input.width()]), test) else { return };
+    let Some(output) = run(planes_of(&input), test) else { return };
     check_sampled(&output, &forward);
 }
 

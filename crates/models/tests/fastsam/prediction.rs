@@ -10,15 +10,13 @@ const BOX_TOLERANCE: f32 = 0.1;
 /// The random network's masks are ragged: most pixels by which a mask's area may differ.
 const AREA_TOLERANCE: i32 = 4;
 
-fn predict(image_name: &str, image_size: usize, test: &str) -> Option<(Vec<Detection>, Golden)> {
+/// What is found in an image, by the weights of a checkpoint. Every checkpoint holds the same weights.
+fn predict(image_name: &str, image_size: usize, checkpoint: &str, test: &str) -> Option<Vec<Detection>> {
     let image = image(&shared(&format!("golden/fastsam/image_{image_name}.png"), test)?);
-    let forward = Golden::open(&format!("forward_{image_name}_{image_size}.safetensors"), test)?;
-    // Every checkpoint holds the same weights.
-    let file = if image_size == 640 { "fastsam_mini_v80120.pt" } else { "fastsam_mini.pt" };
-    let weights = shared(&format!("golden/fastsam/{file}"), test)?;
+    let weights = shared(&format!("golden/fastsam/{checkpoint}"), test)?;
     let settings = FastSamPredictorSettings { image_size, ..FastSamPredictorSettings::default() };
     let predictor = FastSamPredictor::open(&weights, settings, &Device::flex()).unwrap();
-    Some((predictor.predict(&image).unwrap(), forward))
+    Some(predictor.predict(&image).unwrap())
 }
 
 /// Places of `expected` boxes among the detections: each found once, whatever the order of nearly equal scores.
@@ -42,9 +40,16 @@ fn matched(found: &[Detection], expected: &[[f32; 4]], scores: &[f32]) -> Vec<us
 }
 
 fn check(image_name: &str, image_size: usize, test: &str) {
-    let Some((found, forward)) = predict(image_name, image_size, test) else { return };
+    let file = format!("forward_{image_name}_{image_size}.safetensors");
+    let Some(forward) = Golden::open(&file, test) else { return };
+    let checkpoint = if image_size == 640 { "fastsam_mini_v80120.pt" } else { "fastsam_mini.pt" };
+    let Some(found) = predict(image_name, image_size, checkpoint, test) else { return };
+    compare(&found, &forward);
+}
+
+fn compare(found: &[Detection], forward: &Golden) {
     let boxes = forward.floats("det_xyxy");
-    let places = matched(&found, boxes.as_chunks::<4>().0, &forward.floats("det_conf"));
+    let places = matched(found, boxes.as_chunks::<4>().0, &forward.floats("det_conf"));
     for (place, area) in places.iter().zip(forward.ints("det_mask_area")) {
         let found = found[*place].mask.area() as i32;
         assert!((found - area).abs() <= AREA_TOLERANCE, "mask {place}: {found} pixels, expected {area}");
@@ -55,6 +60,13 @@ fn check(image_name: &str, image_size: usize, test: &str) {
             assert!(iou >= 0.999, "mask {place}: IoU {iou}");
         }
     }
+}
+
+#[test]
+fn objects_agree_by_a_state_dict() {
+    let test = "objects_agree_by_a_state_dict";
+    let Some(found) = predict("310x230", 640, "fastsam_mini_statedict.safetensors", test) else { return };
+    compare(&found, &Golden::open("forward.safetensors", test).unwrap());
 }
 
 #[test]

@@ -5,8 +5,12 @@ use splatseg_models::fastsam::letterbox;
 
 /// Compares with planes `[3, rows, width]`, every `step`th row of the input.
 fn check(image_name: &str, image_size: usize, tensor: &str, step: usize, test: &str) {
+    check_file(&format!("forward_{image_name}_{image_size}.safetensors"), image_name, image_size, (tensor, step), test);
+}
+
+fn check_file(file: &str, image_name: &str, image_size: usize, (tensor, step): (&str, usize), test: &str) {
     let Some(path) = shared(&format!("golden/fastsam/image_{image_name}.png"), test) else { return };
-    let Some(forward) = Golden::open(&format!("forward_{image_name}_{image_size}.safetensors"), test) else { return };
+    let Some(forward) = Golden::open(file, test) else { return };
     let input = letterbox(&image(&path), image_size);
     let (expected, shape) = (forward.bytes(tensor), forward.shape(tensor));
     assert_eq!((input.height().div_ceil(step), input.width()), (shape[2], shape[3]));
@@ -14,6 +18,12 @@ fn check(image_name: &str, image_size: usize, tensor: &str, step: usize, test: &
     let found: Vec<u8> =
         rows.flat_map(|(channel, row)| input.row(row).iter().map(move |pixel| pixel[channel])).collect();
     assert!(found == expected, "{} bytes differ", found.iter().zip(&expected).filter(|(a, b)| a != b).count());
+}
+
+#[test]
+fn every_fourth_row_of_the_input_is_exact() {
+    let rows = ("input_u8_rows_stride4", 4);
+    check_file("forward.safetensors", "310x230", 640, rows, "every_fourth_row_of_the_input_is_exact");
 }
 
 #[test]
