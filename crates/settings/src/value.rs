@@ -1,0 +1,105 @@
+//! Types of settings.
+
+use crate::Allowed;
+use std::path::PathBuf;
+
+/// A type that a setting can have.
+pub trait SettingValue {
+    /// Whether the type holds whole numbers only.
+    const WHOLE: bool = false;
+
+    /// The value as TOML; `None` if the setting is left out.
+    fn text(&self) -> Option<String>;
+
+    /// Whether a text can be read as such a value; only asked of types that are written as text.
+    fn is_text_of(_text: &str) -> bool {
+        true
+    }
+
+    /// Whether the value is allowed.
+    fn is_allowed(&self, allowed: &Allowed) -> bool;
+}
+
+/// An enum of named values, made by [`choices!`](crate::choices).
+pub trait Choice: Copy + Sized + 'static {
+    /// The names of all values, in order.
+    const NAMES: &'static [&'static str];
+
+    /// All values, in order.
+    const ALL: &'static [Self];
+
+    /// The name in settings, on the command line and in tables.
+    fn name(self) -> &'static str;
+
+    /// What the value means, in one line.
+    fn help(self) -> &'static str;
+
+    /// The value with a name, if there is one.
+    fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.iter().copied().find(|value| value.name() == name)
+    }
+}
+
+impl<T: SettingValue> SettingValue for Option<T> {
+    const WHOLE: bool = T::WHOLE;
+
+    fn text(&self) -> Option<String> {
+        self.as_ref().and_then(SettingValue::text)
+    }
+
+    fn is_text_of(text: &str) -> bool {
+        T::is_text_of(text)
+    }
+
+    fn is_allowed(&self, allowed: &Allowed) -> bool {
+        self.as_ref().is_none_or(|value| value.is_allowed(allowed))
+    }
+}
+
+macro_rules! numbers {
+    ($whole:literal: $($type:ty),*) => {$(
+        impl SettingValue for $type {
+            const WHOLE: bool = $whole;
+
+            fn text(&self) -> Option<String> {
+                Some(self.to_string())
+            }
+
+            // `usize` has no lossless way; above 2^53 a rounded value is as good for a range.
+            #[allow(clippy::cast_lossless, clippy::unnecessary_cast)]
+            fn is_allowed(&self, allowed: &Allowed) -> bool {
+                allowed.accepts_number(*self as f64)
+            }
+        }
+    )*};
+}
+
+numbers!(false: f32, f64);
+numbers!(true: u8, u32, u64, usize);
+
+macro_rules! texts {
+    ($($type:ty, |$value:ident| $text:expr);*) => {$(
+        impl SettingValue for $type {
+            fn text(&self) -> Option<String> {
+                let $value = self;
+                $text
+            }
+
+            fn is_allowed(&self, _: &Allowed) -> bool {
+                true
+            }
+        }
+    )*};
+}
+
+texts!(
+    bool, |value| Some(value.to_string());
+    String, |value| Some(format!("\"{value}\""));
+    PathBuf, |value| Some(format!("\"{}\"", value.display()))
+);
+
+/// Whether a setting is left out of files.
+#[doc(hidden)]
+pub fn is_left_out(value: &impl SettingValue) -> bool {
+    value.text().is_none()
+}
