@@ -5,8 +5,9 @@ use anyhow::{Context, Result, bail};
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, StreamedFrame, open_scene};
 use splatseg_geometry::{Mask, RgbdFrame};
 use splatseg_metrics::{DatasetScore, FramePrediction, Protocol, ScoreSettings, Scores, VideoScorer};
-use splatseg_segmenter::{OraclePreset, OracleSegmenter, OracleSettings};
-use splatseg_tracking::{FastSam, FastSamSettings, Method};
+use splatseg_segmenter::Segmenter;
+use splatseg_simulators::{OraclePreset, OracleSegmenter, OracleSettings, SimulatorError};
+use splatseg_tracking::{FastSamBaseline, FastSamBaselineSettings, Method};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -35,7 +36,7 @@ struct Video {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let settings = match &arguments.settings {
         Some(text) => serde_json::from_str(text).context("--settings")?,
-        None => OracleSettings { preset: OraclePreset::FastsamLike, ..OracleSettings::default() },
+        None => OracleSettings::default().with(|settings| settings.preset = OraclePreset::FastsamLike),
     };
     let videos = arguments.scenes.iter().map(|path| read(path)).collect::<Result<Vec<Video>>>()?;
     println!("{}", serde_json::to_string(&settings.resolved()?)?);
@@ -61,7 +62,7 @@ const HEADINGS: &str = "   VSQ    STQ     AQ     SQ";
 const PAPERS_FASTSAM: [f64; 8] = [46.98, 39.19, 34.28, 31.21, 37.92, 28.17, 19.74, 40.19];
 
 fn read(path: &str) -> Result<Video> {
-    let dataset = DatasetSettings { crop_border: 5, ..DatasetSettings::default() };
+    let dataset = DatasetSettings::default().with(|settings| settings.crop_border = 5);
     let scene = open_scene(path, &dataset)?;
     let name = scene.name().to_owned();
     let frames = FrameStream::open(scene, &dataset, GroundTruth::Read)?.collect::<std::result::Result<Vec<_>, _>>()?;
@@ -86,10 +87,13 @@ fn scored(videos: &[Video], settings: &OracleSettings, seed: u64, protocol: Prot
     let mut total = DatasetScore::new(score_settings);
     let (mut mask_count, mut frame_count) = (0, 0);
     for video in videos {
-        let mut method = FastSam::new(Box::new(oracle(video, settings, seed)?), FastSamSettings::default())?;
+        let mut oracle = oracle(video, settings, seed)?;
+        // As in the paper's evaluation, small masks count.
+        let mut method = FastSamBaseline::new(FastSamBaselineSettings::default().with(|it| it.min_segment_area = 0))?;
         let mut scorer = VideoScorer::new(score_settings);
         for StreamedFrame { frame, ground_truth, .. } in video.frames.iter() {
-            let masks: Vec<Mask> = method.process(frame)?.masks.into_iter().map(|(_, mask)| mask).collect();
+            let masks: Vec<Mask> =
+                method.process(frame, &oracle.segment(frame)?)?.masks.into_iter().map(|(_, mask)| mask).collect();
             let truth = ground_truth.as_ref().context("a frame without labels")?;
             scorer.push(truth, &FramePrediction::Unlinked(&masks))?;
             mask_count += masks.len();
@@ -108,10 +112,7 @@ fn oracle(video: &Video, settings: &OracleSettings, seed: u64) -> Result<OracleS
     let scene = video.name.clone();
     let truth = move |frame: &RgbdFrame| {
         let labels = places.get(frame.name()).and_then(|place| frames[*place].ground_truth.clone());
-        labels.ok_or_else(|| splatseg_segmenter::SegmenterError::UnlabelledFrame {
-            scene: scene.clone(),
-            frame: frame.name().to_owned(),
-        })
+        labels.ok_or_else(|| SimulatorError::UnlabelledFrame { scene: scene.clone(), frame: frame.name().to_owned() })
     };
     Ok(OracleSegmenter::new(truth, settings, seed)?)
 }

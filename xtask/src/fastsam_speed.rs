@@ -4,7 +4,7 @@ use crate::peak_memory::peak_memory_mib;
 use anyhow::ensure;
 use burn::tensor::Device;
 use splatseg_models::checkpoint::Checkpoint;
-use splatseg_models::fastsam::{Network, YoloArchitecture};
+use splatseg_models::fastsam::{FastSamConfig, FastSamNetwork};
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -27,8 +27,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let start = Instant::now();
     let network = {
         let checkpoint = Checkpoint::open(&arguments.checkpoint)?;
-        let architecture = YoloArchitecture::of_checkpoint(&checkpoint)?;
-        Network::load(&checkpoint, architecture, &Device::default())?
+        let architecture = FastSamConfig::from_checkpoint(&checkpoint)?;
+        FastSamNetwork::load(&checkpoint, architecture, &Device::default())?
     };
     let load = milliseconds(start);
     let image: Vec<f32> = (0..3 * size * size).map(|index| (index * 7919 % 256) as f32 / 255.0).collect();

@@ -42,12 +42,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         None => GraphSettings::default(),
     };
-    let dataset = DatasetSettings {
-        stride: arguments.stride,
-        resize: arguments.resize,
-        crop_border: arguments.crop_border,
-        ..DatasetSettings::default()
-    };
+    let dataset = DatasetSettings::default().with(|settings| {
+        settings.stride = arguments.stride;
+        settings.resize = arguments.resize;
+        settings.crop_border = arguments.crop_border;
+    });
     let mut segmenter = GraphSegmenter::new(settings)?;
     let mut totals = Totals::default();
     if let Some(out) = &arguments.out {

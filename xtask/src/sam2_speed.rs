@@ -1,18 +1,21 @@
-//! Times of SAM 2.1 on the CPU with random weights: speed does not depend on their values. `tools/compare_sam2.py` sets them
-//! beside the official code.
+//! Times of SAM 2.1 on the CPU with random weights: speed does not depend on their values. `tools/compare_sam2.py` sets
+//! them beside the official code.
 
 use crate::peak_memory::peak_memory_mib;
 use anyhow::{Context, ensure};
 use burn::tensor::{Device, Tensor, TensorData};
 use splatseg_geometry::Mask;
-use splatseg_models::sam2::{FeatureMaps, PredictorSettings, Prompt, Sam2, Sam2Error, VideoPredictor, Weights};
+use splatseg_models::sam2::{
+    FeatureMaps, Prompt, Sam2Error, Sam2Network, Sam2Predictor, Sam2PredictorSettings, Weights,
+};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Time SAM 2.1 with random weights; prints one line of JSON
 ///
-/// Seconds of the image encoder, and of every frame tracked after the first. RAYON_NUM_THREADS sets the number of threads.
+/// Seconds of the image encoder, and of every frame tracked after the first. RAYON_NUM_THREADS sets the number of
+/// threads.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Names and shapes of the weights: crates/models/tests/data/sam2/manifest_SIZE.json
@@ -32,7 +35,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let side = arguments.image_size;
     ensure!(arguments.frames > 0, "--frames is 0, expected 1 or more");
     let weights = RandomWeights::of_manifest(&arguments.manifest)?;
-    let network = Sam2::load(&weights, Some(side), &Device::flex())?;
+    let network = Sam2Network::load(&weights, Some(side), &Device::flex())?;
     let mut encoder = Vec::new();
     for frame in 0..3 {
         let input = noise(frame, side);
@@ -43,7 +46,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut tracked = Vec::new();
     let mut bank_mib = 0.0;
     if arguments.objects > 0 {
-        let mut predictor = VideoPredictor::new(network, PredictorSettings::default())?;
+        let mut predictor = Sam2Predictor::new(network, Sam2PredictorSettings::default())?;
         predictor.track_input(noise(0, side), (side, side))?;
         predictor.prompt_all(&prompts(arguments.objects, side))?;
         for frame in 1..arguments.frames {

@@ -51,6 +51,14 @@ fn defines(source: &str, name: &str) -> bool {
     })
 }
 
+/// Whether the sources declare a setting with that full key: a line of `settings!` in the key's section.
+fn declares(sources: &str, key: &str) -> bool {
+    let (section, field) = key.rsplit_once('.').unwrap_or(("", key));
+    let (header, declaration) = (format!(" in \"{section}\" {{"), format!("{field}: "));
+    let is_declaration = |line: &str| line.trim_start().starts_with(&declaration) && line.contains(" Allowed::");
+    sources.split("settings! {").any(|block| block.contains(&header) && block.lines().any(is_declaration))
+}
+
 /// The text of every source file below a folder.
 fn sources(folder: &Path, text: &mut String) {
     for entry in fs::read_dir(folder).unwrap() {
@@ -90,8 +98,7 @@ fn settings_exist() {
     for rule in rules() {
         let keys = code(&rule.settings).into_iter().filter(|key| key.contains('.') || key.contains('_'));
         for key in keys.filter(|key| !key.starts_with('-')) {
-            let field = key.rsplit('.').next().unwrap();
-            if !text.contains(&format!("pub {field}:")) {
+            if !declares(&text, key) {
                 wrong.push(format!("line {}: there is no setting {key}", rule.line));
             }
         }
@@ -104,4 +111,7 @@ fn names_are_found_whole() {
     let source = "pub(crate) fn by_paper(x: u8) {}\nstruct Codebook;";
     assert!(defines(source, "by_paper") && defines(source, "Codebook"));
     assert!(!defines(source, "by") && !defines(source, "paper") && !defines(source, "Code"));
+    let source = "settings! {\n pub struct S in \"oven\" {\n  heat: f32 = 1.0, Allowed::above(0.0);\n }\n}";
+    assert!(declares(source, "oven.heat"));
+    assert!(!declares(source, "heat") && !declares(source, "oven.hea") && !declares(source, "pan.heat"));
 }

@@ -87,7 +87,7 @@ mod tests {
         let path = folder.path().join("a.txt");
         write_atomically(&path, b"old").unwrap();
         let mut file = AtomicFile::create(&path).unwrap();
-        file.write_all(&[7; 100_000]).unwrap();
+        file.write_all(&vec![7; 100_000]).unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"old");
         drop(file);
         assert_eq!(names(folder.path()), ["a.txt"]);

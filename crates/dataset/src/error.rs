@@ -1,14 +1,12 @@
 //! Everything that can be wrong with a scene or its settings.
 
 use splatseg_geometry::{FrameError, IntrinsicsError, PoseError};
+use splatseg_settings::SettingError;
 use std::path::PathBuf;
 use thiserror::Error;
 
 /// The most names that a message lists.
 pub(crate) const NAMES_IN_MESSAGES: usize = 5;
-
-/// The largest width or height, in pixels, that frames can be resized to.
-pub(crate) const MAX_SIDE: usize = 16_384;
 
 /// A scene, or one of its frames, that cannot be read.
 #[derive(Debug, Error)]
@@ -277,7 +275,7 @@ pub enum DatasetError {
     },
     /// A setting is out of range, or does not suit this scene.
     #[error(transparent)]
-    Settings(#[from] SettingsError),
+    Setting(#[from] SettingError),
     /// A [`Scene`](crate::Scene) that is defined elsewhere failed.
     #[error("{scene}: {source}")]
     Other {
@@ -292,47 +290,6 @@ pub enum DatasetError {
         /// The scene's name.
         scene: String,
     },
-}
-
-/// Settings with which a scene cannot be read.
-#[derive(Clone, Debug, Error, PartialEq)]
-#[non_exhaustive]
-pub enum SettingsError {
-    /// A stride of 0 would read the same frame forever.
-    #[error("stride: found 0, expected 1 or more")]
-    ZeroStride,
-    /// `max_frames` is 0.
-    #[error("max_frames: found 0, expected 1 or more")]
-    NoFrames,
-    /// The first frame would be past the end.
-    #[error("start: found {start}, but the scene has {frames} frames, counted from 0")]
-    StartPastEnd {
-        /// Requested position of the first frame.
-        start: usize,
-        /// Number of frames of the scene.
-        frames: usize,
-    },
-    /// An image size that is out of range.
-    #[error("resize: found {width}x{height}, expected sides of 1 to {max} pixels", max = MAX_SIDE)]
-    Resize {
-        /// Requested width.
-        width: usize,
-        /// Requested height.
-        height: usize,
-    },
-    /// Cropping would leave nothing.
-    #[error("crop_border: cutting {border} pixels on each side leaves nothing of {width}x{height}")]
-    CropTooLarge {
-        /// Pixels to be removed on each side.
-        border: usize,
-        /// Width before cropping.
-        width: usize,
-        /// Height before cropping.
-        height: usize,
-    },
-    /// The baseline between the cameras is not a length.
-    #[error("depth_offset_m: found {0}, expected between -1 and 1 metre")]
-    DepthOffset(f32),
 }
 
 /// Names in a message, with dots if there may be more.

@@ -1,67 +1,29 @@
 //! The names of the formats.
 
-use serde::{Deserialize, Serialize};
-use std::fmt;
+use splatseg_settings::{Choice, choices};
 use std::str::FromStr;
 use thiserror::Error;
 
-/// The format of a scene.
-#[non_exhaustive]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum Format {
-    /// Recognised by the scene's files.
-    #[default]
-    #[serde(rename = "auto")]
-    Auto,
-    /// A sequence of 7-Scenes.
-    #[serde(rename = "7scenes")]
-    SevenScenes,
-    /// A ScanNet scene exported to folders.
-    #[serde(rename = "scannet")]
-    Scannet,
-    /// A ScanNet recording in its published container, `<scene>.sens`, or a folder with one.
-    #[serde(rename = "sens")]
-    Sens,
-    /// A sequence of TUM RGB-D.
-    #[serde(rename = "tum")]
-    Tum,
-    /// A Replica scene in the layout of NICE-SLAM.
-    #[serde(rename = "replica")]
-    Replica,
-    /// A video of MVPd, in a split's folder or a scene's `.tar.gz`. Of several videos one is chosen by its name, as
-    /// `FOLDER:VIDEO`, `FOLDER/imagesRGB/VIDEO` or `SCENE.tar.gz:VIDEO`.
-    #[serde(rename = "mvpd")]
-    Mvpd,
-    /// The built-in synthetic room.
-    #[serde(rename = "synthetic")]
-    Synthetic,
-}
-
-impl Format {
-    /// Every format, [`Format::Auto`] first, in the order in which they are tried.
-    pub const ALL: [Self; 8] = [
-        Self::Auto,
-        Self::SevenScenes,
-        Self::Scannet,
-        Self::Sens,
-        Self::Tum,
-        Self::Replica,
-        Self::Mvpd,
-        Self::Synthetic,
-    ];
-
-    /// The name in settings and on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::SevenScenes => "7scenes",
-            Self::Scannet => "scannet",
-            Self::Sens => "sens",
-            Self::Tum => "tum",
-            Self::Replica => "replica",
-            Self::Mvpd => "mvpd",
-            Self::Synthetic => "synthetic",
-        }
+choices! {
+    /// The format of a scene.
+    pub enum Format, default Auto {
+        /// Recognised by the scene's files.
+        Auto = "auto",
+        /// A sequence of 7-Scenes.
+        SevenScenes = "7scenes",
+        /// A ScanNet scene exported to folders.
+        Scannet = "scannet",
+        /// A ScanNet recording in its published container, `<scene>.sens`, or a folder with one.
+        Sens = "sens",
+        /// A sequence of TUM RGB-D.
+        Tum = "tum",
+        /// A Replica scene in the layout of NICE-SLAM.
+        Replica = "replica",
+        /// A video of MVPd, in a split's folder or a scene's `.tar.gz`. Of several videos one is chosen by its name, as
+        /// `FOLDER:VIDEO`, `FOLDER/imagesRGB/VIDEO` or `SCENE.tar.gz:VIDEO`.
+        Mvpd = "mvpd",
+        /// The built-in synthetic room.
+        Synthetic = "synthetic",
     }
 }
 
@@ -75,20 +37,12 @@ pub struct FormatNameError {
     pub expected: String,
 }
 
-impl fmt::Display for Format {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.pad(self.name())
-    }
-}
-
 impl FromStr for Format {
     type Err = FormatNameError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Self::ALL
-            .into_iter()
-            .find(|format| format.name() == text)
-            .ok_or_else(|| FormatNameError { found: text.to_owned(), expected: Self::ALL.map(Self::name).join(", ") })
+        Self::from_name(text)
+            .ok_or_else(|| FormatNameError { found: text.to_owned(), expected: Self::NAMES.join(", ") })
     }
 }
 
@@ -98,7 +52,7 @@ mod tests {
 
     #[test]
     fn names_are_the_same_in_text_and_serde() {
-        for format in Format::ALL {
+        for format in Format::ALL.iter().copied() {
             assert_eq!(format.to_string().parse(), Ok(format));
             assert_eq!(serde_json::to_string(&format).unwrap(), format!("\"{format}\""));
         }

@@ -1,12 +1,16 @@
 //! Resizing and cropping of frames and labels.
 
+use crate::DatasetError;
 use crate::resample::{ImageMap, resample_color, resample_depth, resample_labels};
-use crate::{DatasetError, SettingsError};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Mask, RgbdFrame, SegmentMap};
+use splatseg_settings::{Allowed, SettingError, SettingValue};
 use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
+
+/// The largest width or height, in pixels, that frames can be resized to.
+const MAX_SIDE: usize = 16_384;
 
 /// How images are framed: resized first, then cropped. Intrinsics follow.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -21,12 +25,16 @@ impl Framing {
     /// The size, `(width, height)`, of an image of size `original` after framing.
     ///
     /// # Errors
-    /// [`SettingsError::CropTooLarge`] if nothing would be left.
-    pub fn check(&self, original: (usize, usize)) -> Result<(usize, usize), SettingsError> {
+    /// [`SettingError`] if nothing would be left.
+    pub fn check(&self, original: (usize, usize)) -> Result<(usize, usize), SettingError> {
         let (width, height) = self.resize.map_or(original, |size| (size.width, size.height));
         let left = |side: usize| self.crop_border.checked_mul(2).and_then(|cut| side.checked_sub(cut)).unwrap_or(0);
         if left(width) == 0 || left(height) == 0 {
-            return Err(SettingsError::CropTooLarge { border: self.crop_border, width, height });
+            return Err(SettingError {
+                key: "dataset.crop_border".to_owned(),
+                found: self.crop_border.to_string(),
+                expected: format!("less than half of {width}x{height} pixels, the frame's size"),
+            });
         }
         Ok((left(width), left(height)))
     }
@@ -35,7 +43,7 @@ impl Framing {
     /// measurement under it, never a mixture.
     ///
     /// # Errors
-    /// [`SettingsError::CropTooLarge`] if nothing would be left.
+    /// [`SettingError`] if nothing would be left.
     pub fn apply<'a>(&self, frame: RgbdFrame<'a>) -> Result<RgbdFrame<'a>, DatasetError> {
         let original = (frame.width(), frame.height());
         self.check(original)?;
@@ -67,7 +75,7 @@ impl Framing {
     /// Labels resized (to the nearest label) and cropped like their frame.
     ///
     /// # Errors
-    /// [`SettingsError::CropTooLarge`] if nothing would be left.
+    /// [`SettingError`] if nothing would be left.
     pub fn apply_to_labels(&self, labels: SegmentMap) -> Result<SegmentMap, DatasetError> {
         let original = labels.size();
         self.check(original)?;
@@ -81,8 +89,8 @@ impl Framing {
     /// A mask resized (to the nearest pixel, as labels are) and cropped like its frame.
     ///
     /// # Errors
-    /// [`SettingsError::CropTooLarge`] if nothing would be left.
-    pub fn apply_to_mask(&self, mask: &Mask) -> Result<Mask, SettingsError> {
+    /// [`SettingError`] if nothing would be left.
+    pub fn apply_to_mask(&self, mask: &Mask) -> Result<Mask, SettingError> {
         let original = (mask.width(), mask.height());
         let (width, height) = self.check(original)?;
         let map = ImageMap::resize(original, self.resize.map_or(original, |size| (size.width, size.height)));
@@ -121,6 +129,20 @@ impl FromStr for ImageSize {
             Some(Self { width: width.trim().parse().ok()?, height: height.trim().parse().ok()? })
         });
         sides.ok_or_else(|| ImageSizeTextError(text.to_owned()))
+    }
+}
+
+impl SettingValue for ImageSize {
+    fn text(&self) -> Option<String> {
+        Some(format!("\"{self}\""))
+    }
+
+    fn is_text_of(text: &str) -> bool {
+        text.parse::<Self>().is_ok()
+    }
+
+    fn is_allowed(&self, _: &Allowed) -> bool {
+        [self.width, self.height].iter().all(|side| (1..=MAX_SIDE).contains(side))
     }
 }
 

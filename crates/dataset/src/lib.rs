@@ -29,7 +29,7 @@ mod text;
 mod tum;
 
 pub use decode::read_color_image;
-pub use error::{DatasetError, FrameReadError, SettingsError};
+pub use error::{DatasetError, FrameReadError};
 pub use format::{Format, FormatNameError};
 pub use formats::{open_scene, supported_formats};
 pub use framing::{Framing, ImageSize, ImageSizeTextError};

@@ -8,8 +8,8 @@ use thiserror::Error;
 /// The settings with which a published benchmark reads its scenes. Take them as a start and change what should differ:
 ///
 /// ```
-/// use splatseg_dataset::{DatasetSettings, Preset};
-/// let settings = DatasetSettings { max_frames: Some(10), ..Preset::ScannetMv.settings() };
+/// use splatseg_dataset::Preset;
+/// let settings = Preset::ScannetMv.settings().with(|settings| settings.max_frames = Some(10));
 /// assert_eq!((settings.stride, settings.crop_border), (20, 5));
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

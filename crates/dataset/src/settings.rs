@@ -1,82 +1,45 @@
 //! Which frames of a scene are used, and how they are framed.
 
-use crate::error::MAX_SIDE;
-use crate::{Format, Framing, ImageSize, SettingsError};
-use serde::{Deserialize, Serialize};
+use crate::{Format, Framing, ImageSize};
+use splatseg_settings::{Allowed, Choice, SettingError, settings};
 
-/// How a scene is read. Frames are resized first, then cropped.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DatasetSettings {
-    /// The format of the scene. Default: [`Format::Auto`], recognised by its files.
-    pub format: Format,
-    /// Position of the first frame used, in the sorted list of the scene's frames. Default: 0.
-    pub start: usize,
-    /// Every how many frames one is used. Default: 1.
-    pub stride: usize,
-    /// The most frames used. Default: all.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_frames: Option<usize>,
-    /// The size, `"WIDTHxHEIGHT"` in pixels, that frames are resized to before cropping. Default: their own.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub resize: Option<ImageSize>,
-    /// Pixels removed on each side, after resizing. Default: 0. (The paper: 5.)
-    pub crop_border: usize,
-    /// 7-Scenes as published: warp the depth, which its own camera took, into the colour camera, and move the poses,
-    /// which are the depth camera's, there too. Default: false, the depth is registered already.
-    pub register_depth: bool,
-    /// With `register_depth`: how far the colour camera stands to the right of the depth camera, metres.
-    /// Default: 0.025, as in the Kinect that recorded 7-Scenes.
-    pub depth_offset_m: f32,
-}
-
-impl Default for DatasetSettings {
-    fn default() -> Self {
-        Self {
-            format: Format::Auto,
-            start: 0,
-            stride: 1,
-            max_frames: None,
-            resize: None,
-            crop_border: 0,
-            register_depth: false,
-            depth_offset_m: 0.025,
-        }
+settings! {
+    /// How a scene is read. Frames are resized first, then cropped.
+    pub struct DatasetSettings in "dataset" {
+        /// The format of the scene; `auto` recognises it by its files.
+        format: Format = Format::Auto, Allowed::Names(Format::NAMES);
+        /// Position of the first frame used, in the sorted list of the scene's frames, counted from 0.
+        start: usize = 0, Allowed::at_least(0.0);
+        /// Every how many frames one is used.
+        stride: usize = 1, Allowed::at_least(1.0);
+        /// The most frames used; all if left out.
+        max_frames: Option<usize> = None, Allowed::at_least(1.0);
+        /// The size that frames are resized to before cropping; their own if left out.
+        resize: Option<ImageSize> = None, Allowed::Text("WIDTHxHEIGHT, sides of 1 to 16384 pixels");
+        /// Pixels cropped on each side, after resizing. The paper: 5.
+        crop_border: usize = 0, Allowed::at_least(0.0);
+        /// 7-Scenes as published: warp the depth, which its own camera took, into the colour camera, and move the poses,
+        /// which are the depth camera's, there too. Otherwise the depth is registered already.
+        register_depth: bool = false, Allowed::Switch;
+        /// With `register_depth`: how far the colour camera stands to the right of the depth camera, metres. The default
+        /// is that of the Kinect that recorded 7-Scenes.
+        depth_offset_m: f32 = 0.025, Allowed::between(-1.0, 1.0);
     }
 }
 
 impl DatasetSettings {
-    /// Checks what can be checked without a scene.
-    ///
-    /// # Errors
-    /// [`SettingsError`] names the setting, what was found and what was expected.
-    pub fn validate(&self) -> Result<(), SettingsError> {
-        if self.stride == 0 {
-            return Err(SettingsError::ZeroStride);
-        }
-        if self.max_frames == Some(0) {
-            return Err(SettingsError::NoFrames);
-        }
-        if let Some(size) = self.resize {
-            if !(1..=MAX_SIDE).contains(&size.width) || !(1..=MAX_SIDE).contains(&size.height) {
-                return Err(SettingsError::Resize { width: size.width, height: size.height });
-            }
-            self.framing().check((size.width, size.height))?;
-        }
-        if self.depth_offset_m.is_nan() || self.depth_offset_m.abs() > 1.0 {
-            return Err(SettingsError::DepthOffset(self.depth_offset_m));
-        }
-        Ok(())
-    }
-
     /// The indices of the frames used, of a scene with `frame_count` frames, increasing.
     ///
     /// # Errors
-    /// [`SettingsError`] if the settings are invalid or the first frame is past the end.
-    pub fn selected_frames(&self, frame_count: usize) -> Result<Vec<usize>, SettingsError> {
+    /// If a setting is out of range or the first frame is past the end.
+    pub fn selected_frames(&self, frame_count: usize) -> Result<Vec<usize>, SettingError> {
         self.validate()?;
+        if let Some(size) = self.resize {
+            self.framing().check((size.width, size.height))?;
+        }
         if self.start >= frame_count {
-            return Err(SettingsError::StartPastEnd { start: self.start, frames: frame_count });
+            let expected = format!("less than {frame_count}, the scene's number of frames");
+            return Err(SettingError { key: "dataset.start".to_owned(), found: self.start.to_string(), expected });
         }
         let most = self.max_frames.unwrap_or(usize::MAX);
         Ok((self.start..frame_count).step_by(self.stride).take(most).collect())
@@ -97,22 +60,26 @@ mod tests {
         let settings = DatasetSettings { start: 2, stride: 3, max_frames: Some(2), ..Default::default() };
         assert_eq!(settings.selected_frames(100).unwrap(), [2, 5]);
         assert_eq!(settings.selected_frames(4).unwrap(), [2]);
-        assert_eq!(settings.selected_frames(2), Err(SettingsError::StartPastEnd { start: 2, frames: 2 }));
+        let error = settings.selected_frames(2).unwrap_err();
+        assert_eq!(error.to_string(), "dataset.start is 2, expected less than 2, the scene's number of frames");
     }
 
     #[test]
     fn impossible_settings_are_named() {
-        let check = |settings: DatasetSettings| settings.validate().unwrap_err().to_string();
-        assert_eq!(check(DatasetSettings { stride: 0, ..Default::default() }), "stride: found 0, expected 1 or more");
+        let check = |settings: DatasetSettings| settings.selected_frames(9).unwrap_err().to_string();
+        assert_eq!(
+            check(DatasetSettings { stride: 0, ..Default::default() }),
+            "dataset.stride is 0, expected 1 or more"
+        );
         let resize = Some("0x0".parse().unwrap());
         assert_eq!(
             check(DatasetSettings { resize, ..Default::default() }),
-            "resize: found 0x0, expected sides of 1 to 16384 pixels"
+            "dataset.resize is \"0x0\", expected WIDTHxHEIGHT, sides of 1 to 16384 pixels"
         );
         let resize = Some("20x10".parse().unwrap());
         assert_eq!(
             check(DatasetSettings { resize, crop_border: 5, ..Default::default() }),
-            "crop_border: cutting 5 pixels on each side leaves nothing of 20x10"
+            "dataset.crop_border is 5, expected less than half of 20x10 pixels, the frame's size"
         );
         assert!("320".parse::<ImageSize>().is_err() && "-1x4".parse::<ImageSize>().is_err());
     }

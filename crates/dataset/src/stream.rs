@@ -33,6 +33,12 @@ pub struct StreamedFrame {
     pub ground_truth: Option<SegmentMap>,
 }
 
+impl AsRef<RgbdFrame<'static>> for StreamedFrame {
+    fn as_ref(&self) -> &RgbdFrame<'static> {
+        &self.frame
+    }
+}
+
 /// What a stream gives for one frame: a frame, or why it cannot be used.
 type FrameResult = Result<StreamedFrame, FrameReadError>;
 
@@ -57,7 +63,7 @@ impl FrameStream {
     /// Starts to read the selected frames of a scene. Reads up to the first good frame at once, to check the crop.
     ///
     /// # Errors
-    /// [`DatasetError::Settings`] if the settings are invalid, select no frame, or crop everything away.
+    /// [`DatasetError::Setting`] if the settings are invalid, select no frame, or crop everything away.
     pub fn open(
         scene: Arc<dyn Scene>,
         settings: &DatasetSettings,
@@ -71,7 +77,7 @@ impl FrameStream {
         for index in &selected {
             let result = job.read(*index);
             if let Err(FrameReadError { source, .. }) = &result
-                && let DatasetError::Settings(error) = source.as_ref()
+                && let DatasetError::Setting(error) = source.as_ref()
             {
                 return Err(error.clone().into());
             }

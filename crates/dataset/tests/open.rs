@@ -29,7 +29,7 @@ fn missing_empty_and_unknown_paths_are_told_apart() {
 fn a_stated_format_must_be_there() {
     let folder = tempfile::tempdir().unwrap();
     write_sevenscenes(folder.path(), 1);
-    let settings = |format| DatasetSettings { format, ..Default::default() };
+    let settings = |format| DatasetSettings::default().with(|settings| settings.format = format);
     assert!(open_scene(folder.path(), &settings(Format::SevenScenes)).is_ok());
     use Format::{Mvpd, Replica, Scannet, Sens, Synthetic, Tum};
     for format in [Scannet, Sens, Tum, Replica, Mvpd, Synthetic] {
@@ -49,6 +49,6 @@ fn the_synthetic_room_needs_no_files() {
 
 #[test]
 fn impossible_settings_are_refused_on_opening() {
-    let settings = DatasetSettings { stride: 0, ..Default::default() };
-    assert!(matches!(open_scene("synthetic", &settings), Err(DatasetError::Settings(_))));
+    let settings = DatasetSettings::default().with(|settings| settings.stride = 0);
+    assert!(matches!(open_scene("synthetic", &settings), Err(DatasetError::Setting(_))));
 }

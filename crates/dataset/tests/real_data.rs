@@ -12,7 +12,11 @@ fn redkitchen_is_a_registered_recording() {
     let Some(path) = shared_data("redkitchen_is_a_registered_recording", "redkitchen") else { return };
     let scene = open_scene(path, &DatasetSettings::default()).unwrap();
     assert_eq!((scene.name(), scene.frame_count(), scene.frame_name(15)), ("redkitchen", 100, "frame-000150".into()));
-    let settings = DatasetSettings { stride: 33, resize: "320x240".parse().ok(), crop_border: 5, ..Default::default() };
+    let settings = DatasetSettings::default().with(|settings| {
+        settings.stride = 33;
+        settings.resize = "320x240".parse().ok();
+        settings.crop_border = 5;
+    });
     let frames: Vec<RgbdFrame<'static>> =
         FrameStream::open(scene, &settings, GroundTruth::Skip).unwrap().map(|frame| frame.unwrap().frame).collect();
     assert_eq!(frames.len(), 4);
@@ -30,7 +34,7 @@ fn a_rendered_room_agrees_with_itself_in_world_coordinates() {
     let Some(path) = shared_data(test, "rooms/dev-a") else { return };
     let scene = open_scene(path, &DatasetSettings::default()).unwrap();
     assert_eq!((scene.frame_count(), scene.frame_name(10)), (80, "10".into()));
-    let settings = DatasetSettings { max_frames: Some(2), ..Default::default() };
+    let settings = DatasetSettings::default().with(|settings| settings.max_frames = Some(2));
     let frames: Vec<_> =
         FrameStream::open(scene, &settings, GroundTruth::Read).unwrap().map(|frame| frame.unwrap()).collect();
     let (here, there) = (&frames[0], &frames[1]);

@@ -68,7 +68,7 @@ fn labels_come_out_of_the_zip_file_or_its_unpacked_folder() {
     write_sens(folder.path(), &writer().recording(&frames()));
     let labels: Vec<SegmentMap> = room().iter().map(|(_, labels)| labels.clone()).collect();
     fs::write(folder.path().join("scene0000_00_2d-instance-filt.zip"), labels_zip(&labels[..2])).unwrap();
-    let settings = DatasetSettings { stride: 2, ..DatasetSettings::default() };
+    let settings = DatasetSettings::default().with(|settings| settings.stride = 2);
     let open = || open_scene(folder.path(), &settings).unwrap();
     let scene = open();
     assert!(scene.has_ground_truth());

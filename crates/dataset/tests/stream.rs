@@ -6,7 +6,7 @@ use glam::Vec2;
 use proptest::prelude::*;
 use splatseg_dataset::{
     DatasetError, DatasetSettings, FrameStream, Framing, GroundTruth, ImageSize, MAX_FRAMES_IN_MEMORY, Scene,
-    SettingsError, SyntheticScene, open_scene,
+    SyntheticScene, open_scene,
 };
 use splatseg_geometry::{RgbdFrame, SegmentMap};
 use std::fs;
@@ -26,10 +26,13 @@ fn indices(scene: &Arc<dyn Scene>, settings: &DatasetSettings) -> Vec<usize> {
 #[test]
 fn frames_are_selected_in_order() {
     let scene = room("synthetic:frames=20,width=16,height=12,objects=2");
-    let settings = DatasetSettings { start: 3, stride: 4, ..Default::default() };
+    let settings = DatasetSettings::default().with(|settings| {
+        settings.start = 3;
+        settings.stride = 4;
+    });
     assert_eq!(indices(&scene, &settings), [3, 7, 11, 15, 19]);
-    assert_eq!(indices(&scene, &DatasetSettings { max_frames: Some(2), ..settings }), [3, 7]);
-    assert_eq!(indices(&scene, &DatasetSettings { start: 19, ..Default::default() }), [19]);
+    assert_eq!(indices(&scene, &settings.with(|settings| settings.max_frames = Some(2))), [3, 7]);
+    assert_eq!(indices(&scene, &DatasetSettings::default().with(|settings| settings.start = 19)), [19]);
 }
 
 #[test]
@@ -37,24 +40,30 @@ fn impossible_settings_are_told_on_opening() {
     let scene = room("synthetic:frames=5,width=32,height=24,objects=1");
     let refused = |settings: DatasetSettings| match FrameStream::open(Arc::clone(&scene), &settings, GroundTruth::Read)
     {
-        Err(DatasetError::Settings(error)) => error,
+        Err(DatasetError::Setting(error)) => error.to_string(),
         other => panic!("{other:?}"),
     };
     let default = DatasetSettings::default;
-    assert_eq!(refused(DatasetSettings { stride: 0, ..default() }), SettingsError::ZeroStride);
-    assert!(matches!(
-        refused(DatasetSettings { resize: "0x0".parse().ok(), ..default() }),
-        SettingsError::Resize { .. }
-    ));
-    assert_eq!(
-        refused(DatasetSettings { crop_border: 12, ..default() }),
-        SettingsError::CropTooLarge { border: 12, width: 32, height: 24 }
-    );
-    assert!(matches!(
-        refused(DatasetSettings { crop_border: usize::MAX, ..default() }),
-        SettingsError::CropTooLarge { .. }
-    ));
-    assert_eq!(refused(DatasetSettings { start: 5, ..default() }), SettingsError::StartPastEnd { start: 5, frames: 5 });
+    let cases = [
+        (default().with(|settings| settings.stride = 0), "dataset.stride is 0, expected 1 or more"),
+        (
+            default().with(|settings| settings.resize = "0x0".parse().ok()),
+            "dataset.resize is \"0x0\", expected WIDTHxHEIGHT, sides of 1 to 16384 pixels",
+        ),
+        (
+            default().with(|settings| settings.crop_border = 12),
+            "dataset.crop_border is 12, expected less than half of 32x24 pixels, the frame's size",
+        ),
+        (
+            default().with(|settings| settings.start = 5),
+            "dataset.start is 5, expected less than 5, the scene's number of frames",
+        ),
+    ];
+    for (settings, message) in cases {
+        assert_eq!(refused(settings), message);
+    }
+    let huge = refused(default().with(|settings| settings.crop_border = usize::MAX));
+    assert!(huge.starts_with("dataset.crop_border is "), "{huge}");
 }
 
 #[test]
@@ -62,7 +71,10 @@ fn points_stay_where_they_are_after_resizing_and_cropping() {
     let scene = room("synthetic:frames=1,seed=5,objects=6");
     let original = scene.read_frame(0).unwrap();
     let labels = scene.read_ground_truth(0).unwrap().unwrap();
-    let settings = DatasetSettings { resize: "200x150".parse().ok(), crop_border: 5, ..Default::default() };
+    let settings = DatasetSettings::default().with(|settings| {
+        settings.resize = "200x150".parse().ok();
+        settings.crop_border = 5;
+    });
     let mut stream = FrameStream::open(scene, &settings, GroundTruth::Read).unwrap();
     assert_eq!((stream.len(), stream.frame_size()), (1, Some((190, 140))));
     let framed = stream.next().unwrap().unwrap();

@@ -133,7 +133,7 @@ fn damaged_lists_are_told() {
     assert!(opening_fails("groundtruth.txt", b"1 0 0 0 0 0 1\n").contains("expected time tx ty tz qx qy qz qw"));
     assert!(opening_fails("groundtruth.txt", b"1 0 0 0 0 0 0 1 2\n").contains("line 1"));
     assert!(opening_fails("groundtruth.txt", b"1 0 0 zero 0 0 0 1\n").contains("line 1"));
-    assert!(opening_fails("groundtruth.txt", &[0xFF; 9]).contains("no text"));
+    assert!(opening_fails("groundtruth.txt", &[0xFF; 9]).contains("not text"));
     let folder = tempfile::tempdir().unwrap();
     write_tum(folder.path());
     fs::remove_file(folder.path().join("groundtruth.txt")).unwrap();

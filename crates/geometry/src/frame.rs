@@ -60,6 +60,12 @@ pub enum FrameError {
     Intrinsics(#[from] IntrinsicsError),
 }
 
+impl<'a> AsRef<RgbdFrame<'a>> for RgbdFrame<'a> {
+    fn as_ref(&self) -> &RgbdFrame<'a> {
+        self
+    }
+}
+
 impl<'a> RgbdFrame<'a> {
     /// Assembles a frame without a timestamp. `color` (sRGB) and `depth` are `[height, width]` and show the same pixels;
     /// `depth` is z-depth in metres, where negative, infinite and NaN values become 0 ("missing"). Borrowed depth is
@@ -94,6 +100,7 @@ impl<'a> RgbdFrame<'a> {
     }
 
     /// The frame with the time at which its colour image was taken, or without one; see [`RgbdFrame::timestamp`].
+    #[must_use]
     pub fn with_timestamp(mut self, timestamp: impl Into<Option<Duration>>) -> Self {
         self.timestamp = timestamp.into();
         self

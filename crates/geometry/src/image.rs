@@ -101,6 +101,7 @@ impl<'a, T: Clone> CowImage<'a, T> {
     }
 
     /// The image without `border` pixels on each side; empty if nothing is left.
+    #[must_use]
     pub fn crop_border(&self, border: usize) -> Image<T> {
         let width = self.width.saturating_sub(2 * border);
         let height = self.height.saturating_sub(2 * border);
@@ -121,13 +122,13 @@ impl<T: Clone> Image<T> {
         Ok(Self { width, height, pixels: Cow::Owned(pixels) })
     }
 
-    /// The image without `border` pixels on each side; empty if nothing is left.
-    #[must_use]
-    pub fn crop_border(&self, border: usize) -> Self {
-        let width = self.width.saturating_sub(2 * border);
-        let height = self.height.saturating_sub(2 * border);
-        if width == 0 || height == 0 {
-            return Self { width: 0, height: 0, pixels: Vec::new() };
+    /// Makes an image by calling `pixel(column, row)` for every pixel, row by row.
+    pub fn from_fn(width: usize, height: usize, mut pixel: impl FnMut(usize, usize) -> T) -> Self {
+        let mut pixels = Vec::with_capacity(width * height);
+        for row in 0..height {
+            for column in 0..width {
+                pixels.push(pixel(column, row));
+            }
         }
         Self { width, height, pixels: Cow::Owned(pixels) }
     }

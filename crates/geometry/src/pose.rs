@@ -139,6 +139,7 @@ impl Pose {
     }
 
     /// The inverse transform: from world to camera coordinates.
+    #[must_use]
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.transpose();
         Self { rotation, translation: -(rotation * self.translation) }

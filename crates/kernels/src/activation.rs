@@ -97,8 +97,8 @@ mod tests {
         let series = |x: f64| {
             let (mut term, mut sum) = (x, x);
             for n in 1..200 {
-                term *= -x * x / n as f64;
-                sum += term / (2 * n + 1) as f64;
+                term *= -x * x / f64::from(n);
+                sum += term / f64::from(2 * n + 1);
             }
             sum * core::f64::consts::FRAC_2_SQRT_PI
         };

@@ -14,7 +14,7 @@
 //!
 //! Work is divided into blocks of fixed size and every sum has a fixed order, so results never depend on the number of
 //! threads. Networks fuse multiplications and additions where the processor can ([`gemm`], [`attention`]); what a map
-//! is made of ([`inner_products`], [`exp::exp_negative`](exp::exp_negative)) never does, so that maps have the same bytes
+//! is made of ([`inner_products`], [`exp::exp_negative`]) never does, so that maps have the same bytes
 //! on every machine.
 
 pub mod activation;

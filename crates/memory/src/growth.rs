@@ -1,4 +1,4 @@
-//! Where a frame shows a surface that the map lacks: new Gaussians (METHOD, "Growth").
+//! Where a frame shows a surface that the map lacks: new Gaussians (docs/METHOD.md, "Memory").
 //!
 //! Two rules. The paper's ([`by_paper`], SplaTAM's) adds one Gaussian for every pixel that nothing covers, or whose
 //! observed depth disagrees with the rendered one. Ours ([`missing`]) adds only what is missing: a surface is missing

@@ -26,11 +26,12 @@ mod splat_memory;
 pub use belief::SegmentBelief;
 pub use evidence::Votes;
 pub use features::{Codebook, CodebookError, CodebookSettings, LearningExtent};
-pub use map::SplatMap;
+pub use map::{NewGaussian, SplatMap};
 pub use persistence::LoadMemoryError;
 pub use ply::{SplatContent, SplatContentView, SplatFile, SplatFileError, SplatFileView};
-pub use recall::Recall;
-pub use settings::{GrowthRule, MemoryKind, MemorySettings, SettingsError};
+pub use recall::{Recall, TileSurface};
+pub use segment_store::{SegmentStore, StoreTile};
+pub use settings::{GrowthRule, MemoryKind, MemorySettings};
 pub use splat_memory::{ABSTAIN, FrameUpdate, MAX_SEGMENT_ID, MemoryError, SplatMemory};
 
 #[cfg(doctest)]

@@ -18,7 +18,7 @@ pub struct SplatMap {
 
 /// A Gaussian to be added: the surface patch that one pixel or a block of them sees.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct NewGaussian {
+pub struct NewGaussian {
     /// Row-major index of the pixel, or of one in the middle of the block.
     pub pixel: usize,
     /// Back-projected point, world coordinates, metres.

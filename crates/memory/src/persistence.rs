@@ -47,20 +47,22 @@ impl SplatMemory {
     /// shows by itself.
     ///
     /// # Errors
-    /// If the file cannot be written. No half file is left.
+    /// If the file cannot be written, or the memory is of a kind that has no file format. No half file is left.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), SplatFileError> {
+        let no_format = || SplatFileError::NoFormat { path: path.as_ref().to_owned() };
+        let content = self.store.content().ok_or_else(no_format)?;
         let segment_ids = self.segment_ids();
         let ids = 1..=self.segments.len() as SegmentId;
         let sightings: Vec<u32> = ids.map(|id| self.segments.sightings(id)).collect();
         let view = SplatFileView {
             map: &self.map,
-            content: self.store.content(),
+            content,
             segment_ids: &segment_ids,
             sightings: &sightings,
             carried: self.segments.carried(),
             frames: self.frames,
         };
-        view.save(path)
+        view.save(path.as_ref())
     }
 
     /// Continues a saved memory as if the run had not ended: the ids in it stay what they are. `settings` are those of

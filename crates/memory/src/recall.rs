@@ -6,7 +6,7 @@ use crate::segment_store::{SegmentStore, StoreTile};
 use crate::{GrowthRule, MemoryKind, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, Image, RgbdFrame, SegmentMap};
-use splatseg_render::{Camera, Splats, TileWeights, View, ViewTiming};
+use splatseg_render::{Balls, Camera, TileWeights, View};
 
 /// Pixels of a tile.
 const PIXELS: usize = TileWeights::PIXELS;
@@ -33,7 +33,7 @@ pub struct Recall<'f> {
 
 /// What a tile of the frame and of the map look like, whatever is remembered of segments. Buffers are `[16, 16]`.
 #[derive(Clone, Debug)]
-pub(crate) struct TileSurface {
+pub struct TileSurface {
     /// Accumulated alpha.
     pub silhouette: [f32; PIXELS],
     /// Rendered z-depth, metres, divided by the silhouette.
@@ -105,6 +105,16 @@ impl<'f> Recall<'f> {
         &self.belief
     }
 
+    /// The frame.
+    pub fn frame(&self) -> &RgbdFrame<'f> {
+        self.frame
+    }
+
+    /// The view of the map, with the blend weights of every pixel.
+    pub fn view(&self) -> &View {
+        &self.view
+    }
+
     /// Rendered silhouette (accumulated alpha) in [0, 1], `[height, width]`.
     pub fn silhouette(&self) -> &Image<f32> {
         &self.silhouette
@@ -115,13 +125,8 @@ impl<'f> Recall<'f> {
         &self.depth
     }
 
-    /// Time spent on the view.
-    pub fn view_timing(&self) -> ViewTiming {
-        self.view.timing()
-    }
-
     /// `[height, width]` of what `read` makes of each tile, `[16, 16]` row-major.
-    pub(crate) fn map_tiles(&self, read: impl Fn(&TileWeights, &StoreTile, &mut [u32; PIXELS]) + Sync) -> SegmentMap {
+    pub fn map_tiles(&self, read: impl Fn(&TileWeights, &StoreTile, &mut [u32; PIXELS]) + Sync) -> SegmentMap {
         let (width, height) = (self.frame.width(), self.frame.height());
         let tiles = self.view.weights().tiles();
         let columns = self.view.weights().tile_columns();

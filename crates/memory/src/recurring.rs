@@ -66,7 +66,7 @@ impl RecurringPredictions {
                 }
             }
         }
-        let found = self.found_again(&under, &in_view, &shared);
+        let found = Self::found_again(&under, &in_view, &shared);
         self.count(&found, &in_view);
         let again: BTreeSet<u32> = found.values().copied().collect();
         for splat in recall.view.projected() {
@@ -102,7 +102,6 @@ impl RecurringPredictions {
 
     /// The number of each prediction that was seen before.
     fn found_again(
-        &self,
         under: &BTreeMap<SegmentId, Vec<u32>>,
         in_view: &BTreeMap<u32, usize>,
         shared: &BTreeMap<(SegmentId, u32), usize>,

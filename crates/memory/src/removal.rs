@@ -7,8 +7,8 @@ use crate::MemorySettings;
 use crate::map::SplatMap;
 use glam::Vec3;
 use rayon::prelude::*;
-use splatseg_geometry::CowImage;
-use splatseg_render::ProjectedGaussian;
+use splatseg_geometry::RgbdFrame;
+use splatseg_render::{Balls, Camera, Shape, Splats};
 
 /// If a frame sees through more than this share of the Gaussians whose depth it can tell, its pose or its depth is
 /// wrong, and it says nothing about any of them.
@@ -110,11 +110,14 @@ pub(crate) fn longest_unseen(map: &SplatMap, max: usize) -> Option<Vec<bool>> {
     Some(keep)
 }
 
-/// Compares a Gaussian with the depths around its centre: a pose that is off by a pixel must not make it look free.
-fn sight(splat: &ProjectedGaussian, depth: &CowImage<'_, f32>, settings: &MemorySettings) -> Sight {
-    let (width, height) = depth.size();
-    let (column, row) = (splat.mean.x.round(), splat.mean.y.round());
-    if !(column >= 1.0 && row >= 1.0 && column + 2.0 <= width as f32 && row + 2.0 <= height as f32) {
+/// Compares a Gaussian, camera coordinates, with the depths around its centre: a pose that is off by a pixel must not
+/// make it look free.
+fn sight(center: Vec3, frame: &RgbdFrame<'_>, settings: &MemorySettings) -> Sight {
+    let (width, height) = (frame.width(), frame.height());
+    let Some(pixel) = frame.intrinsics().project(center) else { return Sight::Unknown };
+    let (column, row) = (pixel.x.round(), pixel.y.round());
+    let is_inside = column >= 1.0 && row >= 1.0 && column + 2.0 <= width as f32 && row + 2.0 <= height as f32;
+    if !is_inside {
         return Sight::Unknown;
     }
     let (column, row) = (column as usize, row as usize);

@@ -9,7 +9,7 @@ use splatseg_render::{Splats, TileWeights};
 
 /// What a store reads off one tile of a view: buffers are `[16, 16]`, row-major.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct StoreTile {
+pub struct StoreTile {
     /// The segment expected at every pixel, 0 for none.
     pub segments: Vec<SegmentId>,
     /// How sure that is; 1 is what a fresh observation has.
@@ -26,17 +26,20 @@ pub(crate) struct StoreTile {
 /// For every frame: [`read_tile`](Self::read_tile) for each tile, [`fuse`](Self::fuse), then [`grow`](Self::grow) and
 /// [`learn`](Self::learn). `seen` is always the frame's predictions: the id of the one that is visible at each pixel, 0
 /// where there is none, [`ABSTAIN`](crate::ABSTAIN) where the one that is there has no say.
-pub(crate) trait SegmentStore: std::fmt::Debug + Send + Sync {
-    /// Reads the expected segments off a tile (METHOD, "FastSAM-Splat", step 1).
+///
+/// A kind of memory of your own implements this trait; [`SplatMemory::with_store`](crate::SplatMemory::with_store) makes
+/// a memory of it.
+pub trait SegmentStore: std::fmt::Debug + Send + Sync {
+    /// Reads the expected segments off a tile (docs/METHOD.md, "FastSAM-Splat").
     fn read_tile(&self, tile: &TileWeights, surface: &TileSurface) -> StoreTile;
 
-    /// What the frame shows once memory and predictions are brought together (step 4).
+    /// What the frame shows once memory and predictions are brought together.
     fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> SegmentMap;
 
     /// Appends what newly grown Gaussians know of segments.
     fn grow(&mut self, added: &[NewGaussian], recall: &Recall<'_>, seen: &SegmentMap);
 
-    /// Takes in what the frame shows (step 6). `map` has its new Gaussians already.
+    /// Takes in what the frame shows `map` has its new Gaussians already.
     fn learn(&mut self, recall: &mut Recall<'_>, map: &dyn Splats, seen: &SegmentMap) -> LearningExtent;
 
     /// Makes some Gaussians surer of a segment than of all others together.
@@ -46,6 +49,9 @@ pub(crate) trait SegmentStore: std::fmt::Debug + Send + Sync {
     fn retain(&mut self, keep: &[bool]);
 
     /// Prepares for a segment id that was never used before.
+    ///
+    /// # Errors
+    /// If there is no room for it; [`MemoryError::Other`] for errors of your own.
     fn new_segment(&mut self, id: SegmentId) -> Result<(), MemoryError>;
 
     /// The segment that each Gaussian shows by itself, 0 for none.
@@ -54,6 +60,8 @@ pub(crate) trait SegmentStore: std::fmt::Debug + Send + Sync {
     /// Numbers that each Gaussian holds for segments.
     fn numbers_per_gaussian(&self) -> usize;
 
-    /// All that it remembers, to be saved.
-    fn content(&self) -> SplatContentView<'_>;
+    /// All that it remembers, to be saved. `None`, the default, for a kind of memory that has no file format.
+    fn content(&self) -> Option<SplatContentView<'_>> {
+        None
+    }
 }

@@ -8,10 +8,10 @@ use crate::recurring::RecurringPredictions;
 use crate::removal::{longest_unseen, note_sights, sights};
 use crate::segment_store::SegmentStore;
 use crate::segments::Segments;
-use crate::{CodebookError, GrowthRule, LearningExtent, MemoryKind, MemorySettings, Recall, SettingsError, growth};
+use crate::{CodebookError, GrowthRule, LearningExtent, MemoryKind, MemorySettings, Recall, growth};
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
-use splatseg_render::{Balls, Camera, RasterLimits, ViewTiming};
-use std::time::{Duration, Instant};
+use splatseg_render::{Balls, Camera, RasterLimits};
+use splatseg_settings::SettingError;
 use thiserror::Error;
 
 /// The largest segment id there can be: results are 16-bit images.
@@ -45,13 +45,22 @@ pub struct SplatMemory {
 
 /// What keeps a memory from being made or used.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum MemoryError {
     /// A setting is out of range.
     #[error(transparent)]
-    Settings(#[from] SettingsError),
+    Setting(#[from] SettingError),
     /// The codebook cannot be made.
     #[error(transparent)]
     Codebook(#[from] CodebookError),
+    /// A store that is defined elsewhere failed.
+    #[error("{name}: {source}")]
+    Other {
+        /// Name of the store.
+        name: String,
+        /// What it reports.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
     /// All ids that fit a 16-bit image are used.
     #[error("the video has more than {MAX_SEGMENT_ID} segments, more ids than a 16-bit image can hold")]
     OutOfIds,
@@ -73,7 +82,7 @@ pub enum MemoryError {
     },
 }
 
-/// What taking in a frame did and how long it took.
+/// What taking in a frame did.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FrameUpdate {
     /// Gaussians added.
@@ -84,12 +93,6 @@ pub struct FrameUpdate {
     pub forgotten: Vec<SegmentId>,
     /// Extent of the learning.
     pub learning: LearningExtent,
-    /// Time spent choosing, adding and removing Gaussians.
-    pub grow_time: Duration,
-    /// Time spent on votes or gradient steps.
-    pub learn_time: Duration,
-    /// Time spent on the frame's view.
-    pub view_time: ViewTiming,
 }
 
 impl SplatMemory {
@@ -107,6 +110,16 @@ impl SplatMemory {
         Ok(Self::with_parts(settings, SplatMap::default(), store, Segments::default()))
     }
 
+    /// An empty memory that remembers segments in a way of its own; `memory.kind` means nothing then. It can be saved only
+    /// if the store has a [`SegmentStore::content`].
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn with_store(settings: MemorySettings, store: Box<dyn SegmentStore>) -> Result<Self, MemoryError> {
+        settings.validate()?;
+        Ok(Self::with_parts(settings, SplatMap::default(), store, Segments::default()))
+    }
+
     pub(crate) fn with_parts(
         settings: MemorySettings,
         map: SplatMap,
@@ -120,6 +133,7 @@ impl SplatMemory {
 
     /// What the memory expects `frame` to show.
     pub fn recall<'f>(&self, frame: &'f RgbdFrame<'_>) -> Recall<'f> {
+        let _stage = tracing::debug_span!(target: "splatseg::stage", "decode").entered();
         let mut camera = Camera::new(*frame.intrinsics(), frame.world_from_camera());
         if self.settings.kind == MemoryKind::Evidence {
             let (min_alpha, min_transmittance) = (self.settings.min_alpha, self.settings.min_transmittance);
@@ -189,28 +203,26 @@ impl SplatMemory {
     pub fn update(&mut self, mut recall: Recall<'_>, seen: &SegmentMap) -> Result<FrameUpdate, MemoryError> {
         self.check_predictions(recall.frame, seen)?;
         self.segments.note_sightings(seen);
-        let started = Instant::now();
+        let stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
         let added = match self.settings.growth_rule() {
             GrowthRule::Paper => growth::by_paper(&recall, &self.settings),
             _ => growth::missing(&recall, seen, &self.settings),
         };
         self.map.add(&added, self.frames);
         self.store.grow(&added, &recall, seen);
-        let mut grow_time = started.elapsed();
+        drop(stage);
 
-        let started = Instant::now();
+        let stage = tracing::debug_span!(target: "splatseg::stage", "learn").entered();
         let learning = self.store.learn(&mut recall, &self.map.balls, seen);
         if self.settings.links_depthless() {
             self.depthless.take_in(&recall, seen, self.settings.growth_silhouette, self.frames);
         }
-        let learn_time = started.elapsed();
+        drop(stage);
 
-        let started = Instant::now();
+        let _stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
         let (removed, forgotten) = self.forget(&recall);
-        grow_time += started.elapsed();
         self.frames = self.frames.saturating_add(1);
-        let view_time = recall.view_timing();
-        Ok(FrameUpdate { grown: added.len(), removed, forgotten, learning, grow_time, learn_time, view_time })
+        Ok(FrameUpdate { grown: added.len(), removed, forgotten, learning })
     }
 
     /// Removes what is gone; returns how many Gaussians that were, and the ids that nothing carries any more.

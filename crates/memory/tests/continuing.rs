@@ -18,7 +18,13 @@ const NEW_SEGMENT: usize = 9;
 
 fn settings(kind: MemoryKind, growth: GrowthRule) -> MemorySettings {
     // So few codes that the loaded codebook has to be extended.
-    MemorySettings { kind, growth, feature_dim: 4, num_codes: 3, num_steps: 3, ..MemorySettings::default() }
+    MemorySettings::default().with(|settings| {
+        settings.kind = kind;
+        settings.growth = growth;
+        settings.feature_dim = 4;
+        settings.num_codes = 3;
+        settings.num_steps = 3;
+    })
 }
 
 /// A wall of two segments, a box before it, and the segments that are seen there; some frames see none.
@@ -121,9 +127,9 @@ fn another_memory_than_the_settings_ask_for_is_refused() {
 
     save(MemoryKind::Features);
     assert!(matches!(refusal(of(MemoryKind::Evidence)), LoadMemoryError::Kind { found: "features", .. }));
-    let other = MemorySettings { feature_dim: 5, ..of(MemoryKind::Features) };
+    let other = of(MemoryKind::Features).with(|settings| settings.feature_dim = 5);
     assert!(matches!(refusal(other), LoadMemoryError::FeatureDim { found: 4, expected: 5, .. }));
-    let impossible = MemorySettings { feature_dim: 0, ..of(MemoryKind::Features) };
+    let impossible = of(MemoryKind::Features).with(|settings| settings.feature_dim = 0);
     assert!(matches!(refusal(impossible), LoadMemoryError::Settings(_)));
     fs::write(&path, "ply\n").unwrap();
     assert!(matches!(refusal(of(MemoryKind::Evidence)), LoadMemoryError::File(_)));

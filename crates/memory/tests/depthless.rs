@@ -183,7 +183,7 @@ fn it_is_not_expected_where_there_is_depth() {
 
 #[test]
 fn the_map_is_not_overruled() {
-    let off = MemorySettings { depthless: false, ..MemorySettings::default() };
+    let off = MemorySettings::default().with(|settings| settings.depthless = false);
     let (mut with, mut without) = (memory(MemorySettings::default(), 4), memory(off.clone(), 4));
     for pose in walk() {
         let (frame, truth) = view(&pose);
@@ -200,8 +200,11 @@ fn the_map_is_not_overruled() {
     }
     assert_eq!((with.balls(), with.segment_ids()), (without.balls(), without.segment_ids()));
     assert!(worst(&agreements(walk(), SCREEN, off)) < 0.2);
-    let paper =
-        MemorySettings { kind: MemoryKind::Features, num_codes: 8, feature_dim: 4, ..MemorySettings::default() };
+    let paper = MemorySettings::default().with(|settings| {
+        settings.kind = MemoryKind::Features;
+        settings.num_codes = 8;
+        settings.feature_dim = 4;
+    });
     assert!(worst(&agreements(walk().take(3), SCREEN, paper)) < 0.2);
 }
 

@@ -30,7 +30,7 @@ fn busy_frame() -> (Candidates, Prototypes) {
 fn fastsam(criterion: &mut Criterion) {
     let (candidates, prototypes) = busy_frame();
     let placement = Placement { image: (320, 240), input: (320, 256) };
-    let settings = FastSamPredictorSettings { image_size: 320, ..FastSamPredictorSettings::default() };
+    let settings = FastSamPredictorSettings::default().with(|settings| settings.image_size = 320);
     let found = detections(&candidates, &prototypes, placement, &settings).len();
     criterion.bench_function(&format!("masks of {found} detections, 320x240"), |bencher| {
         bencher.iter(|| detections(black_box(&candidates), &prototypes, placement, &settings));

@@ -2,22 +2,21 @@
 
 use burn::backend::Flex;
 use burn::tensor::{Device, Tensor};
-use serde::{Deserialize, Serialize};
+use splatseg_settings::choices;
 use thiserror::Error;
 
-/// A kind of device. The CPU is always there; the others are Cargo features of the same name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DeviceName {
-    /// The processor.
-    #[default]
-    Cpu,
-    /// A GPU by NVIDIA.
-    Cuda,
-    /// Any GPU with a Vulkan driver.
-    Vulkan,
-    /// A GPU by Apple.
-    Metal,
+choices! {
+    /// A kind of device. The CPU is always there; the others are Cargo features of the same name.
+    pub enum DeviceName, default Cpu {
+        /// The processor.
+        Cpu = "cpu",
+        /// A GPU by NVIDIA.
+        Cuda = "cuda",
+        /// Any GPU with a Vulkan driver.
+        Vulkan = "vulkan",
+        /// A GPU by Apple.
+        Metal = "metal",
+    }
 }
 
 /// Why a device cannot be used.
@@ -37,19 +36,6 @@ pub enum DeviceError {
 }
 
 impl DeviceName {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Cpu, Self::Cuda, Self::Vulkan, Self::Metal];
-
-    /// The name on the command line and in settings.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Cpu => "cpu",
-            Self::Cuda => "cuda",
-            Self::Vulkan => "vulkan",
-            Self::Metal => "metal",
-        }
-    }
-
     /// The device, tried out.
     ///
     /// # Errors

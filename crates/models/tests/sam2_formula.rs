@@ -6,7 +6,7 @@ mod sam2_golden;
 use burn::tensor::{Device, Tensor, TensorData};
 use sam2_golden::{FormulaWeights, Golden, Within, assert_close, fnv1a64, uniform};
 use splatseg_geometry::Mask;
-use splatseg_models::sam2::{Click, PredictorSettings, Prompt, Sam2, VideoPredictor};
+use splatseg_models::sam2::{Click, Prompt, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
 use std::path::Path;
 
 const SIDE: usize = 128;
@@ -36,7 +36,7 @@ fn masks_boxes_and_clicks_are_followed_as_officially() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/sam2");
     let golden = Golden::open(&folder, "formula_video");
     let weights = FormulaWeights::of_manifest(&folder, "mini");
-    let network = Sam2::load(&weights, Some(SIDE), &Device::flex()).unwrap();
+    let network = Sam2Network::load(&weights, Some(SIDE), &Device::flex()).unwrap();
 
     let embedding = network.encode(input(0)).embedding.permute([0, 3, 1, 2]);
     let embedding: Vec<f32> = embedding.into_data().try_into_vec().unwrap();
@@ -49,7 +49,7 @@ fn masks_boxes_and_clicks_are_followed_as_officially() {
         (2, Prompt::bounding_box([70.0, 20.0, 118.0, 64.0])),
         (3, Prompt::Points { bounding_box: None, clicks }),
     ];
-    let mut predictor = VideoPredictor::new(network, PredictorSettings::parity(FRAMES)).unwrap();
+    let mut predictor = Sam2Predictor::new(network, Sam2PredictorSettings::parity(FRAMES)).unwrap();
     for t in 0..FRAMES {
         let mut found = predictor.track_input(input(t), (SIDE, SIDE)).unwrap();
         if t == 0 {

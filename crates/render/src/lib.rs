@@ -24,7 +24,7 @@ pub use blend_weights::{BlendWeights, TileWeights};
 pub use camera::{Camera, RasterLimits};
 pub use gaussians::{Balls, Gaussians, Shape, Splats};
 pub use projection::{ProjectedGaussian, project, project_one};
-pub use view::{View, ViewTiming};
+pub use view::View;
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

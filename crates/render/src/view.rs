@@ -7,7 +7,6 @@ use crate::{
 };
 use rayon::prelude::*;
 use splatseg_geometry::Image;
-use std::time::{Duration, Instant};
 
 /// A rasterised view: projected and binned once, blended once.
 #[derive(Clone, Debug)]
@@ -17,23 +16,6 @@ pub struct View {
     gaussian_count: usize,
     splats: Vec<ProjectedGaussian>,
     weights: BlendWeights,
-    timing: ViewTiming,
-}
-
-/// Wall-clock time spent on a view.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ViewTiming {
-    /// Projecting Gaussians and binning them into tiles.
-    pub project: Duration,
-    /// Alpha blending.
-    pub rasterise: Duration,
-}
-
-impl ViewTiming {
-    /// The sum of both.
-    pub fn total(&self) -> Duration {
-        self.project + self.rasterise
-    }
 }
 
 impl View {
@@ -51,13 +33,13 @@ impl View {
         camera: &Camera,
         read_tile: impl Fn(&TileWeights) -> T + Sync,
     ) -> (Self, Vec<T>) {
-        let started = Instant::now();
+        let stage = tracing::debug_span!(target: "splatseg::stage", "project_and_bin").entered();
         let grid = TileGrid::new(camera.intrinsics.width, camera.intrinsics.height);
         let splats = project(gaussians, 0, camera);
         let keys = grid.bin(&splats);
-        let project = started.elapsed();
+        drop(stage);
 
-        let started = Instant::now();
+        let _stage = tracing::debug_span!(target: "splatseg::stage", "rasterise").entered();
         let scene = Scene { grid: &grid, splats: &splats, limits: &camera.limits };
         let (tiles, found) = keys
             .par_iter()
@@ -69,8 +51,7 @@ impl View {
             })
             .unzip();
         let weights = BlendWeights { width: grid.width, height: grid.height, tiles, tile_columns: grid.columns.max(1) };
-        let timing = ViewTiming { project, rasterise: started.elapsed() };
-        (Self { camera: *camera, grid, gaussian_count: gaussians.count(), splats, weights, timing }, found)
+        (Self { camera: *camera, grid, gaussian_count: gaussians.count(), splats, weights }, found)
     }
 
     /// Per tile (row-major), the pixels on which a Gaussian appended to `gaussians` since the view was made could have
@@ -122,10 +103,5 @@ impl View {
     /// The Gaussians that can touch the image, by increasing index.
     pub fn projected(&self) -> &[ProjectedGaussian] {
         &self.splats
-    }
-
-    /// Time spent on the view.
-    pub fn timing(&self) -> ViewTiming {
-        self.timing
     }
 }

@@ -3,6 +3,7 @@
 use splatseg_dataset::DatasetError;
 use splatseg_geometry::RleError;
 use splatseg_models::fastsam::FastSamError;
+use splatseg_settings::SettingError;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -13,22 +14,9 @@ pub enum SegmenterError {
     /// The network failed.
     #[error(transparent)]
     FastSam(#[from] FastSamError),
-    /// Masks were requested for a frame for which none were prepared.
-    #[error("no masks were prepared for frame {frame}")]
-    NotPrepared {
-        /// Name of the frame.
-        frame: String,
-    },
     /// A setting is out of range.
-    #[error("segmenter setting {field} is {found}, expected {expected}")]
-    Setting {
-        /// The setting's name, e.g. `surface.noise`.
-        field: &'static str,
-        /// Its value.
-        found: String,
-        /// What it may be.
-        expected: &'static str,
-    },
+    #[error(transparent)]
+    Setting(#[from] SettingError),
     /// A file or folder could not be read.
     #[error("cannot read {path}: {source}", path = path.display())]
     Read {
@@ -105,45 +93,6 @@ pub enum SegmenterError {
         /// Size of the masks in the file.
         stored: (usize, usize),
         /// Their size after resizing and cropping.
-        found: (usize, usize),
-        /// Size of the frame.
-        expected: (usize, usize),
-    },
-    /// Ground truth was requested from a scene without true segments.
-    #[error(
-        "{scene} has no ground truth, which the oracle segmenter, the simulated tracker and ground-truth prompts need"
-    )]
-    NoGroundTruth {
-        /// Name of the scene.
-        scene: String,
-    },
-    /// Ground truth was requested for a frame that the scene does not have or that is not labelled.
-    #[error(
-        "{scene} has no ground truth for frame {frame}, which the oracle segmenter, the simulated tracker and ground-truth prompts need"
-    )]
-    UnlabelledFrame {
-        /// Name of the scene.
-        scene: String,
-        /// Name of the frame.
-        frame: String,
-    },
-    /// The true segments of a frame cannot be read.
-    #[error("the ground truth of frame {frame}: {source}")]
-    GroundTruth {
-        /// Name of the frame.
-        frame: String,
-        /// What is wrong.
-        source: Box<DatasetError>,
-    },
-    /// The true segments differ in size from the frame.
-    #[error(
-        "the ground truth of frame {frame} has {}x{} pixels, expected the frame's {}x{}",
-        found.0, found.1, expected.0, expected.1
-    )]
-    GroundTruthSize {
-        /// Name of the frame.
-        frame: String,
-        /// Size of the true segments.
         found: (usize, usize),
         /// Size of the frame.
         expected: (usize, usize),

@@ -6,28 +6,33 @@
 //!   object ends and another begins.
 //! - [`FastSamSegmenter`] runs FastSAM, the segmenter of the paper, on weights that the user has.
 //! - [`MaskFolder`] replays masks that any other model wrote to disk.
-//! - [`OracleSegmenter`] knows the truth and errs at set rates, for comparing methods without a network.
-//! - [`FirstAppearances`] gives each true object once, where it appears: ground-truth prompts for a tracker.
 
-mod appearances;
-pub mod chance;
 mod error;
 mod fastsam;
 mod graph;
 mod masks;
-mod oracle;
-mod prepared;
 
-pub use appearances::FirstAppearances;
 pub use error::SegmenterError;
 pub use fastsam::FastSamSegmenter;
 pub use graph::{BorderWeights, GraphSegmenter, GraphSettings, PatchSettings, SurfaceSettings};
 pub use masks::MaskFolder;
-pub use oracle::{
-    GroundTruthSource, OracleErrorModel, OraclePreset, OracleSegmenter, OracleSettings, SceneGroundTruth,
-};
-pub use prepared::PreparedMasks;
-pub use segmenter::Segmenter;
+
+use splatseg_geometry::{RgbdFrame, ScoredMask};
+
+/// Finds the segments of single frames.
+///
+/// A segmenter of your own implements this trait and reports its own errors as [`SegmenterError::Other`].
+pub trait Segmenter: Send {
+    /// A short name for tables and summaries, e.g. `graph`.
+    fn name(&self) -> &str;
+
+    /// The segments of `frame`: masks of the frame's size, which may overlap, in any order. Empty masks are left out,
+    /// so a frame in which nothing was found gives an empty list.
+    ///
+    /// # Errors
+    /// [`SegmenterError`] says why the frame could not be segmented.
+    fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError>;
+}
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

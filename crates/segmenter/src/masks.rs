@@ -5,6 +5,7 @@ mod annotations;
 use crate::{Segmenter, SegmenterError};
 use splatseg_dataset::{Framing, ImageSize, read_segments_png};
 use splatseg_geometry::{Mask, RgbdFrame, ScoredMask};
+use splatseg_settings::SettingError;
 use std::path::{Path, PathBuf};
 
 /// Most pixels that a stored mask may have: files are not trusted with more memory than that.
@@ -41,11 +42,11 @@ impl MaskFolder {
         if let Some(size @ ImageSize { width, height }) = framing.resize
             && width.saturating_mul(height) > MAX_PIXELS
         {
-            return Err(SegmenterError::Setting {
-                field: "resize",
+            return Err(SegmenterError::Setting(SettingError {
+                key: "dataset.resize".to_owned(),
                 found: size.to_string(),
-                expected: "at most 67108864 pixels in all",
-            });
+                expected: "at most 67108864 pixels in all".to_owned(),
+            }));
         }
         for entry in std::fs::read_dir(&folder).map_err(read_error)? {
             let name = entry.map_err(read_error)?.path();

@@ -115,7 +115,10 @@ fn tiny_frames_are_segmented() {
         for depth in [0.0, 1e-30, 2.0, 1e30] {
             let tiny = frame(Image::filled(width, height, [7, 200, 90]), Image::filled(width, height, depth));
             assert_eq!(segment(&tiny, GraphSettings::default()), [], "smaller than min_area");
-            let settings = GraphSettings { min_area: 0, max_pixels: 2, ..GraphSettings::default() };
+            let settings = GraphSettings::default().with(|settings| {
+                settings.min_area = 0;
+                settings.max_pixels = 2;
+            });
             let covered: usize = segment(&tiny, settings).iter().map(|segment| segment.mask.area()).sum();
             assert_eq!(covered, width * height);
         }
@@ -127,7 +130,7 @@ fn large_frames_are_segmented_at_half_resolution() {
     let (small, _) = two_boxes();
     let color = Image::filled(2 * WIDTH - 1, 2 * HEIGHT - 1, [120, 130, 125]);
     let depth = Image::from_fn(2 * WIDTH - 1, 2 * HEIGHT - 1, |column, row| small.depth()[(column / 2, row / 2)]);
-    let settings = GraphSettings { max_pixels: WIDTH * HEIGHT, ..GraphSettings::default() };
+    let settings = GraphSettings::default().with(|settings| settings.max_pixels = WIDTH * HEIGHT);
     let (large, small) = (segment(&frame(color, depth), settings), segment(&small, GraphSettings::default()));
     assert_eq!(large.len(), small.len());
     for (large, small) in large.iter().zip(&small) {
@@ -153,10 +156,12 @@ fn impossible_settings_are_named() {
     let mut settings = GraphSettings::default();
     settings.surface.noise = 0.0;
     let error = GraphSegmenter::new(settings).unwrap_err();
-    assert_eq!(error.to_string(), "segmenter setting surface.noise is 0, expected a finite number, 0.000001 or more");
+    assert_eq!(error.to_string(), "graph.surface.noise is 0, expected 0.000001 or more");
     let mut settings = GraphSettings::default();
     settings.borders.bias = f32::NAN;
-    assert!(matches!(GraphSegmenter::new(settings), Err(SegmenterError::Setting { field: "borders.bias", .. })));
+    assert!(
+        matches!(GraphSegmenter::new(settings), Err(SegmenterError::Setting(error)) if error.key == "graph.borders.bias")
+    );
 }
 
 #[test]
@@ -182,7 +187,7 @@ proptest! {
             value if smooth => 1.0 + 0.05 * row as f32 + 0.01 * value,
             value => 10f32.powf(4.0 * value),
         });
-        let settings = GraphSettings { min_area: 1, ..GraphSettings::default() };
+        let settings = GraphSettings::default().with(|settings| settings.min_area = 1);
         let masks = segment(&frame(color, depth), settings);
         let mut union = Mask::empty(width, height);
         for ScoredMask { mask, score } in &masks {

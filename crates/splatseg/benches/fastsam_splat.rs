@@ -1,16 +1,17 @@
-//! Frames per second of FastSAM-Splat without its segmenter, stage by stage, with both kinds of memory, on redkitchen at
-//! 310×230 (320×240 less a 5-pixel border); features have D = 28 and 20 steps. Without `../shared` it measures the
+//! Frames per second of FastSAM-Splat without its segmenter, stage by stage, with both kinds of memory, on redkitchen
+//! at 310×230 (320×240 less a 5-pixel border); features have D = 28 and 20 steps. Without `../shared` it measures the
 //! synthetic room instead.
 //!
 //! `cargo bench -p splatseg --bench fastsam_splat`
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use splatseg::dataset::{DatasetSettings, FrameStream, GroundTruth, ImageSize, Scene, open_scene};
-use splatseg::memory::{MemoryKind, MemorySettings};
-use splatseg::tracking::StageTimes;
-use splatseg::{
-    FastSamSplat, FastSamSplatSettings, GraphSegmenter, GraphSettings, Method, RgbdFrame, ScoredMask, Segmenter,
-};
+use splatseg::geometry::ScoredMask;
+use splatseg::memory::MemoryKind;
+use splatseg::pipeline::StageTimes;
+use splatseg::segmenter::{GraphSegmenter, GraphSettings, SegmenterError};
+use splatseg::tracking::{FastSamSplat, FastSamSplatSettings};
+use splatseg::{Pipeline, RgbdFrame, Segmenter};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -24,10 +25,13 @@ fn scene(settings: &DatasetSettings) -> Arc<dyn Scene> {
     open_scene("synthetic:frames=100,noise=kinect", settings).expect("the synthetic room needs no file")
 }
 
-/// Every frame with the masks that the segmenter finds in it.
+/// Every frame with its masks.
 fn segmented_frames() -> Vec<(RgbdFrame<'static>, Vec<ScoredMask>)> {
     let resize = Some(ImageSize { width: 320, height: 240 });
-    let settings = DatasetSettings { resize, crop_border: 5, ..DatasetSettings::default() };
+    let settings = DatasetSettings::default().with(|settings| {
+        settings.resize = resize;
+        settings.crop_border = 5;
+    });
     let mut segmenter = GraphSegmenter::new(GraphSettings::default()).expect("defaults are in range");
     FrameStream::open(scene(&settings), &settings, GroundTruth::Skip)
         .expect("the scene has frames")
@@ -39,17 +43,30 @@ fn segmented_frames() -> Vec<(RgbdFrame<'static>, Vec<ScoredMask>)> {
         .collect()
 }
 
+/// Returns masks that were computed beforehand.
+struct Prepared(std::vec::IntoIter<Vec<ScoredMask>>);
+
+impl Segmenter for Prepared {
+    fn name(&self) -> &str {
+        "prepared"
+    }
+
+    fn segment(&mut self, _: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+        Ok(self.0.next().unwrap_or_default())
+    }
+}
+
 /// Tracks the whole video; summed stage times and the slowest frame.
 fn track(frames: &[(RgbdFrame<'static>, Vec<ScoredMask>)], kind: MemoryKind) -> (StageTimes, Duration) {
-    let segmenter = GraphSegmenter::new(GraphSettings::default()).expect("defaults are in range");
-    let memory = MemorySettings { kind, ..MemorySettings::default() };
-    let settings = FastSamSplatSettings { memory, ..FastSamSplatSettings::default() };
-    let mut method = FastSamSplat::new(Box::new(segmenter), settings, &mut |_| {}).expect("defaults are in range");
+    let settings = FastSamSplatSettings::default().with(|settings| settings.memory.kind = kind);
+    let method = FastSamSplat::new(settings, 0, &mut |_| {}).expect("defaults are in range");
+    let masks: Vec<Vec<ScoredMask>> = frames.iter().map(|(_, masks)| masks.clone()).collect();
+    let mut pipeline = Pipeline::new(Box::new(Prepared(masks.into_iter())), Box::new(method));
     let (mut times, mut slowest) = (StageTimes::default(), Duration::ZERO);
-    for (frame, masks) in frames {
-        let output = method.track(frame, masks).expect("masks are of the frame's size");
-        times += output.times;
-        slowest = slowest.max(output.times.without_segmenter());
+    for (frame, _) in frames {
+        let result = pipeline.step(frame).expect("masks have the frame's size");
+        times += &result.times;
+        slowest = slowest.max(result.times.without_segmenter());
     }
     (times, slowest)
 }

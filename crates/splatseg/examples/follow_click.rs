@@ -1,4 +1,4 @@
-//! Click an object, follow it through a stream, with SAM 2.1 and nothing else:
+//! Clicks an object and follows it through a stream with SAM 2.1 alone:
 //!
 //!     cargo run --release --example follow_click -- sam2.1_hiera_tiny.pt SCENE X Y OUT
 //!
@@ -25,7 +25,7 @@ fn follow() -> Result<(), Box<dyn std::error::Error>> {
     };
     let out = Path::new(out);
     std::fs::create_dir(out)?;
-    // 512 is a quarter of the pixels the network was published with, and fast enough to watch on a CPU.
+    // 512 x 512 is a quarter of the published number of pixels, and fast enough to watch on a CPU.
     let network = Sam2Network::load(&Checkpoint::open(Path::new(weights))?, Some(512), &DeviceName::Cpu.open()?)?;
     let mut predictor = Sam2Predictor::new(network, Sam2PredictorSettings::default())?;
 

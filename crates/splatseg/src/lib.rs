@@ -1,8 +1,11 @@
 #![doc = include_str!("library.md")]
 
+pub mod pipeline;
 pub mod settings;
 pub mod summary;
 
+#[doc(inline)]
+pub use pipeline::{FrameResult, Pipeline};
 #[doc(inline)]
 pub use settings::Settings;
 
@@ -13,13 +16,9 @@ pub use splatseg_metrics as metrics;
 pub use splatseg_models as models;
 pub use splatseg_render as render;
 pub use splatseg_segmenter as segmenter;
+pub use splatseg_simulators as simulators;
 pub use splatseg_tracking as tracking;
 
 pub use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
-pub use splatseg_segmenter::{
-    FastSamSegmenter, GraphSegmenter, GraphSettings, MaskFolder, OracleSegmenter, OracleSettings, Segmenter,
-};
-pub use splatseg_tracking::{
-    FastSam, FastSamSplat, FastSamSplatSettings, FastSpam, FrameOutput, Method, Sam2Baseline, Sam2Splat,
-    Sam2SplatSettings, Sam2Tracker, Tracker,
-};
+pub use splatseg_segmenter::Segmenter;
+pub use splatseg_tracking::{FrameOutput, Method, Tracker};

@@ -2,12 +2,11 @@
 
 mod command;
 
-use clap::Parser;
 use command::{Arguments, Failure};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments = Arguments::from_command_line();
     command::start_log();
     match command::execute(arguments) {
         Ok(()) => ExitCode::SUCCESS,

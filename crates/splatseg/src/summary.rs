@@ -1,12 +1,13 @@
-//! `summary.json`: what a run did, for scripts.
+//! `summary.json`: the results of a run, for scripts.
 
 use crate::Settings;
+use crate::pipeline::{FrameResult, StageTimes};
 use serde::{Deserialize, Serialize};
-use splatseg_tracking::{StageTimes, TrackErrorCounts};
+use splatseg_tracking::TrackErrorCounts;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// The content of `summary.json`. Its keys are part of the interface.
+/// The content of `summary.json`. Its keys are part of the public interface.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     /// Frames with a result.
@@ -15,29 +16,29 @@ pub struct Summary {
     pub skipped_frames: usize,
     /// Distinct ids in the results.
     pub segments: usize,
-    /// How many of them are tentative: the memory has seen their thing in one frame only.
+    /// How many of them are tentative: the memory has seen the object in one frame only.
     pub tentative_segments: usize,
     /// Gaussians in the memory at the end.
     pub gaussians: usize,
     /// Numbers that the memory holds at the end.
     pub parameters: usize,
-    /// Largest resident memory of the process so far, megabytes (10^6 bytes); null where the system does not tell.
+    /// Peak resident memory of the process so far, megabytes (10^6 bytes); null where unknown.
     pub peak_memory_mb: Option<f64>,
     /// Mean time of each stage per frame, milliseconds.
     pub stage_ms: BTreeMap<String, f64>,
-    /// Errors of the tracker that the method found and put right.
+    /// Errors of the tracker that the method found and corrected.
     pub track_errors: TrackErrorCounts,
-    /// Time of the slowest frame, all stages but the segmenter, milliseconds.
+    /// Time of the slowest frame, all stages except the segmenter, milliseconds.
     pub slowest_frame_ms: f64,
     /// Frames per second.
     pub fps: FramesPerSecond,
-    /// How the run went along, at up to 64 frames in equal steps.
+    /// The course of the run, at up to 64 frames in equal steps.
     pub curve: Vec<CurvePoint>,
     /// Whether the run was stopped (Ctrl-C) before the last frame.
     pub interrupted: bool,
     /// The scene as it was given.
     pub scene: String,
-    /// The settings that the run was made with.
+    /// The settings of the run.
     pub settings: Settings,
     /// Seed of everything random.
     pub seed: u64,
@@ -48,26 +49,26 @@ pub struct Summary {
 /// Speed of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FramesPerSecond {
-    /// Wall-clock, reading and writing included.
+    /// By wall-clock time, including reading and writing.
     pub total: f64,
-    /// All stages of the method but the segmenter.
+    /// By the time of all stages except the segmenter.
     pub without_segmenter: f64,
 }
 
-/// A run at one frame.
+/// The state of a run at one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CurvePoint {
     /// Frames with a result so far.
     pub frame: usize,
     /// Gaussians in the memory.
     pub gaussians: usize,
-    /// Resident memory of the process, megabytes (10^6 bytes); null where the system does not tell.
+    /// Resident memory of the process, megabytes (10^6 bytes); null where unknown.
     pub memory_mb: Option<f64>,
-    /// Mean time of a frame since the point before, all stages but the segmenter, milliseconds.
+    /// Mean time per frame since the previous point, all stages except the segmenter, milliseconds.
     pub ms: f64,
 }
 
-/// The points of a run of unknown length: one for every `step` frames, and `step` doubles as they become too many.
+/// The points of a run of unknown length: one for every `step` frames. `step` doubles when there are too many.
 #[derive(Clone, Debug)]
 pub struct RunCurve {
     points: Vec<CurvePoint>,
@@ -83,10 +84,10 @@ impl Default for RunCurve {
 }
 
 impl RunCurve {
-    /// Points that are kept at most.
+    /// Largest number of points.
     const MAX_POINTS: usize = 64;
 
-    /// Takes note of a frame that took `time`, all stages but the segmenter.
+    /// Adds a frame that took `time`, all stages except the segmenter.
     pub fn push(&mut self, time: Duration, gaussians: usize) {
         self.frames += 1;
         self.time += time;
@@ -101,7 +102,7 @@ impl RunCurve {
         }
     }
 
-    /// Makes one point of two.
+    /// Merges pairs of points.
     fn halve(&mut self) {
         let of_two = |pair: &[CurvePoint]| CurvePoint { ms: 0.5 * (pair[0].ms + pair[1].ms), ..pair[1] };
         self.points = self.points.chunks_exact(2).map(of_two).collect();
@@ -127,29 +128,40 @@ pub struct RunCounts {
     pub times: StageTimes,
     /// Summed errors of the tracker.
     pub track_errors: TrackErrorCounts,
-    /// How the run goes along.
+    /// The course of the run.
     pub curve: RunCurve,
-    /// Slowest frame, all stages but the segmenter.
+    /// Time of the slowest frame, all stages except the segmenter.
     pub slowest: Duration,
-    /// Stopped before the last frame.
+    /// Whether the run was stopped before the last frame.
     pub interrupted: bool,
 }
 
 impl RunCounts {
+    /// Counts a frame with a result, after which the memory has `gaussians` Gaussians.
+    pub fn add(&mut self, result: &FrameResult, gaussians: usize) {
+        let time = result.times.without_segmenter();
+        self.frames += 1;
+        self.times += &result.times;
+        self.track_errors += result.output.track_errors;
+        self.slowest = self.slowest.max(time);
+        self.curve.push(time, gaussians);
+        self.ids.extend(result.output.segments.areas().into_keys());
+    }
+
     /// Mean time of each stage per frame, milliseconds.
     pub fn stage_ms(&self) -> BTreeMap<String, f64> {
         let frames = self.frames.max(1) as f64;
         self.times.stages().iter().map(|(name, time)| ((*name).to_owned(), time.as_secs_f64() * 1e3 / frames)).collect()
     }
 
-    /// Speed, given the wall-clock time of the whole run.
+    /// The speed, from the wall-clock time of the whole run.
     pub fn fps(&self, wall: Duration) -> FramesPerSecond {
         let rate = |time: Duration| if time.is_zero() { 0.0 } else { self.frames as f64 / time.as_secs_f64() };
         FramesPerSecond { total: rate(wall), without_segmenter: rate(self.times.without_segmenter()) }
     }
 }
 
-/// The largest resident memory that this process has had, megabytes (10^6 bytes). Only Linux tells without help.
+/// The peak resident memory of this process, megabytes (10^6 bytes); known on Linux only.
 pub fn peak_memory_mb() -> Option<f64> {
     memory_mb("VmHWM:")
 }

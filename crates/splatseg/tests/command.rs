@@ -1,4 +1,4 @@
-//! The command as its users meet it: results, exit codes, one clear line for each kind of bad input.
+//! The command as users see it: results, exit codes, and a one-line error for each kind of bad input.
 
 use assert_cmd::Command;
 use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings, write_atomically};
@@ -11,15 +11,15 @@ fn splatseg() -> Command {
 
 const ROOM: &str = "synthetic:frames=4,width=96,height=72,objects=8";
 
-/// The paper's memory, with a codebook that is made at once.
+/// The paper's memory, with a small codebook, which is fast to make.
 const FEATURES: [&str; 4] = ["--set", "memory.kind=features", "--set", "memory.num_codes=64"];
 
-/// The clip that the demo is made of, a scene in ScanNet's exported layout.
+/// The demo's clip, a scene in ScanNet's exported layout.
 fn demo_scene() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("demo")
 }
 
-/// A copy of the first frames of the demo's scene, to be damaged.
+/// A copy of the first frames of the demo's scene, for damaging.
 fn copied_scene(frames: usize) -> tempfile::TempDir {
     let copy = tempfile::tempdir().unwrap();
     for folder in ["color", "depth", "pose", "intrinsic"] {
@@ -41,7 +41,7 @@ fn run(scene: &Path, out: &Path) -> Command {
     command
 }
 
-/// Runs to the end; returns exit code and standard error.
+/// Runs a command to its end; returns exit code and standard error.
 fn finish(command: &mut Command) -> (i32, String) {
     let output = command.output().unwrap();
     (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
@@ -73,7 +73,7 @@ fn a_run_writes_ids_overlays_and_a_summary() {
     assert_eq!(summary["settings"]["memory"]["kind"], "evidence");
     assert!(summary["segments"].as_u64().unwrap() > 5);
     let gaussians = summary["gaussians"].as_u64().unwrap();
-    // Not one for every pixel, but one for each block of at most 8x8.
+    // Not one per pixel, but one per block of at most 8x8.
     assert!((96 * 72 / 64..96 * 72).contains(&gaussians), "{gaussians}");
     // Position, radius and colour are 7 numbers, votes 8.
     assert_eq!(summary["parameters"], gaussians * 15);
@@ -100,7 +100,7 @@ fn a_run_with_the_papers_memory_has_a_gaussian_for_every_pixel() {
 }
 
 #[test]
-fn results_are_the_same_whatever_the_threads() {
+fn results_do_not_depend_on_the_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();
     let result = |kind: &[&str], threads: &str| {
         let out = folder.path().join(format!("{threads}-{}", kind.len()));
@@ -118,7 +118,7 @@ fn results_are_the_same_whatever_the_threads() {
     }
 }
 
-/// Saves a memory after two frames and shows them to it again.
+/// Saves a memory after two frames, and asserts that a run on the same frames that loads it keeps the ids.
 fn assert_memory_continues(folder: &Path, kind: &[&str]) {
     let memory = folder.join("memory.ply");
     let (first, second) = (folder.join("first"), folder.join("second"));
@@ -134,7 +134,7 @@ fn assert_memory_continues(folder: &Path, kind: &[&str]) {
     assert!(same * 10 > before.pixels().len() * 9, "only {same} of {} pixels keep their id", before.pixels().len());
 }
 
-/// Asserts that a memory is not loaded, and what is said then.
+/// Asserts that a memory cannot be loaded, and the error.
 fn assert_not_loaded(folder: &Path, options: &[&str], expected: &str) {
     let (memory, out) = (folder.join("memory.ply"), folder.join("refused"));
     let (code, message) = finish(run(&demo_scene(), &out).args(options).arg("--load-memory").arg(&memory));
@@ -176,7 +176,7 @@ fn masks_of_another_model_get_lasting_ids() {
 }
 
 #[test]
-fn a_bad_frame_is_skipped_and_counted() {
+fn bad_frames_are_skipped_and_counted() {
     let scene = copied_scene(6);
     fs::write(scene.path().join("color/1.jpg"), b"no image").unwrap();
     fs::write(scene.path().join("pose/2.txt"), "-inf ".repeat(16)).unwrap();
@@ -193,7 +193,7 @@ fn a_bad_frame_is_skipped_and_counted() {
 }
 
 #[test]
-fn bad_scenes_are_one_clear_line_and_exit_code_2() {
+fn bad_scenes_are_one_line_errors_with_exit_code_2() {
     let empty = tempfile::tempdir().unwrap();
     let unknown = tempfile::tempdir().unwrap();
     fs::write(unknown.path().join("notes.txt"), "hello").unwrap();
@@ -222,7 +222,7 @@ fn bad_scenes_are_one_clear_line_and_exit_code_2() {
 }
 
 #[test]
-fn one_frame_and_frames_without_depth_are_no_reason_to_fail() {
+fn one_frame_and_frames_without_depth_are_enough() {
     let scene = copied_scene(3);
     let room = SyntheticScene::new(SyntheticSettings { frames: 1, ..SyntheticSettings::default() }).unwrap();
     let empty_depth = splatseg_geometry::SegmentMap::filled(320, 240, 0);
@@ -231,10 +231,10 @@ fn one_frame_and_frames_without_depth_are_no_reason_to_fail() {
     run(scene.path(), &scene.path().join("out")).assert().success();
     assert_eq!(summary(&scene.path().join("out"))["frames"], 3);
     run(scene.path(), &scene.path().join("one")).args(["--max-frames", "1"]).assert().success();
-    // Nothing large enough to be a segment, in any frame.
+    // No frame has anything large enough to be a segment.
     run(scene.path(), &scene.path().join("none")).args(["--set", "min_segment_area=100000"]).assert().success();
     assert_eq!(summary(&scene.path().join("none"))["segments"], 0);
-    // More objects than codes: a block is added.
+    // More objects than codes: a block of codes is added.
     let few = ["--set", "memory.kind=features", "--set", "memory.num_codes=2"];
     run(scene.path(), &scene.path().join("few")).args(few).assert().success();
     assert!(summary(&scene.path().join("few"))["segments"].as_u64().unwrap() > 4);
@@ -287,7 +287,7 @@ fn bad_usage_exits_with_2_and_names_the_option() {
 }
 
 #[test]
-fn the_demo_needs_nothing() {
+fn the_demo_needs_no_input() {
     let folder = tempfile::tempdir().unwrap();
     let mut command = splatseg();
     command.args(["demo", "--frames", "3", "--out", "here"]).current_dir(folder.path());
@@ -300,14 +300,14 @@ fn the_demo_needs_nothing() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_leaves_no_half_file() {
-    // /dev/full takes no byte: the same error as a full disk, without filling one.
+fn a_full_disk_leaves_no_partial_files() {
+    // Writing to /dev/full fails with the same error as on a full disk.
     let error = write_atomically(Path::new("/dev/full/segments/0.png"), b"x").unwrap_err();
     assert!(error.to_string().contains("/dev/full"), "{error}");
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     fs::create_dir_all(out.join("segments")).unwrap();
-    // A folder in the place of a result cannot be replaced by a file.
+    // A file cannot replace a folder in the place of a result.
     fs::create_dir_all(out.join("segments/0.png/in the way")).unwrap();
     let (code, message) = finish(run(&demo_scene(), &out).args(["--max-frames", "2", "--overwrite"]));
     assert_eq!(code, 1, "{message}");
@@ -316,7 +316,7 @@ fn a_full_disk_leaves_no_half_file() {
 
 #[cfg(unix)]
 #[test]
-fn ctrl_c_keeps_what_is_done_and_leaves_no_half_file() {
+fn ctrl_c_keeps_finished_frames_and_leaves_no_partial_files() {
     use std::process::Stdio;
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
@@ -339,7 +339,7 @@ fn ctrl_c_keeps_what_is_done_and_leaves_no_half_file() {
     assert_eq!(summary["interrupted"], true);
     let frames = summary["frames"].as_u64().unwrap() as usize;
     for name in file_names(&out.join("segments")) {
-        assert!(name.ends_with(".png"), "{name} is half a file");
+        assert!(name.ends_with(".png"), "{name} is a partial file");
         splatseg_dataset::read_segments_png(&out.join("segments").join(&name)).unwrap();
     }
     assert_eq!((file_count(&out.join("segments")), file_count(&out.join("overlay"))), (frames, frames));

@@ -1,4 +1,4 @@
-//! `splatseg eval`: the same numbers for the same predictions in any form, and clear words about wrong ones.
+//! `splatseg eval`: the same scores for the same predictions in any form, and clear errors for wrong ones.
 
 mod support;
 
@@ -14,7 +14,7 @@ fn eval(prediction: &Path, more: &[&str]) -> Ended {
     finish(splatseg().args(["eval", "--gt", ROOM, "--pred"]).arg(prediction).args(more))
 }
 
-/// Scores with `--json`, which must go well.
+/// Scores with `--json`, which must succeed.
 fn scores(prediction: &Path, more: &[&str]) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("scores.json");
@@ -57,7 +57,7 @@ fn all_ids(truth: &[(String, SegmentMap)]) -> Vec<SegmentId> {
     ids
 }
 
-/// The truth as YouTube-VIS results have it.
+/// The truth in the form of YouTube-VIS results.
 fn tracks() -> Vec<Value> {
     let truth = truth();
     let segmentations = |id: SegmentId| -> Vec<Value> {
@@ -113,7 +113,7 @@ fn a_perfect_prediction_scores_100_in_every_form() {
 }
 
 #[test]
-fn the_results_of_a_run_are_read_as_the_run_read_its_scene() {
+fn the_results_of_a_run_are_scored_with_the_settings_of_its_scene() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let mut run = splatseg();
@@ -200,7 +200,7 @@ fn damaged_files_are_named() {
 }
 
 #[test]
-fn other_bad_usage_is_told_and_nothing_is_overwritten() {
+fn other_bad_usage_is_an_error_and_nothing_is_overwritten() {
     let images = perfect_images();
     let file = images.path().join("scores.json");
     fs::write(&file, "mine").unwrap();

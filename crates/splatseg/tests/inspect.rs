@@ -1,4 +1,4 @@
-//! `splatseg inspect`: what it prints, and how it refuses.
+//! `splatseg inspect`: what it prints, and its errors.
 
 mod support;
 
@@ -11,7 +11,7 @@ fn inspect(file: &Path, more: &[&str]) -> Ended {
     finish(splatseg().arg("inspect").arg(file).args(more))
 }
 
-/// A state dict of two tensors, 6 and 2 numbers, the second of them a statistic.
+/// A state dict with two tensors of 6 and 2 numbers; the second is a statistic.
 fn small_file(folder: &Path) -> PathBuf {
     let header = json!({
         "linear.weight": {"dtype": "F32", "shape": [2, 3], "data_offsets": [0, 24]},
@@ -26,7 +26,7 @@ fn small_file(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn tells_what_a_file_holds() {
+fn shows_the_contents_of_a_file() {
     let folder = tempfile::tempdir().unwrap();
     let ended = inspect(&small_file(folder.path()), &["--tensors"]);
     assert_eq!((ended.code, ended.err.as_str()), (0, ""));
@@ -35,7 +35,7 @@ fn tells_what_a_file_holds() {
         "architecture   unknown",
         "tensors        2 (1 float32, 1 float16)",
         "parameters     6",
-        "missing        it is of no network that splatseg runs: FastSAM or SAM 2.1",
+        "missing        unknown: splatseg runs FastSAM and SAM 2.1 only",
         "  linear.weight float32 [2, 3]",
     ] {
         assert!(ended.out.lines().any(|found| found == line), "{line}\n{}", ended.out);
@@ -43,11 +43,11 @@ fn tells_what_a_file_holds() {
 }
 
 #[test]
-fn tells_what_a_checkpoint_of_ultralytics_holds() {
+fn shows_the_contents_of_an_ultralytics_checkpoint() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/models/fastsam-rooms-n.pt");
     if !path.exists() {
-        // Not `println!`: the test runner would swallow the line of a test that passes.
-        let line = "\nskipped: tells_what_a_checkpoint_of_ultralytics_holds: ../shared is not here\n";
+        // Not `println!`, whose output the test runner hides when a test passes.
+        let line = "\nskipped: shows_the_contents_of_an_ultralytics_checkpoint: ../shared is not here\n";
         let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
         return;
     }
@@ -59,7 +59,7 @@ fn tells_what_a_checkpoint_of_ultralytics_holds() {
     assert_eq!(first, "architecture   FastSAM-n (YOLOv8n-seg with 1 class)");
     assert!(ended.out.lines().any(|line| line == "missing        nothing"), "{}", ended.out);
     let again = inspect(&converted, &[]);
-    // All but file, kind and the line about the conversion.
+    // All lines except file, kind and the one about the conversion.
     let facts = |ended: &Ended| ended.out.lines().skip(2).take(4).map(str::to_owned).collect::<Vec<_>>();
     assert_eq!(facts(&again), facts(&ended));
     assert!(again.out.contains("batch-norm eps 0.001"), "{}", again.out);
@@ -79,7 +79,7 @@ fn never_overwrites() {
 }
 
 #[test]
-fn bad_files_get_one_clear_line() {
+fn bad_files_are_one_line_errors() {
     let folder = tempfile::tempdir().unwrap();
     let cases: [(&str, &[u8], &str); 4] = [
         ("empty.pt", b"", "an empty file, expected a checkpoint"),

@@ -10,11 +10,11 @@ fn bench_paper(out: &Path, more: &[&str]) -> Ended {
     finish(splatseg().args(["bench", "--preset", "paper", "--out"]).arg(out).args(more))
 }
 
-/// `../shared`, or `None` (said on a line of its own) where it is not at hand.
+/// `../shared`, or `None`, with a line that says so, where it is missing.
 fn shared(test: &str) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
     if !folder.exists() {
-        // Not `println!`: the test runner would swallow the line of a test that passes.
+        // Not `println!`, whose output the test runner hides when a test passes.
         let line = format!("\nskipped: {test}: ../shared is not here\n");
         let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
         return None;
@@ -22,7 +22,7 @@ fn shared(test: &str) -> Option<PathBuf> {
     Some(folder.canonicalize().unwrap())
 }
 
-/// A folder as ScanNet's, with dev-a as the one scene of two that the validation split names.
+/// A folder like ScanNet's. dev-a is the only one of the two scenes in the validation split that it has.
 fn scannet(shared: &Path, folder: &Path) -> PathBuf {
     let scans = folder.join("scans");
     fs::create_dir_all(&scans).unwrap();
@@ -47,7 +47,7 @@ fn every_row_that_the_inputs_allow_is_measured() {
         ["fastsam.image_size=320", "fastsam.max_det=8", "memory.num_codes=64"].map(|setting| ["--set", setting]);
     let arguments = [&folders[..], small.as_flattened()].concat();
 
-    // Without SAM 2.1: its rows are listed with what they need.
+    // Without SAM 2.1, its rows are listed with the inputs that they need.
     let ended = bench_paper(&out, &arguments);
     assert_eq!(ended.code, 0, "{}", ended.err);
     let text = fs::read_to_string(out.join("paper.md")).unwrap();
@@ -75,7 +75,7 @@ fn every_row_that_the_inputs_allow_is_measured() {
 }
 
 #[test]
-fn without_inputs_their_sources_are_told() {
+fn without_inputs_their_sources_are_listed() {
     let folder = tempfile::tempdir().unwrap();
     let ended = bench_paper(&folder.path().join("out"), &[]);
     assert_eq!(ended.code, 2);

@@ -1,4 +1,4 @@
-//! The benchmark's report: whole by itself, and alive in a real browser.
+//! The benchmark's report: complete in one file, and working in a real browser.
 
 mod support;
 
@@ -17,14 +17,14 @@ fn report(folder: &Path) -> PathBuf {
     folder.join("report.html")
 }
 
-/// What stands between two marks.
+/// The text between two marks.
 fn between<'a>(text: &'a str, start: &str, end: &str) -> &'a str {
     let from = text.find(start).unwrap() + start.len();
     &text[from..from + text[from..].find(end).unwrap()]
 }
 
 #[test]
-fn the_page_needs_nothing_else_and_its_elements_are_closed() {
+fn the_page_is_one_file_and_its_elements_are_closed() {
     let folder = tempfile::tempdir().unwrap();
     let page = fs::read_to_string(report(folder.path())).unwrap();
     assert!(page.len() < 2_000_000, "{} bytes", page.len());
@@ -45,7 +45,7 @@ fn the_page_needs_nothing_else_and_its_elements_are_closed() {
     check_closed(&page);
 }
 
-/// Every element that is opened is closed, in order.
+/// Asserts that every element that is opened is closed, in order.
 fn check_closed(page: &str) {
     let mut open: Vec<&str> = Vec::new();
     let mut rest = page.strip_prefix("<!DOCTYPE html>").unwrap();
@@ -88,7 +88,7 @@ fn sliders_move_and_charts_are_drawn_in_a_browser() {
     let folder = tempfile::tempdir().unwrap();
     let page = report(folder.path());
     let Some(start) = dom(&page, "") else {
-        // Not `println!`: the test runner would swallow the line of a test that passes.
+        // Not `println!`, whose output the test runner hides when a test passes.
         let _ = std::io::Write::write_all(
             &mut std::io::stderr(),
             b"\nskipped: sliders_move_and_charts_are_drawn_in_a_browser: chromium is not installed\n",

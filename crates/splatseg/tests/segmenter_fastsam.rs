@@ -6,11 +6,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use support::{Ended, FEATURES, OTHER_ROOM, finish, splatseg};
 
-/// A file or folder of `../shared`, or `None` (said on a line of its own) where that folder is not at hand.
+/// A file or folder in `../shared`, or `None`, with a line that says so, where that folder is missing.
 fn shared(path: &str, test: &str) -> Option<PathBuf> {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
     if !folder.exists() {
-        // Not `println!`: the test runner would swallow the line of a test that passes.
+        // Not `println!`, whose output the test runner hides when a test passes.
         let line = format!("\nskipped: {test}: ../shared is not here\n");
         let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
         return None;
@@ -29,7 +29,7 @@ fn segments(out: &Path) -> BTreeMap<String, Vec<u8>> {
     entries.map(|entry| (entry.file_name().into_string().unwrap(), std::fs::read(entry.path()).unwrap())).collect()
 }
 
-/// Results with and without segmenting ahead, and with one thread and three.
+/// Asserts that results are the same with and without segmenting ahead, and with one thread and three.
 fn assert_same_results(scene: &str, more: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
     let variants = [["segment_ahead=true", "3"], ["segment_ahead=false", "3"], ["segment_ahead=true", "1"]];
@@ -60,13 +60,13 @@ fn fastsam_runs_on_its_weights_and_segmenting_ahead_changes_no_result() {
 }
 
 #[test]
-fn what_fastsam_cannot_use_is_told_in_one_line() {
+fn bad_inputs_of_fastsam_are_one_line_errors() {
     let folder = tempfile::tempdir().unwrap();
     let no_model = folder.path().join("no_model.pt");
     std::fs::write(&no_model, "nothing").unwrap();
     let no_model = no_model.to_str().unwrap();
     for (options, expected) in [
-        (vec![], "--weights FILE"),
+        (vec![], "--weights FastSAM-x.pt"),
         (vec!["--weights", no_model], "no_model.pt"),
         (vec!["--weights", "/nowhere/FastSAM-x.pt"], "/nowhere/FastSAM-x.pt"),
         (vec!["--weights", no_model, "--set", "fastsam.image_size=1000"], "fastsam.image_size is 1000"),

@@ -1,23 +1,12 @@
-//! The baseline without memory: ids follow overlap from frame to frame, and nothing else.
+//! The baseline without memory: ids follow overlap from frame to frame and nothing else.
 
 use splatseg_dataset::{Framing, Scene, SyntheticScene, SyntheticSettings};
 use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask};
 use splatseg_metrics::{FramePrediction, ScoreSettings, VideoScorer};
-use splatseg_segmenter::{OraclePreset, OracleSegmenter, OracleSettings, SceneGroundTruth, Segmenter, SegmenterError};
-use splatseg_tracking::{FastSam, FastSamSettings, FrameOutput, Method, TrackingError};
+use splatseg_segmenter::Segmenter;
+use splatseg_simulators::{OraclePreset, OracleSegmenter, OracleSettings, SceneGroundTruth};
+use splatseg_tracking::{FastSamBaseline, FastSamBaselineSettings, FrameOutput, Method, TrackingError};
 use std::sync::Arc;
-
-/// For feeding masks to `track`.
-struct Unused;
-
-impl Segmenter for Unused {
-    fn name(&self) -> &str {
-        "unused"
-    }
-    fn segment(&mut self, _: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
-        Ok(Vec::new())
-    }
-}
 
 const SIZE: (usize, usize) = (40, 10);
 
@@ -32,8 +21,13 @@ fn stripe(from: usize, to: usize) -> ScoredMask {
     ScoredMask { mask: Mask::from_fn(SIZE.0, SIZE.1, |column, _| (from..to).contains(&column)), score: 1.0 }
 }
 
-fn fastsam(settings: FastSamSettings) -> FastSam {
-    FastSam::new(Box::new(Unused), settings).unwrap()
+/// Settings with which masks of any size count.
+fn settings() -> FastSamBaselineSettings {
+    FastSamBaselineSettings::default().with(|settings| settings.min_segment_area = 0)
+}
+
+fn fastsam(settings: FastSamBaselineSettings) -> FastSamBaseline {
+    FastSamBaseline::new(settings).unwrap()
 }
 
 fn ids(output: &FrameOutput) -> Vec<u32> {
@@ -42,12 +36,12 @@ fn ids(output: &FrameOutput) -> Vec<u32> {
 
 #[test]
 fn slow_masks_keep_their_ids_and_a_gap_ends_them() {
-    let mut method = fastsam(FastSamSettings::default());
-    let mut track = |masks: &[ScoredMask]| ids(&method.track(&frame(SIZE), masks).unwrap());
+    let mut method = fastsam(settings());
+    let mut track = |masks: &[ScoredMask]| ids(&method.process(&frame(SIZE), masks).unwrap());
     assert_eq!(track(&[stripe(0, 6), stripe(10, 16)]), [1, 2]);
     assert_eq!(track(&[stripe(13, 19), stripe(2, 8)]), [2, 1]);
     assert_eq!(track(&[stripe(4, 10)]), [1], "the second is missed");
-    assert_eq!(track(&[stripe(5, 11), stripe(15, 21)]), [1, 3], "and is somebody else afterwards");
+    assert_eq!(track(&[stripe(5, 11), stripe(15, 21)]), [1, 3], "and gets a new id afterwards");
     assert_eq!(track(&[stripe(30, 36)]), [4], "too far away");
     assert!(track(&[]).is_empty());
     assert_eq!(track(&[stripe(30, 36)]), [5]);
@@ -55,52 +49,53 @@ fn slow_masks_keep_their_ids_and_a_gap_ends_them() {
 
 #[test]
 fn the_sum_of_f_scores_decides_and_can_have_a_minimum() {
-    let mut method = fastsam(FastSamSettings::default());
-    method.track(&frame(SIZE), &[stripe(0, 10), stripe(10, 20)]).unwrap();
-    // The first mask lies on both equally; the second leaves it only the first.
-    let output = method.track(&frame(SIZE), &[stripe(4, 16), stripe(12, 22)]).unwrap();
+    let mut method = fastsam(settings());
+    method.process(&frame(SIZE), &[stripe(0, 10), stripe(10, 20)]).unwrap();
+    // The first mask overlaps both equally; the second leaves it only the first.
+    let output = method.process(&frame(SIZE), &[stripe(4, 16), stripe(12, 22)]).unwrap();
     assert_eq!(ids(&output), [1, 2]);
 
-    let mut strict = fastsam(FastSamSettings { min_match_f_score: 0.5, ..FastSamSettings::default() });
-    strict.track(&frame(SIZE), &[stripe(0, 10)]).unwrap();
-    assert_eq!(ids(&strict.track(&frame(SIZE), &[stripe(6, 16)]).unwrap()), [2]);
-    assert_eq!(ids(&strict.track(&frame(SIZE), &[stripe(8, 18)]).unwrap()), [2]);
-    let refused = FastSam::new(Box::new(Unused), FastSamSettings { min_match_f_score: 2.0, ..Default::default() });
-    assert!(matches!(refused, Err(TrackingError::MinMatchFScore(_))));
+    let mut strict = fastsam(settings().with(|settings| settings.min_match_f_score = 0.5));
+    strict.process(&frame(SIZE), &[stripe(0, 10)]).unwrap();
+    assert_eq!(ids(&strict.process(&frame(SIZE), &[stripe(6, 16)]).unwrap()), [2]);
+    assert_eq!(ids(&strict.process(&frame(SIZE), &[stripe(8, 18)]).unwrap()), [2]);
+    let refused = FastSamBaseline::new(settings().with(|settings| settings.min_match_f_score = 2.0));
+    assert!(matches!(refused, Err(TrackingError::Setting(error)) if error.key == "min_match_f_score"));
 }
 
 #[test]
 fn overlapping_masks_are_kept_in_full_and_painted_small_over_large() {
-    let mut method = fastsam(FastSamSettings { min_segment_area: 30, ..FastSamSettings::default() });
-    let output = method.track(&frame(SIZE), &[stripe(3, 6), stripe(0, 10), stripe(20, 22)]).unwrap();
+    let mut method = fastsam(settings().with(|settings| settings.min_segment_area = 30));
+    let output = method.process(&frame(SIZE), &[stripe(3, 6), stripe(0, 10), stripe(20, 22)]).unwrap();
     assert_eq!(output.masks, [(1, stripe(3, 6).mask), (2, stripe(0, 10).mask)]);
     assert_eq!(output.segments.row(5)[..11], [2, 2, 2, 1, 1, 1, 2, 2, 2, 2, 0]);
     assert_eq!(output.predictions, 2);
 }
 
 #[test]
-fn masks_of_another_size_are_refused_and_another_size_of_video_starts_anew() {
-    let mut method = fastsam(FastSamSettings::default());
-    method.track(&frame(SIZE), &[stripe(0, 6)]).unwrap();
-    assert!(matches!(method.track(&frame((30, 10)), &[stripe(0, 6)]), Err(TrackingError::MaskSize { .. })));
+fn masks_must_have_the_frames_size_and_a_new_frame_size_starts_new_ids() {
+    let mut method = fastsam(settings());
+    method.process(&frame(SIZE), &[stripe(0, 6)]).unwrap();
+    assert!(matches!(method.process(&frame((30, 10)), &[stripe(0, 6)]), Err(TrackingError::MaskSize { .. })));
     let wide = ScoredMask { mask: Mask::from_fn(50, 10, |column, _| column < 6), score: 1.0 };
-    assert_eq!(ids(&method.track(&frame((50, 10)), &[wide]).unwrap()), [2]);
+    assert_eq!(ids(&method.process(&frame((50, 10)), &[wide]).unwrap()), [2]);
 }
 
-/// The ids are the links that the evaluation makes between masks without ids: both ways give the same score.
+/// The ids are the links that the evaluation makes between masks without ids, so both give the same score.
 #[test]
-fn its_ids_score_as_its_masks_without_ids() {
-    let settings = SyntheticSettings { width: 96, height: 72, frames: 20, ..SyntheticSettings::default() };
-    let scene = Arc::new(SyntheticScene::new(settings).unwrap());
+fn its_ids_score_like_its_masks_without_ids() {
+    let room = SyntheticSettings { width: 96, height: 72, frames: 20, ..SyntheticSettings::default() };
+    let scene = Arc::new(SyntheticScene::new(room).unwrap());
     let truth = SceneGroundTruth::new(scene.clone(), Framing::default()).unwrap();
-    let oracle = OracleSettings { preset: OraclePreset::FastsamLike, ..OracleSettings::default() };
-    let oracle = OracleSegmenter::new(truth, &oracle, 1).unwrap();
-    let mut method = FastSam::new(Box::new(oracle), FastSamSettings::default()).unwrap();
+    let oracle = OracleSettings::default().with(|settings| settings.preset = OraclePreset::FastsamLike);
+    let mut oracle = OracleSegmenter::new(truth, &oracle, 1).unwrap();
+    let mut method = FastSamBaseline::new(settings()).unwrap();
     let new_scorer = || VideoScorer::new(ScoreSettings::default());
     let (mut linked, mut unlinked) = (new_scorer(), new_scorer());
     for index in 0..scene.frame_count() {
         let truth = scene.read_ground_truth(index).unwrap().unwrap();
-        let output = method.process(&scene.read_frame(index).unwrap()).unwrap();
+        let frame = scene.read_frame(index).unwrap();
+        let output = method.process(&frame, &oracle.segment(&frame).unwrap()).unwrap();
         let masks: Vec<Mask> = output.masks.iter().map(|(_, mask)| mask.clone()).collect();
         linked.push(&truth, &FramePrediction::Masks(&output.masks)).unwrap();
         unlinked.push(&truth, &FramePrediction::Unlinked(&masks)).unwrap();

@@ -1,4 +1,4 @@
-//! FastSAM-Splat on the synthetic room, where every id is known: ids last while things leave the picture and return.
+//! FastSAM-Splat in the synthetic room, where every id is known: ids last while things leave the view and return.
 
 mod exact_masks;
 
@@ -14,7 +14,7 @@ fn room(frames: usize) -> SyntheticScene {
     SyntheticScene::new(settings).unwrap()
 }
 
-/// Share of the pixels that show the one output id which their object has most.
+/// Fraction of the pixels that show the most frequent output id of their object.
 fn consistency(pairs: &BTreeMap<(SegmentId, SegmentId), usize>) -> f64 {
     let mut best: BTreeMap<SegmentId, usize> = BTreeMap::new();
     for ((truth, _), count) in pairs {
@@ -24,7 +24,7 @@ fn consistency(pairs: &BTreeMap<(SegmentId, SegmentId), usize>) -> f64 {
     best.values().sum::<usize>() as f64 / pairs.values().sum::<usize>() as f64
 }
 
-/// Follows everything for a bit more than a round of the camera.
+/// Runs for slightly more than one revolution of the camera.
 fn assert_ids_last(memory: MemorySettings) {
     let scene = room(52);
     let mut method = method(memory);
@@ -33,9 +33,9 @@ fn assert_ids_last(memory: MemorySettings) {
     for index in 0..scene.frame_count() {
         let truth = truth(&scene, index);
         let frame = scene.read_frame(index).unwrap();
-        let output = method.track(&frame, &masks(&truth, index)).unwrap();
-        let has_small_rests = output.segments.areas().values().any(|area| *area < MIN_AREA);
-        assert!(!has_small_rests, "small rests are left out of frame {index}");
+        let output = method.process(&frame, &masks(&truth, index)).unwrap();
+        let has_small_segments = output.segments.areas().values().any(|area| *area < MIN_AREA);
+        assert!(!has_small_segments, "small segments are not shown in frame {index}");
         count_pairs(&mut pairs, &truth, &output.segments);
         for id in truth.areas().into_keys() {
             returned += usize::from(seen.insert(id, index).is_some_and(|last| last + 5 < index));
@@ -46,7 +46,7 @@ fn assert_ids_last(memory: MemorySettings) {
     let consistency = consistency(&pairs);
     assert!(consistency > 0.97, "{consistency} of the pixels keep their object's id");
     let ids = method.memory().unwrap().segment_count();
-    // Slivers at the image border may get an id of their own before their object is known.
+    // Slivers at the image border may get their own id before their object is known.
     assert!(ids <= objects + objects / 3, "{ids} ids for {objects} objects");
 }
 
@@ -60,8 +60,8 @@ fn ids_last_in_a_memory_of_features() {
     assert_ids_last(features());
 }
 
-/// Shows the first frame with its masks so many times and then, with the camera where it was, without any; the shares
-/// of the pixels with a segment that have one in each of the frames without masks.
+/// Processes the first frame `seen_frames` times with its masks and then `blind_frames` times without any. Returns, for
+/// each of the latter, the fraction of the labelled pixels that still have a segment.
 fn shown_when_blind(memory: MemorySettings, seen_frames: usize, blind_frames: usize) -> Vec<f32> {
     let scene = room(4);
     let mut method = method(memory);
@@ -70,26 +70,26 @@ fn shown_when_blind(memory: MemorySettings, seen_frames: usize, blind_frames: us
     let mut known = 0;
     for index in 0..seen_frames {
         let all = masks(&truth(&scene, 0), index);
-        known = labelled(&method.track(&frame, &all).unwrap().segments);
+        known = labelled(&method.process(&frame, &all).unwrap().segments);
         assert_eq!(method.memory().unwrap().segment_count(), all.len());
     }
-    let mut share = || labelled(&method.track(&frame, &[]).unwrap().segments) as f32 / known as f32;
-    (0..blind_frames).map(|_| share()).collect()
+    let mut fraction = || labelled(&method.process(&frame, &[]).unwrap().segments) as f32 / known as f32;
+    (0..blind_frames).map(|_| fraction()).collect()
 }
 
 #[test]
-fn what_one_frame_misses_is_filled_in_from_features_and_fades_in_time() {
-    // C_conf = 0.1 a frame takes a confidence of 1 below 0.5.
+fn features_fill_in_what_a_frame_misses_and_fade() {
+    // C_conf = 0.1 per frame lowers a confidence of 1 below 0.5.
     let shown = shown_when_blind(features(), 1, 8);
-    assert!(shown[..3].iter().all(|share| *share > 0.9), "{shown:?}");
+    assert!(shown[..3].iter().all(|fraction| *fraction > 0.9), "{shown:?}");
     assert_eq!(shown[7], 0.0, "{shown:?}");
 }
 
-/// Frames without masks in which a segment is still shown after `seen_frames` with its mask, where a pixel sees one
-/// Gaussian and nothing else.
+/// The number of frames without masks in which a segment is still shown, after `seen_frames` with its mask, at a pixel
+/// that sees a single Gaussian.
 ///
-/// Votes of 1 per frame, scaled down to `max_votes`, stand against those for "no segment", `no_segment_weight` per frame
-/// without a mask; and to be shown a segment must exceed the frame's own vote, too.
+/// The segment has one vote per frame, scaled down to `max_votes`. "No segment" has `no_segment_weight` votes per frame
+/// without a mask, and the current frame's own vote in addition.
 fn frames_remembered(settings: &MemorySettings, seen_frames: usize) -> usize {
     let (mut votes, mut against) = ((seen_frames as f32).min(settings.max_votes), 0.0);
     let mut frames = 0;
@@ -103,15 +103,15 @@ fn frames_remembered(settings: &MemorySettings, seen_frames: usize) -> usize {
 }
 
 #[test]
-fn what_one_frame_misses_is_filled_in_from_votes_and_outvoted_in_time() {
+fn votes_fill_in_what_a_frame_misses_until_they_are_outvoted() {
     assert_eq!([1, 30].map(|seen_frames| frames_remembered(&evidence(), seen_frames)), [9, 28]);
     for seen_frames in [1, 30] {
         let remembered = frames_remembered(&evidence(), seen_frames);
         let shown = shown_when_blind(evidence(), seen_frames, remembered + 6);
-        // The last of these frames is a close vote, which neighbours that blend decide.
-        assert!(shown[..remembered - 1].iter().all(|share| *share > 0.9), "seen {seen_frames} times: {shown:?}");
-        // Gaussians of which less than a pixel is seen get less than a whole vote, and so remember for longer.
-        assert!(shown[remembered..].iter().all(|share| *share < 0.05), "seen {seen_frames} times: {shown:?}");
+        // The vote in the last of these frames is close: blended neighbours decide it.
+        assert!(shown[..remembered - 1].iter().all(|fraction| *fraction > 0.9), "seen {seen_frames} times: {shown:?}");
+        // Gaussians smaller than a pixel get less than a whole vote per frame, and so remember for longer.
+        assert!(shown[remembered..].iter().all(|fraction| *fraction < 0.05), "seen {seen_frames} times: {shown:?}");
     }
 }
 
@@ -119,11 +119,11 @@ fn what_one_frame_misses_is_filled_in_from_votes_and_outvoted_in_time() {
 fn every_feature_dimension_works() {
     let scene = room(48);
     for feature_dim in [1, 4, 7, 14, 28, 5] {
-        let mut method = method(MemorySettings { feature_dim, ..features() });
+        let mut method = method(features().with(|settings| settings.feature_dim = feature_dim));
         let mut pairs = BTreeMap::new();
         for index in 0..5 {
             let truth = truth(&scene, index);
-            let output = method.track(&scene.read_frame(index).unwrap(), &masks(&truth, index)).unwrap();
+            let output = method.process(&scene.read_frame(index).unwrap(), &masks(&truth, index)).unwrap();
             count_pairs(&mut pairs, &truth, &output.segments);
         }
         // One channel cannot tell a mixture of two ids from a third; the paper's ablation shows the same.
@@ -133,12 +133,15 @@ fn every_feature_dimension_works() {
 }
 
 #[test]
-fn more_objects_than_codes_get_ids_all_the_same() {
+fn more_objects_than_codes_still_get_ids() {
     let scene = room(2);
-    let mut method = method(MemorySettings { num_codes: 3, feature_dim: 8, ..features() });
+    let mut method = method(features().with(|settings| {
+        settings.num_codes = 3;
+        settings.feature_dim = 8;
+    }));
     let truth = truth(&scene, 0);
     let all = masks(&truth, 0);
-    let output = method.track(&scene.read_frame(0).unwrap(), &all).unwrap();
+    let output = method.process(&scene.read_frame(0).unwrap(), &all).unwrap();
     assert_eq!(output.segments.areas().len(), all.len());
     let file = tempfile::NamedTempFile::new().unwrap();
     method.memory().unwrap().save(file.path()).unwrap();
@@ -149,7 +152,7 @@ fn more_objects_than_codes_get_ids_all_the_same() {
 }
 
 #[test]
-fn frames_without_depth_or_masks_are_taken() {
+fn frames_without_depth_or_masks_are_accepted() {
     let scene = room(2);
     let frame = scene.read_frame(0).unwrap();
     let blind = RgbdFrame::new(
@@ -162,17 +165,17 @@ fn frames_without_depth_or_masks_are_taken() {
     .unwrap();
     for memory in [evidence(), features()] {
         let mut method = method(memory);
-        let output = method.track(&blind, &masks(&truth(&scene, 0), 0)).unwrap();
-        assert!(output.segments.areas().len() > 3, "segments need no depth to be seen");
-        assert_eq!(method.memory().unwrap().gaussian_count(), 0, "but depth to be remembered");
-        assert!(method.process(&frame).unwrap().segments.areas().is_empty());
+        let output = method.process(&blind, &masks(&truth(&scene, 0), 0)).unwrap();
+        assert!(output.segments.areas().len() > 3, "segments are shown without depth");
+        assert_eq!(method.memory().unwrap().gaussian_count(), 0, "but not remembered");
+        assert!(method.process(&frame, &[]).unwrap().segments.areas().is_empty());
     }
 }
 
 #[test]
-fn masks_of_another_size_are_refused() {
+fn masks_of_another_size_are_rejected() {
     let scene = room(1);
     let wrong = ScoredMask { mask: Mask::empty(10, 10), score: 1.0 };
-    let error = method(evidence()).track(&scene.read_frame(0).unwrap(), &[wrong]).unwrap_err();
+    let error = method(evidence()).process(&scene.read_frame(0).unwrap(), &[wrong]).unwrap_err();
     assert!(matches!(error, TrackingError::MaskSize { found: (10, 10), expected: (112, 84) }));
 }

@@ -1,4 +1,4 @@
-//! A thing that the segmenter tells from its neighbour only after a while.
+//! A thing that the segmenter separates from its neighbour only after some frames.
 
 mod exact_masks;
 
@@ -8,16 +8,16 @@ use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_tracking::Method;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Frames in which both are one mask.
+/// Number of frames in which both are one mask.
 const TOGETHER: usize = 10;
 
-/// Ids up to this are floor, ceiling and walls.
+/// The largest id of the floor, ceiling and walls.
 const SHELL: SegmentId = 6;
 
-/// Frames that a thing has time to get an id in once it has a mask of its own.
+/// Number of frames within which a thing must get an id once it has its own mask.
 const PATIENCE: usize = 14;
 
-/// The id that most pixels of a thing show.
+/// The most frequent id on the pixels of a thing.
 fn id_of(truth: &SegmentMap, shown: &SegmentMap, thing: SegmentId) -> SegmentId {
     let mut counts = BTreeMap::<SegmentId, usize>::new();
     for (truth, shown) in truth.pixels().iter().zip(shown.pixels()) {
@@ -28,7 +28,7 @@ fn id_of(truth: &SegmentMap, shown: &SegmentMap, thing: SegmentId) -> SegmentId 
     counts.into_iter().max_by_key(|(_, count)| *count).map_or(0, |(id, _)| id)
 }
 
-/// The largest thing, not counting walls, floor and ceiling, that a larger one touches, and that one.
+/// The largest thing, except walls, floor and ceiling, that touches a larger one, and that larger one.
 fn neighbours(truth: &SegmentMap) -> (SegmentId, SegmentId) {
     let areas = truth.areas();
     let mut pairs = BTreeSet::new();
@@ -39,11 +39,11 @@ fn neighbours(truth: &SegmentMap) -> (SegmentId, SegmentId) {
         }
     }
     let largest = pairs.into_iter().filter(|(small, _)| *small > SHELL).max_by_key(|(small, _)| areas[small]);
-    largest.expect("there is a thing before a wall")
+    largest.expect("a thing in front of a wall")
 }
 
 #[test]
-fn a_thing_that_is_told_apart_late_gets_an_id_that_lasts() {
+fn a_thing_that_is_separated_late_gets_a_lasting_id() {
     for seed in 0..3 {
         let text = format!("synthetic:frames=40,seed={seed},width=160,height=120,objects=16,camera=static");
         let scene = SyntheticScene::new(text.parse().unwrap()).unwrap();
@@ -54,7 +54,7 @@ fn a_thing_that_is_told_apart_late_gets_an_id_that_lasts() {
             let (frame, truth) = (scene.read_frame(index).unwrap(), truth(&scene, index));
             let seen =
                 if index < TOGETHER { truth.map(|id| if *id == late { large } else { *id }) } else { truth.clone() };
-            let output = method.track(&frame, &masks(&seen, index)).unwrap();
+            let output = method.process(&frame, &masks(&seen, index)).unwrap();
             let [late, large] = [late, large].map(|thing| id_of(&truth, &output.segments, thing));
             ids.push((late, large));
         }

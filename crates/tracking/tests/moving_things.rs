@@ -1,4 +1,4 @@
-//! FastSAM-Splat in a room in which things slide, vanish and appear, with exact masks that carry no id.
+//! FastSAM-Splat in a room in which things slide, vanish and appear, with exact masks without ids.
 
 mod exact_masks;
 
@@ -10,13 +10,13 @@ use splatseg_tracking::Method;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 
-/// A thing of fewer pixels in a frame is not looked at there.
-const LOOKED_AT: usize = 30;
+/// A smaller thing in a frame is not checked there, pixels.
+const MIN_CHECKED_AREA: usize = 30;
 
-/// Ids up to this are floor, ceiling and walls.
+/// The largest id of the floor, ceiling and walls.
 const SHELL: SegmentId = 6;
 
-/// Videos in which one thing slides, one vanishes and one appears, each shown to the method once.
+/// Videos in which one thing slides, one vanishes and one appears, each processed once.
 static VIDEOS: LazyLock<Vec<Watched>> = LazyLock::new(|| {
     let small = "width=112,height=84,objects=12,moving=3";
     let still = [1, 2].map(|seed| watch(&format!("synthetic:frames=40,seed={seed},{small},camera=static")));
@@ -24,26 +24,26 @@ static VIDEOS: LazyLock<Vec<Watched>> = LazyLock::new(|| {
     still.into_iter().chain(walking).collect()
 });
 
-/// What became of a frame.
+/// A frame and its results.
 struct Step {
     truth: SegmentMap,
-    /// What the memory expected before it was shown the frame.
+    /// What the memory expected before it saw the frame.
     expected: SegmentMap,
     output: SegmentMap,
     update: FrameUpdate,
 }
 
-/// A video that was shown to the method.
+/// A video and the method's results.
 struct Watched {
     text: String,
     scene: SyntheticScene,
     is_still: bool,
     steps: Vec<Step>,
-    /// Ids given.
+    /// Number of ids given.
     id_count: usize,
 }
 
-/// Shows a video to the method.
+/// Runs the method over a video.
 fn watch(text: &str) -> Watched {
     let scene = SyntheticScene::new(text.parse().unwrap()).unwrap();
     let mut method = method(evidence());
@@ -51,7 +51,7 @@ fn watch(text: &str) -> Watched {
     for index in 0..scene.frame_count() {
         let (frame, truth) = (scene.read_frame(index).unwrap(), truth(&scene, index));
         let expected = method.memory().unwrap().recall(&frame).expected().segments.clone();
-        let output = method.track(&frame, &masks(&truth, index)).unwrap();
+        let output = method.process(&frame, &masks(&truth, index)).unwrap();
         steps.push(Step { truth, expected, output: output.segments, update: output.update });
     }
     let id_count = method.memory().unwrap().segment_count();
@@ -60,7 +60,7 @@ fn watch(text: &str) -> Watched {
 }
 
 impl Step {
-    /// The id that most pixels of a thing show; `None` if too little of it is in view.
+    /// The most frequent id on the pixels of a thing; `None` if too little of it is in view.
     fn id_of(&self, thing: SegmentId) -> Option<SegmentId> {
         let mut counts = BTreeMap::<SegmentId, usize>::new();
         for (truth, shown) in self.truth.pixels().iter().zip(self.output.pixels()) {
@@ -68,18 +68,18 @@ impl Step {
                 *counts.entry(*shown).or_default() += 1;
             }
         }
-        (counts.values().sum::<usize>() >= LOOKED_AT)
+        (counts.values().sum::<usize>() >= MIN_CHECKED_AREA)
             .then(|| counts.into_iter().max_by_key(|(_, count)| *count).map(|(id, _)| id))?
     }
 }
 
 impl Watched {
-    /// The ids that a thing shows from a frame on, wherever enough of it is in view.
+    /// The ids of a thing from a frame on, wherever enough of it is in view.
     fn ids_of(&self, thing: SegmentId, from: usize) -> BTreeSet<SegmentId> {
         self.steps.iter().skip(from).filter_map(|step| step.id_of(thing)).collect()
     }
 
-    /// The thing that moves in a way, and the frame of that.
+    /// The thing whose motion has a frame by `frame_of`, and that frame.
     fn mover(&self, frame_of: impl Fn(Motion) -> Option<usize>) -> (SegmentId, usize) {
         self.scene.movers().iter().find_map(|mover| Some((mover.id, frame_of(mover.motion)?))).unwrap()
     }
@@ -102,7 +102,7 @@ fn a_vanished_thing_is_gone_within_five_frames() {
             _ => None,
         });
         let ids = watched.ids_of(thing, 0);
-        assert_eq!(ids.len(), 1, "{}: it had one id", watched.text);
+        assert_eq!(ids.len(), 1, "{}: it has one id", watched.text);
         for (index, step) in watched.steps.iter().enumerate().skip(vanished + 5) {
             for id in &ids {
                 let is_there = step.output.areas().contains_key(id) || step.expected.areas().contains_key(id);
@@ -112,7 +112,7 @@ fn a_vanished_thing_is_gone_within_five_frames() {
     }
 }
 
-/// Where the camera walks a thing may vanish out of view: that is noticed once its place is in view again.
+/// If the camera walks, a thing may vanish out of view: this is noticed once its place is in view again.
 #[test]
 fn a_thing_that_vanished_out_of_view_is_not_shown_for_long() {
     for watched in VIDEOS.iter().filter(|watched| !watched.is_still) {
@@ -139,23 +139,23 @@ fn a_thing_that_appears_gets_one_id_that_lasts() {
         seen_count += usize::from(!ids.is_empty());
         assert!(ids.len() <= 1 && !ids.contains(&0), "{}: {ids:?}", watched.text);
         let before = watched.steps.iter().take(appeared).flat_map(|step| step.output.areas().into_keys());
-        assert!(before.filter(|id| ids.contains(id)).count() == 0, "{}: its id is a new one", watched.text);
+        assert!(before.filter(|id| ids.contains(id)).count() == 0, "{}: its id is new", watched.text);
     }
     assert!(seen_count >= 3, "{seen_count} things appear in view");
 }
 
 #[test]
-fn nothing_else_changes_its_id() {
+fn still_things_keep_their_ids() {
     for watched in VIDEOS.iter() {
         let movers: BTreeSet<SegmentId> = watched.scene.movers().iter().map(|mover| mover.id).collect();
         let things: BTreeSet<SegmentId> =
             watched.steps.iter().flat_map(|step| step.truth.areas().into_keys()).collect();
         for thing in things.difference(&movers) {
-            // A wall that is seen in parts, with a stretch between them that never was, is several to a memory.
+            // Parts of a wall are several segments to the memory if it has never seen what connects them.
             if !watched.is_still && *thing <= SHELL {
                 continue;
             }
-            // The first frame that shows enough of a thing may still explain it by what lies behind.
+            // In the first frame that shows enough of a thing, the memory may still explain it by what is behind it.
             let ids: Vec<SegmentId> = watched.steps.iter().filter_map(|step| step.id_of(*thing)).skip(1).collect();
             let distinct: BTreeSet<SegmentId> = ids.into_iter().collect();
             assert!(distinct.len() <= 1 && !distinct.contains(&0), "{}: thing {thing} has {distinct:?}", watched.text);
@@ -173,10 +173,10 @@ fn a_still_camera_adds_no_gaussians_after_its_first_frame() {
     }
 }
 
-/// Measured with the seeds 0 to 2: as many ids as there are things to be seen, and at most one Gaussian after the first
-/// frame. A Kinect's noise, at most 4 cm within 5 m, is far below the 15 cm that tell surfaces apart.
+/// Measured with seeds 0 to 2: as many ids as visible things, and at most one Gaussian after the first frame. A
+/// Kinect's noise, at most 4 cm within 5 m, is far below the 15 cm that separate surfaces.
 #[test]
-fn depth_noise_before_a_still_camera_makes_no_ids() {
+fn depth_noise_makes_no_ids_if_the_camera_is_still() {
     for seed in 0..3 {
         let settings = "width=112,height=84,objects=12,camera=static,noise=kinect";
         let watched = watch(&format!("synthetic:frames=30,seed={seed},{settings}"));
@@ -191,7 +191,7 @@ fn depth_noise_before_a_still_camera_makes_no_ids() {
 }
 
 #[test]
-fn a_thing_that_a_moving_one_reveals_gets_one_id() {
+fn a_thing_revealed_by_a_moving_one_gets_one_id() {
     let mut revealed_count = 0;
     for seed in 0..4 {
         let watched = watch(&format!("synthetic:frames=12,seed={seed},width=160,height=120,moving=3,camera=static"));
@@ -210,7 +210,7 @@ fn a_thing_that_a_moving_one_reveals_gets_one_id() {
 }
 
 #[test]
-fn predictions_that_are_explained_use_up_no_ids() {
+fn explained_predictions_use_no_ids() {
     let watched = watch("synthetic:frames=40,seed=3,width=160,height=120,objects=12,moving=3,camera=static");
     let things = watched.steps.iter().flat_map(|step| step.truth.areas().into_keys()).collect::<BTreeSet<_>>().len();
     assert!(watched.id_count <= things + 2, "{} ids for {things} things", watched.id_count);

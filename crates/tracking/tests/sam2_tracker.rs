@@ -8,11 +8,11 @@ use splatseg_tracking::{Sam2Tracker, Sam2TrackerSettings, Tracker, TrackerError}
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// The miniature network, or `None` (said on a line of its own) where `../shared` is not at hand.
+/// The miniature network, or `None`, with a line that says so, without `../shared`.
 fn network(test: &str) -> Option<Arc<Sam2Network>> {
     let file = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden/sam2/sam2_mini.pt");
     if !file.exists() {
-        // Not `println!`: the test runner would swallow the line of a test that passes.
+        // Not `println!`, whose output the test runner hides when a test passes.
         let line = format!("\nskipped: {test}: ../shared is not here\n");
         let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
         return None;
@@ -45,7 +45,7 @@ fn tracks_are_prompted_followed_corrected_and_removed() {
     assert_eq!(prompted.iter().map(|(id, _)| *id).collect::<Vec<_>>(), [9, 5, 3]);
     assert!(prompted[0].1.iou(&square(20, 50)) > 0.8 && prompted[1].1.is_empty());
     let tracked = tracker.track(&frame(1, SIZE)).unwrap();
-    assert_eq!(tracked.iter().map(|(id, _)| *id).collect::<Vec<_>>(), [3, 9], "no track of an empty prompt");
+    assert_eq!(tracked.iter().map(|(id, _)| *id).collect::<Vec<_>>(), [3, 9], "an empty prompt makes no track");
     assert!(tracked.iter().all(|(_, mask)| (mask.width(), mask.height()) == SIZE));
     let clicks = vec![Click { x: 30.0, y: 30.0, positive: true }, Click { x: 70.0, y: 30.0, positive: false }];
     let correction = Prompt::Points { bounding_box: None, clicks };
@@ -56,9 +56,9 @@ fn tracks_are_prompted_followed_corrected_and_removed() {
 }
 
 #[test]
-fn what_the_network_refuses_is_told() {
-    let Some(network) = network("what_the_network_refuses_is_told") else { return };
-    let none = Sam2TrackerSettings { objects_per_chunk: 0, ..Sam2TrackerSettings::default() };
+fn errors_of_the_network_are_reported() {
+    let Some(network) = network("errors_of_the_network_are_reported") else { return };
+    let none = Sam2TrackerSettings::default().with(|settings| settings.objects_per_chunk = 0);
     let error = Sam2Tracker::new(Arc::clone(&network), none).unwrap_err();
     assert_eq!(error.to_string(), "the tracker sam2: objects_per_chunk is 0, but it must be at least 1");
     let mut tracker = Sam2Tracker::new(network, Sam2TrackerSettings::default()).unwrap();

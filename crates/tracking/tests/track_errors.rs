@@ -37,26 +37,30 @@ fn errors(tracks: &[(SegmentId, Mask)]) -> Vec<Found> {
 #[test]
 fn tracks_where_they_are_expected_are_right() {
     assert!(errors(&[(1, stripe(0, 10)), (2, stripe(10, 20)), (3, stripe(20, 30))]).is_empty());
-    // A bit off, on into what is not known, and a track of something new.
+    // Slightly off, extending into the unknown, and a track of something new.
     assert!(errors(&[(1, stripe(0, 9)), (2, stripe(11, 21)), (3, stripe(20, 45)), (4, stripe(50, 60))]).is_empty());
-    // Something new in front of what is known.
+    // Something new in front of a known segment.
     let small = Mask::from_fn(SIZE.0, SIZE.1, |column, row| (2..5).contains(&column) && row < 6);
     assert!(errors(&[(1, stripe(0, 10)), (2, stripe(10, 20)), (3, stripe(20, 30)), (9, small)]).is_empty());
 }
 
 #[test]
-fn what_no_track_shows_is_not_tracked() {
+fn expected_segments_without_a_track_are_not_tracked() {
     let nothing = stripe(0, 0);
     let not_tracked = |from, to| (TrackErrorKind::NotTracked, 2, Some((stripe(from, to), nothing.clone())));
     assert_eq!(errors(&[(1, stripe(0, 10)), (3, stripe(20, 30))]), [not_tracked(10, 20)]);
     assert_eq!(errors(&[(1, stripe(0, 10)), (2, nothing.clone()), (3, stripe(20, 30))]), [not_tracked(10, 20)]);
-    assert_eq!(errors(&[(1, stripe(0, 12)), (3, stripe(20, 30))]), [not_tracked(12, 20)], "but what others have");
+    assert_eq!(
+        errors(&[(1, stripe(0, 12)), (3, stripe(20, 30))]),
+        [not_tracked(12, 20)],
+        "except what other tracks cover"
+    );
     let others = [(1, stripe(0, 10)), (3, stripe(20, 30)), (7, stripe(10, 13)), (8, stripe(13, 16))];
-    assert!(errors(&others).is_empty(), "other tracks have most of it");
+    assert!(errors(&others).is_empty(), "other tracks cover most of it");
 }
 
 #[test]
-fn swapped_tracks_are_clicked_back() {
+fn swapped_tracks_are_prompted_back() {
     let found = errors(&[(1, stripe(10, 20)), (2, stripe(0, 10)), (3, stripe(20, 30))]);
     let incorrect = |id, expected, wrong| (TrackErrorKind::IncorrectTrack, id, Some((expected, wrong)));
     let expected = [incorrect(1, stripe(0, 10), stripe(10, 20)), incorrect(2, stripe(10, 20), stripe(0, 10))];
@@ -64,7 +68,7 @@ fn swapped_tracks_are_clicked_back() {
 }
 
 #[test]
-fn a_track_away_from_its_segment_is_wrong_on_unseen_ground_too() {
+fn a_track_away_from_its_segment_is_wrong_where_nothing_is_expected_too() {
     let found = errors(&[(1, stripe(28, 50)), (2, stripe(10, 20)), (3, stripe(20, 28))]);
     assert_eq!(found, [(TrackErrorKind::IncorrectTrack, 1, Some((stripe(0, 10), stripe(28, 50))))]);
     let grown = Mask::from_fn(SIZE.0, SIZE.1, |column, _| (0..19).contains(&column) || column >= 56);
@@ -72,19 +76,19 @@ fn a_track_away_from_its_segment_is_wrong_on_unseen_ground_too() {
     assert_eq!(
         errors(&[(1, grown), (3, stripe(20, 30))])[0],
         on_others,
-        "what is unseen may be right, as part of it is"
+        "the part on unseen ground may be right, as another part is"
     );
 }
 
 #[test]
-fn a_segment_under_another_id_gets_its_own_back() {
+fn a_segment_tracked_under_another_id_gets_its_own_back() {
     let found = errors(&[(1, stripe(0, 10)), (3, stripe(20, 30)), (7, stripe(11, 20))]);
     let own = (TrackErrorKind::IncorrectTrack, 2, Some((stripe(10, 20), stripe(0, 0))));
     assert_eq!(found, [own, (TrackErrorKind::IncorrectTrack, 7, None)]);
 }
 
 #[test]
-fn duplicates_go_back_or_away() {
+fn duplicates_are_prompted_back_or_removed() {
     let found = errors(&[(1, stripe(0, 10)), (2, stripe(0, 10)), (3, stripe(20, 30))]);
     assert_eq!(found, [(TrackErrorKind::DuplicatedTrack, 2, Some((stripe(10, 20), stripe(0, 10))))]);
     let found = errors(&[(1, stripe(0, 10)), (2, stripe(10, 20)), (3, stripe(20, 30)), (7, stripe(0, 9))]);
@@ -99,7 +103,7 @@ fn a_mask_that_grows_over_another_segment_is_cut_back() {
 }
 
 #[test]
-fn small_or_uncertain_expectations_say_nothing() {
+fn small_or_uncertain_segments_cause_no_errors() {
     let tracks = [(1, stripe(0, 10)), (3, stripe(20, 30))];
     let mut uncertain = expected();
     for (segment, confidence) in uncertain.segments.pixels().iter().zip(uncertain.confidence.pixels_mut()) {
@@ -117,13 +121,13 @@ fn small_or_uncertain_expectations_say_nothing() {
 
 #[test]
 fn each_category_can_be_switched_off() {
-    // Segment 3 is lost, track 2 follows what track 1 does, and track 1 … is right.
+    // Segment 3 is lost, and track 2 follows the object of track 1, which is right.
     let tracks = [(1, stripe(0, 10)), (2, stripe(0, 10))];
     let count = |settings: &RepromptSettings| TrackErrorCounts::of(&find_track_errors(&expected(), &tracks, settings));
     let all = count(&RepromptSettings::default());
     assert_eq!(all, TrackErrorCounts { not_tracked: 1, incorrect_track: 0, duplicated_track: 1 });
-    let without = RepromptSettings { not_tracked: false, ..RepromptSettings::default() };
+    let without = RepromptSettings::default().with(|settings| settings.not_tracked = false);
     assert_eq!(count(&without), TrackErrorCounts { not_tracked: 0, ..all });
-    let without = RepromptSettings { duplicated_track: false, ..RepromptSettings::default() };
+    let without = RepromptSettings::default().with(|settings| settings.duplicated_track = false);
     assert_eq!(count(&without), TrackErrorCounts { duplicated_track: 0, ..all });
 }

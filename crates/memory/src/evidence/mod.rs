@@ -188,7 +188,7 @@ impl SegmentStore for EvidenceStore {
         2 * Votes::SLOTS
     }
 
-    fn content(&self) -> SplatContentView<'_> {
-        SplatContentView::Evidence { votes: &self.votes }
+    fn content(&self) -> Option<SplatContentView<'_>> {
+        Some(SplatContentView::Evidence { votes: &self.votes })
     }
 }

@@ -1,4 +1,4 @@
-//! From rendered features to expected segments (METHOD, "Decoding").
+//! From rendered features to expected segments (docs/METHOD.md, "Features").
 
 use crate::Codebook;
 use crate::recall::TileSurface;

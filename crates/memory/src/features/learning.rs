@@ -1,4 +1,4 @@
-//! Gradient descent on the features of the Gaussians in view (METHOD, "FastSAM-Splat", step 6).
+//! Gradient descent on the features of the Gaussians in view (docs/METHOD.md, "Features").
 //!
 //! `F = W f` carries the gradient of the [loss](super::loss) to the features: `∂L/∂f = Wᵀ ∂L/∂F`. Each Gaussian's step
 //! is divided by its column sum of `W` (a Jacobi preconditioner): a fixed step diverges when the camera comes close

@@ -1,4 +1,4 @@
-//! The loss (METHOD, "FastSAM-Splat", step 6), and its gradient with respect to the rendered features.
+//! The loss (docs/METHOD.md, "Features"), and its gradient with respect to the rendered features.
 //!
 //! The loss over pixels p with rendered feature F and target F̂ (codebook vector ĉ times confidence m) is
 //! `L = Σ_p λ_mag (m − ‖F‖)² + λ_dir (1 − cos(F̂, F))`: sums over pixels where the paper has means, which differ by
@@ -142,7 +142,7 @@ mod tests {
         Codebook::generate(&settings, &mut |_| {}).unwrap()
     }
 
-    /// The loss of one pixel as METHOD states it, in f64.
+    /// The loss of one pixel as docs/METHOD.md states it, in f64.
     fn loss(settings: &MemorySettings, code: Option<&[f32]>, magnitude: f64, feature: &[f64]) -> f64 {
         let norm = feature.iter().map(|value| value * value).sum::<f64>().sqrt();
         let direction = code.map_or(0.0, |code| {

@@ -1,5 +1,5 @@
 //! The paper's memory: every Gaussian carries a feature vector whose direction is the segment's id and whose magnitude
-//! the confidence (METHOD, "Memory").
+//! the confidence (docs/METHOD.md, "Features").
 //!
 //! - **Expected**: the rendered feature's best code ([`Decoder`], "Decoding").
 //! - **Shown**: the decoded target F̂ ([`target`], "FastSAM-Splat", steps 4 and 5).
@@ -139,8 +139,8 @@ impl SegmentStore for FeatureStore {
         self.settings.feature_dim
     }
 
-    fn content(&self) -> SplatContentView<'_> {
-        SplatContentView::Features { features: &self.features, codebook: &self.codebook }
+    fn content(&self) -> Option<SplatContentView<'_>> {
+        Some(SplatContentView::Features { features: &self.features, codebook: &self.codebook })
     }
 }
 

@@ -6,6 +6,7 @@ use thiserror::Error;
 
 /// A splat file that cannot be read or written.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum SplatFileError {
     /// The file system refused.
     #[error("{}: cannot {action}: {source}", path.display())]
@@ -16,6 +17,12 @@ pub enum SplatFileError {
         action: &'static str,
         /// Why it failed.
         source: std::io::Error,
+    },
+    /// The memory is of a kind that has no file format.
+    #[error("{}: a memory of this kind cannot be saved", path.display())]
+    NoFormat {
+        /// The file that was asked for.
+        path: PathBuf,
     },
     /// The file does not begin like a PLY.
     #[error("{}: not a PLY file: the first line is {found:?}, expected \"ply\"", path.display())]

@@ -27,7 +27,7 @@ pub fn record_bytes(kind: MemoryKind) -> usize {
 pub fn sample(kind: MemoryKind, count: usize) -> SplatFile {
     let content = match kind {
         MemoryKind::Evidence => SplatContent::Evidence { votes: (0..count).map(votes).collect() },
-        MemoryKind::Features => features(count, FEATURE_DIM),
+        _ => features(count, FEATURE_DIM),
     };
     with_content(content, count)
 }

@@ -19,7 +19,7 @@ fn values_no_gaussian_has_are_errors_when_loaded() {
     for kind in KINDS {
         let own_floats = match kind {
             MemoryKind::Evidence => (0..4).map(|slot| COMMON_PROPERTIES + 2 * slot + 1).collect::<Vec<_>>(),
-            MemoryKind::Features => (COMMON_PROPERTIES..COMMON_PROPERTIES + FEATURE_DIM).collect(),
+            _ => (COMMON_PROPERTIES..COMMON_PROPERTIES + FEATURE_DIM).collect(),
         };
         for column in (0..FLOATS).chain(own_floats) {
             for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {

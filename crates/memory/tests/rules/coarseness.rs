@@ -3,7 +3,6 @@
 use crate::run::{Run, evidence};
 use crate::scene::{SIZE, Scene, Shot};
 use splatseg_geometry::SegmentMap;
-use splatseg_memory::MemorySettings;
 
 /// A wall, with the border of two segments in the middle of the view.
 fn halves() -> (Shot, SegmentMap) {
@@ -15,7 +14,7 @@ fn halves() -> (Shot, SegmentMap) {
 #[test]
 fn gaussians_are_coarse_inside_a_segment_and_fine_at_its_border() {
     let (shot, seen) = halves();
-    let settings = MemorySettings { growth_spacing: 4, ..evidence() };
+    let settings = evidence().with(|settings| settings.growth_spacing = 4);
     let mut run = Run::new(settings.clone());
     run.show_as(&shot, &seen);
     let balls = run.memory.balls();
@@ -38,7 +37,7 @@ fn gaussians_are_coarse_inside_a_segment_and_fine_at_its_border() {
 fn a_flat_segment_needs_few_gaussians() {
     let shot = Scene::wall().seen_from_origin();
     let count = |growth_spacing| {
-        let mut run = Run::new(MemorySettings { growth_spacing, ..evidence() });
+        let mut run = Run::new(evidence().with(|settings| settings.growth_spacing = growth_spacing));
         run.show(&shot);
         run.memory.gaussian_count()
     };
@@ -60,7 +59,7 @@ fn every_pixel_with_depth_is_covered_afterwards() {
     let boxes = Scene::boxes().seen_from_origin();
     for growth_spacing in [1, 2, 4, 8] {
         for (shot, seen) in [(&wall, &wall.truth), (&wall, &halves), (&boxes, &boxes.truth)] {
-            let mut run = Run::new(MemorySettings { growth_spacing, ..evidence() });
+            let mut run = Run::new(evidence().with(|settings| settings.growth_spacing = growth_spacing));
             run.show_as(shot, seen);
             let frame = shot.frame();
             let recall = run.memory.recall(&frame);

@@ -2,7 +2,7 @@
 
 use crate::run::{Run, evidence};
 use crate::scene::{Scene, Solid, pose};
-use splatseg_memory::{GrowthRule, MemorySettings};
+use splatseg_memory::GrowthRule;
 
 /// A box 3 without a table, its front `distance` before the wall.
 fn box_before_wall(distance: f32) -> Solid {
@@ -61,7 +61,10 @@ fn a_box_that_disappears_reveals_a_known_wall() {
 #[test]
 fn a_farther_surface_is_added_by_the_papers_rule_alone() {
     for (growth, expected) in [(GrowthRule::Missing, 0), (GrowthRule::Paper, 96 * 72)] {
-        let mut run = Run::new(MemorySettings { growth, removal_frames: 0, ..evidence() });
+        let mut run = Run::new(evidence().with(|settings| {
+            settings.growth = growth;
+            settings.removal_frames = 0;
+        }));
         let near = Scene::wall().seen_from_origin();
         run.show(&near);
         let mut far = near.clone();

@@ -2,7 +2,6 @@
 
 use crate::run::{Run, agreement, evidence};
 use crate::scene::{Scene, pose};
-use splatseg_memory::MemorySettings;
 
 #[test]
 fn what_is_beyond_the_limit_goes_longest_unseen_first() {
@@ -12,7 +11,7 @@ fn what_is_beyond_the_limit_goes_longest_unseen_first() {
     shots.iter().for_each(|shot| drop(unlimited.show(shot)));
     let limit = unlimited.memory.gaussian_count() / 2;
 
-    let mut run = Run::new(MemorySettings { max_gaussians: limit, ..evidence() });
+    let mut run = Run::new(evidence().with(|settings| settings.max_gaussians = limit));
     for shot in &shots {
         run.show(shot);
         assert!(run.memory.gaussian_count() <= limit);
@@ -33,7 +32,10 @@ fn what_is_beyond_the_limit_goes_longest_unseen_first() {
 fn a_frame_with_more_than_the_limit_stays_below_it() {
     let shot = Scene::boxes().seen_from_origin();
     for growth_spacing in [1, 4] {
-        let mut run = Run::new(MemorySettings { max_gaussians: 100, growth_spacing, ..evidence() });
+        let mut run = Run::new(evidence().with(|settings| {
+            settings.max_gaussians = 100;
+            settings.growth_spacing = growth_spacing;
+        }));
         for _ in 0..5 {
             run.show(&shot);
             assert_eq!(run.memory.gaussian_count(), 100);

@@ -3,7 +3,6 @@
 use crate::run::{Run, evidence, recalled};
 use crate::scene::{Scene, Solid, TABLE, pose};
 use glam::Vec3;
-use splatseg_memory::MemorySettings;
 
 /// A box 3 that touches nothing, 1 m before the wall.
 const FLOATING: Solid = Solid { id: 3, min: Vec3::new(-0.3, -0.3, 1.8), max: Vec3::new(0.3, 0.3, 2.0) };
@@ -45,7 +44,7 @@ fn a_box_that_is_taken_from_the_table_is_gone() {
 #[test]
 fn removal_waits_for_its_number_of_frames() {
     for removal_frames in [1, 3, 6] {
-        let mut run = Run::new(MemorySettings { removal_frames, ..evidence() });
+        let mut run = Run::new(evidence().with(|settings| settings.removal_frames = removal_frames));
         run.show_times(&Scene::wall().with(FLOATING).seen_from_origin(), 3);
         let steps = run.show_times(&Scene::wall().seen_from_origin(), usize::from(removal_frames));
         let (last, before) = steps.split_last().unwrap();
@@ -69,7 +68,7 @@ fn a_sight_in_between_starts_the_count_anew() {
 
 #[test]
 fn no_removal_frames_never_remove() {
-    let mut run = Run::new(MemorySettings { removal_frames: 0, ..evidence() });
+    let mut run = Run::new(evidence().with(|settings| settings.removal_frames = 0));
     run.show_times(&Scene::wall().with(FLOATING).seen_from_origin(), 3);
     let count = run.memory.gaussian_count();
     run.show_times(&Scene::wall().seen_from_origin(), 300);

@@ -13,7 +13,11 @@ pub fn evidence() -> MemorySettings {
 
 /// The paper's memory, with a codebook that is made at once.
 pub fn features() -> MemorySettings {
-    MemorySettings { kind: MemoryKind::Features, feature_dim: 8, num_codes: 16, ..MemorySettings::default() }
+    MemorySettings::default().with(|settings| {
+        settings.kind = MemoryKind::Features;
+        settings.feature_dim = 8;
+        settings.num_codes = 16;
+    })
 }
 
 /// Both kinds.

@@ -2,13 +2,12 @@
 
 use crate::run::{Run, evidence};
 use crate::scene::{Scene, pose};
-use splatseg_memory::MemorySettings;
 
 #[test]
 fn a_still_camera_adds_nothing_from_the_second_frame_on() {
     let shot = Scene::boxes().seen_from_origin();
     for growth_spacing in [1, 4, 8] {
-        let mut run = Run::new(MemorySettings { growth_spacing, ..evidence() });
+        let mut run = Run::new(evidence().with(|settings| settings.growth_spacing = growth_spacing));
         let steps = run.show_times(&shot, 50);
         assert!(steps[0].update.grown > 0);
         for (frame, step) in steps.iter().enumerate().skip(1) {

@@ -106,7 +106,7 @@ impl FastSamConfig {
     }
 
     /// What Ultralytics' `yaml` dict says; `None` if it gives no scale, `Err` says what is not YOLOv8-seg's about it.
-    fn of_configuration(configuration: &Value) -> Result<Option<Self>, String> {
+    fn from_configuration(configuration: &Value) -> Result<Option<Self>, String> {
         let layers = ["backbone", "head"].into_iter().filter_map(|part| configuration[part].as_array()).flatten();
         let modules: Vec<&str> = layers.filter_map(|layer| layer[2].as_str()).collect();
         if modules != MODULES {

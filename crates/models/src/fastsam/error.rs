@@ -1,6 +1,7 @@
 //! Errors of FastSAM.
 
 use crate::checkpoint::CheckpointError;
+use splatseg_settings::SettingError;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -20,15 +21,8 @@ pub enum FastSamError {
         found: String,
     },
     /// A setting is out of range.
-    #[error("fastsam.{field} is {found}, expected {expected}")]
-    Setting {
-        /// The setting's name, e.g. `image_size`.
-        field: &'static str,
-        /// Its value.
-        found: String,
-        /// What it may be.
-        expected: &'static str,
-    },
+    #[error(transparent)]
+    Setting(#[from] SettingError),
     /// The image is empty.
     #[error("the image has no pixels")]
     EmptyImage,

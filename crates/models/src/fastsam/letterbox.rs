@@ -39,7 +39,7 @@ pub fn letterbox(image: &CowImage<'_, [u8; 3]>, image_size: usize) -> Image<[u8;
 }
 
 /// The network's input: RGB planes `[3, height, width]` in [0, 1].
-pub fn normalised(image: &CowImage<'_, [u8; 3]>) -> Vec<f32> {
+pub fn input_values(image: &CowImage<'_, [u8; 3]>) -> Vec<f32> {
     (0..3).flat_map(|channel| image.pixels().iter().map(move |pixel| f32::from(pixel[channel]) / 255.0)).collect()
 }
 
@@ -64,7 +64,7 @@ fn taps(from: usize, to: usize) -> Vec<Tap> {
         .collect()
 }
 
-/// `cv2.resize(…, INTER_LINEAR)` on 8-bit pixels, bit for bit: 11-bit weights, rounded down in between.
+/// `cv2.resize(…, INTER_LINEAR)` on 8-bit pixels, bit for bit: 11-bit weights, with intermediate results rounded down.
 fn resize(image: &CowImage<'_, [u8; 3]>, width: usize, height: usize) -> Image<[u8; 3]> {
     let last_column = image.width() as i64 - 1;
     let columns: Vec<(usize, usize, [i32; 2])> = taps(image.width(), width)

@@ -11,7 +11,6 @@ use super::{ObjectMask, Prompt, Sam2Error, Sam2Network, Sam2PredictorSettings};
 use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, Image};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Earlier logits are clamped to this when they go along with new clicks.

@@ -66,12 +66,11 @@ fn indices(golden: &Golden, name: &str) -> Vec<usize> {
 
 fn check_run(golden: &Golden, case: &Case, run: &Run) {
     let name = |tensor: &str| format!("{}{tensor}", run.prefix);
-    let settings = FastSamPredictorSettings {
-        confidence: run.conf,
-        iou: run.iou,
-        retina_masks: run.retina_masks,
-        ..FastSamPredictorSettings::default()
-    };
+    let settings = FastSamPredictorSettings::default().with(|settings| {
+        settings.confidence = run.conf;
+        settings.iou = run.iou;
+        settings.retina_masks = run.retina_masks;
+    });
     let placement = Placement { image: case.orig_wh.into(), input: (case.input_hw[1], case.input_hw[0]) };
     let candidates = candidates(golden);
     let kept = candidates.nms(run.conf, run.iou, settings.max_det);

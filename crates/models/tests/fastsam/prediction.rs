@@ -14,7 +14,7 @@ const AREA_TOLERANCE: i32 = 4;
 fn predict(image_name: &str, image_size: usize, checkpoint: &str, test: &str) -> Option<Vec<Detection>> {
     let image = image(&shared(&format!("golden/fastsam/image_{image_name}.png"), test)?);
     let weights = shared(&format!("golden/fastsam/{checkpoint}"), test)?;
-    let settings = FastSamPredictorSettings { image_size, ..FastSamPredictorSettings::default() };
+    let settings = FastSamPredictorSettings::default().with(|settings| settings.image_size = image_size);
     let predictor = FastSamPredictor::open(&weights, settings, &Device::flex()).unwrap();
     Some(predictor.predict(&image).unwrap())
 }

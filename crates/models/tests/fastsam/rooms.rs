@@ -14,7 +14,11 @@ const TOLERANCES: [f32; 2] = [1e-2, 1e-4];
 fn check(setting: &str, confidence: f64, iou: f64, test: &str) {
     let Some(weights) = shared("models/fastsam-rooms-n.pt", test) else { return };
     let Some(golden) = Golden::open("../fastsam_rooms/predictions.safetensors", test) else { return };
-    let settings = FastSamPredictorSettings { image_size: 320, confidence, iou, ..FastSamPredictorSettings::default() };
+    let settings = FastSamPredictorSettings::default().with(|settings| {
+        settings.image_size = 320;
+        settings.confidence = confidence;
+        settings.iou = iou;
+    });
     let predictor = FastSamPredictor::open(&weights, settings, &Device::flex()).unwrap();
     let Some(frames) = shared("data/rooms/dev-a/color", test) else { return };
     for frame in [0, 20, 40, 60] {
@@ -59,7 +63,7 @@ fn other_models_and_settings_are_refused_in_one_line() {
     assert!(error.to_string().contains("expected FastSAM") && error.to_string().lines().count() == 1, "{error}");
     let Some(error) = open("golden/fastsam/image_310x230.png", FastSamPredictorSettings::default()) else { return };
     assert!(matches!(error, FastSamError::Checkpoint(_)) && error.to_string().lines().count() == 1, "{error}");
-    let odd = FastSamPredictorSettings { image_size: 1000, ..FastSamPredictorSettings::default() };
+    let odd = FastSamPredictorSettings::default().with(|settings| settings.image_size = 1000);
     let Some(error) = open("models/fastsam-rooms-n.pt", odd) else { return };
     assert_eq!(error.to_string(), "fastsam.image_size is 1000, expected a multiple of 32 from 32 to 4096");
 }

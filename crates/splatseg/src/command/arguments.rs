@@ -4,14 +4,17 @@ use super::Failure;
 use super::bench::BenchArguments;
 use super::eval::EvalArguments;
 use super::inspect::InspectArguments;
-use super::options::{SettingsOptions, choice_name};
-use clap::{Args, Parser, Subcommand};
+use super::options::SettingsOptions;
+use super::settings::SettingsArguments;
+use clap::builder::{PossibleValue, PossibleValuesParser};
+use clap::{Arg, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use splatseg::Settings;
-use splatseg::settings::MethodName;
+use splatseg::settings::{Entry, MethodName, SegmenterName, TrackerName, describe, entries};
+use splatseg_settings::{Allowed, Choice};
 use std::path::PathBuf;
 
-/// Gives every object in an RGB-D video one id that lasts for the whole video, by remembering what it saw in an online
-/// 3D Gaussian splat.
+/// Gives every object in an RGB-D video one id that lasts for the whole video, by remembering what was seen in an
+/// online 3D Gaussian splat.
 #[derive(Debug, Parser)]
 #[command(name = "splatseg", version, propagate_version = true)]
 pub struct Arguments {
@@ -21,7 +24,7 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Segment a short video that is part of the program: needs no file and no network
+    /// Segment a short video that is built into the program: needs no files and no network
     Demo(DemoArguments),
     /// Segment a recorded RGB-D video
     Run(Box<RunArguments>),
@@ -29,8 +32,10 @@ pub enum Command {
     Eval(Box<EvalArguments>),
     /// Compare methods: scenes × methods × seeds, with tables and a report
     Bench(Box<BenchArguments>),
-    /// Tell what a checkpoint holds: network, tensors, parameters
+    /// Show the contents of a checkpoint: network, tensors, parameters
     Inspect(InspectArguments),
+    /// List every setting with its default, allowed values and meaning
+    Settings(SettingsArguments),
 }
 
 #[derive(Debug, Args)]
@@ -61,23 +66,66 @@ pub struct RunArguments {
     /// Replace the results of an earlier run in that folder
     #[arg(long)]
     pub overwrite: bool,
-    /// Method [default: fastsam-splat]
-    #[arg(long, value_enum, value_name = "METHOD", hide_default_value = true)]
-    pub method: Option<MethodName>,
+    #[arg(long, value_name = "METHOD")]
+    pub method: Option<String>,
     #[command(flatten)]
     pub options: SettingsOptions,
-    /// Save the memory when done: a PLY file that any Gaussian-splat viewer opens
+    /// Save the memory when done, as a PLY file that any Gaussian-splat viewer opens
     #[arg(long, value_name = "FILE.ply")]
     pub save_memory: Option<PathBuf>,
-    /// Continue with a memory saved earlier, and with its ids
+    /// Continue with a memory saved earlier and with its ids
     #[arg(long, value_name = "FILE.ply")]
     pub load_memory: Option<PathBuf>,
 }
 
 impl RunArguments {
-    /// The settings that file, options and assignments make together.
+    /// The settings from file, options and assignments.
     pub fn settings(&self) -> Result<Settings, Failure> {
-        let method = ("method", self.method.as_ref().and_then(choice_name));
-        self.options.layers([method])?.resolve().map_err(Failure::input)
+        self.options.layers([("method", self.method.as_ref())])?.resolve().map_err(Failure::input)
+    }
+}
+
+impl Arguments {
+    /// The arguments of this process. Ends the process if they are wrong or ask for help.
+    pub fn from_command_line() -> Self {
+        let matches = with_settings(Self::command(), &entries()).get_matches();
+        Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
+    }
+}
+
+/// Completes the arguments that stand for settings: those without help take it, and their allowed values, from the
+/// setting.
+fn with_settings(command: clap::Command, entries: &[Entry]) -> clap::Command {
+    let complete = |argument: Arg| match entry_of(&argument, entries) {
+        Some(entry) if argument.get_help().is_none() => {
+            let argument = argument.help(describe(entry).replace('`', ""));
+            if matches!(entry.field.allowed, Allowed::Names(_)) {
+                argument.value_parser(PossibleValuesParser::new(possible_values(entry)))
+            } else {
+                argument
+            }
+        }
+        _ => argument,
+    };
+    command.mut_args(complete).mut_subcommands(|inner| with_settings(inner, entries))
+}
+
+/// The setting that an argument stands for.
+fn entry_of<'e>(argument: &Arg, entries: &'e [Entry]) -> Option<&'e Entry> {
+    let name = argument.get_id().as_str();
+    let has_key = |key: &str| entries.iter().find(|entry| entry.field.key() == key);
+    has_key(name).or_else(|| has_key(&format!("dataset.{name}")))
+}
+
+fn possible_values(entry: &Entry) -> Vec<PossibleValue> {
+    fn with_help<T: Choice>() -> Vec<PossibleValue> {
+        T::ALL.iter().map(|value| PossibleValue::new(value.name()).help(value.help())).collect()
+    }
+    match (entry.field.section, entry.field.name, entry.field.allowed) {
+        ("", "method", _) => with_help::<MethodName>(),
+        ("", "segmenter", _) => with_help::<SegmenterName>(),
+        ("", "tracker", _) => with_help::<TrackerName>(),
+        (_, _, Allowed::Names(names)) => names.iter().map(|name| PossibleValue::new(*name)).collect(),
+        _ => Vec::new(),
     }
 }

@@ -1,4 +1,4 @@
-//! `splatseg demo`: the whole way from video to ids on a clip that is part of the program.
+//! `splatseg demo`: runs on a clip that is built into the program.
 
 use super::Failure;
 use super::arguments::DemoArguments;
@@ -23,13 +23,13 @@ pub fn demo(arguments: &DemoArguments) -> Result<(), Failure> {
     let job = Job {
         scene: scene.display().to_string(),
         out: arguments.out.clone(),
-        // The folder now holds the clip, and was empty before or may be overwritten.
+        // The folder has the clip now; before, it was empty or could be overwritten.
         existing: Existing::Replace,
         settings,
         save_memory: Some(arguments.out.join("memory.ply")),
         load_memory: None,
     };
-    say!("a camera walks through a rendered room; the built-in segmenter, and a memory that keeps the ids");
+    say!("a camera moves through a rendered room: the built-in segmenter finds masks, and the memory keeps their ids");
     let summary = execute(&job)?;
     say!("{}", report(&job, &summary));
     say!("your own video: splatseg run FOLDER --out DIR");

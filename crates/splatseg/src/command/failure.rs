@@ -1,8 +1,8 @@
-//! Why the command did not succeed, and so with which exit code it ends.
+//! Why the command failed, and with which exit code.
 
 use std::fmt;
 
-/// A failure; its text is one clear line.
+/// A failure; its text is one line.
 #[derive(Debug)]
 pub enum Failure {
     /// Bad usage or input: exit code 2.
@@ -19,7 +19,7 @@ impl Failure {
         Self::Input(error.to_string())
     }
 
-    /// Work that could not be done although the input was right.
+    /// Work that failed although the input was right.
     pub fn work(error: impl fmt::Display) -> Self {
         Self::Work(error.to_string())
     }

@@ -1,4 +1,4 @@
-//! `splatseg inspect`: what a checkpoint holds.
+//! `splatseg inspect`: the contents of a checkpoint.
 
 use super::Failure;
 use clap::Args;
@@ -11,7 +11,7 @@ use std::path::PathBuf;
 pub struct InspectArguments {
     /// A checkpoint: .pt of Ultralytics or Meta, or .safetensors
     pub file: PathBuf,
-    /// Also write it as a .safetensors file that needs no pickle; an existing file is not replaced
+    /// Also write it as a .safetensors file, without a pickle; an existing file is not replaced
     #[arg(long, value_name = "FILE.safetensors")]
     pub convert: Option<PathBuf>,
     /// Also list every tensor with its type and shape
@@ -19,7 +19,7 @@ pub struct InspectArguments {
     pub tensors: bool,
 }
 
-/// Prints what the file holds.
+/// Prints the contents of the file.
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     let checkpoint = Checkpoint::open(&arguments.file).map_err(Failure::input)?;
     print(&checkpoint);
@@ -31,7 +31,7 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     }
     if let Some(out) = &arguments.convert {
         checkpoint.convert(out).map_err(|error| match error {
-            // The input was right: the disk is full, or the like.
+            // The input was right, but e.g. the disk is full.
             CheckpointError::Io { ref path, .. } if path == out => Failure::work(error),
             error => Failure::input(error),
         })?;
@@ -64,12 +64,12 @@ fn print(checkpoint: &Checkpoint) {
     }
 }
 
-/// Missing tensors that are listed without `--tensors`.
+/// Largest number of missing tensors listed without `--tensors`.
 const LISTED: usize = 10;
 
 fn print_missing(checkpoint: &Checkpoint, all: bool) {
     let Some(missing) = missing_tensors(checkpoint) else {
-        say!("missing        it is of no network that splatseg runs: FastSAM or SAM 2.1");
+        say!("missing        unknown: splatseg runs FastSAM and SAM 2.1 only");
         return;
     };
     if missing.is_empty() {

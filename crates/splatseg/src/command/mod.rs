@@ -1,6 +1,6 @@
-//! The parts of the `splatseg` command.
+//! The `splatseg` command.
 
-/// Prints a line for the user. A reader that went away (`splatseg … | head`) is no reason to fail.
+/// Prints a line for the user. A closed standard output (`splatseg … | head`) is not an error.
 macro_rules! say {
     ($($text:tt)*) => {{
         use std::io::Write as _;
@@ -14,19 +14,18 @@ mod demo;
 mod eval;
 mod failure;
 mod inspect;
-mod lookahead;
-mod method;
 mod options;
 mod output_folder;
 mod result_writer;
 mod run;
+mod settings;
 
 pub use arguments::Arguments;
 pub use failure::Failure;
 
 use arguments::Command;
 
-/// Does what the command line asks for.
+/// Executes the command line.
 pub fn execute(arguments: Arguments) -> Result<(), Failure> {
     match arguments.command {
         Command::Demo(demo) => demo::demo(&demo),
@@ -34,10 +33,11 @@ pub fn execute(arguments: Arguments) -> Result<(), Failure> {
         Command::Eval(eval) => eval::eval(&eval),
         Command::Bench(bench) => bench::bench(&bench),
         Command::Inspect(inspect) => inspect::inspect(&inspect),
+        Command::Settings(arguments) => settings::settings(&arguments),
     }
 }
 
-/// Warnings go to standard error; `RUST_LOG` asks for more or less.
+/// Starts logging: warnings go to standard error, and `RUST_LOG` selects more or less.
 pub fn start_log() {
     use tracing_subscriber::EnvFilter;
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn"));

@@ -1,38 +1,30 @@
-//! Options that several commands share, and the settings they make.
+//! Options that several commands share, and the settings that they stand for.
 
 use super::Failure;
 use clap::Args;
-use splatseg::settings::{SegmenterName, SettingsLayers, TrackerName};
-use splatseg_dataset::{DatasetSettings, Format, Preset};
+use splatseg::settings::SettingsLayers;
+use splatseg_dataset::{DatasetSettings, Preset};
 use splatseg_metrics::{Protocol, ScoreSettings, Void};
-use splatseg_models::device::DeviceName;
 use std::path::PathBuf;
 
-/// How a scene is read.
+/// How a scene is read. Options without help stand for settings and take their help from them.
 #[derive(Clone, Debug, Default, Args)]
 pub struct DatasetOptions {
-    /// Format of the scene: auto, 7scenes, scannet, sens, tum, replica, mvpd or synthetic [default: auto]
     #[arg(long, value_name = "FORMAT")]
-    pub format: Option<Format>,
-    /// Read scenes as a published benchmark does; other options win over it
+    pub format: Option<String>,
+    /// Read scenes as a published benchmark does; other options override it
     #[arg(long, value_enum, value_name = "PRESET")]
     pub preset: Option<PresetName>,
-    /// Use every N-th frame
     #[arg(long, value_name = "N")]
-    pub stride: Option<usize>,
-    /// Resize frames first, e.g. 320x240
+    pub stride: Option<String>,
     #[arg(long, value_name = "WxH")]
     pub resize: Option<String>,
-    /// Then cut this many pixels off on each side
     #[arg(long, value_name = "PX")]
-    pub crop_border: Option<usize>,
-    /// Position of the first frame, counted from 0
+    pub crop_border: Option<String>,
     #[arg(long, value_name = "N")]
-    pub start: Option<usize>,
-    /// Use at most this many frames
+    pub start: Option<String>,
     #[arg(long, value_name = "N")]
-    pub max_frames: Option<usize>,
-    /// 7-Scenes as published: warp depth into the colour camera
+    pub max_frames: Option<String>,
     #[arg(long)]
     pub register_depth: bool,
 }
@@ -47,83 +39,77 @@ pub enum PresetName {
 }
 
 impl DatasetOptions {
-    /// Lays the options that were given over the layers.
+    /// Adds the options that were given to the layers.
     pub fn add_to(&self, layers: &mut SettingsLayers) -> Result<(), Failure> {
         if self.preset.is_some() {
-            // Both read scenes in the same way.
+            // Both presets read scenes in the same way.
             let preset = Preset::ScannetMv.settings();
+            let (stride, crop_border) = (preset.stride.to_string(), preset.crop_border.to_string());
+            let resize = preset.resize.map(|size| size.to_string());
             let settings = [
-                ("dataset.stride", whole(preset.stride)),
-                ("dataset.resize", preset.resize.and_then(|size| text(size.to_string()))),
-                ("dataset.crop_border", whole(preset.crop_border)),
+                ("dataset.stride", Some(&stride)),
+                ("dataset.resize", resize.as_ref()),
+                ("dataset.crop_border", Some(&crop_border)),
             ];
             add_given(layers, settings)?;
         }
+        let register_depth = self.register_depth.then(|| "true".to_owned());
         let options = [
-            ("dataset.format", self.format.and_then(|format| text(format.to_string()))),
-            ("dataset.stride", self.stride.and_then(whole)),
-            ("dataset.resize", self.resize.clone().and_then(text)),
-            ("dataset.crop_border", self.crop_border.and_then(whole)),
-            ("dataset.start", self.start.and_then(whole)),
-            ("dataset.max_frames", self.max_frames.and_then(whole)),
-            ("dataset.register_depth", self.register_depth.then_some(toml::Value::Boolean(true))),
+            ("dataset.format", self.format.as_ref()),
+            ("dataset.stride", self.stride.as_ref()),
+            ("dataset.resize", self.resize.as_ref()),
+            ("dataset.crop_border", self.crop_border.as_ref()),
+            ("dataset.start", self.start.as_ref()),
+            ("dataset.max_frames", self.max_frames.as_ref()),
+            ("dataset.register_depth", register_depth.as_ref()),
         ];
         add_given(layers, options)
     }
 
-    /// The dataset settings that `base` and the options make together.
+    /// The dataset settings from `base` and the options.
     pub fn over(&self, base: &DatasetSettings) -> Result<DatasetSettings, Failure> {
         let mut layers = SettingsLayers::default();
         let base = toml::Value::try_from(base).map_err(Failure::work)?;
-        add_given(&mut layers, [("dataset", Some(base))])?;
+        layers.add("dataset", base).ok_or_else(|| Failure::work("dataset is not a section"))?;
         self.add_to(&mut layers)?;
         Ok(layers.resolve().map_err(Failure::input)?.dataset)
     }
 }
 
-/// The settings of whatever runs methods.
+/// The settings of commands that run methods. Options without help stand for settings and take their help from them.
 #[derive(Clone, Debug, Default, Args)]
 pub struct SettingsOptions {
     #[command(flatten)]
     pub dataset: DatasetOptions,
-    /// Segmenter that the method builds on [default: graph]
-    #[arg(long, value_enum, value_name = "SEGMENTER")]
-    pub segmenter: Option<SegmenterName>,
-    /// Precomputed masks for --segmenter masks: <frame>.png with an id per pixel, or <frame>.json with COCO masks
+    #[arg(long, value_name = "SEGMENTER")]
+    pub segmenter: Option<String>,
     #[arg(long, value_name = "DIR")]
-    pub masks: Option<PathBuf>,
-    /// Checkpoint for --segmenter fastsam: FastSAM's .pt as it is published, or a .safetensors
+    pub masks: Option<String>,
     #[arg(long, value_name = "FILE")]
-    pub weights: Option<PathBuf>,
-    /// Tracker of the methods sam2 and sam2-splat [default: sam2]
-    #[arg(long, value_enum, value_name = "TRACKER")]
-    pub tracker: Option<TrackerName>,
-    /// Checkpoint for --tracker sam2: Meta's sam2.1_hiera_*.pt as it is published, or a .safetensors
+    pub weights: Option<String>,
+    #[arg(long, value_name = "TRACKER")]
+    pub tracker: Option<String>,
     #[arg(long, value_name = "FILE")]
-    pub tracker_weights: Option<PathBuf>,
-    /// Where the tracker's mask prompts come from [default: detections]
-    #[arg(long, value_enum, value_name = "SOURCE")]
-    pub prompts: Option<PromptsName>,
-    /// What networks run on; others than the CPU must be built in [default: cpu]
-    #[arg(long, value_name = "DEVICE", value_parser = DeviceName::ALL.map(DeviceName::name))]
+    pub tracker_weights: Option<String>,
+    #[arg(long, value_name = "SOURCE")]
+    pub prompts: Option<String>,
+    #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
     /// Settings from a TOML file
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
-    /// Any setting, e.g. memory.max_votes=8; `summary.json` lists them all
+    /// Any setting, e.g. memory.max_votes=8; `splatseg settings` lists them all
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Seed of everything random [default: 0]
     #[arg(long, value_name = "N")]
-    pub seed: Option<u64>,
-    /// Threads to compute with; results do not depend on it [default: one per core]
+    pub seed: Option<String>,
     #[arg(long, value_name = "N")]
-    pub threads: Option<usize>,
+    pub threads: Option<String>,
 }
 
 impl SettingsOptions {
-    /// The layers that file, options and assignments make together; `more` options lie under the assignments.
-    pub fn layers<const N: usize>(&self, more: [(&str, Option<toml::Value>); N]) -> Result<SettingsLayers, Failure> {
+    /// The layers from file, options and assignments, in this order. `more` has further options.
+    pub fn layers<const N: usize>(&self, more: [(&str, Option<&String>); N]) -> Result<SettingsLayers, Failure> {
         self.layers_over(SettingsLayers::default(), more)
     }
 
@@ -131,25 +117,22 @@ impl SettingsOptions {
     pub fn layers_over<const N: usize>(
         &self,
         mut layers: SettingsLayers,
-        more: [(&str, Option<toml::Value>); N],
+        more: [(&str, Option<&String>); N],
     ) -> Result<SettingsLayers, Failure> {
         if let Some(path) = &self.config {
             layers.add_file(path).map_err(Failure::input)?;
         }
         self.dataset.add_to(&mut layers)?;
         let options = [
-            ("segmenter", self.segmenter.as_ref().and_then(choice_name)),
-            ("masks", self.masks.as_ref().and_then(|path| text(path.to_string_lossy().into_owned()))),
-            ("weights", self.weights.as_ref().and_then(|path| text(path.to_string_lossy().into_owned()))),
-            ("tracker", self.tracker.as_ref().and_then(choice_name)),
-            (
-                "tracker_weights",
-                self.tracker_weights.as_ref().and_then(|path| text(path.to_string_lossy().into_owned())),
-            ),
-            ("prompts", self.prompts.as_ref().and_then(choice_name)),
-            ("device", self.device.clone().and_then(text)),
-            ("seed", self.seed.and_then(|seed| i64::try_from(seed).ok().map(toml::Value::Integer))),
-            ("threads", self.threads.and_then(whole)),
+            ("segmenter", self.segmenter.as_ref()),
+            ("masks", self.masks.as_ref()),
+            ("weights", self.weights.as_ref()),
+            ("tracker", self.tracker.as_ref()),
+            ("tracker_weights", self.tracker_weights.as_ref()),
+            ("prompts", self.prompts.as_ref()),
+            ("device", self.device.as_ref()),
+            ("seed", self.seed.as_ref()),
+            ("threads", self.threads.as_ref()),
         ];
         add_given(&mut layers, options)?;
         add_given(&mut layers, more)?;
@@ -160,22 +143,13 @@ impl SettingsOptions {
     }
 }
 
-/// Where a tracker's mask prompts come from, on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum PromptsName {
-    /// The segmenter's detections that lie on no track
-    Detections,
-    /// The scene's ground truth: every object on the frame where it becomes visible
-    GroundTruth,
-}
-
 /// How results are scored.
 #[derive(Clone, Debug, Args)]
 pub struct ScoreOptions {
-    /// Definition of the metrics: `paper` as in the paper's evaluation code, `strict` as in print
+    /// Definition of the metrics: `paper` as in the paper's evaluation code, `strict` as printed
     #[arg(long, value_enum, value_name = "PROTOCOL", default_value = "paper")]
     pub protocol: ProtocolName,
-    /// Leave predictions on unlabelled ground out of the score; they count against the prediction otherwise
+    /// Ignore predictions on unlabelled pixels, which otherwise count as wrong
     #[arg(long)]
     pub exclude_void: bool,
     /// True segments below this fraction of the image are unlabelled in that frame (MVPd: 0.001)
@@ -210,28 +184,17 @@ impl ScoreOptions {
     }
 }
 
-/// Lays the values that are there over the layers.
+/// Adds the values that were given.
 fn add_given<const N: usize>(
     layers: &mut SettingsLayers,
-    options: [(&str, Option<toml::Value>); N],
+    options: [(&str, Option<&String>); N],
 ) -> Result<(), Failure> {
-    for (key, value) in options {
-        if let Some(value) = value {
-            layers.add(key, value).ok_or_else(|| Failure::input(format!("{key} is no table in the settings")))?;
+    for (key, text) in options {
+        if let Some(text) = text {
+            layers
+                .add_text(key, text)
+                .ok_or_else(|| Failure::input(format!("{key} is not a section in the settings")))?;
         }
     }
     Ok(())
-}
-
-/// The name of a choice on the command line, which is also its name in settings.
-pub fn choice_name(choice: &impl clap::ValueEnum) -> Option<toml::Value> {
-    choice.to_possible_value().map(|value| toml::Value::String(value.get_name().to_owned()))
-}
-
-fn whole(number: usize) -> Option<toml::Value> {
-    i64::try_from(number).ok().map(toml::Value::Integer)
-}
-
-fn text(text: String) -> Option<toml::Value> {
-    Some(toml::Value::String(text))
 }

@@ -9,7 +9,7 @@ pub struct OutputFolder {
     path: PathBuf,
 }
 
-/// What to do with results that are there already.
+/// What to do with existing results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
     /// Leave them alone: the run fails.
@@ -25,11 +25,11 @@ impl Existing {
     }
 }
 
-/// Folders of result files, and the ending of the files in them.
+/// Folders of result files, and the extension of the files in them.
 const RESULTS: [(&str, &str); 2] = [("segments", "png"), ("overlay", "jpg")];
 
 impl OutputFolder {
-    /// Checks that results can go to `path`: it does not exist, or is an empty folder, or `existing` says so.
+    /// Checks that results can be written to `path`: it does not exist, is an empty folder, or may be overwritten.
     pub fn check(path: &Path, existing: Existing) -> Result<(), Failure> {
         let entries = match std::fs::read_dir(path) {
             Ok(entries) => entries,
@@ -45,15 +45,15 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Makes the folder and removes what an earlier run left in it (its own kinds of files only).
+    /// Makes the folder and removes an earlier run's results from it (and no other files).
     pub fn create(path: &Path, existing: Existing) -> Result<Self, Failure> {
         Self::check(path, existing)?;
         let failed = |path: &Path, error: std::io::Error| Failure::work(format!("{}: {error}", path.display()));
-        for (folder, ending) in RESULTS {
+        for (folder, extension) in RESULTS {
             let folder = path.join(folder);
             std::fs::create_dir_all(&folder).map_err(|error| failed(&folder, error))?;
             for entry in std::fs::read_dir(&folder).map_err(|error| failed(&folder, error))?.flatten() {
-                if entry.path().extension().is_some_and(|found| found == ending) {
+                if entry.path().extension().is_some_and(|found| found == extension) {
                     std::fs::remove_file(entry.path()).map_err(|error| failed(&entry.path(), error))?;
                 }
             }
@@ -70,17 +70,17 @@ impl OutputFolder {
         &self.path
     }
 
-    /// File of a frame's 16-bit ids.
+    /// The file of a frame's 16-bit ids.
     pub fn segments(&self, frame: &str) -> PathBuf {
         self.path.join("segments").join(format!("{frame}.png"))
     }
 
-    /// File of a frame's overlay.
+    /// The file of a frame's overlay.
     pub fn overlay(&self, frame: &str) -> PathBuf {
         self.path.join("overlay").join(format!("{frame}.jpg"))
     }
 
-    /// File of the run's summary.
+    /// The file of the run's summary.
     pub fn summary(&self) -> PathBuf {
         self.path.join("summary.json")
     }

@@ -1,4 +1,4 @@
-//! Results are written on a thread of their own while the next frame is worked on.
+//! Results are written on a separate thread while the next frame is processed.
 
 use super::output_folder::OutputFolder;
 use splatseg_dataset::{OutputError, write_overlay_jpeg, write_segments_png};
@@ -6,7 +6,7 @@ use splatseg_geometry::{Image, SegmentMap};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
-/// Frames waiting to be written; more would only take memory.
+/// Largest number of frames waiting to be written; more would only take memory.
 const WAITING: usize = 2;
 
 /// The results of one frame.
@@ -19,7 +19,7 @@ pub struct FrameResult {
     pub segments: SegmentMap,
 }
 
-/// Writes frames in the order in which they are given.
+/// Writes frames in the given order.
 pub struct ResultWriter {
     sender: Option<SyncSender<FrameResult>>,
     thread: Option<JoinHandle<Result<(), OutputError>>>,
@@ -33,11 +33,11 @@ impl ResultWriter {
         Self { sender: Some(sender), thread: Some(thread) }
     }
 
-    /// Hands a frame over; waits while the thread is behind. The error is that of an earlier frame.
+    /// Queues a frame, and waits while the queue is full. An error is that of an earlier frame.
     pub fn write(&mut self, result: FrameResult) -> Result<(), OutputError> {
         match &self.sender {
             Some(sender) if sender.send(result).is_ok() => Ok(()),
-            // The thread ends early only with an error.
+            // The thread ends early only on an error.
             _ => self.finish(),
         }
     }

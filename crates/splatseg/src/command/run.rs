@@ -2,29 +2,26 @@
 
 use super::Failure;
 use super::arguments::RunArguments;
-use super::lookahead::{Lookahead, Processed};
-use super::method::{Memory, make_method, make_segmenter};
 use super::output_folder::{Existing, OutputFolder};
 use super::result_writer::{FrameResult, ResultWriter};
 use indicatif::{ProgressBar, ProgressStyle};
-use splatseg::Settings;
+use splatseg::pipeline::{Frames, PipelineError, Processed};
 use splatseg::summary::{RunCounts, Summary, peak_memory_mb};
-use splatseg_dataset::{FrameStream, GroundTruth, open_scene, write_atomically};
+use splatseg::{Pipeline, Settings};
+use splatseg_dataset::{FrameStream, GroundTruth, Scene, StreamedFrame, open_scene, write_atomically};
 use splatseg_memory::SplatMemory;
-use splatseg_segmenter::PreparedMasks;
-use splatseg_tracking::{Method, TrackingError};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// What a run works on.
+/// A run.
 pub struct Job {
     /// The scene as it was given.
     pub scene: String,
     /// Folder for the results.
     pub out: PathBuf,
-    /// What to do with results that are there.
+    /// What to do with existing results.
     pub existing: Existing,
     /// All settings.
     pub settings: Settings,
@@ -34,7 +31,7 @@ pub struct Job {
     pub load_memory: Option<PathBuf>,
 }
 
-/// Does what `splatseg run` asks for.
+/// Executes `splatseg run`.
 pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
     let job = Job {
         scene: arguments.scene.clone(),
@@ -49,36 +46,32 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Runs a job to its summary, which is written too.
+/// Runs a job; writes and returns its summary.
 pub fn execute(job: &Job) -> Result<Summary, Failure> {
     OutputFolder::check(&job.out, job.existing)?;
     if let Some(path) = &job.save_memory {
         check_save_path(path, job.existing)?;
     }
-    rayon::ThreadPoolBuilder::new().num_threads(job.settings.threads).build_global().map_err(Failure::work)?;
+    rayon::ThreadPoolBuilder::new().num_threads(job.settings.run.threads).build_global().map_err(Failure::work)?;
     let stop = stop_on_interrupt()?;
     let scene = open_scene(&job.scene, &job.settings.dataset).map_err(Failure::input)?;
     let stream =
         FrameStream::open(Arc::clone(&scene), &job.settings.dataset, GroundTruth::Skip).map_err(Failure::input)?;
-    let bar = codebook_bar();
-    let memory = job.load_memory.as_deref().map_or(Memory::New(&bar), Memory::Saved);
-    let segmenter = make_segmenter(&job.settings, &scene)?;
-    let prepared = PreparedMasks::default();
-    let mut method = make_method(&job.settings, &scene, Box::new(prepared.clone()), &memory)?;
-    if let (Some(path), None) = (&job.save_memory, method.memory()) {
-        return Err(Failure::input(format!("{}: the method {} has no memory to save", path.display(), method.name())));
+    let mut pipeline = build_pipeline(job, &scene)?;
+    if let (Some(path), None) = (&job.save_memory, pipeline.memory()) {
+        let method = pipeline.method_name();
+        return Err(Failure::input(format!("{}: the method {method} has no memory to save", path.display())));
     }
     let folder = OutputFolder::create(&job.out, job.existing)?;
 
     let started = Instant::now();
-    let frames = Lookahead::new(stream, segmenter, prepared, job.settings.segment_ahead);
-    let counts = process_frames(frames, method.as_mut(), &folder, &stop)?;
+    let counts = process_frames(pipeline.run(stream), &folder, &stop)?;
     if counts.frames == 0 && !counts.interrupted {
         return Err(Failure::input(format!("{}: none of the frames could be used", job.scene)));
     }
     let fps = counts.fps(started.elapsed());
-    save_memory(job, method.memory())?;
-    let memory = method.memory();
+    let memory = pipeline.memory();
+    save_memory(job, memory)?;
     let summary = Summary {
         frames: counts.frames,
         skipped_frames: counts.skipped_frames,
@@ -95,7 +88,7 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
         interrupted: counts.interrupted,
         scene: job.scene.clone(),
         settings: job.settings.clone(),
-        seed: job.settings.seed,
+        seed: job.settings.run.seed,
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
     let text = serde_json::to_string_pretty(&summary).map_err(Failure::work)?;
@@ -110,24 +103,36 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
     Ok(summary)
 }
 
-/// Feeds every frame to the method and its results to the writer.
+/// The pipeline that the settings describe.
+fn build_pipeline(job: &Job, scene: &Arc<dyn Scene>) -> Result<Pipeline, Failure> {
+    let bar = codebook_bar();
+    let mut builder =
+        Pipeline::builder(&job.settings).scene(scene).progress(|fraction| bar.set_position((fraction * 100.0) as u64));
+    if let Some(path) = &job.load_memory {
+        builder = builder.saved_memory(path);
+    }
+    let pipeline = builder.build().map_err(Failure::input);
+    bar.finish_and_clear();
+    pipeline
+}
+
+/// Writes the results of every frame.
 fn process_frames(
-    mut frames: Lookahead,
-    method: &mut dyn Method,
+    mut frames: Frames<'_, FrameStream>,
     folder: &OutputFolder,
     stop: &AtomicBool,
 ) -> Result<RunCounts, Failure> {
     let mut counts = RunCounts::default();
     let mut writer = ResultWriter::start(folder.clone());
-    let bar = progress_bar(frames.len());
-    while frames.len() > 0 {
-        if stop.load(Ordering::Relaxed) {
+    let bar = progress_bar(frames.size_hint().0);
+    loop {
+        if stop.load(Ordering::Relaxed) && frames.size_hint().0 > 0 {
             counts.interrupted = true;
             break;
         }
-        let Some(item) = frames.process_next(method) else { break };
+        let Some(item) = frames.next() else { break };
         let skipped = match item {
-            Ok(processed) => take_result(processed, method.memory(), &mut writer, &mut counts)?,
+            Ok(processed) => take_result(processed, frames.memory(), &mut writer, &mut counts)?,
             Err(error) => Some(error.to_string()),
         };
         if let Some(reason) = skipped {
@@ -141,30 +146,22 @@ fn process_frames(
     Ok(counts)
 }
 
-/// Counts and writes the result of a frame; `Some` says why it has none although the run can go on.
+/// Counts and writes the result of a frame. Returns the reason if the frame has none but the run can continue.
 fn take_result(
-    (frame, output): Processed,
+    Processed { frame, result }: Processed<StreamedFrame>,
     memory: Option<&SplatMemory>,
     writer: &mut ResultWriter,
     counts: &mut RunCounts,
 ) -> Result<Option<String>, Failure> {
     let frame = frame.frame;
-    let output = match output {
-        Ok(output) => output,
-        Err(TrackingError::Segmenter(error)) => return Ok(Some(format!("{}: {error}", frame.name()))),
-        Err(error) => return Err(Failure::work(format!("frame {}: {error}", frame.name()))),
+    let result = match result {
+        Ok(result) => result,
+        Err(error @ PipelineError::Segmenter { .. }) => return Ok(Some(error.to_string())),
+        Err(error) => return Err(Failure::work(error)),
     };
-    counts.frames += 1;
-    counts.times += output.times;
-    counts.track_errors += output.track_errors;
-    counts.slowest = counts.slowest.max(output.times.without_segmenter());
-    counts.curve.push(output.times.without_segmenter(), memory.map_or(0, SplatMemory::gaussian_count));
-    counts.ids.extend(output.segments.areas().into_keys());
-    let result = FrameResult {
-        name: frame.name().to_owned(),
-        color: frame.color().clone().into_owned(),
-        segments: output.segments,
-    };
+    counts.add(&result, memory.map_or(0, SplatMemory::gaussian_count));
+    let segments = result.output.segments;
+    let result = FrameResult { name: frame.name().to_owned(), color: frame.color().clone().into_owned(), segments };
     writer.write(result).map_err(Failure::work)?;
     Ok(None)
 }
@@ -187,7 +184,7 @@ fn save_memory(job: &Job, memory: Option<&SplatMemory>) -> Result<(), Failure> {
     }
 }
 
-/// Ctrl-C asks the run to stop after the frame it is at; a second one ends the program at once.
+/// Ctrl-C stops the run after the current frame; a second one ends the program at once.
 fn stop_on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let asked = Arc::clone(&stop);
@@ -212,16 +209,16 @@ fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// What the user is told when a run is done.
+/// The message at the end of a run.
 pub fn report(job: &Job, summary: &Summary) -> String {
     let skipped = match summary.skipped_frames {
         0 => String::new(),
         count => format!(" ({count} skipped)"),
     };
-    let memory = summary.peak_memory_mb.map(|peak| format!(", {peak:.0} MB at most")).unwrap_or_default();
+    let memory = summary.peak_memory_mb.map(|peak| format!(", peak memory {peak:.0} MB")).unwrap_or_default();
     let mut text = format!(
         "{} frames{skipped}, {} segments, {} Gaussians; {:.1} frames per second ({:.1} without the segmenter{memory})\n\
-         look at {}\nids are in {}, 16-bit, one value per segment; the run is described in {}",
+         overlays are in {}\nids are in {}, as 16-bit images with one value per segment; {} describes the run",
         summary.frames,
         summary.segments,
         summary.gaussians,

@@ -1,4 +1,4 @@
-//! What tests of the commands `eval` and `bench` share.
+//! Shared by the tests of the commands.
 
 #![allow(dead_code)] // Each test file uses a part.
 
@@ -7,12 +7,12 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 
-/// A video that is longer than a window of VSQ, and small.
+/// A small video that is longer than a window of VSQ.
 pub const ROOM: &str = "synthetic:frames=18,width=64,height=48,objects=6";
 /// Another one.
 pub const OTHER_ROOM: &str = "synthetic:frames=17,width=64,height=48,objects=5,seed=2";
 
-/// The paper's memory, with a codebook that is made at once.
+/// The paper's memory, with a small codebook, which is fast to make.
 pub const FEATURES: [&str; 6] =
     ["--set", "memory.kind=features", "--set", "memory.num_codes=32", "--set", "memory.feature_dim=8"];
 
@@ -31,7 +31,7 @@ pub struct Ended {
     pub err: String,
 }
 
-/// Runs to the end.
+/// Runs a command to its end.
 pub fn finish(command: &mut Command) -> Ended {
     let output = command.output().unwrap();
     Ended {
@@ -41,7 +41,7 @@ pub fn finish(command: &mut Command) -> Ended {
     }
 }
 
-/// A small benchmark with a segmenter that errs.
+/// A small benchmark with a segmenter that makes errors.
 pub fn bench(scenes: &[&str], out: &Path, more: &[&str]) -> Ended {
     let mut command = splatseg();
     command.arg("bench").arg("--scenes").args(scenes).arg("--out").arg(out);

@@ -1,34 +1,23 @@
-//! FastSAM-Splat in the synthetic room, with the true masks as predictions: they are exact and carry no id.
+//! FastSAM-Splat in the synthetic room, with the true masks, without ids, as predictions.
 
 #![allow(dead_code)] // Each test file uses a part.
 
 use splatseg_dataset::{Scene, SyntheticScene};
-use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
+use splatseg_geometry::{Mask, ScoredMask, SegmentId, SegmentMap};
 use splatseg_memory::{MemoryKind, MemorySettings};
-use splatseg_segmenter::{Segmenter, SegmenterError};
 use splatseg_tracking::{FastSamSplat, FastSamSplatSettings};
 use std::collections::BTreeMap;
 
-/// Masks of fewer pixels are not predicted, and smaller segments not shown.
+/// Smaller masks are not predicted and smaller segments are not shown, pixels.
 pub const MIN_AREA: usize = 12;
-
-/// A segmenter that finds nothing by itself; the tests hand masks over.
-struct Nothing;
-
-impl Segmenter for Nothing {
-    fn name(&self) -> &str {
-        "nothing"
-    }
-
-    fn segment(&mut self, _: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
-        Ok(Vec::new())
-    }
-}
 
 /// The method, with an empty memory.
 pub fn method(memory: MemorySettings) -> FastSamSplat {
-    let settings = FastSamSplatSettings { memory, min_segment_area: MIN_AREA, ..FastSamSplatSettings::default() };
-    FastSamSplat::new(Box::new(Nothing), settings, &mut |_| {}).unwrap()
+    let settings = FastSamSplatSettings::default().with(|settings| {
+        settings.memory = memory;
+        settings.min_segment_area = MIN_AREA;
+    });
+    FastSamSplat::new(settings, 0, &mut |_| {}).unwrap()
 }
 
 /// The default memory.
@@ -36,12 +25,15 @@ pub fn evidence() -> MemorySettings {
     MemorySettings::default()
 }
 
-/// The paper's memory, with a codebook that is made at once.
+/// The paper's memory, with a small codebook, which is fast to make.
 pub fn features() -> MemorySettings {
-    MemorySettings { kind: MemoryKind::Features, num_codes: 64, ..MemorySettings::default() }
+    MemorySettings::default().with(|settings| {
+        settings.kind = MemoryKind::Features;
+        settings.num_codes = 64;
+    })
 }
 
-/// The ids that a frame shows.
+/// The true ids of a frame.
 pub fn truth(scene: &SyntheticScene, index: usize) -> SegmentMap {
     scene.read_ground_truth(index).unwrap().unwrap()
 }

@@ -1,5 +1,5 @@
-//! A simulated tracker in the synthetic room, watched while it errs: which track should follow which object, and for
-//! how long it does not.
+//! A simulated tracker in the synthetic room, observed while it makes errors: which object each track should follow,
+//! and for how long it does not.
 
 #![allow(dead_code)] // Each test file uses a part.
 
@@ -7,18 +7,19 @@ use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
 use splatseg_geometry::{Mask, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{MemoryKind, MemorySettings};
 use splatseg_models::sam2::Prompt;
-use splatseg_segmenter::{FirstAppearances, GroundTruthSource};
+use splatseg_segmenter::Segmenter;
+use splatseg_simulators::{GroundTruthPrompts, GroundTruthSource, SimTracker, SimTrackerSettings};
 use splatseg_tracking::{
-    Method, NewObjectSettings, PromptSource, RepromptSettings, Sam2Baseline, Sam2Splat, Sam2SplatSettings, SimTracker,
-    SimTrackerSettings, TrackErrorCounts, Tracker, TrackerError,
+    Method, PromptSource, RepromptSettings, Sam2Baseline, Sam2BaselineSettings, Sam2Splat, Sam2SplatSettings,
+    TrackErrorCounts, Tracker, TrackerError,
 };
 use std::collections::BTreeMap;
 use std::sync::{Arc, LazyLock, Mutex};
 
-/// Objects of fewer pixels in a frame are not looked at, and expected segments of half as many not trusted.
+/// Smaller objects in a frame are not checked, and expected segments of half this area are not trusted, pixels.
 pub const MIN_AREA: usize = 60;
 
-/// A tracker that others can look at.
+/// A tracker that the test can inspect while a method uses it.
 #[derive(Clone)]
 pub struct Shared(pub Arc<Mutex<SimTracker>>);
 
@@ -37,13 +38,14 @@ impl Tracker for Shared {
     }
 }
 
-/// A frame of the room, and what it shows.
+/// A frame of the room and its ground truth.
 pub struct SeenFrame {
     frame: RgbdFrame<'static>,
     truth: SegmentMap,
 }
 
-/// A small room; 48 of its 56 frames are one round of the camera, so things leave the picture and return. Rendered once.
+/// A small room; 48 of its 56 frames are one round of the camera, so things leave the picture and return. Rendered
+/// once.
 pub static ROOM: LazyLock<Vec<SeenFrame>> = LazyLock::new(|| {
     let settings = SyntheticSettings { width: 112, height: 84, frames: 56, objects: 12, seed: 5, ..Default::default() };
     let scene = SyntheticScene::new(settings).unwrap();
@@ -60,28 +62,36 @@ fn truth() -> impl GroundTruthSource + 'static {
     move |frame: &RgbdFrame| Ok(of_frame(frame))
 }
 
-fn new_objects() -> NewObjectSettings {
-    NewObjectSettings { prompts: PromptSource::GroundTruth, min_segment_area: 12, ..NewObjectSettings::default() }
-}
+/// Smaller objects in a frame are not prompted, pixels.
+const MIN_PROMPTED_AREA: usize = 12;
 
-/// A tracker in the room that others can look at.
+/// A tracker in the room that the test can inspect.
 pub fn tracker(errors: SimTrackerSettings) -> Shared {
     Shared(Arc::new(Mutex::new(SimTracker::new(truth(), errors, 3).unwrap())))
 }
 
 /// SAM2 with ground-truth prompts.
 pub fn baseline(tracker: Shared) -> Sam2Baseline {
-    let prompts = FirstAppearances::new(truth(), new_objects().min_segment_area);
-    Sam2Baseline::new(Box::new(prompts), Box::new(tracker), new_objects()).unwrap()
+    let settings = Sam2BaselineSettings::default().with(|settings| {
+        settings.prompts = PromptSource::GroundTruth;
+        settings.min_segment_area = MIN_PROMPTED_AREA;
+    });
+    Sam2Baseline::new(Box::new(tracker), settings).unwrap()
 }
 
 /// SAM2-Splat with ground-truth prompts.
 pub fn splat(tracker: Shared, kind: MemoryKind, reprompt: RepromptSettings) -> Sam2Splat {
-    let prompts = FirstAppearances::new(truth(), new_objects().min_segment_area);
-    let reprompt = RepromptSettings { min_expected_area: MIN_AREA / 2, ..reprompt };
-    let memory = MemorySettings { kind, num_codes: 64, feature_dim: 14, ..MemorySettings::default() };
-    let settings = Sam2SplatSettings { memory, new_objects: new_objects(), reprompt, seed: 0 };
-    Sam2Splat::new(Box::new(prompts), Box::new(tracker), settings, &mut |_| {}).unwrap()
+    let settings = Sam2SplatSettings::default().with(|settings| {
+        settings.prompts = PromptSource::GroundTruth;
+        settings.min_segment_area = MIN_PROMPTED_AREA;
+        settings.reprompt = reprompt.with(|reprompt| reprompt.min_expected_area = MIN_AREA / 2);
+        settings.memory = MemorySettings::default().with(|memory| {
+            memory.kind = kind;
+            memory.num_codes = 64;
+            memory.feature_dim = 14;
+        });
+    });
+    Sam2Splat::new(Box::new(tracker), settings, 0, &mut |_| {}).unwrap()
 }
 
 /// What was seen over a video.
@@ -89,23 +99,24 @@ pub fn splat(tracker: Shared, kind: MemoryKind, reprompt: RepromptSettings) -> S
 pub struct Seen {
     /// Errors that the method found.
     pub found: TrackErrorCounts,
-    /// Frames, over all tracks, in which an object in view is not what its track shows.
+    /// Number of frames, summed over tracks, in which a track does not show its object although that is in view.
     pub wrong: usize,
-    /// The longest time that a track was wrong, in frames that show its object such that the memory knows most of it.
+    /// The longest time that a track was wrong, counting frames in which the memory expects most of its object.
     pub longest: usize,
     /// The output of each frame.
     pub masks: Vec<Vec<(SegmentId, Mask)>>,
 }
 
-/// Runs a method over the room, or the beginning of it, and watches its tracks. A track is right if its IoU with its
-/// object, the one that it followed first, is at least `min_iou`.
+/// Runs a method with ground-truth prompts over frames of the room and checks its tracks. A track is right if its IoU
+/// with its object, the one that it followed first, is at least `min_iou`.
 pub fn watch(room: &[SeenFrame], tracker: &Shared, method: &mut dyn Method, min_iou: f64) -> Seen {
+    let mut prompts = GroundTruthPrompts::new(truth(), MIN_PROMPTED_AREA);
     let mut seen = Seen::default();
     let mut owner: BTreeMap<SegmentId, SegmentId> = BTreeMap::new();
     let mut streaks: BTreeMap<SegmentId, usize> = BTreeMap::new();
     for SeenFrame { frame, truth } in room {
         let expected = method.memory().map(|memory| memory.recall(frame).expected().segments.clone());
-        let output = method.process(frame).unwrap();
+        let output = method.process(frame, &prompts.segment(frame).unwrap()).unwrap();
         seen.found += output.track_errors;
         for (id, _) in &output.masks {
             let first =

@@ -1,8 +1,10 @@
 //! The command line of `splatseg bench`.
 
+use crate::command::Failure;
 use crate::command::options::{PresetName, ScoreOptions, SettingsOptions};
 use clap::Args;
 use splatseg::settings::MethodName;
+use splatseg_settings::Choice;
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
@@ -22,8 +24,8 @@ pub struct BenchArguments {
     #[arg(long, value_name = "SCENE", num_args = 1.., required_unless_present = "preset")]
     pub scenes: Vec<String>,
     /// Methods; the report compares the others with the first
-    #[arg(long, value_enum, value_name = "METHOD,…", value_delimiter = ',', required_unless_present = "preset")]
-    pub methods: Vec<MethodName>,
+    #[arg(long, value_name = "METHOD,…", value_delimiter = ',', required_unless_present = "preset")]
+    pub methods: Vec<String>,
     /// For --preset paper: ScanNet's folder, with scenes (.sens or exported) in it or in `scans`; where it has a
     /// scannetv2_val.txt, only the scenes that this names
     #[arg(long, value_name = "DIR")]
@@ -43,8 +45,8 @@ pub struct BenchArguments {
     /// Number of seeds: --seed and those after it
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seeds: usize,
-    /// Vary one setting, e.g. memory.feature_dim=1,4,7,14,28: each value is a variant of every method, with a row of its
-    /// own. Given several times, settings are varied one after the other, not together
+    /// Vary one setting, e.g. memory.feature_dim=1,4,7,14,28: each value is a variant of every method, with a row of
+    /// its own. Given several times, settings are varied one after the other, not together
     #[arg(long, value_name = "KEY=V1,V2,…")]
     pub ablate: Vec<String>,
     #[command(flatten)]
@@ -54,6 +56,16 @@ pub struct BenchArguments {
 }
 
 impl BenchArguments {
+    /// The methods by name.
+    pub fn methods(&self) -> Result<Vec<MethodName>, Failure> {
+        let names = MethodName::NAMES.join(", ");
+        let method = |name: &String| {
+            MethodName::from_name(name)
+                .ok_or_else(|| Failure::input(format!("--methods: found {name}, expected any of {names}")))
+        };
+        self.methods.iter().map(method).collect()
+    }
+
     /// Whether all of the paper's tables are asked for.
     pub fn runs_the_paper(&self) -> bool {
         self.options.dataset.preset == Some(PresetName::Paper)

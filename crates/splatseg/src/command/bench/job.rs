@@ -1,19 +1,16 @@
 //! One method on one scene with one seed.
 
 use super::pictures::{StripFrames, jpeg_data_uri};
-use crate::command::lookahead::{Lookahead, Processed};
-use crate::command::method::{Memory, make_method, make_segmenter};
-use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
+use splatseg::pipeline::{FrameResult, Pipeline, PipelineError, Processed, StageTimes};
 use splatseg::settings::{MethodName, Settings};
 use splatseg::summary::{FramesPerSecond, RunCounts};
 use splatseg_dataset::{FrameStream, GroundTruth, StreamedFrame, open_scene};
 use splatseg_geometry::{Mask, SegmentMap};
-use splatseg_memory::{FrameUpdate, SplatMemory};
+use splatseg_memory::SplatMemory;
 use splatseg_metrics::{FramePrediction, Protocol, ScoreSettings, VideoScore, VideoScorer};
 use splatseg_report::{Series, Thumbnail};
-use splatseg_segmenter::PreparedMasks;
-use splatseg_tracking::{FrameOutput, StageTimes, TrackErrorCounts, TrackingError};
+use splatseg_tracking::{FrameOutput, TrackErrorCounts};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -55,7 +52,7 @@ pub struct JobResult {
     pub fps: FramesPerSecond,
     /// Mean time of each stage per frame, milliseconds.
     pub stage_ms: BTreeMap<String, f64>,
-    /// Errors of the tracker that the method found and put right.
+    /// Errors of the tracker that the method found and corrected.
     pub track_errors: TrackErrorCounts,
     /// Score in the protocol `paper`.
     pub paper: VideoScore,
@@ -95,17 +92,13 @@ pub fn run(inputs: &JobInputs) -> Result<JobResult, String> {
     }
     let stream =
         FrameStream::open(Arc::clone(&scene), &settings.dataset, GroundTruth::Read).map_err(|error| text(&error))?;
-    let bar = ProgressBar::hidden();
-    let segmenter = make_segmenter(settings, &scene).map_err(|error| text(&error))?;
-    let prepared = PreparedMasks::default();
-    let mut method =
-        make_method(settings, &scene, Box::new(prepared.clone()), &Memory::New(&bar)).map_err(|error| text(&error))?;
+    let mut pipeline = Pipeline::builder(settings).scene(&scene).build().map_err(|error| text(&error))?;
     let mut recorder = Recorder::new(inputs, stream.len());
-    let mut frames = Lookahead::new(stream, segmenter, prepared, settings.segment_ahead);
+    let mut frames = pipeline.run(stream);
     let mut time = Duration::ZERO;
     for position in 0.. {
         let started = Instant::now();
-        let Some(item) = frames.process_next(method.as_mut()) else {
+        let Some(item) = frames.next() else {
             break;
         };
         let processed = match item {
@@ -115,32 +108,28 @@ pub fn run(inputs: &JobInputs) -> Result<JobResult, String> {
                 continue;
             }
         };
-        let (frame, output) = or_empty(processed, &mut recorder)?;
+        let (frame, result) = or_empty(processed, &mut recorder)?;
         // Scoring and drawing are not the method's.
         time += started.elapsed();
-        recorder.record(position, &frame, &output, method.memory())?;
+        recorder.record(position, &frame, &result, frames.memory())?;
     }
-    recorder.finish(inputs, method.memory(), time)
+    recorder.finish(inputs, pipeline.memory(), time)
 }
 
-/// A frame with the method's output; an empty one where the segmenter failed.
-fn or_empty((streamed, output): Processed, recorder: &mut Recorder) -> Result<(StreamedFrame, FrameOutput), String> {
-    let frame = &streamed.frame;
-    match output {
-        Ok(output) => Ok((streamed, output)),
-        Err(TrackingError::Segmenter(error)) => {
-            recorder.fail(&format!("{}: {error}", frame.name()));
-            let output = FrameOutput {
-                segments: SegmentMap::filled(frame.width(), frame.height(), 0),
-                masks: Vec::new(),
-                predictions: 0,
-                track_errors: TrackErrorCounts::default(),
-                update: FrameUpdate::default(),
-                times: StageTimes::default(),
-            };
-            Ok((streamed, output))
+/// A frame with its result; an empty one where the segmenter failed.
+fn or_empty(
+    Processed { frame, result }: Processed<StreamedFrame>,
+    recorder: &mut Recorder,
+) -> Result<(StreamedFrame, FrameResult), String> {
+    match result {
+        Ok(result) => Ok((frame, result)),
+        Err(error @ PipelineError::Segmenter { .. }) => {
+            recorder.fail(&error.to_string());
+            let segments = SegmentMap::filled(frame.frame.width(), frame.frame.height(), 0);
+            let output = FrameOutput::from_segments(segments);
+            Ok((frame, FrameResult { output, objects: Vec::new(), times: StageTimes::default() }))
         }
-        Err(error) => Err(format!("frame {}: {error}", frame.name())),
+        Err(error) => Err(error.to_string()),
     }
 }
 
@@ -155,14 +144,14 @@ enum Form {
     Unlinked,
 }
 
-/// How a method's results are scored. The paper's code links the masks of FastSAM and of FastSPAM (whose program
-/// writes no ids) itself; in print FastSPAM's points carry ids from frame to frame, so `strict` takes these. A tracker's
-/// masks have ids and may overlap.
+/// How a method's results are scored. The paper's code links the masks of FastSAM and of FastSPAM (whose program writes
+/// no ids) itself; in print FastSPAM's points carry ids from frame to frame, so `strict` takes these. A tracker's masks
+/// have ids and may overlap.
 fn form(method: MethodName, protocol: Protocol) -> Form {
     match (method, protocol) {
-        (MethodName::FastsamSplat, _) => Form::Ids,
         (MethodName::Fastsam, _) | (MethodName::Fastspam, Protocol::Paper) => Form::Unlinked,
         (MethodName::Fastspam, Protocol::Strict) | (MethodName::Sam2 | MethodName::Sam2Splat, _) => Form::Masks,
+        _ => Form::Ids,
     }
 }
 
@@ -183,7 +172,7 @@ impl Recorder {
     fn new(inputs: &JobInputs, frames: usize) -> Self {
         let scorer = |protocol| VideoScorer::new(ScoreSettings { protocol, ..inputs.score });
         Self {
-            method: inputs.settings.method,
+            method: inputs.settings.method.name(),
             paper: scorer(Protocol::Paper),
             strict: scorer(Protocol::Strict),
             counts: RunCounts::default(),
@@ -211,14 +200,13 @@ impl Recorder {
         &mut self,
         position: usize,
         frame: &StreamedFrame,
-        output: &FrameOutput,
+        result: &FrameResult,
         memory: Option<&SplatMemory>,
     ) -> Result<(), String> {
-        self.counts.frames += 1;
-        self.counts.times += output.times;
-        self.counts.track_errors += output.track_errors;
-        self.counts.ids.extend(output.segments.areas().into_keys());
-        self.series.push(output.times.stages(), memory.map(SplatMemory::gaussian_count));
+        let gaussians = memory.map(SplatMemory::gaussian_count);
+        self.counts.add(result, gaussians.unwrap_or(0));
+        self.series.push(result.times.stages().iter().copied(), gaussians);
+        let output = &result.output;
         if let Some(truth) = &frame.ground_truth {
             self.score(truth, output).map_err(|error| format!("frame {}: {error}", frame.frame.name()))?;
         }

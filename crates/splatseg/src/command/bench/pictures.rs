@@ -5,8 +5,9 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use splatseg_dataset::segment_color;
+use splatseg_dataset::{DatasetSettings, open_scene, segment_color};
 use splatseg_geometry::{CowImage, SegmentMap};
+use splatseg_report::ScenePicture;
 
 /// Pictures are no wider than this, pixels.
 const WIDTH: usize = 224;
@@ -34,8 +35,46 @@ impl StripFrames {
     }
 }
 
-/// The image, with segments tinted in [`segment_color`] and outlined if given, as a small JPEG in a `data:` URI. Both
-/// are `[height, width]`.
+/// The pictures of every scene, at most `frames` of each; none for scenes that cannot be read any more.
+pub fn of_scenes(plan: &Plan, frames: usize) -> Vec<Vec<ScenePicture>> {
+    let of_scene = |entry: &SceneEntry| {
+        // A scene that has disappeared since it was measured does not stop the report.
+        of_scene(entry, &plan.settings.dataset, frames).unwrap_or_else(|error| {
+            tracing::warn!("{}: no pictures: {error}", entry.path);
+            Vec::new()
+        })
+    };
+    plan.scenes.iter().map(of_scene).collect()
+}
+
+/// Image and ground truth of at most `limit` of the frames that results are drawn for.
+fn of_scene(entry: &SceneEntry, settings: &DatasetSettings, limit: usize) -> Result<Vec<ScenePicture>, String> {
+    let text = |error: &dyn std::fmt::Display| error.to_string();
+    let scene = open_scene(&entry.path, settings).map_err(|error| text(&error))?;
+    let selected = settings.selected_frames(scene.frame_count()).map_err(|error| text(&error))?;
+    let strip = StripFrames::of(selected.len());
+    let drawn = selected.iter().enumerate().filter(|(position, _)| strip.contains(*position));
+    let drawn: Vec<usize> = drawn.map(|(_, index)| *index).collect();
+    let step = drawn.len().div_ceil(limit.max(1)).max(1);
+    let mut pictures = Vec::new();
+    for index in drawn.into_iter().step_by(step) {
+        // The methods skipped frames that cannot be read, too.
+        let Ok(frame) = scene.read_frame(index).and_then(|frame| settings.framing().apply(frame)) else {
+            continue;
+        };
+        let truth = scene.read_ground_truth(index).ok().flatten();
+        let truth = truth.and_then(|truth| settings.framing().apply_to_labels(truth).ok());
+        pictures.push(ScenePicture {
+            frame: frame.name().to_owned(),
+            image: jpeg_data_uri(frame.color(), None)?,
+            ground_truth: truth.map(|truth| jpeg_data_uri(frame.color(), Some(&truth))).transpose()?,
+        });
+    }
+    Ok(pictures)
+}
+
+/// The image as a small JPEG in a `data:` URI, with segments outlined and tinted in [`segment_color`] if there are any.
+/// Image and segments have the same size.
 pub fn jpeg_data_uri(color: &CowImage<'_, [u8; 3]>, segments: Option<&SegmentMap>) -> Result<String, String> {
     let (width, height) = color.size();
     let small_width = width.clamp(1, WIDTH);

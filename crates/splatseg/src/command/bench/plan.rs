@@ -4,12 +4,10 @@ use super::arguments::BenchArguments;
 use super::job::JobInputs;
 use super::store::job_key;
 use crate::command::Failure;
-use crate::command::method::tracker_weights;
 use splatseg::Settings;
-use splatseg::settings::{MethodName, SettingsLayers, TrackerName};
+use splatseg::settings::{MethodName, SettingsError, SettingsLayers};
 use splatseg_dataset::open_scene;
 use splatseg_metrics::{Protocol, ScoreSettings};
-use splatseg_tracking::PromptSource;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -79,8 +77,9 @@ pub struct Plan {
 impl Plan {
     /// What the command line asks for.
     pub fn new(arguments: &BenchArguments) -> Result<Self, Failure> {
-        let variants = variants(&arguments.methods, &arguments.ablate)?;
-        Self::of(arguments, &arguments.options.layers([])?, &arguments.scenes, variants)
+        let layers = arguments.options.layers([])?;
+        let variants = variants(&layers, &arguments.methods()?, &arguments.ablate)?;
+        Self::of(arguments, &layers, &arguments.scenes, variants)
     }
 
     /// These variants on these scenes, with the settings of `layers`.
@@ -90,19 +89,20 @@ impl Plan {
         scene_paths: &[String],
         variants: Vec<Variant>,
     ) -> Result<Self, Failure> {
-        let settings = layers.clone().resolve().map_err(Failure::input)?;
+        check_that_all_are_used(layers, &variants)?;
+        let settings = layers.resolve_shared().map_err(Failure::input)?;
         if arguments.seeds == 0 {
             return Err(Failure::input("--seeds: found 0, expected 1 or more"));
         }
         let score = arguments.score.settings()?;
-        let seeds = (0..arguments.seeds as u64).map(|step| settings.seed.saturating_add(step)).collect();
+        let seeds = (0..arguments.seeds as u64).map(|step| settings.run.seed.saturating_add(step)).collect();
         let mut plan = Self {
             scenes: scenes(scene_paths, &settings),
             variants,
             seeds,
             jobs: Vec::new(),
             entries: Vec::new(),
-            threads: settings.threads,
+            threads: settings.run.threads,
             protocol: score.protocol,
             settings,
         };
@@ -137,15 +137,13 @@ impl Plan {
     /// What the methods build on, for headings.
     pub fn parts(&self) -> String {
         let segmenter = format!("segmenter {}", self.settings.segmenter.name());
-        let with_tracker = self.variants.iter().any(|variant| variant.method.has_tracker());
-        if !with_tracker {
-            return segmenter;
-        }
-        let prompts = match self.settings.prompts {
-            PromptSource::Detections => "detections",
-            PromptSource::GroundTruth => "ground truth",
-        };
-        format!("{segmenter}, tracker {}, prompted with {prompts}", self.settings.tracker.name())
+        let tracked = self.jobs.iter().map(|job| &job.inputs.settings.method).find_map(|method| {
+            let (source, _) = method.prompts()?;
+            Some((method.tracker()?.name(), source))
+        });
+        tracked.map_or(segmenter.clone(), |(tracker, source)| {
+            format!("{segmenter}, tracker {tracker}, prompted with {}", source.name().replace('-', " "))
+        })
     }
 
     /// A benchmark without any scene that can be opened is a mistake of the command line.
@@ -177,8 +175,8 @@ fn scenes(paths: &[String], settings: &Settings) -> Vec<SceneEntry> {
     scenes
 }
 
-/// Each method as it is, then with each value of each ablation.
-fn variants(methods: &[MethodName], ablations: &[String]) -> Result<Vec<Variant>, Failure> {
+/// Each method as it is, then with each value of each ablation that it uses.
+fn variants(layers: &SettingsLayers, methods: &[MethodName], ablations: &[String]) -> Result<Vec<Variant>, Failure> {
     let mut changes = vec![Vec::new()];
     for ablation in ablations {
         let malformed = || Failure::input(format!("--ablate {ablation}: expected KEY=V1,V2,…"));
@@ -194,42 +192,75 @@ fn variants(methods: &[MethodName], ablations: &[String]) -> Result<Vec<Variant>
         }
     }
     let mut variants: Vec<Variant> = Vec::new();
-    for method in methods {
-        for change in &changes {
+    for change in &changes {
+        let mut refused = None;
+        let before = variants.len();
+        for method in methods {
             let variant = Variant { method: *method, changes: change.clone() };
-            if !variants.contains(&variant) {
-                variants.push(variant);
+            match unused_change(layers, &variant)? {
+                Some(error) => refused = Some(error),
+                None if variants.contains(&variant) => refused = None,
+                None => variants.push(variant),
             }
         }
+        if let (Some(error), true) = (refused, variants.len() == before) {
+            return Err(Failure::input(error));
+        }
     }
+    // A method's own variants stay together.
+    variants.sort_by_key(|variant| methods.iter().position(|method| *method == variant.method));
     Ok(variants)
 }
 
-fn variant_settings(layers: &SettingsLayers, variant: &Variant, seed: u64) -> Result<Settings, Failure> {
+/// Why a method does not use the setting that makes a variant of it; `None` if it does.
+fn unused_change(layers: &SettingsLayers, variant: &Variant) -> Result<Option<SettingsError>, Failure> {
+    let is_changed = |error: &SettingsError| match error {
+        SettingsError::Unused { key, .. } => {
+            variant.changes.iter().any(|change| change.split('=').next().map(str::trim) == Some(key))
+        }
+        _ => false,
+    };
+    Ok(variant_layers(layers, variant)?.unused().into_iter().find(is_changed))
+}
+
+/// The layers of a variant.
+fn variant_layers(layers: &SettingsLayers, variant: &Variant) -> Result<SettingsLayers, Failure> {
     let mut layers = layers.clone();
     for change in &variant.changes {
         layers.add_assignment(change).map_err(Failure::input)?;
     }
-    let mut settings = layers.resolve().map_err(Failure::input)?;
-    settings.method = variant.method;
-    settings.seed = seed;
-    // Results do not depend on these.
-    settings.threads = 0;
-    if variant.method.has_tracker() {
-        check_tracker(&settings)?;
-    } else {
-        settings.tracker_weights = None;
-    }
-    settings.memory.validate().map_err(Failure::input)?;
-    Ok(settings)
+    layers.add("method", variant.method.name()).ok_or_else(|| Failure::work("method is a section in the settings"))?;
+    Ok(layers)
 }
 
-/// What a tracker would refuse on every scene alike is a mistake of the command line.
-fn check_tracker(settings: &Settings) -> Result<(), Failure> {
-    settings.reprompt.validated().map_err(Failure::input)?;
-    settings.new_objects().validated().map_err(Failure::input)?;
-    match settings.tracker {
-        TrackerName::Sam2 => tracker_weights(settings).map(|_| ()),
-        TrackerName::Sim => settings.sim_tracker.validated().map(|_| ()).map_err(Failure::input),
+/// A setting that no variant uses is a mistake of the command line.
+fn check_that_all_are_used(layers: &SettingsLayers, variants: &[Variant]) -> Result<(), Failure> {
+    let mut unused_by_all: Option<Vec<String>> = None;
+    for variant in variants {
+        let unused: Vec<String> = variant_layers(layers, variant)?.unused().iter().map(key_of).collect();
+        unused_by_all = Some(match unused_by_all {
+            None => unused,
+            Some(before) => before.into_iter().filter(|key| unused.contains(key)).collect(),
+        });
     }
+    match unused_by_all.unwrap_or_default().first() {
+        Some(key) => Err(Failure::input(format!("no method of this benchmark uses the setting {key}"))),
+        None => Ok(()),
+    }
+}
+
+fn key_of(error: &SettingsError) -> String {
+    match error {
+        SettingsError::Unused { key, .. } => key.clone(),
+        other => other.to_string(),
+    }
+}
+
+fn variant_settings(layers: &SettingsLayers, variant: &Variant, seed: u64) -> Result<Settings, Failure> {
+    let mut settings = variant_layers(layers, variant)?.resolve_shared().map_err(Failure::input)?;
+    settings.run.seed = seed;
+    // Results do not depend on it.
+    settings.run.threads = 0;
+    settings.validate().map_err(Failure::input)?;
+    Ok(settings)
 }

@@ -16,8 +16,8 @@ pub struct Workers {
 }
 
 impl Workers {
-    /// Runs `work` on every job. Results are in the order of the jobs, whatever the number of workers. A job that panics
-    /// fails; the others go on.
+    /// Runs `work` on every job. Results are in the order of the jobs, whatever the number of workers. A job that
+    /// panics fails; the others go on.
     pub fn run<T: Send>(
         &self,
         jobs: &[Job],

@@ -97,7 +97,7 @@ pub fn job_key(scene: &str, inputs: &JobInputs) -> Result<String, Failure> {
     let plain = |character: char| if character.is_ascii_alphanumeric() { character } else { '-' };
     let scene: String = scene.chars().map(plain).take(60).collect();
     let settings = &inputs.settings;
-    Ok(format!("{scene}.{}.seed{}.{:016x}", settings.method.name(), settings.seed, fnv1a(&text)))
+    Ok(format!("{scene}.{}.seed{}.{:016x}", settings.method.name(), settings.run.seed, fnv1a(&text)))
 }
 
 /// 64-bit FNV-1a: unlike the standard library's hashes, the same in every version of Rust, as file names must be.

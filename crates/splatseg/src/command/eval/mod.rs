@@ -1,7 +1,7 @@
 //! `splatseg eval`: scores predictions of any origin against a scene's ground truth.
 //!
-//! `frames.rs` says which frames are scored, `predictions.rs` and `annotations.rs` read what was predicted for them, and
-//! `scoring.rs` compares both.
+//! `frames.rs` says which frames are scored, `predictions.rs` and `annotations.rs` read what was predicted for them,
+//! and `scoring.rs` compares both.
 
 mod annotations;
 mod frames;

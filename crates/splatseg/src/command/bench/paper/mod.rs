@@ -8,8 +8,7 @@ use super::plan::{Plan, Variant};
 use crate::command::Failure;
 use inputs::{Input, Inputs, MissingInput};
 use rows::PlannedRow;
-use splatseg::Settings;
-use splatseg::settings::{SegmenterName, SettingsLayers, TrackerName};
+use splatseg::settings::SettingsLayers;
 use splatseg_dataset::Preset;
 use splatseg_report::Benchmark;
 use splatseg_report::paper::{PaperRow, document};
@@ -34,10 +33,9 @@ impl PaperBenchmark {
         let mut inputs = Inputs::find(arguments.scannet.as_deref(), arguments.weights_dir.as_deref())?;
         inputs.scenes.extend(arguments.scenes.iter().cloned());
         let layers = arguments.options.layers_over(base(&inputs)?, [])?;
-        let settings = layers.clone().resolve().map_err(Failure::input)?;
-        inputs.missing.retain(|missing| !is_replaced(missing, &settings, !inputs.scenes.is_empty()));
+        inputs.missing.retain(|missing| !is_replaced(missing, &layers, !inputs.scenes.is_empty()));
         let rows = rows::all().into_iter().map(|row| {
-            let obstacle = obstacle(&row, &settings);
+            let obstacle = obstacle(&row, &layers);
             (row, obstacle)
         });
         Ok(Self { rows: rows.collect(), inputs, layers })
@@ -103,21 +101,26 @@ fn base(inputs: &Inputs) -> Result<SettingsLayers, Failure> {
 }
 
 /// Why a row cannot be run, if it cannot.
-fn obstacle(row: &PlannedRow, settings: &Settings) -> Option<&'static str> {
-    if row.needs_tracker() && settings.tracker == TrackerName::Sam2 && settings.tracker_weights.is_none() {
+fn obstacle(row: &PlannedRow, layers: &SettingsLayers) -> Option<&'static str> {
+    if row.needs_tracker() && uses(layers, "tracker", "sam2") && layers.get("tracker_weights").is_none() {
         return Some("needs weights of SAM 2.1");
     }
-    let needs_weights = row.needs_segmenter() && settings.segmenter == SegmenterName::Fastsam;
-    (needs_weights && settings.weights.is_none()).then_some("needs weights of FastSAM")
+    let needs_weights = row.needs_segmenter() && uses(layers, "segmenter", "fastsam");
+    (needs_weights && layers.get("weights").is_none()).then_some("needs weights of FastSAM")
+}
+
+/// Whether a part is the one named, which is also the one that is used where none is given.
+fn uses(layers: &SettingsLayers, part: &str, name: &str) -> bool {
+    layers.get(part).and_then(toml::Value::as_str).is_none_or(|chosen| chosen == name)
 }
 
 /// Whether the command line replaces a missing input with something else.
-fn is_replaced(missing: &MissingInput, settings: &Settings, has_scenes: bool) -> bool {
-    let has_file = |path: &Option<std::path::PathBuf>| path.as_deref().is_some_and(Path::exists);
+fn is_replaced(missing: &MissingInput, layers: &SettingsLayers, has_scenes: bool) -> bool {
+    let has_file = |key| layers.get(key).and_then(toml::Value::as_str).is_some_and(|path| Path::new(path).exists());
     match missing.input {
         Input::Scenes => has_scenes,
-        Input::FastSam => settings.segmenter != SegmenterName::Fastsam || has_file(&settings.weights),
-        Input::Sam2 => settings.tracker != TrackerName::Sam2 || has_file(&settings.tracker_weights),
+        Input::FastSam => !uses(layers, "segmenter", "fastsam") || has_file("weights"),
+        Input::Sam2 => !uses(layers, "tracker", "sam2") || has_file("tracker_weights"),
         Input::RestOfTheSplit | Input::Mvpd => false,
     }
 }

@@ -102,7 +102,9 @@ mod tests {
         for row in &rows {
             let mut layers = splatseg::settings::SettingsLayers::default();
             row.variant.changes.iter().for_each(|change| layers.add_assignment(change).unwrap());
-            layers.resolve().unwrap_or_else(|error| panic!("{}: {error}", row.name));
+            layers.add("method", row.variant.method.name()).unwrap();
+            layers.resolve_shared().unwrap_or_else(|error| panic!("{}: {error}", row.name));
+            assert!(layers.unused().is_empty(), "{}: {:?}", row.name, layers.unused());
         }
         let main: Vec<&str> = rows[..7].iter().map(|row| row.variant.method.name()).collect();
         let expected = ["fastsam", "fastspam", "sam2", "sam2", "fastsam-splat", "sam2-splat", "sam2-splat"];

@@ -1,0 +1,132 @@
+//! A kind of memory that is defined outside the crate: it remembers the last id that each Gaussian was seen as.
+
+use glam::{Mat4, Vec3};
+use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_memory::{
+    ABSTAIN, LearningExtent, MemoryError, MemorySettings, NewGaussian, Recall, SegmentStore, SplatFileError,
+    SplatMemory, StoreTile, TileSurface,
+};
+use splatseg_render::{Splats, TileWeights};
+
+/// The last id of each Gaussian; new ids beyond `max_ids` are refused.
+#[derive(Debug)]
+struct LastSeen {
+    ids: Vec<SegmentId>,
+    max_ids: SegmentId,
+}
+
+/// The Gaussian with the largest weight at each pixel of a tile.
+fn winners(tile: &TileWeights) -> Vec<Option<(u32, f32)>> {
+    let mut winners: Vec<Option<(u32, f32)>> = vec![None; TileWeights::PIXELS];
+    for (column, gaussian) in tile.gaussians().iter().enumerate() {
+        for (pixel, weight) in tile.column(column) {
+            let winner = &mut winners[usize::from(pixel)];
+            if winner.is_none_or(|(_, largest)| weight > largest) {
+                *winner = Some((*gaussian, weight));
+            }
+        }
+    }
+    winners
+}
+
+impl SegmentStore for LastSeen {
+    fn read_tile(&self, tile: &TileWeights, _: &TileSurface) -> StoreTile {
+        let winners = winners(tile);
+        StoreTile {
+            segments: winners
+                .iter()
+                .map(|winner| winner.map_or(0, |(gaussian, _)| self.ids[gaussian as usize]))
+                .collect(),
+            confidence: winners.iter().map(|winner| winner.map_or(0.0, |(_, weight)| weight)).collect(),
+            ..StoreTile::default()
+        }
+    }
+
+    fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> SegmentMap {
+        let expected = &recall.expected().segments;
+        SegmentMap::from_fn(seen.width(), seen.height(), |column, row| match seen[(column, row)] {
+            0 | ABSTAIN => expected[(column, row)],
+            id => id,
+        })
+    }
+
+    fn grow(&mut self, added: &[NewGaussian], _: &Recall<'_>, seen: &SegmentMap) {
+        self.ids.extend(added.iter().map(|gaussian| seen.pixels()[gaussian.pixel]));
+    }
+
+    fn learn(&mut self, recall: &mut Recall<'_>, _: &dyn Splats, seen: &SegmentMap) -> LearningExtent {
+        for tile in recall.view().weights().tiles() {
+            let (left, top) = tile.origin();
+            for (pixel, winner) in winners(tile).into_iter().enumerate() {
+                if let Some((gaussian, _)) = winner {
+                    let id = seen[(left + pixel % TileWeights::SIDE, top + pixel / TileWeights::SIDE)];
+                    if id != 0 && id != ABSTAIN {
+                        self.ids[gaussian as usize] = id;
+                    }
+                }
+            }
+        }
+        LearningExtent::default()
+    }
+
+    fn retain(&mut self, keep: &[bool]) {
+        let mut keep = keep.iter();
+        self.ids.retain(|_| *keep.next().unwrap());
+    }
+
+    fn new_segment(&mut self, id: SegmentId) -> Result<(), MemoryError> {
+        if id <= self.max_ids {
+            return Ok(());
+        }
+        Err(MemoryError::Other { name: "last-seen".to_owned(), source: format!("{id} is one id too many").into() })
+    }
+
+    fn segment_ids(&self) -> Vec<SegmentId> {
+        self.ids.clone()
+    }
+
+    fn numbers_per_gaussian(&self) -> usize {
+        1
+    }
+}
+
+const SIZE: (usize, usize) = (64, 48);
+
+/// A wall 2 m ahead, seen by a camera that stands `x` metres to the right of the origin.
+fn frame(x: f32) -> RgbdFrame<'static> {
+    let (width, height) = SIZE;
+    let camera = Intrinsics { fx: 40.0, fy: 40.0, cx: 31.5, cy: 23.5, width, height };
+    let pose = Pose::from_matrix(Mat4::from_translation(Vec3::new(x, 0.0, 0.0))).unwrap();
+    RgbdFrame::new("wall", Image::filled(width, height, [90; 3]), Image::filled(width, height, 2.0), camera, pose)
+        .unwrap()
+}
+
+fn halves(left: SegmentId, right: SegmentId) -> SegmentMap {
+    SegmentMap::from_fn(SIZE.0, SIZE.1, |column, _| if column < 32 { left } else { right })
+}
+
+#[test]
+fn it_remembers_in_its_own_way_and_moves_with_the_camera() {
+    let store = Box::new(LastSeen { ids: Vec::new(), max_ids: 2 });
+    let mut memory = SplatMemory::with_store(MemorySettings::default(), store).unwrap();
+    assert_eq!((memory.new_segment().unwrap(), memory.new_segment().unwrap()), (1, 2));
+    let first = frame(0.0);
+    memory.update(memory.recall(&first), &halves(1, 2)).unwrap();
+    // 0.4 m to the right, things 2 m away move 8 pixels to the left.
+    let second = frame(0.4);
+    let recall = memory.recall(&second);
+    let expected = &recall.expected().segments;
+    assert_eq!((expected[(20, 24)], expected[(28, 24)]), (1, 2));
+    assert_eq!(memory.fuse(&recall, &halves(0, 0)).unwrap()[(28, 24)], 2, "without predictions the memory is shown");
+    assert_eq!(memory.parameter_count(), memory.gaussian_count() * 8);
+}
+
+#[test]
+fn its_errors_are_its_own_and_it_says_that_it_cannot_be_saved() {
+    let store = Box::new(LastSeen { ids: Vec::new(), max_ids: 0 });
+    let mut memory = SplatMemory::with_store(MemorySettings::default(), store).unwrap();
+    assert_eq!(memory.new_segment().unwrap_err().to_string(), "last-seen: 1 is one id too many");
+    let path = std::env::temp_dir().join("splatseg-own-store.ply");
+    assert!(matches!(memory.save(&path), Err(SplatFileError::NoFormat { .. })));
+    assert!(!path.exists());
+}

@@ -1,0 +1,80 @@
+//! Everything that can go wrong in a simulator.
+
+use splatseg_dataset::DatasetError;
+use splatseg_geometry::RgbdFrame;
+use splatseg_segmenter::SegmenterError;
+use splatseg_settings::SettingError;
+use splatseg_tracking::TrackerError;
+use thiserror::Error;
+
+/// Why a simulator could not be made or could not process a frame. Sizes are `(width, height)` in pixels.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum SimulatorError {
+    /// A setting is out of range.
+    #[error(transparent)]
+    Setting(#[from] SettingError),
+    /// The scene has no ground truth.
+    #[error(
+        "{scene} has no ground truth, which the oracle segmenter, the simulated tracker and ground-truth prompts need"
+    )]
+    NoGroundTruth {
+        /// Name of the scene.
+        scene: String,
+    },
+    /// The scene does not have the frame, or the frame has no labels.
+    #[error(
+        "{scene} has no ground truth for frame {frame}, which the oracle segmenter, the simulated tracker and \
+         ground-truth prompts need"
+    )]
+    UnlabelledFrame {
+        /// Name of the scene.
+        scene: String,
+        /// Name of the frame.
+        frame: String,
+    },
+    /// The ground truth of a frame could not be read.
+    #[error("the ground truth of frame {frame}: {source}")]
+    GroundTruth {
+        /// Name of the frame.
+        frame: String,
+        /// The error.
+        source: Box<DatasetError>,
+    },
+    /// The ground truth does not have the frame's size.
+    #[error(
+        "the ground truth of frame {frame} has {}x{} pixels, expected the frame's {}x{}",
+        found.0, found.1, expected.0, expected.1
+    )]
+    GroundTruthSize {
+        /// Name of the frame.
+        frame: String,
+        /// Size of the ground truth.
+        found: (usize, usize),
+        /// Size of the frame.
+        expected: (usize, usize),
+    },
+}
+
+impl SimulatorError {
+    /// Checks that a frame's ground truth, of size `found`, has the frame's size.
+    pub(crate) fn check_size(frame: &RgbdFrame, found: (usize, usize)) -> Result<(), Self> {
+        let expected = (frame.width(), frame.height());
+        if found == expected {
+            return Ok(());
+        }
+        Err(Self::GroundTruthSize { frame: frame.name().to_owned(), found, expected })
+    }
+}
+
+impl From<SimulatorError> for SegmenterError {
+    fn from(error: SimulatorError) -> Self {
+        Self::Other { name: "simulator".to_owned(), source: Box::new(error) }
+    }
+}
+
+impl From<SimulatorError> for TrackerError {
+    fn from(error: SimulatorError) -> Self {
+        Self::Other { name: "sim".to_owned(), source: Box::new(error) }
+    }
+}

@@ -1,0 +1,26 @@
+//! Simulators for comparing methods without a network: they know the ground truth and make errors at set rates.
+//!
+//! - [`OracleSegmenter`] returns the true segments, with misses, splits, merges and displaced outlines.
+//! - [`GroundTruthPrompts`] returns each true object once, in the frame where it appears, as a prompt for a tracker.
+//! - [`SimTracker`] follows true objects, and loses, swaps and duplicates them, or lets their masks drift.
+//!
+//! All errors are drawn from a seed: see [`Chance`]. None of the real segmenters, trackers and methods depends on this
+//! crate.
+
+mod chance;
+mod error;
+mod ground_truth;
+mod ground_truth_prompts;
+mod oracle;
+mod tracker;
+
+pub use chance::{Chance, FrameChance, normal, poisson};
+pub use error::SimulatorError;
+pub use ground_truth::{GroundTruthSource, SceneGroundTruth};
+pub use ground_truth_prompts::GroundTruthPrompts;
+pub use oracle::{OracleErrorModel, OraclePreset, OracleSegmenter, OracleSettings};
+pub use tracker::{SimTracker, SimTrackerSettings};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

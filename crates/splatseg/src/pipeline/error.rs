@@ -1,0 +1,81 @@
+//! Everything that can go wrong in a pipeline.
+
+use crate::settings::SettingsError;
+use splatseg_memory::LoadMemoryError;
+use splatseg_models::checkpoint::CheckpointError;
+use splatseg_models::device::DeviceError;
+use splatseg_models::sam2::Sam2Error;
+use splatseg_segmenter::SegmenterError;
+use splatseg_settings::SettingError;
+use splatseg_simulators::SimulatorError;
+use splatseg_tracking::{TrackerError, TrackingError};
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Why a pipeline could not be built or a frame could not be processed.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum PipelineError {
+    /// The settings cannot be used.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// A setting is out of range.
+    #[error(transparent)]
+    Setting(#[from] SettingError),
+    /// A setting needs the ground truth of a scene, and no scene was given.
+    #[error("{0} needs a scene with ground truth, but the pipeline was given no scene")]
+    NoScene(&'static str),
+    /// A simulator could not be made.
+    #[error(transparent)]
+    Simulator(#[from] SimulatorError),
+    /// The segmenter could not be made.
+    #[error(transparent)]
+    MakeSegmenter(#[from] SegmenterError),
+    /// The tracker could not be made.
+    #[error(transparent)]
+    MakeTracker(#[from] TrackerError),
+    /// The method could not be made.
+    #[error(transparent)]
+    MakeMethod(#[from] TrackingError),
+    /// The device cannot be used.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+    /// A checkpoint could not be read.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// A checkpoint is not SAM 2.1's.
+    #[error("{}: {source}", path.display())]
+    Sam2 {
+        /// The checkpoint.
+        path: PathBuf,
+        /// The error.
+        source: Box<Sam2Error>,
+    },
+    /// A saved memory could not be loaded.
+    #[error(transparent)]
+    Memory(#[from] LoadMemoryError),
+    /// A memory was given to a method that has none.
+    #[error("{}: the method {method} has no splat memory to load", path.display())]
+    NoMemory {
+        /// The saved memory.
+        path: PathBuf,
+        /// The method.
+        method: &'static str,
+    },
+    /// The segmenter failed on a frame; later frames can still be processed.
+    #[error("{frame}: {source}")]
+    Segmenter {
+        /// The frame.
+        frame: String,
+        /// The error.
+        source: Box<SegmenterError>,
+    },
+    /// The method failed on a frame.
+    #[error("frame {frame}: {source}")]
+    Method {
+        /// The frame.
+        frame: String,
+        /// The error.
+        source: Box<TrackingError>,
+    },
+}

@@ -1,0 +1,180 @@
+//! The objects of a frame, and all objects so far.
+
+use serde::Serialize;
+use splatseg_geometry::{Mask, SegmentId};
+use splatseg_tracking::FrameOutput;
+use std::collections::BTreeMap;
+
+/// An object in one frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ObjectSighting {
+    /// Its id, the same in every frame.
+    pub id: SegmentId,
+    /// Number of pixels that show it.
+    pub area: usize,
+    /// The smallest box around these pixels.
+    pub bounding_box: BoundingBox,
+    /// How sure the id is, from 0 to 1: the mean of [`FrameOutput::confidence`] over these pixels.
+    pub confidence: f32,
+    /// The first frame that showed it. 0 is the first frame that the pipeline processed.
+    pub first_frame: usize,
+    /// The last frame that showed it: this one.
+    pub last_frame: usize,
+}
+
+/// A bounding box as in COCO: top left corner and size, pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct BoundingBox {
+    /// First column, from 0.
+    pub x: usize,
+    /// First row, from 0.
+    pub y: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+/// An object over all frames so far.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct ObjectRecord {
+    /// The first frame that showed it.
+    pub first_frame: usize,
+    /// The last frame that showed it.
+    pub last_frame: usize,
+    /// How many frames showed it.
+    pub frames: usize,
+}
+
+/// Every object seen so far.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ObjectLog {
+    frames: usize,
+    records: BTreeMap<SegmentId, ObjectRecord>,
+}
+
+impl ObjectLog {
+    /// Frames so far.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// All objects, by id.
+    pub fn records(&self) -> &BTreeMap<SegmentId, ObjectRecord> {
+        &self.records
+    }
+
+    /// Records the next frame; returns its objects by increasing id.
+    pub(super) fn record(&mut self, output: &FrameOutput) -> Vec<ObjectSighting> {
+        let frame = self.frames;
+        self.frames += 1;
+        let extents = extents(output);
+        let sightings = extents.into_iter().map(|(id, extent)| {
+            let new = ObjectRecord { first_frame: frame, last_frame: frame, frames: 0 };
+            let record = self.records.entry(id).or_insert(new);
+            record.last_frame = frame;
+            record.frames += 1;
+            ObjectSighting {
+                id,
+                area: extent.area,
+                bounding_box: extent.bounding_box(),
+                confidence: (extent.confidence / extent.area as f64) as f32,
+                first_frame: record.first_frame,
+                last_frame: frame,
+            }
+        });
+        sightings.collect()
+    }
+}
+
+/// The extent of the pixels of an object that were added so far.
+#[derive(Clone, Copy, Debug)]
+struct Extent {
+    area: usize,
+    confidence: f64,
+    columns: (usize, usize),
+    rows: (usize, usize),
+}
+
+impl Extent {
+    const NOTHING: Self = Self { area: 0, confidence: 0.0, columns: (usize::MAX, 0), rows: (usize::MAX, 0) };
+
+    fn add(&mut self, column: usize, row: usize, confidence: f32) {
+        self.area += 1;
+        self.confidence += f64::from(confidence);
+        self.columns = (self.columns.0.min(column), self.columns.1.max(column));
+        self.rows = (self.rows.0.min(row), self.rows.1.max(row));
+    }
+
+    fn bounding_box(&self) -> BoundingBox {
+        BoundingBox {
+            x: self.columns.0,
+            y: self.rows.0,
+            width: self.columns.1 + 1 - self.columns.0,
+            height: self.rows.1 + 1 - self.rows.0,
+        }
+    }
+}
+
+/// The objects of a frame: its masks where they may overlap, otherwise the pixels of each id.
+fn extents(output: &FrameOutput) -> BTreeMap<SegmentId, Extent> {
+    let mut extents: BTreeMap<SegmentId, Extent> = BTreeMap::new();
+    let (width, confidence) = (output.segments.width(), output.confidence.pixels());
+    if output.masks.is_empty() {
+        // Neighbouring pixels mostly show one object, so it is looked up once per run of pixels.
+        for (row, ids) in output.segments.pixels().chunks_exact(width.max(1)).enumerate() {
+            let mut column = 0;
+            for run in ids.chunk_by(|a, b| a == b) {
+                if run[0] != 0 {
+                    let extent = extents.entry(run[0]).or_insert(Extent::NOTHING);
+                    (column..column + run.len())
+                        .for_each(|column| extent.add(column, row, confidence[row * width + column]));
+                }
+                column += run.len();
+            }
+        }
+        return extents;
+    }
+    for (id, mask) in &output.masks {
+        let extent = extents.entry(*id).or_insert(Extent::NOTHING);
+        pixels(mask).for_each(|(column, row)| extent.add(column, row, confidence[row * width + column]));
+    }
+    extents.retain(|_, extent| extent.area > 0);
+    extents
+}
+
+fn pixels(mask: &Mask) -> impl Iterator<Item = (usize, usize)> + '_ {
+    mask.pixel_indices().map(|index| (index % mask.width(), index / mask.width()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatseg_geometry::SegmentMap;
+
+    fn output(ids: [u32; 8]) -> FrameOutput {
+        FrameOutput::from_segments(SegmentMap::from_pixels(4, 2, ids.to_vec()).unwrap())
+    }
+
+    #[test]
+    fn objects_have_area_box_and_first_and_last_frame() {
+        let mut log = ObjectLog::default();
+        log.record(&output([0, 7, 7, 0, 0, 7, 0, 0]));
+        log.record(&output([0; 8]));
+        let found = log.record(&output([0, 0, 3, 3, 0, 0, 7, 7]));
+        assert_eq!(found.iter().map(|object| object.id).collect::<Vec<_>>(), [3, 7]);
+        assert_eq!(found[1].bounding_box, BoundingBox { x: 2, y: 1, width: 2, height: 1 });
+        assert_eq!((found[1].area, found[1].first_frame, found[1].last_frame), (2, 0, 2));
+        assert_eq!((found[0].first_frame, found[0].confidence), (2, 1.0));
+        assert_eq!(log.records()[&7], ObjectRecord { first_frame: 0, last_frame: 2, frames: 2 });
+        assert_eq!(log.frames(), 3);
+    }
+
+    #[test]
+    fn overlapping_masks_count_in_full() {
+        let mut output = output([1, 1, 2, 2, 1, 1, 1, 1]);
+        output.masks = vec![(1, Mask::from_fn(4, 2, |_, _| true)), (2, Mask::from_fn(4, 2, |x, y| x > 1 && y == 0))];
+        let found = ObjectLog::default().record(&output);
+        assert_eq!((found[0].area, found[1].area), (8, 2));
+    }
+}

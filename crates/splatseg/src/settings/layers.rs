@@ -1,0 +1,192 @@
+//! Settings combined from files, options and assignments.
+
+use super::table;
+use super::{Entry, Settings, SettingsError, entries};
+use splatseg_settings::Allowed;
+use std::path::Path;
+use toml::{Table, Value};
+
+/// Settings under construction: later layers replace values of earlier ones.
+#[derive(Clone, Debug, Default)]
+pub struct SettingsLayers {
+    table: Table,
+}
+
+impl SettingsLayers {
+    /// Adds a TOML file.
+    ///
+    /// # Errors
+    /// If the file cannot be read or is not TOML.
+    pub fn add_file(&mut self, path: &Path) -> Result<(), SettingsError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| SettingsError::Read { path: path.to_owned(), source })?;
+        let table = text.parse::<Table>().map_err(|error| SettingsError::Syntax {
+            path: path.to_owned(),
+            message: error.to_string().trim().replace('\n', " "),
+        })?;
+        merge(&mut self.table, table);
+        Ok(())
+    }
+
+    /// Adds `KEY=VALUE`. The parts of a key are separated by dots; quotes around text may be left out.
+    ///
+    /// # Errors
+    /// If `assignment` does not have that form.
+    pub fn add_assignment(&mut self, assignment: &str) -> Result<(), SettingsError> {
+        let malformed = || SettingsError::Assignment(assignment.to_owned());
+        let (key, value) = assignment.split_once('=').ok_or_else(malformed)?;
+        self.add_text(key.trim(), value.trim()).ok_or_else(malformed)
+    }
+
+    /// Adds one value as written on a command line. `None` if a part of the key is empty, or a part but the last is not
+    /// a section.
+    pub fn add_text(&mut self, key: &str, text: &str) -> Option<()> {
+        let is_text = |entry: &Entry| matches!(entry.field.allowed, Allowed::Text(_) | Allowed::Names(_));
+        let is_text = entries().iter().find(|entry| entry.field.key() == key).is_some_and(is_text);
+        let parsed = || format!("value = {text}").parse::<Table>().ok().and_then(|mut table| table.remove("value"));
+        let value = if is_text && !text.starts_with(['"', '\'']) { None } else { parsed() };
+        self.add(key, value.unwrap_or_else(|| Value::String(text.to_owned())))
+    }
+
+    /// Adds one value. `None` if a part of the key is empty, or a part but the last is not a section.
+    pub fn add(&mut self, key: &str, value: impl Into<Value>) -> Option<()> {
+        let mut parts: Vec<&str> = key.split('.').collect();
+        let last = parts.pop()?;
+        if last.is_empty() || parts.iter().any(|part| part.is_empty()) {
+            return None;
+        }
+        let mut table = &mut self.table;
+        for part in parts {
+            table = table.entry(part).or_insert_with(|| Value::Table(Table::new())).as_table_mut()?;
+        }
+        table.insert(last.to_owned(), value.into());
+        Some(())
+    }
+
+    /// The value of a key, if a layer has it.
+    pub fn get(&self, key: &str) -> Option<&Value> {
+        let mut parts = key.split('.');
+        let first = self.table.get(parts.next()?)?;
+        parts.try_fold(first, |value, part| value.as_table()?.get(part))
+    }
+
+    /// One [`SettingsError::Unused`] for each value that the chosen method, segmenter, tracker and memory do not use.
+    pub fn unused(&self) -> Vec<SettingsError> {
+        table::unused(&self.table, &entries())
+    }
+
+    /// The settings, with defaults where no layer has a value.
+    ///
+    /// # Errors
+    /// If a key does not exist, a setting is not used by the chosen method, segmenter, tracker or memory, a value has
+    /// the wrong type or is out of range, or a file that is needed is missing.
+    pub fn resolve(&self) -> Result<Settings, SettingsError> {
+        let settings = Settings::from_table(&self.table, true)?;
+        settings.validate()?;
+        Ok(settings)
+    }
+
+    /// Like [`Self::resolve`], for several methods that share settings: values that the chosen method does not use are
+    /// ignored.
+    ///
+    /// # Errors
+    /// If a key does not exist, or a value has the wrong type or is out of range.
+    pub fn resolve_shared(&self) -> Result<Settings, SettingsError> {
+        Settings::from_table(&self.table, false)
+    }
+}
+
+fn merge(below: &mut Table, above: Table) {
+    for (key, value) in above {
+        match (below.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
+            (_, value) => {
+                below.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{MethodSettings, SegmenterName};
+
+    fn resolve(assignments: &[&str]) -> Result<Settings, SettingsError> {
+        let mut layers = SettingsLayers::default();
+        assignments.iter().try_for_each(|assignment| layers.add_assignment(assignment))?;
+        layers.resolve()
+    }
+
+    #[test]
+    fn later_layers_win_over_earlier_ones_and_defaults() {
+        let settings = resolve(&[
+            "memory.max_votes=14",
+            "memory.removal_frames = 5",
+            "memory.max_votes=7",
+            "segmenter=oracle",
+            "dataset.resize=320x240",
+        ])
+        .unwrap();
+        let memory = settings.method.memory().unwrap();
+        assert_eq!((memory.max_votes, memory.removal_frames), (7.0, 5));
+        assert_eq!(settings.segmenter.name(), SegmenterName::Oracle);
+        assert!(matches!(settings.method, MethodSettings::FastsamSplat(_)));
+    }
+
+    #[test]
+    fn errors_name_the_full_key() {
+        let cases: [(&[&str], &str); 9] = [
+            (&["memory.max_votess=14"], "there is no setting memory.max_votess, did you mean memory.max_votes?"),
+            (&["memory.max_votes=many"], "memory.max_votes is \"many\", expected more than 0"),
+            (&["memory.max_votes=0"], "memory.max_votes is 0, expected more than 0"),
+            (&["dataset.stride=1.5"], "dataset.stride is 1.5, expected a whole number, 1 or more"),
+            (
+                &["memory.num_codes=600"],
+                "memory.num_codes is not used here: it needs memory.kind = features, but memory.kind is evidence",
+            ),
+            (
+                &["method=fastsam", "memory.max_votes=3"],
+                "memory.max_votes is not used here: it needs method = fastsam-splat or sam2-splat, \
+                 but method is fastsam",
+            ),
+            (&["weights=x.pt"], "weights is not used here: it needs segmenter = fastsam, but segmenter is graph"),
+            (
+                &["segmenter=fastsam"],
+                "segmenter = fastsam needs weights: a checkpoint of FastSAM, e.g. --weights FastSAM-x.pt",
+            ),
+            (&["segmenter=yolo"], "segmenter is \"yolo\", expected graph, fastsam, masks or oracle"),
+        ];
+        for (assignments, message) in cases {
+            assert_eq!(resolve(assignments).unwrap_err().to_string(), message);
+        }
+        for malformed in ["memory", "=3", "memory..x=1"] {
+            assert!(matches!(resolve(&[malformed]), Err(SettingsError::Assignment(_))), "{malformed}");
+        }
+    }
+
+    #[test]
+    fn seeds_out_of_range_are_errors() {
+        for seed in ["9223372036854775808", "1e3", "-1"] {
+            assert!(resolve(&[&format!("seed={seed}")]).is_err(), "{seed}");
+        }
+        assert_eq!(resolve(&["seed=9223372036854775807"]).unwrap().run.seed, i64::MAX as u64);
+    }
+
+    #[test]
+    fn settings_survive_toml_and_json() {
+        let all = [
+            resolve(&[]).unwrap(),
+            resolve(&["memory.kind=features", "memory.feature_dim=14", "seed=4"]).unwrap(),
+            resolve(&["method=sam2", "tracker=sim", "segmenter=oracle", "oracle.miss_rate=0.5"]).unwrap(),
+            resolve(&["method=sam2-splat", "tracker_weights=a.pt", "sam2.image_size=512"]).unwrap(),
+        ];
+        for settings in all {
+            let text = toml::to_string(&settings).unwrap();
+            assert_eq!(toml::from_str::<Settings>(&text).unwrap(), settings, "{text}");
+            let json = serde_json::to_string(&settings).unwrap();
+            assert_eq!(serde_json::from_str::<Settings>(&json).unwrap(), settings, "{json}");
+            assert!(!json.contains("0.30000001"), "numbers are written as they were given: {json}");
+        }
+    }
+}

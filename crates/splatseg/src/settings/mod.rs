@@ -1,0 +1,273 @@
+//! All settings of a run, the same in a TOML file, in `--set`, in `summary.json` and in programs.
+
+mod document;
+mod error;
+mod layers;
+mod names;
+mod registry;
+mod table;
+
+pub use document::markdown;
+pub use error::{MissingFile, SettingsError};
+pub use layers::SettingsLayers;
+pub use names::{MethodName, SegmenterName, TrackerName};
+pub use registry::{Entry, Need, describe, entries};
+
+use serde::Serialize;
+use splatseg_dataset::DatasetSettings;
+use splatseg_memory::MemorySettings;
+use splatseg_models::device::DeviceName;
+use splatseg_models::fastsam::FastSamPredictorSettings;
+use splatseg_segmenter::GraphSettings;
+use splatseg_settings::{Allowed, Choice, settings};
+use splatseg_simulators::{OracleSettings, SimTrackerSettings};
+use splatseg_tracking::{
+    FastSamBaselineSettings, FastSamSplatSettings, FastSpamBaselineSettings, PromptSource, Sam2BaselineSettings,
+    Sam2SplatSettings, Sam2TrackerSettings,
+};
+use std::path::PathBuf;
+
+/// Settings of a run: a method, a segmenter, and how frames are read.
+///
+/// In TOML and JSON the parts are at one level: `method = "fastsam-splat"`, `memory.max_votes = 8`. They have the
+/// settings of the chosen method, segmenter and tracker only.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Settings {
+    /// The method, with its settings.
+    #[serde(flatten)]
+    pub method: MethodSettings,
+    /// The segmenter whose masks the method uses, with its settings.
+    #[serde(flatten)]
+    pub segmenter: SegmenterSettings,
+    /// How the scene is read.
+    pub dataset: DatasetSettings,
+    /// Settings of every run.
+    #[serde(flatten)]
+    pub run: RunSettings,
+}
+
+settings! {
+    /// Settings of every run, whatever its method.
+    pub struct RunSettings in "" {
+        /// The device that runs the networks. Support for devices other than the CPU must be built in.
+        device: DeviceName = DeviceName::Cpu, Allowed::Names(DeviceName::NAMES);
+        /// Whether the next frame is segmented while the method works on this one. Results do not depend on it. Stages
+        /// take longer, as they share the processor.
+        segment_ahead: bool = false, Allowed::Switch;
+        /// Seed of all random numbers.
+        seed: u64 = 0, Allowed::at_least(0.0);
+        /// Number of threads; 0: one per core. Results do not depend on it.
+        threads: usize = 0, Allowed::between(0.0, 4096.0);
+    }
+}
+
+/// A method with its settings.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "method", rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum MethodSettings {
+    /// [`splatseg_tracking::FastSamSplat`].
+    FastsamSplat(FastSamSplatSettings),
+    /// [`splatseg_tracking::FastSamBaseline`].
+    Fastsam(FastSamBaselineSettings),
+    /// [`splatseg_tracking::FastSpamBaseline`].
+    Fastspam(FastSpamBaselineSettings),
+    /// [`splatseg_tracking::Sam2Baseline`].
+    Sam2 {
+        /// Its settings.
+        #[serde(flatten)]
+        settings: Sam2BaselineSettings,
+        /// The tracker.
+        #[serde(flatten)]
+        tracker: TrackerSettings,
+    },
+    /// [`splatseg_tracking::Sam2Splat`].
+    Sam2Splat {
+        /// Its settings.
+        #[serde(flatten)]
+        settings: Box<Sam2SplatSettings>,
+        /// The tracker.
+        #[serde(flatten)]
+        tracker: TrackerSettings,
+    },
+}
+
+/// A segmenter with its settings.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "segmenter", rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum SegmenterSettings {
+    /// [`splatseg_segmenter::GraphSegmenter`].
+    Graph {
+        /// Its settings.
+        graph: GraphSettings,
+    },
+    /// [`splatseg_segmenter::FastSamSegmenter`].
+    Fastsam {
+        /// Its checkpoint; needed to build a pipeline.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        weights: Option<PathBuf>,
+        /// Its settings.
+        fastsam: FastSamPredictorSettings,
+    },
+    /// [`splatseg_segmenter::MaskFolder`].
+    Masks {
+        /// A folder with one file per frame; needed to build a pipeline.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        masks: Option<PathBuf>,
+    },
+    /// [`splatseg_simulators::OracleSegmenter`].
+    Oracle {
+        /// Its settings.
+        oracle: OracleSettings,
+    },
+}
+
+/// A tracker with its settings.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "tracker", rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum TrackerSettings {
+    /// [`splatseg_tracking::Sam2Tracker`].
+    Sam2 {
+        /// Its checkpoint; needed to build a pipeline.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        tracker_weights: Option<PathBuf>,
+        /// Its settings.
+        sam2: Sam2TrackerSettings,
+    },
+    /// [`splatseg_simulators::SimTracker`].
+    Sim {
+        /// Its settings.
+        sim_tracker: SimTrackerSettings,
+    },
+}
+
+impl Default for MethodSettings {
+    fn default() -> Self {
+        Self::FastsamSplat(FastSamSplatSettings::default())
+    }
+}
+
+impl Default for SegmenterSettings {
+    fn default() -> Self {
+        Self::Graph { graph: GraphSettings::default() }
+    }
+}
+
+impl MethodSettings {
+    /// Its name.
+    pub fn name(&self) -> MethodName {
+        match self {
+            Self::FastsamSplat(_) => MethodName::FastsamSplat,
+            Self::Fastsam(_) => MethodName::Fastsam,
+            Self::Fastspam(_) => MethodName::Fastspam,
+            Self::Sam2 { .. } => MethodName::Sam2,
+            Self::Sam2Splat { .. } => MethodName::Sam2Splat,
+        }
+    }
+
+    /// The settings of its memory, if it has one.
+    pub fn memory(&self) -> Option<&MemorySettings> {
+        match self {
+            Self::FastsamSplat(settings) => Some(&settings.memory),
+            Self::Sam2Splat { settings, .. } => Some(&settings.memory),
+            Self::Fastsam(_) | Self::Fastspam(_) | Self::Sam2 { .. } => None,
+        }
+    }
+
+    /// Its tracker, if it has one.
+    pub fn tracker(&self) -> Option<&TrackerSettings> {
+        match self {
+            Self::Sam2 { tracker, .. } | Self::Sam2Splat { tracker, .. } => Some(tracker),
+            Self::FastsamSplat(_) | Self::Fastsam(_) | Self::Fastspam(_) => None,
+        }
+    }
+
+    /// The source of its tracker's prompts, and the area of the smallest object that is prompted, pixels; `None`
+    /// without a tracker.
+    pub fn prompts(&self) -> Option<(PromptSource, usize)> {
+        match self {
+            Self::Sam2 { settings, .. } => Some((settings.prompts, settings.min_segment_area)),
+            Self::Sam2Splat { settings, .. } => Some((settings.prompts, settings.min_segment_area)),
+            Self::FastsamSplat(_) | Self::Fastsam(_) | Self::Fastspam(_) => None,
+        }
+    }
+
+    /// Checks every setting.
+    fn validate(&self) -> Result<(), splatseg_settings::SettingError> {
+        match self {
+            Self::FastsamSplat(settings) => settings.validate(),
+            Self::Fastsam(settings) => settings.validate(),
+            Self::Fastspam(settings) => settings.validate(),
+            Self::Sam2 { settings, tracker } => settings.validate().and_then(|()| tracker.validate()),
+            Self::Sam2Splat { settings, tracker } => settings.validate().and_then(|()| tracker.validate()),
+        }
+    }
+}
+
+impl SegmenterSettings {
+    /// Its name.
+    pub fn name(&self) -> SegmenterName {
+        match self {
+            Self::Graph { .. } => SegmenterName::Graph,
+            Self::Fastsam { .. } => SegmenterName::Fastsam,
+            Self::Masks { .. } => SegmenterName::Masks,
+            Self::Oracle { .. } => SegmenterName::Oracle,
+        }
+    }
+
+    fn validate(&self) -> Result<(), splatseg_settings::SettingError> {
+        match self {
+            Self::Graph { graph } => graph.validate(),
+            Self::Fastsam { fastsam, .. } => fastsam.validate(),
+            Self::Masks { .. } => Ok(()),
+            Self::Oracle { oracle } => oracle.validate(),
+        }
+    }
+}
+
+impl TrackerSettings {
+    /// Its name.
+    pub fn name(&self) -> TrackerName {
+        match self {
+            Self::Sam2 { .. } => TrackerName::Sam2,
+            Self::Sim { .. } => TrackerName::Sim,
+        }
+    }
+
+    fn validate(&self) -> Result<(), splatseg_settings::SettingError> {
+        match self {
+            Self::Sam2 { sam2, .. } => sam2.validate(),
+            Self::Sim { sim_tracker } => sim_tracker.validate(),
+        }
+    }
+}
+
+impl Settings {
+    /// Checks every setting, and that every file that is needed is given.
+    ///
+    /// # Errors
+    /// Names the first setting that is out of range or missing.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        self.method.validate()?;
+        self.segmenter.validate()?;
+        self.dataset.validate()?;
+        self.run.validate()?;
+        let has_segmenter = self.method.prompts().is_none_or(|(source, _)| source == PromptSource::Detections);
+        match &self.segmenter {
+            SegmenterSettings::Fastsam { weights: None, .. } if has_segmenter => {
+                return Err(SettingsError::Missing(MissingFile::FASTSAM));
+            }
+            SegmenterSettings::Masks { masks: None } if has_segmenter => {
+                return Err(SettingsError::Missing(MissingFile::MASKS));
+            }
+            _ => {}
+        }
+        match self.method.tracker() {
+            Some(TrackerSettings::Sam2 { tracker_weights: None, .. }) => Err(SettingsError::Missing(MissingFile::SAM2)),
+            _ => Ok(()),
+        }
+    }
+}

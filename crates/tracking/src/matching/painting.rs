@@ -1,0 +1,62 @@
+//! One id per pixel from masks that overlap.
+
+use splatseg_geometry::{Mask, SegmentId, SegmentMap};
+
+/// Indices of the masks in the order in which they are painted: **smaller ones cover larger ones** (a cup covers the
+/// table it stands on); of two equally large ones, the later covers the earlier.
+pub(crate) fn painting_order<'a>(masks: impl Iterator<Item = &'a Mask>) -> Vec<usize> {
+    let mut order: Vec<(usize, usize)> = masks.enumerate().map(|(index, mask)| (mask.area(), index)).collect();
+    order.sort_by_key(|(area, index)| (std::cmp::Reverse(*area), *index));
+    order.into_iter().map(|(_, index)| index).collect()
+}
+
+/// Paints masks of one image of `size` = (width, height), in [`painting_order`]; 0 where there is no mask.
+pub(crate) fn painted(size: (usize, usize), masks: &[(SegmentId, Mask)]) -> SegmentMap {
+    let order = painting_order(masks.iter().map(|(_, mask)| mask));
+    painted_parts(size, order.into_iter().map(|index| (masks[index].0, &masks[index].1)))
+}
+
+/// Paints masks in the given order, later ones over earlier ones.
+pub(crate) fn painted_parts<'a>(
+    size: (usize, usize),
+    masks: impl Iterator<Item = (SegmentId, &'a Mask)>,
+) -> SegmentMap {
+    let mut map = SegmentMap::filled(size.0, size.1, 0);
+    for (segment, mask) in masks {
+        for pixel in mask.pixel_indices() {
+            map.pixels_mut()[pixel] = segment;
+        }
+    }
+    map
+}
+
+/// The part of each mask that is visible once all are painted in [`painting_order`]; it may be empty.
+pub(crate) fn visible_parts(size: (usize, usize), masks: &[&Mask]) -> Vec<Mask> {
+    let order = painting_order(masks.iter().copied());
+    let map = painted_parts(size, order.into_iter().map(|index| (index as SegmentId + 1, masks[index])));
+    let mut parts = vec![Mask::empty(size.0, size.1); masks.len()];
+    for (number, part) in Mask::of_segments(&map) {
+        parts[number as usize - 1] = part;
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn smaller_masks_cover_larger_ones_and_later_ones_earlier_ones() {
+        let stripe = |from: usize, to: usize| Mask::from_fn(6, 1, |column, _| (from..to).contains(&column));
+        let masks = [(4, stripe(1, 2)), (9, stripe(0, 4)), (5, stripe(2, 4)), (6, stripe(3, 5))];
+        assert_eq!(painted((6, 1), &masks).pixels(), [9, 4, 5, 6, 6, 0]);
+    }
+
+    #[test]
+    fn visible_parts_share_no_pixel() {
+        let stripe = |from: usize, to: usize| Mask::from_fn(6, 1, |column, _| (from..to).contains(&column));
+        let masks = [stripe(0, 5), stripe(1, 5), stripe(1, 5), stripe(5, 6)];
+        let parts = visible_parts((6, 1), &masks.each_ref());
+        assert_eq!(parts, [stripe(0, 1), stripe(0, 0), stripe(1, 5), stripe(5, 6)]);
+    }
+}

@@ -1,0 +1,153 @@
+//! Where a memory of evidence overrules a frame: predictions that it explains, and leftovers of its own segments
+//! (`docs/METHOD.md`, "FastSAM-Splat").
+//!
+//! None of this is in the paper, and none of it is applied to the paper's memory of features.
+
+use splatseg_geometry::{Mask, SegmentId, SegmentMap};
+use splatseg_memory::ABSTAIN;
+use splatseg_settings::{Allowed, settings};
+use std::collections::{BTreeMap, BTreeSet};
+
+settings! {
+    /// Settings of these rules; 0 switches a rule off.
+    #[derive(Copy)]
+    pub struct ExplanationSettings in "explanation" {
+        /// A prediction is left out if smaller ones cover so much of it that less than this fraction is visible: what
+        /// remains is a rim around other predictions of the same thing. 0 switches the rule off.
+        min_visible_fraction: f32 = 0.3, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
+        /// A prediction without a match is new only if at least this fraction of it is shown after fusion with the
+        /// memory. The memory explains the others by segments of which it is sure: they get no id and no vote. 0
+        /// switches the rule off.
+        min_new_fraction: f32 = 0.7, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
+        /// An explained prediction is new after all if it recurs: if the frames that have it exceed the frames that
+        /// show its place without it by this number. It is an object that was first segmented as part of another. 0
+        /// switches the rule off.
+        recurrences: usize = 8, Allowed::at_least(0.0), only "memory.kind = evidence";
+        /// A remembered segment without a matching prediction is shown only if at least this fraction of its expected
+        /// pixels is left. 0 switches the rule off.
+        min_remembered_fraction: f32 = 0.5, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
+    }
+}
+
+impl ExplanationSettings {
+    /// Every rule off: the paper's method.
+    pub const NONE: Self =
+        Self { min_visible_fraction: 0.0, min_new_fraction: 0.0, recurrences: 0, min_remembered_fraction: 0.0 };
+
+    /// Whether enough of a prediction is visible.
+    pub(crate) fn is_visible(&self, part: &Mask, whole: &Mask) -> bool {
+        part.area() as f32 >= self.min_visible_fraction * whole.area() as f32
+    }
+
+    /// The ids of new predictions that the memory explains. `new` has the ids and areas of all new predictions, `shown`
+    /// is the map after fusion.
+    pub(crate) fn explained(&self, new: &[(SegmentId, usize)], shown: &SegmentMap) -> BTreeSet<SegmentId> {
+        if self.min_new_fraction == 0.0 || new.is_empty() {
+            return BTreeSet::new();
+        }
+        let shown = shown.areas();
+        let is_explained = |(id, area): &&(SegmentId, usize)| {
+            (shown.get(id).copied().unwrap_or(0) as f32) < self.min_new_fraction * *area as f32
+        };
+        new.iter().filter(is_explained).map(|(id, _)| *id).collect()
+    }
+
+    /// Removes what is left of overruled segments from `shown`, where predictions take their place.
+    pub(crate) fn drop_leftovers(
+        &self,
+        overruled: &mut OverruledSegments,
+        shown: &mut SegmentMap,
+        expected: &SegmentMap,
+        seen: &SegmentMap,
+    ) {
+        if self.min_remembered_fraction == 0.0 {
+            return;
+        }
+        overruled.take_in(self.min_remembered_fraction, &shown.areas(), &expected.areas(), &seen.areas());
+        if overruled.0.is_empty() {
+            return;
+        }
+        for (shown, seen) in shown.pixels_mut().iter_mut().zip(seen.pixels()) {
+            if overruled.0.contains_key(shown) {
+                *shown = if *seen == ABSTAIN { 0 } else { *seen };
+            }
+        }
+    }
+}
+
+/// Remembered segments that predictions have overruled, each with the largest area expected of it since then. What
+/// remains of them in later frames stays hidden until a prediction has the id again or enough of the segment is shown.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct OverruledSegments(BTreeMap<SegmentId, usize>);
+
+impl OverruledSegments {
+    /// Updates the segments by the areas of those that a frame shows, those expected in it and those predicted.
+    fn take_in(&mut self, min_fraction: f32, shown: &Areas, expected: &Areas, predicted: &Areas) {
+        self.0.retain(|id, _| !predicted.contains_key(id));
+        for (id, area) in expected.iter().filter(|(id, _)| !predicted.contains_key(id)) {
+            let known = self.0.get(id).copied().unwrap_or(0).max(*area);
+            let left = shown.get(id).copied().unwrap_or(0);
+            if (left as f32) < min_fraction * known as f32 {
+                self.0.insert(*id, known);
+            } else {
+                self.0.remove(id);
+            }
+        }
+    }
+}
+
+/// Pixels by segment.
+type Areas = BTreeMap<SegmentId, usize>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn map(ids: &[SegmentId]) -> SegmentMap {
+        SegmentMap::from_pixels(ids.len(), 1, ids.to_vec()).unwrap()
+    }
+
+    #[test]
+    fn predictions_that_hardly_show_are_explained() {
+        let rules = ExplanationSettings::default().with(|rules| rules.min_new_fraction = 0.5);
+        let shown = map(&[8, 8, 1, 1, 9, 1, 1, 1]);
+        let explained = rules.explained(&[(8, 4), (9, 3), (10, 1)], &shown);
+        assert_eq!(explained.into_iter().collect::<Vec<_>>(), [9, 10]);
+        assert!(ExplanationSettings::NONE.explained(&[(9, 3)], &shown).is_empty());
+    }
+
+    #[test]
+    fn leftovers_give_way_to_predictions() {
+        let rules = ExplanationSettings::default().with(|rules| rules.min_remembered_fraction = 0.5);
+        let expected = map(&[1, 1, 1, 1, 2, 2, 3, 3]);
+        let seen = map(&[4, 4, 4, 4, 4, 0, ABSTAIN, 4]);
+        let mut shown = map(&[4, 4, 4, 1, 2, 2, 3, 4]);
+        rules.drop_leftovers(&mut OverruledSegments::default(), &mut shown, &expected, &seen);
+        assert_eq!(shown.pixels(), [4, 4, 4, 4, 2, 2, 3, 4], "half of 3 is left, a quarter of 1");
+        let mut shown = map(&[4, 4, 4, 1, 2, 2, 3, 4]);
+        ExplanationSettings::NONE.drop_leftovers(&mut OverruledSegments::default(), &mut shown, &expected, &seen);
+        assert_eq!(shown.pixels()[3], 1);
+    }
+
+    #[test]
+    fn islands_of_an_overruled_segment_do_not_return() {
+        let rules = ExplanationSettings::default().with(|rules| rules.min_remembered_fraction = 0.5);
+        let mut overruled = OverruledSegments::default();
+        let mut shown_after = |shown: &[SegmentId], expected: &[SegmentId], seen: &[SegmentId]| {
+            let mut shown = map(shown);
+            rules.drop_leftovers(&mut overruled, &mut shown, &map(expected), &map(seen));
+            shown.pixels().to_vec()
+        };
+        assert_eq!(shown_after(&[4, 4, 4, 1, 2], &[1, 1, 1, 1, 2], &[4, 4, 4, 4, 0]), [4, 4, 4, 4, 2]);
+        let island = [4, 4, 4, 1, 2];
+        assert_eq!(shown_after(&island, &island, &[4, 4, 4, 4, 0]), [4, 4, 4, 4, 2], "all that is expected is left");
+        assert_eq!(shown_after(&island, &island, &[4, 4, 4, 1, 0]), island, "a prediction has its id");
+        assert_eq!(shown_after(&island, &island, &[4, 4, 4, 4, 0]), island, "it is an equal among others again");
+    }
+
+    #[test]
+    fn fractions_are_checked() {
+        let wrong = ExplanationSettings::default().with(|rules| rules.min_new_fraction = 1.5);
+        assert_eq!(wrong.validate().unwrap_err().to_string(), "explanation.min_new_fraction is 1.5, expected 0 to 1");
+    }
+}

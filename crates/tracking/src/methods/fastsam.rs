@@ -1,0 +1,74 @@
+//! FastSAM on its own: no memory but the previous frame (`docs/METHOD.md`, "Baselines").
+
+use super::output::confidence;
+use super::{FrameOutput, Method, check_sizes};
+use crate::matching::painted;
+use crate::{TrackErrorCounts, TrackingError};
+use splatseg_geometry::{Mask, MaskLinker, MaskRuns, RgbdFrame, ScoredMask, SegmentId};
+use splatseg_memory::FrameUpdate;
+use splatseg_settings::{Allowed, settings};
+
+settings! {
+    /// Settings of [`FastSamBaseline`].
+    pub struct FastSamBaselineSettings in "" {
+        /// Predicted segments of fewer pixels are ignored. The paper: 0.
+        min_segment_area: usize = 50, Allowed::at_least(0.0);
+        /// Masks of consecutive frames with a smaller F-score are not linked. The paper: 0, so any overlap links.
+        min_match_f_score: f64 = 0.0, Allowed::between(0.0, 1.0);
+    }
+}
+
+/// The baseline without memory: every frame is segmented alone, and a mask takes the id of the mask in the previous
+/// frame that it overlaps.
+///
+/// Masks are linked by [`MaskLinker`], as the paper's evaluation does for methods without ids. A mask without a partner
+/// is a new segment, so an object that is missed in one frame gets another id afterwards.
+pub struct FastSamBaseline {
+    settings: FastSamBaselineSettings,
+    linker: MaskLinker,
+}
+
+impl FastSamBaseline {
+    /// A method before its first frame.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn new(settings: FastSamBaselineSettings) -> Result<Self, TrackingError> {
+        let settings = settings.validated()?;
+        let linker = MaskLinker::new(settings.min_match_f_score);
+        Ok(Self { settings, linker })
+    }
+}
+
+impl Method for FastSamBaseline {
+    fn name(&self) -> &str {
+        "fastsam"
+    }
+
+    fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+        check_sizes(frame, masks)?;
+        let size = (frame.width(), frame.height());
+        let least = self.settings.min_segment_area.max(1);
+        let (masks, scores): (Vec<&Mask>, Vec<f32>) =
+            masks.iter().filter(|mask| mask.mask.area() >= least).map(|mask| (&mask.mask, mask.score)).unzip();
+
+        let stage = tracing::debug_span!(target: "splatseg::stage", "match").entered();
+        let tubes = self.linker.link(masks.iter().map(|mask| MaskRuns::from_mask(mask)).collect());
+        let id = |tube: &u64| SegmentId::try_from(*tube).map_err(|_| TrackingError::OutOfIds);
+        let ids: Vec<SegmentId> = tubes.iter().map(id).collect::<Result<_, _>>()?;
+        drop(stage);
+
+        let _stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();
+        let identified: Vec<(SegmentId, Mask)> = ids.into_iter().zip(masks.into_iter().cloned()).collect();
+        let segments = painted(size, &identified);
+        let scores = identified.iter().map(|(id, _)| *id).zip(scores).collect();
+        Ok(FrameOutput {
+            confidence: confidence(&segments, &scores, None),
+            segments,
+            predictions: identified.len(),
+            masks: identified,
+            track_errors: TrackErrorCounts::default(),
+            update: FrameUpdate::default(),
+        })
+    }
+}

@@ -1,0 +1,166 @@
+//! FastSAM-Splat: a segmenter for single frames, and a splat that remembers (`docs/METHOD.md`, "FastSAM-Splat").
+
+use super::explained::OverruledSegments;
+use super::output::confidence;
+use super::{ExplanationSettings, FrameOutput, Method, check_sizes};
+use crate::matching::{match_segments, painted_parts, visible_parts};
+use crate::{TrackErrorCounts, TrackingError};
+use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
+use splatseg_memory::{ABSTAIN, MemoryKind, MemorySettings, Recall, SplatMemory};
+use splatseg_settings::{Allowed, settings};
+
+settings! {
+    /// Settings of [`FastSamSplat`].
+    pub struct FastSamSplatSettings in "" {
+        /// Predicted segments of fewer pixels are ignored. Remembered ones are not shown, as they are what is left
+        /// along borders after an id was overruled; they stay in the memory. The paper has no such limit.
+        min_segment_area: usize = 50, Allowed::at_least(0.0);
+        /// Expected and predicted segments with a smaller F-score do not match. The paper names no minimum.
+        min_match_f_score: f64 = 0.0, Allowed::between(0.0, 1.0);
+        /// Whether an object is shown before it is seen in a second frame. The paper shows all.
+        show_tentative: bool = true, Allowed::Switch;
+    }
+    sections {
+        /// Where the memory overrules a frame; used with [`MemoryKind::Evidence`] only.
+        explanation: ExplanationSettings;
+        /// The memory.
+        memory: MemorySettings;
+    }
+}
+
+/// The method. Where predictions overlap, smaller ones cover larger ones, and the visible part of each is matched.
+pub struct FastSamSplat {
+    memory: SplatMemory,
+    settings: FastSamSplatSettings,
+    overruled: OverruledSegments,
+}
+
+/// The visible predictions of a frame and their ids.
+struct Identified {
+    parts: Vec<Mask>,
+    ids: Vec<SegmentId>,
+    scores: Vec<f32>,
+    /// Ids and areas of the predictions without a matching segment.
+    new: Vec<(SegmentId, usize)>,
+}
+
+impl FastSamSplat {
+    /// A method with an empty memory. `seed` and `progress` are for the codebook of [`MemoryKind::Features`]:
+    /// `progress` receives the fraction done.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn new(
+        settings: FastSamSplatSettings,
+        seed: u64,
+        progress: &mut dyn FnMut(f32),
+    ) -> Result<Self, TrackingError> {
+        let memory = SplatMemory::new(settings.memory.clone(), seed, progress)?;
+        Self::with_memory(settings, memory)
+    }
+
+    /// A method that continues with a memory from an earlier run, and so with its ids.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn with_memory(mut settings: FastSamSplatSettings, memory: SplatMemory) -> Result<Self, TrackingError> {
+        settings.validate()?;
+        if memory.settings().kind == MemoryKind::Features {
+            settings.explanation = ExplanationSettings::NONE;
+        }
+        Ok(Self { memory, settings, overruled: OverruledSegments::default() })
+    }
+
+    /// The visible part of each prediction of which enough is visible.
+    fn visible(&self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Vec<ScoredMask> {
+        let least = self.settings.min_segment_area.max(1);
+        let (masks, scores): (Vec<&Mask>, Vec<f32>) =
+            masks.iter().filter(|mask| mask.mask.area() >= least).map(|mask| (&mask.mask, mask.score)).unzip();
+        let parts = visible_parts((frame.width(), frame.height()), &masks);
+        let is_kept =
+            |part: &Mask, whole: &Mask| part.area() >= least && self.settings.explanation.is_visible(part, whole);
+        let visible = parts.into_iter().zip(masks).zip(scores).filter(|((part, whole), _)| is_kept(part, whole));
+        visible.map(|((mask, _), score)| ScoredMask { mask, score }).collect()
+    }
+
+    /// Matches predictions with expected segments. Each prediction takes the id of its match, or a new one.
+    fn identify(&mut self, expected: &SegmentMap, parts: Vec<ScoredMask>) -> Result<Identified, TrackingError> {
+        let (parts, scores): (Vec<Mask>, Vec<f32>) = parts.into_iter().map(|part| (part.mask, part.score)).unzip();
+        let predictions: Vec<&Mask> = parts.iter().collect();
+        let matched = match_segments(expected, &predictions, self.settings.min_match_f_score);
+        let (mut ids, mut new) = (Vec::with_capacity(parts.len()), Vec::new());
+        for (part, matched) in parts.iter().zip(matched) {
+            ids.push(match matched {
+                Some(id) => id,
+                None => {
+                    let id = self.memory.new_segment()?;
+                    new.push((id, part.area()));
+                    id
+                }
+            });
+        }
+        Ok(Identified { parts, ids, scores, new })
+    }
+
+    /// Fuses memory and predictions. Returns the map to show, and the map of the predictions that the memory learns.
+    fn fuse(&mut self, recall: &Recall<'_>, found: &Identified) -> Result<(SegmentMap, SegmentMap), TrackingError> {
+        let size = recall.expected().segments.size();
+        let mut seen = painted_parts(size, found.ids.iter().copied().zip(&found.parts));
+        let mut shown = self.memory.fuse(recall, &seen)?;
+        let mut explained = self.settings.explanation.explained(&found.new, &shown);
+        if self.settings.explanation.recurrences > 0 {
+            let map = seen.map(|id| if explained.contains(id) { *id } else { 0 });
+            for id in self.memory.note_explained(recall, &map, self.settings.explanation.recurrences)? {
+                explained.remove(&id);
+            }
+        }
+        if !explained.is_empty() {
+            for id in seen.pixels_mut().iter_mut().filter(|id| explained.contains(id)) {
+                *id = ABSTAIN;
+            }
+            explained.iter().for_each(|id| self.memory.take_back(*id));
+            shown = self.memory.fuse(recall, &seen)?;
+        }
+        self.settings.explanation.drop_leftovers(&mut self.overruled, &mut shown, &recall.expected().segments, &seen);
+        Ok((shown.without_small(self.settings.min_segment_area), seen))
+    }
+}
+
+impl Method for FastSamSplat {
+    fn name(&self) -> &str {
+        "fastsam-splat"
+    }
+
+    fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+        check_sizes(frame, masks)?;
+        let recall = self.memory.recall(frame);
+
+        let stage = tracing::debug_span!(target: "splatseg::stage", "match").entered();
+        let parts = self.visible(frame, masks);
+        let identified = self.identify(&recall.expected().segments, parts)?;
+        drop(stage);
+
+        let stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();
+        let (mut segments, seen) = self.fuse(&recall, &identified)?;
+        let scores = identified.ids.iter().copied().zip(identified.scores).collect();
+        let confidence = confidence(&segments, &scores, Some(recall.expected()));
+        drop(stage);
+
+        let update = self.memory.update(recall, &seen)?;
+        if !self.settings.show_tentative {
+            segments = segments.map(|id| if self.memory.is_tentative(*id) { 0 } else { *id });
+        }
+        Ok(FrameOutput {
+            segments,
+            confidence,
+            masks: Vec::new(),
+            predictions: identified.ids.len(),
+            track_errors: TrackErrorCounts::default(),
+            update,
+        })
+    }
+
+    fn memory(&self) -> Option<&SplatMemory> {
+        Some(&self.memory)
+    }
+}

@@ -1,0 +1,64 @@
+//! The methods. Each `process` follows the paper's list of steps.
+
+mod explained;
+mod fastsam;
+mod fastsam_splat;
+mod fastspam;
+mod output;
+mod sam2;
+mod sam2_splat;
+
+pub use explained::ExplanationSettings;
+pub use fastsam::{FastSamBaseline, FastSamBaselineSettings};
+pub use fastsam_splat::{FastSamSplat, FastSamSplatSettings};
+pub use fastspam::{FastSpamBaseline, FastSpamBaselineSettings};
+pub use output::FrameOutput;
+pub use sam2::{Sam2Baseline, Sam2BaselineSettings};
+pub use sam2_splat::{Sam2Splat, Sam2SplatSettings};
+
+use crate::TrackingError;
+use splatseg_geometry::{RgbdFrame, ScoredMask, SegmentId};
+use splatseg_memory::SplatMemory;
+
+/// Gives the segments of an RGB-D video their ids, one frame at a time.
+///
+/// Methods are online: the result for a frame depends on that frame and earlier ones only.
+pub trait Method: Send {
+    /// Its name in tables and on the command line, e.g. `fastsam-splat`.
+    fn name(&self) -> &str;
+
+    /// Takes the next frame and the masks that a segmenter found in it, and says which object each pixel shows. Masks
+    /// have the frame's size and may overlap.
+    ///
+    /// # Errors
+    /// E.g. [`TrackingError::MaskSize`] if a mask does not have the frame's size.
+    fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError>;
+
+    /// The splat memory, if the method has one.
+    fn memory(&self) -> Option<&SplatMemory> {
+        None
+    }
+}
+
+/// Checks that every mask has the frame's size.
+fn check_sizes(frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<(), TrackingError> {
+    let expected = (frame.width(), frame.height());
+    match masks.iter().map(|mask| (mask.mask.width(), mask.mask.height())).find(|found| *found != expected) {
+        Some(found) => Err(TrackingError::MaskSize { found, expected }),
+        None => Ok(()),
+    }
+}
+
+/// Gives ids 1, 2, 3, … in the order in which segments appear.
+#[derive(Clone, Debug, Default)]
+struct SegmentIds {
+    last: SegmentId,
+}
+
+impl SegmentIds {
+    /// An id that has not been given before.
+    fn new_segment(&mut self) -> Result<SegmentId, TrackingError> {
+        self.last = self.last.checked_add(1).ok_or(TrackingError::OutOfIds)?;
+        Ok(self.last)
+    }
+}

@@ -1,0 +1,82 @@
+//! What a method says about one frame.
+
+use crate::TrackErrorCounts;
+use splatseg_geometry::{Image, Mask, SegmentId, SegmentMap};
+use splatseg_memory::{FrameUpdate, SegmentBelief};
+use std::collections::BTreeMap;
+
+/// A method's result for one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameOutput {
+    /// One lasting id per pixel, `[height, width]`; 0 where there is no segment.
+    pub segments: SegmentMap,
+    /// How sure the id of each pixel is, `[height, width]`, from 0 to 1; 0 where there is no segment. The memory's
+    /// confidence where it expected that id, otherwise the score of the mask that shows it; 1 for masks of a tracker.
+    pub confidence: Image<f32>,
+    /// The whole mask of each segment, each id once, for methods whose masks may overlap. `segments` shows them
+    /// painted, smaller ones over larger ones; metrics use the whole masks. Empty for methods with one id per pixel.
+    pub masks: Vec<(SegmentId, Mask)>,
+    /// Predicted segments that were large enough to count.
+    pub predictions: usize,
+    /// Errors of the tracker that were found and corrected; all 0 for methods that look for none.
+    pub track_errors: TrackErrorCounts,
+    /// What the frame did to the memory.
+    pub update: FrameUpdate,
+}
+
+impl FrameOutput {
+    /// A result with one id per pixel and nothing else, for methods defined elsewhere. The confidence is 1.
+    pub fn from_segments(segments: SegmentMap) -> Self {
+        let confidence = segments.map(|id| if *id == 0 { 0.0 } else { 1.0 });
+        Self {
+            segments,
+            confidence,
+            masks: Vec::new(),
+            predictions: 0,
+            track_errors: TrackErrorCounts::default(),
+            update: FrameUpdate::default(),
+        }
+    }
+}
+
+/// The confidence of each pixel of `segments`: the memory's where it expected this id, otherwise the score of the id's
+/// mask in this frame.
+pub(super) fn confidence(
+    segments: &SegmentMap,
+    scores: &BTreeMap<SegmentId, f32>,
+    expected: Option<&SegmentBelief>,
+) -> Image<f32> {
+    let (width, height) = segments.size();
+    let mut confidence = Image::filled(width, height, 0.0);
+    let mut of_scores = (0, 0.0);
+    for (index, (confidence, id)) in confidence.pixels_mut().iter_mut().zip(segments.pixels()).enumerate() {
+        if *id == 0 {
+            continue;
+        }
+        let remembered = expected.filter(|expected| expected.segments.pixels()[index] == *id);
+        if of_scores.0 != *id {
+            of_scores = (*id, scores.get(id).copied().unwrap_or(0.0));
+        }
+        let found = remembered.map_or(of_scores.1, |expected| expected.confidence.pixels()[index]);
+        *confidence = found.clamp(0.0, 1.0);
+    }
+    confidence
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn confidence_comes_from_the_memory_where_it_expected_the_id_and_from_the_score_elsewhere() {
+        let map = |ids: [u32; 5]| SegmentMap::from_pixels(5, 1, ids.to_vec()).unwrap();
+        let expected = SegmentBelief {
+            segments: map([1, 1, 2, 2, 2]),
+            confidence: Image::from_pixels(5, 1, vec![0.25, 1.5, 0.5, 0.5, 0.5]).unwrap(),
+        };
+        let scores = BTreeMap::from([(1, 0.875), (3, 0.75)]);
+        let found = confidence(&map([1, 1, 1, 3, 0]), &scores, Some(&expected));
+        assert_eq!(found.pixels(), [0.25, 1.0, 0.875, 0.75, 0.0]);
+        assert_eq!(confidence(&map([1, 1, 1, 4, 0]), &scores, None).pixels(), [0.875, 0.875, 0.875, 0.0, 0.0]);
+    }
+}

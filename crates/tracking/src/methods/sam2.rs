@@ -1,0 +1,72 @@
+//! SAM2 on its own: a tracker, with detections as prompts (`docs/METHOD.md`, "Baselines").
+
+use super::output::confidence;
+use super::{FrameOutput, Method, SegmentIds, check_sizes};
+use crate::matching::painted;
+use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, visible};
+use crate::{TrackErrorCounts, TrackingError};
+use splatseg_geometry::{RgbdFrame, ScoredMask};
+use splatseg_memory::FrameUpdate;
+use splatseg_settings::{Allowed, Choice, settings};
+
+settings! {
+    /// Settings of [`Sam2Baseline`].
+    pub struct Sam2BaselineSettings in "" {
+        /// Where the mask prompts of new objects come from.
+        prompts: PromptSource = PromptSource::Detections, Allowed::Names(PromptSource::NAMES);
+        /// A detection is a new object only if its IoU with every track, and with every better detection of the frame,
+        /// is at most this. The paper: 0.1.
+        max_detection_iou: f64 = 0.1, Allowed::between(0.0, 1.0);
+        /// Detections of fewer pixels are ignored.
+        min_segment_area: usize = 50, Allowed::at_least(0.0);
+    }
+}
+
+/// The baseline whose only memory is the tracker's: detections of the first frame are mask prompts, and so are later
+/// ones that no track covers. Ids are those of the tracks.
+pub struct Sam2Baseline {
+    tracker: Box<dyn Tracker>,
+    new_objects: NewObjects,
+    ids: SegmentIds,
+}
+
+impl Sam2Baseline {
+    /// A method and its tracker before the first frame.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn new(tracker: Box<dyn Tracker>, settings: Sam2BaselineSettings) -> Result<Self, TrackingError> {
+        settings.validate()?;
+        let Sam2BaselineSettings { prompts, max_detection_iou, min_segment_area } = settings;
+        let new_objects = NewObjects { prompts, max_detection_iou, min_segment_area };
+        Ok(Self { tracker, new_objects, ids: SegmentIds::default() })
+    }
+}
+
+impl Method for Sam2Baseline {
+    fn name(&self) -> &str {
+        "sam2"
+    }
+
+    fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+        check_sizes(frame, masks)?;
+        let stage = tracing::debug_span!(target: "splatseg::stage", "track").entered();
+        let mut tracks = self.tracker.track(frame)?;
+        let new_objects = self.new_objects.among(&tracks, masks);
+        add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, || self.ids.new_segment())?;
+        drop(stage);
+
+        let _stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();
+        let masks = visible(tracks);
+        let segments = painted((frame.width(), frame.height()), &masks);
+        let scores = masks.iter().map(|(id, _)| (*id, 1.0)).collect();
+        Ok(FrameOutput {
+            confidence: confidence(&segments, &scores, None),
+            segments,
+            predictions: masks.len(),
+            masks,
+            track_errors: TrackErrorCounts::default(),
+            update: FrameUpdate::default(),
+        })
+    }
+}

@@ -1,0 +1,119 @@
+//! SAM2-Splat: a tracker, and a splat that remembers what it should track (`docs/METHOD.md`, "SAM2-Splat").
+
+use super::output::confidence;
+use super::{FrameOutput, Method, check_sizes};
+use crate::TrackingError;
+use crate::matching::painted;
+use crate::reprompting::{RepromptSettings, TrackErrorCounts, corrections, find_track_errors};
+use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, prompt_tracks, visible};
+use splatseg_geometry::{RgbdFrame, ScoredMask};
+use splatseg_memory::{MemorySettings, SplatMemory};
+use splatseg_settings::{Allowed, Choice, settings};
+
+settings! {
+    /// Settings of [`Sam2Splat`].
+    pub struct Sam2SplatSettings in "" {
+        /// Where the mask prompts of new objects come from.
+        prompts: PromptSource = PromptSource::Detections, Allowed::Names(PromptSource::NAMES);
+        /// A detection is a new object only if its IoU with every track, and with every better detection of the frame,
+        /// is at most this. The paper: 0.1.
+        max_detection_iou: f64 = 0.1, Allowed::between(0.0, 1.0);
+        /// Detections of fewer pixels are ignored.
+        min_segment_area: usize = 50, Allowed::at_least(0.0);
+    }
+    sections {
+        /// Which errors of the tracker are corrected, and how.
+        reprompt: RepromptSettings;
+        /// The memory.
+        memory: MemorySettings;
+    }
+}
+
+/// The method: tracks and remembered segments share ids, so a track that goes astray is noticed and prompted again.
+///
+/// Its output is the tracker's masks after re-prompting and additions. What the memory expects and no track shows is
+/// not part of it. After `with_memory`, the first frame prompts everything that the memory expects in it.
+pub struct Sam2Splat {
+    tracker: Box<dyn Tracker>,
+    memory: SplatMemory,
+    new_objects: NewObjects,
+    reprompt: RepromptSettings,
+}
+
+impl Sam2Splat {
+    /// A method with an empty memory and a tracker before its first frame. `seed` and `progress` are for the codebook
+    /// of a memory of features: `progress` receives the fraction done.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn new(
+        tracker: Box<dyn Tracker>,
+        settings: Sam2SplatSettings,
+        seed: u64,
+        progress: &mut dyn FnMut(f32),
+    ) -> Result<Self, TrackingError> {
+        let memory = SplatMemory::new(settings.memory.clone(), seed, progress)?;
+        Self::with_memory(tracker, settings, memory)
+    }
+
+    /// A method that continues with a memory from an earlier run, and so with its ids.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn with_memory(
+        tracker: Box<dyn Tracker>,
+        settings: Sam2SplatSettings,
+        memory: SplatMemory,
+    ) -> Result<Self, TrackingError> {
+        settings.validate()?;
+        let Sam2SplatSettings { prompts, max_detection_iou, min_segment_area, reprompt, memory: _ } = settings;
+        let new_objects = NewObjects { prompts, max_detection_iou, min_segment_area };
+        Ok(Self { tracker, memory, new_objects, reprompt })
+    }
+}
+
+impl Method for Sam2Splat {
+    fn name(&self) -> &str {
+        "sam2-splat"
+    }
+
+    fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+        check_sizes(frame, masks)?;
+        let stage = tracing::debug_span!(target: "splatseg::stage", "track").entered();
+        let mut tracks = self.tracker.track(frame)?;
+        drop(stage);
+
+        let recall = self.memory.recall(frame);
+
+        let stage = tracing::debug_span!(target: "splatseg::stage", "match").entered();
+        let errors = find_track_errors(recall.expected(), &tracks, &self.reprompt);
+        drop(stage);
+
+        let stage = tracing::debug_span!(target: "splatseg::stage", "reprompt").entered();
+        let (prompts, removed) = corrections(&errors, self.reprompt.clicks);
+        removed.iter().for_each(|track| self.tracker.remove(*track));
+        tracks.retain(|(id, _)| !removed.contains(id));
+        prompt_tracks(self.tracker.as_mut(), &mut tracks, &prompts)?;
+        drop(stage);
+
+        let stage = tracing::debug_span!(target: "splatseg::stage", "track").entered();
+        let new_objects = self.new_objects.among(&tracks, masks);
+        add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, || Ok(self.memory.new_segment()?))?;
+        drop(stage);
+
+        let stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();
+        let masks = visible(tracks);
+        let segments = painted((frame.width(), frame.height()), &masks);
+        let scores = masks.iter().map(|(id, _)| (*id, 1.0)).collect();
+        let confidence = confidence(&segments, &scores, Some(recall.expected()));
+        drop(stage);
+
+        let update = self.memory.update(recall, &segments)?;
+        let (predictions, track_errors) = (masks.len(), TrackErrorCounts::of(&errors));
+        Ok(FrameOutput { segments, confidence, masks, predictions, track_errors, update })
+    }
+
+    fn memory(&self) -> Option<&SplatMemory> {
+        Some(&self.memory)
+    }
+}

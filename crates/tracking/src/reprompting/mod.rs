@@ -1,0 +1,64 @@
+//! Finds a tracker's errors and corrects them with clicks (`docs/METHOD.md`, "SAM2-Splat", steps 2 and 3).
+
+mod clicks;
+mod distance_transform;
+mod track_errors;
+
+pub use clicks::sample_clicks;
+pub use distance_transform::distance_transform;
+pub use track_errors::{Remedy, TrackError, TrackErrorCounts, TrackErrorKind, find_track_errors};
+
+use splatseg_geometry::{Mask, SegmentId};
+use splatseg_models::sam2::{Click, Prompt};
+use splatseg_settings::{Allowed, settings};
+
+settings! {
+    /// Which errors of a tracker are corrected, and how. The paper names the errors and the number of clicks; the
+    /// thresholds are ours.
+    #[derive(Copy)]
+    pub struct RepromptSettings in "reprompt" {
+        /// Whether segments that are expected but not tracked are prompted.
+        not_tracked: bool = true, Allowed::Switch;
+        /// Whether segments that are tracked under another id, or whose track is elsewhere, are prompted.
+        incorrect_track: bool = true, Allowed::Switch;
+        /// Whether additional tracks on a segment that its own track follows are corrected or removed.
+        duplicated_track: bool = true, Allowed::Switch;
+        /// Positive clicks per error, and as many negative ones where a region has the wrong label. The paper: 5.
+        clicks: usize = 5, Allowed::at_least(1.0);
+        /// A track is on an expected segment if their F-score, over the pixels where the memory expects anything, is at
+        /// least this.
+        min_f_score: f64 = 0.5, Allowed::above_up_to(0.0, 1.0);
+        /// A track is wrong if the memory expects other segments on more than this fraction of its visible pixels.
+        max_wrong_fraction: f64 = 0.25, Allowed::between(0.0, 1.0);
+        /// Pixels within this city-block distance of the track's own expected segment do not count as wrong, pixels.
+        outline_tolerance_px: usize = 2, Allowed::at_least(0.0);
+        /// A segment is prompted only if other tracks cover at most this fraction of it.
+        max_covered_fraction: f64 = 0.5, Allowed::between(0.0, 1.0);
+        /// Expected segments of fewer pixels are not trusted.
+        min_expected_area: usize = 100, Allowed::at_least(0.0);
+        /// Expected segments with a smaller mean confidence are not trusted.
+        min_confidence: f32 = 0.6, Allowed::at_least(0.0);
+    }
+}
+
+/// The prompts that correct the errors, and the tracks to be removed.
+pub(crate) fn corrections(errors: &[TrackError], clicks: usize) -> (Vec<(SegmentId, Prompt)>, Vec<SegmentId>) {
+    let (mut prompts, mut removed) = (Vec::new(), Vec::new());
+    for error in errors {
+        match &error.remedy {
+            Remedy::Remove => removed.push(error.track),
+            Remedy::Prompt { expected, wrong } => {
+                let mut all = clicks_in(expected, clicks, true);
+                all.extend(clicks_in(wrong, clicks, false));
+                prompts.push((error.track, Prompt::Points { bounding_box: None, clicks: all }));
+            }
+        }
+    }
+    (prompts, removed)
+}
+
+/// Clicks at pixel centres: the coordinates of a [`Click`] start at the image border.
+fn clicks_in(region: &Mask, count: usize, positive: bool) -> Vec<Click> {
+    let click = |(column, row): (usize, usize)| Click { x: column as f32 + 0.5, y: row as f32 + 0.5, positive };
+    sample_clicks(region, count).into_iter().map(click).collect()
+}

@@ -1,0 +1,42 @@
+//! The tracks of one frame as a list of ids and masks, by increasing id.
+
+use crate::{Tracker, TrackingError};
+use splatseg_geometry::{Mask, SegmentId};
+use splatseg_models::sam2::Prompt;
+
+/// Makes a track of each mask, all in one call of the tracker, and adds them to the frame's tracks.
+pub(crate) fn add_tracks(
+    tracker: &mut dyn Tracker,
+    tracks: &mut Vec<(SegmentId, Mask)>,
+    new_objects: &[&Mask],
+    mut new_id: impl FnMut() -> Result<SegmentId, TrackingError>,
+) -> Result<(), TrackingError> {
+    let mut prompts = Vec::with_capacity(new_objects.len());
+    for mask in new_objects {
+        prompts.push((new_id()?, Prompt::Mask((*mask).clone())));
+    }
+    prompt_tracks(tracker, tracks, &prompts)
+}
+
+/// Prompts the tracker, in one call, and puts the resulting masks into the frame's tracks.
+pub(crate) fn prompt_tracks(
+    tracker: &mut dyn Tracker,
+    tracks: &mut Vec<(SegmentId, Mask)>,
+    prompts: &[(SegmentId, Prompt)],
+) -> Result<(), TrackingError> {
+    if prompts.is_empty() {
+        return Ok(());
+    }
+    for (id, mask) in tracker.prompt(prompts)? {
+        match tracks.binary_search_by_key(&id, |(id, _)| *id) {
+            Ok(place) => tracks[place].1 = mask,
+            Err(place) => tracks.insert(place, (id, mask)),
+        }
+    }
+    Ok(())
+}
+
+/// The tracks whose object is in the frame.
+pub(crate) fn visible(tracks: Vec<(SegmentId, Mask)>) -> Vec<(SegmentId, Mask)> {
+    tracks.into_iter().filter(|(_, mask)| !mask.is_empty()).collect()
+}
