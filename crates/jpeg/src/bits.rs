@@ -117,7 +117,7 @@ impl<'a> BitReader<'a> {
         signed(bits, size)
     }
 
-    /// That no bits were taken behind the last one.
+    /// Checks that the scan did not read past its last bit.
     #[inline(always)]
     pub(super) fn check(&self) -> Result<(), JpegError> {
         if self.filled < self.padding { Err(JpegError::Data("it ends early")) } else { Ok(()) }

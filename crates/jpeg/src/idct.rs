@@ -1,8 +1,8 @@
 //! The inverse cosine transform (T.81 A.3.3), rounded as libjpeg's accurate integer method does.
 //!
-//! That method (after Loeffler, Ligtenberg and Moschytz, ICASSP 1989) has constants with 13 bits behind the point,
-//! transforms columns first, and rounds to two bits behind the point in between. Its sums are exact, so any order of
-//! them gives the same bits; here a one-dimensional transform is written as the products with its matrix.
+//! The method (after Loeffler, Ligtenberg and Moschytz, ICASSP 1989) uses constants with 13 fractional bits. It transforms
+//! columns first and rounds the intermediate result to two fractional bits. Its sums are exact, so their order does not
+//! matter; here each one-dimensional transform is a product with its matrix.
 
 use super::frame::{BLOCK, BLOCK_LEN, ZIGZAG};
 

@@ -54,7 +54,7 @@ impl Scan {
         Ok(Self { components, band, high: shifts >> 4, low: shifts & 15 })
     }
 
-    /// That the scan may stand in a progressive file (T.81 G.1.1.1).
+    /// Checks that the scan is valid in a progressive file (T.81 G.1.1.1).
     pub(super) fn check_progressive(&self) -> Result<(), JpegError> {
         let (first, last) = self.band;
         let valid_band = match first {

@@ -64,7 +64,7 @@ fn linear_layers(criterion: &mut Criterion) {
     }
 }
 
-/// Sums in registers that wait for nothing: what all threads do when memory is no limit.
+/// Independent sums in registers: the peak speed of all threads when memory is not the limit.
 struct MultiplyAdds(usize);
 
 /// More than the latency of a multiply-add times how many start in a cycle, and few enough for 16 registers.

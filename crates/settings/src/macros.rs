@@ -108,8 +108,7 @@ macro_rules! settings {
             const SECTION: &'static str = $section;
 
             fn fields() -> ::std::vec::Vec<$crate::Field> {
-                #[allow(unused_mut)]
-                let mut fields = ::std::vec![
+                [::std::vec![
                     $($crate::Field {
                         section: $section,
                         name: stringify!($field),
@@ -123,9 +122,7 @@ macro_rules! settings {
                         help: $crate::Field::help_of(concat!($($doc, " "),+)),
                         only: $crate::settings!(@only $($only)?),
                     },)*
-                ];
-                $($(fields.extend(<$inner_type as $crate::Section>::fields());)+)?
-                fields
+                ], $($(<$inner_type as $crate::Section>::fields(),)+)?].concat()
             }
         }
     };

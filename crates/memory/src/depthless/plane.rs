@@ -124,7 +124,7 @@ fn first_surface(depth: &CowImage<'_, f32>, from: (usize, usize), step: (isize, 
     found
 }
 
-/// The plane that most points are on, `n`; `None` if that is no good one. The same numbers for the same `seed`.
+/// The plane `n` with the most points on it; `None` if too few points are on it. The same numbers for the same `seed`.
 fn fitted(points: &[BorderPoint], corners: [Vec2; 4], seed: u64) -> Option<Vec3> {
     if points.len() < MIN_FIT_POINTS {
         return None;

@@ -50,9 +50,9 @@
 //! | carried | `u8` `[segments]` | 1 if anything carried the id when that was last looked at, else 0 |
 //! | checksum | `u32` | CRC-32 (zlib's) of every byte of the file before it |
 //!
-//! Segments without depth are not in the file: they are views of a camera and no Gaussians, and are linked within a run.
+//! Segments without depth are not in the file: they are regions of an image, not Gaussians, and are linked within a run.
 //!
-//! It is no second element of the PLY because browser viewers (antimatter15/splat, gsplat.js) count every `property`
+//! The block is not a second element of the PLY because browser viewers (antimatter15/splat, gsplat.js) count every `property`
 //! line of the header as part of a vertex; like PlayCanvas/SuperSplat, GaussianSplats3D and plyfile, they ignore what
 //! follows the vertices. The two also look for the end of the header in the first 10 KB: features of more than about
 //! 300 dimensions are too much for them. All properties have four bytes, so that no viewer takes a wrong offset.

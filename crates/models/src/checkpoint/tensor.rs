@@ -11,17 +11,26 @@ pub(super) const MAX_AXES: usize = 16;
 
 /// Type of a tensor's elements; little-endian in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-#[allow(missing_docs)] // The names say it.
 pub enum Dtype {
+    /// 64-bit float.
     F64,
+    /// 32-bit float.
     F32,
+    /// 16-bit IEEE float.
     F16,
+    /// 16-bit bfloat.
     Bf16,
+    /// 64-bit signed integer.
     I64,
+    /// 32-bit signed integer.
     I32,
+    /// 16-bit signed integer.
     I16,
+    /// 8-bit signed integer.
     I8,
+    /// 8-bit unsigned integer.
     U8,
+    /// Boolean in one byte.
     Bool,
 }
 

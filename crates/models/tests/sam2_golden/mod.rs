@@ -1,5 +1,5 @@
 //! Reference data in `../shared/golden/sam2`, read and compared.
-#![allow(dead_code)]
+#![allow(dead_code)] // Each test file uses a part.
 
 use safetensors::{Dtype, SafeTensors};
 use splatseg_models::checkpoint::Checkpoint;
