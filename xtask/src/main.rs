@@ -1,14 +1,15 @@
-//! Measurements for those who work on splatseg, none of which a user needs: `cargo xtask --help`.
+//! Measurements and pictures for those who work on splatseg, none of which a user needs: `cargo xtask --help`.
 
 mod calibrate_oracle;
 mod fastsam_speed;
 mod graph_quality;
 mod peak_memory;
+mod readme_picture;
 mod sam2_speed;
 
 use clap::{Parser, Subcommand};
 
-/// Measurements for those who work on splatseg
+/// Measurements and pictures for those who work on splatseg
 #[derive(Parser)]
 #[command(name = "cargo xtask")]
 struct Arguments {
@@ -22,6 +23,7 @@ enum Task {
     CalibrateOracle(calibrate_oracle::Arguments),
     FastsamSpeed(fastsam_speed::Arguments),
     Sam2Speed(sam2_speed::Arguments),
+    ReadmePicture(readme_picture::Arguments),
 }
 
 fn main() -> anyhow::Result<()> {
@@ -30,5 +32,6 @@ fn main() -> anyhow::Result<()> {
         Task::CalibrateOracle(arguments) => calibrate_oracle::run(&arguments),
         Task::FastsamSpeed(arguments) => fastsam_speed::run(&arguments),
         Task::Sam2Speed(arguments) => sam2_speed::run(&arguments),
+        Task::ReadmePicture(arguments) => readme_picture::run(&arguments),
     }
 }
