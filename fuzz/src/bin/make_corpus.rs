@@ -1,0 +1,48 @@
+//! Writes the corpora that fuzzing starts from: a valid file of each kind for each target.
+
+use splatseg_fuzz::{Place, files, sample, scenes};
+use splatseg_memory::MemoryKind;
+use std::fs;
+use std::path::Path;
+
+fn main() -> std::io::Result<()> {
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/corpus"));
+    let with_choice = |choice: u8, bytes: &[u8]| [&[choice], bytes].concat();
+    let templates: [(&str, fn(&Path)); 7] = [
+        ("images", scenes::images),
+        ("sevenscenes", scenes::sevenscenes),
+        ("scannet", scenes::scannet),
+        ("sens", scenes::sens),
+        ("tum", scenes::tum),
+        ("replica", scenes::replica),
+        ("mvpd", scenes::mvpd),
+    ];
+    for (target, template) in templates {
+        write(folder, target, &Place::new(template).seeds())?;
+    }
+    let jpegs = fs::read_dir(folder.join("../../crates/jpeg/tests/data"))?;
+    let mut jpegs: Vec<_> = jpegs.map(|entry| Ok(entry?.path())).collect::<std::io::Result<_>>()?;
+    jpegs.retain(|path| path.extension().is_some_and(|extension| extension == "jpg"));
+    jpegs.sort();
+    write(folder, "jpeg", &jpegs.iter().map(fs::read).collect::<std::io::Result<Vec<_>>>()?)?;
+    let texts = ["synthetic:frames=2,width=24,height=16,seed=3,noise=kinect,moving=2,camera=static", "synthetic"];
+    write(folder, "synthetic", &texts.map(|text| text.as_bytes().to_vec()))?;
+    let pickle = files::module_pickle();
+    write(folder, "torch", &[with_choice(0, &files::torch_file(&pickle))])?;
+    write(folder, "pickle", &[pickle])?;
+    let header = r#"{"__metadata__":{"splatseg":"{\"architecture\":\"unknown\"}"},
+        "a.weight":{"dtype":"F32","shape":[2,1],"data_offsets":[0,8]},
+        "b":{"dtype":"BF16","shape":[3],"data_offsets":[8,14]}}"#;
+    write(folder, "safetensors", &[files::safetensors_file(header, &[1; 14])])?;
+    let saved = |kind| sample::saved(&sample::sample(kind, 3));
+    let (evidence, features) = (saved(MemoryKind::Evidence), saved(MemoryKind::Features));
+    write(folder, "ply", &[with_choice(0, &evidence), with_choice(128, &evidence), with_choice(129, &features)])?;
+    let settings = "method = \"fastsam-splat\"\nseed = 3\n[memory]\nmax_votes = 8.0\n[dataset]\nresize = \"320x240\"\n";
+    write(folder, "config", &[settings.into(), b"memory.max_votes=8".to_vec(), b"segmenter=\"graph\"".to_vec()])
+}
+
+fn write(folder: &Path, target: &str, seeds: &[Vec<u8>]) -> std::io::Result<()> {
+    let folder = folder.join(target);
+    fs::create_dir_all(&folder)?;
+    seeds.iter().zip(0..).try_for_each(|(seed, index)| fs::write(folder.join(format!("{index:02}")), seed))
+}

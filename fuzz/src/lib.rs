@@ -1,0 +1,25 @@
+//! What the fuzz targets share: small valid files of every format, and a place on disk to damage them in.
+
+mod checkpoint;
+#[path = "../../crates/models/tests/checkpoint/files.rs"]
+#[allow(dead_code)] // The tests use more of it.
+pub mod files;
+#[path = "../../crates/models/tests/checkpoint/pickler.rs"]
+#[allow(dead_code)]
+pub mod pickler;
+mod place;
+#[path = "../../crates/memory/tests/ply/sample.rs"]
+#[allow(dead_code)]
+pub mod sample;
+pub mod scenes;
+#[path = "../../crates/dataset/tests/support/mod.rs"]
+pub mod support;
+
+pub use checkpoint::read_checkpoint;
+pub use place::{Place, read_scene};
+
+/// More memory than this for any input is a failure: the allocation fails, which ends the process.
+const MEMORY_LIMIT: usize = 256 << 20;
+
+#[global_allocator]
+static ALLOCATOR: cap::Cap<std::alloc::System> = cap::Cap::new(std::alloc::System, MEMORY_LIMIT);
