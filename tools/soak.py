@@ -1,0 +1,137 @@
+#!/usr/bin/env python3
+"""A long run, stopped and killed at random and resumed, against one that was never stopped.
+
+    cargo build --release
+    tools/soak.py --splatseg target/release/splatseg
+
+Both process a synthetic tour with Kinect noise. The first is stopped again and again by a signal chosen at random. After
+SIGINT, SIGTERM and SIGHUP it goes on with the memory that it saved; after SIGKILL it repeats what it had done since the
+last save. Checks that
+
+- both write the same bytes: every frame's ids, and the saved memory;
+- memory and time per frame of the undisturbed run stay flat: at most 10 % more memory in the last quarter than in the
+  second, at most 25 % more time (the median of the points of `summary.json`'s curve).
+
+Needs only Python's standard library. Exits with 1 if a check fails.
+"""
+
+import argparse
+import filecmp
+import json
+import random
+import shutil
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL]
+MEMORY_GROWTH = 1.10
+TIME_GROWTH = 1.25
+
+
+def command(arguments, out, more):
+    scene = f"synthetic:frames={arguments.frames},width=160,height=120,noise=kinect,seed={arguments.seed}"
+    return [
+        arguments.splatseg, "run", scene, "--threads", "1", "--out", str(out), "--overwrite",
+        "--save-memory", str(out) + ".ply", *more,
+    ]  # fmt: skip
+
+
+def undisturbed(arguments, folder):
+    subprocess.run(command(arguments, folder / "whole", []), check=True, stdout=subprocess.DEVNULL)
+
+
+def disturbed(arguments, folder, rng):
+    """Runs leg after leg; returns the folder of each and how often each signal was sent."""
+    legs, done, sent = [], 0, dict.fromkeys(SIGNALS, 0)
+    while done < arguments.frames:
+        leg = folder / f"leg-{len(legs):03}"
+        more = ["--start", str(done)]
+        if legs:
+            more += ["--load-memory", str(legs[-1]) + ".ply"]
+        process = subprocess.Popen(
+            command(arguments, leg, more), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        try:
+            process.wait(timeout=rng.uniform(0.2, 2 * arguments.mean_seconds))
+        except subprocess.TimeoutExpired:
+            how = rng.choice(SIGNALS)
+            sent[how] += 1
+            process.send_signal(how)
+            process.wait()
+            if how == signal.SIGKILL:
+                continue
+        if not (leg / "summary.json").exists():
+            # Stopped before the first frame.
+            if process.returncode in (0, 1, 2):
+                sys.exit(f"{leg}: exit {process.returncode}: {' '.join(process.args)}")
+            continue
+        summary = json.loads((leg / "summary.json").read_text())
+        done += summary["frames"] + summary["skipped_frames"]
+        legs.append(leg)
+    return legs, sent
+
+
+def differing_frames(whole, legs, frames):
+    """Names of frames whose ids differ, or that are missing or too many."""
+    written = {path.name: path for leg in legs for path in (leg / "segments").iterdir()}
+    expected = {path.name: path for path in (whole / "segments").iterdir()}
+    if len(expected) != frames:
+        sys.exit(f"{whole}: {len(expected)} frames instead of {frames}")
+    wrong = sorted(set(expected) ^ set(written))
+    both = set(expected) & set(written)
+    return wrong + sorted(name for name in both if not filecmp.cmp(expected[name], written[name], shallow=False))
+
+
+def growth(whole):
+    """Last quarter over second quarter of the curve: memory, time; and the points themselves."""
+    curve = json.loads((whole / "summary.json").read_text())["curve"]
+    quarter = len(curve) // 4
+
+    def ratio(key):
+        middle = [statistics.median(point[key] for point in part) for part in (curve[quarter : 2 * quarter], curve[-quarter:])]
+        return middle[1] / middle[0]
+
+    return ratio("memory_mb"), ratio("ms"), curve
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--splatseg", default="target/release/splatseg", help="the program")
+    parser.add_argument("--frames", type=int, default=20_000)
+    parser.add_argument("--mean-seconds", type=float, default=20.0, help="between two signals")
+    parser.add_argument("--seed", type=int, default=0, help="of the room and of the signals")
+    parser.add_argument("--keep", action="store_true", help="leave the results where they are")
+    arguments = parser.parse_args()
+    folder = Path(tempfile.mkdtemp(prefix="splatseg-soak-"))
+    started = time.monotonic()
+    other = threading.Thread(target=undisturbed, args=(arguments, folder))
+    other.start()
+    legs, sent = disturbed(arguments, folder, random.Random(arguments.seed))
+    other.join()
+
+    whole = folder / "whole"
+    wrong = differing_frames(whole, legs, arguments.frames)
+    same_memory = filecmp.cmp(str(whole) + ".ply", str(legs[-1]) + ".ply", shallow=False)
+    memory, milliseconds, curve = growth(whole)
+    signals = ", ".join(f"{count} {how.name}" for how, count in sent.items())
+    print(f"{arguments.frames} frames, {len(legs)} legs, {signals}; {time.monotonic() - started:.0f} s")
+    for point in curve[:: max(1, len(curve) // 8)]:
+        print("  " + ", ".join(f"{key} {value:.6g}" for key, value in point.items()))
+    print(f"frames that differ: {len(wrong)} {wrong[:3]}; saved memory the same: {same_memory}")
+    print(f"last quarter over second: memory {memory:.3f} (at most {MEMORY_GROWTH}), time {milliseconds:.3f} (at most {TIME_GROWTH})")
+    if arguments.keep:
+        print(f"results: {folder}")
+    else:
+        shutil.rmtree(folder)
+    if wrong or not same_memory or memory > MEMORY_GROWTH or milliseconds > TIME_GROWTH:
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
