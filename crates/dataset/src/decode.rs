@@ -1,8 +1,9 @@
 //! Images from files that may be damaged, cut off or lying about their size.
 
 use crate::DatasetError;
+use crate::files::{MemoryNeed, read_file};
 use image::error::{DecodingError, ImageFormatHint};
-use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 use splatseg_geometry::{Image, SegmentMap};
 use splatseg_jpeg::{Jpeg, JpegError};
 use std::io::Cursor;
@@ -14,6 +15,11 @@ pub(crate) const MAX_IMAGE_FILE_BYTES: u64 = 256 << 20;
 pub(crate) const MAX_PIXELS: u64 = 1 << 26;
 /// The highest compression ratio of DEFLATE, as used in PNG and zlib.
 pub(crate) const MAX_DEFLATE_RATIO: u64 = 1032;
+/// What reading an image takes for each of its pixels at most, bytes: up to 8 in the decoder, up to 4 in the result, and
+/// as many in the file.
+const DECODING_BYTES_PER_PIXEL: u64 = 16;
+/// What chunks of a PNG other than its pixels may unpack to. Colour profiles and text are not used.
+const MAX_CHUNK_BYTES: u64 = 4 << 20;
 /// A PNG pixel may have one bit. JPEG cannot do better.
 const MAX_PIXELS_PER_BYTE: u64 = 8 * MAX_DEFLATE_RATIO;
 
@@ -33,19 +39,6 @@ const RGB: u8 = 2;
 
 /// Depth value that the Kinect's drivers write where they measured nothing, like 0.
 const NO_MEASUREMENT: u16 = u16::MAX;
-
-/// The bytes of a file of at most `limit` bytes. `what` names its content in errors.
-pub(crate) fn read_file(path: &Path, what: &'static str, limit: u64) -> Result<Vec<u8>, DatasetError> {
-    let io_error = |source: std::io::Error| match source.kind() {
-        std::io::ErrorKind::NotFound => DatasetError::MissingFile { path: path.to_owned(), what },
-        _ => DatasetError::Io { path: path.to_owned(), source },
-    };
-    let bytes = std::fs::metadata(path).map_err(io_error)?.len();
-    if bytes > limit {
-        return Err(DatasetError::FileTooBig { path: path.to_owned(), what, bytes, limit });
-    }
-    std::fs::read(path).map_err(io_error)
-}
 
 /// The bytes of an image file.
 pub(crate) fn read_image_file(path: &Path, what: &'static str) -> Result<Vec<u8>, DatasetError> {
@@ -82,6 +75,16 @@ pub(crate) fn read_depth(path: &Path, units_per_metre: f32) -> Result<Image<f32>
 /// Reads segment ids, `[height, width]`, from a grey PNG with 8 or 16 bits.
 pub(crate) fn read_labels(path: &Path) -> Result<SegmentMap, DatasetError> {
     decode_labels(path, &read_image_file(path, SEGMENT_IMAGE)?)
+}
+
+/// Requires that an image of `size` `(width, height)` can be read within the memory limit.
+pub(crate) fn require_decoding_memory(
+    path: &Path,
+    what: &'static str,
+    size: (usize, usize),
+) -> Result<(), DatasetError> {
+    let remedy = "raise --memory-limit, or store smaller images";
+    MemoryNeed { what, size, bytes_per_pixel: DECODING_BYTES_PER_PIXEL, remedy }.check(path)
 }
 
 /// [`image_size`] of a file's bytes. `path` is named in errors.
@@ -235,6 +238,9 @@ impl<'a> EncodedImage<'a> {
 
     fn check_size(&self, (width, height): (u32, u32)) -> Result<(), DatasetError> {
         let pixels = u64::from(width) * u64::from(height);
+        if pixels <= MAX_PIXELS {
+            require_decoding_memory(self.path, self.what, (width as usize, height as usize))?;
+        }
         if pixels > MAX_PIXELS || pixels > self.bytes.len() as u64 * MAX_PIXELS_PER_BYTE {
             return Err(DatasetError::ImplausibleSize {
                 path: self.path.to_owned(),
@@ -250,10 +256,23 @@ impl<'a> EncodedImage<'a> {
 
     /// A decoder that has read the header and checked the size it states.
     fn decoder(&self) -> Result<impl ImageDecoder + '_, DatasetError> {
-        let reader = ImageReader::with_format(Cursor::new(self.bytes), self.format);
+        let mut reader = ImageReader::with_format(Cursor::new(self.bytes), self.format);
+        if let Some((width, height)) = self.png_size() {
+            self.check_size((width, height))?;
+            // The decoder of PNG counts one row of up to 8 bytes a pixel, and what chunks unpack to.
+            let mut limits = Limits::no_limits();
+            limits.max_alloc = Some(u64::from(width) * 8 + MAX_CHUNK_BYTES);
+            reader.limits(limits);
+        }
         let decoder = reader.into_decoder().map_err(|source| self.decoding_failed(source))?;
         self.check_size(decoder.dimensions())?;
         Ok(decoder)
+    }
+
+    /// The size in the header of a PNG, which comes before everything else; `None` for other formats.
+    fn png_size(&self) -> Option<(u32, u32)> {
+        let side = |at: usize| Some(u32::from_be_bytes(self.bytes.get(at..at + 4)?.try_into().ok()?));
+        if self.format == ImageFormat::Png { Some((side(16)?, side(20)?)) } else { None }
     }
 
     /// Requires that a JPEG is whole.

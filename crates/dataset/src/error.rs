@@ -96,6 +96,25 @@ pub enum DatasetError {
         /// The largest size that is accepted.
         limit: u64,
     },
+    /// Something would take more memory than the program may.
+    #[error(
+        "{}: the {what} of {}x{} pixels would take {needed} of memory, but the limit is {limit}: {remedy}",
+        path.display(), size.0, size.1
+    )]
+    MemoryLimit {
+        /// The file, or the scene's name.
+        path: PathBuf,
+        /// What it is.
+        what: &'static str,
+        /// Its size, `(width, height)`.
+        size: (usize, usize),
+        /// What it would take, e.g. `1.1 GB`.
+        needed: String,
+        /// The limit, e.g. `500 MB`.
+        limit: String,
+        /// What the user can do about it.
+        remedy: &'static str,
+    },
     /// An image cannot be decoded.
     #[error("{}: the {what} is damaged: {source}", path.display())]
     Image {

@@ -8,6 +8,7 @@
 mod archive;
 mod decode;
 mod error;
+mod files;
 mod format;
 mod formats;
 mod framing;
@@ -15,7 +16,6 @@ mod listing;
 mod mvpd;
 mod output;
 mod preset;
-mod random_access;
 mod register;
 mod replica;
 mod resample;

@@ -4,7 +4,8 @@
 //! The camera is described by `cam_params.json` in the scene's folder or the one above, as NICE-SLAM's archive has it:
 //! `{"camera": {"w", "h", "fx", "fy", "cx", "cy", "scale"}}`, with `scale` depth units per metre.
 
-use crate::decode::{read_color, read_depth, read_file};
+use crate::decode::{read_color, read_depth};
+use crate::files::read_file;
 use crate::listing::{NamePattern, NumberedFile, folder_name, numbered_files};
 use crate::scene::{FrameParts, entry, require_registered};
 use crate::text::{read_text, shortened};

@@ -1,7 +1,7 @@
 //! Text files, and the matrices in them: camera poses and intrinsics.
 
 use crate::DatasetError;
-use crate::decode::read_file;
+use crate::files::read_file;
 use splatseg_geometry::{Intrinsics, Pose};
 use std::path::Path;
 

@@ -366,6 +366,18 @@ fn members_that_lie_about_their_size_take_no_memory() {
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn special_files_are_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    write_split(folder.path(), &[FIRST], &panoptic(&[FIRST]));
+    support::assert_special_files_are_refused(folder.path(), folder.path());
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("00800-TEEsavR23oF.tar.gz");
+    fs::write(&path, archive(&[FIRST], "", true)).unwrap();
+    support::assert_special_files_are_refused(folder.path(), &path);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 100, ..ProptestConfig::default() })]
 

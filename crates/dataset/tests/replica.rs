@@ -124,3 +124,13 @@ fn damaged_scenes_are_told() {
     fs::create_dir(folder.path().join("results")).unwrap();
     assert!(matches!(ReplicaScene::open(folder.path()), Err(DatasetError::NoFrames { .. })));
 }
+
+#[cfg(unix)]
+#[test]
+fn special_files_are_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    write_replica(folder.path(), &[0, 1, 2]);
+    let camera = r#"{"camera": {"w": 60, "h": 34, "fx": 54.0, "fy": 54.0, "cx": 29.5, "cy": 16.5, "scale": 6553.5}}"#;
+    fs::write(folder.path().join("cam_params.json"), camera).unwrap();
+    support::assert_special_files_are_refused(folder.path(), folder.path());
+}

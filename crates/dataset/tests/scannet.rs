@@ -94,3 +94,11 @@ fn without_labels_there_is_no_ground_truth() {
     let scene = ScannetScene::open(folder.path()).unwrap();
     assert!(!scene.has_ground_truth() && scene.read_ground_truth(0).unwrap().is_none());
 }
+
+#[cfg(unix)]
+#[test]
+fn special_files_are_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scannet(folder.path(), 2, &SAME);
+    assert_special_files_are_refused(folder.path(), folder.path());
+}

@@ -303,6 +303,16 @@ fn exported_scenes_take_the_zip_file_too() {
     assert!(error.contains("scene0707_00_2d-instance-filt.zip, scene0708_00"), "{error}");
 }
 
+#[cfg(unix)]
+#[test]
+fn special_files_are_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = write_sens(folder.path(), &writer().recording(&frames()));
+    let labels: Vec<SegmentMap> = room().iter().map(|(_, labels)| labels.clone()).collect();
+    fs::write(folder.path().join("scene0000_00_2d-instance-filt.zip"), labels_zip(&labels)).unwrap();
+    support::assert_special_files_are_refused(folder.path(), &path);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
 

@@ -147,3 +147,11 @@ fn damaged_intrinsics_are_told_on_opening() {
         assert!(error.contains(expected) && error.contains("camera-intrinsics.txt"), "{error}");
     }
 }
+
+#[cfg(unix)]
+#[test]
+fn special_files_are_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    write_sevenscenes(folder.path(), 2);
+    assert_special_files_are_refused(folder.path(), folder.path());
+}

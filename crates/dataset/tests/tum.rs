@@ -170,6 +170,14 @@ fn damaged_images_are_told() {
     assert!(scene.read_frame(1).is_ok());
 }
 
+#[cfg(unix)]
+#[test]
+fn special_files_are_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    write_tum(folder.path());
+    support::assert_special_files_are_refused(folder.path(), folder.path());
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 100, ..ProptestConfig::default() })]
 

@@ -11,10 +11,9 @@
 
 use crate::DatasetError;
 use crate::decode::MAX_IMAGE_FILE_BYTES;
-use crate::random_access::RandomAccessFile;
+use crate::files::{RandomAccessFile, open_file};
 use flate2::read::MultiGzDecoder;
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
 use std::io::{BufReader, Error, ErrorKind, Read, Result as IoResult};
 use std::path::{Path, PathBuf};
 use tar::{Archive, Entry, EntryType, PaxExtensions};
@@ -39,13 +38,9 @@ pub(crate) fn for_each_member(
     path: &Path,
     mut visit: impl FnMut(&str, u64, &mut dyn Read) -> Result<MemberFlow, DatasetError>,
 ) -> Result<(), DatasetError> {
-    let io_error = |source: Error| match source.kind() {
-        ErrorKind::NotFound => DatasetError::NotFound { path: path.to_owned() },
-        _ => DatasetError::Io { path: path.to_owned(), source },
-    };
     let damaged = |source| DatasetError::Archive { path: path.to_owned(), source };
-    let file = File::open(path).map_err(io_error)?;
-    let packed_bytes = file.metadata().map_err(io_error)?.len();
+    let file = open_file(path)?;
+    let packed_bytes = file.metadata().map_err(|source| DatasetError::Io { path: path.to_owned(), source })?.len();
     let left = packed_bytes.saturating_mul(MAX_RATIO).saturating_add(ALWAYS_UNPACKED_BYTES);
     let unpacked = Bounded { reader: MultiGzDecoder::new(BufReader::new(file)), left };
     let mut archive = Archive::new(unpacked);

@@ -1,6 +1,7 @@
 //! Images inside a zip file.
 
 use crate::DatasetError;
+use crate::files::open_file;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -23,7 +24,7 @@ impl ZippedImages {
     /// Reads the list of a zip file's members.
     pub(crate) fn open(path: &Path) -> Result<Self, DatasetError> {
         let io_error = |source| DatasetError::Io { path: path.to_owned(), source };
-        let mut file = File::open(path).map_err(io_error)?;
+        let mut file = open_file(path)?;
         if has_zip64_directory(&mut file).map_err(io_error)? {
             return Err(DatasetError::Field {
                 path: path.to_owned(),

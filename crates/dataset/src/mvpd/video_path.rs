@@ -4,9 +4,9 @@ use super::panoptic::{PanopticVideo, VideoChoice, read_panoptic};
 use super::video_files::VideoFiles;
 use crate::DatasetError;
 use crate::archive::{MemberFlow, UnpackedMembers, for_each_member};
+use crate::files::open_file;
 use crate::listing::names_in;
 use std::collections::BTreeSet;
-use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
@@ -69,8 +69,7 @@ impl VideoPath {
         match &self.place {
             Place::Folder(folder) => {
                 let path = folder.join(annotation_file(folder)?);
-                let file = File::open(&path).map_err(|source| DatasetError::Io { path: path.clone(), source })?;
-                let content = read_panoptic(BufReader::new(file), &self.naming(&path))?;
+                let content = read_panoptic(BufReader::new(open_file(&path)?), &self.naming(&path))?;
                 Ok(Annotations { content, path, prefix: String::new() })
             }
             Place::Archive(archive) => {

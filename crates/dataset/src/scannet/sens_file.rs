@@ -10,7 +10,7 @@
 
 use crate::DatasetError;
 use crate::decode::{MAX_IMAGE_FILE_BYTES, MAX_PIXELS};
-use crate::random_access::RandomAccessFile;
+use crate::files::{RandomAccessFile, open_file};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -93,12 +93,8 @@ pub(super) struct SensFile {
 impl SensFile {
     /// Reads the header and the frames' headers, skipping their data.
     pub(super) fn open(path: &Path) -> Result<Self, DatasetError> {
-        let io_error = |source: std::io::Error| match source.kind() {
-            std::io::ErrorKind::NotFound => DatasetError::NotFound { path: path.to_owned() },
-            _ => DatasetError::Io { path: path.to_owned(), source },
-        };
-        let mut file = File::open(path).map_err(io_error)?;
-        let len = file.metadata().map_err(io_error)?.len();
+        let mut file = open_file(path)?;
+        let len = file.metadata().map_err(|source| DatasetError::Io { path: path.to_owned(), source })?.len();
         let mut walk = Walk { path, file: &mut file, position: 0, len };
         let (header, frame_count) = walk.header()?;
         // Each frame takes at least its own header, so the file justifies this much memory and no more.

@@ -115,3 +115,55 @@ pub fn shared_data(test: &str, part: &str) -> Option<PathBuf> {
     );
     None
 }
+
+/// Puts a FIFO and then a link to `/dev/zero` in the place of each of a scene's files in turn. Opening and reading the
+/// scene at `path` must come to an end each time, and what is told must name the file that is not a regular one.
+#[cfg(unix)]
+pub fn assert_special_files_are_refused(folder: &Path, path: &Path) {
+    for file in files_below(folder) {
+        let bytes = fs::read(&file).unwrap();
+        for kind in ["FIFO", "device"] {
+            fs::remove_file(&file).unwrap();
+            if kind == "FIFO" {
+                assert!(std::process::Command::new("mkfifo").arg(&file).status().unwrap().success());
+            } else {
+                std::os::unix::fs::symlink("/dev/zero", &file).unwrap();
+            }
+            let (sender, receiver) = std::sync::mpsc::channel();
+            let path = path.to_owned();
+            // Not joined: a reader that hangs must not hang the test.
+            std::thread::spawn(move || sender.send(everything_told_about(&path)));
+            let told = receiver.recv_timeout(std::time::Duration::from_secs(10));
+            let told = told.unwrap_or_else(|_| panic!("{}: a {kind} is read for ever", file.display()));
+            for error in told.iter().filter(|error| error.contains("a regular file")) {
+                assert!(error.contains(&format!("{}: ", file.display())), "{error}");
+            }
+        }
+        fs::remove_file(&file).unwrap();
+        fs::write(&file, bytes).unwrap();
+    }
+    assert_eq!(everything_told_about(path), Vec::<String>::new(), "the scene is whole again");
+}
+
+fn files_below(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+        if entry.is_dir() { files.extend(files_below(&entry)) } else { files.push(entry) }
+    }
+    files.sort();
+    files
+}
+
+/// The errors of opening a scene and reading all of it.
+fn everything_told_about(path: &Path) -> Vec<String> {
+    let scene = match splatseg_dataset::open_scene(path, &splatseg_dataset::DatasetSettings::default()) {
+        Ok(scene) => scene,
+        Err(error) => return vec![error.to_string()],
+    };
+    let mut errors = Vec::new();
+    for index in 0..scene.frame_count() {
+        errors.extend(scene.read_frame(index).err().map(|error| error.to_string()));
+        errors.extend(scene.read_ground_truth(index).err().map(|error| error.to_string()));
+    }
+    errors
+}
