@@ -42,6 +42,18 @@ pub enum DatasetError {
         /// What was looked for.
         layout: &'static str,
     },
+    /// The path holds a part of a scene.
+    #[error("{}: looks like a scene of format {format}, but this is missing: {missing} (found: {found})", path.display())]
+    Incomplete {
+        /// The path that was given.
+        path: PathBuf,
+        /// Name of the format that fits best, or that was requested.
+        format: &'static str,
+        /// The parts that are there.
+        found: String,
+        /// The parts that are not.
+        missing: String,
+    },
     /// The folder holds several recordings.
     #[error("{}: holds several sequences, pick one of {}", path.display(), sequences.join(", "))]
     SeveralSequences {
@@ -309,6 +321,13 @@ pub enum DatasetError {
         /// The scene's name.
         scene: String,
     },
+}
+
+impl DatasetError {
+    /// Whether it holds for every frame of a scene alike.
+    pub(crate) fn is_of_the_scene(&self) -> bool {
+        matches!(self, Self::Setting(_) | Self::MemoryLimit { .. })
+    }
 }
 
 /// Names in a message, with dots if there may be more.

@@ -14,6 +14,8 @@ type OpenScene = fn(&Path, &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetEr
 struct FormatEntry {
     format: Format,
     layout: &'static str,
+    /// The parts that a scene needs, and whether each is at a path; none for what is not a folder.
+    parts: fn(&Path) -> Vec<(&'static str, bool)>,
     looks_like: fn(&Path) -> bool,
     open: OpenScene,
 }
@@ -23,42 +25,49 @@ const FORMATS: &[FormatEntry] = &[
     FormatEntry {
         format: Format::SevenScenes,
         layout: sevenscenes::LAYOUT,
+        parts: sevenscenes::parts,
         looks_like: sevenscenes::looks_like,
         open: |path, settings| Ok(Arc::new(SevenScenesScene::open(path, settings)?)),
     },
     FormatEntry {
         format: Format::Scannet,
         layout: scannet::LAYOUT,
+        parts: scannet::parts,
         looks_like: scannet::looks_like,
         open: |path, _| Ok(Arc::new(ScannetScene::open(path)?)),
     },
     FormatEntry {
         format: Format::Sens,
         layout: scannet::SENS_LAYOUT,
+        parts: |_| Vec::new(),
         looks_like: scannet::looks_like_sens,
         open: |path, _| Ok(Arc::new(SensScene::open(path)?)),
     },
     FormatEntry {
         format: Format::Tum,
         layout: tum::LAYOUT,
+        parts: tum::parts,
         looks_like: tum::looks_like,
         open: |path, _| Ok(Arc::new(TumScene::open(path)?)),
     },
     FormatEntry {
         format: Format::Replica,
         layout: replica::LAYOUT,
+        parts: replica::parts,
         looks_like: replica::looks_like,
         open: |path, _| Ok(Arc::new(ReplicaScene::open(path)?)),
     },
     FormatEntry {
         format: Format::Mvpd,
         layout: mvpd::LAYOUT,
+        parts: mvpd::parts,
         looks_like: mvpd::looks_like,
         open: |path, _| Ok(Arc::new(MvpdScene::open(path)?)),
     },
     FormatEntry {
         format: Format::Synthetic,
         layout: synthetic::LAYOUT,
+        parts: |_| Vec::new(),
         looks_like: synthetic::looks_like,
         open: |path, _| Ok(Arc::new(SyntheticScene::new(path.to_string_lossy().parse()?)?)),
     },
@@ -69,8 +78,8 @@ const FORMATS: &[FormatEntry] = &[
 /// are not read yet.
 ///
 /// # Errors
-/// Distinguishes a path that does not exist, an empty folder, and one that holds no known format (or not the one in
-/// `settings.format`), and says which files were looked for.
+/// Distinguishes a path that does not exist, an empty folder, one that lacks a part of a format, and one that holds no
+/// known format (or not the one in `settings.format`), and says which files were looked for.
 pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetError> {
     let path = path.as_ref();
     settings.validate()?;
@@ -78,19 +87,44 @@ pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<
         check_path(path)?;
     }
     if settings.format == Format::Auto {
-        let entry = FORMATS.iter().find(|entry| (entry.looks_like)(path)).ok_or_else(|| {
-            DatasetError::NotRecognised { path: path.to_owned(), supported: supported_formats().join("\n") }
-        })?;
-        return (entry.open)(path, settings);
+        return match FORMATS.iter().find(|entry| (entry.looks_like)(path)) {
+            Some(entry) => (entry.open)(path, settings),
+            None => Err(best_fit(path).unwrap_or_else(|| DatasetError::NotRecognised {
+                path: path.to_owned(),
+                supported: supported_formats().join("\n"),
+            })),
+        };
     }
     match FORMATS.iter().find(|entry| entry.format == settings.format) {
         Some(entry) if (entry.looks_like)(path) => (entry.open)(path, settings),
-        found => Err(DatasetError::OtherFormat {
-            path: path.to_owned(),
-            format: settings.format.name(),
-            layout: found.map_or("", |entry| entry.layout),
-        }),
+        found => Err(found.and_then(|entry| incomplete(entry, path)).map_or_else(
+            || DatasetError::OtherFormat {
+                path: path.to_owned(),
+                format: settings.format.name(),
+                layout: found.map_or("", |entry| entry.layout),
+            },
+            |(_, error)| error,
+        )),
     }
+}
+
+/// What the format lacks of which most is there, if at least half of it is.
+fn best_fit(path: &Path) -> Option<DatasetError> {
+    let candidates = FORMATS.iter().filter_map(|entry| incomplete(entry, path)).filter(|(there, _)| *there >= 0.5);
+    // The first of several that fit equally well.
+    candidates.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, error)| error)
+}
+
+/// What part of a format is at a path, 0 to 1, and the error that names the rest; `None` if nothing of it is there.
+fn incomplete(entry: &FormatEntry, path: &Path) -> Option<(f64, DatasetError)> {
+    let (there, missing): (Vec<_>, Vec<_>) = (entry.parts)(path).into_iter().partition(|(_, is_there)| *is_there);
+    if there.is_empty() {
+        return None;
+    }
+    let fraction = there.len() as f64 / (there.len() + missing.len()) as f64;
+    let names = |parts: Vec<(&str, bool)>| parts.into_iter().map(|(part, _)| part).collect::<Vec<_>>().join(", ");
+    let (format, found, missing) = (entry.format.name(), names(there), names(missing));
+    Some((fraction, DatasetError::Incomplete { path: path.to_owned(), format, found, missing }))
 }
 
 /// One line for each supported format: its name and what its scenes look like.

@@ -10,13 +10,15 @@ use std::str::FromStr;
 use thiserror::Error;
 
 /// The largest width or height, in pixels, that frames can be resized to.
-const MAX_SIDE: usize = 16_384;
+const MAX_SIDE: usize = 4096;
 
 /// How images are framed: resized first, then cropped. Intrinsics follow.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Framing {
     /// The size to resize to, if any.
     pub resize: Option<ImageSize>,
+    /// Without `resize`: images of more pixels than this are made smaller, with the same aspect ratio.
+    pub max_pixels: Option<usize>,
     /// Pixels to remove on each side after resizing.
     pub crop_border: usize,
 }
@@ -27,7 +29,7 @@ impl Framing {
     /// # Errors
     /// [`SettingError`] if nothing would be left.
     pub fn check(&self, original: (usize, usize)) -> Result<(usize, usize), SettingError> {
-        let (width, height) = self.resize.map_or(original, |size| (size.width, size.height));
+        let (width, height) = self.resized(original);
         let left = |side: usize| self.crop_border.checked_mul(2).and_then(|cut| side.checked_sub(cut)).unwrap_or(0);
         if left(width) == 0 || left(height) == 0 {
             return Err(SettingError {
@@ -39,6 +41,27 @@ impl Framing {
         Ok((left(width), left(height)))
     }
 
+    /// The size, `(width, height)`, of an image of size `original` before it is cropped.
+    pub(crate) fn resized(&self, original: (usize, usize)) -> (usize, usize) {
+        if let Some(size) = self.resize {
+            return (size.width, size.height);
+        }
+        let pixels = original.0 as f64 * original.1 as f64;
+        match self.max_pixels.map(|max| max as f64) {
+            Some(max) if pixels > max => {
+                let scale = (max / pixels).sqrt();
+                let scaled = |side: usize| ((side as f64 * scale) as usize).max(1);
+                (scaled(original.0), scaled(original.1))
+            }
+            _ => original,
+        }
+    }
+
+    /// [`Framing::resized`], if that is another size.
+    fn other_size(&self, original: (usize, usize)) -> Option<(usize, usize)> {
+        Some(self.resized(original)).filter(|size| *size != original)
+    }
+
     /// The frame resized and cropped. Colour is low-passed when it shrinks; a depth pixel becomes the nearest valid
     /// measurement under it, never a mixture.
     ///
@@ -48,7 +71,7 @@ impl Framing {
         let original = (frame.width(), frame.height());
         self.check(original)?;
         let mut intrinsics = *frame.intrinsics();
-        let resize = self.resize.map(|size| (size.width, size.height)).filter(|size| *size != original);
+        let resize = self.other_size(original);
         if resize.is_none() && self.crop_border == 0 {
             return Ok(frame);
         }
@@ -79,7 +102,7 @@ impl Framing {
     pub fn apply_to_labels(&self, labels: SegmentMap) -> Result<SegmentMap, DatasetError> {
         let original = labels.size();
         self.check(original)?;
-        let resized = match self.resize.map(|size| (size.width, size.height)).filter(|size| *size != original) {
+        let resized = match self.other_size(original) {
             Some(size) => resample_labels(&labels, &ImageMap::resize(original, size)),
             None => labels,
         };
@@ -93,7 +116,7 @@ impl Framing {
     pub fn apply_to_mask(&self, mask: &Mask) -> Result<Mask, SettingError> {
         let original = (mask.width(), mask.height());
         let (width, height) = self.check(original)?;
-        let map = ImageMap::resize(original, self.resize.map_or(original, |size| (size.width, size.height)));
+        let map = ImageMap::resize(original, self.resized(original));
         Ok(Mask::from_fn(width, height, |column, row| {
             let nearest = map.nearest(column + self.crop_border, row + self.crop_border);
             nearest.is_some_and(|(column, row)| mask.contains(column, row))

@@ -7,6 +7,7 @@
 
 mod archive;
 mod decode;
+mod description;
 mod error;
 mod files;
 mod format;
@@ -15,6 +16,7 @@ mod framing;
 mod listing;
 mod mvpd;
 mod output;
+mod plausibility;
 mod preset;
 mod register;
 mod replica;
@@ -29,6 +31,7 @@ mod text;
 mod tum;
 
 pub use decode::read_color_image;
+pub use description::SceneDescription;
 pub use error::{DatasetError, FrameReadError};
 pub use format::{Format, FormatNameError};
 pub use formats::{open_scene, supported_formats};
@@ -41,7 +44,7 @@ pub use output::{
 pub use preset::{Preset, PresetNameError};
 pub use replica::ReplicaScene;
 pub use scannet::{ScannetScene, SensScene};
-pub use scene::Scene;
+pub use scene::{FramePart, LeftOut, Scene};
 pub use settings::DatasetSettings;
 pub use sevenscenes::SevenScenesScene;
 pub use stream::{FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY, StreamedFrame};

@@ -1,6 +1,8 @@
 //! Folders with numbered files.
 
-use crate::DatasetError;
+use crate::{DatasetError, LeftOut};
+use std::collections::BTreeSet;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// A file that carries its frame's number.
@@ -31,15 +33,42 @@ impl NamePattern {
     }
 }
 
-/// The names in a folder that are text, sorted; empty if it cannot be read.
-pub(crate) fn names_in(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> = std::fs::read_dir(folder)
-        .into_iter()
-        .flatten()
-        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
-        .collect();
+/// The names in a folder, sorted; empty if it cannot be read.
+pub(crate) fn all_names_in(folder: &Path) -> Vec<OsString> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten();
+    let mut names: Vec<OsString> = entries.filter_map(|entry| Some(entry.ok()?.file_name())).collect();
     names.sort();
     names
+}
+
+/// The names in a folder that are text, sorted; empty if it cannot be read.
+pub(crate) fn names_in(folder: &Path) -> Vec<String> {
+    all_names_in(folder).into_iter().filter_map(|name| name.into_string().ok()).collect()
+}
+
+/// Whether a folder has files whose names fit.
+pub(crate) fn has_numbered_files(folder: &Path, pattern: NamePattern) -> bool {
+    names_in(folder).iter().any(|name| fits(name, pattern))
+}
+
+/// What a scene leaves out of its folders: files in `color_folder` whose names are not text, and frames that have one
+/// of `others` but are not among `frames`, the colour images.
+pub(crate) fn left_out_beside(
+    frames: &[NumberedFile],
+    color_folder: &Path,
+    others: &[(PathBuf, NamePattern)],
+) -> Vec<LeftOut> {
+    let unreadable = all_names_in(color_folder).iter().filter(|name| name.to_str().is_none()).count();
+    let with_color: BTreeSet<u64> = frames.iter().map(|file| file.number).collect();
+    let numbers = others.iter().flat_map(|(folder, pattern)| {
+        let numbers = names_in(folder).into_iter().filter_map(|name| Some(pattern.parse(&name)?.0));
+        numbers.collect::<Vec<_>>()
+    });
+    let without_color: BTreeSet<u64> = numbers.filter(|number| !with_color.contains(number)).collect();
+    LeftOut::list([
+        (unreadable, format!("with names that are not UTF-8 in {}", color_folder.display())),
+        (without_color.len(), "without a colour image".to_owned()),
+    ])
 }
 
 /// The files of a folder whose names fit, one for each stem, sorted by number.

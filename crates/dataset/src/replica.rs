@@ -6,10 +6,10 @@
 
 use crate::decode::{read_color, read_depth};
 use crate::files::read_file;
-use crate::listing::{NamePattern, NumberedFile, folder_name, numbered_files};
-use crate::scene::{FrameParts, entry, require_registered};
+use crate::listing::{NamePattern, NumberedFile, folder_name, left_out_beside, numbered_files};
+use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{read_text, shortened};
-use crate::{DatasetError, Scene};
+use crate::{DatasetError, Format, Scene};
 use serde::Deserialize;
 use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::path::{Path, PathBuf};
@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 pub(crate) const LAYOUT: &str = "results/frame000000.jpg, results/depth000000.png, ..., traj.txt, cam_params.json (optional, here or one folder up)";
 
 const COLOR: NamePattern = NamePattern { prefix: "frame", suffixes: &[".png", ".jpg", ".jpeg"] };
+const DEPTH: NamePattern = NamePattern { prefix: "depth", suffixes: &[".png"] };
 const IMAGES_FOLDER: &str = "results";
 const TRAJECTORY: &str = "traj.txt";
 const CAMERA_FILE: &str = "cam_params.json";
@@ -60,6 +61,7 @@ pub struct ReplicaScene {
     poses: Vec<[f32; 16]>,
     intrinsics: Intrinsics,
     units_per_metre: f32,
+    left_out: Vec<LeftOut>,
 }
 
 impl ReplicaScene {
@@ -75,7 +77,19 @@ impl ReplicaScene {
         }
         let poses = read_trajectory(&folder.join(TRAJECTORY))?;
         let (intrinsics, units_per_metre) = read_camera(folder)?;
-        Ok(Self { name: folder_name(folder), folder: folder.to_owned(), frames, poses, intrinsics, units_per_metre })
+        let left_out = left_out_beside(&frames, &images, &[(images.clone(), DEPTH)]);
+        let (name, folder) = (folder_name(folder), folder.to_owned());
+        Ok(Self { name, folder, frames, poses, intrinsics, units_per_metre, left_out })
+    }
+
+    fn depth_path(&self, file: &NumberedFile) -> PathBuf {
+        let digits = file.stem.trim_start_matches(COLOR.prefix);
+        self.folder.join(IMAGES_FOLDER).join(format!("depth{digits}.png"))
+    }
+
+    /// The file and line of a pose, for messages.
+    fn pose_path(&self, line: usize) -> PathBuf {
+        PathBuf::from(format!("{}: line {}", self.folder.join(TRAJECTORY).display(), line.saturating_add(1)))
     }
 
     /// The line of the trajectory, from 0, that belongs to a frame: the one at its place if there are as many lines as
@@ -85,9 +99,14 @@ impl ReplicaScene {
     }
 }
 
+/// The parts that a scene needs, and whether each is in a folder.
+pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
+    vec![(TRAJECTORY, path.join(TRAJECTORY).is_file()), ("results/", path.join(IMAGES_FOLDER).is_dir())]
+}
+
 /// Whether a folder holds a scene.
 pub(crate) fn looks_like(path: &Path) -> bool {
-    path.join(TRAJECTORY).is_file() && path.join(IMAGES_FOLDER).is_dir()
+    parts(path).iter().all(|(_, is_there)| *is_there)
 }
 
 fn read_trajectory(path: &Path) -> Result<Vec<[f32; 16]>, DatasetError> {
@@ -162,12 +181,9 @@ impl Scene for ReplicaScene {
             found: format!("{} lines", self.poses.len()),
             expected: format!("one for each of {} frames, or at least {}", self.frames.len(), line.saturating_add(1)),
         })?;
-        let pose = Pose::from_row_major(*matrix).map_err(|source| DatasetError::Pose {
-            path: PathBuf::from(format!("{}: line {}", trajectory.display(), line + 1)),
-            source,
-        })?;
-        let digits = file.stem.trim_start_matches(COLOR.prefix);
-        let depth_path = self.folder.join(IMAGES_FOLDER).join(format!("depth{digits}.png"));
+        let pose = Pose::from_row_major(*matrix)
+            .map_err(|source| DatasetError::Pose { path: self.pose_path(line), source })?;
+        let depth_path = self.depth_path(file);
         let depth = read_depth(&depth_path, self.units_per_metre)?;
         let color = read_color(&file.path)?;
         require_registered(&color, &depth, &depth_path)?;
@@ -182,5 +198,22 @@ impl Scene for ReplicaScene {
 
     fn read_ground_truth(&self, _index: usize) -> Result<Option<SegmentMap>, DatasetError> {
         Ok(None)
+    }
+
+    fn format(&self) -> Option<Format> {
+        Some(Format::Replica)
+    }
+
+    fn left_out(&self) -> &[LeftOut] {
+        &self.left_out
+    }
+
+    fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
+        match (self.frames.get(index), part) {
+            (Some(file), FramePart::Depth) => self.depth_path(file),
+            (Some(file), FramePart::Pose) => self.pose_path(self.trajectory_line(index, file)),
+            (_, FramePart::Intrinsics) => self.folder.join(CAMERA_FILE),
+            (None, _) => self.folder.clone(),
+        }
     }
 }

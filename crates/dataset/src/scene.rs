@@ -1,10 +1,10 @@
 //! What every format offers, and how each of them puts a frame together.
 
-use crate::DatasetError;
 use crate::decode::DEPTH_IMAGE;
+use crate::{DatasetError, Format};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::fmt::Debug;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// A recorded or rendered RGB-D video whose frames can be read in any order, from any thread.
@@ -35,6 +35,54 @@ pub trait Scene: Debug + Send + Sync {
     /// # Errors
     /// [`DatasetError`] names the file and what is wrong with it.
     fn read_ground_truth(&self, index: usize) -> Result<Option<SegmentMap>, DatasetError>;
+
+    /// The scene's format; `None` for a scene of your own.
+    fn format(&self) -> Option<Format> {
+        None
+    }
+
+    /// The size `(width, height)` in which the colour image of frame `index` is stored, where [`Scene::read_frame`]
+    /// gives it another; otherwise `None`.
+    fn stored_color_size(&self, _index: usize) -> Option<(usize, usize)> {
+        None
+    }
+
+    /// The frames that were found on opening and left out, each kind once.
+    fn left_out(&self) -> &[LeftOut] {
+        &[]
+    }
+
+    /// The file from which a part of frame `index` is read, for messages.
+    fn file_of(&self, index: usize, _part: FramePart) -> PathBuf {
+        PathBuf::from(format!("{}: frame {}", self.name(), self.frame_name(index)))
+    }
+}
+
+/// A part of a frame that may have a file of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FramePart {
+    /// The depth image.
+    Depth,
+    /// The camera's pose.
+    Pose,
+    /// The camera's intrinsics.
+    Intrinsics,
+}
+
+/// Frames that a scene found but does not use.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LeftOut {
+    /// How many frames there are.
+    pub count: usize,
+    /// What is wrong with them, e.g. `without a colour image`.
+    pub what: String,
+}
+
+impl LeftOut {
+    /// A list with those kinds of which there are any.
+    pub(crate) fn list<const N: usize>(kinds: [(usize, String); N]) -> Vec<Self> {
+        kinds.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| Self { count, what }).collect()
+    }
 }
 
 /// What a format has read of one frame.

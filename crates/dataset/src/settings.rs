@@ -15,7 +15,10 @@ settings! {
         /// The most frames used; all if left out.
         max_frames: Option<usize> = None, Allowed::at_least(1.0);
         /// The size that frames are resized to before cropping; their own if left out.
-        resize: Option<ImageSize> = None, Allowed::Text("WIDTHxHEIGHT, sides of 1 to 16384 pixels");
+        resize: Option<ImageSize> = None, Allowed::Text("WIDTHxHEIGHT, sides of 1 to 4096 pixels");
+        /// Without `resize`: frames of more pixels than this are made smaller, with the same aspect ratio. More detail
+        /// takes memory and time, and no segmenter uses it.
+        max_pixels: usize = 2_100_000, Allowed::between(1024.0, 67_108_864.0);
         /// Pixels cropped on each side, after resizing. The paper: 5.
         crop_border: usize = 0, Allowed::at_least(0.0);
         /// 7-Scenes as published: warp the depth, which its own camera took, into the colour camera, and move the poses,
@@ -47,7 +50,7 @@ impl DatasetSettings {
 
     /// How every frame is resized and cropped.
     pub fn framing(&self) -> Framing {
-        Framing { resize: self.resize, crop_border: self.crop_border }
+        Framing { resize: self.resize, max_pixels: Some(self.max_pixels), crop_border: self.crop_border }
     }
 }
 
@@ -74,7 +77,7 @@ mod tests {
         let resize = Some("0x0".parse().unwrap());
         assert_eq!(
             check(DatasetSettings { resize, ..Default::default() }),
-            "dataset.resize is \"0x0\", expected WIDTHxHEIGHT, sides of 1 to 16384 pixels"
+            "dataset.resize is \"0x0\", expected WIDTHxHEIGHT, sides of 1 to 4096 pixels"
         );
         let resize = Some("20x10".parse().unwrap());
         assert_eq!(

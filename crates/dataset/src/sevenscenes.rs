@@ -5,11 +5,13 @@
 //! registered depth and a `camera-intrinsics.txt` (3x3).
 
 use crate::decode::{MILLIMETRES, read_color, read_depth};
-use crate::listing::{NamePattern, NumberedFile, fits, folder_name, names_in, numbered_files};
+use crate::listing::{
+    NamePattern, NumberedFile, fits, folder_name, has_numbered_files, left_out_beside, names_in, numbered_files,
+};
 use crate::register::{CameraPair, register_depth};
-use crate::scene::{FrameParts, entry, require_registered};
+use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, read_pose};
-use crate::{DatasetError, DatasetSettings, Scene};
+use crate::{DatasetError, DatasetSettings, Format, Scene};
 use glam::Vec3;
 use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::path::{Path, PathBuf};
@@ -18,6 +20,8 @@ use std::path::{Path, PathBuf};
 pub(crate) const LAYOUT: &str = "frame-000000.color.png (or .jpg), frame-000000.depth.png, frame-000000.pose.txt, ..., camera-intrinsics.txt (optional)";
 
 const COLOR: NamePattern = NamePattern { prefix: "frame-", suffixes: &[".color.png", ".color.jpg", ".color.jpeg"] };
+const DEPTH: NamePattern = NamePattern { prefix: "frame-", suffixes: &[".depth.png"] };
+const POSE: NamePattern = NamePattern { prefix: "frame-", suffixes: &[".pose.txt"] };
 const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
 
 /// The colour camera as the data set's page describes it.
@@ -37,6 +41,7 @@ pub struct SevenScenesScene {
     intrinsics: Option<PinholeMatrix>,
     /// The offset between the cameras if depth has to be warped, metres.
     registration: Option<f32>,
+    left_out: Vec<LeftOut>,
 }
 
 impl SevenScenesScene {
@@ -68,7 +73,14 @@ impl SevenScenesScene {
             None
         };
         let registration = settings.register_depth.then_some(settings.depth_offset_m);
-        Ok(Self { name: folder_name(folder), folder: folder.to_owned(), frames, intrinsics, registration })
+        let others = [(folder.to_owned(), DEPTH), (folder.to_owned(), POSE)];
+        let left_out = left_out_beside(&frames, folder, &others);
+        let (name, folder) = (folder_name(folder), folder.to_owned());
+        Ok(Self { name, folder, frames, intrinsics, registration, left_out })
+    }
+
+    fn part_of(&self, file: &NumberedFile, pattern: NamePattern) -> PathBuf {
+        self.folder.join(format!("{}{}", file.stem, pattern.suffixes[0]))
     }
 
     fn color_camera(&self, size: (usize, usize)) -> Result<Intrinsics, DatasetError> {
@@ -79,9 +91,20 @@ impl SevenScenesScene {
     }
 }
 
+/// The parts that a sequence needs, and whether each is in a folder.
+pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
+    [
+        ("frame-<number>.color.png or .jpg", COLOR),
+        ("frame-<number>.depth.png", DEPTH),
+        ("frame-<number>.pose.txt", POSE),
+    ]
+    .map(|(part, pattern)| (part, has_numbered_files(path, pattern)))
+    .to_vec()
+}
+
 /// Whether a folder holds a sequence, or sequences' folders.
 pub(crate) fn looks_like(path: &Path) -> bool {
-    names_in(path).iter().any(|name| fits(name, COLOR)) || !sequence_folders(path).is_empty()
+    parts(path).iter().all(|(_, is_there)| *is_there) || !sequence_folders(path).is_empty()
 }
 
 fn sequence_folders(path: &Path) -> Vec<String> {
@@ -104,9 +127,9 @@ impl Scene for SevenScenesScene {
 
     fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
         let file = entry(&self.frames, index, &self.name)?;
-        let depth_path = self.folder.join(format!("{}.depth.png", file.stem));
+        let depth_path = self.part_of(file, DEPTH);
         // The pose first: it is quick to read and the likeliest to be missing.
-        let mut pose = read_pose(&self.folder.join(format!("{}.pose.txt", file.stem)))?;
+        let mut pose = read_pose(&self.part_of(file, POSE))?;
         let mut depth = read_depth(&depth_path, MILLIMETRES)?;
         let color = read_color(&file.path)?;
         let camera = self.color_camera(color.size())?;
@@ -127,5 +150,22 @@ impl Scene for SevenScenesScene {
 
     fn read_ground_truth(&self, _index: usize) -> Result<Option<SegmentMap>, DatasetError> {
         Ok(None)
+    }
+
+    fn format(&self) -> Option<Format> {
+        Some(Format::SevenScenes)
+    }
+
+    fn left_out(&self) -> &[LeftOut] {
+        &self.left_out
+    }
+
+    fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
+        match (self.frames.get(index), part) {
+            (Some(file), FramePart::Depth) => self.part_of(file, DEPTH),
+            (Some(file), FramePart::Pose) => self.part_of(file, POSE),
+            (_, FramePart::Intrinsics) => self.folder.join(INTRINSICS_FILE),
+            (None, _) => self.folder.clone(),
+        }
     }
 }

@@ -1,16 +1,26 @@
 //! Frames of a scene, in order, read ahead in the background.
 
-use crate::{DatasetError, DatasetSettings, FrameReadError, Framing, Scene};
-use splatseg_geometry::{RgbdFrame, SegmentMap};
+use crate::files::MemoryNeed;
+use crate::plausibility::{Plausibility, check_intrinsics};
+use crate::{DatasetError, DatasetSettings, FrameReadError, Framing, Scene, SceneDescription};
+use splatseg_geometry::{Intrinsics, RgbdFrame, SegmentMap};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
-/// Frames that wait in the channel.
+/// The most frames that wait in the channel.
 const WAITING_FRAMES: usize = 2;
+/// What the waiting frames may take together, bytes. Large frames wait in smaller number, or not at all.
+const WAITING_BYTES: usize = 64 << 20;
+/// Colour, depth and labels of one pixel.
+const FRAME_BYTES_PER_PIXEL: usize = 3 + 4 + 4;
+/// What a run of twenty frames takes for each pixel of a frame, bytes: `graph` and the evidence memory, as measured from
+/// 0.08 to 2 megapixels.
+const RUN_BYTES_PER_PIXEL: u64 = 250;
 
 /// The most frames of a [`FrameStream`] in memory at once, however long the video: two that wait, one that is being
-/// read and the one that the caller holds.
+/// read and the one that the caller holds. Of large frames fewer wait.
 pub const MAX_FRAMES_IN_MEMORY: usize = WAITING_FRAMES + 2;
 
 /// Whether a stream reads the true segments along with each frame.
@@ -55,40 +65,43 @@ pub struct FrameStream {
     reader: Option<JoinHandle<()>>,
     /// Frames not given yet.
     pending: std::vec::IntoIter<usize>,
-    frame_size: Option<(usize, usize)>,
+    description: SceneDescription,
     scene: Arc<dyn Scene>,
 }
 
 impl FrameStream {
-    /// Starts to read the selected frames of a scene. Reads up to the first good frame at once, to check the crop.
+    /// Starts to read the selected frames of a scene. Reads up to the first good frame at once, to check the crop, the
+    /// memory that frames of this size take, and the intrinsics.
     ///
     /// # Errors
-    /// [`DatasetError::Setting`] if the settings are invalid, select no frame, or crop everything away.
+    /// [`DatasetError::Setting`] if the settings are invalid, select no frame, or crop everything away;
+    /// [`DatasetError::MemoryLimit`] if frames are too large; [`DatasetError::Field`] for intrinsics that no camera has.
     pub fn open(
         scene: Arc<dyn Scene>,
         settings: &DatasetSettings,
         ground_truth: GroundTruth,
     ) -> Result<Self, DatasetError> {
         let selected = settings.selected_frames(scene.frame_count())?;
-        let mut job =
-            ReadingJob { scene: Arc::clone(&scene), framing: settings.framing(), ground_truth, original_size: None };
+        let mut job = ReadingJob::new(&scene, settings.framing(), ground_truth);
+        let mut description = SceneDescription::of(scene.as_ref(), selected.len());
         let mut first = Vec::new();
-        let mut frame_size = None;
         for index in &selected {
             let result = job.read(*index);
-            if let Err(FrameReadError { source, .. }) = &result
-                && let DatasetError::Setting(error) = source.as_ref()
-            {
-                return Err(error.clone().into());
-            }
-            frame_size = result.as_ref().ok().map(|streamed| (streamed.frame.width(), streamed.frame.height()));
-            first.push(result);
-            if frame_size.is_some() {
-                break;
+            match result {
+                // What holds for all frames is told once.
+                Err(error) if error.source.is_of_the_scene() => return Err(*error.source),
+                Ok(streamed) => {
+                    job.check_intrinsics(*index)?;
+                    description.add_first_frame(scene.as_ref(), &streamed, job.original_size);
+                    first.push(Ok(streamed));
+                    break;
+                }
+                Err(_) => first.push(result),
             }
         }
+        description.warn_of_reduction(settings);
         let rest: Vec<usize> = selected[first.len()..].to_vec();
-        let (sender, receiver) = sync_channel(WAITING_FRAMES);
+        let (sender, receiver) = sync_channel(waiting_frames(description.frame_size));
         let reader = std::thread::Builder::new()
             .name("frame reader".to_owned())
             .spawn(move || job.run(&rest, &sender))
@@ -98,15 +111,26 @@ impl FrameStream {
             receiver: Some(receiver),
             reader: Some(reader),
             pending: selected.into_iter(),
-            frame_size,
+            description,
             scene,
         })
     }
 
     /// The size `(width, height)` of every frame; `None` if none of the selected frames can be read.
     pub fn frame_size(&self) -> Option<(usize, usize)> {
-        self.frame_size
+        self.description.frame_size
     }
+
+    /// What was recognised: format, frames, sizes, depth, and what is left out.
+    pub fn description(&self) -> &SceneDescription {
+        &self.description
+    }
+}
+
+/// How many frames of a size `(width, height)` may wait.
+fn waiting_frames(size: Option<(usize, usize)>) -> usize {
+    let bytes = size.map_or(1, |(width, height)| width.saturating_mul(height).saturating_mul(FRAME_BYTES_PER_PIXEL));
+    (WAITING_BYTES / bytes.max(1)).min(WAITING_FRAMES)
 }
 
 impl Iterator for FrameStream {
@@ -152,14 +176,36 @@ struct ReadingJob {
     ground_truth: GroundTruth,
     /// Size of the first good frame, before framing.
     original_size: Option<(usize, usize)>,
+    /// Intrinsics of the first frame, before framing.
+    original_intrinsics: Option<Intrinsics>,
+    plausibility: Plausibility,
 }
 
 impl ReadingJob {
+    fn new(scene: &Arc<dyn Scene>, framing: Framing, ground_truth: GroundTruth) -> Self {
+        Self {
+            scene: Arc::clone(scene),
+            framing,
+            ground_truth,
+            original_size: None,
+            original_intrinsics: None,
+            plausibility: Plausibility::default(),
+        }
+    }
+
     fn run(mut self, indices: &[usize], sender: &SyncSender<FrameResult>) {
         for index in indices {
             if sender.send(self.read(*index)).is_err() {
                 return;
             }
+        }
+    }
+
+    /// Checks the intrinsics of the first good frame, whose index is `index`.
+    fn check_intrinsics(&self, index: usize) -> Result<(), DatasetError> {
+        match &self.original_intrinsics {
+            Some(intrinsics) => check_intrinsics(self.scene.as_ref(), index, intrinsics),
+            None => Ok(()),
         }
     }
 
@@ -174,31 +220,63 @@ impl ReadingJob {
     fn try_read(&mut self, index: usize) -> Result<StreamedFrame, DatasetError> {
         let frame = self.scene.read_frame(index)?;
         let size = (frame.width(), frame.height());
-        if let Some(expected) = self.original_size.filter(|expected| *expected != size) {
-            return Err(DatasetError::SizesDiffer {
-                path: frame.name().into(),
-                what: "frame",
-                found: size,
-                expected,
-                expected_from: "the first frame",
-            });
+        match self.original_size {
+            Some(expected) if expected != size => {
+                return Err(sizes_differ(&frame, "frame", size, expected, "the first frame"));
+            }
+            Some(_) => {}
+            None => self.require_memory(size)?,
         }
         let ground_truth = match self.ground_truth {
             GroundTruth::Read => self.scene.read_ground_truth(index)?,
             GroundTruth::Skip => None,
         };
         if let Some(labels) = ground_truth.as_ref().filter(|labels| labels.size() != size) {
-            return Err(DatasetError::SizesDiffer {
-                path: frame.name().into(),
-                what: "ground truth",
-                found: labels.size(),
-                expected: size,
-                expected_from: "its frame",
-            });
+            return Err(sizes_differ(&frame, "ground truth", labels.size(), size, "its frame"));
         }
+        self.plausibility.check(self.scene.as_ref(), index, &frame)?;
+        let intrinsics = *frame.intrinsics();
         let ground_truth = ground_truth.map(|labels| self.framing.apply_to_labels(labels)).transpose()?;
         let frame = self.framing.apply(frame)?;
         self.original_size = Some(size);
+        self.original_intrinsics.get_or_insert(intrinsics);
         Ok(StreamedFrame { index, frame, ground_truth })
+    }
+
+    /// Requires that a run with frames of the size `(width, height)` can stay within the memory limit.
+    fn require_memory(&self, size: (usize, usize)) -> Result<(), DatasetError> {
+        self.framing.check(size)?;
+        let need = MemoryNeed {
+            what: "run with frames",
+            size: self.framing.resized(size),
+            bytes_per_pixel: RUN_BYTES_PER_PIXEL,
+            remedy: "make frames smaller with --resize or dataset.max_pixels, or raise --memory-limit",
+        };
+        need.check(Path::new(self.scene.name()))
+    }
+}
+
+fn sizes_differ(
+    frame: &RgbdFrame<'_>,
+    what: &'static str,
+    found: (usize, usize),
+    expected: (usize, usize),
+    expected_from: &'static str,
+) -> DatasetError {
+    DatasetError::SizesDiffer { path: frame.name().into(), what, found, expected, expected_from }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fewer_large_frames_wait() {
+        assert_eq!(waiting_frames(Some((640, 480))), WAITING_FRAMES);
+        assert_eq!(waiting_frames(Some((1920, 1080))), WAITING_FRAMES);
+        assert_eq!(waiting_frames(Some((2560, 1440))), 1);
+        assert_eq!(waiting_frames(Some((4096, 4096))), 0);
+        assert_eq!(waiting_frames(Some((usize::MAX, 2))), 0);
+        assert_eq!(waiting_frames(None), WAITING_FRAMES);
     }
 }

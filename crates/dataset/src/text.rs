@@ -53,6 +53,13 @@ impl PinholeMatrix {
                 "rows fx 0 cx, 0 fy cy, 0 0 1",
             ));
         }
+        if at(0, 1) != 0.0 {
+            tracing::warn!(
+                "{}: {what}: the skew of {} in row 1, column 2 is ignored: the camera is taken to have square axes",
+                path.display(),
+                at(0, 1)
+            );
+        }
         let matrix = Self { fx: at(0, 0), fy: at(1, 1), cx: at(0, 2), cy: at(1, 2) };
         // The size is checked when the image is known.
         matrix.for_size((1, 1), path)?;
@@ -78,12 +85,13 @@ fn read_numbers(path: &Path, what: &'static str) -> Result<Vec<f32>, DatasetErro
 
 /// The text of a file of at most `limit` bytes. `what` names its content in errors.
 pub(crate) fn read_text(path: &Path, what: &'static str, limit: u64) -> Result<String, DatasetError> {
-    String::from_utf8(read_file(path, what, limit)?).map_err(|_| DatasetError::Text {
-        path: path.to_owned(),
-        what,
-        found: "bytes that are not text".to_owned(),
-        expected: "UTF-8",
-    })
+    String::from_utf8(read_file(path, what, limit)?).map_err(|_| not_text(path, what))
+}
+
+/// The error for a file that should be text. `what` names its content.
+pub(crate) fn not_text(path: &Path, what: &'static str) -> DatasetError {
+    let (path, found) = (path.to_owned(), "bytes that are not text".to_owned());
+    DatasetError::Text { path, what, found, expected: "UTF-8" }
 }
 
 /// The beginning of a text, in quotes, for messages.

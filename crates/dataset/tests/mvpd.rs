@@ -378,6 +378,17 @@ fn special_files_are_not_read() {
     support::assert_special_files_are_refused(folder.path(), &path);
 }
 
+#[cfg(unix)]
+#[test]
+fn paths_that_are_not_utf8_are_read() {
+    use std::os::unix::ffi::{OsStrExt, OsStringExt};
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(std::ffi::OsString::from_vec(b"sc\xFFne.tar.gz".to_vec()));
+    fs::write(&path, archive(&[FIRST, SECOND], "", true)).unwrap();
+    let chosen = [path.as_os_str().as_bytes(), b":", SECOND.as_bytes()].concat();
+    assert_is_the_room(open(Path::new(std::ffi::OsStr::from_bytes(&chosen))).unwrap().as_ref(), SECOND);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 100, ..ProptestConfig::default() })]
 

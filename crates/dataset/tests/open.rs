@@ -3,6 +3,8 @@
 mod support;
 
 use splatseg_dataset::{DatasetError, DatasetSettings, Format, open_scene};
+use std::fs;
+use std::path::Path;
 use support::*;
 
 #[test]
@@ -51,4 +53,61 @@ fn the_synthetic_room_needs_no_files() {
 fn impossible_settings_are_refused_on_opening() {
     let settings = DatasetSettings::default().with(|settings| settings.stride = 0);
     assert!(matches!(open_scene("synthetic", &settings), Err(DatasetError::Setting(_))));
+}
+
+fn write_empty_files(names: &[&str], folder: &Path) {
+    for name in names {
+        fs::create_dir_all(folder.join(name).parent().unwrap()).unwrap();
+        fs::write(folder.join(name), "").unwrap();
+    }
+}
+
+#[test]
+fn what_a_scene_lacks_is_told() {
+    let told = |write: fn(&Path), remove: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path());
+        let part = folder.path().join(remove);
+        if part.is_dir() {
+            fs::remove_dir_all(part).unwrap()
+        } else {
+            fs::remove_file(part).unwrap()
+        }
+        let error = open_scene(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
+        error.replace(&folder.path().display().to_string(), "SCENE")
+    };
+    let scannet = |folder: &Path| {
+        write_scannet(folder, 2, &ScannetSizes { color: (16, 12), depth: (16, 12), labels: (16, 12) });
+    };
+    assert_eq!(
+        told(scannet, "pose"),
+        "SCENE: looks like a scene of format scannet, but this is missing: pose/ (found: color/, depth/, intrinsic/)"
+    );
+    assert!(told(scannet, "depth").contains("this is missing: depth/ (found"));
+    assert!(told(scannet, "color").contains("this is missing: color/ (found"));
+    assert_eq!(
+        told(scannet, "intrinsic"),
+        "SCENE/intrinsic/intrinsic_color.txt: the camera intrinsics file is missing"
+    );
+    let sevenscenes = |folder: &Path| write_sevenscenes(folder, 1);
+    assert_eq!(
+        told(sevenscenes, "frame-000000.pose.txt"),
+        "SCENE: looks like a scene of format 7scenes, but this is missing: frame-<number>.pose.txt (found: \
+         frame-<number>.color.png or .jpg, frame-<number>.depth.png)"
+    );
+    assert!(told(sevenscenes, "frame-000000.color.jpg").contains("this is missing: frame-<number>.color.png or .jpg"));
+    let replica = |folder: &Path| write_empty_files(&["traj.txt", "results/frame000000.jpg"], folder);
+    assert!(told(replica, "traj.txt").contains("format replica, but this is missing: traj.txt (found: results/)"));
+    let mvpd =
+        |folder: &Path| write_empty_files(&["panoptic_val.json", "imagesRGB/a/0.jpg", "imagesDEPTH/a/0.png"], folder);
+    assert!(told(mvpd, "panoptic_val.json").contains("format mvpd, but this is missing: panoptic_<split>.json (found"));
+}
+
+#[test]
+fn folders_without_files_in_them_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scannet(folder.path(), 1, &ScannetSizes { color: (16, 12), depth: (16, 12), labels: (16, 12) });
+    fs::remove_file(folder.path().join("pose/0.txt")).unwrap();
+    let error = open_scene(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
+    assert!(error.ends_with("pose: no frames: looked for <number>.txt"), "{error}");
 }

@@ -2,7 +2,7 @@
 
 mod support;
 
-use splatseg_dataset::{DatasetError, DatasetSettings, ScannetScene, Scene, open_scene};
+use splatseg_dataset::{DatasetError, DatasetSettings, LeftOut, ScannetScene, Scene, open_scene};
 use std::fs;
 use support::*;
 
@@ -101,4 +101,23 @@ fn special_files_are_not_read() {
     let folder = tempfile::tempdir().unwrap();
     write_scannet(folder.path(), 2, &SAME);
     assert_special_files_are_refused(folder.path(), folder.path());
+}
+
+#[cfg(unix)]
+#[test]
+fn frames_without_colour_and_names_that_are_not_utf8_are_counted() {
+    use std::os::unix::ffi::OsStringExt;
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path().join(std::ffi::OsString::from_vec(b"sc\xFFne".to_vec()));
+    write_scannet(&folder, 4, &SAME);
+    fs::remove_file(folder.join("color/1.jpg")).unwrap();
+    fs::remove_file(folder.join("color/2.jpg")).unwrap();
+    fs::remove_file(folder.join("depth/2.png")).unwrap();
+    fs::write(folder.join("color").join(std::ffi::OsString::from_vec(b"\xFF7.jpg".to_vec())), "").unwrap();
+    let scene = open_scene(&folder, &DatasetSettings::default()).unwrap();
+    assert_eq!((scene.frame_count(), scene.frame_name(1)), (2, "3".to_owned()));
+    assert!(scene.read_frame(1).is_ok());
+    let names = format!("with names that are not UTF-8 in {}", folder.join("color").display());
+    let expected = [(1, names.as_str()), (2, "without a colour image")];
+    assert_eq!(scene.left_out(), expected.map(|(count, what)| LeftOut { count, what: what.to_owned() }));
 }

@@ -3,7 +3,9 @@
 mod support;
 
 use proptest::prelude::*;
-use splatseg_dataset::{DatasetError, DatasetSettings, FrameStream, GroundTruth, Preset, Scene, SensScene, open_scene};
+use splatseg_dataset::{
+    DatasetError, DatasetSettings, FrameStream, GroundTruth, LeftOut, Preset, Scene, SensScene, open_scene,
+};
 use splatseg_geometry::{Image, Intrinsics, RgbdFrame, SegmentMap};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -156,15 +158,38 @@ fn opening_fails(bytes: &[u8]) -> String {
 }
 
 #[test]
-fn a_recording_that_is_cut_off_anywhere_is_told_on_opening() {
+fn a_recording_that_is_cut_off_gives_the_frames_that_are_whole() {
+    let one = writer().recording(&frames()[..1]).len() - 8;
     let whole = writer().recording(&frames()[..2]);
     let needed = whole.len() - 8; // The number of accelerometer measurements is not needed.
-    for keep in (0..needed).step_by(97).chain([needed - 1]) {
+    for keep in (0..one).step_by(97).chain([one - 2]) {
         let error = opening_fails(&whole[..keep]);
         assert!(error.contains("cut off"), "{keep}: {error}");
     }
     let folder = tempfile::tempdir().unwrap();
-    assert!(SensScene::open(&write_sens(folder.path(), &whole[..needed])).is_ok());
+    for keep in (one..needed).step_by(97).chain([needed - 1]) {
+        let scene = SensScene::open(&write_sens(folder.path(), &whole[..keep])).unwrap();
+        assert_eq!((scene.frame_count(), scene.read_frame(0).is_ok()), (1, true));
+        let what = "after frame 0, where the recording is cut off".to_owned();
+        assert_eq!(scene.left_out(), [LeftOut { count: 1, what }]);
+    }
+    let scene = SensScene::open(&write_sens(folder.path(), &whole[..needed])).unwrap();
+    assert_eq!((scene.frame_count(), scene.left_out().len()), (2, 0));
+}
+
+#[cfg(unix)]
+#[test]
+fn paths_that_are_not_utf8_are_read() {
+    use std::os::unix::ffi::OsStringExt;
+    let folder = tempfile::tempdir().unwrap();
+    let name = |ending: &str| std::ffi::OsString::from_vec([b"sc\xFFne", ending.as_bytes()].concat());
+    fs::write(folder.path().join(name(".sens")), writer().recording(&frames())).unwrap();
+    let labels: Vec<SegmentMap> = room().iter().map(|(_, labels)| labels.clone()).collect();
+    fs::write(folder.path().join(name("_2d-instance-filt.zip")), labels_zip(&labels)).unwrap();
+    for path in [folder.path().to_owned(), folder.path().join(name(".sens"))] {
+        let scene = open_scene(path, &DatasetSettings::default()).unwrap();
+        assert!(scene.frame_count() == 3 && scene.has_ground_truth());
+    }
 }
 
 #[test]
@@ -194,7 +219,7 @@ fn headers_of_another_kind_are_told() {
 #[test]
 fn sizes_that_lie_take_no_memory() {
     // The number of frames and the length of the sensor's name.
-    assert!(opening_fails(&writer().header(u64::MAX)).contains("the last of 18446744073709551615 frames"));
+    assert!(opening_fails(&writer().header(u64::MAX)).contains("frame 0 would end at"));
     let mut bytes = writer().recording(&frames());
     bytes[4..12].copy_from_slice(&u64::MAX.to_le_bytes());
     assert!(opening_fails(&bytes).contains("the sensor's name of 18446744073709551615 bytes"));

@@ -48,7 +48,7 @@ fn impossible_settings_are_told_on_opening() {
         (default().with(|settings| settings.stride = 0), "dataset.stride is 0, expected 1 or more"),
         (
             default().with(|settings| settings.resize = "0x0".parse().ok()),
-            "dataset.resize is \"0x0\", expected WIDTHxHEIGHT, sides of 1 to 16384 pixels",
+            "dataset.resize is \"0x0\", expected WIDTHxHEIGHT, sides of 1 to 4096 pixels",
         ),
         (
             default().with(|settings| settings.crop_border = 12),
@@ -127,11 +127,12 @@ fn a_scene_of_bad_frames_ends() {
     let folder = tempfile::tempdir().unwrap();
     write_sevenscenes(folder.path(), 3);
     for frame in 0..3 {
-        fs::remove_file(folder.path().join(format!("frame-{:06}.pose.txt", 10 * frame))).unwrap();
+        fs::write(folder.path().join(format!("frame-{:06}.pose.txt", 10 * frame)), "").unwrap();
     }
     let scene = open_scene(folder.path(), &DatasetSettings::default()).unwrap();
     let stream = FrameStream::open(scene, &DatasetSettings::default(), GroundTruth::Skip).unwrap();
     assert_eq!(stream.frame_size(), None);
+    assert!(stream.description().to_string().ends_with(": format 7scenes, 3 frames; none of them can be read"));
     assert_eq!(stream.filter(Result::is_err).count(), 3);
 }
 
@@ -199,6 +200,64 @@ fn a_defect_in_a_reader_ends_the_stream_with_an_error() {
     assert!(error.index == 5 && error.to_string().contains("ended early"), "{error}");
 }
 
+#[test]
+fn frames_with_more_pixels_than_are_of_use_are_reduced_like_resized_ones() {
+    let scene = room("synthetic:frames=2,width=96,height=64,objects=3");
+    let frames = |change: &dyn Fn(&mut DatasetSettings)| {
+        let settings = DatasetSettings::default().with(change);
+        let stream = FrameStream::open(Arc::clone(&scene), &settings, GroundTruth::Read).unwrap();
+        let described = stream.description().to_string();
+        (stream.map(Result::unwrap).collect::<Vec<_>>(), described)
+    };
+    // A quarter of 96x64 pixels.
+    let (reduced, described) = frames(&|settings| settings.max_pixels = 1536);
+    assert_eq!((reduced[0].frame.width(), reduced[0].frame.height()), (48, 32));
+    assert!(described.contains("colour 96x64, used at 48x32; depth of the first frame "), "{described}");
+    assert_eq!(reduced, frames(&|settings| settings.resize = "48x32".parse().ok()).0);
+    let (exact, _) = frames(&|settings| settings.max_pixels = 96 * 64);
+    assert_eq!(exact, frames(&|_| ()).0, "not more than the limit");
+    let (larger, _) = frames(&|settings| {
+        settings.max_pixels = 1536;
+        settings.resize = "64x48".parse().ok();
+    });
+    assert_eq!(larger[0].frame.width(), 64, "a size that is asked for");
+    let full_hd = DatasetSettings::default().framing().check((1920, 1080)).unwrap();
+    assert_eq!(full_hd, (1920, 1080));
+}
+
+#[test]
+fn a_scene_of_which_no_frame_is_possible_is_told_once() {
+    let folder = tempfile::tempdir().unwrap();
+    write_sevenscenes(folder.path(), 3);
+    fs::write(folder.path().join("camera-intrinsics.txt"), "1e-30 0 31.5\n0 1e-30 23.5\n0 0 1\n").unwrap();
+    let scene = open_scene(folder.path(), &DatasetSettings::default()).unwrap();
+    let error = FrameStream::open(scene, &DatasetSettings::default(), GroundTruth::Skip).unwrap_err().to_string();
+    assert!(
+        error.ends_with(
+            "camera-intrinsics.txt: focal lengths: found 1e-30 and 1e-30 pixels, expected those of a camera of 64x48 \
+             pixels, about 64"
+        ),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_camera_off_the_earth_is_an_error_of_its_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    write_sevenscenes(folder.path(), 2);
+    let far = pose_text(0).replace('2', "1e38");
+    fs::write(folder.path().join("frame-000010.pose.txt"), far).unwrap();
+    let scene = open_scene(folder.path(), &DatasetSettings::default()).unwrap();
+    let stream = FrameStream::open(scene, &DatasetSettings::default(), GroundTruth::Skip).unwrap();
+    let results: Vec<_> = stream.collect();
+    assert!(results[0].is_ok());
+    let error = results[1].as_ref().unwrap_err().to_string();
+    assert!(
+        error.contains("frame-000010.pose.txt: camera position: found (0e0, 1e38, 3e0), expected metres"),
+        "{error}"
+    );
+}
+
 proptest! {
     #[test]
     fn masks_and_labels_take_the_same_pixels(
@@ -207,7 +266,7 @@ proptest! {
     ) {
         let id = |column: usize, row: usize| (salt >> ((3 * column + 7 * row) % 31)) & 1;
         let labels = SegmentMap::from_fn(width, height, id);
-        let framing = Framing { resize: Some(ImageSize { width: to_width, height: to_height }), crop_border };
+        let framing = Framing { resize: Some(ImageSize { width: to_width, height: to_height }), crop_border, max_pixels: None };
         let framed = framing.apply_to_labels(labels.clone()).unwrap();
         prop_assert_eq!(framing.apply_to_mask(&labels.mask_of(1)).unwrap(), framed.mask_of(1));
     }

@@ -4,7 +4,7 @@ mod support;
 
 use glam::Quat;
 use proptest::prelude::*;
-use splatseg_dataset::{DatasetError, DatasetSettings, Framing, Scene, TumScene, open_scene};
+use splatseg_dataset::{DatasetError, DatasetSettings, Framing, LeftOut, Scene, TumScene, open_scene};
 use splatseg_geometry::{Pose, RgbdFrame, SegmentMap};
 use std::fs;
 use std::path::Path;
@@ -65,7 +65,7 @@ fn sequences_are_read_back() {
         assert_same(&read, written, &Tolerance { depth: 0.000_11, color: 0.0 });
         let seconds = START + SPACING * index as f64;
         assert!((read.timestamp().unwrap().as_secs_f64() - seconds).abs() < 1e-6, "{:?}", read.timestamp());
-        let half = Framing { resize: Some("32x24".parse().unwrap()), crop_border: 1 };
+        let half = Framing { resize: Some("32x24".parse().unwrap()), crop_border: 1, max_pixels: None };
         assert_eq!(half.apply(read.clone()).unwrap().timestamp(), read.timestamp());
         // 525 for 640 pixels; these images have 64.
         assert_eq!((read.intrinsics().fx, read.intrinsics().fy), (52.5, 52.5));
@@ -100,6 +100,8 @@ fn frames_without_depth_or_pose_are_left_out() {
     keep_lines("depth.txt", |line| line != 2);
     let scene = open(folder.path());
     assert_eq!((scene.frame_count(), scene.frame_name(0)), (2, "1305031102.175304".to_owned()));
+    let what = "without a depth image or a pose within 0.02 s of their colour image".to_owned();
+    assert_eq!(scene.left_out(), [LeftOut { count: 1, what }]);
     keep_lines("groundtruth.txt", |line| line < 5);
     assert_eq!(open(folder.path()).frame_count(), 1);
     keep_lines("groundtruth.txt", |line| line < 2);
@@ -137,8 +139,11 @@ fn damaged_lists_are_told() {
     let folder = tempfile::tempdir().unwrap();
     write_tum(folder.path());
     fs::remove_file(folder.path().join("groundtruth.txt")).unwrap();
-    let error = open_scene(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
+    let error = TumScene::open(folder.path()).unwrap_err().to_string();
     assert!(error.ends_with("groundtruth.txt: the camera trajectory is missing"), "{error}");
+    let error = open_scene(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
+    let expected = "looks like a scene of format tum, but this is missing: groundtruth.txt (found: rgb.txt, depth.txt)";
+    assert!(error.ends_with(expected), "{error}");
 }
 
 #[test]
@@ -176,6 +181,18 @@ fn special_files_are_not_read() {
     let folder = tempfile::tempdir().unwrap();
     write_tum(folder.path());
     support::assert_special_files_are_refused(folder.path(), folder.path());
+}
+
+#[test]
+fn lines_that_are_not_utf8_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    write_tum(folder.path());
+    let mut list = fs::read(folder.path().join("rgb.txt")).unwrap();
+    list.extend(b"1305031109.5 rgb/\xFF.png\n");
+    fs::write(folder.path().join("rgb.txt"), list).unwrap();
+    let scene = open(folder.path());
+    let what = "with names that are not UTF-8 in rgb.txt or depth.txt".to_owned();
+    assert_eq!((scene.frame_count(), scene.left_out()), (3, &[LeftOut { count: 1, what }][..]));
 }
 
 proptest! {

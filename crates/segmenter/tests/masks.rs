@@ -63,14 +63,14 @@ fn eight_bit_ids_and_dotted_frame_names_are_read() {
 
 #[test]
 fn masks_are_resized_and_cropped_like_the_video() {
-    let framing = Framing { resize: Some(ImageSize { width: 12, height: 8 }), crop_border: 2 };
+    let framing = Framing { resize: Some(ImageSize { width: 12, height: 8 }), crop_border: 2, ..Framing::default() };
     let masks = read(id_folder().path(), framing, (8, 4)).unwrap();
     let expected = Mask::from_fn(8, 4, |column, _| column < 2);
     assert_eq!(masks.len(), 1, "id 3 lies in the border that is cut off");
     assert_eq!(masks[0].mask, expected);
     // Already of the frame's size: used as they are, whatever the framing.
     assert_eq!(read(id_folder().path(), framing, (6, 4)).unwrap().len(), 2);
-    let halved = Framing { resize: Some(ImageSize { width: 3, height: 2 }), crop_border: 0 };
+    let halved = Framing { resize: Some(ImageSize { width: 3, height: 2 }), crop_border: 0, ..Framing::default() };
     // Of two rows at the same distance the upper one counts, so id 3, in the lowest row alone, is not seen.
     let masks = read(id_folder().path(), halved, (3, 2)).unwrap();
     assert_eq!(masks.iter().map(|found| found.mask.clone()).collect::<Vec<_>>(), [Mask::from_fn(3, 2, |x, _| x == 0)]);
@@ -80,7 +80,7 @@ fn masks_are_resized_and_cropped_like_the_video() {
 fn masks_and_labels_take_the_same_pixels_at_half_size() {
     let folder = TempDir::new().unwrap();
     ImageBuffer::<Luma<u8>, _>::from_raw(4, 1, vec![1u8, 2, 3, 4]).unwrap().save(folder.path().join("7.png")).unwrap();
-    let half = Framing { resize: Some(ImageSize { width: 2, height: 1 }), crop_border: 0 };
+    let half = Framing { resize: Some(ImageSize { width: 2, height: 1 }), crop_border: 0, ..Framing::default() };
     let labels = half.apply_to_labels(SegmentMap::from_pixels(4, 1, vec![1, 2, 3, 4]).unwrap()).unwrap();
     let masks = read(folder.path(), half, (2, 1)).unwrap();
     let expected: Vec<Mask> = Mask::of_segments(&labels).into_iter().map(|(_, mask)| mask).collect();
@@ -89,11 +89,11 @@ fn masks_and_labels_take_the_same_pixels_at_half_size() {
 
 #[test]
 fn masks_of_another_size_are_refused() {
-    let framing = Framing { resize: None, crop_border: 1 };
+    let framing = Framing { resize: None, crop_border: 1, ..Framing::default() };
     let error = read(id_folder().path(), framing, (5, 5)).unwrap_err().to_string();
     assert!(error.contains("7.png: masks of 6x4 pixels become 4x2"), "{error}");
     assert!(error.ends_with("expected 5x5 as in the frame"), "{error}");
-    let cut_away = Framing { resize: None, crop_border: usize::MAX };
+    let cut_away = Framing { resize: None, crop_border: usize::MAX, ..Framing::default() };
     assert!(matches!(read(id_folder().path(), cut_away, (5, 5)), Err(SegmenterError::WrongSize { found: (0, 0), .. })));
 }
 
@@ -129,7 +129,8 @@ fn folders_without_masks_are_refused() {
     assert!(matches!(open(&empty.path().join("none")), Err(SegmenterError::Read { .. })));
     let folder = id_folder();
     assert!(matches!(open(&folder.path().join("7.png")), Err(SegmenterError::NotAFolder { .. })));
-    let huge = Framing { resize: Some(ImageSize { width: usize::MAX, height: 2 }), crop_border: 0 };
+    let huge =
+        Framing { resize: Some(ImageSize { width: usize::MAX, height: 2 }), crop_border: 0, ..Framing::default() };
     assert!(matches!(MaskFolder::open(folder.path(), huge), Err(SegmenterError::Setting(_))));
 }
 

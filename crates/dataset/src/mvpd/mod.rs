@@ -20,17 +20,17 @@ mod panoptic;
 mod video_files;
 mod video_path;
 
-pub(crate) use video_path::looks_like;
+pub(crate) use video_path::{looks_like, parts};
 
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, SEGMENT_IMAGE};
 use crate::decode::{decode_color, decode_depth, decode_panoptic, encoded_size};
-use crate::scene::{FrameParts, entry, require_registered};
-use crate::{DatasetError, Scene};
+use crate::scene::{FramePart, FrameParts, entry, require_registered};
+use crate::{DatasetError, Format, Scene};
 use glam::{DQuat, DVec3};
 use panoptic::{PanopticVideo, SegmentInfo};
 use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::collections::{BTreeMap, HashSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use video_files::VideoFiles;
 use video_path::VideoPath;
 
@@ -64,6 +64,8 @@ pub struct MvpdScene {
     files: VideoFiles,
     views: Vec<View>,
     masks: BTreeMap<String, Mask>,
+    /// The file of annotations, for messages.
+    annotations: PathBuf,
 }
 
 /// The labels of one frame.
@@ -104,7 +106,7 @@ impl MvpdScene {
         // Without the masks, which are a separate folder, the video is one without ground truth.
         let has_masks =
             masks.values().any(|mask| files.contains(&video_files::member("panomasksRGB", &name, &mask.file)));
-        Ok(Self { files, views, masks: if has_masks { masks } else { BTreeMap::new() }, name })
+        Ok(Self { files, views, masks: if has_masks { masks } else { BTreeMap::new() }, name, annotations: source })
     }
 
     fn member(&self, folder: &str, file: &str) -> String {
@@ -221,5 +223,19 @@ impl Scene for MvpdScene {
             return Err(wrong(&path, "id", &id.to_string(), "one of the segments_info of its annotation"));
         }
         Ok(Some(stored.map(|id| instances.get(id).copied().unwrap_or(0))))
+    }
+
+    fn format(&self) -> Option<Format> {
+        Some(Format::Mvpd)
+    }
+
+    fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
+        match (self.views.get(index), part) {
+            (Some(view), FramePart::Depth) => self.files.path_of(&self.member("imagesDEPTH", &view.depth)),
+            (Some(view), FramePart::Pose) => {
+                format!("{}: camera_position of {}", self.annotations.display(), view.stem).into()
+            }
+            _ => self.annotations.clone(),
+        }
     }
 }

@@ -37,6 +37,15 @@ pub(super) struct Annotations {
     pub(super) prefix: String,
 }
 
+/// The parts that a split's folder needs, and whether each is in a folder.
+pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
+    vec![
+        ("panoptic_<split>.json", names_in(path).iter().any(|name| is_annotation_file(name))),
+        ("imagesRGB/", path.join(IMAGES_FOLDER).is_dir()),
+        ("imagesDEPTH/", path.join("imagesDEPTH").is_dir()),
+    ]
+}
+
 /// Whether a path leads to MVPd, with or without the choice of a video.
 pub(crate) fn looks_like(path: &Path) -> bool {
     VideoPath::parse(path).is_some()
@@ -49,9 +58,9 @@ impl VideoPath {
         if path.exists() {
             return Place::at(path).map(|place| Self { place, video: None }).or_else(|| Self::from_images_folder(path));
         }
-        let (place, video) = path.to_str()?.rsplit_once(':')?;
-        let place = Place::at(Path::new(place))?;
-        (!video.is_empty()).then(|| Self { place, video: Some(video.to_owned()) })
+        let (place, video) = split_at_last_colon(path)?;
+        let place = Place::at(&place)?;
+        (!video.is_empty()).then(|| Self { place, video: Some(video) })
     }
 
     fn from_images_folder(path: &Path) -> Option<Self> {
@@ -111,6 +120,20 @@ impl VideoPath {
     }
 }
 
+/// What is before and after the last colon. Only what follows it, the name of a video, must be UTF-8.
+fn split_at_last_colon(path: &Path) -> Option<(PathBuf, String)> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::ffi::OsStrExt;
+        let bytes = path.as_os_str().as_bytes();
+        let colon = bytes.iter().rposition(|byte| *byte == b':')?;
+        let place = PathBuf::from(std::ffi::OsStr::from_bytes(&bytes[..colon]));
+        Some((place, std::str::from_utf8(&bytes[colon + 1..]).ok()?.to_owned()))
+    }
+    #[cfg(not(unix))]
+    path.to_str()?.rsplit_once(':').map(|(place, video)| (PathBuf::from(place), video.to_owned()))
+}
+
 impl Place {
     /// What is at a path that may not be there.
     fn at(path: &Path) -> Option<Self> {
@@ -119,7 +142,7 @@ impl Place {
                 path.join(IMAGES_FOLDER).is_dir() && names_in(path).iter().any(|name| is_annotation_file(name));
             return holds_videos.then(|| Self::Folder(path.to_owned()));
         }
-        let name = path.file_name()?.to_str()?.to_ascii_lowercase();
+        let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let is_archive = path.is_file() && [".tar.gz", ".tgz"].iter().any(|ending| name.ends_with(ending));
         is_archive.then(|| Self::Archive(path.to_owned()))
     }

@@ -5,10 +5,10 @@
 use super::labels::InstanceLabels;
 use super::{Camera, Cameras};
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, image_size, read_color, read_depth};
-use crate::listing::{NamePattern, NumberedFile, folder_name, numbered_files};
-use crate::scene::{FrameParts, entry};
+use crate::listing::{NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files};
+use crate::scene::{FramePart, FrameParts, LeftOut, entry};
 use crate::text::{PinholeMatrix, read_pose};
-use crate::{DatasetError, Scene};
+use crate::{DatasetError, Format, Scene};
 use splatseg_geometry::{RgbdFrame, SegmentMap};
 use std::path::{Path, PathBuf};
 
@@ -19,6 +19,9 @@ pub(crate) const LAYOUT: &str = "color/0.jpg, depth/0.png, pose/0.txt, ..., intr
 
 const COLOR: NamePattern = NamePattern { prefix: "", suffixes: &[".png", ".jpg", ".jpeg"] };
 
+const DEPTH: NamePattern = NamePattern { prefix: "", suffixes: &[".png"] };
+const POSE: NamePattern = NamePattern { prefix: "", suffixes: &[".txt"] };
+
 /// A ScanNet scene exported to folders.
 #[derive(Debug)]
 pub struct ScannetScene {
@@ -27,13 +30,14 @@ pub struct ScannetScene {
     frames: Vec<NumberedFile>,
     cameras: Cameras,
     labels: Option<InstanceLabels>,
+    left_out: Vec<LeftOut>,
 }
 
 impl ScannetScene {
     /// Lists the frames of a scene's folder, sorted by number, and reads its cameras.
     ///
     /// # Errors
-    /// If the folder cannot be read or has no frames, or an intrinsics file or the labels' zip file is missing
+    /// If the folder cannot be read or has no colour images, depth images or poses, or an intrinsics file or the labels' zip file is missing
     /// or damaged.
     pub fn open(folder: &Path) -> Result<Self, DatasetError> {
         let color_folder = folder.join("color");
@@ -41,20 +45,36 @@ impl ScannetScene {
         if frames.is_empty() {
             return Err(DatasetError::NoFrames { path: color_folder, expected: "<number>.jpg or .png" });
         }
+        let others = [(folder.join("depth"), DEPTH), (folder.join("pose"), POSE)];
+        for ((part, pattern), expected) in others.iter().zip(["<number>.png", "<number>.txt"]) {
+            if !has_numbered_files(part, *pattern) {
+                return Err(DatasetError::NoFrames { path: part.clone(), expected });
+            }
+        }
+        let left_out = left_out_beside(&frames, &color_folder, &others);
         let name = folder_name(folder);
         let cameras = Cameras { color: read_camera(folder, "color")?, depth: read_camera(folder, "depth")? };
         let labels = InstanceLabels::in_folder(folder, &name)?;
-        Ok(Self { name, folder: folder.to_owned(), frames, cameras, labels })
+        Ok(Self { name, folder: folder.to_owned(), frames, cameras, labels, left_out })
     }
 
     fn depth_path(&self, file: &NumberedFile) -> PathBuf {
         self.folder.join("depth").join(format!("{}.png", file.stem))
+    }
+
+    fn pose_path(&self, file: &NumberedFile) -> PathBuf {
+        self.folder.join("pose").join(format!("{}.txt", file.stem))
     }
 }
 
 fn read_camera(folder: &Path, camera: &str) -> Result<Camera, DatasetError> {
     let path = folder.join("intrinsic").join(format!("intrinsic_{camera}.txt"));
     Ok(Camera { matrix: PinholeMatrix::read(&path)?, path })
+}
+
+/// The parts that an exported scene needs, and whether each is in a folder.
+pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
+    ["color/", "depth/", "pose/", "intrinsic/"].map(|part| (part, path.join(part).is_dir())).to_vec()
 }
 
 /// Whether a folder holds an exported ScanNet scene.
@@ -78,7 +98,7 @@ impl Scene for ScannetScene {
     fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
         let file = entry(&self.frames, index, &self.name)?;
         // The pose first: it is quick to read, and where tracking was lost nothing else is needed.
-        let pose = read_pose(&self.folder.join("pose").join(format!("{}.txt", file.stem)))?;
+        let pose = read_pose(&self.pose_path(file))?;
         let depth = read_depth(&self.depth_path(file), MILLIMETRES)?;
         let (intrinsics, color) = self.cameras.color_at_depth(read_color(&file.path)?, depth.size())?;
         let name = file.stem.clone();
@@ -95,5 +115,26 @@ impl Scene for ScannetScene {
         let Some((path, labels)) = source.read(&file.stem)? else { return Ok(None) };
         let depth = image_size(&self.depth_path(file), DEPTH_IMAGE)?;
         self.cameras.labels_at_depth(labels, &path, depth, || image_size(&file.path, COLOR_IMAGE)).map(Some)
+    }
+
+    fn format(&self) -> Option<Format> {
+        Some(Format::Scannet)
+    }
+
+    fn stored_color_size(&self, index: usize) -> Option<(usize, usize)> {
+        image_size(&self.frames.get(index)?.path, COLOR_IMAGE).ok()
+    }
+
+    fn left_out(&self) -> &[LeftOut] {
+        &self.left_out
+    }
+
+    fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
+        match (self.frames.get(index), part) {
+            (Some(file), FramePart::Depth) => self.depth_path(file),
+            (Some(file), FramePart::Pose) => self.pose_path(file),
+            (_, FramePart::Intrinsics) => self.cameras.depth.path.clone(),
+            (None, _) => self.folder.clone(),
+        }
     }
 }

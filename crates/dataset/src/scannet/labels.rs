@@ -5,6 +5,7 @@ use crate::archive::ZippedImages;
 use crate::decode::{SEGMENT_IMAGE, decode_labels, read_labels};
 use crate::listing::names_in;
 use splatseg_geometry::SegmentMap;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// The folder of the labels, on disk and in the zip file.
@@ -44,8 +45,10 @@ impl InstanceLabels {
 
     /// The labels of a recording in a folder that may hold others as well: its own zip file, else the folder
     /// `instance-filt`.
-    pub(super) fn beside(folder: &Path, scene: &str) -> Result<Option<Self>, DatasetError> {
-        let zip = folder.join(format!("{scene}{ZIP_ENDING}"));
+    pub(super) fn beside(folder: &Path, scene: &OsStr) -> Result<Option<Self>, DatasetError> {
+        let mut name = scene.to_owned();
+        name.push(ZIP_ENDING);
+        let zip = folder.join(name);
         if zip.is_file() {
             return Self::open_zip(&zip).map(Some);
         }

@@ -3,13 +3,15 @@
 use super::labels::InstanceLabels;
 use super::sens_file::{ColorCompression, DepthCompression, SensFile, SensHeader};
 use super::{Camera, Cameras};
-use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MAX_DEFLATE_RATIO, MAX_PIXELS, decode_color, metres};
-use crate::listing::names_in;
-use crate::scene::FrameParts;
+use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MAX_DEFLATE_RATIO, MAX_PIXELS};
+use crate::decode::{decode_color, metres, require_decoding_memory};
+use crate::listing::all_names_in;
+use crate::scene::{FramePart, FrameParts, LeftOut};
 use crate::text::PinholeMatrix;
-use crate::{DatasetError, Scene};
+use crate::{DatasetError, Format, Scene};
 use flate2::read::ZlibDecoder;
 use splatseg_geometry::{Image, Pose, RgbdFrame, SegmentMap};
+use std::ffi::OsString;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -30,19 +32,31 @@ pub struct SensScene {
     file: SensFile,
     cameras: Cameras,
     labels: Option<InstanceLabels>,
+    left_out: Vec<LeftOut>,
 }
 
 impl SensScene {
     /// Opens a recording, or the only one in a folder: reads its header and finds its frames.
     ///
     /// # Errors
-    /// If there is no recording or there are several, if it is cut off anywhere, if its header is not one of version 4
-    /// or states a compression other than those above, or if the labels' zip file is damaged.
+    /// If there is no recording or there are several, if its first frame is not whole, if its header is not one of version 4
+    /// or states a compression other than those above or images beyond the memory limit, or if the labels' zip file is
+    /// damaged.
     pub fn open(path: &Path) -> Result<Self, DatasetError> {
         let path = recording_in(path)?;
         let file = SensFile::open(&path)?;
         if file.frame_count() == 0 {
             return Err(DatasetError::NoFrames { path, expected: "a frame count above 0 in the header" });
+        }
+        for (what, size) in [(COLOR_IMAGE, file.header().color_size), (DEPTH_IMAGE, file.header().depth_size)] {
+            require_decoding_memory(&path, what, size)?;
+        }
+        let mut left_out = Vec::new();
+        if let Some((missing, error)) = file.cut_off() {
+            let whole = file.frame_count();
+            tracing::warn!("{error}; only the frames before it are used: {whole}");
+            let what = format!("after frame {}, where the recording is cut off", whole - 1);
+            left_out = LeftOut::list([(usize::try_from(*missing).unwrap_or(usize::MAX), what)]);
         }
         let camera = |numbers: &[f32], what| -> Result<Camera, DatasetError> {
             Ok(Camera { matrix: PinholeMatrix::from_numbers(numbers, &path, what)?, path: path.clone() })
@@ -53,8 +67,8 @@ impl SensScene {
         };
         let name = path.file_stem().map_or_else(|| "scene".to_owned(), |stem| stem.to_string_lossy().into_owned());
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let labels = InstanceLabels::beside(folder, &name)?;
-        Ok(Self { name, file, cameras, labels })
+        let labels = InstanceLabels::beside(folder, path.file_stem().unwrap_or_default())?;
+        Ok(Self { name, file, cameras, labels, left_out })
     }
 
     fn no_such_frame(&self, index: usize) -> DatasetError {
@@ -71,8 +85,11 @@ fn is_recording(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(EXTENSION))
 }
 
-fn recordings(folder: &Path) -> Vec<String> {
-    names_in(folder).into_iter().filter(|name| is_recording(Path::new(name)) && folder.join(name).is_file()).collect()
+fn recordings(folder: &Path) -> Vec<OsString> {
+    all_names_in(folder)
+        .into_iter()
+        .filter(|name| is_recording(Path::new(name)) && folder.join(name).is_file())
+        .collect()
 }
 
 fn recording_in(path: &Path) -> Result<PathBuf, DatasetError> {
@@ -83,7 +100,10 @@ fn recording_in(path: &Path) -> Result<PathBuf, DatasetError> {
     match sequences.as_slice() {
         [] => Err(DatasetError::NoFrames { path: path.to_owned(), expected: "a file <scene>.sens" }),
         [only] => Ok(path.join(only)),
-        _ => Err(DatasetError::SeveralSequences { path: path.to_owned(), sequences }),
+        _ => Err(DatasetError::SeveralSequences {
+            path: path.to_owned(),
+            sequences: sequences.iter().map(|name| name.to_string_lossy().into_owned()).collect(),
+        }),
     }
 }
 
@@ -113,28 +133,33 @@ fn depth_of(bytes: &[u8], header: &SensHeader, path: &Path) -> Result<Image<f32>
     require_plausible_depth(bytes.len() as u64, header, path)?;
     let (width, height) = header.depth_size;
     let expected = 2 * width * height;
-    let inflated;
-    let stored = match header.depth_compression {
-        DepthCompression::Raw => bytes,
-        DepthCompression::Zlib => {
-            // Reading one byte more than expected shows that there is too much, without unpacking all of it. The buffer
-            // grows with the data and not with the stated size.
-            let mut buffer = Vec::new();
-            ZlibDecoder::new(bytes).take(expected as u64 + 1).read_to_end(&mut buffer).map_err(|source| {
-                DatasetError::Field {
-                    path: path.to_owned(),
-                    field: DEPTH_IMAGE.to_owned(),
-                    found: format!("damaged zlib data ({source})"),
-                    expected: format!("{width}x{height} values"),
-                }
-            })?;
-            inflated = buffer;
-            &inflated
-        }
+    let wrong_bytes = |found| require_bytes(found, expected, DEPTH_IMAGE, path);
+    let mut stored: Box<dyn Read + '_> = match header.depth_compression {
+        DepthCompression::Raw => Box::new(bytes),
+        DepthCompression::Zlib => Box::new(ZlibDecoder::new(bytes)),
     };
-    require_bytes(stored.len(), expected, DEPTH_IMAGE, path)?;
-    let mut values = stored.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]]));
-    Ok(Image::from_fn(width, height, |_, _| metres(values.next().unwrap_or(0), header.depth_units_per_metre)))
+    let damaged = |source: std::io::Error| DatasetError::Field {
+        path: path.to_owned(),
+        field: DEPTH_IMAGE.to_owned(),
+        found: format!("damaged zlib data ({source})"),
+        expected: format!("{width}x{height} values"),
+    };
+    // Row by row: a second copy of the whole image is not needed.
+    let mut pixels = Vec::with_capacity(width * height);
+    let mut row = Vec::with_capacity(2 * width);
+    for index in 0..height {
+        row.clear();
+        stored.by_ref().take(2 * width as u64).read_to_end(&mut row).map_err(damaged)?;
+        if row.len() < 2 * width {
+            wrong_bytes(2 * width * index + row.len())?;
+        }
+        let (values, _) = row.as_chunks::<2>();
+        pixels.extend(values.iter().map(|value| metres(u16::from_le_bytes(*value), header.depth_units_per_metre)));
+    }
+    // One byte more shows that there is too much, without unpacking all of it.
+    wrong_bytes(expected + stored.take(1).read_to_end(&mut Vec::new()).map_err(damaged)?)?;
+    Image::from_pixels(width, height, pixels)
+        .map_err(|error| DatasetError::Other { scene: path.display().to_string(), source: error.into() })
 }
 
 /// Whether the stored bytes can hold a depth image of the stated size at all.
@@ -203,5 +228,24 @@ impl Scene for SensScene {
         let header = self.file.header();
         require_plausible_depth(depth_bytes, header, &self.file.frame_path(index))?;
         self.cameras.labels_at_depth(labels, &path, header.depth_size, || Ok(header.color_size)).map(Some)
+    }
+
+    fn format(&self) -> Option<Format> {
+        Some(Format::Sens)
+    }
+
+    fn stored_color_size(&self, _index: usize) -> Option<(usize, usize)> {
+        Some(self.file.header().color_size)
+    }
+
+    fn left_out(&self) -> &[LeftOut] {
+        &self.left_out
+    }
+
+    fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
+        match part {
+            FramePart::Depth | FramePart::Pose => self.file.frame_path(index),
+            FramePart::Intrinsics => self.cameras.depth.path.clone(),
+        }
     }
 }

@@ -87,25 +87,38 @@ pub(super) struct SensFile {
     path: PathBuf,
     header: SensHeader,
     frames: Vec<FrameSpan>,
+    /// How many frames are missing at the end, and why.
+    cut_off: Option<(u64, DatasetError)>,
     file: RandomAccessFile,
 }
 
 impl SensFile {
-    /// Reads the header and the frames' headers, skipping their data.
+    /// Reads the header and the frames' headers, skipping their data. Of a recording that is cut off, the frames that are
+    /// whole.
     pub(super) fn open(path: &Path) -> Result<Self, DatasetError> {
         let mut file = open_file(path)?;
         let len = file.metadata().map_err(|source| DatasetError::Io { path: path.to_owned(), source })?.len();
         let mut walk = Walk { path, file: &mut file, position: 0, len };
         let (header, frame_count) = walk.header()?;
-        // Each frame takes at least its own header, so the file justifies this much memory and no more.
-        let least = u128::from(frame_count) * FRAME_HEADER_BYTES as u128;
-        if least > u128::from(len - walk.position) {
-            let what = format!("the last of {frame_count} frames");
-            let end = u64::try_from(u128::from(walk.position) + least).unwrap_or(u64::MAX);
-            return Err(DatasetError::EndsEarly { path: path.to_owned(), what, end, bytes: len });
+        // The list grows with the frames that are there: their number in the header may be wrong.
+        let mut frames = Vec::new();
+        let mut cut_off = None;
+        for index in 0..frame_count {
+            match walk.frame_span(index) {
+                Ok(span) => frames.push(span),
+                Err(error @ DatasetError::EndsEarly { .. }) if index > 0 => {
+                    cut_off = Some((frame_count - index, error));
+                    break;
+                }
+                Err(error) => return Err(error),
+            }
         }
-        let frames = (0..frame_count).map(|index| walk.frame_span(index)).collect::<Result<_, _>>()?;
-        Ok(Self { path: path.to_owned(), header, frames, file: RandomAccessFile::new(file) })
+        Ok(Self { path: path.to_owned(), header, frames, cut_off, file: RandomAccessFile::new(file) })
+    }
+
+    /// How many frames are missing at the end of a recording that is cut off, and where it ends.
+    pub(super) fn cut_off(&self) -> Option<&(u64, DatasetError)> {
+        self.cut_off.as_ref()
     }
 
     pub(super) fn header(&self) -> &SensHeader {

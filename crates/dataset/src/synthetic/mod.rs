@@ -14,7 +14,7 @@ pub use settings::{CameraMotion, SyntheticSettings};
 pub(crate) use settings::{LAYOUT, looks_like};
 
 use crate::scene::FrameParts;
-use crate::{DatasetError, Scene};
+use crate::{DatasetError, Format, Scene};
 use glam::Vec2;
 use noise::{Sample, as_kinect_sees, color_bytes};
 use rayon::prelude::*;
@@ -168,5 +168,9 @@ impl Scene for SyntheticScene {
     fn read_ground_truth(&self, index: usize) -> Result<Option<SegmentMap>, DatasetError> {
         self.check_index(index)?;
         Ok(Some(self.cast_rays(index).map(|sample| sample.id)))
+    }
+
+    fn format(&self) -> Option<Format> {
+        Some(Format::Synthetic)
     }
 }

@@ -1,7 +1,8 @@
 //! The text files of a TUM RGB-D sequence.
 
 use crate::DatasetError;
-use crate::text::{read_text, shortened};
+use crate::files::read_file;
+use crate::text::{not_text, shortened};
 use glam::{DQuat, DVec3};
 use std::path::{Component, Path, PathBuf};
 
@@ -29,8 +30,13 @@ pub(super) struct TimedPose {
     pub(super) line: usize,
 }
 
-/// Reads a list of images, sorted by time. Of several at the same time the last is kept, as in `associate.py`.
-pub(super) fn read_file_list(folder: &Path, name: &str, what: &'static str) -> Result<Vec<ListedFile>, DatasetError> {
+/// Reads a list of images, sorted by time. Of several at the same time the last is kept, as in `associate.py`. Also gives
+/// the number of lines that are left out because they are not UTF-8.
+pub(super) fn read_file_list(
+    folder: &Path,
+    name: &str,
+    what: &'static str,
+) -> Result<(Vec<ListedFile>, usize), DatasetError> {
     let path = folder.join(name);
     let parse = |line: Line<'_>| {
         let file = Path::new(line.words.get(1)?);
@@ -39,9 +45,9 @@ pub(super) fn read_file_list(folder: &Path, name: &str, what: &'static str) -> R
         let stem = file.file_stem()?.to_str()?.to_owned();
         inside.then(|| Some(ListedFile { seconds: line.seconds()?, stem, path: folder.join(file) }))?
     };
-    let mut files = read_lines(&path, what, "a time in seconds and a file inside the folder", parse)?;
+    let (mut files, unreadable) = read_lines(&path, what, "a time in seconds and a file inside the folder", parse)?;
     sort_by_time(&mut files, |file| file.seconds);
-    Ok(files)
+    Ok((files, unreadable))
 }
 
 /// Reads a trajectory, sorted by time. Of several poses at the same time the last is kept.
@@ -52,7 +58,7 @@ pub(super) fn read_trajectory(path: &Path) -> Result<Vec<TimedPose>, DatasetErro
         let (position, rotation) = (DVec3::new(tx, ty, tz), DQuat::from_xyzw(qx, qy, qz, qw));
         Some(TimedPose { seconds: line.seconds()?, position, rotation, line: line.number })
     };
-    let mut poses = read_lines(path, "camera trajectory", "time tx ty tz qx qy qz qw", parse)?;
+    let (mut poses, _) = read_lines(path, "camera trajectory", "time tx ty tz qx qy qz qw", parse)?;
     sort_by_time(&mut poses, |pose| pose.seconds);
     Ok(poses)
 }
@@ -71,15 +77,20 @@ impl Line<'_> {
     }
 }
 
+/// Reads the lines that are UTF-8; also gives the number of those that are not.
 fn read_lines<T>(
     path: &Path,
     what: &'static str,
     expected: &str,
     parse: impl Fn(Line<'_>) -> Option<T>,
-) -> Result<Vec<T>, DatasetError> {
-    let text = read_text(path, what, MAX_LIST_BYTES)?;
-    let mut parsed = Vec::new();
-    for (index, line) in text.lines().enumerate() {
+) -> Result<(Vec<T>, usize), DatasetError> {
+    let text = read_file(path, what, MAX_LIST_BYTES)?;
+    let (mut parsed, mut unreadable) = (Vec::new(), 0);
+    for (index, line) in text.split(|byte| *byte == b'\n').enumerate() {
+        let Ok(line) = std::str::from_utf8(line) else {
+            unreadable += 1;
+            continue;
+        };
         if line.trim().is_empty() || line.trim_start().starts_with('#') {
             continue;
         }
@@ -94,7 +105,10 @@ fn read_lines<T>(
         })?;
         parsed.push(item);
     }
-    Ok(parsed)
+    if parsed.is_empty() && unreadable > 0 {
+        return Err(not_text(path, what));
+    }
+    Ok((parsed, unreadable))
 }
 
 fn sort_by_time<T>(items: &mut Vec<T>, seconds: impl Fn(&T) -> f64) {

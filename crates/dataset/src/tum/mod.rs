@@ -4,7 +4,7 @@
 //! Colour and depth are paired as the benchmark's `associate.py` does: the two closest times first, apart by less than
 //! 0.02 s. A frame's pose is the one measured **nearest** to its colour image, within 0.02 s: not interpolated, as in
 //! the published evaluations; the trajectory has 100 poses and more a second. Frames that find no partner or no pose
-//! are left out, with a warning.
+//! are left out and counted.
 //!
 //! Depth is a 16-bit PNG with 5000 units per metre, registered to colour. Lens distortion is ignored.
 
@@ -13,9 +13,9 @@ mod lists;
 
 use crate::decode::{read_color, read_depth};
 use crate::listing::folder_name;
-use crate::scene::{FrameParts, entry, require_registered};
+use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, shortened};
-use crate::{DatasetError, Scene};
+use crate::{DatasetError, Format, Scene};
 use associate::{associate, nearest};
 use lists::{ListedFile, TimedPose, read_file_list, read_trajectory};
 use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
@@ -71,6 +71,7 @@ pub struct TumScene {
     frames: Vec<TumFrame>,
     intrinsics: Option<PinholeMatrix>,
     assumed_camera: Intrinsics,
+    left_out: Vec<LeftOut>,
 }
 
 impl TumScene {
@@ -80,8 +81,9 @@ impl TumScene {
     /// If a list is missing or damaged or names a colour image twice, if nothing can be paired, or if the intrinsics
     /// are damaged.
     pub fn open(folder: &Path) -> Result<Self, DatasetError> {
-        let color = read_file_list(folder, COLOR_LIST, "list of colour images")?;
-        let depth = read_file_list(folder, DEPTH_LIST, "list of depth images")?;
+        let (color, unreadable_color) = read_file_list(folder, COLOR_LIST, "list of colour images")?;
+        let (depth, unreadable_depth) = read_file_list(folder, DEPTH_LIST, "list of depth images")?;
+        let unreadable = unreadable_color + unreadable_depth;
         let trajectory = read_trajectory(&folder.join(TRAJECTORY))?;
         let frames = frames_of(&color, &depth, &trajectory);
         if frames.is_empty() {
@@ -98,14 +100,13 @@ impl TumScene {
                 expected: "each image once".to_owned(),
             });
         }
-        if frames.len() < color.len() {
-            tracing::warn!(
-                "{}: {} of {} colour images are left out: no depth image or no pose within {MAX_SECONDS_APART} s",
-                folder.display(),
+        let left_out = LeftOut::list([
+            (
                 color.len() - frames.len(),
-                color.len()
-            );
-        }
+                format!("without a depth image or a pose within {MAX_SECONDS_APART} s of their colour image"),
+            ),
+            (unreadable, format!("with names that are not UTF-8 in {COLOR_LIST} or {DEPTH_LIST}")),
+        ]);
         let name = folder_name(folder);
         let intrinsics_path = folder.join(INTRINSICS_FILE);
         let intrinsics = if intrinsics_path.exists() { Some(PinholeMatrix::read(&intrinsics_path)?) } else { None };
@@ -117,7 +118,7 @@ impl TumScene {
             );
         }
         let assumed_camera = published.unwrap_or(ROS_DEFAULT);
-        Ok(Self { name, folder: folder.to_owned(), frames, intrinsics, assumed_camera })
+        Ok(Self { name, folder: folder.to_owned(), frames, intrinsics, assumed_camera, left_out })
     }
 
     fn camera(&self, size: (usize, usize)) -> Result<Intrinsics, DatasetError> {
@@ -146,9 +147,14 @@ fn frames_of(color: &[ListedFile], depth: &[ListedFile], trajectory: &[TimedPose
     associate(&times(color), &times(depth), MAX_SECONDS_APART).into_iter().filter_map(frame).collect()
 }
 
+/// The parts that a sequence needs, and whether each is in a folder.
+pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
+    [COLOR_LIST, DEPTH_LIST, TRAJECTORY].map(|part| (part, path.join(part).is_file())).to_vec()
+}
+
 /// Whether a folder holds a sequence.
 pub(crate) fn looks_like(path: &Path) -> bool {
-    [COLOR_LIST, DEPTH_LIST].iter().all(|name| path.join(name).is_file())
+    parts(path).iter().all(|(_, is_there)| *is_there)
 }
 
 impl Scene for TumScene {
@@ -167,10 +173,8 @@ impl Scene for TumScene {
     fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
         let frame = entry(&self.frames, index, &self.name)?;
         // The benchmark's camera axes are ours.
-        let pose = Pose::from_quaternion(frame.pose.position, frame.pose.rotation).map_err(|source| {
-            let trajectory = self.folder.join(TRAJECTORY);
-            DatasetError::Pose { path: format!("{}: line {}", trajectory.display(), frame.pose.line).into(), source }
-        })?;
+        let pose = Pose::from_quaternion(frame.pose.position, frame.pose.rotation)
+            .map_err(|source| DatasetError::Pose { path: self.file_of(index, FramePart::Pose), source })?;
         let depth = read_depth(&frame.depth, UNITS_PER_METRE)?;
         let color = read_color(&frame.color)?;
         require_registered(&color, &depth, &frame.depth)?;
@@ -184,5 +188,24 @@ impl Scene for TumScene {
 
     fn read_ground_truth(&self, _index: usize) -> Result<Option<SegmentMap>, DatasetError> {
         Ok(None)
+    }
+
+    fn format(&self) -> Option<Format> {
+        Some(Format::Tum)
+    }
+
+    fn left_out(&self) -> &[LeftOut] {
+        &self.left_out
+    }
+
+    fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
+        match (self.frames.get(index), part) {
+            (Some(frame), FramePart::Depth) => frame.depth.clone(),
+            (Some(frame), FramePart::Pose) => {
+                format!("{}: line {}", self.folder.join(TRAJECTORY).display(), frame.pose.line).into()
+            }
+            (_, FramePart::Intrinsics) => self.folder.join(INTRINSICS_FILE),
+            (None, _) => self.folder.clone(),
+        }
     }
 }

@@ -105,6 +105,8 @@ pub struct SettingsOptions {
     pub seed: Option<String>,
     #[arg(long, value_name = "N")]
     pub threads: Option<String>,
+    #[arg(long, value_name = "SIZE")]
+    pub memory_limit: Option<String>,
 }
 
 impl SettingsOptions {
@@ -133,6 +135,7 @@ impl SettingsOptions {
             ("device", self.device.as_ref()),
             ("seed", self.seed.as_ref()),
             ("threads", self.threads.as_ref()),
+            ("memory_limit", self.memory_limit.as_ref()),
         ];
         add_given(&mut layers, options)?;
         add_given(&mut layers, more)?;

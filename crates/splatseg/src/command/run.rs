@@ -53,10 +53,12 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
         check_save_path(path, job.existing)?;
     }
     rayon::ThreadPoolBuilder::new().num_threads(job.settings.run.threads).build_global().map_err(Failure::work)?;
+    job.settings.run.memory_limit.enforce();
     let stop = stop_on_interrupt()?;
     let scene = open_scene(&job.scene, &job.settings.dataset).map_err(Failure::input)?;
     let stream =
         FrameStream::open(Arc::clone(&scene), &job.settings.dataset, GroundTruth::Skip).map_err(Failure::input)?;
+    eprintln!("{}", stream.description());
     let mut pipeline = build_pipeline(job, &scene)?;
     if let (Some(path), None) = (&job.save_memory, pipeline.memory()) {
         let method = pipeline.method_name();

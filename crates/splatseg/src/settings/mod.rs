@@ -15,6 +15,7 @@ pub use registry::{Entry, Need, describe, entries};
 
 use serde::Serialize;
 use splatseg_dataset::DatasetSettings;
+use splatseg_input::MemoryLimit;
 use splatseg_memory::MemorySettings;
 use splatseg_models::device::DeviceName;
 use splatseg_models::fastsam::FastSamPredictorSettings;
@@ -59,6 +60,9 @@ settings! {
         seed: u64 = 0, Allowed::at_least(0.0);
         /// Number of threads; 0: one per core. Results do not depend on it.
         threads: usize = 0, Allowed::between(0.0, 4096.0);
+        /// The memory that the program may take, e.g. `4GB`; `auto`: what the machine has available. Input that would
+        /// take more is refused. Results do not depend on it.
+        memory_limit: MemoryLimit = MemoryLimit::Auto, Allowed::Text(MemoryLimit::EXPECTED);
     }
 }
 

@@ -7,6 +7,7 @@ use crate::command::Failure;
 use splatseg::Settings;
 use splatseg::settings::{MethodName, SettingsError, SettingsLayers};
 use splatseg_dataset::open_scene;
+use splatseg_input::MemoryLimit;
 use splatseg_metrics::{Protocol, ScoreSettings};
 use std::collections::HashMap;
 use std::path::Path;
@@ -95,6 +96,7 @@ impl Plan {
             return Err(Failure::input("--seeds: found 0, expected 1 or more"));
         }
         let score = arguments.score.settings()?;
+        settings.run.memory_limit.enforce();
         let seeds = (0..arguments.seeds as u64).map(|step| settings.run.seed.saturating_add(step)).collect();
         let mut plan = Self {
             scenes: scenes(scene_paths, &settings),
@@ -259,8 +261,9 @@ fn key_of(error: &SettingsError) -> String {
 fn variant_settings(layers: &SettingsLayers, variant: &Variant, seed: u64) -> Result<Settings, Failure> {
     let mut settings = variant_layers(layers, variant)?.resolve_shared().map_err(Failure::input)?;
     settings.run.seed = seed;
-    // Results do not depend on it.
+    // Results do not depend on them.
     settings.run.threads = 0;
+    settings.run.memory_limit = MemoryLimit::Auto;
     settings.validate().map_err(Failure::input)?;
     Ok(settings)
 }

@@ -1,0 +1,156 @@
+//! What was recognised of a scene, to be told before its frames are processed.
+
+use crate::{DatasetSettings, Format, LeftOut, Scene, StreamedFrame};
+use std::fmt;
+
+/// What a stream of frames reads. Displayed, it is one line, and one more for each kind of what is left out.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct SceneDescription {
+    /// The scene's name.
+    pub name: String,
+    /// Its format; `None` for a scene of another program.
+    pub format: Option<Format>,
+    /// Number of its frames.
+    pub frames: usize,
+    /// Number of frames that the settings select.
+    pub selected_frames: usize,
+    /// Size `(width, height)` of the stored colour images; `None` if no frame can be read, as below.
+    pub color_size: Option<(usize, usize)>,
+    /// Size `(width, height)` of the frames before they are resized and cropped.
+    pub original_size: Option<(usize, usize)>,
+    /// Size `(width, height)` of the frames.
+    pub frame_size: Option<(usize, usize)>,
+    /// The smallest and the largest depth in the first frame, metres; `None` also if it has no depth at all.
+    pub depth_range_m: Option<(f32, f32)>,
+    /// The frames that were found but are not used.
+    pub left_out: Vec<LeftOut>,
+}
+
+impl SceneDescription {
+    /// What is known before a frame is read.
+    pub(crate) fn of(scene: &dyn Scene, selected_frames: usize) -> Self {
+        Self {
+            name: scene.name().to_owned(),
+            format: scene.format(),
+            frames: scene.frame_count(),
+            selected_frames,
+            color_size: None,
+            original_size: None,
+            frame_size: None,
+            depth_range_m: None,
+            left_out: scene.left_out().to_vec(),
+        }
+    }
+
+    /// Adds what the first good frame shows. `original_size` is its size before framing.
+    pub(crate) fn add_first_frame(
+        &mut self,
+        scene: &dyn Scene,
+        first: &StreamedFrame,
+        original_size: Option<(usize, usize)>,
+    ) {
+        self.color_size = scene.stored_color_size(first.index).or(original_size);
+        self.original_size = original_size;
+        self.frame_size = Some((first.frame.width(), first.frame.height()));
+        let measured = first.frame.depth().pixels().iter().filter(|depth| **depth > 0.0);
+        self.depth_range_m = measured.fold(None, |range, depth| {
+            let (nearest, farthest) = range.unwrap_or((*depth, *depth));
+            Some((depth.min(nearest), depth.max(farthest)))
+        });
+    }
+
+    /// Warns if frames are made smaller though nobody asked for it.
+    pub(crate) fn warn_of_reduction(&self, settings: &DatasetSettings) {
+        let Some(original) = self.original_size else { return };
+        let reduced = settings.framing().resized(original);
+        if settings.resize.is_none() && reduced != original {
+            tracing::warn!(
+                "{}: frames of {} pixels are reduced to {}, because dataset.max_pixels is {}: set it higher, or choose \
+                 a size with --resize",
+                self.name,
+                Size(original),
+                Size(reduced),
+                settings.max_pixels
+            );
+        }
+    }
+}
+
+/// A `(width, height)` in pixels.
+struct Size((usize, usize));
+
+impl fmt::Display for Size {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}x{}", self.0.0, self.0.1)
+    }
+}
+
+/// `1 frame`, `2 frames`.
+fn frames(count: usize) -> String {
+    if count == 1 { "1 frame".to_owned() } else { format!("{count} frames") }
+}
+
+impl fmt::Display for SceneDescription {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}: ", self.name)?;
+        if let Some(format) = self.format {
+            write!(formatter, "format {format}, ")?;
+        }
+        write!(formatter, "{}", frames(self.frames))?;
+        if self.selected_frames != self.frames {
+            write!(formatter, ", {} used", self.selected_frames)?;
+        }
+        let (Some(color), Some(original), Some(framed)) = (self.color_size, self.original_size, self.frame_size) else {
+            return write!(formatter, "; none of them can be read");
+        };
+        write!(formatter, "; colour {}", Size(color))?;
+        if original != color {
+            write!(formatter, ", depth {}", Size(original))?;
+        }
+        if framed != color {
+            write!(formatter, ", used at {}", Size(framed))?;
+        }
+        match self.depth_range_m {
+            Some((nearest, farthest)) => {
+                write!(formatter, "; depth of the first frame {nearest:.2} to {farthest:.2} m")?;
+            }
+            None => write!(formatter, "; no depth in the first frame")?,
+        }
+        for LeftOut { count, what } in &self.left_out {
+            write!(formatter, "\n  left out: {} {what}", frames(*count))?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_is_described_in_a_line() {
+        let mut description = SceneDescription {
+            name: "scene0000_00".to_owned(),
+            format: Some(Format::Scannet),
+            frames: 5578,
+            selected_frames: 279,
+            color_size: Some((1296, 968)),
+            original_size: Some((640, 480)),
+            frame_size: Some((310, 230)),
+            depth_range_m: Some((0.8125, 4.2)),
+            left_out: vec![LeftOut { count: 3, what: "without a colour image".to_owned() }],
+        };
+        assert_eq!(
+            description.to_string(),
+            "scene0000_00: format scannet, 5578 frames, 279 used; colour 1296x968, depth 640x480, used at 310x230; depth \
+             of the first frame 0.81 to 4.20 m\n  left out: 3 frames without a colour image"
+        );
+        description.depth_range_m = None;
+        description.frame_size = None;
+        description.frames = 1;
+        description.selected_frames = 1;
+        description.left_out.clear();
+        assert_eq!(description.to_string(), "scene0000_00: format scannet, 1 frame; none of them can be read");
+    }
+}
