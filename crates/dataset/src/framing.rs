@@ -3,7 +3,7 @@
 use crate::DatasetError;
 use crate::resample::{ImageMap, resample_color, resample_depth, resample_labels};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{Mask, RgbdFrame, SegmentMap};
+use splatseg_geometry::{RgbdFrame, SegmentMap};
 use splatseg_settings::{Allowed, SettingError, SettingValue};
 use std::fmt;
 use std::str::FromStr;
@@ -109,18 +109,18 @@ impl Framing {
         Ok(if self.crop_border == 0 { resized } else { resized.crop_border(self.crop_border) })
     }
 
-    /// A mask resized (to the nearest pixel, as labels are) and cropped like its frame.
+    /// The columns and the rows of an image of size `original` that its labels show after framing: pixel `(x, y)` of
+    /// the framed labels is pixel `(columns[x], rows[y])` of the image.
     ///
     /// # Errors
     /// [`SettingError`] if nothing would be left.
-    pub fn apply_to_mask(&self, mask: &Mask) -> Result<Mask, SettingError> {
-        let original = (mask.width(), mask.height());
+    pub fn source_pixels(&self, original: (usize, usize)) -> Result<(Vec<usize>, Vec<usize>), SettingError> {
         let (width, height) = self.check(original)?;
         let map = ImageMap::resize(original, self.resized(original));
-        Ok(Mask::from_fn(width, height, |column, row| {
-            let nearest = map.nearest(column + self.crop_border, row + self.crop_border);
-            nearest.is_some_and(|(column, row)| mask.contains(column, row))
-        }))
+        let border = self.crop_border;
+        let columns = (border..border + width).filter_map(|column| map.nearest(column, border));
+        let rows = (border..border + height).filter_map(|row| map.nearest(border, row));
+        Ok((columns.map(|(column, _)| column).collect(), rows.map(|(_, row)| row).collect()))
     }
 }
 

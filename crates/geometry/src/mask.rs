@@ -1,12 +1,56 @@
 //! Binary masks, packed into bits so that overlaps are counted 64 pixels at a time.
+//!
+//! Only the parts of the image that hold pixels are stored, so a mask takes memory in proportion to what it covers:
+//! thousands of masks of a large image may overlap, and those of a map of tiny segments may be scattered all over it.
+
+use std::iter::Peekable;
+
+/// Words of a [`Block`]: few, so that small masks stay small, and enough to count many pixels per comparison.
+const BLOCK_WORDS: usize = 4;
+/// Pixels of a [`Block`].
+const BLOCK_PIXELS: usize = 64 * BLOCK_WORDS;
 
 /// A binary mask over an image of `height` × `width` pixels.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Mask {
     width: usize,
     height: usize,
-    /// Pixel `i` (row-major) is bit `i % 64` of word `i / 64`; bits past the last pixel are 0.
-    words: Vec<u64>,
+    /// By increasing index. None is empty, so equal masks have equal blocks.
+    blocks: Vec<Block>,
+}
+
+/// [`BLOCK_PIXELS`] consecutive pixels, row-major.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Block {
+    /// Index of the first pixel divided by [`BLOCK_PIXELS`].
+    index: usize,
+    /// Pixel `i` is bit `i % 64` of word `i / 64`.
+    words: [u64; BLOCK_WORDS],
+}
+
+impl Block {
+    fn empty(index: usize) -> Self {
+        Self { index, words: [0; BLOCK_WORDS] }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.words == [0; BLOCK_WORDS]
+    }
+
+    /// Adds or removes the pixel with this row-major index.
+    fn set(&mut self, pixel: usize, inside: bool) {
+        let word = &mut self.words[pixel % BLOCK_PIXELS / 64];
+        let bit = 1 << (pixel % 64);
+        if inside {
+            *word |= bit;
+        } else {
+            *word &= !bit;
+        }
+    }
+
+    fn count(words: [u64; BLOCK_WORDS]) -> usize {
+        words.iter().map(|word| word.count_ones() as usize).sum()
+    }
 }
 
 /// A mask and how sure its segmenter is of it. Masks of one image may overlap.
@@ -19,9 +63,9 @@ pub struct ScoredMask {
 }
 
 impl Mask {
-    /// A mask without any pixel.
+    /// A mask without any pixel. It takes no memory.
     pub fn empty(width: usize, height: usize) -> Self {
-        Self { width, height, words: vec![0; (width * height).div_ceil(64)] }
+        Self { width, height, blocks: Vec::new() }
     }
 
     /// The mask of all pixels for which `inside(column, row)` holds.
@@ -30,11 +74,29 @@ impl Mask {
         for row in 0..height {
             for column in 0..width {
                 if inside(column, row) {
-                    let index = row * width + column;
-                    mask.words[index / 64] |= 1 << (index % 64);
+                    mask.insert_index(row * width + column);
                 }
             }
         }
+        mask.shrink();
+        mask
+    }
+
+    /// Gives back memory that pixels still to come would have taken.
+    pub(crate) fn shrink(&mut self) {
+        self.blocks.shrink_to_fit();
+    }
+
+    /// The mask whose pixel `i` (row-major) is bit `i % 64` of word `i / 64`; bits past the last pixel must be 0.
+    pub(crate) fn from_words(width: usize, height: usize, words: &[u64]) -> Self {
+        let block = |(index, chunk): (usize, &[u64])| {
+            let mut block = Block::empty(index);
+            block.words[..chunk.len()].copy_from_slice(chunk);
+            block
+        };
+        let blocks = words.chunks(BLOCK_WORDS).enumerate().map(block).filter(|block| !block.is_empty());
+        let mut mask = Self { width, height, blocks: blocks.collect() };
+        mask.shrink();
         mask
     }
 
@@ -48,14 +110,20 @@ impl Mask {
         self.height
     }
 
+    /// Memory that the pixels take, in bytes.
+    pub fn memory_bytes(&self) -> usize {
+        self.blocks.capacity() * size_of::<Block>()
+    }
+
     /// Whether the pixel belongs to the mask.
     ///
     /// # Panics
     /// If the pixel lies outside the image.
     pub fn contains(&self, column: usize, row: usize) -> bool {
         assert!(column < self.width && row < self.height, "pixel ({column}, {row}) is outside the mask");
-        let index = row * self.width + column;
-        self.words[index / 64] >> (index % 64) & 1 == 1
+        let pixel = row * self.width + column;
+        let block = self.place(pixel / BLOCK_PIXELS).ok().map(|place| &self.blocks[place]);
+        block.is_some_and(|block| block.words[pixel % BLOCK_PIXELS / 64] >> (pixel % 64) & 1 == 1)
     }
 
     /// Adds or removes one pixel.
@@ -64,39 +132,72 @@ impl Mask {
     /// If the pixel lies outside the image.
     pub fn set(&mut self, column: usize, row: usize, inside: bool) {
         assert!(column < self.width && row < self.height, "pixel ({column}, {row}) is outside the mask");
-        let index = row * self.width + column;
-        let bit = 1 << (index % 64);
+        let pixel = row * self.width + column;
         if inside {
-            self.words[index / 64] |= bit;
-        } else {
-            self.words[index / 64] &= !bit;
+            self.insert_index(pixel);
+        } else if let Ok(place) = self.place(pixel / BLOCK_PIXELS) {
+            self.blocks[place].set(pixel, false);
+            if self.blocks[place].is_empty() {
+                self.blocks.remove(place);
+            }
         }
     }
 
     /// Number of pixels.
     pub fn area(&self) -> usize {
-        self.words.iter().map(|word| word.count_ones() as usize).sum()
+        self.blocks.iter().map(|block| Block::count(block.words)).sum()
     }
 
     /// Whether the mask has no pixel.
     pub fn is_empty(&self) -> bool {
-        self.words.iter().all(|word| *word == 0)
+        self.blocks.is_empty()
     }
 
     /// Adds the pixel with this row-major index, which must lie inside the image.
-    pub(crate) fn insert_index(&mut self, index: usize) {
-        self.words[index / 64] |= 1 << (index % 64);
+    pub(crate) fn insert_index(&mut self, pixel: usize) {
+        let index = pixel / BLOCK_PIXELS;
+        // Masks are mostly made row by row.
+        if let Some(last) = self.blocks.last_mut()
+            && last.index == index
+        {
+            return last.set(pixel, true);
+        }
+        let place = self.place(index).unwrap_or_else(|place| {
+            self.blocks.insert(place, Block::empty(index));
+            place
+        });
+        self.blocks[place].set(pixel, true);
+    }
+
+    /// Where the block with this index is, or, as an error, where it would be inserted.
+    fn place(&self, index: usize) -> Result<usize, usize> {
+        match (self.blocks.first(), self.blocks.last()) {
+            (Some(first), Some(last)) if (first.index..=last.index).contains(&index) => {
+                // Without a gap before it, a block's place follows from its index.
+                let place = index - first.index;
+                match self.blocks.get(place) {
+                    Some(block) if block.index == index => Ok(place),
+                    _ => self.blocks.binary_search_by_key(&index, |block| block.index),
+                }
+            }
+            (Some(first), Some(_)) if index < first.index => Err(0),
+            _ => Err(self.blocks.len()),
+        }
     }
 
     /// Row-major indices of the mask's pixels, increasing.
     pub fn pixel_indices(&self) -> impl Iterator<Item = usize> + '_ {
-        self.words.iter().enumerate().flat_map(|(word_index, word)| {
-            let mut rest = *word;
+        let words = |block: &Block| {
+            let first = block.index * BLOCK_PIXELS;
+            block.words.into_iter().enumerate().map(move |(place, word)| (first + place * 64, word))
+        };
+        self.blocks.iter().flat_map(words).flat_map(|(first, word)| {
+            let mut rest = word;
             std::iter::from_fn(move || {
                 (rest != 0).then(|| {
                     let bit = rest.trailing_zeros() as usize;
                     rest &= rest - 1;
-                    word_index * 64 + bit
+                    first + bit
                 })
             })
         })
@@ -119,7 +220,12 @@ impl Mask {
     /// If the masks differ in size.
     pub fn intersection_area(&self, other: &Self) -> usize {
         self.assert_same_size(other);
-        self.words.iter().zip(&other.words).map(|(a, b)| (a & b).count_ones() as usize).sum()
+        let mut theirs = other.blocks.iter().peekable();
+        let common = |ours: &Block| {
+            matching(&mut theirs, ours.index)
+                .map_or(0, |theirs| Block::count(std::array::from_fn(|word| ours.words[word] & theirs.words[word])))
+        };
+        self.blocks.iter().map(common).sum()
     }
 
     /// Intersection over union; 0 if both masks are empty.
@@ -138,8 +244,19 @@ impl Mask {
     /// If the masks differ in size.
     pub fn unite(&mut self, other: &Self) {
         self.assert_same_size(other);
-        for (word, more) in self.words.iter_mut().zip(&other.words) {
-            *word |= more;
+        let mut missing = Vec::new();
+        let mut ours = self.blocks.iter_mut().peekable();
+        for theirs in &other.blocks {
+            while ours.next_if(|block| block.index < theirs.index).is_some() {}
+            match ours.next_if(|block| block.index == theirs.index) {
+                Some(ours) => ours.words.iter_mut().zip(theirs.words).for_each(|(word, more)| *word |= more),
+                None => missing.push(*theirs),
+            }
+        }
+        if !missing.is_empty() {
+            self.blocks.extend(missing);
+            // Two sorted runs, which a stable sort merges.
+            self.blocks.sort_by_key(|block| block.index);
         }
     }
 
@@ -149,14 +266,27 @@ impl Mask {
     /// If the masks differ in size.
     pub fn subtract(&mut self, other: &Self) {
         self.assert_same_size(other);
-        for (word, less) in self.words.iter_mut().zip(&other.words) {
-            *word &= !less;
+        let mut theirs = other.blocks.iter().peekable();
+        self.blocks.retain_mut(|ours| {
+            if let Some(theirs) = matching(&mut theirs, ours.index) {
+                ours.words.iter_mut().zip(theirs.words).for_each(|(word, less)| *word &= !less);
+            }
+            !ours.is_empty()
+        });
+        if self.blocks.len() < self.blocks.capacity() / 2 {
+            self.shrink();
         }
     }
 
     fn assert_same_size(&self, other: &Self) {
         assert_eq!((self.width, self.height), (other.width, other.height), "masks of different images");
     }
+}
+
+/// The block with this index, if there is one among those still to come; blocks before it are passed over.
+fn matching<'a>(blocks: &mut Peekable<impl Iterator<Item = &'a Block>>, index: usize) -> Option<&'a Block> {
+    while blocks.next_if(|block| block.index < index).is_some() {}
+    blocks.next_if(|block| block.index == index)
 }
 
 #[cfg(test)]
@@ -187,6 +317,46 @@ mod tests {
             united.subtract(&second);
             prop_assert_eq!(united.area(), either - second.area());
         }
+    }
+
+    proptest! {
+        #[test]
+        fn scattered_pixels_are_what_was_set(steps in prop::collection::vec((0usize..70, 0usize..40, any::<bool>()), 0..200),
+                                             more in prop::collection::vec((0usize..70, 0usize..40), 0..60)) {
+            let mut expected = std::collections::BTreeSet::new();
+            let mut found = Mask::empty(70, 40);
+            for (column, row, inside) in steps {
+                found.set(column, row, inside);
+                if inside { expected.insert(row * 70 + column); } else { expected.remove(&(row * 70 + column)); }
+            }
+            let other: std::collections::BTreeSet<usize> = more.iter().map(|(column, row)| row * 70 + column).collect();
+            let other_mask = Mask::from_fn(70, 40, |column, row| other.contains(&(row * 70 + column)));
+            prop_assert_eq!(&found, &Mask::from_fn(70, 40, |column, row| expected.contains(&(row * 70 + column))));
+            prop_assert_eq!(found.pixel_indices().collect::<Vec<_>>(), expected.iter().copied().collect::<Vec<_>>());
+            prop_assert_eq!(found.intersection_area(&other_mask), expected.intersection(&other).count());
+            let mut united = found.clone();
+            united.unite(&other_mask);
+            prop_assert_eq!(united.pixel_indices().collect::<Vec<_>>(), expected.union(&other).copied().collect::<Vec<_>>());
+            found.subtract(&other_mask);
+            prop_assert_eq!(&found, &Mask::from_fn(70, 40, |column, row| {
+                let pixel = row * 70 + column;
+                expected.contains(&pixel) && !other.contains(&pixel)
+            }));
+            for row in 0..40 {
+                for column in 0..70 {
+                    let pixel = row * 70 + column;
+                    prop_assert_eq!(found.contains(column, row), expected.contains(&pixel) && !other.contains(&pixel));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_mask_takes_memory_for_its_pixels_and_not_for_the_image() {
+        let spot = Mask::from_fn(4096, 4096, |column, row| column / 100 == 20 && row / 100 == 20);
+        assert_eq!(spot.area(), 10_000);
+        assert!(spot.memory_bytes() < 16_000, "{}", spot.memory_bytes());
+        assert_eq!(Mask::empty(usize::MAX, 8).memory_bytes(), 0);
     }
 
     #[test]

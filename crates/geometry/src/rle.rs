@@ -1,6 +1,7 @@
 //! COCO run-length encoded masks: runs down the columns, alternately outside and inside, starting outside.
 
 use crate::Mask;
+use std::ops::Range;
 use thiserror::Error;
 
 /// An uncompressed COCO RLE: column-major run lengths, alternately outside and inside the mask.
@@ -63,22 +64,37 @@ impl RunLengths {
     /// # Errors
     /// [`RleError::WrongTotal`] if the runs do not fill the image exactly. Nothing is allocated before that check.
     pub fn decode(&self) -> Result<Mask, RleError> {
+        self.check_total()?;
+        let (columns, rows): (Vec<usize>, Vec<usize>) = ((0..self.width).collect(), (0..self.height).collect());
+        self.decode_at(&columns, &rows)
+    }
+
+    /// Decodes the given columns and rows only: pixel `(x, y)` of the mask is pixel `(columns[x], rows[y])` of the
+    /// image. Both lists increase, and may repeat. This resizes and crops without a mask of the original size.
+    ///
+    /// # Errors
+    /// [`RleError::WrongTotal`] if the runs do not fill the image exactly.
+    pub fn decode_at(&self, columns: &[usize], rows: &[usize]) -> Result<Mask, RleError> {
+        self.check_total()?;
+        let mut words = vec![0; (columns.len() * rows.len()).div_ceil(64)];
+        let mut target = Target { columns, rows, words: &mut words };
+        let mut start = 0;
+        for (index, count) in self.counts.iter().enumerate() {
+            let end = start + *count as usize;
+            if index % 2 == 1 && start < end {
+                target.fill(start..end, self.height);
+            }
+            start = end;
+        }
+        Ok(Mask::from_words(columns.len(), rows.len(), &words))
+    }
+
+    fn check_total(&self) -> Result<(), RleError> {
         let found: u64 = self.counts.iter().map(|count| u64::from(*count)).sum();
         if (self.width as u64).checked_mul(self.height as u64) != Some(found) {
             return Err(RleError::WrongTotal { found, width: self.width, height: self.height });
         }
-        let mut mask = Mask::empty(self.width, self.height);
-        let mut start = 0;
-        for (index, count) in self.counts.iter().enumerate() {
-            let end = start + *count as usize;
-            if index % 2 == 1 {
-                for position in start..end {
-                    mask.set(position / self.height, position % self.height, true);
-                }
-            }
-            start = end;
-        }
-        Ok(mask)
+        Ok(())
     }
 
     /// The compressed string that pycocotools writes.
@@ -136,6 +152,54 @@ impl RunLengths {
     }
 }
 
+/// The pixels that [`RunLengths::decode_at`] fills.
+struct Target<'a> {
+    columns: &'a [usize],
+    rows: &'a [usize],
+    /// Row-major bits.
+    words: &'a mut [u64],
+}
+
+impl Target<'_> {
+    /// Adds the pixels of a run of column-major positions in an image of this height.
+    fn fill(&mut self, run: Range<usize>, height: usize) {
+        let first = self.columns.partition_point(|column| (column + 1) * height <= run.start);
+        let last = self.columns.partition_point(|column| column * height < run.end);
+        // Columns that lie in the run from top to bottom are filled row by row, in one go.
+        let whole_first = self.columns.partition_point(|column| column * height < run.start);
+        let whole_last = self.columns.partition_point(|column| (column + 1) * height <= run.end).max(whole_first);
+        if whole_first < whole_last {
+            for row in 0..self.rows.len() {
+                let start = row * self.columns.len();
+                fill_bits(self.words, start + whole_first..start + whole_last);
+            }
+        }
+        for column in (first..whole_first.min(last)).chain(whole_last..last) {
+            let top = self.columns[column] * height;
+            let inside = run.start.saturating_sub(top)..run.end - top;
+            let first_row = self.rows.partition_point(|row| *row < inside.start);
+            let last_row = self.rows.partition_point(|row| *row < inside.end);
+            for row in first_row..last_row {
+                let pixel = row * self.columns.len() + column;
+                self.words[pixel / 64] |= 1 << (pixel % 64);
+            }
+        }
+    }
+}
+
+/// Sets a range of bits, which is not empty.
+fn fill_bits(words: &mut [u64], bits: Range<usize>) {
+    let (first, last) = (bits.start / 64, (bits.end - 1) / 64);
+    let (from, to) = (u64::MAX << (bits.start % 64), u64::MAX >> (63 - (bits.end - 1) % 64));
+    if first == last {
+        words[first] |= from & to;
+    } else {
+        words[first] |= from;
+        words[first + 1..last].fill(u64::MAX);
+        words[last] |= to;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -149,6 +213,32 @@ mod tests {
             prop_assert_eq!(runs.decode().unwrap(), mask);
             let text = runs.to_compressed();
             prop_assert_eq!(RunLengths::from_compressed(12, 8, &text).unwrap(), runs);
+        }
+
+        #[test]
+        fn columns_and_rows_are_picked_from_the_image(
+            counts in prop::collection::vec(0u32..40, 1..12),
+            columns in prop::collection::vec(0usize..9, 0..80),
+            rows in prop::collection::vec(0usize..11, 0..12),
+        ) {
+            let mut counts = counts;
+            let (mut columns, mut rows, mut left) = (columns, rows, 99);
+            counts.iter_mut().for_each(|count| { *count = (*count).min(left); left -= *count; });
+            counts.push(left);
+            columns.sort_unstable();
+            rows.sort_unstable();
+            let runs = RunLengths { width: 9, height: 11, counts };
+            // Column-major, as the format has it.
+            let mut pixels = Vec::new();
+            for (index, count) in runs.counts.iter().enumerate() {
+                pixels.extend(std::iter::repeat_n(index % 2 == 1, *count as usize));
+            }
+            let expected = |columns: &[usize], rows: &[usize]| {
+                Mask::from_fn(columns.len(), rows.len(), |column, row| pixels[columns[column] * 11 + rows[row]])
+            };
+            prop_assert_eq!(runs.decode_at(&columns, &rows).unwrap(), expected(&columns, &rows));
+            let all: (Vec<usize>, Vec<usize>) = ((0..9).collect(), (0..11).collect());
+            prop_assert_eq!(runs.decode().unwrap(), expected(&all.0, &all.1));
         }
 
         #[test]

@@ -51,6 +51,7 @@ impl Mask {
                 mask.insert_index(index);
             }
         }
+        masks.values_mut().for_each(Self::shrink);
         masks.into_iter().collect()
     }
 }

@@ -2,6 +2,7 @@
 
 use splatseg_dataset::DatasetError;
 use splatseg_geometry::RleError;
+use splatseg_input::display_bytes;
 use splatseg_models::fastsam::FastSamError;
 use splatseg_settings::SettingError;
 use std::path::PathBuf;
@@ -96,6 +97,29 @@ pub enum SegmenterError {
         found: (usize, usize),
         /// Size of the frame.
         expected: (usize, usize),
+    },
+    /// A file holds more masks than a frame can have ids.
+    #[error("{path} holds more than {limit} masks, expected at most as many as there are ids", path = path.display())]
+    TooManyMasks {
+        /// The file.
+        path: PathBuf,
+        /// Most masks of a frame.
+        limit: usize,
+    },
+    /// The masks of a frame take more memory than they may.
+    #[error(
+        "{path}: the first {masks} masks take {}, expected at most {} (memory_limit)",
+        display_bytes(*bytes), display_bytes(*limit), path = path.display()
+    )]
+    TooMuchMemory {
+        /// The file.
+        path: PathBuf,
+        /// Masks read so far.
+        masks: usize,
+        /// Bytes that they take at the frame's size.
+        bytes: u64,
+        /// Bytes that they may take.
+        limit: u64,
     },
     /// A [`Segmenter`](crate::Segmenter) that is defined elsewhere failed.
     #[error("{name}: {source}")]

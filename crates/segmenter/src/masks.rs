@@ -5,11 +5,16 @@ mod annotations;
 use crate::{Segmenter, SegmenterError};
 use splatseg_dataset::{Framing, ImageSize, read_segments_png};
 use splatseg_geometry::{Mask, RgbdFrame, ScoredMask};
+use splatseg_input::{MemoryLimit, read_file};
 use splatseg_settings::SettingError;
 use std::path::{Path, PathBuf};
 
-/// Most pixels that a stored mask may have: files are not trusted with more memory than that.
+/// Most pixels that a stored mask may have.
 const MAX_PIXELS: usize = 1 << 26;
+/// Most masks of a frame: as many as there are ids in a 16-bit image of them.
+const MAX_MASKS: usize = u16::MAX as usize;
+/// Longest annotation file that is read, bytes.
+const MAX_ANNOTATION_BYTES: u64 = 1 << 26;
 
 /// A segmenter that replays stored masks.
 ///
@@ -26,6 +31,7 @@ const MAX_PIXELS: usize = 1 << 26;
 pub struct MaskFolder {
     folder: PathBuf,
     framing: Framing,
+    memory_limit: Option<u64>,
 }
 
 impl MaskFolder {
@@ -51,10 +57,18 @@ impl MaskFolder {
         for entry in std::fs::read_dir(&folder).map_err(read_error)? {
             let name = entry.map_err(read_error)?.path();
             if name.extension().is_some_and(|extension| extension == "png" || extension == "json") {
-                return Ok(Self { folder, framing });
+                return Ok(Self { folder, framing, memory_limit: None });
             }
         }
         Err(SegmenterError::NoMasks { path: folder })
+    }
+
+    /// Limits the memory that the masks of one frame may take, in bytes. Without this call it is the limit of the
+    /// process, [`MemoryLimit::in_force`].
+    #[must_use]
+    pub fn with_memory_limit(mut self, bytes: u64) -> Self {
+        self.memory_limit = Some(bytes);
+        self
     }
 }
 
@@ -67,50 +81,112 @@ impl Segmenter for MaskFolder {
         // Frame names may hold dots, so the extension is appended, never replaced.
         let png = self.folder.join(format!("{}.png", frame.name()));
         let json = self.folder.join(format!("{}.json", frame.name()));
-        let (path, stored) = if png.is_file() {
-            let ids = read_segments_png(&png).map_err(|error| SegmenterError::IdImage(Box::new(error)))?;
-            let masks = Mask::of_segments(&ids).into_iter().map(|(_, mask)| ScoredMask { mask, score: 1.0 });
-            (png, masks.collect())
-        } else if json.is_file() {
-            let masks = annotations::read(&json)?;
-            (json, masks)
+        let frame_size = (frame.width(), frame.height());
+        let memory_limit = self.memory_limit.unwrap_or_else(MemoryLimit::in_force);
+        let read =
+            |path| FrameMasks { path, framing: self.framing, frame_size, memory_limit, masks: Vec::new(), bytes: 0 };
+        if png.exists() {
+            read(&png).read_ids()
+        } else if json.exists() {
+            read(&json).read_annotations()
         } else {
-            return Err(SegmenterError::MissingFrame { frame: frame.name().to_owned(), png, json });
-        };
-        let fit = Fit { path: &path, framing: self.framing, frame_size: (frame.width(), frame.height()) };
-        let mut masks = Vec::with_capacity(stored.len());
-        for ScoredMask { mask, score } in stored {
-            let mask = fit.apply(mask)?;
-            if !mask.is_empty() {
-                masks.push(ScoredMask { mask, score });
-            }
+            Err(SegmenterError::MissingFrame { frame: frame.name().to_owned(), png, json })
         }
-        Ok(masks)
     }
 }
 
-/// Brings stored masks to the size of the frame.
-struct Fit<'a> {
+/// The masks of a frame while their file is read. Each is brought to the frame's size before the next is read, and each
+/// size is checked before memory is taken for it.
+struct FrameMasks<'a> {
     path: &'a Path,
     framing: Framing,
     frame_size: (usize, usize),
+    /// Bytes that the masks may take.
+    memory_limit: u64,
+    masks: Vec<ScoredMask>,
+    /// Bytes that they take.
+    bytes: u64,
 }
 
-impl Fit<'_> {
-    fn apply(&self, mask: Mask) -> Result<Mask, SegmenterError> {
-        let stored = (mask.width(), mask.height());
-        if stored == self.frame_size {
-            return Ok(mask);
+impl FrameMasks<'_> {
+    fn read_ids(mut self) -> Result<Vec<ScoredMask>, SegmenterError> {
+        let image_error = |error| SegmenterError::IdImage(Box::new(error));
+        let mut ids = read_segments_png(self.path).map_err(image_error)?;
+        if ids.size() != self.frame_size {
+            self.check_framed(ids.size())?;
+            ids = self.framing.apply_to_labels(ids).map_err(image_error)?;
         }
+        for (_, mask) in Mask::of_segments(&ids) {
+            self.push(mask, 1.0)?;
+        }
+        Ok(self.masks)
+    }
+
+    fn read_annotations(mut self) -> Result<Vec<ScoredMask>, SegmenterError> {
+        let path = self.path;
+        let text = read_file(path, MAX_ANNOTATION_BYTES)
+            .map_err(|source| SegmenterError::Read { path: path.to_owned(), source })?;
+        let mut source = SourcePixels::default();
+        annotations::read(path, &text, &mut |index, runs, score| {
+            let rle_error = |source| SegmenterError::Rle { path: path.to_owned(), index, source };
+            let stored = (runs.width, runs.height);
+            if source.size != stored {
+                source = self.source_pixels(stored)?;
+            }
+            let mask = runs.decode_at(&source.columns, &source.rows).map_err(rle_error)?;
+            self.push(mask, score)
+        })?;
+        Ok(self.masks)
+    }
+
+    /// The pixels of masks of size `stored` that the frame shows.
+    fn source_pixels(&self, stored: (usize, usize)) -> Result<SourcePixels, SegmenterError> {
+        let framing = if stored == self.frame_size {
+            Framing::default()
+        } else {
+            self.check_framed(stored)?;
+            self.framing
+        };
+        let (columns, rows) = framing.source_pixels(stored)?;
+        Ok(SourcePixels { size: stored, columns, rows })
+    }
+
+    /// Checks that masks of size `stored` have the frame's size once they are resized and cropped like the video.
+    fn check_framed(&self, stored: (usize, usize)) -> Result<(), SegmenterError> {
         // Where the crop leaves nothing, nothing can have the frame's size.
         let found = self.framing.check(stored).unwrap_or((0, 0));
-        match self.framing.apply_to_mask(&mask) {
-            Ok(mask) if found == self.frame_size => Ok(mask),
-            _ => {
-                Err(SegmenterError::WrongSize { path: self.path.to_owned(), stored, found, expected: self.frame_size })
-            }
+        if found == self.frame_size {
+            return Ok(());
         }
+        Err(SegmenterError::WrongSize { path: self.path.to_owned(), stored, found, expected: self.frame_size })
     }
+
+    /// Adds a mask of the frame's size, unless it is empty.
+    fn push(&mut self, mask: Mask, score: f32) -> Result<(), SegmenterError> {
+        if mask.is_empty() {
+            return Ok(());
+        }
+        let path = || self.path.to_owned();
+        if self.masks.len() == MAX_MASKS {
+            return Err(SegmenterError::TooManyMasks { path: path(), limit: MAX_MASKS });
+        }
+        self.bytes += (mask.memory_bytes() + size_of::<ScoredMask>()) as u64;
+        if self.bytes > self.memory_limit {
+            let (masks, limit) = (self.masks.len() + 1, self.memory_limit);
+            return Err(SegmenterError::TooMuchMemory { path: path(), masks, bytes: self.bytes, limit });
+        }
+        self.masks.push(ScoredMask { mask, score });
+        Ok(())
+    }
+}
+
+/// The columns and rows of stored masks that a frame shows.
+#[derive(Default)]
+struct SourcePixels {
+    /// Size of the stored masks.
+    size: (usize, usize),
+    columns: Vec<usize>,
+    rows: Vec<usize>,
 }
 
 /// Refuses sizes that no image of this project has, before memory is taken for them.

@@ -165,13 +165,18 @@ fn damaged_annotations_say_what_is_wrong() {
         ("{", "7.json: file: found EOF"),
         ("3", "file: found 3, expected a list of annotations"),
         (r#"{"images": []}"#, "file: found an object, expected a list of annotations"),
-        ("[3]", "annotation 0: found invalid type"),
-        (&format!(r"[{{{rle}}}, {{}}]"), "annotation 1: found missing field `segmentation`"),
+        ("[3]", "annotation 0: found 3, expected an object"),
+        (r#"{"annotations": 3}"#, "file: found invalid type: integer `3`, expected a list"),
+        ("[{]", "7.json: file: found key must be a string"),
+        (&format!(r"[{{{rle}}}, {{}}]"), "annotation 1, segmentation: found nothing"),
         (&format!(r#"[{{{rle}, "score": 1.5}}]"#), "annotation 0, score: found 1.5, expected a number from 0 to 1"),
-        (r#"[{"segmentation": [[1, 2, 3, 4]]}]"#, "segmentation: found a list of 1, expected an RLE object"),
+        (
+            r#"[{"segmentation": [[1, 2, 3, 4]]}]"#,
+            "segmentation: found a list of 1 with a list of 4 in it, expected an RLE object",
+        ),
         (r#"[{"segmentation": {"size": [5, -4], "counts": []}}]"#, "segmentation: found a list of 2"),
         (r#"[{"segmentation": {"size": [5, 4]}}]"#, "annotation 0, counts: found nothing"),
-        (r#"[{"segmentation": {"size": [5, 4], "counts": [-1]}}]"#, "annotation 0, counts: found invalid value"),
+        (r#"[{"segmentation": {"size": [5, 4], "counts": [-1]}}]"#, "annotation 0, counts: found a list of 1 with -1"),
         (r#"[{"segmentation": {"size": [5, 4], "counts": "6~"}}]"#, "annotation 0, segmentation: the compressed RLE"),
         (r#"[{"segmentation": {"size": [5, 4], "counts": [7]}}]"#, "the RLE's runs add up to 7 pixels"),
         (r#"[{"segmentation": {"size": [0, 0], "counts": []}}]"#, "masks of 0x0 pixels"),
@@ -180,6 +185,85 @@ fn damaged_annotations_say_what_is_wrong() {
     for (text, expected) in cases {
         let error = read_json(text).unwrap_err().to_string();
         assert!(error.contains(expected) && error.contains("7.json"), "{text}\n{error}");
+    }
+}
+
+/// A list of `count` masks of `side`² pixels: a rectangle each, which takes 50 bytes of JSON.
+fn rectangles(count: usize, side: usize) -> String {
+    let (outside, inside) = (side * side / 4, side * side / 2);
+    let annotation = format!(
+        r#"{{"segmentation":{{"size":[{side},{side}],"counts":[{outside},{inside},{}]}}}}"#,
+        side * side - outside - inside
+    );
+    format!("[{}]", vec![annotation; count].join(","))
+}
+
+#[test]
+fn thousands_of_huge_masks_take_no_more_memory_than_the_frame_allows() {
+    let masks = folder("json", rectangles(3000, 8192).as_bytes());
+    let error = read(masks.path(), Framing::default(), (64, 48)).unwrap_err();
+    assert!(matches!(error, SegmenterError::WrongSize { stored: (8192, 8192), .. }), "{error}");
+    let framing = Framing { resize: Some(ImageSize { width: 64, height: 64 }), crop_border: 8 };
+    let found = read(masks.path(), framing, (48, 48)).unwrap();
+    assert_eq!(found.len(), 3000);
+    // A quarter of the image at its left and at its right is outside.
+    assert_eq!(found[2999].mask, Mask::from_fn(48, 48, |column, _| (8..40).contains(&column)));
+    assert!(found.iter().map(|found| found.mask.memory_bytes()).sum::<usize>() < 3_000_000);
+}
+
+#[test]
+fn the_first_mask_of_a_wrong_size_ends_the_file() {
+    let right = r#"{"segmentation": {"size": [5, 4], "counts": [20]}}"#;
+    let wrong = r#"{"segmentation": {"size": [6, 4], "counts": [0, 24]}}"#;
+    let error = read_json(&format!("[{right}, {wrong}, this is not even JSON")).unwrap_err();
+    assert!(matches!(error, SegmenterError::WrongSize { stored: (4, 6), .. }), "{error}");
+}
+
+#[test]
+fn masks_of_one_frame_stay_within_the_memory_limit() {
+    let file = folder("json", rectangles(200, 256).as_bytes());
+    let segment = |limit: u64| {
+        let mut masks = MaskFolder::open(file.path(), Framing::default()).unwrap().with_memory_limit(limit);
+        masks.segment(&frame("7", 256, 256))
+    };
+    assert_eq!(segment(10_000_000).unwrap().len(), 200);
+    let error = segment(100_000).unwrap_err();
+    assert!(matches!(error, SegmenterError::TooMuchMemory { limit: 100_000, .. }));
+    let error = error.to_string();
+    assert!(
+        error.contains("7.json: the first ") && error.ends_with("expected at most 100 kB (memory_limit)"),
+        "{error}"
+    );
+}
+
+#[test]
+fn more_masks_than_ids_are_refused() {
+    let dot = r#"{"segmentation":{"size":[5,4],"counts":[3,1,16]}}"#;
+    let list = |count: usize| format!("[{}]", vec![dot; count].join(","));
+    assert_eq!(read_json(&list(65_535)).unwrap().len(), 65_535);
+    let error = read_json(&list(65_536)).unwrap_err().to_string();
+    assert!(error.contains("7.json holds more than 65535 masks"), "{error}");
+}
+
+#[test]
+fn what_is_no_annotation_takes_no_memory() {
+    // As a tree of JSON values, each of these would take 32 bytes for 3.
+    let filler = format!("[{}]", vec!["[]"; 100_000].join(","));
+    let text = format!(r#"{{"info": {filler}, "annotations": [{{"segmentation": {filler}}}]}}"#);
+    let error = read_json(&text).unwrap_err().to_string();
+    assert!(error.contains("annotation 0, segmentation: found a list of 100000 with a list of 0 in it"), "{error}");
+}
+
+#[cfg(unix)]
+#[test]
+fn devices_and_fifos_are_refused_at_once() {
+    let folder = TempDir::new().unwrap();
+    std::os::unix::fs::symlink("/dev/zero", folder.path().join("7.json")).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(folder.path().join("8.json")).status().unwrap().success());
+    let mut segmenter = MaskFolder::open(folder.path(), Framing::default()).unwrap();
+    for (name, kind) in [("7", "a device"), ("8", "a FIFO")] {
+        let error = segmenter.segment(&frame(name, 4, 5)).unwrap_err().to_string();
+        assert!(error.contains(&format!("{name}.json: it is {kind}, expected a regular file")), "{error}");
     }
 }
 

@@ -1,48 +1,107 @@
 //! JSON files with COCO annotations.
+//!
+//! Annotations are handed on one by one while the file is parsed, so that memory is not taken for all of them at once,
+//! and the first one that cannot be used ends it.
 
-use super::check_size;
+mod part;
+
 use crate::SegmenterError;
-use serde::Deserialize;
-use serde_json::Value;
-use splatseg_geometry::{RunLengths, ScoredMask};
-use std::io::Read as _;
+use part::Part;
+use serde::de::{DeserializeSeed, Deserializer, Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use splatseg_geometry::RunLengths;
+use std::borrow::Cow;
+use std::fmt;
 use std::path::Path;
 
-/// Largest annotation file that is read into memory.
-const MAX_BYTES: u64 = 1 << 28;
+/// What a file has to hold.
+const LIST: &str = "a list of annotations, or an object with the key annotations";
 
-/// The parts of a COCO annotation that are used.
-#[derive(Deserialize)]
-struct Annotation {
-    segmentation: Value,
-    #[serde(default = "certain")]
-    score: f32,
-}
+/// Takes an annotation: its place in the list, its mask and its score.
+type Take<'a> = &'a mut dyn FnMut(usize, &RunLengths, f32) -> Result<(), SegmenterError>;
 
-fn certain() -> f32 {
-    1.0
-}
-
-/// Reads the masks and scores of a file, in the file's order.
-pub(super) fn read(path: &Path) -> Result<Vec<ScoredMask>, SegmenterError> {
-    let read_error = |source| SegmenterError::Read { path: path.to_owned(), source };
-    let mut text = Vec::new();
-    let file = std::fs::File::open(path).map_err(read_error)?;
-    let length = file.take(MAX_BYTES + 1).read_to_end(&mut text).map_err(read_error)?;
+/// Passes the masks and scores in `text` to `take`, in the file's order, until it fails. `path` is for messages.
+pub(super) fn read(path: &Path, text: &[u8], take: Take<'_>) -> Result<(), SegmenterError> {
     let place = Place { path };
-    if length as u64 > MAX_BYTES {
-        return Err(place.wrong("file", "more than 256 MiB", "at most 256 MiB of JSON"));
+    let mut list = List { place: &place, take, next: None, failure: None };
+    match list.parse(text) {
+        _ if list.failure.is_some() => list.failure.map_or(Ok(()), Err),
+        Ok(None) => Ok(()),
+        Ok(Some(found)) => Err(place.wrong("file", found, LIST)),
+        Err(error) if error.is_data() => match list.next {
+            Some(index) => Err(place.wrong(format!("annotation {index}"), error.to_string(), "an annotation")),
+            None => Err(place.wrong("file", error.to_string(), LIST)),
+        },
+        Err(error) => Err(place.wrong("file", error.to_string(), "JSON")),
     }
-    let mut document: Value =
-        serde_json::from_slice(&text).map_err(|error| place.wrong("file", error.to_string(), "JSON"))?;
-    let list = match document.get_mut("annotations") {
-        Some(list) => list.take(),
-        None => document,
-    };
-    let Value::Array(list) = list else {
-        return Err(place.wrong("file", kind(&list), "a list of annotations, or an object with the key annotations"));
-    };
-    list.into_iter().enumerate().map(|(index, value)| place.annotation(index, value)).collect()
+}
+
+/// The list of annotations, or the object that holds it.
+struct List<'a> {
+    place: &'a Place<'a>,
+    take: Take<'a>,
+    /// The annotation that is being read.
+    next: Option<usize>,
+    /// Why reading was given up, if it was not the parser that said so.
+    failure: Option<SegmenterError>,
+}
+
+impl List<'_> {
+    /// Parses a file. Returns what was found in place of a list.
+    fn parse(&mut self, text: &[u8]) -> Result<Option<String>, serde_json::Error> {
+        let mut parser = serde_json::Deserializer::from_slice(text);
+        let begins_list_or_object = matches!(text.trim_ascii_start().first(), Some(b'[' | b'{') | None);
+        let found = if begins_list_or_object {
+            let has_list = self.deserialize(&mut parser)?;
+            (!has_list).then(|| "an object".to_owned())
+        } else {
+            let part: Part = serde::Deserialize::deserialize(&mut parser)?;
+            Some(part.to_string())
+        };
+        parser.end().map(|()| found)
+    }
+}
+
+impl<'de> DeserializeSeed<'de> for &mut List<'_> {
+    /// Whether there is a list.
+    type Value = bool;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<bool, D::Error> {
+        deserializer.deserialize_any(self)
+    }
+}
+
+impl<'de> Visitor<'de> for &mut List<'_> {
+    type Value = bool;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("a list")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut annotations: A) -> Result<bool, A::Error> {
+        for index in 0.. {
+            self.next = Some(index);
+            let Some(annotation) = annotations.next_element::<Part>()? else { break };
+            let read = self.place.annotation(index, annotation);
+            if let Err(failure) = read.and_then(|(runs, score)| (self.take)(index, &runs, score)) {
+                self.failure = Some(failure);
+                return Err(A::Error::custom("this annotation cannot be used"));
+            }
+        }
+        self.next = None;
+        Ok(true)
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut entries: A) -> Result<bool, A::Error> {
+        let mut has_list = false;
+        while let Some(key) = entries.next_key::<Cow<'de, str>>()? {
+            if key == "annotations" && !has_list {
+                has_list = entries.next_value_seed(&mut *self)?;
+            } else {
+                entries.next_value::<IgnoredAny>()?;
+            }
+        }
+        Ok(has_list)
+    }
 }
 
 /// The file that is being read, for error messages.
@@ -55,58 +114,39 @@ impl Place<'_> {
         SegmenterError::Annotation { path: self.path.to_owned(), field: field.into(), found: found.into(), expected }
     }
 
-    fn annotation(&self, index: usize, value: Value) -> Result<ScoredMask, SegmenterError> {
+    /// The mask of an annotation, which may not fit its size, and its score.
+    fn annotation(&self, index: usize, annotation: Part) -> Result<(RunLengths, f32), SegmenterError> {
         let field = |name: &str| format!("annotation {index}{name}");
-        let annotation: Annotation = serde_json::from_value(value).map_err(|error| {
-            self.wrong(
-                field(""),
-                error.to_string(),
-                "an object with the key segmentation and, if any, a number as score",
-            )
-        })?;
-        let score = annotation.score;
-        if !(0.0..=1.0).contains(&score) {
-            return Err(self.wrong(field(", score"), score.to_string(), "a number from 0 to 1"));
-        }
-        let Some([height, width]) = annotation.segmentation.get("size").and_then(pair) else {
-            let found = annotation.segmentation.get("size").unwrap_or(&annotation.segmentation);
-            return Err(self.wrong(
-                field(", segmentation"),
-                kind(found),
-                "an RLE object with size [height, width] and counts (polygons are not read)",
-            ));
+        let Part::Object(mut annotation) = annotation else {
+            return Err(self.wrong(field(""), annotation.to_string(), "an object"));
         };
-        check_size(self.path, (width, height))?;
-        let rle_error = |source| SegmenterError::Rle { path: self.path.to_owned(), index, source };
-        let runs = match annotation.segmentation.get("counts") {
-            Some(Value::String(text)) => RunLengths::from_compressed(width, height, text).map_err(rle_error)?,
-            Some(counts @ Value::Array(_)) => {
-                let counts = Vec::<u32>::deserialize(counts)
-                    .map_err(|error| self.wrong(field(", counts"), error.to_string(), "a list of run lengths"))?;
-                RunLengths { width, height, counts }
-            }
+        let score = match annotation.score.take() {
+            None => 1.0,
+            Some(Part::Number(score)) if (0.0..=1.0).contains(&score) => score as f32,
+            Some(other) => return Err(self.wrong(field(", score"), other.to_string(), "a number from 0 to 1")),
+        };
+        let segmentation = annotation.segmentation.take().ok_or_else(|| {
+            self.wrong(field(", segmentation"), "nothing", "an RLE object with size [height, width] and counts")
+        })?;
+        let (size, counts) = match segmentation {
+            Part::Object(mut fields) => (fields.size.take(), fields.counts.take()),
+            other => (Some(other), None),
+        };
+        let Some((height, width)) = size.as_ref().and_then(Part::pair) else {
+            let found = size.map_or_else(|| "nothing".to_owned(), |size| size.to_string());
+            let expected = "an RLE object with size [height, width] and counts (polygons are not read)";
+            return Err(self.wrong(field(", segmentation"), found, expected));
+        };
+        super::check_size(self.path, (width, height))?;
+        let runs = match counts {
+            Some(Part::Text(text)) => RunLengths::from_compressed(width, height, &text)
+                .map_err(|source| SegmenterError::Rle { path: self.path.to_owned(), index, source })?,
+            Some(Part::Counts(counts)) => RunLengths { width, height, counts },
             other => {
-                let found = other.map_or("nothing".to_owned(), kind);
+                let found = other.map_or_else(|| "nothing".to_owned(), |other| other.to_string());
                 return Err(self.wrong(field(", counts"), found, "a compressed string or a list of run lengths"));
             }
         };
-        Ok(ScoredMask { mask: runs.decode().map_err(rle_error)?, score })
-    }
-}
-
-/// `[height, width]` as two whole numbers.
-fn pair(value: &Value) -> Option<[usize; 2]> {
-    <[usize; 2]>::deserialize(value).ok()
-}
-
-/// What a JSON value is, short enough for one line.
-fn kind(value: &Value) -> String {
-    match value {
-        Value::Null => "null".to_owned(),
-        Value::Bool(value) => value.to_string(),
-        Value::Number(number) => number.to_string(),
-        Value::String(_) => "a string".to_owned(),
-        Value::Array(list) => format!("a list of {}", list.len()),
-        Value::Object(_) => "an object".to_owned(),
+        Ok((runs, score))
     }
 }
