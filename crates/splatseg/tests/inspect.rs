@@ -65,6 +65,66 @@ fn shows_the_contents_of_an_ultralytics_checkpoint() {
     assert!(again.out.contains("batch-norm eps 0.001"), "{}", again.out);
 }
 
+/// A PyTorch archive, made with the zip crate's own writer: a state dict with one tensor of two floats, called `name`, and
+/// a call of `posix.system`, which is discarded.
+fn archive_that_calls(name: &str) -> Vec<u8> {
+    let text = |text: &str| [b"X", &(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
+    let mut pickle = b"\x80\x02cposix\nsystem\n(".to_vec();
+    pickle.extend(text("true"));
+    pickle.extend(b"tR0}");
+    pickle.extend(text(name));
+    pickle.extend(b"ctorch._utils\n_rebuild_tensor_v2\n((");
+    pickle.extend(text("storage"));
+    pickle.extend(b"ctorch\nFloatStorage\n");
+    pickle.extend([text("0"), text("cpu")].concat());
+    pickle.extend(b"K\x02tQK\x00K\x02\x85K\x01\x85\x89ccollections\nOrderedDict\n)RtRs.");
+    let mut writer = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    let options = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+    let numbers = [0.5f32, -7.25].map(f32::to_le_bytes).concat();
+    for (entry, bytes) in
+        [("small/data.pkl", &pickle), ("small/byteorder", &b"little".to_vec()), ("small/data/0", &numbers)]
+    {
+        writer.start_file(entry, options).unwrap();
+        std::io::Write::write_all(&mut writer, bytes).unwrap();
+    }
+    writer.finish().unwrap().into_inner()
+}
+
+#[test]
+fn unsafe_and_damaged_checkpoints_are_told_and_fail() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("small.pt");
+    let mut bytes = archive_that_calls("weight");
+    fs::write(&path, &bytes).unwrap();
+    let ended = inspect(&path, &[]);
+    let call = "would call posix.system: never executed here, but do not load it elsewhere";
+    assert_eq!(ended.code, 2);
+    assert!(ended.out.contains(&format!("unsafe         {call}\n")), "{}", ended.out);
+    assert!(ended.err.contains(call) && ended.err.lines().count() == 1, "{}", ended.err);
+    assert!(!ended.out.contains("CRC"), "{}", ended.out);
+
+    let place = bytes.windows(4).position(|window| window == (-7.25f32).to_le_bytes()).unwrap();
+    bytes[place] ^= 1;
+    fs::write(&path, &bytes).unwrap();
+    let ended = inspect(&path, &[]);
+    assert_eq!(ended.code, 2);
+    assert!(ended.out.contains("damaged        CRC of small/data/0 is wrong\n"), "{}", ended.out);
+    assert!(ended.out.contains(call) && ended.err.contains("CRC of small/data/0 is wrong"), "{}", ended.err);
+}
+
+#[test]
+fn names_from_a_file_cannot_control_the_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("small.pt");
+    let name = format!("a\u{1b}[31m\nmissing        nothing\u{202e}b{}", "x".repeat(300));
+    fs::write(&path, archive_that_calls(&name)).unwrap();
+    let ended = inspect(&path, &["--tensors"]);
+    let line = ended.out.lines().find(|line| line.starts_with("  a")).unwrap();
+    assert!(line.starts_with(r"  a\u{1b}[31m\nmissing        nothing\u{202e}bxxx"), "{line}");
+    assert!(line.contains("…") && line.chars().count() < 130, "{line}");
+    assert!(!ended.out.contains('\u{1b}') && !ended.out.contains('\u{202e}'), "{}", ended.out);
+}
+
 #[test]
 fn never_overwrites() {
     let folder = tempfile::tempdir().unwrap();

@@ -85,10 +85,10 @@ impl Fault {
     }
 
     pub fn at(self, path: &Path) -> CheckpointError {
-        let (path, found, expected) = (path.to_owned(), shown(&self.found), self.expected);
+        let (path, found, expected) = (path.to_owned(), printable(&self.found), self.expected);
         match self.subject {
-            Subject::Part(part) => CheckpointError::Part { path, part: shown(&part), found, expected },
-            Subject::Tensor(tensor) => CheckpointError::Tensor { path, tensor: shown(&tensor), found, expected },
+            Subject::Part(part) => CheckpointError::Part { path, part: printable(&part), found, expected },
+            Subject::Tensor(tensor) => CheckpointError::Tensor { path, tensor: printable(&tensor), found, expected },
         }
     }
 }
@@ -100,12 +100,23 @@ impl CheckpointError {
     }
 }
 
-/// A text from a file, short and on one line.
-pub(super) fn shown(text: &str) -> String {
-    let mut chars = text.chars();
-    let mut short: String =
-        chars.by_ref().take(SHOWN_CHARS).map(|char| if char.is_control() { '\u{fffd}' } else { char }).collect();
-    if chars.next().is_some() {
+/// A text from a file for people: on one line and at most 80 characters long. Control characters, and characters that
+/// change the direction of writing or are invisible, are written as Rust writes them in a string, like `\u{1b}`.
+pub fn printable(text: &str) -> String {
+    let is_hidden = |character: char| {
+        character.is_control()
+            || matches!(character, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
+    };
+    let mut characters = text.chars();
+    let mut short = String::new();
+    for character in characters.by_ref().take(SHOWN_CHARS) {
+        if is_hidden(character) {
+            short.extend(character.escape_default());
+        } else {
+            short.push(character);
+        }
+    }
+    if characters.next().is_some() {
         short.push('…');
     }
     short

@@ -18,6 +18,7 @@
 mod architecture;
 mod configuration;
 mod error;
+mod foreign_code;
 mod pickle;
 mod safetensors_file;
 mod state_dict;
@@ -27,16 +28,17 @@ mod tensor;
 mod torch_archive;
 
 pub use architecture::Architecture;
-pub use error::CheckpointError;
+pub use error::{CheckpointError, printable};
 pub use tensor::{Dtype, TensorInfo};
 
-use error::{Fault, shown};
+use error::Fault;
 use serde_json::Value;
-use std::collections::HashMap;
+use splatseg_input::open_file;
+use std::collections::{HashMap, HashSet};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// A checkpoint, open for reading.
 #[derive(Debug)]
@@ -46,6 +48,8 @@ pub struct Checkpoint {
     len: u64,
     /// Locked while a tensor is read: its position is shared.
     file: Mutex<File>,
+    /// Where the storages begin whose checksum was found to be right.
+    verified: Mutex<HashSet<u64>>,
     format: Format,
     contents: Contents,
     index: HashMap<String, usize>,
@@ -58,6 +62,8 @@ struct Contents {
     configuration: Option<Value>,
     batch_norm_eps: Option<f64>,
     class: Option<String>,
+    /// See [`Checkpoint::foreign_code`].
+    foreign_code: Vec<String>,
 }
 
 /// Kinds of files.
@@ -77,12 +83,8 @@ impl Checkpoint {
     /// tensors that it cannot hold.
     pub fn open(path: &Path) -> Result<Self, CheckpointError> {
         let io = |action| CheckpointError::io(path, action);
-        let file = File::open(path).map_err(io("open"))?;
+        let file = open_file(path).map_err(io("open"))?;
         let metadata = file.metadata().map_err(io("read"))?;
-        if !metadata.is_file() {
-            let found = "not a file".to_owned();
-            return Err(CheckpointError::NotACheckpoint { path: path.to_owned(), found });
-        }
         let mut start = Vec::new();
         (&file).take(16).read_to_end(&mut start).map_err(io("read"))?;
         let len = metadata.len();
@@ -95,7 +97,8 @@ impl Checkpoint {
         };
         let contents = contents.map_err(|fault| fault.at(path))?;
         let index = contents.tensors.iter().enumerate().map(|(index, tensor)| (tensor.name.clone(), index)).collect();
-        Ok(Self { path: path.to_owned(), len, file: Mutex::new(file), format, contents, index })
+        let (file, verified) = (Mutex::new(file), Mutex::default());
+        Ok(Self { path: path.to_owned(), len, file, verified, format, contents, index })
     }
 
     /// The file.
@@ -138,6 +141,26 @@ impl Checkpoint {
     /// Class of the pickled module, as `SegmentationModel`, if the file holds a module or was converted from one.
     pub fn class(&self) -> Option<&str> {
         self.contents.class.as_deref()
+    }
+
+    /// What Python would import or call while it loads the file, beyond what checkpoints consist of: `call posix.system`.
+    /// Nothing of it is executed here; but a file with such names should not be loaded elsewhere.
+    pub fn foreign_code(&self) -> &[String] {
+        &self.contents.foreign_code
+    }
+
+    /// Names of the entries whose data do not have the checksum that the file states. All data are read, some GB per
+    /// second; `.safetensors` have no checksums.
+    ///
+    /// # Errors
+    /// [`CheckpointError`] if the file cannot be read, or if its entries overlap.
+    pub fn damaged_entries(&self) -> Result<Vec<String>, CheckpointError> {
+        match self.format {
+            Format::Torch => {
+                torch_archive::damaged_entries(&self.file(), self.len).map_err(|fault| fault.at(&self.path))
+            }
+            Format::Safetensors => Ok(Vec::new()),
+        }
     }
 
     /// Number of learnt numbers: of all tensors but the statistics of batch norms and fixed random matrices, which a
@@ -194,12 +217,22 @@ impl Checkpoint {
         let size = tensor.dtype.size() as u64;
         let start = tensor.layout.offset as u64 * size;
         let end = start + tensor.layout.span as u64 * size;
-        // A reader that panicked leaves no state behind: everyone seeks first.
-        let file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        let span = tensor.storage.read(&file, start..end);
-        drop(file);
-        let span = span.map_err(|error| Fault::tensor(&tensor.name, error.to_string(), "its data").at(&self.path))?;
+        let fault = |error: std::io::Error| Fault::tensor(&tensor.name, error.to_string(), "its data").at(&self.path);
+        // A part of a storage says nothing about the checksum, so the whole is read once.
+        if end - start < tensor.storage.len {
+            let mut verified = self.verified.lock().unwrap_or_else(PoisonError::into_inner);
+            if !verified.contains(&tensor.storage.offset) {
+                tensor.storage.verify(&self.file()).map_err(fault)?;
+                verified.insert(tensor.storage.offset);
+            }
+        }
+        let span = tensor.storage.read(&self.file(), start..end).map_err(fault)?;
         Ok(tensor.gather(span))
+    }
+
+    /// The file; a reader that panicked leaves no state behind, as everyone seeks first.
+    fn file(&self) -> MutexGuard<'_, File> {
+        self.file.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -212,6 +245,6 @@ fn foreign(start: &[u8]) -> String {
         [0x80, 2..=5, ..] => {
             "a bare pickle (of PyTorch before 1.6; load and save it again with a later one)".to_owned()
         }
-        _ => format!("a file that begins with {:?}", shown(&String::from_utf8_lossy(start))),
+        _ => format!("a file that begins with {:?}", printable(&String::from_utf8_lossy(start))),
     }
 }

@@ -83,7 +83,7 @@ pub(super) fn open(file: &File, file_len: u64) -> Result<Contents, Fault> {
         Some(converted) => (converted.configuration, converted.batch_norm_eps, converted.class),
         None => (None, None, None),
     };
-    Ok(Contents { tensors: tensors?, configuration, batch_norm_eps, class })
+    Ok(Contents { tensors: tensors?, configuration, batch_norm_eps, class, foreign_code: Vec::new() })
 }
 
 fn tensor_info(name: String, info: &FileTensorInfo, begin: u64) -> Result<TensorInfo, Fault> {

@@ -29,8 +29,37 @@ impl Storage {
         }
         let stated = self.crc32.filter(|_| len == self.len);
         if stated.is_some_and(|stated| stated != crc32fast::hash(&bytes)) {
-            return Err(io::Error::new(io::ErrorKind::InvalidData, "damaged data (the checksum is wrong)"));
+            return Err(wrong_checksum());
         }
         Ok(bytes)
     }
+
+    /// Reads all of it for the checksum.
+    ///
+    /// # Errors
+    /// As [`Storage::read`].
+    pub fn verify(self, file: &File) -> io::Result<()> {
+        if self.is_intact(file)? { Ok(()) } else { Err(wrong_checksum()) }
+    }
+
+    /// Whether all of it has the checksum that the file states, if it states one.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn is_intact(self, mut file: &File) -> io::Result<bool> {
+        let Some(stated) = self.crc32 else { return Ok(true) };
+        file.seek(SeekFrom::Start(self.offset))?;
+        let (mut hasher, mut left, mut block) = (crc32fast::Hasher::new(), self.len, vec![0; 1 << 18]);
+        while left > 0 {
+            let wanted = left.min(block.len() as u64) as usize;
+            file.read_exact(&mut block[..wanted])?;
+            hasher.update(&block[..wanted]);
+            left -= wanted as u64;
+        }
+        Ok(hasher.finalize() == stated)
+    }
+}
+
+fn wrong_checksum() -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, "damaged data (the checksum is wrong)")
 }

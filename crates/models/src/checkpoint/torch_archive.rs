@@ -1,7 +1,8 @@
 //! The zip archive that `torch.save` writes since PyTorch 1.6: `<root>/data.pkl`, and a storage per `<root>/data/<key>`.
 
 use super::Contents;
-use super::error::Fault;
+use super::error::{Fault, printable};
+use super::foreign_code::foreign_code;
 use super::pickle;
 use super::state_dict::{self, StateDict};
 use super::storage::Storage;
@@ -19,9 +20,7 @@ const MAX_BYTE_ORDER_BYTES: u64 = 16;
 
 /// Reads all but the numbers.
 pub(super) fn open(file: &File, file_len: u64) -> Result<Contents, Fault> {
-    let archive = ZipArchive::new(BufReader::new(file))
-        .map_err(|error| Fault::part("the zip archive", error.to_string(), "an undamaged one"))?;
-    let mut archive = Archive { archive, file_len };
+    let mut archive = Archive::open(file, file_len)?;
     let root = archive.root()?;
     if let Some(order) = archive.storage(&format!("{root}byteorder"))? {
         let order = read_entry(file, &format!("{root}byteorder"), order, MAX_BYTE_ORDER_BYTES)?;
@@ -34,7 +33,26 @@ pub(super) fn open(file: &File, file_len: u64) -> Result<Contents, Fault> {
     let bytes = read_entry(file, &name, storage, MAX_PICKLE_BYTES)?;
     let graph = pickle::parse(&bytes)
         .map_err(|error| Fault::part(format!("{name}, byte {}", error.offset), error.found, error.expected))?;
-    archive.contents(&root, state_dict::read(&graph)?)
+    let mut contents = archive.contents(&root, state_dict::read(&graph)?)?;
+    contents.foreign_code = foreign_code(&graph);
+    Ok(contents)
+}
+
+/// Names of the entries whose data do not have their checksum.
+pub(super) fn damaged_entries(file: &File, file_len: u64) -> Result<Vec<String>, Fault> {
+    let mut archive = Archive::open(file, file_len)?;
+    let names: Vec<String> = archive.archive.file_names().filter_map(Result::ok).map(|name| name.to_string()).collect();
+    let (mut damaged, mut bytes) = (Vec::new(), 0);
+    for name in names {
+        // Entries of another kind are none of those that are read.
+        let Ok(Some(storage)) = archive.storage(&name) else { continue };
+        bytes += storage.len;
+        archive.require_no_overlap(bytes)?;
+        if !storage.is_intact(file).map_err(|error| Fault::part(&name, error.to_string(), "its data"))? {
+            damaged.push(printable(&name));
+        }
+    }
+    Ok(damaged)
 }
 
 struct Archive<'f> {
@@ -42,7 +60,13 @@ struct Archive<'f> {
     file_len: u64,
 }
 
-impl Archive<'_> {
+impl<'f> Archive<'f> {
+    fn open(file: &'f File, file_len: u64) -> Result<Self, Fault> {
+        let archive = ZipArchive::new(BufReader::new(file))
+            .map_err(|error| Fault::part("the zip archive", error.to_string(), "an undamaged one"))?;
+        Ok(Self { archive, file_len })
+    }
+
     /// The folder in which everything lies, with its slash; named after the file as it was saved.
     fn root(&self) -> Result<String, Fault> {
         let mut roots = self.archive.file_names().filter_map(Result::ok).filter_map(|name| {
@@ -75,8 +99,18 @@ impl Archive<'_> {
         Ok(Some(Storage { offset, len, crc32: Some(entry.crc32()) }))
     }
 
+    /// Checks that entries of `bytes` bytes in all can lie side by side: otherwise a small file could keep a reader busy
+    /// for hours.
+    fn require_no_overlap(&self, bytes: u64) -> Result<(), Fault> {
+        if bytes <= self.file_len {
+            return Ok(());
+        }
+        let expected = format!("at most the file's {} bytes", self.file_len);
+        Err(Fault::part("the zip archive", format!("entries of {bytes} bytes"), expected))
+    }
+
     fn contents(&mut self, root: &str, found: StateDict<'_>) -> Result<Contents, Fault> {
-        let mut storages = HashMap::new();
+        let (mut storages, mut bytes) = (HashMap::new(), 0);
         let mut tensors = Vec::with_capacity(found.tensors.len());
         for tensor in found.tensors {
             let storage = match storages.get(tensor.key) {
@@ -87,13 +121,15 @@ impl Archive<'_> {
                     let storage =
                         storage.ok_or_else(|| Fault::tensor(&tensor.name, format!("no entry {entry}"), "its data"))?;
                     storages.insert(tensor.key, storage);
+                    bytes += storage.len;
+                    self.require_no_overlap(bytes)?;
                     storage
                 }
             };
             tensors.push(tensor_info(tensor, storage)?);
         }
         let (configuration, batch_norm_eps) = (found.configuration, found.batch_norm_eps);
-        Ok(Contents { tensors, configuration, batch_norm_eps, class: found.class })
+        Ok(Contents { tensors, configuration, batch_norm_eps, class: found.class, foreign_code: Vec::new() })
     }
 }
 

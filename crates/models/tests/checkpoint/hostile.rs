@@ -1,6 +1,6 @@
 //! Files that lie, or would have a naive reader run code, fill the memory or never end.
 
-use crate::files::{Written, archive, module_pickle, network, refusal, safetensors_file, torch_file};
+use crate::files::{WEIGHT, Written, archive, module_pickle, network, refusal, safetensors_file, torch_file};
 use crate::pickler::*;
 use serde_json::json;
 use splatseg_models::checkpoint::Checkpoint;
@@ -96,7 +96,7 @@ fn names_are_unique_short_and_printable() {
     let long = "x".repeat(1 << 20);
     assert_refused(&pickle_refusal(&dict(&[(&long, floats(0, &[2], &[1]))])), &["a name of 1048577 bytes"]);
     let lines = dict(&[("a\nb\u{1b}[31m", floats(9, &[2], &[1]))]);
-    assert_refused(&pickle_refusal(&lines), &["a\u{fffd}b\u{fffd}[31m"]);
+    assert_refused(&pickle_refusal(&lines), &[r"a\nb\u{1b}[31m"]);
 }
 
 #[test]
@@ -274,6 +274,54 @@ fn damaged_numbers_are_noticed() {
     std::fs::write(&file.path, &bytes[..40]).unwrap();
     let message = checkpoint.read_f32("model.0.bn.running_mean", &[2]).unwrap_err().to_string();
     assert_refused(&message, &["file.pt: tensor model.0.bn.running_mean"]);
+}
+
+#[test]
+fn damage_beside_the_tensor_that_is_read_is_noticed() {
+    // A tensor of the first two of the storage's six halves; the damage is in the others.
+    let part = parameter(tensor(storage("HalfStorage", "0", 6), 0, &[2], &[1]));
+    let mut bytes = torch_file(&pickle(&dict(&[("part", part)])));
+    let intact = Written::new(&bytes);
+    assert_eq!(intact.open().read_f32("part", &[2]).unwrap(), WEIGHT[..2]);
+    assert!(intact.open().damaged_entries().unwrap().is_empty());
+    let place = bytes.windows(2).position(|window| window == half::f16::from_f32(1024.0).to_le_bytes()).unwrap();
+    bytes[place] ^= 4;
+    let file = Written::new(&bytes);
+    let message = file.open().read_f32("part", &[2]).unwrap_err().to_string();
+    assert_refused(&message, &["file.pt: tensor part: found damaged data"]);
+    assert_eq!(file.open().damaged_entries().unwrap(), ["small/data/0"]);
+}
+
+#[test]
+fn code_that_python_would_run_is_listed() {
+    let system = call("posix", "system", &[text("true")]);
+    let imported = global("some.module", "function");
+    let state = dict(&[("model", network(&[])), ("optimizer", system), ("callback", imported), ("date", text("now"))]);
+    let file = Written::new(&torch_file(&pickle(&state)));
+    let found = file.open().foreign_code().to_vec();
+    let strange = ["call posix.system", "call some.nn.BatchNorm2d", "import some.module.function"];
+    assert!(strange.iter().all(|name| found.iter().any(|found| found == name)), "{found:?}");
+    assert!(!found.iter().any(|name| name.contains("torch") || name.contains("OrderedDict")), "{found:?}");
+    // What is thrown away was called all the same.
+    let discarded =
+        [call("posix", "system", &[text("true")]), b"0".to_vec(), dict(&[("model", network(&[]))])].concat();
+    let file = Written::new(&torch_file(&pickle(&discarded)));
+    assert!(file.open().foreign_code().contains(&"call posix.system".to_owned()));
+    let nested = [call("builtins", "getattr", &[text("a"), text("b")]), tuple(&[]), b"R".to_vec()].concat();
+    let file = Written::new(&torch_file(&pickle(&dict(&[("model", network(&[])), ("x", nested)]))));
+    assert!(file.open().foreign_code().contains(&"call a computed function".to_owned()));
+}
+
+#[cfg(unix)]
+#[test]
+fn devices_and_fifos_are_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let fifo = folder.path().join("fifo.pt");
+    assert!(std::process::Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+    for (path, kind) in [(fifo.as_path(), "a FIFO"), (std::path::Path::new("/dev/zero"), "a device")] {
+        let message = Checkpoint::open(path).unwrap_err().to_string();
+        assert!(message.ends_with(&format!("cannot open: it is {kind}, expected a regular file")), "{message}");
+    }
 }
 
 #[test]

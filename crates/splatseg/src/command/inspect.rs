@@ -2,7 +2,7 @@
 
 use super::Failure;
 use clap::Args;
-use splatseg_models::checkpoint::{Checkpoint, CheckpointError, Dtype, Format};
+use splatseg_models::checkpoint::{Checkpoint, CheckpointError, Dtype, Format, printable};
 use splatseg_models::completeness::missing_tensors;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -26,8 +26,12 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     print_missing(&checkpoint, arguments.tensors);
     if arguments.tensors {
         for tensor in checkpoint.tensors() {
-            say!("  {} {} {:?}", tensor.name(), tensor.dtype(), tensor.shape());
+            say!("  {} {} {:?}", printable(tensor.name()), tensor.dtype(), tensor.shape());
         }
+    }
+    let complaints = complaints(&checkpoint)?;
+    for (kind, complaint) in &complaints {
+        say!("{kind:<14} {complaint}");
     }
     if let Some(out) = &arguments.convert {
         checkpoint.convert(out).map_err(|error| match error {
@@ -37,7 +41,38 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
         })?;
         say!("converted to   {}", out.display());
     }
-    Ok(())
+    match complaints.as_slice() {
+        [] => Ok(()),
+        complaints => {
+            let texts: Vec<&str> = complaints.iter().map(|(_, complaint)| complaint.as_str()).collect();
+            Err(Failure::input(format!("{}: {}", arguments.file.display(), texts.join("; "))))
+        }
+    }
+}
+
+/// What speaks against using the file: a kind and a text each.
+fn complaints(checkpoint: &Checkpoint) -> Result<Vec<(&'static str, String)>, Failure> {
+    let mut complaints = Vec::new();
+    let code = checkpoint.foreign_code();
+    if !code.is_empty() {
+        let calls = listed(code);
+        complaints.push(("unsafe", format!("would {calls}: never executed here, but do not load it elsewhere")));
+    }
+    let damaged = checkpoint.damaged_entries().map_err(Failure::input)?;
+    if !damaged.is_empty() {
+        let verb = if damaged.len() == 1 { "is" } else { "are" };
+        complaints.push(("damaged", format!("CRC of {} {verb} wrong", listed(&damaged))));
+    }
+    Ok(complaints)
+}
+
+/// The first few of a list, and the number of the others.
+fn listed<T: AsRef<str>>(names: &[T]) -> String {
+    let first: Vec<&str> = names.iter().take(LISTED).map(AsRef::as_ref).collect();
+    match names.len() - first.len() {
+        0 => first.join(", "),
+        more => format!("{} and {more} more", first.join(", ")),
+    }
 }
 
 fn print(checkpoint: &Checkpoint) {
@@ -46,7 +81,7 @@ fn print(checkpoint: &Checkpoint) {
         Format::Safetensors => "safetensors",
     };
     let kind = match checkpoint.class() {
-        Some(class) => format!("{container}, module {class}"),
+        Some(class) => format!("{container}, module {}", printable(class)),
         None => format!("{container}, state dict"),
     };
     let mut dtypes: BTreeMap<Dtype, usize> = BTreeMap::new();
@@ -64,7 +99,7 @@ fn print(checkpoint: &Checkpoint) {
     }
 }
 
-/// Largest number of missing tensors listed without `--tensors`.
+/// Most names of a kind that are listed without `--tensors`.
 const LISTED: usize = 10;
 
 fn print_missing(checkpoint: &Checkpoint, all: bool) {
@@ -78,7 +113,8 @@ fn print_missing(checkpoint: &Checkpoint, all: bool) {
     }
     let listed = if all { missing.len() } else { missing.len().min(LISTED) };
     say!("missing        {} tensors that the network needs", missing.len());
-    missing[..listed].iter().for_each(|tensor| say!("  {tensor}"));
+    // Their names are made of what is in the file, e.g. of its configuration.
+    missing[..listed].iter().for_each(|tensor| say!("  {}", printable(&tensor.to_string())));
     if listed < missing.len() {
         say!("  … and {} more (--tensors lists them)", missing.len() - listed);
     }

@@ -75,6 +75,11 @@ impl<'a> Graph<'a> {
         self.root
     }
 
+    /// Everything that the pickle makes on the way, whether it is part of the result or not.
+    pub fn values(&self) -> &[Value<'a>] {
+        &self.values
+    }
+
     pub fn value(&self, id: Id) -> &Value<'a> {
         // Ids come from this graph only: the machine hands none out before the value is there.
         &self.values[id as usize]
