@@ -4,6 +4,7 @@ use crate::synthetic::{self, SyntheticScene};
 use crate::{DatasetError, DatasetSettings, Format, Scene};
 use crate::{MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
 use crate::{mvpd, replica, scannet, sevenscenes, tum};
+use splatseg_settings::SettingError;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -88,7 +89,7 @@ pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<
     }
     if settings.format == Format::Auto {
         return match FORMATS.iter().find(|entry| (entry.looks_like)(path)) {
-            Some(entry) => (entry.open)(path, settings),
+            Some(entry) => open(entry, path, settings),
             None => Err(best_fit(path).unwrap_or_else(|| DatasetError::NotRecognised {
                 path: path.to_owned(),
                 supported: supported_formats().join("\n"),
@@ -96,7 +97,7 @@ pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<
         };
     }
     match FORMATS.iter().find(|entry| entry.format == settings.format) {
-        Some(entry) if (entry.looks_like)(path) => (entry.open)(path, settings),
+        Some(entry) if (entry.looks_like)(path) => open(entry, path, settings),
         found => Err(found.and_then(|entry| incomplete(entry, path)).map_or_else(
             || DatasetError::OtherFormat {
                 path: path.to_owned(),
@@ -125,6 +126,22 @@ fn incomplete(entry: &FormatEntry, path: &Path) -> Option<(f64, DatasetError)> {
     let names = |parts: Vec<(&str, bool)>| parts.into_iter().map(|(part, _)| part).collect::<Vec<_>>().join(", ");
     let (format, found, missing) = (entry.format.name(), names(there), names(missing));
     Some((fraction, DatasetError::Incomplete { path: path.to_owned(), format, found, missing }))
+}
+
+fn open(entry: &FormatEntry, path: &Path, settings: &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetError> {
+    if settings.register_depth && entry.format != Format::SevenScenes {
+        return Err(SettingError {
+            key: "dataset.register_depth".to_owned(),
+            found: "true".to_owned(),
+            expected: format!(
+                "false for {}, whose format is {}: only 7scenes has depth that is not registered",
+                path.display(),
+                entry.format
+            ),
+        }
+        .into());
+    }
+    (entry.open)(path, settings)
 }
 
 /// One line for each supported format: its name and what its scenes look like.

@@ -9,24 +9,24 @@ settings! {
         /// The format of the scene; `auto` recognises it by its files.
         format: Format = Format::Auto, Allowed::Names(Format::NAMES);
         /// Position of the first frame used, in the sorted list of the scene's frames, counted from 0.
-        start: usize = 0, Allowed::at_least(0.0);
+        start: usize = 0, Allowed::between(0.0, 1e9);
         /// Every how many frames one is used.
-        stride: usize = 1, Allowed::at_least(1.0);
+        stride: usize = 1, Allowed::between(1.0, 1e9);
         /// The most frames used; all if left out.
-        max_frames: Option<usize> = None, Allowed::at_least(1.0);
+        max_frames: Option<usize> = None, Allowed::between(1.0, 1e9);
         /// The size that frames are resized to before cropping; their own if left out.
         resize: Option<ImageSize> = None, Allowed::Text("WIDTHxHEIGHT, sides of 1 to 4096 pixels");
         /// Without `resize`: frames of more pixels than this are made smaller, with the same aspect ratio. More detail
         /// takes memory and time, and no segmenter uses it.
         max_pixels: usize = 2_100_000, Allowed::between(1024.0, 67_108_864.0);
         /// Pixels cropped on each side, after resizing. The paper: 5.
-        crop_border: usize = 0, Allowed::at_least(0.0);
+        crop_border: usize = 0, Allowed::between(0.0, 8192.0);
         /// 7-Scenes as published: warp the depth, which its own camera took, into the colour camera, and move the poses,
         /// which are the depth camera's, there too. Otherwise the depth is registered already.
         register_depth: bool = false, Allowed::Switch;
         /// With `register_depth`: how far the colour camera stands to the right of the depth camera, metres. The default
         /// is that of the Kinect that recorded 7-Scenes.
-        depth_offset_m: f32 = 0.025, Allowed::between(-1.0, 1.0);
+        depth_offset_m: f32 = 0.025, Allowed::between(-1.0, 1.0), only "dataset.register_depth = true";
     }
 }
 
@@ -72,7 +72,7 @@ mod tests {
         let check = |settings: DatasetSettings| settings.selected_frames(9).unwrap_err().to_string();
         assert_eq!(
             check(DatasetSettings { stride: 0, ..Default::default() }),
-            "dataset.stride is 0, expected 1 or more"
+            "dataset.stride is 0, expected 1 to 1000000000"
         );
         let resize = Some("0x0".parse().unwrap());
         assert_eq!(

@@ -45,7 +45,7 @@ fn impossible_settings_are_told_on_opening() {
     };
     let default = DatasetSettings::default;
     let cases = [
-        (default().with(|settings| settings.stride = 0), "dataset.stride is 0, expected 1 or more"),
+        (default().with(|settings| settings.stride = 0), "dataset.stride is 0, expected 1 to 1000000000"),
         (
             default().with(|settings| settings.resize = "0x0".parse().ok()),
             "dataset.resize is \"0x0\", expected WIDTHxHEIGHT, sides of 1 to 4096 pixels",

@@ -33,76 +33,76 @@ settings! {
         /// Where the map grows.
         growth: GrowthRule = GrowthRule::Auto, Allowed::Names(GrowthRule::NAMES);
         /// A pixel is uncovered, and gets a new Gaussian, where the rendered silhouette is below this (rule `paper`).
-        growth_silhouette: f32 = 0.5, Allowed::at_least(0.0);
+        growth_silhouette: f32 = 0.5, Allowed::between(0.0, 1.0);
         /// A surface is missing where the alphas of the Gaussians up to its depth come to less than this (rule
         /// `missing`).
-        growth_coverage: f32 = 0.3, Allowed::at_least(0.0);
+        growth_coverage: f32 = 0.3, Allowed::between(0.0, 1.0);
         /// Depths that differ by more than this, metres, are those of two surfaces. Rule `missing` adds Gaussians where
         /// the frame's surface lies in front of the rendered one, rule `paper` also where it lies behind.
-        depth_disparity: f32 = 0.15, Allowed::at_least(0.0);
+        depth_disparity: f32 = 0.15, Allowed::between(0.0, 1000.0);
         /// Neighbouring depths that differ by more than this fraction are a depth edge (rule `missing`).
-        edge_disparity: f32 = 0.05, Allowed::at_least(0.0);
+        edge_disparity: f32 = 0.05, Allowed::between(0.0, 1000.0);
         /// Largest spacing of Gaussians inside a segment, pixels: 1, 2, 4 or 8 (rule `missing`).
         growth_spacing: usize = 8, Allowed::OneOf(&[1.0, 2.0, 4.0, 8.0]);
         /// A Gaussian may have a spacing of this many times its distance to the nearest border (rule `missing`).
-        spacing_per_distance: f32 = 2.0, Allowed::above(0.0);
+        spacing_per_distance: f32 = 2.0, Allowed::above_up_to(0.0, 1000.0);
         /// Standard deviation of a new Gaussian per spacing between Gaussians (rule `missing`; the paper's has 1).
-        radius_per_spacing: f32 = 0.6, Allowed::above(0.0);
+        radius_per_spacing: f32 = 0.6, Allowed::above_up_to(0.0, 10.0);
         /// A Gaussian that this many frames saw through, none of them seeing it in between, is removed; 0: never.
         removal_frames: u8 = 3, Allowed::between(0.0, 255.0);
         /// A Gaussian is seen through where the observed surface lies behind it by more than this, metres...
-        removal_margin: f32 = 0.1, Allowed::at_least(0.0);
+        removal_margin: f32 = 0.1, Allowed::between(0.0, 1000.0);
         /// ...or by more than this fraction of the distance, whichever is more.
-        removal_margin_relative: f32 = 0.04, Allowed::at_least(0.0);
+        removal_margin_relative: f32 = 0.04, Allowed::between(0.0, 1000.0);
         /// Most Gaussians that are kept. Beyond it those not seen for longest are removed.
-        max_gaussians: usize = 10_000_000, Allowed::between(1.0, 4_294_967_295.0);
+        max_gaussians: usize = 10_000_000, Allowed::between(1.0, 1e8);
         /// What the frame's own prediction weighs beside remembered votes.
-        observation_weight: f32 = 1.0, Allowed::at_least(0.0), only "memory.kind = evidence";
+        observation_weight: f32 = 1.0, Allowed::between(0.0, 1000.0), only "memory.kind = evidence";
         /// What a frame without a prediction weighs, as a vote for no segment, relative to a prediction.
-        no_segment_weight: f32 = 0.1, Allowed::at_least(0.0), only "memory.kind = evidence";
+        no_segment_weight: f32 = 0.1, Allowed::between(0.0, 1000.0), only "memory.kind = evidence";
         /// Most votes that a Gaussian holds: more are scaled down, so that it can change its mind.
-        max_votes: f32 = 4.0, Allowed::above(0.0), only "memory.kind = evidence";
+        max_votes: f32 = 4.0, Allowed::above_up_to(0.0, 1e6), only "memory.kind = evidence";
         /// Whether segments without depth (screens, glass, sky), which no Gaussian can carry, are linked from frame to
         /// frame by the camera's motion.
         depthless: bool = true, Allowed::Switch, only "memory.kind = evidence";
         /// Votes seen at a pixel must exceed this for a segment to be expected there.
-        min_evidence: f32 = 0.3, Allowed::at_least(0.0), only "memory.kind = evidence";
+        min_evidence: f32 = 0.3, Allowed::between(0.0, 1e6), only "memory.kind = evidence";
         /// A Gaussian is counted at a pixel only if it lies within this distance of the depth observed there, metres.
-        depth_tolerance: f32 = 0.2, Allowed::above(0.0), only "memory.kind = evidence";
+        depth_tolerance: f32 = 0.2, Allowed::above_up_to(0.0, 1000.0), only "memory.kind = evidence";
         /// Blend weights below this are not counted.
-        min_weight: f32 = 0.01, Allowed::at_least(0.0), only "memory.kind = evidence";
+        min_weight: f32 = 0.01, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
         /// Alphas below this are not blended (the paper's memory blends down to 1/255).
-        min_alpha: f32 = 0.02, Allowed::above(0.0), only "memory.kind = evidence";
+        min_alpha: f32 = 0.02, Allowed::above_up_to(0.0, 1.0), only "memory.kind = evidence";
         /// A pixel is finished when so little light would come through (the paper's memory has 1e-4).
-        min_transmittance: f32 = 0.01, Allowed::above(0.0), only "memory.kind = evidence";
+        min_transmittance: f32 = 0.01, Allowed::above_up_to(0.0, 1.0), only "memory.kind = evidence";
         /// Channels of a segment-id feature (D); 1 stores the id itself.
-        feature_dim: usize = 28, Allowed::between(1.0, 4096.0), only "memory.kind = features";
+        feature_dim: usize = 28, Allowed::between(1.0, 256.0), only "memory.kind = features";
         /// Codes made at the start, and added in one block whenever they run out (N).
-        num_codes: usize = 512, Allowed::between(1.0, 65_535.0), only "memory.kind = features";
+        num_codes: usize = 512, Allowed::between(1.0, 2048.0), only "memory.kind = features";
         /// The best code's inner product must exceed this for a pixel to have a segment.
-        decode_threshold: f32 = 0.5, Allowed::at_least(0.0), only "memory.kind = features";
+        decode_threshold: f32 = 0.5, Allowed::between(0.0, 1.0), only "memory.kind = features";
         /// What the confidence ‖f‖ of a remembered segment loses in a frame that does not confirm it (C_conf).
-        confidence_decay: f32 = 0.1, Allowed::at_least(0.0), only "memory.kind = features";
+        confidence_decay: f32 = 0.1, Allowed::between(0.0, 1.0), only "memory.kind = features";
         /// Gradient-descent steps on the features per frame (N_opt).
-        num_steps: usize = 20, Allowed::at_least(0.0), only "memory.kind = features";
+        num_steps: usize = 20, Allowed::between(0.0, 200.0), only "memory.kind = features";
         /// Weight of the confidence term, MSE(‖F̂‖, ‖F‖) (λ_mag).
-        magnitude_weight: f32 = 50.0, Allowed::at_least(0.0), only "memory.kind = features";
+        magnitude_weight: f32 = 50.0, Allowed::between(0.0, 1e6), only "memory.kind = features";
         /// Weight of the direction term, 1 − cos(F̂, F) (λ_dir).
-        direction_weight: f32 = 1.0, Allowed::at_least(0.0), only "memory.kind = features";
+        direction_weight: f32 = 1.0, Allowed::between(0.0, 1e6), only "memory.kind = features";
         /// Step size. Losses are summed over pixels and each Gaussian's step is divided by the sum of its blend
         /// weights, so that one value is stable at every distance; it must stay below 1 / `magnitude_weight`. Not in
         /// the paper.
-        learning_rate: f32 = 0.01, Allowed::at_least(0.0), only "memory.kind = features";
+        learning_rate: f32 = 0.01, Allowed::between(0.0, 1000.0), only "memory.kind = features";
         /// A pixel is learnt only where the memory shows another segment than the target, where the confidences differ
         /// by more than this, where the directions differ (`active_min_cosine`), or within `active_margin` of such a
         /// pixel. Must be below `confidence_decay`, or fading is never learnt. Negative: every pixel. Not in the paper.
-        active_tolerance: f32 = 0.09, Allowed::NUMBER, only "memory.kind = features";
+        active_tolerance: f32 = 0.09, Allowed::between(-1.0, 1.0), only "memory.kind = features";
         /// Directions differ if their cosine is below this; see `active_tolerance`. Not in the paper.
-        active_min_cosine: f32 = 0.95, Allowed::NUMBER, only "memory.kind = features";
+        active_min_cosine: f32 = 0.95, Allowed::between(-1.0, 1.0), only "memory.kind = features";
         /// See `active_tolerance`, pixels. Not in the paper.
-        active_margin: usize = 1, Allowed::at_least(0.0), only "memory.kind = features";
+        active_margin: usize = 1, Allowed::between(0.0, 100.0), only "memory.kind = features";
         /// Blend weights below this are left out of learning, not of rendering. Not in the paper.
-        learning_min_weight: f32 = 0.005, Allowed::at_least(0.0), only "memory.kind = features";
+        learning_min_weight: f32 = 0.005, Allowed::between(0.0, 1.0), only "memory.kind = features";
     }
 }
 
@@ -130,7 +130,7 @@ mod tests {
     fn ranges_are_checked() {
         assert_eq!(MemorySettings::default().validate(), Ok(()));
         let error = MemorySettings::default().with(|memory| memory.feature_dim = 0).validate().unwrap_err();
-        assert_eq!(error.to_string(), "memory.feature_dim is 0, expected 1 to 4096");
+        assert_eq!(error.to_string(), "memory.feature_dim is 0, expected 1 to 256");
         assert!(MemorySettings::default().with(|memory| memory.learning_rate = f32::NAN).validate().is_err());
         assert!(MemorySettings::default().with(|memory| memory.growth_spacing = 3).validate().is_err());
         assert!(MemorySettings::default().with(|memory| memory.max_votes = 0.0).validate().is_err());

@@ -36,6 +36,16 @@ pub enum DeviceError {
 }
 
 impl DeviceName {
+    /// Whether the program was built with support for the device. Its driver may still be missing.
+    pub fn is_built(self) -> bool {
+        match self {
+            Self::Cpu => true,
+            Self::Cuda => cfg!(feature = "cuda"),
+            Self::Vulkan => cfg!(feature = "vulkan"),
+            Self::Metal => cfg!(feature = "metal"),
+        }
+    }
+
     /// The device, tried out.
     ///
     /// # Errors
@@ -100,7 +110,8 @@ mod tests {
 
     #[test]
     fn the_processor_is_always_there_and_missing_devices_are_told() {
-        assert!(DeviceName::Cpu.open().is_ok());
+        assert!(DeviceName::Cpu.is_built() && DeviceName::Cpu.open().is_ok());
+        assert_eq!(DeviceName::Cuda.is_built(), cfg!(feature = "cuda"));
         #[cfg(not(feature = "cuda"))]
         assert_eq!(
             DeviceName::Cuda.open().unwrap_err().to_string(),

@@ -156,7 +156,7 @@ fn impossible_settings_are_named() {
     let mut settings = GraphSettings::default();
     settings.surface.noise = 0.0;
     let error = GraphSegmenter::new(settings).unwrap_err();
-    assert_eq!(error.to_string(), "graph.surface.noise is 0, expected 0.000001 or more");
+    assert_eq!(error.to_string(), "graph.surface.noise is 0, expected 0.000001 to 1000");
     let mut settings = GraphSettings::default();
     settings.borders.bias = f32::NAN;
     assert!(

@@ -12,7 +12,7 @@ pub enum Allowed {
     Text(&'static str),
     /// One of these names.
     Names(&'static [&'static str]),
-    /// A finite number from `min` to `max`, inclusive; `min` is excluded if `above` is set.
+    /// A number from `min` to `max`, inclusive; `min` is excluded if `above` is set.
     Range {
         /// Smallest number.
         min: f64,
@@ -35,18 +35,8 @@ pub enum Allowed {
 }
 
 impl Allowed {
-    /// Any finite number.
-    pub const NUMBER: Self = Self::Range { min: f64::NEG_INFINITY, max: f64::INFINITY, above: true };
-
-    /// A number of at least `min`.
-    pub const fn at_least(min: f64) -> Self {
-        Self::Range { min, max: f64::INFINITY, above: false }
-    }
-
-    /// A number above `min`.
-    pub const fn above(min: f64) -> Self {
-        Self::Range { min, max: f64::INFINITY, above: true }
-    }
+    /// The largest whole number of a setting, 2^63 − 1: TOML has no larger ones.
+    pub const MAX_WHOLE: u64 = i64::MAX as u64;
 
     /// A number from `min` to `max`.
     pub const fn between(min: f64, max: f64) -> Self {
@@ -80,14 +70,12 @@ impl fmt::Display for Allowed {
             Self::Switch => formatter.write_str("true or false"),
             Self::Text(what) => formatter.write_str(what),
             Self::Names(names) => write_choice(formatter, names),
-            Self::Range { min, max, above } => match (min.is_finite(), max.is_finite(), above) {
-                (false, false, _) => formatter.write_str("a number"),
-                (false, true, _) => write!(formatter, "at most {max}"),
-                (true, false, false) => write!(formatter, "{min} or more"),
-                (true, false, true) => write!(formatter, "more than {min}"),
-                (true, true, false) => write!(formatter, "{min} to {max}"),
-                (true, true, true) => write!(formatter, "more than {min} and at most {max}"),
-            },
+            // 2^63 − 1 is no `f64`.
+            Self::Range { min, max, .. } if max == Self::MAX_WHOLE as f64 => {
+                write!(formatter, "{min} to {}", Self::MAX_WHOLE)
+            }
+            Self::Range { min, max, above: false } => write!(formatter, "{min} to {max}"),
+            Self::Range { min, max, above: true } => write!(formatter, "more than {min} and at most {max}"),
             Self::OneOf(numbers) => write_choice(formatter, numbers),
             Self::Multiple { of, min, max } => write!(formatter, "a multiple of {of} from {min} to {max}"),
         }
@@ -116,9 +104,7 @@ mod tests {
         let cases = [
             (Allowed::between(0.0, 1.0), "0 to 1", vec![0.0, 1.0], vec![-0.1, 1.1]),
             (Allowed::above_up_to(0.0, 1.0), "more than 0 and at most 1", vec![0.1, 1.0], vec![0.0, 1.1]),
-            (Allowed::at_least(1.0), "1 or more", vec![1.0, 1e9], vec![0.0]),
-            (Allowed::above(0.0), "more than 0", vec![1e-9], vec![0.0, -1.0]),
-            (Allowed::NUMBER, "a number", vec![-1e30, 0.0], vec![]),
+            (Allowed::between(0.0, Allowed::MAX_WHOLE as f64), "0 to 9223372036854775807", vec![1e18], vec![1e19]),
             (Allowed::OneOf(&[1.0, 2.0, 4.0]), "1, 2 or 4", vec![2.0], vec![3.0]),
             (
                 Allowed::Multiple { of: 32, min: 32, max: 4096 },

@@ -74,8 +74,19 @@ macro_rules! numbers {
     )*};
 }
 
-numbers!(false: f32, f64);
+numbers!(false: f64);
 numbers!(true: u8, u32, u64, usize);
+
+impl SettingValue for f32 {
+    fn text(&self) -> Option<String> {
+        Some(self.to_string())
+    }
+
+    /// As it is written: the `f32` of 0.1 is larger than 0.1.
+    fn is_allowed(&self, allowed: &Allowed) -> bool {
+        self.to_string().parse().is_ok_and(|number| allowed.accepts_number(number))
+    }
+}
 
 macro_rules! texts {
     ($($type:ty, |$value:ident| $text:expr);*) => {$(
@@ -102,4 +113,17 @@ texts!(
 #[doc(hidden)]
 pub fn is_left_out(value: &impl SettingValue) -> bool {
     value.text().is_none()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ends_of_a_range_are_allowed_for_every_type() {
+        let allowed = Allowed::between(0.000_001, 0.1);
+        assert!([1e-6_f32, 0.1].iter().all(|number| number.is_allowed(&allowed)));
+        assert!([1e-6_f64, 0.1].iter().all(|number| number.is_allowed(&allowed)));
+        assert!(![9e-7_f32, 0.100_001, f32::NAN, f32::INFINITY].iter().any(|number| number.is_allowed(&allowed)));
+    }
 }

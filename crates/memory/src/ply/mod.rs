@@ -65,10 +65,12 @@ mod header;
 mod layout;
 mod reader;
 mod record;
+mod saved_settings;
 mod trailer;
 mod writer;
 
 pub use error::SplatFileError;
+pub use saved_settings::{SavedCodes, SavedMemorySettings};
 
 use crate::{Codebook, MemoryKind, SplatMap, Votes};
 use std::path::Path;

@@ -29,7 +29,7 @@ pub fn load(path: &Path) -> Result<SplatFile, SplatFileError> {
 }
 
 /// Refuses a file of another length than its header announces. Memory is taken only for what has passed here.
-fn check_length(sizes: &Sizes, header_bytes: usize, found: u64, path: &Path) -> Result<(), SplatFileError> {
+pub fn check_length(sizes: &Sizes, header_bytes: usize, found: u64, path: &Path) -> Result<(), SplatFileError> {
     let expected = sizes.file_bytes(header_bytes);
     if found == expected {
         return Ok(());

@@ -15,6 +15,8 @@ const MAGIC: [u8; 8] = *b"SPLATSEG";
 const HEAD_BYTES: u64 = 24;
 /// Bytes of the fields before the codes: feature_dim, codes, seed, blocks.
 const CODEBOOK_HEAD_BYTES: u64 = 24;
+/// Where in the block of a memory of features the number of blocks of codes stands.
+pub const BLOCKS_OFFSET: u64 = HEAD_BYTES + CODEBOOK_HEAD_BYTES - 4;
 /// Bytes of sightings and carried per segment.
 const SEGMENT_BYTES: u64 = 5;
 /// Bytes of the checksum that ends the file.

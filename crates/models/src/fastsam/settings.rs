@@ -6,13 +6,13 @@ settings! {
     /// Settings of a [`FastSamPredictor`](super::FastSamPredictor); the names are Ultralytics', the defaults the paper's.
     pub struct FastSamPredictorSettings in "fastsam" {
         /// The longer side of the network's input, pixels (`imgsz`).
-        image_size: usize = 1024, Allowed::Multiple { of: 32, min: 32, max: 4096 };
+        image_size: usize = 1024, Allowed::Multiple { of: 32, min: 32, max: 2048 };
         /// Boxes with a lower score are dropped (`conf`).
         confidence: f64 = 0.4, Allowed::between(0.0, 1.0);
         /// NMS drops the worse of two boxes whose IoU is larger (`iou`).
         iou: f64 = 0.9, Allowed::between(0.0, 1.0);
         /// Most objects of an image.
-        max_det: usize = 300, Allowed::at_least(1.0);
+        max_det: usize = 300, Allowed::between(1.0, 10000.0);
         /// Whether masks are made at the image's size; otherwise at that of the network's input, which is coarser where
         /// that is smaller.
         retina_masks: bool = true, Allowed::Switch;

@@ -6,14 +6,14 @@ settings! {
     /// Settings of [`GraphSegmenter`](crate::GraphSegmenter).
     pub struct GraphSettings in "graph" {
         /// Smallest segment returned, pixels.
-        min_area: usize = 100, Allowed::at_least(0.0);
+        min_area: usize = 100, Allowed::between(0.0, 1e9);
         /// Frames with more pixels are segmented at 1/2, 1/3, … of their resolution. All other sizes in pixels but
         /// `min_area` are then those of the smaller image. 320×240 is left as it is, 640×480 is halved.
-        max_pixels: usize = 120_000, Allowed::at_least(1.0);
+        max_pixels: usize = 120_000, Allowed::between(1.0, 1e9);
         /// Colours closer than this (ΔE) are smoothed together.
-        color_smoothing: f32 = 12.0, Allowed::at_least(1e-6);
+        color_smoothing: f32 = 12.0, Allowed::between(1e-6, 1000.0);
         /// What a difference in lightness counts beside one in hue or chroma.
-        lightness: f32 = 0.6, Allowed::at_least(0.0);
+        lightness: f32 = 0.6, Allowed::between(0.0, 1000.0);
     }
     sections {
         /// How surfaces are measured.
@@ -29,12 +29,12 @@ settings! {
     /// How surfaces are measured.
     pub struct SurfaceSettings in "graph.surface" {
         /// Standard deviation of inverse depth, 1/m. A kinect's: 3 mm at 1 m, 27 mm at 3 m.
-        noise: f32 = 0.003, Allowed::at_least(1e-6);
+        noise: f32 = 0.003, Allowed::between(1e-6, 1000.0);
         /// Half the width of the window of a plane fit at 1 m depth, pixels of a camera with a focal length of 289;
         /// grows with the square root of depth.
-        reach: f32 = 4.0, Allowed::at_least(1e-6);
+        reach: f32 = 4.0, Allowed::between(1e-6, 1000.0);
         /// Least summed weight of the 25 samples of a plane fit.
-        support: f32 = 6.0, Allowed::at_least(1e-6);
+        support: f32 = 6.0, Allowed::between(1e-6, 1000.0);
         /// How far planes are carried into holes in the depth, pixels.
         fill: usize = 4, Allowed::between(0.0, 1000.0);
     }
@@ -44,17 +44,17 @@ settings! {
     /// How pixels grow into patches. A pair of pixels is as far apart as the sum of these terms.
     pub struct PatchSettings in "graph.patches" {
         /// Distance per ΔE of colour.
-        color: f32 = 0.04, Allowed::at_least(0.0);
+        color: f32 = 0.04, Allowed::between(0.0, 1000.0);
         /// Distance per noise-sized step in depth.
-        step: f32 = 0.3, Allowed::at_least(0.0);
+        step: f32 = 0.3, Allowed::between(0.0, 1000.0);
         /// Distance per radian of a concave turn.
-        concave: f32 = 2.0, Allowed::at_least(0.0);
+        concave: f32 = 2.0, Allowed::between(0.0, 1000.0);
         /// Distance per radian of a convex turn.
-        convex: f32 = 0.7, Allowed::at_least(0.0);
+        convex: f32 = 0.7, Allowed::between(0.0, 1000.0);
         /// Felzenszwalb and Huttenlocher's k: larger patches for larger values.
-        scale: f32 = 8.0, Allowed::at_least(1e-6);
+        scale: f32 = 8.0, Allowed::between(1e-6, 1e6);
         /// Patches smaller than this join a neighbour, pixels.
-        min_area: usize = 20, Allowed::at_least(0.0);
+        min_area: usize = 20, Allowed::between(0.0, 1e9);
     }
 }
 
@@ -67,24 +67,24 @@ settings! {
     /// the same there. And the bias is 0.5 to 1 above the regression's, since a cut too many costs less than one too few.
     pub struct BorderWeights in "graph.borders" {
         /// Of a border that shows nothing; more makes more, smaller segments.
-        bias: f32 = -3.9, Allowed::NUMBER;
+        bias: f32 = -3.9, Allowed::between(-1000.0, 1000.0);
         /// For the fraction of the border with a step in depth.
-        step: f32 = 1.6, Allowed::NUMBER;
+        step: f32 = 1.6, Allowed::between(-1000.0, 1000.0);
         /// For each radian of concave turn at the border.
-        concave: f32 = 2.5, Allowed::NUMBER;
+        concave: f32 = 2.5, Allowed::between(-1000.0, 1000.0);
         /// For each radian of convex turn at the border.
-        convex: f32 = 0.0, Allowed::NUMBER;
+        convex: f32 = 0.0, Allowed::between(-1000.0, 1000.0);
         /// For each 10 ΔE between the mean colours of the two sides, up to 50.
-        color_mean: f32 = 0.7, Allowed::NUMBER;
+        color_mean: f32 = 0.7, Allowed::between(-1000.0, 1000.0);
         /// For each 10 ΔE across the border, up to 50.
-        color_border: f32 = 0.35, Allowed::NUMBER;
+        color_border: f32 = 0.35, Allowed::between(-1000.0, 1000.0);
         /// For each noise level by which the two sides miss a common plane, up to 5.
-        off_plane: f32 = 0.16, Allowed::NUMBER;
+        off_plane: f32 = 0.16, Allowed::between(-1000.0, 1000.0);
         /// For the fraction of the border without depth.
-        unknown: f32 = 1.0, Allowed::NUMBER;
+        unknown: f32 = 1.0, Allowed::between(-1000.0, 1000.0);
         /// For each doubling of the smaller side's area, from 100 pixels.
-        area: f32 = 0.2, Allowed::NUMBER;
+        area: f32 = 0.2, Allowed::between(-1000.0, 1000.0);
         /// For the fraction of the smaller side's outline that is this border.
-        enclosure: f32 = 0.4, Allowed::NUMBER;
+        enclosure: f32 = 0.4, Allowed::between(-1000.0, 1000.0);
     }
 }

@@ -47,7 +47,7 @@ settings! {
         /// Median radius of false positives, pixels.
         false_positive_radius_px: Option<f32> = None, Allowed::between(1.0, 1000.0);
         /// Objects and masks of fewer pixels in a frame are not found.
-        min_area_px: Option<usize> = None, Allowed::at_least(0.0);
+        min_area_px: Option<usize> = None, Allowed::between(0.0, 1e9);
         /// Standard deviation of the noise of scores. Without noise a score is 0.4 + 0.6 · IoU with the true object
         /// that fits best: 1 for an exact mask, FastSAM's confidence threshold for one that fits nothing.
         score_noise: Option<f32> = None, Allowed::between(0.0, 1.0);

@@ -79,9 +79,13 @@ pub struct RunArguments {
 }
 
 impl RunArguments {
-    /// The settings from file, options and assignments.
+    /// The settings from file, options and assignments, and those that a saved memory fixes.
     pub fn settings(&self) -> Result<Settings, Failure> {
-        self.options.layers([("method", self.method.as_ref())])?.resolve().map_err(Failure::input)
+        let mut layers = self.options.layers([("method", self.method.as_ref())])?;
+        if let Some(path) = &self.load_memory {
+            layers.add_saved_memory(path).map_err(Failure::input)?;
+        }
+        layers.resolve().map_err(Failure::input)
     }
 }
 

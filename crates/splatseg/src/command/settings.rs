@@ -2,26 +2,24 @@
 
 use super::Failure;
 use clap::Args;
-use splatseg::settings::markdown;
+use splatseg::settings::{describe_settings, markdown};
 
 #[derive(Debug, Args)]
 #[command(after_long_help = "Settings are given in a TOML file (--config), as options, or with --set KEY=VALUE.")]
 pub struct SettingsArguments {
-    /// List only settings whose key contains this, e.g. memory
-    pub key: Option<String>,
+    /// A setting or a section, e.g. memory.max_votes or memory; all if left out
+    pub name: Option<String>,
 }
 
-/// Prints settings as in `docs/SETTINGS.md`.
+/// Prints settings as in `docs/SETTINGS.md`, or one of them.
 pub fn settings(arguments: &SettingsArguments) -> Result<(), Failure> {
-    let text = markdown(arguments.key.as_deref().unwrap_or_default());
-    match text {
-        Some(text) => {
-            say!("{}", text.trim_end());
-            Ok(())
-        }
-        None => Err(Failure::input(format!(
-            "no setting has a key that contains {}",
-            arguments.key.as_deref().unwrap_or_default()
-        ))),
-    }
+    let text = match &arguments.name {
+        None => markdown(),
+        Some(name) => describe_settings(name).map_err(|nearest| {
+            let nearest = nearest.map(|nearest| format!(", did you mean {nearest}?"));
+            Failure::input(format!("there is no setting or section {name}{}", nearest.unwrap_or_default()))
+        })?,
+    };
+    say!("{}", text.trim_end());
+    Ok(())
 }

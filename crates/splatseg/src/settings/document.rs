@@ -1,46 +1,104 @@
-//! `docs/SETTINGS.md`.
+//! `docs/SETTINGS.md`, and what `splatseg settings` prints.
 
+use super::table::nearest_key;
 use super::{Entry, entries};
 use std::fmt::Write as _;
 
-/// Every setting whose key contains `part`, as Markdown with a table per section; `None` if there is no such setting.
-/// With an empty `part` this is `docs/SETTINGS.md`.
-pub fn markdown(part: &str) -> Option<String> {
-    let entries: Vec<Entry> = entries().into_iter().filter(|entry| entry.field.key().contains(part)).collect();
-    if entries.is_empty() {
-        return None;
+const INTRODUCTION: &str = "# Settings
+
+A setting has the same name in a TOML file (`--config`), in `--set KEY=VALUE`, in `summary.json` and in the library.
+Some also have their own option, e.g. `--segmenter`. A setting that the chosen method, segmenter, tracker or memory does
+not use is an error. `splatseg settings` prints this page, `splatseg settings NAME` a section or a setting of it.
+`--config` also takes the `summary.json` of an earlier run, which lists every setting that was in force.
+";
+
+/// `docs/SETTINGS.md`: every setting, with a table for each section.
+pub fn markdown() -> String {
+    format!("{INTRODUCTION}{}", tables(&entries()))
+}
+
+/// The settings of a name: one setting by its key, a section, or all settings of that name in any section; failing
+/// these, all whose key contains it.
+///
+/// # Errors
+/// Without any such setting, the most similar key, if there is one.
+pub fn describe_settings(name: &str) -> Result<String, Option<String>> {
+    let section = format!("{name}.");
+    let has_name: [&dyn Fn(&str) -> bool; 4] =
+        [&|key| key == name, &|key| key.starts_with(&section), &|key| key.rsplit('.').next() == Some(name), &|key| {
+            key.contains(name)
+        }];
+    let entries = entries();
+    for has_name in has_name {
+        let selected: Vec<Entry> = entries.iter().filter(|entry| has_name(&entry.field.key())).cloned().collect();
+        match selected.as_slice() {
+            [] => {}
+            [one] => return Ok(block(one)),
+            several => return Ok(tables(several).trim_start().to_owned()),
+        }
     }
+    Err(nearest_key(name, entries.iter().map(|entry| entry.field.key())))
+}
+
+/// One setting, on a few lines.
+fn block(entry: &Entry) -> String {
+    let default = entry.field.default.as_deref().unwrap_or("none");
+    let (key, allowed, needs, help) = (entry.field.key(), allowed(entry), needs(entry), &entry.field.help);
+    format!("{key}\n  default: {default}\n  allowed: {allowed}\n  used with: {needs}\n  {help}\n")
+}
+
+/// A Markdown table for each section.
+fn tables(entries: &[Entry]) -> String {
     let mut text = String::new();
-    if part.is_empty() {
-        text.push_str(
-            "# Settings\n\nA setting has the same name in a TOML file (`--config`), in `--set KEY=VALUE`, in \
-             `summary.json` and in the library.\nSome also have their own option, e.g. `--segmenter`. A setting that \
-             the chosen method, segmenter, tracker or memory does\nnot use is an error. `splatseg settings` prints \
-             this page.\n",
-        );
-    }
     let mut section = None;
-    for entry in &entries {
-        if section != Some(entry.field.section) {
-            section = Some(entry.field.section);
-            let title = if entry.field.section.is_empty() { "Top level" } else { entry.field.section };
+    for entry in entries {
+        let field = &entry.field;
+        if section != Some(field.section) {
+            section = Some(field.section);
+            let title = if field.section.is_empty() { "Top level" } else { field.section };
             let _ = write!(
                 text,
                 "\n## {title}\n\n| setting | default | allowed values | used with | meaning |\n|---|---|---|---|---|\n"
             );
         }
-        let field = &entry.field;
         let default = field.default.as_ref().map_or_else(|| "–".to_owned(), |default| format!("`{default}`"));
-        let whole = if field.whole { "whole number, " } else { "" };
-        let needs: Vec<String> = entry.needs.iter().map(ToString::to_string).collect();
-        let needs = if needs.is_empty() { "everything".to_owned() } else { needs.join("; ") };
-        let _ = writeln!(
-            text,
-            "| `{}` | {default} | {whole}{} | {needs} | {} |",
-            field.key(),
-            field.allowed,
-            field.help.replace('|', "\\|")
-        );
+        let (key, allowed, needs, help) = (field.key(), allowed(entry), needs(entry), field.help.replace('|', "\\|"));
+        let _ = writeln!(text, "| `{key}` | {default} | {allowed} | {needs} | {help} |");
     }
-    Some(text)
+    text
+}
+
+fn allowed(entry: &Entry) -> String {
+    let whole = if entry.field.whole { "whole number, " } else { "" };
+    format!("{whole}{}", entry.field.allowed)
+}
+
+fn needs(entry: &Entry) -> String {
+    let needs: Vec<String> = entry.needs.iter().map(ToString::to_string).collect();
+    if needs.is_empty() { "everything".to_owned() } else { needs.join("; ") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_selects_a_setting_a_section_or_all_of_that_name() {
+        let one = describe_settings("memory.max_votes").unwrap();
+        assert_eq!(describe_settings("max_votes").as_deref(), Ok(one.as_str()));
+        let lines: Vec<&str> = one.lines().collect();
+        assert_eq!(lines[..3], ["memory.max_votes", "  default: 4", "  allowed: more than 0 and at most 1000000"]);
+        assert!(lines[3].starts_with("  used with: method = ") && lines[4].starts_with("  Most votes"), "{one}");
+        // Not `tracker_weights`.
+        assert!(describe_settings("weights").unwrap().starts_with("weights\n"));
+        let graph = describe_settings("graph").unwrap();
+        for section in ["## graph\n", "## graph.surface\n", "`graph.borders.bias`"] {
+            assert!(graph.contains(section), "{graph}");
+        }
+        assert!(!graph.contains("memory."), "{graph}");
+        let two = describe_settings("image_size").unwrap();
+        assert!(two.contains("`sam2.image_size`") && two.contains("`fastsam.image_size`"), "{two}");
+        assert_eq!(describe_settings("memory.max_votess"), Err(Some("memory.max_votes".to_owned())));
+        assert_eq!(describe_settings("QQQ"), Err(None));
+    }
 }

@@ -1,8 +1,10 @@
 //! Everything that can be wrong with settings.
 
 use super::Need;
+use splatseg_memory::SplatFileError;
+use splatseg_models::device::DeviceError;
 use splatseg_settings::SettingError;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Settings that cannot be used.
@@ -12,18 +14,30 @@ pub enum SettingsError {
     /// The file cannot be read.
     #[error("{}: {source}", path.display())]
     Read {
-        /// The TOML file.
+        /// The file.
         path: PathBuf,
         /// The system's error.
         source: std::io::Error,
     },
-    /// The file is not TOML.
-    #[error("{}: {message}", path.display())]
+    /// The file is not TOML, or not JSON if its name ends so.
+    #[error("{}: {message}", place(path, *line))]
     Syntax {
-        /// The TOML file.
+        /// The file.
         path: PathBuf,
-        /// What is wrong, and where.
+        /// The line, counted from 1.
+        line: Option<usize>,
+        /// What is wrong.
         message: String,
+    },
+    /// A value of a file is wrong.
+    #[error("{}: {source}", place(path, *line))]
+    InFile {
+        /// The file.
+        path: PathBuf,
+        /// The line, counted from 1; `None` for JSON.
+        line: Option<usize>,
+        /// What is wrong.
+        source: Box<SettingsError>,
     },
     /// `--set` without `=`, or with an invalid key.
     #[error("--set {0}: expected KEY=VALUE, e.g. memory.max_votes=8")]
@@ -36,22 +50,72 @@ pub enum SettingsError {
         /// The setting with the most similar key.
         nearest: Option<String>,
     },
+    /// A section in the place of a setting.
+    #[error("{key} is a section of settings, e.g. {example}: give one of these")]
+    IsSection {
+        /// The section.
+        key: String,
+        /// A setting of it.
+        example: String,
+    },
+    /// A name that is almost one of the allowed ones.
+    #[error("{key} is {found:?}, did you mean {nearest}?")]
+    UnknownName {
+        /// The setting.
+        key: String,
+        /// The name found.
+        found: String,
+        /// The most similar allowed name.
+        nearest: String,
+    },
     /// A setting out of range, or of the wrong type.
     #[error(transparent)]
     Setting(#[from] SettingError),
     /// A setting of a method, segmenter, tracker or memory that was not chosen.
-    #[error("{key} is not used here: it needs {need}, but {} is {found}", need.key)]
+    #[error("{key} is not used here: it needs {need}, but {found}")]
     Unused {
         /// The setting.
         key: String,
-        /// The choice that it needs.
+        /// What it needs.
         need: Need,
-        /// The choice that was made instead.
+        /// The choices that were made instead, e.g. `segmenter is graph`.
         found: String,
     },
+    /// A setting that differs from what a saved memory says.
+    #[error("{key} is {found}, but the memory in {} has {saved}: leave the setting out", path.display())]
+    SavedOtherwise {
+        /// The setting.
+        key: &'static str,
+        /// The value given.
+        found: String,
+        /// The file of the memory.
+        path: PathBuf,
+        /// The value in it.
+        saved: String,
+    },
+    /// The device is not part of the program.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+    /// The file of a memory cannot be read.
+    #[error(transparent)]
+    SavedMemory(#[from] SplatFileError),
     /// A file that the chosen segmenter or tracker needs was not given.
     #[error("{} needs {}: {}", .0.chosen, .0.key, .0.what)]
     Missing(MissingFile),
+}
+
+impl SettingsError {
+    /// The full key of the setting that is wrong, if it is one.
+    pub fn key(&self) -> Option<&str> {
+        match self {
+            Self::UnknownKey { key, .. } | Self::IsSection { key, .. } => Some(key),
+            Self::UnknownName { key, .. } | Self::Unused { key, .. } => Some(key),
+            Self::SavedOtherwise { key, .. } => Some(key),
+            Self::Setting(error) => Some(&error.key),
+            Self::InFile { source, .. } => source.key(),
+            _ => None,
+        }
+    }
 }
 
 /// A file that is needed and was not given.
@@ -63,6 +127,12 @@ pub struct MissingFile {
     pub key: &'static str,
     /// The file expected there.
     pub what: &'static str,
+}
+
+/// A file, and the line in it.
+fn place(path: &Path, line: Option<usize>) -> String {
+    let line = line.map(|line| format!(", line {line}")).unwrap_or_default();
+    format!("{}{line}", path.display())
 }
 
 /// The end of the error for an unknown key.

@@ -1,30 +1,65 @@
 //! Settings combined from files, options and assignments.
 
-use super::table;
+use super::file::SettingsFile;
+use super::usage::Usage;
 use super::{Entry, Settings, SettingsError, entries};
+use splatseg_memory::SavedMemorySettings;
 use splatseg_settings::Allowed;
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
 /// Settings under construction: later layers replace values of earlier ones.
 #[derive(Clone, Debug, Default)]
 pub struct SettingsLayers {
     table: Table,
+    /// The file, and the line in it, of each value that came from one, by full key.
+    places: BTreeMap<String, (PathBuf, Option<usize>)>,
 }
 
 impl SettingsLayers {
-    /// Adds a TOML file.
+    /// Adds a TOML file, or the settings of the `summary.json` of an earlier run.
     ///
     /// # Errors
-    /// If the file cannot be read or is not TOML.
+    /// If the file cannot be read, or is not of its format.
     pub fn add_file(&mut self, path: &Path) -> Result<(), SettingsError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| SettingsError::Read { path: path.to_owned(), source })?;
-        let table = text.parse::<Table>().map_err(|error| SettingsError::Syntax {
-            path: path.to_owned(),
-            message: error.to_string().trim().replace('\n', " "),
-        })?;
-        merge(&mut self.table, table);
+        let file = SettingsFile::read(path)?;
+        for (key, _) in Usage::of(&file.table, &[]).values() {
+            self.places.insert(key.to_owned(), (path.to_owned(), file.lines.get(key).copied()));
+        }
+        merge(&mut self.table, file.table);
+        Ok(())
+    }
+
+    /// Takes over what a saved memory fixes: its kind, and the sizes of its features and codes. Nothing for a method
+    /// without memory.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or a layer has another value.
+    pub fn add_saved_memory(&mut self, path: &Path) -> Result<(), SettingsError> {
+        if !Usage::of(&self.table, &entries()).uses("memory.kind") {
+            return Ok(());
+        }
+        let saved = SavedMemorySettings::read(path)?;
+        let number = |number: usize| Value::Integer(i64::try_from(number).unwrap_or(i64::MAX));
+        let mut fixed = vec![("memory.kind", Value::String(saved.kind.name().to_owned()))];
+        if let Some(codes) = saved.codes {
+            fixed.push(("memory.feature_dim", number(codes.feature_dim)));
+            fixed.push(("memory.num_codes", number(codes.num_codes)));
+        }
+        for (key, value) in fixed {
+            match self.get(key) {
+                Some(given) if *given != value => {
+                    return Err(self.with_place(SettingsError::SavedOtherwise {
+                        key,
+                        found: given.to_string(),
+                        path: path.to_owned(),
+                        saved: value.to_string(),
+                    }));
+                }
+                _ => _ = self.add(key, value),
+            }
+        }
         Ok(())
     }
 
@@ -43,7 +78,10 @@ impl SettingsLayers {
     pub fn add_text(&mut self, key: &str, text: &str) -> Option<()> {
         let is_text = |entry: &Entry| matches!(entry.field.allowed, Allowed::Text(_) | Allowed::Names(_));
         let is_text = entries().iter().find(|entry| entry.field.key() == key).is_some_and(is_text);
-        let parsed = || format!("value = {text}").parse::<Table>().ok().and_then(|mut table| table.remove("value"));
+        let parsed = || {
+            let mut table = format!("value = {text}").parse::<Table>().ok().filter(|table| table.len() == 1)?;
+            table.remove("value")
+        };
         let value = if is_text && !text.starts_with(['"', '\'']) { None } else { parsed() };
         self.add(key, value.unwrap_or_else(|| Value::String(text.to_owned())))
     }
@@ -60,6 +98,7 @@ impl SettingsLayers {
             table = table.entry(part).or_insert_with(|| Value::Table(Table::new())).as_table_mut()?;
         }
         table.insert(last.to_owned(), value.into());
+        self.places.remove(key);
         Some(())
     }
 
@@ -72,7 +111,7 @@ impl SettingsLayers {
 
     /// One [`SettingsError::Unused`] for each value that the chosen method, segmenter, tracker and memory do not use.
     pub fn unused(&self) -> Vec<SettingsError> {
-        table::unused(&self.table, &entries())
+        Usage::of(&self.table, &entries()).unused()
     }
 
     /// The settings, with defaults where no layer has a value.
@@ -81,8 +120,8 @@ impl SettingsLayers {
     /// If a key does not exist, a setting is not used by the chosen method, segmenter, tracker or memory, a value has
     /// the wrong type or is out of range, or a file that is needed is missing.
     pub fn resolve(&self) -> Result<Settings, SettingsError> {
-        let settings = Settings::from_table(&self.table, true)?;
-        settings.validate()?;
+        let settings = Settings::from_table(&self.table, true).map_err(|error| self.with_place(error))?;
+        settings.validate().map_err(|error| self.with_place(error))?;
         Ok(settings)
     }
 
@@ -92,7 +131,15 @@ impl SettingsLayers {
     /// # Errors
     /// If a key does not exist, or a value has the wrong type or is out of range.
     pub fn resolve_shared(&self) -> Result<Settings, SettingsError> {
-        Settings::from_table(&self.table, false)
+        Settings::from_table(&self.table, false).map_err(|error| self.with_place(error))
+    }
+
+    /// The error, with the file and the line if its value came from one.
+    fn with_place(&self, error: SettingsError) -> SettingsError {
+        match error.key().and_then(|key| self.places.get(key)).cloned() {
+            Some((path, line)) => SettingsError::InFile { path, line, source: Box::new(error) },
+            None => error,
+        }
     }
 }
 
@@ -138,9 +185,9 @@ mod tests {
     fn errors_name_the_full_key() {
         let cases: [(&[&str], &str); 9] = [
             (&["memory.max_votess=14"], "there is no setting memory.max_votess, did you mean memory.max_votes?"),
-            (&["memory.max_votes=many"], "memory.max_votes is \"many\", expected more than 0"),
-            (&["memory.max_votes=0"], "memory.max_votes is 0, expected more than 0"),
-            (&["dataset.stride=1.5"], "dataset.stride is 1.5, expected a whole number, 1 or more"),
+            (&["memory.max_votes=many"], "memory.max_votes is \"many\", expected more than 0 and at most 1000000"),
+            (&["memory.max_votes=0"], "memory.max_votes is 0, expected more than 0 and at most 1000000"),
+            (&["dataset.stride=1.5"], "dataset.stride is 1.5, expected a whole number, 1 to 1000000000"),
             (
                 &["memory.num_codes=600"],
                 "memory.num_codes is not used here: it needs memory.kind = features, but memory.kind is evidence",
@@ -166,8 +213,20 @@ mod tests {
     }
 
     #[test]
-    fn seeds_out_of_range_are_errors() {
-        for seed in ["9223372036854775808", "1e3", "-1"] {
+    fn whole_numbers_of_2_63_and_more_are_errors_with_the_range() {
+        for number in ["9223372036854775808", "18446744073709551615", "18446744073709551616", "-9223372036854775809"] {
+            for entry in entries().iter().filter(|entry| matches!(entry.field.allowed, Allowed::Range { .. })) {
+                // For the number alone, whatever else the setting needs.
+                let mut layers = SettingsLayers::default();
+                let key = entry.field.key();
+                layers.add_text(&key, number).unwrap();
+                let error = layers.resolve_shared().unwrap_err().to_string();
+                assert_eq!(error, entry.field.error(number).to_string());
+            }
+        }
+        let error = resolve(&["seed=9223372036854775808"]).unwrap_err().to_string();
+        assert_eq!(error, "seed is 9223372036854775808, expected a whole number, 0 to 9223372036854775807");
+        for seed in ["1e3", "-1"] {
             assert!(resolve(&[&format!("seed={seed}")]).is_err(), "{seed}");
         }
         assert_eq!(resolve(&["seed=9223372036854775807"]).unwrap().run.seed, i64::MAX as u64);

@@ -2,22 +2,25 @@
 
 mod document;
 mod error;
+mod file;
 mod layers;
 mod names;
 mod registry;
 mod table;
+mod usage;
 
-pub use document::markdown;
+pub use document::{describe_settings, markdown};
 pub use error::{MissingFile, SettingsError};
+pub use file::read_file;
 pub use layers::SettingsLayers;
 pub use names::{MethodName, SegmenterName, TrackerName};
-pub use registry::{Entry, Need, describe, entries};
+pub use registry::{ChosenValues, Entry, Need, describe, entries};
 
 use serde::Serialize;
 use splatseg_dataset::DatasetSettings;
 use splatseg_input::MemoryLimit;
 use splatseg_memory::MemorySettings;
-use splatseg_models::device::DeviceName;
+use splatseg_models::device::{DeviceError, DeviceName};
 use splatseg_models::fastsam::FastSamPredictorSettings;
 use splatseg_segmenter::GraphSettings;
 use splatseg_settings::{Allowed, Choice, settings};
@@ -31,20 +34,17 @@ use std::path::PathBuf;
 /// Settings of a run: a method, a segmenter, and how frames are read.
 ///
 /// In TOML and JSON the parts are at one level: `method = "fastsam-splat"`, `memory.max_votes = 8`. They have the
-/// settings of the chosen method, segmenter and tracker only.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+/// settings of the chosen method, segmenter, tracker and memory only.
+#[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Settings {
     /// The method, with its settings.
-    #[serde(flatten)]
     pub method: MethodSettings,
     /// The segmenter whose masks the method uses, with its settings.
-    #[serde(flatten)]
     pub segmenter: SegmenterSettings,
     /// How the scene is read.
     pub dataset: DatasetSettings,
     /// Settings of every run.
-    #[serde(flatten)]
     pub run: RunSettings,
 }
 
@@ -57,9 +57,9 @@ settings! {
         /// take longer, as they share the processor.
         segment_ahead: bool = false, Allowed::Switch;
         /// Seed of all random numbers.
-        seed: u64 = 0, Allowed::at_least(0.0);
+        seed: u64 = 0, Allowed::between(0.0, Allowed::MAX_WHOLE as f64);
         /// Number of threads; 0: one per core. Results do not depend on it.
-        threads: usize = 0, Allowed::between(0.0, 4096.0);
+        threads: usize = 0, Allowed::between(0.0, 512.0);
         /// The memory that the program may take, e.g. `4GB`; `auto`: what the machine has available. Input that would
         /// take more is refused. Results do not depend on it.
         memory_limit: MemoryLimit = MemoryLimit::Auto, Allowed::Text(MemoryLimit::EXPECTED);
@@ -199,6 +199,11 @@ impl MethodSettings {
         }
     }
 
+    /// Whether it takes masks from the segmenter; otherwise ground truth prompts its tracker.
+    pub fn uses_segmenter(&self) -> bool {
+        self.prompts().is_none_or(|(source, _)| source == PromptSource::Detections)
+    }
+
     /// Checks every setting.
     fn validate(&self) -> Result<(), splatseg_settings::SettingError> {
         match self {
@@ -250,7 +255,8 @@ impl TrackerSettings {
 }
 
 impl Settings {
-    /// Checks every setting, and that every file that is needed is given.
+    /// Checks every setting, that every file that is needed is given, and that the program has the device that its
+    /// networks are to run on.
     ///
     /// # Errors
     /// Names the first setting that is out of range or missing.
@@ -259,19 +265,23 @@ impl Settings {
         self.segmenter.validate()?;
         self.dataset.validate()?;
         self.run.validate()?;
-        let has_segmenter = self.method.prompts().is_none_or(|(source, _)| source == PromptSource::Detections);
-        match &self.segmenter {
-            SegmenterSettings::Fastsam { weights: None, .. } if has_segmenter => {
+        let segmenter = self.method.uses_segmenter().then_some(&self.segmenter);
+        let tracker = self.method.tracker();
+        match segmenter {
+            Some(SegmenterSettings::Fastsam { weights: None, .. }) => {
                 return Err(SettingsError::Missing(MissingFile::FASTSAM));
             }
-            SegmenterSettings::Masks { masks: None } if has_segmenter => {
-                return Err(SettingsError::Missing(MissingFile::MASKS));
-            }
+            Some(SegmenterSettings::Masks { masks: None }) => return Err(SettingsError::Missing(MissingFile::MASKS)),
             _ => {}
         }
-        match self.method.tracker() {
-            Some(TrackerSettings::Sam2 { tracker_weights: None, .. }) => Err(SettingsError::Missing(MissingFile::SAM2)),
-            _ => Ok(()),
+        if let Some(TrackerSettings::Sam2 { tracker_weights: None, .. }) = tracker {
+            return Err(SettingsError::Missing(MissingFile::SAM2));
         }
+        let has_network = matches!(segmenter, Some(SegmenterSettings::Fastsam { .. }))
+            || matches!(tracker, Some(TrackerSettings::Sam2 { .. }));
+        if has_network && !self.run.device.is_built() {
+            return Err(DeviceError::NotBuilt(self.run.device.name()).into());
+        }
+        Ok(())
     }
 }

@@ -12,25 +12,62 @@ use splatseg_tracking::{
 };
 use std::fmt;
 
-/// A setting, and the choices that it needs.
+/// A setting, and what it needs to be used.
 #[derive(Clone, Debug)]
 pub struct Entry {
     /// The setting.
     pub field: Field,
-    /// The choices that it needs, all of them; empty for settings that are always used.
+    /// All that it needs; empty for settings that are always used.
     pub needs: Vec<Need>,
 }
 
-/// A choice that a setting needs.
+/// What a setting needs to be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Need {
+pub enum Need {
+    /// One of these choices.
+    OneOf(Vec<ChosenValues>),
+    /// Any choice but this one.
+    Not(ChosenValues),
+}
+
+/// A choice, and the values of it that are meant.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChosenValues {
     /// The setting that makes the choice, e.g. `method`.
     pub key: &'static str,
-    /// The values of which it needs one.
+    /// Its values.
     pub values: Vec<&'static str>,
 }
 
+impl Need {
+    /// The choices that it is about.
+    pub fn choices(&self) -> &[ChosenValues] {
+        match self {
+            Self::OneOf(choices) => choices,
+            Self::Not(choice) => std::slice::from_ref(choice),
+        }
+    }
+
+    fn one(key: &'static str, values: &[&'static str]) -> Self {
+        Self::OneOf(vec![ChosenValues { key, values: values.to_vec() }])
+    }
+}
+
 impl fmt::Display for Need {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::OneOf(choices) => {
+                let choices: Vec<String> = choices.iter().map(ToString::to_string).collect();
+                formatter.write_str(&choices.join(" or "))
+            }
+            Self::Not(ChosenValues { key, values }) => {
+                write!(formatter, "{key} other than {}", values.join(" or "))
+            }
+        }
+    }
+}
+
+impl fmt::Display for ChosenValues {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(formatter, "{} = {}", self.key, self.values.join(" or "))
     }
@@ -43,8 +80,13 @@ const METHODS_WITH_TRACKER: [&str; 2] = ["sam2", "sam2-splat"];
 pub fn entries() -> Vec<Entry> {
     let mut registry = Registry::default();
     registry.add(vec![choice::<MethodName>("method", "The method.")], &[]);
-    registry.add(vec![choice::<SegmenterName>("segmenter", "The segmenter whose masks the method uses.")], &[]);
+    let segmenter = choice::<SegmenterName>("segmenter", "The segmenter whose masks the method uses.");
+    registry.add(vec![segmenter], &[]);
+    registry.require("segmenter", Need::Not(ChosenValues { key: "prompts", values: vec!["ground-truth"] }));
     registry.add(RunSettings::fields(), &[]);
+    let networks = [("segmenter", "fastsam"), ("tracker", "sam2")];
+    let networks = networks.map(|(key, network)| ChosenValues { key, values: vec![network] });
+    registry.require("device", Need::OneOf(networks.to_vec()));
     registry.add(DatasetSettings::fields(), &[]);
     for (method, fields) in [
         ("fastsam-splat", FastSamSplatSettings::fields()),
@@ -101,19 +143,24 @@ impl Registry {
                 .find(|entry| entry.field.section == field.section && entry.field.name == field.name);
             if let Some(known) = known {
                 for (need, (_, values)) in known.needs.iter_mut().zip(needs) {
-                    need.values.extend_from_slice(values);
+                    if let Need::OneOf(choices) = need {
+                        choices.iter_mut().for_each(|choice| choice.values.extend_from_slice(values));
+                    }
                 }
                 continue;
             }
-            let mut needs: Vec<Need> =
-                needs.iter().map(|(key, values)| Need { key, values: values.to_vec() }).collect();
-            needs.extend(
-                field
-                    .only
-                    .and_then(|only| only.split_once(" = "))
-                    .map(|(key, value)| Need { key, values: vec![value] }),
-            );
+            let mut needs: Vec<Need> = needs.iter().map(|(key, values)| Need::one(key, values)).collect();
+            let only = field.only.and_then(|only| only.split_once(" = "));
+            needs.extend(only.map(|(key, value)| Need::one(key, &[value])));
             self.entries.push(Entry { field, needs });
+        }
+    }
+
+    /// Adds a need to a setting of the top level.
+    fn require(&mut self, name: &str, need: Need) {
+        let is_meant = |entry: &&mut Entry| entry.field.section.is_empty() && entry.field.name == name;
+        if let Some(entry) = self.entries.iter_mut().find(is_meant) {
+            entry.needs.push(need);
         }
     }
 }
@@ -157,13 +204,28 @@ mod tests {
         assert_eq!(keys.len(), entries.len());
         for entry in &entries {
             assert!(!entry.field.help.is_empty());
-            for need in &entry.needs {
-                let chooser = entries.iter().find(|other| other.field.key() == need.key).unwrap();
-                let Allowed::Names(names) = chooser.field.allowed else { panic!("{need}") };
-                assert!(need.values.iter().all(|value| names.contains(value)), "{need}");
+            for choice in entry.needs.iter().flat_map(Need::choices) {
+                let chooser = entries.iter().find(|other| other.field.key() == choice.key).unwrap();
+                let names = match chooser.field.allowed {
+                    Allowed::Names(names) => names,
+                    Allowed::Switch => &["true", "false"],
+                    _ => panic!("{choice}"),
+                };
+                assert!(choice.values.iter().all(|value| names.contains(value)), "{choice}");
             }
         }
         let area = entries.iter().find(|entry| entry.field.name == "min_segment_area").unwrap();
-        assert_eq!(area.needs[0].values.len(), 5);
+        assert_eq!(area.needs[0].choices()[0].values.len(), 5);
+    }
+
+    #[test]
+    fn every_number_has_a_range() {
+        for Entry { field, .. } in entries() {
+            if let Allowed::Range { min, max, .. } = field.allowed {
+                assert!(min.is_finite() && max.is_finite() && min < max, "{}", field.key());
+                // Only a seed may be any number: all others stand for something that has a size.
+                assert!(max <= 1e9 || field.name == "seed", "{}", field.key());
+            }
+        }
     }
 }

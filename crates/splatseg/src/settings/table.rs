@@ -1,24 +1,35 @@
-//! From a table of values to settings.
+//! From a table of values to settings, and back.
 
+use super::usage::{Usage, only_used};
 use super::{
-    Entry, MethodName, MethodSettings, SegmenterName, SegmenterSettings, Settings, SettingsError, TrackerName,
-    TrackerSettings, entries,
+    Entry, MethodName, MethodSettings, RunSettings, SegmenterName, SegmenterSettings, Settings, SettingsError,
+    TrackerName, TrackerSettings, entries,
 };
 use serde::de::{DeserializeOwned, Error as _};
-use serde::{Deserialize, Deserializer};
+use serde::ser::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use splatseg_dataset::DatasetSettings;
 use splatseg_settings::{Allowed, Choice, Section};
 use std::path::PathBuf;
 use toml::{Table, Value};
 
 impl Settings {
     /// The settings in a table, with defaults where it has no value. Values that the chosen method, segmenter and
-    /// tracker do not use are an error if `strict`, and ignored otherwise.
+    /// tracker do not use are an error if `strict`; otherwise they are checked and left out.
     ///
     /// # Errors
     /// If a key does not exist, or a value has the wrong type or is out of range.
     pub(super) fn from_table(table: &Table, strict: bool) -> Result<Self, SettingsError> {
         let entries = entries();
-        check(table, &entries, strict)?;
+        let usage = Usage::of(table, &entries);
+        for (key, value) in usage.values() {
+            let entry = usage.entry(key).ok_or_else(|| unknown(key, &entries))?;
+            check_value(entry, value)?;
+        }
+        if let (true, Some(unused)) = (strict, usage.unused().into_iter().next()) {
+            return Err(unused);
+        }
+        let table = &only_used(table, &entries);
         Ok(Self {
             method: method(table)?,
             segmenter: segmenter(table)?,
@@ -34,57 +45,49 @@ impl<'de> Deserialize<'de> for Settings {
     }
 }
 
-/// Checks every value in a table.
-fn check(table: &Table, entries: &[Entry], strict: bool) -> Result<(), SettingsError> {
-    let mut leaves = Vec::new();
-    collect_leaves("", table, &mut leaves);
-    let find = |key: &str| entries.iter().find(|entry| entry.field.key() == key);
-    for (key, value) in &leaves {
-        let entry = find(key).ok_or_else(|| unknown(key, entries))?;
-        check_value(entry, value)?;
-    }
-    if let (true, Some(unused)) = (strict, unused(table, entries).into_iter().next()) {
-        return Err(unused);
-    }
-    Ok(())
-}
-
-/// The values in a table that its choices do not use.
-pub(super) fn unused(table: &Table, entries: &[Entry]) -> Vec<SettingsError> {
-    let mut leaves = Vec::new();
-    collect_leaves("", table, &mut leaves);
-    let find = |key: &str| entries.iter().find(|entry| entry.field.key() == key);
-    let chosen = |key: &str| {
-        let given = leaves.iter().find(|(given, _)| given == key).and_then(|(_, value)| value.as_str());
-        let default = || find(key).and_then(|entry| entry.field.default.as_deref()).unwrap_or_default();
-        given.unwrap_or_else(|| default().trim_matches('"')).to_owned()
-    };
-    let unused = leaves.iter().filter_map(|(key, _)| {
-        let need = find(key)?.needs.iter().find(|need| !need.values.contains(&chosen(need.key).as_str()))?;
-        Some(SettingsError::Unused { key: key.clone(), need: need.clone(), found: chosen(need.key) })
-    });
-    unused.collect()
-}
-
-/// Collects the values in a table by their full keys.
-fn collect_leaves<'a>(prefix: &str, table: &'a Table, leaves: &mut Vec<(String, &'a Value)>) {
-    for (key, value) in table {
-        let key = splatseg_settings::full_key(prefix, key);
-        match value {
-            Value::Table(inner) => collect_leaves(&key, inner, leaves),
-            value => leaves.push((key, value)),
+/// Settings in files: those in use, with their values.
+impl Serialize for Settings {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct AllSettings<'a> {
+            #[serde(flatten)]
+            method: &'a MethodSettings,
+            #[serde(flatten)]
+            segmenter: &'a SegmenterSettings,
+            dataset: &'a DatasetSettings,
+            #[serde(flatten)]
+            run: &'a RunSettings,
         }
+        let Self { method, segmenter, dataset, run } = self;
+        // By way of text, in which an `f32` of 0.3 is 0.3.
+        let text = toml::to_string(&AllSettings { method, segmenter, dataset, run }).map_err(S::Error::custom)?;
+        let table: Table = text.parse().map_err(S::Error::custom)?;
+        only_used(&table, &entries()).serialize(serializer)
     }
 }
 
+/// The error for a key that is none.
 fn unknown(key: &str, entries: &[Entry]) -> SettingsError {
-    let similarity = |candidate: &String| strsim::jaro_winkler(candidate, key);
-    let nearest = entries
-        .iter()
-        .map(|entry| entry.field.key())
-        .max_by(|a, b| similarity(a).total_cmp(&similarity(b)))
-        .filter(|nearest| similarity(nearest) > 0.8);
-    SettingsError::UnknownKey { key: key.to_owned(), nearest }
+    let section = format!("{key}.");
+    if let Some(entry) = entries.iter().find(|entry| entry.field.key().starts_with(&section)) {
+        return SettingsError::IsSection { key: key.to_owned(), example: entry.field.key() };
+    }
+    let keys = entries.iter().map(|entry| entry.field.key());
+    SettingsError::UnknownKey { key: key.to_owned(), nearest: nearest_key(key, keys) }
+}
+
+/// The key that is most like another one, if one is: as a whole, or in the name behind the section.
+pub(super) fn nearest_key(wrong: &str, keys: impl Iterator<Item = String>) -> Option<String> {
+    let name = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
+    let similarity = |key: &String| {
+        let of_names = strsim::jaro_winkler(&name(key), &name(wrong));
+        // A wrong section is a larger mistake than a wrong letter.
+        strsim::jaro_winkler(key, wrong).max(0.95 * of_names)
+    };
+    keys.map(|key| (similarity(&key), key))
+        .filter(|(similarity, _)| *similarity > 0.8)
+        .max_by(|(a, _), (b, _)| a.total_cmp(b))
+        .map(|(_, key)| key)
 }
 
 /// Checks the type and the range of a value.
@@ -93,12 +96,31 @@ fn check_value(entry: &Entry, value: &Value) -> Result<(), SettingsError> {
     let is_allowed = match (&field.allowed, value) {
         (Allowed::Switch, Value::Boolean(_)) => true,
         (Allowed::Text(_), Value::String(text)) => (field.is_text_of)(text),
-        (Allowed::Names(names), Value::String(name)) => names.contains(&name.as_str()),
+        (Allowed::Names(names), Value::String(name)) => {
+            if names.contains(&name.as_str()) {
+                return Ok(());
+            }
+            let names = names.iter().map(|name| (*name).to_owned());
+            return Err(match nearest_key(name, names) {
+                Some(nearest) => SettingsError::UnknownName { key: field.key(), found: name.clone(), nearest },
+                None => field.error(value.to_string()).into(),
+            });
+        }
         (allowed, Value::Integer(number)) => allowed.accepts_number(*number as f64),
         (allowed, Value::Float(number)) => !field.whole && allowed.accepts_number(*number),
         _ => false,
     };
-    if is_allowed { Ok(()) } else { Err(field.error(value.to_string()).into()) }
+    let found = match value {
+        Value::String(text) if is_number_beyond_toml(text) => text.clone(),
+        value => value.to_string(),
+    };
+    if is_allowed { Ok(()) } else { Err(field.error(found).into()) }
+}
+
+/// Whether a text is a whole number that TOML cannot hold; [`super::SettingsLayers`] keeps those as text.
+fn is_number_beyond_toml(text: &str) -> bool {
+    let digits = text.strip_prefix(['-', '+']).unwrap_or(text);
+    !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit()) && text.parse::<i64>().is_err()
 }
 
 /// The settings of a section, with defaults where the table has no value.

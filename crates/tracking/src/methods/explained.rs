@@ -22,7 +22,7 @@ settings! {
         /// An explained prediction is new after all if it recurs: if the frames that have it exceed the frames that
         /// show its place without it by this number. It is an object that was first segmented as part of another. 0
         /// switches the rule off.
-        recurrences: usize = 8, Allowed::at_least(0.0), only "memory.kind = evidence";
+        recurrences: usize = 8, Allowed::between(0.0, 1e6), only "memory.kind = evidence";
         /// A remembered segment without a matching prediction is shown only if at least this fraction of its expected
         /// pixels is left. 0 switches the rule off.
         min_remembered_fraction: f32 = 0.5, Allowed::between(0.0, 1.0), only "memory.kind = evidence";

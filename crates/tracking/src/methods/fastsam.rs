@@ -12,7 +12,7 @@ settings! {
     /// Settings of [`FastSamBaseline`].
     pub struct FastSamBaselineSettings in "" {
         /// Predicted segments of fewer pixels are ignored. The paper: 0.
-        min_segment_area: usize = 50, Allowed::at_least(0.0);
+        min_segment_area: usize = 50, Allowed::between(0.0, 1e9);
         /// Masks of consecutive frames with a smaller F-score are not linked. The paper: 0, so any overlap links.
         min_match_f_score: f64 = 0.0, Allowed::between(0.0, 1.0);
     }

@@ -14,7 +14,7 @@ settings! {
     pub struct FastSamSplatSettings in "" {
         /// Predicted segments of fewer pixels are ignored. Remembered ones are not shown, as they are what is left
         /// along borders after an id was overruled; they stay in the memory. The paper has no such limit.
-        min_segment_area: usize = 50, Allowed::at_least(0.0);
+        min_segment_area: usize = 50, Allowed::between(0.0, 1e9);
         /// Expected and predicted segments with a smaller F-score do not match. The paper names no minimum.
         min_match_f_score: f64 = 0.0, Allowed::between(0.0, 1.0);
         /// Whether an object is shown before it is seen in a second frame. The paper shows all.

@@ -18,7 +18,7 @@ settings! {
     /// Settings of [`FastSpamBaseline`].
     pub struct FastSpamBaselineSettings in "" {
         /// Predicted segments of fewer pixels are ignored. The authors' code: 0.
-        min_segment_area: usize = 50, Allowed::at_least(0.0);
+        min_segment_area: usize = 50, Allowed::between(0.0, 1e9);
         /// A prompted mask whose IoU with an earlier one is at least this is merged with it. The authors' code: 0.9.
         agreement_iou: f64 = 0.9, Allowed::above_up_to(0.0, 1.0);
         /// A mask is new only if prompted masks cover less than this fraction of it. The authors' code: 0.9.

@@ -19,7 +19,7 @@ settings! {
         /// is at most this. The paper: 0.1.
         max_detection_iou: f64 = 0.1, Allowed::between(0.0, 1.0);
         /// Detections of fewer pixels are ignored.
-        min_segment_area: usize = 50, Allowed::at_least(0.0);
+        min_segment_area: usize = 50, Allowed::between(0.0, 1e9);
     }
     sections {
         /// Which errors of the tracker are corrected, and how.

@@ -24,20 +24,20 @@ settings! {
         /// Whether additional tracks on a segment that its own track follows are corrected or removed.
         duplicated_track: bool = true, Allowed::Switch;
         /// Positive clicks per error, and as many negative ones where a region has the wrong label. The paper: 5.
-        clicks: usize = 5, Allowed::at_least(1.0);
+        clicks: usize = 5, Allowed::between(1.0, 100.0);
         /// A track is on an expected segment if their F-score, over the pixels where the memory expects anything, is at
         /// least this.
         min_f_score: f64 = 0.5, Allowed::above_up_to(0.0, 1.0);
         /// A track is wrong if the memory expects other segments on more than this fraction of its visible pixels.
         max_wrong_fraction: f64 = 0.25, Allowed::between(0.0, 1.0);
         /// Pixels within this city-block distance of the track's own expected segment do not count as wrong, pixels.
-        outline_tolerance_px: usize = 2, Allowed::at_least(0.0);
+        outline_tolerance_px: usize = 2, Allowed::between(0.0, 1000.0);
         /// A segment is prompted only if other tracks cover at most this fraction of it.
         max_covered_fraction: f64 = 0.5, Allowed::between(0.0, 1.0);
         /// Expected segments of fewer pixels are not trusted.
-        min_expected_area: usize = 100, Allowed::at_least(0.0);
+        min_expected_area: usize = 100, Allowed::between(0.0, 1e9);
         /// Expected segments with a smaller mean confidence are not trusted.
-        min_confidence: f32 = 0.6, Allowed::at_least(0.0);
+        min_confidence: f32 = 0.6, Allowed::between(0.0, 1.0);
     }
 }
 

@@ -12,12 +12,12 @@ settings! {
     #[derive(Copy)]
     pub struct Sam2TrackerSettings in "sam2" {
         /// Side of the square to which frames are resized, pixels. The published 1024 if left out.
-        image_size: Option<usize> = None, Allowed::Multiple { of: 32, min: 32, max: 4096 };
+        image_size: Option<usize> = None, Allowed::Multiple { of: 32, min: 32, max: 2048 };
         /// How many objects go through the network together. More objects need more memory; results are the same.
-        objects_per_chunk: usize = 4, Allowed::at_least(1.0);
+        objects_per_chunk: usize = 4, Allowed::between(1.0, 256.0);
         /// How many of an object's latest prompted frames the network attends to. 0: all of them, as in the official
         /// code, whose memory use grows with every correction.
-        max_prompted_frames: usize = 4, Allowed::at_least(0.0);
+        max_prompted_frames: usize = 4, Allowed::between(0.0, 1000.0);
     }
 }
 

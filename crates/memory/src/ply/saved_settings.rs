@@ -1,0 +1,61 @@
+//! The settings that a file fixes, read without the rest of it.
+
+use super::error::SplatFileError;
+use super::header::{self, Header};
+use super::layout::Layout;
+use super::{reader, trailer};
+use crate::MemoryKind;
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+/// The settings that a saved memory fixes: a run that continues it has no choice of these.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct SavedMemorySettings {
+    /// `memory.kind`.
+    pub kind: MemoryKind,
+    /// `memory.feature_dim` and `memory.num_codes`; `None` for a memory of evidence, which has no codes.
+    pub codes: Option<SavedCodes>,
+}
+
+/// The settings of a saved codebook.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct SavedCodes {
+    /// `memory.feature_dim`.
+    pub feature_dim: usize,
+    /// `memory.num_codes`: the codes of a block.
+    pub num_codes: usize,
+}
+
+impl SavedMemorySettings {
+    /// Reads the header of a file that [`SplatFileView::save`](super::SplatFileView::save) wrote, and how many blocks
+    /// of codes it has.
+    ///
+    /// # Errors
+    /// [`SplatFileError`] if the file cannot be read, is another kind of PLY, or has another length than its header
+    /// says.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, SplatFileError> {
+        let path = path.as_ref();
+        let file = File::open(path).map_err(SplatFileError::io(path, "open"))?;
+        let length = file.metadata().map_err(SplatFileError::io(path, "read"))?.len();
+        let mut file = BufReader::new(file);
+        let Header { bytes, sizes } = header::read(&mut file, path)?;
+        reader::check_length(&sizes, bytes.len(), length, path)?;
+        let codes = match sizes.layout {
+            Layout::Evidence => None,
+            Layout::Features { feature_dim, codes } => {
+                let records = sizes.gaussians * sizes.layout.record_bytes();
+                let place = bytes.len() as u64 + records + trailer::BLOCKS_OFFSET;
+                let mut blocks = [0; 4];
+                let read = file.seek(SeekFrom::Start(place)).and_then(|_| file.read_exact(&mut blocks));
+                read.map_err(SplatFileError::io(path, "read"))?;
+                // A damaged number of blocks is found when the file is loaded.
+                let num_codes = codes / u64::from(u32::from_le_bytes(blocks)).max(1);
+                Some(SavedCodes { feature_dim, num_codes: num_codes as usize })
+            }
+        };
+        Ok(Self { kind: sizes.layout.kind(), codes })
+    }
+}
