@@ -5,9 +5,9 @@ mod support;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::SystemTime;
-use support::{FEATURES, OTHER_ROOM, ROOM, bench, read_json};
+use support::{FEATURES, OTHER_ROOM, ROOM, bench, finish, read_json, splatseg};
 
 const SEEDS: [&str; 2] = ["--seeds", "2"];
 
@@ -46,7 +46,7 @@ fn results_are_complete_resumable_and_the_same_for_any_number_of_jobs() {
     fs::remove_file(one.join("results").join(gone)).unwrap();
     let rows = timeless_rows(&one);
     let ended = bench(&[ROOM, OTHER_ROOM], &one, &SEEDS);
-    assert_eq!((ended.code, ended.out.matches("there already").count()), (0, 7), "{}", ended.out);
+    assert_eq!((ended.code, ended.out.matches(": there already").count()), (0, 7), "{}", ended.out);
     let after = saved(&one);
     assert_eq!(before.keys().collect::<Vec<_>>(), after.keys().collect::<Vec<_>>());
     let renewed: Vec<&String> =
@@ -59,11 +59,11 @@ fn results_are_complete_resumable_and_the_same_for_any_number_of_jobs() {
     fs::write(one.join("results").join(gone), "{").unwrap();
     make_older(&one.join("results").join(before.keys().next().unwrap()));
     let ended = bench(&[ROOM, OTHER_ROOM], &one, &SEEDS);
-    assert_eq!((ended.code, ended.out.matches("there already").count()), (0, 6), "{}", ended.err);
+    assert_eq!((ended.code, ended.out.matches(": there already").count()), (0, 6), "{}", ended.err);
     assert_eq!(timeless_rows(&one), rows);
     let ended = bench(&[ROOM], &one, &["--set", "memory.max_votes=3"]);
     // The baseline has no memory: its result stays what it was.
-    assert_eq!((ended.code, ended.out.matches("there already").count()), (0, 1));
+    assert_eq!((ended.code, ended.out.matches(": there already").count()), (0, 1));
 }
 
 /// Removes from a result what earlier versions did not count.
@@ -198,4 +198,104 @@ fn folders_with_other_files_are_left_alone() {
     assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
     assert_eq!(bench(&[OTHER_ROOM], folder.path(), &["--overwrite"]).code, 0);
     assert_eq!(fs::read_to_string(folder.path().join("thesis.tex")).unwrap(), "mine");
+}
+
+/// A copy of the first frames of the demo's scene with its ground truth, and masks for them.
+fn copied_scene(folder: &Path) -> (PathBuf, PathBuf) {
+    let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("demo");
+    let (scene, masks) = (folder.join("scene"), folder.join("masks"));
+    for part in ["color", "depth", "pose", "intrinsic", "instance-filt"] {
+        copy_frames(&demo.join(part), &scene.join(part));
+    }
+    copy_frames(&demo.join("instance-filt"), &masks);
+    (scene, masks)
+}
+
+fn copy_frames(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
+        let number: Option<usize> = entry.path().file_stem().unwrap().to_str().unwrap().parse().ok();
+        if number.is_none_or(|number| number < 3) {
+            fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
+        }
+    }
+}
+
+/// Changes the last byte of a file, but neither its size nor the time of its modification.
+fn change_secretly(path: &Path) {
+    let modified = fs::metadata(path).unwrap().modified().unwrap();
+    let mut bytes = fs::read(path).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    fs::write(path, bytes).unwrap();
+    fs::File::options().append(true).open(path).unwrap().set_modified(modified).unwrap();
+}
+
+#[test]
+fn results_are_measured_again_when_an_input_has_changed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, masks) = copied_scene(folder.path());
+    let out = folder.path().join("out");
+    let bench = || {
+        let mut command = splatseg();
+        command.arg("bench").arg("--scenes").arg(&scene).args(["--methods", "fastsam", "--segmenter", "masks"]);
+        command.arg("--masks").arg(&masks).args(["--resize", "80x60", "--threads", "1", "--out"]).arg(&out);
+        let ended = finish(&mut command);
+        assert_eq!(ended.code, 0, "{}", ended.err);
+        ended.out
+    };
+    let first = bench();
+    assert!(first.contains("0 of 1 results were there already, 1 were measured\n"), "{first}");
+    let second = bench();
+    assert!(second.contains("1 of 1 results were there already, 0 were measured\n"), "{second}");
+    // The last byte of each is in the checksum of a PNG's end, which changes no pixel.
+    for changed in [masks.join("1.png"), scene.join("instance-filt/2.png")] {
+        change_secretly(&changed);
+        let input = changed.parent().unwrap().strip_prefix(folder.path()).unwrap().iter().next().unwrap();
+        let again = bench();
+        assert!(again.contains(&format!("{} has changed", folder.path().join(input).display())), "{again}");
+        assert!(again.contains("0 of 1 results were there already, 1 were measured, 1 of them again"), "{again}");
+        assert!(bench().contains(": there already"));
+    }
+    // A file with another time but the same content is the same input.
+    let pose = scene.join("pose/0.txt");
+    fs::File::options().append(true).open(&pose).unwrap().set_modified(SystemTime::UNIX_EPOCH).unwrap();
+    assert!(bench().contains(": there already"));
+}
+
+#[test]
+fn results_of_another_build_are_measured_again() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(bench(&[OTHER_ROOM], folder.path(), &[]).code, 0);
+    let name = saved(folder.path()).into_keys().next().unwrap();
+    let path = folder.path().join("results").join(name);
+    let mut result = read_json(&path);
+    result["program"] = "0123".into();
+    fs::write(&path, result.to_string()).unwrap();
+    let ended = bench(&[OTHER_ROOM], folder.path(), &[]);
+    assert!(ended.out.contains("measured again: it was measured by another build"), "{}", ended.out);
+    let summary = "1 of 2 results were there already, 1 were measured, 1 of them again";
+    assert!(ended.out.contains(summary), "{}", ended.out);
+}
+
+#[test]
+fn numbers_of_seeds_and_jobs_have_a_range() {
+    let folder = tempfile::tempdir().unwrap();
+    for (options, expected) in [
+        (["--seeds", "1000000000"], "1000000000 is not in 1..=1000"),
+        (["--seeds", "18446744073709551616"], "--seeds"),
+        (["--seeds", "0"], "0 is not in 1..=1000"),
+        (["--jobs", "1000000000"], "1000000000 is not in 1..=256"),
+    ] {
+        let ended = bench(&[OTHER_ROOM], folder.path(), &options);
+        assert_eq!(ended.code, 2, "{options:?}: {}", ended.err);
+        assert!(ended.err.contains(expected), "{options:?}: {}", ended.err);
+    }
+    let ended = bench(&[OTHER_ROOM], folder.path(), &["--seed", "9223372036854775807", "--seeds", "2"]);
+    assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+    assert!(ended.err.contains("the last is beyond 9223372036854775807"), "{}", ended.err);
+    let many: Vec<String> = (1..=30).map(|value| format!("{value}")).collect();
+    let many = format!("memory.max_votes={}", many.join(","));
+    let ended = bench(&[OTHER_ROOM], folder.path(), &["--seeds", "1000", "--ablate", &many]);
+    assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+    assert!(ended.err.contains("come to 32000 results, expected at most 20000"), "{}", ended.err);
 }

@@ -71,7 +71,7 @@ fn every_row_that_the_inputs_allow_is_measured() {
     assert!(!text.contains("needs weights"), "{text}");
     // Seven methods, five dimensions, five choices of categories, three numbers of clicks.
     assert_eq!(measured(&out), 20);
-    assert_eq!(ended.out.matches("there already").count(), 7, "{}", ended.out);
+    assert_eq!(ended.out.matches(": there already").count(), 7, "{}", ended.out);
 }
 
 #[test]

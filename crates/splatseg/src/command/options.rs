@@ -72,7 +72,8 @@ impl DatasetOptions {
         let base = toml::Value::try_from(base).map_err(Failure::work)?;
         layers.add("dataset", base).ok_or_else(|| Failure::work("dataset is not a section"))?;
         self.add_to(&mut layers)?;
-        Ok(layers.resolve().map_err(Failure::input)?.dataset)
+        // `base` has values for settings that are not in use.
+        Ok(layers.resolve_shared().map_err(Failure::input)?.dataset)
     }
 }
 

@@ -10,7 +10,9 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(
     after_long_help = "Every result is saved under DIR/results as soon as it is there; a run that was stopped goes \
-    on where it stopped when it is started again. A scene that cannot be used is listed in DIR/failures.json; the others \
+    on where it stopped when it is started again. A result is measured again if the program, a setting, or the content \
+    of a file has changed that it was made from: scene, ground truth, masks, weights. DIR/input_hashes.json keeps the \
+    hashes of these files, so that they are read again only when their sizes or times have changed. A scene that cannot be used is listed in DIR/failures.json; the others \
     go on, and the exit code is 1.\n\n\
     Examples:\n  \
     splatseg bench --scenes dev-a dev-b --methods fastsam,fastspam,fastsam-splat --segmenter oracle \\\n    \
@@ -40,11 +42,11 @@ pub struct BenchArguments {
     #[arg(long)]
     pub overwrite: bool,
     /// Results worked on at a time; they share the threads. Speeds are those of a quiet machine only with 1
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub jobs: usize,
-    /// Number of seeds: --seed and those after it
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub seeds: usize,
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=256))]
+    pub jobs: u64,
+    /// Number of seeds, at most 1000: --seed and those after it
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub seeds: u64,
     /// Vary one setting, e.g. memory.feature_dim=1,4,7,14,28: each value is a variant of every method, with a row of
     /// its own. Given several times, settings are varied one after the other, not together
     #[arg(long, value_name = "KEY=V1,V2,…")]

@@ -1,5 +1,6 @@
 //! One method on one scene with one seed.
 
+use super::input_files::InputFile;
 use super::pictures::{StripFrames, jpeg_data_uri};
 use serde::{Deserialize, Serialize};
 use splatseg::pipeline::{FrameResult, Pipeline, PipelineError, Processed, StageTimes};
@@ -25,6 +26,8 @@ pub struct JobInputs {
     pub settings: Settings,
     /// How it is scored. Its protocol means nothing: both are computed.
     pub score: ScoreSettings,
+    /// What its files hold: scene, masks, weights.
+    pub files: Vec<InputFile>,
     /// Version of splatseg.
     pub version: String,
 }
@@ -34,7 +37,7 @@ pub struct JobInputs {
 pub struct JobResult {
     /// What it was made from.
     pub inputs: JobInputs,
-    /// Fingerprint of the program that made it.
+    /// Fingerprint of the program that made it; two builds of one version may give different results.
     pub program: String,
     /// Frames with a result.
     pub frames: usize,

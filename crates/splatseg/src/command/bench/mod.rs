@@ -1,10 +1,11 @@
 //! `splatseg bench`: every method on every scene with every seed.
 //!
-//! `plan.rs` says what to measure, `job.rs` measures one result, `pool.rs` runs several at a time, `store.rs` keeps
+//! `plan.rs` says what to measure, `job.rs` measures one result, `pool.rs` runs several at a time, `input_files.rs` finds out what its files hold, `store.rs` keeps
 //! results on disk, so that a run that was stopped can go on, and `results.rs` writes what came out. `paper/` makes the
 //! plan for the paper's tables. The tables and the page themselves are the crate `splatseg-report`'s.
 
 mod arguments;
+mod input_files;
 mod job;
 mod paper;
 mod pictures;
@@ -17,14 +18,15 @@ pub use arguments::BenchArguments;
 
 use super::Failure;
 use super::output_folder::Existing;
+use input_files::InputHashes;
 use job::JobResult;
 use paper::PaperBenchmark;
-use plan::Plan;
+use plan::{Job, Plan};
 use pool::Workers;
 use results::Results;
 use splatseg_dataset::write_atomically;
 use splatseg_report::ScoreTable;
-use store::{Program, ResultStore};
+use store::{Program, ResultStore, Stored};
 
 /// Does what `splatseg bench` asks for.
 pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
@@ -34,9 +36,10 @@ pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
         None => Plan::new(arguments)?,
     };
     plan.require_a_scene()?;
-    let program = Program::running();
-    let store = ResultStore::open(&arguments.out, Existing::from_flag(arguments.overwrite), &program)?;
-    let workers = Workers { jobs: arguments.jobs.max(1), threads: plan.threads };
+    let existing = Existing::from_flag(arguments.overwrite);
+    let store = ResultStore::open(&arguments.out, existing, Program::running())?;
+    let hashes = InputHashes::open(&arguments.out);
+    let workers = Workers { jobs: usize::try_from(arguments.jobs).unwrap_or(1), threads: plan.threads };
     say!(
         "{} results (scenes: {}, methods and variants: {}, seeds: {})",
         plan.jobs.len(),
@@ -44,8 +47,9 @@ pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
         plan.variants.len(),
         plan.seeds.len()
     );
-    let outcomes = workers.run(&plan.jobs, |job| obtain(job, &store))?;
-    store.warn_of_other_programs();
+    let outcomes = workers.run(&plan.jobs, |job| obtain(job, &plan, &store, &hashes))?;
+    hashes.save()?;
+    say!("{}", what_was_reused(&outcomes));
 
     let results = Results { plan: &plan, outcomes: &outcomes };
     let benchmark = results.benchmark()?;
@@ -78,14 +82,60 @@ pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
     }
 }
 
+/// A job's result, and where it came from.
+struct Outcome {
+    /// The name of its file, without ending.
+    key: String,
+    result: JobResult,
+    origin: Origin,
+}
+
+/// Where a result came from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Origin {
+    /// It was there.
+    Stored,
+    /// It is new.
+    Measured,
+    /// It takes the place of one that does not hold any more.
+    MeasuredAgain,
+}
+
 /// A job's result: the stored one, or a new one that is stored.
-fn obtain(job: &plan::Job, store: &ResultStore) -> Result<JobResult, String> {
-    if let Some(result) = store.load(job) {
-        say!("{}: there already", job.key);
-        return Ok(result);
+fn obtain(job: &Job, plan: &Plan, store: &ResultStore, hashes: &InputHashes) -> Result<Outcome, String> {
+    let (key, mut inputs) = plan.inputs(job).map_err(|error| error.to_string())?;
+    let failed = |error: &String| say!("{key}: failed: {error}");
+    inputs.files = hashes.of(&inputs.scene, &inputs.settings).inspect_err(failed)?;
+    let mut origin = Origin::Measured;
+    match store.load(&key, &inputs) {
+        Stored::Same(result) => {
+            say!("{key}: there already");
+            return Ok(Outcome { key, result: *result, origin: Origin::Stored });
+        }
+        Stored::Outdated(reason) => {
+            say!("{key}: measured again: {reason}");
+            origin = Origin::MeasuredAgain;
+        }
+        Stored::Nothing => {}
     }
-    let result = job::run(&job.inputs).inspect_err(|error| say!("{}: failed: {error}", job.key))?;
-    store.save(job, &result).map_err(|error| error.to_string())?;
-    say!("{}: {}", job.key, result.in_short());
-    Ok(result)
+    let mut result = job::run(&inputs).inspect_err(failed)?;
+    store.save(&key, &result).map_err(|error| error.to_string())?;
+    say!("{key}: {}", result.in_short());
+    if job.seed != plan.seeds[0] {
+        // The report shows the pictures of the first seed only.
+        result.strip = Vec::new();
+    }
+    Ok(Outcome { key, result, origin })
+}
+
+/// How many of the results were there, and how many were measured.
+fn what_was_reused(outcomes: &[Result<Outcome, String>]) -> String {
+    let count = |wanted| outcomes.iter().flatten().filter(|outcome| outcome.origin == wanted).count();
+    let (stored, again) = (count(Origin::Stored), count(Origin::MeasuredAgain));
+    let measured = count(Origin::Measured) + again;
+    let again = match again {
+        0 => String::new(),
+        again => format!(", {again} of them again, as the program or an input had changed"),
+    };
+    format!("{stored} of {} results were there already, {measured} were measured{again}", outcomes.len())
 }

@@ -9,8 +9,12 @@ use splatseg::settings::{MethodName, SettingsError, SettingsLayers};
 use splatseg_dataset::open_scene;
 use splatseg_input::MemoryLimit;
 use splatseg_metrics::{Protocol, ScoreSettings};
+use splatseg_settings::Allowed;
 use std::collections::HashMap;
 use std::path::Path;
+
+/// Most results of a benchmark: all of them are in memory for the report.
+const MAX_RESULTS: usize = 20_000;
 
 /// A scene as it was given.
 #[derive(Clone, Debug)]
@@ -33,12 +37,14 @@ pub struct Variant {
 }
 
 /// One thing to run. Variants that come to the same settings share it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Job {
-    /// Its name, and that of its file.
-    pub key: String,
-    /// What decides its result.
-    pub inputs: JobInputs,
+    /// Index of the scene.
+    pub scene: usize,
+    /// Index of the first variant with its settings.
+    pub variant: usize,
+    /// The seed.
+    pub seed: u64,
 }
 
 /// One row of the results.
@@ -67,6 +73,10 @@ pub struct Plan {
     pub jobs: Vec<Job>,
     /// The rows.
     pub entries: Vec<Entry>,
+    /// The settings of each variant; `seed` is that of the first, `threads` is 0.
+    variant_settings: Vec<Settings>,
+    /// How all are scored. Both protocols are computed.
+    score: ScoreSettings,
     /// The settings that all share.
     pub settings: Settings,
     /// The protocol of the main tables.
@@ -92,41 +102,46 @@ impl Plan {
     ) -> Result<Self, Failure> {
         check_that_all_are_used(layers, &variants)?;
         let settings = layers.resolve_shared().map_err(Failure::input)?;
-        if arguments.seeds == 0 {
-            return Err(Failure::input("--seeds: found 0, expected 1 or more"));
-        }
         let score = arguments.score.settings()?;
         settings.run.memory_limit.enforce();
-        let seeds = (0..arguments.seeds as u64).map(|step| settings.run.seed.saturating_add(step)).collect();
+        let variant_settings: Vec<Settings> =
+            variants.iter().map(|variant| variant_settings(layers, variant)).collect::<Result<_, _>>()?;
         let mut plan = Self {
             scenes: scenes(scene_paths, &settings),
             variants,
-            seeds,
+            seeds: seeds(settings.run.seed, arguments.seeds)?,
             jobs: Vec::new(),
             entries: Vec::new(),
+            variant_settings,
+            score: ScoreSettings { protocol: Protocol::Paper, ..score },
             threads: settings.run.threads,
             protocol: score.protocol,
             settings,
         };
-        plan.add_entries(layers, score)?;
+        plan.add_entries()?;
         Ok(plan)
     }
 
-    fn add_entries(&mut self, layers: &SettingsLayers, score: ScoreSettings) -> Result<(), Failure> {
-        let mut job_of_key = HashMap::new();
-        for (scene, scene_entry) in self.scenes.iter().enumerate() {
-            for (variant, variant_entry) in self.variants.iter().enumerate() {
+    fn add_entries(&mut self) -> Result<(), Failure> {
+        let results = self.scenes.len().saturating_mul(self.variants.len()).saturating_mul(self.seeds.len());
+        if results > MAX_RESULTS {
+            return Err(Failure::input(format!(
+                "{} scenes, {} methods and variants and {} seeds come to {results} results, expected at most \
+                 {MAX_RESULTS}",
+                self.scenes.len(),
+                self.variants.len(),
+                self.seeds.len()
+            )));
+        }
+        // Variants with the same settings share their jobs.
+        let same = |settings| self.variant_settings.iter().position(|other| other == settings);
+        let first_same: Vec<usize> = self.variant_settings.iter().filter_map(same).collect();
+        for scene in 0..self.scenes.len() {
+            let mut job_of = HashMap::new();
+            for (variant, first) in first_same.iter().enumerate() {
                 for seed in &self.seeds {
-                    let inputs = JobInputs {
-                        scene: scene_entry.path.clone(),
-                        settings: variant_settings(layers, variant_entry, *seed)?,
-                        // Both protocols are computed.
-                        score: ScoreSettings { protocol: Protocol::Paper, ..score },
-                        version: env!("CARGO_PKG_VERSION").to_owned(),
-                    };
-                    let key = job_key(&scene_entry.name, &inputs)?;
-                    let job = *job_of_key.entry(key.clone()).or_insert_with(|| {
-                        self.jobs.push(Job { key, inputs });
+                    let job = *job_of.entry((first, seed)).or_insert_with(|| {
+                        self.jobs.push(Job { scene, variant: *first, seed: *seed });
                         self.jobs.len() - 1
                     });
                     self.entries.push(Entry { scene, variant, seed: *seed, job });
@@ -136,16 +151,31 @@ impl Plan {
         Ok(())
     }
 
+    /// What decides a job's result, but for what its files hold, and the name of its file.
+    pub fn inputs(&self, job: &Job) -> Result<(String, JobInputs), Failure> {
+        let scene = &self.scenes[job.scene];
+        let mut settings = self.variant_settings[job.variant].clone();
+        settings.run.seed = job.seed;
+        let inputs = JobInputs {
+            scene: scene.path.clone(),
+            settings,
+            score: self.score,
+            files: Vec::new(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+        };
+        Ok((job_key(&scene.name, &inputs)?, inputs))
+    }
+
     /// What the methods build on, for headings.
     pub fn parts(&self) -> String {
-        let segmenter = format!("segmenter {}", self.settings.segmenter.name());
-        let tracked = self.jobs.iter().map(|job| &job.inputs.settings.method).find_map(|method| {
+        let with_segmenter = self.variant_settings.iter().find(|settings| settings.method.uses_segmenter());
+        let segmenter = with_segmenter.map(|settings| format!("segmenter {}", settings.segmenter.name()));
+        let tracked = self.variant_settings.iter().find_map(|Settings { method, .. }| {
             let (source, _) = method.prompts()?;
-            Some((method.tracker()?.name(), source))
+            let source = source.name().replace('-', " ");
+            Some(format!("tracker {}, prompted with {source}", method.tracker()?.name()))
         });
-        tracked.map_or(segmenter.clone(), |(tracker, source)| {
-            format!("{segmenter}, tracker {tracker}, prompted with {}", source.name().replace('-', " "))
-        })
+        [segmenter, tracked].into_iter().flatten().collect::<Vec<_>>().join(", ")
     }
 
     /// A benchmark without any scene that can be opened is a mistake of the command line.
@@ -156,6 +186,18 @@ impl Plan {
             _ => Ok(()),
         }
     }
+}
+
+/// Consecutive seeds.
+fn seeds(first: u64, count: u64) -> Result<Vec<u64>, Failure> {
+    let last = first.saturating_add(count.saturating_sub(1));
+    if last > Allowed::MAX_WHOLE {
+        return Err(Failure::input(format!(
+            "--seeds {count} from --seed {first}: the last is beyond {}",
+            Allowed::MAX_WHOLE
+        )));
+    }
+    Ok((first..=last).collect())
 }
 
 fn scenes(paths: &[String], settings: &Settings) -> Vec<SceneEntry> {
@@ -258,9 +300,8 @@ fn key_of(error: &SettingsError) -> String {
     }
 }
 
-fn variant_settings(layers: &SettingsLayers, variant: &Variant, seed: u64) -> Result<Settings, Failure> {
+fn variant_settings(layers: &SettingsLayers, variant: &Variant) -> Result<Settings, Failure> {
     let mut settings = variant_layers(layers, variant)?.resolve_shared().map_err(Failure::input)?;
-    settings.run.seed = seed;
     // Results do not depend on them.
     settings.run.threads = 0;
     settings.run.memory_limit = MemoryLimit::Auto;

@@ -1,5 +1,6 @@
 //! What a benchmark came to: the rows of `results.json`, the data of the report, and the files with both.
 
+use super::Outcome;
 use super::job::JobResult;
 use super::pictures;
 use super::plan::{Entry, Plan};
@@ -20,7 +21,7 @@ pub struct Results<'a> {
     /// What was asked for.
     pub plan: &'a Plan,
     /// The result of each of the plan's jobs, or why there is none.
-    pub outcomes: &'a [Result<JobResult, String>],
+    pub outcomes: &'a [Result<Outcome, String>],
 }
 
 /// A row of `results.json`. Its keys are part of the interface.
@@ -36,7 +37,7 @@ struct Row<'a> {
     variant: Option<String>,
     /// The seed.
     seed: u64,
-    /// Name of the segmenter.
+    /// Name of the segmenter; `none` where ground truth prompts a tracker.
     segmenter: &'static str,
     /// The protocol of the scores that follow.
     protocol: &'static str,
@@ -84,7 +85,7 @@ impl<'a> Results<'a> {
         let (mut measurements, mut missing) = (Vec::new(), Vec::new());
         for entry in &plan.entries {
             match &self.outcomes[entry.job] {
-                Ok(result) => measurements.push(measurement(entry, result)),
+                Ok(outcome) => measurements.push(measurement(entry, &outcome.result)),
                 Err(error) => missing.push(MissingResult {
                     scene: &plan.scenes[entry.scene].name,
                     scene_path: &plan.scenes[entry.scene].path,
@@ -123,11 +124,11 @@ impl<'a> Results<'a> {
     fn rows(&self, benchmark: &Benchmark) -> Vec<Row<'a>> {
         let measured =
             self.plan.entries.iter().filter_map(|entry| Some((entry, self.outcomes[entry.job].as_ref().ok()?)));
-        measured.map(|(entry, result)| self.row(entry, result, &benchmark.variants[entry.variant])).collect()
+        measured.map(|(entry, outcome)| self.row(entry, outcome, &benchmark.variants[entry.variant])).collect()
     }
 
-    fn row(&self, entry: &Entry, result: &'a JobResult, variant: &Variant) -> Row<'a> {
-        let plan = self.plan;
+    fn row(&self, entry: &Entry, outcome: &'a Outcome, variant: &Variant) -> Row<'a> {
+        let (plan, result) = (self.plan, &outcome.result);
         let other = match plan.protocol {
             Protocol::Paper => Protocol::Strict,
             Protocol::Strict => Protocol::Paper,
@@ -138,7 +139,7 @@ impl<'a> Results<'a> {
             method: plan.variants[entry.variant].method.name(),
             variant: variant.change(),
             seed: entry.seed,
-            segmenter: result.inputs.settings.segmenter.name().name(),
+            segmenter: segmenter(result),
             protocol: plan.protocol.name(),
             scores: result.score(plan.protocol).scores(),
             other_protocol: BTreeMap::from([(other.name(), result.score(other).scores())]),
@@ -151,11 +152,16 @@ impl<'a> Results<'a> {
             parameters: result.parameters,
             stage_ms: &result.stage_ms,
             track_errors: result.track_errors,
-            file: format!("results/{}.json", plan.jobs[entry.job].key),
+            file: format!("results/{}.json", outcome.key),
             settings: &result.inputs.settings,
             version: &result.inputs.version,
         }
     }
+}
+
+fn segmenter(result: &JobResult) -> &'static str {
+    let settings = &result.inputs.settings;
+    if settings.method.uses_segmenter() { settings.segmenter.name().name() } else { "none" }
 }
 
 fn measurement<'a>(entry: &Entry, result: &'a JobResult) -> Measurement<'a> {
@@ -163,7 +169,7 @@ fn measurement<'a>(entry: &Entry, result: &'a JobResult) -> Measurement<'a> {
         scene: entry.scene,
         variant: entry.variant,
         seed: entry.seed,
-        segmenter: result.inputs.settings.segmenter.name().name(),
+        segmenter: segmenter(result),
         frames: result.frames,
         skipped_frames: result.skipped_frames,
         failed_frames: result.failed_frames,

@@ -1,38 +1,53 @@
 //! Results on disk: one file per job, written when it is done.
 
 use super::job::{JobInputs, JobResult};
-use super::plan::Job;
 use crate::command::Failure;
 use crate::command::output_folder::Existing;
+use sha2::{Digest, Sha256};
+use splatseg::settings::read_file;
 use splatseg_dataset::{OutputError, write_atomically};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// The program that measured a result. Two builds of one version may give different results.
+/// Larger files are no results of ours.
+const MAX_RESULT_BYTES: u64 = 256_000_000;
+
+/// The program that measures. Two builds of one version may give different results.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Program {
-    fingerprint: String,
+    /// SHA-256 of the program's file; `None` where that cannot be read.
+    fingerprint: Option<String>,
 }
 
 impl Program {
-    /// The program that is running. The fingerprint is that of no bytes where its file cannot be read.
+    /// The program that is running.
     pub fn running() -> Self {
-        let bytes = std::env::current_exe().and_then(std::fs::read).unwrap_or_default();
-        Self { fingerprint: format!("{:016x}", fnv1a(&bytes)) }
+        let bytes = std::env::current_exe().and_then(std::fs::read).ok();
+        let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+        Self { fingerprint: bytes.map(|bytes| hex(&Sha256::digest(bytes))) }
     }
+}
+
+/// What the folder has of a job.
+#[derive(Debug)]
+pub enum Stored {
+    /// Its result.
+    Same(Box<JobResult>),
+    /// A result that does not hold any more, and why.
+    Outdated(String),
+    /// Nothing.
+    Nothing,
 }
 
 /// The folder of results.
 pub struct ResultStore {
     folder: PathBuf,
     existing: Existing,
-    program: String,
-    of_other_programs: AtomicUsize,
+    program: Program,
 }
 
 impl ResultStore {
     /// Opens `out/results`, or creates it. A folder with other content than an earlier benchmark is refused.
-    pub fn open(out: &Path, existing: Existing, program: &Program) -> Result<Self, Failure> {
+    pub fn open(out: &Path, existing: Existing, program: Program) -> Result<Self, Failure> {
         let folder = out.join("results");
         let occupied = std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
         if occupied && !folder.is_dir() && existing == Existing::Keep {
@@ -42,61 +57,61 @@ impl ResultStore {
             )));
         }
         std::fs::create_dir_all(&folder).map_err(|error| Failure::work(format!("{}: {error}", folder.display())))?;
-        Ok(Self { folder, existing, program: program.fingerprint.clone(), of_other_programs: AtomicUsize::new(0) })
+        Ok(Self { folder, existing, program })
     }
 
-    /// The stored result of a job, if it was made from the same inputs. One that cannot be read is measured again.
-    pub fn load(&self, job: &Job) -> Option<JobResult> {
-        if self.existing == Existing::Replace {
-            return None;
+    /// The stored result of a job, if the same program made it from the same inputs.
+    pub fn load(&self, key: &str, inputs: &JobInputs) -> Stored {
+        let path = self.path(key);
+        if self.existing == Existing::Replace || !path.exists() {
+            return Stored::Nothing;
         }
-        let text = std::fs::read(self.path(job)).ok()?;
-        let result: JobResult = match serde_json::from_slice(&text) {
-            Ok(result) => result,
-            Err(error) => {
-                tracing::warn!("{}: measured again: {error}", self.path(job).display());
-                return None;
-            }
-        };
-        if result.inputs != job.inputs {
-            return None;
+        let read = read_file(&path, MAX_RESULT_BYTES).map_err(|error| error.to_string());
+        let result = read.and_then(|text| {
+            serde_json::from_slice::<JobResult>(&text).map_err(|_| "the stored result cannot be read".to_owned())
+        });
+        match result.and_then(|result| self.outdated(&result, inputs).map_or(Ok(result), Err)) {
+            Ok(result) => Stored::Same(Box::new(result)),
+            Err(reason) => Stored::Outdated(reason),
         }
-        if result.program != self.program {
-            self.of_other_programs.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Why a stored result does not hold any more.
+    fn outdated(&self, result: &JobResult, inputs: &JobInputs) -> Option<String> {
+        if result.inputs.version != inputs.version {
+            return Some(format!("it was measured by version {}", result.inputs.version));
         }
-        Some(result)
+        if self.program.fingerprint.as_ref() != Some(&result.program) {
+            return Some("it was measured by another build of the program".to_owned());
+        }
+        let changed = inputs.files.iter().find(|file| !result.inputs.files.contains(file));
+        if let Some(file) = changed {
+            return Some(format!("{} has changed", file.path));
+        }
+        (result.inputs != *inputs).then(|| "its inputs were others".to_owned())
     }
 
     /// Stores the result of a job.
-    pub fn save(&self, job: &Job, result: &JobResult) -> Result<(), OutputError> {
-        let result = JobResult { program: self.program.clone(), ..result.clone() };
+    pub fn save(&self, key: &str, result: &JobResult) -> Result<(), OutputError> {
+        let program = self.program.fingerprint.clone().unwrap_or_default();
+        let result = JobResult { program, ..result.clone() };
         let text = serde_json::to_vec(&result)
-            .map_err(|error| OutputError::Io { path: self.path(job), source: error.into() })?;
-        write_atomically(&self.path(job), &text)
+            .map_err(|error| OutputError::Io { path: self.path(key), source: error.into() })?;
+        write_atomically(&self.path(key), &text)
     }
 
-    /// Warns of results that another build of this version measured.
-    pub fn warn_of_other_programs(&self) {
-        let count = self.of_other_programs.load(Ordering::Relaxed);
-        if count > 0 {
-            eprintln!(
-                "warning: {count} results were measured by another build of version {}; --overwrite measures them again",
-                env!("CARGO_PKG_VERSION")
-            );
-        }
-    }
-
-    fn path(&self, job: &Job) -> PathBuf {
-        self.folder.join(format!("{}.json", job.key))
+    fn path(&self, key: &str) -> PathBuf {
+        self.folder.join(format!("{key}.json"))
     }
 }
 
-/// A name for a job: readable, and different for different inputs.
+/// A name for a job: readable, and different for different inputs. What files hold is not part of it, so that a new
+/// result takes the place of the one that does not hold any more.
 pub fn job_key(scene: &str, inputs: &JobInputs) -> Result<String, Failure> {
-    let text = serde_json::to_vec(inputs).map_err(Failure::work)?;
+    let JobInputs { scene: path, settings, score, files: _, version: _ } = inputs;
+    let text = serde_json::to_vec(&(path, settings, score)).map_err(Failure::work)?;
     let plain = |character: char| if character.is_ascii_alphanumeric() { character } else { '-' };
     let scene: String = scene.chars().map(plain).take(60).collect();
-    let settings = &inputs.settings;
     Ok(format!("{scene}.{}.seed{}.{:016x}", settings.method.name(), settings.run.seed, fnv1a(&text)))
 }
 

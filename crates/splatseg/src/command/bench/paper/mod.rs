@@ -9,7 +9,6 @@ use crate::command::Failure;
 use inputs::{Input, Inputs, MissingInput};
 use rows::PlannedRow;
 use splatseg::settings::SettingsLayers;
-use splatseg_dataset::Preset;
 use splatseg_report::Benchmark;
 use splatseg_report::paper::{PaperRow, document};
 use std::path::Path;
@@ -32,7 +31,8 @@ impl PaperBenchmark {
     pub fn prepare(arguments: &BenchArguments) -> Result<Self, Failure> {
         let mut inputs = Inputs::find(arguments.scannet.as_deref(), arguments.weights_dir.as_deref())?;
         inputs.scenes.extend(arguments.scenes.iter().cloned());
-        let layers = arguments.options.layers_over(base(&inputs)?, [])?;
+        let has_fastsam = inputs.fastsam.is_some() || arguments.options.weights.is_some();
+        let layers = arguments.options.layers_over(base(&inputs, has_fastsam)?, [])?;
         inputs.missing.retain(|missing| !is_replaced(missing, &layers, !inputs.scenes.is_empty()));
         let rows = rows::all().into_iter().map(|row| {
             let obstacle = obstacle(&row, &layers);
@@ -83,15 +83,16 @@ impl PaperBenchmark {
     }
 }
 
-/// The paper's settings; those of the command line are laid over them.
-fn base(inputs: &Inputs) -> Result<SettingsLayers, Failure> {
+/// The paper's parts; the command line, whose preset has how scenes are read, is laid over them. Without FastSAM's weights, only rows without a
+/// segmenter can be run.
+fn base(inputs: &Inputs, has_fastsam: bool) -> Result<SettingsLayers, Failure> {
     let mut layers = SettingsLayers::default();
     let mut add = |key: &str, value: toml::Value| {
         layers.add(key, value).ok_or_else(|| Failure::work(format!("there is no setting {key}")))
     };
-    let preset = toml::Value::try_from(Preset::ScannetMv.settings()).map_err(Failure::work)?;
-    add("dataset", preset)?;
-    add("segmenter", toml::Value::String("fastsam".to_owned()))?;
+    if has_fastsam {
+        add("segmenter", toml::Value::String("fastsam".to_owned()))?;
+    }
     for (key, path) in [("weights", &inputs.fastsam), ("tracker_weights", &inputs.sam2)] {
         if let Some(path) = path {
             add(key, toml::Value::String(path.to_string_lossy().into_owned()))?;

@@ -63,10 +63,9 @@ pub fn all() -> Vec<PlannedRow> {
     rows
 }
 
-/// What runs under a name of the paper's main table. Where ground truth prompts the tracker, a network's masks are not
-/// used: the oracle takes its place.
+/// What runs under a name of the paper's main table.
 fn of_name(name: &str) -> (MethodName, &'static [&'static str]) {
-    const GROUND_TRUTH: &[&str] = &["prompts=ground-truth", "segmenter=oracle"];
+    const GROUND_TRUTH: &[&str] = &["prompts=ground-truth"];
     match name {
         "FastSAM" => (MethodName::Fastsam, &[]),
         "FastSPAM" => (MethodName::Fastspam, &[]),
