@@ -16,10 +16,12 @@ pub struct Scores {
     /// √(AQ · SQ). Never `None` under the strict protocol, where division by zero gives 0, as in STEP's code.
     pub stq: Option<f64>,
     /// Association quality; 0 without true tracks. Under the paper protocol it can exceed 100 where overlapping masks
-    /// cover the same object, which the paper's code allows.
+    /// cover the same object, which the paper's code allows; see `overcounted_tracks`.
     pub aq: Option<f64>,
     /// Segmentation quality.
     pub sq: Option<f64>,
+    /// True tracks that `aq` and `stq` count more than once; see [`StqCounts::overcounted_tracks`].
+    pub overcounted_tracks: u64,
     /// How well objects keep their ids, by their size.
     pub by_size: BTreeMap<SizeClass, SizeScores>,
 }
@@ -70,6 +72,7 @@ impl RawCounts {
             stq: self.stq.quality(settings.protocol).map(percent),
             aq: Some(percent(self.stq.association_quality())),
             sq: self.stq.segmentation_quality(settings.protocol).map(percent),
+            overcounted_tracks: self.stq.overcounted_tracks,
             by_size: self.by_size.iter().map(|(class, counts)| (*class, counts.scores())).collect(),
         }
     }

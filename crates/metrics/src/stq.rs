@@ -15,6 +15,10 @@ pub struct StqCounts {
     pub sum_association: f64,
     /// Number of true tracks.
     pub tracks: u64,
+    /// How many of them are counted more than once: their overlaps with all predicted tracks come to more than their
+    /// area, because predicted masks overlap there. `sum_association` can then exceed `tracks`. Always 0 under
+    /// [`Protocol::Strict`].
+    pub overcounted_tracks: u64,
     /// Pixels with a true and a predicted label.
     pub labelled_predicted: u64,
     /// Pixels with a true label only.
@@ -58,6 +62,7 @@ impl StqCounts {
     pub(crate) fn add(&mut self, other: &Self) {
         self.sum_association += other.sum_association;
         self.tracks += other.tracks;
+        self.overcounted_tracks += other.overcounted_tracks;
         self.labelled_predicted += other.labelled_predicted;
         self.labelled_missed += other.labelled_missed;
         self.unlabelled_predicted += other.unlabelled_predicted;
@@ -100,7 +105,16 @@ impl StqAccumulator {
 
     pub(crate) fn finish(self) -> StqCounts {
         let sum_association = self.tracks.pairs().map(|(_, _, areas)| association(areas)).sum();
-        StqCounts { sum_association, tracks: self.tracks.truth_areas.len() as u64, ..self.counts }
+        let tracks = self.tracks.truth_areas.len() as u64;
+        StqCounts { sum_association, tracks, overcounted_tracks: self.overcounted_tracks(), ..self.counts }
+    }
+
+    fn overcounted_tracks(&self) -> u64 {
+        let mut covered: BTreeMap<SegmentId, u64> = BTreeMap::new();
+        for (truth, _, areas) in self.tracks.pairs() {
+            *covered.entry(truth).or_insert(0) += areas.intersection;
+        }
+        covered.iter().filter(|(truth, pixels)| **pixels > self.tracks.truth_areas[truth]).count() as u64
     }
 }
 

@@ -40,6 +40,15 @@ impl WindowLength {
             Self::Fifteen => 15,
         }
     }
+
+    /// The frames that a video must have to contain one window. The paper's code counts a window, whatever its length,
+    /// only where another one could follow it.
+    pub fn least_frames(self, protocol: Protocol) -> usize {
+        match protocol {
+            Protocol::Paper => WINDOW_STEP + 1,
+            Protocol::Strict => self.frames(),
+        }
+    }
 }
 
 /// Counts of one window length. Counts of several windows or videos can be added.

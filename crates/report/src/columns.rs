@@ -1,6 +1,6 @@
 //! The columns of the tables of scores, and tables of one video's scores for a terminal.
 
-use splatseg_metrics::{Scores, SizeScores};
+use splatseg_metrics::{Protocol, Scores, SizeScores, VideoScore, WindowLength};
 
 /// The columns, in the order of the paper's tables.
 pub(crate) const COLUMNS: [&str; 8] = ["k=1", "k=5", "k=10", "k=15", "VSQ", "STQ", "AQ", "SQ"];
@@ -10,6 +10,49 @@ pub(crate) const VSQ: usize = 4;
 
 /// The place of STQ in [`COLUMNS`].
 pub(crate) const STQ: usize = 5;
+
+/// Stands behind scores that count some true tracks more than once.
+pub(crate) const OVERCOUNT_MARK: &str = "†";
+
+/// The columns with such scores.
+pub(crate) const OVERCOUNTED: [usize; 2] = [STQ, 6];
+
+/// What [`OVERCOUNT_MARK`] means, for scores that have it.
+pub fn overcount_note(overcounted_tracks: u64) -> Option<String> {
+    let objects = match overcounted_tracks {
+        0 => return None,
+        1 => "1 true object".to_owned(),
+        several => format!("{several} true objects"),
+    };
+    Some(format!(
+        "{OVERCOUNT_MARK} overlapping masks cover {objects} more than once. Under the protocol paper, AQ and with it STQ \
+         count each of these masks in full, as the paper's code does, and can exceed 100."
+    ))
+}
+
+/// Why videos have no score for some length of windows: they are too short.
+pub fn windows_note<'s>(scores: impl IntoIterator<Item = &'s VideoScore>) -> Option<String> {
+    let mut notes: Vec<String> = Vec::new();
+    for score in scores {
+        let (protocol, frames) = (score.settings().protocol, score.counts().frames);
+        let windows = score.counts().vsq_k.iter();
+        let without: Vec<WindowLength> =
+            windows.filter(|(_, counts)| counts.windows == 0).map(|(length, _)| *length).collect();
+        let Some(shortest) = without.first() else { continue };
+        let lengths = without.iter().map(|length| length.frames().to_string()).collect::<Vec<_>>().join(", ");
+        let needed = match protocol {
+            Protocol::Paper => {
+                format!("under the protocol paper a video needs {} frames", shortest.least_frames(protocol))
+            }
+            Protocol::Strict => "a video needs as many frames".to_owned(),
+        };
+        let note = format!("no window of {lengths} frames in a video of {frames}: {needed}");
+        if !notes.contains(&note) {
+            notes.push(note);
+        }
+    }
+    (!notes.is_empty()).then(|| notes.join("; "))
+}
 
 /// The same columns as keys of CSV files, named after the JSON keys.
 pub(crate) const COLUMN_KEYS: [&str; 8] = ["vsq_1", "vsq_5", "vsq_10", "vsq_15", "vsq", "stq", "aq", "sq"];
@@ -46,7 +89,15 @@ pub(crate) fn size_columns(scores: &SizeScores) -> [Option<f64>; 4] {
 pub fn terminal_table(scores: &Scores) -> String {
     let line = |cells: Vec<String>| cells.iter().map(|cell| format!("{cell:>8}")).collect::<String>();
     let names = COLUMNS.iter().map(|name| (*name).to_owned()).collect();
-    format!("{}\n{}", line(names), line(columns(scores).map(terminal_cell).to_vec()))
+    let cells = (0..).zip(columns(scores)).map(|(column, value)| {
+        format!("{}{}", terminal_cell(value), overcount_mark(column, scores.overcounted_tracks))
+    });
+    format!("{}\n{}", line(names), line(cells.collect()))
+}
+
+/// What stands behind the score of a column.
+pub(crate) fn overcount_mark(column: usize, overcounted_tracks: u64) -> &'static str {
+    if overcounted_tracks > 0 && OVERCOUNTED.contains(&column) { OVERCOUNT_MARK } else { "" }
 }
 
 /// Lines for a terminal: a row of scores for each size of object.

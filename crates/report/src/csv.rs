@@ -21,6 +21,7 @@ fn header(benchmark: &Benchmark) -> Vec<String> {
         ["scene", "method", "variant", "seed", "segmenter", "protocol"].map(str::to_owned).to_vec();
     header.extend(COLUMN_KEYS.map(str::to_owned));
     header.extend(COLUMN_KEYS.map(|key| format!("{other}_{key}")));
+    header.push("overcounted_tracks".to_owned());
     let counts = ["frames", "skipped_frames", "failed_frames", "segments", "gaussians", "parameters"];
     header.extend(["fps_total", "fps_without_segmenter"].into_iter().chain(counts).map(str::to_owned));
     header.extend(SizeClass::ALL.into_iter().flat_map(|class| {
@@ -44,6 +45,7 @@ fn cells(benchmark: &Benchmark, measurement: &Measurement) -> Vec<String> {
         quoted(benchmark.protocol.name()),
     ];
     cells.extend([&scores, &other].into_iter().flat_map(columns).map(number));
+    cells.push(scores.overcounted_tracks.to_string());
     let speeds = [measurement.frames_per_second, measurement.frames_per_second_without_segmenter];
     cells.extend(speeds.map(|speed| speed.to_string()));
     let counts = [

@@ -20,7 +20,7 @@ mod spread;
 mod stage_table;
 
 pub use benchmark::{Benchmark, Measurement, MissingResult, Series, Thumbnail, Variant};
-pub use columns::{SIZE_COLUMNS_EXPLAINED, terminal_size_table, terminal_table};
+pub use columns::{SIZE_COLUMNS_EXPLAINED, overcount_note, terminal_size_table, terminal_table, windows_note};
 pub use csv::csv_table;
 pub use html::{ScenePicture, frames_per_strip, html_page};
 pub use markdown::markdown_tables;

@@ -1,7 +1,7 @@
 //! Tables of scores in the shape of the paper's.
 
 use crate::benchmark::missing_note;
-use crate::columns::{COLUMNS, columns, terminal_cell};
+use crate::columns::{COLUMNS, columns, overcount_mark, overcount_note, terminal_cell, windows_note};
 use crate::spread::cell_text;
 use crate::{Benchmark, Measurement, Spread, markdown, paper};
 use splatseg_metrics::Protocol;
@@ -29,6 +29,8 @@ pub struct ScoreRow {
     pub cells: [Option<Spread>; 8],
     /// Frames per second.
     pub speed: Option<Spread>,
+    /// True objects that AQ and STQ count more than once; the most of any seed.
+    pub overcounted_tracks: u64,
     /// What is missing.
     pub note: Option<String>,
 }
@@ -41,6 +43,8 @@ pub struct ScoreTable {
     pub title: String,
     /// Its rows: one for each variant, then the paper's, if any.
     pub rows: Vec<ScoreRow>,
+    /// What its marks mean, and why cells are empty; one line each.
+    pub notes: Vec<String>,
 }
 
 impl ScoreTable {
@@ -64,21 +68,25 @@ impl ScoreTable {
                 origin: Origin::Paper,
                 cells: cells.map(|mean| Some(Spread::from_mean(mean))),
                 speed: None,
+                overcounted_tracks: 0,
                 note: None,
             }));
         }
-        Self { title: format!("{scenes}, protocol {}", protocol.name()), rows }
+        let notes = notes(&rows, benchmark.measurements.iter(), protocol);
+        Self { title: format!("{scenes}, protocol {}", protocol.name()), rows, notes }
     }
 
     /// Every method on one scene.
     pub fn of_scene(benchmark: &Benchmark, scene: usize, protocol: Protocol) -> Self {
-        let rows = (0..benchmark.variants.len())
+        let rows: Vec<ScoreRow> = (0..benchmark.variants.len())
             .map(|variant| {
                 let measurements: Vec<&Measurement> = benchmark.of(scene, variant).collect();
                 measured_row(benchmark, variant, &measurements, protocol, 1)
             })
             .collect();
-        Self { title: format!("{}, protocol {}", benchmark.scenes[scene], protocol.name()), rows }
+        let of_scene = benchmark.measurements.iter().filter(|measurement| measurement.scene == scene);
+        let notes = notes(&rows, of_scene, protocol);
+        Self { title: format!("{}, protocol {}", benchmark.scenes[scene], protocol.name()), rows, notes }
     }
 
     /// As Markdown, with a heading.
@@ -86,10 +94,11 @@ impl ScoreTable {
         let columns: Vec<&str> = COLUMNS.into_iter().chain(["frames/s"]).collect();
         let mut text = format!("## {}\n\n{}", self.title, markdown::head("method", &columns));
         for row in &self.rows {
-            let cells: Vec<String> = row.cells.iter().chain([&row.speed]).map(|value| cell_text(*value)).collect();
+            let cells: Vec<String> = row.cell_texts().into_iter().chain([cell_text(row.speed)]).collect();
             let name = if row.origin == Origin::Paper { format!("*{}*", row.name()) } else { row.name() };
             text.push_str(&markdown::row(&name, &cells));
         }
+        text.extend(self.notes.iter().map(|note| format!("\n{note}\n")));
         text
     }
 
@@ -101,9 +110,12 @@ impl ScoreTable {
         text.extend(COLUMNS.iter().map(|name| format!("{name:>8}")));
         for row in measured {
             text.push_str(&format!("\n{:width$}", row.name()));
-            let means = row.cells.iter().map(|cell| terminal_cell(cell.map(|cell| cell.mean)));
-            text.extend(means.map(|mean| format!("{mean:>8}")));
+            for (column, cell) in row.cells.iter().enumerate() {
+                let mean = terminal_cell(cell.map(|cell| cell.mean));
+                text.push_str(&format!("{:>8}", format!("{mean}{}", row.mark(column))));
+            }
         }
+        text.extend(self.notes.iter().map(|note| format!("\n{note}")));
         text
     }
 
@@ -117,6 +129,16 @@ impl ScoreTable {
 }
 
 impl ScoreRow {
+    /// The cells as text, with their marks.
+    pub(crate) fn cell_texts(&self) -> [String; 8] {
+        std::array::from_fn(|column| format!("{}{}", cell_text(self.cells[column]), self.mark(column)))
+    }
+
+    /// What stands behind the score of a column.
+    pub(crate) fn mark(&self, column: usize) -> &'static str {
+        overcount_mark(column, self.overcounted_tracks)
+    }
+
     /// The method, and what to know about the row.
     pub(crate) fn name(&self) -> String {
         match (self.origin, &self.note) {
@@ -135,6 +157,7 @@ fn measured_row(
     scenes: usize,
 ) -> ScoreRow {
     let scores = benchmark.totals_by_seed(measurements, protocol);
+    let overcounted_tracks = scores.iter().map(|scores| scores.overcounted_tracks).max().unwrap_or(0);
     let of_column = |column: usize| {
         let values: Vec<f64> = scores.iter().filter_map(|scores| columns(scores)[column]).collect();
         Spread::from_values(&values)
@@ -145,6 +168,18 @@ fn measured_row(
         origin: Origin::Measured,
         cells: std::array::from_fn(of_column),
         speed: Spread::from_values(&speeds),
+        overcounted_tracks,
         note: missing_note(measurements, scenes * benchmark.seeds.len()),
     }
+}
+
+/// What the marks of these rows mean, and why some of their cells are empty.
+fn notes<'m>(
+    rows: &[ScoreRow],
+    measurements: impl Iterator<Item = &'m Measurement<'m>>,
+    protocol: Protocol,
+) -> Vec<String> {
+    let overcounted = rows.iter().map(|row| row.overcounted_tracks).max().and_then(overcount_note);
+    let windows = windows_note(measurements.map(|measurement| measurement.score(protocol)));
+    overcounted.into_iter().chain(windows).collect()
 }

@@ -90,6 +90,66 @@ fn benchmark<'a>(runs: &'a [Run; 2]) -> Benchmark<'a> {
     }
 }
 
+/// A video of this many frames whose only object is predicted `times` times.
+fn score(protocol: Protocol, frames: usize, times: u32) -> VideoScore {
+    let truth = SegmentMap::from_fn(16, 4, |column, _| u32::from(column < 8));
+    let masks: Vec<_> = (1..=times).map(|id| (id, truth.mask_of(1))).collect();
+    let mut scorer = VideoScorer::new(ScoreSettings { protocol, ..ScoreSettings::default() });
+    for _ in 0..frames {
+        scorer.push(&truth, &FramePrediction::Masks(&masks)).unwrap();
+    }
+    scorer.finish()
+}
+
+#[test]
+fn scores_that_count_objects_more_than_once_are_marked() {
+    let mut runs = [Run::new(0), Run::new(2)];
+    runs[1].paper = score(Protocol::Paper, FRAMES, 3);
+    runs[1].strict = score(Protocol::Strict, FRAMES, 3);
+    let benchmark = Benchmark { protocol: Protocol::Paper, ..benchmark(&runs) };
+    let note = "† overlapping masks cover 1 true object more than once.";
+    let table = ScoreTable::over_all_scenes(&benchmark, Protocol::Paper);
+    assert_eq!(table.notes.len(), 1);
+    assert!(table.notes[0].starts_with(note), "{:?}", table.notes);
+    assert_eq!(table.rows.iter().map(|row| row.overcounted_tracks).max(), Some(1));
+    assert!(ScoreTable::over_all_scenes(&benchmark, Protocol::Strict).notes.is_empty());
+
+    let tables = markdown_tables(&benchmark);
+    // STQ and AQ of the second variant; the first has none.
+    assert!(tables.contains("| 173.21† | 300.00† | 100.00 |") && tables.contains(note), "{tables}");
+    assert!(tables.contains("| 100.00 | 100.00 | 100.00 | 125.00 |"), "{tables}");
+    assert!(table.terminal().contains(" 173.21† 300.00†") && table.terminal().contains(note));
+    let page = html_page(&benchmark, &[Vec::new(), Vec::new()], &["row"]).unwrap();
+    assert!(page.contains("300.00†") && page.contains(note));
+    let csv = csv_table(&benchmark);
+    let column = csv.lines().next().unwrap().split(',').position(|name| name == "overcounted_tracks").unwrap();
+    let cells: Vec<&str> = csv.lines().skip(1).map(|line| line.split(',').nth(column).unwrap()).collect();
+    assert_eq!(cells, ["0", "1"]);
+    let row = PaperRow {
+        table: PaperTable::Methods,
+        name: "SAM2".to_owned(),
+        published: [None; 8],
+        variant: Some(1),
+        obstacle: None,
+    };
+    let document = paper::document(&benchmark, &[row], &[], &[]);
+    assert!(document.contains("300.00†") && document.contains(note), "{document}");
+}
+
+#[test]
+fn tables_say_why_videos_have_no_windows() {
+    let mut runs = [Run::new(0), Run::new(2)];
+    for run in &mut runs {
+        run.paper = score(Protocol::Paper, 10, 1);
+        run.strict = score(Protocol::Strict, 10, 1);
+    }
+    let benchmark = benchmark(&runs);
+    let notes = |protocol| ScoreTable::over_all_scenes(&benchmark, protocol).notes;
+    let paper = "no window of 1, 5, 10, 15 frames in a video of 10: under the protocol paper a video needs 16 frames";
+    assert_eq!(notes(Protocol::Paper), [paper]);
+    assert_eq!(notes(Protocol::Strict), ["no window of 15 frames in a video of 10: a video needs as many frames"]);
+}
+
 #[test]
 fn names_and_errors_cannot_break_the_page() {
     let runs = [Run::new(0), Run::new(2)];

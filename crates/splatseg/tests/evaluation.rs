@@ -217,3 +217,67 @@ fn other_bad_usage_is_an_error_and_nothing_is_overwritten() {
     assert!(ended.code == 2 && ended.err.contains("9x9 pixels, expected 64x48"), "{}", ended.err);
     assert_eq!(eval(Path::new("/nowhere"), &[]).code, 2);
 }
+
+#[test]
+fn masks_that_are_handed_in_three_times_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = written(&folder, &Value::Array([tracks(), tracks(), tracks()].concat()));
+    let found = scores(&path, &[]);
+    let aq = found["aq"].as_f64().unwrap();
+    assert!((aq - 300.0).abs() < 1e-9, "{found}");
+    assert_eq!(found["overcounted_tracks"], found["counts"]["stq"]["tracks"]);
+    let ended = eval(&path, &[]);
+    assert!(ended.err.starts_with("warning: AQ and STQ count some pixels more than once"), "{}", ended.err);
+    assert!(ended.out.contains(" 300.00†") && ended.out.contains("\n† overlapping masks cover "), "{}", ended.out);
+
+    let strict = ["--protocol", "strict"];
+    assert_eq!(scores(&path, &strict)["overcounted_tracks"], json!(0));
+    let ended = eval(&path, &strict);
+    assert!(ended.err.is_empty() && !ended.out.contains('†'), "{}{}", ended.out, ended.err);
+    let once = eval(&written(&folder, &Value::Array(tracks())), &[]);
+    assert!(once.err.is_empty() && !once.out.contains('†'), "{}{}", once.out, once.err);
+}
+
+#[test]
+fn videos_that_are_too_short_for_a_window_are_told() {
+    let images = perfect_images();
+    let printed = |more: &[&str]| eval(images.path(), more).out;
+    let paper = "no window of 1, 5, 10, 15 frames in a video of 10: under the protocol paper a video needs 16 frames";
+    assert!(printed(&["--max-frames", "10"]).contains(paper), "{}", printed(&["--max-frames", "10"]));
+    let strict = printed(&["--max-frames", "10", "--protocol", "strict"]);
+    assert!(strict.contains("no window of 15 frames in a video of 10: a video needs as many frames"), "{strict}");
+    assert!(!printed(&[]).contains("no window"));
+}
+
+#[test]
+fn results_of_another_scene_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let other = ROOM.replace("objects=6", "objects=5");
+    let mut run = splatseg();
+    assert_eq!(finish(run.args(["run", &other, "--segmenter", "oracle", "--out"]).arg(&out)).code, 0);
+    for predictions in [out.clone(), out.join("segments")] {
+        let ended = eval(&predictions, &[]);
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+        let expected = format!("summary.json: the predictions are of the scene {other}, not of {ROOM}");
+        assert!(ended.err.contains(&expected) && ended.err.contains("--allow-other-scene"), "{}", ended.err);
+        assert_eq!(eval(&predictions, &["--allow-other-scene"]).code, 0);
+    }
+    let mut same = splatseg();
+    assert_eq!(finish(same.args(["eval", "--gt", &other, "--pred"]).arg(&out)).code, 0);
+}
+
+#[cfg(unix)]
+#[test]
+fn files_of_gigabytes_and_special_files_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let huge = folder.path().join("huge.json");
+    // Sparse: takes no room on the disk.
+    fs::File::create(&huge).unwrap().set_len(3_000_000_000).unwrap();
+    assert!(eval(&huge, &[]).err.contains("huge.json: is longer than 1000000000 bytes"));
+    assert!(eval(Path::new("/dev/zero"), &[]).err.contains("/dev/zero: is not a regular file"));
+    let run = folder.path().join("run");
+    fs::create_dir_all(run.join("segments")).unwrap();
+    fs::File::create(run.join("summary.json")).unwrap().set_len(3_000_000_000).unwrap();
+    assert!(eval(&run, &[]).err.contains("summary.json: is longer than 16000000 bytes"));
+}

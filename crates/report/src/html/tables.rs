@@ -28,9 +28,9 @@ pub(super) fn scores(scores: &ScoreTable) -> Markup {
         @for row in measured {
             tr {
                 th scope="row" { (row.label) @if let Some(note) = &row.note { " " small { "(" (note) ")" } } }
-                @for (value, best) in row.cells.iter().zip(best) {
+                @for (column, (value, best)) in row.cells.iter().zip(best).enumerate() {
                     @let is_best = value.is_some_and(|value| Some(value.mean) == best);
-                    td class=[is_best.then_some("best")] { (cell(*value)) }
+                    td class=[is_best.then_some("best")] { (cell(*value)) (row.mark(column)) }
                 }
                 td { (cell(row.speed)) }
             }
@@ -44,7 +44,10 @@ pub(super) fn scores(scores: &ScoreTable) -> Markup {
             }
         }
     };
-    table(COLUMNS.into_iter().chain(["frames/s"]), &rows)
+    html! {
+        (table(COLUMNS.into_iter().chain(["frames/s"]), &rows))
+        @for note in &scores.notes { p { small { (note) } } }
+    }
 }
 
 /// The table by size of the object, folded.

@@ -18,7 +18,8 @@ pub fn document(benchmark: &Benchmark, rows: &[PaperRow], notes: &[String], miss
         benchmark.version,
     );
     text.push_str(&list(notes));
-    let measured = ScoreTable::over_all_scenes(benchmark, Protocol::Paper).rows;
+    let ScoreTable { rows: measured, notes, .. } = ScoreTable::over_all_scenes(benchmark, Protocol::Paper);
+    text.push_str(&list(&notes));
     for table in PaperTable::ALL {
         text.push_str(&format!("\n## {}\n\n{}", table.title(), markdown::head("", &COLUMNS)));
         for row in rows.iter().filter(|row| row.table == table) {
@@ -43,11 +44,11 @@ fn measured_row<'a>(row: &PaperRow, measured: &'a [ScoreRow]) -> Option<&'a Scor
 /// The measured line of a row, and the paper's where we have it.
 fn score_lines(row: &PaperRow, measured: Option<&ScoreRow>) -> String {
     let (cells, note) = match measured {
-        Some(measured) => (measured.cells, measured.note.clone()),
-        None => ([None; 8], row.obstacle.clone()),
+        Some(measured) => (measured.cell_texts(), measured.note.clone()),
+        None => ([None; 8].map(cell_text), row.obstacle.clone()),
     };
     let note = note.map(|note| format!(" ({note})")).unwrap_or_default();
-    let mut text = markdown::row(&format!("{}{note}", row.name), &cells.map(cell_text));
+    let mut text = markdown::row(&format!("{}{note}", row.name), &cells);
     if row.published.iter().any(Option::is_some) {
         let cells = row.published.map(|value| value.map_or_else(String::new, |value| format!("*{value:.2}*")));
         text.push_str(&markdown::row(&format!("*{}, the paper*", row.name), &cells));

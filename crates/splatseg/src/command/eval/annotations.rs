@@ -4,12 +4,13 @@ use super::frames::SelectedFrames;
 use crate::command::Failure;
 use serde::Deserialize;
 use serde_json::Value;
+use splatseg::settings::read_file;
 use splatseg_geometry::{RunLengths, SegmentId};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Larger files are refused.
-const MAX_BYTES: u64 = 1 << 30;
+const MAX_BYTES: u64 = 1_000_000_000;
 
 /// Endings of the image files that annotations may be named after.
 const IMAGE_ENDINGS: [&str; 4] = [".jpg", ".jpeg", ".png", ".color"];
@@ -28,11 +29,7 @@ type MasksByFrame = BTreeMap<String, Vec<EncodedMask>>;
 /// Reads a file's masks, by name of the frame. A track lists one mask for each selected frame, in order.
 pub fn read(path: &Path, frames: &SelectedFrames) -> Result<MasksByFrame, Failure> {
     let wrong = |text: String| Failure::input(format!("{}: {text}", path.display()));
-    let bytes = std::fs::metadata(path).map_err(|error| wrong(error.to_string()))?.len();
-    if bytes > MAX_BYTES {
-        return Err(wrong(format!("{bytes} bytes, expected at most {MAX_BYTES}")));
-    }
-    let text = std::fs::read(path).map_err(|error| wrong(error.to_string()))?;
+    let text = read_file(path, MAX_BYTES).map_err(|error| wrong(error.to_string()))?;
     let document: Value = serde_json::from_slice(&text).map_err(|error| wrong(format!("is not JSON: {error}")))?;
     Document { frames }.read(document).map_err(wrong)
 }

@@ -6,6 +6,7 @@
 mod annotations;
 mod frames;
 mod predictions;
+mod run_summary;
 mod scoring;
 
 use super::Failure;
@@ -14,12 +15,13 @@ use super::output_folder::Existing;
 use clap::Args;
 use frames::{MissingCounts, MissingFrames, SelectedFrames};
 use predictions::Predictions;
+use run_summary::RunSummary;
 use scoring::{Ids, Scoring};
 use serde::Serialize;
-use splatseg_dataset::{DatasetSettings, open_scene, write_atomically};
+use splatseg_dataset::{open_scene, write_atomically};
 use splatseg_metrics::{RawCounts, Scores, VideoScore, VideoScorer, Void};
-use splatseg_report::{SIZE_COLUMNS_EXPLAINED, terminal_size_table, terminal_table};
-use std::path::{Path, PathBuf};
+use splatseg_report::{SIZE_COLUMNS_EXPLAINED, overcount_note, terminal_size_table, terminal_table, windows_note};
+use std::path::PathBuf;
 
 const HELP: &str = "Predictions are one of\n\
     - a folder with <frame>.png for every frame, 8-bit or 16-bit greyscale, one value per segment, 0 for none;\n\
@@ -54,6 +56,9 @@ pub struct EvalArguments {
     /// Score frames without prediction as empty, and leave out frames without ground truth
     #[arg(long)]
     pub allow_missing: bool,
+    /// Score predictions whose summary.json names another scene
+    #[arg(long)]
+    pub allow_other_scene: bool,
     /// Predicted ids are valid in one frame only: link masks of consecutive frames, as the paper does for such methods
     #[arg(long)]
     pub no_ids: bool,
@@ -92,7 +97,11 @@ pub fn eval(arguments: &EvalArguments) -> Result<(), Failure> {
     }
     let missing = if arguments.allow_missing { MissingFrames::Allowed } else { MissingFrames::Refused };
     let ids = if arguments.no_ids { Ids::PerFrame } else { Ids::Lasting };
-    let dataset = arguments.dataset.over(&dataset_of_run(&arguments.pred)?)?;
+    let run = RunSummary::of(&arguments.pred)?;
+    if let (Some(run), false) = (&run, arguments.allow_other_scene) {
+        run.check_scene(&arguments.gt)?;
+    }
+    let dataset = arguments.dataset.over(&run.map(|run| run.dataset).unwrap_or_default())?;
     let scene = open_scene(&arguments.gt, &dataset).map_err(Failure::input)?;
     if !scene.has_ground_truth() {
         return Err(Failure::input(format!("{}: the scene has no ground truth", arguments.gt)));
@@ -120,7 +129,15 @@ fn print_scores(arguments: &EvalArguments, score: &VideoScore, counts: &MissingC
         }
     }
     let scores = score.scores();
-    say!("{}\n\n{}", terminal_table(&scores), terminal_size_table(&scores));
+    say!("{}", terminal_table(&scores));
+    let overcounted = overcount_note(scores.overcounted_tracks);
+    for note in overcounted.iter().cloned().chain(windows_note([score])) {
+        say!("{note}");
+    }
+    say!("\n{}", terminal_size_table(&scores));
+    if overcounted.is_some() {
+        eprintln!("warning: AQ and STQ count some pixels more than once; --protocol strict counts each once");
+    }
 }
 
 fn write_json(arguments: &EvalArguments, score: &VideoScore, missing: MissingCounts) -> Result<(), Failure> {
@@ -143,18 +160,4 @@ fn write_json(arguments: &EvalArguments, score: &VideoScore, missing: MissingCou
     };
     let text = serde_json::to_string_pretty(&evaluation).map_err(Failure::work)?;
     write_atomically(path, text.as_bytes()).map_err(Failure::work)
-}
-
-/// How the `splatseg run` that wrote `path` read its scene; the defaults for other predictions.
-fn dataset_of_run(path: &Path) -> Result<DatasetSettings, Failure> {
-    let summary = path.join("summary.json");
-    if !path.join("segments").is_dir() || !summary.is_file() {
-        return Ok(DatasetSettings::default());
-    }
-    let wrong = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", summary.display()));
-    let text = std::fs::read(&summary).map_err(|error| wrong(&error))?;
-    let mut summary_value: serde_json::Value = serde_json::from_slice(&text).map_err(|error| wrong(&error))?;
-    let settings = summary_value.pointer_mut("/settings/dataset").map(serde_json::Value::take);
-    let settings = settings.ok_or_else(|| wrong(&"expected the key settings.dataset"))?;
-    serde_json::from_value(settings).map_err(|error| wrong(&error))
 }

@@ -55,7 +55,7 @@ impl Predictions {
     pub fn open(path: &Path, frames: &SelectedFrames) -> Result<Self, Failure> {
         let wrong = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", path.display()));
         let metadata = std::fs::metadata(path).map_err(|error| wrong(&error))?;
-        if metadata.is_file() {
+        if !metadata.is_dir() {
             let frames = annotations::read(path, frames)?;
             return Ok(Self::Masks { path: path.to_owned(), frames });
         }

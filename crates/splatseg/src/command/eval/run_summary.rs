@@ -1,0 +1,109 @@
+//! What the `summary.json` of a run says about its predictions.
+
+use crate::command::Failure;
+use serde_json::Value;
+use splatseg::settings::{SettingsLayers, read_file};
+use splatseg_dataset::{DatasetSettings, SyntheticSettings};
+use std::path::{Path, PathBuf};
+
+/// Larger files are no summaries of ours.
+const MAX_BYTES: u64 = 16_000_000;
+
+/// The summary of the run that wrote some predictions.
+#[derive(Debug)]
+pub struct RunSummary {
+    path: PathBuf,
+    /// The scene as it was given.
+    scene: String,
+    /// How the scene was read.
+    pub dataset: DatasetSettings,
+}
+
+impl RunSummary {
+    /// That of the folder of a run, or of the folder `segments` in it; `None` for other predictions.
+    pub fn of(predictions: &Path) -> Result<Option<Self>, Failure> {
+        let is_segments = predictions.file_name().is_some_and(|name| name == "segments");
+        let folder = match predictions.parent() {
+            Some(parent) if is_segments => parent,
+            _ => predictions,
+        };
+        let path = folder.join("summary.json");
+        if !folder.join("segments").is_dir() || !path.exists() {
+            return Ok(None);
+        }
+        let wrong = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", path.display()));
+        let bytes = read_file(&path, MAX_BYTES).map_err(|error| wrong(&error))?;
+        let summary: Value = serde_json::from_slice(&bytes).map_err(|error| wrong(&error))?;
+        let missing = |key: &str| wrong(&format!("expected the key {key}"));
+        let scene = summary.get("scene").and_then(Value::as_str).ok_or_else(|| missing("scene"))?.to_owned();
+        if summary.pointer("/settings/dataset").is_none() {
+            return Err(missing("settings.dataset"));
+        }
+        let mut layers = SettingsLayers::default();
+        layers.add_file(&path).map_err(Failure::input)?;
+        let dataset = layers.resolve_shared().map_err(Failure::input)?.dataset;
+        Ok(Some(Self { path, scene, dataset }))
+    }
+
+    /// Refuses predictions of another scene.
+    pub fn check_scene(&self, scene: &str) -> Result<(), Failure> {
+        if is_same_scene(&self.scene, scene) {
+            return Ok(());
+        }
+        Err(Failure::input(format!(
+            "{}: the predictions are of the scene {}, not of {scene}; if it is the same under another name, give \
+             --allow-other-scene",
+            self.path.display(),
+            self.scene
+        )))
+    }
+}
+
+/// Whether two scenes are the same as far as their names tell: they can have been moved together with their folder.
+fn is_same_scene(one: &str, other: &str) -> bool {
+    let synthetic = |scene: &str| scene.parse::<SyntheticSettings>().ok();
+    if let (Some(one), Some(other)) = (synthetic(one), synthetic(other)) {
+        return one == other;
+    }
+    let full = |scene: &str| Path::new(scene).canonicalize().ok();
+    if one == other || full(one).zip(full(other)).is_some_and(|(one, other)| one == other) {
+        return true;
+    }
+    name(one) == name(other)
+}
+
+/// The name of a scene, with that of its folder where it is a part of one, as `seq-01` in 7-Scenes; without the ending of
+/// a recording.
+fn name(scene: &str) -> Vec<String> {
+    let path = Path::new(scene).canonicalize().unwrap_or_else(|_| PathBuf::from(scene));
+    let mut parts = path.iter().rev().map(|part| part.to_string_lossy().into_owned());
+    let last = parts.next().unwrap_or_default();
+    let last = last.strip_suffix(".sens").unwrap_or(&last).to_owned();
+    let folder = if last.starts_with("seq-") { parts.next() } else { None };
+    std::iter::once(last).chain(folder).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_same_scene;
+
+    #[test]
+    fn scenes_are_the_same_by_name_wherever_they_are() {
+        for (one, other) in [
+            ("rooms/dev-a", "/data/rooms/dev-a/"),
+            ("scans/scene0011_00", "/x/scene0011_00/scene0011_00.sens"),
+            ("chess/seq-01", "/data/chess/seq-01"),
+            ("synthetic:frames=18", "synthetic:frames=18,seed=0"),
+        ] {
+            assert!(is_same_scene(one, other), "{one} {other}");
+        }
+        for (one, other) in [
+            ("rooms/dev-a", "rooms/dev-b"),
+            ("chess/seq-01", "fire/seq-01"),
+            ("synthetic:frames=18", "synthetic:frames=18,seed=1"),
+            ("synthetic", "rooms/dev-b"),
+        ] {
+            assert!(!is_same_scene(one, other), "{one} {other}");
+        }
+    }
+}
