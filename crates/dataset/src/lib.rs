@@ -38,8 +38,8 @@ pub use formats::{open_scene, supported_formats};
 pub use framing::{Framing, ImageSize, ImageSizeTextError};
 pub use mvpd::MvpdScene;
 pub use output::{
-    OutputError, draw_overlay, read_segments_png, segment_color, write_atomically, write_overlay_jpeg,
-    write_segments_png,
+    OutputError, draw_overlay, padded_number, read_segments_png, segment_color, unpadded_number, write_atomically,
+    write_overlay_jpeg, write_segments_png,
 };
 pub use preset::{Preset, PresetNameError};
 pub use replica::ReplicaScene;

@@ -77,13 +77,13 @@ fn an_unwritable_folder_is_an_error_that_names_the_path() {
 }
 
 #[test]
-fn overlays_are_jpegs_at_twice_the_size_of_small_images() {
+fn overlays_are_jpegs_of_the_frames_size() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("7.jpg");
     let color = Image::filled(160, 120, [100, 100, 100]);
     write_overlay_jpeg(&path, &color, &Image::from_fn(160, 120, |column, _| 1 + u32::from(column > 80))).unwrap();
     let drawn = image::open(&path).unwrap().into_rgb8();
-    assert_eq!(drawn.dimensions(), (320, 240));
+    assert_eq!(drawn.dimensions(), (160, 120));
     assert!(matches!(
         write_overlay_jpeg(&path, &color, &Image::filled(3, 3, 0)),
         Err(OutputError::SizesDiffer { image: (160, 120), segments: (3, 3) })

@@ -3,7 +3,7 @@
 mod annotations;
 
 use crate::{Segmenter, SegmenterError};
-use splatseg_dataset::{Framing, ImageSize, read_segments_png};
+use splatseg_dataset::{Framing, ImageSize, padded_number, read_segments_png, unpadded_number};
 use splatseg_geometry::{Mask, RgbdFrame, ScoredMask};
 use splatseg_input::{MemoryLimit, read_file};
 use splatseg_settings::SettingError;
@@ -25,7 +25,8 @@ const MAX_ANNOTATION_BYTES: u64 = 1 << 26;
 ///   `{"segmentation": {"size": [height, width], "counts": ...}, "score": ...}`. `counts` is a compressed RLE string
 ///   or a list of run lengths; `score` is in [0, 1] and 1 if left out; other keys are ignored. Masks may overlap.
 ///
-/// Where both exist the PNG is read. Masks of the frame's size are used as they are; all others are resized (nearest
+/// Where both exist the PNG is read. A frame whose name is a number is also found with zeros in front, six digits in
+/// all, or without them. Masks of the frame's size are used as they are; all others are resized (nearest
 /// pixel) and cropped by the [`Framing`], as the video's own images were.
 #[derive(Clone, Debug)]
 pub struct MaskFolder {
@@ -79,8 +80,10 @@ impl Segmenter for MaskFolder {
 
     fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
         // Frame names may hold dots, so the extension is appended, never replaced.
-        let png = self.folder.join(format!("{}.png", frame.name()));
-        let json = self.folder.join(format!("{}.json", frame.name()));
+        let places = |name: &str| ["png", "json"].map(|extension| self.folder.join(format!("{name}.{extension}")));
+        let names = [frame.name(), &padded_number(frame.name()), unpadded_number(frame.name())];
+        let stored = names.map(places).into_iter().find(|[png, json]| png.exists() || json.exists());
+        let [png, json] = stored.unwrap_or_else(|| places(frame.name()));
         let frame_size = (frame.width(), frame.height());
         let memory_limit = self.memory_limit.unwrap_or_else(MemoryLimit::in_force);
         let read =

@@ -2,18 +2,15 @@
 
 use super::digits::{DIGIT_HEIGHT, decimal_digits, text_pixels, text_width};
 use super::{OutputError, write_atomically};
-use crate::resample::{ImageMap, resample_color};
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 use splatseg_geometry::{CowImage, Image, SegmentId, SegmentMap};
 use std::path::Path;
 
 const JPEG_QUALITY: u8 = 90;
-/// Images up to this width are drawn at twice their size, so that ids can be read.
-const DOUBLED_WIDTH: usize = 400;
 /// How much of a segment's colour, in percent, lies over the image.
 const OPACITY_PERCENT: u32 = 50;
-/// A part of a segment gets its number if a square of this many pixels (in the drawn image) fits around it, for
+/// A part of a segment gets its number if a square of this many pixels fits around it, for
 /// digits of one and of two pixels' thickness.
 const ROOM_FOR_TEXT: [(usize, usize); 2] = [(2, 21), (1, 11)];
 
@@ -33,8 +30,8 @@ pub fn segment_color(id: SegmentId) -> [u8; 3] {
     [channel(0.0), channel(1.0 / 3.0), channel(2.0 / 3.0)]
 }
 
-/// The image with every segment tinted in [`segment_color`], outlined, and numbered where there is room. Both are
-/// `[height, width]`; images up to 400 pixels wide come out at twice their size.
+/// The image with every segment tinted in [`segment_color`], outlined, and numbered where there is room. All are
+/// `[height, width]`, of the same size.
 ///
 /// # Errors
 /// [`OutputError::SizesDiffer`].
@@ -42,12 +39,7 @@ pub fn draw_overlay(color: &CowImage<'_, [u8; 3]>, segments: &SegmentMap) -> Res
     if color.size() != segments.size() {
         return Err(OutputError::SizesDiffer { image: color.size(), segments: segments.size() });
     }
-    let (width, height) = color.size();
-    if width > DOUBLED_WIDTH {
-        return Ok(draw(color.clone().into_owned(), segments));
-    }
-    let larger = resample_color(color, &ImageMap::resize((width, height), (2 * width, 2 * height)));
-    Ok(draw(larger, &Image::from_fn(2 * width, 2 * height, |column, row| segments[(column / 2, row / 2)])))
+    Ok(draw(color.clone().into_owned(), segments))
 }
 
 /// Writes [`draw_overlay`] as a JPEG, atomically. The folder must exist.
@@ -250,8 +242,7 @@ mod tests {
         assert!(draw_overlay(&Image::filled(3, 2, [0; 3]), &Image::filled(2, 3, 0)).is_err());
         for size in [0, 1, 2, 12] {
             let drawn = draw_overlay(&Image::filled(size, size, [9; 3]), &Image::filled(size, size, 70_000)).unwrap();
-            assert_eq!(drawn.size(), (2 * size, 2 * size));
+            assert_eq!(drawn.size(), (size, size));
         }
-        assert_eq!(draw_overlay(&Image::filled(640, 4, [9; 3]), &Image::filled(640, 4, 0)).unwrap().width(), 640);
     }
 }

@@ -162,7 +162,7 @@ impl Document<'_> {
         for ending in IMAGE_ENDINGS {
             name = name.strip_suffix(ending).unwrap_or(name);
         }
-        Ok(name.to_owned())
+        Ok(self.frames.meant_by(name).unwrap_or(name).to_owned())
     }
 }
 

@@ -3,8 +3,8 @@
 use super::predictions::Predictions;
 use crate::command::Failure;
 use serde::Serialize;
-use splatseg_dataset::{DatasetSettings, Scene};
-use std::collections::BTreeSet;
+use splatseg_dataset::{DatasetSettings, Scene, unpadded_number};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// At most this many names are listed in an error.
 const LISTED_NAMES: usize = 5;
@@ -34,6 +34,8 @@ pub struct MissingCounts {
 pub struct SelectedFrames {
     selected: Vec<(usize, String)>,
     all_names: BTreeSet<String>,
+    /// The names of frames by their unpadded names.
+    by_number: BTreeMap<String, String>,
 }
 
 impl SelectedFrames {
@@ -41,8 +43,9 @@ impl SelectedFrames {
     pub fn of(scene: &dyn Scene, settings: &DatasetSettings) -> Result<Self, Failure> {
         let indices = settings.selected_frames(scene.frame_count()).map_err(Failure::input)?;
         let selected = indices.into_iter().map(|index| (index, scene.frame_name(index))).collect();
-        let all_names = (0..scene.frame_count()).map(|index| scene.frame_name(index)).collect();
-        Ok(Self { selected, all_names })
+        let all_names: BTreeSet<String> = (0..scene.frame_count()).map(|index| scene.frame_name(index)).collect();
+        let by_number = all_names.iter().map(|name| (unpadded_number(name).to_owned(), name.clone())).collect();
+        Ok(Self { selected, all_names, by_number })
     }
 
     /// Index in the scene and name of each, in order.
@@ -53,6 +56,14 @@ impl SelectedFrames {
     /// Whether the scene has a frame of this name, selected or not.
     pub fn knows(&self, name: &str) -> bool {
         self.all_names.contains(name)
+    }
+
+    /// The frame of the scene that a name means: that frame's own name, or its number with or without zeros in front.
+    pub fn meant_by<'a>(&'a self, name: &'a str) -> Option<&'a str> {
+        if self.knows(name) {
+            return Some(name);
+        }
+        self.by_number.get(unpadded_number(name)).map(String::as_str)
     }
 
     /// Compares the frames with those of the predictions. Predictions of frames that exist but are not selected are not

@@ -7,7 +7,7 @@ use crate::command::Failure;
 use splatseg_dataset::{Framing, read_segments_png};
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
 use splatseg_metrics::{FramePrediction, MetricsError, VideoScorer};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The predictions of a video.
@@ -17,8 +17,8 @@ pub enum Predictions {
     Images {
         /// The folder.
         folder: PathBuf,
-        /// Names of the frames.
-        names: BTreeSet<String>,
+        /// Names of the frames, with those of their files, without `.png`.
+        names: BTreeMap<String, String>,
     },
     /// A JSON file with run-length encoded masks.
     Masks {
@@ -61,11 +61,15 @@ impl Predictions {
         }
         let segments = path.join("segments");
         let folder = if segments.is_dir() { segments } else { path.to_owned() };
-        let mut names = BTreeSet::new();
+        let mut names = BTreeMap::new();
         for entry in std::fs::read_dir(&folder).map_err(|error| wrong(&error))? {
             let name = entry.map_err(|error| wrong(&error))?.file_name();
-            if let Some(name) = name.to_str().and_then(|name| name.strip_suffix(".png")) {
-                names.insert(name.to_owned());
+            if let Some(file) = name.to_str().and_then(|name| name.strip_suffix(".png")) {
+                let frame = frames.meant_by(file).unwrap_or(file);
+                // A file that has the very name of the frame comes first.
+                if frame == file || !names.contains_key(frame) {
+                    names.insert(frame.to_owned(), file.to_owned());
+                }
             }
         }
         if names.is_empty() {
@@ -85,7 +89,7 @@ impl Predictions {
     /// Whether there is a prediction for this frame; it may be empty.
     pub fn has(&self, name: &str) -> bool {
         match self {
-            Self::Images { names, .. } => names.contains(name),
+            Self::Images { names, .. } => names.contains_key(name),
             Self::Masks { frames, .. } => frames.contains_key(name),
         }
     }
@@ -93,7 +97,7 @@ impl Predictions {
     /// The frames with predictions.
     pub fn names(&self) -> Box<dyn Iterator<Item = &str> + '_> {
         match self {
-            Self::Images { names, .. } => Box::new(names.iter().map(String::as_str)),
+            Self::Images { names, .. } => Box::new(names.keys().map(String::as_str)),
             Self::Masks { frames, .. } => Box::new(frames.keys().map(String::as_str)),
         }
     }
@@ -101,11 +105,11 @@ impl Predictions {
     /// The prediction of a frame; an empty one if there is none.
     pub fn read(&self, name: &str, fit: &Fit) -> Result<Prediction, Failure> {
         match self {
-            Self::Images { names, .. } if !names.contains(name) => {
-                Ok(Prediction::Map(SegmentMap::filled(fit.framed.0, fit.framed.1, 0)))
-            }
-            Self::Images { folder, .. } => {
-                let path = folder.join(format!("{name}.png"));
+            Self::Images { folder, names } => {
+                let Some(file) = names.get(name) else {
+                    return Ok(Prediction::Map(SegmentMap::filled(fit.framed.0, fit.framed.1, 0)));
+                };
+                let path = folder.join(format!("{file}.png"));
                 let map = read_segments_png(&path).map_err(Failure::input)?;
                 fit.map(map).map(Prediction::Map).map_err(|text| Failure::input(format!("{}: {text}", path.display())))
             }
