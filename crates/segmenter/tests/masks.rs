@@ -203,7 +203,7 @@ fn thousands_of_huge_masks_take_no_more_memory_than_the_frame_allows() {
     let masks = folder("json", rectangles(3000, 8192).as_bytes());
     let error = read(masks.path(), Framing::default(), (64, 48)).unwrap_err();
     assert!(matches!(error, SegmenterError::WrongSize { stored: (8192, 8192), .. }), "{error}");
-    let framing = Framing { resize: Some(ImageSize { width: 64, height: 64 }), crop_border: 8 };
+    let framing = Framing { resize: Some(ImageSize { width: 64, height: 64 }), crop_border: 8, ..Framing::default() };
     let found = read(masks.path(), framing, (48, 48)).unwrap();
     assert_eq!(found.len(), 3000);
     // A quarter of the image at its left and at its right is outside.

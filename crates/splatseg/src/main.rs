@@ -2,22 +2,14 @@
 
 mod command;
 
-use command::{Arguments, Failure};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let arguments = Arguments::from_command_line();
-    command::start_log();
-    match command::execute(arguments) {
+    match command::execute() {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("error: {failure}");
-            match failure {
-                Failure::Input(_) => ExitCode::from(2),
-                Failure::Work(_) => ExitCode::from(1),
-                // What shells report for a program ended by Ctrl-C.
-                Failure::Interrupted(_) => ExitCode::from(130),
-            }
+            command::print_error_line(&format!("error: {failure}"));
+            ExitCode::from(failure.exit_code())
         }
     }
 }

@@ -30,12 +30,16 @@ pub struct Summary {
     pub track_errors: TrackErrorCounts,
     /// Time of the slowest frame, all stages except the segmenter, milliseconds.
     pub slowest_frame_ms: f64,
+    /// Time before the first frame: opening the scene, loading networks, making a codebook; seconds.
+    pub start_up_s: f64,
     /// Frames per second.
     pub fps: FramesPerSecond,
     /// The course of the run, at up to 64 frames in equal steps.
     pub curve: Vec<CurvePoint>,
-    /// Whether the run was stopped (Ctrl-C) before the last frame.
+    /// Whether a signal (Ctrl-C, `kill`) stopped the run before the last frame.
     pub interrupted: bool,
+    /// What ended the run before the last frame, and what could not be written; null if the run is complete.
+    pub error: Option<String>,
     /// The scene as it was given.
     pub scene: String,
     /// The settings of the run.
@@ -49,7 +53,7 @@ pub struct Summary {
 /// Speed of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FramesPerSecond {
-    /// By wall-clock time, including reading and writing.
+    /// By wall-clock time, including everything before the first frame, reading and writing.
     pub total: f64,
     /// By the time of all stages except the segmenter.
     pub without_segmenter: f64,

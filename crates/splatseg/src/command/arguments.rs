@@ -6,6 +6,7 @@ use super::eval::EvalArguments;
 use super::inspect::InspectArguments;
 use super::options::SettingsOptions;
 use super::settings::SettingsArguments;
+use super::terminal::note_output_error;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Arg, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use splatseg::Settings;
@@ -60,10 +61,10 @@ pub struct DemoArguments {
 pub struct RunArguments {
     /// The scene: a folder or file of any format that --format names, or `synthetic[:frames=60,seed=3,…]`
     pub scene: String,
-    /// Folder for the results: segments/*.png, overlay/*.jpg, summary.json
+    /// Folder for the results: segments/*.png, overlay/*.jpg, summary.json, and manifest.jsonl, which lists them
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Replace the results of an earlier run in that folder
+    /// Replace the results of an earlier run in that folder, as soon as there are new ones; all other files stay
     #[arg(long)]
     pub overwrite: bool,
     #[arg(long, value_name = "METHOD")]
@@ -76,12 +77,17 @@ pub struct RunArguments {
     /// Continue with a memory saved earlier and with its ids
     #[arg(long, value_name = "FILE.ply")]
     pub load_memory: Option<PathBuf>,
+    /// End the run at the first frame that cannot be used, with exit code 2, instead of skipping it
+    #[arg(long)]
+    pub strict_input: bool,
 }
 
 impl RunArguments {
     /// The settings from file, options and assignments, and those that a saved memory fixes.
     pub fn settings(&self) -> Result<Settings, Failure> {
-        let mut layers = self.options.layers([("method", self.method.as_ref())])?;
+        let strict_input = self.strict_input.then(|| "true".to_owned());
+        let options = [("method", self.method.as_ref()), ("strict_input", strict_input.as_ref())];
+        let mut layers = self.options.layers(options)?;
         if let Some(path) = &self.load_memory {
             layers.add_saved_memory(path).map_err(Failure::input)?;
         }
@@ -90,10 +96,18 @@ impl RunArguments {
 }
 
 impl Arguments {
-    /// The arguments of this process. Ends the process if they are wrong or ask for help.
-    pub fn from_command_line() -> Self {
-        let matches = with_settings(Self::command(), &entries()).get_matches();
-        Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
+    /// The arguments of this process; `None` if they asked for help or the version, which is printed then. Ends the
+    /// process if they are wrong.
+    pub fn from_command_line() -> Option<Self> {
+        let matches = with_settings(Self::command(), &entries()).try_get_matches();
+        match matches.and_then(|matches| Self::from_arg_matches(&matches)) {
+            Ok(arguments) => Some(arguments),
+            Err(error) if error.use_stderr() => error.exit(),
+            Err(help) => {
+                note_output_error(help.print());
+                None
+            }
+        }
     }
 }
 

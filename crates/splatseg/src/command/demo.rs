@@ -2,22 +2,22 @@
 
 use super::Failure;
 use super::arguments::DemoArguments;
-use super::output_folder::{Existing, OutputFolder};
+use super::output_folder::{CreatedFolders, Existing, OutputFolder};
 use super::run::{Job, execute, report};
 use include_dir::{Dir, include_dir};
 use splatseg::Settings;
 use splatseg_dataset::write_atomically;
-use std::path::Path;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 
 /// A rendered room in ScanNet's exported layout, with ground truth.
 static CLIP: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/demo");
 
 /// Writes the clip to `<out>/scene` and runs on it.
 pub fn demo(arguments: &DemoArguments) -> Result<(), Failure> {
-    let existing = Existing::from_flag(arguments.overwrite);
-    OutputFolder::check(&arguments.out, existing)?;
+    OutputFolder::check(&arguments.out, Existing::from_flag(arguments.overwrite))?;
     let scene = arguments.out.join("scene");
-    extract(&CLIP, &scene)?;
+    let clip = ExtractedClip::at(&scene)?;
     let mut settings = Settings::default();
     settings.dataset.max_frames = arguments.frames;
     let job = Job {
@@ -31,20 +31,58 @@ pub fn demo(arguments: &DemoArguments) -> Result<(), Failure> {
     };
     say!("a camera moves through a rendered room: the built-in segmenter finds masks, and the memory keeps their ids");
     let summary = execute(&job)?;
+    clip.keep();
     say!("{}", report(&job, &summary));
     say!("your own video: splatseg run FOLDER --out DIR");
     Ok(())
 }
 
-fn extract(folder: &Dir<'_>, to: &Path) -> Result<(), Failure> {
-    let failed = |path: &Path, error: std::io::Error| Failure::work(format!("{}: {error}", path.display()));
-    std::fs::create_dir_all(to).map_err(|error| failed(to, error))?;
-    for inner in folder.dirs() {
-        extract(inner, &to.join(inner.path().file_name().unwrap_or_default()))?;
+/// The clip on disk. Unless it is kept, what was written is removed again, so that the next demo can start.
+struct ExtractedClip {
+    written: Vec<PathBuf>,
+    created: Vec<CreatedFolders>,
+}
+
+impl ExtractedClip {
+    /// Writes the clip to a folder. Refuses to replace other files.
+    fn at(folder: &Path) -> Result<Self, Failure> {
+        let mut clip = Self { written: Vec::new(), created: Vec::new() };
+        clip.extract(&CLIP, folder)?;
+        Ok(clip)
     }
-    for file in folder.files() {
-        let path = to.join(file.path().file_name().unwrap_or_default());
-        write_atomically(&path, file.contents()).map_err(Failure::work)?;
+
+    fn extract(&mut self, folder: &Dir<'_>, to: &Path) -> Result<(), Failure> {
+        let created = CreatedFolders::create(to);
+        // Inner folders first: those around them are empty only after.
+        self.created.insert(0, created.map_err(|error| Failure::work(format!("{}: {error}", to.display())))?);
+        for inner in folder.dirs() {
+            self.extract(inner, &to.join(inner.path().file_name().unwrap_or_default()))?;
+        }
+        for file in folder.files() {
+            let path = to.join(file.path().file_name().unwrap_or_default());
+            match std::fs::read(&path) {
+                Ok(bytes) if bytes == file.contents() => continue,
+                Err(error) if error.kind() == ErrorKind::NotFound => {}
+                _ => {
+                    return Err(Failure::input(format!("{}: is not the demo's: choose another --out", path.display())));
+                }
+            }
+            write_atomically(&path, file.contents()).map_err(Failure::work)?;
+            self.written.push(path);
+        }
+        Ok(())
     }
-    Ok(())
+
+    /// Leaves the clip on disk.
+    fn keep(mut self) {
+        self.written.clear();
+    }
+}
+
+impl Drop for ExtractedClip {
+    fn drop(&mut self) {
+        for path in &self.written {
+            let _ = std::fs::remove_file(path);
+        }
+    }
 }

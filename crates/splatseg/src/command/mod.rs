@@ -1,32 +1,32 @@
 //! The `splatseg` command.
 
-/// Prints a line for the user. A closed standard output (`splatseg … | head`) is not an error.
-macro_rules! say {
-    ($($text:tt)*) => {{
-        use std::io::Write as _;
-        let _ = writeln!(std::io::stdout(), $($text)*);
-    }};
-}
+#[macro_use]
+mod terminal;
 
 mod arguments;
 mod bench;
 mod demo;
 mod eval;
 mod failure;
+mod input_paths;
 mod inspect;
+mod manifest;
 mod options;
 mod output_folder;
-mod result_writer;
 mod run;
 mod settings;
 
-pub use arguments::Arguments;
 pub use failure::Failure;
+pub use terminal::print_error_line;
 
-use arguments::Command;
+use arguments::{Arguments, Command};
 
-/// Executes the command line.
-pub fn execute(arguments: Arguments) -> Result<(), Failure> {
+/// Executes the command line of this process.
+pub fn execute() -> Result<(), Failure> {
+    let Some(arguments) = Arguments::from_command_line() else {
+        return terminal::check_output();
+    };
+    start_log();
     match arguments.command {
         Command::Demo(demo) => demo::demo(&demo),
         Command::Run(run) => run::run(&run),
@@ -34,16 +34,19 @@ pub fn execute(arguments: Arguments) -> Result<(), Failure> {
         Command::Bench(bench) => bench::bench(&bench),
         Command::Inspect(inspect) => inspect::inspect(&inspect),
         Command::Settings(arguments) => settings::settings(&arguments),
-    }
+    }?;
+    terminal::check_output()
 }
 
 /// Starts logging: warnings go to standard error, and `RUST_LOG` selects more or less.
-pub fn start_log() {
+fn start_log() {
     use tracing_subscriber::EnvFilter;
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr)
+        .with_writer(|| terminal::EscapedStderr)
+        // Colours are control characters, which would be escaped.
+        .with_ansi(false)
         .without_time()
         .with_target(false)
         .init();

@@ -1,13 +1,17 @@
 //! The folder that a run writes to.
+//!
+//! Results are written beside, to `.splatseg-new/` in the folder, and moved to their place when they are complete. Only
+//! when the first frame's are complete are the earlier run's files removed: those that its manifest lists, and no others.
+//! So a run that cannot start loses nothing and leaves nothing behind.
 
 use super::Failure;
+use super::manifest::{MANIFEST, Manifest, RESULT_FOLDERS, SUMMARY, listed_files, place};
+use super::run::FrameImages;
+use splatseg_dataset::{OutputError, padded_number, write_atomically, write_overlay_jpeg, write_segments_png};
+use std::collections::BTreeSet;
+use std::fs::{self, File, TryLockError};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-
-/// A folder that is ready to take results.
-#[derive(Clone, Debug)]
-pub struct OutputFolder {
-    path: PathBuf,
-}
 
 /// What to do with existing results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,18 +29,31 @@ impl Existing {
     }
 }
 
-/// Folders of result files, and the extension of the files in them.
-const RESULTS: [(&str, &str); 2] = [("segments", "png"), ("overlay", "jpg")];
+/// The folder of what is not in place yet. One that a killed run has left counts as nothing.
+const STAGING: &str = ".splatseg-new";
+
+/// A folder that takes results.
+#[derive(Debug)]
+pub struct OutputFolder {
+    path: PathBuf,
+    /// What the earlier run's manifest lists.
+    earlier: BTreeSet<String>,
+    /// The list of this run's files, as soon as there are any.
+    manifest: Option<Manifest>,
+    // Dropped in this order: a folder can be removed only when it is empty.
+    staging: Staging,
+    _created: CreatedFolders,
+}
 
 impl OutputFolder {
     /// Checks that results can be written to `path`: it does not exist, is an empty folder, or may be overwritten.
     pub fn check(path: &Path, existing: Existing) -> Result<(), Failure> {
-        let entries = match std::fs::read_dir(path) {
+        let entries = match fs::read_dir(path) {
             Ok(entries) => entries,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
             Err(error) => return Err(Failure::input(format!("{}: {error}", path.display()))),
         };
-        if existing == Existing::Keep && entries.count() > 0 {
+        if existing == Existing::Keep && entries.flatten().any(|entry| entry.file_name() != STAGING) {
             return Err(Failure::input(format!(
                 "{}: the folder is not empty: choose another --out, or give --overwrite to replace earlier results",
                 path.display()
@@ -45,24 +62,30 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Makes the folder and removes an earlier run's results from it (and no other files).
-    pub fn create(path: &Path, existing: Existing) -> Result<Self, Failure> {
+    /// Gets the folder ready for the results of these frames. Earlier results stay until the first new ones are there.
+    /// If there never are any, nothing is left behind.
+    ///
+    /// # Errors
+    /// If the folder cannot be written, has files in the place of results that no manifest lists, or is being written by
+    /// another run.
+    pub fn prepare(path: &Path, existing: Existing, frames: &[String]) -> Result<Self, Failure> {
         Self::check(path, existing)?;
-        let failed = |path: &Path, error: std::io::Error| Failure::work(format!("{}: {error}", path.display()));
-        for (folder, extension) in RESULTS {
-            let folder = path.join(folder);
-            std::fs::create_dir_all(&folder).map_err(|error| failed(&folder, error))?;
-            for entry in std::fs::read_dir(&folder).map_err(|error| failed(&folder, error))?.flatten() {
-                if entry.path().extension().is_some_and(|found| found == extension) {
-                    std::fs::remove_file(entry.path()).map_err(|error| failed(&entry.path(), error))?;
-                }
-            }
+        for folder in RESULT_FOLDERS.map(|(folder, _)| folder).into_iter().chain([STAGING]) {
+            refuse_other_than_folder(&path.join(folder))?;
         }
-        let summary = path.join("summary.json");
-        match std::fs::remove_file(&summary) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(failed(&summary, error)),
-            _ => Ok(Self { path: path.to_owned() }),
-        }
+        let earlier = listed_files(path)?;
+        refuse_files_of_others(path, &earlier, frames)?;
+        let unusable =
+            |error: std::io::Error| Failure::input(format!("{}: cannot be written: {error}", path.display()));
+        let created = CreatedFolders::create(path).map_err(unusable)?;
+        let staging = Staging::create(path)?;
+        Ok(Self { path: path.to_owned(), earlier, manifest: None, staging, _created: created })
+    }
+
+    /// Whether a path is where the results in the folder `out` are. Both are without symbolic links.
+    pub fn is_result_place(out: &Path, path: &Path) -> bool {
+        let folders = RESULT_FOLDERS.map(|(folder, _)| folder).into_iter().chain([STAGING]);
+        [MANIFEST, SUMMARY].into_iter().chain(folders).any(|place| path.starts_with(out.join(place)))
     }
 
     /// The folder itself.
@@ -70,18 +93,163 @@ impl OutputFolder {
         &self.path
     }
 
-    /// The file of a frame's 16-bit ids.
-    pub fn segments(&self, frame: &str) -> PathBuf {
-        self.path.join("segments").join(format!("{frame}.png"))
+    /// Whether any frame's results are in the folder.
+    pub fn has_results(&self) -> bool {
+        self.manifest.is_some()
     }
 
-    /// The file of a frame's overlay.
-    pub fn overlay(&self, frame: &str) -> PathBuf {
-        self.path.join("overlay").join(format!("{frame}.jpg"))
+    /// Writes the images of a frame: beside, and then to their place.
+    ///
+    /// # Errors
+    /// If one of them cannot be written; later frames may be.
+    pub fn write_frame(&mut self, frame: &FrameImages) -> Result<(), OutputError> {
+        let [segments, overlay] = result_files(&frame.name);
+        write_segments_png(&place(&self.staging.path, &segments), &frame.segments)?;
+        write_overlay_jpeg(&place(&self.staging.path, &overlay), &frame.color, &frame.segments)?;
+        if self.manifest.is_none() {
+            self.remove_earlier()?;
+            self.manifest = Some(Manifest::start(&self.path).map_err(|source| self.error(MANIFEST, source))?);
+        }
+        self.put_in_place(&[&segments, &overlay])
     }
 
-    /// The file of the run's summary.
-    pub fn summary(&self) -> PathBuf {
-        self.path.join("summary.json")
+    /// Writes the description of the run. There must be results.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write_summary(&mut self, text: &str) -> Result<(), OutputError> {
+        write_atomically(&self.staging.path.join(SUMMARY), text.as_bytes())?;
+        self.put_in_place(&[SUMMARY])
+    }
+
+    /// Removes the earlier run's files, and makes folders for the new ones.
+    fn remove_earlier(&self) -> Result<(), OutputError> {
+        for file in &self.earlier {
+            match fs::remove_file(place(&self.path, file)) {
+                Err(source) if source.kind() != ErrorKind::NotFound => return Err(self.error(file, source)),
+                _ => {}
+            }
+        }
+        for (folder, _) in RESULT_FOLDERS {
+            fs::create_dir_all(self.path.join(folder)).map_err(|source| self.error(folder, source))?;
+        }
+        Ok(())
+    }
+
+    /// Lists files that are complete, and moves them to their place.
+    fn put_in_place(&mut self, files: &[&str]) -> Result<(), OutputError> {
+        if let Some(manifest) = &mut self.manifest {
+            manifest.add(files).map_err(|source| self.error(MANIFEST, source))?;
+        }
+        for file in files {
+            fs::rename(place(&self.staging.path, file), place(&self.path, file))
+                .map_err(|source| self.error(file, source))?;
+        }
+        Ok(())
+    }
+
+    fn error(&self, file: &str, source: std::io::Error) -> OutputError {
+        OutputError::Io { path: place(&self.path, file), source }
+    }
+}
+
+/// The ids and the overlay of a frame, by their paths in the folder.
+fn result_files(frame: &str) -> [String; 2] {
+    // A scene's names may come from a file, and must not lead out of the folder.
+    let name = padded_number(frame).replace(['/', '\\', '\0'], "_");
+    RESULT_FOLDERS.map(|(folder, extension)| format!("{folder}/{name}.{extension}"))
+}
+
+/// A link would lead results, or the removal of earlier ones, out of the folder.
+fn refuse_other_than_folder(path: &Path) -> Result<(), Failure> {
+    match fs::symlink_metadata(path) {
+        Ok(metadata) if !metadata.is_dir() => {
+            let found = if metadata.is_symlink() { "a symbolic link" } else { "a file" };
+            Err(Failure::input(format!("{}: is {found}, expected a folder: choose another --out", path.display())))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a folder where something that no manifest lists would be replaced.
+fn refuse_files_of_others(path: &Path, earlier: &BTreeSet<String>, frames: &[String]) -> Result<(), Failure> {
+    let new: BTreeSet<String> = frames.iter().flat_map(|frame| result_files(frame)).collect();
+    let mut found = Vec::new();
+    for (folder, _) in RESULT_FOLDERS {
+        let entries = fs::read_dir(path.join(folder)).into_iter().flatten().flatten();
+        found.extend(entries.filter_map(|entry| Some(format!("{folder}/{}", entry.file_name().to_str()?))));
+    }
+    found.retain(|file| new.contains(file));
+    found.extend(path.join(SUMMARY).symlink_metadata().is_ok().then(|| SUMMARY.to_owned()));
+    found.sort_unstable();
+    let is_ours = |file: &String| earlier.contains(file) && !place(path, file).is_dir();
+    match found.iter().find(|file| !is_ours(file)) {
+        Some(file) => Err(Failure::input(format!(
+            "{}: is in the way, and no {MANIFEST} says that splatseg wrote it (results of 0.1.0 have none): remove it, \
+             or choose another --out",
+            place(path, file).display()
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// The folder of what is not in place yet. It is locked while a run uses it, and removed after.
+#[derive(Debug)]
+struct Staging {
+    path: PathBuf,
+    _lock: File,
+}
+
+impl Staging {
+    fn create(folder: &Path) -> Result<Self, Failure> {
+        let path = folder.join(STAGING);
+        let unusable = |error| Failure::input(format!("{}: cannot be written: {error}", folder.display()));
+        fs::create_dir_all(&path).map_err(unusable)?;
+        let lock = File::create(path.join("lock")).map_err(unusable)?;
+        if let Err(TryLockError::WouldBlock) = lock.try_lock() {
+            return Err(Failure::input(format!("{}: another run is writing to this folder", folder.display())));
+        }
+        let staging = Self { path, _lock: lock };
+        for (results, _) in RESULT_FOLDERS {
+            let results = staging.path.join(results);
+            // A killed run's.
+            match fs::remove_dir_all(&results) {
+                Err(error) if error.kind() != ErrorKind::NotFound => return Err(unusable(error)),
+                _ => fs::create_dir(&results).map_err(unusable)?,
+            }
+        }
+        Ok(staging)
+    }
+}
+
+impl Drop for Staging {
+    fn drop(&mut self) {
+        // If this fails, the next run does it.
+        let _ = fs::remove_dir_all(&self.path);
+    }
+}
+
+/// Folders that were made for results. Those that are empty in the end are removed again.
+#[derive(Debug)]
+pub struct CreatedFolders {
+    /// The innermost first.
+    folders: Vec<PathBuf>,
+}
+
+impl CreatedFolders {
+    /// Creates a folder and those around it, where they do not exist.
+    pub fn create(path: &Path) -> std::io::Result<Self> {
+        let is_missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
+        let created = Self { folders: path.ancestors().take_while(is_missing).map(Path::to_owned).collect() };
+        fs::create_dir_all(path)?;
+        Ok(created)
+    }
+}
+
+impl Drop for CreatedFolders {
+    fn drop(&mut self) {
+        for folder in &self.folders {
+            let _ = fs::remove_dir(folder);
+        }
     }
 }

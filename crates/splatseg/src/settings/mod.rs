@@ -58,6 +58,8 @@ settings! {
         segment_ahead: bool = false, Allowed::Switch;
         /// Seed of all random numbers.
         seed: u64 = 0, Allowed::between(0.0, Allowed::MAX_WHOLE as f64);
+        /// Whether the first frame that cannot be used ends the run, instead of being skipped.
+        strict_input: bool = false, Allowed::Switch;
         /// Number of threads; 0: one per core. Results do not depend on it.
         threads: usize = 0, Allowed::between(0.0, 512.0);
         /// The memory that the program may take, e.g. `4GB`; `auto`: what the machine has available. Input that would

@@ -5,7 +5,7 @@
 use assert_cmd::Command;
 use serde_json::Value;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A small video that is longer than a window of VSQ.
 pub const ROOM: &str = "synthetic:frames=18,width=64,height=48,objects=6";
@@ -54,4 +54,29 @@ pub fn bench(scenes: &[&str], out: &Path, more: &[&str]) -> Ended {
 /// A JSON file.
 pub fn read_json(path: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// The names in a folder, sorted; none if there is no folder.
+pub fn file_names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).into_iter().flatten();
+    let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// A small ScanNet scene, rendered, whose frames have numbers as names.
+pub fn numbered_scene(folder: &Path, frames: usize) -> PathBuf {
+    let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("demo");
+    let scene = folder.join("scene");
+    for part in ["color", "depth", "pose", "intrinsic"] {
+        fs::create_dir_all(scene.join(part)).unwrap();
+        for entry in fs::read_dir(demo.join(part)).unwrap() {
+            let path = entry.unwrap().path();
+            let number: Option<usize> = path.file_stem().unwrap().to_str().unwrap().parse().ok();
+            if number.is_none_or(|number| number < frames) {
+                fs::copy(&path, scene.join(part).join(path.file_name().unwrap())).unwrap();
+            }
+        }
+    }
+    scene
 }

@@ -106,11 +106,15 @@ pub fn run(inputs: &JobInputs) -> Result<JobResult, String> {
         };
         let processed = match item {
             Ok(processed) => processed,
+            Err(error) if settings.run.strict_input => return Err(error.to_string()),
             Err(error) => {
                 recorder.skip(&error.to_string());
                 continue;
             }
         };
+        if let (true, Err(error)) = (settings.run.strict_input, &processed.result) {
+            return Err(error.to_string());
+        }
         let (frame, result) = or_empty(processed, &mut recorder)?;
         // Scoring and drawing are not the method's.
         time += started.elapsed();

@@ -17,6 +17,7 @@ mod store;
 pub use arguments::BenchArguments;
 
 use super::Failure;
+use super::input_paths::InputPaths;
 use super::output_folder::Existing;
 use input_files::InputHashes;
 use job::JobResult;
@@ -36,6 +37,9 @@ pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
         None => Plan::new(arguments)?,
     };
     plan.require_a_scene()?;
+    let mut inputs = InputPaths::default();
+    plan.scenes.iter().for_each(|scene| inputs.add_scene(&scene.path));
+    inputs.check_output_folder(&arguments.out)?;
     let existing = Existing::from_flag(arguments.overwrite);
     let store = ResultStore::open(&arguments.out, existing, Program::running())?;
     let hashes = InputHashes::open(&arguments.out);

@@ -12,6 +12,7 @@ mod scoring;
 use super::Failure;
 use super::options::{DatasetOptions, ScoreOptions};
 use super::output_folder::Existing;
+use super::terminal::counted;
 use clap::Args;
 use frames::{MissingCounts, MissingFrames, SelectedFrames};
 use predictions::Predictions;
@@ -118,7 +119,8 @@ pub fn eval(arguments: &EvalArguments) -> Result<(), Failure> {
 
 fn print_scores(arguments: &EvalArguments, score: &VideoScore, counts: &MissingCounts) {
     let protocol = score.settings().protocol.name();
-    say!("{}: {} frames, protocol {protocol}, percent", arguments.gt, score.counts().frames);
+    let frames = counted(score.counts().frames as usize, "frame");
+    say!("{}: {frames}, protocol {protocol}, percent", arguments.gt);
     for (count, what) in [
         (counts.missing_predictions, "frames without prediction, scored as empty"),
         (counts.unlabelled_frames, "frames without ground truth, left out"),
@@ -136,7 +138,7 @@ fn print_scores(arguments: &EvalArguments, score: &VideoScore, counts: &MissingC
     }
     say!("\n{}", terminal_size_table(&scores));
     if overcounted.is_some() {
-        eprintln!("warning: AQ and STQ count some pixels more than once; --protocol strict counts each once");
+        say_error!("warning: AQ and STQ count some pixels more than once; --protocol strict counts each once");
     }
 }
 

@@ -1,16 +1,17 @@
 //! Results are written on a separate thread while the next frame is processed.
 
-use super::output_folder::OutputFolder;
-use splatseg_dataset::{OutputError, write_overlay_jpeg, write_segments_png};
+use crate::command::output_folder::OutputFolder;
+use splatseg_dataset::OutputError;
 use splatseg_geometry::{Image, SegmentMap};
+use std::io::ErrorKind;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 /// Largest number of frames waiting to be written; more would only take memory.
 const WAITING: usize = 2;
 
-/// The results of one frame.
-pub struct FrameResult {
+/// What is written of one frame.
+pub struct FrameImages {
     /// Name of the frame.
     pub name: String,
     /// Its colour image.
@@ -21,42 +22,65 @@ pub struct FrameResult {
 
 /// Writes frames in the given order.
 pub struct ResultWriter {
-    sender: Option<SyncSender<FrameResult>>,
-    thread: Option<JoinHandle<Result<(), OutputError>>>,
+    sender: SyncSender<FrameImages>,
+    thread: JoinHandle<Written>,
+}
+
+/// The folder after the last frame, and what could not be written.
+pub struct Written {
+    /// The folder.
+    pub folder: OutputFolder,
+    /// Frames of which an image could not be written.
+    pub failed_frames: usize,
+    /// The first error.
+    pub first_error: Option<OutputError>,
 }
 
 impl ResultWriter {
     /// Starts the thread.
     pub fn start(folder: OutputFolder) -> Self {
         let (sender, receiver) = sync_channel(WAITING);
-        let thread = std::thread::spawn(move || write_all(&folder, &receiver));
-        Self { sender: Some(sender), thread: Some(thread) }
+        let written = Written { folder, failed_frames: 0, first_error: None };
+        let thread = std::thread::spawn(move || written.write_all(&receiver));
+        Self { sender, thread }
     }
 
-    /// Queues a frame, and waits while the queue is full. An error is that of an earlier frame.
-    pub fn write(&mut self, result: FrameResult) -> Result<(), OutputError> {
-        match &self.sender {
-            Some(sender) if sender.send(result).is_ok() => Ok(()),
-            // The thread ends early only on an error.
-            _ => self.finish(),
-        }
+    /// Queues a frame, and waits while the queue is full. `false` means that no frame can be written any more.
+    pub fn write(&self, frame: FrameImages) -> bool {
+        self.sender.send(frame).is_ok()
     }
 
     /// Waits until everything is written.
-    pub fn finish(&mut self) -> Result<(), OutputError> {
-        self.sender = None;
-        match self.thread.take().map(JoinHandle::join) {
-            Some(Ok(result)) => result,
-            Some(Err(panic)) => std::panic::resume_unwind(panic),
-            None => Ok(()),
-        }
+    pub fn finish(self) -> Written {
+        drop(self.sender);
+        self.thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
 }
 
-fn write_all(folder: &OutputFolder, receiver: &Receiver<FrameResult>) -> Result<(), OutputError> {
-    for result in receiver {
-        write_segments_png(&folder.segments(&result.name), &result.segments)?;
-        write_overlay_jpeg(&folder.overlay(&result.name), &result.color, &result.segments)?;
+impl Written {
+    /// Writes frames until there are no more. Goes on after an error that later frames need not have.
+    fn write_all(mut self, receiver: &Receiver<FrameImages>) -> Self {
+        for frame in receiver {
+            if let Err(error) = self.folder.write_frame(&frame) {
+                let is_last = ends_all(&error);
+                self.failed_frames += 1;
+                self.first_error.get_or_insert(error);
+                if is_last {
+                    break;
+                }
+            }
+        }
+        self
     }
-    Ok(())
+}
+
+/// Whether no later frame can be written either: the disk is full, or ids have run out.
+fn ends_all(error: &OutputError) -> bool {
+    match error {
+        OutputError::Io { source, .. } => {
+            matches!(source.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::ReadOnlyFilesystem)
+        }
+        OutputError::IdTooLarge { .. } => true,
+        _ => false,
+    }
 }

@@ -1,0 +1,142 @@
+//! What a command reads, so that it does not write there.
+
+use super::Failure;
+use splatseg::Settings;
+use splatseg::settings::{SegmenterSettings, TrackerSettings};
+use std::path::{Component, Path, PathBuf};
+
+/// The files and folders that a command reads, without symbolic links.
+#[derive(Clone, Debug, Default)]
+pub struct InputPaths {
+    paths: Vec<InputPath>,
+}
+
+#[derive(Clone, Debug)]
+struct InputPath {
+    /// What it is, e.g. `the scene`.
+    what: &'static str,
+    /// Where it really is.
+    real: PathBuf,
+}
+
+impl InputPaths {
+    /// The inputs that settings name, and a scene.
+    pub fn of(scene: &str, settings: &Settings) -> Self {
+        let mut inputs = Self::default();
+        inputs.add_scene(scene);
+        match &settings.segmenter {
+            SegmenterSettings::Masks { masks: Some(masks) } => inputs.add("the folder of --masks", masks),
+            SegmenterSettings::Fastsam { weights: Some(weights), .. } => inputs.add("the file of --weights", weights),
+            _ => {}
+        }
+        if let Some(TrackerSettings::Sam2 { tracker_weights: Some(weights), .. }) = settings.method.tracker() {
+            inputs.add("the file of --tracker-weights", weights);
+        }
+        inputs
+    }
+
+    /// Adds a scene, unless it has no files.
+    pub fn add_scene(&mut self, scene: &str) {
+        let path = Path::new(scene);
+        match scene.rsplit_once(':') {
+            // A video in a folder or archive.
+            Some((place, _)) if !path.exists() => self.add("the scene", Path::new(place)),
+            _ => self.add("the scene", path),
+        }
+    }
+
+    /// Adds a file or folder, if it exists.
+    pub fn add(&mut self, what: &'static str, path: &Path) {
+        if let Ok(real) = path.canonicalize() {
+            self.paths.push(InputPath { what, real });
+        }
+    }
+
+    /// Checks that results in this folder cannot touch an input.
+    ///
+    /// # Errors
+    /// If the folder is inside an input, is one, or has one inside.
+    pub fn check_output_folder(&self, out: &Path) -> Result<(), Failure> {
+        let real = real_path(out);
+        for input in &self.paths {
+            let place = match (real.starts_with(&input.real), input.real.starts_with(&real)) {
+                (true, true) => "is",
+                (true, false) => "is inside",
+                (false, true) => "contains",
+                (false, false) => continue,
+            };
+            return Err(Failure::input(format!(
+                "{}: --out {place} {}, {}: choose a folder apart from all inputs",
+                out.display(),
+                input.what,
+                input.real.display()
+            )));
+        }
+        Ok(())
+    }
+
+    /// Checks that a file that will be written is not an input.
+    ///
+    /// # Errors
+    /// If it is one.
+    pub fn check_output_file(&self, file: &Path) -> Result<(), Failure> {
+        let real = real_path(file);
+        match self.paths.iter().find(|input| input.real == real) {
+            Some(input) => Err(Failure::input(format!("{}: is {}: choose another file", file.display(), input.what))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The path without symbolic links, as far as it exists.
+pub fn real_path(path: &Path) -> PathBuf {
+    let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let parts: Vec<Component<'_>> = absolute.components().collect();
+    for existing in (0..=parts.len()).rev() {
+        if let Ok(mut real) = parts[..existing].iter().collect::<PathBuf>().canonicalize() {
+            for part in &parts[existing..] {
+                match part {
+                    Component::ParentDir => {
+                        real.pop();
+                    }
+                    Component::CurDir => {}
+                    part => real.push(part),
+                }
+            }
+            return real;
+        }
+    }
+    absolute
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_that_does_not_exist_yet_is_resolved_as_far_as_possible() {
+        let folder = tempfile::tempdir().unwrap();
+        let real = folder.path().canonicalize().unwrap();
+        assert_eq!(real_path(&folder.path().join("a/../b/c")), real.join("b/c"));
+        #[cfg(unix)]
+        {
+            std::fs::create_dir(folder.path().join("to")).unwrap();
+            std::os::unix::fs::symlink("to", folder.path().join("link")).unwrap();
+            assert_eq!(real_path(&folder.path().join("link/new")), real.join("to/new"));
+        }
+    }
+
+    #[test]
+    fn folders_beside_an_input_are_allowed() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("scene");
+        std::fs::create_dir(&scene).unwrap();
+        let mut inputs = InputPaths::default();
+        inputs.add_scene(&format!("{}:video", scene.display()));
+        inputs.check_output_folder(&folder.path().join("scene2")).unwrap();
+        for (out, place) in [("scene", "is the scene"), ("scene/a/out", "inside"), (".", "contains")] {
+            let error = inputs.check_output_folder(&folder.path().join(out)).unwrap_err().to_string();
+            assert!(error.contains(place), "{error}");
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! The list of the files that a run wrote.
+//!
+//! `manifest.jsonl` has a line for the program, then one for each file, a JSON string with its path inside the folder.
+//! A file is listed before it is put in place, so a killed run's files are known too. `--overwrite` removes what is
+//! listed and nothing else.
+
+use super::Failure;
+use serde::{Deserialize, Serialize};
+use splatseg_atomic_file::write_atomically;
+use std::collections::BTreeSet;
+use std::fs::{File, OpenOptions};
+use std::io::{BufRead, BufReader, Read, Result, Write};
+use std::path::{Path, PathBuf};
+
+/// The name of the list.
+pub const MANIFEST: &str = "manifest.jsonl";
+/// The name of the file that describes the run.
+pub const SUMMARY: &str = "summary.json";
+/// Folders of result files, and the extension of the files in them.
+pub const RESULT_FOLDERS: [(&str, &str); 2] = [("segments", "png"), ("overlay", "jpg")];
+
+/// No list of a real run is as long as this, bytes.
+const MAX_BYTES: u64 = 1 << 30;
+
+/// The list's first line.
+#[derive(Serialize, Deserialize)]
+struct Header {
+    /// The version of the program.
+    splatseg: String,
+}
+
+/// A list that is being written.
+#[derive(Debug)]
+pub struct Manifest {
+    file: File,
+}
+
+impl Manifest {
+    /// Replaces the list of a folder.
+    pub fn start(folder: &Path) -> Result<Self> {
+        let path = folder.join(MANIFEST);
+        let header = Header { splatseg: env!("CARGO_PKG_VERSION").to_owned() };
+        write_atomically(&path, format!("{}\n", serde_json::to_string(&header)?).as_bytes())?;
+        Ok(Self { file: OpenOptions::new().append(true).open(path)? })
+    }
+
+    /// Lists files, which may be put in place after that.
+    pub fn add(&mut self, files: &[&str]) -> Result<()> {
+        let mut lines = String::new();
+        for file in files {
+            lines += &serde_json::to_string(file)?;
+            lines.push('\n');
+        }
+        self.file.write_all(lines.as_bytes())
+    }
+}
+
+/// The files that a folder's manifest lists; none if it has no manifest. Lines that are not the path of a result, e.g.
+/// because they lead out of the folder, are left out.
+pub fn listed_files(folder: &Path) -> std::result::Result<BTreeSet<String>, Failure> {
+    let path = folder.join(MANIFEST);
+    let wrong = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", path.display()));
+    match std::fs::symlink_metadata(&path) {
+        Ok(metadata) if metadata.is_file() => {}
+        Ok(_) => return Err(wrong(&"not a file: move it away, or choose another --out")),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(BTreeSet::new()),
+        Err(error) => return Err(wrong(&error)),
+    }
+    let file = File::open(&path).map_err(|error| wrong(&error))?;
+    let mut lines = BufReader::new(file.take(MAX_BYTES)).lines();
+    let header = lines.next().transpose().map_err(|error| wrong(&error))?.unwrap_or_default();
+    if serde_json::from_str::<Header>(&header).is_err() {
+        return Err(wrong(&"not a list of results by splatseg: move it away, or choose another --out"));
+    }
+    let mut files = BTreeSet::new();
+    for line in lines {
+        let line = line.map_err(|error| wrong(&error))?;
+        files.extend(serde_json::from_str(&line).ok().filter(|file: &String| is_result(file)));
+    }
+    Ok(files)
+}
+
+/// Whether a run may have written a file of this path.
+fn is_result(path: &str) -> bool {
+    let in_folder = |(folder, file): (&str, &str)| {
+        let extension = RESULT_FOLDERS.iter().find(|(name, _)| *name == folder).map(|(_, extension)| *extension);
+        let named = |extension| Path::new(file).extension().is_some_and(|found| found == extension);
+        !file.contains(['/', '\\', '\0']) && extension.is_some_and(named)
+    };
+    path == SUMMARY || path.split_once('/').is_some_and(in_folder)
+}
+
+/// A listed file's place.
+pub fn place(folder: &Path, file: &str) -> PathBuf {
+    file.split('/').fold(folder.to_owned(), |path, part| path.join(part))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_results_in_the_folder_count_as_listed() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(listed_files(folder.path()).unwrap().is_empty());
+        let mut manifest = Manifest::start(folder.path()).unwrap();
+        manifest.add(&["segments/0.png", "overlay/a b\n.jpg"]).unwrap();
+        manifest.add(&["../a.png", "segments/../../a.png", "segments/notes.txt", "/etc/passwd", "notes.png"]).unwrap();
+        manifest.add(&["segments/..", "segments/.png", "overlay/0.png", "summary.json"]).unwrap();
+        // A process may be killed while it writes a line.
+        manifest.file.write_all(b"\"segments/1.pn").unwrap();
+        let listed: Vec<String> = listed_files(folder.path()).unwrap().into_iter().collect();
+        assert_eq!(listed, ["overlay/a b\n.jpg", "segments/0.png", "summary.json"]);
+    }
+
+    #[test]
+    fn other_files_of_that_name_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join(MANIFEST), "{\"mine\": 1}\n\"summary.json\"\n").unwrap();
+        let error = listed_files(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("manifest.jsonl: not a list of results by splatseg"), "{error}");
+    }
+}

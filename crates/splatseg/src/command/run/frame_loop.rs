@@ -1,0 +1,107 @@
+//! Processes the frames of a run until the last one, or until something ends it early.
+
+use super::progress::Progress;
+use super::result_writer::{FrameImages, ResultWriter, Written};
+use super::skipped_frames::SkippedFrames;
+use super::stop_signals::{StopSignal, StopSignals};
+use crate::command::output_folder::OutputFolder;
+use splatseg::pipeline::{Frames, PipelineError, Processed};
+use splatseg::summary::RunCounts;
+use splatseg_dataset::{FrameStream, StreamedFrame};
+use splatseg_memory::SplatMemory;
+
+/// How frames are processed.
+pub struct FrameLoop<'a> {
+    /// What may ask the run to end.
+    pub signals: &'a StopSignals,
+    /// Whether the first frame that cannot be used ends the run.
+    pub strict_input: bool,
+}
+
+/// What came of the frames.
+pub struct Ended {
+    /// Counts over the frames.
+    pub counts: RunCounts,
+    /// Their images.
+    pub written: Written,
+    /// Why the run ended before the last frame, if it did.
+    pub early: Option<EarlyEnd>,
+}
+
+/// Why a run ended before the last frame.
+pub enum EarlyEnd {
+    /// A signal asked for it.
+    Signal(StopSignal),
+    /// With `strict_input`: a frame cannot be used.
+    UnusableFrame(String),
+    /// The method failed, e.g. because ids have run out.
+    Method(String),
+    /// No more images can be written.
+    Unwritable,
+}
+
+/// What came of one frame.
+enum Step {
+    /// It has a result.
+    Done,
+    /// It was skipped; with a message if it is the first of its kind.
+    Skipped { message: Option<String>, error: String },
+    /// The run ends.
+    End(EarlyEnd),
+}
+
+impl FrameLoop<'_> {
+    /// Writes the results of every frame.
+    pub fn run(&self, mut frames: Frames<'_, FrameStream>, folder: OutputFolder) -> Ended {
+        let mut counts = RunCounts::default();
+        let mut skipped = SkippedFrames::default();
+        let writer = ResultWriter::start(folder);
+        let mut progress = Progress::of_frames(frames.size_hint().0);
+        let early = loop {
+            if let Some(signal) = self.signals.received().filter(|_| frames.size_hint().0 > 0) {
+                counts.interrupted = true;
+                break Some(EarlyEnd::Signal(signal));
+            }
+            let Some(item) = frames.next() else { break None };
+            let step = match item {
+                Ok(processed) => take_result(processed, frames.memory(), &writer, &mut counts, &mut skipped),
+                Err(error) => Step::Skipped { message: skipped.add_unread(&error), error: error.to_string() },
+            };
+            match step {
+                Step::Done => {}
+                Step::Skipped { error, .. } if self.strict_input => break Some(EarlyEnd::UnusableFrame(error)),
+                Step::Skipped { message, .. } => {
+                    counts.skipped_frames += 1;
+                    message.iter().for_each(|message| progress.warn(&format!("frame skipped: {message}")));
+                }
+                Step::End(early) => break Some(early),
+            }
+            progress.frame_done();
+        };
+        progress.finish();
+        skipped.messages().for_each(|message| progress.warn(&message));
+        Ended { counts, written: writer.finish(), early }
+    }
+}
+
+/// Counts a frame's result and hands it to the writer.
+fn take_result(
+    Processed { frame, result }: Processed<StreamedFrame>,
+    memory: Option<&SplatMemory>,
+    writer: &ResultWriter,
+    counts: &mut RunCounts,
+    skipped: &mut SkippedFrames,
+) -> Step {
+    let frame = frame.frame;
+    let result = match result {
+        Ok(result) => result,
+        Err(error @ PipelineError::Segmenter { .. }) => {
+            return Step::Skipped { message: skipped.add_unsegmented(&error), error: error.to_string() };
+        }
+        Err(error) => return Step::End(EarlyEnd::Method(error.to_string())),
+    };
+    counts.add(&result, memory.map_or(0, SplatMemory::gaussian_count));
+    let segments = result.output.segments;
+    let images = FrameImages { name: frame.name().to_owned(), color: frame.color().clone().into_owned(), segments };
+    if writer.write(images) { Step::Done } else { Step::End(EarlyEnd::Unwritable) }
+}

@@ -1,0 +1,87 @@
+//! Ctrl-C, `kill` and a closed terminal end a run after the current frame.
+
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
+use std::io::Result;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Duration;
+
+/// A signal that asks the program to end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StopSignal {
+    /// Its usual name.
+    pub name: &'static str,
+    number: i32,
+}
+
+/// Those that this system has.
+const STOP_SIGNALS: &[StopSignal] = &[
+    StopSignal { name: "SIGINT", number: SIGINT },
+    StopSignal { name: "SIGTERM", number: SIGTERM },
+    #[cfg(unix)]
+    StopSignal { name: "SIGHUP", number: signal_hook::consts::SIGHUP },
+];
+
+/// The longest time from a signal to the message about it.
+const POLL: Duration = Duration::from_millis(50);
+
+impl StopSignal {
+    /// The exit code that shells report for a program that the signal ended.
+    pub fn exit_code(self) -> u8 {
+        u8::try_from(128 + self.number).unwrap_or(u8::MAX)
+    }
+}
+
+/// Listens for signals.
+#[derive(Clone, Debug)]
+pub struct StopSignals {
+    /// The number of the latest one, or 0.
+    received: Arc<AtomicUsize>,
+    announced: Arc<AtomicBool>,
+}
+
+impl StopSignals {
+    /// Starts to listen. The first signal is noted, with a message; a second one ends the program at once. Signals that
+    /// are ignored, such as SIGHUP under `nohup`, stay so.
+    pub fn listen() -> Result<Self> {
+        let received = Arc::new(AtomicUsize::new(0));
+        let again = Arc::new(AtomicBool::new(false));
+        for signal in STOP_SIGNALS.iter().filter(|signal| !is_ignored(signal.number)) {
+            // In this order: the first signal must not find the flag that it sets itself.
+            flag::register_conditional_shutdown(signal.number, i32::from(signal.exit_code()), Arc::clone(&again))?;
+            flag::register(signal.number, Arc::clone(&again))?;
+            flag::register_usize(signal.number, Arc::clone(&received), signal.number as usize)?;
+        }
+        let signals = Self { received, announced: Arc::default() };
+        let listening = signals.clone();
+        // The message comes at once, and not when the frame is done.
+        let announce = move || {
+            while listening.received().is_none() {
+                std::thread::sleep(POLL);
+            }
+        };
+        std::thread::Builder::new().name("stop signals".to_owned()).spawn(announce)?;
+        Ok(signals)
+    }
+
+    /// The signal that was received, if any. The first call that finds one says what it does.
+    pub fn received(&self) -> Option<StopSignal> {
+        let number = self.received.load(Ordering::SeqCst);
+        let signal = STOP_SIGNALS.iter().find(|signal| signal.number as usize == number).copied()?;
+        if !self.announced.swap(true, Ordering::SeqCst) {
+            say_error!("{}: stopping after this frame; again to end at once", signal.name);
+        }
+        Some(signal)
+    }
+}
+
+/// Whether the program was started with this signal ignored. Known on Linux only.
+fn is_ignored(signal: i32) -> bool {
+    let ignored = || {
+        let status = std::fs::read_to_string("/proc/self/status").ok()?;
+        let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"))?;
+        u64::from_str_radix(mask.trim(), 16).ok()
+    };
+    ignored().is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}

@@ -1,0 +1,306 @@
+//! Runs that fail or are stopped after they have begun: what was done is kept, and said.
+
+#![cfg(unix)]
+
+mod support;
+
+use splatseg_dataset::{read_segments_png, write_segments_png};
+use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
+use splatseg_memory::{MAX_SEGMENT_ID, MemorySettings, SplatMemory};
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+use support::{Ended, file_names, finish, numbered_scene, read_json, splatseg};
+
+const ROOM: &str = "synthetic:frames=4,width=96,height=72,objects=8";
+const LONG_ROOM: &str = "synthetic:frames=3000,width=160,height=120";
+
+fn run(scene: &str, out: &Path, more: &[&str]) -> Ended {
+    finish(splatseg().args(["run", scene, "--out"]).arg(out).args(more))
+}
+
+/// Runs with files limited to a number of KiB: larger ones fail as on a full disk.
+fn run_with_small_files(kib: usize, out: &Path, more: &[&str]) -> Ended {
+    let mut shell = assert_cmd::Command::new("bash");
+    let program = assert_cmd::cargo::cargo_bin!("splatseg");
+    shell.args(["-c", &format!("trap '' XFSZ; ulimit -f {kib}; exec \"$@\""), "bash"]).arg(program);
+    finish(shell.args(["run", ROOM, "--out"]).arg(out).args(more))
+}
+
+#[test]
+fn a_place_for_the_memory_is_checked_before_the_first_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let file = folder.path().join("file");
+    fs::write(&file, b"no folder").unwrap();
+    for place in [file.join("memory.ply"), "/proc/memory.ply".into(), folder.path().to_owned()] {
+        // Too long to be tried to the end.
+        let ended = run(LONG_ROOM, &out, &["--overwrite", "--save-memory", place.to_str().unwrap()]);
+        assert_eq!(ended.code, 2, "{}", ended.err);
+        assert!(ended.err.contains(place.to_str().unwrap()) && !out.exists(), "{}", ended.err);
+    }
+    // Folders are made, as for --out.
+    let memory = folder.path().join("a/b/memory.ply");
+    assert_eq!(run(ROOM, &out, &["--save-memory", memory.to_str().unwrap()]).code, 0);
+    assert!(memory.is_file());
+}
+
+#[test]
+fn only_a_saved_memory_is_replaced_by_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, memory) = (folder.path().join("out"), folder.path().join("memory.ply"));
+    fs::write(&memory, b"notes").unwrap();
+    let memory = memory.to_str().unwrap();
+    let ended = run(ROOM, &out, &["--overwrite", "--save-memory", memory]);
+    assert!(ended.code == 2 && ended.err.contains("not a saved memory"), "{}", ended.err);
+    assert_eq!(fs::read(memory).unwrap(), b"notes");
+    fs::remove_file(memory).unwrap();
+    assert_eq!(run(ROOM, &out, &["--save-memory", memory]).code, 0);
+    // A memory goes on in the same file, if that is asked for.
+    let same = ["--load-memory", memory, "--save-memory", memory];
+    let ended = run(ROOM, &out, &[&same[..], &["--overwrite"]].concat());
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    let ended = run(ROOM, &folder.path().join("other"), &same);
+    assert!(ended.code == 2 && ended.err.contains("--overwrite"), "{}", ended.err);
+    // Other inputs and results are never replaced.
+    for place in ["out/summary.json", "out/segments/memory.ply"] {
+        let place = folder.path().join(place);
+        let ended = run(ROOM, &out, &["--overwrite", "--save-memory", place.to_str().unwrap()]);
+        assert!(ended.code == 2 && ended.err.contains("place for other results"), "{}", ended.err);
+    }
+}
+
+#[test]
+fn a_memory_that_cannot_be_saved_in_the_end_loses_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, memory) = (folder.path().join("out"), folder.path().join("memory.ply"));
+    // Images are smaller than 20 KiB, the memory is not.
+    let ended = run_with_small_files(20, &out, &["--save-memory", memory.to_str().unwrap()]);
+    assert_eq!(ended.code, 1, "{}", ended.err);
+    assert!(ended.err.contains("the memory could not be saved"), "{}", ended.err);
+    assert_eq!(file_names(folder.path()), ["out"]);
+    let summary = read_json(&out.join("summary.json"));
+    assert_eq!((summary["frames"].as_u64(), file_names(&out.join("segments")).len()), (Some(4), 4));
+    assert!(summary["error"].as_str().unwrap().contains("memory"), "{summary}");
+}
+
+#[test]
+fn images_that_cannot_be_written_lose_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, memory) = (folder.path().join("out"), folder.path().join("memory.ply"));
+    let scene = numbered_scene(folder.path(), 36);
+    let arguments = ["run", scene.to_str().unwrap(), "--out"];
+    let mut command = Command::new(assert_cmd::cargo::cargo_bin!("splatseg"));
+    command.args(arguments).arg(&out).arg("--save-memory").arg(&memory).stderr(Stdio::piped());
+    let child = command.spawn().unwrap();
+    wait_for(&out.join("segments/000000.png"));
+    // A file cannot replace a folder.
+    fs::create_dir_all(out.join("segments/000030.png/in the way")).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("images of 1 frame could not be written") && message.contains("000030.png"), "{message}");
+    assert_eq!(read_json(&out.join("summary.json"))["frames"], 36);
+    assert_eq!((file_names(&out.join("segments")).len(), memory.is_file()), (36, true));
+    assert!(file_names(&out.join("segments")).iter().all(|name| name.ends_with(".png")));
+}
+
+#[test]
+fn a_disk_that_is_full_from_the_start_loses_no_earlier_results() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    assert_eq!(run(ROOM, &out, &[]).code, 0);
+    let before = fs::read(out.join("summary.json")).unwrap();
+    let ended = run_with_small_files(0, &out, &["--overwrite"]);
+    assert!(ended.code != 0, "{}", ended.err);
+    assert_eq!(fs::read(out.join("summary.json")).unwrap(), before);
+    assert_eq!(file_names(&out.join("segments")).len(), 4);
+}
+
+/// Starts a long run, and waits for its first frames.
+fn start_long_run(out: &Path) -> Child {
+    let mut command = Command::new(assert_cmd::cargo::cargo_bin!("splatseg"));
+    command.args(["run", LONG_ROOM, "--out"]).arg(out).arg("--save-memory").arg(out.join("memory.ply"));
+    let child = command.stderr(Stdio::piped()).spawn().unwrap();
+    wait_for(&out.join("segments/frame-000002.png"));
+    child
+}
+
+fn wait_for(file: &Path) {
+    let start = Instant::now();
+    while !file.exists() {
+        std::thread::sleep(Duration::from_millis(5));
+        assert!(start.elapsed() < Duration::from_secs(15), "{} does not appear", file.display());
+    }
+}
+
+fn send(signal: &str, child: &Child) {
+    assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+}
+
+fn message(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn every_stop_signal_ends_the_run_in_order() {
+    for (signal, code) in [("INT", 130), ("TERM", 143), ("HUP", 129)] {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out");
+        let child = start_long_run(&out);
+        send(&format!("-{signal}"), &child);
+        let output = child.wait_with_output().unwrap();
+        let message = message(&output);
+        assert_eq!(output.status.code(), Some(code), "{message}");
+        assert!(
+            message.contains(&format!("SIG{signal}: stopping after this frame; again to end at once")),
+            "{message}"
+        );
+        assert!(message.contains(&format!("interrupted by SIG{signal} after")), "{message}");
+        let summary = read_json(&out.join("summary.json"));
+        assert_eq!(summary["interrupted"], true);
+        let frames = summary["frames"].as_u64().unwrap() as usize;
+        for name in file_names(&out.join("segments")) {
+            read_segments_png(&out.join("segments").join(&name)).unwrap();
+        }
+        let images = ["segments", "overlay"].map(|folder| file_names(&out.join(folder)).len());
+        assert_eq!(images, [frames, frames]);
+        assert_eq!(file_names(&out), ["manifest.jsonl", "memory.ply", "overlay", "segments", "summary.json"]);
+    }
+}
+
+#[test]
+fn a_second_signal_ends_the_run_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    // So large a codebook takes minutes, and the first signal waits for it.
+    let codebook = ["--set", "memory.kind=features", "--set", "memory.num_codes=20000", "--threads", "1"];
+    let mut command = Command::new(assert_cmd::cargo::cargo_bin!("splatseg"));
+    command.args(["run", ROOM, "--seed", &std::process::id().to_string(), "--out"]).arg(&out).args(codebook);
+    let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+    wait_for(&out.join(".splatseg-new/lock"));
+    send("-TERM", &child);
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    assert!(lines.any(|line| line.unwrap().contains("again to end at once")));
+    assert!(child.try_wait().unwrap().is_none());
+    send("-INT", &child);
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    // What it left does not stop the next run.
+    let ended = run(ROOM, &out, &[]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    assert_eq!(file_names(&out), ["manifest.jsonl", "overlay", "segments", "summary.json"]);
+}
+
+#[test]
+fn the_files_of_a_killed_run_are_known() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut child = start_long_run(&out);
+    wait_for(&out.join("segments/frame-000008.png"));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!out.join("summary.json").exists());
+    assert_eq!(run(ROOM, &out, &[]).code, 2);
+    let ended = run(ROOM, &out, &["--overwrite"]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    for results in ["segments", "overlay"] {
+        assert_eq!(file_names(&out.join(results)).len(), 4, "{:?}", file_names(&out.join(results)));
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn nohup_still_protects_from_a_closed_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut command = Command::new("bash");
+    command.args(["-c", "trap '' HUP; exec \"$@\"", "bash"]).arg(assert_cmd::cargo::cargo_bin!("splatseg"));
+    command.args(["run", "synthetic:frames=30,width=96,height=72", "--out"]).arg(&out);
+    let child = command.stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    wait_for(&out.join("segments/frame-000001.png"));
+    send("-HUP", &child);
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", message(&output));
+    assert_eq!(read_json(&out.join("summary.json"))["frames"], 30);
+}
+
+#[test]
+fn two_runs_do_not_write_to_one_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let child = start_long_run(&out);
+    let ended = run(ROOM, &out, &["--overwrite"]);
+    send("-TERM", &child);
+    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(143));
+    assert!(ended.code == 2 && ended.err.contains("another run is writing"), "{}", ended.err);
+}
+
+#[test]
+fn strict_input_ends_the_run_at_the_first_frame_that_cannot_be_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = numbered_scene(folder.path(), 4);
+    fs::write(scene.join("depth/2.png"), b"no image").unwrap();
+    let scene = scene.to_str().unwrap();
+    let out = folder.path().join("out");
+    let ended = run(scene, &out, &["--strict-input"]);
+    assert_eq!(ended.code, 2, "{}", ended.err);
+    assert!(ended.err.contains("depth/2.png") && ended.err.contains("after 2 frames"), "{}", ended.err);
+    assert_eq!(file_names(&out.join("segments")), ["000000.png", "000001.png"]);
+    assert_eq!(read_json(&out.join("summary.json"))["frames"], 2);
+    let lenient = run(scene, &folder.path().join("lenient"), &[]);
+    assert_eq!((lenient.code, lenient.err.matches("frame skipped").count()), (0, 1), "{}", lenient.err);
+    // The setting has the same name, and frames that the segmenter fails on count.
+    fs::create_dir(folder.path().join("masks")).unwrap();
+    write_segments_png(&folder.path().join("masks/1.png"), &SegmentMap::filled(320, 240, 1)).unwrap();
+    let masks = folder.path().join("masks");
+    let options = ["--segmenter", "masks", "--masks", masks.to_str().unwrap(), "--set", "strict_input=true"];
+    let ended = run(scene, &folder.path().join("strict"), &options);
+    assert_eq!(ended.code, 2, "{}", ended.err);
+    assert!(!folder.path().join("strict").exists());
+}
+
+/// A saved memory, of a place far from the room, in which all ids but this many are in use.
+fn save_nearly_full_memory(path: &Path, free: usize) {
+    let used = MAX_SEGMENT_ID as usize - free;
+    let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
+    for id in 1..=used {
+        assert_eq!(memory.new_segment().unwrap() as usize, id);
+    }
+    let (width, height) = (256, 256);
+    let seen = SegmentMap::from_fn(width, height, |column, row| {
+        let id = 1 + row * width + column;
+        if id <= used { id as u32 } else { 0 }
+    });
+    let intrinsics = Intrinsics { fx: 250.0, fy: 250.0, cx: 127.5, cy: 127.5, width, height };
+    let (color, depth) = (Image::filled(width, height, [9; 3]), Image::filled(width, height, 2.0));
+    let far = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 900.0, 0.0, 0.0, 0.0, 1.0];
+    let pose = Pose::from_row_major(far).unwrap();
+    let frame = RgbdFrame::new("far".to_owned(), color, depth, intrinsics, pose).unwrap();
+    let recall = memory.recall(&frame);
+    memory.update(recall, &seen).unwrap();
+    memory.save(path).unwrap();
+}
+
+#[test]
+fn running_out_of_ids_keeps_every_frame_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = folder.path().join("plain");
+    assert_eq!(run(ROOM, &plain, &[]).code, 0);
+    let first = read_segments_png(&plain.join("segments/frame-000000.png")).unwrap().areas().len();
+    assert!(first < read_json(&plain.join("summary.json"))["segments"].as_u64().unwrap() as usize);
+    let (memory, saved) = (folder.path().join("memory.ply"), folder.path().join("saved.ply"));
+    save_nearly_full_memory(&memory, first);
+    let options = ["--load-memory", memory.to_str().unwrap(), "--save-memory", saved.to_str().unwrap()];
+    let out = folder.path().join("out");
+    let ended = run(ROOM, &out, &options);
+    assert_eq!(ended.code, 1, "{}", ended.err);
+    assert!(ended.err.contains("more than 65535 segments"), "{}", ended.err);
+    let summary = read_json(&out.join("summary.json"));
+    let frames = summary["frames"].as_u64().unwrap() as usize;
+    assert!((1..4).contains(&frames), "{summary}");
+    assert!(summary["error"].as_str().unwrap().contains("65535"), "{summary}");
+    assert_eq!(file_names(&out.join("segments")).len(), frames);
+    assert!(saved.is_file());
+}
