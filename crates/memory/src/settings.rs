@@ -36,18 +36,18 @@ settings! {
         growth_silhouette: f32 = 0.5, Allowed::between(0.0, 1.0);
         /// A surface is missing where the alphas of the Gaussians up to its depth come to less than this (rule
         /// `missing`).
-        growth_coverage: f32 = 0.3, Allowed::between(0.0, 1.0);
+        growth_coverage: f32 = 0.3, Allowed::between(0.0, 1.0), only "memory.growth = missing";
         /// Depths that differ by more than this, metres, are those of two surfaces. Rule `missing` adds Gaussians where
         /// the frame's surface lies in front of the rendered one, rule `paper` also where it lies behind.
         depth_disparity: f32 = 0.15, Allowed::between(0.0, 1000.0);
         /// Neighbouring depths that differ by more than this fraction are a depth edge (rule `missing`).
-        edge_disparity: f32 = 0.05, Allowed::between(0.0, 1000.0);
+        edge_disparity: f32 = 0.05, Allowed::between(0.0, 1000.0), only "memory.growth = missing";
         /// Largest spacing of Gaussians inside a segment, pixels: 1, 2, 4 or 8 (rule `missing`).
-        growth_spacing: usize = 8, Allowed::OneOf(&[1.0, 2.0, 4.0, 8.0]);
+        growth_spacing: usize = 8, Allowed::OneOf(&[1.0, 2.0, 4.0, 8.0]), only "memory.growth = missing";
         /// A Gaussian may have a spacing of this many times its distance to the nearest border (rule `missing`).
-        spacing_per_distance: f32 = 2.0, Allowed::above_up_to(0.0, 1000.0);
+        spacing_per_distance: f32 = 2.0, Allowed::above_up_to(0.0, 1000.0), only "memory.growth = missing";
         /// Standard deviation of a new Gaussian per spacing between Gaussians (rule `missing`; the paper's has 1).
-        radius_per_spacing: f32 = 0.6, Allowed::above_up_to(0.0, 10.0);
+        radius_per_spacing: f32 = 0.6, Allowed::above_up_to(0.0, 10.0), only "memory.growth = missing";
         /// A Gaussian that this many frames saw through, none of them seeing it in between, is removed; 0: never.
         removal_frames: u8 = 3, Allowed::between(0.0, 255.0);
         /// A Gaussian is seen through where the observed surface lies behind it by more than this, metres...

@@ -299,3 +299,19 @@ fn numbers_of_seeds_and_jobs_have_a_range() {
     assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
     assert!(ended.err.contains("come to 32000 results, expected at most 20000"), "{}", ended.err);
 }
+
+#[test]
+fn options_that_no_method_uses_are_errors_that_say_what_would_use_them() {
+    let folder = tempfile::tempdir().unwrap();
+    for (options, expected) in [
+        (["--weights", "x.pt"], "weights is not used here: it needs segmenter = fastsam, but segmenter is oracle"),
+        (["--prompts", "ground-truth"], "prompts is not used here: it needs method = sam2 or sam2-splat"),
+        (["--scannet", "x"], "--scannet is not used here: it needs --preset paper"),
+        (["--weights-dir", "x"], "--weights-dir is not used here: it needs --preset paper"),
+        (["--preset", "paper"], "--methods is not used here: the paper's tables have methods of their own"),
+    ] {
+        let ended = bench(&[OTHER_ROOM], &folder.path().join("out"), &options);
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{options:?}: {}", ended.err);
+        assert!(ended.err.contains(expected), "{options:?}: {}", ended.err);
+    }
+}

@@ -175,6 +175,11 @@ fn damaged_files_are_named() {
     let cases = [
         (json!({"images": []}), "expected a list of annotations"),
         (json!([{"id": 1}]), "annotation 0: expected the key segmentation"),
+        (json!([3]), "annotation 0: expected an object"),
+        (json!([{"segmentations": 5}]), "annotation 0: expected an object, in which segmentations"),
+        (json!({"frames": 3, "annotations": []}), "key frames: expected a list of names"),
+        (json!({"images": [{"id": 3}], "annotations": []}), "key images: expected a list of objects"),
+        (one(json!({"size": [48, 64], "counts": [-5]})), "counts: expected whole numbers from 0 to 4294967295"),
         (json!([{"id": 1, "segmentation": good}]), "expected the key frame"),
         (json!([{"frame": name, "id": 0, "segmentation": good}]), "id: found 0"),
         (one(json!([[1, 2, 3, 4]])), "polygons are not supported"),
@@ -188,6 +193,9 @@ fn damaged_files_are_named() {
         let ended = eval(&written(&folder, &document), &["--allow-missing"]);
         assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{document}: {}", ended.err);
         assert!(ended.err.contains(expected), "{document}: {}", ended.err);
+        for word in ["struct", "u32", "usize", "sequence"] {
+            assert!(!ended.err.contains(word), "{word}: {}", ended.err);
+        }
     }
     let path = folder.path().join("cut.json");
     fs::write(&path, "[{\"segmentations\": [").unwrap();

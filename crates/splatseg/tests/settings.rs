@@ -91,6 +91,10 @@ fn options_that_do_nothing_are_errors_that_say_what_would_use_them() {
     ] {
         assert_refused(&option, expected);
     }
+    let paper = ["--set", "memory.growth=paper", "--set", "memory.growth_spacing=4"];
+    assert_refused(&paper, "memory.growth_spacing is not used here: it needs memory.growth = missing");
+    let features = ["--set", "memory.kind=features", "--set", "memory.growth_coverage=0.2"];
+    assert_refused(&features, "it needs memory.growth = missing, but memory.growth is paper");
     assert_refused(&["--register-depth"], "only 7scenes has depth that is not registered");
 
     let prompted = ["--method", "sam2", "--tracker", "sim", "--prompts", "ground-truth"];
@@ -167,6 +171,7 @@ fn settings_are_read_from_regular_files_of_a_sensible_size_only() {
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     for special in [pipe.to_str().unwrap(), "/dev/zero"] {
         assert_refused(&["--config", special], "is not a regular file");
+        assert_refused(&["--load-memory", special], "not a regular file");
     }
 }
 

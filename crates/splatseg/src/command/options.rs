@@ -96,8 +96,8 @@ pub struct SettingsOptions {
     pub prompts: Option<String>,
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
-    /// Settings from a TOML file
-    #[arg(long, value_name = "FILE.toml")]
+    /// Settings from a TOML file, or from the summary.json of an earlier run
+    #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Any setting, e.g. memory.max_votes=8; `splatseg settings` lists them all
     #[arg(long, value_name = "KEY=VALUE")]

@@ -108,8 +108,10 @@ impl SettingsError {
     /// The full key of the setting that is wrong, if it is one.
     pub fn key(&self) -> Option<&str> {
         match self {
-            Self::UnknownKey { key, .. } | Self::IsSection { key, .. } => Some(key),
-            Self::UnknownName { key, .. } | Self::Unused { key, .. } => Some(key),
+            Self::UnknownKey { key, .. }
+            | Self::IsSection { key, .. }
+            | Self::UnknownName { key, .. }
+            | Self::Unused { key, .. } => Some(key),
             Self::SavedOtherwise { key, .. } => Some(key),
             Self::Setting(error) => Some(&error.key),
             Self::InFile { source, .. } => source.key(),

@@ -135,7 +135,8 @@ impl SettingsLayers {
     }
 
     /// The error, with the file and the line if its value came from one.
-    fn with_place(&self, error: SettingsError) -> SettingsError {
+    #[must_use]
+    pub fn with_place(&self, error: SettingsError) -> SettingsError {
         match error.key().and_then(|key| self.places.get(key)).cloned() {
             Some((path, line)) => SettingsError::InFile { path, line, source: Box::new(error) },
             None => error,

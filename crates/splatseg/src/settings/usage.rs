@@ -61,10 +61,16 @@ impl<'a> Usage<'a> {
             return None;
         }
         let default = || entry.field.default.as_deref().unwrap_or_default().trim_matches('"').to_owned();
-        Some(self.values.get(key).map_or_else(default, |value| match value {
+        let value = self.values.get(key).map_or_else(default, |value| match value {
             Value::String(text) => text.clone(),
             value => value.to_string(),
-        }))
+        });
+        // As `MemorySettings::growth_rule`: `auto` stands for the rule of the memory's kind.
+        if key == "memory.growth" && value == "auto" {
+            let is_features = self.chosen("memory.kind").is_some_and(|kind| kind == "features");
+            return Some(if is_features { "paper" } else { "missing" }.to_owned());
+        }
+        Some(value)
     }
 
     /// The choices by which a need is not met, e.g. `memory.kind is evidence`.

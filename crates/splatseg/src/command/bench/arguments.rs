@@ -68,6 +68,24 @@ impl BenchArguments {
         self.methods.iter().map(method).collect()
     }
 
+    /// Refuses options that do nothing with, or without, `--preset paper`.
+    pub fn check_that_all_are_used(&self) -> Result<(), Failure> {
+        let paper = self.runs_the_paper();
+        for (option, is_given, is_used) in [
+            ("--scannet", self.scannet.is_some(), paper),
+            ("--weights-dir", self.weights_dir.is_some(), paper),
+            ("--methods", !self.methods.is_empty(), !paper),
+            ("--ablate", !self.ablate.is_empty(), !paper),
+        ] {
+            if is_given && !is_used {
+                let needs =
+                    if paper { "the paper's tables have methods of their own" } else { "it needs --preset paper" };
+                return Err(Failure::input(format!("{option} is not used here: {needs}")));
+            }
+        }
+        Ok(())
+    }
+
     /// Whether all of the paper's tables are asked for.
     pub fn runs_the_paper(&self) -> bool {
         self.options.dataset.preset == Some(PresetName::Paper)

@@ -31,6 +31,7 @@ use store::{Program, ResultStore, Stored};
 
 /// Does what `splatseg bench` asks for.
 pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
+    arguments.check_that_all_are_used()?;
     let paper = arguments.runs_the_paper().then(|| PaperBenchmark::prepare(arguments)).transpose()?;
     let plan = match &paper {
         Some(paper) => paper.plan(arguments)?,

@@ -279,24 +279,18 @@ fn variant_layers(layers: &SettingsLayers, variant: &Variant) -> Result<Settings
 
 /// A setting that no variant uses is a mistake of the command line.
 fn check_that_all_are_used(layers: &SettingsLayers, variants: &[Variant]) -> Result<(), Failure> {
-    let mut unused_by_all: Option<Vec<String>> = None;
+    let mut unused_by_all: Option<Vec<SettingsError>> = None;
     for variant in variants {
-        let unused: Vec<String> = variant_layers(layers, variant)?.unused().iter().map(key_of).collect();
+        let unused = variant_layers(layers, variant)?.unused();
+        let is_unused = |error: &SettingsError| unused.iter().any(|other| other.key() == error.key());
         unused_by_all = Some(match unused_by_all {
             None => unused,
-            Some(before) => before.into_iter().filter(|key| unused.contains(key)).collect(),
+            Some(before) => before.into_iter().filter(is_unused).collect(),
         });
     }
-    match unused_by_all.unwrap_or_default().first() {
-        Some(key) => Err(Failure::input(format!("no method of this benchmark uses the setting {key}"))),
+    match unused_by_all.unwrap_or_default().into_iter().next() {
+        Some(error) => Err(Failure::input(layers.with_place(error))),
         None => Ok(()),
-    }
-}
-
-fn key_of(error: &SettingsError) -> String {
-    match error {
-        SettingsError::Unused { key, .. } => key.clone(),
-        other => other.to_string(),
     }
 }
 

@@ -66,7 +66,8 @@ impl Document<'_> {
         let images = self.images(document.get_mut("images").map(Value::take))?;
         masks.extend(images.values().map(|name| (name.clone(), Vec::new())));
         if let Some(names) = document.get_mut("frames").map(Value::take) {
-            let names = <Vec<Value>>::deserialize(names).map_err(|error| format!("key frames: {error}"))?;
+            let names =
+                <Vec<Value>>::deserialize(names).map_err(|_| "key frames: expected a list of names".to_owned())?;
             for name in &names {
                 masks.entry(self.frame_name(name)?).or_default();
             }
@@ -78,7 +79,9 @@ impl Document<'_> {
         let mut videos = BTreeSet::new();
         for (place, value) in list.into_iter().enumerate() {
             let at = |text: String| format!("annotation {place}: {text}");
-            let annotation = Annotation::deserialize(value).map_err(|error| at(error.to_string()))?;
+            let annotation = Annotation::deserialize(value).map_err(|_| {
+                at("expected an object, in which segmentations, if there, is a list of masks".to_owned())
+            })?;
             videos.extend(annotation.video_id.as_ref().map(Value::to_string));
             if videos.len() > 1 {
                 return Err(
@@ -95,7 +98,8 @@ impl Document<'_> {
         let Some(list) = list else {
             return Ok(BTreeMap::new());
         };
-        let list = <Vec<CocoImage>>::deserialize(list).map_err(|error| format!("key images: {error}"))?;
+        let list = <Vec<CocoImage>>::deserialize(list)
+            .map_err(|_| "key images: expected a list of objects with id and file_name".to_owned())?;
         let named = |image: CocoImage| Ok((image.id.to_string(), self.frame_name(&Value::String(image.file_name))?));
         list.into_iter().map(named).collect()
     }
@@ -186,7 +190,8 @@ fn run_lengths(value: &Value) -> Result<Option<RunLengths>, String> {
             RunLengths::from_compressed(width, height, text).map(Some).map_err(|error| error.to_string())
         }
         counts => {
-            let counts = <Vec<u32>>::deserialize(counts).map_err(|error| format!("counts: {error}"))?;
+            let counts = <Vec<u32>>::deserialize(counts)
+                .map_err(|_| format!("counts: expected whole numbers from 0 to {}", u32::MAX))?;
             Ok(Some(RunLengths { width, height, counts }))
         }
     }

@@ -52,7 +52,7 @@ pub struct EvalArguments {
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Replace the JSON file if it exists
-    #[arg(long)]
+    #[arg(long, requires = "json")]
     pub overwrite: bool,
     /// Score frames without prediction as empty, and leave out frames without ground truth
     #[arg(long)]
