@@ -65,5 +65,5 @@ fn other_models_and_settings_are_refused_in_one_line() {
     assert!(matches!(error, FastSamError::Checkpoint(_)) && error.to_string().lines().count() == 1, "{error}");
     let odd = FastSamPredictorSettings::default().with(|settings| settings.image_size = 1000);
     let Some(error) = open("models/fastsam-rooms-n.pt", odd) else { return };
-    assert_eq!(error.to_string(), "fastsam.image_size is 1000, expected a multiple of 32 from 32 to 4096");
+    assert_eq!(error.to_string(), "fastsam.image_size is 1000, expected a multiple of 32 from 32 to 2048");
 }
