@@ -4,14 +4,17 @@
 //! A reader sees the old file or the new one, never a part. If anything fails, or the file is dropped before it is
 //! committed, the temporary file is removed and the old one stays.
 
+use std::fs::File;
 use std::io::{BufWriter, Result, Write};
 use std::path::{Path, PathBuf};
-use tempfile::NamedTempFile;
+use tempfile::TempPath;
 
 /// A buffered file that takes its name when it is committed.
 #[derive(Debug)]
 pub struct AtomicFile {
-    file: BufWriter<NamedTempFile>,
+    // Closed before it is removed.
+    file: BufWriter<File>,
+    temporary: TempPath,
     path: PathBuf,
 }
 
@@ -28,8 +31,8 @@ impl AtomicFile {
         // Temporary files are private by default; the result gets the mode of any new file (less the umask).
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let file = BufWriter::new(builder.tempfile_in(folder)?);
-        Ok(Self { file, path })
+        let (file, temporary) = builder.tempfile_in(folder)?.into_parts();
+        Ok(Self { file: BufWriter::new(file), temporary, path })
     }
 
     /// Gives the file its name, replacing what is there.
@@ -37,8 +40,8 @@ impl AtomicFile {
     /// # Errors
     /// If the last bytes cannot be written or the file cannot be renamed.
     pub fn commit(self) -> Result<()> {
-        let file = self.file.into_inner().map_err(|error| error.into_error())?;
-        file.persist(self.path).map(drop).map_err(|error| error.error)
+        self.file.into_inner().map_err(|error| error.into_error())?;
+        self.temporary.persist(self.path).map_err(|error| error.error)
     }
 
     /// Gives the file its name unless something has that name already.
@@ -46,8 +49,8 @@ impl AtomicFile {
     /// # Errors
     /// As [`AtomicFile::commit`], and of kind [`AlreadyExists`](std::io::ErrorKind::AlreadyExists).
     pub fn commit_new(self) -> Result<()> {
-        let file = self.file.into_inner().map_err(|error| error.into_error())?;
-        file.persist_noclobber(self.path).map(drop).map_err(|error| error.error)
+        self.file.into_inner().map_err(|error| error.into_error())?;
+        self.temporary.persist_noclobber(self.path).map_err(|error| error.error)
     }
 }
 

@@ -80,6 +80,7 @@ fn a_memory_that_cannot_be_saved_in_the_end_loses_nothing_else() {
     let ended = run_with_small_files(20, &out, &["--save-memory", memory.to_str().unwrap()]);
     assert_eq!(ended.code, 1, "{}", ended.err);
     assert!(ended.err.contains("the memory could not be saved"), "{}", ended.err);
+    assert!(!ended.err.contains(".writing-"), "{}", ended.err);
     assert_eq!(file_names(folder.path()), ["out"]);
     let summary = read_json(&out.join("summary.json"));
     assert_eq!((summary["frames"].as_u64(), file_names(&out.join("segments")).len()), (Some(4), 4));

@@ -20,10 +20,9 @@ struct InputPath {
 }
 
 impl InputPaths {
-    /// The inputs that settings name, and a scene.
-    pub fn of(scene: &str, settings: &Settings) -> Self {
+    /// The inputs that settings name.
+    pub fn of(settings: &Settings) -> Self {
         let mut inputs = Self::default();
-        inputs.add_scene(scene);
         match &settings.segmenter {
             SegmenterSettings::Masks { masks: Some(masks) } => inputs.add("the folder of --masks", masks),
             SegmenterSettings::Fastsam { weights: Some(weights), .. } => inputs.add("the file of --weights", weights),

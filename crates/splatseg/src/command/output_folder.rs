@@ -31,6 +31,10 @@ impl Existing {
 
 /// The folder of what is not in place yet. One that a killed run has left counts as nothing.
 const STAGING: &str = ".splatseg-new";
+/// A file in it that holds room for the summary, for the case that the disk is full when it is written.
+const RESERVE: &str = "reserve";
+/// More than any summary takes.
+const RESERVE_BYTES: usize = 1 << 16;
 
 /// A folder that takes results.
 #[derive(Debug)]
@@ -104,8 +108,10 @@ impl OutputFolder {
     /// If one of them cannot be written; later frames may be.
     pub fn write_frame(&mut self, frame: &FrameImages) -> Result<(), OutputError> {
         let [segments, overlay] = result_files(&frame.name);
-        write_segments_png(&place(&self.staging.path, &segments), &frame.segments)?;
-        write_overlay_jpeg(&place(&self.staging.path, &overlay), &frame.color, &frame.segments)?;
+        write_segments_png(&place(&self.staging.path, &segments), &frame.segments)
+            .map_err(|error| self.error_in_place(&segments, error))?;
+        write_overlay_jpeg(&place(&self.staging.path, &overlay), &frame.color, &frame.segments)
+            .map_err(|error| self.error_in_place(&overlay, error))?;
         if self.manifest.is_none() {
             self.remove_earlier()?;
             self.manifest = Some(Manifest::start(&self.path).map_err(|source| self.error(MANIFEST, source))?);
@@ -118,7 +124,10 @@ impl OutputFolder {
     /// # Errors
     /// If it cannot be written.
     pub fn write_summary(&mut self, text: &str) -> Result<(), OutputError> {
-        write_atomically(&self.staging.path.join(SUMMARY), text.as_bytes())?;
+        // If this fails there was no reserve.
+        let _ = fs::remove_file(self.staging.path.join(RESERVE));
+        write_atomically(&self.staging.path.join(SUMMARY), text.as_bytes())
+            .map_err(|error| self.error_in_place(SUMMARY, error))?;
         self.put_in_place(&[SUMMARY])
     }
 
@@ -146,6 +155,17 @@ impl OutputFolder {
                 .map_err(|source| self.error(file, source))?;
         }
         Ok(())
+    }
+
+    /// The error of a file that was written beside, with the path of its place.
+    fn error_in_place(&self, file: &str, error: OutputError) -> OutputError {
+        let path = place(&self.path, file);
+        match error {
+            OutputError::Io { source, .. } => OutputError::Io { path, source },
+            OutputError::IdTooLarge { id, .. } => OutputError::IdTooLarge { path, id },
+            OutputError::Encode { source, .. } => OutputError::Encode { path, source },
+            error => error,
+        }
     }
 
     fn error(&self, file: &str, source: std::io::Error) -> OutputError {
@@ -218,6 +238,8 @@ impl Staging {
                 _ => fs::create_dir(&results).map_err(unusable)?,
             }
         }
+        // Without a reserve the run can still succeed.
+        let _ = fs::write(staging.path.join(RESERVE), vec![b' '; RESERVE_BYTES]);
         Ok(staging)
     }
 }

@@ -38,7 +38,7 @@ pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
         None => Plan::new(arguments)?,
     };
     plan.require_a_scene()?;
-    let mut inputs = InputPaths::default();
+    let mut inputs = InputPaths::of(&plan.settings);
     plan.scenes.iter().for_each(|scene| inputs.add_scene(&scene.path));
     inputs.check_output_folder(&arguments.out)?;
     let existing = Existing::from_flag(arguments.overwrite);

@@ -121,13 +121,13 @@ fn print_scores(arguments: &EvalArguments, score: &VideoScore, counts: &MissingC
     let protocol = score.settings().protocol.name();
     let frames = counted(score.counts().frames as usize, "frame");
     say!("{}: {frames}, protocol {protocol}, percent", arguments.gt);
-    for (count, what) in [
-        (counts.missing_predictions, "frames without prediction, scored as empty"),
-        (counts.unlabelled_frames, "frames without ground truth, left out"),
-        (counts.unknown_predictions, "predictions of frames that the scene does not have, left out"),
+    for (count, thing, what) in [
+        (counts.missing_predictions, "frame", "without prediction, scored as empty"),
+        (counts.unlabelled_frames, "frame", "without ground truth, left out"),
+        (counts.unknown_predictions, "prediction", "of frames that the scene does not have, left out"),
     ] {
         if count > 0 {
-            say!("{count} {what}");
+            say!("{} {what}", counted(count, thing));
         }
     }
     let scores = score.scores();

@@ -63,7 +63,8 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
 
 /// Checks that nothing is written where the run reads.
 fn check_paths(job: &Job, config: Option<&Path>) -> Result<(), Failure> {
-    let mut inputs = InputPaths::of(&job.scene, &job.settings);
+    let mut inputs = InputPaths::of(&job.settings);
+    inputs.add_scene(&job.scene);
     if let Some(config) = config {
         inputs.add("the file of --config", config);
     }

@@ -29,8 +29,8 @@ pub fn finish(
     }
     let mut lost = Vec::new();
     if let Some(error) = written.first_error {
-        let images = counted(written.failed_frames, "frame");
-        lost.push(format!("images of {images} could not be written, the first: {error}"));
+        let images = counted(counts.frames - written.frames, "frame");
+        lost.push(format!("images of {images} could not be written, the first error: {error}"));
     }
     if let Some((memory, file)) = memory.zip(file)
         && let Err(error) = memory.save(file.path())

@@ -30,8 +30,8 @@ pub struct ResultWriter {
 pub struct Written {
     /// The folder.
     pub folder: OutputFolder,
-    /// Frames of which an image could not be written.
-    pub failed_frames: usize,
+    /// Frames with all their images.
+    pub frames: usize,
     /// The first error.
     pub first_error: Option<OutputError>,
 }
@@ -40,7 +40,7 @@ impl ResultWriter {
     /// Starts the thread.
     pub fn start(folder: OutputFolder) -> Self {
         let (sender, receiver) = sync_channel(WAITING);
-        let written = Written { folder, failed_frames: 0, first_error: None };
+        let written = Written { folder, frames: 0, first_error: None };
         let thread = std::thread::spawn(move || written.write_all(&receiver));
         Self { sender, thread }
     }
@@ -61,12 +61,14 @@ impl Written {
     /// Writes frames until there are no more. Goes on after an error that later frames need not have.
     fn write_all(mut self, receiver: &Receiver<FrameImages>) -> Self {
         for frame in receiver {
-            if let Err(error) = self.folder.write_frame(&frame) {
-                let is_last = ends_all(&error);
-                self.failed_frames += 1;
-                self.first_error.get_or_insert(error);
-                if is_last {
-                    break;
+            match self.folder.write_frame(&frame) {
+                Ok(()) => self.frames += 1,
+                Err(error) => {
+                    let is_last = ends_all(&error);
+                    self.first_error.get_or_insert(error);
+                    if is_last {
+                        break;
+                    }
                 }
             }
         }
