@@ -13,6 +13,7 @@ pub use noise::Noise;
 pub use settings::{CameraMotion, SyntheticSettings};
 pub(crate) use settings::{LAYOUT, looks_like};
 
+use crate::files::MemoryNeed;
 use crate::scene::FrameParts;
 use crate::{DatasetError, Format, Scene};
 use glam::Vec2;
@@ -21,9 +22,13 @@ use rayon::prelude::*;
 use room::{Room, brightness};
 use solids::Ray;
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
+use std::path::Path;
 
 /// Focal length in image widths: a field of view of 58 degrees, a Kinect's.
 const FOCAL_WIDTHS: f32 = 0.9;
+
+/// What rendering a frame takes for each pixel, bytes: two copies of what rays see, and the frame.
+const RENDERING_BYTES_PER_PIXEL: u64 = 2 * size_of::<Sample>() as u64 + 16;
 
 /// A room with textured boxes, spheres and cylinders through which a camera walks in a circle, so that objects leave the
 /// image and come back. Frames are rendered when they are read, the same ones for the same settings. With
@@ -44,11 +49,15 @@ impl SyntheticScene {
     /// Furnishes the room.
     ///
     /// # Errors
-    /// [`DatasetError::Synthetic`] names a setting that is out of range, also if more things are to move than there are
-    /// things on which nothing else stands.
+    /// [`DatasetError::MemoryLimit`] if its frames are too large; [`DatasetError::Synthetic`] names a setting that is out
+    /// of range, also if more things are to move than there are things on which nothing else stands.
     pub fn new(settings: SyntheticSettings) -> Result<Self, DatasetError> {
         settings.validate()?;
         let (width, height) = (settings.width, settings.height);
+        let remedy = "choose a smaller width and height, or raise --memory-limit";
+        let need =
+            MemoryNeed { what: "frame", size: (width, height), bytes_per_pixel: RENDERING_BYTES_PER_PIXEL, remedy };
+        need.check(Path::new(&settings.to_string()))?;
         let focal = FOCAL_WIDTHS * width as f32;
         let intrinsics = Intrinsics {
             fx: focal,
