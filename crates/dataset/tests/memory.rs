@@ -22,8 +22,8 @@ fn peak_mb() -> u64 {
 /// So many zeros as zlib data, made without having them all in memory.
 fn zeros(count: usize) -> Vec<u8> {
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
-    for _ in 0..count >> 16 {
-        encoder.write_all(&[0; 1 << 16]).unwrap();
+    for _ in 0..count >> 12 {
+        encoder.write_all(&[0; 1 << 12]).unwrap();
     }
     encoder.finish().unwrap()
 }

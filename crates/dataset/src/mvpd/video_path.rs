@@ -60,7 +60,7 @@ impl VideoPath {
         }
         let (place, video) = split_at_last_colon(path)?;
         let place = Place::at(&place)?;
-        (!video.is_empty()).then(|| Self { place, video: Some(video) })
+        (!video.is_empty()).then_some(Self { place, video: Some(video) })
     }
 
     fn from_images_folder(path: &Path) -> Option<Self> {
