@@ -6,7 +6,7 @@
 
 use crate::decode::{read_color, read_depth};
 use crate::files::read_file;
-use crate::listing::{NamePattern, NumberedFile, folder_name, left_out_beside, numbered_files};
+use crate::listing::{NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{read_text, shortened};
 use crate::{DatasetError, Format, Scene};
@@ -68,12 +68,15 @@ impl ReplicaScene {
     /// Lists the frames of a scene's folder, sorted by number, and reads its trajectory and camera.
     ///
     /// # Errors
-    /// If the folder has no frames, or the trajectory is missing or it or the camera's file is damaged.
+    /// If the folder has no colour or no depth images, or the trajectory is missing or it or the camera's file is damaged.
     pub fn open(folder: &Path) -> Result<Self, DatasetError> {
         let images = folder.join(IMAGES_FOLDER);
         let frames = numbered_files(&images, COLOR)?;
         if frames.is_empty() {
             return Err(DatasetError::NoFrames { path: images, expected: "frame<number>.jpg or .png" });
+        }
+        if !has_numbered_files(&images, DEPTH) {
+            return Err(DatasetError::NoFrames { path: images, expected: "depth<number>.png" });
         }
         let poses = read_trajectory(&folder.join(TRAJECTORY))?;
         let (intrinsics, units_per_metre) = read_camera(folder)?;

@@ -276,6 +276,16 @@ fn members_that_lie_about_their_size_take_no_memory() {
     }
 }
 
+#[test]
+fn a_video_without_any_depth_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    write_split(folder.path(), &[FIRST], &panoptic(&[FIRST]));
+    fs::remove_dir_all(folder.path().join("imagesDEPTH")).unwrap();
+    let error = open(folder.path()).unwrap_err().to_string();
+    let expected = format!("imagesDEPTH/{FIRST}: no frames: looked for the depth images that the annotations name");
+    assert!(error.ends_with(&expected), "{error}");
+}
+
 #[cfg(unix)]
 #[test]
 fn special_files_are_not_read() {

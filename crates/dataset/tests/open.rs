@@ -98,6 +98,8 @@ fn what_a_scene_lacks_is_told() {
     assert!(told(sevenscenes, "frame-000000.color.jpg").contains("this is missing: frame-<number>.color.png or .jpg"));
     let replica = |folder: &Path| write_empty_files(&["traj.txt", "results/frame000000.jpg"], folder);
     assert!(told(replica, "traj.txt").contains("format replica, but this is missing: traj.txt (found: results/)"));
+    let no_depth = |folder: &Path| write_empty_files(&["traj.txt", "results/frame0.jpg", "other.txt"], folder);
+    assert_eq!(told(no_depth, "other.txt"), "SCENE/results: no frames: looked for depth<number>.png");
     let mvpd =
         |folder: &Path| write_empty_files(&["panoptic_val.json", "imagesRGB/a/0.jpg", "imagesDEPTH/a/0.png"], folder);
     assert!(told(mvpd, "panoptic_val.json").contains("format mvpd, but this is missing: panoptic_<split>.json (found"));

@@ -55,6 +55,7 @@ impl MemoryLimit {
     }
 
     /// Makes this the limit of the whole process. Memory belongs to the process, as threads do, so there is one limit.
+    /// The command does this with the setting `memory_limit`; a program that uses the library calls it itself.
     pub fn enforce(self) {
         IN_FORCE.store(self.bytes().max(1), Ordering::Relaxed);
     }

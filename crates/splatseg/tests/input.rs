@@ -74,14 +74,14 @@ fn large_frames_are_reduced_or_refused_before_they_take_memory() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let room = Path::new("synthetic:frames=1,width=1920,height=1440,objects=2");
-    let ended = run(room, &out, &["--memory-limit", "100MB"]);
+    let ended = run(room, &out, &["--memory-limit", "200MB"]);
     assert_eq!(ended.code, 2, "{}", ended.err);
     assert!(
-        ended.err.contains("would take 524 MB of memory, but the limit is 100 MB: make frames smaller with --resize"),
+        ended.err.contains("would take 524 MB of memory, but the limit is 200 MB: make frames smaller with --resize"),
         "{}",
         ended.err
     );
-    let ended = run(room, &out, &["--memory-limit", "64MB", "--resize", "320x240"]);
+    let ended = run(room, &out, &["--memory-limit", "200MB", "--resize", "320x240"]);
     assert_eq!(ended.code, 0, "{}", ended.err);
     let ended = run(room, &folder.path().join("reduced"), &["--set", "dataset.max_pixels=80000"]);
     assert_eq!((ended.code, lines_with(&ended.err, "are reduced to 326x244").len()), (0, 1), "{}", ended.err);
@@ -93,4 +93,15 @@ fn large_frames_are_reduced_or_refused_before_they_take_memory() {
         let ended = run(room, &folder.path().join("other"), &[option, value]);
         assert!(ended.code == 2 && ended.err.contains(expected), "{}", ended.err);
     }
+}
+
+#[cfg(unix)]
+#[test]
+fn paths_that_are_not_utf8_are_taken() {
+    use std::os::unix::ffi::OsStringExt;
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &[u8]| folder.path().join(std::ffi::OsString::from_vec(name.to_vec()));
+    copied_scene(&name(b"sc\xFFne"), 1);
+    let ended = run(&name(b"sc\xFFne"), &name(b"\xFF"), &["--resize", "80x60"]);
+    assert_eq!((ended.code, name(b"\xFF").join("segments/0.png").is_file()), (0, true), "{}", ended.err);
 }

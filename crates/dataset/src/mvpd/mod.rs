@@ -81,7 +81,7 @@ impl MvpdScene {
     /// it](crate::Format::Mvpd).
     ///
     /// # Errors
-    /// If the annotations or their archive are missing or damaged, if there is no such video, or several and none is
+    /// If the annotations or their archive are missing or damaged, if all depth images are missing, if there is no such video, or several and none is
     /// chosen, or if names in the annotations lead out of the video's folders or are used twice.
     pub fn open(path: &Path) -> Result<Self, DatasetError> {
         let chosen = VideoPath::parse(path).ok_or_else(|| DatasetError::NotFound { path: path.to_owned() })?;
@@ -103,6 +103,12 @@ impl MvpdScene {
             files.iter().map(|file| video_files::member(folder, &name, file)).collect::<Vec<_>>()
         });
         let files = chosen.files(&annotations.prefix, wanted.collect())?;
+        let has_depth =
+            views.iter().any(|view| files.contains(&video_files::member("imagesDEPTH", &name, &view.depth)));
+        if !has_depth {
+            let path = files.path_of(&format!("imagesDEPTH/{name}"));
+            return Err(DatasetError::NoFrames { path, expected: "the depth images that the annotations name" });
+        }
         // Without the masks, which are a separate folder, the video is one without ground truth.
         let has_masks =
             masks.values().any(|mask| files.contains(&video_files::member("panomasksRGB", &name, &mask.file)));

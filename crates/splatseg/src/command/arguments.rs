@@ -60,7 +60,7 @@ pub struct DemoArguments {
     splatseg run synthetic:frames=60,seed=3 --out out")]
 pub struct RunArguments {
     /// The scene: a folder or file of any format that --format names, or `synthetic[:frames=60,seed=3,…]`
-    pub scene: String,
+    pub scene: PathBuf,
     /// Folder for the results: segments/*.png, overlay/*.jpg, summary.json, and manifest.jsonl, which lists them
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,

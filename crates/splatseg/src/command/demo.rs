@@ -21,7 +21,7 @@ pub fn demo(arguments: &DemoArguments) -> Result<(), Failure> {
     let mut settings = Settings::default();
     settings.dataset.max_frames = arguments.frames;
     let job = Job {
-        scene: scene.display().to_string(),
+        scene,
         out: arguments.out.clone(),
         // The folder has the clip now; before, it was empty or could be overwritten.
         existing: Existing::Replace,

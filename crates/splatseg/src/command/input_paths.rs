@@ -35,12 +35,11 @@ impl InputPaths {
     }
 
     /// Adds a scene, unless it has no files.
-    pub fn add_scene(&mut self, scene: &str) {
-        let path = Path::new(scene);
-        match scene.rsplit_once(':') {
+    pub fn add_scene(&mut self, scene: &Path) {
+        match scene.to_str().and_then(|text| text.rsplit_once(':')) {
             // A video in a folder or archive.
-            Some((place, _)) if !path.exists() => self.add("the scene", Path::new(place)),
-            _ => self.add("the scene", path),
+            Some((place, _)) if !scene.exists() => self.add("the scene", Path::new(place)),
+            _ => self.add("the scene", scene),
         }
     }
 
@@ -131,7 +130,7 @@ mod tests {
         let scene = folder.path().join("scene");
         std::fs::create_dir(&scene).unwrap();
         let mut inputs = InputPaths::default();
-        inputs.add_scene(&format!("{}:video", scene.display()));
+        inputs.add_scene(Path::new(&format!("{}:video", scene.display())));
         inputs.check_output_folder(&folder.path().join("scene2")).unwrap();
         for (out, place) in [("scene", "is the scene"), ("scene/a/out", "inside"), (".", "contains")] {
             let error = inputs.check_output_folder(&folder.path().join(out)).unwrap_err().to_string();

@@ -32,7 +32,7 @@ use stop_signals::StopSignals;
 /// A run.
 pub struct Job {
     /// The scene as it was given.
-    pub scene: String,
+    pub scene: PathBuf,
     /// Folder for the results.
     pub out: PathBuf,
     /// What to do with existing results.

@@ -24,7 +24,7 @@ pub fn finish(
     if counts.frames == 0 {
         return Err(match early {
             Some(early) => early.failure("before the first frame; nothing was written"),
-            None => Failure::input(format!("{}: none of the frames could be used", job.scene)),
+            None => Failure::input(format!("{}: none of the frames could be used", job.scene.display())),
         });
     }
     let mut lost = Vec::new();
@@ -107,7 +107,7 @@ fn summary(
         curve: counts.curve.into_points(),
         interrupted: counts.interrupted,
         error: None,
-        scene: job.scene.clone(),
+        scene: job.scene.display().to_string(),
         settings: job.settings.clone(),
         seed: job.settings.run.seed,
         version: env!("CARGO_PKG_VERSION").to_owned(),
