@@ -238,9 +238,6 @@ impl<'a> EncodedImage<'a> {
 
     fn check_size(&self, (width, height): (u32, u32)) -> Result<(), DatasetError> {
         let pixels = u64::from(width) * u64::from(height);
-        if pixels <= MAX_PIXELS {
-            require_decoding_memory(self.path, self.what, (width as usize, height as usize))?;
-        }
         if pixels > MAX_PIXELS || pixels > self.bytes.len() as u64 * MAX_PIXELS_PER_BYTE {
             return Err(DatasetError::ImplausibleSize {
                 path: self.path.to_owned(),
@@ -251,7 +248,7 @@ impl<'a> EncodedImage<'a> {
                 limit: MAX_PIXELS,
             });
         }
-        Ok(())
+        require_decoding_memory(self.path, self.what, (width as usize, height as usize))
     }
 
     /// A decoder that has read the header and checked the size it states.

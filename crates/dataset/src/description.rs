@@ -1,5 +1,6 @@
 //! What was recognised of a scene, to be told before its frames are processed.
 
+use crate::plausibility::warn_once;
 use crate::{DatasetSettings, Format, LeftOut, Scene, StreamedFrame};
 use std::fmt;
 
@@ -65,14 +66,14 @@ impl SceneDescription {
         let Some(original) = self.original_size else { return };
         let reduced = settings.framing().resized(original);
         if settings.resize.is_none() && reduced != original {
-            tracing::warn!(
+            warn_once(format!(
                 "{}: frames of {} pixels are reduced to {}, because dataset.max_pixels is {}: set it higher, or choose \
                  a size with --resize",
                 self.name,
                 Size(original),
                 Size(reduced),
                 settings.max_pixels
-            );
+            ));
         }
     }
 }

@@ -3,6 +3,8 @@
 use crate::{DatasetError, FramePart, Scene};
 use glam::Vec3;
 use splatseg_geometry::{Intrinsics, RgbdFrame};
+use std::collections::BTreeSet;
+use std::sync::{Mutex, PoisonError};
 
 /// A camera further than this from the origin is not on Earth, metres.
 const MAX_DISTANCE_M: f32 = 1e8;
@@ -16,6 +18,16 @@ const DEPTH_SAMPLING: usize = 7;
 const POSSIBLE_FOCAL: std::ops::RangeInclusive<f32> = 0.005..=1000.0;
 /// Focal lengths in image widths that are worth a warning: fields of view of less than 3 and more than 157 degrees.
 const USUAL_FOCAL: std::ops::RangeInclusive<f32> = 0.1..=20.0;
+
+/// Warns, unless the same was said before: a benchmark opens a scene for each of its runs.
+pub(crate) fn warn_once(text: String) {
+    static SAID: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+    let mut said = SAID.lock().unwrap_or_else(PoisonError::into_inner);
+    if !said.contains(&text) {
+        tracing::warn!("{text}");
+        said.insert(text);
+    }
+}
 
 /// What was seen and told of the frames so far.
 #[derive(Debug, Default)]
@@ -42,7 +54,7 @@ impl Plausibility {
             });
         }
         for (part, text) in self.warnings(frame, position) {
-            tracing::warn!("{}: {text}", scene.file_of(index, part).display());
+            warn_once(format!("{}: {text}", scene.file_of(index, part).display()));
         }
         Ok(())
     }
@@ -104,7 +116,7 @@ pub(crate) fn check_intrinsics(scene: &dyn Scene, index: usize, intrinsics: &Int
         });
     }
     for warning in intrinsics_warnings(intrinsics) {
-        tracing::warn!("{}: {warning}", path().display());
+        warn_once(format!("{}: {warning}", path().display()));
     }
     Ok(())
 }

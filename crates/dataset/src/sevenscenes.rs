@@ -8,6 +8,7 @@ use crate::decode::{MILLIMETRES, read_color, read_depth};
 use crate::listing::{
     NamePattern, NumberedFile, fits, folder_name, has_numbered_files, left_out_beside, names_in, numbered_files,
 };
+use crate::plausibility::warn_once;
 use crate::register::{CameraPair, register_depth};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, read_pose};
@@ -65,11 +66,11 @@ impl SevenScenesScene {
         let intrinsics = if intrinsics_path.exists() {
             Some(PinholeMatrix::read(&intrinsics_path)?)
         } else {
-            tracing::warn!(
+            warn_once(format!(
                 "{}: no {INTRINSICS_FILE}: assuming the colour camera of the published 7-Scenes (focal length 525){}",
                 folder.display(),
                 if settings.register_depth { "" } else { "; their depth needs register_depth = true" }
-            );
+            ));
             None
         };
         let registration = settings.register_depth.then_some(settings.depth_offset_m);

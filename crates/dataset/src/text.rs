@@ -2,6 +2,7 @@
 
 use crate::DatasetError;
 use crate::files::read_file;
+use crate::plausibility::warn_once;
 use splatseg_geometry::{Intrinsics, Pose};
 use std::path::Path;
 
@@ -54,11 +55,11 @@ impl PinholeMatrix {
             ));
         }
         if at(0, 1) != 0.0 {
-            tracing::warn!(
-                "{}: {what}: the skew of {} in row 1, column 2 is ignored: the camera is taken to have square axes",
+            warn_once(format!(
+                "{}: {what}: the skew of {} in row 1, column 2 is ignored: the image's axes are taken to be at right angles",
                 path.display(),
                 at(0, 1)
-            );
+            ));
         }
         let matrix = Self { fx: at(0, 0), fy: at(1, 1), cx: at(0, 2), cy: at(1, 2) };
         // The size is checked when the image is known.

@@ -6,6 +6,7 @@ use super::{Camera, Cameras};
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MAX_DEFLATE_RATIO, MAX_PIXELS};
 use crate::decode::{decode_color, metres, require_decoding_memory};
 use crate::listing::all_names_in;
+use crate::plausibility::warn_once;
 use crate::scene::{FramePart, FrameParts, LeftOut};
 use crate::text::PinholeMatrix;
 use crate::{DatasetError, Format, Scene};
@@ -54,7 +55,7 @@ impl SensScene {
         let mut left_out = Vec::new();
         if let Some((missing, error)) = file.cut_off() {
             let whole = file.frame_count();
-            tracing::warn!("{error}; only the frames before it are used: {whole}");
+            warn_once(format!("{error}; only the frames before it are used: {whole}"));
             let what = format!("after frame {}, where the recording is cut off", whole - 1);
             left_out = LeftOut::list([(usize::try_from(*missing).unwrap_or(usize::MAX), what)]);
         }

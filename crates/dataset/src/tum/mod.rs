@@ -13,6 +13,7 @@ mod lists;
 
 use crate::decode::{read_color, read_depth};
 use crate::listing::folder_name;
+use crate::plausibility::warn_once;
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, shortened};
 use crate::{DatasetError, Format, Scene};
@@ -112,10 +113,10 @@ impl TumScene {
         let intrinsics = if intrinsics_path.exists() { Some(PinholeMatrix::read(&intrinsics_path)?) } else { None };
         let published = PUBLISHED.iter().find(|(part, _)| name.contains(part)).map(|(_, camera)| *camera);
         if intrinsics.is_none() && published.is_none() {
-            tracing::warn!(
+            warn_once(format!(
                 "{}: no {INTRINSICS_FILE} and no freiburg1, 2 or 3 in the folder's name: assuming ROS's default camera",
                 folder.display()
-            );
+            ));
         }
         let assumed_camera = published.unwrap_or(ROS_DEFAULT);
         Ok(Self { name, folder: folder.to_owned(), frames, intrinsics, assumed_camera, left_out })
