@@ -1,4 +1,4 @@
-//! What was recognised of a scene, to be told before its frames are processed.
+//! What was recognised of a scene, for a message before its frames are processed.
 
 use crate::plausibility::warn_once;
 use crate::{DatasetSettings, Format, LeftOut, Scene, StreamedFrame};
@@ -10,13 +10,13 @@ use std::fmt;
 pub struct SceneDescription {
     /// The scene's name.
     pub name: String,
-    /// Its format; `None` for a scene of another program.
+    /// Its format; `None` for a [`Scene`] that is defined elsewhere.
     pub format: Option<Format>,
     /// Number of its frames.
     pub frames: usize,
     /// Number of frames that the settings select.
     pub selected_frames: usize,
-    /// Size `(width, height)` of the stored colour images; `None` if no frame can be read, as below.
+    /// Size `(width, height)` of the stored colour images. This and what follows is `None` if no frame can be read.
     pub color_size: Option<(usize, usize)>,
     /// Size `(width, height)` of the frames before they are resized and cropped.
     pub original_size: Option<(usize, usize)>,

@@ -1,4 +1,4 @@
-//! Input that can be read but can hardly be meant: each kind is told once in a scene, with its file and likely cause.
+//! Input that is valid but unlikely to be right: each kind is reported once per scene, with its file and likely cause.
 
 use crate::{DatasetError, FramePart, Scene};
 use glam::Vec3;

@@ -11,7 +11,7 @@ use std::thread::JoinHandle;
 
 /// The most frames that wait in the channel.
 const WAITING_FRAMES: usize = 2;
-/// What the waiting frames may take together, bytes. Large frames wait in smaller number, or not at all.
+/// What all waiting frames together may take, bytes. The larger the frames, the fewer wait, down to none.
 const WAITING_BYTES: usize = 64 << 20;
 /// Colour, depth and labels of one pixel.
 const FRAME_BYTES_PER_PIXEL: usize = 3 + 4 + 4;
@@ -20,7 +20,7 @@ const FRAME_BYTES_PER_PIXEL: usize = 3 + 4 + 4;
 const RUN_BYTES_PER_PIXEL: u64 = 250;
 
 /// The most frames of a [`FrameStream`] in memory at once, however long the video: two that wait, one that is being
-/// read and the one that the caller holds. Of large frames fewer wait.
+/// read and the one that the caller holds. Fewer wait if frames are large.
 pub const MAX_FRAMES_IN_MEMORY: usize = WAITING_FRAMES + 2;
 
 /// Whether a stream reads the true segments along with each frame.
@@ -247,7 +247,7 @@ impl ReadingJob {
     fn require_memory(&self, size: (usize, usize)) -> Result<(), DatasetError> {
         self.framing.check(size)?;
         let need = MemoryNeed {
-            what: "run with frames",
+            what: "run on frames",
             size: self.framing.resized(size),
             bytes_per_pixel: RUN_BYTES_PER_PIXEL,
             remedy: "make frames smaller with --resize or dataset.max_pixels, or raise --memory-limit",
