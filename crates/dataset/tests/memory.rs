@@ -4,7 +4,9 @@
 mod support;
 
 use flate2::{Compression, write::ZlibEncoder};
-use splatseg_dataset::{DatasetError, DatasetSettings, FrameStream, GroundTruth, open_scene, read_color_image};
+use splatseg_dataset::{
+    DatasetError, DatasetSettings, FrameStream, GroundTruth, TumScene, open_scene, read_color_image,
+};
 use splatseg_geometry::Intrinsics;
 use splatseg_input::MemoryLimit;
 use std::fs;
@@ -60,6 +62,13 @@ fn small_files_take_little_memory_and_no_more_than_the_limit() {
     let before = peak_mb();
     assert_eq!(read_color_image(&bomb).unwrap().size(), (64, 48), "the profile is not used");
     assert!(peak_mb() < before + 20, "{before} MB, then {} MB", peak_mb());
+
+    MemoryLimit::Bytes(100_000_000).enforce();
+    fs::write(folder.path().join("rgb.txt"), "1 a\n".repeat(300_000)).unwrap();
+    let error = TumScene::open(folder.path()).unwrap_err().to_string();
+    let expected =
+        "rgb.txt: lines: found 300000, expected at most 195312, as each takes up to 512 bytes and the memory";
+    assert!(error.contains(expected), "{error}");
 
     let recording = folder.path().join("large.sens");
     write_large_recording(&recording);

@@ -4,10 +4,14 @@ use crate::DatasetError;
 use crate::files::read_file;
 use crate::text::{not_text, shortened};
 use glam::{DQuat, DVec3};
+use splatseg_input::{MemoryLimit, display_bytes};
 use std::path::{Component, Path, PathBuf};
 
 /// Larger files are not lists of a sequence: a day at 120 poses a second has 10 million.
 const MAX_LIST_BYTES: u64 = 1 << 30;
+
+/// What a line of a list takes in memory, with the name of its file and its place among those to be paired.
+const BYTES_PER_LINE: u64 = 512;
 
 /// An image and when it was taken.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,6 +89,7 @@ fn read_lines<T>(
     parse: impl Fn(Line<'_>) -> Option<T>,
 ) -> Result<(Vec<T>, usize), DatasetError> {
     let text = read_file(path, what, MAX_LIST_BYTES)?;
+    require_memory_for_lines(path, &text)?;
     let (mut parsed, mut unreadable) = (Vec::new(), 0);
     for (index, line) in text.split(|byte| *byte == b'\n').enumerate() {
         let Ok(line) = std::str::from_utf8(line) else {
@@ -109,6 +114,25 @@ fn read_lines<T>(
         return Err(not_text(path, what));
     }
     Ok((parsed, unreadable))
+}
+
+/// Requires that what is made of the lines of a list is within the memory limit.
+fn require_memory_for_lines(path: &Path, text: &[u8]) -> Result<(), DatasetError> {
+    let lines = text.iter().filter(|byte| **byte == b'\n').count() as u64;
+    let limit = MemoryLimit::in_force();
+    if lines.saturating_mul(BYTES_PER_LINE) <= limit {
+        return Ok(());
+    }
+    Err(DatasetError::Field {
+        path: path.to_owned(),
+        field: "lines".to_owned(),
+        found: lines.to_string(),
+        expected: format!(
+            "at most {}, as each takes up to {BYTES_PER_LINE} bytes and the memory limit is {}: raise --memory-limit",
+            limit / BYTES_PER_LINE,
+            display_bytes(limit)
+        ),
+    })
 }
 
 fn sort_by_time<T>(items: &mut Vec<T>, seconds: impl Fn(&T) -> f64) {
