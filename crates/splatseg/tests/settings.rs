@@ -165,12 +165,12 @@ fn settings_are_read_from_regular_files_of_a_sensible_size_only() {
         let huge = folder.path().join(name);
         // Sparse: takes no room on the disk.
         fs::File::create(&huge).unwrap().set_len(3_000_000_000).unwrap();
-        assert_refused(&["--config", huge.to_str().unwrap()], &format!("{name}: is longer than 16000000 bytes"));
+        assert_refused(&["--config", huge.to_str().unwrap()], "at most 16000000 are read");
     }
     let pipe = folder.path().join("pipe.toml");
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     for special in [pipe.to_str().unwrap(), "/dev/zero"] {
-        assert_refused(&["--config", special], "is not a regular file");
+        assert_refused(&["--config", special], "expected a regular file");
         assert_refused(&["--load-memory", special], "not a regular file");
     }
 }

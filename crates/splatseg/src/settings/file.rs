@@ -1,9 +1,9 @@
 //! Files of settings: TOML, or the JSON of a summary.
 
 use super::SettingsError;
+use splatseg_input::read_file;
 use splatseg_settings::Allowed;
 use std::collections::BTreeMap;
-use std::io::{Error, ErrorKind, Read};
 use std::path::Path;
 use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
@@ -53,25 +53,6 @@ impl SettingsFile {
         collect_lines("", spanned.get_ref(), &line_of, &mut lines);
         Ok(Self { table, lines })
     }
-}
-
-/// The bytes of a regular file of at most `limit` bytes. Anything else, e.g. a pipe, could have no end.
-///
-/// # Errors
-/// If the file cannot be read, is not a regular file, or is longer.
-pub fn read_file(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> {
-    // Before opening, which waits for ever for a writer of a pipe.
-    let metadata = std::fs::metadata(path)?;
-    if !metadata.is_file() {
-        return Err(Error::new(ErrorKind::InvalidInput, "is not a regular file"));
-    }
-    let too_large = || Error::new(ErrorKind::FileTooLarge, format!("is longer than {limit} bytes"));
-    if metadata.len() > limit {
-        return Err(too_large());
-    }
-    let mut bytes = Vec::new();
-    std::fs::File::open(path)?.take(limit.saturating_add(1)).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > limit { Err(too_large()) } else { Ok(bytes) }
 }
 
 fn collect_lines(

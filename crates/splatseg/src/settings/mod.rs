@@ -11,7 +11,6 @@ mod usage;
 
 pub use document::{describe_settings, markdown};
 pub use error::{MissingFile, SettingsError};
-pub use file::read_file;
 pub use layers::SettingsLayers;
 pub use names::{MethodName, SegmenterName, TrackerName};
 pub use registry::{ChosenValues, Entry, Need, describe, entries};

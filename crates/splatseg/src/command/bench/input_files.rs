@@ -3,8 +3,9 @@
 use crate::command::Failure;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use splatseg::settings::{SegmenterSettings, Settings, TrackerSettings, read_file};
+use splatseg::settings::{SegmenterSettings, Settings, TrackerSettings};
 use splatseg_dataset::write_atomically;
+use splatseg_input::read_file;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::Metadata;
 use std::io::Read;

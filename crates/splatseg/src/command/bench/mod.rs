@@ -39,7 +39,7 @@ pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
     };
     plan.require_a_scene()?;
     let mut inputs = InputPaths::of(&plan.settings);
-    plan.scenes.iter().for_each(|scene| inputs.add_scene(Path::new(&scene.path)));
+    plan.scenes.iter().for_each(|scene| inputs.add_scene(std::path::Path::new(&scene.path)));
     inputs.check_output_folder(&arguments.out)?;
     let existing = Existing::from_flag(arguments.overwrite);
     let store = ResultStore::open(&arguments.out, existing, Program::running())?;

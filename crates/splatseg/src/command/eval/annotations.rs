@@ -4,8 +4,8 @@ use super::frames::SelectedFrames;
 use crate::command::Failure;
 use serde::Deserialize;
 use serde_json::Value;
-use splatseg::settings::read_file;
 use splatseg_geometry::{RunLengths, SegmentId};
+use splatseg_input::read_file;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 

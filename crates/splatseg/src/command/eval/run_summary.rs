@@ -2,8 +2,9 @@
 
 use crate::command::Failure;
 use serde_json::Value;
-use splatseg::settings::{SettingsLayers, read_file};
+use splatseg::settings::SettingsLayers;
 use splatseg_dataset::{DatasetSettings, SyntheticSettings};
+use splatseg_input::read_file;
 use std::path::{Path, PathBuf};
 
 /// Larger files are no summaries of ours.
