@@ -147,7 +147,12 @@ impl Instructions {
     /// Runs `work` compiled for these instructions: loops over slices in it become vector code.
     #[inline(always)]
     pub fn run<W: Vectorize>(self, work: W) -> W::Output {
-        let work = Work(work);
+        self.run_simd(Work(work))
+    }
+
+    /// Runs work that names its vectors.
+    #[inline(always)]
+    pub(crate) fn run_simd<W: WithSimd>(self, work: W) -> W::Output {
         match self {
             #[cfg(target_arch = "x86_64")]
             Self::V4(simd) => Simd::vectorize(simd, work),

@@ -86,7 +86,7 @@ impl SplatMemory {
                     return Err(LoadMemoryError::FeatureDim { path, found, expected });
                 }
                 let used_codes = sightings.len();
-                Box::new(FeatureStore { settings: settings.clone(), codebook, used_codes, features })
+                Box::new(FeatureStore::restored(settings.clone(), codebook, used_codes, features))
             }
         };
         let mut memory = Self::with_parts(settings, map, store, Segments::given(sightings, carried));

@@ -7,6 +7,7 @@
 
 mod codebook;
 mod decoding;
+mod extension;
 mod learning;
 mod loss;
 
@@ -18,7 +19,9 @@ use crate::ply::SplatContentView;
 use crate::recall::{Recall, TileSurface};
 use crate::segment_store::{SegmentStore, StoreTile};
 use crate::{ABSTAIN, MemoryError, MemorySettings, SegmentBelief};
+use codebook::CodebookCache;
 use decoding::Decoder;
+use extension::Extension;
 use learning::Learning;
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_render::{Splats, TileWeights};
@@ -27,8 +30,11 @@ use splatseg_render::{Splats, TileWeights};
 /// before no longer holds.
 const NEW_GAUSSIAN_PREVAILS: f32 = 0.5;
 
+/// The next codes are made in the background once this fraction of those there are is used.
+const EXTEND_AT_FRACTION: f32 = 0.75;
+
 /// Features per Gaussian, and the code of every segment.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(crate) struct FeatureStore {
     pub settings: MemorySettings,
     pub codebook: Codebook,
@@ -36,16 +42,46 @@ pub(crate) struct FeatureStore {
     pub used_codes: usize,
     /// `[gaussians, D]`.
     pub features: Vec<f32>,
+    cache: CodebookCache,
+    /// The next codes, once they will be needed soon.
+    extension: Option<Extension>,
 }
 
 impl FeatureStore {
-    /// A store for a map without Gaussians. Making the codebook takes up to a few seconds; `progress` receives the
-    /// fraction done.
+    /// A store for a map without Gaussians. Making the codebook takes up to a few seconds, unless an earlier run left it
+    /// in the user's cache; `progress` receives the fraction done.
     pub fn new(settings: MemorySettings, seed: u64, progress: &mut dyn FnMut(f32)) -> Result<Self, MemoryError> {
         let codebook_settings =
             CodebookSettings { num_codes: settings.num_codes, feature_dim: settings.feature_dim, seed };
-        let codebook = Codebook::generate(&codebook_settings, progress)?;
-        Ok(Self { settings, codebook, used_codes: 0, features: Vec::new() })
+        let cache = CodebookCache::of_user();
+        let codebook = Codebook::generate_cached(&codebook_settings, &cache, progress)?;
+        Ok(Self::with_parts(settings, codebook, 0, Vec::new(), cache))
+    }
+
+    /// The store of an earlier run.
+    pub fn restored(settings: MemorySettings, codebook: Codebook, used_codes: usize, features: Vec<f32>) -> Self {
+        Self::with_parts(settings, codebook, used_codes, features, CodebookCache::of_user())
+    }
+
+    fn with_parts(
+        settings: MemorySettings,
+        codebook: Codebook,
+        used_codes: usize,
+        features: Vec<f32>,
+        cache: CodebookCache,
+    ) -> Self {
+        Self { settings, codebook, used_codes, features, cache, extension: None }
+    }
+
+    /// Adds a block of codes. It waits for them only if they are not there yet.
+    fn extend_codebook(&mut self) -> Result<(), MemoryError> {
+        let additional = self.settings.num_codes;
+        tracing::info!("all {} codes are used: adding {additional}", self.codebook.len());
+        match self.extension.take().and_then(Extension::finish) {
+            Some(extended) => self.codebook = extended?,
+            None => self.codebook.extend_cached(additional, &self.cache, &mut |_| {})?,
+        }
+        Ok(())
     }
 
     fn decoder(&self) -> Decoder<'_> {
@@ -117,10 +153,14 @@ impl SegmentStore for FeatureStore {
 
     fn new_segment(&mut self, id: SegmentId) -> Result<(), MemoryError> {
         if id as usize > self.codebook.len() {
-            tracing::info!("all {} codes are used: making {} more", self.codebook.len(), self.settings.num_codes);
-            self.codebook.extend(self.settings.num_codes, &mut |_| {})?;
+            self.extend_codebook()?;
         }
         self.used_codes = self.used_codes.max(id as usize);
+        let used_fraction = self.used_codes as f32 / self.codebook.len() as f32;
+        // Integer ids take no time.
+        if self.extension.is_none() && self.settings.feature_dim > 1 && used_fraction >= EXTEND_AT_FRACTION {
+            self.extension = Extension::start(&self.codebook, self.settings.num_codes, &self.cache);
+        }
         Ok(())
     }
 
@@ -163,6 +203,38 @@ mod tests {
             assert!((found - expected).abs() < 1e-6);
         }
         assert_eq!(target.decoded(0.5).pixels(), [3, 7, 0, 0, 0]);
+    }
+
+    #[test]
+    fn the_next_codes_are_made_before_they_are_needed_and_are_the_same() {
+        let settings = MemorySettings { feature_dim: 7, num_codes: 40, ..MemorySettings::default() };
+        let codebook = |extensions: usize| {
+            let mut codebook =
+                Codebook::generate(&CodebookSettings { num_codes: 40, feature_dim: 7, seed: 3 }, &mut |_| {}).unwrap();
+            (0..extensions).for_each(|_| codebook.extend(40, &mut |_| {}).unwrap());
+            codebook
+        };
+        let mut store = FeatureStore::with_parts(settings, codebook(0), 0, Vec::new(), CodebookCache::default());
+        for id in 1..=29 {
+            store.new_segment(id).unwrap();
+        }
+        assert!(store.extension.is_none());
+        store.new_segment(30).unwrap();
+        let started = store.extension.as_ref().expect("three quarters of the codes are used");
+        while !started.is_finished() {
+            std::thread::yield_now();
+        }
+        for id in 31..=40 {
+            store.new_segment(id).unwrap();
+        }
+        assert_eq!(store.codebook, codebook(0), "codes that are not needed are not in the codebook yet");
+        store.new_segment(41).unwrap();
+        assert_eq!(store.codebook, codebook(1));
+        // Without a pause the thread is waited for, with the same result.
+        for id in 42..=81 {
+            store.new_segment(id).unwrap();
+        }
+        assert_eq!(store.codebook, codebook(2));
     }
 
     #[test]

@@ -7,13 +7,14 @@ use super::record::{self, Records};
 use super::trailer::{Contents, Trailer};
 use super::{CHUNK_BYTES, SplatContent, SplatFile};
 use crc32fast::Hasher;
+use splatseg_input::open_file;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
 /// Reads a file from its beginning to its end, once.
 pub fn load(path: &Path) -> Result<SplatFile, SplatFileError> {
-    let file = File::open(path).map_err(SplatFileError::io(path, "open"))?;
+    let file = open_file(path).map_err(SplatFileError::io(path, "open"))?;
     let length = file.metadata().map_err(SplatFileError::io(path, "read"))?.len();
     let mut file = BufReader::with_capacity(CHUNK_BYTES, file);
     let Header { bytes, sizes } = header::read(&mut file, path)?;

@@ -80,6 +80,18 @@ fn other_files_are_named_for_what_they_are() {
     assert!(message(load(foreign)).contains("not a splatseg memory"));
 }
 
+#[cfg(unix)]
+#[test]
+fn devices_and_fifos_are_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let fifo = folder.path().join("fifo.ply");
+    assert!(std::process::Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+    for (path, kind) in [(fifo.as_path(), "a FIFO"), (std::path::Path::new("/dev/zero"), "a device")] {
+        let message = SplatFile::load(path).unwrap_err().to_string();
+        assert!(message.contains(&format!("it is {kind}, expected a regular file")), "{message}");
+    }
+}
+
 #[test]
 fn a_memory_of_version_1_is_refused() {
     let old = b"ply\nformat binary_little_endian 1.0\ncomment splatseg memory 1 feature_dim 28 codes 512 used 40\n\

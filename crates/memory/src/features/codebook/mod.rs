@@ -1,9 +1,13 @@
 //! The codebook: unit vectors in R^D that stand for segments, pushed apart as far as possible.
 
+mod cache;
 mod decode;
 mod repulsion;
 mod spacing;
 
+pub(crate) use cache::CodebookCache;
+
+use cache::BlockKey;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -116,12 +120,22 @@ impl Codebook {
     /// # Errors
     /// [`CodebookError`] if there are no codes, no dimensions, or too many of either.
     pub fn generate(settings: &CodebookSettings, progress: &mut dyn FnMut(f32)) -> Result<Self, CodebookError> {
+        Self::generate_cached(settings, &CodebookCache::default(), progress)
+    }
+
+    /// As [`Codebook::generate`]; the codes are taken from a cache if they are there.
+    pub(crate) fn generate_cached(
+        settings: &CodebookSettings,
+        cache: &CodebookCache,
+        progress: &mut dyn FnMut(f32),
+    ) -> Result<Self, CodebookError> {
         let CodebookSettings { num_codes, feature_dim, seed } = *settings;
         if !(1..=MAX_FEATURE_DIM).contains(&feature_dim) {
             return Err(CodebookError::FeatureDim { found: feature_dim });
         }
         let mut vectors = Vec::new();
-        append_block(&mut vectors, feature_dim, num_codes, seed, 0, progress)?;
+        let block = NewBlock { feature_dim, count: num_codes, seed, block: 0 };
+        block.append(&mut vectors, cache, progress)?;
         Ok(Self::assemble(feature_dim, vectors, seed, 1))
     }
 
@@ -130,8 +144,20 @@ impl Codebook {
     /// # Errors
     /// [`CodebookError`] if `additional` is zero or too large; the codebook is then unchanged.
     pub fn extend(&mut self, additional: usize, progress: &mut dyn FnMut(f32)) -> Result<(), CodebookError> {
+        self.extend_cached(additional, &CodebookCache::default(), progress)
+    }
+
+    /// As [`Codebook::extend`]; the codes are taken from a cache if they are there.
+    pub(crate) fn extend_cached(
+        &mut self,
+        additional: usize,
+        cache: &CodebookCache,
+        progress: &mut dyn FnMut(f32),
+    ) -> Result<(), CodebookError> {
         let mut vectors = self.vectors.clone();
-        append_block(&mut vectors, self.feature_dim, additional, self.seed, self.blocks, progress)?;
+        let (feature_dim, seed) = (self.feature_dim, self.seed);
+        let block = NewBlock { feature_dim, count: additional, seed, block: self.blocks };
+        block.append(&mut vectors, cache, progress)?;
         *self = Self::assemble(self.feature_dim, vectors, self.seed, self.blocks.saturating_add(1));
         Ok(())
     }
@@ -228,32 +254,47 @@ impl Codebook {
     }
 }
 
-/// Makes `additional` codes after `vectors`, with the random numbers of block `block`.
-fn append_block(
-    vectors: &mut Vec<f32>,
+/// A block of codes to be made.
+struct NewBlock {
     feature_dim: usize,
-    additional: usize,
+    /// Number of codes in it.
+    count: usize,
     seed: u64,
+    /// Number of the block: each has random numbers of its own.
     block: u32,
-    progress: &mut dyn FnMut(f32),
-) -> Result<(), CodebookError> {
-    if additional == 0 {
-        return Err(CodebookError::NoCodes);
+}
+
+impl NewBlock {
+    /// Appends the codes to those of the earlier blocks.
+    fn append(
+        &self,
+        vectors: &mut Vec<f32>,
+        cache: &CodebookCache,
+        progress: &mut dyn FnMut(f32),
+    ) -> Result<(), CodebookError> {
+        let Self { feature_dim, count, seed, block } = *self;
+        if count == 0 {
+            return Err(CodebookError::NoCodes);
+        }
+        let first = vectors.len() / feature_dim;
+        let all = first.saturating_add(count);
+        check_count(all, feature_dim)?;
+        if feature_dim == 1 {
+            vectors.extend((first..all).map(|index| (index + 1) as f32));
+        } else if let Some(codes) = cache.load(&BlockKey { earlier: vectors, feature_dim, count, seed, block }) {
+            vectors.extend(codes);
+        } else {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            random.set_stream(u64::from(block));
+            vectors.extend((0..count * feature_dim).map(|_| bell(random.next_u64())));
+            vectors[first * feature_dim..].chunks_exact_mut(feature_dim).for_each(repulsion::normalize);
+            repulsion::spread(vectors, feature_dim, first, progress);
+            let (earlier, codes) = vectors.split_at(first * feature_dim);
+            cache.store(&BlockKey { earlier, feature_dim, count, seed, block }, codes);
+        }
+        progress(1.0);
+        Ok(())
     }
-    let first = vectors.len() / feature_dim;
-    let count = first.saturating_add(additional);
-    check_count(count, feature_dim)?;
-    if feature_dim == 1 {
-        vectors.extend((first..count).map(|index| (index + 1) as f32));
-    } else {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        random.set_stream(u64::from(block));
-        vectors.extend((0..additional * feature_dim).map(|_| bell(random.next_u64())));
-        vectors[first * feature_dim..].chunks_exact_mut(feature_dim).for_each(repulsion::normalize);
-        repulsion::spread(vectors, feature_dim, first, progress);
-    }
-    progress(1.0);
-    Ok(())
 }
 
 /// A nearly normal number, symmetric about zero: the sum of four uniform ones, so that no logarithm or cosine, whose

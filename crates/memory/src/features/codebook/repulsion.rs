@@ -55,8 +55,7 @@ pub fn spread(vectors: &mut [f32], dim: usize, first: usize, progress: &mut dyn 
     if count < 2 {
         return;
     }
-    let work_of_step = moved.saturating_mul(count).saturating_mul(dim.saturating_add(PAIR_COST));
-    let steps = (WORK_BUDGET / work_of_step.max(1)).min(MAX_STEPS);
+    let steps = steps(moved, count, dim);
     let mut velocities = vec![0.0; moved * dim];
     let mut forces = vec![0.0; moved * dim];
     for index in 0..steps {
@@ -68,6 +67,20 @@ pub fn spread(vectors: &mut [f32], dim: usize, first: usize, progress: &mut dyn 
         }
         progress((index + 1) as f32 / steps as f32);
     }
+}
+
+/// Cost of one step that moves `moved` of `count` codes, in the time that one dimension of an inner product takes.
+fn work_of_step(moved: usize, count: usize, dim: usize) -> usize {
+    moved.saturating_mul(count).saturating_mul(dim.saturating_add(PAIR_COST)).max(1)
+}
+
+fn steps(moved: usize, count: usize, dim: usize) -> usize {
+    (WORK_BUDGET / work_of_step(moved, count, dim)).min(MAX_STEPS)
+}
+
+/// Cost of [`spread`] in the same unit.
+pub fn work(moved: usize, count: usize, dim: usize) -> usize {
+    steps(moved, count, dim).saturating_mul(work_of_step(moved, count, dim))
 }
 
 impl Step {
