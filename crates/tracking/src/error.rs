@@ -26,6 +26,14 @@ pub enum TrackingError {
         /// Size of the frame.
         expected: (usize, usize),
     },
+    /// A frame has more masks than this method can compare.
+    #[error("the frame has {found} masks, expected at most {limit} with this method (fastsam-splat takes any number)")]
+    TooManyMasks {
+        /// Masks of the frame.
+        found: usize,
+        /// Most masks of a frame.
+        limit: usize,
+    },
     /// Every id has been used.
     #[error("the video has more segments than there are 32-bit ids")]
     OutOfIds,

@@ -81,6 +81,15 @@ fn masks_must_have_the_frames_size_and_a_new_frame_size_starts_new_ids() {
     assert_eq!(ids(&method.process(&frame((50, 10)), &[wide]).unwrap()), [2]);
 }
 
+/// Comparing 65,535 masks with as many would take hours and tens of gigabytes.
+#[test]
+fn more_masks_than_can_be_compared_are_refused() {
+    let mut method = fastsam(settings());
+    assert_eq!(method.process(&frame(SIZE), &vec![stripe(0, 6); 10]).unwrap().predictions, 10);
+    let error = method.process(&frame(SIZE), &vec![stripe(0, 6); 2049]).unwrap_err();
+    assert!(matches!(error, TrackingError::TooManyMasks { found: 2049, limit: 2048 }), "{error}");
+}
+
 /// The ids are the links that the evaluation makes between masks without ids, so both give the same score.
 #[test]
 fn its_ids_score_like_its_masks_without_ids() {

@@ -56,6 +56,14 @@ mod tests {
     }
 
     #[test]
+    fn tens_of_thousands_of_overlapping_masks_take_little_time_and_memory() {
+        let full = Mask::from_fn(640, 480, |_, _| true);
+        let parts = visible_parts((640, 480), &vec![&full; 20_000]);
+        assert_eq!(parts.iter().filter(|part| !part.is_empty()).count(), 1);
+        assert!(parts.iter().map(Mask::memory_bytes).sum::<usize>() < 100_000);
+    }
+
+    #[test]
     fn visible_parts_share_no_pixel() {
         let stripe = |from: usize, to: usize| Mask::from_fn(6, 1, |column, _| (from..to).contains(&column));
         let masks = [stripe(0, 5), stripe(1, 5), stripe(1, 5), stripe(5, 6)];

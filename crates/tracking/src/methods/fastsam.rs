@@ -1,7 +1,7 @@
 //! FastSAM on its own: no memory but the previous frame (`docs/METHOD.md`, "Baselines").
 
 use super::output::confidence;
-use super::{FrameOutput, Method, check_sizes};
+use super::{FrameOutput, Method, check_comparable};
 use crate::matching::painted;
 use crate::{TrackErrorCounts, TrackingError};
 use splatseg_geometry::{Mask, MaskLinker, MaskRuns, RgbdFrame, ScoredMask, SegmentId};
@@ -46,7 +46,7 @@ impl Method for FastSamBaseline {
     }
 
     fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
-        check_sizes(frame, masks)?;
+        check_comparable(frame, masks)?;
         let size = (frame.width(), frame.height());
         let least = self.settings.min_segment_area.max(1);
         let (masks, scores): (Vec<&Mask>, Vec<f32>) =

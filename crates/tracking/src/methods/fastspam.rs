@@ -2,7 +2,7 @@
 //! `opipari/FastSPAM`).
 
 use super::output::confidence;
-use super::{FrameOutput, Method, SegmentIds, check_sizes};
+use super::{FrameOutput, Method, SegmentIds, check_comparable};
 use crate::matching::painted;
 use crate::{TrackErrorCounts, TrackingError};
 use glam::{Vec2, Vec3};
@@ -137,7 +137,7 @@ impl Method for FastSpamBaseline {
     }
 
     fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
-        check_sizes(frame, masks)?;
+        check_comparable(frame, masks)?;
         let scored = masks;
         let stage = tracing::debug_span!(target: "splatseg::stage", "match").entered();
         let least = self.settings.min_segment_area.max(1);

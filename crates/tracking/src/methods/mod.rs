@@ -40,6 +40,18 @@ pub trait Method: Send {
     }
 }
 
+/// Most masks of a frame that are compared with each other, or with those of the frame before: that takes time in
+/// proportion to the square of their number, and a file of a few megabytes can hold 65,535.
+const MAX_COMPARED_MASKS: usize = 2048;
+
+/// As [`check_sizes`], for methods that compare masks with each other.
+fn check_comparable(frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<(), TrackingError> {
+    if masks.len() > MAX_COMPARED_MASKS {
+        return Err(TrackingError::TooManyMasks { found: masks.len(), limit: MAX_COMPARED_MASKS });
+    }
+    check_sizes(frame, masks)
+}
+
 /// Checks that every mask has the frame's size.
 fn check_sizes(frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<(), TrackingError> {
     let expected = (frame.width(), frame.height());

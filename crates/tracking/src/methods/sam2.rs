@@ -1,7 +1,7 @@
 //! SAM2 on its own: a tracker, with detections as prompts (`docs/METHOD.md`, "Baselines").
 
 use super::output::confidence;
-use super::{FrameOutput, Method, SegmentIds, check_sizes};
+use super::{FrameOutput, Method, SegmentIds, check_comparable};
 use crate::matching::painted;
 use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, visible};
 use crate::{TrackErrorCounts, TrackingError};
@@ -49,7 +49,7 @@ impl Method for Sam2Baseline {
     }
 
     fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
-        check_sizes(frame, masks)?;
+        check_comparable(frame, masks)?;
         let stage = tracing::debug_span!(target: "splatseg::stage", "track").entered();
         let mut tracks = self.tracker.track(frame)?;
         let new_objects = self.new_objects.among(&tracks, masks);

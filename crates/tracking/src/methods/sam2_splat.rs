@@ -1,7 +1,7 @@
 //! SAM2-Splat: a tracker, and a splat that remembers what it should track (`docs/METHOD.md`, "SAM2-Splat").
 
 use super::output::confidence;
-use super::{FrameOutput, Method, check_sizes};
+use super::{FrameOutput, Method, check_comparable};
 use crate::TrackingError;
 use crate::matching::painted;
 use crate::reprompting::{RepromptSettings, TrackErrorCounts, corrections, find_track_errors};
@@ -78,7 +78,7 @@ impl Method for Sam2Splat {
     }
 
     fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
-        check_sizes(frame, masks)?;
+        check_comparable(frame, masks)?;
         let stage = tracing::debug_span!(target: "splatseg::stage", "track").entered();
         let mut tracks = self.tracker.track(frame)?;
         drop(stage);

@@ -180,7 +180,7 @@ mod tests {
         flipped[1000] ^= 1;
         let not_codes = super::file(
             &BlockKey { earlier: &[], feature_dim: 28, count: 200, seed: 4, block: 0 },
-            &[f32::NAN; 200 * 28],
+            &vec![f32::NAN; 200 * 28],
         );
         assert_eq!(not_codes.len(), whole.len());
         for damaged in [&whole[..whole.len() - 1], &[&whole[..], b"x"].concat(), &flipped, &wrong_seed, &not_codes, b""]
