@@ -103,5 +103,5 @@ fn paths_that_are_not_utf8_are_taken() {
     let name = |name: &[u8]| folder.path().join(std::ffi::OsString::from_vec(name.to_vec()));
     copied_scene(&name(b"sc\xFFne"), 1);
     let ended = run(&name(b"sc\xFFne"), &name(b"\xFF"), &["--resize", "80x60"]);
-    assert_eq!((ended.code, name(b"\xFF").join("segments/0.png").is_file()), (0, true), "{}", ended.err);
+    assert_eq!((ended.code, name(b"\xFF").join("segments/000000.png").is_file()), (0, true), "{}", ended.err);
 }

@@ -176,10 +176,11 @@ fn every_stop_signal_ends_the_run_in_order() {
 fn a_second_signal_ends_the_run_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
-    // So large a codebook takes minutes, and the first signal waits for it.
-    let codebook = ["--set", "memory.kind=features", "--set", "memory.num_codes=20000", "--threads", "1"];
+    // So much learning takes minutes, and the first signal waits for the frame.
+    let scene = "synthetic:frames=2,width=960,height=720,noise=none";
+    let learning = ["--set", "memory.kind=features", "--set", "memory.num_steps=200", "--threads", "1"];
     let mut command = Command::new(assert_cmd::cargo::cargo_bin!("splatseg"));
-    command.args(["run", ROOM, "--seed", &std::process::id().to_string(), "--out"]).arg(&out).args(codebook);
+    command.args(["run", scene, "--out"]).arg(&out).args(learning);
     let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
     wait_for(&out.join(".splatseg-new/lock"));
     send("-TERM", &child);

@@ -93,11 +93,11 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
     let dataset = &job.settings.dataset;
     let scene = open_scene(&job.scene, dataset).map_err(Failure::input)?;
     let stream = FrameStream::open(Arc::clone(&scene), dataset, GroundTruth::Skip).map_err(Failure::input)?;
-    say_error!("{}", stream.description());
     let selected = dataset.selected_frames(scene.frame_count()).map_err(Failure::input)?;
     let names: Vec<String> = selected.into_iter().map(|index| scene.frame_name(index)).collect();
     let folder = OutputFolder::prepare(&job.out, job.existing, &names)?;
     let mut pipeline = build_pipeline(job, &scene)?;
+    say_error!("{}", stream.description());
 
     let start_up = started.elapsed();
     let frames = FrameLoop { signals: &signals, strict_input: job.settings.run.strict_input };
