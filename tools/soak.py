@@ -108,6 +108,8 @@ def main():
     parser.add_argument("--seed", type=int, default=0, help="of the room and of the signals")
     parser.add_argument("--keep", action="store_true", help="leave the results where they are")
     arguments = parser.parse_args()
+    # `nohup` protects from SIGHUP whatever it starts.
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     folder = Path(tempfile.mkdtemp(prefix="splatseg-soak-"))
     started = time.monotonic()
     other = threading.Thread(target=undisturbed, args=(arguments, folder))

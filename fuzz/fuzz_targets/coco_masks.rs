@@ -140,7 +140,7 @@ fuzz_target!(|file: File| {
     let document = if file.wrapped { json!({"annotations": list}) } else { list };
     let input = [&[0], document.to_string().as_bytes()].concat();
     let resize = (file.framing & 1 == 1).then(|| "16x12".parse().expect("a size"));
-    let framing = Framing { resize, crop_border: 0 };
+    let framing = Framing { resize, ..Framing::default() };
     let color = Image::filled(WIDTH, HEIGHT, [0; 3]);
     let depth = Image::filled(WIDTH, HEIGHT, 1.0);
     let camera = Intrinsics { width: WIDTH, height: HEIGHT, fx: 16.0, fy: 16.0, cx: 8.0, cy: 6.0 };

@@ -1,10 +1,14 @@
 //! Files on disk of which one is damaged at a time.
 
 use splatseg_dataset::{DatasetSettings, open_scene};
+use splatseg_input::MemoryLimit;
 use std::cell::OnceCell;
 use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
+
+/// Input that says it needs more is refused; less than the allocator allows, as the targets have files of their own.
+const ACCEPTED_MEMORY: u64 = 200_000_000;
 
 /// A folder with the files of a template. An input's first byte chooses a file; the rest of the input replaces it.
 pub struct Place {
@@ -15,6 +19,7 @@ pub struct Place {
 impl Place {
     /// Writes a template.
     pub fn new(write: impl Fn(&Path)) -> Self {
+        MemoryLimit::Bytes(ACCEPTED_MEMORY).enforce();
         // Files in memory are written a hundred times faster.
         let memory = Path::new("/dev/shm");
         let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };

@@ -117,7 +117,7 @@ fn tile(frame: &ShownFrame) -> anyhow::Result<Image<[u8; 3]>> {
     let (width, height) = (ENLARGED * frame.color.width(), ENLARGED * frame.color.height());
     let color = Image::from_fn(width, height, |column, row| frame.color[(column / ENLARGED, row / ENLARGED)]);
     let segments = Image::from_fn(width, height, |column, row| frame.segments[(column / ENLARGED, row / ENLARGED)]);
-    Ok(draw_overlay(&color.into(), &segments)?)
+    Ok(draw_overlay(&color, &segments)?)
 }
 
 /// Which of two tiles of this size a pixel is in, and where; `None` in the gap between them.

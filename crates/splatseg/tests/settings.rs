@@ -171,7 +171,7 @@ fn settings_are_read_from_regular_files_of_a_sensible_size_only() {
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     for special in [pipe.to_str().unwrap(), "/dev/zero"] {
         assert_refused(&["--config", special], "expected a regular file");
-        assert_refused(&["--load-memory", special], "not a regular file");
+        assert_refused(&["--load-memory", special], "expected a regular file");
     }
 }
 

@@ -5,8 +5,9 @@ use super::header::{self, Header};
 use super::layout::Layout;
 use super::{reader, trailer};
 use crate::MemoryKind;
-use std::fs::File;
-use std::io::{BufReader, Error, ErrorKind, Read, Seek, SeekFrom};
+
+use splatseg_input::open_file;
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// The settings that a saved memory fixes: a run that continues it has no choice of these.
@@ -38,14 +39,8 @@ impl SavedMemorySettings {
     /// says.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, SplatFileError> {
         let path = path.as_ref();
-        let metadata = std::fs::metadata(path).map_err(SplatFileError::io(path, "open"))?;
-        if !metadata.is_file() {
-            // Opening a pipe would wait for ever.
-            let error = Error::new(ErrorKind::InvalidInput, "not a regular file");
-            return Err(SplatFileError::io(path, "open")(error));
-        }
-        let file = File::open(path).map_err(SplatFileError::io(path, "open"))?;
-        let length = metadata.len();
+        let file = open_file(path).map_err(SplatFileError::io(path, "open"))?;
+        let length = file.metadata().map_err(SplatFileError::io(path, "open"))?.len();
         let mut file = BufReader::new(file);
         let Header { bytes, sizes } = header::read(&mut file, path)?;
         reader::check_length(&sizes, bytes.len(), length, path)?;

@@ -5,12 +5,15 @@ use crate::command::Failure;
 use serde::Deserialize;
 use serde_json::Value;
 use splatseg_geometry::{RunLengths, SegmentId};
-use splatseg_input::read_file;
+use splatseg_input::{MemoryLimit, display_bytes, read_file};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Larger files are refused.
 const MAX_BYTES: u64 = 1_000_000_000;
+
+/// Memory that a value of a JSON document may take besides its text, with the room that lists keep for more.
+const BYTES_PER_VALUE: u64 = 80;
 
 /// Endings of the image files that annotations may be named after.
 const IMAGE_ENDINGS: [&str; 4] = [".jpg", ".jpeg", ".png", ".color"];
@@ -30,8 +33,22 @@ type MasksByFrame = BTreeMap<String, Vec<EncodedMask>>;
 pub fn read(path: &Path, frames: &SelectedFrames) -> Result<MasksByFrame, Failure> {
     let wrong = |text: String| Failure::input(format!("{}: {text}", path.display()));
     let text = read_file(path, MAX_BYTES).map_err(|error| wrong(error.to_string()))?;
+    check_memory(&text, MemoryLimit::in_force()).map_err(wrong)?;
     let document: Value = serde_json::from_slice(&text).map_err(|error| wrong(format!("is not JSON: {error}")))?;
     Document { frames }.read(document).map_err(wrong)
+}
+
+/// Checks that the parsed document will fit: a list of numbers takes many times the memory of its text.
+fn check_memory(text: &[u8], limit: u64) -> Result<(), String> {
+    let values = text.iter().filter(|byte| b",:[{".contains(byte)).count() as u64;
+    let needed = 2 * text.len() as u64 + BYTES_PER_VALUE * values;
+    if needed <= limit {
+        return Ok(());
+    }
+    let (needed, limit) = (display_bytes(needed), display_bytes(limit));
+    Err(format!(
+        "takes up to {needed} in memory, and {limit} are available: split it, or write counts as compressed text"
+    ))
 }
 
 /// A track or a single mask.
@@ -194,5 +211,18 @@ fn run_lengths(value: &Value) -> Result<Option<RunLengths>, String> {
                 .map_err(|_| format!("counts: expected whole numbers from 0 to {}", u32::MAX))?;
             Ok(Some(RunLengths { width, height, counts }))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn documents_that_would_take_too_much_memory_are_refused() {
+        let text = format!("[{}]", "[],".repeat(100_000));
+        check_memory(text.as_bytes(), 20_000_000).unwrap();
+        let error = check_memory(text.as_bytes(), 10_000_000).unwrap_err();
+        assert!(error.starts_with("takes up to 16.6 MB in memory, and 10.0 MB"), "{error}");
     }
 }

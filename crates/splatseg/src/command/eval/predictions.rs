@@ -164,11 +164,11 @@ impl Fit {
         let size = (encoded.runs.width, encoded.runs.height);
         // Before decoding: a file may state any size.
         self.check(size)?;
-        let mask = encoded.runs.decode().map_err(|error| format!("mask of id {}: {error}", encoded.id))?;
+        let wrong = |error: &dyn std::fmt::Display| format!("mask of id {}: {error}", encoded.id);
         if size == self.framed {
-            return Ok(mask);
+            return encoded.runs.decode().map_err(|error| wrong(&error));
         }
-        let map = SegmentMap::from_fn(size.0, size.1, |column, row| u32::from(mask.contains(column, row)));
-        self.map(map).map(|map| map.mask_of(1))
+        let (columns, rows) = self.framing.source_pixels(size).map_err(|error| error.to_string())?;
+        encoded.runs.decode_at(&columns, &rows).map_err(|error| wrong(&error))
     }
 }
