@@ -18,9 +18,11 @@ failed=0
 printf '%-12s %12s %8s  %s\n' target inputs 'per s' result
 for target in $targets; do
     found=target/fuzz-corpus/$target
+    corpora=("$found")
+    [ -d "fuzz/corpus/$target" ] && corpora+=("fuzz/corpus/$target")
     mkdir -p "$found"
     log=target/fuzz-corpus/$target.log
-    if cargo +nightly fuzz run --sanitizer none "$target" "$found" "fuzz/corpus/$target" -- \
+    if cargo +nightly fuzz run --sanitizer none "$target" "${corpora[@]}" -- \
         -max_total_time="$seconds" -timeout=5 -max_len=65536 -print_final_stats=1 >"$log" 2>&1; then
         result=good
     else

@@ -63,7 +63,7 @@ def disturbed(arguments, folder, rng):
             how = rng.choice(SIGNALS)
             sent[how] += 1
             process.send_signal(how)
-            process.wait()
+            process.wait(timeout=60)
             if how == signal.SIGKILL:
                 continue
         if not (leg / "summary.json").exists():
@@ -108,8 +108,9 @@ def main():
     parser.add_argument("--seed", type=int, default=0, help="of the room and of the signals")
     parser.add_argument("--keep", action="store_true", help="leave the results where they are")
     arguments = parser.parse_args()
-    # `nohup` protects from SIGHUP whatever it starts.
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    # `nohup` protects from SIGHUP whatever it starts, and a shell from SIGINT what it starts in the background.
+    for how in (signal.SIGHUP, signal.SIGINT):
+        signal.signal(how, signal.SIG_DFL)
     folder = Path(tempfile.mkdtemp(prefix="splatseg-soak-"))
     started = time.monotonic()
     other = threading.Thread(target=undisturbed, args=(arguments, folder))

@@ -1,4 +1,4 @@
-//! Writes the corpora that fuzzing starts from: a valid file of each kind for each target.
+//! Writes the corpora that fuzzing starts from, a valid file of each kind for each target: `cargo run --example make_corpus`.
 
 use splatseg_fuzz::{Place, files, sample, scenes};
 use splatseg_memory::MemoryKind;
