@@ -146,7 +146,7 @@ fn misspelt_names_are_answered_with_the_nearest_one() {
     for (setting, nearest) in [
         ("memory.max_vots=3", "memory.max_votes"),
         ("max_votes=3", "memory.max_votes"),
-        ("grpah.min_area=3", "graph.min_area"),
+        ("graphs.min_aria=3", "graph.min_area"),
         ("segmentr=graph", "segmenter"),
         ("memory.kind=feature", "features"),
     ] {
