@@ -1,6 +1,7 @@
 //! Rigid camera poses.
 
 use glam::{Affine3A, DQuat, DVec3, Mat3, Mat4, Vec3};
+use serde::{Deserialize, Serialize};
 use std::ops::Mul;
 use thiserror::Error;
 
@@ -10,10 +11,28 @@ const RIGID_TOLERANCE: f32 = 1e-2;
 /// A rigid transform from camera to world coordinates (metres; camera x right, y down, z forward).
 ///
 /// Transforms are composed with `*`, right to left: `world_from_body * body_from_camera` is `world_from_camera`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "PoseParts")]
 pub struct Pose {
     rotation: Mat3,
     translation: Vec3,
+}
+
+/// A pose as it is written, which may be none.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PoseParts {
+    rotation: Mat3,
+    translation: Vec3,
+}
+
+impl TryFrom<PoseParts> for Pose {
+    type Error = PoseError;
+
+    /// The same numbers, to the last bit: they are not made orthonormal again.
+    fn try_from(PoseParts { rotation, translation }: PoseParts) -> Result<Self, PoseError> {
+        Self::from_matrix(Mat4::from_mat3_translation(rotation, translation)).map(|_| Self { rotation, translation })
+    }
 }
 
 /// A matrix or quaternion that does not give a rigid transform.

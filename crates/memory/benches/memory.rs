@@ -58,8 +58,15 @@ fn files(criterion: &mut Criterion) {
     for content in [evidence, features] {
         let kind = content.kind().name();
         let (map, segment_ids) = (map.clone(), vec![1; COUNT]);
-        let file =
-            SplatFile { map, content, segment_ids, sightings: vec![9; 40], carried: vec![true; 40], frames: 300 };
+        let file = SplatFile {
+            map,
+            content,
+            segment_ids,
+            sightings: vec![9; 40],
+            carried: vec![true; 40],
+            frames: 300,
+            short_term: vec![],
+        };
         group.bench_function(format!("save_{kind}"), |bencher| {
             bencher.iter(|| file.save(&path).expect("the file can be written"));
         });

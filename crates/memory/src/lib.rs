@@ -21,6 +21,7 @@ mod removal;
 mod segment_store;
 mod segments;
 mod settings;
+mod short_term;
 mod splat_memory;
 
 pub use belief::SegmentBelief;

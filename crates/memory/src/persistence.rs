@@ -1,9 +1,12 @@
 //! A memory on disk: saved after one run, continued in another.
 
+use crate::depthless::DepthlessSegments;
 use crate::evidence::EvidenceStore;
 use crate::features::FeatureStore;
+use crate::recurring::RecurringPredictions;
 use crate::segment_store::SegmentStore;
 use crate::segments::Segments;
+use crate::short_term::ShortTermMemory;
 use crate::{MemoryError, MemorySettings, SplatContent, SplatFile, SplatFileError, SplatFileView, SplatMemory};
 use splatseg_geometry::SegmentId;
 use std::path::Path;
@@ -27,6 +30,14 @@ pub enum LoadMemoryError {
         found: &'static str,
         /// Kind in the settings.
         expected: &'static str,
+    },
+    /// What the file holds besides its Gaussians cannot be.
+    #[error("{path}: what is saved besides the Gaussians: {found}")]
+    ShortTerm {
+        /// The file.
+        path: String,
+        /// What is wrong with it.
+        found: String,
     },
     /// The file's features have another length than the settings ask for.
     #[error("{path}: its features have {found} channels, but memory.feature_dim is {expected}")]
@@ -54,6 +65,11 @@ impl SplatMemory {
         let segment_ids = self.segment_ids();
         let ids = 1..=self.segments.len() as SegmentId;
         let sightings: Vec<u32> = ids.map(|id| self.segments.sightings(id)).collect();
+        let short_term = ShortTermMemory {
+            overruled: self.overruled.clone(),
+            recurring: self.recurring.saved(),
+            depthless: self.depthless.saved(),
+        };
         let view = SplatFileView {
             map: &self.map,
             content,
@@ -61,6 +77,7 @@ impl SplatMemory {
             sightings: &sightings,
             carried: self.segments.carried(),
             frames: self.frames,
+            short_term: &short_term.to_bytes(),
         };
         view.save(path.as_ref())
     }
@@ -73,7 +90,14 @@ impl SplatMemory {
     pub fn load(path: impl AsRef<Path>, settings: MemorySettings) -> Result<Self, LoadMemoryError> {
         settings.validate().map_err(MemoryError::from)?;
         let path = path.as_ref();
-        let SplatFile { map, content, sightings, carried, frames, segment_ids: _ } = SplatFile::load(path)?;
+        let SplatFile { map, content, sightings, carried, frames, short_term, segment_ids: _ } = SplatFile::load(path)?;
+        let (ids, gaussians) = (sightings.len(), map.len());
+        let short_term = ShortTermMemory::from_bytes(&short_term, ids).and_then(|saved| {
+            let recurring = RecurringPredictions::restored(saved.recurring, gaussians)?;
+            Ok((saved.overruled, recurring, DepthlessSegments::restored(saved.depthless, ids, frames)?))
+        });
+        let damaged = |found| LoadMemoryError::ShortTerm { path: path.display().to_string(), found };
+        let (overruled, recurring, depthless) = short_term.map_err(damaged)?;
         let (path, found, expected) = (path.display().to_string(), content.kind(), settings.kind);
         if found != expected {
             return Err(LoadMemoryError::Kind { path, found: found.name(), expected: expected.name() });
@@ -91,6 +115,7 @@ impl SplatMemory {
         };
         let mut memory = Self::with_parts(settings, map, store, Segments::given(sightings, carried));
         memory.frames = frames;
+        (memory.overruled, memory.recurring, memory.depthless) = (overruled, recurring, depthless);
         Ok(memory)
     }
 }

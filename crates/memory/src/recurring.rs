@@ -3,13 +3,12 @@
 //!
 //! A prediction is recognised by the Gaussians under it, from any viewpoint. Each Gaussian belongs to at most one
 //! recurring prediction. A frame that shows its place without it lowers its count.
-//!
-//! None of this is saved.
 
 use crate::ABSTAIN;
 use crate::map::retain;
 use crate::recall::Recall;
 use crate::removal::Sight;
+use serde::{Deserialize, Serialize};
 use splatseg_geometry::{SegmentId, SegmentMap};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -33,7 +32,46 @@ pub(crate) struct RecurringPredictions {
     last: u32,
 }
 
+/// [`RecurringPredictions`] as it is saved.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SavedRecurringPredictions {
+    /// Each Gaussian that belongs to a prediction, and the prediction's number.
+    of_gaussian: Vec<(u32, u32)>,
+    counts: BTreeMap<u32, usize>,
+    last: u32,
+}
+
 impl RecurringPredictions {
+    /// What is saved.
+    pub fn saved(&self) -> SavedRecurringPredictions {
+        let of_gaussian = (0..).zip(self.of_gaussian.iter().copied()).filter(|(_, number)| *number != 0).collect();
+        SavedRecurringPredictions { of_gaussian, counts: self.counts.clone(), last: self.last }
+    }
+
+    /// What was saved, of a map with so many Gaussians.
+    ///
+    /// # Errors
+    /// If no memory can have it.
+    pub fn restored(saved: SavedRecurringPredictions, gaussians: usize) -> Result<Self, String> {
+        let SavedRecurringPredictions { of_gaussian: numbers, counts, last } = saved;
+        let is_number = |number: &u32| (1..=last).contains(number);
+        if last > u32::MAX / 2 || counts.len() > MAX_PREDICTIONS {
+            return Err(format!("{} recurring predictions, the last of number {last}", counts.len()));
+        }
+        if let Some((number, count)) = counts.iter().find(|(number, count)| !is_number(number) || **count == 0) {
+            return Err(format!("the recurring prediction {number} was seen {count} times"));
+        }
+        let mut of_gaussian = vec![0; gaussians];
+        for (gaussian, number) in numbers {
+            match of_gaussian.get_mut(gaussian as usize) {
+                Some(place) if is_number(&number) => *place = number,
+                _ => return Err(format!("the Gaussian {gaussian} belongs to the recurring prediction {number}")),
+            }
+        }
+        Ok(Self { of_gaussian, counts, last })
+    }
+
     /// Takes note of the predictions of a frame that the memory explains: `explained` has their ids, 0 elsewhere.
     ///
     /// Returns those that have now come `needed` times, each with the Gaussians under it.

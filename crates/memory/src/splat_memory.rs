@@ -12,6 +12,7 @@ use crate::{CodebookError, GrowthRule, LearningExtent, MemoryKind, MemorySetting
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera, RasterLimits};
 use splatseg_settings::SettingError;
+use std::collections::BTreeMap;
 use thiserror::Error;
 
 /// The largest segment id there can be: results are 16-bit images.
@@ -34,10 +35,11 @@ pub struct SplatMemory {
     pub(crate) map: SplatMap,
     pub(crate) store: Box<dyn SegmentStore>,
     pub(crate) segments: Segments,
-    /// What no Gaussian can carry; not saved.
-    depthless: DepthlessSegments,
-    /// Predictions that were explained by what is remembered; not saved.
-    recurring: RecurringPredictions,
+    /// What no Gaussian can carry.
+    pub(crate) depthless: DepthlessSegments,
+    /// Predictions that were explained by what is remembered.
+    pub(crate) recurring: RecurringPredictions,
+    pub(crate) overruled: BTreeMap<SegmentId, usize>,
     /// Frames taken in.
     pub(crate) frames: u32,
     warned_of_limit: bool,
@@ -128,7 +130,8 @@ impl SplatMemory {
     ) -> Self {
         let depthless = DepthlessSegments::default();
         let recurring = RecurringPredictions::default();
-        Self { settings, map, store, segments, depthless, recurring, frames: 0, warned_of_limit: false }
+        let overruled = BTreeMap::new();
+        Self { settings, map, store, segments, depthless, recurring, overruled, frames: 0, warned_of_limit: false }
     }
 
     /// What the memory expects `frame` to show.
@@ -279,6 +282,12 @@ impl SplatMemory {
             return Err(MemoryError::UnknownSegment { found: largest, known: self.segments.len() });
         }
         Ok(())
+    }
+
+    /// Remembered segments that a method hides because predictions have overruled them, each with the largest area, in
+    /// pixels, expected of it since then. Only methods use this; it is here so that it is saved with the memory.
+    pub fn overruled_mut(&mut self) -> &mut BTreeMap<SegmentId, usize> {
+        &mut self.overruled
     }
 
     /// The settings it was made with.

@@ -2,7 +2,9 @@
 
 use glam::{Mat4, Vec3};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
-use splatseg_memory::{GrowthRule, LearningExtent, LoadMemoryError, MemoryKind, MemorySettings, SplatMemory};
+use splatseg_memory::{
+    GrowthRule, LearningExtent, LoadMemoryError, MemoryKind, MemorySettings, SplatFile, SplatMemory,
+};
 use std::fs;
 use std::path::Path;
 
@@ -109,6 +111,70 @@ fn a_continued_memory_is_one_that_never_stopped() {
             assert!(outcomes.iter().any(|outcome| outcome.removed > 0), "the box goes after it was loaded");
             assert!(outcomes.iter().any(|outcome| outcome.forgotten == [3]));
         }
+    }
+}
+
+/// A wall with a hole in its depth, which is segment 2.
+fn frame_with_a_screen() -> (RgbdFrame<'static>, SegmentMap) {
+    let (frame, _) = frame(0);
+    let is_screen = |column: usize, row: usize| (20..44).contains(&column) && (12..36).contains(&row);
+    let depth = Image::from_fn(WIDTH, HEIGHT, |column, row| if is_screen(column, row) { 0.0 } else { 3.0 });
+    let color = frame.color().clone().into_owned();
+    let seen = SegmentMap::from_fn(WIDTH, HEIGHT, |column, row| if is_screen(column, row) { 2 } else { 1 });
+    let pose = *frame.world_from_camera();
+    (RgbdFrame::new("screen".to_owned(), color, depth, *frame.intrinsics(), pose).unwrap(), seen)
+}
+
+#[test]
+fn what_no_gaussian_carries_is_continued_too() {
+    const NEEDED: usize = 4;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("memory.ply");
+    let settings = settings(MemoryKind::Evidence, GrowthRule::Auto);
+    let mut memory = SplatMemory::new(settings.clone(), 7, &mut |_| {}).unwrap();
+    (0..3).for_each(|_| assert!(memory.new_segment().is_ok()));
+    let (frame, seen) = frame_with_a_screen();
+    // Something on the wall that the wall explains.
+    let explained = SegmentMap::from_fn(WIDTH, HEIGHT, |column, _| if column < 15 { 3 } else { 0 });
+    let take_in = |memory: &mut SplatMemory| {
+        let recall = memory.recall(&frame);
+        let recurring = memory.note_explained(&recall, &explained, NEEDED).unwrap();
+        let expected = recall.expected().segments.clone();
+        memory.update(recall, &seen).unwrap();
+        (expected, recurring)
+    };
+    (0..4).for_each(|_| drop(take_in(&mut memory)));
+    memory.overruled_mut().insert(1, 77);
+    memory.save(&path).unwrap();
+
+    let mut loaded = SplatMemory::load(&path, settings.clone()).unwrap();
+    assert_eq!(loaded.overruled_mut(), memory.overruled_mut());
+    let (expected, recurring) = take_in(&mut loaded);
+    assert_eq!(expected[(30, 20)], 2, "the screen");
+    assert!(recurring.contains(&3), "{recurring:?}");
+    assert_eq!(take_in(&mut memory), (expected, recurring));
+    let again = folder.path().join("again.ply");
+    loaded.save(&again).unwrap();
+    memory.save(&path).unwrap();
+    assert!(fs::read(&path).unwrap() == fs::read(&again).unwrap());
+
+    // Values that no memory has are refused, whatever the checksum says.
+    let whole = SplatFile::load(&path).unwrap();
+    for (from, to) in [
+        ("\"overruled\":{\"1\":", "\"overruled\":{\"9\":"),
+        ("\"bounding_box\":[20,", "\"bounding_box\":[99999999,"),
+        ("\"runs\":[", "\"runs\":[7,"),
+        ("\"last\":", "\"last\":429496729"),
+        ("\"fx\":60.0", "\"fx\":-60.0"),
+        ("\"depthless\":[{", "\"depthless\":[{},{"),
+    ] {
+        let text = String::from_utf8(whole.short_term.clone()).unwrap();
+        assert!(text.contains(from), "{from} in {text}");
+        let damaged = SplatFile { short_term: text.replacen(from, to, 1).into_bytes(), ..whole.clone() };
+        damaged.save(&path).unwrap();
+        let error = SplatMemory::load(&path, settings.clone()).unwrap_err();
+        assert!(matches!(&error, LoadMemoryError::ShortTerm { .. }), "{to}: {error}");
+        assert!(error.to_string().lines().count() == 1 && error.to_string().contains("memory.ply"), "{error}");
     }
 }
 

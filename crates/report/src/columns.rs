@@ -17,7 +17,7 @@ pub(crate) const OVERCOUNT_MARK: &str = "†";
 /// The columns with such scores.
 pub(crate) const OVERCOUNTED: [usize; 2] = [STQ, 6];
 
-/// What [`OVERCOUNT_MARK`] means, for scores that have it.
+/// What `OVERCOUNT_MARK` means, for scores that have it.
 pub fn overcount_note(overcounted_tracks: u64) -> Option<String> {
     let objects = match overcounted_tracks {
         0 => return None,

@@ -9,12 +9,13 @@
 //! - **Replaced** ([`DepthlessSegments::take_in`]): by every new view, unless that shows only the part within the image
 //!   of what the old one predicts well, or far less than the old one a few times ([`MAX_POOR_VIEWS`]).
 //! - **Forgotten**: what several frames in which it should be seen contradict, and the longest unseen of too many.
-//!
-//! Nothing of this is saved.
 
 mod plane;
 mod region;
+mod saved;
 mod warp;
+
+pub(crate) use saved::SavedDepthlessSegment;
 
 use crate::ABSTAIN;
 use crate::recall::Recall;

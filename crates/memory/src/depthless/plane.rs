@@ -8,6 +8,7 @@ use super::region::Region;
 use glam::{Vec2, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 use splatseg_geometry::{CowImage, RgbdFrame, SegmentMap};
 
 /// How far from a region depth is looked for, pixels: around screens and glass there is often none for a while.
@@ -30,7 +31,7 @@ const MAX_EXTRAPOLATION: f32 = 2.0;
 const MIN_ROUNDNESS: f32 = 1e-3;
 
 /// What a plane rests on; better ones are greater.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub(super) enum Support {
     /// No depth near: infinitely far.
     None,

@@ -20,7 +20,7 @@ pub(super) struct Region {
     /// Rows of the box.
     pub height: usize,
     /// Which pixels of the box belong to the region, `[height, width]`.
-    mask: Vec<bool>,
+    pub(super) mask: Vec<bool>,
     /// Pixels in the mask.
     pub area: usize,
     /// Those of them that the map does not cover.
@@ -62,6 +62,34 @@ impl Region {
             mask.extend(depthless.row(row)[left..left + width].iter().map(|found| *found == id));
         }
         Self { id, left, top, width, height, mask, area: extent.area, bare }
+    }
+
+    /// The lengths of the runs in the mask, row by row: outside, inside, outside and so on.
+    pub fn runs(&self) -> Vec<u32> {
+        let mut runs = Vec::new();
+        let mut is_inside = false;
+        for run in self.mask.chunk_by(|left, right| left == right) {
+            if run[0] != is_inside {
+                runs.push(0);
+                is_inside = run[0];
+            }
+            runs.push(run.len() as u32);
+            is_inside = !is_inside;
+        }
+        runs
+    }
+
+    /// The mask with these [`Self::runs`], of so many pixels; `None` if they are of another number.
+    pub fn mask_of_runs(runs: &[u32], pixels: usize) -> Option<Vec<bool>> {
+        let total: u64 = runs.iter().map(|run| u64::from(*run)).sum();
+        if total != pixels as u64 {
+            return None;
+        }
+        let mut mask = Vec::with_capacity(pixels);
+        for (index, run) in runs.iter().enumerate() {
+            mask.resize(mask.len() + *run as usize, index % 2 == 1);
+        }
+        Some(mask)
     }
 
     /// Whether the region shows at a point (column, row) of the image: whether it has the pixel around that.

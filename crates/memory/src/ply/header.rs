@@ -3,6 +3,7 @@
 use super::VERSION;
 use super::error::SplatFileError;
 use super::layout::{Layout, Sizes};
+use crate::short_term::MAX_BYTES;
 use std::fmt::Write;
 use std::io::{BufRead, Read};
 use std::path::Path;
@@ -29,7 +30,7 @@ pub fn format(sizes: &Sizes) -> String {
     if let Layout::Features { feature_dim, codes } = sizes.layout {
         let _ = write!(text, "feature_dim {feature_dim} codes {codes} ");
     }
-    let _ = writeln!(text, "segments {segments}");
+    let _ = writeln!(text, "segments {segments} short_term {}", sizes.short_term);
     let _ = writeln!(text, "element vertex {}", sizes.gaussians);
     for (kind, name) in sizes.layout.properties() {
         let _ = writeln!(text, "property {kind} {name}");
@@ -51,7 +52,7 @@ pub fn read(reader: &mut impl BufRead, path: &Path) -> Result<Header, SplatFileE
     let Some(announced) = announced else {
         return Err(SplatFileError::NotAMemory { path: path.to_owned() });
     };
-    let (layout, segments) = read_announcement(announced, path)?;
+    let (layout, segments, short_term) = read_announcement(announced, path)?;
     let mut body = lines.into_iter().filter(|line| !line.starts_with("comment ") && !line.starts_with("format "));
     let element = body.next().unwrap_or_default();
     let Some(Ok(gaussians)) = element.strip_prefix("element vertex ").map(str::parse) else {
@@ -64,31 +65,36 @@ pub fn read(reader: &mut impl BufRead, path: &Path) -> Result<Header, SplatFileE
             return Err(header_error(path, found, &format!("{expected:?}")));
         }
     }
-    let sizes = Sizes { gaussians, segments, layout };
+    let sizes = Sizes { gaussians, segments, layout, short_term };
     sizes.check_segments(path)?;
     Ok(Header { sizes, bytes })
 }
 
-/// What our comment says behind "splatseg memory": kind of content and number of segments.
-fn read_announcement(announced: &str, path: &Path) -> Result<(Layout, u64), SplatFileError> {
+/// What our comment says behind "splatseg memory": kind of content, number of segments, and bytes of what is saved
+/// besides the Gaussians.
+fn read_announcement(announced: &str, path: &Path) -> Result<(Layout, u64, u64), SplatFileError> {
     let words: Vec<&str> = announced.split(' ').collect();
     let (version, words) = words.split_first().unwrap_or((&"", &[]));
     if version.parse() != Ok(VERSION) {
         return Err(SplatFileError::Version { path: path.to_owned(), found: shown(version), expected: VERSION });
     }
-    let read = match *words {
-        ["kind", "evidence", "segments", segments] => segments.parse().ok().map(|count| (Layout::Evidence, count)),
-        ["kind", "features", "feature_dim", dim, "codes", codes, "segments", segments] => {
-            match (dim.parse(), codes.parse(), segments.parse()) {
-                (Ok(feature_dim @ 1..), Ok(codes), Ok(count)) => Some((Layout::Features { feature_dim, codes }, count)),
-                _ => None,
-            }
-        }
+    let (words, rest) = words.split_at(words.len().saturating_sub(4));
+    let layout = match *words {
+        ["kind", "evidence"] => Some(Layout::Evidence),
+        ["kind", "features", "feature_dim", dim, "codes", codes] => match (dim.parse(), codes.parse()) {
+            (Ok(feature_dim @ 1..), Ok(codes)) => Some(Layout::Features { feature_dim, codes }),
+            _ => None,
+        },
         _ => None,
     };
-    read.ok_or_else(|| {
-        let expected =
-            "version, kind evidence and segments, or version, kind features, feature_dim, codes and segments";
+    let counts = match *rest {
+        ["segments", segments, "short_term", short_term] => segments.parse().ok().zip(short_term.parse().ok()),
+        _ => None,
+    };
+    let read = layout.zip(counts).map(|(layout, (segments, short_term))| (layout, segments, short_term));
+    read.filter(|(.., short_term)| *short_term <= MAX_BYTES).ok_or_else(|| {
+        let expected = "version, kind evidence, segments and short_term, or version, kind features, feature_dim, codes, \
+                        segments and short_term";
         header_error(path, announced, expected)
     })
 }

@@ -38,6 +38,8 @@ pub struct Sizes {
     pub segments: u64,
     /// Kind of content and its sizes.
     pub layout: Layout,
+    /// Bytes of what is saved besides the Gaussians.
+    pub short_term: u64,
 }
 
 impl Layout {
@@ -91,7 +93,12 @@ impl Sizes {
                 Layout::Features { feature_dim: codebook.feature_dim(), codes: codebook.len() as u64 }
             }
         };
-        Self { gaussians: view.map.len() as u64, segments: view.sightings.len() as u64, layout }
+        Self {
+            gaussians: view.map.len() as u64,
+            segments: view.sightings.len() as u64,
+            layout,
+            short_term: view.short_term.len() as u64,
+        }
     }
 
     /// Refuses more segments than there can be.
@@ -111,7 +118,7 @@ impl Sizes {
 
     /// What the sizes are of, for people.
     pub fn description(&self) -> String {
-        let Self { gaussians, segments, layout } = self;
+        let Self { gaussians, segments, layout, short_term: _ } = self;
         match layout {
             Layout::Evidence => format!("{gaussians} Gaussians with votes and {segments} segments"),
             Layout::Features { feature_dim, codes } => {

@@ -6,7 +6,7 @@
 //! ```text
 //! ply
 //! format binary_little_endian 1.0
-//! comment splatseg memory 2 kind evidence segments 40
+//! comment splatseg memory 3 kind evidence segments 40 short_term 812
 //! element vertex 120000
 //! property float x, y, z            metres
 //! property float nx, ny, nz         zero
@@ -27,7 +27,7 @@
 //! (one property a line). A memory of features has another comment, and features in place of votes:
 //!
 //! ```text
-//! comment splatseg memory 2 kind features feature_dim 28 codes 512 segments 40
+//! comment splatseg memory 3 kind features feature_dim 28 codes 512 segments 40 short_term 812
 //! property float feature_0..27
 //! ```
 //!
@@ -37,7 +37,7 @@
 //! | Field | Type | |
 //! |---|---|---|
 //! | mark | `[u8; 8]` | `SPLATSEG` |
-//! | version | `u32` | 2 |
+//! | version | `u32` | 3 |
 //! | kind | `u32` | 0 evidence, 1 features |
 //! | segments | `u32` | as in the comment |
 //! | frames | `u32` | frames taken in |
@@ -48,9 +48,11 @@
 //! | the codes | `f32` `[codes, feature_dim]` | features only |
 //! | sightings | `u32` `[segments]` | frames in which a prediction had the id |
 //! | carried | `u8` `[segments]` | 1 if anything carried the id when that was last looked at, else 0 |
+//! | short term | `u8` `[short_term]` | what the memory keeps besides its Gaussians |
 //! | checksum | `u32` | CRC-32 (zlib's) of every byte of the file before it |
 //!
-//! Segments without depth are not in the file: they are regions of an image, not Gaussians, and are linked within a run.
+//! Segments without depth are regions of an image, not Gaussians. They, and what else a memory keeps for a few frames,
+//! are in the text at the end of the block (`short_term` bytes of JSON, see `short_term.rs`).
 //!
 //! The block is not a second element of the PLY because browser viewers (antimatter15/splat, gsplat.js) count every `property`
 //! line of the header as part of a vertex; like PlayCanvas/SuperSplat, GaussianSplats3D and plyfile, they ignore what
@@ -76,7 +78,7 @@ use crate::{Codebook, MemoryKind, SplatMap, Votes};
 use std::path::Path;
 
 /// Version of the format, in the header's comment and in the block behind the vertices.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Records pass through memory in pieces of about this size.
 const CHUNK_BYTES: usize = 1 << 18;
 
@@ -95,6 +97,8 @@ pub struct SplatFile {
     pub carried: Vec<bool>,
     /// Frames taken in.
     pub frames: u32,
+    /// What the memory keeps besides its Gaussians, as text that only it understands; may be empty.
+    pub short_term: Vec<u8>,
 }
 
 /// What Gaussians remember of segments.
@@ -129,6 +133,8 @@ pub struct SplatFileView<'a> {
     pub carried: &'a [bool],
     /// Frames taken in.
     pub frames: u32,
+    /// What the memory keeps besides its Gaussians, as text that only it understands; may be empty.
+    pub short_term: &'a [u8],
 }
 
 /// [`SplatContent`], borrowed.
@@ -176,6 +182,7 @@ impl SplatFile {
             sightings: &self.sightings,
             carried: &self.carried,
             frames: self.frames,
+            short_term: &self.short_term,
         }
     }
 

@@ -31,7 +31,7 @@ pub fn bytes(sizes: &Sizes) -> u64 {
         }
     };
     let segments = sizes.segments.saturating_mul(SEGMENT_BYTES);
-    segments.saturating_add(codebook).saturating_add(HEAD_BYTES + CHECKSUM_BYTES)
+    segments.saturating_add(sizes.short_term).saturating_add(codebook).saturating_add(HEAD_BYTES + CHECKSUM_BYTES)
 }
 
 /// Writes the block up to the checksum.
@@ -49,7 +49,8 @@ pub fn write<W: Write>(view: &SplatFileView<'_>, sizes: &Sizes, output: &mut Out
     }
     output.write_words(view.sightings.iter().map(|count| count.to_le_bytes()))?;
     let carried: Vec<u8> = view.carried.iter().copied().map(u8::from).collect();
-    output.write(&carried)
+    output.write(&carried)?;
+    output.write(view.short_term)
 }
 
 /// The block as it stands in a file, still to be checked.
@@ -62,6 +63,7 @@ pub struct Trailer {
     codes: Option<Codes>,
     sightings: Vec<u32>,
     carried: Vec<u8>,
+    short_term: Vec<u8>,
 }
 
 struct Codes {
@@ -83,6 +85,8 @@ pub struct Contents {
     pub sightings: Vec<u32>,
     /// By id − 1.
     pub carried: Vec<bool>,
+    /// What is saved besides the Gaussians.
+    pub short_term: Vec<u8>,
 }
 
 impl Trailer {
@@ -110,6 +114,11 @@ impl Trailer {
                 input.read(&mut carried)?;
                 carried
             },
+            short_term: {
+                let mut short_term = vec![0; sizes.short_term as usize];
+                input.read(&mut short_term)?;
+                short_term
+            },
         })
     }
 
@@ -125,7 +134,8 @@ impl Trailer {
             return Err(field_error("carried", strange, "0 or 1", path));
         }
         let carried = self.carried.into_iter().map(|carried| carried == 1).collect();
-        Ok(Contents { frames: self.frames, codebook, sightings: self.sightings, carried })
+        let (frames, sightings, short_term) = (self.frames, self.sightings, self.short_term);
+        Ok(Contents { frames, codebook, sightings, carried, short_term })
     }
 }
 

@@ -3,15 +3,15 @@
 use crate::sample::{
     CODES, COMMON_PROPERTIES, FEATURE_DIM, FRAMES, KINDS, SEGMENTS, crc32, header_length, record_bytes, sample, saved,
 };
-use splatseg_memory::{MemoryKind, SplatContent};
+use splatseg_memory::{MemoryKind, SplatContent, SplatFile};
 
 const USUAL: &str =
     "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 radius";
 const OWN: [&str; 2] =
     ["vote_id_0 votes_0 vote_id_1 votes_1 vote_id_2 votes_2 vote_id_3 votes_3", "feature_0 feature_1 feature_2"];
 const COMMENTS: [&str; 2] = [
-    "comment splatseg memory 2 kind evidence segments 4",
-    "comment splatseg memory 2 kind features feature_dim 3 codes 9 segments 4",
+    "comment splatseg memory 3 kind evidence segments 4 short_term 0",
+    "comment splatseg memory 3 kind features feature_dim 3 codes 9 segments 4 short_term 0",
 ];
 
 fn close(left: f32, right: f32) -> bool {
@@ -76,7 +76,7 @@ fn viewers_find_their_properties() {
 #[test]
 fn the_block_behind_the_vertices_is_as_documented() {
     for kind in KINDS {
-        let file = sample(kind, 2);
+        let file = SplatFile { short_term: b"text".to_vec(), ..sample(kind, 2) };
         let bytes = saved(&file);
         let block = &bytes[header_length(&bytes) + 2 * record_bytes(kind)..];
         assert_eq!(&block[..8], b"SPLATSEG");
@@ -86,7 +86,7 @@ fn the_block_behind_the_vertices_is_as_documented() {
         let kind_number = u64::from(kind == MemoryKind::Features);
         assert_eq!(
             [number(8, 4), number(12, 4), number(16, 4), number(20, 4)],
-            [2, kind_number, SEGMENTS as u64, u64::from(FRAMES)]
+            [3, kind_number, SEGMENTS as u64, u64::from(FRAMES)]
         );
         let mut end = 24;
         if let SplatContent::Features { codebook, .. } = &file.content {
@@ -98,7 +98,8 @@ fn the_block_behind_the_vertices_is_as_documented() {
             assert_eq!(number(end + 4 * index, 4), u64::from(*sightings));
         }
         assert_eq!(block[end + 4 * SEGMENTS..][..SEGMENTS], [1, 0, 0, 1]);
-        assert_eq!(block.len(), end + 5 * SEGMENTS + 4);
+        assert_eq!(&block[end + 5 * SEGMENTS..][..4], b"text");
+        assert_eq!(block.len(), end + 5 * SEGMENTS + 4 + 4);
         assert_eq!(bytes[bytes.len() - 4..], crc32(&bytes[..bytes.len() - 4]).to_le_bytes());
     }
     assert_eq!(crc32(b"123456789"), 0xcbf4_3926);

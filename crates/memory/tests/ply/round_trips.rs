@@ -124,6 +124,7 @@ proptest! {
         gaussians in proptest::collection::vec(any_gaussian(), 0..6),
         sightings in any::<[u32; MAX_ID as usize]>(),
         carried in any::<[bool; MAX_ID as usize]>(),
+        short_term in any::<Vec<u8>>(),
     ) {
         let mut map = SplatMap::default();
         let (mut all_votes, mut all_features, mut segment_ids) = (vec![], vec![], vec![]);
@@ -138,8 +139,9 @@ proptest! {
         }
         let SplatContent::Features { codebook, .. } = features(0, 2) else { panic!("no codebook") };
         for content in [SplatContent::Evidence { votes: all_votes }, SplatContent::Features { features: all_features, codebook }] {
+            let (map, segment_ids, short_term) = (map.clone(), segment_ids.clone(), short_term.clone());
             let (sightings, carried) = (sightings.to_vec(), carried.to_vec());
-            let file = SplatFile { map: map.clone(), content, segment_ids: segment_ids.clone(), sightings, carried, frames: 9 };
+            let file = SplatFile { map, content, segment_ids, sightings, carried, frames: 9, short_term };
             prop_assert_eq!(&reloaded(&file), &file);
             // Equality takes −0 for 0; the bytes do not.
             prop_assert_eq!(saved(&reloaded(&file)), saved(&file));

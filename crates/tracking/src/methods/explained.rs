@@ -63,12 +63,13 @@ impl ExplanationSettings {
         if self.min_remembered_fraction == 0.0 {
             return;
         }
-        overruled.take_in(self.min_remembered_fraction, &shown.areas(), &expected.areas(), &seen.areas());
-        if overruled.0.is_empty() {
+        let areas = [&*shown, expected, seen].map(SegmentMap::areas);
+        take_in_areas(overruled, self.min_remembered_fraction, &areas);
+        if overruled.is_empty() {
             return;
         }
         for (shown, seen) in shown.pixels_mut().iter_mut().zip(seen.pixels()) {
-            if overruled.0.contains_key(shown) {
+            if overruled.contains_key(shown) {
                 *shown = if *seen == ABSTAIN { 0 } else { *seen };
             }
         }
@@ -77,21 +78,18 @@ impl ExplanationSettings {
 
 /// Remembered segments that predictions have overruled, each with the largest area expected of it since then. What
 /// remains of them in later frames stays hidden until a prediction has the id again or enough of the segment is shown.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct OverruledSegments(BTreeMap<SegmentId, usize>);
+type OverruledSegments = BTreeMap<SegmentId, usize>;
 
-impl OverruledSegments {
-    /// Updates the segments by the areas of those that a frame shows, those expected in it and those predicted.
-    fn take_in(&mut self, min_fraction: f32, shown: &Areas, expected: &Areas, predicted: &Areas) {
-        self.0.retain(|id, _| !predicted.contains_key(id));
-        for (id, area) in expected.iter().filter(|(id, _)| !predicted.contains_key(id)) {
-            let known = self.0.get(id).copied().unwrap_or(0).max(*area);
-            let left = shown.get(id).copied().unwrap_or(0);
-            if (left as f32) < min_fraction * known as f32 {
-                self.0.insert(*id, known);
-            } else {
-                self.0.remove(id);
-            }
+/// Updates the segments by the areas of those that a frame shows, those expected in it and those predicted.
+fn take_in_areas(overruled: &mut OverruledSegments, min_fraction: f32, [shown, expected, predicted]: &[Areas; 3]) {
+    overruled.retain(|id, _| !predicted.contains_key(id));
+    for (id, area) in expected.iter().filter(|(id, _)| !predicted.contains_key(id)) {
+        let known = overruled.get(id).copied().unwrap_or(0).max(*area);
+        let left = shown.get(id).copied().unwrap_or(0);
+        if (left as f32) < min_fraction * known as f32 {
+            overruled.insert(*id, known);
+        } else {
+            overruled.remove(id);
         }
     }
 }

@@ -1,6 +1,5 @@
 //! FastSAM-Splat: a segmenter for single frames, and a splat that remembers (`docs/METHOD.md`, "FastSAM-Splat").
 
-use super::explained::OverruledSegments;
 use super::output::confidence;
 use super::{ExplanationSettings, FrameOutput, Method, check_sizes};
 use crate::matching::{match_segments, painted_parts, visible_parts};
@@ -32,7 +31,6 @@ settings! {
 pub struct FastSamSplat {
     memory: SplatMemory,
     settings: FastSamSplatSettings,
-    overruled: OverruledSegments,
 }
 
 /// The visible predictions of a frame and their ids.
@@ -68,7 +66,7 @@ impl FastSamSplat {
         if memory.settings().kind == MemoryKind::Features {
             settings.explanation = ExplanationSettings::NONE;
         }
-        Ok(Self { memory, settings, overruled: OverruledSegments::default() })
+        Ok(Self { memory, settings })
     }
 
     /// The visible part of each prediction of which enough is visible.
@@ -121,7 +119,8 @@ impl FastSamSplat {
             explained.iter().for_each(|id| self.memory.take_back(*id));
             shown = self.memory.fuse(recall, &seen)?;
         }
-        self.settings.explanation.drop_leftovers(&mut self.overruled, &mut shown, &recall.expected().segments, &seen);
+        let expected = &recall.expected().segments;
+        self.settings.explanation.drop_leftovers(self.memory.overruled_mut(), &mut shown, expected, &seen);
         Ok((shown.without_small(self.settings.min_segment_area), seen))
     }
 }

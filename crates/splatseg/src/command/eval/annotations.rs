@@ -223,6 +223,6 @@ mod tests {
         let text = format!("[{}]", "[],".repeat(100_000));
         check_memory(text.as_bytes(), 20_000_000).unwrap();
         let error = check_memory(text.as_bytes(), 10_000_000).unwrap_err();
-        assert!(error.starts_with("takes up to 16.6 MB in memory, and 10.0 MB"), "{error}");
+        assert!(error.starts_with("takes up to 17 MB in memory, and 10 MB"), "{error}");
     }
 }

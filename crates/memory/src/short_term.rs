@@ -1,0 +1,52 @@
+//! What a memory keeps besides its Gaussians, as it is saved with them: without it, a run that continues would differ
+//! for some frames from one that never stopped.
+//!
+//! It is written as JSON: it is small, and its parts change more often than the map. An empty text is an empty memory.
+
+use crate::depthless::SavedDepthlessSegment;
+use crate::recurring::SavedRecurringPredictions;
+use serde::{Deserialize, Serialize};
+use splatseg_geometry::SegmentId;
+use std::collections::BTreeMap;
+
+/// Longer texts are not written by any memory: 256 regions of a few megapixels take a few megabytes.
+pub(crate) const MAX_BYTES: u64 = 1 << 28;
+
+/// What is saved besides the Gaussians.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ShortTermMemory {
+    /// See [`SplatMemory::overruled_mut`](crate::SplatMemory::overruled_mut).
+    pub overruled: BTreeMap<SegmentId, usize>,
+    /// Predictions that were explained by what is remembered.
+    pub recurring: SavedRecurringPredictions,
+    /// Segments that no Gaussian can carry.
+    pub depthless: Vec<SavedDepthlessSegment>,
+}
+
+impl ShortTermMemory {
+    /// The text that a file holds; empty if there is nothing.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        if *self == Self::default() {
+            return Vec::new();
+        }
+        // Numbers, lists and maps with whole numbers as keys can always be written.
+        serde_json::to_vec(self).unwrap_or_default()
+    }
+
+    /// What the text of a file of so many segments says.
+    ///
+    /// # Errors
+    /// If it is not what [`Self::to_bytes`] writes, or names segments that do not exist. What its parts say is checked
+    /// when they are restored.
+    pub fn from_bytes(bytes: &[u8], segments: usize) -> Result<Self, String> {
+        if bytes.is_empty() {
+            return Ok(Self::default());
+        }
+        let found: Self = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
+        match found.overruled.keys().find(|id| !(1..=segments).contains(&(**id as usize))) {
+            Some(id) => Err(format!("the overruled segment {id} does not exist")),
+            None => Ok(found),
+        }
+    }
+}
