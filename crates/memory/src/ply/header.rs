@@ -105,7 +105,7 @@ fn read_text(reader: &mut impl BufRead, path: &Path) -> Result<Vec<u8>, SplatFil
     let mut bytes = Vec::new();
     loop {
         let start = bytes.len();
-        // A file that is no PLY may have no line ends: look at little of it.
+        // Other files may have no line ends: look at little of them.
         if start == 0 {
             (&mut reader).take(4).read_until(b'\n', &mut bytes).map_err(SplatFileError::io(path, "read"))?;
             if bytes != b"ply\n" {

@@ -9,7 +9,8 @@ const MAX_SIZE: usize = 1 << 16;
 /// The deepest nesting.
 const MAX_DEPTH: usize = 32;
 
-/// A dict of scalars, lists and dicts; `None` if it is no dict. Anything else in it becomes a text that says what it is.
+/// A dict of scalars, lists and dicts; `None` for any other value. Other values inside it are replaced by their
+/// description.
 ///
 /// # Errors
 /// A [`Fault`] if it is larger or deeper than a configuration is, or contains itself.

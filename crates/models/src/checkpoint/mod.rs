@@ -236,7 +236,7 @@ impl Checkpoint {
     }
 }
 
-/// What a file is that is no checkpoint, by its first bytes.
+/// Describes a file that is not a checkpoint by its first bytes.
 fn foreign(start: &[u8]) -> String {
     match start {
         [] => "an empty file".to_owned(),

@@ -23,7 +23,7 @@ macro_rules! say_error {
 /// Why standard output could not be written.
 static OUTPUT_ERROR: OnceLock<String> = OnceLock::new();
 
-/// Prints a line to standard output. A closed pipe (`splatseg … | head`) is no error; [`check_output`] reports all
+/// Prints a line to standard output. A closed pipe (`splatseg … | head`) is not an error; [`check_output`] reports all
 /// others at the end, so that work goes on.
 pub fn print_line(text: &str) {
     let mut output = std::io::stdout().lock();

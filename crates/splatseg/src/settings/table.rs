@@ -66,7 +66,7 @@ impl Serialize for Settings {
     }
 }
 
-/// The error for a key that is none.
+/// The error for an unknown key.
 fn unknown(key: &str, entries: &[Entry]) -> SettingsError {
     let section = format!("{key}.");
     if let Some(entry) = entries.iter().find(|entry| entry.field.key().starts_with(&section)) {

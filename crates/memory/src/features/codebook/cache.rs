@@ -1,8 +1,8 @@
-//! Codes that were made before, on disk. Making them takes seconds, reading them milliseconds.
+//! Codes that were made before, on disk, so that a run with a codebook starts at once.
 //!
 //! One file per block of codes, in `$SPLATSEG_CACHE` if that is set (empty: no cache), else in `splatseg` in the user's
-//! folder for caches. Its name and its header hold all that the codes depend on. A file that is not exactly as it should be
-//! is made again; a folder that cannot be written is no error.
+//! folder for caches. Its name and its header hold all that the codes depend on. A damaged file is
+//! replaced. A cache that cannot be written is ignored.
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -323,7 +323,7 @@ impl<'a> Machine<'a> {
         let id = self.pop()?;
         match &self.values[id as usize] {
             Value::Text(text) => Ok(text),
-            _ => Err(self.error("a name that is no text", "a text")),
+            _ => Err(self.error("a name of another type", "text")),
         }
     }
 
@@ -365,7 +365,7 @@ impl<'a> Machine<'a> {
             Value::List(list) | Value::Set(list) => list.extend_from_slice(items),
             // Kinds of list mean nothing to anybody here.
             Value::Object(_) => {}
-            _ => return Err(self.error("items for what is no list", "a list")),
+            _ => return Err(self.error("items appended to a value of another type", "a list")),
         }
         Ok(true)
     }
@@ -374,7 +374,7 @@ impl<'a> Machine<'a> {
         match self.top()? {
             Value::Dict(entries) => entries.extend_from_slice(pairs),
             Value::Object(object) => object.entries.extend_from_slice(pairs),
-            _ => return Err(self.error("entries for what is no dict", "a dict")),
+            _ => return Err(self.error("entries set on a value of another type", "a dict")),
         }
         Ok(true)
     }
