@@ -1,8 +1,9 @@
 //! How well the graph segmenter finds the objects of a scene.
 
 use anyhow::Context;
-use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, ImageSize, open_scene, write_overlay_jpeg};
+use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, ImageSize, open_scene};
 use splatseg_geometry::{Mask, ScoredMask, SegmentMap};
+use splatseg_output::write_overlay_jpeg;
 use splatseg_segmenter::{GraphSegmenter, GraphSettings, Segmenter};
 use std::path::PathBuf;
 use std::time::Instant;

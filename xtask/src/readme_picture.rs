@@ -3,8 +3,9 @@
 use anyhow::{Context, ensure};
 use image::codecs::jpeg::JpegEncoder;
 use splatseg::{Pipeline, Settings};
-use splatseg_dataset::{FrameStream, GroundTruth, draw_overlay, open_scene, write_atomically};
+use splatseg_dataset::{FrameStream, GroundTruth, open_scene};
 use splatseg_geometry::{Image, SegmentId, SegmentMap};
+use splatseg_output::{draw_overlay, write_atomically};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

@@ -72,7 +72,16 @@ pub(crate) fn read_depth(path: &Path, units_per_metre: f32) -> Result<Image<f32>
     decode_depth(path, &read_image_file(path, DEPTH_IMAGE)?, units_per_metre)
 }
 
-/// Reads segment ids, `[height, width]`, from a grey PNG with 8 or 16 bits.
+/// Reads a segment map, `[height, width]`, from a grey PNG with 8 or 16 bits, as `splatseg run` writes it.
+///
+/// # Errors
+/// [`DatasetError`] if the file is missing or damaged or is any other kind of image: palettes, colours and fewer bits
+/// do not hold ids.
+pub fn read_segments_png(path: &Path) -> Result<SegmentMap, DatasetError> {
+    read_labels(path)
+}
+
+/// [`read_segments_png`] as scenes call it.
 pub(crate) fn read_labels(path: &Path) -> Result<SegmentMap, DatasetError> {
     decode_labels(path, &read_image_file(path, SEGMENT_IMAGE)?)
 }

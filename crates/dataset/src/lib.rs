@@ -1,5 +1,5 @@
-//! RGB-D scenes on disk as streams of [`RgbdFrame`](splatseg_geometry::RgbdFrame)s, writers for predictions, and a
-//! synthetic room with exact ground truth.
+//! RGB-D scenes on disk as streams of [`RgbdFrame`](splatseg_geometry::RgbdFrame)s, and a synthetic room with exact
+//! ground truth.
 //!
 //! [`open_scene`] recognises the format of a scene, [`FrameStream`] reads its frames ahead in the background, chosen
 //! and framed (resized, cropped) as [`DatasetSettings`] say; a [`Preset`] has those of a benchmark. Adding a format
@@ -15,12 +15,12 @@ mod formats;
 mod framing;
 mod listing;
 mod mvpd;
-mod output;
 mod plausibility;
 mod preset;
 mod register;
 mod replica;
 mod resample;
+mod result_names;
 mod scannet;
 mod scene;
 mod settings;
@@ -30,19 +30,16 @@ mod synthetic;
 mod text;
 mod tum;
 
-pub use decode::read_color_image;
+pub use decode::{read_color_image, read_segments_png};
 pub use description::SceneDescription;
 pub use error::{DatasetError, FrameReadError};
 pub use format::{Format, FormatNameError};
 pub use formats::{open_scene, supported_formats};
 pub use framing::{Framing, ImageSize, ImageSizeTextError};
 pub use mvpd::MvpdScene;
-pub use output::{
-    OutputError, draw_overlay, padded_number, read_segments_png, segment_color, unpadded_number, write_atomically,
-    write_overlay_jpeg, write_segments_png,
-};
 pub use preset::{Preset, PresetNameError};
 pub use replica::ReplicaScene;
+pub use result_names::{padded_number, unpadded_number};
 pub use scannet::{ScannetScene, SensScene};
 pub use scene::{FramePart, LeftOut, Scene};
 pub use settings::DatasetSettings;

@@ -229,7 +229,7 @@ fn one_frame_and_frames_without_depth_are_enough() {
     let room = SyntheticScene::new(SyntheticSettings { frames: 1, ..SyntheticSettings::default() }).unwrap();
     let empty_depth = splatseg_geometry::SegmentMap::filled(320, 240, 0);
     assert_eq!(room.frame_count(), 1);
-    splatseg_dataset::write_segments_png(&scene.path().join("depth/1.png"), &empty_depth).unwrap();
+    splatseg_output::write_segments_png(&scene.path().join("depth/1.png"), &empty_depth).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let out = |name: &str| folder.path().join(name);
     run(scene.path(), &out("out")).assert().success();

@@ -3,8 +3,9 @@
 mod support;
 
 use serde_json::{Value, json};
-use splatseg_dataset::{Scene, SyntheticScene, write_segments_png};
+use splatseg_dataset::{Scene, SyntheticScene};
 use splatseg_geometry::{Mask, RunLengths, SegmentId, SegmentMap};
+use splatseg_output::write_segments_png;
 use std::fs;
 use std::path::{Path, PathBuf};
 use support::{Ended, ROOM, finish, read_json, splatseg};

@@ -4,9 +4,10 @@
 
 mod support;
 
-use splatseg_dataset::{read_segments_png, write_segments_png};
+use splatseg_dataset::read_segments_png;
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{MAX_SEGMENT_ID, MemorySettings, SplatMemory};
+use splatseg_output::write_segments_png;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;

@@ -2,8 +2,9 @@
 
 mod support;
 
-use splatseg_dataset::{read_segments_png, write_segments_png};
+use splatseg_dataset::read_segments_png;
 use splatseg_geometry::SegmentMap;
+use splatseg_output::write_segments_png;
 use std::fs;
 use std::path::Path;
 use support::{Ended, file_names, finish, numbered_scene, read_json, splatseg};

@@ -6,7 +6,7 @@ use super::output_folder::{CreatedFolders, Existing, OutputFolder};
 use super::run::{Job, execute, report};
 use include_dir::{Dir, include_dir};
 use splatseg::Settings;
-use splatseg_dataset::write_atomically;
+use splatseg_output::write_atomically;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 

@@ -16,8 +16,12 @@ use std::path::{Path, PathBuf};
 pub const MANIFEST: &str = "manifest.jsonl";
 /// The name of the file that describes the run.
 pub const SUMMARY: &str = "summary.json";
-/// Folders of result files, and the extension of the files in them.
+/// Folders with a file for each frame, and the extension of the files in them.
 pub const RESULT_FOLDERS: [(&str, &str); 2] = [("segments", "png"), ("overlay", "jpg")];
+/// Folders of further results, and the extension of the files in them.
+pub const EXTRA_FOLDERS: [(&str, &str); 2] = [("objects", "jpg"), ("viewer", "js")];
+/// Results beside these folders.
+pub const RESULT_FILES: [&str; 4] = [SUMMARY, "objects.json", "objects.csv", "index.html"];
 
 /// No list of a real run is as long as this, bytes.
 const MAX_BYTES: u64 = 1 << 30;
@@ -83,11 +87,12 @@ pub fn listed_files(folder: &Path) -> std::result::Result<BTreeSet<String>, Fail
 /// Whether a run may have written a file of this path.
 fn is_result(path: &str) -> bool {
     let in_folder = |(folder, file): (&str, &str)| {
-        let extension = RESULT_FOLDERS.iter().find(|(name, _)| *name == folder).map(|(_, extension)| *extension);
+        let mut folders = RESULT_FOLDERS.into_iter().chain(EXTRA_FOLDERS);
+        let extension = folders.find(|(name, _)| *name == folder).map(|(_, extension)| extension);
         let named = |extension| Path::new(file).extension().is_some_and(|found| found == extension);
         !file.contains(['/', '\\', '\0']) && extension.is_some_and(named)
     };
-    path == SUMMARY || path.split_once('/').is_some_and(in_folder)
+    RESULT_FILES.contains(&path) || path.split_once('/').is_some_and(in_folder)
 }
 
 /// A listed file's place.

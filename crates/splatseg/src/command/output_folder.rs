@@ -5,9 +5,11 @@
 //! So a run that cannot start loses nothing and leaves nothing behind.
 
 use super::Failure;
-use super::manifest::{MANIFEST, Manifest, RESULT_FOLDERS, SUMMARY, listed_files, place};
-use super::run::FrameImages;
-use splatseg_dataset::{OutputError, padded_number, write_atomically, write_overlay_jpeg, write_segments_png};
+use super::manifest::{EXTRA_FOLDERS, MANIFEST, Manifest, RESULT_FILES, RESULT_FOLDERS, SUMMARY, listed_files, place};
+use splatseg_dataset::padded_number;
+use splatseg_output::{
+    FrameRecord, OutputError, ResultFolder, write_atomically, write_overlay_jpeg, write_segments_png,
+};
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
 use std::io::ErrorKind;
@@ -74,7 +76,7 @@ impl OutputFolder {
     /// another run.
     pub fn prepare(path: &Path, existing: Existing, frames: &[String]) -> Result<Self, Failure> {
         Self::check(path, existing)?;
-        for folder in RESULT_FOLDERS.map(|(folder, _)| folder).into_iter().chain([STAGING]) {
+        for folder in folders() {
             refuse_other_than_folder(&path.join(folder))?;
         }
         let earlier = listed_files(path)?;
@@ -88,8 +90,7 @@ impl OutputFolder {
 
     /// Whether a path is where the results in the folder `out` are. Both are without symbolic links.
     pub fn is_result_place(out: &Path, path: &Path) -> bool {
-        let folders = RESULT_FOLDERS.map(|(folder, _)| folder).into_iter().chain([STAGING]);
-        [MANIFEST, SUMMARY].into_iter().chain(folders).any(|place| path.starts_with(out.join(place)))
+        [MANIFEST].into_iter().chain(RESULT_FILES).chain(folders()).any(|place| path.starts_with(out.join(place)))
     }
 
     /// The folder itself.
@@ -106,11 +107,11 @@ impl OutputFolder {
     ///
     /// # Errors
     /// If one of them cannot be written; later frames may be.
-    pub fn write_frame(&mut self, frame: &FrameImages) -> Result<(), OutputError> {
-        let [segments, overlay] = result_files(&frame.name);
+    pub fn write_frame(&mut self, frame: &FrameRecord) -> Result<(), OutputError> {
+        let [segments, overlay] = result_files(&frame.file_name);
         write_segments_png(&place(&self.staging.path, &segments), &frame.segments)
             .map_err(|error| self.error_in_place(&segments, error))?;
-        write_overlay_jpeg(&place(&self.staging.path, &overlay), &frame.color, &frame.segments)
+        write_overlay_jpeg(&place(&self.staging.path, &overlay), frame.frame.color(), &frame.segments)
             .map_err(|error| self.error_in_place(&overlay, error))?;
         if self.manifest.is_none() {
             self.remove_earlier()?;
@@ -173,11 +174,30 @@ impl OutputFolder {
     }
 }
 
+impl ResultFolder for OutputFolder {
+    fn write(&mut self, file: &str, bytes: &[u8]) -> Result<(), OutputError> {
+        write_atomically(&place(&self.staging.path, file), bytes).map_err(|error| self.error_in_place(file, error))?;
+        if let Some(folder) = place(&self.path, file).parent() {
+            fs::create_dir_all(folder).map_err(|source| self.error(file, source))?;
+        }
+        self.put_in_place(&[file])
+    }
+}
+
+/// The name of the result files of a frame, without folder and extension. A scene's names may come from a file, and must
+/// not lead out of the folder.
+pub fn file_name(frame: &str) -> String {
+    padded_number(frame).replace(['/', '\\', '\0'], "_")
+}
+
 /// The ids and the overlay of a frame, by their paths in the folder.
-fn result_files(frame: &str) -> [String; 2] {
-    // A scene's names may come from a file, and must not lead out of the folder.
-    let name = padded_number(frame).replace(['/', '\\', '\0'], "_");
-    RESULT_FOLDERS.map(|(folder, extension)| format!("{folder}/{name}.{extension}"))
+fn result_files(file_name: &str) -> [String; 2] {
+    RESULT_FOLDERS.map(|(folder, extension)| format!("{folder}/{file_name}.{extension}"))
+}
+
+/// The folders that a run may write to.
+fn folders() -> impl Iterator<Item = &'static str> {
+    RESULT_FOLDERS.into_iter().chain(EXTRA_FOLDERS).map(|(folder, _)| folder).chain([STAGING])
 }
 
 /// A link would lead results, or the removal of earlier ones, out of the folder.
@@ -193,14 +213,17 @@ fn refuse_other_than_folder(path: &Path) -> Result<(), Failure> {
 
 /// Refuses a folder where something that no manifest lists would be replaced.
 fn refuse_files_of_others(path: &Path, earlier: &BTreeSet<String>, frames: &[String]) -> Result<(), Failure> {
-    let new: BTreeSet<String> = frames.iter().flat_map(|frame| result_files(frame)).collect();
+    let new: BTreeSet<String> = frames.iter().flat_map(|frame| result_files(&file_name(frame))).collect();
     let mut found = Vec::new();
     for (folder, _) in RESULT_FOLDERS {
-        let entries = fs::read_dir(path.join(folder)).into_iter().flatten().flatten();
-        found.extend(entries.filter_map(|entry| Some(format!("{folder}/{}", entry.file_name().to_str()?))));
+        found.extend(files_in(path, folder));
     }
     found.retain(|file| new.contains(file));
-    found.extend(path.join(SUMMARY).symlink_metadata().is_ok().then(|| SUMMARY.to_owned()));
+    for (folder, extension) in EXTRA_FOLDERS {
+        let is_taken = |file: &String| file.ends_with(&format!(".{extension}"));
+        found.extend(files_in(path, folder).filter(is_taken));
+    }
+    found.extend(RESULT_FILES.into_iter().filter(|file| path.join(file).symlink_metadata().is_ok()).map(str::to_owned));
     found.sort_unstable();
     let is_ours = |file: &String| earlier.contains(file) && !place(path, file).is_dir();
     match found.iter().find(|file| !is_ours(file)) {
@@ -211,6 +234,12 @@ fn refuse_files_of_others(path: &Path, earlier: &BTreeSet<String>, frames: &[Str
         ))),
         None => Ok(()),
     }
+}
+
+/// What is in a folder of results, by its path in `path`.
+fn files_in(path: &Path, folder: &'static str) -> impl Iterator<Item = String> {
+    let entries = fs::read_dir(path.join(folder)).into_iter().flatten().flatten();
+    entries.filter_map(move |entry| Some(format!("{folder}/{}", entry.file_name().to_str()?)))
 }
 
 /// The folder of what is not in place yet. It is locked while a run uses it, and removed after.
@@ -230,7 +259,7 @@ impl Staging {
             return Err(Failure::input(format!("{}: another run is writing to this folder", folder.display())));
         }
         let staging = Self { path, _lock: lock };
-        for (results, _) in RESULT_FOLDERS {
+        for (results, _) in RESULT_FOLDERS.into_iter().chain(EXTRA_FOLDERS) {
             let results = staging.path.join(results);
             // A killed run's.
             match fs::remove_dir_all(&results) {

@@ -1,6 +1,6 @@
 //! From settings to a pipeline.
 
-use super::{ObjectLog, Pipeline, PipelineError, StageClock};
+use super::{Pipeline, PipelineError, StageClock};
 use crate::settings::{MethodSettings, SegmenterSettings, Settings, TrackerSettings};
 use splatseg_dataset::Scene;
 use splatseg_memory::{MemorySettings, SplatMemory};

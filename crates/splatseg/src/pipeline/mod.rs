@@ -6,18 +6,17 @@
 mod builder;
 mod error;
 mod frames;
-mod objects;
 mod stage_times;
 
 pub use builder::PipelineBuilder;
 pub use error::PipelineError;
 pub use frames::{Frames, Processed};
-pub use objects::{BoundingBox, ObjectLog, ObjectRecord, ObjectSighting};
 pub use stage_times::StageTimes;
 
 use crate::Settings;
 use splatseg_geometry::{RgbdFrame, ScoredMask};
 use splatseg_memory::SplatMemory;
+use splatseg_objects::{ObjectLog, ObjectSighting};
 use splatseg_segmenter::{Segmenter, SegmenterError};
 use splatseg_tracking::{FrameOutput, Method};
 use stage_times::StageClock;

@@ -25,7 +25,7 @@ use paper::PaperBenchmark;
 use plan::{Job, Plan};
 use pool::Workers;
 use results::Results;
-use splatseg_dataset::write_atomically;
+use splatseg_output::write_atomically;
 use splatseg_report::ScoreTable;
 use store::{Program, ResultStore, Stored};
 

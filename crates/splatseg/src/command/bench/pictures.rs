@@ -5,8 +5,9 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use splatseg_dataset::{DatasetSettings, open_scene, segment_color};
+use splatseg_dataset::{DatasetSettings, open_scene};
 use splatseg_geometry::{CowImage, SegmentMap};
+use splatseg_output::segment_color;
 use splatseg_report::ScenePicture;
 
 /// Pictures are no wider than this, pixels.

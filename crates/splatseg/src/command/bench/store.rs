@@ -4,8 +4,8 @@ use super::job::{JobInputs, JobResult};
 use crate::command::Failure;
 use crate::command::output_folder::Existing;
 use sha2::{Digest, Sha256};
-use splatseg_dataset::{OutputError, write_atomically};
 use splatseg_input::read_file;
+use splatseg_output::{OutputError, write_atomically};
 use std::path::{Path, PathBuf};
 
 /// Larger files are no results of ours.

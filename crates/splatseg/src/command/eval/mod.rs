@@ -19,8 +19,9 @@ use predictions::Predictions;
 use run_summary::RunSummary;
 use scoring::{Ids, Scoring};
 use serde::Serialize;
-use splatseg_dataset::{open_scene, write_atomically};
+use splatseg_dataset::open_scene;
 use splatseg_metrics::{RawCounts, Scores, VideoScore, VideoScorer, Void};
+use splatseg_output::write_atomically;
 use splatseg_report::{SIZE_COLUMNS_EXPLAINED, overcount_note, terminal_size_table, terminal_table, windows_note};
 use std::path::PathBuf;
 

@@ -1,14 +1,15 @@
 //! Processes the frames of a run until the last one, or until something ends it early.
 
 use super::progress::Progress;
-use super::result_writer::{FrameImages, ResultWriter, Written};
+use super::result_writer::{ResultWriter, Written};
 use super::skipped_frames::SkippedFrames;
 use super::stop_signals::{StopSignal, StopSignals};
-use crate::command::output_folder::OutputFolder;
+use crate::command::output_folder::{OutputFolder, file_name};
 use splatseg::pipeline::{Frames, PipelineError, Processed};
 use splatseg::summary::RunCounts;
 use splatseg_dataset::{FrameStream, StreamedFrame};
 use splatseg_memory::SplatMemory;
+use splatseg_output::{FrameRecord, RunOutput};
 
 /// How frames are processed.
 pub struct FrameLoop<'a> {
@@ -52,10 +53,15 @@ enum Step {
 
 impl FrameLoop<'_> {
     /// Writes the results of every frame.
-    pub fn run(&self, mut frames: Frames<'_, FrameStream>, folder: OutputFolder) -> Ended {
+    pub fn run(
+        &self,
+        mut frames: Frames<'_, FrameStream>,
+        folder: OutputFolder,
+        outputs: Vec<Box<dyn RunOutput>>,
+    ) -> Ended {
         let mut counts = RunCounts::default();
         let mut skipped = SkippedFrames::default();
-        let writer = ResultWriter::start(folder);
+        let writer = ResultWriter::start(folder, outputs);
         let mut progress = Progress::of_frames(frames.size_hint().0);
         let early = loop {
             if let Some(signal) = self.signals.received().filter(|_| frames.size_hint().0 > 0) {
@@ -100,8 +106,9 @@ fn take_result(
         }
         Err(error) => return Step::End(EarlyEnd::Method(error.to_string())),
     };
+    let number = counts.frames;
     counts.add(&result, memory.map_or(0, SplatMemory::gaussian_count));
-    let segments = result.output.segments;
-    let images = FrameImages { name: frame.name().to_owned(), color: frame.color().clone().into_owned(), segments };
-    if writer.write(images) { Step::Done } else { Step::End(EarlyEnd::Unwritable) }
+    let file_name = file_name(frame.name());
+    let record = FrameRecord { number, file_name, frame, segments: result.output.segments, objects: result.objects };
+    if writer.write(record) { Step::Done } else { Step::End(EarlyEnd::Unwritable) }
 }

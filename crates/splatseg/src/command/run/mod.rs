@@ -1,10 +1,11 @@
 //! `splatseg run`: from a recorded video to id images.
 //!
-//! `frame_loop.rs` processes the frames, `result_writer.rs` writes their images, and `report.rs` describes the run when it
-//! has ended, in order or early.
+//! `frame_loop.rs` processes the frames, `result_writer.rs` writes their images, `outputs.rs` lists what else is written,
+//! and `report.rs` describes the run when it has ended, in order or early.
 
 mod frame_loop;
 mod memory_file;
+mod outputs;
 mod progress;
 mod report;
 mod result_writer;
@@ -12,7 +13,6 @@ mod skipped_frames;
 mod stop_signals;
 
 pub use report::report;
-pub use result_writer::FrameImages;
 
 use super::Failure;
 use super::arguments::RunArguments;
@@ -24,6 +24,7 @@ use progress::codebook_bar;
 use splatseg::summary::Summary;
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{FrameStream, GroundTruth, Scene, open_scene};
+use splatseg_output::RunEnd;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -101,7 +102,12 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
 
     let start_up = started.elapsed();
     let frames = FrameLoop { signals: &signals, strict_input: job.settings.run.strict_input };
-    let ended = frames.run(pipeline.run(stream), folder);
+    let mut ended = frames.run(pipeline.run(stream), folder, outputs::of(job)?);
+    let scene = job.scene.display().to_string();
+    let end = RunEnd { scene: &scene, objects: pipeline.objects(), memory: pipeline.memory() };
+    if ended.written.frames > 0 {
+        ended.written.show_outputs(|output, folder| output.finish(&end, folder));
+    }
     report::finish(job, ended, (started, start_up), pipeline.memory(), memory_file.as_ref())
 }
 

@@ -32,6 +32,7 @@ pub fn finish(
         let images = counted(counts.frames - written.frames, "frame");
         lost.push(format!("images of {images} could not be written, the first error: {error}"));
     }
+    lost.extend(written.output_errors.iter().map(ToString::to_string));
     if let Some((memory, file)) = memory.zip(file)
         && let Err(error) = memory.save(file.path())
     {

@@ -1,8 +1,7 @@
 //! Results are written on a separate thread while the next frame is processed.
 
 use crate::command::output_folder::OutputFolder;
-use splatseg_dataset::OutputError;
-use splatseg_geometry::{Image, SegmentMap};
+use splatseg_output::{FrameRecord, OutputError, ResultFolder, RunOutput};
 use std::io::ErrorKind;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -10,19 +9,9 @@ use std::thread::JoinHandle;
 /// Largest number of frames waiting to be written; more would only take memory.
 const WAITING: usize = 2;
 
-/// What is written of one frame.
-pub struct FrameImages {
-    /// Name of the frame.
-    pub name: String,
-    /// Its colour image.
-    pub color: Image<[u8; 3]>,
-    /// Its ids.
-    pub segments: SegmentMap,
-}
-
 /// Writes frames in the given order.
 pub struct ResultWriter {
-    sender: SyncSender<FrameImages>,
+    sender: SyncSender<FrameRecord>,
     thread: JoinHandle<Written>,
 }
 
@@ -32,21 +21,25 @@ pub struct Written {
     pub folder: OutputFolder,
     /// Frames with all their images.
     pub frames: usize,
-    /// The first error.
+    /// What else the run writes.
+    pub outputs: Vec<Box<dyn RunOutput>>,
+    /// The first error of an image.
     pub first_error: Option<OutputError>,
+    /// The first error of each output that has failed.
+    pub output_errors: Vec<OutputError>,
 }
 
 impl ResultWriter {
     /// Starts the thread.
-    pub fn start(folder: OutputFolder) -> Self {
+    pub fn start(folder: OutputFolder, outputs: Vec<Box<dyn RunOutput>>) -> Self {
         let (sender, receiver) = sync_channel(WAITING);
-        let written = Written { folder, frames: 0, first_error: None };
+        let written = Written { folder, frames: 0, outputs, first_error: None, output_errors: Vec::new() };
         let thread = std::thread::spawn(move || written.write_all(&receiver));
         Self { sender, thread }
     }
 
     /// Queues a frame, and waits while the queue is full. `false` means that no frame can be written any more.
-    pub fn write(&self, frame: FrameImages) -> bool {
+    pub fn write(&self, frame: FrameRecord) -> bool {
         self.sender.send(frame).is_ok()
     }
 
@@ -59,10 +52,13 @@ impl ResultWriter {
 
 impl Written {
     /// Writes frames until there are no more. Goes on after an error that later frames need not have.
-    fn write_all(mut self, receiver: &Receiver<FrameImages>) -> Self {
+    fn write_all(mut self, receiver: &Receiver<FrameRecord>) -> Self {
         for frame in receiver {
             match self.folder.write_frame(&frame) {
-                Ok(()) => self.frames += 1,
+                Ok(()) => {
+                    self.frames += 1;
+                    self.show_outputs(|output, folder| output.add_frame(&frame, folder));
+                }
                 Err(error) => {
                     let is_last = ends_all(&error);
                     self.first_error.get_or_insert(error);
@@ -73,6 +69,21 @@ impl Written {
             }
         }
         self
+    }
+
+    /// Shows something to every output. One that fails takes no further part.
+    pub fn show_outputs(
+        &mut self,
+        mut show: impl FnMut(&mut dyn RunOutput, &mut dyn ResultFolder) -> Result<(), OutputError>,
+    ) {
+        let Self { outputs, folder, output_errors, .. } = self;
+        outputs.retain_mut(|output| match show(output.as_mut(), folder) {
+            Ok(()) => true,
+            Err(error) => {
+                output_errors.push(error);
+                false
+            }
+        });
     }
 }
 

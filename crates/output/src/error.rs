@@ -1,13 +1,4 @@
-//! Writers for predictions.
-
-mod digits;
-mod names;
-mod overlay;
-mod segments;
-
-pub use names::{padded_number, unpadded_number};
-pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
-pub use segments::{read_segments_png, write_segments_png};
+//! What can go wrong when results are written.
 
 use std::path::{Path, PathBuf};
 use thiserror::Error;

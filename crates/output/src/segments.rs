@@ -1,8 +1,6 @@
 //! Segment maps as 16-bit PNGs.
 
-use super::{OutputError, write_atomically};
-use crate::DatasetError;
-use crate::decode::read_labels;
+use crate::{OutputError, write_atomically};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use splatseg_geometry::SegmentMap;
@@ -23,13 +21,4 @@ pub fn write_segments_png(path: &Path, segments: &SegmentMap) -> Result<(), Outp
         .write_image(&bytes, segments.width() as u32, segments.height() as u32, ExtendedColorType::L16)
         .map_err(|source| OutputError::Encode { path: path.to_owned(), source })?;
     write_atomically(path, &encoded)
-}
-
-/// Reads a segment map from a grey PNG with 8 or 16 bits, as [`write_segments_png`] writes it.
-///
-/// # Errors
-/// [`DatasetError`] if the file is missing or damaged or is any other kind of image: palettes, colours and fewer bits
-/// do not hold ids.
-pub fn read_segments_png(path: &Path) -> Result<SegmentMap, DatasetError> {
-    read_labels(path)
 }

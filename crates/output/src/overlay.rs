@@ -1,7 +1,7 @@
 //! Segments drawn over their image, for people.
 
-use super::digits::{DIGIT_HEIGHT, decimal_digits, text_pixels, text_width};
-use super::{OutputError, write_atomically};
+use crate::digits::{DIGIT_HEIGHT, decimal_digits, text_pixels, text_width};
+use crate::{OutputError, write_atomically};
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 use splatseg_geometry::{CowImage, Image, SegmentId, SegmentMap};

@@ -65,7 +65,7 @@ impl ObjectLog {
     }
 
     /// Records the next frame; returns its objects by increasing id.
-    pub(super) fn record(&mut self, output: &FrameOutput) -> Vec<ObjectSighting> {
+    pub fn record(&mut self, output: &FrameOutput) -> Vec<ObjectSighting> {
         let frame = self.frames;
         self.frames += 1;
         let extents = extents(output);

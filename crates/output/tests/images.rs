@@ -1,11 +1,8 @@
-//! Predictions on disk.
+//! Images of results.
 
-mod support;
-
-use splatseg_dataset::{
-    DatasetError, OutputError, read_segments_png, write_atomically, write_overlay_jpeg, write_segments_png,
-};
+use splatseg_dataset::{DatasetError, read_segments_png};
 use splatseg_geometry::{Image, SegmentMap};
+use splatseg_output::{OutputError, write_atomically, write_overlay_jpeg, write_segments_png};
 use std::fs;
 
 fn names(folder: &std::path::Path) -> Vec<String> {
@@ -39,7 +36,7 @@ fn ids_that_do_not_fit_and_empty_maps_are_refused() {
 fn other_images_are_not_segments() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("7.png");
-    support::write_color(&path, 4, 4);
+    image::RgbImage::new(4, 4).save(&path).unwrap();
     assert!(matches!(read_segments_png(&path), Err(DatasetError::PixelKind { .. })));
     assert!(matches!(read_segments_png(&folder.path().join("8.png")), Err(DatasetError::MissingFile { .. })));
     // One bit of grey would be widened to 0 and 255 by the decoder.

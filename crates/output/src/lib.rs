@@ -1,0 +1,19 @@
+//! What a run writes: id images, overlays, and what is made of all frames together.
+//!
+//! Each kind of result is a [`RunOutput`]. It is shown every frame with its result, in order, and at the end the memory.
+//! Where files go is up to a [`ResultFolder`].
+
+mod digits;
+mod error;
+mod overlay;
+mod run_output;
+mod segments;
+
+pub use error::{OutputError, write_atomically};
+pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
+pub use run_output::{FrameRecord, ResultFolder, RunEnd, RunOutput};
+pub use segments::write_segments_png;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

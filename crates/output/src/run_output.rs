@@ -1,0 +1,57 @@
+//! What takes part in a run as one of its results.
+
+use crate::OutputError;
+use splatseg_geometry::{RgbdFrame, SegmentMap};
+use splatseg_memory::SplatMemory;
+use splatseg_objects::{ObjectLog, ObjectSighting};
+
+/// A frame with its result.
+#[derive(Clone, Debug)]
+pub struct FrameRecord {
+    /// Position in the run, from 0: the number that [`ObjectLog`] knows the frame by.
+    pub number: usize,
+    /// The name of its result files, without folder and extension. It holds no characters that lead out of a folder.
+    pub file_name: String,
+    /// The frame.
+    pub frame: RgbdFrame<'static>,
+    /// One lasting id per pixel, `[height, width]`; 0 where there is no segment.
+    pub segments: SegmentMap,
+    /// The objects in it, by increasing id.
+    pub objects: Vec<ObjectSighting>,
+}
+
+/// A run after its last frame.
+#[derive(Clone, Copy, Debug)]
+pub struct RunEnd<'a> {
+    /// The scene as it was given.
+    pub scene: &'a str,
+    /// Every object that a frame showed.
+    pub objects: &'a ObjectLog,
+    /// The memory, if the method has one.
+    pub memory: Option<&'a SplatMemory>,
+}
+
+/// The folder of a run's results.
+pub trait ResultFolder {
+    /// Writes a file, given by its path inside the folder with `/` between its parts, and lists it as one of the run's.
+    ///
+    /// # Errors
+    /// If it cannot be written; then no part of it is left.
+    fn write(&mut self, file: &str, bytes: &[u8]) -> Result<(), OutputError>;
+}
+
+/// A kind of result. Outputs see the frames in order, on one thread, while later frames are still processed.
+pub trait RunOutput: Send {
+    /// Takes in the next frame. Its id image and its overlay are in the folder: `segments/<file_name>.png`,
+    /// `overlay/<file_name>.jpg`.
+    ///
+    /// # Errors
+    /// If something cannot be written. The output is shown later frames all the same.
+    fn add_frame(&mut self, record: &FrameRecord, folder: &mut dyn ResultFolder) -> Result<(), OutputError>;
+
+    /// Writes what is known only after the last frame. A run that was interrupted has a last frame too.
+    ///
+    /// # Errors
+    /// If something cannot be written.
+    fn finish(&mut self, end: &RunEnd<'_>, folder: &mut dyn ResultFolder) -> Result<(), OutputError>;
+}
