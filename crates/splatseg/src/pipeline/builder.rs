@@ -7,6 +7,7 @@ use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::fastsam::FastSamPredictor;
 use splatseg_models::sam2::Sam2Network;
+use splatseg_objects::ObjectLog;
 use splatseg_segmenter::{FastSamSegmenter, GraphSegmenter, MaskFolder, Segmenter};
 use splatseg_simulators::{GroundTruthPrompts, OracleSegmenter, SceneGroundTruth, SimTracker};
 use splatseg_tracking::{
