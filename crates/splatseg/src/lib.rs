@@ -1,5 +1,6 @@
 #![doc = include_str!("library.md")]
 
+pub mod evaluation;
 pub mod pipeline;
 pub mod settings;
 pub mod summary;

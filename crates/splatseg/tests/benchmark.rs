@@ -244,22 +244,67 @@ fn results_are_measured_again_when_an_input_has_changed() {
         ended.out
     };
     let first = bench();
-    assert!(first.contains("0 of 1 results were there already, 1 were measured\n"), "{first}");
+    assert!(first.contains("of 1 result, 0 there already, 1 measured\n"), "{first}");
     let second = bench();
-    assert!(second.contains("1 of 1 results were there already, 0 were measured\n"), "{second}");
+    assert!(second.contains("of 1 result, 1 there already, 0 measured\n"), "{second}");
     // The last byte of each is in the checksum of a PNG's end, which changes no pixel.
     for changed in [masks.join("1.png"), scene.join("instance-filt/2.png")] {
         change_secretly(&changed);
         let input = changed.parent().unwrap().strip_prefix(folder.path()).unwrap().iter().next().unwrap();
         let again = bench();
         assert!(again.contains(&format!("{} has changed", folder.path().join(input).display())), "{again}");
-        assert!(again.contains("0 of 1 results were there already, 1 were measured, 1 of them again"), "{again}");
+        assert!(again.contains("of 1 result, 0 there already, 1 measured, 1 of them again"), "{again}");
         assert!(bench().contains(": there already"));
     }
     // A file with another time but the same content is the same input.
     let pose = scene.join("pose/0.txt");
     fs::File::options().append(true).open(&pose).unwrap().set_modified(SystemTime::UNIX_EPOCH).unwrap();
     assert!(bench().contains(": there already"));
+}
+
+#[test]
+fn only_what_an_earlier_benchmark_wrote_is_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let mine = folder.path().join("tables.md");
+    fs::write(&mine, "mine").unwrap();
+    for options in [&[][..], &["--overwrite"]] {
+        let ended = bench(&[OTHER_ROOM], folder.path(), options);
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+        assert_eq!(fs::read_to_string(&mine).unwrap(), "mine");
+    }
+    assert!(bench(&[OTHER_ROOM], folder.path(), &["--overwrite"]).err.contains("tables.md: is in the way"));
+    fs::remove_file(&mine).unwrap();
+    assert_eq!(bench(&[OTHER_ROOM], folder.path(), &[]).code, 0);
+    assert_eq!(bench(&[OTHER_ROOM], folder.path(), &["--overwrite"]).code, 0);
+    assert!(fs::read_to_string(&mine).unwrap().contains("fastsam-splat"));
+
+    let out = folder.path().join("run");
+    assert_eq!(finish(splatseg().args(["run", OTHER_ROOM, "--max-frames", "1", "--out"]).arg(&out)).code, 0);
+    let ended = bench(&[OTHER_ROOM], &out, &["--overwrite"]);
+    assert!(ended.code == 2 && ended.err.contains("has the results of a run"), "{}", ended.err);
+    assert!(out.join("summary.json").exists() && !out.join("results").exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn scenes_whose_paths_are_not_utf8_are_measured_and_scored() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, _) = copied_scene(folder.path());
+    let renamed = folder.path().join(std::ffi::OsStr::from_bytes(b"scene-\xff"));
+    fs::rename(&scene, &renamed).unwrap();
+    let out = folder.path().join("bench");
+    let bench = || {
+        let mut command = splatseg();
+        command.arg("bench").arg("--scenes").arg(&renamed).args(["--methods", "fastsam", "--resize", "80x60"]);
+        finish(command.arg("--out").arg(&out))
+    };
+    assert_eq!(bench().code, 0);
+    assert!(bench().out.contains("of 1 result, 1 there already"));
+    let run = folder.path().join("run");
+    assert_eq!(finish(splatseg().arg("run").arg(&renamed).args(["--resize", "80x60", "--out"]).arg(&run)).code, 0);
+    let ended = finish(splatseg().arg("eval").arg("--gt").arg(&renamed).arg("--pred").arg(&run));
+    assert_eq!(ended.code, 0, "{}", ended.err);
 }
 
 #[test]
@@ -273,7 +318,7 @@ fn results_of_another_build_are_measured_again() {
     fs::write(&path, result.to_string()).unwrap();
     let ended = bench(&[OTHER_ROOM], folder.path(), &[]);
     assert!(ended.out.contains("measured again: it was measured by another build"), "{}", ended.out);
-    let summary = "1 of 2 results were there already, 1 were measured, 1 of them again";
+    let summary = "of 2 results, 1 there already, 1 measured, 1 of them again";
     assert!(ended.out.contains(summary), "{}", ended.out);
 }
 

@@ -228,6 +228,22 @@ fn other_bad_usage_is_an_error_and_nothing_is_overwritten() {
 }
 
 #[test]
+fn predictions_stay_within_the_memory_limit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("masks.json");
+    fs::write(&path, format!("[{}[]]", "[],".repeat(400_000))).unwrap();
+    let ended = eval(&path, &["--memory-limit", "32MB"]);
+    assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+    assert!(
+        ended.err.contains("masks.json: takes up to") && ended.err.contains("32 MB are available"),
+        "{}",
+        ended.err
+    );
+    let ended = eval(&path, &["--memory-limit", "much"]);
+    assert!(ended.code == 2 && ended.err.contains("memory_limit"), "{}", ended.err);
+}
+
+#[test]
 fn masks_that_are_handed_in_three_times_are_told() {
     let folder = tempfile::tempdir().unwrap();
     let path = written(&folder, &Value::Array([tracks(), tracks(), tracks()].concat()));

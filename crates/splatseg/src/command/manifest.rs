@@ -62,6 +62,11 @@ impl Manifest {
 /// The files that a folder's manifest lists; none if it has no manifest. Lines that are not the path of a result, e.g.
 /// because they lead out of the folder, are left out.
 pub fn listed_files(folder: &Path) -> std::result::Result<BTreeSet<String>, Failure> {
+    listed(folder, is_result)
+}
+
+/// The files that a folder's manifest lists and for which `is_ours` holds.
+pub fn listed(folder: &Path, is_ours: fn(&str) -> bool) -> std::result::Result<BTreeSet<String>, Failure> {
     let path = folder.join(MANIFEST);
     let wrong = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", path.display()));
     match std::fs::symlink_metadata(&path) {
@@ -79,7 +84,7 @@ pub fn listed_files(folder: &Path) -> std::result::Result<BTreeSet<String>, Fail
     let mut files = BTreeSet::new();
     for line in lines {
         let line = line.map_err(|error| wrong(&error))?;
-        files.extend(serde_json::from_str(&line).ok().filter(|file: &String| is_result(file)));
+        files.extend(serde_json::from_str(&line).ok().filter(|file: &String| is_ours(file)));
     }
     Ok(files)
 }

@@ -24,7 +24,7 @@ use std::path::PathBuf;
 pub struct BenchArguments {
     /// Scenes with ground truth
     #[arg(long, value_name = "SCENE", num_args = 1.., required_unless_present = "preset")]
-    pub scenes: Vec<String>,
+    pub scenes: Vec<PathBuf>,
     /// Methods; the report compares the others with the first
     #[arg(long, value_name = "METHOD,…", value_delimiter = ',', required_unless_present = "preset")]
     pub methods: Vec<String>,

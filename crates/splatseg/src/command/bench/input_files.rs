@@ -71,7 +71,7 @@ impl InputHashes {
     ///
     /// # Errors
     /// Names a file that cannot be read.
-    pub fn of(&self, scene: &str, settings: &Settings) -> Result<Vec<InputFile>, String> {
+    pub fn of(&self, scene: &Path, settings: &Settings) -> Result<Vec<InputFile>, String> {
         let mut paths = scene_files(scene);
         if settings.method.uses_segmenter() {
             paths.extend(match &settings.segmenter {
@@ -144,10 +144,9 @@ impl InputHashes {
 
 /// The files and folders that a scene is read from. Formats whose files are beside the scene have them in the same
 /// folder under the scene's name, or one folder up.
-fn scene_files(scene: &str) -> Vec<PathBuf> {
-    let whole = Path::new(scene);
-    let place = scene.rsplit_once(':').map(|(place, _)| Path::new(place));
-    let Some(path) = [Some(whole), place].into_iter().flatten().find(|path| path.exists()) else {
+fn scene_files(scene: &Path) -> Vec<PathBuf> {
+    let place = scene.to_str().and_then(|scene| scene.rsplit_once(':')).map(|(place, _)| Path::new(place));
+    let Some(path) = [Some(scene), place].into_iter().flatten().find(|path| path.exists()) else {
         return Vec::new();
     };
     let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
@@ -237,8 +236,8 @@ fn hex(bytes: &[u8]) -> String {
 mod tests {
     use super::*;
 
-    fn demo() -> String {
-        concat!(env!("CARGO_MANIFEST_DIR"), "/demo").to_owned()
+    fn demo() -> PathBuf {
+        concat!(env!("CARGO_MANIFEST_DIR"), "/demo").into()
     }
 
     #[test]
@@ -274,7 +273,7 @@ mod tests {
         std::fs::create_dir_all(scene.join("color")).unwrap();
         let hash = || {
             let hashes = InputHashes::open(&folder.path().join("out"));
-            hashes.of(scene.to_str().unwrap(), &Settings::default()).unwrap()[0].sha256.clone()
+            hashes.of(&scene, &Settings::default()).unwrap()[0].sha256.clone()
         };
         let mut seen = vec![hash()];
         let mut expect_another = |what: &str| {
@@ -310,7 +309,7 @@ mod tests {
         settings.segmenter = SegmenterSettings::Fastsam { weights: Some(weights.clone()), fastsam };
         let hash = || {
             let hashes = InputHashes::open(folder.path());
-            let found = hashes.of("synthetic", &settings).unwrap();
+            let found = hashes.of(Path::new("synthetic"), &settings).unwrap();
             hashes.save().unwrap();
             found
         };
@@ -329,11 +328,12 @@ mod tests {
     fn only_files_in_use_are_inputs() {
         let out = tempfile::tempdir().unwrap();
         let hashes = InputHashes::open(out.path());
-        assert_eq!(hashes.of("synthetic:frames=3", &Settings::default()), Ok(Vec::new()));
+        let room = Path::new("synthetic:frames=3");
+        assert_eq!(hashes.of(room, &Settings::default()), Ok(Vec::new()));
         let mut masks = Settings::default();
-        masks.segmenter = SegmenterSettings::Masks { masks: Some(demo().into()) };
-        assert_eq!(hashes.of("synthetic:frames=3", &masks).unwrap().len(), 1);
+        masks.segmenter = SegmenterSettings::Masks { masks: Some(demo()) };
+        assert_eq!(hashes.of(room, &masks).unwrap().len(), 1);
         masks.segmenter = SegmenterSettings::Masks { masks: Some("/nowhere".into()) };
-        assert!(hashes.of("synthetic:frames=3", &masks).unwrap_err().contains("/nowhere"));
+        assert!(hashes.of(room, &masks).unwrap_err().contains("/nowhere"));
     }
 }

@@ -13,6 +13,7 @@ use splatseg_metrics::{FramePrediction, Protocol, ScoreSettings, VideoScore, Vid
 use splatseg_report::{Series, Thumbnail};
 use splatseg_tracking::{FrameOutput, TrackErrorCounts};
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -85,11 +86,11 @@ impl JobResult {
     }
 }
 
-/// Runs a job.
-pub fn run(inputs: &JobInputs) -> Result<JobResult, String> {
+/// Runs a job on the scene at `path`.
+pub fn run(path: &Path, inputs: &JobInputs) -> Result<JobResult, String> {
     let text = |error: &dyn std::fmt::Display| error.to_string();
     let settings = &inputs.settings;
-    let scene = open_scene(&inputs.scene, &settings.dataset).map_err(|error| text(&error))?;
+    let scene = open_scene(path, &settings.dataset).map_err(|error| text(&error))?;
     if !scene.has_ground_truth() {
         return Err(format!("{}: the scene has no ground truth", inputs.scene));
     }

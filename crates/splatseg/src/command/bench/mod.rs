@@ -19,6 +19,7 @@ pub use arguments::BenchArguments;
 use super::Failure;
 use super::input_paths::InputPaths;
 use super::output_folder::Existing;
+use super::terminal::counted;
 use input_files::InputHashes;
 use job::JobResult;
 use paper::PaperBenchmark;
@@ -39,15 +40,15 @@ pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
     };
     plan.require_a_scene()?;
     let mut inputs = InputPaths::of(&plan.settings);
-    plan.scenes.iter().for_each(|scene| inputs.add_scene(std::path::Path::new(&scene.path)));
+    plan.scenes.iter().for_each(|scene| inputs.add_scene(&scene.path));
     inputs.check_output_folder(&arguments.out)?;
     let existing = Existing::from_flag(arguments.overwrite);
     let store = ResultStore::open(&arguments.out, existing, Program::running())?;
     let hashes = InputHashes::open(&arguments.out);
     let workers = Workers { jobs: usize::try_from(arguments.jobs).unwrap_or(1), threads: plan.threads };
     say!(
-        "{} results (scenes: {}, methods and variants: {}, seeds: {})",
-        plan.jobs.len(),
+        "{} (scenes: {}, methods and variants: {}, seeds: {})",
+        counted(plan.jobs.len(), "result"),
         plan.scenes.len(),
         plan.variants.len(),
         plan.seeds.len()
@@ -110,7 +111,8 @@ enum Origin {
 fn obtain(job: &Job, plan: &Plan, store: &ResultStore, hashes: &InputHashes) -> Result<Outcome, String> {
     let (key, mut inputs) = plan.inputs(job).map_err(|error| error.to_string())?;
     let failed = |error: &String| say!("{key}: failed: {error}");
-    inputs.files = hashes.of(&inputs.scene, &inputs.settings).inspect_err(failed)?;
+    let scene = &plan.scenes[job.scene].path;
+    inputs.files = hashes.of(scene, &inputs.settings).inspect_err(failed)?;
     let mut origin = Origin::Measured;
     match store.load(&key, &inputs) {
         Stored::Same(result) => {
@@ -123,7 +125,7 @@ fn obtain(job: &Job, plan: &Plan, store: &ResultStore, hashes: &InputHashes) -> 
         }
         Stored::Nothing => {}
     }
-    let mut result = job::run(&inputs).inspect_err(failed)?;
+    let mut result = job::run(scene, &inputs).inspect_err(failed)?;
     store.save(&key, &result).map_err(|error| error.to_string())?;
     say!("{key}: {}", result.in_short());
     if job.seed != plan.seeds[0] {
@@ -136,11 +138,11 @@ fn obtain(job: &Job, plan: &Plan, store: &ResultStore, hashes: &InputHashes) -> 
 /// How many of the results were there, and how many were measured.
 fn what_was_reused(outcomes: &[Result<Outcome, String>]) -> String {
     let count = |wanted| outcomes.iter().flatten().filter(|outcome| outcome.origin == wanted).count();
-    let (stored, again) = (count(Origin::Stored), count(Origin::MeasuredAgain));
+    let (all, stored, again) = (outcomes.len(), count(Origin::Stored), count(Origin::MeasuredAgain));
     let measured = count(Origin::Measured) + again;
     let again = match again {
         0 => String::new(),
         again => format!(", {again} of them again, as the program or an input had changed"),
     };
-    format!("{stored} of {} results were there already, {measured} were measured{again}", outcomes.len())
+    format!("of {}, {stored} there already, {measured} measured{again}", counted(all, "result"))
 }

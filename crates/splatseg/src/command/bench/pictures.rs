@@ -41,7 +41,7 @@ pub fn of_scenes(plan: &Plan, frames: usize) -> Vec<Vec<ScenePicture>> {
     let of_scene = |entry: &SceneEntry| {
         // A scene that has disappeared since it was measured does not stop the report.
         of_scene(entry, &plan.settings.dataset, frames).unwrap_or_else(|error| {
-            tracing::warn!("{}: no pictures: {error}", entry.path);
+            tracing::warn!("{}: no pictures: {error}", entry.path.display());
             Vec::new()
         })
     };

@@ -11,7 +11,7 @@ use splatseg_input::MemoryLimit;
 use splatseg_metrics::{Protocol, ScoreSettings};
 use splatseg_settings::Allowed;
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::PathBuf;
 
 /// Most results of a benchmark: all of them are in memory for the report.
 const MAX_RESULTS: usize = 20_000;
@@ -20,7 +20,9 @@ const MAX_RESULTS: usize = 20_000;
 #[derive(Clone, Debug)]
 pub struct SceneEntry {
     /// Its path.
-    pub path: String,
+    pub path: PathBuf,
+    /// Its path as text.
+    pub path_text: String,
     /// Its name in tables, different from all others'.
     pub name: String,
     /// Why it cannot be opened, if it cannot.
@@ -97,7 +99,7 @@ impl Plan {
     pub fn of(
         arguments: &BenchArguments,
         layers: &SettingsLayers,
-        scene_paths: &[String],
+        scene_paths: &[PathBuf],
         variants: Vec<Variant>,
     ) -> Result<Self, Failure> {
         check_that_all_are_used(layers, &variants)?;
@@ -157,7 +159,7 @@ impl Plan {
         let mut settings = self.variant_settings[job.variant].clone();
         settings.run.seed = job.seed;
         let inputs = JobInputs {
-            scene: scene.path.clone(),
+            scene: scene.path_text.clone(),
             settings,
             score: self.score,
             files: Vec::new(),
@@ -200,19 +202,21 @@ fn seeds(first: u64, count: u64) -> Result<Vec<u64>, Failure> {
     Ok((first..=last).collect())
 }
 
-fn scenes(paths: &[String], settings: &Settings) -> Vec<SceneEntry> {
+fn scenes(paths: &[PathBuf], settings: &Settings) -> Vec<SceneEntry> {
     let mut scenes: Vec<SceneEntry> = Vec::new();
     for path in paths {
         if scenes.iter().any(|scene| scene.path == *path) {
             continue;
         }
         let opened = open_scene(path, &settings.dataset);
-        let of_path = || Path::new(path).file_name().map_or(path.clone(), |name| name.to_string_lossy().into_owned());
+        let path_text = path.display().to_string();
+        let of_path = || path.file_name().map_or(path_text.clone(), |name| name.to_string_lossy().into_owned());
         let name = opened.as_ref().map_or_else(|_| of_path(), |scene| scene.name().to_owned());
         let taken = scenes.iter().any(|scene| scene.name == name);
         scenes.push(SceneEntry {
             path: path.clone(),
-            name: if taken { path.clone() } else { name },
+            name: if taken { path_text.clone() } else { name },
+            path_text,
             error: opened.err().map(|error| error.to_string()),
         });
     }

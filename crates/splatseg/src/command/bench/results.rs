@@ -88,7 +88,7 @@ impl<'a> Results<'a> {
                 Ok(outcome) => measurements.push(measurement(entry, &outcome.result)),
                 Err(error) => missing.push(MissingResult {
                     scene: &plan.scenes[entry.scene].name,
-                    scene_path: &plan.scenes[entry.scene].path,
+                    scene_path: &plan.scenes[entry.scene].path_text,
                     method: plan.variants[entry.variant].method.name(),
                     variant: variants[entry.variant].change(),
                     seed: entry.seed,
@@ -135,7 +135,7 @@ impl<'a> Results<'a> {
         };
         Row {
             scene: &plan.scenes[entry.scene].name,
-            scene_path: &plan.scenes[entry.scene].path,
+            scene_path: &plan.scenes[entry.scene].path_text,
             method: plan.variants[entry.variant].method.name(),
             variant: variant.change(),
             seed: entry.seed,

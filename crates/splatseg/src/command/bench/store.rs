@@ -2,6 +2,7 @@
 
 use super::job::{JobInputs, JobResult};
 use crate::command::Failure;
+use crate::command::manifest::{MANIFEST, Manifest, listed, listed_files};
 use crate::command::output_folder::Existing;
 use sha2::{Digest, Sha256};
 use splatseg_input::read_file;
@@ -10,6 +11,27 @@ use std::path::{Path, PathBuf};
 
 /// Larger files are no results of ours.
 const MAX_RESULT_BYTES: u64 = 256_000_000;
+
+/// What a benchmark writes beside `results/`.
+const FILES: [&str; 7] =
+    ["results.json", "results.csv", "failures.json", "tables.md", "report.html", "paper.md", "input_hashes.json"];
+
+/// Refuses a folder where a benchmark would replace something that no manifest lists.
+fn refuse_files_of_others(out: &Path) -> Result<(), Failure> {
+    if !listed_files(out)?.is_empty() {
+        let reason = "has the results of a run: choose another --out";
+        return Err(Failure::input(format!("{}: {reason}", out.display())));
+    }
+    let ours = listed(out, |file| FILES.contains(&file))?;
+    let is_in_the_way = |file: &&str| out.join(file).symlink_metadata().is_ok() && !ours.contains(*file);
+    match FILES.iter().copied().find(is_in_the_way) {
+        Some(file) => Err(Failure::input(format!(
+            "{}: is in the way, and no {MANIFEST} says that splatseg wrote it: remove it, or choose another --out",
+            out.join(file).display()
+        ))),
+        None => Ok(()),
+    }
+}
 
 /// The program that measures. Two builds of one version may give different results.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -56,7 +78,10 @@ impl ResultStore {
                 out.display()
             )));
         }
+        refuse_files_of_others(out)?;
         std::fs::create_dir_all(&folder).map_err(|error| Failure::work(format!("{}: {error}", folder.display())))?;
+        let manifest = Manifest::start(out).and_then(|mut manifest| manifest.add(&FILES));
+        manifest.map_err(|error| Failure::work(format!("{}: {error}", out.join(MANIFEST).display())))?;
         Ok(Self { folder, existing, program })
     }
 

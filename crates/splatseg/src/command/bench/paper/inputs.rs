@@ -2,12 +2,15 @@
 
 use crate::command::Failure;
 use splatseg_dataset::{DatasetSettings, open_scene};
+use splatseg_input::read_file;
 use splatseg_models::checkpoint::{Architecture, Checkpoint};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// A file of scene names, one per line: the form in which ScanNet publishes its validation split.
 const VALIDATION_SPLIT: &str = "scannetv2_val.txt";
+/// ScanNet's list takes 4 kB.
+const MAX_SPLIT_BYTES: u64 = 10_000_000;
 
 /// An input of the paper's tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,7 +42,7 @@ pub struct MissingInput {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Inputs {
     /// Paths of scenes, by name.
-    pub scenes: Vec<String>,
+    pub scenes: Vec<PathBuf>,
     /// FastSAM's checkpoint.
     pub fastsam: Option<PathBuf>,
     /// SAM 2.1's checkpoint.
@@ -123,17 +126,18 @@ impl Inputs {
 }
 
 /// The scenes of ScanNet in a folder: the folder itself, or those in it or in its `scans`.
-fn scenes(folder: &Path, missing: &mut Vec<MissingInput>) -> Result<Vec<String>, Failure> {
+fn scenes(folder: &Path, missing: &mut Vec<MissingInput>) -> Result<Vec<PathBuf>, Failure> {
     let settings = DatasetSettings::default();
     let can_be_opened = |path: &Path| open_scene(path, &settings).is_ok();
     if can_be_opened(folder) {
-        return Ok(vec![folder.to_string_lossy().into_owned()]);
+        return Ok(vec![folder.to_owned()]);
     }
     let mut paths = entries(folder)?;
     if folder.join("scans").is_dir() {
         paths.extend(entries(&folder.join("scans"))?);
     }
-    let split = std::fs::read_to_string(folder.join(VALIDATION_SPLIT)).ok();
+    let split = read_file(&folder.join(VALIDATION_SPLIT), MAX_SPLIT_BYTES).ok();
+    let split = split.and_then(|bytes| String::from_utf8(bytes).ok());
     let wanted: Option<BTreeSet<&str>> =
         split.as_deref().map(|text| text.lines().map(str::trim).filter(|name| !name.is_empty()).collect());
     let name = |path: &Path| path.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -148,7 +152,7 @@ fn scenes(folder: &Path, missing: &mut Vec<MissingInput>) -> Result<Vec<String>,
             published: "http://www.scan-net.org, after signing its terms of use",
         });
     }
-    Ok(paths.iter().map(|path| path.to_string_lossy().into_owned()).collect())
+    Ok(paths)
 }
 
 /// A folder's entries, by name.

@@ -1,26 +1,16 @@
 //! `splatseg eval`: scores predictions of any origin against a scene's ground truth.
-//!
-//! `frames.rs` says which frames are scored, `predictions.rs` and `annotations.rs` read what was predicted for them,
-//! and `scoring.rs` compares both.
-
-mod annotations;
-mod frames;
-mod predictions;
-mod run_summary;
-mod scoring;
 
 use super::Failure;
 use super::options::{DatasetOptions, ScoreOptions};
 use super::output_folder::Existing;
 use super::terminal::counted;
 use clap::Args;
-use frames::{MissingCounts, MissingFrames, SelectedFrames};
-use predictions::Predictions;
-use run_summary::RunSummary;
-use scoring::{Ids, Scoring};
 use serde::Serialize;
+use splatseg::evaluation::{EvaluationOptions, Ids, MissingCounts, MissingFrames, RunSummary, evaluate};
+use splatseg::settings::SettingsLayers;
 use splatseg_dataset::open_scene;
-use splatseg_metrics::{RawCounts, Scores, VideoScore, VideoScorer, Void};
+use splatseg_input::MemoryLimit;
+use splatseg_metrics::{RawCounts, Scores, VideoScore, Void};
 use splatseg_output::write_atomically;
 use splatseg_report::{SIZE_COLUMNS_EXPLAINED, overcount_note, terminal_size_table, terminal_table, windows_note};
 use std::path::PathBuf;
@@ -43,7 +33,7 @@ const HELP: &str = "Predictions are one of\n\
 pub struct EvalArguments {
     /// Scene with ground truth
     #[arg(long, value_name = "SCENE")]
-    pub gt: String,
+    pub gt: PathBuf,
     /// Predictions, see below
     #[arg(long, value_name = "DIR|FILE.json")]
     pub pred: PathBuf,
@@ -66,6 +56,19 @@ pub struct EvalArguments {
     pub no_ids: bool,
     #[command(flatten)]
     pub dataset: DatasetOptions,
+    #[arg(long, value_name = "SIZE")]
+    pub memory_limit: Option<String>,
+}
+
+impl EvalArguments {
+    /// The memory that the command may take.
+    fn memory_limit(&self) -> Result<MemoryLimit, Failure> {
+        let mut layers = SettingsLayers::default();
+        if let Some(text) = &self.memory_limit {
+            layers.add_text("memory_limit", text);
+        }
+        Ok(layers.resolve_shared().map_err(Failure::input)?.run.memory_limit)
+    }
 }
 
 /// What `--json` writes. Its keys are part of the interface.
@@ -76,7 +79,7 @@ struct Evaluation<'a> {
     protocol: &'static str,
     void: Void,
     min_truth_area: f64,
-    scene: &'a str,
+    scene: String,
     predictions: String,
     /// Whether predicted ids mean the same object in every frame.
     ids: bool,
@@ -99,29 +102,23 @@ pub fn eval(arguments: &EvalArguments) -> Result<(), Failure> {
     }
     let missing = if arguments.allow_missing { MissingFrames::Allowed } else { MissingFrames::Refused };
     let ids = if arguments.no_ids { Ids::PerFrame } else { Ids::Lasting };
-    let run = RunSummary::of(&arguments.pred)?;
+    arguments.memory_limit()?.enforce();
+    let run = RunSummary::of(&arguments.pred).map_err(Failure::input)?;
     if let (Some(run), false) = (&run, arguments.allow_other_scene) {
-        run.check_scene(&arguments.gt)?;
+        run.check_scene(&arguments.gt).map_err(Failure::input)?;
     }
     let dataset = arguments.dataset.over(&run.map(|run| run.dataset).unwrap_or_default())?;
     let scene = open_scene(&arguments.gt, &dataset).map_err(Failure::input)?;
-    if !scene.has_ground_truth() {
-        return Err(Failure::input(format!("{}: the scene has no ground truth", arguments.gt)));
-    }
-    let frames = SelectedFrames::of(scene.as_ref(), &dataset)?;
-    let predictions = Predictions::open(&arguments.pred, &frames)?;
-    let mut counts = frames.check(&predictions, missing)?;
-    let scoring = Scoring { scene: scene.as_ref(), dataset: &dataset, frames: &frames, predictions: &predictions, ids };
-    let (score, unlabelled) = scoring.run(VideoScorer::new(settings), missing)?;
-    counts.unlabelled_frames = unlabelled;
-    print_scores(arguments, &score, &counts);
-    write_json(arguments, &score, counts)
+    let options = EvaluationOptions { score: settings, missing, ids };
+    let found = evaluate(scene.as_ref(), &dataset, &arguments.pred, &options).map_err(Failure::input)?;
+    print_scores(arguments, &found.score, &found.missing);
+    write_json(arguments, &found.score, found.missing)
 }
 
 fn print_scores(arguments: &EvalArguments, score: &VideoScore, counts: &MissingCounts) {
     let protocol = score.settings().protocol.name();
     let frames = counted(score.counts().frames as usize, "frame");
-    say!("{}: {frames}, protocol {protocol}, percent", arguments.gt);
+    say!("{}: {frames}, protocol {protocol}, percent", arguments.gt.display());
     for (count, thing, what) in [
         (counts.missing_predictions, "frame", "without prediction, scored as empty"),
         (counts.unlabelled_frames, "frame", "without ground truth, left out"),
@@ -153,7 +150,7 @@ fn write_json(arguments: &EvalArguments, score: &VideoScore, missing: MissingCou
         protocol: settings.protocol.name(),
         void: settings.void,
         min_truth_area: settings.min_ground_truth_area,
-        scene: &arguments.gt,
+        scene: arguments.gt.display().to_string(),
         predictions: arguments.pred.display().to_string(),
         ids: !arguments.no_ids,
         frames: score.counts().frames,

@@ -1,8 +1,7 @@
 //! Scores predictions against a scene's ground truth, frame by frame.
 
-use super::frames::{MissingFrames, SelectedFrames, count_and_names};
-use super::predictions::{Fit, Predictions};
-use crate::command::Failure;
+use super::frames::count_and_names;
+use super::{EvaluationError, Fit, MissingFrames, Predictions, SelectedFrames};
 use splatseg_dataset::{DatasetSettings, Scene};
 use splatseg_metrics::{VideoScore, VideoScorer};
 
@@ -31,29 +30,26 @@ pub struct Scoring<'a> {
 
 impl Scoring<'_> {
     /// The video's score, and the number of frames without ground truth.
-    pub fn run(&self, mut scorer: VideoScorer, missing: MissingFrames) -> Result<(VideoScore, usize), Failure> {
+    pub fn run(&self, mut scorer: VideoScorer, missing: MissingFrames) -> Result<(VideoScore, usize), EvaluationError> {
         let mut unlabelled = Vec::new();
         for (index, name) in self.frames.selected() {
-            let Some(truth) = self.scene.read_ground_truth(*index).map_err(Failure::input)? else {
+            let Some(truth) = self.scene.read_ground_truth(*index)? else {
                 unlabelled.push(name.as_str());
                 continue;
             };
             let original = truth.size();
-            let truth = self.dataset.framing().apply_to_labels(truth).map_err(Failure::input)?;
+            let truth = self.dataset.framing().apply_to_labels(truth)?;
             let fit = Fit { framing: self.dataset.framing(), original, framed: truth.size() };
             let prediction = self.predictions.read(name, &fit)?;
-            prediction.push_to(&mut scorer, &truth, self.ids).map_err(|error| {
-                Failure::input(format!("{}: frame {name}: {error}", self.predictions.path().display()))
-            })?;
+            prediction
+                .push_to(&mut scorer, &truth, self.ids)
+                .map_err(|error| EvaluationError::at(self.predictions.path(), format!("frame {name}: {error}")))?;
         }
         if missing == MissingFrames::Refused && !unlabelled.is_empty() {
-            return Err(Failure::input(format!(
-                "{}; --allow-missing leaves them out",
-                count_and_names(&unlabelled, "without ground truth")
-            )));
+            return Err(EvaluationError::Unlabelled(count_and_names(&unlabelled, "without ground truth")));
         }
         if scorer.frames() == 0 {
-            return Err(Failure::input("none of the frames has ground truth"));
+            return Err(EvaluationError::NothingLabelled);
         }
         Ok((scorer.finish(), unlabelled.len()))
     }

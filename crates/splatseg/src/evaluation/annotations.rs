@@ -1,7 +1,6 @@
 //! JSON files with run-length encoded masks: COCO annotations with frames and ids, YouTube-VIS tracks.
 
-use super::frames::SelectedFrames;
-use crate::command::Failure;
+use super::{EvaluationError, SelectedFrames};
 use serde::Deserialize;
 use serde_json::Value;
 use splatseg_geometry::{RunLengths, SegmentId};
@@ -30,8 +29,8 @@ pub struct EncodedMask {
 type MasksByFrame = BTreeMap<String, Vec<EncodedMask>>;
 
 /// Reads a file's masks, by name of the frame. A track lists one mask for each selected frame, in order.
-pub fn read(path: &Path, frames: &SelectedFrames) -> Result<MasksByFrame, Failure> {
-    let wrong = |text: String| Failure::input(format!("{}: {text}", path.display()));
+pub fn read(path: &Path, frames: &SelectedFrames) -> Result<MasksByFrame, EvaluationError> {
+    let wrong = |text: String| EvaluationError::at(path, text);
     let text = read_file(path, MAX_BYTES).map_err(|error| wrong(error.to_string()))?;
     check_memory(&text, MemoryLimit::in_force()).map_err(wrong)?;
     let document: Value = serde_json::from_slice(&text).map_err(|error| wrong(format!("is not JSON: {error}")))?;

@@ -1,8 +1,8 @@
 //! What the `summary.json` of a run says about its predictions.
 
-use crate::command::Failure;
+use super::EvaluationError;
+use crate::settings::SettingsLayers;
 use serde_json::Value;
-use splatseg::settings::SettingsLayers;
 use splatseg_dataset::{DatasetSettings, SyntheticSettings};
 use splatseg_input::read_file;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,10 @@ pub struct RunSummary {
 
 impl RunSummary {
     /// That of the folder of a run, or of the folder `segments` in it; `None` for other predictions.
-    pub fn of(predictions: &Path) -> Result<Option<Self>, Failure> {
+    ///
+    /// # Errors
+    /// If it is there and is not the summary of a run.
+    pub fn of(predictions: &Path) -> Result<Option<Self>, EvaluationError> {
         let is_segments = predictions.file_name().is_some_and(|name| name == "segments");
         let folder = match predictions.parent() {
             Some(parent) if is_segments => parent,
@@ -32,7 +35,7 @@ impl RunSummary {
         if !folder.join("segments").is_dir() || !path.exists() {
             return Ok(None);
         }
-        let wrong = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", path.display()));
+        let wrong = |error: &dyn std::fmt::Display| EvaluationError::at(&path, error);
         let bytes = read_file(&path, MAX_BYTES).map_err(|error| wrong(&error))?;
         let summary: Value = serde_json::from_slice(&bytes).map_err(|error| wrong(&error))?;
         let missing = |key: &str| wrong(&format!("expected the key {key}"));
@@ -41,33 +44,41 @@ impl RunSummary {
             return Err(missing("settings.dataset"));
         }
         let mut layers = SettingsLayers::default();
-        layers.add_file(&path).map_err(Failure::input)?;
-        let dataset = layers.resolve_shared().map_err(Failure::input)?.dataset;
+        layers.add_file(&path)?;
+        let dataset = layers.resolve_shared()?.dataset;
         Ok(Some(Self { path, scene, dataset }))
     }
 
     /// Refuses predictions of another scene.
-    pub fn check_scene(&self, scene: &str) -> Result<(), Failure> {
-        if is_same_scene(&self.scene, scene) {
+    ///
+    /// # Errors
+    /// If the scene is another one, as far as names tell.
+    pub fn check_scene(&self, scene: &Path) -> Result<(), EvaluationError> {
+        if is_same_scene(Path::new(&self.scene), scene) {
             return Ok(());
         }
-        Err(Failure::input(format!(
-            "{}: the predictions are of the scene {}, not of {scene}; if it is the same under another name, give \
+        let problem = format!(
+            "the predictions are of the scene {}, not of {}; if it is the same under another name, give \
              --allow-other-scene",
-            self.path.display(),
-            self.scene
-        )))
+            self.scene,
+            scene.display()
+        );
+        Err(EvaluationError::at(&self.path, problem))
     }
 }
 
 /// Whether two scenes are the same as far as their names tell: they can have been moved together with their folder.
-fn is_same_scene(one: &str, other: &str) -> bool {
-    let synthetic = |scene: &str| scene.parse::<SyntheticSettings>().ok();
+fn is_same_scene(one: &Path, other: &Path) -> bool {
+    let synthetic = |scene: &Path| scene.to_str().and_then(|scene| scene.parse::<SyntheticSettings>().ok());
     if let (Some(one), Some(other)) = (synthetic(one), synthetic(other)) {
         return one == other;
     }
-    let full = |scene: &str| Path::new(scene).canonicalize().ok();
-    if one == other || full(one).zip(full(other)).is_some_and(|(one, other)| one == other) {
+    let full = |scene: &Path| scene.canonicalize().ok();
+    // A summary has the scene as text.
+    if one == other
+        || one.to_string_lossy() == other.to_string_lossy()
+        || full(one).zip(full(other)).is_some_and(|(one, other)| one == other)
+    {
         return true;
     }
     name(one) == name(other)
@@ -75,8 +86,8 @@ fn is_same_scene(one: &str, other: &str) -> bool {
 
 /// The name of a scene, with that of its folder where it is a part of one, as `seq-01` in 7-Scenes; without the ending of
 /// a recording.
-fn name(scene: &str) -> Vec<String> {
-    let path = Path::new(scene).canonicalize().unwrap_or_else(|_| PathBuf::from(scene));
+fn name(scene: &Path) -> Vec<String> {
+    let path = scene.canonicalize().unwrap_or_else(|_| scene.to_owned());
     let mut parts = path.iter().rev().map(|part| part.to_string_lossy().into_owned());
     let last = parts.next().unwrap_or_default();
     let last = last.strip_suffix(".sens").unwrap_or(&last).to_owned();
@@ -86,7 +97,11 @@ fn name(scene: &str) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::is_same_scene;
+    use std::path::Path;
+
+    fn is_same_scene(one: &str, other: &str) -> bool {
+        super::is_same_scene(Path::new(one), Path::new(other))
+    }
 
     #[test]
     fn scenes_are_the_same_by_name_wherever_they_are() {

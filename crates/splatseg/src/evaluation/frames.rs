@@ -1,7 +1,6 @@
 //! Which frames are scored, and whether ground truth and predictions have them.
 
-use super::predictions::Predictions;
-use crate::command::Failure;
+use super::{EvaluationError, Predictions};
 use serde::Serialize;
 use splatseg_dataset::{DatasetSettings, Scene, unpadded_number};
 use std::collections::{BTreeMap, BTreeSet};
@@ -40,8 +39,11 @@ pub struct SelectedFrames {
 
 impl SelectedFrames {
     /// The frames that the settings select.
-    pub fn of(scene: &dyn Scene, settings: &DatasetSettings) -> Result<Self, Failure> {
-        let indices = settings.selected_frames(scene.frame_count()).map_err(Failure::input)?;
+    ///
+    /// # Errors
+    /// If a setting is out of range or selects no frame.
+    pub fn of(scene: &dyn Scene, settings: &DatasetSettings) -> Result<Self, EvaluationError> {
+        let indices = settings.selected_frames(scene.frame_count())?;
         let selected = indices.into_iter().map(|index| (index, scene.frame_name(index))).collect();
         let all_names: BTreeSet<String> = (0..scene.frame_count()).map(|index| scene.frame_name(index)).collect();
         let by_number = all_names.iter().map(|name| (unpadded_number(name).to_owned(), name.clone())).collect();
@@ -68,19 +70,23 @@ impl SelectedFrames {
 
     /// Compares the frames with those of the predictions. Predictions of frames that exist but are not selected are not
     /// an error.
-    pub fn check(&self, predictions: &Predictions, missing: MissingFrames) -> Result<MissingCounts, Failure> {
+    pub(super) fn check(
+        &self,
+        predictions: &Predictions,
+        missing: MissingFrames,
+    ) -> Result<MissingCounts, EvaluationError> {
         let names: Vec<&str> = self.selected.iter().map(|(_, name)| name.as_str()).collect();
         let without: Vec<&str> = names.into_iter().filter(|name| !predictions.has(name)).collect();
         let unknown: Vec<&str> = predictions.names().filter(|name| !self.knows(name)).collect();
         if missing == MissingFrames::Refused {
-            let path = predictions.path().display();
+            let path = predictions.path();
             if !without.is_empty() {
                 let text = count_and_names(&without, "without prediction");
-                return Err(Failure::input(format!("{path}: {text}; --allow-missing scores them as empty")));
+                return Err(EvaluationError::at(path, format!("{text}; --allow-missing scores them as empty")));
             }
             if !unknown.is_empty() {
                 let text = count_and_names(&unknown, "predicted that the scene does not have");
-                return Err(Failure::input(format!("{path}: {text}; --allow-missing leaves them out")));
+                return Err(EvaluationError::at(path, format!("{text}; --allow-missing leaves them out")));
             }
         }
         Ok(MissingCounts {
@@ -92,7 +98,7 @@ impl SelectedFrames {
 }
 
 /// How many frames are `what`, and which.
-pub fn count_and_names(names: &[&str], what: &str) -> String {
+pub(super) fn count_and_names(names: &[&str], what: &str) -> String {
     let listed = names.iter().take(LISTED_NAMES).copied().collect::<Vec<_>>().join(", ");
     let frames = if names.len() == 1 { "frame" } else { "frames" };
     match names.len().saturating_sub(LISTED_NAMES) {

@@ -1,9 +1,7 @@
 //! Predictions on disk.
 
 use super::annotations::{self, EncodedMask};
-use super::frames::SelectedFrames;
-use super::scoring::Ids;
-use crate::command::Failure;
+use super::{EvaluationError, Ids, SelectedFrames};
 use splatseg_dataset::{Framing, read_segments_png};
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
 use splatseg_metrics::{FramePrediction, MetricsError, VideoScorer};
@@ -52,8 +50,11 @@ pub struct Fit {
 
 impl Predictions {
     /// Opens a folder of id images, the folder of a run, or a JSON file.
-    pub fn open(path: &Path, frames: &SelectedFrames) -> Result<Self, Failure> {
-        let wrong = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", path.display()));
+    ///
+    /// # Errors
+    /// [`EvaluationError::Predictions`] names the file and what is wrong with it.
+    pub fn open(path: &Path, frames: &SelectedFrames) -> Result<Self, EvaluationError> {
+        let wrong = |error: &dyn std::fmt::Display| EvaluationError::at(path, error);
         let metadata = std::fs::metadata(path).map_err(|error| wrong(&error))?;
         if !metadata.is_dir() {
             let frames = annotations::read(path, frames)?;
@@ -103,18 +104,21 @@ impl Predictions {
     }
 
     /// The prediction of a frame; an empty one if there is none.
-    pub fn read(&self, name: &str, fit: &Fit) -> Result<Prediction, Failure> {
+    ///
+    /// # Errors
+    /// If it cannot be read, or has neither the size of the framed ground truth nor its size before.
+    pub fn read(&self, name: &str, fit: &Fit) -> Result<Prediction, EvaluationError> {
         match self {
             Self::Images { folder, names } => {
                 let Some(file) = names.get(name) else {
                     return Ok(Prediction::Map(SegmentMap::filled(fit.framed.0, fit.framed.1, 0)));
                 };
                 let path = folder.join(format!("{file}.png"));
-                let map = read_segments_png(&path).map_err(Failure::input)?;
-                fit.map(map).map(Prediction::Map).map_err(|text| Failure::input(format!("{}: {text}", path.display())))
+                let map = read_segments_png(&path)?;
+                fit.map(map).map(Prediction::Map).map_err(|text| EvaluationError::at(&path, text))
             }
             Self::Masks { path, frames } => {
-                let wrong = |text: String| Failure::input(format!("{}: frame {name}: {text}", path.display()));
+                let wrong = |text: String| EvaluationError::at(path, format!("frame {name}: {text}"));
                 let masks = frames.get(name).map(Vec::as_slice).unwrap_or_default();
                 let decoded = masks.iter().map(|mask| Ok((mask.id, fit.mask(mask)?)));
                 Ok(Prediction::Masks(decoded.collect::<Result<_, String>>().map_err(wrong)?))
@@ -125,7 +129,7 @@ impl Predictions {
 
 impl Prediction {
     /// Scores the prediction against the truth.
-    pub fn push_to(&self, scorer: &mut VideoScorer, truth: &SegmentMap, ids: Ids) -> Result<(), MetricsError> {
+    pub(super) fn push_to(&self, scorer: &mut VideoScorer, truth: &SegmentMap, ids: Ids) -> Result<(), MetricsError> {
         let without_ids = |masks: &[(SegmentId, Mask)]| masks.iter().map(|(_, mask)| mask.clone()).collect::<Vec<_>>();
         match (self, ids) {
             (Self::Map(map), Ids::Lasting) => scorer.push(truth, &FramePrediction::Ids(map)),
