@@ -4,11 +4,10 @@
     cargo build --release
     tools/soak.py --splatseg target/release/splatseg
 
-Both process a synthetic tour with Kinect noise. The first is stopped again and again by a signal chosen at random. After
-SIGINT, SIGTERM and SIGHUP it goes on with the memory that it saved; after SIGKILL it repeats what it had done since the
-last save. Checks that
+Both process a synthetic tour with Kinect noise. The second is stopped again and again by a signal chosen at random, and goes
+on with `--resume`. Checks that
 
-- both write the same bytes: every frame's ids, and the saved memory;
+- both write the same bytes: ids, overlays, objects, everything but the times in `summary.json`; and the saved memory;
 - memory and time per frame of the undisturbed run stay flat: at most 10 % more memory in the last quarter than in the
   second, at most 25 % more time (the median of the points of `summary.json`'s curve).
 
@@ -37,8 +36,7 @@ TIME_GROWTH = 1.25
 def command(arguments, out, more):
     scene = f"synthetic:frames={arguments.frames},width=160,height=120,noise=kinect,seed={arguments.seed}"
     return [
-        arguments.splatseg, "run", scene, "--threads", "1", "--out", str(out), "--overwrite",
-        "--save-memory", str(out) + ".ply", *more,
+        arguments.splatseg, "run", scene, "--threads", "1", "--out", str(out), "--save-memory", str(out) + ".ply", *more,
     ]  # fmt: skip
 
 
@@ -47,45 +45,41 @@ def undisturbed(arguments, folder):
 
 
 def disturbed(arguments, folder, rng):
-    """Runs leg after leg; returns the folder of each and how often each signal was sent."""
-    legs, done, sent = [], 0, dict.fromkeys(SIGNALS, 0)
-    while done < arguments.frames:
-        leg = folder / f"leg-{len(legs):03}"
-        more = ["--start", str(done)]
-        if legs:
-            more += ["--load-memory", str(legs[-1]) + ".ply"]
+    """Runs until the end, however often it is stopped; returns how often each signal was sent."""
+    sent = dict.fromkeys(SIGNALS, 0)
+    more = ["--resume", "--save-every", str(arguments.save_every)]
+    while True:
         process = subprocess.Popen(
-            command(arguments, leg, more), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            command(arguments, folder / "stopped", more), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
         )
         try:
-            process.wait(timeout=rng.uniform(0.2, 2 * arguments.mean_seconds))
+            message = process.communicate(timeout=rng.uniform(0.2, 2 * arguments.mean_seconds))[1]
+            if process.returncode == 0:
+                return sent
+            sys.exit(f"exit {process.returncode}: {message.decode()}")
         except subprocess.TimeoutExpired:
             how = rng.choice(SIGNALS)
             sent[how] += 1
             process.send_signal(how)
-            process.wait(timeout=60)
-            if how == signal.SIGKILL:
-                continue
-        if not (leg / "summary.json").exists():
-            # Stopped before the first frame.
-            if process.returncode in (0, 1, 2):
-                sys.exit(f"{leg}: exit {process.returncode}: {' '.join(process.args)}")
-            continue
-        summary = json.loads((leg / "summary.json").read_text())
-        done += summary["frames"] + summary["skipped_frames"]
-        legs.append(leg)
-    return legs, sent
+            process.communicate(timeout=60)
 
 
-def differing_frames(whole, legs, frames):
-    """Names of frames whose ids differ, or that are missing or too many."""
-    written = {path.name: path for leg in legs for path in (leg / "segments").iterdir()}
-    expected = {path.name: path for path in (whole / "segments").iterdir()}
-    if len(expected) != frames:
-        sys.exit(f"{whole}: {len(expected)} frames instead of {frames}")
-    wrong = sorted(set(expected) ^ set(written))
-    both = set(expected) & set(written)
-    return wrong + sorted(name for name in both if not filecmp.cmp(expected[name], written[name], shallow=False))
+def differing_files(folder, frames):
+    """Names of files that differ, or that are missing or too many."""
+    listed = {}
+    for name in ("whole", "stopped"):
+        root = folder / name
+        listed[name] = {path.relative_to(root): path for path in root.rglob("*") if path.is_file()}
+        # The list has files that were written twice twice.
+        for times in ("summary.json", "manifest.jsonl"):
+            del listed[name][Path(times)]
+    whole, stopped = listed["whole"], listed["stopped"]
+    images = sum(path.parts[0] == "segments" for path in whole)
+    if images != frames:
+        sys.exit(f"{folder / 'whole'}: {images} frames instead of {frames}")
+    both = set(whole) & set(stopped)
+    differ = (path for path in both if not filecmp.cmp(whole[path], stopped[path], shallow=False))
+    return sorted(str(path) for path in [*(set(whole) ^ set(stopped)), *differ]), len(whole)
 
 
 def growth(whole):
@@ -104,6 +98,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--splatseg", default="target/release/splatseg", help="the program")
     parser.add_argument("--frames", type=int, default=20_000)
+    parser.add_argument("--save-every", type=int, default=200, help="frames between two states that are saved")
     parser.add_argument("--mean-seconds", type=float, default=20.0, help="between two signals")
     parser.add_argument("--seed", type=int, default=0, help="of the room and of the signals")
     parser.add_argument("--keep", action="store_true", help="leave the results where they are")
@@ -115,18 +110,18 @@ def main():
     started = time.monotonic()
     other = threading.Thread(target=undisturbed, args=(arguments, folder))
     other.start()
-    legs, sent = disturbed(arguments, folder, random.Random(arguments.seed))
+    sent = disturbed(arguments, folder, random.Random(arguments.seed))
     other.join()
 
     whole = folder / "whole"
-    wrong = differing_frames(whole, legs, arguments.frames)
-    same_memory = filecmp.cmp(str(whole) + ".ply", str(legs[-1]) + ".ply", shallow=False)
+    wrong, files = differing_files(folder, arguments.frames)
+    same_memory = filecmp.cmp(folder / "whole.ply", folder / "stopped.ply", shallow=False)
     memory, milliseconds, curve = growth(whole)
     signals = ", ".join(f"{count} {how.name}" for how, count in sent.items())
-    print(f"{arguments.frames} frames, {len(legs)} legs, {signals}; {time.monotonic() - started:.0f} s")
+    print(f"{arguments.frames} frames, {signals}; {time.monotonic() - started:.0f} s")
     for point in curve[:: max(1, len(curve) // 8)]:
         print("  " + ", ".join(f"{key} {value:.6g}" for key, value in point.items()))
-    print(f"frames that differ: {len(wrong)} {wrong[:3]}; saved memory the same: {same_memory}")
+    print(f"files that differ: {len(wrong)} of {files} {wrong[:3]}; saved memory the same: {same_memory}")
     print(f"last quarter over second: memory {memory:.3f} (at most {MEMORY_GROWTH}), time {milliseconds:.3f} (at most {TIME_GROWTH})")
     if arguments.keep:
         print(f"results: {folder}")

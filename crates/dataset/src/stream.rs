@@ -81,6 +81,20 @@ impl FrameStream {
         settings: &DatasetSettings,
         ground_truth: GroundTruth,
     ) -> Result<Self, DatasetError> {
+        Self::open_at(scene, settings, ground_truth, 0)
+    }
+
+    /// [`Self::open`] without the first `done` of the selected frames. All else is as if these had been given: the first
+    /// good frame of all decides the size of the others.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_at(
+        scene: Arc<dyn Scene>,
+        settings: &DatasetSettings,
+        ground_truth: GroundTruth,
+        done: usize,
+    ) -> Result<Self, DatasetError> {
         let selected = settings.selected_frames(scene.frame_count())?;
         let mut job = ReadingJob::new(&scene, settings.framing(), ground_truth);
         let mut description = SceneDescription::of(scene.as_ref(), selected.len());
@@ -100,7 +114,9 @@ impl FrameStream {
             }
         }
         description.warn_of_reduction(settings);
-        let rest: Vec<usize> = selected[first.len()..].to_vec();
+        let rest: Vec<usize> = selected.iter().copied().skip(first.len().max(done)).collect();
+        let first: Vec<FrameResult> = first.into_iter().skip(done).collect();
+        let pending: Vec<usize> = selected.into_iter().skip(done).collect();
         let (sender, receiver) = sync_channel(waiting_frames(description.frame_size));
         let reader = std::thread::Builder::new()
             .name("frame reader".to_owned())
@@ -110,7 +126,7 @@ impl FrameStream {
             first: first.into_iter(),
             receiver: Some(receiver),
             reader: Some(reader),
-            pending: selected.into_iter(),
+            pending: pending.into_iter(),
             description,
             scene,
         })

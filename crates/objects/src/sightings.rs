@@ -1,12 +1,12 @@
 //! The objects of a frame, and all objects so far.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Mask, SegmentId};
 use splatseg_tracking::FrameOutput;
 use std::collections::BTreeMap;
 
 /// An object in one frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObjectSighting {
     /// Its id, the same in every frame.
     pub id: SegmentId,
@@ -23,7 +23,7 @@ pub struct ObjectSighting {
 }
 
 /// A bounding box as in COCO: top left corner and size, pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BoundingBox {
     /// First column, from 0.
     pub x: usize,
@@ -64,16 +64,31 @@ impl ObjectLog {
         &self.records
     }
 
+    /// Records the objects of the next frame, of an earlier run that this one goes on with.
+    pub fn repeat(&mut self, sightings: &[ObjectSighting]) {
+        let frame = self.frames;
+        self.frames += 1;
+        for sighting in sightings {
+            self.add(sighting.id, frame);
+        }
+    }
+
+    /// Records that a frame shows an object.
+    fn add(&mut self, id: SegmentId, frame: usize) -> ObjectRecord {
+        let new = ObjectRecord { first_frame: frame, last_frame: frame, frames: 0 };
+        let record = self.records.entry(id).or_insert(new);
+        record.last_frame = frame;
+        record.frames += 1;
+        *record
+    }
+
     /// Records the next frame; returns its objects by increasing id.
     pub fn record(&mut self, output: &FrameOutput) -> Vec<ObjectSighting> {
         let frame = self.frames;
         self.frames += 1;
         let extents = extents(output);
         let sightings = extents.into_iter().map(|(id, extent)| {
-            let new = ObjectRecord { first_frame: frame, last_frame: frame, frames: 0 };
-            let record = self.records.entry(id).or_insert(new);
-            record.last_frame = frame;
-            record.frames += 1;
+            let record = self.add(id, frame);
             ObjectSighting {
                 id,
                 area: extent.area,

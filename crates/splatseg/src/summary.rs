@@ -12,6 +12,8 @@ use std::time::Duration;
 pub struct Summary {
     /// Frames with a result.
     pub frames: usize,
+    /// How many of them were there already when the run went on with `--resume`. Times and speeds leave them out.
+    pub resumed_frames: usize,
     /// Frames that could not be read or segmented.
     pub skipped_frames: usize,
     /// Distinct ids in the results.
@@ -124,6 +126,8 @@ impl RunCurve {
 pub struct RunCounts {
     /// Frames with a result.
     pub frames: usize,
+    /// How many of them an earlier run made, which this one went on with. Times and speeds leave them out.
+    pub resumed_frames: usize,
     /// Frames that could not be read or segmented.
     pub skipped_frames: usize,
     /// Ids seen in results.
@@ -152,15 +156,20 @@ impl RunCounts {
         self.ids.extend(result.output.segments.areas().into_keys());
     }
 
+    /// Frames with a result that were made in this run.
+    fn new_frames(&self) -> usize {
+        self.frames - self.resumed_frames
+    }
+
     /// Mean time of each stage per frame, milliseconds.
     pub fn stage_ms(&self) -> BTreeMap<String, f64> {
-        let frames = self.frames.max(1) as f64;
+        let frames = self.new_frames().max(1) as f64;
         self.times.stages().iter().map(|(name, time)| ((*name).to_owned(), time.as_secs_f64() * 1e3 / frames)).collect()
     }
 
     /// The speed, from the wall-clock time of the whole run.
     pub fn fps(&self, wall: Duration) -> FramesPerSecond {
-        let rate = |time: Duration| if time.is_zero() { 0.0 } else { self.frames as f64 / time.as_secs_f64() };
+        let rate = |time: Duration| if time.is_zero() { 0.0 } else { self.new_frames() as f64 / time.as_secs_f64() };
         FramesPerSecond { total: rate(wall), without_segmenter: rate(self.times.without_segmenter()) }
     }
 }

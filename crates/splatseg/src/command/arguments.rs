@@ -5,12 +5,13 @@ use super::bench::BenchArguments;
 use super::eval::EvalArguments;
 use super::inspect::InspectArguments;
 use super::options::SettingsOptions;
+use super::run::SavedRun;
 use super::settings::SettingsArguments;
 use super::terminal::note_output_error;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Arg, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use splatseg::Settings;
-use splatseg::settings::{Entry, MethodName, SegmenterName, TrackerName, describe, entries};
+use splatseg::settings::{Entry, MethodName, SegmenterName, SettingsLayers, TrackerName, describe, entries};
 use splatseg_settings::{Allowed, Choice};
 use std::path::PathBuf;
 
@@ -80,14 +81,28 @@ pub struct RunArguments {
     /// End the run at the first frame that cannot be used, with exit code 2, instead of skipping it
     #[arg(long)]
     pub strict_input: bool,
+    #[arg(long, value_name = "N")]
+    pub save_every: Option<String>,
+    /// Go on with the run in that folder that was stopped, from where --save-every saved it last, with its settings; if
+    /// there is none, start. The results are the same as if the run had not been stopped
+    #[arg(long, conflicts_with_all = ["overwrite", "load_memory"])]
+    pub resume: bool,
 }
 
 impl RunArguments {
     /// The settings from file, options and assignments, and those that a saved memory fixes.
     pub fn settings(&self) -> Result<Settings, Failure> {
         let strict_input = self.strict_input.then(|| "true".to_owned());
-        let options = [("method", self.method.as_ref()), ("strict_input", strict_input.as_ref())];
-        let mut layers = self.options.layers(options)?;
+        let options = [
+            ("method", self.method.as_ref()),
+            ("strict_input", strict_input.as_ref()),
+            ("save_every", self.save_every.as_ref()),
+        ];
+        let mut layers = SettingsLayers::default();
+        if let (true, Some(path)) = (self.resume, SavedRun::settings_file(&self.out)) {
+            layers.add_file(&path).map_err(Failure::input)?;
+        }
+        let mut layers = self.options.layers_over(layers, options)?;
         if let Some(path) = &self.load_memory {
             layers.add_saved_memory(path).map_err(Failure::input)?;
         }

@@ -48,6 +48,11 @@ impl Manifest {
         Ok(Self { file: OpenOptions::new().append(true).open(path)? })
     }
 
+    /// Goes on with the list of a folder.
+    pub fn resume(folder: &Path) -> Result<Self> {
+        Ok(Self { file: OpenOptions::new().append(true).open(folder.join(MANIFEST))? })
+    }
+
     /// Lists files, which may be put in place after that.
     pub fn add(&mut self, files: &[&str]) -> Result<()> {
         let mut lines = String::new();

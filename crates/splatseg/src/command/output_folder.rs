@@ -6,6 +6,7 @@
 
 use super::Failure;
 use super::manifest::{EXTRA_FOLDERS, MANIFEST, Manifest, RESULT_FILES, RESULT_FOLDERS, SUMMARY, listed_files, place};
+use super::run::saved_run::{self, SavedRun};
 use splatseg_dataset::padded_number;
 use splatseg_output::{
     FrameRecord, OutputError, ResultFolder, write_atomically, write_overlay_jpeg, write_segments_png,
@@ -22,6 +23,8 @@ pub enum Existing {
     Keep,
     /// Remove what an earlier run wrote.
     Replace,
+    /// Go on with the run that wrote them.
+    Resume,
 }
 
 impl Existing {
@@ -60,8 +63,13 @@ impl OutputFolder {
             Err(error) => return Err(Failure::input(format!("{}: {error}", path.display()))),
         };
         if existing == Existing::Keep && entries.flatten().any(|entry| entry.file_name() != STAGING) {
+            let resume = match SavedRun::settings_file(path) {
+                Some(_) => ", or --resume to go on with the run that was stopped",
+                None => "",
+            };
             return Err(Failure::input(format!(
-                "{}: the folder is not empty: choose another --out, or give --overwrite to replace earlier results",
+                "{}: the folder is not empty: choose another --out, or give --overwrite to replace earlier \
+                 results{resume}",
                 path.display()
             )));
         }
@@ -85,7 +93,11 @@ impl OutputFolder {
             |error: std::io::Error| Failure::input(format!("{}: cannot be written: {error}", path.display()));
         let created = CreatedFolders::create(path).map_err(unusable)?;
         let staging = Staging::create(path)?;
-        Ok(Self { path: path.to_owned(), earlier, manifest: None, staging, _created: created })
+        let manifest = match existing {
+            Existing::Resume => Some(Manifest::resume(path).map_err(unusable)?),
+            _ => None,
+        };
+        Ok(Self { path: path.to_owned(), earlier, manifest, staging, _created: created })
     }
 
     /// Whether a path is where the results in the folder `out` are. Both are without symbolic links.
@@ -96,6 +108,16 @@ impl OutputFolder {
     /// The folder itself.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// The folder of what is not in place yet.
+    pub fn staging(&self) -> &Path {
+        &self.staging.path
+    }
+
+    /// Whether `--resume` can go on with the run.
+    pub fn can_be_resumed(&self) -> bool {
+        SavedRun::settings_file(&self.path).is_some()
     }
 
     /// Whether any frame's results are in the folder.
@@ -134,6 +156,7 @@ impl OutputFolder {
 
     /// Removes the earlier run's files, and makes folders for the new ones.
     fn remove_earlier(&self) -> Result<(), OutputError> {
+        saved_run::remove(&self.path).map_err(|source| self.error(saved_run::FOLDER, source))?;
         for file in &self.earlier {
             match fs::remove_file(place(&self.path, file)) {
                 Err(source) if source.kind() != ErrorKind::NotFound => return Err(self.error(file, source)),
@@ -197,7 +220,7 @@ fn result_files(file_name: &str) -> [String; 2] {
 
 /// The folders that a run may write to.
 fn folders() -> impl Iterator<Item = &'static str> {
-    RESULT_FOLDERS.into_iter().chain(EXTRA_FOLDERS).map(|(folder, _)| folder).chain([STAGING])
+    RESULT_FOLDERS.into_iter().chain(EXTRA_FOLDERS).map(|(folder, _)| folder).chain([STAGING, saved_run::FOLDER])
 }
 
 /// A link would lead results, or the removal of earlier ones, out of the folder.

@@ -25,6 +25,7 @@ pub struct PipelineBuilder<'a> {
     tracker: Option<Box<dyn Tracker>>,
     memory: Option<SplatMemory>,
     saved_memory: Option<PathBuf>,
+    objects: ObjectLog,
     progress: Box<dyn FnMut(f32) + 'a>,
 }
 
@@ -37,6 +38,7 @@ impl<'a> PipelineBuilder<'a> {
             tracker: None,
             memory: None,
             saved_memory: None,
+            objects: ObjectLog::default(),
             progress: Box::new(|_| {}),
         }
     }
@@ -76,6 +78,13 @@ impl<'a> PipelineBuilder<'a> {
         self
     }
 
+    /// The objects that an earlier run saw, which this one goes on with.
+    #[must_use]
+    pub fn objects(mut self, objects: ObjectLog) -> Self {
+        self.objects = objects;
+        self
+    }
+
     /// Receives the fraction done while a codebook is made, which takes up to a few seconds. Only a memory of features
     /// has one.
     #[must_use]
@@ -96,7 +105,7 @@ impl<'a> PipelineBuilder<'a> {
         };
         let method = self.make_method()?;
         let segment_ahead = self.settings.run.segment_ahead;
-        Ok(Pipeline { segmenter, method, segment_ahead, clock: StageClock::new(), objects: ObjectLog::default() })
+        Ok(Pipeline { segmenter, method, segment_ahead, clock: StageClock::new(), objects: self.objects })
     }
 
     fn make_segmenter(&self) -> Result<Box<dyn Segmenter>, PipelineError> {

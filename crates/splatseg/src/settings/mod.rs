@@ -59,6 +59,9 @@ settings! {
         seed: u64 = 0, Allowed::between(0.0, Allowed::MAX_WHOLE as f64);
         /// Whether the first frame that cannot be used ends the run, instead of being skipped.
         strict_input: bool = false, Allowed::Switch;
+        /// Every how many frames the state of the run is saved, so that `--resume` can go on with it; 0: never. Only
+        /// `fastsam-splat` can go on. Results do not depend on it.
+        save_every: usize = 0, Allowed::between(0.0, 1e9);
         /// Number of threads; 0: one per core. Results do not depend on it.
         threads: usize = 0, Allowed::between(0.0, 512.0);
         /// The memory that the program may take, e.g. `4GB`; `auto`: what the machine has available. Input that would

@@ -2,14 +2,16 @@
 
 use super::progress::Progress;
 use super::result_writer::{ResultWriter, Written};
+use super::saved_run::RunState;
 use super::skipped_frames::SkippedFrames;
 use super::stop_signals::{StopSignal, StopSignals};
-use crate::command::output_folder::{OutputFolder, file_name};
+use crate::command::output_folder::file_name;
 use splatseg::pipeline::{Frames, PipelineError, Processed};
 use splatseg::summary::RunCounts;
 use splatseg_dataset::{FrameStream, StreamedFrame};
 use splatseg_memory::SplatMemory;
-use splatseg_output::{FrameRecord, RunOutput};
+use splatseg_output::FrameRecord;
+use std::path::PathBuf;
 
 /// How frames are processed.
 pub struct FrameLoop<'a> {
@@ -17,6 +19,18 @@ pub struct FrameLoop<'a> {
     pub signals: &'a StopSignals,
     /// Whether the first frame that cannot be used ends the run.
     pub strict_input: bool,
+    /// Saves the state of the run, if that is asked for.
+    pub saving: Option<StateSaving>,
+}
+
+/// Saves the state of the run from time to time.
+pub struct StateSaving {
+    /// Every how many frames of the scene.
+    pub every: usize,
+    /// The state that the run starts from.
+    pub state: RunState,
+    /// The folder where the memory is saved first.
+    pub staging: PathBuf,
 }
 
 /// What came of the frames.
@@ -53,19 +67,15 @@ enum Step {
 
 impl FrameLoop<'_> {
     /// Writes the results of every frame.
-    pub fn run(
-        &self,
-        mut frames: Frames<'_, FrameStream>,
-        folder: OutputFolder,
-        outputs: Vec<Box<dyn RunOutput>>,
-    ) -> Ended {
-        let mut counts = RunCounts::default();
+    pub fn run(&self, mut frames: Frames<'_, FrameStream>, written: Written, mut counts: RunCounts) -> Ended {
         let mut skipped = SkippedFrames::default();
-        let writer = ResultWriter::start(folder, outputs);
+        let writer = ResultWriter::start(written);
+        let mut done = self.saving.as_ref().map_or(0, |saving| saving.state.next);
         let mut progress = Progress::of_frames(frames.size_hint().0);
         let early = loop {
             if let Some(signal) = self.signals.received().filter(|_| frames.size_hint().0 > 0) {
                 counts.interrupted = true;
+                self.save_state(done, &counts, frames.memory(), &writer, &progress);
                 break Some(EarlyEnd::Signal(signal));
             }
             let Some(item) = frames.next() else { break None };
@@ -83,10 +93,38 @@ impl FrameLoop<'_> {
                 Step::End(early) => break Some(early),
             }
             progress.frame_done();
+            done += 1;
+            if self.saving.as_ref().is_some_and(|saving| done.is_multiple_of(saving.every)) {
+                self.save_state(done, &counts, frames.memory(), &writer, &progress);
+            }
         };
         progress.finish();
         skipped.messages().for_each(|message| progress.warn(&message));
         Ended { counts, written: writer.finish(), early }
+    }
+
+    /// Saves the state after the first `done` frames of the scene, if that is asked for.
+    fn save_state(
+        &self,
+        done: usize,
+        counts: &RunCounts,
+        memory: Option<&SplatMemory>,
+        writer: &ResultWriter,
+        progress: &Progress,
+    ) {
+        let Some((saving, memory)) = self.saving.as_ref().zip(memory) else { return };
+        let state = RunState {
+            next: done,
+            frames: counts.frames,
+            skipped_frames: counts.skipped_frames,
+            track_errors: counts.track_errors,
+            ..saving.state.clone()
+        };
+        let path = saving.staging.join(state.memory_file());
+        match memory.save(&path) {
+            Ok(()) => writer.save_state(state, path),
+            Err(error) => progress.warn(&format!("the state of the run could not be saved: {error}")),
+        }
     }
 }
 
@@ -98,7 +136,7 @@ fn take_result(
     counts: &mut RunCounts,
     skipped: &mut SkippedFrames,
 ) -> Step {
-    let frame = frame.frame;
+    let (index, frame) = (frame.index, frame.frame);
     let result = match result {
         Ok(result) => result,
         Err(error @ PipelineError::Segmenter { .. }) => {
@@ -110,5 +148,5 @@ fn take_result(
     counts.add(&result, memory.map_or(0, SplatMemory::gaussian_count));
     let file_name = file_name(frame.name());
     let record = FrameRecord { number, file_name, frame, segments: result.output.segments, objects: result.objects };
-    if writer.write(record) { Step::Done } else { Step::End(EarlyEnd::Unwritable) }
+    if writer.write(index, record) { Step::Done } else { Step::End(EarlyEnd::Unwritable) }
 }

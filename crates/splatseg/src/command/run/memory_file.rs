@@ -22,6 +22,7 @@ impl MemoryFile {
     pub fn prepare(path: &Path, existing: Existing) -> Result<Self, Failure> {
         let wrong = |reason: &str| Err(Failure::input(format!("{}: {reason}", path.display())));
         if path.symlink_metadata().is_ok() {
+            // A run that was stopped saves its memory, too.
             if existing == Existing::Keep {
                 return wrong("exists: give --overwrite to replace it");
             }

@@ -9,26 +9,37 @@ mod outputs;
 mod progress;
 mod report;
 mod result_writer;
+mod resumed;
+pub mod saved_run;
 mod skipped_frames;
 mod stop_signals;
 
 pub use report::report;
+pub use saved_run::SavedRun;
 
 use super::Failure;
 use super::arguments::RunArguments;
 use super::input_paths::{InputPaths, real_path};
+use super::manifest::SUMMARY;
 use super::output_folder::{Existing, OutputFolder};
-use frame_loop::FrameLoop;
+use frame_loop::{FrameLoop, StateSaving};
 use memory_file::MemoryFile;
 use progress::codebook_bar;
+use saved_run::RunState;
+use serde_json::Value;
+use splatseg::settings::MethodName;
 use splatseg::summary::Summary;
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{FrameStream, GroundTruth, Scene, open_scene};
+use splatseg_input::read_file;
 use splatseg_output::RunEnd;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 use stop_signals::StopSignals;
+
+/// Larger files are no summaries of ours.
+const MAX_SUMMARY_BYTES: u64 = 16_000_000;
 
 /// A run.
 pub struct Job {
@@ -44,22 +55,37 @@ pub struct Job {
     pub save_memory: Option<PathBuf>,
     /// Where to load a memory from.
     pub load_memory: Option<PathBuf>,
+    /// The run to go on with.
+    pub resume: Option<SavedRun>,
 }
 
 /// Executes `splatseg run`.
 pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
+    let resume = if arguments.resume { SavedRun::open(&arguments.out)? } else { None };
+    if arguments.resume && resume.is_none() && is_complete(&arguments.out) {
+        say!("{}: the run is complete already", arguments.out.display());
+        return Ok(());
+    }
     let job = Job {
         scene: arguments.scene.clone(),
         out: arguments.out.clone(),
-        existing: Existing::from_flag(arguments.overwrite),
+        existing: if resume.is_some() { Existing::Resume } else { Existing::from_flag(arguments.overwrite) },
         settings: arguments.settings()?,
         save_memory: arguments.save_memory.clone(),
         load_memory: arguments.load_memory.clone(),
+        resume,
     };
     check_paths(&job, arguments.options.config.as_deref())?;
     let summary = execute(&job)?;
     say!("{}", report(&job, &summary));
     Ok(())
+}
+
+/// Whether a folder has the results of a run that came to its end.
+fn is_complete(out: &Path) -> bool {
+    let summary = read_file(&out.join(SUMMARY), MAX_SUMMARY_BYTES).ok();
+    let summary: Option<Value> = summary.and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    summary.is_some_and(|summary| summary["interrupted"] == false && summary["error"].is_null())
 }
 
 /// Checks that nothing is written where the run reads.
@@ -87,28 +113,54 @@ fn check_paths(job: &Job, config: Option<&Path>) -> Result<(), Failure> {
 pub fn execute(job: &Job) -> Result<Summary, Failure> {
     let started = Instant::now();
     OutputFolder::check(&job.out, job.existing)?;
+    check_saving(job)?;
     let memory_file = job.save_memory.as_ref().map(|path| prepare_memory_file(path, job)).transpose()?;
     rayon::ThreadPoolBuilder::new().num_threads(job.settings.run.threads).build_global().map_err(Failure::work)?;
     job.settings.run.memory_limit.enforce();
     let signals = StopSignals::listen().map_err(Failure::work)?;
     let dataset = &job.settings.dataset;
     let scene = open_scene(&job.scene, dataset).map_err(Failure::input)?;
-    let stream = FrameStream::open(Arc::clone(&scene), dataset, GroundTruth::Skip).map_err(Failure::input)?;
+    let state = match &job.resume {
+        Some(saved) => saved.state.clone(),
+        None => RunState::at_the_start(&job.scene, &job.settings)?,
+    };
+    let stream = FrameStream::open_at(Arc::clone(&scene), dataset, GroundTruth::Skip, state.next);
+    let stream = stream.map_err(Failure::input)?;
     let selected = dataset.selected_frames(scene.frame_count()).map_err(Failure::input)?;
     let names: Vec<String> = selected.into_iter().map(|index| scene.frame_name(index)).collect();
     let folder = OutputFolder::prepare(&job.out, job.existing, &names)?;
     let mut pipeline = build_pipeline(job, &scene)?;
     say_error!("{}", stream.description());
 
+    let run = &job.settings.run;
+    let saving = StateSaving { every: run.save_every, state, staging: folder.staging().to_owned() };
+    let saving = (run.save_every > 0).then_some(saving);
+    let (written, counts) = resumed::start(job, folder, outputs::of(job)?, scene.as_ref())?;
     let start_up = started.elapsed();
-    let frames = FrameLoop { signals: &signals, strict_input: job.settings.run.strict_input };
-    let mut ended = frames.run(pipeline.run(stream), folder, outputs::of(job)?);
+    let frames = FrameLoop { signals: &signals, strict_input: run.strict_input, saving };
+    let mut ended = frames.run(pipeline.run(stream), written, counts);
     let scene = job.scene.display().to_string();
     let end = RunEnd { scene: &scene, objects: pipeline.objects(), memory: pipeline.memory() };
     if ended.written.frames > 0 {
         ended.written.show_outputs(|output, folder| output.finish(&end, folder));
     }
-    report::finish(job, ended, (started, start_up), pipeline.memory(), memory_file.as_ref())
+    let summary = report::finish(job, ended, (started, start_up), pipeline.memory(), memory_file.as_ref())?;
+    // What is left of it only takes room.
+    let _ = saved_run::remove(&job.out);
+    Ok(summary)
+}
+
+/// Refuses to save the state of a run that could not go on, and to go on with other settings.
+fn check_saving(job: &Job) -> Result<(), Failure> {
+    let method = job.settings.method.name();
+    if job.settings.run.save_every > 0 && method != MethodName::FastsamSplat {
+        let reason = "save_every is not used here: it needs method = fastsam-splat, but method is";
+        return Err(Failure::input(format!("{reason} {}", method.name())));
+    }
+    match &job.resume {
+        Some(saved) => saved.check(&job.scene, &job.settings),
+        None => Ok(()),
+    }
 }
 
 /// Gets the file for the memory ready, if the method has one.
@@ -127,6 +179,9 @@ fn build_pipeline(job: &Job, scene: &Arc<dyn Scene>) -> Result<Pipeline, Failure
         Pipeline::builder(&job.settings).scene(scene).progress(|fraction| bar.set_position((fraction * 100.0) as u64));
     if let Some(path) = &job.load_memory {
         builder = builder.saved_memory(path);
+    }
+    if let Some(saved) = &job.resume {
+        builder = builder.saved_memory(saved.memory()).objects(saved.objects());
     }
     let pipeline = builder.build().map_err(Failure::input);
     bar.finish_and_clear();

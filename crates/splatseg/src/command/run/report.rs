@@ -48,9 +48,10 @@ pub fn finish(
             lost.push(format!("the summary could not be written: {error}"));
         }
     }
+    let resume = if folder.can_be_resumed() { "; --resume goes on with it" } else { "" };
     let kept = match (folder.has_results(), lost.is_empty()) {
-        (true, true) => format!("{at}; their results are in {}", folder.path().display()),
-        (true, false) => format!("{at}; everything else is in {}", folder.path().display()),
+        (true, true) => format!("{at}; their results are in {}{resume}", folder.path().display()),
+        (true, false) => format!("{at}; everything else is in {}{resume}", folder.path().display()),
         (false, _) => format!("{at}; {} has no results", folder.path().display()),
     };
     match (early, lost.into_iter().reduce(joined)) {
@@ -94,6 +95,7 @@ fn summary(
     let is_tentative = |id: &&u32| memory.is_some_and(|memory| memory.is_tentative(**id));
     Summary {
         frames: counts.frames,
+        resumed_frames: counts.resumed_frames,
         skipped_frames: counts.skipped_frames,
         segments: counts.ids.len(),
         tentative_segments: counts.ids.iter().filter(is_tentative).count(),

@@ -1,17 +1,27 @@
 //! Results are written on a separate thread while the next frame is processed.
 
+use super::saved_run::{FOLDER, RunState, StateWriter};
 use crate::command::output_folder::OutputFolder;
 use splatseg_output::{FrameRecord, OutputError, ResultFolder, RunOutput};
 use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 /// Largest number of frames waiting to be written; more would only take memory.
 const WAITING: usize = 2;
 
+/// What is written.
+enum Item {
+    /// The images of a frame, whose index in the scene comes first.
+    Frame(usize, Box<FrameRecord>),
+    /// How far the run is, and a file with the memory.
+    State(Box<RunState>, PathBuf),
+}
+
 /// Writes frames in the given order.
 pub struct ResultWriter {
-    sender: SyncSender<FrameRecord>,
+    sender: SyncSender<Item>,
     thread: JoinHandle<Written>,
 }
 
@@ -27,20 +37,40 @@ pub struct Written {
     pub first_error: Option<OutputError>,
     /// The first error of each output that has failed.
     pub output_errors: Vec<OutputError>,
+    /// Saves how far the run is, if that is asked for.
+    pub saving: Saving,
+}
+
+/// Whether the run can be continued later.
+#[derive(Debug)]
+pub enum Saving {
+    /// That is not asked for.
+    Off,
+    /// It can be as soon as its first frame is written.
+    Later,
+    /// It is saved from time to time.
+    On(StateWriter),
+    /// It could not be saved any more.
+    Failed,
 }
 
 impl ResultWriter {
     /// Starts the thread.
-    pub fn start(folder: OutputFolder, outputs: Vec<Box<dyn RunOutput>>) -> Self {
+    pub fn start(written: Written) -> Self {
         let (sender, receiver) = sync_channel(WAITING);
-        let written = Written { folder, frames: 0, outputs, first_error: None, output_errors: Vec::new() };
         let thread = std::thread::spawn(move || written.write_all(&receiver));
         Self { sender, thread }
     }
 
     /// Queues a frame, and waits while the queue is full. `false` means that no frame can be written any more.
-    pub fn write(&self, frame: FrameRecord) -> bool {
-        self.sender.send(frame).is_ok()
+    pub fn write(&self, index: usize, frame: FrameRecord) -> bool {
+        self.sender.send(Item::Frame(index, Box::new(frame))).is_ok()
+    }
+
+    /// Queues how far the run is after the frames before, with a file that holds the memory.
+    pub fn save_state(&self, state: RunState, memory: PathBuf) {
+        // A writer that has ended says why.
+        let _ = self.sender.send(Item::State(Box::new(state), memory));
     }
 
     /// Waits until everything is written.
@@ -51,12 +81,25 @@ impl ResultWriter {
 }
 
 impl Written {
+    /// Nothing yet.
+    pub fn nothing(folder: OutputFolder, outputs: Vec<Box<dyn RunOutput>>, saving: Saving) -> Self {
+        Self { folder, frames: 0, outputs, first_error: None, output_errors: Vec::new(), saving }
+    }
+
     /// Writes frames until there are no more. Goes on after an error that later frames need not have.
-    fn write_all(mut self, receiver: &Receiver<FrameRecord>) -> Self {
-        for frame in receiver {
+    fn write_all(mut self, receiver: &Receiver<Item>) -> Self {
+        for item in receiver {
+            let (index, frame) = match item {
+                Item::Frame(index, frame) => (index, frame),
+                Item::State(state, memory) => {
+                    self.save_state(&state, &memory);
+                    continue;
+                }
+            };
             match self.folder.write_frame(&frame) {
                 Ok(()) => {
                     self.frames += 1;
+                    self.save_frame(index, &frame);
                     self.show_outputs(|output, folder| output.add_frame(&frame, folder));
                 }
                 Err(error) => {
@@ -69,6 +112,36 @@ impl Written {
             }
         }
         self
+    }
+
+    /// Saves that a frame has its images.
+    fn save_frame(&mut self, index: usize, frame: &FrameRecord) {
+        if matches!(self.saving, Saving::Later) {
+            let started = StateWriter::start(self.folder.path(), None);
+            self.saving = self.saved(started).map_or(Saving::Failed, Saving::On);
+        }
+        if let Saving::On(writer) = &mut self.saving {
+            let added = writer.add_frame(index, frame);
+            self.saved(added);
+        }
+    }
+
+    /// Saves how far the run is, unless a frame before has lost its images.
+    fn save_state(&mut self, state: &RunState, memory: &Path) {
+        if let (Saving::On(writer), None) = (&mut self.saving, &self.first_error) {
+            let saved = writer.save(state, memory);
+            self.saved(saved);
+        }
+    }
+
+    /// Notes an error of saving, after which nothing more is saved.
+    fn saved<T>(&mut self, result: std::io::Result<T>) -> Option<T> {
+        result
+            .inspect_err(|_| self.saving = Saving::Failed)
+            .map_err(|source| {
+                self.output_errors.push(OutputError::Io { path: self.folder.path().join(FOLDER), source })
+            })
+            .ok()
     }
 
     /// Shows something to every output. One that fails takes no further part.
