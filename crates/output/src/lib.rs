@@ -6,11 +6,13 @@
 mod digits;
 mod error;
 mod overlay;
+mod page;
 mod run_output;
 mod segments;
 
 pub use error::{OutputError, write_atomically};
 pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
+pub use page::Page;
 pub use run_output::{FrameRecord, ResultFolder, RunEnd, RunOutput};
 pub use segments::write_segments_png;
 

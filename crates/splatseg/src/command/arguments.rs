@@ -62,7 +62,8 @@ pub struct DemoArguments {
 pub struct RunArguments {
     /// The scene: a folder or file of any format that --format names, or `synthetic[:frames=60,seed=3,…]`
     pub scene: PathBuf,
-    /// Folder for the results: segments/*.png, overlay/*.jpg, summary.json, and manifest.jsonl, which lists them
+    /// Folder for the results: index.html, a page to look at them, segments/*.png, overlay/*.jpg, summary.json, and
+    /// manifest.jsonl, which lists them
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Replace the results of an earlier run in that folder, as soon as there are new ones; all other files stay
@@ -87,16 +88,21 @@ pub struct RunArguments {
     /// there is none, start. The results are the same as if the run had not been stopped
     #[arg(long, conflicts_with_all = ["overwrite", "load_memory"])]
     pub resume: bool,
+    /// Leave out index.html, the page to look at the result
+    #[arg(long)]
+    pub no_page: bool,
 }
 
 impl RunArguments {
     /// The settings from file, options and assignments, and those that a saved memory fixes.
     pub fn settings(&self) -> Result<Settings, Failure> {
         let strict_input = self.strict_input.then(|| "true".to_owned());
+        let page = self.no_page.then(|| "false".to_owned());
         let options = [
             ("method", self.method.as_ref()),
             ("strict_input", strict_input.as_ref()),
             ("save_every", self.save_every.as_ref()),
+            ("page", page.as_ref()),
         ];
         let mut layers = SettingsLayers::default();
         if let (true, Some(path)) = (self.resume, SavedRun::settings_file(&self.out)) {

@@ -55,6 +55,8 @@ settings! {
         /// Whether the next frame is segmented while the method works on this one. Results do not depend on it. Stages
         /// take longer, as they share the processor.
         segment_ahead: bool = false, Allowed::Switch;
+        /// Whether `run` writes `index.html`, a page to look at the result: map, video and list of objects.
+        page: bool = true, Allowed::Switch;
         /// Seed of all random numbers.
         seed: u64 = 0, Allowed::between(0.0, Allowed::MAX_WHOLE as f64);
         /// Whether the first frame that cannot be used ends the run, instead of being skipped.

@@ -142,5 +142,8 @@ pub fn report(job: &Job, summary: &Summary) -> String {
     if let Some(path) = &job.save_memory {
         text.push_str(&format!("\nthe memory is in {}: open it in any Gaussian-splat viewer", path.display()));
     }
+    if job.settings.run.page {
+        text.push_str(&format!("\nlook at {}", job.out.join("index.html").display()));
+    }
     text
 }

@@ -1,0 +1,63 @@
+//! What the page knows of a run, as its scripts read it: `viewer/src/run.js`.
+
+use super::map::MapData;
+use glam::Vec3;
+use serde::Serialize;
+use splatseg_geometry::{Intrinsics, SegmentId};
+
+/// All of a run but the ids of its frames.
+#[derive(Debug, Serialize)]
+pub struct RunData<'a> {
+    /// Version of splatseg.
+    pub version: &'static str,
+    /// The scene as it was given.
+    pub scene: &'a str,
+    /// Frames in each of the files with ids but the last.
+    pub frames_per_chunk: usize,
+    /// The names of the frames' files, without folder and extension.
+    pub frames: &'a [String],
+    /// For each frame the camera's centre and its rotation as a quaternion x, y, z, w, from camera to world: seven 32-bit
+    /// floats, low byte first, in base64.
+    pub poses: String,
+    /// The cameras, in the order of their first frames.
+    pub cameras: &'a [CameraData],
+    /// Up in world coordinates, of length 1.
+    pub up: Vec3,
+    /// By increasing id.
+    pub objects: Vec<ObjectData>,
+    /// Missing if the method has no memory.
+    pub map: Option<MapData>,
+}
+
+/// A camera's intrinsics.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct CameraData {
+    /// The first frame that it took, by its place on the page.
+    pub from: usize,
+    /// What they are.
+    #[serde(flatten)]
+    pub intrinsics: Intrinsics,
+}
+
+/// An object. Frames are given by their place on the page.
+#[derive(Debug, Serialize)]
+pub struct ObjectData {
+    /// Its id.
+    pub id: SegmentId,
+    /// The colour in which it is drawn, sRGB.
+    pub color: [u8; 3],
+    /// How many frames show it.
+    pub frames: usize,
+    /// First and last frame of each stretch of frames that show it.
+    pub seen: Vec<(usize, usize)>,
+    /// Its largest area in a frame, pixels.
+    pub area: usize,
+    /// That frame.
+    pub best: usize,
+    /// The mean of its confidence over its frames, from 0 to 1; missing if no frame shows it.
+    pub confidence: Option<f32>,
+    /// Whether only one frame showed it.
+    pub tentative: bool,
+    /// Gaussians that show it; missing if the method has no memory.
+    pub gaussians: Option<usize>,
+}

@@ -1,0 +1,101 @@
+//! The map as the page draws it.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use glam::Vec3;
+use serde::Serialize;
+use splatseg_geometry::SegmentId;
+use splatseg_memory::SplatMemory;
+use std::collections::BTreeMap;
+
+/// The largest number of Gaussians that are drawn: what a laptop turns smoothly.
+pub const MAX_POINTS: usize = 100_000;
+
+/// The Gaussians, in base64: 16-bit numbers with the low byte first, and colours of three bytes.
+#[derive(Clone, Debug, Serialize)]
+pub struct MapData {
+    /// Gaussians that are drawn.
+    count: usize,
+    /// Gaussians that there are.
+    total: usize,
+    /// The corner of the map's box with the smallest coordinates, world, metres.
+    min: Vec3,
+    /// The sides of the box, metres.
+    size: Vec3,
+    /// Centres, x, y and z, as fractions of the box: 65535 is its far side.
+    positions: String,
+    /// The largest standard deviation, metres.
+    max_radius: f32,
+    /// Standard deviations as fractions of the largest.
+    radii: String,
+    /// sRGB.
+    colors: String,
+    /// The object of each, 0 for none.
+    ids: String,
+}
+
+/// The map, and how many Gaussians each object has in it.
+pub fn map_data(memory: &SplatMemory) -> (MapData, BTreeMap<SegmentId, usize>) {
+    let (balls, ids, colors) = (memory.balls(), memory.segment_ids(), memory.colors());
+    let mut gaussians = BTreeMap::new();
+    ids.iter().filter(|id| **id != 0).for_each(|id| *gaussians.entry(*id).or_insert(0) += 1);
+    let total = balls.len();
+    let drawn: Vec<usize> = evenly(total, MAX_POINTS).filter(|index| balls.means[*index].is_finite()).collect();
+    // Fewer points have to cover the same surfaces.
+    let growth = (total as f32 / drawn.len().max(1) as f32).sqrt();
+    let min = drawn.iter().map(|index| balls.means[*index]).reduce(Vec3::min).unwrap_or_default();
+    let max = drawn.iter().map(|index| balls.means[*index]).reduce(Vec3::max).unwrap_or_default();
+    let radius = |index: &usize| balls.radii[*index] * growth;
+    let max_radius = drawn.iter().map(radius).fold(0.0, f32::max);
+    let size = max - min;
+    let place = |index: &usize| {
+        let offset = balls.means[*index] - min;
+        [(offset.x, size.x), (offset.y, size.y), (offset.z, size.z)].map(|(offset, size)| fraction(offset, size))
+    };
+    let data = MapData {
+        count: drawn.len(),
+        total,
+        min,
+        size,
+        positions: words(drawn.iter().flat_map(place)),
+        max_radius,
+        radii: words(drawn.iter().map(|index| fraction(radius(index), max_radius))),
+        colors: STANDARD.encode(drawn.iter().flat_map(|index| colors[*index]).collect::<Vec<u8>>()),
+        // Ids fit 16 bits: the memory gives no others.
+        ids: words(drawn.iter().map(|index| u16::try_from(ids[*index]).unwrap_or(0))),
+    };
+    (data, gaussians)
+}
+
+/// Up to `max` of the numbers below `total`, in equal steps.
+fn evenly(total: usize, max: usize) -> impl Iterator<Item = usize> {
+    let count = total.min(max);
+    (0..count).map(move |step| step * total / count)
+}
+
+/// `part / whole` as a 16-bit number.
+fn fraction(part: f32, whole: f32) -> u16 {
+    if whole > 0.0 { (part / whole * f32::from(u16::MAX)).round() as u16 } else { 0 }
+}
+
+fn words(words: impl Iterator<Item = u16>) -> String {
+    STANDARD.encode(words.flat_map(u16::to_le_bytes).collect::<Vec<u8>>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_large_map_is_thinned_out_evenly() {
+        assert_eq!(evenly(3, 5).collect::<Vec<_>>(), [0, 1, 2]);
+        assert_eq!(evenly(10, 4).collect::<Vec<_>>(), [0, 2, 5, 7]);
+        assert_eq!(evenly(0, 4).count(), 0);
+    }
+
+    #[test]
+    fn fractions_span_16_bits() {
+        assert_eq!([0.0, 1.0, 2.0].map(|part| fraction(part, 2.0)), [0, 32768, 65535]);
+        assert_eq!(fraction(0.0, 0.0), 0);
+    }
+}

@@ -1,0 +1,85 @@
+//! Which way is up: data sets differ in which of the world's axes it is, and some have none.
+
+use glam::{Mat3, Vec3};
+use splatseg_geometry::Pose;
+
+/// How much the mean of the cameras' own up counts, against what their axes across the image say.
+const WEIGHT_OF_MEAN: f32 = 0.1;
+/// An axis of the world is taken where the estimate is as close as this, cosine (about 8 degrees).
+const CLOSE: f32 = 0.99;
+/// Steps of the power iteration. The start is close, and a direction for an orbit need not be exact.
+const STEPS: usize = 64;
+
+/// What the poses of a video say of up.
+///
+/// A person or a robot holds a camera level more than it holds it straight ahead: it is pitched and turned, but hardly
+/// rolled. So up is the direction that is most nearly perpendicular to the cameras' x axes, `Σ x xᵀ`. A camera that does
+/// not turn leaves that open, and the mean of the cameras' own up decides.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct UpEstimate {
+    across: Mat3,
+    up: Vec3,
+    frames: f32,
+}
+
+impl UpEstimate {
+    /// Takes in a frame's pose.
+    pub fn add(&mut self, world_from_camera: &Pose) {
+        let axes = world_from_camera.rotation();
+        let x = axes.x_axis;
+        self.across += Mat3::from_cols(x * x.x, x * x.y, x * x.z);
+        self.up -= axes.y_axis;
+        self.frames += 1.0;
+    }
+
+    /// Up in world coordinates, of length 1.
+    pub fn direction(&self) -> Vec3 {
+        let mean = self.up.try_normalize().unwrap_or(Vec3::Z);
+        let away_from_mean = Mat3::IDENTITY - Mat3::from_cols(mean * mean.x, mean * mean.y, mean * mean.z);
+        let cost = self.across * self.frames.max(1.0).recip() + away_from_mean * WEIGHT_OF_MEAN;
+        // The direction of the lowest cost is that of the largest eigenvalue here: no cost is above 1.1.
+        let gain = Mat3::IDENTITY * (1.0 + WEIGHT_OF_MEAN) - cost;
+        let up = (0..STEPS).fold(mean, |up, _| (gain * up).try_normalize().unwrap_or(up));
+        let axes = [Vec3::X, Vec3::Y, Vec3::Z].into_iter().flat_map(|axis| [axis, -axis]);
+        axes.into_iter().find(|axis| axis.dot(up) > CLOSE).unwrap_or(up)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Mat4;
+
+    /// A camera at the origin of a world whose z axis points up.
+    fn level(turn: f32, pitch: f32) -> Mat4 {
+        // Camera x right, y down, z forward, to world x right, y forward, z up.
+        let upright = Mat4::from_rotation_x(-std::f32::consts::FRAC_PI_2);
+        Mat4::from_rotation_z(turn) * upright * Mat4::from_rotation_x(pitch)
+    }
+
+    fn estimate(poses: impl IntoIterator<Item = Mat4>) -> Vec3 {
+        let mut up = UpEstimate::default();
+        poses.into_iter().for_each(|pose| up.add(&Pose::from_matrix(pose).unwrap()));
+        up.direction()
+    }
+
+    #[test]
+    fn cameras_that_turn_and_look_down_show_which_axis_is_up() {
+        let steps = || (0..20u8).map(|step| f32::from(step) * 0.08);
+        assert_eq!(estimate(steps().map(|turn| level(turn, -0.6))), Vec3::Z);
+        // The same in a world whose -y axis points up.
+        let other = Mat4::from_rotation_x(std::f32::consts::FRAC_PI_2);
+        assert!((estimate(steps().map(|turn| other * level(turn, -0.6))) - Vec3::NEG_Y).length() < 1e-6);
+        // And in one that is oblique.
+        let oblique = Mat4::from_rotation_x(0.5) * Mat4::from_rotation_y(0.4);
+        let found = estimate(steps().map(|turn| oblique * level(turn, -0.6)));
+        assert!(found.dot(oblique.transform_vector3(Vec3::Z)) > 0.995, "{found}");
+    }
+
+    #[test]
+    fn a_camera_that_stands_still_has_its_own_up() {
+        let found = estimate([level(0.3, -0.4)]);
+        assert!((found - level(0.3, -0.4).transform_vector3(Vec3::NEG_Y)).length() < 1e-3, "{found}");
+        assert_eq!(UpEstimate::default().direction(), Vec3::Z);
+    }
+}

@@ -1,0 +1,12 @@
+// Numbers that the page's data holds as base64 text, little-endian.
+
+/** The bytes of base64 text. */
+export function bytesOf(text) {
+  const binary = atob(text);
+  const bytes = new Uint8Array(binary.length);
+  for (let index = 0; index < bytes.length; index++) bytes[index] = binary.charCodeAt(index);
+  return bytes;
+}
+
+export const floatsOf = (text) => new Float32Array(bytesOf(text).buffer);
+export const wordsOf = (text) => new Uint16Array(bytesOf(text).buffer);

@@ -1,0 +1,83 @@
+// The id of every pixel, at a reduced resolution, loaded in chunks of frames when they are needed.
+
+import { bytesOf } from "./bytes.js";
+
+/** Chunks kept in memory: those around the current frame and the last places visited. */
+const KEPT_CHUNKS = 8;
+
+export class FrameIds {
+  #length;
+  #chunks = new Map();
+  #arrived = new Map();
+
+  /** `length` is the number of frames per chunk. */
+  constructor(length) {
+    this.#length = length;
+    // Each chunk's script calls this: a page opened from disk may load scripts but not fetch files.
+    window.splatsegFrames = (chunk, frames) => this.#arrived.set(chunk, frames);
+  }
+
+  /** The ids of a frame: `{ width, height, ids }`, `ids` row-major. Rejects if its file cannot be loaded. */
+  async of(frame) {
+    const chunk = Math.floor(frame / this.#length);
+    const frames = await this.#chunk(chunk);
+    const [width, height, text] = frames[frame - chunk * this.#length];
+    return { width, height, ids: decode(bytesOf(text), width, height) };
+  }
+
+  #chunk(number) {
+    const known = this.#chunks.get(number);
+    const chunk = known ?? this.#load(number);
+    // The one used last is the last to go.
+    this.#chunks.delete(number);
+    this.#chunks.set(number, chunk);
+    if (this.#chunks.size > KEPT_CHUNKS) this.#chunks.delete(this.#chunks.keys().next().value);
+    return chunk;
+  }
+
+  #load(number) {
+    return new Promise((resolve, reject) => {
+      const file = `viewer/frames-${String(number).padStart(3, "0")}.js`;
+      const script = document.createElement("script");
+      const end = () => {
+        const frames = this.#arrived.get(number);
+        this.#arrived.delete(number);
+        script.remove();
+        if (frames) return resolve(frames);
+        this.#chunks.delete(number);
+        reject(new Error(`${file} cannot be loaded`));
+      };
+      script.onload = end;
+      script.onerror = end;
+      script.src = file;
+      document.head.append(script);
+    });
+  }
+}
+
+/**
+ * The ids that `page/ids.rs` has encoded: in turn, how many pixels have the id of the pixel above, how many pixels
+ * after them have one other id, and that id.
+ */
+function decode(bytes, width, height) {
+  let at = 0;
+  const number = () => {
+    let value = 0;
+    for (let shift = 0; at < bytes.length; shift += 7) {
+      const byte = bytes[at++];
+      value |= (byte & 127) << shift;
+      if (byte < 128) break;
+    }
+    return value;
+  };
+  const ids = new Uint32Array(width * height);
+  let pixel = 0;
+  while (pixel < ids.length && at < bytes.length) {
+    const same = Math.min(pixel + number(), ids.length);
+    for (; pixel < same; pixel++) ids[pixel] = pixel < width ? 0 : ids[pixel - width];
+    const end = Math.min(pixel + number(), ids.length);
+    ids.fill(number(), pixel, end);
+    pixel = end;
+  }
+  return ids;
+}

@@ -1,0 +1,108 @@
+// The page's parts, and what they tell each other: which frame is shown and which object is selected.
+
+import { counted } from "./element.js";
+import { FrameIds } from "./frame_ids.js";
+import { MapView } from "./map_view.js";
+import { ObjectInfo } from "./object_info.js";
+import { ObjectList } from "./object_list.js";
+import { Picture } from "./picture.js";
+import { Run } from "./run.js";
+import { Timeline } from "./timeline.js";
+
+const run = new Run(window.splatsegRun);
+const byElementId = (id) => document.getElementById(id);
+const root = document.documentElement;
+let selected = 0;
+/** Whether the current frame shows the selected object, as far as its data says. */
+const isSeen = (object, frame) => object.seen.some(([first, last]) => first <= frame && frame <= last);
+
+function note(place, text) {
+  byElementId(place).textContent = text;
+  byElementId(place).hidden = false;
+}
+
+function describeRun() {
+  document.title = `${run.scene} – splatseg`;
+  byElementId("scene").textContent = run.scene;
+  const facts = [counted(run.frameCount, "frame"), counted(run.objects.length, "object")];
+  if (run.map) facts.push(counted(run.map.total, "Gaussian"));
+  byElementId("facts").textContent = `${facts.join(", ")} · splatseg ${run.version}`;
+}
+
+/** The 3D view, or null with a line that says why there is none. */
+function mapView() {
+  const flat = (text) => {
+    byElementId("map").parentElement.classList.add("flat");
+    note("map-note", text);
+    return null;
+  };
+  if (!run.map) return flat("This method keeps no map, so there is nothing to show in 3D.");
+  if (run.map.count === 0) return flat("The map is empty, so there is nothing to show in 3D.");
+  if (run.map.count < run.map.total) {
+    const shown = run.map.count.toLocaleString("en");
+    note("map-note", `${shown} of ${counted(run.map.total, "Gaussian")} are drawn, enlarged to fill the gaps.`);
+  }
+  try {
+    return new MapView(run, select);
+  } catch (error) {
+    return flat(`The map cannot be shown in 3D: ${error.message}`);
+  }
+}
+
+const map = mapView();
+const list = new ObjectList(run.objects, (id) => select(id === selected ? 0 : id, "seek"));
+const info = new ObjectInfo(run, { goTo: show, center: map ? (id) => map.center(id) : null });
+const picture = new Picture(run, new FrameIds(run.framesPerChunk), {
+  onPick: select,
+  onIds: (ids) => {
+    list.showFrame(ids);
+    root.dataset.frame = String(timeline.frame);
+  },
+  onError: (text) => note("video-note", text),
+});
+const timeline = new Timeline(run, { show, preload: (frame) => picture.preload(frame), clear: () => select(0) });
+
+/** Shows a frame. */
+function show(frame) {
+  byElementId("video-note").hidden = true;
+  timeline.showFrame(frame);
+  map?.showFrame(frame);
+  return picture.show(frame);
+}
+
+/** Selects an object, 0 for none. If asked to seek, goes to the frame that shows it best unless this one shows it. */
+function select(id, seek) {
+  selected = id;
+  const object = run.byId.get(id) ?? null;
+  root.dataset.object = String(id);
+  list.mark(id);
+  info.show(id);
+  timeline.mark(object);
+  picture.mark(id);
+  map?.mark(id);
+  if (seek && object?.seen.length && !isSeen(object, timeline.frame)) {
+    timeline.pause();
+    show(object.best);
+  }
+}
+
+/** `index.html#frame=12&object=7` opens at the 13th frame with object 7 selected. */
+async function follow() {
+  const wanted = (name) => Number(new RegExp(`${name}=(\\d+)`).exec(location.hash)?.[1] ?? 0);
+  await show(Math.min(wanted("frame"), Math.max(0, run.frameCount - 1)));
+  select(run.byId.has(wanted("object")) ? wanted("object") : 0);
+  root.dataset.ready = "yes";
+}
+
+describeRun();
+byElementId("colors").addEventListener("change", (event) => map?.showColors(event.target.value));
+byElementId("path").addEventListener("change", (event) => map?.showPath(event.target.checked));
+byElementId("follow").addEventListener("change", (event) => map?.follow(event.target.checked));
+byElementId("reset").addEventListener("click", () => {
+  byElementId("follow").checked = false;
+  map?.follow(false);
+  map?.reset();
+});
+byElementId("view").addEventListener("pointerdown", () => (byElementId("map-hint").hidden = true), { once: true });
+window.addEventListener("hashchange", follow);
+follow();

@@ -1,0 +1,238 @@
+// The map in 3D: Gaussians, the camera's path, the camera at the current frame, the box of the selected object.
+
+import {
+  BufferAttribute, BufferGeometry, Color, Line, LineBasicMaterial, LineSegments, Matrix4, PerspectiveCamera, Quaternion,
+  Scene, Vector3, WebGLRenderer,
+} from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { Splats } from "./splats.js";
+
+const FIELD_OF_VIEW_DEGREES = 50;
+/** A pointer that moves farther than this, pixels, drags and does not click. */
+const CLICK_PIXELS = 4;
+const CAMERA_COLOR = 0xff7a1a;
+
+export class MapView {
+  #run;
+  #canvas = document.getElementById("view");
+  #stage = document.getElementById("stage");
+  #scene = new Scene();
+  #follow = false;
+  #frame = 0;
+  #drawing = false;
+
+  /** Throws if the browser has no WebGL. `onPick` is called with the id that was clicked, 0 for none. */
+  constructor(run, onPick) {
+    this.#run = run;
+    this.renderer = new WebGLRenderer({ canvas: this.#canvas, antialias: false });
+    this.splats = new Splats(run.map, run.byId);
+    this.camera = new PerspectiveCamera(FIELD_OF_VIEW_DEGREES, 1, 0.02, 1000);
+    this.camera.up.fromArray(run.up);
+    this.controls = new OrbitControls(this.camera, this.#canvas);
+    this.controls.zoomToCursor = true;
+    this.controls.addEventListener("change", () => this.draw());
+    this.#addLines();
+    this.#scene.add(this.splats.points);
+    this.#listen(onPick);
+    this.extent = this.splats.extent();
+    this.reset();
+    new ResizeObserver(() => this.#resize()).observe(this.#stage);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#paint());
+    this.#paint();
+  }
+
+  /** Draws at the next opportunity. */
+  draw() {
+    if (this.#drawing) return;
+    this.#drawing = true;
+    requestAnimationFrame(() => {
+      this.#drawing = false;
+      this.renderer.render(this.#scene, this.camera);
+    });
+  }
+
+  /** Looks at all of the map, in the direction in which the cameras looked and from above. */
+  reset() {
+    const up = new Vector3(...this.#run.up);
+    const forward = new Vector3();
+    const quaternion = new Quaternion();
+    for (let frame = 0; frame < this.#run.frameCount; frame++) {
+      forward.add(new Vector3(0, 0, 1).applyQuaternion(quaternion.fromArray(this.#run.poseOf(frame).quaternion)));
+    }
+    forward.addScaledVector(up, -forward.dot(up));
+    if (forward.length() < 1e-6) forward.set(up.y, up.z, up.x);
+    forward.normalize();
+    const { middle, radius } = this.extent;
+    this.camera.fov = FIELD_OF_VIEW_DEGREES;
+    this.controls.target.fromArray(middle);
+    this.camera.position.fromArray(middle).addScaledVector(forward, -1.7 * radius).addScaledVector(up, 1.2 * radius);
+    this.#viewChanged();
+  }
+
+  /** Shows where the camera is at a frame. */
+  showFrame(frame) {
+    this.#frame = frame;
+    const { position, quaternion } = this.#run.poseOf(frame);
+    const { width, height, fx, fy, cx, cy } = this.#run.cameraOf(frame);
+    const depth = 0.16 * this.extent.radius;
+    // Pixel centres have integer coordinates: the image begins half a pixel before the first one.
+    const corner = (column, row) => [((column - 0.5 - cx) / fx) * depth, ((row - 0.5 - cy) / fy) * depth, depth];
+    const corners = [corner(0, 0), corner(width, 0), corner(width, height), corner(0, height)];
+    const lines = corners.flatMap((from, index) => [[0, 0, 0], from, from, corners[(index + 1) % 4]]);
+    this.frustum.geometry.setAttribute("position", new BufferAttribute(new Float32Array(lines.flat()), 3));
+    this.frustum.position.fromArray(position);
+    this.frustum.quaternion.fromArray(quaternion);
+    if (this.#follow) this.#lookAsCamera();
+    this.draw();
+  }
+
+  /** Whether the view goes with the camera. */
+  follow(wanted) {
+    this.#follow = wanted;
+    this.frustum.visible = this.path.visible && !wanted;
+    if (wanted) this.#lookAsCamera();
+    else this.draw();
+  }
+
+  showPath(wanted) {
+    this.path.visible = wanted;
+    this.frustum.visible = wanted && !this.#follow;
+    this.draw();
+  }
+
+  /** `true` or `object`. */
+  showColors(which) {
+    this.splats.uniforms.trueColors.value = which === "true" ? 1 : 0;
+    this.draw();
+  }
+
+  /** Marks an object, or none. */
+  mark(id) {
+    this.splats.uniforms.selected.value = id;
+    const box = id ? this.#boxOf(id) : null;
+    this.box.visible = box !== null;
+    if (box) this.box.matrix.copy(box);
+    this.draw();
+  }
+
+  /** Moves an object into the middle of the view; the distance stays within three times its size. */
+  center(id) {
+    const box = this.#boxOf(id);
+    if (!box) return;
+    const middle = new Vector3().setFromMatrixPosition(box);
+    const size = Math.max(...new Vector3().setFromMatrixScale(box).toArray(), 0.1);
+    const back = this.camera.position.clone().sub(this.controls.target);
+    back.setLength(Math.min(back.length(), 3 * size + 0.5));
+    this.controls.target.copy(middle);
+    this.camera.position.copy(middle).add(back);
+    this.#viewChanged();
+  }
+
+  #boxOf(id) {
+    const given = this.#run.byId.get(id)?.box;
+    if (given) {
+      const [center, size] = [new Vector3(...given.center), new Vector3(...given.size)];
+      return new Matrix4().compose(center, new Quaternion(...given.rotation), size);
+    }
+    const found = this.splats.boxOf(id);
+    if (!found) return null;
+    const [min, max] = [new Vector3(...found.min), new Vector3(...found.max)];
+    return new Matrix4().compose(min.clone().add(max).multiplyScalar(0.5), new Quaternion(), max.sub(min));
+  }
+
+  #lookAsCamera() {
+    const { position, quaternion } = this.#run.poseOf(this.#frame);
+    const { height, fy } = this.#run.cameraOf(this.#frame);
+    this.camera.fov = (2 * Math.atan(height / 2 / fy) * 180) / Math.PI;
+    this.camera.position.fromArray(position);
+    const forward = new Vector3(0, 0, 1).applyQuaternion(new Quaternion(...quaternion));
+    this.controls.target.copy(this.camera.position).add(forward);
+    this.#viewChanged();
+  }
+
+  #addLines() {
+    // Lines show through the map: a path inside a room would be hidden by its walls.
+    const material = (color) => new LineBasicMaterial({ color, depthTest: false, transparent: true, opacity: 0.85 });
+    const positions = new Float32Array(3 * this.#run.frameCount);
+    for (let frame = 0; frame < this.#run.frameCount; frame++) positions.set(this.#run.poseOf(frame).position, 3 * frame);
+    this.path = new Line(geometryOf(positions), material(CAMERA_COLOR));
+    this.frustum = new LineSegments(new BufferGeometry(), material(CAMERA_COLOR));
+    this.box = new LineSegments(geometryOf(unitBox()), material(0xffffff));
+    this.box.matrixAutoUpdate = false;
+    this.box.visible = false;
+    for (const lines of [this.path, this.frustum, this.box]) {
+      lines.frustumCulled = false;
+      lines.renderOrder = 1;
+      this.#scene.add(lines);
+    }
+  }
+
+  #listen(onPick) {
+    let pressed = null;
+    this.#canvas.addEventListener("pointerdown", (event) => (pressed = { x: event.clientX, y: event.clientY }));
+    this.#canvas.addEventListener("pointerup", (event) => {
+      const moved = pressed && Math.hypot(event.clientX - pressed.x, event.clientY - pressed.y);
+      pressed = null;
+      if (moved !== null && moved <= CLICK_PIXELS && event.button === 0) onPick(this.#objectAt(event));
+    });
+  }
+
+  #objectAt(event) {
+    const { left, top, width, height } = this.#canvas.getBoundingClientRect();
+    this.camera.updateMatrixWorld();
+    const matrix = this.camera.projectionMatrix.clone().multiply(this.camera.matrixWorldInverse);
+    const pixels = this.#pixelsPerMetre(height);
+    return this.splats.objectAt(matrix.elements, { x: event.clientX - left, y: event.clientY - top, width, height, pixels });
+  }
+
+  /** Pixels of an extent of one metre at a distance of one metre, in a view of this height. */
+  #pixelsPerMetre(height) {
+    return height / (2 * Math.tan((this.camera.fov * Math.PI) / 360));
+  }
+
+  #viewChanged() {
+    this.controls.update();
+    this.#resize();
+  }
+
+  #resize() {
+    const { clientWidth: width, clientHeight: height } = this.#stage;
+    if (!width || !height) return;
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.splats.uniforms.pixels.value = this.#pixelsPerMetre(this.renderer.domElement.height);
+    this.draw();
+  }
+
+  #paint() {
+    const style = getComputedStyle(document.documentElement);
+    const ground = new Color().setStyle(style.getPropertyValue("--stage").trim());
+    this.renderer.setClearColor(ground);
+    // The shader writes sRGB as it is.
+    const { r, g, b } = ground.clone().convertLinearToSRGB();
+    this.splats.uniforms.ground.value = new Vector3(r, g, b);
+    this.box.material.color.setStyle(style.getPropertyValue("--ink").trim());
+    this.draw();
+  }
+}
+
+function geometryOf(positions) {
+  return new BufferGeometry().setAttribute("position", new BufferAttribute(positions, 3));
+}
+
+/** The twelve edges of the box from -0.5 to 0.5. */
+function unitBox() {
+  const edges = [];
+  for (let axis = 0; axis < 3; axis++) {
+    for (const [u, v] of [[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]]) {
+      for (const along of [-0.5, 0.5]) {
+        const point = [0, 0, 0];
+        [point[axis], point[(axis + 1) % 3], point[(axis + 2) % 3]] = [along, u, v];
+        edges.push(...point);
+      }
+    }
+  }
+  return new Float32Array(edges);
+}

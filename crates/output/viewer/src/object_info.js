@@ -1,0 +1,71 @@
+// What is known of the selected object.
+
+import { counted, element, swatch } from "./element.js";
+
+export class ObjectInfo {
+  #run;
+  #actions;
+  #place = document.getElementById("info");
+
+  /** `actions`: `{ goTo(frame), center(id) }`; `center` is missing without a map. */
+  constructor(run, actions) {
+    this.#run = run;
+    this.#actions = actions;
+    this.show(0);
+  }
+
+  /** Shows an object, or how to select one. */
+  show(id) {
+    const object = this.#run.byId.get(id);
+    if (!object) {
+      const text = "No object is selected. Click one in the list, in the video or in the map.";
+      this.#place.replaceChildren(element("p", { textContent: text }));
+      return;
+    }
+    const title = `Object ${object.id}${object.label ? `: ${object.label}` : ""}`;
+    const heading = element("h2", {}, [swatch(object), title]);
+    const crop = object.crop ? [element("img", { className: "large", src: object.crop, alt: `object ${object.id}` })] : [];
+    const facts = this.#facts(object).flatMap(([name, value]) => [
+      element("dt", { textContent: name }),
+      element("dd", { textContent: value }),
+    ]);
+    this.#place.replaceChildren(heading, ...crop, element("dl", {}, facts), this.#buttons(object));
+  }
+
+  #facts(object) {
+    const name = (frame) => this.#run.names[frame];
+    const metres = (numbers) => numbers.map((number) => number.toFixed(2));
+    const facts = [["seen in", `${counted(object.frames, "frame")} of ${this.#run.frameCount}`]];
+    if (object.seen.length) {
+      facts.push(["first", name(object.seen[0][0])], ["last", name(object.seen.at(-1)[1])]);
+      facts.push(["largest", `${counted(object.area, "pixel")} in ${name(object.best)}`]);
+    }
+    if (object.confidence !== null && object.confidence !== undefined) {
+      facts.push(["confidence", `${Math.round(100 * object.confidence)} %`]);
+    }
+    if (object.size) facts.push(["size", `${metres(object.size).join(" × ")} m`]);
+    if (object.centroid) facts.push(["centre", `${metres(object.centroid).join(", ")} m`]);
+    if (object.gaussians !== null && object.gaussians !== undefined) {
+      facts.push(["in the map", counted(object.gaussians, "Gaussian")]);
+    }
+    if (object.tentative) facts.push(["status", "tentative: seen in one frame only"]);
+    return facts;
+  }
+
+  #buttons(object) {
+    const button = (textContent, act) => {
+      const made = element("button", { type: "button", textContent });
+      made.addEventListener("click", act);
+      return made;
+    };
+    const buttons = [];
+    if (object.seen.length) {
+      buttons.push(button("First frame", () => this.#actions.goTo(object.seen[0][0])));
+      buttons.push(button("Largest view", () => this.#actions.goTo(object.best)));
+    }
+    if (object.gaussians && this.#actions.center) {
+      buttons.push(button("Centre in map", () => this.#actions.center(object.id)));
+    }
+    return element("div", { className: "actions" }, buttons);
+  }
+}

@@ -1,0 +1,100 @@
+// The list of objects.
+
+import { counted, element, swatch } from "./element.js";
+
+/** By what the list can be ordered; ids decide between equals. */
+const ORDERS = {
+  id: () => 0,
+  frames: (left, right) => right.frames - left.frames,
+  area: (left, right) => (right.area ?? 0) - (left.area ?? 0),
+};
+
+export class ObjectList {
+  #objects;
+  #list = document.getElementById("list");
+  #filter = document.getElementById("filter");
+  #order = document.getElementById("order");
+  #present = document.getElementById("present");
+  #rows = new Map();
+  #ids = new Set();
+  #selected = 0;
+
+  /** `onPick` is called with the id of the object that was chosen. */
+  constructor(objects, onPick) {
+    this.#objects = objects;
+    for (const object of objects) this.#rows.set(object.id, row(object, onPick));
+    this.#filter.addEventListener("input", () => this.#show());
+    this.#present.addEventListener("change", () => this.#show());
+    this.#order.addEventListener("change", () => this.#sort());
+    this.#list.addEventListener("keydown", (event) => this.#move(event));
+    this.#sort();
+    this.#show();
+  }
+
+  /** Takes in which objects the current frame shows. */
+  showFrame(ids) {
+    this.#ids = ids;
+    this.#show();
+  }
+
+  /** Marks an object, or none, and brings it into view. */
+  mark(id) {
+    this.#button(this.#selected)?.setAttribute("aria-pressed", "false");
+    this.#selected = id;
+    this.#button(id)?.setAttribute("aria-pressed", "true");
+    this.#show();
+    this.#button(id)?.scrollIntoView({ block: "nearest" });
+  }
+
+  #button(id) {
+    return this.#rows.get(id)?.firstChild;
+  }
+
+  #sort() {
+    const order = ORDERS[this.#order.value];
+    const sorted = [...this.#objects].sort((left, right) => order(left, right) || left.id - right.id);
+    this.#list.replaceChildren(...sorted.map((object) => this.#rows.get(object.id)));
+  }
+
+  #show() {
+    const wanted = this.#filter.value.trim().replace(/^#/, "").toLowerCase();
+    let shown = 0;
+    for (const { id, label } of this.#objects) {
+      const found = String(id).startsWith(wanted) || (label ?? "").toLowerCase().includes(wanted);
+      const here = this.#ids.has(id);
+      // The selected object stays in the list while the video moves on.
+      const visible = found && (here || !this.#present.checked || id === this.#selected);
+      this.#rows.get(id).hidden = !visible;
+      this.#button(id).classList.toggle("absent", !here);
+      shown += visible ? 1 : 0;
+    }
+    document.getElementById("none").hidden = shown > 0;
+  }
+
+  /** Up and down go from row to row. */
+  #move(event) {
+    const step = { ArrowDown: "nextElementSibling", ArrowUp: "previousElementSibling" }[event.key];
+    let to = step && event.target.closest("li")?.[step];
+    while (to?.hidden) to = to[step];
+    if (!to) return;
+    event.preventDefault();
+    to.firstChild.focus();
+  }
+}
+
+function row(object, onPick) {
+  const picture = object.crop
+    ? [element("img", { className: "crop", src: object.crop, alt: "", loading: "lazy" })]
+    : [];
+  const button = element("button", { type: "button" }, [
+    swatch(object),
+    ...picture,
+    element("span", { className: "id", textContent: `#${object.id}` }),
+    element("span", { className: "label", textContent: object.label ?? "" }),
+    element("span", { className: "count", textContent: counted(object.frames, "frame") }),
+  ]);
+  button.dataset.object = object.id;
+  button.setAttribute("aria-pressed", "false");
+  button.addEventListener("click", () => onPick(object.id));
+  return element("li", {}, [button]);
+}

@@ -1,0 +1,37 @@
+// The run that the page is about, as `viewer/run.js` describes it.
+
+import { floatsOf } from "./bytes.js";
+
+/** Numbers per pose: position (x, y, z), then the rotation as a quaternion (x, y, z, w), from camera to world. */
+const POSE_NUMBERS = 7;
+
+export class Run {
+  constructor(data) {
+    this.scene = data.scene;
+    this.version = data.version;
+    this.framesPerChunk = data.frames_per_chunk;
+    this.names = data.frames;
+    this.cameras = data.cameras;
+    this.up = data.up;
+    this.map = data.map;
+    this.objects = data.objects;
+    this.byId = new Map(data.objects.map((object) => [object.id, object]));
+    this.poses = floatsOf(data.poses);
+  }
+
+  get frameCount() {
+    return this.names.length;
+  }
+
+  /** The intrinsics of a frame's camera. */
+  cameraOf(frame) {
+    return this.cameras.findLast((camera) => camera.from <= frame) ?? this.cameras[0];
+  }
+
+  /** `{ position: [x, y, z], quaternion: [x, y, z, w] }`, from camera to world. */
+  poseOf(frame) {
+    const start = frame * POSE_NUMBERS;
+    const position = this.poses.subarray(start, start + 3);
+    return { position, quaternion: this.poses.subarray(start + 3, start + POSE_NUMBERS) };
+  }
+}

@@ -1,0 +1,112 @@
+// The Gaussians of the map as round points of their size.
+
+import { BufferAttribute, BufferGeometry, Points, ShaderMaterial } from "three";
+import { bytesOf, wordsOf } from "./bytes.js";
+
+/** How many standard deviations a Gaussian is drawn wide: neighbours then close the surface between them. */
+const RADIUS_IN_SIGMA = 1.7;
+/** Points are at least this wide, pixels, so that none vanishes. */
+const MIN_PIXELS = 1.5;
+/** The colour of Gaussians of no object. */
+const NO_OBJECT = [128, 128, 128];
+
+const VERTEX = `
+  uniform float pixels; // of an extent of one metre at a distance of one metre
+  uniform float selected;
+  uniform float trueColors;
+  uniform vec3 ground;
+  attribute float radius;
+  attribute float object;
+  attribute vec3 objectColor;
+  attribute vec3 trueColor;
+  varying vec3 tint;
+  void main() {
+    vec4 seen = modelViewMatrix * vec4(position, 1.0);
+    gl_Position = projectionMatrix * seen;
+    gl_PointSize = clamp(2.0 * radius * pixels / max(-seen.z, 1e-3), ${MIN_PIXELS.toFixed(1)}, 400.0);
+    tint = mix(objectColor, trueColor, trueColors);
+    if (selected > 0.0 && object != selected) tint = mix(vec3(dot(tint, vec3(0.3, 0.6, 0.1))), ground, 0.72);
+  }`;
+const FRAGMENT = `
+  varying vec3 tint;
+  void main() {
+    vec2 place = 2.0 * gl_PointCoord - 1.0;
+    float distance2 = dot(place, place);
+    if (distance2 > 1.0) discard;
+    gl_FragColor = vec4(tint * (1.0 - 0.18 * distance2), 1.0);
+  }`;
+
+export class Splats {
+  /** `map` is the run's map, `byId` its objects. */
+  constructor(map, byId) {
+    this.count = map.count;
+    this.positions = positionsOf(map);
+    this.radii = Float32Array.from(wordsOf(map.radii), (part) => (part / 65535) * map.max_radius * RADIUS_IN_SIGMA);
+    this.ids = wordsOf(map.ids);
+    const objectColors = new Uint8Array(3 * this.count);
+    this.ids.forEach((id, index) => objectColors.set(byId.get(id)?.color ?? NO_OBJECT, 3 * index));
+    const geometry = new BufferGeometry();
+    geometry.setAttribute("position", new BufferAttribute(this.positions, 3));
+    geometry.setAttribute("radius", new BufferAttribute(this.radii, 1));
+    geometry.setAttribute("object", new BufferAttribute(Float32Array.from(this.ids), 1));
+    geometry.setAttribute("objectColor", new BufferAttribute(objectColors, 3, true));
+    geometry.setAttribute("trueColor", new BufferAttribute(bytesOf(map.colors), 3, true));
+    this.uniforms = { pixels: { value: 1 }, selected: { value: 0 }, trueColors: { value: 0 }, ground: { value: null } };
+    const material = new ShaderMaterial({ uniforms: this.uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT });
+    this.points = new Points(geometry, material);
+    this.points.frustumCulled = false;
+  }
+
+  /**
+   * The object of the Gaussian at a place, 0 for none, as the shader draws them: of those that cover it the nearest
+   * one. `matrix` is from world to clip space (16 numbers, column-major), `x` and `y` are pixels from the top left of a
+   * view of `width` × `height` pixels, `pixels` is as in the shader, but in these pixels.
+   */
+  objectAt(matrix, { x, y, width, height, pixels }) {
+    let nearest = { depth: Infinity, id: 0 };
+    const m = matrix;
+    for (let index = 0; index < this.count; index++) {
+      const [px, py, pz] = [this.positions[3 * index], this.positions[3 * index + 1], this.positions[3 * index + 2]];
+      const depth = m[3] * px + m[7] * py + m[11] * pz + m[15];
+      if (depth < 0.02 || depth >= nearest.depth) continue;
+      const dx = ((m[0] * px + m[4] * py + m[8] * pz + m[12]) / depth + 1) * 0.5 * width - x;
+      const dy = (1 - (m[1] * px + m[5] * py + m[9] * pz + m[13]) / depth) * 0.5 * height - y;
+      const radius = Math.max((this.radii[index] * pixels) / depth, MIN_PIXELS);
+      if (dx * dx + dy * dy <= radius * radius) nearest = { depth, id: this.ids[index] };
+    }
+    return nearest.id;
+  }
+
+  /** The box around the Gaussians of an object, along the world's axes: `{ min, max }`, or null if it has none. */
+  boxOf(id) {
+    const min = [Infinity, Infinity, Infinity];
+    const max = [-Infinity, -Infinity, -Infinity];
+    for (let index = 0; index < this.count; index++) {
+      if (this.ids[index] !== id) continue;
+      for (let axis = 0; axis < 3; axis++) {
+        const value = this.positions[3 * index + axis];
+        min[axis] = Math.min(min[axis], value - this.radii[index]);
+        max[axis] = Math.max(max[axis], value + this.radii[index]);
+      }
+    }
+    return min[0] <= max[0] ? { min, max } : null;
+  }
+
+  /** The middle of the map, and a distance within which most of it lies, metres. */
+  extent() {
+    const middle = [0, 1, 2].map((axis) => median(this.positions.filter((_, index) => index % 3 === axis)));
+    const distances = new Float32Array(this.count);
+    for (let index = 0; index < this.count; index++) {
+      distances[index] = Math.hypot(...middle.map((value, axis) => this.positions[3 * index + axis] - value));
+    }
+    return { middle, radius: Math.max(distances.sort()[Math.floor(0.9 * (this.count - 1))] ?? 1, 0.05) };
+  }
+}
+
+/** Positions are stored as fractions of the map's box. */
+function positionsOf(map) {
+  const parts = wordsOf(map.positions);
+  return Float32Array.from(parts, (part, index) => map.min[index % 3] + (part / 65535) * map.size[index % 3]);
+}
+
+const median = (values) => values.sort()[values.length >> 1] ?? 0;

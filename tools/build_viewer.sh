@@ -1,0 +1,28 @@
+#!/usr/bin/env bash
+# Builds crates/output/viewer/viewer.min.js, the script of a run's index.html, from its sources and three.js.
+#
+# Needs Node.js and npm. Versions and checksums of packages are those of package-lock.json, so the result is the same,
+# byte for byte. `tools/build_viewer.sh --check` builds it elsewhere and compares it with the committed file.
+set -euo pipefail
+cd "$(dirname "$0")/../crates/output/viewer"
+
+built=viewer.min.js
+if [ "${1:-}" = --check ]; then
+    built=$(mktemp)
+    trap 'rm -f "$built"' EXIT
+fi
+# No package may run scripts of its own: esbuild works without.
+npm ci --ignore-scripts --no-audit --no-fund --silent
+# three.js's licence has to go wherever its code goes.
+licence="/*!
+splatseg's viewer (MIT OR Apache-2.0). Built by tools/build_viewer.sh from crates/output/viewer/src and three.js:
+
+$(cat node_modules/three/LICENSE)
+*/"
+node_modules/.bin/esbuild src/main.js --bundle --minify --format=iife --target=es2022 --charset=utf8 \
+    --legal-comments=none --banner:js="$licence" --log-level=warning --outfile="$built" --allow-overwrite
+if [ "${1:-}" = --check ]; then
+    cmp "$built" viewer.min.js && echo "viewer.min.js is what its sources make"
+else
+    wc -c "$built"
+fi
