@@ -94,6 +94,8 @@ async function follow() {
   root.dataset.ready = "yes";
 }
 
+// For the browser's console: `splatsegPage.select(7)`.
+window.splatsegPage = { run, map, show, select };
 describeRun();
 byElementId("colors").addEventListener("change", (event) => map?.showColors(event.target.value));
 byElementId("path").addEventListener("change", (event) => map?.showPath(event.target.checked));

@@ -1,16 +1,17 @@
 // The map in 3D: Gaussians, the camera's path, the camera at the current frame, the box of the selected object.
 
-import {
-  BufferAttribute, BufferGeometry, Color, Line, LineBasicMaterial, LineSegments, Matrix4, PerspectiveCamera, Quaternion,
-  Scene, Vector3, WebGLRenderer,
-} from "three";
+import { Color, Matrix4, PerspectiveCamera, Quaternion, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { LineMaterial } from "three/addons/lines/LineMaterial.js";
+import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
+import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import { Splats } from "./splats.js";
 
 const FIELD_OF_VIEW_DEGREES = 50;
 /** A pointer that moves farther than this, pixels, drags and does not click. */
 const CLICK_PIXELS = 4;
-const CAMERA_COLOR = 0xff7a1a;
+const CAMERA_COLOR = 0xf25c05;
+const LINE_PIXELS = 2;
 
 export class MapView {
   #run;
@@ -47,8 +48,13 @@ export class MapView {
     this.#drawing = true;
     requestAnimationFrame(() => {
       this.#drawing = false;
-      this.renderer.render(this.#scene, this.camera);
+      this.drawNow();
     });
+  }
+
+  /** Draws at once. */
+  drawNow() {
+    this.renderer.render(this.#scene, this.camera);
   }
 
   /** Looks at all of the map, in the direction in which the cameras looked and from above. */
@@ -65,7 +71,7 @@ export class MapView {
     const { middle, radius } = this.extent;
     this.camera.fov = FIELD_OF_VIEW_DEGREES;
     this.controls.target.fromArray(middle);
-    this.camera.position.fromArray(middle).addScaledVector(forward, -1.7 * radius).addScaledVector(up, 1.2 * radius);
+    this.camera.position.fromArray(middle).addScaledVector(forward, -1.9 * radius).addScaledVector(up, 1.35 * radius);
     this.#viewChanged();
   }
 
@@ -79,7 +85,7 @@ export class MapView {
     const corner = (column, row) => [((column - 0.5 - cx) / fx) * depth, ((row - 0.5 - cy) / fy) * depth, depth];
     const corners = [corner(0, 0), corner(width, 0), corner(width, height), corner(0, height)];
     const lines = corners.flatMap((from, index) => [[0, 0, 0], from, from, corners[(index + 1) % 4]]);
-    this.frustum.geometry.setAttribute("position", new BufferAttribute(new Float32Array(lines.flat()), 3));
+    this.frustum.geometry.setPositions(lines.flat());
     this.frustum.position.fromArray(position);
     this.frustum.quaternion.fromArray(quaternion);
     if (this.#follow) this.#lookAsCamera();
@@ -152,18 +158,21 @@ export class MapView {
 
   #addLines() {
     // Lines show through the map: a path inside a room would be hidden by its walls.
-    const material = (color) => new LineBasicMaterial({ color, depthTest: false, transparent: true, opacity: 0.85 });
-    const positions = new Float32Array(3 * this.#run.frameCount);
-    for (let frame = 0; frame < this.#run.frameCount; frame++) positions.set(this.#run.poseOf(frame).position, 3 * frame);
-    this.path = new Line(geometryOf(positions), material(CAMERA_COLOR));
-    this.frustum = new LineSegments(new BufferGeometry(), material(CAMERA_COLOR));
-    this.box = new LineSegments(geometryOf(unitBox()), material(0xffffff));
+    const material = (color) => new LineMaterial({ color, linewidth: LINE_PIXELS, depthTest: false, transparent: true });
+    const lines = (positions, color) => new LineSegments2(new LineSegmentsGeometry().setPositions(positions), material(color));
+    const steps = [];
+    for (let frame = 1; frame < this.#run.frameCount; frame++) {
+      steps.push(...this.#run.poseOf(frame - 1).position, ...this.#run.poseOf(frame).position);
+    }
+    this.path = lines(steps, CAMERA_COLOR);
+    this.frustum = lines([], CAMERA_COLOR);
+    this.box = lines(unitBox(), 0xffffff);
     this.box.matrixAutoUpdate = false;
     this.box.visible = false;
-    for (const lines of [this.path, this.frustum, this.box]) {
-      lines.frustumCulled = false;
-      lines.renderOrder = 1;
-      this.#scene.add(lines);
+    for (const drawn of [this.path, this.frustum, this.box]) {
+      drawn.frustumCulled = false;
+      drawn.renderOrder = 1;
+      this.#scene.add(drawn);
     }
   }
 
@@ -218,10 +227,6 @@ export class MapView {
   }
 }
 
-function geometryOf(positions) {
-  return new BufferGeometry().setAttribute("position", new BufferAttribute(positions, 3));
-}
-
 /** The twelve edges of the box from -0.5 to 0.5. */
 function unitBox() {
   const edges = [];
@@ -234,5 +239,5 @@ function unitBox() {
       }
     }
   }
-  return new Float32Array(edges);
+  return edges;
 }

@@ -33,7 +33,7 @@ const FRAGMENT = `
     vec2 place = 2.0 * gl_PointCoord - 1.0;
     float distance2 = dot(place, place);
     if (distance2 > 1.0) discard;
-    gl_FragColor = vec4(tint * (1.0 - 0.18 * distance2), 1.0);
+    gl_FragColor = vec4(tint * (1.0 - 0.12 * distance2), 1.0);
   }`;
 
 export class Splats {

@@ -1,6 +1,8 @@
 //! A headless Chromium, driven over the DevTools protocol: JSON messages, each ended by a zero byte, on the browser's
 //! file descriptors 3 and 4.
 
+#![allow(dead_code)] // Each test file uses a part.
+
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
