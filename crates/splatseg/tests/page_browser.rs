@@ -12,9 +12,10 @@ use serde_json::{Value, json};
 use splatseg_dataset::read_segments_png;
 use splatseg_output::segment_color;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use support::{finish, numbered_scene, splatseg};
 
-const FRAMES: usize = 8;
+const FRAMES: usize = 6;
 
 /// Runs on the rendered room, whose frames have numbers as names; returns the folder of results.
 fn run_on_room(folder: &Path, more: &[&str]) -> PathBuf {
@@ -24,6 +25,16 @@ fn run_on_room(folder: &Path, more: &[&str]) -> PathBuf {
     let ended = finish(splatseg().arg("run").arg(scene).arg("--out").arg(&out).args(more));
     assert_eq!(ended.code, 0, "{}", ended.err);
     out
+}
+
+/// The results of one run that several tests look at.
+fn room_with_map() -> &'static Path {
+    static OUT: OnceLock<PathBuf> = OnceLock::new();
+    OUT.get_or_init(|| {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("page_browser");
+        let _ = std::fs::remove_dir_all(&folder);
+        run_on_room(&folder, &[])
+    })
 }
 
 /// Opens the page of a run; waits until it is there.
@@ -74,10 +85,9 @@ fn dimmed_part(browser: &mut Browser) -> f64 {
 #[test]
 fn clicks_in_list_picture_and_map_mark_the_object_everywhere() {
     let name = "clicks_in_list_picture_and_map_mark_the_object_everywhere";
-    let Some(mut browser) = Browser::start(name, 1280, 800) else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let out = run_on_room(folder.path(), &[]);
-    open(&mut browser, &out, "#frame=3");
+    let Some(mut browser) = Browser::start(name, 1000, 720) else { return };
+    let out = room_with_map();
+    open(&mut browser, out, "#frame=3");
     assert_eq!(browser.value("document.documentElement.dataset.frame"), "3");
     assert_eq!(selected(&mut browser), 0);
 
@@ -101,20 +111,22 @@ fn clicks_in_list_picture_and_map_mark_the_object_everywhere() {
     browser.click_on("#path");
     let (left, top, width, height) = browser.place_of("#view");
     let before = screenshot(&mut browser);
-    let mut hits = 0;
-    for step in 0..25 {
-        let (across, down) = (0.3 + 0.1 * f64::from(step % 5), 0.3 + 0.1 * f64::from(step / 5));
+    let (mut hits, mut others) = (0, 0);
+    for step in 0..16 {
+        let (across, down) = (0.3 + 0.12 * f64::from(step % 4), 0.35 + 0.1 * f64::from(step / 4));
         let at = ((left + across * width).floor() + 0.5, (top + down * height).floor() + 0.5);
         browser.click(at.0, at.1);
         let id = selected(&mut browser);
         if id != 0 {
-            hits += u32::from(has_color(&before, at, segment_color(id)));
+            let is_hit = has_color(&before, at, segment_color(id));
+            (hits, others) = (hits + u32::from(is_hit), others + u32::from(!is_hit));
             assert!(
                 browser.value("document.getElementById('info').textContent").as_str().unwrap().contains("Gaussian")
             );
         }
     }
-    assert!(hits >= 12, "{hits} of 25 clicks selected what was there");
+    // Where two objects meet within a pixel, either may be found.
+    assert!(hits >= 10 && others <= 1, "{hits} clicks selected what was there, {others} something else");
 
     // In the list. For an object that this frame does not show, the video goes to the frame that shows it best.
     browser.press("Escape");
@@ -132,10 +144,9 @@ fn clicks_in_list_picture_and_map_mark_the_object_everywhere() {
 
 #[test]
 fn the_video_plays_and_keys_move_it() {
-    let Some(mut browser) = Browser::start("the_video_plays_and_keys_move_it", 1280, 800) else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let out = run_on_room(folder.path(), &[]);
-    open(&mut browser, &out, "");
+    let Some(mut browser) = Browser::start("the_video_plays_and_keys_move_it", 1000, 720) else { return };
+    let out = room_with_map();
+    open(&mut browser, out, "");
     let is_at = |frame: usize| {
         format!(
             "document.documentElement.dataset.frame === '{frame}' && document.getElementById('slider').value === '{frame}' \
