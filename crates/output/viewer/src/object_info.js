@@ -35,10 +35,10 @@ export class ObjectInfo {
   #facts(object) {
     const name = (frame) => this.#run.names[frame];
     const metres = (numbers) => numbers.map((number) => number.toFixed(2));
-    const facts = [["seen in", `${counted(object.frames, "frame")} of ${this.#run.frameCount}`]];
+    const facts = [["seen in", `${object.frames} of ${counted(this.#run.frameCount, "frame")}`]];
     if (object.seen.length) {
       facts.push(["first", name(object.seen[0][0])], ["last", name(object.seen.at(-1)[1])]);
-      facts.push(["largest", `${counted(object.area, "pixel")} in ${name(object.best)}`]);
+      facts.push(["largest", `${object.area.toLocaleString("en")} px in ${name(object.best)}`]);
     }
     if (object.confidence !== null && object.confidence !== undefined) {
       facts.push(["confidence", `${Math.round(100 * object.confidence)} %`]);

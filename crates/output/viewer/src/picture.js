@@ -32,7 +32,7 @@ export class Picture {
   async show(frame) {
     const camera = this.#run.cameraOf(frame);
     this.#box.style.aspectRatio = `${camera.width} / ${camera.height}`;
-    this.#box.style.maxWidth = `calc(46vh * ${camera.width / camera.height})`;
+    this.#box.style.maxWidth = `calc(var(--picture-height) * ${camera.width / camera.height})`;
     this.#frame = frame;
     this.#image.src = this.#file(frame);
     this.#image.alt = `frame ${this.#run.names[frame]} with its objects`;

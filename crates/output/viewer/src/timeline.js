@@ -67,22 +67,23 @@ export class Timeline {
   }
 
   #key(event) {
-    const types = event.target.closest("input[type=search], input[type=range], select");
     if (event.altKey || event.ctrlKey || event.metaKey) return;
     if (event.key === "Escape") return this.#actions.clear();
-    if (types) return;
+    const isIn = (elements) => event.target.closest(elements) !== null;
+    if (isIn("input[type=search], select")) return;
+    if (event.key === " " && !isIn("button, input[type=checkbox]")) {
+      event.preventDefault();
+      return this.#playing ? this.pause() : this.play();
+    }
+    // The slider has arrow keys of its own.
+    if (isIn("input[type=range]")) return;
     const step = event.shiftKey ? FRAMES_PER_JUMP : 1;
     const to = {
       ArrowLeft: this.frame - step, ArrowRight: this.frame + step, Home: 0, End: this.#run.frameCount - 1,
     }[event.key];
-    if (to !== undefined) {
-      this.#actions.show(Math.max(0, Math.min(to, this.#run.frameCount - 1)));
-    } else if (event.key === " " && !event.target.closest("button, input")) {
-      this.#playing ? this.pause() : this.play();
-    } else {
-      return;
-    }
+    if (to === undefined) return;
     event.preventDefault();
+    this.#actions.show(Math.max(0, Math.min(to, this.#run.frameCount - 1)));
   }
 
   #draw() {

@@ -1,0 +1,101 @@
+//! The files of the page: what is in them, whatever frames are called.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use glam::Vec3;
+use serde_json::{Value, json};
+use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame};
+use splatseg_objects::ObjectLog;
+use splatseg_output::{FrameRecord, OutputError, Page, ResultFolder, RunEnd, RunOutput, segment_color};
+use splatseg_tracking::FrameOutput;
+use std::collections::BTreeMap;
+
+const CAMERA: Intrinsics = Intrinsics { fx: 3.0, fy: 3.0, cx: 1.5, cy: 1.0, width: 4, height: 3 };
+
+/// Results in memory.
+#[derive(Default)]
+struct Files(BTreeMap<String, String>);
+
+impl ResultFolder for Files {
+    fn write(&mut self, file: &str, bytes: &[u8]) -> Result<(), OutputError> {
+        self.0.insert(file.to_owned(), String::from_utf8(bytes.to_vec()).unwrap());
+        Ok(())
+    }
+}
+
+/// The page of a camera that moves along x. Object 7 is seen in every frame, object 9 in every third.
+fn page(frames: usize, scene: &str, name: impl Fn(usize) -> String) -> Files {
+    let (mut files, mut page, mut log) = (Files::default(), Page::new(), ObjectLog::default());
+    for number in 0..frames {
+        let segments = Image::from_fn(4, 3, |column, _| if column == 0 && number % 3 == 0 { 9 } else { 7 });
+        let camera = Intrinsics { fx: if number < 2 { 3.0 } else { 4.0 }, ..CAMERA };
+        let pose = Pose::from_translation(Vec3::new(number as f32, 0.5, 0.0));
+        let frame = RgbdFrame::new("0", Image::filled(4, 3, [0; 3]), Image::filled(4, 3, 1.0), camera, pose).unwrap();
+        let objects = log.record(&FrameOutput::from_segments(segments.clone()));
+        let record = FrameRecord { number, file_name: name(number), frame, segments, objects };
+        page.add_frame(&record, &mut files).unwrap();
+    }
+    page.finish(&RunEnd { scene, objects: &log, memory: None }, &mut files).unwrap();
+    files
+}
+
+/// What the page's data say.
+fn run(files: &Files) -> Value {
+    let script = &files.0["viewer/run.js"];
+    serde_json::from_str(script.strip_prefix("var splatsegRun=").unwrap().strip_suffix(";\n").unwrap()).unwrap()
+}
+
+#[test]
+fn frames_are_in_files_of_64() {
+    let files = page(130, "room", |number| number.to_string());
+    let names: Vec<&String> = files.0.keys().collect();
+    let viewer = ["frames-000.js", "frames-001.js", "frames-002.js", "run.js", "viewer.js"];
+    let expected: Vec<String> =
+        ["index.html".to_owned()].into_iter().chain(viewer.map(|name| format!("viewer/{name}"))).collect();
+    assert_eq!(names, expected.iter().collect::<Vec<_>>());
+    for (chunk, count) in [(0, 64), (1, 64), (2, 2)] {
+        let script = &files.0[&format!("viewer/frames-{chunk:03}.js")];
+        let start = format!("splatsegFrames({chunk},");
+        let frames: Value =
+            serde_json::from_str(script.strip_prefix(&start).unwrap().strip_suffix(");\n").unwrap()).unwrap();
+        assert_eq!(frames.as_array().unwrap().len(), count);
+        // None as above, one of 9, none as above, three of 7, the other two rows as above.
+        let ids = STANDARD.encode([0, 1, 9, 0, 3, 7, 8]);
+        assert_eq!(frames[(3 - chunk * 64 % 3) % 3], json!([4, 3, ids]));
+    }
+}
+
+#[test]
+fn the_data_say_where_objects_and_cameras_were() {
+    let run = run(&page(5, "room", |number| format!("frame {number}")));
+    assert_eq!((&run["scene"], &run["frames"][4], &run["map"]), (&json!("room"), &json!("frame 4"), &Value::Null));
+    let cameras: Vec<(&Value, &Value)> =
+        run["cameras"].as_array().unwrap().iter().map(|camera| (&camera["from"], &camera["fx"])).collect();
+    assert_eq!(cameras, [(&json!(0), &json!(3.0)), (&json!(2), &json!(4.0))]);
+    let poses = STANDARD.decode(run["poses"].as_str().unwrap()).unwrap();
+    let poses: Vec<f32> = poses.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+    assert_eq!(poses[7..14], [1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    assert_eq!(run["up"], json!([0.0, -1.0, 0.0]));
+    let objects = run["objects"].as_array().unwrap();
+    assert_eq!(objects.len(), 2);
+    assert_eq!((&objects[0]["id"], &objects[0]["color"]), (&json!(7), &json!(segment_color(7))));
+    assert_eq!(
+        (&objects[0]["area"], &objects[0]["best"], &objects[0]["seen"]),
+        (&json!(12), &json!(1), &json!([[0, 4]]))
+    );
+    assert_eq!((&objects[1]["frames"], &objects[1]["seen"]), (&json!(2), &json!([[0, 0], [3, 3]])));
+}
+
+#[test]
+fn names_are_data_and_the_page_is_always_the_same() {
+    let harmful = "</script><img src=x onerror=alert(1)>\"\\\u{2028}";
+    let files = page(2, harmful, |number| format!("{harmful}{number}"));
+    assert_eq!(files.0["index.html"], page(1, "room", |number| number.to_string()).0["index.html"]);
+    let run = run(&files);
+    assert_eq!((&run["scene"], &run["frames"][1]), (&json!(harmful), &json!(format!("{harmful}1"))));
+    for reference in ["http:", "https:", "@import", "url(", "{{"] {
+        assert!(!files.0["index.html"].contains(reference), "{reference}");
+    }
+    // The licence of three.js goes with its code.
+    assert!(files.0["viewer/viewer.js"].contains("Permission is hereby granted, free of charge"));
+}
