@@ -169,7 +169,10 @@ fn every_stop_signal_ends_the_run_in_order() {
         }
         let images = ["segments", "overlay"].map(|folder| file_names(&out.join(folder)).len());
         assert_eq!(images, [frames, frames]);
-        assert_eq!(file_names(&out), ["manifest.jsonl", "memory.ply", "overlay", "segments", "summary.json"]);
+        assert_eq!(
+            file_names(&out),
+            ["index.html", "manifest.jsonl", "memory.ply", "overlay", "segments", "summary.json", "viewer"]
+        );
     }
 }
 
@@ -193,7 +196,7 @@ fn a_second_signal_ends_the_run_at_once() {
     // What it left does not stop the next run.
     let ended = run(ROOM, &out, &[]);
     assert_eq!(ended.code, 0, "{}", ended.err);
-    assert_eq!(file_names(&out), ["manifest.jsonl", "overlay", "segments", "summary.json"]);
+    assert_eq!(file_names(&out), ["index.html", "manifest.jsonl", "overlay", "segments", "summary.json", "viewer"]);
 }
 
 #[test]
