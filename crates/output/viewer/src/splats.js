@@ -7,6 +7,8 @@ import { bytesOf, wordsOf } from "./bytes.js";
 const RADIUS_IN_SIGMA = 1.7;
 /** Points are at least this wide, pixels, so that none vanishes. */
 const MIN_PIXELS = 1.5;
+/** Where the map is, is found from so many of its points. */
+const MAX_SAMPLES = 10000;
 /** The colour of Gaussians of no object. */
 const NO_OBJECT = [128, 128, 128];
 
@@ -94,12 +96,12 @@ export class Splats {
 
   /** The middle of the map, and a distance within which most of it lies, metres. */
   extent() {
-    const middle = [0, 1, 2].map((axis) => median(this.positions.filter((_, index) => index % 3 === axis)));
-    const distances = new Float32Array(this.count);
-    for (let index = 0; index < this.count; index++) {
-      distances[index] = Math.hypot(...middle.map((value, axis) => this.positions[3 * index + axis] - value));
-    }
-    return { middle, radius: Math.max(distances.sort()[Math.floor(0.9 * (this.count - 1))] ?? 1, 0.05) };
+    const samples = Math.min(this.count, MAX_SAMPLES);
+    const sample = (index, axis) => this.positions[3 * Math.floor((index * this.count) / samples) + axis];
+    const sorted = (value) => Float32Array.from({ length: samples }, (_, index) => value(index)).sort();
+    const middle = [0, 1, 2].map((axis) => sorted((index) => sample(index, axis))[samples >> 1]);
+    const distance = (index) => Math.hypot(...middle.map((value, axis) => sample(index, axis) - value));
+    return { middle, radius: Math.max(sorted(distance)[Math.floor(0.9 * (samples - 1))], 0.05) };
   }
 }
 
@@ -108,5 +110,3 @@ function positionsOf(map) {
   const parts = wordsOf(map.positions);
   return Float32Array.from(parts, (part, index) => map.min[index % 3] + (part / 65535) * map.size[index % 3]);
 }
-
-const median = (values) => values.sort()[values.length >> 1] ?? 0;
