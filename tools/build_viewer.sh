@@ -13,9 +13,12 @@ if [ "${1:-}" = --check ]; then
 fi
 # No package may run scripts of its own: esbuild works without.
 npm ci --ignore-scripts --no-audit --no-fund --silent
+# Lets a test without npm see whether the script is older than its sources.
+sources=$(LC_ALL=C; cat src/*.js package-lock.json | sha256sum | cut -d' ' -f1)
 # three.js's licence has to go wherever its code goes.
 licence="/*!
-splatseg's viewer (MIT OR Apache-2.0). Built by tools/build_viewer.sh from crates/output/viewer/src and three.js:
+splatseg's viewer (MIT OR Apache-2.0). Built by tools/build_viewer.sh from crates/output/viewer/src and three.js.
+sha256 of src/*.js and package-lock.json: $sources
 
 $(cat node_modules/three/LICENSE)
 */"

@@ -4,11 +4,14 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::Vec3;
 use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame};
 use splatseg_objects::ObjectLog;
 use splatseg_output::{FrameRecord, OutputError, Page, ResultFolder, RunEnd, RunOutput, segment_color};
 use splatseg_tracking::FrameOutput;
 use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 const CAMERA: Intrinsics = Intrinsics { fx: 3.0, fy: 3.0, cx: 1.5, cy: 1.0, width: 4, height: 3 };
 
@@ -98,4 +101,18 @@ fn names_are_data_and_the_page_is_always_the_same() {
     }
     // The licence of three.js goes with its code.
     assert!(files.0["viewer/viewer.js"].contains("Permission is hereby granted, free of charge"));
+}
+
+#[test]
+fn the_script_is_as_new_as_its_sources() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("viewer");
+    let entries = fs::read_dir(folder.join("src")).unwrap();
+    let mut sources: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    sources.sort();
+    sources.push(folder.join("package-lock.json"));
+    let mut hash = Sha256::new();
+    sources.iter().for_each(|source| hash.update(fs::read(source).unwrap()));
+    let hash: String = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    let script = fs::read_to_string(folder.join("viewer.min.js")).unwrap();
+    assert!(script.contains(&format!("package-lock.json: {hash}\n")), "run tools/build_viewer.sh");
 }

@@ -56,8 +56,9 @@ pub struct ObjectData {
     pub best: usize,
     /// The mean of its confidence over its frames, from 0 to 1; missing if no frame shows it.
     pub confidence: Option<f32>,
-    /// Whether only one frame showed it.
-    pub tentative: bool,
+    /// What the memory makes of it: `remembered`, or `tentative` if it was seen in one frame only; missing if the method
+    /// has no memory.
+    pub state: Option<&'static str>,
     /// Gaussians that show it; missing if the method has no memory.
     pub gaussians: Option<usize>,
 }

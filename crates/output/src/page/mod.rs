@@ -109,7 +109,7 @@ impl Page {
                 area,
                 best,
                 confidence: (sightings.frames > 0).then(|| (sightings.confidence / sightings.frames as f64) as f32),
-                tentative: memory.is_some_and(|memory| memory.is_tentative(id)),
+                state: memory.map(|memory| if memory.is_tentative(id) { "tentative" } else { "remembered" }),
                 gaussians: memory.map(|_| in_map.get(&id).copied().unwrap_or(0)),
             }
         };

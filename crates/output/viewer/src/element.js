@@ -14,6 +14,13 @@ export function swatch(object) {
   return made;
 }
 
+/** The picture of an object that the run has cut out; nothing if it is not there. */
+export function cropOf(object, properties) {
+  const image = element("img", { ...properties, src: object.crop });
+  image.addEventListener("error", () => image.remove());
+  return image;
+}
+
 /** A count with its noun. */
 export function counted(count, noun) {
   return `${count.toLocaleString("en")} ${noun}${count === 1 ? "" : "s"}`;

@@ -1,6 +1,12 @@
 // What is known of the selected object.
 
-import { counted, element, swatch } from "./element.js";
+import { counted, cropOf, element, swatch } from "./element.js";
+
+/** What is to be said of an object that the memory does not simply remember. */
+const STATES = {
+  tentative: "tentative: seen in one frame only",
+  forgotten: "given up: removed, part of another object, or a mistake",
+};
 
 export class ObjectInfo {
   #run;
@@ -24,7 +30,7 @@ export class ObjectInfo {
     }
     const title = `Object ${object.id}${object.label ? `: ${object.label}` : ""}`;
     const heading = element("h2", {}, [swatch(object), title]);
-    const crop = object.crop ? [element("img", { className: "large", src: object.crop, alt: `object ${object.id}` })] : [];
+    const crop = object.crop ? [cropOf(object, { className: "large", alt: `object ${object.id}` })] : [];
     const facts = this.#facts(object).flatMap(([name, value]) => [
       element("dt", { textContent: name }),
       element("dd", { textContent: value }),
@@ -35,7 +41,7 @@ export class ObjectInfo {
   #facts(object) {
     const name = (frame) => this.#run.names[frame];
     const metres = (numbers) => numbers.map((number) => number.toFixed(2));
-    const facts = [["seen in", `${object.frames} of ${counted(this.#run.frameCount, "frame")}`]];
+    const facts = [["seen in", `${object.frames.toLocaleString("en")} of ${counted(this.#run.frameCount, "frame")}`]];
     if (object.seen.length) {
       facts.push(["first", name(object.seen[0][0])], ["last", name(object.seen.at(-1)[1])]);
       facts.push(["largest", `${object.area.toLocaleString("en")} px in ${name(object.best)}`]);
@@ -48,7 +54,7 @@ export class ObjectInfo {
     if (object.gaussians !== null && object.gaussians !== undefined) {
       facts.push(["in the map", counted(object.gaussians, "Gaussian")]);
     }
-    if (object.tentative) facts.push(["status", "tentative: seen in one frame only"]);
+    if (STATES[object.state]) facts.push(["status", STATES[object.state]]);
     return facts;
   }
 

@@ -1,6 +1,6 @@
 // The list of objects.
 
-import { counted, element, swatch } from "./element.js";
+import { counted, cropOf, element, swatch } from "./element.js";
 
 /** By what the list can be ordered; ids decide between equals. */
 const ORDERS = {
@@ -83,9 +83,7 @@ export class ObjectList {
 }
 
 function row(object, onPick) {
-  const picture = object.crop
-    ? [element("img", { className: "crop", src: object.crop, alt: "", loading: "lazy" })]
-    : [];
+  const picture = object.crop ? [cropOf(object, { className: "crop", alt: "", loading: "lazy" })] : [];
   const button = element("button", { type: "button" }, [
     swatch(object),
     ...picture,
