@@ -13,6 +13,7 @@
 //! No I/O and no threads live here.
 
 mod assignment;
+mod distortion;
 mod frame;
 mod image;
 mod intrinsics;
@@ -24,6 +25,7 @@ mod rle;
 mod segment_map;
 
 pub use assignment::{Candidate, Ratio, best_assignment};
+pub use distortion::{Distortion, DistortionError};
 pub use frame::{FrameError, RgbdFrame};
 pub use image::{CowImage, Image, ImageSizeError};
 pub use intrinsics::{Intrinsics, IntrinsicsError};
