@@ -29,6 +29,7 @@ mod stream;
 mod synthetic;
 mod text;
 mod tum;
+mod undistort;
 
 pub use decode::{read_color_image, read_segments_png};
 pub use description::SceneDescription;
@@ -47,6 +48,7 @@ pub use sevenscenes::SevenScenesScene;
 pub use stream::{FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY, StreamedFrame};
 pub use synthetic::{CameraMotion, Motion, Mover, Noise, SyntheticScene, SyntheticSettings};
 pub use tum::TumScene;
+pub use undistort::Undistortion;
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
