@@ -8,7 +8,7 @@ use std::path::Path;
 fn main() -> std::io::Result<()> {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/corpus"));
     let with_choice = |choice: u8, bytes: &[u8]| [&[choice], bytes].concat();
-    let templates: [(&str, fn(&Path)); 7] = [
+    let templates: [(&str, fn(&Path)); 8] = [
         ("images", scenes::images),
         ("sevenscenes", scenes::sevenscenes),
         ("scannet", scenes::scannet),
@@ -16,6 +16,7 @@ fn main() -> std::io::Result<()> {
         ("tum", scenes::tum),
         ("replica", scenes::replica),
         ("mvpd", scenes::mvpd),
+        ("folder", scenes::folder),
     ];
     for (target, template) in templates {
         write(folder, target, &Place::new(template).seeds())?;

@@ -99,6 +99,29 @@ pub fn replica(folder: &Path) {
     write(folder, "cam_params.json", camera.to_string());
 }
 
+/// Plain folders: one with a lens and poses by time, one with matrices.
+pub fn folder(folder: &Path) {
+    let camera = json!({
+        "width": 24, "height": 16, "fx": 20.0, "fy": 20.0, "cx": 12.0, "cy": 8.0, "depth_units_per_metre": 1000.0,
+    });
+    let mut with_lens = camera.clone();
+    with_lens["distortion_model"] = json!("rational_polynomial");
+    with_lens["distortion_coefficients"] = json!([0.1, -0.2, 0.001, 0.002, 0.05, 0.1, -0.1, 0.02]);
+    let (mut tum, mut matrices) = ("# time tx ty tz qx qy qz qw\n".to_owned(), String::new());
+    for (index, (frame, _)) in room().iter().enumerate() {
+        write(folder, &format!("tum/color/{index}.5.jpg"), jpeg_bytes(frame.color()));
+        write(folder, &format!("tum/depth/{index}.5.png"), png_depth_bytes(frame.depth(), 1000.0));
+        tum += &format!("{index}.502 1 2 3 0 0 0 1\n");
+        write(folder, &format!("matrices/color/{index}.png"), png_color_bytes(frame.color()));
+        write(folder, &format!("matrices/depth/{index}.png"), png_depth_bytes(frame.depth(), 1000.0));
+        matrices += &matrix(frame);
+    }
+    write(folder, "tum/camera.json", with_lens.to_string());
+    write(folder, "tum/poses.txt", tum);
+    write(folder, "matrices/camera.json", camera.to_string());
+    write(folder, "matrices/poses.txt", matrices);
+}
+
 /// MVPd: a split's folder in `split`, a scene's archive beside it.
 pub fn mvpd(folder: &Path) {
     let (mut images, mut annotations, mut files) = (Vec::new(), Vec::new(), Vec::new());

@@ -1,6 +1,6 @@
 //! Everything that can be wrong with a scene or its settings.
 
-use splatseg_geometry::{FrameError, IntrinsicsError, PoseError};
+use splatseg_geometry::{DistortionError, FrameError, IntrinsicsError, PoseError};
 use splatseg_settings::SettingError;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -217,6 +217,30 @@ pub enum DatasetError {
         path: PathBuf,
         /// What is wrong with them.
         source: IntrinsicsError,
+    },
+    /// A lens is not described as it should be.
+    #[error("{}: {source}", path.display())]
+    Distortion {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: DistortionError,
+    },
+    /// A file has a key that it should not have.
+    #[error(
+        "{}: unknown key {key:?}{}: the keys are {known}",
+        path.display(),
+        nearest.map(|nearest| format!(", did you mean {nearest}")).unwrap_or_default()
+    )]
+    UnknownKey {
+        /// The file.
+        path: PathBuf,
+        /// The key.
+        key: String,
+        /// The most similar key that the file can have.
+        nearest: Option<&'static str>,
+        /// All keys that the file can have.
+        known: String,
     },
     /// The parts of a frame do not fit together.
     #[error("frame {name}: {source}")]

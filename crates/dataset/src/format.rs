@@ -22,6 +22,8 @@ choices! {
         /// A video of MVPd, in a split's folder or a scene's `.tar.gz`. Of several videos one is chosen by its name, as
         /// `FOLDER:VIDEO`, `FOLDER/imagesRGB/VIDEO` or `SCENE.tar.gz:VIDEO`.
         Mvpd = "mvpd",
+        /// A folder that anyone can make: `color/`, `depth/`, `camera.json` and `poses.txt`, as FOLDER_FORMAT.md describes it.
+        Folder = "folder",
         /// The built-in synthetic room.
         Synthetic = "synthetic",
     }
@@ -57,7 +59,7 @@ mod tests {
             assert_eq!(serde_json::to_string(&format).unwrap(), format!("\"{format}\""));
         }
         let error = "kitti".parse::<Format>().unwrap_err();
-        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, synthetic";
+        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, synthetic";
         assert_eq!(error.to_string(), format!("format: found \"kitti\", expected one of {names}"));
     }
 }

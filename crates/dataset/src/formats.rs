@@ -2,8 +2,8 @@
 
 use crate::synthetic::{self, SyntheticScene};
 use crate::{DatasetError, DatasetSettings, Format, Scene};
-use crate::{MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
-use crate::{mvpd, replica, scannet, sevenscenes, tum};
+use crate::{FolderScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
+use crate::{mvpd, plain_folder, replica, scannet, sevenscenes, tum};
 use splatseg_settings::SettingError;
 use std::path::Path;
 use std::sync::Arc;
@@ -64,6 +64,13 @@ const FORMATS: &[FormatEntry] = &[
         parts: mvpd::parts,
         looks_like: mvpd::looks_like,
         open: |path, _| Ok(Arc::new(MvpdScene::open(path)?)),
+    },
+    FormatEntry {
+        format: Format::Folder,
+        layout: plain_folder::LAYOUT,
+        parts: plain_folder::parts,
+        looks_like: plain_folder::looks_like,
+        open: |path, _| Ok(Arc::new(FolderScene::open(path)?)),
     },
     FormatEntry {
         format: Format::Synthetic,

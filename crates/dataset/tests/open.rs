@@ -33,8 +33,8 @@ fn a_stated_format_must_be_there() {
     write_sevenscenes(folder.path(), 1);
     let settings = |format| DatasetSettings::default().with(|settings| settings.format = format);
     assert!(open_scene(folder.path(), &settings(Format::SevenScenes)).is_ok());
-    use Format::{Mvpd, Replica, Scannet, Sens, Synthetic, Tum};
-    for format in [Scannet, Sens, Tum, Replica, Mvpd, Synthetic] {
+    use Format::{Folder, Mvpd, Replica, Scannet, Sens, Synthetic, Tum};
+    for format in [Scannet, Sens, Tum, Replica, Mvpd, Folder, Synthetic] {
         let error = open_scene(folder.path(), &settings(format)).unwrap_err();
         assert!(error.to_string().contains(&format!("not a scene of format {format}")), "{error}");
     }

@@ -33,7 +33,7 @@ pub(super) fn associate(first: &[f64], second: &[f64], max_seconds: f64) -> Vec<
 
 /// The index of the time nearest to `at` (the earlier one of two), if it is less than `max_seconds` away. `times` are
 /// increasing.
-pub(super) fn nearest(times: &[f64], at: f64, max_seconds: f64) -> Option<usize> {
+pub(crate) fn nearest(times: &[f64], at: f64, max_seconds: f64) -> Option<usize> {
     let after = times.partition_point(|time| *time < at);
     let distance = |index: &usize| (times[*index] - at).abs();
     let candidates = [after.checked_sub(1), (after < times.len()).then_some(after)];

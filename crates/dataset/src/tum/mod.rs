@@ -17,7 +17,8 @@ use crate::plausibility::warn_once;
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, shortened};
 use crate::{DatasetError, Format, Scene};
-use associate::{associate, nearest};
+use associate::associate;
+pub(crate) use associate::nearest as nearest_time;
 use lists::{ListedFile, TimedPose, read_file_list, read_trajectory};
 use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::collections::HashSet;
@@ -136,7 +137,7 @@ fn frames_of(color: &[ListedFile], depth: &[ListedFile], trajectory: &[TimedPose
     let pose_times: Vec<f64> = trajectory.iter().map(|pose| pose.seconds).collect();
     let frame = |(color_index, depth_index): (usize, usize)| {
         let (color, depth) = (&color[color_index], &depth[depth_index]);
-        let pose = nearest(&pose_times, color.seconds, MAX_SECONDS_APART)?;
+        let pose = nearest_time(&pose_times, color.seconds, MAX_SECONDS_APART)?;
         Some(TumFrame {
             name: color.stem.clone(),
             timestamp: Duration::try_from_secs_f64(color.seconds).ok(),

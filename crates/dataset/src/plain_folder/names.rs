@@ -1,0 +1,152 @@
+//! The images of a plain folder: their names, their order, and the times that names may be.
+
+use crate::DatasetError;
+use crate::listing::all_names_in;
+use std::cmp::Ordering;
+use std::path::{Path, PathBuf};
+
+/// Digits of a time in nanoseconds since 1970, as ROS names files.
+const NANOSECOND_DIGITS: usize = 19;
+
+/// An image and its name without the ending.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct NamedImage {
+    pub(super) stem: String,
+    pub(super) path: PathBuf,
+}
+
+/// The images of a folder.
+#[derive(Debug)]
+pub(super) struct Images {
+    /// In order of their times if all stems are times, otherwise of their names.
+    pub(super) images: Vec<NamedImage>,
+    /// Number of files whose names are not UTF-8.
+    pub(super) unreadable: usize,
+}
+
+impl Images {
+    /// Lists the files with one of these endings, in lower or upper case; hidden files are left out.
+    ///
+    /// # Errors
+    /// If the folder cannot be read, or holds two files of the same stem.
+    pub(super) fn list(folder: &Path, endings: &[&str]) -> Result<Self, DatasetError> {
+        // Read here for its error: an unreadable folder must not look like an empty one.
+        std::fs::read_dir(folder).map_err(|source| DatasetError::Io { path: folder.to_owned(), source })?;
+        let (mut images, mut unreadable) = (Vec::new(), 0);
+        for name in all_names_in(folder) {
+            let Some(name) = name.to_str() else {
+                unreadable += 1;
+                continue;
+            };
+            let fits = |ending: &str| endings.iter().any(|known| known.eq_ignore_ascii_case(ending));
+            if let Some((stem, ending)) = name.rsplit_once('.')
+                && fits(ending)
+                && !name.starts_with('.')
+            {
+                images.push(NamedImage { stem: stem.to_owned(), path: folder.join(name) });
+            }
+        }
+        images.sort_by(|a, b| by_name(&a.stem, &b.stem));
+        if let Some([first, second]) = images.array_windows().find(|[first, second]| first.stem == second.stem) {
+            return Err(DatasetError::Field {
+                path: folder.to_owned(),
+                field: format!("image {}", first.stem),
+                found: format!("{} and {}", file_name(first), file_name(second)),
+                expected: "one file of this name".to_owned(),
+            });
+        }
+        let mut images = Self { images, unreadable };
+        if let Some(times) = images.times() {
+            let mut timed: Vec<(f64, NamedImage)> = times.into_iter().zip(images.images).collect();
+            timed.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+            images.images = timed.into_iter().map(|(_, image)| image).collect();
+        }
+        Ok(images)
+    }
+
+    /// The times in seconds, if all stems are times.
+    pub(super) fn times(&self) -> Option<Vec<f64>> {
+        self.images.iter().map(|image| seconds_of(&image.stem)).collect()
+    }
+}
+
+fn file_name(image: &NamedImage) -> String {
+    image.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// The seconds that a text states: digits with a decimal point between them, or 19 digits, which are nanoseconds.
+pub(super) fn seconds_of(text: &str) -> Option<f64> {
+    let is_digits = |part: &str| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit());
+    if let Some((whole, fraction)) = text.split_once('.') {
+        return if is_digits(whole) && is_digits(fraction) { text.parse().ok() } else { None };
+    }
+    let nanoseconds = (text.len() == NANOSECOND_DIGITS && is_digits(text)).then(|| text.parse::<u64>().ok())??;
+    Some(std::time::Duration::from_nanos(nanoseconds).as_secs_f64())
+}
+
+/// The order of names in which numbers count as numbers: `frame_9`, then `frame_10`.
+fn by_name(left: &str, right: &str) -> Ordering {
+    let (mut left_rest, mut right_rest) = (left, right);
+    loop {
+        let (a, b) = (next_part(&mut left_rest), next_part(&mut right_rest));
+        let order = match (as_number(a), as_number(b)) {
+            // Longer numbers without leading zeros are larger.
+            (Some(a), Some(b)) => a.len().cmp(&b.len()).then(a.cmp(b)),
+            _ => a.cmp(b),
+        };
+        if order.is_ne() {
+            return order;
+        }
+        if a.is_empty() && b.is_empty() {
+            // They differ in leading zeros at most.
+            return left.cmp(right);
+        }
+    }
+}
+
+/// Takes the longest part from the front that is all digits or has none; empty at the end.
+fn next_part<'a>(rest: &mut &'a str) -> &'a str {
+    let is_digit = |letter: char| letter.is_ascii_digit();
+    let starts_with_digit = rest.starts_with(is_digit);
+    let end = rest.find(|letter| is_digit(letter) != starts_with_digit).unwrap_or(rest.len());
+    let (part, after) = rest.split_at(end);
+    *rest = after;
+    part
+}
+
+/// The digits of a part without leading zeros; `None` for a part that is not a number.
+fn as_number(part: &str) -> Option<&str> {
+    part.starts_with(|letter: char| letter.is_ascii_digit()).then(|| part.trim_start_matches('0'))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn numbers_in_names_count_as_numbers() {
+        let mut names = ["b2", "frame_10", "frame_9", "10", "9", "frame_09", "frame", "a10b2", "a10b11", "b_1"];
+        names.sort_by(|a, b| by_name(a, b));
+        assert_eq!(names, ["9", "10", "a10b2", "a10b11", "b2", "b_1", "frame", "frame_09", "frame_9", "frame_10"]);
+    }
+
+    #[test]
+    fn times_have_a_point_or_19_digits() {
+        assert_eq!(seconds_of("1305031102.175304"), Some(1_305_031_102.175_304));
+        assert_eq!(seconds_of("1305031102175304000"), Some(1_305_031_102.175_304));
+        for other in ["12", "000012", "1e3.0", "-1.5", "1.", ".5", "1.2.3", "a1.5", "", "130503110217530400", "9.x"] {
+            assert_eq!(seconds_of(other), None, "{other}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn names_are_in_one_order(mut names in prop::collection::vec("[ab0-2é]{0,5}", 0..20)) {
+            let mut backwards: Vec<String> = names.iter().rev().cloned().collect();
+            names.sort_by(|a, b| by_name(a, b));
+            backwards.sort_by(|a, b| by_name(a, b));
+            prop_assert_eq!(names, backwards);
+        }
+    }
+}

@@ -1,0 +1,155 @@
+//! `poses.txt` of a plain folder: lines of TUM RGB-D, or 4x4 matrices.
+
+use super::names::seconds_of;
+use crate::DatasetError;
+use crate::text::{read_text, shortened};
+use glam::{DQuat, DVec3};
+use splatseg_geometry::{Pose, PoseError};
+use std::path::Path;
+
+/// Larger files are not poses of a recording: this is half a million, as text.
+const MAX_BYTES: u64 = 64 << 20;
+/// How far the length of a quaternion may be from 1: text is rounded. Others are numbers in the wrong order.
+const QUATERNION_TOLERANCE: f64 = 0.02;
+
+/// A pose of the file.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ListedPose {
+    /// When it was measured, seconds; `None` for matrices.
+    pub(super) seconds: Option<f64>,
+    /// `None` where tracking was lost: a number is NaN or infinite.
+    pub(super) world_from_camera: Option<Pose>,
+    /// Number of its first line, from 1, for messages.
+    pub(super) line: usize,
+}
+
+/// How the poses of a file are written, by how many numbers are in a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Layout {
+    /// time tx ty tz qx qy qz qw
+    Tum,
+    /// A 4x4 matrix, row by row.
+    MatrixInLine,
+    /// One row of a 4x4 matrix.
+    MatrixInFourLines,
+}
+
+impl Layout {
+    fn of(numbers: usize) -> Option<Self> {
+        [Self::Tum, Self::MatrixInLine, Self::MatrixInFourLines].into_iter().find(|layout| layout.numbers() == numbers)
+    }
+
+    fn numbers(self) -> usize {
+        match self {
+            Self::Tum => 8,
+            Self::MatrixInLine => 16,
+            Self::MatrixInFourLines => 4,
+        }
+    }
+}
+
+/// A line with numbers.
+struct Line<'a> {
+    /// From 1.
+    number: usize,
+    text: &'a str,
+    /// A few more words than any line has, at most, which is enough to see that there are too many.
+    words: Vec<&'a str>,
+}
+
+impl<'a> Line<'a> {
+    /// The line, unless it is empty or a comment.
+    fn new((index, text): (usize, &'a str)) -> Option<Self> {
+        let is_separator = |letter: char| letter.is_whitespace() || letter == ',';
+        let words: Vec<&str> = text.split(is_separator).filter(|word| !word.is_empty()).take(20).collect();
+        let is_comment = words.first().is_none_or(|word| word.starts_with('#'));
+        (!is_comment).then_some(Self { number: index + 1, text, words })
+    }
+
+    fn wrong(&self, path: &Path, expected: &str) -> DatasetError {
+        DatasetError::Field {
+            path: path.to_owned(),
+            field: format!("line {}", self.number),
+            found: shortened(self.text),
+            expected: expected.to_owned(),
+        }
+    }
+
+    /// The line's `N` numbers.
+    fn numbers<const N: usize>(&self, path: &Path) -> Result<[f64; N], DatasetError> {
+        let numbers: Option<Vec<f64>> = self.words.iter().map(|word| word.parse().ok()).collect();
+        numbers
+            .and_then(|numbers| numbers.try_into().ok())
+            .ok_or_else(|| self.wrong(path, &format!("{N} numbers, as in the lines before")))
+    }
+}
+
+/// Reads the poses in the order of the file.
+pub(super) fn read_poses(path: &Path) -> Result<Vec<ListedPose>, DatasetError> {
+    let text = read_text(path, "list of poses", MAX_BYTES)?;
+    let mut lines = text.lines().enumerate().filter_map(Line::new).peekable();
+    let Some(first) = lines.peek() else { return Ok(Vec::new()) };
+    let layout = Layout::of(first.words.len()).ok_or_else(|| {
+        let expected = "8 numbers (time tx ty tz qx qy qz qw), 16 (a 4x4 matrix) or 4 (a row of a 4x4 matrix)";
+        first.wrong(path, expected)
+    })?;
+    let mut poses = Vec::new();
+    while let Some(line) = lines.next() {
+        poses.push(match layout {
+            Layout::Tum => tum_pose(path, &line)?,
+            Layout::MatrixInLine => matrix_pose(path, line.number, line.numbers(path)?)?,
+            Layout::MatrixInFourLines => {
+                let mut rows = vec![line.numbers::<4>(path)?];
+                while let (true, Some(next)) = (rows.len() < 4, lines.peek()) {
+                    rows.push(next.numbers(path)?);
+                    lines.next();
+                }
+                let numbers = rows.concat().try_into().map_err(|numbers: Vec<f64>| DatasetError::Field {
+                    path: path.to_owned(),
+                    field: format!("last matrix, from line {}", line.number),
+                    found: format!("{} rows", numbers.len() / 4),
+                    expected: "4".to_owned(),
+                })?;
+                matrix_pose(path, line.number, numbers)?
+            }
+        });
+    }
+    Ok(poses)
+}
+
+fn tum_pose(path: &Path, line: &Line<'_>) -> Result<ListedPose, DatasetError> {
+    let [seconds, tx, ty, tz, qx, qy, qz, qw] = line.numbers(path)?;
+    let seconds = line.words.first().and_then(|word| seconds_of(word)).unwrap_or(seconds);
+    if !seconds.is_finite() {
+        return Err(line.wrong(path, "a time in seconds first"));
+    }
+    let (position, rotation) = (DVec3::new(tx, ty, tz), DQuat::from_xyzw(qx, qy, qz, qw));
+    if rotation.is_finite() && position.is_finite() && (rotation.length() - 1.0).abs() > QUATERNION_TOLERANCE {
+        let expected = format!(
+            "a quaternion qx qy qz qw of length 1 at the end of the line (this one has length {:.3})",
+            rotation.length()
+        );
+        return Err(line.wrong(path, &expected));
+    }
+    let pose = Pose::from_quaternion(position, rotation);
+    Ok(ListedPose { seconds: Some(seconds), ..listed(path, line.number, pose)? })
+}
+
+fn matrix_pose(path: &Path, line: usize, numbers: [f64; 16]) -> Result<ListedPose, DatasetError> {
+    listed(path, line, Pose::from_row_major(numbers.map(|number| number as f32)))
+}
+
+/// The pose, or none where tracking was lost.
+fn listed(path: &Path, line: usize, pose: Result<Pose, PoseError>) -> Result<ListedPose, DatasetError> {
+    let world_from_camera = match pose {
+        Ok(pose) => Some(pose),
+        Err(PoseError::NotFinite) => None,
+        Err(source) => return Err(DatasetError::Pose { path: place(path, line), source }),
+    };
+    Ok(ListedPose { seconds: None, world_from_camera, line })
+}
+
+/// A file and line, for messages.
+pub(super) fn place(path: &Path, line: usize) -> std::path::PathBuf {
+    format!("{}: line {line}", path.display()).into()
+}
