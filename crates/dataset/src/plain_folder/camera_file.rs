@@ -82,9 +82,11 @@ fn check_keys(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
     })
 }
 
-/// The most similar key, if one is similar at all.
+/// The most similar key, if one is similar at all. Letters and digits count.
 fn nearest_key(wrong: &str) -> Option<&'static str> {
-    let similarity = |key: &&'static str| (strsim::jaro_winkler(key, wrong), *key);
-    let similar = KEYS.iter().map(similarity).filter(|(similarity, _)| *similarity > 0.7);
+    let plain = |key: &str| key.chars().filter(|letter| letter.is_alphanumeric()).collect::<String>().to_lowercase();
+    let wrong = plain(wrong);
+    let similarity = |key: &&'static str| (strsim::jaro_winkler(&plain(key), &wrong), *key);
+    let similar = KEYS.iter().map(similarity).filter(|(similarity, _)| *similarity > 0.8);
     similar.max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, key)| key)
 }
