@@ -29,6 +29,7 @@ pub use evidence::Votes;
 pub use features::{Codebook, CodebookError, CodebookSettings, LearningExtent};
 pub use map::{NewGaussian, SplatMap};
 pub use persistence::LoadMemoryError;
+pub use ply::{ExportedForm, ExportedGaussian, write_exported};
 pub use ply::{SavedCodes, SavedMemorySettings};
 pub use ply::{SplatContent, SplatContentView, SplatFile, SplatFileError, SplatFileView};
 pub use recall::{Recall, TileSurface};

@@ -63,6 +63,7 @@
 //! has to be told (`--sh_degree 0`, its assertion counts them); SIBR and other readers of fixed records cannot read it.
 
 mod error;
+mod export;
 mod header;
 mod layout;
 mod reader;
@@ -72,6 +73,7 @@ mod trailer;
 mod writer;
 
 pub use error::SplatFileError;
+pub use export::{ExportedForm, ExportedGaussian, write_exported};
 pub use saved_settings::{SavedCodes, SavedMemorySettings};
 
 use crate::{Codebook, MemoryKind, SplatMap, Votes};

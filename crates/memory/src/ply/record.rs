@@ -11,7 +11,7 @@ use std::path::Path;
 /// Y_00, the spherical harmonic of degree 0: 1 / (2 √π).
 const HARMONIC_0: f64 = 0.28209479177387814;
 /// Stands for opacity 1: its sigmoid is 1 in `f32`.
-const LOGIT_OF_1: f32 = 20.0;
+pub const LOGIT_OF_1: f32 = 20.0;
 
 /// Appends the record of Gaussian `index`.
 pub fn encode(view: &SplatFileView<'_>, index: usize, path: &Path, bytes: &mut Vec<u8>) -> Result<(), SplatFileError> {
@@ -180,7 +180,8 @@ impl Vertex<'_> {
     }
 }
 
-fn harmonic(channel: u8) -> f32 {
+/// What 3D Gaussian splatting stores of a channel, sRGB.
+pub fn harmonic(channel: u8) -> f32 {
     ((f64::from(channel) / 255.0 - 0.5) / HARMONIC_0) as f32
 }
 

@@ -3,6 +3,7 @@
 use super::Failure;
 use super::bench::BenchArguments;
 use super::eval::EvalArguments;
+use super::export::ExportArguments;
 use super::inspect::InspectArguments;
 use super::options::SettingsOptions;
 use super::run::SavedRun;
@@ -36,6 +37,8 @@ pub enum Command {
     Bench(Box<BenchArguments>),
     /// Show the contents of a checkpoint: network, tensors, parameters
     Inspect(InspectArguments),
+    /// Write the objects of a saved memory as PLY files, for viewers and other programs
+    Export(ExportArguments),
     /// List every setting with its default, allowed values and meaning
     Settings(SettingsArguments),
 }

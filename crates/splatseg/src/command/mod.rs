@@ -7,6 +7,7 @@ mod arguments;
 mod bench;
 mod demo;
 mod eval;
+mod export;
 mod failure;
 mod input_paths;
 mod inspect;
@@ -33,6 +34,7 @@ pub fn execute() -> Result<(), Failure> {
         Command::Eval(eval) => eval::eval(&eval),
         Command::Bench(bench) => bench::bench(&bench),
         Command::Inspect(inspect) => inspect::inspect(&inspect),
+        Command::Export(export) => export::export(&export),
         Command::Settings(arguments) => settings::settings(&arguments),
     }?;
     terminal::check_output()

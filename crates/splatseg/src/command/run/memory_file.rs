@@ -46,7 +46,7 @@ impl MemoryFile {
 }
 
 /// Whether this is a file that starts as PLY files do.
-fn is_ply(path: &Path) -> bool {
+pub fn is_ply(path: &Path) -> bool {
     let mut start = [0; 3];
     path.is_file() && File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == *b"ply"
 }

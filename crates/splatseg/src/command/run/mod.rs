@@ -14,6 +14,7 @@ pub mod saved_run;
 mod skipped_frames;
 mod stop_signals;
 
+pub use memory_file::is_ply;
 pub use report::report;
 pub use saved_run::SavedRun;
 

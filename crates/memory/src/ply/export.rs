@@ -1,0 +1,131 @@
+//! Gaussians of a saved memory as PLY files that hold nothing but what other programs show.
+
+use super::record::{LOGIT_OF_1, harmonic};
+use super::{SplatContent, SplatFile};
+use glam::Vec3;
+use splatseg_geometry::SegmentId;
+use std::io::{Result, Write};
+
+/// A Gaussian of a saved memory, and the segment that it shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExportedGaussian {
+    /// Centre, world coordinates, metres.
+    pub mean: Vec3,
+    /// Standard deviation in every direction, metres.
+    pub radius: f32,
+    /// sRGB.
+    pub color: [u8; 3],
+    /// The segment that it shows by itself, 0 for none.
+    pub segment_id: SegmentId,
+    /// How sure that is, from 0 to 1. In a memory of evidence the share of its votes that are for the segment, where
+    /// less than one vote in all counts as one; in a memory of features the length of its feature, at most 1.
+    pub confidence: f32,
+}
+
+/// What is written of each Gaussian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExportedForm {
+    /// The properties of 3D Gaussian splatting in their usual order, spherical harmonics of degree 0, then `segment_id`.
+    Gaussians,
+    /// `x y z red green blue segment_id`: a point cloud.
+    Points,
+}
+
+impl ExportedForm {
+    fn properties(self) -> &'static [&'static str] {
+        match self {
+            Self::Gaussians => &[
+                "float x",
+                "float y",
+                "float z",
+                "float nx",
+                "float ny",
+                "float nz",
+                "float f_dc_0",
+                "float f_dc_1",
+                "float f_dc_2",
+                "float opacity",
+                "float scale_0",
+                "float scale_1",
+                "float scale_2",
+                "float rot_0",
+                "float rot_1",
+                "float rot_2",
+                "float rot_3",
+                "int segment_id",
+            ],
+            Self::Points => {
+                &["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue", "int segment_id"]
+            }
+        }
+    }
+
+    /// Appends the vertex of a Gaussian, little-endian.
+    fn encode(self, gaussian: &ExportedGaussian, bytes: &mut Vec<u8>) {
+        bytes.extend(gaussian.mean.to_array().into_iter().flat_map(f32::to_le_bytes));
+        match self {
+            Self::Gaussians => {
+                let [red, green, blue] = gaussian.color.map(harmonic);
+                let scale = f64::from(gaussian.radius).ln() as f32;
+                let floats = [0.0, 0.0, 0.0, red, green, blue, LOGIT_OF_1, scale, scale, scale, 1.0, 0.0, 0.0, 0.0];
+                bytes.extend(floats.into_iter().flat_map(f32::to_le_bytes));
+            }
+            Self::Points => bytes.extend(gaussian.color),
+        }
+        bytes.extend(gaussian.segment_id.to_le_bytes());
+    }
+}
+
+impl SplatFile {
+    /// All Gaussians, in the order of the file.
+    pub fn gaussians(&self) -> impl Iterator<Item = ExportedGaussian> + '_ {
+        let balls = self.map.balls.means.iter().zip(&self.map.balls.radii).zip(&self.map.colors);
+        balls.zip(&self.segment_ids).enumerate().map(|(index, (((mean, radius), color), id))| ExportedGaussian {
+            mean: *mean,
+            radius: *radius,
+            color: *color,
+            segment_id: *id,
+            confidence: self.confidence(index, *id),
+        })
+    }
+
+    fn confidence(&self, index: usize, id: SegmentId) -> f32 {
+        match &self.content {
+            SplatContent::Evidence { votes } => {
+                let votes = votes.get(index).copied().unwrap_or_default();
+                let (all, own) = votes.iter().fold((0.0, 0.0), |(all, own), (voted, votes)| {
+                    (all + votes, if voted == id { own + votes } else { own })
+                });
+                own / f32::max(all, 1.0)
+            }
+            SplatContent::Features { features, codebook } => {
+                let dim = codebook.feature_dim();
+                match features.get(index * dim..(index + 1) * dim).unwrap_or_default() {
+                    // An id, not a direction.
+                    [_] => f32::from(u8::from(id != 0)),
+                    feature => feature.iter().map(|value| value * value).sum::<f32>().sqrt().min(1.0),
+                }
+            }
+        }
+    }
+}
+
+/// Writes Gaussians as a binary little-endian PLY file.
+///
+/// # Errors
+/// If `output` cannot be written.
+pub fn write_exported(form: ExportedForm, gaussians: &[ExportedGaussian], output: &mut impl Write) -> Result<()> {
+    let count = gaussians.len();
+    write!(output, "ply\nformat binary_little_endian 1.0\ncomment exported by splatseg\nelement vertex {count}\n")?;
+    for property in form.properties() {
+        writeln!(output, "property {property}")?;
+    }
+    writeln!(output, "end_header")?;
+    let mut vertex = Vec::new();
+    for gaussian in gaussians {
+        vertex.clear();
+        form.encode(gaussian, &mut vertex);
+        output.write_all(&vertex)?;
+    }
+    Ok(())
+}
