@@ -1,0 +1,182 @@
+//! `geometry_msgs`, `tf2_msgs` and `nav_msgs`.
+
+use crate::{Header, Interface, Message};
+use serde::{Deserialize, Serialize};
+
+/// Declares a message whose fields are all messages, texts or numbers.
+macro_rules! message {
+    (
+        $(#[doc = $doc:literal])+
+        $name:ident $(: $extra:ident)?, $interface:literal, $fields:literal, [$($uses:ident),*] {
+            $($(#[doc = $field_doc:literal])+ $field:ident: $type:ty,)+
+        }
+    ) => {
+        $(#[doc = $doc])+
+        #[derive(Clone, Debug, $($extra,)? PartialEq, Serialize, Deserialize)]
+        pub struct $name {
+            $($(#[doc = $field_doc])+ pub $field: $type,)+
+        }
+
+        impl Message for $name {
+            const INTERFACE: Interface =
+                Interface { name: $interface, fields: $fields, uses: &[$(&$uses::INTERFACE),*] };
+        }
+    };
+}
+
+message! {
+    /// A vector (`geometry_msgs/msg/Vector3`).
+    Vector3: Default, "geometry_msgs/msg/Vector3", "float64 x\nfloat64 y\nfloat64 z\n", [] {
+        /// Along x.
+        x: f64,
+        /// Along y.
+        y: f64,
+        /// Along z.
+        z: f64,
+    }
+}
+
+message! {
+    /// A point, metres (`geometry_msgs/msg/Point`).
+    Point: Default, "geometry_msgs/msg/Point", "float64 x\nfloat64 y\nfloat64 z\n", [] {
+        /// Along x.
+        x: f64,
+        /// Along y.
+        y: f64,
+        /// Along z.
+        z: f64,
+    }
+}
+
+message! {
+    /// A rotation as a unit quaternion (`geometry_msgs/msg/Quaternion`).
+    Quaternion, "geometry_msgs/msg/Quaternion", "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n", [] {
+        /// First part of the vector.
+        x: f64,
+        /// Second part of the vector.
+        y: f64,
+        /// Third part of the vector.
+        z: f64,
+        /// The scalar.
+        w: f64,
+    }
+}
+
+impl Default for Quaternion {
+    fn default() -> Self {
+        Self { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }
+    }
+}
+
+message! {
+    /// A rigid transform (`geometry_msgs/msg/Transform`).
+    Transform: Default, "geometry_msgs/msg/Transform",
+    "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n", [Vector3, Quaternion] {
+        /// The origin of the inner frame in the outer one, metres.
+        translation: Vector3,
+        /// From the axes of the inner frame to those of the outer one.
+        rotation: Quaternion,
+    }
+}
+
+message! {
+    /// A transform from `child_frame_id` to `header.frame_id` (`geometry_msgs/msg/TransformStamped`).
+    TransformStamped: Default, "geometry_msgs/msg/TransformStamped",
+    "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n", [Header, Transform] {
+        /// When it holds, and the outer frame.
+        header: Header,
+        /// The inner frame.
+        child_frame_id: String,
+        /// The transform.
+        transform: Transform,
+    }
+}
+
+message! {
+    /// Transforms between frames (`tf2_msgs/msg/TFMessage`).
+    TfMessage: Default, "tf2_msgs/msg/TFMessage", "geometry_msgs/TransformStamped[] transforms\n", [TransformStamped] {
+        /// The transforms.
+        transforms: Vec<TransformStamped>,
+    }
+}
+
+message! {
+    /// A position and an orientation (`geometry_msgs/msg/Pose`).
+    PoseMessage: Default, "geometry_msgs/msg/Pose",
+    "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n", [Point, Quaternion] {
+        /// The origin of the body, metres.
+        position: Point,
+        /// From the axes of the body to those of the frame.
+        orientation: Quaternion,
+    }
+}
+
+message! {
+    /// A pose with its time and frame (`geometry_msgs/msg/PoseStamped`).
+    PoseStamped: Default, "geometry_msgs/msg/PoseStamped",
+    "std_msgs/Header header\ngeometry_msgs/Pose pose\n", [Header, PoseMessage] {
+        /// When it holds, and the frame that it is in.
+        header: Header,
+        /// The pose.
+        pose: PoseMessage,
+    }
+}
+
+message! {
+    /// A pose and how certain it is (`geometry_msgs/msg/PoseWithCovariance`).
+    PoseWithCovariance: Default, "geometry_msgs/msg/PoseWithCovariance",
+    "geometry_msgs/Pose pose\nfloat64[36] covariance\n", [PoseMessage] {
+        /// The pose.
+        pose: PoseMessage,
+        /// Of x, y, z and the rotations about them, 6×6, row by row.
+        covariance: [[f64; 6]; 6],
+    }
+}
+
+message! {
+    /// A pose with its time, frame and covariance (`geometry_msgs/msg/PoseWithCovarianceStamped`).
+    PoseWithCovarianceStamped: Default, "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose\n", [Header, PoseWithCovariance] {
+        /// When it holds, and the frame that it is in.
+        header: Header,
+        /// The pose.
+        pose: PoseWithCovariance,
+    }
+}
+
+message! {
+    /// A velocity (`geometry_msgs/msg/Twist`).
+    Twist: Default, "geometry_msgs/msg/Twist", "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n", [Vector3] {
+        /// Metres per second.
+        linear: Vector3,
+        /// Radians per second.
+        angular: Vector3,
+    }
+}
+
+message! {
+    /// A velocity and how certain it is (`geometry_msgs/msg/TwistWithCovariance`).
+    TwistWithCovariance: Default, "geometry_msgs/msg/TwistWithCovariance",
+    "geometry_msgs/Twist twist\nfloat64[36] covariance\n", [Twist] {
+        /// The velocity.
+        twist: Twist,
+        /// Of x, y, z and the rotations about them, 6×6, row by row.
+        covariance: [[f64; 6]; 6],
+    }
+}
+
+message! {
+    /// Pose and velocity of a robot (`nav_msgs/msg/Odometry`).
+    Odometry: Default, "nav_msgs/msg/Odometry",
+    "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n\
+     geometry_msgs/TwistWithCovariance twist\n", [Header, PoseWithCovariance, TwistWithCovariance] {
+        /// When it holds, and the frame of the pose.
+        header: Header,
+        /// The frame whose pose it is; the velocity is in its axes.
+        child_frame_id: String,
+        /// The pose.
+        pose: PoseWithCovariance,
+        /// The velocity.
+        twist: TwistWithCovariance,
+    }
+}

@@ -1,0 +1,26 @@
+//! ROS 2 messages as cameras and robots record them: structs, their CDR encoding, and their interface definitions.
+//!
+//! [`from_cdr`] and [`to_cdr`] convert between a message and the bytes of a recording; images, whose bytes are most of a
+//! recording, borrow them. [`Interface::schema`] is the text that a recording of format MCAP carries for a type
+//! (schema encoding `ros2msg`).
+
+mod cdr;
+mod geometry_msgs;
+mod interface;
+mod sensor_msgs;
+mod std_msgs;
+mod visualization_msgs;
+
+pub use cdr::{CdrError, from_cdr, to_cdr};
+pub use geometry_msgs::{
+    Odometry, Point, PoseMessage, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped, Quaternion, TfMessage,
+    Transform, TransformStamped, Twist, TwistWithCovariance, Vector3,
+};
+pub use interface::{Interface, Message};
+pub use sensor_msgs::{CameraInfo, CompressedImage, Image, PointCloud2, PointField, RegionOfInterest};
+pub use std_msgs::{ColorRgba, Duration, Header, Time};
+pub use visualization_msgs::{Marker, MarkerArray, MeshFile, UvCoordinate, action, marker_type};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
