@@ -119,14 +119,20 @@ pub(crate) fn decode_color(path: &Path, bytes: &[u8]) -> Result<Image<[u8; 3]>, 
 
 /// [`read_depth`] of a file's bytes.
 pub(crate) fn decode_depth(path: &Path, bytes: &[u8], units_per_metre: f32) -> Result<Image<f32>, DatasetError> {
-    let file = EncodedImage::new(path, DEPTH_IMAGE, bytes)?;
+    let stored = decode_grey16(path, DEPTH_IMAGE, bytes)?;
+    Ok(stored.map(|stored| metres(*stored, units_per_metre)))
+}
+
+/// The numbers of a PNG with 16-bit grey, `[height, width]`. `what` names the image in errors.
+pub(crate) fn decode_grey16(path: &Path, what: &'static str, bytes: &[u8]) -> Result<Image<u16>, DatasetError> {
+    let file = EncodedImage::new(path, what, bytes)?;
     let expected = "a PNG with 16-bit grey";
     file.require_png(&[(GREY, 16)], expected)?;
     let DynamicImage::ImageLuma16(pixels) = file.decode()? else {
         return Err(file.pixel_kind("grey with transparent".to_owned(), expected));
     };
     Ok(Image::from_fn(pixels.width() as usize, pixels.height() as usize, |column, row| {
-        metres(pixels.get_pixel(column as u32, row as u32).0[0], units_per_metre)
+        pixels.get_pixel(column as u32, row as u32).0[0]
     }))
 }
 

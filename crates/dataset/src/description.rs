@@ -4,7 +4,8 @@ use crate::plausibility::warn_once;
 use crate::{DatasetSettings, Format, LeftOut, Scene, StreamedFrame};
 use std::fmt;
 
-/// What a stream of frames reads. Displayed, it is one line, and one more for each kind of what is left out.
+/// What a stream of frames reads. Displayed, it is one line, and one more for each source and each kind of what is left
+/// out.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct SceneDescription {
@@ -24,6 +25,8 @@ pub struct SceneDescription {
     pub frame_size: Option<(usize, usize)>,
     /// The smallest and the largest depth in the first frame, metres; `None` also if it has no depth at all.
     pub depth_range_m: Option<(f32, f32)>,
+    /// What its parts were found in, one line each, where that is not obvious from its files.
+    pub sources: Vec<String>,
     /// The frames that were found but are not used.
     pub left_out: Vec<LeftOut>,
 }
@@ -40,6 +43,7 @@ impl SceneDescription {
             original_size: None,
             frame_size: None,
             depth_range_m: None,
+            sources: scene.sources().to_vec(),
             left_out: scene.left_out().to_vec(),
         }
     }
@@ -92,16 +96,9 @@ fn frames(count: usize) -> String {
     if count == 1 { "1 frame".to_owned() } else { format!("{count} frames") }
 }
 
-impl fmt::Display for SceneDescription {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{}: ", self.name)?;
-        if let Some(format) = self.format {
-            write!(formatter, "format {format}, ")?;
-        }
-        write!(formatter, "{}", frames(self.frames))?;
-        if self.selected_frames != self.frames {
-            write!(formatter, ", {} used", self.selected_frames)?;
-        }
+impl SceneDescription {
+    /// Writes what the first good frame shows.
+    fn write_images(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (Some(color), Some(original), Some(framed)) = (self.color_size, self.original_size, self.frame_size) else {
             return write!(formatter, "; none of them can be read");
         };
@@ -114,9 +111,26 @@ impl fmt::Display for SceneDescription {
         }
         match self.depth_range_m {
             Some((nearest, farthest)) => {
-                write!(formatter, "; depth of the first frame {nearest:.2} to {farthest:.2} m")?;
+                write!(formatter, "; depth of the first frame {nearest:.2} to {farthest:.2} m")
             }
-            None => write!(formatter, "; no depth in the first frame")?,
+            None => write!(formatter, "; no depth in the first frame"),
+        }
+    }
+}
+
+impl fmt::Display for SceneDescription {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}: ", self.name)?;
+        if let Some(format) = self.format {
+            write!(formatter, "format {format}, ")?;
+        }
+        write!(formatter, "{}", frames(self.frames))?;
+        if self.selected_frames != self.frames {
+            write!(formatter, ", {} used", self.selected_frames)?;
+        }
+        self.write_images(formatter)?;
+        for source in &self.sources {
+            write!(formatter, "\n  {source}")?;
         }
         for LeftOut { count, what } in &self.left_out {
             write!(formatter, "\n  left out: {} {what}", frames(*count))?;
@@ -140,18 +154,20 @@ mod tests {
             original_size: Some((640, 480)),
             frame_size: Some((310, 230)),
             depth_range_m: Some((0.8125, 4.2)),
+            sources: vec!["colour: /color".to_owned()],
             left_out: vec![LeftOut { count: 3, what: "without a colour image".to_owned() }],
         };
         assert_eq!(
             description.to_string(),
             "scene0000_00: format scannet, 5578 frames, 279 used; colour 1296x968, depth 640x480, used at 310x230; depth \
-             of the first frame 0.81 to 4.20 m\n  left out: 3 frames without a colour image"
+             of the first frame 0.81 to 4.20 m\n  colour: /color\n  left out: 3 frames without a colour image"
         );
         description.depth_range_m = None;
         description.frame_size = None;
         description.frames = 1;
         description.selected_frames = 1;
         description.left_out.clear();
+        description.sources.clear();
         assert_eq!(description.to_string(), "scene0000_00: format scannet, 1 frame; none of them can be read");
     }
 }

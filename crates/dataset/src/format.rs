@@ -24,6 +24,8 @@ choices! {
         Mvpd = "mvpd",
         /// A folder that anyone can make: `color/`, `depth/`, `camera.json` and `poses.txt`, as FOLDER_FORMAT.md describes it.
         Folder = "folder",
+        /// A recording of ROS 2 messages in an MCAP file, or a folder with one, as rosbag2 writes it.
+        Mcap = "mcap",
         /// The built-in synthetic room.
         Synthetic = "synthetic",
     }
@@ -59,7 +61,7 @@ mod tests {
             assert_eq!(serde_json::to_string(&format).unwrap(), format!("\"{format}\""));
         }
         let error = "kitti".parse::<Format>().unwrap_err();
-        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, synthetic";
+        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, mcap, synthetic";
         assert_eq!(error.to_string(), format!("format: found \"kitti\", expected one of {names}"));
     }
 }

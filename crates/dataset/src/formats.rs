@@ -2,8 +2,8 @@
 
 use crate::synthetic::{self, SyntheticScene};
 use crate::{DatasetError, DatasetSettings, Format, Scene};
-use crate::{FolderScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
-use crate::{mvpd, plain_folder, replica, scannet, sevenscenes, tum};
+use crate::{FolderScene, McapScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
+use crate::{mcap, mvpd, plain_folder, replica, scannet, sevenscenes, tum};
 use splatseg_settings::SettingError;
 use std::path::Path;
 use std::sync::Arc;
@@ -71,6 +71,13 @@ const FORMATS: &[FormatEntry] = &[
         parts: plain_folder::parts,
         looks_like: plain_folder::looks_like,
         open: |path, _| Ok(Arc::new(FolderScene::open(path)?)),
+    },
+    FormatEntry {
+        format: Format::Mcap,
+        layout: mcap::LAYOUT,
+        parts: |_| Vec::new(),
+        looks_like: mcap::looks_like,
+        open: |path, settings| Ok(Arc::new(McapScene::open(path, settings)?)),
     },
     FormatEntry {
         format: Format::Synthetic,
@@ -145,6 +152,14 @@ fn open(entry: &FormatEntry, path: &Path, settings: &DatasetSettings) -> Result<
                 path.display(),
                 entry.format
             ),
+        }
+        .into());
+    }
+    if let Some((name, found)) = settings.of_recordings().filter(|_| entry.format != Format::Mcap) {
+        return Err(SettingError {
+            key: format!("dataset.{name}"),
+            found: format!("{found:?}"),
+            expected: format!("nothing for {}, whose format is {}: only mcap has topics", path.display(), entry.format),
         }
         .into());
     }

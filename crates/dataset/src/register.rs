@@ -1,16 +1,16 @@
-//! Depth of one camera warped into another that stands beside it.
+//! Depth of one camera warped into another.
 
-use splatseg_geometry::{Image, Intrinsics};
+use splatseg_geometry::{Image, Intrinsics, Pose};
 
-/// Two cameras with parallel axes.
+/// Two pinhole cameras, and where they stand.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CameraPair {
     /// The camera that measured depth.
     pub(crate) depth: Intrinsics,
     /// The camera to warp into.
     pub(crate) color: Intrinsics,
-    /// How far the colour camera stands to the right of the depth camera, metres.
-    pub(crate) offset_m: f32,
+    /// From the depth camera's to the colour camera's coordinates.
+    pub(crate) color_from_depth: Pose,
 }
 
 /// Moves every measurement (z-depth, metres, `[height, width]` of the depth camera) to the pixel at which the colour
@@ -20,14 +20,14 @@ pub(crate) fn register_depth(depth: &Image<f32>, cameras: &CameraPair) -> Image<
     let mut registered: Image<f32> = Image::filled(width, height, 0.0);
     for row in 0..depth.height() {
         for (column, z) in depth.row(row).iter().enumerate().filter(|(_, z)| **z > 0.0) {
-            let mut point = cameras.depth.unproject(glam::Vec2::new(column as f32, row as f32), *z);
-            point.x -= cameras.offset_m;
+            let seen_by_depth = cameras.depth.unproject(glam::Vec2::new(column as f32, row as f32), *z);
+            let point = cameras.color_from_depth.to_world(seen_by_depth);
             let Some(pixel) = cameras.color.project(point).map(glam::Vec2::round) else { continue };
             let inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < width as f32 && pixel.y < height as f32;
             if inside {
                 let seen = &mut registered[(pixel.x as usize, pixel.y as usize)];
-                if *seen == 0.0 || *z < *seen {
-                    *seen = *z;
+                if *seen == 0.0 || point.z < *seen {
+                    *seen = point.z;
                 }
             }
         }
@@ -41,12 +41,16 @@ mod tests {
 
     const COLOR: Intrinsics = Intrinsics { fx: 52.5, fy: 52.5, cx: 32.0, cy: 24.0, width: 64, height: 48 };
 
+    fn beside(offset_m: f32) -> Pose {
+        Pose::from_translation(glam::Vec3::X * -offset_m)
+    }
+
     #[test]
     fn points_land_where_the_colour_camera_sees_them_and_the_nearest_wins() {
         let depth_camera = Intrinsics { fx: 58.5, fy: 58.5, ..COLOR };
         let mut depth = Image::filled(64, 48, 2.0);
         depth[(50, 10)] = 1.0;
-        let cameras = CameraPair { depth: depth_camera, color: COLOR, offset_m: 0.025 };
+        let cameras = CameraPair { depth: depth_camera, color: COLOR, color_from_depth: beside(0.025) };
         let registered = register_depth(&depth, &cameras);
         let point = depth_camera.unproject(glam::Vec2::new(50.0, 10.0), 1.0) - glam::Vec3::X * 0.025;
         let pixel = COLOR.project(point).unwrap().round();
@@ -56,9 +60,17 @@ mod tests {
     }
 
     #[test]
+    fn depth_is_measured_from_the_colour_camera() {
+        let depth = Image::filled(64, 48, 2.0);
+        let color_from_depth = Pose::from_translation(glam::Vec3::Z * 0.5);
+        let registered = register_depth(&depth, &CameraPair { depth: COLOR, color: COLOR, color_from_depth });
+        assert_eq!(registered[(32, 24)], 2.5);
+    }
+
+    #[test]
     fn the_same_camera_changes_nothing() {
         let depth = Image::from_fn(64, 48, |column, row| (column + row) as f32 * 0.01);
-        let cameras = CameraPair { depth: COLOR, color: COLOR, offset_m: 0.0 };
+        let cameras = CameraPair { depth: COLOR, color: COLOR, color_from_depth: beside(0.0) };
         assert_eq!(register_depth(&depth, &cameras), depth);
     }
 }

@@ -52,6 +52,11 @@ pub trait Scene: Debug + Send + Sync {
         &[]
     }
 
+    /// What the scene's parts were found in, one line each, where that is not obvious from its files.
+    fn sources(&self) -> &[String] {
+        &[]
+    }
+
     /// The file from which a part of frame `index` is read, for messages.
     fn file_of(&self, index: usize, _part: FramePart) -> PathBuf {
         PathBuf::from(format!("{}: frame {}", self.name(), self.frame_name(index)))

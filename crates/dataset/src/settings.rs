@@ -27,6 +27,28 @@ settings! {
         /// With `register_depth`: how far the colour camera stands to the right of the depth camera, metres. The default
         /// is that of the Kinect that recorded 7-Scenes.
         depth_offset_m: f32 = 0.025, Allowed::between(-1.0, 1.0), only "dataset.register_depth = true";
+        /// MCAP: topic of the colour images; if left out, the only one that fits.
+        color: Option<String> = None, Allowed::Text("a topic");
+        /// MCAP: topic of the depth images; if left out, the only one that fits, or the only one in the colour camera's
+        /// frame.
+        depth: Option<String> = None, Allowed::Text("a topic");
+        /// MCAP: topic of the colour camera's info; if left out, the one beside the images, or the only one of their frame.
+        camera_info: Option<String> = None, Allowed::Text("a topic");
+        /// MCAP: topic of the depth camera's info; found as that of colour is.
+        depth_camera_info: Option<String> = None, Allowed::Text("a topic");
+        /// MCAP: where poses come from: `/tf`, `/tf_static` for a camera that stands still, or a topic with odometry or
+        /// poses. If left out, /tf if the camera moves in it, otherwise the only such topic.
+        pose: Option<String> = None, Allowed::Text("a topic");
+        /// MCAP: the frame of /tf in which poses are; if left out, the uppermost one above the camera's.
+        world_frame: Option<String> = None, Allowed::Text("the name of a frame");
+        /// MCAP: the frame whose poses a topic has, which /tf_static connects to the camera; if left out, the one that its
+        /// messages name, otherwise the colour camera's.
+        pose_frame: Option<String> = None, Allowed::Text("the name of a frame");
+        /// MCAP: how far apart in time a colour and a depth image may be, and an image and a pose that has no pose on its
+        /// other side, milliseconds.
+        max_time_difference_ms: f64 = 20.0, Allowed::between(0.0, 60_000.0);
+        /// MCAP: between two poses further apart in time than this nothing is interpolated, milliseconds.
+        max_pose_gap_ms: f64 = 500.0, Allowed::between(0.0, 600_000.0);
     }
 }
 
@@ -46,6 +68,20 @@ impl DatasetSettings {
         }
         let most = self.max_frames.unwrap_or(usize::MAX);
         Ok((self.start..frame_count).step_by(self.stride).take(most).collect())
+    }
+
+    /// The first setting for recordings with topics that is given: its name and value.
+    pub(crate) fn of_recordings(&self) -> Option<(&'static str, &str)> {
+        let given = [
+            ("color", &self.color),
+            ("depth", &self.depth),
+            ("camera_info", &self.camera_info),
+            ("depth_camera_info", &self.depth_camera_info),
+            ("pose", &self.pose),
+            ("world_frame", &self.world_frame),
+            ("pose_frame", &self.pose_frame),
+        ];
+        given.into_iter().find_map(|(name, value)| Some((name, value.as_deref()?)))
     }
 
     /// How every frame is resized and cropped.

@@ -136,8 +136,9 @@ impl Scene for SevenScenesScene {
         let camera = self.color_camera(color.size())?;
         if let Some(offset_m) = self.registration {
             let depth_camera = PUBLISHED_DEPTH.resized(depth.width(), depth.height());
-            depth = register_depth(&depth, &CameraPair { depth: depth_camera, color: camera, offset_m });
-            pose = pose * Pose::from_translation(Vec3::X * offset_m);
+            let color_from_depth = Pose::from_translation(-Vec3::X * offset_m);
+            depth = register_depth(&depth, &CameraPair { depth: depth_camera, color: camera, color_from_depth });
+            pose = pose * color_from_depth.inverse();
         } else {
             require_registered(&color, &depth, &depth_path)?;
         }

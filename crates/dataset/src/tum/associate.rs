@@ -9,7 +9,7 @@ use std::collections::BinaryHeap;
 ///
 /// `associate.py` sorts all pairs of times. But the closest pair of what is left always stands side by side in order of
 /// time, so that it is enough to look at neighbours: n log n in place of n².
-pub(super) fn associate(first: &[f64], second: &[f64], max_seconds: f64) -> Vec<(usize, usize)> {
+pub(crate) fn associate(first: &[f64], second: &[f64], max_seconds: f64) -> Vec<(usize, usize)> {
     let mut line = TimeLine::merge(first, second);
     let mut open: BinaryHeap<Reverse<Candidate>> = BinaryHeap::new();
     for left in 0..line.events.len() {

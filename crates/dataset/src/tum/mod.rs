@@ -17,7 +17,7 @@ use crate::plausibility::warn_once;
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, shortened};
 use crate::{DatasetError, Format, Scene};
-use associate::associate;
+pub(crate) use associate::associate;
 pub(crate) use associate::nearest as nearest_time;
 use lists::{ListedFile, TimedPose, read_file_list, read_trajectory};
 use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};

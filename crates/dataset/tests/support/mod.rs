@@ -1,6 +1,7 @@
 //! Small scenes on disk, valid until a test damages them.
 #![allow(dead_code)] // Each test file uses a part.
 
+pub mod mcap;
 pub mod mvpd;
 pub mod recording;
 pub mod sens;

@@ -1,0 +1,114 @@
+//! The chunks of a recording: how they are unpacked and checked.
+
+use lz4_flex::frame::FrameDecoder;
+use mcap::records::ChunkHeader;
+use ruzstd::decoding::StreamingDecoder;
+use splatseg_input::{MemoryLimit, display_bytes};
+use std::io::Read;
+
+/// Larger chunks are refused whatever the memory limit. Recorders write chunks of a few megabytes.
+const MAX_CHUNK_BYTES: u64 = 1 << 30;
+/// What part of the memory limit a chunk may take when it is unpacked.
+const MEMORY_PART: u64 = 4;
+/// How many times as large as a chunk its content usually is.
+const USUAL_RATIO: usize = 8;
+
+/// How a chunk is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Compression {
+    None,
+    Zstd,
+    Lz4,
+}
+
+/// A chunk: where it is in the file, and what its content must be.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Chunk {
+    /// Where its stored bytes begin, bytes from the start of the file.
+    pub(super) offset: u64,
+    /// How many bytes are stored.
+    pub(super) stored: u64,
+    unpacked: u64,
+    /// 0 if there is none.
+    crc: u32,
+    compression: Compression,
+}
+
+impl Chunk {
+    /// A chunk whose stored bytes begin at `offset`, after its header.
+    ///
+    /// # Errors
+    /// A text that says what cannot be read.
+    pub(super) fn new(header: &ChunkHeader, offset: u64) -> Result<Self, String> {
+        let compression = match header.compression.as_str() {
+            "" | "none" => Compression::None,
+            "zstd" => Compression::Zstd,
+            "lz4" => Compression::Lz4,
+            other => return Err(format!("the compression {other:?} is not supported, only zstd and lz4 are")),
+        };
+        let limit = (MemoryLimit::in_force() / MEMORY_PART).min(MAX_CHUNK_BYTES);
+        let largest = header.uncompressed_size.max(header.compressed_size);
+        if largest > limit {
+            return Err(format!("it would take {}, at most {} are read", display_bytes(largest), display_bytes(limit)));
+        }
+        Ok(Self {
+            offset,
+            stored: header.compressed_size,
+            unpacked: header.uncompressed_size,
+            crc: header.uncompressed_crc,
+            compression,
+        })
+    }
+
+    /// Whether its content is stored as it is.
+    pub(super) fn is_plain(&self) -> bool {
+        self.compression == Compression::None
+    }
+
+    /// The content of a chunk from its stored bytes, checked.
+    ///
+    /// # Errors
+    /// A text that says what is wrong with it.
+    pub(super) fn unpack(&self, stored: Vec<u8>) -> Result<Vec<u8>, String> {
+        let content = match self.compression {
+            Compression::None => stored,
+            Compression::Zstd => self.unpack_zstd(&stored)?,
+            Compression::Lz4 => self
+                .read_content(FrameDecoder::new(stored.as_slice()), stored.len(), Vec::new())
+                .map_err(damaged_lz4)?,
+        };
+        if content.len() as u64 != self.unpacked {
+            return Err(format!("it has {} bytes, but its header says {}", content.len(), self.unpacked));
+        }
+        let crc = crc32fast::hash(&content);
+        if self.crc != 0 && crc != self.crc {
+            return Err(format!("its CRC is {crc:08x}, but its header says {:08x}", self.crc));
+        }
+        Ok(content)
+    }
+
+    fn unpack_zstd(&self, stored: &[u8]) -> Result<Vec<u8>, String> {
+        let (mut rest, mut content) = (stored, Vec::new());
+        // Usually one frame; what follows the last one is padding.
+        while (content.len() as u64) < self.unpacked && !rest.is_empty() {
+            let decoder = StreamingDecoder::new(&mut rest).map_err(|error| format!("damaged zstd data: {error}"))?;
+            content = self
+                .read_content(decoder, stored.len(), content)
+                .map_err(|error| format!("damaged zstd data: {error}"))?;
+        }
+        Ok(content)
+    }
+
+    /// Adds what a decoder gives to `content`, up to one byte more than there should be.
+    fn read_content(&self, decoder: impl Read, stored: usize, mut content: Vec<u8>) -> std::io::Result<Vec<u8>> {
+        let left = self.unpacked.saturating_sub(content.len() as u64);
+        // A header may lie: no more is reserved than such data usually unpack to.
+        content.reserve(usize::try_from(left).unwrap_or(usize::MAX).min(stored.saturating_mul(USUAL_RATIO)));
+        decoder.take(left.saturating_add(1)).read_to_end(&mut content)?;
+        Ok(content)
+    }
+}
+
+fn damaged_lz4(error: std::io::Error) -> String {
+    format!("damaged lz4 data: {error}")
+}

@@ -1,0 +1,192 @@
+//! Depth as ROS's `compressed_depth_image_transport` stores it: 12 bytes of parameters, then 16-bit numbers as PNG or
+//! in RVL (Wilson, "Fast Lossless Depth Image Compression", 2017).
+//!
+//! The numbers are millimetres where the images were `16UC1`. Where they were `32FC1`, a number n stands for the depth
+//! `a / (n − b)` metres, with `a` and `b` among the parameters; 0 is missing.
+
+use crate::DatasetError;
+use crate::decode::{DEPTH_IMAGE, MAX_PIXELS, MILLIMETRES, decode_grey16, metres, require_decoding_memory};
+use splatseg_geometry::Image;
+use std::path::Path;
+
+/// The format's number, 4 bytes, and two parameters.
+const PARAMETER_BYTES: usize = 12;
+/// What every PNG begins with.
+const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
+/// A number of 32 bits has no more parts of 3 bits.
+const MAX_PARTS: u32 = 11;
+
+/// Decodes such an image, metres. `format` is the message's; `path` is named in errors.
+pub(super) fn decode_compressed_depth(path: &Path, format: &str, data: &[u8]) -> Result<Image<f32>, DatasetError> {
+    let Some((parameters, stored)) = data.split_at_checked(PARAMETER_BYTES) else {
+        return Err(wrong(path, format!("{} bytes", data.len()), "12 bytes of parameters and an image"));
+    };
+    let number =
+        |at: usize| parameters.get(at..at + 4).and_then(|bytes| Some(f32::from_le_bytes(*bytes.first_chunk()?)));
+    let (a, b) = (number(4).unwrap_or_default(), number(8).unwrap_or_default());
+    // What it is tells more than its name, which older versions leave out.
+    let numbers = if stored.starts_with(PNG) {
+        decode_grey16(path, DEPTH_IMAGE, stored)?
+    } else if format.contains("rvl") {
+        decode_rvl(path, stored)?
+    } else {
+        return Err(wrong(path, format!("format {format:?} with other bytes than PNG's"), "png or rvl"));
+    };
+    let encoding = format.split(';').next().unwrap_or_default().trim();
+    if encoding.eq_ignore_ascii_case("32FC1") {
+        return Ok(numbers.map(|number| if *number == 0 { 0.0 } else { a / (f32::from(*number) - b) }));
+    }
+    Ok(numbers.map(|number| metres(*number, MILLIMETRES)))
+}
+
+fn wrong(path: &Path, found: String, expected: &str) -> DatasetError {
+    let field = "compressed depth image".to_owned();
+    DatasetError::Field { path: path.to_owned(), field, found, expected: expected.to_owned() }
+}
+
+/// Decodes width and height, 4 bytes each, and RVL: runs of zeros and of other numbers, which are stored as differences.
+fn decode_rvl(path: &Path, stored: &[u8]) -> Result<Image<u16>, DatasetError> {
+    let side = |at: usize| stored.get(at..at + 4).and_then(|bytes| Some(u32::from_le_bytes(*bytes.first_chunk()?)));
+    let (Some(width), Some(height)) = (side(0), side(4)) else {
+        return Err(wrong(path, format!("{} bytes of RVL", stored.len()), "width, height and numbers"));
+    };
+    let count = u64::from(width) * u64::from(height);
+    if count > MAX_PIXELS {
+        let (path, what, bytes) = (path.to_owned(), DEPTH_IMAGE, stored.len());
+        return Err(DatasetError::ImplausibleSize { path, what, width, height, bytes, limit: MAX_PIXELS });
+    }
+    let size = (width as usize, height as usize);
+    require_decoding_memory(path, DEPTH_IMAGE, size)?;
+    let count = count as usize;
+    let cut_off = || wrong(path, "RVL data that end early or are damaged".to_owned(), &format!("{count} numbers"));
+    let mut parts = RvlParts { words: stored.get(8..).unwrap_or_default(), word: 0, left: 0 };
+    let (mut numbers, mut previous) = (Vec::with_capacity(count), 0u16);
+    while numbers.len() < count {
+        let zeros = parts.number().ok_or_else(cut_off)? as usize;
+        let others = parts.number().ok_or_else(cut_off)? as usize;
+        // Also keeps a run of nothing at all from going on for ever.
+        if zeros.saturating_add(others) > count - numbers.len() || zeros.saturating_add(others) == 0 {
+            return Err(cut_off());
+        }
+        numbers.resize(numbers.len() + zeros, 0);
+        for _ in 0..others {
+            let folded = parts.number().ok_or_else(cut_off)?;
+            let difference = (folded >> 1) as i32 ^ -((folded & 1) as i32);
+            previous = previous.wrapping_add(difference as u16);
+            numbers.push(previous);
+        }
+    }
+    Image::from_pixels(size.0, size.1, numbers).map_err(|_| cut_off())
+}
+
+/// Parts of 4 bits, the highest of each word of 32 bits first.
+struct RvlParts<'a> {
+    words: &'a [u8],
+    word: u32,
+    /// How many parts of the word are left.
+    left: u32,
+}
+
+impl RvlParts<'_> {
+    /// The next number: parts with 3 of its bits each, the lowest first; the highest bit of a part says that more follow.
+    fn number(&mut self) -> Option<u32> {
+        let mut number = 0u32;
+        for part in 0..MAX_PARTS {
+            if self.left == 0 {
+                // The last word may be the only one that the stream ends in.
+                let (word, rest) = self.words.split_first_chunk::<4>()?;
+                (self.word, self.words, self.left) = (u32::from_le_bytes(*word), rest, 8);
+            }
+            let bits = self.word >> 28;
+            self.word <<= 4;
+            self.left -= 1;
+            number |= (bits & 7).checked_shl(3 * part).unwrap_or_default();
+            if bits & 8 == 0 {
+                return Some(number);
+            }
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Writes RVL, as the paper describes it.
+    fn encode_rvl(numbers: &[u16], width: u32) -> Vec<u8> {
+        let mut parts = Vec::new();
+        let mut push = |mut number: u32| loop {
+            let more = number >> 3 != 0;
+            parts.push((number & 7) | if more { 8 } else { 0 });
+            number >>= 3;
+            if !more {
+                break;
+            }
+        };
+        let (mut rest, mut previous) = (numbers, 0i32);
+        while !rest.is_empty() {
+            let zeros = rest.iter().take_while(|number| **number == 0).count();
+            let others = rest[zeros..].iter().take_while(|number| **number != 0).count();
+            push(zeros as u32);
+            push(others as u32);
+            for number in &rest[zeros..zeros + others] {
+                let difference = i32::from(*number) - previous;
+                push(((difference << 1) ^ (difference >> 31)) as u32);
+                previous = i32::from(*number);
+            }
+            rest = &rest[zeros + others..];
+        }
+        let mut bytes = [width.to_le_bytes(), (numbers.len() as u32 / width.max(1)).to_le_bytes()].concat();
+        for word in parts.chunks(8) {
+            let value = word.iter().enumerate().fold(0, |value, (at, part)| value | part << (28 - 4 * at));
+            bytes.extend(value.to_le_bytes());
+        }
+        bytes
+    }
+
+    fn message(parameters: [f32; 2], image: &[u8]) -> Vec<u8> {
+        [&[0; 4], &parameters[0].to_le_bytes()[..], &parameters[1].to_le_bytes(), image].concat()
+    }
+
+    #[test]
+    fn inverse_depth_is_metres() {
+        // As the transport writes it with its default parameters: 100, and at most 10 m.
+        let (a, b) = (100.0 * 101.0, 1.0 - 100.0 * 101.0 / 10.0);
+        let stored: Vec<u16> = [0.5f32, 2.0, 7.5].iter().map(|z| (a / z + b) as u16).chain([0]).collect();
+        let data = message([a, b], &encode_rvl(&stored, 2));
+        let depth = decode_compressed_depth(Path::new("a"), "32FC1; compressedDepth rvl", &data).unwrap();
+        for (found, expected) in depth.pixels().iter().zip([0.5, 2.0, 7.5, 0.0]) {
+            assert!((found - expected).abs() < 0.01, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn lies_take_no_memory() {
+        let huge = [u32::MAX.to_le_bytes(), 3u32.to_le_bytes()].concat();
+        for image in [&huge[..], &huge[..5], b"", &[0; 8], &[1, 0, 0, 0, 1, 0, 0, 0]] {
+            let result =
+                decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth rvl", &message([0.0; 2], image));
+            assert!(result.is_err() || result.unwrap().pixels().is_empty());
+        }
+        assert!(decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth", &[0; 11]).is_err());
+        assert!(decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth jxl", &[9; 60]).is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn rvl_is_read_back(numbers in prop::collection::vec(prop_oneof![Just(0u16), any::<u16>(), 900u16..1100], 1..200)) {
+            let data = message([0.0; 2], &encode_rvl(&numbers, numbers.len() as u32));
+            let depth = decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth rvl", &data).unwrap();
+            let expected: Vec<f32> = numbers.iter().map(|number| metres(*number, MILLIMETRES)).collect();
+            prop_assert_eq!(depth.pixels(), &expected[..]);
+        }
+
+        #[test]
+        fn any_bytes_end(data in prop::collection::vec(any::<u8>(), 0..200), width in 0u8..40, height in 0u8..40) {
+            let image = [&[width, 0, 0, 0, height, 0, 0, 0], &data[..]].concat();
+            let _ = decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth rvl", &message([0.0; 2], &image));
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! The frames of a recording: colour and depth that belong together, and the camera's pose.
+
+use super::cameras::{Calibration, Camera};
+use super::container::MessagePlace;
+use super::contents::{Content, Contents, Poses, StampedPlace, Topic};
+use super::topics::{Choice, PoseChoice};
+use super::transforms::{Rigid, Tolerance, Way, at_time};
+use crate::tum::associate;
+use crate::{DatasetError, DatasetSettings, LeftOut};
+use splatseg_geometry::Pose;
+use std::path::Path;
+
+/// Stamps that go back by less are messages that were recorded a little out of order, nanoseconds.
+const OUT_OF_ORDER: i64 = 1_000_000_000;
+const NANOSECONDS_PER_MS: f64 = 1e6;
+
+/// A frame before it is read.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RecordedFrame {
+    /// When the colour image was taken, nanoseconds.
+    pub(super) stamp: i64,
+    pub(super) color: MessagePlace,
+    pub(super) depth: MessagePlace,
+    pub(super) pose: Pose,
+    /// Index of the colour camera among those of its topic, and of the depth camera.
+    pub(super) cameras: (usize, usize),
+}
+
+/// The cameras of a topic, each from a time on.
+#[derive(Debug)]
+pub(super) struct Cameras {
+    pub(super) topic: String,
+    pub(super) list: Vec<Camera>,
+    starts: Vec<i64>,
+}
+
+impl Cameras {
+    /// The cameras that a topic describes, of images of `images`.
+    pub(super) fn new(topic: &Topic, images: &Topic, path: &Path) -> Result<Self, DatasetError> {
+        let list: &[(i64, Calibration)] = match &topic.content {
+            Content::Calibrations { list, .. } => list,
+            _ => &[],
+        };
+        // What drivers and image_proc call images without distortion: image_rect, image_rect_raw, image_rect_color.
+        let is_rectified = images.name.contains("image_rect");
+        let place = format!("{}: {}", path.display(), topic.name);
+        let cameras = list.iter().map(|(_, calibration)| calibration.camera(is_rectified, Path::new(&place)));
+        let list_of_cameras = cameras.collect::<Result<Vec<_>, _>>()?;
+        let starts = list.iter().map(|(stamp, _)| *stamp).collect();
+        Ok(Self { topic: topic.name.clone(), list: list_of_cameras, starts })
+    }
+
+    /// The camera at a time; the first one before it is described.
+    fn at(&self, stamp: i64) -> usize {
+        self.starts.partition_point(|start| *start <= stamp).saturating_sub(1)
+    }
+}
+
+/// Where the colour camera is at a time.
+#[derive(Debug)]
+pub(super) enum PoseSource<'a> {
+    /// From the camera's frame to the world's.
+    Tree(Way),
+    /// Poses of a body, and where the camera is on it.
+    Topic(&'a Poses, Rigid),
+}
+
+/// Makes frames of what was chosen.
+pub(super) struct FrameMaker<'a> {
+    pub(super) path: &'a Path,
+    pub(super) contents: &'a Contents,
+    pub(super) settings: &'a DatasetSettings,
+    pub(super) choice: Choice<'a>,
+}
+
+impl<'a> FrameMaker<'a> {
+    fn tolerance(&self) -> Tolerance {
+        let nanoseconds = |milliseconds: f64| (milliseconds * NANOSECONDS_PER_MS) as i64;
+        let (nearest, gap) = (self.settings.max_time_difference_ms, self.settings.max_pose_gap_ms);
+        Tolerance { nearest: nanoseconds(nearest), gap: nanoseconds(gap) }
+    }
+
+    fn error(&self, field: &str, found: String, expected: String) -> DatasetError {
+        DatasetError::Field { path: self.path.to_owned(), field: field.to_owned(), found, expected }
+    }
+
+    /// Where poses come from, and a text that says so.
+    pub(super) fn pose_source(&self) -> Result<(PoseSource<'a>, String), DatasetError> {
+        let tree = &self.contents.tree;
+        let camera = self.choice.color.1.frame.as_str();
+        match self.choice.pose {
+            PoseChoice::Tree => {
+                let ancestors = tree.ancestors(camera);
+                let root = ancestors.last().copied().unwrap_or(camera);
+                let world = self.settings.world_frame.as_deref().unwrap_or(root);
+                let way = tree.way(camera, world).filter(|_| tree.has(camera));
+                let way = way.ok_or_else(|| {
+                    let frames = super::topics::listed(tree.frames().into_iter().map(str::to_owned).collect());
+                    let expected = format!("transforms of /tf that lead there from {camera:?}; frames: {frames}");
+                    self.error("dataset.world_frame", format!("{world:?}"), expected)
+                })?;
+                let text = format!("/tf, from {camera} to {world}");
+                Ok((PoseSource::Tree(way), text))
+            }
+            PoseChoice::Topic(topic, poses) => {
+                let named = self.settings.pose_frame.as_deref().or(poses.body.as_deref());
+                let way = named.and_then(|body| tree.way(camera, body).filter(|_| body == camera || tree.has(camera)));
+                let fixed = way
+                    .filter(|way| !tree.is_moving(way))
+                    .and_then(|way| tree.transform(&way, 0, Tolerance { nearest: i64::MAX, gap: i64::MAX }));
+                let of = match (named, fixed) {
+                    (Some(body), Some(_)) if body == camera => format!("of the camera, {camera}"),
+                    (Some(body), Some(_)) => format!("of {body}, with /tf_static from {camera}"),
+                    (Some(body), None) => {
+                        format!("of {body}, taken to be the camera: /tf_static does not say where {camera} is on it")
+                    }
+                    (None, _) => {
+                        format!("taken to be of {camera}: its messages do not name a frame (dataset.pose_frame)")
+                    }
+                };
+                let text = format!("{} ({}) in {}, {of}", topic.name, topic.type_name, poses.world);
+                Ok((PoseSource::Topic(poses, fixed.unwrap_or(Rigid::IDENTITY)), text))
+            }
+        }
+    }
+
+    fn pose_at(&self, source: &PoseSource<'_>, stamp: i64) -> Option<Pose> {
+        let rigid = match source {
+            PoseSource::Tree(way) => self.contents.tree.transform(way, stamp, self.tolerance())?,
+            PoseSource::Topic(poses, body_from_camera) => {
+                at_time(&poses.samples, stamp, self.tolerance())?.after(body_from_camera)
+            }
+        };
+        rigid.to_pose().ok()
+    }
+
+    /// The frames, in order of time, and those that are left out.
+    pub(super) fn frames(
+        &self,
+        source: &PoseSource<'_>,
+        cameras: (&Cameras, &Cameras),
+    ) -> Result<(Vec<RecordedFrame>, Vec<LeftOut>), DatasetError> {
+        let ((color_topic, color), (depth_topic, depth)) = (self.choice.color, self.choice.depth);
+        let (color, backwards) = in_order(&color.list);
+        let (depth, depth_backwards) = in_order(&depth.list);
+        let limit_ms = self.settings.max_time_difference_ms;
+        let first = color.first().or(depth.first()).map_or(0, |first| first.stamp);
+        let seconds = |list: &[StampedPlace]| -> Vec<f64> {
+            list.iter().map(|place| place.stamp.saturating_sub(first) as f64 * 1e-9).collect()
+        };
+        // `associate` pairs what is less apart; a pair at the limit is meant, too.
+        let pairs = associate(&seconds(&color), &seconds(&depth), limit_ms * 1e-3 + 1e-9);
+        let (mut frames, mut without_pose) = (Vec::with_capacity(pairs.len()), 0);
+        for (color_index, depth_index) in &pairs {
+            let (Some(color), Some(depth)) = (color.get(*color_index), depth.get(*depth_index)) else { continue };
+            let Some(pose) = self.pose_at(source, color.stamp) else {
+                without_pose += 1;
+                continue;
+            };
+            let cameras = (cameras.0.at(color.stamp), cameras.1.at(depth.stamp));
+            frames.push(RecordedFrame { stamp: color.stamp, color: color.place, depth: depth.place, pose, cameras });
+        }
+        let without_depth = color.len() - pairs.len();
+        if frames.is_empty() {
+            let found = format!(
+                "{} of {} and {} of {}, of which {} are within {limit_ms} ms of each other and none of these has a pose",
+                color.len(),
+                color_topic.name,
+                depth.len(),
+                depth_topic.name,
+                pairs.len()
+            );
+            let expected = "colour and depth of the same times, and poses then: see dataset.max_time_difference_ms and \
+                            dataset.max_pose_gap_ms";
+            return Err(self.error("frames", found, expected.to_owned()));
+        }
+        let left_out = LeftOut::list([
+            (without_depth, format!("without a depth image within {limit_ms} ms of their colour image")),
+            (without_pose, format!("without a pose at their time (or within {} ms)", self.settings.max_pose_gap_ms)),
+            (backwards, format!("whose time is not after that of the images before, of {}", color_topic.name)),
+            (depth_backwards, format!("whose time is not after that of the images before, of {}", depth_topic.name)),
+        ]);
+        Ok((frames, left_out))
+    }
+
+    /// From the depth camera's to the colour camera's coordinates, if they are not the same.
+    pub(super) fn color_from_depth(&self) -> Result<Option<Rigid>, DatasetError> {
+        let (color, depth) = (&self.choice.color.1.frame, &self.choice.depth.1.frame);
+        if color == depth {
+            return Ok(None);
+        }
+        let tree = &self.contents.tree;
+        let way = tree.way(depth, color).filter(|way| !tree.is_moving(way));
+        let anytime = Tolerance { nearest: i64::MAX, gap: i64::MAX };
+        let transform = way.and_then(|way| tree.transform(&way, 0, anytime));
+        transform.map(Some).ok_or_else(|| {
+            let found = format!("depth in frame {depth:?}, colour in frame {color:?}");
+            let expected =
+                "a fixed transform between them in /tf_static, or depth that is registered to colour (--depth)";
+            self.error("frames of the cameras", found, expected.to_owned())
+        })
+    }
+}
+
+/// Images in order of time, and the number of those whose time goes back or stays the same.
+fn in_order(list: &[StampedPlace]) -> (Vec<StampedPlace>, usize) {
+    let mut latest = i64::MIN;
+    let mut ordered: Vec<StampedPlace> = Vec::with_capacity(list.len());
+    for place in list {
+        if place.stamp >= latest.saturating_sub(OUT_OF_ORDER) {
+            ordered.push(*place);
+            latest = latest.max(place.stamp);
+        }
+    }
+    ordered.sort_by_key(|place| place.stamp);
+    ordered.dedup_by_key(|place| place.stamp);
+    let left_out = list.len() - ordered.len();
+    (ordered, left_out)
+}

@@ -1,0 +1,313 @@
+//! The pixels of image messages.
+
+use super::compressed_depth::decode_compressed_depth;
+use crate::DatasetError;
+use crate::decode::{
+    COLOR_IMAGE, DEPTH_IMAGE, MAX_PIXELS, MILLIMETRES, decode_color, decode_depth, metres, require_decoding_memory,
+};
+use splatseg_geometry::Image;
+use splatseg_ros::{CompressedImage, Image as RawImage};
+use std::path::Path;
+
+/// The encodings of colour that are read, for messages.
+pub(super) const COLOR_ENCODINGS: &str =
+    "rgb8, bgr8, rgba8, bgra8, mono8, yuv422 (uyvy), yuv422_yuy2 (yuyv), or CompressedImage with JPEG or PNG";
+/// The encodings of depth that are read, for messages.
+pub(super) const DEPTH_ENCODINGS: &str =
+    "16UC1, mono16, 32FC1, or CompressedImage with PNG of 16 bits or compressedDepth";
+
+/// What an image shows, as far as its encoding tells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ImageKind {
+    Color,
+    /// Grey: colour if there is no other, but often infrared.
+    Grey,
+    Depth,
+    /// Nothing that can be read.
+    Other,
+}
+
+/// How a pixel is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ColorEncoding {
+    /// Bytes of a pixel, and which of them are red, green and blue.
+    Bytes(usize, [usize; 3]),
+    /// Two pixels in four bytes: where the first and the second brightness, and the two colour differences are.
+    Pairs([usize; 4]),
+}
+
+fn color_encoding(encoding: &str) -> Option<ColorEncoding> {
+    Some(match encoding {
+        "rgb8" => ColorEncoding::Bytes(3, [0, 1, 2]),
+        "bgr8" => ColorEncoding::Bytes(3, [2, 1, 0]),
+        "rgba8" => ColorEncoding::Bytes(4, [0, 1, 2]),
+        "bgra8" => ColorEncoding::Bytes(4, [2, 1, 0]),
+        "mono8" => ColorEncoding::Bytes(1, [0, 0, 0]),
+        "yuv422" | "uyvy" => ColorEncoding::Pairs([1, 3, 0, 2]),
+        "yuv422_yuy2" | "yuyv" => ColorEncoding::Pairs([0, 2, 1, 3]),
+        _ => return None,
+    })
+}
+
+/// What an image of `sensor_msgs/msg/Image` shows.
+pub(super) fn raw_kind(topic: &str, encoding: &str) -> ImageKind {
+    match encoding {
+        "mono8" => ImageKind::Grey,
+        "16UC1" | "32FC1" => ImageKind::Depth,
+        // Infrared cameras write it, too.
+        "mono16" if topic.contains("depth") => ImageKind::Depth,
+        encoding if color_encoding(encoding).is_some() => ImageKind::Color,
+        _ => ImageKind::Other,
+    }
+}
+
+/// What an image of `sensor_msgs/msg/CompressedImage` shows.
+pub(super) fn compressed_kind(topic: &str, message: &CompressedImage<'_>) -> ImageKind {
+    if is_compressed_depth(message.format) {
+        return ImageKind::Depth;
+    }
+    let is_file = message.data.starts_with(b"\xFF\xD8") || message.data.starts_with(b"\x89PNG");
+    // What it was made from, where the driver says so.
+    match message.format.split(';').next().unwrap_or_default().trim() {
+        _ if !is_file => ImageKind::Other,
+        "mono8" => ImageKind::Grey,
+        "16UC1" => ImageKind::Depth,
+        "mono16" if topic.contains("depth") => ImageKind::Depth,
+        "mono16" => ImageKind::Other,
+        // Bit depth and colour type of a PNG.
+        _ if message.data.starts_with(b"\x89PNG") && message.data.get(24..26) == Some(&[16, 0]) => ImageKind::Depth,
+        _ => ImageKind::Color,
+    }
+}
+
+fn is_compressed_depth(format: &str) -> bool {
+    format.to_ascii_lowercase().contains("compresseddepth")
+}
+
+/// The colour of an image. `path` is named in errors.
+pub(super) fn raw_color(message: &RawImage<'_>, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
+    let encoding = color_encoding(message.encoding)
+        .ok_or_else(|| unknown_encoding(path, COLOR_IMAGE, message.encoding, COLOR_ENCODINGS))?;
+    let (width, row_bytes) = match encoding {
+        ColorEncoding::Bytes(bytes, _) => (message.width as usize, (message.width as usize).saturating_mul(bytes)),
+        ColorEncoding::Pairs(_) => (message.width as usize, (message.width as usize).div_ceil(2).saturating_mul(4)),
+    };
+    let rows = rows(message, row_bytes, COLOR_IMAGE, path)?;
+    let mut pixels = Vec::with_capacity(width * message.height as usize);
+    for row in rows {
+        match encoding {
+            ColorEncoding::Bytes(bytes, places) => pixels.extend(
+                row.chunks_exact(bytes).map(|pixel| places.map(|at| pixel.get(at).copied().unwrap_or_default())),
+            ),
+            ColorEncoding::Pairs(places) => {
+                let start = pixels.len();
+                for pair in row.as_chunks::<4>().0 {
+                    let [first, second, u, v] = places.map(|at| pair.get(at).copied().unwrap_or_default());
+                    pixels.extend([rgb_of(first, u, v), rgb_of(second, u, v)]);
+                }
+                pixels.truncate(start + width);
+            }
+        }
+    }
+    image_of(message, pixels, path)
+}
+
+/// The depth of an image, metres. `path` is named in errors.
+pub(super) fn raw_depth(message: &RawImage<'_>, path: &Path) -> Result<Image<f32>, DatasetError> {
+    let width = message.width as usize;
+    let is_big_endian = message.is_bigendian != 0;
+    let mut pixels = Vec::new();
+    match message.encoding {
+        "16UC1" | "mono16" => {
+            for row in rows(message, width.saturating_mul(2), DEPTH_IMAGE, path)? {
+                let number = |bytes: &[u8; 2]| {
+                    if is_big_endian { u16::from_be_bytes(*bytes) } else { u16::from_le_bytes(*bytes) }
+                };
+                pixels.extend(row.as_chunks().0.iter().map(|bytes| metres(number(bytes), MILLIMETRES)));
+            }
+        }
+        "32FC1" => {
+            for row in rows(message, width.saturating_mul(4), DEPTH_IMAGE, path)? {
+                let number = |bytes: &[u8; 4]| {
+                    if is_big_endian { f32::from_be_bytes(*bytes) } else { f32::from_le_bytes(*bytes) }
+                };
+                pixels.extend(row.as_chunks().0.iter().map(|bytes| number(bytes)));
+            }
+        }
+        other => return Err(unknown_encoding(path, DEPTH_IMAGE, other, DEPTH_ENCODINGS)),
+    }
+    image_of(message, pixels, path)
+}
+
+/// The colour of a compressed image. `path` is named in errors.
+pub(super) fn compressed_color(message: &CompressedImage<'_>, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
+    decode_color(path, message.data)
+}
+
+/// The depth of a compressed image, metres. `path` is named in errors.
+pub(super) fn compressed_depth(message: &CompressedImage<'_>, path: &Path) -> Result<Image<f32>, DatasetError> {
+    if is_compressed_depth(message.format) {
+        return decode_compressed_depth(path, message.format, message.data);
+    }
+    decode_depth(path, message.data, MILLIMETRES)
+}
+
+/// The rows of an image, `row_bytes` each, without what pads them.
+fn rows<'a>(
+    message: &RawImage<'a>,
+    row_bytes: usize,
+    what: &'static str,
+    path: &Path,
+) -> Result<impl Iterator<Item = &'a [u8]>, DatasetError> {
+    let (width, height) = (message.width, message.height);
+    let wrong = |field: &str, found: String, expected: String| DatasetError::Field {
+        path: path.to_owned(),
+        field: format!("{what}, {field}"),
+        found,
+        expected,
+    };
+    let pixels = u64::from(width) * u64::from(height);
+    if pixels == 0 || pixels > MAX_PIXELS {
+        return Err(wrong("size", format!("{width}x{height}"), format!("1 to {MAX_PIXELS} pixels")));
+    }
+    let step = message.step as usize;
+    if step < row_bytes {
+        let expected = format!("at least {row_bytes}, for {width} pixels of {}", message.encoding);
+        return Err(wrong("step", step.to_string(), expected));
+    }
+    // The last row may lack its padding.
+    let needed = (height as usize - 1).saturating_mul(step).saturating_add(row_bytes);
+    if message.data.len() < needed {
+        return Err(wrong(
+            "data",
+            format!("{} bytes", message.data.len()),
+            format!("{needed}, for {height} rows of {step}"),
+        ));
+    }
+    require_decoding_memory(path, what, (width as usize, height as usize))?;
+    Ok(message.data.chunks(step).take(height as usize).filter_map(move |row| row.get(..row_bytes)))
+}
+
+fn image_of<T: Clone>(message: &RawImage<'_>, pixels: Vec<T>, path: &Path) -> Result<Image<T>, DatasetError> {
+    Image::from_pixels(message.width as usize, message.height as usize, pixels)
+        .map_err(|error| DatasetError::Other { scene: path.display().to_string(), source: error.into() })
+}
+
+fn unknown_encoding(path: &Path, what: &str, found: &str, expected: &str) -> DatasetError {
+    DatasetError::Field {
+        path: path.to_owned(),
+        field: format!("{what}, encoding"),
+        found: format!("{:?}", found.chars().take(40).collect::<String>()),
+        expected: expected.to_owned(),
+    }
+}
+
+/// RGB of brightness and colour differences (ITU-R BT.601 with brightness from 16 to 235, as cameras and OpenCV have it).
+fn rgb_of(y: u8, u: u8, v: u8) -> [u8; 3] {
+    // Factors times 2^20.
+    const Y: i64 = 1_220_542;
+    const U_TO_BLUE: i64 = 2_116_026;
+    const U_TO_GREEN: i64 = -409_993;
+    const V_TO_GREEN: i64 = -852_492;
+    const V_TO_RED: i64 = 1_673_527;
+    let brightness = (i64::from(y) - 16).max(0) * Y + (1 << 19);
+    let (u, v) = (i64::from(u) - 128, i64::from(v) - 128);
+    [V_TO_RED * v, V_TO_GREEN * v + U_TO_GREEN * u, U_TO_BLUE * u]
+        .map(|difference| ((brightness + difference) >> 20).clamp(0, 255) as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn raw<'a>(encoding: &'a str, (width, height): (u32, u32), step: u32, data: &'a [u8]) -> RawImage<'a> {
+        RawImage { height, width, encoding, step, data, ..Default::default() }
+    }
+
+    #[test]
+    fn every_order_of_bytes_gives_the_same_colour() {
+        let (rgb, padded) = ([10, 20, 30, 40, 50, 60], 8);
+        for (encoding, data) in [
+            ("rgb8", vec![10, 20, 30, 40, 50, 60, 9, 9, 10, 20, 30, 40, 50, 60]),
+            ("bgr8", vec![30, 20, 10, 60, 50, 40, 9, 9, 30, 20, 10, 60, 50, 40]),
+            ("rgba8", vec![10, 20, 30, 7, 40, 50, 60, 7, 10, 20, 30, 7, 40, 50, 60, 7]),
+            ("bgra8", vec![30, 20, 10, 7, 60, 50, 40, 7, 30, 20, 10, 7, 60, 50, 40, 7]),
+        ] {
+            let image = raw_color(&raw(encoding, (2, 2), padded, &data), Path::new("a")).unwrap();
+            assert_eq!(image.pixels().as_flattened(), [rgb, rgb].as_flattened(), "{encoding}");
+        }
+        let grey = raw_color(&raw("mono8", (2, 1), 2, &[5, 6]), Path::new("a")).unwrap();
+        assert_eq!(grey.pixels(), [[5; 3], [6; 3]]);
+    }
+
+    #[test]
+    fn pairs_of_pixels_share_their_colour_difference() {
+        // White, black, and the red, green and blue of BT.601.
+        for (yuv, rgb) in [
+            ([235, 128, 128], [255, 255, 255]),
+            ([16, 128, 128], [0, 0, 0]),
+            ([81, 90, 240], [254, 0, 0]),
+            ([145, 54, 34], [0, 255, 1]),
+            ([41, 240, 110], [0, 0, 255]),
+        ] {
+            let [y, u, v] = yuv;
+            let uyvy = raw_color(&raw("yuv422", (2, 1), 4, &[u, y, v, y]), Path::new("a")).unwrap();
+            let yuyv = raw_color(&raw("yuv422_yuy2", (2, 1), 4, &[y, u, y, v]), Path::new("a")).unwrap();
+            for pixel in uyvy.pixels().iter().chain(yuyv.pixels()) {
+                assert!(pixel.iter().zip(rgb).all(|(a, b)| a.abs_diff(b) <= 1), "{yuv:?}: {pixel:?}, not {rgb:?}");
+            }
+        }
+        let odd = raw_color(&raw("yuyv", (1, 2), 4, &[99; 8]), Path::new("a")).unwrap();
+        assert_eq!(odd.size(), (1, 2));
+    }
+
+    #[test]
+    fn depth_is_metres_in_both_byte_orders() {
+        let depth = raw_depth(&raw("16UC1", (3, 1), 6, &[0xE8, 3, 0, 0, 0xFF, 0xFF]), Path::new("a")).unwrap();
+        assert_eq!(depth.pixels(), [1.0, 0.0, 0.0]);
+        let mut swapped = raw("16UC1", (1, 1), 2, &[3, 0xE8]);
+        swapped.is_bigendian = 1;
+        assert_eq!(raw_depth(&swapped, Path::new("a")).unwrap().pixels(), [1.0]);
+        let stored = [1.5f32, 2.5].map(f32::to_le_bytes).concat();
+        let padded = [&stored[..4], &[0; 4], &stored[4..]].concat();
+        assert_eq!(raw_depth(&raw("32FC1", (1, 2), 8, &padded), Path::new("a")).unwrap().pixels(), [1.5, 2.5]);
+    }
+
+    #[test]
+    fn images_that_do_not_fit_their_bytes_are_errors() {
+        for (message, text) in [
+            (raw("rgb8", (2, 2), 6, &[0; 11]), "a: colour image, data: found 11 bytes, expected 12, for 2 rows of 6"),
+            (
+                raw("rgb8", (2, 2), 5, &[0; 99]),
+                "a: colour image, step: found 5, expected at least 6, for 2 pixels of rgb8",
+            ),
+            (raw("rgb8", (0, 2), 0, &[]), "a: colour image, size: found 0x2, expected 1 to 67108864 pixels"),
+            (
+                raw("rgb8", (u32::MAX, u32::MAX), u32::MAX, &[]),
+                "a: colour image, size: found 4294967295x4294967295, expected",
+            ),
+            (
+                raw("bayer_rggb8", (2, 2), 2, &[0; 4]),
+                "a: colour image, encoding: found \"bayer_rggb8\", expected rgb8,",
+            ),
+        ] {
+            let error = raw_color(&message, Path::new("a")).unwrap_err().to_string();
+            assert!(error.starts_with(text), "{error}");
+        }
+        let error = raw_depth(&raw("rgb8", (1, 1), 3, &[0; 3]), Path::new("a")).unwrap_err().to_string();
+        assert!(error.starts_with("a: depth image, encoding: found \"rgb8\", expected 16UC1"), "{error}");
+    }
+
+    #[test]
+    fn kinds_are_told_apart() {
+        assert_eq!(raw_kind("/ir/image_raw", "mono16"), ImageKind::Other);
+        assert_eq!(raw_kind("/depth/image_raw", "mono16"), ImageKind::Depth);
+        assert_eq!(raw_kind("/a", "bayer_rggb8"), ImageKind::Other);
+        let kind = |format, data| compressed_kind("/a", &CompressedImage { format, data, ..Default::default() });
+        assert_eq!(kind("rgb8; jpeg compressed bgr8", b"\xFF\xD8\xFF"), ImageKind::Color);
+        assert_eq!(kind("mono8; jpeg compressed ", b"\xFF\xD8\xFF"), ImageKind::Grey);
+        assert_eq!(kind("h264", b"\0\0\0\x01"), ImageKind::Other);
+        assert_eq!(kind("16UC1; compressedDepth", b""), ImageKind::Depth);
+        assert_eq!(kind("16UC1; png compressed ", b"\x89PNG"), ImageKind::Depth);
+    }
+}

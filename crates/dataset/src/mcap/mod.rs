@@ -1,0 +1,350 @@
+//! Recordings of ROS 2 in MCAP files, as cameras and robots write them: images, camera infos, transforms and poses in
+//! CDR.
+//!
+//! The file is read once on opening (`container.rs`), which lists the topics and when images were taken
+//! (`contents.rs`). Topics are chosen by settings or because they are the only ones that fit (`topics.rs`), colour and
+//! depth are paired by the stamps in them, and poses are interpolated (`frames.rs`, `transforms.rs`). Images are read
+//! when they are asked for (`images.rs`), undistorted, and depth is registered to colour if it is not.
+
+mod cameras;
+mod chunks;
+mod compressed_depth;
+mod container;
+mod contents;
+mod frames;
+mod images;
+mod summary;
+mod topics;
+mod transforms;
+
+pub use summary::{McapSummary, McapTopic};
+
+use crate::listing::all_names_in;
+use crate::plausibility::warn_once;
+use crate::register::{CameraPair, register_depth};
+use crate::resample::{ImageMap, resample_color};
+use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
+use crate::{DatasetError, DatasetSettings, Format, Scene};
+use cameras::{Camera, UndistortionCache};
+use container::{McapFile, MessagePlace};
+use contents::{Contents, Images};
+use frames::{Cameras, FrameMaker, RecordedFrame};
+use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
+use splatseg_ros::{CompressedImage, Image as RawImage, from_cdr};
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use topics::{Choice, Chooser};
+
+/// What a recording looks like, for messages.
+pub(crate) const LAYOUT: &str = "a file recording.mcap with ROS 2 messages: colour and depth images, camera infos, and \
+                                 transforms (/tf) or poses; or a folder with one, as rosbag2 writes it";
+
+const EXTENSION: &str = "mcap";
+/// Colour is made smaller where its pixels are this much smaller than those of depth that is not registered: depth would
+/// become a sieve.
+const MIN_FOCAL_RATIO: f32 = 0.95;
+
+/// A recording of ROS 2 messages in an MCAP file.
+///
+/// Frames are those of the colour camera, undistorted and named by their number. Where depth is not registered to
+/// colour and has fewer pixels per degree, they are made as small as depth is.
+#[derive(Debug)]
+pub struct McapScene {
+    name: String,
+    file: McapFile,
+    frames: Vec<RecordedFrame>,
+    color: ImageSource,
+    depth: ImageSource,
+    registration: Option<Registration>,
+    left_out: Vec<LeftOut>,
+    sources: Vec<String>,
+}
+
+/// Images of a topic, and the cameras that took them.
+#[derive(Debug)]
+struct ImageSource {
+    topic: String,
+    is_compressed: bool,
+    cameras: Cameras,
+    undistortion: UndistortionCache,
+}
+
+/// How depth gets into the colour camera.
+#[derive(Clone, Copy, Debug)]
+struct Registration {
+    color_from_depth: Pose,
+}
+
+impl McapScene {
+    /// Opens a recording, or the only one in a folder: reads all of it once, and chooses topics as `settings` say.
+    ///
+    /// # Errors
+    /// If there is no recording or there are several, if it is no MCAP file, if no topics or several fit, if a camera info
+    /// is not that of a camera, or if nothing of colour, depth and poses belongs together.
+    pub fn open(path: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
+        let path = recording_in(path)?;
+        let mut contents = Contents::new(&path);
+        let file = McapFile::scan(&path, &mut contents)?;
+        contents.sort();
+        for text in file.damage() {
+            warn_once(text.clone());
+        }
+        Self::of(file, &contents, settings)
+    }
+
+    /// Whether a path has the name of a recording, or is a folder that holds some.
+    pub fn is_recording(path: &Path) -> bool {
+        looks_like(path)
+    }
+
+    /// The scene in a recording whose contents are known.
+    fn of(file: McapFile, contents: &Contents, settings: &DatasetSettings) -> Result<Self, DatasetError> {
+        let path = file.path().to_owned();
+        let choice = Chooser { path: &path, contents, settings }.choose()?;
+        warn_of_unreadable(&path, &choice);
+        let color = ImageSource::new(choice.color, choice.color_info, &path)?;
+        let depth = ImageSource::new(choice.depth, choice.depth_info, &path)?;
+        let maker = FrameMaker { path: &path, contents, settings, choice };
+        let (pose_source, pose_text) = maker.pose_source()?;
+        let (frames, left_out) = maker.frames(&pose_source, (&color.cameras, &depth.cameras))?;
+        let registration = registration(&maker, &color, &depth, &path)?;
+        let sources = vec![
+            source_text("colour", choice.color, &color.cameras.topic),
+            source_text("depth", choice.depth, &depth.cameras.topic)
+                + if registration.is_some() { ", registered to colour here" } else { "" },
+            format!("poses: {pose_text}"),
+        ];
+        let name = path.file_stem().map_or_else(|| "recording".to_owned(), |stem| stem.to_string_lossy().into_owned());
+        Ok(Self { name, file, frames, color, depth, registration, left_out, sources })
+    }
+
+    /// A message of a frame, for errors.
+    fn place(&self, topic: &str, frame: &RecordedFrame) -> PathBuf {
+        let seconds = frame.stamp as f64 * 1e-9;
+        format!("{}: {topic} at {seconds:.3} s", self.file.path().display()).into()
+    }
+
+    /// Reads an image of a frame, undistorted; also gives its camera.
+    fn read_image<'s, T>(
+        &self,
+        source: &'s ImageSource,
+        frame: &RecordedFrame,
+        (message, camera): (MessagePlace, usize),
+        decode: &ImageDecoder<T>,
+    ) -> Result<(Image<T>, &'s Camera), DatasetError>
+    where
+        T: Clone + 'static,
+    {
+        let path = self.place(&source.topic, frame);
+        let data = self.file.read(message)?;
+        let damaged = |error: splatseg_ros::CdrError| DatasetError::Other {
+            scene: path.display().to_string(),
+            source: error.into(),
+        };
+        let image = if source.is_compressed {
+            (decode.compressed)(&from_cdr(&data).map_err(damaged)?, &path)?
+        } else {
+            (decode.raw)(&from_cdr(&data).map_err(damaged)?, &path)?
+        };
+        let camera = entry(&source.cameras.list, camera, &source.cameras.topic)?;
+        let expected = (camera.intrinsics.width, camera.intrinsics.height);
+        if image.size() != expected {
+            let (what, found, expected_from) = (decode.what, image.size(), "its camera info");
+            return Err(DatasetError::SizesDiffer { path, what, found, expected, expected_from });
+        }
+        let image = match source.undistortion.get(camera, &path)? {
+            Some(map) => (decode.undistort)(&map, &image, &path)?,
+            None => image,
+        };
+        Ok((image, camera))
+    }
+
+    /// Colour and depth of the same pixels, and the camera that they are of.
+    fn read_images(&self, frame: &RecordedFrame) -> Result<(Image<[u8; 3]>, Image<f32>, Intrinsics), DatasetError> {
+        let (color, color_camera) = self.read_image(&self.color, frame, (frame.color, frame.cameras.0), &COLOR)?;
+        let (depth, depth_camera) = self.read_image(&self.depth, frame, (frame.depth, frame.cameras.1), &DEPTH)?;
+        let camera = color_camera.intrinsics;
+        let Some(Registration { color_from_depth }) = self.registration else {
+            require_registered(&color, &depth, &self.place(&self.depth.topic, frame))?;
+            return Ok((color, depth, camera));
+        };
+        let target = target_camera(&camera, &depth_camera.intrinsics);
+        let cameras = CameraPair { depth: depth_camera.intrinsics, color: target, color_from_depth };
+        let depth = register_depth(&depth, &cameras);
+        let size = (target.width, target.height);
+        let color =
+            if size == color.size() { color } else { resample_color(&color, &ImageMap::resize(color.size(), size)) };
+        Ok((color, depth, target))
+    }
+}
+
+impl ImageSource {
+    fn new(
+        (topic, images): (&contents::Topic, &Images),
+        info: &contents::Topic,
+        path: &Path,
+    ) -> Result<Self, DatasetError> {
+        Ok(Self {
+            topic: topic.name.clone(),
+            is_compressed: images.is_compressed,
+            cameras: Cameras::new(info, topic, path)?,
+            undistortion: UndistortionCache::default(),
+        })
+    }
+}
+
+/// How the images of one kind are read.
+struct ImageDecoder<T: Clone + 'static> {
+    what: &'static str,
+    raw: fn(&RawImage<'_>, &Path) -> Result<Image<T>, DatasetError>,
+    compressed: fn(&CompressedImage<'_>, &Path) -> Result<Image<T>, DatasetError>,
+    undistort: fn(&crate::undistort::Undistortion, &Image<T>, &Path) -> Result<Image<T>, DatasetError>,
+}
+
+const COLOR: ImageDecoder<[u8; 3]> = ImageDecoder {
+    what: crate::decode::COLOR_IMAGE,
+    raw: images::raw_color,
+    compressed: images::compressed_color,
+    undistort: |map, image, path| map.color(image, path),
+};
+const DEPTH: ImageDecoder<f32> = ImageDecoder {
+    what: crate::decode::DEPTH_IMAGE,
+    raw: images::raw_depth,
+    compressed: images::compressed_depth,
+    undistort: |map, image, path| map.depth(image, path),
+};
+
+/// How depth is registered; `None` if it is already.
+fn registration(
+    maker: &FrameMaker<'_>,
+    color: &ImageSource,
+    depth: &ImageSource,
+    path: &Path,
+) -> Result<Option<Registration>, DatasetError> {
+    let color_from_depth = maker.color_from_depth()?;
+    let same_camera = match (color.cameras.list.first(), depth.cameras.list.first()) {
+        (Some(color), Some(depth)) => color.is_same(depth),
+        _ => true,
+    };
+    match color_from_depth {
+        None if same_camera => Ok(None),
+        transform => transform
+            .unwrap_or(transforms::Rigid::IDENTITY)
+            .to_pose()
+            .map(|color_from_depth| Some(Registration { color_from_depth }))
+            .map_err(|source| DatasetError::Pose { path: path.to_owned(), source }),
+    }
+}
+
+/// The colour camera, made smaller if its pixels are smaller than those of the depth camera.
+fn target_camera(color: &Intrinsics, depth: &Intrinsics) -> Intrinsics {
+    let ratio = depth.fx / color.fx;
+    if ratio > MIN_FOCAL_RATIO {
+        return *color;
+    }
+    let side = |side: usize| ((side as f32 * ratio).round() as usize).max(1);
+    color.resized(side(color.width), side(color.height))
+}
+
+fn source_text(what: &str, (topic, images): (&contents::Topic, &Images), info: &str) -> String {
+    format!("{what}: {} ({}, {}), camera {info}", topic.name, topic.type_name, images.encoding.trim())
+}
+
+/// Tells of messages of the chosen topics that cannot be read.
+fn warn_of_unreadable(path: &Path, choice: &Choice<'_>) {
+    for topic in [choice.color.0, choice.depth.0, choice.color_info, choice.depth_info] {
+        if let Some((count, first)) = &topic.unreadable {
+            warn_once(format!("{}: {}: {count} messages cannot be read: {first}", path.display(), topic.name));
+        }
+    }
+}
+
+/// Whether a path is a recording, or a folder that holds some.
+pub(crate) fn looks_like(path: &Path) -> bool {
+    if path.is_dir() { !recordings(path).is_empty() } else { is_recording(path) }
+}
+
+fn is_recording(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(EXTENSION))
+}
+
+fn recordings(folder: &Path) -> Vec<OsString> {
+    all_names_in(folder)
+        .into_iter()
+        .filter(|name| is_recording(Path::new(name)) && folder.join(name).is_file())
+        .collect()
+}
+
+fn recording_in(path: &Path) -> Result<PathBuf, DatasetError> {
+    if !path.is_dir() {
+        return Ok(path.to_owned());
+    }
+    let sequences = recordings(path);
+    match sequences.as_slice() {
+        [] => Err(DatasetError::NoFrames { path: path.to_owned(), expected: "a file <recording>.mcap" }),
+        [only] => Ok(path.join(only)),
+        _ => Err(DatasetError::SeveralSequences {
+            path: path.to_owned(),
+            sequences: sequences.iter().map(|name| name.to_string_lossy().into_owned()).collect(),
+        }),
+    }
+}
+
+impl Scene for McapScene {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn frame_count(&self) -> usize {
+        self.frames.len()
+    }
+
+    fn frame_name(&self, index: usize) -> String {
+        if index < self.frames.len() { index.to_string() } else { String::new() }
+    }
+
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
+        let frame = entry(&self.frames, index, &self.name)?;
+        let (color, depth, intrinsics) = self.read_images(frame)?;
+        let timestamp = u64::try_from(frame.stamp).ok().map(Duration::from_nanos);
+        let name = self.frame_name(index);
+        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: frame.pose }.into_frame()
+    }
+
+    fn has_ground_truth(&self) -> bool {
+        false
+    }
+
+    fn read_ground_truth(&self, _index: usize) -> Result<Option<SegmentMap>, DatasetError> {
+        Ok(None)
+    }
+
+    fn format(&self) -> Option<Format> {
+        Some(Format::Mcap)
+    }
+
+    fn stored_color_size(&self, index: usize) -> Option<(usize, usize)> {
+        let camera = self.color.cameras.list.get(self.frames.get(index)?.cameras.0)?;
+        Some((camera.intrinsics.width, camera.intrinsics.height))
+    }
+
+    fn left_out(&self) -> &[LeftOut] {
+        &self.left_out
+    }
+
+    fn sources(&self) -> &[String] {
+        &self.sources
+    }
+
+    fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
+        match (self.frames.get(index), part) {
+            (Some(frame), FramePart::Depth) => self.place(&self.depth.topic, frame),
+            (Some(frame), FramePart::Pose) => self.place("pose", frame),
+            (_, FramePart::Intrinsics) => {
+                format!("{}: {}", self.file.path().display(), self.color.cameras.topic).into()
+            }
+            (None, _) => self.file.path().to_owned(),
+        }
+    }
+}

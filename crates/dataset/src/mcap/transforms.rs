@@ -1,0 +1,298 @@
+//! The tree of coordinate frames of `/tf` and `/tf_static`, and where frames are at a time.
+
+use glam::{DQuat, DVec3};
+use splatseg_geometry::{Pose, PoseError};
+use std::collections::BTreeMap;
+
+/// A rigid transform from one frame to another, in the precision of the recording.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Rigid {
+    pub(super) translation: DVec3,
+    /// Of length 1.
+    pub(super) rotation: DQuat,
+}
+
+impl Rigid {
+    pub(super) const IDENTITY: Self = Self { translation: DVec3::ZERO, rotation: DQuat::IDENTITY };
+
+    /// A transform from numbers that may be none: `None` for NaN, infinity, and a quaternion of length zero.
+    pub(super) fn new(translation: DVec3, rotation: DQuat) -> Option<Self> {
+        let length = rotation.length();
+        let usable = translation.is_finite() && length.is_finite() && length > 1e-6;
+        usable.then(|| Self { translation, rotation: rotation * length.recip() })
+    }
+
+    /// `self` after `inner`: `a_from_b.after(b_from_c)` is `a_from_c`.
+    pub(super) fn after(&self, inner: &Self) -> Self {
+        Self {
+            translation: self.rotation * inner.translation + self.translation,
+            rotation: (self.rotation * inner.rotation).normalize(),
+        }
+    }
+
+    pub(super) fn inverse(&self) -> Self {
+        let rotation = self.rotation.inverse();
+        Self { translation: -(rotation * self.translation), rotation }
+    }
+
+    pub(super) fn to_pose(self) -> Result<Pose, PoseError> {
+        Pose::from_quaternion(self.translation, self.rotation)
+    }
+}
+
+/// A transform and when it held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Sample {
+    /// Nanoseconds.
+    pub(super) stamp: i64,
+    pub(super) transform: Rigid,
+}
+
+/// How far in time what is asked for may be from what was measured, nanoseconds.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tolerance {
+    /// From the nearest measurement, where there is none on the other side.
+    pub(super) nearest: i64,
+    /// From one measurement to the next, between which is interpolated.
+    pub(super) gap: i64,
+}
+
+/// The transform at a time: between two measurements, interpolated; otherwise the nearest one; `None` if they are too
+/// far. `samples` are in order of time.
+pub(super) fn at_time(samples: &[Sample], stamp: i64, tolerance: Tolerance) -> Option<Rigid> {
+    let after = samples.partition_point(|sample| sample.stamp < stamp);
+    let next = samples.get(after);
+    if let Some(exact) = next.filter(|next| next.stamp == stamp) {
+        return Some(exact.transform);
+    }
+    let before = after.checked_sub(1).and_then(|before| samples.get(before));
+    if let (Some(before), Some(next)) = (before, next) {
+        let gap = next.stamp.saturating_sub(before.stamp);
+        if gap <= tolerance.gap {
+            let part = stamp.saturating_sub(before.stamp) as f64 / gap as f64;
+            let translation = before.transform.translation.lerp(next.transform.translation, part);
+            return Some(Rigid {
+                translation,
+                rotation: before.transform.rotation.slerp(next.transform.rotation, part).normalize(),
+            });
+        }
+    }
+    let apart = |sample: &&Sample| sample.stamp.abs_diff(stamp);
+    let nearest = before.into_iter().chain(next).min_by_key(apart)?;
+    (apart(&nearest) <= tolerance.nearest.unsigned_abs()).then_some(nearest.transform)
+}
+
+/// Puts samples in order of time; of several with the same time the last is kept.
+pub(super) fn sort_samples(samples: &mut Vec<Sample>) {
+    samples.reverse();
+    samples.sort_by_key(|sample| sample.stamp);
+    samples.dedup_by_key(|sample| sample.stamp);
+    samples.shrink_to_fit();
+}
+
+/// How a frame stands in its parent.
+#[derive(Clone, Debug)]
+struct Edge {
+    parent: String,
+    /// Of `/tf_static`: the last one.
+    fixed: Option<Rigid>,
+    /// Of `/tf`.
+    samples: Vec<Sample>,
+}
+
+/// All frames, each with its parent.
+#[derive(Clone, Debug, Default)]
+pub(super) struct TransformTree {
+    edges: BTreeMap<String, Edge>,
+}
+
+/// A way through the tree.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Way {
+    /// Frames whose transforms to their parents lead from the start up.
+    up: Vec<String>,
+    /// Frames whose transforms lead down to the end, the uppermost one last.
+    down: Vec<String>,
+}
+
+impl TransformTree {
+    /// Adds a transform from `child` to `parent`. A frame keeps the parent that it had first.
+    pub(super) fn add(&mut self, parent: &str, child: &str, sample: Sample, is_fixed: bool) {
+        if let Some(edge) = self.edges.get_mut(child) {
+            if edge.parent == parent {
+                if is_fixed { edge.fixed = Some(sample.transform) } else { edge.samples.push(sample) }
+            }
+            return;
+        }
+        let (fixed, samples) = if is_fixed { (Some(sample.transform), Vec::new()) } else { (None, vec![sample]) };
+        self.edges.insert(child.to_owned(), Edge { parent: parent.to_owned(), fixed, samples });
+    }
+
+    /// Puts everything in order of time.
+    pub(super) fn sort(&mut self) {
+        self.edges.values_mut().for_each(|edge| sort_samples(&mut edge.samples));
+    }
+
+    /// Whether a frame has a parent, or is one.
+    pub(super) fn has(&self, frame: &str) -> bool {
+        self.edges.contains_key(frame) || self.edges.values().any(|edge| edge.parent == frame)
+    }
+
+    /// All frames, sorted.
+    pub(super) fn frames(&self) -> Vec<&str> {
+        let mut frames: Vec<&str> =
+            self.edges.iter().flat_map(|(child, edge)| [child.as_str(), edge.parent.as_str()]).collect();
+        frames.sort_unstable();
+        frames.dedup();
+        frames
+    }
+
+    /// The frames above a frame, itself first, the root last. Ends where frames stand in a circle.
+    pub(super) fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
+        let mut chain = vec![frame];
+        while let Some(edge) = chain.last().and_then(|last| self.edges.get(*last)) {
+            if chain.len() > self.edges.len() || chain.contains(&edge.parent.as_str()) {
+                break;
+            }
+            chain.push(&edge.parent);
+        }
+        chain
+    }
+
+    /// The way from one frame to another, if both are in the same tree.
+    pub(super) fn way(&self, from: &str, to: &str) -> Option<Way> {
+        let (up, down) = (self.ancestors(from), self.ancestors(to));
+        let (top, meeting) =
+            up.iter().enumerate().find_map(|(index, frame)| Some((index, down.iter().position(|f| f == frame)?)))?;
+        let owned = |frames: &[&str]| frames.iter().map(|frame| (*frame).to_owned()).collect();
+        Some(Way { up: owned(up.get(..top)?), down: owned(down.get(..meeting)?) })
+    }
+
+    /// Whether anything on the way moves.
+    pub(super) fn is_moving(&self, way: &Way) -> bool {
+        way.up.iter().chain(&way.down).any(|frame| {
+            self.edges.get(frame).is_some_and(|edge| {
+                edge.fixed.is_none() && edge.samples.windows(2).any(|pair| pair[0].transform != pair[1].transform)
+            })
+        })
+    }
+
+    /// The transform along the way at a time: `to_from_from`. `None` if a part of it is not known then.
+    pub(super) fn transform(&self, way: &Way, stamp: i64, tolerance: Tolerance) -> Option<Rigid> {
+        let to_top = |frames: &[String]| {
+            frames.iter().try_fold(Rigid::IDENTITY, |below, frame| {
+                Some(self.parent_from(frame, stamp, tolerance)?.after(&below))
+            })
+        };
+        Some(to_top(&way.down)?.inverse().after(&to_top(&way.up)?))
+    }
+
+    fn parent_from(&self, frame: &str, stamp: i64, tolerance: Tolerance) -> Option<Rigid> {
+        let edge = self.edges.get(frame)?;
+        match (edge.fixed, edge.samples.as_slice()) {
+            (Some(fixed), _) => Some(fixed),
+            // Broadcast over and over, but always the same: some drivers do that in place of /tf_static.
+            (None, [first, rest @ ..])
+                if rest.iter().all(|sample| sample.transform == first.transform) && !rest.is_empty() =>
+            {
+                Some(first.transform)
+            }
+            (None, samples) => at_time(samples, stamp, tolerance),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const MILLISECOND: i64 = 1_000_000;
+    const TOLERANCE: Tolerance = Tolerance { nearest: 20 * MILLISECOND, gap: 500 * MILLISECOND };
+
+    fn sample(milliseconds: i64, x: f64, angle: f64) -> Sample {
+        let transform = Rigid { translation: DVec3::X * x, rotation: DQuat::from_rotation_z(angle) };
+        Sample { stamp: milliseconds * MILLISECOND, transform }
+    }
+
+    fn close(left: &Rigid, right: &Rigid) -> bool {
+        let same_rotation = left.rotation.dot(right.rotation).abs() > 1.0 - 1e-12;
+        left.translation.abs_diff_eq(right.translation, 1e-9) && same_rotation
+    }
+
+    #[test]
+    fn between_two_measurements_is_interpolated_and_in_a_gap_nothing_is_known() {
+        let samples = [sample(0, 0.0, 0.0), sample(100, 1.0, 0.8), sample(5000, 9.0, 0.0)];
+        let at = |milliseconds: i64| at_time(&samples, milliseconds * MILLISECOND, TOLERANCE);
+        assert!(close(&at(25).unwrap(), &sample(0, 0.25, 0.2).transform));
+        assert_eq!(at(100), Some(samples[1].transform));
+        assert_eq!(at(115), Some(samples[1].transform), "near enough to one of them");
+        assert_eq!(at(-20), Some(samples[0].transform));
+        for unknown in [-21, 200, 4900, 5021] {
+            assert_eq!(at(unknown), None, "{unknown}");
+        }
+        assert_eq!(at_time(&[], 0, TOLERANCE), None);
+        let far =
+            [sample(0, 0.0, 0.0), Sample { stamp: i64::MAX, ..samples[0] }, Sample { stamp: i64::MIN, ..samples[0] }];
+        assert_eq!(at_time(&far[1..2], i64::MIN, TOLERANCE), None);
+    }
+
+    #[test]
+    fn a_way_leads_up_and_down_through_moving_and_fixed_frames() {
+        let mut tree = TransformTree::default();
+        tree.add("odom", "base", sample(0, 1.0, 0.0), false);
+        tree.add("odom", "base", sample(100, 3.0, 0.0), false);
+        tree.add("base", "color", sample(0, 0.1, 1.0), true);
+        tree.add("base", "depth", sample(0, 0.3, 1.0), true);
+        tree.add("elsewhere", "color", sample(0, 7.0, 0.0), true); // a second parent
+        tree.sort();
+        let way = tree.way("color", "odom").unwrap();
+        assert!(tree.is_moving(&way));
+        let transform = tree.transform(&way, 50 * MILLISECOND, TOLERANCE).unwrap();
+        assert!(close(&transform, &sample(0, 2.1, 1.0).transform), "{transform:?}");
+        assert_eq!(tree.transform(&way, 900 * MILLISECOND, TOLERANCE), None);
+        let between = tree.way("depth", "color").unwrap();
+        assert!(!tree.is_moving(&between), "what moves is above both");
+        let transform = tree.transform(&between, 900 * MILLISECOND, TOLERANCE).unwrap();
+        let expected = DQuat::from_rotation_z(-1.0) * (DVec3::X * 0.2);
+        assert!(close(&transform, &Rigid { translation: expected, rotation: DQuat::IDENTITY }), "{transform:?}");
+        assert_eq!(tree.way("color", "map"), None);
+        assert_eq!(tree.ancestors("color"), ["color", "base", "odom"]);
+    }
+
+    #[test]
+    fn frames_in_a_circle_end() {
+        let mut tree = TransformTree::default();
+        tree.add("a", "b", sample(0, 0.0, 0.0), true);
+        tree.add("b", "a", sample(0, 0.0, 0.0), true);
+        tree.add("c", "c", sample(0, 0.0, 0.0), true);
+        assert_eq!(tree.ancestors("a"), ["a", "b"]);
+        assert_eq!(tree.ancestors("c"), ["c"]);
+        assert!(tree.way("a", "c").is_none());
+    }
+
+    #[test]
+    fn what_is_no_transform_is_refused() {
+        assert_eq!(Rigid::new(DVec3::ZERO, DQuat::from_array([0.0; 4])), None);
+        assert_eq!(Rigid::new(DVec3::X * f64::NAN, DQuat::IDENTITY), None);
+        assert_eq!(Rigid::new(DVec3::ZERO, DQuat::from_xyzw(0.0, 0.0, 0.0, f64::INFINITY)), None);
+        let scaled = Rigid::new(DVec3::X, DQuat::from_xyzw(0.0, 0.0, 0.0, 3.0)).unwrap();
+        assert_eq!(scaled.rotation, DQuat::IDENTITY);
+    }
+
+    proptest! {
+        #[test]
+        fn the_way_back_is_the_inverse(
+            angles in prop::array::uniform3(-3.0f64..3.0), t in prop::array::uniform3(-5.0f64..5.0),
+        ) {
+            let transform = Rigid { translation: DVec3::from(t), rotation: DQuat::from_euler(glam::EulerRot::XYZ, angles[0], angles[1], angles[2]) };
+            let mut tree = TransformTree::default();
+            for (parent, child) in [("a", "b"), ("b", "c"), ("a", "d")] {
+                tree.add(parent, child, Sample { stamp: 0, transform }, true);
+            }
+            let through = |from, to| tree.transform(&tree.way(from, to).unwrap(), 0, TOLERANCE).unwrap();
+            prop_assert!(close(&through("c", "d").after(&through("d", "c")), &Rigid::IDENTITY));
+            prop_assert!(close(&through("c", "a"), &transform.after(&transform)));
+        }
+    }
+}

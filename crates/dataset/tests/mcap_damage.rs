@@ -1,0 +1,333 @@
+//! Recordings that are damaged, cut off, or lack something.
+
+mod support;
+
+use glam::{DQuat, DVec3};
+use proptest::prelude::*;
+use splatseg_dataset::{DatasetSettings, McapScene, McapSummary, Scene};
+use splatseg_geometry::{RgbdFrame, SegmentMap};
+use splatseg_ros::Image;
+use std::fs;
+use std::path::Path;
+use std::sync::OnceLock;
+use support::mcap::*;
+use support::{damaged, recording::recording};
+
+fn room() -> &'static [(RgbdFrame<'static>, SegmentMap)] {
+    static ROOM: OnceLock<Vec<(RgbdFrame<'static>, SegmentMap)>> = OnceLock::new();
+    ROOM.get_or_init(|| recording("synthetic:frames=4,width=32,height=24,seed=3"))
+}
+
+fn frames() -> Vec<&'static RgbdFrame<'static>> {
+    room().iter().map(|(frame, _)| frame).collect()
+}
+
+/// Opens a recording of these bytes; errors without the file's path.
+fn open(bytes: &[u8], settings: &DatasetSettings) -> Result<McapScene, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    fs::write(&path, bytes).unwrap();
+    McapScene::open(&path, settings).map_err(|error| error.to_string().replace(&path.display().to_string(), "a.mcap"))
+}
+
+/// What is wrong with a recording of these bytes, and its number of frames.
+fn damage(bytes: &[u8]) -> (Vec<String>, usize) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    fs::write(&path, bytes).unwrap();
+    let summary = McapSummary::read(&path, &DatasetSettings::default()).unwrap();
+    let damage = summary.damage.iter().map(|line| line.replace(&path.display().to_string(), "a.mcap")).collect();
+    (damage, summary.scene.map_or(0, |(_, frames, _)| frames))
+}
+
+fn written(write: impl FnOnce(&mut McapWriter)) -> Vec<u8> {
+    let mut writer = McapWriter::new();
+    write(&mut writer);
+    writer.finish()
+}
+
+#[test]
+fn what_is_written_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    fs::write(&path, recording_of(&frames())).unwrap();
+    let scene = McapScene::open(&path, &DatasetSettings::default()).unwrap();
+    assert_eq!((scene.frame_count(), scene.left_out().len()), (4, 0));
+    for (index, (frame, _)) in room().iter().enumerate() {
+        let tolerance = support::recording::Tolerance { depth: 5.1e-4, color: 6.0 };
+        support::recording::assert_same(&scene.read_frame(index).unwrap(), frame, &tolerance);
+    }
+}
+
+#[test]
+fn a_recording_that_was_cut_off_is_read_up_to_its_end() {
+    let bytes = recording_of(&frames());
+    let (told, whole) = damage(&bytes);
+    assert!(told.is_empty() && whole == 4, "{told:?}");
+    let mut counts = Vec::new();
+    for part in 1..20 {
+        let (told, frames) = damage(&bytes[..bytes.len() * part / 20]);
+        // Without the summary alone, all messages are there.
+        if let Some(line) = told.first() {
+            assert!(line.starts_with("a.mcap: the recording was not finished: the record at byte "), "{line}");
+            assert_eq!(told.len(), 1, "{told:?}");
+        }
+        counts.push(frames);
+    }
+    assert!(
+        counts.is_sorted() && counts.contains(&0) && counts.iter().any(|count| (1..4).contains(count)),
+        "{counts:?}"
+    );
+}
+
+#[test]
+fn chunks_with_wrong_crcs_are_left_out() {
+    let bytes = recording_of(&frames());
+    let middle = bytes.len() / 2;
+    let mut broken = bytes.clone();
+    broken[middle] ^= 1;
+    let (told, frames) = damage(&broken);
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].starts_with("a.mcap: the chunk at byte ") && told[0].contains("its CRC is "), "{told:?}");
+    assert!((1..4).contains(&frames), "{frames}");
+}
+
+#[test]
+fn files_that_are_no_recordings_are_told() {
+    let settings = DatasetSettings::default();
+    let begins = "expected \"\\\\x89MCAP0\\\\r\\\\n\", with which MCAP files begin";
+    assert_eq!(open(b"", &settings).unwrap_err(), format!("a.mcap: first bytes: found an empty file, {begins}"));
+    let error = open(b"hello world", &settings).unwrap_err();
+    assert_eq!(error, format!("a.mcap: first bytes: found \"hello wo\", {begins}"));
+    let empty = written(|_| {});
+    let error = open(&empty, &settings).unwrap_err();
+    assert!(
+        error.starts_with("a.mcap: colour images: found none, but there is none, expected a topic of sensor_msgs"),
+        "{error}"
+    );
+}
+
+#[test]
+fn what_is_missing_is_told() {
+    let without = |parts: Parts| {
+        let bytes = written(|writer| write_frames(writer, &frames(), parts));
+        open(&bytes, &DatasetSettings::default()).unwrap_err()
+    };
+    let error = without(Parts { info: false, ..ALL });
+    assert_eq!(
+        error,
+        "a.mcap: camera info of colour (/camera/image_raw/compressed): found none, expected a topic of \
+         sensor_msgs/msg/CameraInfo beside it, or with its frame; --camera-info chooses one"
+    );
+    let error = without(Parts { depth: false, ..ALL });
+    assert!(
+        error.starts_with("a.mcap: depth images: found none, but /camera/image_raw/compressed (jpeg), expected"),
+        "{error}"
+    );
+    let error = without(Parts { poses: false, ..ALL });
+    assert!(
+        error.starts_with(
+            "a.mcap: camera poses: found frame \"camera_color_optical_frame\" of the colour images, which is not in /tf, \
+             expected transforms of /tf that move it, or a topic of nav_msgs/msg/Odometry"
+        ),
+        "{error}"
+    );
+}
+
+#[test]
+fn frames_without_depth_or_pose_are_left_out_and_counted() {
+    let frames = frames();
+    let bytes = written(|writer| {
+        write_frames(writer, &frames[..2], ALL);
+        let data = vec![9; 3 * 32 * 24];
+        let late = START + 10 * FRAME_NS;
+        // Two seconds later: no depth; then depth, but no pose.
+        for (stamp, has_depth) in [(late, false), (late + 20 * FRAME_NS, true)] {
+            writer.write("/camera/image_raw", &raw(stamp, OPTICAL, "rgb8", (32, 24), &data), stamp);
+            if has_depth {
+                let depth = depth_bytes(frames[0]);
+                writer.write("/camera/depth", &raw(stamp, OPTICAL, "16UC1", (32, 24), &depth), stamp);
+            }
+        }
+    });
+    // The raw images are chosen rather than the compressed ones.
+    let scene = open(&bytes, &DatasetSettings::default().with(|s| s.max_pose_gap_ms = 100.0)).unwrap_err();
+    assert!(
+        scene.contains("frames: found 2 of /camera/image_raw and 3 of /camera/depth, of which 1 are within 20 ms"),
+        "{scene}"
+    );
+    let settings = DatasetSettings::default().with(|s| s.color = Some("/camera/image_raw/compressed".to_owned()));
+    let scene = open(&bytes, &settings).unwrap();
+    assert_eq!(scene.frame_count(), 2);
+    let bytes = written(|writer| {
+        write_frames(writer, &frames, ALL);
+        let stamp = START + 30 * FRAME_NS;
+        for stamp in [stamp, stamp + FRAME_NS, START - 20 * FRAME_NS] {
+            let jpeg = support::recording::jpeg_bytes(frames[0].color());
+            let color = splatseg_ros::CompressedImage { header: header(stamp, OPTICAL), format: "jpeg", data: &jpeg };
+            writer.write("/camera/image_raw/compressed", &color, stamp);
+        }
+        let depth = depth_bytes(frames[0]);
+        writer.write("/camera/depth", &raw(stamp, OPTICAL, "16UC1", (32, 24), &depth), stamp);
+    });
+    let scene = open(&bytes, &DatasetSettings::default()).unwrap();
+    let left_out: Vec<String> = scene.left_out().iter().map(|kind| format!("{} {}", kind.count, kind.what)).collect();
+    assert_eq!(
+        left_out,
+        [
+            "1 without a depth image within 20 ms of their colour image",
+            "1 without a pose at their time (or within 500 ms)",
+            "1 whose time is not after that of the images before, of /camera/image_raw/compressed"
+        ]
+    );
+    assert_eq!(scene.frame_count(), 4);
+}
+
+/// A recording whose depth camera stands 5 cm to the right of the colour camera and has half as many pixels.
+#[test]
+fn depth_of_another_camera_is_registered() {
+    let frame = frames()[0];
+    let color_camera = *frame.intrinsics();
+    let depth_camera = color_camera.resized(16, 12);
+    let bytes = written(|writer| {
+        for (index, stamp) in [(0.0, START), (1.0, START + FRAME_NS)] {
+            let moved = transform(stamp, "world", "base", DVec3::X * index, DQuat::IDENTITY);
+            writer.write("/tf", &moved, stamp);
+            let data = vec![9; 3 * 32 * 24];
+            writer.write("/color/image_raw", &raw(stamp, "color", "rgb8", (32, 24), &data), stamp);
+            writer.write("/color/camera_info", &info(stamp, "color", &color_camera), stamp);
+            let data = 2000u16.to_le_bytes().repeat(16 * 12);
+            writer.write("/depth/image_raw", &raw(stamp, "depth", "16UC1", (16, 12), &data), stamp);
+            writer.write("/depth/camera_info", &info(stamp, "depth", &depth_camera), stamp);
+        }
+    });
+    let error = open(&bytes, &DatasetSettings::default()).unwrap_err();
+    assert!(error.contains("camera poses: found frame \"color\" of the colour images, which is not in /tf"), "{error}");
+    let whole = |depth_at: DVec3| {
+        let fixed = written(|writer| {
+            writer.write("/tf_static", &transform(START, "base", "color", DVec3::ZERO, DQuat::IDENTITY), START);
+            writer.write("/tf_static", &transform(START, "base", "depth", depth_at, DQuat::IDENTITY), START);
+            for (index, stamp) in [(0.0, START), (1.0, START + FRAME_NS)] {
+                writer.write("/tf", &transform(stamp, "world", "base", DVec3::X * index, DQuat::IDENTITY), stamp);
+                let data = vec![9; 3 * 32 * 24];
+                writer.write("/color/image_raw", &raw(stamp, "color", "rgb8", (32, 24), &data), stamp);
+                writer.write("/color/camera_info", &info(stamp, "color", &color_camera), stamp);
+                let data = 2000u16.to_le_bytes().repeat(16 * 12);
+                writer.write("/depth/image_raw", &raw(stamp, "depth", "16UC1", (16, 12), &data), stamp);
+                writer.write("/depth/camera_info", &info(stamp, "depth", &depth_camera), stamp);
+            }
+        });
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mcap");
+        fs::write(&path, fixed).unwrap();
+        let scene = McapScene::open(&path, &DatasetSettings::default()).unwrap();
+        assert!(scene.sources()[1].ends_with(", registered to colour here"), "{:?}", scene.sources());
+        assert_eq!(scene.stored_color_size(0), Some((32, 24)));
+        scene.read_frame(1).unwrap()
+    };
+    let frame = whole(DVec3::ZERO);
+    assert_eq!((frame.width(), frame.height()), (16, 12), "as many pixels as depth has");
+    assert!(frame.depth().pixels().iter().all(|z| *z == 2.0));
+    // A quarter of the way to the wall nearer, and as far to the right as makes four pixels.
+    let shift = 4.0 * 1.5 / f64::from(depth_camera.fx);
+    let frame = whole(DVec3::new(shift, 0.0, -0.5));
+    assert!(frame.depth().pixels().iter().all(|z| *z == 0.0 || *z == 1.5));
+    let row: Vec<bool> = frame.depth().row(6).iter().map(|z| *z > 0.0).collect();
+    assert!(!row[0] && row[15], "{row:?}");
+}
+
+#[test]
+fn a_lens_is_taken_out_of_colour_and_depth() {
+    let frame = frames()[0];
+    let mut camera = info(START, OPTICAL, frame.intrinsics());
+    camera.d = vec![-0.2, 0.05, 0.001, 0.0, 0.0];
+    let pixels: Vec<u8> = frame.color().pixels().as_flattened().to_vec();
+    let write = |info: &splatseg_ros::CameraInfo| {
+        written(|writer| {
+            for stamp in [START, START + FRAME_NS] {
+                let shift = DVec3::X * ((stamp - START) as f64 * 1e-9);
+                writer.write("/tf", &transform(stamp, "world", OPTICAL, shift, DQuat::IDENTITY), stamp);
+                writer.write("/camera/camera_info", info, stamp);
+                writer.write("/camera/image_raw", &raw(stamp, OPTICAL, "rgb8", (32, 24), &pixels), stamp);
+                let depth = depth_bytes(frame);
+                writer.write("/camera/depth", &raw(stamp, OPTICAL, "16UC1", (32, 24), &depth), stamp);
+            }
+        })
+    };
+    let read = |bytes: &[u8]| {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("a.mcap"), bytes).unwrap();
+        let scene = McapScene::open(folder.path(), &DatasetSettings::default()).unwrap();
+        scene.read_frame(0).unwrap()
+    };
+    let (straight, bent) = (read(&write(&info(START, OPTICAL, frame.intrinsics()))), read(&write(&camera)));
+    assert_eq!(bent.intrinsics(), straight.intrinsics());
+    let lens = splatseg_geometry::Distortion::from_coefficients("plumb_bob", &camera.d).unwrap();
+    let map = splatseg_dataset::Undistortion::new(frame.intrinsics(), &lens, Path::new("a")).unwrap().unwrap();
+    assert_eq!(*bent.depth(), map.depth(straight.depth(), Path::new("a")).unwrap());
+    assert_eq!(*bent.color(), map.color(straight.color(), Path::new("a")).unwrap());
+    assert_ne!(bent.depth(), straight.depth());
+    camera.distortion_model = "spherical".to_owned();
+    let error = open(&write(&camera), &DatasetSettings::default()).unwrap_err();
+    assert!(error.contains("a.mcap: /camera/camera_info: distortion model: found \"spherical\""), "{error}");
+}
+
+#[test]
+fn messages_that_cannot_be_read_do_no_harm() {
+    let bytes = written(|writer| {
+        write_frames(writer, &frames(), ALL);
+        writer.write_bytes::<Image<'_>>("/camera/image_raw", b"\0\x01\0\0too short", START);
+        writer.write_bytes::<Image<'_>>("/camera/depth", b"\0\x09\0\0", START);
+    });
+    assert_eq!(open(&bytes, &DatasetSettings::default()).unwrap().frame_count(), 4);
+}
+
+#[test]
+fn tens_of_thousands_of_topics_are_listed_within_the_memory_limit() {
+    let bytes = written(|writer| {
+        for index in 0..20_000 {
+            let topic = format!("/topic/{index}");
+            writer.write_bytes::<Image<'_>>(&topic, b"\0\x01\0\0", START);
+        }
+    });
+    let error = open(&bytes, &DatasetSettings::default()).unwrap_err();
+    assert!(error.len() < 3000 && error.contains(" and 19990 more"), "{error}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
+
+    #[test]
+    fn damaged_recordings_never_panic(
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
+        keep in any::<prop::sample::Index>(),
+        without_crcs in any::<bool>(),
+    ) {
+        static WHOLE: OnceLock<[Vec<u8>; 2]> = OnceLock::new();
+        let whole = WHOLE.get_or_init(|| {
+            let bytes = recording_of(&frames()[..2]);
+            [without_checksums(&bytes), bytes]
+        });
+        let bytes = damaged(whole[usize::from(!without_crcs)].clone(), &changes, &keep);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mcap");
+        fs::write(&path, bytes).unwrap();
+        match McapScene::open(&path, &DatasetSettings::default()) {
+            Ok(scene) => (0..scene.frame_count()).for_each(|index| _ = scene.read_frame(index)),
+            Err(error) => prop_assert!(error.to_string().contains("a.mcap") && !error.to_string().contains('\n'), "{}", error),
+        }
+    }
+}
+
+/// The recording with the CRC of every chunk set to 0, which means none.
+fn without_checksums(bytes: &[u8]) -> Vec<u8> {
+    let (mut bytes, mut at) = (bytes.to_vec(), 8);
+    while at + 9 < bytes.len() - 8 {
+        let len = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        if bytes[at] == 6 {
+            bytes[at + 33..at + 37].fill(0);
+        }
+        at += 9 + len;
+    }
+    bytes
+}
