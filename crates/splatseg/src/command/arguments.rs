@@ -35,7 +35,7 @@ pub enum Command {
     Eval(Box<EvalArguments>),
     /// Compare methods: scenes × methods × seeds, with tables and a report
     Bench(Box<BenchArguments>),
-    /// Show the contents of a checkpoint: network, tensors, parameters
+    /// Show the contents of a checkpoint (network, tensors, parameters) or of a recording (topics, what is used)
     Inspect(InspectArguments),
     /// Write the objects of a saved memory as PLY files, for viewers and other programs
     Export(ExportArguments),

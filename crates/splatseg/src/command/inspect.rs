@@ -1,7 +1,11 @@
-//! `splatseg inspect`: the contents of a checkpoint.
+//! `splatseg inspect`: the contents of a checkpoint or a recording.
+
+mod recording;
 
 use super::Failure;
+use super::options::TopicOptions;
 use clap::Args;
+use splatseg_dataset::McapScene;
 use splatseg_models::checkpoint::{Checkpoint, CheckpointError, Dtype, Format, printable};
 use splatseg_models::completeness::missing_tensors;
 use std::collections::BTreeMap;
@@ -9,7 +13,7 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 pub struct InspectArguments {
-    /// A checkpoint: .pt of Ultralytics or Meta, or .safetensors
+    /// A checkpoint: .pt of Ultralytics or Meta, or .safetensors; or a recording: .mcap, or a folder with one
     pub file: PathBuf,
     /// Also write it as a .safetensors file, without a pickle; an existing file is not replaced
     #[arg(long, value_name = "FILE.safetensors")]
@@ -17,10 +21,15 @@ pub struct InspectArguments {
     /// Also list every tensor with its type and shape
     #[arg(long)]
     pub tensors: bool,
+    #[command(flatten)]
+    pub topics: TopicOptions,
 }
 
 /// Prints the contents of the file.
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
+    if McapScene::is_recording(&arguments.file) {
+        return recording::inspect(arguments);
+    }
     let checkpoint = Checkpoint::open(&arguments.file).map_err(Failure::input)?;
     print(&checkpoint);
     print_missing(&checkpoint, arguments.tensors);

@@ -27,6 +27,47 @@ pub struct DatasetOptions {
     pub max_frames: Option<String>,
     #[arg(long)]
     pub register_depth: bool,
+    #[command(flatten)]
+    pub topics: TopicOptions,
+}
+
+/// What is used of a recording with topics.
+#[derive(Clone, Debug, Default, Args)]
+pub struct TopicOptions {
+    #[arg(long, value_name = "TOPIC")]
+    pub color: Option<String>,
+    #[arg(long, value_name = "TOPIC")]
+    pub depth: Option<String>,
+    #[arg(long, value_name = "TOPIC")]
+    pub camera_info: Option<String>,
+    #[arg(long, value_name = "TOPIC")]
+    pub pose: Option<String>,
+    #[arg(long, value_name = "FRAME")]
+    pub world_frame: Option<String>,
+    #[arg(long, value_name = "MS")]
+    pub max_time_difference_ms: Option<String>,
+}
+
+impl TopicOptions {
+    /// The dataset settings with the options.
+    pub fn settings(&self) -> Result<DatasetSettings, Failure> {
+        let mut layers = SettingsLayers::default();
+        self.add_to(&mut layers)?;
+        Ok(layers.resolve_shared().map_err(Failure::input)?.dataset)
+    }
+
+    /// Adds the options that were given to the layers.
+    fn add_to(&self, layers: &mut SettingsLayers) -> Result<(), Failure> {
+        let options = [
+            ("dataset.color", self.color.as_ref()),
+            ("dataset.depth", self.depth.as_ref()),
+            ("dataset.camera_info", self.camera_info.as_ref()),
+            ("dataset.pose", self.pose.as_ref()),
+            ("dataset.world_frame", self.world_frame.as_ref()),
+            ("dataset.max_time_difference_ms", self.max_time_difference_ms.as_ref()),
+        ];
+        add_given(layers, options)
+    }
 }
 
 /// The presets on the command line.
@@ -63,7 +104,8 @@ impl DatasetOptions {
             ("dataset.max_frames", self.max_frames.as_ref()),
             ("dataset.register_depth", register_depth.as_ref()),
         ];
-        add_given(layers, options)
+        add_given(layers, options)?;
+        self.topics.add_to(layers)
     }
 
     /// The dataset settings from `base` and the options.
