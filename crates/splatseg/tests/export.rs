@@ -195,7 +195,7 @@ fn nothing_is_overwritten_unless_asked() {
         assert!(error.contains("is the map: choose another file"), "{error}");
     }
     // One of the object files is in the way: no other is written.
-    let id = Ply::read(&path("map.ply")).objects().into_iter().last().unwrap();
+    let id = Ply::read(&path("map.ply")).objects().pop_last().unwrap();
     fs::create_dir(path("objects")).unwrap();
     fs::write(path(&format!("objects/{id}.ply")), "ply").unwrap();
     let error = refused(folder.path(), &["--object-files", "objects"]);
