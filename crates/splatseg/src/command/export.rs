@@ -194,8 +194,8 @@ impl Places {
         }
         match self.existing {
             Existing::Keep => wrong("exists: give --overwrite to replace it"),
-            Existing::Replace if !is_ply(path) => wrong("exists and is not a PLY file: choose another place"),
-            Existing::Replace => Ok(()),
+            _ if !is_ply(path) => wrong("exists and is not a PLY file: choose another place"),
+            _ => Ok(()),
         }
     }
 
@@ -212,7 +212,7 @@ impl Places {
             file.flush()?;
             match self.existing {
                 Existing::Keep => file.commit_new(),
-                Existing::Replace => file.commit(),
+                _ => file.commit(),
             }
         });
         written.map_err(|error| Failure::work(format!("{}: cannot be written: {error}", path.display())))
