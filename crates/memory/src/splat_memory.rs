@@ -12,7 +12,7 @@ use crate::{CodebookError, GrowthRule, LearningExtent, MemoryKind, MemorySetting
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera, RasterLimits};
 use splatseg_settings::SettingError;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use thiserror::Error;
 
 /// The largest segment id there can be: results are 16-bit images.
@@ -255,7 +255,13 @@ impl SplatMemory {
         if !is_cheap && removed == 0 && !self.frames.is_multiple_of(FRAMES_PER_CENSUS) {
             return (0, Vec::new());
         }
-        // An id is carried by the Gaussians that show it: stray votes in its neighbours do not.
+        let carried = self.carried();
+        (removed, self.segments.note_carried(&carried))
+    }
+
+    /// Whether anything carries each id, by id. Gaussians that show an id carry it: stray votes in its neighbours do
+    /// not.
+    fn carried(&self) -> Vec<bool> {
         let mut carried = vec![false; self.segments.len() + 1];
         for id in self.store.segment_ids() {
             if let Some(carried) = carried.get_mut(id as usize) {
@@ -263,7 +269,7 @@ impl SplatMemory {
             }
         }
         self.depthless.mark_carried(&mut carried);
-        (removed, self.segments.note_carried(&carried))
+        carried
     }
 
     fn retain(&mut self, keep: &[bool]) {
@@ -308,6 +314,14 @@ impl SplatMemory {
     /// Whether an id is tentative: its thing was seen in one frame only. It is given for good once it was seen in two.
     pub fn is_tentative(&self, id: SegmentId) -> bool {
         self.segments.sightings(id) < 2
+    }
+
+    /// The ids that something in the memory carries: Gaussians, or a remembered region without depth. All others that
+    /// were given are forgotten.
+    pub fn carried_ids(&self) -> BTreeSet<SegmentId> {
+        let carried = self.carried();
+        let ids = carried.iter().enumerate().skip(1).filter(|(_, carried)| **carried);
+        ids.map(|(id, _)| id as SegmentId).collect()
     }
 
     /// Numbers that the Gaussians hold: position 3, radius 1, colour 3, and for segments 8 (votes) or D (features).

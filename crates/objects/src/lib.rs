@@ -1,7 +1,16 @@
-//! The objects of a video: when each was seen, how large, and how sure its id is.
+//! The objects of a video: when each was seen, how sure its id is, where it is and how large.
+//!
+//! [`ObjectLog`] counts the sightings of every frame; [`object_shapes`] measures the Gaussians of a memory;
+//! [`ObjectList`] brings both together and is the content of `objects.json`.
 
+mod list;
+mod seen;
+mod shape;
 mod sightings;
 
+pub use list::{BestView, Conventions, FrameStamp, Object, ObjectList, ObjectState};
+pub use seen::{SeenObjects, Sightings};
+pub use shape::{AxisAlignedBox, ObjectShape, OrientedBox, object_shapes};
 pub use sightings::{BoundingBox, ObjectLog, ObjectRecord, ObjectSighting};
 
 #[cfg(doctest)]

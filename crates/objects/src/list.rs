@@ -1,0 +1,271 @@
+//! The content of `objects.json`: every object of a run. `docs/OBJECTS.md` describes each key for users.
+
+use crate::{BoundingBox, ObjectLog, ObjectShape, SeenObjects, object_shapes};
+use serde::{Deserialize, Serialize};
+use serde_json::ser::Formatter;
+use splatseg_geometry::SegmentId;
+use splatseg_memory::SplatMemory;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{self, Write};
+
+/// Every object that a run has shown or that its memory holds.
+///
+/// Programs read `objects.json` with `serde_json::from_str::<ObjectList>`. Keys that a later version adds are ignored.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ObjectList {
+    /// [`ObjectList::FORMAT`].
+    pub format: String,
+    /// [`ObjectList::VERSION`]: it changes when a key changes its meaning, not when one is added.
+    pub version: u32,
+    /// The scene as it was given to the run; null if unknown.
+    pub scene: Option<String>,
+    /// Frames with a result.
+    pub frames: usize,
+    /// Units and coordinate frames of all numbers below.
+    pub conventions: Conventions,
+    /// By increasing id.
+    pub objects: Vec<Object>,
+}
+
+/// What the numbers of an [`ObjectList`] mean.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Conventions {
+    /// Unit of positions and sizes.
+    pub length: String,
+    /// Unit of areas of surfaces.
+    pub area: String,
+    /// Unit and origin of times.
+    pub time: String,
+    /// Unit and origin of positions in images.
+    pub image: String,
+    /// The coordinate frame of centroids and boxes.
+    pub coordinates: String,
+    /// How rotations are written.
+    pub rotation: String,
+    /// How colours are written.
+    pub color: String,
+}
+
+/// An object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Object {
+    /// Its id: the value of its pixels in `segments/*.png`.
+    pub id: SegmentId,
+    /// A place for what it is, for programs that name objects. A run leaves it null.
+    pub label: Option<String>,
+    /// What the memory makes of it at the end; null if the method has no memory.
+    pub state: Option<ObjectState>,
+    /// How many frames showed it. 0 for an object of a loaded memory that was not seen again.
+    pub frames: usize,
+    /// The first frame that showed it.
+    pub first_frame: Option<FrameStamp>,
+    /// The last frame that showed it.
+    pub last_frame: Option<FrameStamp>,
+    /// How sure its id is, from 0 to 1: the mean over the frames that showed it of the mean over its pixels.
+    pub confidence: Option<f32>,
+    /// Mean sRGB colour: of its Gaussians by area or, without any, of the pixels of its best view.
+    pub color: Option<[u8; 3]>,
+    /// Its shape in the world; null if no Gaussian shows it, e.g. because it never had depth.
+    pub shape: Option<ObjectShape>,
+    /// The frame that shows it best.
+    pub best_view: Option<BestView>,
+}
+
+/// What the memory makes of an object when the run has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ObjectState {
+    /// It was seen in two frames or more, and the memory carries it.
+    Remembered,
+    /// The memory carries it, but it was seen in one frame only: it may be a mistake.
+    Tentative,
+    /// The memory has given it up: nothing carries its id any more. It was removed from the scene, was a part of
+    /// another object, or was a mistake.
+    Forgotten,
+}
+
+/// A frame of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameStamp {
+    /// Its position in the run, from 0.
+    pub number: usize,
+    /// Its name in the scene.
+    pub name: Option<String>,
+    /// The name of its result files: `segments/<file>.png`, `overlay/<file>.jpg`.
+    pub file: Option<String>,
+    /// When it was taken, seconds, as in the scene; null if the scene does not say.
+    pub time_s: Option<f64>,
+}
+
+/// A frame that shows an object well.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BestView {
+    /// The frame.
+    pub frame: FrameStamp,
+    /// The smallest box around the object's pixels.
+    pub bounding_box: BoundingBox,
+    /// Number of its pixels.
+    pub area_px: usize,
+    /// How sure the id is in this frame, from 0 to 1.
+    pub confidence: f32,
+    /// Mean sRGB colour of its pixels.
+    pub color: Option<[u8; 3]>,
+    /// A picture of it, by its path in the folder of the run.
+    pub crop: Option<String>,
+}
+
+impl ObjectList {
+    /// The value of the key `format`.
+    pub const FORMAT: &'static str = "splatseg-objects";
+    /// The value of the key `version`.
+    pub const VERSION: u32 = 1;
+
+    /// The objects that a log has noted or a memory carries. Without a memory, shapes and states are unknown.
+    ///
+    /// Names, times, confidences and best views are unknown until [`Self::add_sightings`].
+    pub fn new(log: &ObjectLog, memory: Option<&SplatMemory>) -> Self {
+        let mut shapes = memory.map(object_shapes).unwrap_or_default();
+        let carried = memory.map(SplatMemory::carried_ids);
+        let ids: BTreeSet<SegmentId> =
+            log.records().keys().chain(shapes.keys()).chain(carried.iter().flatten()).copied().collect();
+        let stamp = |number| FrameStamp { number, name: None, file: None, time_s: None };
+        let object = |id: SegmentId| {
+            let record = log.records().get(&id);
+            let shape = shapes.remove(&id);
+            Object {
+                id,
+                label: None,
+                state: memory.zip(carried.as_ref()).map(|(memory, carried)| state_of(id, memory, carried)),
+                frames: record.map_or(0, |record| record.frames),
+                first_frame: record.map(|record| stamp(record.first_frame)),
+                last_frame: record.map(|record| stamp(record.last_frame)),
+                confidence: None,
+                color: shape.as_ref().map(|shape| shape.color),
+                shape,
+                best_view: None,
+            }
+        };
+        Self {
+            format: Self::FORMAT.to_owned(),
+            version: Self::VERSION,
+            scene: None,
+            frames: log.frames(),
+            conventions: Conventions::default(),
+            objects: ids.into_iter().map(object).collect(),
+        }
+    }
+
+    /// Adds what is known of when and how well each object was seen.
+    pub fn add_sightings(&mut self, seen: &SeenObjects) {
+        let by_id: BTreeMap<SegmentId, usize> =
+            self.objects.iter().enumerate().map(|(index, object)| (object.id, index)).collect();
+        for (id, sightings) in seen.objects() {
+            let Some(object) = by_id.get(id).and_then(|index| self.objects.get_mut(*index)) else { continue };
+            object.first_frame = Some(sightings.first_frame.clone());
+            object.last_frame = Some(sightings.last_frame.clone());
+            object.confidence = Some(sightings.confidence());
+            object.color = object.color.or(sightings.best_view.color);
+            object.best_view = Some(sightings.best_view.clone());
+        }
+    }
+
+    /// The JSON text, with one line for each object.
+    ///
+    /// # Errors
+    /// None that is known: every value can be written.
+    pub fn to_json(&self) -> serde_json::Result<String> {
+        let mut bytes = Vec::new();
+        self.serialize(&mut serde_json::Serializer::with_formatter(&mut bytes, OuterLines::default()))?;
+        bytes.push(b'\n');
+        String::from_utf8(bytes).map_err(serde::ser::Error::custom)
+    }
+}
+
+impl Default for Conventions {
+    fn default() -> Self {
+        Self {
+            length: "metres".to_owned(),
+            area: "square metres".to_owned(),
+            time: "seconds, from the same instant as the scene's timestamps".to_owned(),
+            image:
+                "pixels of the images in segments/; x to the right and y down from the top left pixel, which is (0, 0)"
+                    .to_owned(),
+            coordinates: "the world of the scene's camera poses".to_owned(),
+            rotation: "quaternion [x, y, z, w] that turns the oriented box's axes into the world's".to_owned(),
+            color: "sRGB, [red, green, blue], 0 to 255".to_owned(),
+        }
+    }
+}
+
+fn state_of(id: SegmentId, memory: &SplatMemory, carried: &BTreeSet<SegmentId>) -> ObjectState {
+    match (carried.contains(&id), memory.is_tentative(id)) {
+        (false, _) => ObjectState::Forgotten,
+        (true, true) => ObjectState::Tentative,
+        (true, false) => ObjectState::Remembered,
+    }
+}
+
+/// Breaks lines at the two outer levels of a document.
+#[derive(Debug, Default)]
+struct OuterLines {
+    depth: usize,
+}
+
+impl OuterLines {
+    const LEVELS: usize = 2;
+
+    fn open<W: Write + ?Sized>(&mut self, writer: &mut W, bracket: &[u8]) -> io::Result<()> {
+        self.depth += 1;
+        writer.write_all(bracket)
+    }
+
+    fn close<W: Write + ?Sized>(&mut self, writer: &mut W, bracket: &[u8]) -> io::Result<()> {
+        self.depth -= 1;
+        if self.depth < Self::LEVELS {
+            self.new_line(writer)?;
+        }
+        writer.write_all(bracket)
+    }
+
+    fn next<W: Write + ?Sized>(&self, writer: &mut W, is_first: bool) -> io::Result<()> {
+        if self.depth > Self::LEVELS {
+            return writer.write_all(if is_first { b"" } else { b", " });
+        }
+        writer.write_all(if is_first { b"" } else { b"," })?;
+        self.new_line(writer)
+    }
+
+    fn new_line<W: Write + ?Sized>(&self, writer: &mut W) -> io::Result<()> {
+        write!(writer, "\n{:1$}", "", 2 * self.depth)
+    }
+}
+
+impl Formatter for OuterLines {
+    fn begin_array<W: Write + ?Sized>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.open(writer, b"[")
+    }
+
+    fn end_array<W: Write + ?Sized>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.close(writer, b"]")
+    }
+
+    fn begin_array_value<W: Write + ?Sized>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
+        self.next(writer, first)
+    }
+
+    fn begin_object<W: Write + ?Sized>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.open(writer, b"{")
+    }
+
+    fn end_object<W: Write + ?Sized>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.close(writer, b"}")
+    }
+
+    fn begin_object_key<W: Write + ?Sized>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
+        self.next(writer, first)
+    }
+
+    fn begin_object_value<W: Write + ?Sized>(&mut self, writer: &mut W) -> io::Result<()> {
+        writer.write_all(b": ")
+    }
+}

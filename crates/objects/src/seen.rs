@@ -1,0 +1,145 @@
+//! When each object was seen, how surely, and which frame shows it best.
+
+use crate::{BestView, BoundingBox, FrameStamp, ObjectSighting};
+use splatseg_geometry::SegmentId;
+use std::collections::BTreeMap;
+
+/// A view must be better than the best one so far by this factor: an object that comes closer does not get a new best
+/// view in every frame.
+const CLEARLY_BETTER: f64 = 1.2;
+/// What a view is worth that the edge of the image cuts, relative to one that shows the object whole.
+const CUT_VIEW: f64 = 0.25;
+
+/// Every object seen so far, with its best view. Made of the sightings of each frame alone, so showing it the same
+/// frames again gives the same.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SeenObjects {
+    objects: BTreeMap<SegmentId, Sightings>,
+}
+
+/// The sightings of an object.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sightings {
+    /// The first frame that showed it.
+    pub first_frame: FrameStamp,
+    /// The last frame that showed it.
+    pub last_frame: FrameStamp,
+    /// How many frames showed it.
+    pub frames: usize,
+    /// The frame that shows it best: the one with the most pixels times confidence, where views that the edge of the
+    /// image cuts count a quarter.
+    pub best_view: BestView,
+    score: f64,
+    summed_confidence: f64,
+}
+
+impl Sightings {
+    /// Mean confidence of the frames that showed the object, from 0 to 1.
+    pub fn confidence(&self) -> f32 {
+        (self.summed_confidence / self.frames.max(1) as f64) as f32
+    }
+}
+
+impl SeenObjects {
+    /// All objects, by id.
+    pub fn objects(&self) -> &BTreeMap<SegmentId, Sightings> {
+        &self.objects
+    }
+
+    /// The best view of an object.
+    pub fn best_view_mut(&mut self, id: SegmentId) -> Option<&mut BestView> {
+        self.objects.get_mut(&id).map(|object| &mut object.best_view)
+    }
+
+    /// Takes in the objects of the next frame, whose images have `size` `(width, height)`. Returns those of which it is
+    /// the new best view, which has no colour and no crop yet.
+    pub fn record(&mut self, frame: &FrameStamp, size: (usize, usize), sightings: &[ObjectSighting]) -> Vec<SegmentId> {
+        let mut improved = Vec::new();
+        for sighting in sightings {
+            let score = score(sighting, size);
+            let view = || BestView {
+                frame: frame.clone(),
+                bounding_box: sighting.bounding_box,
+                area_px: sighting.area,
+                confidence: sighting.confidence,
+                color: None,
+                crop: None,
+            };
+            let object = self.objects.entry(sighting.id).or_insert_with(|| Sightings {
+                first_frame: frame.clone(),
+                last_frame: frame.clone(),
+                frames: 0,
+                best_view: view(),
+                score,
+                summed_confidence: 0.0,
+            });
+            let is_better = score > CLEARLY_BETTER * object.score;
+            if is_better {
+                (object.best_view, object.score) = (view(), score);
+            }
+            if is_better || object.frames == 0 {
+                improved.push(sighting.id);
+            }
+            object.last_frame.clone_from(frame);
+            object.frames += 1;
+            object.summed_confidence += f64::from(sighting.confidence);
+        }
+        improved
+    }
+}
+
+fn score(sighting: &ObjectSighting, size: (usize, usize)) -> f64 {
+    let whole = sighting.area as f64 * f64::from(sighting.confidence);
+    if is_cut(&sighting.bounding_box, size) { CUT_VIEW * whole } else { whole }
+}
+
+/// Whether a box touches the edge of the image.
+fn is_cut(inner: &BoundingBox, (width, height): (usize, usize)) -> bool {
+    inner.x == 0 || inner.y == 0 || inner.x + inner.width >= width || inner.y + inner.height >= height
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stamp(number: usize) -> FrameStamp {
+        FrameStamp { number, name: Some(format!("frame-{number}")), file: None, time_s: Some(number as f64 / 4.0) }
+    }
+
+    fn sighting(x: usize, area: usize, confidence: f32) -> ObjectSighting {
+        let bounding_box = BoundingBox { x, y: 5, width: 10, height: 10 };
+        ObjectSighting { id: 7, area, bounding_box, confidence, first_frame: 0, last_frame: 0 }
+    }
+
+    /// The frames that were the best view of object 7 when they came.
+    fn best_frames(seen: &mut SeenObjects, sightings: &[ObjectSighting]) -> Vec<usize> {
+        let is_best = |(number, sighting): &(usize, &ObjectSighting)| {
+            !seen.record(&stamp(*number), (100, 80), std::slice::from_ref(*sighting)).is_empty()
+        };
+        sightings.iter().enumerate().filter(is_best).map(|(number, _)| number).collect()
+    }
+
+    #[test]
+    fn the_best_view_is_large_sure_and_whole() {
+        let mut seen = SeenObjects::default();
+        let sightings = [
+            sighting(5, 40, 0.5),
+            sighting(5, 45, 0.5),
+            sighting(5, 45, 1.0),
+            sighting(0, 90, 1.0),
+            sighting(90, 90, 1.0),
+            sighting(89, 55, 1.0),
+        ];
+        assert_eq!(best_frames(&mut seen, &sightings), [0, 2, 5]);
+        let object = &seen.objects()[&7];
+        assert_eq!((object.first_frame.number, object.last_frame.number, object.frames), (0, 5, 6));
+        assert_eq!((object.best_view.area_px, object.best_view.frame.number), (55, 5));
+        assert!((object.confidence() - 5.0 / 6.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn an_object_that_is_always_cut_or_unsure_has_a_best_view_too() {
+        let mut seen = SeenObjects::default();
+        assert_eq!(best_frames(&mut seen, &[sighting(0, 40, 0.0), sighting(0, 40, 0.0), sighting(0, 40, 0.5)]), [0, 2]);
+    }
+}
