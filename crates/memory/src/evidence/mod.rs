@@ -159,7 +159,8 @@ impl SegmentStore for EvidenceStore {
     }
 
     fn learn(&mut self, recall: &mut Recall<'_>, _: &dyn Splats, seen: &SegmentMap) -> LearningExtent {
-        let frame = FrameVotes::count(recall.view.weights(), seen, self.votes.len());
+        let (weights, depth) = (recall.view.weights(), recall.frame.depth());
+        let frame = FrameVotes::count(weights, seen, depth, self.settings.depth_tolerance, self.votes.len());
         let active_gaussians = frame.apply(&mut self.votes, &self.settings);
         LearningExtent { active_pixels: seen.pixels().len(), active_gaussians }
     }

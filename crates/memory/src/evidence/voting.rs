@@ -4,7 +4,7 @@ use super::Votes;
 use crate::recall::cut;
 use crate::{ABSTAIN, MemorySettings};
 use rayon::prelude::*;
-use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_geometry::{CowImage, SegmentId, SegmentMap};
 use splatseg_render::{BlendWeights, TileWeights};
 
 /// Labels that one Gaussian can get votes for in a frame: those with the most weight.
@@ -32,8 +32,18 @@ pub(super) struct FrameVotes {
 
 impl FrameVotes {
     /// Counts for each Gaussian the labels of the pixels that see it: Σ over the pixels of label ℓ of `W[p, i]`.
-    pub fn count(weights: &BlendWeights, labels: &SegmentMap, gaussian_count: usize) -> Self {
-        let by_tile = weights.tiles().par_iter().map(|tile| count_tile(tile, labels)).collect();
+    ///
+    /// A Gaussian is seen at a pixel only if it lies within `tolerance` of the depth observed there, or nothing is
+    /// observed there. Behind a surface, some light comes through, but the label is not that of what lies there; and the
+    /// edge of a Gaussian in front reaches over pixels that show what lies behind it.
+    pub fn count(
+        weights: &BlendWeights,
+        labels: &SegmentMap,
+        depth: &CowImage<'_, f32>,
+        tolerance: f32,
+        gaussian_count: usize,
+    ) -> Self {
+        let by_tile = weights.tiles().par_iter().map(|tile| count_tile(tile, labels, depth, tolerance)).collect();
         Self { by_tile, gaussian_count }
     }
 
@@ -72,8 +82,11 @@ impl Labelled {
     }
 }
 
-fn count_tile(tile: &TileWeights, labels: &SegmentMap) -> Vec<Labelled> {
+fn count_tile(tile: &TileWeights, labels: &SegmentMap, depth: &CowImage<'_, f32>, tolerance: f32) -> Vec<Labelled> {
     let labels = cut(tile, labels);
+    let observed = cut(tile, depth);
+    let measured = observed.iter().copied().filter(|observed| *observed > 0.0);
+    let (nearest, farthest) = measured.fold((f32::INFINITY, 0.0f32), |(min, max), at| (min.min(at), max.max(at)));
     tile.gaussians()
         .iter()
         .enumerate()
@@ -81,7 +94,14 @@ fn count_tile(tile: &TileWeights, labels: &SegmentMap) -> Vec<Labelled> {
             let mut labelled = Labelled { gaussian: *gaussian, ..Labelled::default() };
             // Runs of one label are added before they are looked up.
             let (mut current, mut sum) = (0, 0.0);
+            let depth = tile.depths()[column];
+            // Most tiles show one surface: then no pixel needs to be looked at.
+            let is_near_all = depth <= nearest + tolerance && depth >= farthest - tolerance;
             for (pixel, weight) in tile.column(column) {
+                let observed = observed[usize::from(pixel)];
+                if !is_near_all && observed > 0.0 && (depth - observed).abs() > tolerance {
+                    continue;
+                }
                 let label = labels[usize::from(pixel)];
                 if label != current {
                     labelled.add(current, sum);
