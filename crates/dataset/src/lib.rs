@@ -50,7 +50,7 @@ pub use scene::{FramePart, LeftOut, Scene};
 pub use settings::DatasetSettings;
 pub use sevenscenes::SevenScenesScene;
 pub use stream::{FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY, StreamedFrame};
-pub use synthetic::{CameraMotion, Motion, Mover, Noise, SyntheticScene, SyntheticSettings};
+pub use synthetic::{CameraMotion, Motion, Mover, Noise, SyntheticScene, SyntheticSettings, Thing, ThingKind};
 pub use tum::TumScene;
 pub use undistort::Undistortion;
 

@@ -7,11 +7,13 @@ mod room;
 mod settings;
 mod solids;
 mod texture;
+mod thing;
 
 pub use motion::{Motion, Mover};
 pub use noise::Noise;
 pub use settings::{CameraMotion, SyntheticSettings};
 pub(crate) use settings::{LAYOUT, looks_like};
+pub use thing::{Thing, ThingKind};
 
 use crate::files::MemoryNeed;
 use crate::scene::FrameParts;
@@ -71,6 +73,11 @@ impl SyntheticScene {
         let mut scene = Self { name: settings.to_string(), settings, room, movers: Vec::new(), intrinsics };
         scene.movers = scene.choose_movers()?;
         Ok(scene)
+    }
+
+    /// The things in the room, by increasing id; walls, floor and ceiling are none.
+    pub fn things(&self) -> Vec<Thing> {
+        self.room.things().map(Thing::from).collect()
     }
 
     /// The things that move, vanish or appear, and how. The kinds take turns: slide, vanish, appear, slide, and so on;

@@ -128,7 +128,7 @@ impl Room {
         (1..=most).take_while(is_free).count()
     }
 
-    fn things(&self) -> impl Iterator<Item = &Solid> {
+    pub(super) fn things(&self) -> impl Iterator<Item = &Solid> {
         self.solids.iter().filter(|solid| solid.id > SHELL)
     }
 

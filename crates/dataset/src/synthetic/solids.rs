@@ -64,6 +64,15 @@ impl Shape {
         }
     }
 
+    /// Lengths of the smallest box around the shape, along its own axes, metres.
+    pub(super) fn size(self) -> Vec3 {
+        match self {
+            Self::Box(half) => 2.0 * half,
+            Self::Sphere(radius) => Vec3::splat(2.0 * radius),
+            Self::Cylinder(radius, half_height) => Vec3::new(2.0 * radius, 2.0 * radius, 2.0 * half_height),
+        }
+    }
+
     /// Distance along the ray and outward normal; both in the shape's coordinates.
     fn hit(self, ray: Ray) -> Option<(f32, Vec3)> {
         match self {
