@@ -3,6 +3,7 @@
 //! [`ObjectLog`] counts the sightings of every frame; [`object_shapes`] measures the Gaussians of a memory;
 //! [`ObjectList`] brings both together and is the content of `objects.json`.
 
+mod csv;
 mod list;
 mod seen;
 mod shape;

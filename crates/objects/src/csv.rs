@@ -1,0 +1,114 @@
+//! The list of objects as a table.
+
+use crate::{FrameStamp, Object, ObjectList, ObjectState};
+use glam::Vec3;
+use std::fmt::Display;
+
+/// The columns; `docs/OBJECTS.md` describes them.
+const COLUMNS: [&str; 43] = [
+    "id",
+    "label",
+    "state",
+    "frames",
+    "confidence",
+    "first_frame",
+    "first_name",
+    "first_time_s",
+    "last_frame",
+    "last_name",
+    "last_time_s",
+    "red",
+    "green",
+    "blue",
+    "centroid_x",
+    "centroid_y",
+    "centroid_z",
+    "min_x",
+    "min_y",
+    "min_z",
+    "max_x",
+    "max_y",
+    "max_z",
+    "center_x",
+    "center_y",
+    "center_z",
+    "size_x",
+    "size_y",
+    "size_z",
+    "rotation_x",
+    "rotation_y",
+    "rotation_z",
+    "rotation_w",
+    "area_m2",
+    "points",
+    "stray_points",
+    "best_frame",
+    "best_name",
+    "best_x",
+    "best_y",
+    "best_width",
+    "best_height",
+    "crop",
+];
+
+impl ObjectList {
+    /// The objects as comma-separated values (RFC 4180), with a line of names first. What is unknown is empty.
+    pub fn to_csv(&self) -> String {
+        let mut text = COLUMNS.join(",") + "\n";
+        for object in &self.objects {
+            text += &cells_of(object).join(",");
+            text.push('\n');
+        }
+        text
+    }
+}
+
+fn cells_of(object: &Object) -> Vec<String> {
+    let state = object.state.map(|state| match state {
+        ObjectState::Remembered => "remembered",
+        ObjectState::Tentative => "tentative",
+        ObjectState::Forgotten => "forgotten",
+    });
+    let mut cells = vec![object.id.to_string(), cell(object.label.as_deref().map(quoted)), cell(state)];
+    cells.extend([object.frames.to_string(), cell(object.confidence)]);
+    for frame in [&object.first_frame, &object.last_frame] {
+        cells.extend(frame_cells(frame.as_ref()));
+        cells.push(cell(frame.as_ref().and_then(|frame| frame.time_s)));
+    }
+    cells.extend((0..3).map(|channel| cell(object.color.map(|color| color[channel]))));
+    let shape = object.shape.as_ref();
+    cells.extend(vector_cells(shape.map(|shape| shape.centroid)));
+    cells.extend(vector_cells(shape.map(|shape| shape.axis_aligned_box.min)));
+    cells.extend(vector_cells(shape.map(|shape| shape.axis_aligned_box.max)));
+    cells.extend(vector_cells(shape.map(|shape| shape.oriented_box.center)));
+    cells.extend(vector_cells(shape.map(|shape| shape.oriented_box.size)));
+    let rotation = shape.map(|shape| shape.oriented_box.rotation.to_array());
+    cells.extend((0..4).map(|part| cell(rotation.map(|rotation| rotation[part]))));
+    cells.push(cell(shape.map(|shape| shape.area_m2)));
+    cells.push(cell(shape.map(|shape| shape.points)));
+    cells.push(cell(shape.map(|shape| shape.stray_points)));
+    let view = object.best_view.as_ref();
+    cells.extend(frame_cells(view.map(|view| &view.frame)));
+    let inner = view.map(|view| view.bounding_box);
+    cells.extend([inner.map(|inner| inner.x), inner.map(|inner| inner.y)].map(cell));
+    cells.extend([inner.map(|inner| inner.width), inner.map(|inner| inner.height)].map(cell));
+    cells.push(cell(view.and_then(|view| view.crop.as_deref()).map(quoted)));
+    cells
+}
+
+/// Number and name.
+fn frame_cells(frame: Option<&FrameStamp>) -> [String; 2] {
+    [cell(frame.map(|frame| frame.number)), cell(frame.and_then(|frame| frame.name.as_deref()).map(quoted))]
+}
+
+fn vector_cells(vector: Option<Vec3>) -> [String; 3] {
+    std::array::from_fn(|axis| cell(vector.map(|vector| vector[axis])))
+}
+
+fn cell(value: Option<impl Display>) -> String {
+    value.map(|value| value.to_string()).unwrap_or_default()
+}
+
+fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+}

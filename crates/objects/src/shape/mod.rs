@@ -1,0 +1,114 @@
+//! The shape of an object in the world, from the Gaussians that show it.
+
+mod oriented_box;
+mod patch_grid;
+mod patches;
+mod stray;
+mod surface_area;
+
+use glam::{DVec3, Quat, Vec3};
+use oriented_box::oriented_box;
+use patches::{Patch, patches_by_object};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use splatseg_geometry::SegmentId;
+use splatseg_memory::SplatMemory;
+use std::collections::BTreeMap;
+use stray::without_stray;
+use surface_area::surface_area;
+
+/// Patches count as inside a box up to this far outside, metres.
+const EDGE: f32 = 0.005;
+
+/// Where an object is and how large, as far as it was seen. World coordinates, metres.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ObjectShape {
+    /// Mean of the surface that was seen. It lies towards the side that the camera saw: the middle of a box is
+    /// [`OrientedBox::center`].
+    pub centroid: Vec3,
+    /// The box along the world's axes.
+    pub axis_aligned_box: AxisAlignedBox,
+    /// The tightest box that may be turned.
+    pub oriented_box: OrientedBox,
+    /// Area of the surface that was seen, square metres.
+    pub area_m2: f32,
+    /// Mean sRGB colour of that surface.
+    pub color: [u8; 3],
+    /// Number of Gaussians that show the object.
+    pub points: usize,
+    /// How many of them are left out of all of the above because they lie apart from the rest.
+    pub stray_points: usize,
+}
+
+/// A box along the world's axes, metres.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AxisAlignedBox {
+    /// Least x, y and z.
+    pub min: Vec3,
+    /// Largest x, y and z.
+    pub max: Vec3,
+}
+
+/// A box in any direction.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OrientedBox {
+    /// Its middle, world coordinates, metres.
+    pub center: Vec3,
+    /// Whole lengths along its own axes, metres.
+    pub size: Vec3,
+    /// World from box: turns its axes into the world's. Quaternion x, y, z, w with w ≥ 0.
+    pub rotation: Quat,
+}
+
+/// The shapes of all objects that Gaussians of the memory show.
+pub fn object_shapes(memory: &SplatMemory) -> BTreeMap<SegmentId, ObjectShape> {
+    let objects: Vec<(SegmentId, Vec<Patch>)> = patches_by_object(memory).into_iter().collect();
+    objects.into_par_iter().map(|(id, patches)| (id, shape_of(&patches))).collect()
+}
+
+/// The shape of an object of at least one patch.
+fn shape_of(patches: &[Patch]) -> ObjectShape {
+    let kept = without_stray(patches);
+    let (mut center, mut color, mut area) = (DVec3::ZERO, [0.0; 3], 0.0);
+    for patch in &kept {
+        let weight = f64::from(patch.area());
+        center += weight * patch.mean.as_dvec3();
+        color.iter_mut().zip(patch.color).for_each(|(sum, channel)| *sum += weight * f64::from(channel));
+        area += weight;
+    }
+    let oriented = oriented_box(&kept);
+    let aligned = axis_aligned_box(&kept, &oriented);
+    ObjectShape {
+        centroid: rounded((center / area).as_vec3()),
+        axis_aligned_box: AxisAlignedBox { min: rounded(aligned.min), max: rounded(aligned.max) },
+        oriented_box: OrientedBox { center: rounded(oriented.center), size: rounded(oriented.size), ..oriented },
+        area_m2: surface_area(&kept),
+        color: color.map(|sum| (sum / area).round() as u8),
+        points: patches.len(),
+        stray_points: patches.len() - kept.len(),
+    }
+}
+
+/// To a tenth of a millimetre: more digits mean nothing.
+fn rounded(metres: Vec3) -> Vec3 {
+    // Adding 0 makes -0 positive.
+    ((metres.as_dvec3() * 1e4).round() / 1e4 + 0.0).as_vec3()
+}
+
+/// The box along the world's axes around the patches that the oriented box holds. Quantiles along the world's axes would
+/// cut the corners of an object that is turned.
+fn axis_aligned_box(patches: &[Patch], oriented: &OrientedBox) -> AxisAlignedBox {
+    let box_from_world = oriented.rotation.inverse();
+    let half = 0.5 * oriented.size + EDGE;
+    let is_inside = |point: Vec3| (box_from_world * (point - oriented.center)).abs().cmple(half).all();
+    let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for patch in patches.iter().filter(|patch| is_inside(patch.mean)) {
+        (min, max) = (min.min(patch.mean), max.max(patch.mean));
+    }
+    // No patch is inside if each of a few is far from the others along some axis.
+    if min.cmple(max).all() {
+        AxisAlignedBox { min, max }
+    } else {
+        AxisAlignedBox { min: oriented.center, max: oriented.center }
+    }
+}

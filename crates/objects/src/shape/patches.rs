@@ -1,0 +1,52 @@
+//! The pieces of surface that Gaussians stand for.
+
+use glam::Vec3;
+use splatseg_geometry::SegmentId;
+use splatseg_memory::{GrowthRule, SplatMemory};
+use std::collections::BTreeMap;
+
+/// No Gaussian counts as smaller, metres.
+const MIN_RADIUS: f32 = 1e-4;
+
+/// The piece of surface that a Gaussian stands for: a square that faced the camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Patch {
+    /// Its middle, world coordinates, metres.
+    pub mean: Vec3,
+    /// Its side, metres.
+    pub side: f32,
+    /// So far from its middle the memory finds the surface covered and adds no further Gaussian, metres.
+    pub cover: f32,
+    /// sRGB.
+    pub color: [u8; 3],
+}
+
+impl Patch {
+    /// Square metres.
+    pub fn area(&self) -> f32 {
+        self.side * self.side
+    }
+}
+
+/// The patches of every object that Gaussians show, in the order of the map.
+pub(super) fn patches_by_object(memory: &SplatMemory) -> BTreeMap<SegmentId, Vec<Patch>> {
+    let settings = memory.settings();
+    let (sides_per_radius, covering_alpha) = match settings.growth_rule() {
+        GrowthRule::Paper => (1.0, settings.growth_silhouette),
+        _ => (1.0 / settings.radius_per_spacing, settings.growth_coverage),
+    };
+    // A Gaussian's alpha is exp(-d² / 2r²) at distance d.
+    let covers_per_radius = (-2.0 * covering_alpha.clamp(0.1, 0.9).ln()).sqrt();
+    let (balls, colors) = (memory.balls(), memory.colors());
+    let mut objects: BTreeMap<SegmentId, Vec<Patch>> = BTreeMap::new();
+    let gaussians = memory.segment_ids().into_iter().zip(&balls.means).zip(&balls.radii).zip(colors);
+    for (((id, mean), radius), color) in gaussians {
+        // A loaded map may hold anything.
+        if id != 0 && mean.is_finite() && radius.is_finite() {
+            let radius = radius.max(MIN_RADIUS);
+            let (side, cover) = (sides_per_radius * radius, covers_per_radius * radius);
+            objects.entry(id).or_default().push(Patch { mean: *mean, side, cover, color: *color });
+        }
+    }
+    objects
+}

@@ -1,0 +1,178 @@
+//! Which patches of an object lie apart from it: flying pixels at depth edges, and Gaussians of other things that a few
+//! wrong masks have won over.
+
+use super::patch_grid::PatchGrid;
+use super::patches::Patch;
+use glam::Vec3;
+use std::collections::BTreeMap;
+
+/// Two patches are connected if the distance of their middles is at most this many times what both cover: surfaces that
+/// are seen at a slant have gaps...
+const LINK_PER_COVER: f32 = 2.0;
+/// ...plus this, metres: depth scatters.
+const LINK: f32 = 0.02;
+/// Parts with less than this share of the object's area, which nothing connects to the rest, are stray.
+const MIN_PART: f64 = 0.05;
+/// Share of the area beyond a quantile, in a direction.
+const TAIL: f64 = 0.005;
+/// Patches that lie farther outside the quantiles than this share of the way between them are stray.
+const REACH: f32 = 0.1;
+
+/// The patches that are not stray, in their order. Never empty if there are patches.
+pub(super) fn without_stray(patches: &[Patch]) -> Vec<Patch> {
+    without_tails(large_parts(patches))
+}
+
+/// Patches in connected parts that are large enough.
+fn large_parts(patches: &[Patch]) -> Vec<Patch> {
+    let parts = connected_parts(patches);
+    let mut areas: BTreeMap<usize, f64> = BTreeMap::new();
+    for (patch, part) in patches.iter().zip(&parts) {
+        *areas.entry(*part).or_default() += f64::from(patch.area());
+    }
+    let total: f64 = areas.values().sum();
+    let largest = areas.values().copied().fold(0.0, f64::max);
+    let is_large = |part: &usize| areas[part] >= (MIN_PART * total).min(largest);
+    patches.iter().zip(&parts).filter(|(_, part)| is_large(part)).map(|(patch, _)| *patch).collect()
+}
+
+/// For each patch a number, which is the same for those that are connected. Patches in the same small cell are.
+fn connected_parts(patches: &[Patch]) -> Vec<usize> {
+    let mut cells: BTreeMap<[i32; 3], usize> = BTreeMap::new();
+    let mut largest: Vec<Patch> = Vec::new();
+    let cell_of_patch: Vec<usize> = patches
+        .iter()
+        .map(|patch| {
+            let cell = *cells.entry((patch.mean / LINK).floor().as_ivec3().to_array()).or_insert_with(|| {
+                largest.push(*patch);
+                largest.len() - 1
+            });
+            if patch.cover > largest[cell].cover {
+                largest[cell] = *patch;
+            }
+            cell
+        })
+        .collect();
+    let parts = linked_parts(&largest);
+    cell_of_patch.into_iter().map(|cell| parts[cell]).collect()
+}
+
+/// For each patch a number, which is the same for those that a chain of links connects.
+fn linked_parts(patches: &[Patch]) -> Vec<usize> {
+    let reach = patches.iter().map(|patch| 2.0 * LINK_PER_COVER * patch.cover + LINK).fold(0.0, f32::max);
+    let grid = PatchGrid::new(patches, reach);
+    let mut parts: Vec<Option<usize>> = vec![None; patches.len()];
+    let (mut open, mut near) = (Vec::new(), Vec::new());
+    for start in 0..patches.len() {
+        if parts[start].is_none() {
+            parts[start] = Some(start);
+            open.push(start);
+        }
+        while let Some(index) = open.pop() {
+            let patch = &patches[index];
+            grid.near(patch.mean, &mut near);
+            for other in near.iter().copied().filter(|other| parts[*other].is_none()).collect::<Vec<_>>() {
+                let link = LINK_PER_COVER * (patch.cover + patches[other].cover) + LINK;
+                if patch.mean.distance_squared(patches[other].mean) <= link * link {
+                    parts[other] = Some(start);
+                    open.push(other);
+                }
+            }
+        }
+    }
+    parts.into_iter().map(Option::unwrap_or_default).collect()
+}
+
+/// Patches that do not lie far outside the bulk in any of 13 directions. The end of a thin part stays: what lies outside
+/// the quantiles may reach as much farther as a tenth of the object.
+fn without_tails(patches: Vec<Patch>) -> Vec<Patch> {
+    let mut keep = vec![true; patches.len()];
+    for direction in directions() {
+        let mut along: Vec<(f32, f32)> =
+            patches.iter().map(|patch| (patch.mean.dot(direction), patch.area())).collect();
+        let (low, high) = weighted_quantiles(&mut along, TAIL);
+        let reach = REACH * (high - low) + LINK;
+        for (keep, patch) in keep.iter_mut().zip(&patches) {
+            let at = patch.mean.dot(direction);
+            *keep &= at >= low - reach && at <= high + reach;
+        }
+    }
+    let mut keep = keep.into_iter();
+    patches.into_iter().filter(|_| keep.next().unwrap_or(true)).collect()
+}
+
+/// Halves of the directions to the faces, edges and corners of a cube.
+fn directions() -> impl Iterator<Item = Vec3> {
+    let all = (0..27).map(|index| Vec3::new((index % 3) as f32, (index / 3 % 3) as f32, (index / 9) as f32) - 1.0);
+    all.skip(14).map(Vec3::normalize)
+}
+
+/// The positions below and above which `tail` of the weight lies; `weighted` are positions and weights.
+pub(super) fn weighted_quantiles(weighted: &mut [(f32, f32)], tail: f64) -> (f32, f32) {
+    weighted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f64 = weighted.iter().map(|(_, weight)| f64::from(*weight)).sum();
+    let outside = tail * total;
+    let end = |mut ordered: Box<dyn Iterator<Item = &(f32, f32)> + '_>| {
+        let mut passed = 0.0;
+        let found = ordered.find(|(_, weight)| {
+            passed += f64::from(*weight);
+            passed > outside
+        });
+        found.map_or(0.0, |(position, _)| *position)
+    };
+    let (low, high) = (end(Box::new(weighted.iter())), end(Box::new(weighted.iter().rev())));
+    (low.min(high), high.max(low))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A patch of 2 cm.
+    fn patch(x: f32, y: f32, z: f32) -> Patch {
+        Patch { mean: Vec3::new(x, y, z), side: 0.02, cover: 0.02, color: [0; 3] }
+    }
+
+    /// A square of 40 cm.
+    fn square() -> Vec<Patch> {
+        (0..400).map(|index| patch((index % 20) as f32 * 0.02, (index / 20) as f32 * 0.02, 0.0)).collect()
+    }
+
+    #[test]
+    fn a_thin_part_stays_and_what_lies_apart_goes() {
+        let mut patches = square();
+        // A pole of 60 cm, 7 % of the area; and a few patches far away, near each other.
+        patches.extend((1..30).map(|step| patch(0.2, 0.2, step as f32 * 0.02)));
+        let whole = patches.clone();
+        patches.extend((0..10).map(|step| patch(1.5, 0.02 * step as f32, 0.3)));
+        assert_eq!(without_stray(&patches), whole);
+    }
+
+    #[test]
+    fn a_thread_of_patches_does_not_make_the_object_longer_than_a_tenth() {
+        let mut patches = square();
+        // Flying pixels: a line away from the square's corner, less than 0.5 % of the area each 10 cm.
+        patches.extend((1..80).map(|step| Patch { side: 0.003, ..patch(0.38 + 0.02 * step as f32, 0.38, 0.0) }));
+        let kept = without_stray(&patches);
+        let farthest = kept.iter().map(|patch| patch.mean.x).fold(0.0, f32::max);
+        assert!(farthest > 0.38 && farthest < 0.48, "{farthest}");
+    }
+
+    #[test]
+    fn two_halves_of_an_object_both_stay() {
+        let mut patches = square();
+        patches.extend(square().into_iter().map(|near| patch(near.mean.x + 2.0, near.mean.y, 0.0)));
+        assert_eq!(without_stray(&patches).len(), 800);
+        assert_eq!(without_stray(&patches[..1]).len(), 1);
+        assert!(without_stray(&[]).is_empty());
+    }
+
+    #[test]
+    fn quantiles_are_by_weight() {
+        let mut weighted: Vec<(f32, f32)> = (0..100).map(|at| (at as f32, 1.0)).collect();
+        weighted.reverse();
+        assert_eq!(weighted_quantiles(&mut weighted, 0.105), (10.0, 89.0));
+        assert_eq!(weighted_quantiles(&mut [(3.0, 2.0)], 0.01), (3.0, 3.0));
+        assert_eq!(weighted_quantiles(&mut [(1.0, 0.001), (2.0, 9.0)], 0.01), (2.0, 2.0));
+    }
+}
