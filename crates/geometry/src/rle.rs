@@ -1,6 +1,7 @@
 //! COCO run-length encoded masks: runs down the columns, alternately outside and inside, starting outside.
 
-use crate::Mask;
+use crate::{Mask, SegmentId, SegmentMap};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use thiserror::Error;
 
@@ -57,6 +58,38 @@ impl RunLengths {
         }
         counts.push(run);
         Self { width, height, counts }
+    }
+
+    /// Encodes the mask of every segment of a map, by increasing id, in one pass.
+    pub fn of_segments(map: &SegmentMap) -> BTreeMap<SegmentId, Self> {
+        let (width, height) = map.size();
+        // Of each segment, its runs and where the last one ends.
+        let mut segments: BTreeMap<SegmentId, (Vec<u32>, usize)> = BTreeMap::new();
+        let (mut current, mut start) = (0, 0);
+        let mut end_run = |id: SegmentId, start: usize, end: usize| {
+            if id != 0 {
+                let (counts, last) = segments.entry(id).or_default();
+                counts.extend([(start - *last) as u32, (end - start) as u32]);
+                *last = end;
+            }
+        };
+        for column in 0..width {
+            for row in 0..height {
+                let (id, position) = (map[(column, row)], column * height + row);
+                if id != current {
+                    end_run(current, start, position);
+                    (current, start) = (id, position);
+                }
+            }
+        }
+        end_run(current, start, width * height);
+        let encoded = segments.into_iter().map(|(id, (mut counts, last))| {
+            if last < width * height {
+                counts.push((width * height - last) as u32);
+            }
+            (id, Self { width, height, counts })
+        });
+        encoded.collect()
     }
 
     /// Decodes to a mask.
@@ -247,6 +280,19 @@ mod tests {
                 let _ = runs.decode();
             }
         }
+    }
+
+    #[test]
+    fn encoding_all_segments_at_once_is_encoding_each() {
+        let map = SegmentMap::from_fn(7, 5, |column, row| [0, 3, 3, 9, 70_000, 0][(column * 5 + row * row) % 6]);
+        let all = RunLengths::of_segments(&map);
+        assert_eq!(all.keys().copied().collect::<Vec<_>>(), [3, 9, 70_000]);
+        for (id, runs) in all {
+            assert_eq!(runs, RunLengths::encode(&map.mask_of(id)), "id {id}");
+        }
+        let full = RunLengths::of_segments(&SegmentMap::filled(3, 2, 4));
+        assert_eq!(full[&4], RunLengths::encode(&Mask::from_fn(3, 2, |_, _| true)));
+        assert!(RunLengths::of_segments(&SegmentMap::filled(0, 0, 0)).is_empty());
     }
 
     /// `pycocotools.mask.encode` of a 5-row, 4-column mask whose rows 1 and 2 are set in columns 1 and 2.
