@@ -3,14 +3,19 @@
 //! Each kind of result is a [`RunOutput`]. It is shown every frame with its result, in order, and at the end the memory.
 //! Where files go is up to a [`ResultFolder`].
 
+mod coco;
+mod crops;
 mod digits;
 mod error;
+mod objects_file;
 mod overlay;
 mod page;
 mod run_output;
 mod segments;
 
+pub use coco::CocoFile;
 pub use error::{OutputError, write_atomically};
+pub use objects_file::ObjectsFile;
 pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
 pub use page::Page;
 pub use run_output::{FrameRecord, ResultFolder, RunEnd, RunOutput};

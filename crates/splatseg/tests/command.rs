@@ -63,7 +63,20 @@ fn a_run_writes_ids_overlays_and_a_summary() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     splatseg().args(["run", ROOM, "--out"]).arg(&out).args(["--seed", "3"]).assert().success();
-    assert_eq!(file_names(&out), ["index.html", "manifest.jsonl", "overlay", "segments", "summary.json", "viewer"]);
+    assert_eq!(
+        file_names(&out),
+        [
+            "index.html",
+            "manifest.jsonl",
+            "objects",
+            "objects.csv",
+            "objects.json",
+            "overlay",
+            "segments",
+            "summary.json",
+            "viewer"
+        ]
+    );
     assert_eq!(file_names(&out.join("segments")).len(), 4);
     assert_eq!(file_names(&out.join("overlay")).len(), 4);
     let summary = summary(&out);
@@ -301,6 +314,18 @@ fn the_demo_needs_no_input() {
     assert!(text.contains("3 frames, ") && text.contains("overlay"), "{text}");
     assert_eq!(
         file_names(&folder.path().join("here")),
-        ["index.html", "manifest.jsonl", "memory.ply", "overlay", "scene", "segments", "summary.json", "viewer"]
+        [
+            "index.html",
+            "manifest.jsonl",
+            "memory.ply",
+            "objects",
+            "objects.csv",
+            "objects.json",
+            "overlay",
+            "scene",
+            "segments",
+            "summary.json",
+            "viewer"
+        ]
     );
 }

@@ -171,7 +171,18 @@ fn every_stop_signal_ends_the_run_in_order() {
         assert_eq!(images, [frames, frames]);
         assert_eq!(
             file_names(&out),
-            ["index.html", "manifest.jsonl", "memory.ply", "overlay", "segments", "summary.json", "viewer"]
+            [
+                "index.html",
+                "manifest.jsonl",
+                "memory.ply",
+                "objects",
+                "objects.csv",
+                "objects.json",
+                "overlay",
+                "segments",
+                "summary.json",
+                "viewer"
+            ]
         );
     }
 }
@@ -196,7 +207,20 @@ fn a_second_signal_ends_the_run_at_once() {
     // What it left does not stop the next run.
     let ended = run(ROOM, &out, &[]);
     assert_eq!(ended.code, 0, "{}", ended.err);
-    assert_eq!(file_names(&out), ["index.html", "manifest.jsonl", "overlay", "segments", "summary.json", "viewer"]);
+    assert_eq!(
+        file_names(&out),
+        [
+            "index.html",
+            "manifest.jsonl",
+            "objects",
+            "objects.csv",
+            "objects.json",
+            "overlay",
+            "segments",
+            "summary.json",
+            "viewer"
+        ]
+    );
 }
 
 #[test]

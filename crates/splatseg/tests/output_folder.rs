@@ -41,6 +41,7 @@ fn overwrite_removes_what_the_manifest_lists_and_nothing_else() {
         manifest.lines().skip(1).map(|line| serde_json::from_str::<String>(line).unwrap()).collect();
     let mut written: Vec<String> = contents(&out).into_iter().map(|(name, _)| name).collect();
     written.retain(|name| name != "manifest.jsonl");
+    written.sort();
     assert_eq!(
         {
             let mut sorted = listed.clone();
@@ -69,8 +70,13 @@ fn results_that_no_manifest_lists_are_not_replaced() {
     let before = contents(&out);
     let ended = run(ROOM, &out, &["--overwrite"]);
     assert_eq!(ended.code, 2, "{}", ended.err);
-    assert!(ended.err.contains("frame-000000.jpg: is in the way"), "{}", ended.err);
+    assert!(ended.err.contains("objects.csv: is in the way"), "{}", ended.err);
     assert_eq!(contents(&out), before);
+    // It had no list of objects.
+    fs::remove_dir_all(out.join("objects")).unwrap();
+    ["objects.csv", "objects.json"].iter().for_each(|name| fs::remove_file(out.join(name)).unwrap());
+    let ended = run(ROOM, &out, &["--overwrite"]);
+    assert!(ended.err.contains("frame-000000.jpg: is in the way"), "{}", ended.err);
     fs::remove_dir_all(out.join("overlay")).unwrap();
     fs::remove_dir_all(out.join("segments")).unwrap();
     let ended = run(ROOM, &out, &["--overwrite"]);
@@ -109,7 +115,20 @@ fn a_failed_run_leaves_nothing_that_stops_the_next() {
     (0..2).for_each(|frame| fs::write(scene.join(format!("depth/{frame}.png")), &depth[frame]).unwrap());
     let ended = run(scene.to_str().unwrap(), &out, &options);
     assert_eq!(ended.code, 0, "{}", ended.err);
-    assert_eq!(file_names(&out), ["index.html", "manifest.jsonl", "overlay", "segments", "summary.json", "viewer"]);
+    assert_eq!(
+        file_names(&out),
+        [
+            "index.html",
+            "manifest.jsonl",
+            "objects",
+            "objects.csv",
+            "objects.json",
+            "overlay",
+            "segments",
+            "summary.json",
+            "viewer"
+        ]
+    );
     assert!(memory.is_file());
 }
 

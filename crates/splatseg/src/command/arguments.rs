@@ -65,8 +65,8 @@ pub struct DemoArguments {
 pub struct RunArguments {
     /// The scene: a folder or file of any format that --format names, or `synthetic[:frames=60,seed=3,…]`
     pub scene: PathBuf,
-    /// Folder for the results: index.html, a page to look at them, segments/*.png, overlay/*.jpg, summary.json, and
-    /// manifest.jsonl, which lists them
+    /// Folder for the results: index.html, a page to look at them, segments/*.png, overlay/*.jpg, objects.json,
+    /// objects.csv, objects/*.jpg, summary.json, and manifest.jsonl, which lists them
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Replace the results of an earlier run in that folder, as soon as there are new ones; all other files stay
@@ -79,6 +79,9 @@ pub struct RunArguments {
     /// Save the memory when done, as a PLY file that any Gaussian-splat viewer opens
     #[arg(long, value_name = "FILE.ply")]
     pub save_memory: Option<PathBuf>,
+    /// Save all masks as one COCO file: compressed RLE, with the id as track_id
+    #[arg(long, value_name = "FILE.json")]
+    pub save_coco: Option<PathBuf>,
     /// Continue with a memory saved earlier and with its ids
     #[arg(long, value_name = "FILE.ply")]
     pub load_memory: Option<PathBuf>,

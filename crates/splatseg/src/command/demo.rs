@@ -29,6 +29,7 @@ pub fn demo(arguments: &DemoArguments) -> Result<(), Failure> {
         save_memory: Some(arguments.out.join("memory.ply")),
         load_memory: None,
         resume: None,
+        save_coco: None,
     };
     say!("a camera moves through a rendered room: the built-in segmenter finds masks, and the memory keeps their ids");
     let summary = execute(&job)?;

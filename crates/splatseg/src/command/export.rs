@@ -3,7 +3,7 @@
 use super::Failure;
 use super::input_paths::{InputPaths, real_path};
 use super::output_folder::{CreatedFolders, Existing};
-use super::run::is_ply;
+use super::run::FileKind;
 use super::terminal::counted;
 use clap::{Args, ValueEnum};
 use splatseg_atomic_file::AtomicFile;
@@ -194,7 +194,7 @@ impl Places {
         }
         match self.existing {
             Existing::Keep => wrong("exists: give --overwrite to replace it"),
-            _ if !is_ply(path) => wrong("exists and is not a PLY file: choose another place"),
+            _ if !FileKind::MEMORY.is_kind_of(path) => wrong("exists and is not a PLY file: choose another place"),
             _ => Ok(()),
         }
     }

@@ -3,8 +3,8 @@
 //! `frame_loop.rs` processes the frames, `result_writer.rs` writes their images, `outputs.rs` lists what else is written,
 //! and `report.rs` describes the run when it has ended, in order or early.
 
+mod extra_file;
 mod frame_loop;
-mod memory_file;
 mod outputs;
 mod progress;
 mod report;
@@ -14,7 +14,7 @@ pub mod saved_run;
 mod skipped_frames;
 mod stop_signals;
 
-pub use memory_file::is_ply;
+pub use extra_file::FileKind;
 pub use report::report;
 pub use saved_run::SavedRun;
 
@@ -23,8 +23,8 @@ use super::arguments::RunArguments;
 use super::input_paths::{InputPaths, real_path};
 use super::manifest::SUMMARY;
 use super::output_folder::{Existing, OutputFolder};
+use extra_file::ExtraFile;
 use frame_loop::{FrameLoop, StateSaving};
-use memory_file::MemoryFile;
 use progress::codebook_bar;
 use saved_run::RunState;
 use serde_json::Value;
@@ -34,6 +34,7 @@ use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{FrameStream, GroundTruth, Scene, open_scene};
 use splatseg_input::read_file;
 use splatseg_output::RunEnd;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -58,6 +59,16 @@ pub struct Job {
     pub load_memory: Option<PathBuf>,
     /// The run to go on with.
     pub resume: Option<SavedRun>,
+    /// Where to save all masks in COCO's format.
+    pub save_coco: Option<PathBuf>,
+}
+
+impl Job {
+    /// The files that it writes outside its folder.
+    fn extra_files(&self) -> impl Iterator<Item = (FileKind, &PathBuf)> {
+        let files = [(FileKind::MEMORY, &self.save_memory), (FileKind::COCO, &self.save_coco)];
+        files.into_iter().filter_map(|(kind, path)| Some((kind, path.as_ref()?)))
+    }
 }
 
 /// Executes `splatseg run`.
@@ -75,6 +86,7 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
         save_memory: arguments.save_memory.clone(),
         load_memory: arguments.load_memory.clone(),
         resume,
+        save_coco: arguments.save_coco.clone(),
     };
     check_paths(&job, arguments.options.config.as_deref())?;
     let summary = execute(&job)?;
@@ -96,16 +108,25 @@ fn check_paths(job: &Job, config: Option<&Path>) -> Result<(), Failure> {
     if let Some(config) = config {
         inputs.add("the file of --config", config);
     }
-    if let Some(path) = &job.save_memory {
-        // The loaded memory may be replaced: it has been read by then.
+    let mut taken = BTreeMap::new();
+    for (kind, path) in job.extra_files() {
+        let wrong = |message: String| Err(Failure::input(format!("{}: {message}", path.display())));
+        let option = kind.option;
+        // The loaded memory may be replaced by the new one: it has been read by then.
         inputs.check_output_file(path)?;
-        if OutputFolder::is_result_place(&real_path(&job.out), &real_path(path)) {
-            let message = "is a place for other results: choose another file for --save-memory";
-            return Err(Failure::input(format!("{}: {message}", path.display())));
+        let real = real_path(path);
+        if OutputFolder::is_result_place(&real_path(&job.out), &real) {
+            return wrong(format!("is a place for other results: choose another file for {option}"));
+        }
+        if let Some(other) = taken.insert(real, option) {
+            return wrong(format!("is the file of {other}: choose another file for {option}"));
         }
     }
     if let Some(path) = &job.load_memory {
         inputs.add("the file of --load-memory", path);
+    }
+    if let Some(path) = &job.save_coco {
+        inputs.check_output_file(path)?;
     }
     inputs.check_output_folder(&job.out)
 }
@@ -116,6 +137,8 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
     OutputFolder::check(&job.out, job.existing)?;
     check_saving(job)?;
     let memory_file = job.save_memory.as_ref().map(|path| prepare_memory_file(path, job)).transpose()?;
+    let prepare_coco = |path: &PathBuf| ExtraFile::prepare(path, FileKind::COCO, job.existing);
+    let coco_file = job.save_coco.as_ref().map(prepare_coco).transpose()?;
     rayon::ThreadPoolBuilder::new().num_threads(job.settings.run.threads).build_global().map_err(Failure::work)?;
     job.settings.run.memory_limit.enforce();
     let signals = StopSignals::listen().map_err(Failure::work)?;
@@ -136,7 +159,7 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
     let run = &job.settings.run;
     let saving = StateSaving { every: run.save_every, state, staging: folder.staging().to_owned() };
     let saving = (run.save_every > 0).then_some(saving);
-    let (written, counts) = resumed::start(job, folder, outputs::of(job)?, scene.as_ref())?;
+    let (written, counts) = resumed::start(job, folder, outputs::of(job, coco_file.as_ref())?, scene.as_ref())?;
     let start_up = started.elapsed();
     let frames = FrameLoop { signals: &signals, strict_input: run.strict_input, saving };
     let mut ended = frames.run(pipeline.run(stream), written, counts);
@@ -165,12 +188,12 @@ fn check_saving(job: &Job) -> Result<(), Failure> {
 }
 
 /// Gets the file for the memory ready, if the method has one.
-fn prepare_memory_file(path: &Path, job: &Job) -> Result<MemoryFile, Failure> {
+fn prepare_memory_file(path: &Path, job: &Job) -> Result<ExtraFile, Failure> {
     if job.settings.method.memory().is_none() {
         let method = job.settings.method.name().name();
         return Err(Failure::input(format!("{}: the method {method} has no memory to save", path.display())));
     }
-    MemoryFile::prepare(path, job.existing)
+    ExtraFile::prepare(path, FileKind::MEMORY, job.existing)
 }
 
 /// The pipeline that the settings describe.

@@ -1,15 +1,20 @@
 //! What a run writes besides the images of its frames.
 
 use super::Job;
+use super::extra_file::ExtraFile;
 use crate::command::Failure;
-use splatseg_output::{Page, RunOutput};
+use splatseg_output::{CocoFile, ObjectsFile, Page, RunOutput};
 
-/// The outputs that a job asks for, in the order in which they are shown frames.
+/// The outputs of a run, in the order in which they are shown frames: the list of objects, all masks if
+/// there is a file for them, and the page to look at. The page comes last, as it shows the others.
 ///
 /// # Errors
 /// If one of them cannot be written where it should be.
-pub fn of(job: &Job) -> Result<Vec<Box<dyn RunOutput>>, Failure> {
-    let mut outputs: Vec<Box<dyn RunOutput>> = Vec::new();
+pub fn of(job: &Job, coco: Option<&ExtraFile>) -> Result<Vec<Box<dyn RunOutput>>, Failure> {
+    let mut outputs: Vec<Box<dyn RunOutput>> = vec![Box::new(ObjectsFile::default())];
+    if let Some(file) = coco {
+        outputs.push(Box::new(CocoFile::create(file.path()).map_err(Failure::input)?));
+    }
     if job.settings.run.page {
         outputs.push(Box::new(Page::new()));
     }

@@ -1,12 +1,13 @@
 //! What is written and said when a run has ended.
 
 use super::Job;
+use super::extra_file::ExtraFile;
 use super::frame_loop::{EarlyEnd, Ended};
-use super::memory_file::MemoryFile;
 use crate::command::Failure;
 use crate::command::terminal::counted;
 use splatseg::summary::{RunCounts, Summary, peak_memory_mb};
 use splatseg_memory::SplatMemory;
+use splatseg_output::ObjectsFile;
 use std::time::{Duration, Instant};
 
 /// Saves the memory and writes the summary, whatever has failed before. Returns the summary of a run that was complete.
@@ -17,7 +18,7 @@ pub fn finish(
     ended: Ended,
     times: (Instant, Duration),
     memory: Option<&SplatMemory>,
-    file: Option<&MemoryFile>,
+    file: Option<&ExtraFile>,
 ) -> Result<Summary, Failure> {
     let Ended { counts, written, early } = ended;
     let mut folder = written.folder;
@@ -129,7 +130,8 @@ pub fn report(job: &Job, summary: &Summary) -> String {
         "{}{skipped}, {}, {}\n\
          {:.1} frames per second over the whole run, {:.1} s of it before the first frame; without the segmenter, a frame \
          takes {ms_without_segmenter:.1} ms{memory}\n\
-         overlays are in {}\nids are in {}, as 16-bit images with one value per segment; {} describes the run",
+         overlays are in {}\nids are in {}, as 16-bit images with one value per segment; {} describes the run\n\
+         the objects are listed in {}, with a picture of each in {}",
         counted(summary.frames, "frame"),
         counted(summary.segments, "segment"),
         counted(summary.gaussians, "Gaussian"),
@@ -138,9 +140,14 @@ pub fn report(job: &Job, summary: &Summary) -> String {
         job.out.join("overlay").display(),
         job.out.join("segments").display(),
         job.out.join("summary.json").display(),
+        job.out.join(ObjectsFile::JSON).display(),
+        job.out.join("objects").display(),
     );
     if let Some(path) = &job.save_memory {
         text.push_str(&format!("\nthe memory is in {}: open it in any Gaussian-splat viewer", path.display()));
+    }
+    if let Some(path) = &job.save_coco {
+        text.push_str(&format!("\nthe masks are in {}, in COCO's format", path.display()));
     }
     if job.settings.run.page {
         text.push_str(&format!("\nlook at {}", job.out.join("index.html").display()));

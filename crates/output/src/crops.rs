@@ -1,0 +1,288 @@
+//! Pictures of objects, each cut out of the frame that shows it best.
+
+use crate::{OutputError, ResultFolder, segment_color};
+use image::ExtendedColorType;
+use image::codecs::jpeg::JpegEncoder;
+use splatseg_geometry::{CowImage, Image, SegmentId, SegmentMap};
+use splatseg_objects::BoundingBox;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// The longest side of a crop, pixels; larger ones are scaled down.
+const MAX_SIDE: usize = 256;
+/// What is shown around the object, as a share of the longer side of its box...
+const MARGIN: f64 = 0.15;
+/// ...and at least this, pixels.
+const MIN_MARGIN: usize = 4;
+/// How bright the surroundings stay, in percent.
+const SURROUNDINGS_PERCENT: u32 = 45;
+const JPEG_QUALITY: u8 = 85;
+
+/// A crop is written when so many frames have not brought a better one: most objects get better views at first.
+const SETTLED_FRAMES: usize = 10;
+/// If crops that wait take more than this, bytes, the oldest are written at once.
+const MAX_WAITING_BYTES: usize = 32 << 20;
+
+/// An object cut out of a frame: its surroundings are darker, and it has an outline in its [`segment_color`].
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Crop {
+    image: Image<[u8; 3]>,
+}
+
+/// The part of an image that a crop shows, and the crop's size.
+#[derive(Clone, Copy, Debug)]
+struct Window {
+    left: usize,
+    top: usize,
+    width: usize,
+    height: usize,
+    /// `(width, height)` of the crop.
+    size: (usize, usize),
+}
+
+impl Crop {
+    /// Cuts object `id` out of a frame. `color` and `segments` are `[height, width]`, of the same size, and hold
+    /// `inner`, the box around the object; otherwise there is no crop.
+    pub fn of(
+        color: &CowImage<'_, [u8; 3]>,
+        segments: &SegmentMap,
+        id: SegmentId,
+        inner: &BoundingBox,
+    ) -> Option<Self> {
+        let window = Window::around(inner, color.size()).filter(|_| color.size() == segments.size())?;
+        let (width, height) = window.size;
+        let mut image = Image::filled(width, height, [0; 3]);
+        let mut inside = Image::filled(width, height, false);
+        for row in 0..height {
+            for column in 0..width {
+                let (mean, share) = window.mean_of(color, segments, id, (column, row));
+                image[(column, row)] = mean;
+                inside[(column, row)] = share >= 0.5;
+            }
+        }
+        highlight(&mut image, &inside, segment_color(id));
+        Some(Self { image })
+    }
+
+    fn bytes(&self) -> usize {
+        size_of_val(self.image.pixels())
+    }
+
+    /// The crop as a JPEG.
+    fn encoded(&self, file: &str) -> Result<Vec<u8>, OutputError> {
+        let mut encoded = Vec::new();
+        JpegEncoder::new_with_quality(&mut encoded, JPEG_QUALITY)
+            .encode(
+                self.image.pixels().as_flattened(),
+                self.image.width() as u32,
+                self.image.height() as u32,
+                ExtendedColorType::Rgb8,
+            )
+            .map_err(|source| OutputError::Encode { path: PathBuf::from(file), source })?;
+        Ok(encoded)
+    }
+}
+
+impl Window {
+    /// The window around a box, with a margin; `None` if the box is empty or not in the image.
+    fn around(inner: &BoundingBox, (width, height): (usize, usize)) -> Option<Self> {
+        let margin = (MARGIN * inner.width.max(inner.height) as f64).round() as usize;
+        let margin = margin.max(MIN_MARGIN);
+        let (left, top) = (inner.x.saturating_sub(margin), inner.y.saturating_sub(margin));
+        let right = inner.x.checked_add(inner.width)?;
+        let bottom = inner.y.checked_add(inner.height)?;
+        if inner.width == 0 || inner.height == 0 || right > width || bottom > height {
+            return None;
+        }
+        let (shown_width, shown_height) = ((right + margin).min(width) - left, (bottom + margin).min(height) - top);
+        let longest = shown_width.max(shown_height);
+        let scaled = |side: usize| if longest > MAX_SIDE { (side * MAX_SIDE / longest).max(1) } else { side };
+        let size = (scaled(shown_width), scaled(shown_height));
+        Some(Self { left, top, width: shown_width, height: shown_height, size })
+    }
+
+    /// The mean colour of the pixels that a pixel of the crop stands for, and the share of them that show `id`.
+    fn mean_of(
+        &self,
+        color: &CowImage<'_, [u8; 3]>,
+        segments: &SegmentMap,
+        id: SegmentId,
+        (column, row): (usize, usize),
+    ) -> ([u8; 3], f32) {
+        let range =
+            |start: usize, at: usize, from: usize, to: usize| start + at * from / to..start + (at + 1) * from / to;
+        let (mut sum, mut count, mut shown) = ([0u32; 3], 0u32, 0u32);
+        for y in range(self.top, row, self.height, self.size.1) {
+            for x in range(self.left, column, self.width, self.size.0) {
+                sum.iter_mut().zip(color[(x, y)]).for_each(|(sum, channel)| *sum += u32::from(channel));
+                count += 1;
+                shown += u32::from(segments[(x, y)] == id);
+            }
+        }
+        let count = count.max(1);
+        (sum.map(|sum| ((sum + count / 2) / count) as u8), shown as f32 / count as f32)
+    }
+}
+
+/// Darkens what is not inside, and draws an outline on the pixels just inside.
+fn highlight(image: &mut Image<[u8; 3]>, inside: &Image<bool>, outline: [u8; 3]) {
+    let (width, height) = inside.size();
+    for row in 0..height {
+        for column in 0..width {
+            let darker = |channel: u8| (u32::from(channel) * SURROUNDINGS_PERCENT / 100) as u8;
+            let is_border = || {
+                let columns = column.saturating_sub(1)..=(column + 1).min(width - 1);
+                let rows = row.saturating_sub(1)..=(row + 1).min(height - 1);
+                columns.map(|column| (column, row)).chain(rows.map(|row| (column, row))).any(|at| !inside[at])
+            };
+            let pixel = &mut image[(column, row)];
+            if !inside[(column, row)] {
+                *pixel = pixel.map(darker);
+            } else if is_border() {
+                *pixel = outline;
+            }
+        }
+    }
+}
+
+/// The mean sRGB colour of an object's pixels in a frame; `None` if other objects are painted over all of them.
+pub(crate) fn mean_color(
+    color: &CowImage<'_, [u8; 3]>,
+    segments: &SegmentMap,
+    id: SegmentId,
+    inner: &BoundingBox,
+) -> Option<[u8; 3]> {
+    let (mut sum, mut count) = ([0u64; 3], 0u64);
+    for row in (inner.y..inner.y + inner.height).take_while(|row| *row < segments.height()) {
+        let columns = inner.x.min(segments.width())..(inner.x + inner.width).min(segments.width());
+        for (pixel, _) in
+            color.row(row)[columns.clone()].iter().zip(&segments.row(row)[columns]).filter(|(_, found)| **found == id)
+        {
+            sum.iter_mut().zip(pixel).for_each(|(sum, channel)| *sum += u64::from(*channel));
+            count += 1;
+        }
+    }
+    (count > 0).then(|| sum.map(|sum| ((sum + count / 2) / count) as u8))
+}
+
+/// Crops that are not written yet: only the last of several that follow each other is.
+#[derive(Debug, Default)]
+pub(crate) struct WaitingCrops {
+    /// By object: the number of the frame, and the crop.
+    crops: BTreeMap<SegmentId, (usize, Crop)>,
+    bytes: usize,
+}
+
+impl WaitingCrops {
+    /// The file of an object's crop, by its path in the folder.
+    pub fn file(id: SegmentId) -> String {
+        format!("objects/{id}.jpg")
+    }
+
+    /// Adds a crop of a frame, in place of an earlier one of the same object.
+    pub fn add(&mut self, id: SegmentId, frame: usize, crop: Crop) {
+        self.bytes += crop.bytes();
+        if let Some((_, replaced)) = self.crops.insert(id, (frame, crop)) {
+            self.bytes -= replaced.bytes();
+        }
+    }
+
+    /// Writes the crops that have waited long enough before frame `now`, or take too much memory.
+    ///
+    /// # Errors
+    /// If one cannot be written.
+    pub fn write_settled(&mut self, now: usize, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
+        let is_settled = |frame: usize| frame + SETTLED_FRAMES <= now;
+        let settled: Vec<SegmentId> =
+            self.crops.iter().filter(|(_, (frame, _))| is_settled(*frame)).map(|(id, _)| *id).collect();
+        settled.into_iter().try_for_each(|id| self.write(id, folder))?;
+        while self.bytes > MAX_WAITING_BYTES {
+            let oldest = self.crops.iter().min_by_key(|(_, (frame, _))| *frame).map(|(id, _)| *id);
+            let Some(oldest) = oldest else { break };
+            self.write(oldest, folder)?;
+        }
+        Ok(())
+    }
+
+    /// Writes all crops.
+    ///
+    /// # Errors
+    /// If one cannot be written.
+    pub fn write_all(&mut self, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
+        let ids: Vec<SegmentId> = self.crops.keys().copied().collect();
+        ids.into_iter().try_for_each(|id| self.write(id, folder))
+    }
+
+    fn write(&mut self, id: SegmentId, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
+        let Some((_, crop)) = self.crops.remove(&id) else { return Ok(()) };
+        self.bytes -= crop.bytes();
+        let file = Self::file(id);
+        folder.write(&file, &crop.encoded(&file)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::RefCell;
+
+    /// The names of the files that are written, in order.
+    #[derive(Default)]
+    struct Written(RefCell<Vec<String>>);
+
+    impl ResultFolder for Written {
+        fn write(&mut self, file: &str, bytes: &[u8]) -> Result<(), OutputError> {
+            assert!(bytes.starts_with(&[0xff, 0xd8]), "not a JPEG");
+            self.0.borrow_mut().push(file.to_owned());
+            Ok(())
+        }
+    }
+
+    fn square(side: usize, id: SegmentId, inner: &BoundingBox) -> (Image<[u8; 3]>, SegmentMap) {
+        let inside = |x: usize, y: usize| {
+            (inner.x..inner.x + inner.width).contains(&x) && (inner.y..inner.y + inner.height).contains(&y)
+        };
+        let segments = SegmentMap::from_fn(side, side, |x, y| if inside(x, y) { id } else { 0 });
+        (Image::filled(side, side, [200, 100, 40]), segments)
+    }
+
+    #[test]
+    fn a_crop_shows_the_object_with_an_outline_and_darker_surroundings() {
+        let inner = BoundingBox { x: 30, y: 40, width: 20, height: 10 };
+        let (color, segments) = square(100, 9, &inner);
+        let crop = Crop::of(&color, &segments, 9, &inner).unwrap().image;
+        assert_eq!(crop.size(), (28, 18));
+        assert_eq!(crop[(0, 0)], [90, 45, 18]);
+        assert_eq!(crop[(4, 4)], segment_color(9));
+        assert_eq!(crop[(14, 9)], [200, 100, 40]);
+        assert_eq!(mean_color(&color, &segments, 9, &inner), Some([200, 100, 40]));
+        assert_eq!(mean_color(&color, &segments, 8, &inner), None);
+    }
+
+    #[test]
+    fn large_objects_are_scaled_down_and_boxes_outside_have_no_crop() {
+        let inner = BoundingBox { x: 0, y: 0, width: 1000, height: 300 };
+        let (color, segments) = square(1000, 9, &inner);
+        assert_eq!(Crop::of(&color, &segments, 9, &inner).unwrap().image.size(), (256, 115));
+        for outside in [BoundingBox { x: 1, ..inner }, BoundingBox { width: 0, ..inner }] {
+            assert_eq!(Crop::of(&color, &segments, 9, &outside), None);
+        }
+    }
+
+    #[test]
+    fn only_the_last_of_several_crops_is_written() {
+        let inner = BoundingBox { x: 2, y: 2, width: 5, height: 5 };
+        let (color, segments) = square(20, 9, &inner);
+        let crop = Crop::of(&color, &segments, 9, &inner).unwrap();
+        let (mut waiting, mut written) = (WaitingCrops::default(), Written::default());
+        for frame in 0..30 {
+            if frame < 8 || frame == 29 {
+                waiting.add(9, frame, crop.clone());
+            }
+            waiting.write_settled(frame, &mut written).unwrap();
+        }
+        assert_eq!(*written.0.borrow(), ["objects/9.jpg"]);
+        waiting.write_all(&mut written).unwrap();
+        assert_eq!((written.0.borrow().len(), waiting.bytes), (2, 0));
+    }
+}

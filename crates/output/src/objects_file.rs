@@ -1,0 +1,57 @@
+//! `objects.json` and `objects.csv`: every object of the run, with a crop of each in `objects/`.
+
+use crate::crops::{Crop, WaitingCrops, mean_color};
+use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
+use splatseg_objects::{FrameStamp, ObjectList, SeenObjects};
+use std::path::PathBuf;
+
+/// The list of objects. All that it keeps is made of the frames it is shown: shown them again, it is where it was.
+#[derive(Debug, Default)]
+pub struct ObjectsFile {
+    seen: SeenObjects,
+    crops: WaitingCrops,
+}
+
+impl ObjectsFile {
+    /// The list for programs.
+    pub const JSON: &'static str = "objects.json";
+    /// The same as a table.
+    pub const CSV: &'static str = "objects.csv";
+}
+
+impl RunOutput for ObjectsFile {
+    fn add_frame(&mut self, record: &FrameRecord, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
+        let color = record.frame.color();
+        let stamp = frame_stamp(record);
+        for id in self.seen.record(&stamp, color.size(), &record.objects) {
+            let Some(view) = self.seen.best_view_mut(id) else { continue };
+            view.color = mean_color(color, &record.segments, id, &view.bounding_box);
+            if let Some(crop) = Crop::of(color, &record.segments, id, &view.bounding_box) {
+                view.crop = Some(WaitingCrops::file(id));
+                self.crops.add(id, record.number, crop);
+            }
+        }
+        self.crops.write_settled(record.number, folder)
+    }
+
+    fn finish(&mut self, end: &RunEnd<'_>, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
+        self.crops.write_all(folder)?;
+        let mut list = ObjectList::new(end.objects, end.memory);
+        list.scene = Some(end.scene.to_owned());
+        list.add_sightings(&self.seen);
+        let json = list
+            .to_json()
+            .map_err(|error| OutputError::Io { path: PathBuf::from(Self::JSON), source: error.into() })?;
+        folder.write(Self::JSON, json.as_bytes())?;
+        folder.write(Self::CSV, list.to_csv().as_bytes())
+    }
+}
+
+fn frame_stamp(record: &FrameRecord) -> FrameStamp {
+    FrameStamp {
+        number: record.number,
+        name: Some(record.frame.name().to_owned()),
+        file: Some(record.file_name.clone()),
+        time_s: record.frame.timestamp().map(|time| time.as_secs_f64()),
+    }
+}
