@@ -4,6 +4,7 @@ use super::map::MapData;
 use glam::Vec3;
 use serde::Serialize;
 use splatseg_geometry::{Intrinsics, SegmentId};
+use splatseg_objects::{ObjectState, OrientedBox};
 
 /// All of a run but the ids of its frames.
 #[derive(Debug, Serialize)]
@@ -56,9 +57,17 @@ pub struct ObjectData {
     pub best: usize,
     /// The mean of its confidence over its frames, from 0 to 1; missing if no frame shows it.
     pub confidence: Option<f32>,
-    /// What the memory makes of it: `remembered`, or `tentative` if it was seen in one frame only; missing if the method
-    /// has no memory.
-    pub state: Option<&'static str>,
-    /// Gaussians that show it; missing if the method has no memory.
+    /// What it is, if anyone has said so.
+    pub label: Option<String>,
+    /// What the memory makes of it; missing if the method has no memory.
+    pub state: Option<ObjectState>,
+    /// Gaussians that show it; missing if there are none.
     pub gaussians: Option<usize>,
+    /// Mean of its surface, world, metres; missing if no Gaussian shows it.
+    pub centroid: Option<Vec3>,
+    /// The tightest box around it; missing if no Gaussian shows it.
+    #[serde(rename = "box")]
+    pub oriented_box: Option<OrientedBox>,
+    /// The place of its picture in the folder of the run; missing if no frame shows it.
+    pub crop: Option<String>,
 }

@@ -4,9 +4,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::Vec3;
 use serde::Serialize;
-use splatseg_geometry::SegmentId;
 use splatseg_memory::SplatMemory;
-use std::collections::BTreeMap;
 
 /// The largest number of Gaussians that are drawn: what a laptop turns smoothly.
 pub const MAX_POINTS: usize = 100_000;
@@ -34,11 +32,9 @@ pub struct MapData {
     ids: String,
 }
 
-/// The map, and how many Gaussians each object has in it.
-pub fn map_data(memory: &SplatMemory) -> (MapData, BTreeMap<SegmentId, usize>) {
+/// The map of a memory.
+pub fn map_data(memory: &SplatMemory) -> MapData {
     let (balls, ids, colors) = (memory.balls(), memory.segment_ids(), memory.colors());
-    let mut gaussians = BTreeMap::new();
-    ids.iter().filter(|id| **id != 0).for_each(|id| *gaussians.entry(*id).or_insert(0) += 1);
     let total = balls.len();
     let drawn: Vec<usize> = evenly(total, MAX_POINTS).filter(|index| balls.means[*index].is_finite()).collect();
     // Fewer points have to cover the same surfaces.
@@ -52,7 +48,7 @@ pub fn map_data(memory: &SplatMemory) -> (MapData, BTreeMap<SegmentId, usize>) {
         let offset = balls.means[*index] - min;
         [(offset.x, size.x), (offset.y, size.y), (offset.z, size.z)].map(|(offset, size)| fraction(offset, size))
     };
-    let data = MapData {
+    MapData {
         count: drawn.len(),
         total,
         min,
@@ -63,8 +59,7 @@ pub fn map_data(memory: &SplatMemory) -> (MapData, BTreeMap<SegmentId, usize>) {
         colors: STANDARD.encode(drawn.iter().flat_map(|index| colors[*index]).collect::<Vec<u8>>()),
         // Ids fit 16 bits: the memory gives no others.
         ids: words(drawn.iter().map(|index| u16::try_from(ids[*index]).unwrap_or(0))),
-    };
-    (data, gaussians)
+    }
 }
 
 /// Up to `max` of the numbers below `total`, in equal steps.

@@ -15,6 +15,7 @@ mod ids;
 mod map;
 mod up;
 
+use crate::crops::WaitingCrops;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput, segment_color};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -22,9 +23,8 @@ use data::{CameraData, ObjectData, RunData};
 use glam::Quat;
 use serde::Serialize;
 use splatseg_geometry::SegmentId;
-use splatseg_memory::SplatMemory;
-use splatseg_objects::ObjectSighting;
-use std::collections::{BTreeMap, BTreeSet};
+use splatseg_objects::{Object, ObjectList, ObjectSighting};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use up::UpEstimate;
 
@@ -94,26 +94,27 @@ impl Page {
         Ok(())
     }
 
-    /// All objects: those that frames have shown, and those that are only in the map, because an earlier run saw them.
-    fn objects(&self, memory: Option<&SplatMemory>, in_map: &BTreeMap<SegmentId, usize>) -> Vec<ObjectData> {
+    /// What the page says of an object.
+    fn object(&self, object: Object) -> ObjectData {
         let nothing = Sightings::default();
-        let ids: BTreeSet<SegmentId> = self.objects.keys().chain(in_map.keys()).copied().collect();
-        let object = |id: SegmentId| {
-            let sightings = self.objects.get(&id).unwrap_or(&nothing);
-            let (area, best) = sightings.largest;
-            ObjectData {
-                id,
-                color: segment_color(id),
-                frames: sightings.frames,
-                seen: sightings.stretches.clone(),
-                area,
-                best,
-                confidence: (sightings.frames > 0).then(|| (sightings.confidence / sightings.frames as f64) as f32),
-                state: memory.map(|memory| if memory.is_tentative(id) { "tentative" } else { "remembered" }),
-                gaussians: memory.map(|_| in_map.get(&id).copied().unwrap_or(0)),
-            }
-        };
-        ids.into_iter().map(object).collect()
+        let sightings = self.objects.get(&object.id).unwrap_or(&nothing);
+        let (area, best) = sightings.largest;
+        let is_seen = sightings.frames > 0;
+        ObjectData {
+            id: object.id,
+            color: segment_color(object.id),
+            frames: sightings.frames,
+            seen: sightings.stretches.clone(),
+            area,
+            best,
+            confidence: is_seen.then(|| (sightings.confidence / sightings.frames as f64) as f32),
+            label: object.label,
+            state: object.state,
+            gaussians: object.shape.as_ref().map(|shape| shape.points),
+            centroid: object.shape.as_ref().map(|shape| shape.centroid),
+            oriented_box: object.shape.as_ref().map(|shape| shape.oriented_box),
+            crop: is_seen.then(|| WaitingCrops::file(object.id)),
+        }
     }
 }
 
@@ -146,7 +147,7 @@ impl RunOutput for Page {
 
     fn finish(&mut self, end: &RunEnd<'_>, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
         self.write_chunk(folder)?;
-        let (map, in_map) = end.memory.map(map::map_data).unzip();
+        let list = ObjectList::new(end.objects, end.memory);
         let data = RunData {
             version: env!("CARGO_PKG_VERSION"),
             scene: end.scene,
@@ -155,8 +156,8 @@ impl RunOutput for Page {
             poses: STANDARD.encode(self.poses.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>()),
             cameras: &self.cameras,
             up: self.up.direction(),
-            objects: self.objects(end.memory, &in_map.unwrap_or_default()),
-            map,
+            objects: list.objects.into_iter().map(|object| self.object(object)).collect(),
+            map: end.memory.map(map::map_data),
         };
         let file = "viewer/run.js";
         folder.write(file, format!("var splatsegRun={};\n", json(file, &data)?).as_bytes())?;

@@ -136,14 +136,9 @@ export class MapView {
 
   #boxOf(id) {
     const given = this.#run.byId.get(id)?.box;
-    if (given) {
-      const [center, size] = [new Vector3(...given.center), new Vector3(...given.size)];
-      return new Matrix4().compose(center, new Quaternion(...given.rotation), size);
-    }
-    const found = this.splats.boxOf(id);
-    if (!found) return null;
-    const [min, max] = [new Vector3(...found.min), new Vector3(...found.max)];
-    return new Matrix4().compose(min.clone().add(max).multiplyScalar(0.5), new Quaternion(), max.sub(min));
+    if (!given) return null;
+    const [center, size] = [new Vector3(...given.center), new Vector3(...given.size)];
+    return new Matrix4().compose(center, new Quaternion(...given.rotation), size);
   }
 
   #lookAsCamera() {

@@ -35,7 +35,8 @@ export class ObjectInfo {
       element("dt", { textContent: name }),
       element("dd", { textContent: value }),
     ]);
-    this.#place.replaceChildren(heading, ...crop, element("dl", {}, facts), this.#buttons(object));
+    this.#place.replaceChildren(heading, this.#buttons(object), ...crop, element("dl", {}, facts));
+    this.#place.scrollTop = 0;
   }
 
   #facts(object) {
@@ -49,8 +50,8 @@ export class ObjectInfo {
     if (object.confidence !== null && object.confidence !== undefined) {
       facts.push(["confidence", `${Math.round(100 * object.confidence)} %`]);
     }
-    if (object.size) facts.push(["size", `${metres(object.size).join(" × ")} m`]);
-    if (object.centroid) facts.push(["centre", `${metres(object.centroid).join(", ")} m`]);
+    if (object.box) facts.push(["size", `${metres(object.box.size).join(" × ")} m`]);
+    if (object.centroid) facts.push(["centroid", `${metres(object.centroid).join(", ")} m`]);
     if (object.gaussians !== null && object.gaussians !== undefined) {
       facts.push(["in the map", counted(object.gaussians, "Gaussian")]);
     }

@@ -79,21 +79,6 @@ export class Splats {
     return nearest.id;
   }
 
-  /** The box around the Gaussians of an object, along the world's axes: `{ min, max }`, or null if it has none. */
-  boxOf(id) {
-    const min = [Infinity, Infinity, Infinity];
-    const max = [-Infinity, -Infinity, -Infinity];
-    for (let index = 0; index < this.count; index++) {
-      if (this.ids[index] !== id) continue;
-      for (let axis = 0; axis < 3; axis++) {
-        const value = this.positions[3 * index + axis];
-        min[axis] = Math.min(min[axis], value - this.radii[index]);
-        max[axis] = Math.max(max[axis], value + this.radii[index]);
-      }
-    }
-    return min[0] <= max[0] ? { min, max } : null;
-  }
-
   /** The middle of the map, and a distance within which most of it lies, metres. */
   extent() {
     const samples = Math.min(this.count, MAX_SAMPLES);
