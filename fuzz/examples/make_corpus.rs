@@ -17,6 +17,7 @@ fn main() -> std::io::Result<()> {
         ("replica", scenes::replica),
         ("mvpd", scenes::mvpd),
         ("folder", scenes::folder),
+        ("mcap", scenes::mcap),
     ];
     for (target, template) in templates {
         write(folder, target, &Place::new(template).seeds())?;
@@ -26,6 +27,10 @@ fn main() -> std::io::Result<()> {
     jpegs.retain(|path| path.extension().is_some_and(|extension| extension == "jpg"));
     jpegs.sort();
     write(folder, "jpeg", &jpegs.iter().map(fs::read).collect::<std::io::Result<Vec<_>>>()?)?;
+    let bytes = splatseg_ros::to_cdr(&splatseg_ros::CameraInfo { d: vec![0.1; 5], ..Default::default() });
+    let transforms = vec![splatseg_ros::TransformStamped::default(); 2];
+    let transforms = splatseg_ros::to_cdr(&splatseg_ros::TfMessage { transforms });
+    write(folder, "cdr", &[bytes.expect("CDR"), transforms.expect("CDR")])?;
     let texts = ["synthetic:frames=2,width=24,height=16,seed=3,noise=kinect,moving=2,camera=static", "synthetic"];
     write(folder, "synthetic", &texts.map(|text| text.as_bytes().to_vec()))?;
     let pickle = files::module_pickle();

@@ -1,5 +1,6 @@
 //! A small valid scene of every format, of the synthetic room.
 
+use crate::support::mcap::{recording_of, without_checksums};
 use crate::support::recording::{
     jpeg_bytes, png_color_bytes, png_depth_bytes, png_label_bytes, png_panoptic_bytes, recording, tar_gz_bytes,
 };
@@ -151,6 +152,14 @@ pub fn mvpd(folder: &Path) {
     write(folder, "split/panoptic_val.json", panoptic.to_string());
     files.insert(0, ("panoptic.json".to_owned(), panoptic.to_string().into_bytes()));
     write(folder, "room.tar.gz", tar_gz_bytes(&files));
+}
+
+/// A recording of ROS 2 messages. It has no CRCs, or every change would only be a wrong one.
+pub fn mcap(folder: &Path) {
+    let room = room();
+    let frames: Vec<&RgbdFrame> = room.iter().map(|(frame, _)| frame).collect();
+    fs::create_dir_all(folder).expect("a folder of the template");
+    write(folder, "a.mcap", without_checksums(recording_of(&frames)));
 }
 
 /// Images alone: labels in 8 and 16 bits, colour.
