@@ -217,3 +217,39 @@ fn a_summary_lists_all_topics() {
     let tf = summary.topics.iter().find(|topic| topic.name == "/tf").unwrap();
     assert_eq!((tf.messages, tf.unreadable.is_none()), (10, true));
 }
+
+/// Files of ROS 2's own tests; the numbers are those that Foxglove's Python reader gives.
+#[test]
+fn recordings_of_rosbag2_are_read() {
+    let topics = |name: &str| -> Vec<(String, String, u64)> {
+        let summary = McapSummary::read(&data("rosbag2").join(name), &DatasetSettings::default()).unwrap();
+        assert!(summary.damage.is_empty() && summary.scene.is_err(), "{:?}", summary.damage);
+        let mut topics: Vec<_> =
+            summary.topics.into_iter().map(|topic| (topic.name, topic.type_name, topic.messages)).collect();
+        topics.sort();
+        topics
+    };
+    let of = |name: &str, type_name: &str, messages| (name.to_owned(), type_name.to_owned(), messages);
+    assert_eq!(
+        topics("talker.mcap"),
+        [
+            of("/parameter_events", "rcl_interfaces/msg/ParameterEvent", 0),
+            of("/rosout", "rcl_interfaces/msg/Log", 10),
+            of("/topic", "std_msgs/msg/String", 10),
+        ]
+    );
+    assert_eq!(
+        topics("cdr_test_0.mcap"),
+        [of("/array_topic", "test_msgs/msg/Arrays", 4), of("/test_topic", "test_msgs/msg/BasicTypes", 3)]
+    );
+    assert_eq!(
+        topics("topics_and_services.mcap"),
+        [
+            of("/add_two_ints/_service_event", "example_interfaces/srv/AddTwoInts_Event", 6),
+            of("/add_two_ints2/_service_event", "example_interfaces/srv/AddTwoInts_Event", 0),
+            of("/events/write_split", "rosbag2_interfaces/msg/WriteSplitEvent", 0),
+            of("/parameter_events", "rcl_interfaces/msg/ParameterEvent", 7),
+            of("/rosout", "rcl_interfaces/msg/Log", 0),
+        ]
+    );
+}

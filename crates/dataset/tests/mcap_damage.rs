@@ -5,7 +5,7 @@ mod support;
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 use splatseg_dataset::{DatasetSettings, McapScene, McapSummary, Scene};
-use splatseg_geometry::{RgbdFrame, SegmentMap};
+use splatseg_geometry::{Intrinsics, RgbdFrame, SegmentMap};
 use splatseg_ros::Image;
 use std::fs;
 use std::path::Path;
@@ -138,37 +138,16 @@ fn what_is_missing_is_told() {
 fn frames_without_depth_or_pose_are_left_out_and_counted() {
     let frames = frames();
     let bytes = written(|writer| {
-        write_frames(writer, &frames[..2], ALL);
-        let data = vec![9; 3 * 32 * 24];
-        let late = START + 10 * FRAME_NS;
-        // Two seconds later: no depth; then depth, but no pose.
-        for (stamp, has_depth) in [(late, false), (late + 20 * FRAME_NS, true)] {
-            writer.write("/camera/image_raw", &raw(stamp, OPTICAL, "rgb8", (32, 24), &data), stamp);
-            if has_depth {
-                let depth = depth_bytes(frames[0]);
-                writer.write("/camera/depth", &raw(stamp, OPTICAL, "16UC1", (32, 24), &depth), stamp);
-            }
-        }
-    });
-    // The raw images are chosen rather than the compressed ones.
-    let scene = open(&bytes, &DatasetSettings::default().with(|s| s.max_pose_gap_ms = 100.0)).unwrap_err();
-    assert!(
-        scene.contains("frames: found 2 of /camera/image_raw and 3 of /camera/depth, of which 1 are within 20 ms"),
-        "{scene}"
-    );
-    let settings = DatasetSettings::default().with(|s| s.color = Some("/camera/image_raw/compressed".to_owned()));
-    let scene = open(&bytes, &settings).unwrap();
-    assert_eq!(scene.frame_count(), 2);
-    let bytes = written(|writer| {
         write_frames(writer, &frames, ALL);
-        let stamp = START + 30 * FRAME_NS;
-        for stamp in [stamp, stamp + FRAME_NS, START - 20 * FRAME_NS] {
-            let jpeg = support::recording::jpeg_bytes(frames[0].color());
+        let late = START + 30 * FRAME_NS;
+        let jpeg = support::recording::jpeg_bytes(frames[0].color());
+        // One with depth but without a pose, one with neither, and one whose time goes back by two seconds.
+        for stamp in [late, late + FRAME_NS, START - 20 * FRAME_NS] {
             let color = splatseg_ros::CompressedImage { header: header(stamp, OPTICAL), format: "jpeg", data: &jpeg };
             writer.write("/camera/image_raw/compressed", &color, stamp);
         }
         let depth = depth_bytes(frames[0]);
-        writer.write("/camera/depth", &raw(stamp, OPTICAL, "16UC1", (32, 24), &depth), stamp);
+        writer.write("/camera/depth", &raw(late, OPTICAL, "16UC1", (32, 24), &depth), late);
     });
     let scene = open(&bytes, &DatasetSettings::default()).unwrap();
     let left_out: Vec<String> = scene.left_out().iter().map(|kind| format!("{} {}", kind.count, kind.what)).collect();
@@ -183,54 +162,68 @@ fn frames_without_depth_or_pose_are_left_out_and_counted() {
     assert_eq!(scene.frame_count(), 4);
 }
 
-/// A recording whose depth camera stands 5 cm to the right of the colour camera and has half as many pixels.
 #[test]
-fn depth_of_another_camera_is_registered() {
-    let frame = frames()[0];
-    let color_camera = *frame.intrinsics();
-    let depth_camera = color_camera.resized(16, 12);
+fn nothing_that_belongs_together_is_an_error() {
+    let frames = frames();
     let bytes = written(|writer| {
-        for (index, stamp) in [(0.0, START), (1.0, START + FRAME_NS)] {
-            let moved = transform(stamp, "world", "base", DVec3::X * index, DQuat::IDENTITY);
-            writer.write("/tf", &moved, stamp);
+        write_frames(writer, &frames[..2], ALL);
+        // Raw images, which are taken rather than compressed ones: without depth, and without a pose.
+        let data = vec![9; 3 * 32 * 24];
+        let late = START + 30 * FRAME_NS;
+        for stamp in [late, late + FRAME_NS] {
+            writer.write("/camera/image_raw", &raw(stamp, OPTICAL, "rgb8", (32, 24), &data), stamp);
+        }
+        writer.write("/camera/depth", &raw(late, OPTICAL, "16UC1", (32, 24), &depth_bytes(frames[0])), late);
+    });
+    let error = open(&bytes, &DatasetSettings::default()).unwrap_err();
+    let expected = "a.mcap: frames: found 2 of /camera/image_raw and 3 of /camera/depth, of which 1 are within 20 ms of each \
+                    other and none of these has a pose, expected colour and depth of the same times";
+    assert!(error.starts_with(expected), "{error}");
+    let settings = DatasetSettings::default().with(|s| s.color = Some("/camera/image_raw/compressed".to_owned()));
+    assert_eq!(open(&bytes, &settings).unwrap().frame_count(), 2);
+}
+
+/// Two frames of a robot that drives along x, with a colour camera on it and a depth camera of half as many pixels, which
+/// sees a wall 2 m ahead. `depth_at` is where it stands beside the colour camera; `None` leaves /tf_static out.
+fn with_two_cameras(color_camera: &Intrinsics, depth_at: Option<DVec3>) -> Vec<u8> {
+    let depth_camera = color_camera.resized(16, 12);
+    written(|writer| {
+        for (child, at) in [("color", depth_at.map(|_| DVec3::ZERO)), ("depth", depth_at)] {
+            if let Some(at) = at {
+                writer.write("/tf_static", &transform(START, "base", child, at, DQuat::IDENTITY), START);
+            }
+        }
+        for (x, stamp) in [(0.0, START), (1.0, START + FRAME_NS)] {
+            writer.write("/tf", &transform(stamp, "world", "base", DVec3::X * x, DQuat::IDENTITY), stamp);
             let data = vec![9; 3 * 32 * 24];
             writer.write("/color/image_raw", &raw(stamp, "color", "rgb8", (32, 24), &data), stamp);
-            writer.write("/color/camera_info", &info(stamp, "color", &color_camera), stamp);
+            writer.write("/color/camera_info", &info(stamp, "color", color_camera), stamp);
             let data = 2000u16.to_le_bytes().repeat(16 * 12);
             writer.write("/depth/image_raw", &raw(stamp, "depth", "16UC1", (16, 12), &data), stamp);
             writer.write("/depth/camera_info", &info(stamp, "depth", &depth_camera), stamp);
         }
-    });
-    let error = open(&bytes, &DatasetSettings::default()).unwrap_err();
+    })
+}
+
+#[test]
+fn depth_of_another_camera_is_registered() {
+    let color_camera = *frames()[0].intrinsics();
+    let error = open(&with_two_cameras(&color_camera, None), &DatasetSettings::default()).unwrap_err();
     assert!(error.contains("camera poses: found frame \"color\" of the colour images, which is not in /tf"), "{error}");
-    let whole = |depth_at: DVec3| {
-        let fixed = written(|writer| {
-            writer.write("/tf_static", &transform(START, "base", "color", DVec3::ZERO, DQuat::IDENTITY), START);
-            writer.write("/tf_static", &transform(START, "base", "depth", depth_at, DQuat::IDENTITY), START);
-            for (index, stamp) in [(0.0, START), (1.0, START + FRAME_NS)] {
-                writer.write("/tf", &transform(stamp, "world", "base", DVec3::X * index, DQuat::IDENTITY), stamp);
-                let data = vec![9; 3 * 32 * 24];
-                writer.write("/color/image_raw", &raw(stamp, "color", "rgb8", (32, 24), &data), stamp);
-                writer.write("/color/camera_info", &info(stamp, "color", &color_camera), stamp);
-                let data = 2000u16.to_le_bytes().repeat(16 * 12);
-                writer.write("/depth/image_raw", &raw(stamp, "depth", "16UC1", (16, 12), &data), stamp);
-                writer.write("/depth/camera_info", &info(stamp, "depth", &depth_camera), stamp);
-            }
-        });
+    let read = |depth_at: DVec3| {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.mcap");
-        fs::write(&path, fixed).unwrap();
-        let scene = McapScene::open(&path, &DatasetSettings::default()).unwrap();
+        fs::write(folder.path().join("a.mcap"), with_two_cameras(&color_camera, Some(depth_at))).unwrap();
+        let scene = McapScene::open(folder.path(), &DatasetSettings::default()).unwrap();
         assert!(scene.sources()[1].ends_with(", registered to colour here"), "{:?}", scene.sources());
         assert_eq!(scene.stored_color_size(0), Some((32, 24)));
         scene.read_frame(1).unwrap()
     };
-    let frame = whole(DVec3::ZERO);
+    let frame = read(DVec3::ZERO);
     assert_eq!((frame.width(), frame.height()), (16, 12), "as many pixels as depth has");
     assert!(frame.depth().pixels().iter().all(|z| *z == 2.0));
-    // A quarter of the way to the wall nearer, and as far to the right as makes four pixels.
-    let shift = 4.0 * 1.5 / f64::from(depth_camera.fx);
-    let frame = whole(DVec3::new(shift, 0.0, -0.5));
+    // Half a metre nearer to the wall, and as far to the right as makes four pixels there.
+    let shift = 4.0 * 1.5 / f64::from(color_camera.resized(16, 12).fx);
+    let frame = read(DVec3::new(shift, 0.0, -0.5));
     assert!(frame.depth().pixels().iter().all(|z| *z == 0.0 || *z == 1.5));
     let row: Vec<bool> = frame.depth().row(6).iter().map(|z| *z > 0.0).collect();
     assert!(!row[0] && row[15], "{row:?}");
@@ -306,7 +299,7 @@ proptest! {
         static WHOLE: OnceLock<[Vec<u8>; 2]> = OnceLock::new();
         let whole = WHOLE.get_or_init(|| {
             let bytes = recording_of(&frames()[..2]);
-            [without_checksums(&bytes), bytes]
+            [without_checksums(bytes.clone()), bytes]
         });
         let bytes = damaged(whole[usize::from(!without_crcs)].clone(), &changes, &keep);
         let folder = tempfile::tempdir().unwrap();
@@ -317,17 +310,4 @@ proptest! {
             Err(error) => prop_assert!(error.to_string().contains("a.mcap") && !error.to_string().contains('\n'), "{}", error),
         }
     }
-}
-
-/// The recording with the CRC of every chunk set to 0, which means none.
-fn without_checksums(bytes: &[u8]) -> Vec<u8> {
-    let (mut bytes, mut at) = (bytes.to_vec(), 8);
-    while at + 9 < bytes.len() - 8 {
-        let len = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
-        if bytes[at] == 6 {
-            bytes[at + 33..at + 37].fill(0);
-        }
-        at += 9 + len;
-    }
-    bytes
 }

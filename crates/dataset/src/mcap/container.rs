@@ -157,6 +157,7 @@ struct Scan<'a, S> {
     chunks: Vec<Chunk>,
     damage: Vec<String>,
     damaged_chunks: usize,
+    has_all_messages: bool,
 }
 
 impl<'a, S: RecordSink> Scan<'a, S> {
@@ -164,7 +165,17 @@ impl<'a, S: RecordSink> Scan<'a, S> {
         let file = open_file(path)?;
         let bytes = file.metadata().map_err(|source| DatasetError::Io { path: path.to_owned(), source })?.len();
         let reader = BufReader::with_capacity(READ_BUFFER_BYTES, file);
-        Ok(Self { path, reader, bytes, position: 0, sink, chunks: Vec::new(), damage: Vec::new(), damaged_chunks: 0 })
+        Ok(Self {
+            path,
+            reader,
+            bytes,
+            position: 0,
+            sink,
+            chunks: Vec::new(),
+            damage: Vec::new(),
+            damaged_chunks: 0,
+            has_all_messages: false,
+        })
     }
 
     fn io_error(&self, source: std::io::Error) -> DatasetError {
@@ -213,8 +224,9 @@ impl<'a, S: RecordSink> Scan<'a, S> {
         }
         let content = self.position + RECORD_HEADER_BYTES;
         match code {
-            // The summary follows, which repeats what was read.
-            op::DATA_END | op::FOOTER => return Ok(false),
+            op::FOOTER => return Ok(false),
+            // The summary follows. It repeats topics, and has those without messages.
+            op::DATA_END => self.has_all_messages = true,
             op::CHUNK => self.read_chunk(content, len)?,
             op::SCHEMA | op::CHANNEL | op::MESSAGE if len <= MAX_RECORD_BYTES.min(MemoryLimit::in_force() / 2) => {
                 let bytes = self.read_bytes(len)?;
@@ -237,6 +249,9 @@ impl<'a, S: RecordSink> Scan<'a, S> {
 
     /// Notes that the file ends before the messages do.
     fn note_end(&mut self, end: u64) {
+        if self.has_all_messages {
+            return;
+        }
         self.damage.push(format!(
             "{}: the recording was not finished: the record at byte {} would end at byte {end}, but the file has {} bytes; \
              it is read up to there",

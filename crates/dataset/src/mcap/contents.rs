@@ -167,15 +167,25 @@ fn full_type_name(name: &str) -> String {
 }
 
 /// A frame without the slash with which ROS 1 began it.
-fn frame_name(name: &str) -> &str {
+fn frame_name(name: &str) -> String {
+    one_line(bare_frame(name))
+}
+
+/// The same of a name that the user gives.
+pub(super) fn bare_frame(name: &str) -> &str {
     name.strip_prefix('/').unwrap_or(name)
+}
+
+/// A name from a file, with control characters replaced: messages are one line.
+fn one_line(name: &str) -> String {
+    name.replace(char::is_control, "\u{fffd}")
 }
 
 impl RecordSink for Contents {
     fn schema(&mut self, id: u16, name: &str) -> Result<(), DatasetError> {
         if !self.schemas.contains_key(&id) {
             self.keep(name.len() as u64 + TOPIC_BYTES)?;
-            self.schemas.insert(id, full_type_name(name));
+            self.schemas.insert(id, full_type_name(&one_line(name)));
         }
         Ok(())
     }
@@ -185,7 +195,7 @@ impl RecordSink for Contents {
             return Ok(());
         }
         let type_name = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-        let key = (channel.topic, type_name);
+        let key = (one_line(&channel.topic), type_name);
         if let Some(topic) = self.known.get(&key) {
             self.channels.insert(channel.id, *topic);
             return Ok(());
@@ -193,7 +203,7 @@ impl RecordSink for Contents {
         self.keep(2 * (key.0.len() + key.1.len()) as u64 + TOPIC_BYTES)?;
         let (name, type_name) = key.clone();
         let content = if channel.message_encoding == "cdr" { Content::of(&name, &type_name) } else { Content::Other };
-        let (encoding, messages) = (channel.message_encoding, 0);
+        let (encoding, messages) = (one_line(&channel.message_encoding), 0);
         self.topics.push(Topic { name, type_name, encoding, messages, recorded: None, unreadable: None, content });
         self.channels.insert(channel.id, self.topics.len() - 1);
         self.known.insert(key, self.topics.len() - 1);
@@ -250,7 +260,7 @@ impl Content {
                 if list.last().is_some_and(|(_, last)| *last == calibration) {
                     return Ok(0);
                 }
-                *frame = frame_name(&info.header.frame_id).to_owned();
+                *frame = frame_name(&info.header.frame_id);
                 let memory = calibration.memory();
                 list.push((stamp_of(info.header.stamp), calibration));
                 Ok(memory)
@@ -263,7 +273,7 @@ impl Content {
                         (frame_name(&transform.header.frame_id), frame_name(&transform.child_frame_id));
                     if let Some(rigid) = rigid_of_transform(transform) {
                         let sample = Sample { stamp: stamp_of(transform.header.stamp), transform: rigid };
-                        tree.add(parent, child, sample, *is_fixed);
+                        tree.add(&parent, &child, sample, *is_fixed);
                     }
                 }
                 // Fixed ones replace each other, moving ones are kept.
@@ -290,8 +300,8 @@ impl Images {
         };
         if self.kind.is_none() {
             self.kind = Some(kind);
-            self.encoding = encoding.chars().take(60).collect();
-            self.frame = frame_name(&header.frame_id).to_owned();
+            self.encoding = one_line(encoding).chars().take(60).collect();
+            self.frame = frame_name(&header.frame_id);
         }
         self.list.push(StampedPlace { stamp: stamp_of(header.stamp), place: message.place });
         Ok(2 * size_of::<StampedPlace>() as u64)
@@ -306,8 +316,8 @@ impl Poses {
     fn take(&mut self, data: &[u8], stamp_of: impl Fn(Time) -> i64) -> Result<u64, CdrError> {
         let (header, body, rigid) = self.kind.read(data)?;
         if self.samples.is_empty() {
-            self.world = frame_name(&header.frame_id).to_owned();
-            self.body = body.map(|body| frame_name(&body).to_owned()).filter(|body| !body.is_empty());
+            self.world = frame_name(&header.frame_id);
+            self.body = body.map(|body| frame_name(&body)).filter(|body| !body.is_empty());
         }
         let Some(transform) = rigid else { return Ok(0) };
         self.samples.push(Sample { stamp: stamp_of(header.stamp), transform });

@@ -2,7 +2,7 @@
 
 use super::cameras::{Calibration, Camera};
 use super::container::MessagePlace;
-use super::contents::{Content, Contents, Poses, StampedPlace, Topic};
+use super::contents::{Content, Contents, Poses, StampedPlace, Topic, bare_frame};
 use super::topics::{Choice, PoseChoice};
 use super::transforms::{Rigid, Tolerance, Way, at_time};
 use crate::tum::associate;
@@ -92,7 +92,7 @@ impl<'a> FrameMaker<'a> {
             PoseChoice::Tree => {
                 let ancestors = tree.ancestors(camera);
                 let root = ancestors.last().copied().unwrap_or(camera);
-                let world = self.settings.world_frame.as_deref().unwrap_or(root);
+                let world = self.settings.world_frame.as_deref().map_or(root, bare_frame);
                 let way = tree.way(camera, world).filter(|_| tree.has(camera));
                 let way = way.ok_or_else(|| {
                     let frames = super::topics::listed(tree.frames().into_iter().map(str::to_owned).collect());
@@ -103,7 +103,7 @@ impl<'a> FrameMaker<'a> {
                 Ok((PoseSource::Tree(way), text))
             }
             PoseChoice::Topic(topic, poses) => {
-                let named = self.settings.pose_frame.as_deref().or(poses.body.as_deref());
+                let named = self.settings.pose_frame.as_deref().map(bare_frame).or(poses.body.as_deref());
                 let way = named.and_then(|body| tree.way(camera, body).filter(|_| body == camera || tree.has(camera)));
                 let fixed = way
                     .filter(|way| !tree.is_moving(way))

@@ -1,6 +1,6 @@
 //! Which topics of a recording are used: those that settings name, otherwise the only ones that fit.
 
-use super::contents::{Content, Contents, Images, Poses, Topic};
+use super::contents::{Content, Contents, Images, Poses, Topic, bare_frame};
 use super::images::{COLOR_ENCODINGS, DEPTH_ENCODINGS, ImageKind};
 use crate::error::NAMES_IN_MESSAGES;
 use crate::{DatasetError, DatasetSettings};
@@ -210,7 +210,12 @@ impl<'a> Chooser<'a> {
                 self.error("dataset.pose", format!("{name:?}"), expected)
             });
         }
-        let root = self.settings.world_frame.as_deref().or_else(|| tree.ancestors(&color.frame).last().copied());
+        let root = self
+            .settings
+            .world_frame
+            .as_deref()
+            .map(bare_frame)
+            .or_else(|| tree.ancestors(&color.frame).last().copied());
         let way = root.and_then(|root| tree.way(&color.frame, root));
         let asked_for = self.settings.world_frame.is_some() && tree.has(&color.frame);
         if asked_for || way.is_some_and(|way| tree.is_moving(&way)) {
