@@ -49,7 +49,7 @@ fn options_choose_topics() {
     let ended = run(&file, &out, &[&chosen[..], &["--world-frame", "map", "--max-time-difference-ms", "0"]].concat());
     assert_eq!(ended.code, 0, "{}", ended.err);
     assert!(ended.err.contains("colour: /rgb8 (sensor_msgs/msg/Image, rgb8), camera /camera_info"), "{}", ended.err);
-    let ended = run(&file, &out, &["--max-time-difference-ms", "-1"]);
+    let ended = run(&file, &out, &["--max-time-difference-ms", "70000"]);
     assert!(ended.err.contains("dataset.max_time_difference_ms"), "{}", ended.err);
 }
 
@@ -92,5 +92,5 @@ fn a_cut_off_recording_is_used_with_a_warning() {
     assert_eq!(ended.code, 0, "{}", ended.err);
     let warning = "power_lost.mcap: the recording was not finished: the record at byte ";
     assert_eq!(ended.err.matches(warning).count(), 1, "{}", ended.err);
-    assert!(ended.err.contains("format mcap, 2 frames"), "{}", ended.err);
+    assert!(ended.err.contains("format mcap, 1 frame;"), "{}", ended.err);
 }
