@@ -131,7 +131,7 @@ pub(super) fn raw_depth(message: &RawImage<'_>, path: &Path) -> Result<Image<f32
                 let number = |bytes: &[u8; 4]| {
                     if is_big_endian { f32::from_be_bytes(*bytes) } else { f32::from_le_bytes(*bytes) }
                 };
-                pixels.extend(row.as_chunks().0.iter().map(|bytes| number(bytes)));
+                pixels.extend(row.as_chunks().0.iter().map(number));
             }
         }
         other => return Err(unknown_encoding(path, DEPTH_IMAGE, other, DEPTH_ENCODINGS)),

@@ -24,6 +24,7 @@ use crate::plausibility::warn_once;
 use crate::register::{CameraPair, register_depth};
 use crate::resample::{ImageMap, resample_color};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
+use crate::undistort::Undistortion;
 use crate::{DatasetError, DatasetSettings, Format, Scene};
 use cameras::{Camera, UndistortionCache};
 use container::{McapFile, MessagePlace};
@@ -161,7 +162,7 @@ impl McapScene {
     }
 
     /// Colour and depth of the same pixels, and the camera that they are of.
-    fn read_images(&self, frame: &RecordedFrame) -> Result<(Image<[u8; 3]>, Image<f32>, Intrinsics), DatasetError> {
+    fn read_images(&self, frame: &RecordedFrame) -> Result<RegisteredImages, DatasetError> {
         let (color, color_camera) = self.read_image(&self.color, frame, (frame.color, frame.cameras.0), &COLOR)?;
         let (depth, depth_camera) = self.read_image(&self.depth, frame, (frame.depth, frame.cameras.1), &DEPTH)?;
         let camera = color_camera.intrinsics;
@@ -194,12 +195,18 @@ impl ImageSource {
     }
 }
 
+/// Colour and depth of the same pixels, and the camera that they are of.
+type RegisteredImages = (Image<[u8; 3]>, Image<f32>, Intrinsics);
+
+/// Makes an image that a pinhole camera would have taken; the path is named in errors.
+type Undistort<T> = fn(&Undistortion, &Image<T>, &Path) -> Result<Image<T>, DatasetError>;
+
 /// How the images of one kind are read.
 struct ImageDecoder<T: Clone + 'static> {
     what: &'static str,
     raw: fn(&RawImage<'_>, &Path) -> Result<Image<T>, DatasetError>,
     compressed: fn(&CompressedImage<'_>, &Path) -> Result<Image<T>, DatasetError>,
-    undistort: fn(&crate::undistort::Undistortion, &Image<T>, &Path) -> Result<Image<T>, DatasetError>,
+    undistort: Undistort<T>,
 }
 
 const COLOR: ImageDecoder<[u8; 3]> = ImageDecoder {
