@@ -160,7 +160,10 @@ def write_room(path):
         depth["data"] = bytes(12) + best_png(Image.open(CLIP / f"depth/{frame}.png"))
         topic = "/camera/aligned_depth_to_color/image_raw/compressedDepth"
         recording.write(topic, "sensor_msgs/msg/CompressedImage", depth, depth_time)
-        for topic, at in [("/camera/color/camera_info", time), ("/camera/aligned_depth_to_color/camera_info", depth_time)]:
+        for topic, at in [
+            ("/camera/color/camera_info", time),
+            ("/camera/aligned_depth_to_color/camera_info", depth_time),
+        ]:
             recording.write(topic, "sensor_msgs/msg/CameraInfo", info_message(at, optical, size, camera), at)
     recording.close()
 
@@ -194,7 +197,10 @@ def rvl(numbers):
                     put(((difference << 1) ^ (difference >> 31)) & 0xFFFFFFFF)
             at = end
     nibbles += [0] * (-len(nibbles) % 8)
-    words = [sum(nibble << (28 - 4 * place) for place, nibble in enumerate(nibbles[word : word + 8])) for word in range(0, len(nibbles), 8)]
+    words = [
+        sum(nibble << (28 - 4 * place) for place, nibble in enumerate(nibbles[word : word + 8]))
+        for word in range(0, len(nibbles), 8)
+    ]
     height, width = numbers.shape
     return struct.pack("<II", width, height) + struct.pack(f"<{len(words)}I", *words)
 
@@ -278,7 +284,9 @@ def write_encodings(path):
     }
     recording = Recording(path, CompressionType.LZ4, 4096)
     transform = rigid(numpy.eye(3), [1, 2, 3])
-    recording.write("/tf_static", "tf2_msgs/msg/TFMessage", {"transforms": [transform_message(time, "map", frame, transform)]}, time)
+    recording.write(
+        "/tf_static", "tf2_msgs/msg/TFMessage", {"transforms": [transform_message(time, "map", frame, transform)]}, time
+    )
     info = info_message(time, frame, (WIDTH, HEIGHT), (20.0, 20.0, 7.5, 5.5))
     recording.write("/camera_info", "sensor_msgs/msg/CameraInfo", info, time)
     for topic, message in images.items():
@@ -318,7 +326,9 @@ def write_bag(folder):
             writer.write(connections[topic], time, STORE.serialize_cdr(message, kinds[topic]))
 
         x, y, z, w = quaternion(numpy.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
-        transform = ros("geometry_msgs/msg/Transform", vector("Vector3", [0.5, 0, 1]), vector("Quaternion", [x, y, z, w]))
+        transform = ros(
+            "geometry_msgs/msg/Transform", vector("Vector3", [0.5, 0, 1]), vector("Quaternion", [x, y, z, w])
+        )
         fixed = ros("geometry_msgs/msg/TransformStamped", ros_header(START, "base_link"), "rgb_camera_link", transform)
         write("/tf_static", ros("tf2_msgs/msg/TFMessage", [fixed]), START)
         color, depth = picture(), millimetres()
