@@ -4,7 +4,7 @@ use glam::{Mat3, Vec3};
 use splatseg_geometry::Pose;
 
 /// How much the mean of the cameras' own up counts, against what their axes across the image say.
-const WEIGHT_OF_MEAN: f32 = 0.1;
+const WEIGHT_OF_MEAN: f32 = 0.02;
 /// An axis of the world is taken where the estimate is as close as this, cosine (about 8 degrees).
 const CLOSE: f32 = 0.99;
 /// Steps of the power iteration. The start is close, and a direction for an orbit need not be exact.
@@ -15,11 +15,17 @@ const STEPS: usize = 64;
 /// A person or a robot holds a camera level more than it holds it straight ahead: it is pitched and turned, but hardly
 /// rolled. So up is the direction that is most nearly perpendicular to the cameras' x axes, `Σ x xᵀ`. A camera that does
 /// not turn leaves that open, and the mean of the cameras' own up decides.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct UpEstimate {
     across: Mat3,
     up: Vec3,
     frames: f32,
+}
+
+impl Default for UpEstimate {
+    fn default() -> Self {
+        Self { across: Mat3::ZERO, up: Vec3::ZERO, frames: 0.0 }
+    }
 }
 
 impl UpEstimate {
@@ -37,7 +43,7 @@ impl UpEstimate {
         let mean = self.up.try_normalize().unwrap_or(Vec3::Z);
         let away_from_mean = Mat3::IDENTITY - Mat3::from_cols(mean * mean.x, mean * mean.y, mean * mean.z);
         let cost = self.across * self.frames.max(1.0).recip() + away_from_mean * WEIGHT_OF_MEAN;
-        // The direction of the lowest cost is that of the largest eigenvalue here: no cost is above 1.1.
+        // The direction of the lowest cost is that of the largest eigenvalue here: no cost is above 1 plus the weight.
         let gain = Mat3::IDENTITY * (1.0 + WEIGHT_OF_MEAN) - cost;
         let up = (0..STEPS).fold(mean, |up, _| (gain * up).try_normalize().unwrap_or(up));
         let axes = [Vec3::X, Vec3::Y, Vec3::Z].into_iter().flat_map(|axis| [axis, -axis]);
