@@ -7,6 +7,7 @@ mod coco;
 mod crops;
 mod digits;
 mod error;
+mod mcap_file;
 mod objects_file;
 mod overlay;
 mod page;
@@ -15,6 +16,7 @@ mod segments;
 
 pub use coco::CocoFile;
 pub use error::{OutputError, write_atomically};
+pub use mcap_file::McapFile;
 pub use objects_file::ObjectsFile;
 pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
 pub use page::Page;

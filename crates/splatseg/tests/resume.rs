@@ -57,18 +57,23 @@ fn a_run_that_was_stopped_goes_on_with_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     for kind in [&["--set", "memory.kind=evidence"][..], &FEATURES] {
         let (whole, memory) = (folder.path().join("whole"), folder.path().join("whole.ply"));
-        let saved = ["--overwrite", "--save-memory", memory.to_str().unwrap()];
+        let [whole_mcap, mcap] = ["whole.mcap", "out.mcap"].map(|name| folder.path().join(name));
+        let recording = ["--save-mcap", mcap.to_str().unwrap()];
+        let saved =
+            ["--overwrite", "--save-memory", memory.to_str().unwrap(), "--save-mcap", whole_mcap.to_str().unwrap()];
         assert_eq!(run(&whole, &[kind, &saved].concat()).code, 0);
 
         let (out, last) = (folder.path().join("out"), folder.path().join("out.ply"));
         let _ = fs::remove_dir_all(&out);
         let _ = fs::remove_file(&last);
+        let _ = fs::remove_file(&mcap);
         let saving = ["--save-every", "7", "--save-memory", last.to_str().unwrap()];
-        stop_at(9, "-KILL", &out, &[kind, &saving].concat());
+        stop_at(9, "-KILL", &out, &[kind, &saving, &recording].concat());
         assert!(out.join(".splatseg-resume/state.json").exists());
-        stop_at(18, "-INT", &out, &["--resume", "--save-memory", last.to_str().unwrap()]);
-        stop_at(25, "-KILL", &out, &["--resume", "--save-memory", last.to_str().unwrap()]);
-        let ended = run(&out, &["--resume", "--threads", "1", "--save-memory", last.to_str().unwrap()]);
+        let resumed = [&["--resume", "--save-memory", last.to_str().unwrap()][..], &recording].concat();
+        stop_at(18, "-INT", &out, &resumed);
+        stop_at(25, "-KILL", &out, &resumed);
+        let ended = run(&out, &[&resumed[..], &["--threads", "1"]].concat());
         assert_eq!(ended.code, 0, "{}", ended.err);
         assert!(ended.err.contains("going on after frame"), "{}", ended.err);
 
@@ -78,6 +83,7 @@ fn a_run_that_was_stopped_goes_on_with_the_same_bytes() {
             assert!(found[path] == *bytes, "{} differs", path.display());
         }
         assert!(fs::read(&memory).unwrap() == fs::read(&last).unwrap(), "the memory differs");
+        assert!(fs::read(&whole_mcap).unwrap() == fs::read(&mcap).unwrap(), "the recording differs");
         let (expected, found) = (read_json(&whole.join("summary.json")), read_json(&out.join("summary.json")));
         for key in ["frames", "skipped_frames", "segments", "tentative_segments", "gaussians", "error", "interrupted"] {
             assert_eq!(found[key], expected[key], "{key}");

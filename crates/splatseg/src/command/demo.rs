@@ -30,6 +30,7 @@ pub fn demo(arguments: &DemoArguments) -> Result<(), Failure> {
         load_memory: None,
         resume: None,
         save_coco: None,
+        save_mcap: None,
     };
     say!("a camera moves through a rendered room: the built-in segmenter finds masks, and the memory keeps their ids");
     let summary = execute(&job)?;

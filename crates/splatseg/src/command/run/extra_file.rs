@@ -3,7 +3,7 @@
 use crate::command::Failure;
 use crate::command::output_folder::{CreatedFolders, Existing};
 use splatseg_atomic_file::AtomicFile;
-use splatseg_output::CocoFile;
+use splatseg_output::{CocoFile, McapFile};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -31,6 +31,13 @@ impl FileKind {
         content: "the masks",
         name: "a COCO file by splatseg",
         start: CocoFile::START.as_bytes(),
+    };
+    /// What viewers of robots' recordings show.
+    pub const MCAP: Self = Self {
+        option: "--save-mcap",
+        content: "the recording",
+        name: "a recording by splatseg",
+        start: McapFile::START,
     };
 
     /// Whether this is a file that starts as this kind does.

@@ -61,12 +61,18 @@ pub struct Job {
     pub resume: Option<SavedRun>,
     /// Where to save all masks in COCO's format.
     pub save_coco: Option<PathBuf>,
+    /// Where to save a recording for viewers.
+    pub save_mcap: Option<PathBuf>,
 }
 
 impl Job {
     /// The files that it writes outside its folder.
     fn extra_files(&self) -> impl Iterator<Item = (FileKind, &PathBuf)> {
-        let files = [(FileKind::MEMORY, &self.save_memory), (FileKind::COCO, &self.save_coco)];
+        let files = [
+            (FileKind::MEMORY, &self.save_memory),
+            (FileKind::COCO, &self.save_coco),
+            (FileKind::MCAP, &self.save_mcap),
+        ];
         files.into_iter().filter_map(|(kind, path)| Some((kind, path.as_ref()?)))
     }
 }
@@ -87,6 +93,7 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
         load_memory: arguments.load_memory.clone(),
         resume,
         save_coco: arguments.save_coco.clone(),
+        save_mcap: arguments.save_mcap.clone(),
     };
     check_paths(&job, arguments.options.config.as_deref())?;
     let summary = execute(&job)?;
@@ -125,7 +132,7 @@ fn check_paths(job: &Job, config: Option<&Path>) -> Result<(), Failure> {
     if let Some(path) = &job.load_memory {
         inputs.add("the file of --load-memory", path);
     }
-    if let Some(path) = &job.save_coco {
+    for path in job.save_coco.iter().chain(&job.save_mcap) {
         inputs.check_output_file(path)?;
     }
     inputs.check_output_folder(&job.out)
@@ -137,8 +144,10 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
     OutputFolder::check(&job.out, job.existing)?;
     check_saving(job)?;
     let memory_file = job.save_memory.as_ref().map(|path| prepare_memory_file(path, job)).transpose()?;
-    let prepare_coco = |path: &PathBuf| ExtraFile::prepare(path, FileKind::COCO, job.existing);
-    let coco_file = job.save_coco.as_ref().map(prepare_coco).transpose()?;
+    let prepare = |path: &Option<PathBuf>, kind| {
+        path.as_ref().map(|path| ExtraFile::prepare(path, kind, job.existing)).transpose()
+    };
+    let (coco_file, mcap_file) = (prepare(&job.save_coco, FileKind::COCO)?, prepare(&job.save_mcap, FileKind::MCAP)?);
     rayon::ThreadPoolBuilder::new().num_threads(job.settings.run.threads).build_global().map_err(Failure::work)?;
     job.settings.run.memory_limit.enforce();
     let signals = StopSignals::listen().map_err(Failure::work)?;
@@ -159,7 +168,8 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
     let run = &job.settings.run;
     let saving = StateSaving { every: run.save_every, state, staging: folder.staging().to_owned() };
     let saving = (run.save_every > 0).then_some(saving);
-    let (written, counts) = resumed::start(job, folder, outputs::of(job, coco_file.as_ref())?, scene.as_ref())?;
+    let outputs = outputs::of(job, coco_file.as_ref(), mcap_file.as_ref())?;
+    let (written, counts) = resumed::start(job, folder, outputs, scene.as_ref())?;
     let start_up = started.elapsed();
     let frames = FrameLoop { signals: &signals, strict_input: run.strict_input, saving };
     let mut ended = frames.run(pipeline.run(stream), written, counts);

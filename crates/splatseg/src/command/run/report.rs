@@ -149,6 +149,9 @@ pub fn report(job: &Job, summary: &Summary) -> String {
     if let Some(path) = &job.save_coco {
         text.push_str(&format!("\nthe masks are in {}, in COCO's format", path.display()));
     }
+    if let Some(path) = &job.save_mcap {
+        text.push_str(&format!("\nthe recording is in {}: open it in Foxglove or Rerun", path.display()));
+    }
     if job.settings.run.page {
         text.push_str(&format!("\nlook at {}", job.out.join("index.html").display()));
     }

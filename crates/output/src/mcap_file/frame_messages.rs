@@ -1,0 +1,79 @@
+//! The messages of a frame.
+
+use super::{CAMERA, WORLD};
+use crate::OutputError;
+use glam::DQuat;
+use splatseg_geometry::{Intrinsics, Pose, SegmentMap};
+use splatseg_ros::{
+    CameraInfo, CompressedImage, Header, Image, Quaternion, RegionOfInterest, TfMessage, Time, Transform,
+    TransformStamped, Vector3,
+};
+use std::io;
+use std::path::Path;
+
+fn in_camera(stamp: Time) -> Header {
+    Header { stamp, frame_id: CAMERA.to_owned() }
+}
+
+/// A number that a message holds with 32 bits.
+pub(super) fn number(value: usize) -> io::Result<u32> {
+    u32::try_from(value).map_err(io::Error::other)
+}
+
+/// Where the camera is.
+pub(super) fn camera_pose(stamp: Time, world_from_camera: &Pose) -> TfMessage {
+    let at = world_from_camera.translation().as_dvec3();
+    let turn = DQuat::from_mat3(&world_from_camera.rotation().as_dmat3()).normalize();
+    let transform = Transform {
+        translation: Vector3 { x: at.x, y: at.y, z: at.z },
+        rotation: Quaternion { x: turn.x, y: turn.y, z: turn.z, w: turn.w },
+    };
+    let header = Header { stamp, frame_id: WORLD.to_owned() };
+    TfMessage { transforms: vec![TransformStamped { header, child_frame_id: CAMERA.to_owned(), transform }] }
+}
+
+/// The camera: its images have no distortion.
+pub(super) fn camera_info(stamp: Time, camera: &Intrinsics) -> io::Result<CameraInfo> {
+    let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(f64::from);
+    Ok(CameraInfo {
+        header: in_camera(stamp),
+        height: number(camera.height)?,
+        width: number(camera.width)?,
+        distortion_model: "plumb_bob".to_owned(),
+        d: vec![0.0; 5],
+        k: [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+        r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p: [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        binning_x: 0,
+        binning_y: 0,
+        roi: RegionOfInterest::default(),
+    })
+}
+
+/// An overlay, given as a JPEG file.
+pub(super) fn overlay(stamp: Time, jpeg: &[u8]) -> CompressedImage<'_> {
+    CompressedImage { header: in_camera(stamp), format: "jpeg", data: jpeg }
+}
+
+/// The pixels of an id image, 16 bits each with the low byte first; the path is named in errors.
+pub(super) fn id_bytes(path: &Path, segments: &SegmentMap) -> Result<Vec<u8>, OutputError> {
+    let mut bytes = Vec::with_capacity(2 * segments.pixels().len());
+    for id in segments.pixels() {
+        let small = u16::try_from(*id).map_err(|_| OutputError::IdTooLarge { path: path.to_owned(), id: *id })?;
+        bytes.extend(small.to_le_bytes());
+    }
+    Ok(bytes)
+}
+
+/// An id image of `(width, height)` pixels, given by [`id_bytes`].
+pub(super) fn id_image(stamp: Time, (width, height): (usize, usize), data: &[u8]) -> io::Result<Image<'_>> {
+    Ok(Image {
+        header: in_camera(stamp),
+        height: number(height)?,
+        width: number(width)?,
+        encoding: "16UC1",
+        is_bigendian: 0,
+        step: number(2 * width)?,
+        data,
+    })
+}

@@ -1,0 +1,145 @@
+//! A run as a recording for viewers of robots' data, such as Foxglove and Rerun: an MCAP file (<https://mcap.dev/spec>).
+//!
+//! | topic | type | what it is |
+//! | --- | --- | --- |
+//! | `/splatseg/overlay` | `sensor_msgs/msg/CompressedImage` | the overlay of each frame, JPEG |
+//! | `/splatseg/segments` | `sensor_msgs/msg/Image`, `16UC1` | the id image of each frame |
+//! | `/splatseg/camera_info` | `sensor_msgs/msg/CameraInfo` | the camera of each frame |
+//! | `/tf` | `tf2_msgs/msg/TFMessage` | `camera`, an optical frame, in `world` |
+//! | `/splatseg/points` | `sensor_msgs/msg/PointCloud2` | centres of the Gaussians at the end of the run |
+//! | `/splatseg/boxes` | `foxglove.SceneUpdate`, JSON | boxes and ids of the objects, for Foxglove |
+//! | `/splatseg/markers` | `visualization_msgs/msg/MarkerArray` | the same, for ROS |
+//!
+//! The last three need a memory. They come at the end of the file but have earlier times: the points that of the first
+//! frame, and each box that of the first frame that shows its object.
+
+mod frame_messages;
+mod object_messages;
+mod recording;
+mod scene_update;
+
+use crate::overlay::overlay_jpeg;
+use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
+use object_messages::{PointBytes, ShownObject};
+use recording::Recording;
+use splatseg_geometry::SegmentId;
+use splatseg_objects::ObjectList;
+use splatseg_ros::Time;
+use std::collections::BTreeMap;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The coordinate frame of camera poses and objects.
+const WORLD: &str = "world";
+/// The optical frame of the camera: x right, y down, z forward.
+const CAMERA: &str = "camera";
+/// From one frame to the next where the scene has no times, nanoseconds: 30 frames per second.
+const FRAME_INTERVAL: i64 = 33_333_333;
+/// Up to this number of objects, each message with boxes repeats all earlier boxes, because a viewer that jumps to a time
+/// reads only the latest message. With more objects, the file would grow with their square.
+const MAX_REPEATED: usize = 300;
+
+/// The recording. Messages are written as frames come, so that memory grows only with the number of objects.
+///
+/// Times are the timestamps of the frames. A frame without one comes 1/30 s after the frame before; the first is then at
+/// time 0. The same run gives the same bytes.
+pub struct McapFile {
+    path: PathBuf,
+    /// `None` after the run.
+    recording: Option<Recording>,
+    /// Times of the first and of the latest frame, nanoseconds.
+    times: Option<(i64, i64)>,
+    /// When each object was first seen, nanoseconds.
+    first_seen: BTreeMap<SegmentId, i64>,
+}
+
+impl McapFile {
+    /// How every file starts that this writes.
+    pub const START: &'static [u8] = recording::START;
+
+    /// Starts a file that will be at `path` when the run has ended, in place of what is there. Its folder must exist.
+    ///
+    /// # Errors
+    /// If no file can be created there.
+    pub fn create(path: &Path) -> Result<Self, OutputError> {
+        let recording = Recording::create(path).map_err(|source| OutputError::Io { path: path.to_owned(), source })?;
+        Ok(Self { path: path.to_owned(), recording: Some(recording), times: None, first_seen: BTreeMap::new() })
+    }
+
+    /// When a frame was taken, nanoseconds.
+    fn time_of(&self, record: &FrameRecord) -> i64 {
+        let nanoseconds = match (record.frame.timestamp(), self.times) {
+            (Some(time), _) => i64::try_from(time.as_nanos()).unwrap_or(i64::MAX),
+            (None, Some((_, latest))) => latest.saturating_add(FRAME_INTERVAL),
+            (None, None) => 0,
+        };
+        // ROS counts seconds with 32 bits.
+        Time::from_nanoseconds(nanoseconds).nanoseconds()
+    }
+
+    fn write_frame(&mut self, record: &FrameRecord, time: i64, overlay: &[u8], ids: &[u8]) -> io::Result<()> {
+        let Some(recording) = &mut self.recording else { return Ok(()) };
+        let stamp = Time::from_nanoseconds(time);
+        recording.write("/tf", time, &frame_messages::camera_pose(stamp, record.frame.world_from_camera()))?;
+        recording.write(
+            "/splatseg/camera_info",
+            time,
+            &frame_messages::camera_info(stamp, record.frame.intrinsics())?,
+        )?;
+        recording.write("/splatseg/overlay", time, &frame_messages::overlay(stamp, overlay))?;
+        recording.write("/splatseg/segments", time, &frame_messages::id_image(stamp, record.segments.size(), ids)?)
+    }
+
+    fn end(&mut self, end: &RunEnd<'_>) -> io::Result<()> {
+        let Some(mut recording) = self.recording.take() else { return Ok(()) };
+        if let (Some(memory), Some((first, _))) = (end.memory, self.times) {
+            let points = PointBytes::of(memory);
+            recording.write("/splatseg/points", first, &points.message(Time::from_nanoseconds(first))?)?;
+            let list = ObjectList::new(end.objects, end.memory);
+            let first_seen = |id: &SegmentId| self.first_seen.get(id).copied().unwrap_or(first);
+            let mut shown: Vec<ShownObject> = list
+                .objects
+                .into_iter()
+                .filter_map(|object| ShownObject::new(first_seen(&object.id), object))
+                .collect();
+            shown.sort_by_key(|object| (object.first_seen, object.id));
+            write_boxes(&mut recording, &shown)?;
+        }
+        recording.finish()
+    }
+
+    fn error(&self, source: io::Error) -> OutputError {
+        OutputError::Io { path: self.path.clone(), source }
+    }
+}
+
+/// Writes the boxes of objects that are sorted by time: for each time, those that are new then, and those before.
+fn write_boxes(recording: &mut Recording, shown: &[ShownObject]) -> io::Result<()> {
+    let mut before = 0;
+    for new in shown.chunk_by(|left, right| left.first_seen == right.first_seen) {
+        let (Some(object), until) = (new.first(), before + new.len()) else { continue };
+        let objects = if until <= MAX_REPEATED { shown.get(..until).unwrap_or(new) } else { new };
+        recording.write_scene_update("/splatseg/boxes", object.first_seen, &scene_update::scene_update(objects))?;
+        recording.write("/splatseg/markers", object.first_seen, &object_messages::markers(objects))?;
+        before = until;
+    }
+    Ok(())
+}
+
+impl RunOutput for McapFile {
+    fn add_frame(&mut self, record: &FrameRecord, _: &mut dyn ResultFolder) -> Result<(), OutputError> {
+        let time = self.time_of(record);
+        let ids = frame_messages::id_bytes(&self.path, &record.segments)?;
+        let overlay = overlay_jpeg(&self.path, record.frame.color(), &record.segments)?;
+        self.write_frame(record, time, &overlay, &ids).map_err(|source| self.error(source))?;
+        self.times = Some((self.times.map_or(time, |(first, _)| first), time));
+        for object in &record.objects {
+            self.first_seen.entry(object.id).or_insert(time);
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, end: &RunEnd<'_>, _: &mut dyn ResultFolder) -> Result<(), OutputError> {
+        self.end(end).map_err(|source| self.error(source))
+    }
+}

@@ -1,0 +1,135 @@
+//! The map and its objects as ROS 2 messages.
+
+use super::WORLD;
+use super::frame_messages::number;
+use crate::segment_color;
+use splatseg_geometry::SegmentId;
+use splatseg_memory::SplatMemory;
+use splatseg_objects::{Object, OrientedBox};
+use splatseg_ros::{
+    ColorRgba, Header, Marker, MarkerArray, Point, PointCloud2, PointField, PoseMessage, Quaternion, Time, Vector3,
+    marker_type,
+};
+use std::io;
+
+/// The colour of points of no object.
+const NO_OBJECT: [u8; 3] = [128; 3];
+/// Bytes of a point: x, y, z, colour and id.
+const POINT_BYTES: usize = 20;
+/// One sees through boxes to what is in them.
+pub(super) const BOX_OPACITY: f32 = 0.35;
+/// Height of the ids' digits, metres.
+pub(super) const TEXT_HEIGHT: f32 = 0.08;
+
+/// An object that has a box.
+pub(super) struct ShownObject {
+    pub(super) id: SegmentId,
+    /// Nanoseconds.
+    pub(super) first_seen: i64,
+    /// In how many frames it was seen.
+    pub(super) frames: usize,
+    /// Its id, with its label if it has one.
+    pub(super) text: String,
+    pub(super) oriented_box: OrientedBox,
+}
+
+impl ShownObject {
+    /// `None` for an object without a shape.
+    pub(super) fn new(first_seen: i64, object: Object) -> Option<Self> {
+        let text = match &object.label {
+            Some(label) => format!("{} {label}", object.id),
+            None => object.id.to_string(),
+        };
+        let oriented_box = object.shape?.oriented_box;
+        Some(Self { id: object.id, first_seen, frames: object.frames, text, oriented_box })
+    }
+
+    /// Red, green and blue, 0 to 1.
+    pub(super) fn color(&self) -> [f32; 3] {
+        segment_color(self.id).map(|channel| f32::from(channel) / 255.0)
+    }
+}
+
+/// The points of a map as they are in a message.
+pub(super) struct PointBytes(Vec<u8>);
+
+impl PointBytes {
+    /// The centres of a memory's Gaussians, in the colours of their objects.
+    pub(super) fn of(memory: &SplatMemory) -> Self {
+        let (means, ids) = (&memory.balls().means, memory.segment_ids());
+        let mut bytes = Vec::with_capacity(POINT_BYTES * means.len());
+        for (mean, id) in means.iter().zip(ids).filter(|(mean, _)| mean.is_finite()) {
+            bytes.extend(mean.to_array().into_iter().flat_map(f32::to_le_bytes));
+            let [red, green, blue] = if id == 0 { NO_OBJECT } else { segment_color(id) };
+            // The low byte of the colour comes first.
+            bytes.extend([blue, green, red, 0]);
+            bytes.extend(id.to_le_bytes());
+        }
+        Self(bytes)
+    }
+
+    /// The message. The colour is a 32-bit integer in the place of a float, as ROS has it.
+    pub(super) fn message(&self, stamp: Time) -> io::Result<PointCloud2<'_>> {
+        let field =
+            |(name, datatype): (&str, u8), offset| PointField { name: name.to_owned(), offset, datatype, count: 1 };
+        let fields = [
+            ("x", PointField::FLOAT32),
+            ("y", PointField::FLOAT32),
+            ("z", PointField::FLOAT32),
+            ("rgb", PointField::FLOAT32),
+            ("segment_id", PointField::UINT32),
+        ];
+        Ok(PointCloud2 {
+            header: Header { stamp, frame_id: WORLD.to_owned() },
+            height: 1,
+            width: number(self.0.len() / POINT_BYTES)?,
+            fields: fields.into_iter().zip((0..).step_by(4)).map(|(part, offset)| field(part, offset)).collect(),
+            is_bigendian: false,
+            point_step: number(POINT_BYTES)?,
+            row_step: number(self.0.len())?,
+            data: &self.0,
+            is_dense: true,
+        })
+    }
+}
+
+/// A box and an id for each object.
+pub(super) fn markers(objects: &[ShownObject]) -> MarkerArray<'static> {
+    MarkerArray { markers: objects.iter().flat_map(|object| [box_marker(object), id_marker(object)]).collect() }
+}
+
+fn box_marker(object: &ShownObject) -> Marker<'static> {
+    let turn = object.oriented_box.rotation.as_dquat();
+    let size = object.oriented_box.size.as_dvec3();
+    let [r, g, b] = object.color();
+    let mut marker = marker(object, "boxes", marker_type::CUBE);
+    marker.pose.orientation = Quaternion { x: turn.x, y: turn.y, z: turn.z, w: turn.w };
+    marker.scale = Vector3 { x: size.x, y: size.y, z: size.z };
+    marker.color = ColorRgba { r, g, b, a: BOX_OPACITY };
+    marker
+}
+
+fn id_marker(object: &ShownObject) -> Marker<'static> {
+    let mut marker = marker(object, "ids", marker_type::TEXT_VIEW_FACING);
+    marker.scale.z = f64::from(TEXT_HEIGHT);
+    marker.color = ColorRgba { r: 1.0, g: 1.0, b: 1.0, a: 1.0 };
+    marker.text.clone_from(&object.text);
+    marker
+}
+
+/// A marker at an object that stays there.
+fn marker(object: &ShownObject, namespace: &str, kind: i32) -> Marker<'static> {
+    let center = object.oriented_box.center.as_dvec3();
+    Marker {
+        header: Header { stamp: Time::from_nanoseconds(object.first_seen), frame_id: WORLD.to_owned() },
+        ns: namespace.to_owned(),
+        // Ids of a memory fit 16 bits.
+        id: i32::try_from(object.id).unwrap_or(i32::MAX),
+        kind,
+        pose: PoseMessage {
+            position: Point { x: center.x, y: center.y, z: center.z },
+            orientation: Quaternion::default(),
+        },
+        ..Marker::default()
+    }
+}

@@ -1,0 +1,179 @@
+//! Boxes of objects in Foxglove's terms: <https://docs.foxglove.dev/docs/sdk/schemas/scene-update>, as JSON.
+
+use super::WORLD;
+use super::object_messages::{BOX_OPACITY, ShownObject, TEXT_HEIGHT};
+use glam::{Quat, Vec3};
+use serde::Serialize;
+use serde_json::{Value, json};
+use splatseg_ros::Time;
+
+/// What is to be shown from some time on. Entities of other ids stay.
+#[derive(Debug, Serialize)]
+pub(super) struct SceneUpdate {
+    deletions: [(); 0],
+    entities: Vec<Entity>,
+}
+
+/// An object: its box and its id.
+#[derive(Debug, Serialize)]
+struct Entity {
+    timestamp: Seconds,
+    frame_id: &'static str,
+    id: String,
+    /// 0: until it is replaced.
+    lifetime: Seconds,
+    frame_locked: bool,
+    metadata: [KeyValue; 1],
+    cubes: [Cube; 1],
+    texts: [Text; 1],
+    // All lists of an entity must be there.
+    arrows: [(); 0],
+    spheres: [(); 0],
+    cylinders: [(); 0],
+    lines: [(); 0],
+    triangles: [(); 0],
+    models: [(); 0],
+}
+
+/// A time or a span of time.
+#[derive(Debug, Serialize)]
+struct Seconds {
+    sec: i32,
+    nsec: u32,
+}
+
+#[derive(Debug, Serialize)]
+struct KeyValue {
+    key: &'static str,
+    value: String,
+}
+
+#[derive(Debug, Serialize)]
+struct Cube {
+    pose: FoxglovePose,
+    size: Xyz,
+    color: Rgba,
+}
+
+#[derive(Debug, Serialize)]
+struct Text {
+    pose: FoxglovePose,
+    billboard: bool,
+    font_size: f32,
+    scale_invariant: bool,
+    color: Rgba,
+    text: String,
+}
+
+#[derive(Debug, Serialize)]
+struct FoxglovePose {
+    position: Xyz,
+    orientation: Xyzw,
+}
+
+#[derive(Debug, Serialize)]
+struct Xyz {
+    x: f32,
+    y: f32,
+    z: f32,
+}
+
+#[derive(Debug, Serialize)]
+struct Xyzw {
+    x: f32,
+    y: f32,
+    z: f32,
+    w: f32,
+}
+
+#[derive(Debug, Serialize)]
+struct Rgba {
+    r: f32,
+    g: f32,
+    b: f32,
+    a: f32,
+}
+
+impl SceneUpdate {
+    /// The name by which Foxglove knows the type.
+    pub(super) const NAME: &'static str = "foxglove.SceneUpdate";
+}
+
+impl From<Vec3> for Xyz {
+    fn from(Vec3 { x, y, z }: Vec3) -> Self {
+        Self { x, y, z }
+    }
+}
+
+/// The message that shows objects.
+pub(super) fn scene_update(objects: &[ShownObject]) -> SceneUpdate {
+    SceneUpdate { deletions: [], entities: objects.iter().map(entity).collect() }
+}
+
+fn entity(object: &ShownObject) -> Entity {
+    let shape = &object.oriented_box;
+    let pose = |turn: Quat| FoxglovePose {
+        position: shape.center.into(),
+        orientation: Xyzw { x: turn.x, y: turn.y, z: turn.z, w: turn.w },
+    };
+    let [r, g, b] = object.color();
+    let stamp = Time::from_nanoseconds(object.first_seen);
+    Entity {
+        timestamp: Seconds { sec: stamp.sec, nsec: stamp.nanosec },
+        frame_id: WORLD,
+        id: object.id.to_string(),
+        lifetime: Seconds { sec: 0, nsec: 0 },
+        frame_locked: false,
+        metadata: [KeyValue { key: "frames", value: object.frames.to_string() }],
+        cubes: [Cube { pose: pose(shape.rotation), size: shape.size.into(), color: Rgba { r, g, b, a: BOX_OPACITY } }],
+        texts: [Text {
+            pose: pose(Quat::IDENTITY),
+            billboard: true,
+            font_size: TEXT_HEIGHT,
+            scale_invariant: false,
+            color: Rgba { r: 1.0, g: 1.0, b: 1.0, a: 1.0 },
+            text: object.text.clone(),
+        }],
+        arrows: [],
+        spheres: [],
+        cylinders: [],
+        lines: [],
+        triangles: [],
+        models: [],
+    }
+}
+
+/// The JSON schema of [`SceneUpdate`]: the parts of Foxglove's that have values here.
+pub(super) fn schema() -> Value {
+    let number = || json!({ "type": "number" });
+    let text = || json!({ "type": "string" });
+    let flag = || json!({ "type": "boolean" });
+    let list = |items: Value| json!({ "type": "array", "items": items });
+    let nothing = || list(json!({ "type": "object", "properties": {} }));
+    let object = |title: &str, properties: Value| {
+        let required: Vec<&String> = properties.as_object().into_iter().flat_map(|map| map.keys()).collect();
+        json!({ "title": title, "type": "object", "required": required, "properties": properties })
+    };
+    let seconds = |title| object(title, json!({ "sec": { "type": "integer" }, "nsec": { "type": "integer" } }));
+    let vector = || object("foxglove.Vector3", json!({ "x": number(), "y": number(), "z": number() }));
+    let turn = || {
+        let parts = json!({ "x": number(), "y": number(), "z": number(), "w": number() });
+        object("foxglove.Quaternion", parts)
+    };
+    let pose = || object("foxglove.Pose", json!({ "position": vector(), "orientation": turn() }));
+    let color = || object("foxglove.Color", json!({ "r": number(), "g": number(), "b": number(), "a": number() }));
+    let metadata = object("foxglove.KeyValuePair", json!({ "key": text(), "value": text() }));
+    let cube = object("foxglove.CubePrimitive", json!({ "pose": pose(), "size": vector(), "color": color() }));
+    let label = json!({
+        "pose": pose(), "billboard": flag(), "font_size": number(), "scale_invariant": flag(), "color": color(),
+        "text": text(),
+    });
+    let entity = json!({
+        "timestamp": seconds("time"), "frame_id": text(), "id": text(), "lifetime": seconds("duration"),
+        "frame_locked": flag(), "metadata": list(metadata), "cubes": list(cube),
+        "texts": list(object("foxglove.TextPrimitive", label)), "arrows": nothing(), "spheres": nothing(),
+        "cylinders": nothing(), "lines": nothing(), "triangles": nothing(), "models": nothing(),
+    });
+    let entities = list(object("foxglove.SceneEntity", entity));
+    object(SceneUpdate::NAME, json!({ "deletions": nothing(), "entities": entities }))
+}
