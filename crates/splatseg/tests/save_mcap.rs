@@ -113,16 +113,17 @@ fn check_points(messages: &[mcap::Message<'static>], out: &Path) {
     assert_eq!(message.log_time, 0);
     let cloud: PointCloud2<'_> = from_cdr(&message.data).unwrap();
     let names: Vec<&str> = cloud.fields.iter().map(|field| field.name.as_str()).collect();
-    assert_eq!(names, ["x", "y", "z", "rgb", "segment_id"]);
+    assert_eq!(names, ["x", "y", "z", "rgb", "segment_id", "colors"]);
     assert_eq!(cloud.data.len(), cloud.width as usize * cloud.point_step as usize);
     let gaussians = &support::read_json(&out.join("summary.json"))["gaussians"];
     assert_eq!(*gaussians, cloud.width);
     let mut counts: BTreeMap<SegmentId, usize> = BTreeMap::new();
-    for [_, _, _, color, id] in cloud.data.as_chunks::<4>().0.as_chunks().0 {
+    for [_, _, _, color, id, rgba] in cloud.data.as_chunks::<4>().0.as_chunks().0 {
         let id = SegmentId::from_le_bytes(*id);
         *counts.entry(id).or_default() += 1;
         let [red, green, blue] = if id == 0 { [128; 3] } else { segment_color(id) };
         assert_eq!(u32::from_le_bytes(*color), u32::from_be_bytes([0, red, green, blue]));
+        assert_eq!(u32::from_le_bytes(*rgba), u32::from_be_bytes([red, green, blue, 255]));
     }
     counts.remove(&0);
     let shapes = objects(out).objects.into_iter().filter_map(|object| Some((object.id, object.shape?.points)));

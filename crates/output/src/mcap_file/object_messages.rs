@@ -14,8 +14,8 @@ use std::io;
 
 /// The colour of points of no object.
 const NO_OBJECT: [u8; 3] = [128; 3];
-/// Bytes of a point: x, y, z, colour and id.
-const POINT_BYTES: usize = 20;
+/// Bytes of a point: x, y, z, colour, id, and colour once more.
+const POINT_BYTES: usize = 24;
 /// One sees through boxes to what is in them.
 pub(super) const BOX_OPACITY: f32 = 0.35;
 /// Height of the ids' digits, metres.
@@ -64,11 +64,13 @@ impl PointBytes {
             // The low byte of the colour comes first.
             bytes.extend([blue, green, red, 0]);
             bytes.extend(id.to_le_bytes());
+            bytes.extend(u32::from_be_bytes([red, green, blue, 255]).to_le_bytes());
         }
         Self(bytes)
     }
 
-    /// The message. The colour is a 32-bit integer in the place of a float, as ROS has it.
+    /// The message. `rgb` is a 32-bit integer in the place of a float, as ROS has it. Rerun does not know that, but makes
+    /// each field a component of its points: it takes their colours from a field `colors` with red in the highest byte.
     pub(super) fn message(&self, stamp: Time) -> io::Result<PointCloud2<'_>> {
         let field =
             |(name, datatype): (&str, u8), offset| PointField { name: name.to_owned(), offset, datatype, count: 1 };
@@ -78,6 +80,7 @@ impl PointBytes {
             ("z", PointField::FLOAT32),
             ("rgb", PointField::FLOAT32),
             ("segment_id", PointField::UINT32),
+            ("colors", PointField::UINT32),
         ];
         Ok(PointCloud2 {
             header: Header { stamp, frame_id: WORLD.to_owned() },
