@@ -143,3 +143,60 @@ impl RunOutput for McapFile {
         self.end(end).map_err(|source| self.error(source))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{Quat, Vec3};
+    use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame};
+    use splatseg_objects::OrientedBox;
+    use splatseg_ros::{MarkerArray, from_cdr};
+    use std::time::Duration;
+
+    #[test]
+    fn boxes_are_repeated_while_there_are_few() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("boxes.mcap");
+        let shown = |index: usize| ShownObject {
+            id: index as SegmentId + 1,
+            // Two at a time.
+            first_seen: index as i64 / 2,
+            frames: 1,
+            text: String::new(),
+            oriented_box: OrientedBox { center: Vec3::ZERO, size: Vec3::ONE, rotation: Quat::IDENTITY },
+        };
+        let shown: Vec<ShownObject> = (0..MAX_REPEATED + 3).map(shown).collect();
+        let mut recording = Recording::create(&path).unwrap();
+        write_boxes(&mut recording, &shown).unwrap();
+        recording.finish().unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let messages = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
+        let counts: Vec<usize> = messages
+            .filter(|message| message.channel.topic == "/splatseg/markers")
+            .map(|message| from_cdr::<MarkerArray<'_>>(&message.data).unwrap().markers.len() / 2)
+            .collect();
+        let expected: Vec<usize> = (2..=MAX_REPEATED).step_by(2).chain([2, 1]).collect();
+        assert_eq!(counts, expected);
+    }
+
+    #[test]
+    fn frames_without_a_time_follow_the_frame_before() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut file = McapFile::create(&folder.path().join("times.mcap")).unwrap();
+        let mut time = |timestamp: Option<Duration>| {
+            let camera = Intrinsics { fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0, width: 1, height: 1 };
+            let images = (Image::filled(1, 1, [0; 3]), Image::filled(1, 1, 1.0));
+            let frame = RgbdFrame::new("0", images.0, images.1, camera, Pose::IDENTITY).unwrap();
+            let (frame, segments) = (frame.with_timestamp(timestamp), Image::filled(1, 1, 0));
+            let record = FrameRecord { number: 0, file_name: "0".to_owned(), frame, segments, objects: Vec::new() };
+            let time = file.time_of(&record);
+            file.times = Some((0, time));
+            time
+        };
+        let found =
+            [None, None, Some(Duration::from_secs(1_700_000_000)), None, Some(Duration::MAX), None].map(&mut time);
+        let (late, end) = (1_700_000_000_000_000_000, i64::from(i32::MAX));
+        assert_eq!(found[..4], [0, FRAME_INTERVAL, late, late + FRAME_INTERVAL]);
+        assert!(found[4..].iter().all(|time| time / 1_000_000_000 == end), "{found:?}");
+    }
+}
