@@ -8,7 +8,7 @@ use std::path::Path;
 fn main() -> std::io::Result<()> {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/corpus"));
     let with_choice = |choice: u8, bytes: &[u8]| [&[choice], bytes].concat();
-    let templates: [(&str, fn(&Path)); 8] = [
+    let templates: [(&str, fn(&Path)); 9] = [
         ("images", scenes::images),
         ("sevenscenes", scenes::sevenscenes),
         ("scannet", scenes::scannet),
