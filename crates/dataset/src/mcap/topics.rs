@@ -146,7 +146,8 @@ impl<'a> Chooser<'a> {
             found = types.collect();
         }
         let expected = format!("a topic of sensor_msgs/msg/Image or CompressedImage (ROS 2, cdr) with {encodings}");
-        self.error(what, format!("none, but {}", listed(found)), expected)
+        let found = if found.is_empty() { "no topic".to_owned() } else { format!("none, but {}", listed(found)) };
+        self.error(what, found, expected)
     }
 
     fn infos(&self) -> impl Iterator<Item = (&'a Topic, &'a str)> {
