@@ -5,7 +5,7 @@ mod checkpoint;
 #[allow(dead_code)] // The tests use more of it.
 pub mod files;
 #[path = "../../crates/models/tests/checkpoint/pickler.rs"]
-#[allow(dead_code)]
+#[allow(dead_code)] // The tests use more of it.
 pub mod pickler;
 mod place;
 #[path = "../../crates/memory/tests/ply/sample.rs"]

@@ -19,6 +19,7 @@ mod mvpd;
 mod plain_folder;
 mod plausibility;
 mod preset;
+mod recording_file;
 mod register;
 mod replica;
 mod resample;

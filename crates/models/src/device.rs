@@ -82,7 +82,7 @@ fn tried(name: DeviceName, open: impl FnOnce() -> Device) -> Result<Device, Devi
 }
 
 /// What `work` returns, or the message of the first panic of any thread while it runs, which is not printed. Without a
-/// driver a thread of burn's panics, and then the one that waits for it, which knows no reason.
+/// driver a thread of burn's panics, and then the one that waits for it, without a reason.
 #[cfg(any(test, feature = "cuda", feature = "vulkan", feature = "metal"))]
 fn panics_told<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
     use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};

@@ -19,8 +19,8 @@ mod transforms;
 
 pub use summary::{McapSummary, McapTopic};
 
-use crate::listing::all_names_in;
 use crate::plausibility::warn_once;
+use crate::recording_file::RecordingFile;
 use crate::register::{CameraPair, register_depth};
 use crate::resample::{ImageMap, resample_color};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
@@ -32,7 +32,6 @@ use contents::{Contents, Images};
 use frames::{Cameras, FrameMaker, RecordedFrame};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use splatseg_ros::{CompressedImage, Image as RawImage, from_cdr};
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use topics::{Choice, Chooser};
@@ -41,7 +40,7 @@ use topics::{Choice, Chooser};
 pub(crate) const LAYOUT: &str = "a file recording.mcap with ROS 2 messages: colour and depth images, camera infos, and \
                                  transforms (/tf) or poses; or a folder with one, as rosbag2 writes it";
 
-const EXTENSION: &str = "mcap";
+const RECORDING: RecordingFile = RecordingFile { extension: "mcap", expected: "a file <recording>.mcap" };
 /// Colour is made smaller where its pixels are this much smaller than those of depth that is not registered: depth would
 /// become a sieve.
 const MIN_FOCAL_RATIO: f32 = 0.95;
@@ -84,7 +83,7 @@ impl McapScene {
     /// If there is no recording or there are several, if it is no MCAP file, if no topics or several fit, if a camera info
     /// is not that of a camera, or if nothing of colour, depth and poses belongs together.
     pub fn open(path: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
-        let path = recording_in(path)?;
+        let path = RECORDING.find(path)?;
         let mut contents = Contents::new(&path);
         let file = McapFile::scan(&path, &mut contents)?;
         contents.sort();
@@ -269,33 +268,7 @@ fn warn_of_unreadable(path: &Path, choice: &Choice<'_>) {
 
 /// Whether a path is a recording, or a folder that holds some.
 pub(crate) fn looks_like(path: &Path) -> bool {
-    if path.is_dir() { !recordings(path).is_empty() } else { is_recording(path) }
-}
-
-fn is_recording(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(EXTENSION))
-}
-
-fn recordings(folder: &Path) -> Vec<OsString> {
-    all_names_in(folder)
-        .into_iter()
-        .filter(|name| is_recording(Path::new(name)) && folder.join(name).is_file())
-        .collect()
-}
-
-fn recording_in(path: &Path) -> Result<PathBuf, DatasetError> {
-    if !path.is_dir() {
-        return Ok(path.to_owned());
-    }
-    let sequences = recordings(path);
-    match sequences.as_slice() {
-        [] => Err(DatasetError::NoFrames { path: path.to_owned(), expected: "a file <recording>.mcap" }),
-        [only] => Ok(path.join(only)),
-        _ => Err(DatasetError::SeveralSequences {
-            path: path.to_owned(),
-            sequences: sequences.iter().map(|name| name.to_string_lossy().into_owned()).collect(),
-        }),
-    }
+    RECORDING.looks_like(path)
 }
 
 impl Scene for McapScene {

@@ -2,7 +2,7 @@
 
 use super::container::McapFile;
 use super::contents::{Content, Contents};
-use super::{McapScene, recording_in};
+use super::{McapScene, RECORDING};
 use crate::{DatasetError, DatasetSettings, LeftOut, Scene};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -47,7 +47,7 @@ impl McapSummary {
     /// If there is no recording, if it is no MCAP file, or if it cannot be read. A recording without usable frames is no
     /// error.
     pub fn read(path: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
-        let path = recording_in(path)?;
+        let path = RECORDING.find(path)?;
         let mut contents = Contents::new(&path);
         let file = McapFile::scan(&path, &mut contents)?;
         contents.sort();

@@ -5,14 +5,13 @@ use super::sens_file::{ColorCompression, DepthCompression, SensFile, SensHeader}
 use super::{Camera, Cameras};
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MAX_DEFLATE_RATIO, MAX_PIXELS};
 use crate::decode::{decode_color, metres, require_decoding_memory};
-use crate::listing::all_names_in;
 use crate::plausibility::warn_once;
+use crate::recording_file::RecordingFile;
 use crate::scene::{FramePart, FrameParts, LeftOut};
 use crate::text::PinholeMatrix;
 use crate::{DatasetError, Format, Scene};
 use flate2::read::ZlibDecoder;
 use splatseg_geometry::{Image, Pose, RgbdFrame, SegmentMap};
-use std::ffi::OsString;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -20,7 +19,7 @@ use std::path::{Path, PathBuf};
 pub(crate) const LAYOUT: &str = "a file scene0000_00.sens, or a folder with one; beside it scene0000_00_2d-instance-filt.zip \
                                  or instance-filt/0.png (optional)";
 
-const EXTENSION: &str = "sens";
+const RECORDING: RecordingFile = RecordingFile { extension: "sens", expected: "a file <scene>.sens" };
 
 /// A ScanNet recording in its published container, version 4, with raw or zlib-compressed depth and raw, PNG or JPEG
 /// colour. Frames are named by their number, as in an exported scene.
@@ -44,7 +43,7 @@ impl SensScene {
     /// or states a compression other than those above or images beyond the memory limit, or if the labels' zip file is
     /// damaged.
     pub fn open(path: &Path) -> Result<Self, DatasetError> {
-        let path = recording_in(path)?;
+        let path = RECORDING.find(path)?;
         let file = SensFile::open(&path)?;
         if file.frame_count() == 0 {
             return Err(DatasetError::NoFrames { path, expected: "a frame count above 0 in the header" });
@@ -79,33 +78,7 @@ impl SensScene {
 
 /// Whether a path is a recording, or a folder that holds some.
 pub(crate) fn looks_like(path: &Path) -> bool {
-    if path.is_dir() { !recordings(path).is_empty() } else { is_recording(path) }
-}
-
-fn is_recording(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(EXTENSION))
-}
-
-fn recordings(folder: &Path) -> Vec<OsString> {
-    all_names_in(folder)
-        .into_iter()
-        .filter(|name| is_recording(Path::new(name)) && folder.join(name).is_file())
-        .collect()
-}
-
-fn recording_in(path: &Path) -> Result<PathBuf, DatasetError> {
-    if !path.is_dir() {
-        return Ok(path.to_owned());
-    }
-    let sequences = recordings(path);
-    match sequences.as_slice() {
-        [] => Err(DatasetError::NoFrames { path: path.to_owned(), expected: "a file <scene>.sens" }),
-        [only] => Ok(path.join(only)),
-        _ => Err(DatasetError::SeveralSequences {
-            path: path.to_owned(),
-            sequences: sequences.iter().map(|name| name.to_string_lossy().into_owned()).collect(),
-        }),
-    }
+    RECORDING.looks_like(path)
 }
 
 /// The colour image of a frame; `path` is the frame's, for errors.

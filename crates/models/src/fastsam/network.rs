@@ -74,7 +74,7 @@ impl FastSamNetwork {
     /// [`FastSamError::Device`] if the device fails.
     ///
     /// # Panics
-    /// If height or width is no multiple of 32, or `input` has another length.
+    /// If height or width is not a multiple of 32, or `input` has another length.
     pub fn forward(&self, input: Vec<f32>, height: usize, width: usize) -> Result<RawOutput, FastSamError> {
         assert!(height.is_multiple_of(32) && width.is_multiple_of(32), "the input's size is a multiple of 32");
         let image = Tensor::from_data(TensorData::new(input, [1, 3, height, width]), &self.device);

@@ -53,7 +53,7 @@ pub struct ObjectData {
     pub seen: Vec<(usize, usize)>,
     /// Its largest area in a frame, pixels.
     pub area: usize,
-    /// That frame.
+    /// The frame in which its area is largest.
     pub best: usize,
     /// The mean of its confidence over its frames, from 0 to 1; missing if no frame shows it.
     pub confidence: Option<f32>,

@@ -21,7 +21,7 @@ pub struct RunSummary {
 }
 
 impl RunSummary {
-    /// That of the folder of a run, or of the folder `segments` in it; `None` for other predictions.
+    /// The summary in the folder of a run, or beside its folder `segments`; `None` for other predictions.
     ///
     /// # Errors
     /// If it is there and is not the summary of a run.

@@ -44,7 +44,7 @@ struct Cached {
 /// as long as no size and no time has changed.
 pub struct InputHashes {
     cache: PathBuf,
-    /// The folder of results, which is no input even if it is inside one.
+    /// The folder of results, which is never an input, even inside one.
     out: PathBuf,
     known: Mutex<Known>,
 }

@@ -44,7 +44,7 @@ pub struct Written {
 /// Whether the run can be continued later.
 #[derive(Debug)]
 pub enum Saving {
-    /// That is not asked for.
+    /// `save_every` is 0.
     Off,
     /// It can be as soon as its first frame is written.
     Later,
