@@ -1,6 +1,7 @@
 //! When each object was seen, how surely, and which frame shows it best.
 
 use crate::{BestView, BoundingBox, FrameStamp, ObjectSighting};
+use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
 use std::collections::BTreeMap;
 
@@ -10,15 +11,14 @@ const CLEARLY_BETTER: f64 = 1.2;
 /// What a view is worth that the edge of the image cuts, relative to one that shows the object whole.
 const CUT_VIEW: f64 = 0.25;
 
-/// Every object seen so far, with its best view. Made of the sightings of each frame alone, so showing it the same
-/// frames again gives the same.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// Every object seen so far, with its best view.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SeenObjects {
     objects: BTreeMap<SegmentId, Sightings>,
 }
 
 /// The sightings of an object.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sightings {
     /// The first frame that showed it.
     pub first_frame: FrameStamp,

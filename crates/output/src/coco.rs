@@ -1,27 +1,36 @@
 //! All masks of a run as one COCO file: <https://cocodataset.org/#format-data>, with the `track_id` and `video_id` of
 //! video data sets.
 
+use crate::error::saved_state;
+use crate::segments::written_ids;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use splatseg_atomic_file::AtomicFile;
-use splatseg_geometry::{RunLengths, SegmentId};
+use splatseg_geometry::{RunLengths, SegmentId, SegmentMap};
 use splatseg_objects::BoundingBox;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Ids count from 1, and there is one video and one category.
 const ONLY: u32 = 1;
 
-/// The COCO file. Annotations are written as frames come; the list of images, which is short, follows them.
+/// The COCO file. It is written at the end, from the id images in the folder, so that little is kept of each frame.
 #[derive(Debug)]
 pub struct CocoFile {
     path: PathBuf,
-    /// `None` after the run.
-    file: Option<AtomicFile>,
-    /// JSON texts.
-    images: Vec<String>,
-    annotations: usize,
+    frames: Vec<CocoFrame>,
+}
+
+/// What is kept of a frame.
+#[derive(Debug, Serialize, Deserialize)]
+struct CocoFrame {
+    /// Its name in its scene.
+    name: String,
+    /// The name of its result files.
+    file_name: String,
+    /// The confidence of each object.
+    scores: BTreeMap<SegmentId, f32>,
 }
 
 /// What the file is.
@@ -84,79 +93,102 @@ impl CocoFile {
     /// How every file starts that this writes.
     pub const START: &'static str = "{\"info\": {\"description\":\"splatseg\"";
 
-    /// Starts a file that will be at `path` when the run has ended, in place of what is there. Its folder must exist.
-    ///
-    /// # Errors
-    /// If no file can be created there.
-    pub fn create(path: &Path) -> Result<Self, OutputError> {
-        let start = || {
-            let mut file = AtomicFile::create(path)?;
-            let info = Info { description: "splatseg", version: env!("CARGO_PKG_VERSION") };
-            let category = Category { id: ONLY, name: "object", supercategory: "object" };
-            writeln!(file, "{{\"info\": {},", serde_json::to_string(&info)?)?;
-            writeln!(file, "\"categories\": [{}],", serde_json::to_string(&category)?)?;
-            write!(file, "\"annotations\": [")?;
-            Ok(file)
-        };
-        let file = start().map_err(|source| OutputError::Io { path: path.to_owned(), source })?;
-        Ok(Self { path: path.to_owned(), file: Some(file), images: Vec::new(), annotations: 0 })
+    /// A file that will be at `path` when the run has ended, in place of what is there. Its folder must exist.
+    pub fn new(path: PathBuf) -> Self {
+        Self { path, frames: Vec::new() }
     }
 
-    fn add(&mut self, record: &FrameRecord) -> io::Result<()> {
-        let Some(file) = &mut self.file else { return Ok(()) };
-        let (width, height) = record.segments.size();
-        let image = CocoImage {
-            id: record.number + 1,
-            file_name: format!("{}.jpg", record.file_name),
-            width,
-            height,
-            video_id: ONLY,
-            frame_index: record.number,
-            name: record.frame.name(),
-        };
-        let scores: BTreeMap<SegmentId, f32> =
-            record.objects.iter().map(|object| (object.id, object.confidence)).collect();
-        for (id, runs) in RunLengths::of_segments(&record.segments) {
-            self.annotations += 1;
-            let (inner, area) = extent(&runs);
-            let annotation = Annotation {
-                id: self.annotations,
-                image_id: image.id,
-                video_id: ONLY,
-                category_id: ONLY,
-                track_id: id,
-                segmentation: Segmentation { size: [height, width], counts: runs.to_compressed() },
-                area,
-                bbox: [inner.x, inner.y, inner.width, inner.height],
-                iscrowd: 0,
-                score: scores.get(&id).copied().unwrap_or(0.0),
-            };
-            let separator = if self.annotations == 1 { "" } else { "," };
-            write!(file, "{separator}\n{}", serde_json::to_string(&annotation)?)?;
+    fn write(&self, scene: &str, folder: &dyn ResultFolder) -> Result<(), OutputError> {
+        let error = |source| OutputError::Io { path: self.path.clone(), source };
+        let mut file = AtomicFile::create(&self.path).map_err(error)?;
+        write_start(&mut file).map_err(error)?;
+        let (mut images, mut annotations) = (Vec::new(), 0);
+        for (number, frame) in self.frames.iter().enumerate() {
+            let segments = written_ids(folder, &frame.file_name)?;
+            annotations = write_annotations(&mut file, number, frame, &segments, annotations).map_err(error)?;
+            images.push(frame.image(number, segments.size()).map_err(error)?);
         }
-        self.images.push(serde_json::to_string(&image)?);
-        Ok(())
-    }
-
-    fn end(&mut self, scene: &str) -> io::Result<()> {
-        let Some(mut file) = self.file.take() else { return Ok(()) };
-        let video = serde_json::to_string(&Video { id: ONLY, name: scene })?;
-        writeln!(file, "\n],\n\"videos\": [{video}],\n\"images\": [\n{}\n]}}", self.images.join(",\n"))?;
-        file.commit()
-    }
-
-    fn error(&self, source: io::Error) -> OutputError {
-        OutputError::Io { path: self.path.clone(), source }
+        write_end(&mut file, scene, &images).and_then(|()| file.commit()).map_err(error)
     }
 }
 
+impl CocoFrame {
+    /// The JSON text of its image.
+    fn image(&self, number: usize, (width, height): (usize, usize)) -> io::Result<String> {
+        let file_name = format!("{}.jpg", self.file_name);
+        let (id, video_id, frame_index, name) = (number + 1, ONLY, number, self.name.as_str());
+        Ok(serde_json::to_string(&CocoImage { id, file_name, width, height, video_id, frame_index, name })?)
+    }
+}
+
+fn write_start(file: &mut impl Write) -> io::Result<()> {
+    let info = Info { description: "splatseg", version: env!("CARGO_PKG_VERSION") };
+    let category = Category { id: ONLY, name: "object", supercategory: "object" };
+    writeln!(file, "{{\"info\": {},", serde_json::to_string(&info)?)?;
+    writeln!(file, "\"categories\": [{}],", serde_json::to_string(&category)?)?;
+    write!(file, "\"annotations\": [")
+}
+
+/// Writes the masks of a frame after `annotations` others; returns how many there are then.
+fn write_annotations(
+    file: &mut impl Write,
+    number: usize,
+    frame: &CocoFrame,
+    segments: &SegmentMap,
+    mut annotations: usize,
+) -> io::Result<usize> {
+    let (width, height) = segments.size();
+    for (id, runs) in RunLengths::of_segments(segments) {
+        annotations += 1;
+        let (inner, area) = extent(&runs);
+        let annotation = Annotation {
+            id: annotations,
+            image_id: number + 1,
+            video_id: ONLY,
+            category_id: ONLY,
+            track_id: id,
+            segmentation: Segmentation { size: [height, width], counts: runs.to_compressed() },
+            area,
+            bbox: [inner.x, inner.y, inner.width, inner.height],
+            iscrowd: 0,
+            score: frame.scores.get(&id).copied().unwrap_or(0.0),
+        };
+        let separator = if annotations == 1 { "" } else { "," };
+        write!(file, "{separator}\n{}", serde_json::to_string(&annotation)?)?;
+    }
+    Ok(annotations)
+}
+
+fn write_end(file: &mut impl Write, scene: &str, images: &[String]) -> io::Result<()> {
+    let video = serde_json::to_string(&Video { id: ONLY, name: scene })?;
+    writeln!(file, "\n],\n\"videos\": [{video}],\n\"images\": [\n{}\n]}}", images.join(",\n"))
+}
+
 impl RunOutput for CocoFile {
-    fn add_frame(&mut self, record: &FrameRecord, _: &mut dyn ResultFolder) -> Result<(), OutputError> {
-        self.add(record).map_err(|source| self.error(source))
+    fn name(&self) -> &'static str {
+        "coco"
     }
 
-    fn finish(&mut self, end: &RunEnd<'_>, _: &mut dyn ResultFolder) -> Result<(), OutputError> {
-        self.end(end.scene).map_err(|source| self.error(source))
+    fn add_frame(&mut self, record: &FrameRecord, _: &mut dyn ResultFolder) -> Result<(), OutputError> {
+        self.frames.push(CocoFrame {
+            name: record.frame.name().to_owned(),
+            file_name: record.file_name.clone(),
+            scores: record.objects.iter().map(|object| (object.id, object.confidence)).collect(),
+        });
+        Ok(())
+    }
+
+    fn save(&mut self, _: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError> {
+        saved_state("COCO file", &self.frames)
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> serde_json::Result<()> {
+        self.frames = serde_json::from_slice(saved)?;
+        Ok(())
+    }
+
+    fn finish(&mut self, end: &RunEnd<'_>, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
+        self.write(end.scene, folder)
     }
 }
 

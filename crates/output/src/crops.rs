@@ -236,6 +236,10 @@ mod tests {
             self.0.borrow_mut().push(file.to_owned());
             Ok(())
         }
+
+        fn path_of(&self, file: &str) -> PathBuf {
+            PathBuf::from(file)
+        }
     }
 
     fn square(side: usize, id: SegmentId, inner: &BoundingBox) -> (Image<[u8; 3]>, SegmentMap) {

@@ -1,5 +1,6 @@
 //! What can go wrong when results are written.
 
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -31,6 +32,17 @@ pub enum OutputError {
         /// What the encoder said.
         source: image::ImageError,
     },
+    /// An id image in the folder cannot be read again.
+    #[error(transparent)]
+    IdImage(#[from] splatseg_dataset::DatasetError),
+    /// Another file in the folder cannot be read again.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
     /// An overlay needs an image and segments of the same size.
     #[error("the image has {}x{} pixels but the segments have {}x{}", image.0, image.1, segments.0, segments.1)]
     SizesDiffer {
@@ -49,4 +61,9 @@ pub enum OutputError {
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     splatseg_atomic_file::write_atomically(path, bytes)
         .map_err(|source| OutputError::Io { path: path.to_owned(), source })
+}
+
+/// What an output that writes `file` has kept, as JSON.
+pub(crate) fn saved_state(file: &str, state: &impl Serialize) -> Result<Vec<u8>, OutputError> {
+    serde_json::to_vec(state).map_err(|error| OutputError::Io { path: PathBuf::from(file), source: error.into() })
 }

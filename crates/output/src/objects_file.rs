@@ -1,11 +1,12 @@
 //! `objects.json` and `objects.csv`: every object of the run, with a crop of each in `objects/`.
 
 use crate::crops::{Crop, WaitingCrops, mean_color};
+use crate::error::saved_state;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
-use splatseg_objects::{FrameStamp, ObjectList, SeenObjects};
+use splatseg_objects::{FrameStamp, SeenObjects};
 use std::path::PathBuf;
 
-/// The list of objects. All that it keeps is made of the frames it is shown: shown them again, it is where it was.
+/// The list of objects.
 #[derive(Debug, Default)]
 pub struct ObjectsFile {
     seen: SeenObjects,
@@ -20,6 +21,10 @@ impl ObjectsFile {
 }
 
 impl RunOutput for ObjectsFile {
+    fn name(&self) -> &'static str {
+        "objects"
+    }
+
     fn add_frame(&mut self, record: &FrameRecord, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
         let color = record.frame.color();
         let stamp = frame_stamp(record);
@@ -34,9 +39,20 @@ impl RunOutput for ObjectsFile {
         self.crops.write_settled(record.number, folder)
     }
 
+    fn save(&mut self, folder: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError> {
+        // So that none waits any more. A better one replaces it later.
+        self.crops.write_all(folder)?;
+        saved_state(Self::JSON, &self.seen)
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> serde_json::Result<()> {
+        self.seen = serde_json::from_slice(saved)?;
+        Ok(())
+    }
+
     fn finish(&mut self, end: &RunEnd<'_>, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
         self.crops.write_all(folder)?;
-        let mut list = ObjectList::new(end.objects, end.memory);
+        let mut list = end.objects.clone();
         list.scene = Some(end.scene.to_owned());
         list.add_sightings(&self.seen);
         let json = list

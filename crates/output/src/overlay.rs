@@ -51,22 +51,13 @@ pub fn write_overlay_jpeg(
     color: &CowImage<'_, [u8; 3]>,
     segments: &SegmentMap,
 ) -> Result<(), OutputError> {
-    write_atomically(path, &overlay_jpeg(path, color, segments)?)
-}
-
-/// [`draw_overlay`] as a JPEG; the path is named in errors.
-pub(crate) fn overlay_jpeg(
-    path: &Path,
-    color: &CowImage<'_, [u8; 3]>,
-    segments: &SegmentMap,
-) -> Result<Vec<u8>, OutputError> {
     let overlay = draw_overlay(color, segments)?;
     let bytes: Vec<u8> = overlay.pixels().iter().flatten().copied().collect();
     let mut encoded = Vec::new();
     JpegEncoder::new_with_quality(&mut encoded, JPEG_QUALITY)
         .encode(&bytes, overlay.width() as u32, overlay.height() as u32, ExtendedColorType::Rgb8)
         .map_err(|source| OutputError::Encode { path: path.to_owned(), source })?;
-    Ok(encoded)
+    write_atomically(path, &encoded)
 }
 
 fn draw(mut image: Image<[u8; 3]>, segments: &SegmentMap) -> Image<[u8; 3]> {

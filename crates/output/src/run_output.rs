@@ -3,12 +3,13 @@
 use crate::OutputError;
 use splatseg_geometry::{RgbdFrame, SegmentMap};
 use splatseg_memory::SplatMemory;
-use splatseg_objects::{ObjectLog, ObjectSighting};
+use splatseg_objects::{ObjectList, ObjectSighting};
+use std::path::PathBuf;
 
 /// A frame with its result.
 #[derive(Clone, Debug)]
 pub struct FrameRecord {
-    /// Position in the run, from 0: the number that [`ObjectLog`] knows the frame by.
+    /// Position in the run, from 0: the number that [`ObjectList`] knows the frame by.
     pub number: usize,
     /// The name of its result files, without folder and extension. It holds no characters that lead out of a folder.
     pub file_name: String,
@@ -25,8 +26,8 @@ pub struct FrameRecord {
 pub struct RunEnd<'a> {
     /// The scene as it was given.
     pub scene: &'a str,
-    /// Every object that a frame showed.
-    pub objects: &'a ObjectLog,
+    /// Every object that a frame showed or the memory carries.
+    pub objects: &'a ObjectList,
     /// The memory, if the method has one.
     pub memory: Option<&'a SplatMemory>,
 }
@@ -38,16 +39,38 @@ pub trait ResultFolder {
     /// # Errors
     /// If it cannot be written; then no part of it is left.
     fn write(&mut self, file: &str, bytes: &[u8]) -> Result<(), OutputError>;
+
+    /// Where a file is that was written, given as in [`Self::write`].
+    fn path_of(&self, file: &str) -> PathBuf;
 }
 
 /// A kind of result. Outputs see the frames in order, on one thread, while later frames are still processed.
+///
+/// A run can be stopped and go on later: [`Self::save`] says what an output has kept of the frames so far, and
+/// [`Self::restore`] gives that to a new one, which is then shown only the frames after them. What it writes must be the
+/// same, byte for byte, as without the stop.
 pub trait RunOutput: Send {
+    /// What it is called among the outputs of a run: lower-case letters.
+    fn name(&self) -> &'static str;
+
     /// Takes in the next frame. Its id image and its overlay are in the folder: `segments/<file_name>.png`,
     /// `overlay/<file_name>.jpg`.
     ///
     /// # Errors
     /// If something cannot be written. The output is shown later frames all the same.
     fn add_frame(&mut self, record: &FrameRecord, folder: &mut dyn ResultFolder) -> Result<(), OutputError>;
+
+    /// What it has kept of the frames so far, as JSON.
+    ///
+    /// # Errors
+    /// If it cannot be written. The output is shown later frames all the same.
+    fn save(&mut self, folder: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError>;
+
+    /// Takes over what an output of the same name has saved. Must come before the first frame.
+    ///
+    /// # Errors
+    /// If this is not what such an output saves; the output is then as it was.
+    fn restore(&mut self, saved: &[u8]) -> serde_json::Result<()>;
 
     /// Writes what is known only after the last frame. A run that was interrupted has a last frame too.
     ///

@@ -1,8 +1,9 @@
 //! Segment maps as 16-bit PNGs.
 
-use crate::{OutputError, write_atomically};
+use crate::{OutputError, ResultFolder, write_atomically};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
+use splatseg_dataset::read_segments_png;
 use splatseg_geometry::SegmentMap;
 use std::path::Path;
 
@@ -21,4 +22,12 @@ pub fn write_segments_png(path: &Path, segments: &SegmentMap) -> Result<(), Outp
         .write_image(&bytes, segments.width() as u32, segments.height() as u32, ExtendedColorType::L16)
         .map_err(|source| OutputError::Encode { path: path.to_owned(), source })?;
     write_atomically(path, &encoded)
+}
+
+/// The ids of a frame whose images are in the folder.
+///
+/// # Errors
+/// [`OutputError::IdImage`].
+pub(crate) fn written_ids(folder: &dyn ResultFolder, file_name: &str) -> Result<SegmentMap, OutputError> {
+    Ok(read_segments_png(&folder.path_of(&format!("segments/{file_name}.png")))?)
 }

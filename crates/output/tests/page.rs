@@ -6,7 +6,7 @@ use glam::Vec3;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame};
-use splatseg_objects::ObjectLog;
+use splatseg_objects::{ObjectList, ObjectLog};
 use splatseg_output::{FrameRecord, OutputError, Page, ResultFolder, RunEnd, RunOutput, segment_color};
 use splatseg_tracking::FrameOutput;
 use std::collections::BTreeMap;
@@ -24,6 +24,10 @@ impl ResultFolder for Files {
         self.0.insert(file.to_owned(), String::from_utf8(bytes.to_vec()).unwrap());
         Ok(())
     }
+
+    fn path_of(&self, file: &str) -> PathBuf {
+        PathBuf::from(file)
+    }
 }
 
 /// The page of a camera that moves along x. Object 7 is seen in every frame, object 9 in every third.
@@ -38,7 +42,8 @@ fn page(frames: usize, scene: &str, name: impl Fn(usize) -> String) -> Files {
         let record = FrameRecord { number, file_name: name(number), frame, segments, objects };
         page.add_frame(&record, &mut files).unwrap();
     }
-    page.finish(&RunEnd { scene, objects: &log, memory: None }, &mut files).unwrap();
+    let objects = ObjectList::new(&log, None);
+    page.finish(&RunEnd { scene, objects: &objects, memory: None }, &mut files).unwrap();
     files
 }
 

@@ -8,11 +8,11 @@ use glam::Vec3;
 use serde_json::json;
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{MemorySettings, SplatMemory};
-use splatseg_objects::ObjectLog;
+use splatseg_objects::{ObjectList, ObjectLog};
 use splatseg_output::{FrameRecord, OutputError, Page, ResultFolder, RunEnd, RunOutput, write_overlay_jpeg};
 use splatseg_tracking::FrameOutput;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A wall of tiles, seen a part at a time: views beside and above each other, objects in each.
 const VIEWS: (usize, usize) = (5, 4);
@@ -29,6 +29,10 @@ impl ResultFolder for Folder<'_> {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, bytes).unwrap();
         Ok(())
+    }
+
+    fn path_of(&self, file: &str) -> PathBuf {
+        self.0.join(file)
     }
 }
 
@@ -65,7 +69,8 @@ fn write_page(folder: &Path) -> usize {
         let record = FrameRecord { number, file_name: number.to_string(), frame, segments, objects };
         page.add_frame(&record, &mut Folder(folder)).unwrap();
     }
-    let end = RunEnd { scene: "wall of tiles", objects: &log, memory: Some(&memory) };
+    let objects = ObjectList::new(&log, Some(&memory));
+    let end = RunEnd { scene: "wall of tiles", objects: &objects, memory: Some(&memory) };
     page.finish(&end, &mut Folder(folder)).unwrap();
     memory.gaussian_count()
 }

@@ -32,6 +32,10 @@ fn stop_at(frame: usize, signal: &str, out: &Path, more: &[&str]) {
     child.wait().unwrap();
 }
 
+fn path_text(path: &Path) -> String {
+    path.to_str().unwrap().to_owned()
+}
+
 /// Every file in a folder with its content, but for times of this run.
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     fn collect(folder: &Path, root: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
@@ -58,15 +62,19 @@ fn a_run_that_was_stopped_goes_on_with_the_same_bytes() {
     for kind in [&["--set", "memory.kind=evidence"][..], &FEATURES] {
         let (whole, memory) = (folder.path().join("whole"), folder.path().join("whole.ply"));
         let [whole_mcap, mcap] = ["whole.mcap", "out.mcap"].map(|name| folder.path().join(name));
-        let recording = ["--save-mcap", mcap.to_str().unwrap()];
-        let saved =
-            ["--overwrite", "--save-memory", memory.to_str().unwrap(), "--save-mcap", whole_mcap.to_str().unwrap()];
-        assert_eq!(run(&whole, &[kind, &saved].concat()).code, 0);
+        let [whole_coco, coco] = ["whole.json", "out.json"].map(|name| folder.path().join(name));
+        let files_of =
+            |mcap: &Path, coco: &Path| ["--save-mcap".into(), path_text(mcap), "--save-coco".into(), path_text(coco)];
+        let (whole_files, recording) = (files_of(&whole_mcap, &whole_coco), files_of(&mcap, &coco));
+        let [whole_files, recording] = [&whole_files, &recording].map(|files| files.each_ref().map(String::as_str));
+        let saved = ["--overwrite", "--save-memory", memory.to_str().unwrap()];
+        assert_eq!(run(&whole, &[kind, &saved, &whole_files].concat()).code, 0);
 
         let (out, last) = (folder.path().join("out"), folder.path().join("out.ply"));
         let _ = fs::remove_dir_all(&out);
         let _ = fs::remove_file(&last);
         let _ = fs::remove_file(&mcap);
+        let _ = fs::remove_file(&coco);
         let saving = ["--save-every", "7", "--save-memory", last.to_str().unwrap()];
         stop_at(9, "-KILL", &out, &[kind, &saving, &recording].concat());
         assert!(out.join(".splatseg-resume/state.json").exists());
@@ -84,6 +92,7 @@ fn a_run_that_was_stopped_goes_on_with_the_same_bytes() {
         }
         assert!(fs::read(&memory).unwrap() == fs::read(&last).unwrap(), "the memory differs");
         assert!(fs::read(&whole_mcap).unwrap() == fs::read(&mcap).unwrap(), "the recording differs");
+        assert!(fs::read(&whole_coco).unwrap() == fs::read(&coco).unwrap(), "the masks differ");
         let (expected, found) = (read_json(&whole.join("summary.json")), read_json(&out.join("summary.json")));
         for key in ["frames", "skipped_frames", "segments", "tentative_segments", "gaussians", "error", "interrupted"] {
             assert_eq!(found[key], expected[key], "{key}");
@@ -101,6 +110,7 @@ fn a_run_goes_on_only_with_what_it_was_started_with() {
         (&["--resume", "--set", "memory.max_votes=3"][..], "memory.max_votes is 3.0, but was 4.0"),
         (&["--resume", "--stride", "2"], "dataset.stride is 2, but was 1"),
         (&["--resume", "--overwrite"], "cannot be used with"),
+        (&["--resume", "--save-coco", "new.json"], "it was started without --save-coco"),
         (&[], "or --resume to go on"),
     ] {
         let ended = run(&out, options);
@@ -113,12 +123,16 @@ fn a_run_goes_on_only_with_what_it_was_started_with() {
     // Damaged states.
     let saved = out.join(".splatseg-resume");
     let state = fs::read_to_string(saved.join("state.json")).unwrap();
+    let next = read_json(&saved.join("state.json"))["next"].as_u64().unwrap();
+    let [objects, page] = ["objects", "page"].map(|name| format!("{name}-{next}.json"));
     for (file, text) in [
         ("state.json", "{"),
         ("state.json", &state.replace("\"frames\": ", "\"frames\": 9")),
         ("state.json", &state.replace("\"next\": ", "\"next\": 9")),
         ("frames.jsonl", "{\"index\": 0}\n"),
         ("frames.jsonl", ""),
+        (&objects, "{\"objects\": 3}"),
+        (&page, "{}"),
     ] {
         let whole = fs::read(saved.join(file)).unwrap();
         fs::write(saved.join(file), text).unwrap();
@@ -126,6 +140,12 @@ fn a_run_goes_on_only_with_what_it_was_started_with() {
         assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{file} {text}: {}", ended.err);
         fs::write(saved.join(file), whole).unwrap();
     }
+    let image = out.join("segments/frame-000002.png");
+    let moved = fs::read(&image).unwrap();
+    fs::remove_file(&image).unwrap();
+    let ended = run(&out, &["--resume"]);
+    assert!(ended.code == 2 && ended.err.contains("frame-000002.png: missing"), "{}", ended.err);
+    fs::write(&image, moved).unwrap();
     let ended = run(&out, &["--resume"]);
     assert_eq!(ended.code, 0, "{}", ended.err);
     assert!(!saved.exists());

@@ -2,7 +2,8 @@
 
 use super::{CAMERA, WORLD};
 use crate::OutputError;
-use glam::DQuat;
+use glam::{DQuat, DVec3};
+use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Intrinsics, Pose, SegmentMap};
 use splatseg_ros::{
     CameraInfo, CompressedImage, Header, Image, Quaternion, RegionOfInterest, TfMessage, Time, Transform,
@@ -20,10 +21,22 @@ pub(super) fn number(value: usize) -> io::Result<u32> {
     u32::try_from(value).map_err(io::Error::other)
 }
 
+/// Where the camera is, in the world.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(super) struct CameraPose {
+    at: DVec3,
+    turn: DQuat,
+}
+
+impl CameraPose {
+    pub(super) fn new(world_from_camera: &Pose) -> Self {
+        let turn = DQuat::from_mat3(&world_from_camera.rotation().as_dmat3()).normalize();
+        Self { at: world_from_camera.translation().as_dvec3(), turn }
+    }
+}
+
 /// Where the camera is.
-pub(super) fn camera_pose(stamp: Time, world_from_camera: &Pose) -> TfMessage {
-    let at = world_from_camera.translation().as_dvec3();
-    let turn = DQuat::from_mat3(&world_from_camera.rotation().as_dmat3()).normalize();
+pub(super) fn camera_pose(stamp: Time, CameraPose { at, turn }: CameraPose) -> TfMessage {
     let transform = Transform {
         translation: Vector3 { x: at.x, y: at.y, z: at.z },
         rotation: Quaternion { x: turn.x, y: turn.y, z: turn.z, w: turn.w },

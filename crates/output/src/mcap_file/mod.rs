@@ -18,16 +18,18 @@ mod object_messages;
 mod recording;
 mod scene_update;
 
-use crate::overlay::overlay_jpeg;
+use crate::error::saved_state;
+use crate::segments::written_ids;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
+use frame_messages::CameraPose;
 use object_messages::{PointBytes, ShownObject};
 use recording::Recording;
-use splatseg_geometry::SegmentId;
-use splatseg_objects::ObjectList;
+use serde::{Deserialize, Serialize};
+use splatseg_geometry::{Intrinsics, SegmentId};
 use splatseg_ros::Time;
 use std::collections::BTreeMap;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The coordinate frame of camera poses and objects.
 const WORLD: &str = "world";
@@ -39,78 +41,116 @@ const FRAME_INTERVAL: i64 = 33_333_333;
 /// reads only the latest message. With more objects, the file would grow with their square.
 const MAX_REPEATED: usize = 300;
 
-/// The recording. Messages are written as frames come, so that memory grows only with the number of objects.
+/// The recording. It is written at the end, from the images in the folder, so that some hundred bytes are kept of each
+/// frame.
 ///
 /// Times are the timestamps of the frames. A frame without one comes 1/30 s after the frame before; the first is then at
 /// time 0. The same run gives the same bytes.
+#[derive(Debug)]
 pub struct McapFile {
     path: PathBuf,
-    /// `None` after the run.
-    recording: Option<Recording>,
-    /// Times of the first and of the latest frame, nanoseconds.
-    times: Option<(i64, i64)>,
+    seen: Seen,
+}
+
+/// What is kept of the frames.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Seen {
+    frames: Vec<SeenFrame>,
     /// When each object was first seen, nanoseconds.
-    first_seen: BTreeMap<SegmentId, i64>,
+    objects: BTreeMap<SegmentId, i64>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct SeenFrame {
+    /// The name of its result files.
+    file_name: String,
+    /// Nanoseconds.
+    time: i64,
+    pose: CameraPose,
+    camera: Intrinsics,
 }
 
 impl McapFile {
     /// How every file starts that this writes.
     pub const START: &'static [u8] = recording::START;
 
-    /// Starts a file that will be at `path` when the run has ended, in place of what is there. Its folder must exist.
-    ///
-    /// # Errors
-    /// If no file can be created there.
-    pub fn create(path: &Path) -> Result<Self, OutputError> {
-        let recording = Recording::create(path).map_err(|source| OutputError::Io { path: path.to_owned(), source })?;
-        Ok(Self { path: path.to_owned(), recording: Some(recording), times: None, first_seen: BTreeMap::new() })
+    /// A file that will be at `path` when the run has ended, in place of what is there. Its folder must exist.
+    pub fn new(path: PathBuf) -> Self {
+        Self { path, seen: Seen::default() }
     }
 
+    fn write(&self, end: &RunEnd<'_>, folder: &dyn ResultFolder) -> Result<(), OutputError> {
+        let mut recording = Recording::create(&self.path).map_err(|source| self.error(source))?;
+        for frame in &self.seen.frames {
+            let overlay = folder.path_of(&format!("overlay/{}.jpg", frame.file_name));
+            let overlay = std::fs::read(&overlay).map_err(|source| OutputError::Read { path: overlay, source })?;
+            let segments = written_ids(folder, &frame.file_name)?;
+            let ids = frame_messages::id_bytes(&self.path, &segments)?;
+            write_frame(&mut recording, frame, &overlay, (segments.size(), &ids))
+                .map_err(|source| self.error(source))?;
+        }
+        self.write_map(&mut recording, end).and_then(|()| recording.finish()).map_err(|source| self.error(source))
+    }
+
+    /// Writes what is known at the end.
+    fn write_map(&self, recording: &mut Recording, end: &RunEnd<'_>) -> io::Result<()> {
+        let (Some(memory), Some(SeenFrame { time: first, .. })) = (end.memory, self.seen.frames.first()) else {
+            return Ok(());
+        };
+        let points = PointBytes::of(memory);
+        recording.write("/splatseg/points", *first, &points.message(Time::from_nanoseconds(*first))?)?;
+        let first_seen = |id: &SegmentId| self.seen.objects.get(id).copied().unwrap_or(*first);
+        let objects = end.objects.objects.iter();
+        let mut shown: Vec<ShownObject> =
+            objects.filter_map(|object| ShownObject::new(first_seen(&object.id), object)).collect();
+        shown.sort_by_key(|object| (object.first_seen, object.id));
+        write_boxes(recording, &shown)
+    }
+
+    fn error(&self, source: io::Error) -> OutputError {
+        OutputError::Io { path: self.path.clone(), source }
+    }
+}
+
+impl Seen {
     /// When a frame was taken, nanoseconds.
     fn time_of(&self, record: &FrameRecord) -> i64 {
-        let nanoseconds = match (record.frame.timestamp(), self.times) {
+        let nanoseconds = match (record.frame.timestamp(), self.frames.last()) {
             (Some(time), _) => i64::try_from(time.as_nanos()).unwrap_or(i64::MAX),
-            (None, Some((_, latest))) => latest.saturating_add(FRAME_INTERVAL),
+            (None, Some(latest)) => latest.time.saturating_add(FRAME_INTERVAL),
             (None, None) => 0,
         };
         // ROS counts seconds with 32 bits.
         Time::from_nanoseconds(nanoseconds).nanoseconds()
     }
 
-    fn write_frame(&mut self, record: &FrameRecord, time: i64, overlay: &[u8], ids: &[u8]) -> io::Result<()> {
-        let Some(recording) = &mut self.recording else { return Ok(()) };
-        let stamp = Time::from_nanoseconds(time);
-        recording.write("/tf", time, &frame_messages::camera_pose(stamp, record.frame.world_from_camera()))?;
-        recording.write(
-            "/splatseg/camera_info",
+    /// Takes in the next frame.
+    fn add(&mut self, record: &FrameRecord) {
+        let time = self.time_of(record);
+        self.frames.push(SeenFrame {
+            file_name: record.file_name.clone(),
             time,
-            &frame_messages::camera_info(stamp, record.frame.intrinsics())?,
-        )?;
-        recording.write("/splatseg/overlay", time, &frame_messages::overlay(stamp, overlay))?;
-        recording.write("/splatseg/segments", time, &frame_messages::id_image(stamp, record.segments.size(), ids)?)
-    }
-
-    fn end(&mut self, end: &RunEnd<'_>) -> io::Result<()> {
-        let Some(mut recording) = self.recording.take() else { return Ok(()) };
-        if let (Some(memory), Some((first, _))) = (end.memory, self.times) {
-            let points = PointBytes::of(memory);
-            recording.write("/splatseg/points", first, &points.message(Time::from_nanoseconds(first))?)?;
-            let list = ObjectList::new(end.objects, end.memory);
-            let first_seen = |id: &SegmentId| self.first_seen.get(id).copied().unwrap_or(first);
-            let mut shown: Vec<ShownObject> = list
-                .objects
-                .into_iter()
-                .filter_map(|object| ShownObject::new(first_seen(&object.id), object))
-                .collect();
-            shown.sort_by_key(|object| (object.first_seen, object.id));
-            write_boxes(&mut recording, &shown)?;
+            pose: CameraPose::new(record.frame.world_from_camera()),
+            camera: *record.frame.intrinsics(),
+        });
+        for object in &record.objects {
+            self.objects.entry(object.id).or_insert(time);
         }
-        recording.finish()
     }
+}
 
-    fn error(&self, source: io::Error) -> OutputError {
-        OutputError::Io { path: self.path.clone(), source }
-    }
+/// Writes the messages of a frame, with its overlay and the size and bytes of its id image.
+fn write_frame(
+    recording: &mut Recording,
+    frame: &SeenFrame,
+    overlay: &[u8],
+    (size, ids): ((usize, usize), &[u8]),
+) -> io::Result<()> {
+    let (time, stamp) = (frame.time, Time::from_nanoseconds(frame.time));
+    recording.write("/tf", time, &frame_messages::camera_pose(stamp, frame.pose))?;
+    recording.write("/splatseg/camera_info", time, &frame_messages::camera_info(stamp, &frame.camera)?)?;
+    recording.write("/splatseg/overlay", time, &frame_messages::overlay(stamp, overlay))?;
+    recording.write("/splatseg/segments", time, &frame_messages::id_image(stamp, size, ids)?)
 }
 
 /// Writes the boxes of objects that are sorted by time: for each time, those that are new then, and those before.
@@ -127,20 +167,26 @@ fn write_boxes(recording: &mut Recording, shown: &[ShownObject]) -> io::Result<(
 }
 
 impl RunOutput for McapFile {
+    fn name(&self) -> &'static str {
+        "mcap"
+    }
+
     fn add_frame(&mut self, record: &FrameRecord, _: &mut dyn ResultFolder) -> Result<(), OutputError> {
-        let time = self.time_of(record);
-        let ids = frame_messages::id_bytes(&self.path, &record.segments)?;
-        let overlay = overlay_jpeg(&self.path, record.frame.color(), &record.segments)?;
-        self.write_frame(record, time, &overlay, &ids).map_err(|source| self.error(source))?;
-        self.times = Some((self.times.map_or(time, |(first, _)| first), time));
-        for object in &record.objects {
-            self.first_seen.entry(object.id).or_insert(time);
-        }
+        self.seen.add(record);
         Ok(())
     }
 
-    fn finish(&mut self, end: &RunEnd<'_>, _: &mut dyn ResultFolder) -> Result<(), OutputError> {
-        self.end(end).map_err(|source| self.error(source))
+    fn save(&mut self, _: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError> {
+        saved_state("MCAP file", &self.seen)
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> serde_json::Result<()> {
+        self.seen = serde_json::from_slice(saved)?;
+        Ok(())
+    }
+
+    fn finish(&mut self, end: &RunEnd<'_>, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
+        self.write(end, folder)
     }
 }
 
@@ -181,17 +227,15 @@ mod tests {
 
     #[test]
     fn frames_without_a_time_follow_the_frame_before() {
-        let folder = tempfile::tempdir().unwrap();
-        let mut file = McapFile::create(&folder.path().join("times.mcap")).unwrap();
+        let mut seen = Seen::default();
         let mut time = |timestamp: Option<Duration>| {
             let camera = Intrinsics { fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0, width: 1, height: 1 };
             let images = (Image::filled(1, 1, [0; 3]), Image::filled(1, 1, 1.0));
             let frame = RgbdFrame::new("0", images.0, images.1, camera, Pose::IDENTITY).unwrap();
             let (frame, segments) = (frame.with_timestamp(timestamp), Image::filled(1, 1, 0));
             let record = FrameRecord { number: 0, file_name: "0".to_owned(), frame, segments, objects: Vec::new() };
-            let time = file.time_of(&record);
-            file.times = Some((0, time));
-            time
+            seen.add(&record);
+            seen.frames.last().unwrap().time
         };
         let found =
             [None, None, Some(Duration::from_secs(1_700_000_000)), None, Some(Duration::MAX), None].map(&mut time);

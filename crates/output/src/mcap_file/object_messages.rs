@@ -35,12 +35,12 @@ pub(super) struct ShownObject {
 
 impl ShownObject {
     /// `None` for an object without a shape.
-    pub(super) fn new(first_seen: i64, object: Object) -> Option<Self> {
+    pub(super) fn new(first_seen: i64, object: &Object) -> Option<Self> {
         let text = match &object.label {
             Some(label) => format!("{} {label}", object.id),
             None => object.id.to_string(),
         };
-        let oriented_box = object.shape?.oriented_box;
+        let oriented_box = object.shape.as_ref()?.oriented_box;
         Some(Self { id: object.id, first_seen, frames: object.frames, text, oriented_box })
     }
 

@@ -2,7 +2,7 @@
 
 use super::map::MapData;
 use glam::Vec3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Intrinsics, SegmentId};
 use splatseg_objects::{ObjectState, OrientedBox};
 
@@ -31,7 +31,7 @@ pub struct RunData<'a> {
 }
 
 /// A camera's intrinsics.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct CameraData {
     /// The first frame that it took, by its place on the page.
     pub from: usize,

@@ -16,14 +16,15 @@ mod map;
 mod up;
 
 use crate::crops::WaitingCrops;
+use crate::error::saved_state;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput, segment_color};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use data::{CameraData, ObjectData, RunData};
 use glam::Quat;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
-use splatseg_objects::{Object, ObjectList, ObjectSighting};
+use splatseg_objects::{Object, ObjectSighting};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use up::UpEstimate;
@@ -39,7 +40,8 @@ const FRAMES_PER_CHUNK: usize = 64;
 ///
 /// Of each frame it keeps the name, the pose and the ids until 64 frames are together, so that memory grows by some
 /// hundred bytes per frame.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Page {
     names: Vec<String>,
     /// Seven numbers per frame.
@@ -53,7 +55,7 @@ pub struct Page {
 }
 
 /// Where an object was seen.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 struct Sightings {
     frames: usize,
     /// First and last frame of each stretch.
@@ -95,7 +97,7 @@ impl Page {
     }
 
     /// What the page says of an object.
-    fn object(&self, object: Object) -> ObjectData {
+    fn object(&self, object: &Object) -> ObjectData {
         let nothing = Sightings::default();
         let sightings = self.objects.get(&object.id).unwrap_or(&nothing);
         let (area, best) = sightings.largest;
@@ -108,7 +110,7 @@ impl Page {
             area,
             best,
             confidence: is_seen.then(|| (sightings.confidence / sightings.frames as f64) as f32),
-            label: object.label,
+            label: object.label.clone(),
             state: object.state,
             gaussians: object.shape.as_ref().map(|shape| shape.points),
             centroid: object.shape.as_ref().map(|shape| shape.centroid),
@@ -133,6 +135,10 @@ impl Sightings {
 }
 
 impl RunOutput for Page {
+    fn name(&self) -> &'static str {
+        "page"
+    }
+
     fn add_frame(&mut self, record: &FrameRecord, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
         let frame = self.names.len();
         self.add_pose(record);
@@ -145,9 +151,17 @@ impl RunOutput for Page {
         if self.chunk.len() == FRAMES_PER_CHUNK { self.write_chunk(folder) } else { Ok(()) }
     }
 
+    fn save(&mut self, _: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError> {
+        saved_state("index.html", self)
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> serde_json::Result<()> {
+        *self = serde_json::from_slice(saved)?;
+        Ok(())
+    }
+
     fn finish(&mut self, end: &RunEnd<'_>, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
         self.write_chunk(folder)?;
-        let list = ObjectList::new(end.objects, end.memory);
         let data = RunData {
             version: env!("CARGO_PKG_VERSION"),
             scene: end.scene,
@@ -156,7 +170,7 @@ impl RunOutput for Page {
             poses: STANDARD.encode(self.poses.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>()),
             cameras: &self.cameras,
             up: self.up.direction(),
-            objects: list.objects.into_iter().map(|object| self.object(object)).collect(),
+            objects: end.objects.objects.iter().map(|object| self.object(object)).collect(),
             map: end.memory.map(map::map_data),
         };
         let file = "viewer/run.js";

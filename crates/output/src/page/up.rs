@@ -1,6 +1,7 @@
 //! Which way is up: data sets differ in which of the world's axes it is, and some have none.
 
 use glam::{Mat3, Vec3};
+use serde::{Deserialize, Serialize};
 use splatseg_geometry::Pose;
 
 /// How much the mean of the cameras' own up counts, against what their axes across the image say.
@@ -15,7 +16,7 @@ const STEPS: usize = 64;
 /// A person or a robot holds a camera level more than it holds it straight ahead: it is pitched and turned, but hardly
 /// rolled. So up is the direction that is most nearly perpendicular to the cameras' x axes, `Σ x xᵀ`. A camera that does
 /// not turn leaves that open, and the mean of the cameras' own up decides.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct UpEstimate {
     across: Mat3,
     up: Vec3,

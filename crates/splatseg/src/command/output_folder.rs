@@ -205,6 +205,10 @@ impl ResultFolder for OutputFolder {
         }
         self.put_in_place(&[file])
     }
+
+    fn path_of(&self, file: &str) -> PathBuf {
+        place(&self.path, file)
+    }
 }
 
 /// The name of the result files of a frame, without folder and extension. A scene's names may come from a file, and must
@@ -214,7 +218,7 @@ pub fn file_name(frame: &str) -> String {
 }
 
 /// The ids and the overlay of a frame, by their paths in the folder.
-fn result_files(file_name: &str) -> [String; 2] {
+pub fn result_files(file_name: &str) -> [String; 2] {
     RESULT_FOLDERS.map(|(folder, extension)| format!("{folder}/{file_name}.{extension}"))
 }
 

@@ -136,7 +136,7 @@ fn take_result(
     counts: &mut RunCounts,
     skipped: &mut SkippedFrames,
 ) -> Step {
-    let (index, frame) = (frame.index, frame.frame);
+    let frame = frame.frame;
     let result = match result {
         Ok(result) => result,
         Err(error @ PipelineError::Segmenter { .. }) => {
@@ -148,5 +148,5 @@ fn take_result(
     counts.add(&result, memory.map_or(0, SplatMemory::gaussian_count));
     let file_name = file_name(frame.name());
     let record = FrameRecord { number, file_name, frame, segments: result.output.segments, objects: result.objects };
-    if writer.write(index, record) { Step::Done } else { Step::End(EarlyEnd::Unwritable) }
+    if writer.write(record) { Step::Done } else { Step::End(EarlyEnd::Unwritable) }
 }

@@ -33,7 +33,8 @@ use splatseg::summary::Summary;
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{FrameStream, GroundTruth, Scene, open_scene};
 use splatseg_input::read_file;
-use splatseg_output::RunEnd;
+use splatseg_objects::ObjectList;
+use splatseg_output::{RunEnd, RunOutput};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -142,21 +143,23 @@ fn check_paths(job: &Job, config: Option<&Path>) -> Result<(), Failure> {
 pub fn execute(job: &Job) -> Result<Summary, Failure> {
     let started = Instant::now();
     OutputFolder::check(&job.out, job.existing)?;
-    check_saving(job)?;
+    let outputs = outputs::of(job);
+    check_saving(job, &outputs)?;
+    let state = match &job.resume {
+        Some(saved) => saved.state.clone(),
+        None => RunState::at_the_start(&job.scene, &job.settings, &outputs)?,
+    };
+    let outputs = resumed::restore(job, outputs)?;
     let memory_file = job.save_memory.as_ref().map(|path| prepare_memory_file(path, job)).transpose()?;
     let prepare = |path: &Option<PathBuf>, kind| {
         path.as_ref().map(|path| ExtraFile::prepare(path, kind, job.existing)).transpose()
     };
-    let (coco_file, mcap_file) = (prepare(&job.save_coco, FileKind::COCO)?, prepare(&job.save_mcap, FileKind::MCAP)?);
+    let _folders = (prepare(&job.save_coco, FileKind::COCO)?, prepare(&job.save_mcap, FileKind::MCAP)?);
     rayon::ThreadPoolBuilder::new().num_threads(job.settings.run.threads).build_global().map_err(Failure::work)?;
     job.settings.run.memory_limit.enforce();
     let signals = StopSignals::listen().map_err(Failure::work)?;
     let dataset = &job.settings.dataset;
     let scene = open_scene(&job.scene, dataset).map_err(Failure::input)?;
-    let state = match &job.resume {
-        Some(saved) => saved.state.clone(),
-        None => RunState::at_the_start(&job.scene, &job.settings)?,
-    };
     let stream = FrameStream::open_at(Arc::clone(&scene), dataset, GroundTruth::Skip, state.next);
     let stream = stream.map_err(Failure::input)?;
     let selected = dataset.selected_frames(scene.frame_count()).map_err(Failure::input)?;
@@ -168,14 +171,14 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
     let run = &job.settings.run;
     let saving = StateSaving { every: run.save_every, state, staging: folder.staging().to_owned() };
     let saving = (run.save_every > 0).then_some(saving);
-    let outputs = outputs::of(job, coco_file.as_ref(), mcap_file.as_ref())?;
-    let (written, counts) = resumed::start(job, folder, outputs, scene.as_ref())?;
+    let (written, counts) = resumed::start(job, folder, outputs)?;
     let start_up = started.elapsed();
     let frames = FrameLoop { signals: &signals, strict_input: run.strict_input, saving };
     let mut ended = frames.run(pipeline.run(stream), written, counts);
     let scene = job.scene.display().to_string();
-    let end = RunEnd { scene: &scene, objects: pipeline.objects(), memory: pipeline.memory() };
     if ended.written.frames > 0 {
+        let objects = ObjectList::new(pipeline.objects(), pipeline.memory());
+        let end = RunEnd { scene: &scene, objects: &objects, memory: pipeline.memory() };
         ended.written.show_outputs(|output, folder| output.finish(&end, folder));
     }
     let summary = report::finish(job, ended, (started, start_up), pipeline.memory(), memory_file.as_ref())?;
@@ -185,14 +188,14 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
 }
 
 /// Refuses to save the state of a run that could not go on, and to go on with other settings.
-fn check_saving(job: &Job) -> Result<(), Failure> {
+fn check_saving(job: &Job, outputs: &[Box<dyn RunOutput>]) -> Result<(), Failure> {
     let method = job.settings.method.name();
     if job.settings.run.save_every > 0 && method != MethodName::FastsamSplat {
         let reason = "save_every is not used here: it needs method = fastsam-splat, but method is";
         return Err(Failure::input(format!("{reason} {}", method.name())));
     }
     match &job.resume {
-        Some(saved) => saved.check(&job.scene, &job.settings),
+        Some(saved) => saved.check(&job.scene, &job.settings, outputs),
         None => Ok(()),
     }
 }

@@ -13,8 +13,8 @@ const WAITING: usize = 2;
 
 /// What is written.
 enum Item {
-    /// The images of a frame, whose index in the scene comes first.
-    Frame(usize, Box<FrameRecord>),
+    /// The images of a frame.
+    Frame(Box<FrameRecord>),
     /// How far the run is, and a file with the memory.
     State(Box<RunState>, PathBuf),
 }
@@ -63,8 +63,8 @@ impl ResultWriter {
     }
 
     /// Queues a frame, and waits while the queue is full. `false` means that no frame can be written any more.
-    pub fn write(&self, index: usize, frame: FrameRecord) -> bool {
-        self.sender.send(Item::Frame(index, Box::new(frame))).is_ok()
+    pub fn write(&self, frame: FrameRecord) -> bool {
+        self.sender.send(Item::Frame(Box::new(frame))).is_ok()
     }
 
     /// Queues how far the run is after the frames before, with a file that holds the memory.
@@ -89,8 +89,8 @@ impl Written {
     /// Writes frames until there are no more. Goes on after an error that later frames need not have.
     fn write_all(mut self, receiver: &Receiver<Item>) -> Self {
         for item in receiver {
-            let (index, frame) = match item {
-                Item::Frame(index, frame) => (index, frame),
+            let frame = match item {
+                Item::Frame(frame) => frame,
                 Item::State(state, memory) => {
                     self.save_state(&state, &memory);
                     continue;
@@ -99,7 +99,7 @@ impl Written {
             match self.folder.write_frame(&frame) {
                 Ok(()) => {
                     self.frames += 1;
-                    self.save_frame(index, &frame);
+                    self.save_frame(&frame);
                     self.show_outputs(|output, folder| output.add_frame(&frame, folder));
                 }
                 Err(error) => {
@@ -115,21 +115,26 @@ impl Written {
     }
 
     /// Saves that a frame has its images.
-    fn save_frame(&mut self, index: usize, frame: &FrameRecord) {
+    fn save_frame(&mut self, frame: &FrameRecord) {
         if matches!(self.saving, Saving::Later) {
             let started = StateWriter::start(self.folder.path(), None);
             self.saving = self.saved(started).map_or(Saving::Failed, Saving::On);
         }
         if let Saving::On(writer) = &mut self.saving {
-            let added = writer.add_frame(index, frame);
+            let added = writer.add_frame(frame);
             self.saved(added);
         }
     }
 
     /// Saves how far the run is, unless a frame before has lost its images.
     fn save_state(&mut self, state: &RunState, memory: &Path) {
-        if let (Saving::On(writer), None) = (&mut self.saving, &self.first_error) {
-            let saved = writer.save(state, memory);
+        if self.first_error.is_some() || !matches!(self.saving, Saving::On(_)) {
+            return;
+        }
+        let mut kept = Vec::new();
+        self.show_outputs(|output, folder| output.save(folder).map(|state| kept.push((output.name(), state))));
+        if let Saving::On(writer) = &mut self.saving {
+            let saved = writer.save(state, memory, &kept);
             self.saved(saved);
         }
     }

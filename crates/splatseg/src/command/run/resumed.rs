@@ -2,23 +2,35 @@
 
 use super::Job;
 use super::result_writer::{Saving, Written};
-use super::saved_run::{SavedFrame, SavedRun, StateWriter, id_image};
+use super::saved_run::StateWriter;
 use crate::command::Failure;
 use crate::command::output_folder::OutputFolder;
 use splatseg::summary::RunCounts;
-use splatseg_dataset::{Scene, read_segments_png};
-use splatseg_output::{FrameRecord, RunOutput};
+use splatseg_input::read_file;
+use splatseg_output::{OutputError, RunOutput};
+use std::fmt::Display;
+use std::io;
 
-/// What is written before the first new frame, and the counts up to there: those of the earlier run, if there is one. Its
-/// frames are shown to the outputs again.
+/// Larger files are not ours.
+const MAX_OUTPUT_BYTES: u64 = 1 << 32;
+
+/// The outputs of a run before its first new frame.
+#[derive(Default)]
+pub struct Outputs {
+    /// Those that take part.
+    outputs: Vec<Box<dyn RunOutput>>,
+    /// Why others do not: they had failed in the earlier run.
+    lost: Vec<OutputError>,
+}
+
+/// What is written before the first new frame, and the counts up to there: those of the earlier run, if there is one.
 ///
 /// # Errors
-/// If a frame of the earlier run cannot be read any more.
+/// If the state of the run cannot be written.
 pub fn start(
     job: &Job,
     folder: OutputFolder,
-    outputs: Vec<Box<dyn RunOutput>>,
-    scene: &dyn Scene,
+    Outputs { outputs, lost }: Outputs,
 ) -> Result<(Written, RunCounts), Failure> {
     let is_saved = job.settings.run.save_every > 0;
     let Some(saved) = &job.resume else {
@@ -31,37 +43,41 @@ pub fn start(
         false => Saving::Off,
     };
     let mut written = Written::nothing(folder, outputs, saving);
-    let mut counts = RunCounts {
+    (written.frames, written.output_errors) = (saved.state.frames, lost);
+    let counts = RunCounts {
         frames: saved.state.frames,
         resumed_frames: saved.state.frames,
         skipped_frames: saved.state.skipped_frames,
         track_errors: saved.state.track_errors,
+        ids: saved.frames.iter().flat_map(|frame| &frame.objects).map(|object| object.id).collect(),
         ..RunCounts::default()
     };
-    for (number, frame) in saved.frames.iter().enumerate() {
-        let record = record(job, saved, (number, frame), scene)?;
-        counts.ids.extend(record.segments.areas().into_keys());
-        written.frames += 1;
-        written.show_outputs(|output, folder| output.add_frame(&record, folder));
-    }
     Ok((written, counts))
 }
 
-/// A frame of the earlier run as it was then.
-fn record(
-    job: &Job,
-    saved: &SavedRun,
-    (number, frame): (usize, &SavedFrame),
-    scene: &dyn Scene,
-) -> Result<FrameRecord, Failure> {
-    let SavedFrame { index, file_name, objects } = frame.clone();
-    let path = id_image(&job.out, &file_name);
-    let segments = read_segments_png(&path).map_err(Failure::input)?;
-    let read = scene.read_frame(index).and_then(|frame| job.settings.dataset.framing().apply(frame));
-    let frame = read.map_err(Failure::input)?;
-    if segments.size() != (frame.width(), frame.height()) {
-        let problem = format!("{}: does not have the size of its frame", path.display());
-        return Err(Failure::input(format!("{problem}: {} of {} cannot go on", number + 1, saved.state.frames)));
+/// The outputs, with what the earlier run has saved of each if there is one.
+///
+/// # Errors
+/// If what is saved is damaged, or images of the earlier run are missing.
+pub fn restore(job: &Job, outputs: Vec<Box<dyn RunOutput>>) -> Result<Outputs, Failure> {
+    let Some(saved) = &job.resume else { return Ok(Outputs { outputs, lost: Vec::new() }) };
+    saved.require_images(&job.out)?;
+    let mut restored = Outputs::default();
+    for mut output in outputs {
+        let path = saved.output_file(output.name());
+        let wrong = |error: &dyn Display| {
+            Failure::input(format!("{}: {error}: start the run again with --overwrite", path.display()))
+        };
+        match read_file(&path, MAX_OUTPUT_BYTES) {
+            Ok(state) => {
+                output.restore(&state).map_err(|error| wrong(&error))?;
+                restored.outputs.push(output);
+            }
+            Err(error) if !path.exists() => {
+                restored.lost.push(OutputError::Read { path, source: io::Error::other(error) });
+            }
+            Err(error) => return Err(wrong(&error)),
+        }
     }
-    Ok(FrameRecord { number, file_name, frame, segments, objects })
+    Ok(restored)
 }

@@ -1,19 +1,21 @@
 //! A run on disk that `--resume` goes on with.
 //!
-//! `.splatseg-resume/` in the folder of results has the memory after some frame, `frames.jsonl` with a line for each frame
-//! up to then, and `state.json`, which is replaced last and says what belongs together. The frames' images are in the
-//! folder of results.
+//! `.splatseg-resume/` in the folder of results has the memory after some frame, what each output has kept of the frames
+//! up to then, `frames.jsonl` with a line for each of these frames, and `state.json`, which is replaced last and says what
+//! belongs together. The frames' images are in the folder of results.
 
 use crate::command::Failure;
 use crate::command::manifest::place;
+use crate::command::output_folder::{file_name, result_files};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use splatseg::Settings;
 use splatseg_atomic_file::write_atomically;
 use splatseg_input::read_file;
 use splatseg_objects::{ObjectLog, ObjectSighting};
-use splatseg_output::FrameRecord;
+use splatseg_output::{FrameRecord, RunOutput};
 use splatseg_tracking::TrackErrorCounts;
+use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
@@ -47,11 +49,13 @@ pub struct RunState {
     pub track_errors: TrackErrorCounts,
     /// The settings of the run.
     pub settings: Value,
+    /// The names of its outputs.
+    pub outputs: Vec<String>,
 }
 
 impl RunState {
     /// The state of a run before its first frame.
-    pub fn at_the_start(scene: &Path, settings: &Settings) -> Result<Self, Failure> {
+    pub fn at_the_start(scene: &Path, settings: &Settings, outputs: &[Box<dyn RunOutput>]) -> Result<Self, Failure> {
         Ok(Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             scene: scene.display().to_string(),
@@ -60,6 +64,7 @@ impl RunState {
             skipped_frames: 0,
             track_errors: TrackErrorCounts::default(),
             settings: serde_json::to_value(settings).map_err(Failure::work)?,
+            outputs: outputs.iter().map(|output| output.name().to_owned()).collect(),
         })
     }
 
@@ -67,14 +72,17 @@ impl RunState {
     pub fn memory_file(&self) -> String {
         format!("memory-{}.ply", self.next)
     }
+
+    /// The name of the file with what an output has kept at this state.
+    fn output_file(&self, name: &str) -> String {
+        format!("{name}-{}.json", self.next)
+    }
 }
 
 /// A frame with a result.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SavedFrame {
-    /// Its index in the scene.
-    pub index: usize,
     /// The name of its result files.
     pub file_name: String,
     /// Its objects.
@@ -129,6 +137,25 @@ impl SavedRun {
         self.folder.join(self.state.memory_file())
     }
 
+    /// The file with what an output had kept. It is missing if that output had failed.
+    pub fn output_file(&self, name: &str) -> PathBuf {
+        self.folder.join(self.state.output_file(name))
+    }
+
+    /// Checks that the images of its frames are still in the folder of results.
+    ///
+    /// # Errors
+    /// Names the first that is missing.
+    pub fn require_images(&self, out: &Path) -> Result<(), Failure> {
+        let images = self.frames.iter().flat_map(|frame| result_files(&file_name(&frame.file_name)));
+        match images.map(|file| place(out, &file)).find(|path| !path.is_file()) {
+            None => Ok(()),
+            Some(path) => {
+                Err(Failure::input(format!("{}: missing: start the run again with --overwrite", path.display())))
+            }
+        }
+    }
+
     /// The objects so far.
     pub fn objects(&self) -> ObjectLog {
         let mut log = ObjectLog::default();
@@ -136,12 +163,12 @@ impl SavedRun {
         log
     }
 
-    /// Checks that a run of this scene with these settings would have the same results.
+    /// Checks that a run of this scene with these settings and outputs would have the same results.
     ///
     /// # Errors
     /// Names what differs.
-    pub fn check(&self, scene: &Path, settings: &Settings) -> Result<(), Failure> {
-        let now = RunState::at_the_start(scene, settings)?;
+    pub fn check(&self, scene: &Path, settings: &Settings, outputs: &[Box<dyn RunOutput>]) -> Result<(), Failure> {
+        let now = RunState::at_the_start(scene, settings, outputs)?;
         let mut changes = Vec::new();
         for (what, before, now) in
             [("the version", &self.state.version, &now.version), ("the scene", &self.state.scene, &now.scene)]
@@ -151,6 +178,8 @@ impl SavedRun {
             }
         }
         add_changes("", &self.state.settings, &now.settings, &mut changes);
+        let new = now.outputs.iter().find(|name| !self.state.outputs.contains(name));
+        changes.extend(new.map(|name| format!("it was started without --save-{name}")));
         match changes.first() {
             None => Ok(()),
             Some(change) => Err(Failure::input(format!(
@@ -170,7 +199,7 @@ fn add_changes(key: &str, before: &Value, now: &Value, changes: &mut Vec<String>
         changes.push(format!("{key} is {now}, but was {before}"));
         return;
     };
-    let names: std::collections::BTreeSet<&String> = old.keys().chain(new.keys()).collect();
+    let names: BTreeSet<&String> = old.keys().chain(new.keys()).collect();
     for name in names {
         let of = |values: &serde_json::Map<String, Value>| values.get(name).cloned().unwrap_or_default();
         add_changes(&splatseg_settings::full_key(key, name), &of(old), &of(new), changes);
@@ -213,22 +242,26 @@ impl StateWriter {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn add_frame(&mut self, index: usize, record: &FrameRecord) -> std::io::Result<()> {
-        let frame = SavedFrame { index, file_name: record.file_name.clone(), objects: record.objects.clone() };
+    pub fn add_frame(&mut self, record: &FrameRecord) -> std::io::Result<()> {
+        let frame = SavedFrame { file_name: record.file_name.clone(), objects: record.objects.clone() };
         self.frames.write_all(format!("{}\n", serde_json::to_string(&frame)?).as_bytes())
     }
 
-    /// Saves a state, with the memory that `memory` has; that file is moved.
+    /// Saves a state, with the memory that `memory` has, which is moved, and what each output has kept, by name.
     ///
     /// # Errors
     /// If it cannot be written. The state before stays.
-    pub fn save(&mut self, state: &RunState, memory: &Path) -> std::io::Result<()> {
-        let name = state.memory_file();
-        fs::rename(memory, self.folder.join(&name))?;
+    pub fn save(&mut self, state: &RunState, memory: &Path, outputs: &[(&str, Vec<u8>)]) -> std::io::Result<()> {
+        let mut current = BTreeSet::from([state.memory_file()]);
+        fs::rename(memory, self.folder.join(state.memory_file()))?;
+        for (name, kept) in outputs {
+            write_atomically(&self.folder.join(state.output_file(name)), kept)?;
+            current.insert(state.output_file(name));
+        }
         write_atomically(&self.folder.join(STATE), &serde_json::to_vec_pretty(state)?)?;
         for entry in fs::read_dir(&self.folder)? {
             let file = entry?.file_name();
-            if file.to_str().is_some_and(|file| is_memory(file) && file != name) {
+            if file.to_str().is_some_and(|file| is_of_a_state(file) && !current.contains(file)) {
                 fs::remove_file(self.folder.join(file))?;
             }
         }
@@ -249,21 +282,16 @@ pub fn remove(out: &Path) -> std::io::Result<()> {
     };
     for entry in entries {
         let file = entry?.file_name();
-        if file.to_str().is_some_and(|file| file == STATE || file == FRAMES || is_memory(file)) {
+        if file.to_str().is_some_and(|file| file == STATE || file == FRAMES || is_of_a_state(file)) {
             fs::remove_file(folder.join(file))?;
         }
     }
     fs::remove_dir(&folder)
 }
 
-/// Whether this is the name of a memory's file.
-fn is_memory(file: &str) -> bool {
-    let number = file.strip_prefix("memory-").and_then(|rest| rest.strip_suffix(".ply"));
+/// Whether this is the name of a file that belongs to one state: `memory-120.ply`, `page-120.json`.
+fn is_of_a_state(file: &str) -> bool {
+    let stem = file.strip_suffix(".ply").or_else(|| file.strip_suffix(".json"));
+    let number = stem.and_then(|stem| stem.split_once('-')).map(|(_, number)| number);
     number.is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
-}
-
-/// The id image of a frame in the folder of results.
-pub fn id_image(out: &Path, file_name: &str) -> PathBuf {
-    // Only the name: a damaged list must not lead out of the folder.
-    place(out, &format!("segments/{}.png", crate::command::output_folder::file_name(file_name)))
 }
