@@ -4,6 +4,7 @@
 //! none, and images must be found by the stamp in them, which no index has.
 
 use super::chunks::Chunk;
+use super::text_lengths;
 use crate::DatasetError;
 use crate::files::{RandomAccessFile, open_file};
 use mcap::records::{Record, op};
@@ -322,6 +323,10 @@ impl<'a, S: RecordSink> Scan<'a, S> {
     /// Takes a record whose content begins at the place.
     fn take_record(&mut self, code: u8, body: &[u8], place: (Option<u32>, u64)) -> Result<(), DatasetError> {
         if !matches!(code, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
+            return Ok(());
+        }
+        if !text_lengths::fit(code, body) {
+            self.note_damaged_chunk("a text in it is longer than its record");
             return Ok(());
         }
         match mcap::parse_record(code, body) {

@@ -14,6 +14,7 @@ mod contents;
 mod frames;
 mod images;
 mod summary;
+mod text_lengths;
 mod topics;
 mod transforms;
 
