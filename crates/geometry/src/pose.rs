@@ -35,6 +35,9 @@ impl TryFrom<PoseParts> for Pose {
     }
 }
 
+/// The largest entry of |RᵀR − I| that rounding to `f32` leaves.
+const ROUNDING: f32 = 1e-6;
+
 /// A matrix or quaternion that does not give a rigid transform.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 #[non_exhaustive]
@@ -83,6 +86,18 @@ impl Pose {
             return Err(PoseError::NotRigid { determinant, deviation });
         }
         Ok(Self::orthonormalised(rotation, world_from_camera.w_axis.truncate()))
+    }
+
+    /// A pose from a 4×4 camera-to-world matrix that another pose may have given ([`Self::to_matrix`]): a rotation that
+    /// is exact up to the rounding of `f32` is taken as it is, to the last bit. All others are treated as by
+    /// [`Self::from_matrix`].
+    ///
+    /// # Errors
+    /// As [`Self::from_matrix`].
+    pub fn from_own_matrix(world_from_camera: Mat4) -> Result<Self, PoseError> {
+        let rounded = Self::from_matrix(world_from_camera)?;
+        let rotation = Mat3::from_mat4(world_from_camera);
+        Ok(if deviation(rotation) <= ROUNDING { Self { rotation, ..rounded } } else { rounded })
     }
 
     /// A pose from a position and an orientation, as ROS, TUM RGB-D and most SLAM systems write it: the camera's centre

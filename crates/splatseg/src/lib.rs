@@ -1,5 +1,7 @@
 #![doc = include_str!("library.md")]
 
+#[cfg(feature = "cli")]
+pub mod command;
 pub mod evaluation;
 pub mod pipeline;
 pub mod settings;

@@ -1,15 +1,8 @@
 //! The `splatseg` command.
 
-mod command;
-
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    match command::execute() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
-            command::print_error_line(&format!("error: {failure}"));
-            ExitCode::from(failure.exit_code())
-        }
-    }
+    let program = std::env::current_exe().map(|path| vec![path.into_os_string()]).unwrap_or_default();
+    ExitCode::from(splatseg::command::main(std::env::args_os().collect(), program))
 }

@@ -1,6 +1,7 @@
 //! The command line.
 
 use super::Failure;
+use super::batch::BatchArguments;
 use super::bench::BenchArguments;
 use super::eval::EvalArguments;
 use super::export::ExportArguments;
@@ -9,11 +10,12 @@ use super::options::SettingsOptions;
 use super::run::SavedRun;
 use super::settings::SettingsArguments;
 use super::terminal::note_output_error;
+use crate::Settings;
+use crate::settings::{Entry, MethodName, SegmenterName, SettingsLayers, TrackerName, describe, entries};
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Arg, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
-use splatseg::Settings;
-use splatseg::settings::{Entry, MethodName, SegmenterName, SettingsLayers, TrackerName, describe, entries};
 use splatseg_settings::{Allowed, Choice};
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 /// Gives every object in an RGB-D video one id that lasts for the whole video, by remembering what was seen in an
@@ -23,6 +25,20 @@ use std::path::PathBuf;
 pub struct Arguments {
     #[command(subcommand)]
     pub command: Command,
+}
+
+/// What a command line asks for.
+#[derive(Debug)]
+pub enum Parsed {
+    /// Work.
+    Arguments(Box<Arguments>),
+    /// Help or the version, which has been printed.
+    Help,
+    /// Nothing that exists, which has been printed.
+    Wrong {
+        /// The exit code.
+        code: u8,
+    },
 }
 
 #[derive(Debug, Subcommand)]
@@ -35,6 +51,11 @@ pub enum Command {
     Eval(Box<EvalArguments>),
     /// Compare methods: scenes × methods × seeds, with tables and a report
     Bench(Box<BenchArguments>),
+    /// Segment many videos: on all cores of this machine, or on a Ray cluster
+    Batch(Box<BatchArguments>),
+    /// Work on the jobs that standard input has
+    #[command(hide = true)]
+    BatchWorker,
     /// Show the contents of a checkpoint (network, tensors, parameters) or of a recording (topics, what is used)
     Inspect(InspectArguments),
     /// Write the objects of a saved memory as PLY files, for viewers and other programs
@@ -126,16 +147,19 @@ impl RunArguments {
 }
 
 impl Arguments {
-    /// The arguments of this process; `None` if they asked for help or the version, which is printed then. Ends the
-    /// process if they are wrong.
-    pub fn from_command_line() -> Option<Self> {
-        let matches = with_settings(Self::command(), &entries()).try_get_matches();
+    /// Parses a command line. Help is printed, and what is wrong with the command line.
+    pub fn parse(arguments: Vec<OsString>) -> Parsed {
+        let matches = with_settings(Self::command(), &entries()).try_get_matches_from(arguments);
         match matches.and_then(|matches| Self::from_arg_matches(&matches)) {
-            Ok(arguments) => Some(arguments),
-            Err(error) if error.use_stderr() => error.exit(),
+            Ok(arguments) => Parsed::Arguments(Box::new(arguments)),
+            Err(error) if error.use_stderr() => {
+                // Where nothing can be printed, the exit code still says it.
+                let _ = error.print();
+                Parsed::Wrong { code: u8::try_from(error.exit_code()).unwrap_or(2) }
+            }
             Err(help) => {
                 note_output_error(help.print());
-                None
+                Parsed::Help
             }
         }
     }

@@ -4,11 +4,12 @@ use super::Failure;
 use super::arguments::DemoArguments;
 use super::output_folder::{CreatedFolders, Existing, OutputFolder};
 use super::run::{Job, execute, report};
+use crate::Settings;
 use include_dir::{Dir, include_dir};
-use splatseg::Settings;
 use splatseg_output::write_atomically;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// A rendered room in ScanNet's exported layout, with ground truth.
 static CLIP: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/demo");
@@ -31,6 +32,7 @@ pub fn demo(arguments: &DemoArguments) -> Result<(), Failure> {
         resume: None,
         save_coco: None,
         save_mcap: None,
+        networks: Arc::default(),
     };
     say!("a camera moves through a rendered room: the built-in segmenter finds masks, and the memory keeps their ids");
     let summary = execute(&job)?;

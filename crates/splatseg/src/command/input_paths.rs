@@ -1,8 +1,8 @@
 //! What a command reads, so that it does not write there.
 
 use super::Failure;
-use splatseg::Settings;
-use splatseg::settings::{SegmenterSettings, TrackerSettings};
+use crate::Settings;
+use crate::settings::{SegmenterSettings, TrackerSettings};
 use std::path::{Component, Path, PathBuf};
 
 /// The files and folders that a command reads, without symbolic links.

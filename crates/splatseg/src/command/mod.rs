@@ -1,9 +1,10 @@
-//! The `splatseg` command.
+//! The command `splatseg`, which the binary and the Python package share.
 
 #[macro_use]
 mod terminal;
 
 mod arguments;
+mod batch;
 mod bench;
 mod demo;
 mod eval;
@@ -17,15 +18,29 @@ mod output_folder;
 mod run;
 mod settings;
 
-pub use failure::Failure;
-pub use terminal::print_error_line;
+use arguments::{Arguments, Command, Parsed};
+use failure::Failure;
+use std::ffi::OsString;
 
-use arguments::{Arguments, Command};
+/// Executes a command line, the first part of which is the program's name, in a process that is there for nothing else.
+/// Returns the exit code: 0 done, 1 failed, 2 bad usage or input, 130, 143 or 129 interrupted by a signal.
+///
+/// `program` is the start of a command line that starts another such process.
+pub fn main(arguments: Vec<OsString>, program: Vec<OsString>) -> u8 {
+    match execute(arguments, &program) {
+        Ok(code) => code,
+        Err(failure) => {
+            terminal::print_error_line(&format!("error: {failure}"));
+            failure.exit_code()
+        }
+    }
+}
 
-/// Executes the command line of this process.
-pub fn execute() -> Result<(), Failure> {
-    let Some(arguments) = Arguments::from_command_line() else {
-        return terminal::check_output();
+fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure> {
+    let arguments = match Arguments::parse(arguments) {
+        Parsed::Arguments(arguments) => arguments,
+        Parsed::Help => return terminal::check_output().map(|()| 0),
+        Parsed::Wrong { code } => return Ok(code),
     };
     start_log();
     match arguments.command {
@@ -33,11 +48,13 @@ pub fn execute() -> Result<(), Failure> {
         Command::Run(run) => run::run(&run),
         Command::Eval(eval) => eval::eval(&eval),
         Command::Bench(bench) => bench::bench(&bench),
+        Command::Batch(batch) => batch::batch(&batch, program),
+        Command::BatchWorker => batch::work(),
         Command::Inspect(inspect) => inspect::inspect(&inspect),
         Command::Export(export) => export::export(&export),
         Command::Settings(arguments) => settings::settings(&arguments),
     }?;
-    terminal::check_output()
+    terminal::check_output().map(|()| 0)
 }
 
 /// Starts logging: warnings go to standard error, and `RUST_LOG` selects more or less.
@@ -51,5 +68,7 @@ fn start_log() {
         .with_ansi(false)
         .without_time()
         .with_target(false)
-        .init();
+        .try_init()
+        // A program that uses the library may have a log of its own.
+        .ok();
 }

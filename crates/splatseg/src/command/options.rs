@@ -1,8 +1,8 @@
 //! Options that several commands share, and the settings that they stand for.
 
 use super::Failure;
+use crate::settings::SettingsLayers;
 use clap::Args;
-use splatseg::settings::SettingsLayers;
 use splatseg_dataset::{DatasetSettings, Preset};
 use splatseg_metrics::{Protocol, ScoreSettings, Void};
 use std::path::PathBuf;
@@ -111,11 +111,8 @@ impl DatasetOptions {
     /// The dataset settings from `base` and the options.
     pub fn over(&self, base: &DatasetSettings) -> Result<DatasetSettings, Failure> {
         let mut layers = SettingsLayers::default();
-        let base = toml::Value::try_from(base).map_err(Failure::work)?;
-        layers.add("dataset", base).ok_or_else(|| Failure::work("dataset is not a section"))?;
         self.add_to(&mut layers)?;
-        // `base` has values for settings that are not in use.
-        Ok(layers.resolve_shared().map_err(Failure::input)?.dataset)
+        layers.over_dataset(base).map_err(Failure::input)
     }
 }
 

@@ -1,8 +1,8 @@
 //! `splatseg settings`: lists every setting.
 
 use super::Failure;
+use crate::settings::{describe_settings, markdown};
 use clap::Args;
-use splatseg::settings::{describe_settings, markdown};
 
 #[derive(Debug, Args)]
 #[command(after_long_help = "Settings are given in a TOML file (--config), as options, or with --set KEY=VALUE.")]

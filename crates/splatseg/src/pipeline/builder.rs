@@ -1,12 +1,9 @@
 //! From settings to a pipeline.
 
-use super::{Pipeline, PipelineError, StageClock};
+use super::{LoadedNetworks, Pipeline, PipelineError, StageClock};
 use crate::settings::{MethodSettings, SegmenterSettings, Settings, TrackerSettings};
 use splatseg_dataset::Scene;
 use splatseg_memory::{MemorySettings, SplatMemory};
-use splatseg_models::checkpoint::Checkpoint;
-use splatseg_models::fastsam::FastSamPredictor;
-use splatseg_models::sam2::Sam2Network;
 use splatseg_objects::ObjectLog;
 use splatseg_segmenter::{FastSamSegmenter, GraphSegmenter, MaskFolder, Segmenter};
 use splatseg_simulators::{GroundTruthPrompts, OracleSegmenter, SceneGroundTruth, SimTracker};
@@ -25,6 +22,7 @@ pub struct PipelineBuilder<'a> {
     tracker: Option<Box<dyn Tracker>>,
     memory: Option<SplatMemory>,
     saved_memory: Option<PathBuf>,
+    networks: Arc<LoadedNetworks>,
     objects: ObjectLog,
     progress: Box<dyn FnMut(f32) + 'a>,
 }
@@ -38,6 +36,7 @@ impl<'a> PipelineBuilder<'a> {
             tracker: None,
             memory: None,
             saved_memory: None,
+            networks: Arc::default(),
             objects: ObjectLog::default(),
             progress: Box::new(|_| {}),
         }
@@ -78,6 +77,13 @@ impl<'a> PipelineBuilder<'a> {
         self
     }
 
+    /// Networks that earlier pipelines have loaded, and that later ones may use.
+    #[must_use]
+    pub fn networks(mut self, networks: &Arc<LoadedNetworks>) -> Self {
+        self.networks = Arc::clone(networks);
+        self
+    }
+
     /// The objects that an earlier run saw, which this one goes on with.
     #[must_use]
     pub fn objects(mut self, objects: ObjectLog) -> Self {
@@ -108,6 +114,24 @@ impl<'a> PipelineBuilder<'a> {
         Ok(Pipeline { segmenter, method, segment_ahead, clock: StageClock::new(), objects: self.objects })
     }
 
+    /// The segmenter alone.
+    ///
+    /// # Errors
+    /// As [`Self::build`].
+    pub fn build_segmenter(self) -> Result<Box<dyn Segmenter>, PipelineError> {
+        self.settings.validate()?;
+        self.make_segmenter()
+    }
+
+    /// The tracker alone, before its first frame; `None` if the method has none.
+    ///
+    /// # Errors
+    /// As [`Self::build`].
+    pub fn build_tracker(mut self) -> Result<Option<Box<dyn Tracker>>, PipelineError> {
+        self.settings.validate()?;
+        self.settings.method.tracker().map(|tracker| self.make_tracker(tracker)).transpose()
+    }
+
     fn make_segmenter(&self) -> Result<Box<dyn Segmenter>, PipelineError> {
         if let Some((PromptSource::GroundTruth, min_area)) = self.settings.method.prompts() {
             return Ok(Box::new(GroundTruthPrompts::new(self.ground_truth("prompts = ground-truth")?, min_area)));
@@ -116,9 +140,8 @@ impl<'a> PipelineBuilder<'a> {
             SegmenterSettings::Graph { graph } => Box::new(GraphSegmenter::new(graph.clone())?),
             SegmenterSettings::Fastsam { weights, fastsam } => {
                 let weights = weights.as_deref().unwrap_or(Path::new(""));
-                let device = self.settings.run.device.open()?;
-                let predictor = FastSamPredictor::open(weights, fastsam.clone(), &device);
-                Box::new(FastSamSegmenter::new(predictor.map_err(splatseg_segmenter::SegmenterError::from)?))
+                let predictor = self.networks.fastsam(weights, fastsam, self.settings.run.device)?;
+                Box::new(FastSamSegmenter::new(predictor))
             }
             SegmenterSettings::Masks { masks } => {
                 let masks = masks.as_deref().unwrap_or(Path::new(""));
@@ -173,10 +196,7 @@ impl<'a> PipelineBuilder<'a> {
         match settings {
             TrackerSettings::Sam2 { tracker_weights, sam2 } => {
                 let path = tracker_weights.as_deref().unwrap_or(Path::new(""));
-                let device = self.settings.run.device.open()?;
-                let checkpoint = Checkpoint::open(path)?;
-                let network = Sam2Network::load(&checkpoint, sam2.image_size, &device)
-                    .map_err(|source| PipelineError::Sam2 { path: path.to_owned(), source: Box::new(source) })?;
+                let network = self.networks.sam2(path, sam2.image_size, self.settings.run.device)?;
                 Ok(Box::new(Sam2Tracker::new(network, *sam2)?))
             }
             TrackerSettings::Sim { sim_tracker } => {

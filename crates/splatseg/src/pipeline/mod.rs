@@ -6,11 +6,13 @@
 mod builder;
 mod error;
 mod frames;
+mod networks;
 mod stage_times;
 
 pub use builder::PipelineBuilder;
 pub use error::PipelineError;
 pub use frames::{Frames, Processed};
+pub use networks::LoadedNetworks;
 pub use stage_times::StageTimes;
 
 use crate::Settings;

@@ -3,6 +3,7 @@
 use super::file::SettingsFile;
 use super::usage::Usage;
 use super::{Entry, Settings, SettingsError, entries};
+use splatseg_dataset::DatasetSettings;
 use splatseg_memory::SavedMemorySettings;
 use splatseg_settings::Allowed;
 use std::collections::BTreeMap;
@@ -29,6 +30,29 @@ impl SettingsLayers {
         }
         merge(&mut self.table, file.table);
         Ok(())
+    }
+
+    /// These layers with others over them.
+    #[must_use]
+    pub fn with(mut self, above: Self) -> Self {
+        self.places.retain(|key, _| above.get(key).is_none());
+        self.places.extend(above.places);
+        merge(&mut self.table, above.table);
+        self
+    }
+
+    /// How a scene is read: `base`, with the layers over it. Other settings are ignored.
+    ///
+    /// # Errors
+    /// If a key does not exist, or a value has the wrong type or is out of range.
+    pub fn over_dataset(self, base: &DatasetSettings) -> Result<DatasetSettings, SettingsError> {
+        let mut layers = Self::default();
+        // Every setting can be written as TOML.
+        if let Ok(base) = Value::try_from(base) {
+            layers.add("dataset", base);
+        }
+        // `base` has values for settings that are not in use.
+        Ok(layers.with(self).resolve_shared()?.dataset)
     }
 
     /// Takes over what a saved memory fixes: its kind, and the sizes of its features and codes. Nothing for a method

@@ -2,8 +2,8 @@
 
 use crate::command::Failure;
 use crate::command::options::{PresetName, ScoreOptions, SettingsOptions};
+use crate::settings::MethodName;
 use clap::Args;
-use splatseg::settings::MethodName;
 use splatseg_settings::Choice;
 use std::path::PathBuf;
 

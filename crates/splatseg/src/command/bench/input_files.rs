@@ -1,9 +1,9 @@
 //! What the files hold that a result is made from, so that a stored result can be known to be that of other files.
 
 use crate::command::Failure;
+use crate::settings::{SegmenterSettings, Settings, TrackerSettings};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use splatseg::settings::{SegmenterSettings, Settings, TrackerSettings};
 use splatseg_input::read_file;
 use splatseg_output::write_atomically;
 use std::collections::{BTreeMap, BTreeSet};

@@ -2,10 +2,10 @@
 
 use super::input_files::InputFile;
 use super::pictures::{StripFrames, jpeg_data_uri};
+use crate::pipeline::{FrameResult, Pipeline, PipelineError, Processed, StageTimes};
+use crate::settings::{MethodName, Settings};
+use crate::summary::{FramesPerSecond, RunCounts};
 use serde::{Deserialize, Serialize};
-use splatseg::pipeline::{FrameResult, Pipeline, PipelineError, Processed, StageTimes};
-use splatseg::settings::{MethodName, Settings};
-use splatseg::summary::{FramesPerSecond, RunCounts};
 use splatseg_dataset::{FrameStream, GroundTruth, StreamedFrame, open_scene};
 use splatseg_geometry::{Mask, SegmentMap};
 use splatseg_memory::SplatMemory;

@@ -3,9 +3,9 @@
 use super::arguments::BenchArguments;
 use super::job::JobInputs;
 use super::store::job_key;
+use crate::Settings;
 use crate::command::Failure;
-use splatseg::Settings;
-use splatseg::settings::{MethodName, SettingsError, SettingsLayers};
+use crate::settings::{MethodName, SettingsError, SettingsLayers};
 use splatseg_dataset::open_scene;
 use splatseg_input::MemoryLimit;
 use splatseg_metrics::{Protocol, ScoreSettings};

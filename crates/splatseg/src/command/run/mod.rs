@@ -17,20 +17,22 @@ mod stop_signals;
 pub use extra_file::FileKind;
 pub use report::report;
 pub use saved_run::SavedRun;
+pub use stop_signals::StopSignals;
 
 use super::Failure;
 use super::arguments::RunArguments;
 use super::input_paths::{InputPaths, real_path};
 use super::manifest::SUMMARY;
 use super::output_folder::{Existing, OutputFolder};
+use crate::pipeline::LoadedNetworks;
+use crate::settings::MethodName;
+use crate::summary::Summary;
+use crate::{Pipeline, Settings};
 use extra_file::ExtraFile;
 use frame_loop::{FrameLoop, StateSaving};
 use progress::codebook_bar;
 use saved_run::RunState;
 use serde_json::Value;
-use splatseg::settings::MethodName;
-use splatseg::summary::Summary;
-use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{FrameStream, GroundTruth, Scene, open_scene};
 use splatseg_input::read_file;
 use splatseg_objects::ObjectList;
@@ -39,7 +41,6 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
-use stop_signals::StopSignals;
 
 /// Larger files are no summaries of ours.
 const MAX_SUMMARY_BYTES: u64 = 16_000_000;
@@ -64,6 +65,8 @@ pub struct Job {
     pub save_coco: Option<PathBuf>,
     /// Where to save a recording for viewers.
     pub save_mcap: Option<PathBuf>,
+    /// Networks that earlier jobs of this process have loaded.
+    pub networks: Arc<LoadedNetworks>,
 }
 
 impl Job {
@@ -95,6 +98,7 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
         resume,
         save_coco: arguments.save_coco.clone(),
         save_mcap: arguments.save_mcap.clone(),
+        networks: Arc::default(),
     };
     check_paths(&job, arguments.options.config.as_deref())?;
     let summary = execute(&job)?;
@@ -155,7 +159,7 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
         path.as_ref().map(|path| ExtraFile::prepare(path, kind, job.existing)).transpose()
     };
     let _folders = (prepare(&job.save_coco, FileKind::COCO)?, prepare(&job.save_mcap, FileKind::MCAP)?);
-    rayon::ThreadPoolBuilder::new().num_threads(job.settings.run.threads).build_global().map_err(Failure::work)?;
+    use_threads(job.settings.run.threads)?;
     job.settings.run.memory_limit.enforce();
     let signals = StopSignals::listen().map_err(Failure::work)?;
     let dataset = &job.settings.dataset;
@@ -187,6 +191,15 @@ pub fn execute(job: &Job) -> Result<Summary, Failure> {
     Ok(summary)
 }
 
+/// Makes this the number of threads of the process, which never changes after its first job.
+fn use_threads(threads: usize) -> Result<(), Failure> {
+    let built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+    match built {
+        Err(_) if [0, rayon::current_num_threads()].contains(&threads) => Ok(()),
+        built => built.map_err(Failure::work),
+    }
+}
+
 /// Refuses to save the state of a run that could not go on, and to go on with other settings.
 fn check_saving(job: &Job, outputs: &[Box<dyn RunOutput>]) -> Result<(), Failure> {
     let method = job.settings.method.name();
@@ -212,8 +225,10 @@ fn prepare_memory_file(path: &Path, job: &Job) -> Result<ExtraFile, Failure> {
 /// The pipeline that the settings describe.
 fn build_pipeline(job: &Job, scene: &Arc<dyn Scene>) -> Result<Pipeline, Failure> {
     let bar = codebook_bar();
-    let mut builder =
-        Pipeline::builder(&job.settings).scene(scene).progress(|fraction| bar.set_position((fraction * 100.0) as u64));
+    let mut builder = Pipeline::builder(&job.settings)
+        .scene(scene)
+        .networks(&job.networks)
+        .progress(|fraction| bar.set_position((fraction * 100.0) as u64));
     if let Some(path) = &job.load_memory {
         builder = builder.saved_memory(path);
     }

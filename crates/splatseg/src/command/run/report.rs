@@ -5,7 +5,7 @@ use super::extra_file::ExtraFile;
 use super::frame_loop::{EarlyEnd, Ended};
 use crate::command::Failure;
 use crate::command::terminal::counted;
-use splatseg::summary::{RunCounts, Summary, peak_memory_mb};
+use crate::summary::{RunCounts, Summary, peak_memory_mb};
 use splatseg_memory::SplatMemory;
 use splatseg_output::ObjectsFile;
 use std::time::{Duration, Instant};

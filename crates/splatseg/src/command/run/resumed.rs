@@ -5,7 +5,7 @@ use super::result_writer::{Saving, Written};
 use super::saved_run::StateWriter;
 use crate::command::Failure;
 use crate::command::output_folder::OutputFolder;
-use splatseg::summary::RunCounts;
+use crate::summary::RunCounts;
 use splatseg_input::read_file;
 use splatseg_output::{OutputError, RunOutput};
 use std::fmt::Display;

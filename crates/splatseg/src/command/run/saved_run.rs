@@ -4,12 +4,12 @@
 //! up to then, `frames.jsonl` with a line for each of these frames, and `state.json`, which is replaced last and says what
 //! belongs together. The frames' images are in the folder of results.
 
+use crate::Settings;
 use crate::command::Failure;
 use crate::command::manifest::place;
 use crate::command::output_folder::{file_name, result_files};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use splatseg::Settings;
 use splatseg_atomic_file::write_atomically;
 use splatseg_input::read_file;
 use splatseg_objects::{ObjectLog, ObjectSighting};
@@ -161,6 +161,11 @@ impl SavedRun {
         let mut log = ObjectLog::default();
         self.frames.iter().for_each(|frame| log.repeat(&frame.objects));
         log
+    }
+
+    /// Whether a run of this scene with these settings would have the same results.
+    pub fn is_of(&self, scene: &Path, settings: &Settings) -> bool {
+        self.check(scene, settings, &[]).is_ok()
     }
 
     /// Checks that a run of this scene with these settings and outputs would have the same results.

@@ -1,7 +1,7 @@
 //! Frames that cannot be used: each kind of reason is reported once, and how often it came at the end.
 
 use super::super::terminal::counted;
-use splatseg::pipeline::PipelineError;
+use crate::pipeline::PipelineError;
 use splatseg_dataset::{DatasetError, FrameReadError};
 use splatseg_geometry::PoseError;
 use splatseg_segmenter::SegmenterError;

@@ -3,8 +3,8 @@
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 use std::io::Result;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// A signal that asks the program to end.
@@ -44,7 +44,18 @@ pub struct StopSignals {
 impl StopSignals {
     /// Starts to listen. The first signal is noted, with a message; a second one ends the program at once. Signals that
     /// are ignored, such as SIGHUP under `nohup`, stay so.
+    ///
+    /// A process listens once: later calls give the same signals.
     pub fn listen() -> Result<Self> {
+        static LISTENING: Mutex<Option<StopSignals>> = Mutex::new(None);
+        let mut listening = LISTENING.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*listening {
+            Some(signals) => Ok(signals.clone()),
+            None => Ok(listening.insert(Self::start()?).clone()),
+        }
+    }
+
+    fn start() -> Result<Self> {
         let received = Arc::new(AtomicUsize::new(0));
         let again = Arc::new(AtomicBool::new(false));
         for signal in STOP_SIGNALS.iter().filter(|signal| !is_ignored(signal.number)) {

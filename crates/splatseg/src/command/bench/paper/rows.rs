@@ -1,7 +1,7 @@
 //! The rows of the paper's tables, as variants of a benchmark.
 
 use crate::command::bench::plan::Variant;
-use splatseg::settings::MethodName;
+use crate::settings::MethodName;
 use splatseg_report::paper::{FEATURE_DIMS, PaperTable, SCANNET_MV};
 
 /// A row of the paper's tables, and the variant that measures it.
@@ -99,7 +99,7 @@ mod tests {
         let rows = all();
         assert_eq!(rows.len(), 7 + 5 + 5 + 3);
         for row in &rows {
-            let mut layers = splatseg::settings::SettingsLayers::default();
+            let mut layers = crate::settings::SettingsLayers::default();
             row.variant.changes.iter().for_each(|change| layers.add_assignment(change).unwrap());
             layers.add("method", row.variant.method.name()).unwrap();
             layers.resolve_shared().unwrap_or_else(|error| panic!("{}: {error}", row.name));
