@@ -1,0 +1,55 @@
+"""Two methods on one scene, with a plot: how many ids each has given so far.
+
+    pip install matplotlib
+    python compare_methods.py [SCENE] [PLOT.png]
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+import splatseg as ss
+
+METHODS = ["fastsam-splat", "fastsam"]
+
+
+def save_ids(ids, path):
+    """Writes an id image as `splatseg eval` reads it."""
+    from PIL import Image
+
+    Image.fromarray(ids).save(path)
+
+
+def main(scene="synthetic:frames=20,width=96,height=72,objects=6", plot="methods.png"):
+    curves, scores = {}, {}
+    for method in METHODS:
+        pipeline = ss.Pipeline(method, segmenter="graph")
+        seen, curves[method] = set(), []
+        with tempfile.TemporaryDirectory() as folder:
+            for frame in ss.open_scene(scene):
+                result = pipeline.step(frame.rgb, frame.depth, K=frame.K, camera_to_world=frame.camera_to_world)
+                seen |= {sighting.id for sighting in result.objects}
+                curves[method].append(len(seen))
+                save_ids(result.ids, Path(folder) / f"{frame.name}.png")
+            scores[method] = ss.evaluate(scene, folder, protocol="strict")
+        print(f"{method}: {len(seen)} ids, VSQ {scores[method].vsq:.1f}, STQ {scores[method].stq:.1f}")
+    draw(curves, plot)
+    return scores
+
+
+def draw(curves, plot):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    for method, curve in curves.items():
+        pyplot.plot(range(1, len(curve) + 1), curve, label=method)
+    pyplot.xlabel("frames")
+    pyplot.ylabel("ids so far")
+    pyplot.legend()
+    pyplot.savefig(plot)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,58 @@
+"""The loop of a live camera: frames come when they come, and the newest one counts.
+
+    python live_camera.py
+
+`FakeCamera` has the form of pyrealsense2 and depthai: it takes pictures by itself, and `wait` gives the newest. Depth is
+uint16 millimetres. The pose comes from what moves the camera: odometry, SLAM, a robot's arm.
+"""
+
+import threading
+import time
+
+import numpy as np
+
+import splatseg as ss
+
+
+class FakeCamera:
+    """A camera that takes a picture of a synthetic room every `interval` seconds."""
+
+    def __init__(self, scene, interval):
+        self.scene, self.interval = ss.open_scene(scene), interval
+        self.newest, self.ready, self.is_over = None, threading.Condition(), False
+        threading.Thread(target=self._take_pictures, daemon=True).start()
+
+    def _take_pictures(self):
+        for frame in self.scene:
+            millimetres = np.round(frame.depth * 1000).astype(np.uint16)
+            with self.ready:
+                self.newest = (frame.rgb, millimetres, frame.K, frame.camera_to_world, time.time())
+                self.ready.notify()
+            time.sleep(self.interval)
+        with self.ready:
+            self.is_over = True
+            self.ready.notify()
+
+    def wait(self):
+        """The newest picture that was not given yet; None at the end."""
+        with self.ready:
+            self.ready.wait_for(lambda: self.newest is not None or self.is_over)
+            picture, self.newest = self.newest, None
+            return picture
+
+
+def main(scene="synthetic:frames=30,width=96,height=72,objects=6", interval=0.02):
+    pipeline = ss.FastSamSplat(segmenter="graph")
+    camera, latencies = FakeCamera(scene, interval), []
+    while (picture := camera.wait()) is not None:
+        rgb, depth, K, camera_to_world, taken = picture
+        result = pipeline.step(
+            rgb, depth, K=K, camera_to_world=camera_to_world, timestamp=taken, depth_scale=1000
+        )  # fmt: skip
+        latencies.append(time.time() - taken)
+        print(f"{len(result.objects)} objects, {1000 * latencies[-1]:.0f} ms after the picture")
+    return pipeline
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,49 @@
+"""Poses from Open3D's RGB-D odometry, for a camera that comes without.
+
+    pip install open3d
+    python open3d_odometry.py [SCENE]
+"""
+
+import sys
+
+import numpy as np
+import open3d as o3d
+
+import splatseg as ss
+
+
+def rgbd(frame):
+    color = o3d.geometry.Image(np.ascontiguousarray(frame.rgb))
+    depth = o3d.geometry.Image(frame.depth)
+    return o3d.geometry.RGBDImage.create_from_color_and_depth(
+        color, depth, depth_scale=1.0, depth_trunc=10.0, convert_rgb_to_intensity=True
+    )
+
+
+def motion(before, after):
+    """From the camera's coordinates in `after` to those in `before`."""
+    height, width = after.depth.shape
+    K = after.K
+    camera = o3d.camera.PinholeCameraIntrinsic(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+    found, transform, _ = o3d.pipelines.odometry.compute_rgbd_odometry(rgbd(after), rgbd(before), camera, np.eye(4))
+    if not found:
+        raise RuntimeError(f"tracking was lost at frame {after.name}")
+    return transform
+
+
+def main(scene="synthetic:frames=8,width=160,height=120"):
+    pipeline = ss.FastSamSplat(segmenter="graph")
+    pose, before = np.eye(4), None
+    poses = []
+    for frame in ss.open_scene(scene):
+        if before is not None:
+            pose = pose @ motion(before, frame)
+        pipeline.step(frame.rgb, frame.depth, K=frame.K, camera_to_world=pose)
+        before = frame
+        poses.append(pose)
+    print(pipeline)
+    return poses
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,56 @@
+"""Every object in an RGB-D video gets one id that lasts for the whole video.
+
+A camera's frames go in one by one, and an explicit 3D memory, an online Gaussian splat, remembers what was seen::
+
+    import splatseg as ss
+
+    seg = ss.FastSamSplat(segmenter="graph")
+    for f in ss.open_scene("drive.mcap", stride=2):
+        r = seg.step(f.rgb, f.depth, K=f.K, camera_to_world=f.camera_to_world, timestamp=f.timestamp)
+        print(r.objects)
+    seg.save("map.ply")
+
+Conventions: images are C-contiguous NumPy arrays, colour is RGB, depth is z-depth in metres with 0 where nothing was
+measured, camera axes are x right, y down, z forward, poses are 4x4 matrices from camera to world. Id 0 means "nothing".
+
+Settings are keyword arguments with the names of ``splatseg settings``: ``seed=3``, ``memory={"max_votes": 8}`` or
+``**{"memory.max_votes": 8}``. A keyword that does not exist raises ``TypeError`` and names the nearest that does.
+"""
+
+from . import rerun
+from ._splatseg import __version__, segment_color
+from .evaluation import Scores, evaluate
+from .frame import Frame
+from .memory import Memory
+from .objects import BestView, FrameStamp, Object, ObjectSighting, Shape
+from .pipeline import FastSamSplat, Pipeline, Sam2Splat
+from .result import StepResult
+from .sam2 import Sam2, Tracks
+from .scene import Scene, open_scene
+from .segmenters import FastSam, Graph, Segmenter
+
+__all__ = [
+    "BestView",
+    "FastSam",
+    "FastSamSplat",
+    "Frame",
+    "FrameStamp",
+    "Graph",
+    "Memory",
+    "Object",
+    "ObjectSighting",
+    "Pipeline",
+    "Sam2",
+    "Sam2Splat",
+    "Scene",
+    "Scores",
+    "Segmenter",
+    "Shape",
+    "StepResult",
+    "Tracks",
+    "__version__",
+    "evaluate",
+    "open_scene",
+    "rerun",
+    "segment_color",
+]

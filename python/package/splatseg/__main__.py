@@ -1,0 +1,5 @@
+"""``python -m splatseg`` is the command ``splatseg``."""
+
+from .command import main
+
+main()

@@ -1,0 +1,112 @@
+"""The compiled part; use the package `splatseg` instead."""
+
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__version__: str
+
+_Path = str | os.PathLike[str]
+_Frame = tuple[
+    int,
+    str,
+    NDArray[np.uint8],
+    NDArray[np.float32],
+    NDArray[np.float64],
+    NDArray[np.float64],
+    float | None,
+    NDArray[np.uint16] | None,
+]
+_Sighting = tuple[int, int, tuple[int, int, int, int], float, int, int]
+_Tracks = tuple[list[int], NDArray[np.bool_]]
+
+class Pipeline:
+    def __new__(
+        cls,
+        settings: dict[str, Any],
+        segmenter: Callable[..., Any] | None = None,
+        config: _Path | None = None,
+        saved_memory: _Path | None = None,
+    ) -> Pipeline: ...
+    @property
+    def settings(self) -> str: ...
+    @property
+    def frames(self) -> int: ...
+    @property
+    def has_memory(self) -> bool: ...
+    def step(
+        self,
+        rgb: NDArray[np.uint8],
+        depth: NDArray[Any],
+        k: ArrayLike,
+        camera_to_world: ArrayLike,
+        timestamp: float | None = None,
+        name: str | None = None,
+        depth_scale: float | None = None,
+    ) -> tuple[
+        NDArray[np.uint16],
+        NDArray[np.float32],
+        list[_Sighting],
+        NDArray[np.bool_] | None,
+        list[tuple[str, float]],
+    ]: ...
+    def objects(self) -> str: ...
+    def save(self, path: _Path) -> None: ...
+    def gaussian_count(self) -> int: ...
+    def means(self) -> NDArray[np.float32]: ...
+    def radii(self) -> NDArray[np.float32]: ...
+    def colors(self) -> NDArray[np.uint8]: ...
+    def segment_ids(self) -> NDArray[np.uint16]: ...
+
+class Segmenter:
+    def __new__(cls, settings: dict[str, Any]) -> Segmenter: ...
+    def segment(
+        self, rgb: NDArray[np.uint8], depth: NDArray[Any] | None = None, k: ArrayLike | None = None
+    ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]: ...
+
+class Sam2:
+    def __new__(cls, settings: dict[str, Any]) -> Sam2: ...
+    def step(self, rgb: NDArray[np.uint8]) -> _Tracks: ...
+    def add_mask(self, id: int, mask: NDArray[np.bool_]) -> _Tracks: ...
+    def add_points(
+        self,
+        id: int,
+        points: ArrayLike | None = None,
+        labels: ArrayLike | None = None,
+        box: ArrayLike | None = None,
+        more: bool = False,
+    ) -> _Tracks: ...
+    def remove(self, id: int) -> None: ...
+
+class Frames:
+    def __iter__(self) -> Iterator[_Frame | str]: ...
+    def __next__(self) -> _Frame | str: ...
+
+class Scene:
+    def __new__(cls, path: _Path, settings: dict[str, Any]) -> Scene: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def format(self) -> str | None: ...
+    @property
+    def has_ground_truth(self) -> bool: ...
+    def __len__(self) -> int: ...
+    def frame(self, index: int) -> _Frame: ...
+    def frames(self) -> Frames: ...
+
+def evaluate(
+    gt: _Path,
+    predictions: _Path,
+    settings: dict[str, Any],
+    protocol: str,
+    exclude_void: bool,
+    min_truth_area: float,
+    allow_missing: bool,
+    ids: bool,
+) -> str: ...
+def overlay_png(rgb: NDArray[np.uint8], ids: NDArray[np.integer]) -> bytes: ...
+def segment_color(id: int) -> tuple[int, int, int]: ...
+def run_command(arguments: list[str], program: list[str]) -> int: ...

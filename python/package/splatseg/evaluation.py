@@ -1,0 +1,68 @@
+"""Scores of predictions against true ids."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from typing import Any
+
+from . import _splatseg
+
+
+@dataclass(frozen=True)
+class Scores:
+    """How good predictions are, percent; see docs/METRICS.md."""
+
+    vsq: float | None
+    """Video segmentation quality: the mean of ``vsq_k``."""
+    stq: float | None
+    """Segmentation and tracking quality: the root of ``aq`` times ``sq``."""
+    aq: float | None
+    """Association quality."""
+    sq: float | None
+    """Segmentation quality."""
+    vsq_k: dict[int, float | None]
+    """VSQ by the length of its windows, frames."""
+    by_size: dict[str, dict[str, Any]]
+    """How well objects keep their ids, by their size: ``small``, ``medium``, ``large``."""
+    frames: int
+    """Frames that were scored."""
+    missing: dict[str, int]
+    """Frames that were left out, or scored as empty."""
+
+
+def evaluate(
+    gt: str | os.PathLike[str],
+    predictions: str | os.PathLike[str],
+    protocol: str = "paper",
+    *,
+    exclude_void: bool = False,
+    min_truth_area: float = 0.0,
+    allow_missing: bool = False,
+    ids: bool = True,
+    **settings: Any,
+) -> Scores:
+    """Scores predictions for a scene with true ids, as ``splatseg eval`` does.
+
+    ``gt``: the scene. ``predictions``: a folder of id images, the folder of a run, or a JSON file with masks.
+    ``protocol``: ``paper``, as in the paper's evaluation code, or ``strict``, as printed. ``settings`` are those of
+    :func:`splatseg.open_scene`; without any, the scene is read as the run read it.
+
+    Ctrl-C ends it. Raises ``ValueError`` if something cannot be read or, without ``allow_missing``, frames are missing.
+    """
+    scores = json.loads(
+        _splatseg.evaluate(
+            gt, predictions, settings, protocol, exclude_void, min_truth_area, allow_missing, ids
+        )
+    )  # fmt: skip
+    return Scores(
+        vsq=scores["vsq"],
+        stq=scores["stq"],
+        aq=scores["aq"],
+        sq=scores["sq"],
+        vsq_k={int(length): value for length, value in scores["vsq_k"].items()},
+        by_size=scores["by_size"],
+        frames=scores["frames"],
+        missing=scores["missing"],
+    )

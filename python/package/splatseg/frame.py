@@ -1,0 +1,30 @@
+"""A frame of an RGB-D video."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One registered RGB-D frame of a scene, resized and cropped as the scene's settings say."""
+
+    index: int
+    """Its index in the scene, from 0."""
+    name: str
+    """Its name in the scene, e.g. ``frame-000150``."""
+    rgb: NDArray[np.uint8]
+    """Colour, sRGB, ``(height, width, 3)``."""
+    depth: NDArray[np.float32]
+    """z-depth in metres, ``(height, width)``; 0 where nothing was measured."""
+    K: NDArray[np.float64]
+    """The camera's matrix ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]``, pixels."""
+    camera_to_world: NDArray[np.float64]
+    """The pose: a 4x4 matrix from the camera's coordinates (x right, y down, z forward) to the world's, metres."""
+    timestamp: float | None
+    """When it was taken, seconds; ``None`` if the scene does not say."""
+    ground_truth: NDArray[np.uint16] | None
+    """True ids, ``(height, width)``, 0 where unlabelled; ``None`` if there are none for this frame."""

@@ -1,0 +1,45 @@
+"""The map: what a pipeline remembers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _splatseg
+
+
+class Memory:
+    """The Gaussians of a pipeline's memory, as they are now.
+
+    Each property is a new array: the memory itself changes with every step.
+    """
+
+    def __init__(self, pipeline: _splatseg.Pipeline) -> None:
+        self._pipeline = pipeline
+
+    def __len__(self) -> int:
+        """The number of Gaussians."""
+        return self._pipeline.gaussian_count()
+
+    @property
+    def means(self) -> NDArray[np.float32]:
+        """Centres, world, metres, ``(Gaussians, 3)``."""
+        return self._pipeline.means()
+
+    @property
+    def radii(self) -> NDArray[np.float32]:
+        """Standard deviations, metres, ``(Gaussians,)``: the Gaussians are balls."""
+        return self._pipeline.radii()
+
+    @property
+    def colors(self) -> NDArray[np.uint8]:
+        """Colours, sRGB, ``(Gaussians, 3)``."""
+        return self._pipeline.colors()
+
+    @property
+    def segment_ids(self) -> NDArray[np.uint16]:
+        """The id that each Gaussian shows by itself, ``(Gaussians,)``; 0 for none."""
+        return self._pipeline.segment_ids()
+
+    def __repr__(self) -> str:
+        return f"<splatseg.Memory: {len(self)} Gaussians>"

@@ -1,0 +1,150 @@
+"""Objects: in one frame, and in the whole video."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from . import _splatseg
+
+
+@dataclass(frozen=True)
+class ObjectSighting:
+    """An object in one frame."""
+
+    id: int
+    """Its id, the same in every frame."""
+    area: int
+    """Number of pixels that show it."""
+    bounding_box: tuple[int, int, int, int]
+    """The smallest box around them as in COCO: x, y, width, height, pixels."""
+    confidence: float
+    """How sure the id is, from 0 to 1: the mean over these pixels."""
+    first_frame: int
+    """The first frame that showed it; 0 is the first frame of the run."""
+    last_frame: int
+    """The last frame that showed it: this one."""
+
+    @property
+    def color(self) -> tuple[int, int, int]:
+        """The colour in which pictures show it, sRGB."""
+        return _splatseg.segment_color(self.id)
+
+
+@dataclass(frozen=True)
+class FrameStamp:
+    """A frame of a run."""
+
+    number: int
+    """Its position in the run, from 0."""
+    name: str | None
+    """Its name."""
+    time_s: float | None
+    """When it was taken, seconds."""
+
+
+@dataclass(frozen=True)
+class BestView:
+    """The frame that shows an object best."""
+
+    frame: FrameStamp
+    """The frame."""
+    bounding_box: tuple[int, int, int, int]
+    """The smallest box around the object's pixels: x, y, width, height."""
+    area_px: int
+    """Number of its pixels."""
+    confidence: float
+    """How sure the id is in this frame, from 0 to 1."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """An object's shape in the world, metres."""
+
+    centroid: tuple[float, float, float]
+    """Mean of its surface."""
+    axis_aligned_box: tuple[tuple[float, float, float], tuple[float, float, float]]
+    """Smallest and largest coordinates."""
+    center: tuple[float, float, float]
+    """The middle of the tightest box, whose axes are its own."""
+    size: tuple[float, float, float]
+    """The sides of the tightest box."""
+    rotation: tuple[float, float, float, float]
+    """Quaternion x, y, z, w that turns the tightest box's axes into the world's."""
+    area_m2: float
+    """Area of the surface that was seen, square metres."""
+    points: int
+    """Gaussians that show it."""
+
+
+@dataclass(frozen=True)
+class Object:
+    """An object of the whole video, as in ``objects.json``."""
+
+    id: int
+    """Its id."""
+    state: str | None
+    """``remembered``, ``tentative`` (seen once, may be a mistake) or ``forgotten``; ``None`` without a memory."""
+    frames: int
+    """How many frames showed it."""
+    first_seen: FrameStamp | None
+    """The first frame that showed it; ``None`` for one of a loaded memory that was not seen again."""
+    last_seen: FrameStamp | None
+    """The last frame that showed it."""
+    confidence: float | None
+    """The mean of its confidence over these frames, from 0 to 1."""
+    color: tuple[int, int, int] | None
+    """Its mean colour, sRGB."""
+    shape: Shape | None
+    """Its shape; ``None`` if no Gaussian shows it."""
+    best_view: BestView | None
+    """The frame that shows it best."""
+
+    @property
+    def centroid(self) -> tuple[float, float, float] | None:
+        """Mean of its surface, world, metres; ``None`` if no Gaussian shows it."""
+        return self.shape and self.shape.centroid
+
+    @property
+    def box(self) -> tuple[tuple[float, float, float], tuple[float, float, float]] | None:
+        """The axis-aligned box, world, metres; ``None`` if no Gaussian shows it."""
+        return self.shape and self.shape.axis_aligned_box
+
+
+def parse(entry: dict[str, Any]) -> Object:
+    """An object of ``objects.json``."""
+    shape, view = entry["shape"], entry["best_view"]
+    return Object(
+        id=entry["id"],
+        state=entry["state"],
+        frames=entry["frames"],
+        first_seen=_stamp(entry["first_frame"]),
+        last_seen=_stamp(entry["last_frame"]),
+        confidence=entry["confidence"],
+        color=entry["color"] and tuple(entry["color"]),
+        shape=shape and _shape(shape),
+        best_view=view
+        and BestView(
+            frame=FrameStamp(view["frame"]["number"], view["frame"]["name"], view["frame"]["time_s"]),
+            bounding_box=tuple(view["bounding_box"][key] for key in ("x", "y", "width", "height")),
+            area_px=view["area_px"],
+            confidence=view["confidence"],
+        ),
+    )
+
+
+def _stamp(stamp: dict[str, Any] | None) -> FrameStamp | None:
+    return stamp and FrameStamp(stamp["number"], stamp["name"], stamp["time_s"])
+
+
+def _shape(shape: dict[str, Any]) -> Shape:
+    aligned, oriented = shape["axis_aligned_box"], shape["oriented_box"]
+    return Shape(
+        centroid=tuple(shape["centroid"]),
+        axis_aligned_box=(tuple(aligned["min"]), tuple(aligned["max"])),
+        center=tuple(oriented["center"]),
+        size=tuple(oriented["size"]),
+        rotation=tuple(oriented["rotation"]),
+        area_m2=shape["area_m2"],
+        points=shape["points"],
+    )

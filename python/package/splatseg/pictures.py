@@ -1,0 +1,40 @@
+"""What notebooks show."""
+
+from __future__ import annotations
+
+import html
+from typing import TYPE_CHECKING
+
+from . import _splatseg
+
+if TYPE_CHECKING:
+    from .pipeline import Pipeline
+
+_MOST_ROWS = 100
+
+
+def objects_table(pipeline: Pipeline) -> str:
+    """The objects of a pipeline as an HTML table, those seen most often first."""
+    objects = sorted(pipeline.objects(), key=lambda entry: (-entry.frames, entry.id))
+    rows = "".join(_row(entry) for entry in objects[:_MOST_ROWS])
+    more = f"<p>and {len(objects) - _MOST_ROWS} more</p>" if len(objects) > _MOST_ROWS else ""
+    head = "".join(f"<th>{name}</th>" for name in ("", "id", "state", "frames", "confidence", "centroid, m", "size, m"))
+    title = html.escape(repr(pipeline).strip("<>"))
+    return f"<p><b>{title}, {len(objects)} objects</b></p><table><tr>{head}</tr>{rows}</table>{more}"
+
+
+def _row(entry) -> str:
+    red, green, blue = _splatseg.segment_color(entry.id)
+    swatch = f'<span style="display:inline-block;width:1em;height:1em;background:rgb({red},{green},{blue})"></span>'
+    numbers = lambda values: ", ".join(f"{value:.2f}" for value in values)  # noqa: E731
+    shape = entry.shape
+    cells = (
+        swatch,
+        str(entry.id),
+        entry.state or "",
+        str(entry.frames),
+        "" if entry.confidence is None else f"{entry.confidence:.2f}",
+        numbers(shape.centroid) if shape else "",
+        numbers(shape.size) if shape else "",
+    )
+    return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"

@@ -1,0 +1,74 @@
+"""The result for one frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _splatseg
+from .objects import ObjectSighting
+
+if TYPE_CHECKING:
+    import supervision
+
+
+@dataclass(frozen=True, eq=False)
+class StepResult:
+    """What a step has found in a frame. A notebook shows it as a picture."""
+
+    ids: NDArray[np.uint16]
+    """One lasting id per pixel, ``(height, width)``; 0 where there is no segment."""
+    confidence: NDArray[np.float32]
+    """How sure the id of each pixel is, ``(height, width)``, from 0 to 1; 0 where there is no segment."""
+    objects: list[ObjectSighting]
+    """The objects in the frame, by increasing id."""
+    times_ms: dict[str, float]
+    """How long each stage took, milliseconds."""
+    rgb: NDArray[np.uint8] = field(repr=False)
+    """The frame's colours, as they were given."""
+    depth: NDArray[np.generic] = field(repr=False)
+    """The frame's depth, as it was given."""
+    K: NDArray[np.float64] = field(repr=False)
+    """The camera's matrix."""
+    camera_to_world: NDArray[np.float64] = field(repr=False)
+    """The frame's pose."""
+    timestamp: float | None
+    """When it was taken, seconds, if that was given."""
+    name: str | None
+    """The frame's name, if that was given."""
+    _masks: NDArray[np.bool_] | None = field(default=None, repr=False)
+
+    @property
+    def masks(self) -> NDArray[np.bool_]:
+        """The mask of each of ``objects``, ``(objects, height, width)``. They may overlap where a tracker made them."""
+        if self._masks is not None:
+            return self._masks
+        own = np.array([sighting.id for sighting in self.objects], dtype=self.ids.dtype)
+        return self.ids == own[:, None, None]
+
+    def to_supervision(self) -> supervision.Detections:
+        """The objects as ``supervision.Detections`` with boxes, masks, confidence and ``tracker_id``.
+
+        Needs ``pip install splatseg[supervision]``.
+        """
+        import supervision
+
+        boxes = np.array([sighting.bounding_box for sighting in self.objects], dtype=np.float32).reshape(-1, 4)
+        corners = np.concatenate([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]], axis=1)
+        return supervision.Detections(
+            xyxy=corners,
+            mask=self.masks,
+            confidence=np.array([sighting.confidence for sighting in self.objects], dtype=np.float32),
+            class_id=np.zeros(len(self.objects), dtype=int),
+            tracker_id=np.array([sighting.id for sighting in self.objects], dtype=int),
+        )
+
+    def overlay_png(self) -> bytes:
+        """The frame with every object tinted, outlined and numbered, as a PNG."""
+        return _splatseg.overlay_png(self.rgb, self.ids)
+
+    def _repr_png_(self) -> bytes:
+        return self.overlay_png()

@@ -1,0 +1,68 @@
+"""Recorded scenes."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+from . import _splatseg
+from .frame import Frame
+
+
+class Scene:
+    """A recorded RGB-D video of any format that ``splatseg run`` reads. Iterating reads frames ahead in the background.
+
+    A frame that cannot be used is left out with a ``UserWarning`` that says why; ``scene[i]`` raises ``ValueError``
+    instead.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], **settings: Any) -> None:
+        self._scene = _splatseg.Scene(path, settings)
+        self.path = os.fspath(path)
+        """The scene as it was given."""
+
+    @property
+    def name(self) -> str:
+        """The scene's name, e.g. its folder's."""
+        return self._scene.name
+
+    @property
+    def format(self) -> str | None:
+        """The format that was recognised, e.g. ``mcap``."""
+        return self._scene.format
+
+    @property
+    def has_ground_truth(self) -> bool:
+        """Whether frames may come with true ids."""
+        return self._scene.has_ground_truth
+
+    def __len__(self) -> int:
+        """The number of frames that the settings select."""
+        return len(self._scene)
+
+    def __getitem__(self, index: int) -> Frame:
+        """One of the frames selected, by its position among them; reads it now."""
+        return Frame(*self._scene.frame(index))
+
+    def __iter__(self) -> Iterator[Frame]:
+        for item in self._scene.frames():
+            if isinstance(item, str):
+                warnings.warn(f"frame skipped: {item}", stacklevel=2)
+            else:
+                yield Frame(*item)
+
+    def __repr__(self) -> str:
+        return f"<splatseg.Scene {self.path!r}: {self.format}, {len(self)} frames>"
+
+
+def open_scene(path: str | os.PathLike[str], **settings: Any) -> Scene:
+    """Opens a scene: a folder or file of any format, or ``synthetic[:frames=60,seed=3,...]``.
+
+    ``settings`` are those of ``dataset``, without that name: ``stride=2``, ``resize="320x240"``, ``crop_border=5``,
+    ``start``, ``max_frames``, ``format``, and for recordings ``color``, ``depth``, ``camera_info``, ``pose``.
+
+    Raises ``ValueError`` if there is no scene or a setting is out of range, ``TypeError`` for unknown settings.
+    """
+    return Scene(path, **settings)

@@ -1,0 +1,66 @@
+"""Segmenters: image and depth in, masks out."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _splatseg
+
+
+class Segmenter:
+    """A segmenter of splatseg. Give it to a pipeline, or call it: ``masks, scores = segmenter(rgb, depth)``."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.settings = settings
+        """The settings that it stands for."""
+        self._segmenter: _splatseg.Segmenter | None = None
+
+    def __call__(
+        self,
+        rgb: NDArray[np.uint8],
+        depth: NDArray[np.float32] | None = None,
+        K: NDArray[np.floating] | None = None,
+    ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+        """The masks of a frame, ``(masks, height, width)``, which may overlap, and their scores, ``(masks,)``.
+
+        ``rgb`` is uint8 ``(height, width, 3)``, ``depth`` float32 metres ``(height, width)``. Without ``K``, a camera
+        that sees 60 degrees across.
+        """
+        if self._segmenter is None:
+            self._segmenter = _splatseg.Segmenter(self.settings)
+        return self._segmenter.segment(rgb, depth, K)
+
+    def __repr__(self) -> str:
+        given = {}
+        for name, value in self.settings.items():
+            given.update(value if isinstance(value, dict) else {name: value})
+        settings = ", ".join(f"{name}={value!r}" for name, value in given.items() if name != "segmenter")
+        return f"splatseg.{type(self).__name__}({settings})"
+
+
+class Graph(Segmenter):
+    """Cuts the image where depth, surface orientation and colour say that an object ends. Needs depth, no weights.
+
+    ``settings`` are those of ``graph``, e.g. ``Graph(max_segments=100)``.
+    """
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(segmenter="graph", graph=settings)
+
+
+class FastSam(Segmenter):
+    """FastSAM: a YOLO-like network that segments everything.
+
+    ``weights`` is a published checkpoint (``FastSAM-x.pt``, ``FastSAM-s.pt``; AGPL-3.0) or a ``.safetensors``; no code in
+    it is executed. ``settings`` are those of ``fastsam``, e.g. ``FastSam("FastSAM-x.pt", conf=0.5)``; ``device`` is the
+    device that runs it.
+    """
+
+    def __init__(self, weights: str | os.PathLike[str], device: str | None = None, **settings: Any) -> None:
+        super().__init__(segmenter="fastsam", weights=os.fspath(weights), fastsam=settings)
+        if device is not None:
+            self.settings["device"] = device

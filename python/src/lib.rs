@@ -1,0 +1,40 @@
+//! The Python module `splatseg._splatseg`: what the Python package `splatseg` is built on.
+//!
+//! The package in `package/splatseg/` gives it names, types and documentation. Here arrays are checked (`arrays.rs`), and the
+//! library is called without the GIL.
+
+mod arrays;
+mod command;
+mod errors;
+mod evaluation;
+mod pictures;
+mod pipeline;
+mod sam2;
+mod scene;
+mod segmenter;
+mod settings;
+
+use pyo3::prelude::*;
+
+/// The compiled part of the Python package `splatseg`.
+#[pymodule]
+mod _splatseg {
+    #[pymodule_export]
+    use super::command::run_command;
+    #[pymodule_export]
+    use super::evaluation::evaluate;
+    #[pymodule_export]
+    use super::pictures::{overlay_png, segment_color};
+    #[pymodule_export]
+    use super::pipeline::Pipeline;
+    #[pymodule_export]
+    use super::sam2::Sam2;
+    #[pymodule_export]
+    use super::scene::{Frames, Scene};
+    #[pymodule_export]
+    use super::segmenter::Segmenter;
+
+    #[pymodule_export]
+    #[allow(non_upper_case_globals, reason = "Python's name for it")]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
+}

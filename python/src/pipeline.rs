@@ -1,0 +1,284 @@
+//! A method with its segmenter, frame by frame.
+
+use crate::arrays::{color_image, depth_image, numbers, small_ids, to_array, to_masks, to_rows};
+use crate::errors::{runtime_error, value_error};
+use crate::segmenter::PythonSegmenter;
+use crate::settings::{add_file, layers, resolve, settings_error};
+use glam::{Mat4, Vec3};
+use numpy::{PyArray1, PyArray2};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::ThreadPool;
+use splatseg::memory::SplatMemory;
+use splatseg::objects::{FrameStamp, ObjectList, SeenObjects};
+use splatseg::pipeline::{FrameResult, PipelineError};
+use splatseg::settings::SettingsLayers;
+use splatseg::{Intrinsics, Mask, Pose, RgbdFrame, SegmentId};
+use splatseg_input::MemoryLimit;
+use std::error::Error;
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, TryLockError};
+use std::time::Duration;
+
+/// A method, its segmenter and its memory.
+#[pyclass(frozen, module = "splatseg._splatseg")]
+pub struct Pipeline {
+    state: Mutex<State>,
+    /// Of its own, if `threads` is given.
+    threads: Option<ThreadPool>,
+    settings: String,
+}
+
+struct State {
+    pipeline: splatseg::Pipeline,
+    seen: SeenObjects,
+    frames: usize,
+}
+
+/// An object of a frame: id, area, box (x, y, width, height), confidence, first and last frame.
+type Sighting = (SegmentId, usize, (usize, usize, usize, usize), f32, usize, usize);
+
+/// What a step returns: ids, confidence, objects, masks where they may overlap, milliseconds per stage.
+type Step = (Py<PyArray2<u16>>, Py<PyArray2<f32>>, Vec<Sighting>, Option<Py<PyAny>>, Vec<(String, f64)>);
+
+#[pymethods]
+impl Pipeline {
+    #[new]
+    #[pyo3(signature = (settings, segmenter=None, config=None, saved_memory=None))]
+    fn new(
+        py: Python<'_>,
+        settings: &Bound<'_, PyDict>,
+        segmenter: Option<Py<PyAny>>,
+        config: Option<PathBuf>,
+        saved_memory: Option<PathBuf>,
+    ) -> PyResult<Self> {
+        let mut all = SettingsLayers::default();
+        if let Some(path) = &config {
+            add_file(&mut all, path)?;
+        }
+        let mut all = all.with(layers(settings, None)?);
+        if let Some(path) = &saved_memory {
+            all.add_saved_memory(path).map_err(settings_error)?;
+        }
+        let settings = resolve(&all)?;
+        if settings.run.memory_limit != MemoryLimit::Auto {
+            settings.run.memory_limit.enforce();
+        }
+        let threads = match settings.run.threads {
+            0 => None,
+            count => Some(rayon::ThreadPoolBuilder::new().num_threads(count).build().map_err(runtime_error)?),
+        };
+        let build = || {
+            let mut builder = splatseg::Pipeline::builder(&settings);
+            if let Some(callable) = segmenter {
+                builder = builder.segmenter(Box::new(PythonSegmenter::new(callable)));
+            }
+            if let Some(path) = &saved_memory {
+                builder = builder.saved_memory(path);
+            }
+            builder.build()
+        };
+        let pipeline = py.detach(|| in_pool(threads.as_ref(), build));
+        let pipeline = pipeline.map_err(value_error)?;
+        let settings = serde_json::to_string(&settings).map_err(runtime_error)?;
+        Ok(Self { state: Mutex::new(State { pipeline, seen: SeenObjects::default(), frames: 0 }), threads, settings })
+    }
+
+    /// The settings as JSON.
+    #[getter]
+    fn settings(&self) -> &str {
+        &self.settings
+    }
+
+    /// How many frames it has taken.
+    #[getter]
+    fn frames(&self) -> PyResult<usize> {
+        Ok(self.lock()?.frames)
+    }
+
+    #[pyo3(signature = (rgb, depth, k, camera_to_world, timestamp=None, name=None, depth_scale=None))]
+    #[allow(clippy::too_many_arguments, reason = "the parts of a frame")]
+    fn step(
+        &self,
+        py: Python<'_>,
+        rgb: &Bound<'_, PyAny>,
+        depth: &Bound<'_, PyAny>,
+        k: &Bound<'_, PyAny>,
+        camera_to_world: &Bound<'_, PyAny>,
+        timestamp: Option<f64>,
+        name: Option<String>,
+        depth_scale: Option<f64>,
+    ) -> PyResult<Step> {
+        let (color, depth) = (color_image(rgb, "rgb")?, depth_image(depth, depth_scale)?);
+        let (camera, pose) = (intrinsics(k, color.size())?, pose(camera_to_world)?);
+        let mut guard = self.lock()?;
+        let state = &mut *guard;
+        let name = name.unwrap_or_else(|| format!("{:06}", state.frames));
+        let frame = RgbdFrame::new(name, color, depth, camera, pose).map_err(value_error)?;
+        let frame = frame.with_timestamp(timestamp.map(time).transpose()?);
+        let result = py.detach(|| in_pool(self.threads.as_ref(), || state.step(&frame)));
+        drop(guard);
+        py.check_signals()?;
+        step_result(py, result.map_err(|error| pipeline_error(py, &error))?)
+    }
+
+    /// All objects as the JSON of `objects.json`.
+    fn objects(&self, py: Python<'_>) -> PyResult<String> {
+        let mut guard = self.lock()?;
+        let state = &mut *guard;
+        py.detach(move || {
+            let mut list = ObjectList::new(state.pipeline.objects(), state.pipeline.memory());
+            list.add_sightings(&state.seen);
+            list.to_json()
+        })
+        .map_err(runtime_error)
+    }
+
+    /// Saves the memory.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let mut guard = self.lock()?;
+        let state = &mut *guard;
+        let saved = py.detach(move || Ok::<_, PyErr>(memory_of(state)?.save(&path)));
+        saved?.map_err(runtime_error)
+    }
+
+    /// Whether the method has a memory.
+    #[getter]
+    fn has_memory(&self) -> PyResult<bool> {
+        Ok(self.lock()?.pipeline.memory().is_some())
+    }
+
+    /// Number of Gaussians.
+    fn gaussian_count(&self) -> PyResult<usize> {
+        Ok(memory_of(&*self.lock()?)?.gaussian_count())
+    }
+
+    /// Centres, metres, `(Gaussians, 3)`.
+    fn means(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f32>>> {
+        to_rows(py, memory_of(&*self.lock()?)?.balls().means.iter().map(Vec3::to_array))
+    }
+
+    /// Standard deviations, metres, `(Gaussians,)`.
+    fn radii(&self, py: Python<'_>) -> PyResult<Py<PyArray1<f32>>> {
+        Ok(PyArray1::from_slice(py, &memory_of(&*self.lock()?)?.balls().radii).unbind())
+    }
+
+    /// Colours, sRGB, `(Gaussians, 3)`.
+    fn colors(&self, py: Python<'_>) -> PyResult<Py<PyArray2<u8>>> {
+        to_rows(py, memory_of(&*self.lock()?)?.colors().iter().copied())
+    }
+
+    /// The id that each Gaussian shows, `(Gaussians,)`.
+    fn segment_ids(&self, py: Python<'_>) -> PyResult<Py<PyArray1<u16>>> {
+        let ids = memory_of(&*self.lock()?)?.segment_ids();
+        let ids = ids.into_iter().map(|id| u16::try_from(id).unwrap_or(0)).collect();
+        Ok(PyArray1::from_vec(py, ids).unbind())
+    }
+}
+
+impl Pipeline {
+    /// The state, unless another thread or the segmenter's own code works with it.
+    fn lock(&self) -> PyResult<MutexGuard<'_, State>> {
+        match self.state.try_lock() {
+            Ok(state) => Ok(state),
+            Err(TryLockError::WouldBlock) => {
+                Err(PyRuntimeError::new_err("it is working on a frame: use it from one thread at a time"))
+            }
+            Err(TryLockError::Poisoned(_)) => {
+                Err(PyRuntimeError::new_err("an earlier step has failed: make a new one"))
+            }
+        }
+    }
+}
+
+impl State {
+    fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
+        let result = self.pipeline.step(frame)?;
+        let stamp = FrameStamp {
+            number: self.frames,
+            name: Some(frame.name().to_owned()),
+            file: None,
+            time_s: frame.timestamp().map(|time| time.as_secs_f64()),
+        };
+        let size = (frame.width(), frame.height());
+        self.seen.record(&stamp, size, &result.objects);
+        self.frames += 1;
+        Ok(result)
+    }
+}
+
+/// Does work with a pipeline's own threads, or with those of the process.
+fn in_pool<R: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> R + Send) -> R {
+    match pool {
+        Some(pool) => pool.install(work),
+        None => work(),
+    }
+}
+
+fn memory_of(state: &State) -> PyResult<&SplatMemory> {
+    let name = state.pipeline.method_name();
+    state.pipeline.memory().ok_or_else(|| value_error(format!("the method {name} has no memory")))
+}
+
+fn step_result(py: Python<'_>, FrameResult { output, objects, times }: FrameResult) -> PyResult<Step> {
+    let ids = to_array(py, small_ids(&output.segments)?)?;
+    let confidence = to_array(py, output.confidence)?;
+    let masks = |masks: &[(SegmentId, Mask)]| {
+        // In the order of the objects, which leave out empty ones.
+        let of = |id: SegmentId| masks.iter().find(|(other, _)| *other == id).map(|(_, mask)| mask);
+        to_masks(py, objects.iter().filter_map(|object| of(object.id)), output.segments.size())
+    };
+    let masks = if output.masks.is_empty() { None } else { Some(masks(&output.masks)?.into_any()) };
+    let stages = times.stages().iter().map(|(stage, time)| ((*stage).to_owned(), time.as_secs_f64() * 1e3)).collect();
+    let sightings = objects.iter().map(|object| {
+        let inner = object.bounding_box;
+        let inner = (inner.x, inner.y, inner.width, inner.height);
+        (object.id, object.area, inner, object.confidence, object.first_frame, object.last_frame)
+    });
+    Ok((ids, confidence, sightings.collect(), masks, stages))
+}
+
+/// The exception that a segmenter in Python has raised, or the error.
+fn pipeline_error(py: Python<'_>, error: &PipelineError) -> PyErr {
+    let mut source: Option<&(dyn Error + 'static)> = Some(error);
+    while let Some(inner) = source {
+        if let Some(raised) = inner.downcast_ref::<PyErr>() {
+            return raised.clone_ref(py);
+        }
+        source = inner.source();
+    }
+    runtime_error(error)
+}
+
+/// The camera of a 3×3 matrix.
+pub fn intrinsics(k: &Bound<'_, PyAny>, (width, height): (usize, usize)) -> PyResult<Intrinsics> {
+    const MEANING: &str = "the camera's matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels";
+    let k = numbers(k, "K", &[3, 3], MEANING)?;
+    let rest = [k[1], k[3], k[6], k[7], k[8] - 1.0];
+    if rest.iter().any(|number| number.abs() > 1e-6) {
+        return Err(value_error(format!(
+            "K is [[{}, {}, {}], [{}, {}, {}], [{}, {}, {}]], expected {MEANING}",
+            k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8]
+        )));
+    }
+    let [fx, fy, cx, cy] = [k[0], k[4], k[2], k[5]].map(|number| number as f32);
+    Intrinsics { fx, fy, cx, cy, width, height }.validated().map_err(value_error)
+}
+
+/// The pose of a 4×4 matrix.
+pub fn pose(matrix: &Bound<'_, PyAny>) -> PyResult<Pose> {
+    let meaning = "the matrix from the camera's to the world's coordinates";
+    let entries = numbers(matrix, "camera_to_world", &[4, 4], meaning)?;
+    let entries: Vec<f32> = entries.into_iter().map(|entry| entry as f32).collect();
+    let entries: [f32; 16] = entries.try_into().map_err(|_| value_error("not 4x4"))?;
+    let matrix = Mat4::from_cols_array(&entries).transpose();
+    let wrong = |error: &dyn std::fmt::Display| value_error(format!("camera_to_world: {error}"));
+    Pose::from_own_matrix(matrix).map_err(|error| wrong(&error))
+}
+
+/// A time in seconds.
+fn time(seconds: f64) -> PyResult<Duration> {
+    Duration::try_from_secs_f64(seconds)
+        .map_err(|_| value_error(format!("timestamp is {seconds}, expected seconds, 0 or more")))
+}

@@ -1,0 +1,137 @@
+//! Segmenters: those of the library for Python, and Python's for the library.
+
+use crate::arrays::{Masks, color_image, depth_image, masks, numbers, to_color_array, to_masks, to_plain_array};
+use crate::errors::{runtime_error, value_error};
+use crate::pipeline::intrinsics;
+use crate::settings::{layers, resolve};
+use numpy::{PyArray1, PyArray3};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyTuple};
+use splatseg::segmenter::SegmenterError;
+use splatseg::{Intrinsics, Mask, Pose, RgbdFrame, ScoredMask};
+use std::sync::Mutex;
+
+/// A callable `(rgb, depth) -> masks` as a segmenter.
+pub struct PythonSegmenter {
+    callable: Py<PyAny>,
+}
+
+impl PythonSegmenter {
+    pub fn new(callable: Py<PyAny>) -> Self {
+        Self { callable }
+    }
+
+    fn call(&self, py: Python<'_>, frame: &RgbdFrame) -> PyResult<Vec<ScoredMask>> {
+        let rgb = to_color_array(py, frame.color().pixels(), frame.color().size())?;
+        let depth = to_plain_array(py, frame.depth().pixels(), frame.depth().size())?;
+        let returned = self.callable.bind(py).call1((rgb, depth))?;
+        match returned.cast::<PyTuple>() {
+            Ok(pair) if pair.len() == 2 => scored(frame, &pair.get_item(0)?, Some(&pair.get_item(1)?)),
+            Ok(tuple) => Err(value_error(format!(
+                "the segmenter has returned a tuple of {}, expected masks or (masks, scores)",
+                tuple.len()
+            ))),
+            Err(_) => scored(frame, &returned, None),
+        }
+    }
+}
+
+impl splatseg::Segmenter for PythonSegmenter {
+    fn name(&self) -> &str {
+        "python"
+    }
+
+    fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+        Python::attach(|py| self.call(py, frame))
+            .map_err(|error| SegmenterError::Other { name: "the segmenter".to_owned(), source: Box::new(error) })
+    }
+}
+
+/// The masks that a callable has returned for a frame, without empty ones; scores are 1 if there are none.
+fn scored(
+    frame: &RgbdFrame,
+    returned: &Bound<'_, PyAny>,
+    scores: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Vec<ScoredMask>> {
+    const NAME: &str = "what the segmenter has returned";
+    let size = (frame.width(), frame.height());
+    let check_size = |found: (usize, usize)| match found == size {
+        true => Ok(()),
+        false => Err(value_error(format!(
+            "{NAME} has masks of {}x{} pixels, expected {}x{} as in the frame",
+            found.0, found.1, size.0, size.1
+        ))),
+    };
+    let found: Vec<Mask> = match masks(returned, NAME)? {
+        Masks::Stack(pixels, found) => {
+            check_size(found)?;
+            let mask = |pixels: &[bool]| Mask::from_fn(size.0, size.1, |column, row| pixels[row * size.0 + column]);
+            pixels.chunks_exact(size.0 * size.1).map(mask).collect()
+        }
+        Masks::Ids(ids) => {
+            check_size(ids.size())?;
+            Mask::of_segments(&ids).into_iter().map(|(_, mask)| mask).collect()
+        }
+    };
+    let scores = match scores {
+        Some(scores) => numbers(scores, "scores", &[found.len()], "a score from 0 to 1 for each mask")?,
+        None => vec![1.0; found.len()],
+    };
+    let scored = found.into_iter().zip(scores).map(|(mask, score)| ScoredMask { mask, score: score as f32 });
+    Ok(scored.filter(|scored| !scored.mask.is_empty()).collect())
+}
+
+/// A segmenter of the library.
+#[pyclass(frozen, module = "splatseg._splatseg")]
+pub struct Segmenter {
+    segmenter: Mutex<Box<dyn splatseg::Segmenter>>,
+}
+
+#[pymethods]
+impl Segmenter {
+    #[new]
+    fn new(py: Python<'_>, settings: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let settings = resolve(&layers(settings, None)?)?;
+        let segmenter = py.detach(|| splatseg::Pipeline::builder(&settings).build_segmenter());
+        Ok(Self { segmenter: Mutex::new(segmenter.map_err(value_error)?) })
+    }
+
+    /// Masks `(masks, height, width)` and scores `(masks,)`.
+    #[pyo3(signature = (rgb, depth=None, k=None))]
+    fn segment(
+        &self,
+        py: Python<'_>,
+        rgb: &Bound<'_, PyAny>,
+        depth: Option<&Bound<'_, PyAny>>,
+        k: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<(Py<PyArray3<bool>>, Py<PyArray1<f32>>)> {
+        let color = color_image(rgb, "rgb")?;
+        let size = color.size();
+        let depth = match depth {
+            Some(depth) => depth_image(depth, None)?,
+            None => splatseg::Image::filled(size.0, size.1, 0.0),
+        };
+        let camera = match k {
+            Some(k) => intrinsics(k, size)?,
+            None => typical_camera(size),
+        };
+        let frame = RgbdFrame::new("0", color, depth, camera, Pose::IDENTITY).map_err(value_error)?;
+        let busy = |_| PyRuntimeError::new_err("the segmenter is in use: use it from one thread at a time");
+        let mut guard = self.segmenter.try_lock().map_err(busy)?;
+        let segmenter = guard.as_mut();
+        let found = py.detach(move || segmenter.segment(&frame));
+        drop(guard);
+        py.check_signals()?;
+        let found = found.map_err(runtime_error)?;
+        let scores: Vec<f32> = found.iter().map(|scored| scored.score).collect();
+        Ok((to_masks(py, found.iter().map(|scored| &scored.mask), size)?, PyArray1::from_vec(py, scores).unbind()))
+    }
+}
+
+/// A camera that sees 60 degrees across.
+fn typical_camera((width, height): (usize, usize)) -> Intrinsics {
+    let focal = width as f32 / (2.0 * 30f32.to_radians().tan());
+    let center = |side: usize| (side as f32 - 1.0) / 2.0;
+    Intrinsics { fx: focal, fy: focal, cx: center(width), cy: center(height), width, height }
+}

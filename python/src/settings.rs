@@ -1,0 +1,97 @@
+//! Settings from Python's keyword arguments.
+
+use crate::errors::value_error;
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyDict, PyFloat, PyString};
+use splatseg::Settings;
+use splatseg::settings::{SettingsError, SettingsLayers, entries};
+use std::path::Path;
+use toml::Value;
+
+/// Layers with keyword arguments: keys are `seed`, `memory.max_votes`, or a section with a dict. `short_section` is the
+/// section whose settings may be given without its name.
+pub fn layers(arguments: &Bound<'_, PyDict>, short_section: Option<&str>) -> PyResult<SettingsLayers> {
+    let mut layers = SettingsLayers::default();
+    add(&mut layers, "", arguments, short_section)?;
+    Ok(layers)
+}
+
+/// The settings of layers.
+///
+/// # Errors
+/// `TypeError` for keywords that are not settings, `ValueError` for all others.
+pub fn resolve(layers: &SettingsLayers) -> PyResult<Settings> {
+    layers.resolve().map_err(settings_error)
+}
+
+/// Adds the settings of a file: TOML, or the `summary.json` of a run.
+pub fn add_file(layers: &mut SettingsLayers, path: &Path) -> PyResult<()> {
+    layers.add_file(path).map_err(settings_error)
+}
+
+/// `TypeError` for keywords that do not exist, as Python has it; otherwise `ValueError`.
+pub fn settings_error(error: SettingsError) -> PyErr {
+    match error {
+        SettingsError::UnknownKey { .. } | SettingsError::IsSection { .. } => PyTypeError::new_err(error.to_string()),
+        other => value_error(other),
+    }
+}
+
+fn add(
+    layers: &mut SettingsLayers,
+    section: &str,
+    arguments: &Bound<'_, PyDict>,
+    short_section: Option<&str>,
+) -> PyResult<()> {
+    for (name, value) in arguments.iter() {
+        let name: String = name.extract()?;
+        if value.is_none() {
+            continue;
+        }
+        let key = if section.is_empty() { full_key(&name, short_section) } else { format!("{section}.{name}") };
+        if let Ok(inner) = value.cast::<PyDict>() {
+            add(layers, &key, inner, None)?;
+        } else {
+            let value = setting_value(&value, &key)?;
+            layers.add(&key, value).ok_or_else(|| PyTypeError::new_err(format!("there is no setting {key}")))?;
+        }
+    }
+    Ok(())
+}
+
+/// The key of a setting that may be given without its section.
+fn full_key(name: &str, short_section: Option<&str>) -> String {
+    let in_section = short_section.map(|section| format!("{section}.{name}"));
+    let exists = |key: &String| entries().iter().any(|entry| entry.field.key() == *key);
+    match in_section {
+        Some(key) if !exists(&name.to_owned()) && !name.contains('.') => key,
+        _ => name.to_owned(),
+    }
+}
+
+fn setting_value(value: &Bound<'_, PyAny>, key: &str) -> PyResult<Value> {
+    if value.is_instance_of::<PyBool>() {
+        return Ok(Value::Boolean(value.extract()?));
+    }
+    if value.is_instance_of::<PyString>() {
+        return Ok(Value::String(value.extract()?));
+    }
+    if value.is_instance_of::<PyFloat>() {
+        return Ok(Value::Float(value.extract()?));
+    }
+    if value.hasattr("__fspath__")? {
+        return Ok(Value::String(value.call_method0("__fspath__")?.extract()?));
+    }
+    // Numbers of NumPy too.
+    if value.hasattr("__index__")? {
+        return Ok(Value::Integer(value.call_method0("__index__")?.extract()?));
+    }
+    if value.hasattr("__float__")? {
+        return Ok(Value::Float(value.call_method0("__float__")?.extract()?));
+    }
+    let found = value.get_type().name()?;
+    Err(PyTypeError::new_err(format!(
+        "{key} is of type {found}, expected a number, a bool, a string, a path or a dict"
+    )))
+}

@@ -1,0 +1,29 @@
+"""What all tests share."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import splatseg as ss
+
+ROOM = "synthetic:frames=8,width=96,height=72,objects=6,noise=kinect"
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def room():
+    """The frames of a small room."""
+    return list(ss.open_scene(ROOM))
+
+
+def step(pipeline, frame, **more):
+    """Gives a frame to a pipeline."""
+    arguments = {"K": frame.K, "camera_to_world": frame.camera_to_world, "name": frame.name, **more}
+    return pipeline.step(frame.rgb, frame.depth, **arguments)
+
+
+def command(*arguments):
+    """Runs the command of the package."""
+    return subprocess.run([sys.executable, "-m", "splatseg", *arguments], capture_output=True, text=True)

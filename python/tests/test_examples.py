@@ -1,0 +1,56 @@
+"""The examples run."""
+
+import importlib.util
+import json
+import sys
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import splatseg as ss
+
+
+def example(name):
+    path = ROOT / "python/examples" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_own_segmenter():
+    assert len(example("own_segmenter").main().objects()) >= 3
+
+
+def test_live_camera():
+    pipeline = example("live_camera").main()
+    assert 1 <= pipeline.frames <= 30 and len(pipeline.objects()) >= 3
+
+
+def test_coco_export(tmp_path):
+    module = example("coco_export")
+    module.main(out=tmp_path / "coco.json")
+    coco = json.loads((tmp_path / "coco.json").read_text())
+    assert len(coco["images"]) == 6
+    for annotation in coco["annotations"]:
+        counts = annotation["segmentation"]["counts"]
+        assert sum(counts) <= 96 * 72 and sum(counts[1::2]) == annotation["area"]
+    mask = np.array([[1, 0, 0], [1, 0, 1]], bool)
+    assert module.run_lengths(mask) == {"size": [2, 3], "counts": [0, 2, 3, 1]}
+
+
+def test_compare_methods(tmp_path):
+    scores = example("compare_methods").main(plot=tmp_path / "plot.png")
+    assert scores["fastsam-splat"].stq > scores["fastsam"].stq
+    assert (tmp_path / "plot.png").stat().st_size > 5000
+
+
+def test_open3d_odometry():
+    pytest.importorskip("open3d")
+    scene = "synthetic:frames=5,width=160,height=120"
+    poses = example("open3d_odometry").main(scene)
+    true = [frame.camera_to_world for frame in ss.open_scene(scene)]
+    moved = np.linalg.inv(true[0]) @ true[-1]
+    assert np.linalg.norm(poses[-1][:3, 3] - moved[:3, 3]) < 0.1

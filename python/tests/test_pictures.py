@@ -1,0 +1,69 @@
+"""What notebooks, supervision and Rerun show."""
+
+import struct
+
+import numpy as np
+import pytest
+from conftest import command, step
+
+import splatseg as ss
+
+
+def test_results_show_themselves(room):
+    pipeline = ss.FastSamSplat(segmenter="graph")
+    for frame in room:
+        result = step(pipeline, frame)
+    png = result._repr_png_()
+    assert png.startswith(b"\x89PNG") and struct.unpack(">II", png[16:24]) == (96, 72)
+    table = pipeline._repr_html_()
+    assert table.count("<tr>") == len(pipeline.objects()) + 1
+    assert "FastSamSplat: fastsam-splat, 8 frames" in table
+    assert repr(pipeline) == "<splatseg.FastSamSplat: fastsam-splat, 8 frames>"
+
+
+def test_supervision(room):
+    supervision = pytest.importorskip("supervision")
+    pipeline = ss.FastSamSplat(segmenter="graph")
+    for frame in room[:3]:
+        result = step(pipeline, frame)
+    detections = result.to_supervision()
+    assert isinstance(detections, supervision.Detections) and len(detections) == len(result.objects)
+    assert detections.tracker_id.tolist() == [sighting.id for sighting in result.objects]
+    np.testing.assert_array_equal(detections.mask, result.masks)
+    np.testing.assert_array_equal(detections.area, [sighting.area for sighting in result.objects])
+    empty = step(ss.FastSamSplat(segmenter=lambda rgb, depth: np.zeros(depth.shape, np.uint8)), room[0])
+    assert len(empty.to_supervision()) == 0
+
+
+def entities(path):
+    """The entities of a Rerun recording."""
+    from rerun.chunk import RrdReader
+
+    return {str(chunk.entity_path) for chunk in RrdReader(path).stream()}
+
+
+def test_rerun(tmp_path, room):
+    rr = pytest.importorskip("rerun")
+    pipeline = ss.FastSamSplat(segmenter="graph")
+    stream = rr.RecordingStream("test")
+    stream.save(tmp_path / "test.rrd")
+    for frame in room:
+        ss.rerun.log(step(pipeline, frame, timestamp=float(frame.index)), pipeline, recording=stream)
+    ss.rerun.log_map(pipeline, recording=stream)
+    stream.flush()
+    del stream
+    image = "/world/camera/image"
+    expected = {"/world/camera", image, f"{image}/rgb", f"{image}/depth", f"{image}/ids", f"{image}/boxes", "/world/map"}
+    assert expected | {"/world/boxes"} <= entities(tmp_path / "test.rrd")
+
+
+def test_view(tmp_path):
+    pytest.importorskip("rerun")
+    from splatseg.view import view
+
+    out = tmp_path / "out"
+    assert command("run", "synthetic:frames=3,width=96,height=72", "--out", str(out), "--no-page").returncode == 0
+    view(out, tmp_path / "run.rrd")
+    assert {"/world/camera/image/overlay", "/world/path"} <= entities(tmp_path / "run.rrd")
+    with pytest.raises(ValueError, match="has no summary.json"):
+        view(tmp_path)

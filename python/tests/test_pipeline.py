@@ -1,0 +1,236 @@
+"""Methods, frame by frame."""
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from conftest import ROOM, command, step
+from PIL import Image
+
+import splatseg as ss
+
+
+def read_ids(path):
+    """An id image."""
+    with Image.open(path) as image:
+        return np.array(image).astype(np.uint16)
+
+
+@pytest.mark.parametrize("settings", [{}, {"memory": {"kind": "features"}}, {"threads": 1, "seed": 3}])
+def test_results_are_those_of_the_command(tmp_path, room, settings):
+    flags = [f"--set=memory.kind={settings['memory']['kind']}"] if "memory" in settings else []
+    flags += [f"--{name}={settings[name]}" for name in ("threads", "seed") if name in settings]
+    out, saved = tmp_path / "out", tmp_path / "command.ply"
+    ended = command("run", ROOM, "--out", str(out), "--save-memory", str(saved), "--no-page", *flags)
+    assert ended.returncode == 0, ended.stderr
+    pipeline = ss.FastSamSplat(segmenter="graph", **settings)
+    for frame in room:
+        result = step(pipeline, frame)
+        assert result.ids.dtype == np.uint16
+        np.testing.assert_array_equal(result.ids, read_ids(out / "segments" / f"{frame.name}.png"))
+    pipeline.save(tmp_path / "python.ply")
+    assert (tmp_path / "python.ply").read_bytes() == saved.read_bytes()
+    listed = json.loads((out / "objects.json").read_text())["objects"]
+    found = pipeline.objects()
+    assert [entry.id for entry in found] == [entry["id"] for entry in listed]
+    for entry, expected in zip(found, listed, strict=True):
+        assert entry.confidence == expected["confidence"]
+        assert (entry.shape is None) == (expected["shape"] is None)
+        if entry.shape is not None:
+            assert list(entry.centroid) == expected["shape"]["centroid"]
+            assert list(entry.box[0]) == expected["shape"]["axis_aligned_box"]["min"]
+
+
+def test_a_step_says_what_it_found(room):
+    pipeline = ss.FastSamSplat(segmenter="graph")
+    result = [step(pipeline, frame, timestamp=float(frame.index)) for frame in room][-1]
+    height, width = room[0].depth.shape
+    assert result.ids.shape == result.confidence.shape == (height, width)
+    assert [sighting.id for sighting in result.objects] == sorted(set(result.ids[result.ids > 0].tolist()))
+    assert result.masks.shape == (len(result.objects), height, width)
+    for sighting, mask in zip(result.objects, result.masks, strict=True):
+        rows, columns = np.nonzero(mask)
+        x, y, box_width, box_height = sighting.bounding_box
+        assert (x, y) == (columns.min(), rows.min())
+        assert (x + box_width, y + box_height) == (columns.max() + 1, rows.max() + 1)
+        assert sighting.area == mask.sum()
+        assert sighting.confidence == pytest.approx(result.confidence[mask].mean(), abs=1e-5)
+    assert result.times_ms["segment"] > 0
+    assert pipeline.frames == len(room)
+    assert pipeline.objects()[0].first_seen.time_s == 0.0
+
+
+def test_the_memory_is_arrays(room):
+    pipeline = ss.FastSamSplat(segmenter="graph")
+    assert len(pipeline.memory) == 0 and pipeline.memory.means.shape == (0, 3)
+    for frame in room:
+        result = step(pipeline, frame)
+    memory = pipeline.memory
+    count = len(memory)
+    assert count > 500
+    assert memory.means.shape == memory.colors.shape == (count, 3)
+    assert memory.radii.shape == memory.segment_ids.shape == (count,)
+    assert (memory.means.dtype, memory.colors.dtype, memory.segment_ids.dtype) == (np.float32, np.uint8, np.uint16)
+    assert set(np.unique(result.ids)) <= set(np.unique(memory.segment_ids)) | {0}
+
+
+def test_a_saved_memory_goes_on(tmp_path, room):
+    whole = ss.FastSamSplat(segmenter="graph")
+    expected = [step(whole, frame).ids for frame in room]
+    first = ss.FastSamSplat(segmenter="graph")
+    for frame in room[:5]:
+        step(first, frame)
+    first.save(tmp_path / "map.ply")
+    with pytest.raises(FileExistsError, match="overwrite=True"):
+        first.save(tmp_path / "map.ply")
+    second = ss.FastSamSplat.load(tmp_path / "map.ply", segmenter="graph")
+    assert isinstance(second, ss.FastSamSplat)
+    for frame, ids in zip(room[5:], expected[5:], strict=True):
+        np.testing.assert_array_equal(step(second, frame).ids, ids)
+    (tmp_path / "bad.ply").write_bytes(b"ply\nformat binary_little_endian 1.0\n")
+    with pytest.raises(ValueError, match=r"bad\.ply"):
+        ss.FastSamSplat.load(tmp_path / "bad.ply")
+
+
+def test_settings_are_keywords(tmp_path, room):
+    pipeline = ss.FastSamSplat(seed=7, memory={"max_votes": np.float32(8)}, **{"memory.removal_frames": 5})
+    settings = pipeline.settings
+    assert (settings["seed"], settings["memory"]["max_votes"], settings["memory"]["removal_frames"]) == (7, 8.0, 5)
+    for wrong, message in [
+        ({"sed": 3}, "there is no setting sed, did you mean seed?"),
+        ({"memory": {"max_votess": 3}}, "did you mean memory.max_votes?"),
+        ({"memory": 3}, "memory is a section of settings"),
+        ({"seed": object()}, "seed is of type object, expected a number"),
+    ]:
+        with pytest.raises(TypeError, match=message.replace("?", r"\?")):
+            ss.FastSamSplat(**wrong)
+    for wrong, message in [
+        ({"seed": "x"}, "seed is"),
+        ({"memory": {"max_votes": -1}}, "memory.max_votes is -1"),
+        ({"segmenter": "yolo"}, "expected graph, fastsam, masks or oracle"),
+        ({"weights": "x.pt"}, "weights is not used here"),
+        ({"segmenter": "oracle"}, "segmenter = oracle"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            ss.FastSamSplat(**wrong)
+    (tmp_path / "run.toml").write_text("seed = 4\n[memory]\nmax_votes = 3\n")
+    settings = ss.FastSamSplat(config=tmp_path / "run.toml", seed=5).settings
+    assert (settings["seed"], settings["memory"]["max_votes"]) == (5, 3.0)
+    assert ss.Pipeline("fastsam", segmenter=ss.Graph(min_area=50)).settings["graph"]["min_area"] == 50
+    with pytest.raises(ValueError, match="has no memory"):
+        _ = ss.Pipeline("fastsam").memory
+
+
+def bad_frames(frame):
+    """Wrong arguments of a step: what is changed, the exception and a part of its text."""
+    rgb, depth, pose = frame.rgb, frame.depth, frame.camera_to_world
+    nan_pose = pose.copy()
+    nan_pose[0, 3] = np.nan
+    scaled = pose.copy()
+    scaled[:3, :3] *= 2
+    return [
+        ({"rgb": rgb[..., ::-1]}, ValueError, "rgb is not contiguous"),
+        ({"rgb": rgb.astype(np.float32)}, TypeError, "rgb is an array of float32, expected a NumPy array of uint8"),
+        ({"rgb": rgb[..., :1]}, ValueError, r"rgb has shape \(72, 96, 1\)"),
+        ({"rgb": rgb.tolist()}, TypeError, "rgb is of type list"),
+        ({"rgb": None}, TypeError, "rgb is of type NoneType"),
+        ({"rgb": rgb[:0]}, ValueError, r"rgb has shape \(0, 96, 3\)"),
+        ({"depth": depth[:-1]}, ValueError, "colour is 96x72 but depth is 96x71"),
+        ({"depth": depth.T}, ValueError, "depth is not contiguous"),
+        ({"depth": depth.astype(np.uint16)}, TypeError, "depth is an array of uint16"),
+        ({"depth": depth, "depth_scale": -1}, ValueError, "depth_scale is -1"),
+        ({"depth": depth[None]}, ValueError, r"depth has shape \(1, 72, 96\)"),
+        ({"K": frame.K[:2]}, ValueError, r"K has shape \(2, 3\)"),
+        ({"K": np.eye(3) * 0}, ValueError, "K is"),
+        ({"K": frame.K.T}, ValueError, "K is"),
+        ({"K": "K"}, TypeError, "K is of type str"),
+        ({"camera_to_world": nan_pose}, ValueError, "camera_to_world contains NaN"),
+        ({"camera_to_world": scaled}, ValueError, "not a rigid transform"),
+        ({"camera_to_world": pose[:3]}, ValueError, r"camera_to_world has shape \(3, 4\)"),
+        ({"camera_to_world": None}, TypeError, "camera_to_world is of type NoneType"),
+        ({"timestamp": -1.0}, ValueError, "timestamp is -1"),
+        ({"timestamp": float("nan")}, ValueError, "timestamp is NaN"),
+        ({"timestamp": "now"}, TypeError, "timestamp"),
+    ]
+
+
+def test_wrong_frames_are_told_and_change_nothing(room):
+    pipeline, undisturbed = ss.FastSamSplat(segmenter="graph"), ss.FastSamSplat(segmenter="graph")
+    for frame in room[:2]:
+        np.testing.assert_array_equal(step(pipeline, frame).ids, step(undisturbed, frame).ids)
+    frame = room[2]
+    whole = {"rgb": frame.rgb, "depth": frame.depth, "K": frame.K, "camera_to_world": frame.camera_to_world}
+    for change, error, message in bad_frames(frame):
+        with pytest.raises(error, match=message):
+            pipeline.step(**{**whole, **change})
+    np.testing.assert_array_equal(step(pipeline, frame).ids, step(undisturbed, frame).ids)
+
+
+def test_depth_may_be_of_other_types(room):
+    frame = room[0]
+    millimetres = np.round(frame.depth * 1000).astype(np.uint16)
+    expected = ss.FastSamSplat().step(
+        frame.rgb, (millimetres / np.float32(1000)).astype(np.float32), K=frame.K, camera_to_world=frame.camera_to_world
+    )
+    for depth, scale in [(millimetres, 1000), (millimetres.astype(np.float64), 1000), (millimetres / 1000, None)]:
+        found = ss.FastSamSplat().step(
+            frame.rgb, depth, K=frame.K.tolist(), camera_to_world=frame.camera_to_world.tolist(), depth_scale=scale
+        )
+        np.testing.assert_array_equal(found.ids, expected.ids)
+    holes = frame.depth.copy()
+    holes[10:20] = np.nan
+    ss.FastSamSplat().step(frame.rgb, holes, K=frame.K, camera_to_world=frame.camera_to_world)
+
+
+def test_one_thread_at_a_time(room):
+    started, go_on = threading.Event(), threading.Event()
+
+    def slow(rgb, depth):
+        started.set()
+        assert go_on.wait(10), "the GIL is held while others should work"
+        return np.zeros(depth.shape, np.uint8)
+
+    pipeline = ss.FastSamSplat(segmenter=slow)
+    thread = threading.Thread(target=step, args=(pipeline, room[0]))
+    thread.start()
+    assert started.wait(10)
+    with pytest.raises(RuntimeError, match="one thread at a time"):
+        step(pipeline, room[1])
+    go_on.set()
+    thread.join()
+    step(pipeline, room[1])
+
+
+def test_others_work_while_it_computes():
+    frame = ss.open_scene("synthetic:frames=1,width=640,height=480")[0]
+    pipeline = ss.FastSamSplat(segmenter="graph", threads=1)
+    counted, over = 0, threading.Event()
+    thread = threading.Thread(target=lambda: (step(pipeline, frame), over.set()))
+    thread.start()
+    while not over.is_set():
+        counted += 1
+        time.sleep(0.001)
+    assert counted > 10
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_ctrl_c_ends_a_program():
+    program = f"""
+import splatseg as ss
+pipeline = ss.FastSamSplat(segmenter="graph")
+frame = ss.open_scene("{ROOM}")[0]
+print("started", flush=True)
+while True:
+    pipeline.step(frame.rgb, frame.depth, K=frame.K, camera_to_world=frame.camera_to_world)
+"""
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "started\n"
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20)
+    assert "KeyboardInterrupt" in errors

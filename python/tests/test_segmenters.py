@@ -1,0 +1,95 @@
+"""Segmenters: Python's for the library, and the library's for Python."""
+
+import numpy as np
+import pytest
+from conftest import step
+
+import splatseg as ss
+
+
+def test_a_function_is_a_segmenter(room):
+    """The same masks give the same ids, in whatever form they come."""
+    graph = ss.Graph()
+    frames = room[:4]
+    masks = {frame.depth.tobytes(): graph(frame.rgb, frame.depth, frame.K) for frame in frames}
+    forms = {
+        "graph": "graph",
+        "pair": lambda rgb, depth: masks[depth.tobytes()],
+        "list of scores": lambda rgb, depth: (masks[depth.tobytes()][0], masks[depth.tobytes()][1].tolist()),
+    }
+    results = {name: [] for name in forms}
+    for name, form in forms.items():
+        pipeline = ss.FastSamSplat(segmenter=form)
+        for frame in frames:
+            results[name].append(step(pipeline, frame).ids)
+    for name in forms:
+        np.testing.assert_array_equal(results[name], results["graph"], err_msg=name)
+
+
+def test_a_function_may_return_ids(room):
+    frame = room[0]
+    halves = np.zeros(frame.depth.shape, np.int64)
+    halves[:, :48], halves[:, 48:] = 7, 9
+    stacked = np.stack([halves == 7, halves == 9])
+    by_ids = step(ss.FastSamSplat(segmenter=lambda rgb, depth: halves), frame).ids
+    by_masks = step(ss.FastSamSplat(segmenter=lambda rgb, depth: stacked), frame).ids
+    np.testing.assert_array_equal(by_ids, by_masks)
+    assert len(np.unique(by_ids)) >= 2
+    nothing = ss.FastSamSplat(segmenter=lambda rgb, depth: np.zeros((0, *depth.shape), bool))
+    assert step(nothing, frame).objects == []
+
+
+def test_a_function_gets_the_frame(room):
+    frame, given = room[0], []
+    pipeline = ss.FastSamSplat(segmenter=lambda rgb, depth: given.append((rgb, depth)) or np.zeros(depth.shape, np.uint8))
+    step(pipeline, frame)
+    rgb, depth = given[0]
+    np.testing.assert_array_equal(rgb, frame.rgb)
+    np.testing.assert_array_equal(depth, frame.depth)
+    assert (rgb.dtype, depth.dtype) == (np.uint8, np.float32)
+
+
+class OwnError(Exception):
+    pass
+
+
+def raise_own(rgb, depth):
+    raise OwnError("the network has failed")
+
+
+@pytest.mark.parametrize(
+    ("returned", "error", "message"),
+    [
+        (lambda depth: None, TypeError, "what the segmenter has returned is of type NoneType"),
+        (lambda depth: [[1]], TypeError, "is of type list"),
+        (lambda depth: np.zeros((5, 5), np.uint8), ValueError, "masks of 5x5 pixels, expected 96x72"),
+        (lambda depth: np.zeros((2, 5, 5), bool), ValueError, "masks of 5x5 pixels, expected 96x72"),
+        (lambda depth: np.zeros((2, *depth.shape), np.uint8), TypeError, "is an array of uint8"),
+        (lambda depth: np.zeros(depth.shape, bool), TypeError, "is an array of bool"),
+        (lambda depth: np.full(depth.shape, -1), ValueError, "has the id -1, expected 0 to 65535"),
+        (lambda depth: np.full(depth.shape, 70000), ValueError, "has the id 70000"),
+        (lambda depth: (np.zeros((2, *depth.shape), bool), [1.0]), ValueError, r"scores has shape \(1,\)"),
+        (lambda depth: (1, 2, 3), ValueError, "a tuple of 3"),
+    ],
+)
+def test_wrong_results_of_a_function_are_told(room, returned, error, message):
+    with pytest.raises(error, match=message):
+        step(ss.FastSamSplat(segmenter=lambda rgb, depth: returned(depth)), room[0])
+
+
+def test_exceptions_of_a_function_come_through(room):
+    pipeline = ss.FastSamSplat(segmenter=raise_own)
+    with pytest.raises(OwnError, match="the network has failed"):
+        step(pipeline, room[0])
+
+
+def test_segmenters_of_the_library_can_be_called(room):
+    frame = room[0]
+    masks, scores = ss.Graph(min_area=20)(frame.rgb, frame.depth, frame.K)
+    assert masks.dtype == bool and masks.shape[1:] == frame.depth.shape and scores.shape == (len(masks),)
+    assert masks.any(axis=(1, 2)).all()
+    assert "min_area=20" in repr(ss.Graph(min_area=20))
+    with pytest.raises(TypeError, match=r"there is no setting graph\.min_aria, did you mean graph\.min_area"):
+        ss.Graph(min_aria=20)(frame.rgb, frame.depth)
+    with pytest.raises(ValueError, match=r"nothing\.pt"):
+        ss.FastSam("nothing.pt")(frame.rgb)
