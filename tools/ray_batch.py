@@ -34,16 +34,27 @@ def scenes(arguments):
 
 
 def batch(arguments, out, more):
-    command = [*PROGRAM, "batch", *scenes(arguments), "nowhere", "--out", str(out), "--no-page", "--threads", "1", *more]
+    command = [
+        *PROGRAM,
+        "batch",
+        *scenes(arguments),
+        "nowhere",
+        "--out",
+        str(out),
+        "--no-page",
+        "--threads",
+        "1",
+        *more,
+    ]
     started = time.monotonic()
-    ended = subprocess.run(command, capture_output=True, text=True)
+    ended = subprocess.run(command, check=False, capture_output=True, text=True)
     if ended.returncode != 1 or "1 scene failed" not in ended.stderr:
         sys.exit(f"exit {ended.returncode}: {ended.stdout}{ended.stderr}")
     return time.monotonic() - started, ended.stderr
 
 
 def pids(pattern):
-    found = subprocess.run(["pgrep", "-f", pattern], capture_output=True, text=True).stdout
+    found = subprocess.run(["pgrep", "-f", pattern], check=False, capture_output=True, text=True).stdout
     return [int(pid) for pid in found.split()]
 
 
@@ -109,7 +120,7 @@ def command_line(pid):
 
 
 def children_of(pid):
-    found = subprocess.run(["pgrep", "-P", str(pid)], capture_output=True, text=True).stdout
+    found = subprocess.run(["pgrep", "-P", str(pid)], check=False, capture_output=True, text=True).stdout
     own = [int(child) for child in found.split()]
     return own + [further for child in own for further in children_of(child)]
 
@@ -164,14 +175,14 @@ def measure(arguments, folder):
         out = folder / what.replace(" ", "-")
         killer = Killer(out, arguments.scenes // 3, find)
         killer.start()
-        elapsed, messages = batch(arguments, out, with_ray)
+        elapsed, _ = batch(arguments, out, with_ray)
         if not killer.killed:
             sys.exit(f"{what}: nothing was killed")
         check_same(folder / "alone", out)
         check_rows(arguments, out)
         print(f"killed {what} ({len(killer.killed)} processes): nothing lost, nothing twice, {elapsed:.1f} s")
         before = {path: path.stat().st_mtime_ns for path in (out / "rows").iterdir()}
-        elapsed, messages = batch(arguments, out, with_ray)
+        elapsed, _ = batch(arguments, out, with_ray)
         if {path: path.stat().st_mtime_ns for path in (out / "rows").iterdir()} != before:
             sys.exit("scenes that were done were done again")
     print(json.dumps({"alone": alone, "two": two, **seconds, "efficiency": efficiency}))

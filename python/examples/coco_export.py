@@ -9,7 +9,6 @@ import json
 import sys
 
 import numpy as np
-
 import splatseg as ss
 
 

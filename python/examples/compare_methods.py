@@ -1,7 +1,7 @@
 """Two methods on one scene, with a plot: how many ids each has given so far.
 
-    pip install matplotlib
-    python compare_methods.py [SCENE] [PLOT.png]
+pip install matplotlib
+python compare_methods.py [SCENE] [PLOT.png]
 """
 
 import sys

@@ -1,14 +1,13 @@
 """Poses from Open3D's RGB-D odometry, for a camera that comes without.
 
-    pip install open3d
-    python open3d_odometry.py [SCENE]
+pip install open3d
+python open3d_odometry.py [SCENE]
 """
 
 import sys
 
 import numpy as np
 import open3d as o3d
-
 import splatseg as ss
 
 

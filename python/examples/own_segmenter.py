@@ -8,7 +8,6 @@ Here it cuts the picture where depth or colour changes, in a few lines of NumPy;
 import sys
 
 import numpy as np
-
 import splatseg as ss
 
 

@@ -132,7 +132,7 @@ pub fn id_image(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Image<u32>> {
 
 fn ids<T: Copy + TryInto<u32> + std::fmt::Display>(pixels: Vec<T>, name: &str) -> PyResult<Vec<u32>> {
     let id = |pixel: T| match pixel.try_into() {
-        Ok(id) if id <= u32::from(u16::MAX) => Ok(id),
+        Ok(id) if u16::try_from(id).is_ok() => Ok(id),
         _ => Err(value_error(format!("{name} has the id {pixel}, expected 0 to 65535"))),
     };
     pixels.into_iter().map(id).collect()

@@ -48,7 +48,7 @@ pub fn evaluate(
     let dataset = layers(settings, Some("dataset"))?.over_dataset(&base).map_err(settings_error)?;
     // Nobody waits for it any more if Ctrl-C comes: then it ends by itself.
     let (sender, mut receiver) = sync_channel(1);
-    std::thread::spawn(move || sender.send(scored(&gt, &dataset, &predictions, &options)));
+    std::thread::spawn(move || drop(sender.send(scored(&gt, &dataset, &predictions, &options))));
     loop {
         let waiting = &mut receiver;
         match py.detach(move || waiting.recv_timeout(POLL)) {
@@ -73,6 +73,6 @@ fn scored(
 fn json(evaluation: &Evaluation) -> PyResult<String> {
     let mut scores = serde_json::to_value(evaluation.score.scores()).map_err(runtime_error)?;
     scores["frames"] = evaluation.score.counts().frames.into();
-    scores["missing"] = serde_json::to_value(&evaluation.missing).map_err(runtime_error)?;
+    scores["missing"] = serde_json::to_value(evaluation.missing).map_err(runtime_error)?;
     Ok(scores.to_string())
 }

@@ -88,6 +88,9 @@ pub struct Segmenter {
     segmenter: Mutex<Box<dyn splatseg::Segmenter>>,
 }
 
+/// Masks `(masks, height, width)` and scores `(masks,)`.
+type MasksAndScores = (Py<PyArray3<bool>>, Py<PyArray1<f32>>);
+
 #[pymethods]
 impl Segmenter {
     #[new]
@@ -105,7 +108,7 @@ impl Segmenter {
         rgb: &Bound<'_, PyAny>,
         depth: Option<&Bound<'_, PyAny>>,
         k: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<(Py<PyArray3<bool>>, Py<PyArray1<f32>>)> {
+    ) -> PyResult<MasksAndScores> {
         let color = color_image(rgb, "rgb")?;
         let size = color.size();
         let depth = match depth {

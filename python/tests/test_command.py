@@ -6,9 +6,8 @@ import sys
 import time
 
 import pytest
-from conftest import ROOM, command
-
 import splatseg as ss
+from conftest import ROOM, command
 
 
 def test_it_is_the_command():

@@ -6,9 +6,8 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import ROOT
-
 import splatseg as ss
+from conftest import ROOT
 
 
 def example(name):

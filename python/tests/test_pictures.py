@@ -4,9 +4,8 @@ import struct
 
 import numpy as np
 import pytest
-from conftest import command, step
-
 import splatseg as ss
+from conftest import command, step
 
 
 def test_results_show_themselves(room):
@@ -53,7 +52,15 @@ def test_rerun(tmp_path, room):
     stream.flush()
     del stream
     image = "/world/camera/image"
-    expected = {"/world/camera", image, f"{image}/rgb", f"{image}/depth", f"{image}/ids", f"{image}/boxes", "/world/map"}
+    expected = {
+        "/world/camera",
+        image,
+        f"{image}/rgb",
+        f"{image}/depth",
+        f"{image}/ids",
+        f"{image}/boxes",
+        "/world/map",
+    }
     assert expected | {"/world/boxes"} <= entities(tmp_path / "test.rrd")
 
 

@@ -9,10 +9,9 @@ import time
 
 import numpy as np
 import pytest
+import splatseg as ss
 from conftest import ROOM, command, step
 from PIL import Image
-
-import splatseg as ss
 
 
 def read_ids(path):
@@ -228,7 +227,9 @@ print("started", flush=True)
 while True:
     pipeline.step(frame.rgb, frame.depth, K=frame.K, camera_to_world=frame.camera_to_world)
 """
-    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     assert process.stdout.readline() == "started\n"
     time.sleep(0.3)
     process.send_signal(signal.SIGINT)

@@ -6,9 +6,8 @@ import warnings
 
 import numpy as np
 import pytest
-from conftest import ROOM, ROOT, command
-
 import splatseg as ss
+from conftest import ROOM, ROOT, command
 
 RECORDING = ROOT / "crates/dataset/tests/data/mcap/room.mcap"
 
@@ -80,8 +79,10 @@ def test_scores_are_those_of_the_command(tmp_path):
         assert (found.vsq, found.stq, found.aq, found.sq) == tuple(expected[key] for key in ("vsq", "stq", "aq", "sq"))
         assert {str(length): value for length, value in found.vsq_k.items()} == expected["vsq_k"]
         assert found.frames == 8
-    with pytest.raises(ValueError, match="expected \"paper\" or \"strict\""):
+    with pytest.raises(ValueError, match='expected "paper" or "strict"'):
         ss.evaluate(ROOM, out, protocol="exact")
     with pytest.raises(ValueError, match="without prediction"):
         ss.evaluate(ROOM.replace("frames=8", "frames=9"), out)
-    assert ss.evaluate(ROOM.replace("frames=8", "frames=9"), out, allow_missing=True).missing["missing_predictions"] == 1
+    assert (
+        ss.evaluate(ROOM.replace("frames=8", "frames=9"), out, allow_missing=True).missing["missing_predictions"] == 1
+    )

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import step
-
 import splatseg as ss
+from conftest import step
 
 
 def test_a_function_is_a_segmenter(room):
@@ -41,7 +40,9 @@ def test_a_function_may_return_ids(room):
 
 def test_a_function_gets_the_frame(room):
     frame, given = room[0], []
-    pipeline = ss.FastSamSplat(segmenter=lambda rgb, depth: given.append((rgb, depth)) or np.zeros(depth.shape, np.uint8))
+    pipeline = ss.FastSamSplat(
+        segmenter=lambda rgb, depth: given.append((rgb, depth)) or np.zeros(depth.shape, np.uint8)
+    )
     step(pipeline, frame)
     rgb, depth = given[0]
     np.testing.assert_array_equal(rgb, frame.rgb)

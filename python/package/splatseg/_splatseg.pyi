@@ -2,15 +2,16 @@
 
 import os
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Self
 
 __version__: str
 
-_Path = str | os.PathLike[str]
-_Frame = tuple[
+_Path: TypeAlias = str | os.PathLike[str]
+_Frame: TypeAlias = tuple[
     int,
     str,
     NDArray[np.uint8],
@@ -20,8 +21,8 @@ _Frame = tuple[
     float | None,
     NDArray[np.uint16] | None,
 ]
-_Sighting = tuple[int, int, tuple[int, int, int, int], float, int, int]
-_Tracks = tuple[list[int], NDArray[np.bool_]]
+_Sighting: TypeAlias = tuple[int, int, tuple[int, int, int, int], float, int, int]
+_Tracks: TypeAlias = tuple[list[int], NDArray[np.bool_]]
 
 class Pipeline:
     def __new__(
@@ -30,7 +31,7 @@ class Pipeline:
         segmenter: Callable[..., Any] | None = None,
         config: _Path | None = None,
         saved_memory: _Path | None = None,
-    ) -> Pipeline: ...
+    ) -> Self: ...
     @property
     def settings(self) -> str: ...
     @property
@@ -62,13 +63,13 @@ class Pipeline:
     def segment_ids(self) -> NDArray[np.uint16]: ...
 
 class Segmenter:
-    def __new__(cls, settings: dict[str, Any]) -> Segmenter: ...
+    def __new__(cls, settings: dict[str, Any]) -> Self: ...
     def segment(
         self, rgb: NDArray[np.uint8], depth: NDArray[Any] | None = None, k: ArrayLike | None = None
     ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]: ...
 
 class Sam2:
-    def __new__(cls, settings: dict[str, Any]) -> Sam2: ...
+    def __new__(cls, settings: dict[str, Any]) -> Self: ...
     def step(self, rgb: NDArray[np.uint8]) -> _Tracks: ...
     def add_mask(self, id: int, mask: NDArray[np.bool_]) -> _Tracks: ...
     def add_points(
@@ -86,7 +87,7 @@ class Frames:
     def __next__(self) -> _Frame | str: ...
 
 class Scene:
-    def __new__(cls, path: _Path, settings: dict[str, Any]) -> Scene: ...
+    def __new__(cls, path: _Path, settings: dict[str, Any]) -> Self: ...
     @property
     def name(self) -> str: ...
     @property

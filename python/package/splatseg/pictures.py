@@ -26,7 +26,7 @@ def objects_table(pipeline: Pipeline) -> str:
 def _row(entry) -> str:
     red, green, blue = _splatseg.segment_color(entry.id)
     swatch = f'<span style="display:inline-block;width:1em;height:1em;background:rgb({red},{green},{blue})"></span>'
-    numbers = lambda values: ", ".join(f"{value:.2f}" for value in values)  # noqa: E731
+    numbers = lambda values: ", ".join(f"{value:.2f}" for value in values)
     shape = entry.shape
     cells = (
         swatch,

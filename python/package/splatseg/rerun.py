@@ -28,7 +28,9 @@ _MAP_EVERY = 10
 """The map and the boxes are logged every so many frames: they are large, and change little."""
 
 
-def log(result: StepResult, pipeline: Pipeline | None = None, *, recording: rerun.RecordingStream | None = None) -> None:
+def log(
+    result: StepResult, pipeline: Pipeline | None = None, *, recording: rerun.RecordingStream | None = None
+) -> None:
     """Logs a frame with its result: picture, depth, ids, camera and path; and of ``pipeline``, every 10 frames, the map and
     the boxes of the objects.
 
@@ -60,7 +62,9 @@ def log(result: StepResult, pipeline: Pipeline | None = None, *, recording: reru
     boxes = np.array([sighting.bounding_box for sighting in result.objects], dtype=np.float32).reshape(-1, 4)
     rr.log(
         "world/camera/image/boxes",
-        rr.Boxes2D(array=boxes, array_format=rr.Box2DFormat.XYWH, class_ids=[sighting.id for sighting in result.objects]),
+        rr.Boxes2D(
+            array=boxes, array_format=rr.Box2DFormat.XYWH, class_ids=[sighting.id for sighting in result.objects]
+        ),
         recording=recording,
     )
     if pipeline is not None and frame is not None and frame % _MAP_EVERY == 0:
@@ -75,7 +79,9 @@ def log_map(pipeline: Pipeline, *, recording: rerun.RecordingStream | None = Non
         return
     memory = pipeline.memory
     ids = memory.segment_ids
-    palette = np.array([_splatseg.segment_color(id) if id else (128, 128, 128) for id in range(int(ids.max(initial=0)) + 1)])
+    palette = np.array(
+        [_splatseg.segment_color(id) if id else (128, 128, 128) for id in range(int(ids.max(initial=0)) + 1)]
+    )
     points = rr.Points3D(memory.means, colors=palette.astype(np.uint8)[ids], radii=memory.radii)
     rr.log("world/map", points, recording=recording)
     shown = [entry for entry in pipeline.objects() if entry.shape is not None and entry.state == "remembered"]

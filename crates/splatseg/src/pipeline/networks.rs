@@ -9,11 +9,34 @@ use splatseg_segmenter::SegmenterError;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// The networks that pipelines have loaded, for later ones that need the same: copies share their weights.
+/// The networks that pipelines have loaded, for later ones that need the same: copies share their weights. Of each kind
+/// the latest is kept.
 #[derive(Debug, Default)]
 pub struct LoadedNetworks {
-    fastsam: Mutex<Option<(PathBuf, FastSamPredictorSettings, DeviceName, FastSamPredictor)>>,
-    sam2: Mutex<Option<(PathBuf, Option<usize>, DeviceName, Sam2Network)>>,
+    fastsam: Latest<(PathBuf, FastSamPredictorSettings, DeviceName), FastSamPredictor>,
+    sam2: Latest<(PathBuf, Option<usize>, DeviceName), Sam2Network>,
+}
+
+/// The network that was loaded last, and what it was loaded from.
+#[derive(Debug)]
+struct Latest<K, N>(Mutex<Option<(K, N)>>);
+
+impl<K, N> Default for Latest<K, N> {
+    fn default() -> Self {
+        Self(Mutex::new(None))
+    }
+}
+
+impl<K: PartialEq, N: Clone> Latest<K, N> {
+    fn get(&self, key: K, load: impl FnOnce(&K) -> Result<N, PipelineError>) -> Result<N, PipelineError> {
+        let mut latest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, network)) = latest.as_ref().filter(|(found, _)| *found == key) {
+            return Ok(network.clone());
+        }
+        let network = load(&key)?;
+        *latest = Some((key, network.clone()));
+        Ok(network)
+    }
 }
 
 impl LoadedNetworks {
@@ -27,18 +50,10 @@ impl LoadedNetworks {
         settings: &FastSamPredictorSettings,
         device: DeviceName,
     ) -> Result<FastSamPredictor, PipelineError> {
-        let mut loaded = self.fastsam.lock().unwrap_or_else(PoisonError::into_inner);
-        match &*loaded {
-            Some((path, with, on, predictor)) if (path.as_path(), with, *on) == (weights, settings, device) => {
-                Ok(predictor.clone())
-            }
-            _ => {
-                let predictor = FastSamPredictor::open(weights, settings.clone(), &device.open()?);
-                let predictor = predictor.map_err(SegmenterError::from)?;
-                *loaded = Some((weights.to_owned(), settings.clone(), device, predictor.clone()));
-                Ok(predictor)
-            }
-        }
+        self.fastsam.get((weights.to_owned(), settings.clone(), device), |(weights, settings, device)| {
+            let predictor = FastSamPredictor::open(weights, settings.clone(), &device.open()?);
+            Ok(predictor.map_err(SegmenterError::from)?)
+        })
     }
 
     /// SAM 2.1 of a checkpoint, for images of a size.
@@ -51,18 +66,10 @@ impl LoadedNetworks {
         image_size: Option<usize>,
         device: DeviceName,
     ) -> Result<Sam2Network, PipelineError> {
-        let mut loaded = self.sam2.lock().unwrap_or_else(PoisonError::into_inner);
-        match &*loaded {
-            Some((path, size, on, network)) if (path.as_path(), *size, *on) == (weights, image_size, device) => {
-                Ok(network.clone())
-            }
-            _ => {
-                let checkpoint = Checkpoint::open(weights)?;
-                let network = Sam2Network::load(&checkpoint, image_size, &device.open()?)
-                    .map_err(|source| PipelineError::Sam2 { path: weights.to_owned(), source: Box::new(source) })?;
-                *loaded = Some((weights.to_owned(), image_size, device, network.clone()));
-                Ok(network)
-            }
-        }
+        self.sam2.get((weights.to_owned(), image_size, device), |(weights, image_size, device)| {
+            let checkpoint = Checkpoint::open(weights)?;
+            Sam2Network::load(&checkpoint, *image_size, &device.open()?)
+                .map_err(|source| PipelineError::Sam2 { path: weights.clone(), source: Box::new(source) })
+        })
     }
 }
