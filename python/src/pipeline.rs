@@ -19,7 +19,7 @@ use splatseg_input::MemoryLimit;
 use std::error::Error;
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, TryLockError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// A method, its segmenter and its memory.
 #[pyclass(frozen, module = "splatseg._splatseg")]
@@ -117,10 +117,10 @@ impl Pipeline {
         let name = name.unwrap_or_else(|| format!("{:06}", state.frames));
         let frame = RgbdFrame::new(name, color, depth, camera, pose).map_err(value_error)?;
         let frame = frame.with_timestamp(timestamp.map(time).transpose()?);
-        let result = py.detach(|| in_pool(self.threads.as_ref(), || state.step(&frame)));
+        let (result, time) = py.detach(|| in_pool(self.threads.as_ref(), || state.step(&frame)));
         drop(guard);
         py.check_signals()?;
-        step_result(py, result.map_err(|error| pipeline_error(py, &error))?)
+        step_result(py, result.map_err(|error| pipeline_error(py, &error))?, time)
     }
 
     /// All objects as the JSON of `objects.json`.
@@ -193,8 +193,16 @@ impl Pipeline {
 }
 
 impl State {
-    fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
-        let result = self.pipeline.step(frame)?;
+    /// The result of the next frame, and how long the library took for it.
+    fn step(&mut self, frame: &RgbdFrame) -> (Result<FrameResult, PipelineError>, Duration) {
+        let started = Instant::now();
+        let result = self.pipeline.step(frame);
+        let time = started.elapsed();
+        (result.inspect(|result| self.note(frame, result)), time)
+    }
+
+    /// Notes where each object was seen.
+    fn note(&mut self, frame: &RgbdFrame, result: &FrameResult) {
         let stamp = FrameStamp {
             number: self.frames,
             name: Some(frame.name().to_owned()),
@@ -204,7 +212,6 @@ impl State {
         let size = (frame.width(), frame.height());
         self.seen.record(&stamp, size, &result.objects);
         self.frames += 1;
-        Ok(result)
     }
 }
 
@@ -221,7 +228,7 @@ fn memory_of(state: &State) -> PyResult<&SplatMemory> {
     state.pipeline.memory().ok_or_else(|| value_error(format!("the method {name} has no memory")))
 }
 
-fn step_result(py: Python<'_>, FrameResult { output, objects, times }: FrameResult) -> PyResult<Step> {
+fn step_result(py: Python<'_>, FrameResult { output, objects, times }: FrameResult, time: Duration) -> PyResult<Step> {
     let ids = to_array(py, small_ids(&output.segments)?)?;
     let confidence = to_array(py, output.confidence)?;
     let masks = |masks: &[(SegmentId, Mask)]| {
@@ -230,7 +237,13 @@ fn step_result(py: Python<'_>, FrameResult { output, objects, times }: FrameResu
         to_masks(py, objects.iter().filter_map(|object| of(object.id)), output.segments.size())
     };
     let masks = if output.masks.is_empty() { None } else { Some(masks(&output.masks)?.into_any()) };
-    let stages = times.stages().iter().map(|(stage, time)| ((*stage).to_owned(), time.as_secs_f64() * 1e3)).collect();
+    let whole = ("step".to_owned(), time.as_secs_f64() * 1e3);
+    let stages = times
+        .stages()
+        .iter()
+        .map(|(stage, time)| ((*stage).to_owned(), time.as_secs_f64() * 1e3))
+        .chain([whole])
+        .collect();
     let sightings = objects.iter().map(|object| {
         let inner = object.bounding_box;
         let inner = (inner.x, inner.y, inner.width, inner.height);

@@ -2,11 +2,10 @@
 
 import os
 from collections.abc import Callable, Iterator
-from typing import Any, Self, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from typing_extensions import Self
 
 __version__: str
 
@@ -25,13 +24,13 @@ _Sighting: TypeAlias = tuple[int, int, tuple[int, int, int, int], float, int, in
 _Tracks: TypeAlias = tuple[list[int], NDArray[np.bool_]]
 
 class Pipeline:
-    def __new__(
-        cls,
+    def __init__(
+        self,
         settings: dict[str, Any],
         segmenter: Callable[..., Any] | None = None,
         config: _Path | None = None,
         saved_memory: _Path | None = None,
-    ) -> Self: ...
+    ) -> None: ...
     @property
     def settings(self) -> str: ...
     @property
@@ -63,13 +62,13 @@ class Pipeline:
     def segment_ids(self) -> NDArray[np.uint16]: ...
 
 class Segmenter:
-    def __new__(cls, settings: dict[str, Any]) -> Self: ...
+    def __init__(self, settings: dict[str, Any]) -> None: ...
     def segment(
         self, rgb: NDArray[np.uint8], depth: NDArray[Any] | None = None, k: ArrayLike | None = None
     ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]: ...
 
 class Sam2:
-    def __new__(cls, settings: dict[str, Any]) -> Self: ...
+    def __init__(self, settings: dict[str, Any]) -> None: ...
     def step(self, rgb: NDArray[np.uint8]) -> _Tracks: ...
     def add_mask(self, id: int, mask: NDArray[np.bool_]) -> _Tracks: ...
     def add_points(
@@ -87,7 +86,7 @@ class Frames:
     def __next__(self) -> _Frame | str: ...
 
 class Scene:
-    def __new__(cls, path: _Path, settings: dict[str, Any]) -> Self: ...
+    def __init__(self, path: _Path, settings: dict[str, Any]) -> None: ...
     @property
     def name(self) -> str: ...
     @property

@@ -7,6 +7,7 @@ the scene and writes its results itself, and returns a summary. Needs ``pip inst
 from __future__ import annotations
 
 import json
+import logging
 import subprocess
 import sys
 import tempfile
@@ -46,14 +47,17 @@ class Worker:
                 stderr=subprocess.DEVNULL,
                 text=True,
             )
+        pipe_in, pipe_out = self.process.stdin, self.process.stdout
+        assert pipe_in is not None and pipe_out is not None
         try:
-            self.process.stdin.write(job + "\n")
-            self.process.stdin.flush()
-            line = self.process.stdout.readline()
+            pipe_in.write(job + "\n")
+            pipe_in.flush()
+            line = pipe_out.readline()
         except OSError:
             line = ""
         if line.endswith("\n"):
-            return json.loads(line)
+            answer: dict[str, Any] = json.loads(line)
+            return answer
         # It was killed: another takes its place.
         self.process.kill()
         self.process.wait()
@@ -77,7 +81,7 @@ def main(arguments: list[str]) -> int:
         plan = json.loads(plan_file.read_text())
         failed_file.write_text("")
         if plan["jobs"]:
-            ray.init(address=address, log_to_driver=False, logging_level="WARNING")
+            ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING)
             try:
                 failed_file.write_text("".join(json.dumps(row) + "\n" for row in _work(plan)))
             finally:
@@ -111,7 +115,7 @@ def _work(plan: dict[str, Any]) -> list[dict[str, str]]:
     rows = (
         ray.data.from_items(jobs, override_num_blocks=len(jobs))
         .map(
-            Worker,
+            Worker,  # type: ignore[arg-type]  # a class is a callable for each actor
             fn_constructor_kwargs={"retries": plan["retries"]},
             # One scene at a time for each actor: others would wait for it while there are idle ones.
             compute=ray.data.ActorPoolStrategy(

@@ -103,12 +103,12 @@ class Object:
     @property
     def centroid(self) -> tuple[float, float, float] | None:
         """Mean of its surface, world, metres; ``None`` if no Gaussian shows it."""
-        return self.shape and self.shape.centroid
+        return self.shape.centroid if self.shape is not None else None
 
     @property
     def box(self) -> tuple[tuple[float, float, float], tuple[float, float, float]] | None:
         """The axis-aligned box, world, metres; ``None`` if no Gaussian shows it."""
-        return self.shape and self.shape.axis_aligned_box
+        return self.shape.axis_aligned_box if self.shape is not None else None
 
 
 def parse(entry: dict[str, Any]) -> Object:
@@ -134,7 +134,7 @@ def parse(entry: dict[str, Any]) -> Object:
 
 
 def _stamp(stamp: dict[str, Any] | None) -> FrameStamp | None:
-    return stamp and FrameStamp(stamp["number"], stamp["name"], stamp["time_s"])
+    return FrameStamp(stamp["number"], stamp["name"], stamp["time_s"]) if stamp is not None else None
 
 
 def _shape(shape: dict[str, Any]) -> Shape:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from . import _splatseg
 
 if TYPE_CHECKING:
+    from .objects import Object
     from .pipeline import Pipeline
 
 _MOST_ROWS = 100
@@ -23,10 +24,9 @@ def objects_table(pipeline: Pipeline) -> str:
     return f"<p><b>{title}, {len(objects)} objects</b></p><table><tr>{head}</tr>{rows}</table>{more}"
 
 
-def _row(entry) -> str:
+def _row(entry: Object) -> str:
     red, green, blue = _splatseg.segment_color(entry.id)
     swatch = f'<span style="display:inline-block;width:1em;height:1em;background:rgb({red},{green},{blue})"></span>'
-    numbers = lambda values: ", ".join(f"{value:.2f}" for value in values)
     shape = entry.shape
     cells = (
         swatch,
@@ -34,7 +34,11 @@ def _row(entry) -> str:
         entry.state or "",
         str(entry.frames),
         "" if entry.confidence is None else f"{entry.confidence:.2f}",
-        numbers(shape.centroid) if shape else "",
-        numbers(shape.size) if shape else "",
+        _numbers(shape.centroid) if shape else "",
+        _numbers(shape.size) if shape else "",
     )
     return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+
+
+def _numbers(values: tuple[float, float, float]) -> str:
+    return ", ".join(f"{value:.2f}" for value in values)

@@ -142,7 +142,8 @@ class Pipeline:
     @property
     def settings(self) -> dict[str, Any]:
         """All settings, as in ``summary.json``."""
-        return json.loads(self._pipeline.settings)
+        settings: dict[str, Any] = json.loads(self._pipeline.settings)
+        return settings
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
         """Saves the memory as a PLY file, which any viewer of Gaussian splats opens and :meth:`load` goes on with.

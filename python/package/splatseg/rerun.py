@@ -84,13 +84,14 @@ def log_map(pipeline: Pipeline, *, recording: rerun.RecordingStream | None = Non
     )
     points = rr.Points3D(memory.means, colors=palette.astype(np.uint8)[ids], radii=memory.radii)
     rr.log("world/map", points, recording=recording)
-    shown = [entry for entry in pipeline.objects() if entry.shape is not None and entry.state == "remembered"]
+    entries = [entry for entry in pipeline.objects() if entry.state == "remembered"]
+    shown = [(entry.id, entry.shape) for entry in entries if entry.shape is not None]
     boxes = rr.Boxes3D(
-        centers=[entry.shape.center for entry in shown],
-        sizes=[entry.shape.size for entry in shown],
-        quaternions=[rr.Quaternion(xyzw=entry.shape.rotation) for entry in shown],
-        colors=[_splatseg.segment_color(entry.id) for entry in shown],
-        labels=[str(entry.id) for entry in shown],
+        centers=[shape.center for _, shape in shown],
+        sizes=[shape.size for _, shape in shown],
+        quaternions=[rr.Quaternion(xyzw=shape.rotation) for _, shape in shown],
+        colors=[_splatseg.segment_color(id) for id, _ in shown],
+        labels=[str(id) for id, _ in shown],
         show_labels=False,
     )
     rr.log("world/boxes", boxes, recording=recording)

@@ -26,7 +26,7 @@ class StepResult:
     objects: list[ObjectSighting]
     """The objects in the frame, by increasing id."""
     times_ms: dict[str, float]
-    """How long each stage took, milliseconds."""
+    """How long each stage took, milliseconds; ``step`` is the whole frame in the library, without Python's part."""
     rgb: NDArray[np.uint8] = field(repr=False)
     """The frame's colours, as they were given."""
     depth: NDArray[np.generic] = field(repr=False)

@@ -35,7 +35,7 @@ class Segmenter:
         return self._segmenter.segment(rgb, depth, K)
 
     def __repr__(self) -> str:
-        given = {}
+        given: dict[str, Any] = {}
         for name, value in self.settings.items():
             given.update(value if isinstance(value, dict) else {name: value})
         settings = ", ".join(f"{name}={value!r}" for name, value in given.items() if name != "segmenter")

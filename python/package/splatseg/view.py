@@ -71,12 +71,12 @@ def _log_boxes(out: Path) -> None:
     import rerun as rr
 
     entries = json.loads((out / "objects.json").read_text())["objects"]
-    shown = [entry for entry in map(objects.parse, entries) if entry.shape is not None]
+    shown = [(entry.id, entry.shape) for entry in map(objects.parse, entries) if entry.shape is not None]
     boxes = rr.Boxes3D(
-        centers=[entry.shape.center for entry in shown],
-        sizes=[entry.shape.size for entry in shown],
-        quaternions=[rr.Quaternion(xyzw=entry.shape.rotation) for entry in shown],
-        labels=[str(entry.id) for entry in shown],
+        centers=[shape.center for _, shape in shown],
+        sizes=[shape.size for _, shape in shown],
+        quaternions=[rr.Quaternion(xyzw=shape.rotation) for _, shape in shown],
+        labels=[str(id) for id, _ in shown],
     )
     rr.log("world/boxes", boxes, static=True)
 
