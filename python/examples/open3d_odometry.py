@@ -1,14 +1,19 @@
 """Poses from Open3D's RGB-D odometry, for a camera that comes without.
 
 pip install open3d
-python open3d_odometry.py [SCENE]
+python open3d_odometry.py [SCENE [FRAMES]]
 """
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import open3d as o3d
 import splatseg as ss
+
+
+DEMO = Path(__file__).resolve().parents[2] / "crates/splatseg/demo"
+"""The clip of `splatseg demo`; odometry needs a camera that moves little from frame to frame, and things to see."""
 
 
 def rgbd(frame):
@@ -30,11 +35,11 @@ def motion(before, after):
     return transform
 
 
-def main(scene="synthetic:frames=8,width=160,height=120"):
+def main(scene=DEMO, frames=10):
     pipeline = ss.FastSamSplat(segmenter="graph")
     pose, before = np.eye(4), None
     poses = []
-    for frame in ss.open_scene(scene):
+    for frame in ss.open_scene(scene, max_frames=int(frames)):
         if before is not None:
             pose = pose @ motion(before, frame)
         pipeline.step(frame.rgb, frame.depth, K=frame.K, camera_to_world=pose)
