@@ -11,7 +11,6 @@ import numpy as np
 import open3d as o3d
 import splatseg as ss
 
-
 DEMO = Path(__file__).resolve().parents[2] / "crates/splatseg/demo"
 """The clip of `splatseg demo`; odometry needs a camera that moves little from frame to frame, and things to see."""
 
