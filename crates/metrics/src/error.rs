@@ -34,6 +34,14 @@ pub enum MetricsError {
         /// Size of the first frame.
         expected: (usize, usize),
     },
+    /// A predicted 3D instance names a vertex that its scene does not have.
+    #[error("a predicted instance has vertex {vertex}, expected less than {vertices}, the number of vertices")]
+    NoSuchVertex {
+        /// The vertex, from 0.
+        vertex: usize,
+        /// Number of vertices.
+        vertices: usize,
+    },
     /// A predicted mask has id 0, which means "no segment".
     #[error("frame {frame}: a predicted mask has id 0, expected an id above 0")]
     MaskWithoutId {

@@ -19,6 +19,7 @@
 
 mod by_size;
 mod error;
+mod instance_ap;
 mod overlap;
 mod prediction;
 mod score;
@@ -30,6 +31,7 @@ mod vsq;
 
 pub use by_size::{LARGE_ABOVE_PX, SMALL_BELOW_PX, SizeClass, SizeCounts, SizeScores};
 pub use error::MetricsError;
+pub use instance_ap::{InstanceScorer, InstanceScores, MIN_INSTANCE_VERTICES, PredictedInstance};
 pub use prediction::FramePrediction;
 pub use score::{DatasetScore, RawCounts, Scores, VideoScore};
 pub use scorer::VideoScorer;

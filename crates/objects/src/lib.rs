@@ -8,11 +8,13 @@ mod list;
 mod seen;
 mod shape;
 mod sightings;
+mod vertex_ids;
 
 pub use list::{BestView, Conventions, FrameStamp, Object, ObjectList, ObjectState};
 pub use seen::{SeenObjects, Sightings};
 pub use shape::{AxisAlignedBox, ObjectShape, OrientedBox, object_shapes};
 pub use sightings::{BoundingBox, ObjectLog, ObjectRecord, ObjectSighting};
+pub use vertex_ids::{VertexId, vertex_ids};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

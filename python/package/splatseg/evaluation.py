@@ -12,7 +12,7 @@ from . import _splatseg
 
 @dataclass(frozen=True)
 class Scores:
-    """How good predictions are, percent; see docs/METRICS.md."""
+    """How good predictions are, percent, as ``splatseg eval`` says."""
 
     vsq: float | None
     """Video segmentation quality: the mean of ``vsq_k``."""
@@ -46,7 +46,7 @@ def evaluate(
     """Scores predictions for a scene with true ids, as ``splatseg eval`` does.
 
     ``gt``: the scene. ``predictions``: a folder of id images, the folder of a run, or a JSON file with masks.
-    ``protocol``: ``paper``, as in the paper's evaluation code, or ``strict``, as printed. ``settings`` are those of
+    ``protocol``: ``paper``, as in the paper's evaluation code, or ``strict``, as VPQ and STEP define the metrics. ``settings`` are those of
     :func:`splatseg.open_scene`; without any, the scene is read as the run read it.
 
     Ctrl-C ends it. Raises ``ValueError`` if something cannot be read or, without ``allow_missing``, frames are missing.

@@ -1,6 +1,7 @@
 //! `splatseg eval`: scores predictions of any origin against a scene's ground truth.
 
 use super::Failure;
+use super::eval_mesh::eval_mesh;
 use super::options::{DatasetOptions, ScoreOptions};
 use super::output_folder::Existing;
 use super::terminal::counted;
@@ -13,7 +14,7 @@ use splatseg_input::MemoryLimit;
 use splatseg_metrics::{RawCounts, Scores, VideoScore, Void};
 use splatseg_output::write_atomically;
 use splatseg_report::{SIZE_COLUMNS_EXPLAINED, overcount_note, terminal_size_table, terminal_table, windows_note};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 const HELP: &str = "Predictions are one of\n\
     - a folder with <frame>.png for every frame, 8-bit or 16-bit greyscale, one value per segment, 0 for none;\n\
@@ -26,17 +27,28 @@ const HELP: &str = "Predictions are one of\n\
       or not. Masks may overlap. Frames without any mask are listed in a key `frames` (or `images`).\n\n\
     Examples:\n  \
     splatseg eval --gt scene0011_00 --pred out\n  \
-    splatseg eval --gt scene0011_00 --stride 20 --resize 320x240 --pred tracks.json --json scores.json";
+    splatseg eval --gt scene0011_00 --stride 20 --resize 320x240 --pred tracks.json --json scores.json\n  \
+    splatseg eval --mesh scene0011_00_vh_clean_2.ply --instances scene0011_00.txt --void-labels 1,2 --pred map.ply";
 
 #[derive(Debug, Args)]
 #[command(after_long_help = format!("{HELP}\n\nTable by size: {SIZE_COLUMNS_EXPLAINED}"))]
 pub struct EvalArguments {
     /// Scene with ground truth
-    #[arg(long, value_name = "SCENE")]
-    pub gt: PathBuf,
-    /// Predictions, see below
-    #[arg(long, value_name = "DIR|FILE.json")]
+    #[arg(long, value_name = "SCENE", required_unless_present = "mesh", conflicts_with = "mesh")]
+    pub gt: Option<PathBuf>,
+    /// Predictions, see below; with --mesh a memory that `run --save-memory` saved
+    #[arg(long, value_name = "DIR|FILE.json|FILE.ply")]
     pub pred: PathBuf,
+    /// Score 3D instances on the vertices of this mesh (binary PLY), as ScanNet's benchmark does but for one class: AP, AP50
+    /// and AP25
+    #[arg(long, value_name = "FILE.ply", requires = "instances")]
+    pub mesh: Option<PathBuf>,
+    /// With --mesh: the true instance of each vertex, label * 1000 + instance in each line, as in ScanNet's benchmark
+    #[arg(long, value_name = "FILE.txt", requires = "mesh")]
+    pub instances: Option<PathBuf>,
+    /// With --mesh: labels that do not stand for instances, e.g. wall and floor: 1,2 with ScanNet's 40 labels, 1,3 with its 200
+    #[arg(long, value_name = "LABEL,…", value_delimiter = ',', requires = "mesh")]
+    pub void_labels: Vec<u64>,
     #[command(flatten)]
     pub score: ScoreOptions,
     /// Also write the scores to a JSON file
@@ -62,7 +74,7 @@ pub struct EvalArguments {
 
 impl EvalArguments {
     /// The memory that the command may take.
-    fn memory_limit(&self) -> Result<MemoryLimit, Failure> {
+    pub fn memory_limit(&self) -> Result<MemoryLimit, Failure> {
         let mut layers = SettingsLayers::default();
         if let Some(text) = &self.memory_limit {
             layers.add_text("memory_limit", text);
@@ -93,6 +105,14 @@ struct Evaluation<'a> {
 
 /// Does what `splatseg eval` asks for.
 pub fn eval(arguments: &EvalArguments) -> Result<(), Failure> {
+    match (&arguments.gt, &arguments.mesh, &arguments.instances) {
+        (Some(gt), _, _) => eval_video(arguments, gt),
+        (None, Some(mesh), Some(instances)) => eval_mesh(arguments, mesh, instances),
+        (None, _, _) => Err(Failure::input("--gt, or --mesh with --instances, must be given")),
+    }
+}
+
+fn eval_video(arguments: &EvalArguments, gt: &Path) -> Result<(), Failure> {
     let settings = arguments.score.settings()?;
     if let Some(path) = &arguments.json
         && path.exists()
@@ -105,20 +125,20 @@ pub fn eval(arguments: &EvalArguments) -> Result<(), Failure> {
     arguments.memory_limit()?.enforce();
     let run = RunSummary::of(&arguments.pred).map_err(Failure::input)?;
     if let (Some(run), false) = (&run, arguments.allow_other_scene) {
-        run.check_scene(&arguments.gt).map_err(Failure::input)?;
+        run.check_scene(gt).map_err(Failure::input)?;
     }
     let dataset = arguments.dataset.over(&run.map(|run| run.dataset).unwrap_or_default())?;
-    let scene = open_scene(&arguments.gt, &dataset).map_err(Failure::input)?;
+    let scene = open_scene(gt, &dataset).map_err(Failure::input)?;
     let options = EvaluationOptions { score: settings, missing, ids };
     let found = evaluate(scene.as_ref(), &dataset, &arguments.pred, &options).map_err(Failure::input)?;
-    print_scores(arguments, &found.score, &found.missing);
-    write_json(arguments, &found.score, found.missing)
+    print_scores(gt, &found.score, &found.missing);
+    write_json(arguments, gt, &found.score, found.missing)
 }
 
-fn print_scores(arguments: &EvalArguments, score: &VideoScore, counts: &MissingCounts) {
+fn print_scores(gt: &Path, score: &VideoScore, counts: &MissingCounts) {
     let protocol = score.settings().protocol.name();
     let frames = counted(score.counts().frames as usize, "frame");
-    say!("{}: {frames}, protocol {protocol}, percent", arguments.gt.display());
+    say!("{}: {frames}, protocol {protocol}, percent", gt.display());
     for (count, thing, what) in [
         (counts.missing_predictions, "frame", "without prediction, scored as empty"),
         (counts.unlabelled_frames, "frame", "without ground truth, left out"),
@@ -140,7 +160,7 @@ fn print_scores(arguments: &EvalArguments, score: &VideoScore, counts: &MissingC
     }
 }
 
-fn write_json(arguments: &EvalArguments, score: &VideoScore, missing: MissingCounts) -> Result<(), Failure> {
+fn write_json(arguments: &EvalArguments, gt: &Path, score: &VideoScore, missing: MissingCounts) -> Result<(), Failure> {
     let Some(path) = &arguments.json else {
         return Ok(());
     };
@@ -150,7 +170,7 @@ fn write_json(arguments: &EvalArguments, score: &VideoScore, missing: MissingCou
         protocol: settings.protocol.name(),
         void: settings.void,
         min_truth_area: settings.min_ground_truth_area,
-        scene: arguments.gt.display().to_string(),
+        scene: gt.display().to_string(),
         predictions: arguments.pred.display().to_string(),
         ids: !arguments.no_ids,
         frames: score.counts().frames,

@@ -8,6 +8,7 @@ mod batch;
 mod bench;
 mod demo;
 mod eval;
+mod eval_mesh;
 mod export;
 mod failure;
 mod input_paths;

@@ -7,7 +7,7 @@ use splatseg_dataset::{DatasetSettings, SyntheticSettings};
 use splatseg_input::read_file;
 use std::path::{Path, PathBuf};
 
-/// Larger files are no summaries of ours.
+/// A larger file is not one of our summaries.
 const MAX_BYTES: u64 = 16_000_000;
 
 /// The summary of the run that wrote some predictions.

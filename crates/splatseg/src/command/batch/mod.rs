@@ -24,7 +24,7 @@ use std::ffi::OsString;
 use std::path::Path;
 use tables::FailedScene;
 
-/// Larger files are no lists of ours.
+/// A larger file is not one of our lists.
 const MAX_LIST_BYTES: u64 = 256_000_000;
 
 /// Executes `splatseg batch`. `program` starts another process with this command.

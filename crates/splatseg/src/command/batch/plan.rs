@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Larger files are no lists of scenes.
+/// A larger file is not a list of scenes.
 const MAX_LIST_BYTES: u64 = 256_000_000;
 /// The file in the folder of results that says what they are.
 const BATCH: &str = "batch.json";

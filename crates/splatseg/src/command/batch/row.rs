@@ -6,7 +6,7 @@ use splatseg_input::read_file;
 use splatseg_metrics::{ScoreSettings, VideoScore};
 use std::path::Path;
 
-/// Larger files are no rows of ours.
+/// A larger file is not one of our rows.
 const MAX_ROW_BYTES: u64 = 64_000_000;
 
 /// A row of `results.parquet`. Its file in `rows/` is written last: where it is, the scene is done.

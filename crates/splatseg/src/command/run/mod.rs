@@ -42,7 +42,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Larger files are no summaries of ours.
+/// A larger file is not one of our summaries.
 const MAX_SUMMARY_BYTES: u64 = 16_000_000;
 
 /// A run.

@@ -1,0 +1,160 @@
+//! The vertices of a mesh, and which instance each of them belongs to: what 3D instances are scored on.
+
+use crate::DatasetError;
+use glam::Vec3;
+use splatseg_geometry::SegmentId;
+use splatseg_input::{MemoryLimit, read_file};
+use std::path::Path;
+
+/// A mesh of a room is smaller.
+const MAX_MESH_BYTES: u64 = 8 << 30;
+/// Labels and instances in one number, as in ScanNet's files: `label * 1000 + instance`.
+const LABEL: u64 = 1000;
+/// The longest header.
+const MAX_HEADER_BYTES: usize = 1 << 16;
+
+/// How a property of a vertex is stored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Float,
+    Double,
+    /// Any other, of so many bytes.
+    Other(usize),
+}
+
+impl Kind {
+    fn of(name: &str) -> Option<Self> {
+        Some(match name {
+            "float" | "float32" => Self::Float,
+            "double" | "float64" => Self::Double,
+            "char" | "int8" | "uchar" | "uint8" => Self::Other(1),
+            "short" | "int16" | "ushort" | "uint16" => Self::Other(2),
+            "int" | "int32" | "uint" | "uint32" => Self::Other(4),
+            _ => return None,
+        })
+    }
+
+    fn bytes(self) -> usize {
+        match self {
+            Self::Float => 4,
+            Self::Double => 8,
+            Self::Other(bytes) => bytes,
+        }
+    }
+
+    fn number(self, bytes: &[u8]) -> Option<f32> {
+        match self {
+            Self::Float => bytes.first_chunk().map(|bytes| f32::from_le_bytes(*bytes)),
+            Self::Double => bytes.first_chunk().map(|bytes| f64::from_le_bytes(*bytes) as f32),
+            Self::Other(_) => None,
+        }
+    }
+}
+
+/// What a PLY header says of the vertices, which must be the first element.
+struct VertexLayout {
+    count: usize,
+    /// Bytes of a vertex.
+    stride: usize,
+    /// Where x, y and z are in it.
+    axes: [(usize, Kind); 3],
+    /// Where the first vertex begins.
+    start: usize,
+}
+
+/// The vertices of a mesh: world, metres. A binary little-endian PLY whose vertices have x, y and z, such as ScanNet's
+/// `*_vh_clean_2.ply`.
+///
+/// # Errors
+/// If the file cannot be read, is not such a PLY, is cut off, or has a vertex that is not finite.
+pub fn read_mesh_vertices(path: &Path) -> Result<Vec<Vec3>, DatasetError> {
+    let limit = MAX_MESH_BYTES.min(MemoryLimit::in_force() / 4);
+    let bytes = read_file(path, limit).map_err(|source| DatasetError::Io { path: path.to_owned(), source })?;
+    let layout = layout(path, &bytes)?;
+    let body = bytes.get(layout.start..).unwrap_or_default();
+    let stored = body.len() / layout.stride;
+    if stored < layout.count {
+        return Err(wrong(path, "element vertex", layout.count, format!("at most {stored}, as the file ends there")));
+    }
+    let vertex = |(index, record): (usize, &[u8])| {
+        let axis = |(offset, kind): (usize, Kind)| record.get(offset..).and_then(|bytes| kind.number(bytes));
+        let [x, y, z] = layout.axes.map(axis);
+        match x.zip(y).zip(z).map(|((x, y), z)| Vec3::new(x, y, z)) {
+            Some(vertex) if vertex.is_finite() => Ok(vertex),
+            _ => Err(wrong(path, format!("vertex {index}"), "a number that is not finite", "x, y and z in metres")),
+        }
+    };
+    body.chunks_exact(layout.stride).take(layout.count).enumerate().map(vertex).collect()
+}
+
+/// The instance of each of a mesh's `count` vertices, 0 where there is none, from a text file with a number in each line:
+/// `label * 1000 + instance`, as in ScanNet's benchmark. Numbers below 1000 and those with one of the labels `void` count as
+/// unlabelled.
+///
+/// # Errors
+/// If the file cannot be read, a line has something other than such a number, or there are more or fewer than `count`.
+pub fn read_vertex_instances(path: &Path, count: usize, void: &[u64]) -> Result<Vec<SegmentId>, DatasetError> {
+    // A number of nine digits, and the end of the line.
+    let limit = (count as u64).saturating_mul(11).saturating_add(16);
+    let bytes = read_file(path, limit).map_err(|source| DatasetError::Io { path: path.to_owned(), source })?;
+    let text = String::from_utf8_lossy(&bytes);
+    let expected = "label * 1000 + instance, at most 4294967295";
+    let instance = |(index, line): (usize, &str)| {
+        let number: SegmentId =
+            line.trim().parse().map_err(|_| wrong(path, format!("line {}", index + 1), shown(line), expected))?;
+        let label = u64::from(number) / LABEL;
+        Ok(if label == 0 || void.contains(&label) { 0 } else { number })
+    };
+    let instances: Vec<SegmentId> = text.lines().enumerate().map(instance).collect::<Result<_, DatasetError>>()?;
+    if instances.len() != count {
+        return Err(wrong(path, "lines", instances.len(), format!("{count}, the number of the mesh's vertices")));
+    }
+    Ok(instances)
+}
+
+fn layout(path: &Path, bytes: &[u8]) -> Result<VertexLayout, DatasetError> {
+    let expected = "a binary little-endian PLY whose first element is vertex, with x, y and z";
+    let bad = |field: &str, found: &str| wrong(path, field, shown(found), expected);
+    const END: &[u8] = b"end_header\n";
+    let head = bytes.get(..bytes.len().min(MAX_HEADER_BYTES)).unwrap_or_default();
+    let end = head.windows(END.len()).position(|window| window == END).ok_or_else(|| bad("header", "no end_header"))?;
+    let text = String::from_utf8_lossy(head.get(..end).unwrap_or_default());
+    let mut lines = text.lines().map(str::trim_end).filter(|line| !line.starts_with("comment"));
+    for expected_line in ["ply", "format binary_little_endian 1.0"] {
+        let line = lines.next().unwrap_or_default();
+        if line != expected_line {
+            return Err(bad("header", line));
+        }
+    }
+    let element = lines.by_ref().find(|line| !line.starts_with("obj_info")).unwrap_or_default();
+    let count = element.strip_prefix("element vertex ").and_then(|count| count.trim().parse().ok());
+    let count = count.ok_or_else(|| bad("header", element))?;
+    let (mut stride, mut axes) = (0, [None; 3]);
+    for line in lines.take_while(|line| !line.starts_with("element")) {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let ["property", kind, name] = words[..] else { return Err(bad("header", line)) };
+        let kind = Kind::of(kind).ok_or_else(|| bad("header", line))?;
+        if let Some(axis) = ["x", "y", "z"].iter().position(|axis| *axis == name) {
+            axes[axis] = Some((stride, kind)).filter(|(_, kind)| !matches!(kind, Kind::Other(_)));
+        }
+        stride += kind.bytes();
+    }
+    match axes {
+        [Some(x), Some(y), Some(z)] => Ok(VertexLayout { count, stride, axes: [x, y, z], start: end + END.len() }),
+        _ => Err(bad("header", "no x, y and z of type float or double")),
+    }
+}
+
+fn wrong(path: &Path, field: impl Into<String>, found: impl ToString, expected: impl Into<String>) -> DatasetError {
+    DatasetError::Field {
+        path: path.to_owned(),
+        field: field.into(),
+        found: found.to_string(),
+        expected: expected.into(),
+    }
+}
+
+/// The beginning of a line, for a message.
+fn shown(line: &str) -> String {
+    line.chars().take(60).collect()
+}

@@ -1,0 +1,89 @@
+//! Ids from the map to the vertices of a mesh.
+
+use glam::{IVec3, Vec3};
+use rayon::prelude::*;
+use splatseg_geometry::SegmentId;
+use splatseg_memory::ExportedGaussian;
+use std::collections::HashMap;
+
+/// How far a Gaussian reaches, standard deviations.
+const REACH_IN_RADII: f32 = 3.0;
+/// The least and the most of it, metres: a map is never exact to the millimetre, and a large Gaussian is a coarse one.
+const REACH_M: (f32, f32) = (0.05, 0.3);
+/// The side of the cells in which Gaussians are looked up, metres.
+const CELL_M: f32 = 0.1;
+
+/// The id of a vertex.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VertexId {
+    /// The id that the Gaussians around it show; 0 if there are none, or if they show none.
+    pub id: SegmentId,
+    /// The share of their weight that is for it, from 0 to 1.
+    pub confidence: f32,
+}
+
+/// The id of each vertex: that with the most weight among the Gaussians that reach it, up to three standard deviations
+/// away, at least 5 and at most 30 cm. A Gaussian's weight falls linearly with its distance, and is smaller the less sure it
+/// is of its id. Vertices and Gaussians are in the same world, metres.
+pub fn vertex_ids(gaussians: &[ExportedGaussian], vertices: &[Vec3]) -> Vec<VertexId> {
+    let mut cells: HashMap<IVec3, Vec<usize>> = HashMap::new();
+    for (index, gaussian) in gaussians.iter().enumerate().filter(|(_, gaussian)| gaussian.mean.is_finite()) {
+        let (least, most) = (cell(gaussian.mean - reach(gaussian)), cell(gaussian.mean + reach(gaussian)));
+        for x in least.x..=most.x {
+            for y in least.y..=most.y {
+                (least.z..=most.z).for_each(|z| cells.entry(IVec3::new(x, y, z)).or_default().push(index));
+            }
+        }
+    }
+    let around = |vertex: &Vec3| {
+        let near = cells.get(&cell(*vertex)).into_iter().flatten();
+        vertex_id(*vertex, near.filter_map(|index| gaussians.get(*index)))
+    };
+    vertices.par_iter().map(around).collect()
+}
+
+fn reach(gaussian: &ExportedGaussian) -> f32 {
+    (REACH_IN_RADII * gaussian.radius).max(REACH_M.0).min(REACH_M.1)
+}
+
+fn cell(point: Vec3) -> IVec3 {
+    (point / CELL_M).floor().as_ivec3()
+}
+
+fn vertex_id<'g>(vertex: Vec3, near: impl Iterator<Item = &'g ExportedGaussian>) -> VertexId {
+    let (mut weights, mut sum): (Vec<(SegmentId, f32)>, f32) = (Vec::new(), 0.0);
+    for gaussian in near {
+        let weight = gaussian.confidence * (1.0 - gaussian.mean.distance(vertex) / reach(gaussian));
+        if weight.is_nan() || weight <= 0.0 {
+            continue;
+        }
+        sum += weight;
+        match weights.iter_mut().find(|(id, _)| *id == gaussian.segment_id) {
+            Some((_, total)) => *total += weight,
+            None => weights.push((gaussian.segment_id, weight)),
+        }
+    }
+    // Of equal weights the lowest id.
+    let best = weights.into_iter().max_by(|left, right| left.1.total_cmp(&right.1).then(right.0.cmp(&left.0)));
+    best.map_or(VertexId { id: 0, confidence: 0.0 }, |(id, weight)| VertexId { id, confidence: weight / sum })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gaussian(x: f32, segment_id: SegmentId, confidence: f32) -> ExportedGaussian {
+        ExportedGaussian { mean: Vec3::new(x, 0.0, 0.0), radius: 0.01, color: [0; 3], segment_id, confidence }
+    }
+
+    #[test]
+    fn near_and_sure_gaussians_count_most() {
+        let gaussians = [gaussian(0.0, 7, 1.0), gaussian(0.04, 9, 1.0), gaussian(0.1, 9, 0.5), gaussian(0.1, 7, 0.6)];
+        let at = |x: f32| vertex_ids(&gaussians, &[Vec3::new(x, 0.0, 0.0)])[0];
+        assert_eq!([0.01, 0.03, 0.1, -0.049].map(|x| at(x).id), [7, 9, 7, 7]);
+        assert_eq!(at(-0.051), VertexId { id: 0, confidence: 0.0 });
+        assert!((at(0.1).confidence - 0.6 / 1.1).abs() < 1e-6);
+        assert_eq!(at(0.0).confidence, 1.0 / 1.2);
+        assert_eq!(vertex_ids(&[], &[Vec3::ZERO, Vec3::MAX]).len(), 2);
+    }
+}
