@@ -17,7 +17,7 @@ pub enum Protocol {
     /// - AQ uses every predicted mask as it is, even where masks overlap.
     #[default]
     Paper,
-    /// The formulas as printed: VSQ^k with one window of k frames every 15 frames as long as it fits, the Hungarian
+    /// The definitions that the paper's formulas come from: VSQ^k with one window of k frames every 15 frames as long as it fits, the Hungarian
     /// algorithm on the IoU and true positives only above 0.5 (as VPQ, Kim et al. 2020); STQ as in STEP (Weber et al.
     /// 2021), with SQ the IoU between all predicted and all labelled pixels. Where predicted masks overlap, STQ gives
     /// the pixel to the smallest of them (of equal ones to the lowest id), because its definition has one id per

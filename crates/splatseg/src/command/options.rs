@@ -189,7 +189,7 @@ impl SettingsOptions {
 /// How results are scored.
 #[derive(Clone, Debug, Args)]
 pub struct ScoreOptions {
-    /// Definition of the metrics: `paper` as in the paper's evaluation code, `strict` as printed
+    /// Definition of the metrics: `paper` as in the paper's evaluation code, `strict` as in VPQ and STEP
     #[arg(long, value_enum, value_name = "PROTOCOL", default_value = "paper")]
     pub protocol: ProtocolName,
     /// Ignore predictions on unlabelled pixels, which otherwise count as wrong
@@ -205,7 +205,7 @@ pub struct ScoreOptions {
 pub enum ProtocolName {
     /// What the paper's evaluation code computes
     Paper,
-    /// The formulas as printed
+    /// VPQ (IoU above 0.5) on the paper's windows, and STEP's STQ
     Strict,
 }
 
