@@ -38,7 +38,7 @@ def test_objects_are_prompted_and_followed(room):
         (lambda: sam.add_clicks(1, [[500, 5]]), ValueError, r"point \(500, 5\)"),
         (lambda: sam.add_clicks(1, [[5, 5]], [3]), ValueError, "labels contains 3"),
         (lambda: sam.add_clicks(1, [5, 5]), ValueError, r"points has shape \(2,\)"),
-        (lambda: ss.Sam2(SAM2, image_sise=3), TypeError, r"did you mean sam2\.image_size"),
+        (lambda: ss.Sam2(SAM2, image_sizes=3), TypeError, r"did you mean sam2\.image_size"),
     ]:
         with pytest.raises(error, match=message):
             prompt()
