@@ -66,7 +66,6 @@ fn the_ids_of_a_memory_are_scored_on_a_mesh() {
     assert_eq!(ended.code, 0, "{}", ended.err);
     let scores = read_json(&json);
     let [ap, ap50, ap25] = ["ap", "ap50", "ap25"].map(|key| scores[key].as_f64().unwrap());
-    println!("{scores}");
     assert!(ap > 40.0 && ap <= ap50 + 1e-9 && ap50 <= 100.0 && ap25 > 60.0, "{scores}");
     assert!(ended.out.contains(&format!("AP {ap:.2}, AP50 {ap50:.2}, AP25 {ap25:.2}")), "{}", ended.out);
     assert!(scores["unseen_vertices"].as_u64().unwrap() < vertices.len() as u64 / 20, "{scores}");

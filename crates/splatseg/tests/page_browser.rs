@@ -162,7 +162,7 @@ fn the_video_plays_and_keys_move_it() {
     browser.wait_for(&is_at(FRAMES - 1));
     browser.wait_for("document.getElementById('play').getAttribute('aria-label') === 'Play'");
 
-    // The map turns with the mouse, and a drag is no click.
+    // The map turns with the mouse, and a drag does not count as a click.
     let (left, top, width, height) = browser.place_of("#view");
     let still = screenshot(&mut browser);
     let middle = (left + width / 2.0, top + height / 2.0);

@@ -105,6 +105,12 @@ struct Evaluation<'a> {
 
 /// Does what `splatseg eval` asks for.
 pub fn eval(arguments: &EvalArguments) -> Result<(), Failure> {
+    if let Some(path) = &arguments.json
+        && path.exists()
+        && Existing::from_flag(arguments.overwrite) == Existing::Keep
+    {
+        return Err(Failure::input(format!("{}: exists: give --overwrite to replace it", path.display())));
+    }
     match (&arguments.gt, &arguments.mesh, &arguments.instances) {
         (Some(gt), _, _) => eval_video(arguments, gt),
         (None, Some(mesh), Some(instances)) => eval_mesh(arguments, mesh, instances),
@@ -114,12 +120,6 @@ pub fn eval(arguments: &EvalArguments) -> Result<(), Failure> {
 
 fn eval_video(arguments: &EvalArguments, gt: &Path) -> Result<(), Failure> {
     let settings = arguments.score.settings()?;
-    if let Some(path) = &arguments.json
-        && path.exists()
-        && Existing::from_flag(arguments.overwrite) == Existing::Keep
-    {
-        return Err(Failure::input(format!("{}: exists: give --overwrite to replace it", path.display())));
-    }
     let missing = if arguments.allow_missing { MissingFrames::Allowed } else { MissingFrames::Refused };
     let ids = if arguments.no_ids { Ids::PerFrame } else { Ids::Lasting };
     arguments.memory_limit()?.enforce();

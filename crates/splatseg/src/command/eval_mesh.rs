@@ -2,7 +2,6 @@
 
 use super::Failure;
 use super::eval::EvalArguments;
-use super::output_folder::Existing;
 use super::terminal::counted;
 use serde::Serialize;
 use splatseg_dataset::{read_mesh_vertices, read_vertex_instances};
@@ -32,12 +31,6 @@ struct MeshEvaluation {
 
 /// Does what `splatseg eval --mesh` asks for.
 pub fn eval_mesh(arguments: &EvalArguments, mesh: &Path, instances: &Path) -> Result<(), Failure> {
-    if let Some(path) = &arguments.json
-        && path.exists()
-        && Existing::from_flag(arguments.overwrite) == Existing::Keep
-    {
-        return Err(Failure::input(format!("{}: exists: give --overwrite to replace it", path.display())));
-    }
     arguments.memory_limit()?.enforce();
     let vertices = read_mesh_vertices(mesh).map_err(Failure::input)?;
     let truth = read_vertex_instances(instances, vertices.len(), &arguments.void_labels).map_err(Failure::input)?;

@@ -42,7 +42,7 @@ pub fn batch(arguments: &BatchArguments, program: &[OsString]) -> Result<(), Fai
         None => {
             say_error!("{}, {} done before", counted(plan.scenes.len(), "scene"), plan.scenes.len() - plan.jobs.len());
             let signals = StopSignals::listen().map_err(Failure::work)?;
-            pool::Pool { program, plan: &plan, retries: arguments.retries, signals: &signals }.run()?
+            pool::Pool { program, plan: &plan, signals: &signals }.run()?
         }
     };
     tables::write(&arguments.out, &plan, &failed)?;

@@ -25,8 +25,6 @@ pub struct Pool<'a> {
     pub program: &'a [OsString],
     /// The jobs.
     pub plan: &'a Plan,
-    /// How often a job is tried again whose worker was killed.
-    pub retries: usize,
     /// What may ask the batch to end.
     pub signals: &'a StopSignals,
 }
@@ -135,7 +133,7 @@ impl Pool<'_> {
                     shared.waiting.clear();
                     return Err(failure);
                 }
-                Err(Lost::Killed) if tries < self.retries => shared.waiting.push_back((job, tries + 1)),
+                Err(Lost::Killed) if tries < self.plan.retries => shared.waiting.push_back((job, tries + 1)),
                 Err(Lost::Killed) => {
                     let error = format!("the process that worked on it was killed, {} times", tries + 1);
                     shared.failed.push(FailedScene { scene: job.scene, error });
