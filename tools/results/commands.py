@@ -1,0 +1,114 @@
+"""The commands whose output the tables show.
+
+They run in the folder with the data: rooms/dev-a, rooms/dev-b, kitchen-dev, redkitchen, redkitchen_dense; the weights of
+the small FastSAM are in ../models. What is printed under a table is what ran, but for the path of the program and
+the folder for results, which is printed as OUT.
+"""
+
+import shlex
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command line of splatseg, without `--out`."""
+
+    line: str
+    # Whether its times are shown, so that it must have the machine to itself.
+    is_timed: bool = False
+
+    def text(self):
+        return f"splatseg {self.line} --out OUT"
+
+    def words(self, program, out):
+        return [str(program), *shlex.split(self.line), "--out", str(out / "out")]
+
+
+SCENES = "--scenes rooms/dev-a rooms/dev-b kitchen-dev --resize 320x240 --crop-border 5 --exclude-void --jobs 2"
+ROOMS = "--scenes rooms/dev-a rooms/dev-b --crop-border 5 --jobs 2"
+PAPER = "--method-preset paper"
+FEATURES = "--set memory.kind=features"
+SEGMENTERS = {
+    "net": "--segmenter fastsam --weights ../models/fastsam-rooms-n.pt --set fastsam.image_size=320"
+    " --set fastsam.confidence=0.25 --set fastsam.iou=0.7",
+    "graph": "--segmenter graph",
+    "oracle": "--segmenter oracle --set oracle.preset=fastsam-like",
+}
+# Seeds change nothing for the others.
+SEEDS = {"net": "", "graph": "", "oracle": " --seeds 3"}
+PROMPTS = {"detections": SEGMENTERS["oracle"], "truth": "--prompts ground-truth"}
+SIM_TRACKER = f"bench {ROOMS} --tracker sim"
+CATEGORIES = ("not_tracked", "incorrect_track", "duplicated_track")
+
+# Settings of the memory of evidence and of what goes with it: the values that are not the default.
+RULES = {
+    "memory.max_votes": "2,8",
+    "memory.observation_weight": "0.5,2",
+    "memory.no_segment_weight": "0.3",
+    "memory.depth_tolerance": "1000",
+    "memory.growth_spacing": "1",
+    "memory.min_alpha": "0.004",
+    "memory.removal_frames": "0",
+    "memory.depthless": "false",
+    "explanation.min_visible_fraction": "0",
+    "explanation.min_new_fraction": "0",
+    "explanation.min_remembered_fraction": "0",
+    "explanation.recurrences": "0",
+    "show_tentative": "false",
+    "min_match_f_score": "0.1",
+}
+# Settings of the paper that others have looked at.
+ABLATIONS = {
+    "memory.feature_dim": "1,4,7,14,28",
+    "memory.num_steps": "0,1,5,20,50",
+    "memory.confidence_decay": "0,0.1,0.3",
+    "min_match_f_score": "0,0.1,0.3",
+}
+
+
+def varied(settings):
+    return " ".join(f"--ablate {name}={values}" for name, values in settings.items())
+
+
+def only(category):
+    """Switches the other categories of re-prompts off."""
+    return " ".join(f"--set reprompt.{name}=false" for name in CATEGORIES if name != category)
+
+
+COMMANDS = {}
+for _name, _segmenter in SEGMENTERS.items():
+    _masks = _segmenter + SEEDS[_name]
+    COMMANDS[f"methods-{_name}"] = Command(f"bench {SCENES} --methods fastsam,fastspam,fastsam-splat {_masks}")
+    COMMANDS[f"features-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {FEATURES} {_masks}")
+    COMMANDS[f"paper-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {PAPER} {_masks}")
+    COMMANDS[f"rules-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {_segmenter} {varied(RULES)}")
+for _name, _prompts in PROMPTS.items():
+    COMMANDS[f"sam2-{_name}"] = Command(f"{SIM_TRACKER} --methods sam2,sam2-splat --seeds 5 {_prompts}")
+    COMMANDS[f"sam2-{_name}-features"] = Command(f"{SIM_TRACKER} --methods sam2-splat {FEATURES} --seeds 2 {_prompts}")
+    COMMANDS[f"clicks-{_name}"] = Command(
+        f"{SIM_TRACKER} --methods sam2-splat --seeds 2 {_prompts} --ablate reprompt.clicks=1,3,5"
+    )
+for _category in ("none", *CATEGORIES):
+    COMMANDS[f"reprompts-{_category}"] = Command(
+        f"{SIM_TRACKER} --methods sam2-splat --seeds 5 {SEGMENTERS['oracle']} {only(_category)}"
+    )
+COMMANDS["ablations"] = Command(f"bench {SCENES} --methods fastsam-splat {PAPER} {SEGMENTERS['oracle']} {varied(ABLATIONS)}")
+
+REDKITCHEN = "run redkitchen --resize 320x240 --crop-border 5"
+COMMANDS["map"] = Command(REDKITCHEN, is_timed=True)
+COMMANDS["map-features"] = Command(f"{REDKITCHEN} {FEATURES}", is_timed=True)
+COMMANDS["map-paper"] = Command(f"{REDKITCHEN} {PAPER}", is_timed=True)
+COMMANDS["map-again"] = Command(REDKITCHEN + " --seed 1", is_timed=True)
+COMMANDS["dense"] = Command("run redkitchen_dense --resize 320x240 --crop-border 5")
+COMMANDS["dense-tenth"] = Command("run redkitchen_dense --stride 10 --resize 320x240 --crop-border 5")
+COMMANDS["static"] = Command("run synthetic:frames=300,seed=0,camera=static,noise=kinect")
+COMMANDS["long"] = Command("run synthetic:frames=5000,seed=0,width=160,height=120,noise=kinect --threads 1", is_timed=True)
+for _size in ("320x240", "640x480"):
+    for _threads in (1, 2):
+        COMMANDS[f"robot-{_size}-{_threads}"] = Command(
+            f"run kitchen-dev --resize {_size} --threads {_threads}", is_timed=True
+        )
+FRAME_SIZES = ("320x240", "640x480", "1280x960", "1920x1080")
+for _size in FRAME_SIZES:
+    _width, _height = _size.split("x")
+    COMMANDS[f"frames-{_size}"] = Command(f"run synthetic:frames=5,noise=kinect,width={_width},height={_height}")

@@ -1,0 +1,218 @@
+"""The tables of the documents: which commands each is made from, and how it looks."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from bench_output import mean, scores, sizes, summary
+from commands import ABLATIONS, CATEGORIES, FRAME_SIZES, PROMPTS, RULES, SEGMENTERS
+
+SCENE_NAMES = ("dev-a", "dev-b", "kitchen-dev")
+COLUMNS = ("k=1", "k=5", "k=10", "k=15", "VSQ", "STQ", "AQ", "SQ")
+NET_NAMES = {"net": "net", "graph": "`graph`", "oracle": "oracle"}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: `render` gets the folder of each command."""
+
+    commands: list[str]
+    render: Callable
+    # Tables that share their commands with one before them name it instead of repeating them.
+    shows_commands: bool = True
+    source: str = ""
+
+
+def markdown(head, rows):
+    lines = ["| " + " | ".join(head) + " |", "| --- |" + " ---: |" * (len(head) - 1)]
+    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
+
+
+def number(value, digits=1):
+    return "–" if value is None else f"{value:,.{digits}f}"
+
+
+def full_row(label, cells):
+    return [label, *(cells[column] for column in COLUMNS)]
+
+
+# Which row of which command a memory's scores are.
+MEMORIES = (
+    ("fastsam", "methods", "fastsam"),
+    ("fastspam", "methods", "fastspam"),
+    ("paper's method to the letter", "paper", "fastsam-splat"),
+    ("`memory.kind=features`", "features", "fastsam-splat"),
+    ("**fastsam-splat**", "methods", "fastsam-splat"),
+)
+
+
+def memory_table(folders):
+    rows = []
+    for segmenter in SEGMENTERS:
+        for label, command, method in MEMORIES:
+            folder = folders[f"{command}-{segmenter}"]
+            cells = [scores(folder, scene)[method] for scene in SCENE_NAMES] + [scores(folder, None, "strict")[method]]
+            texts = [
+                f"{number(mean(cell['VSQ']))} / {number(mean(cell['STQ']))} ({number(mean(cell['k=1']))})" for cell in cells
+            ]
+            rows.append([f"{NET_NAMES[segmenter]}: {label}", *texts])
+    return markdown(["VSQ / STQ (k = 1)", *SCENE_NAMES, "all three, `strict`"], rows)
+
+
+def methods_table(protocol):
+    def render(folders):
+        rows = []
+        for segmenter in SEGMENTERS:
+            for label, command, method in MEMORIES:
+                cells = scores(folders[f"{command}-{segmenter}"], None, protocol)[method]
+                rows.append(full_row(f"{NET_NAMES[segmenter]}: {label}", cells))
+        return markdown([f"protocol `{protocol}`", *COLUMNS], rows)
+
+    return render
+
+
+def size_table(folders):
+    classes = ("small (under 400 px)", "medium (400 to 4000 px)", "large (over 4000 px)")
+    rows = []
+    for segmenter in SEGMENTERS:
+        table = sizes(folders[f"methods-{segmenter}"])
+        for method in ("fastsam", "fastsam-splat"):
+            cells = [next(row for (name, size), row in table.items() if (name, size.split()[0]) == (method, wanted.split()[0])) for wanted in classes]
+            texts = [f"{number(mean(cell['AQ']))}; {number(mean(cell['ids per object']))}; {number(mean(cell['main id']), 0)}" for cell in cells]
+            rows.append([f"{NET_NAMES[segmenter]}: {method}", *texts])
+    return markdown(["AQ; ids per object; main id", *classes], rows)
+
+
+def change(cells, base, column):
+    return f"{mean(cells[column]) - mean(base[column]):+.1f}"
+
+
+def rules_table(folders):
+    """Every changed setting against the defaults, over the three scenes."""
+    tables = {segmenter: scores(folders[f"rules-{segmenter}"], None) for segmenter in SEGMENTERS}
+    rows = []
+    for setting, values in RULES.items():
+        for value in values.split(","):
+            row = [f"`{setting}={value}`"]
+            for segmenter in SEGMENTERS:
+                base = scores(folders[f"methods-{segmenter}"], None)["fastsam-splat"]
+                if segmenter == "oracle":
+                    base = tables[segmenter].get("fastsam-splat", base)
+                cells = tables[segmenter][f"fastsam-splat {setting}={value}"]
+                row.append(" / ".join(change(cells, base, column) for column in ("VSQ", "STQ", "k=1")))
+            rows.append(row)
+    return markdown(["change of VSQ / STQ / k = 1", "net", "`graph`", "oracle"], rows)
+
+
+def sam2_table(folders):
+    rows = []
+    for protocol in ("paper", "strict"):
+        for prompts, name in (("detections", "detections"), ("truth", "ground truth")):
+            measured = scores(folders[f"sam2-{prompts}"], None, protocol)
+            features = scores(folders[f"sam2-{prompts}-features"], None, protocol)["sam2-splat"]
+            lines = (("sam2", measured["sam2"]), ("sam2-splat", measured["sam2-splat"]), ("sam2-splat, `features`", features))
+            rows += [full_row(f"{name}, `{protocol}`: {label}", cells) for label, cells in lines]
+    return markdown(["", *COLUMNS], rows)
+
+
+def reprompts_table(folders):
+    names = dict(zip(CATEGORIES, ("(a) not tracked alone", "(b) incorrect track alone", "(c) duplicated track alone")))
+    rows = [full_row("none", scores(folders["reprompts-none"], None)["sam2-splat"])]
+    rows += [full_row(names[name], scores(folders[f"reprompts-{name}"], None)["sam2-splat"]) for name in CATEGORIES]
+    rows.append(full_row("all", scores(folders["sam2-detections"], None)["sam2-splat"]))
+    return markdown(["", *COLUMNS], rows)
+
+
+def clicks_table(folders):
+    rows = []
+    for prompts, name in (("detections", "detections"), ("truth", "ground truth")):
+        table = scores(folders[f"clicks-{prompts}"], None)
+        rows += [full_row(f"{name}, {clicks}", table[f"sam2-splat reprompt.clicks={clicks}"]) for clicks in (1, 3, 5)]
+    return markdown(["clicks", *COLUMNS], rows)
+
+
+def ablations_table(folders):
+    table = scores(folders["ablations"], None)
+    rows = []
+    for setting, values in ABLATIONS.items():
+        rows += [full_row(f"`{setting}={value}`", table[f"fastsam-splat {setting}={value}"]) for value in values.split(",")]
+    return markdown(["", *COLUMNS], rows)
+
+
+def map_table(folders):
+    columns = [summary(folders[name]) for name in ("map-paper", "map-features", "map", "map-again")]
+    lines = (
+        ("all but the segmenter, frames per second", lambda run: number(run["fps"]["without_segmenter"])),
+        ("slowest frame, ms", lambda run: number(run["slowest_frame_ms"], 0)),
+        ("Gaussians", lambda run: f"{run['gaussians']:,}"),
+        ("numbers in the memory, millions", lambda run: number(run["parameters"] / 1e6, 2)),
+        ("peak memory, MB", lambda run: number(run["peak_memory_mb"], 0)),
+        ("ids", lambda run: str(run["segments"])),
+    )
+    rows = [[label, *(value(run) for run in columns)] for label, value in lines]
+    return markdown(["", "the paper's method", "`features`", "**default**", "**default**, again"], rows)
+
+
+def stages_table(folders):
+    run = summary(folders["map"])
+    rows = [[stage, number(ms)] for stage, ms in run["stage_ms"].items()]
+    return markdown(["stage", "ms per frame"], rows)
+
+
+def growth_table(folders):
+    names = (("dense", "`redkitchen_dense`, 300 frames"), ("dense-tenth", "every tenth of them"), ("static", "static camera, 300 frames"))
+    rows = []
+    for command, label in names:
+        run = summary(folders[command])
+        rows.append([label, f"{run['curve'][0]['gaussians']:,}", f"{run['gaussians']:,}", str(run["segments"])])
+    return markdown(["", "Gaussians at the first point of the curve", "at the end", "ids"], rows)
+
+
+def long_table(folders):
+    curve = summary(folders["long"])["curve"]
+    picked = [curve[index * (len(curve) - 1) // 7] for index in range(8)]
+    rows = [
+        ["Gaussians", *(f"{point['gaussians']:,}" for point in picked)],
+        ["MB in memory", *(number(point["memory_mb"]) for point in picked)],
+        ["ms a frame, all but the segmenter", *(number(point["ms"]) for point in picked)],
+    ]
+    return markdown(["frame", *(str(point["frame"]) for point in picked)], rows)
+
+
+def robot_table(folders):
+    rows = []
+    for size in ("320x240", "640x480"):
+        for threads in (1, 2):
+            run = summary(folders[f"robot-{size}-{threads}"])
+            segmenter = run["stage_ms"]["segment"]
+            rest = 1000 / run["fps"]["without_segmenter"]
+            rows.append([
+                size, str(threads), number(run["fps"]["total"]), f"{segmenter:.0f} + {rest:.0f} ms",
+                f"{run['slowest_frame_ms']:.0f} ms", f"{run['peak_memory_mb']:.0f} MB",
+            ])  # fmt: skip
+    head = ["size", "threads", "frames per second", "a frame: segmenter + rest, mean", "rest, slowest", "peak memory"]
+    return markdown(head, rows)
+
+
+def frame_sizes_table(folders):
+    runs = [summary(folders[f"frames-{size}"]) for size in FRAME_SIZES]
+    return markdown(["frames", *FRAME_SIZES], [["peak memory, MB", *(number(run["peak_memory_mb"], 0) for run in runs)]])
+
+
+_SCORES = [f"{kind}-{segmenter}" for segmenter in SEGMENTERS for kind in ("methods", "features", "paper")]
+TABLES = {
+    "memory": Table(_SCORES, memory_table),
+    "methods-paper": Table(_SCORES, methods_table("paper"), False, "the commands of the first table"),
+    "methods-strict": Table(_SCORES, methods_table("strict"), False, "the commands of the first table"),
+    "sizes": Table([f"methods-{name}" for name in SEGMENTERS], size_table, False, "the commands of the first table"),
+    "rules": Table([f"{kind}-{name}" for name in SEGMENTERS for kind in ("rules", "methods")], rules_table),
+    "sam2": Table([f"sam2-{prompts}{kind}" for prompts in PROMPTS for kind in ("", "-features")], sam2_table),
+    "reprompts": Table([f"reprompts-{name}" for name in ("none", *CATEGORIES)] + ["sam2-detections"], reprompts_table),
+    "clicks": Table([f"clicks-{prompts}" for prompts in PROMPTS], clicks_table),
+    "ablations": Table(["ablations"], ablations_table),
+    "map": Table(["map-paper", "map-features", "map", "map-again"], map_table),
+    "stages": Table(["map"], stages_table),
+    "growth": Table(["dense", "dense-tenth", "static"], growth_table),
+    "long": Table(["long"], long_table),
+    "frame-sizes": Table([f"frames-{size}" for size in FRAME_SIZES], frame_sizes_table),
+    "robot": Table([f"robot-{size}-{threads}" for size in ("320x240", "640x480") for threads in (1, 2)], robot_table),
+}
