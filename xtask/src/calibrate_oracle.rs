@@ -89,7 +89,8 @@ fn scored(videos: &[Video], settings: &OracleSettings, seed: u64, protocol: Prot
     for video in videos {
         let mut oracle = oracle(video, settings, seed)?;
         // As in the paper's evaluation, small masks count.
-        let mut method = FastSamBaseline::new(FastSamBaselineSettings::default().with(|it| it.min_segment_area = 0))?;
+        let mut method =
+            FastSamBaseline::new(FastSamBaselineSettings::default().with(|it| it.min_prediction_area = 0))?;
         let mut scorer = VideoScorer::new(score_settings);
         for StreamedFrame { frame, ground_truth, .. } in video.frames.iter() {
             let masks: Vec<Mask> =

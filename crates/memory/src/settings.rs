@@ -83,20 +83,29 @@ settings! {
         decode_threshold: f32 = 0.5, Allowed::between(0.0, 1.0), only "memory.kind = features";
         /// What the confidence ‖f‖ of a remembered segment loses in a frame that does not confirm it (C_conf).
         confidence_decay: f32 = 0.1, Allowed::between(0.0, 1.0), only "memory.kind = features";
+        /// Whether the part of a matched segment that its prediction leaves out stays and fades as an unmatched segment
+        /// does; otherwise it is no segment. The paper: false.
+        fade_matched: bool = true, Allowed::Switch, only "memory.kind = features";
+        /// Whether a pixel that no prediction covers and whose feature shows no segment loses `confidence_decay`;
+        /// otherwise it loses all of its confidence. The paper: true.
+        fade_undecoded: bool = false, Allowed::Switch, only "memory.kind = features";
         /// Gradient-descent steps on the features per frame (N_opt).
         num_steps: usize = 20, Allowed::between(0.0, 200.0), only "memory.kind = features";
         /// Weight of the confidence term, MSE(‖F̂‖, ‖F‖) (λ_mag).
         magnitude_weight: f32 = 50.0, Allowed::between(0.0, 1e6), only "memory.kind = features";
         /// Weight of the direction term, 1 − cos(F̂, F) (λ_dir).
         direction_weight: f32 = 1.0, Allowed::between(0.0, 1e6), only "memory.kind = features";
-        /// Step size. Losses are summed over pixels and each Gaussian's step is divided by the sum of its blend
-        /// weights, so that one value is stable at every distance; it must stay below 1 / `magnitude_weight`. Not in
-        /// the paper.
-        learning_rate: f32 = 0.01, Allowed::between(0.0, 1000.0), only "memory.kind = features";
+        /// Step size: each Gaussian's step is this fraction of the gradient divided by the curvature, along its feature
+        /// (magnitude) and across (direction). So it is safe at every distance, and an id turns well within 20 steps.
+        /// Not in the paper.
+        learning_rate: f32 = 0.5, Allowed::between(0.0, 1.0), only "memory.kind = features";
         /// A pixel is learnt only where the memory shows another segment than the target, where the confidences differ
         /// by more than this, where the directions differ (`active_min_cosine`), or within `active_margin` of such a
         /// pixel. Must be below `confidence_decay`, or fading is never learnt. Negative: every pixel. Not in the paper.
         active_tolerance: f32 = 0.09, Allowed::between(-1.0, 1.0), only "memory.kind = features";
+        /// Whether the pixels that a frame's new Gaussians cover are learnt in the same frame, for which the map is
+        /// rendered once more. New Gaussians show the target already. The paper: true.
+        learn_new: bool = false, Allowed::Switch, only "memory.kind = features";
         /// Directions differ if their cosine is below this; see `active_tolerance`. Not in the paper.
         active_min_cosine: f32 = 0.95, Allowed::between(-1.0, 1.0), only "memory.kind = features";
         /// See `active_tolerance`, pixels. Not in the paper.

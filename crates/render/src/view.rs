@@ -22,14 +22,14 @@ impl View {
     /// Rasterises `gaussians` as `camera` sees them.
     ///
     /// The semantics are those of `gsplat.rasterization` 1.5 in its classic mode, without background.
-    pub fn new(gaussians: &impl Splats, camera: &Camera) -> Self {
+    pub fn new(gaussians: &(impl Splats + ?Sized), camera: &Camera) -> Self {
         Self::read(gaussians, camera, |_| ()).0
     }
 
     /// Rasterises as [`View::new`], and calls `read_tile` on every tile while its weights are still in the cache. Its
     /// results are returned row-major, one per tile.
     pub fn read<T: Send>(
-        gaussians: &impl Splats,
+        gaussians: &(impl Splats + ?Sized),
         camera: &Camera,
         read_tile: impl Fn(&TileWeights) -> T + Sync,
     ) -> (Self, Vec<T>) {

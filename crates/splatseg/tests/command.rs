@@ -249,7 +249,7 @@ fn one_frame_and_frames_without_depth_are_enough() {
     assert_eq!(summary(&out("out"))["frames"], 3);
     run(scene.path(), &out("one")).args(["--max-frames", "1"]).assert().success();
     // No frame has anything large enough to be a segment.
-    run(scene.path(), &out("none")).args(["--set", "min_segment_area=100000"]).assert().success();
+    run(scene.path(), &out("none")).args(["--set", "min_prediction_area=100000"]).assert().success();
     assert_eq!(summary(&out("none"))["segments"], 0);
     // More objects than codes: a block of codes is added.
     let few = ["--set", "memory.kind=features", "--set", "memory.num_codes=2"];

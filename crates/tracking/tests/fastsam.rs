@@ -23,7 +23,7 @@ fn stripe(from: usize, to: usize) -> ScoredMask {
 
 /// Settings with which masks of any size count.
 fn settings() -> FastSamBaselineSettings {
-    FastSamBaselineSettings::default().with(|settings| settings.min_segment_area = 0)
+    FastSamBaselineSettings::default().with(|settings| settings.min_prediction_area = 0)
 }
 
 fn fastsam(settings: FastSamBaselineSettings) -> FastSamBaseline {
@@ -65,7 +65,7 @@ fn the_sum_of_f_scores_decides_and_can_have_a_minimum() {
 
 #[test]
 fn overlapping_masks_are_kept_in_full_and_painted_small_over_large() {
-    let mut method = fastsam(settings().with(|settings| settings.min_segment_area = 30));
+    let mut method = fastsam(settings().with(|settings| settings.min_prediction_area = 30));
     let output = method.process(&frame(SIZE), &[stripe(3, 6), stripe(0, 10), stripe(20, 22)]).unwrap();
     assert_eq!(output.masks, [(1, stripe(3, 6).mask), (2, stripe(0, 10).mask)]);
     assert_eq!(output.segments.row(5)[..11], [2, 2, 2, 1, 1, 1, 2, 2, 2, 2, 0]);

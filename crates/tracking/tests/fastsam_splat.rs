@@ -6,7 +6,7 @@ use exact_masks::{MIN_AREA, count_pairs, evidence, features, masks, method, trut
 use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
 use splatseg_geometry::{Image, Mask, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
 use splatseg_memory::{MemorySettings, SplatContent, SplatFile};
-use splatseg_tracking::{Method, TrackingError};
+use splatseg_tracking::{FastSamSplat, FastSamSplatSettings, Method, TrackingError};
 use std::collections::BTreeMap;
 
 fn room(frames: usize) -> SyntheticScene {
@@ -178,4 +178,48 @@ fn masks_of_another_size_are_rejected() {
     let wrong = ScoredMask { mask: Mask::empty(10, 10), score: 1.0 };
     let error = method(evidence()).process(&scene.read_frame(0).unwrap(), &[wrong]).unwrap_err();
     assert!(matches!(error, TrackingError::MaskSize { found: (10, 10), expected: (112, 84) }));
+}
+
+#[test]
+fn whole_masks_or_visible_parts_are_matched() {
+    let ids = |whole: bool| {
+        let settings = FastSamSplatSettings::default().with(|settings| {
+            (settings.match_whole_masks, settings.memory) = (whole, features());
+            settings.min_prediction_area = 1;
+            settings.min_output_area = 1;
+        });
+        let mut method = FastSamSplat::new(settings, 0, &mut |_| {}).unwrap();
+        let scene = room(1);
+        let frame = scene.read_frame(0).unwrap();
+        let (width, height) = (frame.width(), frame.height());
+        let upto = |end: usize| ScoredMask { mask: Mask::from_fn(width, height, |column, _| column < end), score: 1.0 };
+        let wide = method.process(&frame, &[upto(80)]).unwrap().segments[(70, 40)];
+        // The larger mask is more like the remembered one, but more of that is visible of the smaller one.
+        let second = method.process(&frame, &[upto(80), upto(60)]).unwrap().segments;
+        (wide, second[(20, 40)], second[(70, 40)])
+    };
+    let (known, under_small, under_large) = ids(true);
+    assert_eq!(under_large, known);
+    assert_ne!(under_small, known);
+    let (known, under_small, under_large) = ids(false);
+    assert_eq!(under_small, known);
+    assert_ne!(under_large, known);
+}
+
+#[test]
+fn small_predictions_and_small_outputs_have_their_own_limits() {
+    let shown = |least_prediction: usize, least_output: usize| {
+        let settings = FastSamSplatSettings::default().with(|settings| {
+            settings.min_prediction_area = least_prediction;
+            settings.min_output_area = least_output;
+        });
+        let mut method = FastSamSplat::new(settings, 0, &mut |_| {}).unwrap();
+        let frame = room(1).read_frame(0).unwrap();
+        let mask = Mask::from_fn(frame.width(), frame.height(), |column, row| column < 6 && row < 5);
+        let output = method.process(&frame, &[ScoredMask { mask, score: 1.0 }]).unwrap();
+        (output.predictions, output.segments.areas().contains_key(&1))
+    };
+    assert_eq!(shown(31, 0), (0, false));
+    assert_eq!(shown(30, 31), (1, false));
+    assert_eq!(shown(30, 20), (1, true));
 }

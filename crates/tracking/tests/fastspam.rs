@@ -38,7 +38,7 @@ fn stripe(from: usize, to: usize) -> ScoredMask {
 
 /// Settings with which masks of any size count.
 fn settings() -> FastSpamBaselineSettings {
-    FastSpamBaselineSettings::default().with(|settings| settings.min_segment_area = 0)
+    FastSpamBaselineSettings::default().with(|settings| settings.min_prediction_area = 0)
 }
 
 fn fastspam() -> FastSpamBaseline {
@@ -46,7 +46,7 @@ fn fastspam() -> FastSpamBaseline {
 }
 
 fn fastsam() -> FastSamBaseline {
-    FastSamBaseline::new(FastSamBaselineSettings::default().with(|settings| settings.min_segment_area = 0)).unwrap()
+    FastSamBaseline::new(FastSamBaselineSettings::default().with(|settings| settings.min_prediction_area = 0)).unwrap()
 }
 
 /// Id and width of each stripe.

@@ -22,7 +22,11 @@ fn expected() -> SegmentBelief {
 type Found = (TrackErrorKind, SegmentId, Option<(Mask, Mask)>);
 
 fn errors_in(expected: &SegmentBelief, tracks: &[(SegmentId, Mask)]) -> Vec<Found> {
-    let found = find_track_errors(expected, tracks, &RepromptSettings::default());
+    errors_by(&RepromptSettings::default(), expected, tracks)
+}
+
+fn errors_by(settings: &RepromptSettings, expected: &SegmentBelief, tracks: &[(SegmentId, Mask)]) -> Vec<Found> {
+    let found = find_track_errors(expected, tracks, settings);
     let parts = |remedy: Remedy| match remedy {
         Remedy::Prompt { expected, wrong } => Some((expected, wrong)),
         Remedy::Remove => None,
@@ -93,6 +97,17 @@ fn duplicates_are_prompted_back_or_removed() {
     assert_eq!(found, [(TrackErrorKind::DuplicatedTrack, 2, Some((stripe(10, 20), stripe(0, 10))))]);
     let found = errors(&[(1, stripe(0, 10)), (2, stripe(10, 20)), (3, stripe(20, 30)), (7, stripe(0, 9))]);
     assert_eq!(found, [(TrackErrorKind::DuplicatedTrack, 7, None)]);
+}
+
+#[test]
+fn without_removal_a_track_on_another_segment_is_clicked_away() {
+    let clicks_alone = RepromptSettings::default().with(|settings| settings.remove_tracks = false);
+    let tracks = [(1, stripe(0, 10)), (2, stripe(10, 20)), (3, stripe(20, 30)), (7, stripe(0, 9))];
+    let found = errors_by(&clicks_alone, &expected(), &tracks);
+    assert_eq!(found, [(TrackErrorKind::DuplicatedTrack, 7, Some((stripe(0, 0), stripe(0, 9))))]);
+    let tracks = [(1, stripe(0, 10)), (3, stripe(20, 30)), (7, stripe(11, 20))];
+    let found = errors_by(&clicks_alone, &expected(), &tracks);
+    assert_eq!(found[1], (TrackErrorKind::IncorrectTrack, 7, Some((stripe(0, 0), stripe(11, 20)))));
 }
 
 #[test]

@@ -1,8 +1,11 @@
 //! Gradient descent on the features of the Gaussians in view (docs/METHOD.md, "Features").
 //!
 //! `F = W f` carries the gradient of the [loss](super::loss) to the features: `∂L/∂f = Wᵀ ∂L/∂F`. Each Gaussian's step
-//! is divided by its column sum of `W` (a Jacobi preconditioner): a fixed step diverges when the camera comes close
-//! and one Gaussian covers many pixels.
+//! is divided by the curvature that the loss has there, along its feature and across it: `W` times the curvature of the
+//! pixels, summed over its column. Without the sum, steps diverge when the camera comes close and one Gaussian covers
+//! many pixels. Without the two directions, an id does not turn: magnitudes weigh 50 times as much as directions, and a
+//! step that is safe for them turns a feature by half a degree. Where segments meet, directions and magnitudes depend on
+//! each other, and momentum (Nesterov's) gets through. All this leaves the minimum of the loss where it is.
 
 use super::loss::{Loss, padded};
 use crate::recall::Recall;
@@ -12,6 +15,9 @@ use splatseg_geometry::Image;
 use splatseg_kernels::AlignedVec;
 use splatseg_kernels::inner_products::dot;
 use splatseg_render::{ActiveWeights, PixelSet, TileWeights};
+
+/// The least curvature across a feature, as a fraction of that along it.
+const MIN_CURVATURE_ACROSS: f32 = 1e-3;
 
 /// One optimisation of a frame's features.
 pub(crate) struct Learning<'a> {
@@ -42,13 +48,15 @@ impl Learning<'_> {
         let mut local = AlignedVec::zeros(active.gaussians().len() * row);
         for (gaussian, copy) in active.gaussians().iter().zip(local.chunks_exact_mut(row)) {
             copy[..feature_dim].copy_from_slice(&features[*gaussian as usize * feature_dim..][..feature_dim]);
+            complete(copy, feature_dim);
         }
         let mut partial = AlignedVec::zeros(active.column_count() * row);
-        for _ in 0..self.settings.num_steps {
+        let mut moved = local.clone();
+        for step in 0..self.settings.num_steps {
             feature_gradient(&loss, active, &local, &mut partial);
-            self.step(active, &partial, &mut local);
+            self.step(active, &partial, step as f32 / (step as f32 + 3.0), &mut local, &mut moved);
         }
-        for (gaussian, copy) in active.gaussians().iter().zip(local.chunks_exact(row)) {
+        for (gaussian, copy) in active.gaussians().iter().zip(moved.chunks_exact(row)) {
             features[*gaussian as usize * feature_dim..][..feature_dim].copy_from_slice(&copy[..feature_dim]);
         }
         LearningExtent {
@@ -57,21 +65,55 @@ impl Learning<'_> {
         }
     }
 
-    /// Adds the parts of every Gaussian's gradient and moves its feature against it.
-    fn step(&self, active: &ActiveWeights, partial: &[f32], features: &mut [f32]) {
-        let row = padded(self.codebook.feature_dim());
-        features.par_chunks_mut(row * 512).enumerate().for_each(|(chunk, features)| {
-            for (offset, feature) in features.chunks_exact_mut(row).enumerate() {
+    /// Adds the parts of every Gaussian's gradient and moves its feature against it, to `moved`; `features`, where the
+    /// next gradient is taken, go further by `momentum` times the way since the last step (Nesterov).
+    fn step(&self, active: &ActiveWeights, partial: &[f32], momentum: f32, features: &mut [f32], moved: &mut [f32]) {
+        let feature_dim = self.codebook.feature_dim();
+        let row = padded(feature_dim);
+        let zeros = || AlignedVec::zeros(row);
+        let chunks = features.par_chunks_mut(row * 512).zip(moved.par_chunks_mut(row * 512)).enumerate();
+        chunks.for_each_init(zeros, |gradient, (chunk, (features, moved))| {
+            let pairs = features.chunks_exact_mut(row).zip(moved.chunks_exact_mut(row));
+            for (offset, (feature, moved)) in pairs.enumerate() {
                 let gaussian = chunk * 512 + offset;
-                let rate = self.settings.learning_rate / active.weight_sums()[gaussian];
+                gradient.fill(0.0);
                 for column in active.columns_of(gaussian) {
                     let part = &partial[*column as usize * row..][..row];
-                    for (value, part) in feature.iter_mut().zip(part) {
-                        *value -= rate * part;
-                    }
+                    gradient.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
                 }
+                self.step_one(active.weight_sums()[gaussian], gradient, feature);
+                for (value, last) in feature[..feature_dim].iter_mut().zip(moved) {
+                    let new = *value;
+                    *value += momentum * (new - *last);
+                    *last = new;
+                }
+                complete(feature, feature_dim);
             }
         });
+    }
+
+    /// Moves one feature against its gradient, which is followed by the curvature across it less `direction_weight` for
+    /// each pixel. Pixels that are not learnt resist with theirs, as if they had full confidence.
+    fn step_one(&self, weight_sum: f32, gradient: &[f32], feature: &mut [f32]) {
+        let feature_dim = self.codebook.feature_dim();
+        let step_over = |curvature: f32| if curvature > 0.0 { self.settings.learning_rate / curvature } else { 0.0 };
+        let curvature_along = 2.0 * self.settings.magnitude_weight * weight_sum;
+        let along = step_over(curvature_along);
+        let (gradient, curvature) = gradient.split_at(feature_dim);
+        let square = dot(&feature[..feature_dim], &feature[..feature_dim]);
+        let (across, projection) = match curvature.first() {
+            Some(curvature) if square > 1e-12 => {
+                // Where no pixel has a direction to learn, the gradient across is rounding error, and so is its curvature.
+                let curvature = curvature + self.settings.direction_weight * weight_sum;
+                let across = step_over(curvature.max(MIN_CURVATURE_ACROSS * curvature_along));
+                (across, dot(gradient, &feature[..feature_dim]) / square)
+            }
+            _ => (along, 0.0),
+        };
+        for (value, slope) in feature.iter_mut().zip(gradient) {
+            let radial = projection * *value;
+            *value -= along * radial + across * (slope - radial);
+        }
     }
 
     /// Per tile, the pixels to be learnt: those that differ from the target and their surroundings, where the memory
@@ -109,10 +151,10 @@ impl Learning<'_> {
         chosen
     }
 
-    /// Whether the memory covers a pixel. Where it covers too little, pulling the pixel to the target would only inflate
-    /// the features around it.
+    /// Whether the memory covers a pixel, if need be with its new Gaussians. Where it covers too little, pulling the pixel
+    /// to the target would only inflate the features around it.
     fn covered(&self, at: (usize, usize)) -> bool {
-        self.recall.silhouette[at] >= self.settings.growth_silhouette
+        self.settings.learn_new || self.recall.silhouette[at] >= self.settings.growth_silhouette
     }
 
     fn differing_pixels(&self, tile: usize) -> PixelSet {
@@ -152,6 +194,14 @@ impl Learning<'_> {
                     || dot(feature, code) < self.settings.active_min_cosine * norm
             }
         }
+    }
+}
+
+/// Writes what stands behind a feature, see [`padded`].
+fn complete(feature: &mut [f32], feature_dim: usize) {
+    if feature_dim > 1 {
+        feature[feature_dim] = dot(&feature[..feature_dim], &feature[..feature_dim]);
+        feature[feature_dim + 1] = 1.0;
     }
 }
 
@@ -195,4 +245,119 @@ fn dilated(seed: &Image<bool>, margin: usize) -> Image<bool> {
         }
     }
     near
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{MemoryKind, SplatMemory};
+    use glam::{Mat4, Vec3};
+    use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
+
+    const SIZE: (usize, usize) = (64, 48);
+
+    /// A wall at z = 2 m, seen from `back` metres farther away than the origin.
+    fn wall(back: f32) -> RgbdFrame<'static> {
+        let intrinsics = Intrinsics { fx: 50.0, fy: 50.0, cx: 31.5, cy: 23.5, width: SIZE.0, height: SIZE.1 };
+        let pose = Pose::from_matrix(Mat4::from_translation(Vec3::new(0.0, 0.0, -back))).unwrap();
+        let color = Image::filled(SIZE.0, SIZE.1, [90; 3]);
+        RgbdFrame::new("0", color, Image::filled(SIZE.0, SIZE.1, 2.0 + back), intrinsics, pose).unwrap()
+    }
+
+    fn halves(left: u32, right: u32, border: usize) -> SegmentMap {
+        SegmentMap::from_fn(SIZE.0, SIZE.1, |column, _| if column < border { left } else { right })
+    }
+
+    /// The loss of docs/METHOD.md, in f64.
+    fn loss(learning: &Learning<'_>, active: &ActiveWeights, features: &[f32]) -> f64 {
+        let feature_dim = learning.codebook.feature_dim();
+        let local: Vec<f32> = active
+            .gaussians()
+            .iter()
+            .flat_map(|gaussian| features[*gaussian as usize * feature_dim..][..feature_dim].iter().copied())
+            .collect();
+        let mut sum = 0.0;
+        for tile in active.tiles() {
+            let mut pixels = vec![0.0; TileWeights::PIXELS * feature_dim];
+            tile.render(&local, feature_dim, &mut pixels);
+            let (left, top) = tile.weights.origin();
+            for (pixel, feature) in pixels.chunks_exact(feature_dim).enumerate() {
+                if tile.pixels.contains(pixel as u8) {
+                    let at = (left + pixel % TileWeights::SIDE, top + pixel / TileWeights::SIDE);
+                    let norm = f64::from(dot(feature, feature)).sqrt();
+                    sum += 50.0 * (f64::from(learning.target.confidence[at]) - norm).powi(2);
+                    if let Some(code) = learning.target.segments[at].checked_sub(1).filter(|_| norm > 1e-6) {
+                        sum += 1.0 - f64::from(dot(feature, learning.codebook.vector(code as usize))) / norm;
+                    }
+                }
+            }
+        }
+        sum
+    }
+
+    /// The loss after 0 to 20 steps, from a camera `back` metres behind the one from which the wall was mapped, when all
+    /// that is seen there contradicts what is remembered. And the fraction of pixels that decode to the target then.
+    fn descent(back: f32, rate: f32) -> (Vec<f64>, f32) {
+        let settings = MemorySettings::default().with(|settings| {
+            (settings.kind, settings.feature_dim, settings.num_codes) = (MemoryKind::Features, 14, 16);
+            (settings.learning_rate, settings.active_tolerance) = (rate, -1.0);
+        });
+        let mut memory = SplatMemory::new(settings.clone(), 0, &mut |_| {}).unwrap();
+        (0..4).for_each(|_| _ = memory.new_segment().unwrap());
+        let first = wall(0.0);
+        memory.update(memory.recall(&first), &halves(1, 2, 32)).unwrap();
+        let codebook =
+            Codebook::generate(&crate::CodebookSettings { num_codes: 16, feature_dim: 14, seed: 0 }, &mut |_| {})
+                .unwrap();
+        let labels = memory.store.segment_ids();
+        let start: Vec<f32> = labels.iter().flat_map(|id| codebook.vector(*id as usize - 1).iter().copied()).collect();
+        let frame = wall(back);
+        let recall = memory.recall(&frame);
+        let target = SegmentBelief {
+            segments: halves(3, 4, 27),
+            confidence: Image::from_fn(SIZE.0, SIZE.1, |_, row| if row < 20 { 1.0 } else { 0.7 }),
+        };
+        let (mut losses, mut features) = (Vec::new(), Vec::new());
+        for num_steps in 0..=20 {
+            // No steps need no pixels.
+            let settings = settings.clone().with(|settings| settings.num_steps = num_steps.max(1));
+            let learning = Learning { settings: &settings, codebook: &codebook, recall: &recall, target: &target };
+            let active = recall.view.active_weights(&learning.active_pixels(&[]), 0.0);
+            features.clone_from(&start);
+            if num_steps > 0 {
+                learning.descend(&active, &mut features);
+            }
+            losses.push(loss(&learning, &active, &features));
+        }
+        let (mut right, mut all) = (0.0, 0.0);
+        for tile in recall.view.weights().tiles() {
+            let mut pixels = vec![0.0; TileWeights::PIXELS * 14];
+            tile.accumulate(&features, 14, &mut pixels);
+            let ((left, top), (width, height)) = (tile.origin(), tile.size());
+            for (row, column) in (0..height).flat_map(|row| (0..width).map(move |column| (row, column))) {
+                let at = (left + column, top + row);
+                if recall.silhouette[at] > 0.9 {
+                    let feature = &pixels[(row * TileWeights::SIDE + column) * 14..][..14];
+                    all += 1.0;
+                    right += f32::from(u8::from(
+                        codebook.decode(feature, 4, 0.5).map(|code| code + 1) == Some(target.segments[at]),
+                    ));
+                }
+            }
+        }
+        (losses, right / all)
+    }
+
+    #[test]
+    fn ids_turn_within_a_frame_and_the_loss_falls_with_every_step_near_or_far() {
+        // From 0.4 m a Gaussian covers 25 pixels and more; from 20 m, a pixel shows 100.
+        for back in [-1.6, -1.0, 0.0, 2.0, 6.0, 18.0] {
+            let (losses, right) = descent(back, MemorySettings::default().learning_rate);
+            assert!(losses.windows(2).all(|pair| pair[1] < pair[0]), "{back} m: {losses:?}");
+            // The rest is where segments meet, and blends of both.
+            assert!(right > 0.9, "{back} m: {right} of the pixels have turned, {losses:?}");
+            let (losses, _) = descent(back, 1.0);
+            assert!(losses[20] < losses[0], "the largest step size that is allowed, {back} m: {losses:?}");
+        }
+    }
 }

@@ -5,6 +5,11 @@
 //! the constant 1 / (H·W) only, and that is part of the step size. Its gradient with respect to F is
 //!
 //! `−2 λ_mag (m − ‖F‖) F/‖F‖ − λ_dir (ĉ − (ĉ·F/‖F‖) F/‖F‖) / ‖F‖`
+//!
+//! Its curvature is `2 λ_mag` along F and `λ_dir / ‖F‖²` across. Across a *Gaussian's* feature it is more than that
+//! where the Gaussians of a pixel disagree: turning one of them then changes ‖F‖. The share of F that they cancel,
+//! `κ = 1 − ‖F‖² / (Σ w · Σ w ‖f‖²)`, is 0 where they agree; `4 λ_mag κ` is above what two groups of Gaussians can come
+//! to, and half of that is enough for the steps of [`super::learning`], which divides by these.
 
 use crate::{Codebook, MemorySettings, SegmentBelief};
 use splatseg_geometry::SegmentId;
@@ -18,11 +23,13 @@ const TINY: f32 = 1e-6;
 /// Features are padded to a multiple of this.
 const LANES: usize = 8;
 
-/// Length of a feature in working memory, where rows fill whole vector registers and cache lines; the padding stays 0.
+/// Length of a feature in working memory, where rows fill whole vector registers and cache lines. Behind the feature
+/// are two more numbers: ‖f‖² and 1, whose weighted sums tell where Gaussians disagree; in gradients the first is the
+/// curvature. The rest stays 0. An integer id has no direction and nothing behind it.
 pub(crate) fn padded(feature_dim: usize) -> usize {
     match feature_dim {
         1 => 1,
-        _ => feature_dim.next_multiple_of(LANES),
+        _ => (feature_dim + 2).next_multiple_of(LANES),
     }
 }
 
@@ -30,6 +37,7 @@ pub(crate) fn padded(feature_dim: usize) -> usize {
 pub(crate) struct Loss<'a> {
     settings: &'a MemorySettings,
     target: &'a SegmentBelief,
+    feature_dim: usize,
     row: usize,
     /// The codebook, `[codes, row]`.
     codes: AlignedVec,
@@ -42,7 +50,7 @@ impl<'a> Loss<'a> {
         for (index, code) in codes.chunks_exact_mut(row).enumerate() {
             code[..codebook.feature_dim()].copy_from_slice(codebook.vector(index));
         }
-        Self { settings, target, row, codes }
+        Self { settings, target, feature_dim: codebook.feature_dim(), row, codes }
     }
 
     /// Padded length of a feature, see [`padded`].
@@ -51,7 +59,7 @@ impl<'a> Loss<'a> {
     }
 
     /// Replaces the rendered features of a tile's chosen pixels, `[16, 16, row]`, by the loss's gradient with respect
-    /// to them.
+    /// to them, followed by the curvature across, less `direction_weight`.
     pub fn differentiate(&self, tile: &ActiveTile, pixels: &mut [f32]) {
         let gradient = TileGradient { loss: self, tile, pixels };
         match self.row {
@@ -62,33 +70,40 @@ impl<'a> Loss<'a> {
         }
     }
 
-    /// Replaces one rendered feature by the gradient.
+    /// Replaces one rendered feature by the gradient and the curvature, see [`Self::differentiate`].
     #[inline(always)]
     fn pixel_gradient(&self, segment: SegmentId, magnitude: f32, feature: &mut [f32]) {
-        let norm = dot(feature, feature).sqrt();
-        let radial = -2.0 * self.settings.magnitude_weight * (magnitude - norm);
-        if segment == 0 {
-            let scale = if norm > TINY { radial / norm } else { 0.0 };
-            feature.iter_mut().for_each(|value| *value *= scale);
-            return;
-        }
-        let code = &self.codes[(segment as usize - 1) * self.row..][..feature.len()];
-        if let ([value], [id]) = (&mut *feature, code) {
+        if let [value] = feature {
             // The integer-id ablation has no directions: the feature is pulled to the id itself.
+            let id = if segment == 0 { 0.0 } else { self.codes[segment as usize - 1] };
             *value = -2.0 * self.settings.magnitude_weight * (id - *value);
             return;
         }
-        if norm <= TINY {
-            // Without a direction of its own the feature takes the target's.
-            feature.iter_mut().zip(code).for_each(|(value, code)| *value = radial * code);
-            return;
+        let (magnitude_weight, direction_weight) = (self.settings.magnitude_weight, self.settings.direction_weight);
+        let [squares, weights] = [self.feature_dim, self.feature_dim + 1].map(|at| std::mem::take(&mut feature[at]));
+        let norm = dot(feature, feature).sqrt();
+        let agreed = norm * norm / (squares * weights).max(TINY * TINY);
+        let mut curvature = 2.0 * magnitude_weight * (1.0 - agreed).clamp(0.0, 1.0);
+        let radial = -2.0 * magnitude_weight * (magnitude - norm);
+        if segment == 0 {
+            let scale = if norm > TINY { radial / norm } else { 0.0 };
+            feature.iter_mut().for_each(|value| *value *= scale);
+        } else {
+            let code = &self.codes[(segment as usize - 1) * self.row..][..feature.len()];
+            if norm <= TINY {
+                // Without a direction of its own the feature takes the target's.
+                feature.iter_mut().zip(code).for_each(|(value, code)| *value = radial * code);
+            } else {
+                let cosine = dot(feature, code) / norm;
+                let along_code = -direction_weight / norm;
+                let along_feature = (radial - along_code * cosine) / norm;
+                for (value, code) in feature.iter_mut().zip(code) {
+                    *value = along_feature * *value + along_code * code;
+                }
+                curvature += direction_weight / (norm * norm);
+            }
         }
-        let cosine = dot(feature, code) / norm;
-        let along_code = -self.settings.direction_weight / norm;
-        let along_feature = (radial - along_code * cosine) / norm;
-        for (value, code) in feature.iter_mut().zip(code) {
-            *value = along_feature * *value + along_code * code;
-        }
+        feature[self.feature_dim] = curvature - direction_weight;
     }
 }
 
@@ -152,6 +167,36 @@ mod tests {
             + f64::from(settings.direction_weight) * direction
     }
 
+    /// The gradient of a pixel that one Gaussian fills, and what stands behind it.
+    fn gradient(
+        settings: &MemorySettings,
+        codebook: &Codebook,
+        target: &SegmentBelief,
+        (segment, magnitude): (SegmentId, f32),
+        feature: [f32; FEATURE_DIM],
+    ) -> [f32; 8] {
+        let mut gradient = [0.0; 8];
+        gradient[..FEATURE_DIM].copy_from_slice(&feature);
+        gradient[FEATURE_DIM..].copy_from_slice(&[dot(&feature, &feature), 1.0]);
+        Loss::new(settings, codebook, target).pixel_gradient(segment, magnitude, &mut gradient);
+        gradient
+    }
+
+    #[test]
+    fn the_curvature_across_is_that_of_the_direction_where_gaussians_agree_and_more_where_they_do_not() {
+        let (settings, codebook) = (MemorySettings::default(), codebook());
+        let target = SegmentBelief::empty(1, 1);
+        let mut alone = codebook.vector(0).to_vec();
+        alone.iter_mut().for_each(|value| *value *= 0.5);
+        let alone: [f32; FEATURE_DIM] = alone.try_into().unwrap();
+        let found = gradient(&settings, &codebook, &target, (1, 0.5), alone)[FEATURE_DIM];
+        assert!((found - (4.0 - 1.0)).abs() < 1e-3, "1 / 0.5², less direction_weight: {found}");
+        // Two Gaussians of weight one half, at right angles: half of their squares is lost.
+        let mut mixed = [0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0];
+        Loss::new(&settings, &codebook, &target).pixel_gradient(0, 0.0, &mut mixed);
+        assert!((mixed[FEATURE_DIM] - (2.0 * 50.0 * 0.5 - 1.0)).abs() < 1e-3, "{mixed:?}");
+    }
+
     proptest! {
         #[test]
         fn the_gradient_equals_finite_differences(feature in prop::array::uniform6(-1.0f32..1.0), segment in 0u32..=5,
@@ -160,10 +205,8 @@ mod tests {
             let (settings, codebook) = (MemorySettings::default(), codebook());
             let target = SegmentBelief::empty(1, 1);
             let magnitude = if segment == 0 { 0.0 } else { magnitude };
-            let mut gradient = [0.0; 8];
-            gradient[..FEATURE_DIM].copy_from_slice(&feature);
-            Loss::new(&settings, &codebook, &target).pixel_gradient(segment, magnitude, &mut gradient);
-            prop_assert_eq!(gradient[FEATURE_DIM..].to_vec(), vec![0.0; 2], "padding stays empty");
+            let gradient = gradient(&settings, &codebook, &target, (segment, magnitude), feature);
+            prop_assert_eq!(gradient[FEATURE_DIM + 1], 0.0, "padding stays empty");
             let code = (segment > 0).then(|| codebook.vector(segment as usize - 1));
             let at = feature.map(f64::from);
             for channel in 0..FEATURE_DIM {

@@ -24,7 +24,8 @@ use decoding::Decoder;
 use extension::Extension;
 use learning::Learning;
 use splatseg_geometry::{SegmentId, SegmentMap};
-use splatseg_render::{Splats, TileWeights};
+use splatseg_render::{Splats, TileWeights, View};
+use std::collections::BTreeMap;
 
 /// A Gaussian that a frame added prevails where it has at least this alpha in front of what was there: the view made
 /// before no longer holds.
@@ -89,17 +90,19 @@ impl FeatureStore {
     }
 }
 
-/// F̂: predictions have full confidence; remembered segments keep their id where no prediction covers them and lose
-/// `confidence_decay` of the confidence that the memory showed, not below zero. That also holds for the part of a
-/// *matched* segment that its prediction leaves out: this frame did not confirm it either. (The paper does not say.)
-fn target(expected: &SegmentBelief, seen: &SegmentMap, confidence_decay: f32) -> SegmentBelief {
+/// F̂: predictions have full confidence. Remembered segments that no prediction has (unmatched ones) keep their id and
+/// lose `confidence_decay` of the confidence that the memory showed, not below zero. What that means for two other kinds
+/// of pixels without a prediction is set by `fade_matched` and `fade_undecoded`.
+fn target(expected: &SegmentBelief, seen: &SegmentMap, settings: &MemorySettings) -> SegmentBelief {
+    let matched = if settings.fade_matched { BTreeMap::new() } else { seen.areas() };
     let mut target = expected.clone();
     let pixels = target.segments.pixels_mut().iter_mut().zip(target.confidence.pixels_mut());
     for ((segment, confidence), seen) in pixels.zip(seen.pixels()) {
         match (*seen, *segment) {
             (ABSTAIN, _) => {}
-            (0, 0) => *confidence = 0.0,
-            (0, _) => *confidence = (*confidence - confidence_decay).max(0.0),
+            (0, 0) if !settings.fade_undecoded => *confidence = 0.0,
+            (0, id) if matched.contains_key(&id) => (*segment, *confidence) = (0, 0.0),
+            (0, _) => *confidence = (*confidence - settings.confidence_decay).max(0.0),
             _ => (*segment, *confidence) = (*seen, 1.0),
         }
     }
@@ -114,12 +117,12 @@ impl SegmentStore for FeatureStore {
     }
 
     fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> SegmentMap {
-        target(&recall.belief, seen, self.settings.confidence_decay).decoded(self.settings.decode_threshold)
+        target(&recall.belief, seen, &self.settings).decoded(self.settings.decode_threshold)
     }
 
     fn grow(&mut self, added: &[NewGaussian], recall: &Recall<'_>, seen: &SegmentMap) {
         let feature_dim = self.settings.feature_dim;
-        let target = target(&recall.belief, seen, self.settings.confidence_decay);
+        let target = target(&recall.belief, seen, &self.settings);
         for gaussian in added {
             match target.segments.pixels()[gaussian.pixel] {
                 0 => self.features.resize(self.features.len() + feature_dim, 0.0),
@@ -133,11 +136,16 @@ impl SegmentStore for FeatureStore {
     }
 
     fn learn(&mut self, recall: &mut Recall<'_>, map: &dyn Splats, seen: &SegmentMap) -> LearningExtent {
-        let touched = recall.view.pixels_touched_since(map, &recall.depth, NEW_GAUSSIAN_PREVAILS);
-        let target = target(&recall.belief, seen, self.settings.confidence_decay);
+        let target = target(&recall.belief, seen, &self.settings);
         let learning = Learning { settings: &self.settings, codebook: &self.codebook, recall, target: &target };
-        let chosen = learning.active_pixels(&touched);
-        let active = recall.view.active_weights(&chosen, self.settings.learning_min_weight);
+        let min_weight = self.settings.learning_min_weight;
+        let active = if self.settings.learn_new {
+            let grown = View::new(map, recall.view.camera());
+            grown.active_weights(&learning.active_pixels(&[]), min_weight)
+        } else {
+            let touched = recall.view.pixels_touched_since(map, &recall.depth, NEW_GAUSSIAN_PREVAILS);
+            recall.view.active_weights(&learning.active_pixels(&touched), min_weight)
+        };
         learning.descend(&active, &mut self.features)
     }
 
@@ -196,13 +204,36 @@ mod tests {
             confidence: Image::from_pixels(5, 1, vec![0.9, 0.9, 0.55, 0.05, 0.3]).unwrap(),
         };
         let seen = SegmentMap::from_pixels(5, 1, vec![3, 7, 0, 0, 0]).unwrap();
-        let target = target(&expected, &seen, 0.1);
-        assert_eq!(target.segments.pixels(), [3, 7, 4, 4, 0]);
-        let expected_confidence = [1.0, 1.0, 0.45, 0.0, 0.0];
-        for (found, expected) in target.confidence.pixels().iter().zip(expected_confidence) {
-            assert!((found - expected).abs() < 1e-6);
+        let target = |settings: &MemorySettings| target(&expected, &seen, settings);
+        let ours = target(&MemorySettings::default());
+        assert_eq!(ours.segments.pixels(), [3, 7, 4, 4, 0]);
+        assert_near(ours.confidence.pixels(), &[1.0, 1.0, 0.45, 0.0, 0.0]);
+        assert_eq!(ours.decoded(0.5).pixels(), [3, 7, 0, 0, 0]);
+    }
+
+    #[test]
+    fn what_no_prediction_covers_fades_or_goes_as_the_settings_say() {
+        let expected = SegmentBelief {
+            segments: SegmentMap::from_pixels(4, 1, vec![3, 3, 4, 0]).unwrap(),
+            confidence: Image::from_pixels(4, 1, vec![0.9, 0.9, 0.9, 0.3]).unwrap(),
+        };
+        // 3 is matched, but its second pixel is left out; 4 is not matched.
+        let seen = SegmentMap::from_pixels(4, 1, vec![3, 0, 0, 0]).unwrap();
+        let paper =
+            MemorySettings::default().with(|memory| (memory.fade_matched, memory.fade_undecoded) = (false, true));
+        let found = target(&expected, &seen, &paper);
+        assert_eq!(found.segments.pixels(), [3, 0, 4, 0]);
+        assert_near(found.confidence.pixels(), &[1.0, 0.0, 0.8, 0.2]);
+        let found = target(&expected, &seen, &MemorySettings::default());
+        assert_eq!(found.segments.pixels(), [3, 3, 4, 0]);
+        assert_near(found.confidence.pixels(), &[1.0, 0.8, 0.8, 0.0]);
+    }
+
+    fn assert_near(found: &[f32], expected: &[f32]) {
+        assert_eq!(found.len(), expected.len());
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-6, "{found} instead of {expected}");
         }
-        assert_eq!(target.decoded(0.5).pixels(), [3, 7, 0, 0, 0]);
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Where the map grows and where it does not.
 
-use crate::run::{Run, evidence};
-use crate::scene::{Scene, Solid, pose};
+use crate::run::{Run, evidence, features};
+use crate::scene::{SIZE, Scene, Solid, WALL, pose};
+use glam::Vec3;
 use splatseg_memory::GrowthRule;
 
 /// A box 3 without a table, its front `distance` before the wall.
@@ -90,4 +91,21 @@ fn a_mixed_pixel_gets_no_gaussian() {
     run.show_times(&shot, 3);
     let mixed = run.means().iter().filter(|mean| mean.z > 2.05 && mean.z < 2.95 && mean.x < 0.0).count();
     assert_eq!(mixed, 0, "every Gaussian lies on a surface");
+}
+
+#[test]
+fn the_papers_rule_adds_where_depths_differ_in_either_direction() {
+    let grown = |second: &Scene| {
+        let mut run = Run::new(features());
+        run.show(&Scene::wall().seen_from_origin());
+        run.show(&second.seen_from_origin()).update.grown
+    };
+    let moved = |by: f32| Scene(vec![Scene::wall().solid(WALL).moved(Vec3::new(0.0, 0.0, by))]);
+    let pixels = SIZE.0 * SIZE.1;
+    for near in [-0.14, 0.0, 0.14] {
+        assert_eq!(grown(&moved(near)), 0, "{near} m");
+    }
+    for far in [-0.16, 0.16, 1.0] {
+        assert_eq!(grown(&moved(far)), pixels, "{far} m: in front and behind");
+    }
 }

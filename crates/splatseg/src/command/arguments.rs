@@ -11,7 +11,7 @@ use super::run::SavedRun;
 use super::settings::SettingsArguments;
 use super::terminal::note_output_error;
 use crate::Settings;
-use crate::settings::{Entry, MethodName, SegmenterName, SettingsLayers, TrackerName, describe, entries};
+use crate::settings::{Entry, MethodName, MethodPreset, SegmenterName, SettingsLayers, TrackerName, describe, entries};
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Arg, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use splatseg_settings::{Allowed, Choice};
@@ -195,6 +195,7 @@ fn possible_values(entry: &Entry) -> Vec<PossibleValue> {
     }
     match (entry.field.section, entry.field.name, entry.field.allowed) {
         ("", "method", _) => with_help::<MethodName>(),
+        ("", "method_preset", _) => with_help::<MethodPreset>(),
         ("", "segmenter", _) => with_help::<SegmenterName>(),
         ("", "tracker", _) => with_help::<TrackerName>(),
         (_, _, Allowed::Names(names)) => names.iter().map(|name| PossibleValue::new(*name)).collect(),

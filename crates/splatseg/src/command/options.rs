@@ -121,6 +121,8 @@ impl DatasetOptions {
 pub struct SettingsOptions {
     #[command(flatten)]
     pub dataset: DatasetOptions,
+    #[arg(long, value_name = "PRESET")]
+    pub method_preset: Option<String>,
     #[arg(long, value_name = "SEGMENTER")]
     pub segmenter: Option<String>,
     #[arg(long, value_name = "DIR")]
@@ -166,6 +168,7 @@ impl SettingsOptions {
         }
         self.dataset.add_to(&mut layers)?;
         let options = [
+            ("method_preset", self.method_preset.as_ref()),
             ("segmenter", self.segmenter.as_ref()),
             ("masks", self.masks.as_ref()),
             ("weights", self.weights.as_ref()),

@@ -1,7 +1,7 @@
 //! `docs/SETTINGS.md`, and what `splatseg settings` prints.
 
 use super::table::nearest_key;
-use super::{Entry, entries};
+use super::{Entry, MethodPreset, entries};
 use std::fmt::Write as _;
 
 const INTRODUCTION: &str = "# Settings
@@ -9,7 +9,8 @@ const INTRODUCTION: &str = "# Settings
 A setting has the same name in a TOML file (`--config`), in `--set KEY=VALUE`, in `summary.json` and in the library.
 Some also have their own option, e.g. `--segmenter`. A setting that the chosen method, segmenter, tracker or memory does
 not use is an error. `splatseg settings` prints this page, `splatseg settings NAME` a section or a setting of it.
-`--config` also takes the `summary.json` of an earlier run, which lists every setting that was in force.
+`method_preset = \"paper\"` (`--method-preset paper`) has defaults of its own, named where they differ; what is given wins
+over them. `--config` also takes the `summary.json` of an earlier run, which lists every setting that was in force.
 ";
 
 /// `docs/SETTINGS.md`: every setting, with a table for each section.
@@ -43,8 +44,10 @@ pub fn describe_settings(name: &str) -> Result<String, Option<String>> {
 /// One setting, on a few lines.
 fn block(entry: &Entry) -> String {
     let default = entry.field.default.as_deref().unwrap_or("none");
+    let paper = MethodPreset::Paper.default_of(&entry.field.key());
+    let paper = paper.map(|value| format!(" (method_preset = paper: {value})")).unwrap_or_default();
     let (key, allowed, needs, help) = (entry.field.key(), allowed(entry), needs(entry), &entry.field.help);
-    format!("{key}\n  default: {default}\n  allowed: {allowed}\n  used with: {needs}\n  {help}\n")
+    format!("{key}\n  default: {default}{paper}\n  allowed: {allowed}\n  used with: {needs}\n  {help}\n")
 }
 
 /// A Markdown table for each section.
@@ -62,6 +65,8 @@ fn tables(entries: &[Entry]) -> String {
             );
         }
         let default = field.default.as_ref().map_or_else(|| "–".to_owned(), |default| format!("`{default}`"));
+        let paper = MethodPreset::Paper.default_of(&field.key()).map(|value| format!("; `paper`: `{value}`"));
+        let default = default + &paper.unwrap_or_default();
         let (key, allowed, needs, help) = (field.key(), allowed(entry), needs(entry), field.help.replace('|', "\\|"));
         let _ = writeln!(text, "| `{key}` | {default} | {allowed} | {needs} | {help} |");
     }

@@ -1,6 +1,7 @@
 //! Settings combined from files, options and assignments.
 
 use super::file::SettingsFile;
+use super::preset::with_preset;
 use super::usage::Usage;
 use super::{Entry, Settings, SettingsError, entries};
 use splatseg_dataset::DatasetSettings;
@@ -61,7 +62,8 @@ impl SettingsLayers {
     /// # Errors
     /// If the file cannot be read, or a layer has another value.
     pub fn add_saved_memory(&mut self, path: &Path) -> Result<(), SettingsError> {
-        if !Usage::of(&self.table, &entries()).uses("memory.kind") {
+        let entries = entries();
+        if !Usage::of(&with_preset(&self.table, &entries), &entries).uses("memory.kind") {
             return Ok(());
         }
         let saved = SavedMemorySettings::read(path)?;
@@ -135,7 +137,8 @@ impl SettingsLayers {
 
     /// One [`SettingsError::Unused`] for each value that the chosen method, segmenter, tracker and memory do not use.
     pub fn unused(&self) -> Vec<SettingsError> {
-        Usage::of(&self.table, &entries()).unused()
+        let entries = entries();
+        Usage::of(&with_preset(&self.table, &entries), &entries).unused()
     }
 
     /// The settings, with defaults where no layer has a value.
@@ -168,7 +171,8 @@ impl SettingsLayers {
     }
 }
 
-fn merge(below: &mut Table, above: Table) {
+/// Puts values over others.
+pub(super) fn merge(below: &mut Table, above: Table) {
     for (key, value) in above {
         match (below.get_mut(&key), value) {
             (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),

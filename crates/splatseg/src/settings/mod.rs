@@ -5,6 +5,7 @@ mod error;
 mod file;
 mod layers;
 mod names;
+mod preset;
 mod registry;
 mod table;
 mod usage;
@@ -13,6 +14,7 @@ pub use document::{describe_settings, markdown};
 pub use error::{MissingFile, SettingsError};
 pub use layers::SettingsLayers;
 pub use names::{MethodName, SegmenterName, TrackerName};
+pub use preset::MethodPreset;
 pub use registry::{ChosenValues, Entry, Need, describe, entries};
 
 use serde::Serialize;
@@ -50,6 +52,8 @@ pub struct Settings {
 settings! {
     /// Settings of every run, whatever its method.
     pub struct RunSettings in "" {
+        /// Whose defaults other settings have. Values that are given win over them. `splatseg settings` lists both.
+        method_preset: MethodPreset = MethodPreset::Splatseg, Allowed::Names(MethodPreset::NAMES);
         /// The device that runs the networks. Support for devices other than the CPU must be built in.
         device: DeviceName = DeviceName::Cpu, Allowed::Names(DeviceName::NAMES);
         /// Whether the next frame is segmented while the method works on this one. Results do not depend on it. Stages
@@ -199,8 +203,8 @@ impl MethodSettings {
     /// without a tracker.
     pub fn prompts(&self) -> Option<(PromptSource, usize)> {
         match self {
-            Self::Sam2 { settings, .. } => Some((settings.prompts, settings.min_segment_area)),
-            Self::Sam2Splat { settings, .. } => Some((settings.prompts, settings.min_segment_area)),
+            Self::Sam2 { settings, .. } => Some((settings.prompts, settings.min_prediction_area)),
+            Self::Sam2Splat { settings, .. } => Some((settings.prompts, settings.min_prediction_area)),
             Self::FastsamSplat(_) | Self::Fastsam(_) | Self::Fastspam(_) => None,
         }
     }

@@ -214,7 +214,7 @@ mod tests {
                 assert!(choice.values.iter().all(|value| names.contains(value)), "{choice}");
             }
         }
-        let area = entries.iter().find(|entry| entry.field.name == "min_segment_area").unwrap();
+        let area = entries.iter().find(|entry| entry.field.name == "min_prediction_area").unwrap();
         assert_eq!(area.needs[0].choices()[0].values.len(), 5);
     }
 

@@ -1,5 +1,6 @@
 //! From a table of values to settings, and back.
 
+use super::preset::with_preset;
 use super::usage::{Usage, only_used};
 use super::{
     Entry, MethodName, MethodSettings, RunSettings, SegmenterName, SegmenterSettings, Settings, SettingsError,
@@ -14,13 +15,14 @@ use std::path::PathBuf;
 use toml::{Table, Value};
 
 impl Settings {
-    /// The settings in a table, with defaults where it has no value. Values that the chosen method, segmenter and
+    /// The settings in a table, with defaults, those of its `method_preset` first, where it has no value. Values that the chosen method, segmenter and
     /// tracker do not use are an error if `strict`; otherwise they are checked and left out.
     ///
     /// # Errors
     /// If a key does not exist, or a value has the wrong type or is out of range.
     pub(super) fn from_table(table: &Table, strict: bool) -> Result<Self, SettingsError> {
         let entries = entries();
+        let table = &with_preset(table, &entries);
         let usage = Usage::of(table, &entries);
         for (key, value) in usage.values() {
             let entry = usage.entry(key).ok_or_else(|| unknown(key, &entries))?;

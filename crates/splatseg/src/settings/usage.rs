@@ -111,7 +111,7 @@ pub fn only_used(table: &Table, entries: &[Entry]) -> Table {
 }
 
 /// Removes the value of a full key, and the section that is then empty.
-fn remove(table: &mut Table, key: &str) {
+pub(super) fn remove(table: &mut Table, key: &str) {
     match key.split_once('.') {
         Some((section, rest)) => {
             if let Some(Value::Table(inner)) = table.get_mut(section) {

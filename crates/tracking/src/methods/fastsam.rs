@@ -12,7 +12,7 @@ settings! {
     /// Settings of [`FastSamBaseline`].
     pub struct FastSamBaselineSettings in "" {
         /// Predicted segments of fewer pixels are ignored. The paper: 0.
-        min_segment_area: usize = 50, Allowed::between(0.0, 1e9);
+        min_prediction_area: usize = 50, Allowed::between(0.0, 1e9);
         /// Masks of consecutive frames with a smaller F-score are not linked. The paper: 0, so any overlap links.
         min_match_f_score: f64 = 0.0, Allowed::between(0.0, 1.0);
     }
@@ -48,7 +48,7 @@ impl Method for FastSamBaseline {
     fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
         check_comparable(frame, masks)?;
         let size = (frame.width(), frame.height());
-        let least = self.settings.min_segment_area.max(1);
+        let least = self.settings.min_prediction_area.max(1);
         let (masks, scores): (Vec<&Mask>, Vec<f32>) =
             masks.iter().filter(|mask| mask.mask.area() >= least).map(|mask| (&mask.mask, mask.score)).unzip();
 

@@ -11,9 +11,13 @@ use splatseg_settings::{Allowed, settings};
 settings! {
     /// Settings of [`FastSamSplat`].
     pub struct FastSamSplatSettings in "" {
-        /// Predicted segments of fewer pixels are ignored. Remembered ones are not shown, as they are what is left
-        /// along borders after an id was overruled; they stay in the memory. The paper has no such limit.
-        min_segment_area: usize = 50, Allowed::between(0.0, 1e9);
+        /// Predictions of fewer pixels are ignored. The paper: 0.
+        min_prediction_area: usize = 50, Allowed::between(0.0, 1e9);
+        /// Segments of fewer pixels are not shown: they are what is left along borders after an id was overruled. They
+        /// stay in the memory. The paper: 0.
+        min_output_area: usize = 50, Allowed::between(0.0, 1e9);
+        /// Whether whole predictions are matched where they overlap, not what is visible of each. The paper: true.
+        match_whole_masks: bool = false, Allowed::Switch;
         /// Expected and predicted segments with a smaller F-score do not match. The paper names no minimum.
         min_match_f_score: f64 = 0.0, Allowed::between(0.0, 1.0);
         /// Whether an object is shown before it is seen in a second frame. The paper shows all.
@@ -27,10 +31,17 @@ settings! {
     }
 }
 
-/// The method. Where predictions overlap, smaller ones cover larger ones, and the visible part of each is matched.
+/// The method. Where predictions overlap, smaller ones cover larger ones.
 pub struct FastSamSplat {
     memory: SplatMemory,
     settings: FastSamSplatSettings,
+}
+
+/// A prediction of which enough is visible.
+struct VisiblePrediction<'a> {
+    part: Mask,
+    whole: &'a Mask,
+    score: f32,
 }
 
 /// The visible predictions of a frame and their ids.
@@ -69,34 +80,35 @@ impl FastSamSplat {
         Ok(Self { memory, settings })
     }
 
-    /// The visible part of each prediction of which enough is visible.
-    fn visible(&self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Vec<ScoredMask> {
-        let least = self.settings.min_segment_area.max(1);
+    /// The predictions of which enough is visible.
+    fn visible<'a>(&self, frame: &RgbdFrame, masks: &'a [ScoredMask]) -> Vec<VisiblePrediction<'a>> {
+        let least = self.settings.min_prediction_area.max(1);
         let (masks, scores): (Vec<&Mask>, Vec<f32>) =
             masks.iter().filter(|mask| mask.mask.area() >= least).map(|mask| (&mask.mask, mask.score)).unzip();
         let parts = visible_parts((frame.width(), frame.height()), &masks);
         let is_kept =
             |part: &Mask, whole: &Mask| part.area() >= least && self.settings.explanation.is_visible(part, whole);
         let visible = parts.into_iter().zip(masks).zip(scores).filter(|((part, whole), _)| is_kept(part, whole));
-        visible.map(|((mask, _), score)| ScoredMask { mask, score }).collect()
+        visible.map(|((part, whole), score)| VisiblePrediction { part, whole, score }).collect()
     }
 
     /// Matches predictions with expected segments. Each prediction takes the id of its match, or a new one.
-    fn identify(&mut self, expected: &SegmentMap, parts: Vec<ScoredMask>) -> Result<Identified, TrackingError> {
-        let (parts, scores): (Vec<Mask>, Vec<f32>) = parts.into_iter().map(|part| (part.mask, part.score)).unzip();
-        let predictions: Vec<&Mask> = parts.iter().collect();
+    fn identify(&mut self, expected: &SegmentMap, found: Vec<VisiblePrediction>) -> Result<Identified, TrackingError> {
+        let whole = self.settings.match_whole_masks;
+        let predictions: Vec<&Mask> = found.iter().map(|found| if whole { found.whole } else { &found.part }).collect();
         let matched = match_segments(expected, &predictions, self.settings.min_match_f_score);
-        let (mut ids, mut new) = (Vec::with_capacity(parts.len()), Vec::new());
-        for (part, matched) in parts.iter().zip(matched) {
+        let (mut ids, mut new) = (Vec::with_capacity(found.len()), Vec::new());
+        for (prediction, matched) in found.iter().zip(matched) {
             ids.push(match matched {
                 Some(id) => id,
                 None => {
                     let id = self.memory.new_segment()?;
-                    new.push((id, part.area()));
+                    new.push((id, prediction.part.area()));
                     id
                 }
             });
         }
+        let (parts, scores) = found.into_iter().map(|found| (found.part, found.score)).unzip();
         Ok(Identified { parts, ids, scores, new })
     }
 
@@ -121,7 +133,7 @@ impl FastSamSplat {
         }
         let expected = &recall.expected().segments;
         self.settings.explanation.drop_leftovers(self.memory.overruled_mut(), &mut shown, expected, &seen);
-        Ok((shown.without_small(self.settings.min_segment_area), seen))
+        Ok((shown.without_small(self.settings.min_output_area), seen))
     }
 }
 
@@ -135,8 +147,8 @@ impl Method for FastSamSplat {
         let recall = self.memory.recall(frame);
 
         let stage = tracing::debug_span!(target: "splatseg::stage", "match").entered();
-        let parts = self.visible(frame, masks);
-        let identified = self.identify(&recall.expected().segments, parts)?;
+        let visible = self.visible(frame, masks);
+        let identified = self.identify(&recall.expected().segments, visible)?;
         drop(stage);
 
         let stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();

@@ -18,7 +18,7 @@ settings! {
     /// Settings of [`FastSpamBaseline`].
     pub struct FastSpamBaselineSettings in "" {
         /// Predicted segments of fewer pixels are ignored. The authors' code: 0.
-        min_segment_area: usize = 50, Allowed::between(0.0, 1e9);
+        min_prediction_area: usize = 50, Allowed::between(0.0, 1e9);
         /// A prompted mask whose IoU with an earlier one is at least this is merged with it. The authors' code: 0.9.
         agreement_iou: f64 = 0.9, Allowed::above_up_to(0.0, 1.0);
         /// A mask is new only if prompted masks cover less than this fraction of it. The authors' code: 0.9.
@@ -140,7 +140,7 @@ impl Method for FastSpamBaseline {
         check_comparable(frame, masks)?;
         let scored = masks;
         let stage = tracing::debug_span!(target: "splatseg::stage", "match").entered();
-        let least = self.settings.min_segment_area.max(1);
+        let least = self.settings.min_prediction_area.max(1);
         let mut masks: Vec<&Mask> = masks.iter().map(|mask| &mask.mask).filter(|mask| mask.area() >= least).collect();
         masks.sort_by_key(|mask| Reverse(mask.area()));
         let points = self.projected_points(frame);

@@ -18,7 +18,7 @@ settings! {
         /// is at most this. The paper: 0.1.
         max_detection_iou: f64 = 0.1, Allowed::between(0.0, 1.0);
         /// Detections of fewer pixels are ignored.
-        min_segment_area: usize = 50, Allowed::between(0.0, 1e9);
+        min_prediction_area: usize = 50, Allowed::between(0.0, 1e9);
     }
 }
 
@@ -37,8 +37,8 @@ impl Sam2Baseline {
     /// If a setting is out of range.
     pub fn new(tracker: Box<dyn Tracker>, settings: Sam2BaselineSettings) -> Result<Self, TrackingError> {
         settings.validate()?;
-        let Sam2BaselineSettings { prompts, max_detection_iou, min_segment_area } = settings;
-        let new_objects = NewObjects { prompts, max_detection_iou, min_segment_area };
+        let Sam2BaselineSettings { prompts, max_detection_iou, min_prediction_area } = settings;
+        let new_objects = NewObjects { prompts, max_detection_iou, min_prediction_area };
         Ok(Self { tracker, new_objects, ids: SegmentIds::default() })
     }
 }

@@ -18,8 +18,8 @@ settings! {
         /// A detection is a new object only if its IoU with every track, and with every better detection of the frame,
         /// is at most this. The paper: 0.1.
         max_detection_iou: f64 = 0.1, Allowed::between(0.0, 1.0);
-        /// Detections of fewer pixels are ignored.
-        min_segment_area: usize = 50, Allowed::between(0.0, 1e9);
+        /// Detections of fewer pixels are ignored. The paper: 0.
+        min_prediction_area: usize = 50, Allowed::between(0.0, 1e9);
     }
     sections {
         /// Which errors of the tracker are corrected, and how.
@@ -66,8 +66,8 @@ impl Sam2Splat {
         memory: SplatMemory,
     ) -> Result<Self, TrackingError> {
         settings.validate()?;
-        let Sam2SplatSettings { prompts, max_detection_iou, min_segment_area, reprompt, memory: _ } = settings;
-        let new_objects = NewObjects { prompts, max_detection_iou, min_segment_area };
+        let Sam2SplatSettings { prompts, max_detection_iou, min_prediction_area, reprompt, memory: _ } = settings;
+        let new_objects = NewObjects { prompts, max_detection_iou, min_prediction_area };
         Ok(Self { tracker, memory, new_objects, reprompt })
     }
 }
@@ -90,7 +90,7 @@ impl Method for Sam2Splat {
         drop(stage);
 
         let stage = tracing::debug_span!(target: "splatseg::stage", "reprompt").entered();
-        let (prompts, removed) = corrections(&errors, self.reprompt.clicks);
+        let (prompts, removed) = corrections(&errors, &self.reprompt);
         removed.iter().for_each(|track| self.tracker.remove(*track));
         tracks.retain(|(id, _)| !removed.contains(id));
         prompt_tracks(self.tracker.as_mut(), &mut tracks, &prompts)?;

@@ -23,8 +23,15 @@ settings! {
         incorrect_track: bool = true, Allowed::Switch;
         /// Whether additional tracks on a segment that its own track follows are corrected or removed.
         duplicated_track: bool = true, Allowed::Switch;
-        /// Positive clicks per error, and as many negative ones where a region has the wrong label. The paper: 5.
+        /// Positive clicks per error, and as many negative ones where a region has the wrong label (see
+        /// `count_negative_clicks`). The paper: 5.
         clicks: usize = 5, Allowed::between(1.0, 100.0);
+        /// Whether `clicks` is the number of a track's positive and negative clicks together: they take turns, positive
+        /// ones first. The paper, which has 5 clicks per object: true.
+        count_negative_clicks: bool = false, Allowed::Switch;
+        /// Whether a track on another segment, whose own is not expected, is removed; otherwise it gets negative clicks
+        /// there. The paper, which only clicks: false.
+        remove_tracks: bool = true, Allowed::Switch;
         /// A track is on an expected segment if their F-score, over the pixels where the memory expects anything, is at
         /// least this.
         min_f_score: f64 = 0.5, Allowed::above_up_to(0.0, 1.0);
@@ -42,14 +49,18 @@ settings! {
 }
 
 /// The prompts that correct the errors, and the tracks to be removed.
-pub(crate) fn corrections(errors: &[TrackError], clicks: usize) -> (Vec<(SegmentId, Prompt)>, Vec<SegmentId>) {
+pub(crate) fn corrections(
+    errors: &[TrackError],
+    settings: &RepromptSettings,
+) -> (Vec<(SegmentId, Prompt)>, Vec<SegmentId>) {
     let (mut prompts, mut removed) = (Vec::new(), Vec::new());
     for error in errors {
         match &error.remedy {
             Remedy::Remove => removed.push(error.track),
             Remedy::Prompt { expected, wrong } => {
-                let mut all = clicks_in(expected, clicks, true);
-                all.extend(clicks_in(wrong, clicks, false));
+                let (positive, negative) = numbers_of_clicks(settings, expected, wrong);
+                let mut all = clicks_in(expected, positive, true);
+                all.extend(clicks_in(wrong, negative, false));
                 prompts.push((error.track, Prompt::Points { bounding_box: None, clicks: all }));
             }
         }
@@ -57,8 +68,46 @@ pub(crate) fn corrections(errors: &[TrackError], clicks: usize) -> (Vec<(Segment
     (prompts, removed)
 }
 
+/// How many clicks each of two regions gets, the one where the track should be and the one where it should not.
+fn numbers_of_clicks(settings: &RepromptSettings, expected: &Mask, wrong: &Mask) -> (usize, usize) {
+    let clicks = settings.clicks;
+    let share = settings.count_negative_clicks && !expected.is_empty() && !wrong.is_empty();
+    if share { (clicks.div_ceil(2), clicks / 2) } else { (clicks, clicks) }
+}
+
 /// Clicks at pixel centres: the coordinates of a [`Click`] start at the image border.
 fn clicks_in(region: &Mask, count: usize, positive: bool) -> Vec<Click> {
     let click = |(column, row): (usize, usize)| Click { x: column as f32 + 0.5, y: row as f32 + 0.5, positive };
     sample_clicks(region, count).into_iter().map(click).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Positive and negative clicks of the one prompt of an error.
+    fn clicks(settings: &RepromptSettings, expected: Mask, wrong: Mask) -> (usize, usize) {
+        let remedy = Remedy::Prompt { expected, wrong };
+        let error = TrackError { kind: TrackErrorKind::IncorrectTrack, track: 4, remedy };
+        let (prompts, removed) = corrections(&[error], settings);
+        assert!(removed.is_empty());
+        let [(4, Prompt::Points { bounding_box: None, clicks })] = prompts.as_slice() else { panic!("{prompts:?}") };
+        let positive = clicks.iter().filter(|click| click.positive).count();
+        (positive, clicks.len() - positive)
+    }
+
+    #[test]
+    fn clicks_are_counted_for_each_region_or_for_the_track() {
+        let region = |left: bool| Mask::from_fn(60, 30, |column, _| (column < 30) == left);
+        let none = || Mask::empty(60, 30);
+        let ours = RepromptSettings::default();
+        assert_eq!(clicks(&ours, region(true), region(false)), (5, 5));
+        assert_eq!(clicks(&ours, region(true), none()), (5, 0));
+        let paper = ours.with(|settings| settings.count_negative_clicks = true);
+        assert_eq!(clicks(&paper, region(true), region(false)), (3, 2));
+        assert_eq!(clicks(&paper, region(true), none()), (5, 0));
+        assert_eq!(clicks(&paper, none(), region(false)), (0, 5));
+        let one = paper.with(|settings| settings.clicks = 1);
+        assert_eq!(clicks(&one, region(true), region(false)), (1, 0));
+    }
 }

@@ -26,6 +26,9 @@
 //!   track gets positive clicks there and negative ones on the other segment; if it is not expected, the track is
 //!   removed.
 //!
+//! Without `remove_tracks`, such tracks get negative clicks where they are, and positive ones on what is expected of their
+//! own segment, if anything is.
+//!
 //! No remedy asks for pixels of a right track, and no right track is ever prompted or removed.
 
 use super::RepromptSettings;
@@ -231,7 +234,13 @@ impl<'a> Comparison<'a> {
             self.error_of_expected(segment)?;
             TrackErrorKind::IncorrectTrack
         };
-        Some(TrackError { kind, track: id, remedy: Remedy::Remove })
+        let remedy = if self.settings.remove_tracks {
+            Remedy::Remove
+        } else {
+            let expected = self.left_by_others(id, self.expected.mask_of(id));
+            Remedy::Prompt { expected, wrong: self.wrongly_labelled(id, track.mask) }
+        };
+        Some(TrackError { kind, track: id, remedy })
     }
 
     fn is_right(&self, id: SegmentId) -> bool {

@@ -15,7 +15,8 @@ pub const MIN_AREA: usize = 12;
 pub fn method(memory: MemorySettings) -> FastSamSplat {
     let settings = FastSamSplatSettings::default().with(|settings| {
         settings.memory = memory;
-        settings.min_segment_area = MIN_AREA;
+        settings.min_prediction_area = MIN_AREA;
+        settings.min_output_area = MIN_AREA;
     });
     FastSamSplat::new(settings, 0, &mut |_| {}).unwrap()
 }

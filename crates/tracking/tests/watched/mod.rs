@@ -74,7 +74,7 @@ pub fn tracker(errors: SimTrackerSettings) -> Shared {
 pub fn baseline(tracker: Shared) -> Sam2Baseline {
     let settings = Sam2BaselineSettings::default().with(|settings| {
         settings.prompts = PromptSource::GroundTruth;
-        settings.min_segment_area = MIN_PROMPTED_AREA;
+        settings.min_prediction_area = MIN_PROMPTED_AREA;
     });
     Sam2Baseline::new(Box::new(tracker), settings).unwrap()
 }
@@ -83,7 +83,7 @@ pub fn baseline(tracker: Shared) -> Sam2Baseline {
 pub fn splat(tracker: Shared, kind: MemoryKind, reprompt: RepromptSettings) -> Sam2Splat {
     let settings = Sam2SplatSettings::default().with(|settings| {
         settings.prompts = PromptSource::GroundTruth;
-        settings.min_segment_area = MIN_PROMPTED_AREA;
+        settings.min_prediction_area = MIN_PROMPTED_AREA;
         settings.reprompt = reprompt.with(|reprompt| reprompt.min_expected_area = MIN_AREA / 2);
         settings.memory = MemorySettings::default().with(|memory| {
             memory.kind = kind;

@@ -1,0 +1,146 @@
+//! What `method_preset` stands for: other defaults of settings.
+
+use super::usage::Usage;
+use super::{Entry, SettingsError};
+use splatseg_settings::{Choice, choices};
+use toml::{Table, Value};
+
+choices! {
+    /// Whose defaults settings have.
+    pub enum MethodPreset, default Splatseg {
+        /// Ours
+        Splatseg = "splatseg",
+        /// The paper's: nothing departs from what it says
+        Paper = "paper",
+    }
+}
+
+/// Where the paper differs from our defaults. `docs/METHOD.md` has a row for each, and a test compares them.
+const PAPER: &str = "
+min_prediction_area = 0
+min_output_area = 0
+match_whole_masks = true
+
+[memory]
+kind = 'features'
+growth = 'paper'
+max_gaussians = 100_000_000
+fade_matched = false
+fade_undecoded = true
+active_tolerance = -1.0
+learning_min_weight = 0.0
+learn_new = true
+
+[reprompt]
+count_negative_clicks = true
+remove_tracks = false
+
+[sam2]
+image_size = 1024
+";
+
+impl MethodPreset {
+    /// The values that differ from the defaults, as a file of settings has them.
+    fn values(self) -> Table {
+        match self {
+            // The text is TOML: a test reads it.
+            Self::Paper => PAPER.parse().unwrap_or_default(),
+            Self::Splatseg => Table::new(),
+        }
+    }
+
+    /// The default of a setting, by full key, as TOML; `None` where it is that of [`Self::Splatseg`].
+    pub fn default_of(self, key: &str) -> Option<String> {
+        Usage::of(&self.values(), &[]).values().find(|(other, _)| *other == key).map(|(_, value)| text(value))
+    }
+}
+
+/// As in a TOML file, but with 0 for 0.0, as defaults are written elsewhere.
+fn text(value: &Value) -> String {
+    match value {
+        Value::Float(number) => number.to_string(),
+        value => value.to_string(),
+    }
+}
+
+/// A table with the preset's defaults where it has no value of its own, as far as its choices use them.
+pub(super) fn with_preset(table: &Table, entries: &[Entry]) -> Table {
+    let name = table.get("method_preset").and_then(Value::as_str);
+    let mut filled = name.and_then(MethodPreset::from_name).unwrap_or_default().values();
+    super::layers::merge(&mut filled, table.clone());
+    let given = Usage::of(table, entries);
+    let unused = Usage::of(&filled, entries).unused();
+    for error in unused {
+        if let SettingsError::Unused { key, .. } = error
+            && !given.values().any(|(given, _)| given == key)
+        {
+            super::usage::remove(&mut filled, &key);
+        }
+    }
+    filled
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{Settings, SettingsLayers, entries};
+
+    fn resolve(assignments: &[&str]) -> Result<Settings, SettingsError> {
+        let mut layers = SettingsLayers::default();
+        assignments.iter().try_for_each(|assignment| layers.add_assignment(assignment))?;
+        layers.resolve()
+    }
+
+    #[test]
+    fn every_value_is_a_setting_and_differs_from_its_default() {
+        let values = MethodPreset::Paper.values();
+        let entries = entries();
+        let usage = Usage::of(&values, &entries);
+        assert!(usage.values().count() > 10);
+        for (key, value) in usage.values() {
+            let entry = usage.entry(key).unwrap_or_else(|| panic!("there is no setting {key}"));
+            assert_ne!(entry.field.default, Some(text(value)), "{key}");
+        }
+    }
+
+    #[test]
+    fn what_is_given_wins_over_the_preset_and_the_preset_over_defaults() {
+        let paper = resolve(&["method_preset=paper"]).unwrap();
+        let memory = paper.method.memory().unwrap();
+        assert_eq!(memory.kind, splatseg_memory::MemoryKind::Features);
+        assert!(memory.learn_new && memory.fade_undecoded && !memory.fade_matched);
+        let mine = resolve(&["memory.learn_new=false", "method_preset=paper", "min_prediction_area=7"]).unwrap();
+        assert!(!mine.method.memory().unwrap().learn_new);
+        let text = toml::to_string(&mine).unwrap();
+        assert!(text.contains("min_prediction_area = 7") && text.contains("min_output_area = 0"), "{text}");
+        let ours = resolve(&["method_preset=splatseg"]).unwrap();
+        assert_eq!(ours, Settings::default());
+    }
+
+    #[test]
+    fn values_that_the_choices_do_not_use_are_left_out() {
+        for assignments in [
+            &["method_preset=paper", "method=fastsam"][..],
+            &["method_preset=paper", "memory.kind=evidence"],
+            &["method_preset=paper", "method=sam2", "tracker=sim", "segmenter=oracle"],
+        ] {
+            resolve(assignments).unwrap();
+        }
+        let error = resolve(&["method_preset=paper", "memory.kind=evidence", "memory.learn_new=true"]).unwrap_err();
+        assert!(error.to_string().starts_with("memory.learn_new is not used here"), "{error}");
+        let error = resolve(&["method_preset=papr"]).unwrap_err();
+        assert_eq!(error.to_string(), "method_preset is \"papr\", did you mean paper?");
+    }
+
+    #[test]
+    fn saved_settings_have_the_values_in_force() {
+        let settings = resolve(&["method_preset=paper", "memory.num_steps=5", "method=sam2-splat", "tracker=sim"]);
+        let settings = settings.unwrap();
+        let json = serde_json::to_string(&settings).unwrap();
+        for part in ["\"method_preset\":\"paper\"", "\"learn_new\":true", "\"num_steps\":5", "\"remove_tracks\":false"]
+        {
+            assert!(json.contains(part), "{part}: {json}");
+        }
+        assert_eq!(serde_json::from_str::<Settings>(&json).unwrap(), settings);
+    }
+}
