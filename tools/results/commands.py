@@ -35,14 +35,14 @@ SEGMENTERS = {
     "oracle": "--segmenter oracle --set oracle.preset=fastsam-like",
 }
 # Seeds change nothing for the others.
-SEEDS = {"net": "", "graph": "", "oracle": " --seeds 3"}
+SEEDS = {"net": "", "graph": "", "oracle": " --seeds 2"}
 PROMPTS = {"detections": SEGMENTERS["oracle"], "truth": "--prompts ground-truth"}
 SIM_TRACKER = f"bench {ROOMS} --tracker sim"
 CATEGORIES = ("not_tracked", "incorrect_track", "duplicated_track")
 
-# Settings of the memory of evidence and of what goes with it: the values that are not the default.
+# Settings of the memory of evidence and of what goes with it. The first row is the default.
 RULES = {
-    "memory.max_votes": "2,8",
+    "memory.max_votes": "4,2,8",
     "memory.observation_weight": "0.5,2",
     "memory.no_segment_weight": "0.3",
     "memory.depth_tolerance": "1000",
@@ -56,6 +56,22 @@ RULES = {
     "explanation.recurrences": "0",
     "show_tentative": "false",
     "min_match_f_score": "0.1",
+}
+# Where our defaults for the paper's memory depart from the paper, with the paper's values. The first row is ours.
+DEPARTURES = {
+    "match_whole_masks": "false,true",
+    "min_prediction_area": "0",
+    "min_output_area": "0",
+    "memory.fade_matched": "false",
+    "memory.fade_undecoded": "true",
+    "memory.active_tolerance": "-1",
+    "memory.learning_min_weight": "0",
+    "memory.learn_new": "true",
+}
+# The same for what only SAM2-Splat has.
+SAM2_DEPARTURES = {
+    "reprompt.remove_tracks": "true,false",
+    "reprompt.count_negative_clicks": "true",
 }
 # Settings of the paper that others have looked at.
 ABLATIONS = {
@@ -81,18 +97,27 @@ for _name, _segmenter in SEGMENTERS.items():
     COMMANDS[f"methods-{_name}"] = Command(f"bench {SCENES} --methods fastsam,fastspam,fastsam-splat {_masks}")
     COMMANDS[f"features-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {FEATURES} {_masks}")
     COMMANDS[f"paper-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {PAPER} {_masks}")
+    if _name != "graph":
+        COMMANDS[f"departures-{_name}"] = Command(
+            f"bench {SCENES} --methods fastsam-splat {FEATURES} {_segmenter} {varied(DEPARTURES)}"
+        )
     COMMANDS[f"rules-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {_segmenter} {varied(RULES)}")
 for _name, _prompts in PROMPTS.items():
-    COMMANDS[f"sam2-{_name}"] = Command(f"{SIM_TRACKER} --methods sam2,sam2-splat --seeds 5 {_prompts}")
+    COMMANDS[f"sam2-{_name}"] = Command(f"{SIM_TRACKER} --methods sam2,sam2-splat --seeds 3 {_prompts}")
     COMMANDS[f"sam2-{_name}-features"] = Command(f"{SIM_TRACKER} --methods sam2-splat {FEATURES} --seeds 2 {_prompts}")
     COMMANDS[f"clicks-{_name}"] = Command(
         f"{SIM_TRACKER} --methods sam2-splat --seeds 2 {_prompts} --ablate reprompt.clicks=1,3,5"
     )
 for _category in ("none", *CATEGORIES):
     COMMANDS[f"reprompts-{_category}"] = Command(
-        f"{SIM_TRACKER} --methods sam2-splat --seeds 5 {SEGMENTERS['oracle']} {only(_category)}"
+        f"{SIM_TRACKER} --methods sam2-splat --seeds 3 {SEGMENTERS['oracle']} {only(_category)}"
     )
-COMMANDS["ablations"] = Command(f"bench {SCENES} --methods fastsam-splat {PAPER} {SEGMENTERS['oracle']} {varied(ABLATIONS)}")
+COMMANDS["sam2-departures"] = Command(
+    f"{SIM_TRACKER} --methods sam2-splat --seeds 2 {FEATURES} {SEGMENTERS['oracle']} {varied(SAM2_DEPARTURES)}"
+)
+COMMANDS["ablations"] = Command(
+    f"bench {SCENES} --methods fastsam-splat {FEATURES} {SEGMENTERS['oracle']} {varied(ABLATIONS)}"
+)
 
 REDKITCHEN = "run redkitchen --resize 320x240 --crop-border 5"
 COMMANDS["map"] = Command(REDKITCHEN, is_timed=True)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from bench_output import mean, scores, sizes, summary
-from commands import ABLATIONS, CATEGORIES, FRAME_SIZES, PROMPTS, RULES, SEGMENTERS
+from commands import ABLATIONS, CATEGORIES, DEPARTURES, FRAME_SIZES, PROMPTS, RULES, SAM2_DEPARTURES, SEGMENTERS
 
 SCENE_NAMES = ("dev-a", "dev-b", "kitchen-dev")
 COLUMNS = ("k=1", "k=5", "k=10", "k=15", "VSQ", "STQ", "AQ", "SQ")
@@ -86,21 +86,38 @@ def change(cells, base, column):
     return f"{mean(cells[column]) - mean(base[column]):+.1f}"
 
 
-def rules_table(folders):
-    """Every changed setting against the defaults, over the three scenes."""
-    tables = {segmenter: scores(folders[f"rules-{segmenter}"], None) for segmenter in SEGMENTERS}
-    rows = []
-    for setting, values in RULES.items():
-        for value in values.split(","):
-            row = [f"`{setting}={value}`"]
-            for segmenter in SEGMENTERS:
-                base = scores(folders[f"methods-{segmenter}"], None)["fastsam-splat"]
-                if segmenter == "oracle":
-                    base = tables[segmenter].get("fastsam-splat", base)
-                cells = tables[segmenter][f"fastsam-splat {setting}={value}"]
+def changes_table(prefix, settings, method="fastsam-splat", segmenters=tuple(SEGMENTERS)):
+    """Every changed setting against the first row, over all scenes."""
+
+    def render(folders):
+        rows = []
+        tables = {name: scores(folders[prefix if name is None else f"{prefix}-{name}"], None) for name in segmenters}
+        labels = [f"{setting}={value}" for setting, values in settings.items() for value in values.split(",")]
+        for label in labels[1:]:
+            row = [f"`{label}`"]
+            for table in tables.values():
+                base, cells = table[f"{method} {labels[0]}"], table[f"{method} {label}"]
                 row.append(" / ".join(change(cells, base, column) for column in ("VSQ", "STQ", "k=1")))
             rows.append(row)
-    return markdown(["change of VSQ / STQ / k = 1", "net", "`graph`", "oracle"], rows)
+        return markdown(["change of VSQ / STQ / k = 1", *(NET_NAMES.get(name, "all") for name in segmenters)], rows)
+
+    return render
+
+
+def departures_table(folders):
+    """The change by each departure that is given up, on every scene."""
+    labels = [f"{setting}={value}" for setting, values in DEPARTURES.items() for value in values.split(",")]
+    rows = []
+    for label in labels[1:]:
+        row = [f"`{label}`"]
+        for segmenter in ("net", "oracle"):
+            for scene in SCENE_NAMES:
+                table = scores(folders[f"departures-{segmenter}"], scene)
+                base, cells = table[f"fastsam-splat {labels[0]}"], table[f"fastsam-splat {label}"]
+                row.append(" / ".join(change(cells, base, column) for column in ("VSQ", "STQ")))
+        rows.append(row)
+    names = [f"{segmenter}: {scene}" for segmenter in ("net", "oracle") for scene in SCENE_NAMES]
+    return markdown(["change of VSQ / STQ", *names], rows)
 
 
 def sam2_table(folders):
@@ -204,7 +221,11 @@ TABLES = {
     "methods-paper": Table(_SCORES, methods_table("paper"), False, "the commands of the first table"),
     "methods-strict": Table(_SCORES, methods_table("strict"), False, "the commands of the first table"),
     "sizes": Table([f"methods-{name}" for name in SEGMENTERS], size_table, False, "the commands of the first table"),
-    "rules": Table([f"{kind}-{name}" for name in SEGMENTERS for kind in ("rules", "methods")], rules_table),
+    "rules": Table([f"rules-{name}" for name in SEGMENTERS], changes_table("rules", RULES)),
+    "departures": Table([f"departures-{name}" for name in ("net", "oracle")], departures_table),
+    "sam2-departures": Table(
+        ["sam2-departures"], changes_table("sam2-departures", SAM2_DEPARTURES, "sam2-splat", (None,))
+    ),
     "sam2": Table([f"sam2-{prompts}{kind}" for prompts in PROMPTS for kind in ("", "-features")], sam2_table),
     "reprompts": Table([f"reprompts-{name}" for name in ("none", *CATEGORIES)] + ["sam2-detections"], reprompts_table),
     "clicks": Table([f"clicks-{prompts}" for prompts in PROMPTS], clicks_table),
