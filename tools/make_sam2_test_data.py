@@ -13,6 +13,11 @@ model is a miniature with the structure and flags of Hiera-B+; the video is give
     formula_video.safetensors                   three objects, prompted with a mask, a box and clicks on the first of five frames:
                                                 low-resolution logits, object scores and pointers [frame, object, ..], and the image
                                                 embedding of the first frame
+    formula_stream.safetensors                  the same, but clicks correct object 1 on frame 2, from whose successor
+                                                propagation goes on, and small holes are filled: the defaults of
+                                                `build_sam2_video_predictor`. Its CUDA kernel for components is replaced
+
+The first video has no holes filled, as without that kernel.
 """
 
 import json
@@ -22,7 +27,7 @@ from pathlib import Path
 
 import hydra
 import numpy
-import sam2  # noqa: F401
+import sam2.utils.misc
 import torch
 from hydra import compose, initialize_config_module
 from hydra.utils import instantiate
@@ -32,6 +37,7 @@ from safetensors.numpy import save_file
 
 SIZE = 128
 FRAMES = 5
+CORRECTED_FRAME = 2
 PUBLISHED = {"tiny": "t", "small": "s", "base_plus": "b+", "large": "l"}
 
 
@@ -97,6 +103,56 @@ def write_manifest(path, model):
     path.write_text(json.dumps(manifest | {"tensors": tensors}) + "\n")
 
 
+def components(background):
+    """8-connected components of `[objects, 1, height, width]`: labels from 1, and the area of each pixel's component."""
+    labels, areas = torch.zeros(background.shape, dtype=torch.int32), torch.zeros(background.shape, dtype=torch.int32)
+    for item, plane in enumerate(background[:, 0].numpy()):
+        left = set(zip(*(places.tolist() for places in plane.nonzero()), strict=True))
+        label = 0
+        while left:
+            label += 1
+            region = [left.pop()]
+            for row, column in region:
+                around = {(row + down, column + right) for down in (-1, 0, 1) for right in (-1, 0, 1)} & left
+                region.extend(around)
+                left -= around
+            rows, columns = zip(*region, strict=True)
+            labels[item, 0, rows, columns] = label
+            areas[item, 0, rows, columns] = len(region)
+    return labels, areas
+
+
+def follow(predictor, correct_frame):
+    """Prompts three objects on the first frame and follows them, with a correction of the first object on a frame."""
+    y, x = torch.meshgrid(torch.arange(SIZE), torch.arange(SIZE), indexing="ij")
+    state = predictor.init_state(video_path="")
+    predictor.add_new_mask(state, 0, 1, (x >= 20) & (x < 60) & (y >= 30) & (y < 70))
+    predictor.add_new_points_or_box(state, 0, 2, box=[70.0, 20.0, 118.0, 64.0])
+    clicks = {"points": [[40.0, 96.0], [90.0, 100.0]], "labels": [1, 0]}
+    predictor.add_new_points_or_box(state, 0, 3, **clicks)
+    if correct_frame is not None:
+        for _ in predictor.propagate_in_video(state, start_frame_idx=0, max_frame_num_to_track=correct_frame):
+            pass
+        clicks = {"points": [[48.0, 60.0], [100.0, 30.0], [30.0, 50.0]], "labels": [1, 0, 1]}
+        predictor.add_new_points_or_box(state, correct_frame, 1, **clicks)
+    start = 0 if correct_frame is None else correct_frame + 1
+    for _ in predictor.propagate_in_video(state, start_frame_idx=start):
+        pass
+
+    def outputs(key):
+        def of(index, t):
+            outputs = state["output_dict_per_obj"][index]
+            return outputs["cond_frame_outputs" if t == 0 else "non_cond_frame_outputs"][t][key][0]
+
+        return torch.stack([torch.stack([of(index, t) for index in range(3)]) for t in range(FRAMES)]).float()
+
+    tensors = {
+        "low_res_logits": outputs("pred_masks")[:, :, 0],
+        "object_score_logits": outputs("object_score_logits")[..., 0],
+    }
+    return tensors | {"obj_ptr": outputs("obj_ptr")}
+
+
 def main():
     folder = Path(sys.argv[1])
     hydra.core.global_hydra.GlobalHydra.instance().clear()  # importing sam2 has set one up
@@ -113,30 +169,18 @@ def main():
 
     images = torch.stack([frame(t) for t in range(FRAMES)])
     module.load_video_frames = lambda **_: (images, SIZE, SIZE)
-    y, x = torch.meshgrid(torch.arange(SIZE), torch.arange(SIZE), indexing="ij")
+    sam2.utils.misc.get_connected_components = components
     with torch.inference_mode():
         embedding = predictor.forward_image(images[:1])["backbone_fpn"][2]
-        state = predictor.init_state(video_path="")
-        predictor.add_new_mask(state, 0, 1, (x >= 20) & (x < 60) & (y >= 30) & (y < 70))
-        predictor.add_new_points_or_box(state, 0, 2, box=[70.0, 20.0, 118.0, 64.0])
-        clicks = {"points": [[40.0, 96.0], [90.0, 100.0]], "labels": [1, 0]}
-        predictor.add_new_points_or_box(state, 0, 3, **clicks)
-        for _ in predictor.propagate_in_video(state):
-            pass
-
-    def outputs(key):
-        def of(index, t):
-            outputs = state["output_dict_per_obj"][index]
-            return outputs["cond_frame_outputs" if t == 0 else "non_cond_frame_outputs"][t][key][0]
-
-        return torch.stack([torch.stack([of(index, t) for index in range(3)]) for t in range(FRAMES)]).float()
-
-    tensors = {"low_res_logits": outputs("pred_masks")[:, :, 0], "object_score_logits": outputs("object_score_logits")[..., 0]}
-    tensors |= {"obj_ptr": outputs("obj_ptr"), "embedding": embedding}
-    save_file({name: tensor.contiguous().numpy() for name, tensor in tensors.items()}, folder / "formula_video.safetensors")
-    print({name: tuple(tensor.shape) for name, tensor in tensors.items()})
-    print("object scores", tensors["object_score_logits"].flatten().tolist())
-    print("share of the image in each mask", (tensors["low_res_logits"] > 0).float().mean(dim=(2, 3)).tolist())
+        videos = {"formula_video": follow(predictor, None) | {"embedding": embedding}}
+        predictor.fill_hole_area = 8
+        videos["formula_stream"] = follow(predictor, CORRECTED_FRAME)
+    for name, tensors in videos.items():
+        save_file({key: tensor.contiguous().numpy() for key, tensor in tensors.items()}, folder / f"{name}.safetensors")
+        print(name, {key: tuple(tensor.shape) for key, tensor in tensors.items()})
+        print("object scores", tensors["object_score_logits"].flatten().tolist())
+        print("share of the image in each mask", (tensors["low_res_logits"] > 0).float().mean(dim=(2, 3)).tolist())
+        print("filled pixels", (tensors["low_res_logits"] == 0.1).sum(dim=(2, 3)).tolist())
 
 
 if __name__ == "__main__":

@@ -73,7 +73,8 @@ fn video(size: &str) {
     let Some(folder) = folder("video of a published size") else { return };
     let golden = Golden::open(&folder, &format!("full_{size}_video"));
     let network = Sam2Network::load(&FormulaWeights::of_manifest(&folder, size), None, &Device::flex()).unwrap();
-    let mut predictor = Sam2Predictor::new(network, Sam2PredictorSettings::parity(3)).unwrap();
+    let settings = Sam2PredictorSettings { fill_hole_area: 0, ..Sam2PredictorSettings::official(3) };
+    let mut predictor = Sam2Predictor::new(network, settings).unwrap();
     let square = Mask::from_fn(SIDE, SIDE, |x, y| (200..600).contains(&x) && (300..700).contains(&y));
     let disc = Mask::from_fn(SIDE, SIDE, |x, y| x.abs_diff(700).pow(2) + y.abs_diff(350).pow(2) < 160 * 160);
     for frame in 0..3 {

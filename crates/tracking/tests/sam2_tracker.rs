@@ -3,13 +3,13 @@
 use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame};
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::device::DeviceName;
-use splatseg_models::sam2::{Click, Prompt, Sam2Error, Sam2Network};
+use splatseg_models::sam2::{Click, Prompt, Sam2Error, Sam2Network, Weights};
 use splatseg_tracking::{Sam2Tracker, Sam2TrackerSettings, Tracker, TrackerError};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// The miniature network, or `None`, with a line that says so, without `../shared`.
-fn network(test: &str) -> Option<Arc<Sam2Network>> {
+/// The miniature network's weights, or `None`, with a line that says so, without `../shared`.
+fn weights(test: &str) -> Option<PathBuf> {
     let file = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden/sam2/sam2_mini.pt");
     if !file.exists() {
         // Not `println!`, whose output the test runner hides when a test passes.
@@ -17,7 +17,11 @@ fn network(test: &str) -> Option<Arc<Sam2Network>> {
         let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
         return None;
     }
-    let weights = Checkpoint::open(&file).unwrap();
+    Some(file)
+}
+
+fn network(test: &str) -> Option<Arc<Sam2Network>> {
+    let weights = Checkpoint::open(&weights(test)?).unwrap();
     Some(Arc::new(Sam2Network::load(&weights, Some(128), &DeviceName::Cpu.open().unwrap()).unwrap()))
 }
 
@@ -53,6 +57,56 @@ fn tracks_are_prompted_followed_corrected_and_removed() {
     tracker.remove(3);
     tracker.remove(3);
     assert_eq!(tracker.track(&frame(2, SIZE)).unwrap().iter().map(|(id, _)| *id).collect::<Vec<_>>(), [9, 12]);
+}
+
+/// A network to which every object that it tracks is absent.
+struct Blind(Checkpoint);
+
+impl Weights for Blind {
+    fn names(&self) -> Vec<String> {
+        self.0.names()
+    }
+
+    fn shape(&self, name: &str) -> Option<Vec<usize>> {
+        self.0.shape(name)
+    }
+
+    fn read(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
+        let mut values = self.0.read(name, shape)?;
+        if name == "sam_mask_decoder.pred_obj_score_head.layers.2.bias" {
+            values[0] -= 50.0;
+        }
+        Ok(values)
+    }
+}
+
+#[test]
+fn resting_tracks_have_empty_masks_until_they_are_prompted() {
+    let Some(file) = weights("resting_tracks_have_empty_masks_until_they_are_prompted") else { return };
+    let blind = Blind(Checkpoint::open(&file).unwrap());
+    let network = Sam2Network::load(&blind, Some(64), &DeviceName::Cpu.open().unwrap()).unwrap();
+    let settings = Sam2TrackerSettings::default().with(|settings| settings.max_absent_frames = Some(2));
+    let mut tracker = Sam2Tracker::new(network, settings).unwrap();
+    tracker.track(&frame(0, SIZE)).unwrap();
+    tracker.prompt(&[(9, Prompt::Mask(square(20, 50))), (4, Prompt::Mask(square(60, 90)))]).unwrap();
+    let nothing = || Mask::empty(SIZE.0, SIZE.1);
+    for index in 1..6 {
+        assert_eq!(tracker.track(&frame(index, SIZE)).unwrap(), [(4, nothing()), (9, nothing())]);
+    }
+    let prompted = tracker.prompt(&[(9, Prompt::Mask(square(20, 50)))]).unwrap();
+    assert!(prompted[0].1.iou(&square(20, 50)) > 0.8);
+    assert_eq!(tracker.track(&frame(6, SIZE)).unwrap(), [(4, nothing()), (9, nothing())]);
+}
+
+#[test]
+fn objects_rest_only_where_they_are_prompted_again() {
+    let given = Sam2TrackerSettings::default().with(|settings| settings.max_absent_frames = Some(7));
+    for prompts_lost_objects in [false, true] {
+        assert_eq!(given.resolved(prompts_lost_objects), given);
+    }
+    let left_out = Sam2TrackerSettings::default();
+    assert_eq!(left_out.resolved(false).max_absent_frames, Some(0));
+    assert!(left_out.resolved(true).max_absent_frames > Some(0));
 }
 
 #[test]

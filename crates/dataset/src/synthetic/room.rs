@@ -24,6 +24,8 @@ const WALK_MARGIN: f32 = 0.45;
 const FRAMES_PER_ROUND: f32 = 48.0;
 /// Ids up to this are floor, ceiling and walls.
 const SHELL: SegmentId = 6;
+/// More things than this are made smaller, so that the area that they cover stays the same.
+const FULL_SIZE_THINGS: usize = 60;
 const LIGHT: Vec3 = Vec3::new(0.6, -0.8, 2.3);
 
 /// The room's solids.
@@ -53,21 +55,22 @@ impl Room {
         let shell_count = solids.len();
         let mut tops: Vec<usize> = Vec::new();
         let mut carriers = BTreeMap::new();
+        let size = (FULL_SIZE_THINGS as f32 / objects.max(FULL_SIZE_THINGS) as f32).sqrt();
         for number in 0..objects {
             let id = (shell_count + number + 1) as SegmentId;
             let on_top = number % 4 == 3;
             let placed = match tops.pop().filter(|_| on_top) {
                 Some(carrier) => {
                     carriers.insert(id, solids[carrier].id);
-                    Some(standing_on(&mut random, &solids[carrier], id))
+                    Some(standing_on(&mut random, &solids[carrier], 0.3 * size, id))
                 }
-                None => standing_free(&mut random, &solids[shell_count..], id),
+                None => standing_free(&mut random, &solids[shell_count..], size, id),
             };
             let Some(solid) = placed else {
                 tracing::warn!("the synthetic room is full: {number} objects instead of {objects}");
                 break;
             };
-            let is_table = matches!(solid.shape, Shape::Box(half) if half.truncate().min_element() > 0.14);
+            let is_table = matches!(solid.shape, Shape::Box(half) if half.truncate().min_element() > 0.14 * size);
             if is_table && solid.center.z < 1.0 && !on_top {
                 tops.push(solids.len());
             }
@@ -197,11 +200,11 @@ fn overlap(half_size: Vec3, thin: f32) -> Vec3 {
     Vec3::select(half_size.cmpgt(Vec3::splat(thin)), Vec3::ONE, Vec3::ZERO)
 }
 
-/// A thing on the floor that touches nothing and leaves the walk free; `None` if no place is found. It gets smaller
-/// while it does not fit.
-fn standing_free(random: &mut ChaCha8Rng, others: &[Solid], id: SegmentId) -> Option<Solid> {
+/// A thing of some size on the floor that touches nothing and leaves the walk free; `None` if no place is found. It
+/// gets smaller while it does not fit.
+fn standing_free(random: &mut ChaCha8Rng, others: &[Solid], largest: f32, id: SegmentId) -> Option<Solid> {
     let others: Vec<Lane> = others.iter().map(Lane::of).collect();
-    let mut size = 1.0;
+    let mut size = largest;
     for _ in 0..600 {
         let shape = random_shape(random, size);
         let reach = reach_of(shape.footprint());
@@ -209,7 +212,7 @@ fn standing_free(random: &mut ChaCha8Rng, others: &[Solid], id: SegmentId) -> Op
         if is_clear(spot, shape.footprint(), &others) {
             return Some(solid_at(random, shape, spot.extend(shape.half_height()), id));
         }
-        size = (size * 0.995_f32).max(0.25);
+        size = (size * 0.995_f32).max(0.25 * largest);
     }
     None
 }
@@ -239,8 +242,8 @@ impl Lane {
     }
 }
 
-fn standing_on(random: &mut ChaCha8Rng, carrier: &Solid, id: SegmentId) -> Solid {
-    let shape = random_shape(random, 0.3);
+fn standing_on(random: &mut ChaCha8Rng, carrier: &Solid, size: f32, id: SegmentId) -> Solid {
+    let shape = random_shape(random, size);
     let top = carrier.center.z + carrier.shape.half_height();
     solid_at(random, shape, carrier.center.truncate().extend(top + shape.half_height()), id)
 }
@@ -280,6 +283,14 @@ mod tests {
                     assert!(distance > solid.shape.footprint() + 0.4, "seed {seed}, frame {frame}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn hundreds_of_things_fit() {
+        for seed in 0..4 {
+            assert_eq!(Room::furnished(seed, 400).things().count(), 400, "seed {seed}");
+            assert_eq!(Room::furnished(seed, 300).things().count(), 300, "seed {seed}");
         }
     }
 

@@ -15,7 +15,7 @@ pub(crate) const LAYOUT: &str = "the word synthetic, or synthetic:frames=60,seed
 const KEYS: &str = "width, height, frames, seed, objects, noise, moving or camera";
 const PREFIX: &str = "synthetic";
 const SIDE: std::ops::RangeInclusive<usize> = 8..=4096;
-const OBJECTS: std::ops::RangeInclusive<usize> = 0..=60;
+const OBJECTS: std::ops::RangeInclusive<usize> = 0..=400;
 const MOVING: std::ops::RangeInclusive<usize> = 0..=60;
 const FRAMES: std::ops::RangeInclusive<usize> = 1..=1_000_000;
 
@@ -32,7 +32,8 @@ pub struct SyntheticSettings {
     pub frames: usize,
     /// Decides what stands where and how it looks. Default: 0.
     pub seed: u64,
-    /// Number of things in the room, 0 to 60, besides floor, ceiling and four walls. Default: 20.
+    /// Number of things in the room, 0 to 400, besides floor, ceiling and four walls. More than 60 are smaller, so that
+    /// they fit. Default: 20.
     pub objects: usize,
     /// How frames are disturbed. Default: not at all.
     pub noise: Noise,
@@ -79,7 +80,7 @@ impl SyntheticSettings {
             ("width", self.width, SIDE, "8 to 4096"),
             ("height", self.height, SIDE, "8 to 4096"),
             ("frames", self.frames, FRAMES, "1 to 1000000"),
-            ("objects", self.objects, OBJECTS, "0 to 60"),
+            ("objects", self.objects, OBJECTS, "0 to 400"),
             ("moving", self.moving, MOVING, "0 to 60"),
             ("moving", self.moving, 0..=self.objects, "at most the number of objects"),
         ];

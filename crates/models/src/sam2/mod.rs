@@ -13,6 +13,7 @@ mod memory;
 mod network;
 mod predictor;
 mod prompt;
+mod prompting;
 mod resize;
 mod settings;
 mod video_state;

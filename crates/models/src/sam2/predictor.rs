@@ -1,27 +1,22 @@
 //! Streaming prediction: frames come one at a time, objects come and go, and clicks correct their masks.
 
-use super::encoder::ImageFeatures;
-use super::heads::{HeadOutputs, MaskChoice};
+use super::heads::{MaskChoice, fill_holes};
 use super::layers::host::host;
 use super::memory::{AssembledMemory, MaskForMemory};
-use super::prompt::CheckedPrompt;
 use super::resize::{Size, resize_bilinear};
 use super::video_state::{Prediction, TrackedObject, VideoState};
-use super::{ObjectMask, Prompt, Sam2Error, Sam2Network, Sam2PredictorSettings};
+use super::{ObjectMask, Sam2Error, Sam2Network, Sam2PredictorSettings};
 use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, Image};
 use std::sync::Arc;
 
-/// Earlier logits are clamped to this when they go along with new clicks.
-const LOGIT_LIMIT: f32 = 32.0;
-
 /// Follows objects through a stream of frames.
 #[derive(Debug)]
 pub struct Sam2Predictor {
-    network: Arc<Sam2Network>,
-    settings: Sam2PredictorSettings,
-    state: VideoState,
+    pub(super) network: Arc<Sam2Network>,
+    pub(super) settings: Sam2PredictorSettings,
+    pub(super) state: VideoState,
 }
 
 impl Sam2Predictor {
@@ -50,7 +45,8 @@ impl Sam2Predictor {
         &self.state
     }
 
-    /// Takes the next frame and follows every object into it; masks come by increasing id.
+    /// Takes the next frame and follows every object into it; masks come by increasing id. Objects that rest and are not
+    /// looked for in this frame have none.
     ///
     /// # Errors
     /// If the frame's size is not that of the first.
@@ -87,140 +83,51 @@ impl Sam2Predictor {
             (object.tracked, object.prompted) = (None, None);
             object.points.clear();
         }
-        let ids: Vec<u64> = self.state.objects.keys().copied().collect();
+        let ids = self.followed();
         let mut masks = Vec::with_capacity(ids.len());
         for ids in ids.chunks(self.settings.objects_per_chunk) {
             let memories = ids.iter().map(|id| self.assemble(*id)).collect::<Vec<_>>();
             let embeddings = self.network.memory_attention.forward(features.embedding.clone(), &memories, |_, _| {});
             let points = vec![Vec::new(); ids.len()];
             let out = self.network.heads.forward(embeddings, &features, &points, None, MaskChoice::BestOfThree);
+            self.state.object_passes += ids.len();
             for (id, prediction) in ids.iter().zip(Prediction::from_outputs(out)) {
                 masks.push(self.object_mask(*id, &prediction));
-                self.object_mut(*id).tracked = Some(prediction);
+                self.take_tracked(*id, prediction);
             }
         }
         self.state.features = Some(features);
         masks
     }
 
-    fn object_mut(&mut self, id: u64) -> &mut TrackedObject {
+    /// The objects that go through the network in the current frame: those that do not rest, and those that are looked
+    /// for in it. Not all of these are looked for in the same frame.
+    fn followed(&self) -> Vec<u64> {
+        let (settings, now) = (&self.settings, self.state.index() as u64);
+        let is_looked_for = |id: u64| match settings.absent_check_interval as u64 {
+            0 => false,
+            interval => now.wrapping_add(id).is_multiple_of(interval),
+        };
+        let objects = self.state.objects.iter();
+        objects.filter(|(id, object)| !object.is_resting(settings) || is_looked_for(**id)).map(|(id, _)| *id).collect()
+    }
+
+    /// Takes what the network says of an object in the current frame. An object that rests counts as not tracked, so a
+    /// prompt on this frame conditions the tracking.
+    fn take_tracked(&mut self, id: u64, prediction: Prediction) {
+        let settings = self.settings;
+        let object = self.object_mut(id);
+        object.absent_frames = if prediction.is_absent() { object.absent_frames + 1 } else { 0 };
+        object.tracked = Some(prediction).filter(|_| !object.is_resting(&settings));
+    }
+
+    pub(super) fn object_mut(&mut self, id: u64) -> &mut TrackedObject {
         self.state.objects.entry(id).or_default()
     }
 
-    fn assemble(&self, id: u64) -> AssembledMemory {
+    pub(super) fn assemble(&self, id: u64) -> AssembledMemory {
         let bank = &self.state.objects[&id].bank;
         bank.assemble(self.state.index(), &self.network.memory_attention, &self.settings)
-    }
-
-    /// Prompts one object on the current frame; an unknown id becomes a new object. On a frame where the object was
-    /// tracked, the prompt corrects it.
-    ///
-    /// # Errors
-    /// If there is no frame yet, or the prompt is empty, not finite or outside the frame. Nothing is changed then.
-    pub fn prompt(&mut self, object: u64, prompt: &Prompt) -> Result<ObjectMask, Sam2Error> {
-        Ok(self.prompt_all(&[(object, prompt.clone())])?.remove(0))
-    }
-
-    /// Prompts many objects at once, with the same results as one after another; masks come in the order of the prompts.
-    ///
-    /// # Errors
-    /// As [`Self::prompt`]; if one prompt is bad, none takes effect.
-    pub fn prompt_all(&mut self, prompts: &[(u64, Prompt)]) -> Result<Vec<ObjectMask>, Sam2Error> {
-        let Some(features) = self.state.features.clone() else { return Err(Sam2Error::NoFrame) };
-        let size = self.network.image_size();
-        let checked = prompts
-            .iter()
-            .map(|(object, prompt)| Ok((*object, CheckedPrompt::new(*object, prompt, self.state.size, size)?)))
-            .collect::<Result<Vec<_>, Sam2Error>>()?;
-
-        let mut masks: Vec<Option<ObjectMask>> = vec![None; checked.len()];
-        let mut waiting: Vec<usize> = (0..checked.len()).collect();
-        while !waiting.is_empty() {
-            // Prompts that can go through the network together: of the same kind, and one per object.
-            let kind = self.kind(&checked[waiting[0]]);
-            let mut chunk: Vec<usize> = Vec::new();
-            for index in &waiting {
-                let id = checked[*index].0;
-                let first_of_object = waiting.iter().find(|other| checked[**other].0 == id) == Some(index);
-                if chunk.len() < self.settings.objects_per_chunk
-                    && first_of_object
-                    && self.kind(&checked[*index]) == kind
-                {
-                    chunk.push(*index);
-                }
-            }
-            waiting.retain(|index| !chunk.contains(index));
-            let prompts: Vec<&(u64, CheckedPrompt)> = chunk.iter().map(|index| &checked[*index]).collect();
-            let out = self.prompt_chunk(&prompts, kind, &features);
-            for ((index, (id, _)), prediction) in chunk.iter().zip(prompts).zip(Prediction::from_outputs(out)) {
-                masks[*index] = Some(self.object_mask(*id, &prediction));
-                self.object_mut(*id).prompted = Some(prediction);
-            }
-        }
-        Ok(masks.into_iter().flatten().collect())
-    }
-
-    /// What prompts must have in common to go through the network together.
-    fn kind(&self, (id, prompt): &(u64, CheckedPrompt)) -> PromptKind {
-        let object = self.state.objects.get(id);
-        match prompt {
-            CheckedPrompt::Mask(_) => PromptKind::Mask,
-            CheckedPrompt::Points { points, replace } => PromptKind::Points {
-                count: points.len() + if *replace { 0 } else { object.map_or(0, |object| object.points.len()) },
-                has_memory: object.is_some_and(|object| object.tracked.is_some()),
-                has_logits: object.is_some_and(|object| object.tracked.is_some() || object.prompted.is_some()),
-            },
-        }
-    }
-
-    fn prompt_chunk(
-        &mut self,
-        prompts: &[&(u64, CheckedPrompt)],
-        kind: PromptKind,
-        features: &ImageFeatures,
-    ) -> HeadOutputs {
-        let PromptKind::Points { count, has_memory, has_logits } = kind else {
-            let masks: Vec<Vec<f32>> = prompts
-                .iter()
-                .filter_map(|(_, prompt)| match prompt {
-                    CheckedPrompt::Mask(mask) => Some(mask.clone()),
-                    CheckedPrompt::Points { .. } => None,
-                })
-                .collect();
-            prompts.iter().for_each(|(id, _)| self.object_mut(*id).points.clear());
-            return self.network.heads.use_masks_as_output(features, &masks, self.network.image_size());
-        };
-        let mut all_points = Vec::with_capacity(prompts.len());
-        for (id, prompt) in prompts {
-            let object = self.object_mut(*id);
-            if let CheckedPrompt::Points { points, replace } = prompt {
-                if *replace {
-                    object.points.clear();
-                }
-                object.points.extend(points);
-            }
-            all_points.push(object.points.clone());
-        }
-        let embeddings = if has_memory {
-            let memories = prompts.iter().map(|(id, _)| self.assemble(*id)).collect::<Vec<_>>();
-            self.network.memory_attention.forward(features.embedding.clone(), &memories, |_, _| {})
-        } else {
-            features.embedding.clone() + self.network.no_memory.clone()
-        };
-        let masks = has_logits.then(|| self.earlier_logits(prompts));
-        let choice = if count <= 1 { MaskChoice::BestOfThree } else { MaskChoice::Single };
-        self.network.heads.forward(embeddings, features, &all_points, masks, choice)
-    }
-
-    /// The logits that the objects have on this frame so far, `[objects, side, side]`.
-    fn earlier_logits(&self, prompts: &[&(u64, CheckedPrompt)]) -> Tensor<3> {
-        let side = self.network.image_size() / 4;
-        let logits: Vec<f32> = prompts
-            .iter()
-            .filter_map(|(id, _)| self.state.objects[id].prompted.as_ref().or(self.state.objects[id].tracked.as_ref()))
-            .flat_map(|prediction| prediction.logits.iter().map(|logit| logit.clamp(-LOGIT_LIMIT, LOGIT_LIMIT)))
-            .collect();
-        Tensor::from_data(TensorData::new(logits, [prompts.len(), side, side]), self.network.device())
     }
 
     /// Stops following an object and forgets it.
@@ -236,29 +143,52 @@ impl Sam2Predictor {
         let Some(features) = self.state.features.take() else { return };
         let now = self.state.index();
         let projected = self.network.memory_encoder.project_features(features.embedding.clone());
-        let conditions = |object: &TrackedObject| {
-            object.prompted.is_some() && (object.tracked.is_none() || self.settings.corrections_condition)
-        };
-        let (prompted, tracked): (Vec<u64>, Vec<u64>) =
-            self.state.objects.keys().partition(|id| conditions(&self.state.objects[*id]));
-        for (ids, prompted) in [(prompted, true), (tracked, false)] {
+        let (mut prompted, mut tracked) = (Vec::new(), Vec::new());
+        for (id, object) in &self.state.objects {
+            if object.prompted.is_some() && !self.is_tracked_again(object) {
+                prompted.push(*id);
+            } else if object.tracked.is_some() {
+                tracked.push(*id);
+            }
+        }
+        for (ids, kind) in [(prompted, MaskForMemory::Binary), (tracked, MaskForMemory::Soft)] {
             for ids in ids.chunks(self.settings.objects_per_chunk) {
-                self.remember_chunk(ids, prompted, now, &projected);
+                self.remember_chunk(ids, kind, now, &projected);
             }
         }
         for object in self.state.objects.values_mut() {
-            object.bank.forget(now, &self.settings);
+            if object.is_resting(&self.settings) {
+                object.bank.keep_conditioning(&self.settings);
+            } else {
+                object.bank.forget(now, &self.settings);
+            }
         }
         self.state.features = Some(features);
     }
 
-    fn remember_chunk(&mut self, ids: &[u64], prompted: bool, now: usize, projected: &Tensor<4>) {
-        let kind = if prompted { MaskForMemory::Binary } else { MaskForMemory::Soft };
+    /// Whether a prompt on the current frame conditions the tracking of an object.
+    fn conditions(&self, object: &TrackedObject) -> bool {
+        object.prompted.is_some() && (object.tracked.is_none() || self.settings.add_all_frames_to_correct_as_cond)
+    }
+
+    fn is_tracked_again(&self, object: &TrackedObject) -> bool {
+        self.settings.track_corrected_frames_again && !self.conditions(object)
+    }
+
+    /// Remembers the current frame for some objects, which were all prompted (`Binary`) or all tracked (`Soft`).
+    fn remember_chunk(&mut self, ids: &[u64], kind: MaskForMemory, now: usize, projected: &Tensor<4>) {
+        // The mask of a prompt is remembered as it is shown; that of a tracked frame as it comes from the network.
         let chosen: Vec<Prediction> = ids
             .iter()
             .filter_map(|id| {
                 let object = &self.state.objects[id];
-                if prompted { object.prompted.clone() } else { object.tracked.clone() }
+                match kind {
+                    MaskForMemory::Soft => object.tracked.clone(),
+                    MaskForMemory::Binary => object
+                        .prompted
+                        .clone()
+                        .map(|prediction| Prediction { logits: self.without_holes(&prediction), ..prediction }),
+                }
             })
             .collect();
         let side = self.network.image_size();
@@ -276,27 +206,29 @@ impl Sam2Predictor {
         let scores: Vec<f32> = chosen.iter().map(|prediction| prediction.object_score).collect();
         let memories = host(self.network.memory_encoder.forward(projected.clone(), masks, &scores));
         let length = memories.len() / ids.len();
+        self.state.object_passes += ids.len();
         for ((id, memory), prediction) in ids.iter().zip(memories.chunks_exact(length)).zip(chosen) {
-            self.object_mut(*id).bank.remember(now, prompted, memory, prediction.pointer);
+            let conditioning = self.conditions(&self.state.objects[id]);
+            self.object_mut(*id).bank.remember(now, conditioning, memory, prediction.pointer);
         }
     }
 
-    fn object_mask(&self, object: u64, prediction: &Prediction) -> ObjectMask {
+    /// The logits as they are shown: with small holes filled.
+    pub(super) fn without_holes(&self, prediction: &Prediction) -> Vec<f32> {
+        let mut logits = prediction.logits.clone();
+        fill_holes(&mut logits, self.network.image_size() / 4, self.settings.fill_hole_area);
+        logits
+    }
+
+    pub(super) fn object_mask(&self, object: u64, prediction: &Prediction) -> ObjectMask {
         let side = self.network.image_size() / 4;
         ObjectMask {
             object,
-            low_res_logits: Image::from_pixels(side, side, prediction.logits.clone()).expect("a square of logits"),
+            low_res_logits: Image::from_pixels(side, side, self.without_holes(prediction)).expect("a square of logits"),
             object_score: prediction.object_score,
             predicted_iou: prediction.predicted_iou,
             pointer: prediction.pointer.clone(),
             frame_size: self.state.size,
         }
     }
-}
-
-/// What prompts must have in common to go through the network together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum PromptKind {
-    Mask,
-    Points { count: usize, has_memory: bool, has_logits: bool },
 }

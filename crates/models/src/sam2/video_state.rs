@@ -1,5 +1,6 @@
 //! The state of a video: what is known of every object.
 
+use super::Sam2PredictorSettings;
 use super::encoder::ImageFeatures;
 use super::heads::HeadOutputs;
 use super::layers::host::host;
@@ -27,6 +28,15 @@ pub(super) struct TrackedObject {
     pub(super) prompted: Option<Prediction>,
     /// Points given on the current frame.
     pub(super) points: Vec<InputPoint>,
+    /// How many frames in a row it has been absent from, up to the current one, since it was last prompted.
+    pub(super) absent_frames: usize,
+}
+
+impl TrackedObject {
+    /// Whether it has been absent for so long that it is not followed for now.
+    pub(super) fn is_resting(&self, settings: &Sam2PredictorSettings) -> bool {
+        settings.max_absent_frames > 0 && self.absent_frames >= settings.max_absent_frames
+    }
 }
 
 /// Everything that is kept of a video's past. It grows with the number of objects, not of frames.
@@ -38,6 +48,7 @@ pub struct VideoState {
     pub(super) size: (usize, usize),
     pub(super) features: Option<ImageFeatures>,
     pub(super) objects: BTreeMap<u64, TrackedObject>,
+    pub(super) object_passes: usize,
 }
 
 impl VideoState {
@@ -49,6 +60,12 @@ impl VideoState {
     /// Number of frames so far.
     pub fn frames(&self) -> usize {
         self.frames
+    }
+
+    /// How often an object has gone through a part of the network that works on one object: once for each mask, tracked
+    /// or prompted, and once for each memory of a frame.
+    pub fn object_passes(&self) -> usize {
+        self.object_passes
     }
 
     /// Bytes that the memories of all objects take.
@@ -69,6 +86,11 @@ impl VideoState {
 }
 
 impl Prediction {
+    /// Whether the object is not in the frame.
+    pub(super) fn is_absent(&self) -> bool {
+        self.object_score <= 0.0 || self.logits.iter().all(|logit| *logit <= 0.0)
+    }
+
     /// The outputs of a chunk, one per object.
     pub(super) fn from_outputs(out: HeadOutputs) -> Vec<Self> {
         let [_, height, width] = out.masks.dims();

@@ -197,7 +197,8 @@ impl<'a> PipelineBuilder<'a> {
             TrackerSettings::Sam2 { tracker_weights, sam2 } => {
                 let path = tracker_weights.as_deref().unwrap_or(Path::new(""));
                 let network = self.networks.sam2(path, sam2.image_size, self.settings.run.device)?;
-                Ok(Box::new(Sam2Tracker::new(network, *sam2)?))
+                let sam2 = sam2.resolved(self.settings.method.prompts_lost_objects());
+                Ok(Box::new(Sam2Tracker::new(network, sam2)?))
             }
             TrackerSettings::Sim { sim_tracker } => {
                 let truth = self.ground_truth("tracker = sim")?;

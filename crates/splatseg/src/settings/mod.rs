@@ -209,6 +209,11 @@ impl MethodSettings {
         }
     }
 
+    /// Whether it prompts the objects that its tracker has lost.
+    pub(crate) fn prompts_lost_objects(&self) -> bool {
+        matches!(self, Self::Sam2Splat { settings, .. } if settings.reprompt.not_tracked)
+    }
+
     /// Whether it takes masks from the segmenter; otherwise ground truth prompts its tracker.
     pub fn uses_segmenter(&self) -> bool {
         self.prompts().is_none_or(|(source, _)| source == PromptSource::Detections)

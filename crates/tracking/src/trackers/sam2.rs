@@ -3,8 +3,9 @@
 use crate::{Tracker, TrackerError};
 use rayon::prelude::*;
 use splatseg_geometry::{Mask, RgbdFrame, SegmentId};
-use splatseg_models::sam2::{ObjectMask, Prompt, Sam2Error, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
+use splatseg_models::sam2::{ObjectMask, Prompt, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
 use splatseg_settings::{Allowed, settings};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 settings! {
@@ -15,21 +16,44 @@ settings! {
         image_size: Option<usize> = None, Allowed::Multiple { of: 32, min: 32, max: 2048 };
         /// How many objects go through the network together. More objects need more memory; results are the same.
         objects_per_chunk: usize = 4, Allowed::between(1.0, 256.0);
-        /// How many of an object's latest prompted frames the network attends to. 0: all of them, as in the official
-        /// code, whose memory use grows with every correction.
-        max_prompted_frames: usize = 4, Allowed::between(0.0, 1000.0);
+        /// Holes of at most this many pixels are filled, pixels of masks at a quarter of `image_size`. 0: none.
+        fill_hole_area: usize = 8, Allowed::between(0.0, 1e6);
+        /// Whether the frame of a correction becomes a conditioning frame, which is not forgotten. If not, the corrected
+        /// mask is remembered as long as those of other frames.
+        add_all_frames_to_correct_as_cond: bool = false, Allowed::Switch;
+        /// How many of an object's conditioning frames the network attends to, the latest ones. 0: all of them (-1 in
+        /// the official code). An object has more than one only if corrections condition or it has rested.
+        max_cond_frames_in_attn: usize = 4, Allowed::between(0.0, 1000.0);
+        /// An object that has been absent from this many frames in a row rests: it costs nothing until it is prompted
+        /// again. 0: never, as in the official code. If left out: 16 for `sam2-splat` with `reprompt.not_tracked`, which
+        /// prompts an object where the memory expects it, and 0 for others.
+        max_absent_frames: Option<usize> = None, Allowed::between(0.0, 1e9);
+        /// A resting object is looked for in every so many frames, and followed again if found. 0: never.
+        absent_check_interval: usize = 0, Allowed::between(0.0, 1e9);
     }
 }
 
+/// `max_absent_frames` where lost objects are prompted again: of the frames before, the network sees at most the object
+/// pointers of 15, so nothing that it has seen of the object is lost except what conditioning frames keep.
+const MAX_ABSENT_FRAMES: usize = 16;
+
 impl Sam2TrackerSettings {
-    /// The predictor's settings. A correction conditions the frames after it; otherwise it would be lost in the next
-    /// frame.
+    /// The settings with a value for `max_absent_frames`, which depends on whether objects that the tracker loses are
+    /// prompted again.
+    pub fn resolved(self, prompts_lost_objects: bool) -> Self {
+        let default = if prompts_lost_objects { MAX_ABSENT_FRAMES } else { 0 };
+        Self { max_absent_frames: self.max_absent_frames.or(Some(default)), ..self }
+    }
+
     fn predictor(self) -> Sam2PredictorSettings {
         Sam2PredictorSettings {
             objects_per_chunk: self.objects_per_chunk,
-            max_prompted_frames: (self.max_prompted_frames > 0).then_some(self.max_prompted_frames),
-            corrections_condition: true,
-            video_length: None,
+            max_cond_frames_in_attn: (self.max_cond_frames_in_attn > 0).then_some(self.max_cond_frames_in_attn),
+            add_all_frames_to_correct_as_cond: self.add_all_frames_to_correct_as_cond,
+            fill_hole_area: self.fill_hole_area,
+            max_absent_frames: self.max_absent_frames.unwrap_or(0),
+            absent_check_interval: self.absent_check_interval,
+            ..Sam2PredictorSettings::default()
         }
     }
 }
@@ -62,30 +86,22 @@ impl Tracker for Sam2Tracker {
     fn track(&mut self, frame: &RgbdFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
         let tracked = self.predictor.track(frame.color())?;
         self.size = (frame.width(), frame.height());
-        Ok(tracked.par_iter().map(|found| (found.object as SegmentId, shown(found))).collect())
+        let (width, height) = self.size;
+        // Resting objects are not among the tracked ones.
+        let mut masks: BTreeMap<SegmentId, Mask> =
+            self.predictor.state().objects().map(|id| (id as SegmentId, Mask::empty(width, height))).collect();
+        masks.par_extend(tracked.par_iter().map(|found| (found.object as SegmentId, shown(found))));
+        tracing::debug!(objects = masks.len(), followed = tracked.len(), "tracked");
+        Ok(masks.into_iter().collect())
     }
 
     fn prompt(&mut self, prompts: &[(SegmentId, Prompt)]) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
-        let mut usable: Vec<usize> = (0..prompts.len()).collect();
-        let prompted = loop {
-            let chosen = usable.iter().map(|place| (u64::from(prompts[*place].0), prompts[*place].1.clone()));
-            match self.predictor.prompt_all(&chosen.collect::<Vec<_>>()) {
-                Ok(prompted) => break prompted,
-                Err(Sam2Error::EmptyMask { object }) => {
-                    let is_thin = |(id, prompt): &(SegmentId, Prompt)| {
-                        u64::from(*id) == object && matches!(prompt, Prompt::Mask(_))
-                    };
-                    usable.retain(|place| !is_thin(&prompts[*place]));
-                }
-                Err(error) => return Err(error.into()),
-            }
-        };
         let (width, height) = self.size;
-        let mut masks: Vec<(SegmentId, Mask)> =
-            prompts.iter().map(|(id, _)| (*id, Mask::empty(width, height))).collect();
-        let found: Vec<Mask> = prompted.par_iter().map(shown).collect();
-        usable.into_iter().zip(found).for_each(|(place, mask)| masks[place].1 = mask);
-        Ok(masks)
+        let given: Vec<(u64, Prompt)> = prompts.iter().map(|(id, prompt)| (u64::from(*id), prompt.clone())).collect();
+        let prompted = self.predictor.prompt_unless_empty(&given)?;
+        let mask = |found: &Option<ObjectMask>| found.as_ref().map_or_else(|| Mask::empty(width, height), shown);
+        let masks: Vec<Mask> = prompted.par_iter().map(mask).collect();
+        Ok(prompts.iter().map(|(id, _)| *id).zip(masks).collect())
     }
 
     fn remove(&mut self, track: SegmentId) {

@@ -1,6 +1,6 @@
 use super::*;
 use crate::sam2::encoder::ImageFeatures;
-use crate::sam2::heads::{DecodedMasks, MaskChoice};
+use crate::sam2::heads::{DecodedMasks, MaskChoice, fill_holes};
 
 fn decoder_features(golden: &Golden) -> ImageFeatures {
     ImageFeatures {
@@ -111,4 +111,16 @@ fn given_masks_are_taken_as_they_are() {
         check("object_score_logits", &out.object_scores);
         check("ious", &out.ious);
     }
+}
+
+#[test]
+fn hole_filling() {
+    let Some(folder) = folder("hole_filling") else { return };
+    let golden = Golden::open(&folder, "mini_fill_holes");
+    let (mut logits, expected) = (golden.floats("input"), golden.floats("output"));
+    let &[_, height, width] = golden.shape("input").as_slice() else { panic!("not a stack of maps") };
+    let max_area = golden.ints("max_area")[0];
+    assert_ne!(logits, expected);
+    logits.chunks_exact_mut(height * width).for_each(|map| fill_holes(map, width, max_area));
+    assert_eq!(logits, expected);
 }

@@ -51,7 +51,7 @@ impl MemoryBank {
 
     /// Forgets what no frame after `now` can see.
     pub fn forget(&mut self, now: usize, settings: &Sam2PredictorSettings) {
-        let kept = self.conditioning(settings.max_prompted_frames);
+        let kept = self.conditioning(settings.max_cond_frames_in_attn);
         self.frames.retain_mut(|known| {
             let prompted = kept.contains(&known.frame);
             let age = now - known.frame;
@@ -63,6 +63,12 @@ impl MemoryBank {
         });
     }
 
+    /// Keeps nothing but the conditioning frames that attention sees.
+    pub fn keep_conditioning(&mut self, settings: &Sam2PredictorSettings) {
+        let kept = self.conditioning(settings.max_cond_frames_in_attn);
+        self.frames.retain(|known| kept.contains(&known.frame));
+    }
+
     /// The memory for frame `now`: conditioning frames, then the six frames before, from far to near; pointers of
     /// conditioning frames, then from near to far (official `_prepare_memory_conditioned_features`).
     pub fn assemble(
@@ -71,7 +77,7 @@ impl MemoryBank {
         attention: &MemoryAttention,
         settings: &Sam2PredictorSettings,
     ) -> AssembledMemory {
-        let conditioning = self.conditioning(settings.max_prompted_frames);
+        let conditioning = self.conditioning(settings.max_cond_frames_in_attn);
         let (prompted, others): (Vec<_>, Vec<_>) =
             self.frames.iter().partition(|known| conditioning.contains(&known.frame));
         let before = |distance: usize| others.iter().find(|known| known.frame + distance == now);

@@ -55,8 +55,8 @@ pub(crate) enum CheckedPrompt {
         points: Vec<InputPoint>,
         replace: bool,
     },
-    /// 1 inside and 0 outside, `[side, side]`.
-    Mask(Vec<f32>),
+    /// Of the input's size. As bits: there may be one for each of hundreds of objects.
+    Mask(Mask),
 }
 
 impl CheckedPrompt {
@@ -101,17 +101,24 @@ impl CheckedPrompt {
 }
 
 /// A mask at the network's input size, as the official code resizes it.
-fn checked_mask(object: u64, mask: &Mask, frame: (usize, usize), image_size: usize) -> Result<Vec<f32>, Sam2Error> {
+fn checked_mask(object: u64, mask: &Mask, frame: (usize, usize), image_size: usize) -> Result<Mask, Sam2Error> {
     let found = (mask.width(), mask.height());
     if found != frame {
         return Err(Sam2Error::MaskSize { object, found, expected: frame });
     }
-    let mut values = vec![0f32; found.0 * found.1];
-    mask.pixel_indices().for_each(|index| values[index] = 1.0);
     let (from, to) = (Size { width: found.0, height: found.1 }, Size { width: image_size, height: image_size });
-    if from != to {
-        values = resize_antialiased(&values, from, to);
-        values.iter_mut().for_each(|value| *value = f32::from(*value >= 0.5));
-    }
-    if values.iter().all(|value| *value == 0.0) { Err(Sam2Error::EmptyMask { object }) } else { Ok(values) }
+    let resized = if from == to {
+        mask.clone()
+    } else {
+        let values = resize_antialiased(&zeros_and_ones(mask), from, to);
+        Mask::from_fn(image_size, image_size, |column, row| values[row * image_size + column] >= 0.5)
+    };
+    if resized.is_empty() { Err(Sam2Error::EmptyMask { object }) } else { Ok(resized) }
+}
+
+/// 1 inside and 0 outside, `[height, width]`.
+pub(crate) fn zeros_and_ones(mask: &Mask) -> Vec<f32> {
+    let mut values = vec![0.0; mask.width() * mask.height()];
+    mask.pixel_indices().for_each(|index| values[index] = 1.0);
+    values
 }
