@@ -57,6 +57,12 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
     /// The segment that each Gaussian shows by itself, 0 for none.
     fn segment_ids(&self) -> Vec<SegmentId>;
 
+    /// How undisputed each entry of [`segment_ids`](Self::segment_ids) is: the share, 0 to 1, that the segment has of all
+    /// that the Gaussian was seen as. `None`, the default, for a kind of memory that keeps no second opinion.
+    fn segment_shares(&self) -> Option<Vec<f32>> {
+        None
+    }
+
     /// Numbers that each Gaussian holds for segments.
     fn numbers_per_gaussian(&self) -> usize;
 

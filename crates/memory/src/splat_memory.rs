@@ -343,4 +343,10 @@ impl SplatMemory {
     pub fn segment_ids(&self) -> Vec<SegmentId> {
         self.store.segment_ids()
     }
+
+    /// The share, 0 to 1, that the segment of [`segment_ids`](Self::segment_ids) has of all that each Gaussian was seen
+    /// as; 1 in a memory that keeps no second opinion.
+    pub fn segment_shares(&self) -> Vec<f32> {
+        self.store.segment_shares().unwrap_or_else(|| vec![1.0; self.gaussian_count()])
+    }
 }

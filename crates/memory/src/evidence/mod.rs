@@ -185,6 +185,11 @@ impl SegmentStore for EvidenceStore {
         self.votes.iter().map(|votes| votes.winner(self.settings.min_evidence)).collect()
     }
 
+    fn segment_shares(&self) -> Option<Vec<f32>> {
+        let share = |votes: &Votes| votes.share(votes.winner(self.settings.min_evidence));
+        Some(self.votes.iter().map(share).collect())
+    }
+
     fn numbers_per_gaussian(&self) -> usize {
         2 * Votes::SLOTS
     }

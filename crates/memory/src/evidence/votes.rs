@@ -80,11 +80,27 @@ impl Votes {
         let best = self.iter().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
         best.filter(|(_, votes)| *votes > min).map_or(0, |(id, _)| id)
     }
+
+    /// The share, 0 to 1, that a segment has of all votes; 0 if there are none.
+    pub fn share(&self, id: SegmentId) -> f32 {
+        let (own, all) = self
+            .iter()
+            .fold((0.0, 0.0), |(own, all), (other, votes)| (if other == id { own + votes } else { own }, all + votes));
+        if all > 0.0 { own / all } else { 0.0 }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_share_is_of_all_votes() {
+        let mut votes = Votes::one(7, 3.0);
+        votes.add(2, 1.0);
+        assert_eq!([7, 2, 5].map(|id| votes.share(id)), [0.75, 0.25, 0.0]);
+        assert_eq!(Votes::default().share(0), 0.0);
+    }
 
     #[test]
     fn many_votes_outweigh_one_wrong_mask() {

@@ -1,8 +1,10 @@
 //! The shape of an object in the world, from the Gaussians that show it.
 
+mod disputed;
 mod oriented_box;
 mod patch_grid;
 mod patches;
+mod plane;
 mod stray;
 mod surface_area;
 
@@ -36,7 +38,8 @@ pub struct ObjectShape {
     pub color: [u8; 3],
     /// Number of Gaussians that show the object.
     pub points: usize,
-    /// How many of them are left out of all of the above because they lie apart from the rest.
+    /// How many of them are left out of all of the above, because they were seen almost as often as something else or
+    /// lie apart from the rest.
     pub stray_points: usize,
 }
 

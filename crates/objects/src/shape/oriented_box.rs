@@ -194,7 +194,7 @@ mod tests {
                 place[second] = (index / 21) as f32 / 20.0 - 0.5;
                 let area = size[first] * size[second];
                 let mean = Vec3::new(3.0, -1.0, 0.5) + axes * (size * place);
-                patches.push(Patch { mean, side: 0.05 * area.sqrt(), cover: 0.05, color: [0; 3] });
+                patches.push(Patch { mean, side: 0.05 * area.sqrt(), cover: 0.05, color: [0; 3], share: 1.0 });
             }
         }
         patches
@@ -241,7 +241,7 @@ mod tests {
     fn a_plate_and_a_single_point_have_boxes_too() {
         let plate = oriented_box(&on_faces(Vec3::new(0.8, 0.5, 0.0), Mat3::from_rotation_x(0.4), &[(2, 1.0)]));
         assert_fits(&plate, Vec3::new(0.8, 0.5, 0.0));
-        let patch = Patch { mean: Vec3::ONE, side: 0.1, cover: 0.1, color: [0; 3] };
+        let patch = Patch { mean: Vec3::ONE, side: 0.1, cover: 0.1, color: [0; 3], share: 1.0 };
         let point = oriented_box(&[patch; 3]);
         assert_eq!((point.center, point.size, point.rotation), (Vec3::ONE, Vec3::ZERO, Quat::IDENTITY));
     }

@@ -19,6 +19,8 @@ pub(super) struct Patch {
     pub cover: f32,
     /// sRGB.
     pub color: [u8; 3],
+    /// The share, 0 to 1, that the object has of all that the Gaussian was seen as.
+    pub share: f32,
 }
 
 impl Patch {
@@ -39,13 +41,13 @@ pub(super) fn patches_by_object(memory: &SplatMemory) -> BTreeMap<SegmentId, Vec
     let covers_per_radius = (-2.0 * covering_alpha.clamp(0.1, 0.9).ln()).sqrt();
     let (balls, colors) = (memory.balls(), memory.colors());
     let mut objects: BTreeMap<SegmentId, Vec<Patch>> = BTreeMap::new();
-    let gaussians = memory.segment_ids().into_iter().zip(&balls.means).zip(&balls.radii).zip(colors);
-    for (((id, mean), radius), color) in gaussians {
+    let segments = memory.segment_ids().into_iter().zip(memory.segment_shares());
+    for ((((id, share), mean), radius), color) in segments.zip(&balls.means).zip(&balls.radii).zip(colors) {
         // A loaded map may hold anything.
         if id != 0 && mean.is_finite() && radius.is_finite() {
             let radius = radius.max(MIN_RADIUS);
             let (side, cover) = (sides_per_radius * radius, covers_per_radius * radius);
-            objects.entry(id).or_default().push(Patch { mean: *mean, side, cover, color: *color });
+            objects.entry(id).or_default().push(Patch { mean: *mean, side, cover, color: *color, share });
         }
     }
     objects

@@ -2,6 +2,7 @@
 
 use super::patch_grid::PatchGrid;
 use super::patches::Patch;
+use super::plane::normal;
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
 
@@ -12,8 +13,6 @@ const RINGS: usize = 2;
 const SAMPLES: usize = 1000;
 /// A patch faces the way of the plane through those within this many of its sides.
 const PLANE_REACH: f32 = 2.5;
-/// Rounds of power iteration: neighbours on a surface spread far less across it than along it.
-const ROUNDS: usize = 8;
 
 /// The area of the union of the patches, square metres: each is a disc in the plane of its neighbours, as large as what
 /// the memory takes for covered by it, and what several discs cover counts once.
@@ -60,20 +59,8 @@ fn area_not_shared(patch: &Patch, normal: Vec3, near: &[&Patch]) -> f32 {
 /// The direction in which a patch and those around it spread least: a unit vector.
 fn normal_at(patch: &Patch, near: &[&Patch]) -> Vec3 {
     let reach = PLANE_REACH * patch.side;
-    let mut spread = [Vec3::ZERO; 3];
-    for other in near.iter().filter(|other| other.mean.distance_squared(patch.mean) <= reach * reach) {
-        let offset = (other.mean - patch.mean) / patch.side;
-        let weight = other.area() / patch.area();
-        spread.iter_mut().zip(offset.to_array()).for_each(|(row, part)| *row += weight * part * offset);
-    }
-    let times = |vector: Vec3| Vec3::from(spread.map(|row| row.dot(vector)));
-    // The two directions in which it spreads most, from anywhere; the normal is orthogonal to both.
-    let (mut first, mut second) = (Vec3::new(0.57, 0.61, 0.55), Vec3::new(-0.61, 0.72, 0.33));
-    for _ in 0..ROUNDS {
-        first = times(first).normalize_or(Vec3::X);
-        second = times(second).reject_from_normalized(first).normalize_or(first.any_orthonormal_vector());
-    }
-    first.cross(second)
+    let close = near.iter().filter(|other| other.mean.distance_squared(patch.mean) <= reach * reach);
+    normal(close.map(|other| ((other.mean - patch.mean) / patch.side, other.area() / patch.area())))
 }
 
 #[cfg(test)]
@@ -83,7 +70,8 @@ mod tests {
     fn patches(spacing: f32, copies: usize) -> Vec<Patch> {
         let count = (1.0 / spacing) as usize;
         let mean = |index: usize| Vec3::new((index % count) as f32, (index / count) as f32, 0.0) * spacing;
-        let at = |index: usize| Patch { mean: mean(index), side: spacing, cover: 0.93 * spacing, color: [0; 3] };
+        let at =
+            |index: usize| Patch { mean: mean(index), side: spacing, cover: 0.93 * spacing, color: [0; 3], share: 1.0 };
         (0..count * count).flat_map(|index| vec![at(index); copies]).collect()
     }
 
@@ -98,7 +86,7 @@ mod tests {
 
     #[test]
     fn a_single_disc_has_its_own_area() {
-        let patch = Patch { mean: Vec3::ONE, side: 0.1, cover: 0.1, color: [0; 3] };
+        let patch = Patch { mean: Vec3::ONE, side: 0.1, cover: 0.1, color: [0; 3], share: 1.0 };
         assert!((surface_area(&[patch]) - 0.01 * PI).abs() < 1e-6);
     }
 }
