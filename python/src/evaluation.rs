@@ -41,6 +41,8 @@ pub fn evaluate(
         score: ScoreSettings { protocol, void, min_ground_truth_area: min_truth_area },
         missing: if allow_missing { MissingFrames::Allowed } else { MissingFrames::Refused },
         ids: if ids { Ids::Lasting } else { Ids::PerFrame },
+        video: None,
+        min_score: 0.0,
     };
     // A scene is read as the run read it, unless settings say otherwise.
     let run = RunSummary::of(&predictions).map_err(value_error)?;

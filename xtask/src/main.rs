@@ -3,9 +3,11 @@
 mod calibrate_oracle;
 mod fastsam_speed;
 mod graph_quality;
+mod make_standins;
 mod peak_memory;
 mod readme_picture;
 mod sam2_speed;
+mod standins;
 
 use clap::{Parser, Subcommand};
 
@@ -24,6 +26,7 @@ enum Task {
     FastsamSpeed(fastsam_speed::Arguments),
     Sam2Speed(sam2_speed::Arguments),
     ReadmePicture(readme_picture::Arguments),
+    MakeStandins(make_standins::Arguments),
 }
 
 fn main() -> anyhow::Result<()> {
@@ -33,5 +36,6 @@ fn main() -> anyhow::Result<()> {
         Task::FastsamSpeed(arguments) => fastsam_speed::run(&arguments),
         Task::Sam2Speed(arguments) => sam2_speed::run(&arguments),
         Task::ReadmePicture(arguments) => readme_picture::run(&arguments),
+        Task::MakeStandins(arguments) => make_standins::run(&arguments),
     }
 }

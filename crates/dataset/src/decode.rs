@@ -81,6 +81,18 @@ pub fn read_segments_png(path: &Path) -> Result<SegmentMap, DatasetError> {
     read_labels(path)
 }
 
+/// Reads predicted ids, `[height, width]`, from a PNG of either published form: grey with 8 or 16 bits, a value per segment,
+/// or 8-bit RGB as in COCO's panoptic format, id = R + 256 G + 65536 B.
+///
+/// # Errors
+/// [`DatasetError`] if the file is missing or damaged, is any other kind of image, or takes more memory than there is.
+pub fn read_predicted_ids_png(path: &Path) -> Result<SegmentMap, DatasetError> {
+    let bytes = read_image_file(path, SEGMENT_IMAGE)?;
+    let file = EncodedImage::new(path, SEGMENT_IMAGE, &bytes)?;
+    file.require_png(&[(GREY, 8), (GREY, 16), (RGB, 8)], "a PNG with 8- or 16-bit grey or 8-bit RGB")?;
+    if file.png_color_type() == Some(RGB) { decode_panoptic(path, &bytes) } else { decode_labels(path, &bytes) }
+}
+
 /// [`read_segments_png`] as scenes call it.
 pub(crate) fn read_labels(path: &Path) -> Result<SegmentMap, DatasetError> {
     decode_labels(path, &read_image_file(path, SEGMENT_IMAGE)?)
@@ -199,13 +211,13 @@ impl<'a> EncodedImage<'a> {
             return Err(self.pixel_kind(format!("{:?}", self.format), expected));
         }
         // Signature (8 bytes), length and "IHDR" (8), width and height (8), bit depth, colour type.
-        let (Some(bit_depth), Some(color_type)) = (self.bytes.get(24), self.bytes.get(25)) else {
+        let (Some(bit_depth), Some(color_type)) = (self.bytes.get(24), self.png_color_type()) else {
             return Ok(()); // Shorter than a header: decoding says so.
         };
-        if kinds.contains(&(*color_type, *bit_depth)) {
+        if kinds.contains(&(color_type, *bit_depth)) {
             return Ok(());
         }
-        let kind = match *color_type {
+        let kind = match color_type {
             GREY => "grey",
             RGB => "RGB",
             3 => "palette",
@@ -214,6 +226,11 @@ impl<'a> EncodedImage<'a> {
             _ => "unknown",
         };
         Err(self.pixel_kind(format!("{bit_depth}-bit {kind}"), expected))
+    }
+
+    /// The colour type in the header of a PNG.
+    fn png_color_type(&self) -> Option<u8> {
+        self.bytes.get(25).copied()
     }
 
     fn decoding_failed(&self, source: image::ImageError) -> DatasetError {

@@ -35,7 +35,7 @@ mod text;
 mod tum;
 mod undistort;
 
-pub use decode::{read_color_image, read_segments_png};
+pub use decode::{read_color_image, read_predicted_ids_png, read_segments_png};
 pub use description::SceneDescription;
 pub use error::{DatasetError, FrameReadError};
 pub use format::{Format, FormatNameError};
@@ -43,7 +43,7 @@ pub use formats::{open_scene, supported_formats};
 pub use framing::{Framing, ImageSize, ImageSizeTextError};
 pub use mcap::{McapScene, McapSummary, McapTopic};
 pub use mesh::{read_mesh_vertices, read_vertex_instances};
-pub use mvpd::MvpdScene;
+pub use mvpd::{MvpdScene, MvpdVideo, MvpdVideos};
 pub use plain_folder::FolderScene;
 pub use preset::{Preset, PresetNameError};
 pub use replica::ReplicaScene;

@@ -5,7 +5,7 @@ mod support;
 use glam::Vec3;
 use proptest::prelude::*;
 use serde_json::{Value, json};
-use splatseg_dataset::{DatasetError, DatasetSettings, MvpdScene, Scene, open_scene};
+use splatseg_dataset::{DatasetError, DatasetSettings, MvpdScene, MvpdVideos, Scene, open_scene};
 use std::fs;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -79,6 +79,50 @@ fn archives_are_read_as_they_are() {
     assert!(matches!(open(&path), Err(DatasetError::SeveralVideos { .. })));
     assert!(matches!(open(format!("{}:{SECOND}0", path.display())), Err(DatasetError::NoSuchVideo { .. })));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is unpacked beside the archive");
+}
+
+#[test]
+fn all_videos_of_a_split_are_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(MvpdVideos::find(folder.path()).unwrap().videos, []);
+    // The published folders: splits, in which there are scenes' archives before the authors' script unpacks them.
+    let test = folder.path().join("test");
+    fs::create_dir_all(folder.path().join("train")).unwrap();
+    fs::create_dir_all(&test).unwrap();
+    fs::write(test.join("00800-TEEsavR23oF.tar.gz"), archive(&[FIRST, SECOND], "00800-TEEsavR23oF/", false)).unwrap();
+    fs::write(test.join("00801-other.tar.gz"), archive(&["other"], "00801-other/", true)).unwrap();
+    let archives = MvpdVideos::find(folder.path()).unwrap();
+    assert_eq!((archives.rejected, &archives.split), (None, &test));
+    let names = |found: &MvpdVideos| found.videos.iter().map(|video| video.name.clone()).collect::<Vec<_>>();
+    assert_eq!(names(&archives), [FIRST, SECOND, "other"]);
+    for video in &archives.videos {
+        let scene = open(&video.path).unwrap();
+        assert_eq!((scene.name(), scene.frame_count()), (video.name.as_str(), video.frames));
+    }
+    // Unpacked, with the authors' list.
+    for archive in ["00800-TEEsavR23oF.tar.gz", "00801-other.tar.gz"] {
+        fs::remove_file(test.join(archive)).unwrap();
+    }
+    write_split(&test, &[FIRST, SECOND], &panoptic(&[FIRST, SECOND]));
+    fs::write(test.join("empty_videos.json"), json!({"accepted": [SECOND], "rejected": [FIRST]}).to_string()).unwrap();
+    let accepted = MvpdVideos::find(folder.path()).unwrap();
+    assert_eq!((names(&accepted), accepted.rejected), (vec![SECOND.to_owned()], Some(1)));
+    assert_eq!(MvpdVideos::find(&test).unwrap(), accepted);
+    assert_is_the_room(open(&accepted.videos[0].path).unwrap().as_ref(), SECOND);
+
+    for (name, text, expected) in [
+        ("empty_videos.json", "{\"accepted\": 3}", "empty_videos.json"),
+        ("panoptic_val.json", "{\"videos\": [{\"images\": []}]}", "neither `video_name` nor `video_id`"),
+        ("panoptic_val.json", "{\"annotations\": []}", "a video in \"videos\""),
+        ("panoptic_val.json", "{\"videos\": [", "panoptic_val.json"),
+    ] {
+        let path = test.join(name);
+        let good = fs::read(&path).unwrap();
+        fs::write(&path, text).unwrap();
+        let error = MvpdVideos::find(&test).unwrap_err().to_string();
+        assert!(error.contains(expected), "{text}: {error}");
+        fs::write(&path, good).unwrap();
+    }
 }
 
 #[test]

@@ -7,6 +7,7 @@
 //! trapezoidal rule with a last point at precision 1 and recall 0.
 
 use crate::MetricsError;
+use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
 use std::collections::BTreeMap;
 
@@ -25,7 +26,7 @@ pub struct PredictedInstance {
 }
 
 /// Average precisions, percent; `None` without true instances.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct InstanceScores {
     /// The mean over IoUs of 0.5, 0.55, …, 0.9.
     pub ap: Option<f64>,
@@ -36,7 +37,8 @@ pub struct InstanceScores {
 }
 
 /// Collects the matches of scenes; scores are those of all scenes together.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct InstanceScorer {
     thresholds: Vec<Matches>,
     has_truth: bool,
@@ -44,7 +46,8 @@ pub struct InstanceScorer {
 }
 
 /// The matches at an IoU.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Matches {
     iou: f64,
     /// Confidence of each prediction that counts, and whether it is right.
@@ -92,6 +95,16 @@ impl InstanceScorer {
         self.has_predictions |= !scene.predictions.is_empty();
         self.thresholds.iter_mut().for_each(|matches| matches.add(&scene));
         Ok(())
+    }
+
+    /// Adds the scenes of another scorer.
+    pub fn merge(&mut self, other: &Self) {
+        self.has_truth |= other.has_truth;
+        self.has_predictions |= other.has_predictions;
+        for (own, more) in self.thresholds.iter_mut().zip(&other.thresholds) {
+            own.predictions.extend_from_slice(&more.predictions);
+            own.missed += more.missed;
+        }
     }
 
     /// The scores of all scenes so far.
@@ -219,6 +232,24 @@ mod tests {
         let none = InstanceScores { ap: Some(0.0), ap50: Some(0.0), ap25: Some(0.0) };
         assert_eq!(scores(&[1, 2, 2], &[]), none);
         assert_eq!(scores(&[0, 0], &perfect[..1]), InstanceScores { ap: None, ap50: None, ap25: None });
+    }
+
+    #[test]
+    fn scorers_of_single_scenes_come_to_the_scores_of_all() {
+        let scenes = [
+            (blocks(&[1, 2, 2]), vec![prediction(0.9, 0..1), prediction(0.2, 1..2)]),
+            (blocks(&[5, 0, 6]), vec![prediction(0.7, 2..3), prediction(0.8, 0..2)]),
+            (blocks(&[1]), Vec::new()),
+        ];
+        let (mut together, mut merged) = (InstanceScorer::default(), InstanceScorer::default());
+        for (truth, predictions) in &scenes {
+            together.add_scene(truth, predictions).unwrap();
+            let mut single = InstanceScorer::default();
+            single.add_scene(truth, predictions).unwrap();
+            merged.merge(&serde_json::from_str(&serde_json::to_string(&single).unwrap()).unwrap());
+        }
+        assert_eq!(merged, together);
+        assert!(merged.scores().ap50.is_some_and(|ap| ap > 10.0 && ap < 90.0), "{:?}", merged.scores());
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! What a benchmark measured: the data behind every table and chart.
 
+use crate::paper::Reference;
 use serde::{Deserialize, Serialize};
-use splatseg_metrics::{DatasetScore, Protocol, Scores, VideoScore};
+use splatseg_metrics::{DatasetScore, InstanceScorer, InstanceScores, Protocol, Scores, VideoScore};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -22,6 +23,8 @@ pub struct Benchmark<'a> {
     pub settings: String,
     /// Version of the program that measured.
     pub version: &'a str,
+    /// The published rows that stand beside the measured ones.
+    pub reference: Reference,
     /// What was measured, by scene, variant and seed.
     pub measurements: Vec<Measurement<'a>>,
     /// What was not measured, and why.
@@ -66,10 +69,14 @@ pub struct Measurement<'a> {
     pub frames_per_second_without_segmenter: f64,
     /// Mean time of each stage per frame, milliseconds.
     pub stage_ms: &'a BTreeMap<String, f64>,
+    /// The processor or GPU that it was measured on.
+    pub machine: &'a str,
     /// Score under [`Protocol::Paper`].
     pub paper: &'a VideoScore,
     /// Score under [`Protocol::Strict`].
     pub strict: &'a VideoScore,
+    /// 3D instances on the vertices of the scene's mesh, where it has one and the method a memory.
+    pub mesh: Option<&'a InstanceScorer>,
     /// What is plotted over the frames.
     pub series: &'a Series,
     /// Results of some frames, drawn.
@@ -165,6 +172,32 @@ impl<'a> Benchmark<'a> {
     pub(crate) fn of(&self, scene: usize, variant: usize) -> impl Iterator<Item = &Measurement<'a>> {
         let wanted = (scene, variant);
         self.measurements.iter().filter(move |measurement| (measurement.scene, measurement.variant) == wanted)
+    }
+
+    /// The machines that measured, each once.
+    pub(crate) fn machines(&self) -> Vec<&'a str> {
+        let mut machines: Vec<&str> = Vec::new();
+        for measurement in &self.measurements {
+            if !machines.contains(&measurement.machine) {
+                machines.push(measurement.machine);
+            }
+        }
+        machines
+    }
+
+    /// The 3D scores over the scenes of these measurements, one for each seed that has any.
+    pub(crate) fn mesh_totals_by_seed(&self, measurements: &[&Measurement]) -> Vec<InstanceScores> {
+        let mut totals = Vec::new();
+        for seed in &self.seeds {
+            let mut total: Option<InstanceScorer> = None;
+            for measurement in measurements.iter().filter(|measurement| measurement.seed == *seed) {
+                if let Some(scorer) = measurement.mesh {
+                    total.get_or_insert_default().merge(scorer);
+                }
+            }
+            totals.extend(total.map(|total| total.scores()));
+        }
+        totals
     }
 
     /// The scores over the scenes of these measurements, one for each seed: counts are summed before dividing.

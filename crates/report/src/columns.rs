@@ -1,6 +1,6 @@
 //! The columns of the tables of scores, and tables of one video's scores for a terminal.
 
-use splatseg_metrics::{Protocol, Scores, SizeScores, VideoScore, WindowLength};
+use splatseg_metrics::{InstanceScores, Protocol, Scores, SizeScores, VideoScore, WindowLength};
 
 /// The columns, in the order of the paper's tables.
 pub(crate) const COLUMNS: [&str; 8] = ["k=1", "k=5", "k=10", "k=15", "VSQ", "STQ", "AQ", "SQ"];
@@ -65,6 +65,17 @@ pub(crate) fn columns(scores: &Scores) -> [Option<f64>; 8] {
     }
     columns[VSQ..].copy_from_slice(&[scores.vsq, scores.stq, scores.aq, scores.sq]);
     columns
+}
+
+/// The columns of 3D scores, of instances on the vertices of meshes.
+pub(crate) const MESH_COLUMNS: [&str; 3] = ["AP", "AP50", "AP25"];
+
+/// The same columns as keys of CSV files.
+pub(crate) const MESH_COLUMN_KEYS: [&str; 3] = ["ap", "ap50", "ap25"];
+
+/// 3D scores in the order of [`MESH_COLUMNS`], percent; `None` where there are no true instances.
+pub(crate) fn mesh_columns(scores: &InstanceScores) -> [Option<f64>; 3] {
+    [scores.ap, scores.ap50, scores.ap25]
 }
 
 /// The columns of tables by size of the object, after the number of objects.

@@ -1,6 +1,6 @@
 //! `results.csv`: every measurement on a line, for spreadsheets.
 
-use crate::columns::{COLUMN_KEYS, SIZE_COLUMN_KEYS, columns, size_columns};
+use crate::columns::{COLUMN_KEYS, MESH_COLUMN_KEYS, SIZE_COLUMN_KEYS, columns, mesh_columns, size_columns};
 use crate::{Benchmark, Measurement};
 use splatseg_metrics::{Scores, SizeClass};
 
@@ -15,6 +15,11 @@ pub fn csv_table(benchmark: &Benchmark) -> String {
     text
 }
 
+/// Whether any result has 3D scores; only then are there columns for them.
+fn has_mesh(benchmark: &Benchmark) -> bool {
+    benchmark.measurements.iter().any(|measurement| measurement.mesh.is_some())
+}
+
 fn header(benchmark: &Benchmark) -> Vec<String> {
     let other = benchmark.other_protocol().name();
     let mut header: Vec<String> =
@@ -22,6 +27,9 @@ fn header(benchmark: &Benchmark) -> Vec<String> {
     header.extend(COLUMN_KEYS.map(str::to_owned));
     header.extend(COLUMN_KEYS.map(|key| format!("{other}_{key}")));
     header.push("overcounted_tracks".to_owned());
+    if has_mesh(benchmark) {
+        header.extend(MESH_COLUMN_KEYS.map(str::to_owned));
+    }
     let counts = ["frames", "skipped_frames", "failed_frames", "segments", "gaussians", "parameters"];
     header.extend(["fps_total", "fps_without_segmenter"].into_iter().chain(counts).map(str::to_owned));
     header.extend(SizeClass::ALL.into_iter().flat_map(|class| {
@@ -46,6 +54,10 @@ fn cells(benchmark: &Benchmark, measurement: &Measurement) -> Vec<String> {
     ];
     cells.extend([&scores, &other].into_iter().flat_map(columns).map(number));
     cells.push(scores.overcounted_tracks.to_string());
+    if has_mesh(benchmark) {
+        let mesh = measurement.mesh.map(|scorer| mesh_columns(&scorer.scores())).unwrap_or_default();
+        cells.extend(mesh.map(number));
+    }
     let speeds = [measurement.frames_per_second, measurement.frames_per_second_without_segmenter];
     cells.extend(speeds.map(|speed| speed.to_string()));
     let counts = [
@@ -66,7 +78,7 @@ fn cells(benchmark: &Benchmark, measurement: &Measurement) -> Vec<String> {
 }
 
 /// A cell, quoted where RFC 4180 asks for it.
-fn quoted(text: &str) -> String {
+pub(crate) fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
 }
 

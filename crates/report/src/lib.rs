@@ -6,7 +6,8 @@
 //! - [`html_page`]: a page with tables, charts and pictures, in a single file that needs no network;
 //! - [`markdown_tables`] and [`csv_table`];
 //! - [`ScoreTable`], [`SizeTable`] and [`StageTable`], the tables themselves;
-//! - [`paper::document`]: the tables of the paper that the methods come from, with its numbers next to the measured ones.
+//! - [`paper::paper_tables`]: the tables of the paper that the methods come from, with its numbers next to the measured
+//!   ones, as [`paper::markdown`], [`paper::csv`] and [`paper_page`] write them.
 
 mod benchmark;
 mod columns;
@@ -22,7 +23,7 @@ mod stage_table;
 pub use benchmark::{Benchmark, Measurement, MissingResult, Series, Thumbnail, Variant};
 pub use columns::{SIZE_COLUMNS_EXPLAINED, overcount_note, terminal_size_table, terminal_table, windows_note};
 pub use csv::csv_table;
-pub use html::{ScenePicture, frames_per_strip, html_page};
+pub use html::{ScenePicture, frames_per_strip, html_page, paper_page};
 pub use markdown::markdown_tables;
 pub use score_table::{Origin, ScoreRow, ScoreTable};
 pub use size_table::{SizeRow, SizeTable};

@@ -1,7 +1,8 @@
 //! Tables of scores in the shape of the paper's.
 
 use crate::benchmark::missing_note;
-use crate::columns::{COLUMNS, columns, overcount_mark, overcount_note, terminal_cell, windows_note};
+use crate::columns::{COLUMNS, MESH_COLUMNS, columns, mesh_columns};
+use crate::columns::{overcount_mark, overcount_note, terminal_cell, windows_note};
 use crate::spread::cell_text;
 use crate::{Benchmark, Measurement, Spread, markdown, paper};
 use splatseg_metrics::Protocol;
@@ -13,7 +14,7 @@ use std::collections::BTreeSet;
 pub enum Origin {
     /// This benchmark's.
     Measured,
-    /// The paper's, from other data.
+    /// Those of a paper.
     Paper,
 }
 
@@ -27,6 +28,8 @@ pub struct ScoreRow {
     pub origin: Origin,
     /// VSQ^1, VSQ^5, VSQ^10, VSQ^15, VSQ, STQ, AQ and SQ, percent.
     pub cells: [Option<Spread>; 8],
+    /// AP, AP50 and AP25 of 3D instances on the vertices of meshes, percent.
+    pub mesh: [Option<Spread>; 3],
     /// Frames per second.
     pub speed: Option<Spread>,
     /// True objects that AQ and STQ count more than once; the most of any seed.
@@ -41,8 +44,10 @@ pub struct ScoreRow {
 pub struct ScoreTable {
     /// What it shows.
     pub title: String,
-    /// Its rows: one for each variant, then the paper's, if any.
+    /// Its rows: one for each variant, then published ones, if any.
     pub rows: Vec<ScoreRow>,
+    /// How published rows are marked: they were measured on other data.
+    pub mark: &'static str,
     /// What its marks mean, and why cells are empty; one line each.
     pub notes: Vec<String>,
 }
@@ -63,17 +68,18 @@ impl ScoreTable {
             .map(|variant| measured_row(benchmark, variant, &benchmark.of_variant(variant), protocol, count))
             .collect();
         if protocol == Protocol::Paper {
-            rows.extend(paper::SCANNET_MV.iter().map(|(name, cells)| ScoreRow {
-                label: (*name).to_owned(),
-                origin: Origin::Paper,
-                cells: cells.map(|mean| Some(Spread::from_mean(mean))),
-                speed: None,
-                overcounted_tracks: 0,
-                note: None,
-            }));
+            rows.extend(
+                benchmark.reference.rows().into_iter().map(|(name, cells)| published_row(name, cells, [None; 3])),
+            );
+        }
+        if rows.iter().any(ScoreRow::has_mesh) {
+            let (name, scores) = paper::MESH_INSTANCES;
+            let name = format!("{name} (ScanNet200, its paper)");
+            rows.push(published_row(&name, [None; 8], scores.map(Some)));
         }
         let notes = notes(&rows, benchmark.measurements.iter(), protocol);
-        Self { title: format!("{scenes}, protocol {}", protocol.name()), rows, notes }
+        let title = format!("{scenes}, protocol {}", protocol.name());
+        Self { title, rows, mark: benchmark.reference.mark(), notes }
     }
 
     /// Every method on one scene.
@@ -86,16 +92,18 @@ impl ScoreTable {
             .collect();
         let of_scene = benchmark.measurements.iter().filter(|measurement| measurement.scene == scene);
         let notes = notes(&rows, of_scene, protocol);
-        Self { title: format!("{}, protocol {}", benchmark.scenes[scene], protocol.name()), rows, notes }
+        let title = format!("{}, protocol {}", benchmark.scenes[scene], protocol.name());
+        Self { title, rows, mark: benchmark.reference.mark(), notes }
     }
 
     /// As Markdown, with a heading.
     pub fn markdown(&self) -> String {
-        let columns: Vec<&str> = COLUMNS.into_iter().chain(["frames/s"]).collect();
-        let mut text = format!("## {}\n\n{}", self.title, markdown::head("method", &columns));
+        let mut text = format!("## {}\n\n{}", self.title, markdown::head("method", &self.columns()));
         for row in &self.rows {
-            let cells: Vec<String> = row.cell_texts().into_iter().chain([cell_text(row.speed)]).collect();
-            let name = if row.origin == Origin::Paper { format!("*{}*", row.name()) } else { row.name() };
+            let cells: Vec<String> =
+                self.cells_of(row).into_iter().map(|(value, mark)| cell_text(value) + mark).collect();
+            let name = self.name_of(row);
+            let name = if row.origin == Origin::Paper { format!("*{name}*") } else { name };
             text.push_str(&markdown::row(&name, &cells));
         }
         text.extend(self.notes.iter().map(|note| format!("\n{note}\n")));
@@ -105,47 +113,82 @@ impl ScoreTable {
     /// For a terminal: the measured rows, means only.
     pub fn terminal(&self) -> String {
         let measured: Vec<&ScoreRow> = self.rows.iter().filter(|row| row.origin == Origin::Measured).collect();
-        let width = measured.iter().map(|row| row.name().chars().count()).max().unwrap_or(0);
+        let width = measured.iter().map(|row| self.name_of(row).chars().count()).max().unwrap_or(0);
+        let mesh: &[&str] = if self.has_mesh() { &MESH_COLUMNS } else { &[] };
         let mut text = format!("{}\n{:width$}", self.title, "");
-        text.extend(COLUMNS.iter().map(|name| format!("{name:>8}")));
+        text.extend(COLUMNS.iter().chain(mesh).map(|name| format!("{name:>8}")));
         for row in measured {
-            text.push_str(&format!("\n{:width$}", row.name()));
+            text.push_str(&format!("\n{:width$}", self.name_of(row)));
             for (column, cell) in row.cells.iter().enumerate() {
                 let mean = terminal_cell(cell.map(|cell| cell.mean));
                 text.push_str(&format!("{:>8}", format!("{mean}{}", row.mark(column))));
             }
+            text.extend(
+                row.mesh.iter().zip(mesh).map(|(cell, _)| format!("{:>8}", terminal_cell(cell.map(|cell| cell.mean)))),
+            );
         }
         text.extend(self.notes.iter().map(|note| format!("\n{note}")));
         text
     }
 
-    /// The largest measured mean of each column.
-    pub(crate) fn best_of_columns(&self) -> [Option<f64>; 8] {
-        std::array::from_fn(|column| {
+    /// The largest measured mean of each column of scores: those of [`Self::columns`] but for the speed.
+    pub(crate) fn best_of_columns(&self) -> Vec<Option<f64>> {
+        let best = |column: usize| {
             let measured = self.rows.iter().filter(|row| row.origin == Origin::Measured);
-            measured.filter_map(|row| row.cells[column].map(|cell| cell.mean)).max_by(f64::total_cmp)
-        })
+            measured.filter_map(|row| self.cells_of(row)[column].0.map(|cell| cell.mean)).max_by(f64::total_cmp)
+        };
+        (0..self.columns().len() - 1).map(best).collect()
+    }
+
+    /// Whether there are 3D scores; only then are there columns for them.
+    fn has_mesh(&self) -> bool {
+        self.rows.iter().any(ScoreRow::has_mesh)
+    }
+
+    /// The headings of the columns after the method.
+    pub(crate) fn columns(&self) -> Vec<&'static str> {
+        let mesh: &[&str] = if self.has_mesh() { &MESH_COLUMNS } else { &[] };
+        COLUMNS.iter().chain(mesh).copied().chain(["frames/s"]).collect()
+    }
+
+    /// A row's numbers in the order of [`Self::columns`], each with what stands behind it.
+    pub(crate) fn cells_of(&self, row: &ScoreRow) -> Vec<(Option<Spread>, &'static str)> {
+        let scores = (0..).zip(row.cells).map(|(column, cell)| (cell, row.mark(column)));
+        let mesh = row.mesh.into_iter().filter(|_| self.has_mesh());
+        scores.chain(mesh.chain([row.speed]).map(|cell| (cell, ""))).collect()
+    }
+
+    /// The method, and what to know about the row.
+    fn name_of(&self, row: &ScoreRow) -> String {
+        match (row.origin, &row.note) {
+            (Origin::Paper, _) if row.has_mesh() => row.label.clone(),
+            (Origin::Paper, _) => format!("{} ({})", row.label, self.mark),
+            (Origin::Measured, Some(note)) => format!("{} ({note})", row.label),
+            (Origin::Measured, None) => row.label.clone(),
+        }
+    }
+}
+
+fn published_row(name: &str, cells: [Option<f64>; 8], mesh: [Option<f64>; 3]) -> ScoreRow {
+    ScoreRow {
+        label: name.to_owned(),
+        origin: Origin::Paper,
+        cells: cells.map(|mean| mean.map(Spread::from_mean)),
+        mesh: mesh.map(|mean| mean.map(Spread::from_mean)),
+        speed: None,
+        overcounted_tracks: 0,
+        note: None,
     }
 }
 
 impl ScoreRow {
-    /// The cells as text, with their marks.
-    pub(crate) fn cell_texts(&self) -> [String; 8] {
-        std::array::from_fn(|column| format!("{}{}", cell_text(self.cells[column]), self.mark(column)))
+    fn has_mesh(&self) -> bool {
+        self.mesh.iter().any(Option::is_some)
     }
 
     /// What stands behind the score of a column.
     pub(crate) fn mark(&self, column: usize) -> &'static str {
         overcount_mark(column, self.overcounted_tracks)
-    }
-
-    /// The method, and what to know about the row.
-    pub(crate) fn name(&self) -> String {
-        match (self.origin, &self.note) {
-            (Origin::Paper, _) => format!("{} ({})", self.label, paper::MARK),
-            (Origin::Measured, Some(note)) => format!("{} ({note})", self.label),
-            (Origin::Measured, None) => self.label.clone(),
-        }
     }
 }
 
@@ -162,11 +205,17 @@ fn measured_row(
         let values: Vec<f64> = scores.iter().filter_map(|scores| columns(scores)[column]).collect();
         Spread::from_values(&values)
     };
+    let mesh_totals = benchmark.mesh_totals_by_seed(measurements);
+    let of_mesh_column = |column: usize| {
+        let values: Vec<f64> = mesh_totals.iter().filter_map(|scores| mesh_columns(scores)[column]).collect();
+        Spread::from_values(&values)
+    };
     let speeds: Vec<f64> = measurements.iter().map(|measurement| measurement.frames_per_second).collect();
     ScoreRow {
         label: benchmark.variants[variant].label(),
         origin: Origin::Measured,
         cells: std::array::from_fn(of_column),
+        mesh: std::array::from_fn(of_mesh_column),
         speed: Spread::from_values(&speeds),
         overcounted_tracks,
         note: missing_note(measurements, scenes * benchmark.seeds.len()),

@@ -1,10 +1,11 @@
 //! Tables and page of a small benchmark made up here.
 
 use splatseg_geometry::SegmentMap;
-use splatseg_metrics::{FramePrediction, Protocol, ScoreSettings, VideoScore, VideoScorer};
-use splatseg_report::paper::{PaperRow, PaperTable};
+use splatseg_metrics::{FramePrediction, InstanceScorer, MIN_INSTANCE_VERTICES, PredictedInstance};
+use splatseg_metrics::{Protocol, ScoreSettings, VideoScore, VideoScorer};
+use splatseg_report::paper::{EfficiencyRow, MVPD, PaperResults, PaperRow, PaperTable, Reference, vsq_columns};
 use splatseg_report::{Benchmark, Measurement, MissingResult, ScenePicture, ScoreTable, Series, StageTable};
-use splatseg_report::{Thumbnail, Variant, csv_table, html_page, markdown_tables, paper};
+use splatseg_report::{Thumbnail, Variant, csv_table, html_page, markdown_tables, paper, paper_page};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -55,8 +56,10 @@ impl Run {
             frames_per_second: 125.0,
             frames_per_second_without_segmenter: 333.0,
             stage_ms: &self.stage_ms,
+            machine: "a CPU",
             paper: &self.paper,
             strict: &self.strict,
+            mesh: None,
             series: &self.series,
             thumbnails: &self.thumbnails,
         }
@@ -85,6 +88,7 @@ fn benchmark<'a>(runs: &'a [Run; 2]) -> Benchmark<'a> {
         setup: "segmenter graph".to_owned(),
         settings: "seed = 0".to_owned(),
         version: "1.2.3",
+        reference: Reference::ScannetMv,
         measurements: vec![runs[0].measurement(0), runs[1].measurement(1)],
         missing: vec![missing],
     }
@@ -132,7 +136,7 @@ fn scores_that_count_objects_more_than_once_are_marked() {
         variant: Some(1),
         obstacle: None,
     };
-    let document = paper::document(&benchmark, &[row], &[], &[]);
+    let document = paper::markdown(&results(Some(&benchmark), None, &[row], &[]));
     assert!(document.contains("300.00†") && document.contains(note), "{document}");
 }
 
@@ -206,6 +210,16 @@ fn stages_without_time_are_left_out_and_the_segmenter_is_not_in_the_sum() {
     assert_eq!(table.rows[0], ("fastsam-splat".to_owned(), vec![5.0, 2.0, 1.0, 3.0]));
 }
 
+/// What the paper's tables are made from.
+fn results<'a>(
+    scannet: Option<&'a Benchmark<'a>>,
+    mvpd: Option<&'a Benchmark<'a>>,
+    rows: &'a [PaperRow],
+    efficiency: &'a [EfficiencyRow],
+) -> PaperResults<'a> {
+    PaperResults { scannet, mvpd, rows, efficiency, notes: &[], missing: &[] }
+}
+
 #[test]
 fn rows_of_the_paper_have_a_score_or_a_reason() {
     let runs = [Run::new(0), Run::new(2)];
@@ -217,9 +231,104 @@ fn rows_of_the_paper_have_a_score_or_a_reason() {
         obstacle: obstacle.map(str::to_owned),
     };
     let rows = [row("FastSAM-Splat", Some(0), None), row("SAM2", None, Some("needs weights"))];
-    let text = paper::document(&benchmark(&runs), &rows, &["a note".to_owned()], &["an input".to_owned()]);
+    let benchmark = benchmark(&runs);
+    let (notes, missing) = (["a note".to_owned()], ["an input".to_owned()]);
+    let results = PaperResults { notes: &notes, missing: &missing, ..results(Some(&benchmark), None, &rows, &[]) };
+    let text = paper::markdown(&results);
     assert!(text.contains("| SAM2 (needs weights) | – | – | – | – | – | – | – | – |\n"), "{text}");
     assert!(text.contains("| *SAM2, the paper* | *48.07* |") && text.contains("| FastSAM-Splat (1 of 2 results) |"));
-    assert!(text.contains("| FastSAM-Splat | 125.00 | *2.84* | 2.50 | *28.00* |"), "{text}");
     assert!(text.contains("- a note\n") && text.ends_with("## What is missing\n\n- an input\n"), "{text}");
+    let page = paper_page(&results);
+    assert!(page.contains("FastSAM-Splat (1 of 2 results)</th>") && page.contains("FastSAM-Splat, the paper</th>"));
+    assert!(page.contains("<li>a note</li>") && page.contains("<li>an input</li>"));
+    let csv = paper::csv(&results);
+    assert!(csv.starts_with("table,row,origin,column,mean,deviation\n"), "{csv}");
+    for line in [
+        "Methods on ScanNet-MV,FastSAM-Splat,measured,vsq_15,100,",
+        "Methods on ScanNet-MV,SAM2,paper,stq,48.07,",
+        "Efficiency,\"Tube-Link, Swin-large\",paper,backbone_parameters_m,197,",
+    ] {
+        assert!(csv.lines().any(|found| found == line), "{line}\n{csv}");
+    }
+    assert!(!csv.contains("SAM2,measured"), "{csv}");
+}
+
+#[test]
+fn mvpd_has_the_rows_of_every_backbone_beside_ours() {
+    let runs = [Run::new(0), Run::new(2)];
+    let benchmark = Benchmark { reference: Reference::Mvpd, protocol: Protocol::Paper, ..benchmark(&runs) };
+    let row = |(name, scores): &(&str, [f64; 5])| PaperRow {
+        table: PaperTable::Mvpd,
+        name: (*name).to_owned(),
+        published: vsq_columns(scores),
+        variant: (*name == "FastSAM-Splat").then_some(0),
+        obstacle: None,
+    };
+    let rows: Vec<PaperRow> = MVPD.iter().map(row).collect();
+    let text = paper::markdown(&results(None, Some(&benchmark), &rows, &[]));
+    let table = &text[text.find("## Methods on MVPd").unwrap()..text.find("## Efficiency").unwrap()];
+    assert!(table.contains("|  | k=1 | k=5 | k=10 | k=15 | VSQ |\n"), "{table}");
+    assert_eq!(table.matches(", the paper* |").count(), 9, "{table}");
+    assert!(table.contains("| *Tube-Link, Swin-large, the paper* | *48.17* | *21.14* | *16.60* | *14.55* | *25.12* |"));
+    // The other systems have no line of ours.
+    assert_eq!(table.matches("| FastSAM-Splat (1 of 2 results) | 100.00 |").count(), 1, "{table}");
+    assert!(!table.contains("| OV2Seg"), "{table}");
+    // Beside this benchmark's own tables stand MVPd's rows, not ScanNet's.
+    let tables = markdown_tables(&benchmark);
+    assert!(tables.contains("| *OV2Seg, Swin-base (paper, MVPd)* | 40.22 |"), "{tables}");
+    assert!(!tables.contains("ScanNet-MV"), "{tables}");
+}
+
+#[test]
+fn efficiency_is_the_mean_over_videos_and_names_the_machine() {
+    let runs = [Run::new(0), Run::new(2)];
+    let mut benchmark = benchmark(&runs);
+    let mut other = runs[0].measurement(0);
+    (other.scene, other.parameters, other.frames_per_second) = (1, 3_500_000, 75.0);
+    benchmark.measurements.push(other);
+    let row = |name: &str, variant, backbone_parameters| EfficiencyRow {
+        name: name.to_owned(),
+        variant,
+        backbone_parameters,
+        obstacle: variant.is_none().then(|| "needs weights".to_owned()),
+    };
+    let rows = [row("FastSAM-Splat", Some(0), Some(72_000_000)), row("FastSAM", None, Some(72_000_000))];
+    let text = paper::markdown(&results(Some(&benchmark), None, &[], &rows));
+    assert!(text.contains("| FastSAM-Splat | 100.00 | 72.00 | 3.00 | 75.00 |"), "{text}");
+    assert!(text.contains("| *FastSAM-Splat, the paper* | *2.84* | *72.00* | *28.00* | *100.00* |"), "{text}");
+    assert!(text.contains("| FastSAM (needs weights) | – | – | – | – |"), "{text}");
+    assert!(text.contains("| *Video K-Net, ResNet50, the paper* | *40.54* | *26.00* |  | *26.00* |"), "{text}");
+    assert!(text.contains("Machine: ours a CPU;"), "{text}");
+}
+
+#[test]
+fn three_dimensional_scores_have_columns_where_there_are_any() {
+    let runs = [Run::new(0), Run::new(2)];
+    let mut benchmark = benchmark(&runs);
+    let csv_columns = |benchmark: &Benchmark| csv_table(benchmark).lines().next().unwrap().split(',').count();
+    let without = csv_columns(&benchmark);
+    assert!(!markdown_tables(&benchmark).contains("AP50"));
+
+    // The first variant finds one of two instances.
+    let truth: Vec<u32> =
+        (0..2 * MIN_INSTANCE_VERTICES).map(|vertex| 1 + (vertex / MIN_INSTANCE_VERTICES) as u32).collect();
+    let found = PredictedInstance { confidence: 0.9, vertices: (0..MIN_INSTANCE_VERTICES).collect() };
+    let mut scorer = InstanceScorer::default();
+    scorer.add_scene(&truth, &[found]).unwrap();
+    benchmark.measurements[0].mesh = Some(&scorer);
+    assert_eq!(csv_columns(&benchmark), without + 3);
+    let ap = scorer.scores().ap.unwrap();
+    let tables = markdown_tables(&benchmark);
+    assert!(tables.contains("| SQ | AP | AP50 | AP25 | frames/s |"), "{tables}");
+    assert!(tables.contains(&format!("| {ap:.2} | {ap:.2} | {ap:.2} | 125.00 |")), "{tables}");
+    assert!(tables.contains(" | – | – | – | 125.00 |"), "{tables}");
+    assert!(
+        tables.contains(
+            "| *ESAM-E (ScanNet200, its paper)* | – | – | – | – | – | – | – | – | 43.40 | 65.40 | 80.90 | – |"
+        )
+    );
+    let table = ScoreTable::over_all_scenes(&benchmark, Protocol::Strict);
+    assert!(table.terminal().contains("    AP50"), "{}", table.terminal());
+    let page = html_page(&benchmark, &[Vec::new(), Vec::new()], &["row"]).unwrap();
+    assert!(page.contains(">AP25</th>") && page.contains("colspan=\"13\""));
 }

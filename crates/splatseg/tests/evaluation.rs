@@ -152,6 +152,128 @@ fn missing_frames_are_named_or_scored_as_empty() {
     assert_eq!(scores(strange.path(), &["--allow-missing"])["unknown_predictions"], json!(1));
 }
 
+/// An RGB image of ids: R + 256 G + 65536 B.
+fn write_panoptic(path: &Path, map: &SegmentMap) {
+    let image = image::RgbImage::from_fn(map.width() as u32, map.height() as u32, |x, y| {
+        let [red, green, blue, _] = map[(x as usize, y as usize)].to_le_bytes();
+        image::Rgb([red, green, blue])
+    });
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    image.save(path).unwrap();
+}
+
+#[test]
+fn tracks_of_one_video_are_taken_from_the_results_of_many() {
+    let folder = tempfile::tempdir().unwrap();
+    let wrong = |video: Value| json!({"video_id": video, "segmentations": [rle(&Mask::from_fn(64, 48, |_, _| true))]});
+    let list = [vec![wrong(json!(7))], tracks(), vec![wrong(json!("other"))]].concat();
+    let path = written(&folder, &Value::Array(list.clone()));
+    let strict = ["--protocol", "strict"];
+    let ended = eval(&path, &strict);
+    assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+    assert!(ended.err.contains("has several videos (7, 1, other): choose one with --video"), "{}", ended.err);
+    let found = scores(&path, &["--protocol", "strict", "--video", "1"]);
+    assert_eq!((&found["vsq"], &found["stq"]), (&json!(100.0), &json!(100.0)));
+    let ended = eval(&path, &["--video", "3"]);
+    assert!(ended.code == 2 && ended.err.contains("has no video 3; the first are 7, 1, other"), "{}", ended.err);
+
+    // By name: in a list of videos as in the data sets of YouTube-VIS, or of the scene where entries are named.
+    let videos = json!([{"id": 7, "file_names": ["one/0.jpg"]}, {"id": 1, "file_names": ["two/0.jpg", "two/1.jpg"]}]);
+    let document = json!({"videos": videos, "annotations": list});
+    let path = written(&folder, &document);
+    assert_eq!(scores(&path, &["--protocol", "strict", "--video", "two"])["vsq"], json!(100.0));
+    let mut named = tracks();
+    named.iter_mut().for_each(|track| track["video_id"] = ROOM.into());
+    named.push(wrong(json!("other")));
+    assert_eq!(scores(&written(&folder, &Value::Array(named)), &strict)["vsq"], json!(100.0));
+
+    // Tracks that are not sure enough are left out.
+    let mut unsure = tracks();
+    unsure.push(
+        json!({"video_id": 1, "score": 0.2, "segmentations": vec![rle(&Mask::from_fn(64, 48, |_, _| true)); 18]}),
+    );
+    let path = written(&folder, &Value::Array(unsure));
+    assert!(scores(&path, &strict)["vsq"].as_f64().unwrap() < 100.0);
+    assert_eq!(scores(&path, &["--protocol", "strict", "--min-score", "0.5"])["vsq"], json!(100.0));
+}
+
+#[test]
+fn panoptic_images_are_scored_with_and_without_their_list_of_segments() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    // Ids of three bytes, in a folder for each video.
+    let far = |map: &SegmentMap| map.map(|id| if *id == 0 { 0 } else { id + 70_000 });
+    for (name, map) in truth() {
+        write_panoptic(&root.join("pan_pred/video-3").join(format!("{name}.png")), &far(&map));
+    }
+    let strict = ["--protocol", "strict"];
+    for prediction in [root.join("pan_pred/video-3"), root.to_owned()] {
+        let more: &[&str] = if prediction == root { &["--video", "video-3"] } else { &[] };
+        let found = scores(&prediction, &[&strict[..], more].concat());
+        assert_eq!((&found["vsq"], &found["stq"]), (&json!(100.0), &json!(100.0)));
+    }
+    let ended = eval(root, &["--video", "video-4"]);
+    assert!(ended.code == 2 && ended.err.contains("has no folder video-4"), "{}", ended.err);
+
+    // With the list of segments of each image, for all videos of a data set.
+    let frame = |(name, map): &(String, SegmentMap)| {
+        let infos: Vec<Value> =
+            map.areas().into_keys().map(|id| json!({"id": id + 70_000, "category_id": 1, "score": 0.9})).collect();
+        json!({"file_name": format!("{name}.png"), "image_id": name, "segments_info": infos})
+    };
+    let frames: Vec<Value> = truth().iter().map(frame).collect();
+    let video = |name: &str, frames: &[Value]| json!({"video_id": name, "annotations": frames});
+    let document = json!({"annotations": [video("video-1", &[]), video("video-3", &frames)]});
+    let file = root.join("pred.json");
+    let write = |document: &Value| fs::write(&file, document.to_string()).unwrap();
+    // Without a frame in the first video the form shows in the second only.
+    write(&json!({"annotations": [video("video-3", &frames), video("video-1", &[])]}));
+    let chosen = ["--protocol", "strict", "--video", "video-3"];
+    assert_eq!(scores(&file, &chosen)["stq"], json!(100.0));
+    write(&document);
+    assert_eq!(scores(&file, &chosen)["stq"], json!(100.0));
+    write(&json!({"annotations": frames}));
+    assert_eq!(scores(&file, &chosen)["stq"], json!(100.0));
+    // Segments that are not sure enough are left out.
+    let mut unsure = frames.clone();
+    for frame in &mut unsure {
+        frame["segments_info"][0]["score"] = json!(0.1);
+    }
+    write(&json!({"annotations": unsure}));
+    assert_eq!(scores(&file, &chosen)["stq"], json!(100.0));
+    assert!(scores(&file, &[&chosen[..], &["--min-score", "0.5"]].concat())["stq"].as_f64().unwrap() < 100.0);
+
+    let broken = |change: &dyn Fn(&mut Value)| {
+        let mut document = json!({"annotations": frames});
+        change(&mut document["annotations"][0]);
+        write(&document);
+        let ended = eval(&file, &chosen);
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+        ended.err
+    };
+    let error = broken(&|frame| frame["segments_info"][0]["id"] = json!(5));
+    assert!(error.contains("expected one of the segments_info of the image"), "{error}");
+    let error = broken(&|frame| frame["segments_info"][1] = frame["segments_info"][0].clone());
+    assert!(error.contains("segments_info lists the id") && error.contains("twice"), "{error}");
+    let error = broken(&|frame| frame["file_name"] = json!("nowhere.png"));
+    assert!(error.contains("nowhere.png: not found beside the file, nor in pred/ or pan_pred/"), "{error}");
+    let error = broken(&|frame| frame["file_name"] = json!("../pan_pred/video-3/0.png"));
+    assert!(error.contains("leads out of the folder"), "{error}");
+    let error = broken(&|frame| frame["segments_info"][0]["id"] = json!("chair"));
+    assert!(error.contains("annotation 0: "), "{error}");
+}
+
+#[test]
+fn pictures_are_no_ids() {
+    let folder = perfect_images();
+    let name = &truth()[0].0;
+    let picture = SegmentMap::from_fn(64, 96, |column, row| 1 + (column + 64 * row) as u32);
+    write_panoptic(&folder.path().join(format!("{name}.png")), &picture);
+    let ended = eval(folder.path(), &[]);
+    assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+    assert!(ended.err.contains("has 6144 ids, expected at most 4096: a picture has no ids"), "{}", ended.err);
+}
+
 #[test]
 fn masks_may_overlap_and_are_penalised_for_it() {
     let folder = tempfile::tempdir().unwrap();
@@ -188,7 +310,11 @@ fn damaged_files_are_named() {
         (one(json!({"size": [48, 64], "counts": [7]})), "add up to 7 pixels"),
         (one(lying), "48000000 pixels, expected 64x48"),
         (json!([{"segmentations": vec![Value::Null; 19]}]), "19 masks, expected at most 18"),
-        (json!([{"segmentations": [], "video_id": 1}, {"segmentations": [], "video_id": 2}]), "another video"),
+        (
+            json!([{"segmentations": [], "video_id": 1}, {"segmentations": [], "video_id": 2}]),
+            "has several videos (1, 2)",
+        ),
+        (json!([{"segmentations": [], "score": "sure"}]), "annotation 0: score: found \"sure\", expected a number"),
     ];
     for (document, expected) in cases {
         let ended = eval(&written(&folder, &document), &["--allow-missing"]);

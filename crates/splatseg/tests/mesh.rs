@@ -79,6 +79,56 @@ fn the_ids_of_a_memory_are_scored_on_a_mesh() {
 }
 
 #[test]
+fn a_benchmark_has_the_scores_of_its_scenes_meshes_as_columns() {
+    let folder = tempfile::tempdir().unwrap();
+    let (instances, map, out) =
+        (folder.path().join("instances"), folder.path().join("map.ply"), folder.path().join("bench"));
+    let name = SyntheticScene::new(ROOM.parse().unwrap()).unwrap().name().to_owned();
+    let [mesh, text] = ["_vh_clean_2.ply", ".txt"].map(|ending| instances.join(format!("{name}{ending}")));
+    let (vertices, ids) = surface();
+    fs::create_dir(&instances).unwrap();
+    fs::write(&text, ids.iter().map(|id| format!("{id}\n")).collect::<String>()).unwrap();
+    let bench = |more: &[&str]| {
+        let mut command = splatseg();
+        command.args(["bench", "--scenes", ROOM, "--methods", "fastsam,fastsam-splat", "--segmenter", "oracle"]);
+        command.arg("--instances").arg(&instances).arg("--out").arg(&out);
+        finish(command.args(more))
+    };
+    let ended = bench(&[]);
+    assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+    assert!(ended.err.contains("there is no mesh for it"), "{}", ended.err);
+    fs::write(&mesh, ply(&vertices)).unwrap();
+    let ended = bench(&["--void-labels", "1,2"]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+
+    // As `run` and `eval --mesh` have it; a method without memory has none.
+    let mut run = splatseg();
+    run.args(["run", ROOM, "--segmenter", "oracle", "--no-page", "--save-memory"]).arg(&map).arg("--out");
+    assert_eq!(finish(run.arg(folder.path().join("out"))).code, 0);
+    let json = folder.path().join("scores.json");
+    let ended = eval(&mesh, &text, &map, &["--void-labels", "1,2", "--json", json.to_str().unwrap()]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    let (rows, scores) = (read_json(&out.join("results.json")), read_json(&json));
+    assert!(rows[0]["mesh"].is_null(), "{}", rows[0]);
+    for key in ["ap", "ap50", "ap25"] {
+        assert_eq!(rows[1]["mesh"][key], scores[key], "{key}");
+    }
+    let ap25 = scores["ap25"].as_f64().unwrap();
+    let tables = fs::read_to_string(out.join("tables.md")).unwrap();
+    assert!(
+        tables.contains("| AP | AP50 | AP25 | frames/s |") && tables.contains(&format!("| {ap25:.2} |")),
+        "{tables}"
+    );
+    assert!(
+        fs::read_to_string(out.join("results.csv")).unwrap().contains(",overcounted_tracks,ap,ap50,ap25,fps_total,")
+    );
+    // Another truth is another input.
+    fs::write(&text, ids.iter().map(|id| format!("{}\n", id + 1000)).collect::<String>()).unwrap();
+    let ended = bench(&["--void-labels", "1,2"]);
+    assert!(ended.out.contains("has changed") && !ended.out.contains("there already\n"), "{}", ended.out);
+}
+
+#[test]
 fn wrong_meshes_and_instances_are_told() {
     let folder = tempfile::tempdir().unwrap();
     let [mesh, instances, map] = ["mesh.ply", "instances.txt", "map.ply"].map(|name| folder.path().join(name));

@@ -16,10 +16,12 @@
 //! Regions marked `iscrowd` are not instances and have id 0. Nothing is merged or filtered by area, as the authors'
 //! loader can do.
 
+mod listing;
 mod panoptic;
 mod video_files;
 mod video_path;
 
+pub use listing::{MvpdVideo, MvpdVideos};
 pub(crate) use video_path::{looks_like, parts};
 
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, SEGMENT_IMAGE};

@@ -82,6 +82,75 @@ pub(super) fn read_panoptic(reader: impl Read, choice: &VideoChoice<'_>) -> Resu
     Ok(PanopticVideo { name, images: video.images, annotations })
 }
 
+/// The name of each video of a file, and its number of images, in the file's order. Read no further than the list.
+pub(super) fn read_video_list(reader: impl Read, annotations: &Path) -> Result<Vec<(String, usize)>, DatasetError> {
+    let mut list = VideoList { videos: None };
+    let mut deserializer = serde_json::Deserializer::from_reader(reader);
+    let read = (&mut list).deserialize(&mut deserializer);
+    match (list.videos, read) {
+        (Some(videos), _) => Ok(videos),
+        (None, Err(source)) => Err(DatasetError::Json { path: annotations.to_owned(), source }),
+        (None, Ok(())) => {
+            Err(DatasetError::NoFrames { path: annotations.to_owned(), expected: "a video in \"videos\"" })
+        }
+    }
+}
+
+/// The names of a file's videos, once its list was read.
+struct VideoList {
+    videos: Option<Vec<(String, usize)>>,
+}
+
+impl<'de> DeserializeSeed<'de> for &mut VideoList {
+    type Value = ();
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
+        deserializer.deserialize_map(self)
+    }
+}
+
+impl<'de> Visitor<'de> for &mut VideoList {
+    type Value = ();
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("an object with \"videos\"")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
+        while let Some(key) = map.next_key::<String>()? {
+            if key == "videos" {
+                let entries: Vec<ListedVideo> = map.next_value()?;
+                let named = |entry: ListedVideo| {
+                    let name = name_of([entry.video_name, entry.video_id]).map_err(A::Error::custom)?;
+                    Ok((name, entry.images.len()))
+                };
+                self.videos = Some(entries.into_iter().map(named).collect::<Result<_, A::Error>>()?);
+                return Err(A::Error::custom("the rest is not needed"));
+            }
+            map.next_value::<IgnoredAny>()?;
+        }
+        Ok(())
+    }
+}
+
+/// An entry of `"videos"` of which only the name and the number of images count.
+#[derive(Deserialize)]
+struct ListedVideo {
+    video_name: Option<NameOrNumber>,
+    video_id: Option<NameOrNumber>,
+    /// Takes no memory for each.
+    images: Vec<IgnoredAny>,
+}
+
+/// The first of an entry's names.
+fn name_of(names: [Option<NameOrNumber>; 2]) -> Result<String, &'static str> {
+    match names.into_iter().flatten().next() {
+        Some(NameOrNumber::Name(name)) => Ok(name),
+        Some(NameOrNumber::Number(number)) => Ok(number.to_string()),
+        None => Err("an entry has neither `video_name` nor `video_id`"),
+    }
+}
+
 /// The authors write the name as `video_name` and a number as `video_id`; their format page calls the name `video_id`.
 #[derive(Deserialize)]
 #[serde(untagged)]
@@ -140,11 +209,7 @@ impl<'a, T: OfVideo> Picked<'a, T> {
 
     /// Looks at an entry, and drops it if it is not the one.
     fn offer(&mut self, mut entry: T) -> Result<(), &'static str> {
-        let name = match entry.names().into_iter().flatten().next() {
-            Some(NameOrNumber::Name(name)) => name,
-            Some(NameOrNumber::Number(number)) => number.to_string(),
-            None => return Err("an entry has neither `video_name` nor `video_id`"),
-        };
+        let name = name_of(entry.names())?;
         if self.first_names.len() < NAMES_IN_MESSAGES {
             self.first_names.push(name.clone());
         }

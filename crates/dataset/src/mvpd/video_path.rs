@@ -1,6 +1,6 @@
 //! How one video of several is chosen.
 
-use super::panoptic::{PanopticVideo, VideoChoice, read_panoptic};
+use super::panoptic::{PanopticVideo, VideoChoice, read_panoptic, read_video_list};
 use super::video_files::VideoFiles;
 use crate::DatasetError;
 use crate::archive::{MemberFlow, UnpackedMembers, for_each_member};
@@ -73,6 +73,27 @@ impl VideoPath {
         Place::at(root).map(|place| Self { place, video: Some(video) })
     }
 
+    /// The name and the number of images of every video at a place.
+    pub(super) fn list_videos(&self) -> Result<Vec<(String, usize)>, DatasetError> {
+        match &self.place {
+            Place::Folder(folder) => {
+                let path = folder.join(annotation_file(folder)?);
+                read_video_list(BufReader::new(open_file(&path)?), &path)
+            }
+            Place::Archive(archive) => {
+                let mut videos = None;
+                for_each_member(archive, |name, _, content| {
+                    if !is_annotation_file(name.rsplit('/').next().unwrap_or(name)) {
+                        return Ok(MemberFlow::Continue);
+                    }
+                    videos = Some(read_video_list(BufReader::new(content), &archive.join(name))?);
+                    Ok(MemberFlow::Stop)
+                })?;
+                videos.ok_or_else(|| no_annotations(archive))
+            }
+        }
+    }
+
     /// Reads the annotations of the chosen video.
     pub(super) fn read_annotations(&self) -> Result<Annotations, DatasetError> {
         match &self.place {
@@ -94,10 +115,7 @@ impl VideoPath {
                     annotations = Some(Annotations { content, path, prefix });
                     Ok(MemberFlow::Stop)
                 })?;
-                annotations.ok_or_else(|| DatasetError::MissingFile {
-                    path: archive.join("panoptic.json"),
-                    what: "file of annotations",
-                })
+                annotations.ok_or_else(|| no_annotations(archive))
             }
         }
     }
@@ -118,6 +136,10 @@ impl VideoPath {
         let (Place::Folder(place) | Place::Archive(place)) = &self.place;
         VideoChoice { annotations, place, video: self.video.as_deref() }
     }
+}
+
+fn no_annotations(archive: &Path) -> DatasetError {
+    DatasetError::MissingFile { path: archive.join("panoptic.json"), what: "file of annotations" }
 }
 
 /// What is before and after the last colon. Only what follows it, the name of a video, must be UTF-8.

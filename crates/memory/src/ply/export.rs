@@ -1,7 +1,9 @@
 //! Gaussians of a saved memory as PLY files that hold nothing but what other programs show.
 
 use super::record::{LOGIT_OF_1, harmonic};
-use super::{SplatContent, SplatFile};
+use super::{SplatContentView, SplatFile};
+use crate::SplatMemory;
+use crate::map::SplatMap;
 use glam::Vec3;
 use splatseg_geometry::SegmentId;
 use std::io::{Result, Write};
@@ -79,26 +81,44 @@ impl ExportedForm {
 impl SplatFile {
     /// All Gaussians, in the order of the file.
     pub fn gaussians(&self) -> impl Iterator<Item = ExportedGaussian> + '_ {
-        let balls = self.map.balls.means.iter().zip(&self.map.balls.radii).zip(&self.map.colors);
-        balls.zip(&self.segment_ids).enumerate().map(|(index, (((mean, radius), color), id))| ExportedGaussian {
-            mean: *mean,
-            radius: *radius,
-            color: *color,
-            segment_id: *id,
-            confidence: self.confidence(index, *id),
-        })
+        gaussians(&self.map, &self.segment_ids, self.content.view())
     }
+}
 
+impl SplatMemory {
+    /// All Gaussians as a saved memory would have them; `None` for a kind of memory that has no file format.
+    pub fn exported_gaussians(&self) -> Option<Vec<ExportedGaussian>> {
+        let content = self.store.content()?;
+        Some(gaussians(&self.map, &self.segment_ids(), content).collect())
+    }
+}
+
+fn gaussians<'a>(
+    map: &'a SplatMap,
+    segment_ids: &'a [SegmentId],
+    content: SplatContentView<'a>,
+) -> impl Iterator<Item = ExportedGaussian> + 'a {
+    let balls = map.balls.means.iter().zip(&map.balls.radii).zip(&map.colors);
+    balls.zip(segment_ids).enumerate().map(move |(index, (((mean, radius), color), id))| ExportedGaussian {
+        mean: *mean,
+        radius: *radius,
+        color: *color,
+        segment_id: *id,
+        confidence: content.confidence(index, *id),
+    })
+}
+
+impl SplatContentView<'_> {
     fn confidence(&self, index: usize, id: SegmentId) -> f32 {
-        match &self.content {
-            SplatContent::Evidence { votes } => {
+        match self {
+            Self::Evidence { votes } => {
                 let votes = votes.get(index).copied().unwrap_or_default();
                 let (all, own) = votes.iter().fold((0.0, 0.0), |(all, own), (voted, votes)| {
                     (all + votes, if voted == id { own + votes } else { own })
                 });
                 own / f32::max(all, 1.0)
             }
-            SplatContent::Features { features, codebook } => {
+            Self::Features { features, codebook } => {
                 let dim = codebook.feature_dim();
                 match features.get(index * dim..(index + 1) * dim).unwrap_or_default() {
                     // An id, not a direction.

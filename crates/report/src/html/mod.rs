@@ -4,8 +4,10 @@ mod axes;
 mod chart;
 mod charts;
 mod page;
+mod paper_page;
 mod strips;
 mod tables;
 
 pub use page::html_page;
+pub use paper_page::paper_page;
 pub use strips::{ScenePicture, frames_per_strip};

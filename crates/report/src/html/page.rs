@@ -33,6 +33,15 @@ pub fn html_page(
     let strips: Vec<Strip> = scenes.zip(pictures).map(|(scene, of)| Strip::new(benchmark, scene, of)).collect();
     let embedded = Embedded { rows, failures: &benchmark.missing, strips: &strips };
     let data = script_safe(&serde_json::to_string(&embedded)?);
+    let scripts = html! {
+        script type="application/json" id="benchmark" { (PreEscaped(data)) }
+        script { (PreEscaped(SCRIPT)) }
+    };
+    Ok(document("splatseg benchmark", &content(benchmark, &strips), &scripts))
+}
+
+/// A page with a title, what it shows, and the scripts after that.
+pub(super) fn document(title: &str, content: &Markup, scripts: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -41,17 +50,16 @@ pub fn html_page(
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
                 link rel="icon" href="data:,";
-                title { "splatseg benchmark" }
+                title { (title) }
                 style { (PreEscaped(STYLE)) }
             }
             body {
-                main { (content(benchmark, &strips)) }
-                script type="application/json" id="benchmark" { (PreEscaped(data)) }
-                script { (PreEscaped(SCRIPT)) }
+                main { (content) }
+                (scripts)
             }
         }
     };
-    Ok(page.into_string())
+    page.into_string()
 }
 
 /// JSON that cannot end the script element which holds it.

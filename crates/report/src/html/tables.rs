@@ -1,7 +1,7 @@
 //! Tables of the page.
 
-use crate::columns::COLUMNS;
-use crate::{Origin, SIZE_COLUMNS_EXPLAINED, ScoreRow, ScoreTable, SizeTable, Spread, StageTable, paper};
+use crate::paper::PublishedTable;
+use crate::{Origin, SIZE_COLUMNS_EXPLAINED, ScoreRow, ScoreTable, SizeTable, Spread, StageTable};
 use maud::{Markup, html};
 
 /// A table with the heads of its columns.
@@ -28,25 +28,40 @@ pub(super) fn scores(scores: &ScoreTable) -> Markup {
         @for row in measured {
             tr {
                 th scope="row" { (row.label) @if let Some(note) = &row.note { " " small { "(" (note) ")" } } }
-                @for (column, (value, best)) in row.cells.iter().zip(best).enumerate() {
+                @for (column, (value, mark)) in scores.cells_of(row).into_iter().enumerate() {
+                    @let best = best.get(column).copied().flatten();
                     @let is_best = value.is_some_and(|value| Some(value.mean) == best);
-                    td class=[is_best.then_some("best")] { (cell(*value)) (row.mark(column)) }
+                    td class=[is_best.then_some("best")] { (cell(value)) (mark) }
                 }
-                td { (cell(row.speed)) }
             }
         }
-        @if !published.is_empty() { tr class="paper" { th colspan="10" { (paper::MARK) } } }
+        @if !published.is_empty() { tr class="paper" { th colspan=(scores.columns().len() + 1) { (scores.mark) } } }
         @for row in published {
             tr class="paper" {
                 th scope="row" { (row.label) }
-                @for value in row.cells { td { (cell(value)) } }
-                td { (cell(row.speed)) }
+                @for (value, _) in scores.cells_of(row) { td { (cell(value)) } }
             }
         }
     };
     html! {
-        (table(COLUMNS.into_iter().chain(["frames/s"]), &rows))
+        (table(scores.columns(), &rows))
         @for note in &scores.notes { p { small { (note) } } }
+    }
+}
+
+/// One of the paper's tables.
+pub(super) fn published(published: &PublishedTable) -> Markup {
+    let rows = html! {
+        @for row in &published.rows {
+            tr class=[(row.origin == Origin::Paper).then_some("paper")] {
+                th scope="row" { (row.label()) }
+                @for cell in &row.cells { td { (cell.text(row.origin)) } }
+            }
+        }
+    };
+    html! {
+        (table(published.columns.iter().copied(), &rows))
+        @for note in &published.notes { p { small { (note) } } }
     }
 }
 

@@ -1,14 +1,21 @@
 //! The tables of the paper that the methods come from (Opipari et al., "Explicit Memory through Online 3D Gaussian
 //! Splatting Improves Class-Agnostic Video Segmentation", RA-L 2025), with its numbers next to the measured ones.
 
-mod document;
+mod efficiency;
 mod published;
+mod tables;
+mod text;
 
-pub use document::document;
-pub use published::{FEATURE_DIMS, SCANNET_MV};
-pub(crate) use published::{FRAMES_PER_SECOND, MARK, MILLION_PARAMETERS, MVPD_VSQ};
+pub use efficiency::EfficiencyRow;
+pub(crate) use published::MESH_INSTANCES;
+pub use published::{
+    CATEGORIES, CLICKS, EFFICIENCY, FEATURE_DIMS, MVPD, PublishedEfficiency, Reference, SCANNET_MV, vsq_columns,
+};
+pub use tables::{Cell, PaperResults, PublishedTable, TableRow, paper_tables};
+pub(crate) use text::heading;
+pub use text::{csv, markdown};
 
-/// The paper's tables that a benchmark can measure.
+/// The paper's tables of scores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum PaperTable {
@@ -20,6 +27,8 @@ pub enum PaperTable {
     Categories,
     /// Clicks for each re-prompted object.
     Clicks,
+    /// Methods on MVPd.
+    Mvpd,
 }
 
 /// A row of one of the paper's tables.
@@ -29,25 +38,31 @@ pub struct PaperRow {
     pub table: PaperTable,
     /// Its name there.
     pub name: String,
-    /// The paper's scores, percent: VSQ^1, VSQ^5, VSQ^10, VSQ^15, VSQ, STQ, AQ and SQ; `None` where we have none.
+    /// The paper's scores, percent: VSQ^1, VSQ^5, VSQ^10, VSQ^15, VSQ, STQ, AQ and SQ; `None` where it has none.
     pub published: [Option<f64>; 8],
-    /// Index of the variant that measures it; `None` if the benchmark has none.
+    /// Index of the variant that measures it, in the benchmark of its table's data set; `None` if there is none.
     pub variant: Option<usize>,
-    /// Why it was not measured, e.g. `needs weights of SAM 2.1`.
+    /// Why it was not measured, e.g. `needs weights of SAM 2.1`; `None` also for methods that are not ours.
     pub obstacle: Option<String>,
 }
 
 impl PaperTable {
     /// Every table, in the paper's order.
-    pub const ALL: [Self; 4] = [Self::Methods, Self::FeatureDims, Self::Categories, Self::Clicks];
+    pub const ALL: [Self; 5] = [Self::Methods, Self::FeatureDims, Self::Categories, Self::Clicks, Self::Mvpd];
 
     /// Its heading.
-    pub(crate) fn title(self) -> &'static str {
+    pub fn title(self) -> &'static str {
         match self {
             Self::Methods => "Methods on ScanNet-MV",
-            Self::FeatureDims => "Dimension of the segment-id feature (FastSAM-Splat)",
-            Self::Categories => "Categories of re-prompting (SAM2-Splat, detections)",
-            Self::Clicks => "Clicks per re-prompted object (SAM2-Splat, detections)",
+            Self::FeatureDims => "Dimension of the segment-id feature (FastSAM-Splat, ScanNet-MV)",
+            Self::Categories => "Categories of re-prompting (SAM2-Splat, detections, ScanNet-MV)",
+            Self::Clicks => "Clicks per re-prompted object (SAM2-Splat, ScanNet-MV)",
+            Self::Mvpd => "Methods on MVPd",
         }
+    }
+
+    /// Whether its rows are measured on MVPd; on ScanNet-MV otherwise.
+    pub fn is_of_mvpd(self) -> bool {
+        self == Self::Mvpd
     }
 }

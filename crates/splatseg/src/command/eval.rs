@@ -17,8 +17,11 @@ use splatseg_report::{SIZE_COLUMNS_EXPLAINED, overcount_note, terminal_size_tabl
 use std::path::{Path, PathBuf};
 
 const HELP: &str = "Predictions are one of\n\
-    - a folder with <frame>.png for every frame, 8-bit or 16-bit greyscale, one value per segment, 0 for none;\n\
+    - a folder with <frame>.png for every frame: 8-bit or 16-bit greyscale, one value per segment, 0 for none, or RGB as in \
+    COCO's\n  \
+      panoptic format, id = R + 256 G + 65536 B; or with such a folder for each video, named like the scene;\n\
     - a folder written by `splatseg run`; the scene is read as that run read it, unless options say otherwise;\n\
+    - a .json file in COCO's panoptic format, one list of annotations or one for each video, with its RGB images beside it;\n\
     - a .json file with a list (or an object with the list under the key `annotations`) of\n  \
       tracks, as in YouTube-VIS results: {\"segmentations\": [RLE or null, one per frame], \"id\": N}, or\n  \
       single masks: {\"frame\": NAME, \"id\": N, \"segmentation\": RLE}.\n  \
@@ -28,6 +31,7 @@ const HELP: &str = "Predictions are one of\n\
     Examples:\n  \
     splatseg eval --gt scene0011_00 --pred out\n  \
     splatseg eval --gt scene0011_00 --stride 20 --resize 320x240 --pred tracks.json --json scores.json\n  \
+    splatseg eval --gt MVPd/test:VIDEO --preset mvpd --min-truth-area 0.001 --pred results.json --video 17\n  \
     splatseg eval --mesh scene0011_00_vh_clean_2.ply --instances scene0011_00.txt --void-labels 1,2 --pred map.ply";
 
 #[derive(Debug, Args)]
@@ -66,6 +70,12 @@ pub struct EvalArguments {
     /// Predicted ids are valid in one frame only: link masks of consecutive frames, as the paper does for such methods
     #[arg(long)]
     pub no_ids: bool,
+    /// The video's id or name in predictions for several videos; otherwise the one that is named like the scene
+    #[arg(long, value_name = "ID|NAME", conflicts_with = "mesh")]
+    pub video: Option<String>,
+    /// Leave out predictions with a lower score
+    #[arg(long, value_name = "SCORE", default_value_t = 0.0, conflicts_with = "mesh")]
+    pub min_score: f64,
     #[command(flatten)]
     pub dataset: DatasetOptions,
     #[arg(long, value_name = "SIZE")]
@@ -129,7 +139,8 @@ fn eval_video(arguments: &EvalArguments, gt: &Path) -> Result<(), Failure> {
     }
     let dataset = arguments.dataset.over(&run.map(|run| run.dataset).unwrap_or_default())?;
     let scene = open_scene(gt, &dataset).map_err(Failure::input)?;
-    let options = EvaluationOptions { score: settings, missing, ids };
+    let (video, min_score) = (arguments.video.clone(), arguments.min_score);
+    let options = EvaluationOptions { score: settings, missing, ids, video, min_score };
     let found = evaluate(scene.as_ref(), &dataset, &arguments.pred, &options).map_err(Failure::input)?;
     print_scores(gt, &found.score, &found.missing);
     write_json(arguments, gt, &found.score, found.missing)

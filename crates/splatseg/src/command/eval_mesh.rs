@@ -3,14 +3,10 @@
 use super::Failure;
 use super::eval::EvalArguments;
 use super::terminal::counted;
+use crate::evaluation::MeshTruth;
 use serde::Serialize;
-use splatseg_dataset::{read_mesh_vertices, read_vertex_instances};
-use splatseg_geometry::SegmentId;
 use splatseg_memory::{ExportedGaussian, SplatFile};
-use splatseg_metrics::{InstanceScorer, PredictedInstance};
-use splatseg_objects::{VertexId, vertex_ids};
 use splatseg_output::write_atomically;
-use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// What `--json` writes. Its keys are part of the interface.
@@ -32,47 +28,27 @@ struct MeshEvaluation {
 /// Does what `splatseg eval --mesh` asks for.
 pub fn eval_mesh(arguments: &EvalArguments, mesh: &Path, instances: &Path) -> Result<(), Failure> {
     arguments.memory_limit()?.enforce();
-    let vertices = read_mesh_vertices(mesh).map_err(Failure::input)?;
-    let truth = read_vertex_instances(instances, vertices.len(), &arguments.void_labels).map_err(Failure::input)?;
+    let truth = MeshTruth::read(mesh, instances, &arguments.void_labels).map_err(Failure::input)?;
     let gaussians: Vec<ExportedGaussian> =
         SplatFile::load(&arguments.pred).map_err(Failure::input)?.gaussians().collect();
-    let ids = vertex_ids(&gaussians, &vertices);
-    let predictions = instances_of(&ids);
-    let mut scorer = InstanceScorer::default();
-    scorer.add_scene(&truth, &predictions).map_err(Failure::input)?;
-    let scores = scorer.scores();
-    let true_ids: BTreeSet<SegmentId> = truth.into_iter().filter(|id| *id != 0).collect();
+    let found = truth.score(&gaussians).map_err(Failure::input)?;
+    let scores = found.scorer.scores();
     let evaluation = MeshEvaluation {
         ap: scores.ap,
         ap50: scores.ap50,
         ap25: scores.ap25,
         mesh: mesh.display().to_string(),
         predictions: arguments.pred.display().to_string(),
-        vertices: vertices.len(),
-        unseen_vertices: ids.iter().filter(|found| found.confidence == 0.0).count(),
-        true_instances: true_ids.len(),
-        predicted_instances: predictions.len(),
+        vertices: truth.vertex_count(),
+        unseen_vertices: found.unseen_vertices,
+        true_instances: truth.instance_count(),
+        predicted_instances: found.predicted_instances,
         version: env!("CARGO_PKG_VERSION"),
     };
     print(&evaluation);
     let Some(path) = &arguments.json else { return Ok(()) };
     let text = serde_json::to_vec_pretty(&evaluation).map_err(Failure::work)?;
     write_atomically(path, &text).map_err(Failure::work)
-}
-
-/// The instances of vertices with ids; each is as sure as its vertices are in the mean.
-fn instances_of(ids: &[VertexId]) -> Vec<PredictedInstance> {
-    let mut instances: BTreeMap<SegmentId, (Vec<usize>, f64)> = BTreeMap::new();
-    for (vertex, found) in ids.iter().enumerate().filter(|(_, found)| found.id != 0) {
-        let (vertices, sum) = instances.entry(found.id).or_default();
-        vertices.push(vertex);
-        *sum += f64::from(found.confidence);
-    }
-    let instance = |(vertices, sum): (Vec<usize>, f64)| {
-        let confidence = (sum / vertices.len() as f64) as f32;
-        PredictedInstance { confidence, vertices }
-    };
-    instances.into_values().map(instance).collect()
 }
 
 fn print(found: &MeshEvaluation) {

@@ -75,16 +75,26 @@ impl TopicOptions {
 pub enum PresetName {
     /// The paper's ScanNet-MV: --stride 20 --resize 320x240 --crop-border 5
     ScannetMv,
-    /// The same; `bench` then measures every row of the paper's tables
+    /// MVPd as the paper reads it: --resize 320x240. Its scores also need --min-truth-area 0.001
+    Mvpd,
+    /// Scenes as with scannet-mv; `bench` then measures every row of the paper's tables
     Paper,
+}
+
+impl PresetName {
+    /// How scenes are read.
+    fn settings(self) -> DatasetSettings {
+        match self {
+            Self::ScannetMv | Self::Paper => Preset::ScannetMv.settings(),
+            Self::Mvpd => Preset::Mvpd.settings(),
+        }
+    }
 }
 
 impl DatasetOptions {
     /// Adds the options that were given to the layers.
     pub fn add_to(&self, layers: &mut SettingsLayers) -> Result<(), Failure> {
-        if self.preset.is_some() {
-            // Both presets read scenes in the same way.
-            let preset = Preset::ScannetMv.settings();
+        if let Some(preset) = self.preset.map(PresetName::settings) {
             let (stride, crop_border) = (preset.stride.to_string(), preset.crop_border.to_string());
             let resize = preset.resize.map(|size| size.to_string());
             let settings = [
@@ -198,9 +208,9 @@ pub struct ScoreOptions {
     /// Ignore predictions on unlabelled pixels, which otherwise count as wrong
     #[arg(long)]
     pub exclude_void: bool,
-    /// True segments below this fraction of the image are unlabelled in that frame (MVPd: 0.001)
-    #[arg(long, value_name = "FRACTION", default_value_t = 0.0)]
-    pub min_truth_area: f64,
+    /// True segments below this fraction of the image are unlabelled in that frame (MVPd: 0.001) [default: 0]
+    #[arg(long, value_name = "FRACTION")]
+    pub min_truth_area: Option<f64>,
 }
 
 /// The protocols on the command line.
@@ -215,10 +225,16 @@ pub enum ProtocolName {
 impl ScoreOptions {
     /// The settings of scores.
     pub fn settings(&self) -> Result<ScoreSettings, Failure> {
-        if !(0.0..1.0).contains(&self.min_truth_area) {
+        self.settings_of_benchmark(0.0)
+    }
+
+    /// The settings of scores for a benchmark that leaves out true segments below a fraction of the image, if no option
+    /// says otherwise.
+    pub fn settings_of_benchmark(&self, min_truth_area: f64) -> Result<ScoreSettings, Failure> {
+        let min_ground_truth_area = self.min_truth_area.unwrap_or(min_truth_area);
+        if !(0.0..1.0).contains(&min_ground_truth_area) {
             return Err(Failure::input(format!(
-                "--min-truth-area: found {}, expected a fraction from 0 to 1",
-                self.min_truth_area
+                "--min-truth-area: found {min_ground_truth_area}, expected a fraction from 0 to 1"
             )));
         }
         let protocol = match self.protocol {
@@ -226,7 +242,7 @@ impl ScoreOptions {
             ProtocolName::Strict => Protocol::Strict,
         };
         let void = if self.exclude_void { Void::Excluded } else { Void::Counted };
-        Ok(ScoreSettings { protocol, void, min_ground_truth_area: self.min_truth_area })
+        Ok(ScoreSettings { protocol, void, min_ground_truth_area })
     }
 }
 

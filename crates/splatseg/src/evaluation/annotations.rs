@@ -1,11 +1,12 @@
-//! JSON files with run-length encoded masks: COCO annotations with frames and ids, YouTube-VIS tracks.
+//! JSON files of predictions: run-length encoded masks (COCO annotations with frames and ids, YouTube-VIS tracks), and which
+//! form a file has.
 
-use super::{EvaluationError, SelectedFrames};
+use super::{EvaluationError, PredictionChoice, SelectedFrames};
 use serde::Deserialize;
 use serde_json::Value;
 use splatseg_geometry::{RunLengths, SegmentId};
 use splatseg_input::{MemoryLimit, display_bytes, read_file};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Larger files are refused.
@@ -26,15 +27,24 @@ pub struct EncodedMask {
     pub runs: RunLengths,
 }
 
-type MasksByFrame = BTreeMap<String, Vec<EncodedMask>>;
+/// Masks by name of the frame.
+pub type MasksByFrame = BTreeMap<String, Vec<EncodedMask>>;
 
-/// Reads a file's masks, by name of the frame. A track lists one mask for each selected frame, in order.
-pub fn read(path: &Path, frames: &SelectedFrames) -> Result<MasksByFrame, EvaluationError> {
+/// Reads a file as JSON, within the limits of size and memory.
+pub fn read_document(path: &Path) -> Result<Value, EvaluationError> {
     let wrong = |text: String| EvaluationError::at(path, text);
     let text = read_file(path, MAX_BYTES).map_err(|error| wrong(error.to_string()))?;
     check_memory(&text, MemoryLimit::in_force()).map_err(wrong)?;
-    let document: Value = serde_json::from_slice(&text).map_err(|error| wrong(format!("is not JSON: {error}")))?;
-    Document { frames }.read(document).map_err(wrong)
+    serde_json::from_slice(&text).map_err(|error| wrong(format!("is not JSON: {error}")))
+}
+
+/// The masks of a document, by name of the frame. A track lists one mask for each selected frame, in order.
+pub fn masks_of(
+    document: Value,
+    frames: &SelectedFrames,
+    choice: &PredictionChoice<'_>,
+) -> Result<MasksByFrame, String> {
+    Document { frames, choice }.read(document)
 }
 
 /// Checks that the parsed document will fit: a list of numbers takes many times the memory of its text.
@@ -61,7 +71,7 @@ struct Annotation {
     file_name: Option<Value>,
     image: Option<Value>,
     image_id: Option<Value>,
-    video_id: Option<Value>,
+    score: Option<Value>,
 }
 
 /// An entry of COCO's list `images`.
@@ -74,6 +84,7 @@ struct CocoImage {
 /// A file's content, read for these frames.
 struct Document<'a> {
     frames: &'a SelectedFrames,
+    choice: &'a PredictionChoice<'a>,
 }
 
 impl Document<'_> {
@@ -88,21 +99,19 @@ impl Document<'_> {
                 masks.entry(self.frame_name(name)?).or_default();
             }
         }
+        let videos = document.get_mut("videos").map(Value::take).unwrap_or_default();
         let list = document.get_mut("annotations").map(Value::take).unwrap_or(document);
         let Value::Array(list) = list else {
             return Err("expected a list of annotations, or an object with the key annotations".to_owned());
         };
-        let mut videos = BTreeSet::new();
-        for (place, value) in list.into_iter().enumerate() {
+        let list = self.choice.of_video(list, &videos)?;
+        for (place, value) in list {
             let at = |text: String| format!("annotation {place}: {text}");
             let annotation = Annotation::deserialize(value).map_err(|_| {
                 at("expected an object, in which segmentations, if there, is a list of masks".to_owned())
             })?;
-            videos.extend(annotation.video_id.as_ref().map(Value::to_string));
-            if videos.len() > 1 {
-                return Err(
-                    at("belongs to another video than those before it, expected one video per file".to_owned()),
-                );
+            if !self.choice.takes(annotation.score.as_ref()).map_err(at)? {
+                continue;
             }
             self.add(annotation, place, &images, &mut masks).map_err(at)?;
         }
@@ -168,22 +177,26 @@ impl Document<'_> {
         Ok(())
     }
 
-    /// The frame that a name, a number or the path of an image refers to.
     fn frame_name(&self, value: &Value) -> Result<String, String> {
-        let text = match value {
-            Value::String(text) => text.clone(),
-            Value::Number(number) => number.to_string(),
-            _ => return Err("expected a frame's name".to_owned()),
-        };
-        if self.frames.knows(&text) {
-            return Ok(text);
-        }
-        let mut name = text.rsplit(['/', '\\']).next().unwrap_or(&text);
-        for ending in IMAGE_ENDINGS {
-            name = name.strip_suffix(ending).unwrap_or(name);
-        }
-        Ok(self.frames.meant_by(name).unwrap_or(name).to_owned())
+        frame_name(self.frames, value)
     }
+}
+
+/// The frame that a name, a number or the path of an image refers to.
+pub fn frame_name(frames: &SelectedFrames, value: &Value) -> Result<String, String> {
+    let text = match value {
+        Value::String(text) => text.clone(),
+        Value::Number(number) => number.to_string(),
+        _ => return Err("expected a frame's name".to_owned()),
+    };
+    if frames.knows(&text) {
+        return Ok(text);
+    }
+    let mut name = text.rsplit(['/', '\\']).next().unwrap_or(&text);
+    for ending in IMAGE_ENDINGS {
+        name = name.strip_suffix(ending).unwrap_or(name);
+    }
+    Ok(frames.meant_by(name).unwrap_or(name).to_owned())
 }
 
 fn segment_id(value: &Value) -> Result<SegmentId, String> {

@@ -1,12 +1,16 @@
 //! Predictions on disk.
 
-use super::annotations::{self, EncodedMask};
-use super::{EvaluationError, Ids, SelectedFrames};
-use splatseg_dataset::{Framing, read_segments_png};
+use super::annotations::{EncodedMask, masks_of, read_document};
+use super::panoptic::{self, PanopticFrames};
+use super::{EvaluationError, Ids, PredictionChoice, SelectedFrames};
+use splatseg_dataset::{Framing, read_predicted_ids_png};
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
 use splatseg_metrics::{FramePrediction, MetricsError, VideoScorer};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+
+/// An image with more ids is a picture: no frame has so many segments.
+const MAX_IDS: usize = 4096;
 
 /// The predictions of a video.
 #[derive(Debug)]
@@ -17,6 +21,13 @@ pub enum Predictions {
         folder: PathBuf,
         /// Names of the frames, with those of their files, without `.png`.
         names: BTreeMap<String, String>,
+    },
+    /// A JSON file in COCO's panoptic format, and its images.
+    Panoptic {
+        /// The file.
+        path: PathBuf,
+        /// The images.
+        images: PanopticFrames,
     },
     /// A JSON file with run-length encoded masks.
     Masks {
@@ -49,19 +60,23 @@ pub struct Fit {
 }
 
 impl Predictions {
-    /// Opens a folder of id images, the folder of a run, or a JSON file.
+    /// Opens a folder of id images, one with such a folder for each video, the folder of a run, or a JSON file.
     ///
     /// # Errors
     /// [`EvaluationError::Predictions`] names the file and what is wrong with it.
-    pub fn open(path: &Path, frames: &SelectedFrames) -> Result<Self, EvaluationError> {
+    pub fn open(path: &Path, frames: &SelectedFrames, choice: &PredictionChoice<'_>) -> Result<Self, EvaluationError> {
         let wrong = |error: &dyn std::fmt::Display| EvaluationError::at(path, error);
         let metadata = std::fs::metadata(path).map_err(|error| wrong(&error))?;
         if !metadata.is_dir() {
-            let frames = annotations::read(path, frames)?;
+            let document = read_document(path)?;
+            if panoptic::is_panoptic(&document) {
+                let images = panoptic::read(document, path, frames, choice).map_err(|error| wrong(&error))?;
+                return Ok(Self::Panoptic { path: path.to_owned(), images });
+            }
+            let frames = masks_of(document, frames, choice).map_err(|error| wrong(&error))?;
             return Ok(Self::Masks { path: path.to_owned(), frames });
         }
-        let segments = path.join("segments");
-        let folder = if segments.is_dir() { segments } else { path.to_owned() };
+        let folder = folder_of_video(path, choice).map_err(|error| wrong(&error))?;
         let mut names = BTreeMap::new();
         for entry in std::fs::read_dir(&folder).map_err(|error| wrong(&error))? {
             let name = entry.map_err(|error| wrong(&error))?.file_name();
@@ -83,7 +98,7 @@ impl Predictions {
     pub fn path(&self) -> &Path {
         match self {
             Self::Images { folder, .. } => folder,
-            Self::Masks { path, .. } => path,
+            Self::Masks { path, .. } | Self::Panoptic { path, .. } => path,
         }
     }
 
@@ -91,6 +106,7 @@ impl Predictions {
     pub fn has(&self, name: &str) -> bool {
         match self {
             Self::Images { names, .. } => names.contains_key(name),
+            Self::Panoptic { images, .. } => images.frames.contains_key(name),
             Self::Masks { frames, .. } => frames.contains_key(name),
         }
     }
@@ -99,6 +115,7 @@ impl Predictions {
     pub fn names(&self) -> Box<dyn Iterator<Item = &str> + '_> {
         match self {
             Self::Images { names, .. } => Box::new(names.keys().map(String::as_str)),
+            Self::Panoptic { images, .. } => Box::new(images.frames.keys().map(String::as_str)),
             Self::Masks { frames, .. } => Box::new(frames.keys().map(String::as_str)),
         }
     }
@@ -110,12 +127,21 @@ impl Predictions {
     pub fn read(&self, name: &str, fit: &Fit) -> Result<Prediction, EvaluationError> {
         match self {
             Self::Images { folder, names } => {
-                let Some(file) = names.get(name) else {
-                    return Ok(Prediction::Map(SegmentMap::filled(fit.framed.0, fit.framed.1, 0)));
-                };
+                let Some(file) = names.get(name) else { return Ok(Prediction::empty(fit)) };
                 let path = folder.join(format!("{file}.png"));
-                let map = read_segments_png(&path)?;
+                let map = read_predicted_ids_png(&path)?;
+                let ids = map.areas().len();
+                if ids > MAX_IDS {
+                    let text = format!("has {ids} ids, expected at most {MAX_IDS}: a picture has no ids");
+                    return Err(EvaluationError::at(&path, text));
+                }
                 fit.map(map).map(Prediction::Map).map_err(|text| EvaluationError::at(&path, text))
+            }
+            Self::Panoptic { images, .. } => {
+                let Some(frame) = images.frames.get(name) else { return Ok(Prediction::empty(fit)) };
+                let wrong = |text| EvaluationError::at(&frame.path, text);
+                let map = frame.ids(&read_predicted_ids_png(&frame.path)?).map_err(wrong)?;
+                fit.map(map).map(Prediction::Map).map_err(wrong)
             }
             Self::Masks { path, frames } => {
                 let wrong = |text: String| EvaluationError::at(path, format!("frame {name}: {text}"));
@@ -127,7 +153,27 @@ impl Predictions {
     }
 }
 
+/// The folder with a video's images: that of a run, one named after the video, or the folder itself.
+fn folder_of_video(path: &Path, choice: &PredictionChoice<'_>) -> Result<PathBuf, String> {
+    if choice.video.is_none() && path.join("segments").is_dir() {
+        return Ok(path.join("segments"));
+    }
+    let video = choice.folder();
+    let is_plain = !video.is_empty() && !video.contains(['/', '\\']) && video != "..";
+    let places = ["", "pan_pred", "panomasksRGB"].map(|folder| path.join(folder).join(video));
+    match places.into_iter().find(|place| is_plain && place.is_dir()) {
+        Some(place) => Ok(place),
+        None if choice.video.is_some() => Err(format!("has no folder {video}")),
+        None => Ok(path.to_owned()),
+    }
+}
+
 impl Prediction {
+    /// That there is nothing.
+    fn empty(fit: &Fit) -> Self {
+        Self::Map(SegmentMap::filled(fit.framed.0, fit.framed.1, 0))
+    }
+
     /// Scores the prediction against the truth.
     pub(super) fn push_to(&self, scorer: &mut VideoScorer, truth: &SegmentMap, ids: Ids) -> Result<(), MetricsError> {
         let without_ids = |masks: &[(SegmentId, Mask)]| masks.iter().map(|(_, mask)| mask.clone()).collect::<Vec<_>>();

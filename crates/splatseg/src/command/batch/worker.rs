@@ -88,7 +88,8 @@ fn score_of(job: &BatchJob, settings: &Settings) -> Result<Option<VideoScore>, F
         return Ok(None);
     }
     // Frames that could not be used are in the summary, and count as empty.
-    let options = EvaluationOptions { score: job.score, missing: MissingFrames::Allowed, ids: Ids::Lasting };
+    let (missing, ids) = (MissingFrames::Allowed, Ids::Lasting);
+    let options = EvaluationOptions { score: job.score, missing, ids, video: None, min_score: 0.0 };
     let found = evaluate(scene.as_ref(), &settings.dataset, Path::new(&job.out), &options);
     Ok(Some(found.map_err(Failure::input)?.score))
 }

@@ -1,5 +1,6 @@
 //! The command line of `splatseg bench`.
 
+use super::mesh_files::MeshOptions;
 use crate::command::Failure;
 use crate::command::options::{PresetName, ScoreOptions, SettingsOptions};
 use crate::settings::MethodName;
@@ -19,7 +20,7 @@ use std::path::PathBuf;
     --set oracle.preset=fastsam-like --seeds 5 --out bench\n  \
     splatseg bench --scenes dev-a --methods fastsam-splat --ablate memory.feature_dim=1,4,7,14,28 \\\n    \
     --ablate memory.num_steps=0,1,5,20,50 --out ablations\n  \
-    splatseg bench --preset paper --scannet ScanNet --weights-dir weights --out paper"
+    splatseg bench --preset paper --scannet ScanNet --mvpd MVPd --weights-dir weights --out paper --dry-run"
 )]
 pub struct BenchArguments {
     /// Scenes with ground truth
@@ -32,12 +33,25 @@ pub struct BenchArguments {
     /// scannetv2_val.txt, only the scenes that this names
     #[arg(long, value_name = "DIR")]
     pub scannet: Option<PathBuf>,
+    /// For --preset paper: MVPd's folder: a split (panoptic_<split>.json and images), scenes' archives (.tar.gz), or splits in
+    /// folders, of which `test` is taken; where the split has the authors' empty_videos.json, only videos that it accepts
+    #[arg(long, value_name = "DIR")]
+    pub mvpd: Option<PathBuf>,
     /// For --preset paper: folder with the checkpoints of FastSAM and SAM 2.1, under any name
     #[arg(long, value_name = "DIR")]
     pub weights_dir: Option<PathBuf>,
-    /// Folder for results.json, results.csv, failures.json, tables.md, report.html and results/
+    /// For --preset paper: only list every row, what it needs, what is missing and where to get it, and the time it takes
+    #[arg(long)]
+    pub dry_run: bool,
+    /// With --dry-run: measure each method on the first N frames of the first scene, for a better estimate of the time
+    #[arg(long, value_name = "N", requires = "dry_run", value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub sample_frames: Option<u64>,
+    /// Folder for results.json, results.csv, failures.json, tables.md, report.html and results/; with --preset paper for
+    /// paper.md, paper.csv, paper.html, and scannet-mv/ and mvpd/ with these
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    #[command(flatten)]
+    pub mesh: MeshOptions,
     /// Measure everything again, also what DIR/results has
     #[arg(long)]
     pub overwrite: bool,
@@ -73,7 +87,9 @@ impl BenchArguments {
         let paper = self.runs_the_paper();
         for (option, is_given, is_used) in [
             ("--scannet", self.scannet.is_some(), paper),
+            ("--mvpd", self.mvpd.is_some(), paper),
             ("--weights-dir", self.weights_dir.is_some(), paper),
+            ("--dry-run", self.dry_run, paper),
             ("--methods", !self.methods.is_empty(), !paper),
             ("--ablate", !self.ablate.is_empty(), !paper),
         ] {

@@ -1,5 +1,6 @@
 //! What the files hold that a result is made from, so that a stored result can be known to be that of other files.
 
+use super::mesh_files::MeshFiles;
 use crate::command::Failure;
 use crate::settings::{SegmenterSettings, Settings, TrackerSettings};
 use serde::{Deserialize, Serialize};
@@ -71,8 +72,9 @@ impl InputHashes {
     ///
     /// # Errors
     /// Names a file that cannot be read.
-    pub fn of(&self, scene: &Path, settings: &Settings) -> Result<Vec<InputFile>, String> {
+    pub fn of(&self, scene: &Path, settings: &Settings, mesh: Option<&MeshFiles>) -> Result<Vec<InputFile>, String> {
         let mut paths = scene_files(scene);
+        paths.extend(mesh.map(MeshFiles::paths).unwrap_or_default());
         if settings.method.uses_segmenter() {
             paths.extend(match &settings.segmenter {
                 SegmenterSettings::Fastsam { weights, .. } => weights.clone(),
@@ -145,7 +147,11 @@ impl InputHashes {
 /// The files and folders that a scene is read from. Formats whose files are beside the scene have them in the same
 /// folder under the scene's name, or one folder up.
 fn scene_files(scene: &Path) -> Vec<PathBuf> {
-    let place = scene.to_str().and_then(|scene| scene.rsplit_once(':')).map(|(place, _)| Path::new(place));
+    let chosen = scene.to_str().filter(|_| !scene.exists()).and_then(|scene| scene.rsplit_once(':'));
+    let place = chosen.map(|(place, _)| Path::new(place));
+    if let Some(video) = chosen.and_then(|(folder, video)| mvpd_video_files(Path::new(folder), video)) {
+        return video;
+    }
     let Some(path) = [Some(scene), place].into_iter().flatten().find(|path| path.exists()) else {
         return Vec::new();
     };
@@ -164,14 +170,30 @@ fn scene_files(scene: &Path) -> Vec<PathBuf> {
             .collect();
         labels.sort();
         paths.extend(labels);
-    } else if parent.ends_with("imagesRGB") {
-        // MVPd: depth, poses and labels have folders of their own.
-        paths = vec![parent.parent().unwrap_or(parent).to_owned()];
+    } else if let Some(split) = parent.parent().filter(|_| parent.ends_with("imagesRGB")) {
+        let video = full.file_name().unwrap_or_default().to_string_lossy();
+        paths = mvpd_video_files(split, &video).unwrap_or_else(|| vec![split.to_owned()]);
     } else {
         // Replica's camera, which several rooms share.
         paths.extend(Some(parent.join("cam_params.json")).filter(|camera| camera.is_file()));
     }
     paths
+}
+
+/// The files of one video in a split's folder of MVPd, where depth and labels have folders of their own and annotations are
+/// those of all videos; `None` if it is no such folder.
+fn mvpd_video_files(split: &Path, video: &str) -> Option<Vec<PathBuf>> {
+    if !split.join("imagesRGB").is_dir() {
+        return None;
+    }
+    let folders = ["imagesRGB", "imagesDEPTH", "panomasksRGB"].map(|folder| split.join(folder).join(video));
+    let mut paths: Vec<PathBuf> = folders.into_iter().filter(|folder| folder.is_dir()).collect();
+    let entries = std::fs::read_dir(split).ok()?.flatten().map(|entry| entry.path());
+    let is_annotations = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "json");
+    let mut annotations: Vec<PathBuf> = entries.filter(|path| path.is_file() && is_annotations(path)).collect();
+    annotations.sort();
+    paths.extend(annotations);
+    Some(paths)
 }
 
 fn content_of(path: &Path, files: &[(PathBuf, Metadata)]) -> Result<InputFile, (PathBuf, std::io::Error)> {
@@ -245,7 +267,7 @@ mod tests {
         let out = tempfile::tempdir().unwrap();
         let hashes = InputHashes::open(out.path());
         let settings = Settings::default();
-        let read = hashes.of(&demo(), &settings).unwrap();
+        let read = hashes.of(&demo(), &settings, None).unwrap();
         assert!(read[0].files > 100 && read[0].bytes > 100_000, "{read:?}");
         hashes.save().unwrap();
 
@@ -254,16 +276,16 @@ mod tests {
         let text = std::fs::read_to_string(&list).unwrap();
         assert!(text.contains(&read[0].sha256));
         std::fs::write(&list, text.replace(&read[0].sha256, "of the list")).unwrap();
-        assert_eq!(InputHashes::open(out.path()).of(&demo(), &settings).unwrap()[0].sha256, "of the list");
+        assert_eq!(InputHashes::open(out.path()).of(&demo(), &settings, None).unwrap()[0].sha256, "of the list");
 
         // With another state it is that of other files.
         let state = hashes.known.lock().unwrap().cached.values().next().unwrap().state.clone();
         let text = std::fs::read_to_string(&list).unwrap().replace(&state, "another state");
         std::fs::write(&list, text).unwrap();
-        assert_eq!(InputHashes::open(out.path()).of(&demo(), &settings).unwrap(), read);
+        assert_eq!(InputHashes::open(out.path()).of(&demo(), &settings, None).unwrap(), read);
         // Damaged lists are none.
         std::fs::write(&list, "{").unwrap();
-        assert_eq!(InputHashes::open(out.path()).of(&demo(), &settings).unwrap(), read);
+        assert_eq!(InputHashes::open(out.path()).of(&demo(), &settings, None).unwrap(), read);
     }
 
     #[test]
@@ -273,7 +295,7 @@ mod tests {
         std::fs::create_dir_all(scene.join("color")).unwrap();
         let hash = || {
             let hashes = InputHashes::open(&folder.path().join("out"));
-            hashes.of(&scene, &Settings::default()).unwrap()[0].sha256.clone()
+            hashes.of(&scene, &Settings::default(), None).unwrap()[0].sha256.clone()
         };
         let mut seen = vec![hash()];
         let mut expect_another = |what: &str| {
@@ -309,7 +331,7 @@ mod tests {
         settings.segmenter = SegmenterSettings::Fastsam { weights: Some(weights.clone()), fastsam };
         let hash = || {
             let hashes = InputHashes::open(folder.path());
-            let found = hashes.of(Path::new("synthetic"), &settings).unwrap();
+            let found = hashes.of(Path::new("synthetic"), &settings, None).unwrap();
             hashes.save().unwrap();
             found
         };
@@ -329,11 +351,11 @@ mod tests {
         let out = tempfile::tempdir().unwrap();
         let hashes = InputHashes::open(out.path());
         let room = Path::new("synthetic:frames=3");
-        assert_eq!(hashes.of(room, &Settings::default()), Ok(Vec::new()));
+        assert_eq!(hashes.of(room, &Settings::default(), None), Ok(Vec::new()));
         let mut masks = Settings::default();
         masks.segmenter = SegmenterSettings::Masks { masks: Some(demo()) };
-        assert_eq!(hashes.of(room, &masks).unwrap().len(), 1);
+        assert_eq!(hashes.of(room, &masks, None).unwrap().len(), 1);
         masks.segmenter = SegmenterSettings::Masks { masks: Some("/nowhere".into()) };
-        assert!(hashes.of(room, &masks).unwrap_err().contains("/nowhere"));
+        assert!(hashes.of(room, &masks, None).unwrap_err().contains("/nowhere"));
     }
 }

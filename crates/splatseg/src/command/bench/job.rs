@@ -1,6 +1,8 @@
 //! One method on one scene with one seed.
 
 use super::input_files::InputFile;
+use super::machine;
+use super::mesh_files::MeshFiles;
 use super::pictures::{StripFrames, jpeg_data_uri};
 use crate::pipeline::{FrameResult, Pipeline, PipelineError, Processed, StageTimes};
 use crate::settings::{MethodName, Settings};
@@ -9,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use splatseg_dataset::{FrameStream, GroundTruth, StreamedFrame, open_scene};
 use splatseg_geometry::{Mask, SegmentMap};
 use splatseg_memory::SplatMemory;
-use splatseg_metrics::{FramePrediction, Protocol, ScoreSettings, VideoScore, VideoScorer};
+use splatseg_metrics::{FramePrediction, InstanceScorer, Protocol, ScoreSettings, VideoScore, VideoScorer};
 use splatseg_report::{Series, Thumbnail};
 use splatseg_tracking::{FrameOutput, TrackErrorCounts};
 use std::collections::BTreeMap;
@@ -27,7 +29,9 @@ pub struct JobInputs {
     pub settings: Settings,
     /// How it is scored. Its protocol means nothing: both are computed.
     pub score: ScoreSettings,
-    /// What its files hold: scene, masks, weights.
+    /// The scene's mesh with true instances, if it has one.
+    pub mesh: Option<MeshFiles>,
+    /// What its files hold: scene, mesh, masks, weights.
     pub files: Vec<InputFile>,
     /// Version of splatseg.
     pub version: String,
@@ -62,6 +66,10 @@ pub struct JobResult {
     pub paper: VideoScore,
     /// Score in the protocol `strict`.
     pub strict: VideoScore,
+    /// The processor or GPU that it was measured on.
+    pub machine: String,
+    /// 3D instances on the vertices of the scene's mesh, where it has one and the method a memory.
+    pub mesh: Option<InstanceScorer>,
     /// What is worth a curve.
     pub series: Series,
     /// Some of the frames, to look at.
@@ -121,7 +129,9 @@ pub fn run(path: &Path, inputs: &JobInputs) -> Result<JobResult, String> {
         time += started.elapsed();
         recorder.record(position, &frame, &result, frames.memory())?;
     }
-    recorder.finish(inputs, pipeline.memory(), time)
+    let mesh = inputs.mesh.as_ref().zip(pipeline.memory());
+    let mesh = mesh.map(|(mesh, memory)| mesh.score(memory)).transpose()?;
+    Ok(JobResult { mesh, ..recorder.finish(inputs, pipeline.memory(), time)? })
 }
 
 /// A frame with its result; an empty one where the segmenter failed.
@@ -267,6 +277,8 @@ impl Recorder {
             track_errors: self.counts.track_errors,
             paper: self.paper.finish(),
             strict: self.strict.finish(),
+            machine: machine::name(&inputs.settings),
+            mesh: None,
             series: self.series,
             strip: self.strip,
         })

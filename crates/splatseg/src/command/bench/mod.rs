@@ -1,12 +1,14 @@
 //! `splatseg bench`: every method on every scene with every seed.
 //!
 //! `plan.rs` says what to measure, `job.rs` measures one result, `pool.rs` runs several at a time, `input_files.rs` finds out what its files hold, `store.rs` keeps
-//! results on disk, so that a run that was stopped can go on, and `results.rs` writes what came out. `paper/` makes the
-//! plan for the paper's tables. The tables and the page themselves are the crate `splatseg-report`'s.
+//! results on disk, so that a run that was stopped can go on, and `results.rs` writes what came out. `mesh_files.rs` has the
+//! scenes' meshes. `paper/` makes the plans for the paper's tables. The tables and the page themselves are the crate `splatseg-report`'s.
 
 mod arguments;
 mod input_files;
 mod job;
+mod machine;
+mod mesh_files;
 mod paper;
 mod pictures;
 mod plan;
@@ -22,29 +24,84 @@ use super::output_folder::Existing;
 use super::terminal::counted;
 use input_files::InputHashes;
 use job::JobResult;
-use paper::PaperBenchmark;
+use paper::{DataSet, PaperBenchmark};
 use plan::{Job, Plan};
 use pool::Workers;
 use results::Results;
 use splatseg_output::write_atomically;
-use splatseg_report::ScoreTable;
-use store::{Program, ResultStore, Stored};
+use splatseg_report::paper::{csv, markdown};
+use splatseg_report::{Benchmark, ScoreTable, paper_page};
+use std::path::Path;
+use store::{PAPER_FILES, Program, ResultStore, Stored, claim_paper_folder};
 
 /// Does what `splatseg bench` asks for.
 pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
     arguments.check_that_all_are_used()?;
-    let paper = arguments.runs_the_paper().then(|| PaperBenchmark::prepare(arguments)).transpose()?;
-    let plan = match &paper {
-        Some(paper) => paper.plan(arguments)?,
-        None => Plan::new(arguments)?,
-    };
-    plan.require_a_scene()?;
+    if arguments.runs_the_paper() {
+        return bench_paper(arguments);
+    }
+    let plan = Plan::new(arguments)?;
+    let outcomes = measure(&plan, arguments, &arguments.out)?;
+    let benchmark = finish(&plan, &outcomes, &arguments.out)?;
+    missing_results(&[(&benchmark, arguments.out.as_path())])
+}
+
+/// Measures the paper's tables: a benchmark for each of its data sets, and the tables over both.
+fn bench_paper(arguments: &BenchArguments) -> Result<(), Failure> {
+    let paper = PaperBenchmark::prepare(arguments)?;
+    if arguments.dry_run {
+        return paper.dry_run(arguments);
+    }
+    let mut plans = Vec::new();
+    for data in DataSet::ALL {
+        if let Some(plan) = paper.plan(data, arguments)? {
+            plan.require_a_scene()?;
+            let folder = arguments.out.join(data.folder());
+            check_output(&plan, &arguments.out)?;
+            plans.push((data, plan, folder));
+        }
+    }
+    if plans.is_empty() {
+        say!("{}", paper.missing_list());
+        return Err(Failure::input("nothing of the paper can be run: give --scannet or --mvpd, and --weights-dir"));
+    }
+    claim_paper_folder(&arguments.out, Existing::from_flag(arguments.overwrite))?;
+    let mut outcomes = Vec::new();
+    for (_, plan, folder) in &plans {
+        outcomes.push(measure(plan, arguments, folder)?);
+    }
+    let mut benchmarks = Vec::new();
+    for ((_, plan, folder), outcomes) in plans.iter().zip(&outcomes) {
+        benchmarks.push((finish(plan, outcomes, folder)?, folder));
+    }
+    let parts = plans.iter().zip(&benchmarks).map(|((data, plan, _), (benchmark, _))| (*data, plan, benchmark));
+    let parts: Vec<_> = parts.collect();
+    let texts = paper.with_results(&parts, |results| [markdown(results), csv(results), paper_page(results)]);
+    for (file, text) in PAPER_FILES.iter().zip(&texts) {
+        write_atomically(&arguments.out.join(file), text.as_bytes()).map_err(Failure::work)?;
+    }
+    say!(
+        "\n{}\nthe paper's tables, with our results next to its own, are in {}",
+        paper.missing_list(),
+        arguments.out.join(PAPER_FILES[0]).display()
+    );
+    let benchmarks: Vec<_> = benchmarks.iter().map(|(benchmark, folder)| (benchmark, folder.as_path())).collect();
+    missing_results(&benchmarks)
+}
+
+/// Checks that results in a folder cannot touch an input.
+fn check_output(plan: &Plan, out: &Path) -> Result<(), Failure> {
     let mut inputs = InputPaths::of(&plan.settings);
     plan.scenes.iter().for_each(|scene| inputs.add_scene(&scene.path));
-    inputs.check_output_folder(&arguments.out)?;
-    let existing = Existing::from_flag(arguments.overwrite);
-    let store = ResultStore::open(&arguments.out, existing, Program::running())?;
-    let hashes = InputHashes::open(&arguments.out);
+    inputs.check_output_folder(out)
+}
+
+/// Obtains every result of a plan.
+fn measure(plan: &Plan, arguments: &BenchArguments, out: &Path) -> Result<Vec<Result<Outcome, String>>, Failure> {
+    plan.require_a_scene()?;
+    check_output(plan, out)?;
+    let store = ResultStore::open(out, Existing::from_flag(arguments.overwrite), Program::running())?;
+    let hashes = InputHashes::open(out);
     let workers = Workers { jobs: usize::try_from(arguments.jobs).unwrap_or(1), threads: plan.threads };
     say!(
         "{} (scenes: {}, methods and variants: {}, seeds: {})",
@@ -53,39 +110,38 @@ pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
         plan.variants.len(),
         plan.seeds.len()
     );
-    let outcomes = workers.run(&plan.jobs, |job| obtain(job, &plan, &store, &hashes))?;
+    let outcomes = workers.run(&plan.jobs, |job| obtain(job, plan, &store, &hashes))?;
     hashes.save()?;
     say!("{}", what_was_reused(&outcomes));
+    Ok(outcomes)
+}
 
-    let results = Results { plan: &plan, outcomes: &outcomes };
+/// Writes what came of a plan.
+fn finish<'a>(plan: &'a Plan, outcomes: &'a [Result<Outcome, String>], out: &Path) -> Result<Benchmark<'a>, Failure> {
+    let results = Results { plan, outcomes };
     let benchmark = results.benchmark()?;
-    results.write(&benchmark, &arguments.out)?;
-    if let Some(paper) = &paper {
-        let path = arguments.out.join("paper.md");
-        write_atomically(&path, paper.document(&plan, &benchmark).as_bytes()).map_err(Failure::work)?;
-        say!(
-            "\n{}\nthe paper's tables, with our results next to its own, are in {}",
-            paper.missing_list(),
-            path.display()
-        );
-    }
+    results.write(&benchmark, out)?;
     say!("\n{}", ScoreTable::over_all_scenes(&benchmark, plan.protocol).terminal());
     say!(
         "tables are in {}, the report is {}: open it in a browser",
-        arguments.out.join("tables.md").display(),
-        arguments.out.join("report.html").display()
+        out.join("tables.md").display(),
+        out.join("report.html").display()
     );
-    match benchmark.missing.as_slice() {
-        [] => Ok(()),
-        [first, ..] => Err(Failure::work(format!(
-            "{} of {} results are missing, see {}; the first: {}: {}",
-            benchmark.missing.len(),
-            plan.entries.len(),
-            arguments.out.join("failures.json").display(),
-            first.scene,
-            first.error
-        ))),
-    }
+    Ok(benchmark)
+}
+
+/// An error if results are missing.
+fn missing_results(benchmarks: &[(&Benchmark<'_>, &Path)]) -> Result<(), Failure> {
+    let incomplete = benchmarks.iter().find_map(|(benchmark, out)| Some((benchmark, out, benchmark.missing.first()?)));
+    let Some((benchmark, out, first)) = incomplete else { return Ok(()) };
+    Err(Failure::work(format!(
+        "{} of {} results are missing, see {}; the first: {}: {}",
+        benchmark.missing.len(),
+        benchmark.missing.len() + benchmark.measurements.len(),
+        out.join("failures.json").display(),
+        first.scene,
+        first.error
+    )))
 }
 
 /// A job's result, and where it came from.
@@ -112,7 +168,7 @@ fn obtain(job: &Job, plan: &Plan, store: &ResultStore, hashes: &InputHashes) -> 
     let (key, mut inputs) = plan.inputs(job).map_err(|error| error.to_string())?;
     let failed = |error: &String| say!("{key}: failed: {error}");
     let scene = &plan.scenes[job.scene].path;
-    inputs.files = hashes.of(scene, &inputs.settings).inspect_err(failed)?;
+    inputs.files = hashes.of(scene, &inputs.settings, inputs.mesh.as_ref()).inspect_err(failed)?;
     let mut origin = Origin::Measured;
     match store.load(&key, &inputs) {
         Stored::Same(result) => {

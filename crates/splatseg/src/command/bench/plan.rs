@@ -2,13 +2,15 @@
 
 use super::arguments::BenchArguments;
 use super::job::JobInputs;
+use super::mesh_files::{MeshFiles, MeshOptions};
 use super::store::job_key;
 use crate::Settings;
 use crate::command::Failure;
 use crate::settings::{MethodName, SettingsError, SettingsLayers};
-use splatseg_dataset::open_scene;
+use splatseg_dataset::{DatasetSettings, open_scene};
 use splatseg_input::MemoryLimit;
 use splatseg_metrics::{Protocol, ScoreSettings};
+use splatseg_report::paper::Reference;
 use splatseg_settings::Allowed;
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -27,6 +29,21 @@ pub struct SceneEntry {
     pub name: String,
     /// Why it cannot be opened, if it cannot.
     pub error: Option<String>,
+    /// Its mesh with true instances, if it has one.
+    pub mesh: Option<MeshFiles>,
+}
+
+/// What is measured: everything of a plan that is not a setting of the methods.
+#[derive(Clone, Debug)]
+pub struct Subject {
+    /// The scenes.
+    pub scenes: Vec<SceneEntry>,
+    /// The methods and their variants, in the order of the tables.
+    pub variants: Vec<Variant>,
+    /// How all are scored.
+    pub score: ScoreSettings,
+    /// The published rows that stand beside the measured ones.
+    pub reference: Reference,
 }
 
 /// A method, and how its settings differ from the others'.
@@ -83,6 +100,8 @@ pub struct Plan {
     pub settings: Settings,
     /// The protocol of the main tables.
     pub protocol: Protocol,
+    /// The published rows that stand beside the measured ones.
+    pub reference: Reference,
     /// Threads in all; 0: one per core.
     pub threads: usize,
 }
@@ -92,24 +111,22 @@ impl Plan {
     pub fn new(arguments: &BenchArguments) -> Result<Self, Failure> {
         let layers = arguments.options.layers([])?;
         let variants = variants(&layers, &arguments.methods()?, &arguments.ablate)?;
-        Self::of(arguments, &layers, &arguments.scenes, variants)
+        let settings = layers.resolve_shared().map_err(Failure::input)?;
+        settings.run.memory_limit.enforce();
+        let scenes = scenes(&arguments.scenes, &settings.dataset, &arguments.mesh)?;
+        let (score, reference) = (arguments.score.settings()?, Reference::ScannetMv);
+        Self::of(arguments, &layers, Subject { scenes, variants, score, reference })
     }
 
     /// These variants on these scenes, with the settings of `layers`.
-    pub fn of(
-        arguments: &BenchArguments,
-        layers: &SettingsLayers,
-        scene_paths: &[PathBuf],
-        variants: Vec<Variant>,
-    ) -> Result<Self, Failure> {
+    pub fn of(arguments: &BenchArguments, layers: &SettingsLayers, subject: Subject) -> Result<Self, Failure> {
+        let Subject { scenes, variants, score, reference } = subject;
         check_that_all_are_used(layers, &variants)?;
         let settings = layers.resolve_shared().map_err(Failure::input)?;
-        let score = arguments.score.settings()?;
-        settings.run.memory_limit.enforce();
         let variant_settings: Vec<Settings> =
             variants.iter().map(|variant| variant_settings(layers, variant)).collect::<Result<_, _>>()?;
         let mut plan = Self {
-            scenes: scenes(scene_paths, &settings),
+            scenes,
             variants,
             seeds: seeds(settings.run.seed, arguments.seeds)?,
             jobs: Vec::new(),
@@ -118,6 +135,7 @@ impl Plan {
             score: ScoreSettings { protocol: Protocol::Paper, ..score },
             threads: settings.run.threads,
             protocol: score.protocol,
+            reference,
             settings,
         };
         plan.add_entries()?;
@@ -162,10 +180,16 @@ impl Plan {
             scene: scene.path_text.clone(),
             settings,
             score: self.score,
+            mesh: scene.mesh.clone(),
             files: Vec::new(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
         Ok((job_key(&scene.name, &inputs)?, inputs))
+    }
+
+    /// The settings of a variant.
+    pub fn variant_settings(&self, variant: usize) -> &Settings {
+        &self.variant_settings[variant]
     }
 
     /// What the methods build on, for headings.
@@ -202,25 +226,30 @@ fn seeds(first: u64, count: u64) -> Result<Vec<u64>, Failure> {
     Ok((first..=last).collect())
 }
 
-fn scenes(paths: &[PathBuf], settings: &Settings) -> Vec<SceneEntry> {
+/// The scenes at these paths, each once, opened to learn their names.
+///
+/// # Errors
+/// If a scene has true instances of a mesh, but no mesh.
+pub fn scenes(paths: &[PathBuf], settings: &DatasetSettings, mesh: &MeshOptions) -> Result<Vec<SceneEntry>, Failure> {
     let mut scenes: Vec<SceneEntry> = Vec::new();
     for path in paths {
         if scenes.iter().any(|scene| scene.path == *path) {
             continue;
         }
-        let opened = open_scene(path, &settings.dataset);
+        let opened = open_scene(path, settings);
         let path_text = path.display().to_string();
         let of_path = || path.file_name().map_or(path_text.clone(), |name| name.to_string_lossy().into_owned());
         let name = opened.as_ref().map_or_else(|_| of_path(), |scene| scene.name().to_owned());
         let taken = scenes.iter().any(|scene| scene.name == name);
         scenes.push(SceneEntry {
             path: path.clone(),
+            mesh: mesh.of_scene(path, &name)?,
             name: if taken { path_text.clone() } else { name },
             path_text,
             error: opened.err().map(|error| error.to_string()),
         });
     }
-    scenes
+    Ok(scenes)
 }
 
 /// Each method as it is, then with each value of each ablation that it uses.

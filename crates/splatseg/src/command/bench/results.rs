@@ -8,7 +8,7 @@ use crate::Settings;
 use crate::command::Failure;
 use crate::summary::FramesPerSecond;
 use serde::Serialize;
-use splatseg_metrics::{Protocol, Scores};
+use splatseg_metrics::{InstanceScores, Protocol, Scores};
 use splatseg_output::write_atomically;
 use splatseg_report::{Benchmark, Measurement, MissingResult, Variant};
 use splatseg_report::{csv_table, frames_per_strip, html_page, markdown_tables};
@@ -47,6 +47,10 @@ struct Row<'a> {
     /// The scores under the other protocol, under its name.
     #[serde(flatten)]
     other_protocol: BTreeMap<&'static str, Scores>,
+    /// 3D instances on the vertices of the scene's mesh; null without a mesh or a memory.
+    mesh: Option<InstanceScores>,
+    /// The processor or GPU that it was measured on.
+    machine: &'a str,
     /// Speed, without the time for scoring.
     fps: FramesPerSecond,
     /// Frames with a result.
@@ -104,6 +108,7 @@ impl<'a> Results<'a> {
             setup: plan.parts(),
             settings: toml::to_string_pretty(&plan.settings).map_err(Failure::work)?,
             version: env!("CARGO_PKG_VERSION"),
+            reference: plan.reference,
             measurements,
             missing,
         })
@@ -143,6 +148,8 @@ impl<'a> Results<'a> {
             protocol: plan.protocol.name(),
             scores: result.score(plan.protocol).scores(),
             other_protocol: BTreeMap::from([(other.name(), result.score(other).scores())]),
+            mesh: result.mesh.as_ref().map(|scorer| scorer.scores()),
+            machine: &result.machine,
             fps: result.fps,
             frames: result.frames,
             skipped_frames: result.skipped_frames,
@@ -179,8 +186,10 @@ fn measurement<'a>(entry: &Entry, result: &'a JobResult) -> Measurement<'a> {
         frames_per_second: result.fps.total,
         frames_per_second_without_segmenter: result.fps.without_segmenter,
         stage_ms: &result.stage_ms,
+        machine: &result.machine,
         paper: &result.paper,
         strict: &result.strict,
+        mesh: result.mesh.as_ref(),
         series: &result.series,
         thumbnails: &result.strip,
     }

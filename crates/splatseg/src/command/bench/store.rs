@@ -13,18 +13,56 @@ use std::path::{Path, PathBuf};
 const MAX_RESULT_BYTES: u64 = 256_000_000;
 
 /// What a benchmark writes beside `results/`.
-const FILES: [&str; 7] =
-    ["results.json", "results.csv", "failures.json", "tables.md", "report.html", "paper.md", "input_hashes.json"];
+const FILES: [&str; 6] =
+    ["results.json", "results.csv", "failures.json", "tables.md", "report.html", "input_hashes.json"];
+
+/// What the paper's tables are written to, beside the folders of their benchmarks.
+pub const PAPER_FILES: [&str; 3] = ["paper.md", "paper.csv", "paper.html"];
+
+/// Prepares a folder for the paper's tables. One with other content than an earlier benchmark's is refused.
+pub fn claim_paper_folder(out: &Path, existing: Existing) -> Result<(), Failure> {
+    claim(out, existing, &PAPER_FILES, || listed(out, is_paper_file).is_ok_and(|listed| !listed.is_empty()))
+}
+
+fn is_paper_file(file: &str) -> bool {
+    PAPER_FILES.contains(&file)
+}
+
+fn is_benchmark_file(file: &str) -> bool {
+    FILES.contains(&file)
+}
+
+/// Makes a folder one in which these files may be written, and lists them. `is_ours` says whether an earlier benchmark
+/// used it.
+fn claim(
+    out: &Path,
+    existing: Existing,
+    files: &[&'static str],
+    is_ours: impl FnOnce() -> bool,
+) -> Result<(), Failure> {
+    let occupied = std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
+    if occupied && existing == Existing::Keep && !is_ours() {
+        return Err(Failure::input(format!(
+            "{}: the folder is not empty and not from a benchmark: choose another --out, or give --overwrite",
+            out.display()
+        )));
+    }
+    refuse_files_of_others(out, files)?;
+    std::fs::create_dir_all(out).map_err(|error| Failure::work(format!("{}: {error}", out.display())))?;
+    let manifest = Manifest::start(out).and_then(|mut manifest| manifest.add(files));
+    manifest.map_err(|error| Failure::work(format!("{}: {error}", out.join(MANIFEST).display())))
+}
 
 /// Refuses a folder where a benchmark would replace something that no manifest lists.
-fn refuse_files_of_others(out: &Path) -> Result<(), Failure> {
+fn refuse_files_of_others(out: &Path, files: &[&'static str]) -> Result<(), Failure> {
     if !listed_files(out)?.is_empty() {
         let reason = "has the results of a run: choose another --out";
         return Err(Failure::input(format!("{}: {reason}", out.display())));
     }
-    let ours = listed(out, |file| FILES.contains(&file))?;
+    let mut ours = listed(out, is_benchmark_file)?;
+    ours.extend(listed(out, is_paper_file)?);
     let is_in_the_way = |file: &&str| out.join(file).symlink_metadata().is_ok() && !ours.contains(*file);
-    match FILES.iter().copied().find(is_in_the_way) {
+    match files.iter().copied().find(is_in_the_way) {
         Some(file) => Err(Failure::input(format!(
             "{}: is in the way, and no {MANIFEST} says that splatseg wrote it: remove it, or choose another --out",
             out.join(file).display()
@@ -71,17 +109,8 @@ impl ResultStore {
     /// Opens `out/results`, or creates it. A folder with other content than an earlier benchmark is refused.
     pub fn open(out: &Path, existing: Existing, program: Program) -> Result<Self, Failure> {
         let folder = out.join("results");
-        let occupied = std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
-        if occupied && !folder.is_dir() && existing == Existing::Keep {
-            return Err(Failure::input(format!(
-                "{}: the folder is not empty and not from a benchmark: choose another --out, or give --overwrite",
-                out.display()
-            )));
-        }
-        refuse_files_of_others(out)?;
+        claim(out, existing, &FILES, || folder.is_dir())?;
         std::fs::create_dir_all(&folder).map_err(|error| Failure::work(format!("{}: {error}", folder.display())))?;
-        let manifest = Manifest::start(out).and_then(|mut manifest| manifest.add(&FILES));
-        manifest.map_err(|error| Failure::work(format!("{}: {error}", out.join(MANIFEST).display())))?;
         Ok(Self { folder, existing, program })
     }
 
@@ -133,11 +162,17 @@ impl ResultStore {
 /// A name for a job: readable, and different for different inputs. What files hold is not part of it, so that a new
 /// result takes the place of the one that does not hold any more.
 pub fn job_key(scene: &str, inputs: &JobInputs) -> Result<String, Failure> {
-    let JobInputs { scene: path, settings, score, files: _, version: _ } = inputs;
-    let text = serde_json::to_vec(&(path, settings, score)).map_err(Failure::work)?;
+    let JobInputs { scene: path, settings, score, mesh, files: _, version: _ } = inputs;
+    let text = serde_json::to_vec(&(path, settings, score, mesh)).map_err(Failure::work)?;
     let plain = |character: char| if character.is_ascii_alphanumeric() { character } else { '-' };
     let scene: String = scene.chars().map(plain).take(60).collect();
     Ok(format!("{scene}.{}.seed{}.{:016x}", settings.method.name(), settings.run.seed, fnv1a(&text)))
+}
+
+/// The speed of a stored result, frames per second, whoever measured it; `None` without such a result.
+pub fn stored_speed(out: &Path, key: &str) -> Option<f64> {
+    let bytes = read_file(&out.join("results").join(format!("{key}.json")), MAX_RESULT_BYTES).ok()?;
+    serde_json::from_slice::<JobResult>(&bytes).ok().map(|result| result.fps.total)
 }
 
 /// 64-bit FNV-1a: unlike the standard library's hashes, the same in every version of Rust, as file names must be.

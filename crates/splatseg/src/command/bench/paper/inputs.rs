@@ -1,7 +1,7 @@
 //! What the paper's tables need: scenes and checkpoints in the user's folders.
 
 use crate::command::Failure;
-use splatseg_dataset::{DatasetSettings, open_scene};
+use splatseg_dataset::{DatasetSettings, MvpdVideos, open_scene};
 use splatseg_input::read_file;
 use splatseg_models::checkpoint::{Architecture, Checkpoint};
 use std::collections::BTreeSet;
@@ -11,6 +11,9 @@ use std::path::{Path, PathBuf};
 const VALIDATION_SPLIT: &str = "scannetv2_val.txt";
 /// ScanNet's list takes 4 kB.
 const MAX_SPLIT_BYTES: u64 = 10_000_000;
+
+/// Where ScanNet is published.
+const SCANNET_PAGE: &str = "http://www.scan-net.org, after signing its terms of use";
 
 /// An input of the paper's tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,11 +41,26 @@ pub struct MissingInput {
     pub published: &'static str,
 }
 
+impl Input {
+    /// Its name in a row that needs it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Scenes => "ScanNet",
+            Self::RestOfTheSplit => "the rest of ScanNet's validation split",
+            Self::FastSam => "weights of FastSAM",
+            Self::Sam2 => "weights of SAM 2.1",
+            Self::Mvpd => "MVPd",
+        }
+    }
+}
+
 /// What was found.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Inputs {
     /// Paths of scenes, by name.
     pub scenes: Vec<PathBuf>,
+    /// The videos of MVPd.
+    pub mvpd: MvpdVideos,
     /// FastSAM's checkpoint.
     pub fastsam: Option<PathBuf>,
     /// SAM 2.1's checkpoint.
@@ -58,16 +76,21 @@ impl Inputs {
     ///
     /// # Errors
     /// If a folder cannot be read.
-    pub fn find(scannet: Option<&Path>, weights_dir: Option<&Path>) -> Result<Self, Failure> {
+    pub fn find(scannet: Option<&Path>, mvpd: Option<&Path>, weights_dir: Option<&Path>) -> Result<Self, Failure> {
         let mut inputs = Self::default();
+        if let Some(folder) = mvpd {
+            inputs.find_mvpd(folder)?;
+        }
         if let Some(folder) = scannet {
             inputs.scenes = scenes(folder, &mut inputs.missing)?;
         }
         if inputs.scenes.is_empty() {
             inputs.missing.push(MissingInput {
                 input: Input::Scenes,
-                what: "ScanNet's validation scenes (.sens, or exported with labels): every row".to_owned(),
-                published: "http://www.scan-net.org, after signing its terms of use",
+                what:
+                    "ScanNet's validation scenes (.sens or exported, with *_2d-instance-filt.zip): every row but MVPd's"
+                        .to_owned(),
+                published: SCANNET_PAGE,
             });
         }
         if let Some(folder) = weights_dir {
@@ -76,7 +99,7 @@ impl Inputs {
         if inputs.fastsam.is_none() {
             inputs.missing.push(MissingInput {
                 input: Input::FastSam,
-                what: "FastSAM-x.pt: every row except those prompted from ground truth".to_owned(),
+                what: "FastSAM-x.pt: every row except those prompted with ground truth".to_owned(),
                 published: "https://github.com/CASIA-IVA-Lab/FastSAM, or https://docs.ultralytics.com/models/fast-sam",
             });
         }
@@ -87,12 +110,34 @@ impl Inputs {
                 published: "https://github.com/facebookresearch/sam2",
             });
         }
-        inputs.missing.push(MissingInput {
-            input: Input::Mvpd,
-            what: "MVPd: its table".to_owned(),
-            published: "https://topipari.com/projects/FastSAM-Splat",
-        });
+        if inputs.mvpd.videos.is_empty() {
+            inputs.missing.push(MissingInput {
+                input: Input::Mvpd,
+                what: "MVPd, its split `test` (folders or scenes' .tar.gz): its table".to_owned(),
+                published: "https://github.com/opipari/MVPd, under Matterport's terms for academic use of model data",
+            });
+        }
         Ok(inputs)
+    }
+
+    fn find_mvpd(&mut self, folder: &Path) -> Result<(), Failure> {
+        // An unreadable folder is a mistake of the command line, not a missing data set.
+        entries(folder)?;
+        self.mvpd = MvpdVideos::find(folder).map_err(Failure::input)?;
+        let (split, count) = (self.mvpd.split.display(), self.mvpd.videos.len());
+        match self.mvpd.rejected {
+            _ if count == 0 => {}
+            Some(rejected) => {
+                self.notes.push(format!(
+                    "MVPd: {split}: {count} videos, {rejected} left out that empty_videos.json does not accept"
+                ));
+            }
+            None => self.notes.push(format!(
+                "MVPd: {split}: all {count} videos, as there is no empty_videos.json; the authors' list \
+                 (https://github.com/opipari/MVPd, MVPd/test) leaves out 59 of the test split's 1800"
+            )),
+        }
+        Ok(())
     }
 
     fn find_weights(&mut self, folder: &Path) -> Result<(), Failure> {
@@ -149,7 +194,7 @@ fn scenes(folder: &Path, missing: &mut Vec<MissingInput>) -> Result<Vec<PathBuf>
         missing.push(MissingInput {
             input: Input::RestOfTheSplit,
             what: format!("{} scenes of {VALIDATION_SPLIT}, {first} the first", absent.len()),
-            published: "http://www.scan-net.org, after signing its terms of use",
+            published: SCANNET_PAGE,
         });
     }
     Ok(paths)
@@ -201,14 +246,14 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_told_with_its_source() {
-        let inputs = Inputs::find(None, None).unwrap();
+        let inputs = Inputs::find(None, None, None).unwrap();
         let whats: Vec<&str> = inputs.missing.iter().map(|missing| missing.what.as_str()).collect();
         assert_eq!(whats.len(), 4);
         for (what, name) in whats.iter().zip(["ScanNet", "FastSAM-x.pt", "sam2.1_hiera_base_plus.pt", "MVPd"]) {
             assert!(what.contains(name), "{what}");
         }
         assert!(inputs.missing.iter().all(|missing| missing.published.starts_with("http")));
-        let absent = Inputs::find(None, Some(Path::new("/nowhere"))).unwrap_err();
+        let absent = Inputs::find(None, None, Some(Path::new("/nowhere"))).unwrap_err();
         assert!(absent.to_string().contains("/nowhere"), "{absent}");
     }
 

@@ -1,26 +1,69 @@
 //! `--preset paper`: the rows of the paper's tables that can be measured with the inputs that are at hand.
+//!
+//! `rows.rs` has every row, `inputs.rs` finds data sets and checkpoints, `dry_run.rs` tells what a run would do. The rows on
+//! ScanNet-MV and on MVPd are two benchmarks, as their scenes and scores differ, each with a folder of its own.
 
+mod dry_run;
 mod inputs;
 mod rows;
 
 use super::arguments::BenchArguments;
-use super::plan::{Plan, Variant};
+use super::plan::{Plan, SceneEntry, Subject, Variant, scenes};
 use crate::command::Failure;
+use crate::command::options::{DatasetOptions, PresetName, SettingsOptions};
 use crate::settings::SettingsLayers;
 use inputs::{Input, Inputs, MissingInput};
 use rows::PlannedRow;
+use splatseg_models::checkpoint::Checkpoint;
 use splatseg_report::Benchmark;
-use splatseg_report::paper::{PaperRow, document};
+use splatseg_report::paper::{EFFICIENCY, EfficiencyRow, PaperResults, PaperRow, PaperTable, Reference};
 use std::path::Path;
+
+/// MVPd's benchmark leaves true segments below this fraction of the image out of a frame.
+const MVPD_MIN_TRUTH_AREA: f64 = 0.001;
+
+/// A data set of the paper.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DataSet {
+    /// ScanNet's validation videos, every 20th frame.
+    ScannetMv,
+    /// MVPd.
+    Mvpd,
+}
+
+impl DataSet {
+    /// Both, in the order of the tables.
+    pub const ALL: [Self; 2] = [Self::ScannetMv, Self::Mvpd];
+
+    /// The folder of its benchmark, in that of all.
+    pub fn folder(self) -> &'static str {
+        match self {
+            Self::ScannetMv => "scannet-mv",
+            Self::Mvpd => "mvpd",
+        }
+    }
+
+    fn of(table: PaperTable) -> Self {
+        if table.is_of_mvpd() { Self::Mvpd } else { Self::ScannetMv }
+    }
+}
 
 /// The paper's tables, as far as the inputs allow.
 #[derive(Debug)]
 pub struct PaperBenchmark {
     /// What was found in the folders.
     inputs: Inputs,
-    /// Every row, and why it cannot be run, if it cannot.
-    rows: Vec<(PlannedRow, Option<&'static str>)>,
+    /// Every row, and what it needs that is not there.
+    rows: Vec<(PlannedRow, Vec<Input>)>,
+    scannet: Part,
+    mvpd: Part,
+}
+
+/// The benchmark on one data set.
+#[derive(Debug)]
+struct Part {
     layers: SettingsLayers,
+    scenes: Vec<SceneEntry>,
 }
 
 impl PaperBenchmark {
@@ -29,62 +72,140 @@ impl PaperBenchmark {
     /// # Errors
     /// If a folder cannot be read or a setting is wrong.
     pub fn prepare(arguments: &BenchArguments) -> Result<Self, Failure> {
-        let mut inputs = Inputs::find(arguments.scannet.as_deref(), arguments.weights_dir.as_deref())?;
+        let mut inputs =
+            Inputs::find(arguments.scannet.as_deref(), arguments.mvpd.as_deref(), arguments.weights_dir.as_deref())?;
         inputs.scenes.extend(arguments.scenes.iter().cloned());
         let has_fastsam = inputs.fastsam.is_some() || arguments.options.weights.is_some();
-        let layers = arguments.options.layers_over(base(&inputs, has_fastsam)?, [])?;
-        inputs.missing.retain(|missing| !is_replaced(missing, &layers, !inputs.scenes.is_empty()));
+        let base = base(&inputs, has_fastsam)?;
+        let layers = |preset| options_with(arguments, preset).layers_over(base.clone(), []);
+        let scannet = layers(PresetName::ScannetMv)?;
+        inputs.missing.retain(|missing| !is_replaced(missing, &scannet, !inputs.scenes.is_empty()));
+        let settings = scannet.resolve_shared().map_err(Failure::input)?;
+        settings.run.memory_limit.enforce();
+        let scenes = scenes(&inputs.scenes, &settings.dataset, &arguments.mesh)?;
+        let scannet = Part { layers: scannet, scenes };
+        let video = |video: &splatseg_dataset::MvpdVideo| SceneEntry {
+            path: video.path.clone(),
+            path_text: video.path.display().to_string(),
+            name: video.name.clone(),
+            error: None,
+            mesh: None,
+        };
+        let videos = inputs.mvpd.videos.iter().map(video).collect();
+        let mvpd = Part { layers: layers(PresetName::Mvpd)?, scenes: videos };
+        let lacks = |row: &PlannedRow| {
+            let is_missing = |input: &Input| inputs.missing.iter().any(|missing| missing.input == *input);
+            row.needs().into_iter().filter(is_missing).collect::<Vec<_>>()
+        };
         let rows = rows::all().into_iter().map(|row| {
-            let obstacle = obstacle(&row, &layers);
-            (row, obstacle)
+            let lacks = lacks(&row);
+            (row, lacks)
         });
-        Ok(Self { rows: rows.collect(), inputs, layers })
+        Ok(Self { rows: rows.collect(), inputs, scannet, mvpd })
     }
 
-    /// What to measure.
+    /// What to measure on a data set; `None` if nothing can be.
     ///
     /// # Errors
-    /// If there is no scene, or no row has what it needs.
-    pub fn plan(&self, arguments: &BenchArguments) -> Result<Plan, Failure> {
+    /// If a setting is wrong.
+    pub fn plan(&self, data: DataSet, arguments: &BenchArguments) -> Result<Option<Plan>, Failure> {
+        let part = self.part(data);
         let mut variants: Vec<Variant> = Vec::new();
-        for (row, obstacle) in &self.rows {
-            if obstacle.is_none() && !variants.contains(&row.variant) {
-                variants.push(row.variant.clone());
-            }
+        for (row, lacks) in self.rows.iter().filter(|(row, _)| DataSet::of(row.table) == data) {
+            variants.extend(row.variant.clone().filter(|variant| lacks.is_empty() && !variants.contains(variant)));
         }
-        if self.inputs.scenes.is_empty() || variants.is_empty() {
-            say!("{}", self.missing_list());
-            return Err(Failure::input("nothing of the paper can be run: give --scannet and --weights-dir"));
+        if part.scenes.is_empty() || variants.is_empty() {
+            return Ok(None);
         }
-        Plan::of(arguments, &self.layers, &self.inputs.scenes, variants)
+        let (score, reference) = match data {
+            DataSet::ScannetMv => (arguments.score.settings()?, Reference::ScannetMv),
+            DataSet::Mvpd => (arguments.score.settings_of_benchmark(MVPD_MIN_TRUTH_AREA)?, Reference::Mvpd),
+        };
+        Plan::of(arguments, &part.layers, Subject { scenes: part.scenes.clone(), variants, score, reference }).map(Some)
+    }
+
+    fn part(&self, data: DataSet) -> &Part {
+        match data {
+            DataSet::ScannetMv => &self.scannet,
+            DataSet::Mvpd => &self.mvpd,
+        }
     }
 
     /// What is missing, and where its owner publishes it.
     pub fn missing_list(&self) -> String {
-        let lines = self.missing_inputs().map(|missing| format!("- {missing}\n"));
-        format!("Missing:\n\n{}", lines.collect::<String>())
+        let lines: String = self.missing_inputs().iter().map(|missing| format!("- {missing}\n")).collect();
+        if lines.is_empty() { "Nothing is missing.\n".to_owned() } else { format!("Missing:\n\n{lines}") }
     }
 
-    /// The paper's tables with what was measured, as Markdown.
-    pub fn document(&self, plan: &Plan, benchmark: &Benchmark) -> String {
-        let rows = self.rows.iter().map(|(row, obstacle)| PaperRow {
-            table: row.table,
+    /// Writes the paper's tables with what was measured. `measured` has the plan and the benchmark of each data set that
+    /// was run.
+    pub fn with_results<T>(
+        &self,
+        measured: &[(DataSet, &Plan, &Benchmark<'_>)],
+        write: impl FnOnce(&PaperResults<'_>) -> T,
+    ) -> T {
+        let of = |data| measured.iter().find(|(measured, _, _)| *measured == data);
+        let variant_of = |row: &PlannedRow| {
+            let (_, plan, _) = of(DataSet::of(row.table))?;
+            plan.variants.iter().position(|variant| Some(variant) == row.variant.as_ref())
+        };
+        let rows: Vec<PaperRow> = self
+            .rows
+            .iter()
+            .map(|(row, lacks)| PaperRow {
+                table: row.table,
+                name: row.name.clone(),
+                published: row.published,
+                variant: variant_of(row),
+                obstacle: obstacle(lacks),
+            })
+            .collect();
+        write(&PaperResults {
+            scannet: of(DataSet::ScannetMv).map(|(_, _, benchmark)| *benchmark),
+            mvpd: of(DataSet::Mvpd).map(|(_, _, benchmark)| *benchmark),
+            rows: &rows,
+            efficiency: &self.efficiency(&rows),
+            notes: &self.inputs.notes,
+            missing: &self.missing_inputs(),
+        })
+    }
+
+    /// The rows of the table of efficiency that are ours.
+    fn efficiency(&self, rows: &[PaperRow]) -> Vec<EfficiencyRow> {
+        let measured = |name: &str| rows.iter().find(|row| row.table == PaperTable::Methods && row.name == name);
+        let row = |row: &PaperRow| EfficiencyRow {
             name: row.name.clone(),
-            published: row.published,
-            variant: plan.variants.iter().position(|variant| *variant == row.variant),
-            obstacle: obstacle.map(str::to_owned),
-        });
-        let missing: Vec<String> = self.missing_inputs().collect();
-        document(benchmark, &rows.collect::<Vec<_>>(), &self.inputs.notes, &missing)
+            variant: row.variant,
+            backbone_parameters: self.backbone_parameters(&row.name),
+            obstacle: row.obstacle.clone(),
+        };
+        EFFICIENCY.iter().filter_map(|published| measured(published.name).map(row)).collect()
     }
 
-    fn missing_inputs(&self) -> impl Iterator<Item = String> {
-        self.inputs.missing.iter().map(|missing| format!("{}: {}", missing.what, missing.published))
+    /// The parameters of the network that a method is built on: SAM 2.1, or FastSAM.
+    fn backbone_parameters(&self, name: &str) -> Option<usize> {
+        let (part, network, key) = match name {
+            name if name.starts_with("SAM2") => ("tracker", "sam2", "tracker_weights"),
+            _ => ("segmenter", "fastsam", "weights"),
+        };
+        let layers = &self.scannet.layers;
+        let weights = layers.get(key).and_then(toml::Value::as_str).filter(|_| uses(layers, part, network))?;
+        Checkpoint::open(Path::new(weights)).ok().map(|checkpoint| checkpoint.parameters())
+    }
+
+    fn missing_inputs(&self) -> Vec<String> {
+        self.inputs.missing.iter().map(|missing| format!("{}: {}", missing.what, missing.published)).collect()
     }
 }
 
-/// The paper's parts; the command line, whose preset has how scenes are read, is laid over them. Without FastSAM's weights, only rows without a
-/// segmenter can be run.
+/// The options of the command line, with scenes read as a data set's benchmark reads them.
+fn options_with(arguments: &BenchArguments, preset: PresetName) -> SettingsOptions {
+    let dataset = DatasetOptions { preset: Some(preset), ..arguments.options.dataset.clone() };
+    SettingsOptions { dataset, ..arguments.options.clone() }
+}
+
+/// The paper's parts; the command line is laid over them. Without FastSAM's weights, only rows without a segmenter can be
+/// run.
 fn base(inputs: &Inputs, has_fastsam: bool) -> Result<SettingsLayers, Failure> {
     let mut layers = SettingsLayers::default();
     let mut add = |key: &str, value: toml::Value| {
@@ -102,12 +223,9 @@ fn base(inputs: &Inputs, has_fastsam: bool) -> Result<SettingsLayers, Failure> {
 }
 
 /// Why a row cannot be run, if it cannot.
-fn obstacle(row: &PlannedRow, layers: &SettingsLayers) -> Option<&'static str> {
-    if row.needs_tracker() && uses(layers, "tracker", "sam2") && layers.get("tracker_weights").is_none() {
-        return Some("needs weights of SAM 2.1");
-    }
-    let needs_weights = row.needs_segmenter() && uses(layers, "segmenter", "fastsam");
-    (needs_weights && layers.get("weights").is_none()).then_some("needs weights of FastSAM")
+fn obstacle(lacks: &[Input]) -> Option<String> {
+    let names: Vec<&str> = lacks.iter().map(|input| input.name()).collect();
+    (!names.is_empty()).then(|| format!("needs {}", names.join(" and ")))
 }
 
 /// Whether a part is the one named, which is also the one that is used where none is given.

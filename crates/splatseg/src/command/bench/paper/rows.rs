@@ -1,8 +1,16 @@
 //! The rows of the paper's tables, as variants of a benchmark.
 
+use super::inputs::Input;
 use crate::command::bench::plan::Variant;
 use crate::settings::MethodName;
-use splatseg_report::paper::{FEATURE_DIMS, PaperTable, SCANNET_MV};
+use splatseg_report::paper::{CATEGORIES, CLICKS, FEATURE_DIMS, MVPD, PaperTable, SCANNET_MV, vsq_columns};
+
+/// What every row has: no departure from the paper.
+const PAPER_SETTINGS: &str = "method_preset=paper";
+/// What prompts a tracker from ground truth.
+const GROUND_TRUTH: &str = "prompts=ground-truth";
+/// The categories of re-prompting.
+const REPROMPTS: [&str; 3] = ["not_tracked", "incorrect_track", "duplicated_track"];
 
 /// A row of the paper's tables, and the variant that measures it.
 #[derive(Clone, Debug)]
@@ -11,83 +19,83 @@ pub struct PlannedRow {
     pub table: PaperTable,
     /// Its name there.
     pub name: String,
-    /// What it runs.
-    pub variant: Variant,
+    /// What it runs; `None` for a method that is not ours.
+    pub variant: Option<Variant>,
     /// The paper's scores, see [`splatseg_report::paper::PaperRow::published`].
     pub published: [Option<f64>; 8],
 }
 
 impl PlannedRow {
-    /// Whether the method needs a segmenter; otherwise ground truth prompts it.
-    pub fn needs_segmenter(&self) -> bool {
-        !self.variant.changes.iter().any(|change| change == "prompts=ground-truth")
-    }
-
-    /// Whether the method needs a tracker.
-    pub fn needs_tracker(&self) -> bool {
-        matches!(self.variant.method, MethodName::Sam2 | MethodName::Sam2Splat)
+    /// What it needs: the data set, and the weights of the networks that its method uses.
+    pub fn needs(&self) -> Vec<Input> {
+        let Some(variant) = &self.variant else { return Vec::new() };
+        let data = if self.table.is_of_mvpd() { Input::Mvpd } else { Input::Scenes };
+        let prompted = variant.changes.iter().any(|change| change == GROUND_TRUTH);
+        let tracked = matches!(variant.method, MethodName::Sam2 | MethodName::Sam2Splat);
+        let networks = [(!prompted, Input::FastSam), (tracked, Input::Sam2)];
+        [data].into_iter().chain(networks.into_iter().filter(|(used, _)| *used).map(|(_, input)| input)).collect()
     }
 }
 
 /// All rows, table by table.
 pub fn all() -> Vec<PlannedRow> {
-    let mut rows: Vec<PlannedRow> = SCANNET_MV
-        .iter()
-        .map(|(name, cells)| {
-            let (method, changes): (_, &[&str]) = of_name(name);
-            row(PaperTable::Methods, name, (method, changes), cells.map(Some))
-        })
-        .collect();
+    let mut rows: Vec<PlannedRow> =
+        SCANNET_MV.iter().map(|(name, cells)| row(PaperTable::Methods, name, of_name(name), cells.map(Some))).collect();
     rows.extend(FEATURE_DIMS.map(|(dims, vsq, stq)| {
-        let published = [None, None, None, None, Some(vsq), Some(stq), None, None];
-        let change = format!("memory.feature_dim={dims}");
-        row(PaperTable::FeatureDims, &format!("D = {dims}"), (MethodName::FastsamSplat, &[&change]), published)
+        let run = (MethodName::FastsamSplat, vec![format!("memory.feature_dim={dims}")]);
+        row(PaperTable::FeatureDims, &format!("D = {dims}"), Some(run), vsq_and_stq([vsq, stq]))
     }));
-    let categories = ["not_tracked", "incorrect_track", "duplicated_track"];
-    let chosen: [(&str, &[&str]); 5] = [
-        ("none", &[]),
-        ("not tracked", &categories[..1]),
-        ("incorrect track", &categories[1..2]),
-        ("duplicated track", &categories[2..]),
-        ("all three", &categories),
-    ];
-    rows.extend(chosen.map(|(name, on)| {
-        let changes = categories.map(|category| format!("reprompt.{category}={}", on.contains(&category)));
-        let changes = changes.each_ref().map(String::as_str);
-        row(PaperTable::Categories, name, (MethodName::Sam2Splat, &changes), [None; 8])
+    let chosen: [&[&str]; 5] = [&[], &REPROMPTS[..1], &REPROMPTS[1..2], &REPROMPTS[2..], &REPROMPTS];
+    rows.extend(CATEGORIES.iter().zip(chosen).map(|((name, vsq, stq), on)| {
+        let changes = REPROMPTS.map(|category| format!("reprompt.{category}={}", on.contains(&category)));
+        let run = (MethodName::Sam2Splat, changes.to_vec());
+        row(PaperTable::Categories, name, Some(run), vsq_and_stq([*vsq, *stq]))
     }));
-    rows.extend([1, 3, 5].map(|clicks| {
-        let change = format!("reprompt.clicks={clicks}");
-        row(PaperTable::Clicks, &clicks.to_string(), (MethodName::Sam2Splat, &[&change]), [None; 8])
-    }));
+    for (prompts, changes) in [("detections", None), ("ground truth", Some(GROUND_TRUTH.to_owned()))] {
+        rows.extend(CLICKS.map(|(clicks, detections, ground_truth)| {
+            let published = if changes.is_none() { detections } else { ground_truth };
+            let changes = changes.iter().cloned().chain([format!("reprompt.clicks={clicks}")]);
+            let run = (MethodName::Sam2Splat, changes.collect());
+            row(PaperTable::Clicks, &format!("{clicks}, {prompts}"), Some(run), vsq_and_stq(published))
+        }));
+    }
+    rows.extend(MVPD.iter().map(|(name, cells)| row(PaperTable::Mvpd, name, of_name(name), vsq_columns(cells))));
+    // Not in the paper, whose SAM 2 could not follow so many objects.
+    let ours = ["SAM2, detections", "SAM2-Splat, detections"];
+    rows.extend(ours.map(|name| row(PaperTable::Mvpd, name, of_name(name), [None; 8])));
     rows
 }
 
-/// What runs under a name of the paper's main table.
-fn of_name(name: &str) -> (MethodName, &'static [&'static str]) {
-    const GROUND_TRUTH: &[&str] = &["prompts=ground-truth"];
-    match name {
-        "FastSAM" => (MethodName::Fastsam, &[]),
-        "FastSPAM" => (MethodName::Fastspam, &[]),
-        "SAM2, detections" => (MethodName::Sam2, &[]),
-        "SAM2, ground truth" => (MethodName::Sam2, GROUND_TRUTH),
-        "SAM2-Splat, detections" => (MethodName::Sam2Splat, &[]),
-        "SAM2-Splat, ground truth" => (MethodName::Sam2Splat, GROUND_TRUTH),
-        _ => (MethodName::FastsamSplat, &[]),
-    }
+/// What runs under a name of the paper's tables of methods; `None` for a method that is not ours.
+pub fn of_name(name: &str) -> Option<(MethodName, Vec<String>)> {
+    let prompted = || vec![GROUND_TRUTH.to_owned()];
+    Some(match name {
+        "FastSAM" => (MethodName::Fastsam, Vec::new()),
+        "FastSPAM" => (MethodName::Fastspam, Vec::new()),
+        "SAM2, detections" => (MethodName::Sam2, Vec::new()),
+        "SAM2, ground truth" => (MethodName::Sam2, prompted()),
+        "FastSAM-Splat" => (MethodName::FastsamSplat, Vec::new()),
+        "SAM2-Splat, detections" => (MethodName::Sam2Splat, Vec::new()),
+        "SAM2-Splat, ground truth" => (MethodName::Sam2Splat, prompted()),
+        _ => return None,
+    })
+}
+
+fn vsq_and_stq([vsq, stq]: [f64; 2]) -> [Option<f64>; 8] {
+    [None, None, None, None, Some(vsq), Some(stq), None, None]
 }
 
 fn row(
     table: PaperTable,
     name: &str,
-    (method, changes): (MethodName, &[&str]),
+    run: Option<(MethodName, Vec<String>)>,
     published: [Option<f64>; 8],
 ) -> PlannedRow {
-    let has_memory = matches!(method, MethodName::FastsamSplat | MethodName::Sam2Splat);
-    // The paper's rows use the paper's memory.
-    let memory = has_memory.then_some("memory.kind=features");
-    let changes = memory.iter().chain(changes).map(|change| (*change).to_owned()).collect();
-    PlannedRow { table, name: name.to_owned(), variant: Variant { method, changes }, published }
+    let variant = run.map(|(method, changes)| {
+        let changes = std::iter::once(PAPER_SETTINGS.to_owned()).chain(changes).collect();
+        Variant { method, changes }
+    });
+    PlannedRow { table, name: name.to_owned(), variant, published }
 }
 
 #[cfg(test)]
@@ -97,16 +105,31 @@ mod tests {
     #[test]
     fn every_row_is_a_method_with_settings_that_exist() {
         let rows = all();
-        assert_eq!(rows.len(), 7 + 5 + 5 + 3);
+        // ScanNet-MV, D, categories, clicks with detections and ground truth, MVPd with SAM2 and SAM2-Splat.
+        assert_eq!(rows.len(), 7 + 5 + 5 + 6 + 9 + 2);
         for row in &rows {
+            let Some(variant) = &row.variant else { continue };
             let mut layers = crate::settings::SettingsLayers::default();
-            row.variant.changes.iter().for_each(|change| layers.add_assignment(change).unwrap());
-            layers.add("method", row.variant.method.name()).unwrap();
+            variant.changes.iter().for_each(|change| layers.add_assignment(change).unwrap());
+            layers.add("method", variant.method.name()).unwrap();
             layers.resolve_shared().unwrap_or_else(|error| panic!("{}: {error}", row.name));
             assert!(layers.unused().is_empty(), "{}: {:?}", row.name, layers.unused());
         }
-        let main: Vec<&str> = rows[..7].iter().map(|row| row.variant.method.name()).collect();
+        let main: Vec<&str> = rows[..7].iter().filter_map(|row| Some(row.variant.as_ref()?.method.name())).collect();
         let expected = ["fastsam", "fastspam", "sam2", "sam2", "fastsam-splat", "sam2-splat", "sam2-splat"];
         assert_eq!(main, expected);
+        let of_others = rows.iter().filter(|row| row.variant.is_none()).count();
+        assert_eq!(of_others, 6, "Video K-Net, Tube-Link and OV2Seg with two backbones each");
+    }
+
+    #[test]
+    fn rows_need_the_networks_that_they_use() {
+        let needs =
+            |name: &str, table| all().into_iter().find(|row| row.name == name && row.table == table).unwrap().needs();
+        assert_eq!(needs("FastSAM-Splat", PaperTable::Methods), [Input::Scenes, Input::FastSam]);
+        assert_eq!(needs("SAM2-Splat, ground truth", PaperTable::Methods), [Input::Scenes, Input::Sam2]);
+        assert_eq!(needs("3, ground truth", PaperTable::Clicks), [Input::Scenes, Input::Sam2]);
+        assert_eq!(needs("SAM2-Splat, detections", PaperTable::Mvpd), [Input::Mvpd, Input::FastSam, Input::Sam2]);
+        assert_eq!(needs("OV2Seg, Swin-base", PaperTable::Mvpd), []);
     }
 }

@@ -1,0 +1,77 @@
+//! The paper's table of efficiency: speed, and how many numbers a method has.
+
+use super::tables::{Cell, PaperResults, PublishedTable, TableRow};
+use super::{EFFICIENCY, PublishedEfficiency};
+use crate::spread::Spread;
+use crate::{Measurement, Origin};
+
+/// A measured row of the table of efficiency.
+#[derive(Clone, Debug)]
+pub struct EfficiencyRow {
+    /// Its name in [`EFFICIENCY`].
+    pub name: String,
+    /// Index of the variant that measures it, in the benchmark on ScanNet-MV.
+    pub variant: Option<usize>,
+    /// Parameters of its backbone, where they are known.
+    pub backbone_parameters: Option<usize>,
+    /// Why it was not measured.
+    pub obstacle: Option<String>,
+}
+
+/// The table: ours and the paper's row of each method, one below the other.
+pub(super) fn table(results: &PaperResults<'_>) -> PublishedTable {
+    let mut rows = Vec::new();
+    for published in &EFFICIENCY {
+        rows.extend(
+            results.efficiency.iter().filter(|row| row.name == published.name).map(|row| measured(results, row)),
+        );
+        rows.push(of_the_paper(published));
+    }
+    let machines: Vec<&str> = results.scannet.map(|benchmark| benchmark.machines()).unwrap_or_default();
+    let ours = if machines.is_empty() { "nothing was measured".to_owned() } else { machines.join("; ") };
+    PublishedTable {
+        title: "Efficiency".to_owned(),
+        notes: vec![
+            "Frames per second of the whole method, reading included, scoring and drawing not. Millions of numbers: the \
+             parameters of FastSAM, or of SAM 2.1 without the FastSAM that prompts it, and what the memory holds at the end \
+             of a video, mean over the videos."
+                .to_owned(),
+            format!("Machine: ours {ours}; the paper's rows are from its authors' GPU."),
+        ],
+        columns: ["frames/s", "backbone, M", "memory, M", "sum, M"].to_vec(),
+        keys: ["frames_per_second", "backbone_parameters_m", "memory_numbers_m", "parameters_m"].to_vec(),
+        rows,
+    }
+}
+
+fn measured(results: &PaperResults<'_>, row: &EfficiencyRow) -> TableRow {
+    let of_variant = |variant| results.scannet.map(|benchmark| benchmark.of_variant(variant)).unwrap_or_default();
+    let measurements = row.variant.map(of_variant).unwrap_or_default();
+    let mean = |value: fn(&Measurement<'_>) -> f64| {
+        let values: Vec<f64> = measurements.iter().map(|measurement| value(measurement)).collect();
+        Spread::from_values(&values).map(|spread| spread.mean)
+    };
+    let speed = mean(|measurement| measurement.frames_per_second);
+    let memory = mean(|measurement| measurement.parameters as f64 / 1e6).filter(|memory| *memory > 0.0);
+    let backbone = row.backbone_parameters.filter(|_| speed.is_some()).map(|count| count as f64 / 1e6);
+    TableRow {
+        name: row.name.clone(),
+        origin: Origin::Measured,
+        note: row.obstacle.clone(),
+        cells: cells(speed, backbone, memory),
+    }
+}
+
+fn of_the_paper(published: &PublishedEfficiency) -> TableRow {
+    TableRow {
+        name: published.name.to_owned(),
+        origin: Origin::Paper,
+        note: None,
+        cells: cells(Some(published.frames_per_second), Some(published.backbone), published.memory),
+    }
+}
+
+fn cells(speed: Option<f64>, backbone: Option<f64>, memory: Option<f64>) -> Vec<Cell> {
+    let sum = backbone.map(|backbone| backbone + memory.unwrap_or(0.0));
+    [speed, backbone, memory, sum].map(|value| Cell { value: value.map(Spread::from_mean), mark: "" }).to_vec()
+}

@@ -1,0 +1,140 @@
+//! The paper's tables as data: what was measured for each row, and the paper's row below it.
+
+use super::{EfficiencyRow, PaperRow, PaperTable, efficiency};
+use crate::columns::{COLUMN_KEYS, COLUMNS};
+use crate::{Benchmark, Origin, ScoreTable, Spread};
+use splatseg_metrics::Protocol;
+
+/// Everything that the paper's tables are made from.
+#[derive(Clone, Copy, Debug)]
+pub struct PaperResults<'a> {
+    /// What was measured on ScanNet-MV.
+    pub scannet: Option<&'a Benchmark<'a>>,
+    /// What was measured on MVPd.
+    pub mvpd: Option<&'a Benchmark<'a>>,
+    /// The rows of the tables of scores.
+    pub rows: &'a [PaperRow],
+    /// Our rows of the table of efficiency.
+    pub efficiency: &'a [EfficiencyRow],
+    /// How the inputs differ from the paper's; one sentence each.
+    pub notes: &'a [String],
+    /// Which inputs were not found.
+    pub missing: &'a [String],
+}
+
+/// A table with the paper's rows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PublishedTable {
+    /// What it shows.
+    pub title: String,
+    /// What to know about it; one sentence or more each.
+    pub notes: Vec<String>,
+    /// The headings of its columns after the name.
+    pub columns: Vec<&'static str>,
+    /// The same columns as keys of CSV files.
+    pub keys: Vec<&'static str>,
+    /// Its rows, the paper's below ours.
+    pub rows: Vec<TableRow>,
+}
+
+/// A row of such a table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TableRow {
+    /// Its name in the paper.
+    pub name: String,
+    /// Whose numbers it has.
+    pub origin: Origin,
+    /// Why it has none, or what is missing in it.
+    pub note: Option<String>,
+    /// A cell for each column.
+    pub cells: Vec<Cell>,
+}
+
+/// A number of a table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cell {
+    /// The number, if there is one.
+    pub value: Option<Spread>,
+    /// What stands behind it.
+    pub mark: &'static str,
+}
+
+/// All of the paper's tables, in its order.
+pub fn paper_tables(results: &PaperResults<'_>) -> Vec<PublishedTable> {
+    let scores = PaperTable::ALL.iter().map(|table| scores(results, *table));
+    scores.chain([efficiency::table(results)]).collect()
+}
+
+fn scores(results: &PaperResults<'_>, table: PaperTable) -> PublishedTable {
+    let benchmark = if table.is_of_mvpd() { results.mvpd } else { results.scannet };
+    let measured = benchmark.map(|benchmark| ScoreTable::over_all_scenes(benchmark, Protocol::Paper));
+    let rows: Vec<&PaperRow> = results.rows.iter().filter(|row| row.table == table).collect();
+    let uses = |column: usize| !table.is_of_mvpd() || column <= crate::columns::VSQ;
+    let columns: Vec<usize> = (0..COLUMNS.len()).filter(|column| uses(*column)).collect();
+    let lines = rows.iter().flat_map(|row| lines(row, measured.as_ref(), &columns)).collect();
+    let mut notes: Vec<String> = measured.map(|measured| measured.notes).unwrap_or_default();
+    if table.is_of_mvpd() {
+        notes.push(
+            "Images of 320x240, true segments under 0.1 % of the image dropped in that frame. The paper could not run \
+             SAM2 and SAM2-Splat here. The other systems' rows are the paper's; `splatseg eval` scores their predictions."
+                .to_owned(),
+        );
+    }
+    PublishedTable {
+        title: table.title().to_owned(),
+        notes,
+        columns: columns.iter().map(|column| COLUMNS[*column]).collect(),
+        keys: columns.iter().map(|column| COLUMN_KEYS[*column]).collect(),
+        rows: lines,
+    }
+}
+
+/// The measured line of a row of ours, and the paper's where it has one.
+fn lines(row: &PaperRow, measured: Option<&ScoreTable>, columns: &[usize]) -> Vec<TableRow> {
+    let mut lines = Vec::new();
+    let measured = row.variant.and_then(|variant| measured?.rows.get(variant));
+    if measured.is_some() || row.obstacle.is_some() {
+        let cell = |column: &usize| Cell {
+            value: measured.and_then(|row| row.cells[*column]),
+            mark: measured.map_or("", |row| row.mark(*column)),
+        };
+        lines.push(TableRow {
+            name: row.name.clone(),
+            origin: Origin::Measured,
+            note: measured.map_or(row.obstacle.clone(), |row| row.note.clone()),
+            cells: columns.iter().map(cell).collect(),
+        });
+    }
+    if row.published.iter().any(Option::is_some) {
+        let cell = |column: &usize| Cell { value: row.published[*column].map(Spread::from_mean), mark: "" };
+        lines.push(TableRow {
+            name: row.name.clone(),
+            origin: Origin::Paper,
+            note: None,
+            cells: columns.iter().map(cell).collect(),
+        });
+    }
+    lines
+}
+
+impl TableRow {
+    /// The name as tables show it.
+    pub(crate) fn label(&self) -> String {
+        match (self.origin, &self.note) {
+            (Origin::Paper, _) => format!("{}, the paper", self.name),
+            (Origin::Measured, Some(note)) => format!("{} ({note})", self.name),
+            (Origin::Measured, None) => self.name.clone(),
+        }
+    }
+}
+
+impl Cell {
+    /// Its text; an empty one in the paper's rows where the paper has no number.
+    pub(crate) fn text(&self, origin: Origin) -> String {
+        match (self.value, origin) {
+            (Some(value), _) => format!("{}{}", value.text(), self.mark),
+            (None, Origin::Measured) => "–".to_owned(),
+            (None, Origin::Paper) => String::new(),
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! 3D instances of a memory against those of a mesh's vertices.
+
+use glam::Vec3;
+use splatseg_dataset::{DatasetError, read_mesh_vertices, read_vertex_instances};
+use splatseg_geometry::SegmentId;
+use splatseg_memory::ExportedGaussian;
+use splatseg_metrics::{InstanceScorer, MetricsError, PredictedInstance};
+use splatseg_objects::{VertexId, vertex_ids};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// The vertices of a mesh and their true instances.
+#[derive(Clone, Debug)]
+pub struct MeshTruth {
+    vertices: Vec<Vec3>,
+    /// 0 where a vertex is not labelled.
+    instances: Vec<SegmentId>,
+}
+
+/// What came of scoring a memory on a mesh.
+#[derive(Clone, Debug)]
+pub struct MeshScore {
+    /// The matches, to be added to those of other scenes.
+    pub scorer: InstanceScorer,
+    /// Vertices that no Gaussian reaches.
+    pub unseen_vertices: usize,
+    /// Number of predicted instances.
+    pub predicted_instances: usize,
+}
+
+impl MeshTruth {
+    /// Reads a mesh, a binary PLY, and the text file with the instance of each vertex; see
+    /// [`splatseg_dataset::read_vertex_instances`].
+    ///
+    /// # Errors
+    /// If a file cannot be read, or they do not belong together.
+    pub fn read(mesh: &Path, instances: &Path, void_labels: &[u64]) -> Result<Self, DatasetError> {
+        let vertices = read_mesh_vertices(mesh)?;
+        let instances = read_vertex_instances(instances, vertices.len(), void_labels)?;
+        Ok(Self { vertices, instances })
+    }
+
+    /// Number of vertices.
+    pub fn vertex_count(&self) -> usize {
+        self.vertices.len()
+    }
+
+    /// Number of true instances.
+    pub fn instance_count(&self) -> usize {
+        self.instances.iter().filter(|id| **id != 0).collect::<BTreeSet<_>>().len()
+    }
+
+    /// Carries the ids of a memory's Gaussians to the vertices, and scores them as instances.
+    ///
+    /// # Errors
+    /// If an instance names a vertex that the mesh does not have, which cannot be.
+    pub fn score(&self, gaussians: &[ExportedGaussian]) -> Result<MeshScore, MetricsError> {
+        let ids = vertex_ids(gaussians, &self.vertices);
+        let predictions = instances_of(&ids);
+        let mut scorer = InstanceScorer::default();
+        scorer.add_scene(&self.instances, &predictions)?;
+        let unseen_vertices = ids.iter().filter(|found| found.confidence == 0.0).count();
+        Ok(MeshScore { scorer, unseen_vertices, predicted_instances: predictions.len() })
+    }
+}
+
+/// The instances of vertices with ids; each is as sure as its vertices are in the mean.
+fn instances_of(ids: &[VertexId]) -> Vec<PredictedInstance> {
+    let mut instances: BTreeMap<SegmentId, (Vec<usize>, f64)> = BTreeMap::new();
+    for (vertex, found) in ids.iter().enumerate().filter(|(_, found)| found.id != 0) {
+        let (vertices, sum) = instances.entry(found.id).or_default();
+        vertices.push(vertex);
+        *sum += f64::from(found.confidence);
+    }
+    let instance = |(vertices, sum): (Vec<usize>, f64)| {
+        let confidence = (sum / vertices.len() as f64) as f32;
+        PredictedInstance { confidence, vertices }
+    };
+    instances.into_values().map(instance).collect()
+}
