@@ -7,8 +7,10 @@
 Runs `splatseg run` once for each method and value of `sam2.max_absent_frames`, the first of which (0) lets no object
 rest, and prints a Markdown table: objects at the end, how many of them went through the network in the last frame, the
 mean time of a frame in the first and the last quarter of the run (all stages but the segmenter), and peak memory. The
-miniature network is random, so its masks, and which objects it takes for absent, mean nothing; the work for an object is
-that of a real network of its size. `--keep FOLDER` keeps the results, with the course of each run in `summary.json`.
+miniature network is random: its masks mean nothing, and it takes hardly any object for absent. With `--score-bias -50`
+(`pip install torch`) it takes every object that it tracks for absent, so that all of them come to rest, as objects that
+are out of view do with a trained network. `--keep FOLDER` keeps the results, with the course of each run in
+`summary.json`.
 """
 
 import argparse
@@ -42,6 +44,16 @@ def run(arguments, method, settings, out):
     return json.loads((out / "summary.json").read_text()), counts
 
 
+def with_score_bias(weights, bias, out):
+    """The checkpoint with another bias of the object score."""
+    import torch
+
+    checkpoint = torch.load(weights, weights_only=True)
+    checkpoint["model"]["sam_mask_decoder.pred_obj_score_head.layers.2.bias"] += bias
+    torch.save(checkpoint, out)
+    return out
+
+
 def row(method, settings, summary, counts):
     times = [point["ms"] for point in summary["curve"]]
     quarter = max(1, len(times) // 4)
@@ -63,6 +75,7 @@ def main():
     parser.add_argument("--methods", nargs="+", default=["sam2", "sam2-splat"])
     parser.add_argument("--absent", type=int, nargs="+", default=[0, 16], help="values of sam2.max_absent_frames")
     parser.add_argument("--chunks", type=int, nargs="+", default=[4], help="values of sam2.objects_per_chunk")
+    parser.add_argument("--score-bias", type=float, default=0.0, help="added to the network's object scores")
     parser.add_argument("--keep", type=Path, help="folder for the results")
     arguments = parser.parse_args()
     print(
@@ -70,6 +83,8 @@ def main():
     )
     print("| --- | --- | --- | --- | --- | --- | --- |")
     with tempfile.TemporaryDirectory(prefix="splatseg-objects-") as folder:
+        if arguments.score_bias:
+            arguments.weights = with_score_bias(arguments.weights, arguments.score_bias, Path(folder) / "weights.pt")
         for method in arguments.methods:
             for chunk in arguments.chunks:
                 for absent in arguments.absent:

@@ -10,6 +10,7 @@ use splatseg_geometry::{RgbdFrame, SegmentMap};
 use std::error::Error;
 use std::fs;
 use std::path::Path;
+use std::slice::from_ref;
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
 
@@ -36,7 +37,7 @@ pub fn write_standins(scenes: &[&dyn Scene], frames: usize, out: &Path) -> Outco
         let [video, annotation] = write_video(&name, &labelled, &split)?;
         let archived = out.join("MVPd-archives/unpacked").join(scene.name());
         write_video(&name, &labelled, &archived)?;
-        write_json(&archived.join("panoptic.json"), &document(&[video.clone()], &[annotation.clone()]))?;
+        write_json(&archived.join("panoptic.json"), &document(from_ref(&video), from_ref(&annotation)))?;
         let archive = out.join("MVPd-archives/test").join(format!("00800-{}.tar.gz", scene.name()));
         pack(&archived, scene.name(), &archive)?;
         videos.push(video);

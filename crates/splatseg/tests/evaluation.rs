@@ -183,7 +183,8 @@ fn tracks_of_one_video_are_taken_from_the_results_of_many() {
     let path = written(&folder, &document);
     assert_eq!(scores(&path, &["--protocol", "strict", "--video", "two"])["vsq"], json!(100.0));
     let mut named = tracks();
-    named.iter_mut().for_each(|track| track["video_id"] = ROOM.into());
+    let name = SyntheticScene::new(ROOM.parse().unwrap()).unwrap().name().to_owned();
+    named.iter_mut().for_each(|track| track["video_id"] = name.clone().into());
     named.push(wrong(json!("other")));
     assert_eq!(scores(&written(&folder, &Value::Array(named)), &strict)["vsq"], json!(100.0));
 

@@ -107,7 +107,7 @@ fn every_row_that_the_inputs_allow_is_measured() {
     assert_eq!((rows(&scannet).len(), rows(&mvpd).len()), (7 + 5 + 5 + 6, 5), "{text}");
     assert_eq!(ended.out.matches(": there already").count(), 7 + 3, "{}", ended.out);
     // The backbone's parameters, and the memory's numbers.
-    let splat = text.lines().filter(|line| line.starts_with("| SAM2-Splat, detections |")).next_back().unwrap();
+    let splat = text.lines().rfind(|line| line.starts_with("| SAM2-Splat, detections |")).unwrap();
     assert!(!splat.contains('–'), "{splat}");
 }
 

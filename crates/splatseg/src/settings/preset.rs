@@ -37,6 +37,8 @@ remove_tracks = false
 
 [sam2]
 image_size = 1024
+max_cond_frames_in_attn = 0
+max_absent_frames = 0
 ";
 
 impl MethodPreset {

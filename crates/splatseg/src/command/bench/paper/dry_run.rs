@@ -7,6 +7,7 @@ use crate::command::bench::arguments::BenchArguments;
 use crate::command::bench::plan::{Job, Plan};
 use crate::command::bench::store::stored_speed;
 use crate::command::bench::{job, machine};
+use crate::command::terminal::counted;
 use crate::settings::MethodName;
 use splatseg_dataset::{DatasetSettings, open_scene};
 use splatseg_report::paper::PaperTable;
@@ -87,7 +88,9 @@ impl PaperBenchmark {
             let data = if table.is_of_mvpd() { &mvpd } else { &scannet };
             let frames: usize = data.as_ref().map_or(0, |data| data.frames.iter().sum());
             match data {
-                Some(data) => say!("{}: {} videos, {frames} frames", table.title(), data.frames.len()),
+                Some(data) => {
+                    say!("{}: {}, {}", table.title(), counted(data.frames.len(), "video"), counted(frames, "frame"))
+                }
                 None => say!("{}", table.title()),
             }
             for (row, _) in self.rows.iter().filter(|(row, _)| row.table == table) {
@@ -104,7 +107,8 @@ impl PaperBenchmark {
             "Efficiency: measured by the runs on ScanNet-MV, which give frames per second and numbers in the memory";
         say!("{efficiency}");
         say!("of FastSAM, FastSPAM, SAM2, FastSAM-Splat and SAM2-Splat; the other systems' rows are the paper's.\n");
-        say!("In all {} on {}, one result at a time.", duration(total), machine::name(&self.settings()?));
+        let (time, machine) = (duration(total), machine::name(&self.settings()?));
+        say!("The rows that can be measured take {time} in all, one result at a time, on this machine: {machine}.");
         if unknown > 0 {
             say!("{unknown} of the rows cannot be measured yet; their times are those of the published data sets.");
         }
