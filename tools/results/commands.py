@@ -42,8 +42,8 @@ CATEGORIES = ("not_tracked", "incorrect_track", "duplicated_track")
 
 # Settings of the memory of evidence and of what goes with it. The first row is the default.
 RULES = {
-    "memory.max_votes": "4,2,8",
-    "memory.observation_weight": "0.5,2",
+    "memory.max_votes": "4,8",
+    "memory.observation_weight": "2",
     "memory.no_segment_weight": "0.3",
     "memory.depth_tolerance": "1000",
     "memory.growth_spacing": "1",
