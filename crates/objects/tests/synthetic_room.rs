@@ -50,7 +50,7 @@ fn the_list_has_what_the_log_and_the_memory_know() {
     let small = SyntheticSettings { frames: 4, width: 96, height: 72, objects: 8, ..SyntheticSettings::default() };
     let seen = seen_room(small, Pose::IDENTITY);
     let mut log = ObjectLog::default();
-    seen.truths.iter().for_each(|truth| log.record(&FrameOutput::from_segments(truth.clone())));
+    seen.truths.iter().for_each(|truth| _ = log.record(&FrameOutput::from_segments(truth.clone())));
     let list = ObjectList::new(&log, Some(&seen.memory));
     assert_eq!(list, ObjectList::new(&log, Some(&seen.memory)));
     assert_eq!(list.frames, 4);

@@ -40,6 +40,7 @@ const MAX_ABSENT_FRAMES: usize = 16;
 impl Sam2TrackerSettings {
     /// The settings with a value for `max_absent_frames`, which depends on whether objects that the tracker loses are
     /// prompted again.
+    #[must_use]
     pub fn resolved(self, prompts_lost_objects: bool) -> Self {
         let default = if prompts_lost_objects { MAX_ABSENT_FRAMES } else { 0 };
         Self { max_absent_frames: self.max_absent_frames.or(Some(default)), ..self }

@@ -21,9 +21,9 @@ const SCANNET_MV_FRAMES: usize = 25_800;
 /// Least number of frames of MVPd's test split: 1741 accepted videos of 100 frames or more.
 const MVPD_FRAMES: usize = 174_100;
 
-/// How long a frame of each method takes with the paper's networks, seconds, where nothing better is known: from the tables of
-/// networks in docs/RESULTS.md. FastSAM-x: 1.8 s at 640x640, times 1.92 for the pixels of 1024x768. SAM 2.1 base_plus: 39 s
-/// with 20 objects; each more adds 1.6 to 2.5 s. The memory of features: 0.1 s.
+/// How long a frame of each method takes with the paper's networks, seconds, where nothing better is known, as
+/// `tools/compare_onnxruntime.py` and `tools/compare_sam2.py` measured them. FastSAM-x: 1.8 s at 640x640, times 1.92 for the
+/// pixels of 1024x768. SAM 2.1 base_plus: 39 s with 20 objects; each more adds 1.6 to 2.5 s. The memory of features: 0.1 s.
 fn reference_seconds(method: MethodName, has_detections: bool) -> f64 {
     let detections = if has_detections { 3.5 } else { 0.0 };
     match method {
