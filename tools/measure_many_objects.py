@@ -27,7 +27,7 @@ def run(arguments, method, settings, out):
     scene = f"synthetic:frames={arguments.frames},seed=0,width=320,height=240,objects={arguments.objects}"
     command = [arguments.splatseg, "run", scene, "--out", out, "--method", method, "--prompts", "ground-truth"]
     command += ["--tracker-weights", arguments.weights]
-    settings = {"min_segment_area": 10, "sam2.image_size": arguments.image_size} | settings
+    settings = {"min_prediction_area": 10, "sam2.image_size": arguments.image_size} | settings
     for key, value in settings.items():
         command += ["--set", f"{key}={value}"]
     log = subprocess.run(

@@ -63,7 +63,8 @@ def run_missing(missing, folder, commit, data):
         print(f"[{number}/{len(missing)}] {name}: {command.text()}", flush=True)
         start = time.monotonic()
         with open(out / "log.txt", "w") as log:
-            ended = subprocess.run(command.words(program, out), cwd=data, stdout=log, stderr=subprocess.STDOUT)
+            words = command.words(program, out)
+            ended = subprocess.run(words, check=False, cwd=data, stdout=log, stderr=subprocess.STDOUT)
         if ended.returncode != 0:
             sys.exit(f"{name} failed with exit code {ended.returncode}; see {out / 'log.txt'}")
         done = {

@@ -34,8 +34,6 @@ SEGMENTERS = {
     "graph": "--segmenter graph",
     "oracle": "--segmenter oracle --set oracle.preset=fastsam-like",
 }
-# Seeds change nothing for the others.
-SEEDS = {"net": "", "graph": "", "oracle": " --seeds 2"}
 PROMPTS = {"detections": SEGMENTERS["oracle"], "truth": "--prompts ground-truth"}
 SIM_TRACKER = f"bench {ROOMS} --tracker sim"
 CATEGORIES = ("not_tracked", "incorrect_track", "duplicated_track")
@@ -78,7 +76,6 @@ ABLATIONS = {
     "memory.feature_dim": "1,4,7,14,28",
     "memory.num_steps": "0,1,5,20,50",
     "memory.confidence_decay": "0,0.1,0.3",
-    "min_match_f_score": "0,0.1,0.3",
 }
 
 
@@ -93,24 +90,24 @@ def only(category):
 
 COMMANDS = {}
 for _name, _segmenter in SEGMENTERS.items():
-    _masks = _segmenter + SEEDS[_name]
-    COMMANDS[f"methods-{_name}"] = Command(f"bench {SCENES} --methods fastsam,fastspam,fastsam-splat {_masks}")
-    COMMANDS[f"features-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {FEATURES} {_masks}")
-    COMMANDS[f"paper-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {PAPER} {_masks}")
+    COMMANDS[f"methods-{_name}"] = Command(f"bench {SCENES} --methods fastsam,fastspam,fastsam-splat {_segmenter}")
+    COMMANDS[f"features-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {FEATURES} {_segmenter}")
+    if _name != "oracle":
+        COMMANDS[f"rules-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {_segmenter} {varied(RULES)}")
     if _name != "graph":
+        COMMANDS[f"paper-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {PAPER} {_segmenter}")
         COMMANDS[f"departures-{_name}"] = Command(
             f"bench {SCENES} --methods fastsam-splat {FEATURES} {_segmenter} {varied(DEPARTURES)}"
         )
-    COMMANDS[f"rules-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {_segmenter} {varied(RULES)}")
 for _name, _prompts in PROMPTS.items():
-    COMMANDS[f"sam2-{_name}"] = Command(f"{SIM_TRACKER} --methods sam2,sam2-splat --seeds 3 {_prompts}")
+    COMMANDS[f"sam2-{_name}"] = Command(f"{SIM_TRACKER} --methods sam2,sam2-splat --seeds 2 {_prompts}")
     COMMANDS[f"sam2-{_name}-features"] = Command(f"{SIM_TRACKER} --methods sam2-splat {FEATURES} --seeds 2 {_prompts}")
     COMMANDS[f"clicks-{_name}"] = Command(
         f"{SIM_TRACKER} --methods sam2-splat --seeds 2 {_prompts} --ablate reprompt.clicks=1,3,5"
     )
 for _category in ("none", *CATEGORIES):
     COMMANDS[f"reprompts-{_category}"] = Command(
-        f"{SIM_TRACKER} --methods sam2-splat --seeds 3 {SEGMENTERS['oracle']} {only(_category)}"
+        f"{SIM_TRACKER} --methods sam2-splat --seeds 2 {SEGMENTERS['oracle']} {only(_category)}"
     )
 COMMANDS["sam2-departures"] = Command(
     f"{SIM_TRACKER} --methods sam2-splat --seeds 2 {FEATURES} {SEGMENTERS['oracle']} {varied(SAM2_DEPARTURES)}"

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 # What the numbers depend on. Documents, tests and tools may change without making a measurement old.
 PROGRAM = [":(glob)crates/*/src/**", "Cargo.toml", "Cargo.lock", "rust-toolchain.toml"]
@@ -28,7 +29,7 @@ def git(project, *words):
 
 def description():
     """The processor, e.g. `AMD EPYC 9R14 (2 cores, AVX-512)`."""
-    text = open("/proc/cpuinfo").read()
+    text = Path("/proc/cpuinfo").read_text()
     model = re.search(r"^model name\s*:\s*(.*)$", text, re.MULTILINE)
     vectors = "AVX-512" if "avx512f" in text else "AVX2" if "avx2" in text else "no AVX2"
     name = model.group(1).strip() if model else "unknown processor"
@@ -49,7 +50,7 @@ def busy_fraction(seconds=3):
     """The share of the processor that is in use."""
 
     def times():
-        values = [int(value) for value in open("/proc/stat").readline().split()[1:]]
+        values = [int(value) for value in Path("/proc/stat").read_text().splitlines()[0].split()[1:]]
         return sum(values), values[3] + values[4]
 
     total, idle = times()

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from bench_output import mean, scores, sizes, summary
-from commands import ABLATIONS, CATEGORIES, DEPARTURES, FRAME_SIZES, PROMPTS, RULES, SAM2_DEPARTURES, SEGMENTERS
+from commands import ABLATIONS, CATEGORIES, COMMANDS, DEPARTURES, FRAME_SIZES, PROMPTS, RULES, SAM2_DEPARTURES, SEGMENTERS
 
 SCENE_NAMES = ("dev-a", "dev-b", "kitchen-dev")
 COLUMNS = ("k=1", "k=5", "k=10", "k=15", "VSQ", "STQ", "AQ", "SQ")
@@ -45,10 +45,15 @@ MEMORIES = (
 )
 
 
+def memories_of(segmenter, folders):
+    """The rows of MEMORIES that were measured with a segmenter."""
+    return [row for row in MEMORIES if f"{row[1]}-{segmenter}" in folders]
+
+
 def memory_table(folders):
     rows = []
     for segmenter in SEGMENTERS:
-        for label, command, method in MEMORIES:
+        for label, command, method in memories_of(segmenter, folders):
             folder = folders[f"{command}-{segmenter}"]
             cells = [scores(folder, scene)[method] for scene in SCENE_NAMES] + [scores(folder, None, "strict")[method]]
             texts = [
@@ -62,7 +67,7 @@ def methods_table(protocol):
     def render(folders):
         rows = []
         for segmenter in SEGMENTERS:
-            for label, command, method in MEMORIES:
+            for label, command, method in memories_of(segmenter, folders):
                 cells = scores(folders[f"{command}-{segmenter}"], None, protocol)[method]
                 rows.append(full_row(f"{NET_NAMES[segmenter]}: {label}", cells))
         return markdown([f"protocol `{protocol}`", *COLUMNS], rows)
@@ -215,13 +220,13 @@ def frame_sizes_table(folders):
     return markdown(["frames", *FRAME_SIZES], [["peak memory, MB", *(number(run["peak_memory_mb"], 0) for run in runs)]])
 
 
-_SCORES = [f"{kind}-{segmenter}" for segmenter in SEGMENTERS for kind in ("methods", "features", "paper")]
+_SCORES = [name for name in COMMANDS if name.split("-")[0] in ("methods", "features", "paper")]
 TABLES = {
     "memory": Table(_SCORES, memory_table),
     "methods-paper": Table(_SCORES, methods_table("paper"), False, "the commands of the first table"),
     "methods-strict": Table(_SCORES, methods_table("strict"), False, "the commands of the first table"),
     "sizes": Table([f"methods-{name}" for name in SEGMENTERS], size_table, False, "the commands of the first table"),
-    "rules": Table([f"rules-{name}" for name in SEGMENTERS], changes_table("rules", RULES)),
+    "rules": Table(["rules-net", "rules-graph"], changes_table("rules", RULES, segmenters=("net", "graph"))),
     "departures": Table([f"departures-{name}" for name in ("net", "oracle")], departures_table),
     "sam2-departures": Table(
         ["sam2-departures"], changes_table("sam2-departures", SAM2_DEPARTURES, "sam2-splat", (None,))
