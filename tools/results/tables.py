@@ -4,7 +4,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from bench_output import mean, scores, sizes, summary
-from commands import ABLATIONS, CATEGORIES, COMMANDS, DEPARTURES, FRAME_SIZES, PROMPTS, RULES, SAM2_DEPARTURES, SEGMENTERS
+from commands import (
+    ABLATIONS,
+    CATEGORIES,
+    COMMANDS,
+    DEPARTURES,
+    FRAME_SIZES,
+    PROMPTS,
+    RULES,
+    SAM2_DEPARTURES,
+    SEGMENTERS,
+)
 
 SCENE_NAMES = ("dev-a", "dev-b", "kitchen-dev")
 COLUMNS = ("k=1", "k=5", "k=10", "k=15", "VSQ", "STQ", "AQ", "SQ")

@@ -38,8 +38,16 @@ fn standins(shared: &Path, folder: &Path, frames: usize) -> PathBuf {
 }
 
 /// Small networks, so that a frame takes no minute.
-const SMALL: [&str; 6] =
-    ["--set", "fastsam.image_size=320", "--set", "fastsam.max_det=8", "--set", "memory.num_codes=64"];
+const SMALL: [&str; 8] = [
+    "--set",
+    "fastsam.image_size=320",
+    "--set",
+    "fastsam.max_det=8",
+    "--set",
+    "memory.num_codes=64",
+    "--set",
+    "memory.num_steps=1",
+];
 
 /// Copies small checkpoints of FastSAM, and of SAM 2.1 if asked for, to a folder under other names.
 fn weights(shared: &Path, folder: &Path, with_sam2: bool) {
@@ -99,6 +107,7 @@ fn every_row_that_the_inputs_allow_is_measured() {
     assert!(tables.contains("| SQ | AP | AP50 | AP25 | frames/s |"), "{tables}");
 
     weights(&shared, &networks, true);
+    let arguments = [&arguments[..], &["--set", "sam2.image_size=128"]].concat();
     let ended = bench_paper(&out, &arguments);
     assert_eq!(ended.code, 0, "{}", ended.err);
     let text = fs::read_to_string(out.join("paper.md")).unwrap();
