@@ -75,7 +75,6 @@ SAM2_DEPARTURES = {
 ABLATIONS = {
     "memory.feature_dim": "1,4,7,14,28",
     "memory.num_steps": "0,1,5,20,50",
-    "memory.confidence_decay": "0,0.1,0.3",
 }
 
 
@@ -92,13 +91,12 @@ COMMANDS = {}
 for _name, _segmenter in SEGMENTERS.items():
     COMMANDS[f"methods-{_name}"] = Command(f"bench {SCENES} --methods fastsam,fastspam,fastsam-splat {_segmenter}")
     COMMANDS[f"features-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {FEATURES} {_segmenter}")
-    if _name != "oracle":
-        COMMANDS[f"rules-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {_segmenter} {varied(RULES)}")
     if _name != "graph":
         COMMANDS[f"paper-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {PAPER} {_segmenter}")
         COMMANDS[f"departures-{_name}"] = Command(
             f"bench {SCENES} --methods fastsam-splat {FEATURES} {_segmenter} {varied(DEPARTURES)}"
         )
+COMMANDS["rules"] = Command(f"bench {SCENES} --methods fastsam-splat {SEGMENTERS['net']} {varied(RULES)}")
 for _name, _prompts in PROMPTS.items():
     COMMANDS[f"sam2-{_name}"] = Command(f"{SIM_TRACKER} --methods sam2,sam2-splat --seeds 2 {_prompts}")
     COMMANDS[f"sam2-{_name}-features"] = Command(f"{SIM_TRACKER} --methods sam2-splat {FEATURES} --seeds 2 {_prompts}")

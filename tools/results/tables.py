@@ -91,8 +91,11 @@ def size_table(folders):
     for segmenter in SEGMENTERS:
         table = sizes(folders[f"methods-{segmenter}"])
         for method in ("fastsam", "fastsam-splat"):
-            cells = [next(row for (name, size), row in table.items() if (name, size.split()[0]) == (method, wanted.split()[0])) for wanted in classes]
-            texts = [f"{number(mean(cell['AQ']))}; {number(mean(cell['ids per object']))}; {number(mean(cell['main id']), 0)}" for cell in cells]
+            cells = [table[method, wanted] for wanted in classes]
+            texts = [
+                f"{number(mean(cell['AQ']))}; {number(mean(cell['ids per object']))}; {number(mean(cell['main id']), 0)}"
+                for cell in cells
+            ]
             rows.append([f"{NET_NAMES[segmenter]}: {method}", *texts])
     return markdown(["AQ; ids per object; main id", *classes], rows)
 
@@ -101,20 +104,19 @@ def change(cells, base, column):
     return f"{mean(cells[column]) - mean(base[column]):+.1f}"
 
 
-def changes_table(prefix, settings, method="fastsam-splat", segmenters=tuple(SEGMENTERS)):
+def changes_table(command, settings, method="fastsam-splat"):
     """Every changed setting against the first row, over all scenes."""
 
     def render(folders):
-        rows = []
-        tables = {name: scores(folders[prefix if name is None else f"{prefix}-{name}"], None) for name in segmenters}
+        table = scores(folders[command], None)
         labels = [f"{setting}={value}" for setting, values in settings.items() for value in values.split(",")]
-        for label in labels[1:]:
-            row = [f"`{label}`"]
-            for table in tables.values():
-                base, cells = table[f"{method} {labels[0]}"], table[f"{method} {label}"]
-                row.append(" / ".join(change(cells, base, column) for column in ("VSQ", "STQ", "k=1")))
-            rows.append(row)
-        return markdown(["change of VSQ / STQ / k = 1", *(NET_NAMES.get(name, "all") for name in segmenters)], rows)
+        base = table[f"{method} {labels[0]}"]
+        columns = ("VSQ", "STQ", "k=1")
+        rows = [
+            [f"`{label}`", *(change(table[f"{method} {label}"], base, column) for column in columns)]
+            for label in labels[1:]
+        ]
+        return markdown(["change of", *columns], rows)
 
     return render
 
@@ -186,7 +188,7 @@ def map_table(folders):
 
 def stages_table(folders):
     run = summary(folders["map"])
-    rows = [[stage, number(ms)] for stage, ms in run["stage_ms"].items()]
+    rows = [[stage, number(ms)] for stage, ms in run["stage_ms"].items() if ms > 0.05]
     return markdown(["stage", "ms per frame"], rows)
 
 
@@ -236,10 +238,10 @@ TABLES = {
     "methods-paper": Table(_SCORES, methods_table("paper"), False, "the commands of the first table"),
     "methods-strict": Table(_SCORES, methods_table("strict"), False, "the commands of the first table"),
     "sizes": Table([f"methods-{name}" for name in SEGMENTERS], size_table, False, "the commands of the first table"),
-    "rules": Table(["rules-net", "rules-graph"], changes_table("rules", RULES, segmenters=("net", "graph"))),
+    "rules": Table(["rules"], changes_table("rules", RULES)),
     "departures": Table([f"departures-{name}" for name in ("net", "oracle")], departures_table),
     "sam2-departures": Table(
-        ["sam2-departures"], changes_table("sam2-departures", SAM2_DEPARTURES, "sam2-splat", (None,))
+        ["sam2-departures"], changes_table("sam2-departures", SAM2_DEPARTURES, "sam2-splat")
     ),
     "sam2": Table([f"sam2-{prompts}{kind}" for prompts in PROMPTS for kind in ("", "-features")], sam2_table),
     "reprompts": Table([f"reprompts-{name}" for name in ("none", *CATEGORIES)] + ["sam2-detections"], reprompts_table),
