@@ -84,7 +84,7 @@ settings! {
         /// What the confidence ‖f‖ of a remembered segment loses in a frame that does not confirm it (C_conf).
         confidence_decay: f32 = 0.1, Allowed::between(0.0, 1.0), only "memory.kind = features";
         /// Whether the part of a matched segment that its prediction leaves out stays and fades as an unmatched segment
-        /// does; otherwise it is no segment. The paper: false.
+        /// does; otherwise it is dropped. The paper: false.
         fade_matched: bool = true, Allowed::Switch, only "memory.kind = features";
         /// Whether a pixel that no prediction covers and whose feature shows no segment loses `confidence_decay`;
         /// otherwise it loses all of its confidence. The paper: true.

@@ -169,7 +169,7 @@ fn folder_of_video(path: &Path, choice: &PredictionChoice<'_>) -> Result<PathBuf
 }
 
 impl Prediction {
-    /// That there is nothing.
+    /// A frame without any prediction.
     fn empty(fit: &Fit) -> Self {
         Self::Map(SegmentMap::filled(fit.framed.0, fit.framed.1, 0))
     }

@@ -96,7 +96,7 @@ mod tests {
         assert_eq!(
             filled(&picture, 5),
             ["######", "#o#oo#", "##o###", "######", "#ooooo"],
-            "the border is no exception"
+            "holes at the border are filled too"
         );
         assert_eq!(filled(&picture, 0), picture);
     }

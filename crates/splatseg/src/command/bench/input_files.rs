@@ -181,7 +181,7 @@ fn scene_files(scene: &Path) -> Vec<PathBuf> {
 }
 
 /// The files of one video in a split's folder of MVPd, where depth and labels have folders of their own and annotations are
-/// those of all videos; `None` if it is no such folder.
+/// those of all videos; `None` if the folder has another layout.
 fn mvpd_video_files(split: &Path, video: &str) -> Option<Vec<PathBuf>> {
     if !split.join("imagesRGB").is_dir() {
         return None;
