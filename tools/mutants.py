@@ -15,6 +15,7 @@ python tools/mutants.py memory --work /tmp/mutants --file growth.rs --file remov
 
 import argparse
 import collections
+import concurrent.futures
 import json
 import os
 import re
@@ -199,7 +200,7 @@ def has_let(node) -> bool:
 def write_mutants(copy: Path, crate: str, mutants: list[dict], unviable: set[int]) -> set[int]:
     """Writes the mutants into the copy; returns those that could be."""
     placed: set[int] = set()
-    by_file = collections.defaultdict(list)
+    by_file = collections.defaultdict(list, {f"crates/{crate}/src/lib.rs": []})
     for mutant in mutants:
         by_file[mutant["file"]].append(mutant)
     for file, in_file in by_file.items():
@@ -264,13 +265,16 @@ def main() -> None:
     parser.add_argument("crate", help="its folder in crates/")
     parser.add_argument("--work", type=Path, required=True, help="folder for the copy and the results")
     parser.add_argument("--file", action="append", default=[], help="only files whose paths contain this")
-    parser.add_argument("--minutes", type=float, default=600.0, help="stop after this; the next run goes on there")
+    parser.add_argument("--minutes", type=float, default=600.0, help="stop after this; the next run goes on, with those missed, too")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="mutants that run at the same time")
     arguments = parser.parse_args()
     root = Path(__file__).resolve().parent.parent
     copy, folder = arguments.work / "copy", arguments.work / "copy/crates" / arguments.crate
     arguments.work.mkdir(parents=True, exist_ok=True)
     if not copy.exists():
         subprocess.run(["git", "clone", "--quiet", root, copy], check=True)
+    subprocess.run(["git", "-C", copy, "fetch", "--quiet", root, "HEAD"], check=True)
+    subprocess.run(["git", "-C", copy, "reset", "--quiet", "--hard", "FETCH_HEAD"], check=True)
     listing = ["cargo", "mutants", "--list", "--json", "-p", f"splatseg-{arguments.crate}"]
     mutants = json.loads(subprocess.check_output(listing, cwd=root))
     for number, mutant in enumerate(mutants, 1):
@@ -287,21 +291,28 @@ def main() -> None:
         reached[program] = {int(line) for line in cover.read_text().split()} if cover.exists() else set()
     results_file = arguments.work / f"{arguments.crate}.json"
     results = json.loads(results_file.read_text()) if results_file.exists() else {}
+    chosen = [mutant for mutant in mutants if results.get(mutant["name"], "missed") == "missed"]
+    if arguments.file:
+        chosen = [mutant for mutant in chosen if any(part in mutant["file"] for part in arguments.file)]
     end = time.monotonic() + 60 * arguments.minutes
-    for mutant in mutants:
-        name, number = mutant["name"], mutant["id"]
-        if arguments.file and not any(part in mutant["file"] for part in arguments.file):
-            continue
-        if name in results or time.monotonic() > end:
-            continue
-        outcome = "unviable" if number in unviable else "missed" if number in placed else "not placed"
-        for program in sorted((p for p in programs if number in reached[p]), key=usual.get) if number in placed else []:
-            found, _ = run(program, folder, {"MUTANT": str(number)}, max(20.0, 5 * usual[program]))
+
+    def outcome_of(mutant: dict) -> str | None:
+        number = mutant["id"]
+        if time.monotonic() > end:
+            return None
+        if number not in placed:
+            return "unviable" if number in unviable else "not placed"
+        for program in sorted((p for p in programs if number in reached[p]), key=usual.get):
+            found, _ = run(program, folder, {"MUTANT": str(number)}, max(10.0, 5 * usual[program]))
             if found != "passed":
-                outcome = found
-                break
-        results[name] = outcome
-        results_file.write_text(json.dumps(results, indent=1))
+                return found
+        return "missed"
+
+    with concurrent.futures.ThreadPoolExecutor(arguments.jobs) as pool:
+        for mutant, outcome in zip(chosen, pool.map(outcome_of, chosen), strict=True):
+            if outcome:
+                results[mutant["name"]] = outcome
+                results_file.write_text(json.dumps(results, indent=1))
     for name, outcome in results.items():
         if outcome in ("missed", "not placed"):
             print(f"{outcome}: {name}")
