@@ -63,6 +63,7 @@ DEPARTURES = {
     "memory.fade_matched": "false",
     "memory.fade_undecoded": "true",
     "memory.active_tolerance": "-1",
+    "memory.direction_learning_rate": "0.5",
     "memory.learning_min_weight": "0",
     "memory.learn_new": "true",
 }
@@ -70,12 +71,15 @@ DEPARTURES = {
 SAM2_DEPARTURES = {
     "reprompt.remove_tracks": "true,false",
     "reprompt.count_negative_clicks": "true",
+    "memory.direction_learning_rate": "0.5",
 }
-# Settings of the paper that others have looked at.
+# The paper's ablations, with the paper's learning rate.
 ABLATIONS = {
     "memory.feature_dim": "1,4,7,14,28",
     "memory.num_steps": "0,1,5,20,50",
 }
+# How fast the paper's memory learns.
+LEARNING_RATES = {"memory.direction_learning_rate": "0.01,0.003,0.1,0.5"}
 
 
 def varied(settings):
@@ -111,7 +115,15 @@ COMMANDS["sam2-departures"] = Command(
     f"{SIM_TRACKER} --methods sam2-splat --seeds 2 {FEATURES} {SEGMENTERS['oracle']} {varied(SAM2_DEPARTURES)}"
 )
 COMMANDS["ablations"] = Command(
-    f"bench {SCENES} --methods fastsam-splat {FEATURES} {SEGMENTERS['oracle']} {varied(ABLATIONS)}"
+    f"bench {SCENES} --methods fastsam-splat {FEATURES} --set memory.direction_learning_rate=0.5 {SEGMENTERS['oracle']}"
+    f" {varied(ABLATIONS)}"
+)
+for _name in ("net", "oracle"):
+    COMMANDS[f"rates-{_name}"] = Command(
+        f"bench {SCENES} --methods fastsam-splat {FEATURES} {SEGMENTERS[_name]} {varied(LEARNING_RATES)}"
+    )
+COMMANDS["rates-tracker"] = Command(
+    f"{SIM_TRACKER} --methods sam2-splat {FEATURES} --seeds 2 {SEGMENTERS['oracle']} {varied(LEARNING_RATES)}"
 )
 
 REDKITCHEN = "run redkitchen --resize 320x240 --crop-border 5"

@@ -10,6 +10,7 @@ from commands import (
     COMMANDS,
     DEPARTURES,
     FRAME_SIZES,
+    LEARNING_RATES,
     PROMPTS,
     RULES,
     SAM2_DEPARTURES,
@@ -172,6 +173,18 @@ def ablations_table(folders):
     return markdown(["", *COLUMNS], rows)
 
 
+RATE_RUNS = {"net": "fastsam-splat", "oracle": "fastsam-splat", "tracker": "sam2-splat"}
+
+
+def rates_table(folders):
+    (setting, values), *_ = LEARNING_RATES.items()
+    rows = []
+    for value in sorted(values.split(","), key=float):
+        cells = [scores(folders[f"rates-{run}"], None)[f"{method} {setting}={value}"] for run, method in RATE_RUNS.items()]
+        rows.append([f"`{setting}={value}`", *(f"{number(mean(c['VSQ']))} / {number(mean(c['STQ']))}" for c in cells)])
+    return markdown(["VSQ / STQ", "net", "oracle", "simulated tracker, detections"], rows)
+
+
 def map_table(folders):
     columns = [summary(folders[name]) for name in ("map-paper", "map-features", "map", "map-again")]
     lines = (
@@ -247,6 +260,7 @@ TABLES = {
     "reprompts": Table([f"reprompts-{name}" for name in ("none", *CATEGORIES)] + ["sam2-detections"], reprompts_table),
     "clicks": Table([f"clicks-{prompts}" for prompts in PROMPTS], clicks_table),
     "ablations": Table(["ablations"], ablations_table),
+    "rates": Table([f"rates-{run}" for run in RATE_RUNS], rates_table),
     "map": Table(["map-paper", "map-features", "map", "map-again"], map_table),
     "stages": Table(["map"], stages_table),
     "growth": Table(["dense", "dense-tenth", "static"], growth_table),

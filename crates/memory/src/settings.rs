@@ -95,10 +95,12 @@ settings! {
         magnitude_weight: f32 = 50.0, Allowed::between(0.0, 1e6), only "memory.kind = features";
         /// Weight of the direction term, 1 − cos(F̂, F) (λ_dir).
         direction_weight: f32 = 1.0, Allowed::between(0.0, 1e6), only "memory.kind = features";
-        /// Step size: each Gaussian's step is this fraction of the gradient divided by the curvature, along its feature
-        /// (magnitude) and across (direction). So it is safe at every distance, and an id turns well within 20 steps.
-        /// Not in the paper.
+        /// Step size along a feature, which is confidence: a fraction of the gradient divided by the curvature, so that it
+        /// is safe at every distance. The paper gives no value.
         learning_rate: f32 = 0.5, Allowed::between(0.0, 1.0), only "memory.kind = features";
+        /// The same across it, where it turns towards another id. With 0.5 an id turns within the 20 steps of a frame, as
+        /// the paper says; with 0.01 that takes two or three frames, so one wrong mask does little harm.
+        direction_learning_rate: f32 = 0.01, Allowed::between(0.0, 1.0), only "memory.kind = features";
         /// A pixel is learnt only where the memory shows another segment than the target, where the confidences differ
         /// by more than this, where the directions differ (`active_min_cosine`), or within `active_margin` of such a
         /// pixel. Must be below `confidence_decay`, or fading is never learnt. Negative: every pixel. Not in the paper.

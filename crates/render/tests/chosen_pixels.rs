@@ -29,7 +29,8 @@ fn place(column: usize, row: usize) -> (usize, u8) {
 #[test]
 fn a_pixel_set_holds_what_was_inserted() {
     let (mut thirds, mut low) = (PixelSet::default(), PixelSet::default());
-    assert!(thirds.is_empty() && thirds.len() == 0);
+    assert!(thirds.is_empty());
+    assert_eq!(thirds.len(), 0);
     for pixel in (0..=255u8).step_by(3) {
         thirds.insert(pixel);
     }

@@ -96,16 +96,17 @@ impl Learning<'_> {
     /// each pixel. Pixels that are not learnt resist with theirs, as if they had full confidence.
     fn step_one(&self, weight_sum: f32, gradient: &[f32], feature: &mut [f32]) {
         let feature_dim = self.codebook.feature_dim();
-        let step_over = |curvature: f32| if curvature > 0.0 { self.settings.learning_rate / curvature } else { 0.0 };
+        let step_over = |curvature: f32, rate: f32| if curvature > 0.0 { rate / curvature } else { 0.0 };
         let curvature_along = 2.0 * self.settings.magnitude_weight * weight_sum;
-        let along = step_over(curvature_along);
+        let along = step_over(curvature_along, self.settings.learning_rate);
         let (gradient, curvature) = gradient.split_at(feature_dim);
         let square = dot(&feature[..feature_dim], &feature[..feature_dim]);
         let (across, projection) = match curvature.first() {
             Some(curvature) if square > 1e-12 => {
                 // Where no pixel has a direction to learn, the gradient across is rounding error, and so is its curvature.
                 let curvature = curvature + self.settings.direction_weight * weight_sum;
-                let across = step_over(curvature.max(MIN_CURVATURE_ACROSS * curvature_along));
+                let curvature = curvature.max(MIN_CURVATURE_ACROSS * curvature_along);
+                let across = step_over(curvature, self.settings.direction_learning_rate);
                 (across, dot(gradient, &feature[..feature_dim]) / square)
             }
             _ => (along, 0.0),
@@ -300,7 +301,8 @@ mod tests {
     fn descent(back: f32, rate: f32) -> (Vec<f64>, f32) {
         let settings = MemorySettings::default().with(|settings| {
             (settings.kind, settings.feature_dim, settings.num_codes) = (MemoryKind::Features, 14, 16);
-            (settings.learning_rate, settings.active_tolerance) = (rate, -1.0);
+            (settings.learning_rate, settings.direction_learning_rate) = (rate, rate);
+            settings.active_tolerance = -1.0;
         });
         let mut memory = SplatMemory::new(settings.clone(), 0, &mut |_| {}).unwrap();
         (0..4).for_each(|_| _ = memory.new_segment().unwrap());
@@ -352,7 +354,7 @@ mod tests {
     fn ids_turn_within_a_frame_and_the_loss_falls_with_every_step_near_or_far() {
         // From 0.4 m a Gaussian covers 25 pixels and more; from 20 m, a pixel shows 100.
         for back in [-1.6, -1.0, 0.0, 2.0, 6.0, 18.0] {
-            let (losses, right) = descent(back, MemorySettings::default().learning_rate);
+            let (losses, right) = descent(back, 0.5);
             assert!(losses.windows(2).all(|pair| pair[1] < pair[0]), "{back} m: {losses:?}");
             // The rest is where segments meet, and blends of both.
             assert!(right > 0.9, "{back} m: {right} of the pixels have turned, {losses:?}");
