@@ -20,6 +20,7 @@ import json
 import os
 import re
 import subprocess
+import threading
 import time
 from pathlib import Path
 
@@ -249,15 +250,26 @@ def build(copy: Path, crate: str, mutants: list[dict]) -> tuple[set[int], set[in
 
 
 def run(program: str, folder: Path, variables: dict, limit: float) -> tuple[str, float]:
+    """Runs the tests of a program up to the first that fails; returns what came of it, and the seconds."""
     start = time.monotonic()
     environment = os.environ | {"PROPTEST_DISABLE_FAILURE_PERSISTENCE": "1"} | variables
-    command = ["prlimit", "--as=8000000000", program, "-q"]
-    try:
-        done = subprocess.run(command, check=False, cwd=folder, env=environment, capture_output=True, timeout=limit)
-        outcome = "passed" if done.returncode == 0 else "caught"
-    except subprocess.TimeoutExpired:
-        outcome = "timeout"
-    return outcome, time.monotonic() - start
+    command = ["prlimit", "--as=8000000000", program]
+    process = subprocess.Popen(
+        command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    timer = threading.Timer(limit, process.kill)
+    timer.start()
+    has_failed = any(line.endswith("... FAILED\n") for line in process.stdout)
+    if has_failed:
+        process.kill()
+    code = process.wait()
+    seconds = time.monotonic() - start
+    timer.cancel()
+    if has_failed:
+        return "caught", seconds
+    if seconds >= limit:
+        return "timeout", seconds
+    return "passed" if code == 0 else "caught", seconds
 
 
 def main() -> None:
@@ -279,6 +291,8 @@ def main() -> None:
     mutants = json.loads(subprocess.check_output(listing, cwd=root))
     for number, mutant in enumerate(mutants, 1):
         mutant["id"] = number
+    if arguments.file:
+        mutants = [mutant for mutant in mutants if any(part in mutant["file"] for part in arguments.file)]
     placed, unviable, programs = build(copy, arguments.crate, mutants)
     usual, reached = {}, {}
     for program in programs:
@@ -286,14 +300,13 @@ def main() -> None:
         if outcome != "passed":
             raise SystemExit(f"{program}: {outcome} without any mutant")
         cover = arguments.work / f"reached-{Path(program).name}"
-        cover.unlink(missing_ok=True)
-        run(program, folder, {"MUTANT": "cover", "MUTANT_COVER": str(cover.resolve())}, 1800)
+        if not cover.exists() or cover.stat().st_mtime < Path(program).stat().st_mtime:
+            cover.unlink(missing_ok=True)
+            run(program, folder, {"MUTANT": "cover", "MUTANT_COVER": str(cover.resolve())}, 1800)
         reached[program] = {int(line) for line in cover.read_text().split()} if cover.exists() else set()
     results_file = arguments.work / f"{arguments.crate}.json"
     results = json.loads(results_file.read_text()) if results_file.exists() else {}
     chosen = [mutant for mutant in mutants if results.get(mutant["name"], "missed") == "missed"]
-    if arguments.file:
-        chosen = [mutant for mutant in chosen if any(part in mutant["file"] for part in arguments.file)]
     end = time.monotonic() + 60 * arguments.minutes
 
     def outcome_of(mutant: dict) -> str | None:

@@ -99,6 +99,7 @@ fn a_new_ball_reaches_the_pixels_where_its_alpha_is_large_enough() {
     // 5.04 pixels, and to 1/255 at 3.33 deviations, 10.8 pixels.
     let ball = ([0.25, -0.25, 2.0], 0.2);
     assert_eq!(reached(ball, 0.3, f32::INFINITY), ((19..=29).collect(), (9..=19).collect()));
+    assert_eq!(reached(ball, 1.0, f32::INFINITY), (vec![24], vec![14]));
     assert_eq!(reached(ball, 1.0 / 255.0, f32::INFINITY), ((14..=34).collect(), (4..=24).collect()));
 }
 
