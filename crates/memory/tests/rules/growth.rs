@@ -1,6 +1,6 @@
 //! Where the map grows and where it does not.
 
-use crate::run::{Run, evidence, features};
+use crate::run::{Run, agreement, evidence, features};
 use crate::scene::{SIZE, Scene, Solid, WALL, pose};
 use glam::Vec3;
 use splatseg_memory::GrowthRule;
@@ -108,4 +108,42 @@ fn the_papers_rule_adds_where_depths_differ_in_either_direction() {
     for far in [-0.16, 0.16, 1.0] {
         assert_eq!(grown(&moved(far)), pixels, "{far} m: in front and behind");
     }
+}
+
+/// Gaussians that two equal views of the wall add by the paper's rule.
+fn grown_by_paper(growth_silhouette: f32, depth_disparity: f32) -> [usize; 2] {
+    let mut run = Run::new(features().with(|settings| {
+        (settings.growth_silhouette, settings.depth_disparity) = (growth_silhouette, depth_disparity);
+    }));
+    let shot = Scene::wall().seen_from_origin();
+    [run.show(&shot).update.grown, run.show(&shot).update.grown]
+}
+
+#[test]
+fn the_papers_rule_adds_where_too_little_covers_whatever_the_depth() {
+    let pixels = SIZE.0 * SIZE.1;
+    // No disparity is that large, so coverage alone decides. Nothing is below 0, everything below 1.
+    assert_eq!(grown_by_paper(0.0, 1000.0), [0, 0]);
+    assert_eq!(grown_by_paper(0.5, 1000.0), [pixels, 0]);
+    assert_eq!(grown_by_paper(1.0, 1000.0), [pixels, pixels]);
+}
+
+#[test]
+fn the_papers_rule_adds_where_depths_differ_by_more_than_the_disparity_whatever_covers() {
+    let shot = Scene::wall().seen_from_origin();
+    let farthest = shot.frame().depth().pixels().iter().copied().fold(0.0, f32::max);
+    let pixels = SIZE.0 * SIZE.1;
+    // An empty map has depth 0.
+    assert_eq!(grown_by_paper(0.0, farthest), [0, 0]);
+    assert_eq!(grown_by_paper(0.0, 0.9 * farthest), [pixels, 0]);
+}
+
+#[test]
+fn gaussians_of_the_papers_rule_show_the_segments_of_their_pixels_at_once() {
+    let shot = Scene::boxes().seen_from_origin();
+    let mut run = Run::new(features().with(|settings| settings.num_steps = 0));
+    run.show(&shot);
+    let shown = agreement(&run.expected(&shot), &shot.truth);
+    // The rest is at borders, where Gaussians of both sides overlap.
+    assert!(shown > 0.9, "{shown}");
 }
