@@ -3,10 +3,10 @@
 
 mod watched;
 
-use splatseg_memory::{MemoryKind, MemorySettings};
+use splatseg_memory::MemoryKind;
 use splatseg_simulators::SimTrackerSettings;
 use splatseg_tracking::{Method, RepromptSettings, TrackErrorCounts};
-use watched::{ROOM, Seen, baseline, memory, splat, tracker, watch};
+use watched::{ROOM, Seen, baseline, splat, tracker, watch};
 
 /// Settings that look for no errors.
 fn off() -> RepromptSettings {
@@ -21,23 +21,22 @@ fn off() -> RepromptSettings {
 const KINDS: [MemoryKind; 2] = [MemoryKind::Evidence, MemoryKind::Features];
 
 /// Runs a method that looks for some errors, with a tracker that makes errors, over the room.
-fn seen(errors: SimTrackerSettings, memory: MemorySettings, reprompt: RepromptSettings) -> Seen {
+fn seen(errors: SimTrackerSettings, kind: MemoryKind, reprompt: RepromptSettings) -> Seen {
     let tracker = tracker(errors);
-    let mut method = splat(tracker.clone(), memory, reprompt);
+    let mut method = splat(tracker.clone(), kind, reprompt);
     watch(&ROOM, &tracker, &mut method, 0.6)
 }
 
 /// Asserts that errors are corrected within two frames if they are looked for, and remain if not. `of_kind` counts
 /// them.
 fn assert_repaired(
-    memory: MemorySettings,
+    kind: MemoryKind,
     errors: SimTrackerSettings,
     on: RepromptSettings,
     of_kind: impl Fn(TrackErrorCounts) -> usize,
 ) {
-    let kind = memory.kind;
-    let repaired = seen(errors, memory.clone(), on);
-    let left = seen(errors, memory, off());
+    let repaired = seen(errors, kind, on);
+    let left = seen(errors, kind, off());
     assert_eq!(left.found, TrackErrorCounts::default(), "{kind:?}");
     assert!(left.wrong > 20, "{kind:?}: the tracker makes errors, in {} frames", left.wrong);
     assert!(of_kind(repaired.found) >= 2, "{kind:?}: {:?}", repaired.found);
@@ -52,9 +51,7 @@ fn lost_tracks_are_found_again() {
         settings.lasting_loss_fraction = 1.0;
     });
     for kind in KINDS {
-        assert_repaired(memory(kind), errors, off().with(|settings| settings.not_tracked = true), |found| {
-            found.not_tracked
-        });
+        assert_repaired(kind, errors, off().with(|settings| settings.not_tracked = true), |found| found.not_tracked);
     }
 }
 
@@ -62,7 +59,7 @@ fn lost_tracks_are_found_again() {
 fn swapped_tracks_are_swapped_back() {
     let errors = SimTrackerSettings::PERFECT.with(|settings| settings.swap_rate = 0.02);
     for kind in KINDS {
-        assert_repaired(memory(kind), errors, off().with(|settings| settings.incorrect_track = true), |found| {
+        assert_repaired(kind, errors, off().with(|settings| settings.incorrect_track = true), |found| {
             found.incorrect_track
         });
     }
@@ -72,31 +69,30 @@ fn swapped_tracks_are_swapped_back() {
 fn duplicates_are_sent_back_to_their_objects() {
     let errors = SimTrackerSettings::PERFECT.with(|settings| settings.duplicate_rate = 0.02);
     for kind in KINDS {
-        assert_repaired(memory(kind), errors, off().with(|settings| settings.duplicated_track = true), |found| {
+        assert_repaired(kind, errors, off().with(|settings| settings.duplicated_track = true), |found| {
             found.duplicated_track
         });
     }
 }
 
-fn assert_drift_is_repaired(memory: MemorySettings) {
+fn assert_drift_is_repaired(kind: MemoryKind) {
     let errors = SimTrackerSettings::PERFECT.with(|settings| {
         settings.drift_rate = 0.1;
         settings.drift_px_per_frame = 4.0;
     });
     let on = off().with(|settings| settings.incorrect_track = true);
-    assert_repaired(memory, errors, on, |found| found.incorrect_track);
+    assert_repaired(kind, errors, on, |found| found.incorrect_track);
 }
 
-/// Not at the paper's rate, where features turn within a frame and follow a mask that drifts.
 #[test]
 fn drifting_masks_are_cut_back() {
-    assert_drift_is_repaired(memory(MemoryKind::Features));
+    assert_drift_is_repaired(MemoryKind::Features);
 }
 
 #[test]
 #[ignore = "a drift under the mask of a smaller track is not an error by the rules, and lasts 7 frames"]
 fn drifting_masks_are_cut_back_with_votes() {
-    assert_drift_is_repaired(memory(MemoryKind::Evidence));
+    assert_drift_is_repaired(MemoryKind::Evidence);
 }
 
 #[test]
@@ -104,19 +100,19 @@ fn errors_of_a_category_that_is_off_remain() {
     for kind in KINDS {
         let swaps = SimTrackerSettings::PERFECT.with(|settings| settings.swap_rate = 0.02);
         let others = RepromptSettings::default().with(|settings| settings.incorrect_track = false);
-        assert!(seen(swaps, memory(kind), others).wrong > 50, "{kind:?}");
+        assert!(seen(swaps, kind, others).wrong > 50, "{kind:?}");
         let losses = SimTrackerSettings::PERFECT.with(|settings| {
             settings.loss_rate = 1.0;
             settings.lasting_loss_fraction = 1.0;
         });
         let others = RepromptSettings::default().with(|settings| settings.not_tracked = false);
-        assert!(seen(losses, memory(kind), others).wrong > 50, "{kind:?}");
+        assert!(seen(losses, kind, others).wrong > 50, "{kind:?}");
     }
 }
 
-fn assert_right_tracks_are_left_alone(memory: MemorySettings) {
+fn assert_right_tracks_are_left_alone(kind: MemoryKind) {
     let shared = tracker(SimTrackerSettings::PERFECT);
-    let mut with_memory = splat(shared.clone(), memory, RepromptSettings::default());
+    let mut with_memory = splat(shared.clone(), kind, RepromptSettings::default());
     let watched = watch(&ROOM, &shared, &mut with_memory, 1.0);
     assert_eq!((watched.found, watched.wrong), (TrackErrorCounts::default(), 0));
     let shared = tracker(SimTrackerSettings::PERFECT);
@@ -126,13 +122,13 @@ fn assert_right_tracks_are_left_alone(memory: MemorySettings) {
 
 #[test]
 fn right_tracks_are_left_alone() {
-    assert_right_tracks_are_left_alone(memory(MemoryKind::Features));
+    assert_right_tracks_are_left_alone(MemoryKind::Features);
 }
 
 #[test]
 #[ignore = "in frame 8 a wall is expected on a strip of the floor that comes into view: one right track is prompted"]
 fn right_tracks_are_left_alone_with_votes() {
-    assert_right_tracks_are_left_alone(memory(MemoryKind::Evidence));
+    assert_right_tracks_are_left_alone(MemoryKind::Evidence);
 }
 
 #[test]
@@ -150,7 +146,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let tracker = tracker(errors);
-            let mut method = splat(tracker.clone(), memory(kind), RepromptSettings::default());
+            let mut method = splat(tracker.clone(), kind, RepromptSettings::default());
             let masks = watch(&ROOM[..20], &tracker, &mut method, 0.5).masks;
             let file = tempfile::NamedTempFile::new().unwrap();
             method.memory().unwrap().save(file.path()).unwrap();

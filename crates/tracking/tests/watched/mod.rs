@@ -79,22 +79,17 @@ pub fn baseline(tracker: Shared) -> Sam2Baseline {
     Sam2Baseline::new(Box::new(tracker), settings).unwrap()
 }
 
-/// The memory of the tests: a small codebook is fast to make.
-pub fn memory(kind: MemoryKind) -> MemorySettings {
-    MemorySettings::default().with(|memory| {
-        memory.kind = kind;
-        memory.num_codes = 64;
-        memory.feature_dim = 14;
-    })
-}
-
 /// SAM2-Splat with ground-truth prompts.
-pub fn splat(tracker: Shared, memory: MemorySettings, reprompt: RepromptSettings) -> Sam2Splat {
+pub fn splat(tracker: Shared, kind: MemoryKind, reprompt: RepromptSettings) -> Sam2Splat {
     let settings = Sam2SplatSettings::default().with(|settings| {
         settings.prompts = PromptSource::GroundTruth;
         settings.min_prediction_area = MIN_PROMPTED_AREA;
         settings.reprompt = reprompt.with(|reprompt| reprompt.min_expected_area = MIN_AREA / 2);
-        settings.memory = memory;
+        settings.memory = MemorySettings::default().with(|memory| {
+            memory.kind = kind;
+            memory.num_codes = 64;
+            memory.feature_dim = 14;
+        });
     });
     Sam2Splat::new(Box::new(tracker), settings, 0, &mut |_| {}).unwrap()
 }
