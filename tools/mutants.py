@@ -2,7 +2,7 @@
 
 `cargo mutants` builds the crate once for every mutant. This script takes its list of mutants, writes all of them into one
 copy of the crate, each behind a switch that an environment variable sets, builds the tests once and runs them for each
-mutant: only the test programs that reach it, the fastest first, until one fails.
+mutant: only the tests that reach it, the fastest first, until one fails.
 
 Mutants that this cannot switch (match arms and struct fields that are left out, operators in constants and in macros,
 conditions with `let`) are counted as `not placed`; `cargo mutants -F` runs those.
@@ -16,6 +16,7 @@ python tools/mutants.py memory --work /tmp/mutants --file growth.rs --file remov
 import argparse
 import collections
 import concurrent.futures
+import dataclasses
 import json
 import os
 import re
@@ -30,6 +31,8 @@ import tree_sitter_rust
 COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
 SHORT_CIRCUIT = {"&&", "||"}
 CONSTANT = {"const_item", "static_item", "attribute_item", "macro_invocation", "macro_definition", "array_type"}
+# Seconds below which starting a program for one test alone is not worth it.
+QUICK = 0.2
 SWITCH = """//! Which mutant runs.
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 static ACTIVE: AtomicU32 = AtomicU32::new(u32::MAX);
@@ -47,7 +50,7 @@ fn init() -> u32 {
 }
 #[cold]
 fn cover(id: u32) {
-    if !SEEN[id as usize].swap(true, Relaxed) {
+    if !SEEN[id as usize].load(Relaxed) && !SEEN[id as usize].swap(true, Relaxed) {
         use std::io::Write;
         let path = std::env::var("MUTANT_COVER").unwrap();
         let mut file = std::fs::OpenOptions::new().create(true).append(true).open(path).unwrap();
@@ -249,11 +252,22 @@ def build(copy: Path, crate: str, mutants: list[dict]) -> tuple[set[int], set[in
     return placed, unviable, programs
 
 
-def run(program: str, folder: Path, variables: dict, limit: float) -> tuple[str, float]:
-    """Runs the tests of a program up to the first that fails; returns what came of it, and the seconds."""
+@dataclasses.dataclass
+class Test:
+    """One test: where it is, how long it takes without a mutant, and the mutants that it reaches."""
+
+    program: str
+    name: str
+    seconds: float
+    reached: set[int]
+
+
+def run(program: str, tests: list[str], folder: Path, variables: dict, limit: float) -> tuple[str, float]:
+    """Runs tests of a program up to the first that fails; returns what came of it, and the seconds."""
     start = time.monotonic()
-    environment = os.environ | {"PROPTEST_DISABLE_FAILURE_PERSISTENCE": "1"} | variables
-    command = ["prlimit", "--as=8000000000", program]
+    # What a mutant makes must not stay in the user's cache.
+    environment = os.environ | {"PROPTEST_DISABLE_FAILURE_PERSISTENCE": "1", "SPLATSEG_CACHE": ""} | variables
+    command = ["prlimit", "--as=8000000000", program, "--test-threads=1", "--exact", *tests]
     process = subprocess.Popen(
         command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
@@ -270,6 +284,31 @@ def run(program: str, folder: Path, variables: dict, limit: float) -> tuple[str,
     if seconds >= limit:
         return "timeout", seconds
     return "passed" if code == 0 else "caught", seconds
+
+
+def measured(program: str, name: str, folder: Path, work: Path) -> Test:
+    """Runs a test twice, the second time to see which mutants it reaches."""
+    outcome, seconds = run(program, [name], folder, {}, 900)
+    if outcome != "passed":
+        raise SystemExit(f"{program} {name}: {outcome} without any mutant")
+    cover = (work / f"reached-{Path(program).name}-{name.replace('::', '.')}").resolve()
+    cover.unlink(missing_ok=True)
+    run(program, [name], folder, {"MUTANT": "cover", "MUTANT_COVER": str(cover)}, 1800)
+    reached = {int(line) for line in cover.read_text().split()} if cover.exists() else set()
+    cover.unlink(missing_ok=True)
+    return Test(program, name, seconds, reached)
+
+
+def in_turn(tests: list[Test]) -> list[tuple[str, list[Test]]]:
+    """The order to run tests in: each program's quick ones together, then the slow ones one by one."""
+    quick = collections.defaultdict(list)
+    slow = []
+    for test in sorted(tests, key=lambda test: test.seconds):
+        if test.seconds < QUICK:
+            quick[test.program].append(test)
+        else:
+            slow.append((test.program, [test]))
+    return [*sorted(quick.items(), key=lambda item: sum(test.seconds for test in item[1])), *slow]
 
 
 def main() -> None:
@@ -294,16 +333,12 @@ def main() -> None:
     if arguments.file:
         mutants = [mutant for mutant in mutants if any(part in mutant["file"] for part in arguments.file)]
     placed, unviable, programs = build(copy, arguments.crate, mutants)
-    usual, reached = {}, {}
+    names = []
     for program in programs:
-        outcome, usual[program] = run(program, folder, {}, 900)
-        if outcome != "passed":
-            raise SystemExit(f"{program}: {outcome} without any mutant")
-        cover = arguments.work / f"reached-{Path(program).name}"
-        if not cover.exists() or cover.stat().st_mtime < Path(program).stat().st_mtime:
-            cover.unlink(missing_ok=True)
-            run(program, folder, {"MUTANT": "cover", "MUTANT_COVER": str(cover.resolve())}, 1800)
-        reached[program] = {int(line) for line in cover.read_text().split()} if cover.exists() else set()
+        listed = subprocess.check_output([program, "--list", "--format", "terse"], cwd=folder, text=True)
+        names += [(program, line.removesuffix(": test")) for line in listed.splitlines() if line.endswith(": test")]
+    with concurrent.futures.ThreadPoolExecutor(arguments.jobs) as pool:
+        tests = list(pool.map(lambda of: measured(*of, folder, arguments.work), names))
     results_file = arguments.work / f"{arguments.crate}.json"
     results = json.loads(results_file.read_text()) if results_file.exists() else {}
     chosen = [mutant for mutant in mutants if results.get(mutant["name"], "missed") == "missed"]
@@ -315,8 +350,9 @@ def main() -> None:
             return None
         if number not in placed:
             return "unviable" if number in unviable else "not placed"
-        for program in sorted((p for p in programs if number in reached[p]), key=usual.get):
-            found, _ = run(program, folder, {"MUTANT": str(number)}, max(10.0, 5 * usual[program]))
+        for program, group in in_turn([test for test in tests if number in test.reached]):
+            limit = max(10.0, 5 * sum(test.seconds for test in group))
+            found, _ = run(program, [test.name for test in group], folder, {"MUTANT": str(number)}, limit)
             if found != "passed":
                 return found
         return "missed"

@@ -2,7 +2,8 @@
 
 use crate::run::{Run, evidence};
 use crate::scene::{SIZE, Scene, Shot};
-use splatseg_geometry::SegmentMap;
+use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
+use std::collections::BTreeMap;
 
 /// A wall, with the border of two segments in the middle of the view.
 fn halves() -> (Shot, SegmentMap) {
@@ -43,6 +44,61 @@ fn a_flat_segment_needs_few_gaussians() {
     };
     let pixels = SIZE.0 * SIZE.1;
     assert_eq!([1, 2, 4, 8].map(count), [pixels, pixels / 4, pixels / 16, pixels / 64]);
+}
+
+/// Sides, in pixels, of the Gaussians that a wall needs whose depth is known where `is_known` says so of the column and
+/// row in each block of 4x4 pixels: for each side how many.
+fn sides_of_gaussians(is_known: fn(usize, usize) -> bool) -> BTreeMap<usize, usize> {
+    let mut shot = Scene::wall().seen_from_origin();
+    let depth = shot.depth.clone();
+    shot.depth = Image::from_fn(
+        SIZE.0,
+        SIZE.1,
+        |column, row| {
+            if is_known(column % 4, row % 4) { depth[(column, row)] } else { 0.0 }
+        },
+    );
+    let settings = evidence().with(|settings| settings.growth_spacing = 4);
+    let mut run = Run::new(settings.clone());
+    run.show(&shot);
+    let one_pixel = settings.radius_per_spacing * 3.0 / 80.0;
+    let mut sides = BTreeMap::new();
+    for radius in &run.memory.balls().radii {
+        *sides.entry((radius / one_pixel).round() as usize).or_insert(0) += 1;
+    }
+    sides
+}
+
+#[test]
+fn a_gaussian_stands_for_a_block_of_which_half_is_missing_at_least() {
+    let blocks = SIZE.0 * SIZE.1 / 16;
+    let all = |side, per_block: usize| BTreeMap::from([(side, per_block * blocks)]);
+    assert_eq!(sides_of_gaussians(|column, _| column < 2), all(4, 1), "8 of 16");
+    assert_eq!(sides_of_gaussians(|column, row| column < 2 && (column, row) != (0, 0)), all(2, 2), "7 of 16");
+    assert_eq!(sides_of_gaussians(|column, row| column < 2 && row < 2), all(2, 1), "4 of 16, a quarter");
+    assert_eq!(sides_of_gaussians(|column, row| column == 3 && row == 3), all(1, 1), "1 of 16");
+}
+
+#[test]
+fn a_gaussian_has_the_mean_color_and_place_of_its_block() {
+    let shot = Scene::wall().seen_from_origin();
+    let color = Image::from_fn(SIZE.0, SIZE.1, |column, row| match (column % 2, row % 2) {
+        (0, _) => [10, 100, 200],
+        (_, 0) => [30, 110, 200],
+        _ => [50, 190, 200],
+    });
+    let frame = RgbdFrame::new("0", color, shot.depth.clone(), shot.intrinsics, shot.pose).unwrap();
+    let mut run = Run::new(evidence());
+    run.memory.new_segment().unwrap();
+    let recall = run.memory.recall(&frame);
+    run.memory.update(recall, &shot.truth).unwrap();
+    let colors = run.memory.colors();
+    assert_eq!(colors.len(), SIZE.0 * SIZE.1 / 64);
+    for (mean, color) in run.means().iter().zip(colors) {
+        let column = mean.x / 3.0 * 80.0 + 0.5 * (SIZE.0 - 1) as f32;
+        assert!((column % 8.0 - 3.5).abs() < 1e-3, "in the middle of a block: column {column}");
+        assert_eq!(*color, [25, 125, 200]);
+    }
 }
 
 #[test]

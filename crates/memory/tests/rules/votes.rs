@@ -3,7 +3,7 @@
 use crate::run::{Run, agreement, evidence, recalled};
 use crate::scene::{Scene, Shot};
 use splatseg_geometry::SegmentMap;
-use splatseg_memory::ABSTAIN;
+use splatseg_memory::{ABSTAIN, Votes};
 
 /// Frames after which another id must have won: votes are capped at 4 and a new id gains one per frame, while the old
 /// ones are scaled by 4/5. So the new one has the majority in the fourth frame where a pixel is one Gaussian's alone;
@@ -89,4 +89,15 @@ fn a_prediction_without_a_say_leaves_votes_as_they_are() {
     run.show_as(&shot, &SegmentMap::filled(shot.truth.width(), shot.truth.height(), ABSTAIN));
     assert!(run.memory.segment_ids()[..known] == before);
     assert!(agreement(&run.expected(&shot), &shot.truth) > 0.98);
+}
+
+#[test]
+fn a_full_gaussian_takes_another_segment_only_if_that_is_stronger_than_its_weakest() {
+    let slots = [(1, 0.5), (2, 0.4), (3, 0.3), (4, 0.2)];
+    let after = |votes: f32| {
+        let mut full = Votes::from_slots(slots);
+        full.add(5, votes);
+        full.slots()[3]
+    };
+    assert_eq!([0.1, 0.2, 0.21].map(after), [(4, 0.2), (4, 0.2), (5, 0.21)]);
 }

@@ -1,0 +1,229 @@
+//! The memory of evidence against its definition, pixel by pixel and Gaussian by Gaussian (docs/METHOD.md, "Evidence").
+
+use crate::run::{Run, evidence};
+use crate::scene::{SIZE, Scene, Shot, Solid, pose};
+use glam::Vec3;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_memory::{ABSTAIN, MemorySettings, Recall, SplatContent, SplatFile, Votes};
+use splatseg_render::TileWeights;
+use std::collections::BTreeMap;
+
+/// Ids in the predictions.
+const IDS: SegmentId = 6;
+/// What sums in another order may differ by, and what is too close to call.
+const CLOSE: f32 = 1e-4;
+
+/// A Gaussian as a pixel sees it.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    gaussian: usize,
+    weight: f32,
+    depth: f32,
+}
+
+/// The Gaussians at every pixel, from front to back.
+fn seen_at_pixels(recall: &Recall<'_>) -> Vec<Vec<Seen>> {
+    let mut pixels = vec![Vec::new(); SIZE.0 * SIZE.1];
+    for tile in recall.view().weights().tiles() {
+        let (left, top) = tile.origin();
+        for (column, (gaussian, depth)) in tile.gaussians().iter().zip(tile.depths()).enumerate() {
+            for (pixel, weight) in tile.column(column) {
+                let (row, column) = (usize::from(pixel) / TileWeights::SIDE, usize::from(pixel) % TileWeights::SIDE);
+                let at = (top + row) * SIZE.0 + left + column;
+                pixels[at].push(Seen { gaussian: *gaussian as usize, weight, depth: *depth });
+            }
+        }
+    }
+    pixels
+}
+
+fn votes_of(run: &Run) -> Vec<Votes> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("map.ply");
+    run.memory.save(&path).unwrap();
+    match SplatFile::load(&path).unwrap().content {
+        SplatContent::Evidence { votes } => votes,
+        SplatContent::Features { .. } => panic!("a memory of evidence"),
+    }
+}
+
+/// `E_p(id)` by definition.
+fn evidence_at(seen: &[Seen], observed: f32, votes: &[Votes], settings: &MemorySettings) -> BTreeMap<SegmentId, f32> {
+    let (mut light, mut evidence) = (1.0, BTreeMap::new());
+    for Seen { gaussian, weight, depth } in seen.iter().copied() {
+        let behind = if observed > 0.0 { depth - observed } else { 0.0 };
+        if behind < -settings.depth_tolerance {
+            light -= weight;
+        } else if behind <= settings.depth_tolerance && weight >= settings.min_weight * light {
+            for (id, votes) in votes[gaussian].iter() {
+                *evidence.entry(id).or_insert(0.0) += weight * votes;
+            }
+        }
+    }
+    evidence.values_mut().for_each(|evidence| *evidence /= f32::max(light, 0.05));
+    evidence
+}
+
+/// The id with the most evidence and how much that is, and by how much it leads.
+fn best(evidence: &BTreeMap<SegmentId, f32>) -> (SegmentId, f32, f32) {
+    let mut ordered: Vec<(SegmentId, f32)> = evidence.iter().map(|(id, evidence)| (*id, *evidence)).collect();
+    ordered.sort_by(|one, other| other.1.total_cmp(&one.1));
+    ordered.push((0, 0.0));
+    let lead = ordered[0].1 - ordered.get(1).map_or(0.0, |second| second.1);
+    (ordered[0].0, ordered[0].1, lead)
+}
+
+/// Compares what is expected and what is shown with the definition; returns the pixels that were clear.
+fn check_pixels(run: &Run, recall: &Recall<'_>, seen: &SegmentMap, votes: &[Votes]) -> usize {
+    let settings = run.memory.settings();
+    let (belief, fused) = (recall.expected(), run.memory.fuse(recall, seen).unwrap());
+    let mut clear = 0;
+    for (at, gaussians) in seen_at_pixels(recall).iter().enumerate() {
+        let silhouette: f32 = gaussians.iter().map(|seen| seen.weight).sum();
+        let mut evidence = evidence_at(gaussians, recall.frame().depth().pixels()[at], votes, settings);
+        let (id, most, lead) = best(&evidence);
+        let is_clear = lead > CLOSE && (most - settings.min_evidence).abs() > CLOSE && (silhouette - 0.5).abs() > CLOSE;
+        if is_clear {
+            let is_expected = most > settings.min_evidence && silhouette > 0.5 && id != 0;
+            let expected = if is_expected { (id, most.min(1.0)) } else { (0, 0.0) };
+            assert_eq!(belief.segments.pixels()[at], expected.0, "pixel {at}: {evidence:?}");
+            assert!((belief.confidence.pixels()[at] - expected.1).abs() < CLOSE, "pixel {at}: {evidence:?}");
+        }
+        let own = match seen.pixels()[at] {
+            ABSTAIN => None,
+            0 => Some((0, settings.observation_weight * settings.no_segment_weight)),
+            id => Some((id, settings.observation_weight)),
+        };
+        own.into_iter().for_each(|(id, weight)| *evidence.entry(id).or_insert(0.0) += weight);
+        let (id, _, lead) = best(&evidence);
+        if lead > CLOSE {
+            assert_eq!(fused.pixels()[at], id, "pixel {at} of {}: {evidence:?}", seen.pixels()[at]);
+            clear += usize::from(is_clear);
+        }
+    }
+    clear
+}
+
+/// The votes that every Gaussian should have after a frame; `None` where that is too close to call.
+fn votes_after(
+    recall: &Recall<'_>,
+    seen: &SegmentMap,
+    votes: &[Votes],
+    settings: &MemorySettings,
+) -> Vec<Option<BTreeMap<SegmentId, f32>>> {
+    let mut labels: Vec<(f32, BTreeMap<SegmentId, f32>)> = vec![Default::default(); votes.len()];
+    for (at, gaussians) in seen_at_pixels(recall).iter().enumerate() {
+        let observed = recall.frame().depth().pixels()[at];
+        for Seen { gaussian, weight, depth } in gaussians.iter().copied() {
+            if observed > 0.0 && (depth - observed).abs() > settings.depth_tolerance {
+                continue;
+            }
+            labels[gaussian].0 += weight;
+            if seen.pixels()[at] != ABSTAIN {
+                *labels[gaussian].1.entry(seen.pixels()[at]).or_insert(0.0) += weight;
+            }
+        }
+    }
+    let after = |(votes, (total, labels)): (&Votes, &(f32, BTreeMap<SegmentId, f32>))| {
+        let mut after: BTreeMap<SegmentId, f32> = votes.iter().collect();
+        if *total == 0.0 {
+            return Some(after);
+        }
+        for (id, weight) in labels {
+            let say = if *id == 0 { settings.no_segment_weight } else { 1.0 };
+            *after.entry(*id).or_insert(0.0) += say * weight / total.max(1.0);
+        }
+        let sum: f32 = after.values().sum();
+        after.values_mut().for_each(|votes| *votes *= f32::min(1.0, settings.max_votes / sum));
+        // More than four have to compete for slots, and few votes make room.
+        (after.len() <= Votes::SLOTS && after.values().all(|votes| *votes > 0.02 + CLOSE)).then_some(after)
+    };
+    votes.iter().zip(&labels).map(after).collect()
+}
+
+/// A view of boxes, of which one comes and goes, with noise and holes in the depth.
+fn noisy_shot(number: usize, random: &mut ChaCha8Rng) -> Shot {
+    let visitor = Solid::new(5, [0.0, -0.2, 1.4], [0.5, 0.5, 0.2]);
+    let scene = if number % 4 == 1 { Scene::boxes().with(visitor) } else { Scene::boxes() };
+    let position = Vec3::from_array(std::array::from_fn(|_| random.random_range(-0.15..0.15)));
+    let mut shot = scene.seen_from(pose(position.to_array(), random.random_range(-8.0..8.0)));
+    for depth in shot.depth.pixels_mut() {
+        *depth = if random.random_range(0..40) == 0 { 0.0 } else { *depth + random.random_range(-0.04..0.04) };
+    }
+    shot
+}
+
+/// Predictions: the truth, but for a rectangle that has another id, none or no say.
+fn noisy_predictions(shot: &Shot, random: &mut ChaCha8Rng) -> SegmentMap {
+    let mut seen = shot.truth.clone();
+    for id in [0, 0, ABSTAIN, random.random_range(1..=IDS), random.random_range(1..=IDS)] {
+        let (left, top) = (random.random_range(0..SIZE.0 - 30), random.random_range(0..SIZE.1 - 30));
+        let (width, height) = (random.random_range(3..30), random.random_range(3..30));
+        for row in top..top + height {
+            for column in left..left + width {
+                seen[(column, row)] = id;
+            }
+        }
+    }
+    seen
+}
+
+#[test]
+fn what_is_expected_shown_and_learnt_is_what_the_definition_says() {
+    let defaults = evidence();
+    // With `removal_frames` 0 what a frame sees through stays in the view, in front.
+    let removes_nothing = evidence().with(|settings| settings.removal_frames = 0);
+    let others = evidence().with(|settings| {
+        (settings.observation_weight, settings.no_segment_weight, settings.max_votes) = (0.6, 0.4, 2.0);
+        (settings.min_evidence, settings.depth_tolerance, settings.min_weight) = (0.9, 0.1, 0.05);
+    });
+    for settings in [defaults, removes_nothing, others] {
+        let mut random = ChaCha8Rng::seed_from_u64(7);
+        let mut run = Run::new(settings.clone());
+        (0..IDS).for_each(|_| drop(run.memory.new_segment().unwrap()));
+        let (mut clear, mut learnt) = (0, 0);
+        for number in 0..8 {
+            let shot = noisy_shot(number, &mut random);
+            let seen = noisy_predictions(&shot, &mut random);
+            let (frame, votes) = (shot.frame(), votes_of(&run));
+            let recall = run.memory.recall(&frame);
+            clear += check_pixels(&run, &recall, &seen, &votes);
+            let expected = votes_after(&recall, &seen, &votes, &settings);
+            let update = run.memory.update(recall, &seen).unwrap();
+            if update.removed > 0 {
+                continue;
+            }
+            for (expected, found) in expected.iter().zip(votes_of(&run)) {
+                let Some(expected) = expected else { continue };
+                let found: BTreeMap<SegmentId, f32> = found.iter().collect();
+                let is_equal = expected.len() == found.len()
+                    && expected
+                        .iter()
+                        .zip(&found)
+                        .all(|(one, other)| one.0 == other.0 && (one.1 - other.1).abs() < CLOSE);
+                assert!(is_equal, "frame {number}: {found:?} instead of {expected:?}");
+                learnt += 1;
+            }
+        }
+        assert!(clear > 5 * SIZE.0 * SIZE.1, "{clear} pixels");
+        assert!(learnt > 3 * run.memory.gaussian_count(), "{learnt} Gaussians");
+    }
+}
+
+#[test]
+fn of_two_ids_with_equal_evidence_the_smaller_one_is_expected_and_shown() {
+    for order in [[1, 2], [2, 1]] {
+        let shot = Scene::wall().seen_from_origin();
+        let mut run = Run::new(evidence());
+        for id in order {
+            run.show_as(&shot, &shot.truth.map(|_| id));
+        }
+        let nothing = shot.truth.map(|_| ABSTAIN);
+        let frame = shot.frame();
+        let recall = run.memory.recall(&frame);
+        assert_eq!(recall.expected().segments, shot.truth, "first seen as {}", order[0]);
+        assert_eq!(run.memory.fuse(&recall, &nothing).unwrap(), shot.truth, "first seen as {}", order[0]);
+    }
+}
