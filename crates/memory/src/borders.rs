@@ -110,6 +110,8 @@ fn distances_to_borders(kinds: &Image<u8>) -> Image<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     #[test]
     fn distances_count_steps_to_segments_and_surfaces() {
@@ -144,5 +146,77 @@ mod tests {
         };
         assert!(mixed_columns(2.0).is_empty());
         assert_eq!(mixed_columns(2.6), [5]);
+    }
+
+    /// The pixels `by` away, if that is in the image.
+    fn beside(size: (usize, usize), at: (usize, usize), by: (isize, isize)) -> Option<(usize, usize)> {
+        let at = (at.0.checked_add_signed(by.0)?, at.1.checked_add_signed(by.1)?);
+        (at.0 < size.0 && at.1 < size.1).then_some(at)
+    }
+
+    /// Whether a pixel is mixed, and whether it is a border, as the comments above say.
+    fn by_definition(depth: &Image<f32>, segments: &SegmentMap, at: (usize, usize), edge: f32) -> (bool, bool) {
+        const STEPS: [(isize, isize); 4] = [(1, 0), (-1, 0), (0, 1), (0, -1)];
+        let own = depth[at];
+        let neighbours = || STEPS.into_iter().filter_map(|by| beside(depth.size(), at, by));
+        let measured = neighbours().map(|at| depth[at]).filter(|other| own > 0.0 && *other > 0.0);
+        let ratios: Vec<f32> = measured.map(|other| (other - own) / other.min(own)).collect();
+        let (nearer, farther) = (ratios.iter().any(|ratio| *ratio < -edge), ratios.iter().any(|ratio| *ratio > edge));
+        let continues = |(x, y): (isize, isize)| {
+            let inverse = |steps| beside(depth.size(), at, (steps * x, steps * y)).map(|at| 1.0 / depth[at]);
+            let ahead = inverse(1).zip(inverse(2)).map(|(one, two)| 2.0 * one - two);
+            ahead.is_some_and(|ahead| (ahead * own - 1.0).abs() <= edge)
+        };
+        let is_plane = (continues(STEPS[0]) || continues(STEPS[1])) && (continues(STEPS[2]) || continues(STEPS[3]));
+        let is_other = neighbours().any(|at_other| segments[at_other] != segments[at]);
+        (nearer && farther && !is_plane, is_other || nearer || farther)
+    }
+
+    #[test]
+    fn borders_and_mixed_pixels_are_what_the_definition_says() {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        let (mut mixed, mut slanted) = (0, 0);
+        for trial in 0..300 {
+            let size = (random.random_range(1..14), random.random_range(1..12));
+            let slope: [f32; 2] = std::array::from_fn(|_| random.random_range(-0.08..0.08));
+            let noise = [0.0, 0.02, 0.3][trial % 3];
+            let depth = Image::from_fn(size.0, size.1, |column, row| {
+                let inverse = 1.0 + slope[0] * column as f32 + slope[1] * row as f32;
+                let is_missing = random.random_range(0..12) == 0;
+                if is_missing || inverse < 0.1 { 0.0 } else { (1.0 + random.random_range(-noise..=noise)) / inverse }
+            });
+            let parts = random.random_range(1..4);
+            let segments = SegmentMap::from_fn(size.0, size.1, |column, row| ((column + row / 2) / 5 % parts) as u32);
+            let borders = Borders::new(&depth, &segments, 0.05);
+            let mut is_border = Image::filled(size.0, size.1, false);
+            for at in (0..size.0).flat_map(|column| (0..size.1).map(move |row| (column, row))) {
+                let (is_mixed, found) = by_definition(&depth, &segments, at, 0.05);
+                assert_eq!(borders.is_mixed(at), is_mixed, "{at:?} of {depth:?}");
+                is_border[at] = found;
+                mixed += usize::from(is_mixed);
+                slanted += usize::from(found && !is_mixed && noise == 0.0);
+            }
+            for at in (0..size.0).flat_map(|column| (0..size.1).map(move |row| (column, row))) {
+                let places = (0..size.0).flat_map(|column| (0..size.1).map(move |row| (column, row)));
+                let steps = places
+                    .filter(|place| is_border[*place])
+                    .map(|place| place.0.abs_diff(at.0) + place.1.abs_diff(at.1));
+                assert_eq!(usize::from(borders.distance(at)), steps.min().unwrap_or(32).min(32), "{at:?}");
+            }
+        }
+        assert!(mixed > 1000 && slanted > 1000, "{mixed} {slanted}");
+    }
+
+    #[test]
+    fn distances_end_at_the_largest() {
+        for (width, height) in [(80, 1), (1, 80)] {
+            let segments = SegmentMap::from_fn(width, height, |column, row| u32::from(column + row >= 40));
+            let borders = Borders::new(&Image::filled(width, height, 1.0), &segments, 0.03);
+            for step in 0..80 {
+                let at = if height == 1 { (step, 0) } else { (0, step) };
+                let expected = if step < 40 { 39 - step } else { step - 40 };
+                assert_eq!(usize::from(borders.distance(at)), expected.min(32));
+            }
+        }
     }
 }

@@ -135,3 +135,117 @@ fn sight(center: Vec3, frame: &RgbdFrame<'_>, settings: &MemorySettings) -> Sigh
         _ => Sight::Unknown,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatseg_geometry::{Image, Intrinsics, Pose};
+
+    const CAMERA: Intrinsics = Intrinsics { fx: 10.0, fy: 12.0, cx: 4.5, cy: 3.5, width: 10, height: 8 };
+
+    fn frame(depth: Image<f32>) -> RgbdFrame<'static> {
+        RgbdFrame::new("0", Image::filled(10, 8, [0; 3]), depth, CAMERA, Pose::IDENTITY).unwrap()
+    }
+
+    fn frame_of(depth: f32) -> RgbdFrame<'static> {
+        frame(Image::filled(10, 8, depth))
+    }
+
+    /// The point at a depth that a pixel sees.
+    fn point((column, row): (usize, usize), depth: f32) -> Vec3 {
+        CAMERA.unproject(glam::Vec2::new(column as f32, row as f32), depth)
+    }
+
+    fn sight_of(pixel: (usize, usize), depth: f32, frame: &RgbdFrame<'_>) -> Sight {
+        sight(point(pixel, depth), frame, &MemorySettings::default())
+    }
+
+    #[test]
+    fn a_gaussian_is_seen_within_the_margin_through_beyond_it_and_hidden_behind() {
+        let at = |depth: f32, observed: f32| sight_of((4, 4), depth, &frame_of(observed));
+        // 10 cm, and 4 % of the distance where that is more.
+        assert_eq!(
+            [1.88, 1.92, 2.0, 2.08, 2.12].map(|depth| at(depth, 2.0)),
+            [Sight::Through, Sight::Seen, Sight::Seen, Sight::Seen, Sight::Unknown]
+        );
+        assert_eq!(
+            [4.78, 4.82, 5.19, 5.22].map(|depth| at(depth, 5.0)),
+            [Sight::Through, Sight::Seen, Sight::Seen, Sight::Unknown]
+        );
+        assert_eq!(at(0.05, 0.0), Sight::Unknown, "no depth is not a surface at the camera");
+        assert_eq!(at(-2.0, 2.0), Sight::Unknown, "behind the camera");
+    }
+
+    #[test]
+    fn all_nine_pixels_must_see_through_and_one_must_see() {
+        for neighbour in (3..=5).flat_map(|column| (3..=5).map(move |row| (column, row))) {
+            let with = |depth: f32, all: f32| {
+                let mut image = Image::filled(10, 8, all);
+                image[neighbour] = depth;
+                sight_of((4, 4), 2.0, &frame(image))
+            };
+            assert_eq!(with(2.0, 3.0), Sight::Seen, "{neighbour:?}");
+            assert_eq!(with(1.0, 3.0), Sight::Unknown, "{neighbour:?}");
+            assert_eq!(with(0.0, 3.0), Sight::Unknown, "{neighbour:?}");
+            assert_eq!(with(2.0, 1.0), Sight::Seen, "{neighbour:?}");
+        }
+        for beyond in [(2, 4), (6, 4), (4, 2), (4, 6)] {
+            let mut image = Image::filled(10, 8, 3.0);
+            image[beyond] = 2.0;
+            assert_eq!(sight_of((4, 4), 2.0, &frame(image)), Sight::Through, "{beyond:?}");
+        }
+    }
+
+    #[test]
+    fn the_outermost_pixels_say_nothing() {
+        let frame = frame_of(2.0);
+        for pixel in (0..10).flat_map(|column| (0..8).map(move |row| (column, row))) {
+            let is_outermost = pixel.0 == 0 || pixel.1 == 0 || pixel.0 == 9 || pixel.1 == 7;
+            let expected = if is_outermost { Sight::Unknown } else { Sight::Seen };
+            assert_eq!(sight_of(pixel, 2.0, &frame), expected, "{pixel:?}");
+        }
+    }
+
+    #[test]
+    fn a_frame_that_sees_through_more_than_half_says_nothing_of_what_is_gone() {
+        let sights_of = |through: usize, seen: usize, hidden: usize| {
+            let mut map = Balls::default();
+            for (count, depth) in [(through, 1.5), (seen, 2.0), (hidden, 2.5)] {
+                (0..count).for_each(|_| map.push(point((4, 4), depth), 0.01));
+            }
+            sights(&map, &frame_of(2.0), &Camera::new(CAMERA, &Pose::IDENTITY), &MemorySettings::default())
+        };
+        use Sight::{Seen, Through, Unknown};
+        assert_eq!(sights_of(2, 2, 1), [Through, Through, Seen, Seen, Unknown]);
+        assert_eq!(sights_of(3, 2, 4)[..5], [Unknown, Unknown, Unknown, Seen, Seen]);
+    }
+
+    #[test]
+    fn what_is_seen_through_is_not_rendered() {
+        let mut map = Balls::default();
+        (0..3).for_each(|_| map.push(Vec3::Z, 0.1));
+        let opacities = |sights: &[Sight]| {
+            let present = Present::new(&map, sights);
+            assert_eq!(present.count(), 3);
+            [0, 1, 2].map(|index| present.opacity(index) > 0.0)
+        };
+        assert_eq!(opacities(&[Sight::Seen, Sight::Through, Sight::Unknown]), [true, false, true]);
+        assert_eq!(opacities(&[]), [true; 3]);
+    }
+
+    #[test]
+    fn removal_counts_frames_that_see_through_up_to_its_number() {
+        let mut map = SplatMap::default();
+        let new = |pixel| crate::NewGaussian { pixel, mean: Vec3::Z, radius: 0.1, color: [0; 3] };
+        map.add(&[new(0), new(1), new(2)], 0);
+        let through_first = [Sight::Through, Sight::Seen, Sight::Unknown];
+        assert_eq!(note_sights(&mut map, &through_first, 2, 5), None);
+        assert_eq!((&map.last_seen[..], &map.seen_through[..]), (&[0, 5, 0][..], &[1, 0, 0][..]));
+        let found = note_sights(&mut map, &[Sight::Through, Sight::Through, Sight::Unknown], 2, 6);
+        assert_eq!(found, Some(vec![false, true, true]));
+        assert_eq!(note_sights(&mut map, &[Sight::Seen, Sight::Unknown, Sight::Unknown], 2, 7), None);
+        assert_eq!((&map.last_seen[..], &map.seen_through[..]), (&[7, 5, 0][..], &[0, 1, 0][..]));
+        assert_eq!(note_sights(&mut map, &[Sight::Through; 3], 0, 8), None, "0: never");
+        assert_eq!(map.seen_through, [0, 1, 0]);
+    }
+}

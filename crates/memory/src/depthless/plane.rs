@@ -188,6 +188,7 @@ fn least_squares(points: &[BorderPoint]) -> Option<Vec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use splatseg_geometry::{Image, Intrinsics, Pose, SegmentId};
 
     const CORNERS: [Vec2; 4] = [Vec2::new(-0.5, -0.5), Vec2::new(0.5, -0.5), Vec2::new(-0.5, 0.5), Vec2::new(0.5, 0.5)];
 
@@ -237,5 +238,159 @@ mod tests {
         let near: Vec<BorderPoint> = around(plane, 1000).into_iter().filter(|point| point.ray.x > 0.3).collect();
         assert!(near.len() > MIN_FIT_POINTS);
         assert_eq!(fitted(&near, CORNERS, 0), None);
+    }
+
+    #[test]
+    fn a_plane_needs_half_of_the_points() {
+        let plane = Vec3::new(0.1, -0.15, 0.5);
+        let is_found = |off: usize| {
+            let mut points = around(plane, 1000);
+            points[0].inverse_depth = plane.dot(points[0].ray.extend(1.0));
+            // Every third place comes once round 80: those off are spread all over, and on no plane together.
+            for place in 0..off {
+                points[place * 3 % 80].inverse_depth = 1.0 + 0.06 * (place * 17 % 41) as f32;
+            }
+            fitted(&points, CORNERS, 0).is_some()
+        };
+        assert!(is_found(40) && !is_found(41));
+    }
+
+    #[test]
+    fn points_are_on_a_plane_within_a_fiftieth_of_their_inverse_depth() {
+        let plane = Vec3::new(0.1, -0.2, 0.5);
+        let ray = Vec2::new(0.4, 0.3);
+        let exact = plane.dot(ray.extend(1.0));
+        let near = [0.981, 1.0, 1.019].map(|factor| is_on(plane, &point(ray, exact * factor)));
+        let off = [0.979, 1.021].map(|factor| is_on(plane, &point(ray, exact * factor)));
+        assert_eq!((near, off), ([true; 3], [false; 2]));
+    }
+
+    #[test]
+    fn a_plane_holds_where_it_is_at_most_twice_as_near_or_far_as_its_points() {
+        // Inverse depths of 0.5 to 0.7.
+        let plane = Vec3::new(1.0, 0.0, 0.5);
+        let places = (0..25).map(|place| Vec2::new((place % 5) as f32, (place / 5) as f32) * 0.05);
+        let points: Vec<BorderPoint> = places.map(|ray| point(ray, plane.dot(ray.extend(1.0)))).collect();
+        let holds_at = |x: f32| fitted(&points, [Vec2::ZERO, Vec2::ZERO, Vec2::ZERO, Vec2::new(x, 0.3)], 0).is_some();
+        assert_eq!([-0.26, -0.24, 0.89, 0.91].map(holds_at), [false, true, true, false]);
+    }
+
+    #[test]
+    fn points_nearly_in_one_line_give_no_plane() {
+        let spread = |flatness: f32, turned: f32| {
+            let ray = |place: usize| Vec2::new(place as f32 - 10.0, (place % 3) as f32 * 7.0 * flatness) * 0.03;
+            let points: Vec<BorderPoint> =
+                (0..21).map(|place| point(Vec2::from_angle(turned).rotate(ray(place)) + 0.1, 0.5)).collect();
+            least_squares(&points).is_some()
+        };
+        for turned in [0.0, 0.5, 1.5] {
+            assert!(spread(0.03, turned) && !spread(0.01, turned), "turned by {turned}");
+        }
+    }
+
+    #[test]
+    fn the_plane_is_that_with_the_least_squared_error() {
+        let noisy = |place: usize| {
+            let ray = Vec2::new((place % 5) as f32, (place / 5) as f32) * 0.1 - 0.15;
+            point(ray, 0.5 + 0.2 * ray.x - 0.1 * ray.y + 0.01 * (place * 7 % 5) as f32)
+        };
+        let points: Vec<BorderPoint> = (0..25).map(noisy).collect();
+        let error = |plane: Vec3| -> f32 {
+            points.iter().map(|point| (plane.dot(point.ray.extend(1.0)) - point.inverse_depth).powi(2)).sum()
+        };
+        let found = least_squares(&points).unwrap();
+        for by in [Vec3::X, Vec3::Y, Vec3::Z].into_iter().flat_map(|axis| [axis * 0.01, axis * -0.01]) {
+            assert!(error(found + by) > error(found) + 1e-6, "{by}");
+        }
+    }
+
+    #[test]
+    fn the_second_depth_within_reach_is_taken() {
+        let row =
+            |with_depth: &[usize]| Image::from_fn(30, 1, |column, _| f32::from(u8::from(with_depth.contains(&column))));
+        let rightwards = |with_depth: &[usize]| first_surface(&row(with_depth), (0, 0), (1, 0));
+        assert_eq!(rightwards(&[3, 5, 6]), Some((5, 0)));
+        assert_eq!(
+            rightwards(&[0, 3]),
+            Some((3, 0)),
+            "the first pixel is not looked at, and a single one is better than none"
+        );
+        assert_eq!(rightwards(&[1, REACH]), Some((REACH, 0)));
+        assert_eq!(rightwards(&[1, REACH + 1]), Some((1, 0)));
+        assert_eq!(rightwards(&[REACH + 1]), None);
+        assert_eq!(first_surface(&row(&[28, 29]), (25, 0), (1, 0)), Some((29, 0)));
+        assert_eq!(first_surface(&row(&[29]), (25, 0), (1, 0)), Some((29, 0)));
+        assert_eq!(first_surface(&row(&[0, 1]), (4, 0), (-1, 0)), Some((0, 0)));
+        assert_eq!(first_surface(&row(&[0]), (4, 0), (-1, 0)), Some((0, 0)));
+        let column = Image::from_fn(1, 30, |_, row| f32::from(u8::from([4, 6, 10, 12].contains(&row))));
+        assert_eq!(first_surface(&column, (0, 8), (0, 1)), Some((0, 12)));
+        assert_eq!(first_surface(&column, (0, 8), (0, -1)), Some((0, 4)));
+        assert_eq!(first_surface(&column, (0, 13), (0, 1)), None);
+    }
+
+    const CAMERA: Intrinsics = Intrinsics { fx: 50.0, fy: 60.0, cx: 20.0, cy: 15.0, width: 40, height: 30 };
+
+    /// The plane behind the pixels from (16, 12) to (23, 17), which are of segment 1 and have no depth; all others have
+    /// that of `depth` and the id of `seen`.
+    fn behind(depth: impl Fn(usize, usize) -> f32, seen: impl Fn(usize, usize) -> SegmentId) -> Plane {
+        let is_inside = |column: usize, row: usize| (16..24).contains(&column) && (12..18).contains(&row);
+        let seen =
+            SegmentMap::from_fn(40, 30, |column, row| if is_inside(column, row) { 1 } else { seen(column, row) });
+        let depth = Image::from_fn(40, 30, |column, row| if is_inside(column, row) { 0.0 } else { depth(column, row) });
+        let own = SegmentMap::from_fn(40, 30, |column, row| u32::from(is_inside(column, row)));
+        let region = Region::of_maps(&own, &own, 1).remove(0);
+        let frame = RgbdFrame::new("0", Image::filled(40, 30, [0; 3]), depth, CAMERA, Pose::IDENTITY).unwrap();
+        Plane::behind(&region, &frame, &seen)
+    }
+
+    fn depth_of(plane: Vec3, column: usize, row: usize) -> f32 {
+        1.0 / plane.dot(CAMERA.unproject(Vec2::new(column as f32, row as f32), 1.0))
+    }
+
+    #[test]
+    fn the_own_depths_of_a_segment_come_first() {
+        let (screen, wall) = (Vec3::new(0.1, -0.1, 0.5), Vec3::new(0.0, 0.1, 0.3));
+        let is_frame = |column: usize, row: usize| (13..27).contains(&column) && (9..21).contains(&row);
+        let depth = |column, row| depth_of(if is_frame(column, row) { screen } else { wall }, column, row);
+        let with_frame = behind(depth, |column, row| if is_frame(column, row) { 1 } else { 2 });
+        assert!((with_frame.inverse - screen).length() < 1e-3, "{with_frame:?}");
+        let without = behind(|column, row| depth_of(wall, column, row), |_, _| 2);
+        assert!((without.inverse - wall).length() < 1e-3, "{without:?}");
+        assert_eq!((with_frame.support, without.support), (Support::Fit, Support::Fit));
+    }
+
+    #[test]
+    fn depths_on_no_plane_give_their_median() {
+        let depth = |column: usize, row: usize| {
+            let is_aside = (12..18).contains(&row);
+            1.0 + 0.3 * ((column * 7 + row * 13) % 11) as f32 + if is_aside { 1.3 } else { 0.0 }
+        };
+        // The second pixels outside of the region.
+        let around = (12..18).flat_map(|row| [(14, row), (25, row)]);
+        let around: Vec<(usize, usize)> =
+            around.chain((16..24).flat_map(|column| [(column, 10), (column, 19)])).collect();
+        let median = |own: &dyn Fn(usize, usize) -> bool| {
+            let points = around.iter().filter(|at| own(at.0, at.1));
+            let mut inverse: Vec<f32> = points.map(|at| 1.0 / depth(at.0, at.1)).collect();
+            inverse.sort_by(f32::total_cmp);
+            Vec3::Z * inverse[inverse.len() / 2]
+        };
+        let all = Plane { inverse: median(&|_, _| true), support: Support::Median };
+        assert_eq!(behind(depth, |_, _| 2), all);
+        // 16 own ones are enough, 6 are not.
+        let above_and_below = |_: usize, row: usize| !(12..18).contains(&row);
+        let own = Plane { inverse: median(&above_and_below), support: Support::Median };
+        assert_ne!(own, all);
+        assert_eq!(behind(depth, |column, row| if above_and_below(column, row) { 1 } else { 2 }), own);
+        assert_eq!(behind(depth, |column, _| if column < 16 { 1 } else { 2 }), all);
+    }
+
+    #[test]
+    fn fewer_than_four_depths_around_say_nothing() {
+        let behind_few = |columns: usize| {
+            behind(|column, row| if (16..16 + columns).contains(&column) && row < 12 { 2.0 } else { 0.0 }, |_, _| 2)
+        };
+        assert_eq!(behind_few(3), Plane::FAR);
+        assert_eq!(behind_few(4), Plane { inverse: Vec3::Z * 0.5, support: Support::Median });
     }
 }
