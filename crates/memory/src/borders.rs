@@ -208,6 +208,15 @@ mod tests {
     }
 
     #[test]
+    fn neighbours_that_differ_by_the_limit_itself_are_on_one_surface() {
+        for (depths, border) in [([1.0, 1.5, 1.5], false), ([1.5, 1.0, 1.0], false), ([1.0, 1.501, 1.501], true)] {
+            let borders =
+                Borders::new(&Image::from_pixels(3, 1, depths.to_vec()).unwrap(), &SegmentMap::filled(3, 1, 0), 0.5);
+            assert_eq!([0, 1].map(|column| borders.distance((column, 0)) == 0), [border; 2], "{depths:?}");
+        }
+    }
+
+    #[test]
     fn distances_end_at_the_largest() {
         for (width, height) in [(80, 1), (1, 80)] {
             let segments = SegmentMap::from_fn(width, height, |column, row| u32::from(column + row >= 40));

@@ -181,3 +181,145 @@ impl RecurringPredictions {
         retain(&mut self.of_gaussian, keep);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{MemorySettings, SplatMemory};
+    use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame};
+
+    const SIZE: (usize, usize) = (96, 40);
+
+    /// A wall, `depth` metres ahead.
+    fn wall(depth: f32) -> RgbdFrame<'static> {
+        let (width, height) = SIZE;
+        let camera = Intrinsics { fx: 80.0, fy: 80.0, cx: 47.5, cy: 19.5, width, height };
+        let (color, depth) = (Image::filled(width, height, [0; 3]), Image::filled(width, height, depth));
+        RgbdFrame::new("0", color, depth, camera, Pose::IDENTITY).unwrap()
+    }
+
+    /// A memory of the wall 2 m ahead, in which Gaussian `i` is that of pixel `i`.
+    fn memory() -> SplatMemory {
+        let settings = MemorySettings::default().with(|settings| settings.growth_spacing = 1);
+        let mut memory = SplatMemory::new(settings, 0, &mut |_| {}).unwrap();
+        let frame = wall(2.0);
+        memory.update(memory.recall(&frame), &SegmentMap::filled(SIZE.0, SIZE.1, 0)).unwrap();
+        assert_eq!(memory.gaussian_count(), SIZE.0 * SIZE.1);
+        memory
+    }
+
+    /// A prediction 5 of 20 columns from `left` on, and its pixels.
+    fn explained(left: usize) -> (SegmentMap, Vec<u32>) {
+        let is_inside = |column: usize, row: usize| (left..left + 20).contains(&column) && (10..30).contains(&row);
+        let map = SegmentMap::from_fn(SIZE.0, SIZE.1, |column, row| 5 * u32::from(is_inside(column, row)));
+        let pixels = map.pixels().iter().zip(0..).filter(|(id, _)| **id == 5).map(|(_, pixel)| pixel).collect();
+        (map, pixels)
+    }
+
+    /// How often each prediction has come.
+    fn counts(recurring: &RecurringPredictions) -> Vec<usize> {
+        recurring.counts.values().copied().collect()
+    }
+
+    #[test]
+    fn a_prediction_recurs_with_the_gaussians_under_it() {
+        let (memory, frame) = (memory(), wall(2.0));
+        let recall = memory.recall(&frame);
+        let (map, pixels) = explained(2);
+        let mut recurring = RecurringPredictions::default();
+        for _ in 0..2 {
+            for time in 1..=3 {
+                let mut found = recurring.note(&recall, &map, 3);
+                found.values_mut().for_each(|gaussians| gaussians.sort_unstable());
+                let expected = if time == 3 { BTreeMap::from([(5, pixels.clone())]) } else { BTreeMap::new() };
+                assert_eq!(found, expected, "time {time}");
+            }
+            assert!(recurring.counts.is_empty() && recurring.of_gaussian.iter().all(|number| *number == 0));
+        }
+        assert_eq!(RecurringPredictions::default().note(&recall, &map, 1).len(), 1);
+    }
+
+    #[test]
+    fn it_is_the_same_if_half_of_it_is_and_has_its_new_extent_from_then_on() {
+        let (memory, frame) = (memory(), wall(2.0));
+        let recall = memory.recall(&frame);
+        let mut recurring = RecurringPredictions::default();
+        for (left, expected) in [(2, vec![1]), (12, vec![2]), (22, vec![3]), (33, vec![2, 1]), (44, vec![1, 1])] {
+            assert!(recurring.note(&recall, &explained(left).0, 100).is_empty());
+            assert_eq!(counts(&recurring), expected, "from column {left} on");
+            let newest = recurring.last;
+            let of_newest = recurring.of_gaussian.iter().zip(0..).filter(|(number, _)| **number == newest);
+            assert_eq!(of_newest.map(|(_, gaussian)| gaussian).collect::<Vec<u32>>(), explained(left).1);
+        }
+    }
+
+    #[test]
+    fn what_is_not_in_sight_is_not_counted() {
+        let memory = memory();
+        let mut recurring = RecurringPredictions::default();
+        let (map, _) = explained(30);
+        let frame = wall(2.0);
+        recurring.note(&memory.recall(&frame), &map, 100);
+        // Something hides the wall: then nothing is known of it.
+        let hidden = wall(1.0);
+        let recall = memory.recall(&hidden);
+        for explained in [&map, &SegmentMap::filled(SIZE.0, SIZE.1, 0)] {
+            recurring.note(&recall, explained, 100);
+            assert_eq!(counts(&recurring), [1]);
+        }
+        recurring.note(&memory.recall(&frame), &map.map(|_| ABSTAIN), 100);
+        assert_eq!(counts(&recurring), [0; 0], "its place without it");
+    }
+
+    #[test]
+    fn one_gaussian_is_too_few_and_only_the_last_predictions_are_kept() {
+        let (memory, frame) = (memory(), wall(2.0));
+        let recall = memory.recall(&frame);
+        // Predictions of so many pixels each, side by side; nothing is told of the outermost pixels.
+        let in_order = |pixels: usize, count: usize| {
+            SegmentMap::from_fn(SIZE.0, SIZE.1, |column, row| {
+                let is_inner = (1..SIZE.0 - 1).contains(&column) && (1..SIZE.1 - 1).contains(&row);
+                if !is_inner {
+                    return 0;
+                }
+                let place = (row - 1) * (SIZE.0 - 2) + column - 1;
+                if place < pixels * count { (place / pixels) as u32 + 1 } else { 0 }
+            })
+        };
+        let mut recurring = RecurringPredictions::default();
+        recurring.note(&recall, &in_order(1, 50), 100);
+        assert_eq!(counts(&recurring), [0; 0]);
+        recurring.note(&recall, &in_order(2, 50), 100);
+        assert_eq!(counts(&recurring), [1; 50]);
+        let mut many = RecurringPredictions::default();
+        many.note(&recall, &in_order(2, MAX_PREDICTIONS + 1), 100);
+        assert_eq!(
+            many.counts.keys().copied().collect::<Vec<_>>(),
+            (2..=MAX_PREDICTIONS as u32 + 1).collect::<Vec<_>>()
+        );
+    }
+
+    #[test]
+    fn a_prediction_is_found_again_by_its_f_score() {
+        let under = BTreeMap::from([(1, vec![0; 4]), (2, vec![0; 4])]);
+        let found = |in_view: &[(u32, usize)], shared: &[((SegmentId, u32), usize)]| {
+            let (in_view, shared) = (in_view.iter().copied().collect(), shared.iter().copied().collect());
+            RecurringPredictions::found_again(&under, &in_view, &shared).into_iter().collect::<Vec<_>>()
+        };
+        assert_eq!(found(&[(7, 4)], &[((1, 7), 2)]), [(1, 7)], "2 · 2 / (4 + 4)");
+        assert_eq!(found(&[(7, 5)], &[((1, 7), 2)]), [], "2 · 2 / (4 + 5)");
+        let in_view = [(7, 4), (8, 4)];
+        assert_eq!(found(&in_view, &[((1, 7), 3), ((2, 7), 4), ((2, 8), 1)]), [(2, 7)], "each belongs to one");
+        assert_eq!(found(&in_view, &[((1, 7), 3), ((2, 8), 2)]), [(1, 7), (2, 8)]);
+        assert_eq!(found(&in_view, &[((1, 7), 2), ((1, 8), 3)]), [(1, 8)], "the better one");
+        assert_eq!(found(&in_view, &[((1, 7), 2), ((2, 7), 2)]), [(1, 7)], "of equal ones the smaller id");
+        assert_eq!(found(&in_view, &[((1, 7), 2), ((1, 8), 2)]), [(1, 7)], "of equal ones the first number");
+    }
+
+    #[test]
+    fn removed_gaussians_are_forgotten() {
+        let mut recurring = RecurringPredictions { of_gaussian: vec![1, 2, 3], ..RecurringPredictions::default() };
+        recurring.retain(&[true, false, true, true]);
+        assert_eq!(recurring.of_gaussian, [1, 3, 0]);
+    }
+}

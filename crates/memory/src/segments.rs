@@ -78,3 +78,49 @@ impl Segments {
         forgotten
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen(ids: &[SegmentId]) -> SegmentMap {
+        SegmentMap::from_pixels(ids.len(), 1, ids.to_vec()).unwrap()
+    }
+
+    #[test]
+    fn ids_count_up_and_are_given_again_only_if_nothing_was_seen_under_them() {
+        let mut segments = Segments::default();
+        assert_eq!([(); 3].map(|()| segments.add().unwrap()), [1, 2, 3]);
+        segments.note_sightings(&seen(&[0, 2, 2, ABSTAIN]));
+        // Neither 0, nor an id that was seen, nor one that was never given.
+        [0, 2, 4, 3, 1].into_iter().for_each(|id| segments.take_back(id));
+        assert_eq!([(); 3].map(|()| segments.add().unwrap()), [1, 3, 4]);
+        assert_eq!(segments.len(), 4);
+    }
+
+    #[test]
+    fn a_frame_counts_once_for_each_id_that_it_shows() {
+        let mut segments = Segments::given(vec![5, 0, u32::MAX], vec![false; 3]);
+        segments.note_sightings(&seen(&[1, 1, 0, 3, ABSTAIN]));
+        assert_eq!([0, 1, 2, 3, 4].map(|id| segments.sightings(id)), [0, 6, 0, u32::MAX, 0]);
+        assert_eq!(segments.add().unwrap(), 2, "an earlier run gave it and saw nothing under it");
+        assert_eq!(segments.add().unwrap(), 4);
+    }
+
+    #[test]
+    fn an_id_is_forgotten_when_it_was_carried_and_is_not_any_more() {
+        let mut segments = Segments::given(vec![1; 4], vec![true, true, false, false]);
+        // By id, 0 included.
+        assert_eq!(segments.note_carried(&[true, true, false, true, false]), [2]);
+        assert_eq!(segments.carried(), [true, false, true, false]);
+        assert_eq!(segments.note_carried(&[false, true, false, false, false]), [3]);
+    }
+
+    #[test]
+    fn no_more_ids_are_given_than_a_16_bit_image_can_hold() {
+        let mut segments =
+            Segments::given(vec![1; MAX_SEGMENT_ID as usize - 1], vec![false; MAX_SEGMENT_ID as usize - 1]);
+        assert_eq!(segments.add().unwrap(), 65535);
+        assert!(matches!(segments.add(), Err(MemoryError::OutOfIds)));
+    }
+}

@@ -13,6 +13,8 @@
 mod plane;
 mod region;
 mod saved;
+#[cfg(test)]
+mod tests;
 mod warp;
 
 pub(crate) use saved::SavedDepthlessSegment;
