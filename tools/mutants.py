@@ -330,6 +330,7 @@ def main() -> None:
     mutants = json.loads(subprocess.check_output(listing, cwd=root))
     for number, mutant in enumerate(mutants, 1):
         mutant["id"] = number
+    names_of_all = {mutant["name"] for mutant in mutants}
     if arguments.file:
         mutants = [mutant for mutant in mutants if any(part in mutant["file"] for part in arguments.file)]
     placed, unviable, programs = build(copy, arguments.crate, mutants)
@@ -341,6 +342,8 @@ def main() -> None:
         tests = list(pool.map(lambda of: measured(*of, folder, arguments.work), names))
     results_file = arguments.work / f"{arguments.crate}.json"
     results = json.loads(results_file.read_text()) if results_file.exists() else {}
+    # Names hold line numbers: those of another state of the sources are gone.
+    results = {name: outcome for name, outcome in results.items() if name in names_of_all}
     chosen = [mutant for mutant in mutants if results.get(mutant["name"], "missed") == "missed"]
     end = time.monotonic() + 60 * arguments.minutes
 

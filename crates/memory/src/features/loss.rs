@@ -18,7 +18,7 @@ use splatseg_kernels::{AlignedVec, Instructions, Vectorize};
 use splatseg_render::{ActiveTile, TileWeights};
 
 /// Magnitudes below this have no direction.
-const TINY: f32 = 1e-6;
+pub(super) const TINY: f32 = 1e-6;
 
 /// Features are padded to a multiple of this.
 const LANES: usize = 8;
