@@ -207,6 +207,15 @@ fn a_good_view_starts_the_count_of_poor_ones_anew() {
 }
 
 #[test]
+fn a_plane_with_the_same_support_is_taken_from_the_new_view() {
+    let mut run = Run::that_knows(PLACE);
+    let mut nearer = Shot::screen(PLACE);
+    nearer.depth.pixels_mut().iter_mut().filter(|depth| **depth > 0.0).for_each(|depth| *depth = 1.9);
+    run.show(&nearer);
+    assert!((run.screen().plane.inverse - Vec3::Z / 1.9).length() < 1e-3, "{:?}", run.screen().plane);
+}
+
+#[test]
 fn the_plane_that_served_so_far_is_kept_if_there_is_no_depth_around_any_more() {
     let nothing_around = Shot::wall().paint((0..60, 0..40), 0, 0.0);
     let mut run = Run::that_knows(PLACE);
@@ -251,6 +260,18 @@ fn only_another_surface_or_prediction_in_its_place_contradicts() {
     assert!(!shown(0.0, 0) && !shown(0.0, ABSTAIN), "none, or one without a say");
     assert!(shown(1.95, OTHER) && shown(5.0, OTHER), "a surface where it was, or behind");
     assert!(!shown(1.85, OTHER), "one that hides it");
+}
+
+#[test]
+fn a_surface_contradicts_whatever_is_predicted_there() {
+    // In the first frame the map does not have it yet.
+    let contradictions = |depth: f32, id: SegmentId| {
+        let mut run = Run::that_knows(PLACE);
+        run.show(&Shot::instead_of_screen(id, depth));
+        run.screen().contradictions
+    };
+    assert_eq!([0, OTHER].map(|id| contradictions(1.95, id)), [1, 1]);
+    assert_eq!([0, OTHER].map(|id| contradictions(1.85, id)), [0, 0], "it hides the screen");
 }
 
 #[test]

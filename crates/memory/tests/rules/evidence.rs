@@ -143,9 +143,9 @@ fn votes_after(
     votes.iter().zip(&labels).map(after).collect()
 }
 
-/// A view of boxes, of which one comes and goes, with noise and holes in the depth.
+/// A view of boxes, of which one comes and goes, with noise and holes in the depth. That one fills whole tiles.
 fn noisy_shot(number: usize, random: &mut ChaCha8Rng) -> Shot {
-    let visitor = Solid::new(5, [0.0, -0.2, 1.4], [0.5, 0.5, 0.2]);
+    let visitor = Solid::new(5, [0.0, -0.2, 1.4], [0.8, 0.8, 0.2]);
     let scene = if number % 4 == 1 { Scene::boxes().with(visitor) } else { Scene::boxes() };
     let position = Vec3::from_array(std::array::from_fn(|_| random.random_range(-0.15..0.15)));
     let mut shot = scene.seen_from(pose(position.to_array(), random.random_range(-8.0..8.0)));
@@ -226,4 +226,39 @@ fn of_two_ids_with_equal_evidence_the_smaller_one_is_expected_and_shown() {
         assert_eq!(recall.expected().segments, shot.truth, "first seen as {}", order[0]);
         assert_eq!(run.memory.fuse(&recall, &nothing).unwrap(), shot.truth, "first seen as {}", order[0]);
     }
+}
+
+#[test]
+fn a_share_is_that_of_the_segment_with_the_most_votes() {
+    let shot = Scene::wall().seen_from_origin();
+    let mut run = Run::new(evidence());
+    for id in [1, 1, 2] {
+        run.show_as(&shot, &shot.truth.map(|_| id));
+    }
+    let shares = run.memory.segment_shares();
+    assert_eq!(shares.len(), run.memory.gaussian_count());
+    assert!(shares.iter().all(|share| (share - 2.0 / 3.0).abs() < 1e-3), "{shares:?}");
+}
+
+#[test]
+fn what_recurs_has_twice_as_many_votes_as_all_else_can_have() {
+    let shot = Scene::wall().seen_from_origin();
+    let mut run = Run::new(evidence());
+    run.show_times(&shot, 10);
+    let id = run.memory.new_segment().unwrap();
+    let frame = shot.frame();
+    let recall = run.memory.recall(&frame);
+    let explained = SegmentMap::from_fn(SIZE.0, SIZE.1, |column, _| if column < SIZE.0 / 2 { id } else { 0 });
+    assert_eq!(run.memory.note_explained(&recall, &explained, 1).unwrap(), [id]);
+    let (ids, shares) = (run.memory.segment_ids(), run.memory.segment_shares());
+    let favoured = ids.iter().zip(&shares).filter(|(found, _)| **found == id);
+    assert!(favoured.clone().count() * 3 > ids.len());
+    assert!(favoured.clone().all(|(_, share)| (share - 2.0 / 3.0).abs() < 1e-3));
+}
+
+#[test]
+fn a_gaussian_has_seven_numbers_and_eight_for_its_votes() {
+    let mut run = Run::new(evidence());
+    run.show(&Scene::wall().seen_from_origin());
+    assert_eq!(run.memory.parameter_count(), 15 * run.memory.gaussian_count());
 }

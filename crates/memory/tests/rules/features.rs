@@ -3,7 +3,7 @@
 use crate::run::{Run, features, recalled};
 use crate::scene::{Scene, WALL};
 use splatseg_geometry::SegmentMap;
-use splatseg_memory::GrowthRule;
+use splatseg_memory::{Codebook, GrowthRule, SplatContent, SplatFile};
 
 /// Shares of a wall that a memory shows as another segment after each of `frames` frames that say so. Ten frames before
 /// said otherwise.
@@ -57,4 +57,58 @@ fn the_pixels_of_new_gaussians_are_learnt_if_the_settings_say_so() {
     };
     assert_eq!(learnt(false), 0, "all Gaussians are new");
     assert_eq!(learnt(true), shot.truth.pixels().len());
+}
+
+/// What the file of a memory has of features.
+fn saved(run: &Run) -> (Vec<f32>, Codebook) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("map.ply");
+    run.memory.save(&path).unwrap();
+    match SplatFile::load(&path).unwrap().content {
+        SplatContent::Features { features, codebook } => (features, codebook),
+        SplatContent::Evidence { .. } => panic!("a memory of features"),
+    }
+}
+
+#[test]
+fn a_new_gaussian_of_a_segment_that_fades_has_what_is_left_of_its_confidence() {
+    for feature_dim in [8, 1] {
+        let mut run = Run::new(features().with(|settings| settings.feature_dim = feature_dim));
+        let wall = Scene::wall().seen_from_origin();
+        run.show_as(&wall, &wall.truth.map(|_| 2));
+        let known = run.memory.gaussian_count();
+        // Half a metre nearer, without a prediction. Each pixel gets a Gaussian.
+        let mut nearer = wall.clone();
+        nearer.depth.pixels_mut().fill(2.5);
+        let confidence = run.memory.recall(&nearer.frame()).expected().confidence.clone();
+        assert_eq!(run.show_as(&nearer, &nearer.truth.map(|_| 0)).update.grown, known);
+        let (features, _) = saved(&run);
+        for (feature, confidence) in features[known * feature_dim..].chunks_exact(feature_dim).zip(confidence.pixels())
+        {
+            let found = feature.iter().map(|value| value * value).sum::<f32>().sqrt();
+            // An id is what it is.
+            let expected = if feature_dim == 1 { 2.0 } else { confidence - 0.1 };
+            assert!((found - expected).abs() < 1e-4, "D = {feature_dim}: {found} instead of {expected}");
+        }
+    }
+}
+
+#[test]
+fn codes_are_added_when_all_are_used() {
+    let mut run = Run::new(features());
+    let codes = |run: &Run| (run.memory.segment_count(), saved(run).1.len());
+    (0..16).for_each(|_| drop(run.memory.new_segment().unwrap()));
+    assert_eq!(codes(&run), (16, 16));
+    run.memory.new_segment().unwrap();
+    assert_eq!(codes(&run), (17, 32));
+}
+
+#[test]
+fn a_gaussian_has_seven_numbers_and_those_of_its_feature() {
+    for feature_dim in [1, 8] {
+        let mut run = Run::new(features().with(|settings| settings.feature_dim = feature_dim));
+        run.show(&Scene::wall().seen_from_origin());
+        assert_eq!(run.memory.parameter_count(), (7 + feature_dim) * run.memory.gaussian_count());
+        assert!(run.memory.segment_shares().iter().all(|share| *share == 1.0), "no second opinion is kept");
+    }
 }
