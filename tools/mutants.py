@@ -248,7 +248,8 @@ def build(copy: Path, crate: str, mutants: list[dict]) -> tuple[set[int], set[in
     worked, messages = cargo(copy, ["test", "--no-run", "-p", f"splatseg-{crate}"])
     if not worked:
         raise SystemExit("the tests do not build")
-    programs = [m["executable"] for m in messages if m.get("executable") and m.get("profile", {}).get("test")]
+    tests = [message for message in messages if message.get("executable") and message.get("profile", {}).get("test")]
+    programs = [test["executable"] for test in tests if f"/crates/{crate}/" in test["manifest_path"]]
     return placed, unviable, programs
 
 

@@ -322,4 +322,33 @@ mod tests {
         recurring.retain(&[true, false, true, true]);
         assert_eq!(recurring.of_gaussian, [1, 3, 0]);
     }
+
+    #[test]
+    fn only_what_a_memory_can_have_is_restored() {
+        let saved = |of_gaussian: &[(u32, u32)], counts: &[(u32, usize)], last| SavedRecurringPredictions {
+            of_gaussian: of_gaussian.to_vec(),
+            counts: counts.iter().copied().collect(),
+            last,
+        };
+        let restored = |saved: SavedRecurringPredictions| RecurringPredictions::restored(saved, 10);
+        let good = saved(&[(0, 3), (9, 5)], &[(3, 1), (5, 2)], 5);
+        let recurring = restored(good.clone()).unwrap();
+        assert_eq!((recurring.of_gaussian[0], recurring.of_gaussian[9], recurring.last), (3, 5, 5));
+        assert_eq!(recurring.saved(), good);
+        let full: Vec<(u32, usize)> = (1..=MAX_PREDICTIONS as u32).map(|number| (number, 1)).collect();
+        let more: Vec<(u32, usize)> = (1..=MAX_PREDICTIONS as u32 + 1).map(|number| (number, 1)).collect();
+        assert!(restored(saved(&[], &full, 2000)).is_ok() && restored(saved(&[], &more, 2000)).is_err());
+        let largest = u32::MAX / 2;
+        assert!(restored(saved(&[], &[], largest)).is_ok() && restored(saved(&[], &[], largest + 1)).is_err());
+        for (of_gaussian, counts) in [
+            (&[(10, 3)][..], &[][..]),
+            (&[(0, 6)], &[]),
+            (&[(0, 0)], &[]),
+            (&[], &[(0, 1)]),
+            (&[], &[(6, 1)]),
+            (&[], &[(3, 0)]),
+        ] {
+            assert!(restored(saved(of_gaussian, counts, 5)).is_err(), "{of_gaussian:?} {counts:?}");
+        }
+    }
 }

@@ -172,6 +172,12 @@ mod tests {
             [4.78, 4.82, 5.19, 5.22].map(|depth| at(depth, 5.0)),
             [Sight::Through, Sight::Seen, Sight::Seen, Sight::Unknown]
         );
+        let halves = MemorySettings::default().with(|settings| settings.removal_margin = 0.5);
+        assert_eq!(
+            sight(point((4, 4), 1.5), &frame_of(2.0), &halves),
+            Sight::Seen,
+            "the margin itself is not beyond it"
+        );
         assert_eq!(at(0.05, 0.0), Sight::Unknown, "no depth is not a surface at the camera");
         assert_eq!(at(-2.0, 2.0), Sight::Unknown, "behind the camera");
     }

@@ -222,7 +222,9 @@ mod tests {
         let line: Vec<BorderPoint> = (0..40).map(|x| point(Vec2::new(x as f32 * 0.01, 0.3), 0.5)).collect();
         assert_eq!(fitted(&line, CORNERS, 0), None);
         let few = around(Vec3::new(0.0, 0.0, 0.5), 1000);
-        assert_eq!(fitted(&few[..MIN_FIT_POINTS - 1], CORNERS, 0), None);
+        let spread: Vec<BorderPoint> = few.into_iter().skip(1).step_by(6).collect();
+        assert!(fitted(&spread[..MIN_FIT_POINTS], CORNERS, 0).is_some());
+        assert_eq!(fitted(&spread[..MIN_FIT_POINTS - 1], CORNERS, 0), None);
         let scattered: Vec<BorderPoint> = around(Vec3::Z, 1000)
             .into_iter()
             .enumerate()

@@ -182,4 +182,19 @@ mod tests {
         let nothing = SegmentMap::filled(0, 0, 0);
         assert!(Region::of_maps(&nothing, &nothing, 1).is_empty());
     }
+
+    #[test]
+    fn a_mask_is_saved_as_runs() {
+        let region = |pixels: [u32; 6]| {
+            let map = SegmentMap::from_pixels(3, 2, pixels.to_vec()).unwrap();
+            Region::of_maps(&map, &map, 1).remove(0)
+        };
+        for (pixels, runs) in [([1, 0, 1, 1, 1, 0], vec![0, 1, 1, 3, 1]), ([0, 1, 1, 1, 1, 0], vec![1, 4, 1])] {
+            let region = region(pixels);
+            assert_eq!(region.runs(), runs);
+            assert_eq!(Region::mask_of_runs(&runs, 6), Some(region.mask));
+            assert_eq!((Region::mask_of_runs(&runs, 5), Region::mask_of_runs(&runs, 7)), (None, None));
+        }
+        assert_eq!(Region::mask_of_runs(&[u32::MAX, u32::MAX, 8], 6), None);
+    }
 }

@@ -1,6 +1,6 @@
 //! The most Gaussians that are kept.
 
-use crate::run::{Run, agreement, evidence};
+use crate::run::{Run, agreement, evidence, features};
 use crate::scene::{Scene, pose};
 
 #[test]
@@ -41,4 +41,21 @@ fn a_frame_with_more_than_the_limit_stays_below_it() {
             assert_eq!(run.memory.gaussian_count(), 100);
         }
     }
+}
+
+#[test]
+fn the_papers_map_forgets_only_beyond_the_limit() {
+    let (wall, boxes) = (Scene::wall().seen_from_origin(), Scene::boxes().seen_from_origin());
+    let mut run = Run::new(features());
+    run.show(&boxes);
+    for _ in 0..8 {
+        let update = run.show(&wall).update;
+        assert_eq!((update.removed, update.forgotten.len()), (0, 0), "the boxes are seen through");
+    }
+    let limit = boxes.truth.pixels().len();
+    let mut run = Run::new(features().with(|settings| settings.max_gaussians = limit));
+    assert_eq!(run.show(&boxes).update.removed, 0, "as many as may be");
+    let update = run.show(&wall).update;
+    assert!(update.grown > 0 && update.removed == update.grown);
+    assert_eq!(run.memory.gaussian_count(), limit);
 }

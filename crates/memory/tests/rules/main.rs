@@ -5,6 +5,7 @@ mod coarseness;
 mod evidence;
 mod features;
 mod growth;
+mod ids;
 mod limit;
 mod recurring;
 mod removal;
