@@ -197,4 +197,19 @@ mod tests {
         }
         assert_eq!(Region::mask_of_runs(&[u32::MAX, u32::MAX, 8], 6), None);
     }
+
+    #[test]
+    fn border_steps_lead_from_pixels_of_the_region_to_others() {
+        let map = SegmentMap::from_fn(9, 7, |column, row| u32::from((column * 5 + row * 3) % 7 < 4 && column > 1));
+        let region = Region::of_maps(&map, &map, 1).remove(0);
+        let mut expected: Vec<Step> = region
+            .pixels()
+            .flat_map(|at| [(-1, 0), (1, 0), (0, -1), (0, 1)].map(|step| (at, step)))
+            .filter(|(at, step)| !region.contains((at.0 as isize + step.0) as f32, (at.1 as isize + step.1) as f32))
+            .collect();
+        let mut found = region.border_steps();
+        expected.sort_unstable();
+        found.sort_unstable();
+        assert_eq!(found, expected);
+    }
 }

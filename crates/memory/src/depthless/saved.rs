@@ -101,3 +101,68 @@ impl SavedDepthlessSegment {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A segment of six pixels.
+    fn segment(id: SegmentId) -> SavedDepthlessSegment {
+        SavedDepthlessSegment {
+            id,
+            bounding_box: [4, 2, 4, 2],
+            runs: vec![1, 6, 1],
+            bare: 6,
+            inverse_plane: Vec3::new(0.1, 0.2, 0.5),
+            support: Support::Fit,
+            intrinsics: Intrinsics { fx: 50.0, fy: 50.0, cx: 15.5, cy: 11.5, width: 32, height: 24 },
+            world_from_camera: Pose::IDENTITY,
+            last_seen: 7,
+            poor_views: 1,
+            contradictions: MAX_CONTRADICTIONS - 1,
+        }
+    }
+
+    fn restored(saved: &[SavedDepthlessSegment]) -> Result<DepthlessSegments, String> {
+        DepthlessSegments::restored(saved.to_vec(), 300, 7)
+    }
+
+    #[test]
+    fn what_was_saved_is_restored() {
+        let saved: Vec<SavedDepthlessSegment> = (1..=MAX_SEGMENTS as SegmentId).map(segment).collect();
+        assert_eq!(restored(&saved).unwrap().saved(), saved);
+        assert!(restored(&[]).unwrap().saved().is_empty());
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused() {
+        assert!(restored(&(1..=MAX_SEGMENTS as SegmentId + 1).map(segment).collect::<Vec<_>>()).is_err());
+        for ids in [&[2, 1][..], &[1, 1], &[0], &[301]] {
+            assert!(restored(&ids.iter().map(|id| segment(*id)).collect::<Vec<_>>()).is_err(), "{ids:?}");
+        }
+        let changes: [fn(&mut SavedDepthlessSegment); 10] = [
+            |segment| segment.last_seen = 8,
+            |segment| segment.bare = 0,
+            |segment| segment.bare = 7,
+            |segment| segment.inverse_plane.y = f32::NAN,
+            |segment| segment.contradictions = MAX_CONTRADICTIONS,
+            |segment| segment.runs = vec![1, 6],
+            |segment| segment.runs = vec![8],
+            |segment| (segment.bounding_box[2], segment.runs) = (0, vec![]),
+            |segment| segment.bounding_box[0] = MAX_SIDE,
+            |segment| segment.intrinsics.fx = 0.0,
+        ];
+        for (index, change) in changes.into_iter().enumerate() {
+            let mut segment = segment(3);
+            change(&mut segment);
+            assert!(restored(&[segment]).is_err(), "change {index}");
+        }
+    }
+
+    #[test]
+    fn sizes_are_checked_before_memory_is_taken() {
+        let huge = |id| SavedDepthlessSegment { bounding_box: [0, 0, MAX_SIDE - 1, MAX_SIDE - 1], ..segment(id) };
+        let error = restored(&(1..=MAX_SEGMENTS as SegmentId).map(huge).collect::<Vec<_>>()).unwrap_err();
+        assert!(error.contains("the memory limit is"), "{error}");
+    }
+}

@@ -203,6 +203,11 @@ mod tests {
     /// Compares a warp with ray casting; returns its pixels.
     fn check(region: &Region, plane: &Plane, from: &Viewpoint, to: &Viewpoint) -> usize {
         let warp = Warp::new(region, plane, from, to);
+        let shift = to.world_from_camera.translation() - from.world_from_camera.translation();
+        if 1.0 - (from.world_from_camera.rotation() * plane.inverse).dot(shift) <= MIN_DISTANCE_RATIO {
+            assert!(warp.is_none(), "the plane is not before the new camera");
+            return 0;
+        }
         let (width, height) = (to.intrinsics.width, to.intrinsics.height);
         let mut found = vec![false; width * height];
         let runs = warp.as_ref().map_or(&[][..], |warp| &warp.runs);
@@ -228,6 +233,12 @@ mod tests {
         }
         if let Some(warp) = &warp {
             assert_eq!(warp.area, area);
+            let ray =
+                |(column, row): (usize, usize)| from.intrinsics.unproject(Vec2::new(column as f32, row as f32), 1.0);
+            if region.pixels().any(|pixel| plane.inverse.dot(ray(pixel)) < 0.0) {
+                // Beyond the plane's horizon nothing can be said.
+                return area;
+            }
             let inside: Vec<bool> = region
                 .pixels()
                 .step_by(region.area.div_ceil(SAMPLES))
@@ -272,7 +283,12 @@ mod tests {
                 * Mat4::from_euler(EulerRot::YXZ, rotation.x, rotation.y, rotation.z);
             let pose = Pose::from_matrix(Mat4::from_translation(moved) * turned).unwrap();
             let to = Viewpoint { intrinsics: NEW, world_from_camera: pose };
-            let inverse = if trial % 5 == 0 { Vec3::ZERO } else { random(0.2) + Vec3::Z * 0.5 };
+            // Infinitely far, before the camera, and so steep that it ends within the image.
+            let inverse = match trial % 5 {
+                0 => Vec3::ZERO,
+                1 => random(1.5) + Vec3::Z * 0.3,
+                _ => random(0.2) + Vec3::Z * 0.5,
+            };
             seen += usize::from(check(&region, &plane(inverse), &from, &to) > 200);
         }
         assert!(seen > 120, "{seen} of 200 show the region");
