@@ -101,3 +101,12 @@ fn a_full_gaussian_takes_another_segment_only_if_that_is_stronger_than_its_weake
     };
     assert_eq!([0.1, 0.2, 0.21].map(after), [(4, 0.2), (4, 0.2), (5, 0.21)]);
 }
+
+#[test]
+fn negligible_votes_make_room() {
+    let mut votes = Votes::from_slots([(1, 3.0), (2, 0.019), (3, 0.021), (4, 0.0)]);
+    votes.cap(4.0);
+    assert_eq!(votes.iter().map(|(id, _)| id).collect::<Vec<_>>(), [1, 3]);
+    votes.cap(1.0);
+    assert_eq!(votes.iter().map(|(id, _)| id).collect::<Vec<_>>(), [1], "less than a third of 0.021 is left");
+}
