@@ -143,14 +143,16 @@ fn votes_after(
     votes.iter().zip(&labels).map(after).collect()
 }
 
-/// A view of boxes, of which one comes and goes, with noise and holes in the depth. That one fills whole tiles.
+/// A view of boxes, of which one comes and goes, with noise and at times holes in the depth. That one fills whole tiles.
 fn noisy_shot(number: usize, random: &mut ChaCha8Rng) -> Shot {
     let visitor = Solid::new(5, [0.0, -0.2, 1.4], [0.8, 0.8, 0.2]);
     let scene = if number % 4 == 1 { Scene::boxes().with(visitor) } else { Scene::boxes() };
     let position = Vec3::from_array(std::array::from_fn(|_| random.random_range(-0.15..0.15)));
     let mut shot = scene.seen_from(pose(position.to_array(), random.random_range(-8.0..8.0)));
+    let has_holes = number % 2 == 0;
     for depth in shot.depth.pixels_mut() {
-        *depth = if random.random_range(0..40) == 0 { 0.0 } else { *depth + random.random_range(-0.04..0.04) };
+        *depth =
+            if has_holes && random.random_range(0..40) == 0 { 0.0 } else { *depth + random.random_range(-0.04..0.04) };
     }
     shot
 }

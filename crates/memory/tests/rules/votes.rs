@@ -110,3 +110,8 @@ fn negligible_votes_make_room() {
     votes.cap(1.0);
     assert_eq!(votes.iter().map(|(id, _)| id).collect::<Vec<_>>(), [1], "less than a third of 0.021 is left");
 }
+
+#[test]
+fn a_segment_wins_with_more_votes_than_the_least() {
+    assert_eq!([0.29, 0.3, 0.31].map(|votes| Votes::one(7, votes).winner(0.3)), [0, 0, 7]);
+}
