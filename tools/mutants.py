@@ -325,6 +325,10 @@ def main() -> None:
     arguments.work.mkdir(parents=True, exist_ok=True)
     if not copy.exists():
         subprocess.run(["git", "clone", "--quiet", root, copy], check=True)
+    # Tests look for shared data beside the checkout.
+    shared = arguments.work / "shared"
+    if (root.parent / "shared").exists() and not shared.exists():
+        shared.symlink_to(root.parent / "shared")
     subprocess.run(["git", "-C", copy, "fetch", "--quiet", root, "HEAD"], check=True)
     subprocess.run(["git", "-C", copy, "reset", "--quiet", "--hard", "FETCH_HEAD"], check=True)
     listing = ["cargo", "mutants", "--list", "--json", "-p", f"splatseg-{arguments.crate}"]

@@ -137,7 +137,7 @@ fn integer_ids() {
 fn odd_sizes_work() {
     for (count, dim) in [(1, 1), (1, 2), (1, 28), (2, 1), (2, 2), (3, 17), (17, 16), (33, 33), (5, 300)] {
         let codebook = codebook(count, dim);
-        assert_eq!((codebook.len(), codebook.feature_dim()), (count, dim));
+        assert_eq!((codebook.len(), codebook.feature_dim(), codebook.is_empty()), (count, dim, false));
         for index in 0..count {
             assert_eq!(codebook.decode(codebook.vector(index), count, 0.5), Some(index as u32));
         }
@@ -153,6 +153,8 @@ fn impossible_sizes_are_errors() {
     assert_eq!(error(8, usize::MAX), CodebookError::FeatureDim { found: usize::MAX });
     assert!(matches!(error(usize::MAX, 28), CodebookError::TooManyCodes { found: usize::MAX, .. }));
     assert!(matches!(error(1 << 25, 1), CodebookError::TooManyCodes { .. }));
+    // 2^28 values.
+    assert_eq!(error(4097, 1 << 16), CodebookError::TooManyCodes { found: 4097, max: 4096, feature_dim: 1 << 16 });
     let mut codebook = codebook(4, 2);
     let before = codebook.clone();
     assert_eq!(codebook.extend(0, &mut |_| ()), Err(CodebookError::NoCodes));

@@ -6,7 +6,10 @@ use exact_masks::{MIN_AREA, count_pairs, evidence, features, masks, method, trut
 use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
 use splatseg_geometry::{Image, Mask, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
 use splatseg_memory::{MemorySettings, SplatContent, SplatFile};
-use splatseg_tracking::{FastSamSplat, FastSamSplatSettings, Method, TrackingError};
+use splatseg_tracking::{
+    FastSamBaseline, FastSamBaselineSettings, FastSamSplat, FastSamSplatSettings, FastSpamBaseline,
+    FastSpamBaselineSettings, FrameOutput, Method, TrackingError,
+};
 use std::collections::BTreeMap;
 
 fn room(frames: usize) -> SyntheticScene {
@@ -222,4 +225,62 @@ fn small_predictions_and_small_outputs_have_their_own_limits() {
     assert_eq!(shown(31, 0), (0, false));
     assert_eq!(shown(30, 31), (1, false));
     assert_eq!(shown(30, 20), (1, true));
+}
+
+/// The number of predictions that count, of a mask of 40x10 pixels on which a second one leaves `visible` columns.
+fn counted(visible: usize, least: usize) -> usize {
+    let settings = FastSamSplatSettings::default().with(|settings| settings.min_prediction_area = least);
+    let mut method = FastSamSplat::new(settings, 0, &mut |_| {}).unwrap();
+    let frame = room(1).read_frame(0).unwrap();
+    let (width, height) = (frame.width(), frame.height());
+    let columns = |from: usize, to: usize| {
+        let mask = Mask::from_fn(width, height, |column, row| (from..to).contains(&column) && row < 10);
+        ScoredMask { mask, score: 1.0 }
+    };
+    method.process(&frame, &[columns(0, 40), columns(visible, 40)]).unwrap().predictions
+}
+
+#[test]
+fn a_prediction_counts_only_if_enough_pixels_and_enough_of_it_are_visible() {
+    assert_eq!(counted(12, 100), 2, "120 pixels and three tenths");
+    assert_eq!(counted(11, 100), 1, "110 pixels, but less than three tenths");
+    assert_eq!(counted(12, 130), 1, "three tenths, but less than 130 pixels");
+}
+
+#[test]
+fn what_the_memory_explains_stays_what_it_was() {
+    let settings = FastSamSplatSettings::default().with(|settings| {
+        settings.explanation.recurrences = 0;
+        settings.min_prediction_area = 1;
+    });
+    let mut method = FastSamSplat::new(settings, 0, &mut |_| {}).unwrap();
+    let frame = room(1).read_frame(0).unwrap();
+    let mask = |from: usize, to: usize| {
+        let is_inside = |column, row| (from..to).contains(&column) && (from..to).contains(&row);
+        ScoredMask { mask: Mask::from_fn(frame.width(), frame.height(), is_inside), score: 1.0 }
+    };
+    let ids = |masks: &[ScoredMask], method: &mut FastSamSplat| {
+        method.process(&frame, masks).unwrap().segments.areas().into_keys().collect::<Vec<_>>()
+    };
+    for _ in 0..10 {
+        assert_eq!(ids(&[mask(5, 80)], &mut method), [1]);
+    }
+    for number in 0..10 {
+        assert_eq!(ids(&[mask(5, 80), mask(30, 50)], &mut method), [1], "frame {number} of two masks");
+    }
+    assert_eq!(method.memory().unwrap().segment_count(), 2, "the id that was not needed is given again");
+}
+
+#[test]
+fn methods_have_the_names_of_the_command_line() {
+    assert_eq!(method(evidence()).name(), "fastsam-splat");
+    assert_eq!(FastSamBaseline::new(FastSamBaselineSettings::default()).unwrap().name(), "fastsam");
+    assert_eq!(FastSpamBaseline::new(FastSpamBaselineSettings::default(), 0).unwrap().name(), "fastspam");
+}
+
+#[test]
+fn a_result_of_a_method_defined_elsewhere_is_sure_of_its_segments() {
+    let segments = SegmentMap::from_pixels(3, 1, vec![7, 0, 2]).unwrap();
+    let output = FrameOutput::from_segments(segments.clone());
+    assert_eq!((output.confidence.pixels(), output.segments), (&[1.0, 0.0, 1.0][..], segments));
 }

@@ -145,6 +145,75 @@ fn masks_that_do_not_contain_their_centroid_get_a_random_pixel() {
 }
 
 #[test]
+fn points_are_dropped_as_soon_as_they_leave_the_image() {
+    // Things 2 m away appear this much farther to the right and farther down.
+    let moved = |columns: f32, rows: f32| {
+        let position = Vec3::new(-columns * 2.0 / 40.0, -rows * 2.0 / 40.0, 0.0);
+        let camera = Intrinsics { fx: 40.0, fy: 40.0, cx: 30.0, cy: 10.0, width: WIDTH, height: HEIGHT };
+        let (color, depth) = (Image::filled(WIDTH, HEIGHT, [0; 3]), Image::filled(WIDTH, HEIGHT, 2.0));
+        let pose = Pose::from_matrix(Mat4::from_translation(position)).unwrap();
+        RgbdFrame::new("0", color, depth, camera, pose).unwrap()
+    };
+    // Their points are the pixels (8, 4) and (51, 15).
+    let block = |left: usize, top: usize| {
+        mask(move |column, row| (left..left + 3).contains(&column) && (top..top + 3).contains(&row))
+    };
+    for (columns, rows, is_inside) in [(8, 0, true), (9, 0, false), (0, 4, true), (0, 5, false), (8, 4, true)] {
+        let mut method = fastspam();
+        method.process(&moved(0.0, 0.0), &[block(7, 3), block(50, 14)]).unwrap();
+        let corner = mask(|column, row| column >= 50 + columns && row >= 14 + rows);
+        let seen = [block(7 + columns, 3 + rows), corner];
+        let output = method.process(&moved(columns as f32, rows as f32), &seen).unwrap();
+        let mut ids: Vec<u32> = output.masks.iter().map(|(id, _)| *id).collect();
+        ids.sort_unstable();
+        assert_eq!(ids, if is_inside { [1, 2] } else { [1, 3] }, "by {columns} columns and {rows} rows");
+    }
+}
+
+#[test]
+fn a_pixel_without_depth_is_not_a_point_at_the_camera() {
+    let mut method = fastspam();
+    method.process(&frame_with_depth(0.0, |_, _| 0.0), &[stripe(40, 47)]).unwrap();
+    // Where the camera stood is now before it, in the middle of the image.
+    let back = Pose::from_matrix(Mat4::from_translation(Vec3::new(0.0, 0.3, -1.1))).unwrap();
+    let camera = *frame(0.0).intrinsics();
+    let (color, depth) = (Image::filled(WIDTH, HEIGHT, [0; 3]), Image::filled(WIDTH, HEIGHT, 2.0));
+    let frame = RgbdFrame::new("1", color, depth, camera, back).unwrap();
+    assert_eq!(found(&method.process(&frame, &[stripe(28, 33)]).unwrap()), [(2, 5)]);
+}
+
+#[test]
+fn masks_that_segments_cover_are_not_new() {
+    // Bars of 8 rows above the points of two stripes, and what is between the stripes: the centroid.
+    let new_ids = |bar: &[std::ops::Range<usize>]| {
+        let mut method = fastspam();
+        method.process(&frame(0.0), &[stripe(10, 20), stripe(30, 40)]).unwrap();
+        let bar = mask(|column, row| row < 8 && bar.iter().any(|part| part.contains(&column)));
+        let output = method.process(&frame(0.0), &[stripe(10, 20), stripe(30, 40), bar]).unwrap();
+        output.masks.iter().filter(|(id, _)| *id > 2).count()
+    };
+    assert_eq!(new_ids(&[10..20, 24..25, 30..39]), 0, "19 of 20 columns are covered");
+    assert_eq!(new_ids(&[11..20, 24..26, 30..39]), 0, "18 of 20: the fraction itself is enough");
+    assert_eq!(new_ids(&[11..20, 23..26, 31..39]), 1, "17 of 20");
+}
+
+#[test]
+fn a_prompted_mask_is_merged_with_the_segment_that_it_is_most_like() {
+    let mut method = fastspam();
+    method.process(&frame(0.0), &[stripe(0, 10), stripe(20, 26), stripe(26, 30)]).unwrap();
+    // The points of the last two are on one mask.
+    let output = method.process(&frame(0.0), &[stripe(0, 10), stripe(20, 30)]).unwrap();
+    assert_eq!(found(&output), [(1, 10), (2, 10)]);
+}
+
+#[test]
+fn the_confidence_is_the_score_of_the_mask() {
+    let scored = |from: usize, to: usize, score: f32| ScoredMask { score, ..stripe(from, to) };
+    let output = fastspam().process(&frame(0.0), &[scored(0, 20, 0.75), scored(30, 35, 0.5)]).unwrap();
+    assert_eq!([5, 25, 32].map(|column| output.confidence[(column, 3)]), [0.75, 0.0, 0.5]);
+}
+
+#[test]
 fn settings_are_checked() {
     for (agreement_iou, covered_fraction) in [(0.0, 0.9), (0.9, 1.1), (f64::NAN, 0.9)] {
         let settings = FastSpamBaselineSettings::default().with(|settings| {

@@ -42,6 +42,7 @@ fn square(from: usize, to: usize) -> Mask {
 fn tracks_are_prompted_followed_corrected_and_removed() {
     let Some(network) = network("tracks_are_prompted_followed_corrected_and_removed") else { return };
     let mut tracker = Sam2Tracker::new(network, Sam2TrackerSettings::default()).unwrap();
+    assert_eq!(tracker.name(), "sam2");
     assert!(tracker.track(&frame(0, SIZE)).unwrap().is_empty());
     let thin = Mask::empty(SIZE.0, SIZE.1);
     let prompts = [(9, Prompt::Mask(square(20, 50))), (5, Prompt::Mask(thin)), (3, Prompt::Mask(square(60, 90)))];

@@ -146,3 +146,19 @@ fn each_category_can_be_switched_off() {
     let without = RepromptSettings::default().with(|settings| settings.duplicated_track = false);
     assert_eq!(count(&without), TrackErrorCounts { duplicated_track: 0, ..all });
 }
+
+#[test]
+fn a_segment_is_prompted_up_to_the_fraction_that_others_may_cover() {
+    let nothing = stripe(0, 0);
+    let not_tracked = (TrackErrorKind::NotTracked, 2, Some((stripe(15, 20), nothing)));
+    // Half of it is covered, by a track that is right; then more.
+    assert_eq!(errors(&[(1, stripe(0, 15)), (3, stripe(20, 30))]), [not_tracked]);
+    assert_eq!(errors(&[(1, stripe(0, 16)), (3, stripe(20, 30))]), []);
+}
+
+#[test]
+fn a_track_on_a_segment_that_is_not_trusted_is_left_alone() {
+    let mut expected = expected();
+    expected.confidence = Image::filled(SIZE.0, SIZE.1, 0.5);
+    assert_eq!(errors_in(&expected, &[(9, stripe(0, 10)), (8, stripe(10, 20))]), []);
+}

@@ -18,10 +18,6 @@ type Rect = (Range<usize>, Range<usize>);
 /// Where the screen usually is: 200 pixels.
 const PLACE: Rect = (20..40, 15..25);
 
-fn contains(rect: &Rect, (column, row): (usize, usize)) -> bool {
-    rect.0.contains(&column) && rect.1.contains(&row)
-}
-
 /// One frame: the wall, and what is painted over it.
 #[derive(Clone)]
 struct Shot {
@@ -75,7 +71,7 @@ struct Run(SplatMemory);
 impl Run {
     fn new() -> Self {
         let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
-        (0..8).for_each(|_| drop(memory.new_segment().unwrap()));
+        (0..8).for_each(|_| _ = memory.new_segment().unwrap());
         Self(memory)
     }
 
@@ -236,7 +232,7 @@ fn the_plane_that_served_so_far_is_kept_if_there_is_no_depth_around_any_more() {
 /// Whether a screen is forgotten that `shot` does not show, after so many frames.
 fn is_forgotten(shot: &Shot, frames: u8) -> bool {
     let mut run = Run::that_knows(PLACE);
-    (0..frames).for_each(|_| drop(run.show(shot).len()));
+    (0..frames).for_each(|_| _ = run.show(shot));
     !run.ids().contains(&SCREEN)
 }
 
@@ -246,7 +242,7 @@ fn what_is_contradicted_five_times_is_forgotten() {
     assert!(!is_forgotten(&gone, MAX_CONTRADICTIONS - 1) && is_forgotten(&gone, MAX_CONTRADICTIONS));
     let mut run = Run::that_knows(PLACE);
     for _ in 0..3 {
-        (1..MAX_CONTRADICTIONS).for_each(|_| drop(run.show(&Shot::instead_of_screen(OTHER, 0.0)).len()));
+        (1..MAX_CONTRADICTIONS).for_each(|_| _ = run.show(&Shot::instead_of_screen(OTHER, 0.0)));
         assert_eq!(run.screen().contradictions, MAX_CONTRADICTIONS - 1);
         run.show(&Shot::screen(PLACE));
         assert_eq!(run.screen().contradictions, 0, "seen in between");

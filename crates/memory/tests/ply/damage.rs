@@ -43,6 +43,22 @@ fn every_changed_bit_is_an_error() {
     }
 }
 
+#[test]
+fn a_wrong_length_is_told_with_what_should_be_there() {
+    let message = |kind| load(&[&saved(&sample(kind, 3))[..], b"1"].concat()).unwrap_err().to_string();
+    let [evidence, features] = KINDS.map(message);
+    assert!(evidence.contains("3 Gaussians with votes and 4 segments"), "{evidence}");
+    assert!(features.contains("3 Gaussians and 9 codes of dimension 3, and 4 segments"), "{features}");
+}
+
+#[test]
+fn a_header_without_an_end_is_told_with_its_last_line() {
+    let message = |text: &str| load(text.as_bytes()).unwrap_err().to_string();
+    for text in ["ply\nformat any\nelement some\n", "ply\nformat any\nelement some\n\n"] {
+        assert!(message(text).contains("element some"), "{}", message(text));
+    }
+}
+
 /// `from` in the header replaced, the checksum made right.
 fn with_header(kind: MemoryKind, from: &str, to: &str) -> Result<SplatFile, SplatFileError> {
     let bytes = saved(&sample(kind, 3));

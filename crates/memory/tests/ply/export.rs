@@ -1,6 +1,6 @@
 //! What other programs get of a saved memory.
 
-use super::sample::{SEGMENTS, sample};
+use super::sample::{SEGMENTS, features, sample, with_content};
 use glam::Vec3;
 use splatseg_memory::{ExportedForm, ExportedGaussian, MemoryKind, SplatContent, Votes, write_exported};
 
@@ -73,4 +73,16 @@ fn confidence_is_the_share_of_votes_for_what_is_shown() {
     let features = sample(MemoryKind::Features, 20);
     assert!(features.gaussians().all(|gaussian| (0.0..=1.0).contains(&gaussian.confidence)));
     assert!(features.gaussians().all(|gaussian| gaussian.segment_id as usize <= SEGMENTS));
+}
+
+#[test]
+fn confidence_of_features_is_their_length_and_an_id_is_sure() {
+    let mut file = sample(MemoryKind::Features, 3);
+    let SplatContent::Features { features: values, .. } = &mut file.content else { panic!("a memory of features") };
+    *values = [[0.3, 0.4, 0.0], [0.0; 3], [1.0, 1.0, 0.0]].concat();
+    let confidence: Vec<f32> = file.gaussians().map(|gaussian| gaussian.confidence).collect();
+    assert_eq!(confidence, [0.5, 0.0, 1.0]);
+    let mut file = with_content(features(3, 1), 3);
+    file.segment_ids = vec![2, 0, 1];
+    assert_eq!(file.gaussians().map(|gaussian| gaussian.confidence).collect::<Vec<_>>(), [1.0, 0.0, 1.0]);
 }

@@ -3,7 +3,9 @@
 use crate::sample::{KINDS, features, place, sample, saved, with_content};
 use glam::Vec3;
 use proptest::prelude::*;
-use splatseg_memory::{SplatContent, SplatFile, SplatMap, Votes};
+use splatseg_memory::{
+    Codebook, CodebookSettings, MemoryKind, SavedMemorySettings, SplatContent, SplatFile, SplatMap, Votes,
+};
 use splatseg_render::Balls;
 use std::fs;
 use std::path::Path;
@@ -146,5 +148,25 @@ proptest! {
             // Equality takes −0 for 0; the bytes do not.
             prop_assert_eq!(saved(&reloaded(&file)), saved(&file));
         }
+    }
+}
+
+#[test]
+fn the_settings_of_a_file_are_read_without_its_gaussians() {
+    let settings_of = |file: &SplatFile| {
+        let place = place();
+        file.save(&place.path).unwrap();
+        SavedMemorySettings::read(&place.path).unwrap()
+    };
+    let evidence = settings_of(&sample(MemoryKind::Evidence, 5));
+    assert_eq!((evidence.kind, evidence.codes), (MemoryKind::Evidence, None));
+    for (blocks, count, feature_dim) in [(1, 0, 3), (2, 5, 3), (3, 70, 4)] {
+        let settings = CodebookSettings { num_codes: 6, feature_dim, seed: 5 };
+        let mut codebook = Codebook::generate(&settings, &mut |_| ()).unwrap();
+        (1..blocks).for_each(|_| codebook.extend(6, &mut |_| ()).unwrap());
+        let content = SplatContent::Features { features: vec![0.5; count * feature_dim], codebook };
+        let found = settings_of(&with_content(content, count));
+        let codes = found.codes.map(|codes| (codes.feature_dim, codes.num_codes));
+        assert_eq!((found.kind, codes), (MemoryKind::Features, Some((feature_dim, 6))));
     }
 }

@@ -184,7 +184,7 @@ fn what_is_expected_shown_and_learnt_is_what_the_definition_says() {
     for settings in [defaults, removes_nothing, others] {
         let mut random = ChaCha8Rng::seed_from_u64(7);
         let mut run = Run::new(settings.clone());
-        (0..IDS).for_each(|_| drop(run.memory.new_segment().unwrap()));
+        (0..IDS).for_each(|_| _ = run.memory.new_segment().unwrap());
         let (mut clear, mut learnt) = (0, 0);
         for number in 0..8 {
             let shot = noisy_shot(number, &mut random);

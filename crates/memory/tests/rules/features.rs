@@ -1,7 +1,7 @@
 //! The paper's memory learns.
 
-use crate::run::{Run, features, recalled};
-use crate::scene::{Scene, WALL};
+use crate::run::{Run, features, kinds, recalled};
+use crate::scene::{SIZE, Scene, WALL};
 use splatseg_geometry::SegmentMap;
 use splatseg_memory::{Codebook, GrowthRule, SplatContent, SplatFile};
 
@@ -97,7 +97,7 @@ fn a_new_gaussian_of_a_segment_that_fades_has_what_is_left_of_its_confidence() {
 fn codes_are_added_when_all_are_used() {
     let mut run = Run::new(features());
     let codes = |run: &Run| (run.memory.segment_count(), saved(run).1.len());
-    (0..16).for_each(|_| drop(run.memory.new_segment().unwrap()));
+    (0..16).for_each(|_| _ = run.memory.new_segment().unwrap());
     assert_eq!(codes(&run), (16, 16));
     run.memory.new_segment().unwrap();
     assert_eq!(codes(&run), (17, 32));
@@ -110,5 +110,32 @@ fn a_gaussian_has_seven_numbers_and_those_of_its_feature() {
         run.show(&Scene::wall().seen_from_origin());
         assert_eq!(run.memory.parameter_count(), (7 + feature_dim) * run.memory.gaussian_count());
         assert!(run.memory.segment_shares().iter().all(|share| *share == 1.0), "no second opinion is kept");
+    }
+}
+
+#[test]
+fn the_confidence_is_what_is_left_of_the_length_of_a_feature() {
+    let mut run = Run::new(features());
+    let shot = Scene::wall().seen_from_origin();
+    let middle = (SIZE.0 / 2, SIZE.1 / 2);
+    let confidence = |run: &Run| run.memory.recall(&shot.frame()).expected().confidence[middle];
+    run.show(&shot);
+    let fresh = confidence(&run);
+    assert!((0.95..=1.0).contains(&fresh), "{fresh}");
+    run.show_as(&shot, &shot.truth.map(|_| 0));
+    let faded = confidence(&run);
+    assert!((fresh - faded - 0.1).abs() < 0.02, "{faded} after {fresh}");
+}
+
+#[test]
+fn what_is_exported_is_what_is_saved() {
+    for settings in kinds() {
+        let mut run = Run::new(settings);
+        run.show_times(&Scene::boxes().seen_from_origin(), 2);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.ply");
+        run.memory.save(&path).unwrap();
+        let saved: Vec<_> = SplatFile::load(&path).unwrap().gaussians().collect();
+        assert!(saved.len() > 100 && run.memory.exported_gaussians().unwrap() == saved);
     }
 }

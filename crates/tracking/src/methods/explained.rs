@@ -106,6 +106,14 @@ mod tests {
     }
 
     #[test]
+    fn enough_of_a_prediction_must_be_visible() {
+        let rules = ExplanationSettings::default().with(|rules| rules.min_visible_fraction = 0.5);
+        let stripe = |to: usize| Mask::from_fn(8, 1, |column, _| column < to);
+        assert_eq!([1, 2, 3].map(|visible| rules.is_visible(&stripe(visible), &stripe(4))), [false, true, true]);
+        assert!(ExplanationSettings::NONE.is_visible(&stripe(0), &stripe(4)));
+    }
+
+    #[test]
     fn predictions_that_hardly_show_are_explained() {
         let rules = ExplanationSettings::default().with(|rules| rules.min_new_fraction = 0.5);
         let shown = map(&[8, 8, 1, 1, 9, 1, 1, 1]);

@@ -74,3 +74,37 @@ impl SegmentIds {
         Ok(self.last)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Sam2BaselineSettings, Sam2SplatSettings, Tracker, TrackerError};
+    use splatseg_geometry::Mask;
+    use splatseg_models::sam2::Prompt;
+
+    /// A tracker that finds nothing.
+    struct Blind;
+
+    impl Tracker for Blind {
+        fn name(&self) -> &str {
+            "blind"
+        }
+
+        fn track(&mut self, _: &RgbdFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
+            Ok(Vec::new())
+        }
+
+        fn prompt(&mut self, _: &[(SegmentId, Prompt)]) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
+            Ok(Vec::new())
+        }
+
+        fn remove(&mut self, _: SegmentId) {}
+    }
+
+    #[test]
+    fn methods_with_a_tracker_have_the_names_of_the_command_line() {
+        assert_eq!(Sam2Baseline::new(Box::new(Blind), Sam2BaselineSettings::default()).unwrap().name(), "sam2");
+        let settings = Sam2SplatSettings::default();
+        assert_eq!(Sam2Splat::new(Box::new(Blind), settings, 0, &mut |_| {}).unwrap().name(), "sam2-splat");
+    }
+}

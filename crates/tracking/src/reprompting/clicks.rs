@@ -104,7 +104,33 @@ mod tests {
         assert!(sample_clicks(&Mask::empty(9, 9), 5).is_empty() && sample_clicks(&pair, 0).is_empty());
     }
 
+    #[test]
+    fn further_clicks_are_at_least_half_as_deep() {
+        // The middle is 11 pixels deep. Of the pixels that are 6 deep, the corners are farthest from it.
+        let square = Mask::from_fn(21, 21, |_, _| true);
+        assert_eq!(sample_clicks(&square, 3), [(10, 10), (5, 5), (15, 15)]);
+    }
+
     proptest! {
+        #[test]
+        fn a_component_has_all_that_is_connected(inside in prop::collection::vec(prop::bool::weighted(0.6), 63..=63)) {
+            prop_assume!(inside[31]);
+            let mut expected = [false; 63];
+            expected[31] = true;
+            // As often as the longest way there can be.
+            for _ in 0..63 {
+                for index in (0..63).filter(|index| inside[*index]) {
+                    let is_beside = |other: usize| {
+                        (other % 9).abs_diff(index % 9) + (other / 9).abs_diff(index / 9) == 1 && expected[other]
+                    };
+                    expected[index] |= (0..63).any(is_beside);
+                }
+            }
+            let mut found = connected_with(31, (9, 7), |index| inside[index]);
+            found.sort_unstable();
+            prop_assert_eq!(found, (0..63).filter(|index| expected[*index]).collect::<Vec<_>>());
+        }
+
         #[test]
         fn clicks_are_different_pixels_of_the_region(inside in prop::collection::vec(any::<bool>(), 96..=96)) {
             let region = Mask::from_fn(12, 8, |column, row| inside[row * 12 + column]);

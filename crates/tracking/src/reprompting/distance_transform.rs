@@ -68,5 +68,7 @@ mod tests {
         let depth = depth_inside(&mask);
         assert_eq!(depth[2 * 7..3 * 7], [1, 2, 3, 2, 1, 0, 0]);
         assert_eq!(depth[..7], [1, 1, 1, 1, 1, 0, 0]);
+        let full = depth_inside(&Mask::from_fn(5, 4, |_, _| true));
+        assert_eq!(full, [[1; 5], [1, 2, 2, 2, 1], [1, 2, 2, 2, 1], [1; 5]].concat());
     }
 }

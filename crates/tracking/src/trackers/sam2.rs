@@ -115,3 +115,32 @@ impl Tracker for Sam2Tracker {
 fn shown(found: &ObjectMask) -> Mask {
     if found.is_present() { found.mask() } else { Mask::empty(found.frame_size.0, found.frame_size.1) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_predictor_gets_the_settings() {
+        let settings = Sam2TrackerSettings::default().with(|settings| {
+            (settings.objects_per_chunk, settings.fill_hole_area) = (7, 5);
+            (settings.add_all_frames_to_correct_as_cond, settings.absent_check_interval) = (true, 9);
+            settings.max_cond_frames_in_attn = 3;
+        });
+        let expected = Sam2PredictorSettings {
+            objects_per_chunk: 7,
+            max_cond_frames_in_attn: Some(3),
+            add_all_frames_to_correct_as_cond: true,
+            fill_hole_area: 5,
+            max_absent_frames: 16,
+            absent_check_interval: 9,
+            ..Sam2PredictorSettings::default()
+        };
+        assert_eq!(settings.resolved(true).predictor(), expected);
+        assert_eq!(settings.resolved(false).predictor().max_absent_frames, 0);
+        let all =
+            settings.with(|settings| (settings.max_cond_frames_in_attn, settings.max_absent_frames) = (0, Some(4)));
+        let found = all.resolved(true).predictor();
+        assert_eq!((found.max_cond_frames_in_attn, found.max_absent_frames), (None, 4));
+    }
+}

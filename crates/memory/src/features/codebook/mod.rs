@@ -326,3 +326,27 @@ fn check_vector(index: usize, vector: &[f32]) -> Result<(), CodebookError> {
     }
     Err(CodebookError::BadVector { index, problem: format!("has length {norm}, but it has to be a unit vector") })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codebooks_are_equal_if_their_vectors_and_what_they_are_made_from_are() {
+        let codebook =
+            |vectors: [f32; 4], seed, blocks| Codebook::from_vectors(2, vectors.to_vec(), seed, blocks).unwrap();
+        let one = codebook([1.0, 0.0, 0.0, 1.0], 3, 1);
+        assert_eq!(one, codebook([1.0, 0.0, 0.0, 1.0], 3, 1));
+        assert_ne!(one, codebook([0.0, 1.0, 1.0, 0.0], 3, 1));
+        assert_ne!(one, codebook([1.0, 0.0, 0.0, 1.0], 4, 1));
+        assert_ne!(one, codebook([1.0, 0.0, 0.0, 1.0], 3, 2));
+    }
+
+    #[test]
+    fn vectors_may_be_as_long_as_there_is_room_for() {
+        let mut vectors = vec![0.0; 2 << 14];
+        (vectors[0], vectors[(1 << 14) + 1]) = (1.0, 1.0);
+        assert_eq!(Codebook::from_vectors(1 << 14, vectors, 0, 1).unwrap().len(), 2);
+        assert!(matches!(Codebook::from_vectors(2, vec![], 0, 1), Err(CodebookError::NoCodes)));
+    }
+}

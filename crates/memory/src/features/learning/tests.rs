@@ -306,7 +306,7 @@ fn descended(learning: &Learning<'_>, active: &ActiveWeights, features: &[f32]) 
         for (gaussian, (gradient, curvature)) in gradients.iter().enumerate() {
             let weight_sum = f64::from(active.weight_sums()[gaussian]);
             let along_curvature = 2.0 * magnitude_weight * weight_sum;
-            let along = f64::from(settings.learning_rate) / along_curvature;
+            let along = if along_curvature > 0.0 { f64::from(settings.learning_rate) / along_curvature } else { 0.0 };
             let feature = ahead[gaussian].clone();
             let square = dot64(&feature, &feature);
             let is_turned = dim > 1 && square > 1e-12;
@@ -329,9 +329,14 @@ fn descended(learning: &Learning<'_>, active: &ActiveWeights, features: &[f32]) 
 fn features_move_as_the_formulas_say() {
     let mut random = ChaCha8Rng::seed_from_u64(2);
     // Lengths of working memory: 1, 8, 16, 32 and none of these.
-    for (feature_dim, direction_learning_rate) in [(1, 0.5), (4, 0.5), (14, 0.01), (28, 0.3), (40, 0.5)] {
+    let dims = [(1, 0.5), (4, 0.5), (14, 0.01), (28, 0.3), (40, 0.5)];
+    let with_usual_weights = dims.map(|(feature_dim, rate)| (feature_dim, rate, (50.0, 1.0)));
+    // Directions alone, and directions that weigh so little that the least curvature counts.
+    let with_others = [(4, 0.3, (0.0, 1.0)), (4, 0.5, (50.0, 0.01))];
+    for (feature_dim, direction_learning_rate, weights) in with_usual_weights.into_iter().chain(with_others) {
         let settings = settings(feature_dim).with(|settings| {
             (settings.num_steps, settings.direction_learning_rate) = (4, direction_learning_rate);
+            (settings.magnitude_weight, settings.direction_weight) = weights;
         });
         let (memory, codebook) = (memory(&settings), codebook(&settings));
         let frame = wall(0.1);
