@@ -317,7 +317,7 @@ def main() -> None:
     parser.add_argument("crate", help="its folder in crates/")
     parser.add_argument("--work", type=Path, required=True, help="folder for the copy and the results")
     parser.add_argument("--file", action="append", default=[], help="only files whose paths contain this")
-    parser.add_argument("--minutes", type=float, default=600.0, help="stop after this; the next run goes on, with those missed, too")
+    parser.add_argument("--minutes", type=float, default=600.0, help="stop after this; the next run goes on, with those missed or out of time, too")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="mutants that run at the same time")
     arguments = parser.parse_args()
     root = Path(__file__).resolve().parent.parent
@@ -349,7 +349,7 @@ def main() -> None:
     results = json.loads(results_file.read_text()) if results_file.exists() else {}
     # Names hold line numbers: those of another state of the sources are gone.
     results = {name: outcome for name, outcome in results.items() if name in names_of_all}
-    chosen = [mutant for mutant in mutants if results.get(mutant["name"], "missed") == "missed"]
+    chosen = [mutant for mutant in mutants if results.get(mutant["name"], "missed") in ("missed", "timeout")]
     end = time.monotonic() + 60 * arguments.minutes
 
     def outcome_of(mutant: dict) -> str | None:
