@@ -242,9 +242,9 @@ fn counted(visible: usize, least: usize) -> usize {
 
 #[test]
 fn a_prediction_counts_only_if_enough_pixels_and_enough_of_it_are_visible() {
-    assert_eq!(counted(12, 100), 2, "120 pixels and three tenths");
+    assert_eq!(counted(13, 100), 2, "130 pixels and more than three tenths");
     assert_eq!(counted(11, 100), 1, "110 pixels, but less than three tenths");
-    assert_eq!(counted(12, 130), 1, "three tenths, but less than 130 pixels");
+    assert_eq!(counted(13, 131), 1, "more than three tenths, but less than 131 pixels");
 }
 
 #[test]
