@@ -217,7 +217,7 @@ mod tests {
         }
         assert!(runs.is_sorted_by_key(|run| run.start));
         let area = found.iter().filter(|is_inside| **is_inside).count();
-        for index in 0..width * height {
+        for (index, found) in found.iter().enumerate() {
             let at = DVec2::new((index % width) as f64, (index / width) as f64);
             let (place, inverse_depth) = traced(at, plane, from, to);
             if let Some(warp) = &warp {
@@ -229,7 +229,7 @@ mod tests {
                 continue;
             }
             let expected = place.is_some_and(|place| region.contains(place.x as f32, place.y as f32));
-            assert_eq!(found[index], expected, "at {at}");
+            assert_eq!(*found, expected, "at {at}");
         }
         if let Some(warp) = &warp {
             assert_eq!(warp.area, area);
