@@ -149,7 +149,7 @@ fn noisy_shot(number: usize, random: &mut ChaCha8Rng) -> Shot {
     let scene = if number % 4 == 1 { Scene::boxes().with(visitor) } else { Scene::boxes() };
     let position = Vec3::from_array(std::array::from_fn(|_| random.random_range(-0.15..0.15)));
     let mut shot = scene.seen_from(pose(position.to_array(), random.random_range(-8.0..8.0)));
-    let has_holes = number % 2 == 0;
+    let has_holes = number.is_multiple_of(2);
     for depth in shot.depth.pixels_mut() {
         *depth =
             if has_holes && random.random_range(0..40) == 0 { 0.0 } else { *depth + random.random_range(-0.04..0.04) };

@@ -21,11 +21,8 @@ fn told(run: &mut Run) -> Vec<usize> {
     let mut told = Vec::new();
     for frame in 1..=40 {
         let forgotten = run.show_as(&shot, &two).update.forgotten;
-        assert_eq!(
-            run.memory.carried_ids().contains(&1),
-            !(forgotten.contains(&1) || !told.is_empty()),
-            "frame {frame}"
-        );
+        let is_forgotten = forgotten.contains(&1) || !told.is_empty();
+        assert_eq!(run.memory.carried_ids().contains(&1), !is_forgotten, "frame {frame}");
         told.extend(forgotten.contains(&1).then_some(frame));
         assert!(!forgotten.contains(&2));
     }
