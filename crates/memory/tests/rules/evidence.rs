@@ -264,3 +264,12 @@ fn a_gaussian_has_seven_numbers_and_eight_for_its_votes() {
     run.show(&Scene::wall().seen_from_origin());
     assert_eq!(run.memory.parameter_count(), 15 * run.memory.gaussian_count());
 }
+
+#[test]
+fn the_gaussians_that_got_votes_are_counted() {
+    let shot = Scene::wall().seen_from_origin();
+    let mut run = Run::new(evidence());
+    assert_eq!(run.show(&shot).update.learning.active_gaussians, 0, "all are new");
+    let learning = run.show(&shot).update.learning;
+    assert_eq!((learning.active_gaussians, learning.active_pixels), (run.memory.gaussian_count(), SIZE.0 * SIZE.1));
+}

@@ -178,13 +178,18 @@ mod tests {
         wrong_seed[end..].copy_from_slice(&checksum);
         let mut flipped = whole.clone();
         flipped[1000] ^= 1;
+        // Codes in another order, with the checksum of the right one.
+        let mut swapped = whole.clone();
+        let codes = whole.len() - 4 - 200 * 28 * 4;
+        let (first, second) = swapped[codes..codes + 2 * 28 * 4].split_at_mut(28 * 4);
+        first.swap_with_slice(second);
         let not_codes = super::file(
             &BlockKey { earlier: &[], feature_dim: 28, count: 200, seed: 4, block: 0 },
             &vec![f32::NAN; 200 * 28],
         );
         assert_eq!(not_codes.len(), whole.len());
-        for damaged in [&whole[..whole.len() - 1], &[&whole[..], b"x"].concat(), &flipped, &wrong_seed, &not_codes, b""]
-        {
+        let longer = [&whole[..], b"x"].concat();
+        for damaged in [&whole[..whole.len() - 1], &longer, &flipped, &swapped, &wrong_seed, &not_codes, b""] {
             std::fs::write(&file, damaged).unwrap();
             let (found, was_made) = generate(&cache);
             assert!(was_made && found == expected);

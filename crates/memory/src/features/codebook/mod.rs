@@ -343,6 +343,15 @@ mod tests {
     }
 
     #[test]
+    fn vectors_have_length_1_up_to_rounding() {
+        let with_length = |length: f32| Codebook::from_vectors(2, vec![length, 0.0, 0.0, 1.0], 0, 1);
+        assert!(with_length(1.0 + 5e-7).is_ok());
+        for length in [1.0 + 1e-5, 1.0 - 1e-5, 0.5, 0.0, f32::NAN] {
+            assert!(matches!(with_length(length), Err(CodebookError::BadVector { index: 0, .. })), "{length}");
+        }
+    }
+
+    #[test]
     fn vectors_may_be_as_long_as_there_is_room_for() {
         let mut vectors = vec![0.0; 2 << 14];
         (vectors[0], vectors[(1 << 14) + 1]) = (1.0, 1.0);
