@@ -146,7 +146,7 @@ mod tests {
     /// Packed and through Burn: several inputs, views of larger tensors, more than one image.
     #[test]
     fn joined_views_equal_burns_own_convolution() {
-        let device = Device::default();
+        let device = Device::flex();
         let shape = ConvolutionShape::new(12, 9, 3, 2, 1);
         let (weight, bias) = (noise(9 * 12 * 9, 1), noise(9, 2));
         let image = Tensor::<4>::from_data(TensorData::new(noise(2 * 20 * 15 * 17, 3), [2, 20, 15, 17]), &device);
@@ -173,7 +173,7 @@ mod tests {
     /// Padding as large as the kernel does not fit the strips' layout; a doubling convolution through Burn is the same too.
     #[test]
     fn other_shapes_go_through_burn() {
-        let device = Device::default();
+        let device = Device::flex();
         let wide =
             Convolution::new(noise(6, 1), noise(2, 2), ConvolutionShape::new(3, 2, 1, 1, 1), Activation::None, &device);
         assert!(matches!(wide.parameters, Parameters::Tensors(_)));

@@ -10,9 +10,11 @@ choices! {
     pub enum DeviceName, default Cpu {
         /// The processor.
         Cpu = "cpu",
+        /// Any GPU, through wgpu: Vulkan, Metal or DirectX 12, whichever its driver has. Shaders are WGSL.
+        Gpu = "gpu",
         /// A GPU by NVIDIA.
         Cuda = "cuda",
-        /// Any GPU with a Vulkan driver.
+        /// Any GPU with a Vulkan driver. Shaders are SPIR-V, which can be faster.
         Vulkan = "vulkan",
         /// A GPU by Apple.
         Metal = "metal",
@@ -40,6 +42,7 @@ impl DeviceName {
     pub fn is_built(self) -> bool {
         match self {
             Self::Cpu => true,
+            Self::Gpu => cfg!(feature = "gpu"),
             Self::Cuda => cfg!(feature = "cuda"),
             Self::Vulkan => cfg!(feature = "vulkan"),
             Self::Metal => cfg!(feature = "metal"),
@@ -53,6 +56,8 @@ impl DeviceName {
     pub fn open(self) -> Result<Device, DeviceError> {
         match self {
             Self::Cpu => Ok(Device::flex()),
+            #[cfg(feature = "gpu")]
+            Self::Gpu => tried(self, || Device::wgpu(burn::tensor::DeviceKind::DefaultDevice)),
             #[cfg(feature = "cuda")]
             Self::Cuda => tried(self, || Device::cuda(0)),
             #[cfg(feature = "vulkan")]
@@ -66,7 +71,7 @@ impl DeviceName {
 }
 
 /// A device that has added two numbers: burn starts drivers when they are first used.
-#[cfg(any(feature = "cuda", feature = "vulkan", feature = "metal"))]
+#[cfg(any(feature = "gpu", feature = "cuda", feature = "vulkan", feature = "metal"))]
 fn tried(name: DeviceName, open: impl FnOnce() -> Device) -> Result<Device, DeviceError> {
     use burn::tensor::Tensor;
     let outcome = panics_told(|| {
@@ -83,7 +88,7 @@ fn tried(name: DeviceName, open: impl FnOnce() -> Device) -> Result<Device, Devi
 
 /// What `work` returns, or the message of the first panic of any thread while it runs, which is not printed. Without a
 /// driver a thread of burn's panics, and then the one that waits for it, without a reason.
-#[cfg(any(test, feature = "cuda", feature = "vulkan", feature = "metal"))]
+#[cfg(any(test, feature = "gpu", feature = "cuda", feature = "vulkan", feature = "metal"))]
 fn panics_told<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
     use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
     use std::sync::{Arc, Mutex, PoisonError};

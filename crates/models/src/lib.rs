@@ -6,6 +6,7 @@ pub mod convolution;
 pub mod device;
 pub mod fastsam;
 pub mod sam2;
+pub mod transfer;
 
 #[cfg(test)]
 extern crate self as splatseg_models;

@@ -4,11 +4,13 @@
 mod sam2_golden;
 
 use burn::tensor::Device;
+use sam2_golden::test_device::device;
 use sam2_golden::{FormulaWeights, Golden, Within, assert_close, folder, mini_weights};
 use splatseg_geometry::{Image, Mask};
 use splatseg_models::sam2::{
     Click, ObjectMask, Prompt, Sam2Config, Sam2Error, Sam2Network, Sam2Predictor, Sam2PredictorSettings,
 };
+use splatseg_models::transfer::Transfers;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -26,7 +28,7 @@ fn reference(length: usize) -> Sam2PredictorSettings {
 }
 
 fn mini(folder: &Path) -> Arc<Sam2Network> {
-    Arc::new(Sam2Network::load(&mini_weights(folder), None, &Device::flex()).unwrap())
+    Arc::new(Sam2Network::load(&mini_weights(folder), None, &device()).unwrap())
 }
 
 fn frames(folder: &Path) -> Vec<Image<[u8; 3]>> {
@@ -126,7 +128,7 @@ fn follow(
         predictor.remember_frame();
         let now = predictor.state().frames() - 1;
         for (id, number) in objects {
-            pass.check_memory(from + offset, *number, &predictor.state().memory(*id, now).unwrap());
+            pass.check_memory(from + offset, *number, &predictor.state().memory(*id, now).unwrap().unwrap());
         }
     }
 }
@@ -239,7 +241,7 @@ fn another_image_size() {
     let Some(folder) = folder("another_image_size") else { return };
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     let golden = Golden::open(&data, "sam2_mini_224");
-    let network = Arc::new(Sam2Network::load(&mini_weights(&folder), Some(224), &Device::flex()).unwrap());
+    let network = Arc::new(Sam2Network::load(&mini_weights(&folder), Some(224), &device()).unwrap());
     let frames = frames(&folder);
     let embedding = network.encode(network.input(&frames[0])).embedding.permute([0, 3, 1, 2]);
     let embedding = embedding.into_data().try_into_vec::<f32>().unwrap();
@@ -262,7 +264,7 @@ fn memory_stays_bounded_and_corrections_are_not_lost() {
     let Some(folder) = folder("memory_stays_bounded_and_corrections_are_not_lost") else { return };
     let golden = Golden::open(&folder, "mini_video_A");
     // What is kept does not depend on the input's size; a small one is fast.
-    let network = Arc::new(Sam2Network::load(&mini_weights(&folder), Some(64), &Device::flex()).unwrap());
+    let network = Arc::new(Sam2Network::load(&mini_weights(&folder), Some(64), &device()).unwrap());
     let frames = frames(&folder);
     let mask = masks(&golden, "masks_video_u8").remove(0);
     let mut predictor = Sam2Predictor::new(network.clone(), Sam2PredictorSettings::default()).unwrap();
@@ -366,18 +368,56 @@ fn every_size_is_recognised_and_has_exactly_its_tensors() {
     for (size, config) in ["tiny", "small", "base_plus", "large"].into_iter().zip(&Sam2Config::ALL[1..]) {
         let mut weights = Shapes(FormulaWeights::of_manifest(&folder, size));
         let network =
-            Sam2Network::load(&weights, Some(64), &Device::flex()).unwrap_or_else(|error| panic!("{size}: {error}"));
+            Sam2Network::load(&weights, Some(64), &device()).unwrap_or_else(|error| panic!("{size}: {error}"));
         assert_eq!(network.config(), config, "{size}");
 
         weights.0.shapes_mut().insert("extra".into(), vec![1]);
-        let refused = Sam2Network::load(&weights, Some(64), &Device::flex()).unwrap_err();
+        let refused = Sam2Network::load(&weights, Some(64), &device()).unwrap_err();
         assert_eq!(refused, Sam2Error::UnexpectedTensor { name: "extra".into() });
         weights.0.shapes_mut().remove("memory_encoder.out_proj.bias");
-        let refused = Sam2Network::load(&weights, Some(64), &Device::flex()).unwrap_err();
+        let refused = Sam2Network::load(&weights, Some(64), &device()).unwrap_err();
         assert_eq!(refused, Sam2Error::MissingTensor { name: "memory_encoder.out_proj.bias".into() });
         weights.0.shapes_mut().insert("no_obj_ptr".into(), vec![1, 3]);
-        let refused = Sam2Network::load(&weights, Some(64), &Device::flex()).unwrap_err();
+        let refused = Sam2Network::load(&weights, Some(64), &device()).unwrap_err();
         let expected = Sam2Error::TensorShape { name: "no_obj_ptr".into(), found: vec![1, 3], expected: vec![1, 256] };
         assert_eq!(refused, expected);
+    }
+}
+
+/// On the CPU nothing is moved. On another device the host waits for masks and scores, once for each chunk of objects.
+#[test]
+fn a_frame_takes_one_round_trip_for_each_chunk_of_objects() {
+    let Some(folder) = folder("a_frame_takes_one_round_trip_for_each_chunk_of_objects") else { return };
+    let golden = Golden::open(&folder, "mini_video_A");
+    let (network, frames) = (mini(&folder), frames(&folder));
+    let settings = Sam2PredictorSettings { objects_per_chunk: 2, ..Sam2PredictorSettings::default() };
+    let mut predictor = Sam2Predictor::new(network.clone(), settings).unwrap();
+    predictor.track(&frames[0]).unwrap();
+    let prompts: Vec<(u64, Prompt)> =
+        (1..).zip(masks(&golden, "masks_video_u8").into_iter().map(Prompt::Mask)).collect();
+    assert_eq!(prompts.len(), 3, "two chunks");
+    let moves = device() != Device::flex();
+    let mut so_far = Transfers::so_far();
+    let mut since = || {
+        let moved = Transfers::so_far().since(so_far);
+        so_far = Transfers::so_far();
+        moved
+    };
+    predictor.prompt_all(&prompts).unwrap();
+    assert_eq!(since().downloads, if moves { 2 } else { 0 });
+    for frame in &frames[1..4] {
+        let found = predictor.track(frame).unwrap();
+        let moved = since();
+        if !moves {
+            assert_eq!(moved, Transfers::default());
+            continue;
+        }
+        // Logits, pointer and two scores of each object; nothing of the features, the memories or the attention.
+        let numbers: usize = found.iter().map(|mask| mask.low_res_logits.pixels().len() + mask.pointer.len() + 2).sum();
+        assert_eq!((moved.downloads, moved.downloaded_bytes), (2, 4 * numbers));
+        // The frame, and after prompts their masks; what else goes up is small.
+        let side = network.image_size();
+        let (input, masks) = (4 * 3 * side * side, 4 * 3 * (side / 4).pow(2));
+        assert!(moved.uploaded_bytes < input + masks + 16_384, "{moved:?}");
     }
 }

@@ -3,7 +3,8 @@
 
 mod sam2_golden;
 
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Tensor, TensorData};
+use sam2_golden::test_device::device;
 use sam2_golden::{FormulaWeights, Golden, Within, assert_close, folder, formula_element, formula_frame};
 use splatseg_geometry::Mask;
 use splatseg_models::sam2::{Prompt, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
@@ -11,7 +12,7 @@ use splatseg_models::sam2::{Prompt, Sam2Network, Sam2Predictor, Sam2PredictorSet
 const SIDE: usize = 1024;
 
 fn input(frame: usize) -> Tensor<4> {
-    Tensor::from_data(TensorData::new(formula_frame(frame), [1, 3, SIDE, SIDE]), &Device::flex())
+    Tensor::from_data(TensorData::new(formula_frame(frame), [1, 3, SIDE, SIDE]), &device())
 }
 
 #[test]
@@ -31,7 +32,7 @@ fn the_formula_is_that_of_the_reference() {
 fn encoder(size: &str) {
     let Some(folder) = folder("encoder of a published size") else { return };
     let golden = Golden::open(&folder, &format!("full_{size}_encoder"));
-    let network = Sam2Network::load(&FormulaWeights::of_manifest(&folder, size), None, &Device::flex()).unwrap();
+    let network = Sam2Network::load(&FormulaWeights::of_manifest(&folder, size), None, &device()).unwrap();
     let maps = network.encode(input(0));
     for (name, map) in [("fpn2", maps.embedding), ("s0", maps.s0), ("s1", maps.s1)] {
         let values: Vec<f32> = map.permute([0, 3, 1, 2]).into_data().try_into_vec().unwrap();
@@ -72,7 +73,7 @@ fn large_encoder() {
 fn video(size: &str) {
     let Some(folder) = folder("video of a published size") else { return };
     let golden = Golden::open(&folder, &format!("full_{size}_video"));
-    let network = Sam2Network::load(&FormulaWeights::of_manifest(&folder, size), None, &Device::flex()).unwrap();
+    let network = Sam2Network::load(&FormulaWeights::of_manifest(&folder, size), None, &device()).unwrap();
     let settings = Sam2PredictorSettings { fill_hole_area: 0, ..Sam2PredictorSettings::official(3) };
     let mut predictor = Sam2Predictor::new(network, settings).unwrap();
     let square = Mask::from_fn(SIDE, SIDE, |x, y| (200..600).contains(&x) && (300..700).contains(&y));
@@ -102,7 +103,7 @@ fn video(size: &str) {
             let score = part("object_score_logits", 1);
             assert_close(&what("score"), &[mask.object_score], &score, Within::Absolute(1e-3));
             assert_close(&what("pointer"), &mask.pointer, &part("obj_ptr", 256), Within::Absolute(1e-3));
-            let memory = predictor.state().memory(object as u64 + 1, frame).unwrap();
+            let memory = predictor.state().memory(object as u64 + 1, frame).unwrap().unwrap();
             // Planes of 64 × 64 in the reference, tokens of 64 channels here.
             let planes = (0..64 * 4096).step_by(67).map(|index| memory[index % 4096 * 64 + index / 4096]);
             let planes: Vec<f32> = planes.collect();

@@ -136,8 +136,8 @@ fn a_prompt_ends_the_rest_of_its_object_only() {
     }
     // The new prompt conditions the tracking beside the first: both frames are kept.
     let state = predictor.state();
-    assert!(state.memory(3, 0).is_some() && state.memory(3, PATIENCE + 1).is_some());
-    assert!(state.memory(3, 1).is_none());
+    assert!(state.memory(3, 0).unwrap().is_some() && state.memory(3, PATIENCE + 1).unwrap().is_some());
+    assert!(state.memory(3, 1).unwrap().is_none());
 
     // Where it is not seen, it rests again.
     let mut predictor = Sam2Predictor::resume(blind(), resting(), predictor.state().clone()).unwrap();

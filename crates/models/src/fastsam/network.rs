@@ -7,9 +7,10 @@ use super::head::{DISTANCE_BINS, Head};
 use super::raw_output::{RawLevel, RawOutput};
 use super::sppf::Sppf;
 use super::{FastSamConfig, FastSamError, Prototypes, Weights};
+use crate::transfer::{download, upload};
 use burn::tensor::module::interpolate;
 use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 
 /// The network of FastSAM: YOLOv8-seg with one class, on one device. Layers are numbered as in `yolov8-seg.yaml`.
 #[derive(Clone, Debug)]
@@ -77,24 +78,24 @@ impl FastSamNetwork {
     /// If height or width is not a multiple of 32, or `input` has another length.
     pub fn forward(&self, input: Vec<f32>, height: usize, width: usize) -> Result<RawOutput, FastSamError> {
         assert!(height.is_multiple_of(32) && width.is_multiple_of(32), "the input's size is a multiple of 32");
-        let image = Tensor::from_data(TensorData::new(input, [1, 3, height, width]), &self.device);
+        let image = upload(input, [1, 3, height, width], &self.device);
         let features = self.features(image);
         let (levels, prototypes) = self.head.forward(features);
-        let levels = levels
-            .into_iter()
-            .map(|level| {
-                let [_, _, height, width] = level.score.dims();
-                Ok(RawLevel {
-                    height,
-                    width,
-                    distances: values(level.distances)?,
-                    scores: values(level.score)?,
-                    coefficients: values(level.coefficients)?,
-                })
-            })
-            .collect::<Result<_, FastSamError>>()?;
         let [_, count, proto_height, proto_width] = prototypes.dims();
-        let prototypes = Prototypes { count, height: proto_height, width: proto_width, values: values(prototypes)? };
+        let sizes: Vec<[usize; 4]> = levels.iter().map(|level| level.score.dims()).collect();
+        let maps = levels.into_iter().flat_map(|level| [level.distances, level.score, level.coefficients]);
+        let asked = maps.chain([prototypes]).map(|map| map.flatten(0, 3)).collect();
+        let mut found = download(asked).map_err(|message| FastSamError::Device { message })?.into_iter();
+        let mut next = || found.next().unwrap_or_default();
+        let level = |[_, _, height, width]: [usize; 4]| RawLevel {
+            height,
+            width,
+            distances: next(),
+            scores: next(),
+            coefficients: next(),
+        };
+        let levels = sizes.into_iter().map(level).collect();
+        let prototypes = Prototypes { count, height: proto_height, width: proto_width, values: next() };
         Ok(RawOutput { levels, prototypes, distance_bins: DISTANCE_BINS })
     }
 
@@ -120,11 +121,4 @@ impl FastSamNetwork {
 /// The image at twice its size, nearest pixel.
 fn doubled(input: Tensor<4>) -> Tensor<4> {
     interpolate(input, InterpolateOptions::new(InterpolateMode::Nearest).with_scale_factor([2.0, 2.0]))
-}
-
-/// A tensor's values on the host, row-major.
-fn values(tensor: Tensor<4>) -> Result<Vec<f32>, FastSamError> {
-    let failed = |error: &dyn std::fmt::Debug| FastSamError::Device { message: format!("{error:?}") };
-    let data = tensor.try_into_data().map_err(|error| failed(&error))?;
-    data.try_into_vec::<f32>().map_err(|error| failed(&error))
 }

@@ -47,6 +47,12 @@ pub enum Sam2Error {
         /// Why.
         reason: String,
     },
+    /// The device failed. The predictor cannot go on with its video.
+    #[error("the device failed: {message}")]
+    Device {
+        /// What it said.
+        message: String,
+    },
     /// A setting is out of range.
     #[error("{field} is {found}, but it must be {expected}")]
     Setting {

@@ -2,11 +2,12 @@
 
 use super::encoder::{ImageEncoder, ImageFeatures};
 use super::heads::SamHeads;
-use super::memory::{MemoryAttention, MemoryEncoder};
+use super::memory::{Assembly, MemoryAttention, MemoryEncoder};
 use super::resize::{normalise, resize_frame};
 use super::weights::WeightReader;
 use super::{Sam2Config, Sam2Error, Weights, config::FEATURE_STRIDE};
-use burn::tensor::{Device, Tensor, TensorData};
+use crate::transfer::upload;
+use burn::tensor::{Device, Tensor};
 use splatseg_geometry::CowImage;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -20,6 +21,7 @@ pub struct Sam2Network {
     pub(super) image_encoder: ImageEncoder,
     pub(super) heads: SamHeads,
     pub(super) memory_encoder: MemoryEncoder,
+    pub(super) assembly: Assembly,
     pub(super) memory_attention: MemoryAttention,
     /// Added to the features of a frame where an object has no memory yet, `[1, 1, hidden]`.
     pub(super) no_memory: Tensor<3>,
@@ -64,6 +66,7 @@ impl Sam2Network {
             image_encoder: ImageEncoder::load(&reader, &config, image_size)?,
             heads: SamHeads::load(&reader, config.hidden_dim, image_size, side)?,
             memory_encoder: MemoryEncoder::load(&reader, config.hidden_dim, config.memory_dim)?,
+            assembly: Assembly::load(&reader, &config, side)?,
             memory_attention: MemoryAttention::load(&reader, &config, side)?,
             no_memory: reader.tensor("no_mem_embed", [1, 1, config.hidden_dim])?,
         };
@@ -94,7 +97,7 @@ impl Sam2Network {
     /// The network's input for a frame: resized, normalised, `[1, 3, side, side]`.
     pub fn input(&self, frame: &CowImage<'_, [u8; 3]>) -> Tensor<4> {
         let resized = resize_frame(frame, self.image_size);
-        Tensor::from_data(TensorData::new(normalise(&resized), [1, 3, self.image_size, self.image_size]), &self.device)
+        upload(normalise(&resized), [1, 3, self.image_size, self.image_size], &self.device)
     }
 
     /// The feature maps of an input, `[1, 3, side, side]`, for uses beyond video.

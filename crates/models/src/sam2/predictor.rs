@@ -1,13 +1,12 @@
 //! Streaming prediction: frames come one at a time, objects come and go, and clicks correct their masks.
 
 use super::heads::{MaskChoice, fill_holes};
-use super::layers::host::host;
-use super::memory::{AssembledMemory, MaskForMemory};
-use super::resize::{Size, resize_bilinear};
+use super::memory::{AssembledMemory, MaskForMemory, RememberedMap};
 use super::video_state::{Prediction, TrackedObject, VideoState};
 use super::{ObjectMask, Sam2Error, Sam2Network, Sam2PredictorSettings};
-use burn::tensor::{Tensor, TensorData};
-use rayon::prelude::*;
+use crate::device::is_cpu;
+use crate::transfer::upload;
+use burn::tensor::Tensor;
 use splatseg_geometry::{CowImage, Image};
 use std::sync::Arc;
 
@@ -49,21 +48,21 @@ impl Sam2Predictor {
     /// looked for in this frame have none.
     ///
     /// # Errors
-    /// If the frame's size is not that of the first.
+    /// If the frame's size is not that of the first, or the device fails.
     pub fn track(&mut self, frame: &CowImage<'_, [u8; 3]>) -> Result<Vec<ObjectMask>, Sam2Error> {
         self.check_size(frame.size())?;
         let input = self.network.input(frame);
-        Ok(self.advance(input, frame.size()))
+        self.advance(input, frame.size())
     }
 
     /// [`Self::track`] for a frame that is already the network's input, `[1, 3, side, side]` (see [`Sam2Network::input`]), of a
     /// video of `size` (width, height).
     ///
     /// # Errors
-    /// If `size` is not that of the first frame.
+    /// If `size` is not that of the first frame, or the device fails.
     pub fn track_input(&mut self, input: Tensor<4>, size: (usize, usize)) -> Result<Vec<ObjectMask>, Sam2Error> {
         self.check_size(size)?;
-        Ok(self.advance(input, size))
+        self.advance(input, size)
     }
 
     fn check_size(&self, found: (usize, usize)) -> Result<(), Sam2Error> {
@@ -74,7 +73,7 @@ impl Sam2Predictor {
         Ok(())
     }
 
-    fn advance(&mut self, input: Tensor<4>, size: (usize, usize)) -> Vec<ObjectMask> {
+    fn advance(&mut self, input: Tensor<4>, size: (usize, usize)) -> Result<Vec<ObjectMask>, Sam2Error> {
         self.remember_frame();
         let features = self.network.encode_image(input);
         self.state.size = size;
@@ -91,13 +90,13 @@ impl Sam2Predictor {
             let points = vec![Vec::new(); ids.len()];
             let out = self.network.heads.forward(embeddings, &features, &points, None, MaskChoice::BestOfThree);
             self.state.object_passes += ids.len();
-            for (id, prediction) in ids.iter().zip(Prediction::from_outputs(out)) {
+            for (id, prediction) in ids.iter().zip(Prediction::from_outputs(out)?) {
                 masks.push(self.object_mask(*id, &prediction));
                 self.take_tracked(*id, prediction);
             }
         }
         self.state.features = Some(features);
-        masks
+        Ok(masks)
     }
 
     /// The objects that go through the network in the current frame: those that do not rest, and those that are looked
@@ -127,7 +126,7 @@ impl Sam2Predictor {
 
     pub(super) fn assemble(&self, id: u64) -> AssembledMemory {
         let bank = &self.state.objects[&id].bank;
-        bank.assemble(self.state.index(), &self.network.memory_attention, &self.settings)
+        bank.assemble(self.state.index(), &self.network.assembly, &self.settings)
     }
 
     /// Stops following an object and forgets it.
@@ -177,40 +176,42 @@ impl Sam2Predictor {
 
     /// Remembers the current frame for some objects, which were all prompted (`Binary`) or all tracked (`Soft`).
     fn remember_chunk(&mut self, ids: &[u64], kind: MaskForMemory, now: usize, projected: &Tensor<4>) {
-        // The mask of a prompt is remembered as it is shown; that of a tracked frame as it comes from the network.
-        let chosen: Vec<Prediction> = ids
-            .iter()
-            .filter_map(|id| {
-                let object = &self.state.objects[id];
-                match kind {
-                    MaskForMemory::Soft => object.tracked.clone(),
-                    MaskForMemory::Binary => object
-                        .prompted
-                        .clone()
-                        .map(|prediction| Prediction { logits: self.without_holes(&prediction), ..prediction }),
-                }
-            })
-            .collect();
-        let side = self.network.image_size();
-        let (low, high) = (Size { width: side / 4, height: side / 4 }, Size { width: side, height: side });
-        let masks: Vec<Vec<f32>> = chosen
-            .par_iter()
-            .map(|prediction| {
-                let mut mask = resize_bilinear(&prediction.logits, low, high);
-                mask.iter_mut().for_each(|logit| *logit = kind.apply(*logit));
-                mask
-            })
-            .collect();
-        let masks = TensorData::new(masks.concat(), [ids.len(), side, side]);
-        let masks = Tensor::from_data(masks, self.network.device());
+        let objects = ids.iter().filter_map(|id| {
+            let object = &self.state.objects[id];
+            match kind {
+                MaskForMemory::Soft => object.tracked.clone(),
+                // The mask of a prompt is remembered as it is shown; that of a tracked frame as it comes from the network.
+                MaskForMemory::Binary => object.prompted.clone().map(|prediction| Prediction {
+                    logits: self.without_holes(&prediction),
+                    device_logits: None,
+                    ..prediction
+                }),
+            }
+        });
+        let chosen: Vec<Prediction> = objects.collect();
+        let masks = self.masks_for_memory(&chosen, kind);
         let scores: Vec<f32> = chosen.iter().map(|prediction| prediction.object_score).collect();
-        let memories = host(self.network.memory_encoder.forward(projected.clone(), masks, &scores));
-        let length = memories.len() / ids.len();
+        let memories = self.network.memory_encoder.forward(projected.clone(), masks, &scores);
         self.state.object_passes += ids.len();
-        for ((id, memory), prediction) in ids.iter().zip(memories.chunks_exact(length)).zip(chosen) {
+        for (number, (id, prediction)) in ids.iter().zip(chosen).enumerate() {
             let conditioning = self.conditions(&self.state.objects[id]);
-            self.object_mut(*id).bank.remember(now, conditioning, memory, prediction.pointer);
+            let memory = RememberedMap::new(memories.clone().narrow(0, number, 1).squeeze_dim(0));
+            self.object_mut(*id).bank.remember(now, conditioning, memory, prediction.remembered_pointer);
         }
+    }
+
+    /// The masks of objects at the network's resolution, `[objects, side, side]`, as the memory encoder takes them.
+    fn masks_for_memory(&self, chosen: &[Prediction], kind: MaskForMemory) -> Tensor<3> {
+        let (side, device) = (self.network.image_size(), self.network.device());
+        let low = [1, side / 4, side / 4];
+        if is_cpu(device) {
+            return kind.masks_on_host(chosen.iter().map(|prediction| prediction.logits.as_slice()), side);
+        }
+        let logits = |prediction: &Prediction| match &prediction.device_logits {
+            Some(logits) => logits.clone(),
+            None => upload(prediction.logits.clone(), low, device),
+        };
+        kind.masks_on_device(Tensor::cat(chosen.iter().map(logits).collect(), 0), side)
     }
 
     /// The logits as they are shown: with small holes filled.

@@ -5,7 +5,8 @@ use super::heads::{HeadOutputs, MaskChoice};
 use super::prompt::{CheckedPrompt, zeros_and_ones};
 use super::video_state::Prediction;
 use super::{ObjectMask, Prompt, Sam2Error, Sam2Predictor};
-use burn::tensor::{Tensor, TensorData};
+use crate::transfer::upload;
+use burn::tensor::Tensor;
 use rayon::prelude::*;
 
 /// Earlier logits are clamped to this when they go along with new clicks.
@@ -16,7 +17,8 @@ impl Sam2Predictor {
     /// tracked, the prompt corrects it. A resting object is followed again.
     ///
     /// # Errors
-    /// If there is no frame yet, or the prompt is empty, not finite or outside the frame. Nothing is changed then.
+    /// If there is no frame yet, or the prompt is empty, not finite or outside the frame: nothing is changed then. Or if
+    /// the device fails.
     pub fn prompt(&mut self, object: u64, prompt: &Prompt) -> Result<ObjectMask, Sam2Error> {
         Ok(self.prompt_all(&[(object, prompt.clone())])?.remove(0))
     }
@@ -28,7 +30,7 @@ impl Sam2Predictor {
     pub fn prompt_all(&mut self, prompts: &[(u64, Prompt)]) -> Result<Vec<ObjectMask>, Sam2Error> {
         let features = self.state.features.clone().ok_or(Sam2Error::NoFrame)?;
         let checked = self.checked(prompts).into_iter().collect::<Result<Vec<_>, Sam2Error>>()?;
-        Ok(self.prompt_checked(&checked, &features))
+        self.prompt_checked(&checked, &features)
     }
 
     /// [`Self::prompt_all`], but masks without a pixel at the network's resolution are skipped: they have no result.
@@ -48,7 +50,7 @@ impl Sam2Predictor {
             }
         }
         let mut masks = vec![None; prompts.len()];
-        let found = self.prompt_checked(&usable, &features);
+        let found = self.prompt_checked(&usable, &features)?;
         places.into_iter().zip(found).for_each(|(place, mask)| masks[place] = Some(mask));
         Ok(masks)
     }
@@ -59,7 +61,11 @@ impl Sam2Predictor {
         prompts.par_iter().map(check).collect()
     }
 
-    fn prompt_checked(&mut self, checked: &[(u64, CheckedPrompt)], features: &ImageFeatures) -> Vec<ObjectMask> {
+    fn prompt_checked(
+        &mut self,
+        checked: &[(u64, CheckedPrompt)],
+        features: &ImageFeatures,
+    ) -> Result<Vec<ObjectMask>, Sam2Error> {
         let mut masks: Vec<Option<ObjectMask>> = vec![None; checked.len()];
         let mut waiting: Vec<usize> = (0..checked.len()).collect();
         while !waiting.is_empty() {
@@ -80,13 +86,13 @@ impl Sam2Predictor {
             let prompts: Vec<&(u64, CheckedPrompt)> = chunk.iter().map(|index| &checked[*index]).collect();
             let out = self.prompt_chunk(&prompts, kind, features);
             self.state.object_passes += chunk.len();
-            for ((index, (id, _)), prediction) in chunk.iter().zip(prompts).zip(Prediction::from_outputs(out)) {
+            for ((index, (id, _)), prediction) in chunk.iter().zip(prompts).zip(Prediction::from_outputs(out)?) {
                 masks[*index] = Some(self.object_mask(*id, &prediction));
                 let object = self.object_mut(*id);
                 (object.prompted, object.absent_frames) = (Some(prediction), 0);
             }
         }
-        masks.into_iter().flatten().collect()
+        Ok(masks.into_iter().flatten().collect())
     }
 
     /// What prompts must have in common to go through the network together.
@@ -153,7 +159,7 @@ impl Sam2Predictor {
             .filter_map(|(id, _)| Some(self.without_holes(earlier(id)?)))
             .flat_map(|logits| logits.into_iter().map(|logit| logit.clamp(-LOGIT_LIMIT, LOGIT_LIMIT)))
             .collect();
-        Tensor::from_data(TensorData::new(logits, [prompts.len(), side, side]), self.network.device())
+        upload(logits, [prompts.len(), side, side], self.network.device())
     }
 }
 

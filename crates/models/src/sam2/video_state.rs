@@ -1,11 +1,13 @@
 //! The state of a video: what is known of every object.
 
-use super::Sam2PredictorSettings;
 use super::encoder::ImageFeatures;
 use super::heads::HeadOutputs;
-use super::layers::host::host;
-use super::memory::MemoryBank;
+use super::memory::{MemoryBank, RememberedMap, RememberedPointer};
 use super::prompt::InputPoint;
+use super::{Sam2Error, Sam2PredictorSettings};
+use crate::device::is_cpu;
+use crate::transfer::download;
+use burn::tensor::Tensor;
 use std::collections::BTreeMap;
 
 /// The output of the network for one object in the current frame.
@@ -16,6 +18,10 @@ pub(super) struct Prediction {
     pub(super) predicted_iou: f32,
     pub(super) pointer: Vec<f32>,
     pub(super) object_score: f32,
+    /// The object pointer as it is remembered.
+    pub(super) remembered_pointer: RememberedPointer,
+    /// The logits on another device than the CPU, `[1, side, side]`.
+    pub(super) device_logits: Option<Tensor<3>>,
 }
 
 /// Everything known of one object.
@@ -75,8 +81,12 @@ impl VideoState {
 
     /// An object's memory of a frame, `[tokens, channels]`, while attention can still see it. The current frame is
     /// remembered by [`Sam2Predictor::remember_frame`](super::Sam2Predictor::remember_frame).
-    pub fn memory(&self, object: u64, frame: usize) -> Option<Vec<f32>> {
-        self.objects.get(&object)?.bank.features(frame)
+    ///
+    /// # Errors
+    /// [`Sam2Error::Device`] if the device fails.
+    pub fn memory(&self, object: u64, frame: usize) -> Result<Option<Vec<f32>>, Sam2Error> {
+        let map = self.objects.get(&object).and_then(|object| object.bank.features(frame));
+        map.map(RememberedMap::values).transpose().map_err(|message| Sam2Error::Device { message })
     }
 
     /// Index of the current frame.
@@ -92,20 +102,26 @@ impl Prediction {
     }
 
     /// The outputs of a chunk, one per object.
-    pub(super) fn from_outputs(out: HeadOutputs) -> Vec<Self> {
+    ///
+    /// # Errors
+    /// [`Sam2Error::Device`] if the device fails.
+    pub(super) fn from_outputs(out: HeadOutputs) -> Result<Vec<Self>, Sam2Error> {
         let [_, height, width] = out.masks.dims();
         let [_, hidden] = out.pointers.dims();
-        let (masks, pointers) = (host(out.masks), host(out.pointers));
-        masks
-            .chunks_exact(height * width)
-            .zip(pointers.chunks_exact(hidden))
-            .zip(out.ious.iter().zip(&out.object_scores))
-            .map(|((logits, pointer), (predicted_iou, object_score))| Self {
-                logits: logits.to_vec(),
-                predicted_iou: *predicted_iou,
-                pointer: pointer.to_vec(),
-                object_score: *object_score,
-            })
-            .collect()
+        let device_logits = (!is_cpu(&out.masks.device())).then(|| out.masks.clone());
+        let asked = vec![out.masks.flatten(0, 2), out.pointers.clone().flatten(0, 1), out.ious, out.object_scores];
+        let found = download(asked).map_err(|message| Sam2Error::Device { message })?;
+        let [masks, pointers, ious, object_scores] = &found[..] else { unreachable!("as many as were asked for") };
+        let logits = masks.chunks_exact(height * width);
+        let rows = logits.zip(pointers.chunks_exact(hidden)).zip(ious.iter().zip(object_scores));
+        let predictions = rows.enumerate().map(|(object, ((logits, pointer), (predicted_iou, object_score)))| Self {
+            logits: logits.to_vec(),
+            predicted_iou: *predicted_iou,
+            pointer: pointer.to_vec(),
+            object_score: *object_score,
+            remembered_pointer: RememberedPointer::new(out.pointers.clone().narrow(0, object, 1)),
+            device_logits: device_logits.as_ref().map(|logits| logits.clone().narrow(0, object, 1)),
+        });
+        Ok(predictions.collect())
     }
 }

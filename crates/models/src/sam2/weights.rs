@@ -2,7 +2,8 @@
 
 use super::Sam2Error;
 use crate::checkpoint::{Checkpoint, CheckpointError};
-use burn::tensor::{Device, Tensor, TensorData};
+use crate::transfer::upload;
+use burn::tensor::{Device, Tensor};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 
@@ -63,7 +64,7 @@ impl<'a> WeightReader<'a> {
     /// A tensor as stored.
     pub fn tensor<const D: usize>(&self, name: &str, shape: [usize; D]) -> Result<Tensor<D>, Sam2Error> {
         let values = self.floats(name, &shape)?;
-        Ok(Tensor::from_data(TensorData::new(values, shape), self.device))
+        Ok(upload(values, shape, self.device))
     }
 }
 

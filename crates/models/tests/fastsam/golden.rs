@@ -1,12 +1,17 @@
 //! Reference files.
 
+use crate::test_device;
 use safetensors::SafeTensors;
 use splatseg_geometry::{Image, Mask};
 use std::path::{Path, PathBuf};
 
 /// A file of `tests/data` (where `golden/` of `../shared` is left out) or of `../shared`, or `None` (said on a line of its
-/// own) where it is in neither.
+/// own) where it is in neither, or the device of the tests is missing.
 pub fn shared(path: &str, test: &str) -> Option<PathBuf> {
+    if let Some(reason) = test_device::missing() {
+        skipped(test, &reason);
+        return None;
+    }
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let own = root.join("tests/data").join(path.trim_start_matches("golden/"));
     if own.is_file() {
@@ -14,14 +19,16 @@ pub fn shared(path: &str, test: &str) -> Option<PathBuf> {
     }
     let folder = root.join("../../../shared");
     if !folder.exists() {
-        // Not `println!`: the test runner would swallow the line of a test that passes.
-        let _ = std::io::Write::write_all(
-            &mut std::io::stderr(),
-            format!("\nskipped: {test}: ../shared is not here\n").as_bytes(),
-        );
+        skipped(test, "../shared is not here");
         return None;
     }
     Some(folder.join(path))
+}
+
+/// Not `println!`: the test runner would swallow the line of a test that passes.
+fn skipped(test: &str, reason: &str) {
+    let line = format!("\nskipped: {test}: {reason}\n");
+    let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
 }
 
 /// One safetensors file.

@@ -7,3 +7,6 @@ mod postprocessing;
 mod prediction;
 mod preprocessing;
 mod rooms;
+
+#[path = "../test_device/mod.rs"]
+mod test_device;

@@ -1,10 +1,12 @@
 //! The network's raw output.
 
 use crate::golden::{Golden, image, shared};
+use crate::test_device::device;
 use burn::tensor::Device;
 use splatseg_geometry::Image;
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::fastsam::{FastSamConfig, FastSamNetwork, RawOutput, letterbox};
+use splatseg_models::transfer::Transfers;
 
 /// Largest accepted differences from float64, as the reference data suggests: boxes in pixels, scores, coefficients,
 /// prototypes.
@@ -18,9 +20,15 @@ fn run((bytes, [height, width]): (Vec<u8>, [usize; 2]), test: &str) -> Option<Ra
     let checkpoint = Checkpoint::open(&shared("golden/fastsam/fastsam_mini_statedict.safetensors", test)?).unwrap();
     let architecture = FastSamConfig::from_checkpoint(&checkpoint).unwrap();
     assert_eq!(architecture, FastSamConfig::scaled(0.33, 0.125, 1024));
-    let network = FastSamNetwork::load(&checkpoint, architecture, &Device::flex()).unwrap();
+    let network = FastSamNetwork::load(&checkpoint, architecture, &device()).unwrap();
     let input = bytes.iter().map(|value| f32::from(*value) / 255.0).collect();
-    Some(network.forward(input, height, width).unwrap())
+    let before = Transfers::so_far();
+    let output = network.forward(input, height, width).unwrap();
+    let moved = Transfers::so_far().since(before);
+    // Up goes the image, down comes the output, at once; on the CPU nothing is moved.
+    let expected = if device() == Device::flex() { [0, 0] } else { [1, 1] };
+    assert_eq!([moved.uploads, moved.downloads], expected);
+    Some(output)
 }
 
 fn whole_input(forward: &Golden) -> (Vec<u8>, [usize; 2]) {

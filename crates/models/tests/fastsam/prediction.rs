@@ -1,7 +1,7 @@
 //! From an image to objects.
 
 use crate::golden::{Golden, image, shared};
-use burn::tensor::Device;
+use crate::test_device::device;
 use splatseg_models::fastsam::{Detection, FastSamPredictor, FastSamPredictorSettings};
 
 /// Largest difference of boxes in pixels; scores differ less.
@@ -15,7 +15,7 @@ fn predict(image_name: &str, image_size: usize, checkpoint: &str, test: &str) ->
     let image = image(&shared(&format!("golden/fastsam/image_{image_name}.png"), test)?);
     let weights = shared(&format!("golden/fastsam/{checkpoint}"), test)?;
     let settings = FastSamPredictorSettings::default().with(|settings| settings.image_size = image_size);
-    let predictor = FastSamPredictor::open(&weights, settings, &Device::flex()).unwrap();
+    let predictor = FastSamPredictor::open(&weights, settings, &device()).unwrap();
     Some(predictor.predict(&image).unwrap())
 }
 

@@ -4,7 +4,7 @@
 //! scores of this network by 0.03 and so to change what is found: this is a test of the decoder too.
 
 use crate::golden::{Golden, image, shared};
-use burn::tensor::Device;
+use crate::test_device::device;
 use splatseg_geometry::Mask;
 use splatseg_models::fastsam::{FastSamError, FastSamPredictor, FastSamPredictorSettings};
 
@@ -19,7 +19,7 @@ fn check(setting: &str, confidence: f64, iou: f64, test: &str) {
         settings.confidence = confidence;
         settings.iou = iou;
     });
-    let predictor = FastSamPredictor::open(&weights, settings, &Device::flex()).unwrap();
+    let predictor = FastSamPredictor::open(&weights, settings, &device()).unwrap();
     let Some(frames) = shared("data/rooms/dev-a/color", test) else { return };
     for frame in [0, 20, 40, 60] {
         let found = predictor.predict(&image(&frames.join(format!("{frame}.jpg")))).unwrap();
@@ -56,7 +56,7 @@ fn rooms_agree_with_the_loose_setting() {
 fn other_models_and_settings_are_refused_in_one_line() {
     let test = "other_models_and_settings_are_refused_in_one_line";
     let open = |path: &str, settings: FastSamPredictorSettings| -> Option<FastSamError> {
-        Some(FastSamPredictor::open(&shared(path, test)?, settings, &Device::flex()).unwrap_err())
+        Some(FastSamPredictor::open(&shared(path, test)?, settings, &device()).unwrap_err())
     };
     let Some(error) = open("golden/sam2/sam2_mini.pt", FastSamPredictorSettings::default()) else { return };
     assert!(matches!(error, FastSamError::NotFastSam { .. }), "{error}");

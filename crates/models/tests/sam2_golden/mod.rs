@@ -1,21 +1,25 @@
 //! Reference data in `../shared/golden/sam2`, read and compared.
 #![allow(dead_code)] // Each test file uses a part.
 
+#[path = "../test_device/mod.rs"]
+pub mod test_device;
+
 use safetensors::{Dtype, SafeTensors};
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::sam2::{Sam2Error, Weights};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// The folder of reference data, or `None` (said on a line of its own) where it is not at hand.
+/// The folder of reference data, or `None` (said on a line of its own) where it is not at hand, or the device is not.
 pub fn folder(test: &str) -> Option<PathBuf> {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden/sam2");
-    if folder.exists() {
-        return Some(folder);
-    }
+    let missing = match test_device::missing() {
+        Some(reason) => reason,
+        None if folder.exists() => return Some(folder),
+        None => "../shared is not here".to_owned(),
+    };
     // Not `println!`: the test runner would swallow the line of a test that passes.
-    let line = format!("\nskipped: {test}: ../shared is not here\n");
-    let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
+    let _ = std::io::Write::write_all(&mut std::io::stderr(), format!("\nskipped: {test}: {missing}\n").as_bytes());
     None
 }
 

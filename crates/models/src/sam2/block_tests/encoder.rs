@@ -11,22 +11,22 @@ fn image_encoder() {
     let golden = Golden::open(&folder, "mini_image_encoder");
     let network = mini(&folder);
     let input = network.input(&frame(&folder, 0));
-    assert_close("input", &host(input.clone()), &golden.floats("input"), Within::Absolute(1e-6));
-    assert_eq!(normalise(&resize_frame(&frame(&folder, 0), SIDE)), host(input.clone()));
+    assert_close("input", &values(input.clone()), &golden.floats("input"), Within::Absolute(1e-6));
+    assert_eq!(normalise(&resize_frame(&frame(&folder, 0), SIDE)), values(input.clone()));
     let trunk = &network.image_encoder.trunk;
-    assert_close("patch_embed", &host(trunk.embed_patches(input.clone())), &golden.floats("patch_embed"), CLOSE);
-    assert_close("pos_embed", &host(trunk.pos_embed().clone()), &golden.floats("pos_embed_full"), CLOSE);
+    assert_close("patch_embed", &values(trunk.embed_patches(input.clone())), &golden.floats("patch_embed"), CLOSE);
+    assert_close("pos_embed", &values(trunk.pos_embed().clone()), &golden.floats("pos_embed_full"), CLOSE);
     let stages = trunk.forward(input, |block, map| {
         let name = format!("block{block}");
-        assert_close(&name, &host(map.clone()), &golden.floats(&name), CLOSE);
+        assert_close(&name, &values(map.clone()), &golden.floats(&name), CLOSE);
     });
-    let (weights, device) = (golden::mini_weights(&folder), Device::flex());
+    let (weights, here) = (golden::mini_weights(&folder), device());
     let read = Default::default();
-    let reader = WeightReader::new(&weights, &read, &device).child("image_encoder.neck");
+    let reader = WeightReader::new(&weights, &read, &here).child("image_encoder.neck");
     let channels = [0, 1, 2, 3].map(|stage| network.config().trunk.embed_dim << stage);
     let (_, finest) = FpnNeck::load(&reader, channels, network.config().hidden_dim).unwrap();
     for (level, weights) in finest.into_iter().enumerate() {
-        let map = weights.on(&device).forward(stages[level].clone());
+        let map = weights.on(&here).forward(stages[level].clone());
         assert_planes(&golden, &format!("fpn{level}"), map.unsqueeze(), CLOSE);
     }
     let ImageFeatures { embedding, s0, s1 } = network.image_encoder.features(stages);
@@ -35,7 +35,7 @@ fn image_encoder() {
     assert_planes(&golden, "s1", s1, CLOSE);
     for (name, side) in [("pos1", 32), ("pos2", 16)] {
         let encoded = position_encoding::sine_2d(side, side, 64);
-        let encoded = Tensor::<1>::from_data(encoded.as_slice(), &Device::flex()).reshape([1, side, side, 64]);
+        let encoded = Tensor::<1>::from_data(encoded.as_slice(), &device()).reshape([1, side, side, 64]);
         assert_planes(&golden, name, encoded, CLOSE);
     }
 }

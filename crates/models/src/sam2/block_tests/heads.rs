@@ -27,14 +27,14 @@ fn mask_decoder() {
             let name = format!("{case}.{name}");
             assert_close(&name, found, &golden.floats(&name), CLOSE);
         };
-        check("all_masks", &host(decoded.masks.clone()));
-        check("all_iou", &decoded.ious[0]);
-        check("mask_tokens_out", &host(decoded.tokens.clone()));
-        check("object_score_logits", &decoded.object_scores);
-        check("stability", &decoded.stability());
+        check("all_masks", &values(decoded.masks.clone()));
+        check("all_iou", &values(decoded.ious.clone()));
+        check("mask_tokens_out", &values(decoded.tokens.clone()));
+        check("object_score_logits", &values(decoded.object_scores.clone()));
+        check("stability", &values(decoded.stability()));
         let single = decoded.single();
-        check("single.masks", &host(single.masks));
-        check("single.iou", &single.ious);
+        check("single.masks", &values(single.masks));
+        check("single.iou", &values(single.ious));
         for (choice, name) in [(MaskChoice::BestOfThree, "multi"), (MaskChoice::Single, "single")] {
             let out = heads.forward(
                 features.embedding.clone(),
@@ -43,12 +43,12 @@ fn mask_decoder() {
                 mask.clone(),
                 choice,
             );
-            check(&format!("{name}.heads_low_res_masks"), &host(out.masks));
-            check(&format!("{name}.heads_obj_ptr"), &host(out.pointers));
-            check(&format!("{name}.heads_object_score_logits"), &out.object_scores);
+            check(&format!("{name}.heads_low_res_masks"), &values(out.masks));
+            check(&format!("{name}.heads_obj_ptr"), &values(out.pointers));
+            check(&format!("{name}.heads_object_score_logits"), &values(out.object_scores));
             let ious = golden.floats(&format!("{case}.{name}.heads_ious"));
             let best = ious.iter().copied().fold(f32::MIN, f32::max);
-            assert_close(case, &out.ious, &[best], CLOSE);
+            assert_close(case, &values(out.ious), &[best], CLOSE);
         }
     }
 }
@@ -58,17 +58,21 @@ fn unstable_masks_give_way() {
     let Some(folder) = folder("unstable_masks_give_way") else { return };
     let golden = Golden::open(&folder, "mini_mask_decoder");
     let masks: Tensor<4> = tensor(&golden, "stability_rule.all_masks");
-    let ious = golden.floats("stability_rule.all_iou");
     let decoded = DecodedMasks {
         masks,
-        ious: ious.as_chunks::<4>().0.to_vec(),
-        tokens: Tensor::zeros([6, 4, 64], &Device::flex()),
-        object_scores: vec![1.0; 6],
+        ious: tensor(&golden, "stability_rule.all_iou"),
+        tokens: Tensor::zeros([6, 4, 64], &device()),
+        object_scores: Tensor::ones([6], &device()),
     };
-    assert_close("scores", &decoded.stability(), &golden.floats("stability_rule.scores"), Within::Absolute(1e-6));
+    assert_close(
+        "scores",
+        &values(decoded.stability()),
+        &golden.floats("stability_rule.scores"),
+        Within::Absolute(1e-6),
+    );
     let single = decoded.single();
-    assert_close("masks", &host(single.masks), &golden.floats("stability_rule.masks"), Within::Absolute(0.0));
-    assert_close("iou", &single.ious, &golden.floats("stability_rule.iou"), Within::Absolute(0.0));
+    assert_close("masks", &values(single.masks), &golden.floats("stability_rule.masks"), Within::Absolute(0.0));
+    assert_close("iou", &values(single.ious), &golden.floats("stability_rule.iou"), Within::Absolute(0.0));
 }
 
 #[test]
@@ -79,13 +83,13 @@ fn an_absent_object_has_no_mask() {
     let mut weights = golden::mini_weights(&folder);
     let bias = weights.0.get_mut("sam_mask_decoder.pred_obj_score_head.layers.2.bias").unwrap();
     bias.1[0] -= 50.0;
-    let network = Sam2Network::load(&weights, None, &Device::flex()).unwrap();
+    let network = Sam2Network::load(&weights, None, &device()).unwrap();
     let features = decoder_features(&golden);
     let points = [prompt(&prompts, "point1").0];
     let out = network.heads.forward(features.embedding.clone(), &features, &points, None, MaskChoice::BestOfThree);
-    assert_close("masks", &host(out.masks), &golden.floats("absent.heads_low_res_masks"), Within::Absolute(0.0));
-    assert_close("pointer", &host(out.pointers), &golden.floats("absent.heads_obj_ptr"), Within::Absolute(0.0));
-    assert_close("score", &out.object_scores, &golden.floats("absent.heads_object_score_logits"), CLOSE);
+    assert_close("masks", &values(out.masks), &golden.floats("absent.heads_low_res_masks"), Within::Absolute(0.0));
+    assert_close("pointer", &values(out.pointers), &golden.floats("absent.heads_obj_ptr"), Within::Absolute(0.0));
+    assert_close("score", &values(out.object_scores), &golden.floats("absent.heads_object_score_logits"), CLOSE);
 }
 
 #[test]
@@ -98,18 +102,18 @@ fn given_masks_are_taken_as_they_are() {
         ImageFeatures { embedding: channels_last(&encoder, "fpn2").reshape([1, 256, 64]), ..decoder_features(&golden) };
     for case in ["as_output", "as_output_empty"] {
         let mask = golden.floats(&format!("{case}.mask_u8"));
-        let downsampled = Tensor::<1>::from_data(mask.as_slice(), &Device::flex()).reshape([1, SIDE, SIDE]);
+        let downsampled = Tensor::<1>::from_data(mask.as_slice(), &device()).reshape([1, SIDE, SIDE]);
         let downsampled = network.heads.downsample_masks(downsampled);
         let check = |name: &str, found: &[f32]| {
             let name = format!("{case}.{name}");
             assert_close(&name, found, &golden.floats(&name), CLOSE);
         };
-        check("mask_downsample", &host(downsampled));
+        check("mask_downsample", &values(downsampled));
         let out = network.heads.use_masks_as_output(&features, &[mask], SIDE);
-        check("low_res_masks", &host(out.masks));
-        check("obj_ptr", &host(out.pointers));
-        check("object_score_logits", &out.object_scores);
-        check("ious", &out.ious);
+        check("low_res_masks", &values(out.masks));
+        check("obj_ptr", &values(out.pointers));
+        check("object_score_logits", &values(out.object_scores));
+        check("ious", &values(out.ious));
     }
 }
 

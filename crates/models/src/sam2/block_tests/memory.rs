@@ -1,6 +1,8 @@
 use super::*;
 use crate::sam2::encoder::position_encoding;
-use crate::sam2::memory::{MaskForMemory, RememberedPointer, SpatialMemory};
+use crate::sam2::memory::{
+    AssembledMemory, DistantPointer, MaskForMemory, RememberedMap, RememberedPointer, SpatialMemory,
+};
 
 #[test]
 fn memory_encoder() {
@@ -12,7 +14,7 @@ fn memory_encoder() {
     assert_planes(&golden, "sigmoid.present.pix_feat_proj", features.clone(), CLOSE);
     for (name, kind) in [("sigmoid", MaskForMemory::Soft), ("binarized", MaskForMemory::Binary)] {
         let masks: Vec<f32> = golden.floats("mask_logits").iter().map(|logit| kind.apply(*logit)).collect();
-        let masks = Tensor::<1>::from_data(masks.as_slice(), &Device::flex()).reshape([1, SIDE, SIDE]);
+        let masks = Tensor::<1>::from_data(masks.as_slice(), &device()).reshape([1, SIDE, SIDE]);
         if kind == MaskForMemory::Soft {
             assert_planes(&golden, "sigmoid.present.mask_downsampler", encoder.downsample_masks(masks.clone()), CLOSE);
         }
@@ -22,7 +24,7 @@ fn memory_encoder() {
         }
     }
     let position = position_encoding::sine_2d(16, 16, 16);
-    let position = Tensor::<1>::from_data(position.as_slice(), &Device::flex()).reshape([1, 16, 16, 16]);
+    let position = Tensor::<1>::from_data(position.as_slice(), &device()).reshape([1, 16, 16, 16]);
     assert_planes(&golden, "pos", position, CLOSE);
 }
 
@@ -62,42 +64,51 @@ fn memory_attention() {
     let attention = &network.memory_attention;
     for bank in ["A_f2", "A_f9", "D_rev_f3", "E_f4", "F_f19"] {
         let (spatial, pointers) = bank_order(bank, &golden);
-        let tokens = |kind: &str, index: usize| {
+        let map = |kind: &str, index: usize| {
             let all = channels_last(&golden, &format!("{bank}.{kind}_maskmem_features"));
-            host(all.narrow(0, index, 1))
+            RememberedMap::new(all.narrow(0, index, 1).squeeze_dim::<3>(0).flatten(0, 1))
         };
-        let features: Vec<Vec<f32>> = spatial.iter().map(|(kind, index, _)| tokens(kind, *index)).collect();
-        let pointer =
-            |kind: &str, index: usize| golden.floats(&format!("{bank}.{kind}_obj_ptr"))[index * 64..][..64].to_vec();
-        let values: Vec<Vec<f32>> = pointers.iter().map(|(kind, index, _)| pointer(kind, *index)).collect();
+        let features: Vec<RememberedMap> = spatial.iter().map(|(kind, index, _)| map(kind, *index)).collect();
+        let pointer = |kind: &str, index: usize| {
+            let all = golden.floats(&format!("{bank}.{kind}_obj_ptr"));
+            let pointer = Tensor::<1>::from_data(&all[index * 64..][..64], &device());
+            RememberedPointer::new(pointer.unsqueeze())
+        };
+        let kept: Vec<RememberedPointer> = pointers.iter().map(|(kind, index, _)| pointer(kind, *index)).collect();
         let spatial: Vec<SpatialMemory> = spatial
             .iter()
             .zip(&features)
             .map(|((_, _, row), features)| SpatialMemory { features, temporal_row: *row })
             .collect();
-        let pointers: Vec<RememberedPointer> = pointers
+        let pointers: Vec<DistantPointer> = pointers
             .iter()
-            .zip(&values)
-            .map(|((_, _, distance), pointer)| RememberedPointer { pointer, distance: *distance })
+            .zip(&kept)
+            .map(|((_, _, distance), pointer)| DistantPointer { pointer, distance: *distance })
             .collect();
-        let memory = attention.assemble(&spatial, &pointers);
-        assert_eq!(memory.pointer_tokens, golden.ints(&format!("{bank}.num_obj_ptr_tokens"))[0], "{bank}");
+        let assembled = network.assembly.assemble(&spatial, &pointers);
+        let (memory_values, memory_keys, pointer_tokens) = match &assembled {
+            AssembledMemory::Host(memory) => (memory.values.clone(), memory.keys.clone(), memory.pointer_tokens),
+            AssembledMemory::Device(memory) => {
+                (values(memory.values.clone()), values(memory.keys.clone()), memory.pointer_tokens)
+            }
+        };
+        assert_eq!(pointer_tokens, golden.ints(&format!("{bank}.num_obj_ptr_tokens"))[0], "{bank}");
         let expected = golden.floats(&format!("{bank}.memory"));
-        assert_close(&format!("{bank}.memory"), &memory.values, &expected, Within::Absolute(0.0));
+        assert_close(&format!("{bank}.memory"), &memory_values, &expected, Within::Absolute(0.0));
         let position = golden.floats(&format!("{bank}.memory_pos"));
         let keys: Vec<f32> = expected.iter().zip(position).map(|(value, position)| value + position).collect();
-        assert_close(&format!("{bank}.keys"), &memory.keys, &keys, CLOSE);
+        assert_close(&format!("{bank}.keys"), &memory_keys, &keys, CLOSE);
 
         let current = tensor::<2>(&golden, &format!("{bank}.curr")).unsqueeze();
         // Twice the same memory: objects must not disturb each other.
-        let out = attention.forward(current, &[memory.clone(), memory], |layer, map| {
+        let out = attention.forward(current, &[assembled.clone(), assembled], |layer, map| {
             let name = format!("{bank}.layer{layer}");
             if golden.has(&name) {
-                assert_close(&name, &host(map.clone().narrow(0, 1, 1)), &golden.floats(&name), CLOSE);
+                assert_close(&name, &values(map.clone().narrow(0, 1, 1)), &golden.floats(&name), CLOSE);
             }
         });
         for object in [0, 1] {
-            let out = host(out.clone().narrow(0, object, 1));
+            let out = values(out.clone().narrow(0, object, 1));
             assert_close(&format!("{bank}.out"), &out, &golden.floats(&format!("{bank}.out")), CLOSE);
         }
     }

@@ -7,27 +7,32 @@ mod prompt;
 mod resize;
 
 use super::Sam2Network;
-use super::layers::host::host;
 use super::prompt::{InputPoint, PointLabel};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Tensor, TensorData};
 use splatseg_geometry::Image;
 use std::path::Path;
 
 #[path = "../../../tests/sam2_golden/mod.rs"]
 mod golden;
 
+use golden::test_device::device;
 use golden::{Golden, Within, assert_close, folder};
 
 const CLOSE: Within = Within::OfMax(1e-5);
 const SIDE: usize = 256;
 
 fn mini(folder: &Path) -> Sam2Network {
-    Sam2Network::load(&golden::mini_weights(folder), None, &Device::flex()).unwrap()
+    Sam2Network::load(&golden::mini_weights(folder), None, &device()).unwrap()
+}
+
+/// The elements of a tensor, row-major.
+fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+    tensor.into_data().try_into_vec().unwrap()
 }
 
 fn tensor<const D: usize>(golden: &Golden, name: &str) -> Tensor<D> {
     let shape: [usize; D] = golden.shape(name).try_into().unwrap();
-    Tensor::from_data(TensorData::new(golden.floats(name), shape), &Device::flex())
+    Tensor::from_data(TensorData::new(golden.floats(name), shape), &device())
 }
 
 /// `[objects, channels, height, width]` to channels-last.
@@ -38,7 +43,7 @@ fn channels_last(golden: &Golden, name: &str) -> Tensor<4> {
 /// A channels-last map against a reference that has channels first.
 #[track_caller]
 fn assert_planes(golden: &Golden, name: &str, found: Tensor<4>, within: Within) {
-    assert_close(name, &host(found.permute([0, 3, 1, 2])), &golden.floats(name), within);
+    assert_close(name, &values(found.permute([0, 3, 1, 2])), &golden.floats(name), within);
 }
 
 fn frame(folder: &Path, index: usize) -> Image<[u8; 3]> {

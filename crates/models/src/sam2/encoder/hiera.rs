@@ -1,11 +1,13 @@
 //! The image encoder's trunk, Hiera (Ryali et al. 2023; official `hieradet.py`).
 
 use super::position_encoding::windowed_embedding;
+use crate::device::is_cpu;
 use crate::sam2::layers::host::{HostValues, from_host};
-use crate::sam2::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear, Mlp};
+use crate::sam2::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear, Mlp, multi_head};
 use crate::sam2::weights::WeightReader;
 use crate::sam2::{HieraConfig, Sam2Error};
-use burn::tensor::{Tensor, TensorData};
+use crate::transfer::upload;
+use burn::tensor::Tensor;
 use splatseg_kernels::attention::{HeadRows, WindowShape, max_pool, multi_head_attention, window_attention};
 
 /// Channel normalisation in the trunk.
@@ -36,7 +38,7 @@ impl Hiera {
         let window = reader.floats("pos_embed_window", &[1, channels, tile, tile])?;
         let side = image_size / 4;
         let pos_embed = windowed_embedding(&background, &window, channels, side);
-        let pos_embed = Tensor::from_data(TensorData::new(pos_embed, [side, side, channels]), reader.device());
+        let pos_embed = upload(pos_embed, [side, side, channels], reader.device());
 
         let mut blocks = Vec::new();
         let mut stage_ends = [0; 4];
@@ -102,8 +104,8 @@ struct Block {
     shape: BlockShape,
     norm1: LayerNorm,
     qkv: Linear,
-    /// The projection of an all-zero token, which windows are padded with.
-    padding: Vec<f32>,
+    /// The projection of an all-zero token, which windows are padded with, `[1, 1, 3 · channels]`.
+    padding: Tensor<3>,
     attention_out: Linear,
     norm2: LayerNorm,
     mlp: Mlp,
@@ -119,7 +121,7 @@ impl Block {
             shape,
             norm1: LayerNorm::load(&reader.child("norm1"), inputs, EPSILON)?,
             qkv: Linear::load(&reader.child("attn.qkv"), inputs, 3 * outputs)?,
-            padding: reader.child("attn.qkv").floats("bias", &[3 * outputs])?,
+            padding: reader.child("attn.qkv").tensor::<1>("bias", [3 * outputs])?.unsqueeze(),
             attention_out: Linear::load(&reader.child("attn.proj"), outputs, outputs)?,
             norm2: LayerNorm::load(&reader.child("norm2"), outputs, EPSILON)?,
             mlp: Mlp::load(&reader.child("mlp"), &[outputs, MLP_RATIO * outputs, outputs], Activation::Gelu)?,
@@ -140,20 +142,27 @@ impl Block {
     /// Multi-head attention, `[height, width, 3 · channels]` to `[height, width, channels]`, or half as high and wide
     /// where queries are pooled.
     fn attend(&self, qkv: Tensor<3>) -> Tensor<3> {
+        let BlockShape { outputs: channels, heads, window, .. } = self.shape;
+        let pooling = if self.shortcut.is_some() { 2 } else { 1 };
+        if !is_cpu(&qkv.device()) {
+            return match window {
+                Some(window) => self.attend_in_windows(qkv, window, pooling),
+                None => attend_everywhere(qkv, heads, pooling),
+            };
+        }
         let device = qkv.device();
         let [height, width, _] = qkv.dims();
-        let BlockShape { outputs: channels, heads, window, .. } = self.shape;
         let data = HostValues::from_tensor(qkv);
         let qkv = data.as_slice();
-        let pooled = self.shortcut.as_ref().map(|_| max_pool(qkv, (height, width), 3 * channels, channels));
-        let (queries, query_stride, pooling) = match &pooled {
-            Some(pooled) => (pooled.as_slice(), channels, 2),
-            None => (qkv, 3 * channels, 1),
+        let pooled = (pooling == 2).then(|| max_pool(qkv, (height, width), 3 * channels, channels));
+        let (queries, query_stride) = match &pooled {
+            Some(pooled) => (pooled.as_slice(), channels),
+            None => (qkv, 3 * channels),
         };
         let out = match window {
             Some(window) => {
                 let shape = WindowShape { height, width, window, pooling, heads, channels, query_stride };
-                window_attention(queries, qkv, &self.padding, shape)
+                window_attention(queries, qkv, HostValues::from_tensor(self.padding.clone()).as_slice(), shape)
             }
             None => {
                 let rows = |data, stride, count| HeadRows { data, count, width: channels / heads, stride };
@@ -166,12 +175,63 @@ impl Block {
         };
         from_host(out, [height / pooling, width / pooling, channels], &device)
     }
+
+    /// [`Self::attend`] on a device, within windows: those that reach beyond the right or lower border are padded.
+    fn attend_in_windows(&self, qkv: Tensor<3>, window: usize, pooling: usize) -> Tensor<3> {
+        let BlockShape { outputs: channels, heads, .. } = self.shape;
+        let [height, width, _] = qkv.dims();
+        let (rows, columns) = (height.div_ceil(window), width.div_ceil(window));
+        let padded = |map: Tensor<3>, dimension: usize, tokens: usize| {
+            let mut missing = map.dims();
+            missing[dimension] = tokens - missing[dimension];
+            if missing[dimension] == 0 {
+                return map;
+            }
+            Tensor::cat(vec![map, self.padding.clone().expand(missing)], dimension)
+        };
+        let qkv = padded(padded(qkv, 0, rows * window), 1, columns * window);
+        let [queries, keys, values] = [0, 1, 2].map(|part| {
+            let part_of_all = qkv.clone().narrow(2, part * channels, channels);
+            let (part, window) = match part {
+                0 if pooling == 2 => (pool(part_of_all), window / 2),
+                _ => (part_of_all, window),
+            };
+            part.reshape([rows, window, columns, window, channels]).swap_dims(1, 2).reshape([
+                rows * columns,
+                window * window,
+                channels,
+            ])
+        });
+        let side = window / pooling;
+        multi_head(queries, keys, values, heads)
+            .reshape([rows, columns, side, side, channels])
+            .swap_dims(1, 2)
+            .reshape([rows * side, columns * side, channels])
+            .narrow(0, 0, height / pooling)
+            .narrow(1, 0, width / pooling)
+    }
+}
+
+/// Attention of the whole map on a device, as [`Block::attend`].
+fn attend_everywhere(qkv: Tensor<3>, heads: usize, pooling: usize) -> Tensor<3> {
+    let [height, width, tripled] = qkv.dims();
+    let channels = tripled / 3;
+    let [queries, keys, values] = [0, 1, 2].map(|part| {
+        let part_of_all = qkv.clone().narrow(2, part * channels, channels);
+        let part = if part == 0 && pooling == 2 { pool(part_of_all) } else { part_of_all };
+        part.flatten::<2>(0, 1).unsqueeze()
+    });
+    multi_head(queries, keys, values, heads).reshape([height / pooling, width / pooling, channels])
 }
 
 /// Max-pooling of 2×2 tokens.
 fn pool(map: Tensor<3>) -> Tensor<3> {
     let device = map.device();
     let [height, width, channels] = map.dims();
+    if !is_cpu(&device) {
+        let blocks = map.reshape([height / 2, 2, width / 2, 2, channels]);
+        return blocks.max_dim(3).max_dim(1).reshape([height / 2, width / 2, channels]);
+    }
     let pooled = max_pool(HostValues::from_tensor(map).as_slice(), (height, width), channels, channels);
     from_host(pooled, [height / 2, width / 2, channels], &device)
 }

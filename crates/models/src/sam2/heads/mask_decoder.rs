@@ -3,10 +3,9 @@
 use super::two_way_transformer::TwoWayTransformer;
 use crate::sam2::Sam2Error;
 use crate::sam2::encoder::ImageFeatures;
-use crate::sam2::layers::host::host;
 use crate::sam2::layers::{Activation, LayerNorm, Mlp, Upscale, activate};
 use crate::sam2::weights::WeightReader;
-use burn::tensor::{Int, Tensor, TensorData};
+use burn::tensor::{Int, Tensor};
 
 /// Masks of one prompt: the single mask and three alternatives.
 pub(crate) const MASKS: usize = 4;
@@ -21,12 +20,12 @@ const STABILITY_THRESHOLD: f32 = 0.98;
 pub(crate) struct DecodedMasks {
     /// Logits, `[objects, 4, 4 side, 4 side]`: the single mask, then the three of an ambiguous prompt.
     pub masks: Tensor<4>,
-    /// Predicted intersection over union, `[objects][4]`.
-    pub ious: Vec<[f32; MASKS]>,
+    /// Predicted intersection over union, `[objects, 4]`.
+    pub ious: Tensor<2>,
     /// The mask tokens after the transformer, `[objects, 4, hidden]`.
     pub tokens: Tensor<3>,
     /// Logits of "the object is in the image", `[objects]`.
-    pub object_scores: Vec<f32>,
+    pub object_scores: Tensor<1>,
 }
 
 /// One mask per object.
@@ -34,8 +33,8 @@ pub(crate) struct DecodedMasks {
 pub(crate) struct SelectedMasks {
     /// Logits, `[objects, 4 side, 4 side]`.
     pub masks: Tensor<3>,
-    /// Predicted intersection over union.
-    pub ious: Vec<f32>,
+    /// Predicted intersection over union, `[objects]`.
+    pub ious: Tensor<1>,
     /// The token that the object pointer is computed from, `[objects, hidden]`.
     pub tokens: Tensor<2>,
 }
@@ -105,12 +104,11 @@ impl MaskDecoder {
         let hyper = self.hypernetworks.iter().enumerate();
         let hyper = hyper.map(|(mask, mlp)| mlp.forward(mask_tokens.clone().narrow(1, mask, 1))).collect();
         let masks = Tensor::cat(hyper, 1).matmul(map.swap_dims(1, 2));
-        let ious = host(self.iou_head.forward(tokens.clone().narrow(1, 1, 1)));
         DecodedMasks {
             masks: masks.reshape([objects, MASKS, 4 * side, 4 * side]),
-            ious: ious.as_chunks::<MASKS>().0.to_vec(),
+            ious: self.iou_head.forward(tokens.clone().narrow(1, 1, 1)).squeeze_dim(1),
             tokens: mask_tokens,
-            object_scores: host(self.object_score_head.forward(tokens.narrow(1, 0, 1))),
+            object_scores: self.object_score_head.forward(tokens.narrow(1, 0, 1)).flatten(0, 2),
         }
     }
 }
@@ -118,51 +116,45 @@ impl MaskDecoder {
 impl DecodedMasks {
     /// The best of the three masks of an ambiguous prompt by predicted IoU, with its own token.
     pub fn best_of_three(&self) -> SelectedMasks {
-        let chosen: Vec<usize> = self.ious.iter().map(best_of_three).collect();
-        self.select(&chosen, &chosen)
+        let best = self.index_of_best();
+        self.select(best.clone(), best)
     }
 
     /// The single mask, or the best of the three where it is not stable; always with the single mask's token.
     pub fn single(&self) -> SelectedMasks {
-        let chosen: Vec<usize> = self
-            .stability()
-            .iter()
-            .zip(&self.ious)
-            .map(|(stability, ious)| if *stability >= STABILITY_THRESHOLD { 0 } else { best_of_three(ious) })
-            .collect();
-        self.select(&chosen, &vec![0; chosen.len()])
+        let is_stable = self.stability().greater_equal_elem(STABILITY_THRESHOLD);
+        let best = self.index_of_best();
+        self.select(best.clone().mask_fill(is_stable, 0), best.zeros_like())
     }
 
-    /// Stability of the single masks: pixels surely inside divided by pixels possibly inside; 1 if there are none.
-    pub fn stability(&self) -> Vec<f32> {
-        let [objects, _, height, width] = self.masks.dims();
-        let single = self.masks.clone().narrow(1, 0, 1).reshape([objects, height * width]);
-        let values = host(single);
-        let count = |mask: &[f32], threshold: f32| mask.iter().filter(|logit| **logit > threshold).count() as f32;
-        let score = |mask: &[f32]| match (count(mask, STABILITY_DELTA), count(mask, -STABILITY_DELTA)) {
-            (_, 0.0) => 1.0,
-            (sure, possible) => sure / possible,
-        };
-        values.chunks_exact(height * width).map(score).collect()
+    /// Stability of the single masks, `[objects]`: pixels surely inside divided by pixels possibly inside; 1 if there are
+    /// none.
+    pub fn stability(&self) -> Tensor<1> {
+        let single = self.masks.clone().narrow(1, 0, 1).flatten::<2>(1, 3);
+        let count = |threshold: f32| single.clone().greater_elem(threshold).float().sum_dim(1).squeeze_dim::<1>(1);
+        let (sure, possible) = (count(STABILITY_DELTA), count(-STABILITY_DELTA));
+        let has_none = possible.clone().equal_elem(0.0);
+        (sure / possible).mask_fill(has_none, 1.0)
     }
 
-    fn select(&self, masks: &[usize], tokens: &[usize]) -> SelectedMasks {
+    /// Index of the best of the three masks of each object, `[objects]`; the first of equals, as `torch.argmax`.
+    fn index_of_best(&self) -> Tensor<1, Int> {
+        let [first, second, third] = [1, 2, 3].map(|mask| self.ious.clone().narrow(1, mask, 1).squeeze_dim::<1>(1));
+        let is_second = second.clone().greater(first.clone());
+        let is_third = third.greater(first.mask_where(is_second.clone(), second));
+        (is_second.int() + 1).mask_fill(is_third, 3)
+    }
+
+    /// The masks and the tokens of these indices, `[objects]` each.
+    fn select(&self, masks: Tensor<1, Int>, tokens: Tensor<1, Int>) -> SelectedMasks {
         let [objects, _, height, width] = self.masks.dims();
         let hidden = self.tokens.dims()[2];
-        let device = self.masks.device();
-        let flat = |chosen: &[usize]| {
-            let indices = chosen.iter().enumerate().map(|(object, chosen)| (object * MASKS + chosen) as i64).collect();
-            Tensor::<1, Int>::from_data(TensorData::new::<i64, _>(indices, [objects]), &device)
-        };
+        let rows = Tensor::<1, Int>::arange(0..objects as i64, &self.masks.device()) * MASKS as i64;
+        let (masks, tokens) = (rows.clone() + masks, rows + tokens);
         SelectedMasks {
-            masks: self.masks.clone().reshape([objects * MASKS, height, width]).select(0, flat(masks)),
-            ious: self.ious.iter().zip(masks).map(|(ious, chosen)| ious[*chosen]).collect(),
-            tokens: self.tokens.clone().reshape([objects * MASKS, hidden]).select(0, flat(tokens)),
+            masks: self.masks.clone().reshape([objects * MASKS, height, width]).select(0, masks.clone()),
+            ious: self.ious.clone().flatten::<1>(0, 1).select(0, masks),
+            tokens: self.tokens.clone().reshape([objects * MASKS, hidden]).select(0, tokens),
         }
     }
-}
-
-fn best_of_three(ious: &[f32; MASKS]) -> usize {
-    // The first of equals, as torch.argmax.
-    (2..MASKS).fold(1, |best, mask| if ious[mask] > ious[best] { mask } else { best })
 }

@@ -5,12 +5,12 @@ use super::mask_decoder::{DecodedMasks, MaskDecoder};
 use crate::sam2::Sam2Error;
 use crate::sam2::config::NO_OBJECT_LOGIT;
 use crate::sam2::encoder::ImageFeatures;
-use crate::sam2::layers::host::host;
 use crate::sam2::layers::{Activation, Conv2d, ConvShape, Mlp};
 use crate::sam2::prompt::{InputPoint, PromptEncoder};
 use crate::sam2::resize::{Size, resize_antialiased};
 use crate::sam2::weights::WeightReader;
-use burn::tensor::{Tensor, TensorData};
+use crate::transfer::upload;
+use burn::tensor::{Bool, Tensor};
 
 /// Logit of a given mask inside; outside it is the negative.
 const GIVEN_LOGIT: f32 = 10.0;
@@ -20,12 +20,12 @@ const GIVEN_LOGIT: f32 = 10.0;
 pub(crate) struct HeadOutputs {
     /// Mask logits, `[objects, side, side]` at a quarter of the network input's resolution.
     pub masks: Tensor<3>,
-    /// Predicted intersection over union.
-    pub ious: Vec<f32>,
+    /// Predicted intersection over union, `[objects]`.
+    pub ious: Tensor<1>,
     /// Object pointers, `[objects, hidden]`.
     pub pointers: Tensor<2>,
-    /// Logits of "the object is in the image".
-    pub object_scores: Vec<f32>,
+    /// Logits of "the object is in the image", `[objects]`.
+    pub object_scores: Tensor<1>,
 }
 
 /// Which of the decoder's masks to take.
@@ -80,11 +80,13 @@ impl SamHeads {
             MaskChoice::BestOfThree => decoded.best_of_three(),
             MaskChoice::Single => decoded.single(),
         };
-        let present: Vec<bool> = decoded.object_scores.iter().map(|score| *score > 0.0).collect();
+        let is_absent = decoded.object_scores.clone().greater_elem(0.0).bool_not();
+        let shape = selected.masks.dims();
+        let everywhere = is_absent.clone().reshape([shape[0], 1, 1]).expand(shape);
         HeadOutputs {
-            masks: where_present(selected.masks, &present, NO_OBJECT_LOGIT),
+            masks: selected.masks.mask_fill(everywhere, NO_OBJECT_LOGIT),
             ious: selected.ious,
-            pointers: self.pointers(selected.tokens, &present),
+            pointers: self.replace_absent(self.pointer_projection.forward(selected.tokens), is_absent),
             object_scores: decoded.object_scores,
         }
     }
@@ -108,21 +110,19 @@ impl SamHeads {
     pub fn use_masks_as_output(&self, features: &ImageFeatures, masks: &[Vec<f32>], image_size: usize) -> HeadOutputs {
         let device = features.embedding.device();
         let (objects, quarter) = (masks.len(), image_size / 4);
-        let prompts = self.downsample_masks(Tensor::from_data(
-            TensorData::new(masks.concat(), [objects, image_size, image_size]),
-            &device,
-        ));
+        let size = [objects, image_size, image_size];
+        let prompts = self.downsample_masks(upload(masks.concat(), size, &device));
         let points = vec![Vec::new(); objects];
         let decoded = self.forward(features.embedding.clone(), features, &points, Some(prompts), MaskChoice::Single);
 
-        let present: Vec<bool> = masks.iter().map(|mask| mask.iter().any(|value| *value > 0.0)).collect();
+        let sign = |mask: &Vec<f32>| if mask.iter().any(|value| *value > 0.0) { GIVEN_LOGIT } else { -GIVEN_LOGIT };
+        let object_scores = upload(masks.iter().map(sign).collect(), [objects], &device);
         let logits: Vec<f32> = masks.iter().flat_map(|mask| low_res_logits(mask, image_size)).collect();
-        let sign = |present: &bool| if *present { GIVEN_LOGIT } else { -GIVEN_LOGIT };
         HeadOutputs {
-            masks: Tensor::from_data(TensorData::new(logits, [objects, quarter, quarter]), &device),
-            ious: vec![1.0; objects],
-            pointers: self.replace_absent(decoded.pointers, &present),
-            object_scores: present.iter().map(sign).collect(),
+            masks: upload(logits, [objects, quarter, quarter], &device),
+            ious: Tensor::ones([objects], &device),
+            pointers: self.replace_absent(decoded.pointers, object_scores.clone().greater_elem(0.0).bool_not()),
+            object_scores,
         }
     }
 
@@ -131,22 +131,11 @@ impl SamHeads {
         self.mask_downsample.forward_planes(masks.unsqueeze_dim(1)).squeeze_dim(1)
     }
 
-    fn pointers(&self, tokens: Tensor<2>, present: &[bool]) -> Tensor<2> {
-        self.replace_absent(self.pointer_projection.forward(tokens), present)
-    }
-
-    fn replace_absent(&self, pointers: Tensor<2>, present: &[bool]) -> Tensor<2> {
-        if present.iter().all(|present| *present) {
-            return pointers;
-        }
-        let rows = present.iter().enumerate();
-        let rows =
-            rows.map(
-                |(object, present)| {
-                    if *present { pointers.clone().narrow(0, object, 1) } else { self.no_object_pointer.clone() }
-                },
-            );
-        Tensor::cat(rows.collect(), 0)
+    /// Pointers `[objects, hidden]`, with that of "no object" where `is_absent` `[objects]`.
+    fn replace_absent(&self, pointers: Tensor<2>, is_absent: Tensor<1, Bool>) -> Tensor<2> {
+        let shape = pointers.dims();
+        pointers
+            .mask_where(is_absent.reshape([shape[0], 1]).expand(shape), self.no_object_pointer.clone().expand(shape))
     }
 }
 
@@ -168,19 +157,4 @@ fn low_res_logits(mask: &[f32], image_size: usize) -> Vec<f32> {
     let logits: Vec<f32> = mask.iter().map(|value| value * 2.0 * GIVEN_LOGIT - GIVEN_LOGIT).collect();
     let size = Size { width: image_size, height: image_size };
     resize_antialiased(&logits, size, Size { width: image_size / 4, height: image_size / 4 })
-}
-
-/// Keeps the masks of present objects and fills those of absent ones with `other`.
-fn where_present(masks: Tensor<3>, present: &[bool], other: f32) -> Tensor<3> {
-    if present.iter().all(|present| *present) {
-        return masks;
-    }
-    let (shape, device) = (masks.dims(), masks.device());
-    let mut values = host(masks);
-    for (mask, present) in values.chunks_exact_mut(shape[1] * shape[2]).zip(present) {
-        if !present {
-            mask.fill(other);
-        }
-    }
-    Tensor::from_data(TensorData::new(values, shape), &device)
 }

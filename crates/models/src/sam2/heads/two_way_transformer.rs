@@ -1,11 +1,9 @@
 //! The mask decoder's transformer: tokens and image attend to each other (official `sam/transformer.py`).
 
 use crate::sam2::Sam2Error;
-use crate::sam2::layers::host::{HostValues, from_host};
-use crate::sam2::layers::{Activation, LayerNorm, Linear, Mlp};
+use crate::sam2::layers::{Activation, LayerNorm, Linear, Mlp, multi_head};
 use crate::sam2::weights::WeightReader;
 use burn::tensor::Tensor;
-use splatseg_kernels::attention::{HeadRows, multi_head_attention};
 
 const LAYERS: usize = 2;
 const HEADS: usize = 8;
@@ -37,23 +35,8 @@ impl Attention {
     /// `[objects, n, dim]`, `[objects, m, dim]`, `[objects, m, dim]` to `[objects, n, dim]`.
     fn forward(&self, queries: Tensor<3>, keys: Tensor<3>, values: Tensor<3>) -> Tensor<3> {
         let (queries, keys) = (self.queries.forward(queries), self.keys.forward(keys));
-        self.out.forward(attention(queries, keys, self.values.forward(values)))
+        self.out.forward(multi_head(queries, keys, self.values.forward(values), HEADS))
     }
-}
-
-/// Attention with the heads side by side in the channels: `[objects, n, dim]`, `[objects, m, dim]`, `[objects, m, dim]` to
-/// `[objects, n, dim]`.
-fn attention(queries: Tensor<3>, keys: Tensor<3>, values: Tensor<3>) -> Tensor<3> {
-    let (shape, device) = (queries.dims(), queries.device());
-    let operands = [queries, keys, values].map(|operand| (operand.dims(), HostValues::from_tensor(operand)));
-    let problem = |object: usize| {
-        operands.each_ref().map(|([_, count, channels], values)| {
-            let data = &values.as_slice()[object * count * channels..];
-            HeadRows { data, count: *count, width: channels / HEADS, stride: *channels }
-        })
-    };
-    let problems: Vec<[HeadRows; 3]> = (0..shape[0]).map(problem).collect();
-    from_host(multi_head_attention(&problems, HEADS), shape, &device)
 }
 
 /// One layer (official `TwoWayAttentionBlock`).

@@ -1,34 +1,26 @@
-//! Tensors as slices, for the arithmetic on the CPU that Burn has no operation for.
+//! Tensors of the CPU as slices, for the arithmetic that has kernels of its own there.
 
 use burn::backend::{BackendTypes, Flex};
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// The elements of a tensor, row-major; on the CPU they are not copied if they already lie like that.
-pub(crate) enum HostValues {
-    Shared(<Flex as BackendTypes>::FloatTensorPrimitive),
-    Copied(Vec<f32>),
-}
+/// Where tensors become slices, they are on the CPU.
+const ON_CPU: &str = "other devices have a path of their own";
+
+/// The elements of a tensor of the CPU, row-major; they are not copied if they already lie like that.
+pub(crate) struct HostValues(<Flex as BackendTypes>::FloatTensorPrimitive);
 
 impl HostValues {
     pub fn from_tensor<const D: usize>(tensor: Tensor<D>) -> Self {
-        match tensor.clone().try_into_primitive::<Flex>() {
-            Ok(shared) => Self::Shared(shared.to_contiguous()),
-            Err(_) => Self::Copied(host(tensor)),
-        }
+        Self(tensor.try_into_primitive::<Flex>().expect(ON_CPU).to_contiguous())
     }
 
     pub fn as_slice(&self) -> &[f32] {
-        match self {
-            Self::Shared(tensor) => {
-                let start = tensor.layout().start_offset();
-                &tensor.storage::<f32>()[start..start + tensor.layout().num_elements()]
-            }
-            Self::Copied(values) => values,
-        }
+        let start = self.0.layout().start_offset();
+        &self.0.storage::<f32>()[start..start + self.0.layout().num_elements()]
     }
 }
 
-/// The elements of a tensor, row-major, to be changed.
+/// The elements of a tensor of the CPU, row-major, to be changed.
 pub(crate) fn host<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.into_data().try_into_vec().expect("the networks compute in float32")
 }

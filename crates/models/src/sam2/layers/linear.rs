@@ -5,9 +5,10 @@ use super::{Activation, HostNorm, LayerNorm};
 use crate::device::is_cpu;
 use crate::sam2::Sam2Error;
 use crate::sam2::weights::WeightReader;
+use crate::transfer::upload;
 use burn::tensor::activation::{gelu, relu, sigmoid, silu};
 use burn::tensor::module::linear;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use splatseg_kernels::Instructions;
 use splatseg_kernels::attention::AxialKeys;
 use splatseg_kernels::gemm::{LinearChain, PackedLinear};
@@ -62,8 +63,8 @@ impl LinearWeights {
         }
         let [inputs, outputs] = [weight.len() / bias.len(), bias.len()];
         Linear::Tensors(Box::new(LinearTensors {
-            weight: Tensor::from_data(TensorData::new(weight, [inputs, outputs]), device),
-            bias: Tensor::from_data(TensorData::new(bias, [outputs]), device),
+            weight: upload(weight, [inputs, outputs], device),
+            bias: upload(bias, [outputs], device),
         }))
     }
 }

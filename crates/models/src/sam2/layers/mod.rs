@@ -1,10 +1,14 @@
 //! The few layer types that all blocks are made of. Activations are channels-last, so that a layer over channels is a
 //! layer over the last dimension.
 
+mod attention;
 pub(crate) mod host;
 mod linear;
+mod rotation;
 
+pub(crate) use attention::multi_head;
 pub(crate) use linear::{Linear, LinearWeights, Mlp, activate, forward_chain};
+pub(crate) use rotation::Rotation;
 pub(crate) use splatseg_kernels::Activation;
 
 use crate::device::is_cpu;

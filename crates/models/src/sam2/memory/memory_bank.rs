@@ -1,10 +1,9 @@
 //! The memory of one object: no more than attention can still see.
 
-use super::memory_attention::{AssembledMemory, MemoryAttention, RememberedPointer, SpatialMemory};
+use super::assembly::{AssembledMemory, Assembly, DistantPointer, SpatialMemory};
+use super::remembered::{RememberedMap, RememberedPointer};
 use crate::sam2::Sam2PredictorSettings;
 use crate::sam2::config::{MAX_OBJECT_POINTERS, NUM_MASK_MEMORIES};
-use half::bf16;
-use half::slice::HalfFloatSliceExt;
 
 /// A frame as one object remembers it.
 #[derive(Clone, Debug)]
@@ -12,9 +11,9 @@ struct RememberedFrame {
     frame: usize,
     /// Whether a prompt on this frame conditions the tracking.
     conditioning: bool,
-    /// `[side · side, memory]` in bfloat16, as the official predictor keeps it; `None` once out of reach.
-    features: Option<Vec<bf16>>,
-    pointer: Vec<f32>,
+    /// `None` once out of reach.
+    features: Option<RememberedMap>,
+    pointer: RememberedPointer,
 }
 
 /// The memory of one object.
@@ -26,19 +25,17 @@ pub(crate) struct MemoryBank {
 
 impl MemoryBank {
     /// Remembers a frame, in place of an earlier memory of it.
-    pub fn remember(&mut self, frame: usize, conditioning: bool, features: &[f32], pointer: Vec<f32>) {
-        let features = Some(features.iter().map(|value| bf16::from_f32(*value)).collect());
-        let remembered = RememberedFrame { frame, conditioning, features, pointer };
+    pub fn remember(&mut self, frame: usize, conditioning: bool, features: RememberedMap, pointer: RememberedPointer) {
+        let remembered = RememberedFrame { frame, conditioning, features: Some(features), pointer };
         match self.frames.iter_mut().find(|known| known.frame == frame) {
             Some(known) => *known = remembered,
             None => self.frames.push(remembered),
         }
     }
 
-    /// Memory features of a frame, `[side · side, memory]`.
-    pub fn features(&self, frame: usize) -> Option<Vec<f32>> {
-        let known = self.frames.iter().find(|known| known.frame == frame)?;
-        Some(floats(known.features.as_ref()?))
+    /// Memory features of a frame.
+    pub fn features(&self, frame: usize) -> Option<&RememberedMap> {
+        self.frames.iter().find(|known| known.frame == frame)?.features.as_ref()
     }
 
     /// Numbers of the conditioning frames that attention sees from frame `now`: the `limit` closest in time.
@@ -71,12 +68,7 @@ impl MemoryBank {
 
     /// The memory for frame `now`: conditioning frames, then the six frames before, from far to near; pointers of
     /// conditioning frames, then from near to far (official `_prepare_memory_conditioned_features`).
-    pub fn assemble(
-        &self,
-        now: usize,
-        attention: &MemoryAttention,
-        settings: &Sam2PredictorSettings,
-    ) -> AssembledMemory {
+    pub fn assemble(&self, now: usize, assembly: &Assembly, settings: &Sam2PredictorSettings) -> AssembledMemory {
         let conditioning = self.conditioning(settings.max_cond_frames_in_attn);
         let (prompted, others): (Vec<_>, Vec<_>) =
             self.frames.iter().partition(|known| conditioning.contains(&known.frame));
@@ -85,37 +77,24 @@ impl MemoryBank {
         let recent = (1..NUM_MASK_MEMORIES).rev();
         let recent = recent.filter_map(|distance| Some((before(distance)?.features.as_ref()?, distance - 1)));
         let spatial = prompted.iter().filter_map(|known| Some((known.features.as_ref()?, NUM_MASK_MEMORIES - 1)));
-        let spatial: Vec<(Vec<f32>, usize)> =
-            spatial.chain(recent).map(|(values, row)| (floats(values), row)).collect();
-        let spatial: Vec<SpatialMemory> = spatial
-            .iter()
-            .map(|(features, temporal_row)| SpatialMemory { features, temporal_row: *temporal_row })
-            .collect();
+        let spatial: Vec<SpatialMemory> =
+            spatial.chain(recent).map(|(features, temporal_row)| SpatialMemory { features, temporal_row }).collect();
 
         let longest = settings.video_length.map_or(MAX_OBJECT_POINTERS, |length| length.min(MAX_OBJECT_POINTERS));
-        let pointer = |known: &&'_ RememberedFrame, distance: usize| (known.pointer.clone(), distance);
-        let pointers: Vec<(Vec<f32>, usize)> = prompted
-            .iter()
-            .map(|known| pointer(known, now - known.frame))
-            .chain((1..longest).filter_map(|distance| before(distance).map(|known| pointer(known, distance))))
-            .collect();
         let share = |distance: usize| distance as f32 / (longest.max(2) - 1) as f32;
-        let pointers: Vec<RememberedPointer> = pointers
+        let pointers: Vec<DistantPointer> = prompted
             .iter()
-            .map(|(pointer, distance)| RememberedPointer { pointer, distance: share(*distance) })
+            .map(|known| (*known, share(now - known.frame)))
+            .chain((1..longest).filter_map(|distance| before(distance).map(|known| (*known, share(distance)))))
+            .map(|(known, distance)| DistantPointer { pointer: &known.pointer, distance })
             .collect();
-        attention.assemble(&spatial, &pointers)
+        assembly.assemble(&spatial, &pointers)
     }
 
     /// Size of the memory in bytes.
     pub fn bytes(&self) -> usize {
-        let of = |known: &RememberedFrame| 2 * known.features.as_ref().map_or(0, Vec::len) + 4 * known.pointer.len();
+        let of =
+            |known: &RememberedFrame| known.features.as_ref().map_or(0, RememberedMap::bytes) + known.pointer.bytes();
         self.frames.iter().map(of).sum()
     }
-}
-
-fn floats(values: &[bf16]) -> Vec<f32> {
-    let mut floats = vec![0.0; values.len()];
-    values.convert_to_f32_slice(&mut floats);
-    floats
 }

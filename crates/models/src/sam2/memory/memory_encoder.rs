@@ -1,9 +1,16 @@
 //! The memory encoder: a frame's features and a mask become a memory (official `memory_encoder.py`).
 
 use crate::sam2::Sam2Error;
+use crate::sam2::layers::host::from_host;
 use crate::sam2::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear, LinearWeights, activate, forward_chain};
+use crate::sam2::resize::{Size, resize_bilinear};
 use crate::sam2::weights::WeightReader;
-use burn::tensor::Tensor;
+use crate::transfer::upload;
+use burn::tensor::activation::sigmoid;
+use burn::tensor::module::interpolate;
+use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
+use burn::tensor::{Device, Tensor};
+use rayon::prelude::*;
 
 /// Channel normalisation of maps.
 const EPSILON: f64 = 1e-6;
@@ -24,6 +31,31 @@ pub(crate) enum MaskForMemory {
 }
 
 impl MaskForMemory {
+    /// What the encoder sees of masks on the CPU: from logits at a quarter of the input's resolution to `[objects, side,
+    /// side]`.
+    pub fn masks_on_host<'a>(self, logits: impl Iterator<Item = &'a [f32]>, side: usize) -> Tensor<3> {
+        let (low, high) = (Size { width: side / 4, height: side / 4 }, Size { width: side, height: side });
+        let logits: Vec<&[f32]> = logits.collect();
+        let enlarged = |logits: &&[f32]| {
+            let mut mask = resize_bilinear(logits, low, high);
+            mask.iter_mut().for_each(|logit| *logit = self.apply(*logit));
+            mask
+        };
+        let masks: Vec<Vec<f32>> = logits.par_iter().map(enlarged).collect();
+        from_host(masks.concat(), [masks.len(), side, side], &Device::flex())
+    }
+
+    /// The same on another device, of `[objects, side / 4, side / 4]`.
+    pub fn masks_on_device(self, logits: Tensor<3>, side: usize) -> Tensor<3> {
+        let bilinear = InterpolateOptions::new(InterpolateMode::Bilinear).with_align_corners(false);
+        let logits = interpolate(logits.unsqueeze_dim(1), bilinear.with_output_size([side, side])).squeeze_dim::<3>(1);
+        let probabilities = match self {
+            Self::Soft => sigmoid(logits),
+            Self::Binary => logits.greater_elem(0.0).float(),
+        };
+        probabilities * MASK_SCALE + MASK_BIAS
+    }
+
     /// What the encoder sees for a logit.
     pub fn apply(self, logit: f32) -> f32 {
         let probability = match self {
@@ -123,7 +155,7 @@ impl MemoryEncoder {
         if absent.iter().all(|absent| *absent == 0.0) {
             return memories;
         }
-        let absent = Tensor::<1>::from_data(absent.as_slice(), &memories.device()).reshape([objects, 1, 1]);
+        let absent = upload(absent, [objects, 1, 1], &memories.device());
         memories + absent * self.no_object.clone()
     }
 

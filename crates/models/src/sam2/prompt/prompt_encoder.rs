@@ -4,7 +4,8 @@ use crate::sam2::Sam2Error;
 use crate::sam2::encoder::position_encoding::random_fourier;
 use crate::sam2::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear, activate};
 use crate::sam2::weights::WeightReader;
-use burn::tensor::{Device, Tensor, TensorData};
+use crate::transfer::upload;
+use burn::tensor::{Device, Tensor};
 
 /// Channels inside the mask encoder.
 const MASK_CHANNELS: usize = 16;
@@ -98,7 +99,7 @@ impl PromptEncoder {
         let encoded: Vec<f32> = (0..side * side)
             .flat_map(|token| random_fourier(centre(token % side), centre(token / side), &self.gaussian))
             .collect();
-        Tensor::from_data(TensorData::new(encoded, [1, side * side, self.hidden_dim]), &self.device)
+        upload(encoded, [1, side * side, self.hidden_dim], &self.device)
     }
 
     /// Embeds points: one list per object, all of the same length, to `[objects, points, hidden]`. Callers end every
@@ -106,7 +107,7 @@ impl PromptEncoder {
     pub fn embed_points(&self, objects: &[Vec<InputPoint>]) -> Tensor<3> {
         let points = objects.first().map_or(0, Vec::len);
         let embedded: Vec<f32> = objects.iter().flatten().flat_map(|point| self.embed_point(*point)).collect();
-        Tensor::from_data(TensorData::new(embedded, [objects.len(), points, self.hidden_dim]), &self.device)
+        upload(embedded, [objects.len(), points, self.hidden_dim], &self.device)
     }
 
     fn embed_point(&self, point: InputPoint) -> Vec<f32> {

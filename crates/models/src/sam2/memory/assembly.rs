@@ -1,0 +1,174 @@
+//! An object's memory, put together for a frame (official `sam2_base.py`, `_prepare_memory_conditioned_features`).
+
+use super::remembered::{RememberedMap, RememberedPointer, floats};
+use crate::device::is_cpu;
+use crate::sam2::config::NUM_MASK_MEMORIES;
+use crate::sam2::encoder::position_encoding::{sine_1d, sine_2d};
+use crate::sam2::layers::Linear;
+use crate::sam2::layers::host::host;
+use crate::sam2::weights::WeightReader;
+use crate::sam2::{Sam2Config, Sam2Error};
+use crate::transfer::upload;
+use burn::tensor::{Device, Tensor};
+
+/// A predictor's state stays with its network.
+const ONE_DEVICE: &str = "memories are on the device of the network";
+
+/// What is remembered of one object, ready to be attended to.
+#[derive(Clone, Debug)]
+pub(crate) enum AssembledMemory {
+    /// On the CPU.
+    Host(HostMemory),
+    /// On other devices.
+    Device(Box<DeviceMemory>),
+}
+
+/// What is remembered of one object, on the CPU.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct HostMemory {
+    /// `[tokens, memory]`: the memories, then the object pointers cut into pieces.
+    pub values: Vec<f32>,
+    /// `[tokens, memory]`: the same plus position encodings.
+    pub keys: Vec<f32>,
+    /// How many tokens at the end belong to pointers.
+    pub pointer_tokens: usize,
+}
+
+/// The same on another device.
+#[derive(Clone, Debug)]
+pub(crate) struct DeviceMemory {
+    /// `[1, tokens, memory]`.
+    pub values: Tensor<3>,
+    /// `[1, tokens, memory]`.
+    pub keys: Tensor<3>,
+    /// How many tokens at the end belong to pointers.
+    pub pointer_tokens: usize,
+}
+
+/// A remembered frame of one object.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SpatialMemory<'a> {
+    pub features: &'a RememberedMap,
+    /// Row of the temporal encoding: k - 1 for the frame k steps away, the last row for conditioning frames.
+    pub temporal_row: usize,
+}
+
+/// A remembered object pointer and how long ago it was.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DistantPointer<'a> {
+    pub pointer: &'a RememberedPointer,
+    /// Distance in frames, divided by the largest distance that pointers can have.
+    pub distance: f32,
+}
+
+/// Puts memories together: knows the encodings of places and times.
+#[derive(Clone, Debug)]
+pub(crate) struct Assembly {
+    /// Position encoding of a map, `[side · side, memory]`.
+    map_position: Vec<f32>,
+    /// `[7, memory]`.
+    temporal: Vec<f32>,
+    /// The sum of both for every row of the temporal encoding, `[side · side, memory]`, on other devices than the CPU.
+    positions: Vec<Tensor<2>>,
+    pointer_position: Linear,
+    hidden_dim: usize,
+    memory_dim: usize,
+    device: Device,
+}
+
+impl Assembly {
+    /// Reads the encodings for a feature map of `side` × `side` tokens.
+    pub fn load(reader: &WeightReader, config: &Sam2Config, side: usize) -> Result<Self, Sam2Error> {
+        let (hidden_dim, memory_dim) = (config.hidden_dim, config.memory_dim);
+        let device = reader.device().clone();
+        let map_position = sine_2d(side, side, memory_dim);
+        let temporal = reader.floats("maskmem_tpos_enc", &[NUM_MASK_MEMORIES, 1, 1, memory_dim])?;
+        let position = |row: &[f32]| {
+            let sums =
+                map_position.chunks_exact(memory_dim).flat_map(|token| token.iter().zip(row).map(|(a, b)| a + b));
+            upload(sums.collect(), [side * side, memory_dim], &device)
+        };
+        let positions =
+            if is_cpu(&device) { Vec::new() } else { temporal.chunks_exact(memory_dim).map(position).collect() };
+        Ok(Self {
+            positions,
+            map_position,
+            temporal,
+            pointer_position: Linear::load(&reader.child("obj_ptr_tpos_proj"), hidden_dim, memory_dim)?,
+            hidden_dim,
+            memory_dim,
+            device,
+        })
+    }
+
+    /// Assembles an object's memory: frames first, then pointers, each in the order given.
+    pub fn assemble(&self, frames: &[SpatialMemory], pointers: &[DistantPointer]) -> AssembledMemory {
+        let pointer_tokens = pointers.len() * (self.hidden_dim / self.memory_dim);
+        if self.positions.is_empty() {
+            return AssembledMemory::Host(self.assemble_on_host(frames, pointers, pointer_tokens));
+        }
+        AssembledMemory::Device(Box::new(self.assemble_on_device(frames, pointers, pointer_tokens)))
+    }
+
+    fn assemble_on_host(
+        &self,
+        frames: &[SpatialMemory],
+        pointers: &[DistantPointer],
+        pointer_tokens: usize,
+    ) -> HostMemory {
+        let (mut values, mut keys) = (Vec::new(), Vec::new());
+        for frame in frames {
+            let RememberedMap::Host(features) = frame.features else { unreachable!("{ONE_DEVICE}") };
+            let features = floats(features);
+            let temporal = &self.temporal[frame.temporal_row * self.memory_dim..][..self.memory_dim];
+            let tokens = features.chunks_exact(self.memory_dim);
+            for (token, position) in tokens.zip(self.map_position.chunks_exact(self.memory_dim)) {
+                let sum = |((value, spatial), temporal): ((&f32, &f32), &f32)| value + (spatial + temporal);
+                keys.extend(token.iter().zip(position).zip(temporal).map(sum));
+            }
+            values.extend_from_slice(&features);
+        }
+        let positions = self.pointer_positions(pointers).map(host).unwrap_or_default();
+        for (pointer, position) in pointers.iter().zip(positions.chunks_exact(self.memory_dim)) {
+            let RememberedPointer::Host(pointer) = pointer.pointer else { unreachable!("{ONE_DEVICE}") };
+            values.extend_from_slice(pointer);
+            keys.extend(pointer.iter().zip(position.iter().cycle()).map(|(value, position)| value + position));
+        }
+        HostMemory { values, keys, pointer_tokens }
+    }
+
+    fn assemble_on_device(
+        &self,
+        frames: &[SpatialMemory],
+        pointers: &[DistantPointer],
+        pointer_tokens: usize,
+    ) -> DeviceMemory {
+        let (mut values, mut keys) = (Vec::new(), Vec::new());
+        for frame in frames {
+            let RememberedMap::Device(features) = frame.features else { unreachable!("{ONE_DEVICE}") };
+            values.push((**features).clone());
+            keys.push((**features).clone() + self.positions[frame.temporal_row].clone());
+        }
+        if let Some(positions) = self.pointer_positions(pointers) {
+            let rows = pointers.iter().map(|pointer| match pointer.pointer {
+                RememberedPointer::Device(pointer) => (**pointer).clone(),
+                RememberedPointer::Host(_) => unreachable!("{ONE_DEVICE}"),
+            });
+            let pieces = [pointers.len(), self.hidden_dim / self.memory_dim, self.memory_dim];
+            let pieces = Tensor::cat(rows.collect(), 0).reshape(pieces);
+            values.push(pieces.clone().flatten(0, 1));
+            keys.push((pieces + positions.unsqueeze_dim(1)).flatten(0, 1));
+        }
+        let [values, keys] = [values, keys].map(|parts| Tensor::cat(parts, 0).unsqueeze());
+        DeviceMemory { values, keys, pointer_tokens }
+    }
+
+    /// Encodings of the pointers' distances, `[pointers, memory]`; `None` if there are no pointers.
+    fn pointer_positions(&self, pointers: &[DistantPointer]) -> Option<Tensor<2>> {
+        if pointers.is_empty() {
+            return None;
+        }
+        let sines = pointers.iter().flat_map(|pointer| sine_1d(pointer.distance, self.hidden_dim)).collect();
+        Some(self.pointer_position.forward(upload(sines, [pointers.len(), self.hidden_dim], &self.device)))
+    }
+}
