@@ -10,11 +10,11 @@ choices! {
     pub enum DeviceName, default Cpu {
         /// The processor.
         Cpu = "cpu",
-        /// Any GPU, through wgpu: Vulkan, Metal or DirectX 12, whichever its driver has. Shaders are WGSL.
+        /// Any GPU, through wgpu: Vulkan, Metal or DirectX 12, whichever its driver has.
         Gpu = "gpu",
         /// A GPU by NVIDIA.
         Cuda = "cuda",
-        /// Any GPU with a Vulkan driver. Shaders are SPIR-V, which can be faster.
+        /// Any GPU with a Vulkan driver, with shaders in SPIR-V.
         Vulkan = "vulkan",
         /// A GPU by Apple.
         Metal = "metal",
@@ -27,7 +27,10 @@ pub enum DeviceError {
     /// The program was built without it.
     #[error("the device {0} is not part of this program: build it with --features {0}")]
     NotBuilt(&'static str),
-    /// The driver or the device itself is missing.
+    /// No device of the kind has a driver.
+    #[error("the device {0} cannot be used: no adapter was found, is its driver installed? See docs/GPU.md")]
+    NoAdapter(&'static str),
+    /// The driver or the device itself failed.
     #[error("the device {name} cannot be used: {message}")]
     Unusable {
         /// Its name.
@@ -49,7 +52,8 @@ impl DeviceName {
         }
     }
 
-    /// The device, tried out.
+    /// The device, tried out. Of several adapters it is the one that the driver recommends for speed, or the one that
+    /// `CUBECL_WGPU_DEFAULT_DEVICE` names, e.g. `IntegratedGpu(0)`.
     ///
     /// # Errors
     /// [`DeviceError`] if the program was built without it, or its driver is missing.
@@ -57,33 +61,68 @@ impl DeviceName {
         match self {
             Self::Cpu => Ok(Device::flex()),
             #[cfg(feature = "gpu")]
-            Self::Gpu => tried(self, || Device::wgpu(burn::tensor::DeviceKind::DefaultDevice)),
+            Self::Gpu => gpu::open(self, burn::tensor::DeviceType::Wgpu, Device::wgpu),
             #[cfg(feature = "cuda")]
-            Self::Cuda => tried(self, || Device::cuda(0)),
+            Self::Cuda => gpu::tried(self, || Device::cuda(0)),
             #[cfg(feature = "vulkan")]
-            Self::Vulkan => tried(self, || Device::vulkan(burn::tensor::DeviceKind::DefaultDevice)),
+            Self::Vulkan => gpu::open(self, burn::tensor::DeviceType::Vulkan, Device::vulkan),
             #[cfg(feature = "metal")]
-            Self::Metal => tried(self, || Device::metal(burn::tensor::DeviceKind::DefaultDevice)),
+            Self::Metal => gpu::open(self, burn::tensor::DeviceType::Metal, Device::metal),
             #[allow(unreachable_patterns)] // Reached where a feature is off.
             other => Err(DeviceError::NotBuilt(other.name())),
         }
     }
+
+    /// What the device calls itself, after it was tried out; `None` if it has no name, as the CPU here.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn adapter(self) -> Result<Option<String>, DeviceError> {
+        let device = self.open()?;
+        #[cfg(any(feature = "gpu", feature = "cuda", feature = "vulkan", feature = "metal"))]
+        return Ok(device.identity().map(|identity| identity.name));
+        #[cfg(not(any(feature = "gpu", feature = "cuda", feature = "vulkan", feature = "metal")))]
+        return Ok(None.filter(|_| is_cpu(&device)));
+    }
 }
 
-/// A device that has added two numbers: burn starts drivers when they are first used.
+/// Opening what may be missing.
 #[cfg(any(feature = "gpu", feature = "cuda", feature = "vulkan", feature = "metal"))]
-fn tried(name: DeviceName, open: impl FnOnce() -> Device) -> Result<Device, DeviceError> {
-    use burn::tensor::Tensor;
-    let outcome = panics_told(|| {
-        let device = open();
-        let sum = Tensor::<1>::from_data([1.0, 2.0], &device).sum();
-        sum.try_into_data().map(|_| device).map_err(|error| format!("{error:?}"))
-    });
-    outcome.map_err(|message| {
-        // One line, whatever the driver says.
-        let message = message.lines().next().filter(|line| !line.is_empty()).unwrap_or("no driver").to_owned();
-        DeviceError::Unusable { name: name.name(), message }
-    })
+mod gpu {
+    use super::{DeviceError, DeviceName, panics_told};
+    use burn::tensor::{Device, Tensor};
+
+    /// The default adapter of a graphics interface, if it has any, tried out.
+    #[cfg(any(feature = "gpu", feature = "vulkan", feature = "metal"))]
+    pub fn open(
+        name: DeviceName,
+        kind: burn::tensor::DeviceType,
+        open: impl FnOnce(burn::tensor::DeviceKind) -> Device,
+    ) -> Result<Device, DeviceError> {
+        let adapters = panics_told(|| Ok(Device::enumerate(kind).into_vec().len()));
+        match adapters {
+            Ok(0) => Err(DeviceError::NoAdapter(name.name())),
+            _ => tried(name, || open(burn::tensor::DeviceKind::DefaultDevice)),
+        }
+    }
+
+    /// A device that has added two numbers: burn starts drivers when they are first used.
+    pub fn tried(name: DeviceName, open: impl FnOnce() -> Device) -> Result<Device, DeviceError> {
+        let outcome = panics_told(|| {
+            let device = open();
+            let sum = Tensor::<1>::from_data([1.0, 2.0], &device).sum().try_into_data();
+            let sum = sum.map_err(|error| error.to_string())?.try_into_vec::<f32>();
+            match sum {
+                Ok(sum) if sum == [3.0] => Ok(device),
+                other => Err(format!("it says that 1 + 2 is {other:?}")),
+            }
+        });
+        outcome.map_err(|message| {
+            let message = crate::transfer::one_line(&message);
+            let message = if message.is_empty() { "its driver gave no reason".to_owned() } else { message };
+            DeviceError::Unusable { name: name.name(), message }
+        })
+    }
 }
 
 /// What `work` returns, or the message of the first panic of any thread while it runs, which is not printed. Without a
@@ -116,6 +155,7 @@ mod tests {
     #[test]
     fn the_processor_is_always_there_and_missing_devices_are_told() {
         assert!(DeviceName::Cpu.is_built() && DeviceName::Cpu.open().is_ok());
+        assert_eq!(DeviceName::Cpu.adapter(), Ok(None));
         assert_eq!(DeviceName::Cuda.is_built(), cfg!(feature = "cuda"));
         #[cfg(not(feature = "cuda"))]
         assert_eq!(

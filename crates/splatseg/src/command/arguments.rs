@@ -3,6 +3,7 @@
 use super::Failure;
 use super::batch::BatchArguments;
 use super::bench::BenchArguments;
+use super::devices::DevicesArguments;
 use super::eval::EvalArguments;
 use super::export::ExportArguments;
 use super::inspect::InspectArguments;
@@ -60,6 +61,8 @@ pub enum Command {
     Inspect(InspectArguments),
     /// Write the objects of a saved memory as PLY files, for viewers and other programs
     Export(ExportArguments),
+    /// List what networks can run on, and whether it works
+    Devices(DevicesArguments),
     /// List every setting with its default, allowed values and meaning
     Settings(SettingsArguments),
 }

@@ -7,6 +7,7 @@ mod arguments;
 mod batch;
 mod bench;
 mod demo;
+mod devices;
 mod eval;
 mod eval_mesh;
 mod export;
@@ -46,13 +47,14 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
     start_log();
     match arguments.command {
         Command::Demo(demo) => demo::demo(&demo),
-        Command::Run(run) => run::run(&run),
+        Command::Run(run) => run::run(&run, program),
         Command::Eval(eval) => eval::eval(&eval),
-        Command::Bench(bench) => bench::bench(&bench),
+        Command::Bench(bench) => bench::bench(&bench, program),
         Command::Batch(batch) => batch::batch(&batch, program),
         Command::BatchWorker => batch::work(),
         Command::Inspect(inspect) => inspect::inspect(&inspect),
         Command::Export(export) => export::export(&export),
+        Command::Devices(arguments) => devices::devices(&arguments, program),
         Command::Settings(arguments) => settings::settings(&arguments),
     }?;
     terminal::check_output().map(|()| 0)

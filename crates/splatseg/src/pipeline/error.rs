@@ -70,6 +70,14 @@ pub enum PipelineError {
         /// The error.
         source: Box<SegmenterError>,
     },
+    /// The device failed, and no later frame can be processed.
+    #[error("frame {frame}: {source}")]
+    DeviceFailed {
+        /// The frame.
+        frame: String,
+        /// The error.
+        source: Box<SegmenterError>,
+    },
     /// The method failed on a frame.
     #[error("frame {frame}: {source}")]
     Method {

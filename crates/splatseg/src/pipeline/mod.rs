@@ -18,6 +18,7 @@ pub use stage_times::StageTimes;
 use crate::Settings;
 use splatseg_geometry::{RgbdFrame, ScoredMask};
 use splatseg_memory::SplatMemory;
+use splatseg_models::fastsam::FastSamError;
 use splatseg_objects::{ObjectLog, ObjectSighting};
 use splatseg_segmenter::{Segmenter, SegmenterError};
 use splatseg_tracking::{FrameOutput, Method};
@@ -65,7 +66,8 @@ impl Pipeline {
     ///
     /// # Errors
     /// [`PipelineError::Segmenter`] if the segmenter failed, after which the next frame can still be processed;
-    /// [`PipelineError::Method`] if the method failed.
+    /// [`PipelineError::Method`] or [`PipelineError::DeviceFailed`] if the method or the device failed, after which none
+    /// can.
     pub fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
         let segmented = segment(self.segmenter.as_mut(), frame);
         process(self.method.as_mut(), &self.clock, &mut self.objects, frame, segmented)
@@ -107,7 +109,12 @@ fn process(
     Segmented { masks, time }: Segmented,
 ) -> Result<FrameResult, PipelineError> {
     let name = || frame.name().to_owned();
-    let masks = masks.map_err(|source| PipelineError::Segmenter { frame: name(), source: Box::new(source) })?;
+    let masks = masks.map_err(|source| match source {
+        SegmenterError::FastSam(FastSamError::Device { .. }) => {
+            PipelineError::DeviceFailed { frame: name(), source: Box::new(source) }
+        }
+        source => PipelineError::Segmenter { frame: name(), source: Box::new(source) },
+    })?;
     let (output, mut times) = clock.time(|| method.process(frame, &masks));
     let output = output.map_err(|source| PipelineError::Method { frame: name(), source: Box::new(source) })?;
     times.add("segment", time);

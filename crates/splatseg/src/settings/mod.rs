@@ -292,11 +292,16 @@ impl Settings {
         if let Some(TrackerSettings::Sam2 { tracker_weights: None, .. }) = tracker {
             return Err(SettingsError::Missing(MissingFile::SAM2));
         }
-        let has_network = matches!(segmenter, Some(SegmenterSettings::Fastsam { .. }))
-            || matches!(tracker, Some(TrackerSettings::Sam2 { .. }));
-        if has_network && !self.run.device.is_built() {
-            return Err(DeviceError::NotBuilt(self.run.device.name()).into());
+        match self.network_device() {
+            Some(device) if !device.is_built() => Err(DeviceError::NotBuilt(device.name()).into()),
+            _ => Ok(()),
         }
-        Ok(())
+    }
+
+    /// The device that the networks run on, if there are any.
+    pub fn network_device(&self) -> Option<DeviceName> {
+        let segments = self.method.uses_segmenter() && matches!(self.segmenter, SegmenterSettings::Fastsam { .. });
+        let tracks = matches!(self.method.tracker(), Some(TrackerSettings::Sam2 { .. }));
+        (segments || tracks).then_some(self.run.device)
     }
 }

@@ -12,7 +12,7 @@ pub fn name(settings: &Settings) -> String {
 }
 
 /// The processor's name, where the system tells it.
-fn processor() -> Option<String> {
+pub fn processor() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     line.split_once(':').map(|(_, name)| name.trim().to_owned())

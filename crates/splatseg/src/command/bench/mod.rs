@@ -17,11 +17,12 @@ mod results;
 mod store;
 
 pub use arguments::BenchArguments;
+pub use machine::processor;
 
-use super::Failure;
 use super::input_paths::InputPaths;
 use super::output_folder::Existing;
 use super::terminal::counted;
+use super::{Failure, devices};
 use input_files::InputHashes;
 use job::JobResult;
 use paper::{DataSet, PaperBenchmark};
@@ -31,23 +32,25 @@ use results::Results;
 use splatseg_output::write_atomically;
 use splatseg_report::paper::{csv, markdown};
 use splatseg_report::{Benchmark, ScoreTable, paper_page};
+use std::ffi::OsString;
 use std::path::Path;
 use store::{PAPER_FILES, Program, ResultStore, Stored, claim_paper_folder};
 
 /// Does what `splatseg bench` asks for.
-pub fn bench(arguments: &BenchArguments) -> Result<(), Failure> {
+pub fn bench(arguments: &BenchArguments, program: &[OsString]) -> Result<(), Failure> {
     arguments.check_that_all_are_used()?;
     if arguments.runs_the_paper() {
-        return bench_paper(arguments);
+        return bench_paper(arguments, program);
     }
     let plan = Plan::new(arguments)?;
+    devices::check(plan.settings.run.device, program)?;
     let outcomes = measure(&plan, arguments, &arguments.out)?;
     let benchmark = finish(&plan, &outcomes, &arguments.out)?;
     missing_results(&[(&benchmark, arguments.out.as_path())])
 }
 
 /// Measures the paper's tables: a benchmark for each of its data sets, and the tables over both.
-fn bench_paper(arguments: &BenchArguments) -> Result<(), Failure> {
+fn bench_paper(arguments: &BenchArguments, program: &[OsString]) -> Result<(), Failure> {
     let paper = PaperBenchmark::prepare(arguments)?;
     if arguments.dry_run {
         return paper.dry_run(arguments);
@@ -64,6 +67,9 @@ fn bench_paper(arguments: &BenchArguments) -> Result<(), Failure> {
     if plans.is_empty() {
         say!("{}", paper.missing_list());
         return Err(Failure::input("nothing of the paper can be run: give --scannet or --mvpd, and --weights-dir"));
+    }
+    for (_, plan, _) in &plans {
+        devices::check(plan.settings.run.device, program)?;
     }
     claim_paper_folder(&arguments.out, Existing::from_flag(arguments.overwrite))?;
     let mut outcomes = Vec::new();

@@ -19,11 +19,11 @@ pub use report::report;
 pub use saved_run::SavedRun;
 pub use stop_signals::StopSignals;
 
-use super::Failure;
 use super::arguments::RunArguments;
 use super::input_paths::{InputPaths, real_path};
 use super::manifest::SUMMARY;
 use super::output_folder::{Existing, OutputFolder};
+use super::{Failure, devices};
 use crate::pipeline::LoadedNetworks;
 use crate::settings::MethodName;
 use crate::summary::Summary;
@@ -38,6 +38,7 @@ use splatseg_input::read_file;
 use splatseg_objects::ObjectList;
 use splatseg_output::{RunEnd, RunOutput};
 use std::collections::BTreeMap;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -82,7 +83,7 @@ impl Job {
 }
 
 /// Executes `splatseg run`.
-pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
+pub fn run(arguments: &RunArguments, program: &[OsString]) -> Result<(), Failure> {
     let resume = if arguments.resume { SavedRun::open(&arguments.out)? } else { None };
     if arguments.resume && resume.is_none() && is_complete(&arguments.out) {
         say!("{}: the run is complete already", arguments.out.display());
@@ -101,6 +102,7 @@ pub fn run(arguments: &RunArguments) -> Result<(), Failure> {
         networks: Arc::default(),
     };
     check_paths(&job, arguments.options.config.as_deref())?;
+    devices::check(job.settings.network_device().unwrap_or_default(), program)?;
     let summary = execute(&job)?;
     say!("{}", report(&job, &summary));
     Ok(())
