@@ -20,29 +20,35 @@ import time
 from pathlib import Path
 
 
+def random_checkpoint(checkpoint: Path, name: str, size: int) -> None:
+    """Writes a network of random weights as an Ultralytics checkpoint."""
+    import torch
+    from ultralytics.nn.tasks import SegmentationModel
+
+    checkpoint.parent.mkdir(parents=True, exist_ok=True)
+    torch.manual_seed(0)
+    model = SegmentationModel(f"{name}.yaml", nc=1, verbose=False)
+    for module in model.modules():
+        if isinstance(module, torch.nn.BatchNorm2d):
+            torch.nn.init.uniform_(module.weight, 0.5, 1.5)
+            torch.nn.init.normal_(module.bias, std=0.2)
+            torch.nn.init.normal_(module.running_mean, std=0.2)
+            torch.nn.init.uniform_(module.running_var, 0.5, 1.5)
+    model.names = {0: "object"}
+    model.args = {"task": "segment", "imgsz": size, "data": None, "single_cls": True}
+    model.task = "segment"
+    torch.save({"model": model.half(), "ema": None, "train_args": model.args}, checkpoint)
+
+
 def export(folder: Path, name: str, size: int) -> tuple[Path, Path]:
     """Checkpoint and ONNX file of a random network, made if they are missing."""
     checkpoint, graph = folder / f"{name}.pt", folder / f"{name}-{size}.onnx"
     if checkpoint.exists() and graph.exists():
         return checkpoint, graph
-    import torch
     from ultralytics import YOLO
-    from ultralytics.nn.tasks import SegmentationModel
 
-    folder.mkdir(parents=True, exist_ok=True)
     if not checkpoint.exists():
-        torch.manual_seed(0)
-        model = SegmentationModel(f"{name}.yaml", nc=1, verbose=False)
-        for module in model.modules():
-            if isinstance(module, torch.nn.BatchNorm2d):
-                torch.nn.init.uniform_(module.weight, 0.5, 1.5)
-                torch.nn.init.normal_(module.bias, std=0.2)
-                torch.nn.init.normal_(module.running_mean, std=0.2)
-                torch.nn.init.uniform_(module.running_var, 0.5, 1.5)
-        model.names = {0: "object"}
-        model.args = {"task": "segment", "imgsz": size, "data": None, "single_cls": True}
-        model.task = "segment"
-        torch.save({"model": model.half(), "ema": None, "train_args": model.args}, checkpoint)
+        random_checkpoint(checkpoint, name, size)
     exported = YOLO(checkpoint).export(format="onnx", imgsz=size, simplify=False, opset=17, device="cpu")
     os.replace(exported, graph)
     return checkpoint, graph

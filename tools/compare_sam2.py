@@ -8,6 +8,7 @@
 Weights are random: speed does not depend on them. Both follow the same number of objects, prompted with masks on the
 first frame, for as many frames as fill the memory (7); the minimum over the frames after that counts, so that other work
 on the machine disturbs less. With fewer --frames, the last one counts, and the memory is not full. One line of JSON per number of objects.
+--device and --splatseg-device choose a GPU for either side; --compile compiles the official code (torch.compile).
 """
 
 import argparse
@@ -30,16 +31,23 @@ def official(arguments, objects):
     torch.manual_seed(0)
     side = arguments.image_size
     config = f"configs/sam2.1/sam2.1_hiera_{CONFIGS[arguments.size]}.yaml"
+    device = arguments.device
     predictor = build_sam2_video_predictor(
-        config, ckpt_path=None, device="cpu", hydra_overrides_extra=[f"++model.image_size={side}"]
+        config,
+        ckpt_path=None,
+        device=device,
+        hydra_overrides_extra=[f"++model.image_size={side}"],
+        vos_optimized=arguments.compile,
     )
     predictor.fill_hole_area = 0
-    images = torch.randn(arguments.frames, 3, side, side)
+    wait = torch.cuda.synchronize if device.startswith("cuda") else lambda: None
+    images = torch.randn(arguments.frames, 3, side, side, device=device)
     encoder = []
     with torch.inference_mode():
         for _ in range(3):
             started = time.perf_counter()
             predictor.forward_image(images[:1])
+            wait()
             encoder.append(time.perf_counter() - started)
     tracked = []
     if objects:
@@ -54,12 +62,16 @@ def official(arguments, objects):
             predictor.add_new_mask(state, 0, index, mask)
         started = time.perf_counter()
         for frame, _, _ in predictor.propagate_in_video(state):
+            wait()
             now = time.perf_counter()
             if frame > 0:
                 tracked.append(now - started)
             started = now
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-    print(json.dumps({"encoder_s": encoder, "tracked_frame_s": tracked, "peak_memory_mib": peak}))
+    result = {"encoder_s": encoder, "tracked_frame_s": tracked, "peak_memory_mib": peak}
+    if device.startswith("cuda"):
+        result["peak_device_memory_mib"] = torch.cuda.max_memory_allocated() // 2**20
+    print(json.dumps(result))
 
 
 def last_json(command):
@@ -76,6 +88,9 @@ def main():
     parser.add_argument("--frames", type=int, default=9)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--xtask", default="target/release/xtask")
+    parser.add_argument("--device", default="cpu", help="of the official code, e.g. cuda")
+    parser.add_argument("--splatseg-device", default="cpu", help="cpu, gpu, cuda, vulkan or metal")
+    parser.add_argument("--compile", action="store_true", help="compile the official code")
     parser.add_argument("--official-only", type=int, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.official_only is not None:
@@ -84,12 +99,13 @@ def main():
         common = ["--size", arguments.size, "--image-size", str(arguments.image_size), "--frames", str(arguments.frames)]
         theirs = last_json(
             [sys.executable, __file__, str(arguments.manifests), *common, "--threads", str(arguments.threads)]
+            + ["--device", arguments.device, *(["--compile"] if arguments.compile else [])]
             + ["--official-only", str(objects)]
         )
         ours = last_json(
             ["env", f"RAYON_NUM_THREADS={arguments.threads}", arguments.xtask, "sam2-speed"]
             + [str(arguments.manifests / f"manifest_{arguments.size}.json"), "--image-size", str(arguments.image_size)]
-            + ["--objects", str(objects), "--frames", str(arguments.frames)]
+            + ["--objects", str(objects), "--frames", str(arguments.frames), "--device", arguments.splatseg_device]
         )
         row = {"size": arguments.size, "image_size": arguments.image_size, "objects": objects}
         for name, result in (("official", theirs), ("splatseg", ours)):
@@ -98,6 +114,8 @@ def main():
                 row[f"{name}_tracked_frame_s"] = round(min(result["tracked_frame_s"][min(6, arguments.frames - 2) :]), 3)
             row[f"{name}_peak_memory_mib"] = result["peak_memory_mib"]
         row["splatseg_memory_bank_mib"] = round(ours["memory_bank_mib"], 1)
+        row["splatseg_moved_per_frame"] = ours["moved_per_frame"]
+        row["official_peak_device_memory_mib"] = theirs.get("peak_device_memory_mib")
         print(json.dumps(row), flush=True)
 
 

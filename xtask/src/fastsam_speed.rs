@@ -1,10 +1,13 @@
-//! Times of FastSAM's network on the CPU. `tools/compare_onnxruntime.py` sets them beside ONNX Runtime.
+//! Times of FastSAM's network. `tools/compare_onnxruntime.py` sets them beside ONNX Runtime, `tools/measure_gpu.sh` beside
+//! PyTorch.
 
+use crate::device::{moved, parse_device};
 use crate::peak_memory::peak_memory_mib;
 use anyhow::ensure;
-use burn::tensor::Device;
 use splatseg_models::checkpoint::Checkpoint;
+use splatseg_models::device::DeviceName;
 use splatseg_models::fastsam::{FastSamConfig, FastSamNetwork};
+use splatseg_models::transfer::Transfers;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -19,6 +22,9 @@ pub struct Arguments {
     size: usize,
     /// Timed passes, after one to warm up
     passes: usize,
+    /// The device: cpu, gpu, cuda, vulkan or metal
+    #[arg(long, default_value = "cpu", value_parser = parse_device)]
+    device: DeviceName,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -28,11 +34,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let network = {
         let checkpoint = Checkpoint::open(&arguments.checkpoint)?;
         let architecture = FastSamConfig::from_checkpoint(&checkpoint)?;
-        FastSamNetwork::load(&checkpoint, architecture, &Device::default())?
+        FastSamNetwork::load(&checkpoint, architecture, &arguments.device.open()?)?
     };
     let load = milliseconds(start);
     let image: Vec<f32> = (0..3 * size * size).map(|index| (index * 7919 % 256) as f32 / 255.0).collect();
     let mut times = Vec::with_capacity(passes);
+    let before = Transfers::so_far();
     for pass in 0..=passes {
         let start = Instant::now();
         network.forward(image.clone(), size, size)?;
@@ -40,7 +47,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
             times.push(milliseconds(start));
         }
     }
-    let line = serde_json::json!({ "milliseconds": times, "peak_mib": peak_memory_mib(), "load_milliseconds": load });
+    let moved = moved(before, passes + 1);
+    let line = serde_json::json!({ "device": arguments.device.name(), "milliseconds": times,
+        "peak_mib": peak_memory_mib(), "load_milliseconds": load, "moved_per_pass": moved });
     println!("{line}");
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! Measurements and pictures for those who work on splatseg, none of which a user needs: `cargo xtask --help`.
 
 mod calibrate_oracle;
+mod device;
 mod fastsam_speed;
 mod graph_quality;
 mod make_standins;

@@ -1,13 +1,16 @@
-//! Times of SAM 2.1 on the CPU with random weights: speed does not depend on their values. `tools/compare_sam2.py` sets
+//! Times of SAM 2.1 with random weights: speed does not depend on their values. `tools/compare_sam2.py` sets
 //! them beside the official code.
 
+use crate::device::{moved, parse_device};
 use crate::peak_memory::peak_memory_mib;
 use anyhow::{Context, ensure};
 use burn::tensor::{Device, Tensor, TensorData};
 use splatseg_geometry::Mask;
+use splatseg_models::device::DeviceName;
 use splatseg_models::sam2::{
     FeatureMaps, Prompt, Sam2Error, Sam2Network, Sam2Predictor, Sam2PredictorSettings, Weights,
 };
+use splatseg_models::transfer::Transfers;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -29,38 +32,45 @@ pub struct Arguments {
     /// Frames, the first with prompts; the memory is full after 7
     #[arg(long, default_value_t = 9)]
     frames: usize,
+    /// The device: cpu, gpu, cuda, vulkan or metal
+    #[arg(long, default_value = "cpu", value_parser = parse_device)]
+    device: DeviceName,
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let side = arguments.image_size;
     ensure!(arguments.frames > 0, "--frames is 0, expected 1 or more");
     let weights = RandomWeights::of_manifest(&arguments.manifest)?;
-    let network = Sam2Network::load(&weights, Some(side), &Device::flex())?;
+    let device = arguments.device.open()?;
+    let network = Sam2Network::load(&weights, Some(side), &device)?;
     let mut encoder = Vec::new();
     for frame in 0..3 {
-        let input = noise(frame, side);
+        let input = noise(frame, side, &device);
         let started = Instant::now();
         wait_for(network.encode(input))?;
         encoder.push(started.elapsed().as_secs_f64());
     }
     let mut tracked = Vec::new();
-    let mut bank_mib = 0.0;
+    let (mut bank_mib, mut moved_per_frame) = (0.0, serde_json::Value::Null);
     if arguments.objects > 0 {
         let mut predictor = Sam2Predictor::new(network, Sam2PredictorSettings::default())?;
-        predictor.track_input(noise(0, side), (side, side))?;
+        predictor.track_input(noise(0, side, &device), (side, side))?;
         predictor.prompt_all(&prompts(arguments.objects, side))?;
+        let before = Transfers::so_far();
         for frame in 1..arguments.frames {
-            let input = noise(frame, side);
+            let input = noise(frame, side, &device);
             let started = Instant::now();
             predictor.track_input(input, (side, side))?;
             tracked.push(started.elapsed().as_secs_f64());
         }
+        moved_per_frame = moved(before, arguments.frames - 1);
         bank_mib = predictor.state().memory_bytes() as f64 / f64::from(1 << 20);
     }
     println!(
         "{}",
         serde_json::json!({ "image_size": side, "objects": arguments.objects, "encoder_s": encoder,
-            "tracked_frame_s": tracked, "peak_memory_mib": peak_memory_mib(), "memory_bank_mib": bank_mib })
+            "tracked_frame_s": tracked, "peak_memory_mib": peak_memory_mib(), "memory_bank_mib": bank_mib,
+            "device": arguments.device.name(), "moved_per_frame": moved_per_frame })
     );
     Ok(())
 }
@@ -80,10 +90,10 @@ fn prompts(objects: usize, side: usize) -> Vec<(u64, Prompt)> {
     (0..objects).map(prompt).collect()
 }
 
-/// A normalised frame of noise, `[1, 3, side, side]`.
-fn noise(frame: usize, side: usize) -> Tensor<4> {
+/// A normalised frame of noise, `[1, 3, side, side]`. What it takes to the device is not counted.
+fn noise(frame: usize, side: usize, device: &Device) -> Tensor<4> {
     let values = (0..3 * side * side).map(|index| ((index * 7919 + frame * 104_729) % 1000) as f32 / 250.0 - 2.0);
-    Tensor::from_data(TensorData::new(values.collect::<Vec<f32>>(), [1, 3, side, side]), &Device::flex())
+    Tensor::from_data(TensorData::new(values.collect::<Vec<f32>>(), [1, 3, side, side]), device)
 }
 
 /// Random weights of the names and shapes in a manifest, of a size that keeps activations near 1.

@@ -21,7 +21,7 @@ const LAYERS: [(usize, usize, usize, usize, usize); 7] = [
 ];
 
 fn layers(criterion: &mut Criterion) {
-    let device = Device::default();
+    let device = Device::flex();
     for (inputs, outputs, kernel, stride, size) in LAYERS {
         let mut group =
             criterion.benchmark_group(format!("{inputs}-{outputs}, {kernel}x{kernel}/{stride}, {size}x{size}"));

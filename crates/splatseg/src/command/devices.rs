@@ -79,3 +79,24 @@ fn tried(device: DeviceName, program: &[OsString]) -> Result<String, String> {
         _ => Err(format!("its driver crashed when it was tried ({})", output.status)),
     }
 }
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    /// What is said of a device if another process runs this script to try it.
+    fn said(script: &str) -> Result<String, String> {
+        tried(DeviceName::Gpu, &["sh", "-c", script].map(OsString::from))
+    }
+
+    #[test]
+    fn a_process_that_crashes_a_driver_takes_nobody_along() {
+        assert_eq!(said("echo 'driver 1.2'; echo 'usable: A card'"), Ok("A card".to_owned()));
+        assert_eq!(said("echo 'unusable: no memory'"), Err("no memory".to_owned()));
+        let crashed = said("kill -SEGV $$").unwrap_err();
+        assert!(crashed.starts_with("its driver crashed when it was tried (signal: 11"), "{crashed}");
+        let late = said("echo 'usable: A card'; kill -SEGV $$").unwrap_err();
+        assert!(late.starts_with("its driver crashed"), "{late}");
+        assert!(tried(DeviceName::Gpu, &[OsString::from("/nowhere")]).unwrap_err().contains("no process"));
+    }
+}
