@@ -6,7 +6,7 @@
 //! already, where it would never be seen, nor where Gaussians of the same surface lie. Inside a segment one Gaussian
 //! stands for a block of pixels, the larger the farther the next border is.
 
-use crate::MemorySettings;
+use crate::{GrowthRule, MemorySettings};
 use crate::borders::{Borders, MAX_DISTANCE};
 use crate::map::NewGaussian;
 use crate::recall::Recall;
@@ -14,8 +14,16 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
 
+/// The Gaussians to be added by the rule that `settings` ask for. `seen` are the frame's predictions.
+pub fn new_gaussians(recall: &Recall<'_>, seen: &SegmentMap, settings: &MemorySettings) -> Vec<NewGaussian> {
+    match settings.growth_rule() {
+        GrowthRule::Paper => by_paper(recall, settings),
+        _ => missing(recall, seen, settings),
+    }
+}
+
 /// The Gaussians that the paper's rule adds.
-pub(crate) fn by_paper(recall: &Recall<'_>, settings: &MemorySettings) -> Vec<NewGaussian> {
+fn by_paper(recall: &Recall<'_>, settings: &MemorySettings) -> Vec<NewGaussian> {
     let frame = recall.frame;
     let focal = focal_length(frame);
     (0..frame.height())
@@ -41,7 +49,7 @@ pub(crate) fn by_paper(recall: &Recall<'_>, settings: &MemorySettings) -> Vec<Ne
 }
 
 /// The Gaussians that the map lacks. `seen` are the frame's predictions, whose borders get fine ones.
-pub(crate) fn missing(recall: &Recall<'_>, seen: &SegmentMap, settings: &MemorySettings) -> Vec<NewGaussian> {
+fn missing(recall: &Recall<'_>, seen: &SegmentMap, settings: &MemorySettings) -> Vec<NewGaussian> {
     let frame = recall.frame;
     let borders = Borders::new(frame.depth(), seen, settings.edge_disparity);
     let wanted = Image::from_fn(frame.width(), frame.height(), |column, row| {

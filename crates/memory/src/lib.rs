@@ -4,14 +4,17 @@
 //! the frame shows once that and the predictions are brought together ([`SplatMemory::fuse`]), and to take in what was
 //! seen ([`SplatMemory::update`]). It knows nothing of segmenters.
 //!
-//! What a memory must do with segments is in `segment_store.rs`; `evidence/` and `features/` are the two that do it.
+//! What a memory must do with segments is in `segment_store.rs`; `evidence/` and `features/` are the two that do it. Where it
+//! is done is in `backend.rs`: on the CPU (`host_map.rs`), or on a device that [`SplatMemory::on_device`] is given.
 
+mod backend;
 mod belief;
 mod borders;
 mod depthless;
 mod evidence;
 mod features;
 mod growth;
+mod host_map;
 mod map;
 mod persistence;
 mod ply;
@@ -24,15 +27,18 @@ mod settings;
 mod short_term;
 mod splat_memory;
 
+pub use backend::{EvidenceDevice, Forgotten, MapBackend, MapContent, VisibleGaussian};
 pub use belief::SegmentBelief;
 pub use evidence::Votes;
 pub use features::{Codebook, CodebookError, CodebookSettings, LearningExtent};
+pub use growth::new_gaussians;
 pub use map::{NewGaussian, SplatMap};
 pub use persistence::LoadMemoryError;
 pub use ply::{ExportedForm, ExportedGaussian, write_exported};
 pub use ply::{SavedCodes, SavedMemorySettings};
 pub use ply::{SplatContent, SplatContentView, SplatFile, SplatFileError, SplatFileView};
-pub use recall::{Recall, TileSurface};
+pub use recall::{DeviceImages, Recall, TileSurface};
+pub use removal::longest_unseen;
 pub use segment_store::{SegmentStore, StoreTile};
 pub use settings::{GrowthRule, MemoryKind, MemorySettings};
 pub use splat_memory::{ABSTAIN, FrameUpdate, MAX_SEGMENT_ID, MemoryError, SplatMemory};

@@ -1,5 +1,6 @@
 //! A memory on disk: saved after one run, continued in another.
 
+use crate::backend::MapContent;
 use crate::depthless::DepthlessSegments;
 use crate::evidence::EvidenceStore;
 use crate::features::FeatureStore;
@@ -61,7 +62,9 @@ impl SplatMemory {
     /// If the file cannot be written, or the memory is of a kind that has no file format. No half file is left.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), SplatFileError> {
         let no_format = || SplatFileError::NoFormat { path: path.as_ref().to_owned() };
-        let content = self.store.content().ok_or_else(no_format)?;
+        let failed = |source| SplatFileError::Device { path: path.as_ref().to_owned(), source: Box::new(source) };
+        let MapContent { map, content } = self.backend.content().map_err(failed)?;
+        let content = content.ok_or_else(no_format)?;
         let segment_ids = self.segment_ids();
         let ids = 1..=self.segments.len() as SegmentId;
         let sightings: Vec<u32> = ids.map(|id| self.segments.sightings(id)).collect();
@@ -71,7 +74,7 @@ impl SplatMemory {
             depthless: self.depthless.saved(),
         };
         let view = SplatFileView {
-            map: &self.map,
+            map,
             content,
             segment_ids: &segment_ids,
             sightings: &sightings,

@@ -3,10 +3,12 @@
 use crate::depthless::DepthlessSight;
 use crate::removal::{Present, Sight, sights};
 use crate::segment_store::{SegmentStore, StoreTile};
+use crate::splat_memory::DeviceFailure;
 use crate::{GrowthRule, MemoryKind, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, Image, RgbdFrame, SegmentMap};
 use splatseg_render::{Balls, Camera, TileWeights, View};
+use std::any::Any;
 
 /// Pixels of a tile.
 const PIXELS: usize = TileWeights::PIXELS;
@@ -29,6 +31,23 @@ pub struct Recall<'f> {
     pub(crate) tiles: Vec<StoreTile>,
     /// Where remembered segments without depth should be seen.
     pub(crate) depthless: Vec<DepthlessSight>,
+    /// What a device keeps of its own view.
+    device: Option<Box<dyn Any + Send + Sync>>,
+    /// Why the device could not make the view.
+    pub(crate) failure: Option<DeviceFailure>,
+}
+
+/// The images of a view that was made on a device, each `[height, width]`.
+#[derive(Clone, Debug)]
+pub struct DeviceImages {
+    /// The expected segments.
+    pub belief: SegmentBelief,
+    /// Accumulated alpha.
+    pub silhouette: Image<f32>,
+    /// Rendered z-depth, metres, divided by the silhouette; 0 where nothing is seen.
+    pub depth: Image<f32>,
+    /// Accumulated alpha of what does not lie behind the frame's own surface.
+    pub covered: Image<f32>,
 }
 
 /// What a tile of the frame and of the map look like, whatever is remembered of segments. Buffers are `[16, 16]`.
@@ -77,12 +96,42 @@ impl<'f> Recall<'f> {
             covered: Image::filled(width, height, 0.0),
             tiles: Vec::with_capacity(tiles.len()),
             depthless: Vec::new(),
+            device: None,
+            failure: None,
         };
         for (index, (found, surface)) in tiles.into_iter().enumerate() {
             recall.put(index, &found, &surface);
             recall.tiles.push(StoreTile { segments: Vec::new(), confidence: Vec::new(), ..found });
         }
         recall
+    }
+
+    /// What a device has found; `view` is what it keeps for the rest of the frame.
+    pub fn of_device(
+        frame: &'f RgbdFrame,
+        camera: &Camera,
+        images: DeviceImages,
+        view: Box<dyn Any + Send + Sync>,
+    ) -> Self {
+        let DeviceImages { belief, silhouette, depth, covered } = images;
+        let (sights, tiles, depthless) = (Vec::new(), Vec::new(), Vec::new());
+        let host = View::new(&Balls::default(), camera);
+        let device = Some(view);
+        Self { frame, view: host, sights, belief, silhouette, depth, covered, tiles, depthless, device, failure: None }
+    }
+
+    /// Of a view that could not be made: nothing is expected, and whoever goes on with it is told why.
+    pub(crate) fn failed(frame: &'f RgbdFrame, camera: &Camera, failure: DeviceFailure) -> Self {
+        let (width, height) = (frame.width(), frame.height());
+        let dark = Image::filled(width, height, 0.0);
+        let belief = SegmentBelief::empty(width, height);
+        let images = DeviceImages { belief, silhouette: dark.clone(), depth: dark.clone(), covered: dark };
+        Self { failure: Some(failure), ..Self::of_device(frame, camera, images, Box::new(())) }
+    }
+
+    /// What the device that made the view keeps of it, if that is a `T`.
+    pub fn device_view<T: 'static>(&self) -> Option<&T> {
+        self.device.as_ref()?.downcast_ref()
     }
 
     fn put(&mut self, index: usize, found: &StoreTile, surface: &TileSurface) {
@@ -110,7 +159,8 @@ impl<'f> Recall<'f> {
         self.frame
     }
 
-    /// The view of the map, with the blend weights of every pixel.
+    /// The view of the map, with the blend weights of every pixel. It is empty if the map is kept on a device, where the
+    /// weights stay.
     pub fn view(&self) -> &View {
         &self.view
     }
@@ -125,7 +175,12 @@ impl<'f> Recall<'f> {
         &self.depth
     }
 
-    /// `[height, width]` of what `read` makes of each tile, `[16, 16]` row-major.
+    /// Accumulated alpha up to the frame's own surface in [0, 1], `[height, width]`: near 0 where the map lacks it.
+    pub fn covered(&self) -> &Image<f32> {
+        &self.covered
+    }
+
+    /// `[height, width]` of what `read` makes of each tile, `[16, 16]` row-major; empty tiles if the map is on a device.
     pub fn map_tiles(&self, read: impl Fn(&TileWeights, &StoreTile, &mut [u32; PIXELS]) + Sync) -> SegmentMap {
         let (width, height) = (self.frame.width(), self.frame.height());
         let tiles = self.view.weights().tiles();

@@ -6,8 +6,7 @@
 
 use crate::ABSTAIN;
 use crate::map::retain;
-use crate::recall::Recall;
-use crate::removal::Sight;
+use crate::backend::VisibleGaussian;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{SegmentId, SegmentMap};
 use std::collections::{BTreeMap, BTreeSet};
@@ -74,31 +73,27 @@ impl RecurringPredictions {
 
     /// Takes note of the predictions of a frame that the memory explains: `explained` has their ids, 0 elsewhere.
     ///
-    /// Returns those that have now come `needed` times, each with the Gaussians under it.
+    /// `visible` are the Gaussians in view. Returns those that have now come `needed` times, each with the Gaussians under it.
     pub fn note(
         &mut self,
-        recall: &Recall<'_>,
+        visible: &[VisibleGaussian],
         explained: &SegmentMap,
         needed: usize,
     ) -> BTreeMap<SegmentId, Vec<u32>> {
-        self.of_gaussian.resize(recall.sights.len(), 0);
-        let (width, height) = explained.size();
+        let known = visible.last().map_or(0, |last| last.gaussian as usize + 1);
+        self.of_gaussian.resize(self.of_gaussian.len().max(known), 0);
         let mut under: BTreeMap<SegmentId, Vec<u32>> = BTreeMap::new();
         let mut in_view: BTreeMap<u32, usize> = BTreeMap::new();
         let mut shared: BTreeMap<(SegmentId, u32), usize> = BTreeMap::new();
-        for splat in recall.view.projected() {
-            let (column, row) = (splat.mean.x.round(), splat.mean.y.round());
-            let is_inside = column >= 0.0 && row >= 0.0 && column < width as f32 && row < height as f32;
-            if !is_inside || recall.sights[splat.gaussian as usize] != Sight::Seen {
-                continue;
-            }
-            let number = self.of_gaussian[splat.gaussian as usize];
-            let id = explained[(column as usize, row as usize)];
+        for VisibleGaussian { gaussian, seen_at } in visible {
+            let Some(pixel) = seen_at else { continue };
+            let number = self.of_gaussian[*gaussian as usize];
+            let id = explained.pixels()[*pixel as usize];
             if number != 0 {
                 *in_view.entry(number).or_default() += 1;
             }
             if id != 0 && id != ABSTAIN {
-                under.entry(id).or_default().push(splat.gaussian);
+                under.entry(id).or_default().push(*gaussian);
                 if number != 0 {
                     *shared.entry((id, number)).or_default() += 1;
                 }
@@ -107,7 +102,7 @@ impl RecurringPredictions {
         let found = Self::found_again(&under, &in_view, &shared);
         self.count(&found, &in_view);
         let again: BTreeSet<u32> = found.values().copied().collect();
-        for splat in recall.view.projected() {
+        for splat in visible {
             // What is seen again gets its new extent below.
             let number = &mut self.of_gaussian[splat.gaussian as usize];
             if *number != 0 && (again.contains(number) || !self.counts.contains_key(number)) {
@@ -185,7 +180,7 @@ impl RecurringPredictions {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{MemorySettings, SplatMemory};
+    use crate::{MemorySettings, Recall, SplatMemory};
     use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame};
 
     const SIZE: (usize, usize) = (96, 40);
@@ -206,6 +201,10 @@ mod tests {
         memory.update(memory.recall(&frame), &SegmentMap::filled(SIZE.0, SIZE.1, 0)).unwrap();
         assert_eq!(memory.gaussian_count(), SIZE.0 * SIZE.1);
         memory
+    }
+
+    fn visible(memory: &SplatMemory, recall: &Recall<'_>) -> Vec<VisibleGaussian> {
+        memory.backend.visible_gaussians(recall).unwrap()
     }
 
     /// A prediction 5 of 20 columns from `left` on, and its pixels.
@@ -229,14 +228,14 @@ mod tests {
         let mut recurring = RecurringPredictions::default();
         for _ in 0..2 {
             for time in 1..=3 {
-                let mut found = recurring.note(&recall, &map, 3);
+                let mut found = recurring.note(&visible(&memory, &recall), &map, 3);
                 found.values_mut().for_each(|gaussians| gaussians.sort_unstable());
                 let expected = if time == 3 { BTreeMap::from([(5, pixels.clone())]) } else { BTreeMap::new() };
                 assert_eq!(found, expected, "time {time}");
             }
             assert!(recurring.counts.is_empty() && recurring.of_gaussian.iter().all(|number| *number == 0));
         }
-        assert_eq!(RecurringPredictions::default().note(&recall, &map, 1).len(), 1);
+        assert_eq!(RecurringPredictions::default().note(&visible(&memory, &recall), &map, 1).len(), 1);
     }
 
     #[test]
@@ -245,7 +244,7 @@ mod tests {
         let recall = memory.recall(&frame);
         let mut recurring = RecurringPredictions::default();
         for (left, expected) in [(2, vec![1]), (12, vec![2]), (22, vec![3]), (33, vec![2, 1]), (44, vec![1, 1])] {
-            assert!(recurring.note(&recall, &explained(left).0, 100).is_empty());
+            assert!(recurring.note(&visible(&memory, &recall), &explained(left).0, 100).is_empty());
             assert_eq!(counts(&recurring), expected, "from column {left} on");
             let newest = recurring.last;
             let of_newest = recurring.of_gaussian.iter().zip(0..).filter(|(number, _)| **number == newest);
@@ -259,15 +258,15 @@ mod tests {
         let mut recurring = RecurringPredictions::default();
         let (map, _) = explained(30);
         let frame = wall(2.0);
-        recurring.note(&memory.recall(&frame), &map, 100);
+        recurring.note(&visible(&memory, &memory.recall(&frame)), &map, 100);
         // Something hides the wall: then nothing is known of it.
         let hidden = wall(1.0);
         let recall = memory.recall(&hidden);
         for explained in [&map, &SegmentMap::filled(SIZE.0, SIZE.1, 0)] {
-            recurring.note(&recall, explained, 100);
+            recurring.note(&visible(&memory, &recall), explained, 100);
             assert_eq!(counts(&recurring), [1]);
         }
-        recurring.note(&memory.recall(&frame), &map.map(|_| ABSTAIN), 100);
+        recurring.note(&visible(&memory, &memory.recall(&frame)), &map.map(|_| ABSTAIN), 100);
         assert_eq!(counts(&recurring), [0; 0], "its place without it");
     }
 
@@ -287,12 +286,12 @@ mod tests {
             })
         };
         let mut recurring = RecurringPredictions::default();
-        recurring.note(&recall, &in_order(1, 50), 100);
+        recurring.note(&visible(&memory, &recall), &in_order(1, 50), 100);
         assert_eq!(counts(&recurring), [0; 0]);
-        recurring.note(&recall, &in_order(2, 50), 100);
+        recurring.note(&visible(&memory, &recall), &in_order(2, 50), 100);
         assert_eq!(counts(&recurring), [1; 50]);
         let mut many = RecurringPredictions::default();
-        many.note(&recall, &in_order(2, MAX_PREDICTIONS + 1), 100);
+        many.note(&visible(&memory, &recall), &in_order(2, MAX_PREDICTIONS + 1), 100);
         assert_eq!(
             many.counts.keys().copied().collect::<Vec<_>>(),
             (2..=MAX_PREDICTIONS as u32 + 1).collect::<Vec<_>>()

@@ -99,13 +99,14 @@ pub(crate) fn note_sights(map: &mut SplatMap, sights: &[Sight], removal_frames: 
 
 /// The Gaussians to be kept so that at most `max` are: those seen last, earlier ones of those seen in the same frame.
 /// `None` if there are no more than that.
-pub(crate) fn longest_unseen(map: &SplatMap, max: usize) -> Option<Vec<bool>> {
-    if map.len() <= max {
+/// `last_seen` has the number of the last frame that saw each Gaussian.
+pub fn longest_unseen(last_seen: &[u32], max: usize) -> Option<Vec<bool>> {
+    if last_seen.len() <= max {
         return None;
     }
-    let mut order: Vec<usize> = (0..map.len()).collect();
-    order.select_nth_unstable_by_key(max, |index| (std::cmp::Reverse(map.last_seen[*index]), *index));
-    let mut keep = vec![false; map.len()];
+    let mut order: Vec<usize> = (0..last_seen.len()).collect();
+    order.select_nth_unstable_by_key(max, |index| (std::cmp::Reverse(last_seen[*index]), *index));
+    let mut keep = vec![false; last_seen.len()];
     order[..max].iter().for_each(|index| keep[*index] = true);
     Some(keep)
 }

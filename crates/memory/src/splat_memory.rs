@@ -1,18 +1,20 @@
 //! The memory itself: what it holds and the three things that are asked of it.
 
+use crate::backend::{EvidenceDevice, MapBackend, MapContent};
 use crate::depthless::DepthlessSegments;
 use crate::evidence::EvidenceStore;
 use crate::features::FeatureStore;
+use crate::host_map::HostMap;
 use crate::map::SplatMap;
 use crate::recurring::RecurringPredictions;
-use crate::removal::{longest_unseen, note_sights, sights};
 use crate::segment_store::SegmentStore;
 use crate::segments::Segments;
-use crate::{CodebookError, GrowthRule, LearningExtent, MemoryKind, MemorySettings, Recall, growth};
+use crate::{CodebookError, GrowthRule, LearningExtent, MemoryKind, MemorySettings, Recall, SplatContentView};
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera, RasterLimits};
 use splatseg_settings::SettingError;
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 use thiserror::Error;
 
 /// The largest segment id there can be: results are 16-bit images.
@@ -32,8 +34,8 @@ const FRAMES_PER_CENSUS: u32 = 16;
 #[derive(Debug)]
 pub struct SplatMemory {
     pub(crate) settings: MemorySettings,
-    pub(crate) map: SplatMap,
-    pub(crate) store: Box<dyn SegmentStore>,
+    /// The map, and what its Gaussians remember.
+    pub(crate) backend: Box<dyn MapBackend>,
     pub(crate) segments: Segments,
     /// What no Gaussian can carry.
     pub(crate) depthless: DepthlessSegments,
@@ -44,6 +46,9 @@ pub struct SplatMemory {
     pub(crate) frames: u32,
     warned_of_limit: bool,
 }
+
+/// What a device reports when it fails.
+pub type DeviceFailure = Arc<dyn std::error::Error + Send + Sync>;
 
 /// What keeps a memory from being made or used.
 #[derive(Debug, Error)]
@@ -63,6 +68,12 @@ pub enum MemoryError {
         /// What it reports.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
+    /// The device that holds the map failed, or has no room for it.
+    #[error("the map's device: {0}")]
+    Device(DeviceFailure),
+    /// Only a memory of evidence can be kept on a device.
+    #[error("memory.kind = {} runs on the CPU only", .0.name())]
+    HostOnly(MemoryKind),
     /// All ids that fit a 16-bit image are used.
     #[error("the video has more than {MAX_SEGMENT_ID} segments, more ids than a 16-bit image can hold")]
     OutOfIds,
@@ -95,6 +106,21 @@ pub struct FrameUpdate {
     pub forgotten: Vec<SegmentId>,
     /// Extent of the learning.
     pub learning: LearningExtent,
+}
+
+impl MemoryError {
+    /// The error as a device reports it.
+    fn into_failure(self) -> DeviceFailure {
+        match self {
+            Self::Device(failure) => failure,
+            other => Arc::new(other),
+        }
+    }
+}
+
+/// What a device returned; a failure is logged. For those who cannot report it: the next frame will.
+pub(crate) fn or_none<T>(found: Result<T, MemoryError>) -> Option<T> {
+    found.inspect_err(|error| tracing::error!("{error}")).ok()
 }
 
 impl SplatMemory {
@@ -131,10 +157,24 @@ impl SplatMemory {
         let depthless = DepthlessSegments::default();
         let recurring = RecurringPredictions::default();
         let overruled = BTreeMap::new();
-        Self { settings, map, store, segments, depthless, recurring, overruled, frames: 0, warned_of_limit: false }
+        let backend = Box::new(HostMap { settings: settings.clone(), map, store });
+        Self { settings, backend, segments, depthless, recurring, overruled, frames: 0, warned_of_limit: false }
     }
 
-    /// What the memory expects `frame` to show.
+    /// Moves the map and its votes to a device, which does from then on what is done with them.
+    ///
+    /// # Errors
+    /// [`MemoryError::HostOnly`] for a memory that is not one of evidence, or what the device reports.
+    pub fn on_device(mut self, device: &dyn EvidenceDevice) -> Result<Self, MemoryError> {
+        let MapContent { map, content } = self.backend.content()?;
+        let Some(SplatContentView::Evidence { votes }) = content else {
+            return Err(MemoryError::HostOnly(self.settings.kind));
+        };
+        self.backend = device.take_over(&self.settings, map.clone(), votes.to_vec())?;
+        Ok(self)
+    }
+
+    /// What the memory expects `frame` to show. If a device fails at that, [`Self::fuse`] and [`Self::update`] report it.
     pub fn recall<'f>(&self, frame: &'f RgbdFrame<'_>) -> Recall<'f> {
         let _stage = tracing::debug_span!(target: "splatseg::stage", "decode").entered();
         let mut camera = Camera::new(*frame.intrinsics(), frame.world_from_camera());
@@ -144,7 +184,10 @@ impl SplatMemory {
             let max_alpha = camera.limits.max_alpha.min(1.0 - 2.0 * min_transmittance);
             camera.limits = RasterLimits { min_alpha, max_alpha, min_transmittance, ..camera.limits };
         }
-        let mut recall = Recall::new(&self.map.balls, self.store.as_ref(), frame, &camera, &self.settings);
+        let mut recall = match self.backend.recall(frame, &camera) {
+            Ok(recall) => recall,
+            Err(error) => return Recall::failed(frame, &camera, error.into_failure()),
+        };
         if self.settings.links_depthless() {
             self.depthless.expect(&mut recall, self.settings.growth_silhouette);
         }
@@ -157,7 +200,7 @@ impl SplatMemory {
     /// [`MemoryError::OutOfIds`] if the id would not fit a 16-bit image.
     pub fn new_segment(&mut self) -> Result<SegmentId, MemoryError> {
         let id = self.segments.add()?;
-        self.store.new_segment(id)?;
+        self.backend.new_segment(id)?;
         Ok(id)
     }
 
@@ -174,8 +217,8 @@ impl SplatMemory {
     /// # Errors
     /// If `seen` has another size than the frame or an id that does not exist.
     pub fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> Result<SegmentMap, MemoryError> {
-        self.check_predictions(recall.frame, seen)?;
-        Ok(self.store.fuse(recall, seen))
+        self.check_predictions(recall, seen)?;
+        self.backend.fuse(recall, seen)
     }
 
     /// Takes note of the frame's predictions that remembered segments explain, which have no say: `explained` has their
@@ -192,9 +235,12 @@ impl SplatMemory {
         explained: &SegmentMap,
         needed: usize,
     ) -> Result<Vec<SegmentId>, MemoryError> {
-        self.check_predictions(recall.frame, explained)?;
-        let recurring = self.recurring.note(recall, explained, needed);
-        recurring.iter().for_each(|(id, gaussians)| self.store.favour(gaussians, *id));
+        self.check_predictions(recall, explained)?;
+        let visible = self.backend.visible_gaussians(recall)?;
+        let recurring = self.recurring.note(&visible, explained, needed);
+        for (id, gaussians) in &recurring {
+            self.backend.favour(gaussians, *id)?;
+        }
         Ok(recurring.into_keys().collect())
     }
 
@@ -204,66 +250,61 @@ impl SplatMemory {
     /// # Errors
     /// As [`Self::fuse`].
     pub fn update(&mut self, mut recall: Recall<'_>, seen: &SegmentMap) -> Result<FrameUpdate, MemoryError> {
-        self.check_predictions(recall.frame, seen)?;
+        self.check_predictions(&recall, seen)?;
         self.segments.note_sightings(seen);
         let stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
-        let added = match self.settings.growth_rule() {
-            GrowthRule::Paper => growth::by_paper(&recall, &self.settings),
-            _ => growth::missing(&recall, seen, &self.settings),
-        };
-        self.map.add(&added, self.frames);
-        self.store.grow(&added, &recall, seen);
+        let grown = self.backend.grow(&recall, seen, self.frames)?;
         drop(stage);
 
         let stage = tracing::debug_span!(target: "splatseg::stage", "learn").entered();
-        let learning = self.store.learn(&mut recall, &self.map.balls, seen);
+        let learning = self.backend.learn(&mut recall, seen)?;
         if self.settings.links_depthless() {
             self.depthless.take_in(&recall, seen, self.settings.growth_silhouette, self.frames);
         }
         drop(stage);
 
         let _stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
-        let (removed, forgotten) = self.forget(&recall);
+        let (removed, forgotten) = self.forget(&recall)?;
         self.frames = self.frames.saturating_add(1);
-        Ok(FrameUpdate { grown: added.len(), removed, forgotten, learning })
+        Ok(FrameUpdate { grown, removed, forgotten, learning })
     }
 
     /// Removes what is gone; returns how many Gaussians that were, and the ids that nothing carries any more.
-    fn forget(&mut self, recall: &Recall<'_>) -> (usize, Vec<SegmentId>) {
-        if self.settings.growth_rule() == GrowthRule::Paper && self.map.len() <= self.settings.max_gaussians {
-            return (0, Vec::new());
+    fn forget(&mut self, recall: &Recall<'_>) -> Result<(usize, Vec<SegmentId>), MemoryError> {
+        let max = self.settings.max_gaussians;
+        if self.settings.growth_rule() == GrowthRule::Paper && self.gaussian_count() <= max {
+            return Ok((0, Vec::new()));
         }
-        let before = self.map.len();
-        let found = match recall.sights.is_empty() {
-            true => sights(&self.map.balls, recall.frame, recall.view.camera(), &self.settings),
-            false => Vec::new(),
-        };
-        let sights = if recall.sights.is_empty() { &found } else { &recall.sights };
-        if let Some(keep) = note_sights(&mut self.map, sights, self.settings.removal_frames, self.frames) {
-            self.retain(&keep);
+        let before = self.gaussian_count();
+        let forgotten = self.backend.forget(recall, self.frames, self.segments.len())?;
+        if forgotten.was_full && !self.warned_of_limit {
+            tracing::warn!("the map has reached memory.max_gaussians = {max}: what was not seen for longest goes");
+            self.warned_of_limit = true;
         }
-        if let Some(keep) = longest_unseen(&self.map, self.settings.max_gaussians) {
-            if !self.warned_of_limit {
-                let max = self.settings.max_gaussians;
-                tracing::warn!("the map has reached memory.max_gaussians = {max}: what was not seen for longest goes");
-                self.warned_of_limit = true;
-            }
-            self.retain(&keep);
+        if let Some(keep) = &forgotten.keep {
+            self.recurring.retain(keep);
         }
-        let removed = before - self.map.len();
+        let removed = before - self.gaussian_count();
         let is_cheap = self.settings.kind == MemoryKind::Evidence;
         if !is_cheap && removed == 0 && !self.frames.is_multiple_of(FRAMES_PER_CENSUS) {
-            return (0, Vec::new());
+            return Ok((0, Vec::new()));
         }
-        let carried = self.carried();
-        (removed, self.segments.note_carried(&carried))
+        let carried = match forgotten.carried {
+            Some(mut carried) => {
+                carried.resize(self.segments.len() + 1, false);
+                self.depthless.mark_carried(&mut carried);
+                carried
+            }
+            None => self.carried(),
+        };
+        Ok((removed, self.segments.note_carried(&carried)))
     }
 
     /// Whether anything carries each id, by id. Gaussians that show an id carry it: stray votes in its neighbours do
     /// not.
     fn carried(&self) -> Vec<bool> {
         let mut carried = vec![false; self.segments.len() + 1];
-        for id in self.store.segment_ids() {
+        for id in self.segment_ids() {
             if let Some(carried) = carried.get_mut(id as usize) {
                 *carried = true;
             }
@@ -272,13 +313,11 @@ impl SplatMemory {
         carried
     }
 
-    fn retain(&mut self, keep: &[bool]) {
-        self.map.retain(keep);
-        self.recurring.retain(keep);
-        self.store.retain(keep);
-    }
-
-    fn check_predictions(&self, frame: &RgbdFrame, seen: &SegmentMap) -> Result<(), MemoryError> {
+    fn check_predictions(&self, recall: &Recall<'_>, seen: &SegmentMap) -> Result<(), MemoryError> {
+        let frame = recall.frame;
+        if let Some(failure) = &recall.failure {
+            return Err(MemoryError::Device(failure.clone()));
+        }
         let (found, expected) = (seen.size(), (frame.width(), frame.height()));
         if found != expected {
             return Err(MemoryError::PredictionSize { found, expected });
@@ -303,7 +342,7 @@ impl SplatMemory {
 
     /// Number of Gaussians.
     pub fn gaussian_count(&self) -> usize {
-        self.map.len()
+        self.backend.balls().len()
     }
 
     /// Number of ids given so far: ids are 1 to this.
@@ -326,27 +365,27 @@ impl SplatMemory {
 
     /// Numbers that the Gaussians hold: position 3, radius 1, colour 3, and for segments 8 (votes) or D (features).
     pub fn parameter_count(&self) -> usize {
-        self.map.len() * (SplatMap::NUMBERS + self.store.numbers_per_gaussian())
+        self.gaussian_count() * (SplatMap::NUMBERS + self.backend.numbers_per_gaussian())
     }
 
     /// Where the Gaussians are, world coordinates.
     pub fn balls(&self) -> &Balls {
-        &self.map.balls
+        self.backend.balls()
     }
 
     /// Colours of the Gaussians, sRGB.
     pub fn colors(&self) -> &[[u8; 3]] {
-        &self.map.colors
+        self.backend.colors()
     }
 
-    /// The segment that each Gaussian shows by itself, 0 for none.
+    /// The segment that each Gaussian shows by itself, 0 for none (and for all if a device fails, which is logged).
     pub fn segment_ids(&self) -> Vec<SegmentId> {
-        self.store.segment_ids()
+        or_none(self.backend.segment_ids()).unwrap_or_else(|| vec![0; self.gaussian_count()])
     }
 
     /// The share, 0 to 1, that the segment of [`segment_ids`](Self::segment_ids) has of all that each Gaussian was seen
     /// as; 1 in a memory that keeps no second opinion.
     pub fn segment_shares(&self) -> Vec<f32> {
-        self.store.segment_shares().unwrap_or_else(|| vec![1.0; self.gaussian_count()])
+        or_none(self.backend.segment_shares()).flatten().unwrap_or_else(|| vec![1.0; self.gaussian_count()])
     }
 }

@@ -24,6 +24,14 @@ pub enum SplatFileError {
         /// The file that was asked for.
         path: PathBuf,
     },
+    /// What is to be saved cannot be read off the device that holds it.
+    #[error("{}: {source}", path.display())]
+    Device {
+        /// The file that was asked for.
+        path: PathBuf,
+        /// What the device reports.
+        source: Box<crate::MemoryError>,
+    },
     /// The file does not begin like a PLY.
     #[error("{}: not a PLY file: the first line is {found:?}, expected \"ply\"", path.display())]
     NotPly {

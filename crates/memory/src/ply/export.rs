@@ -3,7 +3,9 @@
 use super::record::{LOGIT_OF_1, harmonic};
 use super::{SplatContentView, SplatFile};
 use crate::SplatMemory;
+use crate::backend::MapContent;
 use crate::map::SplatMap;
+use crate::splat_memory::or_none;
 use glam::Vec3;
 use splatseg_geometry::SegmentId;
 use std::io::{Result, Write};
@@ -88,8 +90,8 @@ impl SplatFile {
 impl SplatMemory {
     /// All Gaussians as a saved memory would have them; `None` for a kind of memory that has no file format.
     pub fn exported_gaussians(&self) -> Option<Vec<ExportedGaussian>> {
-        let content = self.store.content()?;
-        Some(gaussians(&self.map, &self.segment_ids(), content).collect())
+        let MapContent { map, content } = or_none(self.backend.content())?;
+        Some(gaussians(map, &self.segment_ids(), content?).collect())
     }
 }
 

@@ -1,0 +1,136 @@
+//! Where a map and what its Gaussians remember are kept and worked on: the seam between a memory and its device.
+//!
+//! A memory asks for one view per frame, and then to fuse, to grow, to learn and to forget. Blend weights never cross this
+//! seam: they stay where they are made. [`HostMap`](crate::host_map::HostMap) is the one on the CPU; the crate
+//! `splatseg-render-gpu` has one on a GPU.
+
+use crate::ply::SplatContentView;
+use crate::recall::Recall;
+use crate::{LearningExtent, MemoryError, MemorySettings, SplatMap, Votes};
+use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
+use splatseg_render::{Balls, Camera};
+
+/// A Gaussian that can touch a frame's image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct VisibleGaussian {
+    /// Index of the Gaussian.
+    pub gaussian: u32,
+    /// Row-major index of the pixel in which its centre lies, if the frame sees its surface.
+    pub seen_at: Option<u32>,
+}
+
+/// What was removed after a frame.
+#[derive(Clone, Debug, Default)]
+pub struct Forgotten {
+    /// The Gaussians that were kept, by their index before; `None` if all were.
+    pub keep: Option<Vec<bool>>,
+    /// Whether there were more than `memory.max_gaussians`.
+    pub was_full: bool,
+    /// Whether a Gaussian shows each id, by id (0 included), if that is known already.
+    pub carried: Option<Vec<bool>>,
+}
+
+/// A copy of a map and of what its Gaussians remember, to be saved.
+#[derive(Clone, Copy, Debug)]
+pub struct MapContent<'a> {
+    /// The Gaussians.
+    pub map: &'a SplatMap,
+    /// What they remember; `None` for a kind of memory that has no file format.
+    pub content: Option<SplatContentView<'a>>,
+}
+
+/// A map and what its Gaussians remember.
+///
+/// For every frame: [`recall`](Self::recall), any number of [`fuse`](Self::fuse), then [`grow`](Self::grow),
+/// [`learn`](Self::learn) and [`forget`](Self::forget). `seen` is as in [`SegmentStore`](crate::SegmentStore).
+pub trait MapBackend: std::fmt::Debug + Send + Sync {
+    /// Renders the map as `camera` sees it and reads which segments `frame` is expected to show.
+    ///
+    /// # Errors
+    /// If the device fails.
+    fn recall<'f>(&self, frame: &'f RgbdFrame<'_>, camera: &Camera) -> Result<Recall<'f>, MemoryError>;
+
+    /// What the frame shows once memory and predictions are brought together.
+    ///
+    /// # Errors
+    /// If the device fails.
+    fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> Result<SegmentMap, MemoryError>;
+
+    /// The Gaussians in view, by increasing index.
+    ///
+    /// # Errors
+    /// If the device fails.
+    fn visible_gaussians(&self, recall: &Recall<'_>) -> Result<Vec<VisibleGaussian>, MemoryError>;
+
+    /// Makes some Gaussians surer of a segment than of all others together.
+    ///
+    /// # Errors
+    /// If the device fails.
+    fn favour(&mut self, gaussians: &[u32], id: SegmentId) -> Result<(), MemoryError>;
+
+    /// Adds the Gaussians that frame number `number` shows and the map lacks; returns how many.
+    ///
+    /// # Errors
+    /// If the device fails.
+    fn grow(&mut self, recall: &Recall<'_>, seen: &SegmentMap, number: u32) -> Result<usize, MemoryError>;
+
+    /// Takes in what the frame shows.
+    ///
+    /// # Errors
+    /// If the device fails.
+    fn learn(&mut self, recall: &mut Recall<'_>, seen: &SegmentMap) -> Result<LearningExtent, MemoryError>;
+
+    /// Removes the Gaussians that are gone after frame number `number`. Ids up to `segments` were given.
+    ///
+    /// # Errors
+    /// If the device fails.
+    fn forget(&mut self, recall: &Recall<'_>, number: u32, segments: usize) -> Result<Forgotten, MemoryError>;
+
+    /// Prepares for a segment id that was never used before.
+    ///
+    /// # Errors
+    /// If there is no room for it.
+    fn new_segment(&mut self, id: SegmentId) -> Result<(), MemoryError>;
+
+    /// Where the Gaussians are, world coordinates.
+    fn balls(&self) -> &Balls;
+
+    /// Colours of the Gaussians, sRGB.
+    fn colors(&self) -> &[[u8; 3]];
+
+    /// Numbers that each Gaussian holds for segments.
+    fn numbers_per_gaussian(&self) -> usize;
+
+    /// The segment that each Gaussian shows by itself, 0 for none.
+    ///
+    /// # Errors
+    /// If the device fails.
+    fn segment_ids(&self) -> Result<Vec<SegmentId>, MemoryError>;
+
+    /// The share of each of [`segment_ids`](Self::segment_ids) of all that the Gaussian was seen as; `None` if no second
+    /// opinion is kept.
+    ///
+    /// # Errors
+    /// If the device fails.
+    fn segment_shares(&self) -> Result<Option<Vec<f32>>, MemoryError>;
+
+    /// All that is to be saved.
+    ///
+    /// # Errors
+    /// If the device fails.
+    fn content(&self) -> Result<MapContent<'_>, MemoryError>;
+}
+
+/// A device that can take over a map of evidence.
+pub trait EvidenceDevice: std::fmt::Debug {
+    /// Takes a map over; there is one entry of `votes` per Gaussian.
+    ///
+    /// # Errors
+    /// If the device has no room for it, or fails.
+    fn take_over(
+        &self,
+        settings: &MemorySettings,
+        map: SplatMap,
+        votes: Vec<Votes>,
+    ) -> Result<Box<dyn MapBackend>, MemoryError>;
+}

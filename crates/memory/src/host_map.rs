@@ -1,0 +1,120 @@
+//! A map on the CPU, with any kind of segment store.
+
+use crate::backend::{Forgotten, MapBackend, MapContent, VisibleGaussian};
+use crate::growth::new_gaussians;
+use crate::map::SplatMap;
+use crate::recall::Recall;
+use crate::removal::{Sight, longest_unseen, note_sights, sights};
+use crate::segment_store::SegmentStore;
+use crate::{GrowthRule, LearningExtent, MemoryError, MemorySettings};
+use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
+use splatseg_render::{Balls, Camera};
+
+/// The Gaussians and what they remember, in main memory.
+#[derive(Debug)]
+pub(crate) struct HostMap {
+    pub settings: MemorySettings,
+    pub map: SplatMap,
+    pub store: Box<dyn SegmentStore>,
+}
+
+impl HostMap {
+    fn retain(&mut self, keep: Vec<bool>, forgotten: &mut Forgotten) {
+        self.map.retain(&keep);
+        self.store.retain(&keep);
+        forgotten.keep = Some(match forgotten.keep.take() {
+            None => keep,
+            Some(before) => {
+                let mut keep = keep.into_iter();
+                before.into_iter().map(|kept| kept && keep.next().unwrap_or(true)).collect()
+            }
+        });
+    }
+}
+
+impl MapBackend for HostMap {
+    fn recall<'f>(&self, frame: &'f RgbdFrame<'_>, camera: &Camera) -> Result<Recall<'f>, MemoryError> {
+        Ok(Recall::new(&self.map.balls, self.store.as_ref(), frame, camera, &self.settings))
+    }
+
+    fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> Result<SegmentMap, MemoryError> {
+        Ok(self.store.fuse(recall, seen))
+    }
+
+    fn visible_gaussians(&self, recall: &Recall<'_>) -> Result<Vec<VisibleGaussian>, MemoryError> {
+        let (width, height) = (recall.frame.width(), recall.frame.height());
+        let visible = recall.view.projected().iter().map(|splat| {
+            let (column, row) = (splat.mean.x.round(), splat.mean.y.round());
+            let is_inside = column >= 0.0 && row >= 0.0 && column < width as f32 && row < height as f32;
+            let is_seen = recall.sights.get(splat.gaussian as usize) == Some(&Sight::Seen);
+            let seen_at = (is_inside && is_seen).then(|| (row as usize * width + column as usize) as u32);
+            VisibleGaussian { gaussian: splat.gaussian, seen_at }
+        });
+        Ok(visible.collect())
+    }
+
+    fn favour(&mut self, gaussians: &[u32], id: SegmentId) -> Result<(), MemoryError> {
+        self.store.favour(gaussians, id);
+        Ok(())
+    }
+
+    fn grow(&mut self, recall: &Recall<'_>, seen: &SegmentMap, number: u32) -> Result<usize, MemoryError> {
+        let added = new_gaussians(recall, seen, &self.settings);
+        self.map.add(&added, number);
+        self.store.grow(&added, recall, seen);
+        Ok(added.len())
+    }
+
+    fn learn(&mut self, recall: &mut Recall<'_>, seen: &SegmentMap) -> Result<LearningExtent, MemoryError> {
+        Ok(self.store.learn(recall, &self.map.balls, seen))
+    }
+
+    fn forget(&mut self, recall: &Recall<'_>, number: u32, _: usize) -> Result<Forgotten, MemoryError> {
+        let mut forgotten = Forgotten::default();
+        let is_full = self.map.len() > self.settings.max_gaussians;
+        if self.settings.growth_rule() == GrowthRule::Paper && !is_full {
+            return Ok(forgotten);
+        }
+        let found = match recall.sights.is_empty() {
+            true => sights(&self.map.balls, recall.frame, recall.view.camera(), &self.settings),
+            false => Vec::new(),
+        };
+        let sights = if recall.sights.is_empty() { &found } else { &recall.sights };
+        if let Some(keep) = note_sights(&mut self.map, sights, self.settings.removal_frames, number) {
+            self.retain(keep, &mut forgotten);
+        }
+        if let Some(keep) = longest_unseen(&self.map.last_seen, self.settings.max_gaussians) {
+            forgotten.was_full = true;
+            self.retain(keep, &mut forgotten);
+        }
+        Ok(forgotten)
+    }
+
+    fn new_segment(&mut self, id: SegmentId) -> Result<(), MemoryError> {
+        self.store.new_segment(id)
+    }
+
+    fn balls(&self) -> &Balls {
+        &self.map.balls
+    }
+
+    fn colors(&self) -> &[[u8; 3]] {
+        &self.map.colors
+    }
+
+    fn numbers_per_gaussian(&self) -> usize {
+        self.store.numbers_per_gaussian()
+    }
+
+    fn segment_ids(&self) -> Result<Vec<SegmentId>, MemoryError> {
+        Ok(self.store.segment_ids())
+    }
+
+    fn segment_shares(&self) -> Result<Option<Vec<f32>>, MemoryError> {
+        Ok(self.store.segment_shares())
+    }
+
+    fn content(&self) -> Result<MapContent<'_>, MemoryError> {
+        Ok(MapContent { map: &self.map, content: self.store.content() })
+    }
+}
