@@ -1,7 +1,7 @@
 //! Where a map and what its Gaussians remember are kept and worked on: the seam between a memory and its device.
 //!
-//! A memory asks for one view per frame, and then to fuse, to grow, to learn and to forget. Blend weights never cross this
-//! seam: they stay where they are made. [`HostMap`](crate::host_map::HostMap) is the one on the CPU; the crate
+//! A memory asks for one view per frame, and then to fuse and to update. Blend weights never cross this seam: they stay
+//! where they are made. [`HostMap`](crate::host_map::HostMap) is the one on the CPU; the crate
 //! `splatseg-render-gpu` has one on a GPU.
 
 use crate::ply::SplatContentView;
@@ -19,15 +19,32 @@ pub struct VisibleGaussian {
     pub seen_at: Option<u32>,
 }
 
-/// What was removed after a frame.
+/// What taking in a frame did to a map.
 #[derive(Clone, Debug, Default)]
-pub struct Forgotten {
-    /// The Gaussians that were kept, by their index before; `None` if all were.
+pub struct MapUpdate {
+    /// Gaussians added.
+    pub grown: usize,
+    /// Extent of the learning.
+    pub learning: LearningExtent,
+    /// The Gaussians that were kept, by their index after growth; `None` if all were.
     pub keep: Option<Vec<bool>>,
     /// Whether there were more than `memory.max_gaussians`.
     pub was_full: bool,
     /// Whether a Gaussian shows each id, by id (0 included), if that is known already.
     pub carried: Option<Vec<bool>>,
+}
+
+impl MapUpdate {
+    /// Notes that only some of the Gaussians that were left so far are kept, by their index before that.
+    pub fn note_kept(&mut self, keep: Vec<bool>) {
+        self.keep = Some(match self.keep.take() {
+            None => keep,
+            Some(before) => {
+                let mut keep = keep.into_iter();
+                before.into_iter().map(|kept| kept && keep.next().unwrap_or(true)).collect()
+            }
+        });
+    }
 }
 
 /// A copy of a map and of what its Gaussians remember, to be saved.
@@ -41,8 +58,8 @@ pub struct MapContent<'a> {
 
 /// A map and what its Gaussians remember.
 ///
-/// For every frame: [`recall`](Self::recall), any number of [`fuse`](Self::fuse), then [`grow`](Self::grow),
-/// [`learn`](Self::learn) and [`forget`](Self::forget). `seen` is as in [`SegmentStore`](crate::SegmentStore).
+/// For every frame: [`recall`](Self::recall), any number of [`fuse`](Self::fuse), then [`update`](Self::update). `seen` is as in
+/// [`SegmentStore`](crate::SegmentStore).
 pub trait MapBackend: std::fmt::Debug + Send + Sync {
     /// Renders the map as `camera` sees it and reads which segments `frame` is expected to show.
     ///
@@ -68,23 +85,18 @@ pub trait MapBackend: std::fmt::Debug + Send + Sync {
     /// If the device fails.
     fn favour(&mut self, gaussians: &[u32], id: SegmentId) -> Result<(), MemoryError>;
 
-    /// Adds the Gaussians that frame number `number` shows and the map lacks; returns how many.
+    /// Takes in what frame number `number` shows: adds the Gaussians that the map lacks, learns from `seen`, and removes what
+    /// is gone. Ids up to `segments` were given.
     ///
     /// # Errors
-    /// If the device fails.
-    fn grow(&mut self, recall: &Recall<'_>, seen: &SegmentMap, number: u32) -> Result<usize, MemoryError>;
-
-    /// Takes in what the frame shows.
-    ///
-    /// # Errors
-    /// If the device fails.
-    fn learn(&mut self, recall: &mut Recall<'_>, seen: &SegmentMap) -> Result<LearningExtent, MemoryError>;
-
-    /// Removes the Gaussians that are gone after frame number `number`. Ids up to `segments` were given.
-    ///
-    /// # Errors
-    /// If the device fails.
-    fn forget(&mut self, recall: &Recall<'_>, number: u32, segments: usize) -> Result<Forgotten, MemoryError>;
+    /// If the device fails; the map is then not to be used any more.
+    fn update(
+        &mut self,
+        recall: &mut Recall<'_>,
+        seen: &SegmentMap,
+        number: u32,
+        segments: usize,
+    ) -> Result<MapUpdate, MemoryError>;
 
     /// Prepares for a segment id that was never used before.
     ///

@@ -1,12 +1,12 @@
 //! A map on the CPU, with any kind of segment store.
 
-use crate::backend::{Forgotten, MapBackend, MapContent, VisibleGaussian};
+use crate::backend::{MapBackend, MapContent, MapUpdate, VisibleGaussian};
 use crate::growth::new_gaussians;
 use crate::map::SplatMap;
 use crate::recall::Recall;
 use crate::removal::{Sight, longest_unseen, note_sights, sights};
 use crate::segment_store::SegmentStore;
-use crate::{GrowthRule, LearningExtent, MemoryError, MemorySettings};
+use crate::{GrowthRule, MemoryError, MemorySettings};
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera};
 
@@ -19,16 +19,30 @@ pub(crate) struct HostMap {
 }
 
 impl HostMap {
-    fn retain(&mut self, keep: Vec<bool>, forgotten: &mut Forgotten) {
+    /// Removes what is gone after frame number `number`.
+    fn forget(&mut self, recall: &Recall<'_>, number: u32, update: &mut MapUpdate) {
+        let is_full = self.map.len() > self.settings.max_gaussians;
+        if self.settings.growth_rule() == GrowthRule::Paper && !is_full {
+            return;
+        }
+        let found = match recall.sights.is_empty() {
+            true => sights(&self.map.balls, recall.frame, recall.view.camera(), &self.settings),
+            false => Vec::new(),
+        };
+        let sights = if recall.sights.is_empty() { &found } else { &recall.sights };
+        if let Some(keep) = note_sights(&mut self.map, sights, self.settings.removal_frames, number) {
+            self.retain(keep, update);
+        }
+        if let Some(keep) = longest_unseen(&self.map.last_seen, self.settings.max_gaussians) {
+            update.was_full = true;
+            self.retain(keep, update);
+        }
+    }
+
+    fn retain(&mut self, keep: Vec<bool>, update: &mut MapUpdate) {
         self.map.retain(&keep);
         self.store.retain(&keep);
-        forgotten.keep = Some(match forgotten.keep.take() {
-            None => keep,
-            Some(before) => {
-                let mut keep = keep.into_iter();
-                before.into_iter().map(|kept| kept && keep.next().unwrap_or(true)).collect()
-            }
-        });
+        update.note_kept(keep);
     }
 }
 
@@ -58,36 +72,25 @@ impl MapBackend for HostMap {
         Ok(())
     }
 
-    fn grow(&mut self, recall: &Recall<'_>, seen: &SegmentMap, number: u32) -> Result<usize, MemoryError> {
+    fn update(
+        &mut self,
+        recall: &mut Recall<'_>,
+        seen: &SegmentMap,
+        number: u32,
+        _: usize,
+    ) -> Result<MapUpdate, MemoryError> {
+        let stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
         let added = new_gaussians(recall, seen, &self.settings);
         self.map.add(&added, number);
         self.store.grow(&added, recall, seen);
-        Ok(added.len())
-    }
-
-    fn learn(&mut self, recall: &mut Recall<'_>, seen: &SegmentMap) -> Result<LearningExtent, MemoryError> {
-        Ok(self.store.learn(recall, &self.map.balls, seen))
-    }
-
-    fn forget(&mut self, recall: &Recall<'_>, number: u32, _: usize) -> Result<Forgotten, MemoryError> {
-        let mut forgotten = Forgotten::default();
-        let is_full = self.map.len() > self.settings.max_gaussians;
-        if self.settings.growth_rule() == GrowthRule::Paper && !is_full {
-            return Ok(forgotten);
-        }
-        let found = match recall.sights.is_empty() {
-            true => sights(&self.map.balls, recall.frame, recall.view.camera(), &self.settings),
-            false => Vec::new(),
-        };
-        let sights = if recall.sights.is_empty() { &found } else { &recall.sights };
-        if let Some(keep) = note_sights(&mut self.map, sights, self.settings.removal_frames, number) {
-            self.retain(keep, &mut forgotten);
-        }
-        if let Some(keep) = longest_unseen(&self.map.last_seen, self.settings.max_gaussians) {
-            forgotten.was_full = true;
-            self.retain(keep, &mut forgotten);
-        }
-        Ok(forgotten)
+        drop(stage);
+        let stage = tracing::debug_span!(target: "splatseg::stage", "learn").entered();
+        let learning = self.store.learn(recall, &self.map.balls, seen);
+        drop(stage);
+        let _stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
+        let mut update = MapUpdate { grown: added.len(), learning, ..MapUpdate::default() };
+        self.forget(recall, number, &mut update);
+        Ok(update)
     }
 
     fn new_segment(&mut self, id: SegmentId) -> Result<(), MemoryError> {

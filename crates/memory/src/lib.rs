@@ -27,7 +27,7 @@ mod settings;
 mod short_term;
 mod splat_memory;
 
-pub use backend::{EvidenceDevice, Forgotten, MapBackend, MapContent, VisibleGaussian};
+pub use backend::{EvidenceDevice, MapBackend, MapContent, MapUpdate, VisibleGaussian};
 pub use belief::SegmentBelief;
 pub use evidence::Votes;
 pub use features::{Codebook, CodebookError, CodebookSettings, LearningExtent};

@@ -1,6 +1,6 @@
 //! The memory itself: what it holds and the three things that are asked of it.
 
-use crate::backend::{EvidenceDevice, MapBackend, MapContent};
+use crate::backend::{EvidenceDevice, MapBackend, MapContent, MapUpdate};
 use crate::depthless::DepthlessSegments;
 use crate::evidence::EvidenceStore;
 use crate::features::FeatureStore;
@@ -252,44 +252,37 @@ impl SplatMemory {
     pub fn update(&mut self, mut recall: Recall<'_>, seen: &SegmentMap) -> Result<FrameUpdate, MemoryError> {
         self.check_predictions(&recall, seen)?;
         self.segments.note_sightings(seen);
-        let stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
-        let grown = self.backend.grow(&recall, seen, self.frames)?;
-        drop(stage);
-
-        let stage = tracing::debug_span!(target: "splatseg::stage", "learn").entered();
-        let learning = self.backend.learn(&mut recall, seen)?;
+        let before = self.gaussian_count();
+        let update = self.backend.update(&mut recall, seen, self.frames, self.segments.len())?;
         if self.settings.links_depthless() {
+            let _stage = tracing::debug_span!(target: "splatseg::stage", "learn").entered();
             self.depthless.take_in(&recall, seen, self.settings.growth_silhouette, self.frames);
         }
-        drop(stage);
 
         let _stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
-        let (removed, forgotten) = self.forget(&recall)?;
+        let removed = before + update.grown - self.gaussian_count();
+        let (grown, learning) = (update.grown, update.learning);
+        let forgotten = self.note_removed(removed, update);
         self.frames = self.frames.saturating_add(1);
         Ok(FrameUpdate { grown, removed, forgotten, learning })
     }
 
-    /// Removes what is gone; returns how many Gaussians that were, and the ids that nothing carries any more.
-    fn forget(&mut self, recall: &Recall<'_>) -> Result<(usize, Vec<SegmentId>), MemoryError> {
-        let max = self.settings.max_gaussians;
-        if self.settings.growth_rule() == GrowthRule::Paper && self.gaussian_count() <= max {
-            return Ok((0, Vec::new()));
-        }
-        let before = self.gaussian_count();
-        let forgotten = self.backend.forget(recall, self.frames, self.segments.len())?;
-        if forgotten.was_full && !self.warned_of_limit {
+    /// Takes note of which Gaussians were `removed`; returns the ids that nothing carries any more.
+    fn note_removed(&mut self, removed: usize, update: MapUpdate) -> Vec<SegmentId> {
+        if update.was_full && !self.warned_of_limit {
+            let max = self.settings.max_gaussians;
             tracing::warn!("the map has reached memory.max_gaussians = {max}: what was not seen for longest goes");
             self.warned_of_limit = true;
         }
-        if let Some(keep) = &forgotten.keep {
+        if let Some(keep) = &update.keep {
             self.recurring.retain(keep);
         }
-        let removed = before - self.gaussian_count();
         let is_cheap = self.settings.kind == MemoryKind::Evidence;
-        if !is_cheap && removed == 0 && !self.frames.is_multiple_of(FRAMES_PER_CENSUS) {
-            return Ok((0, Vec::new()));
+        let is_due = is_cheap || self.frames.is_multiple_of(FRAMES_PER_CENSUS);
+        if removed == 0 && (self.settings.growth_rule() == GrowthRule::Paper || !is_due) {
+            return Vec::new();
         }
-        let carried = match forgotten.carried {
+        let carried = match update.carried {
             Some(mut carried) => {
                 carried.resize(self.segments.len() + 1, false);
                 self.depthless.mark_carried(&mut carried);
@@ -297,7 +290,7 @@ impl SplatMemory {
             }
             None => self.carried(),
         };
-        Ok((removed, self.segments.note_carried(&carried)))
+        self.segments.note_carried(&carried)
     }
 
     /// Whether anything carries each id, by id. Gaussians that show an id carry it: stray votes in its neighbours do

@@ -1,0 +1,213 @@
+//! What a view expects: surfaces, evidence and segments per pixel (`splatseg_memory`'s `recall.rs` and `evidence/`).
+
+use super::blend::{PIXELS, STAGED, alpha_at, pixel_of, stage};
+use super::camera::View;
+use cubecl::prelude::*;
+
+/// Segments that one pixel can have evidence for. What comes behind that many others has next to no light.
+pub(crate) const SLOTS: usize = 16;
+
+/// Images of a view, one after the other in its buffer: expected segment, its confidence, silhouette, depth, covered, and
+/// the number of segments with evidence.
+pub(crate) const IMAGES: usize = 6;
+
+/// Where less light than this comes through what is gone, nothing can be told of what lies behind.
+const MIN_LIGHT: f32 = 0.05;
+
+/// A segment is expected only where the map covers at least this much of the pixel.
+const MIN_SILHOUETTE: f32 = 0.5;
+
+/// The settings of the memory that evidence depends on; see `splatseg_memory::MemorySettings`.
+#[derive(CubeLaunch, CubeType, Clone, Copy)]
+pub(crate) struct EvidenceRule {
+    /// What lies up to this behind the frame's surface counts as that surface, metres.
+    pub depth_disparity: f32,
+    /// A Gaussian counts only within this distance of the observed depth, metres.
+    pub depth_tolerance: f32,
+    /// Blend weights below this are not counted.
+    pub min_weight: f32,
+    /// Votes must exceed this for a segment to be expected.
+    pub min_evidence: f32,
+}
+
+/// Blends each tile and reads it. `pairs` of each tile, from `begins` to `ends`, are front to back; those that no pixel
+/// shows are dropped from both.
+///
+/// `vote_ids` are `[gaussians, 2]` of two ids each, `votes` `[gaussians, 4]`; `table_ids` and `table_evidence` are `[16, height,
+/// width]`.
+#[cube(launch)]
+pub(crate) fn expect(
+    splats: &[f32],
+    gaussians: &[u32],
+    splat_of_pair: &[u32],
+    pairs: &mut [u32],
+    begins: &[u32],
+    ends: &mut [u32],
+    vote_ids: &[u32],
+    votes: &[f32],
+    depth: &[f32],
+    images: &mut [u32],
+    table_ids: &mut [u32],
+    table_evidence: &mut [f32],
+    view: View,
+    rule: EvidenceRule,
+) {
+    let mut staged = Shared::<[f32]>::new_slice(PIXELS * STAGED);
+    let mut boxes = Shared::<[u32]>::new_slice(PIXELS);
+    let mut staged_gaussians = Shared::<[u32]>::new_slice(PIXELS);
+    let mut used = Shared::<[u32]>::new_slice(PIXELS);
+    let mut flags = Shared::<[u32]>::new_slice(2usize);
+    let tile = CUBE_POS as u32;
+    let unit = UNIT_POS as usize;
+    let pixel = pixel_of(tile, &view);
+    let begin = begins[CUBE_POS];
+    let count = ends[CUBE_POS] - begin;
+    let mut observed = 0.0f32;
+    if pixel.is_inside {
+        observed = depth[pixel.index];
+    }
+    let limit = observed + rule.depth_disparity;
+    let mut is_live = pixel.is_inside;
+    let mut transmittance = 1.0f32;
+    let mut light = 1.0f32;
+    let mut silhouette = 0.0f32;
+    let mut depth_sum = 0.0f32;
+    let mut covered = 0.0f32;
+    let mut ids = Array::<u32>::new(SLOTS);
+    let mut evidence = Array::<f32>::new(SLOTS);
+    let mut known = 0u32;
+    let mut kept = 0u32;
+    for batch in 0..(count + 255) / 256 {
+        let first = batch * 256;
+        sync_cube();
+        if unit < 2 {
+            flags[unit] = 0u32;
+        }
+        sync_cube();
+        if is_live {
+            // All threads that write write the same.
+            flags[0] = 1u32;
+        }
+        used[unit] = 0u32;
+        let mut pair = 0u32;
+        if first + UNIT_POS < count {
+            pair = pairs[(begin + first + UNIT_POS) as usize];
+            let splat = splat_of_pair[pair as usize] as usize;
+            stage(splats, splat, tile, &view, &mut staged, &mut boxes, unit);
+            staged_gaussians[unit] = gaussians[splat];
+        } else {
+            boxes[unit] = 0u32;
+        }
+        sync_cube();
+        if flags[0] == 0 {
+            break;
+        }
+        let mut here = count - first;
+        if here > 256 {
+            here = 256u32;
+        }
+        for slot in 0..here {
+            let slot = slot as usize;
+            let mut alpha = 0.0f32;
+            if is_live {
+                alpha = alpha_at(&staged, &boxes, slot, &pixel, &view);
+            }
+            if alpha > 0.0 {
+                used[slot] = 1u32;
+                if transmittance * (1.0 - alpha) <= view.min_transmittance {
+                    is_live = false;
+                } else {
+                    let weight = alpha * transmittance;
+                    transmittance *= 1.0 - alpha;
+                    let at = staged[slot * STAGED + 5];
+                    silhouette += weight;
+                    depth_sum += weight * at;
+                    if at <= limit {
+                        covered += weight;
+                    }
+                    let mut behind = 0.0f32;
+                    if observed > 0.0 {
+                        behind = at - observed;
+                    }
+                    if behind < -rule.depth_tolerance {
+                        light -= weight;
+                    } else if behind <= rule.depth_tolerance && weight >= rule.min_weight * light {
+                        let gaussian = staged_gaussians[slot] as usize;
+                        for vote in 0..4usize {
+                            let count = votes[gaussian * 4 + vote];
+                            if count > 0.0 {
+                                let packed = vote_ids[gaussian * 2 + vote / 2];
+                                let id = (packed >> (16u32 * (vote as u32 & 1u32))) & 0xffffu32;
+                                let mut place = known;
+                                for slot in 0..known {
+                                    if ids[slot as usize] == id {
+                                        place = slot;
+                                    }
+                                }
+                                if place == known && known < 16 {
+                                    ids[place as usize] = id;
+                                    evidence[place as usize] = 0.0f32;
+                                    known += 1u32;
+                                }
+                                if place < known {
+                                    evidence[place as usize] += weight * count;
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        sync_cube();
+        // What is used moves together, in its order.
+        let mut rank = 0u32;
+        for slot in 0..unit {
+            rank += used[slot];
+        }
+        if used[unit] == 1 {
+            pairs[(begin + kept + rank) as usize] = pair;
+        }
+        if UNIT_POS == 255 {
+            flags[1] = rank + used[unit];
+        }
+        sync_cube();
+        kept += flags[1];
+    }
+    if UNIT_POS == 0 {
+        ends[CUBE_POS] = begin + kept;
+    }
+    if pixel.is_inside {
+        let pixels = (view.width * view.height) as usize;
+        let mut best = 0.0f32;
+        let mut segment = 0u32;
+        let divisor = select(light > MIN_LIGHT, light, MIN_LIGHT);
+        for place in 0..known {
+            let id = ids[place as usize];
+            let found = evidence[place as usize] / divisor;
+            table_ids[place as usize * pixels + pixel.index] = id;
+            table_evidence[place as usize * pixels + pixel.index] = found;
+            // Of equal ones the smaller id wins.
+            if found > best || (found == best && id < segment) {
+                best = found;
+                segment = id;
+            }
+        }
+        if best <= rule.min_evidence || silhouette <= MIN_SILHOUETTE {
+            segment = 0u32;
+        }
+        let mut confidence = 0.0f32;
+        if segment != 0 {
+            confidence = select(best < 1.0, best, 1.0);
+        }
+        let mut mean_depth = 0.0f32;
+        if silhouette > 0.0 {
+            mean_depth = depth_sum / silhouette;
+        }
+        images[pixel.index] = segment;
+        images[pixels + pixel.index] = u32::reinterpret(confidence);
+        images[2 * pixels + pixel.index] = u32::reinterpret(silhouette);
+        images[3 * pixels + pixel.index] = u32::reinterpret(mean_depth);
+        images[4 * pixels + pixel.index] = u32::reinterpret(covered);
+        images[5 * pixels + pixel.index] = known;
+    }
+}

@@ -1,0 +1,308 @@
+//! The votes that one frame gives (`splatseg_memory`'s `evidence/voting.rs` and `votes.rs`).
+
+use super::blend::{PIXELS, STAGED, alpha_at, pixel_of, stage};
+use super::camera::View;
+use super::forget::VOTED;
+use super::fuse::ABSTAIN;
+use cubecl::prelude::*;
+
+/// Gaussians that a tile counts together: the weights of all its pixels must fit the shared memory.
+pub(crate) const BATCH: usize = 16;
+
+/// Labels that one Gaussian can get votes for in a frame, and segments that it keeps votes for.
+pub(crate) const LABELS: usize = 4;
+
+/// Votes below this say nothing any more and make room.
+const NEGLIGIBLE: f32 = 0.02;
+
+/// Farther than any depth.
+const FAR: f32 = 3e38;
+
+/// Adds the weight of a label to up to four labels and their weights.
+#[cube]
+fn add_label(ids: &mut Array<u32>, weights: &mut Array<f32>, id: u32, weight: f32) {
+    if weight != 0.0 && id != ABSTAIN {
+        let mut place = LABELS.runtime();
+        for slot in 0..LABELS {
+            if place == LABELS && (weights[slot] == 0.0 || ids[slot] == id) {
+                place = slot;
+            }
+        }
+        // A fifth label is rare and has little weight.
+        if place < LABELS {
+            ids[place] = id;
+            weights[place] += weight;
+        }
+    }
+}
+
+/// Sums the weights of each pair's Gaussian in its tile by the `labels` `[height, width]` of the pixels: `totals` `[pairs]`,
+/// `label_ids` and `label_weights` `[pairs, 4]`. Sums go row by row, and runs of one label are added up first.
+#[cube(launch)]
+pub(crate) fn count_votes(
+    splats: &[f32],
+    splat_of_pair: &[u32],
+    pairs: &[u32],
+    begins: &[u32],
+    ends: &[u32],
+    labels: &[u32],
+    depth: &[f32],
+    totals: &mut [f32],
+    label_ids: &mut [u32],
+    label_weights: &mut [f32],
+    view: View,
+    tolerance: f32,
+) {
+    let mut staged = Shared::<[f32]>::new_slice(BATCH * STAGED);
+    let mut boxes = Shared::<[u32]>::new_slice(BATCH);
+    let mut weights = Shared::<[f32]>::new_slice(BATCH * PIXELS);
+    let mut tile_labels = Shared::<[u32]>::new_slice(PIXELS);
+    let mut tile_depth = Shared::<[f32]>::new_slice(PIXELS);
+    let mut range = Shared::<[f32]>::new_slice(2usize);
+    let tile = CUBE_POS as u32;
+    let unit = UNIT_POS as usize;
+    let pixel = pixel_of(tile, &view);
+    let begin = begins[CUBE_POS];
+    let count = ends[CUBE_POS] - begin;
+    let mut label = 0u32;
+    let mut observed = 0.0f32;
+    if pixel.is_inside {
+        label = labels[pixel.index];
+        observed = depth[pixel.index];
+    }
+    tile_labels[unit] = label;
+    tile_depth[unit] = observed;
+    sync_cube();
+    if unit == 0 {
+        let mut nearest = FAR.runtime();
+        let mut farthest = 0.0f32;
+        for at in 0..PIXELS {
+            let here = tile_depth[at];
+            if here > 0.0 {
+                nearest = select(here < nearest, here, nearest);
+                farthest = select(here > farthest, here, farthest);
+            }
+        }
+        range[0] = nearest;
+        range[1] = farthest;
+    }
+    let mut is_live = pixel.is_inside;
+    let mut transmittance = 1.0f32;
+    for batch in 0..(count + 15) / 16 {
+        let first = batch * 16;
+        let mut here = count - first;
+        if here > 16 {
+            here = 16u32;
+        }
+        sync_cube();
+        let mut pair = 0usize;
+        if UNIT_POS < here {
+            pair = pairs[(begin + first + UNIT_POS) as usize] as usize;
+            stage(splats, splat_of_pair[pair] as usize, tile, &view, &mut staged, &mut boxes, unit);
+        }
+        sync_cube();
+        for slot in 0..here {
+            let slot = slot as usize;
+            let mut weight = 0.0f32;
+            if is_live {
+                let alpha = alpha_at(&staged, &boxes, slot, &pixel, &view);
+                if alpha > 0.0 {
+                    if transmittance * (1.0 - alpha) <= view.min_transmittance {
+                        is_live = false;
+                    } else {
+                        weight = alpha * transmittance;
+                        transmittance *= 1.0 - alpha;
+                    }
+                }
+            }
+            weights[slot * PIXELS + unit] = weight;
+        }
+        sync_cube();
+        if UNIT_POS < here {
+            let at = staged[unit * STAGED + 5];
+            // Most tiles show one surface: then no pixel needs to be looked at.
+            let is_near_all = at <= range[0] + tolerance && at >= range[1] - tolerance;
+            let mut ids = Array::<u32>::new(LABELS);
+            let mut sums = Array::<f32>::new(LABELS);
+            for slot in 0..LABELS {
+                ids[slot] = 0u32;
+                sums[slot] = 0.0f32;
+            }
+            let mut total = 0.0f32;
+            let mut current = 0u32;
+            let mut sum = 0.0f32;
+            for place in 0..PIXELS {
+                let weight = weights[unit * PIXELS + place];
+                if weight > 0.0 {
+                    let observed = tile_depth[place];
+                    let apart = f32::abs(at - observed);
+                    if is_near_all || observed <= 0.0 || apart <= tolerance {
+                        let label = tile_labels[place];
+                        if label != current {
+                            total += sum;
+                            add_label(&mut ids, &mut sums, current, sum);
+                            current = label;
+                            sum = 0.0f32;
+                        }
+                        sum += weight;
+                    }
+                }
+            }
+            total += sum;
+            add_label(&mut ids, &mut sums, current, sum);
+            totals[pair] = total;
+            for slot in 0..LABELS {
+                label_ids[pair * LABELS + slot] = ids[slot];
+                label_weights[pair * LABELS + slot] = sums[slot];
+            }
+        }
+    }
+}
+
+/// The settings of the memory that votes depend on; see `splatseg_memory::MemorySettings`.
+#[derive(CubeLaunch, CubeType, Clone, Copy)]
+pub(crate) struct VoteRule {
+    /// What "no segment" weighs relative to a prediction.
+    pub no_segment_weight: f32,
+    /// Most votes of a Gaussian.
+    pub max_votes: f32,
+}
+
+/// Adds up the pairs of each visible Gaussian in the order of tiles, and gives its votes. `report` counts the Gaussians that
+/// had any at the place [`VOTED`].
+#[cube(launch)]
+pub(crate) fn give_votes(
+    order: &[u32],
+    starts: &[u32],
+    tile_counts: &[u32],
+    gaussians: &[u32],
+    totals: &[f32],
+    label_ids: &[u32],
+    label_weights: &[f32],
+    vote_ids: &mut [u32],
+    votes: &mut [f32],
+    report: &[Atomic<u32>],
+    rule: VoteRule,
+    count: u32,
+) {
+    let rank = ABSOLUTE_POS;
+    if rank >= count as usize {
+        terminate!();
+    }
+    let mut ids = Array::<u32>::new(LABELS);
+    let mut sums = Array::<f32>::new(LABELS);
+    for slot in 0..LABELS {
+        ids[slot] = 0u32;
+        sums[slot] = 0.0f32;
+    }
+    let mut total = 0.0f32;
+    let first = starts[rank] as usize;
+    for tile in 0..tile_counts[rank] as usize {
+        let pair = first + tile;
+        // The entry of a tile that shows nothing of the Gaussian was never written.
+        if totals[pair] > 0.0 {
+            let mut unlabelled = totals[pair];
+            for slot in 0..LABELS {
+                let weight = label_weights[pair * LABELS + slot];
+                total += weight;
+                add_label(&mut ids, &mut sums, label_ids[pair * LABELS + slot], weight);
+                unlabelled -= weight;
+            }
+            total += unlabelled;
+        }
+    }
+    if total > 0.0 {
+        let gaussian = gaussians[order[rank] as usize] as usize;
+        take_votes(&ids, &sums, total, vote_ids, votes, gaussian, &rule);
+        report[VOTED].fetch_add(1u32);
+    }
+}
+
+/// Gives one Gaussian its votes and scales them down if they are too many.
+#[cube]
+fn take_votes(
+    ids: &Array<u32>,
+    sums: &Array<f32>,
+    total: f32,
+    vote_ids: &mut [u32],
+    votes: &mut [f32],
+    gaussian: usize,
+    rule: &VoteRule,
+) {
+    let mut own_ids = Array::<u32>::new(LABELS);
+    let mut own = Array::<f32>::new(LABELS);
+    for slot in 0..LABELS {
+        own_ids[slot] = (vote_ids[gaussian * 2 + slot / 2] >> (16u32 * (slot as u32 & 1u32))) & 0xffffu32;
+        own[slot] = votes[gaussian * LABELS + slot];
+    }
+    let divisor = select(total > 1.0, total, 1.0);
+    for slot in 0..LABELS {
+        let mut share = sums[slot] / divisor;
+        if ids[slot] == 0 {
+            share *= rule.no_segment_weight;
+        }
+        if share > 0.0 {
+            add_vote(&mut own_ids, &mut own, ids[slot], share);
+        }
+    }
+    let sum = own[0] + own[1] + own[2] + own[3];
+    let mut scale = 1.0f32;
+    if sum > rule.max_votes {
+        scale = rule.max_votes / sum;
+    }
+    for slot in 0..LABELS {
+        let scaled = own[slot] * scale;
+        votes[gaussian * LABELS + slot] = select(scaled < NEGLIGIBLE, 0.0, scaled);
+    }
+    vote_ids[gaussian * 2] = own_ids[0] | (own_ids[1] << 16u32);
+    vote_ids[gaussian * 2 + 1] = own_ids[2] | (own_ids[3] << 16u32);
+}
+
+/// Adds votes for a segment. If all slots are taken by others it takes the place of the weakest, if it is stronger.
+#[cube]
+fn add_vote(ids: &mut Array<u32>, votes: &mut Array<f32>, id: u32, count: f32) {
+    let mut known = LABELS.runtime();
+    for slot in 0..LABELS {
+        if known == LABELS && votes[slot] > 0.0 && ids[slot] == id {
+            known = slot;
+        }
+    }
+    if known < LABELS {
+        votes[known] += count;
+    } else {
+        let mut weakest = 0usize;
+        for slot in 1..LABELS {
+            if votes[slot] < votes[weakest] {
+                weakest = slot;
+            }
+        }
+        if count > votes[weakest] {
+            ids[weakest] = id;
+            votes[weakest] = count;
+        }
+    }
+}
+
+/// Gives `count` votes for `id` to some Gaussians, and scales their votes down to at most `max`.
+#[cube(launch)]
+pub(crate) fn favour(
+    gaussians: &[u32],
+    vote_ids: &mut [u32],
+    votes: &mut [f32],
+    id: u32,
+    max_votes: f32,
+    gaussian_count: u32,
+) {
+    if ABSOLUTE_POS < gaussian_count as usize {
+        let mut ids = Array::<u32>::new(LABELS);
+        let mut sums = Array::<f32>::new(LABELS);
+        for slot in 0..LABELS {
+            ids[slot] = 0u32;
+            sums[slot] = 0.0f32;
+        }
+        ids[0] = id;
+        sums[0] = 2.0 * max_votes;
+        let rule = VoteRule { no_segment_weight: 1.0f32, max_votes };
+        take_votes(&ids, &sums, 1.0f32, vote_ids, votes, gaussians[ABSOLUTE_POS] as usize, &rule);
+    }
+}

@@ -1,0 +1,31 @@
+//! The map of a memory of evidence on a GPU: projection, tiles, blending, evidence, votes and removal.
+//!
+//! [`GpuDevice`] opens a Vulkan device; `splatseg_memory::SplatMemory::on_device` moves a memory there. The Gaussians stay on
+//! the device. Per frame, its depth and predictions go up, and images of what is expected and shown come down; blend weights
+//! are made and used on the device only. Rules and the order of sums are those of `splatseg-render` and `splatseg-memory`, so
+//! results agree with theirs but for roundings. No sum depends on the order of threads.
+//!
+//! | file | what it does |
+//! | --- | --- |
+//! | `device.rs` | opens a device; buffers; counts transfers |
+//! | `gaussians.rs` | the Gaussians on the device: appended, removed, read to be saved |
+//! | `view.rs` | a view: sights, projection, tiles, blending, expected segments |
+//! | `gpu_map.rs` | what a memory asks for: recall, fuse, update |
+//! | `sorting.rs` | prefix sums and the radix sort |
+//! | `kernels/` | the kernels, a file for each counterpart on the CPU |
+//! | `error.rs` | what can go wrong |
+
+mod device;
+mod error;
+mod gaussians;
+mod gpu_map;
+mod kernels;
+mod sorting;
+mod view;
+
+pub use device::{GpuDevice, Transfers};
+pub use error::GpuError;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

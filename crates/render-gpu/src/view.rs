@@ -1,0 +1,270 @@
+//! A view of a map on a device: which Gaussians are seen, in which tile, and what they are expected to show.
+
+use crate::GpuError;
+use crate::device::{Buffer, GpuDevice, cube_dim, cubes, threads};
+use crate::gaussians::DeviceGaussians;
+use crate::kernels::bin::{count_tiles, emit_pairs, find_tiles};
+use crate::kernels::camera::{ViewLaunch, view_args};
+use crate::kernels::expect::{EvidenceRuleLaunch, IMAGES, SLOTS, expect};
+use crate::kernels::project::{NUMBERS, mark_visible, project_visible};
+use crate::kernels::sight::{COUNTERS, PAIR_COUNT, VISIBLE_COUNT, note_sights};
+use crate::sorting::{Keyed, prefix_sums, sorted};
+use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
+use splatseg_memory::{DeviceImages, GrowthRule, MemorySettings, SegmentBelief};
+use splatseg_render::Camera;
+use std::sync::Mutex;
+
+/// Bits of a depth as a sort key: positive floats have no sign.
+const DEPTH_BITS: u32 = 32;
+
+/// What the frame says of every Gaussian.
+#[derive(Debug)]
+pub(crate) struct Sights {
+    /// One per Gaussian.
+    pub sights: Buffer,
+    /// Whether each can touch the image.
+    pub visible: Buffer,
+    /// [`COUNTERS`] of them.
+    pub counters: Buffer,
+    /// Gaussians of the map when it was looked at.
+    pub count: usize,
+}
+
+/// The pairs of a tile and a Gaussian in it.
+#[derive(Debug)]
+pub(crate) struct Tiles {
+    /// `[visible, 8]`.
+    pub splats: Buffer,
+    /// The Gaussian of each of `splats`.
+    pub gaussians: Buffer,
+    /// `splats` front to back.
+    pub order: Buffer,
+    /// The first pair of each in that order, and how many it has.
+    pub starts: Buffer,
+    pub tile_counts: Buffer,
+    /// Whose each pair is.
+    pub splat_of_pair: Buffer,
+    /// Pairs by tile, front to back: those of a tile are from `begins` to `ends`.
+    pub pairs: Buffer,
+    pub begins: Buffer,
+    pub ends: Buffer,
+    pub visible_count: usize,
+    pub pair_count: usize,
+}
+
+/// A view, for the rest of its frame.
+#[derive(Debug)]
+pub(crate) struct GpuView {
+    pub camera: Camera,
+    /// The frame's depth, `[height, width]`.
+    pub depth: Buffer,
+    pub sights: Sights,
+    pub tiles: Tiles,
+    /// `[6, height, width]`, see [`IMAGES`].
+    pub images: Buffer,
+    /// `[16, height, width]`.
+    pub table_ids: Buffer,
+    pub table_evidence: Buffer,
+    /// The predictions that were sent last.
+    pub seen: Mutex<Option<(SegmentMap, Buffer)>>,
+}
+
+impl GpuView {
+    /// The camera as kernels take it.
+    pub fn args(&self) -> ViewLaunch {
+        view_args(&self.camera)
+    }
+
+    /// The frame's predictions on the device; they are sent only if they are not there.
+    pub fn send_seen(&self, device: &GpuDevice, seen: &SegmentMap) -> Result<Buffer, GpuError> {
+        let mut sent = self.seen.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if let Some((known, buffer)) = sent.as_ref()
+            && known == seen
+        {
+            return Ok(buffer.clone());
+        }
+        let buffer = device.upload(seen.pixels(), "predictions")?;
+        *sent = Some((seen.clone(), buffer.clone()));
+        Ok(buffer)
+    }
+}
+
+/// Compares all Gaussians with the frame's depth.
+pub(crate) fn look(
+    device: &GpuDevice,
+    map: &DeviceGaussians,
+    depth: &Buffer,
+    camera: &Camera,
+    settings: &MemorySettings,
+) -> Result<Sights, GpuError> {
+    let count = map.len();
+    let sights = device.empty(count, "sights")?;
+    let visible = device.empty(count, "visible Gaussians")?;
+    let counters = device.zeros(COUNTERS, "counters")?;
+    let (cube_count, cube) = threads(count);
+    note_sights::launch(
+        &device.client,
+        cube_count.clone(),
+        cube,
+        map.balls().arg(),
+        depth.arg(),
+        sights.arg(),
+        counters.arg(),
+        view_args(camera),
+        settings.removal_margin,
+        settings.removal_margin_relative,
+        count as u32,
+    );
+    let hides_through = settings.growth_rule() != GrowthRule::Paper && settings.removal_frames > 0;
+    mark_visible::launch(
+        &device.client,
+        cube_count,
+        cube,
+        map.balls().arg(),
+        sights.arg(),
+        visible.arg(),
+        counters.arg(),
+        view_args(camera),
+        u32::from(hides_through),
+        count as u32,
+    );
+    Ok(Sights { sights, visible, counters, count })
+}
+
+/// Sorts the visible Gaussians into tiles, front to back.
+pub(crate) fn bin(
+    device: &GpuDevice,
+    map: &DeviceGaussians,
+    sights: &Sights,
+    camera: &Camera,
+) -> Result<Tiles, GpuError> {
+    let client = &device.client;
+    let places = prefix_sums(device, &sights.visible, sights.count)?;
+    let [counters] = device.download([&sights.counters])?;
+    let (visible, pairs) = (counters[VISIBLE_COUNT] as usize, counters[PAIR_COUNT] as usize);
+    let splats = device.empty(visible * NUMBERS, "visible Gaussians")?;
+    let gaussians = device.empty(visible, "visible Gaussians")?;
+    let by_depth = Keyed { keys: device.empty(visible, "sort keys")?, values: device.empty(visible, "sort values")? };
+    let (cube_count, cube) = threads(sights.count);
+    project_visible::launch(
+        client,
+        cube_count,
+        cube,
+        map.balls().arg(),
+        sights.visible.arg(),
+        places.arg(),
+        splats.arg(),
+        gaussians.arg(),
+        by_depth.keys.arg(),
+        by_depth.values.arg(),
+        view_args(camera),
+        sights.count as u32,
+    );
+    let order = sorted(device, by_depth, visible, DEPTH_BITS)?.values;
+    let tile_counts = device.empty(visible, "tiles of Gaussians")?;
+    let (cube_count, cube) = threads(visible);
+    let (view, count) = (view_args(camera), visible as u32);
+    count_tiles::launch(client, cube_count.clone(), cube, splats.arg(), order.arg(), tile_counts.arg(), view, count);
+    let starts = prefix_sums(device, &tile_counts, visible)?;
+    let by_tile = Keyed { keys: device.empty(pairs, "sort keys")?, values: device.empty(pairs, "sort values")? };
+    let splat_of_pair = device.empty(pairs, "pairs of Gaussian and tile")?;
+    emit_pairs::launch(
+        client,
+        cube_count,
+        cube,
+        splats.arg(),
+        order.arg(),
+        starts.arg(),
+        by_tile.keys.arg(),
+        by_tile.values.arg(),
+        splat_of_pair.arg(),
+        view_args(camera),
+        count,
+    );
+    let tiles = tile_count(camera);
+    let by_tile = sorted(device, by_tile, pairs, tiles.next_power_of_two().ilog2().max(1))?;
+    let (begins, ends) = (device.empty(tiles, "tiles")?, device.empty(tiles, "tiles")?);
+    let (cube_count, cube) = threads(tiles);
+    let keys = by_tile.keys.arg();
+    find_tiles::launch(client, cube_count, cube, keys, begins.arg(), ends.arg(), pairs as u32, tiles as u32);
+    let (visible_count, pair_count, pairs) = (visible, pairs, by_tile.values);
+    Ok(Tiles {
+        splats,
+        gaussians,
+        order,
+        starts,
+        tile_counts,
+        splat_of_pair,
+        pairs,
+        begins,
+        ends,
+        visible_count,
+        pair_count,
+    })
+}
+
+/// Number of tiles of a camera's image.
+pub(crate) fn tile_count(camera: &Camera) -> usize {
+    camera.intrinsics.width.div_ceil(16) * camera.intrinsics.height.div_ceil(16)
+}
+
+/// Renders the map and reads what it expects.
+pub(crate) fn render(
+    device: &GpuDevice,
+    map: &DeviceGaussians,
+    frame: &RgbdFrame<'_>,
+    camera: &Camera,
+    settings: &MemorySettings,
+) -> Result<(GpuView, DeviceImages), GpuError> {
+    let depth = device.upload(frame.depth().pixels(), "depth")?;
+    let sights = look(device, map, &depth, camera, settings)?;
+    let tiles = bin(device, map, &sights, camera)?;
+    let (width, height) = (frame.width(), frame.height());
+    let pixels = width * height;
+    let images = device.empty(IMAGES * pixels, "images")?;
+    let table_ids = device.empty(SLOTS * pixels, "evidence")?;
+    let table_evidence = device.empty(SLOTS * pixels, "evidence")?;
+    expect::launch(
+        &device.client,
+        cubes(tile_count(camera)),
+        cube_dim(),
+        tiles.splats.arg(),
+        tiles.gaussians.arg(),
+        tiles.splat_of_pair.arg(),
+        tiles.pairs.arg(),
+        tiles.begins.arg(),
+        tiles.ends.arg(),
+        map.vote_ids().arg(),
+        map.votes().arg(),
+        depth.arg(),
+        images.arg(),
+        table_ids.arg(),
+        table_evidence.arg(),
+        view_args(camera),
+        EvidenceRuleLaunch::new(
+            settings.depth_disparity,
+            settings.depth_tolerance,
+            settings.min_weight,
+            settings.min_evidence,
+        ),
+    );
+    let [found] = device.download([&images])?;
+    let found = images_of(&found, (width, height)).ok_or_else(|| GpuError::Failed {
+        reason: format!("{} values came back for images of {width}x{height} pixels", found.len()),
+    })?;
+    let camera = *camera;
+    let view = GpuView { camera, depth, sights, tiles, images, table_ids, table_evidence, seen: Mutex::new(None) };
+    Ok((view, found))
+}
+
+/// The images that [`expect`] wrote.
+fn images_of(values: &[u32], (width, height): (usize, usize)) -> Option<DeviceImages> {
+    let mut parts = values.chunks_exact((width * height).max(1));
+    let segments = SegmentMap::from_pixels(width, height, parts.next()?.to_vec()).ok()?;
+    let mut image = || {
+        let pixels = parts.next()?.iter().map(|bits| f32::from_bits(*bits)).collect();
+        Image::from_pixels(width, height, pixels).ok()
+    };
+    let (confidence, silhouette, depth, covered) = (image()?, image()?, image()?, image()?);
+    Some(DeviceImages { belief: SegmentBelief { segments, confidence }, silhouette, depth, covered })
+}
