@@ -63,7 +63,7 @@ fn masks_of(
 }
 
 fn describe(name: &str, (scores, gaussians, time): &(Scores, usize, Duration), frames: usize) {
-    let percent = |score: Option<f64>| score.map_or("none".to_owned(), |score| format!("{:.3}", 100.0 * score));
+    let percent = |score: Option<f64>| score.map_or("none".to_owned(), |score| format!("{score:.3}"));
     let per_frame = time.as_secs_f64() * 1e3 / frames.max(1) as f64;
     println!(
         "{name}: VSQ {}, STQ {}, {gaussians} Gaussians, {per_frame:.0} ms a frame",

@@ -97,6 +97,12 @@ impl GpuDevice {
         }
     }
 
+    /// The same device with a count of its own.
+    #[must_use]
+    pub fn fresh_counters(&self) -> Self {
+        Self { counters: Arc::default(), ..self.clone() }
+    }
+
     /// Room for `len` values of any content, at least one; `what` names it in errors.
     pub(crate) fn empty(&self, len: usize, what: &'static str) -> Result<Buffer, GpuError> {
         let len = len.max(1);
