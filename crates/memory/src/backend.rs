@@ -104,10 +104,13 @@ pub trait MapBackend: std::fmt::Debug + Send + Sync {
     /// If there is no room for it.
     fn new_segment(&mut self, id: SegmentId) -> Result<(), MemoryError>;
 
-    /// Where the Gaussians are, world coordinates.
+    /// Number of Gaussians.
+    fn gaussian_count(&self) -> usize;
+
+    /// Where the Gaussians are, world coordinates; none if they cannot be read off the device, which is logged.
     fn balls(&self) -> &Balls;
 
-    /// Colours of the Gaussians, sRGB.
+    /// Colours of the Gaussians, sRGB; none if they cannot be read off the device, which is logged.
     fn colors(&self) -> &[[u8; 3]];
 
     /// Numbers that each Gaussian holds for segments.

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
 
 /// The Gaussians to be added by the rule that `settings` ask for. `seen` are the frame's predictions.
-pub fn new_gaussians(recall: &Recall<'_>, seen: &SegmentMap, settings: &MemorySettings) -> Vec<NewGaussian> {
+pub(crate) fn new_gaussians(recall: &Recall<'_>, seen: &SegmentMap, settings: &MemorySettings) -> Vec<NewGaussian> {
     match settings.growth_rule() {
         GrowthRule::Paper => by_paper(recall, settings),
         _ => missing(recall, seen, settings),

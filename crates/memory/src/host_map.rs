@@ -97,6 +97,10 @@ impl MapBackend for HostMap {
         self.store.new_segment(id)
     }
 
+    fn gaussian_count(&self) -> usize {
+        self.map.len()
+    }
+
     fn balls(&self) -> &Balls {
         &self.map.balls
     }

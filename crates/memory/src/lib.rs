@@ -31,7 +31,6 @@ pub use backend::{EvidenceDevice, MapBackend, MapContent, MapUpdate, VisibleGaus
 pub use belief::SegmentBelief;
 pub use evidence::Votes;
 pub use features::{Codebook, CodebookError, CodebookSettings, LearningExtent};
-pub use growth::new_gaussians;
 pub use map::{NewGaussian, SplatMap};
 pub use persistence::LoadMemoryError;
 pub use ply::{ExportedForm, ExportedGaussian, write_exported};

@@ -46,8 +46,6 @@ pub struct DeviceImages {
     pub silhouette: Image<f32>,
     /// Rendered z-depth, metres, divided by the silhouette; 0 where nothing is seen.
     pub depth: Image<f32>,
-    /// Accumulated alpha of what does not lie behind the frame's own surface.
-    pub covered: Image<f32>,
 }
 
 /// What a tile of the frame and of the map look like, whatever is remembered of segments. Buffers are `[16, 16]`.
@@ -113,7 +111,9 @@ impl<'f> Recall<'f> {
         images: DeviceImages,
         view: Box<dyn Any + Send + Sync>,
     ) -> Self {
-        let DeviceImages { belief, silhouette, depth, covered } = images;
+        let DeviceImages { belief, silhouette, depth } = images;
+        // What is missing is found on the device.
+        let covered = Image::filled(frame.width(), frame.height(), 0.0);
         let (sights, tiles, depthless) = (Vec::new(), Vec::new(), Vec::new());
         let host = View::new(&Balls::default(), camera);
         let device = Some(view);
@@ -125,7 +125,7 @@ impl<'f> Recall<'f> {
         let (width, height) = (frame.width(), frame.height());
         let dark = Image::filled(width, height, 0.0);
         let belief = SegmentBelief::empty(width, height);
-        let images = DeviceImages { belief, silhouette: dark.clone(), depth: dark.clone(), covered: dark };
+        let images = DeviceImages { belief, silhouette: dark.clone(), depth: dark };
         Self { failure: Some(failure), ..Self::of_device(frame, camera, images, Box::new(())) }
     }
 
@@ -173,11 +173,6 @@ impl<'f> Recall<'f> {
     /// Rendered z-depth in metres, `[height, width]`; 0 where nothing is seen.
     pub fn depth(&self) -> &Image<f32> {
         &self.depth
-    }
-
-    /// Accumulated alpha up to the frame's own surface in [0, 1], `[height, width]`: near 0 where the map lacks it.
-    pub fn covered(&self) -> &Image<f32> {
-        &self.covered
     }
 
     /// `[height, width]` of what `read` makes of each tile, `[16, 16]` row-major; empty tiles if the map is on a device.

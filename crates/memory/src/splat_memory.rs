@@ -335,7 +335,7 @@ impl SplatMemory {
 
     /// Number of Gaussians.
     pub fn gaussian_count(&self) -> usize {
-        self.backend.balls().len()
+        self.backend.gaussian_count()
     }
 
     /// Number of ids given so far: ids are 1 to this.

@@ -2,10 +2,11 @@
 
 use crate::GpuError;
 use crate::device::{Buffer, GpuDevice, threads};
-use crate::kernels::forget::{NEW_NUMBERS, append, compact, copy};
+use crate::kernels::forget::{SENT_NUMBERS, compact, copy, unpack};
 use crate::kernels::vote::favour;
 use crate::sorting::prefix_sums;
-use splatseg_memory::Votes;
+use glam::Vec3;
+use splatseg_memory::{SplatMap, Votes};
 
 /// Gaussians that a map has room for at first.
 const FIRST_CAPACITY: usize = 1 << 14;
@@ -21,26 +22,29 @@ struct Arrays {
     votes: Buffer,
     last_seen: Buffer,
     seen_through: Buffer,
+    /// sRGB, red in the lowest byte.
+    colors: Buffer,
 }
 
 /// Values per Gaussian in each of the arrays, in their order.
-const WIDTHS: [usize; 5] = [4, 2, 4, 1, 1];
+const WIDTHS: [usize; 6] = [4, 2, 4, 1, 1, 1];
 
 impl Arrays {
     fn with_capacity(device: &GpuDevice, capacity: usize) -> Result<Self, GpuError> {
         let empty = |width: usize| device.empty(capacity * width, "the map");
-        let [balls, vote_ids, votes, last_seen, seen_through] = WIDTHS;
+        let [balls, vote_ids, votes, last_seen, seen_through, colors] = WIDTHS;
         Ok(Self {
             balls: empty(balls)?,
             vote_ids: empty(vote_ids)?,
             votes: empty(votes)?,
             last_seen: empty(last_seen)?,
             seen_through: empty(seen_through)?,
+            colors: empty(colors)?,
         })
     }
 
-    fn all(&self) -> [&Buffer; 5] {
-        [&self.balls, &self.vote_ids, &self.votes, &self.last_seen, &self.seen_through]
+    fn all(&self) -> [&Buffer; 6] {
+        [&self.balls, &self.vote_ids, &self.votes, &self.last_seen, &self.seen_through, &self.colors]
     }
 }
 
@@ -53,18 +57,11 @@ pub(crate) struct DeviceGaussians {
     count: usize,
 }
 
-/// What a Gaussian keeps besides its ball, as the host knows it.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct GaussianStates {
-    pub votes: Vec<Votes>,
-    pub last_seen: Vec<u32>,
-    pub seen_through: Vec<u8>,
-}
-
-/// A new Gaussian as [`append`] takes it.
-pub(crate) fn packed(mean: glam::Vec3, radius: f32, votes: &Votes) -> [u32; NEW_NUMBERS] {
-    let [a, b, c, d] = votes.slots();
+/// A Gaussian as [`unpack`] takes it.
+fn packed(map: &SplatMap, votes: &[Votes], index: usize) -> [u32; SENT_NUMBERS] {
+    let [a, b, c, d] = votes[index].slots();
     let pair = |low: u16, high: u16| u32::from(low) | u32::from(high) << 16;
+    let (mean, radius) = (map.balls.means[index], map.balls.radii[index]);
     [
         mean.x.to_bits(),
         mean.y.to_bits(),
@@ -76,14 +73,41 @@ pub(crate) fn packed(mean: glam::Vec3, radius: f32, votes: &Votes) -> [u32; NEW_
         b.1.to_bits(),
         c.1.to_bits(),
         d.1.to_bits(),
+        packed_color(map.colors[index]),
+        map.last_seen[index],
+        u32::from(map.seen_through[index]),
     ]
 }
 
+/// sRGB, red in the lowest byte.
+pub(crate) fn packed_color([red, green, blue]: [u8; 3]) -> u32 {
+    u32::from_le_bytes([red, green, blue, 0])
+}
+
 impl DeviceGaussians {
-    /// None.
-    pub fn new(device: &GpuDevice) -> Result<Self, GpuError> {
-        let arrays = Arrays::with_capacity(device, FIRST_CAPACITY)?;
-        Ok(Self { device: device.clone(), arrays, capacity: FIRST_CAPACITY, count: 0 })
+    /// Those of a map; there is one entry of `votes` per Gaussian.
+    pub fn new(device: &GpuDevice, map: &SplatMap, votes: &[Votes]) -> Result<Self, GpuError> {
+        let count = map.balls.len().min(votes.len());
+        let capacity = count.next_power_of_two().max(FIRST_CAPACITY);
+        let arrays = Arrays::with_capacity(device, capacity)?;
+        let sent: Vec<_> = (0..count).map(|index| packed(map, votes, index)).collect();
+        let sent = device.upload(sent.as_flattened(), "the Gaussians of a map")?;
+        let (cubes, cube) = threads(count);
+        let [balls, vote_ids, votes, last_seen, seen_through, colors] = arrays.all().map(Buffer::arg);
+        unpack::launch(
+            &device.client,
+            cubes,
+            cube,
+            sent.arg(),
+            balls,
+            vote_ids,
+            votes,
+            last_seen,
+            seen_through,
+            colors,
+            count as u32,
+        );
+        Ok(Self { device: device.clone(), arrays, capacity, count })
     }
 
     /// Number of Gaussians.
@@ -116,46 +140,18 @@ impl DeviceGaussians {
         &self.arrays.seen_through
     }
 
-    /// Adds Gaussians that frame number `frame` saw first.
-    pub fn add(&mut self, added: &[[u32; NEW_NUMBERS]], frame: u32) -> Result<(), GpuError> {
-        if added.is_empty() {
-            return Ok(());
-        }
-        self.reserve(added.len())?;
-        let sent = self.device.upload(added.as_flattened(), "new Gaussians")?;
-        let (cubes, cube) = threads(added.len());
-        let [balls, vote_ids, votes, last_seen, seen_through] = self.arrays.all().map(Buffer::arg);
-        append::launch(
-            &self.device.client,
-            cubes,
-            cube,
-            sent.arg(),
-            balls,
-            vote_ids,
-            votes,
-            last_seen,
-            seen_through,
-            frame,
-            self.count as u32,
-            added.len() as u32,
-        );
-        self.count += added.len();
-        Ok(())
+    /// sRGB, red in the lowest byte.
+    pub fn colors(&self) -> &Buffer {
+        &self.arrays.colors
     }
 
-    /// Replaces what is known of when each Gaussian was seen.
-    pub fn restore_sights(&mut self, last_seen: &[u32], seen_through: &[u8]) -> Result<(), GpuError> {
-        let seen_through: Vec<u32> = seen_through.iter().map(|frames| u32::from(*frames)).collect();
-        let pairs = [(last_seen, &self.arrays.last_seen), (&seen_through, &self.arrays.seen_through)];
-        for (values, to) in pairs {
-            let from = self.device.upload(values, "when Gaussians were seen")?;
-            let (cubes, cube) = threads(values.len());
-            copy::launch(&self.device.client, cubes, cube, from.arg(), to.arg(), values.len() as u32);
-        }
-        Ok(())
+    /// Counts Gaussians that were written behind the others.
+    pub fn note_grown(&mut self, grown: usize) {
+        self.count += grown;
     }
 
-    fn reserve(&mut self, added: usize) -> Result<(), GpuError> {
+    /// Makes room behind the Gaussians.
+    pub fn reserve(&mut self, added: usize) -> Result<(), GpuError> {
         let needed = self.count + added;
         if needed <= self.capacity {
             return Ok(());
@@ -175,8 +171,8 @@ impl DeviceGaussians {
         let places = prefix_sums(&self.device, keep, self.count)?;
         let arrays = Arrays::with_capacity(&self.device, self.capacity)?;
         let (cubes, cube) = threads(self.count);
-        let [balls, vote_ids, votes, last_seen, seen_through] = self.arrays.all().map(Buffer::arg);
-        let [to_balls, to_vote_ids, to_votes, to_last_seen, to_seen_through] = arrays.all().map(Buffer::arg);
+        let [balls, vote_ids, votes, last_seen, seen_through, colors] = self.arrays.all().map(Buffer::arg);
+        let [to_balls, to_vote_ids, to_votes, to_last_seen, to_seen_through, to_colors] = arrays.all().map(Buffer::arg);
         compact::launch(
             &self.device.client,
             cubes,
@@ -188,11 +184,13 @@ impl DeviceGaussians {
             votes,
             last_seen,
             seen_through,
+            colors,
             to_balls,
             to_vote_ids,
             to_votes,
             to_last_seen,
             to_seen_through,
+            to_colors,
             self.count as u32,
         );
         (self.arrays, self.count) = (arrays, kept);
@@ -208,21 +206,28 @@ impl DeviceGaussians {
         Ok(())
     }
 
-    /// Reads all but the balls.
-    pub fn states(&self) -> Result<GaussianStates, GpuError> {
-        let Arrays { vote_ids, votes, last_seen, seen_through, .. } = &self.arrays;
-        let [ids, votes, mut last_seen, seen_through] =
-            self.device.download([vote_ids, votes, last_seen, seen_through])?;
+    /// Reads all of them.
+    pub fn read(&self) -> Result<(SplatMap, Vec<Votes>), GpuError> {
+        let count = self.count;
+        let [balls, ids, votes, mut last_seen, seen_through, colors] = self.device.download(self.arrays.all())?;
         let of_gaussian = |(ids, votes): (&[u32], &[u32])| {
             Votes::from_slots(std::array::from_fn(|slot| {
                 ((ids[slot / 2] >> (16 * (slot % 2))) as u16, f32::from_bits(votes[slot]))
             }))
         };
-        last_seen.truncate(self.count);
-        Ok(GaussianStates {
-            votes: ids.chunks_exact(2).zip(votes.chunks_exact(4)).take(self.count).map(of_gaussian).collect(),
-            last_seen,
-            seen_through: seen_through.iter().take(self.count).map(|frames| *frames as u8).collect(),
-        })
+        let mut map = SplatMap::default();
+        for ball in balls.chunks_exact(4).take(count) {
+            let [x, y, z, radius] = [0, 1, 2, 3].map(|number: usize| f32::from_bits(ball[number]));
+            map.balls.push(Vec3::new(x, y, z), radius);
+        }
+        last_seen.truncate(count);
+        map.last_seen = last_seen;
+        map.seen_through = seen_through.iter().take(count).map(|frames| *frames as u8).collect();
+        let color = |bytes: &u32| {
+            let [red, green, blue, _] = bytes.to_le_bytes();
+            [red, green, blue]
+        };
+        map.colors = colors.iter().take(count).map(color).collect();
+        Ok((map, ids.chunks_exact(2).zip(votes.chunks_exact(4)).take(count).map(of_gaussian).collect()))
     }
 }

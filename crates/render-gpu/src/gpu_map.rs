@@ -1,36 +1,33 @@
 //! A map of evidence on a device, as a memory asks for it.
 
 use crate::GpuError;
-use crate::device::{Buffer, GpuDevice, threads};
-use crate::gaussians::{DeviceGaussians, packed};
-use crate::kernels::forget::{CARRIED, NOWHERE, REMOVED, VOTED, locate_seen, mark_carried, note_frame};
+use crate::device::{Buffer, GpuDevice, cube_dim, cubes, threads};
+use crate::gaussians::DeviceGaussians;
+use crate::growth::Growth;
+use crate::kernels::forget::{CARRIED, GROWN, NOWHERE, REMOVED, VOTED, locate_seen, mark_carried, note_frame, pack_flags, set};
 use crate::kernels::fuse::fuse;
 use crate::kernels::vote::{LABELS, VoteRuleLaunch, count_votes, give_votes};
 use crate::view::{GpuView, Sights, look, render, tile_count};
-use cubecl::prelude::CubeDim;
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
-    ABSTAIN, EvidenceDevice, GrowthRule, LearningExtent, MapBackend, MapContent, MapUpdate, MemoryError,
-    MemorySettings, NewGaussian, Recall, SplatContentView, SplatMap, VisibleGaussian, Votes, longest_unseen,
-    new_gaussians,
+    EvidenceDevice, GrowthRule, LearningExtent, MapBackend, MapContent, MapUpdate, MemoryError, MemorySettings, Recall,
+    SplatContentView, SplatMap, VisibleGaussian, Votes, longest_unseen,
 };
 use splatseg_render::{Balls, Camera};
-use std::sync::OnceLock;
+use std::sync::{LazyLock, OnceLock};
 
-/// The map: its Gaussians are on the device; the host knows where they are, which never changes, but not what they remember.
+/// The map. Its Gaussians are on the device, and the host knows only how many there are.
 #[derive(Debug)]
 struct GpuMap {
     device: GpuDevice,
     settings: MemorySettings,
     gaussians: DeviceGaussians,
-    /// Where the Gaussians are, and their colours; when they were seen is known on the device alone.
-    host: SplatMap,
     /// What was read to be saved or shown, until the map changes.
     copy: OnceLock<HostCopy>,
 }
 
 /// All that the device holds.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct HostCopy {
     map: SplatMap,
     votes: Vec<Votes>,
@@ -43,15 +40,9 @@ impl EvidenceDevice for GpuDevice {
         map: SplatMap,
         votes: Vec<Votes>,
     ) -> Result<Box<dyn MapBackend>, MemoryError> {
-        let mut gaussians = DeviceGaussians::new(self)?;
-        let balls = map.balls.means.iter().zip(&map.balls.radii).zip(&votes);
-        let added: Vec<_> = balls.map(|((mean, radius), votes)| packed(*mean, *radius, votes)).collect();
-        gaussians.add(&added, 0)?;
-        if !added.is_empty() {
-            gaussians.restore_sights(&map.last_seen, &map.seen_through)?;
-        }
+        let gaussians = DeviceGaussians::new(self, &map, &votes)?;
         let (device, settings) = (self.clone(), settings.clone());
-        Ok(Box::new(GpuMap { device, settings, gaussians, host: map, copy: OnceLock::new() }))
+        Ok(Box::new(GpuMap { device, settings, gaussians, copy: OnceLock::new() }))
     }
 }
 
@@ -66,27 +57,33 @@ impl GpuMap {
         if let Some(copy) = self.copy.get() {
             return Ok(copy);
         }
-        let states = self.gaussians.states()?;
-        let map =
-            SplatMap { last_seen: states.last_seen, seen_through: states.seen_through, ..self.host.clone() };
-        Ok(self.copy.get_or_init(|| HostCopy { map, votes: states.votes }))
+        let (map, votes) = self.gaussians.read()?;
+        Ok(self.copy.get_or_init(|| HostCopy { map, votes }))
     }
 
-    /// Adds Gaussians that frame number `number` saw first.
-    fn grow(&mut self, added: &[NewGaussian], seen: &SegmentMap, number: u32) -> Result<(), GpuError> {
-        let votes_at = |pixel: usize| match seen.pixels()[pixel] {
-            0 => Votes::one(0, self.settings.no_segment_weight),
-            ABSTAIN => Votes::default(),
-            id => Votes::one(id, 1.0),
-        };
-        let sent: Vec<_> =
-            added.iter().map(|new| packed(new.mean, new.radius, &votes_at(new.pixel))).collect();
-        self.gaussians.add(&sent, number)?;
-        for new in added {
-            self.host.balls.push(new.mean, new.radius);
-            self.host.colors.push(new.color);
-        }
-        Ok(())
+    /// The copy, or an empty one if the device fails, which is logged.
+    fn copy_or_empty(&self) -> &HostCopy {
+        static EMPTY: LazyLock<HostCopy> = LazyLock::new(HostCopy::default);
+        self.copy().unwrap_or_else(|error| {
+            tracing::error!("{error}");
+            &EMPTY
+        })
+    }
+
+    /// Writes the Gaussians that frame number `number` shows and the map lacks behind the others, and counts them in
+    /// `report`.
+    fn grow(
+        &mut self,
+        view: &GpuView,
+        frame: &RgbdFrame<'_>,
+        seen: &SegmentMap,
+        number: u32,
+        report: &Buffer,
+    ) -> Result<(), GpuError> {
+        let seen = view.send_seen(&self.device, seen)?;
+        self.gaussians.reserve(frame.width() * frame.height())?;
+        let growth = Growth { device: &self.device, view, frame, seen: &seen, settings: &self.settings };
+        growth.write(&self.gaussians, number, report)
     }
 
     /// Gives the votes of a frame, and counts the Gaussians that have any in `report`.
@@ -99,8 +96,8 @@ impl GpuMap {
         let label_weights = device.empty(pairs * LABELS, "votes of pairs")?;
         count_votes::launch(
             &device.client,
-            crate::device::cubes(tile_count(&view.camera)),
-            crate::device::cube_dim(),
+            cubes(tile_count(&view.camera)),
+            cube_dim(),
             tiles.splats.arg(),
             tiles.splat_of_pair.arg(),
             tiles.pairs.arg(),
@@ -135,11 +132,9 @@ impl GpuMap {
         Ok(())
     }
 
-    /// Notes what frame number `number` says of each Gaussian; returns 1 for those that are to be kept.
-    fn note_frame(&self, sights: &Sights, number: u32, report: &Buffer) -> Result<Buffer, GpuError> {
-        let count = self.gaussians.len();
-        let keep = self.device.empty(count, "which Gaussians are kept")?;
-        let (cubes, cube) = threads(count);
+    /// Notes what frame number `number` says of Gaussians, and sets those that are gone to 0 in `keep`.
+    fn note_frame(&self, sights: &Sights, number: u32, keep: &Buffer, report: &Buffer) {
+        let (cubes, cube) = threads(sights.count);
         note_frame::launch(
             &self.device.client,
             cubes,
@@ -153,13 +148,11 @@ impl GpuMap {
             number,
             u32::from(self.settings.removal_frames),
             sights.count as u32,
-            count as u32,
         );
-        Ok(keep)
     }
 
     fn mark_carried(&self, keep: &Buffer, report: &Buffer) {
-        let (cubes, cube): (_, CubeDim) = threads(self.gaussians.len());
+        let (cubes, cube) = threads(keep.len());
         mark_carried::launch(
             &self.device.client,
             cubes,
@@ -173,48 +166,62 @@ impl GpuMap {
         );
     }
 
-    /// Removes what is gone after frame number `number`, and reports what is left.
-    fn forget(
-        &mut self,
-        view: &GpuView,
-        number: u32,
-        segments: usize,
-        report: Buffer,
-        update: &mut MapUpdate,
-    ) -> Result<(), GpuError> {
+    /// Removes what is gone after frame number `number`, and says what is left.
+    fn forget(&mut self, view: &GpuView, number: u32, report: &Buffer, update: &mut MapUpdate) -> Result<(), GpuError> {
+        let room = view.camera.intrinsics.width * view.camera.intrinsics.height;
+        let keep = self.device.filled(self.gaussians.len() + room, 1, "which Gaussians are kept")?;
+        let is_paper = self.settings.growth_rule() == GrowthRule::Paper;
+        let is_first = view.sights.count == 0;
+        let mut grown = None;
+        if is_first || is_paper {
+            // What was grown decides what is asked.
+            let [found] = self.device.download([report])?;
+            grown = Some(self.note_grown(&found));
+            // It is not to be counted again.
+            set::launch(&self.device.client, cubes(1), cube_dim(), report.arg(), GROWN as u32, 0);
+        }
         let is_full = self.gaussians.len() > self.settings.max_gaussians;
-        let removes = self.settings.growth_rule() != GrowthRule::Paper || is_full;
-        let keep = if removes {
-            // The first frame says nothing of an empty map: it is asked again about what has grown.
-            let first = match view.sights.count {
-                0 => Some(look(&self.device, &self.gaussians, &view.depth, &view.camera, &self.settings)?),
-                _ => None,
-            };
-            self.note_frame(first.as_ref().unwrap_or(&view.sights), number, &report)?
-        } else {
-            self.device.filled(self.gaussians.len(), 1, "which Gaussians are kept")?
+        if is_first && (!is_paper || is_full) {
+            // The frame said nothing of an empty map: it is asked again about what has grown.
+            let sights = look(&self.device, &self.gaussians, &view.depth, &view.camera, &self.settings)?;
+            self.note_frame(&sights, number, &keep, report);
+        } else if !is_paper || is_full {
+            self.note_frame(&view.sights, number, &keep, report);
+        }
+        self.mark_carried(&keep, report);
+        let [found] = self.device.download([report])?;
+        update.grown = match grown {
+            Some(grown) => grown,
+            None => self.note_grown(&found),
         };
-        self.mark_carried(&keep, &report);
-        let [found] = self.device.download([&report])?;
         update.learning.active_gaussians = found[VOTED] as usize;
-        let flags = found[CARRIED..].iter().take(segments + 1);
-        update.carried = Some(flags.map(|flag| *flag == 1).collect());
+        update.carried = Some(found[CARRIED..].iter().map(|flag| *flag == 1).collect());
         if found[REMOVED] > 0 {
             self.retain(&keep, update)?;
         }
-        if is_full && self.gaussians.len() > self.settings.max_gaussians {
+        if self.gaussians.len() > self.settings.max_gaussians {
             self.shrink(update)?;
         }
         Ok(())
     }
 
+    /// Counts the Gaussians that a report says have grown; returns their number.
+    fn note_grown(&mut self, found: &[u32]) -> usize {
+        let grown = found[GROWN] as usize;
+        self.gaussians.note_grown(grown);
+        grown
+    }
+
     /// Keeps the Gaussians whose entry is 1.
     fn retain(&mut self, keep: &Buffer, update: &mut MapUpdate) -> Result<(), GpuError> {
-        let [flags] = self.device.download([keep])?;
-        let flags: Vec<bool> = flags.iter().take(self.gaussians.len()).map(|flag| *flag == 1).collect();
+        let count = self.gaussians.len();
+        let words = self.device.empty(count.div_ceil(32), "which Gaussians are kept")?;
+        let (cubes, cube) = threads(words.len());
+        pack_flags::launch(&self.device.client, cubes, cube, keep.arg(), words.arg(), count as u32);
+        let [words] = self.device.download([&words])?;
+        let flags: Vec<bool> = (0..count).map(|index| words[index / 32] >> (index % 32) & 1 == 1).collect();
         let kept = flags.iter().filter(|is_kept| **is_kept).count();
         self.gaussians.retain(keep, kept)?;
-        self.host = retained(&self.host, &flags);
         update.note_kept(flags);
         Ok(())
     }
@@ -235,16 +242,6 @@ impl GpuMap {
     }
 }
 
-/// The Gaussians for which `keep` holds, in their order.
-fn retained(map: &SplatMap, keep: &[bool]) -> SplatMap {
-    let mut kept = SplatMap::default();
-    for (index, _) in keep.iter().enumerate().filter(|(_, is_kept)| **is_kept) {
-        kept.balls.push(map.balls.means[index], map.balls.radii[index]);
-        kept.colors.push(map.colors[index]);
-    }
-    kept
-}
-
 impl MapBackend for GpuMap {
     fn recall<'f>(&self, frame: &'f RgbdFrame<'_>, camera: &Camera) -> Result<Recall<'f>, MemoryError> {
         let (view, images) = render(&self.device, &self.gaussians, frame, camera, &self.settings)?;
@@ -262,7 +259,7 @@ impl MapBackend for GpuMap {
             &self.device.client,
             cubes,
             cube,
-            view.images.arg(),
+            view.surfaces.arg(),
             view.table_ids.arg(),
             view.table_evidence.arg(),
             sent.arg(),
@@ -315,17 +312,16 @@ impl MapBackend for GpuMap {
         segments: usize,
     ) -> Result<MapUpdate, MemoryError> {
         self.copy = OnceLock::new();
+        let report = self.device.zeros(CARRIED + segments + 1, "report of a frame")?;
+        let view = view_of(recall)?;
         let stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
-        let added = new_gaussians(recall, seen, &self.settings);
-        self.grow(&added, seen, number)?;
+        self.grow(view, recall.frame(), seen, number, &report)?;
         drop(stage);
         let _stage = tracing::debug_span!(target: "splatseg::stage", "learn").entered();
-        let view = view_of(recall)?;
-        let report = self.device.zeros(CARRIED + segments + 1, "report of a frame")?;
         self.learn(view, seen, &report)?;
         let learning = LearningExtent { active_pixels: seen.pixels().len(), active_gaussians: 0 };
-        let mut update = MapUpdate { grown: added.len(), learning, ..MapUpdate::default() };
-        self.forget(view, number, segments, report, &mut update)?;
+        let mut update = MapUpdate { learning, ..MapUpdate::default() };
+        self.forget(view, number, &report, &mut update)?;
         Ok(update)
     }
 
@@ -333,12 +329,16 @@ impl MapBackend for GpuMap {
         Ok(())
     }
 
+    fn gaussian_count(&self) -> usize {
+        self.gaussians.len()
+    }
+
     fn balls(&self) -> &Balls {
-        &self.host.balls
+        &self.copy_or_empty().map.balls
     }
 
     fn colors(&self) -> &[[u8; 3]] {
-        &self.host.colors
+        &self.copy_or_empty().map.colors
     }
 
     fn numbers_per_gaussian(&self) -> usize {

@@ -1,7 +1,7 @@
 //! The map of a memory of evidence on a GPU: projection, tiles, blending, evidence, votes and removal.
 //!
 //! [`GpuDevice`] opens a Vulkan device; `splatseg_memory::SplatMemory::on_device` moves a memory there. The Gaussians stay on
-//! the device. Per frame, its depth and predictions go up, and images of what is expected and shown come down; blend weights
+//! the device. Per frame, its depth, colour and predictions go up, and images of what is expected and shown come down; blend weights
 //! are made and used on the device only. Rules and the order of sums are those of `splatseg-render` and `splatseg-memory`, so
 //! results agree with theirs but for roundings. No sum depends on the order of threads.
 //!
@@ -11,6 +11,7 @@
 //! | `gaussians.rs` | the Gaussians on the device: appended, removed, read to be saved |
 //! | `view.rs` | a view: sights, projection, tiles, blending, expected segments |
 //! | `gpu_map.rs` | what a memory asks for: recall, fuse, update |
+//! | `growth.rs` | new Gaussians where a frame shows what the map lacks |
 //! | `sorting.rs` | prefix sums and the radix sort |
 //! | `kernels/` | the kernels, a file for each counterpart on the CPU |
 //! | `error.rs` | what can go wrong |
@@ -19,6 +20,7 @@ mod device;
 mod error;
 mod gaussians;
 mod gpu_map;
+mod growth;
 mod kernels;
 mod sorting;
 mod view;

@@ -5,7 +5,7 @@ use crate::device::{Buffer, GpuDevice, cube_dim, cubes, threads};
 use crate::gaussians::DeviceGaussians;
 use crate::kernels::bin::{count_tiles, emit_pairs, find_tiles};
 use crate::kernels::camera::{ViewLaunch, view_args};
-use crate::kernels::expect::{EvidenceRuleLaunch, IMAGES, SLOTS, expect};
+use crate::kernels::expect::{EvidenceRuleLaunch, IMAGES, SLOTS, SURFACES, expect};
 use crate::kernels::project::{NUMBERS, mark_visible, project_visible};
 use crate::kernels::sight::{COUNTERS, PAIR_COUNT, VISIBLE_COUNT, note_sights};
 use crate::sorting::{Keyed, prefix_sums, sorted};
@@ -60,8 +60,10 @@ pub(crate) struct GpuView {
     pub depth: Buffer,
     pub sights: Sights,
     pub tiles: Tiles,
-    /// `[6, height, width]`, see [`IMAGES`].
+    /// `[4, height, width]`, see [`IMAGES`].
     pub images: Buffer,
+    /// `[2, height, width]`, see [`SURFACES`].
+    pub surfaces: Buffer,
     /// `[16, height, width]`.
     pub table_ids: Buffer,
     pub table_evidence: Buffer,
@@ -222,6 +224,7 @@ pub(crate) fn render(
     let (width, height) = (frame.width(), frame.height());
     let pixels = width * height;
     let images = device.empty(IMAGES * pixels, "images")?;
+    let surfaces = device.empty(SURFACES * pixels, "images")?;
     let table_ids = device.empty(SLOTS * pixels, "evidence")?;
     let table_evidence = device.empty(SLOTS * pixels, "evidence")?;
     expect::launch(
@@ -238,6 +241,7 @@ pub(crate) fn render(
         map.votes().arg(),
         depth.arg(),
         images.arg(),
+        surfaces.arg(),
         table_ids.arg(),
         table_evidence.arg(),
         view_args(camera),
@@ -253,7 +257,8 @@ pub(crate) fn render(
         reason: format!("{} values came back for images of {width}x{height} pixels", found.len()),
     })?;
     let camera = *camera;
-    let view = GpuView { camera, depth, sights, tiles, images, table_ids, table_evidence, seen: Mutex::new(None) };
+    let seen = Mutex::new(None);
+    let view = GpuView { camera, depth, sights, tiles, images, surfaces, table_ids, table_evidence, seen };
     Ok((view, found))
 }
 
@@ -265,6 +270,6 @@ fn images_of(values: &[u32], (width, height): (usize, usize)) -> Option<DeviceIm
         let pixels = parts.next()?.iter().map(|bits| f32::from_bits(*bits)).collect();
         Image::from_pixels(width, height, pixels).ok()
     };
-    let (confidence, silhouette, depth, covered) = (image()?, image()?, image()?, image()?);
-    Some(DeviceImages { belief: SegmentBelief { segments, confidence }, silhouette, depth, covered })
+    let (confidence, silhouette, depth) = (image()?, image()?, image()?);
+    Some(DeviceImages { belief: SegmentBelief { segments, confidence }, silhouette, depth })
 }

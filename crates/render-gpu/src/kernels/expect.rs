@@ -7,9 +7,11 @@ use cubecl::prelude::*;
 /// Segments that one pixel can have evidence for. What comes behind that many others has next to no light.
 pub(crate) const SLOTS: usize = 16;
 
-/// Images of a view, one after the other in its buffer: expected segment, its confidence, silhouette, depth, covered, and
-/// the number of segments with evidence.
-pub(crate) const IMAGES: usize = 6;
+/// Images of a view that the host reads, one after the other: expected segment, its confidence, silhouette and depth.
+pub(crate) const IMAGES: usize = 4;
+
+/// Images of a view that stay on the device: what is covered, and the number of segments with evidence.
+pub(crate) const SURFACES: usize = 2;
 
 /// Where less light than this comes through what is gone, nothing can be told of what lies behind.
 const MIN_LIGHT: f32 = 0.05;
@@ -47,6 +49,7 @@ pub(crate) fn expect(
     votes: &[f32],
     depth: &[f32],
     images: &mut [u32],
+    surfaces: &mut [u32],
     table_ids: &mut [u32],
     table_evidence: &mut [f32],
     view: View,
@@ -77,7 +80,7 @@ pub(crate) fn expect(
     let mut evidence = Array::<f32>::new(SLOTS);
     let mut known = 0u32;
     let mut kept = 0u32;
-    for batch in 0..(count + 255) / 256 {
+    for batch in 0..count.div_ceil(256) {
         let first = batch * 256;
         sync_cube();
         if unit < 2 {
@@ -207,7 +210,7 @@ pub(crate) fn expect(
         images[pixels + pixel.index] = u32::reinterpret(confidence);
         images[2 * pixels + pixel.index] = u32::reinterpret(silhouette);
         images[3 * pixels + pixel.index] = u32::reinterpret(mean_depth);
-        images[4 * pixels + pixel.index] = u32::reinterpret(covered);
-        images[5 * pixels + pixel.index] = known;
+        surfaces[pixel.index] = u32::reinterpret(covered);
+        surfaces[pixels + pixel.index] = known;
     }
 }

@@ -1,4 +1,4 @@
-//! Growth and removal of Gaussians, and which ids are still carried (`splatseg_memory`'s `removal.rs` and `votes.rs`).
+//! Removal of Gaussians, and which ids are still carried (`splatseg_memory`'s `removal.rs` and `votes.rs`).
 
 use super::camera::{View, round_half_up, to_camera};
 use super::sight::{SEEN, SEEN_COUNT, THROUGH, THROUGH_COUNT, is_through_believed};
@@ -9,43 +9,44 @@ pub(crate) const NOWHERE: u32 = u32::MAX;
 /// In view, but its surface is not seen.
 pub(crate) const HIDDEN: u32 = u32::MAX - 1;
 
-/// Numbers of a new Gaussian: centre and radius (4), packed ids (2), votes (4).
-pub(crate) const NEW_NUMBERS: usize = 10;
+/// Numbers of a Gaussian that is sent: centre and radius (4), packed ids (2), votes (4), colour, last seen, seen through.
+pub(crate) const SENT_NUMBERS: usize = 13;
 
 /// Places in the report of a frame.
 pub(crate) const REMOVED: usize = 0;
 pub(crate) const VOTED: usize = 1;
+pub(crate) const GROWN: usize = 2;
 /// The flags of ids begin here.
-pub(crate) const CARRIED: usize = 2;
+pub(crate) const CARRIED: usize = 3;
 
-/// Appends `added` `[new, 10]` (bits of floats, but for the ids) behind the first `count` Gaussians.
+/// Fills a map with Gaussians that were sent: `[count, 13]`.
 #[cube(launch)]
-pub(crate) fn append(
+pub(crate) fn unpack(
     added: &[u32],
     balls: &mut [f32],
     vote_ids: &mut [u32],
     votes: &mut [f32],
     last_seen: &mut [u32],
     seen_through: &mut [u32],
-    frame: u32,
+    colors: &mut [u32],
     count: u32,
-    added_count: u32,
 ) {
-    if ABSOLUTE_POS < added_count as usize {
-        let from = ABSOLUTE_POS * NEW_NUMBERS;
-        let to = count as usize + ABSOLUTE_POS;
+    if ABSOLUTE_POS < count as usize {
+        let from = ABSOLUTE_POS * SENT_NUMBERS;
+        let to = ABSOLUTE_POS;
         for number in 0..4usize {
             balls[to * 4 + number] = f32::reinterpret(added[from + number]);
             votes[to * 4 + number] = f32::reinterpret(added[from + 6 + number]);
         }
         vote_ids[to * 2] = added[from + 4];
         vote_ids[to * 2 + 1] = added[from + 5];
-        last_seen[to] = frame;
-        seen_through[to] = 0u32;
+        colors[to] = added[from + 10];
+        last_seen[to] = added[from + 11];
+        seen_through[to] = added[from + 12];
     }
 }
 
-/// Notes what frame number `frame` says of the first `sight_count` of all Gaussians. `keep` is 0 for those that are gone.
+/// Notes what frame number `frame` says of the first `count` Gaussians. `keep` becomes 0 for those that are gone.
 #[cube(launch)]
 pub(crate) fn note_frame(
     sights: &[u32],
@@ -56,15 +57,10 @@ pub(crate) fn note_frame(
     report: &[Atomic<u32>],
     frame: u32,
     removal_frames: u32,
-    sight_count: u32,
     count: u32,
 ) {
     let gaussian = ABSOLUTE_POS;
-    if gaussian >= count as usize {
-        terminate!();
-    }
-    let mut is_kept = 1u32;
-    if gaussian < sight_count as usize {
+    if gaussian < count as usize {
         let sight = sights[gaussian];
         if sight == SEEN {
             last_seen[gaussian] = frame;
@@ -75,15 +71,14 @@ pub(crate) fn note_frame(
             let frames = seen_through[gaussian] + 1;
             seen_through[gaussian] = select(frames < 255u32, frames, 255u32);
             if frames >= removal_frames {
-                is_kept = 0u32;
+                keep[gaussian] = 0u32;
                 report[REMOVED].fetch_add(1u32);
             }
         }
     }
-    keep[gaussian] = is_kept;
 }
 
-/// Marks in the report the segments that Gaussians show by themselves.
+/// Marks in the report the segments that Gaussians show by themselves: the first `count` and those that have grown.
 #[cube(launch)]
 pub(crate) fn mark_carried(
     vote_ids: &[u32],
@@ -94,7 +89,7 @@ pub(crate) fn mark_carried(
     count: u32,
 ) {
     let gaussian = ABSOLUTE_POS;
-    if gaussian < count as usize && keep[gaussian] == 1 {
+    if gaussian < (count + report[GROWN].load()) as usize && keep[gaussian] == 1 {
         let mut best = 0.0f32;
         let mut winner = 0u32;
         for slot in 0..4usize {
@@ -121,11 +116,13 @@ pub(crate) fn compact(
     votes: &[f32],
     last_seen: &[u32],
     seen_through: &[u32],
+    colors: &[u32],
     kept_balls: &mut [f32],
     kept_vote_ids: &mut [u32],
     kept_votes: &mut [f32],
     kept_last_seen: &mut [u32],
     kept_seen_through: &mut [u32],
+    kept_colors: &mut [u32],
     count: u32,
 ) {
     let from = ABSOLUTE_POS;
@@ -140,6 +137,7 @@ pub(crate) fn compact(
         }
         kept_last_seen[to] = last_seen[from];
         kept_seen_through[to] = seen_through[from];
+        kept_colors[to] = colors[from];
     }
 }
 
@@ -182,5 +180,29 @@ pub(crate) fn fill(values: &mut [u32], value: u32, count: u32) {
 pub(crate) fn copy(from: &[u32], to: &mut [u32], count: u32) {
     if ABSOLUTE_POS < count as usize {
         to[ABSOLUTE_POS] = from[ABSOLUTE_POS];
+    }
+}
+
+/// Sets one value.
+#[cube(launch)]
+pub(crate) fn set(values: &mut [u32], place: u32, value: u32) {
+    if ABSOLUTE_POS == 0 {
+        values[place as usize] = value;
+    }
+}
+
+/// Packs the first `count` flags into bits, 32 in a word.
+#[cube(launch)]
+pub(crate) fn pack_flags(flags: &[u32], words: &mut [u32], count: u32) {
+    let first = ABSOLUTE_POS * 32;
+    if first < count as usize {
+        let mut word = 0u32;
+        for bit in 0..32u32 {
+            let at = first + bit as usize;
+            if at < count as usize && flags[at] == 1 {
+                word |= 1u32 << bit;
+            }
+        }
+        words[ABSOLUTE_POS] = word;
     }
 }

@@ -1,6 +1,5 @@
 //! Remembered evidence and a frame's predictions brought together (`splatseg_memory`'s `evidence/mod.rs`).
 
-use super::expect::IMAGES;
 use cubecl::prelude::*;
 
 /// Stands for an id where a prediction has no say.
@@ -9,7 +8,7 @@ pub(crate) const ABSTAIN: u32 = u32::MAX;
 /// The segment with the most evidence once the prediction that is `seen` has its weight, `[height, width]`.
 #[cube(launch)]
 pub(crate) fn fuse(
-    images: &[u32],
+    surfaces: &[u32],
     table_ids: &[u32],
     table_evidence: &[f32],
     seen: &[u32],
@@ -33,7 +32,7 @@ pub(crate) fn fuse(
         best = 0.0f32;
         segment = 0u32;
     }
-    let known = images[(IMAGES - 1) * pixels + pixel] as usize;
+    let known = surfaces[pixels + pixel] as usize;
     for place in 0..known {
         if table_ids[place * pixels + pixel] == prediction {
             best += table_evidence[place * pixels + pixel];

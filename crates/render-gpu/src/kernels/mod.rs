@@ -10,6 +10,7 @@ pub(crate) mod exp;
 pub(crate) mod expect;
 pub(crate) mod forget;
 pub(crate) mod fuse;
+pub(crate) mod grow;
 pub(crate) mod project;
 pub(crate) mod scan;
 pub(crate) mod sight;

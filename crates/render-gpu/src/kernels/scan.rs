@@ -52,7 +52,7 @@ pub(crate) fn sum_blocks(values: &[u32], sums: &mut [u32], count: u32) {
 pub(crate) fn scan_sums(sums: &mut [u32], count: u32) {
     let mut shared = Shared::<[u32]>::new_slice(THREADS);
     let unit = UNIT_POS as usize;
-    let share = (count as usize + 255) / 256;
+    let share = (count as usize).div_ceil(256);
     let first = unit * share;
     let mut sum = 0u32;
     for step in 0..share {

@@ -88,7 +88,7 @@ pub(crate) fn count_votes(
     }
     let mut is_live = pixel.is_inside;
     let mut transmittance = 1.0f32;
-    for batch in 0..(count + 15) / 16 {
+    for batch in 0..count.div_ceil(16) {
         let first = batch * 16;
         let mut here = count - first;
         if here > 16 {

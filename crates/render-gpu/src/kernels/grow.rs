@@ -1,0 +1,409 @@
+//! Where a frame shows a surface that the map lacks: new Gaussians (`splatseg_memory`'s `borders.rs` and `growth.rs`).
+
+use super::camera::{View, round_half_up};
+use super::forget::GROWN;
+use super::fuse::ABSTAIN;
+use cubecl::prelude::*;
+
+/// Distances to borders are not told apart beyond this, pixels.
+const MAX_DISTANCE: u32 = 32;
+
+/// What a pixel asks for: nothing, no Gaussian at all, or one.
+const REFUSED: u32 = 1;
+const WANTED: u32 = 2;
+/// Added where the pixel lies on a border.
+const BORDER: u32 = 4;
+
+/// Farther than any depth.
+const FAR: f32 = 3e38;
+
+/// The settings of the memory that growth depends on; see `splatseg_memory::MemorySettings`.
+#[derive(CubeLaunch, CubeType, Clone, Copy)]
+pub(crate) struct GrowthRuleValues {
+    /// 1 for the paper's rule.
+    pub is_paper: u32,
+    pub growth_silhouette: f32,
+    pub growth_coverage: f32,
+    pub depth_disparity: f32,
+    pub edge_disparity: f32,
+    /// Largest spacing of Gaussians, pixels.
+    pub spacing: u32,
+    pub spacing_per_distance: f32,
+    pub radius_per_spacing: f32,
+    pub no_segment_weight: f32,
+}
+
+/// From the camera to the world: rows of the rotation, and the translation.
+#[derive(CubeLaunch, CubeType, Clone, Copy)]
+pub(crate) struct WorldFromCamera {
+    pub xx: f32,
+    pub xy: f32,
+    pub xz: f32,
+    pub yx: f32,
+    pub yy: f32,
+    pub yz: f32,
+    pub zx: f32,
+    pub zy: f32,
+    pub zz: f32,
+    pub x: f32,
+    pub y: f32,
+    pub z: f32,
+}
+
+/// What the neighbours of a pixel say of it: bits for a nearer one across a depth edge, a farther one, another segment.
+#[cube]
+fn compare(depth: &[f32], seen: &[u32], own: usize, other: usize, edge_disparity: f32) -> u32 {
+    let mut found = 0u32;
+    if seen[other] != seen[own] {
+        found = 4u32;
+    }
+    let (here, there) = (depth[own], depth[other]);
+    if here > 0.0 && there > 0.0 {
+        let limit = edge_disparity * select(here < there, here, there);
+        if here - there > limit {
+            found |= 1u32;
+        }
+        if there - here > limit {
+            found |= 2u32;
+        }
+    }
+    found
+}
+
+/// Whether the inverse depth at `own` goes on with the two pixels at `step` and twice that beside it. `room` is how many
+/// pixels there are on that side.
+#[cube]
+fn continues(depth: &[f32], own: usize, near: usize, far: usize, room: u32, edge_disparity: f32) -> bool {
+    let mut is_straight = false;
+    if room >= 2 {
+        let (beside, beyond) = (depth[near], depth[far]);
+        if beside > 0.0 && beyond > 0.0 {
+            let inverse = 1.0 / depth[own];
+            let expected = 2.0 * (1.0 / beside) - 1.0 / beyond;
+            is_straight = f32::abs(expected - inverse) <= edge_disparity * inverse;
+        }
+    }
+    is_straight
+}
+
+/// Whether a pixel lies on a slanted plane: it goes on with its row and with its column.
+#[cube]
+fn is_on_a_plane(depth: &[f32], at: usize, column: u32, row: u32, view: &View, edge_disparity: f32) -> bool {
+    let width = view.width as usize;
+    let left = column;
+    let right = view.width - 1 - column;
+    let above = row;
+    let below = view.height - 1 - row;
+    // Places that are not there are not looked at.
+    let along_row = continues(depth, at, at + 1, at + 2, right, edge_disparity)
+        || continues(depth, at, back(at, 1usize), back(at, 2usize), left, edge_disparity);
+    let along_column = continues(depth, at, at + width, at + 2 * width, below, edge_disparity)
+        || continues(depth, at, back(at, width), back(at, 2 * width), above, edge_disparity);
+    along_row && along_column
+}
+
+#[cube]
+fn back(at: usize, by: usize) -> usize {
+    let mut place = 0usize;
+    if at >= by {
+        place = at - by;
+    }
+    place
+}
+
+/// What each pixel asks for, and whether it is a border. `images` are those of a view, `surfaces` what it keeps.
+#[cube(launch)]
+pub(crate) fn find_wanted(
+    depth: &[f32],
+    seen: &[u32],
+    images: &[u32],
+    surfaces: &[u32],
+    wanted: &mut [u32],
+    view: View,
+    rule: GrowthRuleValues,
+) {
+    let at = ABSOLUTE_POS;
+    let pixels = (view.width * view.height) as usize;
+    if at >= pixels {
+        terminate!();
+    }
+    let column = at as u32 % view.width;
+    let row = at as u32 / view.width;
+    let width = view.width as usize;
+    let own = depth[at];
+    let mut found = 0u32;
+    if rule.is_paper == 1 {
+        let silhouette = f32::reinterpret(images[2 * pixels + at]);
+        let disparity = f32::abs(own - f32::reinterpret(images[3 * pixels + at]));
+        if own > 0.0 && (silhouette < rule.growth_silhouette || disparity > rule.depth_disparity) {
+            found = WANTED.runtime();
+        }
+    } else {
+        let mut edges = 0u32;
+        if column > 0 {
+            edges |= compare(depth, seen, at, at - 1, rule.edge_disparity);
+        }
+        if column + 1 < view.width {
+            edges |= compare(depth, seen, at, at + 1, rule.edge_disparity);
+        }
+        if row > 0 {
+            edges |= compare(depth, seen, at, at - width, rule.edge_disparity);
+        }
+        if row + 1 < view.height {
+            edges |= compare(depth, seen, at, at + width, rule.edge_disparity);
+        }
+        if own > 0.0 && f32::reinterpret(surfaces[at]) < rule.growth_coverage {
+            found = WANTED.runtime();
+            if (edges & 3) == 3 && !is_on_a_plane(depth, at, column, row, &view, rule.edge_disparity) {
+                found = REFUSED.runtime();
+            }
+        }
+        if edges != 0 {
+            found |= BORDER;
+        }
+    }
+    wanted[at] = found;
+}
+
+/// Steps along the row to the nearest border.
+#[cube(launch)]
+pub(crate) fn row_distances(wanted: &[u32], distances: &mut [u32], width: u32, pixels: u32) {
+    let at = ABSOLUTE_POS;
+    if at >= pixels as usize {
+        terminate!();
+    }
+    let column = at as u32 % width;
+    let mut nearest = MAX_DISTANCE.runtime();
+    for steps in 0..MAX_DISTANCE {
+        let is_left = steps <= column && (wanted[back(at, steps as usize)] & BORDER) != 0;
+        let is_right = column + steps < width && (wanted[at + steps as usize] & BORDER) != 0;
+        if (is_left || is_right) && steps < nearest {
+            nearest = steps;
+        }
+    }
+    distances[at] = nearest;
+}
+
+/// Steps along rows and columns to the nearest border, from those along rows.
+#[cube(launch)]
+pub(crate) fn distances(in_row: &[u32], distances: &mut [u32], width: u32, pixels: u32) {
+    let at = ABSOLUTE_POS;
+    if at >= pixels as usize {
+        terminate!();
+    }
+    let row = at as u32 / width;
+    let height = pixels / width;
+    let mut nearest = in_row[at];
+    for steps in 1..MAX_DISTANCE {
+        let by = (steps * width) as usize;
+        if steps <= row {
+            let above = in_row[back(at, by)] + steps;
+            nearest = select(above < nearest, above, nearest);
+        }
+        if row + steps < height {
+            let below = in_row[at + by] + steps;
+            nearest = select(below < nearest, below, nearest);
+        }
+    }
+    distances[at] = nearest;
+}
+
+/// A square of pixels and what it asks for.
+#[derive(CubeType, Clone, Copy)]
+struct Block {
+    left: u32,
+    top: u32,
+    right: u32,
+    bottom: u32,
+    wanting: u32,
+    /// Whether one Gaussian may stand for it.
+    is_uniform: bool,
+}
+
+/// Looks at the pixels of a square.
+#[cube]
+fn block_at(
+    wanted: &[u32],
+    distances: &[u32],
+    depth: &[f32],
+    left: u32,
+    top: u32,
+    side: u32,
+    view: &View,
+    rule: &GrowthRuleValues,
+) -> Block {
+    let right = select(left + side < view.width, left + side, view.width);
+    let bottom = select(top + side < view.height, top + side, view.height);
+    let mut wanting = 0u32;
+    let mut refuses = false;
+    let mut distance = MAX_DISTANCE.runtime();
+    let mut nearest = FAR.runtime();
+    let mut farthest = 0.0f32;
+    for row in top..bottom {
+        for column in left..right {
+            let at = (row * view.width + column) as usize;
+            let here = distances[at];
+            distance = select(here < distance, here, distance);
+            let want = wanted[at] & 3;
+            if want == REFUSED {
+                refuses = true;
+            }
+            if want == WANTED {
+                let here = depth[at];
+                nearest = select(here < nearest, here, nearest);
+                farthest = select(here > farthest, here, farthest);
+                wanting += 1u32;
+            }
+        }
+    }
+    let is_far_from_borders = f32::cast_from(side) <= rule.spacing_per_distance * f32::cast_from(distance);
+    let is_one_surface = farthest - nearest <= rule.depth_disparity;
+    let is_dense = !refuses && 2 * wanting >= side * side;
+    Block { left, top, right, bottom, wanting, is_uniform: side == 1 || (is_dense && is_far_from_borders && is_one_surface) }
+}
+
+/// Goes through the squares of each largest square as a quadtree. Without `writes` it counts the new Gaussians of each in
+/// `counts`; with it, it writes them behind the first `first` of the map, from the prefix sums `counts` on.
+#[cube(launch)]
+pub(crate) fn grow_blocks(
+    wanted: &[u32],
+    distances: &[u32],
+    depth: &[f32],
+    seen: &[u32],
+    color: &[u32],
+    counts: &mut [u32],
+    balls: &mut [f32],
+    vote_ids: &mut [u32],
+    votes: &mut [f32],
+    last_seen: &mut [u32],
+    seen_through: &mut [u32],
+    colors: &mut [u32],
+    report: &[Atomic<u32>],
+    view: View,
+    pose: WorldFromCamera,
+    rule: GrowthRuleValues,
+    frame: u32,
+    first: u32,
+    #[comptime] writes: bool,
+) {
+    let across = view.width.div_ceil(rule.spacing);
+    let block = ABSOLUTE_POS as u32;
+    if block >= across * view.height.div_ceil(rule.spacing) {
+        terminate!();
+    }
+    let mut lefts = Array::<u32>::new(16usize);
+    let mut tops = Array::<u32>::new(16usize);
+    let mut sides = Array::<u32>::new(16usize);
+    lefts[0] = block % across * rule.spacing;
+    tops[0] = block / across * rule.spacing;
+    sides[0] = rule.spacing;
+    let mut waiting = 1u32;
+    let mut count = 0u32;
+    let mut to = 0usize;
+    if comptime!(writes) {
+        to = (first + counts[block as usize]) as usize;
+    }
+    while waiting > 0 {
+        waiting -= 1u32;
+        let left = lefts[waiting as usize];
+        let top = tops[waiting as usize];
+        let side = sides[waiting as usize];
+        let square = block_at(wanted, distances, depth, left, top, side, &view, &rule);
+        if square.wanting > 0 && square.is_uniform {
+            if comptime!(writes) {
+                let scale = rule.radius_per_spacing * f32::cast_from(side);
+                let pixel = write_ball(wanted, depth, color, &square, balls, colors, to, &view, &pose, scale);
+                vote_ids[to * 2 + 1] = 0u32;
+                let label = seen[pixel];
+                let mut vote = 1.0f32;
+                if label == 0 {
+                    vote = rule.no_segment_weight;
+                }
+                if label == ABSTAIN {
+                    vote = 0.0f32;
+                }
+                vote_ids[to * 2] = select(label == ABSTAIN, 0u32, label);
+                votes[to * 4] = vote;
+                for slot in 1..4usize {
+                    votes[to * 4 + slot] = 0.0f32;
+                }
+                last_seen[to] = frame;
+                seen_through[to] = 0u32;
+                to += 1usize;
+            }
+            count += 1u32;
+        } else if square.wanting > 0 {
+            // The last quarter first: what is put down last is taken up next.
+            let half = side / 2;
+            for quarter in 0..4u32 {
+                let quarter_left = left + half * ((3 - quarter) & 1);
+                let quarter_top = top + half * ((3 - quarter) >> 1u32);
+                if quarter_left < view.width && quarter_top < view.height {
+                    lefts[waiting as usize] = quarter_left;
+                    tops[waiting as usize] = quarter_top;
+                    sides[waiting as usize] = half;
+                    waiting += 1u32;
+                }
+            }
+        }
+    }
+    if !comptime!(writes) {
+        counts[block as usize] = count;
+        report[GROWN].fetch_add(count);
+    }
+}
+
+/// Writes the ball and the colour that stand for the wanting pixels of a square; returns the first of them.
+#[cube]
+fn write_ball(
+    wanted: &[u32],
+    depth: &[f32],
+    color: &[u32],
+    square: &Block,
+    balls: &mut [f32],
+    colors: &mut [u32],
+    to: usize,
+    view: &View,
+    pose: &WorldFromCamera,
+    scale: f32,
+) -> usize {
+    let mut count = 0.0f32;
+    let mut x = 0.0f32;
+    let mut y = 0.0f32;
+    let mut z = 0.0f32;
+    let mut red = 0.0f32;
+    let mut green = 0.0f32;
+    let mut blue = 0.0f32;
+    let mut pixel = 0usize;
+    for row in square.top..square.bottom {
+        for column in square.left..square.right {
+            let at = (row * view.width + column) as usize;
+            if (wanted[at] & 3) == WANTED {
+                if count == 0.0 {
+                    pixel = at;
+                }
+                let here = depth[at];
+                x += (f32::cast_from(column) - view.cx) / view.fx * here;
+                y += (f32::cast_from(row) - view.cy) / view.fy * here;
+                z += here;
+                let bytes = color[at];
+                red += f32::cast_from(bytes & 255u32);
+                green += f32::cast_from((bytes >> 8u32) & 255u32);
+                blue += f32::cast_from((bytes >> 16u32) & 255u32);
+                count += 1.0f32;
+            }
+        }
+    }
+    let (x, y, z) = (x / count, y / count, z / count);
+    balls[to * 4] = pose.xx * x + pose.xy * y + pose.xz * z + pose.x;
+    balls[to * 4 + 1] = pose.yx * x + pose.yy * y + pose.yz * z + pose.y;
+    balls[to * 4 + 2] = pose.zx * x + pose.zy * y + pose.zz * z + pose.z;
+    balls[to * 4 + 3] = scale * z / (0.5 * (view.fx + view.fy));
+    colors[to] = rounded(red / count) | (rounded(green / count) << 8u32) | (rounded(blue / count) << 16u32);
+    pixel
+}
+
+#[cube]
+fn rounded(value: f32) -> u32 {
+    u32::cast_from(round_half_up(value))
+}
