@@ -6,10 +6,10 @@
 //! already, where it would never be seen, nor where Gaussians of the same surface lie. Inside a segment one Gaussian
 //! stands for a block of pixels, the larger the farther the next border is.
 
-use crate::{GrowthRule, MemorySettings};
 use crate::borders::{Borders, MAX_DISTANCE};
 use crate::map::NewGaussian;
 use crate::recall::Recall;
+use crate::{GrowthRule, MemorySettings};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use splatseg_geometry::{Image, RgbdFrame, SegmentMap};

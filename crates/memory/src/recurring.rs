@@ -5,8 +5,8 @@
 //! recurring prediction. A frame that shows its place without it lowers its count.
 
 use crate::ABSTAIN;
-use crate::map::retain;
 use crate::backend::VisibleGaussian;
+use crate::map::retain;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{SegmentId, SegmentMap};
 use std::collections::{BTreeMap, BTreeSet};

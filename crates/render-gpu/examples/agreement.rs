@@ -112,7 +112,11 @@ fn main() -> Result<(), Box<dyn Error>> {
             (download_bytes - before.download_bytes) / 1024,
         );
     }
-    println!("{path}: {:.4} % of pixels equal over {count} frames, {:.4} % in the worst", 100.0 * sum / f64::from(count), 100.0 * worst);
+    println!(
+        "{path}: {:.4} % of pixels equal over {count} frames, {:.4} % in the worst",
+        100.0 * sum / f64::from(count),
+        100.0 * worst
+    );
     describe("CPU", &host.finish(), count as usize);
     describe("device", &gpu.finish(), count as usize);
     Ok(())

@@ -65,22 +65,26 @@ impl Buffer {
 
     /// The buffer as an argument of a kernel.
     pub fn arg(&self) -> BufferArg {
-        // SAFETY: `len` values of 4 bytes is what was allocated, and all element types of the kernels have 4 bytes.
+        // SAFETY: `len` values of 4 bytes are what was allocated, and all element types of the kernels have 4 bytes.
         #[allow(unsafe_code)]
-        unsafe {
-            BufferArg::from_raw_parts(self.handle.clone(), self.len)
-        }
+        let arg = unsafe { BufferArg::from_raw_parts(self.handle.clone(), self.len) };
+        arg
     }
 }
 
 impl GpuDevice {
-    /// The best Vulkan device of the machine.
+    /// The best Vulkan device of the machine; on Apple's machines that of Metal.
     ///
     /// # Errors
     /// [`GpuError::NoDevice`] if there is none.
     pub fn open() -> Result<Self, GpuError> {
         let no_device = |reason: String| GpuError::NoDevice { reason };
-        let device = cubecl::Device::vulkan(WgpuDeviceKind::default()).map_err(|error| no_device(error.to_string()))?;
+        let kind = WgpuDeviceKind::default();
+        let device = match cfg!(target_vendor = "apple") {
+            true => cubecl::Device::wgpu(kind),
+            false => cubecl::Device::vulkan(kind),
+        };
+        let device = device.map_err(|error| no_device(error.to_string()))?;
         let client = device.client();
         let limit = client.properties().memory.max_page_size;
         Ok(Self { client, counters: Arc::default(), limit })

@@ -8,8 +8,8 @@ use thiserror::Error;
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum GpuError {
-    /// There is no Vulkan device.
-    #[error("no Vulkan device: {reason}")]
+    /// There is no GPU that can be used.
+    #[error("no GPU: {reason}")]
     NoDevice {
         /// What was found instead.
         reason: String,

@@ -4,7 +4,9 @@ use crate::GpuError;
 use crate::device::{Buffer, GpuDevice, cube_dim, cubes, threads};
 use crate::gaussians::DeviceGaussians;
 use crate::growth::Growth;
-use crate::kernels::forget::{CARRIED, GROWN, NOWHERE, REMOVED, VOTED, locate_seen, mark_carried, note_frame, pack_flags, set};
+use crate::kernels::forget::{
+    CARRIED, GROWN, NOWHERE, REMOVED, VOTED, locate_seen, mark_carried, note_frame, pack_flags, set,
+};
 use crate::kernels::fuse::fuse;
 use crate::kernels::vote::{LABELS, VoteRuleLaunch, count_votes, give_votes};
 use crate::view::{GpuView, Sights, look, render, tile_count};
@@ -293,8 +295,8 @@ impl MapBackend for GpuMap {
         let [found] = self.device.download([&pixels])?;
         let visible = (0..).zip(found).take(count).filter(|(_, pixel)| *pixel != NOWHERE);
         let limit = (view.camera.intrinsics.width * view.camera.intrinsics.height) as u32;
-        let located = visible
-            .map(|(gaussian, pixel)| VisibleGaussian { gaussian, seen_at: (pixel < limit).then_some(pixel) });
+        let located =
+            visible.map(|(gaussian, pixel)| VisibleGaussian { gaussian, seen_at: (pixel < limit).then_some(pixel) });
         Ok(located.collect())
     }
 

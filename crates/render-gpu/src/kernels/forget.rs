@@ -143,14 +143,7 @@ pub(crate) fn compact(
 
 /// The pixel in which each Gaussian's centre lies, or [`NOWHERE`] or [`HIDDEN`].
 #[cube(launch)]
-pub(crate) fn locate_seen(
-    balls: &[f32],
-    sights: &[u32],
-    visible: &[u32],
-    pixels: &mut [u32],
-    view: View,
-    count: u32,
-) {
+pub(crate) fn locate_seen(balls: &[f32], sights: &[u32], visible: &[u32], pixels: &mut [u32], view: View, count: u32) {
     let gaussian = ABSOLUTE_POS;
     if gaussian < count as usize {
         let mut pixel = NOWHERE.runtime();

@@ -259,7 +259,14 @@ fn block_at(
     let is_far_from_borders = f32::cast_from(side) <= rule.spacing_per_distance * f32::cast_from(distance);
     let is_one_surface = farthest - nearest <= rule.depth_disparity;
     let is_dense = !refuses && 2 * wanting >= side * side;
-    Block { left, top, right, bottom, wanting, is_uniform: side == 1 || (is_dense && is_far_from_borders && is_one_surface) }
+    Block {
+        left,
+        top,
+        right,
+        bottom,
+        wanting,
+        is_uniform: side == 1 || (is_dense && is_far_from_borders && is_one_surface),
+    }
 }
 
 /// Goes through the squares of each largest square as a quadtree. Without `writes` it counts the new Gaussians of each in

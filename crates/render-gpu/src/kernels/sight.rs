@@ -45,7 +45,14 @@ pub(crate) fn note_sights(
             let column = u32::cast_from(round_half_up(x));
             let row = u32::cast_from(round_half_up(y));
             if column + 2 <= view.width && row + 2 <= view.height {
-                sight = sight_at(depth, center.z, column, row, view.width, max_of(margin_metres, margin_relative * center.z));
+                sight = sight_at(
+                    depth,
+                    center.z,
+                    column,
+                    row,
+                    view.width,
+                    max_of(margin_metres, margin_relative * center.z),
+                );
             }
         }
     }

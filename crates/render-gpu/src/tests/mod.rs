@@ -1,6 +1,7 @@
 //! Each stage beside what the CPU does.
 
 mod stages;
+mod views;
 
 use crate::{GpuDevice, GpuError};
 use std::sync::OnceLock;

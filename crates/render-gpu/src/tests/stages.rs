@@ -29,7 +29,8 @@ fn prefix_sums_are_those_of_a_loop() {
         let values: Vec<u32> = noise(1).take(count).map(|value| value % 7).collect();
         let sent = device.upload(&values, "test").unwrap();
         let [found] = device.download([&prefix_sums(&device, &sent, count).unwrap()]).unwrap();
-        let expected: Vec<u32> = values.iter().scan(0, |sum, value| Some(std::mem::replace(sum, *sum + value))).collect();
+        let expected: Vec<u32> =
+            values.iter().scan(0, |sum, value| Some(std::mem::replace(sum, *sum + value))).collect();
         assert!(found == expected, "{count}");
     }
 }
@@ -38,7 +39,8 @@ fn prefix_sums_are_those_of_a_loop() {
 fn sorting_keeps_the_order_of_equal_keys() {
     let Some(device) = device() else { return };
     for (count, bits) in [(1, 32), (700, 9), (5000, 32), (70_001, 9)] {
-        let keys: Vec<u32> = noise(count).take(count as usize).map(|key| if bits == 32 { key << 7 } else { key % 300 }).collect();
+        let keys: Vec<u32> =
+            noise(count).take(count as usize).map(|key| if bits == 32 { key << 7 } else { key % 300 }).collect();
         let values: Vec<u32> = (0..count).collect();
         let (sent_keys, sent_values) = (device.upload(&keys, "test").unwrap(), device.upload(&values, "test").unwrap());
         let found = sorted(&device, Keyed { keys: sent_keys, values: sent_values }, count as usize, bits).unwrap();
