@@ -3,9 +3,8 @@
 use crate::GpuError;
 use crate::device::{Buffer, GpuDevice, threads};
 use crate::gaussians::{DeviceGaussians, packed_color};
-use crate::kernels::grow::{
-    GrowthRuleValuesLaunch, WorldFromCameraLaunch, distances, find_wanted, grow_blocks, row_distances,
-};
+use crate::kernels::borders::{distances, find_wanted, row_distances};
+use crate::kernels::grow::{GrowthRuleValuesLaunch, WorldFromCameraLaunch, grow_blocks};
 use crate::sorting::prefix_sums;
 use crate::view::GpuView;
 use glam::Vec3;

@@ -32,6 +32,120 @@ pub(crate) struct EvidenceRule {
     pub min_evidence: f32,
 }
 
+/// What one pixel has summed up.
+#[derive(CubeType, Clone, Copy)]
+struct PixelSums {
+    silhouette: f32,
+    /// Sum of weight times depth.
+    depth: f32,
+    covered: f32,
+    /// What is not taken by things that are gone.
+    light: f32,
+}
+
+/// Adds the weighted votes of a Gaussian to the table of a pixel; returns the number of segments in it.
+#[cube]
+fn add_evidence(
+    vote_ids: &[u32],
+    votes: &[f32],
+    gaussian: usize,
+    weight: f32,
+    ids: &mut Array<u32>,
+    evidence: &mut Array<f32>,
+    known: u32,
+) -> u32 {
+    let mut known = known;
+    for vote in 0..4usize {
+        let count = votes[gaussian * 4 + vote];
+        if count > 0.0 {
+            let packed = vote_ids[gaussian * 2 + vote / 2];
+            let id = (packed >> (16u32 * (vote as u32 & 1u32))) & 0xffffu32;
+            let mut place = known;
+            for slot in 0..known {
+                if ids[slot as usize] == id {
+                    place = slot;
+                }
+            }
+            if place == known && known < 16 {
+                ids[place as usize] = id;
+                evidence[place as usize] = 0.0f32;
+                known += 1u32;
+            }
+            if place < known {
+                evidence[place as usize] += weight * count;
+            }
+        }
+    }
+    known
+}
+
+/// Moves the pairs of a batch that are used to `to`, in their order; returns how many there are. All threads take part.
+#[cube]
+fn keep_used(pairs: &mut [u32], pair: u32, to: u32, used: &Shared<[u32]>, flags: &mut Shared<[u32]>) -> u32 {
+    let unit = UNIT_POS as usize;
+    sync_cube();
+    let mut rank = 0u32;
+    for slot in 0..unit {
+        rank += used[slot];
+    }
+    if used[unit] == 1 {
+        pairs[(to + rank) as usize] = pair;
+    }
+    if UNIT_POS == 255 {
+        flags[1] = rank + used[unit];
+    }
+    sync_cube();
+    flags[1]
+}
+
+/// Writes what is known of a pixel.
+#[cube]
+fn write_pixel(
+    ids: &Array<u32>,
+    evidence: &Array<f32>,
+    known: u32,
+    sums: &PixelSums,
+    at: usize,
+    pixels: usize,
+    rule: &EvidenceRule,
+    images: &mut [u32],
+    surfaces: &mut [u32],
+    table_ids: &mut [u32],
+    table_evidence: &mut [f32],
+) {
+    let mut best = 0.0f32;
+    let mut segment = 0u32;
+    let light = select(sums.light > MIN_LIGHT, sums.light, MIN_LIGHT);
+    for place in 0..known {
+        let id = ids[place as usize];
+        let found = evidence[place as usize] / light;
+        table_ids[place as usize * pixels + at] = id;
+        table_evidence[place as usize * pixels + at] = found;
+        // Of equal ones the smaller id wins.
+        if found > best || (found == best && id < segment) {
+            best = found;
+            segment = id;
+        }
+    }
+    if best <= rule.min_evidence || sums.silhouette <= MIN_SILHOUETTE {
+        segment = 0u32;
+    }
+    let mut confidence = 0.0f32;
+    if segment != 0 {
+        confidence = select(best < 1.0, best, 1.0);
+    }
+    let mut mean_depth = 0.0f32;
+    if sums.silhouette > 0.0 {
+        mean_depth = sums.depth / sums.silhouette;
+    }
+    images[at] = segment;
+    images[pixels + at] = u32::reinterpret(confidence);
+    images[2 * pixels + at] = u32::reinterpret(sums.silhouette);
+    images[3 * pixels + at] = u32::reinterpret(mean_depth);
+    surfaces[at] = u32::reinterpret(sums.covered);
+    surfaces[pixels + at] = known;
+}
+
 /// Blends each tile and reads it. `pairs` of each tile, from `begins` to `ends`, are front to back; those that no pixel
 /// shows are dropped from both.
 ///
@@ -72,10 +186,7 @@ pub(crate) fn expect(
     let limit = observed + rule.depth_disparity;
     let mut is_live = pixel.is_inside;
     let mut transmittance = 1.0f32;
-    let mut light = 1.0f32;
-    let mut silhouette = 0.0f32;
-    let mut depth_sum = 0.0f32;
-    let mut covered = 0.0f32;
+    let mut sums = PixelSums { silhouette: 0.0f32, depth: 0.0f32, covered: 0.0f32, light: 1.0f32 };
     let mut ids = Array::<u32>::new(SLOTS);
     let mut evidence = Array::<f32>::new(SLOTS);
     let mut known = 0u32;
@@ -123,94 +234,32 @@ pub(crate) fn expect(
                     let weight = alpha * transmittance;
                     transmittance *= 1.0 - alpha;
                     let at = staged[slot * STAGED + 5];
-                    silhouette += weight;
-                    depth_sum += weight * at;
+                    sums.silhouette += weight;
+                    sums.depth += weight * at;
                     if at <= limit {
-                        covered += weight;
+                        sums.covered += weight;
                     }
                     let mut behind = 0.0f32;
                     if observed > 0.0 {
                         behind = at - observed;
                     }
                     if behind < -rule.depth_tolerance {
-                        light -= weight;
-                    } else if behind <= rule.depth_tolerance && weight >= rule.min_weight * light {
+                        sums.light -= weight;
+                    } else if behind <= rule.depth_tolerance && weight >= rule.min_weight * sums.light {
                         let gaussian = staged_gaussians[slot] as usize;
-                        for vote in 0..4usize {
-                            let count = votes[gaussian * 4 + vote];
-                            if count > 0.0 {
-                                let packed = vote_ids[gaussian * 2 + vote / 2];
-                                let id = (packed >> (16u32 * (vote as u32 & 1u32))) & 0xffffu32;
-                                let mut place = known;
-                                for slot in 0..known {
-                                    if ids[slot as usize] == id {
-                                        place = slot;
-                                    }
-                                }
-                                if place == known && known < 16 {
-                                    ids[place as usize] = id;
-                                    evidence[place as usize] = 0.0f32;
-                                    known += 1u32;
-                                }
-                                if place < known {
-                                    evidence[place as usize] += weight * count;
-                                }
-                            }
-                        }
+                        known = add_evidence(vote_ids, votes, gaussian, weight, &mut ids, &mut evidence, known);
                     }
                 }
             }
         }
-        sync_cube();
-        // What is used moves together, in its order.
-        let mut rank = 0u32;
-        for slot in 0..unit {
-            rank += used[slot];
-        }
-        if used[unit] == 1 {
-            pairs[(begin + kept + rank) as usize] = pair;
-        }
-        if UNIT_POS == 255 {
-            flags[1] = rank + used[unit];
-        }
-        sync_cube();
-        kept += flags[1];
+        kept += keep_used(pairs, pair, begin + kept, &used, &mut flags);
     }
     if UNIT_POS == 0 {
         ends[CUBE_POS] = begin + kept;
     }
     if pixel.is_inside {
         let pixels = (view.width * view.height) as usize;
-        let mut best = 0.0f32;
-        let mut segment = 0u32;
-        let divisor = select(light > MIN_LIGHT, light, MIN_LIGHT);
-        for place in 0..known {
-            let id = ids[place as usize];
-            let found = evidence[place as usize] / divisor;
-            table_ids[place as usize * pixels + pixel.index] = id;
-            table_evidence[place as usize * pixels + pixel.index] = found;
-            // Of equal ones the smaller id wins.
-            if found > best || (found == best && id < segment) {
-                best = found;
-                segment = id;
-            }
-        }
-        if best <= rule.min_evidence || silhouette <= MIN_SILHOUETTE {
-            segment = 0u32;
-        }
-        let mut confidence = 0.0f32;
-        if segment != 0 {
-            confidence = select(best < 1.0, best, 1.0);
-        }
-        let mut mean_depth = 0.0f32;
-        if silhouette > 0.0 {
-            mean_depth = depth_sum / silhouette;
-        }
-        images[pixel.index] = segment;
-        images[pixels + pixel.index] = u32::reinterpret(confidence);
-        images[2 * pixels + pixel.index] = u32::reinterpret(silhouette);
-        images[3 * pixels + pixel.index] = u32::reinterpret(mean_depth);
-        surfaces[pixel.index] = u32::reinterpret(covered);
-        surfaces[pixels + pixel.index] = known;
+        let at = pixel.index;
+        write_pixel(&ids, &evidence, known, &sums, at, pixels, &rule, images, surfaces, table_ids, table_evidence);
     }
 }

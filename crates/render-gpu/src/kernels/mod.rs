@@ -5,6 +5,7 @@
 
 pub(crate) mod bin;
 pub(crate) mod blend;
+pub(crate) mod borders;
 pub(crate) mod camera;
 pub(crate) mod exp;
 pub(crate) mod expect;

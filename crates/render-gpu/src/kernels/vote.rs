@@ -36,6 +36,73 @@ fn add_label(ids: &mut Array<u32>, weights: &mut Array<f32>, id: u32, weight: f3
     }
 }
 
+/// The nearest and the farthest of a tile's depths that are measured.
+#[cube]
+fn depth_range(tile_depth: &Shared<[f32]>, range: &mut Shared<[f32]>) {
+    let mut nearest = FAR.runtime();
+    let mut farthest = 0.0f32;
+    for at in 0..PIXELS {
+        let here = tile_depth[at];
+        if here > 0.0 {
+            nearest = select(here < nearest, here, nearest);
+            farthest = select(here > farthest, here, farthest);
+        }
+    }
+    range[0] = nearest;
+    range[1] = farthest;
+}
+
+/// What a tile's threads share while they count.
+#[derive(CubeType)]
+struct TileCounts {
+    /// `[16, 16 x 16]` of weights.
+    weights: Shared<[f32]>,
+    labels: Shared<[u32]>,
+    depth: Shared<[f32]>,
+    /// Nearest and farthest of `depth`.
+    range: Shared<[f32]>,
+}
+
+/// Sums the weights of the Gaussian in `slot`, at depth `at`, by label; returns the sum of all.
+#[cube]
+fn sum_labels(
+    tile: &TileCounts,
+    slot: usize,
+    at: f32,
+    tolerance: f32,
+    ids: &mut Array<u32>,
+    sums: &mut Array<f32>,
+) -> f32 {
+    // Most tiles show one surface: then no pixel needs to be looked at.
+    let is_near_all = at <= tile.range[0] + tolerance && at >= tile.range[1] - tolerance;
+    for label in 0..LABELS {
+        ids[label] = 0u32;
+        sums[label] = 0.0f32;
+    }
+    let mut total = 0.0f32;
+    let mut current = 0u32;
+    let mut sum = 0.0f32;
+    for place in 0..PIXELS {
+        let weight = tile.weights[slot * PIXELS + place];
+        if weight > 0.0 {
+            let observed = tile.depth[place];
+            let apart = f32::abs(at - observed);
+            if is_near_all || observed <= 0.0 || apart <= tolerance {
+                let label = tile.labels[place];
+                if label != current {
+                    total += sum;
+                    add_label(ids, sums, current, sum);
+                    current = label;
+                    sum = 0.0f32;
+                }
+                sum += weight;
+            }
+        }
+    }
+    add_label(ids, sums, current, sum);
+    total + sum
+}
+
 /// Sums the weights of each pair's Gaussian in its tile by the `labels` `[height, width]` of the pixels: `totals` `[pairs]`,
 /// `label_ids` and `label_weights` `[pairs, 4]`. Sums go row by row, and runs of one label are added up first.
 #[cube(launch)]
@@ -55,10 +122,12 @@ pub(crate) fn count_votes(
 ) {
     let mut staged = Shared::<[f32]>::new_slice(BATCH * STAGED);
     let mut boxes = Shared::<[u32]>::new_slice(BATCH);
-    let mut weights = Shared::<[f32]>::new_slice(BATCH * PIXELS);
-    let mut tile_labels = Shared::<[u32]>::new_slice(PIXELS);
-    let mut tile_depth = Shared::<[f32]>::new_slice(PIXELS);
-    let mut range = Shared::<[f32]>::new_slice(2usize);
+    let mut shared = TileCounts {
+        weights: Shared::<[f32]>::new_slice(BATCH * PIXELS),
+        labels: Shared::<[u32]>::new_slice(PIXELS),
+        depth: Shared::<[f32]>::new_slice(PIXELS),
+        range: Shared::<[f32]>::new_slice(2usize),
+    };
     let tile = CUBE_POS as u32;
     let unit = UNIT_POS as usize;
     let pixel = pixel_of(tile, &view);
@@ -70,21 +139,11 @@ pub(crate) fn count_votes(
         label = labels[pixel.index];
         observed = depth[pixel.index];
     }
-    tile_labels[unit] = label;
-    tile_depth[unit] = observed;
+    shared.labels[unit] = label;
+    shared.depth[unit] = observed;
     sync_cube();
     if unit == 0 {
-        let mut nearest = FAR.runtime();
-        let mut farthest = 0.0f32;
-        for at in 0..PIXELS {
-            let here = tile_depth[at];
-            if here > 0.0 {
-                nearest = select(here < nearest, here, nearest);
-                farthest = select(here > farthest, here, farthest);
-            }
-        }
-        range[0] = nearest;
-        range[1] = farthest;
+        depth_range(&shared.depth, &mut shared.range);
     }
     let mut is_live = pixel.is_inside;
     let mut transmittance = 1.0f32;
@@ -115,42 +174,14 @@ pub(crate) fn count_votes(
                     }
                 }
             }
-            weights[slot * PIXELS + unit] = weight;
+            shared.weights[slot * PIXELS + unit] = weight;
         }
         sync_cube();
         if UNIT_POS < here {
-            let at = staged[unit * STAGED + 5];
-            // Most tiles show one surface: then no pixel needs to be looked at.
-            let is_near_all = at <= range[0] + tolerance && at >= range[1] - tolerance;
             let mut ids = Array::<u32>::new(LABELS);
             let mut sums = Array::<f32>::new(LABELS);
-            for slot in 0..LABELS {
-                ids[slot] = 0u32;
-                sums[slot] = 0.0f32;
-            }
-            let mut total = 0.0f32;
-            let mut current = 0u32;
-            let mut sum = 0.0f32;
-            for place in 0..PIXELS {
-                let weight = weights[unit * PIXELS + place];
-                if weight > 0.0 {
-                    let observed = tile_depth[place];
-                    let apart = f32::abs(at - observed);
-                    if is_near_all || observed <= 0.0 || apart <= tolerance {
-                        let label = tile_labels[place];
-                        if label != current {
-                            total += sum;
-                            add_label(&mut ids, &mut sums, current, sum);
-                            current = label;
-                            sum = 0.0f32;
-                        }
-                        sum += weight;
-                    }
-                }
-            }
-            total += sum;
-            add_label(&mut ids, &mut sums, current, sum);
-            totals[pair] = total;
+            let at = staged[unit * STAGED + 5];
+            totals[pair] = sum_labels(&shared, unit, at, tolerance, &mut ids, &mut sums);
             for slot in 0..LABELS {
                 label_ids[pair * LABELS + slot] = ids[slot];
                 label_weights[pair * LABELS + slot] = sums[slot];
