@@ -71,6 +71,11 @@ impl RecurringPredictions {
         Ok(Self { of_gaussian, counts, last })
     }
 
+    /// Whether nothing changes if a frame explains nothing.
+    pub fn is_empty(&self) -> bool {
+        self.counts.is_empty() && self.of_gaussian.iter().all(|number| *number == 0)
+    }
+
     /// Takes note of the predictions of a frame that the memory explains: `explained` has their ids, 0 elsewhere.
     ///
     /// `visible` are the Gaussians in view. Returns those that have now come `needed` times, each with the Gaussians under it.

@@ -236,6 +236,9 @@ impl SplatMemory {
         needed: usize,
     ) -> Result<Vec<SegmentId>, MemoryError> {
         self.check_predictions(recall, explained)?;
+        if self.recurring.is_empty() && explained.pixels().iter().all(|id| *id == 0 || *id == ABSTAIN) {
+            return Ok(Vec::new());
+        }
         let visible = self.backend.visible_gaussians(recall)?;
         let recurring = self.recurring.note(&visible, explained, needed);
         for (id, gaussians) in &recurring {

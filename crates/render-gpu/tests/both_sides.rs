@@ -220,6 +220,18 @@ fn few_and_small_things_are_transferred() {
 }
 
 #[test]
+fn a_view_of_the_cpu_is_refused() {
+    let Some(device) = device() else { return };
+    let (host, gpu) =
+        (memory(MemorySettings::default()), memory(MemorySettings::default()).on_device(&device).unwrap());
+    let frame = &ROOM[0].frame;
+    let nothing = SegmentMap::filled(frame.width(), frame.height(), 0);
+    let error = gpu.fuse(&host.recall(frame), &nothing).unwrap_err();
+    assert_eq!(error.to_string(), "the map's device: the view of this frame was not made on this device");
+    assert_eq!(gpu.fuse(&gpu.recall(frame), &nothing).unwrap(), nothing);
+}
+
+#[test]
 fn only_a_memory_of_evidence_moves() {
     let Some(device) = device() else { return };
     let settings = MemorySettings::default().with(|settings| {

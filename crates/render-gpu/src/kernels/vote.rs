@@ -63,11 +63,13 @@ struct TileCounts {
     range: Shared<[f32]>,
 }
 
-/// Sums the weights of the Gaussian in `slot`, at depth `at`, by label; returns the sum of all.
+/// Sums the weights of the Gaussian in `slot`, at depth `at`, by label; returns the sum of all. `rows` are its box as [`stage`]
+/// gives it.
 #[cube]
 fn sum_labels(
     tile: &TileCounts,
     slot: usize,
+    rows: u32,
     at: f32,
     tolerance: f32,
     ids: &mut Array<u32>,
@@ -82,7 +84,9 @@ fn sum_labels(
     let mut total = 0.0f32;
     let mut current = 0u32;
     let mut sum = 0.0f32;
-    for place in 0..PIXELS {
+    // There is no weight outside its rows.
+    for place in ((rows >> 10u32) & 31) * 16..(((rows >> 15u32) & 31) + 1) * 16 {
+        let place = place as usize;
         let weight = tile.weights[slot * PIXELS + place];
         if weight > 0.0 {
             let observed = tile.depth[place];
@@ -181,7 +185,7 @@ pub(crate) fn count_votes(
             let mut ids = Array::<u32>::new(LABELS);
             let mut sums = Array::<f32>::new(LABELS);
             let at = staged[unit * STAGED + 5];
-            totals[pair] = sum_labels(&shared, unit, at, tolerance, &mut ids, &mut sums);
+            totals[pair] = sum_labels(&shared, unit, boxes[unit], at, tolerance, &mut ids, &mut sums);
             for slot in 0..LABELS {
                 label_ids[pair * LABELS + slot] = ids[slot];
                 label_weights[pair * LABELS + slot] = sums[slot];
