@@ -163,6 +163,25 @@ pub(crate) fn bin(
         sights.count as u32,
     );
     let order = sorted(device, by_depth, visible, DEPTH_BITS)?.values;
+    let in_order = InOrder { splats, gaussians, order, visible, pairs };
+    sort_into_tiles(device, in_order, camera)
+}
+
+/// The visible Gaussians.
+struct InOrder {
+    splats: Buffer,
+    gaussians: Buffer,
+    /// `splats` front to back.
+    order: Buffer,
+    visible: usize,
+    /// Pairs of a Gaussian and a tile that it touches.
+    pairs: usize,
+}
+
+/// Writes the pairs front to back and sorts them by tile.
+fn sort_into_tiles(device: &GpuDevice, in_order: InOrder, camera: &Camera) -> Result<Tiles, GpuError> {
+    let client = &device.client;
+    let InOrder { splats, gaussians, order, visible, pairs } = in_order;
     let tile_counts = device.empty(visible, "tiles of Gaussians")?;
     let (cube_count, cube) = threads(visible);
     let (view, count) = (view_args(camera), visible as u32);

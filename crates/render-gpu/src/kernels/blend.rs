@@ -117,3 +117,27 @@ pub(crate) fn alpha_at(staged: &Shared<[f32]>, boxes: &Shared<[u32]>, slot: usiz
     }
     alpha
 }
+
+/// What is left of the light behind the Gaussians that a pixel has blended.
+#[derive(CubeType)]
+pub(crate) struct Transmittance {
+    pub value: f32,
+    /// Whether the pixel takes more Gaussians.
+    pub is_live: bool,
+}
+
+/// Blends a Gaussian of this alpha behind the others; returns its weight, 0 if it is not blended.
+#[cube]
+pub(crate) fn blend(alpha: f32, behind: &mut Transmittance, view: &View) -> f32 {
+    let mut weight = 0.0f32;
+    if alpha > 0.0 {
+        let next = behind.value * (1.0 - alpha);
+        if next <= view.min_transmittance {
+            behind.is_live = false;
+        } else {
+            weight = alpha * behind.value;
+            behind.value = next;
+        }
+    }
+    weight
+}

@@ -1,6 +1,6 @@
 //! What a view expects: surfaces, evidence and segments per pixel (`splatseg_memory`'s `recall.rs` and `evidence/`).
 
-use super::blend::{PIXELS, STAGED, alpha_at, pixel_of, stage};
+use super::blend::{PIXELS, STAGED, Transmittance, alpha_at, blend, pixel_of, stage};
 use super::camera::View;
 use cubecl::prelude::*;
 
@@ -33,7 +33,7 @@ pub(crate) struct EvidenceRule {
 }
 
 /// What one pixel has summed up.
-#[derive(CubeType, Clone, Copy)]
+#[derive(CubeType)]
 struct PixelSums {
     silhouette: f32,
     /// Sum of weight times depth.
@@ -41,6 +41,25 @@ struct PixelSums {
     covered: f32,
     /// What is not taken by things that are gone.
     light: f32,
+}
+
+/// Adds a Gaussian at depth `at` to the sums of a pixel; returns whether its votes count there: only near the observed depth.
+/// What lies in front of it is gone, or never was there, and the light that it takes is given back to what is behind.
+#[cube]
+fn add_surface(sums: &mut PixelSums, weight: f32, at: f32, observed: f32, rule: &EvidenceRule) -> bool {
+    sums.silhouette += weight;
+    sums.depth += weight * at;
+    if at <= observed + rule.depth_disparity {
+        sums.covered += weight;
+    }
+    let mut behind = 0.0f32;
+    if observed > 0.0 {
+        behind = at - observed;
+    }
+    if behind < -rule.depth_tolerance {
+        sums.light -= weight;
+    }
+    behind >= -rule.depth_tolerance && behind <= rule.depth_tolerance && weight >= rule.min_weight * sums.light
 }
 
 /// Adds the weighted votes of a Gaussian to the table of a pixel; returns the number of segments in it.
@@ -183,9 +202,7 @@ pub(crate) fn expect(
     if pixel.is_inside {
         observed = depth[pixel.index];
     }
-    let limit = observed + rule.depth_disparity;
-    let mut is_live = pixel.is_inside;
-    let mut transmittance = 1.0f32;
+    let mut behind = Transmittance { value: 1.0f32, is_live: pixel.is_inside };
     let mut sums = PixelSums { silhouette: 0.0f32, depth: 0.0f32, covered: 0.0f32, light: 1.0f32 };
     let mut ids = Array::<u32>::new(SLOTS);
     let mut evidence = Array::<f32>::new(SLOTS);
@@ -198,7 +215,7 @@ pub(crate) fn expect(
             flags[unit] = 0u32;
         }
         sync_cube();
-        if is_live {
+        if behind.is_live {
             // All threads that write write the same.
             flags[0] = 1u32;
         }
@@ -223,33 +240,16 @@ pub(crate) fn expect(
         for slot in 0..here {
             let slot = slot as usize;
             let mut alpha = 0.0f32;
-            if is_live {
+            if behind.is_live {
                 alpha = alpha_at(&staged, &boxes, slot, &pixel, &view);
             }
             if alpha > 0.0 {
                 used[slot] = 1u32;
-                if transmittance * (1.0 - alpha) <= view.min_transmittance {
-                    is_live = false;
-                } else {
-                    let weight = alpha * transmittance;
-                    transmittance *= 1.0 - alpha;
-                    let at = staged[slot * STAGED + 5];
-                    sums.silhouette += weight;
-                    sums.depth += weight * at;
-                    if at <= limit {
-                        sums.covered += weight;
-                    }
-                    let mut behind = 0.0f32;
-                    if observed > 0.0 {
-                        behind = at - observed;
-                    }
-                    if behind < -rule.depth_tolerance {
-                        sums.light -= weight;
-                    } else if behind <= rule.depth_tolerance && weight >= rule.min_weight * sums.light {
-                        let gaussian = staged_gaussians[slot] as usize;
-                        known = add_evidence(vote_ids, votes, gaussian, weight, &mut ids, &mut evidence, known);
-                    }
-                }
+            }
+            let weight = blend(alpha, &mut behind, &view);
+            if weight > 0.0 && add_surface(&mut sums, weight, staged[slot * STAGED + 5], observed, &rule) {
+                let gaussian = staged_gaussians[slot] as usize;
+                known = add_evidence(vote_ids, votes, gaussian, weight, &mut ids, &mut evidence, known);
             }
         }
         kept += keep_used(pairs, pair, begin + kept, &used, &mut flags);

@@ -103,6 +103,33 @@ fn block_at(
     }
 }
 
+/// Puts the quarters of a square on the pile, the last one first: what is put down last is taken up next. Returns the size
+/// of the pile.
+#[cube]
+fn put_down_quarters(
+    lefts: &mut Array<u32>,
+    tops: &mut Array<u32>,
+    sides: &mut Array<u32>,
+    waiting: u32,
+    left: u32,
+    top: u32,
+    half: u32,
+    view: &View,
+) -> u32 {
+    let mut waiting = waiting;
+    for quarter in 0..4u32 {
+        let quarter_left = left + half * ((3 - quarter) & 1);
+        let quarter_top = top + half * ((3 - quarter) >> 1u32);
+        if quarter_left < view.width && quarter_top < view.height {
+            lefts[waiting as usize] = quarter_left;
+            tops[waiting as usize] = quarter_top;
+            sides[waiting as usize] = half;
+            waiting += 1u32;
+        }
+    }
+    waiting
+}
+
 /// Goes through the squares of each largest square as a quadtree. Without `writes` it counts the new Gaussians of each in
 /// `counts`; with it, it writes them behind the first `first` of the map, from the prefix sums `counts` on.
 #[cube(launch)]
@@ -161,18 +188,7 @@ pub(crate) fn grow_blocks(
             }
             count += 1u32;
         } else if square.wanting > 0 {
-            // The last quarter first: what is put down last is taken up next.
-            let half = side / 2;
-            for quarter in 0..4u32 {
-                let quarter_left = left + half * ((3 - quarter) & 1);
-                let quarter_top = top + half * ((3 - quarter) >> 1u32);
-                if quarter_left < view.width && quarter_top < view.height {
-                    lefts[waiting as usize] = quarter_left;
-                    tops[waiting as usize] = quarter_top;
-                    sides[waiting as usize] = half;
-                    waiting += 1u32;
-                }
-            }
+            waiting = put_down_quarters(&mut lefts, &mut tops, &mut sides, waiting, left, top, side / 2, &view);
         }
     }
     if !comptime!(writes) {

@@ -1,6 +1,6 @@
 //! The votes that one frame gives (`splatseg_memory`'s `evidence/voting.rs` and `votes.rs`).
 
-use super::blend::{PIXELS, STAGED, alpha_at, pixel_of, stage};
+use super::blend::{PIXELS, STAGED, Transmittance, alpha_at, blend, pixel_of, stage};
 use super::camera::View;
 use super::forget::VOTED;
 use super::fuse::ABSTAIN;
@@ -149,8 +149,7 @@ pub(crate) fn count_votes(
     if unit == 0 {
         depth_range(&shared.depth, &mut shared.range);
     }
-    let mut is_live = pixel.is_inside;
-    let mut transmittance = 1.0f32;
+    let mut behind = Transmittance { value: 1.0f32, is_live: pixel.is_inside };
     for batch in 0..count.div_ceil(16) {
         let first = batch * 16;
         let mut here = count - first;
@@ -166,18 +165,11 @@ pub(crate) fn count_votes(
         sync_cube();
         for slot in 0..here {
             let slot = slot as usize;
-            let mut weight = 0.0f32;
-            if is_live {
-                let alpha = alpha_at(&staged, &boxes, slot, &pixel, &view);
-                if alpha > 0.0 {
-                    if transmittance * (1.0 - alpha) <= view.min_transmittance {
-                        is_live = false;
-                    } else {
-                        weight = alpha * transmittance;
-                        transmittance *= 1.0 - alpha;
-                    }
-                }
+            let mut alpha = 0.0f32;
+            if behind.is_live {
+                alpha = alpha_at(&staged, &boxes, slot, &pixel, &view);
             }
+            let weight = blend(alpha, &mut behind, &view);
             shared.weights[slot * PIXELS + unit] = weight;
         }
         sync_cube();
