@@ -98,7 +98,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             host.scorer.push(truth, &FramePrediction::Ids(&one.segments))?;
             gpu.scorer.push(truth, &FramePrediction::Ids(&other.segments))?;
         }
-        let Transfers { uploads, upload_bytes, downloads, download_bytes } = device.transfers();
+        let Transfers { uploads, uploaded_bytes, downloads, downloaded_bytes } = device.transfers();
         println!(
             "frame {count}: {:.4} % equal; grown {} and {}, removed {} and {}; {} uploads of {} KB, {} downloads of {} KB",
             100.0 * same,
@@ -107,9 +107,9 @@ fn main() -> Result<(), Box<dyn Error>> {
             one.update.removed,
             other.update.removed,
             uploads - before.uploads,
-            (upload_bytes - before.upload_bytes) / 1024,
+            (uploaded_bytes - before.uploaded_bytes) / 1024,
             downloads - before.downloads,
-            (download_bytes - before.download_bytes) / 1024,
+            (downloaded_bytes - before.downloaded_bytes) / 1024,
         );
     }
     println!(

@@ -14,19 +14,19 @@ pub struct Transfers {
     /// Buffers sent.
     pub uploads: u64,
     /// Bytes of those.
-    pub upload_bytes: u64,
+    pub uploaded_bytes: u64,
     /// Times that something was read; the program waits for the device each time.
     pub downloads: u64,
     /// Bytes of those.
-    pub download_bytes: u64,
+    pub downloaded_bytes: u64,
 }
 
 #[derive(Debug, Default)]
 struct TransferCounters {
     uploads: AtomicU64,
-    upload_bytes: AtomicU64,
+    uploaded_bytes: AtomicU64,
     downloads: AtomicU64,
-    download_bytes: AtomicU64,
+    downloaded_bytes: AtomicU64,
 }
 
 /// A GPU that can take over maps of evidence; copies are the same device.
@@ -95,9 +95,9 @@ impl GpuDevice {
         let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         Transfers {
             uploads: read(&self.counters.uploads),
-            upload_bytes: read(&self.counters.upload_bytes),
+            uploaded_bytes: read(&self.counters.uploaded_bytes),
             downloads: read(&self.counters.downloads),
-            download_bytes: read(&self.counters.download_bytes),
+            downloaded_bytes: read(&self.counters.downloaded_bytes),
         }
     }
 
@@ -140,7 +140,7 @@ impl GpuDevice {
             return self.empty(0, what);
         }
         self.counters.uploads.fetch_add(1, Ordering::Relaxed);
-        self.counters.upload_bytes.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        self.counters.uploaded_bytes.fetch_add(bytes.len() as u64, Ordering::Relaxed);
         Ok(Buffer { handle: self.client.create_from_slice(bytes), len: bytes.len() / 4 })
     }
 
@@ -156,7 +156,7 @@ impl GpuDevice {
                 return Err(failed(format!("{} values came back of {}", values.len(), buffer.len)));
             }
             values.truncate(buffer.len);
-            self.counters.download_bytes.fetch_add(4 * buffer.len as u64, Ordering::Relaxed);
+            self.counters.downloaded_bytes.fetch_add(4 * buffer.len as u64, Ordering::Relaxed);
         }
         self.counters.downloads.fetch_add(1, Ordering::Relaxed);
         Ok(read)

@@ -211,10 +211,10 @@ fn few_and_small_things_are_transferred() {
         assert!(uploads <= 6 && downloads <= 7, "{uploads} uploads and {downloads} downloads in frame {number}");
         // Up go depth, colour and three maps of predictions. Down come four images and two maps, and where each Gaussian
         // is seen; a bit for each that may have been removed, and a word for each id.
-        let up = after.upload_bytes - before.upload_bytes;
+        let up = after.uploaded_bytes - before.uploaded_bytes;
         assert!(up <= 5 * pixel_bytes + 4096, "{up} bytes up in frame {number}");
         let gaussian_bytes = 5 * (memory.gaussian_count() + found.update.removed) as u64;
-        let down = after.download_bytes - before.download_bytes;
+        let down = after.downloaded_bytes - before.downloaded_bytes;
         assert!(down <= 6 * pixel_bytes + gaussian_bytes + 4096, "{down} bytes down in frame {number}");
     }
 }

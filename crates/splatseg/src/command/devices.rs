@@ -39,13 +39,17 @@ pub fn devices(arguments: &DevicesArguments, program: &[OsString]) -> Result<(),
     Ok(())
 }
 
-/// Checks a device before networks run on it.
-pub fn check(device: DeviceName, program: &[OsString]) -> Result<(), Failure> {
-    if device == DeviceName::Cpu || !device.is_built() {
-        return Ok(());
+/// Checks devices before a run uses them.
+pub fn check(devices: impl Iterator<Item = DeviceName>, program: &[OsString]) -> Result<(), Failure> {
+    let mut checked = vec![DeviceName::Cpu];
+    for device in devices.filter(|device| device.is_built()) {
+        if !checked.contains(&device) {
+            let unusable = |message| Failure::input(DeviceError::Unusable { name: device.name(), message });
+            tried(device, program).map_err(unusable)?;
+            checked.push(device);
+        }
     }
-    let unusable = |message| Failure::input(DeviceError::Unusable { name: device.name(), message });
-    tried(device, program).map(|_| ()).map_err(unusable)
+    Ok(())
 }
 
 /// Tries a device in this process and says what came of it.

@@ -147,6 +147,8 @@ pub struct SettingsOptions {
     pub prompts: Option<String>,
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
+    #[arg(long, value_name = "DEVICE")]
+    pub memory_device: Option<String>,
     /// Settings from a TOML file, or from the summary.json of an earlier run
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -186,6 +188,7 @@ impl SettingsOptions {
             ("tracker_weights", self.tracker_weights.as_ref()),
             ("prompts", self.prompts.as_ref()),
             ("device", self.device.as_ref()),
+            ("memory_device", self.memory_device.as_ref()),
             ("seed", self.seed.as_ref()),
             ("threads", self.threads.as_ref()),
             ("memory_limit", self.memory_limit.as_ref()),

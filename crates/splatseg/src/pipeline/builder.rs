@@ -1,15 +1,18 @@
 //! From settings to a pipeline.
 
 use super::{LoadedNetworks, Pipeline, PipelineError, StageClock};
-use crate::settings::{MethodSettings, SegmenterSettings, Settings, TrackerSettings};
+use crate::settings::{MemoryDevice, MethodSettings, SegmenterSettings, Settings, TrackerSettings};
 use splatseg_dataset::Scene;
 use splatseg_memory::{MemorySettings, SplatMemory};
+use splatseg_models::device::{DeviceError, DeviceName};
 use splatseg_objects::ObjectLog;
+#[cfg(feature = "gpu")]
+use splatseg_render_gpu::GpuDevice;
 use splatseg_segmenter::{FastSamSegmenter, GraphSegmenter, MaskFolder, Segmenter};
 use splatseg_simulators::{GroundTruthPrompts, OracleSegmenter, SceneGroundTruth, SimTracker};
 use splatseg_tracking::{
     FastSamBaseline, FastSamSplat, FastSpamBaseline, Method, PromptSource, Sam2Baseline, Sam2Splat, Sam2Tracker,
-    Tracker,
+    Tracker, TrackingError,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -182,11 +185,15 @@ impl<'a> PipelineBuilder<'a> {
         if let Some(memory) = self.memory.take() {
             return Ok(memory);
         }
-        if let Some(path) = &self.saved_memory {
-            return Ok(SplatMemory::load(path, settings.clone())?);
+        let memory = match &self.saved_memory {
+            Some(path) => SplatMemory::load(path, settings.clone())?,
+            None => SplatMemory::new(settings.clone(), self.settings.run.seed, &mut self.progress)
+                .map_err(TrackingError::from)?,
+        };
+        match self.settings.run.memory_device {
+            MemoryDevice::Cpu => Ok(memory),
+            MemoryDevice::Gpu => on_gpu(memory),
         }
-        let memory = SplatMemory::new(settings.clone(), self.settings.run.seed, &mut self.progress);
-        Ok(memory.map_err(splatseg_tracking::TrackingError::from)?)
     }
 
     fn make_tracker(&mut self, settings: &TrackerSettings) -> Result<Box<dyn Tracker>, PipelineError> {
@@ -211,4 +218,18 @@ impl<'a> PipelineBuilder<'a> {
         let scene = self.scene.as_ref().ok_or(PipelineError::NoScene(needed_by))?;
         Ok(SceneGroundTruth::new(Arc::clone(scene), self.settings.dataset.framing())?)
     }
+}
+
+/// Moves a memory to the GPU.
+#[cfg(feature = "gpu")]
+fn on_gpu(memory: SplatMemory) -> Result<SplatMemory, PipelineError> {
+    let unusable = |message: String| DeviceError::Unusable { name: DeviceName::Gpu.name(), message };
+    let device = GpuDevice::open().map_err(|error| unusable(error.to_string()))?;
+    Ok(memory.on_device(&device).map_err(TrackingError::from)?)
+}
+
+/// Settings are checked before: the program has no GPU.
+#[cfg(not(feature = "gpu"))]
+fn on_gpu(_: SplatMemory) -> Result<SplatMemory, PipelineError> {
+    Err(DeviceError::NotBuilt(DeviceName::Gpu.name()).into())
 }

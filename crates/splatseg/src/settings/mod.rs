@@ -13,7 +13,7 @@ mod usage;
 pub use document::{describe_settings, markdown};
 pub use error::{MissingFile, SettingsError};
 pub use layers::SettingsLayers;
-pub use names::{MethodName, SegmenterName, TrackerName};
+pub use names::{MemoryDevice, MethodName, SegmenterName, TrackerName};
 pub use preset::MethodPreset;
 pub use registry::{ChosenValues, Entry, Need, describe, entries};
 
@@ -56,6 +56,8 @@ settings! {
         method_preset: MethodPreset = MethodPreset::Splatseg, Allowed::Names(MethodPreset::NAMES);
         /// The device that runs the networks. Support for devices other than the CPU must be built in.
         device: DeviceName = DeviceName::Cpu, Allowed::Names(DeviceName::NAMES);
+        /// The device that keeps and renders the memory. `gpu` must be built in. On some GPUs a few pixels differ.
+        memory_device: MemoryDevice = MemoryDevice::Cpu, Allowed::Names(MemoryDevice::NAMES);
         /// Whether the next frame is segmented while the method works on this one. Results do not depend on it. Stages
         /// take longer, as they share the processor.
         segment_ahead: bool = false, Allowed::Switch;
@@ -292,16 +294,18 @@ impl Settings {
         if let Some(TrackerSettings::Sam2 { tracker_weights: None, .. }) = tracker {
             return Err(SettingsError::Missing(MissingFile::SAM2));
         }
-        match self.network_device() {
-            Some(device) if !device.is_built() => Err(DeviceError::NotBuilt(device.name()).into()),
-            _ => Ok(()),
+        match self.devices().find(|device| !device.is_built()) {
+            Some(device) => Err(DeviceError::NotBuilt(device.name()).into()),
+            None => Ok(()),
         }
     }
 
-    /// The device that the networks run on, if there are any.
-    pub fn network_device(&self) -> Option<DeviceName> {
+    /// The devices that networks and the memory need, if there are any.
+    pub fn devices(&self) -> impl Iterator<Item = DeviceName> {
         let segments = self.method.uses_segmenter() && matches!(self.segmenter, SegmenterSettings::Fastsam { .. });
         let tracks = matches!(self.method.tracker(), Some(TrackerSettings::Sam2 { .. }));
-        (segments || tracks).then_some(self.run.device)
+        let remembers = self.method.memory().is_some() && self.run.memory_device == MemoryDevice::Gpu;
+        let networks = (segments || tracks).then_some(self.run.device);
+        networks.into_iter().chain(remembers.then_some(DeviceName::Gpu))
     }
 }

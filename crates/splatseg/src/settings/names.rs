@@ -33,6 +33,16 @@ choices! {
 }
 
 choices! {
+    /// Where a memory is kept.
+    pub enum MemoryDevice, default Cpu {
+        /// The processor
+        Cpu = "cpu",
+        /// Any GPU; for a memory of evidence
+        Gpu = "gpu",
+    }
+}
+
+choices! {
     /// The trackers.
     pub enum TrackerName, default Sam2 {
         /// SAM 2.1; needs tracker_weights

@@ -43,7 +43,7 @@ pub fn bench(arguments: &BenchArguments, program: &[OsString]) -> Result<(), Fai
         return bench_paper(arguments, program);
     }
     let plan = Plan::new(arguments)?;
-    devices::check(plan.settings.run.device, program)?;
+    devices::check(plan.settings.devices(), program)?;
     let outcomes = measure(&plan, arguments, &arguments.out)?;
     let benchmark = finish(&plan, &outcomes, &arguments.out)?;
     missing_results(&[(&benchmark, arguments.out.as_path())])
@@ -69,7 +69,7 @@ fn bench_paper(arguments: &BenchArguments, program: &[OsString]) -> Result<(), F
         return Err(Failure::input("nothing of the paper can be run: give --scannet or --mvpd, and --weights-dir"));
     }
     for (_, plan, _) in &plans {
-        devices::check(plan.settings.run.device, program)?;
+        devices::check(plan.settings.devices(), program)?;
     }
     claim_paper_folder(&arguments.out, Existing::from_flag(arguments.overwrite))?;
     let mut outcomes = Vec::new();

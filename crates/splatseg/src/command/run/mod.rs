@@ -102,7 +102,7 @@ pub fn run(arguments: &RunArguments, program: &[OsString]) -> Result<(), Failure
         networks: Arc::default(),
     };
     check_paths(&job, arguments.options.config.as_deref())?;
-    devices::check(job.settings.network_device().unwrap_or_default(), program)?;
+    devices::check(job.settings.devices(), program)?;
     let summary = execute(&job)?;
     say!("{}", report(&job, &summary));
     Ok(())
