@@ -118,7 +118,7 @@ mod gpu {
             }
         });
         outcome.map_err(|message| {
-            let message = crate::transfer::one_line(&message);
+            let message = crate::transfer::root_cause(&message);
             let message = if message.is_empty() { "its driver gave no reason".to_owned() } else { message };
             DeviceError::Unusable { name: name.name(), message }
         })

@@ -2,6 +2,7 @@
 
 use crate::device::is_cpu;
 use burn::tensor::{Device, Tensor, TensorData, Transaction};
+use splatseg_input::display_bytes;
 use std::cell::Cell;
 
 thread_local! {
@@ -62,7 +63,7 @@ pub(crate) fn download(tensors: Vec<Tensor<1>>) -> Result<Vec<Vec<f32>>, String>
     let Some(first) = tensors.first() else { return Ok(Vec::new()) };
     let is_cpu = is_cpu(&first.device());
     let transaction = tensors.into_iter().fold(Transaction::default(), Transaction::register);
-    let data = transaction.try_execute().map_err(|error| one_line(&error.to_string()))?;
+    let data = transaction.try_execute().map_err(|error| root_cause(&error.to_string()))?;
     let values = data.into_iter().map(|data| data.try_into_vec::<f32>().map_err(|error| format!("{error:?}")));
     let values = values.collect::<Result<Vec<_>, _>>()?;
     if !is_cpu {
@@ -77,8 +78,35 @@ pub(crate) fn download(tensors: Vec<Tensor<1>>) -> Result<Vec<Vec<f32>>, String>
     Ok(values)
 }
 
-/// A driver's message without line breaks.
-pub(crate) fn one_line(message: &str) -> String {
-    let lines: Vec<&str> = message.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
-    lines.join(" ")
+/// What is behind a device's error, in one line: the last of its causes, without the chain of everything that it kept
+/// from being computed.
+pub(crate) fn root_cause(message: &str) -> String {
+    const NO_ROOM: &str = "can't allocate buffer of size: ";
+    let size =
+        message.split(NO_ROOM).nth(1).map(|rest| rest.chars().take_while(char::is_ascii_digit).collect::<String>());
+    if let Some(bytes) = size.and_then(|digits| digits.parse::<u64>().ok()) {
+        return format!("it has no room for a buffer of {}", display_bytes(bytes));
+    }
+    let last = message.rsplit("Caused by:").next().unwrap_or(message);
+    let lines =
+        last.lines().map(str::trim).take_while(|line| !line.starts_with("Asked at") && !line.contains("backtrace"));
+    lines.filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What Burn 0.22 says where a buffer is too large for the device.
+    const CHAIN: &str = "An error happened during execution\nCaused by:\n  Several failures at once\nCaused by:\n  The \
+        bytes were never written\n  skipped `KernelBinop`\nCaused by:\n  An IO error happened\nCaused by:\n  can't \
+        allocate buffer of size: 176160768\nNo backtrace available\nAsked at:\nNo backtrace available";
+
+    #[test]
+    fn of_a_chain_of_causes_the_last_is_told() {
+        assert_eq!(root_cause(CHAIN), "it has no room for a buffer of 176 MB");
+        let lost = CHAIN.replace("can't allocate buffer of size: 176160768", "Parent device is lost");
+        assert_eq!(root_cause(&lost), "Parent device is lost");
+        assert_eq!(root_cause("no adapter\n"), "no adapter");
+    }
 }
