@@ -6,7 +6,7 @@
 
 use crate::ply::SplatContentView;
 use crate::recall::Recall;
-use crate::{LearningExtent, MemoryError, MemorySettings, SplatMap, Votes};
+use crate::{LearningExtent, MemoryError, MemorySettings, SegmentCodes, SplatMap, Votes};
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera};
 
@@ -136,9 +136,23 @@ pub trait MapBackend: std::fmt::Debug + Send + Sync {
     fn content(&self) -> Result<MapContent<'_>, MemoryError>;
 }
 
-/// A device that can take over a map of evidence.
-pub trait EvidenceDevice: std::fmt::Debug {
-    /// Takes a map over; there is one entry of `votes` per Gaussian.
+/// What the Gaussians of a map remember, as a device takes it over.
+#[derive(Debug)]
+pub enum RememberedSegments {
+    /// Of a memory of evidence: one entry per Gaussian.
+    Votes(Vec<Votes>),
+    /// Of a memory of features.
+    Features {
+        /// `[gaussians, D]`.
+        features: Vec<f32>,
+        /// The code of every segment.
+        codes: SegmentCodes,
+    },
+}
+
+/// A device that can take over a map.
+pub trait MapDevice: std::fmt::Debug {
+    /// Takes a map over, and what its Gaussians remember.
     ///
     /// # Errors
     /// If the device has no room for it, or fails.
@@ -146,6 +160,6 @@ pub trait EvidenceDevice: std::fmt::Debug {
         &self,
         settings: &MemorySettings,
         map: SplatMap,
-        votes: Vec<Votes>,
+        remembered: RememberedSegments,
     ) -> Result<Box<dyn MapBackend>, MemoryError>;
 }

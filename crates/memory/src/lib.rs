@@ -27,10 +27,10 @@ mod settings;
 mod short_term;
 mod splat_memory;
 
-pub use backend::{EvidenceDevice, MapBackend, MapContent, MapUpdate, VisibleGaussian};
+pub use backend::{MapBackend, MapContent, MapDevice, MapUpdate, RememberedSegments, VisibleGaussian};
 pub use belief::SegmentBelief;
 pub use evidence::Votes;
-pub use features::{Codebook, CodebookError, CodebookSettings, LearningExtent};
+pub use features::{Codebook, CodebookError, CodebookSettings, LearningExtent, SegmentCodes, target as feature_target};
 pub use map::{NewGaussian, SplatMap};
 pub use persistence::LoadMemoryError;
 pub use ply::{ExportedForm, ExportedGaussian, write_exported};

@@ -3,7 +3,7 @@
 use crate::backend::MapContent;
 use crate::depthless::DepthlessSegments;
 use crate::evidence::EvidenceStore;
-use crate::features::FeatureStore;
+use crate::features::{FeatureStore, SegmentCodes};
 use crate::recurring::RecurringPredictions;
 use crate::segment_store::SegmentStore;
 use crate::segments::Segments;
@@ -112,8 +112,8 @@ impl SplatMemory {
                 if found != expected {
                     return Err(LoadMemoryError::FeatureDim { path, found, expected });
                 }
-                let used_codes = sightings.len();
-                Box::new(FeatureStore::restored(settings.clone(), codebook, used_codes, features))
+                let codes = SegmentCodes::of_user(&settings, codebook, sightings.len());
+                Box::new(FeatureStore::restored(settings.clone(), codes, features))
             }
         };
         let mut memory = Self::with_parts(settings, map, store, Segments::given(sightings, carried));

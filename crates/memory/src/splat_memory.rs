@@ -1,9 +1,9 @@
 //! The memory itself: what it holds and the three things that are asked of it.
 
-use crate::backend::{EvidenceDevice, MapBackend, MapContent, MapUpdate};
+use crate::backend::{MapBackend, MapContent, MapDevice, MapUpdate, RememberedSegments};
 use crate::depthless::DepthlessSegments;
 use crate::evidence::EvidenceStore;
-use crate::features::FeatureStore;
+use crate::features::{FeatureStore, SegmentCodes};
 use crate::host_map::HostMap;
 use crate::map::SplatMap;
 use crate::recurring::RecurringPredictions;
@@ -71,9 +71,9 @@ pub enum MemoryError {
     /// The device that holds the map failed, or has no room for it.
     #[error("the map's device: {0}")]
     Device(DeviceFailure),
-    /// Only a memory of evidence can be kept on a device.
-    #[error("memory.kind = {} runs on the CPU only", .0.name())]
-    HostOnly(MemoryKind),
+    /// A store that is defined elsewhere cannot be kept on a device.
+    #[error("a memory with a store of its own runs on the CPU only")]
+    HostOnly,
     /// All ids that fit a 16-bit image are used.
     #[error("the video has more than {MAX_SEGMENT_ID} segments, more ids than a 16-bit image can hold")]
     OutOfIds,
@@ -161,16 +161,20 @@ impl SplatMemory {
         Self { settings, backend, segments, depthless, recurring, overruled, frames: 0, warned_of_limit: false }
     }
 
-    /// Moves the map and its votes to a device, which does from then on what is done with them.
+    /// Moves the map and what its Gaussians remember to a device, which does from then on what is done with them.
     ///
     /// # Errors
-    /// [`MemoryError::HostOnly`] for a memory that is not one of evidence, or what the device reports.
-    pub fn on_device(mut self, device: &dyn EvidenceDevice) -> Result<Self, MemoryError> {
+    /// [`MemoryError::HostOnly`] for a memory with a store of its own, or what the device reports.
+    pub fn on_device(mut self, device: &dyn MapDevice) -> Result<Self, MemoryError> {
         let MapContent { map, content } = self.backend.content()?;
-        let Some(SplatContentView::Evidence { votes }) = content else {
-            return Err(MemoryError::HostOnly(self.settings.kind));
+        let remembered = match content.ok_or(MemoryError::HostOnly)? {
+            SplatContentView::Evidence { votes } => RememberedSegments::Votes(votes.to_vec()),
+            SplatContentView::Features { features, codebook } => RememberedSegments::Features {
+                features: features.to_vec(),
+                codes: SegmentCodes::of_user(&self.settings, codebook.clone(), self.segments.len()),
+            },
         };
-        self.backend = device.take_over(&self.settings, map.clone(), votes.to_vec())?;
+        self.backend = device.take_over(&self.settings, map.clone(), remembered)?;
         Ok(self)
     }
 

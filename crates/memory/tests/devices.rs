@@ -2,8 +2,8 @@
 
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
-    EvidenceDevice, MapBackend, MapContent, MapUpdate, MemoryError, MemoryKind, MemorySettings, Recall, SplatFileError,
-    SplatMap, SplatMemory, VisibleGaussian, Votes,
+    MapBackend, MapContent, MapDevice, MapUpdate, MemoryError, MemoryKind, MemorySettings, Recall, RememberedSegments,
+    SplatFileError, SplatMap, SplatMemory, VisibleGaussian,
 };
 use splatseg_render::{Balls, Camera};
 use std::sync::Arc;
@@ -20,14 +20,19 @@ fn failure<T>() -> Result<T, MemoryError> {
     Err(MemoryError::Device(Arc::new(std::io::Error::other("out of order"))))
 }
 
-impl EvidenceDevice for Broken {
+impl MapDevice for Broken {
     fn take_over(
         &self,
         _: &MemorySettings,
         map: SplatMap,
-        votes: Vec<Votes>,
+        remembered: RememberedSegments,
     ) -> Result<Box<dyn MapBackend>, MemoryError> {
-        assert_eq!(map.balls.len(), votes.len());
+        match remembered {
+            RememberedSegments::Votes(votes) => assert_eq!(map.balls.len(), votes.len()),
+            RememberedSegments::Features { features, codes } => {
+                assert_eq!(map.balls.len() * codes.codebook().feature_dim(), features.len());
+            }
+        }
         Ok(Box::new(BrokenMap(map.balls)))
     }
 }
@@ -131,7 +136,11 @@ fn what_cannot_be_read_is_not_saved_and_shows_nothing() {
 }
 
 #[test]
-fn features_stay_on_the_cpu() {
-    let error = memory(MemoryKind::Features).on_device(&Broken).unwrap_err();
-    assert_eq!(error.to_string(), "memory.kind = features runs on the CPU only");
+fn features_move_as_votes_do() {
+    let frame = wall();
+    let mut memory = memory(MemoryKind::Features);
+    memory.update(memory.recall(&frame), &SegmentMap::filled(32, 24, 0)).unwrap();
+    let count = memory.gaussian_count();
+    assert!(count > 0);
+    assert_eq!(memory.on_device(&Broken).unwrap().gaussian_count(), count);
 }

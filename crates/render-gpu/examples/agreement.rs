@@ -1,15 +1,16 @@
 //! Runs FastSAM-Splat twice over a scene, with its memory on the CPU and on the device, and prints how well they agree.
 //!
 //! ```sh
-//! cargo run --release -p splatseg-render-gpu --example agreement -- SCENE FRAMES
+//! cargo run --release -p splatseg-render-gpu --example agreement -- SCENE FRAMES [KIND]
 //! ```
 //!
-//! Both see the same masks: those of the oracle segmenter (`fastsam-like`) where the scene has true segments, otherwise
-//! those of the graph segmenter. Frames are 320 × 240 pixels with a crop of 5.
+//! KIND is `evidence`, if it is not given, or `features`. Both see the same masks: those of the oracle segmenter
+//! (`fastsam-like`) where the scene has true segments, otherwise those of the graph segmenter. Frames are 320 × 240 pixels
+//! with a crop of 5.
 
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, ImageSize, open_scene};
 use splatseg_geometry::{RgbdFrame, ScoredMask, SegmentMap};
-use splatseg_memory::SplatMemory;
+use splatseg_memory::{MemoryKind, MemorySettings, SplatMemory};
 use splatseg_metrics::{FramePrediction, ScoreSettings, Scores, VideoScorer};
 use splatseg_render_gpu::{GpuDevice, Transfers};
 use splatseg_segmenter::{GraphSegmenter, GraphSettings, Segmenter};
@@ -27,7 +28,8 @@ struct Run {
 
 impl Run {
     fn new(memory: SplatMemory) -> Result<Self, Box<dyn Error>> {
-        let method = FastSamSplat::with_memory(FastSamSplatSettings::default(), memory)?;
+        let settings = FastSamSplatSettings::default().with(|settings| settings.memory = memory.settings().clone());
+        let method = FastSamSplat::with_memory(settings, memory)?;
         Ok(Self { method, scorer: VideoScorer::new(ScoreSettings::default()), time: Duration::ZERO })
     }
 
@@ -72,6 +74,15 @@ fn describe(name: &str, (scores, gaussians, time): &(Scores, usize, Duration), f
     );
 }
 
+/// The kind of memory that is asked for.
+fn kind_named(name: Option<&str>) -> Result<MemoryKind, String> {
+    match name {
+        None | Some("evidence") => Ok(MemoryKind::Evidence),
+        Some("features") => Ok(MemoryKind::Features),
+        Some(other) => Err(format!("expected evidence or features, not {other}")),
+    }
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let (Some(path), Some(frames)) = (arguments.next(), arguments.next()) else {
@@ -83,7 +94,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         settings.crop_border = 5;
     });
     let device = GpuDevice::open()?;
-    let memory = || SplatMemory::new(FastSamSplatSettings::default().memory, 0, &mut |_| {});
+    let kind = kind_named(arguments.next().as_deref())?;
+    let memory_settings: MemorySettings = FastSamSplatSettings::default().memory.with(|memory| memory.kind = kind);
+    let memory = || SplatMemory::new(memory_settings.clone(), 0, &mut |_| {});
     let (mut host, mut gpu) = (Run::new(memory()?)?, Run::new(memory()?.on_device(&device)?)?);
     let mut graph = GraphSegmenter::new(GraphSettings::default())?;
     let (mut sum, mut worst, mut count) = (0.0, 1.0f64, 0);

@@ -29,7 +29,7 @@ struct TransferCounters {
     downloaded_bytes: AtomicU64,
 }
 
-/// A GPU that can take over maps of evidence; copies are the same device.
+/// A GPU that can take over maps; copies are the same device.
 #[derive(Clone)]
 pub struct GpuDevice {
     pub(crate) client: Client,

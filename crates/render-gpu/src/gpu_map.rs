@@ -1,137 +1,125 @@
-//! A map of evidence on a device, as a memory asks for it.
+//! A map on a device, as a memory asks for it.
 
 use crate::GpuError;
 use crate::device::{Buffer, GpuDevice, cube_dim, cubes, threads};
+use crate::evidence::Evidence;
+use crate::features::Features;
 use crate::gaussians::DeviceGaussians;
 use crate::growth::Growth;
-use crate::kernels::forget::{
-    CARRIED, GROWN, NOWHERE, REMOVED, VOTED, locate_seen, mark_carried, note_frame, pack_flags, set,
-};
-use crate::kernels::fuse::fuse;
-use crate::kernels::vote::{LABELS, VoteRuleLaunch, count_votes, give_votes};
-use crate::view::{GpuView, Sights, look, render, tile_count};
+use crate::kernels::forget::{CARRIED, GROWN, LEARNT, NOWHERE, REMOVED, locate_seen, note_frame, pack_flags, set};
+use crate::store::{DeviceStore, Lesson, Rendered};
+use crate::view::{GpuView, Sights, look, render};
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
-    EvidenceDevice, GrowthRule, LearningExtent, MapBackend, MapContent, MapUpdate, MemoryError, MemorySettings, Recall,
-    SplatContentView, SplatMap, VisibleGaussian, Votes, longest_unseen,
+    GrowthRule, LearningExtent, MapBackend, MapContent, MapDevice, MapUpdate, MemoryError, MemoryKind, MemorySettings,
+    Recall, RememberedSegments, SplatMap, VisibleGaussian, longest_unseen,
 };
 use splatseg_render::{Balls, Camera};
 use std::sync::{LazyLock, OnceLock};
 
 /// The map. Its Gaussians are on the device, and the host knows only how many there are.
 #[derive(Debug)]
-struct GpuMap {
+struct GpuMap<S: DeviceStore> {
     device: GpuDevice,
     settings: MemorySettings,
     gaussians: DeviceGaussians,
+    store: S,
     /// What was read to be saved or shown, until the map changes.
-    copy: OnceLock<HostCopy>,
+    copy: OnceLock<(SplatMap, S::Copy)>,
 }
 
-/// All that the device holds.
-#[derive(Debug, Default)]
-struct HostCopy {
-    map: SplatMap,
-    votes: Vec<Votes>,
-}
-
-impl EvidenceDevice for GpuDevice {
+impl MapDevice for GpuDevice {
     fn take_over(
         &self,
         settings: &MemorySettings,
         map: SplatMap,
-        votes: Vec<Votes>,
+        remembered: RememberedSegments,
     ) -> Result<Box<dyn MapBackend>, MemoryError> {
-        let gaussians = DeviceGaussians::new(self, &map, &votes)?;
-        let (device, settings) = (self.clone(), settings.clone());
-        Ok(Box::new(GpuMap { device, settings, gaussians, copy: OnceLock::new() }))
+        match remembered {
+            RememberedSegments::Votes(votes) => {
+                let gaussians = DeviceGaussians::new(self, &map, Evidence::columns(&votes))?;
+                Ok(GpuMap::boxed(self, settings, gaussians, Evidence { settings: settings.clone() }))
+            }
+            RememberedSegments::Features { features, codes } => {
+                let columns = Features::columns(&features, codes.codebook().feature_dim());
+                let gaussians = DeviceGaussians::new(self, &map, columns)?;
+                Ok(GpuMap::boxed(self, settings, gaussians, Features::new(self, settings, codes)?))
+            }
+        }
     }
 }
 
 /// The device's part of a recall.
-fn view_of<'a>(recall: &'a Recall<'_>) -> Result<&'a GpuView, GpuError> {
+fn view_of<'a, S: DeviceStore>(recall: &'a Recall<'_>) -> Result<&'a Rendered<S::Read>, GpuError> {
     recall.device_view().ok_or(GpuError::ForeignView)
 }
 
-impl GpuMap {
+/// Whether the memory asks what a frame says of every Gaussian; the paper's does not.
+fn needs_sights(settings: &MemorySettings) -> bool {
+    settings.growth_rule() != GrowthRule::Paper || settings.kind == MemoryKind::Evidence
+}
+
+impl<S: DeviceStore> GpuMap<S> {
+    fn boxed(
+        device: &GpuDevice,
+        settings: &MemorySettings,
+        gaussians: DeviceGaussians,
+        store: S,
+    ) -> Box<dyn MapBackend> {
+        let (device, settings) = (device.clone(), settings.clone());
+        Box::new(Self { device, settings, gaussians, store, copy: OnceLock::new() })
+    }
+
     /// What the device holds, read if it was not since the map changed.
-    fn copy(&self) -> Result<&HostCopy, GpuError> {
+    fn copy(&self) -> Result<&(SplatMap, S::Copy), GpuError> {
         if let Some(copy) = self.copy.get() {
             return Ok(copy);
         }
-        let (map, votes) = self.gaussians.read()?;
-        Ok(self.copy.get_or_init(|| HostCopy { map, votes }))
+        let copy = (self.gaussians.read()?, self.store.read(&self.device, &self.gaussians)?);
+        Ok(self.copy.get_or_init(|| copy))
     }
 
-    /// The copy, or an empty one if the device fails, which is logged.
-    fn copy_or_empty(&self) -> &HostCopy {
-        static EMPTY: LazyLock<HostCopy> = LazyLock::new(HostCopy::default);
-        self.copy().unwrap_or_else(|error| {
-            tracing::error!("{error}");
-            &EMPTY
-        })
+    /// The copied map, or an empty one if the device fails, which is logged.
+    fn map_or_empty(&self) -> &SplatMap {
+        static EMPTY: LazyLock<SplatMap> = LazyLock::new(SplatMap::default);
+        self.copy().map_or_else(
+            |error| {
+                tracing::error!("{error}");
+                &*EMPTY
+            },
+            |(map, _)| map,
+        )
     }
 
-    /// Writes the Gaussians that frame number `number` shows and the map lacks behind the others, and counts them in
-    /// `report`.
+    /// Writes the Gaussians that frame number `number` shows and the map lacks behind the others, with what they know of
+    /// the `target`, and counts them in `report`.
     fn grow(
         &mut self,
         view: &GpuView,
         frame: &RgbdFrame<'_>,
-        seen: &SegmentMap,
+        seen: &Buffer,
+        target: &Buffer,
         number: u32,
         report: &Buffer,
     ) -> Result<(), GpuError> {
-        let seen = view.send_seen(&self.device, seen)?;
         self.gaussians.reserve(frame.width() * frame.height())?;
-        let growth = Growth { device: &self.device, view, frame, seen: &seen, settings: &self.settings };
-        growth.write(&self.gaussians, number, report)
+        let growth = Growth { device: &self.device, view, frame, seen, settings: &self.settings };
+        let pixels = growth.write(&self.gaussians, number, report)?;
+        let lesson = Lesson { device: &self.device, gaussians: &self.gaussians, target, report };
+        self.store.grow(&lesson, &pixels);
+        Ok(())
     }
 
-    /// Gives the votes of a frame, and counts the Gaussians that have any in `report`.
-    fn learn(&self, view: &GpuView, seen: &SegmentMap, report: &Buffer) -> Result<(), GpuError> {
-        let (device, tiles) = (&self.device, &view.tiles);
-        let labels = view.send_seen(device, seen)?;
-        let pairs = tiles.pair_count;
-        let totals = device.zeros(pairs, "votes of pairs")?;
-        let label_ids = device.empty(pairs * LABELS, "votes of pairs")?;
-        let label_weights = device.empty(pairs * LABELS, "votes of pairs")?;
-        count_votes::launch(
-            &device.client,
-            cubes(tile_count(&view.camera)),
-            cube_dim(),
-            tiles.splats.arg(),
-            tiles.splat_of_pair.arg(),
-            tiles.pairs.arg(),
-            tiles.begins.arg(),
-            tiles.ends.arg(),
-            labels.arg(),
-            view.depth.arg(),
-            totals.arg(),
-            label_ids.arg(),
-            label_weights.arg(),
-            view.args(),
-            self.settings.depth_tolerance,
-        );
-        let (cubes, cube) = threads(tiles.visible_count);
-        give_votes::launch(
-            &device.client,
-            cubes,
-            cube,
-            tiles.order.arg(),
-            tiles.starts.arg(),
-            tiles.tile_counts.arg(),
-            tiles.gaussians.arg(),
-            totals.arg(),
-            label_ids.arg(),
-            label_weights.arg(),
-            self.gaussians.vote_ids().arg(),
-            self.gaussians.votes().arg(),
-            report.arg(),
-            VoteRuleLaunch::new(self.settings.no_segment_weight, self.settings.max_votes),
-            tiles.visible_count as u32,
-        );
-        Ok(())
+    /// Counts what has grown now, if what comes next depends on it; returns the number.
+    fn count_grown(&mut self, view: &GpuView, report: &Buffer) -> Result<Option<usize>, GpuError> {
+        let is_paper = self.settings.growth_rule() == GrowthRule::Paper;
+        if view.sights.count > 0 && !is_paper && !S::LEARNS_BY_COUNT {
+            return Ok(None);
+        }
+        let [found] = self.device.download([report])?;
+        // It is not to be counted again.
+        set::launch(&self.device.client, cubes(1), cube_dim(), report.arg(), GROWN as u32, 0);
+        Ok(Some(self.note_grown(&found)))
     }
 
     /// Notes what frame number `number` says of Gaussians, and sets those that are gone to 0 in `keep`.
@@ -153,51 +141,35 @@ impl GpuMap {
         );
     }
 
-    fn mark_carried(&self, keep: &Buffer, report: &Buffer) {
-        let (cubes, cube) = threads(keep.len());
-        mark_carried::launch(
-            &self.device.client,
-            cubes,
-            cube,
-            self.gaussians.vote_ids().arg(),
-            self.gaussians.votes().arg(),
-            keep.arg(),
-            report.arg(),
-            self.settings.min_evidence,
-            self.gaussians.len() as u32,
-        );
-    }
-
     /// Removes what is gone after frame number `number`, and says what is left.
-    fn forget(&mut self, view: &GpuView, number: u32, report: &Buffer, update: &mut MapUpdate) -> Result<(), GpuError> {
-        let room = view.camera.intrinsics.width * view.camera.intrinsics.height;
-        let keep = self.device.filled(self.gaussians.len() + room, 1, "which Gaussians are kept")?;
+    fn forget(
+        &mut self,
+        view: &GpuView,
+        number: u32,
+        report: &Buffer,
+        grown: Option<usize>,
+        update: &mut MapUpdate,
+    ) -> Result<(), GpuError> {
+        let keep = self.device.filled(self.gaussians.len() + view.pixels(), 1, "which Gaussians are kept")?;
         let is_paper = self.settings.growth_rule() == GrowthRule::Paper;
-        let is_first = view.sights.count == 0;
-        let mut grown = None;
-        if is_first || is_paper {
-            // What was grown decides what is asked.
-            let [found] = self.device.download([report])?;
-            grown = Some(self.note_grown(&found));
-            // It is not to be counted again.
-            set::launch(&self.device.client, cubes(1), cube_dim(), report.arg(), GROWN as u32, 0);
-        }
         let is_full = self.gaussians.len() > self.settings.max_gaussians;
-        if is_first && (!is_paper || is_full) {
-            // The frame said nothing of an empty map: it is asked again about what has grown.
-            let sights = look(&self.device, &self.gaussians, &view.depth, &view.camera, &self.settings)?;
-            self.note_frame(&sights, number, &keep, report);
-        } else if !is_paper || is_full {
-            self.note_frame(&view.sights, number, &keep, report);
+        if !is_paper || is_full {
+            if view.sights.count == 0 || !needs_sights(&self.settings) {
+                // The frame said nothing of an empty map, or was not asked: it is asked about what has grown, too.
+                let sights = look(&self.device, &self.gaussians, &view.depth, &view.camera, &self.settings)?;
+                self.note_frame(&sights, number, &keep, report);
+            } else {
+                self.note_frame(&view.sights, number, &keep, report);
+            }
         }
-        self.mark_carried(&keep, report);
+        let knows_carried = self.store.mark_carried(&self.device, &self.gaussians, &keep, report);
         let [found] = self.device.download([report])?;
         update.grown = match grown {
             Some(grown) => grown,
             None => self.note_grown(&found),
         };
-        update.learning.active_gaussians = found[VOTED] as usize;
-        update.carried = Some(found[CARRIED..].iter().map(|flag| *flag == 1).collect());
+        update.learning.active_gaussians = found[LEARNT] as usize;
+        update.carried = knows_carried.then(|| found[CARRIED..].iter().map(|flag| *flag == 1).collect());
         if found[REMOVED] > 0 {
             self.retain(&keep, update)?;
         }
@@ -244,40 +216,18 @@ impl GpuMap {
     }
 }
 
-impl MapBackend for GpuMap {
+impl<S: DeviceStore> MapBackend for GpuMap<S> {
     fn recall<'f>(&self, frame: &'f RgbdFrame<'_>, camera: &Camera) -> Result<Recall<'f>, MemoryError> {
-        let (view, images) = render(&self.device, &self.gaussians, frame, camera, &self.settings)?;
+        let (view, images) = render(&self.device, &self.gaussians, &self.store, frame, camera, &self.settings)?;
         Ok(Recall::of_device(frame, camera, images, Box::new(view)))
     }
 
     fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> Result<SegmentMap, MemoryError> {
-        let view = view_of(recall)?;
-        let sent = view.send_seen(&self.device, seen)?;
-        let pixels = seen.pixels().len();
-        let fused = self.device.empty(pixels, "fused segments")?;
-        let observed = self.settings.observation_weight;
-        let (cubes, cube) = threads(pixels);
-        fuse::launch(
-            &self.device.client,
-            cubes,
-            cube,
-            view.surfaces.arg(),
-            view.table_ids.arg(),
-            view.table_evidence.arg(),
-            sent.arg(),
-            fused.arg(),
-            observed,
-            observed * self.settings.no_segment_weight,
-            pixels as u32,
-        );
-        let [found] = self.device.download([&fused])?;
-        let (width, height) = seen.size();
-        let failed = |_| GpuError::Failed { reason: "the fused segments have another size".to_owned() };
-        Ok(SegmentMap::from_pixels(width, height, found).map_err(failed)?)
+        Ok(self.store.fuse(&self.device, view_of::<S>(recall)?, recall, seen)?)
     }
 
     fn visible_gaussians(&self, recall: &Recall<'_>) -> Result<Vec<VisibleGaussian>, MemoryError> {
-        let view = view_of(recall)?;
+        let view = &view_of::<S>(recall)?.view;
         let count = view.sights.count;
         let pixels = self.device.empty(count, "places of Gaussians")?;
         let (cubes, cube) = threads(count);
@@ -294,7 +244,7 @@ impl MapBackend for GpuMap {
         );
         let [found] = self.device.download([&pixels])?;
         let visible = (0..).zip(found).take(count).filter(|(_, pixel)| *pixel != NOWHERE);
-        let limit = (view.camera.intrinsics.width * view.camera.intrinsics.height) as u32;
+        let limit = if needs_sights(&self.settings) { view.pixels() as u32 } else { 0 };
         let located =
             visible.map(|(gaussian, pixel)| VisibleGaussian { gaussian, seen_at: (pixel < limit).then_some(pixel) });
         Ok(located.collect())
@@ -302,8 +252,7 @@ impl MapBackend for GpuMap {
 
     fn favour(&mut self, gaussians: &[u32], id: SegmentId) -> Result<(), MemoryError> {
         self.copy = OnceLock::new();
-        self.gaussians.favour(gaussians, id, self.settings.max_votes)?;
-        Ok(())
+        Ok(self.store.favour(&self.device, &self.gaussians, gaussians, id)?)
     }
 
     fn update(
@@ -315,20 +264,25 @@ impl MapBackend for GpuMap {
     ) -> Result<MapUpdate, MemoryError> {
         self.copy = OnceLock::new();
         let report = self.device.zeros(CARRIED + segments + 1, "report of a frame")?;
-        let view = view_of(recall)?;
+        let rendered = view_of::<S>(recall)?;
+        let view = &rendered.view;
         let stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
-        self.grow(view, recall.frame(), seen, number, &report)?;
+        let target = self.store.target(&self.device, view, recall, seen)?;
+        let sent = view.send_seen(&self.device, seen)?;
+        self.grow(view, recall.frame(), &sent, &target, number, &report)?;
+        let grown = self.count_grown(view, &report)?;
         drop(stage);
         let _stage = tracing::debug_span!(target: "splatseg::stage", "learn").entered();
-        self.learn(view, seen, &report)?;
-        let learning = LearningExtent { active_pixels: seen.pixels().len(), active_gaussians: 0 };
+        let lesson = Lesson { device: &self.device, gaussians: &self.gaussians, target: &target, report: &report };
+        let active_pixels = self.store.learn(&lesson, rendered)?;
+        let learning = LearningExtent { active_pixels, active_gaussians: 0 };
         let mut update = MapUpdate { learning, ..MapUpdate::default() };
-        self.forget(view, number, &report, &mut update)?;
+        self.forget(view, number, &report, grown, &mut update)?;
         Ok(update)
     }
 
-    fn new_segment(&mut self, _: SegmentId) -> Result<(), MemoryError> {
-        Ok(())
+    fn new_segment(&mut self, id: SegmentId) -> Result<(), MemoryError> {
+        self.store.new_segment(&self.device, id)
     }
 
     fn gaussian_count(&self) -> usize {
@@ -336,28 +290,27 @@ impl MapBackend for GpuMap {
     }
 
     fn balls(&self) -> &Balls {
-        &self.copy_or_empty().map.balls
+        &self.map_or_empty().balls
     }
 
     fn colors(&self) -> &[[u8; 3]] {
-        &self.copy_or_empty().map.colors
+        &self.map_or_empty().colors
     }
 
     fn numbers_per_gaussian(&self) -> usize {
-        2 * Votes::SLOTS
+        self.store.numbers_per_gaussian()
     }
 
     fn segment_ids(&self) -> Result<Vec<SegmentId>, MemoryError> {
-        Ok(self.copy()?.votes.iter().map(|votes| votes.winner(self.settings.min_evidence)).collect())
+        Ok(self.store.segment_ids(&self.device, &self.gaussians)?)
     }
 
     fn segment_shares(&self) -> Result<Option<Vec<f32>>, MemoryError> {
-        let share = |votes: &Votes| votes.share(votes.winner(self.settings.min_evidence));
-        Ok(Some(self.copy()?.votes.iter().map(share).collect()))
+        Ok(self.store.segment_shares(&self.copy()?.1))
     }
 
     fn content(&self) -> Result<MapContent<'_>, MemoryError> {
-        let HostCopy { map, votes } = self.copy()?;
-        Ok(MapContent { map, content: Some(SplatContentView::Evidence { votes }) })
+        let (map, remembered) = self.copy()?;
+        Ok(MapContent { map, content: Some(self.store.content(remembered)) })
     }
 }

@@ -26,20 +26,22 @@ struct Blocks {
     wanted: Buffer,
     distances: Buffer,
     color: Buffer,
+    /// The pixel of each new Gaussian.
+    pixels: Buffer,
     /// Number of squares.
     count: usize,
 }
 
 impl Growth<'_> {
     /// Writes the new Gaussians of frame number `number` behind those of the map, which has room for one per pixel, and
-    /// counts them in `report`.
-    pub fn write(&self, map: &DeviceGaussians, number: u32, report: &Buffer) -> Result<(), GpuError> {
+    /// counts them in `report`. Returns the pixel of each.
+    pub fn write(&self, map: &DeviceGaussians, number: u32, report: &Buffer) -> Result<Buffer, GpuError> {
         let blocks = self.blocks()?;
         let counts = self.device.empty(blocks.count, "new Gaussians of blocks")?;
         self.grow(map, number, report, &blocks, &counts, false);
         let starts = prefix_sums(self.device, &counts, blocks.count)?;
         self.grow(map, number, report, &blocks, &starts, true);
-        Ok(())
+        Ok(blocks.pixels)
     }
 
     /// Largest spacing of Gaussians, pixels.
@@ -63,7 +65,6 @@ impl Growth<'_> {
             self.spacing() as u32,
             settings.spacing_per_distance,
             if self.is_paper() { 1.0 } else { settings.radius_per_spacing },
-            settings.no_segment_weight,
         )
     }
 
@@ -99,7 +100,8 @@ impl Growth<'_> {
         row_distances::launch(client, cubes.clone(), cube, wanted.arg(), in_row.arg(), columns, all);
         distances::launch(client, cubes, cube, in_row.arg(), to_border.arg(), columns, all);
         let count = width.div_ceil(self.spacing()) * height.div_ceil(self.spacing());
-        Ok(Blocks { wanted, distances: to_border, color, count })
+        let pixels = device.empty(pixels, "pixels of new Gaussians")?;
+        Ok(Blocks { wanted, distances: to_border, color, pixels, count })
     }
 
     /// Counts the new Gaussians of each square, or writes them.
@@ -120,12 +122,10 @@ impl Growth<'_> {
             blocks.wanted.arg(),
             blocks.distances.arg(),
             self.view.depth.arg(),
-            self.seen.arg(),
             blocks.color.arg(),
             counts.arg(),
+            blocks.pixels.arg(),
             map.balls().arg(),
-            map.vote_ids().arg(),
-            map.votes().arg(),
             map.last_seen().arg(),
             map.seen_through().arg(),
             map.colors().arg(),

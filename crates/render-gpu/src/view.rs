@@ -1,14 +1,15 @@
 //! A view of a map on a device: which Gaussians are seen, in which tile, and what they are expected to show.
 
 use crate::GpuError;
-use crate::device::{Buffer, GpuDevice, cube_dim, cubes, threads};
+use crate::device::{Buffer, GpuDevice, threads};
 use crate::gaussians::DeviceGaussians;
 use crate::kernels::bin::{count_tiles, emit_pairs, find_tiles};
 use crate::kernels::camera::{ViewLaunch, view_args};
-use crate::kernels::expect::{EvidenceRuleLaunch, IMAGES, SLOTS, SURFACES, expect};
+use crate::kernels::expect::{IMAGES, SURFACES};
 use crate::kernels::project::{NUMBERS, mark_visible, project_visible};
 use crate::kernels::sight::{COUNTERS, PAIR_COUNT, VISIBLE_COUNT, note_sights};
 use crate::sorting::{Keyed, prefix_sums, sorted};
+use crate::store::{DeviceStore, Rendered};
 use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
 use splatseg_memory::{DeviceImages, GrowthRule, MemorySettings, SegmentBelief};
 use splatseg_render::Camera;
@@ -64,14 +65,16 @@ pub(crate) struct GpuView {
     pub images: Buffer,
     /// `[2, height, width]`, see [`SURFACES`].
     pub surfaces: Buffer,
-    /// `[16, height, width]`.
-    pub table_ids: Buffer,
-    pub table_evidence: Buffer,
     /// The predictions that were sent last.
     pub seen: Mutex<Option<(SegmentMap, Buffer)>>,
 }
 
 impl GpuView {
+    /// Number of pixels of the image.
+    pub fn pixels(&self) -> usize {
+        self.camera.intrinsics.width * self.camera.intrinsics.height
+    }
+
     /// The camera as kernels take it.
     pub fn args(&self) -> ViewLaunch {
         view_args(&self.camera)
@@ -230,58 +233,30 @@ pub(crate) fn tile_count(camera: &Camera) -> usize {
 }
 
 /// Renders the map and reads what it expects.
-pub(crate) fn render(
+pub(crate) fn render<S: DeviceStore>(
     device: &GpuDevice,
     map: &DeviceGaussians,
+    store: &S,
     frame: &RgbdFrame<'_>,
     camera: &Camera,
     settings: &MemorySettings,
-) -> Result<(GpuView, DeviceImages), GpuError> {
+) -> Result<(Rendered<S::Read>, DeviceImages), GpuError> {
     let depth = device.upload(frame.depth().pixels(), "depth")?;
     let sights = look(device, map, &depth, camera, settings)?;
     let tiles = bin(device, map, &sights, camera)?;
     let (width, height) = (frame.width(), frame.height());
-    let pixels = width * height;
-    let images = device.empty(IMAGES * pixels, "images")?;
-    let surfaces = device.empty(SURFACES * pixels, "images")?;
-    let table_ids = device.empty(SLOTS * pixels, "evidence")?;
-    let table_evidence = device.empty(SLOTS * pixels, "evidence")?;
-    expect::launch(
-        &device.client,
-        cubes(tile_count(camera)),
-        cube_dim(),
-        tiles.splats.arg(),
-        tiles.gaussians.arg(),
-        tiles.splat_of_pair.arg(),
-        tiles.pairs.arg(),
-        tiles.begins.arg(),
-        tiles.ends.arg(),
-        map.vote_ids().arg(),
-        map.votes().arg(),
-        depth.arg(),
-        images.arg(),
-        surfaces.arg(),
-        table_ids.arg(),
-        table_evidence.arg(),
-        view_args(camera),
-        EvidenceRuleLaunch::new(
-            settings.depth_disparity,
-            settings.depth_tolerance,
-            settings.min_weight,
-            settings.min_evidence,
-        ),
-    );
-    let [found] = device.download([&images])?;
-    let found = images_of(&found, (width, height)).ok_or_else(|| GpuError::Failed {
+    let images = device.empty(IMAGES * width * height, "images")?;
+    let surfaces = device.empty(SURFACES * width * height, "images")?;
+    let view = GpuView { camera: *camera, depth, sights, tiles, images, surfaces, seen: Mutex::new(None) };
+    let read = store.expect(device, map, &view)?;
+    let [found] = device.download([&view.images])?;
+    let images = images_of(&found, (width, height)).ok_or_else(|| GpuError::Failed {
         reason: format!("{} values came back for images of {width}x{height} pixels", found.len()),
     })?;
-    let camera = *camera;
-    let seen = Mutex::new(None);
-    let view = GpuView { camera, depth, sights, tiles, images, surfaces, table_ids, table_evidence, seen };
-    Ok((view, found))
+    Ok((Rendered { view, read }, images))
 }
 
-/// The images that [`expect`] wrote.
+/// The images of a view.
 fn images_of(values: &[u32], (width, height): (usize, usize)) -> Option<DeviceImages> {
     let mut parts = values.chunks_exact((width * height).max(1));
     let segments = SegmentMap::from_pixels(width, height, parts.next()?.to_vec()).ok()?;

@@ -3,7 +3,7 @@
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, StreamedFrame, open_scene};
 use splatseg_geometry::{Image, SegmentId, SegmentMap};
 use splatseg_memory::{
-    ABSTAIN, FrameUpdate, GrowthRule, MemoryError, MemoryKind, MemorySettings, SplatFile, SplatMemory,
+    ABSTAIN, FrameUpdate, GrowthRule, MemoryKind, MemorySettings, SplatContent, SplatFile, SplatMemory,
 };
 use splatseg_render_gpu::{GpuDevice, GpuError};
 use std::sync::{LazyLock, OnceLock};
@@ -79,8 +79,8 @@ fn assert_maps_agree(one: &SegmentMap, other: &SegmentMap, what: &str) {
     assert!(1000 * differ <= one.pixels().len(), "{what}: {differ} of {} pixels differ", one.pixels().len());
 }
 
-fn assert_images_agree(one: &Image<f32>, other: &Image<f32>, what: &str) {
-    let differ = one.pixels().iter().zip(other.pixels()).filter(|(one, other)| (*one - *other).abs() > 1e-4).count();
+fn assert_images_agree(one: &Image<f32>, other: &Image<f32>, near: f32, what: &str) {
+    let differ = one.pixels().iter().zip(other.pixels()).filter(|(one, other)| (*one - *other).abs() > near).count();
     assert!(1000 * differ <= one.pixels().len(), "{what}: {differ} of {} pixels differ", one.pixels().len());
 }
 
@@ -99,9 +99,11 @@ fn compare(settings: &MemorySettings, device: &GpuDevice) -> [SplatMemory; 2] {
         assert_maps_agree(&one.expected, &other.expected, "expected");
         assert_maps_agree(&one.fused[0], &other.fused[0], "fused");
         assert_maps_agree(&one.fused[1], &other.fused[1], "fused with nothing");
-        assert_images_agree(&one.confidence, &other.confidence, "confidence");
-        assert_images_agree(&one.silhouette, &other.silhouette, "silhouette");
-        assert_images_agree(&one.depth, &other.depth, "depth");
+        // Gradient descent amplifies roundings where the map covers little.
+        let near = if settings.kind == MemoryKind::Features { 1e-2 } else { 1e-4 };
+        assert_images_agree(&one.confidence, &other.confidence, near, "confidence");
+        assert_images_agree(&one.silhouette, &other.silhouette, 1e-4, "silhouette");
+        assert_images_agree(&one.depth, &other.depth, 1e-4, "depth");
         assert_eq!(one.recurring, other.recurring, "frame {number}");
         assert_eq!(one.update.forgotten, other.update.forgotten, "frame {number}");
         assert_about(one.update.grown, other.update.grown, "grown");
@@ -110,8 +112,11 @@ fn compare(settings: &MemorySettings, device: &GpuDevice) -> [SplatMemory; 2] {
         assert_about(active(&one), active(&other), "active");
         (removed, recurred) = (removed + one.update.removed, recurred + one.recurring.len());
     }
-    assert!(removed > 0 || settings.removal_frames == 0, "nothing was removed");
-    assert!(recurred > 0, "nothing recurred");
+    let removes = settings.removal_frames > 0 && settings.growth_rule() == GrowthRule::Missing;
+    assert!(removed > 0 || !removes, "nothing was removed");
+    // The paper's memory does not ask which Gaussians a frame sees, so nothing can recur in their places.
+    let asks = settings.kind == MemoryKind::Evidence || settings.growth_rule() == GrowthRule::Missing;
+    assert!(recurred > 0 || !asks, "nothing recurred");
     [host, gpu]
 }
 
@@ -167,8 +172,31 @@ fn a_full_map_loses_what_was_not_seen_for_longest() {
 #[test]
 fn a_saved_memory_is_the_same_and_goes_on_on_either_side() {
     let Some(device) = device() else { return };
-    let [mut host, mut gpu] = [None, Some(&device)].map(|device| {
-        let memory = memory(MemorySettings::default());
+    save_and_go_on(&MemorySettings::default(), &device);
+    save_and_go_on(&features(), &device);
+}
+
+/// Compares what is remembered of segments, but for roundings.
+fn assert_remembered_agree(one: &SplatContent, other: &SplatContent) {
+    match (one, other) {
+        (SplatContent::Evidence { votes: one }, SplatContent::Evidence { votes: other }) => {
+            assert_about(one.len(), other.len(), "votes");
+        }
+        (
+            SplatContent::Features { features: one, codebook },
+            SplatContent::Features { features: other, codebook: other_codebook },
+        ) => {
+            assert!(codebook == other_codebook);
+            let apart = one.iter().zip(other).filter(|(one, other)| (*one - *other).abs() > 1e-3).count();
+            assert!(1000 * apart <= one.len(), "{apart} of {} values differ", one.len());
+        }
+        _ => panic!("two kinds"),
+    }
+}
+
+fn save_and_go_on(settings: &MemorySettings, device: &GpuDevice) {
+    let [mut host, mut gpu] = [None, Some(device)].map(|device| {
+        let memory = memory(settings.clone());
         let mut memory = match device {
             Some(device) => memory.on_device(device).unwrap(),
             None => memory,
@@ -186,8 +214,9 @@ fn a_saved_memory_is_the_same_and_goes_on_on_either_side() {
     let through = one.map.seen_through.iter().zip(&other.map.seen_through);
     assert_about(through.filter(|(one, other)| one != other).count(), 0, "seen through");
     assert_eq!((one.sightings, one.carried, one.frames), (other.sightings, other.carried, other.frames));
+    assert_remembered_agree(&one.content, &other.content);
     // What the CPU saved goes on on the device.
-    let mut again = SplatMemory::load(&paths[0], MemorySettings::default()).unwrap().on_device(&device).unwrap();
+    let mut again = SplatMemory::load(&paths[0], settings.clone()).unwrap().on_device(device).unwrap();
     for (number, frame) in ROOM.iter().enumerate().skip(6) {
         let [one, other, third] = [&mut host, &mut gpu, &mut again].map(|memory| take_in(memory, frame, number));
         assert_maps_agree(&one.expected, &other.expected, "expected");
@@ -199,9 +228,15 @@ fn a_saved_memory_is_the_same_and_goes_on_on_either_side() {
 #[test]
 fn few_and_small_things_are_transferred() {
     let Some(device) = device() else { return };
+    for settings in [MemorySettings::default(), features()] {
+        check_transfers(settings, &device);
+    }
+}
+
+fn check_transfers(settings: MemorySettings, device: &GpuDevice) {
     // A device of its own: other tests transfer, too.
     let device = device.fresh_counters();
-    let mut memory = memory(MemorySettings::default()).on_device(&device).unwrap();
+    let mut memory = memory(settings).on_device(&device).unwrap();
     for (number, frame) in ROOM.iter().enumerate() {
         let before = device.transfers();
         let found = take_in(&mut memory, frame, number);
@@ -231,13 +266,55 @@ fn a_view_of_the_cpu_is_refused() {
     assert_eq!(gpu.fuse(&gpu.recall(frame), &nothing).unwrap(), nothing);
 }
 
+/// Settings of a memory of features with few and short codes, which take little time.
+fn features() -> MemorySettings {
+    MemorySettings::default().with(|settings| {
+        (settings.kind, settings.num_codes, settings.feature_dim) = (MemoryKind::Features, 32, 12);
+    })
+}
+
 #[test]
-fn only_a_memory_of_evidence_moves() {
+fn features_agree_frame_by_frame() {
     let Some(device) = device() else { return };
-    let settings = MemorySettings::default().with(|settings| {
-        (settings.kind, settings.num_codes, settings.feature_dim) = (MemoryKind::Features, 16, 8);
+    let [host, gpu] = compare(&features(), &device);
+    assert_contents_agree(&host, &gpu);
+}
+
+#[test]
+fn features_agree_with_other_rules() {
+    let Some(device) = device() else { return };
+    let mixed = features().with(|settings| {
+        (settings.active_margin, settings.num_steps) = (3, 6);
+        (settings.growth, settings.fade_matched, settings.fade_undecoded) = (GrowthRule::Missing, false, true);
     });
-    let error = memory(settings).on_device(&device).unwrap_err();
-    assert!(matches!(error, MemoryError::HostOnly(MemoryKind::Features)));
-    assert_eq!(error.to_string(), "memory.kind = features runs on the CPU only");
+    let integers = features().with(|settings| settings.feature_dim = 1);
+    for settings in [mixed, integers] {
+        let [host, gpu] = compare(&settings, &device);
+        assert_contents_agree(&host, &gpu);
+    }
+}
+
+#[test]
+fn a_full_map_of_features_loses_what_was_not_seen_for_longest() {
+    let Some(device) = device() else { return };
+    let [host, gpu] = compare(&features().with(|settings| settings.max_gaussians = 18_000), &device);
+    assert_eq!((host.gaussian_count(), gpu.gaussian_count()), (18_000, 18_000));
+    assert_contents_agree(&host, &gpu);
+}
+
+#[test]
+fn new_gaussians_learn_alike() {
+    let Some(device) = device() else { return };
+    let settings = features().with(|settings| settings.learn_new = true);
+    let (mut host, mut gpu) = (memory(settings.clone()), memory(settings).on_device(&device).unwrap());
+    // Pixels that the map covers too little amplify every rounding, on the CPU as well: later frames drift apart.
+    for (number, frame) in ROOM.iter().enumerate().take(4) {
+        let (one, other) = (take_in(&mut host, frame, number), take_in(&mut gpu, frame, number));
+        assert_maps_agree(&one.expected, &other.expected, "expected");
+        assert_maps_agree(&one.fused[0], &other.fused[0], "fused");
+        let learning = [&one, &other].map(|found| found.update.learning);
+        assert!(learning[0].active_pixels > 0);
+        assert_about(learning[0].active_pixels, learning[1].active_pixels, "active pixels");
+        assert_about(learning[0].active_gaussians, learning[1].active_gaussians, "active");
+    }
 }

@@ -6,12 +6,14 @@
 //! - **Learnt**: gradient steps from the rendered features towards F̂ ([`Learning`], step 6).
 
 mod codebook;
+mod codes;
 mod decoding;
 mod extension;
 mod learning;
 mod loss;
 
 pub use codebook::{Codebook, CodebookError, CodebookSettings};
+pub use codes::SegmentCodes;
 pub use learning::LearningExtent;
 
 use crate::map::NewGaussian;
@@ -21,7 +23,6 @@ use crate::segment_store::{SegmentStore, StoreTile};
 use crate::{ABSTAIN, MemoryError, MemorySettings, SegmentBelief};
 use codebook::CodebookCache;
 use decoding::Decoder;
-use extension::Extension;
 use learning::Learning;
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_render::{Splats, TileWeights, View};
@@ -31,21 +32,13 @@ use std::collections::BTreeMap;
 /// before no longer holds.
 const NEW_GAUSSIAN_PREVAILS: f32 = 0.5;
 
-/// The next codes are made in the background once this fraction of those there are is used.
-const EXTEND_AT_FRACTION: f32 = 0.75;
-
 /// Features per Gaussian, and the code of every segment.
 #[derive(Debug)]
 pub(crate) struct FeatureStore {
     pub settings: MemorySettings,
-    pub codebook: Codebook,
-    /// Number of codes assigned to segments, from the first on.
-    pub used_codes: usize,
+    pub codes: SegmentCodes,
     /// `[gaussians, D]`.
     pub features: Vec<f32>,
-    cache: CodebookCache,
-    /// The next codes, once they will be needed soon.
-    extension: Option<Extension>,
 }
 
 impl FeatureStore {
@@ -56,44 +49,25 @@ impl FeatureStore {
             CodebookSettings { num_codes: settings.num_codes, feature_dim: settings.feature_dim, seed };
         let cache = CodebookCache::of_user();
         let codebook = Codebook::generate_cached(&codebook_settings, &cache, progress)?;
-        Ok(Self::with_parts(settings, codebook, 0, Vec::new(), cache))
+        let codes = SegmentCodes::new(&settings, codebook, 0, cache);
+        Ok(Self { settings, codes, features: Vec::new() })
     }
 
     /// The store of an earlier run.
-    pub fn restored(settings: MemorySettings, codebook: Codebook, used_codes: usize, features: Vec<f32>) -> Self {
-        Self::with_parts(settings, codebook, used_codes, features, CodebookCache::of_user())
-    }
-
-    fn with_parts(
-        settings: MemorySettings,
-        codebook: Codebook,
-        used_codes: usize,
-        features: Vec<f32>,
-        cache: CodebookCache,
-    ) -> Self {
-        Self { settings, codebook, used_codes, features, cache, extension: None }
-    }
-
-    /// Adds a block of codes. It waits for them only if they are not there yet.
-    fn extend_codebook(&mut self) -> Result<(), MemoryError> {
-        let additional = self.settings.num_codes;
-        tracing::info!("all {} codes are used: adding {additional}", self.codebook.len());
-        match self.extension.take().and_then(Extension::finish) {
-            Some(extended) => self.codebook = extended?,
-            None => self.codebook.extend_cached(additional, &self.cache, &mut |_| {})?,
-        }
-        Ok(())
+    pub fn restored(settings: MemorySettings, codes: SegmentCodes, features: Vec<f32>) -> Self {
+        Self { settings, codes, features }
     }
 
     fn decoder(&self) -> Decoder<'_> {
-        Decoder { codebook: &self.codebook, used_codes: self.used_codes, threshold: self.settings.decode_threshold }
+        let threshold = self.settings.decode_threshold;
+        Decoder { codebook: self.codes.codebook(), used_codes: self.codes.used(), threshold }
     }
 }
 
-/// F̂: predictions have full confidence. Remembered segments that no prediction has (unmatched ones) keep their id and
+/// F̂, what features are to render: predictions have full confidence. Remembered segments that no prediction has (unmatched ones) keep their id and
 /// lose `confidence_decay` of the confidence that the memory showed, not below zero. What that means for two other kinds
 /// of pixels without a prediction is set by `fade_matched` and `fade_undecoded`.
-fn target(expected: &SegmentBelief, seen: &SegmentMap, settings: &MemorySettings) -> SegmentBelief {
+pub fn target(expected: &SegmentBelief, seen: &SegmentMap, settings: &MemorySettings) -> SegmentBelief {
     let matched = if settings.fade_matched { BTreeMap::new() } else { seen.areas() };
     let mut target = expected.clone();
     let pixels = target.segments.pixels_mut().iter_mut().zip(target.confidence.pixels_mut());
@@ -111,8 +85,8 @@ fn target(expected: &SegmentBelief, seen: &SegmentMap, settings: &MemorySettings
 
 impl SegmentStore for FeatureStore {
     fn read_tile(&self, tile: &TileWeights, surface: &TileSurface) -> StoreTile {
-        let mut rendered = vec![0.0; TileWeights::PIXELS * self.codebook.feature_dim()];
-        tile.accumulate(&self.features, self.codebook.feature_dim(), &mut rendered);
+        let mut rendered = vec![0.0; TileWeights::PIXELS * self.codes.codebook().feature_dim()];
+        tile.accumulate(&self.features, self.codes.codebook().feature_dim(), &mut rendered);
         self.decoder().read_tile(surface, rendered)
     }
 
@@ -128,7 +102,7 @@ impl SegmentStore for FeatureStore {
                 0 => self.features.resize(self.features.len() + feature_dim, 0.0),
                 segment => {
                     let confidence = if feature_dim == 1 { 1.0 } else { target.confidence.pixels()[gaussian.pixel] };
-                    let code = self.codebook.vector(segment as usize - 1);
+                    let code = self.codes.codebook().vector(segment as usize - 1);
                     self.features.extend(code.iter().map(|value| confidence * value));
                 }
             }
@@ -137,7 +111,7 @@ impl SegmentStore for FeatureStore {
 
     fn learn(&mut self, recall: &mut Recall<'_>, map: &dyn Splats, seen: &SegmentMap) -> LearningExtent {
         let target = target(&recall.belief, seen, &self.settings);
-        let learning = Learning { settings: &self.settings, codebook: &self.codebook, recall, target: &target };
+        let learning = Learning { settings: &self.settings, codebook: self.codes.codebook(), recall, target: &target };
         let min_weight = self.settings.learning_min_weight;
         let active = if self.settings.learn_new {
             let grown = View::new(map, recall.view.camera());
@@ -160,23 +134,14 @@ impl SegmentStore for FeatureStore {
     }
 
     fn new_segment(&mut self, id: SegmentId) -> Result<(), MemoryError> {
-        if id as usize > self.codebook.len() {
-            self.extend_codebook()?;
-        }
-        self.used_codes = self.used_codes.max(id as usize);
-        let used_fraction = self.used_codes as f32 / self.codebook.len() as f32;
-        // Integer ids take no time.
-        if self.extension.is_none() && self.settings.feature_dim > 1 && used_fraction >= EXTEND_AT_FRACTION {
-            self.extension = Extension::start(&self.codebook, self.settings.num_codes, &self.cache);
-        }
-        Ok(())
+        self.codes.new_segment(id)
     }
 
     fn segment_ids(&self) -> Vec<SegmentId> {
         let mut hint = None;
         let decode = |feature| {
             let threshold = self.settings.decode_threshold;
-            let code = self.codebook.decode_with_hint(feature, hint, self.used_codes, threshold);
+            let code = self.codes.codebook().decode_with_hint(feature, hint, self.codes.used(), threshold);
             hint = code.or(hint);
             code.map_or(0, |code| code + 1)
         };
@@ -188,7 +153,7 @@ impl SegmentStore for FeatureStore {
     }
 
     fn content(&self) -> Option<SplatContentView<'_>> {
-        Some(SplatContentView::Features { features: &self.features, codebook: &self.codebook })
+        Some(SplatContentView::Features { features: &self.features, codebook: self.codes.codebook() })
     }
 }
 
@@ -234,38 +199,6 @@ mod tests {
         for (found, expected) in found.iter().zip(expected) {
             assert!((found - expected).abs() < 1e-6, "{found} instead of {expected}");
         }
-    }
-
-    #[test]
-    fn the_next_codes_are_made_before_they_are_needed_and_are_the_same() {
-        let settings = MemorySettings { feature_dim: 7, num_codes: 40, ..MemorySettings::default() };
-        let codebook = |extensions: usize| {
-            let mut codebook =
-                Codebook::generate(&CodebookSettings { num_codes: 40, feature_dim: 7, seed: 3 }, &mut |_| {}).unwrap();
-            (0..extensions).for_each(|_| codebook.extend(40, &mut |_| {}).unwrap());
-            codebook
-        };
-        let mut store = FeatureStore::with_parts(settings, codebook(0), 0, Vec::new(), CodebookCache::default());
-        for id in 1..=29 {
-            store.new_segment(id).unwrap();
-        }
-        assert!(store.extension.is_none());
-        store.new_segment(30).unwrap();
-        let started = store.extension.as_ref().expect("three quarters of the codes are used");
-        while !started.is_finished() {
-            std::thread::yield_now();
-        }
-        for id in 31..=40 {
-            store.new_segment(id).unwrap();
-        }
-        assert_eq!(store.codebook, codebook(0), "codes that are not needed are not in the codebook yet");
-        store.new_segment(41).unwrap();
-        assert_eq!(store.codebook, codebook(1));
-        // Without a pause the thread is waited for, with the same result.
-        for id in 42..=81 {
-            store.new_segment(id).unwrap();
-        }
-        assert_eq!(store.codebook, codebook(2));
     }
 
     #[test]

@@ -57,7 +57,7 @@ pub(crate) fn find_tiles(keys: &[u32], begins: &mut [u32], ends: &mut [u32], cou
 
 /// The number of keys below `key`.
 #[cube]
-fn lower_bound(keys: &[u32], count: u32, key: u32) -> u32 {
+pub(crate) fn lower_bound(keys: &[u32], count: u32, key: u32) -> u32 {
     let mut low = 0u32;
     let mut high = count;
     while low < high {

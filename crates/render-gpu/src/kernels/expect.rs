@@ -34,24 +34,42 @@ pub(crate) struct EvidenceRule {
 
 /// What one pixel has summed up.
 #[derive(CubeType)]
-struct PixelSums {
-    silhouette: f32,
+pub(crate) struct PixelSums {
+    pub silhouette: f32,
     /// Sum of weight times depth.
-    depth: f32,
-    covered: f32,
+    pub depth: f32,
+    pub covered: f32,
     /// What is not taken by things that are gone.
-    light: f32,
+    pub light: f32,
+}
+
+/// Adds a Gaussian at depth `at` to the surfaces of a pixel. Up to `disparity` behind the observed one it counts as that.
+#[cube]
+pub(crate) fn add_weight(sums: &mut PixelSums, weight: f32, at: f32, observed: f32, disparity: f32) {
+    sums.silhouette += weight;
+    sums.depth += weight * at;
+    if at <= observed + disparity {
+        sums.covered += weight;
+    }
+}
+
+/// Writes the surfaces of a pixel.
+#[cube]
+pub(crate) fn write_surface(sums: &PixelSums, at: usize, pixels: usize, images: &mut [u32], surfaces: &mut [u32]) {
+    let mut mean_depth = 0.0f32;
+    if sums.silhouette > 0.0 {
+        mean_depth = sums.depth / sums.silhouette;
+    }
+    images[2 * pixels + at] = u32::reinterpret(sums.silhouette);
+    images[3 * pixels + at] = u32::reinterpret(mean_depth);
+    surfaces[at] = u32::reinterpret(sums.covered);
 }
 
 /// Adds a Gaussian at depth `at` to the sums of a pixel; returns whether its votes count there: only near the observed depth.
 /// What lies in front of it is gone, or never was there, and the light that it takes is given back to what is behind.
 #[cube]
 fn add_surface(sums: &mut PixelSums, weight: f32, at: f32, observed: f32, rule: &EvidenceRule) -> bool {
-    sums.silhouette += weight;
-    sums.depth += weight * at;
-    if at <= observed + rule.depth_disparity {
-        sums.covered += weight;
-    }
+    add_weight(sums, weight, at, observed, rule.depth_disparity);
     let mut behind = 0.0f32;
     if observed > 0.0 {
         behind = at - observed;
@@ -100,7 +118,7 @@ fn add_evidence(
 
 /// Moves the pairs of a batch that are used to `to`, in their order; returns how many there are. All threads take part.
 #[cube]
-fn keep_used(pairs: &mut [u32], pair: u32, to: u32, used: &Shared<[u32]>, flags: &mut Shared<[u32]>) -> u32 {
+pub(crate) fn keep_used(pairs: &mut [u32], pair: u32, to: u32, used: &Shared<[u32]>, flags: &mut Shared<[u32]>) -> u32 {
     let unit = UNIT_POS as usize;
     sync_cube();
     let mut rank = 0u32;
@@ -153,15 +171,9 @@ fn write_pixel(
     if segment != 0 {
         confidence = select(best < 1.0, best, 1.0);
     }
-    let mut mean_depth = 0.0f32;
-    if sums.silhouette > 0.0 {
-        mean_depth = sums.depth / sums.silhouette;
-    }
     images[at] = segment;
     images[pixels + at] = u32::reinterpret(confidence);
-    images[2 * pixels + at] = u32::reinterpret(sums.silhouette);
-    images[3 * pixels + at] = u32::reinterpret(mean_depth);
-    surfaces[at] = u32::reinterpret(sums.covered);
+    write_surface(sums, at, pixels, images, surfaces);
     surfaces[pixels + at] = known;
 }
 

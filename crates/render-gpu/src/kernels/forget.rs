@@ -9,42 +9,12 @@ pub(crate) const NOWHERE: u32 = u32::MAX;
 /// In view, but its surface is not seen.
 pub(crate) const HIDDEN: u32 = u32::MAX - 1;
 
-/// Numbers of a Gaussian that is sent: centre and radius (4), packed ids (2), votes (4), colour, last seen, seen through.
-pub(crate) const SENT_NUMBERS: usize = 13;
-
 /// Places in the report of a frame.
 pub(crate) const REMOVED: usize = 0;
-pub(crate) const VOTED: usize = 1;
+pub(crate) const LEARNT: usize = 1;
 pub(crate) const GROWN: usize = 2;
 /// The flags of ids begin here.
 pub(crate) const CARRIED: usize = 3;
-
-/// Fills a map with Gaussians that were sent: `[count, 13]`.
-#[cube(launch)]
-pub(crate) fn unpack(
-    added: &[u32],
-    balls: &mut [f32],
-    vote_ids: &mut [u32],
-    votes: &mut [f32],
-    last_seen: &mut [u32],
-    seen_through: &mut [u32],
-    colors: &mut [u32],
-    count: u32,
-) {
-    if ABSOLUTE_POS < count as usize {
-        let from = ABSOLUTE_POS * SENT_NUMBERS;
-        let to = ABSOLUTE_POS;
-        for number in 0..4usize {
-            balls[to * 4 + number] = f32::reinterpret(added[from + number]);
-            votes[to * 4 + number] = f32::reinterpret(added[from + 6 + number]);
-        }
-        vote_ids[to * 2] = added[from + 4];
-        vote_ids[to * 2 + 1] = added[from + 5];
-        colors[to] = added[from + 10];
-        last_seen[to] = added[from + 11];
-        seen_through[to] = added[from + 12];
-    }
-}
 
 /// Notes what frame number `frame` says of the first `count` Gaussians. `keep` becomes 0 for those that are gone.
 #[cube(launch)]
@@ -106,38 +76,15 @@ pub(crate) fn mark_carried(
     }
 }
 
-/// Moves the Gaussians that are kept to their `places`.
+/// Moves the numbers of the Gaussians that are kept, `width` each, to their `places`.
 #[cube(launch)]
-pub(crate) fn compact(
-    keep: &[u32],
-    places: &[u32],
-    balls: &[f32],
-    vote_ids: &[u32],
-    votes: &[f32],
-    last_seen: &[u32],
-    seen_through: &[u32],
-    colors: &[u32],
-    kept_balls: &mut [f32],
-    kept_vote_ids: &mut [u32],
-    kept_votes: &mut [f32],
-    kept_last_seen: &mut [u32],
-    kept_seen_through: &mut [u32],
-    kept_colors: &mut [u32],
-    count: u32,
-) {
-    let from = ABSOLUTE_POS;
-    if from < count as usize && keep[from] == 1 {
-        let to = places[from] as usize;
-        for number in 0..4usize {
-            kept_balls[to * 4 + number] = balls[from * 4 + number];
-            kept_votes[to * 4 + number] = votes[from * 4 + number];
+pub(crate) fn compact(keep: &[u32], places: &[u32], from: &[u32], to: &mut [u32], width: u32, values: u32) {
+    if ABSOLUTE_POS < values as usize {
+        let width = width as usize;
+        let gaussian = ABSOLUTE_POS / width;
+        if keep[gaussian] == 1 {
+            to[places[gaussian] as usize * width + ABSOLUTE_POS % width] = from[ABSOLUTE_POS];
         }
-        for number in 0..2usize {
-            kept_vote_ids[to * 2 + number] = vote_ids[from * 2 + number];
-        }
-        kept_last_seen[to] = last_seen[from];
-        kept_seen_through[to] = seen_through[from];
-        kept_colors[to] = colors[from];
     }
 }
 

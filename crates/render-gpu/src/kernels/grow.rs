@@ -3,7 +3,6 @@
 use super::borders::{MAX_DISTANCE, REFUSED, WANTED};
 use super::camera::{View, round_half_up};
 use super::forget::GROWN;
-use super::fuse::ABSTAIN;
 use cubecl::prelude::*;
 
 /// Farther than any depth.
@@ -22,7 +21,6 @@ pub(crate) struct GrowthRuleValues {
     pub spacing: u32,
     pub spacing_per_distance: f32,
     pub radius_per_spacing: f32,
-    pub no_segment_weight: f32,
 }
 
 /// From the camera to the world: rows of the rotation, and the translation.
@@ -131,18 +129,17 @@ fn put_down_quarters(
 }
 
 /// Goes through the squares of each largest square as a quadtree. Without `writes` it counts the new Gaussians of each in
-/// `counts`; with it, it writes them behind the first `first` of the map, from the prefix sums `counts` on.
+/// `counts`; with it, it writes them behind the first `first` of the map, from the prefix sums `counts` on,
+/// and the pixel of each to `pixels`.
 #[cube(launch)]
 pub(crate) fn grow_blocks(
     wanted: &[u32],
     distances: &[u32],
     depth: &[f32],
-    seen: &[u32],
     color: &[u32],
     counts: &mut [u32],
+    pixels: &mut [u32],
     balls: &mut [f32],
-    vote_ids: &mut [u32],
-    votes: &mut [f32],
     last_seen: &mut [u32],
     seen_through: &mut [u32],
     colors: &mut [u32],
@@ -181,7 +178,7 @@ pub(crate) fn grow_blocks(
             if comptime!(writes) {
                 let scale = rule.radius_per_spacing * f32::cast_from(side);
                 let pixel = write_ball(wanted, depth, color, &square, balls, colors, to, &view, &pose, scale);
-                write_vote(seen[pixel], vote_ids, votes, to, &rule);
+                pixels[to - first as usize] = pixel as u32;
                 last_seen[to] = frame;
                 seen_through[to] = 0u32;
                 to += 1usize;
@@ -194,24 +191,6 @@ pub(crate) fn grow_blocks(
     if !comptime!(writes) {
         counts[block as usize] = count;
         report[GROWN].fetch_add(count);
-    }
-}
-
-/// Writes what a new Gaussian at a pixel with this label knows of segments.
-#[cube]
-fn write_vote(label: u32, vote_ids: &mut [u32], votes: &mut [f32], to: usize, rule: &GrowthRuleValues) {
-    let mut vote = 1.0f32;
-    if label == 0 {
-        vote = rule.no_segment_weight;
-    }
-    if label == ABSTAIN {
-        vote = 0.0f32;
-    }
-    vote_ids[to * 2] = select(label == ABSTAIN, 0u32, label);
-    vote_ids[to * 2 + 1] = 0u32;
-    votes[to * 4] = vote;
-    for slot in 1..4usize {
-        votes[to * 4 + slot] = 0.0f32;
     }
 }
 

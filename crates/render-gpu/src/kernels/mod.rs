@@ -3,10 +3,14 @@
 // A launch takes its buffers one by one, and the macro makes a public module of every kernel.
 #![allow(missing_docs, clippy::too_many_arguments)]
 
+pub(crate) mod active;
 pub(crate) mod bin;
 pub(crate) mod blend;
 pub(crate) mod borders;
 pub(crate) mod camera;
+pub(crate) mod decode;
+pub(crate) mod descend;
+pub(crate) mod entries;
 pub(crate) mod exp;
 pub(crate) mod expect;
 pub(crate) mod forget;

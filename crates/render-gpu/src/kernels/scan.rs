@@ -97,3 +97,12 @@ pub(crate) fn scan_blocks(values: &[u32], starts: &[u32], scanned: &mut [u32], c
         }
     }
 }
+
+/// The sum of the first `count` values, from their prefix sums.
+#[cube(launch)]
+pub(crate) fn take_total(values: &[u32], scanned: &[u32], total: &mut [u32], count: u32) {
+    if ABSOLUTE_POS == 0 {
+        let last = count as usize - 1;
+        total[0] = scanned[last] + values[last];
+    }
+}

@@ -2,7 +2,7 @@
 
 use super::blend::{PIXELS, STAGED, Transmittance, alpha_at, blend, pixel_of, stage};
 use super::camera::View;
-use super::forget::VOTED;
+use super::forget::{GROWN, LEARNT};
 use super::fuse::ABSTAIN;
 use cubecl::prelude::*;
 
@@ -196,7 +196,7 @@ pub(crate) struct VoteRule {
 }
 
 /// Adds up the pairs of each visible Gaussian in the order of tiles, and gives its votes. `report` counts the Gaussians that
-/// had any at the place [`VOTED`].
+/// had any at the place [`LEARNT`].
 #[cube(launch)]
 pub(crate) fn give_votes(
     order: &[u32],
@@ -241,7 +241,7 @@ pub(crate) fn give_votes(
     if total > 0.0 {
         let gaussian = gaussians[order[rank] as usize] as usize;
         take_votes(&ids, &sums, total, vote_ids, votes, gaussian, &rule);
-        report[VOTED].fetch_add(1u32);
+        report[LEARNT].fetch_add(1u32);
     }
 }
 
@@ -331,5 +331,35 @@ pub(crate) fn favour(
         sums[0] = 2.0 * max_votes;
         let rule = VoteRule { no_segment_weight: 1.0f32, max_votes };
         take_votes(&ids, &sums, 1.0f32, vote_ids, votes, gaussians[ABSOLUTE_POS] as usize, &rule);
+    }
+}
+
+/// Writes what the Gaussians that have grown behind the first `first` know of segments: the labels of their `pixels`.
+#[cube(launch)]
+pub(crate) fn first_votes(
+    pixels: &[u32],
+    labels: &[u32],
+    vote_ids: &mut [u32],
+    votes: &mut [f32],
+    report: &[u32],
+    no_segment_weight: f32,
+    first: u32,
+) {
+    if ABSOLUTE_POS < report[GROWN] as usize {
+        let to = first as usize + ABSOLUTE_POS;
+        let label = labels[pixels[ABSOLUTE_POS] as usize];
+        let mut vote = 1.0f32;
+        if label == 0 {
+            vote = no_segment_weight;
+        }
+        if label == ABSTAIN {
+            vote = 0.0f32;
+        }
+        vote_ids[to * 2] = select(label == ABSTAIN, 0u32, label);
+        vote_ids[to * 2 + 1] = 0u32;
+        votes[to * 4] = vote;
+        for slot in 1..4usize {
+            votes[to * 4 + slot] = 0.0f32;
+        }
     }
 }

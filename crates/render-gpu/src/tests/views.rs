@@ -3,12 +3,14 @@
 use super::{device, noise};
 use crate::GpuDevice;
 use crate::device::{cube_dim, cubes, threads};
+use crate::evidence::Evidence;
 use crate::gaussians::DeviceGaussians;
 use crate::kernels::camera::view_args;
 use crate::kernels::forget::{HIDDEN, NOWHERE, locate_seen};
 use crate::kernels::project::NUMBERS;
 use crate::kernels::sight::{PAIR_COUNT, SEEN, SEEN_COUNT, THROUGH, THROUGH_COUNT, UNKNOWN, VISIBLE_COUNT};
 use crate::kernels::vote::{LABELS, count_votes};
+use crate::store::DeviceStore;
 use crate::view::{bin, look, render, tile_count};
 use glam::{Mat4, Vec3};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
@@ -68,8 +70,12 @@ fn camera(frame: &RgbdFrame<'_>) -> Camera {
 /// The map on the device; nothing is hidden because it is seen through.
 fn on(device: &GpuDevice) -> (SplatMap, Vec<Votes>, DeviceGaussians, MemorySettings) {
     let (map, votes) = made_up_map(3000);
-    let gaussians = DeviceGaussians::new(device, &map, &votes).unwrap();
+    let gaussians = DeviceGaussians::new(device, &map, Evidence::columns(&votes)).unwrap();
     (map, votes, gaussians, MemorySettings::default().with(|settings| settings.removal_frames = 0))
+}
+
+fn evidence(settings: &MemorySettings) -> Evidence {
+    Evidence { settings: settings.clone() }
 }
 
 #[test]
@@ -77,7 +83,9 @@ fn maps_come_back_as_they_were_sent() {
     let Some(device) = device() else { return };
     for count in [0, 1, 3000] {
         let (map, votes) = made_up_map(count);
-        assert!(DeviceGaussians::new(&device, &map, &votes).unwrap().read().unwrap() == (map, votes));
+        let found = DeviceGaussians::new(&device, &map, Evidence::columns(&votes)).unwrap();
+        assert!(found.read().unwrap() == map);
+        assert!(evidence(&MemorySettings::default()).read(&device, &found).unwrap() == votes);
     }
 }
 
@@ -162,7 +170,9 @@ fn images_are_products_with_the_blend_weights_of_the_cpu() {
     let Some(device) = device() else { return };
     let (map, votes, gaussians, settings) = on(&device);
     let (frame, camera) = (frame(), camera(&frame()));
-    let (view, images) = render(&device, &gaussians, &frame, &camera, &settings).unwrap();
+    let store = evidence(&settings);
+    let (rendered, images) = render(&device, &gaussians, &store, &frame, &camera, &settings).unwrap();
+    let view = &rendered.view;
     let host = View::new(&map.balls, &camera);
     let (silhouette, depth) = (host.weights().silhouette(), host.weights().accumulated_depth());
     let surfaces = silhouette.pixels().iter().zip(depth.pixels()).enumerate();
@@ -193,7 +203,7 @@ fn images_are_products_with_the_blend_weights_of_the_cpu() {
         wrong += usize::from(images.belief.segments.pixels()[at] != best.unwrap_or(0) as u32);
     }
     assert!(compared > 100 && wrong <= 1, "{wrong} of {compared}");
-    check_votes(&device, &host, &view, &frame);
+    check_votes(&device, &host, view, &frame);
 }
 
 /// Compares the votes that the view gives with sums over the columns of the CPU's weights.
@@ -277,7 +287,8 @@ fn kept_gaussians_stay_in_their_order() {
     let kept: Vec<usize> = (0..keep.len()).filter(|index| keep[*index] == 1).collect();
     gaussians.retain(&device.upload(&keep, "test").unwrap(), kept.len()).unwrap();
     gaussians.reserve(50_000).unwrap();
-    let (found, found_votes) = gaussians.read().unwrap();
+    let found = gaussians.read().unwrap();
+    let found_votes = evidence(&MemorySettings::default()).read(&device, &gaussians).unwrap();
     let mut expected = Balls::default();
     kept.iter().for_each(|index| expected.push(map.balls.means[*index], map.balls.radii[*index]));
     assert!(found.balls == expected);

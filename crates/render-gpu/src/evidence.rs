@@ -1,0 +1,246 @@
+//! Votes of Gaussians on a device.
+
+use crate::GpuError;
+use crate::device::{Buffer, GpuDevice, cube_dim, cubes, threads};
+use crate::gaussians::{Column, DeviceGaussians};
+use crate::kernels::expect::{EvidenceRuleLaunch, SLOTS, expect};
+use crate::kernels::forget::mark_carried;
+use crate::kernels::fuse::fuse;
+use crate::kernels::vote::{LABELS, VoteRuleLaunch, count_votes, favour, first_votes, give_votes};
+use crate::store::{DeviceStore, Lesson, Rendered};
+use crate::view::{GpuView, tile_count};
+use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_memory::{MemoryError, MemorySettings, Recall, SplatContentView, Votes};
+
+/// The store of a memory of evidence: two columns, `[gaussians, 2]` of two ids of 16 bits each and `[gaussians, 4]` of votes.
+#[derive(Debug)]
+pub(crate) struct Evidence {
+    pub settings: MemorySettings,
+}
+
+/// Evidence of a view, both `[16, height, width]`.
+#[derive(Debug)]
+pub(crate) struct EvidenceTables {
+    pub ids: Buffer,
+    pub evidence: Buffer,
+}
+
+fn vote_ids(map: &DeviceGaussians) -> &Buffer {
+    map.remembered(0)
+}
+
+fn votes(map: &DeviceGaussians) -> &Buffer {
+    map.remembered(1)
+}
+
+impl Evidence {
+    /// Votes as columns.
+    pub fn columns(votes: &[Votes]) -> Vec<Column> {
+        let pair = |low: u16, high: u16| u32::from(low) | u32::from(high) << 16;
+        let ids = votes.iter().flat_map(|votes| {
+            let [a, b, c, d] = votes.slots();
+            [pair(a.0, b.0), pair(c.0, d.0)]
+        });
+        let counts = votes.iter().flat_map(|votes| votes.slots().map(|(_, count)| count.to_bits()));
+        vec![Column { values: ids.collect(), width: 2 }, Column { values: counts.collect(), width: 4 }]
+    }
+}
+
+impl DeviceStore for Evidence {
+    type Read = EvidenceTables;
+    type Copy = Vec<Votes>;
+
+    const LEARNS_BY_COUNT: bool = false;
+
+    fn expect(&self, device: &GpuDevice, map: &DeviceGaussians, view: &GpuView) -> Result<EvidenceTables, GpuError> {
+        let (settings, tiles) = (&self.settings, &view.tiles);
+        let numbers = SLOTS * view.pixels();
+        let tables =
+            EvidenceTables { ids: device.empty(numbers, "evidence")?, evidence: device.empty(numbers, "evidence")? };
+        expect::launch(
+            &device.client,
+            cubes(tile_count(&view.camera)),
+            cube_dim(),
+            tiles.splats.arg(),
+            tiles.gaussians.arg(),
+            tiles.splat_of_pair.arg(),
+            tiles.pairs.arg(),
+            tiles.begins.arg(),
+            tiles.ends.arg(),
+            vote_ids(map).arg(),
+            votes(map).arg(),
+            view.depth.arg(),
+            view.images.arg(),
+            view.surfaces.arg(),
+            tables.ids.arg(),
+            tables.evidence.arg(),
+            view.args(),
+            EvidenceRuleLaunch::new(
+                settings.depth_disparity,
+                settings.depth_tolerance,
+                settings.min_weight,
+                settings.min_evidence,
+            ),
+        );
+        Ok(tables)
+    }
+
+    fn fuse(
+        &self,
+        device: &GpuDevice,
+        rendered: &Rendered<EvidenceTables>,
+        _: &Recall<'_>,
+        seen: &SegmentMap,
+    ) -> Result<SegmentMap, GpuError> {
+        let Rendered { view, read } = rendered;
+        let sent = view.send_seen(device, seen)?;
+        let pixels = seen.pixels().len();
+        let fused = device.empty(pixels, "fused segments")?;
+        let observed = self.settings.observation_weight;
+        let (cubes, cube) = threads(pixels);
+        fuse::launch(
+            &device.client,
+            cubes,
+            cube,
+            view.surfaces.arg(),
+            read.ids.arg(),
+            read.evidence.arg(),
+            sent.arg(),
+            fused.arg(),
+            observed,
+            observed * self.settings.no_segment_weight,
+            pixels as u32,
+        );
+        let [found] = device.download([&fused])?;
+        let (width, height) = seen.size();
+        let failed = |_| GpuError::Failed { reason: "the fused segments have another size".to_owned() };
+        SegmentMap::from_pixels(width, height, found).map_err(failed)
+    }
+
+    fn target(
+        &self,
+        device: &GpuDevice,
+        view: &GpuView,
+        _: &Recall<'_>,
+        seen: &SegmentMap,
+    ) -> Result<Buffer, GpuError> {
+        view.send_seen(device, seen)
+    }
+
+    fn grow(&self, lesson: &Lesson<'_>, pixels: &Buffer) {
+        let (cubes, cube) = threads(pixels.len());
+        first_votes::launch(
+            &lesson.device.client,
+            cubes,
+            cube,
+            pixels.arg(),
+            lesson.target.arg(),
+            vote_ids(lesson.gaussians).arg(),
+            votes(lesson.gaussians).arg(),
+            lesson.report.arg(),
+            self.settings.no_segment_weight,
+            lesson.gaussians.len() as u32,
+        );
+    }
+
+    /// Gives the votes of a frame.
+    fn learn(&self, lesson: &Lesson<'_>, rendered: &Rendered<EvidenceTables>) -> Result<usize, GpuError> {
+        let (device, view, tiles) = (lesson.device, &rendered.view, &rendered.view.tiles);
+        let pairs = tiles.pair_count;
+        let totals = device.zeros(pairs, "votes of pairs")?;
+        let label_ids = device.empty(pairs * LABELS, "votes of pairs")?;
+        let label_weights = device.empty(pairs * LABELS, "votes of pairs")?;
+        count_votes::launch(
+            &device.client,
+            cubes(tile_count(&view.camera)),
+            cube_dim(),
+            tiles.splats.arg(),
+            tiles.splat_of_pair.arg(),
+            tiles.pairs.arg(),
+            tiles.begins.arg(),
+            tiles.ends.arg(),
+            lesson.target.arg(),
+            view.depth.arg(),
+            totals.arg(),
+            label_ids.arg(),
+            label_weights.arg(),
+            view.args(),
+            self.settings.depth_tolerance,
+        );
+        let (cubes, cube) = threads(tiles.visible_count);
+        give_votes::launch(
+            &device.client,
+            cubes,
+            cube,
+            tiles.order.arg(),
+            tiles.starts.arg(),
+            tiles.tile_counts.arg(),
+            tiles.gaussians.arg(),
+            totals.arg(),
+            label_ids.arg(),
+            label_weights.arg(),
+            vote_ids(lesson.gaussians).arg(),
+            votes(lesson.gaussians).arg(),
+            lesson.report.arg(),
+            VoteRuleLaunch::new(self.settings.no_segment_weight, self.settings.max_votes),
+            tiles.visible_count as u32,
+        );
+        Ok(view.pixels())
+    }
+
+    fn favour(&self, device: &GpuDevice, map: &DeviceGaussians, chosen: &[u32], id: SegmentId) -> Result<(), GpuError> {
+        let sent = device.upload(chosen, "Gaussians of a prediction")?;
+        let (cubes, cube) = threads(chosen.len());
+        let (ids, votes, count) = (vote_ids(map).arg(), votes(map).arg(), chosen.len() as u32);
+        favour::launch(&device.client, cubes, cube, sent.arg(), ids, votes, id, self.settings.max_votes, count);
+        Ok(())
+    }
+
+    fn mark_carried(&self, device: &GpuDevice, map: &DeviceGaussians, keep: &Buffer, report: &Buffer) -> bool {
+        let (cubes, cube) = threads(keep.len());
+        mark_carried::launch(
+            &device.client,
+            cubes,
+            cube,
+            vote_ids(map).arg(),
+            votes(map).arg(),
+            keep.arg(),
+            report.arg(),
+            self.settings.min_evidence,
+            map.len() as u32,
+        );
+        true
+    }
+
+    fn new_segment(&mut self, _: &GpuDevice, _: SegmentId) -> Result<(), MemoryError> {
+        Ok(())
+    }
+
+    fn numbers_per_gaussian(&self) -> usize {
+        2 * Votes::SLOTS
+    }
+
+    fn read(&self, device: &GpuDevice, map: &DeviceGaussians) -> Result<Vec<Votes>, GpuError> {
+        let [ids, votes] = device.download([vote_ids(map), votes(map)])?;
+        let of_gaussian = |(ids, votes): (&[u32], &[u32])| {
+            Votes::from_slots(std::array::from_fn(|slot| {
+                ((ids[slot / 2] >> (16 * (slot % 2))) as u16, f32::from_bits(votes[slot]))
+            }))
+        };
+        Ok(ids.chunks_exact(2).zip(votes.chunks_exact(4)).take(map.len()).map(of_gaussian).collect())
+    }
+
+    fn segment_ids(&self, device: &GpuDevice, map: &DeviceGaussians) -> Result<Vec<SegmentId>, GpuError> {
+        let votes = self.read(device, map)?;
+        Ok(votes.iter().map(|votes| votes.winner(self.settings.min_evidence)).collect())
+    }
+
+    fn segment_shares(&self, copy: &Vec<Votes>) -> Option<Vec<f32>> {
+        let share = |votes: &Votes| votes.share(votes.winner(self.settings.min_evidence));
+        Some(copy.iter().map(share).collect())
+    }
+
+    fn content<'a>(&'a self, copy: &'a Vec<Votes>) -> SplatContentView<'a> {
+        SplatContentView::Evidence { votes: copy }
+    }
+}
