@@ -32,13 +32,11 @@ fn an_unknown_device_is_refused_with_the_names_of_all() {
 }
 
 #[test]
-fn a_memory_device_needs_a_memory_of_evidence() {
-    for more in [["--method", "fastsam"], ["--method-preset", "paper"]] {
-        let scene = ["run", "synthetic:frames=1", "--out", "nowhere", "--memory-device", "gpu"];
-        let ended = finish(splatseg().args(scene).args(more));
-        assert_eq!(ended.code, 2);
-        assert!(ended.err.contains("memory_device is not used here"), "{}", ended.err);
-    }
+fn a_memory_device_needs_a_method_with_a_memory() {
+    let scene = ["run", "synthetic:frames=1", "--out", "nowhere", "--memory-device", "gpu", "--method", "fastsam"];
+    let ended = finish(splatseg().args(scene));
+    assert_eq!(ended.code, 2);
+    assert!(ended.err.contains("memory_device is not used here"), "{}", ended.err);
 }
 
 #[test]
@@ -47,8 +45,10 @@ fn a_memory_on_the_gpu_gives_the_ids_of_the_cpu() {
         return;
     }
     let scene = "synthetic:frames=4,width=160,height=120,objects=8";
-    let run = |device: &str| ids_of(scene, 4, &["--memory-device", device]);
-    assert_agree(&run("gpu"), &run("cpu"));
+    for kind in ["memory.kind=evidence", "memory.kind=features"] {
+        let run = |device: &str| ids_of(scene, 4, &["--memory-device", device, "--set", kind]);
+        assert_agree(&run("gpu"), &run("cpu"));
+    }
 }
 
 #[test]

@@ -37,7 +37,7 @@ choices! {
     pub enum MemoryDevice, default Cpu {
         /// The processor
         Cpu = "cpu",
-        /// Any GPU; for a memory of evidence
+        /// Any GPU
         Gpu = "gpu",
     }
 }

@@ -87,8 +87,8 @@ pub fn entries() -> Vec<Entry> {
     let networks = [("segmenter", "fastsam"), ("tracker", "sam2")];
     let networks = networks.map(|(key, network)| ChosenValues { key, values: vec![network] });
     registry.require("device", Need::OneOf(networks.to_vec()));
-    let evidence = ChosenValues { key: "memory.kind", values: vec!["evidence"] };
-    registry.require("memory_device", Need::OneOf(vec![evidence]));
+    let with_memory = ChosenValues { key: "method", values: vec!["fastsam-splat", "sam2-splat"] };
+    registry.require("memory_device", Need::OneOf(vec![with_memory]));
     registry.add(DatasetSettings::fields(), &[]);
     for (method, fields) in [
         ("fastsam-splat", FastSamSplatSettings::fields()),
