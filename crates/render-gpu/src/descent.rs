@@ -4,8 +4,8 @@ use crate::GpuError;
 use crate::device::{Buffer, GpuDevice, cube_dim, cubes, threads};
 use crate::kernels::active::{ActiveRuleLaunch, choose_active, find_differing, mark_touched, spread_in_rows};
 use crate::kernels::blend::PIXELS;
-use crate::kernels::descend::{StepRuleLaunch, differentiate, row_length, start_descent, step};
-use crate::kernels::entries::{count_entries, write_entries};
+use crate::kernels::descend::{DescentStateLaunch, StepRuleLaunch, differentiate, row_length, start_descent, step};
+use crate::kernels::entries::{EntriesLaunch, count_entries, write_entries};
 use crate::kernels::scan::take_total;
 use crate::sorting::{Keyed, prefix_sums, sorted};
 use crate::store::Lesson;
@@ -38,7 +38,7 @@ struct Entries {
     weights: Buffer,
     places: Buffer,
     splats: Buffer,
-    /// Their numbers, sorted by pairs.
+    /// Their numbers, with their pairs as keys.
     by_pair: Keyed,
     /// The sum of all weights of each pair.
     pair_sums: Buffer,
@@ -47,16 +47,32 @@ struct Entries {
     pixels: usize,
 }
 
-/// What steps work on.
+impl Entries {
+    fn args(&self) -> EntriesLaunch {
+        let Keyed { keys, values } = &self.by_pair;
+        EntriesLaunch::new(self.weights.arg(), self.places.arg(), self.splats.arg(), keys.arg(), values.arg())
+    }
+}
+
+/// What steps work on, see `kernels/descend.rs`.
 struct State {
-    /// Entries of each visible Gaussian among those that are sorted.
     begins: Buffer,
     ends: Buffer,
     weight_sums: Buffer,
-    /// `[visible, row]`: where the next gradient is taken.
     ahead: Buffer,
-    /// `[places, row]`.
     gradients: Buffer,
+}
+
+impl State {
+    fn args(&self) -> DescentStateLaunch {
+        DescentStateLaunch::new(
+            self.begins.arg(),
+            self.ends.arg(),
+            self.weight_sums.arg(),
+            self.ahead.arg(),
+            self.gradients.arg(),
+        )
+    }
 }
 
 impl Descent<'_> {
@@ -192,11 +208,7 @@ impl Descent<'_> {
             &device.client,
             cubes(tile_count),
             cube_dim(),
-            tiles.splats.arg(),
-            tiles.splat_of_pair.arg(),
-            tiles.pairs.arg(),
-            tiles.begins.arg(),
-            tiles.ends.arg(),
+            tiles.pairs(),
             active.arg(),
             counts.arg(),
             pair_sums.arg(),
@@ -216,31 +228,24 @@ impl Descent<'_> {
         );
         let [total, pixels] = device.download([&total, active_count])?;
         let (count, pixels) = (total[0] as usize, pixels[0] as usize);
-        let [weights, places, splats, keys, values] = [(); 5].map(|()| device.empty(count, "entries of pixels"));
-        let (weights, places, splats) = (weights?, places?, splats?);
-        let unsorted = Keyed { keys: keys?, values: values? };
+        let room = || device.empty(count, "entries of pixels");
+        let (weights, places, splats) = (room()?, room()?, room()?);
+        let by_pair = Keyed { keys: room()?, values: room()? };
+        let mut entries = Entries { starts, counts, weights, places, splats, by_pair, pair_sums, count, pixels };
         write_entries::launch(
             &device.client,
             cubes(tile_count),
             cube_dim(),
-            tiles.splats.arg(),
-            tiles.splat_of_pair.arg(),
-            tiles.pairs.arg(),
-            tiles.begins.arg(),
-            tiles.ends.arg(),
+            tiles.pairs(),
             active.arg(),
-            starts.arg(),
-            weights.arg(),
-            places.arg(),
-            splats.arg(),
-            unsorted.keys.arg(),
-            unsorted.values.arg(),
+            entries.starts.arg(),
+            entries.args(),
             self.view.args(),
             self.settings.learning_min_weight,
         );
         let bits = tiles.pair_count.next_power_of_two().ilog2().max(1);
-        let by_pair = sorted(device, unsorted, count, bits)?;
-        Ok(Entries { starts, counts, weights, places, splats, by_pair, pair_sums, count, pixels })
+        entries.by_pair = sorted(device, entries.by_pair, count, bits)?;
+        Ok(entries)
     }
 
     fn start(&self, tiles: &Tiles, entries: &Entries) -> Result<State, GpuError> {
@@ -258,17 +263,11 @@ impl Descent<'_> {
             &device.client,
             cubes,
             cube,
-            tiles.order.arg(),
-            tiles.starts.arg(),
-            tiles.tile_counts.arg(),
-            tiles.gaussians.arg(),
+            tiles.visible(),
             entries.by_pair.keys.arg(),
             entries.pair_sums.arg(),
             self.lesson.gaussians.remembered(0).arg(),
-            state.begins.arg(),
-            state.ends.arg(),
-            state.weight_sums.arg(),
-            state.ahead.arg(),
+            state.args(),
             self.lesson.report.arg(),
             entries.count as u32,
             visible as u32,
@@ -286,12 +285,10 @@ impl Descent<'_> {
             cube,
             entries.starts.arg(),
             entries.counts.arg(),
-            entries.weights.arg(),
-            entries.splats.arg(),
-            state.ahead.arg(),
+            entries.args(),
+            state.args(),
             self.lesson.target.arg(),
             self.codes.arg(),
-            state.gradients.arg(),
             self.step_rule(0.0),
             intrinsics.width as u32,
             intrinsics.height as u32,
@@ -305,17 +302,9 @@ impl Descent<'_> {
             &self.device().client,
             cubes,
             cube,
-            tiles.order.arg(),
-            tiles.gaussians.arg(),
-            state.begins.arg(),
-            state.ends.arg(),
-            entries.by_pair.keys.arg(),
-            entries.by_pair.values.arg(),
-            entries.weights.arg(),
-            entries.places.arg(),
-            state.gradients.arg(),
-            state.weight_sums.arg(),
-            state.ahead.arg(),
+            tiles.visible(),
+            entries.args(),
+            state.args(),
             self.lesson.gaussians.remembered(0).arg(),
             self.step_rule(momentum),
             tiles.visible_count as u32,

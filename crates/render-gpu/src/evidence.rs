@@ -6,7 +6,9 @@ use crate::gaussians::{Column, DeviceGaussians};
 use crate::kernels::expect::{EvidenceRuleLaunch, SLOTS, expect};
 use crate::kernels::forget::mark_carried;
 use crate::kernels::fuse::fuse;
-use crate::kernels::vote::{LABELS, VoteRuleLaunch, count_votes, favour, first_votes, give_votes};
+use crate::kernels::vote::{
+    LABELS, PairVotesLaunch, VoteColumnsLaunch, VoteRuleLaunch, count_votes, favour, first_votes, give_votes,
+};
 use crate::store::{DeviceStore, Lesson, Rendered};
 use crate::view::{GpuView, tile_count};
 use splatseg_geometry::{SegmentId, SegmentMap};
@@ -33,6 +35,10 @@ fn votes(map: &DeviceGaussians) -> &Buffer {
     map.remembered(1)
 }
 
+fn vote_columns(map: &DeviceGaussians) -> VoteColumnsLaunch {
+    VoteColumnsLaunch::new(vote_ids(map).arg(), votes(map).arg())
+}
+
 impl Evidence {
     /// Votes as columns.
     pub fn columns(votes: &[Votes]) -> Vec<Column> {
@@ -53,7 +59,7 @@ impl DeviceStore for Evidence {
     const LEARNS_BY_COUNT: bool = false;
 
     fn expect(&self, device: &GpuDevice, map: &DeviceGaussians, view: &GpuView) -> Result<EvidenceTables, GpuError> {
-        let (settings, tiles) = (&self.settings, &view.tiles);
+        let settings = &self.settings;
         let numbers = SLOTS * view.pixels();
         let tables =
             EvidenceTables { ids: device.empty(numbers, "evidence")?, evidence: device.empty(numbers, "evidence")? };
@@ -61,14 +67,8 @@ impl DeviceStore for Evidence {
             &device.client,
             cubes(tile_count(&view.camera)),
             cube_dim(),
-            tiles.splats.arg(),
-            tiles.gaussians.arg(),
-            tiles.splat_of_pair.arg(),
-            tiles.pairs.arg(),
-            tiles.begins.arg(),
-            tiles.ends.arg(),
-            vote_ids(map).arg(),
-            votes(map).arg(),
+            view.tiles.pairs(),
+            vote_columns(map),
             view.depth.arg(),
             view.images.arg(),
             view.surfaces.arg(),
@@ -135,8 +135,7 @@ impl DeviceStore for Evidence {
             cube,
             pixels.arg(),
             lesson.target.arg(),
-            vote_ids(lesson.gaussians).arg(),
-            votes(lesson.gaussians).arg(),
+            vote_columns(lesson.gaussians),
             lesson.report.arg(),
             self.settings.no_segment_weight,
             lesson.gaussians.len() as u32,
@@ -148,22 +147,17 @@ impl DeviceStore for Evidence {
         let (device, view, tiles) = (lesson.device, &rendered.view, &rendered.view.tiles);
         let pairs = tiles.pair_count;
         let totals = device.zeros(pairs, "votes of pairs")?;
-        let label_ids = device.empty(pairs * LABELS, "votes of pairs")?;
-        let label_weights = device.empty(pairs * LABELS, "votes of pairs")?;
+        let labels = device.empty(pairs * LABELS, "votes of pairs")?;
+        let weights = device.empty(pairs * LABELS, "votes of pairs")?;
+        let found = || PairVotesLaunch::new(totals.arg(), labels.arg(), weights.arg());
         count_votes::launch(
             &device.client,
             cubes(tile_count(&view.camera)),
             cube_dim(),
-            tiles.splats.arg(),
-            tiles.splat_of_pair.arg(),
-            tiles.pairs.arg(),
-            tiles.begins.arg(),
-            tiles.ends.arg(),
+            tiles.pairs(),
             lesson.target.arg(),
             view.depth.arg(),
-            totals.arg(),
-            label_ids.arg(),
-            label_weights.arg(),
+            found(),
             view.args(),
             self.settings.depth_tolerance,
         );
@@ -172,15 +166,9 @@ impl DeviceStore for Evidence {
             &device.client,
             cubes,
             cube,
-            tiles.order.arg(),
-            tiles.starts.arg(),
-            tiles.tile_counts.arg(),
-            tiles.gaussians.arg(),
-            totals.arg(),
-            label_ids.arg(),
-            label_weights.arg(),
-            vote_ids(lesson.gaussians).arg(),
-            votes(lesson.gaussians).arg(),
+            tiles.visible(),
+            found(),
+            vote_columns(lesson.gaussians),
             lesson.report.arg(),
             VoteRuleLaunch::new(self.settings.no_segment_weight, self.settings.max_votes),
             tiles.visible_count as u32,
@@ -191,8 +179,8 @@ impl DeviceStore for Evidence {
     fn favour(&self, device: &GpuDevice, map: &DeviceGaussians, chosen: &[u32], id: SegmentId) -> Result<(), GpuError> {
         let sent = device.upload(chosen, "Gaussians of a prediction")?;
         let (cubes, cube) = threads(chosen.len());
-        let (ids, votes, count) = (vote_ids(map).arg(), votes(map).arg(), chosen.len() as u32);
-        favour::launch(&device.client, cubes, cube, sent.arg(), ids, votes, id, self.settings.max_votes, count);
+        let (votes, count) = (vote_columns(map), chosen.len() as u32);
+        favour::launch(&device.client, cubes, cube, sent.arg(), votes, id, self.settings.max_votes, count);
         Ok(())
     }
 
@@ -202,8 +190,7 @@ impl DeviceStore for Evidence {
             &device.client,
             cubes,
             cube,
-            vote_ids(map).arg(),
-            votes(map).arg(),
+            vote_columns(map),
             keep.arg(),
             report.arg(),
             self.settings.min_evidence,

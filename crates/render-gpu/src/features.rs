@@ -4,7 +4,9 @@ use crate::GpuError;
 use crate::descent::Descent;
 use crate::device::{Buffer, GpuDevice, cube_dim, cubes, threads};
 use crate::gaussians::{Column, DeviceGaussians};
-use crate::kernels::decode::{DecodeRuleLaunch, decode_gaussians, expect_features, first_features};
+use crate::kernels::decode::{
+    DecodeRuleLaunch, FeatureColumnLaunch, decode_gaussians, expect_features, first_features,
+};
 use crate::store::{DeviceStore, Lesson, Rendered};
 use crate::view::{GpuView, tile_count};
 use splatseg_geometry::{SegmentId, SegmentMap};
@@ -52,19 +54,13 @@ impl DeviceStore for Features {
     const LEARNS_BY_COUNT: bool = true;
 
     fn expect(&self, device: &GpuDevice, map: &DeviceGaussians, view: &GpuView) -> Result<Buffer, GpuError> {
-        let tiles = &view.tiles;
         let rendered = device.empty(view.pixels() * self.dim(), "rendered features")?;
         expect_features::launch(
             &device.client,
             cubes(tile_count(&view.camera)),
             cube_dim(),
-            tiles.splats.arg(),
-            tiles.gaussians.arg(),
-            tiles.splat_of_pair.arg(),
-            tiles.pairs.arg(),
-            tiles.begins.arg(),
-            tiles.ends.arg(),
-            map.remembered(0).arg(),
+            view.tiles.pairs(),
+            FeatureColumnLaunch::new(map.remembered(0).arg()),
             self.sent.arg(),
             view.depth.arg(),
             view.images.arg(),

@@ -9,11 +9,11 @@ use crate::kernels::sort::{BITS, DIGITS, SORT_BLOCK, count_block_digits, scatter
 pub(crate) fn prefix_sums(device: &GpuDevice, values: &Buffer, count: usize) -> Result<Buffer, GpuError> {
     let scanned = device.empty(count, "prefix sums")?;
     let blocks = count.div_ceil(BLOCK).max(1);
-    let sums = device.empty(blocks, "sums of blocks")?;
+    let (sums, starts) = (device.empty(blocks, "sums of blocks")?, device.empty(blocks, "sums of blocks")?);
     let client = &device.client;
     sum_blocks::launch(client, cubes(blocks), cube_dim(), values.arg(), sums.arg(), count as u32);
-    scan_sums::launch(client, cubes(1), cube_dim(), sums.arg(), blocks as u32);
-    scan_blocks::launch(client, cubes(blocks), cube_dim(), values.arg(), sums.arg(), scanned.arg(), count as u32);
+    scan_sums::launch(client, cubes(1), cube_dim(), sums.arg(), starts.arg(), blocks as u32);
+    scan_blocks::launch(client, cubes(blocks), cube_dim(), values.arg(), starts.arg(), scanned.arg(), count as u32);
     Ok(scanned)
 }
 

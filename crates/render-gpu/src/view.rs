@@ -8,6 +8,7 @@ use crate::kernels::camera::{ViewLaunch, view_args};
 use crate::kernels::expect::{IMAGES, SURFACES};
 use crate::kernels::project::{NUMBERS, mark_visible, project_visible};
 use crate::kernels::sight::{COUNTERS, PAIR_COUNT, VISIBLE_COUNT, note_sights};
+use crate::kernels::tile::{TilePairsLaunch, VisibleGaussiansLaunch};
 use crate::sorting::{Keyed, prefix_sums, sorted};
 use crate::store::{DeviceStore, Rendered};
 use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
@@ -51,6 +52,25 @@ pub(crate) struct Tiles {
     pub ends: Buffer,
     pub visible_count: usize,
     pub pair_count: usize,
+}
+
+impl Tiles {
+    /// The pairs as kernels take them.
+    pub fn pairs(&self) -> TilePairsLaunch {
+        TilePairsLaunch::new(
+            self.splats.arg(),
+            self.gaussians.arg(),
+            self.splat_of_pair.arg(),
+            self.pairs.arg(),
+            self.begins.arg(),
+            self.ends.arg(),
+        )
+    }
+
+    /// The visible Gaussians as kernels take them.
+    pub fn visible(&self) -> VisibleGaussiansLaunch {
+        VisibleGaussiansLaunch::new(self.order.arg(), self.starts.arg(), self.tile_counts.arg(), self.gaussians.arg())
+    }
 }
 
 /// A view, for the rest of its frame.

@@ -118,6 +118,18 @@ pub(crate) fn alpha_at(staged: &Shared<[f32]>, boxes: &Shared<[u32]>, slot: usiz
     alpha
 }
 
+/// The first place of a tile, row by row, at which a Gaussian with this box can have a weight.
+#[cube]
+pub(crate) fn first_place(bits: u32) -> u32 {
+    ((bits >> 10u32) & 31) * TILE
+}
+
+/// The place behind the last one.
+#[cube]
+pub(crate) fn end_place(bits: u32) -> u32 {
+    (((bits >> 15u32) & 31) + 1) * TILE
+}
+
 /// What is left of the light behind the Gaussians that a pixel has blended.
 #[derive(CubeType)]
 pub(crate) struct Transmittance {

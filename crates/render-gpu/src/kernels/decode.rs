@@ -1,9 +1,10 @@
 //! Rendered features and the segments that they stand for (`splatseg_memory`'s `features/decoding.rs`).
 
-use super::blend::{PIXELS, STAGED, Transmittance, alpha_at, blend, pixel_of, stage};
+use super::blend::pixel_of;
 use super::camera::{View, round_half_up};
-use super::expect::{PixelSums, add_weight, keep_used, write_surface};
+use super::expect::PixelSums;
 use super::forget::GROWN;
+use super::tile::{PixelReader, PixelReaderExpand, TilePairs, read_tile};
 use cubecl::prelude::*;
 
 /// No product of a finite feature is larger.
@@ -61,17 +62,41 @@ fn decoded(feature: &Array<f32>, codes: &[f32], rule: &DecodeRule, #[comptime] d
     segment
 }
 
-/// Blends each tile and decodes its features. `pairs` of each tile, from `begins` to `ends`, are front to back; those that no
-/// pixel shows are dropped from both. `features` are `[gaussians, dim]`, `rendered` becomes `[height, width, dim]`.
+/// The features of Gaussians, `[gaussians, dim]`.
+#[derive(CubeLaunch, CubeType)]
+pub(crate) struct FeatureColumn {
+    pub features: Box<[f32]>,
+}
+
+/// The rendered feature of a pixel while it is summed up.
+#[derive(CubeType)]
+struct PixelFeature {
+    sums: PixelSums,
+    feature: Array<f32>,
+    disparity: f32,
+    #[cube(comptime)]
+    dim: usize,
+}
+
+#[cube]
+impl PixelReader for PixelFeature {
+    type Remembered = FeatureColumn;
+
+    fn add(&mut self, remembered: &FeatureColumn, gaussian: usize, weight: f32, depth: f32) {
+        self.sums.add(weight, depth, self.disparity);
+        let from = gaussian * self.dim;
+        for channel in 0..self.dim {
+            self.feature[channel] += weight * remembered.features[from + channel];
+        }
+    }
+}
+
+/// Blends each tile and decodes its features. Pairs that no pixel shows are dropped from `tiles`. `rendered` becomes `[height,
+/// width, dim]`.
 #[cube(launch)]
 pub(crate) fn expect_features(
-    splats: &[f32],
-    gaussians: &[u32],
-    splat_of_pair: &[u32],
-    pairs: &mut [u32],
-    begins: &[u32],
-    ends: &mut [u32],
-    features: &[f32],
+    tiles: TilePairs,
+    remembered: FeatureColumn,
     codes: &[f32],
     depth: &[f32],
     images: &mut [u32],
@@ -81,85 +106,19 @@ pub(crate) fn expect_features(
     rule: DecodeRule,
     #[comptime] dim: usize,
 ) {
-    let mut staged = Shared::<[f32]>::new_slice(PIXELS * STAGED);
-    let mut boxes = Shared::<[u32]>::new_slice(PIXELS);
-    let mut staged_gaussians = Shared::<[u32]>::new_slice(PIXELS);
-    let mut used = Shared::<[u32]>::new_slice(PIXELS);
-    let mut flags = Shared::<[u32]>::new_slice(2usize);
-    let tile = CUBE_POS as u32;
-    let unit = UNIT_POS as usize;
-    let pixel = pixel_of(tile, &view);
-    let begin = begins[CUBE_POS];
-    let count = ends[CUBE_POS] - begin;
-    let mut observed = 0.0f32;
-    if pixel.is_inside {
-        observed = depth[pixel.index];
-    }
-    let mut behind = Transmittance { value: 1.0f32, is_live: pixel.is_inside };
-    let mut sums = PixelSums { silhouette: 0.0f32, depth: 0.0f32, covered: 0.0f32, light: 1.0f32 };
+    let pixel = pixel_of(CUBE_POS as u32, &view);
     let mut feature = Array::<f32>::new(dim);
     for channel in 0..dim {
         feature[channel] = 0.0f32;
     }
-    let mut kept = 0u32;
-    for batch in 0..count.div_ceil(256) {
-        let first = batch * 256;
-        sync_cube();
-        if unit < 2 {
-            flags[unit] = 0u32;
-        }
-        sync_cube();
-        if behind.is_live {
-            // All threads that write write the same.
-            flags[0] = 1u32;
-        }
-        used[unit] = 0u32;
-        let mut pair = 0u32;
-        if first + UNIT_POS < count {
-            pair = pairs[(begin + first + UNIT_POS) as usize];
-            let splat = splat_of_pair[pair as usize] as usize;
-            stage(splats, splat, tile, &view, &mut staged, &mut boxes, unit);
-            staged_gaussians[unit] = gaussians[splat];
-        } else {
-            boxes[unit] = 0u32;
-        }
-        sync_cube();
-        if flags[0] == 0 {
-            break;
-        }
-        let mut here = count - first;
-        if here > 256 {
-            here = 256u32;
-        }
-        for slot in 0..here {
-            let slot = slot as usize;
-            let mut alpha = 0.0f32;
-            if behind.is_live {
-                alpha = alpha_at(&staged, &boxes, slot, &pixel, &view);
-            }
-            if alpha > 0.0 {
-                used[slot] = 1u32;
-            }
-            let weight = blend(alpha, &mut behind, &view);
-            if weight > 0.0 {
-                add_weight(&mut sums, weight, staged[slot * STAGED + 5], observed, rule.depth_disparity);
-                let from = staged_gaussians[slot] as usize * dim;
-                for channel in 0..dim {
-                    feature[channel] += weight * features[from + channel];
-                }
-            }
-        }
-        kept += keep_used(pairs, pair, begin + kept, &used, &mut flags);
-    }
-    if UNIT_POS == 0 {
-        ends[CUBE_POS] = begin + kept;
-    }
+    let mut read = PixelFeature { sums: PixelSums::new(&pixel, depth), feature, disparity: rule.depth_disparity, dim };
+    read_tile::<PixelFeature>(tiles, &view, &remembered, &mut read);
     if pixel.is_inside {
         let pixels = (view.width * view.height) as usize;
         let at = pixel.index;
-        write_surface(&sums, at, pixels, images, surfaces);
-        let segment = decoded(&feature, codes, &rule, dim);
-        let mut confidence = f32::sqrt(square_of(&feature, dim));
+        read.sums.write(at, pixels, images, surfaces);
+        let segment = decoded(&read.feature, codes, &rule, dim);
+        let mut confidence = f32::sqrt(square_of(&read.feature, dim));
         if comptime!(dim == 1) {
             // An integer id has no length: its confidence is 1 or 0.
             confidence = select(segment != 0, 1.0, 0.0);
@@ -167,7 +126,7 @@ pub(crate) fn expect_features(
         images[at] = segment;
         images[pixels + at] = u32::reinterpret(confidence);
         for channel in 0..dim {
-            rendered[at * dim + channel] = feature[channel];
+            rendered[at * dim + channel] = read.feature[channel];
         }
     }
 }

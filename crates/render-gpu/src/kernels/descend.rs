@@ -4,7 +4,9 @@
 //! nothing behind it.
 
 use super::bin::lower_bound;
+use super::entries::Entries;
 use super::forget::LEARNT;
+use super::tile::VisibleGaussians;
 use cubecl::prelude::*;
 
 /// Magnitudes below this have no direction.
@@ -67,22 +69,30 @@ pub(crate) struct StepRule {
     pub momentum: f32,
 }
 
-/// Finds the entries of each visible Gaussian among the sorted `keys`, which are pairs, and the sum of its weights over its pairs.
-/// `ahead` gets the rows where the first gradient is taken. `report` counts the Gaussians that have entries at the place
+/// What steps work on.
+#[derive(CubeLaunch, CubeType)]
+pub(crate) struct DescentState {
+    /// Entries of each visible Gaussian among those that are sorted, and the sum of its weights.
+    pub begins: Box<[u32]>,
+    pub ends: Box<[u32]>,
+    pub weight_sums: Box<[f32]>,
+    /// `[visible, row]`: where the next gradient is taken.
+    pub ahead: Box<[f32]>,
+    /// `[places, row]`: the gradient of each place; the last of a row is the curvature across the feature, less
+    /// `direction_weight`.
+    pub gradients: Box<[f32]>,
+}
+
+/// Finds the entries of each visible Gaussian among the sorted `keys`, which are pairs, and the sum of its weights over its
+/// pairs. The first gradient is taken at the features themselves. `report` counts the Gaussians that have entries at the place
 /// [`LEARNT`].
 #[cube(launch)]
 pub(crate) fn start_descent(
-    order: &[u32],
-    starts: &[u32],
-    tile_counts: &[u32],
-    gaussians: &[u32],
+    visible: VisibleGaussians,
     keys: &[u32],
     pair_sums: &[f32],
     features: &[f32],
-    begins: &mut [u32],
-    ends: &mut [u32],
-    weight_sums: &mut [f32],
-    ahead: &mut [f32],
+    mut state: DescentState,
     report: &[Atomic<u32>],
     entry_count: u32,
     count: u32,
@@ -93,42 +103,40 @@ pub(crate) fn start_descent(
         terminate!();
     }
     let row = comptime!(row_length(dim));
-    let first = starts[rank];
+    let first = visible.starts[rank];
+    let behind_last = first + visible.tile_counts[rank];
     let begin = lower_bound(keys, entry_count, first);
-    let end = lower_bound(keys, entry_count, first + tile_counts[rank]);
-    begins[rank] = begin;
-    ends[rank] = end;
+    let end = lower_bound(keys, entry_count, behind_last);
+    state.begins[rank] = begin;
+    state.ends[rank] = end;
     let mut sum = 0.0f32;
-    for pair in first..first + tile_counts[rank] {
+    for pair in first..behind_last {
         sum += pair_sums[pair as usize];
     }
-    weight_sums[rank] = sum;
+    state.weight_sums[rank] = sum;
     if begin < end {
         report[LEARNT].fetch_add(1u32);
-        let splat = order[rank] as usize;
-        let from = gaussians[splat] as usize * dim;
+        let splat = visible.order[rank] as usize;
+        let from = visible.gaussians[splat] as usize * dim;
         let feature = vector_at(features, from, dim);
         for channel in 0..dim {
-            ahead[splat * row + channel] = feature[channel];
+            state.ahead[splat * row + channel] = feature[channel];
         }
         if !comptime!(dim == 1) {
-            ahead[splat * row + dim] = dot(&feature, &feature, dim, comptime!(whole_chunks(dim)));
+            state.ahead[splat * row + dim] = dot(&feature, &feature, dim, comptime!(whole_chunks(dim)));
         }
     }
 }
 
-/// Renders each place that has entries, and takes the gradient of the loss there: `gradients` `[places, row]`, the last of a
-/// row the curvature across the feature, less `direction_weight`.
+/// Renders each place that has entries, and takes the gradient of the loss there.
 #[cube(launch)]
 pub(crate) fn differentiate(
     starts: &[u32],
     counts: &[u32],
-    weights: &[f32],
-    entry_splats: &[u32],
-    ahead: &[f32],
+    entries: Entries,
+    mut state: DescentState,
     target: &[u32],
     codes: &[f32],
-    gradients: &mut [f32],
     rule: StepRule,
     width: u32,
     height: u32,
@@ -140,19 +148,19 @@ pub(crate) fn differentiate(
         terminate!();
     }
     let row = comptime!(row_length(dim));
-    let entries = counts[place];
-    if entries > 0 {
+    let count = counts[place];
+    if count > 0 {
         let mut feature = Array::<f32>::new(row);
         for channel in 0..row {
             feature[channel] = 0.0f32;
         }
         let mut sum = 0.0f32;
-        for entry in starts[place]..starts[place] + entries {
-            let weight = weights[entry as usize];
-            let from = entry_splats[entry as usize] as usize * row;
+        for entry in starts[place]..starts[place] + count {
+            let weight = entries.weights[entry as usize];
+            let from = entries.splats[entry as usize] as usize * row;
             sum += weight;
             for channel in 0..row {
-                feature[channel] += weight * ahead[from + channel];
+                feature[channel] += weight * state.ahead[from + channel];
             }
         }
         let tile = place as u32 / 256;
@@ -165,9 +173,9 @@ pub(crate) fn differentiate(
             if segment > 0 {
                 id = codes[segment as usize - 1];
             }
-            gradients[place] = -2.0f32 * rule.magnitude_weight * (id - feature[0]);
+            state.gradients[place] = -2.0f32 * rule.magnitude_weight * (id - feature[0]);
         } else {
-            write_gradient(&feature, sum, segment, magnitude, codes, gradients, place * row, &rule, dim);
+            write_gradient(&feature, sum, segment, magnitude, codes, &mut state.gradients, place * row, &rule, dim);
         }
     }
 }
@@ -219,21 +227,13 @@ fn write_gradient(
 }
 
 /// Sums up the gradient of each visible Gaussian, pair by pair in the order of tiles and each pair in that of its pixels, and
-/// takes a step: `features` against the gradient, and `ahead`, where the next one is taken, further (Nesterov). `entries` are
-/// the numbers of entries, sorted by their pairs `keys`.
+/// takes a step: `features` against the gradient, and the place where the next one is taken further (Nesterov). The keys and
+/// values of `entries` are sorted.
 #[cube(launch)]
 pub(crate) fn step(
-    order: &[u32],
-    gaussians: &[u32],
-    begins: &[u32],
-    ends: &[u32],
-    keys: &[u32],
-    entries: &[u32],
-    weights: &[f32],
-    places: &[u32],
-    gradients: &[f32],
-    weight_sums: &[f32],
-    ahead: &mut [f32],
+    visible: VisibleGaussians,
+    entries: Entries,
+    mut state: DescentState,
     features: &mut [f32],
     rule: StepRule,
     count: u32,
@@ -243,8 +243,8 @@ pub(crate) fn step(
     if rank >= count as usize {
         terminate!();
     }
-    let begin = begins[rank];
-    let end = ends[rank];
+    let begin = state.begins[rank];
+    let end = state.ends[rank];
     if begin < end {
         let row = comptime!(row_length(dim));
         let mut gradient = Array::<f32>::new(row);
@@ -253,28 +253,29 @@ pub(crate) fn step(
             gradient[channel] = 0.0f32;
             part[channel] = 0.0f32;
         }
-        let mut pair = keys[begin as usize];
+        let mut pair = entries.keys[begin as usize];
         for at in begin..end {
-            if keys[at as usize] != pair {
-                pair = keys[at as usize];
+            if entries.keys[at as usize] != pair {
+                pair = entries.keys[at as usize];
                 for channel in 0..row {
                     gradient[channel] += part[channel];
                     part[channel] = 0.0f32;
                 }
             }
-            let entry = entries[at as usize] as usize;
-            let weight = weights[entry];
-            let from = places[entry] as usize * row;
+            let entry = entries.values[at as usize] as usize;
+            let weight = entries.weights[entry];
+            let from = entries.places[entry] as usize * row;
             for channel in 0..row {
-                part[channel] += weight * gradients[from + channel];
+                part[channel] += weight * state.gradients[from + channel];
             }
         }
         for channel in 0..row {
             gradient[channel] += part[channel];
         }
-        let splat = order[rank] as usize;
-        let to = gaussians[splat] as usize * dim;
-        move_feature(&gradient, weight_sums[rank], ahead, splat * row, features, to, &rule, dim);
+        let splat = visible.order[rank] as usize;
+        let to = visible.gaussians[splat] as usize * dim;
+        let weight_sum = state.weight_sums[rank];
+        move_feature(&gradient, weight_sum, &mut state.ahead, splat * row, features, to, &rule, dim);
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::camera::{View, round_half_up, to_camera};
 use super::sight::{SEEN, SEEN_COUNT, THROUGH, THROUGH_COUNT, is_through_believed};
+use super::vote::{LABELS, VoteColumns};
 use cubecl::prelude::*;
 
 /// Not in view.
@@ -51,8 +52,7 @@ pub(crate) fn note_frame(
 /// Marks in the report the segments that Gaussians show by themselves: the first `count` and those that have grown.
 #[cube(launch)]
 pub(crate) fn mark_carried(
-    vote_ids: &[u32],
-    votes: &[f32],
+    remembered: VoteColumns,
     keep: &[u32],
     report: &[Atomic<u32>],
     min_evidence: f32,
@@ -62,9 +62,9 @@ pub(crate) fn mark_carried(
     if gaussian < (count + report[GROWN].load()) as usize && keep[gaussian] == 1 {
         let mut best = 0.0f32;
         let mut winner = 0u32;
-        for slot in 0..4usize {
-            let id = (vote_ids[gaussian * 2 + slot / 2] >> (16u32 * (slot as u32 & 1u32))) & 0xffffu32;
-            let own = votes[gaussian * 4 + slot];
+        for slot in 0..LABELS {
+            let id = remembered.id(gaussian, slot);
+            let own = remembered.votes[gaussian * LABELS + slot];
             if own > 0.0 && (own > best || (own == best && id < winner)) {
                 best = own;
                 winner = id;

@@ -20,4 +20,5 @@ pub(crate) mod project;
 pub(crate) mod scan;
 pub(crate) mod sight;
 pub(crate) mod sort;
+pub(crate) mod tile;
 pub(crate) mod vote;

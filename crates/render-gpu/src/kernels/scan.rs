@@ -27,75 +27,56 @@ pub(crate) fn inclusive_scan(shared: &mut Shared<[u32]>) {
     sync_cube();
 }
 
+/// The sum of the `length` values that this thread has; `shared` becomes the sums of its cube's up to and with each thread's.
+#[cube]
+fn sum_own(values: &[u32], length: usize, count: u32, shared: &mut Shared<[u32]>) -> u32 {
+    let first = ABSOLUTE_POS * length;
+    let mut sum = 0u32;
+    for step in 0..length {
+        if first + step < count as usize {
+            sum += values[first + step];
+        }
+    }
+    shared[UNIT_POS as usize] = sum;
+    inclusive_scan(shared);
+    sum
+}
+
 /// The sum of each block of `values`.
 #[cube(launch)]
 pub(crate) fn sum_blocks(values: &[u32], sums: &mut [u32], count: u32) {
     let mut shared = Shared::<[u32]>::new_slice(THREADS);
-    let first = ABSOLUTE_POS * PER_THREAD;
-    let mut sum = 0u32;
-    #[unroll]
-    for step in 0..PER_THREAD {
-        let index = first + step;
-        if index < count as usize {
-            sum += values[index];
-        }
-    }
-    shared[UNIT_POS as usize] = sum;
-    inclusive_scan(&mut shared);
+    sum_own(values, PER_THREAD.runtime(), count, &mut shared);
     if UNIT_POS == 255 && CUBE_POS < sums.len() {
         sums[CUBE_POS] = shared[255];
     }
 }
 
-/// Exclusive prefix sums of `sums` in place, by a single cube.
-#[cube(launch)]
-pub(crate) fn scan_sums(sums: &mut [u32], count: u32) {
+/// Writes the exclusive prefix sums of the `length` values of each thread, those of its cube from `start` on.
+#[cube]
+fn scan_own(values: &[u32], start: u32, scanned: &mut [u32], length: usize, count: u32) {
     let mut shared = Shared::<[u32]>::new_slice(THREADS);
-    let unit = UNIT_POS as usize;
-    let share = (count as usize).div_ceil(256);
-    let first = unit * share;
-    let mut sum = 0u32;
-    for step in 0..share {
+    let sum = sum_own(values, length, count, &mut shared);
+    let mut running = start + shared[UNIT_POS as usize] - sum;
+    let first = ABSOLUTE_POS * length;
+    for step in 0..length {
         if first + step < count as usize {
-            sum += sums[first + step];
-        }
-    }
-    shared[unit] = sum;
-    inclusive_scan(&mut shared);
-    let mut running = shared[unit] - sum;
-    for step in 0..share {
-        if first + step < count as usize {
-            let value = sums[first + step];
-            sums[first + step] = running;
-            running += value;
+            scanned[first + step] = running;
+            running += values[first + step];
         }
     }
 }
 
-/// Exclusive prefix sums of `values` from those of the blocks' sums.
+/// Exclusive prefix sums of `sums`, by a single cube.
+#[cube(launch)]
+pub(crate) fn scan_sums(sums: &[u32], starts: &mut [u32], count: u32) {
+    scan_own(sums, 0u32, starts, (count as usize).div_ceil(THREADS), count);
+}
+
+/// Exclusive prefix sums of `values`, each block's from its entry in `starts` on.
 #[cube(launch)]
 pub(crate) fn scan_blocks(values: &[u32], starts: &[u32], scanned: &mut [u32], count: u32) {
-    let mut shared = Shared::<[u32]>::new_slice(THREADS);
-    let first = ABSOLUTE_POS * PER_THREAD;
-    let mut sum = 0u32;
-    #[unroll]
-    for step in 0..PER_THREAD {
-        let index = first + step;
-        if index < count as usize {
-            sum += values[index];
-        }
-    }
-    shared[UNIT_POS as usize] = sum;
-    inclusive_scan(&mut shared);
-    let mut running = starts[CUBE_POS] + shared[UNIT_POS as usize] - sum;
-    #[unroll]
-    for step in 0..PER_THREAD {
-        let index = first + step;
-        if index < count as usize {
-            scanned[index] = running;
-            running += values[index];
-        }
-    }
+    scan_own(values, starts[CUBE_POS], scanned, PER_THREAD.runtime(), count);
 }
 
 /// The sum of the first `count` values, from their prefix sums.

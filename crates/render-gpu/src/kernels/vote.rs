@@ -1,16 +1,34 @@
 //! The votes that one frame gives (`splatseg_memory`'s `evidence/voting.rs` and `votes.rs`).
 
-use super::blend::{PIXELS, STAGED, Transmittance, alpha_at, blend, pixel_of, stage};
+use super::blend::{PIXELS, end_place, first_place};
 use super::camera::View;
 use super::forget::{GROWN, LEARNT};
 use super::fuse::ABSTAIN;
+use super::tile::{Tile, TilePairs, VisibleGaussians};
 use cubecl::prelude::*;
 
 /// Gaussians that a tile counts together: the weights of all its pixels must fit the shared memory.
-pub(crate) const BATCH: usize = 16;
+pub(crate) const BATCH: u32 = 16;
 
 /// Labels that one Gaussian can get votes for in a frame, and segments that it keeps votes for.
 pub(crate) const LABELS: usize = 4;
+
+/// The votes of Gaussians on the device.
+#[derive(CubeLaunch, CubeType)]
+pub(crate) struct VoteColumns {
+    /// `[gaussians, 2]`, of two ids of 16 bits each.
+    pub ids: Box<[u32]>,
+    /// `[gaussians, 4]`.
+    pub votes: Box<[f32]>,
+}
+
+#[cube]
+impl VoteColumns {
+    /// The id in a slot of a Gaussian.
+    pub fn id(&self, gaussian: usize, slot: usize) -> u32 {
+        (self.ids[gaussian * 2 + slot / 2] >> (16u32 * (slot as u32 & 1u32))) & 0xffffu32
+    }
+}
 
 /// Votes below this say nothing any more and make room.
 const NEGLIGIBLE: f32 = 0.02;
@@ -52,10 +70,10 @@ fn depth_range(tile_depth: &Shared<[f32]>, range: &mut Shared<[f32]>) {
     range[1] = farthest;
 }
 
-/// What a tile's threads share while they count.
+/// What the threads of a tile share of its pixels while they count.
 #[derive(CubeType)]
-struct TileCounts {
-    /// `[16, 16 x 16]` of weights.
+struct TileLabels {
+    /// `[16, 256]`.
     weights: Shared<[f32]>,
     labels: Shared<[u32]>,
     depth: Shared<[f32]>,
@@ -63,20 +81,42 @@ struct TileCounts {
     range: Shared<[f32]>,
 }
 
-/// Sums the weights of the Gaussian in `slot`, at depth `at`, by label; returns the sum of all. `rows` are its box as [`stage`]
-/// gives it.
+/// The labels and depths of this cube's tile, without weights.
+#[cube]
+fn labels_of(tile: &Tile, labels: &[u32], depth: &[f32]) -> TileLabels {
+    let mut shared = TileLabels {
+        weights: Shared::<[f32]>::new_slice(comptime!(BATCH as usize * PIXELS)),
+        labels: Shared::<[u32]>::new_slice(PIXELS),
+        depth: Shared::<[f32]>::new_slice(PIXELS),
+        range: Shared::<[f32]>::new_slice(2usize),
+    };
+    let unit = UNIT_POS as usize;
+    shared.labels[unit] = 0u32;
+    shared.depth[unit] = 0.0f32;
+    if tile.pixel.is_inside {
+        shared.labels[unit] = labels[tile.pixel.index];
+        shared.depth[unit] = depth[tile.pixel.index];
+    }
+    sync_cube();
+    if unit == 0 {
+        depth_range(&shared.depth, &mut shared.range);
+    }
+    shared
+}
+
+/// Sums the weights of the Gaussian in `slot` by label; returns the sum of all.
 #[cube]
 fn sum_labels(
-    tile: &TileCounts,
+    tile: &Tile,
+    shared: &TileLabels,
     slot: usize,
-    rows: u32,
-    at: f32,
     tolerance: f32,
     ids: &mut Array<u32>,
     sums: &mut Array<f32>,
 ) -> f32 {
+    let at = tile.depth(slot);
     // Most tiles show one surface: then no pixel needs to be looked at.
-    let is_near_all = at <= tile.range[0] + tolerance && at >= tile.range[1] - tolerance;
+    let is_near_all = at <= shared.range[0] + tolerance && at >= shared.range[1] - tolerance;
     for label in 0..LABELS {
         ids[label] = 0u32;
         sums[label] = 0.0f32;
@@ -84,15 +124,15 @@ fn sum_labels(
     let mut total = 0.0f32;
     let mut current = 0u32;
     let mut sum = 0.0f32;
-    // There is no weight outside its rows.
-    for place in ((rows >> 10u32) & 31) * 16..(((rows >> 15u32) & 31) + 1) * 16 {
+    let bits = tile.bits(slot);
+    for place in first_place(bits)..end_place(bits) {
         let place = place as usize;
-        let weight = tile.weights[slot * PIXELS + place];
+        let weight = shared.weights[slot * PIXELS + place];
         if weight > 0.0 {
-            let observed = tile.depth[place];
+            let observed = shared.depth[place];
             let apart = f32::abs(at - observed);
             if is_near_all || observed <= 0.0 || apart <= tolerance {
-                let label = tile.labels[place];
+                let label = shared.labels[place];
                 if label != current {
                     total += sum;
                     add_label(ids, sums, current, sum);
@@ -107,80 +147,41 @@ fn sum_labels(
     total + sum
 }
 
-/// Sums the weights of each pair's Gaussian in its tile by the `labels` `[height, width]` of the pixels: `totals` `[pairs]`,
-/// `label_ids` and `label_weights` `[pairs, 4]`. Sums go row by row, and runs of one label are added up first.
+/// What the tile of each pair says of its Gaussian.
+#[derive(CubeLaunch, CubeType)]
+pub(crate) struct PairVotes {
+    /// The sum of its weights, `[pairs]`.
+    pub totals: Box<[f32]>,
+    /// Labels and the sums of their weights, `[pairs, 4]`.
+    pub labels: Box<[u32]>,
+    pub weights: Box<[f32]>,
+}
+
+/// Sums the weights of each pair's Gaussian in its tile by the `labels` `[height, width]` of the pixels. Sums go row by row,
+/// and runs of one label are added up first.
 #[cube(launch)]
 pub(crate) fn count_votes(
-    splats: &[f32],
-    splat_of_pair: &[u32],
-    pairs: &[u32],
-    begins: &[u32],
-    ends: &[u32],
+    tiles: TilePairs,
     labels: &[u32],
     depth: &[f32],
-    totals: &mut [f32],
-    label_ids: &mut [u32],
-    label_weights: &mut [f32],
+    mut found: PairVotes,
     view: View,
     tolerance: f32,
 ) {
-    let mut staged = Shared::<[f32]>::new_slice(BATCH * STAGED);
-    let mut boxes = Shared::<[u32]>::new_slice(BATCH);
-    let mut shared = TileCounts {
-        weights: Shared::<[f32]>::new_slice(BATCH * PIXELS),
-        labels: Shared::<[u32]>::new_slice(PIXELS),
-        depth: Shared::<[f32]>::new_slice(PIXELS),
-        range: Shared::<[f32]>::new_slice(2usize),
-    };
-    let tile = CUBE_POS as u32;
+    let mut tile = Tile::new(&tiles, &view, BATCH);
+    let mut shared = labels_of(&tile, labels, depth);
     let unit = UNIT_POS as usize;
-    let pixel = pixel_of(tile, &view);
-    let begin = begins[CUBE_POS];
-    let count = ends[CUBE_POS] - begin;
-    let mut label = 0u32;
-    let mut observed = 0.0f32;
-    if pixel.is_inside {
-        label = labels[pixel.index];
-        observed = depth[pixel.index];
-    }
-    shared.labels[unit] = label;
-    shared.depth[unit] = observed;
-    sync_cube();
-    if unit == 0 {
-        depth_range(&shared.depth, &mut shared.range);
-    }
-    let mut behind = Transmittance { value: 1.0f32, is_live: pixel.is_inside };
-    for batch in 0..count.div_ceil(16) {
-        let first = batch * 16;
-        let mut here = count - first;
-        if here > 16 {
-            here = 16u32;
-        }
-        sync_cube();
-        let mut pair = 0usize;
+    for batch in 0..tile.count.div_ceil(BATCH) {
+        let here = tile.stage(&tiles, &view, batch * BATCH);
+        tile.blend_batch(here, &mut shared.weights, &view);
         if UNIT_POS < here {
-            pair = pairs[(begin + first + UNIT_POS) as usize] as usize;
-            stage(splats, splat_of_pair[pair] as usize, tile, &view, &mut staged, &mut boxes, unit);
-        }
-        sync_cube();
-        for slot in 0..here {
-            let slot = slot as usize;
-            let mut alpha = 0.0f32;
-            if behind.is_live {
-                alpha = alpha_at(&staged, &boxes, slot, &pixel, &view);
-            }
-            let weight = blend(alpha, &mut behind, &view);
-            shared.weights[slot * PIXELS + unit] = weight;
-        }
-        sync_cube();
-        if UNIT_POS < here {
+            let pair = tile.pair(unit) as usize;
             let mut ids = Array::<u32>::new(LABELS);
             let mut sums = Array::<f32>::new(LABELS);
-            let at = staged[unit * STAGED + 5];
-            totals[pair] = sum_labels(&shared, unit, boxes[unit], at, tolerance, &mut ids, &mut sums);
+            found.totals[pair] = sum_labels(&tile, &shared, unit, tolerance, &mut ids, &mut sums);
             for slot in 0..LABELS {
-                label_ids[pair * LABELS + slot] = ids[slot];
-                label_weights[pair * LABELS + slot] = sums[slot];
+                found.labels[pair * LABELS + slot] = ids[slot];
+                found.weights[pair * LABELS + slot] = sums[slot];
             }
         }
     }
@@ -199,15 +200,9 @@ pub(crate) struct VoteRule {
 /// had any at the place [`LEARNT`].
 #[cube(launch)]
 pub(crate) fn give_votes(
-    order: &[u32],
-    starts: &[u32],
-    tile_counts: &[u32],
-    gaussians: &[u32],
-    totals: &[f32],
-    label_ids: &[u32],
-    label_weights: &[f32],
-    vote_ids: &mut [u32],
-    votes: &mut [f32],
+    visible: VisibleGaussians,
+    found: PairVotes,
+    mut remembered: VoteColumns,
     report: &[Atomic<u32>],
     rule: VoteRule,
     count: u32,
@@ -223,24 +218,24 @@ pub(crate) fn give_votes(
         sums[slot] = 0.0f32;
     }
     let mut total = 0.0f32;
-    let first = starts[rank] as usize;
-    for tile in 0..tile_counts[rank] as usize {
+    let first = visible.starts[rank] as usize;
+    for tile in 0..visible.tile_counts[rank] as usize {
         let pair = first + tile;
         // The entry of a tile that shows nothing of the Gaussian was never written.
-        if totals[pair] > 0.0 {
-            let mut unlabelled = totals[pair];
+        if found.totals[pair] > 0.0 {
+            let mut unlabelled = found.totals[pair];
             for slot in 0..LABELS {
-                let weight = label_weights[pair * LABELS + slot];
+                let weight = found.weights[pair * LABELS + slot];
                 total += weight;
-                add_label(&mut ids, &mut sums, label_ids[pair * LABELS + slot], weight);
+                add_label(&mut ids, &mut sums, found.labels[pair * LABELS + slot], weight);
                 unlabelled -= weight;
             }
             total += unlabelled;
         }
     }
     if total > 0.0 {
-        let gaussian = gaussians[order[rank] as usize] as usize;
-        take_votes(&ids, &sums, total, vote_ids, votes, gaussian, &rule);
+        let gaussian = visible.gaussians[visible.order[rank] as usize] as usize;
+        take_votes(&ids, &sums, total, &mut remembered, gaussian, &rule);
         report[LEARNT].fetch_add(1u32);
     }
 }
@@ -251,16 +246,15 @@ fn take_votes(
     ids: &Array<u32>,
     sums: &Array<f32>,
     total: f32,
-    vote_ids: &mut [u32],
-    votes: &mut [f32],
+    remembered: &mut VoteColumns,
     gaussian: usize,
     rule: &VoteRule,
 ) {
     let mut own_ids = Array::<u32>::new(LABELS);
     let mut own = Array::<f32>::new(LABELS);
     for slot in 0..LABELS {
-        own_ids[slot] = (vote_ids[gaussian * 2 + slot / 2] >> (16u32 * (slot as u32 & 1u32))) & 0xffffu32;
-        own[slot] = votes[gaussian * LABELS + slot];
+        own_ids[slot] = remembered.id(gaussian, slot);
+        own[slot] = remembered.votes[gaussian * LABELS + slot];
     }
     let divisor = select(total > 1.0, total, 1.0);
     for slot in 0..LABELS {
@@ -279,10 +273,10 @@ fn take_votes(
     }
     for slot in 0..LABELS {
         let scaled = own[slot] * scale;
-        votes[gaussian * LABELS + slot] = select(scaled < NEGLIGIBLE, 0.0, scaled);
+        remembered.votes[gaussian * LABELS + slot] = select(scaled < NEGLIGIBLE, 0.0, scaled);
     }
-    vote_ids[gaussian * 2] = own_ids[0] | (own_ids[1] << 16u32);
-    vote_ids[gaussian * 2 + 1] = own_ids[2] | (own_ids[3] << 16u32);
+    remembered.ids[gaussian * 2] = own_ids[0] | (own_ids[1] << 16u32);
+    remembered.ids[gaussian * 2 + 1] = own_ids[2] | (own_ids[3] << 16u32);
 }
 
 /// Adds votes for a segment. If all slots are taken by others it takes the place of the weakest, if it is stronger.
@@ -312,14 +306,7 @@ fn add_vote(ids: &mut Array<u32>, votes: &mut Array<f32>, id: u32, count: f32) {
 
 /// Gives `count` votes for `id` to some Gaussians, and scales their votes down to at most `max`.
 #[cube(launch)]
-pub(crate) fn favour(
-    gaussians: &[u32],
-    vote_ids: &mut [u32],
-    votes: &mut [f32],
-    id: u32,
-    max_votes: f32,
-    gaussian_count: u32,
-) {
+pub(crate) fn favour(gaussians: &[u32], mut remembered: VoteColumns, id: u32, max_votes: f32, gaussian_count: u32) {
     if ABSOLUTE_POS < gaussian_count as usize {
         let mut ids = Array::<u32>::new(LABELS);
         let mut sums = Array::<f32>::new(LABELS);
@@ -330,7 +317,7 @@ pub(crate) fn favour(
         ids[0] = id;
         sums[0] = 2.0 * max_votes;
         let rule = VoteRule { no_segment_weight: 1.0f32, max_votes };
-        take_votes(&ids, &sums, 1.0f32, vote_ids, votes, gaussians[ABSOLUTE_POS] as usize, &rule);
+        take_votes(&ids, &sums, 1.0f32, &mut remembered, gaussians[ABSOLUTE_POS] as usize, &rule);
     }
 }
 
@@ -339,8 +326,7 @@ pub(crate) fn favour(
 pub(crate) fn first_votes(
     pixels: &[u32],
     labels: &[u32],
-    vote_ids: &mut [u32],
-    votes: &mut [f32],
+    mut remembered: VoteColumns,
     report: &[u32],
     no_segment_weight: f32,
     first: u32,
@@ -355,11 +341,11 @@ pub(crate) fn first_votes(
         if label == ABSTAIN {
             vote = 0.0f32;
         }
-        vote_ids[to * 2] = select(label == ABSTAIN, 0u32, label);
-        vote_ids[to * 2 + 1] = 0u32;
-        votes[to * 4] = vote;
-        for slot in 1..4usize {
-            votes[to * 4 + slot] = 0.0f32;
+        remembered.ids[to * 2] = select(label == ABSTAIN, 0u32, label);
+        remembered.ids[to * 2 + 1] = 0u32;
+        remembered.votes[to * LABELS] = vote;
+        for slot in 1..LABELS {
+            remembered.votes[to * LABELS + slot] = 0.0f32;
         }
     }
 }

@@ -9,7 +9,7 @@ use crate::kernels::camera::view_args;
 use crate::kernels::forget::{HIDDEN, NOWHERE, locate_seen};
 use crate::kernels::project::NUMBERS;
 use crate::kernels::sight::{PAIR_COUNT, SEEN, SEEN_COUNT, THROUGH, THROUGH_COUNT, UNKNOWN, VISIBLE_COUNT};
-use crate::kernels::vote::{LABELS, count_votes};
+use crate::kernels::vote::{LABELS, PairVotesLaunch, count_votes};
 use crate::store::DeviceStore;
 use crate::view::{bin, look, render, tile_count};
 use glam::{Mat4, Vec3};
@@ -219,16 +219,10 @@ fn check_votes(device: &GpuDevice, host: &View, view: &crate::view::GpuView, fra
         &device.client,
         cubes(tile_count(&view.camera)),
         cube_dim(),
-        tiles.splats.arg(),
-        tiles.splat_of_pair.arg(),
-        tiles.pairs.arg(),
-        tiles.begins.arg(),
-        tiles.ends.arg(),
+        tiles.pairs(),
         sent.arg(),
         view.depth.arg(),
-        totals.arg(),
-        ids.arg(),
-        weights.arg(),
+        PairVotesLaunch::new(totals.arg(), ids.arg(), weights.arg()),
         view.args(),
         tolerance,
     );
