@@ -5,9 +5,10 @@
 #     tools/measure_gpu.sh [gpu|vulkan|cuda|metal] [DATA]
 #
 # DATA is a folder with rooms/dev-a and redkitchen; without it the two videos are left out. Weights are random: speed does
-# not depend on them. Everything is written to target/measure_gpu/, one file for each step. PYTHON names another Python, and
-# TORCH_DEVICE another device for PyTorch than cuda. PASSES and FRAMES make it shorter, SIZE and MODEL smaller: to try
-# the script itself on a machine without a GPU.
+# not depend on them. Everything is written to target/measure_gpu/, one file for each step; with NVIDIA's driver also what
+# the card's memory held, twice a second. PYTHON names another Python, and TORCH_DEVICE another device for PyTorch than cuda.
+# PASSES and FRAMES make it shorter, SIZE, SAM2 and MODEL smaller, TUNING= leaves autotune out: to try the script itself on a
+# machine without a GPU.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -15,8 +16,9 @@ device=${1:-gpu}
 data=${2:-}
 python=${PYTHON:-target/gpu/bin/python}
 torch_device=${TORCH_DEVICE:-cuda}
-passes=${PASSES:-50}
-frames=${FRAMES:-20}
+tuning=${TUNING-autotune}
+passes=${PASSES:-30}
+frames=${FRAMES:-60}
 size=${SIZE:-1024}
 model=${MODEL:-yolov8x-seg}
 sam2=${SAM2:-base_plus}
@@ -26,14 +28,26 @@ mkdir -p "$out"
 
 step() { printf '\n== %s\n' "$*"; }
 
+# The features of a package, as cargo takes them for several packages. The memory needs `gpu` whatever runs the networks.
+features() {
+    for name in gpu "$device" $tuning; do
+        printf '%s/%s,' "$1" "$name"
+    done
+}
+
+if command -v nvidia-smi >/dev/null; then
+    nvidia-smi --query-gpu=timestamp,memory.used --format=csv --loop-ms=500 >"$out/gpu_memory.csv" &
+    trap 'kill %1' EXIT
+fi
+
 step "build"
-cargo build --release --locked --package splatseg --features "$device,autotune"
-cargo build --release --locked --package xtask --features "$device,autotune"
+cargo build --release --locked --package splatseg --package xtask --features "$(features splatseg)$(features xtask)"
 target/release/splatseg devices | tee "$out/devices.txt"
 
 step "tests on the device"
-SPLATSEG_TEST_DEVICE=$device cargo test --release --locked --package splatseg-models --features "$device" \
-    --lib --test sam2 --test fastsam 2>&1 | tee "$out/tests.log" | grep -a "^test result\|skipped\|FAILED"
+SPLATSEG_TEST_DEVICE=$device cargo test --release --locked --package splatseg-models --package splatseg-render-gpu \
+    --features "$(features splatseg-models)" --lib --test sam2 --test fastsam --test both_sides 2>&1 |
+    tee "$out/tests.log" | grep -a "^test result\|skipped\|FAILED"
 
 step "FastSAM, $model at $size px"
 "$python" tools/time_fastsam_pytorch.py "$out/$model.pt" --model "$model" --size "$size" --passes "$passes" \
@@ -45,16 +59,27 @@ for compile in "" --compile; do
     # Words, not one argument: the numbers of objects.
     # shellcheck disable=SC2086
     "$python" tools/compare_sam2.py crates/models/tests/data/sam2 --size "$sam2" --image-size "$size" \
-        --objects $objects --frames "$frames" --device "$torch_device" --splatseg-device "$device" $compile |
+        --objects $objects --frames "$passes" --device "$torch_device" --splatseg-device "$device" $compile |
         tee "$out/sam2${compile:+_compiled}.json"
 done
 
 if [ -n "$data" ]; then
-    step "videos"
+    step "memory on both sides"
     for scene in rooms/dev-a redkitchen; do
-        name=$(basename "$scene")
-        target/release/splatseg run "$data/$scene" --out "$out/run_$name" --overwrite --resize 320x240 --crop-border 5 \
-            --segmenter fastsam --weights "$out/$model.pt" --device "$device" 2>&1 | tee "$out/run_$name.log" | tail -3
+        for kind in evidence features; do
+            cargo run --release --locked --package splatseg-render-gpu --example agreement -- \
+                "$data/$scene" "$frames" "$kind" | tee "$out/agreement_$(basename "$scene")_$kind.txt" | tail -3
+        done
+    done
+
+    step "videos"
+    options=(--resize 320x240 --crop-border 5 --max-frames "$frames" --segmenter fastsam --weights "$out/$model.pt"
+        --set "fastsam.image_size=$size" --device "$device" --overwrite)
+    for memory in cpu gpu; do
+        target/release/splatseg bench --scenes "$data/rooms/dev-a" --methods fastsam-splat "${options[@]}" \
+            --memory-device "$memory" --out "$out/bench_dev-a_$memory" 2>&1 | tee "$out/bench_dev-a_$memory.log" | tail -12
+        target/release/splatseg run "$data/redkitchen" "${options[@]}" --memory-device "$memory" \
+            --out "$out/run_redkitchen_$memory" 2>&1 | tee "$out/run_redkitchen_$memory.log" | tail -3
     done
 fi
 step "done: $out"

@@ -1,12 +1,15 @@
 //! Runs FastSAM-Splat twice over a scene, with its memory on the CPU and on the device, and prints how well they agree.
 //!
 //! ```sh
-//! cargo run --release -p splatseg-render-gpu --example agreement -- SCENE FRAMES [KIND]
+//! cargo run --release -p splatseg-render-gpu --example agreement -- SCENE FRAMES [KIND [SIDE]]
 //! ```
 //!
 //! KIND is `evidence`, if it is not given, or `features`. Both see the same masks: those of the oracle segmenter
 //! (`fastsam-like`) where the scene has true segments, otherwise those of the graph segmenter. Frames are 320 × 240 pixels
 //! with a crop of 5.
+//!
+//! SIDE is where the second run has its memory: `device`, if it is not given, or `cpu`. There its `learning_rate` is the
+//! next larger float: this shows how far features drift apart from the smallest difference that there is.
 
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, ImageSize, open_scene};
 use splatseg_geometry::{RgbdFrame, ScoredMask, SegmentMap};
@@ -83,6 +86,38 @@ fn kind_named(name: Option<&str>) -> Result<MemoryKind, String> {
     }
 }
 
+/// The memories of the two runs, and the device if one is there.
+fn memories(
+    kind: MemoryKind,
+    side: Option<&str>,
+) -> Result<(SplatMemory, SplatMemory, Option<GpuDevice>), Box<dyn Error>> {
+    let settings = FastSamSplatSettings::default().memory.with(|memory| memory.kind = kind);
+    let memory = |settings: &MemorySettings| SplatMemory::new(settings.clone(), 0, &mut |_| {});
+    match side {
+        None | Some("device") => {
+            let device = GpuDevice::open()?;
+            Ok((memory(&settings)?, memory(&settings)?.on_device(&device)?, Some(device)))
+        }
+        Some("cpu") => {
+            let changed = settings.clone().with(|settings| settings.learning_rate = settings.learning_rate.next_up());
+            Ok((memory(&settings)?, memory(&changed)?, None))
+        }
+        Some(other) => Err(format!("expected device or cpu, not {other}").into()),
+    }
+}
+
+/// What went to the device and back since `before`.
+fn describe_transfers(device: &GpuDevice, before: Transfers) -> String {
+    let Transfers { uploads, uploaded_bytes, downloads, downloaded_bytes } = device.transfers();
+    format!(
+        "; {} uploads of {} KB, {} downloads of {} KB",
+        uploads - before.uploads,
+        (uploaded_bytes - before.uploaded_bytes) / 1024,
+        downloads - before.downloads,
+        (downloaded_bytes - before.downloaded_bytes) / 1024,
+    )
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let (Some(path), Some(frames)) = (arguments.next(), arguments.next()) else {
@@ -93,36 +128,30 @@ fn main() -> Result<(), Box<dyn Error>> {
         settings.resize = Some(ImageSize { width: 320, height: 240 });
         settings.crop_border = 5;
     });
-    let device = GpuDevice::open()?;
-    let kind = kind_named(arguments.next().as_deref())?;
-    let memory_settings: MemorySettings = FastSamSplatSettings::default().memory.with(|memory| memory.kind = kind);
-    let memory = || SplatMemory::new(memory_settings.clone(), 0, &mut |_| {});
-    let (mut host, mut gpu) = (Run::new(memory()?)?, Run::new(memory()?.on_device(&device)?)?);
+    let (kind, side) = (kind_named(arguments.next().as_deref())?, arguments.next());
+    let (first, second, device) = memories(kind, side.as_deref())?;
+    let (mut first, mut second) = (Run::new(first)?, Run::new(second)?);
     let mut graph = GraphSegmenter::new(GraphSettings::default())?;
     let (mut sum, mut worst, mut count) = (0.0, 1.0f64, 0);
     for frame in FrameStream::open(open_scene(&path, &settings)?, &settings, GroundTruth::Read)? {
         let frame = frame?;
         let masks = masks_of(&frame.frame, frame.ground_truth.as_ref(), &mut graph)?;
-        let before = device.transfers();
-        let (one, other) = (host.process(&frame.frame, &masks)?, gpu.process(&frame.frame, &masks)?);
+        let before = device.as_ref().map(GpuDevice::transfers).unwrap_or_default();
+        let (one, other) = (first.process(&frame.frame, &masks)?, second.process(&frame.frame, &masks)?);
         let same = agreement(&one.segments, &other.segments);
         (sum, worst, count) = (sum + same, worst.min(same), count + 1);
         if let Some(truth) = &frame.ground_truth {
-            host.scorer.push(truth, &FramePrediction::Ids(&one.segments))?;
-            gpu.scorer.push(truth, &FramePrediction::Ids(&other.segments))?;
+            first.scorer.push(truth, &FramePrediction::Ids(&one.segments))?;
+            second.scorer.push(truth, &FramePrediction::Ids(&other.segments))?;
         }
-        let Transfers { uploads, uploaded_bytes, downloads, downloaded_bytes } = device.transfers();
         println!(
-            "frame {count}: {:.4} % equal; grown {} and {}, removed {} and {}; {} uploads of {} KB, {} downloads of {} KB",
+            "frame {count}: {:.4} % equal; grown {} and {}, removed {} and {}{}",
             100.0 * same,
             one.update.grown,
             other.update.grown,
             one.update.removed,
             other.update.removed,
-            uploads - before.uploads,
-            (uploaded_bytes - before.uploaded_bytes) / 1024,
-            downloads - before.downloads,
-            (downloaded_bytes - before.downloaded_bytes) / 1024,
+            device.as_ref().map_or(String::new(), |device| describe_transfers(device, before)),
         );
     }
     println!(
@@ -130,7 +159,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         100.0 * sum / f64::from(count),
         100.0 * worst
     );
-    describe("CPU", &host.finish(), count as usize);
-    describe("device", &gpu.finish(), count as usize);
+    describe("first", &first.finish(), count as usize);
+    describe("second", &second.finish(), count as usize);
     Ok(())
 }
