@@ -2,10 +2,10 @@
 # Tests and times splatseg on the GPU of this machine, beside PyTorch on the same card. Fills the table of docs/GPU.md.
 #
 #     python3 -m venv target/gpu && target/gpu/bin/pip install torch torchvision ultralytics sam2
-#     tools/measure_gpu.sh [gpu|vulkan|cuda|metal] [DATA]
+#     tools/measure_gpu.sh [gpu|vulkan|cuda|metal] [DATA [WEIGHTS]]
 #
-# DATA is a folder with rooms/dev-a and redkitchen; without it the two videos are left out. Weights are random: speed does
-# not depend on them. Everything is written to target/measure_gpu/, one file for each step; with NVIDIA's driver also what
+# DATA is a folder with rooms/dev-a and redkitchen, WEIGHTS a checkpoint of FastSAM, e.g. FastSAM-x.pt: without them the
+# videos are left out. The networks' speed is measured with random weights, on which it does not depend. Everything is written to target/measure_gpu/, one file for each step; with NVIDIA's driver also what
 # the card's memory held, twice a second. PYTHON names another Python, and TORCH_DEVICE another device for PyTorch than cuda.
 # PASSES and FRAMES make it shorter, SIZE, SAM2 and MODEL smaller, TUNING= leaves autotune out: to try the script itself on a
 # machine without a GPU.
@@ -14,6 +14,7 @@ cd "$(dirname "$0")/.."
 
 device=${1:-gpu}
 data=${2:-}
+weights=${3:-}
 python=${PYTHON:-target/gpu/bin/python}
 torch_device=${TORCH_DEVICE:-cuda}
 tuning=${TUNING-autotune}
@@ -71,15 +72,18 @@ if [ -n "$data" ]; then
                 "$data/$scene" "$frames" "$kind" | tee "$out/agreement_$(basename "$scene")_$kind.txt" | tail -3
         done
     done
+fi
 
+if [ -n "$weights" ]; then
     step "videos"
-    options=(--resize 320x240 --crop-border 5 --max-frames "$frames" --segmenter fastsam --weights "$out/$model.pt"
+    options=(--resize 320x240 --crop-border 5 --max-frames "$frames" --segmenter fastsam --weights "$weights"
         --set "fastsam.image_size=$size" --device "$device" --overwrite)
     for memory in cpu gpu; do
         target/release/splatseg bench --scenes "$data/rooms/dev-a" --methods fastsam-splat "${options[@]}" \
-            --memory-device "$memory" --out "$out/bench_dev-a_$memory" 2>&1 | tee "$out/bench_dev-a_$memory.log" | tail -12
+            --memory-device "$memory" --out "$out/bench_dev-a_$memory" 2>&1 | tee "$out/bench_dev-a_$memory.log" |
+            grep "frames per second"
         target/release/splatseg run "$data/redkitchen" "${options[@]}" --memory-device "$memory" \
-            --out "$out/run_redkitchen_$memory" 2>&1 | tee "$out/run_redkitchen_$memory.log" | tail -3
+            --out "$out/run_redkitchen_$memory" 2>&1 | tee "$out/run_redkitchen_$memory.log" | grep "frames per second"
     done
 fi
 step "done: $out"
