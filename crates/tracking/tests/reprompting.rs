@@ -3,6 +3,7 @@
 
 mod watched;
 
+use splatseg_geometry::{Mask, SegmentId};
 use splatseg_memory::MemoryKind;
 use splatseg_simulators::SimTrackerSettings;
 use splatseg_tracking::{Method, RepromptSettings, TrackErrorCounts};
@@ -155,5 +156,35 @@ fn results_do_not_depend_on_the_number_of_threads() {
     };
     for kind in KINDS {
         assert!(with_threads(kind, 1) == with_threads(kind, 3), "{kind:?}");
+    }
+}
+
+/// Number of frames with two tracks that show the same, if only segments that are not tracked are prompted.
+fn frames_with_copies(kind: MemoryKind, max_answer_iou: f64) -> usize {
+    let errors = SimTrackerSettings::PERFECT.with(|settings| {
+        settings.swap_rate = 0.05;
+        settings.loss_rate = 0.2;
+        settings.lasting_loss_fraction = 0.5;
+    });
+    let reprompt = off().with(|settings| {
+        settings.not_tracked = true;
+        settings.max_answer_iou = max_answer_iou;
+    });
+    let has_copies = |masks: &[(SegmentId, Mask)]| {
+        let mut pairs = masks
+            .iter()
+            .enumerate()
+            .flat_map(|(index, (_, one))| masks[..index].iter().map(move |(_, other)| (one, other)));
+        pairs.any(|(one, other)| one.iou(other) > 0.5)
+    };
+    seen(errors, kind, reprompt).masks.iter().filter(|masks| has_copies(masks)).count()
+}
+
+#[test]
+fn an_object_that_is_tracked_is_not_prompted_under_another_id() {
+    for kind in KINDS {
+        let copies = frames_with_copies(kind, 1.0);
+        assert!(copies > 10, "{kind:?}: the tracker answers with what it tracks already, in {copies} frames");
+        assert_eq!(frames_with_copies(kind, 0.5), 0, "{kind:?}");
     }
 }

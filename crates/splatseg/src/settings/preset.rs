@@ -35,6 +35,7 @@ learn_new = true
 [reprompt]
 count_negative_clicks = true
 remove_tracks = false
+max_answer_iou = 1.0
 
 [sam2]
 image_size = 1024

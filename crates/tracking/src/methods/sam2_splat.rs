@@ -4,7 +4,7 @@ use super::output::confidence;
 use super::{FrameOutput, Method, check_comparable};
 use crate::TrackingError;
 use crate::matching::painted;
-use crate::reprompting::{RepromptSettings, TrackErrorCounts, corrections, find_track_errors};
+use crate::reprompting::{RepromptSettings, TrackErrorCounts, corrections, find_track_errors, repeated_answers};
 use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, prompt_tracks, visible};
 use splatseg_geometry::{RgbdFrame, ScoredMask};
 use splatseg_memory::{MemorySettings, SplatMemory};
@@ -94,6 +94,9 @@ impl Method for Sam2Splat {
         removed.iter().for_each(|track| self.tracker.remove(*track));
         tracks.retain(|(id, _)| !removed.contains(id));
         prompt_tracks(self.tracker.as_mut(), &mut tracks, &prompts)?;
+        let repeated = repeated_answers(&errors, &tracks, &self.reprompt);
+        repeated.iter().for_each(|track| self.tracker.remove(*track));
+        tracks.retain(|(id, _)| !repeated.contains(id));
         drop(stage);
 
         let stage = tracing::debug_span!(target: "splatseg::stage", "track").entered();

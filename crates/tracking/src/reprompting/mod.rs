@@ -11,6 +11,7 @@ pub use track_errors::{Remedy, TrackError, TrackErrorCounts, TrackErrorKind, fin
 use splatseg_geometry::{Mask, SegmentId};
 use splatseg_models::sam2::{Click, Prompt};
 use splatseg_settings::{Allowed, settings};
+use std::collections::BTreeSet;
 
 settings! {
     /// Which errors of a tracker are corrected, and how. The paper names the errors and the number of clicks; the
@@ -41,6 +42,9 @@ settings! {
         outline_tolerance_px: usize = 2, Allowed::between(0.0, 1000.0);
         /// A segment is prompted only if other tracks cover at most this fraction of it.
         max_covered_fraction: f64 = 0.5, Allowed::between(0.0, 1.0);
+        /// A segment that is not tracked stays so if the answer to its prompt has a larger IoU than this with another
+        /// track, which follows that object already. The paper, which keeps every answer: 1.
+        max_answer_iou: f64 = 0.5, Allowed::between(0.0, 1.0);
         /// Expected segments of fewer pixels are not trusted.
         min_expected_area: usize = 100, Allowed::between(0.0, 1e9);
         /// Expected segments with a smaller mean confidence are not trusted.
@@ -66,6 +70,24 @@ pub(crate) fn corrections(
         }
     }
     (prompts, removed)
+}
+
+/// Of the segments that were not tracked, those whose prompts are answered by what another track shows already. `tracks`
+/// are the masks after prompting, by increasing id. Of two such answers that show the same, the smaller id's is kept.
+pub(crate) fn repeated_answers(
+    errors: &[TrackError],
+    tracks: &[(SegmentId, Mask)],
+    settings: &RepromptSettings,
+) -> BTreeSet<SegmentId> {
+    let mut repeated = BTreeSet::new();
+    for error in errors.iter().rev().filter(|error| error.kind == TrackErrorKind::NotTracked) {
+        let Some((id, answer)) = tracks.iter().find(|(id, _)| *id == error.track) else { continue };
+        let mut others = tracks.iter().filter(|(other, _)| other != id && !repeated.contains(other));
+        if others.any(|(_, other)| other.iou(answer) > settings.max_answer_iou) {
+            repeated.insert(*id);
+        }
+    }
+    repeated
 }
 
 /// How many clicks each of two regions gets, the one where the track should be and the one where it should not.
@@ -109,5 +131,36 @@ mod tests {
         assert_eq!(clicks(&paper, none(), region(false)), (0, 5));
         let one = paper.with(|settings| settings.clicks = 1);
         assert_eq!(clicks(&one, region(true), region(false)), (1, 0));
+    }
+
+    #[test]
+    fn an_answer_that_shows_what_another_track_shows_is_repeated() {
+        let stripe = |from: usize, to: usize| Mask::from_fn(60, 30, |column, _| (from..to).contains(&column));
+        let error = |kind, track| {
+            let remedy = Remedy::Prompt { expected: stripe(0, 5), wrong: stripe(0, 0) };
+            TrackError { kind, track, remedy }
+        };
+        let not_tracked = |track| error(TrackErrorKind::NotTracked, track);
+        let repeated = |errors: &[TrackError], tracks: &[(SegmentId, Mask)], max_answer_iou: f64| {
+            let settings = RepromptSettings::default().with(|settings| settings.max_answer_iou = max_answer_iou);
+            repeated_answers(errors, tracks, &settings).into_iter().collect::<Vec<_>>()
+        };
+        let tracks = [(1, stripe(0, 30)), (2, stripe(10, 30)), (3, stripe(40, 50)), (4, stripe(41, 50))];
+        assert_eq!(repeated(&[not_tracked(2)], &tracks, 0.6), [2], "an IoU of two thirds with 1");
+        assert_eq!(repeated(&[not_tracked(2)], &tracks, 0.7), [0; 0]);
+        assert_eq!(
+            repeated(&[error(TrackErrorKind::IncorrectTrack, 2)], &tracks, 0.6),
+            [0; 0],
+            "another kind of error"
+        );
+        assert_eq!(repeated(&[not_tracked(3), not_tracked(4)], &tracks, 0.6), [4], "3 is kept, as 4 is not");
+        assert_eq!(repeated(&[not_tracked(1), not_tracked(3)], &tracks[..3], 0.6), [1]);
+        let same = [(1, stripe(0, 30)), (2, stripe(0, 30))];
+        assert_eq!(repeated(&[not_tracked(2)], &same, 1.0), [0; 0], "switched off");
+        assert_eq!(
+            repeated(&[not_tracked(2)], &[(1, stripe(0, 0)), (2, stripe(0, 0))], 0.5),
+            [0; 0],
+            "nothing to be seen"
+        );
     }
 }

@@ -16,7 +16,8 @@
 //! The errors:
 //!
 //! - **(a) not tracked**: a trusted segment whose own track is not in view, without another track on it, of which other
-//!   tracks cover at most `max_covered_fraction`. Remedy: clicks on the part that they do not cover.
+//!   tracks cover at most `max_covered_fraction`. Remedy: clicks on the part that they do not cover. An answer that shows
+//!   the object of another track is taken back (`max_answer_iou`).
 //! - **(b) incorrect track**: a trusted segment whose own track is not in view, but with another track on it; or one
 //!   whose own track is wrong (unless that is a duplicate). Remedy: positive clicks on the segment, negative ones on
 //!   the part of its track that is on other segments, or on the whole track if no part of it is on its own segment. A
