@@ -49,11 +49,12 @@ RULES = {
     "memory.removal_frames": "0",
     "memory.depthless": "false",
     "explanation.min_visible_fraction": "0",
+    "explanation.min_match_f_score": "0",
     "explanation.min_new_fraction": "0",
     "explanation.min_remembered_fraction": "0",
     "explanation.recurrences": "0",
+    "explanation.merged_per_apart": "0",
     "show_tentative": "false",
-    "min_match_f_score": "0.1",
 }
 # Where our defaults for the paper's memory depart from the paper, with the paper's values. The first row is ours.
 DEPARTURES = {

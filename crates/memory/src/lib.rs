@@ -40,6 +40,7 @@ pub use recall::{DeviceImages, Recall, TileSurface};
 pub use removal::longest_unseen;
 pub use segment_store::{SegmentStore, StoreTile};
 pub use settings::{GrowthRule, MemoryKind, MemorySettings};
+pub use short_term::Appearances;
 pub use splat_memory::{ABSTAIN, FrameUpdate, MAX_SEGMENT_ID, MemoryError, SplatMemory};
 
 #[cfg(doctest)]

@@ -70,6 +70,7 @@ impl SplatMemory {
         let sightings: Vec<u32> = ids.map(|id| self.segments.sightings(id)).collect();
         let short_term = ShortTermMemory {
             overruled: self.overruled.clone(),
+            appearances: self.appearances.clone(),
             recurring: self.recurring.saved(),
             depthless: self.depthless.saved(),
         };
@@ -97,10 +98,11 @@ impl SplatMemory {
         let (ids, gaussians) = (sightings.len(), map.len());
         let short_term = ShortTermMemory::from_bytes(&short_term, ids).and_then(|saved| {
             let recurring = RecurringPredictions::restored(saved.recurring, gaussians)?;
-            Ok((saved.overruled, recurring, DepthlessSegments::restored(saved.depthless, ids, frames)?))
+            let depthless = DepthlessSegments::restored(saved.depthless, ids, frames)?;
+            Ok((saved.overruled, saved.appearances, recurring, depthless))
         });
         let damaged = |found| LoadMemoryError::ShortTerm { path: path.display().to_string(), found };
-        let (overruled, recurring, depthless) = short_term.map_err(damaged)?;
+        let (overruled, appearances, recurring, depthless) = short_term.map_err(damaged)?;
         let (path, found, expected) = (path.display().to_string(), content.kind(), settings.kind);
         if found != expected {
             return Err(LoadMemoryError::Kind { path, found: found.name(), expected: expected.name() });
@@ -118,7 +120,8 @@ impl SplatMemory {
         };
         let mut memory = Self::with_parts(settings, map, store, Segments::given(sightings, carried));
         memory.frames = frames;
-        (memory.overruled, memory.recurring, memory.depthless) = (overruled, recurring, depthless);
+        (memory.overruled, memory.appearances) = (overruled, appearances);
+        (memory.recurring, memory.depthless) = (recurring, depthless);
         Ok(memory)
     }
 }

@@ -3,6 +3,7 @@
 //!
 //! It is written as JSON: it is small, and its parts change more often than the map. An empty text is an empty memory.
 
+use crate::SplatMemory;
 use crate::depthless::SavedDepthlessSegment;
 use crate::recurring::SavedRecurringPredictions;
 use serde::{Deserialize, Serialize};
@@ -12,12 +13,39 @@ use std::collections::BTreeMap;
 /// Longer texts are not written by any memory: 256 regions of a few megapixels take a few megabytes.
 pub(crate) const MAX_BYTES: u64 = 1 << 28;
 
+/// In how many frames a segment was seen in which way.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Appearances {
+    /// Frames with a prediction of it alone.
+    pub apart: usize,
+    /// Frames with one prediction of it and another segment.
+    pub merged: usize,
+}
+
+/// What methods keep with the memory, so that it is saved with it.
+impl SplatMemory {
+    /// Remembered segments that a method hides because predictions have overruled them, each with the largest area, in
+    /// pixels, expected of it since then.
+    pub fn overruled_mut(&mut self) -> &mut BTreeMap<SegmentId, usize> {
+        &mut self.overruled
+    }
+
+    /// How segments were seen. What is forgotten is left out by [`SplatMemory::update`].
+    pub fn appearances_mut(&mut self) -> &mut BTreeMap<SegmentId, Appearances> {
+        &mut self.appearances
+    }
+}
+
 /// What is saved besides the Gaussians.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ShortTermMemory {
     /// See [`SplatMemory::overruled_mut`](crate::SplatMemory::overruled_mut).
     pub overruled: BTreeMap<SegmentId, usize>,
+    /// See [`SplatMemory::appearances_mut`](crate::SplatMemory::appearances_mut). Older files lack it.
+    #[serde(default)]
+    pub appearances: BTreeMap<SegmentId, Appearances>,
     /// Predictions that were explained by what is remembered.
     pub recurring: SavedRecurringPredictions,
     /// Segments that no Gaussian can carry.
@@ -44,8 +72,9 @@ impl ShortTermMemory {
             return Ok(Self::default());
         }
         let found: Self = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
-        match found.overruled.keys().find(|id| !(1..=segments).contains(&(**id as usize))) {
-            Some(id) => Err(format!("the overruled segment {id} does not exist")),
+        let mut named = found.overruled.keys().chain(found.appearances.keys());
+        match named.find(|id| !(1..=segments).contains(&(**id as usize))) {
+            Some(id) => Err(format!("the segment {id} does not exist")),
             None => Ok(found),
         }
     }

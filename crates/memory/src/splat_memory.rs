@@ -9,6 +9,7 @@ use crate::map::SplatMap;
 use crate::recurring::RecurringPredictions;
 use crate::segment_store::SegmentStore;
 use crate::segments::Segments;
+use crate::short_term::Appearances;
 use crate::{CodebookError, GrowthRule, LearningExtent, MemoryKind, MemorySettings, Recall, SplatContentView};
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera, RasterLimits};
@@ -42,6 +43,7 @@ pub struct SplatMemory {
     /// Predictions that were explained by what is remembered.
     pub(crate) recurring: RecurringPredictions,
     pub(crate) overruled: BTreeMap<SegmentId, usize>,
+    pub(crate) appearances: BTreeMap<SegmentId, Appearances>,
     /// Frames taken in.
     pub(crate) frames: u32,
     warned_of_limit: bool,
@@ -156,9 +158,10 @@ impl SplatMemory {
     ) -> Self {
         let depthless = DepthlessSegments::default();
         let recurring = RecurringPredictions::default();
-        let overruled = BTreeMap::new();
+        let (overruled, appearances) = (BTreeMap::new(), BTreeMap::new());
         let backend = Box::new(HostMap { settings: settings.clone(), map, store });
-        Self { settings, backend, segments, depthless, recurring, overruled, frames: 0, warned_of_limit: false }
+        let (frames, warned_of_limit) = (0, false);
+        Self { settings, backend, segments, depthless, recurring, overruled, appearances, frames, warned_of_limit }
     }
 
     /// Moves the map and what its Gaussians remember to a device, which does from then on what is done with them.
@@ -270,6 +273,7 @@ impl SplatMemory {
         let removed = before + update.grown - self.gaussian_count();
         let (grown, learning) = (update.grown, update.learning);
         let forgotten = self.note_removed(removed, update);
+        self.appearances.retain(|id, _| !forgotten.contains(id));
         self.frames = self.frames.saturating_add(1);
         Ok(FrameUpdate { grown, removed, forgotten, learning })
     }
@@ -327,12 +331,6 @@ impl SplatMemory {
             return Err(MemoryError::UnknownSegment { found: largest, known: self.segments.len() });
         }
         Ok(())
-    }
-
-    /// Remembered segments that a method hides because predictions have overruled them, each with the largest area, in
-    /// pixels, expected of it since then. Only methods use this; it is here so that it is saved with the memory.
-    pub fn overruled_mut(&mut self) -> &mut BTreeMap<SegmentId, usize> {
-        &mut self.overruled
     }
 
     /// The settings it was made with.

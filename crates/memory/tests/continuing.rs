@@ -3,7 +3,7 @@
 use glam::{Mat4, Vec3};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{
-    GrowthRule, LearningExtent, LoadMemoryError, MemoryKind, MemorySettings, SplatFile, SplatMemory,
+    Appearances, GrowthRule, LearningExtent, LoadMemoryError, MemoryKind, MemorySettings, SplatFile, SplatMemory,
 };
 use std::fs;
 use std::path::Path;
@@ -145,10 +145,12 @@ fn what_no_gaussian_carries_is_continued_too() {
     };
     (0..4).for_each(|_| drop(take_in(&mut memory)));
     memory.overruled_mut().insert(1, 77);
+    memory.appearances_mut().insert(1, Appearances { apart: 5, merged: 2 });
     memory.save(&path).unwrap();
 
     let mut loaded = SplatMemory::load(&path, settings.clone()).unwrap();
     assert_eq!(loaded.overruled_mut(), memory.overruled_mut());
+    assert_eq!(loaded.appearances_mut(), memory.appearances_mut());
     let (expected, recurring) = take_in(&mut loaded);
     assert_eq!(expected[(30, 20)], 2, "the screen");
     assert!(recurring.contains(&3), "{recurring:?}");
@@ -162,6 +164,7 @@ fn what_no_gaussian_carries_is_continued_too() {
     let whole = SplatFile::load(&path).unwrap();
     for (from, to) in [
         ("\"overruled\":{\"1\":", "\"overruled\":{\"9\":"),
+        ("\"appearances\":{\"1\":", "\"appearances\":{\"9\":"),
         ("\"bounding_box\":[20,", "\"bounding_box\":[99999999,"),
         ("\"runs\":[", "\"runs\":[7,"),
         ("\"last\":", "\"last\":429496729"),

@@ -288,7 +288,7 @@ fn bad_usage_exits_with_2_and_names_the_option() {
         (&["--set", "memory.max_votes=0"], "memory.max_votes"),
         (&["--set", "memory.max_gaussians=0"], "memory.max_gaussians"),
         (&["--set", "explanation.min_new_fraction=2"], "explanation.min_new_fraction"),
-        (&["--set", "min_match_f_score=2"], "min_match_f_score"),
+        (&["--set", "explanation.min_match_f_score=2"], "min_match_f_score"),
         (&["--config", config], "feature_dim"),
         (&["--start", "99"], "start"),
     ];

@@ -1,4 +1,4 @@
-//! A thing that the segmenter separates from its neighbour only after some frames.
+//! A thing and its neighbour that the segmenter takes for one in some frames.
 
 mod exact_masks;
 
@@ -7,9 +7,10 @@ use splatseg_dataset::{Scene, SyntheticScene};
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_tracking::Method;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
-/// Number of frames in which both are one mask.
-const TOGETHER: usize = 10;
+/// Number of frames of a scene.
+const FRAMES: usize = 40;
 
 /// The largest id of the floor, ceiling and walls.
 const SHELL: SegmentId = 6;
@@ -42,25 +43,50 @@ fn neighbours(truth: &SegmentMap) -> (SegmentId, SegmentId) {
     largest.expect("a thing in front of a wall")
 }
 
+/// The ids of a thing and of its larger neighbour in every frame of a scene. In the frames `joined` both are one mask.
+fn ids_of_neighbours(seed: u64, joined: Range<usize>) -> Vec<(SegmentId, SegmentId)> {
+    let text = format!("synthetic:frames={FRAMES},seed={seed},width=160,height=120,objects=16,camera=static");
+    let scene = SyntheticScene::new(text.parse().unwrap()).unwrap();
+    let (small, large) = neighbours(&truth(&scene, 0));
+    let mut method = method(evidence());
+    let ids_in = |index| {
+        let (frame, truth) = (scene.read_frame(index).unwrap(), truth(&scene, index));
+        let is_joined = joined.contains(&index);
+        let seen = truth.map(|id| if is_joined && *id == small { large } else { *id });
+        let output = method.process(&frame, &masks(&seen, index)).unwrap();
+        (id_of(&truth, &output.segments, small), id_of(&truth, &output.segments, large))
+    };
+    (0..FRAMES).map(ids_in).collect()
+}
+
 #[test]
 fn a_thing_that_is_separated_late_gets_a_lasting_id() {
+    const TOGETHER: usize = 10;
     for seed in 0..3 {
-        let text = format!("synthetic:frames=40,seed={seed},width=160,height=120,objects=16,camera=static");
-        let scene = SyntheticScene::new(text.parse().unwrap()).unwrap();
-        let (late, large) = neighbours(&truth(&scene, 0));
-        let mut method = method(evidence());
-        let mut ids = Vec::new();
-        for index in 0..scene.frame_count() {
-            let (frame, truth) = (scene.read_frame(index).unwrap(), truth(&scene, index));
-            let seen =
-                if index < TOGETHER { truth.map(|id| if *id == late { large } else { *id }) } else { truth.clone() };
-            let output = method.process(&frame, &masks(&seen, index)).unwrap();
-            let [late, large] = [late, large].map(|thing| id_of(&truth, &output.segments, thing));
-            ids.push((late, large));
-        }
+        let ids = ids_of_neighbours(seed, 0..TOGETHER);
         let of_large: BTreeSet<SegmentId> = ids.iter().map(|(_, large)| *large).collect();
-        assert_eq!(of_large.len(), 1, "{text}: the larger one keeps its id: {ids:?}");
+        assert_eq!(of_large.len(), 1, "seed {seed}: the larger one keeps its id: {ids:?}");
         let of_late: BTreeSet<SegmentId> = ids[TOGETHER + PATIENCE..].iter().map(|(late, _)| *late).collect();
-        assert!(of_late.len() == 1 && of_late.is_disjoint(&of_large), "{text}: {ids:?}");
+        assert!(of_late.len() == 1 && of_late.is_disjoint(&of_large), "seed {seed}: {ids:?}");
+    }
+}
+
+#[test]
+fn a_thing_that_was_seen_by_itself_is_kept_apart() {
+    for seed in 0..3 {
+        // 18 frames join what 10 told apart.
+        let ids = ids_of_neighbours(seed, 10..28);
+        let different: BTreeSet<(SegmentId, SegmentId)> = ids.iter().copied().collect();
+        assert!(different.len() == 1 && ids[0].0 != ids[0].1, "seed {seed}: {ids:?}");
+    }
+}
+
+#[test]
+fn a_thing_that_is_joined_more_often_than_seen_by_itself_becomes_part_of_its_neighbour() {
+    for seed in 0..3 {
+        // 26 frames join what 4 told apart.
+        let ids = ids_of_neighbours(seed, 4..30);
+        assert!(ids[..11].iter().all(|(small, large)| small != large), "seed {seed}: {ids:?}");
+        assert_eq!(ids[29].0, ids[29].1, "seed {seed}: {ids:?}");
     }
 }

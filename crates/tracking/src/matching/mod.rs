@@ -10,18 +10,21 @@ use std::collections::BTreeMap;
 
 /// For each prediction, the expected segment with which it is matched, if any.
 ///
-/// The matching is one-to-one and maximises the summed F-score, `2 |A ∩ B| / (|A| + |B|)`. Pairs without overlap, or
-/// with an F-score below `min_f_score`, are never matched.
-pub fn match_segments(expected: &SegmentMap, predictions: &[&Mask], min_f_score: f64) -> Vec<Option<SegmentId>> {
+/// The matching is one-to-one and maximises the summed F-score, `2 |A ∩ B| / (|A| + |B|)`. Pairs without overlap are never
+/// matched, nor are those whose F-score over the pixels where anything is expected is below `min_known_f_score`.
+pub fn match_segments(expected: &SegmentMap, predictions: &[&Mask], min_known_f_score: f64) -> Vec<Option<SegmentId>> {
     let areas = expected.areas();
     let candidates: Vec<Candidate> = predictions
         .par_iter()
         .enumerate()
         .flat_map_iter(|(prediction, mask)| {
-            let area = mask.area();
+            let overlaps = overlaps(expected, mask);
+            let (area, known) = (mask.area(), overlaps.values().sum());
             let areas = &areas;
-            overlaps(expected, mask).into_iter().filter_map(move |(segment, intersection)| {
-                candidate(u64::from(segment), prediction, [intersection, areas[&segment], area], min_f_score)
+            overlaps.into_iter().filter_map(move |(segment, shared)| {
+                let f_score = |area: usize| Ratio::f_score(shared as u64, areas[&segment] as u64, area as u64);
+                let is_possible = f_score(known).to_f64() >= min_known_f_score;
+                is_possible.then(|| Candidate::new(u64::from(segment), prediction as u64, f_score(area), None))
             })
         })
         .collect();
@@ -50,12 +53,6 @@ pub(crate) fn overlaps(expected: &SegmentMap, mask: &Mask) -> BTreeMap<SegmentId
         *counts.entry(current).or_insert(0) += run;
     }
     counts
-}
-
-/// A pair that may be matched, from its overlap and both areas; `None` if the overlap is too small.
-fn candidate(row: u64, prediction: usize, [overlap, first, second]: [usize; 3], min_f_score: f64) -> Option<Candidate> {
-    let f_score = Ratio::f_score(overlap as u64, first as u64, second as u64);
-    (overlap > 0 && f_score.to_f64() >= min_f_score).then(|| Candidate::new(row, prediction as u64, f_score, None))
 }
 
 #[cfg(test)]
@@ -125,7 +122,8 @@ mod tests {
         assert_eq!(match_segments(&expected, &[&apart], 0.0), [None]);
         let grazing = Mask::from_fn(WIDTH, 1, |column, _| column > 4);
         assert_eq!(match_segments(&expected, &[&grazing], 0.0), [Some(1)]);
-        assert_eq!(match_segments(&expected, &[&grazing], 0.5), [None]);
+        assert_eq!(match_segments(&expected, &[&grazing], 0.2), [Some(1)], "2 · 1 / (6 + 1) of the known pixels");
+        assert_eq!(match_segments(&expected, &[&grazing], 0.3), [None]);
         assert!(match_segments(&expected, &[], 0.0).is_empty());
     }
 }

@@ -15,6 +15,10 @@ settings! {
         /// A prediction is left out if smaller ones cover so much of it that less than this fraction is visible: what
         /// remains is a rim around other predictions of the same thing. 0 switches the rule off.
         min_visible_fraction: f32 = 0.3, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
+        /// A prediction does not match a remembered segment with which it has a smaller F-score over the pixels where the
+        /// memory expects anything: there it shows other segments, whose own predictions are better. 0 switches the rule
+        /// off.
+        min_match_f_score: f64 = 0.1, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
         /// A prediction without a match is new only if at least this fraction of it is shown after fusion with the
         /// memory. The memory explains the others by segments of which it is sure: they get no id and no vote. 0
         /// switches the rule off.
@@ -26,13 +30,22 @@ settings! {
         /// A remembered segment without a matching prediction is shown only if at least this fraction of its expected
         /// pixels is left. 0 switches the rule off.
         min_remembered_fraction: f32 = 0.5, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
+        /// A prediction that covers a remembered segment besides its own has no say there until this many times as many
+        /// frames have shown the two as one as have shown that segment by itself. 0 switches the rule off.
+        merged_per_apart: f32 = 2.0, Allowed::between(0.0, 1e6), only "memory.kind = evidence";
     }
 }
 
 impl ExplanationSettings {
     /// Every rule off: the paper's method.
-    pub const NONE: Self =
-        Self { min_visible_fraction: 0.0, min_new_fraction: 0.0, recurrences: 0, min_remembered_fraction: 0.0 };
+    pub const NONE: Self = Self {
+        min_visible_fraction: 0.0,
+        min_match_f_score: 0.0,
+        min_new_fraction: 0.0,
+        recurrences: 0,
+        min_remembered_fraction: 0.0,
+        merged_per_apart: 0.0,
+    };
 
     /// Whether enough of a prediction is visible.
     pub(crate) fn is_visible(&self, part: &Mask, whole: &Mask) -> bool {

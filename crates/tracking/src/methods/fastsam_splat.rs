@@ -1,5 +1,6 @@
 //! FastSAM-Splat: a segmenter for single frames, and a splat that remembers (`docs/METHOD.md`, "FastSAM-Splat").
 
+use super::merged::keep_apart;
 use super::output::confidence;
 use super::{ExplanationSettings, FrameOutput, Method, check_sizes};
 use crate::matching::{match_segments, painted_parts, visible_parts};
@@ -18,8 +19,6 @@ settings! {
         min_output_area: usize = 50, Allowed::between(0.0, 1e9);
         /// Whether whole predictions are matched where they overlap, not what is visible of each. The paper: true.
         match_whole_masks: bool = false, Allowed::Switch;
-        /// Expected and predicted segments with a smaller F-score do not match. The paper names no minimum.
-        min_match_f_score: f64 = 0.0, Allowed::between(0.0, 1.0);
         /// Whether an object is shown before it is seen in a second frame. The paper shows all.
         show_tentative: bool = true, Allowed::Switch;
     }
@@ -96,7 +95,7 @@ impl FastSamSplat {
     fn identify(&mut self, expected: &SegmentMap, found: Vec<VisiblePrediction>) -> Result<Identified, TrackingError> {
         let whole = self.settings.match_whole_masks;
         let predictions: Vec<&Mask> = found.iter().map(|found| if whole { found.whole } else { &found.part }).collect();
-        let matched = match_segments(expected, &predictions, self.settings.min_match_f_score);
+        let matched = match_segments(expected, &predictions, self.settings.explanation.min_match_f_score);
         let (mut ids, mut new) = (Vec::with_capacity(found.len()), Vec::new());
         for (prediction, matched) in found.iter().zip(matched) {
             ids.push(match matched {
@@ -116,6 +115,8 @@ impl FastSamSplat {
     fn fuse(&mut self, recall: &Recall<'_>, found: &Identified) -> Result<(SegmentMap, SegmentMap), TrackingError> {
         let size = recall.expected().segments.size();
         let mut seen = painted_parts(size, found.ids.iter().copied().zip(&found.parts));
+        let merged_per_apart = self.settings.explanation.merged_per_apart;
+        keep_apart(recall, merged_per_apart, self.memory.appearances_mut(), &mut seen);
         let mut shown = self.memory.fuse(recall, &seen)?;
         let mut explained = self.settings.explanation.explained(&found.new, &shown);
         if self.settings.explanation.recurrences > 0 {

@@ -4,6 +4,7 @@ mod explained;
 mod fastsam;
 mod fastsam_splat;
 mod fastspam;
+mod merged;
 mod output;
 mod sam2;
 mod sam2_splat;
