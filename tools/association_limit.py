@@ -1,0 +1,73 @@
+"""What better ids could still gain: AQ of a run, and AQ of the same segments with perfect ids.
+
+    splatseg run kitchen-dev --resize 320x240 --crop-border 5 --out OUT
+    python tools/association_limit.py kitchen-dev OUT --resize 320x240 --crop-border 5
+
+With perfect ids every segment of every frame has the id of the true object that it covers most. What is missing then is
+lost by the segments: objects that they join, or outlines that they miss. Unlabelled ground is left out, as with
+`bench --exclude-void`. Needs numpy and Pillow.
+"""
+
+import argparse
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+
+def frames(folder):
+    """The images of a folder by the number of the frame."""
+    return {int(path.stem): path for path in folder.glob("*.png")}
+
+
+def labels(path, size, border):
+    """The true objects of a frame, in the size of the run; 0 where unlabelled."""
+    image = Image.open(path)
+    pixels = np.array(image.resize(size, Image.NEAREST) if size else image).astype(int)
+    return pixels[border : pixels.shape[0] - border, border : pixels.shape[1] - border]
+
+
+def association_quality(true_areas, areas, shared):
+    """AQ of STEP: for each true track, the IoUs with predicted tracks, weighted by what they share."""
+    sums = Counter()
+    for (true, predicted), both in shared.items():
+        sums[true] += both * both / (true_areas[true] + areas[predicted] - both)
+    return sum(sums[true] / area for true, area in true_areas.items()) / len(true_areas)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", type=Path, help="a folder in ScanNet's layout, with instance-filt/")
+    parser.add_argument("run", type=Path, help="the folder that `splatseg run` wrote")
+    parser.add_argument("--resize", help="as given to the run, e.g. 320x240")
+    parser.add_argument("--crop-border", type=int, default=0, help="as given to the run")
+    arguments = parser.parse_args()
+    size = tuple(int(side) for side in arguments.resize.split("x")) if arguments.resize else None
+    true_areas, ids, perfect = Counter(), (Counter(), Counter()), (Counter(), Counter())
+    found = frames(arguments.run / "segments")
+    for number, path in sorted(frames(arguments.scene / "instance-filt").items()):
+        if number not in found:
+            continue
+        truth = labels(path, size, arguments.crop_border)
+        seen = np.array(Image.open(found[number])).astype(int)
+        true_areas.update(Counter(truth[truth > 0].tolist()))
+        both = (truth > 0) & (seen > 0)
+        pairs = Counter(zip(truth[both].tolist(), seen[both].tolist()))
+        areas, owners = Counter(), {}
+        for (true, segment), count in sorted(pairs.items()):
+            areas[segment] += count
+            if count > pairs.get((owners.get(segment), segment), 0):
+                owners[segment] = true
+        ids[0].update(areas)
+        ids[1].update(pairs)
+        for segment, area in areas.items():
+            perfect[0][owners[segment]] += area
+        for (true, segment), count in pairs.items():
+            perfect[1][true, owners[segment]] += count
+    print(f"AQ {100 * association_quality(true_areas, *ids):.1f}")
+    print(f"AQ with perfect ids {100 * association_quality(true_areas, *perfect):.1f}")
+
+
+if __name__ == "__main__":
+    main()
