@@ -28,7 +28,7 @@ const MIN_GAP: f64 = 0.05;
 const MIN_GAP_RELATIVE: f64 = 0.02;
 
 /// What a frame shows of an expected segment.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Default)]
 struct ExpectedSegment {
     area: usize,
     /// Pixels by the prediction that is seen there.
@@ -101,24 +101,49 @@ pub(super) fn keep_apart(
 
 fn expected_segments(recall: &Recall<'_>, seen: &SegmentMap) -> BTreeMap<SegmentId, ExpectedSegment> {
     let mut found: BTreeMap<SegmentId, ExpectedSegment> = BTreeMap::new();
-    let expected = recall.expected().segments.pixels().iter().zip(seen.pixels());
+    let pixels = recall.expected().segments.pixels().iter().zip(seen.pixels());
     let depths = recall.depth().pixels().iter().zip(recall.frame().depth().pixels());
-    for ((expected, seen), (rendered, observed)) in expected.zip(depths) {
-        if *expected == 0 {
-            continue;
+    let (mut run, mut run_of) = (Run::default(), (0, 0));
+    for ((expected, seen), (rendered, observed)) in pixels.zip(depths) {
+        if (*expected, *seen) != run_of {
+            run.end(run_of, &mut found);
+            (run, run_of) = (Run::default(), (*expected, *seen));
         }
-        let segment = found.entry(*expected).or_default();
-        segment.area += 1;
-        if *seen != 0 && *seen != ABSTAIN {
-            *segment.seen_as.entry(*seen).or_default() += 1;
-        }
+        run.area += 1;
         if *rendered > 0.0 && *observed > 0.0 {
-            segment.measured += 1;
-            segment.depth += f64::from(*rendered);
-            segment.gap += f64::from(observed - rendered);
+            run.measured += 1;
+            run.depth += f64::from(*rendered);
+            run.gap += f64::from(observed - rendered);
         }
     }
+    run.end(run_of, &mut found);
     found
+}
+
+/// Successive pixels with one expected segment and one prediction; sums as in [`ExpectedSegment`].
+#[derive(Default)]
+struct Run {
+    area: usize,
+    measured: usize,
+    depth: f64,
+    gap: f64,
+}
+
+impl Run {
+    /// Adds the pixels to those of their segment.
+    fn end(&self, (expected, seen): (SegmentId, SegmentId), found: &mut BTreeMap<SegmentId, ExpectedSegment>) {
+        if expected == 0 {
+            return;
+        }
+        let segment = found.entry(expected).or_default();
+        segment.area += self.area;
+        if seen != 0 && seen != ABSTAIN {
+            *segment.seen_as.entry(seen).or_default() += self.area;
+        }
+        segment.measured += self.measured;
+        segment.depth += self.depth;
+        segment.gap += self.gap;
+    }
 }
 
 #[cfg(test)]

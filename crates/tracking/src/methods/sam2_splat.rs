@@ -5,7 +5,7 @@ use super::{FrameOutput, Method, check_comparable};
 use crate::TrackingError;
 use crate::matching::painted;
 use crate::reprompting::{RepromptSettings, TrackErrorCounts, corrections, find_track_errors, repeated_answers};
-use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, prompt_tracks, visible};
+use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, prompt_tracks, remove_tracks, visible};
 use splatseg_geometry::{RgbdFrame, ScoredMask};
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_settings::{Allowed, Choice, settings};
@@ -91,12 +91,10 @@ impl Method for Sam2Splat {
 
         let stage = tracing::debug_span!(target: "splatseg::stage", "reprompt").entered();
         let (prompts, removed) = corrections(&errors, &self.reprompt);
-        removed.iter().for_each(|track| self.tracker.remove(*track));
-        tracks.retain(|(id, _)| !removed.contains(id));
+        remove_tracks(self.tracker.as_mut(), &mut tracks, &removed);
         prompt_tracks(self.tracker.as_mut(), &mut tracks, &prompts)?;
         let repeated = repeated_answers(&errors, &tracks, &self.reprompt);
-        repeated.iter().for_each(|track| self.tracker.remove(*track));
-        tracks.retain(|(id, _)| !repeated.contains(id));
+        remove_tracks(self.tracker.as_mut(), &mut tracks, &repeated);
         drop(stage);
 
         let stage = tracing::debug_span!(target: "splatseg::stage", "track").entered();

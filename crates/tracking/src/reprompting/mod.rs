@@ -56,11 +56,13 @@ settings! {
 pub(crate) fn corrections(
     errors: &[TrackError],
     settings: &RepromptSettings,
-) -> (Vec<(SegmentId, Prompt)>, Vec<SegmentId>) {
-    let (mut prompts, mut removed) = (Vec::new(), Vec::new());
+) -> (Vec<(SegmentId, Prompt)>, BTreeSet<SegmentId>) {
+    let (mut prompts, mut removed) = (Vec::new(), BTreeSet::new());
     for error in errors {
         match &error.remedy {
-            Remedy::Remove => removed.push(error.track),
+            Remedy::Remove => {
+                removed.insert(error.track);
+            }
             Remedy::Prompt { expected, wrong } => {
                 let (positive, negative) = numbers_of_clicks(settings, expected, wrong);
                 let mut all = clicks_in(expected, positive, true);

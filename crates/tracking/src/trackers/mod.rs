@@ -12,7 +12,7 @@ mod track_masks;
 pub(crate) use new_objects::NewObjects;
 pub use new_objects::PromptSource;
 pub use sam2::{Sam2Tracker, Sam2TrackerSettings};
-pub(crate) use track_masks::{add_tracks, prompt_tracks, visible};
+pub(crate) use track_masks::{add_tracks, prompt_tracks, remove_tracks, visible};
 
 /// Follows prompted objects through a video, each as a track with an id that the caller chooses.
 ///

@@ -3,6 +3,7 @@
 use crate::{Tracker, TrackingError};
 use splatseg_geometry::{Mask, SegmentId};
 use splatseg_models::sam2::Prompt;
+use std::collections::BTreeSet;
 
 /// Makes a track of each mask, all in one call of the tracker, and adds them to the frame's tracks.
 pub(crate) fn add_tracks(
@@ -34,6 +35,16 @@ pub(crate) fn prompt_tracks(
         }
     }
     Ok(())
+}
+
+/// Has the tracker forget tracks, and takes them out of the frame's.
+pub(crate) fn remove_tracks(
+    tracker: &mut dyn Tracker,
+    tracks: &mut Vec<(SegmentId, Mask)>,
+    removed: &BTreeSet<SegmentId>,
+) {
+    removed.iter().for_each(|track| tracker.remove(*track));
+    tracks.retain(|(id, _)| !removed.contains(id));
 }
 
 /// The tracks whose object is in the frame.
