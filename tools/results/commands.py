@@ -53,6 +53,7 @@ RULES = {
     "explanation.min_new_fraction": "0",
     "explanation.min_remembered_fraction": "0",
     "explanation.recurrences": "0",
+    "explanation.recurrences_in_front": "0",
     "explanation.merged_per_apart": "0",
     "show_tentative": "false",
 }

@@ -78,12 +78,13 @@ impl RecurringPredictions {
 
     /// Takes note of the predictions of a frame that the memory explains: `explained` has their ids, 0 elsewhere.
     ///
-    /// `visible` are the Gaussians in view. Returns those that have now come `needed` times, each with the Gaussians under it.
+    /// `visible` are the Gaussians in view. Returns those that have now come as often as `needed` says, each with the
+    /// Gaussians under it; those without a number are not returned.
     pub fn note(
         &mut self,
         visible: &[VisibleGaussian],
         explained: &SegmentMap,
-        needed: usize,
+        needed: &BTreeMap<SegmentId, usize>,
     ) -> BTreeMap<SegmentId, Vec<u32>> {
         let known = visible.last().map_or(0, |last| last.gaussian as usize + 1);
         self.of_gaussian.resize(self.of_gaussian.len().max(known), 0);
@@ -121,7 +122,7 @@ impl RecurringPredictions {
                 self.counts.insert(self.last, 1);
                 self.last
             });
-            let is_recurring = self.counts[&number] >= needed;
+            let is_recurring = needed.get(&id).is_some_and(|needed| self.counts[&number] >= *needed);
             if is_recurring {
                 self.counts.remove(&number);
             }
@@ -220,6 +221,11 @@ mod tests {
         (map, pixels)
     }
 
+    /// How often prediction 5 must recur.
+    fn needed(times: usize) -> BTreeMap<SegmentId, usize> {
+        BTreeMap::from([(5, times)])
+    }
+
     /// How often each prediction has come.
     fn counts(recurring: &RecurringPredictions) -> Vec<usize> {
         recurring.counts.values().copied().collect()
@@ -233,14 +239,15 @@ mod tests {
         let mut recurring = RecurringPredictions::default();
         for _ in 0..2 {
             for time in 1..=3 {
-                let mut found = recurring.note(&visible(&memory, &recall), &map, 3);
+                let mut found = recurring.note(&visible(&memory, &recall), &map, &needed(3));
                 found.values_mut().for_each(|gaussians| gaussians.sort_unstable());
                 let expected = if time == 3 { BTreeMap::from([(5, pixels.clone())]) } else { BTreeMap::new() };
                 assert_eq!(found, expected, "time {time}");
             }
             assert!(recurring.counts.is_empty() && recurring.of_gaussian.iter().all(|number| *number == 0));
         }
-        assert_eq!(RecurringPredictions::default().note(&visible(&memory, &recall), &map, 1).len(), 1);
+        assert_eq!(RecurringPredictions::default().note(&visible(&memory, &recall), &map, &needed(1)).len(), 1);
+        assert_eq!(RecurringPredictions::default().note(&visible(&memory, &recall), &map, &BTreeMap::new()).len(), 0);
     }
 
     #[test]
@@ -249,7 +256,7 @@ mod tests {
         let recall = memory.recall(&frame);
         let mut recurring = RecurringPredictions::default();
         for (left, expected) in [(2, vec![1]), (12, vec![2]), (22, vec![3]), (33, vec![2, 1]), (44, vec![1, 1])] {
-            assert!(recurring.note(&visible(&memory, &recall), &explained(left).0, 100).is_empty());
+            assert!(recurring.note(&visible(&memory, &recall), &explained(left).0, &needed(100)).is_empty());
             assert_eq!(counts(&recurring), expected, "from column {left} on");
             let newest = recurring.last;
             let of_newest = recurring.of_gaussian.iter().zip(0..).filter(|(number, _)| **number == newest);
@@ -263,15 +270,15 @@ mod tests {
         let mut recurring = RecurringPredictions::default();
         let (map, _) = explained(30);
         let frame = wall(2.0);
-        recurring.note(&visible(&memory, &memory.recall(&frame)), &map, 100);
+        recurring.note(&visible(&memory, &memory.recall(&frame)), &map, &needed(100));
         // Something hides the wall: then nothing is known of it.
         let hidden = wall(1.0);
         let recall = memory.recall(&hidden);
         for explained in [&map, &SegmentMap::filled(SIZE.0, SIZE.1, 0)] {
-            recurring.note(&visible(&memory, &recall), explained, 100);
+            recurring.note(&visible(&memory, &recall), explained, &needed(100));
             assert_eq!(counts(&recurring), [1]);
         }
-        recurring.note(&visible(&memory, &memory.recall(&frame)), &map.map(|_| ABSTAIN), 100);
+        recurring.note(&visible(&memory, &memory.recall(&frame)), &map.map(|_| ABSTAIN), &needed(100));
         assert_eq!(counts(&recurring), [0; 0], "its place without it");
     }
 
@@ -291,12 +298,12 @@ mod tests {
             })
         };
         let mut recurring = RecurringPredictions::default();
-        recurring.note(&visible(&memory, &recall), &in_order(1, 50), 100);
+        recurring.note(&visible(&memory, &recall), &in_order(1, 50), &needed(100));
         assert_eq!(counts(&recurring), [0; 0]);
-        recurring.note(&visible(&memory, &recall), &in_order(2, 50), 100);
+        recurring.note(&visible(&memory, &recall), &in_order(2, 50), &needed(100));
         assert_eq!(counts(&recurring), [1; 50]);
         let mut many = RecurringPredictions::default();
-        many.note(&visible(&memory, &recall), &in_order(2, MAX_PREDICTIONS + 1), 100);
+        many.note(&visible(&memory, &recall), &in_order(2, MAX_PREDICTIONS + 1), &needed(100));
         assert_eq!(
             many.counts.keys().copied().collect::<Vec<_>>(),
             (2..=MAX_PREDICTIONS as u32 + 1).collect::<Vec<_>>()

@@ -231,8 +231,9 @@ impl SplatMemory {
     /// Takes note of the frame's predictions that remembered segments explain, which have no say: `explained` has their
     /// ids, 0 elsewhere. To be called for every frame between [`Self::recall`] and [`Self::update`].
     ///
-    /// Returns the ids of those that recurred `needed` times in the same place. They are objects of their own: from this
-    /// frame on they have a say, and their Gaussians have more votes for them than for what explained them.
+    /// Returns the ids of those that recurred as often as `needed` says in the same place; those without a number never do.
+    /// They are objects of their own: from this frame on they have a say, and their Gaussians have more votes for them than
+    /// for what explained them.
     ///
     /// # Errors
     /// As [`Self::fuse`].
@@ -240,7 +241,7 @@ impl SplatMemory {
         &mut self,
         recall: &Recall<'_>,
         explained: &SegmentMap,
-        needed: usize,
+        needed: &BTreeMap<SegmentId, usize>,
     ) -> Result<Vec<SegmentId>, MemoryError> {
         self.check_predictions(recall, explained)?;
         if self.recurring.is_empty() && explained.pixels().iter().all(|id| *id == 0 || *id == ABSTAIN) {

@@ -72,6 +72,16 @@ fn a_thing_that_is_separated_late_gets_a_lasting_id() {
 }
 
 #[test]
+fn a_thing_in_front_gets_its_id_in_the_second_frame_that_separates_it() {
+    const TOGETHER: usize = 10;
+    for seed in 0..3 {
+        let ids = ids_of_neighbours(seed, 0..TOGETHER);
+        let (second, last) = (ids[TOGETHER + 1], ids[FRAMES - 1]);
+        assert!(second == last && second.0 != second.1, "seed {seed}: {ids:?}");
+    }
+}
+
+#[test]
 fn a_thing_that_was_seen_by_itself_is_kept_apart() {
     for seed in 0..3 {
         // 18 frames join what 10 told apart.

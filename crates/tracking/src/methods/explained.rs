@@ -3,7 +3,8 @@
 //!
 //! None of this is in the paper, and none of it is applied to the paper's memory of features.
 
-use splatseg_geometry::{Mask, SegmentId, SegmentMap};
+use super::protrusion::lies_in_front;
+use splatseg_geometry::{CowImage, Mask, SegmentId, SegmentMap};
 use splatseg_memory::ABSTAIN;
 use splatseg_settings::{Allowed, settings};
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,6 +28,9 @@ settings! {
         /// show its place without it by this number. It is an object that was first segmented as part of another. 0
         /// switches the rule off.
         recurrences: usize = 8, Allowed::between(0.0, 1e6), only "memory.kind = evidence";
+        /// The same number for an explained prediction in front of the surface of what explains it. Such things are rarely
+        /// errors of the segmenter. 0: as any other.
+        recurrences_in_front: usize = 2, Allowed::between(0.0, 1e6), only "memory.kind = evidence";
         /// A remembered segment without a matching prediction is shown only if at least this fraction of its expected
         /// pixels is left. 0 switches the rule off.
         min_remembered_fraction: f32 = 0.5, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
@@ -43,6 +47,7 @@ impl ExplanationSettings {
         min_match_f_score: 0.0,
         min_new_fraction: 0.0,
         recurrences: 0,
+        recurrences_in_front: 0,
         min_remembered_fraction: 0.0,
         merged_per_apart: 0.0,
     };
@@ -63,6 +68,28 @@ impl ExplanationSettings {
             (shown.get(id).copied().unwrap_or(0) as f32) < self.min_new_fraction * *area as f32
         };
         new.iter().filter(is_explained).map(|(id, _)| *id).collect()
+    }
+
+    /// Whether an explained prediction may be new after all.
+    pub(crate) fn lets_recur(&self) -> bool {
+        self.recurrences > 0 || self.recurrences_in_front > 0
+    }
+
+    /// How often each explained prediction must recur to be new after all; those that never are have no number. `depth` is
+    /// the frame's, metres, 0 where missing.
+    pub(crate) fn needed_recurrences(
+        &self,
+        explained: &BTreeSet<SegmentId>,
+        seen: &SegmentMap,
+        shown: &SegmentMap,
+        depth: &CowImage<'_, f32>,
+    ) -> BTreeMap<SegmentId, usize> {
+        let needed = |id: SegmentId| match self.recurrences_in_front {
+            0 => self.recurrences,
+            in_front if lies_in_front(id, seen, shown, depth) => in_front,
+            _ => self.recurrences,
+        };
+        explained.iter().map(|id| (*id, needed(*id))).filter(|(_, needed)| *needed > 0).collect()
     }
 
     /// Removes what is left of overruled segments from `shown`, where predictions take their place.
@@ -113,6 +140,7 @@ type Areas = BTreeMap<SegmentId, usize>;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use splatseg_geometry::Image;
 
     fn map(ids: &[SegmentId]) -> SegmentMap {
         SegmentMap::from_pixels(ids.len(), 1, ids.to_vec()).unwrap()
@@ -133,6 +161,27 @@ mod tests {
         let explained = rules.explained(&[(8, 4), (9, 3), (10, 1)], &shown);
         assert_eq!(explained.into_iter().collect::<Vec<_>>(), [9, 10]);
         assert!(ExplanationSettings::NONE.explained(&[(9, 3)], &shown).is_empty());
+    }
+
+    #[test]
+    fn a_prediction_in_front_needs_fewer_recurrences() {
+        // 8 lies in front of the wall, 9 is a patch of it.
+        let stripe = |column: usize| match column / 10 {
+            1 => 8,
+            3 => 9,
+            _ => 1,
+        };
+        let seen = SegmentMap::from_fn(50, 20, |column, _| stripe(column));
+        let depth = Image::from_fn(50, 20, |column, _| if stripe(column) == 8 { 1.8 } else { 2.0 });
+        let needed = |recurrences, recurrences_in_front| {
+            let rules = ExplanationSettings { recurrences, recurrences_in_front, ..ExplanationSettings::default() };
+            let shown = SegmentMap::filled(50, 20, 1);
+            rules.needed_recurrences(&BTreeSet::from([8, 9]), &seen, &shown, &depth).into_iter().collect::<Vec<_>>()
+        };
+        assert_eq!(needed(6, 3), [(8, 3), (9, 6)]);
+        assert_eq!(needed(6, 0), [(8, 6), (9, 6)]);
+        assert_eq!(needed(0, 3), [(8, 3)]);
+        assert_eq!(needed(0, 0), []);
     }
 
     #[test]

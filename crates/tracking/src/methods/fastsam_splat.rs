@@ -119,9 +119,11 @@ impl FastSamSplat {
         keep_apart(recall, merged_per_apart, self.memory.appearances_mut(), &mut seen);
         let mut shown = self.memory.fuse(recall, &seen)?;
         let mut explained = self.settings.explanation.explained(&found.new, &shown);
-        if self.settings.explanation.recurrences > 0 {
+        if self.settings.explanation.lets_recur() {
+            let needed =
+                self.settings.explanation.needed_recurrences(&explained, &seen, &shown, recall.frame().depth());
             let map = seen.map(|id| if explained.contains(id) { *id } else { 0 });
-            for id in self.memory.note_explained(recall, &map, self.settings.explanation.recurrences)? {
+            for id in self.memory.note_explained(recall, &map, &needed)? {
                 explained.remove(&id);
             }
         }

@@ -6,6 +6,7 @@ mod fastsam_splat;
 mod fastspam;
 mod merged;
 mod output;
+mod protrusion;
 mod sam2;
 mod sam2_splat;
 
