@@ -1,0 +1,55 @@
+"""VSQ of single frames (k = 1) over every frame of a run, not over every fifteenth as the protocol has it.
+
+    splatseg run kitchen-dev --resize 320x240 --crop-border 5 --out OUT
+    python tools/single_frames.py kitchen-dev OUT --resize 320x240 --crop-border 5
+
+Segments and true objects are matched as protocol `paper` matches them: by F-score, any overlap counts. Unlabelled ground is
+left out. Needs numpy, Pillow and SciPy.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from association_limit import frames, labels
+from PIL import Image
+from scipy.optimize import linear_sum_assignment
+
+
+def match(truth, seen):
+    """Sum of IoUs, matched pairs, segments and true objects of one frame."""
+    seen = np.where(truth > 0, seen, 0)
+    objects, true_areas = np.unique(truth[truth > 0], return_counts=True)
+    segments, areas = np.unique(seen[seen > 0], return_counts=True)
+    shared = np.zeros((len(objects), len(segments)))
+    both = seen > 0
+    np.add.at(shared, (np.searchsorted(objects, truth[both]), np.searchsorted(segments, seen[both])), 1)
+    sums = true_areas[:, None] + areas[None]
+    pairs = linear_sum_assignment(-2 * shared / sums)
+    ious = (shared / (sums - shared))[pairs]
+    return np.array([ious.sum(), np.count_nonzero(ious), len(segments), len(objects)])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", type=Path, help="a folder in ScanNet's layout, with instance-filt/")
+    parser.add_argument("run", type=Path, help="the folder that `splatseg run` wrote")
+    parser.add_argument("--resize", help="as given to the run, e.g. 320x240")
+    parser.add_argument("--crop-border", type=int, default=0, help="as given to the run")
+    arguments = parser.parse_args()
+    size = tuple(int(side) for side in arguments.resize.split("x")) if arguments.resize else None
+    found = frames(arguments.run / "segments")
+    truths = {number: path for number, path in frames(arguments.scene / "instance-filt").items() if number in found}
+    if not truths:
+        parser.error(f"no frame of {arguments.scene / 'instance-filt'} is among those of {arguments.run / 'segments'}")
+    sums = sum(
+        match(labels(path, size, arguments.crop_border), np.array(Image.open(found[number])).astype(int))
+        for number, path in truths.items()
+    )
+    iou, matched, segments, objects = sums / len(truths)
+    print(f"VSQ of {len(truths)} single frames: {100 * iou / (0.5 * (segments + objects)):.1f}")
+    print(f"per frame: {segments:.1f} segments, {objects:.1f} true objects, {matched:.1f} matched")
+
+
+if __name__ == "__main__":
+    main()
