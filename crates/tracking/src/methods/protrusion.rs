@@ -33,19 +33,20 @@ const PROTRUSION_PER_RESIDUAL: f64 = 2.0;
 /// pixels in front of the plane that continues that segment's surface around it. Not if there is no such segment, or too
 /// little depth to tell.
 pub(super) fn lies_in_front(id: SegmentId, seen: &SegmentMap, shown: &SegmentMap, depth: &CowImage<'_, f32>) -> bool {
-    let is_own = |index: usize| seen.pixels()[index] == id;
+    let Some(crop) = Crop::around(id, seen) else { return false };
+    let is_own = |index: usize| seen[crop.pixel(index)] == id;
     let mut explained_by: BTreeMap<SegmentId, usize> = BTreeMap::new();
-    for (index, shown) in shown.pixels().iter().enumerate() {
-        if is_own(index) && *shown != id && *shown != 0 {
-            *explained_by.entry(*shown).or_default() += 1;
+    for shown in (0..crop.area()).filter(|index| is_own(*index)).map(|index| shown[crop.pixel(index)]) {
+        if shown != id && shown != 0 {
+            *explained_by.entry(shown).or_default() += 1;
         }
     }
     let Some((segment, _)) = explained_by.into_iter().rev().max_by_key(|(_, area)| *area) else { return false };
-    let steps = distance_transform(seen.size(), is_own);
-    let is_around = |index: usize| (1..=MAX_DISTANCE).contains(&steps[index]) && shown.pixels()[index] == segment;
+    let steps = distance_transform(crop.size, is_own);
+    let is_around = |index: usize| (1..=MAX_DISTANCE).contains(&steps[index]) && shown[crop.pixel(index)] == segment;
     let points = |is_wanted: &dyn Fn(usize) -> bool| -> Vec<DVec3> {
-        let has_depth = |index: &usize| depth.pixels()[*index] > 0.0 && is_wanted(*index);
-        (0..steps.len()).filter(has_depth).map(|index| image_point(index, depth)).collect()
+        let pixels = (0..crop.area()).filter(|index| is_wanted(*index)).map(|index| crop.pixel(index));
+        pixels.filter(|pixel| depth[*pixel] > 0.0).map(|pixel| image_point(pixel, depth)).collect()
     };
     let (inside, around) = (points(&is_own), points(&is_around));
     if around.len().min(inside.len()) < MIN_AREA {
@@ -58,13 +59,47 @@ pub(super) fn lies_in_front(id: SegmentId, seen: &SegmentMap, shown: &SegmentMap
     protrusion > MIN_PROTRUSION.max(PROTRUSION_PER_RESIDUAL * residual)
 }
 
+/// The part of an image that a prediction and the surface around it take up.
+struct Crop {
+    left: usize,
+    top: usize,
+    /// Width and height.
+    size: (usize, usize),
+}
+
+impl Crop {
+    /// None if no pixel has the id.
+    fn around(id: SegmentId, seen: &SegmentMap) -> Option<Self> {
+        let (width, height) = seen.size();
+        let rows = || (0..height).filter(|row| seen.row(*row).contains(&id));
+        let (first, last) = (rows().next()?, rows().next_back()?);
+        let (mut leftmost, mut rightmost) = (width - 1, 0);
+        for row in rows() {
+            let is_own = |pixel: &SegmentId| *pixel == id;
+            leftmost = leftmost.min(seen.row(row).iter().position(is_own)?);
+            rightmost = rightmost.max(seen.row(row).iter().rposition(is_own)?);
+        }
+        let (left, top) = (leftmost.saturating_sub(MAX_DISTANCE), first.saturating_sub(MAX_DISTANCE));
+        let (right, bottom) = ((rightmost + MAX_DISTANCE).min(width - 1), (last + MAX_DISTANCE).min(height - 1));
+        Some(Self { left, top, size: (right + 1 - left, bottom + 1 - top) })
+    }
+
+    fn area(&self) -> usize {
+        self.size.0 * self.size.1
+    }
+
+    /// Column and row in the image of the crop's pixel number `index`.
+    fn pixel(&self, index: usize) -> (usize, usize) {
+        (self.left + index % self.size.0, self.top + index / self.size.0)
+    }
+}
+
 /// Column and row relative to the image's centre, in half widths, and inverse depth, 1/metres. Planes in space are planes
 /// in these, too.
-fn image_point(index: usize, depth: &CowImage<'_, f32>) -> DVec3 {
-    let (column, row) = ((index % depth.width()) as f64, (index / depth.width()) as f64);
+fn image_point(pixel: (usize, usize), depth: &CowImage<'_, f32>) -> DVec3 {
     let (half_width, half_height) = (0.5 * depth.width() as f64, 0.5 * depth.height() as f64);
-    let inverse = 1.0 / f64::from(depth.pixels()[index]);
-    DVec3::new((column - half_width) / half_width, (row - half_height) / half_width, inverse)
+    let inverse = 1.0 / f64::from(depth[pixel]);
+    DVec3::new((pixel.0 as f64 - half_width) / half_width, (pixel.1 as f64 - half_height) / half_width, inverse)
 }
 
 /// What a plane's factors are multiplied with at a point.
