@@ -36,20 +36,30 @@ def association_quality(true_areas, areas, shared):
     return sum(sums[true] / area for true, area in true_areas.items()) / len(true_areas)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def scene_and_run(description):
+    """The arguments of a tool that compares a run with its scene."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", type=Path, help="a folder in ScanNet's layout, with instance-filt/")
     parser.add_argument("run", type=Path, help="the folder that `splatseg run` wrote")
-    parser.add_argument("--resize", help="as given to the run, e.g. 320x240")
+    parser.add_argument("--resize", type=image_size, help="as given to the run, e.g. 320x240")
     parser.add_argument("--crop-border", type=int, default=0, help="as given to the run")
-    arguments = parser.parse_args()
-    size = tuple(int(side) for side in arguments.resize.split("x")) if arguments.resize else None
+    return parser.parse_args()
+
+
+def image_size(text):
+    """`320x240` as a pair."""
+    width, height = text.split("x")
+    return int(width), int(height)
+
+
+def main():
+    arguments = scene_and_run(__doc__)
     true_areas, ids, perfect = Counter(), (Counter(), Counter()), (Counter(), Counter())
     found = frames(arguments.run / "segments")
     for number, path in sorted(frames(arguments.scene / "instance-filt").items()):
         if number not in found:
             continue
-        truth = labels(path, size, arguments.crop_border)
+        truth = labels(path, arguments.resize, arguments.crop_border)
         seen = np.array(Image.open(found[number])).astype(int)
         true_areas.update(Counter(truth[truth > 0].tolist()))
         both = (truth > 0) & (seen > 0)

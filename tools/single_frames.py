@@ -7,11 +7,10 @@ Segments and true objects are matched as protocol `paper` matches them: by F-sco
 left out. Needs numpy, Pillow and SciPy.
 """
 
-import argparse
-from pathlib import Path
+import sys
 
 import numpy as np
-from association_limit import frames, labels
+from association_limit import frames, labels, scene_and_run
 from PIL import Image
 from scipy.optimize import linear_sum_assignment
 
@@ -31,19 +30,13 @@ def match(truth, seen):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", type=Path, help="a folder in ScanNet's layout, with instance-filt/")
-    parser.add_argument("run", type=Path, help="the folder that `splatseg run` wrote")
-    parser.add_argument("--resize", help="as given to the run, e.g. 320x240")
-    parser.add_argument("--crop-border", type=int, default=0, help="as given to the run")
-    arguments = parser.parse_args()
-    size = tuple(int(side) for side in arguments.resize.split("x")) if arguments.resize else None
+    arguments = scene_and_run(__doc__)
     found = frames(arguments.run / "segments")
     truths = {number: path for number, path in frames(arguments.scene / "instance-filt").items() if number in found}
     if not truths:
-        parser.error(f"no frame of {arguments.scene / 'instance-filt'} is among those of {arguments.run / 'segments'}")
+        sys.exit(f"no frame of {arguments.scene / 'instance-filt'} is among those of {arguments.run / 'segments'}")
     sums = sum(
-        match(labels(path, size, arguments.crop_border), np.array(Image.open(found[number])).astype(int))
+        match(labels(path, arguments.resize, arguments.crop_border), np.array(Image.open(found[number])).astype(int))
         for number, path in truths.items()
     )
     iou, matched, segments, objects = sums / len(truths)
