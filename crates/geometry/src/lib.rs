@@ -13,6 +13,7 @@
 //! No I/O and no threads live here.
 
 mod assignment;
+mod distance_transform;
 mod distortion;
 mod frame;
 mod image;
@@ -25,6 +26,7 @@ mod rle;
 mod segment_map;
 
 pub use assignment::{Candidate, Ratio, best_assignment};
+pub use distance_transform::distance_transform;
 pub use distortion::{Distortion, DistortionError};
 pub use frame::{FrameError, RgbdFrame};
 pub use image::{CowImage, Image, ImageSizeError};

@@ -12,14 +12,21 @@ pub type SegmentMap = Image<SegmentId>;
 impl SegmentMap {
     /// The pixel count of every id in the map but 0, by increasing id.
     pub fn areas(&self) -> BTreeMap<SegmentId, usize> {
-        // Neighbours mostly share an id: counting runs saves most of the map look-ups.
-        let mut areas = BTreeMap::new();
+        // Most ids are small: they are counted in a list, which gets no longer than the map.
+        let (mut of_small_ids, mut of_others) = (Vec::new(), BTreeMap::new());
         for run in self.pixels().chunk_by(|left, right| left == right) {
-            if run[0] != 0 {
-                *areas.entry(run[0]).or_insert(0) += run.len();
+            let id = run[0] as usize;
+            if id > self.pixels().len() {
+                *of_others.entry(run[0]).or_insert(0) += run.len();
+                continue;
             }
+            if of_small_ids.len() <= id {
+                of_small_ids.resize(id + 1, 0);
+            }
+            of_small_ids[id] += run.len();
         }
-        areas
+        let of_small_ids = (0..).zip(of_small_ids).filter(|(id, area)| *id != 0 && *area > 0);
+        of_small_ids.chain(of_others).collect()
     }
 
     /// The map without the segments of fewer than `min_area` pixels.
@@ -72,6 +79,8 @@ mod tests {
         let map = SegmentMap::from_pixels(3, 2, vec![7, 0, 7, 2, 7, 0]).unwrap();
         assert_eq!(map.areas().into_iter().collect::<Vec<_>>(), [(2, 1), (7, 3)]);
         assert_eq!(map.mask_of(7).area(), 3);
+        let large = SegmentMap::from_pixels(3, 2, vec![u32::MAX, 6, 0, 5, 6, u32::MAX]).unwrap();
+        assert_eq!(large.areas().into_iter().collect::<Vec<_>>(), [(5, 1), (6, 2), (u32::MAX, 2)]);
     }
 
     #[test]

@@ -1,10 +1,10 @@
 //! Where segments and surfaces end in a frame.
 
 use rayon::prelude::*;
-use splatseg_geometry::{CowImage, Image, SegmentMap};
+use splatseg_geometry::{CowImage, Image, SegmentMap, distance_transform};
 
 /// Distances are not told apart beyond this, pixels.
-pub(crate) const MAX_DISTANCE: u8 = 32;
+pub(crate) const MAX_DISTANCE: u32 = 32;
 
 /// What lies at a pixel.
 const MIXED: u8 = 1;
@@ -14,7 +14,7 @@ const BORDER: u8 = 2;
 #[derive(Clone, Debug)]
 pub(crate) struct Borders {
     kinds: Image<u8>,
-    distances: Image<u8>,
+    distances: Vec<u32>,
 }
 
 impl Borders {
@@ -28,7 +28,7 @@ impl Borders {
                 *kind = kind_of(depth, segments, (column, row), edge_disparity);
             }
         });
-        let distances = distances_to_borders(&kinds);
+        let distances = distance_transform((width, height), |index| kinds.pixels()[index] & BORDER != 0);
         Self { kinds, distances }
     }
 
@@ -39,8 +39,8 @@ impl Borders {
     }
 
     /// Steps along rows and columns to the nearest border, at most [`MAX_DISTANCE`]; 0 on one.
-    pub fn distance(&self, at: (usize, usize)) -> u8 {
-        self.distances[at]
+    pub fn distance(&self, (column, row): (usize, usize)) -> u32 {
+        self.distances[row * self.kinds.width() + column].min(MAX_DISTANCE)
     }
 }
 
@@ -89,24 +89,6 @@ fn is_on_a_plane(depth: &CowImage<'_, f32>, (column, row): (usize, usize), edge_
     (continues((1, 0)) || continues((-1, 0))) && (continues((0, 1)) || continues((0, -1)))
 }
 
-/// City-block distances by two passes.
-fn distances_to_borders(kinds: &Image<u8>) -> Image<u8> {
-    let (width, height) = kinds.size();
-    let mut distances = kinds.map(|kind| if kind & BORDER != 0 { 0 } else { MAX_DISTANCE });
-    let pixels = distances.pixels_mut();
-    for index in 0..width * height {
-        let left = if index % width > 0 { pixels[index - 1] } else { MAX_DISTANCE };
-        let above = if index >= width { pixels[index - width] } else { MAX_DISTANCE };
-        pixels[index] = pixels[index].min(left.min(above).saturating_add(1));
-    }
-    for index in (0..width * height).rev() {
-        let right = if index % width + 1 < width { pixels[index + 1] } else { MAX_DISTANCE };
-        let below = if index + width < width * height { pixels[index + width] } else { MAX_DISTANCE };
-        pixels[index] = pixels[index].min(right.min(below).saturating_add(1));
-    }
-    distances
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -118,7 +100,7 @@ mod tests {
         let segments = SegmentMap::from_fn(9, 1, |column, _| u32::from(column >= 7));
         let depth = Image::from_fn(9, 1, |column, _| if column < 2 { 1.0 } else { 2.0 });
         let borders = Borders::new(&depth, &segments, 0.03);
-        let found: Vec<u8> = (0..9).map(|column| borders.distance((column, 0))).collect();
+        let found: Vec<u32> = (0..9).map(|column| borders.distance((column, 0))).collect();
         assert_eq!(found, [1, 0, 0, 1, 2, 1, 0, 0, 1]);
         assert!((0..9).all(|column| !borders.is_mixed((column, 0))));
     }
@@ -201,7 +183,7 @@ mod tests {
                 let steps = places
                     .filter(|place| is_border[*place])
                     .map(|place| place.0.abs_diff(at.0) + place.1.abs_diff(at.1));
-                assert_eq!(usize::from(borders.distance(at)), steps.min().unwrap_or(32).min(32), "{at:?}");
+                assert_eq!(borders.distance(at) as usize, steps.min().unwrap_or(32).min(32), "{at:?}");
             }
         }
         assert!(mixed > 1000 && slanted > 1000, "{mixed} {slanted}");
@@ -224,7 +206,7 @@ mod tests {
             for step in 0..80 {
                 let at = if height == 1 { (step, 0) } else { (0, step) };
                 let expected = if step < 40 { 39 - step } else { step - 40 };
-                assert_eq!(usize::from(borders.distance(at)), expected.min(32));
+                assert_eq!(borders.distance(at) as usize, expected.min(32));
             }
         }
     }

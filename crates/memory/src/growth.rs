@@ -125,7 +125,7 @@ impl Growth<'_> {
         if wanting == 0 {
             return;
         }
-        let is_far_from_borders = side as f32 <= self.settings.spacing_per_distance * f32::from(distance);
+        let is_far_from_borders = side as f32 <= self.settings.spacing_per_distance * distance as f32;
         // A Gaussian farther behind a pixel's surface than that would not count as that surface.
         let is_one_surface = farthest - nearest <= self.settings.depth_disparity;
         if side == 1 || (!refusing && 2 * wanting >= side * side && is_far_from_borders && is_one_surface) {

@@ -78,13 +78,13 @@ impl RecurringPredictions {
 
     /// Takes note of the predictions of a frame that the memory explains: `explained` has their ids, 0 elsewhere.
     ///
-    /// `visible` are the Gaussians in view. Returns those that have now come as often as `needed` says, each with the
-    /// Gaussians under it; those without a number are not returned.
+    /// `visible` are the Gaussians in view. `is_new(id, times)` tells whether the prediction with an id, which has now come
+    /// so many times, is new after all. Returns those that are, each with the Gaussians under it.
     pub fn note(
         &mut self,
         visible: &[VisibleGaussian],
         explained: &SegmentMap,
-        needed: &BTreeMap<SegmentId, usize>,
+        is_new: &dyn Fn(SegmentId, usize) -> bool,
     ) -> BTreeMap<SegmentId, Vec<u32>> {
         let known = visible.last().map_or(0, |last| last.gaussian as usize + 1);
         self.of_gaussian.resize(self.of_gaussian.len().max(known), 0);
@@ -122,14 +122,14 @@ impl RecurringPredictions {
                 self.counts.insert(self.last, 1);
                 self.last
             });
-            let is_recurring = needed.get(&id).is_some_and(|needed| self.counts[&number] >= *needed);
-            if is_recurring {
+            let is_new = is_new(id, self.counts[&number]);
+            if is_new {
                 self.counts.remove(&number);
             }
             for gaussian in &gaussians {
-                self.of_gaussian[*gaussian as usize] = if is_recurring { 0 } else { number };
+                self.of_gaussian[*gaussian as usize] = if is_new { 0 } else { number };
             }
-            if is_recurring {
+            if is_new {
                 recurring.insert(id, gaussians);
             }
         }
@@ -221,9 +221,9 @@ mod tests {
         (map, pixels)
     }
 
-    /// How often prediction 5 must recur.
-    fn needed(times: usize) -> BTreeMap<SegmentId, usize> {
-        BTreeMap::from([(5, times)])
+    /// Predictions are new once they came so many times.
+    fn after(needed: usize) -> impl Fn(SegmentId, usize) -> bool {
+        move |_, times| times >= needed
     }
 
     /// How often each prediction has come.
@@ -239,15 +239,15 @@ mod tests {
         let mut recurring = RecurringPredictions::default();
         for _ in 0..2 {
             for time in 1..=3 {
-                let mut found = recurring.note(&visible(&memory, &recall), &map, &needed(3));
+                let mut found = recurring.note(&visible(&memory, &recall), &map, &after(3));
                 found.values_mut().for_each(|gaussians| gaussians.sort_unstable());
                 let expected = if time == 3 { BTreeMap::from([(5, pixels.clone())]) } else { BTreeMap::new() };
                 assert_eq!(found, expected, "time {time}");
             }
             assert!(recurring.counts.is_empty() && recurring.of_gaussian.iter().all(|number| *number == 0));
         }
-        assert_eq!(RecurringPredictions::default().note(&visible(&memory, &recall), &map, &needed(1)).len(), 1);
-        assert_eq!(RecurringPredictions::default().note(&visible(&memory, &recall), &map, &BTreeMap::new()).len(), 0);
+        assert_eq!(RecurringPredictions::default().note(&visible(&memory, &recall), &map, &after(1)).len(), 1);
+        assert_eq!(RecurringPredictions::default().note(&visible(&memory, &recall), &map, &|_, _| false).len(), 0);
     }
 
     #[test]
@@ -256,7 +256,7 @@ mod tests {
         let recall = memory.recall(&frame);
         let mut recurring = RecurringPredictions::default();
         for (left, expected) in [(2, vec![1]), (12, vec![2]), (22, vec![3]), (33, vec![2, 1]), (44, vec![1, 1])] {
-            assert!(recurring.note(&visible(&memory, &recall), &explained(left).0, &needed(100)).is_empty());
+            assert!(recurring.note(&visible(&memory, &recall), &explained(left).0, &after(100)).is_empty());
             assert_eq!(counts(&recurring), expected, "from column {left} on");
             let newest = recurring.last;
             let of_newest = recurring.of_gaussian.iter().zip(0..).filter(|(number, _)| **number == newest);
@@ -270,15 +270,15 @@ mod tests {
         let mut recurring = RecurringPredictions::default();
         let (map, _) = explained(30);
         let frame = wall(2.0);
-        recurring.note(&visible(&memory, &memory.recall(&frame)), &map, &needed(100));
+        recurring.note(&visible(&memory, &memory.recall(&frame)), &map, &after(100));
         // Something hides the wall: then nothing is known of it.
         let hidden = wall(1.0);
         let recall = memory.recall(&hidden);
         for explained in [&map, &SegmentMap::filled(SIZE.0, SIZE.1, 0)] {
-            recurring.note(&visible(&memory, &recall), explained, &needed(100));
+            recurring.note(&visible(&memory, &recall), explained, &after(100));
             assert_eq!(counts(&recurring), [1]);
         }
-        recurring.note(&visible(&memory, &memory.recall(&frame)), &map.map(|_| ABSTAIN), &needed(100));
+        recurring.note(&visible(&memory, &memory.recall(&frame)), &map.map(|_| ABSTAIN), &after(100));
         assert_eq!(counts(&recurring), [0; 0], "its place without it");
     }
 
@@ -298,12 +298,12 @@ mod tests {
             })
         };
         let mut recurring = RecurringPredictions::default();
-        recurring.note(&visible(&memory, &recall), &in_order(1, 50), &needed(100));
+        recurring.note(&visible(&memory, &recall), &in_order(1, 50), &after(100));
         assert_eq!(counts(&recurring), [0; 0]);
-        recurring.note(&visible(&memory, &recall), &in_order(2, 50), &needed(100));
+        recurring.note(&visible(&memory, &recall), &in_order(2, 50), &after(100));
         assert_eq!(counts(&recurring), [1; 50]);
         let mut many = RecurringPredictions::default();
-        many.note(&visible(&memory, &recall), &in_order(2, MAX_PREDICTIONS + 1), &needed(100));
+        many.note(&visible(&memory, &recall), &in_order(2, MAX_PREDICTIONS + 1), &after(100));
         assert_eq!(
             many.counts.keys().copied().collect::<Vec<_>>(),
             (2..=MAX_PREDICTIONS as u32 + 1).collect::<Vec<_>>()

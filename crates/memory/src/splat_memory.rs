@@ -231,9 +231,10 @@ impl SplatMemory {
     /// Takes note of the frame's predictions that remembered segments explain, which have no say: `explained` has their
     /// ids, 0 elsewhere. To be called for every frame between [`Self::recall`] and [`Self::update`].
     ///
-    /// Returns the ids of those that recurred as often as `needed` says in the same place; those without a number never do.
-    /// They are objects of their own: from this frame on they have a say, and their Gaussians have more votes for them than
-    /// for what explained them.
+    /// `is_new(id, times)` tells whether the prediction with an id is new after all, given how many times it has come: the
+    /// frames that had it in the same place, less those that showed its place without it. Returns the ids of those that
+    /// are. They are objects of their own: from this frame on they have a say, and their Gaussians have more votes for them
+    /// than for what explained them.
     ///
     /// # Errors
     /// As [`Self::fuse`].
@@ -241,14 +242,14 @@ impl SplatMemory {
         &mut self,
         recall: &Recall<'_>,
         explained: &SegmentMap,
-        needed: &BTreeMap<SegmentId, usize>,
+        is_new: &dyn Fn(SegmentId, usize) -> bool,
     ) -> Result<Vec<SegmentId>, MemoryError> {
         self.check_predictions(recall, explained)?;
         if self.recurring.is_empty() && explained.pixels().iter().all(|id| *id == 0 || *id == ABSTAIN) {
             return Ok(Vec::new());
         }
         let visible = self.backend.visible_gaussians(recall)?;
-        let recurring = self.recurring.note(&visible, explained, needed);
+        let recurring = self.recurring.note(&visible, explained, is_new);
         for (id, gaussians) in &recurring {
             self.backend.favour(gaussians, *id)?;
         }
@@ -327,7 +328,7 @@ impl SplatMemory {
         if found != expected {
             return Err(MemoryError::PredictionSize { found, expected });
         }
-        let largest = seen.pixels().iter().copied().filter(|id| *id != ABSTAIN).max().unwrap_or(0);
+        let largest = seen.pixels().iter().map(|id| if *id == ABSTAIN { 0 } else { *id }).max().unwrap_or(0);
         if largest as usize > self.segments.len() {
             return Err(MemoryError::UnknownSegment { found: largest, known: self.segments.len() });
         }

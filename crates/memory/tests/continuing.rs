@@ -5,7 +5,6 @@ use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{
     Appearances, GrowthRule, LearningExtent, LoadMemoryError, MemoryKind, MemorySettings, SplatFile, SplatMemory,
 };
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
@@ -139,7 +138,7 @@ fn what_no_gaussian_carries_is_continued_too() {
     let explained = SegmentMap::from_fn(WIDTH, HEIGHT, |column, _| if column < 15 { 3 } else { 0 });
     let take_in = |memory: &mut SplatMemory| {
         let recall = memory.recall(&frame);
-        let recurring = memory.note_explained(&recall, &explained, &BTreeMap::from([(3, NEEDED)])).unwrap();
+        let recurring = memory.note_explained(&recall, &explained, &|_, times| times >= NEEDED).unwrap();
         let expected = recall.expected().segments.clone();
         memory.update(recall, &seen).unwrap();
         (expected, recurring)

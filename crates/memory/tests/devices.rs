@@ -6,7 +6,6 @@ use splatseg_memory::{
     SplatFileError, SplatMap, SplatMemory, VisibleGaussian,
 };
 use splatseg_render::{Balls, Camera};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// A device that takes maps over and fails at everything else.
@@ -117,7 +116,7 @@ fn a_device_that_fails_is_reported_with_the_next_result() {
     assert!(recall.expected().segments == nothing && recall.silhouette().pixels().iter().all(|value| *value == 0.0));
     let expected = "the map's device: out of order";
     assert_eq!(memory.fuse(&recall, &nothing).unwrap_err().to_string(), expected);
-    assert_eq!(memory.note_explained(&recall, &nothing, &BTreeMap::new()).unwrap_err().to_string(), expected);
+    assert_eq!(memory.note_explained(&recall, &nothing, &|_, _| false).unwrap_err().to_string(), expected);
     assert_eq!(memory.update(recall, &nothing).unwrap_err().to_string(), expected);
     assert_eq!(memory.new_segment().unwrap_err().to_string(), expected);
 }

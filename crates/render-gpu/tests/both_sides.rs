@@ -6,7 +6,6 @@ use splatseg_memory::{
     ABSTAIN, FrameUpdate, GrowthRule, MemoryKind, MemorySettings, SplatContent, SplatFile, SplatMemory,
 };
 use splatseg_render_gpu::{GpuDevice, GpuError};
-use std::collections::BTreeMap;
 use std::sync::{LazyLock, OnceLock};
 
 /// Ids that the synthetic room has at most.
@@ -67,7 +66,7 @@ fn take_in(memory: &mut SplatMemory, frame: &StreamedFrame, number: usize) -> Fo
     let fused = [memory.fuse(&recall, &seen).unwrap(), memory.fuse(&recall, &nothing).unwrap()];
     // Half of one thing comes again and again.
     let explained = seen.map(|id| if *id == 8 || *id == 3 { 39 } else { 0 });
-    let recurring = memory.note_explained(&recall, &explained, &BTreeMap::from([(39, 4)])).unwrap();
+    let recurring = memory.note_explained(&recall, &explained, &|_, times| times >= 4).unwrap();
     let (expected, confidence) = (recall.expected().segments.clone(), recall.expected().confidence.clone());
     let (silhouette, depth) = (recall.silhouette().clone(), recall.depth().clone());
     let update = memory.update(recall, &seen).unwrap();

@@ -76,24 +76,17 @@ fn duplicates_are_sent_back_to_their_objects() {
     }
 }
 
-fn assert_drift_is_repaired(kind: MemoryKind) {
+#[test]
+fn drifting_masks_are_cut_back() {
     let errors = SimTrackerSettings::PERFECT.with(|settings| {
         settings.drift_rate = 0.1;
         settings.drift_px_per_frame = 4.0;
     });
-    let on = off().with(|settings| settings.incorrect_track = true);
-    assert_repaired(kind, errors, on, |found| found.incorrect_track);
-}
-
-#[test]
-fn drifting_masks_are_cut_back() {
-    assert_drift_is_repaired(MemoryKind::Features);
-}
-
-#[test]
-#[ignore = "a drift under the mask of a smaller track is not an error by the rules, and lasts 7 frames"]
-fn drifting_masks_are_cut_back_with_votes() {
-    assert_drift_is_repaired(MemoryKind::Evidence);
+    for kind in KINDS {
+        assert_repaired(kind, errors, off().with(|settings| settings.incorrect_track = true), |found| {
+            found.incorrect_track
+        });
+    }
 }
 
 #[test]
@@ -111,25 +104,16 @@ fn errors_of_a_category_that_is_off_remain() {
     }
 }
 
-fn assert_right_tracks_are_left_alone(kind: MemoryKind) {
-    let shared = tracker(SimTrackerSettings::PERFECT);
-    let mut with_memory = splat(shared.clone(), kind, RepromptSettings::default());
-    let watched = watch(&ROOM, &shared, &mut with_memory, 1.0);
-    assert_eq!((watched.found, watched.wrong), (TrackErrorCounts::default(), 0));
-    let shared = tracker(SimTrackerSettings::PERFECT);
-    let alone = watch(&ROOM, &shared, &mut baseline(shared.clone()), 1.0);
-    assert!(watched.masks == alone.masks, "without errors the memory changes nothing");
-}
-
 #[test]
 fn right_tracks_are_left_alone() {
-    assert_right_tracks_are_left_alone(MemoryKind::Features);
-}
-
-#[test]
-#[ignore = "in frame 8 a wall is expected on a strip of the floor that comes into view: one right track is prompted"]
-fn right_tracks_are_left_alone_with_votes() {
-    assert_right_tracks_are_left_alone(MemoryKind::Evidence);
+    let shared = tracker(SimTrackerSettings::PERFECT);
+    let alone = watch(&ROOM, &shared, &mut baseline(shared.clone()), 1.0);
+    for kind in KINDS {
+        let shared = tracker(SimTrackerSettings::PERFECT);
+        let watched = watch(&ROOM, &shared, &mut splat(shared.clone(), kind, RepromptSettings::default()), 1.0);
+        assert_eq!((watched.found, watched.wrong), (TrackErrorCounts::default(), 0), "{kind:?}");
+        assert!(watched.masks == alone.masks, "{kind:?}: without errors the memory changes nothing");
+    }
 }
 
 #[test]

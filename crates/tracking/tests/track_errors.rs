@@ -118,6 +118,23 @@ fn a_mask_that_grows_over_another_segment_is_cut_back() {
 }
 
 #[test]
+fn a_mask_that_grows_under_a_smaller_track_is_cut_back_too() {
+    let found = errors(&[(1, stripe(0, 17)), (2, stripe(12, 20)), (3, stripe(20, 30))]);
+    assert_eq!(found, [(TrackErrorKind::IncorrectTrack, 1, Some((stripe(0, 10), stripe(10, 17))))]);
+}
+
+#[test]
+fn what_is_thin_is_an_outline() {
+    // Beside its segment, and along the border of the image far away from it.
+    let wide = |rows: usize| {
+        let mask = Mask::from_fn(SIZE.0, SIZE.1, |column, row| column < 10 || (column < 30 && row < rows));
+        errors(&[(1, mask), (2, stripe(10, 20)), (3, stripe(20, 30))]).len()
+    };
+    assert_eq!([4, 5].map(wide), [0, 1], "80 of 180 and 100 of 200 pixels");
+    assert!(errors(&[(1, stripe(0, 14)), (2, stripe(10, 20)), (3, stripe(20, 30))]).is_empty(), "4 of 14 columns");
+}
+
+#[test]
 fn small_or_uncertain_segments_cause_no_errors() {
     let tracks = [(1, stripe(0, 10)), (3, stripe(20, 30))];
     let mut uncertain = expected();
@@ -150,10 +167,10 @@ fn each_category_can_be_switched_off() {
 #[test]
 fn a_segment_is_prompted_up_to_the_fraction_that_others_may_cover() {
     let nothing = stripe(0, 0);
-    let not_tracked = (TrackErrorKind::NotTracked, 2, Some((stripe(15, 20), nothing)));
-    // Half of it is covered, by a track that is right; then more.
-    assert_eq!(errors(&[(1, stripe(0, 15)), (3, stripe(20, 30))]), [not_tracked]);
-    assert_eq!(errors(&[(1, stripe(0, 16)), (3, stripe(20, 30))]), []);
+    let not_tracked = (TrackErrorKind::NotTracked, 2, Some((stripe(13, 18), nothing)));
+    // Half of it is covered, by tracks that are right; then more.
+    assert_eq!(errors(&[(1, stripe(0, 13)), (3, stripe(18, 30))]), [not_tracked]);
+    assert_eq!(errors(&[(1, stripe(0, 13)), (3, stripe(17, 30))]), []);
 }
 
 #[test]

@@ -39,6 +39,24 @@ pub(crate) struct EvidenceStore {
     pub votes: Vec<Votes>,
 }
 
+/// The id with the most evidence at each pixel of a tile, and that evidence.
+struct Winners {
+    ids: [SegmentId; PIXELS],
+    evidence: [f32; PIXELS],
+}
+
+impl Winners {
+    /// Lets an id compete. Of equal ones the smaller id wins, in whatever order Gaussians brought them.
+    fn offer(&mut self, id: SegmentId, evidence: &[f32; PIXELS]) {
+        // Without branches, so that the compiler compares several pixels at once.
+        let winners = self.ids.iter_mut().zip(&mut self.evidence);
+        for ((winner, most), found) in winners.zip(evidence) {
+            let wins = (found > most) | ((found == most) & (id < *winner));
+            (*winner, *most) = if wins { (id, *found) } else { (*winner, *most) };
+        }
+    }
+}
+
 impl EvidenceStore {
     /// A store for a map without Gaussians.
     pub fn new(settings: MemorySettings) -> Self {
@@ -76,14 +94,14 @@ impl EvidenceStore {
                     evidence.resize(evidence.len() + PIXELS, 0.0);
                     ids.len() - 1
                 });
-                let pixels = &mut evidence[place * PIXELS..(place + 1) * PIXELS];
+                let pixels = &mut evidence.as_chunks_mut::<PIXELS>().0[place];
                 for (pixel, weight) in &counted {
                     pixels[usize::from(*pixel)] += weight * votes;
                 }
             }
         }
         if light.iter().any(|light| *light < 1.0) {
-            for pixels in evidence.chunks_exact_mut(PIXELS) {
+            for pixels in evidence.as_chunks_mut::<PIXELS>().0 {
                 for (evidence, light) in pixels.iter_mut().zip(&light) {
                     *evidence /= light.max(MIN_LIGHT);
                 }
@@ -96,24 +114,17 @@ impl EvidenceStore {
 impl SegmentStore for EvidenceStore {
     fn read_tile(&self, tile: &TileWeights, surface: &TileSurface) -> StoreTile {
         let (ids, values) = self.evidence(tile, &surface.observed);
-        let (mut segments, mut confidence) = (vec![0; PIXELS], vec![0.0; PIXELS]);
-        let mut best = [0.0f32; PIXELS];
-        for (id, evidence) in ids.iter().zip(values.chunks_exact(PIXELS)) {
-            for pixel in 0..PIXELS {
-                // Of equal ones the smaller id wins, in whatever order Gaussians brought them.
-                let wins = evidence[pixel] > best[pixel] || (evidence[pixel] == best[pixel] && *id < segments[pixel]);
-                if wins {
-                    best[pixel] = evidence[pixel];
-                    segments[pixel] = *id;
-                }
-            }
+        let mut best = Winners { ids: [0; PIXELS], evidence: [0.0; PIXELS] };
+        for (id, evidence) in ids.iter().zip(values.as_chunks().0) {
+            best.offer(*id, evidence);
         }
+        let (mut segments, mut confidence) = (best.ids.to_vec(), vec![0.0; PIXELS]);
         for pixel in 0..PIXELS {
-            if best[pixel] <= self.settings.min_evidence || surface.silhouette[pixel] <= MIN_SILHOUETTE {
+            if best.evidence[pixel] <= self.settings.min_evidence || surface.silhouette[pixel] <= MIN_SILHOUETTE {
                 segments[pixel] = 0;
             }
             if segments[pixel] != 0 {
-                confidence[pixel] = best[pixel].min(1.0);
+                confidence[pixel] = best.evidence[pixel].min(1.0);
             }
         }
         StoreTile { segments, confidence, ids, values }
@@ -125,28 +136,22 @@ impl SegmentStore for EvidenceStore {
         recall.map_tiles(|tile, found, fused| {
             let seen = cut(tile, seen);
             // What is seen competes with what is remembered; "no segment" needs no memory to compete.
-            let mut best = seen.map(|seen| match seen {
+            let weights = seen.map(|seen| match seen {
                 ABSTAIN => 0.0,
                 0 => unobserved,
                 _ => observed,
             });
-            *fused = seen.map(|seen| if seen == ABSTAIN { 0 } else { seen });
-            for (id, evidence) in found.ids.iter().zip(found.values.chunks_exact(PIXELS)) {
+            let mut best = Winners { ids: seen.map(|seen| if seen == ABSTAIN { 0 } else { seen }), evidence: weights };
+            let remembered = || found.ids.iter().zip(found.values.as_chunks::<PIXELS>().0);
+            for (id, evidence) in remembered() {
                 for pixel in 0..PIXELS {
-                    if seen[pixel] == *id {
-                        best[pixel] += evidence[pixel];
-                    }
+                    best.evidence[pixel] += if seen[pixel] == *id { evidence[pixel] } else { 0.0 };
                 }
             }
-            for (id, evidence) in found.ids.iter().zip(found.values.chunks_exact(PIXELS)) {
-                for pixel in 0..PIXELS {
-                    let wins = evidence[pixel] > best[pixel] || (evidence[pixel] == best[pixel] && *id < fused[pixel]);
-                    if seen[pixel] != *id && wins {
-                        best[pixel] = evidence[pixel];
-                        fused[pixel] = *id;
-                    }
-                }
+            for (id, evidence) in remembered() {
+                best.offer(*id, evidence);
             }
+            *fused = best.ids;
         })
     }
 

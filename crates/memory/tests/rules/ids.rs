@@ -4,7 +4,6 @@ use crate::run::{Run, evidence, features};
 use crate::scene::Scene;
 use splatseg_geometry::SegmentMap;
 use splatseg_memory::{ABSTAIN, GrowthRule, MemoryError};
-use std::collections::BTreeMap;
 
 #[test]
 fn an_id_that_is_taken_back_is_given_again() {
@@ -75,7 +74,7 @@ fn predictions_of_another_size_or_with_unknown_ids_are_refused() {
         let recall = run.memory.recall(&frame);
         let errors = [
             run.memory.fuse(&recall, seen).unwrap_err(),
-            run.memory.note_explained(&recall, seen, &BTreeMap::new()).unwrap_err(),
+            run.memory.note_explained(&recall, seen, &|_, _| false).unwrap_err(),
             run.memory.update(recall, seen).unwrap_err(),
         ];
         for error in errors {

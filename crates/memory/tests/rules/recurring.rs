@@ -3,7 +3,6 @@
 use crate::run::{Run, evidence};
 use crate::scene::{Scene, Shot, Solid, WALL, pose};
 use splatseg_geometry::SegmentId;
-use std::collections::BTreeMap;
 
 /// A book 2 on the wall, less than the depth tolerance before it.
 const BOOK: SegmentId = 2;
@@ -35,7 +34,7 @@ fn explain(run: &mut Run, shot: &Shot, is_predicted: bool) -> bool {
     let explained = shot.truth.map(|id| if is_predicted && *id == BOOK { BOOK } else { 0 });
     let frame = shot.frame();
     let recall = run.memory.recall(&frame);
-    let recurring = run.memory.note_explained(&recall, &explained, &BTreeMap::from([(BOOK, NEEDED)])).unwrap();
+    let recurring = run.memory.note_explained(&recall, &explained, &|_, times| times >= NEEDED).unwrap();
     let seen = shot.truth.map(|id| match *id {
         BOOK if recurring.is_empty() => splatseg_memory::ABSTAIN,
         id => id,

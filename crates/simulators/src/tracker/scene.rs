@@ -1,7 +1,6 @@
 //! The true objects of one frame.
 
-use splatseg_geometry::{Mask, SegmentId, SegmentMap};
-use splatseg_tracking::reprompting::distance_transform;
+use splatseg_geometry::{Mask, SegmentId, SegmentMap, distance_transform};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The true objects of a frame, as masks.
@@ -51,7 +50,7 @@ impl TrueFrame {
         let steps = steps_from(mask);
         let width = mask.width();
         Mask::from_fn(width, mask.height(), |column, row| {
-            steps[row * width + column] as f64 <= reach && object.contains(column, row)
+            f64::from(steps[row * width + column]) <= reach && object.contains(column, row)
         })
     }
 
@@ -66,7 +65,7 @@ impl TrueFrame {
     }
 }
 
-fn steps_from(mask: &Mask) -> Vec<usize> {
+fn steps_from(mask: &Mask) -> Vec<u32> {
     let mut inside = vec![false; mask.width() * mask.height()];
     mask.pixel_indices().for_each(|index| inside[index] = true);
     distance_transform((mask.width(), mask.height()), |index| inside[index])

@@ -3,8 +3,7 @@
 //!
 //! None of this is in the paper, and none of it is applied to the paper's memory of features.
 
-use super::protrusion::lies_in_front;
-use splatseg_geometry::{CowImage, Mask, SegmentId, SegmentMap};
+use splatseg_geometry::{Mask, SegmentId, SegmentMap};
 use splatseg_memory::ABSTAIN;
 use splatseg_settings::{Allowed, settings};
 use std::collections::{BTreeMap, BTreeSet};
@@ -75,21 +74,12 @@ impl ExplanationSettings {
         self.recurrences > 0 || self.recurrences_in_front > 0
     }
 
-    /// How often each explained prediction must recur to be new after all; those that never are have no number. `depth` is
-    /// the frame's, metres, 0 where missing.
-    pub(crate) fn needed_recurrences(
-        &self,
-        explained: &BTreeSet<SegmentId>,
-        seen: &SegmentMap,
-        shown: &SegmentMap,
-        depth: &CowImage<'_, f32>,
-    ) -> BTreeMap<SegmentId, usize> {
-        let needed = |id: SegmentId| match self.recurrences_in_front {
-            0 => self.recurrences,
-            in_front if lies_in_front(id, seen, shown, depth) => in_front,
-            _ => self.recurrences,
-        };
-        explained.iter().map(|id| (*id, needed(*id))).filter(|(_, needed)| *needed > 0).collect()
+    /// Whether an explained prediction that has come `times` times is new after all. `lies_in_front` tells whether it lies in
+    /// front of what explains it; it is asked only if that matters.
+    pub(crate) fn is_new_after(&self, times: usize, lies_in_front: impl FnOnce() -> bool) -> bool {
+        let suffices = |recurrences: usize| recurrences > 0 && times >= recurrences;
+        let (anywhere, in_front) = (suffices(self.recurrences), suffices(self.recurrences_in_front));
+        if self.recurrences_in_front == 0 || in_front == anywhere { anywhere } else { in_front == lies_in_front() }
     }
 
     /// Removes what is left of overruled segments from `shown`, where predictions take their place.
@@ -140,7 +130,6 @@ type Areas = BTreeMap<SegmentId, usize>;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatseg_geometry::Image;
 
     fn map(ids: &[SegmentId]) -> SegmentMap {
         SegmentMap::from_pixels(ids.len(), 1, ids.to_vec()).unwrap()
@@ -165,23 +154,23 @@ mod tests {
 
     #[test]
     fn a_prediction_in_front_needs_fewer_recurrences() {
-        // 8 lies in front of the wall, 9 is a patch of it.
-        let stripe = |column: usize| match column / 10 {
-            1 => 8,
-            3 => 9,
-            _ => 1,
-        };
-        let seen = SegmentMap::from_fn(50, 20, |column, _| stripe(column));
-        let depth = Image::from_fn(50, 20, |column, _| if stripe(column) == 8 { 1.8 } else { 2.0 });
+        // The number of times after which a prediction is new that lies in front, and another.
         let needed = |recurrences, recurrences_in_front| {
             let rules = ExplanationSettings { recurrences, recurrences_in_front, ..ExplanationSettings::default() };
-            let shown = SegmentMap::filled(50, 20, 1);
-            rules.needed_recurrences(&BTreeSet::from([8, 9]), &seen, &shown, &depth).into_iter().collect::<Vec<_>>()
+            [true, false].map(|in_front| (1..20).find(|times| rules.is_new_after(*times, || in_front)))
         };
-        assert_eq!(needed(6, 3), [(8, 3), (9, 6)]);
-        assert_eq!(needed(6, 0), [(8, 6), (9, 6)]);
-        assert_eq!(needed(0, 3), [(8, 3)]);
-        assert_eq!(needed(0, 0), []);
+        assert_eq!(needed(6, 3), [Some(3), Some(6)]);
+        assert_eq!(needed(3, 6), [Some(6), Some(3)]);
+        assert_eq!(needed(6, 0), [Some(6), Some(6)]);
+        assert_eq!(needed(0, 3), [Some(3), None]);
+        assert_eq!(needed(0, 0), [None, None]);
+    }
+
+    #[test]
+    fn where_a_prediction_lies_is_asked_only_if_it_matters() {
+        let rules = ExplanationSettings { recurrences: 6, recurrences_in_front: 3, ..ExplanationSettings::default() };
+        assert!(!rules.is_new_after(2, || panic!("2 times are too few for any")));
+        assert!(rules.is_new_after(6, || panic!("6 times are enough for all")));
     }
 
     #[test]

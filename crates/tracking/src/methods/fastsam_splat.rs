@@ -2,6 +2,7 @@
 
 use super::merged::keep_apart;
 use super::output::confidence;
+use super::protrusion::lies_in_front;
 use super::{ExplanationSettings, FrameOutput, Method, check_sizes};
 use crate::matching::{match_segments, painted_parts, visible_parts};
 use crate::{TrackErrorCounts, TrackingError};
@@ -120,10 +121,10 @@ impl FastSamSplat {
         let mut shown = self.memory.fuse(recall, &seen)?;
         let mut explained = self.settings.explanation.explained(&found.new, &shown);
         if self.settings.explanation.lets_recur() {
-            let needed =
-                self.settings.explanation.needed_recurrences(&explained, &seen, &shown, recall.frame().depth());
             let map = seen.map(|id| if explained.contains(id) { *id } else { 0 });
-            for id in self.memory.note_explained(recall, &map, &needed)? {
+            let (rules, depth) = (self.settings.explanation, recall.frame().depth());
+            let is_new = |id, times| rules.is_new_after(times, || lies_in_front(id, &seen, &shown, depth));
+            for id in self.memory.note_explained(recall, &map, &is_new)? {
                 explained.remove(&id);
             }
         }

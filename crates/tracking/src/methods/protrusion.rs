@@ -6,13 +6,12 @@
 //!
 //! This is not in the paper, and is not applied to the paper's memory of features.
 
-use crate::reprompting::distance_transform;
 use glam::{DMat3, DVec3};
-use splatseg_geometry::{CowImage, SegmentId, SegmentMap};
+use splatseg_geometry::{CowImage, SegmentId, SegmentMap, distance_transform};
 use std::collections::BTreeMap;
 
 /// The surface around a prediction is that within this city-block distance of it, pixels.
-const MAX_DISTANCE: usize = 8;
+const MAX_DISTANCE: u32 = 8;
 
 /// Fewer pixels with a depth around a prediction, or in it, say nothing.
 const MIN_AREA: usize = 30;
@@ -79,8 +78,9 @@ impl Crop {
             leftmost = leftmost.min(seen.row(row).iter().position(is_own)?);
             rightmost = rightmost.max(seen.row(row).iter().rposition(is_own)?);
         }
-        let (left, top) = (leftmost.saturating_sub(MAX_DISTANCE), first.saturating_sub(MAX_DISTANCE));
-        let (right, bottom) = ((rightmost + MAX_DISTANCE).min(width - 1), (last + MAX_DISTANCE).min(height - 1));
+        let around = MAX_DISTANCE as usize;
+        let (left, top) = (leftmost.saturating_sub(around), first.saturating_sub(around));
+        let (right, bottom) = ((rightmost + around).min(width - 1), (last + around).min(height - 1));
         Some(Self { left, top, size: (right + 1 - left, bottom + 1 - top) })
     }
 

@@ -1,7 +1,6 @@
 //! Where to click (`docs/METHOD.md`, "SAM2-Splat", step 3). The paper does not say how clicks are sampled from a
 //! region.
 
-use super::distance_transform::depth_inside;
 use splatseg_geometry::Mask;
 
 /// Up to `count` pixels (column, row) inside a region, away from its outline and from each other: none if the region is
@@ -13,7 +12,7 @@ use splatseg_geometry::Mask;
 /// in such places would ask for another object. Ties go to the first pixel in reading order, so the clicks depend on
 /// the region alone. The image border counts as outline.
 pub fn sample_clicks(region: &Mask, count: usize) -> Vec<(usize, usize)> {
-    let depth = depth_inside(region);
+    let depth = region.depths();
     let innermost = depth.iter().copied().max().unwrap_or(0);
     let Some(start) = depth.iter().position(|found| *found == innermost && innermost > 0) else {
         return Vec::new();

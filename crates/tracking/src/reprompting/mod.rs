@@ -1,11 +1,9 @@
 //! Finds a tracker's errors and corrects them with clicks (`docs/METHOD.md`, "SAM2-Splat", steps 2 and 3).
 
 mod clicks;
-mod distance_transform;
 mod track_errors;
 
 pub use clicks::sample_clicks;
-pub use distance_transform::distance_transform;
 pub use track_errors::{Remedy, TrackError, TrackErrorCounts, TrackErrorKind, find_track_errors};
 
 use splatseg_geometry::{Mask, SegmentId};
@@ -36,9 +34,10 @@ settings! {
         /// A track is on an expected segment if their F-score, over the pixels where the memory expects anything, is at
         /// least this.
         min_f_score: f64 = 0.5, Allowed::above_up_to(0.0, 1.0);
-        /// A track is wrong if the memory expects other segments on more than this fraction of its visible pixels.
+        /// A track is wrong if the memory expects other segments on more than this fraction of its pixels.
         max_wrong_fraction: f64 = 0.25, Allowed::between(0.0, 1.0);
-        /// Pixels within this city-block distance of the track's own expected segment do not count as wrong, pixels.
+        /// Parts of a track on other expected segments do not count as wrong if they are nowhere thicker than twice this,
+        /// pixels: outlines are never exact.
         outline_tolerance_px: usize = 2, Allowed::between(0.0, 1000.0);
         /// A segment is prompted only if other tracks cover at most this fraction of it.
         max_covered_fraction: f64 = 0.5, Allowed::between(0.0, 1.0);

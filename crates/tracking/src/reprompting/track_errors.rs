@@ -6,9 +6,8 @@
 //!   enough (`min_confidence`). Other expected segments cause no errors.
 //! - A track is **on** the expected segment with which it has the largest F-score, if that is at least `min_f_score`.
 //!   Only pixels where the memory expects anything count: a track may extend into what the memory has not seen.
-//! - A track's **wrong fraction** is the fraction of its visible pixels on which the memory expects another segment,
-//!   except those within `outline_tolerance_px` of its own, as outlines are never exact. Pixels of a track are visible
-//!   unless a smaller track covers them (as segments are painted).
+//! - A track's **wrong fraction** is the fraction of its pixels on which the memory expects another segment. As outlines
+//!   are never exact, parts there that are nowhere thicker than twice `outline_tolerance_px` do not count.
 //! - A track in view is **right** if its own segment is trusted, their F-score is at least `min_f_score`, and its wrong
 //!   fraction is at most `max_wrong_fraction`. It is **wrong** if its own segment is trusted and it is not right. A
 //!   track whose own segment is not expected, or not trusted, is neither: the memory does not know it (yet).
@@ -33,8 +32,7 @@
 //! No remedy asks for pixels of a right track, and no right track is ever prompted or removed.
 
 use super::RepromptSettings;
-use super::distance_transform::distance_transform;
-use crate::matching::{overlaps, painted};
+use crate::matching::overlaps;
 use rayon::prelude::*;
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
 use splatseg_memory::SegmentBelief;
@@ -164,7 +162,6 @@ impl<'a> Comparison<'a> {
     fn new(expected: &'a SegmentBelief, tracks: &'a [(SegmentId, Mask)], settings: &'a RepromptSettings) -> Self {
         let segments = &expected.segments;
         let (areas, trusted) = (segments.areas(), trusted(expected, settings));
-        let wrong_fractions = wrong_fractions(segments, tracks, &trusted, settings);
         let compare = |id: SegmentId, mask: &'a Mask| {
             let overlaps = overlaps(segments, mask);
             let known: usize = overlaps.values().sum();
@@ -175,12 +172,17 @@ impl<'a> Comparison<'a> {
             // Ties go to the first.
             let best =
                 overlaps.keys().map(|segment| (f_score(segment), *segment)).rev().max_by(|a, b| a.0.total_cmp(&b.0));
-            let is_right = f_score(&id) >= settings.min_f_score
-                && wrong_fractions.get(&id).copied().unwrap_or(0.0) <= settings.max_wrong_fraction;
-            let standing = match (trusted.contains(&id), is_right) {
-                (false, _) => Standing::Unknown,
-                (true, true) => Standing::Right,
-                (true, false) => Standing::Wrong,
+            let is_right = || {
+                // What is small enough with the outlines is so without them.
+                let elsewhere = known - overlaps.get(&id).copied().unwrap_or(0);
+                let max_wrong = settings.max_wrong_fraction * mask.area() as f64;
+                let wrong = || wrong_part(segments, id, mask, settings.outline_tolerance_px).area();
+                f_score(&id) >= settings.min_f_score && (elsewhere as f64 <= max_wrong || wrong() as f64 <= max_wrong)
+            };
+            let standing = match () {
+                () if !trusted.contains(&id) => Standing::Unknown,
+                () if is_right() => Standing::Right,
+                () => Standing::Wrong,
             };
             let on_segment = best.filter(|(score, _)| *score >= settings.min_f_score).map(|(_, segment)| segment);
             ComparedTrack { mask, on_segment, standing }
@@ -281,34 +283,11 @@ fn trusted(expected: &SegmentBelief, settings: &RepromptSettings) -> BTreeSet<Se
     sums.into_iter().filter(|(_, found)| is_trusted(found)).map(|(segment, _)| segment).collect()
 }
 
-/// The wrong fraction of each visible track with a trusted own segment. Fractions that are small enough without
-/// `outline_tolerance_px` are returned without it, as their exact value does not matter.
-fn wrong_fractions(
-    expected: &SegmentMap,
-    tracks: &[(SegmentId, Mask)],
-    trusted: &BTreeSet<SegmentId>,
-    settings: &RepromptSettings,
-) -> BTreeMap<SegmentId, f64> {
-    let shown = painted(expected.size(), tracks);
-    let mut counts: BTreeMap<SegmentId, (usize, usize)> = BTreeMap::new();
-    for (shown, expected) in shown.pixels().iter().zip(expected.pixels()) {
-        if trusted.contains(shown) {
-            let (area, wrong) = counts.entry(*shown).or_default();
-            *area += 1;
-            *wrong += usize::from(*expected != 0 && shown != expected);
-        }
-    }
-    let fraction = |(id, (area, wrong)): (SegmentId, (usize, usize))| {
-        let fraction = wrong as f64 / area as f64;
-        if fraction <= settings.max_wrong_fraction {
-            return (id, fraction);
-        }
-        let steps = distance_transform(expected.size(), |index| expected.pixels()[index] == id);
-        let is_wrong = |index: &usize| {
-            let other = expected.pixels()[*index];
-            shown.pixels()[*index] == id && other != 0 && steps[*index] > settings.outline_tolerance_px
-        };
-        (id, (0..steps.len()).filter(is_wrong).count() as f64 / area as f64)
-    };
-    counts.into_iter().map(fraction).collect()
+/// The part of a track on other expected segments, but for what is nowhere thicker than twice the tolerance.
+fn wrong_part(expected: &SegmentMap, id: SegmentId, mask: &Mask, outline_tolerance_px: usize) -> Mask {
+    let is_elsewhere = |segment: SegmentId| segment != 0 && segment != id;
+    let elsewhere = Mask::from_fn(mask.width(), mask.height(), |column, row| {
+        mask.contains(column, row) && is_elsewhere(expected[(column, row)])
+    });
+    elsewhere.opened(outline_tolerance_px)
 }
