@@ -9,6 +9,7 @@ use numpy::{
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
+use splatseg::memory::MAX_SEGMENT_ID;
 use splatseg::{Image, Mask};
 
 /// Requires an array of a type and shape, given in words, that is C-contiguous.
@@ -113,7 +114,7 @@ pub fn depth_image(value: &Bound<'_, PyAny>, depth_scale: Option<f64>) -> PyResu
     Err(wrong_type(&array, "depth", TYPES, SHAPE))
 }
 
-/// An image of ids: any integers up to 65535, `(height, width)`.
+/// An image of ids: any integers up to 16777215, `(height, width)`.
 pub fn id_image(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Image<u32>> {
     const TYPES: &str = "integers";
     const SHAPE: &str = "(height, width)";
@@ -132,8 +133,8 @@ pub fn id_image(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Image<u32>> {
 
 fn ids<T: Copy + TryInto<u32> + std::fmt::Display>(pixels: Vec<T>, name: &str) -> PyResult<Vec<u32>> {
     let id = |pixel: T| match pixel.try_into() {
-        Ok(id) if u16::try_from(id).is_ok() => Ok(id),
-        _ => Err(value_error(format!("{name} has the id {pixel}, expected 0 to 65535"))),
+        Ok(id) if id <= MAX_SEGMENT_ID => Ok(id),
+        _ => Err(value_error(format!("{name} has the id {pixel}, expected 0 to {MAX_SEGMENT_ID}"))),
     };
     pixels.into_iter().map(id).collect()
 }
@@ -242,14 +243,6 @@ pub fn to_rows<T: Element + Copy, const N: usize>(
     let flat: Vec<T> = rows.flatten().collect();
     let count = flat.len() / N;
     Ok(PyArray1::from_vec(py, flat).reshape([count, N])?.unbind())
-}
-
-/// Ids as they are in id images.
-pub fn small_ids(image: &Image<u32>) -> PyResult<Image<u16>> {
-    if let Some(id) = image.pixels().iter().find(|id| **id > u32::from(u16::MAX)) {
-        return Err(value_error(format!("the id {id} is above 65535")));
-    }
-    Ok(image.map(|id| *id as u16))
 }
 
 /// Masks as an array `(masks, height, width)`.

@@ -1,6 +1,6 @@
 //! A method with its segmenter, frame by frame.
 
-use crate::arrays::{color_image, depth_image, numbers, small_ids, to_array, to_masks, to_rows};
+use crate::arrays::{color_image, depth_image, numbers, to_array, to_masks, to_rows};
 use crate::errors::{runtime_error, value_error};
 use crate::segmenter::PythonSegmenter;
 use crate::settings::{add_file, layers, resolve, settings_error};
@@ -40,7 +40,7 @@ struct State {
 type Sighting = (SegmentId, usize, (usize, usize, usize, usize), f32, usize, usize);
 
 /// What a step returns: ids, confidence, objects, masks where they may overlap, milliseconds per stage.
-type Step = (Py<PyArray2<u16>>, Py<PyArray2<f32>>, Vec<Sighting>, Option<Py<PyAny>>, Vec<(String, f64)>);
+type Step = (Py<PyArray2<u32>>, Py<PyArray2<f32>>, Vec<Sighting>, Option<Py<PyAny>>, Vec<(String, f64)>);
 
 #[pymethods]
 impl Pipeline {
@@ -170,10 +170,8 @@ impl Pipeline {
     }
 
     /// The id that each Gaussian shows, `(Gaussians,)`.
-    fn segment_ids(&self, py: Python<'_>) -> PyResult<Py<PyArray1<u16>>> {
-        let ids = memory_of(&*self.lock()?)?.segment_ids();
-        let ids = ids.into_iter().map(|id| u16::try_from(id).unwrap_or(0)).collect();
-        Ok(PyArray1::from_vec(py, ids).unbind())
+    fn segment_ids(&self, py: Python<'_>) -> PyResult<Py<PyArray1<u32>>> {
+        Ok(PyArray1::from_vec(py, memory_of(&*self.lock()?)?.segment_ids()).unbind())
     }
 }
 
@@ -229,7 +227,7 @@ fn memory_of(state: &State) -> PyResult<&SplatMemory> {
 }
 
 fn step_result(py: Python<'_>, FrameResult { output, objects, times }: FrameResult, time: Duration) -> PyResult<Step> {
-    let ids = to_array(py, small_ids(&output.segments)?)?;
+    let ids = to_array(py, output.segments.clone())?;
     let confidence = to_array(py, output.confidence)?;
     let masks = |masks: &[(SegmentId, Mask)]| {
         // In the order of the objects, which leave out empty ones.

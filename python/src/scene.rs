@@ -1,6 +1,6 @@
 //! Recorded scenes of every format.
 
-use crate::arrays::{small_ids, to_array, to_color_array, to_plain_array};
+use crate::arrays::{to_array, to_color_array, to_plain_array};
 use crate::errors::value_error;
 use crate::settings::{layers, settings_error};
 use numpy::{PyArray2, PyArray3};
@@ -30,7 +30,7 @@ type PythonFrame = (
     Py<PyArray2<f64>>,
     Py<PyArray2<f64>>,
     Option<f64>,
-    Option<Py<PyArray2<u16>>>,
+    Option<Py<PyArray2<u32>>>,
 );
 
 #[pymethods]
@@ -133,6 +133,6 @@ fn python_frame(py: Python<'_>, index: usize, frame: &RgbdFrame, truth: Option<&
         to_plain_array(py, &k, (3, 3))?,
         to_plain_array(py, &pose, (4, 4))?,
         frame.timestamp().map(|time| time.as_secs_f64()),
-        truth.map(|truth| to_array(py, small_ids(truth)?)).transpose()?,
+        truth.map(|truth| to_array(py, truth.clone())).transpose()?,
     ))
 }

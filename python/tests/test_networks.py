@@ -33,7 +33,7 @@ def test_objects_are_prompted_and_followed(room):
     sam.remove(8)
     assert sam.step(room[2].rgb).ids == [3, 9]
     for prompt, error, message in [
-        (lambda: sam.add_mask(1, truth), TypeError, "mask is an array of uint16"),
+        (lambda: sam.add_mask(1, truth), TypeError, "mask is an array of uint32"),
         (lambda: sam.add_mask(1, np.zeros((5, 5), bool)), ValueError, "5x5 pixels"),
         (lambda: sam.add_clicks(1, [[500, 5]]), ValueError, r"point \(500, 5\)"),
         (lambda: sam.add_clicks(1, [[5, 5]], [3]), ValueError, "labels contains 3"),

@@ -30,7 +30,7 @@ def test_results_are_those_of_the_command(tmp_path, room, settings):
     pipeline = ss.FastSamSplat(segmenter="graph", **settings)
     for frame in room:
         result = step(pipeline, frame)
-        assert result.ids.dtype == np.uint16
+        assert result.ids.dtype == np.uint32
         np.testing.assert_array_equal(result.ids, read_ids(out / "segments" / f"{frame.name}.png"))
     pipeline.save(tmp_path / "python.ply")
     assert (tmp_path / "python.ply").read_bytes() == saved.read_bytes()
@@ -74,7 +74,7 @@ def test_the_memory_is_arrays(room):
     assert count > 500
     assert memory.means.shape == memory.colors.shape == (count, 3)
     assert memory.radii.shape == memory.segment_ids.shape == (count,)
-    assert (memory.means.dtype, memory.colors.dtype, memory.segment_ids.dtype) == (np.float32, np.uint8, np.uint16)
+    assert (memory.means.dtype, memory.colors.dtype, memory.segment_ids.dtype) == (np.float32, np.uint8, np.uint32)
     assert set(np.unique(result.ids)) <= set(np.unique(memory.segment_ids)) | {0}
 
 

@@ -22,7 +22,7 @@ def test_frames_can_be_counted_indexed_and_iterated():
         np.testing.assert_array_equal(found.rgb, last.rgb)
         np.testing.assert_array_equal(found.camera_to_world, last.camera_to_world)
     assert last.rgb.shape == (72, 96, 3) and last.depth.dtype == np.float32 and last.K.shape == (3, 3)
-    assert last.ground_truth.dtype == np.uint16 and last.ground_truth.max() > 0
+    assert last.ground_truth.dtype == np.uint32 and last.ground_truth.max() > 0
     rotation = last.camera_to_world[:3, :3]
     np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-5)
     for index in (3, -4):

@@ -72,28 +72,20 @@ pub(crate) fn read_depth(path: &Path, units_per_metre: f32) -> Result<Image<f32>
     decode_depth(path, &read_image_file(path, DEPTH_IMAGE)?, units_per_metre)
 }
 
-/// Reads a segment map, `[height, width]`, from a grey PNG with 8 or 16 bits, as `splatseg run` writes it.
+/// Reads a segment map, `[height, width]`, from a PNG of either form that `splatseg run` writes: grey with 8 or 16 bits,
+/// a value per segment, or 8-bit RGB as in COCO's panoptic format, id = R + 256 G + 65536 B.
 ///
 /// # Errors
-/// [`DatasetError`] if the file is missing or damaged or is any other kind of image: palettes, colours and fewer bits
-/// do not hold ids.
+/// [`DatasetError`] if the file is missing or damaged, is any other kind of image (palettes, transparency and fewer bits
+/// do not hold ids), or takes more memory than there is.
 pub fn read_segments_png(path: &Path) -> Result<SegmentMap, DatasetError> {
-    read_labels(path)
-}
-
-/// Reads predicted ids, `[height, width]`, from a PNG of either published form: grey with 8 or 16 bits, a value per segment,
-/// or 8-bit RGB as in COCO's panoptic format, id = R + 256 G + 65536 B.
-///
-/// # Errors
-/// [`DatasetError`] if the file is missing or damaged, is any other kind of image, or takes more memory than there is.
-pub fn read_predicted_ids_png(path: &Path) -> Result<SegmentMap, DatasetError> {
     let bytes = read_image_file(path, SEGMENT_IMAGE)?;
     let file = EncodedImage::new(path, SEGMENT_IMAGE, &bytes)?;
     file.require_png(&[(GREY, 8), (GREY, 16), (RGB, 8)], "a PNG with 8- or 16-bit grey or 8-bit RGB")?;
     if file.png_color_type() == Some(RGB) { decode_panoptic(path, &bytes) } else { decode_labels(path, &bytes) }
 }
 
-/// [`read_segments_png`] as scenes call it.
+/// Reads the labels of a scene, `[height, width]`: a PNG with 8- or 16-bit grey.
 pub(crate) fn read_labels(path: &Path) -> Result<SegmentMap, DatasetError> {
     decode_labels(path, &read_image_file(path, SEGMENT_IMAGE)?)
 }

@@ -35,7 +35,7 @@ mod text;
 mod tum;
 mod undistort;
 
-pub use decode::{read_color_image, read_predicted_ids_png, read_segments_png};
+pub use decode::{read_color_image, read_segments_png};
 pub use description::SceneDescription;
 pub use error::{DatasetError, FrameReadError};
 pub use format::{Format, FormatNameError};

@@ -62,6 +62,7 @@ fn files(criterion: &mut Criterion) {
             map,
             content,
             segment_ids,
+            ids: (1..=40).collect(),
             sightings: vec![9; 40],
             carried: vec![true; 40],
             frames: 300,

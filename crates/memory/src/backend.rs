@@ -6,7 +6,7 @@
 
 use crate::ply::SplatContentView;
 use crate::recall::Recall;
-use crate::{LearningExtent, MemoryError, MemorySettings, SegmentCodes, SplatMap, Votes};
+use crate::{LearningExtent, MemoryError, MemorySettings, SegmentCodes, SegmentHold, SplatMap, Votes};
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera};
 
@@ -30,8 +30,9 @@ pub struct MapUpdate {
     pub keep: Option<Vec<bool>>,
     /// Whether there were more than `memory.max_gaussians`.
     pub was_full: bool,
-    /// Whether a Gaussian shows each id, by id (0 included), if that is known already.
-    pub carried: Option<Vec<bool>>,
+    /// How Gaussians hold ids: at least those ids whose hold has changed since the last update. `None` if that takes
+    /// long to find out.
+    pub holds: Option<Vec<(SegmentId, SegmentHold)>>,
 }
 
 impl MapUpdate {
@@ -86,7 +87,7 @@ pub trait MapBackend: std::fmt::Debug + Send + Sync {
     fn favour(&mut self, gaussians: &[u32], id: SegmentId) -> Result<(), MemoryError>;
 
     /// Takes in what frame number `number` shows: adds the Gaussians that the map lacks, learns from `seen`, and removes what
-    /// is gone. Ids up to `segments` were given.
+    /// is gone. The map can hold these `ids` only; they increase.
     ///
     /// # Errors
     /// If the device fails; the map is then not to be used any more.
@@ -95,10 +96,10 @@ pub trait MapBackend: std::fmt::Debug + Send + Sync {
         recall: &mut Recall<'_>,
         seen: &SegmentMap,
         number: u32,
-        segments: usize,
+        ids: &mut dyn Iterator<Item = SegmentId>,
     ) -> Result<MapUpdate, MemoryError>;
 
-    /// Prepares for a segment id that was never used before.
+    /// Prepares for a segment id that is given to a new thing.
     ///
     /// # Errors
     /// If there is no room for it.

@@ -77,7 +77,7 @@ impl MapBackend for HostMap {
         recall: &mut Recall<'_>,
         seen: &SegmentMap,
         number: u32,
-        _: usize,
+        _: &mut dyn Iterator<Item = SegmentId>,
     ) -> Result<MapUpdate, MemoryError> {
         let stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
         let added = new_gaussians(recall, seen, &self.settings);
@@ -90,6 +90,7 @@ impl MapBackend for HostMap {
         let _stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
         let mut update = MapUpdate { grown: added.len(), learning, ..MapUpdate::default() };
         self.forget(recall, number, &mut update);
+        update.holds = self.store.changed_holds();
         Ok(update)
     }
 

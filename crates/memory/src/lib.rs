@@ -39,9 +39,10 @@ pub use ply::{SplatContent, SplatContentView, SplatFile, SplatFileError, SplatFi
 pub use recall::{DeviceImages, Recall, TileSurface};
 pub use removal::longest_unseen;
 pub use segment_store::{SegmentStore, StoreTile};
+pub use segments::{MAX_16_BIT_ID, MAX_SEGMENT_ID, SegmentHold};
 pub use settings::{GrowthRule, MemoryKind, MemorySettings};
 pub use short_term::Appearances;
-pub use splat_memory::{ABSTAIN, FrameUpdate, MAX_SEGMENT_ID, MemoryError, SplatMemory};
+pub use splat_memory::{ABSTAIN, FrameUpdate, MemoryError, SplatMemory};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

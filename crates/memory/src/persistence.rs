@@ -6,8 +6,9 @@ use crate::evidence::EvidenceStore;
 use crate::features::{FeatureStore, SegmentCodes};
 use crate::recurring::RecurringPredictions;
 use crate::segment_store::SegmentStore;
-use crate::segments::Segments;
+use crate::segments::{SavedSegment, Segments};
 use crate::short_term::ShortTermMemory;
+use crate::splat_memory::largest_id;
 use crate::{MemoryError, MemorySettings, SplatContent, SplatFile, SplatFileError, SplatFileView, SplatMemory};
 use splatseg_geometry::SegmentId;
 use std::path::Path;
@@ -66,20 +67,24 @@ impl SplatMemory {
         let MapContent { map, content } = self.backend.content().map_err(failed)?;
         let content = content.ok_or_else(no_format)?;
         let segment_ids = self.segment_ids();
-        let ids = 1..=self.segments.len() as SegmentId;
-        let sightings: Vec<u32> = ids.map(|id| self.segments.sightings(id)).collect();
+        let live = self.segments.saved_live();
+        let ids: Vec<SegmentId> = live.iter().map(|segment| segment.id).collect();
+        let sightings: Vec<u32> = live.iter().map(|segment| segment.sightings).collect();
+        let carried: Vec<bool> = live.iter().map(|segment| segment.carried).collect();
         let short_term = ShortTermMemory {
             overruled: self.overruled.clone(),
             appearances: self.appearances.clone(),
             recurring: self.recurring.saved(),
             depthless: self.depthless.saved(),
+            ids: self.segments.saved_ids(),
         };
         let view = SplatFileView {
             map,
             content,
             segment_ids: &segment_ids,
+            ids: &ids,
             sightings: &sightings,
-            carried: self.segments.carried(),
+            carried: &carried,
             frames: self.frames,
             short_term: &short_term.to_bytes(),
         };
@@ -94,31 +99,36 @@ impl SplatMemory {
     pub fn load(path: impl AsRef<Path>, settings: MemorySettings) -> Result<Self, LoadMemoryError> {
         settings.validate().map_err(MemoryError::from)?;
         let path = path.as_ref();
-        let SplatFile { map, content, sightings, carried, frames, short_term, segment_ids: _ } = SplatFile::load(path)?;
-        let (ids, gaussians) = (sightings.len(), map.len());
-        let short_term = ShortTermMemory::from_bytes(&short_term, ids).and_then(|saved| {
-            let recurring = RecurringPredictions::restored(saved.recurring, gaussians)?;
-            let depthless = DepthlessSegments::restored(saved.depthless, ids, frames)?;
-            Ok((saved.overruled, saved.appearances, recurring, depthless))
+        let SplatFile { map, content, ids, sightings, carried, frames, short_term, segment_ids: _ } =
+            SplatFile::load(path)?;
+        let live = ids.into_iter().zip(sightings).zip(carried);
+        let live: Vec<SavedSegment> =
+            live.map(|((id, sightings), carried)| SavedSegment { id, sightings, carried }).collect();
+        let restored = ShortTermMemory::from_bytes(&short_term).and_then(|saved| {
+            let segments = Segments::restored(&live, saved.ids.clone(), largest_id(&settings))?;
+            saved.check_ids(segments.highest())?;
+            let recurring = RecurringPredictions::restored(saved.recurring, map.len())?;
+            let depthless = DepthlessSegments::restored(saved.depthless, segments.highest(), frames)?;
+            Ok((segments, saved.overruled, saved.appearances, recurring, depthless))
         });
         let damaged = |found| LoadMemoryError::ShortTerm { path: path.display().to_string(), found };
-        let (overruled, appearances, recurring, depthless) = short_term.map_err(damaged)?;
+        let (segments, overruled, appearances, recurring, depthless) = restored.map_err(damaged)?;
         let (path, found, expected) = (path.display().to_string(), content.kind(), settings.kind);
         if found != expected {
             return Err(LoadMemoryError::Kind { path, found: found.name(), expected: expected.name() });
         }
         let store: Box<dyn SegmentStore> = match content {
-            SplatContent::Evidence { votes } => Box::new(EvidenceStore { settings: settings.clone(), votes }),
+            SplatContent::Evidence { votes } => Box::new(EvidenceStore::restored(settings.clone(), votes)),
             SplatContent::Features { features, codebook } => {
                 let (found, expected) = (codebook.feature_dim(), settings.feature_dim);
                 if found != expected {
                     return Err(LoadMemoryError::FeatureDim { path, found, expected });
                 }
-                let codes = SegmentCodes::of_user(&settings, codebook, sightings.len());
+                let codes = SegmentCodes::of_user(&settings, codebook, segments.highest() as usize);
                 Box::new(FeatureStore::restored(settings.clone(), codes, features))
             }
         };
-        let mut memory = Self::with_parts(settings, map, store, Segments::given(sightings, carried));
+        let mut memory = Self::with_parts(settings, map, store, segments);
         memory.frames = frames;
         (memory.overruled, memory.appearances) = (overruled, appearances);
         (memory.recurring, memory.depthless) = (recurring, depthless);

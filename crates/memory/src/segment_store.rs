@@ -3,7 +3,7 @@
 use crate::map::NewGaussian;
 use crate::ply::SplatContentView;
 use crate::recall::{Recall, TileSurface};
-use crate::{LearningExtent, MemoryError};
+use crate::{LearningExtent, MemoryError, SegmentHold};
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_render::{Splats, TileWeights};
 
@@ -48,7 +48,8 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
     /// Keeps the Gaussians for which `keep` holds, in their order.
     fn retain(&mut self, keep: &[bool]);
 
-    /// Prepares for a segment id that was never used before.
+    /// Prepares for a segment id that is given to a new thing. Ids may be given again, see
+    /// [`SplatMemory::new_segment`](crate::SplatMemory::new_segment).
     ///
     /// # Errors
     /// If there is no room for it; [`MemoryError::Other`] for errors of your own.
@@ -60,6 +61,13 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
     /// How undisputed each entry of [`segment_ids`](Self::segment_ids) is: the share, 0 to 1, that the segment has of all
     /// that the Gaussian was seen as. `None`, the default, for a kind of memory that keeps no second opinion.
     fn segment_shares(&self) -> Option<Vec<f32>> {
+        None
+    }
+
+    /// The ids whose hold may have changed since the last call, and how Gaussians hold them now. The first call after a
+    /// memory was loaded returns all. `None`, the default, for a kind of memory that does not count: then ids are held
+    /// that [`segment_ids`](Self::segment_ids) has, which takes time in proportion to the map.
+    fn changed_holds(&mut self) -> Option<Vec<(SegmentId, SegmentHold)>> {
         None
     }
 

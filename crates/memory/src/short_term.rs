@@ -6,6 +6,7 @@
 use crate::SplatMemory;
 use crate::depthless::SavedDepthlessSegment;
 use crate::recurring::SavedRecurringPredictions;
+use crate::segments::SavedIds;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
 use std::collections::BTreeMap;
@@ -50,6 +51,9 @@ pub(crate) struct ShortTermMemory {
     pub recurring: SavedRecurringPredictions,
     /// Segments that no Gaussian can carry.
     pub depthless: Vec<SavedDepthlessSegment>,
+    /// Ids that the memory has nothing of.
+    #[serde(default)]
+    pub ids: SavedIds,
 }
 
 impl ShortTermMemory {
@@ -62,20 +66,26 @@ impl ShortTermMemory {
         serde_json::to_vec(self).unwrap_or_default()
     }
 
-    /// What the text of a file of so many segments says.
+    /// What the text of a file says.
     ///
     /// # Errors
-    /// If it is not what [`Self::to_bytes`] writes, or names segments that do not exist. What its parts say is checked
-    /// when they are restored.
-    pub fn from_bytes(bytes: &[u8], segments: usize) -> Result<Self, String> {
+    /// If it is not what [`Self::to_bytes`] writes. What its parts say is checked when they are restored.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
         if bytes.is_empty() {
             return Ok(Self::default());
         }
-        let found: Self = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
-        let mut named = found.overruled.keys().chain(found.appearances.keys());
-        match named.find(|id| !(1..=segments).contains(&(**id as usize))) {
+        serde_json::from_slice(bytes).map_err(|error| error.to_string())
+    }
+
+    /// Requires that what methods keep is of ids up to `largest_id`.
+    ///
+    /// # Errors
+    /// Names an id that was never given.
+    pub fn check_ids(&self, largest_id: SegmentId) -> Result<(), String> {
+        let mut named = self.overruled.keys().chain(self.appearances.keys());
+        match named.find(|id| !(1..=largest_id).contains(*id)) {
             Some(id) => Err(format!("the segment {id} does not exist")),
-            None => Ok(found),
+            None => Ok(()),
         }
     }
 }

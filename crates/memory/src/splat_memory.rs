@@ -8,18 +8,16 @@ use crate::host_map::HostMap;
 use crate::map::SplatMap;
 use crate::recurring::RecurringPredictions;
 use crate::segment_store::SegmentStore;
-use crate::segments::Segments;
+use crate::segments::{Segments, Settled};
 use crate::short_term::Appearances;
-use crate::{CodebookError, GrowthRule, LearningExtent, MemoryKind, MemorySettings, Recall, SplatContentView};
+use crate::{Codebook, CodebookError, GrowthRule, LearningExtent, MemoryKind, MemorySettings, Recall};
+use crate::{MAX_SEGMENT_ID, SplatContentView};
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera, RasterLimits};
 use splatseg_settings::SettingError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use thiserror::Error;
-
-/// The largest segment id there can be: results are 16-bit images.
-pub const MAX_SEGMENT_ID: SegmentId = u16::MAX as SegmentId;
 
 /// Stands for an id where a prediction is seen that has no say: it neither votes nor is it "no segment".
 pub const ABSTAIN: SegmentId = SegmentId::MAX;
@@ -76,9 +74,6 @@ pub enum MemoryError {
     /// A store that is defined elsewhere cannot be kept on a device.
     #[error("a memory with a store of its own runs on the CPU only")]
     HostOnly,
-    /// All ids that fit a 16-bit image are used.
-    #[error("the video has more than {MAX_SEGMENT_ID} segments, more ids than a 16-bit image can hold")]
-    OutOfIds,
     /// The predictions are not of the frame's size; both are `(width, height)`.
     #[error("the predictions have {}x{} pixels, expected the frame's {}x{}", found.0, found.1, expected.0, expected.1)]
     PredictionSize {
@@ -93,7 +88,7 @@ pub enum MemoryError {
         /// The id.
         found: SegmentId,
         /// The largest id given so far.
-        known: usize,
+        known: SegmentId,
     },
 }
 
@@ -106,6 +101,9 @@ pub struct FrameUpdate {
     pub removed: usize,
     /// Ids that nothing in the memory shows any more.
     pub forgotten: Vec<SegmentId>,
+    /// Ids of predictions that nothing was seen under since they were given. One that an earlier thing had stands for
+    /// another thing from this frame on.
+    pub new_segments: Vec<SegmentId>,
     /// Extent of the learning.
     pub learning: LearningExtent,
 }
@@ -137,7 +135,8 @@ impl SplatMemory {
             MemoryKind::Evidence => Box::new(EvidenceStore::new(settings.clone())),
             MemoryKind::Features => Box::new(FeatureStore::new(settings.clone(), seed, progress)?),
         };
-        Ok(Self::with_parts(settings, SplatMap::default(), store, Segments::default()))
+        let segments = Segments::new(largest_id(&settings));
+        Ok(Self::with_parts(settings, SplatMap::default(), store, segments))
     }
 
     /// An empty memory that remembers segments in a way of its own; `memory.kind` means nothing then. It can be saved only
@@ -147,7 +146,8 @@ impl SplatMemory {
     /// If a setting is out of range.
     pub fn with_store(settings: MemorySettings, store: Box<dyn SegmentStore>) -> Result<Self, MemoryError> {
         settings.validate()?;
-        Ok(Self::with_parts(settings, SplatMap::default(), store, Segments::default()))
+        let segments = Segments::new(MAX_SEGMENT_ID);
+        Ok(Self::with_parts(settings, SplatMap::default(), store, segments))
     }
 
     pub(crate) fn with_parts(
@@ -174,7 +174,7 @@ impl SplatMemory {
             SplatContentView::Evidence { votes } => RememberedSegments::Votes(votes.to_vec()),
             SplatContentView::Features { features, codebook } => RememberedSegments::Features {
                 features: features.to_vec(),
-                codes: SegmentCodes::of_user(&self.settings, codebook.clone(), self.segments.len()),
+                codes: SegmentCodes::of_user(&self.settings, codebook.clone(), self.segments.highest() as usize),
             },
         };
         self.backend = device.take_over(&self.settings, map.clone(), remembered)?;
@@ -201,12 +201,16 @@ impl SplatMemory {
         recall
     }
 
-    /// An id that no segment has had yet.
+    /// An id for a new thing, which a prediction of the frame at hand is to have.
+    ///
+    /// Ids count up from 1. Once all are given that fit a 16-bit image, ids are given again that were seen in one frame
+    /// only and of which the memory has nothing any more. Further ids come only if there are none of these; they end at
+    /// [`MAX_SEGMENT_ID`], then come all that the memory has nothing of.
     ///
     /// # Errors
-    /// [`MemoryError::OutOfIds`] if the id would not fit a 16-bit image.
+    /// If the device fails, or a store that is defined elsewhere refuses the id.
     pub fn new_segment(&mut self) -> Result<SegmentId, MemoryError> {
-        let id = self.segments.add()?;
+        let id = self.segments.add();
         self.backend.new_segment(id)?;
         Ok(id)
     }
@@ -251,6 +255,7 @@ impl SplatMemory {
         let visible = self.backend.visible_gaussians(recall)?;
         let recurring = self.recurring.note(&visible, explained, is_new);
         for (id, gaussians) in &recurring {
+            self.segments.keep(*id);
             self.backend.favour(gaussians, *id)?;
         }
         Ok(recurring.into_keys().collect())
@@ -263,9 +268,9 @@ impl SplatMemory {
     /// As [`Self::fuse`].
     pub fn update(&mut self, mut recall: Recall<'_>, seen: &SegmentMap) -> Result<FrameUpdate, MemoryError> {
         self.check_predictions(&recall, seen)?;
-        self.segments.note_sightings(seen);
+        let new_segments = self.segments.note_sightings(seen);
         let before = self.gaussian_count();
-        let update = self.backend.update(&mut recall, seen, self.frames, self.segments.len())?;
+        let update = self.backend.update(&mut recall, seen, self.frames, &mut self.segments.live())?;
         if self.settings.links_depthless() {
             let _stage = tracing::debug_span!(target: "splatseg::stage", "learn").entered();
             self.depthless.take_in(&recall, seen, self.settings.growth_silhouette, self.frames);
@@ -274,14 +279,19 @@ impl SplatMemory {
         let _stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
         let removed = before + update.grown - self.gaussian_count();
         let (grown, learning) = (update.grown, update.learning);
-        let forgotten = self.note_removed(removed, update);
-        self.appearances.retain(|id, _| !forgotten.contains(id));
+        let Settled { forgotten, lost } = self.note_removed(removed, update);
+        for id in forgotten.iter().chain(&lost) {
+            self.appearances.remove(id);
+        }
+        for id in &lost {
+            self.overruled.remove(id);
+        }
         self.frames = self.frames.saturating_add(1);
-        Ok(FrameUpdate { grown, removed, forgotten, learning })
+        Ok(FrameUpdate { grown, removed, forgotten, new_segments, learning })
     }
 
-    /// Takes note of which Gaussians were `removed`; returns the ids that nothing carries any more.
-    fn note_removed(&mut self, removed: usize, update: MapUpdate) -> Vec<SegmentId> {
+    /// Takes note of which Gaussians were `removed`; returns the ids that the memory has lost.
+    fn note_removed(&mut self, removed: usize, update: MapUpdate) -> Settled {
         if update.was_full && !self.warned_of_limit {
             let max = self.settings.max_gaussians;
             tracing::warn!("the map has reached memory.max_gaussians = {max}: what was not seen for longest goes");
@@ -290,33 +300,22 @@ impl SplatMemory {
         if let Some(keep) = &update.keep {
             self.recurring.retain(keep);
         }
+        if let Some(holds) = &update.holds {
+            self.segments.note_holds(holds);
+        }
         let is_cheap = self.settings.kind == MemoryKind::Evidence;
         let is_due = is_cheap || self.frames.is_multiple_of(FRAMES_PER_CENSUS);
-        if removed == 0 && (self.settings.growth_rule() == GrowthRule::Paper || !is_due) {
-            return Vec::new();
+        // Ids that are to be given again must be found, whatever the rule.
+        let is_needed = self.settings.growth_rule() != GrowthRule::Paper || self.segments.are_short_ids_given();
+        if removed == 0 && !(is_due && is_needed) {
+            return Settled::default();
         }
-        let carried = match update.carried {
-            Some(mut carried) => {
-                carried.resize(self.segments.len() + 1, false);
-                self.depthless.mark_carried(&mut carried);
-                carried
-            }
-            None => self.carried(),
-        };
-        self.segments.note_carried(&carried)
-    }
-
-    /// Whether anything carries each id, by id. Gaussians that show an id carry it: stray votes in its neighbours do
-    /// not.
-    fn carried(&self) -> Vec<bool> {
-        let mut carried = vec![false; self.segments.len() + 1];
-        for id in self.segment_ids() {
-            if let Some(carried) = carried.get_mut(id as usize) {
-                *carried = true;
-            }
+        if update.holds.is_none() {
+            let shown: BTreeSet<SegmentId> = distinct(&self.segment_ids());
+            self.segments.note_shown(&shown);
         }
-        self.depthless.mark_carried(&mut carried);
-        carried
+        self.segments.note_regions(self.depthless.ids().collect());
+        self.segments.settle()
     }
 
     fn check_predictions(&self, recall: &Recall<'_>, seen: &SegmentMap) -> Result<(), MemoryError> {
@@ -329,8 +328,9 @@ impl SplatMemory {
             return Err(MemoryError::PredictionSize { found, expected });
         }
         let largest = seen.pixels().iter().map(|id| if *id == ABSTAIN { 0 } else { *id }).max().unwrap_or(0);
-        if largest as usize > self.segments.len() {
-            return Err(MemoryError::UnknownSegment { found: largest, known: self.segments.len() });
+        let known = self.segments.highest();
+        if largest > known {
+            return Err(MemoryError::UnknownSegment { found: largest, known });
         }
         Ok(())
     }
@@ -345,22 +345,22 @@ impl SplatMemory {
         self.backend.gaussian_count()
     }
 
-    /// Number of ids given so far: ids are 1 to this.
+    /// Number of different ids given so far: ids are 1 to this.
     pub fn segment_count(&self) -> usize {
-        self.segments.len()
+        self.segments.highest() as usize
     }
 
     /// Whether an id is tentative: its thing was seen in one frame only. It is given for good once it was seen in two.
     pub fn is_tentative(&self, id: SegmentId) -> bool {
-        self.segments.sightings(id) < 2
+        self.segments.is_tentative(id)
     }
 
     /// The ids that something in the memory carries: Gaussians, or a remembered region without depth. All others that
     /// were given are forgotten.
     pub fn carried_ids(&self) -> BTreeSet<SegmentId> {
-        let carried = self.carried();
-        let ids = carried.iter().enumerate().skip(1).filter(|(_, carried)| **carried);
-        ids.map(|(id, _)| id as SegmentId).collect()
+        let mut carried = distinct(&self.segment_ids());
+        carried.extend(self.depthless.ids());
+        carried
     }
 
     /// Numbers that the Gaussians hold: position 3, radius 1, colour 3, and for segments 8 (votes) or D (features).
@@ -388,4 +388,21 @@ impl SplatMemory {
     pub fn segment_shares(&self) -> Vec<f32> {
         or_none(self.backend.segment_shares()).flatten().unwrap_or_else(|| vec![1.0; self.gaussian_count()])
     }
+}
+
+/// The largest id of a memory with these settings: features need a code for each id.
+pub(crate) fn largest_id(settings: &MemorySettings) -> SegmentId {
+    match settings.kind {
+        MemoryKind::Evidence => MAX_SEGMENT_ID,
+        MemoryKind::Features => {
+            let codes = Codebook::max_len(settings.feature_dim) / settings.num_codes.max(1) * settings.num_codes;
+            codes.min(MAX_SEGMENT_ID as usize) as SegmentId
+        }
+    }
+}
+
+/// The ids in a list, 0 left out.
+fn distinct(ids: &[SegmentId]) -> BTreeSet<SegmentId> {
+    // Neighbours mostly have the same one.
+    ids.chunk_by(|one, other| one == other).map(|run| run[0]).filter(|id| *id != 0).collect()
 }

@@ -54,7 +54,13 @@ impl MapBackend for BrokenMap {
         failure()
     }
 
-    fn update(&mut self, _: &mut Recall<'_>, _: &SegmentMap, _: u32, _: usize) -> Result<MapUpdate, MemoryError> {
+    fn update(
+        &mut self,
+        _: &mut Recall<'_>,
+        _: &SegmentMap,
+        _: u32,
+        _: &mut dyn Iterator<Item = SegmentId>,
+    ) -> Result<MapUpdate, MemoryError> {
         failure()
     }
 

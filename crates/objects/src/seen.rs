@@ -56,6 +56,9 @@ impl SeenObjects {
     pub fn record(&mut self, frame: &FrameStamp, size: (usize, usize), sightings: &[ObjectSighting]) -> Vec<SegmentId> {
         let mut improved = Vec::new();
         for sighting in sightings {
+            if sighting.is_new() {
+                self.objects.remove(&sighting.id);
+            }
             let score = score(sighting, size);
             let view = || BestView {
                 frame: frame.clone(),
@@ -108,7 +111,7 @@ mod tests {
 
     fn sighting(x: usize, area: usize, confidence: f32) -> ObjectSighting {
         let bounding_box = BoundingBox { x, y: 5, width: 10, height: 10 };
-        ObjectSighting { id: 7, area, bounding_box, confidence, first_frame: 0, last_frame: 0 }
+        ObjectSighting { id: 7, area, bounding_box, confidence, first_frame: 0, last_frame: 1 }
     }
 
     /// The frames that were the best view of object 7 when they came.
@@ -135,6 +138,16 @@ mod tests {
         assert_eq!((object.first_frame.number, object.last_frame.number, object.frames), (0, 5, 6));
         assert_eq!((object.best_view.area_px, object.best_view.frame.number), (55, 5));
         assert!((object.confidence() - 5.0 / 6.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn an_object_with_an_id_of_another_replaces_it() {
+        let mut seen = SeenObjects::default();
+        best_frames(&mut seen, &[sighting(5, 40, 1.0)]);
+        let other = ObjectSighting { first_frame: 8, last_frame: 8, ..sighting(30, 10, 0.5) };
+        assert_eq!(seen.record(&stamp(8), (100, 80), &[other]), [7]);
+        let object = &seen.objects()[&7];
+        assert_eq!((object.first_frame.number, object.frames, object.best_view.area_px), (8, 1, 10));
     }
 
     #[test]

@@ -22,6 +22,14 @@ pub struct ObjectSighting {
     pub last_frame: usize,
 }
 
+impl ObjectSighting {
+    /// Whether no frame before showed the object. If one has shown another object with the same id, the id was given
+    /// again: it stands for this object from now on.
+    pub fn is_new(&self) -> bool {
+        self.first_frame == self.last_frame
+    }
+}
+
 /// A bounding box as in COCO: top left corner and size, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BoundingBox {
@@ -46,7 +54,11 @@ pub struct ObjectRecord {
     pub frames: usize,
 }
 
-/// Every object seen so far.
+/// Of this many objects at least the log keeps a record; of twice as many, those seen last stay.
+const KEPT_RECORDS: usize = 1 << 16;
+
+/// Every object seen so far. Of more than 65,536 objects, those not seen for longest may be missing, so that a stream
+/// without an end takes no more and more memory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ObjectLog {
     frames: usize,
@@ -69,7 +81,24 @@ impl ObjectLog {
         let frame = self.frames;
         self.frames += 1;
         for sighting in sightings {
+            if sighting.is_new() {
+                self.records.remove(&sighting.id);
+            }
             self.add(sighting.id, frame);
+        }
+        self.drop_longest_unseen();
+    }
+
+    /// Drops records if there are too many. It depends on nothing but the sightings so far.
+    fn drop_longest_unseen(&mut self) {
+        if self.records.len() <= 2 * KEPT_RECORDS {
+            return;
+        }
+        let mut order: Vec<(usize, SegmentId)> =
+            self.records.iter().map(|(id, record)| (record.last_frame, *id)).collect();
+        order.sort_unstable();
+        for (_, id) in order.iter().take(order.len() - KEPT_RECORDS) {
+            self.records.remove(id);
         }
     }
 
@@ -86,19 +115,26 @@ impl ObjectLog {
     pub fn record(&mut self, output: &FrameOutput) -> Vec<ObjectSighting> {
         let frame = self.frames;
         self.frames += 1;
+        for id in &output.update.new_segments {
+            self.records.remove(id);
+        }
         let extents = extents(output);
-        let sightings = extents.into_iter().map(|(id, extent)| {
-            let record = self.add(id, frame);
-            ObjectSighting {
-                id,
-                area: extent.area,
-                bounding_box: extent.bounding_box(),
-                confidence: (extent.confidence / extent.area as f64) as f32,
-                first_frame: record.first_frame,
-                last_frame: frame,
-            }
-        });
-        sightings.collect()
+        let sightings: Vec<ObjectSighting> = extents
+            .into_iter()
+            .map(|(id, extent)| {
+                let record = self.add(id, frame);
+                ObjectSighting {
+                    id,
+                    area: extent.area,
+                    bounding_box: extent.bounding_box(),
+                    confidence: (extent.confidence / extent.area as f64) as f32,
+                    first_frame: record.first_frame,
+                    last_frame: frame,
+                }
+            })
+            .collect();
+        self.drop_longest_unseen();
+        sightings
     }
 }
 
@@ -183,6 +219,36 @@ mod tests {
         assert_eq!((found[0].first_frame, found[0].confidence), (2, 1.0));
         assert_eq!(log.records()[&7], ObjectRecord { first_frame: 0, last_frame: 2, frames: 2 });
         assert_eq!(log.frames(), 3);
+    }
+
+    #[test]
+    fn an_id_that_is_given_again_stands_for_a_new_object() {
+        let mut log = ObjectLog::default();
+        let mut shown = vec![log.record(&output([7; 8])), log.record(&output([0; 8]))];
+        let mut again = output([0, 0, 0, 0, 0, 0, 0, 7]);
+        again.update.new_segments = vec![7];
+        shown.push(log.record(&again));
+        assert_eq!((shown[2][0].first_frame, shown[2][0].last_frame), (2, 2));
+        assert_eq!(log.records()[&7], ObjectRecord { first_frame: 2, last_frame: 2, frames: 1 });
+        let mut repeated = ObjectLog::default();
+        shown.iter().for_each(|sightings| repeated.repeat(sightings));
+        assert_eq!(repeated, log);
+    }
+
+    #[test]
+    fn a_stream_without_an_end_has_a_bounded_log() {
+        let mut log = ObjectLog::default();
+        let per_frame = 1 << 13;
+        for frame in 0..40 {
+            let first = 1 + frame * per_frame;
+            let pixels = (first..first + per_frame).chain([1]).collect();
+            log.record(&FrameOutput::from_segments(
+                SegmentMap::from_pixels(1, per_frame as usize + 1, pixels).unwrap(),
+            ));
+            assert!(log.records().len() <= 2 * KEPT_RECORDS + per_frame as usize);
+        }
+        assert_eq!(log.records()[&1].first_frame, 0, "it was seen all the time");
+        assert!(!log.records().contains_key(&2) && log.records().contains_key(&(40 * per_frame)));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What can go wrong when results are written.
 
 use serde::Serialize;
+use splatseg_memory::MAX_SEGMENT_ID;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -16,8 +17,8 @@ pub enum OutputError {
         /// What the operating system said.
         source: std::io::Error,
     },
-    /// An id does not fit a 16-bit image.
-    #[error("{}: segment id {id} does not fit a 16-bit image (at most 65535)", path.display())]
+    /// An id does not fit an image.
+    #[error("{}: segment id {id} does not fit an image (at most {MAX_SEGMENT_ID})", path.display())]
     IdTooLarge {
         /// The file.
         path: PathBuf,

@@ -4,7 +4,7 @@ use crate::GpuError;
 use crate::device::{Buffer, GpuDevice, cube_dim, cubes, threads};
 use crate::gaussians::{Column, DeviceGaussians};
 use crate::kernels::expect::{EvidenceRuleLaunch, SLOTS, expect};
-use crate::kernels::forget::mark_carried;
+use crate::kernels::forget::mark_holds;
 use crate::kernels::fuse::fuse;
 use crate::kernels::vote::{
     LABELS, PairVotesLaunch, VoteColumnsLaunch, VoteRuleLaunch, count_votes, favour, first_votes, give_votes,
@@ -14,7 +14,7 @@ use crate::view::{GpuView, tile_count};
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_memory::{MemoryError, MemorySettings, Recall, SplatContentView, Votes};
 
-/// The store of a memory of evidence: two columns, `[gaussians, 2]` of two ids of 16 bits each and `[gaussians, 4]` of votes.
+/// The store of a memory of evidence: two columns, `[gaussians, 4]` of ids and `[gaussians, 4]` of votes.
 #[derive(Debug)]
 pub(crate) struct Evidence {
     pub settings: MemorySettings,
@@ -42,13 +42,9 @@ fn vote_columns(map: &DeviceGaussians) -> VoteColumnsLaunch {
 impl Evidence {
     /// Votes as columns.
     pub fn columns(votes: &[Votes]) -> Vec<Column> {
-        let pair = |low: u16, high: u16| u32::from(low) | u32::from(high) << 16;
-        let ids = votes.iter().flat_map(|votes| {
-            let [a, b, c, d] = votes.slots();
-            [pair(a.0, b.0), pair(c.0, d.0)]
-        });
+        let ids = votes.iter().flat_map(|votes| votes.slots().map(|(id, _)| id));
         let counts = votes.iter().flat_map(|votes| votes.slots().map(|(_, count)| count.to_bits()));
-        vec![Column { values: ids.collect(), width: 2 }, Column { values: counts.collect(), width: 4 }]
+        vec![Column { values: ids.collect(), width: 4 }, Column { values: counts.collect(), width: 4 }]
     }
 }
 
@@ -184,19 +180,32 @@ impl DeviceStore for Evidence {
         Ok(())
     }
 
-    fn mark_carried(&self, device: &GpuDevice, map: &DeviceGaussians, keep: &Buffer, report: &Buffer) -> bool {
+    fn mark_holds(
+        &self,
+        device: &GpuDevice,
+        map: &DeviceGaussians,
+        keep: &Buffer,
+        ids: &[SegmentId],
+        report: &Buffer,
+    ) -> Result<bool, GpuError> {
+        if ids.is_empty() {
+            return Ok(true);
+        }
+        let sent = device.upload(ids, "ids of a memory")?;
         let (cubes, cube) = threads(keep.len());
-        mark_carried::launch(
+        mark_holds::launch(
             &device.client,
             cubes,
             cube,
             vote_columns(map),
             keep.arg(),
+            sent.arg(),
             report.arg(),
             self.settings.min_evidence,
             map.len() as u32,
+            ids.len() as u32,
         );
-        true
+        Ok(true)
     }
 
     fn new_segment(&mut self, _: &GpuDevice, _: SegmentId) -> Result<(), MemoryError> {
@@ -210,11 +219,9 @@ impl DeviceStore for Evidence {
     fn read(&self, device: &GpuDevice, map: &DeviceGaussians) -> Result<Vec<Votes>, GpuError> {
         let [ids, votes] = device.download([vote_ids(map), votes(map)])?;
         let of_gaussian = |(ids, votes): (&[u32], &[u32])| {
-            Votes::from_slots(std::array::from_fn(|slot| {
-                ((ids[slot / 2] >> (16 * (slot % 2))) as u16, f32::from_bits(votes[slot]))
-            }))
+            Votes::from_slots(std::array::from_fn(|slot| (ids[slot], f32::from_bits(votes[slot]))))
         };
-        Ok(ids.chunks_exact(2).zip(votes.chunks_exact(4)).take(map.len()).map(of_gaussian).collect())
+        Ok(ids.chunks_exact(4).zip(votes.chunks_exact(4)).take(map.len()).map(of_gaussian).collect())
     }
 
     fn segment_ids(&self, device: &GpuDevice, map: &DeviceGaussians) -> Result<Vec<SegmentId>, GpuError> {

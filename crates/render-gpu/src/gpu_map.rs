@@ -6,13 +6,13 @@ use crate::evidence::Evidence;
 use crate::features::Features;
 use crate::gaussians::DeviceGaussians;
 use crate::growth::Growth;
-use crate::kernels::forget::{CARRIED, GROWN, LEARNT, NOWHERE, REMOVED, locate_seen, note_frame, pack_flags, set};
+use crate::kernels::forget::{GROWN, HOLDS, LEARNT, NOWHERE, REMOVED, SHOWN, locate_seen, note_frame, pack_flags, set};
 use crate::store::{DeviceStore, Lesson, Rendered};
 use crate::view::{GpuView, Sights, look, render};
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
     GrowthRule, LearningExtent, MapBackend, MapContent, MapDevice, MapUpdate, MemoryError, MemoryKind, MemorySettings,
-    Recall, RememberedSegments, SplatMap, VisibleGaussian, longest_unseen,
+    Recall, RememberedSegments, SegmentHold, SplatMap, VisibleGaussian, longest_unseen,
 };
 use splatseg_render::{Balls, Camera};
 use std::sync::{LazyLock, OnceLock};
@@ -52,6 +52,16 @@ impl MapDevice for GpuDevice {
 /// The device's part of a recall.
 fn view_of<'a, S: DeviceStore>(recall: &'a Recall<'_>) -> Result<&'a Rendered<S::Read>, GpuError> {
     recall.device_view().ok_or(GpuError::ForeignView)
+}
+
+/// How each of the `ids` is held, from its flags in a report.
+fn holds(ids: &[SegmentId], report: &[u32]) -> Vec<(SegmentId, SegmentHold)> {
+    let hold = |flags: &u32| match *flags {
+        0 => SegmentHold::Nothing,
+        flags if flags & SHOWN != 0 => SegmentHold::Shown,
+        _ => SegmentHold::Votes,
+    };
+    ids.iter().copied().zip(report.iter().skip(HOLDS).map(hold)).collect()
 }
 
 /// Whether the memory asks what a frame says of every Gaussian; the paper's does not.
@@ -141,11 +151,11 @@ impl<S: DeviceStore> GpuMap<S> {
         );
     }
 
-    /// Removes what is gone after frame number `number`, and says what is left.
+    /// Removes what is gone after frame number `number`, and says what is left and how it holds the `ids`.
     fn forget(
         &mut self,
         view: &GpuView,
-        number: u32,
+        (number, ids): (u32, &[SegmentId]),
         report: &Buffer,
         grown: Option<usize>,
         update: &mut MapUpdate,
@@ -162,19 +172,19 @@ impl<S: DeviceStore> GpuMap<S> {
                 self.note_frame(&view.sights, number, &keep, report);
             }
         }
-        let knows_carried = self.store.mark_carried(&self.device, &self.gaussians, &keep, report);
+        let knows_holds = self.store.mark_holds(&self.device, &self.gaussians, &keep, ids, report)?;
         let [found] = self.device.download([report])?;
         update.grown = match grown {
             Some(grown) => grown,
             None => self.note_grown(&found),
         };
         update.learning.active_gaussians = found[LEARNT] as usize;
-        update.carried = knows_carried.then(|| found[CARRIED..].iter().map(|flag| *flag == 1).collect());
+        update.holds = knows_holds.then(|| holds(ids, &found));
         if found[REMOVED] > 0 {
             self.retain(&keep, update)?;
         }
         if self.gaussians.len() > self.settings.max_gaussians {
-            self.shrink(update)?;
+            self.shrink(ids, update)?;
         }
         Ok(())
     }
@@ -201,7 +211,7 @@ impl<S: DeviceStore> GpuMap<S> {
     }
 
     /// Removes those not seen for longest.
-    fn shrink(&mut self, update: &mut MapUpdate) -> Result<(), GpuError> {
+    fn shrink(&mut self, ids: &[SegmentId], update: &mut MapUpdate) -> Result<(), GpuError> {
         let [mut last_seen] = self.device.download([self.gaussians.last_seen()])?;
         last_seen.truncate(self.gaussians.len());
         if let Some(flags) = longest_unseen(&last_seen, self.settings.max_gaussians) {
@@ -209,8 +219,11 @@ impl<S: DeviceStore> GpuMap<S> {
             let keep = self.device.upload(&flags, "which Gaussians are kept")?;
             update.was_full = true;
             self.retain(&keep, update)?;
-            // Known again when it is asked for.
-            update.carried = None;
+            let report = self.device.zeros(HOLDS + ids.len(), "report of a frame")?;
+            let keep = self.device.filled(self.gaussians.len(), 1, "which Gaussians are kept")?;
+            let knows_holds = self.store.mark_holds(&self.device, &self.gaussians, &keep, ids, &report)?;
+            let [found] = self.device.download([&report])?;
+            update.holds = knows_holds.then(|| holds(ids, &found));
         }
         Ok(())
     }
@@ -260,10 +273,11 @@ impl<S: DeviceStore> MapBackend for GpuMap<S> {
         recall: &mut Recall<'_>,
         seen: &SegmentMap,
         number: u32,
-        segments: usize,
+        ids: &mut dyn Iterator<Item = SegmentId>,
     ) -> Result<MapUpdate, MemoryError> {
         self.copy = OnceLock::new();
-        let report = self.device.zeros(CARRIED + segments + 1, "report of a frame")?;
+        let ids: Vec<SegmentId> = ids.collect();
+        let report = self.device.zeros(HOLDS + ids.len(), "report of a frame")?;
         let rendered = view_of::<S>(recall)?;
         let view = &rendered.view;
         let stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
@@ -277,7 +291,7 @@ impl<S: DeviceStore> MapBackend for GpuMap<S> {
         let active_pixels = self.store.learn(&lesson, rendered)?;
         let learning = LearningExtent { active_pixels, active_gaussians: 0 };
         let mut update = MapUpdate { learning, ..MapUpdate::default() };
-        self.forget(view, number, &report, grown, &mut update)?;
+        self.forget(view, (number, &ids), &report, grown, &mut update)?;
         Ok(update)
     }
 

@@ -74,9 +74,17 @@ pub(crate) trait DeviceStore: std::fmt::Debug + Send + Sync + 'static {
         Ok(())
     }
 
-    /// Marks in the report which segments the Gaussians show that are kept, unless that takes too long; returns whether.
-    fn mark_carried(&self, _device: &GpuDevice, _map: &DeviceGaussians, _keep: &Buffer, _report: &Buffer) -> bool {
-        false
+    /// Marks in the report how the Gaussians that are kept hold each of the `ids`, which increase, unless that takes too
+    /// long; returns whether.
+    fn mark_holds(
+        &self,
+        _device: &GpuDevice,
+        _map: &DeviceGaussians,
+        _keep: &Buffer,
+        _ids: &[SegmentId],
+        _report: &Buffer,
+    ) -> Result<bool, GpuError> {
+        Ok(false)
     }
 
     /// Prepares for a segment id that was never used before.

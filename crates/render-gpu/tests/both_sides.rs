@@ -213,7 +213,10 @@ fn save_and_go_on(settings: &MemorySettings, device: &GpuDevice) {
     assert_about(same(&one.map.last_seen, &other.map.last_seen), one.map.last_seen.len(), "last seen");
     let through = one.map.seen_through.iter().zip(&other.map.seen_through);
     assert_about(through.filter(|(one, other)| one != other).count(), 0, "seen through");
-    assert_eq!((one.sightings, one.carried, one.frames), (other.sightings, other.carried, other.frames));
+    assert_eq!(
+        (one.ids, one.sightings, one.carried, one.frames),
+        (other.ids, other.sightings, other.carried, other.frames)
+    );
     assert_remembered_agree(&one.content, &other.content);
     // What the CPU saved goes on on the device.
     let mut again = SplatMemory::load(&paths[0], settings.clone()).unwrap().on_device(device).unwrap();
@@ -243,8 +246,8 @@ fn check_transfers(settings: MemorySettings, device: &GpuDevice) {
         let after = device.transfers();
         let pixel_bytes = 4 * frame.frame.width() as u64 * frame.frame.height() as u64;
         let (uploads, downloads) = (after.uploads - before.uploads, after.downloads - before.downloads);
-        assert!(uploads <= 6 && downloads <= 7, "{uploads} uploads and {downloads} downloads in frame {number}");
-        // Up go depth, colour and three maps of predictions. Down come four images and two maps, and where each Gaussian
+        assert!(uploads <= 7 && downloads <= 7, "{uploads} uploads and {downloads} downloads in frame {number}");
+        // Up go depth, colour, three maps of predictions, and the ids. Down come four images and two maps, and where each Gaussian
         // is seen; a bit for each that may have been removed, and a word for each id.
         let up = after.uploaded_bytes - before.uploaded_bytes;
         assert!(up <= 5 * pixel_bytes + 4096, "{up} bytes up in frame {number}");

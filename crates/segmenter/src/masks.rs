@@ -20,7 +20,8 @@ const MAX_ANNOTATION_BYTES: u64 = 1 << 26;
 ///
 /// The folder holds, for each frame, one of
 ///
-/// - `<frame name>.png`: 8-bit or 16-bit grey, `[height, width]`, each id above 0 one mask with score 1;
+/// - `<frame name>.png`: 8-bit or 16-bit grey, or 8-bit RGB with id = R + 256 G + 65536 B, `[height, width]`, each id
+///   above 0 one mask with score 1;
 /// - `<frame name>.json`: a list of COCO annotations (or an object whose key `annotations` holds the list), each
 ///   `{"segmentation": {"size": [height, width], "counts": ...}, "score": ...}`. `counts` is a compressed RLE string
 ///   or a list of run lengths; `score` is in [0, 1] and 1 if left out; other keys are ignored. Masks may overlap.

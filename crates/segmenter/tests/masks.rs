@@ -1,6 +1,6 @@
 //! Replaying stored masks: every format, and every way in which files can be wrong.
 
-use image::{ImageBuffer, Luma, Rgb};
+use image::{ImageBuffer, Luma, Rgb, Rgba};
 use proptest::prelude::*;
 use splatseg_dataset::{Framing, ImageSize};
 use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, RunLengths, ScoredMask, SegmentMap};
@@ -142,9 +142,17 @@ fn damaged_images_are_refused() {
         assert!(matches!(error, SegmenterError::IdImage(_)), "{error}");
     }
     let folder = TempDir::new().unwrap();
-    ImageBuffer::<Rgb<u8>, _>::new(6, 4).save(folder.path().join("7.png")).unwrap();
+    ImageBuffer::<Rgba<u8>, _>::new(6, 4).save(folder.path().join("7.png")).unwrap();
     let error = read(folder.path(), Framing::default(), (6, 4)).unwrap_err().to_string();
-    assert!(error.contains("7.png") && error.contains("8-bit RGB") && error.contains("16-bit grey"), "{error}");
+    assert!(error.contains("7.png") && error.contains("8-bit RGBA") && error.contains("16-bit grey"), "{error}");
+}
+
+#[test]
+fn ids_may_be_in_rgb_as_in_panoptic_images() {
+    let folder = TempDir::new().unwrap();
+    let image = ImageBuffer::from_fn(6, 4, |column, _| Rgb(if column < 2 { [1u8, 0, 2] } else { [0, 0, 0] }));
+    image.save(folder.path().join("7.png")).unwrap();
+    assert_eq!(read(folder.path(), Framing::default(), (6, 4)).unwrap().len(), 1);
 }
 
 #[test]

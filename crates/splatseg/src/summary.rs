@@ -3,6 +3,8 @@
 use crate::Settings;
 use crate::pipeline::{FrameResult, StageTimes};
 use serde::{Deserialize, Serialize};
+use splatseg_memory::MAX_16_BIT_ID;
+use splatseg_objects::ObjectSighting;
 use splatseg_tracking::TrackErrorCounts;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -18,6 +20,8 @@ pub struct Summary {
     pub skipped_frames: usize,
     /// Distinct ids in the results.
     pub segments: usize,
+    /// Frames whose id image is RGB, id = R + 256 G + 65536 B, because an id is above 65535; the others are 16-bit grey.
+    pub rgb_id_images: usize,
     /// How many of them are tentative: the memory has seen the object in one frame only.
     pub tentative_segments: usize,
     /// Gaussians in the memory at the end.
@@ -121,6 +125,11 @@ impl RunCurve {
     }
 }
 
+/// Whether the id image of a frame with these objects is RGB.
+pub fn needs_rgb(objects: &[ObjectSighting]) -> bool {
+    objects.iter().any(|object| object.id > MAX_16_BIT_ID)
+}
+
 /// Counts over the frames of a run.
 #[derive(Clone, Debug, Default)]
 pub struct RunCounts {
@@ -132,6 +141,8 @@ pub struct RunCounts {
     pub skipped_frames: usize,
     /// Ids seen in results.
     pub ids: BTreeSet<u32>,
+    /// Frames with an id above 65535.
+    pub rgb_id_images: usize,
     /// Summed stage times.
     pub times: StageTimes,
     /// Summed errors of the tracker.
@@ -147,6 +158,7 @@ pub struct RunCounts {
 impl RunCounts {
     /// Counts a frame with a result, after which the memory has `gaussians` Gaussians.
     pub fn add(&mut self, result: &FrameResult, gaussians: usize) {
+        self.rgb_id_images += usize::from(needs_rgb(&result.objects));
         let time = result.times.without_segmenter();
         self.frames += 1;
         self.times += &result.times;

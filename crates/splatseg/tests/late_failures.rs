@@ -6,7 +6,7 @@ mod support;
 
 use splatseg_dataset::read_segments_png;
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
-use splatseg_memory::{MAX_SEGMENT_ID, MemorySettings, SplatMemory};
+use splatseg_memory::{MAX_16_BIT_ID, MemorySettings, SplatMemory};
 use splatseg_output::write_segments_png;
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -291,9 +291,9 @@ fn strict_input_ends_the_run_at_the_first_frame_that_cannot_be_used() {
     assert!(!folder.path().join("strict").exists());
 }
 
-/// A saved memory, of a place far from the room, in which all ids but this many are in use.
+/// A saved memory, of a place far from the room, in which all ids of 16 bits but this many are given for good.
 fn save_nearly_full_memory(path: &Path, free: usize) {
-    let used = MAX_SEGMENT_ID as usize - free;
+    let used = MAX_16_BIT_ID as usize - free;
     let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
     for id in 1..=used {
         assert_eq!(memory.new_segment().unwrap() as usize, id);
@@ -308,29 +308,51 @@ fn save_nearly_full_memory(path: &Path, free: usize) {
     let far = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 900.0, 0.0, 0.0, 0.0, 1.0];
     let pose = Pose::from_row_major(far).unwrap();
     let frame = RgbdFrame::new("far".to_owned(), color, depth, intrinsics, pose).unwrap();
-    let recall = memory.recall(&frame);
-    memory.update(recall, &seen).unwrap();
+    for _ in 0..2 {
+        let recall = memory.recall(&frame);
+        memory.update(recall, &seen).unwrap();
+    }
     memory.save(path).unwrap();
 }
 
 #[test]
-fn running_out_of_ids_keeps_every_frame_before() {
+fn ids_above_16_bits_are_written_as_rgb_images_that_all_readers_take() {
     let folder = tempfile::tempdir().unwrap();
     let plain = folder.path().join("plain");
     assert_eq!(run(ROOM, &plain, &[]).code, 0);
-    let first = read_segments_png(&plain.join("segments/frame-000000.png")).unwrap().areas().len();
-    assert!(first < read_json(&plain.join("summary.json"))["segments"].as_u64().unwrap() as usize);
-    let (memory, saved) = (folder.path().join("memory.ply"), folder.path().join("saved.ply"));
+    let segments = |out: &Path, file: &str| read_segments_png(&out.join("segments").join(file)).unwrap();
+    let files = file_names(&plain.join("segments"));
+    let first = segments(&plain, &files[0]).areas().len();
+    let memory = folder.path().join("memory.ply");
     save_nearly_full_memory(&memory, first);
-    let options = ["--load-memory", memory.to_str().unwrap(), "--save-memory", saved.to_str().unwrap()];
+    let (coco, mcap) = (folder.path().join("masks.json"), folder.path().join("run.mcap"));
+    let options = ["--load-memory", "--save-coco", "--save-mcap"].into_iter().zip([&memory, &coco, &mcap]);
+    let options: Vec<&str> = options.flat_map(|(name, path)| [name, path.to_str().unwrap()]).collect();
     let out = folder.path().join("out");
     let ended = run(ROOM, &out, &options);
-    assert_eq!(ended.code, 1, "{}", ended.err);
-    assert!(ended.err.contains("more than 65535 segments"), "{}", ended.err);
-    let summary = read_json(&out.join("summary.json"));
-    let frames = summary["frames"].as_u64().unwrap() as usize;
-    assert!((1..4).contains(&frames), "{summary}");
-    assert!(summary["error"].as_str().unwrap().contains("65535"), "{summary}");
-    assert_eq!(file_names(&out.join("segments")).len(), frames);
-    assert!(saved.is_file());
+    assert_eq!(ended.code, 0, "{}", ended.err);
+
+    let used = MAX_16_BIT_ID - first as u32;
+    let (mut rgb_files, mut rgb) = (0, Vec::new());
+    for file in &files {
+        let expected = segments(&plain, file).map(|id| if *id == 0 { 0 } else { id + used });
+        assert_eq!(segments(&out, file), expected, "{file}");
+        let color_type = fs::read(out.join("segments").join(file)).unwrap()[25];
+        let is_large = expected.pixels().iter().any(|id| *id > MAX_16_BIT_ID);
+        assert_eq!(color_type, if is_large { 2 } else { 0 }, "{file}: RGB, or grey");
+        rgb_files += usize::from(is_large);
+        rgb.extend(expected.areas().into_keys().filter(|id| *id > MAX_16_BIT_ID));
+    }
+    assert!(rgb_files > 0 && rgb_files < files.len());
+    assert_eq!(read_json(&out.join("summary.json"))["rgb_id_images"], rgb_files);
+    let tracks = read_json(&coco)["annotations"].as_array().unwrap().clone();
+    assert!(tracks.iter().any(|track| track["track_id"] == rgb[0]));
+    let recording = fs::read(&mcap).unwrap();
+    for encoding in [&b"16UC1"[..], b"32SC1"] {
+        assert!(recording.windows(encoding.len()).any(|window| window == encoding));
+    }
+    // As masks of another run, and as predictions.
+    let images = out.join("segments");
+    let options = ["--segmenter", "masks", "--masks", images.to_str().unwrap()];
+    assert_eq!(run(ROOM, &folder.path().join("again"), &options).code, 0);
 }

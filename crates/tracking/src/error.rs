@@ -34,9 +34,6 @@ pub enum TrackingError {
         /// Most masks of a frame.
         limit: usize,
     },
-    /// Every id has been used.
-    #[error("the video has more segments than there are 32-bit ids")]
-    OutOfIds,
     /// A method defined elsewhere failed.
     #[error("{name}: {source}")]
     Other {

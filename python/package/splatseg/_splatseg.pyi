@@ -18,7 +18,7 @@ _Frame: TypeAlias = tuple[
     NDArray[np.float64],
     NDArray[np.float64],
     float | None,
-    NDArray[np.uint16] | None,
+    NDArray[np.uint32] | None,
 ]
 _Sighting: TypeAlias = tuple[int, int, tuple[int, int, int, int], float, int, int]
 _Tracks: TypeAlias = tuple[list[int], NDArray[np.bool_]]
@@ -47,7 +47,7 @@ class Pipeline:
         name: str | None = None,
         depth_scale: float | None = None,
     ) -> tuple[
-        NDArray[np.uint16],
+        NDArray[np.uint32],
         NDArray[np.float32],
         list[_Sighting],
         NDArray[np.bool_] | None,
@@ -59,7 +59,7 @@ class Pipeline:
     def means(self) -> NDArray[np.float32]: ...
     def radii(self) -> NDArray[np.float32]: ...
     def colors(self) -> NDArray[np.uint8]: ...
-    def segment_ids(self) -> NDArray[np.uint16]: ...
+    def segment_ids(self) -> NDArray[np.uint32]: ...
 
 class Segmenter:
     def __init__(self, settings: dict[str, Any]) -> None: ...

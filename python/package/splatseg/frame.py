@@ -26,5 +26,5 @@ class Frame:
     """The pose: a 4x4 matrix from the camera's coordinates (x right, y down, z forward) to the world's, metres."""
     timestamp: float | None
     """When it was taken, seconds; ``None`` if the scene does not say."""
-    ground_truth: NDArray[np.uint16] | None
+    ground_truth: NDArray[np.uint32] | None
     """True ids, ``(height, width)``, 0 where unlabelled; ``None`` if there are none for this frame."""

@@ -37,7 +37,7 @@ class Memory:
         return self._pipeline.colors()
 
     @property
-    def segment_ids(self) -> NDArray[np.uint16]:
+    def segment_ids(self) -> NDArray[np.uint32]:
         """The id that each Gaussian shows by itself, ``(Gaussians,)``; 0 for none."""
         return self._pipeline.segment_ids()
 

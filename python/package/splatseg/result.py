@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class StepResult:
     """What a step has found in a frame. A notebook shows it as a picture."""
 
-    ids: NDArray[np.uint16]
+    ids: NDArray[np.uint32]
     """One lasting id per pixel, ``(height, width)``; 0 where there is no segment."""
     confidence: NDArray[np.float32]
     """How sure the id of each pixel is, ``(height, width)``, from 0 to 1; 0 where there is no segment."""

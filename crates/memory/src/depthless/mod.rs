@@ -170,13 +170,9 @@ impl DepthlessSegments {
         self.segments.sort_by_key(|segment| segment.region.id);
     }
 
-    /// Marks in `carried` every id that is remembered.
-    pub fn mark_carried(&self, carried: &mut [bool]) {
-        for segment in &self.segments {
-            if let Some(carried) = carried.get_mut(segment.region.id as usize) {
-                *carried = true;
-            }
-        }
+    /// The ids that are remembered, in increasing order.
+    pub fn ids(&self) -> impl Iterator<Item = SegmentId> + '_ {
+        self.segments.iter().map(|segment| segment.region.id)
     }
 }
 

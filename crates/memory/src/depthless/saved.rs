@@ -53,11 +53,11 @@ impl DepthlessSegments {
         self.segments.iter().map(saved).collect()
     }
 
-    /// What was saved, of a memory that had given so many ids and taken in so many frames.
+    /// What was saved, of a memory that had given ids up to `largest_id` and taken in so many frames.
     ///
     /// # Errors
     /// If no memory can have it, or it would take more memory than the limit.
-    pub fn restored(saved: Vec<SavedDepthlessSegment>, ids: usize, frames: u32) -> Result<Self, String> {
+    pub fn restored(saved: Vec<SavedDepthlessSegment>, largest_id: SegmentId, frames: u32) -> Result<Self, String> {
         if saved.len() > MAX_SEGMENTS {
             return Err(format!("{} segments without depth, expected at most {MAX_SEGMENTS}", saved.len()));
         }
@@ -70,7 +70,7 @@ impl DepthlessSegments {
         for saved in saved {
             let id = saved.id;
             let is_next = segments.last().is_none_or(|last| last.region.id < id);
-            let is_known = (1..=ids).contains(&(id as usize)) && saved.last_seen <= frames;
+            let is_known = (1..=largest_id).contains(&id) && saved.last_seen <= frames;
             let segment = if is_next && is_known { saved.restored() } else { None };
             segments.push(segment.ok_or_else(|| format!("the segment {id} without depth cannot be"))?);
         }

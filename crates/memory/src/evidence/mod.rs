@@ -10,6 +10,7 @@
 //! - **Learnt** ([`EvidenceStore::learn`]): each Gaussian takes a vote for the predictions where it is seen. Predictions
 //!   vote, not what was shown, so that evidence never confirms itself.
 
+mod census;
 mod votes;
 mod voting;
 
@@ -19,7 +20,9 @@ use crate::map::{NewGaussian, retain};
 use crate::ply::SplatContentView;
 use crate::recall::{Recall, TileSurface, cut};
 use crate::segment_store::{SegmentStore, StoreTile};
-use crate::{ABSTAIN, LearningExtent, MemoryError, MemorySettings};
+use crate::{ABSTAIN, LearningExtent, MemoryError, MemorySettings, SegmentHold};
+use census::{Census, CensusChanges};
+use rayon::prelude::*;
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_render::{Splats, TileWeights};
 use voting::FrameVotes;
@@ -32,11 +35,15 @@ const MIN_SILHOUETTE: f32 = 0.5;
 /// Where less light than this comes through what is gone, nothing can be told of what lies behind.
 const MIN_LIGHT: f32 = 0.05;
 
+/// Gaussians that one task counts when a memory is loaded.
+const GAUSSIANS_PER_COUNT: usize = 1 << 16;
+
 /// Votes per Gaussian.
 #[derive(Clone, Debug)]
 pub(crate) struct EvidenceStore {
-    pub settings: MemorySettings,
-    pub votes: Vec<Votes>,
+    settings: MemorySettings,
+    votes: Vec<Votes>,
+    census: Census,
 }
 
 /// The id with the most evidence at each pixel of a tile, and that evidence.
@@ -60,7 +67,20 @@ impl Winners {
 impl EvidenceStore {
     /// A store for a map without Gaussians.
     pub fn new(settings: MemorySettings) -> Self {
-        Self { settings, votes: Vec::new() }
+        Self { settings, votes: Vec::new(), census: Census::default() }
+    }
+
+    /// The store of an earlier run.
+    pub fn restored(settings: MemorySettings, votes: Vec<Votes>) -> Self {
+        let count = |votes: &[Votes]| {
+            let mut changes = CensusChanges::default();
+            votes.iter().for_each(|votes| changes.add(votes, settings.min_evidence));
+            changes
+        };
+        let counted: Vec<CensusChanges> = votes.par_chunks(GAUSSIANS_PER_COUNT).map(count).collect();
+        let mut census = Census::default();
+        counted.into_iter().for_each(|changes| census.apply(changes));
+        Self { settings, votes, census }
     }
 
     /// `E_p(id)` of a tile: the ids, and `[ids, 16, 16]` of evidence.
@@ -156,29 +176,45 @@ impl SegmentStore for EvidenceStore {
     }
 
     fn grow(&mut self, added: &[NewGaussian], _: &Recall<'_>, seen: &SegmentMap) {
-        self.votes.extend(added.iter().map(|gaussian| match seen.pixels()[gaussian.pixel] {
-            0 => Votes::one(0, self.settings.no_segment_weight),
-            ABSTAIN => Votes::default(),
-            id => Votes::one(id, 1.0),
-        }));
+        let mut changes = CensusChanges::default();
+        for gaussian in added {
+            let votes = match seen.pixels()[gaussian.pixel] {
+                0 => Votes::one(0, self.settings.no_segment_weight),
+                ABSTAIN => Votes::default(),
+                id => Votes::one(id, 1.0),
+            };
+            changes.add(&votes, self.settings.min_evidence);
+            self.votes.push(votes);
+        }
+        self.census.apply(changes);
     }
 
     fn learn(&mut self, recall: &mut Recall<'_>, _: &dyn Splats, seen: &SegmentMap) -> LearningExtent {
         let (weights, depth) = (recall.view.weights(), recall.frame.depth());
         let frame = FrameVotes::count(weights, seen, depth, self.settings.depth_tolerance, self.votes.len());
-        let active_gaussians = frame.apply(&mut self.votes, &self.settings);
+        let (active_gaussians, changes) = frame.apply(&mut self.votes, &self.settings);
+        self.census.apply(changes);
         LearningExtent { active_pixels: seen.pixels().len(), active_gaussians }
     }
 
     fn favour(&mut self, gaussians: &[u32], id: SegmentId) {
+        let mut changes = CensusChanges::default();
         for gaussian in gaussians {
             let votes = &mut self.votes[*gaussian as usize];
+            let before = *votes;
             votes.add(id, 2.0 * self.settings.max_votes);
             votes.cap(self.settings.max_votes);
+            changes.replace(&before, votes, self.settings.min_evidence);
         }
+        self.census.apply(changes);
     }
 
     fn retain(&mut self, keep: &[bool]) {
+        let mut changes = CensusChanges::default();
+        for (votes, _) in self.votes.iter().zip(keep).filter(|(_, keep)| !**keep) {
+            changes.remove(votes, self.settings.min_evidence);
+        }
+        self.census.apply(changes);
         retain(&mut self.votes, keep);
     }
 
@@ -193,6 +229,10 @@ impl SegmentStore for EvidenceStore {
     fn segment_shares(&self) -> Option<Vec<f32>> {
         let share = |votes: &Votes| votes.share(votes.winner(self.settings.min_evidence));
         Some(self.votes.iter().map(share).collect())
+    }
+
+    fn changed_holds(&mut self) -> Option<Vec<(SegmentId, SegmentHold)>> {
+        Some(self.census.take_changes())
     }
 
     fn numbers_per_gaussian(&self) -> usize {

@@ -8,7 +8,7 @@ const NEGLIGIBLE: f32 = 0.02;
 /// Up to four segments and the votes for each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Votes {
-    ids: [u16; Self::SLOTS],
+    ids: [SegmentId; Self::SLOTS],
     /// 0 where the slot is empty.
     votes: [f32; Self::SLOTS],
 }
@@ -20,33 +20,28 @@ impl Votes {
     /// Votes for one segment.
     pub fn one(id: SegmentId, votes: f32) -> Self {
         let mut one = Self::default();
-        (one.ids[0], one.votes[0]) = (id as u16, votes);
+        (one.ids[0], one.votes[0]) = (id, votes);
         one
     }
 
     /// Votes slot by slot: the segment and how many. An empty slot has 0 votes for whatever segment.
-    pub fn from_slots(slots: [(u16, f32); Self::SLOTS]) -> Self {
+    pub fn from_slots(slots: [(SegmentId, f32); Self::SLOTS]) -> Self {
         Self { ids: slots.map(|(id, _)| id), votes: slots.map(|(_, votes)| votes) }
     }
 
     /// The slots, as [`Votes::from_slots`] takes them.
-    pub fn slots(&self) -> [(u16, f32); Self::SLOTS] {
+    pub fn slots(&self) -> [(SegmentId, f32); Self::SLOTS] {
         std::array::from_fn(|slot| (self.ids[slot], self.votes[slot]))
     }
 
     /// The segments with votes, and how many.
     #[inline(always)]
     pub fn iter(&self) -> impl Iterator<Item = (SegmentId, f32)> + '_ {
-        self.ids
-            .iter()
-            .zip(&self.votes)
-            .filter(|(_, votes)| **votes > 0.0)
-            .map(|(id, votes)| (SegmentId::from(*id), *votes))
+        self.ids.iter().copied().zip(self.votes).filter(|(_, votes)| *votes > 0.0)
     }
 
     /// Adds votes for a segment. If all slots are taken by others it takes the place of the weakest, if it is stronger.
     pub fn add(&mut self, id: SegmentId, votes: f32) {
-        let id = id as u16;
         let known = (0..Self::SLOTS).find(|slot| self.votes[*slot] > 0.0 && self.ids[*slot] == id);
         if let Some(slot) = known {
             self.votes[slot] += votes;
@@ -73,6 +68,13 @@ impl Votes {
                 *votes = 0.0;
             }
         }
+    }
+
+    /// Whether the same slots have votes for the same segments.
+    pub(super) fn has_same_ids(&self, other: &Self) -> bool {
+        self.slots().into_iter().zip(other.slots()).all(|((id, votes), (other_id, other_votes))| {
+            (votes > 0.0) == (other_votes > 0.0) && (id == other_id || votes <= 0.0)
+        })
     }
 
     /// The segment with the most votes, the smallest id of equal ones; 0 if it has no more than `min`.

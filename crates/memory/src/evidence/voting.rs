@@ -1,6 +1,7 @@
 //! The votes that one frame gives.
 
 use super::Votes;
+use super::census::CensusChanges;
 use crate::recall::cut;
 use crate::{ABSTAIN, MemorySettings};
 use rayon::prelude::*;
@@ -48,19 +49,25 @@ impl FrameVotes {
     }
 
     /// Gives every Gaussian its votes: a label's share of what is seen of the Gaussian, or the weight itself where less
-    /// than a pixel is. Returns how many Gaussians had votes.
-    pub fn apply(&self, votes: &mut [Votes], settings: &MemorySettings) -> usize {
+    /// than a pixel is. Returns how many Gaussians had votes, and what that changes for ids.
+    pub fn apply(&self, votes: &mut [Votes], settings: &MemorySettings) -> (usize, CensusChanges) {
         let chunks = self.gaussian_count.div_ceil(CHUNK);
         let mut by_chunk: Vec<Vec<&Labelled>> = vec![Vec::new(); chunks];
         for labelled in self.by_tile.iter().flatten() {
             by_chunk[labelled.gaussian as usize / CHUNK].push(labelled);
         }
-        votes
+        let applied: Vec<(usize, CensusChanges)> = votes
             .par_chunks_mut(CHUNK)
             .zip(by_chunk)
             .enumerate()
             .map(|(chunk, (votes, entries))| apply_chunk(votes, &entries, chunk * CHUNK, settings))
-            .sum()
+            .collect();
+        let (mut count, mut changes) = (0, CensusChanges::default());
+        for (of_chunk, changes_of_chunk) in applied {
+            count += of_chunk;
+            changes.merge(changes_of_chunk);
+        }
+        (count, changes)
     }
 }
 
@@ -116,7 +123,16 @@ fn count_tile(tile: &TileWeights, labels: &SegmentMap, depth: &CowImage<'_, f32>
 }
 
 /// Adds up the tiles' entries of the Gaussians from `first` on, in the order of tiles, and gives the votes.
-fn apply_chunk(votes: &mut [Votes], entries: &[&Labelled], first: usize, settings: &MemorySettings) -> usize {
+fn apply_chunk(
+    votes: &mut [Votes],
+    entries: &[&Labelled],
+    first: usize,
+    settings: &MemorySettings,
+) -> (usize, CensusChanges) {
+    let mut changes = CensusChanges::default();
+    if entries.is_empty() {
+        return (0, changes);
+    }
     let mut seen = vec![Labelled::default(); votes.len()];
     for entry in entries {
         let sums = &mut seen[entry.gaussian as usize - first];
@@ -129,6 +145,7 @@ fn apply_chunk(votes: &mut [Votes], entries: &[&Labelled], first: usize, setting
     }
     let mut count = 0;
     for (votes, seen) in votes.iter_mut().zip(&seen).filter(|(_, seen)| seen.total > 0.0) {
+        let before = *votes;
         for slot in 0..LABELS {
             let share = seen.weights[slot] / seen.total.max(1.0);
             let share = if seen.ids[slot] == 0 { share * settings.no_segment_weight } else { share };
@@ -137,7 +154,8 @@ fn apply_chunk(votes: &mut [Votes], entries: &[&Labelled], first: usize, setting
             }
         }
         votes.cap(settings.max_votes);
+        changes.replace(&before, votes, settings.min_evidence);
         count += 1;
     }
-    count
+    (count, changes)
 }

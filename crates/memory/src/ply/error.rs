@@ -138,7 +138,7 @@ pub enum SplatFileError {
         /// The length it should have.
         expected: usize,
     },
-    /// More segments than ids that a 16-bit image can hold, or than codes.
+    /// More segments than there can be ids, or than codes.
     #[error("{}: {found} segments, expected at most {max}", path.display())]
     Segments {
         /// The file.

@@ -34,7 +34,7 @@ pub enum Layout {
 pub struct Sizes {
     /// Number of Gaussians.
     pub gaussians: u64,
-    /// Number of segment ids given.
+    /// Number of segment ids that are listed.
     pub segments: u64,
     /// Kind of content and its sizes.
     pub layout: Layout,
@@ -75,8 +75,8 @@ impl Layout {
         PROPERTY_BYTES.saturating_mul((FLOAT_PROPERTIES.len() + OTHER_PROPERTIES).saturating_add(own) as u64)
     }
 
-    /// The most segment ids that can have been given.
-    fn max_segments(self) -> u64 {
+    /// The most segment ids there can be.
+    pub fn max_segments(self) -> u64 {
         match self {
             Self::Evidence => u64::from(MAX_SEGMENT_ID),
             Self::Features { codes, .. } => codes.min(u64::from(MAX_SEGMENT_ID)),
@@ -95,7 +95,7 @@ impl Sizes {
         };
         Self {
             gaussians: view.map.len() as u64,
-            segments: view.sightings.len() as u64,
+            segments: view.ids.len() as u64,
             layout,
             short_term: view.short_term.len() as u64,
         }

@@ -6,7 +6,7 @@
 //! ```text
 //! ply
 //! format binary_little_endian 1.0
-//! comment splatseg memory 3 kind evidence segments 40 short_term 812
+//! comment splatseg memory 4 kind evidence segments 40 short_term 812
 //! element vertex 120000
 //! property float x, y, z            metres
 //! property float nx, ny, nz         zero
@@ -27,17 +27,17 @@
 //! (one property a line). A memory of features has another comment, and features in place of votes:
 //!
 //! ```text
-//! comment splatseg memory 3 kind features feature_dim 28 codes 512 segments 40 short_term 812
+//! comment splatseg memory 4 kind features feature_dim 28 codes 512 segments 40 short_term 812
 //! property float feature_0..27
 //! ```
 //!
-//! `segments` is the number of ids given: the ids of the file are 0 to that. A block follows the vertices, all
-//! little-endian:
+//! `segments` is the number of ids that the file lists; Gaussians have votes for these and for 0 only. A block follows
+//! the vertices, all little-endian:
 //!
 //! | Field | Type | |
 //! |---|---|---|
 //! | mark | `[u8; 8]` | `SPLATSEG` |
-//! | version | `u32` | 3 |
+//! | version | `u32` | 4 |
 //! | kind | `u32` | 0 evidence, 1 features |
 //! | segments | `u32` | as in the comment |
 //! | frames | `u32` | frames taken in |
@@ -46,6 +46,7 @@
 //! | seed | `u64` | features only: what the codes were made from |
 //! | blocks | `u32` | features only: how many times codes were made |
 //! | the codes | `f32` `[codes, feature_dim]` | features only |
+//! | ids | `u32` `[segments]` | the ids that the memory has anything of, in increasing order |
 //! | sightings | `u32` `[segments]` | frames in which a prediction had the id |
 //! | carried | `u8` `[segments]` | 1 if anything carried the id when that was last looked at, else 0 |
 //! | short term | `u8` `[short_term]` | what the memory keeps besides its Gaussians |
@@ -77,14 +78,15 @@ pub use export::{ExportedForm, ExportedGaussian, write_exported};
 pub use saved_settings::{SavedCodes, SavedMemorySettings};
 
 use crate::{Codebook, MemoryKind, SplatMap, Votes};
+use splatseg_geometry::SegmentId;
 use std::path::Path;
 
 /// Version of the format, in the header's comment and in the block behind the vertices.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 /// Records pass through memory in pieces of about this size.
 const CHUNK_BYTES: usize = 1 << 18;
 
-/// A splat memory as it is loaded from a file: N Gaussians, S segment ids given.
+/// A splat memory as it is loaded from a file: N Gaussians, S segment ids.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SplatFile {
     /// The Gaussians, N entries.
@@ -93,9 +95,11 @@ pub struct SplatFile {
     pub content: SplatContent,
     /// Segment that each Gaussian shows by itself, 0 for none, `[N]`; for viewers.
     pub segment_ids: Vec<u32>,
-    /// Frames in which a prediction had each id, by id − 1, `[S]`.
+    /// The ids, in increasing order, `[S]`.
+    pub ids: Vec<SegmentId>,
+    /// Frames in which a prediction had each id, `[S]`.
     pub sightings: Vec<u32>,
-    /// Whether anything carried each id when that was last looked at, by id − 1, `[S]`.
+    /// Whether anything carried each id when that was last looked at, `[S]`.
     pub carried: Vec<bool>,
     /// Frames taken in.
     pub frames: u32,
@@ -115,7 +119,7 @@ pub enum SplatContent {
     Features {
         /// Row-major `[N, D]`.
         features: Vec<f32>,
-        /// The codes, of dimension D; those of the S ids come first.
+        /// The codes, of dimension D; that of an id is number id − 1.
         codebook: Codebook,
     },
 }
@@ -129,9 +133,11 @@ pub struct SplatFileView<'a> {
     pub content: SplatContentView<'a>,
     /// Segment that each Gaussian shows by itself, 0 for none, `[N]`; for viewers.
     pub segment_ids: &'a [u32],
-    /// Frames in which a prediction had each id, by id − 1, `[S]`.
+    /// The ids, in increasing order, `[S]`.
+    pub ids: &'a [SegmentId],
+    /// Frames in which a prediction had each id, `[S]`.
     pub sightings: &'a [u32],
-    /// Whether anything carried each id when that was last looked at, by id − 1, `[S]`.
+    /// Whether anything carried each id when that was last looked at, `[S]`.
     pub carried: &'a [bool],
     /// Frames taken in.
     pub frames: u32,
@@ -151,7 +157,7 @@ pub enum SplatContentView<'a> {
     Features {
         /// Row-major `[N, D]`.
         features: &'a [f32],
-        /// The codes, of dimension D; those of the S ids come first.
+        /// The codes, of dimension D; that of an id is number id − 1.
         codebook: &'a Codebook,
     },
 }
@@ -181,6 +187,7 @@ impl SplatFile {
             map: &self.map,
             content: self.content.view(),
             segment_ids: &self.segment_ids,
+            ids: &self.ids,
             sightings: &self.sightings,
             carried: &self.carried,
             frames: self.frames,

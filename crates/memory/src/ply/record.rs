@@ -5,6 +5,7 @@ use super::layout::{FLOAT_PROPERTIES, Layout, Sizes};
 use super::{SplatContentView, SplatFileView};
 use crate::{SplatMap, Votes};
 use glam::Vec3;
+use splatseg_geometry::SegmentId;
 use splatseg_render::Balls;
 use std::path::Path;
 
@@ -16,14 +17,13 @@ pub const LOGIT_OF_1: f32 = 20.0;
 /// Appends the record of Gaussian `index`.
 pub fn encode(view: &SplatFileView<'_>, index: usize, path: &Path, bytes: &mut Vec<u8>) -> Result<(), SplatFileError> {
     let vertex = Vertex { path, index };
-    let segments = view.sightings.len() as u32;
     let (mean, radius) = (view.map.balls.means[index], view.map.balls.radii[index]);
     for (value, property) in mean.to_array().into_iter().zip(FLOAT_PROPERTIES) {
         vertex.finite(property, value)?;
     }
     vertex.positive("radius", radius)?;
     vertex.at_most("last_seen", view.map.last_seen[index], view.frames)?;
-    vertex.at_most("segment_id", view.segment_ids[index], segments)?;
+    vertex.known("segment_id", view.segment_ids[index], view.ids)?;
     let [red, green, blue] = view.map.colors[index].map(harmonic);
     let scale = f64::from(radius).ln() as f32;
     let shape = [LOGIT_OF_1, scale, scale, scale, 1.0, 0.0, 0.0, 0.0, radius];
@@ -34,9 +34,11 @@ pub fn encode(view: &SplatFileView<'_>, index: usize, path: &Path, bytes: &mut V
     match view.content {
         SplatContentView::Evidence { votes } => {
             for (slot, (id, votes)) in votes[index].slots().into_iter().enumerate() {
-                vertex.at_most(format_args!("vote_id_{slot}"), u32::from(id), segments)?;
                 vertex.not_negative(format_args!("votes_{slot}"), votes)?;
-                bytes.extend(u32::from(id).to_le_bytes());
+                if votes > 0.0 {
+                    vertex.known(format_args!("vote_id_{slot}"), id, view.ids)?;
+                }
+                bytes.extend(id.to_le_bytes());
                 bytes.extend(votes.to_le_bytes());
             }
         }
@@ -86,7 +88,6 @@ impl Records {
 /// Appends the Gaussian of one record.
 pub fn decode(record: &[u8], sizes: &Sizes, records: &mut Records, path: &Path) -> Result<(), SplatFileError> {
     let vertex = Vertex { path, index: records.map.len() };
-    let segments = sizes.segments as u32;
     let (words, _) = record.as_chunks::<4>();
     // A record has the length of its layout, so there is always an else that never happens.
     let Some((floats, rest)) = words.split_first_chunk::<{ FLOAT_PROPERTIES.len() }>() else { return Ok(()) };
@@ -102,9 +103,8 @@ pub fn decode(record: &[u8], sizes: &Sizes, records: &mut Records, path: &Path) 
     let seen_through = u32::from_le_bytes(*seen_through);
     vertex.at_most("seen_through", seen_through, u32::from(u8::MAX))?;
     let segment_id = u32::from_le_bytes(*segment_id);
-    vertex.at_most("segment_id", segment_id, segments)?;
     match sizes.layout {
-        Layout::Evidence => records.votes.push(decode_votes(content, segments, &vertex)?),
+        Layout::Evidence => records.votes.push(decode_votes(content, &vertex)?),
         Layout::Features { .. } => {
             for (channel, value) in content.iter().map(|&bytes| f32::from_le_bytes(bytes)).enumerate() {
                 vertex.finite(format_args!("feature_{channel}"), value)?;
@@ -120,13 +120,12 @@ pub fn decode(record: &[u8], sizes: &Sizes, records: &mut Records, path: &Path) 
     Ok(())
 }
 
-fn decode_votes(words: &[[u8; 4]], segments: u32, vertex: &Vertex<'_>) -> Result<Votes, SplatFileError> {
+fn decode_votes(words: &[[u8; 4]], vertex: &Vertex<'_>) -> Result<Votes, SplatFileError> {
     let mut slots = [(0, 0.0); Votes::SLOTS];
     for (slot, (into, [id, votes])) in slots.iter_mut().zip(words.as_chunks().0).enumerate() {
         let (id, votes) = (u32::from_le_bytes(*id), f32::from_le_bytes(*votes));
-        vertex.at_most(format_args!("vote_id_{slot}"), id, segments)?;
         vertex.not_negative(format_args!("votes_{slot}"), votes)?;
-        *into = (id as u16, votes);
+        *into = (id, votes);
     }
     Ok(Votes::from_slots(slots))
 }
@@ -135,6 +134,24 @@ fn decode_votes(words: &[[u8; 4]], segments: u32, vertex: &Vertex<'_>) -> Result
 pub fn check_last_seen(last_seen: &[u32], frames: u32, path: &Path) -> Result<(), SplatFileError> {
     let mut numbers = last_seen.iter().enumerate();
     numbers.try_for_each(|(index, &frame)| Vertex { path, index }.at_most("last_seen", frame, frames))
+}
+
+/// Refuses Gaussians that show or have votes for an id that the file does not list.
+pub fn check_ids(
+    segment_ids: &[SegmentId],
+    votes: &[Votes],
+    ids: &[SegmentId],
+    path: &Path,
+) -> Result<(), SplatFileError> {
+    for (index, id) in segment_ids.iter().enumerate() {
+        Vertex { path, index }.known("segment_id", *id, ids)?;
+    }
+    for (index, votes) in votes.iter().enumerate() {
+        for (slot, (id, _)) in votes.slots().into_iter().enumerate().filter(|(_, (_, votes))| *votes > 0.0) {
+            Vertex { path, index }.known(format_args!("vote_id_{slot}"), id, ids)?;
+        }
+    }
+    Ok(())
 }
 
 /// A Gaussian in a file, for what can be wrong with its values.
@@ -173,6 +190,12 @@ impl Vertex<'_> {
 
     fn not_negative(&self, property: impl std::fmt::Display, value: f32) -> Result<(), SplatFileError> {
         self.check(value.is_finite() && value >= 0.0, property, value, "a finite value that is not negative")
+    }
+
+    /// Requires 0 or one of the `ids`, which increase.
+    fn known(&self, property: impl std::fmt::Display, id: SegmentId, ids: &[SegmentId]) -> Result<(), SplatFileError> {
+        let is_known = id == 0 || ids.binary_search(&id).is_ok();
+        self.check(is_known, property, id, format_args!("0 or one of the {} ids of the file", ids.len()))
     }
 
     fn at_most(&self, property: impl std::fmt::Display, value: u32, max: u32) -> Result<(), SplatFileError> {

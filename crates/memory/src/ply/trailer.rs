@@ -6,6 +6,7 @@ use super::reader::Input;
 use super::writer::Output;
 use super::{SplatContentView, SplatFileView, VERSION};
 use crate::{Codebook, MemoryKind};
+use splatseg_geometry::SegmentId;
 use std::io::Write;
 use std::path::Path;
 
@@ -17,8 +18,8 @@ const HEAD_BYTES: u64 = 24;
 const CODEBOOK_HEAD_BYTES: u64 = 24;
 /// Where in the block of a memory of features the number of blocks of codes stands.
 pub const BLOCKS_OFFSET: u64 = HEAD_BYTES + CODEBOOK_HEAD_BYTES - 4;
-/// Bytes of sightings and carried per segment.
-const SEGMENT_BYTES: u64 = 5;
+/// Bytes of id, sightings and carried per segment.
+const SEGMENT_BYTES: u64 = 9;
 /// Bytes of the checksum that ends the file.
 const CHECKSUM_BYTES: u64 = 4;
 
@@ -47,6 +48,7 @@ pub fn write<W: Write>(view: &SplatFileView<'_>, sizes: &Sizes, output: &mut Out
         output.write(&codebook.blocks().to_le_bytes())?;
         output.write_words(codebook.vectors().iter().map(|value| value.to_le_bytes()))?;
     }
+    output.write_words(view.ids.iter().map(|id| id.to_le_bytes()))?;
     output.write_words(view.sightings.iter().map(|count| count.to_le_bytes()))?;
     let carried: Vec<u8> = view.carried.iter().copied().map(u8::from).collect();
     output.write(&carried)?;
@@ -61,6 +63,7 @@ pub struct Trailer {
     segments: u32,
     frames: u32,
     codes: Option<Codes>,
+    ids: Vec<SegmentId>,
     sightings: Vec<u32>,
     carried: Vec<u8>,
     short_term: Vec<u8>,
@@ -81,9 +84,11 @@ pub struct Contents {
     pub frames: u32,
     /// The codes, in a file of features.
     pub codebook: Option<Codebook>,
-    /// By id − 1.
+    /// In increasing order.
+    pub ids: Vec<SegmentId>,
+    /// Of each of the ids.
     pub sightings: Vec<u32>,
-    /// By id − 1.
+    /// Of each of the ids.
     pub carried: Vec<bool>,
     /// What is saved besides the Gaussians.
     pub short_term: Vec<u8>,
@@ -108,6 +113,7 @@ impl Trailer {
                     vectors: input.words(codes * feature_dim as u64, f32::from_le_bytes)?,
                 }),
             },
+            ids: input.words(sizes.segments, SegmentId::from_le_bytes)?,
             sightings: input.words(sizes.segments, u32::from_le_bytes)?,
             carried: {
                 let mut carried = vec![0; sizes.segments as usize];
@@ -123,19 +129,20 @@ impl Trailer {
     }
 
     /// What the block holds, if that is as the header has it.
-    pub fn checked(self, sizes: &Sizes, path: &Path) -> Result<Contents, SplatFileError> {
+    pub fn checked(mut self, sizes: &Sizes, path: &Path) -> Result<Contents, SplatFileError> {
         let text = |magic: &[u8]| format!("{:?}", String::from_utf8_lossy(magic));
         check_field("the mark behind the vertices", text(&self.magic), text(&MAGIC), path)?;
         check_field("the version behind the vertices", self.version, VERSION, path)?;
         check_field("the kind behind the vertices", self.kind, number_of(sizes.layout.kind()), path)?;
         check_field("the number of segments behind the vertices", u64::from(self.segments), sizes.segments, path)?;
-        let codebook = self.codes.map(|codes| codes.checked(sizes, path)).transpose()?;
+        let codebook = self.codes.take().map(|codes| codes.checked(sizes, path)).transpose()?;
         if let Some(&strange) = self.carried.iter().find(|&&carried| carried > 1) {
             return Err(field_error("carried", strange, "0 or 1", path));
         }
+        check_ids(&self.ids, sizes, path)?;
         let carried = self.carried.into_iter().map(|carried| carried == 1).collect();
-        let (frames, sightings, short_term) = (self.frames, self.sightings, self.short_term);
-        Ok(Contents { frames, codebook, sightings, carried, short_term })
+        let Self { frames, ids, sightings, short_term, .. } = self;
+        Ok(Contents { frames, codebook, ids, sightings, carried, short_term })
     }
 }
 
@@ -150,6 +157,19 @@ impl Codes {
         Codebook::from_vectors(feature_dim, self.vectors, self.seed, self.blocks)
             .map_err(|source| SplatFileError::Codebook { path: path.to_owned(), source })
     }
+}
+
+/// Refuses ids that do not increase, or that no memory gives.
+pub fn check_ids(ids: &[SegmentId], sizes: &Sizes, path: &Path) -> Result<(), SplatFileError> {
+    let mut before = 0;
+    for id in ids {
+        if *id <= before || u64::from(*id) > sizes.layout.max_segments() {
+            let expected = format!("a number from {} to {}", before + 1, sizes.layout.max_segments());
+            return Err(field_error("an id", id, expected, path));
+        }
+        before = *id;
+    }
+    Ok(())
 }
 
 fn number_of(kind: MemoryKind) -> u32 {

@@ -13,6 +13,7 @@ pub fn save(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileError>
     let sizes = Sizes::of(view);
     check_lengths(view, path)?;
     sizes.check_segments(path)?;
+    trailer::check_ids(view.ids, &sizes, path)?;
     let mut file = AtomicFile::create(path).map_err(SplatFileError::io(path, "create a file beside it"))?;
     write_file(view, &sizes, path, &mut file)?;
     file.commit().map_err(SplatFileError::io(path, "put the finished file there"))
@@ -34,7 +35,8 @@ fn check_lengths(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileE
         ("seen_through", view.map.seen_through.len(), count),
         content,
         ("segment_ids", view.segment_ids.len(), count),
-        ("carried", view.carried.len(), view.sightings.len()),
+        ("sightings", view.sightings.len(), view.ids.len()),
+        ("carried", view.carried.len(), view.ids.len()),
     ];
     for (field, found, expected) in lengths {
         if found != expected {

@@ -78,8 +78,8 @@ fn other_files_are_named_for_what_they_are() {
         assert!(message(with_header("binary_little_endian", "binary_big_endian")).contains("binary_big_endian 1.0"));
         assert!(message(with_header("binary_little_endian", "ascii")).contains("\"ascii 1.0\""));
         assert!(message(with_header("comment splatseg", "comment other")).contains("not a splatseg memory"));
-        assert!(message(with_header("memory 3", "memory 1")).contains("version \"1\""));
-        assert!(message(with_header("memory 3", "memory 4")).contains("version \"4\""));
+        assert!(message(with_header("memory 4", "memory 1")).contains("version \"1\""));
+        assert!(message(with_header("memory 4", "memory 5")).contains("version \"5\""));
         assert!(message(with_header(" kind ", " of ")).contains("expected version, kind"));
         assert!(message(with_header("segments 4", "segments four")).contains("segments four"));
         assert!(message(with_header("element vertex 3", "element vertex -3")).contains("element vertex"));
@@ -113,7 +113,7 @@ fn a_memory_of_version_1_is_refused() {
     let old = b"ply\nformat binary_little_endian 1.0\ncomment splatseg memory 1 feature_dim 28 codes 512 used 40\n\
                 element vertex 0\nproperty float x\nend_header\n";
     let error = load(old).unwrap_err();
-    assert!(matches!(&error, SplatFileError::Version { found, expected: 3, .. } if found == "1"), "{error}");
+    assert!(matches!(&error, SplatFileError::Version { found, expected: 4, .. } if found == "1"), "{error}");
 }
 
 #[test]
@@ -128,7 +128,7 @@ fn counts_that_lie_take_no_memory() {
             let result = with_header(kind, "segments 4", &format!("segments {lie}"));
             assert!(matches!(result, Err(SplatFileError::Length { .. })), "{lie}");
         }
-        for lie in ["65536"].into_iter().chain(HUGE) {
+        for lie in ["16777216"].into_iter().chain(HUGE) {
             let result = with_header(kind, "segments 4", &format!("segments {lie}"));
             assert!(matches!(result, Err(SplatFileError::Segments { .. })), "{lie}");
         }
@@ -164,7 +164,7 @@ fn fields_behind_the_vertices_are_checked() {
         let error = with_field(kind, 20, &7u32.to_le_bytes()).unwrap_err().to_string();
         assert!(error.contains("last_seen of Gaussian 0 is 70000, expected a number from 0 to 7"), "{error}");
         let codebook = if kind == MemoryKind::Features { 24 + 4 * 9 * FEATURE_DIM } else { 0 };
-        let error = with_field(kind, 24 + codebook + 4 * SEGMENTS, &[2]).unwrap_err().to_string();
+        let error = with_field(kind, 24 + codebook + 8 * SEGMENTS, &[2]).unwrap_err().to_string();
         assert!(error.contains("carried is 2, expected 0 or 1"), "{error}");
     }
     let features = |at, value: &[u8]| with_field(MemoryKind::Features, at, value);

@@ -10,8 +10,8 @@ const USUAL: &str =
 const OWN: [&str; 2] =
     ["vote_id_0 votes_0 vote_id_1 votes_1 vote_id_2 votes_2 vote_id_3 votes_3", "feature_0 feature_1 feature_2"];
 const COMMENTS: [&str; 2] = [
-    "comment splatseg memory 3 kind evidence segments 4 short_term 0",
-    "comment splatseg memory 3 kind features feature_dim 3 codes 9 segments 4 short_term 0",
+    "comment splatseg memory 4 kind evidence segments 4 short_term 0",
+    "comment splatseg memory 4 kind features feature_dim 3 codes 9 segments 4 short_term 0",
 ];
 
 fn close(left: f32, right: f32) -> bool {
@@ -63,7 +63,7 @@ fn viewers_find_their_properties() {
         match &file.content {
             SplatContent::Evidence { votes } => {
                 let slots = votes[2].slots();
-                assert_eq!(i32::from_le_bytes(word(2, "vote_id_2")), i32::from(slots[2].0));
+                assert_eq!(i32::from_le_bytes(word(2, "vote_id_2")), slots[2].0 as i32);
                 assert_eq!(value("votes_2"), slots[2].1);
             }
             SplatContent::Features { features, .. } => assert_eq!(value("feature_1"), features[2 * FEATURE_DIM + 1]),
@@ -86,7 +86,7 @@ fn the_block_behind_the_vertices_is_as_documented() {
         let kind_number = u64::from(kind == MemoryKind::Features);
         assert_eq!(
             [number(8, 4), number(12, 4), number(16, 4), number(20, 4)],
-            [3, kind_number, SEGMENTS as u64, u64::from(FRAMES)]
+            [4, kind_number, SEGMENTS as u64, u64::from(FRAMES)]
         );
         let mut end = 24;
         if let SplatContent::Features { codebook, .. } = &file.content {
@@ -94,12 +94,12 @@ fn the_block_behind_the_vertices_is_as_documented() {
             assert_eq!(block[48..52], codebook.vector(0)[0].to_le_bytes());
             end = 48 + 4 * CODES * FEATURE_DIM;
         }
-        for (index, sightings) in file.sightings.iter().enumerate() {
-            assert_eq!(number(end + 4 * index, 4), u64::from(*sightings));
+        for (index, word) in file.ids.iter().chain(&file.sightings).enumerate() {
+            assert_eq!(number(end + 4 * index, 4), u64::from(*word));
         }
-        assert_eq!(block[end + 4 * SEGMENTS..][..SEGMENTS], [1, 0, 0, 1]);
-        assert_eq!(&block[end + 5 * SEGMENTS..][..4], b"text");
-        assert_eq!(block.len(), end + 5 * SEGMENTS + 4 + 4);
+        assert_eq!(block[end + 8 * SEGMENTS..][..SEGMENTS], [1, 0, 0, 1]);
+        assert_eq!(&block[end + 9 * SEGMENTS..][..4], b"text");
+        assert_eq!(block.len(), end + 9 * SEGMENTS + 4 + 4);
         assert_eq!(bytes[bytes.len() - 4..], crc32(&bytes[..bytes.len() - 4]).to_le_bytes());
     }
     assert_eq!(crc32(b"123456789"), 0xcbf4_3926);

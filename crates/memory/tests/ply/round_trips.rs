@@ -82,7 +82,7 @@ fn saved_files_have_the_permissions_of_any_new_file() {
     assert_eq!(mode(&place.path), mode(&other));
 }
 
-const MAX_ID: u16 = 4;
+const MAX_ID: u32 = 4;
 
 fn any_finite() -> impl Strategy<Value = f32> {
     any::<u32>().prop_map(f32::from_bits).prop_filter("finite", |value| value.is_finite())
@@ -106,7 +106,7 @@ prop_compose! {
         ids in [0..=MAX_ID, 0..=MAX_ID, 0..=MAX_ID, 0..=MAX_ID],
         votes in [any_votes(), any_votes(), any_votes(), any_votes()],
         feature in [any_finite(), any_finite()],
-        segment_id in 0..=u32::from(MAX_ID),
+        segment_id in 0..=MAX_ID,
     ) -> (SplatMap, Votes, [f32; 2], u32) {
         let map = SplatMap {
             balls: Balls { means: vec![Vec3::from(mean)], radii: vec![radius] },
@@ -143,7 +143,8 @@ proptest! {
         for content in [SplatContent::Evidence { votes: all_votes }, SplatContent::Features { features: all_features, codebook }] {
             let (map, segment_ids, short_term) = (map.clone(), segment_ids.clone(), short_term.clone());
             let (sightings, carried) = (sightings.to_vec(), carried.to_vec());
-            let file = SplatFile { map, content, segment_ids, sightings, carried, frames: 9, short_term };
+            let ids = (1..=MAX_ID).collect();
+            let file = SplatFile { map, content, segment_ids, ids, sightings, carried, frames: 9, short_term };
             prop_assert_eq!(&reloaded(&file), &file);
             // Equality takes −0 for 0; the bytes do not.
             prop_assert_eq!(saved(&reloaded(&file)), saved(&file));

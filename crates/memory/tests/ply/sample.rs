@@ -34,7 +34,7 @@ pub fn sample(kind: MemoryKind, count: usize) -> SplatFile {
 
 fn votes(index: usize) -> Votes {
     let t = index as f32;
-    let id = |slot| ((index + slot) % (SEGMENTS + 1)) as u16;
+    let id = |slot| ((index + slot) % (SEGMENTS + 1)) as u32;
     // An empty slot between others, and one with an id from before.
     Votes::from_slots([(id(0), 1e-3 + t.fract()), (0, 0.0), (id(2), 4.0 / (1.0 + t)), (id(3), 0.0)])
 }
@@ -60,6 +60,7 @@ pub fn with_content(content: SplatContent, count: usize) -> SplatFile {
         map,
         content,
         segment_ids: (0..count).map(|index| (index % (SEGMENTS + 1)) as u32).collect(),
+        ids: (1..=SEGMENTS as u32).collect(),
         sightings: vec![3, 0, u32::MAX, 500],
         carried: vec![true, false, false, true],
         frames: FRAMES,

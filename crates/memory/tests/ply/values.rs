@@ -1,6 +1,7 @@
 //! Values that no memory has are neither loaded nor saved.
 
 use crate::sample::{COMMON_PROPERTIES, FEATURE_DIM, KINDS, place, sample, with_word};
+use splatseg_geometry::SegmentId;
 use splatseg_memory::{MemoryKind, SplatContent, SplatFile, SplatFileError, Votes};
 use std::fs;
 
@@ -35,12 +36,15 @@ fn values_no_gaussian_has_are_errors_when_loaded() {
         let segment_id = COMMON_PROPERTIES + if kind == MemoryKind::Evidence { 8 } else { FEATURE_DIM };
         for id in [5i32, -1, i32::MAX] {
             let message = message(kind, segment_id, id.to_le_bytes());
-            assert!(message.contains("segment_id of Gaussian 1") && message.contains("from 0 to 4"), "{message}");
+            assert!(
+                message.contains("segment_id of Gaussian 1") && message.contains("0 or one of the 4 ids"),
+                "{message}"
+            );
         }
     }
     for id in [5i32, 65_536, 65_537, -1] {
         let message = message(MemoryKind::Evidence, COMMON_PROPERTIES + 4, id.to_le_bytes());
-        assert!(message.contains("vote_id_2 of Gaussian 1") && message.contains("from 0 to 4"), "{message}");
+        assert!(message.contains("vote_id_2 of Gaussian 1") && message.contains("0 or one of the 4 ids"), "{message}");
     }
     let negative = message(MemoryKind::Evidence, COMMON_PROPERTIES + 5, (-0.5f32).to_le_bytes());
     assert!(negative.contains("votes_2 of Gaussian 1 is -0.5"), "{negative}");
@@ -61,7 +65,8 @@ fn what_cannot_be_saved_leaves_the_old_file() {
         refuses(|file| file.map.balls.radii[1] = 0.0, "radius of Gaussian 1 is 0");
         refuses(|file| file.map.balls.radii[1] = f32::NAN, "radius of Gaussian 1 is NaN");
         refuses(|file| file.map.balls.means[0].z = f32::NAN, "z of Gaussian 0 is NaN");
-        refuses(|file| give_ids(file, 65_536), "65536 segments, expected at most");
+        refuses(|file| file.ids[1] = 1, "an id is 1, expected a number from 2");
+        refuses(|file| file.sightings.truncate(3), "sightings has 3 entries, expected 4");
     }
     let refuses_features = |change, expected| refuses(MemoryKind::Features, change, expected);
     refuses_features(|file| features(file).truncate(2), "features has 2 entries, expected 9");
@@ -87,6 +92,7 @@ fn refuses(kind: MemoryKind, change: fn(&mut SplatFile), expected: &str) {
 }
 
 fn give_ids(file: &mut SplatFile, count: usize) {
+    file.ids = (1..=count as SegmentId).collect();
     file.sightings.resize(count, 0);
     file.carried.resize(count, false);
 }

@@ -3,7 +3,8 @@
 use crate::run::{Run, evidence, features};
 use crate::scene::Scene;
 use splatseg_geometry::SegmentMap;
-use splatseg_memory::{ABSTAIN, GrowthRule, MemoryError};
+use splatseg_memory::{ABSTAIN, GrowthRule, MAX_16_BIT_ID, MemoryError};
+use std::collections::BTreeSet;
 
 #[test]
 fn an_id_that_is_taken_back_is_given_again() {
@@ -89,4 +90,23 @@ fn predictions_of_another_size_or_with_unknown_ids_are_refused() {
     }
     let recall = run.memory.recall(&frame);
     assert!(run.memory.fuse(&recall, &shot.truth.map(|_| ABSTAIN)).is_ok());
+}
+
+#[test]
+fn new_things_in_each_frame_for_ever_need_no_more_than_16_bits() {
+    let mut run = Run::new(evidence());
+    let shot = Scene::wall().seen_from_origin();
+    let columns = shot.truth.width();
+    for id in 1..=MAX_16_BIT_ID {
+        assert_eq!(run.memory.new_segment().unwrap(), id);
+    }
+    // Ids under which nothing was seen are released as others are.
+    run.show_as(&shot, &shot.truth);
+    for frame in 0..60 {
+        let ids = [(); 12].map(|()| run.memory.new_segment().unwrap());
+        assert!(ids.iter().all(|id| *id <= MAX_16_BIT_ID), "frame {frame}: {ids:?}");
+        let seen = SegmentMap::from_fn(columns, shot.truth.height(), |column, _| ids[column * ids.len() / columns]);
+        let update = run.show_as(&shot, &seen).update;
+        assert_eq!(update.new_segments, BTreeSet::from(ids).into_iter().collect::<Vec<_>>());
+    }
 }

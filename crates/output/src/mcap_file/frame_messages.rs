@@ -1,16 +1,15 @@
 //! The messages of a frame.
 
 use super::{CAMERA, WORLD};
-use crate::OutputError;
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Intrinsics, Pose, SegmentMap};
+use splatseg_memory::MAX_16_BIT_ID;
 use splatseg_ros::{
     CameraInfo, CompressedImage, Header, Image, Quaternion, RegionOfInterest, TfMessage, Time, Transform,
     TransformStamped, Vector3,
 };
 use std::io;
-use std::path::Path;
 
 fn in_camera(stamp: Time) -> Header {
     Header { stamp, frame_id: CAMERA.to_owned() }
@@ -68,25 +67,36 @@ pub(super) fn overlay(stamp: Time, jpeg: &[u8]) -> CompressedImage<'_> {
     CompressedImage { header: in_camera(stamp), format: "jpeg", data: jpeg }
 }
 
-/// The pixels of an id image, 16 bits each with the low byte first; the path is named in errors.
-pub(super) fn id_bytes(path: &Path, segments: &SegmentMap) -> Result<Vec<u8>, OutputError> {
-    let mut bytes = Vec::with_capacity(2 * segments.pixels().len());
-    for id in segments.pixels() {
-        let small = u16::try_from(*id).map_err(|_| OutputError::IdTooLarge { path: path.to_owned(), id: *id })?;
-        bytes.extend(small.to_le_bytes());
-    }
-    Ok(bytes)
+/// The pixels of an id image, the low byte first.
+pub(super) struct IdPixels {
+    /// How ROS calls the form of a pixel.
+    encoding: &'static str,
+    bytes_per_pixel: usize,
+    bytes: Vec<u8>,
 }
 
-/// An id image of `(width, height)` pixels, given by [`id_bytes`].
-pub(super) fn id_image(stamp: Time, (width, height): (usize, usize), data: &[u8]) -> io::Result<Image<'_>> {
+impl IdPixels {
+    /// Pixels with 16 bits each if all ids fit, otherwise with 32.
+    pub(super) fn new(segments: &SegmentMap) -> Self {
+        let pixels = segments.pixels().iter();
+        if pixels.clone().all(|id| *id <= MAX_16_BIT_ID) {
+            let bytes = pixels.flat_map(|id| (*id as u16).to_le_bytes()).collect();
+            return Self { encoding: "16UC1", bytes_per_pixel: 2, bytes };
+        }
+        // ROS has no unsigned 32 bits; ids have fewer than 31.
+        Self { encoding: "32SC1", bytes_per_pixel: 4, bytes: pixels.flat_map(|id| id.to_le_bytes()).collect() }
+    }
+}
+
+/// An id image of `(width, height)` pixels.
+pub(super) fn id_image(stamp: Time, (width, height): (usize, usize), pixels: &IdPixels) -> io::Result<Image<'_>> {
     Ok(Image {
         header: in_camera(stamp),
         height: number(height)?,
         width: number(width)?,
-        encoding: "16UC1",
+        encoding: pixels.encoding,
         is_bigendian: 0,
-        step: number(2 * width)?,
-        data,
+        step: number(pixels.bytes_per_pixel * width)?,
+        data: &pixels.bytes,
     })
 }

@@ -3,7 +3,7 @@
 //! | topic | type | what it is |
 //! | --- | --- | --- |
 //! | `/splatseg/overlay` | `sensor_msgs/msg/CompressedImage` | the overlay of each frame, JPEG |
-//! | `/splatseg/segments` | `sensor_msgs/msg/Image`, `16UC1` | the id image of each frame |
+//! | `/splatseg/segments` | `sensor_msgs/msg/Image`, `16UC1`, or `32SC1` for a frame with an id above 65535 | the id image of each frame |
 //! | `/splatseg/camera_info` | `sensor_msgs/msg/CameraInfo` | the camera of each frame |
 //! | `/tf` | `tf2_msgs/msg/TFMessage` | `camera`, an optical frame, in `world` |
 //! | `/splatseg/points` | `sensor_msgs/msg/PointCloud2` | centres of the Gaussians at the end of the run |
@@ -21,7 +21,7 @@ mod scene_update;
 use crate::error::saved_state;
 use crate::segments::written_ids;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
-use frame_messages::CameraPose;
+use frame_messages::{CameraPose, IdPixels};
 use object_messages::{PointBytes, ShownObject};
 use recording::Recording;
 use serde::{Deserialize, Serialize};
@@ -85,7 +85,7 @@ impl McapFile {
             let overlay = folder.path_of(&format!("overlay/{}.jpg", frame.file_name));
             let overlay = std::fs::read(&overlay).map_err(|source| OutputError::Read { path: overlay, source })?;
             let segments = written_ids(folder, &frame.file_name)?;
-            let ids = frame_messages::id_bytes(&self.path, &segments)?;
+            let ids = IdPixels::new(&segments);
             write_frame(&mut recording, frame, &overlay, (segments.size(), &ids))
                 .map_err(|source| self.error(source))?;
         }
@@ -134,7 +134,9 @@ impl Seen {
             camera: *record.frame.intrinsics(),
         });
         for object in &record.objects {
-            self.objects.entry(object.id).or_insert(time);
+            if object.is_new() {
+                self.objects.insert(object.id, time);
+            }
         }
     }
 }
@@ -144,7 +146,7 @@ fn write_frame(
     recording: &mut Recording,
     frame: &SeenFrame,
     overlay: &[u8],
-    (size, ids): ((usize, usize), &[u8]),
+    (size, ids): ((usize, usize), &IdPixels),
 ) -> io::Result<()> {
     let (time, stamp) = (frame.time, Time::from_nanoseconds(frame.time));
     recording.write("/tf", time, &frame_messages::camera_pose(stamp, frame.pose))?;

@@ -126,7 +126,6 @@ fn marker(object: &ShownObject, namespace: &str, kind: i32) -> Marker<'static> {
     Marker {
         header: Header { stamp: Time::from_nanoseconds(object.first_seen), frame_id: WORLD.to_owned() },
         ns: namespace.to_owned(),
-        // Ids of a memory fit 16 bits.
         id: i32::try_from(object.id).unwrap_or(i32::MAX),
         kind,
         pose: PoseMessage {

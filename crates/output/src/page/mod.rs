@@ -144,7 +144,11 @@ impl RunOutput for Page {
         self.add_pose(record);
         self.names.push(record.file_name.clone());
         for sighting in &record.objects {
-            self.objects.entry(sighting.id).or_default().add(frame, sighting);
+            let object = self.objects.entry(sighting.id).or_default();
+            if sighting.is_new() {
+                *object = Sightings::default();
+            }
+            object.add(frame, sighting);
         }
         let small = ids::reduced(&record.segments);
         self.chunk.push((small.width(), small.height(), STANDARD.encode(ids::encoded(&small))));

@@ -14,8 +14,10 @@ pub(crate) const HIDDEN: u32 = u32::MAX - 1;
 pub(crate) const REMOVED: usize = 0;
 pub(crate) const LEARNT: usize = 1;
 pub(crate) const GROWN: usize = 2;
-/// The flags of ids begin here.
-pub(crate) const CARRIED: usize = 3;
+/// How ids are held stands from here on: the sum of these flags for each.
+pub(crate) const HOLDS: usize = 3;
+pub(crate) const VOTED: u32 = 1;
+pub(crate) const SHOWN: u32 = 2;
 
 /// Notes what frame number `frame` says of the first `count` Gaussians. `keep` becomes 0 for those that are gone.
 #[cube(launch)]
@@ -49,14 +51,37 @@ pub(crate) fn note_frame(
     }
 }
 
-/// Marks in the report the segments that Gaussians show by themselves: the first `count` and those that have grown.
+/// The place of an id among the first `count` of `ids`, which increase; `count` if it is not there.
+#[cube]
+fn place_of(ids: &[u32], id: u32, count: u32) -> u32 {
+    let mut from = 0u32;
+    let mut to = count;
+    while from < to {
+        let middle = (from + to) / 2u32;
+        if ids[middle as usize] < id {
+            from = middle + 1u32;
+        } else {
+            to = middle;
+        }
+    }
+    let mut place = count;
+    if from < count && ids[from as usize] == id {
+        place = from;
+    }
+    place
+}
+
+/// Marks in the report how Gaussians hold each of the first `id_count` of `ids`: the first `count` Gaussians and those that
+/// have grown.
 #[cube(launch)]
-pub(crate) fn mark_carried(
+pub(crate) fn mark_holds(
     remembered: VoteColumns,
     keep: &[u32],
+    ids: &[u32],
     report: &[Atomic<u32>],
     min_evidence: f32,
     count: u32,
+    id_count: u32,
 ) {
     let gaussian = ABSOLUTE_POS;
     if gaussian < (count + report[GROWN].load()) as usize && keep[gaussian] == 1 {
@@ -65,13 +90,22 @@ pub(crate) fn mark_carried(
         for slot in 0..LABELS {
             let id = remembered.id(gaussian, slot);
             let own = remembered.votes[gaussian * LABELS + slot];
-            if own > 0.0 && (own > best || (own == best && id < winner)) {
-                best = own;
-                winner = id;
+            if own > 0.0 {
+                let place = place_of(ids, id, id_count);
+                if place < id_count {
+                    report[HOLDS + place as usize].fetch_or(VOTED);
+                }
+                if own > best || (own == best && id < winner) {
+                    best = own;
+                    winner = id;
+                }
             }
         }
         if best > min_evidence {
-            report[CARRIED + winner as usize].store(1u32);
+            let place = place_of(ids, winner, id_count);
+            if place < id_count {
+                report[HOLDS + place as usize].fetch_or(SHOWN);
+            }
         }
     }
 }

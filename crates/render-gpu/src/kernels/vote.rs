@@ -16,7 +16,7 @@ pub(crate) const LABELS: usize = 4;
 /// The votes of Gaussians on the device.
 #[derive(CubeLaunch, CubeType)]
 pub(crate) struct VoteColumns {
-    /// `[gaussians, 2]`, of two ids of 16 bits each.
+    /// `[gaussians, 4]`.
     pub ids: Box<[u32]>,
     /// `[gaussians, 4]`.
     pub votes: Box<[f32]>,
@@ -26,7 +26,7 @@ pub(crate) struct VoteColumns {
 impl VoteColumns {
     /// The id in a slot of a Gaussian.
     pub fn id(&self, gaussian: usize, slot: usize) -> u32 {
-        (self.ids[gaussian * 2 + slot / 2] >> (16u32 * (slot as u32 & 1u32))) & 0xffffu32
+        self.ids[gaussian * LABELS + slot]
     }
 }
 
@@ -274,9 +274,8 @@ fn take_votes(
     for slot in 0..LABELS {
         let scaled = own[slot] * scale;
         remembered.votes[gaussian * LABELS + slot] = select(scaled < NEGLIGIBLE, 0.0, scaled);
+        remembered.ids[gaussian * LABELS + slot] = own_ids[slot];
     }
-    remembered.ids[gaussian * 2] = own_ids[0] | (own_ids[1] << 16u32);
-    remembered.ids[gaussian * 2 + 1] = own_ids[2] | (own_ids[3] << 16u32);
 }
 
 /// Adds votes for a segment. If all slots are taken by others it takes the place of the weakest, if it is stronger.
@@ -341,10 +340,10 @@ pub(crate) fn first_votes(
         if label == ABSTAIN {
             vote = 0.0f32;
         }
-        remembered.ids[to * 2] = select(label == ABSTAIN, 0u32, label);
-        remembered.ids[to * 2 + 1] = 0u32;
+        remembered.ids[to * LABELS] = select(label == ABSTAIN, 0u32, label);
         remembered.votes[to * LABELS] = vote;
         for slot in 1..LABELS {
+            remembered.ids[to * LABELS + slot] = 0u32;
             remembered.votes[to * LABELS + slot] = 0.0f32;
         }
     }

@@ -3,7 +3,7 @@
 use super::annotations::{EncodedMask, masks_of, read_document};
 use super::panoptic::{self, PanopticFrames};
 use super::{EvaluationError, Ids, PredictionChoice, SelectedFrames};
-use splatseg_dataset::{Framing, read_predicted_ids_png};
+use splatseg_dataset::{Framing, read_segments_png};
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
 use splatseg_metrics::{FramePrediction, MetricsError, VideoScorer};
 use std::collections::BTreeMap;
@@ -129,7 +129,7 @@ impl Predictions {
             Self::Images { folder, names } => {
                 let Some(file) = names.get(name) else { return Ok(Prediction::empty(fit)) };
                 let path = folder.join(format!("{file}.png"));
-                let map = read_predicted_ids_png(&path)?;
+                let map = read_segments_png(&path)?;
                 let ids = map.areas().len();
                 if ids > MAX_IDS {
                     let text = format!("has {ids} ids, expected at most {MAX_IDS}: a picture has no ids");
@@ -140,7 +140,7 @@ impl Predictions {
             Self::Panoptic { images, .. } => {
                 let Some(frame) = images.frames.get(name) else { return Ok(Prediction::empty(fit)) };
                 let wrong = |text| EvaluationError::at(&frame.path, text);
-                let map = frame.ids(&read_predicted_ids_png(&frame.path)?).map_err(wrong)?;
+                let map = frame.ids(&read_segments_png(&frame.path)?).map_err(wrong)?;
                 fit.map(map).map(Prediction::Map).map_err(wrong)
             }
             Self::Masks { path, frames } => {

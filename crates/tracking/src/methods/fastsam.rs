@@ -5,7 +5,7 @@ use super::{FrameOutput, Method, check_comparable};
 use crate::matching::painted;
 use crate::{TrackErrorCounts, TrackingError};
 use splatseg_geometry::{Mask, MaskLinker, MaskRuns, RgbdFrame, ScoredMask, SegmentId};
-use splatseg_memory::FrameUpdate;
+use splatseg_memory::{FrameUpdate, MAX_SEGMENT_ID};
 use splatseg_settings::{Allowed, settings};
 
 settings! {
@@ -54,8 +54,9 @@ impl Method for FastSamBaseline {
 
         let stage = tracing::debug_span!(target: "splatseg::stage", "match").entered();
         let tubes = self.linker.link(masks.iter().map(|mask| MaskRuns::from_mask(mask)).collect());
-        let id = |tube: &u64| SegmentId::try_from(*tube).map_err(|_| TrackingError::OutOfIds);
-        let ids: Vec<SegmentId> = tubes.iter().map(id).collect::<Result<_, _>>()?;
+        // After the largest id they start again: a tube that lasts as long as all others between is not expected.
+        let id = |tube: &u64| (tube.saturating_sub(1) % u64::from(MAX_SEGMENT_ID)) as SegmentId + 1;
+        let ids: Vec<SegmentId> = tubes.iter().map(id).collect();
         drop(stage);
 
         let _stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();

@@ -9,6 +9,7 @@ use crate::{TrackErrorCounts, TrackingError};
 use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
 use splatseg_memory::{ABSTAIN, MemoryKind, MemorySettings, Recall, SplatMemory};
 use splatseg_settings::{Allowed, settings};
+use std::collections::BTreeSet;
 
 settings! {
     /// Settings of [`FastSamSplat`].
@@ -163,7 +164,9 @@ impl Method for FastSamSplat {
 
         let update = self.memory.update(recall, &seen)?;
         if !self.settings.show_tentative {
-            segments = segments.map(|id| if self.memory.is_tentative(*id) { 0 } else { *id });
+            let ids = segments.areas().into_keys();
+            let tentative: BTreeSet<SegmentId> = ids.filter(|id| self.memory.is_tentative(*id)).collect();
+            segments = segments.map(|id| if tentative.contains(id) { 0 } else { *id });
         }
         Ok(FrameOutput {
             segments,

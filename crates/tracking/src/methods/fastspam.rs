@@ -70,11 +70,7 @@ impl FastSpamBaseline {
     }
 
     /// The segments that points select from `masks` (larger ones first), and new ones from the masks left over.
-    fn prompted(
-        &mut self,
-        masks: &[&Mask],
-        points: &[(SegmentId, (usize, usize))],
-    ) -> Result<Vec<(SegmentId, Mask)>, TrackingError> {
+    fn prompted(&mut self, masks: &[&Mask], points: &[(SegmentId, (usize, usize))]) -> Vec<(SegmentId, Mask)> {
         let mut segments: Vec<(SegmentId, Mask)> = Vec::new();
         for (id, point) in points {
             if let Some(mask) = self.merge_if_agreeing(&mut segments, point_prompt(masks, *point)) {
@@ -82,7 +78,7 @@ impl FastSpamBaseline {
             }
         }
         let Some(mut covered) = masks.first().map(|mask| Mask::empty(mask.width(), mask.height())) else {
-            return Ok(segments);
+            return segments;
         };
         segments.iter().for_each(|(_, mask)| covered.unite(mask));
         let is_new = |mask: &&&Mask| {
@@ -92,10 +88,11 @@ impl FastSpamBaseline {
         for new_mask in new_masks {
             let Some(point) = self.point_of(new_mask) else { continue };
             if let Some(mask) = self.merge_if_agreeing(&mut segments, point_prompt(masks, point)) {
-                segments.push((self.ids.new_segment()?, mask));
+                let id = self.ids.new_segment(|id| is_live(&segments, id));
+                segments.push((id, mask));
             }
         }
-        Ok(segments)
+        segments
     }
 
     /// Merges a prompted mask into the segment with which it agrees. Returns the mask if it agrees with none; `None`
@@ -147,11 +144,12 @@ impl Method for FastSpamBaseline {
         let mut segments = if points.is_empty() {
             let mut all = Vec::with_capacity(masks.len());
             for mask in masks {
-                all.push((self.ids.new_segment()?, mask.clone()));
+                let id = self.ids.new_segment(|id| is_live(&all, id));
+                all.push((id, mask.clone()));
             }
             all
         } else {
-            self.prompted(&masks, &points)?
+            self.prompted(&masks, &points)
         };
         segments.retain(|(_, mask)| !mask.is_empty());
         segments.sort_by_key(|(_, mask)| Reverse(mask.area()));
@@ -171,6 +169,11 @@ impl Method for FastSpamBaseline {
             update: FrameUpdate::default(),
         })
     }
+}
+
+/// Whether a segment of the frame has an id. Others are not remembered.
+fn is_live(segments: &[(SegmentId, Mask)], id: SegmentId) -> bool {
+    segments.iter().any(|(live, _)| *live == id)
 }
 
 /// The score of the prediction that makes up most of a segment.

@@ -20,7 +20,7 @@ pub use sam2_splat::{Sam2Splat, Sam2SplatSettings};
 
 use crate::TrackingError;
 use splatseg_geometry::{RgbdFrame, ScoredMask, SegmentId};
-use splatseg_memory::SplatMemory;
+use splatseg_memory::{MAX_SEGMENT_ID, SplatMemory};
 
 /// Gives the segments of an RGB-D video their ids, one frame at a time.
 ///
@@ -63,17 +63,21 @@ fn check_sizes(frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<(), TrackingEr
     }
 }
 
-/// Gives ids 1, 2, 3, … in the order in which segments appear.
+/// Gives ids 1, 2, 3, … in the order in which segments appear; after [`MAX_SEGMENT_ID`] again from 1 on.
 #[derive(Clone, Debug, Default)]
 struct SegmentIds {
     last: SegmentId,
 }
 
 impl SegmentIds {
-    /// An id that has not been given before.
-    fn new_segment(&mut self) -> Result<SegmentId, TrackingError> {
-        self.last = self.last.checked_add(1).ok_or(TrackingError::OutOfIds)?;
-        Ok(self.last)
+    /// The next id that is not live.
+    fn new_segment(&mut self, is_live: impl Fn(SegmentId) -> bool) -> SegmentId {
+        loop {
+            self.last = self.last % MAX_SEGMENT_ID + 1;
+            if !is_live(self.last) {
+                return self.last;
+            }
+        }
     }
 }
 
@@ -101,6 +105,13 @@ mod tests {
         }
 
         fn remove(&mut self, _: SegmentId) {}
+    }
+
+    #[test]
+    fn ids_start_again_from_1_without_those_that_are_live() {
+        let mut ids = SegmentIds { last: MAX_SEGMENT_ID - 1 };
+        let mut next = || ids.new_segment(|id| [1, 3].contains(&id));
+        assert_eq!([next(), next(), next()], [MAX_SEGMENT_ID, 2, 4]);
     }
 
     #[test]

@@ -5,9 +5,10 @@ use super::{FrameOutput, Method, SegmentIds, check_comparable};
 use crate::matching::painted;
 use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, visible};
 use crate::{TrackErrorCounts, TrackingError};
-use splatseg_geometry::{RgbdFrame, ScoredMask};
+use splatseg_geometry::{RgbdFrame, ScoredMask, SegmentId};
 use splatseg_memory::FrameUpdate;
 use splatseg_settings::{Allowed, Choice, settings};
+use std::collections::BTreeSet;
 
 settings! {
     /// Settings of [`Sam2Baseline`].
@@ -53,7 +54,9 @@ impl Method for Sam2Baseline {
         let stage = tracing::debug_span!(target: "splatseg::stage", "track").entered();
         let mut tracks = self.tracker.track(frame)?;
         let new_objects = self.new_objects.among(&tracks, masks);
-        add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, || self.ids.new_segment())?;
+        let live: BTreeSet<SegmentId> = tracks.iter().map(|(id, _)| *id).collect();
+        let ids: Vec<SegmentId> = new_objects.iter().map(|_| self.ids.new_segment(|id| live.contains(&id))).collect();
+        add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, &ids)?;
         drop(stage);
 
         let _stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();

@@ -6,8 +6,8 @@ use crate::TrackingError;
 use crate::matching::painted;
 use crate::reprompting::{RepromptSettings, TrackErrorCounts, corrections, find_track_errors, repeated_answers};
 use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, prompt_tracks, remove_tracks, visible};
-use splatseg_geometry::{RgbdFrame, ScoredMask};
-use splatseg_memory::{MemorySettings, SplatMemory};
+use splatseg_geometry::{RgbdFrame, ScoredMask, SegmentId};
+use splatseg_memory::{MemoryError, MemorySettings, SplatMemory};
 use splatseg_settings::{Allowed, Choice, settings};
 
 settings! {
@@ -70,6 +70,10 @@ impl Sam2Splat {
         let new_objects = NewObjects { prompts, max_detection_iou, min_prediction_area };
         Ok(Self { tracker, memory, new_objects, reprompt })
     }
+
+    fn new_ids(&mut self, count: usize) -> Result<Vec<SegmentId>, MemoryError> {
+        (0..count).map(|_| self.memory.new_segment()).collect()
+    }
 }
 
 impl Method for Sam2Splat {
@@ -99,7 +103,11 @@ impl Method for Sam2Splat {
 
         let stage = tracing::debug_span!(target: "splatseg::stage", "track").entered();
         let new_objects = self.new_objects.among(&tracks, masks);
-        add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, || Ok(self.memory.new_segment()?))?;
+        let ids = self.new_ids(new_objects.len())?;
+        // An id that is given again stands for another thing from now on.
+        let reused = tracks.iter().map(|(id, _)| *id).filter(|id| ids.contains(id)).collect();
+        remove_tracks(self.tracker.as_mut(), &mut tracks, &reused);
+        add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, &ids)?;
         drop(stage);
 
         let stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();

@@ -5,17 +5,16 @@ use splatseg_geometry::{Mask, SegmentId};
 use splatseg_models::sam2::Prompt;
 use std::collections::BTreeSet;
 
-/// Makes a track of each mask, all in one call of the tracker, and adds them to the frame's tracks.
+/// Makes a track of each mask, with the id at its place in `ids`, all in one call of the tracker, and adds them to the
+/// frame's tracks.
 pub(crate) fn add_tracks(
     tracker: &mut dyn Tracker,
     tracks: &mut Vec<(SegmentId, Mask)>,
     new_objects: &[&Mask],
-    mut new_id: impl FnMut() -> Result<SegmentId, TrackingError>,
+    ids: &[SegmentId],
 ) -> Result<(), TrackingError> {
-    let mut prompts = Vec::with_capacity(new_objects.len());
-    for mask in new_objects {
-        prompts.push((new_id()?, Prompt::Mask((*mask).clone())));
-    }
+    let prompts: Vec<(SegmentId, Prompt)> =
+        ids.iter().zip(new_objects).map(|(id, mask)| (*id, Prompt::Mask((*mask).clone()))).collect();
     prompt_tracks(tracker, tracks, &prompts)
 }
 

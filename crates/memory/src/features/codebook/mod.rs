@@ -194,6 +194,11 @@ impl Codebook {
         codebook
     }
 
+    /// The most codes that a codebook of a dimension can have.
+    pub fn max_len(feature_dim: usize) -> usize {
+        if feature_dim == 1 { MAX_INTEGER_CODES } else { MAX_VALUES / feature_dim.max(1) }
+    }
+
     /// Number of codes N.
     pub fn len(&self) -> usize {
         self.vectors.len() / self.feature_dim
@@ -305,7 +310,7 @@ fn bell(bits: u64) -> f32 {
 }
 
 fn check_count(count: usize, feature_dim: usize) -> Result<(), CodebookError> {
-    let max = if feature_dim == 1 { MAX_INTEGER_CODES } else { MAX_VALUES / feature_dim };
+    let max = Codebook::max_len(feature_dim);
     match count {
         0 => Err(CodebookError::NoCodes),
         count if count > max => Err(CodebookError::TooManyCodes { found: count, max, feature_dim }),

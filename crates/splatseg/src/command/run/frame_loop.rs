@@ -49,7 +49,7 @@ pub enum EarlyEnd {
     Signal(StopSignal),
     /// With `strict_input`: a frame cannot be used.
     UnusableFrame(String),
-    /// The method failed, e.g. because ids have run out.
+    /// The method failed.
     Method(String),
     /// No more images can be written.
     Unwritable,

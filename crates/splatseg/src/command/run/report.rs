@@ -99,6 +99,7 @@ fn summary(
         resumed_frames: counts.resumed_frames,
         skipped_frames: counts.skipped_frames,
         segments: counts.ids.len(),
+        rgb_id_images: counts.rgb_id_images,
         tentative_segments: counts.ids.iter().filter(is_tentative).count(),
         gaussians: memory.map_or(0, SplatMemory::gaussian_count),
         parameters: memory.map_or(0, SplatMemory::parameter_count),
@@ -125,12 +126,16 @@ pub fn report(job: &Job, summary: &Summary) -> String {
         count => format!(" ({count} skipped)"),
     };
     let memory = summary.peak_memory_mb.map(|peak| format!("; peak memory {peak:.0} MB")).unwrap_or_default();
+    let id_images = match summary.rgb_id_images {
+        0 => "16-bit images".to_owned(),
+        count => format!("16-bit images, or RGB images for the {} with ids above 65535,", counted(count, "frame")),
+    };
     let ms_without_segmenter = 1e3 / summary.fps.without_segmenter.max(1e-3);
     let mut text = format!(
         "{}{skipped}, {}, {}\n\
          {:.1} frames per second over the whole run, {:.1} s of it before the first frame; without the segmenter, a frame \
          takes {ms_without_segmenter:.1} ms{memory}\n\
-         overlays are in {}\nids are in {}, as 16-bit images with one value per segment; {} describes the run\n\
+         overlays are in {}\nids are in {}, as {id_images} with one value per segment; {} describes the run\n\
          the objects are listed in {}, with a picture of each in {}",
         counted(summary.frames, "frame"),
         counted(summary.segments, "segment"),

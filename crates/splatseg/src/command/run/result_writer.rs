@@ -165,13 +165,12 @@ impl Written {
     }
 }
 
-/// Whether no later frame can be written either: the disk is full, or ids have run out.
+/// Whether no later frame can be written either, as the disk is full.
 fn ends_all(error: &OutputError) -> bool {
     match error {
         OutputError::Io { source, .. } => {
             matches!(source.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::ReadOnlyFilesystem)
         }
-        OutputError::IdTooLarge { .. } => true,
         _ => false,
     }
 }

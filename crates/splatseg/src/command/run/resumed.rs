@@ -5,7 +5,7 @@ use super::result_writer::{Saving, Written};
 use super::saved_run::StateWriter;
 use crate::command::Failure;
 use crate::command::output_folder::OutputFolder;
-use crate::summary::RunCounts;
+use crate::summary::{RunCounts, needs_rgb};
 use splatseg_input::read_file;
 use splatseg_output::{OutputError, RunOutput};
 use std::fmt::Display;
@@ -49,6 +49,7 @@ pub fn start(
         resumed_frames: saved.state.frames,
         skipped_frames: saved.state.skipped_frames,
         track_errors: saved.state.track_errors,
+        rgb_id_images: saved.frames.iter().filter(|frame| needs_rgb(&frame.objects)).count(),
         ids: saved.frames.iter().flat_map(|frame| &frame.objects).map(|object| object.id).collect(),
         ..RunCounts::default()
     };
