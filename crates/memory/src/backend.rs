@@ -7,7 +7,7 @@
 use crate::ply::SplatContentView;
 use crate::recall::Recall;
 use crate::{LearningExtent, MemoryError, MemorySettings, SegmentCodes, SegmentHold, SplatMap, Votes};
-use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
+use splatseg_geometry::{Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera};
 
 /// A Gaussian that can touch a frame's image.
@@ -17,6 +17,15 @@ pub struct VisibleGaussian {
     pub gaussian: u32,
     /// Row-major index of the pixel in which its centre lies, if the frame sees its surface.
     pub seen_at: Option<u32>,
+}
+
+/// How a frame is treated that sees through more than half of the Gaussians that it can judge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrameTrust {
+    /// Its pose or its depth is wrong: it removes nothing.
+    Alone,
+    /// Earlier frames show the same: the map is wrong there.
+    Confirmed,
 }
 
 /// What taking in a frame did to a map.
@@ -66,7 +75,18 @@ pub trait MapBackend: std::fmt::Debug + Send + Sync {
     ///
     /// # Errors
     /// If the device fails.
-    fn recall<'f>(&self, frame: &'f RgbdFrame<'_>, camera: &Camera) -> Result<Recall<'f>, MemoryError>;
+    fn recall<'f>(
+        &self,
+        frame: &'f RgbdFrame<'_>,
+        camera: &Camera,
+        trust: FrameTrust,
+    ) -> Result<Recall<'f>, MemoryError>;
+
+    /// Moves all Gaussians to other coordinates.
+    ///
+    /// # Errors
+    /// If the device fails; the map is then not to be used any more.
+    fn transform(&mut self, new_from_old: &Pose) -> Result<(), MemoryError>;
 
     /// What the frame shows once memory and predictions are brought together.
     ///

@@ -1,13 +1,14 @@
 //! A map on the CPU, with any kind of segment store.
 
-use crate::backend::{MapBackend, MapContent, MapUpdate, VisibleGaussian};
+use crate::backend::{FrameTrust, MapBackend, MapContent, MapUpdate, VisibleGaussian};
 use crate::growth::new_gaussians;
 use crate::map::SplatMap;
 use crate::recall::Recall;
 use crate::removal::{Sight, longest_unseen, note_sights, sights};
 use crate::segment_store::SegmentStore;
 use crate::{GrowthRule, MemoryError, MemorySettings};
-use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
+use rayon::prelude::*;
+use splatseg_geometry::{Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera};
 
 /// The Gaussians and what they remember, in main memory.
@@ -21,18 +22,27 @@ pub(crate) struct HostMap {
 impl HostMap {
     /// Removes what is gone after frame number `number`.
     fn forget(&mut self, recall: &Recall<'_>, number: u32, update: &mut MapUpdate) {
-        let is_full = self.map.len() > self.settings.max_gaussians;
-        if self.settings.growth_rule() == GrowthRule::Paper && !is_full {
+        if self.settings.growth_rule() == GrowthRule::Paper {
+            // Nothing is removed but what is beyond the limit: those longest out of view.
+            for splat in recall.view.projected() {
+                self.map.last_seen[splat.gaussian as usize] = number;
+            }
+            self.limit(update);
             return;
         }
         let found = match recall.sights.is_empty() {
-            true => sights(&self.map.balls, recall.frame, recall.view.camera(), &self.settings),
+            true => sights(&self.map.balls, recall.frame, recall.view.camera(), FrameTrust::Alone, &self.settings).0,
             false => Vec::new(),
         };
         let sights = if recall.sights.is_empty() { &found } else { &recall.sights };
         if let Some(keep) = note_sights(&mut self.map, sights, self.settings.removal_frames, number) {
             self.retain(keep, update);
         }
+        self.limit(update);
+    }
+
+    /// Removes the Gaussians unseen longest if there are too many.
+    fn limit(&mut self, update: &mut MapUpdate) {
         if let Some(keep) = longest_unseen(&self.map.last_seen, self.settings.max_gaussians) {
             update.was_full = true;
             self.retain(keep, update);
@@ -47,8 +57,18 @@ impl HostMap {
 }
 
 impl MapBackend for HostMap {
-    fn recall<'f>(&self, frame: &'f RgbdFrame<'_>, camera: &Camera) -> Result<Recall<'f>, MemoryError> {
-        Ok(Recall::new(&self.map.balls, self.store.as_ref(), frame, camera, &self.settings))
+    fn recall<'f>(
+        &self,
+        frame: &'f RgbdFrame<'_>,
+        camera: &Camera,
+        trust: FrameTrust,
+    ) -> Result<Recall<'f>, MemoryError> {
+        Ok(Recall::new(&self.map.balls, self.store.as_ref(), frame, camera, trust, &self.settings))
+    }
+
+    fn transform(&mut self, new_from_old: &Pose) -> Result<(), MemoryError> {
+        self.map.balls.means.par_iter_mut().for_each(|mean| *mean = new_from_old.to_world(*mean));
+        Ok(())
     }
 
     fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> Result<SegmentMap, MemoryError> {

@@ -19,6 +19,7 @@ mod map;
 mod persistence;
 mod ply;
 mod recall;
+mod recent;
 mod recurring;
 mod removal;
 mod segment_store;
@@ -27,7 +28,7 @@ mod settings;
 mod short_term;
 mod splat_memory;
 
-pub use backend::{MapBackend, MapContent, MapDevice, MapUpdate, RememberedSegments, VisibleGaussian};
+pub use backend::{FrameTrust, MapBackend, MapContent, MapDevice, MapUpdate, RememberedSegments, VisibleGaussian};
 pub use belief::SegmentBelief;
 pub use evidence::Votes;
 pub use features::{Codebook, CodebookError, CodebookSettings, LearningExtent, SegmentCodes, target as feature_target};

@@ -4,6 +4,7 @@ use crate::backend::MapContent;
 use crate::depthless::DepthlessSegments;
 use crate::evidence::EvidenceStore;
 use crate::features::{FeatureStore, SegmentCodes};
+use crate::recent::RecentFrames;
 use crate::recurring::RecurringPredictions;
 use crate::segment_store::SegmentStore;
 use crate::segments::{SavedSegment, Segments};
@@ -77,6 +78,7 @@ impl SplatMemory {
             recurring: self.recurring.saved(),
             depthless: self.depthless.saved(),
             ids: self.segments.saved_ids(),
+            recent: self.recent.saved(),
         };
         let view = SplatFileView {
             map,
@@ -109,10 +111,11 @@ impl SplatMemory {
             saved.check_ids(segments.highest())?;
             let recurring = RecurringPredictions::restored(saved.recurring, map.len())?;
             let depthless = DepthlessSegments::restored(saved.depthless, segments.highest(), frames)?;
-            Ok((segments, saved.overruled, saved.appearances, recurring, depthless))
+            let recent = RecentFrames::restored(saved.recent, segments.highest())?;
+            Ok((segments, saved.overruled, saved.appearances, recurring, depthless, recent))
         });
         let damaged = |found| LoadMemoryError::ShortTerm { path: path.display().to_string(), found };
-        let (segments, overruled, appearances, recurring, depthless) = restored.map_err(damaged)?;
+        let (segments, overruled, appearances, recurring, depthless, recent) = restored.map_err(damaged)?;
         let (path, found, expected) = (path.display().to_string(), content.kind(), settings.kind);
         if found != expected {
             return Err(LoadMemoryError::Kind { path, found: found.name(), expected: expected.name() });
@@ -131,7 +134,7 @@ impl SplatMemory {
         let mut memory = Self::with_parts(settings, map, store, segments);
         memory.frames = frames;
         (memory.overruled, memory.appearances) = (overruled, appearances);
-        (memory.recurring, memory.depthless) = (recurring, depthless);
+        (memory.recurring, memory.depthless, memory.recent) = (recurring, depthless, recent);
         Ok(memory)
     }
 }

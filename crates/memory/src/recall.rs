@@ -1,12 +1,13 @@
 //! The memory as one frame's camera sees it.
 
+use crate::backend::FrameTrust;
 use crate::depthless::DepthlessSight;
 use crate::removal::{Present, Sight, sights};
 use crate::segment_store::{SegmentStore, StoreTile};
 use crate::splat_memory::DeviceFailure;
 use crate::{GrowthRule, MemoryKind, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
-use splatseg_geometry::{CowImage, Image, RgbdFrame, SegmentMap};
+use splatseg_geometry::{CowImage, Image, Pose, RgbdFrame, SegmentMap};
 use splatseg_render::{Balls, Camera, TileWeights, View};
 use std::any::Any;
 
@@ -19,6 +20,14 @@ const PIXELS: usize = TileWeights::PIXELS;
 pub struct Recall<'f> {
     pub(crate) frame: &'f RgbdFrame<'f>,
     pub(crate) view: View,
+    /// Where the view was taken from, in the coordinates that the map had before the frame.
+    pub(crate) world_from_camera: Pose,
+    /// The transform to the coordinates of the frame's pose, if those of earlier poses were others.
+    pub(crate) jump: Option<Pose>,
+    /// Whether the frame sees through more than half of the Gaussians that it can judge.
+    pub(crate) contradicts_map: bool,
+    /// Whether the ids of the previous frame are expected where the map cannot say.
+    pub(crate) links_previous: bool,
     /// What the frame says of every Gaussian; empty for the paper's memory, which does not ask.
     pub(crate) sights: Vec<Sight>,
     pub(crate) belief: SegmentBelief,
@@ -46,6 +55,8 @@ pub struct DeviceImages {
     pub silhouette: Image<f32>,
     /// Rendered z-depth, metres, divided by the silhouette; 0 where nothing is seen.
     pub depth: Image<f32>,
+    /// Whether the frame sees through more than half of the Gaussians that it can judge.
+    pub contradicts_map: bool,
 }
 
 /// What a tile of the frame and of the map look like, whatever is remembered of segments. Buffers are `[16, 16]`.
@@ -71,12 +82,16 @@ impl<'f> Recall<'f> {
         store: &dyn SegmentStore,
         frame: &'f RgbdFrame,
         camera: &Camera,
+        trust: FrameTrust,
         settings: &MemorySettings,
     ) -> Self {
         let tolerance = settings.depth_disparity;
         let is_paper = settings.growth_rule() == GrowthRule::Paper;
         let needs_sights = !is_paper || settings.kind == MemoryKind::Evidence;
-        let sights = if needs_sights { sights(map, frame, camera, settings) } else { Vec::new() };
+        let (sights, contradicts_map) = match needs_sights {
+            true => sights(map, frame, camera, trust, settings),
+            false => (Vec::new(), false),
+        };
         let forgets = !is_paper && settings.removal_frames > 0;
         let present = Present::new(map, if forgets { &sights } else { &[] });
         let (view, tiles) = View::read(&present, camera, |tile| {
@@ -87,6 +102,10 @@ impl<'f> Recall<'f> {
         let mut recall = Self {
             frame,
             view,
+            world_from_camera: *frame.world_from_camera(),
+            jump: None,
+            contradicts_map,
+            links_previous: false,
             sights,
             belief: SegmentBelief::empty(width, height),
             silhouette: Image::filled(width, height, 0.0),
@@ -111,13 +130,30 @@ impl<'f> Recall<'f> {
         images: DeviceImages,
         view: Box<dyn Any + Send + Sync>,
     ) -> Self {
-        let DeviceImages { belief, silhouette, depth } = images;
+        let DeviceImages { belief, silhouette, depth, contradicts_map } = images;
         // What is missing is found on the device.
         let covered = Image::filled(frame.width(), frame.height(), 0.0);
         let (sights, tiles, depthless) = (Vec::new(), Vec::new(), Vec::new());
         let host = View::new(&Balls::default(), camera);
-        let device = Some(view);
-        Self { frame, view: host, sights, belief, silhouette, depth, covered, tiles, depthless, device, failure: None }
+        let (device, failure) = (Some(view), None);
+        let (world_from_camera, jump, view) = (*frame.world_from_camera(), None, host);
+        Self {
+            frame,
+            view,
+            world_from_camera,
+            jump,
+            contradicts_map,
+            links_previous: false,
+            sights,
+            belief,
+            silhouette,
+            depth,
+            covered,
+            tiles,
+            depthless,
+            device,
+            failure,
+        }
     }
 
     /// Of a view that could not be made: nothing is expected, and whoever goes on with it is told why.
@@ -125,7 +161,7 @@ impl<'f> Recall<'f> {
         let (width, height) = (frame.width(), frame.height());
         let dark = Image::filled(width, height, 0.0);
         let belief = SegmentBelief::empty(width, height);
-        let images = DeviceImages { belief, silhouette: dark.clone(), depth: dark };
+        let images = DeviceImages { belief, silhouette: dark.clone(), depth: dark, contradicts_map: false };
         Self { failure: Some(failure), ..Self::of_device(frame, camera, images, Box::new(())) }
     }
 

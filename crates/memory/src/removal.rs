@@ -4,14 +4,15 @@
 //! is missing behind it grows in the same frame. It is removed only when several frames agree ([`note_sights`]).
 
 use crate::MemorySettings;
+use crate::backend::FrameTrust;
 use crate::map::SplatMap;
 use glam::Vec3;
 use rayon::prelude::*;
 use splatseg_geometry::RgbdFrame;
 use splatseg_render::{Balls, Camera, Shape, Splats};
 
-/// If a frame sees through more than this share of the Gaussians whose depth it can tell, its pose or its depth is
-/// wrong, and it says nothing about any of them.
+/// If a frame sees through more than this share of the Gaussians whose depth it can judge, either its pose or depth is
+/// wrong, or the map is: only if earlier frames confirm it ([`FrameTrust`]) does it count.
 const MAX_SHARE_SEEN_THROUGH: f32 = 0.5;
 
 /// What a frame says of a Gaussian.
@@ -59,16 +60,24 @@ impl Splats for Present<'_> {
     }
 }
 
-/// What `frame` says of every Gaussian, one entry each.
-pub(crate) fn sights(map: &Balls, frame: &RgbdFrame, camera: &Camera, settings: &MemorySettings) -> Vec<Sight> {
+/// What `frame` says of every Gaussian, one entry each, and whether it contradicts the map: whether it sees through more
+/// than half of the Gaussians that it can judge.
+pub(crate) fn sights(
+    map: &Balls,
+    frame: &RgbdFrame,
+    camera: &Camera,
+    trust: FrameTrust,
+    settings: &MemorySettings,
+) -> (Vec<Sight>, bool) {
     let mut sights: Vec<Sight> =
         map.means.par_iter().map(|mean| sight(camera.to_camera(*mean), frame, settings)).collect();
     let count = |kind| sights.iter().filter(|sight| **sight == kind).count() as f32;
     let (seen, through) = (count(Sight::Seen), count(Sight::Through));
-    if through > MAX_SHARE_SEEN_THROUGH * (seen + through) {
+    let contradicts = through > MAX_SHARE_SEEN_THROUGH * (seen + through);
+    if contradicts && trust == FrameTrust::Alone {
         sights.iter_mut().filter(|sight| **sight == Sight::Through).for_each(|sight| *sight = Sight::Unknown);
     }
-    sights
+    (sights, contradicts)
 }
 
 /// Notes what frame number `frame` says of every Gaussian, and returns those to be kept if any is to be removed: a
@@ -97,13 +106,17 @@ pub(crate) fn note_sights(map: &mut SplatMap, sights: &[Sight], removal_frames: 
     })
 }
 
-/// The Gaussians to be kept so that at most `max` are: those seen last, earlier ones of those seen in the same frame.
-/// `None` if there are no more than that.
+/// Beyond `max_gaussians`, this fraction of them is removed at once: a map at its limit is not searched in every frame.
+const REMOVED_BEYOND_LIMIT: usize = 16;
+
+/// The Gaussians to be kept if there are more than `limit`: fifteen sixteenths of the limit, those seen last, earlier ones
+/// of those seen in the same frame. `None` if there are no more than the limit.
 /// `last_seen` has the number of the last frame that saw each Gaussian.
-pub fn longest_unseen(last_seen: &[u32], max: usize) -> Option<Vec<bool>> {
-    if last_seen.len() <= max {
+pub fn longest_unseen(last_seen: &[u32], limit: usize) -> Option<Vec<bool>> {
+    if last_seen.len() <= limit {
         return None;
     }
+    let max = limit - limit / REMOVED_BEYOND_LIMIT;
     let mut order: Vec<usize> = (0..last_seen.len()).collect();
     order.select_nth_unstable_by_key(max, |index| (std::cmp::Reverse(last_seen[*index]), *index));
     let mut keep = vec![false; last_seen.len()];
@@ -122,7 +135,7 @@ fn sight(center: Vec3, frame: &RgbdFrame<'_>, settings: &MemorySettings) -> Sigh
         return Sight::Unknown;
     }
     let (column, row) = (column as usize, row as usize);
-    let margin = settings.removal_margin.max(settings.removal_margin_relative * center.z);
+    let margin = settings.same_surface_margin(center.z);
     let (mut all_through, mut any_seen) = (true, false);
     for row in row - 1..=row + 1 {
         for observed in &frame.depth().row(row)[column - 1..=column + 1] {
@@ -214,17 +227,22 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_that_sees_through_more_than_half_says_nothing_of_what_is_gone() {
-        let sights_of = |through: usize, seen: usize, hidden: usize| {
+    fn a_frame_alone_that_sees_through_more_than_half_removes_nothing() {
+        let sights_of = |through: usize, seen: usize, hidden: usize, trust| {
             let mut map = Balls::default();
             for (count, depth) in [(through, 1.5), (seen, 2.0), (hidden, 2.5)] {
                 (0..count).for_each(|_| map.push(point((4, 4), depth), 0.01));
             }
-            sights(&map, &frame_of(2.0), &Camera::new(CAMERA, &Pose::IDENTITY), &MemorySettings::default())
+            let camera = Camera::new(CAMERA, &Pose::IDENTITY);
+            sights(&map, &frame_of(2.0), &camera, trust, &MemorySettings::default())
         };
         use Sight::{Seen, Through, Unknown};
-        assert_eq!(sights_of(2, 2, 1), [Through, Through, Seen, Seen, Unknown]);
-        assert_eq!(sights_of(3, 2, 4)[..5], [Unknown, Unknown, Unknown, Seen, Seen]);
+        let (sights, contradicts) = sights_of(2, 2, 1, FrameTrust::Alone);
+        assert_eq!((&sights[..], contradicts), (&[Through, Through, Seen, Seen, Unknown][..], false));
+        let (sights, contradicts) = sights_of(3, 2, 4, FrameTrust::Alone);
+        assert_eq!((&sights[..5], contradicts), (&[Unknown, Unknown, Unknown, Seen, Seen][..], true));
+        let (sights, contradicts) = sights_of(3, 2, 4, FrameTrust::Confirmed);
+        assert_eq!((&sights[..5], contradicts), (&[Through, Through, Through, Seen, Seen][..], true));
     }
 
     #[test]

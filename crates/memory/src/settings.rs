@@ -127,6 +127,11 @@ impl MemorySettings {
         }
     }
 
+    /// Depths of one surface differ by no more than this, metres, if it is `distance` away.
+    pub(crate) fn same_surface_margin(&self, distance: f32) -> f32 {
+        self.removal_margin.max(self.removal_margin_relative * distance)
+    }
+
     /// Whether segments without depth are remembered.
     pub(crate) fn links_depthless(&self) -> bool {
         self.depthless && self.kind == MemoryKind::Evidence

@@ -5,6 +5,7 @@
 
 use crate::SplatMemory;
 use crate::depthless::SavedDepthlessSegment;
+use crate::recent::SavedRecentFrames;
 use crate::recurring::SavedRecurringPredictions;
 use crate::segments::SavedIds;
 use serde::{Deserialize, Serialize};
@@ -22,6 +23,9 @@ pub struct Appearances {
     pub apart: usize,
     /// Frames with one prediction of it and another segment.
     pub merged: usize,
+    /// Those of them since it was last seen alone. Older files lack it.
+    #[serde(default)]
+    pub merged_run: usize,
 }
 
 /// What methods keep with the memory, so that it is saved with it.
@@ -54,6 +58,9 @@ pub(crate) struct ShortTermMemory {
     /// Ids that the memory has nothing of.
     #[serde(default)]
     pub ids: SavedIds,
+    /// The last frames. Older files lack them.
+    #[serde(default)]
+    pub recent: SavedRecentFrames,
 }
 
 impl ShortTermMemory {

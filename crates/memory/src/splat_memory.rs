@@ -6,6 +6,7 @@ use crate::evidence::EvidenceStore;
 use crate::features::{FeatureStore, SegmentCodes};
 use crate::host_map::HostMap;
 use crate::map::SplatMap;
+use crate::recent::RecentFrames;
 use crate::recurring::RecurringPredictions;
 use crate::segment_store::SegmentStore;
 use crate::segments::{Segments, Settled};
@@ -42,6 +43,8 @@ pub struct SplatMemory {
     pub(crate) recurring: RecurringPredictions,
     pub(crate) overruled: BTreeMap<SegmentId, usize>,
     pub(crate) appearances: BTreeMap<SegmentId, Appearances>,
+    /// The last frames, which decide what happens when one contradicts the map.
+    pub(crate) recent: RecentFrames,
     /// Frames taken in.
     pub(crate) frames: u32,
     warned_of_limit: bool,
@@ -156,12 +159,19 @@ impl SplatMemory {
         store: Box<dyn SegmentStore>,
         segments: Segments,
     ) -> Self {
-        let depthless = DepthlessSegments::default();
-        let recurring = RecurringPredictions::default();
-        let (overruled, appearances) = (BTreeMap::new(), BTreeMap::new());
         let backend = Box::new(HostMap { settings: settings.clone(), map, store });
-        let (frames, warned_of_limit) = (0, false);
-        Self { settings, backend, segments, depthless, recurring, overruled, appearances, frames, warned_of_limit }
+        Self {
+            settings,
+            backend,
+            segments,
+            depthless: DepthlessSegments::default(),
+            recurring: RecurringPredictions::default(),
+            overruled: BTreeMap::new(),
+            appearances: BTreeMap::new(),
+            recent: RecentFrames::default(),
+            frames: 0,
+            warned_of_limit: false,
+        }
     }
 
     /// Moves the map and what its Gaussians remember to a device, which does from then on what is done with them.
@@ -184,19 +194,26 @@ impl SplatMemory {
     /// What the memory expects `frame` to show. If a device fails at that, [`Self::fuse`] and [`Self::update`] report it.
     pub fn recall<'f>(&self, frame: &'f RgbdFrame<'_>) -> Recall<'f> {
         let _stage = tracing::debug_span!(target: "splatseg::stage", "decode").entered();
-        let mut camera = Camera::new(*frame.intrinsics(), frame.world_from_camera());
+        let jump = if self.follows_jumps() { self.recent.jump(frame, &self.settings) } else { None };
+        let pose = jump.map_or(*frame.world_from_camera(), |jump| jump.inverse() * *frame.world_from_camera());
+        let trust = self.recent.trust(frame, &pose, &self.settings);
+        let mut camera = Camera::new(*frame.intrinsics(), &pose);
         if self.settings.kind == MemoryKind::Evidence {
             let (min_alpha, min_transmittance) = (self.settings.min_alpha, self.settings.min_transmittance);
             // The Gaussian that finishes a pixel is not blended: one alone must not finish it.
             let max_alpha = camera.limits.max_alpha.min(1.0 - 2.0 * min_transmittance);
             camera.limits = RasterLimits { min_alpha, max_alpha, min_transmittance, ..camera.limits };
         }
-        let mut recall = match self.backend.recall(frame, &camera) {
+        let mut recall = match self.backend.recall(frame, &camera, trust) {
             Ok(recall) => recall,
             Err(error) => return Recall::failed(frame, &camera, error.into_failure()),
         };
+        (recall.world_from_camera, recall.jump) = (pose, jump);
         if self.settings.links_depthless() {
             self.depthless.expect(&mut recall, self.settings.growth_silhouette);
+        }
+        if self.settings.kind == MemoryKind::Evidence {
+            self.recent.expect(&mut recall, &self.settings);
         }
         recall
     }
@@ -269,6 +286,12 @@ impl SplatMemory {
     pub fn update(&mut self, mut recall: Recall<'_>, seen: &SegmentMap) -> Result<FrameUpdate, MemoryError> {
         self.check_predictions(&recall, seen)?;
         let new_segments = self.segments.note_sightings(seen);
+        if let Some(jump) = &recall.jump {
+            tracing::warn!("frame {}: the poses have jumped; the map moves along", recall.frame.name());
+            self.backend.transform(jump)?;
+            self.depthless.transform(jump);
+            self.recent.transform(jump);
+        }
         let before = self.gaussian_count();
         let update = self.backend.update(&mut recall, seen, self.frames, &mut self.segments.live())?;
         if self.settings.links_depthless() {
@@ -276,6 +299,7 @@ impl SplatMemory {
             self.depthless.take_in(&recall, seen, self.settings.growth_silhouette, self.frames);
         }
 
+        self.recent.record(&recall, seen, &self.settings);
         let _stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
         let removed = before + update.grown - self.gaussian_count();
         let (grown, learning) = (update.grown, update.learning);
@@ -314,8 +338,13 @@ impl SplatMemory {
             let shown: BTreeSet<SegmentId> = distinct(&self.segment_ids());
             self.segments.note_shown(&shown);
         }
-        self.segments.note_regions(self.depthless.ids().collect());
+        self.segments.note_regions(self.depthless.ids().chain(self.recent.held_ids()).collect());
         self.segments.settle()
+    }
+
+    /// Whether the map moves along when the poses jump. The paper's does not.
+    fn follows_jumps(&self) -> bool {
+        self.settings.growth_rule() != GrowthRule::Paper && self.gaussian_count() > 0
     }
 
     fn check_predictions(&self, recall: &Recall<'_>, seen: &SegmentMap) -> Result<(), MemoryError> {

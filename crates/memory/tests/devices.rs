@@ -2,8 +2,8 @@
 
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
-    MapBackend, MapContent, MapDevice, MapUpdate, MemoryError, MemoryKind, MemorySettings, Recall, RememberedSegments,
-    SplatFileError, SplatMap, SplatMemory, VisibleGaussian,
+    FrameTrust, MapBackend, MapContent, MapDevice, MapUpdate, MemoryError, MemoryKind, MemorySettings, Recall,
+    RememberedSegments, SplatFileError, SplatMap, SplatMemory, VisibleGaussian,
 };
 use splatseg_render::{Balls, Camera};
 use std::sync::Arc;
@@ -38,7 +38,11 @@ impl MapDevice for Broken {
 }
 
 impl MapBackend for BrokenMap {
-    fn recall<'f>(&self, _: &'f RgbdFrame<'_>, _: &Camera) -> Result<Recall<'f>, MemoryError> {
+    fn recall<'f>(&self, _: &'f RgbdFrame<'_>, _: &Camera, _: FrameTrust) -> Result<Recall<'f>, MemoryError> {
+        failure()
+    }
+
+    fn transform(&mut self, _: &Pose) -> Result<(), MemoryError> {
         failure()
     }
 

@@ -10,7 +10,7 @@ use crate::kernels::scan::take_total;
 use crate::sorting::{Keyed, prefix_sums, sorted};
 use crate::store::Lesson;
 use crate::view::{GpuView, Tiles, bin, look, tile_count};
-use splatseg_memory::MemorySettings;
+use splatseg_memory::{FrameTrust, MemorySettings};
 
 /// A Gaussian that a frame added prevails where it has at least this alpha in front of what was there.
 const NEW_GAUSSIAN_PREVAILS: f32 = 0.5;
@@ -195,7 +195,7 @@ impl Descent<'_> {
     fn grown_tiles(&self) -> Result<Tiles, GpuError> {
         let (device, map, view) = (self.device(), self.lesson.gaussians, self.view);
         let all = self.settings.clone().with(|settings| settings.removal_frames = 0);
-        bin(device, map, &look(device, map, &view.depth, &view.camera, &all)?, &view.camera)
+        bin(device, map, &look(device, map, &view.depth, &view.camera, FrameTrust::Alone, &all)?, &view.camera)
     }
 
     fn entries(&self, tiles: &Tiles, active: &Buffer, active_count: &Buffer) -> Result<Entries, GpuError> {

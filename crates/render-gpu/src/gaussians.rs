@@ -5,6 +5,7 @@ use crate::device::{Buffer, GpuDevice, threads};
 use crate::kernels::forget::{compact, copy};
 use crate::sorting::prefix_sums;
 use glam::Vec3;
+use splatseg_geometry::Pose;
 use splatseg_memory::SplatMap;
 
 /// Gaussians that a map has room for at first.
@@ -138,6 +139,18 @@ impl DeviceGaussians {
             );
         }
         (self.arrays, self.count) = (arrays, kept);
+        Ok(())
+    }
+
+    /// Moves all of them to other coordinates.
+    pub fn transform(&mut self, new_from_old: &Pose) -> Result<(), GpuError> {
+        let [mut balls] = self.device.download([self.balls()])?;
+        for ball in balls.chunks_exact_mut(4).take(self.count) {
+            let mean = Vec3::new(f32::from_bits(ball[0]), f32::from_bits(ball[1]), f32::from_bits(ball[2]));
+            ball[..3].copy_from_slice(&new_from_old.to_world(mean).to_array().map(f32::to_bits));
+        }
+        let sent = self.device.upload(&balls, "the Gaussians of a map")?;
+        copy_values(&self.device, &sent, self.balls(), balls.len());
         Ok(())
     }
 

@@ -6,12 +6,14 @@ use crate::evidence::Evidence;
 use crate::features::Features;
 use crate::gaussians::DeviceGaussians;
 use crate::growth::Growth;
-use crate::kernels::forget::{GROWN, HOLDS, LEARNT, NOWHERE, REMOVED, SHOWN, locate_seen, note_frame, pack_flags, set};
+use crate::kernels::forget::{
+    GROWN, HOLDS, LEARNT, NOWHERE, REMOVED, SHOWN, locate_seen, note_frame, note_visible, pack_flags, set,
+};
 use crate::store::{DeviceStore, Lesson, Rendered};
-use crate::view::{GpuView, Sights, look, render};
-use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
+use crate::view::{GpuView, Sights, look, needs_sights, render};
+use splatseg_geometry::{Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
-    GrowthRule, LearningExtent, MapBackend, MapContent, MapDevice, MapUpdate, MemoryError, MemoryKind, MemorySettings,
+    FrameTrust, GrowthRule, LearningExtent, MapBackend, MapContent, MapDevice, MapUpdate, MemoryError, MemorySettings,
     Recall, RememberedSegments, SegmentHold, SplatMap, VisibleGaussian, longest_unseen,
 };
 use splatseg_render::{Balls, Camera};
@@ -62,11 +64,6 @@ fn holds(ids: &[SegmentId], report: &[u32]) -> Vec<(SegmentId, SegmentHold)> {
         _ => SegmentHold::Votes,
     };
     ids.iter().copied().zip(report.iter().skip(HOLDS).map(hold)).collect()
-}
-
-/// Whether the memory asks what a frame says of every Gaussian; the paper's does not.
-fn needs_sights(settings: &MemorySettings) -> bool {
-    settings.growth_rule() != GrowthRule::Paper || settings.kind == MemoryKind::Evidence
 }
 
 impl<S: DeviceStore> GpuMap<S> {
@@ -147,8 +144,16 @@ impl<S: DeviceStore> GpuMap<S> {
             report.arg(),
             number,
             u32::from(self.settings.removal_frames),
+            u32::from(sights.trust == FrameTrust::Confirmed),
             sights.count as u32,
         );
+    }
+
+    /// Notes which Gaussians frame number `number` has in view.
+    fn note_visible(&self, sights: &Sights, number: u32) {
+        let (cubes, cube) = threads(sights.count);
+        let (visible, last_seen) = (sights.visible.arg(), self.gaussians.last_seen().arg());
+        note_visible::launch(&self.device.client, cubes, cube, visible, last_seen, number, sights.count as u32);
     }
 
     /// Removes what is gone after frame number `number`, and says what is left and how it holds the `ids`.
@@ -161,16 +166,15 @@ impl<S: DeviceStore> GpuMap<S> {
         update: &mut MapUpdate,
     ) -> Result<(), GpuError> {
         let keep = self.device.filled(self.gaussians.len() + view.pixels(), 1, "which Gaussians are kept")?;
-        let is_paper = self.settings.growth_rule() == GrowthRule::Paper;
-        let is_full = self.gaussians.len() > self.settings.max_gaussians;
-        if !is_paper || is_full {
-            if view.sights.count == 0 || !needs_sights(&self.settings) {
-                // The frame said nothing of an empty map, or was not asked: it is asked about what has grown, too.
-                let sights = look(&self.device, &self.gaussians, &view.depth, &view.camera, &self.settings)?;
-                self.note_frame(&sights, number, &keep, report);
-            } else {
-                self.note_frame(&view.sights, number, &keep, report);
-            }
+        if self.settings.growth_rule() == GrowthRule::Paper {
+            self.note_visible(&view.sights, number);
+        } else if view.sights.count == 0 {
+            // The map was empty: the frame is compared with what has grown.
+            let alone = FrameTrust::Alone;
+            let sights = look(&self.device, &self.gaussians, &view.depth, &view.camera, alone, &self.settings)?;
+            self.note_frame(&sights, number, &keep, report);
+        } else {
+            self.note_frame(&view.sights, number, &keep, report);
         }
         let knows_holds = self.store.mark_holds(&self.device, &self.gaussians, &keep, ids, report)?;
         let [found] = self.device.download([report])?;
@@ -230,9 +234,19 @@ impl<S: DeviceStore> GpuMap<S> {
 }
 
 impl<S: DeviceStore> MapBackend for GpuMap<S> {
-    fn recall<'f>(&self, frame: &'f RgbdFrame<'_>, camera: &Camera) -> Result<Recall<'f>, MemoryError> {
-        let (view, images) = render(&self.device, &self.gaussians, &self.store, frame, camera, &self.settings)?;
+    fn recall<'f>(
+        &self,
+        frame: &'f RgbdFrame<'_>,
+        camera: &Camera,
+        trust: FrameTrust,
+    ) -> Result<Recall<'f>, MemoryError> {
+        let (view, images) = render(&self.device, &self.gaussians, &self.store, frame, camera, trust, &self.settings)?;
         Ok(Recall::of_device(frame, camera, images, Box::new(view)))
+    }
+
+    fn transform(&mut self, new_from_old: &Pose) -> Result<(), MemoryError> {
+        self.copy = OnceLock::new();
+        Ok(self.gaussians.transform(new_from_old)?)
     }
 
     fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> Result<SegmentMap, MemoryError> {

@@ -7,12 +7,12 @@ use crate::kernels::bin::{count_tiles, emit_pairs, find_tiles};
 use crate::kernels::camera::{ViewLaunch, view_args};
 use crate::kernels::expect::{IMAGES, SURFACES};
 use crate::kernels::project::{NUMBERS, mark_visible, project_visible};
-use crate::kernels::sight::{COUNTERS, PAIR_COUNT, VISIBLE_COUNT, note_sights};
+use crate::kernels::sight::{COUNTERS, PAIR_COUNT, VISIBLE_COUNT, contradicts_map, note_sights};
 use crate::kernels::tile::{TilePairsLaunch, VisibleGaussiansLaunch};
 use crate::sorting::{Keyed, prefix_sums, sorted};
 use crate::store::{DeviceStore, Rendered};
 use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
-use splatseg_memory::{DeviceImages, GrowthRule, MemorySettings, SegmentBelief};
+use splatseg_memory::{DeviceImages, FrameTrust, GrowthRule, MemoryKind, MemorySettings, SegmentBelief};
 use splatseg_render::Camera;
 use std::sync::Mutex;
 
@@ -28,6 +28,8 @@ pub(crate) struct Sights {
     pub visible: Buffer,
     /// [`COUNTERS`] of them.
     pub counters: Buffer,
+    /// Whether earlier frames confirm this one.
+    pub trust: FrameTrust,
     /// Gaussians of the map when it was looked at.
     pub count: usize,
 }
@@ -114,12 +116,18 @@ impl GpuView {
     }
 }
 
+/// Whether a memory compares its Gaussians with each frame's depth; the paper's does not.
+pub(crate) fn needs_sights(settings: &MemorySettings) -> bool {
+    settings.growth_rule() != GrowthRule::Paper || settings.kind == MemoryKind::Evidence
+}
+
 /// Compares all Gaussians with the frame's depth.
 pub(crate) fn look(
     device: &GpuDevice,
     map: &DeviceGaussians,
     depth: &Buffer,
     camera: &Camera,
+    trust: FrameTrust,
     settings: &MemorySettings,
 ) -> Result<Sights, GpuError> {
     let count = map.len();
@@ -151,9 +159,10 @@ pub(crate) fn look(
         counters.arg(),
         view_args(camera),
         u32::from(hides_through),
+        u32::from(trust == FrameTrust::Confirmed),
         count as u32,
     );
-    Ok(Sights { sights, visible, counters, count })
+    Ok(Sights { sights, visible, counters, trust, count })
 }
 
 /// Sorts the visible Gaussians into tiles, front to back.
@@ -259,25 +268,27 @@ pub(crate) fn render<S: DeviceStore>(
     store: &S,
     frame: &RgbdFrame<'_>,
     camera: &Camera,
+    trust: FrameTrust,
     settings: &MemorySettings,
 ) -> Result<(Rendered<S::Read>, DeviceImages), GpuError> {
     let depth = device.upload(frame.depth().pixels(), "depth")?;
-    let sights = look(device, map, &depth, camera, settings)?;
+    let sights = look(device, map, &depth, camera, trust, settings)?;
     let tiles = bin(device, map, &sights, camera)?;
     let (width, height) = (frame.width(), frame.height());
     let images = device.empty(IMAGES * width * height, "images")?;
     let surfaces = device.empty(SURFACES * width * height, "images")?;
     let view = GpuView { camera: *camera, depth, sights, tiles, images, surfaces, seen: Mutex::new(None) };
     let read = store.expect(device, map, &view)?;
-    let [found] = device.download([&view.images])?;
-    let images = images_of(&found, (width, height)).ok_or_else(|| GpuError::Failed {
+    let [found, counters] = device.download([&view.images, &view.sights.counters])?;
+    let contradicts = needs_sights(settings) && contradicts_map(&counters);
+    let images = images_of(&found, (width, height), contradicts).ok_or_else(|| GpuError::Failed {
         reason: format!("{} values came back for images of {width}x{height} pixels", found.len()),
     })?;
     Ok((Rendered { view, read }, images))
 }
 
 /// The images of a view.
-fn images_of(values: &[u32], (width, height): (usize, usize)) -> Option<DeviceImages> {
+fn images_of(values: &[u32], (width, height): (usize, usize), contradicts_map: bool) -> Option<DeviceImages> {
     let mut parts = values.chunks_exact((width * height).max(1));
     let segments = SegmentMap::from_pixels(width, height, parts.next()?.to_vec()).ok()?;
     let mut image = || {
@@ -285,5 +296,5 @@ fn images_of(values: &[u32], (width, height): (usize, usize)) -> Option<DeviceIm
         Image::from_pixels(width, height, pixels).ok()
     };
     let (confidence, silhouette, depth) = (image()?, image()?, image()?);
-    Some(DeviceImages { belief: SegmentBelief { segments, confidence }, silhouette, depth })
+    Some(DeviceImages { belief: SegmentBelief { segments, confidence }, silhouette, depth, contradicts_map })
 }

@@ -24,7 +24,7 @@ use crate::recall::Recall;
 use plane::Plane;
 use rayon::prelude::*;
 use region::Region;
-use splatseg_geometry::{Image, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_geometry::{Image, Pose, RgbdFrame, SegmentId, SegmentMap};
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use warp::{Viewpoint, Warp};
@@ -104,7 +104,7 @@ impl DepthlessSegments {
     /// Adds to what the map expects the remembered segments, where `recall` is bare: where there is no observed depth and
     /// the silhouette is below `covered_from`.
     pub fn expect(&self, recall: &mut Recall<'_>, covered_from: f32) {
-        let to = viewpoint_of(recall.frame);
+        let to = Viewpoint { world_from_camera: recall.world_from_camera, ..viewpoint_of(recall.frame) };
         let (observed, silhouette) = (recall.frame.depth().pixels(), recall.silhouette.pixels());
         let bare: Vec<bool> = observed
             .iter()
@@ -173,6 +173,13 @@ impl DepthlessSegments {
     /// The ids that are remembered, in increasing order.
     pub fn ids(&self) -> impl Iterator<Item = SegmentId> + '_ {
         self.segments.iter().map(|segment| segment.region.id)
+    }
+
+    /// Moves everything along with the map.
+    pub fn transform(&mut self, new_from_old: &Pose) {
+        for segment in &mut self.segments {
+            segment.viewpoint.world_from_camera = *new_from_old * segment.viewpoint.world_from_camera;
+        }
     }
 }
 

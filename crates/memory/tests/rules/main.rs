@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod coarseness;
+mod contradictions;
 mod evidence;
 mod features;
 mod growth;

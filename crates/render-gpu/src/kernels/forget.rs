@@ -30,6 +30,7 @@ pub(crate) fn note_frame(
     report: &[Atomic<u32>],
     frame: u32,
     removal_frames: u32,
+    is_confirmed: u32,
     count: u32,
 ) {
     let gaussian = ABSOLUTE_POS;
@@ -39,7 +40,7 @@ pub(crate) fn note_frame(
             last_seen[gaussian] = frame;
             seen_through[gaussian] = 0u32;
         }
-        let is_believed = is_through_believed(counters[SEEN_COUNT], counters[THROUGH_COUNT]);
+        let is_believed = is_through_believed(counters[SEEN_COUNT], counters[THROUGH_COUNT], is_confirmed);
         if sight == THROUGH && is_believed && removal_frames > 0 {
             let frames = seen_through[gaussian] + 1;
             seen_through[gaussian] = select(frames < 255u32, frames, 255u32);
@@ -48,6 +49,15 @@ pub(crate) fn note_frame(
                 report[REMOVED].fetch_add(1u32);
             }
         }
+    }
+}
+
+/// Notes that frame number `frame` has the `visible` ones of the first `count` Gaussians in view.
+#[cube(launch)]
+pub(crate) fn note_visible(visible: &[u32], last_seen: &mut [u32], frame: u32, count: u32) {
+    let gaussian = ABSOLUTE_POS;
+    if gaussian < count as usize && visible[gaussian] == 1 {
+        last_seen[gaussian] = frame;
     }
 }
 

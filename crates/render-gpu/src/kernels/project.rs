@@ -112,6 +112,7 @@ pub(crate) fn mark_visible(
     counters: &[Atomic<u32>],
     view: View,
     hides_through: u32,
+    is_confirmed: u32,
     count: u32,
 ) {
     let gaussian = ABSOLUTE_POS;
@@ -119,7 +120,7 @@ pub(crate) fn mark_visible(
         terminate!();
     }
     let mut is_visible = 0u32;
-    let is_believed = is_through_believed(counters[SEEN_COUNT].load(), counters[THROUGH_COUNT].load());
+    let is_believed = is_through_believed(counters[SEEN_COUNT].load(), counters[THROUGH_COUNT].load(), is_confirmed);
     let is_gone = hides_through == 1 && is_believed && sights[gaussian] == THROUGH;
     if !is_gone {
         let splat = project(to_camera(balls, gaussian, &view), balls[gaussian * 4 + 3], &view);

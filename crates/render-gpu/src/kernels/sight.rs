@@ -97,9 +97,15 @@ fn sight_at(depth: &[f32], z: f32, column: u32, row: u32, width: u32, margin: f3
     sight
 }
 
-/// Whether a frame is believed where it sees through Gaussians: not if it sees through more than half of those whose
-/// depth it can tell.
+/// Whether a frame is believed where it sees through Gaussians. If it sees through more than half of those whose depth it
+/// can judge, earlier frames must confirm it: `is_confirmed` is 1.
 #[cube]
-pub(crate) fn is_through_believed(seen: u32, through: u32) -> bool {
-    f32::cast_from(through) <= 0.5 * f32::cast_from(seen + through)
+pub(crate) fn is_through_believed(seen: u32, through: u32, is_confirmed: u32) -> bool {
+    is_confirmed == 1 || f32::cast_from(through) <= 0.5 * f32::cast_from(seen + through)
+}
+
+/// The same, on the host, for a frame that no other confirms.
+pub(crate) fn contradicts_map(counters: &[u32]) -> bool {
+    let (seen, through) = (counters[SEEN_COUNT], counters[THROUGH_COUNT]);
+    through as f32 > 0.5 * (seen + through) as f32
 }

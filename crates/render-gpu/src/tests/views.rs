@@ -14,7 +14,7 @@ use crate::store::DeviceStore;
 use crate::view::{bin, look, render, tile_count};
 use glam::{Mat4, Vec3};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
-use splatseg_memory::{MemorySettings, SplatMap, Votes};
+use splatseg_memory::{FrameTrust, MemorySettings, SplatMap, Votes};
 use splatseg_render::{Balls, Camera, RasterLimits, View, project};
 
 const SIZE: (usize, usize) = (75, 52);
@@ -95,7 +95,7 @@ fn sights_are_those_of_the_definition() {
     let (map, _, gaussians, settings) = on(&device);
     let (frame, camera) = (frame(), camera(&frame()));
     let depth = device.upload(frame.depth().pixels(), "test").unwrap();
-    let found = look(&device, &gaussians, &depth, &camera, &settings).unwrap();
+    let found = look(&device, &gaussians, &depth, &camera, FrameTrust::Alone, &settings).unwrap();
     let [sights, counters] = device.download([&found.sights, &found.counters]).unwrap();
     let expected = map.balls.means.iter().map(|mean| {
         let center = camera.to_camera(*mean);
@@ -126,7 +126,7 @@ fn projected_gaussians_and_their_order_are_those_of_the_cpu() {
     let (map, _, gaussians, settings) = on(&device);
     let (frame, camera) = (frame(), camera(&frame()));
     let depth = device.upload(frame.depth().pixels(), "test").unwrap();
-    let sights = look(&device, &gaussians, &depth, &camera, &settings).unwrap();
+    let sights = look(&device, &gaussians, &depth, &camera, FrameTrust::Alone, &settings).unwrap();
     let tiles = bin(&device, &gaussians, &sights, &camera).unwrap();
     let [splats, indices, order, counters] =
         device.download([&tiles.splats, &tiles.gaussians, &tiles.order, &sights.counters]).unwrap();
@@ -171,7 +171,8 @@ fn images_are_products_with_the_blend_weights_of_the_cpu() {
     let (map, votes, gaussians, settings) = on(&device);
     let (frame, camera) = (frame(), camera(&frame()));
     let store = evidence(&settings);
-    let (rendered, images) = render(&device, &gaussians, &store, &frame, &camera, &settings).unwrap();
+    let (rendered, images) =
+        render(&device, &gaussians, &store, &frame, &camera, FrameTrust::Alone, &settings).unwrap();
     let view = &rendered.view;
     let host = View::new(&map.balls, &camera);
     let (silhouette, depth) = (host.weights().silhouette(), host.weights().accumulated_depth());
@@ -249,7 +250,7 @@ fn seen_gaussians_are_found_in_their_pixels() {
     let (map, _, gaussians, settings) = on(&device);
     let (frame, camera) = (frame(), camera(&frame()));
     let depth = device.upload(frame.depth().pixels(), "test").unwrap();
-    let sights = look(&device, &gaussians, &depth, &camera, &settings).unwrap();
+    let sights = look(&device, &gaussians, &depth, &camera, FrameTrust::Alone, &settings).unwrap();
     let pixels = device.empty(sights.count, "test").unwrap();
     let (cubes, cube) = threads(sights.count);
     locate_seen::launch(

@@ -21,6 +21,10 @@ const MIN_COVERED: f64 = 0.9;
 /// A segment that was seen by itself in fewer frames may be an error itself.
 const MIN_APART: usize = 2;
 
+/// A segment is given up after so many merged frames in a row: no depth can tell a merged mask from the place of a flat
+/// thing that was taken away, which must be gone within ten frames, however long it was seen.
+const MAX_MERGED_RUN: usize = 6;
+
 /// A segment is gone where the frame's surface lies in the mean farther behind it than this, metres...
 const MIN_GAP: f64 = 0.05;
 
@@ -79,11 +83,13 @@ pub(super) fn keep_apart(
             continue;
         }
         if found.is_apart(id, areas.get(&id).copied().unwrap_or(0)) {
-            appearances.entry(id).or_default().apart += 1;
+            let counts = appearances.entry(id).or_default();
+            (counts.apart, counts.merged_run) = (counts.apart.saturating_add(1), 0);
         } else if let Some(other) = found.merged_into(id) {
             let counts = appearances.entry(id).or_default();
-            counts.merged += 1;
-            let is_known = counts.apart >= MIN_APART;
+            counts.merged = counts.merged.saturating_add(1);
+            counts.merged_run = counts.merged_run.saturating_add(1);
+            let is_known = counts.apart >= MIN_APART && counts.merged_run < MAX_MERGED_RUN;
             if is_known && (counts.merged as f32) < merged_per_apart * counts.apart as f32 {
                 kept.insert(id, other);
             }
@@ -199,17 +205,19 @@ mod tests {
 
     #[test]
     fn what_was_seen_by_itself_is_kept_apart_for_so_many_frames() {
-        let before = |apart, merged| Appearances { apart, merged };
-        assert_eq!(kept(&halves(40), 2.0, before(2, 0), 2.0), (vec![true, true, true, false], before(2, 4)));
-        assert_eq!(kept(&halves(40), 2.0, before(4, 6), 2.0), (vec![true, false, false, false], before(4, 10)));
-        assert_eq!(kept(&halves(40), 2.0, before(1, 0), 100.0), (vec![false; 4], before(1, 4)), "seen once only");
-        assert_eq!(kept(&halves(40), 2.0, before(2, 0), 0.0), (vec![false; 4], before(2, 0)), "switched off");
-        assert_eq!(kept(&halves(63), 2.0, before(2, 0), 2.0), (vec![false; 4], before(2, 0)), "48 pixels");
+        let counts = |apart, merged, merged_run| Appearances { apart, merged, merged_run };
+        let kept = |segments: &SegmentMap, before, ratio| kept(segments, 2.0, before, ratio);
+        assert_eq!(kept(&halves(40), counts(2, 0, 0), 2.0), (vec![true, true, true, false], counts(2, 4, 4)));
+        assert_eq!(kept(&halves(40), counts(4, 6, 0), 2.0), (vec![true, false, false, false], counts(4, 10, 4)));
+        assert_eq!(kept(&halves(40), counts(1, 0, 0), 100.0), (vec![false; 4], counts(1, 4, 4)), "seen once only");
+        assert_eq!(kept(&halves(40), counts(2, 0, 0), 0.0), (vec![false; 4], counts(2, 0, 0)), "switched off");
+        assert_eq!(kept(&halves(63), counts(2, 0, 0), 2.0), (vec![false; 4], counts(2, 0, 0)), "48 pixels");
+        assert_eq!(kept(&halves(40), counts(99, 9, 3), 2.0).0, [true, true, false, false], "six in a row");
     }
 
     #[test]
     fn what_the_frame_sees_through_is_not_kept() {
-        let before = Appearances { apart: 2, merged: 0 };
+        let before = Appearances { apart: 2, ..Appearances::default() };
         assert_eq!(kept(&halves(40), 2.07, before, 2.0), (vec![false; 4], before));
         assert_eq!(kept(&halves(40), 2.03, before, 2.0).0, [true, true, true, false]);
         assert_eq!(kept(&halves(40), 1.95, before, 2.0).0, [true, true, true, false], "in front of it");
@@ -225,11 +233,15 @@ mod tests {
             keep_apart(&recall, 2.0, &mut appearances, &mut seen.clone());
             appearances.get(&2).copied().unwrap_or_default()
         };
-        let apart = Appearances { apart: 1, merged: 0 };
+        let apart = Appearances { apart: 1, ..Appearances::default() };
         assert_eq!(counts_after(&halves(40)), apart);
         assert_eq!(counts_after(&halves(55)), apart, "9 of 24 columns");
         assert_eq!(counts_after(&halves(57)), Appearances::default(), "7 of 24 columns");
-        assert_eq!(counts_after(&halves(63)), Appearances { apart: 0, merged: 1 }, "another has 23 of 24 columns");
+        assert_eq!(
+            counts_after(&halves(63)),
+            Appearances { apart: 0, merged: 1, merged_run: 1 },
+            "another has 23 of 24 columns"
+        );
         assert_eq!(counts_after(&SegmentMap::filled(SIZE.0, SIZE.1, 0)), Appearances::default(), "no prediction");
     }
 }

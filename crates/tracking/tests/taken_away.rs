@@ -1,0 +1,47 @@
+//! Flat things that are taken away: no depth can tell a mask of what is under them from a merged mask.
+
+mod exact_masks;
+
+use exact_masks::{evidence, method};
+use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentMap};
+use splatseg_tracking::Method;
+
+const SIZE: (usize, usize) = (80, 60);
+
+/// Number of frames within which a thing must be gone.
+const PATIENCE: usize = 10;
+
+/// The number of frames that still show a flat thing once it is gone, after `present` frames with it. `columns` is its
+/// width; `same_color` if it has the colour of the wall.
+fn frames_as_ghost(present: usize, columns: usize, same_color: bool) -> usize {
+    let (width, height) = SIZE;
+    let intrinsics = Intrinsics { fx: 75.0, fy: 75.0, cx: 39.5, cy: 29.5, width, height };
+    let truth = |is_there: bool| {
+        SegmentMap::from_fn(width, height, |column, row| {
+            let is_inside = (20..20 + columns).contains(&column) && (20..40).contains(&row);
+            if is_inside && is_there { 2 } else { 1 }
+        })
+    };
+    let mut method = method(evidence());
+    let mut show = |is_there: bool| {
+        let truth = truth(is_there);
+        let color = truth.map(|id| if *id == 2 && !same_color { [180, 40, 40] } else { [90; 3] });
+        let frame = RgbdFrame::new("0", color, Image::filled(width, height, 2.0), intrinsics, Pose::IDENTITY).unwrap();
+        let masks = Mask::of_segments(&truth).into_iter().map(|(_, mask)| ScoredMask { mask, score: 1.0 });
+        let shown = method.process(&frame, &masks.collect::<Vec<_>>()).unwrap().segments;
+        shown[(20 + columns / 2, 30)] != shown[(2, 2)]
+    };
+    assert_eq!((0..present).filter(|_| show(true)).count(), present, "it has an id of its own");
+    let shown: Vec<bool> = (0..40).map(|_| show(false)).collect();
+    shown.iter().rposition(|is_shown| *is_shown).map_or(0, |last| last + 1)
+}
+
+#[test]
+fn a_flat_thing_is_gone_within_ten_frames_however_long_it_was_seen() {
+    for present in [1, 3, 10, 100, 300] {
+        for (columns, same_color) in [(10, false), (40, false), (40, true)] {
+            let frames = frames_as_ghost(present, columns, same_color);
+            assert!(frames < PATIENCE, "seen for {present} frames, {columns} wide: shown for {frames} more");
+        }
+    }
+}
