@@ -3,7 +3,8 @@
 //! Weights are fixed-point, so that sums are exact and the result does not depend on the order in which they are
 //! added. Where several assignments have the same sum, a second, much smaller weight decides.
 
-use pathfinding::prelude::{Matrix, kuhn_munkres};
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap};
 
 /// Bits after the binary point of the ratio whose sum is maximised; room for 2^64 pairs is left above it.
 const PRIMARY_BITS: u32 = 62;
@@ -62,35 +63,154 @@ impl Candidate {
 
 /// Indices of the candidates that are matched, increasing: no two share a row or a column and their summed weight is
 /// the largest. Rows and columns without candidates stay unmatched. No pair may occur twice.
+///
+/// Time and memory grow with the number of candidates, not with rows × columns.
 pub fn best_assignment(candidates: &[Candidate]) -> Vec<usize> {
-    let mut rows: Vec<u64> = candidates.iter().map(|pair| pair.row).collect();
-    let mut columns: Vec<u64> = candidates.iter().map(|pair| pair.column).collect();
-    for keys in [&mut rows, &mut columns] {
-        keys.sort_unstable();
-        keys.dedup();
-    }
-    if rows.is_empty() {
-        return Vec::new();
-    }
-    // `kuhn_munkres` gives every row a column, so the shorter side has to be the rows.
-    let transposed = rows.len() > columns.len();
-    let position = |pair: &Candidate| {
+    let [rows, columns] = [distinct(candidates, |pair| pair.row), distinct(candidates, |pair| pair.column)];
+    let mut matching = Matching::new(rows.len(), columns.len());
+    for (index, pair) in candidates.iter().enumerate().filter(|(_, pair)| pair.weight > 0) {
         let row = rows.partition_point(|key| *key < pair.row);
         let column = columns.partition_point(|key| *key < pair.column);
-        if transposed { (column, row) } else { (row, column) }
-    };
-    let (short, long) = (rows.len().min(columns.len()), rows.len().max(columns.len()));
-    let mut weights = Matrix::new(short, long, 0i128);
-    for pair in candidates {
-        weights[position(pair)] = pair.weight;
+        matching.edges[row].push(Edge { column, cost: -pair.weight, candidate: index });
     }
-    let (_, long_of_short) = kuhn_munkres(&weights);
-    let is_matched = |pair: &Candidate| {
-        let (short, long) = position(pair);
-        // A weight of 0 means no overlap, which is not a match.
-        long_of_short[short] == long && pair.weight > 0
-    };
-    (0..candidates.len()).filter(|index| is_matched(&candidates[*index])).collect()
+    for edges in &mut matching.edges {
+        edges.sort_unstable_by_key(|edge| edge.column);
+    }
+    (0..rows.len()).for_each(|row| matching.add_row(row));
+    let mut matched: Vec<usize> = matching.edge_of_column.iter().flatten().map(|(_, candidate)| *candidate).collect();
+    matched.sort_unstable();
+    matched
+}
+
+/// The keys of the candidates, increasing, each once.
+fn distinct(candidates: &[Candidate], key: impl Fn(&Candidate) -> u64) -> Vec<u64> {
+    let mut keys: Vec<u64> = candidates.iter().map(key).collect();
+    keys.sort_unstable();
+    keys.dedup();
+    keys
+}
+
+/// A candidate, seen from its row.
+#[derive(Clone, Copy, Debug)]
+struct Edge {
+    column: usize,
+    /// The negative weight.
+    cost: i128,
+    candidate: usize,
+}
+
+/// The cheapest matching of the rows added so far, by successive shortest augmenting paths (Dijkstra's algorithm with
+/// potentials). Every row has a column of its own, besides those given, that costs nothing: there it is unmatched.
+struct Matching {
+    /// By row, in the order of columns.
+    edges: Vec<Vec<Edge>>,
+    /// The row and the candidate of each matched column.
+    edge_of_column: Vec<Option<(usize, usize)>>,
+    row_potentials: Vec<i128>,
+    column_potentials: Vec<i128>,
+}
+
+/// How a column was reached: its distance, the row before it, and the candidate between them.
+#[derive(Clone, Copy, Debug)]
+struct Reached {
+    distance: i128,
+    row: usize,
+    candidate: usize,
+}
+
+impl Matching {
+    fn new(rows: usize, columns: usize) -> Self {
+        Self {
+            edges: vec![Vec::new(); rows],
+            edge_of_column: vec![None; columns],
+            row_potentials: vec![0; rows],
+            column_potentials: vec![0; columns],
+        }
+    }
+
+    /// Adds a row. Columns from `columns` on stand for the rows' own ones.
+    fn add_row(&mut self, added: usize) {
+        let columns = self.column_potentials.len();
+        let mut reached: BTreeMap<usize, Reached> = BTreeMap::new();
+        let mut waiting: BinaryHeap<Reverse<(i128, usize)>> = BinaryHeap::new();
+        // Columns whose distance is final, in the order in which that was found.
+        let mut settled: Vec<usize> = Vec::new();
+        let cheapest = self.edges[added].iter().map(|edge| edge.cost - self.column_potentials[edge.column]);
+        self.row_potentials[added] = cheapest.min().unwrap_or(0).min(0);
+        let (mut row, mut so_far) = (added, 0);
+        let end = loop {
+            for edge in &self.edges[row] {
+                let reduced = edge.cost - self.row_potentials[row] - self.column_potentials[edge.column];
+                let distance = so_far + reduced;
+                if reached.get(&edge.column).is_none_or(|known| distance < known.distance) {
+                    reached.insert(edge.column, Reached { distance, row, candidate: edge.candidate });
+                    waiting.push(Reverse((distance, edge.column)));
+                }
+            }
+            waiting.push(Reverse((so_far - self.row_potentials[row], columns + row)));
+            let is_outdated = |distance: i128, column: usize| {
+                column < columns && reached.get(&column).is_some_and(|known| known.distance < distance)
+            };
+            // A row's own column always waits, so there is one.
+            let Some(Reverse((distance, column))) = std::iter::from_fn(|| waiting.pop())
+                .find(|Reverse((distance, column))| !is_outdated(*distance, *column))
+            else {
+                return;
+            };
+            so_far = distance;
+            match self.edge_of_column.get(column).copied().flatten() {
+                Some((next, _)) => {
+                    settled.push(column);
+                    row = next;
+                }
+                None => break column,
+            }
+        };
+        self.raise_potentials(added, so_far, &settled, &reached);
+        self.augment(added, end, &reached);
+    }
+
+    /// Keeps all reduced costs at 0 or above once the path of length `length` is taken.
+    fn raise_potentials(&mut self, added: usize, length: i128, settled: &[usize], reached: &BTreeMap<usize, Reached>) {
+        self.row_potentials[added] += length;
+        for column in settled {
+            let change = length - reached[column].distance;
+            self.column_potentials[*column] -= change;
+            if let Some((row, _)) = self.edge_of_column[*column] {
+                self.row_potentials[row] += change;
+            }
+        }
+    }
+
+    /// Moves every row on the path to `end` to the column after it.
+    fn augment(&mut self, added: usize, end: usize, reached: &BTreeMap<usize, Reached>) {
+        let columns = self.column_potentials.len();
+        // The path from its end: the column that each row leaves is free for the row before it.
+        let mut column = end;
+        if end >= columns {
+            // That row becomes unmatched.
+            let row = end - columns;
+            match self.column_of(row, reached) {
+                Some(left) if row != added => column = left,
+                _ => return,
+            }
+        }
+        loop {
+            let Reached { row, candidate, .. } = reached[&column];
+            let left = if row == added { None } else { self.column_of(row, reached) };
+            self.edge_of_column[column] = Some((row, candidate));
+            match left {
+                Some(left) => column = left,
+                None => return,
+            }
+        }
+    }
+
+    /// The column that a row had before, among those reached.
+    fn column_of(&self, row: usize, reached: &BTreeMap<usize, Reached>) -> Option<usize> {
+        let is_own = |column: &usize| self.edge_of_column[*column].is_some_and(|(of, _)| of == row);
+        self.edges[row].iter().map(|edge| edge.column).filter(|column| reached.contains_key(column)).find(is_own)
+    }
 }
 
 #[cfg(test)]
@@ -137,6 +257,24 @@ mod tests {
                 prop_assert!(matched[index + 1..].iter().all(apart));
             }
         }
+    }
+
+    #[test]
+    fn tens_of_thousands_of_overlapping_things_are_matched() {
+        // A grid of squares beside the same grid moved by a third of a square: each overlaps four.
+        const SIDE: u64 = 140;
+        let mut candidates = Vec::new();
+        for (row, column) in (0..SIDE).flat_map(|row| (0..SIDE).map(move |column| (row, column))) {
+            for (down, right, shared) in [(0, 0, 4), (0, 1, 2), (1, 0, 2), (1, 1, 1)] {
+                if row + down < SIDE && column + right < SIDE {
+                    let other = (row + down) * SIDE + column + right;
+                    candidates.push(Candidate::new(row * SIDE + column, other, Ratio::f_score(shared, 9, 9), None));
+                }
+            }
+        }
+        let matched = best_assignment(&candidates);
+        assert_eq!(matched.len() as u64, SIDE * SIDE);
+        assert!(matched.iter().all(|index| candidates[*index].row == candidates[*index].column));
     }
 
     #[test]

@@ -62,7 +62,9 @@ fn missing(recall: &Recall<'_>, seen: &SegmentMap, settings: &MemorySettings) ->
         }
     });
     let growth = Growth { frame, borders: &borders, wanted: &wanted, settings, focal: focal_length(frame) };
-    let largest = settings.growth_spacing.min(frame.width()).min(frame.height());
+    // A power of two, so that quarters of blocks cover them.
+    let smallest_side = frame.width().min(frame.height()).max(1);
+    let largest = settings.growth_spacing.min(1 << smallest_side.ilog2());
     (0..frame.height())
         .into_par_iter()
         .step_by(largest)

@@ -20,6 +20,7 @@ mod persistence;
 mod ply;
 mod recall;
 mod recent;
+mod recolored;
 mod recurring;
 mod removal;
 mod segment_store;

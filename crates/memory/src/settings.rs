@@ -32,7 +32,8 @@ settings! {
         kind: MemoryKind = MemoryKind::Evidence, Allowed::Names(MemoryKind::NAMES);
         /// Where the map grows.
         growth: GrowthRule = GrowthRule::Auto, Allowed::Names(GrowthRule::NAMES);
-        /// A pixel is uncovered, and gets a new Gaussian, where the rendered silhouette is below this (rule `paper`).
+        /// The map covers a pixel from this rendered silhouette on. Rule `paper` adds a Gaussian where it does not; segments
+        /// without depth are remembered only there.
         growth_silhouette: f32 = 0.5, Allowed::between(0.0, 1.0);
         /// A surface is missing where the alphas of the Gaussians up to its depth come to less than this (rule
         /// `missing`).

@@ -23,9 +23,6 @@ pub struct Appearances {
     pub apart: usize,
     /// Frames with one prediction of it and another segment.
     pub merged: usize,
-    /// Those of them since it was last seen alone. Older files lack it.
-    #[serde(default)]
-    pub merged_run: usize,
 }
 
 /// What methods keep with the memory, so that it is saved with it.

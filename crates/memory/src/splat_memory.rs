@@ -388,7 +388,7 @@ impl SplatMemory {
     /// were given are forgotten.
     pub fn carried_ids(&self) -> BTreeSet<SegmentId> {
         let mut carried = distinct(&self.segment_ids());
-        carried.extend(self.depthless.ids());
+        carried.extend(self.depthless.ids().chain(self.recent.held_ids()));
         carried
     }
 

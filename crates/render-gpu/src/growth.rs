@@ -47,7 +47,7 @@ impl Growth<'_> {
     /// Largest spacing of Gaussians, pixels.
     fn spacing(&self) -> usize {
         let largest = if self.is_paper() { 1 } else { self.settings.growth_spacing };
-        largest.min(self.frame.width()).min(self.frame.height()).max(1)
+        largest.min(1 << self.frame.width().min(self.frame.height()).max(1).ilog2())
     }
 
     fn is_paper(&self) -> bool {

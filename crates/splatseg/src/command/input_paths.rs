@@ -2,7 +2,6 @@
 
 use super::Failure;
 use crate::Settings;
-use crate::settings::{SegmenterSettings, TrackerSettings};
 use std::path::{Component, Path, PathBuf};
 
 /// The files and folders that a command reads, without symbolic links.
@@ -23,13 +22,8 @@ impl InputPaths {
     /// The inputs that settings name.
     pub fn of(settings: &Settings) -> Self {
         let mut inputs = Self::default();
-        match &settings.segmenter {
-            SegmenterSettings::Masks { masks: Some(masks) } => inputs.add("the folder of --masks", masks),
-            SegmenterSettings::Fastsam { weights: Some(weights), .. } => inputs.add("the file of --weights", weights),
-            _ => {}
-        }
-        if let Some(TrackerSettings::Sam2 { tracker_weights: Some(weights), .. }) = settings.method.tracker() {
-            inputs.add("the file of --tracker-weights", weights);
+        for input in settings.input_files() {
+            inputs.add(input.what, input.path);
         }
         inputs
     }

@@ -3,6 +3,7 @@
 mod document;
 mod error;
 mod file;
+mod input_files;
 mod layers;
 mod names;
 mod preset;
@@ -12,6 +13,7 @@ mod usage;
 
 pub use document::{describe_settings, markdown};
 pub use error::{MissingFile, SettingsError};
+pub use input_files::SettingsInput;
 pub use layers::SettingsLayers;
 pub use names::{MemoryDevice, MethodName, SegmenterName, TrackerName};
 pub use preset::MethodPreset;

@@ -34,8 +34,8 @@ settings! {
         /// pixels is left. 0 switches the rule off.
         min_remembered_fraction: f32 = 0.5, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
         /// A prediction that covers a remembered segment besides its own has no say there until this many times as many
-        /// frames have shown the two as one as have shown that segment by itself, or six in a row have. 0 switches the
-        /// rule off.
+        /// frames have shown the two as one as have shown that segment by itself, unless its colours have changed. 0
+        /// switches the rule off.
         merged_per_apart: f32 = 2.0, Allowed::between(0.0, 1e6), only "memory.kind = evidence";
     }
 }

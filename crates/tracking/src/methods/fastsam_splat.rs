@@ -118,7 +118,7 @@ impl FastSamSplat {
         let size = recall.expected().segments.size();
         let mut seen = painted_parts(size, found.ids.iter().copied().zip(&found.parts));
         let merged_per_apart = self.settings.explanation.merged_per_apart;
-        keep_apart(recall, merged_per_apart, self.memory.appearances_mut(), &mut seen);
+        keep_apart(&mut self.memory, recall, merged_per_apart, &mut seen)?;
         let mut shown = self.memory.fuse(recall, &seen)?;
         let mut explained = self.settings.explanation.explained(&found.new, &shown);
         if self.settings.explanation.lets_recur() {

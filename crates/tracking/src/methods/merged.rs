@@ -6,7 +6,7 @@
 //! This is not in the paper, and is not applied to the paper's memory of features.
 
 use splatseg_geometry::{SegmentId, SegmentMap};
-use splatseg_memory::{ABSTAIN, Appearances, Recall};
+use splatseg_memory::{ABSTAIN, Appearances, MemoryError, Recall, SplatMemory};
 use std::collections::BTreeMap;
 
 /// Smaller expected segments are left alone, pixels: they are rests along borders.
@@ -21,9 +21,8 @@ const MIN_COVERED: f64 = 0.9;
 /// A segment that was seen by itself in fewer frames may be an error itself.
 const MIN_APART: usize = 2;
 
-/// A segment is given up after so many merged frames in a row: no depth can tell a merged mask from the place of a flat
-/// thing that was taken away, which must be gone within ten frames, however long it was seen.
-const MAX_MERGED_RUN: usize = 6;
+/// Sightings by itself count up to this number, so that nothing is kept apart for more frames in a row than these allow.
+const MAX_APART: usize = 10;
 
 /// A segment is gone where the frame's surface lies in the mean farther behind it than this, metres...
 const MIN_GAP: f64 = 0.05;
@@ -64,17 +63,40 @@ impl ExpectedSegment {
     }
 }
 
-/// Takes the say from predictions where they cover an expected segment besides their own, until `merged_per_apart` times
-/// as many frames have shown the two as one as have shown that segment by itself. `seen` has the ids of the predictions
-/// and gets [`ABSTAIN`] there; `appearances` counts the frames. 0 switches the rule off.
+/// Ignores predictions where they cover an expected segment besides their own, until `merged_per_apart` times as many
+/// frames have shown the two as one as have shown that segment by itself. Not where the image shows other colours than
+/// before: there a flat thing was taken away. `seen` has the ids of the predictions and gets [`ABSTAIN`] there. The memory
+/// keeps the counts. 0 switches the rule off.
 pub(super) fn keep_apart(
+    memory: &mut SplatMemory,
+    recall: &Recall<'_>,
+    merged_per_apart: f32,
+    seen: &mut SegmentMap,
+) -> Result<(), MemoryError> {
+    let mut kept = merged_segments(recall, merged_per_apart, memory.appearances_mut(), seen);
+    if kept.is_empty() {
+        return Ok(());
+    }
+    let recolored = memory.recolored(recall)?;
+    kept.retain(|id, _| !recolored.contains(id));
+    for (seen, expected) in seen.pixels_mut().iter_mut().zip(recall.expected().segments.pixels()) {
+        if kept.get(expected) == Some(seen) {
+            *seen = ABSTAIN;
+        }
+    }
+    Ok(())
+}
+
+/// The expected segments that are to be kept apart, each with the prediction that covers it. Counts the frame in
+/// `appearances`.
+fn merged_segments(
     recall: &Recall<'_>,
     merged_per_apart: f32,
     appearances: &mut BTreeMap<SegmentId, Appearances>,
-    seen: &mut SegmentMap,
-) {
+    seen: &SegmentMap,
+) -> BTreeMap<SegmentId, SegmentId> {
     if merged_per_apart == 0.0 {
-        return;
+        return BTreeMap::new();
     }
     let areas = seen.areas();
     let mut kept = BTreeMap::new();
@@ -84,25 +106,18 @@ pub(super) fn keep_apart(
         }
         if found.is_apart(id, areas.get(&id).copied().unwrap_or(0)) {
             let counts = appearances.entry(id).or_default();
-            (counts.apart, counts.merged_run) = (counts.apart.saturating_add(1), 0);
+            counts.apart = (counts.apart + 1).min(MAX_APART);
+            counts.merged = counts.merged.min((merged_per_apart * counts.apart as f32) as usize);
         } else if let Some(other) = found.merged_into(id) {
             let counts = appearances.entry(id).or_default();
             counts.merged = counts.merged.saturating_add(1);
-            counts.merged_run = counts.merged_run.saturating_add(1);
-            let is_known = counts.apart >= MIN_APART && counts.merged_run < MAX_MERGED_RUN;
+            let is_known = counts.apart >= MIN_APART;
             if is_known && (counts.merged as f32) < merged_per_apart * counts.apart as f32 {
                 kept.insert(id, other);
             }
         }
     }
-    if kept.is_empty() {
-        return;
-    }
-    for (seen, expected) in seen.pixels_mut().iter_mut().zip(recall.expected().segments.pixels()) {
-        if kept.get(expected) == Some(seen) {
-            *seen = ABSTAIN;
-        }
-    }
+    kept
 }
 
 fn expected_segments(recall: &Recall<'_>, seen: &SegmentMap) -> BTreeMap<SegmentId, ExpectedSegment> {
@@ -156,7 +171,7 @@ impl Run {
 mod tests {
     use super::*;
     use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame};
-    use splatseg_memory::{MemorySettings, SplatMemory};
+    use splatseg_memory::MemorySettings;
 
     const SIZE: (usize, usize) = (64, 48);
 
@@ -187,12 +202,12 @@ mod tests {
     /// Whether each of some frames of the wall at `depth`, which show it as segment 1, keeps segment 2 apart; and how it
     /// was seen after them.
     fn kept(segments: &SegmentMap, depth: f32, before: Appearances, merged_per_apart: f32) -> (Vec<bool>, Appearances) {
-        let (memory, frame) = (memory(segments), wall(depth));
-        let mut appearances = BTreeMap::from([(2, before)]);
+        let (mut memory, frame) = (memory(segments), wall(depth));
+        memory.appearances_mut().insert(2, before);
         let kept = (0..4).map(|_| {
             let recall = memory.recall(&frame);
             let mut seen = SegmentMap::filled(SIZE.0, SIZE.1, 1);
-            keep_apart(&recall, merged_per_apart, &mut appearances, &mut seen);
+            keep_apart(&mut memory, &recall, merged_per_apart, &mut seen).unwrap();
             let expected = recall.expected().segments.pixels();
             let is_kept = seen.pixels().contains(&ABSTAIN);
             for (seen, expected) in seen.pixels().iter().zip(expected) {
@@ -200,19 +215,19 @@ mod tests {
             }
             is_kept
         });
-        (kept.collect(), appearances[&2])
+        let kept: Vec<bool> = kept.collect();
+        (kept, memory.appearances_mut()[&2])
     }
 
     #[test]
     fn what_was_seen_by_itself_is_kept_apart_for_so_many_frames() {
-        let counts = |apart, merged, merged_run| Appearances { apart, merged, merged_run };
+        let counts = |apart, merged| Appearances { apart, merged };
         let kept = |segments: &SegmentMap, before, ratio| kept(segments, 2.0, before, ratio);
-        assert_eq!(kept(&halves(40), counts(2, 0, 0), 2.0), (vec![true, true, true, false], counts(2, 4, 4)));
-        assert_eq!(kept(&halves(40), counts(4, 6, 0), 2.0), (vec![true, false, false, false], counts(4, 10, 4)));
-        assert_eq!(kept(&halves(40), counts(1, 0, 0), 100.0), (vec![false; 4], counts(1, 4, 4)), "seen once only");
-        assert_eq!(kept(&halves(40), counts(2, 0, 0), 0.0), (vec![false; 4], counts(2, 0, 0)), "switched off");
-        assert_eq!(kept(&halves(63), counts(2, 0, 0), 2.0), (vec![false; 4], counts(2, 0, 0)), "48 pixels");
-        assert_eq!(kept(&halves(40), counts(99, 9, 3), 2.0).0, [true, true, false, false], "six in a row");
+        assert_eq!(kept(&halves(40), counts(2, 0), 2.0), (vec![true, true, true, false], counts(2, 4)));
+        assert_eq!(kept(&halves(40), counts(4, 6), 2.0), (vec![true, false, false, false], counts(4, 10)));
+        assert_eq!(kept(&halves(40), counts(1, 0), 100.0), (vec![false; 4], counts(1, 4)), "seen once only");
+        assert_eq!(kept(&halves(40), counts(2, 0), 0.0), (vec![false; 4], counts(2, 0)), "switched off");
+        assert_eq!(kept(&halves(63), counts(2, 0), 2.0), (vec![false; 4], counts(2, 0)), "48 pixels");
     }
 
     #[test]
@@ -230,18 +245,14 @@ mod tests {
         let recall = memory.recall(&frame);
         let counts_after = |seen: &SegmentMap| {
             let mut appearances = BTreeMap::new();
-            keep_apart(&recall, 2.0, &mut appearances, &mut seen.clone());
+            merged_segments(&recall, 2.0, &mut appearances, seen);
             appearances.get(&2).copied().unwrap_or_default()
         };
         let apart = Appearances { apart: 1, ..Appearances::default() };
         assert_eq!(counts_after(&halves(40)), apart);
         assert_eq!(counts_after(&halves(55)), apart, "9 of 24 columns");
         assert_eq!(counts_after(&halves(57)), Appearances::default(), "7 of 24 columns");
-        assert_eq!(
-            counts_after(&halves(63)),
-            Appearances { apart: 0, merged: 1, merged_run: 1 },
-            "another has 23 of 24 columns"
-        );
+        assert_eq!(counts_after(&halves(63)), Appearances { apart: 0, merged: 1 }, "another has 23 of 24 columns");
         assert_eq!(counts_after(&SegmentMap::filled(SIZE.0, SIZE.1, 0)), Appearances::default(), "no prediction");
     }
 }

@@ -6,7 +6,7 @@ use crate::Settings;
 use crate::command::Failure;
 use crate::command::input_paths::InputPaths;
 use crate::command::output_folder::file_name;
-use crate::settings::{SegmenterSettings, SettingsLayers, TrackerSettings};
+use crate::settings::SettingsLayers;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use splatseg_input::{MemoryLimit, read_file};
@@ -133,16 +133,9 @@ fn memory_of(settings: &Settings) -> u64 {
     if let MemoryLimit::Bytes(bytes) = settings.run.memory_limit {
         return bytes;
     }
-    let segmenter = match &settings.segmenter {
-        SegmenterSettings::Fastsam { weights, .. } => weights.as_ref(),
-        _ => None,
-    };
-    let tracker = match settings.method.tracker() {
-        Some(TrackerSettings::Sam2 { tracker_weights, .. }) => tracker_weights.as_ref(),
-        _ => None,
-    };
-    let bytes = |path: &PathBuf| fs::metadata(path).map_or(0, |metadata| metadata.len());
-    RUN_BYTES + BYTES_PER_CHECKPOINT_BYTE * segmenter.into_iter().chain(tracker).map(bytes).sum::<u64>()
+    let checkpoints = settings.input_files().into_iter().filter(|input| input.is_checkpoint);
+    let bytes = |path: &Path| fs::metadata(path).map_or(0, |metadata| metadata.len());
+    RUN_BYTES + BYTES_PER_CHECKPOINT_BYTE * checkpoints.map(|input| bytes(input.path)).sum::<u64>()
 }
 
 /// The scenes given, with those that text files list.

@@ -2,7 +2,7 @@
 
 use super::mesh_files::MeshFiles;
 use crate::command::Failure;
-use crate::settings::{SegmenterSettings, Settings, TrackerSettings};
+use crate::settings::{Settings, SettingsInput};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use splatseg_input::read_file;
@@ -75,16 +75,8 @@ impl InputHashes {
     pub fn of(&self, scene: &Path, settings: &Settings, mesh: Option<&MeshFiles>) -> Result<Vec<InputFile>, String> {
         let mut paths = scene_files(scene);
         paths.extend(mesh.map(MeshFiles::paths).unwrap_or_default());
-        if settings.method.uses_segmenter() {
-            paths.extend(match &settings.segmenter {
-                SegmenterSettings::Fastsam { weights, .. } => weights.clone(),
-                SegmenterSettings::Masks { masks } => masks.clone(),
-                _ => None,
-            });
-        }
-        if let Some(TrackerSettings::Sam2 { tracker_weights, .. }) = settings.method.tracker() {
-            paths.extend(tracker_weights.clone());
-        }
+        let is_used = |input: &SettingsInput<'_>| !input.is_of_segmenter || settings.method.uses_segmenter();
+        paths.extend(settings.input_files().into_iter().filter(is_used).map(|input| input.path.to_owned()));
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         paths.iter().map(|path| self.input(path, &mut known)).collect()
     }
@@ -257,6 +249,7 @@ fn hex(bytes: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::SegmenterSettings;
 
     fn demo() -> PathBuf {
         concat!(env!("CARGO_MANIFEST_DIR"), "/demo").into()
