@@ -104,7 +104,8 @@ impl RecentFrames {
     pub fn jump(&self, frame: &RgbdFrame<'_>, settings: &MemorySettings) -> Option<Pose> {
         let previous = self.previous.as_ref()?;
         let agreement = |pose: &Pose| previous.sketch.agreement(frame, pose, settings);
-        let reported = agreement(frame.world_from_camera()).unwrap_or(0.0);
+        // Of a frame that should show another place nothing can be said: places look alike.
+        let reported = agreement(frame.world_from_camera())?;
         let gain = |pose: &Pose| {
             let found = agreement(pose).unwrap_or(0.0);
             if found >= MIN_AGREEMENT_AFTER_JUMP { found - reported } else { 0.0 }
