@@ -17,7 +17,7 @@ def save_ids(ids, path):
     """Writes an id image as `splatseg eval` reads it."""
     from PIL import Image
 
-    Image.fromarray(ids.astype(np.uint16)).save(path)
+    Image.fromarray(ids.astype("uint16")).save(path)
 
 
 def main(scene="synthetic:frames=20,width=96,height=72,objects=6", plot="methods.png"):
