@@ -4,7 +4,6 @@ use crate::arrays::{color_image, depth_image, numbers, to_array, to_masks, to_ro
 use crate::errors::{runtime_error, value_error};
 use crate::segmenter::PythonSegmenter;
 use crate::settings::{add_file, layers, resolve, settings_error};
-use glam::{Mat4, Vec3};
 use numpy::{PyArray1, PyArray2};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -154,9 +153,11 @@ impl Pipeline {
         Ok(memory_of(&*self.lock()?)?.gaussian_count())
     }
 
-    /// Centres, metres, `(Gaussians, 3)`.
-    fn means(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f32>>> {
-        to_rows(py, memory_of(&*self.lock()?)?.balls().means.iter().map(Vec3::to_array))
+    /// Centres, world coordinates, metres, `(Gaussians, 3)`.
+    fn means(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f64>>> {
+        let guard = self.lock()?;
+        let memory = memory_of(&*guard)?;
+        to_rows(py, memory.balls().means.iter().map(|mean| (mean.as_dvec3() + memory.origin()).to_array()))
     }
 
     /// Standard deviations, metres, `(Gaussians,)`.
@@ -281,11 +282,9 @@ pub fn intrinsics(k: &Bound<'_, PyAny>, (width, height): (usize, usize)) -> PyRe
 pub fn pose(matrix: &Bound<'_, PyAny>) -> PyResult<Pose> {
     let meaning = "the matrix from the camera's to the world's coordinates";
     let entries = numbers(matrix, "camera_to_world", &[4, 4], meaning)?;
-    let entries: Vec<f32> = entries.into_iter().map(|entry| entry as f32).collect();
-    let entries: [f32; 16] = entries.try_into().map_err(|_| value_error("not 4x4"))?;
-    let matrix = Mat4::from_cols_array(&entries).transpose();
+    let entries: [f64; 16] = entries.try_into().map_err(|_| value_error("not 4x4"))?;
     let wrong = |error: &dyn std::fmt::Display| value_error(format!("camera_to_world: {error}"));
-    Pose::from_own_matrix(matrix).map_err(|error| wrong(&error))
+    Pose::from_row_major(entries).map_err(|error| wrong(&error))
 }
 
 /// A time in seconds.

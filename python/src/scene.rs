@@ -124,7 +124,7 @@ impl Frames {
 fn python_frame(py: Python<'_>, index: usize, frame: &RgbdFrame, truth: Option<&SegmentMap>) -> PyResult<PythonFrame> {
     let Intrinsics { fx, fy, cx, cy, .. } = *frame.intrinsics();
     let k = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0].map(f64::from);
-    let pose = frame.world_from_camera().to_row_major().map(f64::from);
+    let pose = frame.world_from_camera().to_row_major();
     Ok((
         index,
         frame.name().to_owned(),

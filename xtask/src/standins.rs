@@ -2,12 +2,13 @@
 //!
 //! The tests of the paper's tables use this file too.
 
-use glam::{Mat3, Quat, Vec2};
+use glam::{DMat3, DQuat, Vec2};
 use image::{ImageBuffer, Luma, RgbImage};
 use serde_json::{Value, json};
 use splatseg_dataset::Scene;
 use splatseg_geometry::{RgbdFrame, SegmentMap};
 use std::error::Error;
+use std::fmt::Display;
 use std::fs;
 use std::path::Path;
 use std::slice::from_ref;
@@ -69,13 +70,13 @@ fn write_scannet(name: &str, frames: &[(RgbdFrame<'_>, SegmentMap)], out: &Path)
         let value = |column: u32, row: u32| Luma([labels[(column as usize, row as usize)] as u16]);
         let image = ImageBuffer::<Luma<u16>, _>::from_fn(labels.width() as u32, labels.height() as u32, value);
         image.save(folder.join(format!("instance-filt/{index}.png")))?;
-        fs::write(folder.join(format!("pose/{index}.txt")), matrix(&frame.world_from_camera().to_row_major()))?;
+        fs::write(folder.join(format!("pose/{index}.txt")), matrix(frame.world_from_camera().to_row_major()))?;
         for row in (0..frame.height()).step_by(MESH_STEP) {
             for column in (0..frame.width()).step_by(MESH_STEP) {
                 let (depth, id) = (frame.depth()[(column, row)], labels[(column, row)]);
                 if depth > 0.0 {
                     let point = frame.intrinsics().unproject(Vec2::new(column as f32, row as f32), depth);
-                    vertices.push(frame.world_from_camera().to_world(point).to_array());
+                    vertices.push(frame.world_from_camera().to_world(point).as_vec3().to_array());
                     instances += &format!("{}\n", if id == 0 { 0 } else { LABEL * 1000 + id });
                 }
             }
@@ -86,14 +87,14 @@ fn write_scannet(name: &str, frames: &[(RgbdFrame<'_>, SegmentMap)], out: &Path)
     let intrinsics =
         [camera.fx, 0.0, camera.cx, 0.0, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
     for camera in ["color", "depth"] {
-        fs::write(folder.join(format!("intrinsic/intrinsic_{camera}.txt")), matrix(&intrinsics))?;
+        fs::write(folder.join(format!("intrinsic/intrinsic_{camera}.txt")), matrix(intrinsics))?;
     }
     fs::write(folder.join(format!("{name}_vh_clean_2.ply")), ply(&vertices))?;
     fs::create_dir_all(out.join("instances"))?;
     Ok(fs::write(out.join("instances").join(format!("{name}.txt")), instances)?)
 }
 
-fn matrix(entries: &[f32; 16]) -> String {
+fn matrix(entries: [impl Display; 16]) -> String {
     entries.chunks(4).map(|row| format!("{} {} {} {}\n", row[0], row[1], row[2], row[3])).collect()
 }
 
@@ -124,7 +125,7 @@ fn write_video(name: &str, frames: &[(RgbdFrame<'_>, SegmentMap)], split: &Path)
         let pose = frame.world_from_camera();
         let axes = pose.rotation();
         // Blender's cameras look along -z, with y up.
-        let [x, y, z, w] = Quat::from_mat3(&Mat3::from_cols(axes.x_axis, -axes.y_axis, -axes.z_axis)).to_array();
+        let [x, y, z, w] = DQuat::from_mat3(&DMat3::from_cols(axes.x_axis, -axes.y_axis, -axes.z_axis)).to_array();
         images.push(json!({
             "id": index, "width": color.width(), "height": color.height(), "file_name": color_file,
             "depth_file_name": file, "camera_position": pose.translation().to_array(), "camera_rotation": [w, x, y, z],

@@ -1,7 +1,7 @@
 //! The vertices of a mesh, and which instance each of them belongs to: what 3D instances are scored on.
 
 use crate::DatasetError;
-use glam::Vec3;
+use glam::DVec3;
 use splatseg_geometry::SegmentId;
 use splatseg_input::{MemoryLimit, read_file};
 use std::path::Path;
@@ -42,10 +42,10 @@ impl Kind {
         }
     }
 
-    fn number(self, bytes: &[u8]) -> Option<f32> {
+    fn number(self, bytes: &[u8]) -> Option<f64> {
         match self {
-            Self::Float => bytes.first_chunk().map(|bytes| f32::from_le_bytes(*bytes)),
-            Self::Double => bytes.first_chunk().map(|bytes| f64::from_le_bytes(*bytes) as f32),
+            Self::Float => bytes.first_chunk().map(|bytes| f64::from(f32::from_le_bytes(*bytes))),
+            Self::Double => bytes.first_chunk().map(|bytes| f64::from_le_bytes(*bytes)),
             Self::Other(_) => None,
         }
     }
@@ -67,7 +67,7 @@ struct VertexLayout {
 ///
 /// # Errors
 /// If the file cannot be read, is not such a PLY, is cut off, or has a vertex that is not finite.
-pub fn read_mesh_vertices(path: &Path) -> Result<Vec<Vec3>, DatasetError> {
+pub fn read_mesh_vertices(path: &Path) -> Result<Vec<DVec3>, DatasetError> {
     let limit = MAX_MESH_BYTES.min(MemoryLimit::in_force() / 4);
     let bytes = read_file(path, limit).map_err(|source| DatasetError::Io { path: path.to_owned(), source })?;
     let layout = layout(path, &bytes)?;
@@ -79,7 +79,7 @@ pub fn read_mesh_vertices(path: &Path) -> Result<Vec<Vec3>, DatasetError> {
     let vertex = |(index, record): (usize, &[u8])| {
         let axis = |(offset, kind): (usize, Kind)| record.get(offset..).and_then(|bytes| kind.number(bytes));
         let [x, y, z] = layout.axes.map(axis);
-        match x.zip(y).zip(z).map(|((x, y), z)| Vec3::new(x, y, z)) {
+        match x.zip(y).zip(z).map(|((x, y), z)| DVec3::new(x, y, z)) {
             Some(vertex) if vertex.is_finite() => Ok(vertex),
             _ => Err(wrong(path, format!("vertex {index}"), "a number that is not finite", "x, y and z in metres")),
         }

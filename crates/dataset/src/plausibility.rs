@@ -1,13 +1,13 @@
 //! Input that is valid but unlikely to be right: each kind is reported once per scene, with its file and likely cause.
 
 use crate::{DatasetError, FramePart, Scene};
-use glam::Vec3;
+use glam::DVec3;
 use splatseg_geometry::{Intrinsics, RgbdFrame};
 use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 
 /// A camera further than this from the origin is not on Earth, metres.
-const MAX_DISTANCE_M: f32 = 1e8;
+const MAX_DISTANCE_M: f64 = 1e8;
 /// Where the camera moves less between two frames, nothing is wrong, metres.
 const USUAL_STEP_M: f32 = 4.0;
 /// How many times as far as it sees the camera can move between two frames.
@@ -33,7 +33,7 @@ pub(crate) fn warn_once(text: String) {
 #[derive(Debug, Default)]
 pub(crate) struct Plausibility {
     /// The last frame's name and where its camera was, world coordinates, metres.
-    last: Option<(String, Vec3)>,
+    last: Option<(String, DVec3)>,
     told_of_steps: bool,
     told_of_depth: bool,
 }
@@ -59,7 +59,7 @@ impl Plausibility {
         Ok(())
     }
 
-    fn warnings(&mut self, frame: &RgbdFrame<'_>, position: Vec3) -> Vec<(FramePart, String)> {
+    fn warnings(&mut self, frame: &RgbdFrame<'_>, position: DVec3) -> Vec<(FramePart, String)> {
         let mut warnings = Vec::new();
         let mean_depth = mean_depth(frame);
         if mean_depth.is_none() && !self.told_of_depth {
@@ -70,7 +70,7 @@ impl Plausibility {
         let last = self.last.replace((frame.name().to_owned(), position));
         if let (Some((last_name, last_position)), Some(mean_depth), false) = (last, mean_depth, self.told_of_steps) {
             let step = position.distance(last_position);
-            if step > USUAL_STEP_M.max(MAX_STEP_PER_DEPTH * mean_depth) {
+            if step > f64::from(USUAL_STEP_M.max(MAX_STEP_PER_DEPTH * mean_depth)) {
                 self.told_of_steps = true;
                 let text = format!(
                     "poses look like millimetres, or tracking was lost: the camera moves {step:.0} m between frames \
@@ -150,7 +150,7 @@ mod tests {
 
     fn warnings(checks: &mut Plausibility, depth: f32, x: f32) -> Vec<String> {
         let (color, depth) = (Image::filled(64, 48, [9; 3]), Image::filled(64, 48, depth));
-        let pose = Pose::from_translation(Vec3::X * x);
+        let pose = Pose::from_translation(DVec3::X * f64::from(x));
         let frame = RgbdFrame::new(format!("at {x}"), color, depth, CAMERA, pose).unwrap();
         let warnings = checks.warnings(&frame, frame.world_from_camera().translation());
         warnings.into_iter().map(|(_, text)| text).collect()

@@ -1,6 +1,6 @@
 //! Depth of one camera warped into another.
 
-use splatseg_geometry::{Image, Intrinsics, Pose};
+use splatseg_geometry::{Image, Intrinsics, LocalPose};
 
 /// Two pinhole cameras, and where they stand.
 #[derive(Clone, Copy, Debug)]
@@ -10,7 +10,7 @@ pub(crate) struct CameraPair {
     /// The camera to warp into.
     pub(crate) color: Intrinsics,
     /// From the depth camera's to the colour camera's coordinates.
-    pub(crate) color_from_depth: Pose,
+    pub(crate) color_from_depth: LocalPose,
 }
 
 /// Moves every measurement (z-depth, metres, `[height, width]` of the depth camera) to the pixel at which the colour
@@ -41,8 +41,8 @@ mod tests {
 
     const COLOR: Intrinsics = Intrinsics { fx: 52.5, fy: 52.5, cx: 32.0, cy: 24.0, width: 64, height: 48 };
 
-    fn beside(offset_m: f32) -> Pose {
-        Pose::from_translation(glam::Vec3::X * -offset_m)
+    fn beside(offset_m: f32) -> LocalPose {
+        LocalPose::from_translation(glam::Vec3::X * -offset_m)
     }
 
     #[test]
@@ -62,7 +62,7 @@ mod tests {
     #[test]
     fn depth_is_measured_from_the_colour_camera() {
         let depth = Image::filled(64, 48, 2.0);
-        let color_from_depth = Pose::from_translation(glam::Vec3::Z * 0.5);
+        let color_from_depth = LocalPose::from_translation(glam::Vec3::Z * 0.5);
         let registered = register_depth(&depth, &CameraPair { depth: COLOR, color: COLOR, color_from_depth });
         assert_eq!(registered[(32, 24)], 2.5);
     }

@@ -58,7 +58,7 @@ pub struct ReplicaScene {
     folder: PathBuf,
     frames: Vec<NumberedFile>,
     /// Row-major, camera-to-world.
-    poses: Vec<[f32; 16]>,
+    poses: Vec<[f64; 16]>,
     intrinsics: Intrinsics,
     units_per_metre: f32,
     left_out: Vec<LeftOut>,
@@ -112,7 +112,7 @@ pub(crate) fn looks_like(path: &Path) -> bool {
     parts(path).iter().all(|(_, is_there)| *is_there)
 }
 
-fn read_trajectory(path: &Path) -> Result<Vec<[f32; 16]>, DatasetError> {
+fn read_trajectory(path: &Path) -> Result<Vec<[f64; 16]>, DatasetError> {
     let text = read_text(path, "camera trajectory", MAX_TRAJECTORY_BYTES)?;
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let pose = |(index, line): (usize, &str)| {

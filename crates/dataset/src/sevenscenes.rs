@@ -13,8 +13,8 @@ use crate::register::{CameraPair, register_depth};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, read_pose};
 use crate::{DatasetError, DatasetSettings, Format, Scene};
-use glam::Vec3;
-use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
+use glam::{DVec3, Vec3};
+use splatseg_geometry::{Intrinsics, LocalPose, RgbdFrame, SegmentMap};
 use std::path::{Path, PathBuf};
 
 /// What a 7-Scenes folder looks like, for messages.
@@ -136,9 +136,9 @@ impl Scene for SevenScenesScene {
         let camera = self.color_camera(color.size())?;
         if let Some(offset_m) = self.registration {
             let depth_camera = PUBLISHED_DEPTH.resized(depth.width(), depth.height());
-            let color_from_depth = Pose::from_translation(-Vec3::X * offset_m);
+            let color_from_depth = LocalPose::from_translation(-Vec3::X * offset_m);
             depth = register_depth(&depth, &CameraPair { depth: depth_camera, color: camera, color_from_depth });
-            pose = pose * color_from_depth.inverse();
+            pose = pose * color_from_depth.inverse().at(DVec3::ZERO);
         } else {
             require_registered(&color, &depth, &depth_path)?;
         }

@@ -13,7 +13,7 @@ const MAX_TEXT_BYTES: u64 = 64 << 10;
 pub(crate) fn read_pose(path: &Path) -> Result<Pose, DatasetError> {
     let what = "camera pose";
     let numbers = read_numbers(path, what)?;
-    let matrix: [f32; 16] = numbers.as_slice().try_into().map_err(|_| DatasetError::Text {
+    let matrix: [f64; 16] = numbers.as_slice().try_into().map_err(|_| DatasetError::Text {
         path: path.to_owned(),
         what,
         found: format!("{} numbers", numbers.len()),
@@ -39,7 +39,7 @@ impl PinholeMatrix {
     }
 
     /// Takes a 3x3 or 4x4 camera matrix, row by row, apart. `path` and `what` are named in errors.
-    pub(crate) fn from_numbers(numbers: &[f32], path: &Path, what: &'static str) -> Result<Self, DatasetError> {
+    pub(crate) fn from_numbers(numbers: &[f64], path: &Path, what: &'static str) -> Result<Self, DatasetError> {
         let wrong = |found: String, expected| DatasetError::Text { path: path.to_owned(), what, found, expected };
         let columns = match numbers.len() {
             9 => 3,
@@ -61,7 +61,8 @@ impl PinholeMatrix {
                 at(0, 1)
             ));
         }
-        let matrix = Self { fx: at(0, 0), fy: at(1, 1), cx: at(0, 2), cy: at(1, 2) };
+        let [fx, fy, cx, cy] = [at(0, 0), at(1, 1), at(0, 2), at(1, 2)].map(|number| number as f32);
+        let matrix = Self { fx, fy, cx, cy };
         // The size is checked when the image is known.
         matrix.for_size((1, 1), path)?;
         Ok(matrix)
@@ -75,7 +76,7 @@ impl PinholeMatrix {
     }
 }
 
-fn read_numbers(path: &Path, what: &'static str) -> Result<Vec<f32>, DatasetError> {
+fn read_numbers(path: &Path, what: &'static str) -> Result<Vec<f64>, DatasetError> {
     let expected = "numbers separated by spaces";
     let wrong = |found: String| DatasetError::Text { path: path.to_owned(), what, found, expected };
     read_text(path, what, MAX_TEXT_BYTES)?

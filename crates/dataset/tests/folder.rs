@@ -53,7 +53,7 @@ fn tum_lines(times: &[&str]) -> String {
 }
 
 /// Names of the frames and where their cameras stand along x.
-fn frames(scene: &dyn Scene) -> Vec<(String, f32)> {
+fn frames(scene: &dyn Scene) -> Vec<(String, f64)> {
     let frame = |index| {
         let frame = scene.read_frame(index).unwrap();
         (scene.frame_name(index), frame.world_from_camera().translation().x)
@@ -61,7 +61,7 @@ fn frames(scene: &dyn Scene) -> Vec<(String, f32)> {
     (0..scene.frame_count()).map(frame).collect()
 }
 
-fn named(expected: &[(&str, f32)]) -> Vec<(String, f32)> {
+fn named(expected: &[(&str, f64)]) -> Vec<(String, f64)> {
     expected.iter().map(|(name, x)| ((*name).to_owned(), *x)).collect()
 }
 
@@ -82,7 +82,7 @@ fn the_documented_example_opens_as_documented() {
     assert_eq!(names, ["0000", "0001", "0002", "0003"]);
     assert_eq!(read[1].timestamp(), Some(Duration::from_secs_f64(0.666_667)));
     assert_eq!((read[0].intrinsics().fx, read[0].intrinsics().cx), (144.4675, 79.5));
-    assert_eq!(read[3].world_from_camera().translation(), Vec3::new(1.865_856, 3.019_659, 1.277_984));
+    assert_eq!(read[3].world_from_camera().translation(), DVec3::new(1.865_856, 3.019_659, 1.277_984));
     // The wall and the floor of a room: depth and poses fit if a point is seen again at the depth that the next camera has.
     let (first, second) = (&read[0], &read[1]);
     let mut distances = Vec::new();
@@ -131,7 +131,7 @@ fn matrices_are_read_in_one_line_or_four() {
     for text in [in_four_lines, in_one_line] {
         let folder = folder(&["a", "b"], &text);
         let pose = *open(folder.path()).read_frame(1).unwrap().world_from_camera();
-        assert!(pose.to_matrix().abs_diff_eq(rotation, 1e-6));
+        assert!(pose.to_matrix().abs_diff_eq(rotation.as_dmat4(), 1e-6));
     }
     let three_rows = folder(&["a"], "1 0 0 0\n0 1 0 0\n0 0 1 0\n");
     assert_eq!(refused(three_rows.path()), "SCENE/poses.txt: last matrix, from line 1: found 3 rows, expected 4");

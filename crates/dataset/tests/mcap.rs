@@ -16,9 +16,9 @@ fn open(name: &str, change: impl FnOnce(&mut DatasetSettings)) -> Result<McapSce
         .map_err(|error| error.to_string().replace(&data("").display().to_string(), ""))
 }
 
-fn pose_error(left: &RgbdFrame, right: &RgbdFrame) -> f32 {
+fn pose_error(left: &RgbdFrame, right: &RgbdFrame) -> f64 {
     let difference = left.world_from_camera().to_matrix() - right.world_from_camera().to_matrix();
-    difference.to_cols_array().into_iter().fold(0.0, |largest, entry| largest.max(entry.abs()))
+    difference.to_cols_array().into_iter().map(f64::abs).fold(0.0, f64::max)
 }
 
 #[test]
@@ -187,7 +187,7 @@ fn a_rosbag2_folder_with_odometry_is_read() {
     let frame = scene.read_frame(2).unwrap();
     // The robot looks along its x; the camera is 0.5 m before and 1 m above its middle.
     let ahead = frame.world_from_camera().to_world(glam::Vec3::new(0.1, 0.2, 3.0));
-    assert!(ahead.abs_diff_eq(glam::Vec3::new(2.0 + 0.5 + 3.0, -0.1, 1.0 - 0.2), 1e-5), "{ahead}");
+    assert!(ahead.abs_diff_eq(glam::DVec3::new(2.0 + 0.5 + 3.0, -0.1, 1.0 - 0.2), 1e-5), "{ahead}");
     assert_eq!(frame.color()[(3, 2)], [48, 40, 9]);
     assert_eq!(frame.depth()[(3, 2)], 1.203);
 }

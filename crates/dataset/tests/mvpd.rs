@@ -2,7 +2,7 @@
 
 mod support;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 use splatseg_dataset::{DatasetError, DatasetSettings, MvpdScene, MvpdVideos, Scene, open_scene};
@@ -137,9 +137,9 @@ fn blenders_camera_looks_along_its_negative_z() {
     write_split(folder.path(), &[FIRST], &content);
     let scene = open(folder.path()).unwrap();
     let pose = |index: usize| *scene.read_frame(index).unwrap().world_from_camera();
-    assert_eq!(pose(0).to_world(Vec3::new(0.0, 0.0, 5.0)), Vec3::new(1.0, 2.0, -2.0), "5 m ahead");
-    assert_eq!(pose(0).to_world(Vec3::new(0.0, 1.0, 0.0)), Vec3::new(1.0, 1.0, 3.0), "1 m down");
-    assert!((pose(1).to_world(Vec3::Z) - Vec3::NEG_X).length() < 1e-6, "left of -z is -x");
+    assert_eq!(pose(0).to_world(Vec3::new(0.0, 0.0, 5.0)), DVec3::new(1.0, 2.0, -2.0), "5 m ahead");
+    assert_eq!(pose(0).to_world(Vec3::new(0.0, 1.0, 0.0)), DVec3::new(1.0, 1.0, 3.0), "1 m down");
+    assert!((pose(1).to_world(Vec3::Z) - DVec3::NEG_X).length() < 1e-12, "left of -z is -x");
 }
 
 #[test]

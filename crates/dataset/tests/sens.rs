@@ -94,7 +94,11 @@ fn colour_and_labels_of_another_size_are_brought_to_the_depth_camera() {
     let small = &room()[0].0;
     let writer = SensWriter { color_intrinsics: *large[0].0.intrinsics(), ..writer() };
     let mut bytes = writer.header(1);
-    bytes.extend(writer.frame(small.world_from_camera().to_row_major(), color, small.depth()));
+    bytes.extend(writer.frame(
+        small.world_from_camera().to_row_major().map(|number| number as f32),
+        color,
+        small.depth(),
+    ));
     let path = write_sens(folder.path(), &bytes);
     fs::write(folder.path().join("scene0000_00_2d-instance-filt.zip"), labels_zip(std::slice::from_ref(labels)))
         .unwrap();
@@ -123,7 +127,7 @@ fn the_benchmarks_preset_gives_its_frames() {
 fn lost_tracking_is_an_error_of_that_frame() {
     let folder = tempfile::tempdir().unwrap();
     let mut bytes = writer().header(2);
-    for pose in [[f32::NEG_INFINITY; 16], frames()[0].world_from_camera().to_row_major()] {
+    for pose in [[f32::NEG_INFINITY; 16], frames()[0].world_from_camera().to_row_major().map(|number| number as f32)] {
         bytes.extend(writer().frame(pose, frames()[0].color(), frames()[0].depth()));
     }
     let scene = SensScene::open(&write_sens(folder.path(), &bytes)).unwrap();

@@ -104,7 +104,8 @@ fn things_take_their_depth_ids_and_texture_along() {
         for (column, row) in pixels_of(&here.1, id) {
             let z = here.0.depth()[(column, row)];
             let point = here.0.intrinsics().unproject(Vec2::new(column as f32, row as f32), z);
-            let point = there.0.world_from_camera().to_camera(here.0.world_from_camera().to_world(point) + moved);
+            let point =
+                there.0.world_from_camera().to_camera(here.0.world_from_camera().to_world(point) + moved.as_dvec3());
             let pixel = there.0.intrinsics().project(point).unwrap().round();
             if pixel.x < 0.0 || pixel.y < 0.0 || pixel.x > 159.0 || pixel.y > 119.0 {
                 continue;

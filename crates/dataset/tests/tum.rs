@@ -2,7 +2,7 @@
 
 mod support;
 
-use glam::Quat;
+use glam::DQuat;
 use proptest::prelude::*;
 use splatseg_dataset::{DatasetError, DatasetSettings, Framing, LeftOut, Scene, TumScene, open_scene};
 use splatseg_geometry::{Pose, RgbdFrame, SegmentMap};
@@ -20,9 +20,9 @@ fn room() -> &'static [(RgbdFrame<'static>, SegmentMap)] {
 }
 
 /// A line of the trajectory; the quaternion is `length` times as long as it should be.
-fn pose_line(seconds: f64, pose: &Pose, length: f32) -> String {
+fn pose_line(seconds: f64, pose: &Pose, length: f64) -> String {
     let t = pose.translation();
-    let q = (Quat::from_mat3(&pose.rotation()) * length).to_array();
+    let q = (DQuat::from_mat3(&pose.rotation()) * length).to_array();
     format!("{seconds:.4} {} {} {} {} {} {} {}\n", t.x, t.y, t.z, q[0], q[1], q[2], q[3])
 }
 
@@ -42,7 +42,7 @@ fn write_tum(folder: &Path) {
         depth += &format!("{:.6} {depth_name}\n", seconds - 0.006);
         // The nearest pose is the frame's own; those around it are not.
         trajectory += &pose_line(seconds - 0.008, &Pose::IDENTITY, 1.0);
-        trajectory += &pose_line(seconds + 0.002, frame.world_from_camera(), 1.0 + index as f32);
+        trajectory += &pose_line(seconds + 0.002, frame.world_from_camera(), 1.0 + index as f64);
         trajectory += &pose_line(seconds + 0.012, &Pose::IDENTITY, 1.0);
     }
     fs::write(folder.join("rgb.txt"), color).unwrap();

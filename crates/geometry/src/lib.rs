@@ -3,7 +3,8 @@
 //! Conventions, the same in the whole project:
 //!
 //! - World coordinates are in metres. Camera axes are x right, y down, z forward.
-//! - Poses are camera-to-world ([`Pose`], named `world_from_camera`).
+//! - Poses are camera-to-world ([`Pose`], named `world_from_camera`), in double precision. What is computed near a camera is
+//!   in single precision, relative to an origin nearby ([`LocalPose`]).
 //! - Pixel `(column, row)` has its **centre at the integer coordinates** `(column, row)`, as in OpenCV, ROS, ScanNet
 //!   and 7-Scenes. (gsplat puts the centre at `(column + 0.5, row + 0.5)`: its `cx` is ours plus 0.5.)
 //! - Depth is z-depth in metres as `f32`; 0 means that there is no measurement.
@@ -19,6 +20,7 @@ mod frame;
 mod image;
 mod intrinsics;
 mod linking;
+mod local_pose;
 mod mask;
 mod mask_runs;
 mod pose;
@@ -32,6 +34,7 @@ pub use frame::{FrameError, RgbdFrame};
 pub use image::{CowImage, Image, ImageSizeError};
 pub use intrinsics::{Intrinsics, IntrinsicsError};
 pub use linking::MaskLinker;
+pub use local_pose::LocalPose;
 pub use mask::{Mask, ScoredMask};
 pub use mask_runs::MaskRuns;
 pub use pose::{Pose, PoseError};

@@ -1,29 +1,35 @@
 //! Rigid camera poses.
 
-use glam::{Affine3A, DQuat, DVec3, Mat3, Mat4, Vec3};
+use crate::LocalPose;
+use glam::{DMat3, DMat4, DQuat, DVec3, DVec4, Vec3};
 use serde::{Deserialize, Serialize};
 use std::ops::Mul;
 use thiserror::Error;
 
 /// How far `RᵀR` may be from the identity, and `det R` from 1: published trajectories are rounded text.
-const RIGID_TOLERANCE: f32 = 1e-2;
+const RIGID_TOLERANCE: f64 = 1e-2;
 
-/// A rigid transform from camera to world coordinates (metres; camera x right, y down, z forward).
+/// The largest entry of |RᵀR − I| that rounding to `f64` leaves.
+const ROUNDING: f64 = 1e-14;
+
+/// A rigid transform from camera to world coordinates (metres; camera x right, y down, z forward), in double precision: the
+/// world may be a map projection, whose coordinates have seven digits before the point.
 ///
 /// Transforms are composed with `*`, right to left: `world_from_body * body_from_camera` is `world_from_camera`.
+/// Computations near the camera use [`LocalPose`], which is in single precision.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "PoseParts")]
 pub struct Pose {
-    rotation: Mat3,
-    translation: Vec3,
+    rotation: DMat3,
+    translation: DVec3,
 }
 
 /// A pose as it is written, which may be none.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PoseParts {
-    rotation: Mat3,
-    translation: Vec3,
+    rotation: DMat3,
+    translation: DVec3,
 }
 
 impl TryFrom<PoseParts> for Pose {
@@ -31,12 +37,9 @@ impl TryFrom<PoseParts> for Pose {
 
     /// The same numbers, to the last bit: they are not made orthonormal again.
     fn try_from(PoseParts { rotation, translation }: PoseParts) -> Result<Self, PoseError> {
-        Self::from_matrix(Mat4::from_mat3_translation(rotation, translation)).map(|_| Self { rotation, translation })
+        Self::from_matrix(DMat4::from_mat3_translation(rotation, translation)).map(|_| Self { rotation, translation })
     }
 }
-
-/// The largest entry of |RᵀR − I| that rounding to `f32` leaves.
-const ROUNDING: f32 = 1e-6;
 
 /// A matrix or quaternion that does not give a rigid transform.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
@@ -45,59 +48,58 @@ pub enum PoseError {
     /// An entry is NaN or infinite. ScanNet writes `-inf` where tracking was lost.
     #[error("the pose is not finite (tracking was lost in this frame)")]
     NotFinite,
+    /// The camera is so far away that its position has no millimetres any more.
+    #[error("the camera is {0:e} m from the world's origin, expected at most {max:e} m", max = Pose::MAX_DISTANCE)]
+    TooFar(f64),
     /// The quaternion has length zero, so it has no direction.
     #[error("the pose's quaternion has length zero")]
     ZeroQuaternion,
     /// The last row is not 0 0 0 1.
     #[error("the pose's last row is {0} {1} {2} {3}, expected 0 0 0 1")]
-    LastRow(f32, f32, f32, f32),
+    LastRow(f64, f64, f64, f64),
     /// The upper left 3×3 part is not a rotation.
     #[error(
         "the pose is not a rigid transform: its 3x3 part has determinant {determinant} and deviates from a rotation by {deviation}"
     )]
     NotRigid {
         /// Determinant of the 3×3 part; 1 for a rotation.
-        determinant: f32,
+        determinant: f64,
         /// Largest entry of |RᵀR − I|; 0 for a rotation.
-        deviation: f32,
+        deviation: f64,
     },
 }
 
 impl Pose {
     /// The camera at the world's origin, looking along +z.
-    pub const IDENTITY: Self = Self { rotation: Mat3::IDENTITY, translation: Vec3::ZERO };
+    pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, translation: DVec3::ZERO };
+
+    /// No coordinate of a camera is larger, metres.
+    pub const MAX_DISTANCE: f64 = 1e9;
 
     /// A pose from a 4×4 camera-to-world matrix. A rotation that is off by rounding (up to 1e-2) is made orthonormal.
     ///
     /// # Errors
     /// [`PoseError`] says what is wrong with the matrix.
-    pub fn from_matrix(world_from_camera: Mat4) -> Result<Self, PoseError> {
+    pub fn from_matrix(world_from_camera: DMat4) -> Result<Self, PoseError> {
         if !world_from_camera.is_finite() {
             return Err(PoseError::NotFinite);
         }
         let last = world_from_camera.row(3);
-        if (last - glam::Vec4::W).abs().max_element() > 1e-4 {
+        if (last - DVec4::W).abs().max_element() > 1e-4 {
             return Err(PoseError::LastRow(last.x, last.y, last.z, last.w));
         }
-        let rotation = Mat3::from_mat4(world_from_camera);
+        let rotation = DMat3::from_mat4(world_from_camera);
         let determinant = rotation.determinant();
         let deviation = deviation(rotation);
         if deviation > RIGID_TOLERANCE || (determinant - 1.0).abs() > RIGID_TOLERANCE {
             return Err(PoseError::NotRigid { determinant, deviation });
         }
-        Ok(Self::orthonormalised(rotation, world_from_camera.w_axis.truncate()))
-    }
-
-    /// A pose from a 4×4 camera-to-world matrix that another pose may have given ([`Self::to_matrix`]): a rotation that
-    /// is exact up to the rounding of `f32` is taken as it is, to the last bit. All others are treated as by
-    /// [`Self::from_matrix`].
-    ///
-    /// # Errors
-    /// As [`Self::from_matrix`].
-    pub fn from_own_matrix(world_from_camera: Mat4) -> Result<Self, PoseError> {
-        let rounded = Self::from_matrix(world_from_camera)?;
-        let rotation = Mat3::from_mat4(world_from_camera);
-        Ok(if deviation(rotation) <= ROUNDING { Self { rotation, ..rounded } } else { rounded })
+        let translation = world_from_camera.w_axis.truncate();
+        let farthest = translation.abs().max_element();
+        if farthest > Self::MAX_DISTANCE {
+            return Err(PoseError::TooFar(farthest));
+        }
+        Ok(Self::orthonormalised(rotation, translation))
     }
 
     /// A pose from a position and an orientation, as ROS, TUM RGB-D and most SLAM systems write it: the camera's centre
@@ -109,13 +111,13 @@ impl Pose {
     /// use splatseg_geometry::Pose;
     /// let half_turn_about_z = DQuat::from_xyzw(0.0, 0.0, 1.0, 0.0);
     /// let pose = Pose::from_quaternion(DVec3::new(1.0, 2.0, 3.0), half_turn_about_z)?;
-    /// assert_eq!(pose.to_world(Vec3::X), Vec3::new(0.0, 2.0, 3.0));
+    /// assert_eq!(pose.to_world(Vec3::X), DVec3::new(0.0, 2.0, 3.0));
     /// # Ok::<(), splatseg_geometry::PoseError>(())
     /// ```
     ///
     /// # Errors
-    /// [`PoseError::NotFinite`] for NaN and infinite numbers (also those beyond the range of `f32`),
-    /// [`PoseError::ZeroQuaternion`] for a quaternion of length zero.
+    /// [`PoseError::NotFinite`] for NaN and infinite numbers, [`PoseError::TooFar`] for positions beyond
+    /// [`Self::MAX_DISTANCE`], [`PoseError::ZeroQuaternion`] for a quaternion of length zero.
     pub fn from_quaternion(position: DVec3, world_from_camera: DQuat) -> Result<Self, PoseError> {
         if !world_from_camera.is_finite() {
             return Err(PoseError::NotFinite);
@@ -126,50 +128,50 @@ impl Pose {
         if !(largest > 0.0 && scaled.is_finite()) {
             return Err(PoseError::ZeroQuaternion);
         }
-        Self::from_matrix(Mat4::from_rotation_translation(scaled.normalize().as_quat(), position.as_vec3()))
+        Self::from_matrix(DMat4::from_rotation_translation(scaled.normalize(), position))
     }
 
     /// A pose with the world's axes and the camera's centre at `position`, metres.
-    pub const fn from_translation(position: Vec3) -> Self {
-        Self { rotation: Mat3::IDENTITY, translation: position }
+    pub const fn from_translation(position: DVec3) -> Self {
+        Self { rotation: DMat3::IDENTITY, translation: position }
     }
 
     /// A pose from a camera-to-world matrix given as 16 row-major numbers, as datasets store it.
     ///
     /// # Errors
     /// [`PoseError`] says what is wrong with the matrix.
-    pub fn from_row_major(matrix: [f32; 16]) -> Result<Self, PoseError> {
-        Self::from_matrix(Mat4::from_cols_array(&matrix).transpose())
+    pub fn from_row_major(matrix: [f64; 16]) -> Result<Self, PoseError> {
+        Self::from_matrix(DMat4::from_cols_array(&matrix).transpose())
     }
 
     /// The camera-to-world matrix, row-major, as datasets store it.
-    pub fn to_row_major(&self) -> [f32; 16] {
+    pub fn to_row_major(&self) -> [f64; 16] {
         self.to_matrix().transpose().to_cols_array()
     }
 
     /// The camera-to-world matrix.
-    pub fn to_matrix(&self) -> Mat4 {
-        Mat4::from_mat3_translation(self.rotation, self.translation)
+    pub fn to_matrix(&self) -> DMat4 {
+        DMat4::from_mat3_translation(self.rotation, self.translation)
     }
 
     /// The camera's axes in world coordinates, as columns.
-    pub fn rotation(&self) -> Mat3 {
+    pub fn rotation(&self) -> DMat3 {
         self.rotation
     }
 
     /// The camera's centre in world coordinates, metres.
-    pub fn translation(&self) -> Vec3 {
+    pub fn translation(&self) -> DVec3 {
         self.translation
     }
 
     /// A camera-frame point in world coordinates.
-    pub fn to_world(&self, point_camera: Vec3) -> Vec3 {
-        self.rotation * point_camera + self.translation
+    pub fn to_world(&self, point_camera: Vec3) -> DVec3 {
+        self.rotation * point_camera.as_dvec3() + self.translation
     }
 
     /// A world point in the camera's frame.
-    pub fn to_camera(&self, point_world: Vec3) -> Vec3 {
-        self.rotation.transpose() * (point_world - self.translation)
+    pub fn to_camera(&self, point_world: DVec3) -> Vec3 {
+        (self.rotation.transpose() * (point_world - self.translation)).as_vec3()
     }
 
     /// The inverse transform: from world to camera coordinates.
@@ -179,14 +181,14 @@ impl Pose {
         Self { rotation, translation: -(rotation * self.translation) }
     }
 
-    /// The world-to-camera transform as an affine matrix.
-    pub fn camera_from_world(&self) -> Affine3A {
-        let Self { rotation, translation } = self.inverse();
-        Affine3A::from_mat3_translation(rotation, translation)
+    /// The pose in coordinates with the world's axes and another `origin` (world coordinates, metres), which should be near
+    /// the camera: they are in single precision.
+    pub fn relative_to(&self, origin: DVec3) -> LocalPose {
+        LocalPose::new(self.rotation.as_mat3(), (self.translation - origin).as_vec3())
     }
 
-    fn orthonormalised(rotation: Mat3, translation: Vec3) -> Self {
-        let rotation = if deviation(rotation) > 1e-6 { nearest_rotation(rotation) } else { rotation };
+    pub(crate) fn orthonormalised(rotation: DMat3, translation: DVec3) -> Self {
+        let rotation = if deviation(rotation) > ROUNDING { nearest_rotation(rotation) } else { rotation };
         Self { rotation, translation }
     }
 }
@@ -196,18 +198,19 @@ impl Mul for Pose {
     type Output = Self;
 
     fn mul(self, right: Self) -> Self {
-        Self::orthonormalised(self.rotation * right.rotation, self.to_world(right.translation))
+        let translation = self.rotation * right.translation + self.translation;
+        Self::orthonormalised(self.rotation * right.rotation, translation)
     }
 }
 
 /// Largest entry of |RᵀR − I|; 0 for a rotation.
-fn deviation(rotation: Mat3) -> f32 {
-    let difference = rotation.transpose() * rotation - Mat3::IDENTITY;
+fn deviation(rotation: DMat3) -> f64 {
+    let difference = rotation.transpose() * rotation - DMat3::IDENTITY;
     difference.to_cols_array().iter().fold(0.0, |largest, entry| largest.max(entry.abs()))
 }
 
 /// The nearest rotation, by three Newton steps of the polar decomposition.
-fn nearest_rotation(mut rotation: Mat3) -> Mat3 {
+fn nearest_rotation(mut rotation: DMat3) -> DMat3 {
     for _ in 0..3 {
         rotation = (rotation + rotation.inverse().transpose()) * 0.5;
     }
@@ -217,23 +220,21 @@ fn nearest_rotation(mut rotation: Mat3) -> Mat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{Quat, Vec3Swizzles as _};
+    use glam::EulerRot;
     use proptest::prelude::*;
 
     #[test]
     fn lost_tracking_is_named() {
-        let error = Pose::from_row_major([f32::NEG_INFINITY; 16]).unwrap_err();
+        let error = Pose::from_row_major([f64::NEG_INFINITY; 16]).unwrap_err();
         assert_eq!(error, PoseError::NotFinite);
     }
 
     #[test]
     fn scaled_and_mirrored_matrices_are_refused() {
-        assert!(matches!(Pose::from_matrix(Mat4::from_scale(Vec3::splat(1.1))), Err(PoseError::NotRigid { .. })));
-        assert!(matches!(
-            Pose::from_matrix(Mat4::from_scale(Vec3::new(1.0, 1.0, -1.0))),
-            Err(PoseError::NotRigid { .. })
-        ));
-        assert!(matches!(Pose::from_matrix(Mat4::ZERO), Err(PoseError::LastRow(..))));
+        assert!(matches!(Pose::from_matrix(DMat4::from_scale(DVec3::splat(1.1))), Err(PoseError::NotRigid { .. })));
+        let mirrored = DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0));
+        assert!(matches!(Pose::from_matrix(mirrored), Err(PoseError::NotRigid { .. })));
+        assert!(matches!(Pose::from_matrix(DMat4::ZERO), Err(PoseError::LastRow(..))));
     }
 
     #[test]
@@ -243,9 +244,9 @@ mod tests {
             Pose::from_quaternion(DVec3::new(1.0, 2.0, 3.0), rotation).unwrap()
         };
         for scale in [1e-200, 0.5, 3.0, 1e200] {
-            assert_eq!(pose(scale), pose(1.0));
+            assert!(pose(scale).to_matrix().abs_diff_eq(pose(1.0).to_matrix(), 1e-15));
         }
-        assert!((pose(1.0).to_world(Vec3::X) - Vec3::new(1.28, 2.96, 3.0)).length() < 1e-6);
+        assert!((pose(1.0).to_world(Vec3::X) - DVec3::new(1.28, 2.96, 3.0)).length() < 1e-12);
     }
 
     #[test]
@@ -256,15 +257,28 @@ mod tests {
         assert_eq!(pose([f64::NAN, 0.0, 0.0, 1.0], 0.0), Err(PoseError::NotFinite));
         assert_eq!(pose([f64::INFINITY, 0.0, 0.0, 1.0], 0.0), Err(PoseError::NotFinite));
         assert_eq!(pose([0.0, 0.0, 0.0, 1.0], f64::NAN), Err(PoseError::NotFinite));
-        assert_eq!(pose([0.0, 0.0, 0.0, 1.0], 1e300), Err(PoseError::NotFinite));
+        assert_eq!(pose([0.0, 0.0, 0.0, 1.0], 1e300), Err(PoseError::TooFar(1e300)));
     }
 
     #[test]
     fn a_long_chain_of_poses_stays_rigid() {
-        let step =
-            Pose::from_quaternion(DVec3::X * 1e-3, DQuat::from_euler(glam::EulerRot::XYZ, 0.1, 0.2, 0.3)).unwrap();
+        let turn = DQuat::from_euler(EulerRot::XYZ, 0.1, 0.2, 0.3);
+        let step = Pose::from_quaternion(DVec3::X * 1e-3, turn).unwrap();
         let end = (0..100_000).fold(Pose::IDENTITY, |pose, _| pose * step);
-        assert!(deviation(end.rotation()) < 1e-5, "{:?}", end.rotation());
+        assert!(deviation(end.rotation()) < 1e-12, "{:?}", end.rotation());
+    }
+
+    #[test]
+    fn a_chain_through_a_far_origin_keeps_micrometres() {
+        // A localisation in a map projection, written as the transform from the world to the robot.
+        let far = DVec3::new(5e5, 5.4e6, 120.0);
+        for step in 0..100 {
+            let turn = DQuat::from_euler(EulerRot::XYZ, 0.1, 0.02 * f64::from(step), 0.3);
+            let near = DVec3::new(0.01 * f64::from(step), 0.5, 0.25);
+            let robot_from_world = Pose::from_quaternion(near + far, turn).unwrap().inverse();
+            let found = robot_from_world.inverse().relative_to(far).translation();
+            assert!((found.as_dvec3() - near).length() < 1e-6, "{found} {near}");
+        }
     }
 
     proptest! {
@@ -274,25 +288,30 @@ mod tests {
             t in prop::array::uniform3(-5.0f64..5.0), p in prop::array::uniform3(-5.0f32..5.0),
         ) {
             let first = Pose::from_quaternion(DVec3::from(t), DQuat::from_array(q)).unwrap();
-            let second = Pose::from_quaternion(DVec3::from(t).zxy(), DQuat::from_array(r)).unwrap();
+            let second = Pose::from_quaternion(DVec3::new(t[2], t[0], t[1]), DQuat::from_array(r)).unwrap();
             let point = Vec3::from(p);
-            prop_assert!(((first * second).to_world(point) - first.to_world(second.to_world(point))).length() < 1e-4);
-            prop_assert!(((first.inverse() * first).to_world(point) - point).length() < 1e-4);
-            prop_assert!((first.inverse().to_world(point) - first.to_camera(point)).length() < 1e-4);
+            let in_turn = first.to_world(second.to_world(point).as_vec3());
+            prop_assert!(((first * second).to_world(point) - in_turn).length() < 1e-5);
+            prop_assert!(((first.inverse() * first).to_world(point) - point.as_dvec3()).length() < 1e-12);
+            prop_assert!((first.inverse().to_world(point).as_vec3() - first.to_camera(point.as_dvec3())).length() < 1e-5);
         }
 
         #[test]
-        fn world_and_camera_are_inverse(angles in prop::array::uniform3(-3.0f32..3.0), t in prop::array::uniform3(-5.0f32..5.0),
-                                        p in prop::array::uniform3(-5.0f32..5.0), noise in -1e-3f32..1e-3) {
-            let rotation = Quat::from_euler(glam::EulerRot::XYZ, angles[0], angles[1], angles[2]);
-            let mut matrix = Mat4::from_rotation_translation(rotation, Vec3::from(t));
+        fn world_and_camera_are_inverse(
+            angles in prop::array::uniform3(-3.0f64..3.0), t in prop::array::uniform3(-1e7f64..1e7),
+            p in prop::array::uniform3(-5.0f32..5.0), noise in -1e-3f64..1e-3,
+        ) {
+            let rotation = DQuat::from_euler(EulerRot::XYZ, angles[0], angles[1], angles[2]);
+            let mut matrix = DMat4::from_rotation_translation(rotation, DVec3::from(t));
             matrix.x_axis.x += noise;
             let pose = Pose::from_matrix(matrix).unwrap();
             let point = Vec3::from(p);
-            prop_assert!((pose.to_camera(pose.to_world(point)) - point).length() < 1e-4);
-            let camera: Vec3 = pose.camera_from_world().transform_point3(pose.to_world(point));
-            prop_assert!((camera - point).length() < 1e-4);
-            prop_assert_eq!(Pose::from_row_major(pose.to_row_major()).unwrap().translation(), pose.translation());
+            prop_assert!((pose.to_camera(pose.to_world(point)) - point).length() < 1e-5);
+            let local = pose.relative_to(pose.translation().round());
+            prop_assert!((local.to_camera(local.to_world(point)) - point).length() < 1e-4);
+            let world = local.to_world(point).as_dvec3() + pose.translation().round();
+            prop_assert!((world - pose.to_world(point)).length() < 1e-5);
+            prop_assert_eq!(Pose::from_row_major(pose.to_row_major()).unwrap(), pose);
         }
     }
 }

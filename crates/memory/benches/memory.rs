@@ -3,7 +3,7 @@
 //! `cargo bench -p splatseg-memory`
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use splatseg_memory::{Codebook, CodebookSettings, SplatContent, SplatFile, SplatMap, Votes};
 use splatseg_render::Balls;
 use std::hint::black_box;
@@ -59,6 +59,7 @@ fn files(criterion: &mut Criterion) {
         let kind = content.kind().name();
         let (map, segment_ids) = (map.clone(), vec![1; COUNT]);
         let file = SplatFile {
+            origin: DVec3::ZERO,
             map,
             content,
             segment_ids,

@@ -7,7 +7,7 @@
 use crate::ply::SplatContentView;
 use crate::recall::Recall;
 use crate::{LearningExtent, MemoryError, MemorySettings, SegmentCodes, SegmentHold, SplatMap, Votes};
-use splatseg_geometry::{Pose, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_geometry::{LocalPose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera};
 
 /// A Gaussian that can touch a frame's image.
@@ -82,11 +82,12 @@ pub trait MapBackend: std::fmt::Debug + Send + Sync {
         trust: FrameTrust,
     ) -> Result<Recall<'f>, MemoryError>;
 
-    /// Moves all Gaussians to other coordinates.
+    /// Moves all Gaussians to other coordinates, and what the device keeps of the view: its camera is that of
+    /// [`Recall::view`] now.
     ///
     /// # Errors
     /// If the device fails; the map is then not to be used any more.
-    fn transform(&mut self, new_from_old: &Pose) -> Result<(), MemoryError>;
+    fn transform(&mut self, new_from_old: &LocalPose, recall: &mut Recall<'_>) -> Result<(), MemoryError>;
 
     /// What the frame shows once memory and predictions are brought together.
     ///
@@ -128,7 +129,7 @@ pub trait MapBackend: std::fmt::Debug + Send + Sync {
     /// Number of Gaussians.
     fn gaussian_count(&self) -> usize;
 
-    /// Where the Gaussians are, world coordinates; none if they cannot be read off the device, which is logged.
+    /// Where the Gaussians are, relative to the origin of the map; none if they cannot be read off the device, which is logged.
     fn balls(&self) -> &Balls;
 
     /// Colours of the Gaussians, sRGB; none if they cannot be read off the device, which is logged.

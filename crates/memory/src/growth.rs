@@ -12,7 +12,7 @@ use crate::recall::Recall;
 use crate::{GrowthRule, MemorySettings};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
-use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Image, LocalPose, RgbdFrame, SegmentMap};
 
 /// The Gaussians to be added by the rule that `settings` ask for. `seen` are the frame's predictions.
 pub(crate) fn new_gaussians(recall: &Recall<'_>, seen: &SegmentMap, settings: &MemorySettings) -> Vec<NewGaussian> {
@@ -39,7 +39,7 @@ fn by_paper(recall: &Recall<'_>, settings: &MemorySettings) -> Vec<NewGaussian> 
                 let point_camera = frame.intrinsics().unproject(Vec2::new(column as f32, row as f32), depth);
                 Some(NewGaussian {
                     pixel: row * frame.width() + column,
-                    mean: frame.world_from_camera().to_world(point_camera),
+                    mean: recall.map_from_camera.to_world(point_camera),
                     radius: depth / focal,
                     color: frame.color()[(column, row)],
                 })
@@ -61,7 +61,9 @@ fn missing(recall: &Recall<'_>, seen: &SegmentMap, settings: &MemorySettings) ->
             () => Want::Gaussian,
         }
     });
-    let growth = Growth { frame, borders: &borders, wanted: &wanted, settings, focal: focal_length(frame) };
+    let map_from_camera = recall.map_from_camera;
+    let growth =
+        Growth { frame, map_from_camera, borders: &borders, wanted: &wanted, settings, focal: focal_length(frame) };
     // A power of two, so that quarters of blocks cover them.
     let smallest_side = frame.width().min(frame.height()).max(1);
     let largest = settings.growth_spacing.min(1 << smallest_side.ilog2());
@@ -96,6 +98,7 @@ enum Want {
 
 struct Growth<'a> {
     frame: &'a RgbdFrame<'a>,
+    map_from_camera: LocalPose,
     borders: &'a Borders,
     wanted: &'a Image<Want>,
     settings: &'a MemorySettings,
@@ -166,7 +169,7 @@ impl Growth<'_> {
         let mean_camera = sum / count;
         Some(NewGaussian {
             pixel: pixel?,
-            mean: self.frame.world_from_camera().to_world(mean_camera),
+            mean: self.map_from_camera.to_world(mean_camera),
             radius: self.settings.radius_per_spacing * side as f32 * mean_camera.z / self.focal,
             color: color_sum.map(|sum| (sum / count).round() as u8),
         })

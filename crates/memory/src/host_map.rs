@@ -8,7 +8,7 @@ use crate::removal::{Sight, longest_unseen, note_sights, sights};
 use crate::segment_store::SegmentStore;
 use crate::{GrowthRule, MemoryError, MemorySettings};
 use rayon::prelude::*;
-use splatseg_geometry::{Pose, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_geometry::{LocalPose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera};
 
 /// The Gaussians and what they remember, in main memory.
@@ -66,7 +66,7 @@ impl MapBackend for HostMap {
         Ok(Recall::new(&self.map.balls, self.store.as_ref(), frame, camera, trust, &self.settings))
     }
 
-    fn transform(&mut self, new_from_old: &Pose) -> Result<(), MemoryError> {
+    fn transform(&mut self, new_from_old: &LocalPose, _: &mut Recall<'_>) -> Result<(), MemoryError> {
         self.map.balls.means.par_iter_mut().for_each(|mean| *mean = new_from_old.to_world(*mean));
         Ok(())
     }

@@ -16,6 +16,7 @@ mod features;
 mod growth;
 mod host_map;
 mod map;
+mod origin;
 mod persistence;
 mod ply;
 mod recall;

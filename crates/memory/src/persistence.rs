@@ -81,6 +81,7 @@ impl SplatMemory {
             recent: self.recent.saved(),
         };
         let view = SplatFileView {
+            origin: self.origin,
             map,
             content,
             segment_ids: &segment_ids,
@@ -101,7 +102,7 @@ impl SplatMemory {
     pub fn load(path: impl AsRef<Path>, settings: MemorySettings) -> Result<Self, LoadMemoryError> {
         settings.validate().map_err(MemoryError::from)?;
         let path = path.as_ref();
-        let SplatFile { map, content, ids, sightings, carried, frames, short_term, segment_ids: _ } =
+        let SplatFile { origin, map, content, ids, sightings, carried, frames, short_term, segment_ids: _ } =
             SplatFile::load(path)?;
         let live = ids.into_iter().zip(sightings).zip(carried);
         let live: Vec<SavedSegment> =
@@ -132,7 +133,7 @@ impl SplatMemory {
             }
         };
         let mut memory = Self::with_parts(settings, map, store, segments);
-        memory.frames = frames;
+        (memory.frames, memory.origin) = (frames, origin);
         (memory.overruled, memory.appearances) = (overruled, appearances);
         (memory.recurring, memory.depthless, memory.recent) = (recurring, depthless, recent);
         Ok(memory)

@@ -7,7 +7,7 @@ use crate::segment_store::{SegmentStore, StoreTile};
 use crate::splat_memory::DeviceFailure;
 use crate::{GrowthRule, MemoryKind, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
-use splatseg_geometry::{CowImage, Image, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{CowImage, Image, LocalPose, Pose, RgbdFrame, SegmentMap};
 use splatseg_render::{Balls, Camera, TileWeights, View};
 use std::any::Any;
 
@@ -20,9 +20,11 @@ const PIXELS: usize = TileWeights::PIXELS;
 pub struct Recall<'f> {
     pub(crate) frame: &'f RgbdFrame<'f>,
     pub(crate) view: View,
-    /// Where the view was taken from, in the coordinates that the map had before the frame.
-    pub(crate) world_from_camera: Pose,
-    /// The transform to the coordinates of the frame's pose, if those of earlier poses were others.
+    /// The frame's pose in the coordinates of the map.
+    pub(crate) map_from_camera: LocalPose,
+    /// Where the view was taken from: another pose if the poses have jumped, and the map has not yet followed.
+    pub(crate) viewed_from: LocalPose,
+    /// The transform to the world of the frame's pose, if that of earlier poses was another.
     pub(crate) jump: Option<Pose>,
     /// Whether the frame sees through more than half of the Gaussians that it can judge.
     pub(crate) contradicts_map: bool,
@@ -102,7 +104,8 @@ impl<'f> Recall<'f> {
         let mut recall = Self {
             frame,
             view,
-            world_from_camera: *frame.world_from_camera(),
+            map_from_camera: LocalPose::IDENTITY,
+            viewed_from: LocalPose::IDENTITY,
             jump: None,
             contradicts_map,
             links_previous: false,
@@ -136,11 +139,13 @@ impl<'f> Recall<'f> {
         let (sights, tiles, depthless) = (Vec::new(), Vec::new(), Vec::new());
         let host = View::new(&Balls::default(), camera);
         let (device, failure) = (Some(view), None);
-        let (world_from_camera, jump, view) = (*frame.world_from_camera(), None, host);
+        let (jump, view) = (None, host);
+        let [map_from_camera, viewed_from] = [LocalPose::IDENTITY; 2];
         Self {
             frame,
             view,
-            world_from_camera,
+            map_from_camera,
+            viewed_from,
             jump,
             contradicts_map,
             links_previous: false,
@@ -163,6 +168,18 @@ impl<'f> Recall<'f> {
         let belief = SegmentBelief::empty(width, height);
         let images = DeviceImages { belief, silhouette: dark.clone(), depth: dark, contradicts_map: false };
         Self { failure: Some(failure), ..Self::of_device(frame, camera, images, Box::new(())) }
+    }
+
+    /// Notes the frame's pose in the coordinates that the map is moved to.
+    pub(crate) fn moved_to(&mut self, map_from_camera: LocalPose) {
+        let limits = self.view.camera().limits;
+        self.view.set_camera(Camera { limits, ..Camera::new(*self.frame.intrinsics(), &map_from_camera) });
+        (self.map_from_camera, self.viewed_from) = (map_from_camera, map_from_camera);
+    }
+
+    /// What the device that made the view keeps of it, if that is a `T`.
+    pub fn device_view_mut<T: 'static>(&mut self) -> Option<&mut T> {
+        self.device.as_mut()?.downcast_mut()
     }
 
     /// What the device that made the view keeps of it, if that is a `T`.
@@ -188,6 +205,11 @@ impl<'f> Recall<'f> {
     /// The segments that the memory expects to be seen, and how sure it is of them.
     pub fn expected(&self) -> &SegmentBelief {
         &self.belief
+    }
+
+    /// The frame's pose in the coordinates of the map.
+    pub fn map_from_camera(&self) -> &LocalPose {
+        &self.map_from_camera
     }
 
     /// The frame.

@@ -153,7 +153,7 @@ fn sight(center: Vec3, frame: &RgbdFrame<'_>, settings: &MemorySettings) -> Sigh
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatseg_geometry::{Image, Intrinsics, Pose};
+    use splatseg_geometry::{Image, Intrinsics, LocalPose, Pose};
 
     const CAMERA: Intrinsics = Intrinsics { fx: 10.0, fy: 12.0, cx: 4.5, cy: 3.5, width: 10, height: 8 };
 
@@ -233,7 +233,7 @@ mod tests {
             for (count, depth) in [(through, 1.5), (seen, 2.0), (hidden, 2.5)] {
                 (0..count).for_each(|_| map.push(point((4, 4), depth), 0.01));
             }
-            let camera = Camera::new(CAMERA, &Pose::IDENTITY);
+            let camera = Camera::new(CAMERA, &LocalPose::IDENTITY);
             sights(&map, &frame_of(2.0), &camera, trust, &MemorySettings::default())
         };
         use Sight::{Seen, Through, Unknown};

@@ -13,6 +13,7 @@ use crate::segments::{Segments, Settled};
 use crate::short_term::Appearances;
 use crate::{Codebook, CodebookError, GrowthRule, LearningExtent, MemoryKind, MemorySettings, Recall};
 use crate::{MAX_SEGMENT_ID, SplatContentView};
+use glam::DVec3;
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera, RasterLimits};
 use splatseg_settings::SettingError;
@@ -34,6 +35,8 @@ const FRAMES_PER_CENSUS: u32 = 16;
 #[derive(Debug)]
 pub struct SplatMemory {
     pub(crate) settings: MemorySettings,
+    /// Origin of the map's coordinates: world coordinates, metres.
+    pub(crate) origin: DVec3,
     /// The map, and what its Gaussians remember.
     pub(crate) backend: Box<dyn MapBackend>,
     pub(crate) segments: Segments,
@@ -162,6 +165,7 @@ impl SplatMemory {
         let backend = Box::new(HostMap { settings: settings.clone(), map, store });
         Self {
             settings,
+            origin: DVec3::ZERO,
             backend,
             segments,
             depthless: DepthlessSegments::default(),
@@ -194,8 +198,10 @@ impl SplatMemory {
     /// What the memory expects `frame` to show. If a device fails at that, [`Self::fuse`] and [`Self::update`] report it.
     pub fn recall<'f>(&self, frame: &'f RgbdFrame<'_>) -> Recall<'f> {
         let _stage = tracing::debug_span!(target: "splatseg::stage", "decode").entered();
-        let jump = if self.follows_jumps() { self.recent.jump(frame, &self.settings) } else { None };
-        let pose = jump.map_or(*frame.world_from_camera(), |jump| jump.inverse() * *frame.world_from_camera());
+        let jump = if self.follows_jumps() { self.recent.jump(frame, self.origin, &self.settings) } else { None };
+        let reported = frame.world_from_camera();
+        let before_jump = jump.map_or(*reported, |jump| jump.inverse() * *reported);
+        let (pose, map_from_camera) = (before_jump.relative_to(self.origin), reported.relative_to(self.origin));
         let trust = self.recent.trust(frame, &pose, &self.settings);
         let mut camera = Camera::new(*frame.intrinsics(), &pose);
         if self.settings.kind == MemoryKind::Evidence {
@@ -208,7 +214,7 @@ impl SplatMemory {
             Ok(recall) => recall,
             Err(error) => return Recall::failed(frame, &camera, error.into_failure()),
         };
-        (recall.world_from_camera, recall.jump) = (pose, jump);
+        (recall.map_from_camera, recall.viewed_from, recall.jump) = (map_from_camera, pose, jump);
         if self.settings.links_depthless() {
             self.depthless.expect(&mut recall, self.settings.growth_silhouette);
         }
@@ -286,12 +292,10 @@ impl SplatMemory {
     pub fn update(&mut self, mut recall: Recall<'_>, seen: &SegmentMap) -> Result<FrameUpdate, MemoryError> {
         self.check_predictions(&recall, seen)?;
         let new_segments = self.segments.note_sightings(seen);
-        if let Some(jump) = &recall.jump {
-            tracing::warn!("frame {}: the poses have jumped; the map moves along", recall.frame.name());
-            self.backend.transform(jump)?;
-            self.depthless.transform(jump);
-            self.recent.transform(jump);
+        if self.is_astray(&recall) {
+            return Ok(self.without_a_map(&recall, seen, new_segments));
         }
+        self.follow(&mut recall)?;
         let before = self.gaussian_count();
         let update = self.backend.update(&mut recall, seen, self.frames, &mut self.segments.live())?;
         if self.settings.links_depthless() {
@@ -312,6 +316,13 @@ impl SplatMemory {
         }
         self.frames = self.frames.saturating_add(1);
         Ok(FrameUpdate { grown, removed, forgotten, new_segments, learning })
+    }
+
+    /// Takes a frame in that changes nothing in the map.
+    fn without_a_map(&mut self, recall: &Recall<'_>, seen: &SegmentMap, new_segments: Vec<SegmentId>) -> FrameUpdate {
+        self.recent.record(recall, seen, &self.settings);
+        self.frames = self.frames.saturating_add(1);
+        FrameUpdate { new_segments, ..FrameUpdate::default() }
     }
 
     /// Takes note of which Gaussians were `removed`; returns the ids that the memory has lost.
@@ -397,7 +408,7 @@ impl SplatMemory {
         self.gaussian_count() * (SplatMap::NUMBERS + self.backend.numbers_per_gaussian())
     }
 
-    /// Where the Gaussians are, world coordinates.
+    /// Where the Gaussians are, metres, relative to [`Self::origin`].
     pub fn balls(&self) -> &Balls {
         self.backend.balls()
     }

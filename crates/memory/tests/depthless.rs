@@ -1,6 +1,6 @@
 //! Segments without depth, in a room made by hand: a wall, a floor, and black regions on them.
 
-use glam::{EulerRot, Mat4, Quat, Vec2, Vec3};
+use glam::{DVec3, EulerRot, Mat4, Quat, Vec2, Vec3};
 use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{ABSTAIN, MemoryKind, MemorySettings, SplatMemory};
 
@@ -26,12 +26,13 @@ fn hit(origin: Vec3, ray: Vec3) -> (SegmentId, Vec3) {
 
 /// The room from `pose`: depth but for screen and mat, and what is seen.
 fn view(pose: &Pose) -> (RgbdFrame<'static>, SegmentMap) {
+    let local = pose.relative_to(DVec3::ZERO);
     let ray = |column: usize, row: usize| CAMERA.unproject(Vec2::new(column as f32, row as f32), 1.0);
     let hits = Image::from_fn(CAMERA.width, CAMERA.height, |column, row| {
-        hit(pose.translation(), pose.rotation() * ray(column, row))
+        hit(local.translation(), local.rotation() * ray(column, row))
     });
     let truth = hits.map(|(id, _)| *id);
-    let depth = hits.map(|(id, point)| if *id >= SCREEN { 0.0 } else { pose.to_camera(*point).z });
+    let depth = hits.map(|(id, point)| if *id >= SCREEN { 0.0 } else { local.to_camera(*point).z });
     (frame(depth, *pose), truth)
 }
 
@@ -42,7 +43,7 @@ fn frame(depth: Image<f32>, pose: Pose) -> RgbdFrame<'static> {
 
 fn pose(position: Vec3, yaw: f32, pitch: f32) -> Pose {
     let rotation = Quat::from_euler(EulerRot::YXZ, yaw, pitch, 0.0);
-    Pose::from_matrix(Mat4::from_rotation_translation(rotation, position)).unwrap()
+    Pose::from_matrix(Mat4::from_rotation_translation(rotation, position).as_dmat4()).unwrap()
 }
 
 fn memory(settings: MemorySettings, ids: usize) -> SplatMemory {
@@ -138,7 +139,7 @@ fn without_any_depth_the_rotation_alone_links() {
     for number in 0..30 {
         let pose = pose(Vec3::ZERO, 0.01 * number as f32, 0.1 * (0.3 * number as f32).sin());
         let seen = SegmentMap::from_fn(CAMERA.width, CAMERA.height, |column, row| {
-            let direction = pose.rotation() * CAMERA.unproject(Vec2::new(column as f32, row as f32), 1.0);
+            let direction = pose.rotation().as_mat3() * CAMERA.unproject(Vec2::new(column as f32, row as f32), 1.0);
             if is_inside(direction / direction.z) { 1 } else { 2 }
         });
         let frame = frame(Image::filled(CAMERA.width, CAMERA.height, 0.0), pose);

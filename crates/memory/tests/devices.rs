@@ -1,6 +1,6 @@
 //! A memory whose map is kept on a device that fails.
 
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_geometry::{Image, Intrinsics, LocalPose, Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
     FrameTrust, MapBackend, MapContent, MapDevice, MapUpdate, MemoryError, MemoryKind, MemorySettings, Recall,
     RememberedSegments, SplatFileError, SplatMap, SplatMemory, VisibleGaussian,
@@ -42,7 +42,7 @@ impl MapBackend for BrokenMap {
         failure()
     }
 
-    fn transform(&mut self, _: &Pose) -> Result<(), MemoryError> {
+    fn transform(&mut self, _: &LocalPose, _: &mut Recall<'_>) -> Result<(), MemoryError> {
         failure()
     }
 

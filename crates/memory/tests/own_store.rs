@@ -96,7 +96,7 @@ const SIZE: (usize, usize) = (64, 48);
 fn frame(x: f32) -> RgbdFrame<'static> {
     let (width, height) = SIZE;
     let camera = Intrinsics { fx: 40.0, fy: 40.0, cx: 31.5, cy: 23.5, width, height };
-    let pose = Pose::from_matrix(Mat4::from_translation(Vec3::new(x, 0.0, 0.0))).unwrap();
+    let pose = Pose::from_matrix(Mat4::from_translation(Vec3::new(x, 0.0, 0.0)).as_dmat4()).unwrap();
     RgbdFrame::new("wall", Image::filled(width, height, [90; 3]), Image::filled(width, height, 2.0), camera, pose)
         .unwrap()
 }

@@ -1,7 +1,6 @@
 //! The list of objects as a table.
 
 use crate::{FrameStamp, Object, ObjectList, ObjectState};
-use glam::Vec3;
 use std::fmt::Display;
 
 /// The columns; `docs/OBJECTS.md` describes them.
@@ -77,11 +76,11 @@ fn cells_of(object: &Object) -> Vec<String> {
     }
     cells.extend((0..3).map(|channel| cell(object.color.map(|color| color[channel]))));
     let shape = object.shape.as_ref();
-    cells.extend(vector_cells(shape.map(|shape| shape.centroid)));
-    cells.extend(vector_cells(shape.map(|shape| shape.axis_aligned_box.min)));
-    cells.extend(vector_cells(shape.map(|shape| shape.axis_aligned_box.max)));
-    cells.extend(vector_cells(shape.map(|shape| shape.oriented_box.center)));
-    cells.extend(vector_cells(shape.map(|shape| shape.oriented_box.size)));
+    cells.extend(vector_cells(shape.map(|shape| shape.centroid.to_array())));
+    cells.extend(vector_cells(shape.map(|shape| shape.axis_aligned_box.min.to_array())));
+    cells.extend(vector_cells(shape.map(|shape| shape.axis_aligned_box.max.to_array())));
+    cells.extend(vector_cells(shape.map(|shape| shape.oriented_box.center.to_array())));
+    cells.extend(vector_cells(shape.map(|shape| shape.oriented_box.size.to_array())));
     let rotation = shape.map(|shape| shape.oriented_box.rotation.to_array());
     cells.extend((0..4).map(|part| cell(rotation.map(|rotation| rotation[part]))));
     cells.push(cell(shape.map(|shape| shape.area_m2)));
@@ -101,7 +100,7 @@ fn frame_cells(frame: Option<&FrameStamp>) -> [String; 2] {
     [cell(frame.map(|frame| frame.number)), cell(frame.and_then(|frame| frame.name.as_deref()).map(quoted))]
 }
 
-fn vector_cells(vector: Option<Vec3>) -> [String; 3] {
+fn vector_cells<T: Copy + Display>(vector: Option<[T; 3]>) -> [String; 3] {
     std::array::from_fn(|axis| cell(vector.map(|vector| vector[axis])))
 }
 

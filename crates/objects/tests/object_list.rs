@@ -1,6 +1,6 @@
 //! The list of objects as text.
 
-use glam::{Quat, Vec3};
+use glam::{DVec3, Quat, Vec3};
 use splatseg_objects::{
     AxisAlignedBox, BestView, BoundingBox, Conventions, FrameStamp, Object, ObjectList, ObjectLog, ObjectShape,
     ObjectState, OrientedBox,
@@ -14,9 +14,9 @@ fn list() -> ObjectList {
         time_s: Some(1_305_031_102.175_304),
     };
     let shape = ObjectShape {
-        centroid: Vec3::new(0.1, -2.5, 1e-3),
-        axis_aligned_box: AxisAlignedBox { min: Vec3::ZERO, max: Vec3::ONE },
-        oriented_box: OrientedBox { center: Vec3::ONE, size: Vec3::splat(0.25), rotation: Quat::IDENTITY },
+        centroid: DVec3::new(0.1, -2.5, 1e-3),
+        axis_aligned_box: AxisAlignedBox { min: DVec3::ZERO, max: DVec3::ONE },
+        oriented_box: OrientedBox { center: DVec3::ONE, size: Vec3::splat(0.25), rotation: Quat::IDENTITY },
         area_m2: 0.75,
         color: [1, 2, 3],
         points: 17,

@@ -38,7 +38,7 @@ fn boxes_turn_with_the_world() {
     let shapes = object_shapes(&seen.memory);
     for thing in seen.boxes() {
         let axes = Mat3::from_quat(rotation) * Mat3::from_rotation_z(thing.turn);
-        let truth = Cuboid(place.to_world(thing.center), thing.size, axes);
+        let truth = Cuboid(place.to_world(thing.center).as_vec3(), thing.size, axes);
         let iou = oriented(&shapes[&thing.id]).iou(&truth);
         assert!(iou >= 0.7, "object {}: IoU {iou:.2}", thing.id);
     }

@@ -2,7 +2,7 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use glam::Vec3;
+use glam::DVec3;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame};
@@ -36,7 +36,7 @@ fn page(frames: usize, scene: &str, name: impl Fn(usize) -> String) -> Files {
     for number in 0..frames {
         let segments = Image::from_fn(4, 3, |column, _| if column == 0 && number % 3 == 0 { 9 } else { 7 });
         let camera = Intrinsics { fx: if number < 2 { 3.0 } else { 4.0 }, ..CAMERA };
-        let pose = Pose::from_translation(Vec3::new(number as f32, 0.5, 0.0));
+        let pose = Pose::from_translation(DVec3::new(number as f64, 0.5, 0.0));
         let frame = RgbdFrame::new("0", Image::filled(4, 3, [0; 3]), Image::filled(4, 3, 1.0), camera, pose).unwrap();
         let objects = log.record(&FrameOutput::from_segments(segments.clone()));
         let record = FrameRecord { number, file_name: name(number), frame, segments, objects };

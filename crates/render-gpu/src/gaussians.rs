@@ -5,7 +5,7 @@ use crate::device::{Buffer, GpuDevice, threads};
 use crate::kernels::forget::{compact, copy};
 use crate::sorting::prefix_sums;
 use glam::Vec3;
-use splatseg_geometry::Pose;
+use splatseg_geometry::LocalPose;
 use splatseg_memory::SplatMap;
 
 /// Gaussians that a map has room for at first.
@@ -143,7 +143,7 @@ impl DeviceGaussians {
     }
 
     /// Moves all of them to other coordinates.
-    pub fn transform(&mut self, new_from_old: &Pose) -> Result<(), GpuError> {
+    pub fn transform(&mut self, new_from_old: &LocalPose) -> Result<(), GpuError> {
         let [mut balls] = self.device.download([self.balls()])?;
         for ball in balls.chunks_exact_mut(4).take(self.count) {
             let mean = Vec3::new(f32::from_bits(ball[0]), f32::from_bits(ball[1]), f32::from_bits(ball[2]));

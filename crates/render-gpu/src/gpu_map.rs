@@ -11,7 +11,7 @@ use crate::kernels::forget::{
 };
 use crate::store::{DeviceStore, Lesson, Rendered};
 use crate::view::{GpuView, Sights, look, needs_sights, render};
-use splatseg_geometry::{Pose, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_geometry::{LocalPose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
     FrameTrust, GrowthRule, LearningExtent, MapBackend, MapContent, MapDevice, MapUpdate, MemoryError, MemorySettings,
     Recall, RememberedSegments, SegmentHold, SplatMap, VisibleGaussian, longest_unseen,
@@ -103,14 +103,15 @@ impl<S: DeviceStore> GpuMap<S> {
     fn grow(
         &mut self,
         view: &GpuView,
-        frame: &RgbdFrame<'_>,
+        recall: &Recall<'_>,
         seen: &Buffer,
         target: &Buffer,
         number: u32,
         report: &Buffer,
     ) -> Result<(), GpuError> {
+        let (frame, map_from_camera) = (recall.frame(), *recall.map_from_camera());
         self.gaussians.reserve(frame.width() * frame.height())?;
-        let growth = Growth { device: &self.device, view, frame, seen, settings: &self.settings };
+        let growth = Growth { device: &self.device, view, frame, map_from_camera, seen, settings: &self.settings };
         let pixels = growth.write(&self.gaussians, number, report)?;
         let lesson = Lesson { device: &self.device, gaussians: &self.gaussians, target, report };
         self.store.grow(&lesson, &pixels);
@@ -244,8 +245,10 @@ impl<S: DeviceStore> MapBackend for GpuMap<S> {
         Ok(Recall::of_device(frame, camera, images, Box::new(view)))
     }
 
-    fn transform(&mut self, new_from_old: &Pose) -> Result<(), MemoryError> {
+    fn transform(&mut self, new_from_old: &LocalPose, recall: &mut Recall<'_>) -> Result<(), MemoryError> {
         self.copy = OnceLock::new();
+        let camera = *recall.view().camera();
+        recall.device_view_mut::<Rendered<S::Read>>().ok_or(GpuError::ForeignView)?.view.camera = camera;
         Ok(self.gaussians.transform(new_from_old)?)
     }
 
@@ -297,7 +300,7 @@ impl<S: DeviceStore> MapBackend for GpuMap<S> {
         let stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
         let target = self.store.target(&self.device, view, recall, seen)?;
         let sent = view.send_seen(&self.device, seen)?;
-        self.grow(view, recall.frame(), &sent, &target, number, &report)?;
+        self.grow(view, recall, &sent, &target, number, &report)?;
         let grown = self.count_grown(view, &report)?;
         drop(stage);
         let _stage = tracing::debug_span!(target: "splatseg::stage", "learn").entered();

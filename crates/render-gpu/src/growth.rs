@@ -8,7 +8,7 @@ use crate::kernels::grow::{GrowthRuleValuesLaunch, WorldFromCameraLaunch, grow_b
 use crate::sorting::prefix_sums;
 use crate::view::GpuView;
 use glam::Vec3;
-use splatseg_geometry::RgbdFrame;
+use splatseg_geometry::{LocalPose, RgbdFrame};
 use splatseg_memory::{GrowthRule, MemorySettings};
 
 /// What growth depends on.
@@ -16,6 +16,8 @@ pub(crate) struct Growth<'a> {
     pub device: &'a GpuDevice,
     pub view: &'a GpuView,
     pub frame: &'a RgbdFrame<'a>,
+    /// Its pose in the coordinates of the map.
+    pub map_from_camera: LocalPose,
     /// The frame's predictions, `[height, width]`.
     pub seen: &'a Buffer,
     pub settings: &'a MemorySettings,
@@ -69,7 +71,7 @@ impl Growth<'_> {
     }
 
     fn pose(&self) -> WorldFromCameraLaunch {
-        let (rotation, by) = (self.frame.world_from_camera().rotation(), self.frame.world_from_camera().translation());
+        let (rotation, by) = (self.map_from_camera.rotation(), self.map_from_camera.translation());
         let [x, y, z]: [Vec3; 3] = [rotation.row(0), rotation.row(1), rotation.row(2)];
         WorldFromCameraLaunch::new(x.x, x.y, x.z, y.x, y.y, y.z, z.x, z.y, z.z, by.x, by.y, by.z)
     }

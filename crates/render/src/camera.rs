@@ -1,7 +1,7 @@
 //! The camera that Gaussians are rendered with, and the constants of rasterisation.
 
 use glam::{Mat3, Vec3};
-use splatseg_geometry::{Intrinsics, Pose};
+use splatseg_geometry::{Intrinsics, LocalPose};
 
 /// A pinhole camera at a pose, and the limits of rasterisation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,7 +48,7 @@ impl Default for RasterLimits {
 
 impl Camera {
     /// A camera with the default [`RasterLimits`].
-    pub fn new(intrinsics: Intrinsics, world_from_camera: &Pose) -> Self {
+    pub fn new(intrinsics: Intrinsics, world_from_camera: &LocalPose) -> Self {
         let rotation = world_from_camera.rotation().transpose();
         Self {
             intrinsics,

@@ -90,6 +90,11 @@ impl View {
         ActiveWeights::new(tiles, &self.weights.tiles, self.gaussian_count)
     }
 
+    /// Replaces the camera by the same one in coordinates to which the Gaussians were moved.
+    pub fn set_camera(&mut self, camera: Camera) {
+        self.camera = camera;
+    }
+
     /// The camera of the view.
     pub fn camera(&self) -> &Camera {
         &self.camera

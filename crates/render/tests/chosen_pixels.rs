@@ -1,7 +1,7 @@
 //! Sets of pixels, the part of the blend weights at chosen pixels, and the pixels that new Gaussians reach.
 
 use glam::Vec3;
-use splatseg_geometry::{Image, Intrinsics, Pose};
+use splatseg_geometry::{Image, Intrinsics, LocalPose};
 use splatseg_render::{Balls, Camera, PixelSet, View};
 
 const SIZE: (usize, usize) = (40, 36);
@@ -10,7 +10,7 @@ const TILES: usize = 9;
 /// A ball at depth z in metres appears at column 20 + 32 x / z, row 18 + 32 y / z.
 fn camera() -> Camera {
     let intrinsics = Intrinsics { fx: 32.0, fy: 32.0, cx: 20.0, cy: 18.0, width: SIZE.0, height: SIZE.1 };
-    Camera::new(intrinsics, &Pose::IDENTITY)
+    Camera::new(intrinsics, &LocalPose::IDENTITY)
 }
 
 fn balls(entries: &[([f32; 3], f32)]) -> Balls {

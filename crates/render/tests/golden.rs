@@ -2,7 +2,7 @@
 
 use glam::{Mat4, Quat, Vec3};
 use safetensors::SafeTensors;
-use splatseg_geometry::{Intrinsics, Pose};
+use splatseg_geometry::{Intrinsics, LocalPose};
 use splatseg_render::{Camera, Gaussians, RasterLimits, View};
 use std::path::Path;
 
@@ -55,7 +55,7 @@ impl Golden {
             width: size[0] as usize,
             height: size[1] as usize,
         };
-        let mut camera = Camera::new(intrinsics, &Pose::IDENTITY);
+        let mut camera = Camera::new(intrinsics, &LocalPose::IDENTITY);
         camera.camera_from_world_rotation = glam::Mat3::from_mat4(camera_from_world);
         camera.camera_from_world_translation = camera_from_world.w_axis.truncate();
         camera

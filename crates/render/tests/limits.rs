@@ -1,13 +1,13 @@
 //! What is rendered at the limits: planes, borders of the image, the least alpha; and what a view tells of itself.
 
 use glam::{Quat, Vec3};
-use splatseg_geometry::{Intrinsics, Pose};
+use splatseg_geometry::{Intrinsics, LocalPose};
 use splatseg_render::{Balls, Camera, Gaussians, Shape, Splats, View};
 
 /// A point at depth z in metres appears at column 20 + 32 x / z, row 18 + 32 y / z of 40 × 36 pixels.
 fn camera() -> Camera {
     let intrinsics = Intrinsics { fx: 32.0, fy: 32.0, cx: 20.0, cy: 18.0, width: 40, height: 36 };
-    Camera::new(intrinsics, &Pose::IDENTITY)
+    Camera::new(intrinsics, &LocalPose::IDENTITY)
 }
 
 fn one(mean: [f32; 3], opacity: f32) -> Gaussians {

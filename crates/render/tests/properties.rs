@@ -4,14 +4,14 @@ mod brute_force;
 
 use glam::{Quat, Vec3};
 use proptest::prelude::*;
-use splatseg_geometry::{Image, Intrinsics, Pose};
+use splatseg_geometry::{Image, Intrinsics, LocalPose};
 use splatseg_render::{ActiveTile, Camera, Gaussians, PixelSet, TileWeights, View};
 
 const SIZE: (usize, usize) = (37, 26);
 
 fn camera() -> Camera {
     let intrinsics = Intrinsics { fx: 30.0, fy: 33.0, cx: 18.2, cy: 12.4, width: SIZE.0, height: SIZE.1 };
-    Camera::new(intrinsics, &Pose::IDENTITY)
+    Camera::new(intrinsics, &LocalPose::IDENTITY)
 }
 
 prop_compose! {

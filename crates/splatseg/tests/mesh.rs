@@ -36,7 +36,7 @@ fn surface() -> (Vec<[f32; 3]>, Vec<u32>) {
             for column in (0..frame.width()).step_by(3) {
                 let (depth, id) = (frame.depth()[(column, row)], truth[(column, row)]);
                 let point = frame.intrinsics().unproject(Vec2::new(column as f32, row as f32), depth);
-                vertices.push(frame.world_from_camera().to_world(point).to_array());
+                vertices.push(frame.world_from_camera().to_world(point).as_vec3().to_array());
                 instances.push(3000 + id);
             }
         }

@@ -50,7 +50,7 @@ fn view(number: usize) -> (RgbdFrame<'static>, SegmentMap) {
     });
     let color = Image::from_fn(width, height, |column, row| [column as u8, row as u8, 40 * down as u8]);
     let depth = Image::filled(width, height, DISTANCE_M);
-    let pose = Pose::from_translation(position);
+    let pose = Pose::from_translation(position.as_dvec3());
     (RgbdFrame::new(number.to_string(), color, depth, CAMERA, pose).unwrap(), segments)
 }
 

@@ -18,7 +18,8 @@ const HEIGHT: usize = 20;
 /// A frame from a camera moved to the left, so that things 2 m away appear `columns` pixels farther to the right.
 fn frame_with_depth(columns: f32, depth: impl FnMut(usize, usize) -> f32) -> RgbdFrame<'static> {
     let camera = Intrinsics { fx: 40.0, fy: 40.0, cx: 30.0, cy: 10.0, width: WIDTH, height: HEIGHT };
-    let pose = Pose::from_matrix(Mat4::from_translation(Vec3::new(-columns * 2.0 / 40.0, 0.3, -0.1))).unwrap();
+    let pose =
+        Pose::from_matrix((Mat4::from_translation(Vec3::new(-columns * 2.0 / 40.0, 0.3, -0.1))).as_dmat4()).unwrap();
     let (color, depth) = (Image::filled(WIDTH, HEIGHT, [0; 3]), Image::from_fn(WIDTH, HEIGHT, depth));
     RgbdFrame::new("0", color, depth, camera, pose).unwrap()
 }
@@ -151,7 +152,7 @@ fn points_are_dropped_as_soon_as_they_leave_the_image() {
         let position = Vec3::new(-columns * 2.0 / 40.0, -rows * 2.0 / 40.0, 0.0);
         let camera = Intrinsics { fx: 40.0, fy: 40.0, cx: 30.0, cy: 10.0, width: WIDTH, height: HEIGHT };
         let (color, depth) = (Image::filled(WIDTH, HEIGHT, [0; 3]), Image::filled(WIDTH, HEIGHT, 2.0));
-        let pose = Pose::from_matrix(Mat4::from_translation(position)).unwrap();
+        let pose = Pose::from_matrix(Mat4::from_translation(position).as_dmat4()).unwrap();
         RgbdFrame::new("0", color, depth, camera, pose).unwrap()
     };
     // Their points are the pixels (8, 4) and (51, 15).
@@ -175,7 +176,7 @@ fn a_pixel_without_depth_is_not_a_point_at_the_camera() {
     let mut method = fastspam();
     method.process(&frame_with_depth(0.0, |_, _| 0.0), &[stripe(40, 47)]).unwrap();
     // Where the camera stood is now before it, in the middle of the image.
-    let back = Pose::from_matrix(Mat4::from_translation(Vec3::new(0.0, 0.3, -1.1))).unwrap();
+    let back = Pose::from_matrix(Mat4::from_translation(Vec3::new(0.0, 0.3, -1.1)).as_dmat4()).unwrap();
     let camera = *frame(0.0).intrinsics();
     let (color, depth) = (Image::filled(WIDTH, HEIGHT, [0; 3]), Image::filled(WIDTH, HEIGHT, 2.0));
     let frame = RgbdFrame::new("1", color, depth, camera, back).unwrap();

@@ -22,8 +22,8 @@ class Memory:
         return self._pipeline.gaussian_count()
 
     @property
-    def means(self) -> NDArray[np.float32]:
-        """Centres, world, metres, ``(Gaussians, 3)``."""
+    def means(self) -> NDArray[np.float64]:
+        """Centres, world coordinates, metres, ``(Gaussians, 3)``."""
         return self._pipeline.means()
 
     @property

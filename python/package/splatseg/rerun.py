@@ -79,10 +79,10 @@ def log_map(pipeline: Pipeline, *, recording: rerun.RecordingStream | None = Non
         return
     memory = pipeline.memory
     ids = memory.segment_ids
-    palette = np.array(
-        [_splatseg.segment_color(id) if id else (128, 128, 128) for id in range(int(ids.max(initial=0)) + 1)]
-    )
-    points = rr.Points3D(memory.means, colors=palette.astype(np.uint8)[ids], radii=memory.radii)
+    shown_ids, of_point = np.unique(ids, return_inverse=True)
+    palette = [_splatseg.segment_color(int(id)) if id else (128, 128, 128) for id in shown_ids]
+    colors = np.array(palette, dtype=np.uint8).reshape(-1, 3)[of_point]
+    points = rr.Points3D(memory.means, colors=colors, radii=memory.radii)
     rr.log("world/map", points, recording=recording)
     entries = [entry for entry in pipeline.objects() if entry.state == "remembered"]
     shown = [(entry.id, entry.shape) for entry in entries if entry.shape is not None]

@@ -31,6 +31,7 @@ use cameras::{Camera, UndistortionCache};
 use container::{McapFile, MessagePlace};
 use contents::{Contents, Images};
 use frames::{Cameras, FrameMaker, RecordedFrame};
+use glam::DVec3;
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use splatseg_ros::{CompressedImage, Image as RawImage, from_cdr};
 use std::path::{Path, PathBuf};
@@ -171,7 +172,11 @@ impl McapScene {
             return Ok((color, depth, camera));
         };
         let target = target_camera(&camera, &depth_camera.intrinsics);
-        let cameras = CameraPair { depth: depth_camera.intrinsics, color: target, color_from_depth };
+        let cameras = CameraPair {
+            depth: depth_camera.intrinsics,
+            color: target,
+            color_from_depth: color_from_depth.relative_to(DVec3::ZERO),
+        };
         let depth = register_depth(&depth, &cameras);
         let size = (target.width, target.height);
         let color =

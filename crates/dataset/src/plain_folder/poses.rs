@@ -136,14 +136,14 @@ fn tum_pose(path: &Path, line: &Line<'_>) -> Result<ListedPose, DatasetError> {
 }
 
 fn matrix_pose(path: &Path, line: usize, numbers: [f64; 16]) -> Result<ListedPose, DatasetError> {
-    listed(path, line, Pose::from_row_major(numbers.map(|number| number as f32)))
+    listed(path, line, Pose::from_row_major(numbers))
 }
 
 /// The pose, or none where tracking was lost.
 fn listed(path: &Path, line: usize, pose: Result<Pose, PoseError>) -> Result<ListedPose, DatasetError> {
     let world_from_camera = match pose {
         Ok(pose) => Some(pose),
-        Err(PoseError::NotFinite) => None,
+        Err(PoseError::NotFinite | PoseError::TooFar(_)) => None,
         Err(source) => return Err(DatasetError::Pose { path: place(path, line), source }),
     };
     Ok(ListedPose { seconds: None, world_from_camera, line })

@@ -58,8 +58,11 @@ impl SensScene {
             let what = format!("after frame {}, where the recording is cut off", whole - 1);
             left_out = LeftOut::list([(usize::try_from(*missing).unwrap_or(usize::MAX), what)]);
         }
-        let camera = |numbers: &[f32], what| -> Result<Camera, DatasetError> {
-            Ok(Camera { matrix: PinholeMatrix::from_numbers(numbers, &path, what)?, path: path.clone() })
+        let camera = |numbers: &[f32; 16], what| -> Result<Camera, DatasetError> {
+            Ok(Camera {
+                matrix: PinholeMatrix::from_numbers(&numbers.map(f64::from), &path, what)?,
+                path: path.clone(),
+            })
         };
         let cameras = Cameras {
             color: camera(&file.header().color_intrinsics, "intrinsics of colour")?,
@@ -181,7 +184,7 @@ impl Scene for SensScene {
         let path = self.file.frame_path(index);
         // The pose first: where tracking was lost nothing else is needed.
         let header = self.file.read_frame_header(index)?.ok_or_else(|| self.no_such_frame(index))?;
-        let pose = Pose::from_row_major(header.world_from_camera)
+        let pose = Pose::from_row_major(header.world_from_camera.map(f64::from))
             .map_err(|source| DatasetError::Pose { path: path.clone(), source })?;
         let stored = self.file.read_images(index)?.ok_or_else(|| self.no_such_frame(index))?;
         let depth = depth_of(&stored.depth, self.file.header(), &path)?;

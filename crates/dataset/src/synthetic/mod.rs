@@ -18,12 +18,12 @@ pub use thing::{Thing, ThingKind};
 use crate::files::MemoryNeed;
 use crate::scene::FrameParts;
 use crate::{DatasetError, Format, Scene};
-use glam::Vec2;
+use glam::{DVec3, Vec2};
 use noise::{Sample, as_kinect_sees, color_bytes};
 use rayon::prelude::*;
 use room::{Room, brightness};
 use solids::Ray;
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Image, Intrinsics, LocalPose, RgbdFrame, SegmentMap};
 use std::path::Path;
 
 /// Focal length in image widths: a field of view of 58 degrees, a Kinect's.
@@ -107,7 +107,7 @@ impl SyntheticScene {
         &self.settings
     }
 
-    fn camera_pose(&self, frame: usize) -> Pose {
+    fn camera_pose(&self, frame: usize) -> LocalPose {
         match self.settings.camera {
             CameraMotion::Walk => self.room.camera_pose(frame),
             CameraMotion::Static => self.room.camera_pose(0),
@@ -135,7 +135,7 @@ impl SyntheticScene {
         Image::from_fn(width, height, |_, _| samples.next().unwrap_or_default())
     }
 
-    fn sample(&self, room: &Room, pose: &Pose, pixel: Vec2) -> Sample {
+    fn sample(&self, room: &Room, pose: &LocalPose, pixel: Vec2) -> Sample {
         // With depth 1 the ray's direction has z = 1 in the camera, so that distance along it is z-depth.
         let direction = pose.rotation() * self.intrinsics.unproject(pixel, 1.0);
         let ray = Ray { origin: pose.translation(), direction };
@@ -173,7 +173,8 @@ impl Scene for SyntheticScene {
         };
         let color = Image::from_fn(width, height, |column, row| measured[row * width + column].0);
         let depth = Image::from_fn(width, height, |column, row| measured[row * width + column].1);
-        let (name, intrinsics, world_from_camera) = (self.frame_name(index), self.intrinsics, self.camera_pose(index));
+        let (name, intrinsics) = (self.frame_name(index), self.intrinsics);
+        let world_from_camera = self.camera_pose(index).at(DVec3::ZERO);
         FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera }.into_frame()
     }
 

@@ -7,7 +7,7 @@ use glam::Vec2;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use splatseg_geometry::{Intrinsics, Pose, SegmentId};
+use splatseg_geometry::{Intrinsics, LocalPose, SegmentId};
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
@@ -63,7 +63,7 @@ pub(super) fn choose(
     room: &Room,
     intrinsics: &Intrinsics,
     frames: usize,
-    pose_at: impl Fn(usize) -> Pose,
+    pose_at: impl Fn(usize) -> LocalPose,
     seed: u64,
     count: usize,
 ) -> Option<Vec<Mover>> {
@@ -102,12 +102,12 @@ fn candidates(
     intrinsics: &Intrinsics,
     frames: usize,
     change: ChangeTime,
-    pose_at: impl Fn(usize) -> Pose,
+    pose_at: impl Fn(usize) -> LocalPose,
     random: &mut ChaCha8Rng,
 ) -> Vec<Candidate> {
-    let before: Vec<Pose> =
+    let before: Vec<LocalPose> =
         (change.earliest.saturating_sub(VIEW_FRAMES)..change.earliest).step_by(VIEW_STRIDE).map(&pose_at).collect();
-    let after: Vec<Pose> = (change.latest..frames).take(VIEW_FRAMES).step_by(VIEW_STRIDE).map(&pose_at).collect();
+    let after: Vec<LocalPose> = (change.latest..frames).take(VIEW_FRAMES).step_by(VIEW_STRIDE).map(&pose_at).collect();
     let (before, after) = (shares_seen(room, intrinsics, &before), shares_seen(room, intrinsics, &after));
     let share = |shares: &BTreeMap<SegmentId, f32>, id: SegmentId| shares.get(&id).copied().unwrap_or(0.0);
     let mut ranked: Vec<(f32, SegmentId)> =
@@ -122,10 +122,10 @@ fn candidates(
 }
 
 /// The share of all rays that each solid has, over all `poses`.
-fn shares_seen(room: &Room, intrinsics: &Intrinsics, poses: &[Pose]) -> BTreeMap<SegmentId, f32> {
+fn shares_seen(room: &Room, intrinsics: &Intrinsics, poses: &[LocalPose]) -> BTreeMap<SegmentId, f32> {
     let (width, height) = GRID;
     let coarse = intrinsics.resized(width, height);
-    let seen_from = |pose: &Pose| {
+    let seen_from = |pose: &LocalPose| {
         let mut counts = BTreeMap::<SegmentId, usize>::new();
         for index in 0..width * height {
             let pixel = Vec2::new((index % width) as f32, (index / width) as f32);

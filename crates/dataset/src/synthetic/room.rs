@@ -4,10 +4,10 @@
 use super::motion::Mover;
 use super::solids::{Hit, Ray, Shape, Solid};
 use super::texture::Texture;
-use glam::{Mat4, Vec2, Vec3};
+use glam::{DVec3, Mat4, Vec2, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use splatseg_geometry::{Pose, SegmentId};
+use splatseg_geometry::{LocalPose, Pose, SegmentId};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Size of the room along x, y and z.
@@ -149,7 +149,7 @@ impl Room {
     }
 
     /// The camera's pose in a frame: it walks round the middle, looking across it, from side to side, up and down.
-    pub(super) fn camera_pose(&self, frame: usize) -> Pose {
+    pub(super) fn camera_pose(&self, frame: usize) -> LocalPose {
         let start = (self.seed % 997) as f32 * 0.631;
         // Whole rounds are left out before the angle is rounded, so that long videos stay exact.
         let round = (frame % FRAMES_PER_ROUND as usize) as f32 / FRAMES_PER_ROUND;
@@ -163,7 +163,7 @@ impl Room {
         let down = forward.cross(right);
         let matrix = Mat4::from_cols(right.extend(0.0), down.extend(0.0), forward.extend(0.0), position.extend(1.0));
         // Three orthonormal right-handed axes are a rotation.
-        Pose::from_matrix(matrix).unwrap_or(Pose::IDENTITY)
+        Pose::from_matrix(matrix.as_dmat4()).map_or(LocalPose::IDENTITY, |pose| pose.relative_to(DVec3::ZERO))
     }
 }
 

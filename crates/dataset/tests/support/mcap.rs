@@ -81,8 +81,8 @@ pub fn transform(stamp: i64, parent: &str, child: &str, shift: DVec3, turn: DQua
 /// The pose of a frame's camera as a transform.
 pub fn camera_transform(stamp: i64, parent: &str, child: &str, frame: &RgbdFrame) -> TfMessage {
     let pose = frame.world_from_camera();
-    let turn = DQuat::from_mat3(&pose.rotation().as_dmat3());
-    transform(stamp, parent, child, pose.translation().as_dvec3(), turn)
+    let turn = DQuat::from_mat3(&pose.rotation());
+    transform(stamp, parent, child, pose.translation(), turn)
 }
 
 pub fn depth_bytes(frame: &RgbdFrame) -> Vec<u8> {

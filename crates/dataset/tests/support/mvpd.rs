@@ -1,7 +1,7 @@
 //! A video of MVPd, with the synthetic room in it, as a folder or an archive.
 
 use super::recording::*;
-use glam::{Mat3, Quat};
+use glam::{DMat3, DQuat};
 use serde_json::{Value, json};
 use splatseg_geometry::{Pose, RgbdFrame, SegmentMap};
 use std::fs;
@@ -19,10 +19,10 @@ pub fn room() -> &'static [(RgbdFrame<'static>, SegmentMap)] {
 }
 
 /// Position and quaternion (w, x, y, z) of a camera with Blender's axes.
-pub fn blender_pose(pose: &Pose) -> ([f32; 3], [f32; 4]) {
+pub fn blender_pose(pose: &Pose) -> ([f64; 3], [f64; 4]) {
     let axes = pose.rotation();
-    let blender = Mat3::from_cols(axes.x_axis, -axes.y_axis, -axes.z_axis);
-    let [x, y, z, w] = Quat::from_mat3(&blender).to_array();
+    let blender = DMat3::from_cols(axes.x_axis, -axes.y_axis, -axes.z_axis);
+    let [x, y, z, w] = DQuat::from_mat3(&blender).to_array();
     (pose.translation().to_array(), [w, x, y, z])
 }
 

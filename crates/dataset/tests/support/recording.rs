@@ -99,5 +99,5 @@ pub fn assert_same(read: &RgbdFrame, written: &RgbdFrame, tolerance: &Tolerance)
     let mean = sum / (3 * read.color().pixels().len()) as f32;
     assert!(mean <= tolerance.color, "colour differs by {mean} on average");
     let (found, expected) = (read.world_from_camera().to_matrix(), written.world_from_camera().to_matrix());
-    assert!((found - expected).abs_diff_eq(glam::Mat4::ZERO, 2e-5), "{found} {expected}");
+    assert!((found - expected).abs_diff_eq(glam::DMat4::ZERO, 2e-5), "{found} {expected}");
 }

@@ -68,7 +68,11 @@ impl SensWriter {
     pub fn recording(&self, frames: &[&RgbdFrame]) -> Vec<u8> {
         let mut bytes = self.header(frames.len() as u64);
         for frame in frames {
-            bytes.extend(self.frame(frame.world_from_camera().to_row_major(), frame.color(), frame.depth()));
+            bytes.extend(self.frame(
+                frame.world_from_camera().to_row_major().map(|number| number as f32),
+                frame.color(),
+                frame.depth(),
+            ));
         }
         bytes.extend(0u64.to_le_bytes());
         bytes

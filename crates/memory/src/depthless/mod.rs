@@ -24,7 +24,7 @@ use crate::recall::Recall;
 use plane::Plane;
 use rayon::prelude::*;
 use region::Region;
-use splatseg_geometry::{Image, Pose, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_geometry::{Image, LocalPose, RgbdFrame, SegmentId, SegmentMap};
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use warp::{Viewpoint, Warp};
@@ -104,7 +104,7 @@ impl DepthlessSegments {
     /// Adds to what the map expects the remembered segments, where `recall` is bare: where there is no observed depth and
     /// the silhouette is below `covered_from`.
     pub fn expect(&self, recall: &mut Recall<'_>, covered_from: f32) {
-        let to = Viewpoint { world_from_camera: recall.world_from_camera, ..viewpoint_of(recall.frame) };
+        let to = Viewpoint { intrinsics: *recall.frame.intrinsics(), map_from_camera: recall.viewed_from };
         let (observed, silhouette) = (recall.frame.depth().pixels(), recall.silhouette.pixels());
         let bare: Vec<bool> = observed
             .iter()
@@ -139,7 +139,7 @@ impl DepthlessSegments {
     pub fn take_in(&mut self, recall: &Recall<'_>, seen: &SegmentMap, covered_from: f32, number: u32) {
         let (depthless, bare) = depthless_segments(recall, seen, covered_from);
         let (frame, silhouette, depth) = (recall.frame, &recall.silhouette, &recall.depth);
-        let viewpoint = viewpoint_of(frame);
+        let viewpoint = Viewpoint { intrinsics: *frame.intrinsics(), map_from_camera: recall.map_from_camera };
         let view = View { frame, number, viewpoint, seen, bare: &bare, silhouette, depth, covered_from };
         let sights: BTreeMap<SegmentId, &DepthlessSight> =
             recall.depthless.iter().map(|sight| (sight.id, sight)).collect();
@@ -176,9 +176,9 @@ impl DepthlessSegments {
     }
 
     /// Moves everything along with the map.
-    pub fn transform(&mut self, new_from_old: &Pose) {
+    pub fn transform(&mut self, new_from_old: &LocalPose) {
         for segment in &mut self.segments {
-            segment.viewpoint.world_from_camera = *new_from_old * segment.viewpoint.world_from_camera;
+            segment.viewpoint.map_from_camera = *new_from_old * segment.viewpoint.map_from_camera;
         }
     }
 }
@@ -241,10 +241,6 @@ impl View<'_> {
         }
         ![0, ABSTAIN, sight.id].contains(&self.seen[at])
     }
-}
-
-fn viewpoint_of(frame: &RgbdFrame) -> Viewpoint {
-    Viewpoint { intrinsics: *frame.intrinsics(), world_from_camera: *frame.world_from_camera() }
 }
 
 /// The ids of `seen` where there is no depth, and where `recall` is bare; 0 elsewhere.

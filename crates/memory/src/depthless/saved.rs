@@ -6,7 +6,7 @@ use super::warp::Viewpoint;
 use super::{DepthlessSegment, DepthlessSegments, MAX_CONTRADICTIONS, MAX_SEGMENTS};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{Intrinsics, Pose, SegmentId};
+use splatseg_geometry::{Intrinsics, LocalPose, SegmentId};
 use splatseg_input::MemoryLimit;
 
 /// Sides of images are shorter.
@@ -25,7 +25,8 @@ pub(crate) struct SavedDepthlessSegment {
     inverse_plane: Vec3,
     support: Support,
     intrinsics: Intrinsics,
-    world_from_camera: Pose,
+    #[serde(rename = "world_from_camera")]
+    map_from_camera: LocalPose,
     last_seen: u32,
     poor_views: u8,
     contradictions: u8,
@@ -44,7 +45,7 @@ impl DepthlessSegments {
                 inverse_plane: plane.inverse,
                 support: plane.support,
                 intrinsics: viewpoint.intrinsics,
-                world_from_camera: viewpoint.world_from_camera,
+                map_from_camera: viewpoint.map_from_camera,
                 last_seen: *last_seen,
                 poor_views: *poor_views,
                 contradictions: *contradictions,
@@ -94,7 +95,7 @@ impl SavedDepthlessSegment {
         is_possible.then_some(DepthlessSegment {
             region: Region { id: self.id, left, top, width, height, mask, area, bare: self.bare },
             plane: Plane { inverse: self.inverse_plane, support: self.support },
-            viewpoint: Viewpoint { intrinsics, world_from_camera: self.world_from_camera },
+            viewpoint: Viewpoint { intrinsics, map_from_camera: self.map_from_camera },
             last_seen: self.last_seen,
             poor_views: self.poor_views,
             contradictions: self.contradictions,
@@ -116,7 +117,7 @@ mod tests {
             inverse_plane: Vec3::new(0.1, 0.2, 0.5),
             support: Support::Fit,
             intrinsics: Intrinsics { fx: 50.0, fy: 50.0, cx: 15.5, cy: 11.5, width: 32, height: 24 },
-            world_from_camera: Pose::IDENTITY,
+            map_from_camera: LocalPose::IDENTITY,
             last_seen: 7,
             poor_views: 1,
             contradictions: MAX_CONTRADICTIONS - 1,

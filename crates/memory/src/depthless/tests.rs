@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::{MemorySettings, SplatMemory};
-use glam::{Mat4, Vec3};
-use splatseg_geometry::{Intrinsics, Pose};
+use glam::{DVec3, Mat4, Vec3};
+use splatseg_geometry::{Intrinsics, LocalPose, Pose};
 use std::ops::Range;
 
 const CAMERA: Intrinsics = Intrinsics { fx: 60.0, fy: 60.0, cx: 29.5, cy: 19.5, width: 60, height: 40 };
@@ -23,14 +23,14 @@ const PLACE: Rect = (20..40, 15..25);
 struct Shot {
     depth: Image<f32>,
     seen: SegmentMap,
-    pose: Pose,
+    pose: LocalPose,
 }
 
 impl Shot {
     fn wall() -> Self {
         let (width, height) = (CAMERA.width, CAMERA.height);
         let (depth, seen) = (Image::filled(width, height, WALL_DEPTH), SegmentMap::filled(width, height, WALL));
-        Self { depth, seen, pose: Pose::IDENTITY }
+        Self { depth, seen, pose: LocalPose::IDENTITY }
     }
 
     /// The wall with a screen without depth. There is none up to 6 pixels around it either, so that the map does not reach
@@ -56,13 +56,13 @@ impl Shot {
     /// Seen from so many pixels (at the wall's distance) to the right.
     fn aside(mut self, pixels: f32) -> Self {
         let shift = Vec3::X * pixels * WALL_DEPTH / CAMERA.fx;
-        self.pose = Pose::from_matrix(Mat4::from_translation(shift)).unwrap();
+        self.pose = Pose::from_matrix(Mat4::from_translation(shift).as_dmat4()).unwrap().relative_to(DVec3::ZERO);
         self
     }
 
     fn frame(&self) -> RgbdFrame<'_> {
         let color = Image::filled(CAMERA.width, CAMERA.height, [0; 3]);
-        RgbdFrame::new("0", color, self.depth.clone(), CAMERA, self.pose).unwrap()
+        RgbdFrame::new("0", color, self.depth.clone(), CAMERA, self.pose.at(DVec3::ZERO)).unwrap()
     }
 }
 
@@ -158,7 +158,7 @@ fn a_new_view_replaces_the_old_one() {
     run.show(&Shot::screen((22..42, 15..25)));
     let screen = run.screen();
     assert_eq!((screen.region.left, screen.region.area, screen.last_seen), (22, 200, 1));
-    assert_eq!((screen.viewpoint.world_from_camera, screen.poor_views), (Pose::IDENTITY, 0));
+    assert_eq!((screen.viewpoint.map_from_camera, screen.poor_views), (LocalPose::IDENTITY, 0));
 }
 
 #[test]
@@ -173,7 +173,7 @@ fn a_view_that_the_images_border_cuts_off_does_not_replace_a_whole_one() {
     assert_eq!((run.screen().region.left, run.screen().last_seen), (20, 2), "about as it was predicted");
     run.show(&from_aside((0..14, 15..25)));
     assert_eq!((run.screen().region.left, run.screen().region.area), (0, 140), "four columns of 14 were not known");
-    assert_eq!(run.screen().viewpoint.world_from_camera, from_aside(PLACE).pose);
+    assert_eq!(run.screen().viewpoint.map_from_camera, from_aside(PLACE).pose);
 }
 
 #[test]
@@ -217,8 +217,10 @@ fn the_plane_that_served_so_far_is_kept_if_there_is_no_depth_around_any_more() {
     let mut run = Run::that_knows(PLACE);
     assert_eq!(run.screen().plane.support, plane::Support::Fit);
     // From half a metre nearer it is 4/3 times as large.
-    let nearer =
-        Shot { pose: Pose::from_matrix(Mat4::from_translation(Vec3::Z * 0.5)).unwrap(), ..nothing_around.clone() };
+    let nearer = Shot {
+        pose: Pose::from_matrix((Mat4::from_translation(Vec3::Z * 0.5)).as_dmat4()).unwrap().relative_to(DVec3::ZERO),
+        ..nothing_around.clone()
+    };
     let nearer = nearer.paint((17..43, 13..27), SCREEN, 0.0);
     run.show(&nearer);
     let kept = run.screen().plane;

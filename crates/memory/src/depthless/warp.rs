@@ -7,7 +7,7 @@
 use super::plane::Plane;
 use super::region::Region;
 use glam::{Mat3, Vec3};
-use splatseg_geometry::{Intrinsics, Pose};
+use splatseg_geometry::{Intrinsics, LocalPose};
 use std::ops::Range;
 
 /// A camera that is nearer to the plane than this fraction of the first one's distance does not see it.
@@ -19,7 +19,7 @@ const SAMPLES: usize = 256;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Viewpoint {
     pub intrinsics: Intrinsics,
-    pub world_from_camera: Pose,
+    pub map_from_camera: LocalPose,
 }
 
 /// Where a remembered region should be seen, whatever else is seen there.
@@ -41,9 +41,9 @@ pub(super) struct Warp {
 impl Warp {
     /// The region, seen by `from` and lying on `plane`, as `to` sees it; `None` if that is not at all.
     pub fn new(region: &Region, plane: &Plane, from: &Viewpoint, to: &Viewpoint) -> Option<Self> {
-        let to_rotation = to.world_from_camera.rotation().transpose();
-        let rotation = to_rotation * from.world_from_camera.rotation();
-        let shift = to_rotation * (from.world_from_camera.translation() - to.world_from_camera.translation());
+        let to_rotation = to.map_from_camera.rotation().transpose();
+        let rotation = to_rotation * from.map_from_camera.rotation();
+        let shift = to_rotation * (from.map_from_camera.translation() - to.map_from_camera.translation());
         let normal = plane.inverse;
         let motion = Mat3::from_cols(
             rotation.x_axis + shift * normal.x,
@@ -149,15 +149,17 @@ mod tests {
     use glam::{DVec2, DVec3, EulerRot, Mat4, Quat, Vec2};
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
-    use splatseg_geometry::SegmentMap;
+    use splatseg_geometry::{Pose, SegmentMap};
 
     const OLD: Intrinsics = Intrinsics { fx: 50.0, fy: 55.0, cx: 30.0, cy: 21.0, width: 64, height: 48 };
     const NEW: Intrinsics = Intrinsics { fx: 70.0, fy: 65.0, cx: 42.0, cy: 25.0, width: 80, height: 56 };
 
     fn viewpoint(intrinsics: Intrinsics, position: Vec3, angles: Vec3) -> Viewpoint {
         let rotation = Quat::from_euler(EulerRot::YXZ, angles.x, angles.y, angles.z);
-        let pose = Pose::from_matrix(Mat4::from_rotation_translation(rotation, position)).unwrap();
-        Viewpoint { intrinsics, world_from_camera: pose }
+        let pose = Pose::from_matrix(Mat4::from_rotation_translation(rotation, position).as_dmat4())
+            .unwrap()
+            .relative_to(DVec3::ZERO);
+        Viewpoint { intrinsics, map_from_camera: pose }
     }
 
     fn plane(inverse: Vec3) -> Plane {
@@ -180,8 +182,8 @@ mod tests {
     /// Ray casting: where the pixel of the new camera lies in the old image, if the plane is before both cameras, and its
     /// inverse z-depth in the new one.
     fn traced(at: DVec2, plane: &Plane, from: &Viewpoint, to: &Viewpoint) -> (Option<DVec2>, f64) {
-        let rotations = [from, to].map(|camera| camera.world_from_camera.rotation().as_dmat3());
-        let positions = [from, to].map(|camera| camera.world_from_camera.translation().as_dvec3());
+        let rotations = [from, to].map(|camera| camera.map_from_camera.rotation().as_dmat3());
+        let positions = [from, to].map(|camera| camera.map_from_camera.translation().as_dvec3());
         let (one, other) = (&to.intrinsics, &from.intrinsics);
         let ray = DVec3::new(
             (at.x - f64::from(one.cx)) / f64::from(one.fx),
@@ -203,8 +205,8 @@ mod tests {
     /// Compares a warp with ray casting; returns its pixels.
     fn check(region: &Region, plane: &Plane, from: &Viewpoint, to: &Viewpoint) -> usize {
         let warp = Warp::new(region, plane, from, to);
-        let shift = to.world_from_camera.translation() - from.world_from_camera.translation();
-        if 1.0 - (from.world_from_camera.rotation() * plane.inverse).dot(shift) <= MIN_DISTANCE_RATIO {
+        let shift = to.map_from_camera.translation() - from.map_from_camera.translation();
+        if 1.0 - (from.map_from_camera.rotation() * plane.inverse).dot(shift) <= MIN_DISTANCE_RATIO {
             assert!(warp.is_none(), "the plane is not before the new camera");
             return 0;
         }
@@ -261,8 +263,8 @@ mod tests {
     /// The same the other way: where a pixel of the old camera lies in the new image.
     fn traced_forward(at: DVec2, plane: &Plane, from: &Viewpoint, to: &Viewpoint) -> (Option<DVec2>, f64) {
         // The plane as the new camera has it.
-        let rotations = [from, to].map(|camera| camera.world_from_camera.rotation().as_dmat3());
-        let shift = (to.world_from_camera.translation() - from.world_from_camera.translation()).as_dvec3();
+        let rotations = [from, to].map(|camera| camera.map_from_camera.rotation().as_dmat3());
+        let shift = (to.map_from_camera.translation() - from.map_from_camera.translation()).as_dvec3();
         let normal = rotations[0] * plane.inverse.as_dvec3();
         let inverse = rotations[1].transpose() * normal / (1.0 - normal.dot(shift));
         traced(at, &super::tests::plane(inverse.as_vec3()), to, from)
@@ -276,13 +278,15 @@ mod tests {
         let mut seen = 0;
         for trial in 0..200 {
             let from = viewpoint(OLD, random(2.0), random(1.0));
-            let forward = from.world_from_camera.rotation().z_axis;
-            let moved = from.world_from_camera.translation() + random(0.4) + 0.4 * random(1.0).x * forward;
+            let forward = from.map_from_camera.rotation().z_axis;
+            let moved = from.map_from_camera.translation() + random(0.4) + 0.4 * random(1.0).x * forward;
             let rotation = random(0.3);
-            let turned = Mat4::from_mat3(from.world_from_camera.rotation())
+            let turned = Mat4::from_mat3(from.map_from_camera.rotation())
                 * Mat4::from_euler(EulerRot::YXZ, rotation.x, rotation.y, rotation.z);
-            let pose = Pose::from_matrix(Mat4::from_translation(moved) * turned).unwrap();
-            let to = Viewpoint { intrinsics: NEW, world_from_camera: pose };
+            let pose = Pose::from_matrix((Mat4::from_translation(moved) * turned).as_dmat4())
+                .unwrap()
+                .relative_to(DVec3::ZERO);
+            let to = Viewpoint { intrinsics: NEW, map_from_camera: pose };
             // Infinitely far, before the camera, and so steep that it ends within the image.
             let inverse = match trial % 5 {
                 0 => Vec3::ZERO,

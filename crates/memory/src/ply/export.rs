@@ -1,19 +1,20 @@
 //! Gaussians of a saved memory as PLY files that hold nothing but what other programs show.
 
+use super::header::origin_comment;
 use super::record::{LOGIT_OF_1, harmonic};
 use super::{SplatContentView, SplatFile};
 use crate::SplatMemory;
 use crate::backend::MapContent;
 use crate::map::SplatMap;
 use crate::splat_memory::or_none;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use splatseg_geometry::SegmentId;
 use std::io::{Result, Write};
 
 /// A Gaussian of a saved memory, and the segment that it shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExportedGaussian {
-    /// Centre, world coordinates, metres.
+    /// Centre, metres, relative to the origin of its memory.
     pub mean: Vec3,
     /// Standard deviation in every direction, metres.
     pub radius: f32,
@@ -64,9 +65,19 @@ impl ExportedForm {
         }
     }
 
+    /// Whether positions are written as `double`: where `float` has too few digits, and readers of the form take it.
+    fn is_double(self, origin: DVec3) -> bool {
+        self == Self::Points && origin != DVec3::ZERO
+    }
+
     /// Appends the vertex of a Gaussian, little-endian.
-    fn encode(self, gaussian: &ExportedGaussian, bytes: &mut Vec<u8>) {
-        bytes.extend(gaussian.mean.to_array().into_iter().flat_map(f32::to_le_bytes));
+    fn encode(self, gaussian: &ExportedGaussian, origin: DVec3, bytes: &mut Vec<u8>) {
+        if self.is_double(origin) {
+            let mean = gaussian.mean.as_dvec3() + origin;
+            bytes.extend(mean.to_array().into_iter().flat_map(f64::to_le_bytes));
+        } else {
+            bytes.extend(gaussian.mean.to_array().into_iter().flat_map(f32::to_le_bytes));
+        }
         match self {
             Self::Gaussians => {
                 let [red, green, blue] = gaussian.color.map(harmonic);
@@ -132,21 +143,34 @@ impl SplatContentView<'_> {
     }
 }
 
-/// Writes Gaussians as a binary little-endian PLY file.
+/// Writes Gaussians as a binary little-endian PLY file. Their coordinates are relative to `origin` (world coordinates,
+/// metres); if that is not zero, points are written in world coordinates as `double`, and a comment states the origin of
+/// Gaussians.
 ///
 /// # Errors
 /// If `output` cannot be written.
-pub fn write_exported(form: ExportedForm, gaussians: &[ExportedGaussian], output: &mut impl Write) -> Result<()> {
-    let count = gaussians.len();
-    write!(output, "ply\nformat binary_little_endian 1.0\ncomment exported by splatseg\nelement vertex {count}\n")?;
+pub fn write_exported(
+    form: ExportedForm,
+    origin: DVec3,
+    gaussians: &[ExportedGaussian],
+    output: &mut impl Write,
+) -> Result<()> {
+    let (count, is_double) = (gaussians.len(), form.is_double(origin));
+    write!(output, "ply\nformat binary_little_endian 1.0\ncomment exported by splatseg\n")?;
+    if !is_double {
+        output.write_all(origin_comment(origin).as_bytes())?;
+    }
+    writeln!(output, "element vertex {count}")?;
     for property in form.properties() {
+        let is_position = is_double && ["float x", "float y", "float z"].contains(property);
+        let property = if is_position { property.replace("float", "double") } else { (*property).to_owned() };
         writeln!(output, "property {property}")?;
     }
     writeln!(output, "end_header")?;
     let mut vertex = Vec::new();
     for gaussian in gaussians {
         vertex.clear();
-        form.encode(gaussian, &mut vertex);
+        form.encode(gaussian, origin, &mut vertex);
         output.write_all(&vertex)?;
     }
     Ok(())

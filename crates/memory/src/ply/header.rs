@@ -4,12 +4,16 @@ use super::VERSION;
 use super::error::SplatFileError;
 use super::layout::{Layout, Sizes};
 use crate::short_term::MAX_BYTES;
+use glam::DVec3;
+use splatseg_geometry::Pose;
 use std::fmt::Write;
 use std::io::{BufRead, Read};
 use std::path::Path;
 
 /// Longer headers are none of ours: the largest feature has 2^16 dimensions.
 const MAX_HEADER_BYTES: u64 = 1 << 22;
+/// Beginning of the comment that states the origin of the coordinates.
+const ORIGIN: &str = "comment origin ";
 /// How much of a strange line an error shows.
 const SHOWN_CHARS: usize = 100;
 
@@ -19,10 +23,12 @@ pub struct Header {
     pub bytes: Vec<u8>,
     /// What it announces.
     pub sizes: Sizes,
+    /// Origin of the coordinates, world coordinates, metres.
+    pub origin: DVec3,
 }
 
 /// The header of a file.
-pub fn format(sizes: &Sizes) -> String {
+pub fn format(sizes: &Sizes, origin: DVec3) -> String {
     let (kind, segments) = (sizes.layout.kind().name(), sizes.segments);
     let mut text = String::from("ply\nformat binary_little_endian 1.0\n");
     // Writing to a string cannot fail.
@@ -31,12 +37,30 @@ pub fn format(sizes: &Sizes) -> String {
         let _ = write!(text, "feature_dim {feature_dim} codes {codes} ");
     }
     let _ = writeln!(text, "segments {segments} short_term {}", sizes.short_term);
+    text.push_str(&origin_comment(origin));
     let _ = writeln!(text, "element vertex {}", sizes.gaussians);
     for (kind, name) in sizes.layout.properties() {
         let _ = writeln!(text, "property {kind} {name}");
     }
     text.push_str("end_header\n");
     text
+}
+
+/// The line that states the origin of the coordinates; none for that of the world.
+pub fn origin_comment(origin: DVec3) -> String {
+    if origin == DVec3::ZERO { String::new() } else { format!("{ORIGIN}{} {} {}\n", origin.x, origin.y, origin.z) }
+}
+
+/// The origin that a comment states.
+fn read_origin(lines: &[&str], path: &Path) -> Result<DVec3, SplatFileError> {
+    let Some((line, numbers)) = lines.iter().find_map(|line| Some((line, line.strip_prefix(ORIGIN)?))) else {
+        return Ok(DVec3::ZERO);
+    };
+    let numbers: Option<Vec<f64>> = numbers.split(' ').map(|number| number.parse().ok()).collect();
+    let origin = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok()).map(DVec3::from_array);
+    let is_possible = |origin: &DVec3| origin.abs().cmple(DVec3::splat(Pose::MAX_DISTANCE)).all();
+    let expected = || format!("three numbers up to {:e}", Pose::MAX_DISTANCE);
+    origin.filter(is_possible).ok_or_else(|| header_error(path, line, &expected()))
 }
 
 /// Reads the header and leaves `reader` at the first vertex.
@@ -53,6 +77,7 @@ pub fn read(reader: &mut impl BufRead, path: &Path) -> Result<Header, SplatFileE
         return Err(SplatFileError::NotAMemory { path: path.to_owned() });
     };
     let (layout, segments, short_term) = read_announcement(announced, path)?;
+    let origin = read_origin(&lines, path)?;
     let mut body = lines.into_iter().filter(|line| !line.starts_with("comment ") && !line.starts_with("format "));
     let element = body.next().unwrap_or_default();
     let Some(Ok(gaussians)) = element.strip_prefix("element vertex ").map(str::parse) else {
@@ -67,7 +92,7 @@ pub fn read(reader: &mut impl BufRead, path: &Path) -> Result<Header, SplatFileE
     }
     let sizes = Sizes { gaussians, segments, layout, short_term };
     sizes.check_segments(path)?;
-    Ok(Header { sizes, bytes })
+    Ok(Header { sizes, origin, bytes })
 }
 
 /// What our comment says behind "splatseg memory": kind of content, number of segments, and bytes of what is saved

@@ -24,7 +24,14 @@
 //! end_header
 //! ```
 //!
-//! (one property a line). A memory of features has another comment, and features in place of votes:
+//! (one property a line). Far from the world's origin, coordinates are relative to another one, which a further comment states
+//! (world coordinates, metres): add it to `x`, `y` and `z`.
+//!
+//! ```text
+//! comment origin 500000 5400000 0
+//! ```
+//!
+//! A memory of features has another comment, and features in place of votes:
 //!
 //! ```text
 //! comment splatseg memory 4 kind features feature_dim 28 codes 512 segments 40 short_term 812
@@ -78,6 +85,7 @@ pub use export::{ExportedForm, ExportedGaussian, write_exported};
 pub use saved_settings::{SavedCodes, SavedMemorySettings};
 
 use crate::{Codebook, MemoryKind, SplatMap, Votes};
+use glam::DVec3;
 use splatseg_geometry::SegmentId;
 use std::path::Path;
 
@@ -89,6 +97,8 @@ const CHUNK_BYTES: usize = 1 << 18;
 /// A splat memory as it is loaded from a file: N Gaussians, S segment ids.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SplatFile {
+    /// Origin of the Gaussians' coordinates: world coordinates, metres.
+    pub origin: DVec3,
     /// The Gaussians, N entries.
     pub map: SplatMap,
     /// What they remember of segments, N entries.
@@ -127,6 +137,8 @@ pub enum SplatContent {
 /// A splat memory to be saved, borrowed: the same fields as [`SplatFile`], without a copy of the memory.
 #[derive(Clone, Copy, Debug)]
 pub struct SplatFileView<'a> {
+    /// Origin of the Gaussians' coordinates: world coordinates, metres.
+    pub origin: DVec3,
     /// The Gaussians, N entries.
     pub map: &'a SplatMap,
     /// What they remember of segments, N entries.
@@ -184,6 +196,7 @@ impl SplatFile {
     /// The same, borrowed.
     pub fn view(&self) -> SplatFileView<'_> {
         SplatFileView {
+            origin: self.origin,
             map: &self.map,
             content: self.content.view(),
             segment_ids: &self.segment_ids,

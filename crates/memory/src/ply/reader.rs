@@ -7,6 +7,7 @@ use super::record::{self, Records};
 use super::trailer::{Contents, Trailer};
 use super::{CHUNK_BYTES, SplatContent, SplatFile};
 use crc32fast::Hasher;
+use glam::DVec3;
 use splatseg_input::open_file;
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -17,7 +18,7 @@ pub fn load(path: &Path) -> Result<SplatFile, SplatFileError> {
     let file = open_file(path).map_err(SplatFileError::io(path, "open"))?;
     let length = file.metadata().map_err(SplatFileError::io(path, "read"))?.len();
     let mut file = BufReader::with_capacity(CHUNK_BYTES, file);
-    let Header { bytes, sizes } = header::read(&mut file, path)?;
+    let Header { bytes, sizes, origin } = header::read(&mut file, path)?;
     check_length(&sizes, bytes.len(), length, path)?;
     let mut input = Input { file, crc: Hasher::new(), path };
     input.crc.update(&bytes);
@@ -26,7 +27,7 @@ pub fn load(path: &Path) -> Result<SplatFile, SplatFileError> {
     input.check_checksum()?;
     // Only now: where bytes were altered, that is the better message.
     outcome?;
-    assemble(records, trailer.checked(&sizes, path)?, path)
+    assemble(origin, records, trailer.checked(&sizes, path)?, path)
 }
 
 /// Refuses a file of another length than its header announces. Memory is taken only for what has passed here.
@@ -59,7 +60,7 @@ fn read_records(sizes: &Sizes, input: &mut Input<'_>) -> Result<(Records, Result
     Ok((records, outcome))
 }
 
-fn assemble(records: Records, contents: Contents, path: &Path) -> Result<SplatFile, SplatFileError> {
+fn assemble(origin: DVec3, records: Records, contents: Contents, path: &Path) -> Result<SplatFile, SplatFileError> {
     let Records { map, votes, features, segment_ids } = records;
     let Contents { frames, codebook, ids, sightings, carried, short_term } = contents;
     record::check_last_seen(&map.last_seen, frames, path)?;
@@ -68,7 +69,7 @@ fn assemble(records: Records, contents: Contents, path: &Path) -> Result<SplatFi
         None => SplatContent::Evidence { votes },
         Some(codebook) => SplatContent::Features { features, codebook },
     };
-    Ok(SplatFile { map, content, segment_ids, ids, sightings, carried, frames, short_term })
+    Ok(SplatFile { origin, map, content, segment_ids, ids, sightings, carried, frames, short_term })
 }
 
 /// The file behind its header, and the checksum of what was read.

@@ -42,7 +42,7 @@ impl SavedMemorySettings {
         let file = open_file(path).map_err(SplatFileError::io(path, "open"))?;
         let length = file.metadata().map_err(SplatFileError::io(path, "open"))?.len();
         let mut file = BufReader::new(file);
-        let Header { bytes, sizes } = header::read(&mut file, path)?;
+        let Header { bytes, sizes, .. } = header::read(&mut file, path)?;
         reader::check_length(&sizes, bytes.len(), length, path)?;
         let codes = match sizes.layout {
             Layout::Evidence => None,

@@ -53,7 +53,7 @@ fn write_file(
     file: &mut AtomicFile,
 ) -> Result<(), SplatFileError> {
     let mut output = Output { file: BufWriter::new(file), crc: Hasher::new(), path: path.to_owned() };
-    output.write(header::format(sizes).as_bytes())?;
+    output.write(header::format(sizes, view.origin).as_bytes())?;
     let mut chunk = Vec::with_capacity(CHUNK_BYTES + sizes.layout.record_bytes() as usize);
     for index in 0..view.map.len() {
         record::encode(view, index, path, &mut chunk)?;

@@ -16,9 +16,9 @@ pub(crate) use saved::SavedRecentFrames;
 
 use crate::recall::Recall;
 use crate::{ABSTAIN, FrameTrust, MemorySettings};
-use glam::Quat;
+use glam::{DVec3, Quat};
 use sketch::Sketch;
-use splatseg_geometry::{Pose, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_geometry::{LocalPose, Pose, RgbdFrame, SegmentId, SegmentMap};
 use std::collections::{BTreeSet, VecDeque};
 
 /// Frames agree if this share of the pixels that both show has the same depth.
@@ -38,6 +38,9 @@ const MIN_JUMP: f32 = 0.1;
 
 /// ...unless it turns by at least this, radians.
 const MIN_TURN_OF_JUMP: f32 = 0.05;
+
+/// No camera moves so far, metres, from one frame to the next while its image stays the same.
+const MAX_STEP: f32 = 100.0;
 
 /// Contradicting frames that are kept for comparison.
 const MAX_CONTRADICTING: usize = 3;
@@ -63,8 +66,10 @@ pub(crate) struct RecentFrames {
     contradicting: VecDeque<Sketch>,
     /// Summed support of those frames.
     support: u8,
-    /// The last jump, which may be undone: the transform from the coordinates before it.
+    /// The last jump, which may be undone: the transform from the world before it.
     last_jump: Option<Pose>,
+    /// Frames in a row that were taken far from the map.
+    far_frames: u8,
 }
 
 /// The previous frame.
@@ -74,14 +79,14 @@ struct PreviousFrame {
     /// Its predictions, `[height, width]`.
     ids: SegmentMap,
     /// The camera's motion before it: previous camera from camera.
-    motion: Pose,
+    motion: LocalPose,
     /// Whether masks of the next frame may take its ids although no Gaussian has them yet.
     is_linked: bool,
 }
 
 impl RecentFrames {
     /// Whether a frame, taken at `pose`, is to be trusted if it contradicts the map.
-    pub fn trust(&self, frame: &RgbdFrame<'_>, pose: &Pose, settings: &MemorySettings) -> FrameTrust {
+    pub fn trust(&self, frame: &RgbdFrame<'_>, pose: &LocalPose, settings: &MemorySettings) -> FrameTrust {
         match self.support_with(frame, pose, settings) {
             Some(support) if support >= TRUSTED_SUPPORT => FrameTrust::Confirmed,
             _ => FrameTrust::Alone,
@@ -89,7 +94,7 @@ impl RecentFrames {
     }
 
     /// The support of the contradicting frames together with this one; `None` if it does not agree with them.
-    fn support_with(&self, frame: &RgbdFrame<'_>, pose: &Pose, settings: &MemorySettings) -> Option<u8> {
+    fn support_with(&self, frame: &RgbdFrame<'_>, pose: &LocalPose, settings: &MemorySettings) -> Option<u8> {
         let agreements = self.contradicting.iter().map(|sketch| sketch.depth_agreement(frame, pose, settings));
         let best = agreements.flatten().reduce(f32::max);
         match best {
@@ -100,27 +105,30 @@ impl RecentFrames {
         }
     }
 
-    /// The transform to the coordinates of the frame's pose from those of earlier poses, if they differ.
-    pub fn jump(&self, frame: &RgbdFrame<'_>, settings: &MemorySettings) -> Option<Pose> {
+    /// The transform to the world of the frame's pose from that of earlier poses, if they differ. The map's coordinates have
+    /// this `origin`.
+    pub fn jump(&self, frame: &RgbdFrame<'_>, origin: DVec3, settings: &MemorySettings) -> Option<Pose> {
         let previous = self.previous.as_ref()?;
-        let agreement = |pose: &Pose| previous.sketch.agreement(frame, pose, settings);
+        let agreement = |pose: &LocalPose| previous.sketch.agreement(frame, pose, settings);
         // Of a frame that should show another place nothing can be said: places look alike.
-        let reported = agreement(frame.world_from_camera())?;
-        let gain = |pose: &Pose| {
+        let reported_pose = frame.world_from_camera().relative_to(origin);
+        let still = previous.sketch.map_from_camera;
+        let is_elsewhere = reported_pose.translation().distance(still.translation()) >= MAX_STEP;
+        let reported = agreement(&reported_pose).or(is_elsewhere.then_some(0.0))?;
+        let gain = |pose: &LocalPose| {
             let found = agreement(pose).unwrap_or(0.0);
             if found >= MIN_AGREEMENT_AFTER_JUMP { found - reported } else { 0.0 }
         };
         if let Some(last) = &self.last_jump
-            && gain(&(*last * *frame.world_from_camera())) >= MIN_GAIN_OF_RETURN
+            && gain(&(*last * *frame.world_from_camera()).relative_to(origin)) >= MIN_GAIN_OF_RETURN
         {
             return Some(last.inverse());
         }
-        let still = previous.sketch.world_from_camera;
         let assumed = [still, still * previous.motion];
         let [of_still, of_moving] = [gain(&assumed[0]), gain(&assumed[1])];
         let (best, pose) = if of_moving > of_still { (of_moving, assumed[1]) } else { (of_still, assumed[0]) };
-        let has_jumped = best >= MIN_GAIN_OF_JUMP && is_jump(&pose, frame.world_from_camera());
-        has_jumped.then(|| *frame.world_from_camera() * pose.inverse())
+        let has_jumped = best >= MIN_GAIN_OF_JUMP && is_jump(&pose, &reported_pose);
+        has_jumped.then(|| *frame.world_from_camera() * pose.at(origin).inverse())
     }
 
     /// Adds the ids of the previous frame to what the map expects, if the frame contradicts the map: where that expects
@@ -131,7 +139,7 @@ impl RecentFrames {
         if !recall.links_previous {
             return;
         }
-        let ids = previous.seen_from(recall.frame, settings);
+        let ids = previous.seen_from(recall.frame, &recall.map_from_camera, settings);
         let belief = recall.belief.segments.pixels_mut().iter_mut().zip(recall.belief.confidence.pixels_mut());
         for ((segment, confidence), id) in belief.zip(ids.pixels()) {
             if *segment == 0 && *id != 0 {
@@ -143,9 +151,9 @@ impl RecentFrames {
     /// Records a frame with its predictions.
     pub fn record(&mut self, recall: &Recall<'_>, predicted: &SegmentMap, settings: &MemorySettings) {
         let frame = recall.frame;
-        let sketch = Sketch::new(frame);
+        let sketch = Sketch::new(frame, &recall.map_from_camera);
         if recall.contradicts_map {
-            match self.support_with(frame, frame.world_from_camera(), settings) {
+            match self.support_with(frame, &recall.map_from_camera, settings) {
                 Some(support) => self.support = support,
                 None => {
                     self.contradicting.clear();
@@ -160,8 +168,8 @@ impl RecentFrames {
             self.contradicting.clear();
             self.support = 0;
         }
-        let before = self.previous.as_ref().map(|previous| previous.sketch.world_from_camera);
-        let motion = before.map_or(Pose::IDENTITY, |before| before.inverse() * sketch.world_from_camera);
+        let before = self.previous.as_ref().map(|previous| previous.sketch.map_from_camera);
+        let motion = before.map_or(LocalPose::IDENTITY, |before| before.inverse() * sketch.map_from_camera);
         let ids = predicted.map(|id| if *id == ABSTAIN { 0 } else { *id });
         self.previous = Some(PreviousFrame { sketch, ids, motion, is_linked: recall.links_previous });
     }
@@ -172,24 +180,33 @@ impl RecentFrames {
         held.map_or_else(BTreeSet::new, |previous| previous.ids.areas().into_keys().collect())
     }
 
-    /// Moves everything along with the map after a jump.
-    pub fn transform(&mut self, new_from_old: &Pose) {
+    /// Moves everything along with the map, to other coordinates.
+    pub fn transform(&mut self, new_from_old: &LocalPose) {
         let previous = self.previous.iter_mut().map(|previous| &mut previous.sketch);
         for sketch in previous.chain(&mut self.contradicting) {
-            sketch.world_from_camera = *new_from_old * sketch.world_from_camera;
+            sketch.map_from_camera = *new_from_old * sketch.map_from_camera;
         }
-        self.last_jump = Some(*new_from_old);
+    }
+
+    /// Counts the frames in a row that were taken far from the map.
+    pub fn count_far_frame(&mut self, is_far: bool) -> u8 {
+        self.far_frames = if is_far { self.far_frames.saturating_add(1) } else { 0 };
+        self.far_frames
+    }
+
+    /// Records a jump, which may be undone.
+    pub fn note_jump(&mut self, jump: &Pose) {
+        self.last_jump = Some(*jump);
     }
 }
 
 impl PreviousFrame {
     /// The ids as the camera of `frame` sees them, `[height, width]`: of pixels where both frames show the same surface,
     /// with the camera moved by the relative pose or not at all, whichever fits more pixels.
-    fn seen_from(&self, frame: &RgbdFrame<'_>, settings: &MemorySettings) -> SegmentMap {
-        let still = self.sketch.world_from_camera;
-        let agreement = |pose: &Pose| self.sketch.agreement(frame, pose, settings).unwrap_or(0.0);
-        let moved = *frame.world_from_camera();
-        let pose = if agreement(&moved) >= agreement(&still) { moved } else { still };
+    fn seen_from(&self, frame: &RgbdFrame<'_>, moved: &LocalPose, settings: &MemorySettings) -> SegmentMap {
+        let still = self.sketch.map_from_camera;
+        let agreement = |pose: &LocalPose| self.sketch.agreement(frame, pose, settings).unwrap_or(0.0);
+        let pose = if agreement(moved) >= agreement(&still) { *moved } else { still };
         let previous_from_current = still.inverse() * pose;
         SegmentMap::from_fn(frame.width(), frame.height(), |column, row| {
             let pixel = self.sketch.same_surface(frame, (column, row), &previous_from_current, settings);
@@ -199,7 +216,7 @@ impl PreviousFrame {
 }
 
 /// Whether two poses are too far apart for successive frames.
-fn is_jump(one: &Pose, other: &Pose) -> bool {
+fn is_jump(one: &LocalPose, other: &LocalPose) -> bool {
     let step = one.inverse() * *other;
     let turn = Quat::from_mat3(&step.rotation()).to_axis_angle().1;
     step.translation().length() >= MIN_JUMP || turn >= MIN_TURN_OF_JUMP

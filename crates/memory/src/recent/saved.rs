@@ -3,7 +3,7 @@
 use super::sketch::{MAX_SIDE, Sketch, grid};
 use super::{MAX_CONTRADICTING, PreviousFrame, RecentFrames};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{Intrinsics, Pose, SegmentId, SegmentMap};
+use splatseg_geometry::{Intrinsics, LocalPose, Pose, SegmentId, SegmentMap};
 use splatseg_input::MemoryLimit;
 
 /// [`RecentFrames`] as they are saved. Older files lack them.
@@ -14,6 +14,8 @@ pub(crate) struct SavedRecentFrames {
     contradicting: Vec<SavedSketch>,
     support: u8,
     last_jump: Option<Pose>,
+    #[serde(default)]
+    far_frames: u8,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -22,7 +24,7 @@ struct SavedPreviousFrame {
     sketch: SavedSketch,
     /// Runs of pixels with the same id, row-major: id and length.
     ids: Vec<(SegmentId, u32)>,
-    motion: Pose,
+    motion: LocalPose,
     is_linked: bool,
 }
 
@@ -30,7 +32,8 @@ struct SavedPreviousFrame {
 #[serde(deny_unknown_fields)]
 struct SavedSketch {
     intrinsics: Intrinsics,
-    world_from_camera: Pose,
+    #[serde(rename = "world_from_camera")]
+    map_from_camera: LocalPose,
     depth: Vec<f32>,
     color: Vec<[u8; 3]>,
 }
@@ -45,7 +48,8 @@ impl RecentFrames {
             is_linked: previous.is_linked,
         });
         let contradicting = self.contradicting.iter().map(Sketch::saved).collect();
-        SavedRecentFrames { previous, contradicting, support: self.support, last_jump: self.last_jump }
+        let Self { support, last_jump, far_frames, .. } = *self;
+        SavedRecentFrames { previous, contradicting, support, last_jump, far_frames }
     }
 
     /// What was saved, of a memory whose largest id is `highest`.
@@ -53,26 +57,26 @@ impl RecentFrames {
     /// # Errors
     /// If no memory can have it, or it would take more memory than the limit.
     pub fn restored(saved: SavedRecentFrames, highest: SegmentId) -> Result<Self, String> {
-        let SavedRecentFrames { previous, contradicting, support, last_jump } = saved;
+        let SavedRecentFrames { previous, contradicting, support, last_jump, far_frames } = saved;
         if contradicting.len() > MAX_CONTRADICTING {
             return Err(format!("{} contradicting frames, expected at most {MAX_CONTRADICTING}", contradicting.len()));
         }
         let previous = previous.map(|previous| previous.restored(highest)).transpose()?;
         let contradicting = contradicting.into_iter().map(SavedSketch::restored).collect::<Result<_, _>>()?;
-        Ok(Self { previous, contradicting, support, last_jump })
+        Ok(Self { previous, contradicting, support, last_jump, far_frames })
     }
 }
 
 impl Sketch {
     fn saved(&self) -> SavedSketch {
-        let Self { intrinsics, world_from_camera, depth, color } = self.clone();
-        SavedSketch { intrinsics, world_from_camera, depth, color }
+        let Self { intrinsics, map_from_camera, depth, color } = self.clone();
+        SavedSketch { intrinsics, map_from_camera, depth, color }
     }
 }
 
 impl SavedSketch {
     fn restored(self) -> Result<Sketch, String> {
-        let Self { intrinsics, world_from_camera, depth, color } = self;
+        let Self { intrinsics, map_from_camera, depth, color } = self;
         let intrinsics = intrinsics.validated().map_err(|error| error.to_string())?;
         let (columns, rows) = grid(&intrinsics);
         let is_depth = |depth: &f32| depth.is_finite() && *depth >= 0.0;
@@ -81,7 +85,7 @@ impl SavedSketch {
             let (depths, colors) = (depth.len(), color.len());
             return Err(format!("a recent frame has {depths} depths and {colors} colours, expected {columns}x{rows}"));
         }
-        Ok(Sketch { intrinsics, world_from_camera, depth, color })
+        Ok(Sketch { intrinsics, map_from_camera, depth, color })
     }
 }
 
@@ -116,14 +120,14 @@ mod tests {
         let intrinsics = Intrinsics { fx: 50.0, fy: 50.0, cx: 1.5, cy: 1.0, width: 4, height: 3 };
         let sketch = SavedSketch {
             intrinsics,
-            world_from_camera: Pose::IDENTITY,
+            map_from_camera: LocalPose::IDENTITY,
             depth: vec![1.0; 12],
             color: vec![[7; 3]; 12],
         };
         let previous = SavedPreviousFrame {
             sketch: sketch.clone(),
             ids: vec![(3, 5), (0, 7)],
-            motion: Pose::IDENTITY,
+            motion: LocalPose::IDENTITY,
             is_linked: true,
         };
         SavedRecentFrames {
@@ -131,6 +135,7 @@ mod tests {
             contradicting: vec![sketch; MAX_CONTRADICTING],
             support: 2,
             last_jump: Some(Pose::IDENTITY),
+            far_frames: 2,
         }
     }
 

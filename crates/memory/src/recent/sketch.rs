@@ -2,7 +2,7 @@
 
 use crate::MemorySettings;
 use glam::Vec2;
-use splatseg_geometry::{Intrinsics, Pose, RgbdFrame};
+use splatseg_geometry::{Intrinsics, LocalPose, RgbdFrame};
 
 /// Samples per row and column, at most.
 pub(super) const MAX_SIDE: usize = 80;
@@ -18,8 +18,7 @@ const MAX_COLOR_DIFFERENCE: u8 = 24;
 pub(super) struct Sketch {
     /// Of the whole frame.
     pub intrinsics: Intrinsics,
-    /// Coordinates of the map.
-    pub world_from_camera: Pose,
+    pub map_from_camera: LocalPose,
     /// z-depth in metres, 0 where missing, at every `stride`-th pixel of every `stride`-th row.
     pub depth: Vec<f32>,
     /// sRGB, at the same pixels.
@@ -38,8 +37,8 @@ pub(super) fn grid(intrinsics: &Intrinsics) -> (usize, usize) {
 }
 
 impl Sketch {
-    /// The sketch of a frame.
-    pub fn new(frame: &RgbdFrame<'_>) -> Self {
+    /// The sketch of a frame that was taken at a pose in the coordinates of the map.
+    pub fn new(frame: &RgbdFrame<'_>, map_from_camera: &LocalPose) -> Self {
         let intrinsics = *frame.intrinsics();
         let stride = stride(&intrinsics);
         let pixels = || {
@@ -48,7 +47,7 @@ impl Sketch {
         };
         Self {
             intrinsics,
-            world_from_camera: *frame.world_from_camera(),
+            map_from_camera: *map_from_camera,
             depth: pixels().map(|pixel| frame.depth()[pixel]).collect(),
             color: pixels().map(|pixel| frame.color()[pixel]).collect(),
         }
@@ -56,23 +55,23 @@ impl Sketch {
 
     /// The share of the samples in view that have the same depth and colour in `frame`, if its camera is at `pose`.
     /// `None` if too few are in view.
-    pub fn agreement(&self, frame: &RgbdFrame<'_>, pose: &Pose, settings: &MemorySettings) -> Option<f32> {
+    pub fn agreement(&self, frame: &RgbdFrame<'_>, pose: &LocalPose, settings: &MemorySettings) -> Option<f32> {
         self.share(frame, pose, settings, |sample, pixel| is_same_color(self.color[sample], frame.color()[pixel]))
     }
 
     /// The same by depth alone.
-    pub fn depth_agreement(&self, frame: &RgbdFrame<'_>, pose: &Pose, settings: &MemorySettings) -> Option<f32> {
+    pub fn depth_agreement(&self, frame: &RgbdFrame<'_>, pose: &LocalPose, settings: &MemorySettings) -> Option<f32> {
         self.share(frame, pose, settings, |_, _| true)
     }
 
     fn share(
         &self,
         frame: &RgbdFrame<'_>,
-        pose: &Pose,
+        pose: &LocalPose,
         settings: &MemorySettings,
         is_same: impl Fn(usize, (usize, usize)) -> bool,
     ) -> Option<f32> {
-        let camera_from_old = pose.inverse() * self.world_from_camera;
+        let camera_from_old = pose.inverse() * self.map_from_camera;
         let (stride, (columns, _)) = (stride(&self.intrinsics), grid(&self.intrinsics));
         let (mut shared, mut same) = (0usize, 0usize);
         for (sample, depth) in self.depth.iter().enumerate().filter(|(_, depth)| **depth > 0.0) {
@@ -95,12 +94,12 @@ impl Sketch {
         &self,
         frame: &RgbdFrame<'_>,
         pixel: (usize, usize),
-        old_from_camera: &Pose,
+        old_from_camera: &LocalPose,
         settings: &MemorySettings,
     ) -> Option<(usize, usize)> {
         let depth = frame.depth()[pixel];
         if depth == 0.0 {
-            let is_still = *old_from_camera == Pose::IDENTITY && self.intrinsics == *frame.intrinsics();
+            let is_still = *old_from_camera == LocalPose::IDENTITY && self.intrinsics == *frame.intrinsics();
             return (is_still && self.depths_around(pixel).all(|old| old == 0.0)).then_some(pixel);
         }
         let at = Vec2::new(pixel.0 as f32, pixel.1 as f32);

@@ -1,7 +1,7 @@
 //! What other programs get of a saved memory.
 
 use super::sample::{SEGMENTS, features, sample, with_content};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use splatseg_memory::{ExportedForm, ExportedGaussian, MemoryKind, SplatContent, Votes, write_exported};
 
 const GAUSSIAN: ExportedGaussian = ExportedGaussian {
@@ -13,8 +13,12 @@ const GAUSSIAN: ExportedGaussian = ExportedGaussian {
 };
 
 fn written(form: ExportedForm, gaussians: &[ExportedGaussian]) -> (String, Vec<u8>) {
+    written_at(DVec3::ZERO, form, gaussians)
+}
+
+fn written_at(origin: DVec3, form: ExportedForm, gaussians: &[ExportedGaussian]) -> (String, Vec<u8>) {
     let mut bytes = Vec::new();
-    write_exported(form, gaussians, &mut bytes).unwrap();
+    write_exported(form, origin, gaussians, &mut bytes).unwrap();
     let end = b"end_header\n";
     let body = bytes.windows(end.len()).position(|window| window == end).unwrap() + end.len();
     let rest = bytes.split_off(body);
@@ -32,6 +36,18 @@ fn points_have_a_place_a_colour_and_a_segment() {
     );
     let vertex = [&1f32.to_le_bytes()[..], &(-2f32).to_le_bytes(), &3.5f32.to_le_bytes(), &[255, 0, 128, 77, 0, 0, 0]];
     assert_eq!(body, [vertex.concat(), vertex.concat()].concat());
+}
+
+#[test]
+fn far_points_are_doubles_and_far_gaussians_state_their_origin() {
+    let far = DVec3::new(500_000.0, 5_400_000.0, -16.0);
+    let (header, body) = written_at(far, ExportedForm::Points, &[GAUSSIAN]);
+    assert!(header.contains("element vertex 1\nproperty double x\nproperty double y\nproperty double z\n"), "{header}");
+    let place = [500_001.0, 5_399_998.0, -12.5f64].map(f64::to_le_bytes).concat();
+    assert_eq!(body, [&place[..], &[255, 0, 128, 77, 0, 0, 0]].concat());
+    let (header, body) = written_at(far, ExportedForm::Gaussians, &[GAUSSIAN]);
+    assert!(header.contains("comment exported by splatseg\ncomment origin 500000 5400000 -16\nelement"), "{header}");
+    assert_eq!(body, written(ExportedForm::Gaussians, &[GAUSSIAN]).1);
 }
 
 #[test]

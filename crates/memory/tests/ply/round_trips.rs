@@ -1,7 +1,7 @@
 //! What is saved comes back.
 
 use crate::sample::{KINDS, features, place, sample, saved, with_content};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use proptest::prelude::*;
 use splatseg_memory::{
     Codebook, CodebookSettings, MemoryKind, SavedMemorySettings, SplatContent, SplatFile, SplatMap, Votes,
@@ -127,7 +127,9 @@ proptest! {
         sightings in any::<[u32; MAX_ID as usize]>(),
         carried in any::<[bool; MAX_ID as usize]>(),
         short_term in any::<Vec<u8>>(),
+        origin in prop_oneof![Just([0.0; 3]), proptest::array::uniform3(-1e9f64..1e9)],
     ) {
+        let origin = DVec3::from(origin);
         let mut map = SplatMap::default();
         let (mut all_votes, mut all_features, mut segment_ids) = (vec![], vec![], vec![]);
         for (one, votes, feature, segment_id) in gaussians {
@@ -144,7 +146,7 @@ proptest! {
             let (map, segment_ids, short_term) = (map.clone(), segment_ids.clone(), short_term.clone());
             let (sightings, carried) = (sightings.to_vec(), carried.to_vec());
             let ids = (1..=MAX_ID).collect();
-            let file = SplatFile { map, content, segment_ids, ids, sightings, carried, frames: 9, short_term };
+            let file = SplatFile { origin, map, content, segment_ids, ids, sightings, carried, frames: 9, short_term };
             prop_assert_eq!(&reloaded(&file), &file);
             // Equality takes −0 for 0; the bytes do not.
             prop_assert_eq!(saved(&reloaded(&file)), saved(&file));

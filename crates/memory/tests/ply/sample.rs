@@ -1,6 +1,6 @@
 //! Memories to be saved, and the bytes that they are saved as.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use splatseg_memory::{
     Codebook, CodebookSettings, MemoryKind, SplatContent, SplatFile, SplatFileError, SplatMap, Votes,
 };
@@ -57,6 +57,7 @@ pub fn with_content(content: SplatContent, count: usize) -> SplatFile {
         map.seen_through.push([0, 2, 255][index % 3]);
     }
     SplatFile {
+        origin: DVec3::ZERO,
         map,
         content,
         segment_ids: (0..count).map(|index| (index % (SEGMENTS + 1)) as u32).collect(),

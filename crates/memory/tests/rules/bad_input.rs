@@ -22,7 +22,7 @@ fn survives(settings: MemorySettings, disturb: impl Fn(&mut Run, &Shot)) -> Run 
 fn keeps_gaussians(settings: MemorySettings, disturb: impl Fn(&mut Run, &Shot)) -> Run {
     let kind = settings.kind;
     let (mut run, shot) = run_that_knows_boxes(settings);
-    let known = run.means().to_vec();
+    let known = run.positions();
     disturb(&mut run, &shot);
     let left = kept(&run, &known);
     assert!(left * 10 >= known.len() * 9, "{kind:?}: {left} of {} Gaussians are left", known.len());
@@ -40,7 +40,7 @@ fn run_that_knows_boxes(settings: MemorySettings) -> (Run, Shot) {
 fn kept(run: &Run, known: &[glam::Vec3]) -> usize {
     let mut known = known.iter().peekable();
     let mut count = 0;
-    for mean in run.means() {
+    for mean in &run.positions() {
         let mut rest = known.clone();
         if rest.any(|other| other.distance(*mean) < 1e-4) {
             known = rest;

@@ -3,6 +3,7 @@
 mod bad_input;
 mod coarseness;
 mod contradictions;
+mod coordinates;
 mod evidence;
 mod features;
 mod growth;

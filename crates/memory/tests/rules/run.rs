@@ -89,6 +89,11 @@ impl Run {
         self.memory.recall(&shot.frame()).expected().segments.clone()
     }
 
+    /// Where the Gaussians are in the world.
+    pub fn positions(&self) -> Vec<Vec3> {
+        self.means().iter().map(|mean| (mean.as_dvec3() + self.memory.origin()).as_vec3()).collect()
+    }
+
     pub fn means(&self) -> &[Vec3] {
         &self.memory.balls().means
     }

@@ -1,6 +1,6 @@
 //! Scenes of axis-aligned boxes, and exact views of them. Metres; x right, y down, z forward.
 
-use glam::{Mat4, Vec3};
+use glam::{DVec3, Mat4, Vec3};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentId, SegmentMap};
 
 /// Size of a usual view, pixels.
@@ -100,13 +100,14 @@ impl Scene {
 
     /// What a camera with the usual opening sees on `width` × `height` pixels.
     pub fn seen_at_size(&self, pose: Pose, (width, height): (usize, usize)) -> Shot {
+        let local = pose.relative_to(DVec3::ZERO);
         let focal = 80.0 * width as f32 / SIZE.0 as f32;
         let (cx, cy) = (0.5 * (width as f32 - 1.0), 0.5 * (height as f32 - 1.0));
         let intrinsics = Intrinsics { fx: focal, fy: focal, cx, cy, width, height };
         let hits = Image::from_fn(width, height, |column, row| {
             let direction = Vec3::new((column as f32 - cx) / focal, (row as f32 - cy) / focal, 1.0);
-            let direction = pose.rotation() * direction;
-            let entry = |solid: &Solid| Some((solid.entry(pose.translation(), direction)?, solid.id));
+            let direction = local.rotation() * direction;
+            let entry = |solid: &Solid| Some((solid.entry(local.translation(), direction)?, solid.id));
             let nearest = self.0.iter().filter_map(entry).min_by(|one, other| one.0.total_cmp(&other.0));
             nearest.unwrap_or((0.0, 0))
         });
@@ -138,5 +139,5 @@ impl Shot {
 /// A camera at `position`, turned to the right by `degrees`.
 pub fn pose(position: [f32; 3], degrees: f32) -> Pose {
     let turned = Mat4::from_rotation_y(degrees.to_radians());
-    Pose::from_matrix(Mat4::from_translation(Vec3::from(position)) * turned).unwrap()
+    Pose::from_matrix((Mat4::from_translation(Vec3::from(position)) * turned).as_dmat4()).unwrap()
 }

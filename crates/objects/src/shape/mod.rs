@@ -27,7 +27,7 @@ const EDGE: f32 = 0.005;
 pub struct ObjectShape {
     /// Mean of the surface that was seen. It lies towards the side that the camera saw: the middle of a box is
     /// [`OrientedBox::center`].
-    pub centroid: Vec3,
+    pub centroid: DVec3,
     /// The box along the world's axes.
     pub axis_aligned_box: AxisAlignedBox,
     /// The tightest box that may be turned.
@@ -47,16 +47,16 @@ pub struct ObjectShape {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisAlignedBox {
     /// Least x, y and z.
-    pub min: Vec3,
+    pub min: DVec3,
     /// Largest x, y and z.
-    pub max: Vec3,
+    pub max: DVec3,
 }
 
 /// A box in any direction.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OrientedBox {
     /// Its middle, world coordinates, metres.
-    pub center: Vec3,
+    pub center: DVec3,
     /// Whole lengths along its own axes, metres.
     pub size: Vec3,
     /// World from box: turns its axes into the world's. Quaternion x, y, z, w with w ≥ 0.
@@ -66,11 +66,11 @@ pub struct OrientedBox {
 /// The shapes of all objects that Gaussians of the memory show.
 pub fn object_shapes(memory: &SplatMemory) -> BTreeMap<SegmentId, ObjectShape> {
     let objects: Vec<(SegmentId, Vec<Patch>)> = patches_by_object(memory).into_iter().collect();
-    objects.into_par_iter().map(|(id, patches)| (id, shape_of(&patches))).collect()
+    objects.into_par_iter().map(|(id, patches)| (id, shape_of(&patches, memory.origin()))).collect()
 }
 
-/// The shape of an object of at least one patch.
-fn shape_of(patches: &[Patch]) -> ObjectShape {
+/// The shape of an object of at least one patch; patches are relative to `origin`.
+fn shape_of(patches: &[Patch], origin: DVec3) -> ObjectShape {
     let kept = without_stray(patches);
     let (mut center, mut color, mut area) = (DVec3::ZERO, [0.0; 3], 0.0);
     for patch in &kept {
@@ -82,9 +82,13 @@ fn shape_of(patches: &[Patch]) -> ObjectShape {
     let oriented = oriented_box(&kept);
     let aligned = axis_aligned_box(&kept, &oriented);
     ObjectShape {
-        centroid: rounded((center / area).as_vec3()),
-        axis_aligned_box: AxisAlignedBox { min: rounded(aligned.min), max: rounded(aligned.max) },
-        oriented_box: OrientedBox { center: rounded(oriented.center), size: rounded(oriented.size), ..oriented },
+        centroid: rounded(center / area + origin),
+        axis_aligned_box: AxisAlignedBox { min: rounded(aligned.min + origin), max: rounded(aligned.max + origin) },
+        oriented_box: OrientedBox {
+            center: rounded(oriented.center + origin),
+            size: rounded(oriented.size.as_dvec3()).as_vec3(),
+            ..oriented
+        },
         area_m2: surface_area(&kept),
         color: color.map(|sum| (sum / area).round() as u8),
         points: patches.len(),
@@ -93,24 +97,24 @@ fn shape_of(patches: &[Patch]) -> ObjectShape {
 }
 
 /// To a tenth of a millimetre: more digits mean nothing.
-fn rounded(metres: Vec3) -> Vec3 {
+fn rounded(metres: DVec3) -> DVec3 {
     // Adding 0 makes -0 positive.
-    ((metres.as_dvec3() * 1e4).round() / 1e4 + 0.0).as_vec3()
+    (metres * 1e4).round() / 1e4 + 0.0
 }
 
 /// The box along the world's axes around the patches that the oriented box holds. Quantiles along the world's axes would
 /// cut the corners of an object that is turned.
 fn axis_aligned_box(patches: &[Patch], oriented: &OrientedBox) -> AxisAlignedBox {
     let box_from_world = oriented.rotation.inverse();
-    let half = 0.5 * oriented.size + EDGE;
-    let is_inside = |point: Vec3| (box_from_world * (point - oriented.center)).abs().cmple(half).all();
+    let (center, half) = (oriented.center.as_vec3(), 0.5 * oriented.size + EDGE);
+    let is_inside = |point: Vec3| (box_from_world * (point - center)).abs().cmple(half).all();
     let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for patch in patches.iter().filter(|patch| is_inside(patch.mean)) {
         (min, max) = (min.min(patch.mean), max.max(patch.mean));
     }
     // No patch is inside if each of a few is far from the others along some axis.
     if min.cmple(max).all() {
-        AxisAlignedBox { min, max }
+        AxisAlignedBox { min: min.as_dvec3(), max: max.as_dvec3() }
     } else {
         AxisAlignedBox { min: oriented.center, max: oriented.center }
     }

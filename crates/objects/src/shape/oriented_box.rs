@@ -175,12 +175,13 @@ fn box_along(patches: &[Patch], axes: Mat3) -> OrientedBox {
     }
     let rotation = Quat::from_mat3(&axes).normalize();
     let rotation = if rotation.w < 0.0 { -rotation } else { rotation };
-    OrientedBox { center: axes * (0.5 * (min + max)), size: max - min, rotation }
+    OrientedBox { center: (axes * (0.5 * (min + max))).as_dvec3(), size: max - min, rotation }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec3;
 
     /// Patches on some faces of a box: its size, its axes, and the faces by axis and sign.
     fn on_faces(size: Vec3, axes: Mat3, faces: &[(usize, f32)]) -> Vec<Patch> {
@@ -208,7 +209,7 @@ mod tests {
     }
 
     fn assert_fits(found: &OrientedBox, size: Vec3) {
-        let off = found.center.distance(Vec3::new(3.0, -1.0, 0.5));
+        let off = found.center.distance(DVec3::new(3.0, -1.0, 0.5));
         assert!(off < 0.03, "{found:?}: off by {off}");
         for (found, expected) in sorted(found.size).into_iter().zip(sorted(size)) {
             assert!((found - expected).abs() < 0.04 * size.max_element(), "{found} {expected}");
@@ -243,7 +244,7 @@ mod tests {
         assert_fits(&plate, Vec3::new(0.8, 0.5, 0.0));
         let patch = Patch { mean: Vec3::ONE, side: 0.1, cover: 0.1, color: [0; 3], share: 1.0 };
         let point = oriented_box(&[patch; 3]);
-        assert_eq!((point.center, point.size, point.rotation), (Vec3::ONE, Vec3::ZERO, Quat::IDENTITY));
+        assert_eq!((point.center, point.size, point.rotation), (DVec3::ONE, Vec3::ZERO, Quat::IDENTITY));
     }
 
     #[test]

@@ -11,7 +11,7 @@ const MIN_RADIUS: f32 = 1e-4;
 /// The piece of surface that a Gaussian stands for: a square that faced the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Patch {
-    /// Its middle, world coordinates, metres.
+    /// Its middle, metres, relative to the origin of the memory.
     pub mean: Vec3,
     /// Its side, metres.
     pub side: f32,

@@ -120,7 +120,7 @@ impl Seen {
                 let (id, depth) = (truth[(column, row)], frame.depth()[(column, row)]);
                 let Some(thing) = self.things.iter().find(|thing| thing.id == id) else { continue };
                 let point = frame.intrinsics().unproject(Vec2::new(column as f32, row as f32), depth);
-                let point = frame.world_from_camera().to_world(point);
+                let point = frame.world_from_camera().to_world(point).as_vec3();
                 self.faces.entry(id).or_default().note(thing, point);
                 let (min, max) = self.extents.entry(id).or_insert((point, point));
                 (*min, *max) = (min.min(point), max.max(point));
@@ -133,7 +133,7 @@ impl Seen {
         let axes = Mat3::from_rotation_z(thing.turn);
         let (min, max) = self.extents[&thing.id];
         BoxErrors {
-            off: shape.oriented_box.center.distance(thing.center),
+            off: shape.oriented_box.center.as_vec3().distance(thing.center),
             iou: oriented(shape).iou(&Cuboid(thing.center, thing.size, axes)),
             aligned_iou: aligned(shape).iou(&Cuboid(0.5 * (min + max), max - min, Mat3::IDENTITY)),
         }
@@ -155,10 +155,11 @@ pub fn room(seed: u64) -> SyntheticSettings {
 
 pub fn oriented(shape: &ObjectShape) -> Cuboid {
     let found = shape.oriented_box;
-    Cuboid(found.center, found.size, Mat3::from_quat(found.rotation))
+    Cuboid(found.center.as_vec3(), found.size, Mat3::from_quat(found.rotation))
 }
 
 fn aligned(shape: &ObjectShape) -> Cuboid {
     let found = shape.axis_aligned_box;
-    Cuboid(0.5 * (found.min + found.max), found.max - found.min, Mat3::IDENTITY)
+    let [min, max] = [found.min, found.max].map(|corner| corner.as_vec3());
+    Cuboid(0.5 * (min + max), max - min, Mat3::IDENTITY)
 }

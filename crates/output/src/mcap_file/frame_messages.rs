@@ -1,6 +1,6 @@
 //! The messages of a frame.
 
-use super::{CAMERA, WORLD};
+use super::{CAMERA, MAP, WORLD};
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Intrinsics, Pose, SegmentMap};
@@ -29,8 +29,8 @@ pub(super) struct CameraPose {
 
 impl CameraPose {
     pub(super) fn new(world_from_camera: &Pose) -> Self {
-        let turn = DQuat::from_mat3(&world_from_camera.rotation().as_dmat3()).normalize();
-        Self { at: world_from_camera.translation().as_dvec3(), turn }
+        let turn = DQuat::from_mat3(&world_from_camera.rotation()).normalize();
+        Self { at: world_from_camera.translation(), turn }
     }
 }
 
@@ -42,6 +42,13 @@ pub(super) fn camera_pose(stamp: Time, CameraPose { at, turn }: CameraPose) -> T
     };
     let header = Header { stamp, frame_id: WORLD.to_owned() };
     TfMessage { transforms: vec![TransformStamped { header, child_frame_id: CAMERA.to_owned(), transform }] }
+}
+
+/// Where the origin of the map's coordinates is.
+pub(super) fn map_origin(stamp: Time, origin: DVec3) -> TfMessage {
+    let TfMessage { mut transforms } = camera_pose(stamp, CameraPose { at: origin, turn: DQuat::IDENTITY });
+    transforms.iter_mut().for_each(|transform| MAP.clone_into(&mut transform.child_frame_id));
+    TfMessage { transforms }
 }
 
 /// The camera: its images have no distortion.

@@ -22,6 +22,7 @@ use crate::error::saved_state;
 use crate::segments::written_ids;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
 use frame_messages::{CameraPose, IdPixels};
+use glam::DVec3;
 use object_messages::{PointBytes, ShownObject};
 use recording::Recording;
 use serde::{Deserialize, Serialize};
@@ -33,6 +34,8 @@ use std::path::PathBuf;
 
 /// The coordinate frame of camera poses and objects.
 const WORLD: &str = "world";
+/// The frame of the map, where its origin is not that of the world.
+const MAP: &str = "splatseg_map";
 /// The optical frame of the camera: x right, y down, z forward.
 const CAMERA: &str = "camera";
 /// From one frame to the next where the scene has no times, nanoseconds: 30 frames per second.
@@ -98,6 +101,10 @@ impl McapFile {
             return Ok(());
         };
         let points = PointBytes::of(memory);
+        if memory.origin() != DVec3::ZERO {
+            let stamp = Time::from_nanoseconds(*first);
+            recording.write("/tf_static", *first, &frame_messages::map_origin(stamp, memory.origin()))?;
+        }
         recording.write("/splatseg/points", *first, &points.message(Time::from_nanoseconds(*first))?)?;
         let first_seen = |id: &SegmentId| self.seen.objects.get(id).copied().unwrap_or(*first);
         let objects = end.objects.objects.iter();
@@ -211,7 +218,7 @@ mod tests {
             first_seen: index as i64 / 2,
             frames: 1,
             text: String::new(),
-            oriented_box: OrientedBox { center: Vec3::ZERO, size: Vec3::ONE, rotation: Quat::IDENTITY },
+            oriented_box: OrientedBox { center: DVec3::ZERO, size: Vec3::ONE, rotation: Quat::IDENTITY },
         };
         let shown: Vec<ShownObject> = (0..MAX_REPEATED + 3).map(shown).collect();
         let mut recording = Recording::create(&path).unwrap();

@@ -1,8 +1,9 @@
 //! The map and its objects as ROS 2 messages.
 
-use super::WORLD;
 use super::frame_messages::number;
+use super::{MAP, WORLD};
 use crate::segment_color;
+use glam::DVec3;
 use splatseg_geometry::SegmentId;
 use splatseg_memory::SplatMemory;
 use splatseg_objects::{Object, OrientedBox};
@@ -51,7 +52,11 @@ impl ShownObject {
 }
 
 /// The points of a map as they are in a message.
-pub(super) struct PointBytes(Vec<u8>);
+pub(super) struct PointBytes {
+    /// The frame of their coordinates.
+    frame_id: &'static str,
+    bytes: Vec<u8>,
+}
 
 impl PointBytes {
     /// The centres of a memory's Gaussians, in the colours of their objects.
@@ -66,7 +71,9 @@ impl PointBytes {
             bytes.extend(id.to_le_bytes());
             bytes.extend(u32::from_be_bytes([red, green, blue, 255]).to_le_bytes());
         }
-        Self(bytes)
+        // ROS viewers take 32-bit points only.
+        let frame_id = if memory.origin() == DVec3::ZERO { WORLD } else { MAP };
+        Self { frame_id, bytes }
     }
 
     /// The message. `rgb` is a 32-bit integer in the place of a float, as ROS has it. Rerun does not know that, but makes
@@ -83,14 +90,14 @@ impl PointBytes {
             ("colors", PointField::UINT32),
         ];
         Ok(PointCloud2 {
-            header: Header { stamp, frame_id: WORLD.to_owned() },
+            header: Header { stamp, frame_id: self.frame_id.to_owned() },
             height: 1,
-            width: number(self.0.len() / POINT_BYTES)?,
+            width: number(self.bytes.len() / POINT_BYTES)?,
             fields: fields.into_iter().zip((0..).step_by(4)).map(|(part, offset)| field(part, offset)).collect(),
             is_bigendian: false,
             point_step: number(POINT_BYTES)?,
-            row_step: number(self.0.len())?,
-            data: &self.0,
+            row_step: number(self.bytes.len())?,
+            data: &self.bytes,
             is_dense: true,
         })
     }
@@ -122,7 +129,7 @@ fn id_marker(object: &ShownObject) -> Marker<'static> {
 
 /// A marker at an object that stays there.
 fn marker(object: &ShownObject, namespace: &str, kind: i32) -> Marker<'static> {
-    let center = object.oriented_box.center.as_dvec3();
+    let center = object.oriented_box.center;
     Marker {
         header: Header { stamp: Time::from_nanoseconds(object.first_seen), frame_id: WORLD.to_owned() },
         ns: namespace.to_owned(),

@@ -2,7 +2,7 @@
 
 use super::WORLD;
 use super::object_messages::{BOX_OPACITY, ShownObject, TEXT_HEIGHT};
-use glam::{Quat, Vec3};
+use glam::Quat;
 use serde::Serialize;
 use serde_json::{Value, json};
 use splatseg_ros::Time;
@@ -51,7 +51,7 @@ struct KeyValue {
 #[derive(Debug, Serialize)]
 struct Cube {
     pose: FoxglovePose,
-    size: Xyz,
+    size: Xyz<f32>,
     color: Rgba,
 }
 
@@ -67,15 +67,15 @@ struct Text {
 
 #[derive(Debug, Serialize)]
 struct FoxglovePose {
-    position: Xyz,
+    position: Xyz<f64>,
     orientation: Xyzw,
 }
 
 #[derive(Debug, Serialize)]
-struct Xyz {
-    x: f32,
-    y: f32,
-    z: f32,
+struct Xyz<T> {
+    x: T,
+    y: T,
+    z: T,
 }
 
 #[derive(Debug, Serialize)]
@@ -99,8 +99,8 @@ impl SceneUpdate {
     pub(super) const NAME: &'static str = "foxglove.SceneUpdate";
 }
 
-impl From<Vec3> for Xyz {
-    fn from(Vec3 { x, y, z }: Vec3) -> Self {
+impl<T> From<[T; 3]> for Xyz<T> {
+    fn from([x, y, z]: [T; 3]) -> Self {
         Self { x, y, z }
     }
 }
@@ -113,7 +113,7 @@ pub(super) fn scene_update(objects: &[ShownObject]) -> SceneUpdate {
 fn entity(object: &ShownObject) -> Entity {
     let shape = &object.oriented_box;
     let pose = |turn: Quat| FoxglovePose {
-        position: shape.center.into(),
+        position: shape.center.to_array().into(),
         orientation: Xyzw { x: turn.x, y: turn.y, z: turn.z, w: turn.w },
     };
     let [r, g, b] = object.color();
@@ -125,7 +125,11 @@ fn entity(object: &ShownObject) -> Entity {
         lifetime: Seconds { sec: 0, nsec: 0 },
         frame_locked: false,
         metadata: [KeyValue { key: "frames", value: object.frames.to_string() }],
-        cubes: [Cube { pose: pose(shape.rotation), size: shape.size.into(), color: Rgba { r, g, b, a: BOX_OPACITY } }],
+        cubes: [Cube {
+            pose: pose(shape.rotation),
+            size: shape.size.to_array().into(),
+            color: Rgba { r, g, b, a: BOX_OPACITY },
+        }],
         texts: [Text {
             pose: pose(Quat::IDENTITY),
             billboard: true,

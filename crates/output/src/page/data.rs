@@ -1,7 +1,7 @@
 //! What the page knows of a run, as its scripts read it: `viewer/src/run.js`.
 
 use super::map::MapData;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Intrinsics, SegmentId};
 use splatseg_objects::{ObjectState, OrientedBox};
@@ -17,7 +17,9 @@ pub struct RunData<'a> {
     pub frames_per_chunk: usize,
     /// The names of the frames' files, without folder and extension.
     pub frames: &'a [String],
-    /// For each frame the camera's centre and its rotation as a quaternion x, y, z, w, from camera to world: seven 32-bit
+    /// Origin of the coordinates of `poses` and `map`: world coordinates, metres.
+    pub origin: DVec3,
+    /// For each frame the camera's centre, relative to `origin`, and its rotation as a quaternion x, y, z, w, from camera to world: seven 32-bit
     /// floats, low byte first, in base64.
     pub poses: String,
     /// The cameras, in the order of their first frames.
@@ -64,7 +66,7 @@ pub struct ObjectData {
     /// Gaussians that show it; missing if there are none.
     pub gaussians: Option<usize>,
     /// Mean of its surface, world, metres; missing if no Gaussian shows it.
-    pub centroid: Option<Vec3>,
+    pub centroid: Option<DVec3>,
     /// The tightest box around it; missing if no Gaussian shows it.
     #[serde(rename = "box")]
     pub oriented_box: Option<OrientedBox>,

@@ -16,7 +16,7 @@ pub struct MapData {
     count: usize,
     /// Gaussians that there are.
     total: usize,
-    /// The corner of the map's box with the smallest coordinates, world, metres.
+    /// The corner of the map's box with the smallest coordinates, metres, relative to the origin of the run.
     min: Vec3,
     /// The sides of the box, metres.
     size: Vec3,
@@ -28,7 +28,7 @@ pub struct MapData {
     radii: String,
     /// sRGB.
     colors: String,
-    /// The object of each, 0 for none.
+    /// The object of each, 0 for none: 32-bit numbers with the low byte first.
     ids: String,
 }
 
@@ -57,8 +57,7 @@ pub fn map_data(memory: &SplatMemory) -> MapData {
         max_radius,
         radii: words(drawn.iter().map(|index| fraction(radius(index), max_radius))),
         colors: STANDARD.encode(drawn.iter().flat_map(|index| colors[*index]).collect::<Vec<u8>>()),
-        // Ids fit 16 bits: the memory gives no others.
-        ids: words(drawn.iter().map(|index| u16::try_from(ids[*index]).unwrap_or(0))),
+        ids: STANDARD.encode(drawn.iter().flat_map(|index| ids[*index].to_le_bytes()).collect::<Vec<u8>>()),
     }
 }
 

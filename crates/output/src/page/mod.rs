@@ -21,9 +21,10 @@ use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput, segment_c
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use data::{CameraData, ObjectData, RunData};
-use glam::Quat;
+use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
+use splatseg_memory::SplatMemory;
 use splatseg_objects::{Object, ObjectSighting};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -44,8 +45,8 @@ const FRAMES_PER_CHUNK: usize = 64;
 #[serde(deny_unknown_fields)]
 pub struct Page {
     names: Vec<String>,
-    /// Seven numbers per frame.
-    poses: Vec<f32>,
+    /// Seven numbers per frame: position, then rotation as a quaternion.
+    poses: Vec<f64>,
     cameras: Vec<CameraData>,
     up: UpEstimate,
     objects: BTreeMap<SegmentId, Sightings>,
@@ -75,7 +76,7 @@ impl Page {
     fn add_pose(&mut self, record: &FrameRecord) {
         let (frame, pose) = (self.names.len(), record.frame.world_from_camera());
         self.poses.extend(pose.translation().to_array());
-        self.poses.extend(Quat::from_mat3(&pose.rotation()).normalize().to_array());
+        self.poses.extend(DQuat::from_mat3(&pose.rotation()).normalize().to_array());
         self.up.add(pose);
         let intrinsics = *record.frame.intrinsics();
         if self.cameras.last().is_none_or(|camera| camera.intrinsics != intrinsics) {
@@ -94,6 +95,15 @@ impl Page {
         self.chunk.clear();
         self.chunks += 1;
         Ok(())
+    }
+
+    /// The poses as 32-bit floats, positions relative to an origin.
+    fn encoded_poses(&self, origin: DVec3) -> String {
+        let relative = self.poses.as_chunks::<7>().0.iter().flat_map(|[x, y, z, turn @ ..]| {
+            let position = DVec3::new(*x, *y, *z) - origin;
+            position.to_array().into_iter().chain(*turn)
+        });
+        STANDARD.encode(relative.flat_map(|number| (number as f32).to_le_bytes()).collect::<Vec<u8>>())
     }
 
     /// What the page says of an object.
@@ -166,12 +176,14 @@ impl RunOutput for Page {
 
     fn finish(&mut self, end: &RunEnd<'_>, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
         self.write_chunk(folder)?;
+        let origin = end.memory.map_or(DVec3::ZERO, SplatMemory::origin);
         let data = RunData {
             version: env!("CARGO_PKG_VERSION"),
             scene: end.scene,
             frames_per_chunk: FRAMES_PER_CHUNK,
             frames: &self.names,
-            poses: STANDARD.encode(self.poses.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>()),
+            origin,
+            poses: self.encoded_poses(origin),
             cameras: &self.cameras,
             up: self.up.direction(),
             objects: end.objects.objects.iter().map(|object| self.object(object)).collect(),

@@ -32,7 +32,7 @@ impl Default for UpEstimate {
 impl UpEstimate {
     /// Takes in a frame's pose.
     pub fn add(&mut self, world_from_camera: &Pose) {
-        let axes = world_from_camera.rotation();
+        let axes = world_from_camera.rotation().as_mat3();
         let x = axes.x_axis;
         self.across += Mat3::from_cols(x * x.x, x * x.y, x * x.z);
         self.up -= axes.y_axis;
@@ -66,7 +66,7 @@ mod tests {
 
     fn estimate(poses: impl IntoIterator<Item = Mat4>) -> Vec3 {
         let mut up = UpEstimate::default();
-        poses.into_iter().for_each(|pose| up.add(&Pose::from_matrix(pose).unwrap()));
+        poses.into_iter().for_each(|pose| up.add(&Pose::from_matrix(pose.as_dmat4()).unwrap()));
         up.direction()
     }
 

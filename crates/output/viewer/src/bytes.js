@@ -9,4 +9,5 @@ export function bytesOf(text) {
 }
 
 export const floatsOf = (text) => new Float32Array(bytesOf(text).buffer);
+export const idsOf = (text) => new Uint32Array(bytesOf(text).buffer);
 export const wordsOf = (text) => new Uint16Array(bytesOf(text).buffer);

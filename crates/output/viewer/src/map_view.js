@@ -137,8 +137,9 @@ export class MapView {
   #boxOf(id) {
     const given = this.#run.byId.get(id)?.box;
     if (!given) return null;
-    const [center, size] = [new Vector3(...given.center), new Vector3(...given.size)];
-    return new Matrix4().compose(center, new Quaternion(...given.rotation), size);
+    const center = given.center.map((coordinate, axis) => coordinate - this.#run.origin[axis]);
+    const size = new Vector3(...given.size);
+    return new Matrix4().compose(new Vector3(...center), new Quaternion(...given.rotation), size);
   }
 
   #lookAsCamera() {

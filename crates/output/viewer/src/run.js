@@ -13,6 +13,8 @@ export class Run {
     this.names = data.frames;
     this.cameras = data.cameras;
     this.up = data.up;
+    /** Of the coordinates of poses and map, in the world. */
+    this.origin = data.origin;
     this.map = data.map;
     this.objects = data.objects;
     this.byId = new Map(data.objects.map((object) => [object.id, object]));

@@ -1,7 +1,7 @@
 // The Gaussians of the map as round points of their size.
 
 import { BufferAttribute, BufferGeometry, Points, ShaderMaterial } from "three";
-import { bytesOf, wordsOf } from "./bytes.js";
+import { bytesOf, idsOf, wordsOf } from "./bytes.js";
 
 /** How many standard deviations a Gaussian is drawn wide: neighbours then close the surface between them. */
 const RADIUS_IN_SIGMA = 1.7;
@@ -44,7 +44,7 @@ export class Splats {
     this.count = map.count;
     this.positions = positionsOf(map);
     this.radii = Float32Array.from(wordsOf(map.radii), (part) => (part / 65535) * map.max_radius * RADIUS_IN_SIGMA);
-    this.ids = wordsOf(map.ids);
+    this.ids = idsOf(map.ids);
     const objectColors = new Uint8Array(3 * this.count);
     this.ids.forEach((id, index) => objectColors.set(byId.get(id)?.color ?? NO_OBJECT, 3 * index));
     const geometry = new BufferGeometry();

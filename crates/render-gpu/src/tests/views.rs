@@ -12,7 +12,7 @@ use crate::kernels::sight::{PAIR_COUNT, SEEN, SEEN_COUNT, THROUGH, THROUGH_COUNT
 use crate::kernels::vote::{LABELS, PairVotesLaunch, count_votes};
 use crate::store::DeviceStore;
 use crate::view::{bin, look, render, tile_count};
-use glam::{Mat4, Vec3};
+use glam::{DVec3, Mat4, Vec3};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{FrameTrust, MemorySettings, SplatMap, Votes};
 use splatseg_render::{Balls, Camera, RasterLimits, View, project};
@@ -57,12 +57,12 @@ fn frame() -> RgbdFrame<'static> {
     });
     let color = Image::from_fn(width, height, |column, row| [column as u8, row as u8, 7]);
     let rotation = Mat4::from_rotation_y(0.1) * Mat4::from_rotation_x(-0.05);
-    let pose = Pose::from_matrix(Mat4::from_translation(Vec3::new(0.1, -0.05, 0.02)) * rotation).unwrap();
+    let pose = Pose::from_matrix((Mat4::from_translation(Vec3::new(0.1, -0.05, 0.02)) * rotation).as_dmat4()).unwrap();
     RgbdFrame::new("0", color, depth, camera, pose).unwrap()
 }
 
 fn camera(frame: &RgbdFrame<'_>) -> Camera {
-    let camera = Camera::new(*frame.intrinsics(), frame.world_from_camera());
+    let camera = Camera::new(*frame.intrinsics(), &frame.world_from_camera().relative_to(DVec3::ZERO));
     let limits = RasterLimits { min_alpha: 0.02, max_alpha: 0.98, min_transmittance: 0.01, ..camera.limits };
     Camera { limits, ..camera }
 }

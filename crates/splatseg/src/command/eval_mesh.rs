@@ -29,9 +29,9 @@ struct MeshEvaluation {
 pub fn eval_mesh(arguments: &EvalArguments, mesh: &Path, instances: &Path) -> Result<(), Failure> {
     arguments.memory_limit()?.enforce();
     let truth = MeshTruth::read(mesh, instances, &arguments.void_labels).map_err(Failure::input)?;
-    let gaussians: Vec<ExportedGaussian> =
-        SplatFile::load(&arguments.pred).map_err(Failure::input)?.gaussians().collect();
-    let found = truth.score(&gaussians).map_err(Failure::input)?;
+    let file = SplatFile::load(&arguments.pred).map_err(Failure::input)?;
+    let gaussians: Vec<ExportedGaussian> = file.gaussians().collect();
+    let found = truth.score(&gaussians, file.origin).map_err(Failure::input)?;
     let scores = found.scorer.scores();
     let evaluation = MeshEvaluation {
         ap: scores.ap,

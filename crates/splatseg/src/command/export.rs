@@ -6,6 +6,7 @@ use super::output_folder::{CreatedFolders, Existing};
 use super::run::FileKind;
 use super::terminal::counted;
 use clap::{Args, ValueEnum};
+use glam::DVec3;
 use splatseg_atomic_file::AtomicFile;
 use splatseg_geometry::SegmentId;
 use splatseg_memory::{ExportedForm, ExportedGaussian, SplatFile, write_exported};
@@ -80,6 +81,7 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
     }
     let file = SplatFile::load(&arguments.map).map_err(Failure::input)?;
     let mut gaussians: Vec<ExportedGaussian> = file.gaussians().collect();
+    let origin = file.origin;
     drop(file);
     select(arguments, &mut gaussians)?;
     if arguments.color == Color::Id {
@@ -106,7 +108,7 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
         format!("{} of {}", counted(gaussians, thing), counted(objects, "object"))
     };
     if let Some(out) = &arguments.out {
-        places.write(out, arguments.form, &gaussians)?;
+        places.write(out, arguments.form, origin, &gaussians)?;
         say!("{}: {}", out.display(), amount(gaussians.len(), objects.len()));
     }
     if let Some(folder) = &arguments.object_files {
@@ -115,7 +117,7 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
         gaussians.sort_by_key(|gaussian| gaussian.segment_id);
         let parts = gaussians.chunk_by(|a, b| a.segment_id == b.segment_id);
         for ((_, path), part) in object_files.iter().zip(parts) {
-            places.write(path, arguments.form, part)?;
+            places.write(path, arguments.form, origin, part)?;
         }
         say!("{}: {}, {}", folder.display(), counted(objects.len(), "file"), amount(gaussians.len(), objects.len()));
     }
@@ -200,7 +202,7 @@ impl Places {
     }
 
     /// Writes a file that was checked, and makes its folder.
-    fn write(&self, path: &Path, form: Form, gaussians: &[ExportedGaussian]) -> Result<(), Failure> {
+    fn write(&self, path: &Path, form: Form, origin: DVec3, gaussians: &[ExportedGaussian]) -> Result<(), Failure> {
         let form = match form {
             Form::Gaussians => ExportedForm::Gaussians,
             Form::Points => ExportedForm::Points,
@@ -208,7 +210,7 @@ impl Places {
         let folder = path.parent().unwrap_or(Path::new(""));
         let written = CreatedFolders::create(folder).and_then(|_created| {
             let mut file = AtomicFile::create(path)?;
-            write_exported(form, gaussians, &mut file)?;
+            write_exported(form, origin, gaussians, &mut file)?;
             file.flush()?;
             match self.existing {
                 Existing::Keep => file.commit_new(),

@@ -1,6 +1,6 @@
 //! 3D instances of a memory against those of a mesh's vertices.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use splatseg_dataset::{DatasetError, read_mesh_vertices, read_vertex_instances};
 use splatseg_geometry::SegmentId;
 use splatseg_memory::ExportedGaussian;
@@ -12,7 +12,8 @@ use std::path::Path;
 /// The vertices of a mesh and their true instances.
 #[derive(Clone, Debug)]
 pub struct MeshTruth {
-    vertices: Vec<Vec3>,
+    /// World coordinates, metres.
+    vertices: Vec<DVec3>,
     /// 0 where a vertex is not labelled.
     instances: Vec<SegmentId>,
 }
@@ -50,12 +51,14 @@ impl MeshTruth {
         self.instances.iter().filter(|id| **id != 0).collect::<BTreeSet<_>>().len()
     }
 
-    /// Carries the ids of a memory's Gaussians to the vertices, and scores them as instances.
+    /// Carries the ids of a memory's Gaussians, which are relative to its `origin`, to the vertices, and scores them as
+    /// instances.
     ///
     /// # Errors
     /// If an instance names a vertex that the mesh does not have, which cannot be.
-    pub fn score(&self, gaussians: &[ExportedGaussian]) -> Result<MeshScore, MetricsError> {
-        let ids = vertex_ids(gaussians, &self.vertices);
+    pub fn score(&self, gaussians: &[ExportedGaussian], origin: DVec3) -> Result<MeshScore, MetricsError> {
+        let vertices: Vec<Vec3> = self.vertices.iter().map(|vertex| (*vertex - origin).as_vec3()).collect();
+        let ids = vertex_ids(gaussians, &vertices);
         let predictions = instances_of(&ids);
         let mut scorer = InstanceScorer::default();
         scorer.add_scene(&self.instances, &predictions)?;

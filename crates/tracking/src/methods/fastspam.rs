@@ -5,7 +5,7 @@ use super::output::confidence;
 use super::{FrameOutput, Method, SegmentIds, check_comparable};
 use crate::matching::painted;
 use crate::{TrackErrorCounts, TrackingError};
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
@@ -45,7 +45,7 @@ pub struct FastSpamBaseline {
     random: ChaCha8Rng,
     ids: SegmentIds,
     /// A point of each segment of the previous frame, world coordinates in metres; larger segments first.
-    points_world: Vec<(SegmentId, Vec3)>,
+    points_world: Vec<(SegmentId, DVec3)>,
 }
 
 impl FastSpamBaseline {
@@ -60,7 +60,7 @@ impl FastSpamBaseline {
 
     /// The pixels (column, row) at which the remembered points appear in `frame`, without those outside the image.
     fn projected_points(&self, frame: &RgbdFrame) -> Vec<(SegmentId, (usize, usize))> {
-        let project = |point_world: Vec3| {
+        let project = |point_world: DVec3| {
             let pixel = frame.intrinsics().project(frame.world_from_camera().to_camera(point_world))?.round();
             let last = Vec2::new(frame.width() as f32 - 1.0, frame.height() as f32 - 1.0);
             let inside = pixel.cmpge(Vec2::ZERO).all() && pixel.cmple(last).all();
@@ -191,7 +191,7 @@ fn point_prompt(masks: &[&Mask], pixel: (usize, usize)) -> Option<Mask> {
 }
 
 /// The point that the frame shows at a pixel, world coordinates in metres; `None` where depth is missing.
-fn unprojected(frame: &RgbdFrame, (column, row): (usize, usize)) -> Option<Vec3> {
+fn unprojected(frame: &RgbdFrame, (column, row): (usize, usize)) -> Option<DVec3> {
     let depth = frame.depth()[(column, row)];
     let pixel = Vec2::new(column as f32, row as f32);
     (depth > 0.0).then(|| frame.world_from_camera().to_world(frame.intrinsics().unproject(pixel, depth)))

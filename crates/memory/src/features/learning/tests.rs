@@ -13,7 +13,7 @@ const SIZE: (usize, usize) = (64, 48);
 /// A wall at z = 2 m, seen from `back` metres farther away than the origin.
 fn wall(back: f32) -> RgbdFrame<'static> {
     let intrinsics = Intrinsics { fx: 50.0, fy: 50.0, cx: 31.5, cy: 23.5, width: SIZE.0, height: SIZE.1 };
-    let pose = Pose::from_matrix(Mat4::from_translation(Vec3::new(0.0, 0.0, -back))).unwrap();
+    let pose = Pose::from_matrix(Mat4::from_translation(Vec3::new(0.0, 0.0, -back)).as_dmat4()).unwrap();
     let color = Image::filled(SIZE.0, SIZE.1, [90; 3]);
     RgbdFrame::new("0", color, Image::filled(SIZE.0, SIZE.1, 2.0 + back), intrinsics, pose).unwrap()
 }

@@ -75,7 +75,7 @@ impl MeshFiles {
         let truth =
             MeshTruth::read(&self.mesh, &self.instances, &self.void_labels).map_err(|error| error.to_string())?;
         let gaussians = memory.exported_gaussians().ok_or("this kind of memory cannot be scored on a mesh")?;
-        let found = truth.score(&gaussians).map_err(|error| error.to_string())?;
+        let found = truth.score(&gaussians, memory.origin()).map_err(|error| error.to_string())?;
         Ok(found.scorer)
     }
 }
