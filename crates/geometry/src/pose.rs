@@ -74,7 +74,7 @@ impl Pose {
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, translation: DVec3::ZERO };
 
     /// No coordinate of a camera is larger, metres.
-    pub const MAX_DISTANCE: f64 = 1e9;
+    pub const MAX_DISTANCE: f64 = f32::MAX as f64;
 
     /// A pose from a 4×4 camera-to-world matrix. A rotation that is off by rounding (up to 1e-2) is made orthonormal.
     ///

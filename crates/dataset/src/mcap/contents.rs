@@ -1,9 +1,10 @@
 //! What a recording holds: its topics, and of those that matter the times and places of their messages.
 
 use super::cameras::Calibration;
+use super::clock::{Order, Recorded, Stamped, Timeline};
 use super::container::{FoundMessage, MessagePlace, RecordSink};
 use super::images::{ImageKind, compressed_kind, raw_kind};
-use super::transforms::{Rigid, Sample, TransformTree, sort_samples};
+use super::transforms::{Rigid, Sample, TransformTree};
 use crate::DatasetError;
 use glam::{DQuat, DVec3};
 use mcap::records::Channel;
@@ -31,6 +32,8 @@ pub(super) struct Topic {
     pub(super) messages: u64,
     /// The first and the last time at which a message was recorded, nanoseconds.
     pub(super) recorded: Option<(u64, u64)>,
+    /// Whether a message was recorded before the one before it.
+    goes_back: bool,
     /// Messages that cannot be read, and what is wrong with the first.
     pub(super) unreadable: Option<(u64, String)>,
     pub(super) content: Content,
@@ -40,7 +43,7 @@ pub(super) struct Topic {
 #[derive(Debug)]
 pub(super) enum Content {
     Images(Images),
-    Calibrations { frame: String, list: Vec<(i64, Calibration)> },
+    Calibrations { frame: String, list: Vec<(StampedPlace, Calibration)> },
     Poses(Poses),
     Transforms { is_fixed: bool },
     Other,
@@ -50,7 +53,18 @@ pub(super) enum Content {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct StampedPlace {
     pub(super) stamp: i64,
+    pub(super) recorded: Recorded,
     pub(super) place: MessagePlace,
+}
+
+impl Stamped for StampedPlace {
+    fn stamp(&self) -> i64 {
+        self.stamp
+    }
+
+    fn recorded(&self) -> Recorded {
+        self.recorded
+    }
 }
 
 /// The images of a topic.
@@ -64,7 +78,9 @@ pub(super) struct Images {
     pub(super) encoding: String,
     /// The frame of the first one.
     pub(super) frame: String,
+    /// In the order of the file, until they are sorted.
     pub(super) list: Vec<StampedPlace>,
+    pub(super) timeline: Timeline<StampedPlace>,
 }
 
 /// The types of messages with a pose.
@@ -84,7 +100,9 @@ pub(super) struct Poses {
     pub(super) world: String,
     /// The frame whose poses they are, if the messages say so.
     pub(super) body: Option<String>,
+    /// In the order of the file, until they are sorted.
     pub(super) samples: Vec<Sample>,
+    pub(super) timeline: Timeline<Sample>,
 }
 
 /// Everything that a recording holds.
@@ -102,6 +120,9 @@ pub(super) struct Contents {
     known: BTreeMap<(String, String), usize>,
     /// Messages of channels that were not declared.
     pub(super) without_channel: u64,
+    /// Messages so far.
+    messages: i64,
+    pub(super) order: Order,
     /// What the lists take so far, and may take, bytes.
     memory: u64,
     limit: u64,
@@ -117,18 +138,29 @@ impl Contents {
             channels: BTreeMap::new(),
             known: BTreeMap::new(),
             without_channel: 0,
+            messages: 0,
+            order: Order::default(),
             memory: 0,
             limit: MemoryLimit::in_force() / MEMORY_PART,
         }
     }
 
-    /// Puts transforms and poses in order of time, when all messages have been read.
+    /// Puts everything in order of time, when all messages have been read.
     pub(super) fn sort(&mut self) {
-        self.tree.sort();
+        // Of one message nothing can be told.
+        let stands = |topic: &Topic| topic.messages > 1 && topic.recorded.is_some_and(|(first, last)| first == last);
+        if self.topics.iter().any(|topic| topic.goes_back || stands(topic)) {
+            self.order = Order::Number;
+        }
+        self.tree.sort(self.order);
         for topic in &mut self.topics {
             match &mut topic.content {
-                Content::Poses(poses) => sort_samples(&mut poses.samples),
-                Content::Calibrations { list, .. } => list.sort_by_key(|(stamp, _)| *stamp),
+                Content::Images(images) => {
+                    images.timeline = Timeline::new(std::mem::take(&mut images.list), self.order);
+                }
+                Content::Poses(poses) => {
+                    poses.timeline = Timeline::new(std::mem::take(&mut poses.samples), self.order);
+                }
                 _ => {}
             }
         }
@@ -204,7 +236,16 @@ impl RecordSink for Contents {
         let (name, type_name) = key.clone();
         let content = if channel.message_encoding == "cdr" { Content::of(&name, &type_name) } else { Content::Other };
         let (encoding, messages) = (one_line(&channel.message_encoding), 0);
-        self.topics.push(Topic { name, type_name, encoding, messages, recorded: None, unreadable: None, content });
+        self.topics.push(Topic {
+            name,
+            type_name,
+            encoding,
+            messages,
+            recorded: None,
+            goes_back: false,
+            unreadable: None,
+            content,
+        });
         self.channels.insert(channel.id, self.topics.len() - 1);
         self.known.insert(key, self.topics.len() - 1);
         Ok(())
@@ -216,9 +257,13 @@ impl RecordSink for Contents {
             return Ok(());
         };
         topic.messages += 1;
+        self.messages += 1;
         let time = message.log_time;
+        topic.goes_back |= topic.recorded.is_some_and(|(_, last)| time < last);
+        let log_time = i64::try_from(time).unwrap_or(i64::MAX);
+        let recorded = Recorded { log_time, number: self.messages };
         topic.recorded = Some(topic.recorded.map_or((time, time), |(first, last)| (first.min(time), last.max(time))));
-        match topic.content.take(&topic.name, message, &mut self.tree) {
+        match topic.content.take(&topic.name, (message, recorded), &mut self.tree) {
             Ok(kept) => self.keep(kept),
             Err(error) => {
                 let (count, _) = topic.unreadable.get_or_insert_with(|| (0, error.to_string()));
@@ -246,14 +291,19 @@ impl Content {
     }
 
     /// Takes a message; gives what it takes in memory, bytes.
-    fn take(&mut self, topic: &str, message: &FoundMessage<'_>, tree: &mut TransformTree) -> Result<u64, CdrError> {
+    fn take(
+        &mut self,
+        topic: &str,
+        (message, recorded): (&FoundMessage<'_>, Recorded),
+        tree: &mut TransformTree,
+    ) -> Result<u64, CdrError> {
         let stamp_of = |stamp: Time| match stamp.nanoseconds() {
             // A driver that does not set it.
-            0 => i64::try_from(message.log_time).unwrap_or(i64::MAX),
+            0 => recorded.log_time,
             stamp => stamp,
         };
         match self {
-            Self::Images(images) => images.take(topic, message, stamp_of),
+            Self::Images(images) => images.take(topic, (message, recorded), stamp_of),
             Self::Calibrations { frame, list } => {
                 let info: CameraInfo = from_cdr(message.data)?;
                 let calibration = Calibration::new(&info);
@@ -262,17 +312,18 @@ impl Content {
                 }
                 *frame = frame_name(&info.header.frame_id);
                 let memory = calibration.memory();
-                list.push((stamp_of(info.header.stamp), calibration));
+                let stamp = stamp_of(info.header.stamp);
+                list.push((StampedPlace { stamp, recorded, place: message.place }, calibration));
                 Ok(memory)
             }
-            Self::Poses(poses) => poses.take(message.data, stamp_of),
+            Self::Poses(poses) => poses.take((message.data, recorded), stamp_of),
             Self::Transforms { is_fixed } => {
                 let transforms: TfMessage = from_cdr(message.data)?;
                 for transform in &transforms.transforms {
                     let (parent, child) =
                         (frame_name(&transform.header.frame_id), frame_name(&transform.child_frame_id));
                     if let Some(rigid) = rigid_of_transform(transform) {
-                        let sample = Sample { stamp: stamp_of(transform.header.stamp), transform: rigid };
+                        let sample = Sample { stamp: stamp_of(transform.header.stamp), recorded, transform: rigid };
                         tree.add(&parent, &child, sample, *is_fixed);
                     }
                 }
@@ -288,7 +339,7 @@ impl Images {
     fn take(
         &mut self,
         topic: &str,
-        message: &FoundMessage<'_>,
+        (message, recorded): (&FoundMessage<'_>, Recorded),
         stamp_of: impl Fn(Time) -> i64,
     ) -> Result<u64, CdrError> {
         let (header, kind, encoding) = if self.is_compressed {
@@ -303,24 +354,24 @@ impl Images {
             self.encoding = one_line(encoding).chars().take(60).collect();
             self.frame = frame_name(&header.frame_id);
         }
-        self.list.push(StampedPlace { stamp: stamp_of(header.stamp), place: message.place });
+        self.list.push(StampedPlace { stamp: stamp_of(header.stamp), recorded, place: message.place });
         Ok(2 * size_of::<StampedPlace>() as u64)
     }
 }
 
 impl Poses {
     fn new(kind: PoseType) -> Self {
-        Self { kind, world: String::new(), body: None, samples: Vec::new() }
+        Self { kind, world: String::new(), body: None, samples: Vec::new(), timeline: Timeline::default() }
     }
 
-    fn take(&mut self, data: &[u8], stamp_of: impl Fn(Time) -> i64) -> Result<u64, CdrError> {
+    fn take(&mut self, (data, recorded): (&[u8], Recorded), stamp_of: impl Fn(Time) -> i64) -> Result<u64, CdrError> {
         let (header, body, rigid) = self.kind.read(data)?;
         if self.samples.is_empty() {
             self.world = frame_name(&header.frame_id);
             self.body = body.map(|body| frame_name(&body)).filter(|body| !body.is_empty());
         }
         let Some(transform) = rigid else { return Ok(0) };
-        self.samples.push(Sample { stamp: stamp_of(header.stamp), transform });
+        self.samples.push(Sample { stamp: stamp_of(header.stamp), recorded, transform });
         Ok(2 * size_of::<Sample>() as u64)
     }
 }

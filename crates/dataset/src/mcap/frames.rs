@@ -4,14 +4,14 @@ use super::cameras::{Calibration, Camera};
 use super::container::MessagePlace;
 use super::contents::{Content, Contents, Poses, StampedPlace, Topic, bare_frame};
 use super::topics::{Choice, PoseChoice};
-use super::transforms::{Rigid, Tolerance, Way, at_time};
+use super::transforms::{Instant, Rigid, Tolerance, Way};
+use crate::plausibility::warn_once;
 use crate::tum::associate;
 use crate::{DatasetError, DatasetSettings, LeftOut};
 use splatseg_geometry::Pose;
+use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Stamps that go back by less are messages that were recorded a little out of order, nanoseconds.
-const OUT_OF_ORDER: i64 = 1_000_000_000;
 const NANOSECONDS_PER_MS: f64 = 1e6;
 
 /// A frame before it is read.
@@ -31,13 +31,16 @@ pub(super) struct RecordedFrame {
 pub(super) struct Cameras {
     pub(super) topic: String,
     pub(super) list: Vec<Camera>,
-    starts: Vec<i64>,
+    /// The messages that described them.
+    starts: Vec<StampedPlace>,
+    /// Whether their stamps increase.
+    in_order: bool,
 }
 
 impl Cameras {
     /// The cameras that a topic describes, of images of `images`.
     pub(super) fn new(topic: &Topic, images: &Topic, path: &Path) -> Result<Self, DatasetError> {
-        let list: &[(i64, Calibration)] = match &topic.content {
+        let list: &[(StampedPlace, Calibration)] = match &topic.content {
             Content::Calibrations { list, .. } => list,
             _ => &[],
         };
@@ -46,13 +49,19 @@ impl Cameras {
         let place = format!("{}: {}", path.display(), topic.name);
         let cameras = list.iter().map(|(_, calibration)| calibration.camera(is_rectified, Path::new(&place)));
         let list_of_cameras = cameras.collect::<Result<Vec<_>, _>>()?;
-        let starts = list.iter().map(|(stamp, _)| *stamp).collect();
-        Ok(Self { topic: topic.name.clone(), list: list_of_cameras, starts })
+        let starts: Vec<StampedPlace> = list.iter().map(|(place, _)| *place).collect();
+        let in_order = starts.is_sorted_by_key(|start| start.stamp);
+        Ok(Self { topic: topic.name.clone(), list: list_of_cameras, starts, in_order })
     }
 
-    /// The camera at a time; the first one before it is described.
-    fn at(&self, stamp: i64) -> usize {
-        self.starts.partition_point(|start| *start <= stamp).saturating_sub(1)
+    /// The camera of an image; the first one before it is described.
+    fn at(&self, image: &StampedPlace) -> usize {
+        let is_before = |start: &StampedPlace| match self.in_order {
+            true => start.stamp <= image.stamp,
+            // The clock was set back, or a stamp is wrong.
+            false => start.recorded.number <= image.recorded.number,
+        };
+        self.starts.partition_point(is_before).saturating_sub(1)
     }
 }
 
@@ -105,9 +114,7 @@ impl<'a> FrameMaker<'a> {
             PoseChoice::Topic(topic, poses) => {
                 let named = self.settings.pose_frame.as_deref().map(bare_frame).or(poses.body.as_deref());
                 let way = named.and_then(|body| tree.way(camera, body).filter(|_| body == camera || tree.has(camera)));
-                let fixed = way
-                    .filter(|way| !tree.is_moving(way))
-                    .and_then(|way| tree.transform(&way, 0, Tolerance { nearest: i64::MAX, gap: i64::MAX }));
+                let fixed = way.filter(|way| !tree.is_moving(way)).and_then(|way| tree.fixed_transform(&way));
                 let of = match (named, fixed) {
                     (Some(body), Some(_)) if body == camera => format!("of the camera, {camera}"),
                     (Some(body), Some(_)) => format!("of {body}, with /tf_static from {camera}"),
@@ -124,14 +131,46 @@ impl<'a> FrameMaker<'a> {
         }
     }
 
-    fn pose_at(&self, source: &PoseSource<'_>, stamp: i64) -> Option<Pose> {
+    fn pose_at(&self, source: &PoseSource<'_>, image: &StampedPlace) -> Option<Pose> {
+        let at = Instant { stamp: image.stamp, recorded: image.recorded };
         let rigid = match source {
-            PoseSource::Tree(way) => self.contents.tree.transform(way, stamp, self.tolerance())?,
+            PoseSource::Tree(way) => self.contents.tree.transform(way, at, self.tolerance())?,
             PoseSource::Topic(poses, body_from_camera) => {
-                at_time(&poses.samples, stamp, self.tolerance())?.after(body_from_camera)
+                poses.timeline.at(at, self.tolerance())?.after(body_from_camera)
             }
         };
         rigid.to_pose().ok()
+    }
+
+    /// The pairs of colour and depth images of the same time, in order of time.
+    fn pairs(&self) -> Vec<(StampedPlace, StampedPlace)> {
+        let (color, depth) = (&self.choice.color.1.timeline, &self.choice.depth.1.timeline);
+        // `associate` pairs what is less apart; a pair at the limit is meant, too.
+        let limit = self.settings.max_time_difference_ms * 1e-3 + 1e-9;
+        let mut pairs = Vec::with_capacity(color.len());
+        for stretch in &color.stretches {
+            // In a recording whose clock is never set back there is one.
+            let mut by_depth: BTreeMap<usize, Vec<StampedPlace>> = BTreeMap::new();
+            for image in &stretch.messages {
+                if let Some(index) = depth.index_of_stretch(image) {
+                    by_depth.entry(index).or_default().push(*image);
+                }
+            }
+            for (index, color) in by_depth {
+                let Some((first, depth)) = color.first().map(|first| first.stamp).zip(depth.stretches.get(index))
+                else {
+                    continue;
+                };
+                let seconds = |list: &[StampedPlace]| -> Vec<f64> {
+                    list.iter().map(|place| place.stamp.saturating_sub(first) as f64 * 1e-9).collect()
+                };
+                let found = associate(&seconds(&color), &seconds(&depth.messages), limit);
+                pairs.extend(found.into_iter().filter_map(|(color_index, depth_index)| {
+                    color.get(color_index).copied().zip(depth.messages.get(depth_index).copied())
+                }));
+            }
+        }
+        pairs
     }
 
     /// The frames, in order of time, and those that are left out.
@@ -141,26 +180,20 @@ impl<'a> FrameMaker<'a> {
         cameras: (&Cameras, &Cameras),
     ) -> Result<(Vec<RecordedFrame>, Vec<LeftOut>), DatasetError> {
         let ((color_topic, color), (depth_topic, depth)) = (self.choice.color, self.choice.depth);
-        let (color, backwards) = in_order(&color.list);
-        let (depth, depth_backwards) = in_order(&depth.list);
+        let (color, depth) = (&color.timeline, &depth.timeline);
         let limit_ms = self.settings.max_time_difference_ms;
-        let first = color.first().or(depth.first()).map_or(0, |first| first.stamp);
-        let seconds = |list: &[StampedPlace]| -> Vec<f64> {
-            list.iter().map(|place| place.stamp.saturating_sub(first) as f64 * 1e-9).collect()
-        };
-        // `associate` pairs what is less apart; a pair at the limit is meant, too.
-        let pairs = associate(&seconds(&color), &seconds(&depth), limit_ms * 1e-3 + 1e-9);
+        let pairs = self.pairs();
         let (mut frames, mut without_pose) = (Vec::with_capacity(pairs.len()), 0);
-        for (color_index, depth_index) in &pairs {
-            let (Some(color), Some(depth)) = (color.get(*color_index), depth.get(*depth_index)) else { continue };
-            let Some(pose) = self.pose_at(source, color.stamp) else {
+        for (color, depth) in &pairs {
+            let Some(pose) = self.pose_at(source, color) else {
                 without_pose += 1;
                 continue;
             };
-            let cameras = (cameras.0.at(color.stamp), cameras.1.at(depth.stamp));
+            let cameras = (cameras.0.at(color), cameras.1.at(depth));
             frames.push(RecordedFrame { stamp: color.stamp, color: color.place, depth: depth.place, pose, cameras });
         }
         let without_depth = color.len() - pairs.len();
+        self.tell_of_clock();
         if frames.is_empty() {
             let found = format!(
                 "{} of {} and {} of {}, of which {} are within {limit_ms} ms of each other and none of these has a pose",
@@ -177,10 +210,28 @@ impl<'a> FrameMaker<'a> {
         let left_out = LeftOut::list([
             (without_depth, format!("without a depth image within {limit_ms} ms of their colour image")),
             (without_pose, format!("without a pose at their time (or within {} ms)", self.settings.max_pose_gap_ms)),
-            (backwards, format!("whose time is not after that of the images before, of {}", color_topic.name)),
-            (depth_backwards, format!("whose time is not after that of the images before, of {}", depth_topic.name)),
+            (color.misfits, misfit(&color_topic.name)),
+            (depth.misfits, misfit(&depth_topic.name)),
         ]);
         Ok((frames, left_out))
+    }
+
+    /// Tells where the clock was set back, and of transforms and poses with wrong stamps.
+    fn tell_of_clock(&self) {
+        let (topic, images) = self.choice.color;
+        let path = self.path.display();
+        let set_back = images.timeline.stretches.len().saturating_sub(1);
+        if set_back > 0 {
+            let times = if set_back == 1 { "once".to_owned() } else { format!("{set_back} times") };
+            warn_once(format!("{path}: the clock of {} was set back {times}: stamps come again", topic.name));
+        }
+        let misfits = match self.choice.pose {
+            PoseChoice::Tree => self.contents.tree.misfits(),
+            PoseChoice::Topic(_, poses) => poses.timeline.misfits,
+        };
+        if misfits > 0 {
+            warn_once(format!("{path}: {misfits} poses are not used: their stamps do not fit those around them"));
+        }
     }
 
     /// From the depth camera's to the colour camera's coordinates, if they are not the same.
@@ -191,8 +242,7 @@ impl<'a> FrameMaker<'a> {
         }
         let tree = &self.contents.tree;
         let way = tree.way(depth, color).filter(|way| !tree.is_moving(way));
-        let anytime = Tolerance { nearest: i64::MAX, gap: i64::MAX };
-        let transform = way.and_then(|way| tree.transform(&way, 0, anytime));
+        let transform = way.and_then(|way| tree.fixed_transform(&way));
         transform.map(Some).ok_or_else(|| {
             let found = format!("depth in frame {depth:?}, colour in frame {color:?}");
             let expected =
@@ -202,18 +252,6 @@ impl<'a> FrameMaker<'a> {
     }
 }
 
-/// Images in order of time, and the number of those whose time goes back or stays the same.
-fn in_order(list: &[StampedPlace]) -> (Vec<StampedPlace>, usize) {
-    let mut latest = i64::MIN;
-    let mut ordered: Vec<StampedPlace> = Vec::with_capacity(list.len());
-    for place in list {
-        if place.stamp >= latest.saturating_sub(OUT_OF_ORDER) {
-            ordered.push(*place);
-            latest = latest.max(place.stamp);
-        }
-    }
-    ordered.sort_by_key(|place| place.stamp);
-    ordered.dedup_by_key(|place| place.stamp);
-    let left_out = list.len() - ordered.len();
-    (ordered, left_out)
+fn misfit(topic: &str) -> String {
+    format!("whose stamp does not fit those around it, of {topic}")
 }

@@ -8,6 +8,7 @@
 
 mod cameras;
 mod chunks;
+mod clock;
 mod compressed_depth;
 mod container;
 mod contents;

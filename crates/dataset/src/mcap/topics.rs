@@ -192,7 +192,7 @@ impl<'a> Chooser<'a> {
 
     fn pose_topics(&self) -> impl Iterator<Item = (&'a Topic, &'a Poses)> {
         self.contents.topics.iter().filter_map(|topic| match &topic.content {
-            Content::Poses(poses) if !poses.samples.is_empty() => Some((topic, poses)),
+            Content::Poses(poses) if !poses.timeline.is_empty() => Some((topic, poses)),
             _ => None,
         })
     }

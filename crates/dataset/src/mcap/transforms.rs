@@ -1,5 +1,6 @@
 //! The tree of coordinate frames of `/tf` and `/tf_static`, and where frames are at a time.
 
+use super::clock::{Order, Recorded, Stamped, Timeline};
 use glam::{DQuat, DVec3};
 use splatseg_geometry::{Pose, PoseError};
 use std::collections::BTreeMap;
@@ -45,7 +46,37 @@ impl Rigid {
 pub(super) struct Sample {
     /// Nanoseconds.
     pub(super) stamp: i64,
+    pub(super) recorded: Recorded,
     pub(super) transform: Rigid,
+}
+
+impl Stamped for Sample {
+    fn stamp(&self) -> i64 {
+        self.stamp
+    }
+
+    fn recorded(&self) -> Recorded {
+        self.recorded
+    }
+}
+
+/// A time in a recording.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Instant {
+    /// By the clock of the messages, nanoseconds.
+    pub(super) stamp: i64,
+    /// Which of several times that the clock has shown it.
+    pub(super) recorded: Recorded,
+}
+
+impl Stamped for Instant {
+    fn stamp(&self) -> i64 {
+        self.stamp
+    }
+
+    fn recorded(&self) -> Recorded {
+        self.recorded
+    }
 }
 
 /// How far in time what is asked for may be from what was measured, nanoseconds.
@@ -82,12 +113,11 @@ pub(super) fn at_time(samples: &[Sample], stamp: i64, tolerance: Tolerance) -> O
     (apart(&nearest) <= tolerance.nearest.unsigned_abs()).then_some(nearest.transform)
 }
 
-/// Puts samples in order of time; of several with the same time the last is kept.
-pub(super) fn sort_samples(samples: &mut Vec<Sample>) {
-    samples.reverse();
-    samples.sort_by_key(|sample| sample.stamp);
-    samples.dedup_by_key(|sample| sample.stamp);
-    samples.shrink_to_fit();
+impl Timeline<Sample> {
+    /// The transform at an instant, as [`at_time`] finds it.
+    pub(super) fn at(&self, instant: Instant, tolerance: Tolerance) -> Option<Rigid> {
+        at_time(&self.stretch_of(&instant)?.messages, instant.stamp, tolerance)
+    }
 }
 
 /// How a frame stands in its parent.
@@ -96,8 +126,13 @@ struct Edge {
     parent: String,
     /// Of `/tf_static`: the last one.
     fixed: Option<Rigid>,
-    /// Of `/tf`.
+    /// Of `/tf`, in the order of the file, until they are sorted.
     samples: Vec<Sample>,
+    timeline: Timeline<Sample>,
+    /// Whether several samples differ...
+    moves: bool,
+    /// ...or are all the same: some drivers broadcast it over and over in place of `/tf_static`.
+    repeated: Option<Rigid>,
 }
 
 /// All frames, each with its parent.
@@ -125,12 +160,24 @@ impl TransformTree {
             return;
         }
         let (fixed, samples) = if is_fixed { (Some(sample.transform), Vec::new()) } else { (None, vec![sample]) };
-        self.edges.insert(child.to_owned(), Edge { parent: parent.to_owned(), fixed, samples });
+        let (timeline, parent) = (Timeline::default(), parent.to_owned());
+        self.edges.insert(child.to_owned(), Edge { parent, fixed, samples, timeline, moves: false, repeated: None });
     }
 
     /// Puts everything in order of time.
-    pub(super) fn sort(&mut self) {
-        self.edges.values_mut().for_each(|edge| sort_samples(&mut edge.samples));
+    pub(super) fn sort(&mut self, order: Order) {
+        for edge in self.edges.values_mut() {
+            edge.timeline = Timeline::new(std::mem::take(&mut edge.samples), order);
+            let mut samples = edge.timeline.stretches.iter().flat_map(|stretch| &stretch.messages);
+            let first = samples.next().map(|sample| sample.transform);
+            edge.moves = samples.clone().any(|sample| Some(sample.transform) != first);
+            edge.repeated = first.filter(|_| samples.next().is_some() && !edge.moves);
+        }
+    }
+
+    /// Transforms whose stamps do not fit those around them.
+    pub(super) fn misfits(&self) -> usize {
+        self.edges.values().map(|edge| edge.timeline.misfits).sum()
     }
 
     /// Whether a frame has a parent, or is one.
@@ -170,35 +217,31 @@ impl TransformTree {
 
     /// Whether anything on the way moves.
     pub(super) fn is_moving(&self, way: &Way) -> bool {
-        way.up.iter().chain(&way.down).any(|frame| {
-            self.edges.get(frame).is_some_and(|edge| {
-                edge.fixed.is_none() && edge.samples.windows(2).any(|pair| pair[0].transform != pair[1].transform)
-            })
-        })
+        way.up
+            .iter()
+            .chain(&way.down)
+            .any(|frame| self.edges.get(frame).is_some_and(|edge| edge.fixed.is_none() && edge.moves))
     }
 
-    /// The transform along the way at a time: `to_from_from`. `None` if a part of it is not known then.
-    pub(super) fn transform(&self, way: &Way, stamp: i64, tolerance: Tolerance) -> Option<Rigid> {
+    /// The transform along a way on which nothing moves.
+    pub(super) fn fixed_transform(&self, way: &Way) -> Option<Rigid> {
+        let anytime = Tolerance { nearest: i64::MAX, gap: i64::MAX };
+        self.transform(way, Instant { stamp: 0, recorded: Recorded::default() }, anytime)
+    }
+
+    /// The transform along the way at an instant: `to_from_from`. `None` if a part of it is not known then.
+    pub(super) fn transform(&self, way: &Way, at: Instant, tolerance: Tolerance) -> Option<Rigid> {
         let to_top = |frames: &[String]| {
-            frames.iter().try_fold(Rigid::IDENTITY, |below, frame| {
-                Some(self.parent_from(frame, stamp, tolerance)?.after(&below))
-            })
+            frames
+                .iter()
+                .try_fold(Rigid::IDENTITY, |below, frame| Some(self.parent_from(frame, at, tolerance)?.after(&below)))
         };
         Some(to_top(&way.down)?.inverse().after(&to_top(&way.up)?))
     }
 
-    fn parent_from(&self, frame: &str, stamp: i64, tolerance: Tolerance) -> Option<Rigid> {
+    fn parent_from(&self, frame: &str, at: Instant, tolerance: Tolerance) -> Option<Rigid> {
         let edge = self.edges.get(frame)?;
-        match (edge.fixed, edge.samples.as_slice()) {
-            (Some(fixed), _) => Some(fixed),
-            // Broadcast over and over, but always the same: some drivers do that in place of /tf_static.
-            (None, [first, rest @ ..])
-                if rest.iter().all(|sample| sample.transform == first.transform) && !rest.is_empty() =>
-            {
-                Some(first.transform)
-            }
-            (None, samples) => at_time(samples, stamp, tolerance),
-        }
+        edge.fixed.or(edge.repeated).or_else(|| edge.timeline.at(at, tolerance))
     }
 }
 
@@ -212,7 +255,11 @@ mod tests {
 
     fn sample(milliseconds: i64, x: f64, angle: f64) -> Sample {
         let transform = Rigid { translation: DVec3::X * x, rotation: DQuat::from_rotation_z(angle) };
-        Sample { stamp: milliseconds * MILLISECOND, transform }
+        Sample { stamp: milliseconds * MILLISECOND, recorded: Recorded::default(), transform }
+    }
+
+    fn instant(milliseconds: i64) -> Instant {
+        Instant { stamp: milliseconds * MILLISECOND, recorded: Recorded::default() }
     }
 
     fn close(left: &Rigid, right: &Rigid) -> bool {
@@ -245,15 +292,15 @@ mod tests {
         tree.add("base", "color", sample(0, 0.1, 1.0), true);
         tree.add("base", "depth", sample(0, 0.3, 1.0), true);
         tree.add("elsewhere", "color", sample(0, 7.0, 0.0), true); // a second parent
-        tree.sort();
+        tree.sort(Order::LogTime);
         let way = tree.way("color", "odom").unwrap();
         assert!(tree.is_moving(&way));
-        let transform = tree.transform(&way, 50 * MILLISECOND, TOLERANCE).unwrap();
+        let transform = tree.transform(&way, instant(50), TOLERANCE).unwrap();
         assert!(close(&transform, &sample(0, 2.1, 1.0).transform), "{transform:?}");
-        assert_eq!(tree.transform(&way, 900 * MILLISECOND, TOLERANCE), None);
+        assert_eq!(tree.transform(&way, instant(900), TOLERANCE), None);
         let between = tree.way("depth", "color").unwrap();
         assert!(!tree.is_moving(&between), "what moves is above both");
-        let transform = tree.transform(&between, 900 * MILLISECOND, TOLERANCE).unwrap();
+        let transform = tree.transform(&between, instant(900), TOLERANCE).unwrap();
         let expected = DQuat::from_rotation_z(-1.0) * (DVec3::X * 0.2);
         assert!(close(&transform, &Rigid { translation: expected, rotation: DQuat::IDENTITY }), "{transform:?}");
         assert_eq!(tree.way("color", "map"), None);
@@ -288,9 +335,9 @@ mod tests {
             let transform = Rigid { translation: DVec3::from(t), rotation: DQuat::from_euler(glam::EulerRot::XYZ, angles[0], angles[1], angles[2]) };
             let mut tree = TransformTree::default();
             for (parent, child) in [("a", "b"), ("b", "c"), ("a", "d")] {
-                tree.add(parent, child, Sample { stamp: 0, transform }, true);
+                tree.add(parent, child, Sample { stamp: 0, recorded: Recorded::default(), transform }, true);
             }
-            let through = |from, to| tree.transform(&tree.way(from, to).unwrap(), 0, TOLERANCE).unwrap();
+            let through = |from, to| tree.transform(&tree.way(from, to).unwrap(), instant(0), TOLERANCE).unwrap();
             prop_assert!(close(&through("c", "d").after(&through("d", "c")), &Rigid::IDENTITY));
             prop_assert!(close(&through("c", "a"), &transform.after(&transform)));
         }
