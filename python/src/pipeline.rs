@@ -156,7 +156,7 @@ impl Pipeline {
     /// Centres, world coordinates, metres, `(Gaussians, 3)`.
     fn means(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f64>>> {
         let guard = self.lock()?;
-        let memory = memory_of(&*guard)?;
+        let memory = memory_of(&guard)?;
         to_rows(py, memory.balls().means.iter().map(|mean| (mean.as_dvec3() + memory.origin()).to_array()))
     }
 

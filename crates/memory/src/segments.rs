@@ -167,6 +167,11 @@ impl Segments {
         self.live.keys().copied()
     }
 
+    /// Whether anything carried an id when that was last looked at.
+    pub fn is_carried(&self, id: SegmentId) -> bool {
+        self.live.get(&id).is_some_and(|segment| segment.carried)
+    }
+
     /// How Gaussians hold an id.
     #[cfg(test)]
     pub fn hold(&self, id: SegmentId) -> SegmentHold {

@@ -27,9 +27,9 @@ pub struct Appearances {
 
 /// What methods keep with the memory, so that it is saved with it.
 impl SplatMemory {
-    /// Remembered segments that a method hides because predictions have overruled them, each with the largest area, in
-    /// pixels, expected of it since then.
-    pub fn overruled_mut(&mut self) -> &mut BTreeMap<SegmentId, usize> {
+    /// Remembered segments that a method hides because predictions have overruled them, each with the largest area,
+    /// square metres, expected of it since then.
+    pub fn overruled_mut(&mut self) -> &mut BTreeMap<SegmentId, f32> {
         &mut self.overruled
     }
 
@@ -44,7 +44,7 @@ impl SplatMemory {
 #[serde(deny_unknown_fields)]
 pub(crate) struct ShortTermMemory {
     /// See [`SplatMemory::overruled_mut`](crate::SplatMemory::overruled_mut).
-    pub overruled: BTreeMap<SegmentId, usize>,
+    pub overruled: BTreeMap<SegmentId, f32>,
     /// See [`SplatMemory::appearances_mut`](crate::SplatMemory::appearances_mut). Older files lack it.
     #[serde(default)]
     pub appearances: BTreeMap<SegmentId, Appearances>,

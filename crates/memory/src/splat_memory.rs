@@ -44,7 +44,7 @@ pub struct SplatMemory {
     pub(crate) depthless: DepthlessSegments,
     /// Predictions that were explained by what is remembered.
     pub(crate) recurring: RecurringPredictions,
-    pub(crate) overruled: BTreeMap<SegmentId, usize>,
+    pub(crate) overruled: BTreeMap<SegmentId, f32>,
     pub(crate) appearances: BTreeMap<SegmentId, Appearances>,
     /// The last frames, which decide what happens when one contradicts the map.
     pub(crate) recent: RecentFrames,
@@ -393,6 +393,11 @@ impl SplatMemory {
     /// Whether an id is tentative: its thing was seen in one frame only. It is given for good once it was seen in two.
     pub fn is_tentative(&self, id: SegmentId) -> bool {
         self.segments.is_tentative(id)
+    }
+
+    /// Whether something carried an id after the last frame, as in [`Self::carried_ids`].
+    pub fn is_carried(&self, id: SegmentId) -> bool {
+        self.segments.is_carried(id)
     }
 
     /// The ids that something in the memory carries: Gaussians, or a remembered region without depth. All others that

@@ -144,7 +144,7 @@ fn what_no_gaussian_carries_is_continued_too() {
         (expected, recurring)
     };
     (0..4).for_each(|_| drop(take_in(&mut memory)));
-    memory.overruled_mut().insert(1, 77);
+    memory.overruled_mut().insert(1, 0.77);
     memory.appearances_mut().insert(1, Appearances { apart: 5, merged: 2 });
     memory.save(&path).unwrap();
 

@@ -12,7 +12,7 @@ const CLEARLY_BETTER: f64 = 1.2;
 const CUT_VIEW: f64 = 0.25;
 
 /// Every object seen so far, with its best view.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct SeenObjects {
     objects: BTreeMap<SegmentId, Sightings>,
 }
@@ -44,6 +44,11 @@ impl SeenObjects {
     /// All objects, by id.
     pub fn objects(&self) -> &BTreeMap<SegmentId, Sightings> {
         &self.objects
+    }
+
+    /// Puts other sightings in the place of those of some objects.
+    pub fn replace(&mut self, objects: Vec<(SegmentId, Sightings)>) {
+        self.objects.extend(objects);
     }
 
     /// The best view of an object.

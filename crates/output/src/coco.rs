@@ -178,12 +178,17 @@ impl RunOutput for CocoFile {
         Ok(())
     }
 
-    fn save(&mut self, _: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError> {
-        saved_state("COCO file", &self.frames)
+    fn frame_state(&self, _: &FrameRecord) -> Result<Vec<u8>, OutputError> {
+        saved_state("COCO file", &self.frames.last())
     }
 
-    fn restore(&mut self, saved: &[u8]) -> serde_json::Result<()> {
-        self.frames = serde_json::from_slice(saved)?;
+    fn save(&mut self, _: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError> {
+        saved_state("COCO file", &())
+    }
+
+    fn restore(&mut self, frames: &[String], saved: &[u8]) -> serde_json::Result<()> {
+        let () = serde_json::from_slice(saved)?;
+        self.frames = frames.iter().map(|frame| serde_json::from_str(frame)).collect::<serde_json::Result<_>>()?;
         Ok(())
     }
 

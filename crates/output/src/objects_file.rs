@@ -39,14 +39,23 @@ impl RunOutput for ObjectsFile {
         self.crops.write_settled(record.number, folder)
     }
 
+    fn frame_state(&self, record: &FrameRecord) -> Result<Vec<u8>, OutputError> {
+        let objects = self.seen.objects();
+        let changed: Vec<_> = record.objects.iter().filter_map(|object| objects.get_key_value(&object.id)).collect();
+        saved_state(Self::JSON, &changed)
+    }
+
     fn save(&mut self, folder: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError> {
         // So that none waits any more. A better one replaces it later.
         self.crops.write_all(folder)?;
-        saved_state(Self::JSON, &self.seen)
+        saved_state(Self::JSON, &())
     }
 
-    fn restore(&mut self, saved: &[u8]) -> serde_json::Result<()> {
-        self.seen = serde_json::from_slice(saved)?;
+    fn restore(&mut self, frames: &[String], saved: &[u8]) -> serde_json::Result<()> {
+        let () = serde_json::from_slice(saved)?;
+        for frame in frames {
+            self.seen.replace(serde_json::from_str(frame)?);
+        }
         Ok(())
     }
 

@@ -46,9 +46,10 @@ pub trait ResultFolder {
 
 /// A kind of result. Outputs see the frames in order, on one thread, while later frames are still processed.
 ///
-/// A run can be stopped and go on later: [`Self::save`] says what an output has kept of the frames so far, and
-/// [`Self::restore`] gives that to a new one, which is then shown only the frames after them. What it writes must be the
-/// same, byte for byte, as without the stop.
+/// A run can be stopped and go on later: [`Self::frame_state`] says what an output has kept of each frame and
+/// [`Self::save`] what else, and [`Self::restore`] gives that to a new one, which is then shown only the frames after them.
+/// What it writes must be the same, byte for byte, as without the stop. What grows with the number of frames belongs to the
+/// frames: they are saved once, all else with every save.
 pub trait RunOutput: Send {
     /// What it is called among the outputs of a run: lower-case letters.
     fn name(&self) -> &'static str;
@@ -60,17 +61,24 @@ pub trait RunOutput: Send {
     /// If something cannot be written. The output is shown later frames all the same.
     fn add_frame(&mut self, record: &FrameRecord, folder: &mut dyn ResultFolder) -> Result<(), OutputError>;
 
-    /// What it has kept of the frames so far, as JSON.
+    /// What it has kept of the frame that it was shown last, as one line of JSON.
+    ///
+    /// # Errors
+    /// If it cannot be written. The output is shown later frames all the same.
+    fn frame_state(&self, record: &FrameRecord) -> Result<Vec<u8>, OutputError>;
+
+    /// What else it has kept so far, as JSON.
     ///
     /// # Errors
     /// If it cannot be written. The output is shown later frames all the same.
     fn save(&mut self, folder: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError>;
 
-    /// Takes over what an output of the same name has saved. Must come before the first frame.
+    /// Takes over what an output of the same name has saved: a line of each frame, and what else it has kept. Must come before
+    /// the first frame.
     ///
     /// # Errors
     /// If this is not what such an output saves; the output is then as it was.
-    fn restore(&mut self, saved: &[u8]) -> serde_json::Result<()>;
+    fn restore(&mut self, frames: &[String], saved: &[u8]) -> serde_json::Result<()>;
 
     /// Writes what is known only after the last frame. A run that was interrupted has a last frame too.
     ///

@@ -82,9 +82,11 @@ fn assert_maps_agree(one: &SegmentMap, other: &SegmentMap, what: &str) {
     assert!(1000 * differ <= one.pixels().len(), "{what}: {differ} of {} pixels differ", one.pixels().len());
 }
 
-fn assert_images_agree(one: &Image<f32>, other: &Image<f32>, near: f32, what: &str) {
+/// At most so many pixels of a thousand may differ by more than `near`.
+fn assert_images_agree(one: &Image<f32>, other: &Image<f32>, (near, per_thousand): (f32, usize), what: &str) {
     let differ = one.pixels().iter().zip(other.pixels()).filter(|(one, other)| (*one - *other).abs() > near).count();
-    assert!(1000 * differ <= one.pixels().len(), "{what}: {differ} of {} pixels differ", one.pixels().len());
+    let all = one.pixels().len();
+    assert!(1000 * differ <= per_thousand * all, "{what}: {differ} of {all} pixels differ");
 }
 
 /// Numbers that must be the same but for what roundings decide.
@@ -102,11 +104,12 @@ fn compare(settings: &MemorySettings, device: &GpuDevice) -> [SplatMemory; 2] {
         assert_maps_agree(&one.expected, &other.expected, "expected");
         assert_maps_agree(&one.fused[0], &other.fused[0], "fused");
         assert_maps_agree(&one.fused[1], &other.fused[1], "fused with nothing");
-        // Gradient descent amplifies roundings where the map covers little.
-        let near = if settings.kind == MemoryKind::Features { 1e-2 } else { 1e-4 };
+        // Gradient descent amplifies roundings where the map covers little: two runs on the CPU whose learning rates are
+        // 5e-8 apart differ by more than 1e-2 in 45 of 16,500 pixels of such a room.
+        let near = if settings.kind == MemoryKind::Features { (1e-2, 3) } else { (1e-4, 1) };
         assert_images_agree(&one.confidence, &other.confidence, near, "confidence");
-        assert_images_agree(&one.silhouette, &other.silhouette, 1e-4, "silhouette");
-        assert_images_agree(&one.depth, &other.depth, 1e-4, "depth");
+        assert_images_agree(&one.silhouette, &other.silhouette, (1e-4, 1), "silhouette");
+        assert_images_agree(&one.depth, &other.depth, (1e-4, 1), "depth");
         assert_eq!(one.recurring, other.recurring, "frame {number}");
         assert_eq!(one.update.forgotten, other.update.forgotten, "frame {number}");
         assert_about(one.update.grown, other.update.grown, "grown");

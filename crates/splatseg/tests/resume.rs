@@ -59,7 +59,8 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 #[test]
 fn a_run_that_was_stopped_goes_on_with_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
-    for kind in [&["--set", "memory.kind=evidence"][..], &FEATURES] {
+    let all_new = ["--set", "explanation.min_new_fraction=0"];
+    for kind in [&["--set", "memory.kind=evidence"][..], &FEATURES, &all_new] {
         let (whole, memory) = (folder.path().join("whole"), folder.path().join("whole.ply"));
         let [whole_mcap, mcap] = ["whole.mcap", "out.mcap"].map(|name| folder.path().join(name));
         let [whole_coco, coco] = ["whole.json", "out.json"].map(|name| folder.path().join(name));
@@ -131,6 +132,8 @@ fn a_run_goes_on_only_with_what_it_was_started_with() {
         ("state.json", &state.replace("\"next\": ", "\"next\": 9")),
         ("frames.jsonl", "{\"index\": 0}\n"),
         ("frames.jsonl", ""),
+        ("page.jsonl", "{}\n"),
+        ("objects.jsonl", ""),
         (&objects, "{\"objects\": 3}"),
         (&page, "{}"),
     ] {

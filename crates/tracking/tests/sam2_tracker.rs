@@ -1,6 +1,6 @@
 //! SAM 2.1 as a tracker, with the miniature network.
 
-use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame};
+use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, SegmentId};
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::device::DeviceName;
 use splatseg_models::sam2::{Click, Prompt, Sam2Error, Sam2Network, Weights};
@@ -97,6 +97,24 @@ fn resting_tracks_have_empty_masks_until_they_are_prompted() {
     let prompted = tracker.prompt(&[(9, Prompt::Mask(square(20, 50)))]).unwrap();
     assert!(prompted[0].1.iou(&square(20, 50)) > 0.8);
     assert_eq!(tracker.track(&frame(6, SIZE)).unwrap(), [(4, nothing()), (9, nothing())]);
+}
+
+#[test]
+fn of_many_resting_objects_those_that_rest_longest_are_forgotten() {
+    let Some(file) = weights("of_many_resting_objects_those_that_rest_longest_are_forgotten") else { return };
+    let blind = Blind(Checkpoint::open(&file).unwrap());
+    let network = Sam2Network::load(&blind, Some(64), &DeviceName::Cpu.open().unwrap()).unwrap();
+    let settings = Sam2TrackerSettings::default()
+        .with(|settings| (settings.max_absent_frames, settings.max_resting_objects) = (Some(1), 3));
+    let mut tracker = Sam2Tracker::new(network, settings).unwrap();
+    let ids = |tracked: Vec<(SegmentId, Mask)>| tracked.into_iter().map(|(id, _)| id).collect::<Vec<_>>();
+    for index in 0..6 {
+        tracker.track(&frame(index, SIZE)).unwrap();
+        tracker.prompt(&[(10 - index as SegmentId, Prompt::Mask(square(20, 50)))]).unwrap();
+    }
+    assert_eq!(ids(tracker.track(&frame(6, SIZE)).unwrap()), [5, 6, 7], "the three that were prompted last");
+    tracker.prompt(&[(10, Prompt::Mask(square(20, 50)))]).unwrap();
+    assert_eq!(ids(tracker.track(&frame(7, SIZE)).unwrap()), [5, 6, 10], "followed again, then resting");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! A video of MVPd, with the synthetic room in it, as a folder or an archive.
 
-use super::recording::*;
+use super::recording::{jpeg_bytes, png_depth_bytes, png_panoptic_bytes, recording, tar_gz_bytes};
 use glam::{DMat3, DQuat};
 use serde_json::{Value, json};
 use splatseg_geometry::{Pose, RgbdFrame, SegmentMap};

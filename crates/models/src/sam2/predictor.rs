@@ -96,6 +96,7 @@ impl Sam2Predictor {
             }
         }
         self.state.features = Some(features);
+        self.forget_longest_resting();
         Ok(masks)
     }
 
@@ -114,10 +115,25 @@ impl Sam2Predictor {
     /// Takes what the network says of an object in the current frame. An object that rests counts as not tracked, so a
     /// prompt on this frame conditions the tracking.
     fn take_tracked(&mut self, id: u64, prediction: Prediction) {
-        let settings = self.settings;
+        let (settings, now) = (self.settings, self.state.index());
         let object = self.object_mut(id);
         object.absent_frames = if prediction.is_absent() { object.absent_frames + 1 } else { 0 };
         object.tracked = Some(prediction).filter(|_| !object.is_resting(&settings));
+        object.resting_since = object.is_resting(&settings).then(|| object.resting_since.unwrap_or(now));
+    }
+
+    /// Forgets objects of which too many rest.
+    fn forget_longest_resting(&mut self) {
+        let objects = self.state.objects.iter();
+        let mut resting: Vec<(usize, u64)> =
+            objects.filter_map(|(id, object)| Some((object.resting_since?, *id))).collect();
+        let max = self.settings.max_resting_objects;
+        if max > 0 && resting.len() > max {
+            resting.sort_unstable();
+            for (_, id) in resting.iter().take(resting.len() - max) {
+                self.state.objects.remove(id);
+            }
+        }
     }
 
     pub(super) fn object_mut(&mut self, id: u64) -> &mut TrackedObject {

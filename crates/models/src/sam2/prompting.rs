@@ -89,7 +89,7 @@ impl Sam2Predictor {
             for ((index, (id, _)), prediction) in chunk.iter().zip(prompts).zip(Prediction::from_outputs(out)?) {
                 masks[*index] = Some(self.object_mask(*id, &prediction));
                 let object = self.object_mut(*id);
-                (object.prompted, object.absent_frames) = (Some(prediction), 0);
+                (object.prompted, object.absent_frames, object.resting_since) = (Some(prediction), 0, None);
             }
         }
         Ok(masks.into_iter().flatten().collect())

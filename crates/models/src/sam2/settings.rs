@@ -27,6 +27,8 @@ pub struct Sam2PredictorSettings {
     pub max_absent_frames: usize,
     /// A resting object is looked for every so many frames, and followed again if it is found; 0: it is not looked for.
     pub absent_check_interval: usize,
+    /// Of more resting objects than this, those are forgotten that have rested for longest; 0: none is.
+    pub max_resting_objects: usize,
     /// Number of frames of the video, where known: the official code measures the age of object pointers against it in
     /// videos of fewer than 16 frames.
     pub video_length: Option<usize>,
@@ -42,6 +44,7 @@ impl Default for Sam2PredictorSettings {
             fill_hole_area: 8,
             max_absent_frames: 0,
             absent_check_interval: 0,
+            max_resting_objects: 0,
             video_length: None,
         }
     }

@@ -36,6 +36,8 @@ pub(super) struct TrackedObject {
     pub(super) points: Vec<InputPoint>,
     /// How many frames in a row it has been absent from, up to the current one, since it was last prompted.
     pub(super) absent_frames: usize,
+    /// The frame in which it came to rest.
+    pub(super) resting_since: Option<usize>,
 }
 
 impl TrackedObject {

@@ -14,9 +14,14 @@ pub(super) struct PatchGrid {
 impl PatchGrid {
     /// A grid that finds all patches within `reach`, metres, which is above 0.
     pub fn new(patches: &[Patch], reach: f32) -> Self {
+        Self::of(patches, 0..patches.len(), reach)
+    }
+
+    /// The same of some patches, given by their indices.
+    pub fn of(patches: &[Patch], indices: impl IntoIterator<Item = usize>, reach: f32) -> Self {
         let mut cells: BTreeMap<[i32; 3], Vec<usize>> = BTreeMap::new();
-        for (index, patch) in patches.iter().enumerate() {
-            cells.entry(cell_of(patch.mean, reach)).or_default().push(index);
+        for index in indices {
+            cells.entry(cell_of(patches[index].mean, reach)).or_default().push(index);
         }
         Self { cells, side: reach }
     }

@@ -60,28 +60,61 @@ fn connected_parts(patches: &[Patch]) -> Vec<usize> {
 
 /// For each patch a number, which is the same for those that a chain of links connects.
 fn linked_parts(patches: &[Patch]) -> Vec<usize> {
-    let reach = patches.iter().map(|patch| 2.0 * LINK_PER_COVER * patch.cover + LINK).fold(0.0, f32::max);
-    let grid = PatchGrid::new(patches, reach);
-    let mut parts: Vec<Option<usize>> = vec![None; patches.len()];
-    let (mut open, mut near) = (Vec::new(), Vec::new());
-    for start in 0..patches.len() {
-        if parts[start].is_none() {
-            parts[start] = Some(start);
-            open.push(start);
-        }
-        while let Some(index) = open.pop() {
-            let patch = &patches[index];
+    let mut parts = Parts::new(patches.len());
+    let mut near = Vec::new();
+    // Each patch looks for those that are not larger, in a grid for its size: a single large patch, as of a flying pixel far
+    // away, does not make the cells of all others large.
+    let sizes: BTreeMap<i32, f32> = patches.iter().fold(BTreeMap::new(), |mut sizes, patch| {
+        let largest = sizes.entry(size_class(patch)).or_insert(0.0);
+        *largest = patch.cover.max(*largest);
+        sizes
+    });
+    for (size, largest) in sizes {
+        let smaller = (0..patches.len()).filter(|index| size_class(&patches[*index]) <= size);
+        let grid = PatchGrid::of(patches, smaller, 2.0 * LINK_PER_COVER * largest + LINK);
+        for (index, patch) in patches.iter().enumerate().filter(|(_, patch)| size_class(patch) == size) {
             grid.near(patch.mean, &mut near);
-            for other in near.iter().copied().filter(|other| parts[*other].is_none()).collect::<Vec<_>>() {
-                let link = LINK_PER_COVER * (patch.cover + patches[other].cover) + LINK;
-                if patch.mean.distance_squared(patches[other].mean) <= link * link {
-                    parts[other] = Some(start);
-                    open.push(other);
+            for other in &near {
+                let link = LINK_PER_COVER * (patch.cover + patches[*other].cover) + LINK;
+                if patch.mean.distance_squared(patches[*other].mean) <= link * link {
+                    parts.join(index, *other);
                 }
             }
         }
     }
-    parts.into_iter().map(Option::unwrap_or_default).collect()
+    (0..patches.len()).map(|index| parts.of(index)).collect()
+}
+
+/// Patches of one class differ in size by less than a factor of two.
+fn size_class(patch: &Patch) -> i32 {
+    patch.cover.max(LINK).log2().floor() as i32
+}
+
+/// Which things are connected: each has the number of the first one of its part.
+struct Parts(Vec<usize>);
+
+impl Parts {
+    fn new(count: usize) -> Self {
+        Self((0..count).collect())
+    }
+
+    fn of(&mut self, index: usize) -> usize {
+        let mut first = index;
+        while self.0[first] != first {
+            first = self.0[first];
+        }
+        // The next way is short.
+        let mut at = index;
+        while self.0[at] != first {
+            at = std::mem::replace(&mut self.0[at], first);
+        }
+        first
+    }
+
+    fn join(&mut self, one: usize, other: usize) {
+        let (one, other) = (self.of(one), self.of(other));
+        self.0[one.max(other)] = one.min(other);
+    }
 }
 
 /// Patches that do not lie far outside the bulk in any of 13 directions. The end of a thin part stays: what lies outside
@@ -128,6 +161,7 @@ pub(super) fn weighted_quantiles(weighted: &mut [(f32, f32)], tail: f64) -> (f32
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     /// A patch of 2 cm.
     fn patch(x: f32, y: f32, z: f32) -> Patch {
@@ -174,6 +208,29 @@ mod tests {
         assert_eq!(without_stray(&patches).len(), 800);
         assert_eq!(without_stray(&patches[..1]).len(), 1);
         assert!(without_stray(&[]).is_empty());
+    }
+
+    proptest! {
+        /// Also where one patch is much larger and far away.
+        #[test]
+        fn parts_are_those_of_all_links(
+            places in proptest::collection::vec((prop::array::uniform3(-1.0f32..1.0), 0.001f32..0.03), 1..60),
+            far in prop::option::of((prop::array::uniform3(-20.0f32..20.0), 0.1f32..5.0)),
+        ) {
+            let patch = |(mean, cover): ([f32; 3], f32)| Patch { cover, ..patch(mean[0], mean[1], mean[2]) };
+            let patches: Vec<Patch> = places.into_iter().chain(far).map(patch).collect();
+            let mut expected: Vec<usize> = (0..patches.len()).collect();
+            for _ in 0..patches.len() {
+                for (one, a) in patches.iter().enumerate() {
+                    for (other, b) in patches.iter().enumerate() {
+                        if a.mean.distance(b.mean) <= LINK_PER_COVER * (a.cover + b.cover) + LINK - 1e-6 {
+                            expected[one] = expected[one].min(expected[other]);
+                        }
+                    }
+                }
+            }
+            prop_assert_eq!(linked_parts(&patches), expected);
+        }
     }
 
     #[test]

@@ -185,12 +185,23 @@ impl RunOutput for McapFile {
         Ok(())
     }
 
-    fn save(&mut self, _: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError> {
-        saved_state("MCAP file", &self.seen)
+    fn frame_state(&self, record: &FrameRecord) -> Result<Vec<u8>, OutputError> {
+        let new: Vec<SegmentId> =
+            record.objects.iter().filter(|object| object.is_new()).map(|object| object.id).collect();
+        saved_state("MCAP file", &(self.seen.frames.last(), new))
     }
 
-    fn restore(&mut self, saved: &[u8]) -> serde_json::Result<()> {
-        self.seen = serde_json::from_slice(saved)?;
+    fn save(&mut self, _: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError> {
+        saved_state("MCAP file", &())
+    }
+
+    fn restore(&mut self, frames: &[String], saved: &[u8]) -> serde_json::Result<()> {
+        let () = serde_json::from_slice(saved)?;
+        for frame in frames {
+            let (frame, new): (SeenFrame, Vec<SegmentId>) = serde_json::from_str(frame)?;
+            self.seen.objects.extend(new.into_iter().map(|id| (id, frame.time)));
+            self.seen.frames.push(frame);
+        }
         Ok(())
     }
 

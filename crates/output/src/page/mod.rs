@@ -34,6 +34,8 @@ const HTML: &str = include_str!("../../viewer/page.html");
 const STYLE: &str = include_str!("../../viewer/page.css");
 const SCRIPT: &str = include_str!("../../viewer/viewer.min.js");
 
+/// Numbers of a pose: position, then rotation as a quaternion.
+const POSE_NUMBERS: usize = 7;
 /// Ids of so many frames are in one file, a few hundred kilobytes.
 const FRAMES_PER_CHUNK: usize = 64;
 
@@ -41,11 +43,10 @@ const FRAMES_PER_CHUNK: usize = 64;
 ///
 /// Of each frame it keeps the name, the pose and the ids until 64 frames are together, so that memory grows by some
 /// hundred bytes per frame.
-#[derive(Debug, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Default)]
 pub struct Page {
     names: Vec<String>,
-    /// Seven numbers per frame: position, then rotation as a quaternion.
+    /// [`POSE_NUMBERS`] per frame.
     poses: Vec<f64>,
     cameras: Vec<CameraData>,
     up: UpEstimate,
@@ -55,8 +56,26 @@ pub struct Page {
     chunks: usize,
 }
 
+/// What is saved of a frame: its name, pose and objects, and its camera if that is a new one.
+#[derive(Serialize, Deserialize)]
+struct SavedFrame {
+    name: String,
+    pose: Vec<f64>,
+    camera: Option<CameraData>,
+    objects: Vec<ObjectSighting>,
+}
+
+/// What else is saved.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SavedPage {
+    up: UpEstimate,
+    chunk: Vec<(usize, usize, String)>,
+    chunks: usize,
+}
+
 /// Where an object was seen.
-#[derive(Debug, Default, Serialize, Deserialize)]
+#[derive(Debug, Default)]
 struct Sightings {
     frames: usize,
     /// First and last frame of each stretch.
@@ -84,6 +103,16 @@ impl Page {
         }
     }
 
+    fn add_sightings(&mut self, frame: usize, sightings: &[ObjectSighting]) {
+        for sighting in sightings {
+            let object = self.objects.entry(sighting.id).or_default();
+            if sighting.is_new() {
+                *object = Sightings::default();
+            }
+            object.add(frame, sighting);
+        }
+    }
+
     /// Writes the ids of the frames that no file has yet.
     fn write_chunk(&mut self, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
         if self.chunk.is_empty() {
@@ -99,7 +128,7 @@ impl Page {
 
     /// The poses as 32-bit floats, positions relative to an origin.
     fn encoded_poses(&self, origin: DVec3) -> String {
-        let relative = self.poses.as_chunks::<7>().0.iter().flat_map(|[x, y, z, turn @ ..]| {
+        let relative = self.poses.as_chunks::<POSE_NUMBERS>().0.iter().flat_map(|[x, y, z, turn @ ..]| {
             let position = DVec3::new(*x, *y, *z) - origin;
             position.to_array().into_iter().chain(*turn)
         });
@@ -153,24 +182,35 @@ impl RunOutput for Page {
         let frame = self.names.len();
         self.add_pose(record);
         self.names.push(record.file_name.clone());
-        for sighting in &record.objects {
-            let object = self.objects.entry(sighting.id).or_default();
-            if sighting.is_new() {
-                *object = Sightings::default();
-            }
-            object.add(frame, sighting);
-        }
+        self.add_sightings(frame, &record.objects);
         let small = ids::reduced(&record.segments);
         self.chunk.push((small.width(), small.height(), STANDARD.encode(ids::encoded(&small))));
         if self.chunk.len() == FRAMES_PER_CHUNK { self.write_chunk(folder) } else { Ok(()) }
     }
 
-    fn save(&mut self, _: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError> {
-        saved_state("index.html", self)
+    fn frame_state(&self, record: &FrameRecord) -> Result<Vec<u8>, OutputError> {
+        let frame = self.names.len().saturating_sub(1);
+        let pose = self.poses.get(POSE_NUMBERS * frame..).unwrap_or_default().to_vec();
+        let camera = self.cameras.last().filter(|camera| camera.from == frame).copied();
+        let saved = SavedFrame { name: record.file_name.clone(), pose, camera, objects: record.objects.clone() };
+        saved_state("index.html", &saved)
     }
 
-    fn restore(&mut self, saved: &[u8]) -> serde_json::Result<()> {
-        *self = serde_json::from_slice(saved)?;
+    fn save(&mut self, _: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError> {
+        saved_state("index.html", &SavedPage { up: self.up, chunk: self.chunk.clone(), chunks: self.chunks })
+    }
+
+    fn restore(&mut self, frames: &[String], saved: &[u8]) -> serde_json::Result<()> {
+        let SavedPage { up, chunk, chunks } = serde_json::from_slice(saved)?;
+        let mut page = Self { up, chunk, chunks, ..Self::default() };
+        for (number, frame) in frames.iter().enumerate() {
+            let SavedFrame { name, pose, camera, objects } = serde_json::from_str(frame)?;
+            page.names.push(name);
+            page.poses.extend(pose);
+            page.cameras.extend(camera);
+            page.add_sightings(number, &objects);
+        }
+        *self = page;
         Ok(())
     }
 

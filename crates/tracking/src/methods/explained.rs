@@ -3,8 +3,8 @@
 //!
 //! None of this is in the paper, and none of it is applied to the paper's memory of features.
 
-use splatseg_geometry::{Mask, SegmentId, SegmentMap};
-use splatseg_memory::ABSTAIN;
+use splatseg_geometry::{Intrinsics, Mask, SegmentId, SegmentMap};
+use splatseg_memory::{ABSTAIN, Recall};
 use splatseg_settings::{Allowed, settings};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -83,18 +83,20 @@ impl ExplanationSettings {
         if self.recurrences_in_front == 0 || in_front == anywhere { anywhere } else { in_front == lies_in_front() }
     }
 
-    /// Removes what is left of overruled segments from `shown`, where predictions take their place.
+    /// Removes what is left of overruled segments from `shown`, where predictions take their place. `pixel_areas` gives the
+    /// area of the surface at each pixel, square metres.
     pub(crate) fn drop_leftovers(
         &self,
         overruled: &mut OverruledSegments,
         shown: &mut SegmentMap,
-        expected: &SegmentMap,
-        seen: &SegmentMap,
+        [expected, seen]: [&SegmentMap; 2],
+        pixel_areas: impl FnOnce() -> Vec<f32>,
     ) {
         if self.min_remembered_fraction == 0.0 {
             return;
         }
-        let areas = [&*shown, expected, seen].map(SegmentMap::areas);
+        let pixels = pixel_areas();
+        let areas = [&*shown, expected, seen].map(|map| surface_areas(map, &pixels));
         take_in_areas(overruled, self.min_remembered_fraction, &areas);
         if overruled.is_empty() {
             return;
@@ -107,17 +109,18 @@ impl ExplanationSettings {
     }
 }
 
-/// Remembered segments that predictions have overruled, each with the largest area expected of it since then. What
-/// remains of them in later frames stays hidden until a prediction has the id again or enough of the segment is shown.
-type OverruledSegments = BTreeMap<SegmentId, usize>;
+/// Remembered segments that predictions have overruled, each with the largest area expected of it since then, square metres
+/// as if they faced the camera: that changes little with its distance. What remains of them in later frames stays hidden until
+/// a prediction has the id again or enough of the segment is shown.
+type OverruledSegments = BTreeMap<SegmentId, f32>;
 
 /// Updates the segments by the areas of those that a frame shows, those expected in it and those predicted.
 fn take_in_areas(overruled: &mut OverruledSegments, min_fraction: f32, [shown, expected, predicted]: &[Areas; 3]) {
     overruled.retain(|id, _| !predicted.contains_key(id));
     for (id, area) in expected.iter().filter(|(id, _)| !predicted.contains_key(id)) {
-        let known = overruled.get(id).copied().unwrap_or(0).max(*area);
-        let left = shown.get(id).copied().unwrap_or(0);
-        if (left as f32) < min_fraction * known as f32 {
+        let known = overruled.get(id).copied().unwrap_or(0.0).max(*area);
+        let left = shown.get(id).copied().unwrap_or(0.0);
+        if left < min_fraction * known {
             overruled.insert(*id, known);
         } else {
             overruled.remove(id);
@@ -125,8 +128,33 @@ fn take_in_areas(overruled: &mut OverruledSegments, min_fraction: f32, [shown, e
     }
 }
 
-/// Pixels by segment.
-type Areas = BTreeMap<SegmentId, usize>;
+/// Area by segment, square metres.
+type Areas = BTreeMap<SegmentId, f32>;
+
+/// The area of the surface that each pixel shows, square metres, as if it faced the camera. Where neither the frame nor the
+/// map has a depth, it counts as 1 m away.
+pub(crate) fn pixel_areas(recall: &Recall<'_>) -> Vec<f32> {
+    let Intrinsics { fx, fy, .. } = *recall.frame().intrinsics();
+    let depths = recall.frame().depth().pixels().iter().zip(recall.depth().pixels());
+    let depth = depths.map(|(observed, rendered)| if *observed > 0.0 { *observed } else { *rendered });
+    depth.map(|depth| if depth > 0.0 { depth * depth } else { 1.0 } / (fx * fy)).collect()
+}
+
+/// The area of each segment of a map.
+fn surface_areas(map: &SegmentMap, pixels: &[f32]) -> Areas {
+    let mut areas: BTreeMap<SegmentId, f64> = BTreeMap::new();
+    let mut start = 0;
+    // Neighbouring pixels mostly show one segment, so it is looked up once per run of pixels.
+    for run in map.pixels().chunk_by(|one, other| one == other) {
+        let end = start + run.len();
+        if run[0] != 0 {
+            let area: f64 = pixels[start..end].iter().map(|area| f64::from(*area)).sum();
+            *areas.entry(run[0]).or_default() += area;
+        }
+        start = end;
+    }
+    areas.into_iter().map(|(id, area)| (id, area as f32)).collect()
+}
 
 #[cfg(test)]
 mod tests {
@@ -180,10 +208,15 @@ mod tests {
         let expected = map(&[1, 1, 1, 1, 2, 2, 3, 3]);
         let seen = map(&[4, 4, 4, 4, 4, 0, ABSTAIN, 4]);
         let mut shown = map(&[4, 4, 4, 1, 2, 2, 3, 4]);
-        rules.drop_leftovers(&mut OverruledSegments::default(), &mut shown, &expected, &seen);
+        rules.drop_leftovers(&mut OverruledSegments::default(), &mut shown, [&expected, &seen], || vec![1e-4; 8]);
         assert_eq!(shown.pixels(), [4, 4, 4, 4, 2, 2, 3, 4], "half of 3 is left, a quarter of 1");
         let mut shown = map(&[4, 4, 4, 1, 2, 2, 3, 4]);
-        ExplanationSettings::NONE.drop_leftovers(&mut OverruledSegments::default(), &mut shown, &expected, &seen);
+        ExplanationSettings::NONE.drop_leftovers(
+            &mut OverruledSegments::default(),
+            &mut shown,
+            [&expected, &seen],
+            || vec![1e-4; 8],
+        );
         assert_eq!(shown.pixels()[3], 1);
     }
 
@@ -193,7 +226,8 @@ mod tests {
         let mut overruled = OverruledSegments::default();
         let mut shown_after = |shown: &[SegmentId], expected: &[SegmentId], seen: &[SegmentId]| {
             let mut shown = map(shown);
-            rules.drop_leftovers(&mut overruled, &mut shown, &map(expected), &map(seen));
+            let areas = vec![1e-4; shown.pixels().len()];
+            rules.drop_leftovers(&mut overruled, &mut shown, [&map(expected), &map(seen)], || areas);
             shown.pixels().to_vec()
         };
         assert_eq!(shown_after(&[4, 4, 4, 1, 2], &[1, 1, 1, 1, 2], &[4, 4, 4, 4, 0]), [4, 4, 4, 4, 2]);
@@ -201,6 +235,33 @@ mod tests {
         assert_eq!(shown_after(&island, &island, &[4, 4, 4, 4, 0]), [4, 4, 4, 4, 2], "all that is expected is left");
         assert_eq!(shown_after(&island, &island, &[4, 4, 4, 1, 0]), island, "a prediction has its id");
         assert_eq!(shown_after(&island, &island, &[4, 4, 4, 4, 0]), island, "it is an equal among others again");
+    }
+
+    #[test]
+    fn a_segment_stays_overruled_from_any_distance() {
+        let rules = ExplanationSettings::default().with(|rules| rules.min_remembered_fraction = 0.5);
+        // A third of segment 1 is left: from near, where it has six pixels, and from twice as far, where it has two.
+        for distances in [[1.0, 2.0], [2.0, 1.0]] {
+            let mut overruled = OverruledSegments::default();
+            let mut left_at = |distance: f32| {
+                let large = distance == 1.0;
+                let expected = if large { map(&[1; 12]) } else { map(&[1, 1, 1]) };
+                let seen = if large { map(&[4, 4, 4, 4, 4, 4, 4, 4, 0, 0, 0, 0]) } else { map(&[4, 4, 0]) };
+                let mut shown = SegmentMap::from_fn(
+                    expected.width(),
+                    1,
+                    |column, row| {
+                        if seen[(column, row)] == 4 { 4 } else { 1 }
+                    },
+                );
+                let areas = vec![1e-4 * distance * distance; expected.width()];
+                rules.drop_leftovers(&mut overruled, &mut shown, [&expected, &seen], || areas);
+                shown.areas().contains_key(&1)
+            };
+            assert_eq!(distances.map(&mut left_at), [false, false], "{distances:?}");
+            let known = overruled[&1];
+            assert!((known - 1.2e-3).abs() < 1e-6, "{known}");
+        }
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! FastSAM-Splat: a segmenter for single frames, and a splat that remembers (`docs/METHOD.md`, "FastSAM-Splat").
 
+use super::explained::pixel_areas;
 use super::merged::keep_apart;
 use super::output::confidence;
 use super::protrusion::lies_in_front;
@@ -136,8 +137,9 @@ impl FastSamSplat {
             explained.iter().for_each(|id| self.memory.take_back(*id));
             shown = self.memory.fuse(recall, &seen)?;
         }
-        let expected = &recall.expected().segments;
-        self.settings.explanation.drop_leftovers(self.memory.overruled_mut(), &mut shown, expected, &seen);
+        let maps = [&recall.expected().segments, &seen];
+        let overruled = self.memory.overruled_mut();
+        self.settings.explanation.drop_leftovers(overruled, &mut shown, maps, || pixel_areas(recall));
         Ok((shown.without_small(self.settings.min_output_area), seen))
     }
 }

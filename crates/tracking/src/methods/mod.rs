@@ -21,6 +21,7 @@ pub use sam2_splat::{Sam2Splat, Sam2SplatSettings};
 use crate::TrackingError;
 use splatseg_geometry::{RgbdFrame, ScoredMask, SegmentId};
 use splatseg_memory::{MAX_SEGMENT_ID, SplatMemory};
+use std::collections::BTreeSet;
 
 /// Gives the segments of an RGB-D video their ids, one frame at a time.
 ///
@@ -70,6 +71,13 @@ struct SegmentIds {
 }
 
 impl SegmentIds {
+    /// Takes ids back that were given last.
+    fn take_back(&mut self, ids: &BTreeSet<SegmentId>) {
+        while self.last > 0 && ids.contains(&self.last) {
+            self.last -= 1;
+        }
+    }
+
     /// The next id that is not live.
     fn new_segment(&mut self, is_live: impl Fn(SegmentId) -> bool) -> SegmentId {
         loop {

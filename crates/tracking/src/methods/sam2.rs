@@ -56,7 +56,8 @@ impl Method for Sam2Baseline {
         let new_objects = self.new_objects.among(&tracks, masks);
         let live: BTreeSet<SegmentId> = tracks.iter().map(|(id, _)| *id).collect();
         let ids: Vec<SegmentId> = new_objects.iter().map(|_| self.ids.new_segment(|id| live.contains(&id))).collect();
-        add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, &ids)?;
+        let unused = add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, &ids)?;
+        self.ids.take_back(&unused);
         drop(stage);
 
         let _stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();

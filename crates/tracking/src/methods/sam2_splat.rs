@@ -6,9 +6,10 @@ use crate::TrackingError;
 use crate::matching::painted;
 use crate::reprompting::{RepromptSettings, TrackErrorCounts, corrections, find_track_errors, repeated_answers};
 use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, prompt_tracks, remove_tracks, visible};
-use splatseg_geometry::{RgbdFrame, ScoredMask, SegmentId};
+use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
 use splatseg_memory::{MemoryError, MemorySettings, SplatMemory};
 use splatseg_settings::{Allowed, Choice, settings};
+use std::collections::BTreeSet;
 
 settings! {
     /// Settings of [`Sam2Splat`].
@@ -38,6 +39,8 @@ pub struct Sam2Splat {
     memory: SplatMemory,
     new_objects: NewObjects,
     reprompt: RepromptSettings,
+    /// What the memory has forgotten and the tracker still follows.
+    forgotten: BTreeSet<SegmentId>,
 }
 
 impl Sam2Splat {
@@ -68,7 +71,24 @@ impl Sam2Splat {
         settings.validate()?;
         let Sam2SplatSettings { prompts, max_detection_iou, min_prediction_area, reprompt, memory: _ } = settings;
         let new_objects = NewObjects { prompts, max_detection_iou, min_prediction_area };
-        Ok(Self { tracker, memory, new_objects, reprompt })
+        Ok(Self { tracker, memory, new_objects, reprompt, forgotten: BTreeSet::new() })
+    }
+
+    /// Has the tracker forget what the memory has forgotten, once it is out of view. Otherwise tracks of things that were taken
+    /// away, or of places that the map has lost, would become more and more.
+    fn drop_forgotten(&mut self, forgotten: &[SegmentId], visible: &[(SegmentId, Mask)]) {
+        self.forgotten.extend(forgotten);
+        let memory = &self.memory;
+        self.forgotten.retain(|id| !memory.is_carried(*id));
+        let is_visible = |id: &SegmentId| visible.binary_search_by_key(id, |(id, _)| *id).is_ok();
+        let tracker = self.tracker.as_mut();
+        self.forgotten.retain(|id| {
+            let is_visible = is_visible(id);
+            if !is_visible {
+                tracker.remove(*id);
+            }
+            is_visible
+        });
     }
 
     fn new_ids(&mut self, count: usize) -> Result<Vec<SegmentId>, MemoryError> {
@@ -107,7 +127,8 @@ impl Method for Sam2Splat {
         // An id that is given again stands for another thing from now on.
         let reused = tracks.iter().map(|(id, _)| *id).filter(|id| ids.contains(id)).collect();
         remove_tracks(self.tracker.as_mut(), &mut tracks, &reused);
-        add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, &ids)?;
+        let unused = add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, &ids)?;
+        unused.iter().for_each(|id| self.memory.take_back(*id));
         drop(stage);
 
         let stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();
@@ -118,6 +139,7 @@ impl Method for Sam2Splat {
         drop(stage);
 
         let update = self.memory.update(recall, &segments)?;
+        self.drop_forgotten(&update.forgotten, &masks);
         let (predictions, track_errors) = (masks.len(), TrackErrorCounts::of(&errors));
         Ok(FrameOutput { segments, confidence, masks, predictions, track_errors, update })
     }

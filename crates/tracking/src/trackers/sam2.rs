@@ -30,6 +30,9 @@ settings! {
         max_absent_frames: Option<usize> = None, Allowed::between(0.0, 1e9);
         /// A resting object is looked for in every so many frames, and followed again if found. 0: never.
         absent_check_interval: usize = 0, Allowed::between(0.0, 1e9);
+        /// Of more resting objects than this, those are forgotten that have rested for longest: each takes up to a
+        /// megabyte. Prompted again, such an object is followed as a new one with its old id. 0: none is forgotten.
+        max_resting_objects: usize = 256, Allowed::between(0.0, 1e9);
     }
 }
 
@@ -54,6 +57,7 @@ impl Sam2TrackerSettings {
             fill_hole_area: self.fill_hole_area,
             max_absent_frames: self.max_absent_frames.unwrap_or(0),
             absent_check_interval: self.absent_check_interval,
+            max_resting_objects: self.max_resting_objects,
             ..Sam2PredictorSettings::default()
         }
     }
@@ -134,6 +138,7 @@ mod tests {
             fill_hole_area: 5,
             max_absent_frames: 16,
             absent_check_interval: 9,
+            max_resting_objects: 256,
             ..Sam2PredictorSettings::default()
         };
         assert_eq!(settings.resolved(true).predictor(), expected);

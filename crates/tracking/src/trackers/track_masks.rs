@@ -6,16 +6,22 @@ use splatseg_models::sam2::Prompt;
 use std::collections::BTreeSet;
 
 /// Makes a track of each mask, with the id at its place in `ids`, all in one call of the tracker, and adds them to the
-/// frame's tracks.
+/// frame's tracks. Returns the ids that have no track, as the tracker found nothing where their masks are: they are too
+/// thin for it.
 pub(crate) fn add_tracks(
     tracker: &mut dyn Tracker,
     tracks: &mut Vec<(SegmentId, Mask)>,
     new_objects: &[&Mask],
     ids: &[SegmentId],
-) -> Result<(), TrackingError> {
+) -> Result<BTreeSet<SegmentId>, TrackingError> {
     let prompts: Vec<(SegmentId, Prompt)> =
         ids.iter().zip(new_objects).map(|(id, mask)| (*id, Prompt::Mask((*mask).clone()))).collect();
-    prompt_tracks(tracker, tracks, &prompts)
+    prompt_tracks(tracker, tracks, &prompts)?;
+    let new: BTreeSet<SegmentId> = ids.iter().copied().collect();
+    let is_empty = |(id, mask): &&(SegmentId, Mask)| new.contains(id) && mask.is_empty();
+    let empty = tracks.iter().filter(is_empty).map(|(id, _)| *id).collect();
+    remove_tracks(tracker, tracks, &empty);
+    Ok(empty)
 }
 
 /// Prompts the tracker, in one call, and puts the resulting masks into the frame's tracks.

@@ -99,8 +99,8 @@ impl Written {
             match self.folder.write_frame(&frame) {
                 Ok(()) => {
                     self.frames += 1;
-                    self.save_frame(&frame);
                     self.show_outputs(|output, folder| output.add_frame(&frame, folder));
+                    self.save_frame(&frame);
                 }
                 Err(error) => {
                     let is_last = ends_all(&error);
@@ -114,14 +114,19 @@ impl Written {
         self
     }
 
-    /// Saves that a frame has its images.
+    /// Saves that a frame has its images, and what outputs have kept of it.
     fn save_frame(&mut self, frame: &FrameRecord) {
         if matches!(self.saving, Saving::Later) {
             let started = StateWriter::start(self.folder.path(), None);
             self.saving = self.saved(started).map_or(Saving::Failed, Saving::On);
         }
+        if !matches!(self.saving, Saving::On(_)) {
+            return;
+        }
+        let mut kept = Vec::new();
+        self.show_outputs(|output, _| output.frame_state(frame).map(|line| kept.push((output.name(), line))));
         if let Saving::On(writer) = &mut self.saving {
-            let added = writer.add_frame(frame);
+            let added = writer.add_frame(frame, kept);
             self.saved(added);
         }
     }

@@ -10,6 +10,7 @@ use splatseg_input::read_file;
 use splatseg_output::{OutputError, RunOutput};
 use std::fmt::Display;
 use std::io;
+use std::path::Path;
 
 /// Larger files are not ours.
 const MAX_OUTPUT_BYTES: u64 = 1 << 32;
@@ -56,6 +57,11 @@ pub fn start(
     Ok((written, counts))
 }
 
+/// A saved file that cannot be used.
+fn wrong_in(path: &Path, error: &dyn Display) -> Failure {
+    Failure::input(format!("{}: {error}: start the run again with --overwrite", path.display()))
+}
+
 /// The outputs, with what the earlier run has saved of each if there is one.
 ///
 /// # Errors
@@ -66,12 +72,12 @@ pub fn restore(job: &Job, outputs: Vec<Box<dyn RunOutput>>) -> Result<Outputs, F
     let mut restored = Outputs::default();
     for mut output in outputs {
         let path = saved.output_file(output.name());
-        let wrong = |error: &dyn Display| {
-            Failure::input(format!("{}: {error}: start the run again with --overwrite", path.display()))
-        };
+        let wrong = |error: &dyn Display| wrong_in(&path, error);
         match read_file(&path, MAX_OUTPUT_BYTES) {
             Ok(state) => {
-                output.restore(&state).map_err(|error| wrong(&error))?;
+                let lines = saved.lines(output.name());
+                let lines = lines.map_err(|error| wrong_in(&saved.lines_file(output.name()), &error))?;
+                output.restore(&lines, &state).map_err(|error| wrong(&error))?;
                 restored.outputs.push(output);
             }
             Err(error) if !path.exists() => {

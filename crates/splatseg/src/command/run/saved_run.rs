@@ -1,8 +1,9 @@
 //! A run on disk that `--resume` goes on with.
 //!
-//! `.splatseg-resume/` in the folder of results has the memory after some frame, what each output has kept of the frames
-//! up to then, `frames.jsonl` with a line for each of these frames, and `state.json`, which is replaced last and says what
-//! belongs together. The frames' images are in the folder of results.
+//! `.splatseg-resume/` in the folder of results has the memory after some frame, `frames.jsonl` with a line for each frame up
+//! to then, for each output such a file and what else it has kept, and `state.json`, which is replaced last and says what
+//! belongs together. The frames' images are in the folder of results. Lines are only added, so that a save takes no longer
+//! the longer a run is; those of frames after the state are dropped when the run goes on.
 
 use crate::Settings;
 use crate::command::Failure;
@@ -15,7 +16,8 @@ use splatseg_input::read_file;
 use splatseg_objects::{ObjectLog, ObjectSighting};
 use splatseg_output::{FrameRecord, RunOutput};
 use splatseg_tracking::TrackErrorCounts;
-use std::collections::BTreeSet;
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
@@ -24,7 +26,9 @@ use std::path::{Path, PathBuf};
 pub const FOLDER: &str = ".splatseg-resume";
 
 const STATE: &str = "state.json";
-const FRAMES: &str = "frames.jsonl";
+const FRAMES: &str = "frames";
+/// The ending of files with a line for each frame.
+const LINES: &str = ".jsonl";
 /// Larger files are not ours.
 const MAX_STATE_BYTES: u64 = 16_000_000;
 const MAX_FRAMES_BYTES: u64 = 1 << 32;
@@ -73,7 +77,7 @@ impl RunState {
         format!("memory-{}.ply", self.next)
     }
 
-    /// The name of the file with what an output has kept at this state.
+    /// The name of the file with what an output has kept besides frames at this state.
     fn output_file(&self, name: &str) -> String {
         format!("{name}-{}.json", self.next)
     }
@@ -117,18 +121,12 @@ impl SavedRun {
         };
         let bytes = read_file(&path, MAX_STATE_BYTES).map_err(|error| wrong(&path, &error))?;
         let state: RunState = serde_json::from_slice(&bytes).map_err(|error| wrong(&path, &error))?;
-        let path = folder.join(FRAMES);
-        let file = splatseg_input::open_file(&path).map_err(|error| wrong(&path, &error))?;
-        let mut frames = Vec::new();
-        for line in BufReader::new(file.take(MAX_FRAMES_BYTES)).lines().take(state.frames) {
-            let line = line.map_err(|error| wrong(&path, &error))?;
-            let frame: SavedFrame = serde_json::from_str(&line)
-                .map_err(|error| wrong(&path, &format!("line {}: {error}", frames.len() + 1)))?;
-            frames.push(frame);
-        }
-        if frames.len() < state.frames {
-            return Err(wrong(&path, &format!("{} lines, expected at least {}", frames.len(), state.frames)));
-        }
+        let path = folder.join(format!("{FRAMES}{LINES}"));
+        let lines = read_lines(&path, state.frames).map_err(|error| wrong(&path, &error))?;
+        let frame = |(index, line): (usize, &String)| -> Result<SavedFrame, Failure> {
+            serde_json::from_str(line).map_err(|error| wrong(&path, &format!("line {}: {error}", index + 1)))
+        };
+        let frames = lines.iter().enumerate().map(frame).collect::<Result<_, _>>()?;
         Ok(Some(Self { folder, state, frames }))
     }
 
@@ -137,7 +135,20 @@ impl SavedRun {
         self.folder.join(self.state.memory_file())
     }
 
-    /// The file with what an output had kept. It is missing if that output had failed.
+    /// The file with a line of each frame for an output.
+    pub fn lines_file(&self, name: &str) -> PathBuf {
+        self.folder.join(format!("{name}{LINES}"))
+    }
+
+    /// These lines.
+    ///
+    /// # Errors
+    /// If the file cannot be read or lacks some.
+    pub fn lines(&self, name: &str) -> Result<Vec<String>, String> {
+        read_lines(&self.lines_file(name), self.state.frames)
+    }
+
+    /// The file with what else an output had kept. It is missing if that output had failed.
     pub fn output_file(&self, name: &str) -> PathBuf {
         self.folder.join(self.state.output_file(name))
     }
@@ -195,6 +206,20 @@ impl SavedRun {
     }
 }
 
+/// The first lines of a file.
+///
+/// # Errors
+/// If it cannot be read or has fewer.
+fn read_lines(path: &Path, count: usize) -> Result<Vec<String>, String> {
+    let file = splatseg_input::open_file(path).map_err(|error| error.to_string())?;
+    let lines = BufReader::new(file.take(MAX_FRAMES_BYTES)).lines().take(count);
+    let lines: Vec<String> = lines.collect::<Result<_, _>>().map_err(|error| error.to_string())?;
+    if lines.len() < count {
+        return Err(format!("{} lines, expected at least {count}", lines.len()));
+    }
+    Ok(lines)
+}
+
 /// Lists the settings whose values differ.
 fn add_changes(key: &str, before: &Value, now: &Value, changes: &mut Vec<String>) {
     if before == now || FREE_SETTINGS.contains(&key) {
@@ -215,7 +240,8 @@ fn add_changes(key: &str, before: &Value, now: &Value, changes: &mut Vec<String>
 #[derive(Debug)]
 pub struct StateWriter {
     folder: PathBuf,
-    frames: File,
+    /// The files to which lines are added, by name.
+    lines: BTreeMap<&'static str, File>,
 }
 
 impl StateWriter {
@@ -225,31 +251,46 @@ impl StateWriter {
     /// If the folder cannot be written.
     pub fn start(out: &Path, after: Option<&SavedRun>) -> std::io::Result<Self> {
         let folder = out.join(FOLDER);
-        let mut lines = String::new();
         match after {
             None => {
                 remove(out)?;
                 fs::create_dir(&folder)?;
             }
             Some(saved) => {
-                for frame in &saved.frames {
-                    lines += &serde_json::to_string(frame)?;
-                    lines.push('\n');
+                for entry in fs::read_dir(&folder)? {
+                    let path = entry?.path();
+                    if path.extension().is_some_and(|extension| LINES.ends_with(&*extension.to_string_lossy())) {
+                        cut_lines(&path, saved.state.frames)?;
+                    }
                 }
             }
         }
-        let path = folder.join(FRAMES);
-        write_atomically(&path, lines.as_bytes())?;
-        Ok(Self { folder, frames: OpenOptions::new().append(true).open(path)? })
+        Ok(Self { folder, lines: BTreeMap::new() })
     }
 
-    /// Adds a frame whose images are in place.
+    /// Adds a frame whose images are in place, with what each output has kept of it, by name.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn add_frame(&mut self, record: &FrameRecord) -> std::io::Result<()> {
+    pub fn add_frame(&mut self, record: &FrameRecord, outputs: Vec<(&'static str, Vec<u8>)>) -> std::io::Result<()> {
         let frame = SavedFrame { file_name: record.file_name.clone(), objects: record.objects.clone() };
-        self.frames.write_all(format!("{}\n", serde_json::to_string(&frame)?).as_bytes())
+        let frame = (FRAMES, serde_json::to_vec(&frame)?);
+        for (name, mut line) in std::iter::once(frame).chain(outputs) {
+            line.push(b'\n');
+            self.lines_of(name)?.write_all(&line)?;
+        }
+        Ok(())
+    }
+
+    /// The file to which lines of a name are added.
+    fn lines_of(&mut self, name: &'static str) -> std::io::Result<&mut File> {
+        Ok(match self.lines.entry(name) {
+            Entry::Occupied(file) => file.into_mut(),
+            Entry::Vacant(place) => {
+                let path = self.folder.join(format!("{name}{LINES}"));
+                place.insert(OpenOptions::new().append(true).create(true).open(path)?)
+            }
+        })
     }
 
     /// Saves a state, with the memory that `memory` has, which is moved, and what each output has kept, by name.
@@ -274,6 +315,20 @@ impl StateWriter {
     }
 }
 
+/// Cuts a file off after its first lines.
+///
+/// # Errors
+/// If it cannot be read or changed.
+fn cut_lines(path: &Path, count: usize) -> std::io::Result<()> {
+    let mut file = BufReader::new(OpenOptions::new().read(true).write(true).open(path)?);
+    let (mut length, mut line) = (0, Vec::new());
+    for _ in 0..count {
+        line.clear();
+        length += file.read_until(b'\n', &mut line)? as u64;
+    }
+    file.into_inner().set_len(length)
+}
+
 /// Removes what is saved of the run whose results are in `out`.
 ///
 /// # Errors
@@ -287,7 +342,7 @@ pub fn remove(out: &Path) -> std::io::Result<()> {
     };
     for entry in entries {
         let file = entry?.file_name();
-        if file.to_str().is_some_and(|file| file == STATE || file == FRAMES || is_of_a_state(file)) {
+        if file.to_str().is_some_and(|file| file == STATE || file.ends_with(LINES) || is_of_a_state(file)) {
             fs::remove_file(folder.join(file))?;
         }
     }
