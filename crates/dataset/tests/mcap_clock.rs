@@ -116,6 +116,37 @@ fn a_wrong_stamp_of_a_pose_or_a_camera_costs_no_frame() {
     }
 }
 
+/// The focal lengths of the frames of a recording whose camera changes at frame 12, with this stamp.
+fn focal_lengths(changed_at: i64) -> Vec<f32> {
+    let (frames, stamps) = (frames(), good());
+    let mut writer = McapWriter::new();
+    for (index, (frame, stamps)) in frames.iter().zip(&stamps).enumerate() {
+        writer.write("/tf", &camera_transform(stamps.pose, "world", OPTICAL, frame), stamps.log);
+        let mut camera = *frame.intrinsics();
+        camera.fx += if index < 12 { 0.0 } else { 5.0 };
+        let stamp = if index == 12 { changed_at } else { stamps.info };
+        writer.write("/camera/camera_info", &info(stamp, OPTICAL, &camera), stamps.log);
+        let data = vec![7; 16 * 12 * 3];
+        writer.write("/camera/image", &raw(stamps.color, OPTICAL, "rgb8", (16, 12), &data), stamps.log);
+        let data = depth_bytes(frame);
+        writer.write("/camera/depth", &raw(stamps.depth, OPTICAL, "16UC1", frame.depth().size(), &data), stamps.log);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("camera.mcap");
+    fs::write(&path, writer.finish()).unwrap();
+    let scene = open_scene(&path, &DatasetSettings::default()).unwrap();
+    (0..scene.frame_count()).map(|index| scene.read_frame(index).unwrap().intrinsics().fx).collect()
+}
+
+#[test]
+fn a_new_camera_with_a_wrong_stamp_is_used_from_where_it_was_recorded() {
+    let expected = focal_lengths(good()[12].info);
+    assert_eq!((expected.len(), expected[12] - expected[11]), (FRAMES, 5.0));
+    for wrong in WRONG {
+        assert_eq!(focal_lengths(wrong), expected, "{wrong}");
+    }
+}
+
 /// The number of frames, whose poses may be interpolated.
 fn opened_roughly(stamps: &[Stamps]) -> (usize, Vec<String>) {
     let frames = frames();
@@ -148,7 +179,7 @@ fn set_clock(stamps: &mut [Stamps], from: usize, by: i64, log: bool) {
 
 #[test]
 fn a_clock_that_is_set_costs_no_frame() {
-    for by in [HOUR, -HOUR, 5_000_000_000, -5_000_000_000, -(START - 1_000_000_000)] {
+    for by in [HOUR, -HOUR, 5_000_000_000, -5_000_000_000, -600_000_000, -(START - 1_000_000_000)] {
         for log in [true, false] {
             let mut stamps = good();
             set_clock(&mut stamps, 12, by, log);

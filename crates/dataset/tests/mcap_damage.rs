@@ -153,7 +153,7 @@ fn frames_without_depth_or_pose_are_left_out_and_counted() {
         [
             "1 without a depth image within 20 ms of their colour image",
             "1 without a pose at their time (or within 500 ms)",
-            "1 whose stamp does not fit those around it, of /camera/image_raw/compressed"
+            "1 whose stamp does not fit those around it, or is that of another, of /camera/image_raw/compressed"
         ]
     );
     assert_eq!(scene.frame_count(), 4);

@@ -112,8 +112,9 @@ fn every_row_that_the_inputs_allow_is_measured() {
     assert_eq!(ended.code, 0, "{}", ended.err);
     let text = fs::read_to_string(out.join("paper.md")).unwrap();
     assert!(!text.contains("needs weights"), "{text}");
-    // Seven methods, five dimensions, five choices of categories, three numbers of clicks from two sources; and five methods.
-    assert_eq!((rows(&scannet).len(), rows(&mvpd).len()), (7 + 5 + 5 + 6, 5), "{text}");
+    // Seven methods, five dimensions, four choices of categories besides none, which is SAM2, three numbers of clicks from
+    // two sources; and five methods.
+    assert_eq!((rows(&scannet).len(), rows(&mvpd).len()), (7 + 5 + 4 + 6, 5), "{text}");
     assert_eq!(ended.out.matches(": there already").count(), 7 + 3, "{}", ended.out);
     // The backbone's parameters, and the memory's numbers.
     let splat = text.lines().rfind(|line| line.starts_with("| SAM2-Splat, detections |")).unwrap();

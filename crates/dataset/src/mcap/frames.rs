@@ -2,7 +2,7 @@
 
 use super::cameras::{Calibration, Camera};
 use super::container::MessagePlace;
-use super::contents::{Content, Contents, Poses, StampedPlace, Topic, bare_frame};
+use super::contents::{Content, Contents, Images, Poses, StampedPlace, Topic, bare_frame};
 use super::topics::{Choice, PoseChoice};
 use super::transforms::{Instant, Rigid, Tolerance, Way};
 use crate::plausibility::warn_once;
@@ -12,6 +12,8 @@ use splatseg_geometry::Pose;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+/// A camera info may come before the first image and after the last, nanoseconds.
+const INFO_SLACK: i64 = 10_000_000_000;
 const NANOSECONDS_PER_MS: f64 = 1e6;
 
 /// A frame before it is read.
@@ -33,7 +35,7 @@ pub(super) struct Cameras {
     pub(super) list: Vec<Camera>,
     /// The messages that described them.
     starts: Vec<StampedPlace>,
-    /// Whether their stamps increase.
+    /// Whether their stamps increase and are those of images.
     in_order: bool,
 }
 
@@ -50,7 +52,7 @@ impl Cameras {
         let cameras = list.iter().map(|(_, calibration)| calibration.camera(is_rectified, Path::new(&place)));
         let list_of_cameras = cameras.collect::<Result<Vec<_>, _>>()?;
         let starts: Vec<StampedPlace> = list.iter().map(|(place, _)| *place).collect();
-        let in_order = starts.is_sorted_by_key(|start| start.stamp);
+        let in_order = starts.is_sorted_by_key(|start| start.stamp) && starts.iter().all(|start| fits(start, images));
         Ok(Self { topic: topic.name.clone(), list: list_of_cameras, starts, in_order })
     }
 
@@ -193,7 +195,7 @@ impl<'a> FrameMaker<'a> {
             frames.push(RecordedFrame { stamp: color.stamp, color: color.place, depth: depth.place, pose, cameras });
         }
         let without_depth = color.len() - pairs.len();
-        self.tell_of_clock();
+        self.tell_of_clock(source);
         if frames.is_empty() {
             let found = format!(
                 "{} of {} and {} of {}, of which {} are within {limit_ms} ms of each other and none of these has a pose",
@@ -210,14 +212,14 @@ impl<'a> FrameMaker<'a> {
         let left_out = LeftOut::list([
             (without_depth, format!("without a depth image within {limit_ms} ms of their colour image")),
             (without_pose, format!("without a pose at their time (or within {} ms)", self.settings.max_pose_gap_ms)),
-            (color.misfits, misfit(&color_topic.name)),
-            (depth.misfits, misfit(&depth_topic.name)),
+            (color.misfits + color.duplicates, misfit(&color_topic.name)),
+            (depth.misfits + depth.duplicates, misfit(&depth_topic.name)),
         ]);
         Ok((frames, left_out))
     }
 
     /// Tells where the clock was set back, and of transforms and poses with wrong stamps.
-    fn tell_of_clock(&self) {
+    fn tell_of_clock(&self, source: &PoseSource<'_>) {
         let (topic, images) = self.choice.color;
         let path = self.path.display();
         let set_back = images.timeline.stretches.len().saturating_sub(1);
@@ -225,9 +227,9 @@ impl<'a> FrameMaker<'a> {
             let times = if set_back == 1 { "once".to_owned() } else { format!("{set_back} times") };
             warn_once(format!("{path}: the clock of {} was set back {times}: stamps come again", topic.name));
         }
-        let misfits = match self.choice.pose {
-            PoseChoice::Tree => self.contents.tree.misfits(),
-            PoseChoice::Topic(_, poses) => poses.timeline.misfits,
+        let misfits = match source {
+            PoseSource::Tree(way) => self.contents.tree.misfits(way),
+            PoseSource::Topic(poses, _) => poses.timeline.misfits,
         };
         if misfits > 0 {
             warn_once(format!("{path}: {misfits} poses are not used: their stamps do not fit those around them"));
@@ -252,6 +254,16 @@ impl<'a> FrameMaker<'a> {
     }
 }
 
+/// Whether the stamp of a message is that of an image, to within seconds: a camera info has that of its image.
+fn fits(message: &StampedPlace, images: &Topic) -> bool {
+    let Content::Images(Images { timeline, .. }) = &images.content else { return true };
+    timeline.stretches.iter().any(|stretch| {
+        let ends =
+            [stretch.messages.first(), stretch.messages.last()].map(|end| end.map_or(message.stamp, |end| end.stamp));
+        message.stamp >= ends[0].saturating_sub(INFO_SLACK) && message.stamp <= ends[1].saturating_add(INFO_SLACK)
+    })
+}
+
 fn misfit(topic: &str) -> String {
-    format!("whose stamp does not fit those around it, of {topic}")
+    format!("whose stamp does not fit those around it, or is that of another, of {topic}")
 }

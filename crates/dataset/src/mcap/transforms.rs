@@ -51,6 +51,8 @@ pub(super) struct Sample {
 }
 
 impl Stamped for Sample {
+    const KEEPS_LAST: bool = true;
+
     fn stamp(&self) -> i64 {
         self.stamp
     }
@@ -175,9 +177,10 @@ impl TransformTree {
         }
     }
 
-    /// Transforms whose stamps do not fit those around them.
-    pub(super) fn misfits(&self) -> usize {
-        self.edges.values().map(|edge| edge.timeline.misfits).sum()
+    /// Transforms along the way whose stamps do not fit those around them.
+    pub(super) fn misfits(&self, way: &Way) -> usize {
+        let edges = way.up.iter().chain(&way.down).filter_map(|frame| self.edges.get(frame));
+        edges.map(|edge| edge.timeline.misfits).sum()
     }
 
     /// Whether a frame has a parent, or is one.

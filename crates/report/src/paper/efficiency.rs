@@ -36,6 +36,10 @@ pub(super) fn table(results: &PaperResults<'_>) -> PublishedTable {
              parameters of FastSAM, or of SAM 2.1 without the FastSAM that prompts it, and what the memory holds at the end \
              of a video, mean over the videos."
                 .to_owned(),
+            "Of each Gaussian ours holds 7 numbers (position, radius, colour) and those for segments: 8 of votes, or one \
+             for each dimension of features. The paper's Gaussians are described by 14 (position, rotation, three scales, \
+             opacity, colour) and features; how it counts is not said."
+                .to_owned(),
             format!("Machine: ours {ours}; the paper's rows are from its authors' GPU."),
         ],
         columns: ["frames/s", "backbone, M", "memory, M", "sum, M"].to_vec(),

@@ -48,8 +48,10 @@ pub fn all() -> Vec<PlannedRow> {
     let chosen: [&[&str]; 5] = [&[], &REPROMPTS[..1], &REPROMPTS[1..2], &REPROMPTS[2..], &REPROMPTS];
     rows.extend(CATEGORIES.iter().zip(chosen).map(|((name, vsq, stq), on)| {
         let changes = REPROMPTS.map(|category| format!("reprompt.{category}={}", on.contains(&category)));
-        let run = (MethodName::Sam2Splat, changes.to_vec());
-        row(PaperTable::Categories, name, Some(run), vsq_and_stq([*vsq, *stq]))
+        // Without re-prompting the memory changes nothing: SAM2 itself, which runs anyway.
+        let run =
+            if on.is_empty() { of_name("SAM2, detections") } else { Some((MethodName::Sam2Splat, changes.to_vec())) };
+        row(PaperTable::Categories, name, run, vsq_and_stq([*vsq, *stq]))
     }));
     for (prompts, changes) in [("detections", None), ("ground truth", Some(GROUND_TRUTH.to_owned()))] {
         rows.extend(CLICKS.map(|(clicks, detections, ground_truth)| {
@@ -120,6 +122,14 @@ mod tests {
         assert_eq!(main, expected);
         let of_others = rows.iter().filter(|row| row.variant.is_none()).count();
         assert_eq!(of_others, 6, "Video K-Net, Tube-Link and OV2Seg with two backbones each");
+    }
+
+    #[test]
+    fn no_re_prompting_is_the_row_of_sam2() {
+        let rows = all();
+        let of = |name: &str| rows.iter().find(|row| row.name == name).unwrap();
+        assert_eq!(of("none (SAM2)").variant, of("SAM2, detections").variant);
+        assert_eq!(of("none (SAM2)").published[4..6], of("SAM2, detections").published[4..6]);
     }
 
     #[test]
