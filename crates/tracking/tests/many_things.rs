@@ -7,6 +7,7 @@ use splatseg_models::sam2::Prompt;
 use splatseg_tracking::{Method, Sam2Splat, Sam2SplatSettings, Tracker, TrackerError};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
+use std::time::Instant;
 
 const CAMERA: Intrinsics = Intrinsics { fx: 40.0, fy: 40.0, cx: 19.5, cy: 14.5, width: 40, height: 30 };
 /// Width and distance of the things on the wall, in images.
@@ -86,21 +87,43 @@ fn detections(frame: usize) -> Vec<ScoredMask> {
     things.chain([thin]).map(|mask| ScoredMask { mask, score: 1.0 }).collect()
 }
 
-#[test]
-fn tracks_of_what_the_memory_has_forgotten_end_and_prompts_without_an_answer_take_no_ids() {
+/// Shows so many frames; `after` is called after each with the number of tracks so far. Returns the method.
+fn show(frames: usize, mut after: impl FnMut(usize, &Followed)) -> Sam2Splat {
     let settings = Sam2SplatSettings::default().with(|settings| {
         settings.min_prediction_area = 10;
         settings.memory = MemorySettings::default().with(|memory| memory.max_gaussians = 6000);
     });
     let tracker = Perfect::default();
     let mut method = Sam2Splat::new(Box::new(tracker.clone()), settings, 0, &mut |_| {}).unwrap();
-    for number in 0..FRAMES {
+    for number in 0..frames {
         let output = method.process(&frame(number), &detections(number)).unwrap();
         assert_eq!(output.masks.len(), THINGS_PER_FRAME, "frame {number}");
+        after(number, &tracker.0.lock().unwrap());
     }
+    method
+}
+
+#[test]
+fn tracks_of_what_the_memory_has_forgotten_end_and_prompts_without_an_answer_take_no_ids() {
+    let mut most = 0;
+    let method = show(FRAMES, |_, followed| most = followed.most);
     let memory = method.memory().unwrap();
     // One for each thing, and one that is given to the thin mask of each frame and taken back.
     assert_eq!(memory.segment_count(), FRAMES * THINGS_PER_FRAME + 1);
-    let (most, carried) = (tracker.0.lock().unwrap().most, memory.carried_ids().len());
+    let carried = memory.carried_ids().len();
     assert!(carried < 100 && most <= carried + 20, "{most} tracks, {carried} things in the memory");
+}
+
+#[test]
+#[ignore = "measures: cargo test --release -p splatseg-tracking --test many_things -- --ignored --nocapture"]
+fn ten_thousand_things() {
+    let mut started = Instant::now();
+    eprintln!("things  ms per frame  tracks");
+    show(5000, |number, followed| {
+        if (number + 1) % 500 == 0 {
+            let milliseconds = started.elapsed().as_secs_f64() * 1000.0 / 500.0;
+            eprintln!("{:6}  {milliseconds:12.2}  {:6}", THINGS_PER_FRAME * (number + 1), followed.things.len());
+            started = Instant::now();
+        }
+    });
 }
