@@ -1,107 +1,11 @@
 //! SAM2-Splat over a day with more things than anyone can remember.
 
-use glam::DVec3;
-use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
-use splatseg_memory::MemorySettings;
-use splatseg_models::sam2::Prompt;
-use splatseg_tracking::{Method, Sam2Splat, Sam2SplatSettings, Tracker, TrackerError};
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex};
-use std::time::Instant;
+mod endless_wall;
 
-const CAMERA: Intrinsics = Intrinsics { fx: 40.0, fy: 40.0, cx: 19.5, cy: 14.5, width: 40, height: 30 };
-/// Width and distance of the things on the wall, in images.
-const THINGS_PER_FRAME: usize = 2;
+use endless_wall::{THINGS_PER_FRAME, show};
+use splatseg_tracking::Method;
+
 const FRAMES: usize = 250;
-
-/// A tracker that never errs, and finds nothing in masks of one column.
-#[derive(Clone, Default)]
-struct Perfect(Arc<Mutex<Followed>>);
-
-#[derive(Default)]
-struct Followed {
-    truth: Option<SegmentMap>,
-    /// The thing of each track, and the mask with which it was prompted.
-    things: BTreeMap<SegmentId, SegmentId>,
-    most: usize,
-}
-
-impl Tracker for Perfect {
-    fn name(&self) -> &str {
-        "perfect"
-    }
-
-    fn track(&mut self, frame: &RgbdFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
-        let mut followed = self.0.lock().unwrap();
-        let truth = truth(frame.name().parse().unwrap());
-        let masks = followed.things.iter().map(|(track, thing)| (*track, truth.mask_of(*thing))).collect();
-        followed.truth = Some(truth);
-        followed.most = followed.most.max(followed.things.len());
-        Ok(masks)
-    }
-
-    fn prompt(&mut self, prompts: &[(SegmentId, Prompt)]) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
-        let mut followed = self.0.lock().unwrap();
-        let truth = followed.truth.clone().ok_or(TrackerError::NoFrame)?;
-        let mut answer = |(track, prompt): &(SegmentId, Prompt)| {
-            let Prompt::Mask(mask) = prompt else { return (*track, Mask::empty(CAMERA.width, CAMERA.height)) };
-            let overlap = |thing: &SegmentId| truth.mask_of(*thing).intersection_area(mask);
-            let thing = truth.areas().into_keys().filter(|id| *id != 0).max_by_key(overlap);
-            match thing.filter(|thing| overlap(thing) > CAMERA.height) {
-                Some(thing) => {
-                    followed.things.insert(*track, thing);
-                    (*track, truth.mask_of(thing))
-                }
-                None => (*track, Mask::empty(CAMERA.width, CAMERA.height)),
-            }
-        };
-        Ok(prompts.iter().map(&mut answer).collect())
-    }
-
-    fn remove(&mut self, track: SegmentId) {
-        self.0.lock().unwrap().things.remove(&track);
-    }
-}
-
-/// Two things that no other frame shows.
-fn truth(frame: usize) -> SegmentMap {
-    SegmentMap::from_fn(CAMERA.width, CAMERA.height, |column, row| match column {
-        3..=15 if row > 4 => (1 + THINGS_PER_FRAME * frame) as SegmentId,
-        22..=36 if row > 4 => (2 + THINGS_PER_FRAME * frame) as SegmentId,
-        _ => 0,
-    })
-}
-
-/// A place on an endless wall; neighbouring frames share none of it.
-fn frame(number: usize) -> RgbdFrame<'static> {
-    let color = Image::filled(CAMERA.width, CAMERA.height, [90; 3]);
-    let pose = Pose::from_translation(DVec3::X * 5.0 * number as f64);
-    RgbdFrame::new(number.to_string(), color, Image::filled(CAMERA.width, CAMERA.height, 2.0), CAMERA, pose).unwrap()
-}
-
-/// The things, and one that is too thin for the tracker.
-fn detections(frame: usize) -> Vec<ScoredMask> {
-    let truth = truth(frame);
-    let things = truth.areas().into_keys().filter(|id| *id != 0).map(|id| truth.mask_of(id));
-    let thin = Mask::from_fn(CAMERA.width, CAMERA.height, |column, _| column == 18);
-    things.chain([thin]).map(|mask| ScoredMask { mask, score: 1.0 }).collect()
-}
-
-/// Shows so many frames; `after` is called after each with the number of tracks so far. Returns the method.
-fn show(frames: usize, mut after: impl FnMut(usize, &Followed)) -> Sam2Splat {
-    let settings = Sam2SplatSettings::default().with(|settings| {
-        settings.min_prediction_area = 10;
-        settings.memory = MemorySettings::default().with(|memory| memory.max_gaussians = 6000);
-    });
-    let tracker = Perfect::default();
-    let mut method = Sam2Splat::new(Box::new(tracker.clone()), settings, 0, &mut |_| {}).unwrap();
-    for number in 0..frames {
-        let output = method.process(&frame(number), &detections(number)).unwrap();
-        assert_eq!(output.masks.len(), THINGS_PER_FRAME, "frame {number}");
-        after(number, &tracker.0.lock().unwrap());
-    }
-    method
-}
 
 #[test]
 fn tracks_of_what_the_memory_has_forgotten_end_and_prompts_without_an_answer_take_no_ids() {
@@ -112,18 +16,4 @@ fn tracks_of_what_the_memory_has_forgotten_end_and_prompts_without_an_answer_tak
     assert_eq!(memory.segment_count(), FRAMES * THINGS_PER_FRAME + 1);
     let carried = memory.carried_ids().len();
     assert!(carried < 100 && most <= carried + 20, "{most} tracks, {carried} things in the memory");
-}
-
-#[test]
-#[ignore = "measures: cargo test --release -p splatseg-tracking --test many_things -- --ignored --nocapture"]
-fn ten_thousand_things() {
-    let mut started = Instant::now();
-    eprintln!("things  ms per frame  tracks");
-    show(5000, |number, followed| {
-        if (number + 1) % 500 == 0 {
-            let milliseconds = started.elapsed().as_secs_f64() * 1000.0 / 500.0;
-            eprintln!("{:6}  {milliseconds:12.2}  {:6}", THINGS_PER_FRAME * (number + 1), followed.things.len());
-            started = Instant::now();
-        }
-    });
 }
