@@ -5,14 +5,15 @@
 mod support;
 
 use splatseg_dataset::read_segments_png;
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
-use splatseg_memory::{MAX_16_BIT_ID, MemorySettings, SplatMemory};
+use splatseg_geometry::SegmentMap;
+use splatseg_memory::MAX_16_BIT_ID;
 use splatseg_output::write_segments_png;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
+use support::nearly_full::save_nearly_full_memory;
 use support::{Ended, file_names, finish, numbered_scene, read_json, splatseg};
 
 const ROOM: &str = "synthetic:frames=4,width=96,height=72,objects=8";
@@ -289,30 +290,6 @@ fn strict_input_ends_the_run_at_the_first_frame_that_cannot_be_used() {
     let ended = run(scene, &folder.path().join("strict"), &options);
     assert_eq!(ended.code, 2, "{}", ended.err);
     assert!(!folder.path().join("strict").exists());
-}
-
-/// A saved memory, of a place far from the room, in which all ids of 16 bits but this many are given for good.
-fn save_nearly_full_memory(path: &Path, free: usize) {
-    let used = MAX_16_BIT_ID as usize - free;
-    let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
-    for id in 1..=used {
-        assert_eq!(memory.new_segment().unwrap() as usize, id);
-    }
-    let (width, height) = (256, 256);
-    let seen = SegmentMap::from_fn(width, height, |column, row| {
-        let id = 1 + row * width + column;
-        if id <= used { id as u32 } else { 0 }
-    });
-    let intrinsics = Intrinsics { fx: 250.0, fy: 250.0, cx: 127.5, cy: 127.5, width, height };
-    let (color, depth) = (Image::filled(width, height, [9; 3]), Image::filled(width, height, 2.0));
-    let far = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 900.0, 0.0, 0.0, 0.0, 1.0];
-    let pose = Pose::from_row_major(far).unwrap();
-    let frame = RgbdFrame::new("far".to_owned(), color, depth, intrinsics, pose).unwrap();
-    for _ in 0..2 {
-        let recall = memory.recall(&frame);
-        memory.update(recall, &seen).unwrap();
-    }
-    memory.save(path).unwrap();
 }
 
 #[test]

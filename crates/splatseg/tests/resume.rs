@@ -9,6 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
+use support::nearly_full::save_nearly_full_memory;
 use support::{Ended, FEATURES, finish, read_json, splatseg};
 
 const ROOM: &str = "synthetic:frames=90,width=96,height=72,objects=8,noise=kinect";
@@ -100,6 +101,24 @@ fn a_run_that_was_stopped_goes_on_with_the_same_bytes() {
         }
         assert!(found["resumed_frames"].as_u64() >= Some(18), "{found}");
     }
+}
+
+#[test]
+fn a_run_with_ids_above_16_bits_goes_on_with_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let memory = folder.path().join("full.ply");
+    save_nearly_full_memory(&memory, 2);
+    let loaded = ["--load-memory", memory.to_str().unwrap()];
+    let (whole, out) = (folder.path().join("whole"), folder.path().join("out"));
+    assert_eq!(run(&whole, &loaded).code, 0);
+    stop_at(9, "-KILL", &out, &[&loaded[..], &["--save-every", "4"]].concat());
+    let ended = run(&out, &["--resume"]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    let (expected, found) = (files(&whole), files(&out));
+    assert!(expected == found, "{:?}", expected.keys().find(|file| found.get(*file) != expected.get(*file)));
+    let of_rgb = |out: &Path| read_json(&out.join("summary.json"))["rgb_id_images"].as_u64();
+    assert_eq!(of_rgb(&whole), of_rgb(&out));
+    assert!(of_rgb(&out) > Some(0), "no id is above 65535");
 }
 
 #[test]

@@ -2,6 +2,8 @@
 
 #![allow(dead_code)] // Each test file uses a part.
 
+pub mod nearly_full;
+
 use assert_cmd::Command;
 use serde_json::Value;
 use std::fs;
