@@ -1,0 +1,1 @@
+"""Trains the affinity network of splatseg's learned RGB-D segmenter."""

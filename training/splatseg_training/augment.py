@@ -1,0 +1,89 @@
+"""Turns a labelled view into a training sample: crop, sensor, colours, input channels."""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from . import colour, sensor
+from .inputs import inputs
+
+
+class Settings(NamedTuple):
+    """Probabilities and sizes of the augmentation."""
+
+    height: int = 192  # of a sample
+    width: int = 256
+    sensor: float = 1.0  # probability of the sensor model
+    recolour: float = 0.5  # probability that objects get new colours and textures
+    no_colour: float = 0.35  # probability that colour is left out
+    no_depth: float = 0.05  # probability that depth is left out
+
+
+def sample(view, settings, rng):
+    """Network input [8, h, w] float16 and the ids of every second pixel [h/2, w/2] uint16."""
+    rgb, z, ids, camera = _crop(view, settings, rng)
+    z *= np.float32(np.exp(rng.uniform(-0.4, 0.3)))
+    noisy = sensor.measure(z, rgb, ids, camera, rng) if rng.random() < settings.sensor else z
+    choice = rng.random()
+    if choice < settings.no_colour:
+        rgb = np.zeros((*ids.shape, 3), np.uint8)
+    else:
+        rgb = _coloured(rgb, z, ids, camera, settings, rng)
+    x = inputs(rgb, np.rint(noisy * 1000).clip(0, 65535).astype(np.uint16), matrix(camera))
+    if choice < settings.no_colour:
+        x[:3] = 0
+    elif choice < settings.no_colour + settings.no_depth:
+        x[3:] = 0
+    return x.astype(np.float16), np.ascontiguousarray(ids[::2, ::2])
+
+
+def _coloured(rgb, z, ids, camera, settings, rng):
+    """The crop's final colours."""
+    if rgb is None:
+        rgb = colour.paint(z, ids, camera, rng)
+    elif rng.random() < settings.recolour:
+        rgb = colour.recolour(rgb, ids, rng)
+    return colour.photograph(rgb, rng)
+
+
+def matrix(camera):
+    """3×3 camera matrix of fx, fy, cx, cy."""
+    fx, fy, cx, cy = camera
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+
+
+def _crop(view, settings, rng):
+    """A scaled crop, mirrored half of the time: colour or None, depth in metres, ids, camera."""
+    full_height, full_width = view.depth.shape
+    least = max(settings.height / full_height, settings.width / full_width)
+    scale = max(least, np.exp(rng.uniform(np.log(0.8), np.log(1.7))))
+    height, width = int(settings.height / scale), int(settings.width / scale)
+    y, x = rng.integers(full_height - height + 1), rng.integers(full_width - width + 1)
+    window = (slice(y, y + height), slice(x, x + width))
+    size = (settings.width, settings.height)
+    rows, columns = _nearest(height, size[1]), _nearest(width, size[0])
+    ids = view.ids[window][rows[:, None], columns[None]]
+    z = _depth(view.depth[window].astype(np.float32) / 1000, rows, columns, size)
+    rgb = None
+    if view.colour is not None:
+        rgb = cv2.resize(view.colour[window], size, interpolation=cv2.INTER_LINEAR)
+    sx, sy = size[0] / width, size[1] / height
+    fx, fy, cx, cy = view.camera
+    camera = np.array([fx * sx, fy * sy, (cx - x + 0.5) * sx - 0.5, (cy - y + 0.5) * sy - 0.5])
+    if rng.random() < 0.5:
+        rgb, z, ids = (image if image is None else np.ascontiguousarray(image[:, ::-1]) for image in (rgb, z, ids))
+        camera[2] = size[0] - 1 - camera[2]
+    return rgb, z, ids, camera
+
+
+def _nearest(source, target):
+    """For each target pixel the nearest source pixel."""
+    return np.clip(np.rint((np.arange(target) + 0.5) * source / target - 0.5).astype(int), 0, source - 1)
+
+
+def _depth(z, rows, columns, size):
+    """Resized depth: interpolated on surfaces, so that they stay smooth, and nearest at edges."""
+    nearest = z[rows[:, None], columns[None]]
+    linear = cv2.resize(z, size, interpolation=cv2.INTER_LINEAR)
+    return np.where(np.abs(linear - nearest) < 0.015 * nearest, linear, nearest)

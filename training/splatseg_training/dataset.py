@@ -1,0 +1,100 @@
+"""Labelled RGB-D views, read from folders in ScanNet's exported layout and kept in memory at the network's size.
+
+A folder holds `depth/N.png` (uint16 millimetres, 0 = missing), `intrinsic/intrinsic_depth.txt`, instance ids (uint16,
+0 = unlabelled) as `instance-filt/N.png` or in a `*instance-filt.zip`, and `color/N.jpg` or `.png`. A folder without
+`color/` teaches shape alone: its colours are invented (see `colour.paint`).
+"""
+
+import glob
+import os
+import zipfile
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+WIDTH, HEIGHT = 320, 240
+
+
+class View(NamedTuple):
+    """A labelled view of HEIGHT × WIDTH pixels. Pixel centres are at integer coordinates."""
+
+    colour: np.ndarray | None  # [H, W, 3] uint8 RGB
+    depth: np.ndarray  # [H, W] uint16 millimetres, 0 = missing
+    ids: np.ndarray  # [H, W] uint16, 0 = unlabelled
+    camera: np.ndarray  # fx, fy, cx, cy in pixels
+
+
+def read_folder(folder, every=1):
+    """All views of a folder, by name: a list of (number, View)."""
+    camera = np.loadtxt(os.path.join(folder, "intrinsic", "intrinsic_depth.txt"))
+    archive = _archive(folder)
+    numbers = sorted(int(os.path.basename(p)[:-4]) for p in glob.glob(os.path.join(folder, "depth", "*.png")))
+    views = []
+    for number in numbers[::every]:
+        ids = _ids(folder, archive, number)
+        if ids is not None:
+            depth = _image(os.path.join(folder, "depth", f"{number}.png"))
+            views.append((number, _view(_colour(folder, number), depth, ids, camera)))
+    if not views:
+        raise ValueError(f"{folder}: no labelled views; expected depth/N.png and instance-filt/N.png")
+    return views
+
+
+def read_groups(patterns):
+    """The views of all folders that match a pattern, for each pattern. A pattern that is given twice is read once."""
+    groups = {}
+    for pattern in dict.fromkeys(patterns):
+        folders = sorted(path for path in glob.glob(pattern) if os.path.isdir(path))
+        if not folders:
+            raise ValueError(f"no folder matches {pattern}")
+        groups[pattern] = [view for folder in folders for _, view in read_folder(folder)]
+        print(f"{pattern}: {len(groups[pattern])} views from {len(folders)} folders", flush=True)
+    return [groups[pattern] for pattern in patterns]
+
+
+def _view(colour, depth, ids, camera):
+    """Reduces colour by the area mean, depth and ids by the nearest pixel; the camera becomes the small depth's."""
+    height, width = depth.shape
+    fx, fy = camera[0, 0] * WIDTH / width, camera[1, 1] * HEIGHT / height
+    cx, cy = (camera[0, 2] + 0.5) * WIDTH / width - 0.5, (camera[1, 2] + 0.5) * HEIGHT / height - 0.5
+    if colour is not None and colour.shape[:2] != (HEIGHT, WIDTH):
+        colour = cv2.resize(colour, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    return View(colour, _nearest(depth), _nearest(ids), np.array([fx, fy, cx, cy]))
+
+
+def _nearest(image):
+    height, width = image.shape
+    return image[np.arange(HEIGHT)[:, None] * height // HEIGHT, np.arange(WIDTH)[None] * width // WIDTH]
+
+
+def _image(path):
+    image = cv2.imread(path, cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise ValueError(f"{path}: not a readable image")
+    return image.astype(np.uint16)
+
+
+def _colour(folder, number):
+    for ending in ("jpg", "png"):
+        path = os.path.join(folder, "color", f"{number}.{ending}")
+        if os.path.exists(path):
+            return np.ascontiguousarray(cv2.imread(path)[:, :, ::-1])
+    return None
+
+
+def _archive(folder):
+    paths = glob.glob(os.path.join(folder, "*instance-filt.zip"))
+    return zipfile.ZipFile(paths[0]) if paths else None
+
+
+def _ids(folder, archive, number):
+    """Ids of a view, or None where it has no labels."""
+    path = os.path.join(folder, "instance-filt", f"{number}.png")
+    if os.path.exists(path):
+        return _image(path)
+    name = f"instance-filt/{number}.png"
+    if archive is None or name not in archive.namelist():
+        return None
+    data = np.frombuffer(archive.read(name), np.uint8)
+    return cv2.imdecode(data, cv2.IMREAD_UNCHANGED).astype(np.uint16)

@@ -1,0 +1,87 @@
+"""Quality of single frames: `python -m splatseg_training.evaluate WEIGHTS FOLDER...`, over labelled folders.
+
+Per threshold: k1, the quality of the paper's protocol at k = 1 (matched IoU over the mean number of segments and
+objects, unlabelled pixels and a border left out); segments a frame; and the share of objects found at an IoU over 0.5.
+Choose thresholds on real folders: rendered ones rank them wrongly.
+"""
+
+import argparse
+
+import numpy as np
+import torch
+from scipy.optimize import linear_sum_assignment
+
+from .agglomerate import merges, segments
+from .augment import matrix
+from .dataset import read_folder
+from .inputs import inputs
+from .network import load
+
+THRESHOLDS = (0.0, -0.5, -1.0, -1.5, -2.0)
+BORDER = 5  # pixels
+LEAST_PIXELS = 100  # smaller segments are dropped
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("weights")
+    parser.add_argument("folders", nargs="+", metavar="FOLDER")
+    parser.add_argument("--thresholds", type=float, nargs="+", default=THRESHOLDS)
+    parser.add_argument("--every", type=int, default=1, help="take every n-th frame")
+    options = parser.parse_args()
+    report(load(options.weights), options.folders, options.thresholds, options.every)
+
+
+def report(net, folders, thresholds=THRESHOLDS, every=1):
+    """Prints one line per folder and threshold."""
+    for folder in folders:
+        views = [view for _, view in read_folder(folder, every)]
+        for threshold, (quality, found, count) in zip(thresholds, evaluate(net, views, thresholds)):
+            line = f"threshold {threshold:5.2f}  k1 {quality:.1f}  {count:.1f} segments  recall50 {found:.1f}"
+            print(f"{folder}  {len(views)} frames  {line}", flush=True)
+
+
+def evaluate(net, views, thresholds):
+    """For each threshold k1 (percent), recall at IoU 0.5 (percent) and segments a frame."""
+    totals = np.zeros((len(thresholds), 4))
+    for view in views:
+        logits = predict(net, view)
+        done = merges(logits, min(thresholds))
+        for total, threshold in zip(totals, thresholds):
+            total += score(view.ids, full_size(segments(done, threshold, logits.shape[1:]), view.ids.shape))
+    iou, found, predicted, objects = totals.T
+    return list(zip(200 * iou / (predicted + objects), 100 * found / objects, predicted / len(views)))
+
+
+@torch.no_grad()
+def predict(net, view):
+    """Log-odds [12, H/2, W/2] of a view."""
+    x = torch.from_numpy(inputs(view.colour, view.depth, matrix(view.camera)))
+    return net.eval()(x[None])[0].numpy()
+
+
+def full_size(small, shape):
+    """Segments of the half-size image as ids from 1 on; 0 where a segment is too small."""
+    ids = small.repeat(2, 0).repeat(2, 1)[: shape[0], : shape[1]] + 1
+    inner = ids[BORDER:-BORDER, BORDER:-BORDER]
+    large = np.bincount(inner.ravel(), minlength=ids.max() + 1) >= LEAST_PIXELS
+    return np.where(large[ids], ids, 0)
+
+
+def score(truth, predicted):
+    """Sum of matched IoU, objects found at IoU 0.5, segments, objects; matched for the largest sum of F-scores."""
+    inner = (slice(BORDER, -BORDER), slice(BORDER, -BORDER))
+    truth, predicted = truth[inner].astype(int), predicted[inner]
+    objects, areas = np.unique(truth[truth > 0], return_counts=True)
+    both = (truth > 0) & (predicted > 0)
+    found, sizes = np.unique(predicted[both], return_counts=True)
+    shared = np.zeros((len(objects), len(found)))
+    np.add.at(shared, (np.searchsorted(objects, truth[both]), np.searchsorted(found, predicted[both])), 1)
+    sums = areas[:, None] + sizes[None]
+    pairs = linear_sum_assignment(-2 * shared / sums)
+    iou = (shared / (sums - shared))[pairs]
+    return np.array([iou.sum(), (iou > 0.5).sum(), len(found), len(objects)])
+
+
+if __name__ == "__main__":
+    main()

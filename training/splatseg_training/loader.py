@@ -1,0 +1,54 @@
+"""Batches of training samples. Sample number `i` depends on the seed, `i` and the views, not on the number of workers."""
+
+import cv2
+import numpy as np
+import torch
+from torch.utils.data import DataLoader, Dataset, Sampler
+
+from .augment import sample
+
+
+class Samples(Dataset):
+    """An endless set of augmented samples, addressed by number."""
+
+    def __init__(self, groups, settings, seed):
+        self.groups, self.settings, self.seed = groups, settings, seed
+
+    def __getitem__(self, number):
+        rng = np.random.default_rng([self.seed, number])
+        views = self.groups[rng.integers(len(self.groups))]
+        x, ids = sample(views[rng.integers(len(views))], self.settings, rng)
+        return torch.from_numpy(x), torch.from_numpy(ids.astype(np.int32))
+
+
+class Numbers(Sampler):
+    """The numbers from `first` on, without end."""
+
+    def __init__(self, first):
+        self.first = first
+
+    def __iter__(self):
+        number = self.first
+        while True:
+            yield number
+            number += 1
+
+
+def batches(groups, settings, seed, first_step, batch_size, workers):
+    """Batches from `first_step` on: inputs [N, 8, h, w] float16 and ids [N, h/2, w/2] int32.
+
+    Each of `groups`, lists of views, gives the same share of the samples.
+    """
+    return DataLoader(
+        Samples(groups, settings, seed),
+        batch_size=batch_size,
+        sampler=Numbers(first_step * batch_size),
+        num_workers=workers,
+        worker_init_fn=_one_thread,
+        prefetch_factor=4 if workers else None,
+    )
+
+
+def _one_thread(_worker):
+    cv2.setNumThreads(1)
+    torch.set_num_threads(1)
