@@ -18,6 +18,7 @@ from .augment import Settings
 from .dataset import read_groups
 from .loader import batches
 from .network import WIDTHS, AffinityNet
+from .optimiser import optimisers
 
 DATA_HELP = "labelled folders, or patterns of such; each pattern gives the same share of the samples"
 AVERAGE_STEPS = 400  # the weights' moving average covers about so many steps, fewer at the beginning
@@ -71,7 +72,7 @@ class Run:
         if options.start:
             self.net.load_state_dict(torch.load(options.start, weights_only=True))
         self.average = copy.deepcopy(self.net).eval()
-        self.optimiser = torch.optim.AdamW(self.net.parameters(), weight_decay=0.02)
+        self.optimisers = optimisers(self.net)
         self.step, self.seconds, self.losses = 0, 0.0, []
 
     def train(self, groups):
@@ -111,8 +112,9 @@ class Run:
 
     def update(self, x, ids, rate):
         """One step of the optimiser; returns the loss."""
-        for group in self.optimiser.param_groups:
-            group["lr"] = rate
+        for optimiser in self.optimisers:
+            for group in optimiser.param_groups:
+                group["lr"] = rate * group["scale"]
         self.net.train()
         x = x.float().to(memory_format=torch.channels_last)
         with torch.autocast("cpu", dtype=torch.bfloat16):
@@ -120,10 +122,11 @@ class Run:
         inverse_depth = x[:, 3, ::2, ::2] + 0.5
         options = self.options
         loss = affinities.loss(logits, ids.long(), inverse_depth, options.area_power, options.contact_weight)
-        self.optimiser.zero_grad()
+        self.net.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
-        self.optimiser.step()
+        for optimiser in self.optimisers:
+            optimiser.step()
         self.update_average()
         return loss.item()
 
@@ -143,7 +146,7 @@ class Run:
             "widths": tuple(self.options.widths),
             "net": self.net.state_dict(),
             "average": self.average.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
+            "optimisers": [optimiser.state_dict() for optimiser in self.optimisers],
             "step": self.step,
             "seconds": self.seconds,
             "losses": self.losses,
@@ -191,7 +194,8 @@ class Run:
             raise ValueError(f"{path}: has widths {state['widths']}, not {self.options.widths}")
         self.net.load_state_dict(state["net"])
         self.average.load_state_dict(state["average"])
-        self.optimiser.load_state_dict(state["optimiser"])
+        for optimiser, saved in zip(self.optimisers, state["optimisers"]):
+            optimiser.load_state_dict(saved)
         self.step, self.seconds, self.losses = state["step"], state["seconds"], state["losses"]
         print(f"going on from step {self.step}", flush=True)
 
