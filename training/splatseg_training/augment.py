@@ -1,4 +1,4 @@
-"""Turns a labelled view into a training sample: crop, sensor, colours, input channels."""
+"""Training samples from labelled views: crop, sensor, colours, input channels."""
 
 from typing import NamedTuple
 

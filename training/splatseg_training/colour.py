@@ -1,7 +1,7 @@
 """Colours of training samples. Images are [H, W, 3] uint8.
 
-A network learns the colours of a few rendered rooms by heart, and then misjudges real ones. So objects get new colours
-and textures, patterns are painted across borders of objects, and light and camera vary far beyond what is natural.
+A network overfits to the colours of a few rendered rooms and then fails on real ones. So objects get new colours and
+textures, patterns are painted across objects' borders, and light and camera vary far beyond the natural.
 """
 
 import cv2
@@ -17,7 +17,7 @@ def recolour(rgb, ids, rng):
     brightness = np.exp(rng.uniform(-0.9, 0.9, (count, 1)))
     tint = np.exp(rng.uniform(-1, 1, (count, 3)) * rng.uniform(0, 0.9))
     gains = np.where(changed, brightness * tint, 1).astype(np.float32)[ids]
-    return _bytes(_textured(gains, ids, rng.uniform(0, 0.6), rng) * rgb)
+    return _bytes(_textured(gains, ids, rng.uniform(0, 0.8), rng) * rgb)
 
 
 def paint(z, ids, camera, rng):
@@ -47,14 +47,14 @@ def _bytes(image):
 
 
 def _textured(rgb, ids, share, rng):
-    """Multiplies a share of the objects by one of two textures each."""
+    """Multiplies a share of the objects by textures that change brightness and hue, as prints on packages do."""
     count = int(ids.max()) + 1
-    tint = rng.uniform(0.3, 1, 3).astype(np.float32)
-    exponent = np.zeros(ids.shape, np.float32)
+    exponent = np.zeros(rgb.shape, np.float32)
     for _ in range(2):
-        strength = np.where(rng.random(count) < share, rng.uniform(-0.7, 0.7, count), 0).astype(np.float32)
-        exponent += _pattern(rng, ids.shape) * strength[ids]
-    return rgb * (1 + (np.exp(exponent) - 1)[..., None] * tint)
+        strength = np.where(rng.random(count) < share, rng.uniform(-1, 1, count), 0).astype(np.float32)
+        tint = rng.uniform(-0.4, 1.2, 3).astype(np.float32)
+        exponent += (_pattern(rng, ids.shape) * strength[ids])[..., None] * tint
+    return rgb * np.exp(exponent)
 
 
 def _pattern(rng, shape):

@@ -21,7 +21,7 @@ class Samples(Dataset):
         return torch.from_numpy(x), torch.from_numpy(ids.astype(np.int32))
 
 
-class Numbers(Sampler):
+class NumbersFrom(Sampler):
     """The numbers from `first` on, without end."""
 
     def __init__(self, first):
@@ -42,7 +42,7 @@ def batches(groups, settings, seed, first_step, batch_size, workers):
     return DataLoader(
         Samples(groups, settings, seed),
         batch_size=batch_size,
-        sampler=Numbers(first_step * batch_size),
+        sampler=NumbersFrom(first_step * batch_size),
         num_workers=workers,
         worker_init_fn=_one_thread,
         prefetch_factor=4 if workers else None,

@@ -1,6 +1,6 @@
-"""A depth sensor: turns the exact depth of a rendered view into what a Kinect or a stereo camera would measure.
+"""A model of a depth sensor: adds the errors of a Kinect or stereo camera to the exact depth of a rendered view.
 
-All strengths are drawn per sample, from none to beyond a Kinect's, so that the network sees good and bad sensors.
+All strengths are drawn per sample, from none to beyond a Kinect's, so that weights fit good and bad sensors.
 """
 
 import cv2
@@ -27,22 +27,22 @@ def smooth_noise(rng, shape, cell):
 
 
 def measure(z, colour, ids, camera, rng):
-    """Noisy depth in metres [H, W] float32, 0 where the sensor sees nothing.
+    """Noisy depth in metres [H, W] float32, 0 = missing.
 
     `z` [H, W] metres (0 = missing), `colour` [H, W, 3] uint8 or None, `ids` [H, W], `camera` fx, fy, cx, cy.
     """
     if rng.random() < 0.05:
         return z
     strength = rng.uniform(0.1, 1.2)
-    lost = _shadow(z, camera, rng) | _edges(z, rng) | _grazing(z, camera, rng) | _materials(colour, ids, rng)
-    lost |= _blobs(z.shape, rng) | _border(z.shape, rng) | _out_of_range(z, rng)
+    missing = _shadow(z, camera, rng) | _edges(z, rng) | _grazing(z, camera, rng) | _materials(colour, ids, rng)
+    missing |= _blobs(z.shape, rng) | _border(z.shape, rng) | _out_of_range(z, rng)
     out = _disparity_noise(_jitter(z, strength, rng), strength, rng)
-    out[lost | (z <= 0)] = 0
+    out[missing | (z <= 0)] = 0
     return out
 
 
 def _jitter(z, strength, rng):
-    """Each pixel measures a point about half a pixel beside its own."""
+    """Depth of points about half a pixel beside each pixel's own."""
     height, width = z.shape
     shift = np.rint(white_noise(rng, (2, height, width)) * 0.55 * strength).astype(np.int32)
     rows = np.clip(np.arange(height)[:, None] + shift[0], 0, height - 1)
@@ -64,7 +64,7 @@ def _disparity_noise(z, strength, rng):
 
 
 def _shadow(z, camera, rng):
-    """Pixels that the projector (or second camera), a baseline beside the camera, cannot see behind nearer things."""
+    """Pixels in the shadow of the projector (or second camera), which stands a baseline beside the camera."""
     side = rng.choice(["left", "right", "none"], p=[0.6, 0.2, 0.2])
     if side == "none":
         return np.zeros(z.shape, bool)
@@ -99,18 +99,18 @@ def _grazing(z, camera, rng):
 
 def _materials(colour, ids, rng):
     """Dark surfaces, and a few whole objects as glass, screens and metal, lose depth in patches."""
-    lost = np.zeros(ids.shape, bool)
+    missing = np.zeros(ids.shape, bool)
     patchy = smooth_noise(rng, ids.shape, int(rng.integers(3, 14)))
     if colour is not None and rng.random() < 0.5:
-        lost |= colour[..., 1] + 15 * patchy < rng.uniform(0, 50)
+        missing |= colour[..., 1] + 15 * patchy < rng.uniform(0, 50)
     if rng.random() < 0.5:
         difficult = rng.random(int(ids.max()) + 1) < rng.uniform(0.01, 0.12)
-        lost |= difficult[ids] & (patchy > rng.uniform(-2.0, 1.0))
-    return lost
+        missing |= difficult[ids] & (patchy > rng.uniform(-2.0, 1.0))
+    return missing
 
 
 def _blobs(shape, rng):
-    """Holes without a reason."""
+    """Random holes."""
     if rng.random() < 0.6:
         return np.zeros(shape, bool)
     return smooth_noise(rng, shape, int(rng.integers(3, 24))) > rng.uniform(1.2, 2.5)
@@ -118,14 +118,14 @@ def _blobs(shape, rng):
 
 def _border(shape, rng):
     """A frame without depth, as registration to a wider colour camera leaves it."""
-    lost = np.zeros(shape, bool)
+    missing = np.zeros(shape, bool)
     if rng.random() < 0.5:
         top, bottom, left, right = rng.integers(0, rng.integers(1, 26), 4)
         wave = np.rint(smooth_noise(rng, shape, 16)).astype(np.int32) if rng.random() < 0.5 else 0
         rows, columns = np.arange(shape[0])[:, None], np.arange(shape[1])[None]
-        lost |= (rows + wave < top) | (rows + wave >= shape[0] - bottom)
-        lost |= (columns + wave < left) | (columns + wave >= shape[1] - right)
-    return lost
+        missing |= (rows + wave < top) | (rows + wave >= shape[0] - bottom)
+        missing |= (columns + wave < left) | (columns + wave >= shape[1] - right)
+    return missing
 
 
 def _out_of_range(z, rng):

@@ -9,6 +9,8 @@ import argparse
 import copy
 import math
 import os
+import signal
+import sys
 import time
 
 import torch
@@ -21,7 +23,7 @@ from .network import WIDTHS, AffinityNet
 from .optimiser import optimisers
 
 DATA_HELP = "labelled folders, or patterns of such; each pattern gives the same share of the samples"
-AVERAGE_STEPS = 400  # the weights' moving average covers about so many steps, fewer at the beginning
+AVERAGE_STEPS = 400  # time constant of the weights' moving average; shorter at the beginning
 
 
 def main():
@@ -31,6 +33,7 @@ def main():
     groups = read_groups(options.data)
     run = Run(options)
     run.resume()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # saves, too
     try:
         run.train(groups)
     finally:
