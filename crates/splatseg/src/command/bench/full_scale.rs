@@ -1,6 +1,6 @@
 //! The report of the paper's data sets with three seeds, with stand-ins for results.
 //!
-//! A tenth of the scenes by default. All of them, alone in a process, with peak memory and sizes on standard error:
+//! A twentieth of the scenes by default. All of them, with peak memory and sizes on standard error:
 //! `SPLATSEG_FULL_SCALE=1 cargo test -p splatseg --lib full_scale -- --nocapture`
 
 use super::input_files::InputHashes;
@@ -53,7 +53,7 @@ struct Scale {
 
 impl Scale {
     fn chosen() -> Self {
-        let divisor = if std::env::var_os("SPLATSEG_FULL_SCALE").is_some() { 1 } else { 10 };
+        let divisor = if std::env::var_os("SPLATSEG_FULL_SCALE").is_some() { 1 } else { 20 };
         Self { scannet: SCANNET_SCENES / divisor, mvpd: MVPD_VIDEOS / divisor }
     }
 }
