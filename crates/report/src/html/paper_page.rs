@@ -31,7 +31,9 @@ fn chart(curve: &PaperCurve) -> Markup {
     let of = |label: &str, color: usize, value: fn(&CurveRow) -> Option<f64>| {
         let known = (0..).zip(&curve.rows).filter_map(|(index, row)| Some((index, row, value(row)?)));
         let (points, notes) = known
-            .map(|(index, row, percent): (usize, _, _)| ((index as f64, percent), format!("{}: {percent:.2}", row.value)))
+            .map(|(index, row, percent): (usize, _, _)| {
+                ((index as f64, percent), format!("{}: {percent:.2}", row.value))
+            })
             .unzip();
         Curve { label: label.to_owned(), color, points, notes }
     };
