@@ -2,6 +2,7 @@
 
 use super::strips::{Strip, chooser};
 use super::{PageSelection, charts, tables};
+use crate::paper::Reference;
 use crate::{Benchmark, RunDrawings, SceneDrawings, ScoreTable, Spread};
 use maud::{Markup, html};
 
@@ -61,9 +62,19 @@ fn what_is_shown(benchmark: &Benchmark, selection: &PageSelection) -> Markup {
     html! {
         p class="facts" {
             @if shown < all {
-                "Pictures and curves are of " (shown) " of " (all) " scenes, evenly spaced. For another scene's, copy this \
-                folder with results/ in it, and start " code { "splatseg bench" } " there with the same options but "
-                code { "--scenes SCENE" } ": it makes the page from the stored results. "
+                "Pictures and curves are of " (shown) " of " (all) " scenes, evenly spaced. "
+                @match benchmark.reference {
+                    Reference::ScannetMv => {
+                        "For another scene's, copy this folder with results/ in it, and start " code { "splatseg bench" }
+                        " there with the same options but " code { "--scenes SCENE" }
+                        ": it makes the page from the stored results. "
+                    }
+                    Reference::Mvpd => {
+                        "For another video's, measure it: "
+                        code { "splatseg bench --preset mvpd --method-preset paper --scenes FOLDER:VIDEO --methods METHODS" }
+                        ". "
+                    }
+                }
             }
             @if selection.open.len() < variants {
                 (selection.open.len()) " of " (variants) " methods are side by side at first, and only these have curves. "

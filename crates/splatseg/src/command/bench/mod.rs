@@ -1,9 +1,9 @@
 //! `splatseg bench`: every method on every scene with every seed.
 //!
-//! `plan.rs` says what to measure, `job.rs` measures one result, `pool.rs` runs several at a time, `input_files.rs` finds out what its files hold, `store.rs` keeps
-//! results on disk, so that a run that was stopped can go on, and `results.rs` writes what came out, with the pictures that `drawings.rs`
-//! reads again. `mesh_files.rs` has the
-//! scenes' meshes. `paper/` makes the plans for the paper's tables. The tables and the page themselves are the crate `splatseg-report`'s.
+//! `plan.rs` says what to measure, `job.rs` measures one result, `pool.rs` runs several at a time, `input_files.rs` finds
+//! out what its files hold, and `store.rs` keeps results on disk, so that a run that was stopped can go on. `results.rs`
+//! writes tables and page, with the pictures that `drawings.rs` reads again. `mesh_files.rs` has the scenes' meshes.
+//! `paper/` makes the plans for the paper's tables. The tables and the page themselves are the crate `splatseg-report`'s.
 
 mod arguments;
 mod drawings;
