@@ -55,6 +55,13 @@ impl MapLayout {
     }
 }
 
+/// An empty map, to be given a shape later.
+impl Default for FeatureMap {
+    fn default() -> Self {
+        Self::zeros(0, 0, 0)
+    }
+}
+
 impl FeatureMap {
     /// A map of zeros.
     pub fn zeros(channels: usize, height: usize, width: usize) -> Self {

@@ -1,0 +1,94 @@
+//! The learned segmenter: a small network says which pixels belong to the same object, and regions are merged accordingly.
+//!
+//! 1. [`resolution`] and [`inputs`]: the frame, at most 320×240 pixels, as eight channels.
+//! 2. [`network`]: log-odds that a pixel and those at twelve offsets belong to one object, at half that size.
+//! 3. [`regions`] and [`agglomeration`]: pixels become small regions, and regions are merged while the mean log-odds
+//!    between two of them are above a threshold. Every pixel belongs to one segment.
+
+mod agglomeration;
+mod inputs;
+mod network;
+mod regions;
+mod resolution;
+mod settings;
+#[cfg(test)]
+mod tests;
+mod weights;
+
+pub use network::AffinityNetwork;
+pub use settings::AffinitySettings;
+pub use weights::AffinityWeightsError;
+
+use crate::{Segmenter, SegmenterError};
+use agglomeration::{MergeTree, Partition};
+use network::NetworkMemory;
+use regions::RegionGraph;
+use resolution::View;
+use splatseg_geometry::{Mask, RgbdFrame, ScoredMask};
+use splatseg_kernels::feature_map::FeatureMap;
+
+/// A segmenter that has learned from rendered rooms which pixels belong to the same object.
+///
+/// Its masks never overlap. It is deterministic, whatever the number of threads. It works without depth, though worse.
+#[derive(Clone, Debug)]
+pub struct AffinitySegmenter {
+    network: AffinityNetwork,
+    settings: AffinitySettings,
+    input: FeatureMap,
+    memory: NetworkMemory,
+}
+
+impl AffinitySegmenter {
+    /// Makes a segmenter.
+    ///
+    /// # Errors
+    /// [`SegmenterError::Setting`] if a setting is out of its range.
+    pub fn new(network: AffinityNetwork, settings: AffinitySettings) -> Result<Self, SegmenterError> {
+        let settings = settings.validated()?;
+        Ok(Self { network, settings, input: FeatureMap::default(), memory: NetworkMemory::default() })
+    }
+
+    /// The settings in use.
+    pub fn settings(&self) -> &AffinitySettings {
+        &self.settings
+    }
+}
+
+impl Segmenter for AffinitySegmenter {
+    fn name(&self) -> &str {
+        "affinity"
+    }
+
+    fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+        let view = View::of_frame(frame, self.settings.max_pixels);
+        inputs::compute(&view, &mut self.input);
+        self.network.forward(&self.input, &mut self.memory);
+        let tree = MergeTree::new(RegionGraph::from_log_odds(&self.memory.log_odds, &self.network.offsets));
+        let partition = tree.cut(self.settings.threshold.unwrap_or(self.network.threshold));
+        Ok(masks(frame, &view, &tree, partition, self.settings.min_area.max(1)))
+    }
+}
+
+/// The segments of at least `min_area` pixels, at the frame's size.
+fn masks(frame: &RgbdFrame, view: &View, tree: &MergeTree, partition: Partition, min_area: usize) -> Vec<ScoredMask> {
+    let size @ (width, height) = (frame.width(), frame.height());
+    let mut segments = Vec::with_capacity(width * height);
+    let mut areas = vec![0; partition.scores.len()];
+    for row in 0..height {
+        for column in 0..width {
+            let (column, row) = view.pixel_at((column, row), size);
+            let segment = partition.segment_of_region[tree.labels[row / 2 * tree.width + column / 2] as usize];
+            areas[segment as usize] += 1;
+            segments.push(segment);
+        }
+    }
+    let mut masks: Vec<Option<Mask>> =
+        areas.iter().map(|area| (*area >= min_area).then(|| Mask::empty(width, height))).collect();
+    for (pixel, segment) in segments.iter().enumerate() {
+        if let Some(mask) = &mut masks[*segment as usize] {
+            mask.set(pixel % width, pixel / width, true);
+        }
+    }
+    let scored = masks.into_iter().zip(partition.scores);
+    scored.filter_map(|(mask, score)| Some(ScoredMask { mask: mask?, score })).collect()
+}
