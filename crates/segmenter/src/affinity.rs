@@ -15,12 +15,12 @@ mod settings;
 mod tests;
 mod weights;
 
+pub use agglomeration::{MergeTree, Partition};
 pub use network::AffinityNetwork;
 pub use settings::AffinitySettings;
 pub use weights::AffinityWeightsError;
 
 use crate::{Segmenter, SegmenterError};
-use agglomeration::{MergeTree, Partition};
 use network::NetworkMemory;
 use regions::RegionGraph;
 use resolution::View;
@@ -52,6 +52,26 @@ impl AffinitySegmenter {
     pub fn settings(&self) -> &AffinitySettings {
         &self.settings
     }
+
+    /// The network's input for a frame, `[8, height, width]`: colour, inverse depth, validity and normals.
+    pub fn inputs(&mut self, frame: &RgbdFrame) -> &FeatureMap {
+        inputs::compute(&View::of_frame(frame, self.settings.max_pixels), &mut self.input);
+        &self.input
+    }
+
+    /// For each pixel of the half-size image, the log-odds that it and the pixels at the network's offsets belong to the
+    /// same object, `[offsets, height, width]`.
+    pub fn log_odds(&mut self, frame: &RgbdFrame) -> &FeatureMap {
+        self.inputs(frame);
+        self.network.forward(&self.input, &mut self.memory);
+        &self.memory.log_odds
+    }
+
+    /// All merges of a frame's regions: a hierarchy of segments, to be cut at any threshold.
+    pub fn merge_tree(&mut self, frame: &RgbdFrame) -> MergeTree {
+        self.log_odds(frame);
+        MergeTree::new(RegionGraph::from_log_odds(&self.memory.log_odds, &self.network.offsets))
+    }
 }
 
 impl Segmenter for AffinitySegmenter {
@@ -60,35 +80,43 @@ impl Segmenter for AffinitySegmenter {
     }
 
     fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
-        let view = View::of_frame(frame, self.settings.max_pixels);
-        inputs::compute(&view, &mut self.input);
-        self.network.forward(&self.input, &mut self.memory);
-        let tree = MergeTree::new(RegionGraph::from_log_odds(&self.memory.log_odds, &self.network.offsets));
+        let tree = self.merge_tree(frame);
         let partition = tree.cut(self.settings.threshold.unwrap_or(self.network.threshold));
-        Ok(masks(frame, &view, &tree, partition, self.settings.min_area.max(1)))
+        let view = (self.input.width(), self.input.height());
+        Ok(masks(frame, view, &tree, &partition, self.settings.min_area.max(1)))
     }
 }
 
-/// The segments of at least `min_area` pixels, at the frame's size.
-fn masks(frame: &RgbdFrame, view: &View, tree: &MergeTree, partition: Partition, min_area: usize) -> Vec<ScoredMask> {
-    let size @ (width, height) = (frame.width(), frame.height());
+/// The segments of at least `min_area` pixels, at the frame's size. `view` is width and height of the image that the
+/// network saw.
+fn masks(
+    frame: &RgbdFrame,
+    view: (usize, usize),
+    tree: &MergeTree,
+    partition: &Partition,
+    min_area: usize,
+) -> Vec<ScoredMask> {
+    let (width, height) = (frame.width(), frame.height());
+    let columns: Vec<usize> = (0..width).map(|column| column * view.0 / width / 2).collect();
     let mut segments = Vec::with_capacity(width * height);
     let mut areas = vec![0; partition.scores.len()];
     for row in 0..height {
-        for column in 0..width {
-            let (column, row) = view.pixel_at((column, row), size);
-            let segment = partition.segment_of_region[tree.labels[row / 2 * tree.width + column / 2] as usize];
+        let regions = tree.row(row * view.1 / height / 2);
+        for column in &columns {
+            let segment = partition.segment_of_region[regions[*column] as usize];
             areas[segment as usize] += 1;
             segments.push(segment);
         }
     }
     let mut masks: Vec<Option<Mask>> =
         areas.iter().map(|area| (*area >= min_area).then(|| Mask::empty(width, height))).collect();
-    for (pixel, segment) in segments.iter().enumerate() {
-        if let Some(mask) = &mut masks[*segment as usize] {
-            mask.set(pixel % width, pixel / width, true);
+    for (row, segments) in segments.chunks_exact(width).enumerate() {
+        for (column, segment) in segments.iter().enumerate() {
+            if let Some(mask) = &mut masks[*segment as usize] {
+                mask.set(column, row, true);
+            }
         }
     }
-    let scored = masks.into_iter().zip(partition.scores);
-    scored.filter_map(|(mask, score)| Some(ScoredMask { mask: mask?, score })).collect()
+    let scored = masks.into_iter().zip(&partition.scores);
+    scored.filter_map(|(mask, score)| Some(ScoredMask { mask: mask?, score: *score })).collect()
 }

@@ -15,7 +15,7 @@ mod fastsam;
 mod graph;
 mod masks;
 
-pub use affinity::{AffinityNetwork, AffinitySegmenter, AffinitySettings, AffinityWeightsError};
+pub use affinity::{AffinityNetwork, AffinitySegmenter, AffinitySettings, AffinityWeightsError, MergeTree, Partition};
 pub use error::SegmenterError;
 pub use fastsam::FastSamSegmenter;
 pub use graph::{BorderWeights, GraphSegmenter, GraphSettings, PatchSettings, SurfaceSettings};

@@ -8,12 +8,12 @@
 
 use super::regions::{Edges, RegionGraph, Slots, root};
 
-/// The order in which regions were merged.
-pub(super) struct MergeTree {
-    /// Width of the image, pixels.
-    pub width: usize,
-    /// Region of each pixel, row-major.
-    pub labels: Vec<u32>,
+/// Small regions of an image and the order in which they were merged: a hierarchy of segments.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MergeTree {
+    width: usize,
+    /// Region of each pixel of the half-size image, row-major.
+    labels: Vec<u32>,
     /// Edges inside each region.
     inner: Vec<Edges>,
     /// Each merge of the regions that contain `region` and `edges.other` at that time.
@@ -28,8 +28,9 @@ struct Merge {
     edges: Edges,
 }
 
-/// Segments of an image.
-pub(super) struct Partition {
+/// Segments of an image: a cut through a [`MergeTree`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Partition {
     /// Segment of each of the tree's regions.
     pub segment_of_region: Vec<u32>,
     /// For each segment, the probability that two of its pixels belong together, by the mean log-odds of its edges.
@@ -38,11 +39,12 @@ pub(super) struct Partition {
 
 impl MergeTree {
     /// Merges regions until no edges are left.
-    pub fn new(graph: RegionGraph) -> Self {
+    pub(super) fn new(graph: RegionGraph) -> Self {
         let RegionGraph { width, labels, edges, inner } = graph;
         let mut merging = Merging {
             slots: Slots::new(edges.len()),
             parents: (0..edges.len() as u32).collect(),
+            current: Vec::new(),
             merges: Vec::with_capacity(edges.len()),
             edges,
         };
@@ -50,6 +52,14 @@ impl MergeTree {
             merging.merge_from(region);
         }
         Self { width, labels, inner, merges: merging.merges }
+    }
+
+    /// The regions of the pixels in one row of the half-size image.
+    ///
+    /// # Panics
+    /// If there is no such row.
+    pub fn row(&self, row: usize) -> &[u32] {
+        &self.labels[row * self.width..][..self.width]
     }
 
     /// The segments after all merges with a mean above `threshold`.
@@ -85,6 +95,8 @@ struct Merging {
     /// The region that each region is part of.
     parents: Vec<u32>,
     slots: Slots,
+    /// Memory for the list that is brought up to date.
+    current: Vec<Edges>,
     merges: Vec<Merge>,
 }
 
@@ -113,19 +125,30 @@ impl Merging {
 
     /// The edges with the highest mean of a region; of equal ones those to `before`, else to the lowest number.
     fn preferred(&mut self, region: u32, before: Option<u32>) -> Option<Edges> {
-        let old = std::mem::take(&mut self.edges[region as usize]);
-        let mut edges = Vec::with_capacity(old.len());
+        let mut old = std::mem::take(&mut self.edges[region as usize]);
         self.slots.begin();
-        for old in old {
-            let other = root(&mut self.parents, old.other);
+        self.current.clear();
+        for edges in &old {
+            let other = root(&mut self.parents, edges.other);
             if other != region {
-                self.slots.add(&mut edges, Edges { other, ..old });
+                self.slots.add(&mut self.current, Edges { other, ..*edges });
             }
         }
-        let key = |edges: &Edges| (Some(edges.other) == before, std::cmp::Reverse(edges.other));
-        let best = edges.iter().copied().max_by(|a, b| a.mean().total_cmp(&b.mean()).then(key(a).cmp(&key(b))));
-        self.edges[region as usize] = edges;
-        best
+        old.clear();
+        old.extend_from_slice(&self.current);
+        self.edges[region as usize] = old;
+        let mut best: Option<(f64, Edges)> = None;
+        for edges in &self.current {
+            let mean = edges.mean();
+            let is_better = best.is_none_or(|(highest, best)| {
+                let rank = |edges: &Edges| (Some(edges.other) != before, edges.other);
+                mean > highest || (mean == highest && rank(edges) < rank(&best))
+            });
+            if is_better {
+                best = Some((mean, *edges));
+            }
+        }
+        best.map(|(_, edges)| edges)
     }
 
     /// Merges a region with the one that `edges` lead to; returns the number of both.

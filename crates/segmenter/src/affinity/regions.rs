@@ -31,6 +31,7 @@ pub(super) struct Edges {
 
 impl Edges {
     /// The mean log-odds: the same bits from both sides.
+    #[inline]
     pub fn mean(&self) -> f64 {
         self.sum as f64 / (f64::from(self.count) * f64::from(UNIT))
     }
@@ -41,7 +42,7 @@ pub(super) struct RegionGraph {
     pub width: usize,
     /// Region of each pixel, row-major. Regions are numbered in the order of their first pixels.
     pub labels: Vec<u32>,
-    /// For each region, its edges to others, and those inside it.
+    /// For each region, its edges to others, in up to two parts per other region, and those inside it.
     pub edges: Vec<Vec<Edges>>,
     pub inner: Vec<Edges>,
 }
@@ -59,15 +60,22 @@ impl RegionGraph {
         let count = labels.iter().max().map_or(0, |last| *last as usize + 1);
         let pixels = PixelsByRegion::new(&labels, count);
         let jobs: Vec<usize> = (0..count).step_by(REGIONS_PER_JOB).collect();
-        let edges: Vec<Vec<(Vec<Edges>, Edges)>> = jobs
+        let found: Vec<Vec<(Vec<Edges>, Edges)>> = jobs
             .into_par_iter()
             .map(|first| {
                 let mut slots = Slots::new(count);
                 let regions = first..count.min(first + REGIONS_PER_JOB);
-                regions.map(|region| image.edges_of(region as u32, pixels.of(region), &labels, &mut slots)).collect()
+                regions.map(|region| image.edges_from(region as u32, pixels.of(region), &labels, &mut slots)).collect()
             })
             .collect();
-        let (edges, inner) = edges.into_iter().flatten().unzip();
+        let (mut edges, inner): (Vec<_>, Vec<_>) = found.into_iter().flatten().unzip();
+        let found: Vec<usize> = edges.iter().map(Vec::len).collect();
+        for (region, found) in found.into_iter().enumerate() {
+            for index in 0..found {
+                let edge = edges[region][index];
+                edges[edge.other as usize].push(Edges { other: region as u32, ..edge });
+            }
+        }
         Self { width: image.width, labels, edges, inner }
     }
 }
@@ -76,96 +84,112 @@ impl RegionGraph {
 struct PixelEdges {
     width: usize,
     height: usize,
-    offsets: Vec<Offset>,
-    /// `[height, width, offsets]`.
-    values: Vec<i16>,
+    /// For each offset, its log-odds, row-major.
+    planes: Vec<(Offset, Vec<i16>)>,
 }
 
 impl PixelEdges {
     fn new(log_odds: &FeatureMap, offsets: &[Offset]) -> Self {
-        let (width, height, channels) = (log_odds.width(), log_odds.height(), offsets.len());
-        let mut values = vec![0; width * height * channels];
-        values.par_chunks_mut((width * channels).max(1)).enumerate().for_each(|(row, out)| {
-            for channel in 0..channels {
-                let log_odds = log_odds.row(channel, row);
-                for (out, value) in out.iter_mut().skip(channel).step_by(channels).zip(log_odds) {
-                    *out = (value.clamp(-LARGEST, LARGEST) * UNIT) as i16;
-                }
+        let (width, height) = (log_odds.width(), log_odds.height());
+        let plane = |channel: usize| {
+            let mut plane = Vec::with_capacity(width * height);
+            for row in 0..height {
+                let values = log_odds.row(channel, row).iter();
+                plane.extend(values.map(|value| (value.clamp(-LARGEST, LARGEST) * UNIT) as i16));
             }
-        });
-        Self { width, height, offsets: offsets.to_vec(), values }
-    }
-
-    /// Index of the pixel at `offset` from `(column, row)`, if there is one.
-    fn partner(&self, (column, row): (usize, usize), offset: Offset, sign: i32) -> Option<usize> {
-        let column = column as i32 + sign * offset.right;
-        let row = row as i32 + sign * offset.down;
-        let inside = column >= 0 && row >= 0 && (column as usize) < self.width && (row as usize) < self.height;
-        inside.then(|| row as usize * self.width + column as usize)
+            plane
+        };
+        let planes = (0..offsets.len()).into_par_iter().map(|channel| (offsets[channel], plane(channel))).collect();
+        Self { width, height, planes }
     }
 
     /// Unites direct neighbours within cells; returns the region of each pixel.
     fn regions(&self, cell: usize) -> Vec<u32> {
         let sure = (SURE * UNIT) as i16;
         let mut parents: Vec<u32> = (0..(self.width * self.height) as u32).collect();
-        for (channel, offset) in self.offsets.iter().enumerate() {
-            if offset.down.abs() + offset.right.abs() != 1 {
-                continue;
-            }
-            for pixel in 0..self.width * self.height {
-                let (column, row) = (pixel % self.width, pixel / self.width);
-                let Some(other) = self.partner((column, row), *offset, 1) else { continue };
-                let same_cell = column / cell == other % self.width / cell && row / cell == other / self.width / cell;
-                if same_cell && self.values[pixel * self.offsets.len() + channel] > sure {
-                    let (a, b) = (root(&mut parents, pixel as u32), root(&mut parents, other as u32));
-                    // The first pixel of a region is its root.
-                    parents[a.max(b) as usize] = a.min(b);
+        for (offset, values) in &self.planes {
+            let step = match (offset.down, offset.right) {
+                (0, 1) => 1,
+                (1, 0) => self.width,
+                _ => continue,
+            };
+            for (row, values) in values.chunks_exact(self.width).enumerate() {
+                if offset.down == 1 && ((row + 1).is_multiple_of(cell) || row + 1 == self.height) {
+                    continue;
                 }
-            }
-        }
-        let mut count = 0;
-        let mut labels = vec![0; parents.len()];
-        for pixel in 0..parents.len() {
-            let root = root(&mut parents, pixel as u32) as usize;
-            if root == pixel {
-                labels[pixel] = count;
-                count += 1;
-            } else {
-                labels[pixel] = labels[root];
-            }
-        }
-        labels
-    }
-
-    /// The edges of a region to each other one, and those inside it.
-    fn edges_of(&self, region: u32, pixels: &[u32], labels: &[u32], slots: &mut Slots) -> (Vec<Edges>, Edges) {
-        let channels = self.offsets.len();
-        let mut edges: Vec<Edges> = Vec::new();
-        let mut inner = Edges { other: region, count: 0, sum: 0 };
-        slots.begin();
-        for pixel in pixels {
-            let pixel = *pixel as usize;
-            let place = (pixel % self.width, pixel / self.width);
-            for (channel, offset) in self.offsets.iter().enumerate() {
-                for (sign, partner) in [1, -1].map(|sign| (sign, self.partner(place, *offset, sign))) {
-                    let Some(partner) = partner else { continue };
-                    let first = if sign > 0 { pixel } else { partner };
-                    let sum = i64::from(self.values[first * channels + channel]);
-                    let other = labels[partner];
-                    if other != region {
-                        slots.add(&mut edges, Edges { other, count: 1, sum });
-                    } else if sign > 0 {
-                        inner.count += 1;
-                        inner.sum += sum;
+                for (column, value) in values.iter().enumerate() {
+                    let is_last = offset.right == 1 && ((column + 1).is_multiple_of(cell) || column + 1 == self.width);
+                    if *value > sure && !is_last {
+                        let pixel = row * self.width + column;
+                        let (a, b) = (root(&mut parents, pixel as u32), root(&mut parents, (pixel + step) as u32));
+                        // The first pixel of a region is its root.
+                        parents[a.max(b) as usize] = a.min(b);
                     }
                 }
             }
+        }
+        numbered(parents)
+    }
+
+    /// The edges that lead from a region's pixels to each other region, and those inside it.
+    fn edges_from(&self, region: u32, pixels: &[u32], labels: &[u32], slots: &mut Slots) -> (Vec<Edges>, Edges) {
+        let mut edges: Vec<Edges> = Vec::with_capacity(4 * self.planes.len());
+        let mut inner = Edges { other: region, count: 0, sum: 0 };
+        slots.begin();
+        for (offset, values) in &self.planes {
+            let step = offset.down as isize * self.width as isize + offset.right as isize;
+            // Pixels side by side mostly lead to the same region.
+            let mut run = Edges { other: region, count: 0, sum: 0 };
+            for pixel in pixels {
+                let pixel = *pixel as usize;
+                let column = (pixel % self.width) as i32 + offset.right;
+                let partner = pixel.wrapping_add_signed(step);
+                if column < 0 || column >= self.width as i32 || partner >= labels.len() {
+                    continue;
+                }
+                let other = labels[partner];
+                if other != run.other {
+                    close(run, region, &mut edges, &mut inner, slots);
+                    run = Edges { other, count: 0, sum: 0 };
+                }
+                run.count += 1;
+                run.sum += i64::from(values[pixel]);
+            }
+            close(run, region, &mut edges, &mut inner, slots);
         }
         (edges, inner)
     }
 }
 
+/// Adds a run of edges of `region` to its list, or to those inside it.
+#[inline]
+fn close(run: Edges, region: u32, edges: &mut Vec<Edges>, inner: &mut Edges, slots: &mut Slots) {
+    if run.other == region {
+        inner.count += run.count;
+        inner.sum += run.sum;
+    } else {
+        slots.add(edges, run);
+    }
+}
+
+/// For each node of a union-find structure the number of its tree, in the order of their first nodes, which are the roots.
+fn numbered(mut parents: Vec<u32>) -> Vec<u32> {
+    let mut count = 0;
+    let mut labels = vec![0; parents.len()];
+    for node in 0..parents.len() {
+        let root = root(&mut parents, node as u32) as usize;
+        if root == node {
+            labels[node] = count;
+            count += 1;
+        } else {
+            labels[node] = labels[root];
+        }
+    }
+    labels
+}
+
 /// The root of a tree of a union-find structure.
+#[inline]
 pub(super) fn root(parents: &mut [u32], mut node: u32) -> u32 {
     while parents[node as usize] != node {
         let above = parents[parents[node as usize] as usize];
@@ -203,31 +227,33 @@ impl PixelsByRegion {
 
 /// For lists of edges in which each other region occurs once: the place of every region in the current list.
 pub(super) struct Slots {
-    /// Place of a region in the list of this round.
+    /// For each region, the list that it was last added to and its place in that.
     places: Vec<(u32, u32)>,
-    round: u32,
+    list: u32,
 }
 
 impl Slots {
     pub fn new(regions: usize) -> Self {
-        Self { places: vec![(0, 0); regions], round: 0 }
+        Self { places: vec![(0, 0); regions], list: 0 }
     }
 
     /// Begins a new list.
+    #[inline]
     pub fn begin(&mut self) {
-        self.round += 1;
+        self.list += 1;
     }
 
     /// Adds edges to a list: to those with the same region, if there are any.
-    pub fn add(&mut self, list: &mut Vec<Edges>, edges: Edges) {
-        let (round, place) = &mut self.places[edges.other as usize];
-        if *round == self.round {
-            let known = &mut list[*place as usize];
-            known.count += edges.count;
-            known.sum += edges.sum;
+    #[inline]
+    pub fn add(&mut self, edges: &mut Vec<Edges>, more: Edges) {
+        let (list, place) = &mut self.places[more.other as usize];
+        if *list == self.list {
+            let known = &mut edges[*place as usize];
+            known.count += more.count;
+            known.sum += more.sum;
         } else {
-            (*round, *place) = (self.round, list.len() as u32);
-            list.push(edges);
+            (*list, *place) = (self.list, edges.len() as u32);
+            edges.push(more);
         }
     }
 }

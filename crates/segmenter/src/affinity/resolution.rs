@@ -29,11 +29,6 @@ impl<'a> View<'a> {
         let color = area_means(frame.color(), small_width, small_height);
         Self { color, depth, camera: frame.intrinsics().resized(small_width, small_height) }
     }
-
-    /// Column and row of the view's pixel at a pixel of a frame of `(width, height)` pixels.
-    pub fn pixel_at(&self, (column, row): (usize, usize), (width, height): (usize, usize)) -> (usize, usize) {
-        (column * self.color.width() / width, row * self.color.height() / height)
-    }
 }
 
 /// The colour image at a smaller size: the mean over the area of each pixel, rounded.
