@@ -6,9 +6,12 @@
 //! all channels and taps: the order of every sum is fixed, and results do not depend on the number of threads.
 
 mod convolution;
+mod direct;
 mod resize;
 #[cfg(test)]
 mod tests;
+mod tile;
+mod winograd;
 
 pub use convolution::MapConvolution;
 pub use resize::{add_upsampled, mean_per_channel};
