@@ -13,6 +13,7 @@ mod resolution;
 mod settings;
 #[cfg(test)]
 mod tests;
+mod upsampling;
 mod weights;
 
 pub use agglomeration::{MergeTree, Partition};
@@ -82,41 +83,39 @@ impl Segmenter for AffinitySegmenter {
     fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
         let tree = self.merge_tree(frame);
         let partition = tree.cut(self.settings.threshold.unwrap_or(self.network.threshold));
+        let segments = upsampling::enlarge(&partition.segments_of_pixels(&tree), &self.input);
         let view = (self.input.width(), self.input.height());
-        Ok(masks(frame, view, &tree, &partition, self.settings.min_area.max(1)))
+        Ok(masks(frame, view, &segments, &partition.scores, self.settings.min_area.max(1)))
     }
 }
 
-/// The segments of at least `min_area` pixels, at the frame's size. `view` is width and height of the image that the
-/// network saw.
+/// The segments of at least `min_area` pixels, at the frame's size, from those of the pixels of a view of this width and
+/// height.
 fn masks(
     frame: &RgbdFrame,
     view: (usize, usize),
-    tree: &MergeTree,
-    partition: &Partition,
+    segments: &[u32],
+    scores: &[f32],
     min_area: usize,
 ) -> Vec<ScoredMask> {
     let (width, height) = (frame.width(), frame.height());
-    let columns: Vec<usize> = (0..width).map(|column| column * view.0 / width / 2).collect();
-    let mut segments = Vec::with_capacity(width * height);
-    let mut areas = vec![0; partition.scores.len()];
+    let columns: Vec<usize> = (0..width).map(|column| column * view.0 / width).collect();
+    let row_of = |row: usize| &segments[row * view.1 / height * view.0..][..view.0];
+    let mut areas = vec![0; scores.len()];
     for row in 0..height {
-        let regions = tree.row(row * view.1 / height / 2);
-        for column in &columns {
-            let segment = partition.segment_of_region[regions[*column] as usize];
-            areas[segment as usize] += 1;
-            segments.push(segment);
-        }
+        let segments = row_of(row);
+        columns.iter().for_each(|column| areas[segments[*column] as usize] += 1);
     }
     let mut masks: Vec<Option<Mask>> =
         areas.iter().map(|area| (*area >= min_area).then(|| Mask::empty(width, height))).collect();
-    for (row, segments) in segments.chunks_exact(width).enumerate() {
-        for (column, segment) in segments.iter().enumerate() {
-            if let Some(mask) = &mut masks[*segment as usize] {
+    for row in 0..height {
+        let segments = row_of(row);
+        for (column, place) in columns.iter().enumerate() {
+            if let Some(mask) = &mut masks[segments[*place] as usize] {
                 mask.set(column, row, true);
             }
         }
     }
-    let scored = masks.into_iter().zip(&partition.scores);
+    let scored = masks.into_iter().zip(scores);
     scored.filter_map(|(mask, score)| Some(ScoredMask { mask: mask?, score: *score })).collect()
 }

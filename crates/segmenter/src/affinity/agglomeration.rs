@@ -89,6 +89,13 @@ impl MergeTree {
     }
 }
 
+impl Partition {
+    /// The segment of each pixel of the half-size image, row-major.
+    pub(super) fn segments_of_pixels(&self, tree: &MergeTree) -> Vec<u32> {
+        tree.labels.iter().map(|region| self.segment_of_region[*region as usize]).collect()
+    }
+}
+
 struct Merging {
     /// Of each region that is not part of another: its edges. The names of others may be out of date.
     edges: Vec<Vec<Edges>>,

@@ -24,7 +24,11 @@ use splatseg_kernels::feature_map::FeatureMap;
 use splatseg_kernels::instructions::LANES;
 
 /// Channels of the input.
-pub(super) const CHANNELS: usize = 8;
+pub(super) const CHANNELS: usize = COLOR_CHANNELS + DEPTH_CHANNELS;
+/// Channels of colour, which come first.
+pub(super) const COLOR_CHANNELS: usize = 3;
+/// Channels of depth: inverse depth, validity and normals.
+pub(super) const DEPTH_CHANNELS: usize = 5;
 /// Depth beyond this is taken for this, metres.
 const FARTHEST: f32 = 100.0;
 /// Inverse depth grows no more below this depth, metres.

@@ -5,7 +5,6 @@
 //! the last stage is added to it. The path up adds each stage to the one above, enlarged, and ends in a 1×1 convolution.
 //! Widths, stages and blocks are those of the weights. Batch norms are folded into the convolutions.
 
-use super::inputs::CHANNELS;
 use super::weights::{AffinityWeightsError, BUILT_IN, MAX_BYTES, Offset, Weights};
 use splatseg_kernels::feature_map::{FeatureMap, MapConvolution, add_upsampled, mean_per_channel};
 use splatseg_kernels::{Activation, Instructions};
@@ -118,7 +117,7 @@ impl AffinityNetwork {
 
 impl Layers {
     fn load(weights: &Weights<'_>) -> Result<Self, AffinityWeightsError> {
-        let stem = weights.convolution("stem", CHANNELS, (3, 2), Activation::Silu)?;
+        let stem = weights.stem()?;
         let mut widths = vec![stem.outputs()];
         let mut stages = Vec::new();
         while weights.contains(&format!("e{}.0", stages.len() + 1)) {

@@ -1,5 +1,6 @@
 //! Weights of the network: a `.safetensors` file in half or single precision, built in or the user's.
 
+use super::inputs::{CHANNELS, COLOR_CHANNELS, DEPTH_CHANNELS};
 use safetensors::{Dtype, SafeTensors};
 use splatseg_kernels::feature_map::MapConvolution;
 use splatseg_kernels::{Activation, Instructions};
@@ -97,6 +98,26 @@ impl<'a> Weights<'a> {
         threshold.ok_or_else(|| self.fault("threshold in the metadata", text, "a number"))
     }
 
+    /// The first convolution, of all [`CHANNELS`]. A network of colour alone has 3, one of depth alone 5: its weights for
+    /// the other channels are 0.
+    pub fn stem(&self) -> Result<MapConvolution, AffinityWeightsError> {
+        let (shape, weight) = self.numbers("stem.weight")?;
+        let first = match shape[..] {
+            [_, CHANNELS | COLOR_CHANNELS, 3, 3] => 0,
+            [_, DEPTH_CHANNELS, 3, 3] => COLOR_CHANNELS,
+            _ => {
+                let expected = "[outputs, 3, 5 or 8, 3, 3]";
+                return Err(self.fault("tensor stem.weight", format!("shape {shape:?}"), expected));
+            }
+        };
+        let mut padded = vec![0.0; shape[0] * CHANNELS * 9];
+        for (out, weight) in padded.chunks_exact_mut(CHANNELS * 9).zip(weight.chunks_exact(shape[1] * 9)) {
+            out[first * 9..][..weight.len()].copy_from_slice(weight);
+        }
+        let bias = self.bias("stem", shape[0])?;
+        Ok(MapConvolution::new(&padded, &bias, 3, 2, Activation::Silu, Instructions::best()))
+    }
+
     /// The convolution `name` of `inputs` channels, with a kernel of `kernel` × `kernel`.
     pub fn convolution(
         &self,
@@ -111,11 +132,17 @@ impl<'a> Weights<'a> {
             let expected = format!("[outputs, {inputs}, {kernel}, {kernel}]");
             return Err(self.fault(&format!("tensor {name}.weight"), format!("shape {shape:?}"), expected));
         }
+        let bias = self.bias(name, outputs)?;
+        Ok(MapConvolution::new(&weight, &bias, kernel, stride, activation, Instructions::best()))
+    }
+
+    /// The biases of the convolution `name`.
+    fn bias(&self, name: &str, outputs: usize) -> Result<Vec<f32>, AffinityWeightsError> {
         let (shape, bias) = self.numbers(&format!("{name}.bias"))?;
-        if shape != [outputs] {
+        if outputs == 0 || shape != [outputs] {
             return Err(self.fault(&format!("tensor {name}.bias"), format!("shape {shape:?}"), format!("[{outputs}]")));
         }
-        Ok(MapConvolution::new(&weight, &bias, kernel, stride, activation, Instructions::best()))
+        Ok(bias)
     }
 
     /// Shape and numbers of a tensor.
