@@ -178,7 +178,7 @@ fn chains_merge_as_the_greedy_order_does() {
 #[test]
 fn regions_stay_in_their_cells() {
     let sure = map_from_values(&[9.0; 5 * 35], OFFSETS.len(), (7, 5));
-    let graph = RegionGraph::from_log_odds(&sure, &OFFSETS);
+    let graph = RegionGraph::with_cells(&sure, &OFFSETS, 4);
     assert_eq!(graph.labels[..14], [0, 0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1]);
     assert_eq!(graph.edges.len(), 4);
     let tree = MergeTree::new(graph);
