@@ -1,0 +1,113 @@
+"""The eight input channels of the affinity network, as `crates/segmenter/src/affinity/inputs.rs` computes them.
+
+Both follow this definition, and a golden test ties them (`training/make_test_data.py`).
+
+1. Frames with more than `max_pixels` pixels are reduced by s = sqrt(max_pixels / pixels) to floor(width * s) ×
+   floor(height * s) pixels: colour by the area mean (rounded), depth by the pixel (floor(x * W / w), floor(y * H / h)).
+2. Colour: rgb / 127.5 - 1.
+3. Holes in the depth get the depth of the nearest pixel that has one, in city-block distance. In a row: left before right
+   where both are as near. Then, row by row downwards, a pixel takes over from the one above if that is nearer (distance
+   above + 1 < own distance), and upwards in the same way from the one below. Depth beyond 100 m becomes 100 m.
+4. Inverse depth: 1 / max(z, 0.3 m) - 0.5.
+5. Validity: 1 where depth was measured.
+6. Smoothed depth: the mean over the 13 pixels within distance 2, weighted by exp(-dz² / (2 · 0.05²) - r² / (2 · 2²)) with
+   dz in metres and r in pixels; beyond the border the nearest pixel counts.
+7. Normals: with the points P of the smoothed depth, dx = P(x + 2) - P(x - 2) and dy alike; within 2 pixels of the border
+   the nearest difference that exists. The normal is dx × dy / (|dx × dy| + 1e-9), pointing away from the camera; 0 if
+   that is not finite or the image has less than 5 rows or columns.
+
+A frame without any depth has 0 in all five channels of depth.
+"""
+
+import cv2
+import numpy as np
+
+MAX_PIXELS = 76800
+CHANNELS = 8
+_FARTHEST = np.float32(100.0)
+_FAR = np.int32(1 << 20)
+_NEIGHBOURS = [(dy, dx) for dy in range(-2, 3) for dx in range(-2, 3) if dy * dy + dx * dx <= 4]
+
+
+def reduced(rgb, depth_mm, K, max_pixels=MAX_PIXELS):
+    """Image, depth and camera matrix of a frame at the size that the network sees.
+
+    `rgb` [H, W, 3] uint8, `depth_mm` [H, W] of the same size, `K` 3×3 (or larger) for integer pixel centres.
+    """
+    height, width = depth_mm.shape
+    if width * height <= max_pixels:
+        return rgb, depth_mm, K
+    scale = np.sqrt(max_pixels / (width * height))
+    w, h = max(1, int(width * scale)), max(1, int(height * scale))
+    small = cv2.resize(rgb, (w, h), interpolation=cv2.INTER_AREA)
+    depth = depth_mm[np.arange(h)[:, None] * height // h, np.arange(w)[None] * width // w]
+    K = np.array(K, np.float64)
+    K[0, 0], K[1, 1] = K[0, 0] * w / width, K[1, 1] * h / height
+    K[0, 2], K[1, 2] = (K[0, 2] + 0.5) * w / width - 0.5, (K[1, 2] + 0.5) * h / height - 0.5
+    return small, depth, K
+
+
+def filled(z):
+    """Depth in metres, [H, W], with every hole (0) filled from the nearest pixel; at least one pixel must be valid."""
+    height, width = z.shape
+    columns = np.arange(width, dtype=np.int32)
+    left = np.maximum.accumulate(np.where(z > 0, columns, -_FAR), axis=1)
+    right = np.minimum.accumulate(np.where(z > 0, columns, _FAR)[:, ::-1], axis=1)[:, ::-1]
+    nearest = np.where(columns - left <= right - columns, left, right)
+    distance = np.minimum(columns - left, right - columns)
+    z = np.take_along_axis(z, np.clip(nearest, 0, width - 1), axis=1)
+    for rows in (range(1, height), range(height - 2, -1, -1)):
+        step = rows.step
+        for row in rows:
+            nearer = distance[row - step] + 1 < distance[row]
+            distance[row] = np.where(nearer, distance[row - step] + 1, distance[row])
+            z[row] = np.where(nearer, z[row - step], z[row])
+    return z
+
+
+def smoothed(z):
+    """Bilaterally smoothed depth, [H, W] float32 metres."""
+    height, width = z.shape
+    padded = np.pad(z, 2, mode="edge")
+    total, weights = np.zeros_like(z), np.zeros_like(z)
+    for dy, dx in _NEIGHBOURS:
+        near = padded[2 + dy : 2 + dy + height, 2 + dx : 2 + dx + width]
+        step = near - z
+        weight = np.exp(step * step * np.float32(-200.0) - np.float32((dy * dy + dx * dx) / 8))
+        total += weight * near
+        weights += weight
+    return total / weights
+
+
+def normals(z, K):
+    """Unit normals, [3, H, W] float32, of depth in metres."""
+    height, width = z.shape
+    if min(height, width) < 5:
+        return np.zeros((3, height, width), np.float32)
+    x = ((np.arange(width, dtype=np.float32) - np.float32(K[0, 2])) / np.float32(K[0, 0]))[None]
+    y = ((np.arange(height, dtype=np.float32) - np.float32(K[1, 2])) / np.float32(K[1, 1]))[:, None]
+    points = np.stack([z * x, z * y, z])
+    column, row = np.clip(np.arange(width), 2, width - 3), np.clip(np.arange(height), 2, height - 3)
+    dx = points[:, :, column + 2] - points[:, :, column - 2]
+    dy = points[:, row + 2] - points[:, row - 2]
+    with np.errstate(over="ignore", invalid="ignore"):
+        product = np.cross(dx, dy, axis=0)
+        result = product / (np.sqrt((product * product).sum(0)) + np.float32(1e-9))
+    return np.where(np.isfinite(result).all(0), result, np.float32(0))
+
+
+def inputs(rgb, depth_mm, K):
+    """The input of the network, float32 [8, H, W], of a frame of at most `MAX_PIXELS` pixels (see `reduced`).
+
+    `rgb` [H, W, 3] uint8, `depth_mm` [H, W] in millimetres (0 where missing), `K` 3×3 or larger.
+    """
+    out = np.zeros((CHANNELS, *depth_mm.shape), np.float32)
+    out[:3] = rgb.transpose(2, 0, 1).astype(np.float32) / np.float32(127.5) - 1
+    z = np.minimum(depth_mm.astype(np.float32) / np.float32(1000), _FARTHEST)
+    if not z.any():
+        return out
+    full = filled(z)
+    out[3] = 1 / np.maximum(full, np.float32(0.3)) - np.float32(0.5)
+    out[4] = z > 0
+    out[5:] = normals(smoothed(full), np.asarray(K))
+    return out
