@@ -89,6 +89,10 @@ def test_segmenters_of_the_library_can_be_called(room):
     assert masks.dtype == bool and masks.shape[1:] == frame.depth.shape and scores.shape == (len(masks),)
     assert masks.any(axis=(1, 2)).all()
     assert "min_area=20" in repr(ss.Graph(min_area=20))
+    masks, scores = ss.Affinity(min_area=20)(frame.rgb, frame.depth, frame.K)
+    assert masks.dtype == bool and masks.any(axis=(1, 2)).all() and scores.shape == (len(masks),)
+    with pytest.raises(ValueError, match=r"nothing\.safetensors"):
+        ss.Affinity("nothing.safetensors")(frame.rgb)
     with pytest.raises(TypeError, match=r"there is no setting graph\.min_aria, did you mean graph\.min_area"):
         ss.Graph(min_aria=20)(frame.rgb, frame.depth)
     with pytest.raises(ValueError, match=r"nothing\.pt"):

@@ -50,7 +50,7 @@ def full_row(label, cells):
 MEMORIES = (
     ("fastsam", "methods", "fastsam"),
     ("fastspam", "methods", "fastspam"),
-    ("paper's method to the letter", "paper", "fastsam-splat"),
+    ("paper's method", "paper", "fastsam-splat"),
     ("`memory.kind=features`", "features", "fastsam-splat"),
     ("**fastsam-splat**", "methods", "fastsam-splat"),
 )

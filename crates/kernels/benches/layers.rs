@@ -1,10 +1,12 @@
-//! Layers of FastSAM (yolov8x-seg at 640×640) and of SAM 2.1 tiny, and the machine's peak, which both are a share of.
+//! Layers of FastSAM (yolov8x-seg at 640×640), of SAM 2.1 tiny and of the affinity network (320×240), and the machine's
+//! peak, which all are a share of.
 //!
 //! `cargo bench -p splatseg-kernels`; throughput "elements" are floating-point operations.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pulp::{Arch, Simd, WithSimd};
 use splatseg_kernels::convolution::{ConvolutionShape, PackedConvolution};
+use splatseg_kernels::feature_map::{FeatureMap, MapConvolution};
 use splatseg_kernels::gemm::{LinearChain, PackedLinear};
 use splatseg_kernels::{Activation, Instructions};
 use std::hint::black_box;
@@ -23,6 +25,17 @@ const CONVOLUTIONS: [(usize, usize, usize, usize, usize); 7] = [
 /// (tokens, inputs, outputs).
 const LINEAR_LAYERS: [(usize, usize, usize); 4] =
     [(65_536, 96, 96), (65_536, 96, 288), (16_384, 192, 768), (4096, 384, 1536)];
+
+/// Layers of a small network: (inputs, outputs, stride, height and width of the output).
+const MAP_CONVOLUTIONS: [(usize, usize, usize, usize, usize); 7] = [
+    (8, 24, 2, 120, 160),
+    (24, 24, 1, 120, 160),
+    (24, 32, 2, 60, 80),
+    (32, 32, 1, 60, 80),
+    (64, 64, 1, 30, 40),
+    (96, 96, 1, 15, 20),
+    (128, 128, 1, 8, 10),
+];
 
 fn noise(len: usize) -> Vec<f32> {
     (0..len).map(|index| (index * 7919 % 2003) as f32 / 1001.0 - 1.0).collect()
@@ -46,6 +59,25 @@ fn convolutions(criterion: &mut Criterion) {
                 packed.forward(&[&image], [size; 2], &mut output);
                 output
             });
+        });
+        group.finish();
+    }
+}
+
+fn map_convolutions(criterion: &mut Criterion) {
+    for (inputs, outputs, stride, height, width) in MAP_CONVOLUTIONS {
+        let mut group =
+            criterion.benchmark_group(format!("map convolution {inputs}-{outputs}/{stride}, {width}x{height}"));
+        let operations = 2 * inputs * outputs * 9 * height * width;
+        group.sample_size(50).throughput(Throughput::Elements(operations as u64));
+        let weight = noise(outputs * inputs * 9);
+        let layer =
+            MapConvolution::new(&weight, &vec![0.1; outputs], 3, stride, Activation::Silu, Instructions::best());
+        let mut input = FeatureMap::zeros(inputs, stride * height, stride * width);
+        input.rows_mut().flatten().for_each(|row| row.copy_from_slice(&noise(row.len())));
+        let (mut phases, mut output) = (FeatureMap::zeros(0, 0, 0), FeatureMap::zeros(0, 0, 0));
+        group.bench_function("forward", |bencher| {
+            bencher.iter(|| layer.forward(&input, None, &mut phases, &mut output));
         });
         group.finish();
     }
@@ -115,5 +147,5 @@ fn peak(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, peak, convolutions, linear_layers);
+criterion_group!(benches, peak, convolutions, map_convolutions, linear_layers);
 criterion_main!(benches);

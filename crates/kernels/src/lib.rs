@@ -6,6 +6,7 @@
 //! | [`instructions`] | picks the instruction set, once for all loops of the workspace |
 //! | [`gemm`] | matrix products: packing, the microkernel, linear layers |
 //! | [`convolution`] | 2D convolution: direct, and Winograd's algorithm |
+//! | [`feature_map`] | small networks: maps that keep their padding, and their convolutions |
 //! | [`attention`] | softmax attention: global, windowed, and axial; rotary position encoding; pooling |
 //! | [`activation`], [`layer_norm`] | what stands between layers |
 //! | [`exp`](mod@exp) | exponentials and the error function |
@@ -22,6 +23,7 @@ pub mod aligned;
 pub mod attention;
 pub mod convolution;
 pub mod exp;
+pub mod feature_map;
 pub mod gemm;
 pub mod inner_products;
 pub mod instructions;

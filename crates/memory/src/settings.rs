@@ -90,6 +90,9 @@ settings! {
         /// Whether a pixel that no prediction covers and whose feature shows no segment loses `confidence_decay`;
         /// otherwise it loses all of its confidence. The paper: true.
         fade_undecoded: bool = false, Allowed::Switch, only "memory.kind = features";
+        /// An unmatched remembered segment is hidden in a frame whose predictions cover more than this fraction of it: the
+        /// rest of its confidence falls below `decode_threshold`. 1: never. The paper does not say.
+        max_covered_fraction: f64 = 1.0, Allowed::between(0.0, 1.0), only "memory.kind = features";
         /// Gradient-descent steps on the features per frame (N_opt).
         num_steps: usize = 20, Allowed::between(0.0, 200.0), only "memory.kind = features";
         /// Weight of the confidence term, MSE(‖F̂‖, ‖F‖) (λ_mag).

@@ -1,10 +1,9 @@
 //! What a benchmark measured: the data behind every table and chart.
 
 use crate::paper::Reference;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use splatseg_metrics::{DatasetScore, InstanceScorer, InstanceScores, Protocol, Scores, VideoScore};
 use std::collections::BTreeMap;
-use std::time::Duration;
 
 /// A benchmark: what was compared, what was measured, and which results are missing.
 #[derive(Clone, Debug)]
@@ -25,7 +24,9 @@ pub struct Benchmark<'a> {
     pub version: &'a str,
     /// The published rows that stand beside the measured ones.
     pub reference: Reference,
-    /// What was measured, by scene, variant and seed.
+    /// Names of the stages of all methods, in the order of the tables.
+    pub stages: Vec<&'a str>,
+    /// What was measured, sorted by scene, then by variant, then by seed.
     pub measurements: Vec<Measurement<'a>>,
     /// What was not measured, and why.
     pub missing: Vec<MissingResult<'a>>,
@@ -77,10 +78,6 @@ pub struct Measurement<'a> {
     pub strict: &'a VideoScore,
     /// 3D instances on the vertices of the scene's mesh, where it has one and the method a memory.
     pub mesh: Option<&'a InstanceScorer>,
-    /// What is plotted over the frames.
-    pub series: &'a Series,
-    /// Results of some frames, drawn.
-    pub thumbnails: &'a [Thumbnail],
 }
 
 /// A result that could not be measured. Its keys are those of `failures.json`, which are part of the interface.
@@ -100,24 +97,6 @@ pub struct MissingResult<'a> {
     pub error: &'a str,
 }
 
-/// Numbers for each frame with a result.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Series {
-    /// Name of each stage and its time in each frame, milliseconds; stages are in the order of the method.
-    pub stage_ms: Vec<(String, Vec<f32>)>,
-    /// Gaussians in the memory after each frame; empty for methods without memory.
-    pub gaussians: Vec<usize>,
-}
-
-/// A result drawn over its frame.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Thumbnail {
-    /// Name of the frame.
-    pub frame: String,
-    /// A JPEG as `data:` URI.
-    pub image: String,
-}
-
 impl Variant {
     /// Its name in tables.
     pub fn label(&self) -> String {
@@ -127,20 +106,6 @@ impl Variant {
     /// The settings that differ, in one text; `None` for the method as it is.
     pub fn change(&self) -> Option<String> {
         (!self.changes.is_empty()).then(|| self.changes.join(" "))
-    }
-}
-
-impl Series {
-    /// Adds a frame: the time of each stage, the same stages in the same order for every frame, and the number of
-    /// Gaussians where there is a memory.
-    pub fn push<'s>(&mut self, stages: impl IntoIterator<Item = (&'s str, Duration)>, gaussians: Option<usize>) {
-        for (index, (stage, time)) in stages.into_iter().enumerate() {
-            if index == self.stage_ms.len() {
-                self.stage_ms.push((stage.to_owned(), Vec::new()));
-            }
-            self.stage_ms[index].1.push((time.as_secs_f64() * 1e3) as f32);
-        }
-        self.gaussians.extend(gaussians);
     }
 }
 
@@ -168,10 +133,19 @@ impl<'a> Benchmark<'a> {
         self.measurements.iter().filter(|measurement| measurement.variant == variant).collect()
     }
 
+    /// What was measured on one scene, by variant and seed.
+    pub(crate) fn of_scene(&self, scene: usize) -> &[Measurement<'a>] {
+        let start = self.measurements.partition_point(|measurement| measurement.scene < scene);
+        let count = self.measurements[start..].partition_point(|measurement| measurement.scene == scene);
+        &self.measurements[start..start + count]
+    }
+
     /// What was measured of one variant on one scene, by seed.
-    pub(crate) fn of(&self, scene: usize, variant: usize) -> impl Iterator<Item = &Measurement<'a>> {
-        let wanted = (scene, variant);
-        self.measurements.iter().filter(move |measurement| (measurement.scene, measurement.variant) == wanted)
+    pub(crate) fn of(&self, scene: usize, variant: usize) -> &[Measurement<'a>] {
+        let of_scene = self.of_scene(scene);
+        let start = of_scene.partition_point(|measurement| measurement.variant < variant);
+        let count = of_scene[start..].partition_point(|measurement| measurement.variant == variant);
+        &of_scene[start..start + count]
     }
 
     /// The machines that measured, each once.

@@ -12,6 +12,7 @@
 mod benchmark;
 mod columns;
 mod csv;
+mod drawings;
 mod html;
 mod markdown;
 pub mod paper;
@@ -20,10 +21,11 @@ mod size_table;
 mod spread;
 mod stage_table;
 
-pub use benchmark::{Benchmark, Measurement, MissingResult, Series, Thumbnail, Variant};
+pub use benchmark::{Benchmark, Measurement, MissingResult, Variant};
 pub use columns::{SIZE_COLUMNS_EXPLAINED, overcount_note, terminal_size_table, terminal_table, windows_note};
 pub use csv::csv_table;
-pub use html::{ScenePicture, frames_per_strip, html_page, paper_page};
+pub use drawings::{RunDrawings, SceneDrawings, ScenePicture, Series, Thumbnail};
+pub use html::{PageSelection, html_page, paper_page};
 pub use markdown::markdown_tables;
 pub use score_table::{Origin, ScoreRow, ScoreTable};
 pub use size_table::{SizeRow, SizeTable};

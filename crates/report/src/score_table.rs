@@ -86,12 +86,11 @@ impl ScoreTable {
     pub fn of_scene(benchmark: &Benchmark, scene: usize, protocol: Protocol) -> Self {
         let rows: Vec<ScoreRow> = (0..benchmark.variants.len())
             .map(|variant| {
-                let measurements: Vec<&Measurement> = benchmark.of(scene, variant).collect();
+                let measurements: Vec<&Measurement> = benchmark.of(scene, variant).iter().collect();
                 measured_row(benchmark, variant, &measurements, protocol, 1)
             })
             .collect();
-        let of_scene = benchmark.measurements.iter().filter(|measurement| measurement.scene == scene);
-        let notes = notes(&rows, of_scene, protocol);
+        let notes = notes(&rows, benchmark.of_scene(scene).iter(), protocol);
         let title = format!("{}, protocol {}", benchmark.scenes[scene], protocol.name());
         Self { title, rows, mark: benchmark.reference.mark(), notes }
     }

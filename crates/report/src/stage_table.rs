@@ -23,9 +23,9 @@ impl StageTable {
 
     /// The table of a benchmark. Stages that take no time in any method are left out.
     pub fn new(benchmark: &Benchmark) -> Self {
-        let stages = stages(benchmark);
+        let stages = &benchmark.stages;
         let all: Vec<(String, Vec<f64>)> = (0..benchmark.variants.len())
-            .map(|variant| (benchmark.variants[variant].label(), mean_times(benchmark, variant, &stages)))
+            .map(|variant| (benchmark.variants[variant].label(), mean_times(benchmark, variant, stages)))
             .collect();
         let used: Vec<usize> =
             (0..stages.len()).filter(|stage| all.iter().any(|(_, times)| times[*stage] > 0.0)).collect();
@@ -37,7 +37,7 @@ impl StageTable {
         columns.extend(sums.iter().map(|(heading, _)| (*heading).to_owned()));
         let row = |(label, times): (String, Vec<f64>)| {
             let sum_without = |left_out: &[&str]| -> f64 {
-                let kept = stages.iter().zip(&times).filter(|(stage, _)| !left_out.contains(stage));
+                let kept = stages.iter().zip(&times).filter(|(stage, _)| !left_out.contains(*stage));
                 kept.map(|(_, time)| time).sum()
             };
             let sums = sums.iter().map(|(_, left_out)| sum_without(left_out));
@@ -57,17 +57,6 @@ impl StageTable {
         }
         text
     }
-}
-
-/// The names of all stages, in the order in which methods have them.
-fn stages<'a>(benchmark: &'a Benchmark) -> Vec<&'a str> {
-    let mut stages: Vec<&str> = Vec::new();
-    for (stage, _) in benchmark.measurements.iter().flat_map(|measurement| &measurement.series.stage_ms) {
-        if !stages.contains(&stage.as_str()) {
-            stages.push(stage);
-        }
-    }
-    stages
 }
 
 /// The mean time of each stage per frame, over all results of a variant.

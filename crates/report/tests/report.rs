@@ -4,8 +4,9 @@ use splatseg_geometry::SegmentMap;
 use splatseg_metrics::{FramePrediction, InstanceScorer, MIN_INSTANCE_VERTICES, PredictedInstance};
 use splatseg_metrics::{Protocol, ScoreSettings, VideoScore, VideoScorer};
 use splatseg_report::paper::{EfficiencyRow, MVPD, PaperResults, PaperRow, PaperTable, Reference, vsq_columns};
-use splatseg_report::{Benchmark, Measurement, MissingResult, ScenePicture, ScoreTable, Series, StageTable};
-use splatseg_report::{Thumbnail, Variant, csv_table, html_page, markdown_tables, paper, paper_page};
+use splatseg_report::{Benchmark, Measurement, MissingResult, PageSelection, RunDrawings, SceneDrawings, ScenePicture};
+use splatseg_report::{ScoreTable, Series, StageTable, Thumbnail, Variant};
+use splatseg_report::{csv_table, html_page, markdown_tables, paper, paper_page};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -17,7 +18,6 @@ struct Run {
     strict: VideoScore,
     stage_ms: BTreeMap<String, f64>,
     series: Series,
-    thumbnails: Vec<Thumbnail>,
 }
 
 impl Run {
@@ -37,8 +37,12 @@ impl Run {
             series.push(stages.map(|(name, ms)| (name, Duration::from_millis(ms))), Some(7));
         }
         let stage_ms = series.stage_ms.iter().map(|(name, times)| (name.clone(), f64::from(times[0]))).collect();
+        Self { paper: score(Protocol::Paper), strict: score(Protocol::Strict), stage_ms, series }
+    }
+
+    fn drawings(&self, variant: usize) -> RunDrawings {
         let thumbnails = vec![Thumbnail { frame: "0".to_owned(), image: "data:drawn".to_owned() }];
-        Self { paper: score(Protocol::Paper), strict: score(Protocol::Strict), stage_ms, series, thumbnails }
+        RunDrawings { variant, series: self.series.clone(), thumbnails }
     }
 
     fn measurement(&self, variant: usize) -> Measurement<'_> {
@@ -60,8 +64,6 @@ impl Run {
             paper: &self.paper,
             strict: &self.strict,
             mesh: None,
-            series: &self.series,
-            thumbnails: &self.thumbnails,
         }
     }
 }
@@ -89,6 +91,7 @@ fn benchmark<'a>(runs: &'a [Run; 2]) -> Benchmark<'a> {
         settings: "seed = 0".to_owned(),
         version: "1.2.3",
         reference: Reference::ScannetMv,
+        stages: vec!["segment", "track", "grow", "learn"],
         measurements: vec![runs[0].measurement(0), runs[1].measurement(1)],
         missing: vec![missing],
     }
@@ -123,7 +126,7 @@ fn scores_that_count_objects_more_than_once_are_marked() {
     assert!(tables.contains("| 173.21† | 300.00† | 100.00 |") && tables.contains(note), "{tables}");
     assert!(tables.contains("| 100.00 | 100.00 | 100.00 | 125.00 |"), "{tables}");
     assert!(table.terminal().contains(" 173.21† 300.00†") && table.terminal().contains(note));
-    let page = html_page(&benchmark, &[Vec::new(), Vec::new()], &["row"]).unwrap();
+    let page = html_page(&benchmark, &PageSelection::new(&benchmark), &[]).unwrap();
     assert!(page.contains("300.00†") && page.contains(note));
     let csv = csv_table(&benchmark);
     let column = csv.lines().next().unwrap().split(',').position(|name| name == "overcounted_tracks").unwrap();
@@ -133,6 +136,7 @@ fn scores_that_count_objects_more_than_once_are_marked() {
         table: PaperTable::Methods,
         name: "SAM2".to_owned(),
         published: [None; 8],
+        point: None,
         variant: Some(1),
         obstacle: None,
     };
@@ -162,7 +166,12 @@ fn names_and_errors_cannot_break_the_page() {
         image: "data:image".to_owned(),
         ground_truth: Some("data:truth".to_owned()),
     };
-    let page = html_page(&benchmark(&runs), &[vec![picture], Vec::new()], &["row"]).unwrap();
+    let benchmark = benchmark(&runs);
+    let selection = PageSelection::new(&benchmark);
+    assert_eq!((&selection.scenes, &selection.open), (&vec![0], &vec![0, 1]));
+    let drawings =
+        SceneDrawings { scene: 0, pictures: vec![picture], runs: vec![runs[0].drawings(0), runs[1].drawings(1)] };
+    let page = html_page(&benchmark, &selection, &[drawings]).unwrap();
     assert!(page.starts_with("<!DOCTYPE html><html lang=\"en\">"));
     assert!(page.contains("<h2>a|b &lt;i&gt;</h2>") && !page.contains("<i>") && !page.contains("<b>no such"));
     assert!(page.contains("seed 0: &lt;/script&gt;&lt;b&gt;no such file"));
@@ -171,9 +180,8 @@ fn names_and_errors_cannot_break_the_page() {
     for image in ["data:image", "data:truth", "data:drawn"] {
         assert!(page.contains(&format!("src=\"{image}\"")), "{image}");
     }
-    // VSQ by window length, the ablation, two scatters; Gaussians and two charts of stages for the scene.
-    assert_eq!(page.matches("<svg ").count(), 4 + 3);
-    assert!(page.contains("<figcaption>fastsam-splat by memory.max_votes</figcaption>"));
+    // VSQ by window length, two scatters; Gaussians and two charts of stages for the scene.
+    assert_eq!(page.matches("<svg ").count(), 3 + 3);
     assert!(!page.contains("NaN"));
 }
 
@@ -227,6 +235,7 @@ fn rows_of_the_paper_have_a_score_or_a_reason() {
         table: PaperTable::Methods,
         name: name.to_owned(),
         published: [Some(48.07); 8],
+        point: None,
         variant,
         obstacle: obstacle.map(str::to_owned),
     };
@@ -261,6 +270,7 @@ fn mvpd_has_the_rows_of_every_backbone_beside_ours() {
         table: PaperTable::Mvpd,
         name: (*name).to_owned(),
         published: vsq_columns(scores),
+        point: None,
         variant: (*name == "FastSAM-Splat").then_some(0),
         obstacle: None,
     };
@@ -329,6 +339,6 @@ fn three_dimensional_scores_have_columns_where_there_are_any() {
     );
     let table = ScoreTable::over_all_scenes(&benchmark, Protocol::Strict);
     assert!(table.terminal().contains("    AP50"), "{}", table.terminal());
-    let page = html_page(&benchmark, &[Vec::new(), Vec::new()], &["row"]).unwrap();
+    let page = html_page(&benchmark, &PageSelection::new(&benchmark), &[]).unwrap();
     assert!(page.contains(">AP25</th>") && page.contains("colspan=\"13\""));
 }

@@ -1,5 +1,6 @@
 //! Everything that can go wrong in a segmenter.
 
+use crate::AffinityWeightsError;
 use splatseg_dataset::DatasetError;
 use splatseg_geometry::RleError;
 use splatseg_input::display_bytes;
@@ -15,6 +16,9 @@ pub enum SegmenterError {
     /// The network failed.
     #[error(transparent)]
     FastSam(#[from] FastSamError),
+    /// The weights of the affinity network cannot be used.
+    #[error(transparent)]
+    AffinityWeights(#[from] AffinityWeightsError),
     /// A setting is out of range.
     #[error(transparent)]
     Setting(#[from] SettingError),

@@ -4,14 +4,18 @@
 //!
 //! - [`GraphSegmenter`] needs no weights: it cuts the image where depth, surface orientation and colour say that one
 //!   object ends and another begins.
+//! - [`AffinitySegmenter`] has learned from rendered rooms which pixels belong to the same object; its weights are built
+//!   in.
 //! - [`FastSamSegmenter`] runs FastSAM, the segmenter of the paper, on weights that the user has.
 //! - [`MaskFolder`] replays masks that any other model wrote to disk.
 
+mod affinity;
 mod error;
 mod fastsam;
 mod graph;
 mod masks;
 
+pub use affinity::{AffinityNetwork, AffinitySegmenter, AffinitySettings, AffinityWeightsError, MergeTree, Partition};
 pub use error::SegmenterError;
 pub use fastsam::FastSamSegmenter;
 pub use graph::{BorderWeights, GraphSegmenter, GraphSettings, PatchSettings, SurfaceSettings};

@@ -27,9 +27,10 @@ from .pipeline import FastSamSplat, Pipeline, Sam2Splat
 from .result import StepResult
 from .sam2 import Sam2, Tracks
 from .scene import Scene, open_scene
-from .segmenters import FastSam, Graph, Segmenter
+from .segmenters import Affinity, FastSam, Graph, Segmenter
 
 __all__ = [
+    "Affinity",
     "BestView",
     "FastSam",
     "FastSamSplat",

@@ -52,6 +52,19 @@ class Graph(Segmenter):
         super().__init__(segmenter="graph", graph=settings)
 
 
+class Affinity(Segmenter):
+    """A small network that has learned from rendered rooms which pixels belong to the same object.
+
+    ``weights`` is a ``.safetensors`` to use instead of the weights that are built in. ``settings`` are those of
+    ``affinity``, e.g. ``Affinity(threshold=-1.0)``.
+    """
+
+    def __init__(self, weights: str | os.PathLike[str] | None = None, **settings: Any) -> None:
+        super().__init__(segmenter="affinity", affinity=settings)
+        if weights is not None:
+            self.settings["weights"] = os.fspath(weights)
+
+
 class FastSam(Segmenter):
     """FastSAM: a YOLO-like network that segments everything.
 

@@ -26,7 +26,7 @@ use decoding::Decoder;
 use learning::Learning;
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_render::{Splats, TileWeights, View};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A Gaussian that a frame added prevails where it has at least this alpha in front of what was there: the view made
 /// before no longer holds.
@@ -64,11 +64,14 @@ impl FeatureStore {
     }
 }
 
-/// F̂, what features are to render: predictions have full confidence. Remembered segments that no prediction has (unmatched ones) keep their id and
-/// lose `confidence_decay` of the confidence that the memory showed, not below zero. What that means for two other kinds
-/// of pixels without a prediction is set by `fade_matched` and `fade_undecoded`.
+/// The target F̂ for rendered features. Predictions have full confidence. Remembered segments without a prediction
+/// (unmatched ones) keep their id and lose `confidence_decay` of the confidence that the memory showed, not below zero;
+/// those that predictions cover by more than `max_covered_fraction` fall below `decode_threshold` at once. `fade_matched`
+/// and `fade_undecoded` set what happens at two other kinds of pixels without a prediction.
 pub fn target(expected: &SegmentBelief, seen: &SegmentMap, settings: &MemorySettings) -> SegmentBelief {
     let matched = if settings.fade_matched { BTreeMap::new() } else { seen.areas() };
+    let hidden = covered_segments(&expected.segments, seen, settings.max_covered_fraction);
+    let decay = settings.confidence_decay;
     let mut target = expected.clone();
     let pixels = target.segments.pixels_mut().iter_mut().zip(target.confidence.pixels_mut());
     for ((segment, confidence), seen) in pixels.zip(seen.pixels()) {
@@ -76,11 +79,31 @@ pub fn target(expected: &SegmentBelief, seen: &SegmentMap, settings: &MemorySett
             (ABSTAIN, _) => {}
             (0, 0) if !settings.fade_undecoded => *confidence = 0.0,
             (0, id) if matched.contains_key(&id) => (*segment, *confidence) = (0, 0.0),
-            (0, _) => *confidence = (*confidence - settings.confidence_decay).max(0.0),
+            (0, id) if hidden.contains(&id) => {
+                *confidence = (confidence.min(settings.decode_threshold) - decay).max(0.0);
+            }
+            (0, _) => *confidence = (*confidence - decay).max(0.0),
             _ => (*segment, *confidence) = (*seen, 1.0),
         }
     }
     target
+}
+
+/// The expected segments without a prediction of their own of which predictions cover more than `limit`, a fraction.
+fn covered_segments(expected: &SegmentMap, seen: &SegmentMap, limit: f64) -> BTreeSet<SegmentId> {
+    if limit >= 1.0 {
+        return BTreeSet::new();
+    }
+    let mut areas: BTreeMap<SegmentId, (usize, usize)> = BTreeMap::new();
+    for (id, seen) in expected.pixels().iter().zip(seen.pixels()).filter(|(id, _)| **id != 0) {
+        let (all, covered) = areas.entry(*id).or_default();
+        *all += 1;
+        *covered += usize::from(*seen != 0);
+    }
+    let predicted = seen.areas();
+    let is_hidden = |(all, covered): (usize, usize)| covered as f64 > limit * all as f64;
+    let unmatched = areas.into_iter().filter(|(id, _)| !predicted.contains_key(id));
+    unmatched.filter(|(_, areas)| is_hidden(*areas)).map(|(id, _)| id).collect()
 }
 
 impl SegmentStore for FeatureStore {
@@ -192,6 +215,23 @@ mod tests {
         let found = target(&expected, &seen, &MemorySettings::default());
         assert_eq!(found.segments.pixels(), [3, 3, 4, 0]);
         assert_near(found.confidence.pixels(), &[1.0, 0.8, 0.8, 0.0]);
+    }
+
+    #[test]
+    fn rests_of_covered_segments_are_not_shown() {
+        let expected = SegmentBelief {
+            segments: SegmentMap::from_pixels(8, 1, vec![3, 3, 3, 3, 4, 4, 5, 5]).unwrap(),
+            confidence: Image::filled(8, 1, 0.9),
+        };
+        // 7 covers half of 3 and 4 is untouched; 5 is matched, and 7 covers a part of it.
+        let seen = SegmentMap::from_pixels(8, 1, vec![7, 7, 0, 0, 0, 0, 7, 5]).unwrap();
+        let settings = MemorySettings::default().with(|memory| memory.max_covered_fraction = 0.4);
+        let found = target(&expected, &seen, &settings);
+        assert_eq!(found.segments.pixels(), [7, 7, 3, 3, 4, 4, 7, 5], "directions stay");
+        assert_near(found.confidence.pixels(), &[1.0, 1.0, 0.4, 0.4, 0.8, 0.8, 1.0, 1.0]);
+        assert_eq!(found.decoded(0.5).pixels(), [7, 7, 0, 0, 4, 4, 7, 5]);
+        let settings = MemorySettings::default().with(|memory| memory.max_covered_fraction = 0.5);
+        assert_eq!(target(&expected, &seen, &settings).decoded(0.5).pixels(), [7, 7, 3, 3, 4, 4, 7, 5]);
     }
 
     fn assert_near(found: &[f32], expected: &[f32]) {

@@ -4,11 +4,11 @@ use super::axes::{Axes, HEIGHT, WIDTH};
 use maud::{Markup, html};
 
 /// Number of colours in the page's style sheet: one for each stage of a method.
-const COLORS: usize = 10;
+pub(super) const COLORS: usize = 10;
 /// Curves of at most this many points show their points.
 const MAX_DOTS: usize = 12;
 /// Longer curves are downsampled to about this many points.
-const MAX_POINTS: usize = 240;
+const MAX_POINTS: usize = 160;
 
 /// A named curve, or a named set of dots.
 #[derive(Clone, Debug)]

@@ -1,11 +1,16 @@
 //! The charts of the page.
 
+use super::ablations::ablations;
 use super::axes::{Axes, XAxis, round_up};
 use super::chart::{Chart, Curve, Style};
-use crate::columns::{STQ, VSQ};
-use crate::{Benchmark, Measurement, ScoreTable};
+use crate::{Benchmark, Measurement, RunDrawings, ScoreTable};
 use maud::Markup;
 use splatseg_metrics::{Scores, WindowLength};
+
+/// Most dots of one method in a scatter plot.
+const MAX_DOTS_OF_CURVE: usize = 1000;
+/// Most dots of a scatter plot.
+const MAX_DOTS: usize = 4000;
 
 /// Over all scenes: VSQ^k against k, each ablation, and every method against the first.
 pub(super) fn comparison(benchmark: &Benchmark) -> Vec<Markup> {
@@ -19,12 +24,10 @@ pub(super) fn comparison(benchmark: &Benchmark) -> Vec<Markup> {
     charts.iter().map(Chart::markup).collect()
 }
 
-/// Of one scene, with the first seed: the number of Gaussians, and where time goes, over the frames.
-pub(super) fn of_scene(benchmark: &Benchmark, scene: usize) -> Vec<Markup> {
-    let first: Vec<&Measurement> =
-        (0..benchmark.variants.len()).filter_map(|variant| benchmark.of(scene, variant).next()).collect();
-    let mut charts: Vec<Chart> = gaussians(benchmark, &first).into_iter().collect();
-    charts.extend(first.iter().map(|measurement| stage_times(benchmark, measurement)));
+/// Of runs on one scene: the number of Gaussians, and where time goes, over the frames.
+pub(super) fn of_runs(benchmark: &Benchmark, runs: &[&RunDrawings]) -> Vec<Markup> {
+    let mut charts: Vec<Chart> = gaussians(benchmark, runs).into_iter().collect();
+    charts.extend(runs.iter().map(|run| stage_times(benchmark, run)));
     charts.iter().map(Chart::markup).collect()
 }
 
@@ -55,14 +58,18 @@ fn vsq_by_window_length(benchmark: &Benchmark, table: &ScoreTable) -> Chart {
     }
 }
 
-/// Every scene and seed as a dot: the first method's score on the horizontal axis, another's on the vertical one.
+/// Scenes and seeds as dots: the first method's score on the horizontal axis, another's on the vertical one. Of many
+/// results, every n-th is drawn.
 fn against_first(benchmark: &Benchmark, name: &str, score: impl Fn(&Scores) -> Option<f64>) -> Chart {
     let score = |measurement: &Measurement| score(&measurement.score(benchmark.protocol).scores());
+    let results = benchmark.scenes.len() * benchmark.seeds.len();
+    let others = benchmark.variants.len() - 1;
+    let step = results.div_ceil((MAX_DOTS / others.max(1)).clamp(1, MAX_DOTS_OF_CURVE)).max(1);
     let mut curves = Vec::new();
     for variant in 1..benchmark.variants.len() {
         let (mut points, mut notes) = (Vec::new(), Vec::new());
-        for measurement in benchmark.of_variant(variant) {
-            let first = benchmark.of(measurement.scene, 0).find(|first| first.seed == measurement.seed);
+        for measurement in benchmark.of_variant(variant).into_iter().step_by(step) {
+            let first = benchmark.of(measurement.scene, 0).iter().find(|first| first.seed == measurement.seed);
             if let Some((x, y)) = first.and_then(&score).zip(score(measurement)) {
                 points.push((x, y));
                 let scene = &benchmark.scenes[measurement.scene];
@@ -75,7 +82,10 @@ fn against_first(benchmark: &Benchmark, name: &str, score: impl Fn(&Scores) -> O
     let end = end_of_axis(&curves).max(round_up(largest_x));
     let first = benchmark.variants[0].label();
     Chart {
-        title: format!("{name} of each video, against {first}"),
+        title: match step {
+            1 => format!("{name} of each video, against {first}"),
+            step => format!("{name} of one result in {step}, against {first}"),
+        },
         axes: Axes {
             x: XAxis::Range(end),
             x_label: format!("{name} of {first}"),
@@ -87,59 +97,13 @@ fn against_first(benchmark: &Benchmark, name: &str, score: impl Fn(&Scores) -> O
     }
 }
 
-/// The values of a setting that a method was run with, each with the index of its variant.
-struct Ablation<'a> {
-    method: &'a str,
-    setting: &'a str,
-    values: Vec<(&'a str, usize)>,
-}
-
-/// VSQ and STQ over the values of each ablated setting.
-fn ablations(benchmark: &Benchmark, table: &ScoreTable) -> Vec<Chart> {
-    let mut ablations: Vec<Ablation> = Vec::new();
-    for (index, variant) in benchmark.variants.iter().enumerate() {
-        // Several settings at once have no axis.
-        let [change] = variant.changes.as_slice() else { continue };
-        let Some((setting, value)) = change.split_once('=') else { continue };
-        let same = |ablation: &&mut Ablation| (ablation.method, ablation.setting) == (&variant.method, setting);
-        match ablations.iter_mut().find(same) {
-            Some(ablation) => ablation.values.push((value, index)),
-            None => ablations.push(Ablation { method: &variant.method, setting, values: vec![(value, index)] }),
-        }
-    }
-    ablations.iter().map(|ablation| ablation_chart(ablation, table)).collect()
-}
-
-fn ablation_chart(ablation: &Ablation, table: &ScoreTable) -> Chart {
-    let curve = |label: &str, color: usize, column: usize| {
-        let known = ablation.values.iter().enumerate().filter_map(|(index, (value, variant))| {
-            table.rows[*variant].cells[column].map(|cell| (index as f64, cell, value))
-        });
-        let (points, notes) =
-            known.map(|(x, cell, value)| ((x, cell.mean), format!("{value}: {}", cell.text()))).unzip();
-        Curve { label: label.to_owned(), color, points, notes }
-    };
-    let curves = vec![curve("VSQ", 0, VSQ), curve("STQ", 1, STQ)];
-    Chart {
-        title: format!("{} by {}", ablation.method, ablation.setting),
-        axes: Axes {
-            x: XAxis::Names(ablation.values.iter().map(|(value, _)| (*value).to_owned()).collect()),
-            x_label: ablation.setting.to_owned(),
-            y_end: end_of_axis(&curves),
-            y_label: "percent".to_owned(),
-        },
-        curves,
-        style: Style::Lines,
-    }
-}
-
-fn gaussians(benchmark: &Benchmark, first: &[&Measurement]) -> Option<Chart> {
-    let with_memory = first.iter().filter(|measurement| !measurement.series.gaussians.is_empty());
+fn gaussians(benchmark: &Benchmark, runs: &[&RunDrawings]) -> Option<Chart> {
+    let with_memory = runs.iter().filter(|run| !run.series.gaussians.is_empty());
     let curves: Vec<Curve> = with_memory
-        .map(|measurement| Curve {
-            label: benchmark.variants[measurement.variant].label(),
-            color: measurement.variant,
-            points: numbered(measurement.series.gaussians.iter().map(|count| *count as f64)),
+        .map(|run| Curve {
+            label: benchmark.variants[run.variant].label(),
+            color: run.variant,
+            points: numbered(run.series.gaussians.iter().map(|count| *count as f64)),
             notes: Vec::new(),
         })
         .collect();
@@ -151,8 +115,8 @@ fn gaussians(benchmark: &Benchmark, first: &[&Measurement]) -> Option<Chart> {
     })
 }
 
-fn stage_times(benchmark: &Benchmark, measurement: &Measurement) -> Chart {
-    let stages = measurement.series.stage_ms.iter().enumerate();
+fn stage_times(benchmark: &Benchmark, run: &RunDrawings) -> Chart {
+    let stages = run.series.stage_ms.iter().enumerate();
     let used = stages.filter(|(_, (_, times))| times.iter().any(|time| *time > 0.0));
     let curves: Vec<Curve> = used
         .map(|(index, (name, times))| Curve {
@@ -166,7 +130,7 @@ fn stage_times(benchmark: &Benchmark, measurement: &Measurement) -> Chart {
     let totals = (0..frames).map(|frame| curves.iter().map(|curve| curve.points[frame].1).sum::<f64>());
     let end = round_up(totals.fold(0.0, f64::max));
     Chart {
-        title: format!("Time of each stage, {}", benchmark.variants[measurement.variant].label()),
+        title: format!("Time of each stage, {}", benchmark.variants[run.variant].label()),
         axes: over_frames(&curves, end, "milliseconds"),
         curves,
         style: Style::Stack,
@@ -187,7 +151,12 @@ fn numbered(values: impl Iterator<Item = f64>) -> Vec<(f64, f64)> {
     values.enumerate().map(|(index, value)| (index as f64, value)).collect()
 }
 
+/// Axes for percentages over names, e.g. the values of a setting.
+pub(super) fn curves_by_name(names: Vec<String>, x_label: &str, y_end: f64) -> Axes {
+    Axes { x: XAxis::Names(names), x_label: x_label.to_owned(), y_end, y_label: "percent".to_owned() }
+}
+
 /// Where a vertical axis for these curves ends.
-fn end_of_axis(curves: &[Curve]) -> f64 {
+pub(super) fn end_of_axis(curves: &[Curve]) -> f64 {
     round_up(curves.iter().flat_map(|curve| &curve.points).map(|(_, y)| *y).fold(0.0, f64::max))
 }

@@ -1,5 +1,5 @@
 "use strict";
-// Moves the strips. Charts and tables work without scripts.
+// Moves the strips and chooses their methods. Charts and tables work without scripts.
 const benchmark = JSON.parse(document.getElementById("benchmark").textContent);
 
 function show(strip, frame) {
@@ -9,8 +9,8 @@ function show(strip, frame) {
   slider.value = String(frame);
   slider.setAttribute("aria-valuetext", data.frames[frame]);
   strip.querySelector("output").textContent = data.frames[frame];
-  strip.querySelectorAll("img").forEach((image, panel) => {
-    image.src = data.panels[panel].images[frame] || "data:,";
+  strip.querySelectorAll("figure").forEach((figure, panel) => {
+    if (!figure.hidden) figure.querySelector("img").src = data.panels[panel].images[frame] || "data:,";
   });
 }
 
@@ -18,6 +18,20 @@ const strips = Array.from(document.querySelectorAll(".strip"));
 for (const strip of strips) {
   strip.querySelector("input").addEventListener("input", (event) => show(strip, Number(event.target.value)));
 }
+
+const choices = Array.from(document.querySelectorAll(".chooser input"));
+function choose() {
+  const chosen = new Set(choices.filter((choice) => choice.checked).map((choice) => choice.value));
+  for (const strip of strips) {
+    for (const figure of strip.querySelectorAll("figure[data-variant]")) {
+      figure.hidden = !chosen.has(figure.dataset.variant);
+    }
+    show(strip, Number(strip.querySelector("input").value));
+  }
+}
+for (const choice of choices) choice.addEventListener("change", choose);
+// A browser that goes back to the page restores the check boxes.
+if (choices.length > 0) choose();
 
 // report.html#frame=12 opens at the 13th picture of every strip.
 function follow() {

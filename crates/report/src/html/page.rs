@@ -1,43 +1,41 @@
 //! The page, from its title to its scripts.
 
 use super::strips::Strip;
-use super::{ScenePicture, charts, tables};
+use super::{PageSelection, charts, scenes, tables};
 use crate::markdown::count;
-use crate::{Benchmark, Measurement, MissingResult, ScoreTable, SizeTable, StageTable};
+use crate::{Benchmark, Measurement, MissingResult, SceneDrawings, ScoreTable, SizeTable, StageTable};
 use jiff::Timestamp;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Serialize;
 
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
+/// Most missing results that are listed.
+const MAX_MISSING: usize = 100;
 
-/// What scripts can read from the page.
+/// What the script reads from the page.
 #[derive(Serialize)]
-struct Embedded<'a, Rows> {
-    rows: &'a Rows,
-    failures: &'a [MissingResult<'a>],
+struct Embedded<'a> {
     strips: &'a [Strip],
 }
 
-/// The page. `pictures` are those of each scene, in the order of [`Benchmark::scenes`]; a scene without any has no
-/// strip. `rows` go into the page as JSON, for scripts that read it.
+/// The page. `drawings` are those of the selection's scenes, in its order; a scene without pictures has no strip.
 ///
 /// # Errors
-/// If `rows` cannot be written as JSON.
+/// If the pictures cannot be written as JSON.
 pub fn html_page(
     benchmark: &Benchmark,
-    pictures: &[Vec<ScenePicture>],
-    rows: &impl Serialize,
+    selection: &PageSelection,
+    drawings: &[SceneDrawings],
 ) -> Result<String, serde_json::Error> {
-    let scenes = 0..benchmark.scenes.len();
-    let strips: Vec<Strip> = scenes.zip(pictures).map(|(scene, of)| Strip::new(benchmark, scene, of)).collect();
-    let embedded = Embedded { rows, failures: &benchmark.missing, strips: &strips };
-    let data = script_safe(&serde_json::to_string(&embedded)?);
+    let strips: Vec<Strip> = drawings.iter().map(|of_scene| Strip::new(benchmark, selection, of_scene)).collect();
+    let data = script_safe(&serde_json::to_string(&Embedded { strips: &strips })?);
     let scripts = html! {
         script type="application/json" id="benchmark" { (PreEscaped(data)) }
         script { (PreEscaped(SCRIPT)) }
     };
-    Ok(document("splatseg benchmark", &content(benchmark, &strips), &scripts))
+    let scenes = scenes::scenes(benchmark, selection, drawings, &strips);
+    Ok(document("splatseg benchmark", &content(benchmark, &scenes), &scripts))
 }
 
 /// A page with a title, what it shows, and the scripts after that.
@@ -67,7 +65,7 @@ fn script_safe(json: &str) -> String {
     json.replace('<', "\\u003c")
 }
 
-fn content(benchmark: &Benchmark, strips: &[Strip]) -> Markup {
+fn content(benchmark: &Benchmark, scenes: &Markup) -> Markup {
     let main_table = ScoreTable::over_all_scenes(benchmark, benchmark.protocol);
     let other_table = ScoreTable::over_all_scenes(benchmark, benchmark.other_protocol());
     html! {
@@ -81,27 +79,20 @@ fn content(benchmark: &Benchmark, strips: &[Strip]) -> Markup {
         (tables::stages(&StageTable::new(benchmark)))
         h2 { "Comparison" }
         div class="charts" { @for chart in charts::comparison(benchmark) { (chart) } }
-        @for (scene, name) in benchmark.scenes.iter().enumerate() {
-            section {
-                h2 { (name) }
-                (scene_content(benchmark, scene, strips.get(scene)))
-            }
-        }
+        (scenes)
         h2 { "Settings" }
         details {
             summary { "All settings except method and seed" }
             pre { (benchmark.settings) }
         }
-        p class="facts" {
-            "The rows of results.json are also in this page: the element " code { "#benchmark" } " holds them as JSON."
-        }
+        p class="facts" { "Every result is a row of results.json and results.csv, beside this page." }
     }
 }
 
 fn heading(benchmark: &Benchmark) -> Markup {
-    let scenes = 0..benchmark.scenes.len();
-    let of_scene = |scene| benchmark.measurements.iter().find(|measurement| measurement.scene == scene);
-    let frames: usize = scenes.filter_map(of_scene).map(|measurement: &Measurement| measurement.frames).sum();
+    let first = |scene| benchmark.of_scene(scene).first();
+    let frames: usize =
+        (0..benchmark.scenes.len()).filter_map(first).map(|measurement: &Measurement| measurement.frames).sum();
     html! {
         h1 { "splatseg benchmark" }
         p class="facts" {
@@ -119,7 +110,8 @@ fn missing_results(missing: &[MissingResult]) -> Markup {
             section class="failures" {
                 details {
                     summary { (missing.len()) " results are missing" }
-                    ul { @for result in missing { li { (result.text()) } } }
+                    ul { @for result in missing.iter().take(MAX_MISSING) { li { (result.text()) } } }
+                    @if missing.len() > MAX_MISSING { p { "The others are in failures.json." } }
                 }
             }
         }
@@ -143,18 +135,6 @@ fn how_to_read() -> Markup {
             pixels are summed before dividing. ± is the sample standard deviation over seeds. The paper's rows were \
             measured on " em { "other data" } " and only show the order of magnitude."
         }
-    }
-}
-
-fn scene_content(benchmark: &Benchmark, scene: usize, strip: Option<&Strip>) -> Markup {
-    if benchmark.measurements.iter().all(|measurement| measurement.scene != scene) {
-        return html! { p { "No results." } };
-    }
-    let table = ScoreTable::of_scene(benchmark, scene, benchmark.protocol);
-    html! {
-        @if let Some(strip) = strip { (strip.markup(scene)) }
-        details { summary { (table.title) } (tables::scores(&table)) }
-        div class="charts" { @for chart in charts::of_scene(benchmark, scene) { (chart) } }
     }
 }
 

@@ -1,26 +1,9 @@
-//! Frames side by side: image, ground truth and every method.
+//! Frames side by side: image, ground truth and methods.
 
-use crate::Benchmark;
+use super::PageSelection;
+use crate::{Benchmark, SceneDrawings};
 use maud::{Markup, html};
 use serde::Serialize;
-
-/// Most pictures on a page, so that it stays a few megabytes.
-const MAX_PICTURES: usize = 640;
-/// Fewest frames of a scene, however many pictures that makes.
-const MIN_FRAMES: usize = 6;
-/// Most methods side by side; if there are more, variants with changed settings are left out.
-const MAX_METHODS: usize = 8;
-
-/// A frame of a scene, without any method's results.
-#[derive(Clone, Debug)]
-pub struct ScenePicture {
-    /// Name of the frame.
-    pub frame: String,
-    /// Its image as `data:` URI.
-    pub image: String,
-    /// Its ground truth, drawn over the image, as `data:` URI; `None` where there is none.
-    pub ground_truth: Option<String>,
-}
 
 /// The frames of one scene that the page shows.
 #[derive(Clone, Debug, Serialize)]
@@ -37,45 +20,36 @@ pub(super) struct Strip {
 #[derive(Clone, Debug, Serialize)]
 struct Panel {
     label: String,
+    /// Index of the variant; null for the image and the ground truth, which are always visible.
+    variant: Option<usize>,
+    /// Whether it is visible until the reader chooses.
+    open: bool,
     /// One `data:` URI per frame; null where there is none.
     images: Vec<Option<String>>,
 }
 
-/// How many frames of each scene the page of a benchmark shows.
-pub fn frames_per_strip(benchmark: &Benchmark) -> usize {
-    let panels = shown_variants(benchmark).len() + 2;
-    (MAX_PICTURES / (panels * benchmark.scenes.len().max(1))).max(MIN_FRAMES)
-}
-
-fn shown_variants(benchmark: &Benchmark) -> Vec<usize> {
-    let mut variants: Vec<usize> = (0..benchmark.variants.len()).collect();
-    if variants.len() > MAX_METHODS {
-        variants.retain(|variant| benchmark.variants[*variant].changes.is_empty());
-        variants.truncate(MAX_METHODS);
-    }
-    variants
-}
-
 impl Strip {
-    /// The scene's pictures, then every method's thumbnails of the same frames, with the first seed.
-    pub(super) fn new(benchmark: &Benchmark, scene: usize, pictures: &[ScenePicture]) -> Self {
+    /// The scene's pictures, then the thumbnails of the same frames by each variant of the selection.
+    pub(super) fn new(benchmark: &Benchmark, selection: &PageSelection, drawings: &SceneDrawings) -> Self {
+        let pictures = &drawings.pictures;
+        let of_scene = |label: &str, images| Panel { label: label.to_owned(), variant: None, open: true, images };
         let images = pictures.iter().map(|picture| Some(picture.image.clone())).collect();
         let truths = pictures.iter().map(|picture| picture.ground_truth.clone()).collect();
-        let mut panels = vec![
-            Panel { label: "image".to_owned(), images },
-            Panel { label: "ground truth".to_owned(), images: truths },
-        ];
-        for variant in shown_variants(benchmark) {
-            let Some(measurement) = benchmark.of(scene, variant).next() else { continue };
-            let image = |picture: &ScenePicture| {
-                let thumbnail = measurement.thumbnails.iter().find(|thumbnail| thumbnail.frame == picture.frame);
+        let mut panels = vec![of_scene("image", images), of_scene("ground truth", truths)];
+        for run in drawings.runs.iter().filter(|run| selection.variants.contains(&run.variant)) {
+            let images = pictures.iter().map(|picture| {
+                let thumbnail = run.thumbnails.iter().find(|thumbnail| thumbnail.frame == picture.frame);
                 thumbnail.map(|thumbnail| thumbnail.image.clone())
-            };
-            let label = benchmark.variants[variant].label();
-            panels.push(Panel { label, images: pictures.iter().map(image).collect() });
+            });
+            panels.push(Panel {
+                label: benchmark.variants[run.variant].label(),
+                variant: Some(run.variant),
+                open: selection.open.contains(&run.variant),
+                images: images.collect(),
+            });
         }
         let frames = pictures.iter().map(|picture| picture.frame.clone()).collect();
-        Self { scene: benchmark.scenes[scene].clone(), frames, panels }
+        Self { scene: benchmark.scenes[drawings.scene].clone(), frames, panels }
     }
 
     /// The strip for the page, at its first frame. `index` is its place in the page's data.
@@ -87,9 +61,10 @@ impl Strip {
             div class="strip" data-strip=(index) {
                 div class="panels" {
                     @for panel in &self.panels {
-                        @let source = panel.images.first().and_then(Option::as_deref).unwrap_or("data:,");
-                        figure {
-                            img alt=(panel.label) src=(source);
+                        // A hidden panel gets its picture when it is shown.
+                        @let source = panel.images.first().and_then(Option::as_deref).filter(|_| panel.open);
+                        figure data-variant=[panel.variant] hidden[!panel.open] {
+                            img alt=(panel.label) src=(source.unwrap_or("data:,"));
                             figcaption { (panel.label) }
                         }
                     }
@@ -99,9 +74,23 @@ impl Strip {
                     input type="range" min="0" max=(self.frames.len() - 1) value="0"
                         aria-label={ "frame of " (self.scene) };
                 }
-                p class="facts" {
-                    "A colour stands for an id: an object whose colour changes from frame to frame has lost its id. \
-                    Colours are not comparable between pictures side by side. Results are those of the first seed."
+            }
+        }
+    }
+}
+
+/// Check boxes that choose the methods of all strips; nothing if all methods are visible.
+pub(super) fn chooser(benchmark: &Benchmark, selection: &PageSelection) -> Markup {
+    if selection.variants == selection.open {
+        return Markup::default();
+    }
+    html! {
+        fieldset class="chooser" {
+            legend { "Methods side by side" }
+            @for variant in &selection.variants {
+                label {
+                    input type="checkbox" value=(variant) checked[selection.open.contains(variant)];
+                    (benchmark.variants[*variant].label())
                 }
             }
         }

@@ -4,13 +4,13 @@ use crate::paper::PublishedTable;
 use crate::{Origin, SIZE_COLUMNS_EXPLAINED, ScoreRow, ScoreTable, SizeTable, Spread, StageTable};
 use maud::{Markup, html};
 
-/// A table with the heads of its columns.
-fn table<'a>(columns: impl IntoIterator<Item = &'a str>, rows: &Markup) -> Markup {
+/// A table with the heads of its columns; `first` is that of the rows' names.
+pub(super) fn table<'a>(first: &str, columns: impl IntoIterator<Item = &'a str>, rows: &Markup) -> Markup {
     html! {
         div class="wide" {
             table {
                 thead { tr {
-                    th scope="col" { "method" }
+                    th scope="col" { (first) }
                     @for column in columns { th scope="col" { (column) } }
                 } }
                 tbody { (rows) }
@@ -44,7 +44,7 @@ pub(super) fn scores(scores: &ScoreTable) -> Markup {
         }
     };
     html! {
-        (table(scores.columns(), &rows))
+        (table("method", scores.columns(), &rows))
         @for note in &scores.notes { p { small { (note) } } }
     }
 }
@@ -60,7 +60,7 @@ pub(super) fn published(published: &PublishedTable) -> Markup {
         }
     };
     html! {
-        (table(published.columns.iter().copied(), &rows))
+        (table("method", published.columns.iter().copied(), &rows))
         @for note in &published.notes { p { small { (note) } } }
     }
 }
@@ -81,7 +81,7 @@ pub(super) fn sizes(sizes: &SizeTable) -> Markup {
         details {
             summary { (sizes.title) }
             p { (SIZE_COLUMNS_EXPLAINED) }
-            (table(SizeTable::columns(), &rows))
+            (table("method", SizeTable::columns(), &rows))
         }
     }
 }
@@ -100,7 +100,7 @@ pub(super) fn stages(stages: &StageTable) -> Markup {
     html! {
         details {
             summary { (StageTable::TITLE) }
-            (table(columns.iter().map(String::as_str), &rows))
+            (table("method", columns.iter().map(String::as_str), &rows))
         }
     }
 }

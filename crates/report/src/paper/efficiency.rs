@@ -45,6 +45,7 @@ pub(super) fn table(results: &PaperResults<'_>) -> PublishedTable {
         columns: ["frames/s", "backbone, M", "memory, M", "sum, M"].to_vec(),
         keys: ["frames_per_second", "backbone_parameters_m", "memory_numbers_m", "parameters_m"].to_vec(),
         rows,
+        curves: Vec::new(),
     }
 }
 

@@ -1,11 +1,13 @@
 //! The tables of the paper that the methods come from (Opipari et al., "Explicit Memory through Online 3D Gaussian
 //! Splatting Improves Class-Agnostic Video Segmentation", RA-L 2025), with its numbers next to the measured ones.
 
+mod curves;
 mod efficiency;
 mod published;
 mod tables;
 mod text;
 
+pub use curves::{CurvePoint, CurveRow, PaperCurve};
 pub use efficiency::EfficiencyRow;
 pub(crate) use published::MESH_INSTANCES;
 pub use published::{
@@ -40,6 +42,8 @@ pub struct PaperRow {
     pub name: String,
     /// The paper's scores, percent: VSQ^1, VSQ^5, VSQ^10, VSQ^15, VSQ, STQ, AQ and SQ; `None` where it has none.
     pub published: [Option<f64>; 8],
+    /// Its place in a curve; `None` for a row of a table without curves.
+    pub point: Option<CurvePoint>,
     /// Index of the variant that measures it, in the benchmark of its table's data set; `None` if there is none.
     pub variant: Option<usize>,
     /// Why it was not measured, e.g. `needs weights of SAM 2.1`; `None` also for methods that are not ours.

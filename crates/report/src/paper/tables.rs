@@ -1,6 +1,6 @@
 //! The paper's tables as data: what was measured for each row, and the paper's row below it.
 
-use super::{EfficiencyRow, PaperRow, PaperTable, efficiency};
+use super::{EfficiencyRow, PaperCurve, PaperRow, PaperTable, curves, efficiency};
 use crate::columns::{COLUMN_KEYS, COLUMNS};
 use crate::{Benchmark, Origin, ScoreTable, Spread};
 use splatseg_metrics::Protocol;
@@ -35,6 +35,8 @@ pub struct PublishedTable {
     pub keys: Vec<&'static str>,
     /// Its rows, the paper's below ours.
     pub rows: Vec<TableRow>,
+    /// Its rows as curves, where they differ in a number.
+    pub curves: Vec<PaperCurve>,
 }
 
 /// A row of such a table.
@@ -71,7 +73,7 @@ fn scores(results: &PaperResults<'_>, table: PaperTable) -> PublishedTable {
     let rows: Vec<&PaperRow> = results.rows.iter().filter(|row| row.table == table).collect();
     let uses = |column: usize| !table.is_of_mvpd() || column <= crate::columns::VSQ;
     let columns: Vec<usize> = (0..COLUMNS.len()).filter(|column| uses(*column)).collect();
-    let lines = rows.iter().flat_map(|row| lines(row, measured.as_ref(), &columns)).collect();
+    let lines: Vec<TableRow> = rows.iter().flat_map(|row| lines(row, measured.as_ref(), &columns)).collect();
     let mut notes: Vec<String> = measured.map(|measured| measured.notes).unwrap_or_default();
     if table.is_of_mvpd() {
         notes.push(
@@ -85,6 +87,7 @@ fn scores(results: &PaperResults<'_>, table: PaperTable) -> PublishedTable {
         notes,
         columns: columns.iter().map(|column| COLUMNS[*column]).collect(),
         keys: columns.iter().map(|column| COLUMN_KEYS[*column]).collect(),
+        curves: curves::curves(&rows, &lines),
         rows: lines,
     }
 }

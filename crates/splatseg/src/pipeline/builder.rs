@@ -8,7 +8,7 @@ use splatseg_models::device::{DeviceError, DeviceName};
 use splatseg_objects::ObjectLog;
 #[cfg(feature = "gpu")]
 use splatseg_render_gpu::GpuDevice;
-use splatseg_segmenter::{FastSamSegmenter, GraphSegmenter, MaskFolder, Segmenter};
+use splatseg_segmenter::{AffinitySegmenter, FastSamSegmenter, GraphSegmenter, MaskFolder, Segmenter};
 use splatseg_simulators::{GroundTruthPrompts, OracleSegmenter, SceneGroundTruth, SimTracker};
 use splatseg_tracking::{
     FastSamBaseline, FastSamSplat, FastSpamBaseline, Method, PromptSource, Sam2Baseline, Sam2Splat, Sam2Tracker,
@@ -141,6 +141,10 @@ impl<'a> PipelineBuilder<'a> {
         }
         Ok(match &self.settings.segmenter {
             SegmenterSettings::Graph { graph } => Box::new(GraphSegmenter::new(graph.clone())?),
+            SegmenterSettings::Affinity { weights, affinity } => {
+                let network = self.networks.affinity(weights.as_deref())?;
+                Box::new(AffinitySegmenter::new(network, affinity.clone())?)
+            }
             SegmenterSettings::Fastsam { weights, fastsam } => {
                 let weights = weights.as_deref().unwrap_or(Path::new(""));
                 let predictor = self.networks.fastsam(weights, fastsam, self.settings.run.device)?;

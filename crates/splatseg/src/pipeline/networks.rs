@@ -5,7 +5,7 @@ use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::device::DeviceName;
 use splatseg_models::fastsam::{FastSamPredictor, FastSamPredictorSettings};
 use splatseg_models::sam2::Sam2Network;
-use splatseg_segmenter::SegmenterError;
+use splatseg_segmenter::{AffinityNetwork, SegmenterError};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -13,6 +13,7 @@ use std::sync::{Mutex, PoisonError};
 /// the latest is kept.
 #[derive(Debug, Default)]
 pub struct LoadedNetworks {
+    affinity: Latest<Option<PathBuf>, AffinityNetwork>,
     fastsam: Latest<(PathBuf, FastSamPredictorSettings, DeviceName), FastSamPredictor>,
     sam2: Latest<(PathBuf, Option<usize>, DeviceName), Sam2Network>,
 }
@@ -40,6 +41,17 @@ impl<K: PartialEq, N: Clone> Latest<K, N> {
 }
 
 impl LoadedNetworks {
+    /// The affinity network of a file, or of the weights built in.
+    ///
+    /// # Errors
+    /// If it cannot be loaded.
+    pub(super) fn affinity(&self, weights: Option<&Path>) -> Result<AffinityNetwork, PipelineError> {
+        self.affinity.get(weights.map(Path::to_owned), |weights| {
+            let network = weights.as_deref().map_or_else(AffinityNetwork::built_in, AffinityNetwork::open);
+            Ok(network.map_err(SegmenterError::from)?)
+        })
+    }
+
     /// FastSAM of a checkpoint.
     ///
     /// # Errors

@@ -21,7 +21,7 @@ impl Settings {
     /// list.
     pub fn input_files(&self) -> Vec<SettingsInput<'_>> {
         let segmenter = match &self.segmenter {
-            SegmenterSettings::Fastsam { weights, .. } => {
+            SegmenterSettings::Affinity { weights, .. } | SegmenterSettings::Fastsam { weights, .. } => {
                 weights.as_deref().map(|path| ("the file of --weights", path, true))
             }
             SegmenterSettings::Masks { masks } => masks.as_deref().map(|path| ("the folder of --masks", path, false)),

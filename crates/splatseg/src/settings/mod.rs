@@ -25,7 +25,7 @@ use splatseg_input::MemoryLimit;
 use splatseg_memory::MemorySettings;
 use splatseg_models::device::{DeviceError, DeviceName};
 use splatseg_models::fastsam::FastSamPredictorSettings;
-use splatseg_segmenter::GraphSettings;
+use splatseg_segmenter::{AffinitySettings, GraphSettings};
 use splatseg_settings::{Allowed, Choice, settings};
 use splatseg_simulators::{OracleSettings, SimTrackerSettings};
 use splatseg_tracking::{
@@ -120,6 +120,14 @@ pub enum SegmenterSettings {
     Graph {
         /// Its settings.
         graph: GraphSettings,
+    },
+    /// [`splatseg_segmenter::AffinitySegmenter`].
+    Affinity {
+        /// Weights other than those built in.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        weights: Option<PathBuf>,
+        /// Its settings.
+        affinity: AffinitySettings,
     },
     /// [`splatseg_segmenter::FastSamSegmenter`].
     Fastsam {
@@ -240,6 +248,7 @@ impl SegmenterSettings {
     pub fn name(&self) -> SegmenterName {
         match self {
             Self::Graph { .. } => SegmenterName::Graph,
+            Self::Affinity { .. } => SegmenterName::Affinity,
             Self::Fastsam { .. } => SegmenterName::Fastsam,
             Self::Masks { .. } => SegmenterName::Masks,
             Self::Oracle { .. } => SegmenterName::Oracle,
@@ -249,6 +258,7 @@ impl SegmenterSettings {
     fn validate(&self) -> Result<(), splatseg_settings::SettingError> {
         match self {
             Self::Graph { graph } => graph.validate(),
+            Self::Affinity { affinity, .. } => affinity.validate(),
             Self::Fastsam { fastsam, .. } => fastsam.validate(),
             Self::Masks { .. } => Ok(()),
             Self::Oracle { oracle } => oracle.validate(),

@@ -23,6 +23,8 @@ choices! {
     pub enum SegmenterName, default Graph {
         /// Built in, no weights: cuts along edges in depth, normals and colour
         Graph = "graph",
+        /// A small network that has learned which pixels belong to one object; weights built in
+        Affinity = "affinity",
         /// The paper's network; needs weights
         Fastsam = "fastsam",
         /// Precomputed masks of any other model, one file per frame

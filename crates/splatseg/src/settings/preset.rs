@@ -27,6 +27,7 @@ growth = 'paper'
 max_gaussians = 100_000_000
 fade_matched = false
 fade_undecoded = true
+max_covered_fraction = 0.1
 direction_learning_rate = 0.5
 active_tolerance = -1.0
 learning_min_weight = 0.0

@@ -3,7 +3,7 @@
 use super::{MethodName, RunSettings, SegmenterName, TrackerName};
 use splatseg_dataset::DatasetSettings;
 use splatseg_models::fastsam::FastSamPredictorSettings;
-use splatseg_segmenter::GraphSettings;
+use splatseg_segmenter::{AffinitySettings, GraphSettings};
 use splatseg_settings::{Allowed, Choice, Field, Section};
 use splatseg_simulators::{OracleSettings, SimTrackerSettings};
 use splatseg_tracking::{
@@ -110,8 +110,10 @@ pub fn entries() -> Vec<Entry> {
 
     let with = |segmenter: &'static [&'static str]| [("segmenter", segmenter)];
     registry.add(GraphSettings::fields(), &with(&["graph"]));
-    let weights = "Checkpoint of FastSAM: the published `.pt`, or a `.safetensors`.";
-    registry.add(vec![file("weights", weights)], &with(&["fastsam"]));
+    registry.add(AffinitySettings::fields(), &with(&["affinity"]));
+    let weights = "Checkpoint of FastSAM: the published `.pt`, or a `.safetensors`. For `affinity`: a `.safetensors` to use \
+                   instead of the weights that are built in.";
+    registry.add(vec![file("weights", weights)], &with(&["affinity", "fastsam"]));
     registry.add(FastSamPredictorSettings::fields(), &with(&["fastsam"]));
     let masks = "Folder of precomputed masks: `<frame>.png` with an id per pixel, or `<frame>.json` with COCO masks.";
     registry.add(vec![file("masks", masks)], &with(&["masks"]));

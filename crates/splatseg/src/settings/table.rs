@@ -174,6 +174,9 @@ fn tracker(table: &Table) -> Result<TrackerSettings, SettingsError> {
 fn segmenter(table: &Table) -> Result<SegmenterSettings, SettingsError> {
     Ok(match chosen(table, "segmenter") {
         SegmenterName::Graph => SegmenterSettings::Graph { graph: section(table)? },
+        SegmenterName::Affinity => {
+            SegmenterSettings::Affinity { weights: path(table, "weights"), affinity: section(table)? }
+        }
         SegmenterName::Fastsam => {
             SegmenterSettings::Fastsam { weights: path(table, "weights"), fastsam: section(table)? }
         }

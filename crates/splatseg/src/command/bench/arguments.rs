@@ -15,6 +15,8 @@ use std::path::PathBuf;
     of a file has changed that it was made from: scene, ground truth, masks, weights. DIR/input_hashes.json keeps the \
     hashes of these files, so that they are read again only when their sizes or times have changed. A scene that cannot be used is listed in DIR/failures.json; the others \
     go on, and the exit code is 1.\n\n\
+    DIR/report.html has pictures and curves of at most 12 scenes, evenly spaced, and the scores of all. To see another scene, \
+    copy DIR and start again there with the same options but --scenes SCENE: nothing is measured twice.\n\n\
     Examples:\n  \
     splatseg bench --scenes dev-a dev-b --methods fastsam,fastspam,fastsam-splat --segmenter oracle \\\n    \
     --set oracle.preset=fastsam-like --seeds 5 --out bench\n  \

@@ -85,6 +85,13 @@ impl JobResult {
         }
     }
 
+    /// The result without what only its file keeps: pictures, curves and hashes of inputs. A benchmark holds tens of
+    /// thousands of results in memory.
+    pub fn without_drawings(mut self) -> Self {
+        self.inputs.files = Vec::new();
+        Self { series: Series::default(), strip: Vec::new(), ..self }
+    }
+
     /// A few words for the terminal.
     pub fn in_short(&self) -> String {
         let scores = self.paper.scores();

@@ -1,10 +1,14 @@
 //! `splatseg bench`: every method on every scene with every seed.
 //!
-//! `plan.rs` says what to measure, `job.rs` measures one result, `pool.rs` runs several at a time, `input_files.rs` finds out what its files hold, `store.rs` keeps
-//! results on disk, so that a run that was stopped can go on, and `results.rs` writes what came out. `mesh_files.rs` has the
-//! scenes' meshes. `paper/` makes the plans for the paper's tables. The tables and the page themselves are the crate `splatseg-report`'s.
+//! `plan.rs` says what to measure, `job.rs` measures one result, `pool.rs` runs several at a time, `input_files.rs` finds
+//! out what its files hold, and `store.rs` keeps results on disk, so that a run that was stopped can go on. `results.rs`
+//! writes tables and page, with the pictures that `drawings.rs` reads again. `mesh_files.rs` has the scenes' meshes.
+//! `paper/` makes the plans for the paper's tables. The tables and the page themselves are the crate `splatseg-report`'s.
 
 mod arguments;
+mod drawings;
+#[cfg(test)]
+mod full_scale;
 mod input_files;
 mod job;
 mod machine;
@@ -154,6 +158,7 @@ fn missing_results(benchmarks: &[(&Benchmark<'_>, &Path)]) -> Result<(), Failure
 struct Outcome {
     /// The name of its file, without ending.
     key: String,
+    /// Without drawings.
     result: JobResult,
     origin: Origin,
 }
@@ -179,7 +184,7 @@ fn obtain(job: &Job, plan: &Plan, store: &ResultStore, hashes: &InputHashes) -> 
     match store.load(&key, &inputs) {
         Stored::Same(result) => {
             say!("{key}: there already");
-            return Ok(Outcome { key, result: *result, origin: Origin::Stored });
+            return Ok(Outcome { key, result: result.without_drawings(), origin: Origin::Stored });
         }
         Stored::Outdated(reason) => {
             say!("{key}: measured again: {reason}");
@@ -187,14 +192,10 @@ fn obtain(job: &Job, plan: &Plan, store: &ResultStore, hashes: &InputHashes) -> 
         }
         Stored::Nothing => {}
     }
-    let mut result = job::run(scene, &inputs).inspect_err(failed)?;
+    let result = job::run(scene, &inputs).inspect_err(failed)?;
     store.save(&key, &result).map_err(|error| error.to_string())?;
     say!("{key}: {}", result.in_short());
-    if job.seed != plan.seeds[0] {
-        // The report shows the pictures of the first seed only.
-        result.strip = Vec::new();
-    }
-    Ok(Outcome { key, result, origin })
+    Ok(Outcome { key, result: result.without_drawings(), origin })
 }
 
 /// How many of the results were there, and how many were measured.

@@ -1,6 +1,6 @@
 //! Small pictures for the report: frames, their ground truth, and results drawn over them.
 
-use super::plan::{Plan, SceneEntry};
+use super::plan::SceneEntry;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::codecs::jpeg::JpegEncoder;
@@ -36,20 +36,17 @@ impl StripFrames {
     }
 }
 
-/// The pictures of every scene, at most `frames` of each; none for scenes that cannot be read any more.
-pub fn of_scenes(plan: &Plan, frames: usize) -> Vec<Vec<ScenePicture>> {
-    let of_scene = |entry: &SceneEntry| {
-        // A scene that has disappeared since it was measured does not stop the report.
-        of_scene(entry, &plan.settings.dataset, frames).unwrap_or_else(|error| {
-            tracing::warn!("{}: no pictures: {error}", entry.path.display());
-            Vec::new()
-        })
-    };
-    plan.scenes.iter().map(of_scene).collect()
+/// Frames of a scene, at most `limit`; none if the scene cannot be read any more.
+pub fn of_scene(entry: &SceneEntry, settings: &DatasetSettings, limit: usize) -> Vec<ScenePicture> {
+    // A scene that has disappeared since it was measured does not stop the report.
+    read(entry, settings, limit).unwrap_or_else(|error| {
+        tracing::warn!("{}: no pictures: {error}", entry.path.display());
+        Vec::new()
+    })
 }
 
 /// Image and ground truth of at most `limit` of the frames that results are drawn for.
-fn of_scene(entry: &SceneEntry, settings: &DatasetSettings, limit: usize) -> Result<Vec<ScenePicture>, String> {
+fn read(entry: &SceneEntry, settings: &DatasetSettings, limit: usize) -> Result<Vec<ScenePicture>, String> {
     let text = |error: &dyn std::fmt::Display| error.to_string();
     let scene = open_scene(&entry.path, settings).map_err(|error| text(&error))?;
     let selected = settings.selected_frames(scene.frame_count()).map_err(|error| text(&error))?;

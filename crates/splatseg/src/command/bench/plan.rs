@@ -15,8 +15,8 @@ use splatseg_settings::Allowed;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
-/// Most results of a benchmark: all of them are in memory for the report.
-const MAX_RESULTS: usize = 20_000;
+/// Most results of a benchmark: the scores of all are in memory for the report, 4 kB each.
+const MAX_RESULTS: usize = 50_000;
 
 /// A scene as it was given.
 #[derive(Clone, Debug)]

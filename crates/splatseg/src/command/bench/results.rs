@@ -1,17 +1,19 @@
 //! What a benchmark came to: the rows of `results.json`, the data of the report, and the files with both.
 
 use super::Outcome;
+use super::drawings::drawings;
 use super::job::JobResult;
-use super::pictures;
 use super::plan::{Entry, Plan};
 use crate::Settings;
 use crate::command::Failure;
+use crate::pipeline::StageTimes;
 use crate::summary::FramesPerSecond;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
+use splatseg_atomic_file::AtomicFile;
 use splatseg_metrics::{InstanceScores, Protocol, Scores};
-use splatseg_output::write_atomically;
-use splatseg_report::{Benchmark, Measurement, MissingResult, Variant};
-use splatseg_report::{csv_table, frames_per_strip, html_page, markdown_tables};
+use splatseg_output::{OutputError, write_atomically};
+use splatseg_report::{Benchmark, Measurement, MissingResult, PageSelection, Variant};
+use splatseg_report::{csv_table, html_page, markdown_tables};
 use splatseg_tracking::TrackErrorCounts;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -109,6 +111,7 @@ impl<'a> Results<'a> {
             settings: toml::to_string_pretty(&plan.settings).map_err(Failure::work)?,
             version: env!("CARGO_PKG_VERSION"),
             reference: plan.reference,
+            stages: self.stages(),
             measurements,
             missing,
         })
@@ -117,19 +120,41 @@ impl<'a> Results<'a> {
     /// Writes the rows, the tables and the report to a folder.
     pub fn write(&self, benchmark: &Benchmark, out: &Path) -> Result<(), Failure> {
         let write = |name: &str, text: &str| write_atomically(&out.join(name), text.as_bytes()).map_err(Failure::work);
-        let rows = self.rows(benchmark);
-        write("results.json", &serde_json::to_string_pretty(&rows).map_err(Failure::work)?)?;
+        self.write_rows(benchmark, &out.join("results.json")).map_err(Failure::work)?;
         write("failures.json", &serde_json::to_string_pretty(&benchmark.missing).map_err(Failure::work)?)?;
         write("results.csv", &csv_table(benchmark))?;
         write("tables.md", &markdown_tables(benchmark))?;
-        let pictures = pictures::of_scenes(self.plan, frames_per_strip(benchmark));
-        write("report.html", &html_page(benchmark, &pictures, &rows).map_err(Failure::work)?)
+        let selection = PageSelection::new(benchmark);
+        let drawings = drawings(self, &selection, out);
+        write("report.html", &html_page(benchmark, &selection, &drawings).map_err(Failure::work)?)
     }
 
-    fn rows(&self, benchmark: &Benchmark) -> Vec<Row<'a>> {
+    /// Names of all stages: those of this program's methods in their order, then others.
+    fn stages(&self) -> Vec<&'a str> {
+        let mut stages: Vec<&str> = StageTimes::default().stages().iter().map(|(name, _)| *name).collect();
+        for outcome in self.outcomes.iter().flatten() {
+            for name in outcome.result.stage_ms.keys() {
+                if !stages.contains(&name.as_str()) {
+                    stages.push(name);
+                }
+            }
+        }
+        stages
+    }
+
+    /// Writes `results.json` row by row: with all settings in each row it can be larger than the memory.
+    fn write_rows(&self, benchmark: &Benchmark, path: &Path) -> Result<(), OutputError> {
+        let failed = |source| OutputError::Io { path: path.to_owned(), source };
+        let mut file = AtomicFile::create(path).map_err(failed)?;
+        let mut serializer = serde_json::Serializer::pretty(&mut file);
+        serializer.collect_seq(self.rows(benchmark)).map_err(|error| failed(error.into()))?;
+        file.commit().map_err(failed)
+    }
+
+    fn rows<'b>(&'b self, benchmark: &'b Benchmark) -> impl Iterator<Item = Row<'a>> + 'b {
         let measured =
             self.plan.entries.iter().filter_map(|entry| Some((entry, self.outcomes[entry.job].as_ref().ok()?)));
-        measured.map(|(entry, outcome)| self.row(entry, outcome, &benchmark.variants[entry.variant])).collect()
+        measured.map(|(entry, outcome)| self.row(entry, outcome, &benchmark.variants[entry.variant]))
     }
 
     fn row(&self, entry: &Entry, outcome: &'a Outcome, variant: &Variant) -> Row<'a> {
@@ -190,7 +215,5 @@ fn measurement<'a>(entry: &Entry, result: &'a JobResult) -> Measurement<'a> {
         paper: &result.paper,
         strict: &result.strict,
         mesh: result.mesh.as_ref(),
-        series: &result.series,
-        thumbnails: &result.strip,
     }
 }

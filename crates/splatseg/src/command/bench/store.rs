@@ -4,13 +4,18 @@ use super::job::{JobInputs, JobResult};
 use crate::command::Failure;
 use crate::command::manifest::{MANIFEST, Manifest, listed, listed_files};
 use crate::command::output_folder::Existing;
+use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use splatseg_input::read_file;
 use splatseg_output::{OutputError, write_atomically};
+use splatseg_report::{Series, Thumbnail};
 use std::path::{Path, PathBuf};
 
 /// Larger files are no results of ours.
 const MAX_RESULT_BYTES: u64 = 256_000_000;
+
+/// The folder of results in that of a benchmark.
+const RESULTS_FOLDER: &str = "results";
 
 /// What a benchmark writes beside `results/`.
 const FILES: [&str; 6] =
@@ -108,7 +113,7 @@ pub struct ResultStore {
 impl ResultStore {
     /// Opens `out/results`, or creates it. A folder with other content than an earlier benchmark is refused.
     pub fn open(out: &Path, existing: Existing, program: Program) -> Result<Self, Failure> {
-        let folder = out.join("results");
+        let folder = out.join(RESULTS_FOLDER);
         claim(out, existing, &FILES, || folder.is_dir())?;
         std::fs::create_dir_all(&folder).map_err(|error| Failure::work(format!("{}: {error}", folder.display())))?;
         Ok(Self { folder, existing, program })
@@ -155,7 +160,7 @@ impl ResultStore {
     }
 
     fn path(&self, key: &str) -> PathBuf {
-        self.folder.join(format!("{key}.json"))
+        result_path(&self.folder, key)
     }
 }
 
@@ -171,8 +176,31 @@ pub fn job_key(scene: &str, inputs: &JobInputs) -> Result<String, Failure> {
 
 /// The speed of a stored result, frames per second, whoever measured it; `None` without such a result.
 pub fn stored_speed(out: &Path, key: &str) -> Option<f64> {
-    let bytes = read_file(&out.join("results").join(format!("{key}.json")), MAX_RESULT_BYTES).ok()?;
+    let bytes = read_file(&result_path(&out.join(RESULTS_FOLDER), key), MAX_RESULT_BYTES).ok()?;
     serde_json::from_slice::<JobResult>(&bytes).ok().map(|result| result.fps.total)
+}
+
+/// The pictures and curves of a stored result.
+#[derive(Debug, Deserialize)]
+pub struct StoredDrawings {
+    /// Curves over the frames.
+    pub series: Series,
+    /// Some of the frames.
+    pub strip: Vec<Thumbnail>,
+}
+
+/// Reads the pictures and curves of a stored result.
+///
+/// # Errors
+/// If the result's file cannot be read.
+pub fn stored_drawings(out: &Path, key: &str) -> Result<StoredDrawings, String> {
+    let path = result_path(&out.join(RESULTS_FOLDER), key);
+    let bytes = read_file(&path, MAX_RESULT_BYTES).map_err(|error| error.to_string())?;
+    serde_json::from_slice(&bytes).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+fn result_path(folder: &Path, key: &str) -> PathBuf {
+    folder.join(format!("{key}.json"))
 }
 
 /// 64-bit FNV-1a: unlike the standard library's hashes, the same in every version of Rust, as file names must be.

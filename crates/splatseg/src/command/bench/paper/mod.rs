@@ -156,6 +156,7 @@ impl PaperBenchmark {
                 table: row.table,
                 name: row.name.clone(),
                 published: row.published,
+                point: row.point,
                 variant: variant_of(row),
                 obstacle: obstacle(lacks),
             })

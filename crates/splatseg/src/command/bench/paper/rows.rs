@@ -3,7 +3,7 @@
 use super::inputs::Input;
 use crate::command::bench::plan::Variant;
 use crate::settings::MethodName;
-use splatseg_report::paper::{CATEGORIES, CLICKS, FEATURE_DIMS, MVPD, PaperTable, SCANNET_MV, vsq_columns};
+use splatseg_report::paper::{CATEGORIES, CLICKS, CurvePoint, FEATURE_DIMS, MVPD, PaperTable, SCANNET_MV, vsq_columns};
 
 /// What every row has: no departure from the paper.
 const PAPER_SETTINGS: &str = "method_preset=paper";
@@ -23,6 +23,8 @@ pub struct PlannedRow {
     pub variant: Option<Variant>,
     /// The paper's scores, see [`splatseg_report::paper::PaperRow::published`].
     pub published: [Option<f64>; 8],
+    /// Its place in a curve, see [`splatseg_report::paper::PaperRow::point`].
+    pub point: Option<CurvePoint>,
 }
 
 impl PlannedRow {
@@ -43,7 +45,9 @@ pub fn all() -> Vec<PlannedRow> {
         SCANNET_MV.iter().map(|(name, cells)| row(PaperTable::Methods, name, of_name(name), cells.map(Some))).collect();
     rows.extend(FEATURE_DIMS.map(|(dims, vsq, stq)| {
         let run = (MethodName::FastsamSplat, vec![format!("memory.feature_dim={dims}")]);
-        row(PaperTable::FeatureDims, &format!("D = {dims}"), Some(run), vsq_and_stq([vsq, stq]))
+        let point = Some(CurvePoint { curve: "feature dimension D", value: dims });
+        let row = row(PaperTable::FeatureDims, &format!("D = {dims}"), Some(run), vsq_and_stq([vsq, stq]));
+        PlannedRow { point, ..row }
     }));
     let chosen: [&[&str]; 5] = [&[], &REPROMPTS[..1], &REPROMPTS[1..2], &REPROMPTS[2..], &REPROMPTS];
     rows.extend(CATEGORIES.iter().zip(chosen).map(|((name, vsq, stq), on)| {
@@ -53,12 +57,16 @@ pub fn all() -> Vec<PlannedRow> {
             if on.is_empty() { of_name("SAM2, detections") } else { Some((MethodName::Sam2Splat, changes.to_vec())) };
         row(PaperTable::Categories, name, run, vsq_and_stq([*vsq, *stq]))
     }));
-    for (prompts, changes) in [("detections", None), ("ground truth", Some(GROUND_TRUTH.to_owned()))] {
+    for (prompts, curve, changes) in [
+        ("detections", "clicks, prompted with detections", None),
+        ("ground truth", "clicks, prompted with ground truth", Some(GROUND_TRUTH.to_owned())),
+    ] {
         rows.extend(CLICKS.map(|(clicks, detections, ground_truth)| {
             let published = if changes.is_none() { detections } else { ground_truth };
             let changes = changes.iter().cloned().chain([format!("reprompt.clicks={clicks}")]);
             let run = (MethodName::Sam2Splat, changes.collect());
-            row(PaperTable::Clicks, &format!("{clicks}, {prompts}"), Some(run), vsq_and_stq(published))
+            let row = row(PaperTable::Clicks, &format!("{clicks}, {prompts}"), Some(run), vsq_and_stq(published));
+            PlannedRow { point: Some(CurvePoint { curve, value: clicks }), ..row }
         }));
     }
     rows.extend(MVPD.iter().map(|(name, cells)| row(PaperTable::Mvpd, name, of_name(name), vsq_columns(cells))));
@@ -97,7 +105,7 @@ fn row(
         let changes = std::iter::once(PAPER_SETTINGS.to_owned()).chain(changes).collect();
         Variant { method, changes }
     });
-    PlannedRow { table, name: name.to_owned(), variant, published }
+    PlannedRow { table, name: name.to_owned(), variant, published, point: None }
 }
 
 #[cfg(test)]

@@ -1,0 +1,133 @@
+//! Feature maps that keep the padding of a 3×3 convolution between layers, for small networks.
+//!
+//! With few channels, packing pixels for [`gemm`](crate::gemm) takes longer than the product. So rows of a [`FeatureMap`]
+//! are one zero apart, and zeros precede the first row and follow the last. Every tap of a kernel is then a shift of the
+//! whole map, and [`MapConvolution`] reads its vectors of pixels where they are. A tile of outputs stays in registers over
+//! all channels and taps: the order of every sum is fixed, and results do not depend on the number of threads.
+
+mod convolution;
+mod direct;
+mod resize;
+#[cfg(test)]
+mod tests;
+mod tile;
+mod winograd;
+
+pub use convolution::MapConvolution;
+pub use resize::{add_upsampled, mean_per_channel};
+
+use crate::AlignedVec;
+
+/// Values behind the last padding row, so that a tile of outputs may reach over the end.
+const SLACK: usize = 64;
+
+/// An image of several channels, `[channels, height, width]`, with zeros around it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FeatureMap {
+    layout: MapLayout,
+    channels: usize,
+    values: AlignedVec,
+}
+
+/// Where the pixels of a channel are. The *position* of a pixel is `row * pitch + column`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct MapLayout {
+    pub height: usize,
+    pub width: usize,
+}
+
+impl MapLayout {
+    /// Positions from one row to the next: its pixels and one zero.
+    pub fn pitch(self) -> usize {
+        self.width + 1
+    }
+
+    /// Zeros before the first pixel of a channel.
+    pub fn lead(self) -> usize {
+        self.pitch() + 1
+    }
+
+    /// Positions of a channel, the zero behind each row included.
+    pub fn positions(self) -> usize {
+        self.height * self.pitch()
+    }
+
+    /// Values of a channel, padding included.
+    pub fn plane(self) -> usize {
+        (self.lead() + self.positions() + self.pitch() + 1 + SLACK).next_multiple_of(16)
+    }
+}
+
+/// An empty map, to be given a shape later.
+impl Default for FeatureMap {
+    fn default() -> Self {
+        Self::zeros(0, 0, 0)
+    }
+}
+
+impl FeatureMap {
+    /// A map of zeros.
+    pub fn zeros(channels: usize, height: usize, width: usize) -> Self {
+        let layout = MapLayout { height, width };
+        Self { layout, channels, values: AlignedVec::zeros(channels * layout.plane()) }
+    }
+
+    /// Makes it a map of this shape. Values are kept if it has the shape already; otherwise all become zero.
+    pub fn reshape(&mut self, channels: usize, height: usize, width: usize) {
+        if (self.channels, self.layout) != (channels, MapLayout { height, width }) {
+            *self = Self::zeros(channels, height, width);
+        }
+    }
+
+    /// Number of channels.
+    pub fn channels(&self) -> usize {
+        self.channels
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> usize {
+        self.layout.height
+    }
+
+    /// Width in pixels.
+    pub fn width(&self) -> usize {
+        self.layout.width
+    }
+
+    /// The pixels of one row of a channel.
+    ///
+    /// # Panics
+    /// If there is no such row.
+    pub fn row(&self, channel: usize, row: usize) -> &[f32] {
+        assert!(row < self.layout.height, "row {row} of a map of height {}", self.layout.height);
+        &self.values[channel * self.layout.plane() + self.layout.lead() + row * self.layout.pitch()..]
+            [..self.layout.width]
+    }
+
+    /// For each channel, its rows in order, to be changed in place.
+    pub fn rows_mut(&mut self) -> impl Iterator<Item = impl Iterator<Item = &mut [f32]>> {
+        let layout = self.layout;
+        self.planes_mut().map(move |plane| {
+            let rows = plane[layout.lead()..][..layout.positions()].chunks_exact_mut(layout.pitch());
+            rows.map(move |row| &mut row[..layout.width])
+        })
+    }
+
+    pub(crate) fn layout(&self) -> MapLayout {
+        self.layout
+    }
+
+    pub(crate) fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    pub(crate) fn values_mut(&mut self) -> &mut [f32] {
+        &mut self.values
+    }
+
+    /// The channels with their padding. Padding has to stay zero.
+    pub(crate) fn planes_mut(&mut self) -> impl Iterator<Item = &mut [f32]> {
+        let plane = self.layout.plane();
+        self.values.chunks_exact_mut(plane)
+    }
+}

@@ -1,0 +1,173 @@
+//! Against plain loops in double precision, on every instruction set of the machine.
+
+use super::*;
+use crate::{Activation, Instructions};
+use proptest::prelude::*;
+
+/// Deterministic values in [-1, 1].
+fn noise(len: usize, seed: u32) -> Vec<f32> {
+    let mut state = seed.wrapping_mul(2_654_435_761).wrapping_add(12_345);
+    (0..len)
+        .map(|_| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / 8_388_608.0 - 1.0
+        })
+        .collect()
+}
+
+fn noise_map(channels: usize, height: usize, width: usize, seed: u32) -> FeatureMap {
+    let mut map = FeatureMap::zeros(channels, height, width);
+    let values = noise(channels * height * width, seed);
+    for (row, values) in map.rows_mut().flatten().zip(values.chunks_exact(width)) {
+        row.copy_from_slice(values);
+    }
+    map
+}
+
+/// The value of a pixel, 0 outside the map.
+fn pixel(map: &FeatureMap, channel: usize, row: isize, column: isize) -> f64 {
+    let inside = (0..map.height() as isize).contains(&row) && (0..map.width() as isize).contains(&column);
+    if inside { f64::from(map.row(channel, row as usize)[column as usize]) } else { 0.0 }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Case {
+    inputs: usize,
+    outputs: usize,
+    kernel: usize,
+    stride: usize,
+    size: (usize, usize),
+    activation: Activation,
+    with_residual: bool,
+    seed: u32,
+}
+
+impl Case {
+    fn weight(&self) -> Vec<f32> {
+        noise(self.outputs * self.inputs * self.kernel * self.kernel, self.seed)
+    }
+
+    fn input(&self) -> FeatureMap {
+        noise_map(self.inputs, self.size.0, self.size.1, self.seed + 2)
+    }
+
+    fn residual(&self) -> Option<FeatureMap> {
+        let size = [self.size.0, self.size.1].map(|size| size.div_ceil(self.stride));
+        self.with_residual.then(|| noise_map(self.outputs, size[0], size[1], self.seed + 3))
+    }
+
+    /// Runs twice on the same memory, which the first time is left over from a larger map.
+    fn run(&self, instructions: Instructions, threads: usize) -> FeatureMap {
+        let bias = noise(self.outputs, self.seed + 1);
+        let layer = MapConvolution::new(&self.weight(), &bias, self.kernel, self.stride, self.activation, instructions);
+        let (input, residual) = (self.input(), self.residual());
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let (mut phases, mut output) = (FeatureMap::zeros(0, 0, 0), FeatureMap::zeros(0, 0, 0));
+        pool.install(|| {
+            let larger = noise_map(self.inputs, self.size.0 + 1, self.size.1 + 1, 99);
+            layer.forward(&larger, None, &mut phases, &mut output);
+            layer.forward(&input, residual.as_ref(), &mut phases, &mut output);
+        });
+        output
+    }
+
+    fn check(&self, found: &FeatureMap, what: &str) {
+        let (weight, bias, input, residual) =
+            (self.weight(), noise(self.outputs, self.seed + 1), self.input(), self.residual());
+        let padding = (self.kernel / 2) as isize;
+        for channel in 0..self.outputs {
+            for row in 0..found.height() {
+                for column in 0..found.width() {
+                    let (mut sum, mut magnitude) = (f64::from(bias[channel]), 1.0);
+                    for index in 0..self.inputs * self.kernel * self.kernel {
+                        let tap = index % (self.kernel * self.kernel);
+                        let y = (row * self.stride + tap / self.kernel) as isize - padding;
+                        let x = (column * self.stride + tap % self.kernel) as isize - padding;
+                        let factor = weight[channel * self.inputs * self.kernel * self.kernel + index];
+                        let term = f64::from(factor) * pixel(&input, index / (self.kernel * self.kernel), y, x);
+                        (sum, magnitude) = (sum + term, magnitude + term.abs());
+                    }
+                    if self.activation == Activation::Silu {
+                        sum /= 1.0 + (-sum).exp();
+                    }
+                    let expected = sum + residual.as_ref().map_or(0.0, |map| f64::from(map.row(channel, row)[column]));
+                    let error = (f64::from(found.row(channel, row)[column]) - expected).abs();
+                    assert!(
+                        error <= 1e-6 * magnitude,
+                        "{what}: channel {channel}, ({column}, {row}) is off by {error}"
+                    );
+                }
+            }
+        }
+        let inside: f64 = found_sum(found);
+        let all: f64 = found.values().iter().map(|value| f64::from(value.abs())).sum();
+        assert!((all - inside).abs() <= 1e-9 * inside.max(1.0), "{what}: the padding is not zero");
+    }
+}
+
+/// The sum of the magnitudes of all pixels.
+fn found_sum(map: &FeatureMap) -> f64 {
+    let rows = (0..map.channels()).flat_map(|channel| (0..map.height()).map(move |row| (channel, row)));
+    rows.flat_map(|(channel, row)| map.row(channel, row)).map(|value| f64::from(value.abs())).sum()
+}
+
+fn cases() -> impl Strategy<Value = Case> {
+    let kernels = prop_oneof![Just((1, 1)), Just((3, 1)), Just((3, 2))];
+    (1..20_usize, 1..30_usize, kernels, (1..40_usize, 1..60_usize), any::<(bool, bool, u16)>()).prop_map(
+        |(inputs, outputs, (kernel, stride), size, (silu, with_residual, seed))| {
+            let activation = if silu { Activation::Silu } else { Activation::None };
+            Case { inputs, outputs, kernel, stride, size, activation, with_residual, seed: u32::from(seed) }
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(100))]
+
+    #[test]
+    fn equals_the_definition(case in cases(), threads in 1..4_usize) {
+        for instructions in Instructions::available() {
+            case.check(&case.run(instructions, threads), &format!("{instructions:?} {case:?}"));
+        }
+    }
+}
+
+#[test]
+fn threads_do_not_change_a_bit() {
+    for (channels, stride, size) in [(24, 1, (120, 160)), (96, 1, (15, 20)), (40, 2, (31, 41))] {
+        let case = Case {
+            inputs: channels,
+            outputs: channels,
+            kernel: 3,
+            stride,
+            size,
+            activation: Activation::Silu,
+            with_residual: true,
+            seed: 7,
+        };
+        for instructions in Instructions::available() {
+            let alone = case.run(instructions, 1);
+            for threads in [2, 3, 8] {
+                assert!(alone == case.run(instructions, threads), "{threads} threads, {instructions:?}, {case:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn maps_are_enlarged_like_images() {
+    let mut small = FeatureMap::zeros(1, 1, 2);
+    small.rows_mut().flatten().for_each(|row| row.copy_from_slice(&[0.0, 4.0]));
+    let mut map = FeatureMap::zeros(1, 2, 4);
+    map.rows_mut().flatten().for_each(|row| row.fill(10.0));
+    add_upsampled(&small, &mut map, Instructions::best());
+    assert_eq!((map.row(0, 0), map.row(0, 1)), (&[10.0, 11.0, 13.0, 14.0][..], &[10.0, 11.0, 13.0, 14.0][..]));
+}
+
+#[test]
+fn means_are_of_the_pixels_only() {
+    let mut map = FeatureMap::zeros(2, 2, 3);
+    map.rows_mut().zip([3.0, -5.0]).for_each(|(rows, value)| rows.for_each(|row| row.fill(value)));
+    let means = mean_per_channel(&map);
+    assert_eq!((means.row(0, 0), means.row(1, 0)), (&[3.0][..], &[-5.0][..]));
+}

@@ -1,0 +1,173 @@
+//! Merging of regions by the mean log-odds of all edges between two of them: GASP with average linkage (Bailoni et al.,
+//! *GASP, a generalized framework for agglomerative clustering of signed graphs*, CVPR 2022), the highest mean first.
+//!
+//! Merging never raises a mean above the higher of the two that it unites. So two regions that prefer each other are merged
+//! at some time in any case, and a chain of preferences finds such a pair without a queue of all edges: every region is
+//! followed by the one it prefers, until two prefer each other (nearest-neighbour chain; Murtagh, *A survey of recent
+//! advances in hierarchical clustering algorithms*, 1983). The tree is the same as that of the greedy order.
+
+use super::regions::{Edges, RegionGraph, Slots, root};
+
+/// Small regions of an image and the order in which they were merged: a hierarchy of segments.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MergeTree {
+    width: usize,
+    /// Region of each pixel of the half-size image, row-major.
+    labels: Vec<u32>,
+    /// Edges inside each region.
+    inner: Vec<Edges>,
+    /// Each merge of the regions that contain `region` and `edges.other` at that time.
+    merges: Vec<Merge>,
+}
+
+/// A merge: the tree's inner node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Merge {
+    region: u32,
+    /// The edges between the two.
+    edges: Edges,
+}
+
+/// Segments of an image: a cut through a [`MergeTree`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Partition {
+    /// Segment of each of the tree's regions.
+    pub segment_of_region: Vec<u32>,
+    /// For each segment, the probability that two of its pixels belong together, by the mean log-odds of its edges.
+    pub scores: Vec<f32>,
+}
+
+impl MergeTree {
+    /// Merges regions until no edges are left.
+    pub(super) fn new(graph: RegionGraph) -> Self {
+        let RegionGraph { width, labels, edges, inner } = graph;
+        let mut merging = Merging {
+            slots: Slots::new(edges.len()),
+            parents: (0..edges.len() as u32).collect(),
+            current: Vec::new(),
+            merges: Vec::with_capacity(edges.len()),
+            edges,
+        };
+        for region in 0..merging.edges.len() as u32 {
+            merging.merge_from(region);
+        }
+        Self { width, labels, inner, merges: merging.merges }
+    }
+
+    /// The regions of the pixels in one row of the half-size image.
+    ///
+    /// # Panics
+    /// If there is no such row.
+    pub fn row(&self, row: usize) -> &[u32] {
+        &self.labels[row * self.width..][..self.width]
+    }
+
+    /// The segments after all merges with a mean above `threshold`.
+    pub fn cut(&self, threshold: f32) -> Partition {
+        let mut parents: Vec<u32> = (0..self.inner.len() as u32).collect();
+        let mut inner = self.inner.clone();
+        for Merge { region, edges } in self.merges.iter().filter(|merge| merge.edges.mean() > f64::from(threshold)) {
+            let (a, b) = (root(&mut parents, *region), root(&mut parents, edges.other));
+            let (first, second) = (a.min(b) as usize, a.max(b) as usize);
+            parents[second] = first as u32;
+            inner[first].count += inner[second].count + edges.count;
+            inner[first].sum += inner[second].sum + edges.sum;
+        }
+        let mut scores = Vec::new();
+        let mut segment_of_region = vec![0; parents.len()];
+        for region in 0..parents.len() {
+            let root = root(&mut parents, region as u32) as usize;
+            if root == region {
+                segment_of_region[region] = scores.len() as u32;
+                let mean = if inner[root].count > 0 { inner[root].mean() } else { 0.0 };
+                scores.push((1.0 / (1.0 + (-mean).exp())) as f32);
+            } else {
+                segment_of_region[region] = segment_of_region[root];
+            }
+        }
+        Partition { segment_of_region, scores }
+    }
+}
+
+impl Partition {
+    /// The segment of each pixel of the half-size image, row-major.
+    pub(super) fn segments_of_pixels(&self, tree: &MergeTree) -> Vec<u32> {
+        tree.labels.iter().map(|region| self.segment_of_region[*region as usize]).collect()
+    }
+}
+
+struct Merging {
+    /// Of each region that is not part of another: its edges. The names of others may be out of date.
+    edges: Vec<Vec<Edges>>,
+    /// The region that each region is part of.
+    parents: Vec<u32>,
+    slots: Slots,
+    /// Memory for the list that is brought up to date.
+    current: Vec<Edges>,
+    merges: Vec<Merge>,
+}
+
+impl Merging {
+    /// Merges everything that a chain from `region` reaches.
+    fn merge_from(&mut self, region: u32) {
+        let mut chain = vec![region];
+        while let Some(region) = chain.pop() {
+            if self.parents[region as usize] != region {
+                continue;
+            }
+            let before = chain.last().copied();
+            let Some(preferred) = self.preferred(region, before) else { continue };
+            if before == Some(preferred.other) {
+                chain.pop();
+                let merged = self.merge(region, preferred);
+                if chain.is_empty() {
+                    chain.push(merged);
+                }
+            } else {
+                chain.push(region);
+                chain.push(preferred.other);
+            }
+        }
+    }
+
+    /// The edges with the highest mean of a region; of equal ones those to `before`, else to the lowest number.
+    fn preferred(&mut self, region: u32, before: Option<u32>) -> Option<Edges> {
+        let mut old = std::mem::take(&mut self.edges[region as usize]);
+        self.slots.begin();
+        self.current.clear();
+        for edges in &old {
+            let other = root(&mut self.parents, edges.other);
+            if other != region {
+                self.slots.add(&mut self.current, Edges { other, ..*edges });
+            }
+        }
+        old.clear();
+        old.extend_from_slice(&self.current);
+        self.edges[region as usize] = old;
+        let mut best: Option<(f64, Edges)> = None;
+        for edges in &self.current {
+            let mean = edges.mean();
+            let is_better = best.is_none_or(|(highest, best)| {
+                let rank = |edges: &Edges| (Some(edges.other) != before, edges.other);
+                mean > highest || (mean == highest && rank(edges) < rank(&best))
+            });
+            if is_better {
+                best = Some((mean, *edges));
+            }
+        }
+        best.map(|(_, edges)| edges)
+    }
+
+    /// Merges a region with the one that `edges` lead to; returns the number of both.
+    fn merge(&mut self, region: u32, edges: Edges) -> u32 {
+        self.merges.push(Merge { region, edges });
+        let (mut kept, mut gone) = (region, edges.other);
+        if self.edges[kept as usize].len() < self.edges[gone as usize].len() {
+            (kept, gone) = (gone, kept);
+        }
+        self.parents[gone as usize] = kept;
+        let moved = std::mem::take(&mut self.edges[gone as usize]);
+        self.edges[kept as usize].extend(moved);
+        kept
+    }
+}

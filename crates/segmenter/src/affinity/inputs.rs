@@ -1,0 +1,239 @@
+//! The eight input channels of the network: colour, inverse depth, validity and normals.
+//!
+//! `training/splatseg_training/inputs.py` computes the same for training, and a golden test ties the two. The definition:
+//!
+//! 1. Colour: rgb / 127.5 - 1.
+//! 2. Holes in the depth get the depth of the nearest pixel that has one, in city-block distance ([`fill_holes`] says
+//!    which, where several are as near). Depth beyond 100 m becomes 100 m.
+//! 3. Inverse depth: 1 / max(z, 0.3 m) - 0.5.
+//! 4. Validity: 1 where depth was measured.
+//! 5. Smoothed depth: the mean over the 13 pixels within distance 2, weighted by exp(-dz² / (2 · 0.05²) - r² / (2 · 2²))
+//!    with dz in metres and r in pixels; beyond the border the nearest pixel counts.
+//! 6. Normals: with the points P of the smoothed depth, dx = P(x + 2) - P(x - 2) and dy alike; within 2 pixels of the
+//!    border the nearest difference that exists. The normal is dx × dy / (|dx × dy| + 1e-9), pointing away from the
+//!    camera; 0 if that is not finite or the image has less than 5 rows or columns.
+//!
+//! A frame without any depth has 0 in all five channels of depth, as the training has where it leaves depth out.
+
+use super::resolution::View;
+use rayon::prelude::*;
+use splatseg_geometry::{CowImage, Intrinsics};
+use splatseg_kernels::Instructions;
+use splatseg_kernels::exp::exp;
+use splatseg_kernels::feature_map::FeatureMap;
+use splatseg_kernels::instructions::LANES;
+
+/// Channels of the input.
+pub(super) const CHANNELS: usize = COLOR_CHANNELS + DEPTH_CHANNELS;
+/// Channels of colour, which come first.
+pub(super) const COLOR_CHANNELS: usize = 3;
+/// Channels of depth: inverse depth, validity and normals.
+pub(super) const DEPTH_CHANNELS: usize = 5;
+/// Depth beyond this is taken for this, metres.
+const FARTHEST: f32 = 100.0;
+/// Inverse depth grows no more below this depth, metres.
+const NEAREST: f32 = 0.3;
+/// Radius of the smoothing and half the distance of the points whose difference is taken, pixels.
+const REACH: usize = 2;
+/// Offsets (row, column) from the corner of a 5×5 window, and r² / 8 of the pixels within distance 2 of its centre.
+const NEIGHBOURS: [(usize, usize, f32); 13] = [
+    (0, 2, 0.5),
+    (1, 1, 0.25),
+    (1, 2, 0.125),
+    (1, 3, 0.25),
+    (2, 0, 0.5),
+    (2, 1, 0.125),
+    (2, 2, 0.0),
+    (2, 3, 0.125),
+    (2, 4, 0.5),
+    (3, 1, 0.25),
+    (3, 2, 0.125),
+    (3, 3, 0.25),
+    (4, 2, 0.5),
+];
+
+/// Writes the input of a view to `map`, which gets the shape `[8, height, width]`.
+pub(super) fn compute(view: &View<'_>, map: &mut FeatureMap) {
+    let (width, height) = view.color.size();
+    map.reshape(CHANNELS, height, width);
+    let depth = measured(&view.depth);
+    let rows = by_row(map, height);
+    let instructions = Instructions::best();
+    let Some(depth) = depth else {
+        rows.into_par_iter().enumerate().for_each(|(row, mut channels)| {
+            write_color(view.color.row(row), &mut channels);
+            channels.iter_mut().skip(3).for_each(|values| values.fill(0.0));
+        });
+        return;
+    };
+    let filled = fill_holes(depth, width);
+    let smooth = smoothed(&filled, width, instructions);
+    let camera = &view.camera;
+    rows.into_par_iter().enumerate().for_each(|(row, mut channels)| {
+        write_color(view.color.row(row), &mut channels);
+        let (inverse, rest) = channels[3..].split_at_mut(1);
+        for (out, depth) in inverse[0].iter_mut().zip(&filled[row * width..]) {
+            *out = 1.0 / depth.max(NEAREST) - 0.5;
+        }
+        for (out, depth) in rest[0].iter_mut().zip(view.depth.row(row)) {
+            *out = if *depth > 0.0 { 1.0 } else { 0.0 };
+        }
+        instructions.run(
+            #[inline(always)]
+            || write_normals(&smooth, camera, row, &mut rest[1..]),
+        );
+    });
+}
+
+/// Depth in metres, at most [`FARTHEST`]; `None` if no pixel has any.
+fn measured(depth: &CowImage<'_, f32>) -> Option<Vec<f32>> {
+    let depth: Vec<f32> = depth.pixels().iter().map(|depth| depth.min(FARTHEST)).collect();
+    depth.iter().any(|depth| *depth > 0.0).then_some(depth)
+}
+
+/// For each row, that row of every channel.
+fn by_row(map: &mut FeatureMap, height: usize) -> Vec<Vec<&mut [f32]>> {
+    let mut rows: Vec<Vec<&mut [f32]>> = (0..height).map(|_| Vec::with_capacity(CHANNELS)).collect();
+    for channel in map.rows_mut() {
+        rows.iter_mut().zip(channel).for_each(|(row, values)| row.push(values));
+    }
+    rows
+}
+
+fn write_color(color: &[[u8; 3]], channels: &mut [&mut [f32]]) {
+    for (channel, out) in channels.iter_mut().take(3).enumerate() {
+        for (out, color) in out.iter_mut().zip(color) {
+            *out = f32::from(color[channel]) / 127.5 - 1.0;
+        }
+    }
+}
+
+/// Fills every hole (0) of `depth` with the depth of the nearest pixel that has one, in city-block distance. In a row left
+/// comes before right, where both are as near. Then, row by row downwards, a pixel takes over from the one above if that is
+/// nearer (distance above + 1 < own distance), and upwards in the same way from the one below.
+fn fill_holes(mut depth: Vec<f32>, width: usize) -> Vec<f32> {
+    if depth.iter().all(|depth| *depth > 0.0) {
+        return depth;
+    }
+    // Larger than any distance, and exact as f32.
+    const FAR: f32 = 16_000_000.0;
+    let mut distance = vec![FAR; depth.len()];
+    depth.par_chunks_exact_mut(width).zip(distance.par_chunks_exact_mut(width)).for_each(|(depth, distance)| {
+        let (mut nearest, mut steps) = (0.0, FAR);
+        for (depth, distance) in depth.iter_mut().zip(distance.iter_mut()) {
+            (nearest, steps) = if *depth > 0.0 { (*depth, 0.0) } else { (nearest, (steps + 1.0).min(FAR)) };
+            (*depth, *distance) = (nearest, steps);
+        }
+        (nearest, steps) = (0.0, FAR);
+        for (depth, distance) in depth.iter_mut().zip(distance.iter_mut()).rev() {
+            steps = (steps + 1.0).min(FAR);
+            if steps < *distance {
+                (*depth, *distance) = (nearest, steps);
+            } else {
+                (nearest, steps) = (*depth, *distance);
+            }
+        }
+    });
+    let height = depth.len() / width;
+    let mut take_over = |from: usize, row: usize| {
+        let [from_depth, to_depth] = two_rows(&mut depth, width, from, row);
+        let [from_distance, to_distance] = two_rows(&mut distance, width, from, row);
+        for column in 0..width {
+            let nearer = from_distance[column] + 1.0 < to_distance[column];
+            to_depth[column] = if nearer { from_depth[column] } else { to_depth[column] };
+            to_distance[column] = if nearer { from_distance[column] + 1.0 } else { to_distance[column] };
+        }
+    };
+    (1..height).for_each(|row| take_over(row - 1, row));
+    (1..height).rev().for_each(|row| take_over(row, row - 1));
+    depth
+}
+
+/// The rows `first` and `second`, which are neighbours.
+fn two_rows(values: &mut [f32], width: usize, first: usize, second: usize) -> [&mut [f32]; 2] {
+    let (upper, lower) = values.split_at_mut(first.max(second) * width);
+    let upper = &mut upper[first.min(second) * width..];
+    let lower = &mut lower[..width];
+    if first < second { [upper, lower] } else { [lower, upper] }
+}
+
+/// Bilaterally smoothed depth, `[height, width]`.
+fn smoothed(depth: &[f32], width: usize, instructions: Instructions) -> Vec<f32> {
+    let height = depth.len() / width;
+    // A border of two pixels, and enough behind the last row for whole vectors.
+    let pitch = width + 2 * REACH;
+    let mut padded = Vec::with_capacity((height + 2 * REACH) * pitch + LANES);
+    for row in 0..height + 2 * REACH {
+        let row = &depth[row.saturating_sub(REACH).min(height - 1) * width..][..width];
+        padded.extend_from_slice(&[row[0]; REACH]);
+        padded.extend_from_slice(row);
+        padded.extend_from_slice(&[row[width - 1]; REACH]);
+    }
+    padded.resize(padded.len() + LANES, 0.0);
+    let mut smooth = vec![0.0; depth.len()];
+    smooth.par_chunks_exact_mut(width).enumerate().for_each(|(row, out)| {
+        instructions.run(
+            #[inline(always)]
+            || smooth_row(&padded[row * pitch..], pitch, out),
+        );
+    });
+    smooth
+}
+
+/// One row of smoothed depth; `window` starts at the corner of the first pixel's 5×5 window.
+#[inline(always)]
+fn smooth_row(window: &[f32], pitch: usize, out: &mut [f32]) {
+    for (index, out) in out.chunks_mut(LANES).enumerate() {
+        let start = index * LANES;
+        let lanes_at = |row: usize, column: usize| -> [f32; LANES] {
+            let values = &window[row * pitch + start + column..][..LANES];
+            std::array::from_fn(|lane| values[lane])
+        };
+        let center = lanes_at(REACH, REACH);
+        let (mut total, mut weights) = ([0.0; LANES], [0.0; LANES]);
+        for (row, column, decay) in NEIGHBOURS {
+            let near = lanes_at(row, column);
+            for lane in 0..LANES {
+                let step = near[lane] - center[lane];
+                let exponent = step * step * -200.0 - decay;
+                let weight = exp(if exponent < -80.0 { -80.0 } else { exponent });
+                total[lane] += weight * near[lane];
+                weights[lane] += weight;
+            }
+        }
+        out.iter_mut().zip(total.iter().zip(weights)).for_each(|(out, (total, weight))| *out = total / weight);
+    }
+}
+
+/// The three channels of normals of one row.
+#[inline(always)]
+fn write_normals(depth: &[f32], camera: &Intrinsics, row: usize, channels: &mut [&mut [f32]]) {
+    let (width, height) = (camera.width, camera.height);
+    let [out_x, out_y, out_z] = channels else { return };
+    if width.min(height) < 2 * REACH + 1 {
+        return [out_x, out_y, out_z].into_iter().for_each(|out| out.fill(0.0));
+    }
+    let center_row = row.clamp(REACH, height - 1 - REACH);
+    let line = &depth[row * width..][..width];
+    let above = &depth[(center_row - REACH) * width..][..width];
+    let below = &depth[(center_row + REACH) * width..][..width];
+    let y_at = |row: usize| (row as f32 - camera.cy) / camera.fy;
+    let x_at = |column: usize| (column as f32 - camera.cx) / camera.fx;
+    let (y, y_above, y_below) = (y_at(row), y_at(center_row - REACH), y_at(center_row + REACH));
+    let mut normal = |column: usize, left: usize| {
+        let right = left + 2 * REACH;
+        let (z_left, z_right) = (line[left], line[right]);
+        let dx = [z_right * x_at(right) - z_left * x_at(left), z_right * y - z_left * y, z_right - z_left];
+        let (z_above, z_below) = (above[column], below[column]);
+        let x = x_at(column);
+        let dy = [z_below * x - z_above * x, z_below * y_below - z_above * y_above, z_below - z_above];
+        let product = [dx[1] * dy[2] - dx[2] * dy[1], dx[2] * dy[0] - dx[0] * dy[2], dx[0] * dy[1] - dx[1] * dy[0]];
+        let norm = (product[0] * product[0] + product[1] * product[1] + product[2] * product[2]).sqrt();
+        let factor = 1.0 / (norm + 1e-9);
+        let value = |part: f32| if norm < f32::INFINITY { part * factor } else { 0.0 };
+        (out_x[column], out_y[column], out_z[column]) = (value(product[0]), value(product[1]), value(product[2]));
+    };
+    (0..REACH).for_each(|column| normal(column, 0));
+    (REACH..width - REACH).for_each(|column| normal(column, column - REACH));
+    (width - REACH..width).for_each(|column| normal(column, width - 1 - 2 * REACH));
+}

@@ -1,0 +1,54 @@
+//! Segments of the half-size image at the size of the network's input.
+
+use super::inputs::CHANNELS;
+use rayon::prelude::*;
+use splatseg_kernels::feature_map::FeatureMap;
+
+/// Weights of the input's channels in the difference between two pixels: colour, inverse depth, validity, normals.
+const WEIGHTS: [f32; CHANNELS] = [1.0, 1.0, 1.0, 8.0, 0.0, 0.5, 0.5, 0.5];
+
+/// The segment of each pixel of `input`, row-major.
+///
+/// The network's pixel (column, row) is about the input's pixel (2 · column, 2 · row). A pixel between pixels of several
+/// segments gets that of the one whose input is most like its own; of equal ones, that of the upper left.
+pub(super) fn enlarge(segments: &[u32], input: &FeatureMap) -> Vec<u32> {
+    let (width, height) = (input.width(), input.height());
+    let small_width = width.div_ceil(2);
+    let mut enlarged = vec![0; width * height];
+    enlarged.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, out)| {
+        let upper = row / 2;
+        let lower = row.div_ceil(2).min(height.div_ceil(2) - 1);
+        let rows = [upper, lower].map(|row| &segments[row * small_width..][..small_width]);
+        let own = channels(input, row);
+        let near = [channels(input, 2 * upper), channels(input, 2 * lower)];
+        for (column, out) in out.iter_mut().enumerate() {
+            let columns = [column / 2, column.div_ceil(2).min(small_width - 1)];
+            let first = rows[0][columns[0]];
+            *out = first;
+            if rows.iter().all(|row| row[columns[0]] == first && row[columns[1]] == first) {
+                continue;
+            }
+            let mut least = f32::INFINITY;
+            for (row, near) in rows.iter().zip(&near) {
+                for small_column in columns {
+                    let difference = difference(&own, column, near, 2 * small_column);
+                    if difference < least {
+                        (least, *out) = (difference, row[small_column]);
+                    }
+                }
+            }
+        }
+    });
+    enlarged
+}
+
+/// One row of every channel.
+fn channels(input: &FeatureMap, row: usize) -> [&[f32]; CHANNELS] {
+    std::array::from_fn(|channel| input.row(channel, row))
+}
+
+/// How much the input differs between two pixels.
+fn difference(own: &[&[f32]; CHANNELS], column: usize, near: &[&[f32]; CHANNELS], near_column: usize) -> f32 {
+    let differences = own.iter().zip(near).map(|(own, near)| (own[column] - near[near_column]).abs());
+    differences.zip(WEIGHTS).map(|(difference, weight)| weight * difference).sum()
+}

@@ -1,0 +1,160 @@
+//! Weights of the network: a `.safetensors` file in half or single precision, built in or the user's.
+
+use super::inputs::{CHANNELS, COLOR_CHANNELS, DEPTH_CHANNELS};
+use safetensors::{Dtype, SafeTensors};
+use splatseg_kernels::feature_map::MapConvolution;
+use splatseg_kernels::{Activation, Instructions};
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// The weights built into the program, made by `training/splatseg_training/export.py`.
+pub(super) static BUILT_IN: &[u8] = include_bytes!("weights.safetensors");
+/// The largest file of weights, bytes.
+pub(super) const MAX_BYTES: u64 = 256 << 20;
+
+/// Why weights of the affinity network cannot be used.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum AffinityWeightsError {
+    /// The file could not be read.
+    #[error("cannot read {path}: {source}", path = path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's error.
+        source: std::io::Error,
+    },
+    /// The file does not contain an affinity network.
+    #[error("{file}: {part}: found {found}, expected {expected}")]
+    Content {
+        /// The file, or `built-in weights`.
+        file: String,
+        /// The part of the file, e.g. `tensor e1.0.weight`.
+        part: String,
+        /// What it contains.
+        found: String,
+        /// What it should contain.
+        expected: String,
+    },
+}
+
+/// A pixel's partner: rows down and columns to the right.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Offset {
+    pub down: i32,
+    pub right: i32,
+}
+
+/// The tensors and the metadata of a file.
+pub(super) struct Weights<'a> {
+    tensors: SafeTensors<'a>,
+    metadata: std::collections::HashMap<String, String>,
+    /// The file's name for messages.
+    file: &'a str,
+}
+
+impl<'a> Weights<'a> {
+    pub fn parse(bytes: &'a [u8], file: &'a str) -> Result<Self, AffinityWeightsError> {
+        let fault = |error: safetensors::SafeTensorError| AffinityWeightsError::Content {
+            file: file.to_owned(),
+            part: "the file".to_owned(),
+            found: error.to_string(),
+            expected: "a safetensors file".to_owned(),
+        };
+        let tensors = SafeTensors::deserialize(bytes).map_err(fault)?;
+        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(fault)?;
+        Ok(Self { tensors, metadata: metadata.metadata().clone().unwrap_or_default(), file })
+    }
+
+    /// An error in a part of the file.
+    pub fn fault(&self, part: &str, found: impl Into<String>, expected: impl Into<String>) -> AffinityWeightsError {
+        let (part, found, expected) = (part.to_owned(), found.into(), expected.into());
+        AffinityWeightsError::Content { file: self.file.to_owned(), part, found, expected }
+    }
+
+    /// Whether there is a convolution of this name.
+    pub fn contains(&self, name: &str) -> bool {
+        self.tensors.tensor(&format!("{name}.weight")).is_ok()
+    }
+
+    /// The pixel pairs that the head's channels are about: `offsets` of the metadata, a JSON list of (row, column).
+    pub fn offsets(&self) -> Result<Vec<Offset>, AffinityWeightsError> {
+        let text = self.metadata.get("offsets").map_or("nothing", String::as_str);
+        let expected = "a list of pairs (row, column) below 10000";
+        let pairs: Vec<(i32, i32)> =
+            serde_json::from_str(text).map_err(|_| self.fault("offsets in the metadata", text, expected))?;
+        let is_possible =
+            |(down, right): &(i32, i32)| (*down, *right) != (0, 0) && down.abs().max(right.abs()) < 10_000;
+        if !pairs.iter().all(is_possible) {
+            return Err(self.fault("offsets in the metadata", text, expected));
+        }
+        Ok(pairs.into_iter().map(|(down, right)| Offset { down, right }).collect())
+    }
+
+    /// The mean log-odds down to which regions are merged: `threshold` of the metadata.
+    pub fn threshold(&self) -> Result<f32, AffinityWeightsError> {
+        let text = self.metadata.get("threshold").map_or("nothing", String::as_str);
+        let threshold = text.parse().ok().filter(|threshold: &f32| threshold.is_finite());
+        threshold.ok_or_else(|| self.fault("threshold in the metadata", text, "a number"))
+    }
+
+    /// The first convolution, of all [`CHANNELS`]. A network of colour alone has 3, one of depth alone 5: its weights for
+    /// the other channels are 0.
+    pub fn stem(&self) -> Result<MapConvolution, AffinityWeightsError> {
+        let (shape, weight) = self.numbers("stem.weight")?;
+        let first = match shape[..] {
+            [_, CHANNELS | COLOR_CHANNELS, 3, 3] => 0,
+            [_, DEPTH_CHANNELS, 3, 3] => COLOR_CHANNELS,
+            _ => {
+                let expected = "[outputs, 3, 5 or 8, 3, 3]";
+                return Err(self.fault("tensor stem.weight", format!("shape {shape:?}"), expected));
+            }
+        };
+        let mut padded = vec![0.0; shape[0] * CHANNELS * 9];
+        for (out, weight) in padded.chunks_exact_mut(CHANNELS * 9).zip(weight.chunks_exact(shape[1] * 9)) {
+            out[first * 9..][..weight.len()].copy_from_slice(weight);
+        }
+        let bias = self.bias("stem", shape[0])?;
+        Ok(MapConvolution::new(&padded, &bias, 3, 2, Activation::Silu, Instructions::best()))
+    }
+
+    /// The convolution `name` of `inputs` channels, with a kernel of `kernel` × `kernel`.
+    pub fn convolution(
+        &self,
+        name: &str,
+        inputs: usize,
+        (kernel, stride): (usize, usize),
+        activation: Activation,
+    ) -> Result<MapConvolution, AffinityWeightsError> {
+        let (shape, weight) = self.numbers(&format!("{name}.weight"))?;
+        let outputs = shape.first().copied().unwrap_or(0);
+        if outputs == 0 || shape != [outputs, inputs, kernel, kernel] {
+            let expected = format!("[outputs, {inputs}, {kernel}, {kernel}]");
+            return Err(self.fault(&format!("tensor {name}.weight"), format!("shape {shape:?}"), expected));
+        }
+        let bias = self.bias(name, outputs)?;
+        Ok(MapConvolution::new(&weight, &bias, kernel, stride, activation, Instructions::best()))
+    }
+
+    /// The biases of the convolution `name`.
+    fn bias(&self, name: &str, outputs: usize) -> Result<Vec<f32>, AffinityWeightsError> {
+        let (shape, bias) = self.numbers(&format!("{name}.bias"))?;
+        if outputs == 0 || shape != [outputs] {
+            return Err(self.fault(&format!("tensor {name}.bias"), format!("shape {shape:?}"), format!("[{outputs}]")));
+        }
+        Ok(bias)
+    }
+
+    /// Shape and numbers of a tensor.
+    fn numbers(&self, name: &str) -> Result<(Vec<usize>, Vec<f32>), AffinityWeightsError> {
+        let part = format!("tensor {name}");
+        let tensor = self.tensors.tensor(name).map_err(|_| self.fault(&part, "nothing", "a tensor"))?;
+        let bytes = tensor.data();
+        let numbers = match tensor.dtype() {
+            Dtype::F16 => bytes.as_chunks().0.iter().map(|bytes| half::f16::from_le_bytes(*bytes).to_f32()).collect(),
+            Dtype::F32 => bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect(),
+            other => return Err(self.fault(&part, format!("{other:?}"), "F16 or F32")),
+        };
+        Ok((tensor.shape().to_vec(), numbers))
+    }
+}

@@ -1,0 +1,89 @@
+"""Makes the golden data of the affinity segmenter: inputs and log-odds of two small images.
+
+    python training/make_test_data.py WEIGHTS.safetensors crates/segmenter/tests/data/affinity.safetensors
+
+WEIGHTS are those that are built in. The images are made up: slanted surfaces with noise, steps and holes. For each size
+the file has `rgb` [H, W, 3], `depth` [H, W] in millimetres, `camera` (fx, fy, cx, cy), `inputs` [8, H, W] of
+`splatseg_training.inputs`, and `log_odds` [12, H/2, W/2] that PyTorch computes from them. Needs torch and safetensors.
+"""
+
+import sys
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from safetensors.torch import load_file, save_file
+from splatseg_training.inputs import inputs
+
+SIZES = [(48, 64), (50, 70), (3, 5)]
+
+
+def forward(weights, x):
+    """The network, from its folded weights: log-odds [1, 12, H/2, W/2] of an input [1, 8, H, W]."""
+
+    def layer(name, x, stride=1, activation=F.silu):
+        weight = weights[f"{name}.weight"].float()
+        return activation(F.conv2d(x, weight, weights[f"{name}.bias"].float(), stride, weight.shape[2] // 2))
+
+    def count(name):
+        return next(number for number in range(100) if name.format(number) + ".weight" not in weights)
+
+    def identity(x):
+        return x
+
+    stages = [layer("stem", x, 2)]
+    while f"e{len(stages)}.0.weight" in weights:
+        name = f"e{len(stages)}"
+        x = layer(f"{name}.0", stages[-1], 2)
+        block = 1
+        while f"{name}.{block}.a.weight" in weights:
+            x = x + layer(f"{name}.{block}.b", layer(f"{name}.{block}.a", x))
+            block += 1
+        stages.append(x)
+    x = stages.pop()
+    x = x + layer("pool", x.mean((2, 3), keepdim=True))
+    while stages:
+        skip = stages.pop()
+        level = len(stages)
+        lateral = layer(f"l{level + 1}", x, activation=identity)
+        x = skip + F.interpolate(lateral, size=skip.shape[2:], mode="bilinear", align_corners=False)
+        for index in range(count(f"d{level}.{{}}")):
+            x = layer(f"d{level}.{index}", x)
+    return layer("head", x, activation=identity)
+
+
+def scene(height, width, seed):
+    """A made-up frame: colour, depth in millimetres with holes and noise, camera matrix."""
+    random = np.random.default_rng(seed)
+    y, x = np.mgrid[:height, :width] / max(height, width)
+    depth = 1200 + 900 * x + 500 * y
+    for _ in range(6):
+        top, left = random.random(2) * 0.8
+        inside = (y >= top) & (y < top + 0.3) & (x >= left) & (x < left + 0.25)
+        depth = np.where(inside, random.uniform(500, 2500) + 800 * random.normal() * x, depth)
+    depth = np.clip(depth, 250, None) + random.normal(0, 4, depth.shape)
+    depth[(random.random(depth.shape) < 0.05) | ((y > 0.5) & (x < 0.2))] = 0
+    rgb = 128 + 90 * np.stack([np.sin(9 * x + 3 * y), np.sin(14 * y), np.cos(11 * x * y)], -1)
+    rgb = np.clip(rgb + random.normal(0, 10, rgb.shape), 0, 255).astype(np.uint8)
+    K = np.array([[0.9 * width, 0, (width - 1) / 2], [0, 0.92 * width, (height - 1) / 2 + 0.7], [0, 0, 1]])
+    return rgb, depth.astype(np.uint16), K
+
+
+def main():
+    weights = load_file(sys.argv[1])
+    tensors = {}
+    for seed, (height, width) in enumerate(SIZES):
+        rgb, depth, K = scene(height, width, seed)
+        x = torch.from_numpy(inputs(rgb, depth, K))
+        name = f"{width}x{height}"
+        tensors[f"{name}.rgb"] = torch.from_numpy(rgb)
+        tensors[f"{name}.depth"] = torch.from_numpy(depth.astype(np.int32))
+        tensors[f"{name}.camera"] = torch.tensor([K[0, 0], K[1, 1], K[0, 2], K[1, 2]], dtype=torch.float32)
+        tensors[f"{name}.inputs"] = x
+        with torch.no_grad():
+            tensors[f"{name}.log_odds"] = forward(weights, x[None])[0].contiguous()
+    save_file(tensors, sys.argv[2])
+
+
+if __name__ == "__main__":
+    main()
