@@ -349,7 +349,10 @@ fn numbers_of_seeds_and_jobs_have_a_range() {
 fn options_that_no_method_uses_are_errors_that_say_what_would_use_them() {
     let folder = tempfile::tempdir().unwrap();
     for (options, expected) in [
-        (["--weights", "x.pt"], "weights is not used here: it needs segmenter = affinity or fastsam, but segmenter is oracle"),
+        (
+            ["--weights", "x.pt"],
+            "weights is not used here: it needs segmenter = affinity or fastsam, but segmenter is oracle",
+        ),
         (["--prompts", "ground-truth"], "prompts is not used here: it needs method = sam2 or sam2-splat"),
         (["--scannet", "x"], "--scannet is not used here: it needs --preset paper"),
         (["--weights-dir", "x"], "--weights-dir is not used here: it needs --preset paper"),

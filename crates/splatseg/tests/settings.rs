@@ -80,7 +80,10 @@ fn settings_that_would_hang_are_out_of_range() {
 fn options_that_do_nothing_are_errors_that_say_what_would_use_them() {
     let tracker = "it needs method = sam2 or sam2-splat, but method is fastsam-splat";
     for (option, expected) in [
-        (["--weights", "x.pt"], "weights is not used here: it needs segmenter = affinity or fastsam, but segmenter is graph"),
+        (
+            ["--weights", "x.pt"],
+            "weights is not used here: it needs segmenter = affinity or fastsam, but segmenter is graph",
+        ),
         (["--masks", "x"], "masks is not used here: it needs segmenter = masks, but segmenter is graph"),
         (["--tracker", "sim"], tracker),
         (["--tracker-weights", "x.pt"], tracker),

@@ -226,7 +226,10 @@ mod tests {
                 "memory.max_votes is not used here: it needs method = fastsam-splat or sam2-splat, \
                  but method is fastsam",
             ),
-            (&["weights=x.pt"], "weights is not used here: it needs segmenter = affinity or fastsam, but segmenter is graph"),
+            (
+                &["weights=x.pt"],
+                "weights is not used here: it needs segmenter = affinity or fastsam, but segmenter is graph",
+            ),
             (
                 &["segmenter=fastsam"],
                 "segmenter = fastsam needs weights: a checkpoint of FastSAM, e.g. --weights FastSAM-x.pt",
