@@ -78,6 +78,8 @@ impl Case {
         for channel in 0..self.outputs {
             for row in 0..found.height() {
                 for column in 0..found.width() {
+                    // Winograd's sums mix a tile's inputs, so errors follow the weights' sum and not the terms of one
+                    // output; inputs are at most 1.
                     let (mut sum, mut magnitude) = (f64::from(bias[channel]), 1.0);
                     for index in 0..self.inputs * self.kernel * self.kernel {
                         let tap = index % (self.kernel * self.kernel);
@@ -85,7 +87,7 @@ impl Case {
                         let x = (column * self.stride + tap % self.kernel) as isize - padding;
                         let factor = weight[channel * self.inputs * self.kernel * self.kernel + index];
                         let term = f64::from(factor) * pixel(&input, index / (self.kernel * self.kernel), y, x);
-                        (sum, magnitude) = (sum + term, magnitude + term.abs());
+                        (sum, magnitude) = (sum + term, magnitude + f64::from(factor.abs()));
                     }
                     if self.activation == Activation::Silu {
                         sum /= 1.0 + (-sum).exp();
