@@ -31,7 +31,7 @@ impl SizeClass {
     pub const ALL: [Self; 3] = [Self::Small, Self::Medium, Self::Large];
 
     /// The class of an object that has `pixels` pixels in all of its `frames` together.
-    fn from_area(pixels: u64, frames: u64) -> Self {
+    pub(crate) fn from_area(pixels: u64, frames: u64) -> Self {
         if pixels < SMALL_BELOW_PX * frames {
             Self::Small
         } else if pixels > LARGE_ABOVE_PX * frames {

@@ -2,7 +2,8 @@
 //!
 //! Labels in, numbers out: [`VideoScorer`] takes one frame at a time and keeps counts, not images; [`DatasetScore`] sums
 //! the counts of videos. Two protocols define both metrics, see [`Protocol`]. How well objects keep their ids is also
-//! reported by the size of the object, see [`SizeScores`].
+//! reported by the size of the object, see [`SizeScores`], and how well single frames are segmented, see
+//! [`SingleFrameScores`].
 //!
 //! ```
 //! use splatseg_geometry::SegmentMap;
@@ -25,6 +26,7 @@ mod prediction;
 mod score;
 mod scorer;
 mod settings;
+mod single_frame;
 mod stq;
 mod tubes;
 mod vsq;
@@ -36,6 +38,9 @@ pub use prediction::FramePrediction;
 pub use score::{DatasetScore, RawCounts, Scores, VideoScore};
 pub use scorer::VideoScorer;
 pub use settings::{Protocol, ScoreSettings, Void};
+pub use single_frame::{
+    BOUNDARY_TOLERANCE_PX, BoundaryCounts, ConfidenceCounts, DetectionCounts, SingleFrameCounts, SingleFrameScores,
+};
 pub use stq::StqCounts;
 pub use vsq::{VsqCounts, WindowLength};
 

@@ -80,7 +80,7 @@ impl FrameOverlaps {
 
 /// One label per pixel from masks that may overlap: the smallest mask is on top; among masks of equal size, that with
 /// the lowest label. The paper's code composites masks in the same order (`binmasks_to_panomask` in `metrics/utils.py`).
-fn composited(masks: &[(SegmentId, MaskRuns)], pixels: usize) -> Vec<SegmentId> {
+pub(crate) fn composited(masks: &[(SegmentId, MaskRuns)], pixels: usize) -> Vec<SegmentId> {
     let mut order: Vec<&(SegmentId, MaskRuns)> = masks.iter().collect();
     order.sort_by_key(|(label, runs)| std::cmp::Reverse((runs.area(), *label)));
     let mut map = vec![0; pixels];

@@ -1,7 +1,8 @@
 //! Scores of videos and datasets.
 
 use crate::by_size::zero_counts;
-use crate::{MetricsError, ScoreSettings, SizeClass, SizeCounts, SizeScores, StqCounts, VsqCounts, WindowLength};
+use crate::{MetricsError, ScoreSettings, SingleFrameCounts, SingleFrameScores, SizeClass, SizeCounts, SizeScores};
+use crate::{StqCounts, VsqCounts, WindowLength};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -24,6 +25,8 @@ pub struct Scores {
     pub overcounted_tracks: u64,
     /// How well objects keep their ids, by their size.
     pub by_size: BTreeMap<SizeClass, SizeScores>,
+    /// How well single frames are segmented; the same under both protocols.
+    pub single_frames: SingleFrameScores,
 }
 
 /// The counts that scores are computed from. Counts of several videos can be added.
@@ -36,6 +39,8 @@ pub struct RawCounts {
     pub stq: StqCounts,
     /// Counts of ids, by size of the object; every class is there.
     pub by_size: BTreeMap<SizeClass, SizeCounts>,
+    /// Counts of single frames.
+    pub single_frames: SingleFrameCounts,
     /// Number of frames.
     pub frames: u64,
 }
@@ -46,6 +51,7 @@ impl RawCounts {
             vsq_k: WindowLength::ALL.map(|length| (length, VsqCounts::default())).into(),
             stq: StqCounts::default(),
             by_size: zero_counts(),
+            single_frames: SingleFrameCounts::default(),
             frames: 0,
         }
     }
@@ -58,6 +64,7 @@ impl RawCounts {
         for (class, counts) in &other.by_size {
             self.by_size.entry(*class).or_default().add(counts);
         }
+        self.single_frames.add(&other.single_frames);
         self.frames += other.frames;
     }
 
@@ -74,6 +81,7 @@ impl RawCounts {
             sq: self.stq.segmentation_quality(settings.protocol).map(percent),
             overcounted_tracks: self.stq.overcounted_tracks,
             by_size: self.by_size.iter().map(|(class, counts)| (*class, counts.scores())).collect(),
+            single_frames: self.single_frames.scores(),
         }
     }
 }

@@ -1,13 +1,16 @@
 //! Scoring a video frame by frame.
 
 use crate::by_size::SizeAccumulator;
-use crate::overlap::FrameOverlaps;
+use crate::overlap::{FrameOverlaps, composited};
 use crate::prediction::{Labels, Linkage};
 use crate::stq::StqAccumulator;
 use crate::tubes::TubeOfLabel;
 use crate::vsq::VsqAccumulator;
-use crate::{FramePrediction, MetricsError, Protocol, RawCounts, ScoreSettings, VideoScore, WindowLength};
-use splatseg_geometry::{MaskLinker, MaskRuns, SegmentMap};
+use crate::{BoundaryCounts, FramePrediction, MetricsError, Protocol, RawCounts, ScoreSettings, SingleFrameCounts};
+use crate::{VideoScore, WindowLength};
+use splatseg_geometry::{MaskLinker, MaskRuns, SegmentId, SegmentMap};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
 
 /// Scores one video, a frame at a time. Frames are counted, not kept: memory grows with the number of overlapping
 /// tubes, not with the number of frames.
@@ -21,6 +24,7 @@ pub struct VideoScorer {
     vsq: VsqAccumulator,
     stq: StqAccumulator,
     by_size: SizeAccumulator,
+    single_frames: SingleFrameCounts,
 }
 
 impl VideoScorer {
@@ -35,6 +39,7 @@ impl VideoScorer {
             vsq: VsqAccumulator::new(settings.protocol),
             stq: StqAccumulator::new(settings.protocol),
             by_size: SizeAccumulator::default(),
+            single_frames: SingleFrameCounts::default(),
         }
     }
 
@@ -45,6 +50,20 @@ impl VideoScorer {
     /// If sizes differ, predicted ids are invalid (see [`MetricsError`]), or predictions with and without ids are mixed.
     /// Then nothing of the frame is counted.
     pub fn push(&mut self, ground_truth: &SegmentMap, prediction: &FramePrediction) -> Result<(), MetricsError> {
+        self.push_with_confidences(ground_truth, prediction, None)
+    }
+
+    /// Scores the next frame, as [`Self::push`], with the confidences of its segments by id, or by index plus 1 where masks
+    /// have no ids; 0 for those that are not named. Without them there is no average precision.
+    ///
+    /// # Errors
+    /// As [`Self::push`].
+    pub fn push_with_confidences(
+        &mut self,
+        ground_truth: &SegmentMap,
+        prediction: &FramePrediction,
+        confidences: Option<&BTreeMap<SegmentId, f32>>,
+    ) -> Result<(), MetricsError> {
         let size = ground_truth.size();
         let expected = self.size.unwrap_or(size);
         if size != expected {
@@ -64,6 +83,7 @@ impl VideoScorer {
             masks.push((1, MaskRuns::default()));
         }
         let overlaps = FrameOverlaps::count(ground_truth, &labels, &self.settings);
+        self.single_frames.push(&overlaps, boundaries(ground_truth, &labels, &overlaps, &self.settings), confidences);
         // Linking is part of the prediction: it uses the whole masks, unlabelled pixels included.
         let tube_of_label = match (linkage, labels) {
             (Linkage::Unlinked, Labels::Masks(masks)) => {
@@ -91,8 +111,24 @@ impl VideoScorer {
             vsq_k: WindowLength::ALL.into_iter().zip(self.vsq.finish()).collect(),
             by_size: self.by_size.finish(&self.stq.associations()),
             stq: self.stq.finish(),
+            single_frames: self.single_frames,
             frames: self.frames as u64,
         };
         VideoScore::new(self.settings, counts)
     }
+}
+
+/// The boundaries of a frame. True segments that are too small count as unlabelled.
+fn boundaries(
+    truth: &SegmentMap,
+    labels: &Labels,
+    overlaps: &FrameOverlaps,
+    settings: &ScoreSettings,
+) -> BoundaryCounts {
+    let predicted = match labels {
+        Labels::Map(map) => Cow::Borrowed(map.pixels()),
+        Labels::Masks(masks) => Cow::Owned(composited(masks, truth.pixels().len())),
+    };
+    let truth_ids = truth.map(|id| if overlaps.truth_areas.contains_key(id) { *id } else { 0 });
+    BoundaryCounts::count(truth.size().0, truth_ids.pixels(), &predicted, settings.void)
 }

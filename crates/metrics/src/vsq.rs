@@ -85,7 +85,7 @@ impl VsqCounts {
         self.windows += other.windows;
     }
 
-    fn from_window(tubes: &TubeCounts, protocol: Protocol) -> Self {
+    pub(crate) fn from_window(tubes: &TubeCounts, protocol: Protocol) -> Self {
         let candidate = |(truth, tube, areas): (SegmentId, TubeId, PairAreas)| {
             let iou = Ratio::iou(areas.intersection, areas.truth, areas.predicted);
             let matched_on = match protocol {

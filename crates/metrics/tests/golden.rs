@@ -264,7 +264,7 @@ fn scores_are_json_with_the_documented_keys() {
     let keys = |value: &Value| value.as_object().unwrap().keys().cloned().collect::<BTreeSet<String>>();
     assert_eq!(
         keys(&value),
-        ["aq", "by_size", "overcounted_tracks", "sq", "stq", "vsq", "vsq_k"].map(String::from).into()
+        ["aq", "by_size", "overcounted_tracks", "single_frames", "sq", "stq", "vsq", "vsq_k"].map(String::from).into()
     );
     assert_eq!(keys(&value["vsq_k"]), ["1", "5", "10", "15"].map(String::from).into());
     assert_eq!(keys(&value["by_size"]), ["large", "medium", "small"].map(String::from).into());

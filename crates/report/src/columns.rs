@@ -1,6 +1,7 @@
 //! The columns of the tables of scores, and tables of one video's scores for a terminal.
 
-use splatseg_metrics::{InstanceScores, Protocol, Scores, SizeScores, VideoScore, WindowLength};
+use splatseg_metrics::{InstanceScores, Protocol, Scores, SingleFrameScores, SizeClass, SizeScores};
+use splatseg_metrics::{VideoScore, WindowLength};
 
 /// The columns, in the order of the paper's tables.
 pub(crate) const COLUMNS: [&str; 8] = ["k=1", "k=5", "k=10", "k=15", "VSQ", "STQ", "AQ", "SQ"];
@@ -94,6 +95,70 @@ pub const SIZE_COLUMNS_EXPLAINED: &str = "An object's size is its mean area over
 /// Scores of a size in the order of [`SIZE_COLUMNS`]; `None` where there is nothing to divide by.
 pub(crate) fn size_columns(scores: &SizeScores) -> [Option<f64>; 4] {
     [scores.aq, scores.found, scores.ids_per_object, scores.main_id]
+}
+
+/// The columns of tables of single frames.
+pub(crate) const FRAME_COLUMNS: [&str; 11] = [
+    "k=1, all frames",
+    "AP",
+    "AP50",
+    "AR@100",
+    "AR small",
+    "AR medium",
+    "AR large",
+    "boundary F",
+    "over",
+    "under",
+    "segments",
+];
+
+/// The same columns as keys of CSV files.
+pub(crate) const FRAME_COLUMN_KEYS: [&str; 11] = [
+    "frames_quality",
+    "frames_ap",
+    "frames_ap50",
+    "frames_ar",
+    "frames_ar_small",
+    "frames_ar_medium",
+    "frames_ar_large",
+    "frames_boundary_f",
+    "frames_over_segmentation",
+    "frames_under_segmentation",
+    "frames_segments",
+];
+
+/// What the columns of tables of single frames mean.
+pub const FRAME_COLUMNS_EXPLAINED: &str = "Ids do not matter here. k=1: VSQ of protocol paper at k = 1, over all frames \
+    instead of every fifteenth. AP, AP50, AR@100: COCO's average precision and recall of masks, with one class; sizes are \
+    those of the object in the frame: small under 400 px, large over 4000 px. Boundary F: F-score of pixels between \
+    segments, which may be 2 px off. Over and under: pixels outside the largest part of their object, and of their \
+    segment, percent; less is better. Segments: their mean number in a frame.";
+
+/// Scores of single frames in the order of [`FRAME_COLUMNS`]; `None` where there is nothing to divide by.
+pub(crate) fn frame_columns(scores: &SingleFrameScores) -> [Option<f64>; 11] {
+    let recall = |class| scores.ar_by_size.get(&class).copied().flatten();
+    [
+        scores.quality,
+        scores.ap,
+        scores.ap50,
+        scores.ar,
+        recall(SizeClass::Small),
+        recall(SizeClass::Medium),
+        recall(SizeClass::Large),
+        scores.boundary_f,
+        scores.over_segmentation,
+        scores.under_segmentation,
+        scores.segments_per_frame,
+    ]
+}
+
+/// Two lines for a terminal: the names of the columns of single frames and one row of scores.
+pub fn terminal_frame_table(scores: &SingleFrameScores) -> String {
+    let cells = frame_columns(scores).map(terminal_cell);
+    let line = |cells: &[&str]| -> String {
+        cells.iter().zip(FRAME_COLUMNS).map(|(cell, name)| format!("{cell:>width$}", width = name.len() + 2)).collect()
+    };
+    format!("single frames\n{}\n{}", line(&FRAME_COLUMNS), line(&cells.each_ref().map(String::as_str)))
 }
 
 /// Two lines for a terminal: the names of the columns and one row of scores.

@@ -1,6 +1,7 @@
 //! `results.csv`: every measurement on a line, for spreadsheets.
 
-use crate::columns::{COLUMN_KEYS, MESH_COLUMN_KEYS, SIZE_COLUMN_KEYS, columns, mesh_columns, size_columns};
+use crate::columns::{COLUMN_KEYS, FRAME_COLUMN_KEYS, MESH_COLUMN_KEYS, SIZE_COLUMN_KEYS};
+use crate::columns::{columns, frame_columns, mesh_columns, size_columns};
 use crate::{Benchmark, Measurement};
 use splatseg_metrics::{Scores, SizeClass};
 
@@ -36,6 +37,7 @@ fn header(benchmark: &Benchmark) -> Vec<String> {
         let key = move |key: &str| format!("{}_{key}", class.name());
         std::iter::once(key("objects")).chain(SIZE_COLUMN_KEYS.map(key))
     }));
+    header.extend(FRAME_COLUMN_KEYS.map(str::to_owned));
     header
 }
 
@@ -74,6 +76,7 @@ fn cells(benchmark: &Benchmark, measurement: &Measurement) -> Vec<String> {
         cells.push(sizes.map_or(0, |sizes| sizes.objects).to_string());
         cells.extend(sizes.map(size_columns).unwrap_or_default().map(number));
     }
+    cells.extend(frame_columns(&scores.single_frames).map(number));
     cells
 }
 

@@ -5,7 +5,7 @@
 //!
 //! - [`html_page`]: a page with tables, charts and pictures, in a single file that needs no network;
 //! - [`markdown_tables`] and [`csv_table`];
-//! - [`ScoreTable`], [`SizeTable`] and [`StageTable`], the tables themselves;
+//! - [`ScoreTable`], [`SizeTable`], [`FrameTable`] and [`StageTable`], the tables themselves;
 //! - [`paper::paper_tables`]: the tables of the paper that the methods come from, with its numbers next to the measured
 //!   ones, as [`paper::markdown`], [`paper::csv`] and [`paper_page`] write them.
 
@@ -13,6 +13,7 @@ mod benchmark;
 mod columns;
 mod csv;
 mod drawings;
+mod frame_table;
 mod html;
 mod markdown;
 pub mod paper;
@@ -22,9 +23,11 @@ mod spread;
 mod stage_table;
 
 pub use benchmark::{Benchmark, Measurement, MissingResult, Variant};
-pub use columns::{SIZE_COLUMNS_EXPLAINED, overcount_note, terminal_size_table, terminal_table, windows_note};
+pub use columns::{FRAME_COLUMNS_EXPLAINED, SIZE_COLUMNS_EXPLAINED};
+pub use columns::{overcount_note, terminal_frame_table, terminal_size_table, terminal_table, windows_note};
 pub use csv::csv_table;
 pub use drawings::{RunDrawings, SceneDrawings, ScenePicture, Series, Thumbnail};
+pub use frame_table::FrameTable;
 pub use html::{PageSelection, html_page, paper_page};
 pub use markdown::markdown_tables;
 pub use score_table::{Origin, ScoreRow, ScoreTable};

@@ -1,21 +1,25 @@
 //! `tables.md`.
 
-use crate::{Benchmark, SIZE_COLUMNS_EXPLAINED, ScoreTable, SizeTable, StageTable};
+use crate::{
+    Benchmark, FRAME_COLUMNS_EXPLAINED, FrameTable, SIZE_COLUMNS_EXPLAINED, ScoreTable, SizeTable, StageTable,
+};
 
 /// All tables, and what is missing in them.
 pub fn markdown_tables(benchmark: &Benchmark) -> String {
     let mut text = format!(
         "# Benchmark\n\nScores are percentages: mean ± sample standard deviation over {}. Over several scenes, \
          tubes, tracks and pixels are summed before dividing; scores of scenes are not averaged. {}. splatseg {}.\n\n\
-         Tables by size: {SIZE_COLUMNS_EXPLAINED}\n\n",
+         Tables by size: {SIZE_COLUMNS_EXPLAINED}\n\n{}: {FRAME_COLUMNS_EXPLAINED}\n\n",
         count(benchmark.seeds.len(), "seed"),
         benchmark.setup,
         benchmark.version,
+        FrameTable::TITLE,
     );
     let protocols = [benchmark.protocol, benchmark.other_protocol()];
     let mut tables: Vec<String> = Vec::new();
     tables.extend(protocols.map(|protocol| ScoreTable::over_all_scenes(benchmark, protocol).markdown()));
     tables.extend(protocols.map(|protocol| SizeTable::new(benchmark, protocol).markdown()));
+    tables.push(FrameTable::new(benchmark).markdown());
     tables.push(StageTable::new(benchmark).markdown());
     if benchmark.scenes.len() > 1 {
         let scenes = 0..benchmark.scenes.len();

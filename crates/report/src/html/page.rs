@@ -3,7 +3,7 @@
 use super::strips::Strip;
 use super::{PageSelection, charts, scenes, tables};
 use crate::markdown::count;
-use crate::{Benchmark, Measurement, MissingResult, SceneDrawings, ScoreTable, SizeTable, StageTable};
+use crate::{Benchmark, FrameTable, Measurement, MissingResult, SceneDrawings, ScoreTable, SizeTable, StageTable};
 use jiff::Timestamp;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Serialize;
@@ -76,6 +76,7 @@ fn content(benchmark: &Benchmark, scenes: &Markup) -> Markup {
         details { summary { "How to read this" } (how_to_read()) }
         details { summary { (other_table.title) } (tables::scores(&other_table)) }
         (tables::sizes(&SizeTable::new(benchmark, benchmark.protocol)))
+        (tables::frames(&FrameTable::new(benchmark)))
         (tables::stages(&StageTable::new(benchmark)))
         h2 { "Comparison" }
         div class="charts" { @for chart in charts::comparison(benchmark) { (chart) } }

@@ -1,7 +1,9 @@
 //! Tables of the page.
 
+use crate::columns::FRAME_COLUMNS;
 use crate::paper::PublishedTable;
-use crate::{Origin, SIZE_COLUMNS_EXPLAINED, ScoreRow, ScoreTable, SizeTable, Spread, StageTable};
+use crate::{FRAME_COLUMNS_EXPLAINED, FrameTable, Origin, SIZE_COLUMNS_EXPLAINED};
+use crate::{ScoreRow, ScoreTable, SizeTable, Spread, StageTable};
 use maud::{Markup, html};
 
 /// A table with the heads of its columns; `first` is that of the rows' names.
@@ -82,6 +84,25 @@ pub(super) fn sizes(sizes: &SizeTable) -> Markup {
             summary { (sizes.title) }
             p { (SIZE_COLUMNS_EXPLAINED) }
             (table("method", SizeTable::columns(), &rows))
+        }
+    }
+}
+
+/// The table of single frames, folded.
+pub(super) fn frames(frames: &FrameTable) -> Markup {
+    let rows = html! {
+        @for (method, cells) in &frames.rows {
+            tr {
+                th scope="row" { (method) }
+                @for value in cells { td { (cell(*value)) } }
+            }
+        }
+    };
+    html! {
+        details {
+            summary { (FrameTable::TITLE) }
+            p { (FRAME_COLUMNS_EXPLAINED) }
+            (table("method", FRAME_COLUMNS, &rows))
         }
     }
 }

@@ -13,7 +13,8 @@ use splatseg_dataset::open_scene;
 use splatseg_input::MemoryLimit;
 use splatseg_metrics::{RawCounts, Scores, VideoScore, Void};
 use splatseg_output::write_atomically;
-use splatseg_report::{SIZE_COLUMNS_EXPLAINED, overcount_note, terminal_size_table, terminal_table, windows_note};
+use splatseg_report::{FRAME_COLUMNS_EXPLAINED, SIZE_COLUMNS_EXPLAINED, overcount_note, windows_note};
+use splatseg_report::{terminal_frame_table, terminal_size_table, terminal_table};
 use std::path::{Path, PathBuf};
 
 const HELP: &str = "Predictions are one of\n\
@@ -35,7 +36,7 @@ const HELP: &str = "Predictions are one of\n\
     splatseg eval --mesh scene0011_00_vh_clean_2.ply --instances scene0011_00.txt --void-labels 1,2 --pred map.ply";
 
 #[derive(Debug, Args)]
-#[command(after_long_help = format!("{HELP}\n\nTable by size: {SIZE_COLUMNS_EXPLAINED}"))]
+#[command(after_long_help = format!("{HELP}\n\nTable by size: {SIZE_COLUMNS_EXPLAINED}\n\nSingle frames: {FRAME_COLUMNS_EXPLAINED}"))]
 pub struct EvalArguments {
     /// Scene with ground truth
     #[arg(long, value_name = "SCENE", required_unless_present = "mesh", conflicts_with = "mesh")]
@@ -166,6 +167,7 @@ fn print_scores(gt: &Path, score: &VideoScore, counts: &MissingCounts) {
         say!("{note}");
     }
     say!("\n{}", terminal_size_table(&scores));
+    say!("\n{}", terminal_frame_table(&scores.single_frames));
     if overcounted.is_some() {
         say_error!("warning: AQ and STQ count some pixels more than once; --protocol strict counts each once");
     }

@@ -37,6 +37,18 @@ impl FrameOutput {
             update: FrameUpdate::default(),
         }
     }
+
+    /// The mean confidence of each segment over the pixels that show it.
+    pub fn segment_confidences(&self) -> BTreeMap<SegmentId, f32> {
+        let mut sums: BTreeMap<SegmentId, (f64, u32)> = BTreeMap::new();
+        for (id, confidence) in self.segments.pixels().iter().zip(self.confidence.pixels()).filter(|(id, _)| **id != 0)
+        {
+            let (sum, pixels) = sums.entry(*id).or_default();
+            *sum += f64::from(*confidence);
+            *pixels += 1;
+        }
+        sums.into_iter().map(|(id, (sum, pixels))| (id, (sum / f64::from(pixels)) as f32)).collect()
+    }
 }
 
 /// The confidence of each pixel of `segments`: the memory's where it expected this id, otherwise the score of the id's
@@ -66,6 +78,14 @@ pub(super) fn confidence(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_segment_is_as_sure_as_its_pixels_on_average() {
+        let segments = SegmentMap::from_pixels(4, 1, vec![2, 2, 0, 7]).unwrap();
+        let confidence = Image::from_pixels(4, 1, vec![0.5, 1.0, 0.0, 0.25]).unwrap();
+        let output = FrameOutput { confidence, ..FrameOutput::from_segments(segments) };
+        assert_eq!(output.segment_confidences(), BTreeMap::from([(2, 0.75), (7, 0.25)]));
+    }
 
     #[test]
     fn confidence_comes_from_the_memory_where_it_expected_the_id_and_from_the_score_elsewhere() {

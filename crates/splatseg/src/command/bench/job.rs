@@ -243,13 +243,18 @@ impl Recorder {
     }
 
     fn score(&mut self, truth: &SegmentMap, output: &FrameOutput) -> Result<(), splatseg_metrics::MetricsError> {
+        let confidences = output.segment_confidences();
         for (protocol, scorer) in [(Protocol::Paper, &mut self.paper), (Protocol::Strict, &mut self.strict)] {
+            let mut push =
+                |prediction, confidences| scorer.push_with_confidences(truth, &prediction, Some(confidences));
             match form(self.method, protocol) {
-                Form::Ids => scorer.push(truth, &FramePrediction::Ids(&output.segments))?,
-                Form::Masks => scorer.push(truth, &FramePrediction::Masks(&output.masks))?,
+                Form::Ids => push(FramePrediction::Ids(&output.segments), &confidences)?,
+                Form::Masks => push(FramePrediction::Masks(&output.masks), &confidences)?,
                 Form::Unlinked => {
                     let masks: Vec<Mask> = output.masks.iter().map(|(_, mask)| mask.clone()).collect();
-                    scorer.push(truth, &FramePrediction::Unlinked(&masks))?;
+                    let ids = (1..).zip(&output.masks);
+                    let by_index = ids.filter_map(|(index, (id, _))| Some((index, *confidences.get(id)?))).collect();
+                    push(FramePrediction::Unlinked(&masks), &by_index)?;
                 }
             }
         }
