@@ -64,7 +64,8 @@ pub struct BenchArguments {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: u64,
     /// Vary one setting, e.g. memory.feature_dim=1,4,7,14,28: each value is a variant of every method, with a row of
-    /// its own. Given several times, settings are varied one after the other, not together
+    /// its own. Given several times, settings are varied one after the other, not together; +OTHER=V2 behind a value
+    /// changes another setting with it, e.g. segmenter=affinity,fastsam+weights=FastSAM-x.pt
     #[arg(long, value_name = "KEY=V1,V2,…")]
     pub ablate: Vec<String>,
     #[command(flatten)]

@@ -256,17 +256,7 @@ pub fn scenes(paths: &[PathBuf], settings: &DatasetSettings, mesh: &MeshOptions)
 fn variants(layers: &SettingsLayers, methods: &[MethodName], ablations: &[String]) -> Result<Vec<Variant>, Failure> {
     let mut changes = vec![Vec::new()];
     for ablation in ablations {
-        let malformed = || Failure::input(format!("--ablate {ablation}: expected KEY=V1,V2,…"));
-        let (key, values) = ablation.split_once('=').ok_or_else(malformed)?;
-        for value in values.split(',').map(str::trim) {
-            if key.trim().is_empty() || value.is_empty() {
-                return Err(malformed());
-            }
-            if matches!(key.trim(), "seed" | "method" | "threads") {
-                return Err(Failure::input(format!("--ablate {ablation}: use --seeds and --methods for these")));
-            }
-            changes.push(vec![format!("{}={value}", key.trim())]);
-        }
+        changes.extend(changes_of(ablation)?);
     }
     let mut variants: Vec<Variant> = Vec::new();
     for change in &changes {
@@ -287,6 +277,37 @@ fn variants(layers: &SettingsLayers, methods: &[MethodName], ablations: &[String
     // A method's own variants stay together.
     variants.sort_by_key(|variant| methods.iter().position(|method| *method == variant.method));
     Ok(variants)
+}
+
+/// What each value of an ablation changes: `KEY=V1,V2+OTHER=V3` is one change, and one of two settings.
+fn changes_of(ablation: &str) -> Result<Vec<Vec<String>>, Failure> {
+    let malformed = || Failure::input(format!("--ablate {ablation}: expected KEY=V1,V2,… or KEY=V1+OTHER=V2,…"));
+    let (key, values) = ablation.split_once('=').ok_or_else(malformed)?;
+    let assignment = |key: &str, value: &str| {
+        let (key, value) = (key.trim(), value.trim());
+        if key.is_empty() || value.is_empty() {
+            return Err(malformed());
+        }
+        if matches!(key, "seed" | "method" | "threads") {
+            return Err(Failure::input(format!("--ablate {ablation}: use --seeds and --methods for these")));
+        }
+        Ok(format!("{key}={value}"))
+    };
+    let changes = values.split(',').map(|value| {
+        let mut assignments: Vec<(&str, String)> = vec![(key, String::new())];
+        for (index, part) in value.split('+').enumerate() {
+            match part.split_once('=') {
+                Some((key, value)) if index > 0 => assignments.push((key, value.to_owned())),
+                _ => {
+                    let (_, value) = assignments.last_mut().ok_or_else(malformed)?;
+                    // A plus that no setting follows is part of the value.
+                    *value = if index == 0 { part.to_owned() } else { format!("{value}+{part}") };
+                }
+            }
+        }
+        assignments.iter().map(|(key, value)| assignment(key, value)).collect()
+    });
+    changes.collect()
 }
 
 /// Why a method does not use the setting that makes a variant of it; `None` if it does.
@@ -334,4 +355,20 @@ fn variant_settings(layers: &SettingsLayers, variant: &Variant) -> Result<Settin
     settings.run.memory_limit = MemoryLimit::Auto;
     settings.validate().map_err(Failure::input)?;
     Ok(settings)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::changes_of;
+
+    #[test]
+    fn a_value_of_an_ablation_may_change_other_settings_too() {
+        let changes = |ablation| changes_of(ablation).unwrap();
+        assert_eq!(changes("a=1, 2"), [["a=1"], ["a=2"]]);
+        assert_eq!(changes("a=1+b=3,2"), [vec!["a=1", "b=3"], vec!["a=2"]]);
+        assert_eq!(changes("a=x+y+b=z+w"), [["a=x+y", "b=z+w"]]);
+        for wrong in ["a", "=1", "a=1,", "a=1+=2", "a=1+b=", "a=1+seed=2"] {
+            assert!(changes_of(wrong).is_err(), "{wrong}");
+        }
+    }
 }
