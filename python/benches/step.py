@@ -17,7 +17,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("scene")
     parser.add_argument("--frames", type=int, default=100)
-    parser.add_argument("--segmenter", default="graph")
+    parser.add_argument("--segmenter", default="affinity")
     parser.add_argument("--weights")
     parser.add_argument("--threads", type=int, default=0)
     arguments = parser.parse_args()

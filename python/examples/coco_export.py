@@ -22,7 +22,7 @@ def run_lengths(mask):
 
 
 def main(scene="synthetic:frames=6,width=96,height=72,objects=6", out="coco.json"):
-    pipeline = ss.FastSamSplat(segmenter="graph")
+    pipeline = ss.FastSamSplat()
     images, annotations = [], []
     for number, frame in enumerate(ss.open_scene(scene), start=1):
         result = pipeline.step(frame.rgb, frame.depth, K=frame.K, camera_to_world=frame.camera_to_world)

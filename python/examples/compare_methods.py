@@ -23,7 +23,7 @@ def save_ids(ids, path):
 def main(scene="synthetic:frames=20,width=96,height=72,objects=6", plot="methods.png"):
     curves, scores = {}, {}
     for method in METHODS:
-        pipeline = ss.Pipeline(method, segmenter="graph")
+        pipeline = ss.Pipeline(method)
         seen, curves[method] = set(), []
         with tempfile.TemporaryDirectory() as folder:
             for frame in ss.open_scene(scene):

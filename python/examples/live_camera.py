@@ -41,7 +41,7 @@ class FakeCamera:
 
 
 def main(scene="synthetic:frames=30,width=96,height=72,objects=6", interval=0.02):
-    pipeline = ss.FastSamSplat(segmenter="graph")
+    pipeline = ss.FastSamSplat()
     camera, latencies = FakeCamera(scene, interval), []
     while (picture := camera.wait()) is not None:
         rgb, depth, K, camera_to_world, taken = picture

@@ -35,7 +35,7 @@ def motion(before, after):
 
 
 def main(scene=DEMO, frames=10):
-    pipeline = ss.FastSamSplat(segmenter="graph")
+    pipeline = ss.FastSamSplat()
     pose, before = np.eye(4), None
     poses = []
     for frame in ss.open_scene(scene, max_frames=int(frames)):

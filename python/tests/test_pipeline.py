@@ -111,7 +111,7 @@ def test_settings_are_keywords(tmp_path, room):
     for wrong, message in [
         ({"seed": "x"}, "seed is"),
         ({"memory": {"max_votes": -1}}, "memory.max_votes is -1"),
-        ({"segmenter": "yolo"}, "expected graph, affinity, fastsam, masks or oracle"),
+        ({"segmenter": "yolo"}, "expected affinity, graph, fastsam, masks or oracle"),
         ({"weights": "x.pt"}, "weights is not used here"),
         ({"segmenter": "oracle"}, "segmenter = oracle"),
     ]:

@@ -80,11 +80,11 @@ fn settings_that_would_hang_are_out_of_range() {
 fn options_that_do_nothing_are_errors_that_say_what_would_use_them() {
     let tracker = "it needs method = sam2 or sam2-splat, but method is fastsam-splat";
     for (option, expected) in [
+        (["--masks", "x"], "masks is not used here: it needs segmenter = masks, but segmenter is affinity"),
         (
-            ["--weights", "x.pt"],
-            "weights is not used here: it needs segmenter = affinity or fastsam, but segmenter is graph",
+            ["--set", "graph.min_area=9"],
+            "graph.min_area is not used here: it needs segmenter = graph, but segmenter is affinity",
         ),
-        (["--masks", "x"], "masks is not used here: it needs segmenter = masks, but segmenter is graph"),
         (["--tracker", "sim"], tracker),
         (["--tracker-weights", "x.pt"], tracker),
         (["--prompts", "ground-truth"], tracker),
@@ -101,12 +101,12 @@ fn options_that_do_nothing_are_errors_that_say_what_would_use_them() {
     assert_refused(&["--register-depth"], "only 7scenes has depth that is not registered");
 
     let prompted = ["--method", "sam2", "--tracker", "sim", "--prompts", "ground-truth"];
-    for (option, key) in [(["--segmenter", "oracle"], "segmenter"), (["--set", "graph.min_area=9"], "graph.min_area")] {
+    for (option, key) in [(["--segmenter", "oracle"], "segmenter"), (["--set", "affinity.min_area=9"], "affinity.min_area")] {
         let expected = format!("{key} is not used here: it needs");
         assert_refused(&[&prompted[..], &option].concat(), &expected);
     }
     let sim = ["--method", "sam2", "--tracker", "sim", "--device", "vulkan"];
-    assert_refused(&sim, "but segmenter is graph and tracker is sim");
+    assert_refused(&sim, "but segmenter is affinity and tracker is sim");
     #[cfg(not(feature = "cuda"))]
     assert_refused(
         &["--segmenter", "fastsam", "--weights", "x.pt", "--device", "cuda"],
@@ -183,9 +183,9 @@ fn a_summary_lists_the_settings_in_force_and_repeats_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let tracked = ["--method", "sam2-splat", "--tracker", "sim", "--prompts", "ground-truth"];
     let cases: [(&[&str], &[&str], &[&str]); 3] = [
-        (&["--seed", "5", "--set", "memory.max_votes=3.3"], &["graph", "explanation"], &["device", "tracker"]),
-        (&FEATURES, &["graph"], &["explanation", "oracle"]),
-        (&tracked, &["sim_tracker", "reprompt"], &["segmenter", "graph", "sam2", "device"]),
+        (&["--seed", "5", "--set", "memory.max_votes=3.3"], &["affinity", "explanation"], &["device", "graph", "tracker"]),
+        (&FEATURES, &["affinity"], &["explanation", "oracle"]),
+        (&tracked, &["sim_tracker", "reprompt"], &["segmenter", "affinity", "sam2", "device"]),
     ];
     for (place, (options, with, without)) in cases.into_iter().enumerate() {
         let [first, second] = ["a", "b"].map(|name| folder.path().join(format!("{place}{name}")));

@@ -4,7 +4,7 @@ A camera's frames go in one by one, and an explicit 3D memory, an online Gaussia
 
     import splatseg as ss
 
-    seg = ss.FastSamSplat(segmenter="graph")
+    seg = ss.FastSamSplat()
     for f in ss.open_scene("drive.mcap", stride=2):
         r = seg.step(f.rgb, f.depth, K=f.K, camera_to_world=f.camera_to_world, timestamp=f.timestamp)
         print(r.objects)

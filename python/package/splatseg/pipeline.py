@@ -23,7 +23,7 @@ SegmenterLike = str | Segmenter | Callable[[NDArray[np.uint8], NDArray[np.float3
 class Pipeline:
     """A segmenter, a method and its memory: frames go in, lasting ids come out.
 
-    ``segmenter`` is a name (``"graph"``), a :class:`Segmenter` such as ``ss.FastSam("FastSAM-x.pt")``, or any callable
+    ``segmenter`` is a name (``"affinity"``, the default, or ``"graph"``), a :class:`Segmenter` such as ``ss.FastSam("FastSAM-x.pt")``, or any callable
     ``(rgb, depth) -> masks``. It gets uint8 ``(height, width, 3)`` and float32 metres ``(height, width)``, and returns
     masks, bool ``(masks, height, width)``, which may overlap, or an image of ids ``(height, width)`` with 0 for none, or
     a pair of masks and their scores.
@@ -167,7 +167,7 @@ class FastSamSplat(Pipeline):
     """FastSAM-Splat: masks of any segmenter, and a splat that remembers them (Opipari et al., RA-L 2025).
 
     >>> import splatseg as ss
-    >>> seg = ss.FastSamSplat(segmenter="graph", seed=1, memory={"max_votes": 8})
+    >>> seg = ss.FastSamSplat(seed=1, memory={"max_votes": 8})
     >>> seg.settings["memory"]["max_votes"]
     8.0
     """

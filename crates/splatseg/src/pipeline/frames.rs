@@ -1,6 +1,6 @@
 //! The frame loop.
 
-use super::{FrameResult, Pipeline, PipelineError, Segmented, process, segment};
+use super::{FrameResult, Pipeline, PipelineError, Segmented, in_thread_pool, process, segment};
 use splatseg_geometry::RgbdFrame;
 use splatseg_memory::SplatMemory;
 
@@ -29,14 +29,17 @@ type Next<R> = (R, Option<Segmented>);
 impl<'p, I, F, E> Frames<'p, I>
 where
     I: Iterator<Item = Result<F, E>>,
-    F: AsRef<RgbdFrame<'static>>,
+    F: AsRef<RgbdFrame<'static>> + Sync,
 {
     fn read_and_segment(
         frames: &mut I,
         segmenter: &mut Box<dyn splatseg_segmenter::Segmenter>,
     ) -> Option<Next<I::Item>> {
         let frame = frames.next()?;
-        let segmented = frame.as_ref().ok().map(|frame| segment(segmenter.as_mut(), frame.as_ref()));
+        let segmented = match &frame {
+            Ok(frame) => Some(in_thread_pool(|| segment(segmenter.as_mut(), frame.as_ref()))),
+            Err(_) => None,
+        };
         Some((frame, segmented))
     }
 }
@@ -75,7 +78,7 @@ where
             *next = ahead;
             result
         } else {
-            process()
+            in_thread_pool(process)
         };
         Some(Ok(Processed { frame, result }))
     }

@@ -69,8 +69,11 @@ impl Pipeline {
     /// [`PipelineError::Method`] or [`PipelineError::DeviceFailed`] if the method or the device failed, after which none
     /// can.
     pub fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
-        let segmented = segment(self.segmenter.as_mut(), frame);
-        process(self.method.as_mut(), &self.clock, &mut self.objects, frame, segmented)
+        let Self { segmenter, method, clock, objects, .. } = self;
+        in_thread_pool(|| {
+            let segmented = segment(segmenter.as_mut(), frame);
+            process(method.as_mut(), clock, objects, frame, segmented)
+        })
     }
 
     /// Processes every frame of a stream, e.g. a [`FrameStream`](splatseg_dataset::FrameStream). With `segment_ahead`,
@@ -93,6 +96,12 @@ impl Pipeline {
     pub fn objects(&self) -> &ObjectLog {
         &self.objects
     }
+}
+
+/// Works on a thread of Rayon's pool. From any other thread, each of the hundred parallel steps of a frame would send its
+/// work to the pool, sleep and be woken, which takes as long as the work.
+fn in_thread_pool<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    rayon::scope(|_| work())
 }
 
 fn segment(segmenter: &mut dyn Segmenter, frame: &RgbdFrame) -> Segmented {

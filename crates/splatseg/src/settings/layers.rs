@@ -227,14 +227,14 @@ mod tests {
                  but method is fastsam",
             ),
             (
-                &["weights=x.pt"],
+                &["segmenter=graph", "weights=x.pt"],
                 "weights is not used here: it needs segmenter = affinity or fastsam, but segmenter is graph",
             ),
             (
                 &["segmenter=fastsam"],
                 "segmenter = fastsam needs weights: a checkpoint of FastSAM, e.g. --weights FastSAM-x.pt",
             ),
-            (&["segmenter=yolo"], "segmenter is \"yolo\", expected graph, affinity, fastsam, masks or oracle"),
+            (&["segmenter=yolo"], "segmenter is \"yolo\", expected affinity, graph, fastsam, masks or oracle"),
         ];
         for (assignments, message) in cases {
             assert_eq!(resolve(assignments).unwrap_err().to_string(), message);

@@ -116,11 +116,6 @@ pub enum MethodSettings {
 #[serde(tag = "segmenter", rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum SegmenterSettings {
-    /// [`splatseg_segmenter::GraphSegmenter`].
-    Graph {
-        /// Its settings.
-        graph: GraphSettings,
-    },
     /// [`splatseg_segmenter::AffinitySegmenter`].
     Affinity {
         /// Weights other than those built in.
@@ -128,6 +123,11 @@ pub enum SegmenterSettings {
         weights: Option<PathBuf>,
         /// Its settings.
         affinity: AffinitySettings,
+    },
+    /// [`splatseg_segmenter::GraphSegmenter`].
+    Graph {
+        /// Its settings.
+        graph: GraphSettings,
     },
     /// [`splatseg_segmenter::FastSamSegmenter`].
     Fastsam {
@@ -178,7 +178,7 @@ impl Default for MethodSettings {
 
 impl Default for SegmenterSettings {
     fn default() -> Self {
-        Self::Graph { graph: GraphSettings::default() }
+        Self::Affinity { weights: None, affinity: AffinitySettings::default() }
     }
 }
 

@@ -20,11 +20,11 @@ choices! {
 
 choices! {
     /// The segmenters.
-    pub enum SegmenterName, default Graph {
-        /// Built in, no weights: cuts along edges in depth, normals and colour
-        Graph = "graph",
+    pub enum SegmenterName, default Affinity {
         /// A small network that has learned which pixels belong to one object; weights built in
         Affinity = "affinity",
+        /// Built in, no weights: cuts along edges in depth, normals and colour
+        Graph = "graph",
         /// The paper's network; needs weights
         Fastsam = "fastsam",
         /// Precomputed masks of any other model, one file per frame
