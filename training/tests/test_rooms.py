@@ -99,8 +99,8 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path):
 
 def test_rooms_that_exist_are_kept_and_leftovers_replaced(tmp_path, capsys):
     (tmp_path / "41").mkdir()
-    (tmp_path / "42.tmp" / "depth").mkdir(parents=True)
-    (tmp_path / "42.tmp" / "depth" / "99.png").write_bytes(b"half")
+    (tmp_path / ".42.tmp" / "depth").mkdir(parents=True)
+    (tmp_path / ".42.tmp" / "depth" / "99.png").write_bytes(b"half")
     command = ["--seed", "41", "--rooms", "2", "--views", "scattered", "--frames", "1", "--no-colour", *SMALL]
     main([*command, "--out", str(tmp_path)])
     assert "exists, kept" in capsys.readouterr().out

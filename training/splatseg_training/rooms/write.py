@@ -49,7 +49,7 @@ def poses_of(room, settings):
 def write_room(folder, seed, settings, library=None):
     """Builds and writes the room of a seed, unless the folder exists. Returns a line about it.
 
-    An interrupted room leaves `folder` with .tmp at the end of its name, which the next call replaces.
+    An interrupted room leaves a hidden folder beside it, .NAME.tmp, which the next call replaces.
     """
     if os.path.exists(folder):
         return f"{folder}: exists, kept"
@@ -57,7 +57,8 @@ def write_room(folder, seed, settings, library=None):
     room = build_room(seed, library)
     built = time.time()
     poses = poses_of(room, settings)
-    staged = folder.rstrip("/") + ".tmp"
+    parent, name = os.path.split(os.path.abspath(folder))
+    staged = os.path.join(parent, f".{name}.tmp")  # hidden: patterns for --data do not match it
     shutil.rmtree(staged, ignore_errors=True)
     os.makedirs(staged)
     largest = _write_frames(staged, room, poses, seed, settings)
