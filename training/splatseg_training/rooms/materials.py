@@ -194,6 +194,7 @@ class Paint:
         return self.material(texture, colour, second, Pattern(scale, turn=turn), 0.85)
 
     def flooring(self):
+        """A floor's material: planks, tiles, carpet or terrazzo."""
         texture = self.pick(["plank", "plank", "plank", "tile", "checker", "noise", "terrazzo"])
         if texture == "plank":
             colour = self.colour(self.uniform(0.05, 0.1), (0.3, 0.65), (0.3, 0.75))

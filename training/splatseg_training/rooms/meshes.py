@@ -40,7 +40,7 @@ class SourceMesh(NamedTuple):
 def read_mesh(path):
     """Reads a file; raises ValueError if it has no triangles or too many, RuntimeError or OSError if it is broken."""
     if path.lower().endswith(".dae"):
-        from .collada import read_collada
+        from .collada import read_collada  # which imports this module
 
         mesh = read_collada(path)
     else:
