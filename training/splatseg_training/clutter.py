@@ -55,7 +55,9 @@ class Surface:
         """Lowers or lifts the solids from `first` on until they rest on what lies beneath."""
         solids = self.scene.solids
         corners = np.concatenate([solid.corners() for solid in solids[first:]])
-        a = np.clip(((corners[:, :2].min(0) - (self.x - self.half_x, self.y - self.half_y)) / CELL), 0, None).astype(int)
+        a = np.clip(((corners[:, :2].min(0) - (self.x - self.half_x, self.y - self.half_y)) / CELL), 0, None).astype(
+            int
+        )
         b = ((corners[:, :2].max(0) - (self.x - self.half_x, self.y - self.half_y)) / CELL).astype(int) + 1
         patch = self.heights[a[0] : max(b[0], 1), a[1] : max(b[1], 1)]
         if not patch.size:
@@ -111,7 +113,9 @@ def tray(scene, x, y):
     a, b, h, thick = rng.uniform(0.06, 0.2), rng.uniform(0.06, 0.2), rng.uniform(0.02, 0.12), rng.uniform(0.003, 0.01)
     axes = turned(rng.uniform(0, 7))
     parts = [((0, 0, -h), (a, b, thick))]
-    parts += [((side * a, 0, 0), (thick, b, h)) for side in (-1, 1)] + [((0, side * b, 0), (a, thick, h)) for side in (-1, 1)]
+    parts += [((side * a, 0, 0), (thick, b, h)) for side in (-1, 1)] + [
+        ((0, side * b, 0), (a, thick, h)) for side in (-1, 1)
+    ]
     for offset, half in parts:
         scene.add("box", np.array([x, y, 0]) + axes @ np.array(offset), half, id, axes)
 

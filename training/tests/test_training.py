@@ -125,7 +125,10 @@ def test_samples_depend_on_their_seed_alone(folder):
     for settings in (augment.Settings(), augment.Settings(height=240, width=320)):
         x, ids = augment.sample(view, settings, np.random.default_rng(7))
         again, _ = augment.sample(view, settings, np.random.default_rng(7))
-        assert x.shape == (8, settings.height, settings.width) and ids.shape == (settings.height // 2, settings.width // 2)
+        assert x.shape == (8, settings.height, settings.width) and ids.shape == (
+            settings.height // 2,
+            settings.width // 2,
+        )
         assert (x == again).all() and np.isfinite(x).all()
 
 

@@ -1,0 +1,66 @@
+"""Writes furnished rooms as labelled RGB-D folders in ScanNet's exported layout. One seed gives one room.
+
+    python -m splatseg_training.rooms --seed 101 --frames 80 --out DIR
+    python -m splatseg_training.rooms --seed 6001 --rooms 60 --views scattered --frames 10 --no-colour --out DIR
+
+Without --rooms, DIR is the room's folder. With it, DIR gets one folder a room, named for its seed: DIR/6001 to DIR/6060.
+A folder that exists is kept. Depth and ids come from rays through the pixel centres, so they are exact; ids 1 to 4 are
+walls, 5 is the floor, 6 the ceiling. objects.json names the others.
+"""
+
+import argparse
+import os
+import sys
+
+
+def parse(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, required=True, help="of the (first) room")
+    parser.add_argument("--rooms", type=int, help="how many, with seeds that count up; one folder each")
+    parser.add_argument("--out", required=True)
+    parser.add_argument(
+        "--frames", type=int, default=80, help="views of a room; fewer if a crowded one lacks good views"
+    )
+    parser.add_argument("--views", choices=["scattered", "path"], default="path", help="independent views, or a walk")
+    parser.add_argument("--rate", type=float, help="Hz; samples the walk densely for video, instead of 12 cm a frame")
+    parser.add_argument("--assets", metavar="DIR", help="folder of furniture meshes (DAE, glTF, FBX, OBJ) to use too")
+    parser.add_argument("--no-colour", action="store_true", help="depth and ids alone, five times as fast")
+    parser.add_argument("--sensor-noise", action="store_true", help="noise and holes in the depth, as of a Kinect")
+    parser.add_argument("--width", type=int, default=320)
+    parser.add_argument("--height", type=int, default=240)
+    parser.add_argument("--samples", type=int, default=6, help="light paths a pixel")
+    parser.add_argument("--threads", type=int, default=1, help="for rendering colours")
+    options = parser.parse_args(arguments)
+    if options.rate is not None and (options.views != "path" or options.rate <= 0):
+        parser.error("--rate needs --views path and a positive number")
+    if options.frames < 1 or options.rooms is not None and options.rooms < 1:
+        parser.error("--frames and --rooms start at 1")
+    return options
+
+
+def main(arguments=None):
+    options = parse(arguments)
+    try:
+        from .assets import Library
+        from .write import Camera, Quality, Settings, write_room
+    except ImportError as error:
+        if error.name not in ("bpy", "mathutils", "PIL"):
+            raise
+        sys.exit(f"error: {error}; rooms need: pip install 'bpy==4.5.*' pillow")
+    settings = Settings(
+        frames=options.frames,
+        views=options.views,
+        rate=options.rate,
+        camera=Camera(options.width, options.height),
+        colour=not options.no_colour,
+        sensor_noise=options.sensor_noise,
+        quality=Quality(options.samples, options.threads),
+    )
+    library = Library(options.assets) if options.assets else None
+    for seed in range(options.seed, options.seed + (options.rooms or 1)):
+        folder = os.path.join(options.out, str(seed)) if options.rooms else options.out
+        print(write_room(folder, seed, settings, library), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,106 @@
+"""Builds rooms and writes them as labelled folders in ScanNet's exported layout."""
+
+import json
+import os
+import shutil
+import time
+from typing import NamedTuple
+
+import numpy as np
+from PIL import Image
+
+from . import views
+from .cast import Camera, sensor_noise
+from .furnish import furnish
+from .render import Quality, Renderer, empty_scene
+from .room import Room
+from .shell import build
+
+
+class Settings(NamedTuple):
+    """What to write of a room; `rate` in Hz applies to the views "path"."""
+
+    frames: int = 80
+    views: str = "path"
+    rate: float | None = None
+    camera: Camera = Camera(320, 240)
+    colour: bool = True
+    sensor_noise: bool = False
+    quality: Quality = Quality(6, 1)
+
+
+def build_room(seed, library=None):
+    """A finished Room, in Blender's otherwise empty scene."""
+    empty_scene()
+    room = Room(seed, library)
+    build(room)
+    furnish(room)
+    room.finish()
+    return room
+
+
+def poses_of(room, settings):
+    """The room's camera poses: they take random numbers, so ask once."""
+    if settings.views == "path":
+        return views.walk(room, settings.frames, settings.camera, settings.rate)
+    return views.scattered(room, settings.frames, settings.camera)
+
+
+def write_room(folder, seed, settings, library=None):
+    """Builds and writes the room of a seed, unless the folder exists. Returns a line about it.
+
+    An interrupted room leaves a hidden folder beside it, .NAME.tmp, which the next call replaces.
+    """
+    if os.path.exists(folder):
+        return f"{folder}: exists, kept"
+    start = time.time()
+    room = build_room(seed, library)
+    built = time.time()
+    poses = poses_of(room, settings)
+    parent, name = os.path.split(os.path.abspath(folder))
+    staged = os.path.join(parent, f".{name}.tmp")  # hidden: patterns for --data do not match it
+    shutil.rmtree(staged, ignore_errors=True)
+    os.makedirs(staged)
+    largest = _write_frames(staged, room, poses, seed, settings)
+    names = {number + 1: name for number, name in enumerate(room.names)}
+    with open(os.path.join(staged, "objects.json"), "w") as file:
+        size = [room.width, room.depth, room.height]
+        content = {"seed": seed, "kind": room.kind, "size": size, "instances": names, "largest_view_px": largest}
+        json.dump(content, file)
+    os.rename(staged, folder)
+    each = (time.time() - built) / max(len(poses), 1)
+    imported = f", {room.imported} of them imported" if library else ""
+    return (
+        f"{folder}: {room.kind} {room.width:.1f}x{room.depth:.1f} m, {len(names)} instances{imported}, "
+        f"{len(poses)} frames, room {built - start:.1f} s, {each:.2f} s/frame"
+    )
+
+
+def _write_frames(folder, room, poses, seed, settings):
+    """Writes cameras and frames; returns the largest area of each id in any of them, pixels."""
+    kinds = ["color", "depth"] if settings.colour else ["depth"]
+    for name in [*kinds, "pose", "intrinsic", "instance-filt"]:
+        os.makedirs(os.path.join(folder, name), exist_ok=True)
+    for kind in kinds:
+        path = os.path.join(folder, "intrinsic")
+        np.savetxt(os.path.join(path, f"intrinsic_{kind}.txt"), settings.camera.matrix, "%.6f")
+        np.savetxt(os.path.join(path, f"extrinsic_{kind}.txt"), np.eye(4), "%.6f")
+    rng, largest = np.random.default_rng([seed, 7]), {}
+    if settings.colour:
+        renderer = Renderer(room, settings.camera, settings.quality)
+        renderer.expose(poses[:: max(1, len(poses) // 6)])
+    for number, pose in enumerate(poses):
+        if settings.colour:
+            image = Image.fromarray(renderer.colours(pose, rng))
+            image.save(os.path.join(folder, "color", f"{number}.jpg"), quality=92)
+        view = room.caster.cast(pose, settings.camera)
+        z = view.depth
+        if settings.sensor_noise:
+            z = sensor_noise(view, room.caster, pose, settings.camera, rng)
+        z = np.where((z > 0) & (z <= 10), np.rint(z * 1000), 0).astype(np.uint16)
+        Image.fromarray(z).save(os.path.join(folder, "depth", f"{number}.png"))
+        Image.fromarray(view.ids.astype(np.uint16)).save(os.path.join(folder, "instance-filt", f"{number}.png"))
+        np.savetxt(os.path.join(folder, "pose", f"{number}.txt"), pose, "%.8f")
+        for id, area in zip(*np.unique(view.ids, return_counts=True)):
+            largest[int(id)] = max(largest.get(int(id), 0), int(area))
+    return largest
