@@ -32,6 +32,12 @@ def sizes(folder, protocol="paper"):
     return {(row[0], row[1]): dict(zip(rows[0][2:], row[2:])) for row in rows[1:]}
 
 
+def single_frames(folder):
+    """The rows of single frames: for each method, the cells by column."""
+    rows = sections(folder)["Single frames"]
+    return {row[0]: dict(zip(rows[0][1:], row[1:])) for row in rows[1:]}
+
+
 def mean(cell):
     """`43.74 ± 0.21` as 43.74; None where there is nothing."""
     number = re.match(r"-?[0-9.]+", cell)

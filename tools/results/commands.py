@@ -31,6 +31,7 @@ FEATURES = "--set memory.kind=features"
 SEGMENTERS = {
     "net": "--segmenter fastsam --weights ../models/fastsam-rooms-n.pt --set fastsam.image_size=320"
     " --set fastsam.confidence=0.25 --set fastsam.iou=0.7",
+    "affinity": "--segmenter affinity",
     "graph": "--segmenter graph",
     "oracle": "--segmenter oracle --set oracle.preset=fastsam-like",
 }
@@ -97,7 +98,7 @@ COMMANDS = {}
 for _name, _segmenter in SEGMENTERS.items():
     COMMANDS[f"methods-{_name}"] = Command(f"bench {SCENES} --methods fastsam,fastspam,fastsam-splat {_segmenter}")
     COMMANDS[f"features-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {FEATURES} {_segmenter}")
-    if _name != "graph":
+    if _name in ("net", "oracle"):
         COMMANDS[f"paper-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {PAPER} {_segmenter}")
         COMMANDS[f"departures-{_name}"] = Command(
             f"bench {SCENES} --methods fastsam-splat {FEATURES} {_segmenter} {varied(DEPARTURES)}"
@@ -128,11 +129,30 @@ COMMANDS["rates-tracker"] = Command(
     f"{SIM_TRACKER} --methods sam2-splat {FEATURES} --seeds 2 {SEGMENTERS['oracle']} {varied(LEARNING_RATES)}"
 )
 
+COMMANDS["single-kitchen"], COMMANDS["single-tabletop"], COMMANDS["single-rooms"] = (
+    Command(
+        f"bench --scenes {scenes} --resize 320x240 --crop-border 5 --exclude-void --jobs 2 --methods fastsam"
+        " --segmenter affinity --ablate segmenter=graph"
+    )
+    for scenes in ("kitchen-dev", "mosd-learn", "rooms/dev-a rooms/dev-b")
+)
+CROPS = (2, 5, 7, 12)
+for _crop in CROPS:
+    for _name in ("affinity", "graph"):
+        COMMANDS[f"crop-{_crop}-{_name}"] = Command(
+            f"bench {SCENES.replace('--crop-border 5', f'--crop-border {_crop}')} --methods fastsam-splat"
+            f" {SEGMENTERS[_name]}"
+        )
+
 REDKITCHEN = "run redkitchen --resize 320x240 --crop-border 5"
-COMMANDS["map"] = Command(REDKITCHEN, is_timed=True)
-COMMANDS["map-features"] = Command(f"{REDKITCHEN} {FEATURES}", is_timed=True)
-COMMANDS["map-paper"] = Command(f"{REDKITCHEN} {PAPER}", is_timed=True)
-COMMANDS["map-again"] = Command(REDKITCHEN + " --seed 1", is_timed=True)
+# Stages that are measured one by one must not share the processor with the next frame's segmenter.
+ALONE = "--set segment_ahead=false"
+COMMANDS["map"] = Command(f"{REDKITCHEN} {ALONE}", is_timed=True)
+COMMANDS["map-features"] = Command(f"{REDKITCHEN} {FEATURES} {ALONE}", is_timed=True)
+COMMANDS["map-paper"] = Command(f"{REDKITCHEN} {PAPER} {ALONE}", is_timed=True)
+COMMANDS["map-again"] = Command(f"{REDKITCHEN} --seed 1 {ALONE}", is_timed=True)
+COMMANDS["whole"] = Command(REDKITCHEN, is_timed=True)
+COMMANDS["whole-graph"] = Command(f"{REDKITCHEN} --segmenter graph", is_timed=True)
 COMMANDS["dense"] = Command("run redkitchen_dense --resize 320x240 --crop-border 5")
 COMMANDS["dense-tenth"] = Command("run redkitchen_dense --stride 10 --resize 320x240 --crop-border 5")
 COMMANDS["static"] = Command("run synthetic:frames=300,seed=0,camera=static,noise=kinect")

@@ -3,11 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from bench_output import mean, scores, sizes, summary
+from bench_output import mean, scores, single_frames, sizes, summary
 from commands import (
     ABLATIONS,
     CATEGORIES,
     COMMANDS,
+    CROPS,
     DEPARTURES,
     FRAME_SIZES,
     LEARNING_RATES,
@@ -19,7 +20,7 @@ from commands import (
 
 SCENE_NAMES = ("dev-a", "dev-b", "kitchen-dev")
 COLUMNS = ("k=1", "k=5", "k=10", "k=15", "VSQ", "STQ", "AQ", "SQ")
-NET_NAMES = {"net": "net", "graph": "`graph`", "oracle": "oracle"}
+NET_NAMES = {"net": "net", "affinity": "`affinity`", "graph": "`graph`", "oracle": "oracle"}
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,45 @@ def size_table(folders):
             ]
             rows.append([f"{NET_NAMES[segmenter]}: {method}", *texts])
     return markdown(["AQ; ids per object; main id", *classes], rows)
+
+
+SINGLE_FRAME_SETS = {"single-kitchen": "kitchen-dev", "single-tabletop": "mosd-learn", "single-rooms": "dev-a, dev-b"}
+
+
+def single_frames_table(folders):
+    rows, columns = [], []
+    for command, name in SINGLE_FRAME_SETS.items():
+        table = single_frames(folders[command])
+        for segmenter, row in (("affinity", "fastsam"), ("graph", "fastsam segmenter=graph")):
+            columns = list(table[row])
+            rows.append([f"{name}: `{segmenter}`", *(number(mean(cell)) for cell in table[row].values())])
+    return markdown(["single frames", *columns], rows)
+
+
+def crops_table(folders):
+    """VSQ / STQ of the learned segmenter and of `graph` through the memory, by crop, and their means."""
+    rows, sums = [], {}
+    for crop in CROPS:
+        row = [f"{crop} px"]
+        for scene in SCENE_NAMES:
+            for segmenter in ("graph", "affinity"):
+                cells = scores(folders[f"crop-{crop}-{segmenter}"], scene)["fastsam-splat"]
+                both = [mean(cells["VSQ"]), mean(cells["STQ"])]
+                sums.setdefault((scene, segmenter), []).append(both)
+                row.append(" / ".join(number(value) for value in both))
+        rows.append(row)
+    means = [[sum(values) / len(CROPS) for values in zip(*found)] for found in sums.values()]
+    rows.append(["mean", *(" / ".join(number(value) for value in both) for both in means)])
+    heads = [f"{scene}: `{segmenter}`" for scene in SCENE_NAMES for segmenter in ("graph", "affinity")]
+    return markdown(["border cropped", *heads], rows)
+
+
+def whole_table(folders):
+    rows = []
+    for command, name in (("whole", "`affinity`"), ("whole-graph", "`graph`")):
+        run = summary(folders[command])
+        rows.append([name, number(run["fps"]["total"]), f"{run['peak_memory_mb']:.0f} MB"])
+    return markdown(["segmenter", "frames per second", "peak memory"], rows)
 
 
 def change(cells, base, column):
@@ -251,6 +291,9 @@ TABLES = {
     "methods-paper": Table(_SCORES, methods_table("paper"), False, "the commands of the first table"),
     "methods-strict": Table(_SCORES, methods_table("strict"), False, "the commands of the first table"),
     "sizes": Table([f"methods-{name}" for name in SEGMENTERS], size_table, False, "the commands of the first table"),
+    "single-frames": Table(list(SINGLE_FRAME_SETS), single_frames_table),
+    "crops": Table([f"crop-{crop}-{name}" for name in ("affinity", "graph") for crop in CROPS], crops_table),
+    "whole": Table(["whole", "whole-graph"], whole_table),
     "rules": Table(["rules"], changes_table("rules", RULES)),
     "departures": Table([f"departures-{name}" for name in ("net", "oracle")], departures_table),
     "sam2-departures": Table(

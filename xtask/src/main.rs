@@ -3,7 +3,6 @@
 mod calibrate_oracle;
 mod device;
 mod fastsam_speed;
-mod graph_quality;
 mod make_standins;
 mod peak_memory;
 mod readme_picture;
@@ -22,7 +21,6 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
-    GraphQuality(graph_quality::Arguments),
     CalibrateOracle(calibrate_oracle::Arguments),
     FastsamSpeed(fastsam_speed::Arguments),
     Sam2Speed(sam2_speed::Arguments),
@@ -32,7 +30,6 @@ enum Task {
 
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().task {
-        Task::GraphQuality(arguments) => graph_quality::run(&arguments),
         Task::CalibrateOracle(arguments) => calibrate_oracle::run(&arguments),
         Task::FastsamSpeed(arguments) => fastsam_speed::run(&arguments),
         Task::Sam2Speed(arguments) => sam2_speed::run(&arguments),

@@ -62,7 +62,7 @@ settings! {
         memory_device: MemoryDevice = MemoryDevice::Cpu, Allowed::Names(MemoryDevice::NAMES);
         /// Whether the next frame is segmented while the method works on this one. Results do not depend on it. Stages
         /// take longer, as they share the processor.
-        segment_ahead: bool = false, Allowed::Switch;
+        segment_ahead: bool = true, Allowed::Switch;
         /// Whether `run` writes `index.html`, a page to look at the result: map, video and list of objects.
         page: bool = true, Allowed::Switch;
         /// Seed of all random numbers.
