@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Times and peak memory of FastSAM's network: ours against ONNX Runtime, same weights, same image size, in one run.
+"""Times and peak memory of a network: ours against ONNX Runtime, same image size, in one run.
 
 Needs `pip install ultralytics onnx onnxscript onnxruntime` and our runner:
     cargo build --release --package xtask
-    python tools/compare_onnxruntime.py --xtask target/release/xtask
+    python tools/compare_onnxruntime.py --xtask target/release/xtask                    # FastSAM
+    python tools/compare_onnxruntime.py --xtask target/release/xtask --model affinity   # the learned segmenter's, 320x240
 
 The weights are random (a network's speed does not depend on them). The first run writes them to --folder as an Ultralytics
 checkpoint and as ONNX. Each round starts a fresh process of either side, one after the other, so that both see the same
@@ -18,6 +19,8 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+
+AFFINITY_SIZE = (240, 320)
 
 
 def random_checkpoint(checkpoint: Path, name: str, size: int) -> None:
@@ -40,6 +43,22 @@ def random_checkpoint(checkpoint: Path, name: str, size: int) -> None:
     torch.save({"model": model.half(), "ema": None, "train_args": model.args}, checkpoint)
 
 
+def export_affinity(folder: Path) -> Path:
+    """ONNX file of the learned segmenter's network as training/ has it, with batch norms folded, made if it is missing."""
+    graph = folder / "affinity.onnx"
+    if not graph.exists():
+        import torch
+
+        sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "training"))
+        from splatseg_training.network import AffinityNet
+
+        folder.mkdir(parents=True, exist_ok=True)
+        torch.manual_seed(0)
+        network = torch.fx.experimental.optimization.fuse(AffinityNet().eval())
+        torch.onnx.export(network, torch.rand(1, 8, *AFFINITY_SIZE), graph, opset_version=17, dynamo=False)
+    return graph
+
+
 def export(folder: Path, name: str, size: int) -> tuple[Path, Path]:
     """Checkpoint and ONNX file of a random network, made if they are missing."""
     checkpoint, graph = folder / f"{name}.pt", folder / f"{name}-{size}.onnx"
@@ -60,7 +79,7 @@ def memory_mib(field: str) -> float:
         return next(int(line.split()[1]) / 1024 for line in status if line.startswith(field + ":"))
 
 
-def run_onnxruntime(graph: Path, size: int, threads: int, passes: int) -> None:
+def run_onnxruntime(graph: Path, shape: tuple[int, ...], threads: int, passes: int) -> None:
     """Child process: prints its times and memory as JSON."""
     import numpy
     import onnxruntime
@@ -70,7 +89,7 @@ def run_onnxruntime(graph: Path, size: int, threads: int, passes: int) -> None:
     options.inter_op_num_threads = 1
     before = memory_mib("VmHWM")
     session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
-    image = numpy.random.default_rng(0).random((1, 3, size, size), dtype=numpy.float32)
+    image = numpy.random.default_rng(0).random(shape, dtype=numpy.float32)
     feed = {session.get_inputs()[0].name: image}
     session.run(None, feed)
     times = []
@@ -99,7 +118,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--xtask", type=Path, default=Path("target/release/xtask"))
     parser.add_argument("--folder", type=Path, default=Path("target/compare"), help="where the weights are kept")
-    parser.add_argument("--model", default="yolov8x-seg", help="yolov8{n,s,m,l,x}-seg")
+    parser.add_argument("--model", default="yolov8x-seg", help="yolov8{n,s,m,l,x}-seg or affinity")
     parser.add_argument("--size", type=int, default=640, help="height and width of the image")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=5)
@@ -107,17 +126,25 @@ def main() -> None:
     parser.add_argument("--onnxruntime-child", type=Path, help=argparse.SUPPRESS)
     settings = parser.parse_args()
     if settings.onnxruntime_child:
-        run_onnxruntime(settings.onnxruntime_child, settings.size, settings.threads, settings.passes)
+        shape = (1, 8, *AFFINITY_SIZE) if settings.model == "affinity" else (1, 3, settings.size, settings.size)
+        run_onnxruntime(settings.onnxruntime_child, shape, settings.threads, settings.passes)
         return
-    checkpoint, graph = export(settings.folder, settings.model, settings.size)
+    if settings.model == "affinity":
+        graph = export_affinity(settings.folder)
+        ours = [settings.xtask, "affinity-speed", settings.passes]
+        size = f"{AFFINITY_SIZE[1]}×{AFFINITY_SIZE[0]}"
+    else:
+        checkpoint, graph = export(settings.folder, settings.model, settings.size)
+        ours = [settings.xtask, "fastsam-speed", checkpoint, settings.size, settings.passes]
+        size = f"{settings.size}×{settings.size}"
     results = {"splatseg": [], "ONNX Runtime": []}
     for _ in range(settings.rounds):
-        flags = ["--size", settings.size, "--passes", settings.passes, "--threads", settings.threads]
+        flags = ["--model", settings.model, "--size", settings.size]
+        flags += ["--passes", settings.passes, "--threads", settings.threads]
         results["ONNX Runtime"].append(child([sys.executable, __file__, "--onnxruntime-child", graph, *flags]))
         threads = {"RAYON_NUM_THREADS": str(settings.threads)}
-        ours = [settings.xtask, "fastsam-speed", checkpoint, settings.size, settings.passes]
         results["splatseg"].append(child(ours, threads))
-    print(f"{settings.model}, {settings.size}×{settings.size}, batch 1, {settings.threads} threads; ", end="")
+    print(f"{settings.model}, {size}, batch 1, {settings.threads} threads; ", end="")
     print(f"{settings.rounds} processes each in turn, {settings.passes} passes a process")
     print(f"{'':14}{'ms min':>9}{'ms median':>11}{'peak MiB':>10}")
     for side, rounds in results.items():

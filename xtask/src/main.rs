@@ -1,5 +1,6 @@
 //! Measurements and pictures for those who work on splatseg, none of which a user needs: `cargo xtask --help`.
 
+mod affinity_speed;
 mod calibrate_oracle;
 mod device;
 mod fastsam_speed;
@@ -21,6 +22,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
+    AffinitySpeed(affinity_speed::Arguments),
     CalibrateOracle(calibrate_oracle::Arguments),
     FastsamSpeed(fastsam_speed::Arguments),
     Sam2Speed(sam2_speed::Arguments),
@@ -30,6 +32,7 @@ enum Task {
 
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().task {
+        Task::AffinitySpeed(arguments) => affinity_speed::run(&arguments),
         Task::CalibrateOracle(arguments) => calibrate_oracle::run(&arguments),
         Task::FastsamSpeed(arguments) => fastsam_speed::run(&arguments),
         Task::Sam2Speed(arguments) => sam2_speed::run(&arguments),

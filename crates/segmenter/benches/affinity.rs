@@ -3,28 +3,18 @@
 //! `cargo bench -p splatseg-segmenter --bench affinity`; `RAYON_NUM_THREADS` sets the number of threads.
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame};
+use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, open_scene};
+use splatseg_geometry::RgbdFrame;
 use splatseg_segmenter::{AffinityNetwork, AffinitySegmenter, AffinitySettings, Segmenter};
+use std::path::Path;
 
-/// Boxes of different depths before a slanted wall, with noise and holes.
+/// The first frame of the demo.
 fn frame() -> RgbdFrame<'static> {
-    let (width, height) = (320, 240);
-    let mut state = 1u32;
-    let mut noise = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / (1 << 23) as f32 - 1.0
-    };
-    let block = |column: usize, row: usize| (column / 50 * 7 + row / 45 * 5) % 11;
-    let depth = Image::from_fn(width, height, |column, row| {
-        let depth = 1.5 + 0.15 * block(column, row) as f32 + 0.002 * column as f32;
-        if noise() > 0.95 { 0.0 } else { depth + 0.003 * depth * depth * noise() }
-    });
-    let color = Image::from_fn(width, height, |column, row| {
-        let shade = 20.0 * block(column, row) as f32 + 20.0 + 8.0 * noise();
-        [shade as u8, (255.0 - shade) as u8, 120]
-    });
-    let camera = Intrinsics { fx: 288.0, fy: 288.0, cx: 159.5, cy: 119.5, width, height };
-    RgbdFrame::new("0", color, depth, camera, Pose::IDENTITY).expect("a frame")
+    let clip = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splatseg/demo");
+    let settings = DatasetSettings::default();
+    let scene = open_scene(&clip, &settings).expect("the demo");
+    let mut frames = FrameStream::open(scene, &settings, GroundTruth::Skip).expect("the demo");
+    frames.next().expect("a frame").expect("a frame").frame
 }
 
 fn stages(criterion: &mut Criterion) {

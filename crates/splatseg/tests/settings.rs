@@ -101,7 +101,9 @@ fn options_that_do_nothing_are_errors_that_say_what_would_use_them() {
     assert_refused(&["--register-depth"], "only 7scenes has depth that is not registered");
 
     let prompted = ["--method", "sam2", "--tracker", "sim", "--prompts", "ground-truth"];
-    for (option, key) in [(["--segmenter", "oracle"], "segmenter"), (["--set", "affinity.min_area=9"], "affinity.min_area")] {
+    for (option, key) in
+        [(["--segmenter", "oracle"], "segmenter"), (["--set", "affinity.min_area=9"], "affinity.min_area")]
+    {
         let expected = format!("{key} is not used here: it needs");
         assert_refused(&[&prompted[..], &option].concat(), &expected);
     }
@@ -183,7 +185,11 @@ fn a_summary_lists_the_settings_in_force_and_repeats_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let tracked = ["--method", "sam2-splat", "--tracker", "sim", "--prompts", "ground-truth"];
     let cases: [(&[&str], &[&str], &[&str]); 3] = [
-        (&["--seed", "5", "--set", "memory.max_votes=3.3"], &["affinity", "explanation"], &["device", "graph", "tracker"]),
+        (
+            &["--seed", "5", "--set", "memory.max_votes=3.3"],
+            &["affinity", "explanation"],
+            &["device", "graph", "tracker"],
+        ),
         (&FEATURES, &["affinity"], &["explanation", "oracle"]),
         (&tracked, &["sim_tracker", "reprompt"], &["segmenter", "affinity", "sam2", "device"]),
     ];

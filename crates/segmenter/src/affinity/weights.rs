@@ -59,7 +59,8 @@ impl<'a> Weights<'a> {
             file: file.to_owned(),
             part: "the file".to_owned(),
             found: error.to_string(),
-            expected: "a safetensors file with an affinity network (FastSAM's files need segmenter = fastsam)".to_owned(),
+            expected: "a safetensors file with an affinity network (FastSAM's files need segmenter = fastsam)"
+                .to_owned(),
         };
         let tensors = SafeTensors::deserialize(bytes).map_err(fault)?;
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(fault)?;
