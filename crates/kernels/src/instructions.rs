@@ -1,6 +1,7 @@
 //! Which vector instructions a loop is compiled for, and how it is reached.
 
 use pulp::{Simd, WithSimd};
+use std::sync::OnceLock;
 
 /// Lanes of the widest vector of `f32`; loops over slices are cut into chunks of this many values.
 pub const LANES: usize = 16;
@@ -103,23 +104,29 @@ impl Instructions {
         sets
     }
 
-    /// The best set that this machine runs.
+    /// The best set that this machine runs; with `SPLATSEG_INSTRUCTIONS` set to `avx512`, `avx2`, `neon` or `portable`,
+    /// that one if the machine runs it. For measurements: results are the same with AVX2 and AVX-512.
     #[inline]
     pub fn best() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        {
-            if let Some(simd) = pulp::x86::V4::try_new() {
-                return Self::V4(simd);
-            }
-            if let Some(simd) = pulp::x86::V3::try_new() {
-                return Self::V3(simd);
-            }
+        static BEST: OnceLock<Instructions> = OnceLock::new();
+        *BEST.get_or_init(|| {
+            let wanted = std::env::var("SPLATSEG_INSTRUCTIONS").unwrap_or_default();
+            let available = Self::available();
+            available.iter().find(|set| set.name() == wanted).or(available.first()).copied().unwrap_or(Self::Portable)
+        })
+    }
+
+    /// Its name in `SPLATSEG_INSTRUCTIONS`.
+    fn name(self) -> &'static str {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::V4(_) => "avx512",
+            #[cfg(target_arch = "x86_64")]
+            Self::V3(_) => "avx2",
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon(_) => "neon",
+            Self::Portable => "portable",
         }
-        #[cfg(target_arch = "aarch64")]
-        if let Some(simd) = pulp::aarch64::Neon::try_new() {
-            return Self::Neon(simd);
-        }
-        Self::Portable
     }
 
     /// Rows of a tile of the GEMM microkernel.

@@ -173,3 +173,20 @@ fn means_are_of_the_pixels_only() {
     let means = mean_per_channel(&map);
     assert_eq!((means.row(0, 0), means.row(1, 0)), (&[3.0][..], &[-5.0][..]));
 }
+
+#[test]
+fn instructions_with_fused_multiplication_give_the_same_bits() {
+    for (channels, stride, size) in [(24, 1, (31, 41)), (96, 1, (15, 20)), (40, 2, (31, 41)), (5, 1, (9, 70))] {
+        for activation in [Activation::None, Activation::Silu] {
+            let (kernel, with_residual, seed) = (3, true, 5);
+            let case =
+                Case { inputs: channels, outputs: channels, kernel, stride, size, activation, with_residual, seed };
+            let mut fused = Instructions::available();
+            // Without a fused multiplication a product is rounded before it is added.
+            fused.retain(|instructions| !matches!(instructions, Instructions::Portable));
+            let results = fused.into_iter().map(|instructions| case.run(instructions, 2));
+            let results: Vec<FeatureMap> = results.collect();
+            assert!(results.windows(2).all(|pair| pair[0] == pair[1]), "{case:?}");
+        }
+    }
+}
