@@ -98,7 +98,7 @@ fn check_rows(out: &Path) {
     let csv = fs::read_to_string(out.join("results.csv")).unwrap();
     assert_eq!(csv.lines().count(), 9);
     assert!(csv.starts_with("scene,method,variant,seed,segmenter,protocol,vsq_1,"));
-    let last_columns = ",large_objects,large_aq,large_found,large_ids_per_object,large_main_id";
+    let last_columns = ",frames_boundary_f,frames_over_segmentation,frames_under_segmentation,frames_segments";
     assert!(csv.lines().next().unwrap().ends_with(last_columns));
     assert!(csv.contains(",parameters,small_objects,small_aq,"));
     // The only other commas are in quoted names of scenes.

@@ -11,7 +11,7 @@ use splatseg_kernels::feature_map::FeatureMap;
 /// Side of a cell, pixels of the half-size image. 1 makes every pixel a region, and merging exact.
 const CELL: usize = 8;
 /// Log-odds above which direct neighbours in a cell are united.
-const SURE: f32 = 1.0;
+const SURE: f32 = 1.5;
 /// Log-odds are cut off here: beyond, they say how sure the network is, not what it sees.
 const LARGEST: f32 = 6.0;
 /// Log-odds are added as whole multiples of 1 / 4096, so that sums do not depend on the order.

@@ -23,26 +23,8 @@ pub struct Processed<F> {
     pub result: Result<FrameResult, PipelineError>,
 }
 
-/// The next item of the stream, with masks if it is a frame.
+/// The next item of the stream, with masks if it was segmented ahead.
 type Next<R> = (R, Option<Segmented>);
-
-impl<'p, I, F, E> Frames<'p, I>
-where
-    I: Iterator<Item = Result<F, E>>,
-    F: AsRef<RgbdFrame<'static>> + Sync,
-{
-    fn read_and_segment(
-        frames: &mut I,
-        segmenter: &mut Box<dyn splatseg_segmenter::Segmenter>,
-    ) -> Option<Next<I::Item>> {
-        let frame = frames.next()?;
-        let segmented = match &frame {
-            Ok(frame) => Some(in_thread_pool(|| segment(segmenter.as_mut(), frame.as_ref()))),
-            Err(_) => None,
-        };
-        Some((frame, segmented))
-    }
-}
 
 impl<'p, I: Iterator> Frames<'p, I> {
     pub(super) fn new(pipeline: &'p mut Pipeline, frames: I) -> Self {
@@ -57,29 +39,29 @@ impl<'p, I: Iterator> Frames<'p, I> {
 
 impl<I, F, E> Iterator for Frames<'_, I>
 where
-    I: Iterator<Item = Result<F, E>> + Send,
-    F: AsRef<RgbdFrame<'static>> + Send + Sync,
-    E: Send,
+    I: Iterator<Item = Result<F, E>>,
+    F: AsRef<RgbdFrame<'static>> + Sync,
+    E: Sync,
 {
     type Item = Result<Processed<F>, E>;
 
     fn next(&mut self) -> Option<Self::Item> {
         let Self { pipeline, frames, next } = self;
         let Pipeline { segmenter, method, segment_ahead, clock, objects } = &mut **pipeline;
-        let (frame, segmented) = next.take().or_else(|| Self::read_and_segment(frames, segmenter))?;
-        let (frame, segmented) = match (frame, segmented) {
-            (Ok(frame), Some(segmented)) => (frame, segmented),
-            (Ok(_), None) => return None,
+        let (frame, segmented) = match next.take().or_else(|| Some((frames.next()?, None)))? {
+            (Ok(frame), segmented) => (frame, segmented),
             (Err(error), _) => return Some(Err(error)),
         };
-        let process = || process(method.as_mut(), clock, objects, frame.as_ref(), segmented);
-        let result = if *segment_ahead {
-            let (result, ahead) = rayon::join(process, || Self::read_and_segment(frames, segmenter));
-            *next = ahead;
-            result
-        } else {
-            in_thread_pool(process)
-        };
+        // Read on this thread: a thread of the pool that waits for a frame could be the one that the frame waits for.
+        let ahead = if *segment_ahead { frames.next() } else { None };
+        let (result, segmented_ahead) = in_thread_pool(|| {
+            let segmented = segmented.unwrap_or_else(|| segment(segmenter.as_mut(), frame.as_ref()));
+            rayon::join(
+                || process(method.as_mut(), clock, objects, frame.as_ref(), segmented),
+                || Some(segment(segmenter.as_mut(), ahead.as_ref()?.as_ref().ok()?.as_ref())),
+            )
+        });
+        *next = ahead.map(|frame| (frame, segmented_ahead));
         Some(Ok(Processed { frame, result }))
     }
 

@@ -228,12 +228,12 @@ fn check_benchmark(out: &Path, scenes: usize, variants: usize) {
     assert_eq!(read("results.csv").lines().count(), 1 + results);
     assert_eq!(read("results.json").lines().filter(|line| line.starts_with("    \"scene\": ")).count(), results);
     assert_eq!(read("failures.json"), "[]");
-    // Scores and sizes in both protocols, stages, and the scenes.
+    // Scores and sizes in both protocols, single frames, stages, and the scenes.
     let tables = read("tables.md");
-    assert_eq!(tables.matches("\n## ").count(), 5 + scenes);
+    assert_eq!(tables.matches("\n## ").count(), 6 + scenes);
     let measured =
         |line: &&str| line.starts_with("| fastsam") || line.starts_with("| fastspam") || line.starts_with("| sam2");
-    assert_eq!(tables.lines().filter(measured).count(), variants * (2 + 2 * 3 + 1 + scenes));
+    assert_eq!(tables.lines().filter(measured).count(), variants * (2 + 2 * 3 + 2 + scenes));
     assert!(tables.contains(&format!("## All {scenes} scenes, protocol paper\n")));
     let page = read("report.html");
     assert!((page.len() as u64) < MAX_PAGE_BYTES, "{} bytes", page.len());
