@@ -92,7 +92,8 @@ def _hits(iou):
 def mask_iou(a, b):
     """IoU [K, G] of masks [K, h, w] and [G, h, w]."""
     a, b = (masks.reshape(len(masks), -1).astype(np.float32) for masks in (a, b))
-    shared = a @ b.T
+    # Whole numbers of pixels, which single precision holds exactly; quotients may equal one of `IOUS`.
+    shared = (a @ b.T).astype(np.float64)
     return shared / np.maximum(a.sum(1)[:, None] + b.sum(1) - shared, 1)
 
 
