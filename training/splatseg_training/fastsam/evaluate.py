@@ -37,6 +37,8 @@ def report(net, patterns, image_size, min_pixels, iou=0.7, every=1):
     folders = sorted(folder for pattern in patterns for folder in glob.glob(pattern))
     views = [view for folder in folders for _, view in read_folder(folder, every, view_size(image_size))]
     views = [view for view in views if view.colour is not None]
+    if not views:
+        raise ValueError(f"{' '.join(patterns)}: no views with colours")
     settings = Settings(image_size, 0.001, iou, PER_IMAGE)
     precision, recall = average_precision((predict(net, v.colour, settings), truth(v.ids, min_pixels)) for v in views)
     line = f"mask mAP50 {precision[0]:.3f}  mAP50-95 {precision.mean():.3f}  recall50 {recall[0]:.3f}"
