@@ -21,7 +21,7 @@ class Settings(NamedTuple):
 
 
 def sample(view, settings, rng):
-    """Network input [8, h, w] float16 and the ids of every second pixel [h/2, w/2] uint16."""
+    """Network input [8, h, w] float16 and the ids of every second pixel [h/2, w/2] int32."""
     rgb, z, ids, camera = _crop(view, settings, rng)
     z *= np.float32(np.exp(rng.uniform(-0.4, 0.3)))
     noisy = sensor.measure(z, rgb, ids, camera, rng) if rng.random() < settings.sensor else z
@@ -35,7 +35,7 @@ def sample(view, settings, rng):
         x[:3] = 0
     elif choice < settings.no_colour + settings.no_depth:
         x[3:] = 0
-    return x.astype(np.float16), np.ascontiguousarray(ids[::2, ::2])
+    return x.astype(np.float16), ids[::2, ::2].astype(np.int32)
 
 
 def _coloured(rgb, z, ids, camera, settings, rng):

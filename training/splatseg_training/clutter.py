@@ -10,7 +10,7 @@ import os
 import cv2
 import numpy as np
 
-from .dataset import HEIGHT, WIDTH
+from .dataset import SIZE
 from .solids import Solid, cast, turned
 
 CELL = 0.01  # metres, of the map of heights on which things are put
@@ -206,7 +206,8 @@ def write(folder, count, seed):
     for name in ("depth", "instance-filt", "pose", "intrinsic"):
         os.makedirs(os.path.join(folder, name), exist_ok=True)
     focal = 270.0
-    camera = np.array([focal, focal, WIDTH / 2 - 0.5, HEIGHT / 2 - 0.5])
+    width, height = SIZE
+    camera = np.array([focal, focal, width / 2 - 0.5, height / 2 - 0.5])
     matrix = np.diag([focal, focal, 1.0, 1.0])
     matrix[:2, 2] = camera[2:]
     np.savetxt(os.path.join(folder, "intrinsic", "intrinsic_depth.txt"), matrix, "%.6f")
@@ -214,7 +215,7 @@ def write(folder, count, seed):
         rng = np.random.default_rng([seed, number])
         scene, target = random_scene(rng)
         pose = look_at(target, rng)
-        z, ids = cast(scene.solids, pose, camera, HEIGHT, WIDTH)
+        z, ids = cast(scene.solids, pose, camera, height, width)
         z = np.where(z < 10, z, 0)
         cv2.imwrite(os.path.join(folder, "depth", f"{number}.png"), np.rint(z * 1000).astype(np.uint16))
         cv2.imwrite(os.path.join(folder, "instance-filt", f"{number}.png"), np.where(z > 0, ids, 0).astype(np.uint16))

@@ -28,14 +28,17 @@ def paint(z, ids, camera, rng):
     return _bytes(_textured(albedo, ids, rng.uniform(0.2, 1.0), rng) * _shading(z, camera, rng)[..., None])
 
 
-def photograph(rgb, rng):
-    """Patterns and shadows that belong to no object, then light, camera and noise."""
+def photograph(rgb, rng, shift=0.6):
+    """Patterns and shadows that belong to no object, then light, camera and noise.
+
+    `shift` is the probability that the image moves against depth and ids.
+    """
     if rng.random() < 0.4:
         rgb = _scribbled(rgb, rng)
     if rng.random() < 0.8:
         rgb = _saturated(rgb, rng)
     rgb = _toned(rgb, rng)
-    rgb = _blurred_and_shifted(rgb, rng).astype(np.float32)
+    rgb = _blurred_and_shifted(rgb, rng, shift).astype(np.float32)
     if rng.random() < 0.5:
         light = smooth_noise(rng, rgb.shape[:2], int(rng.integers(30, 120))) * np.float32(rng.uniform(0, 0.5))
         rgb *= np.exp(light)[..., None]
@@ -118,11 +121,11 @@ def _toned(rgb, rng):
     return cv2.LUT(rgb, _bytes(tones * 255))
 
 
-def _blurred_and_shifted(rgb, rng):
-    """Blur, and a shift of up to 2 pixels against the depth."""
+def _blurred_and_shifted(rgb, rng, probability):
+    """Blur, and with a probability a shift of up to 2 pixels against the depth."""
     if rng.random() < 0.4:
         rgb = cv2.GaussianBlur(rgb, (0, 0), rng.uniform(0.4, 1.3))
-    if rng.random() < 0.6:
+    if rng.random() < probability:
         shift = np.float32([[1, 0, rng.uniform(-2, 2)], [0, 1, rng.uniform(-1.5, 1.5)]])
         rgb = cv2.warpAffine(rgb, shift, rgb.shape[1::-1], borderMode=cv2.BORDER_REPLICATE)
     return rgb

@@ -1,4 +1,4 @@
-"""Labelled RGB-D views, read from folders in ScanNet's exported layout and kept in memory at the network's size.
+"""Labelled RGB-D views, read from folders in ScanNet's exported layout and kept in memory at a network's size.
 
 A folder holds `depth/N.png` (uint16 millimetres, 0 = missing), `intrinsic/intrinsic_depth.txt`, instance ids (uint16,
 0 = unlabelled) as `instance-filt/N.png` or in a `*instance-filt.zip`, and `color/N.jpg` or `.png`. A folder without
@@ -13,11 +13,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-WIDTH, HEIGHT = 320, 240
+SIZE = (320, 240)  # width and height of the affinity network's views
 
 
 class View(NamedTuple):
-    """A labelled view of HEIGHT × WIDTH pixels. Pixel centres are at integer coordinates."""
+    """A labelled view. Pixel centres are at integer coordinates."""
 
     colour: np.ndarray | None  # [H, W, 3] uint8 RGB
     depth: np.ndarray  # [H, W] uint16 millimetres, 0 = missing
@@ -25,8 +25,8 @@ class View(NamedTuple):
     camera: np.ndarray  # fx, fy, cx, cy in pixels
 
 
-def read_folder(folder, every=1):
-    """All views of a folder, by name: a list of (number, View)."""
+def read_folder(folder, every=1, size=SIZE):
+    """All views of a folder, by name, at `size` (width, height): a list of (number, View)."""
     camera = np.loadtxt(os.path.join(folder, "intrinsic", "intrinsic_depth.txt"))
     archive = _archive(folder)
     numbers = sorted(int(os.path.basename(p)[:-4]) for p in glob.glob(os.path.join(folder, "depth", "*.png")))
@@ -35,37 +35,38 @@ def read_folder(folder, every=1):
         ids = _ids(folder, archive, number)
         if ids is not None:
             depth = _image(os.path.join(folder, "depth", f"{number}.png"))
-            views.append((number, _view(_colour(folder, number), depth, ids, camera)))
+            views.append((number, _view(_colour(folder, number), depth, ids, camera, size)))
     if not views:
         raise ValueError(f"{folder}: no labelled views; expected depth/N.png and instance-filt/N.png")
     return views
 
 
-def read_groups(patterns):
+def read_groups(patterns, size=SIZE):
     """The views of all folders that match a pattern, for each pattern. A pattern that is given twice is read once."""
     groups = {}
     for pattern in dict.fromkeys(patterns):
         folders = sorted(path for path in glob.glob(pattern) if os.path.isdir(path))
         if not folders:
             raise ValueError(f"no folder matches {pattern}")
-        groups[pattern] = [view for folder in folders for _, view in read_folder(folder)]
+        groups[pattern] = [view for folder in folders for _, view in read_folder(folder, size=size)]
         print(f"{pattern}: {len(groups[pattern])} views from {len(folders)} folders", flush=True)
     return [groups[pattern] for pattern in patterns]
 
 
-def _view(colour, depth, ids, camera):
+def _view(colour, depth, ids, camera, size):
     """Reduces colour by the area mean, depth and ids by the nearest pixel; the camera becomes the small depth's."""
     height, width = depth.shape
-    fx, fy = camera[0, 0] * WIDTH / width, camera[1, 1] * HEIGHT / height
-    cx, cy = (camera[0, 2] + 0.5) * WIDTH / width - 0.5, (camera[1, 2] + 0.5) * HEIGHT / height - 0.5
-    if colour is not None and colour.shape[:2] != (HEIGHT, WIDTH):
-        colour = cv2.resize(colour, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
-    return View(colour, _nearest(depth), _nearest(ids), np.array([fx, fy, cx, cy]))
+    sx, sy = size[0] / width, size[1] / height
+    fx, fy = camera[0, 0] * sx, camera[1, 1] * sy
+    cx, cy = (camera[0, 2] + 0.5) * sx - 0.5, (camera[1, 2] + 0.5) * sy - 0.5
+    if colour is not None and colour.shape[1::-1] != size:
+        colour = cv2.resize(colour, size, interpolation=cv2.INTER_AREA)
+    return View(colour, _nearest(depth, size), _nearest(ids, size), np.array([fx, fy, cx, cy]))
 
 
-def _nearest(image):
+def _nearest(image, size):
     height, width = image.shape
-    return image[np.arange(HEIGHT)[:, None] * height // HEIGHT, np.arange(WIDTH)[None] * width // WIDTH]
+    return image[np.arange(size[1])[:, None] * height // size[1], np.arange(size[0])[None] * width // size[0]]
 
 
 def _image(path):

@@ -5,20 +5,18 @@ import numpy as np
 import torch
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from .augment import sample
-
 
 class Samples(Dataset):
-    """An endless set of augmented samples, addressed by number."""
+    """An endless set of augmented samples, addressed by number; `sample(view, settings, rng)` makes one, as arrays."""
 
-    def __init__(self, groups, settings, seed):
-        self.groups, self.settings, self.seed = groups, settings, seed
+    def __init__(self, groups, sample, settings, seed):
+        self.groups, self.sample, self.settings, self.seed = groups, sample, settings, seed
 
     def __getitem__(self, number):
         rng = np.random.default_rng([self.seed, number])
         views = self.groups[rng.integers(len(self.groups))]
-        x, ids = sample(views[rng.integers(len(views))], self.settings, rng)
-        return torch.from_numpy(x), torch.from_numpy(ids.astype(np.int32))
+        arrays = self.sample(views[rng.integers(len(views))], self.settings, rng)
+        return tuple(torch.from_numpy(array) for array in arrays)
 
 
 class NumbersFrom(Sampler):
@@ -34,13 +32,13 @@ class NumbersFrom(Sampler):
             number += 1
 
 
-def batches(groups, settings, seed, first_step, batch_size, workers):
-    """Batches from `first_step` on: inputs [N, 8, h, w] float16 and ids [N, h/2, w/2] int32.
+def batches(samples, first_step, batch_size, workers):
+    """Batches of `Samples` from `first_step` on: their arrays, stacked.
 
-    Each of `groups`, lists of views, gives the same share of the samples.
+    Each of the samples' `groups`, lists of views, gives the same share of the samples.
     """
     return DataLoader(
-        Samples(groups, settings, seed),
+        samples,
         batch_size=batch_size,
         sampler=NumbersFrom(first_step * batch_size),
         num_workers=workers,

@@ -9,11 +9,14 @@ import torch
 NEWTON_SCHULZ = (3.4445, -4.7750, 2.0315)
 
 
-def optimisers(net, weight_decay=0.02):
-    """Two optimisers; the learning rate of a group of parameters is the run's times the group's `scale`."""
+def optimisers(net, outer=("stem", "head"), weight_decay=0.02):
+    """Two optimisers; the learning rate of a group of parameters is the run's times the group's `scale`.
+
+    The names of the first and last convolutions begin with one of `outer`.
+    """
     kernels, others = [], []
     for name, parameter in net.named_parameters():
-        inner = parameter.dim() == 4 and not name.startswith(("stem", "head"))
+        inner = parameter.dim() == 4 and not name.startswith(outer)
         (kernels if inner else others).append(parameter)
     return Muon(kernels, weight_decay), torch.optim.AdamW([{"params": others, "scale": 1.0}], weight_decay=weight_decay)
 

@@ -1,0 +1,195 @@
+"""A training run: steps, averaged weights, files. What is trained is up to its subclasses."""
+
+import copy
+import math
+import os
+import signal
+import sys
+import time
+
+import torch
+
+AVERAGE_STEPS = 400  # time constant of the weights' moving average; shorter at the beginning
+DATA_HELP = "labelled folders, or patterns of such; each pattern gives the same share of the samples"
+
+
+def add_options(parser, batch):
+    """Adds the options of every run to a parser of arguments; `batch` is the default size of a batch."""
+    add = parser.add_argument
+    add("--data", nargs="+", required=True, metavar="PATTERN", help=DATA_HELP)
+    add("--out", required=True, metavar="RUN", help="folder of the run; if it has a checkpoint, training goes on")
+    end = parser.add_mutually_exclusive_group(required=True)
+    end.add_argument("--steps", type=int, help="end after this many steps")
+    end.add_argument("--minutes", type=float, help="end after this many; results then depend on the machine's speed")
+    add("--seed", type=int, default=0)
+    add("--start", metavar="WEIGHTS", help="weights to begin with, for fine-tuning")
+    add("--validate", nargs="*", default=[], metavar="FOLDER", help="labelled folders to evaluate at the end")
+    add("--batch", type=int, default=batch)
+    add("--rate", type=float, default=2e-3, help="highest learning rate; it falls along a cosine")
+    add("--workers", type=int, default=1, help="processes that prepare samples")
+    add("--threads", type=int, default=2, help="threads of the network")
+    add("--device", default="cuda" if torch.cuda.is_available() else "cpu", help="cpu, or a GPU as PyTorch names it")
+
+
+class TrainingRun:
+    """The state of a training run.
+
+    Subclasses define `build`, `batches` and `loss`. `sizes` are the values by name that determine the network's shape;
+    a checkpoint with others is refused.
+    """
+
+    def __init__(self, options, sizes):
+        self.options, self.sizes = options, sizes
+        os.makedirs(options.out, exist_ok=True)
+        torch.set_num_threads(options.threads)
+        torch.manual_seed(options.seed)
+        net, make_optimisers = self.build()
+        self.device = torch.device(options.device)
+        self.net = net.to(self.device, memory_format=torch.channels_last)
+        if options.start:
+            self.net.load_state_dict(torch.load(options.start, map_location=self.device, weights_only=True))
+        self.average = copy.deepcopy(self.net).eval()
+        self.optimisers = make_optimisers(self.net)
+        self.step, self.seconds, self.losses = 0, 0.0, []
+        self.resume()
+
+    def build(self):
+        """The network, and a function from the network to its optimisers."""
+        raise NotImplementedError
+
+    def batches(self):
+        """Batches, tuples of tensors, from step `self.step` on."""
+        raise NotImplementedError
+
+    def loss(self, *batch):
+        """The loss of a batch on the device."""
+        raise NotImplementedError
+
+    def status(self):
+        """Words to be added to the lines that tell of the progress."""
+        return ""
+
+    def autocast(self):
+        """The context in which the network computes with bfloat16."""
+        return torch.autocast(self.device.type, dtype=torch.bfloat16)
+
+    def train(self):
+        """Trains until the steps or minutes are over; saves if it is interrupted, too."""
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+        try:
+            self._train()
+        finally:
+            self.save()
+
+    def _train(self):
+        source = iter(self.batches())
+        last = shown = time.monotonic()
+        while (done := self.progress()) < 1:
+            self.losses.append(self.update(*next(source), self.rate(done)))
+            self.step += 1
+            now = time.monotonic()
+            self.seconds, last = self.seconds + now - last, now
+            if self.step % 50 == 0:
+                line = f"step {self.step}  {self.seconds:.0f} s  loss {self.recent():.4f}"
+                print(f"{line}  {self.status()}".rstrip(), flush=True)
+            if now - shown > 120:
+                self.save()
+                shown = now
+
+    def progress(self):
+        """The share of the training that is done."""
+        options = self.options
+        return self.step / options.steps if options.steps else self.seconds / (60 * options.minutes)
+
+    def rate(self, done):
+        """Learning rate: 100 steps of warm-up, then a cosine to 1 % of the highest."""
+        return self.options.rate * min(1, (self.step + 1) / 100) * (0.505 + 0.495 * math.cos(math.pi * done))
+
+    def recent(self):
+        recent = self.losses[-100:]
+        return sum(recent) / max(1, len(recent))
+
+    def update(self, *values):
+        """One step of the optimiser, with the tensors of a batch and the learning rate; returns the loss."""
+        *batch, rate = values
+        for optimiser in self.optimisers:
+            for group in optimiser.param_groups:
+                group["lr"] = rate * group["scale"]
+        self.net.train()
+        loss = self.loss(*(tensor.to(self.device, non_blocking=True) for tensor in batch))
+        self.net.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
+        for optimiser in self.optimisers:
+            optimiser.step()
+        self.update_average()
+        return loss.item()
+
+    @torch.no_grad()
+    def update_average(self):
+        """Moves the averaged weights towards the current ones."""
+        share = max(1 / AVERAGE_STEPS, 1 / (1 + self.step / 4))
+        for mean, now in zip(self.average.state_dict().values(), self.net.state_dict().values()):
+            if mean.is_floating_point():
+                mean.lerp_(now, share)
+            else:
+                mean.copy_(now)
+
+    def save(self):
+        """Writes checkpoint, averaged weights and the losses' curve; each file is replaced at once."""
+        state = self.sizes | {
+            "net": self.net.state_dict(),
+            "average": self.average.state_dict(),
+            "optimisers": [optimiser.state_dict() for optimiser in self.optimisers],
+            "step": self.step,
+            "seconds": self.seconds,
+            "losses": self.losses,
+        }
+        self.write("checkpoint.pt", lambda path: torch.save(state, path))
+        self.write("weights.pt", lambda path: torch.save(self.average.state_dict(), path))
+        self.write("losses.csv", self.write_losses)
+        self.write("losses.png", self.plot)
+
+    def write(self, name, writer):
+        path = os.path.join(self.options.out, name)
+        staged = os.path.join(self.options.out, "new-" + name)
+        writer(staged)
+        os.replace(staged, path)
+
+    def write_losses(self, path):
+        with open(path, "w") as file:
+            file.write("step,loss\n")
+            file.writelines(f"{i + 1},{loss:.6f}\n" for i, loss in enumerate(self.losses))
+
+    def plot(self, path):
+        """The loss over the steps, as means of about 200 bins."""
+        import matplotlib
+
+        matplotlib.use("Agg")
+        from matplotlib import pyplot
+
+        size = max(1, len(self.losses) // 200)
+        means = [sum(self.losses[i : i + size]) / size for i in range(0, len(self.losses) - size + 1, size)]
+        figure, axes = pyplot.subplots(figsize=(7, 4))
+        axes.plot([size * (i + 1) for i in range(len(means))], means)
+        axes.set_xlabel("step")
+        axes.set_ylabel("loss")
+        axes.grid(True)
+        figure.savefig(path, dpi=100, bbox_inches="tight")
+        pyplot.close(figure)
+
+    def resume(self):
+        """Goes on from the run's checkpoint, if there is one."""
+        path = os.path.join(self.options.out, "checkpoint.pt")
+        if not os.path.exists(path):
+            return
+        state = torch.load(path, map_location=self.device, weights_only=True)
+        for name, value in self.sizes.items():
+            if state.get(name) != value:
+                raise ValueError(f"{path}: has {name} {state.get(name)}, not {value}")
+        self.net.load_state_dict(state["net"])
+        self.average.load_state_dict(state["average"])
+        for optimiser, saved in zip(self.optimisers, state["optimisers"]):
+            optimiser.load_state_dict(saved)
+        self.step, self.seconds, self.losses = state["step"], state["seconds"], state["losses"]
+        print(f"going on from step {self.step}", flush=True)
