@@ -11,13 +11,16 @@ from .augment import sample
 class Samples(Dataset):
     """An endless set of augmented samples, addressed by number."""
 
-    def __init__(self, groups, settings, seed):
-        self.groups, self.settings, self.seed = groups, settings, seed
+    def __init__(self, groups, settings, seed, measured=()):
+        self.groups, self.settings, self.seed, self.measured = groups, settings, seed, measured
 
     def __getitem__(self, number):
         rng = np.random.default_rng([self.seed, number])
-        views = self.groups[rng.integers(len(self.groups))]
-        x, ids = sample(views[rng.integers(len(views))], self.settings, rng)
+        groups, settings = self.groups, self.settings
+        if self.measured and rng.random() < 0.5:
+            groups, settings = self.measured, settings._replace(sensor=0.0, recolour=0.0)
+        views = groups[rng.integers(len(groups))]
+        x, ids = sample(views[rng.integers(len(views))], settings, rng)
         return torch.from_numpy(x), torch.from_numpy(ids.astype(np.int32))
 
 
@@ -34,13 +37,14 @@ class NumbersFrom(Sampler):
             number += 1
 
 
-def batches(groups, settings, seed, first_step, batch_size, workers):
+def batches(groups, settings, seed, first_step, batch_size, workers, measured=()):
     """Batches from `first_step` on: inputs [N, 8, h, w] float16 and ids [N, h/2, w/2] int32.
 
-    Each of `groups`, lists of views, gives the same share of the samples.
+    Each of `groups`, lists of views, gives the same share of the samples. Where there are `measured` groups, half of the
+    samples are theirs, without the sensor model and with their own colours: a camera took them, with its own errors.
     """
     return DataLoader(
-        Samples(groups, settings, seed),
+        Samples(groups, settings, seed, measured),
         batch_size=batch_size,
         sampler=NumbersFrom(first_step * batch_size),
         num_workers=workers,

@@ -19,23 +19,24 @@ from . import affinities
 from .augment import Settings
 from .dataset import read_groups
 from .loader import batches
-from .network import WIDTHS, AffinityNet
+from .network import WIDTHS, AffinityNet, load
 from .optimiser import optimisers
 
 DATA_HELP = "labelled folders, or patterns of such; each pattern gives the same share of the samples"
+MEASURED_HELP = "labelled folders that a real camera took: half of the samples, without sensor model and recolouring"
 AVERAGE_STEPS = 400  # time constant of the weights' moving average; shorter at the beginning
 
 
-def main():
-    options = parse()
+def main(arguments=None):
+    options = parse(arguments)
     os.makedirs(options.out, exist_ok=True)
     torch.set_num_threads(options.threads)
-    groups = read_groups(options.data)
+    groups, measured = read_groups(options.data), read_groups(options.measured)
     run = Run(options)
     run.resume()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # saves, too
     try:
-        run.train(groups)
+        run.train(groups, measured)
     finally:
         run.save()
 
@@ -44,11 +45,13 @@ def parse(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
     add("--data", nargs="+", required=True, metavar="PATTERN", help=DATA_HELP)
+    add("--measured", nargs="+", default=[], metavar="PATTERN", help=MEASURED_HELP)
     add("--out", required=True, metavar="RUN", help="folder of the run; if it has a checkpoint, training goes on")
     add("--steps", type=int, help="end after this many steps")
     add("--minutes", type=float, help="end after this many minutes; results then depend on the machine's speed")
     add("--seed", type=int, default=0)
-    add("--start", metavar="WEIGHTS", help="weights to begin with, for fine-tuning")
+    add("--start", metavar="WEIGHTS", help="weights.pt or .safetensors to begin with, for fine-tuning")
+    add("--freeze-norms", action="store_true", help="keep the statistics of batch norms; for fine-tuning")
     add("--validate", nargs="*", default=[], metavar="FOLDER", help="labelled folders to evaluate at the end")
     add("--batch", type=int, default=8)
     add("--rate", type=float, default=2e-3, help="highest learning rate; it falls along a cosine")
@@ -62,6 +65,8 @@ def parse(arguments=None):
     options = parser.parse_args(arguments)
     if (options.steps is None) == (options.minutes is None):
         parser.error("give --steps or --minutes")
+    if options.start and options.start.endswith(".safetensors") and not options.freeze_norms:
+        parser.error("the batch norms of a .safetensors are folded: add --freeze-norms")
     return options
 
 
@@ -73,16 +78,16 @@ class Run:
         torch.manual_seed(options.seed)
         self.net = AffinityNet(tuple(options.widths)).to(memory_format=torch.channels_last)
         if options.start:
-            self.net.load_state_dict(torch.load(options.start, weights_only=True))
+            self.net.load_state_dict(load(options.start).state_dict())
         self.average = copy.deepcopy(self.net).eval()
         self.optimisers = optimisers(self.net)
         self.step, self.seconds, self.losses = 0, 0.0, []
 
-    def train(self, groups):
+    def train(self, groups, measured=()):
         """Trains until the steps or minutes are over."""
         options = self.options
         settings = Settings(**{name: getattr(options, name) for name in Settings._fields})
-        source = iter(batches(groups, settings, options.seed, self.step, options.batch, options.workers))
+        source = iter(batches(groups, settings, options.seed, self.step, options.batch, options.workers, measured))
         last = shown = time.monotonic()
         while (done := self.progress()) < 1:
             self.losses.append(self.update(*next(source), self.rate(done)))
@@ -119,6 +124,10 @@ class Run:
             for group in optimiser.param_groups:
                 group["lr"] = rate * group["scale"]
         self.net.train()
+        if self.options.freeze_norms:
+            for module in self.net.modules():
+                if isinstance(module, torch.nn.BatchNorm2d):
+                    module.eval()
         x = x.float().to(memory_format=torch.channels_last)
         with torch.autocast("cpu", dtype=torch.bfloat16):
             logits = self.net(x)
