@@ -128,23 +128,25 @@ def labelled(recording, weights, options, number):
     if os.path.exists(done):
         return done
     one, two = os.path.join(home, "one"), os.path.join(home, "two")
-    memory = os.path.join(one, "map.ply")
-    segment(recording, weights, one, ["--save-memory", memory], options)
-    segment(recording, weights, two, ["--load-memory", memory], options)
+    segment(recording, weights, one, None, options)
+    segment(recording, weights, two, os.path.join(one, "map.ply"), options)
     rules = Rules(**{name: getattr(options, name) for name in Rules._fields})
     write_labels(recording, Consensus(one, two, rules), done)
     return done
 
 
-def segment(recording, weights, out, memory_options, options):
-    """One pass. Its folder gets its name when it is complete."""
+def segment(recording, weights, out, memory, options):
+    """One pass: with a memory of an earlier one, or with None, which saves `map.ply` for a later one.
+
+    The folder gets its name when it is complete.
+    """
     if os.path.exists(out):
         return
     part = out + ".part"
     os.makedirs(os.path.dirname(out), exist_ok=True)
-    fixed = ["--out", part, "--overwrite", "--no-page", "--weights", weights]
-    memory_options = [option.replace(out, part) if option.startswith(out) else option for option in memory_options]
-    command = [options.splatseg, "run", recording, *fixed, *memory_options, *options.run_options]
+    command = [options.splatseg, "run", recording, "--out", part, "--overwrite", "--no-page", "--weights", weights]
+    command += ["--load-memory", memory] if memory else ["--save-memory", os.path.join(part, "map.ply")]
+    command += options.run_options
     print(" ".join(command), flush=True)
     subprocess.run(command, check=True)
     os.rename(part, out)
