@@ -54,7 +54,7 @@ def parse(arguments):
     add("--start", default=SHIPPED, metavar="WEIGHTS", help="weights.pt or .safetensors; those built in if left out")
     add("--splatseg", default="splatseg", metavar="PROGRAM")
     add("--steps", type=int, default=300)
-    add("--rate", type=float, default=3e-4, help="highest learning rate")
+    add("--rate", type=float, default=5e-5, help="highest learning rate")
     add("--seed", type=int, default=0)
     add("--threshold", type=float, default=SHIPPED_THRESHOLD, help="of the file for `splatseg run`, see export")
     for name, default in Rules._field_defaults.items():

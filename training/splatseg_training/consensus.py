@@ -17,7 +17,8 @@ class Rules(NamedTuple):
 
     min_frames: int = 10  # in which an object was agreed on
     min_agreement: float = 0.5  # share of an object's pixels that makes its frame count
-    margin: int = 2  # pixels that are left out around borders between ids and around what is not agreed on
+    margin: int = 2  # pixels that are left out around those that are not agreed on
+    border: int = 2  # pixels that are left out on both sides of borders between ids
     min_labelled: float = 0.3  # share of a frame's pixels; frames with less are left out
 
 
@@ -51,10 +52,9 @@ class Consensus:
     def labels(self, name):
         """Labels [H, W] uint16 of a frame, 0 where there is no consensus; None if that is nearly everywhere."""
         ids, agreed = self._agreed(name)
-        size = 2 * self.rules.margin + 1
-        window = np.ones((size, size), np.uint8)
-        border = cv2.dilate(ids, window) != cv2.erode(ids, window)
-        doubtful = border | (cv2.dilate((~agreed).astype(np.uint8), window) > 0)
+        near, beside = _window(self.rules.margin), _window(self.rules.border)
+        doubtful = cv2.dilate((~agreed).astype(np.uint8), near) > 0
+        doubtful |= cv2.dilate(ids, beside) != cv2.erode(ids, beside)
         labels = np.where(self.kept[ids] & ~doubtful, ids, 0).astype(np.uint16)
         enough = np.count_nonzero(labels) >= self.rules.min_labelled * labels.size
         return labels if enough and len(np.unique(labels[labels > 0])) > 1 else None
@@ -89,3 +89,8 @@ class Consensus:
             frames[: len(areas)] += (areas > 0) & (shared >= self.rules.min_agreement * areas)
         frames[0] = 0
         return frames >= self.rules.min_frames
+
+
+def _window(reach):
+    """What `cv2.dilate` looks at: the square of pixels within `reach`."""
+    return np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
