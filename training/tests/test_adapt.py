@@ -48,7 +48,7 @@ def test_the_ids_of_the_passes_are_matched_by_their_pixels(tmp_path):
     one = two_halves()
     one[one == 9] = 3
     one[30:, :40] = 4  # pass one took the left half for two things
-    labels = consensus(tmp_path, [one] * 10, [two_halves()] * 10, margin=1).labels("000000")
+    labels = consensus(tmp_path, [one] * 10, [two_halves()] * 10, margin=1, border=1).labels("000000")
     assert (labels[:, :39] == 7).all() and (labels[:, 41:] == 9).all()
 
 
@@ -219,8 +219,8 @@ def test_the_command_adapts_a_synthetic_recording_and_starts_again_for_nothing(t
     out = tmp_path / "out"
     command = ["--recordings", "synthetic:frames=14,width=160,height=120", "--replay", str(tmp_path / "replay")]
     command += ["--out", str(out), "--splatseg", program, "--steps", "2", "--threads", "1", "--min-frames", "3"]
-    adapt.main([*command, "--", "--seed", "1"])
+    adapt.main([*command, "--", "--threads", "1"])
     assert "of 14 frames" in capsys.readouterr().out
     assert load(str(out / "affinity.safetensors"))(torch.zeros(1, 8, 64, 96)).isfinite().all()
-    adapt.main([*command, "--", "--seed", "1"])
+    adapt.main([*command, "--", "--threads", "1"])
     assert "is there already" in capsys.readouterr().out
