@@ -7,30 +7,21 @@ inputs, kernel, kernel]` and `.bias`. Metadata: `offsets` (JSON list of (row, co
 
 import argparse
 import json
-import re
 
 import torch
 from safetensors.torch import save_file
-from torch import nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from .affinities import OFFSETS
-from .network import ConvBlock, load
+from .network import ConvBlock, exported, load
 
 
 def folded(net):
     """Tensors by name, float64: weight and bias of each convolution, with its batch norm folded in."""
     net = net.double().eval()
     tensors = {}
-    for name, module in net.named_modules():
-        if isinstance(module, ConvBlock):
-            convolution = fuse_conv_bn_eval(module[0], module[1])
-        elif isinstance(module, nn.Conv2d) and module.bias is not None:
-            convolution = module
-        else:
-            continue
-        if re.fullmatch(r"d\d", name):
-            name += ".0"
+    for name, module in exported(net):
+        convolution = fuse_conv_bn_eval(module[0], module[1]) if isinstance(module, ConvBlock) else module
         tensors[name + ".weight"] = convolution.weight.detach()
         tensors[name + ".bias"] = convolution.bias.detach()
     return tensors

@@ -7,15 +7,23 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 
 
 class Samples(Dataset):
-    """An endless set of augmented samples, addressed by number; `sample(view, settings, rng)` makes one, as arrays."""
+    """An endless set of augmented samples, addressed by number; `sample(view, settings, rng)` makes one, as arrays.
 
-    def __init__(self, groups, sample, settings, seed):
+    Each of `groups`, lists of views, gives the same share of the samples. Where there are `measured` groups, half of the
+    samples are theirs, without the sensor model and with their own colours: a camera took them, with its own errors.
+    """
+
+    def __init__(self, groups, sample, settings, seed, measured=()):
         self.groups, self.sample, self.settings, self.seed = groups, sample, settings, seed
+        self.measured = measured
 
     def __getitem__(self, number):
         rng = np.random.default_rng([self.seed, number])
-        views = self.groups[rng.integers(len(self.groups))]
-        arrays = self.sample(views[rng.integers(len(views))], self.settings, rng)
+        groups, settings = self.groups, self.settings
+        if self.measured and rng.random() < 0.5:
+            groups, settings = self.measured, settings._replace(sensor=0.0, recolour=0.0)
+        views = groups[rng.integers(len(groups))]
+        arrays = self.sample(views[rng.integers(len(views))], settings, rng)
         return tuple(torch.from_numpy(array) for array in arrays)
 
 
@@ -33,10 +41,7 @@ class NumbersFrom(Sampler):
 
 
 def batches(samples, first_step, batch_size, workers):
-    """Batches of `Samples` from `first_step` on: their arrays, stacked.
-
-    Each of the samples' `groups`, lists of views, gives the same share of the samples.
-    """
+    """Batches of `Samples` from `first_step` on: their arrays, stacked."""
     return DataLoader(
         samples,
         batch_size=batch_size,

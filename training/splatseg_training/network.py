@@ -1,13 +1,17 @@
 """The affinity network: a U-Net of plain 3×3 convolutions that predicts at half the input's size."""
 
+import re
+
 import torch
 import torch.nn.functional as F
+from safetensors.torch import load_file
 from torch import nn
 
 from .affinities import OFFSETS
 from .inputs import CHANNELS
 
 WIDTHS = (16, 32, 48, 64, 96)
+TRAINED_SIZE = 2.0  # of kernels after training: root of the mean square × root of the number of inputs of an output
 
 
 class ConvBlock(nn.Sequential):
@@ -69,9 +73,44 @@ def _resized(small, like):
 
 
 def load(path):
-    """The network with the weights of a file that `train` wrote; its widths follow from the weights."""
+    """The network with the weights of a file that `train` or `export` wrote; its widths follow from the weights."""
+    if str(path).endswith(".safetensors"):
+        return _unfolded(load_file(path)).eval()
     state = torch.load(path, map_location="cpu", weights_only=True)
-    widths = [state["stem.0.weight"].shape[0]] + [state[f"e{i}.0.0.weight"].shape[0] for i in range(1, 5)]
-    net = AffinityNet(widths)
+    net = AffinityNet(_widths(state, "stem.0.weight", "e{}.0.0.weight"))
     net.load_state_dict(state)
     return net.eval()
+
+
+def _widths(tensors, stem, stage):
+    return [tensors[stem].shape[0]] + [tensors[stage.format(i)].shape[0] for i in range(1, 5)]
+
+
+@torch.no_grad()
+def _unfolded(tensors):
+    """The network of an exported file. What its batch norms have learned from data is lost: train with frozen norms.
+
+    Folding has made the kernels small, so that steps of the usual size would be too large for them. They get the size
+    that training gives them, and the norms take it back.
+    """
+    net = AffinityNet(_widths(tensors, "stem.weight", "e{}.0.weight"))
+    for name, module in exported(net):
+        weight, bias = tensors[name + ".weight"].float(), tensors[name + ".bias"]
+        if isinstance(module, ConvBlock):
+            scale = TRAINED_SIZE / (weight[0].numel() * weight.square().mean()).sqrt().clamp(min=1e-3)
+            module[0].weight.copy_(weight * scale)
+            module[1].running_var.fill_(scale**2 - module[1].eps)
+            module[1].bias.copy_(bias)
+        else:
+            module.weight.copy_(weight)
+            module.bias.copy_(bias)
+    return net
+
+
+def exported(net):
+    """The convolutions as `export` writes them: (name, ConvBlock or Conv2d)."""
+    for name, module in net.named_modules():
+        if isinstance(module, ConvBlock):
+            yield (name + ".0" if re.fullmatch(r"d\d", name) else name), module
+        elif isinstance(module, nn.Conv2d) and module.bias is not None:
+            yield name, module

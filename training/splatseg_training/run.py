@@ -47,7 +47,7 @@ class TrainingRun:
         self.device = torch.device(options.device)
         self.net = net.to(self.device, memory_format=torch.channels_last)
         if options.start:
-            self.net.load_state_dict(torch.load(options.start, map_location=self.device, weights_only=True))
+            self.start_from(options.start)
         self.average = copy.deepcopy(self.net).eval()
         self.optimisers = make_optimisers(self.net)
         self.step, self.seconds, self.losses = 0, 0.0, []
@@ -56,6 +56,13 @@ class TrainingRun:
     def build(self):
         """The network, and a function from the network to its optimisers."""
         raise NotImplementedError
+
+    def start_from(self, path):
+        """Loads the weights that training begins with."""
+        self.net.load_state_dict(torch.load(path, map_location=self.device, weights_only=True))
+
+    def prepare(self):
+        """What is to be done before each step, with the network in training mode."""
 
     def batches(self):
         """Batches, tuples of tensors, from step `self.step` on."""
@@ -116,6 +123,7 @@ class TrainingRun:
             for group in optimiser.param_groups:
                 group["lr"] = rate * group["scale"]
         self.net.train()
+        self.prepare()
         loss = self.loss(*(tensor.to(self.device, non_blocking=True) for tensor in batch))
         self.net.zero_grad()
         loss.backward()

@@ -14,15 +14,16 @@ from .augment import Settings, sample
 from .dataset import read_groups
 from .evaluate import report
 from .loader import Samples, batches
-from .network import WIDTHS, AffinityNet
+from .network import WIDTHS, AffinityNet, load
 from .optimiser import optimisers
 from .run import TrainingRun, add_options
 
+MEASURED_HELP = "labelled folders that a real camera took: half of the samples, without sensor model and recolouring"
 
-def main():
-    options = parse()
-    groups = read_groups(options.data)
-    run = Run(options, groups)
+
+def main(arguments=None):
+    options = parse(arguments)
+    run = Run(options, read_groups(options.data), read_groups(options.measured))
     run.train()
     if options.validate:
         report(run.average.cpu(), options.validate)
@@ -32,28 +33,42 @@ def parse(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_options(parser, batch=8)
     add = parser.add_argument
+    add("--measured", nargs="+", default=[], metavar="PATTERN", help=MEASURED_HELP)
+    add("--freeze-norms", action="store_true", help="keep the statistics of batch norms; for fine-tuning")
     add("--widths", type=int, nargs=5, default=WIDTHS, help="channels of the five resolutions")
     add("--area-power", type=float, default=0.5, help="an object weighs as its area to minus this power")
     add("--contact-weight", type=float, default=2.0, help="weight of borders between objects that touch")
     for name, default in Settings._field_defaults.items():
         add("--" + name.replace("_", "-"), type=type(default), default=default, help="see augment.Settings")
-    return parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
+    if options.start and options.start.endswith(".safetensors") and not options.freeze_norms:
+        parser.error("the batch norms of a .safetensors are folded: add --freeze-norms")
+    return options
 
 
 class Run(TrainingRun):
     """A run of the affinity network."""
 
-    def __init__(self, options, groups):
-        self.groups = groups
+    def __init__(self, options, groups, measured=()):
+        self.groups, self.measured = groups, measured
         super().__init__(options, {"widths": tuple(options.widths)})
 
     def build(self):
         return AffinityNet(tuple(self.options.widths)), optimisers
 
+    def start_from(self, path):
+        self.net.load_state_dict(load(path).state_dict())
+
+    def prepare(self):
+        if self.options.freeze_norms:
+            for module in self.net.modules():
+                if isinstance(module, torch.nn.BatchNorm2d):
+                    module.eval()
+
     def batches(self):
         options = self.options
         settings = Settings(**{name: getattr(options, name) for name in Settings._fields})
-        samples = Samples(self.groups, sample, settings, options.seed)
+        samples = Samples(self.groups, sample, settings, options.seed, self.measured)
         return batches(samples, self.step, options.batch, options.workers)
 
     def loss(self, x, ids):
