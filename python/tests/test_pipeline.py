@@ -27,7 +27,7 @@ def test_results_are_those_of_the_command(tmp_path, room, settings):
     out, saved = tmp_path / "out", tmp_path / "command.ply"
     ended = command("run", ROOM, "--out", str(out), "--save-memory", str(saved), "--no-page", *flags)
     assert ended.returncode == 0, ended.stderr
-    pipeline = ss.FastSamSplat(segmenter="graph", **settings)
+    pipeline = ss.FastSamSplat(**settings)
     for frame in room:
         result = step(pipeline, frame)
         assert result.ids.dtype == np.uint32
@@ -112,7 +112,7 @@ def test_settings_are_keywords(tmp_path, room):
         ({"seed": "x"}, "seed is"),
         ({"memory": {"max_votes": -1}}, "memory.max_votes is -1"),
         ({"segmenter": "yolo"}, "expected affinity, graph, fastsam, masks or oracle"),
-        ({"weights": "x.pt"}, "weights is not used here"),
+        ({"masks": "x"}, "masks is not used here"),
         ({"segmenter": "oracle"}, "segmenter = oracle"),
     ]:
         with pytest.raises(ValueError, match=message):
