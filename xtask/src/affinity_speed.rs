@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 segmenter.inputs(frame);
                 times[0] = milliseconds(start);
                 let start = Instant::now();
-                segmenter.log_odds(frame);
+                segmenter.log_odds(frame)?;
                 times[1] = milliseconds(start);
                 let start = Instant::now();
                 segmenter.segment(frame)?;

@@ -43,7 +43,7 @@ impl Transfers {
 }
 
 /// A tensor of row-major elements on a device.
-pub(crate) fn upload<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
+pub fn upload<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
     if !is_cpu(device) {
         let so_far = SO_FAR.get();
         SO_FAR.set(Transfers {
@@ -59,7 +59,7 @@ pub(crate) fn upload<const D: usize>(values: Vec<f32>, shape: [usize; D], device
 ///
 /// # Errors
 /// What the device says, if it failed at this or at anything that it was told to compute before.
-pub(crate) fn download(tensors: Vec<Tensor<1>>) -> Result<Vec<Vec<f32>>, String> {
+pub fn download(tensors: Vec<Tensor<1>>) -> Result<Vec<Vec<f32>>, String> {
     let Some(first) = tensors.first() else { return Ok(Vec::new()) };
     let is_cpu = is_cpu(&first.device());
     let transaction = tensors.into_iter().fold(Transaction::default(), Transaction::register);

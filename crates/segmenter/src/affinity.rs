@@ -6,6 +6,7 @@
 //!    between two of them are above a threshold. Every pixel belongs to one segment.
 
 mod agglomeration;
+mod device_network;
 mod inputs;
 mod network;
 mod regions;
@@ -62,16 +63,22 @@ impl AffinitySegmenter {
 
     /// For each pixel of the half-size image, the log-odds that it and the pixels at the network's offsets belong to the
     /// same object, `[offsets, height, width]`.
-    pub fn log_odds(&mut self, frame: &RgbdFrame) -> &FeatureMap {
+    ///
+    /// # Errors
+    /// [`SegmenterError::Device`] if the network's device failed; never on the CPU.
+    pub fn log_odds(&mut self, frame: &RgbdFrame) -> Result<&FeatureMap, SegmenterError> {
         self.inputs(frame);
-        self.network.forward(&self.input, &mut self.memory);
-        &self.memory.log_odds
+        self.network.forward(&self.input, &mut self.memory)?;
+        Ok(&self.memory.log_odds)
     }
 
     /// All merges of a frame's regions: a hierarchy of segments, to be cut at any threshold.
-    pub fn merge_tree(&mut self, frame: &RgbdFrame) -> MergeTree {
-        self.log_odds(frame);
-        MergeTree::new(RegionGraph::from_log_odds(&self.memory.log_odds, &self.network.offsets))
+    ///
+    /// # Errors
+    /// As [`log_odds`](Self::log_odds).
+    pub fn merge_tree(&mut self, frame: &RgbdFrame) -> Result<MergeTree, SegmenterError> {
+        self.log_odds(frame)?;
+        Ok(MergeTree::new(RegionGraph::from_log_odds(&self.memory.log_odds, &self.network.offsets)))
     }
 }
 
@@ -81,7 +88,7 @@ impl Segmenter for AffinitySegmenter {
     }
 
     fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
-        let tree = self.merge_tree(frame);
+        let tree = self.merge_tree(frame)?;
         let partition = tree.cut(self.settings.threshold.unwrap_or(self.network.threshold));
         let segments = upsampling::enlarge(&partition.segments_of_pixels(&tree), &self.input);
         let view = (self.input.width(), self.input.height());

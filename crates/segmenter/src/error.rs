@@ -16,6 +16,12 @@ pub enum SegmenterError {
     /// The network failed.
     #[error(transparent)]
     FastSam(#[from] FastSamError),
+    /// The device of the affinity network failed.
+    #[error("the device failed: {message}")]
+    Device {
+        /// What the device said.
+        message: String,
+    },
     /// The weights of the affinity network cannot be used.
     #[error(transparent)]
     AffinityWeights(#[from] AffinityWeightsError),

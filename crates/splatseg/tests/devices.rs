@@ -52,6 +52,16 @@ fn a_memory_on_the_gpu_gives_the_ids_of_the_cpu() {
 }
 
 #[test]
+fn the_learned_segmenter_on_the_gpu_gives_the_ids_of_the_cpu() {
+    if !has_gpu("the_learned_segmenter_on_the_gpu_gives_the_ids_of_the_cpu") {
+        return;
+    }
+    let scene = "synthetic:frames=2,width=160,height=120,objects=8";
+    let run = |device: &str| ids_of(scene, 2, &["--device", device]);
+    assert_agree(&run("gpu"), &run("cpu"));
+}
+
+#[test]
 fn a_network_on_the_gpu_gives_the_ids_of_the_cpu() {
     let test = "a_network_on_the_gpu_gives_the_ids_of_the_cpu";
     let weights = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/models/fastsam-rooms-n.pt");

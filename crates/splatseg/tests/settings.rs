@@ -88,7 +88,6 @@ fn options_that_do_nothing_are_errors_that_say_what_would_use_them() {
         (["--tracker", "sim"], tracker),
         (["--tracker-weights", "x.pt"], tracker),
         (["--prompts", "ground-truth"], tracker),
-        (["--device", "cuda"], "device is not used here: it needs segmenter = fastsam or tracker = sam2"),
         (["--set", "sim_tracker.swap_rate=0"], tracker),
         (["--set", "dataset.depth_offset_m=0.1"], "it needs dataset.register_depth = true"),
     ] {
@@ -108,7 +107,7 @@ fn options_that_do_nothing_are_errors_that_say_what_would_use_them() {
         assert_refused(&[&prompted[..], &option].concat(), &expected);
     }
     let sim = ["--method", "sam2", "--tracker", "sim", "--device", "vulkan"];
-    assert_refused(&sim, "but segmenter is affinity and tracker is sim");
+    assert_refused(&[&sim[..], &["--segmenter", "graph"]].concat(), "but segmenter is graph and tracker is sim");
     #[cfg(not(feature = "cuda"))]
     assert_refused(
         &["--segmenter", "fastsam", "--weights", "x.pt", "--device", "cuda"],
@@ -187,8 +186,8 @@ fn a_summary_lists_the_settings_in_force_and_repeats_the_run() {
     let cases: [(&[&str], &[&str], &[&str]); 3] = [
         (
             &["--seed", "5", "--set", "memory.max_votes=3.3"],
-            &["affinity", "explanation"],
-            &["device", "graph", "tracker"],
+            &["affinity", "device", "explanation"],
+            &["graph", "tracker"],
         ),
         (&FEATURES, &["affinity"], &["explanation", "oracle"]),
         (&tracked, &["sim_tracker", "reprompt"], &["segmenter", "affinity", "sam2", "device"]),

@@ -5,7 +5,10 @@
 //! the last stage is added to it. The path up adds each stage to the one above, enlarged, and ends in a 1×1 convolution.
 //! Widths, stages and blocks are those of the weights. Batch norms are folded into the convolutions.
 
-use super::weights::{AffinityWeightsError, BUILT_IN, MAX_BYTES, Offset, Weights};
+use super::device_network::DeviceNetwork;
+use super::weights::{AffinityWeightsError, BUILT_IN, Layer, MAX_BYTES, Offset, Weights};
+use crate::SegmenterError;
+use burn::tensor::Device;
 use splatseg_kernels::feature_map::{FeatureMap, MapConvolution, add_upsampled, mean_per_channel};
 use splatseg_kernels::{Activation, Instructions};
 use std::path::Path;
@@ -14,32 +17,39 @@ use std::sync::Arc;
 /// A network that predicts which pixels belong to the same object. Copies share its weights.
 #[derive(Clone, Debug)]
 pub struct AffinityNetwork {
-    layers: Arc<Layers>,
+    layers: PlacedLayers,
     pub(super) offsets: Arc<[Offset]>,
     pub(super) threshold: f32,
 }
 
+/// The layers on the CPU or on another device.
+#[derive(Clone, Debug)]
+enum PlacedLayers {
+    Cpu(Arc<Layers<MapConvolution>>),
+    Device(Arc<DeviceNetwork>),
+}
+
 #[derive(Debug)]
-struct Layers {
-    stem: MapConvolution,
+pub(super) struct Layers<L> {
+    pub stem: L,
     /// From fine to coarse.
-    stages: Vec<Stage>,
-    pool: MapConvolution,
+    pub stages: Vec<Stage<L>>,
+    pub pool: L,
     /// From fine to coarse: what each level receives from the next coarser one.
-    path: Vec<PathStep>,
-    head: MapConvolution,
+    pub path: Vec<PathStep<L>>,
+    pub head: L,
 }
 
 #[derive(Debug)]
-struct Stage {
-    down: MapConvolution,
-    blocks: Vec<[MapConvolution; 2]>,
+pub(super) struct Stage<L> {
+    pub down: L,
+    pub blocks: Vec<[L; 2]>,
 }
 
 #[derive(Debug)]
-struct PathStep {
-    lateral: MapConvolution,
-    layers: Vec<MapConvolution>,
+pub(super) struct PathStep<L> {
+    pub lateral: L,
+    pub layers: Vec<L>,
 }
 
 /// The maps of a network, kept from one frame to the next.
@@ -61,38 +71,77 @@ struct LevelMemory {
 }
 
 impl AffinityNetwork {
-    /// The network whose weights are part of the program.
+    /// The network whose weights are part of the program, on the CPU.
     ///
     /// # Errors
     /// Never, as a test checks.
     pub fn built_in() -> Result<Self, AffinityWeightsError> {
-        Self::parse(BUILT_IN, "built-in weights")
+        Self::parse(BUILT_IN, "built-in weights", None)
     }
 
-    /// The network of a `.safetensors` file that `training/splatseg_training/export.py` wrote.
+    /// The network of a `.safetensors` file that `training/splatseg_training/export.py` wrote, on the CPU.
     ///
     /// # Errors
     /// If the file cannot be read, or a tensor is missing or of a shape that does not fit the others.
     pub fn open(path: &Path) -> Result<Self, AffinityWeightsError> {
-        let read = splatseg_input::read_file(path, MAX_BYTES);
-        let bytes = read.map_err(|source| AffinityWeightsError::Read { path: path.to_owned(), source })?;
-        Self::parse(&bytes, &path.display().to_string())
+        Self::parse(&read(path)?, &path.display().to_string(), None)
     }
 
-    fn parse(bytes: &[u8], file: &str) -> Result<Self, AffinityWeightsError> {
+    /// The network of a file, or of the weights that are part of the program, on a device. Its log-odds differ from those of
+    /// the CPU by what the device rounds differently.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn on_device(path: Option<&Path>, device: &Device) -> Result<Self, AffinityWeightsError> {
+        match path {
+            Some(path) => Self::parse(&read(path)?, &path.display().to_string(), Some(device)),
+            None => Self::parse(BUILT_IN, "built-in weights", Some(device)),
+        }
+    }
+
+    fn parse(bytes: &[u8], file: &str, device: Option<&Device>) -> Result<Self, AffinityWeightsError> {
         let weights = Weights::parse(bytes, file)?;
-        let layers = Layers::load(&weights)?;
+        let (layers, outputs) = match device {
+            None => {
+                let layers = Layers::load(&weights, &())?;
+                let outputs = layers.head.outputs();
+                (PlacedLayers::Cpu(Arc::new(layers)), outputs)
+            }
+            Some(device) => {
+                let network = DeviceNetwork::load(&weights, device)?;
+                let outputs = network.outputs();
+                (PlacedLayers::Device(Arc::new(network)), outputs)
+            }
+        };
         let offsets = weights.offsets()?;
-        if offsets.len() != layers.head.outputs() {
-            let expected = format!("{}, the outputs of the head", layers.head.outputs());
+        if offsets.len() != outputs {
+            let expected = format!("{outputs}, the outputs of the head");
             return Err(weights.fault("offsets in the metadata", offsets.len().to_string(), expected));
         }
-        Ok(Self { layers: Arc::new(layers), offsets: offsets.into(), threshold: weights.threshold()? })
+        Ok(Self { layers, offsets: offsets.into(), threshold: weights.threshold()? })
     }
 
     /// Computes the log-odds of an input of 8 channels.
-    pub(super) fn forward(&self, input: &FeatureMap, memory: &mut NetworkMemory) {
-        let Layers { stem, stages, pool, path, head } = &*self.layers;
+    ///
+    /// # Errors
+    /// [`SegmenterError::Device`] if a device failed.
+    pub(super) fn forward(&self, input: &FeatureMap, memory: &mut NetworkMemory) -> Result<(), SegmenterError> {
+        match &self.layers {
+            PlacedLayers::Cpu(layers) => layers.forward(input, memory),
+            PlacedLayers::Device(network) => network.forward(input, &mut memory.log_odds)?,
+        }
+        Ok(())
+    }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, AffinityWeightsError> {
+    let read = splatseg_input::read_file(path, MAX_BYTES);
+    read.map_err(|source| AffinityWeightsError::Read { path: path.to_owned(), source })
+}
+
+impl Layers<MapConvolution> {
+    fn forward(&self, input: &FeatureMap, memory: &mut NetworkMemory) {
+        let Self { stem, stages, pool, path, head } = self;
         memory.levels.resize_with(stages.len() + 1, LevelMemory::default);
         let LevelMemory { map, phases, .. } = &mut memory.levels[0];
         stem.forward(input, None, phases, map);
@@ -115,36 +164,65 @@ impl AffinityNetwork {
     }
 }
 
-impl Layers {
-    fn load(weights: &Weights<'_>) -> Result<Self, AffinityWeightsError> {
-        let stem = weights.stem()?;
+impl<L: Layer> Layers<L> {
+    pub fn load(weights: &Weights<'_>, place: &L::Place) -> Result<Self, AffinityWeightsError> {
+        let stem: L = weights.stem(place)?;
         let mut widths = vec![stem.outputs()];
-        let mut stages = Vec::new();
+        let mut stages: Vec<Stage<L>> = Vec::new();
         while weights.contains(&format!("e{}.0", stages.len() + 1)) {
-            let stage = Stage::load(weights, stages.len() + 1, widths[stages.len()])?;
+            let stage = Stage::load(weights, stages.len() + 1, widths[stages.len()], place)?;
             widths.push(stage.down.outputs());
             stages.push(stage);
         }
         let coarsest = widths[stages.len()];
-        let pool = same_width(weights, "pool", coarsest, 1)?;
-        let path = (0..stages.len()).map(|level| PathStep::load(weights, level, &widths)).collect::<Result<_, _>>()?;
-        let head = weights.convolution("head", widths[0], (1, 1), Activation::None)?;
+        let pool = same_width(weights, "pool", coarsest, 1, place)?;
+        let path = (0..stages.len()).map(|level| PathStep::load(weights, level, &widths, place));
+        let path = path.collect::<Result<_, _>>()?;
+        let head = weights.convolution("head", widths[0], (1, 1), Activation::None, place)?;
         Ok(Self { stem, stages, pool, path, head })
     }
 }
 
-impl Stage {
-    fn load(weights: &Weights<'_>, number: usize, inputs: usize) -> Result<Self, AffinityWeightsError> {
-        let down = weights.convolution(&format!("e{number}.0"), inputs, (3, 2), Activation::Silu)?;
+impl<L: Layer> Stage<L> {
+    fn load(
+        weights: &Weights<'_>,
+        number: usize,
+        inputs: usize,
+        place: &L::Place,
+    ) -> Result<Self, AffinityWeightsError> {
+        let down: L = weights.convolution(&format!("e{number}.0"), inputs, (3, 2), Activation::Silu, place)?;
         let mut blocks = Vec::new();
         while weights.contains(&format!("e{number}.{}.a", blocks.len() + 1)) {
             let name = |part: &str| format!("e{number}.{}.{part}", blocks.len() + 1);
-            let load = |part: &str| same_width(weights, &name(part), down.outputs(), 3);
+            let load = |part: &str| same_width(weights, &name(part), down.outputs(), 3, place);
             blocks.push([load("a")?, load("b")?]);
         }
         Ok(Self { down, blocks })
     }
+}
 
+impl<L: Layer> PathStep<L> {
+    fn load(
+        weights: &Weights<'_>,
+        level: usize,
+        widths: &[usize],
+        place: &L::Place,
+    ) -> Result<Self, AffinityWeightsError> {
+        let lateral_name = format!("l{}", level + 1);
+        let lateral: L = weights.convolution(&lateral_name, widths[level + 1], (1, 1), Activation::None, place)?;
+        if lateral.outputs() != widths[level] {
+            let found = format!("{} outputs", lateral.outputs());
+            return Err(weights.fault(&format!("tensor {lateral_name}.weight"), found, widths[level].to_string()));
+        }
+        let mut layers = Vec::new();
+        while weights.contains(&format!("d{level}.{}", layers.len())) {
+            layers.push(same_width(weights, &format!("d{level}.{}", layers.len()), widths[level], 3, place)?);
+        }
+        Ok(Self { lateral, layers })
+    }
+}
+
+impl Stage<MapConvolution> {
     fn forward(&self, input: &FeatureMap, level: &mut LevelMemory) {
         let LevelMemory { map, first, second, phases, .. } = level;
         self.down.forward(input, None, phases, map);
@@ -156,21 +234,7 @@ impl Stage {
     }
 }
 
-impl PathStep {
-    fn load(weights: &Weights<'_>, level: usize, widths: &[usize]) -> Result<Self, AffinityWeightsError> {
-        let lateral_name = format!("l{}", level + 1);
-        let lateral = weights.convolution(&lateral_name, widths[level + 1], (1, 1), Activation::None)?;
-        if lateral.outputs() != widths[level] {
-            let found = format!("{} outputs", lateral.outputs());
-            return Err(weights.fault(&format!("tensor {lateral_name}.weight"), found, widths[level].to_string()));
-        }
-        let mut layers = Vec::new();
-        while weights.contains(&format!("d{level}.{}", layers.len())) {
-            layers.push(same_width(weights, &format!("d{level}.{}", layers.len()), widths[level], 3)?);
-        }
-        Ok(Self { lateral, layers })
-    }
-
+impl PathStep<MapConvolution> {
     fn forward(&self, coarse: &mut LevelMemory, fine: &mut LevelMemory) {
         self.lateral.forward(&coarse.map, None, &mut coarse.phases, &mut coarse.lateral);
         let LevelMemory { map, first, phases, .. } = fine;
@@ -183,13 +247,14 @@ impl PathStep {
 }
 
 /// A convolution with as many outputs as inputs, followed by SiLU.
-fn same_width(
+fn same_width<L: Layer>(
     weights: &Weights<'_>,
     name: &str,
     width: usize,
     kernel: usize,
-) -> Result<MapConvolution, AffinityWeightsError> {
-    let layer = weights.convolution(name, width, (kernel, 1), Activation::Silu)?;
+    place: &L::Place,
+) -> Result<L, AffinityWeightsError> {
+    let layer: L = weights.convolution(name, width, (kernel, 1), Activation::Silu, place)?;
     if layer.outputs() != width {
         let found = format!("{} outputs", layer.outputs());
         return Err(weights.fault(&format!("tensor {name}.weight"), found, width.to_string()));

@@ -2,8 +2,8 @@
 
 use super::inputs::{CHANNELS, COLOR_CHANNELS, DEPTH_CHANNELS};
 use safetensors::{Dtype, SafeTensors};
-use splatseg_kernels::feature_map::MapConvolution;
 use splatseg_kernels::{Activation, Instructions};
+use splatseg_kernels::feature_map::MapConvolution;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -43,6 +43,30 @@ pub enum AffinityWeightsError {
 pub(super) struct Offset {
     pub down: i32,
     pub right: i32,
+}
+
+/// A convolution with bias and activation, on the CPU or on another device.
+pub(super) trait Layer: Sized {
+    /// Where its parameters are.
+    type Place;
+
+    /// `weight` `[outputs, inputs, kernel, kernel]`, row-major; zeros around the image, `kernel / 2` on each side.
+    fn new(weight: &[f32], bias: &[f32], kernel: usize, stride: usize, activation: Activation, place: &Self::Place) -> Self;
+
+    /// Output channels.
+    fn outputs(&self) -> usize;
+}
+
+impl Layer for MapConvolution {
+    type Place = ();
+
+    fn new(weight: &[f32], bias: &[f32], kernel: usize, stride: usize, activation: Activation, (): &()) -> Self {
+        Self::new(weight, bias, kernel, stride, activation, Instructions::best())
+    }
+
+    fn outputs(&self) -> usize {
+        self.outputs()
+    }
 }
 
 /// The tensors and the metadata of a file.
@@ -101,7 +125,7 @@ impl<'a> Weights<'a> {
 
     /// The first convolution, of all [`CHANNELS`]. A network of colour alone has 3, one of depth alone 5: its weights for
     /// the other channels are 0.
-    pub fn stem(&self) -> Result<MapConvolution, AffinityWeightsError> {
+    pub fn stem<L: Layer>(&self, place: &L::Place) -> Result<L, AffinityWeightsError> {
         let (shape, weight) = self.numbers("stem.weight")?;
         let first = match shape[..] {
             [_, CHANNELS | COLOR_CHANNELS, 3, 3] => 0,
@@ -116,17 +140,18 @@ impl<'a> Weights<'a> {
             out[first * 9..][..weight.len()].copy_from_slice(weight);
         }
         let bias = self.bias("stem", shape[0])?;
-        Ok(MapConvolution::new(&padded, &bias, 3, 2, Activation::Silu, Instructions::best()))
+        Ok(L::new(&padded, &bias, 3, 2, Activation::Silu, place))
     }
 
     /// The convolution `name` of `inputs` channels, with a kernel of `kernel` × `kernel`.
-    pub fn convolution(
+    pub fn convolution<L: Layer>(
         &self,
         name: &str,
         inputs: usize,
         (kernel, stride): (usize, usize),
         activation: Activation,
-    ) -> Result<MapConvolution, AffinityWeightsError> {
+        place: &L::Place,
+    ) -> Result<L, AffinityWeightsError> {
         let (shape, weight) = self.numbers(&format!("{name}.weight"))?;
         let outputs = shape.first().copied().unwrap_or(0);
         if outputs == 0 || shape != [outputs, inputs, kernel, kernel] {
@@ -134,7 +159,7 @@ impl<'a> Weights<'a> {
             return Err(self.fault(&format!("tensor {name}.weight"), format!("shape {shape:?}"), expected));
         }
         let bias = self.bias(name, outputs)?;
-        Ok(MapConvolution::new(&weight, &bias, kernel, stride, activation, Instructions::best()))
+        Ok(L::new(&weight, &bias, kernel, stride, activation, place))
     }
 
     /// The biases of the convolution `name`.

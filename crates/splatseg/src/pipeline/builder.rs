@@ -142,7 +142,7 @@ impl<'a> PipelineBuilder<'a> {
         Ok(match &self.settings.segmenter {
             SegmenterSettings::Graph { graph } => Box::new(GraphSegmenter::new(graph.clone())?),
             SegmenterSettings::Affinity { weights, affinity } => {
-                let network = self.networks.affinity(weights.as_deref())?;
+                let network = self.networks.affinity(weights.as_deref(), self.settings.run.device)?;
                 Box::new(AffinitySegmenter::new(network, affinity.clone())?)
             }
             SegmenterSettings::Fastsam { weights, fastsam } => {

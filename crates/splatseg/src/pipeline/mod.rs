@@ -119,7 +119,7 @@ fn process(
 ) -> Result<FrameResult, PipelineError> {
     let name = || frame.name().to_owned();
     let masks = masks.map_err(|source| match source {
-        SegmenterError::FastSam(FastSamError::Device { .. }) => {
+        SegmenterError::FastSam(FastSamError::Device { .. }) | SegmenterError::Device { .. } => {
             PipelineError::DeviceFailed { frame: name(), source: Box::new(source) }
         }
         source => PipelineError::Segmenter { frame: name(), source: Box::new(source) },

@@ -13,7 +13,7 @@ use std::sync::{Mutex, PoisonError};
 /// the latest is kept.
 #[derive(Debug, Default)]
 pub struct LoadedNetworks {
-    affinity: Latest<Option<PathBuf>, AffinityNetwork>,
+    affinity: Latest<(Option<PathBuf>, DeviceName), AffinityNetwork>,
     fastsam: Latest<(PathBuf, FastSamPredictorSettings, DeviceName), FastSamPredictor>,
     sam2: Latest<(PathBuf, Option<usize>, DeviceName), Sam2Network>,
 }
@@ -45,9 +45,17 @@ impl LoadedNetworks {
     ///
     /// # Errors
     /// If it cannot be loaded.
-    pub(super) fn affinity(&self, weights: Option<&Path>) -> Result<AffinityNetwork, PipelineError> {
-        self.affinity.get(weights.map(Path::to_owned), |weights| {
-            let network = weights.as_deref().map_or_else(AffinityNetwork::built_in, AffinityNetwork::open);
+    pub(super) fn affinity(
+        &self,
+        weights: Option<&Path>,
+        device: DeviceName,
+    ) -> Result<AffinityNetwork, PipelineError> {
+        self.affinity.get((weights.map(Path::to_owned), device), |(weights, device)| {
+            let network = match (device, weights) {
+                (DeviceName::Cpu, None) => AffinityNetwork::built_in(),
+                (DeviceName::Cpu, Some(weights)) => AffinityNetwork::open(weights),
+                (device, weights) => AffinityNetwork::on_device(weights.as_deref(), &device.open()?),
+            };
             Ok(network.map_err(SegmenterError::from)?)
         })
     }

@@ -84,8 +84,8 @@ pub fn entries() -> Vec<Entry> {
     registry.add(vec![segmenter], &[]);
     registry.require("segmenter", Need::Not(ChosenValues { key: "prompts", values: vec!["ground-truth"] }));
     registry.add(RunSettings::fields(), &[]);
-    let networks = [("segmenter", "fastsam"), ("tracker", "sam2")];
-    let networks = networks.map(|(key, network)| ChosenValues { key, values: vec![network] });
+    let networks = [("segmenter", vec!["affinity", "fastsam"]), ("tracker", vec!["sam2"])];
+    let networks = networks.map(|(key, values)| ChosenValues { key, values });
     registry.require("device", Need::OneOf(networks.to_vec()));
     let with_memory = ChosenValues { key: "method", values: vec!["fastsam-splat", "sam2-splat"] };
     registry.require("memory_device", Need::OneOf(vec![with_memory]));
