@@ -24,8 +24,12 @@ fn stages(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("affinity");
     group.sample_size(30);
     group.bench_function("inputs", |bencher| bencher.iter(|| segmenter.inputs(&frame).channels()));
-    group.bench_function("inputs, network", |bencher| bencher.iter(|| segmenter.log_odds(&frame).expect("the CPU").channels()));
-    group.bench_function("inputs, network, merging", |bencher| bencher.iter(|| segmenter.merge_tree(&frame).expect("the CPU")));
+    group.bench_function("inputs, network", |bencher| {
+        bencher.iter(|| segmenter.log_odds(&frame).expect("the CPU").channels())
+    });
+    group.bench_function("inputs, network, merging", |bencher| {
+        bencher.iter(|| segmenter.merge_tree(&frame).expect("the CPU"))
+    });
     group.bench_function("all", |bencher| bencher.iter(|| segmenter.segment(&frame)));
     group.finish();
 }

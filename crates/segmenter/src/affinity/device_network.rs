@@ -28,7 +28,14 @@ struct DeviceLayer {
 impl Layer for DeviceLayer {
     type Place = Device;
 
-    fn new(weight: &[f32], bias: &[f32], kernel: usize, stride: usize, activation: Activation, device: &Device) -> Self {
+    fn new(
+        weight: &[f32],
+        bias: &[f32],
+        kernel: usize,
+        stride: usize,
+        activation: Activation,
+        device: &Device,
+    ) -> Self {
         let (outputs, inputs) = (bias.len(), weight.len() / (bias.len() * kernel * kernel));
         let shape = ConvolutionShape::new(inputs, outputs, kernel, stride, kernel / 2);
         Self { convolution: Convolution::new(weight.to_vec(), bias.to_vec(), shape, activation, device), outputs }

@@ -103,7 +103,7 @@ impl AffinityNetwork {
         let weights = Weights::parse(bytes, file)?;
         let (layers, outputs) = match device {
             None => {
-                let layers = Layers::load(&weights, &())?;
+                let layers = Layers::<MapConvolution>::load(&weights, &())?;
                 let outputs = layers.head.outputs();
                 (PlacedLayers::Cpu(Arc::new(layers)), outputs)
             }
@@ -170,7 +170,7 @@ impl<L: Layer> Layers<L> {
         let mut widths = vec![stem.outputs()];
         let mut stages: Vec<Stage<L>> = Vec::new();
         while weights.contains(&format!("e{}.0", stages.len() + 1)) {
-            let stage = Stage::load(weights, stages.len() + 1, widths[stages.len()], place)?;
+            let stage = Stage::<L>::load(weights, stages.len() + 1, widths[stages.len()], place)?;
             widths.push(stage.down.outputs());
             stages.push(stage);
         }

@@ -2,8 +2,8 @@
 
 use super::inputs::{CHANNELS, COLOR_CHANNELS, DEPTH_CHANNELS};
 use safetensors::{Dtype, SafeTensors};
-use splatseg_kernels::{Activation, Instructions};
 use splatseg_kernels::feature_map::MapConvolution;
+use splatseg_kernels::{Activation, Instructions};
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -51,7 +51,14 @@ pub(super) trait Layer: Sized {
     type Place;
 
     /// `weight` `[outputs, inputs, kernel, kernel]`, row-major; zeros around the image, `kernel / 2` on each side.
-    fn new(weight: &[f32], bias: &[f32], kernel: usize, stride: usize, activation: Activation, place: &Self::Place) -> Self;
+    fn new(
+        weight: &[f32],
+        bias: &[f32],
+        kernel: usize,
+        stride: usize,
+        activation: Activation,
+        place: &Self::Place,
+    ) -> Self;
 
     /// Output channels.
     fn outputs(&self) -> usize;

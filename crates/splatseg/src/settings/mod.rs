@@ -314,7 +314,8 @@ impl Settings {
 
     /// The devices that networks and the memory need, if there are any.
     pub fn devices(&self) -> impl Iterator<Item = DeviceName> {
-        let has_network = matches!(self.segmenter, SegmenterSettings::Affinity { .. } | SegmenterSettings::Fastsam { .. });
+        let has_network =
+            matches!(self.segmenter, SegmenterSettings::Affinity { .. } | SegmenterSettings::Fastsam { .. });
         let segments = self.method.uses_segmenter() && has_network;
         let tracks = matches!(self.method.tracker(), Some(TrackerSettings::Sam2 { .. }));
         let remembers = self.method.memory().is_some() && self.run.memory_device == MemoryDevice::Gpu;
