@@ -5,7 +5,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from . import colour, sensor
+from . import colour, sensor, sheets
 from .inputs import inputs
 
 
@@ -18,18 +18,21 @@ class Settings(NamedTuple):
     recolour: float = 0.5  # probability that objects get new colours and textures
     no_colour: float = 0.35  # probability that colour is left out
     no_depth: float = 0.05  # probability that depth is left out
+    sheets: float = 0.5  # probability that papers and posters are laid on surfaces, where there is colour
 
 
 def sample(view, settings, rng):
     """Network input [8, h, w] float16 and the ids of every second pixel [h/2, w/2] int32."""
     rgb, z, ids, camera = _crop(view, settings, rng)
     z *= np.float32(np.exp(rng.uniform(-0.4, 0.3)))
+    choice, laid, ground, bare = rng.random(), [], ids, z
+    if choice >= settings.no_colour and rng.random() < settings.sheets:
+        z, ids, laid = sheets.lay(z, ids, camera, rng)
     noisy = sensor.measure(z, rgb, ids, camera, rng) if rng.random() < settings.sensor else z
-    choice = rng.random()
     if choice < settings.no_colour:
         rgb = np.zeros((*ids.shape, 3), np.uint8)
     else:
-        rgb = _coloured(rgb, z, ids, camera, settings, rng)
+        rgb = _coloured(rgb, bare, ground, camera, laid, settings, rng)
     x = inputs(rgb, np.rint(noisy * 1000).clip(0, 65535).astype(np.uint16), matrix(camera))
     if choice < settings.no_colour:
         x[:3] = 0
@@ -38,13 +41,13 @@ def sample(view, settings, rng):
     return x.astype(np.float16), ids[::2, ::2].astype(np.int32)
 
 
-def _coloured(rgb, z, ids, camera, settings, rng):
-    """The crop's final colours."""
+def _coloured(rgb, z, ids, camera, laid, settings, rng):
+    """The crop's final colours; `z` and `ids` are those beneath the sheets."""
     if rgb is None:
         rgb = colour.paint(z, ids, camera, rng)
     elif rng.random() < settings.recolour:
         rgb = colour.recolour(rgb, ids, rng)
-    return colour.photograph(rgb, rng)
+    return colour.photograph(sheets.printed(rgb, laid, rng), rng)
 
 
 def matrix(camera):

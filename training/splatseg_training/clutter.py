@@ -185,11 +185,11 @@ def _room(scene, half_x, half_y):
         scene.add("box", (rng.choice([-1, 1]) * (wall + 0.1), 0, 1.4), (0.1, 6, 1.6), scene.new_id())
 
 
-def look_at(target, rng):
-    """Camera to world (x right, y down, z forward) from in front of and above a point."""
+def look_at(target, rng, nearest, farthest):
+    """Camera to world (x right, y down, z forward) from in front of and above a point; distances in metres."""
     yaw, pitch = rng.uniform(-2.2, -0.9), rng.uniform(0.15, 1.1)
     away = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)])
-    position = target + away * np.exp(rng.uniform(np.log(0.55), np.log(2.2)))
+    position = target + away * np.exp(rng.uniform(np.log(nearest), np.log(farthest)))
     right = np.cross(-away, (0, 0, 1))
     right /= np.linalg.norm(right)
     roll = rng.normal(0, 0.05)
@@ -201,8 +201,8 @@ def look_at(target, rng):
     return pose
 
 
-def write(folder, count, seed):
-    """Writes `count` scenes, one view each."""
+def write(folder, count, seed, random_scene=random_scene, distances=(0.55, 2.2)):
+    """Writes `count` scenes, one view each, from a distance between the two in metres."""
     for name in ("depth", "instance-filt", "pose", "intrinsic"):
         os.makedirs(os.path.join(folder, name), exist_ok=True)
     focal = 270.0
@@ -214,7 +214,7 @@ def write(folder, count, seed):
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         scene, target = random_scene(rng)
-        pose = look_at(target, rng)
+        pose = look_at(target, rng, *distances)
         z, ids = cast(scene.solids, pose, camera, height, width)
         z = np.where(z < 10, z, 0)
         cv2.imwrite(os.path.join(folder, "depth", f"{number}.png"), np.rint(z * 1000).astype(np.uint16))
@@ -222,13 +222,14 @@ def write(folder, count, seed):
         np.savetxt(os.path.join(folder, "pose", f"{number}.txt"), pose, "%.8f")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main(description=__doc__, **scenes):
+    """The command; `scenes` go to `write`."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", required=True)
     parser.add_argument("--count", type=int, default=500)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    write(options.out, options.count, options.seed)
+    write(options.out, options.count, options.seed, **scenes)
 
 
 if __name__ == "__main__":

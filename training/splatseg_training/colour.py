@@ -17,7 +17,7 @@ def recolour(rgb, ids, rng):
     brightness = np.exp(rng.uniform(-0.9, 0.9, (count, 1)))
     tint = np.exp(rng.uniform(-1, 1, (count, 3)) * rng.uniform(0, 0.9))
     gains = np.where(changed, brightness * tint, 1).astype(np.float32)[ids]
-    return _bytes(_textured(gains, ids, rng.uniform(0, 0.8), rng) * rgb)
+    return _bytes(_textured(gains, ids, rng.uniform(0, 0.8) * _calm(rng), rng) * rgb)
 
 
 def paint(z, ids, camera, rng):
@@ -25,7 +25,7 @@ def paint(z, ids, camera, rng):
     count = int(ids.max()) + 1
     tint = 1 + rng.uniform(0, 0.9) * rng.uniform(-1, 1, (count, 3))
     albedo = np.clip(rng.uniform(12, 240, (count, 1)) * tint, 5, 255).astype(np.float32)[ids]
-    return _bytes(_textured(albedo, ids, rng.uniform(0.2, 1.0), rng) * _shading(z, camera, rng)[..., None])
+    return _bytes(_textured(albedo, ids, rng.uniform(0.2, 1.0) * _calm(rng), rng) * _shading(z, camera, rng)[..., None])
 
 
 def photograph(rgb, rng, shift=0.6):
@@ -33,7 +33,7 @@ def photograph(rgb, rng, shift=0.6):
 
     `shift` is the probability that the image moves against depth and ids.
     """
-    if rng.random() < 0.4:
+    if rng.random() < 0.3:
         rgb = _scribbled(rgb, rng)
     if rng.random() < 0.8:
         rgb = _saturated(rgb, rng)
@@ -43,6 +43,11 @@ def photograph(rgb, rng, shift=0.6):
         light = smooth_noise(rng, rgb.shape[:2], int(rng.integers(30, 120))) * np.float32(rng.uniform(0, 0.5))
         rgb *= np.exp(light)[..., None]
     return _bytes(rgb + white_noise(rng, rgb.shape) * np.float32(rng.uniform(0, 12)))
+
+
+def _calm(rng):
+    """1, or in half of the views less: there, most things have one colour, and colour is to be trusted."""
+    return 1.0 if rng.random() < 0.5 else 0.2
 
 
 def _bytes(image):

@@ -20,6 +20,7 @@ from .network import load
 THRESHOLDS = (0.0, -0.5, -1.0, -1.5, -2.0)
 BORDER = 5  # pixels
 LEAST_PIXELS = 100  # smaller segments are dropped
+CHANNELS = {"colour": slice(0, 3), "depth": slice(3, 8)}  # of the input
 
 
 def main():
@@ -28,24 +29,27 @@ def main():
     parser.add_argument("folders", nargs="+", metavar="FOLDER")
     parser.add_argument("--thresholds", type=float, nargs="+", default=THRESHOLDS)
     parser.add_argument("--every", type=int, default=1, help="take every n-th frame")
+    parser.add_argument(
+        "--without", choices=sorted(CHANNELS), help="leave these channels out, as training does now and then"
+    )
     options = parser.parse_args()
-    report(load(options.weights), options.folders, options.thresholds, options.every)
+    report(load(options.weights), options.folders, options.thresholds, options.every, options.without)
 
 
-def report(net, folders, thresholds=THRESHOLDS, every=1):
+def report(net, folders, thresholds=THRESHOLDS, every=1, without=None):
     """Prints one line per folder and threshold."""
     for folder in folders:
         views = [view for _, view in read_folder(folder, every)]
-        for threshold, (quality, found, count) in zip(thresholds, evaluate(net, views, thresholds)):
+        for threshold, (quality, found, count) in zip(thresholds, evaluate(net, views, thresholds, without)):
             line = f"threshold {threshold:5.2f}  k1 {quality:.1f}  {count:.1f} segments  recall50 {found:.1f}"
             print(f"{folder}  {len(views)} frames  {line}", flush=True)
 
 
-def evaluate(net, views, thresholds):
+def evaluate(net, views, thresholds, without=None):
     """For each threshold k1 (percent), recall at IoU 0.5 (percent) and segments a frame."""
     totals = np.zeros((len(thresholds), 4))
     for view in views:
-        logits = predict(net, view)
+        logits = predict(net, view, without)
         done = merges(logits, min(thresholds))
         for total, threshold in zip(totals, thresholds):
             total += score(view.ids, full_size(segments(done, threshold, logits.shape[1:]), view.ids.shape))
@@ -54,10 +58,12 @@ def evaluate(net, views, thresholds):
 
 
 @torch.no_grad()
-def predict(net, view):
-    """Log-odds [12, H/2, W/2] of a view."""
-    x = torch.from_numpy(inputs(view.colour, view.depth, matrix(view.camera)))
-    return net.eval()(x[None])[0].numpy()
+def predict(net, view, without=None):
+    """Log-odds [12, H/2, W/2] of a view, without the channels of a name in `CHANNELS`."""
+    x = inputs(view.colour, view.depth, matrix(view.camera))
+    if without:
+        x[CHANNELS[without]] = 0
+    return net.eval()(torch.from_numpy(x)[None])[0].numpy()
 
 
 def full_size(small, shape):

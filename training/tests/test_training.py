@@ -11,7 +11,18 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
-from splatseg_training import affinities, agglomerate, augment, clutter, dataset, evaluate, sensor, train
+from splatseg_training import (
+    affinities,
+    agglomerate,
+    augment,
+    clutter,
+    counters,
+    dataset,
+    evaluate,
+    sensor,
+    sheets,
+    train,
+)
 from splatseg_training.export import export
 from splatseg_training.network import AffinityNet, load
 
@@ -175,3 +186,40 @@ def test_an_unlabelled_folder_is_named(tmp_path):
     np.savetxt(tmp_path / "intrinsic" / "intrinsic_depth.txt", np.eye(4))
     with pytest.raises(ValueError, match=re.escape(str(tmp_path))):
         dataset.read_folder(str(tmp_path))
+
+
+def test_sheets_lie_on_their_surface():
+    shape, camera = (120, 160), np.array([140.0, 140, 79.5, 59.5])
+    rows, columns = np.mgrid[:120, :160]
+    z = (1 / (0.7 + 0.002 * (rows - 60) + 0.001 * (columns - 80))).astype(np.float32)
+    ids = np.where(columns < 100, 1, 2)
+    laid = 0
+    for seed in range(40):
+        depth, labels, papers = sheets.lay(z, ids, camera, np.random.default_rng(seed))
+        laid += len(papers)
+        changed = labels != ids
+        assert (depth[~changed] == z[~changed]).all()
+        assert (depth <= z).all() and (z - depth).max() < 0.06
+        for paper in papers:
+            assert (labels[paper.mask] == paper.id).all() and len(np.unique(ids[paper.mask])) <= 1
+        image = sheets.printed(np.full((*shape, 3), 128, np.uint8), papers, np.random.default_rng(seed))
+        assert (image[~changed] == 128).all()
+    assert laid > 40
+
+
+def test_a_worktop_lies_on_cupboards_and_is_a_thing_of_its_own():
+    for seed in range(10):
+        scene, _ = counters.counter_scene(np.random.default_rng(seed))
+        boxes = {}
+        for solid in scene.solids:
+            boxes.setdefault(solid.id, []).append(solid.corners())
+        worktop = np.concatenate(boxes[min(i for i in boxes if scene_is_worktop(boxes, i))])
+        bottom = worktop[:, 2].min()
+        tops = [np.concatenate(corners)[:, 2].max() for id, corners in boxes.items() if id > 3]
+        assert any(abs(top - bottom) < 1e-6 for top in tops)
+
+
+def scene_is_worktop(boxes, id):
+    """The first thing after floor and walls."""
+    corners = np.concatenate(boxes[id])
+    return corners[:, 2].min() > 0.5 and np.ptp(corners[:, 2]) < 0.07
