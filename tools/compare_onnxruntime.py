@@ -48,13 +48,14 @@ def export_affinity(folder: Path) -> Path:
     graph = folder / "affinity.onnx"
     if not graph.exists():
         import torch
+        from torch.fx.experimental.optimization import fuse
 
         sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "training"))
         from splatseg_training.network import AffinityNet
 
         folder.mkdir(parents=True, exist_ok=True)
         torch.manual_seed(0)
-        network = torch.fx.experimental.optimization.fuse(AffinityNet().eval())
+        network = fuse(AffinityNet().eval())
         torch.onnx.export(network, torch.rand(1, 8, *AFFINITY_SIZE), graph, opset_version=17, dynamo=False)
     return graph
 
