@@ -15,6 +15,7 @@ from splatseg_training import (
     affinities,
     agglomerate,
     augment,
+    average,
     clutter,
     counters,
     dataset,
@@ -223,3 +224,21 @@ def scene_is_worktop(boxes, id):
     """The first thing after floor and walls."""
     corners = np.concatenate(boxes[id])
     return corners[:, 2].min() > 0.5 and np.ptp(corners[:, 2]) < 0.07
+
+
+def test_averaged_weights_lie_between_those_of_two_runs(tmp_path):
+    paths = [tmp_path / name for name in ("a.pt", "b.pt", "c.pt")]
+    for seed, path in enumerate(paths[:2]):
+        torch.save(random_net(seed).state_dict(), path)
+    average.main([str(paths[0]), str(paths[1]), "--share", "0.25", "--out", str(paths[2])])
+    a, b, c = (torch.load(path, weights_only=True) for path in paths)
+    assert all(
+        torch.allclose(c[name].float(), 0.75 * a[name].float() + 0.25 * b[name].float(), atol=1e-6)
+        for name in a
+        if a[name].is_floating_point()
+    )
+    x = torch.zeros(1, 8, 64, 96)
+    assert load(paths[2])(x).shape == load(paths[0])(x).shape
+    other = {name: tensor for name, tensor in a.items() if not name.startswith("head")}
+    with pytest.raises(ValueError, match="same network"):
+        average.average(a, other, 0.5)

@@ -6,7 +6,7 @@ settings! {
     /// Settings of [`AffinitySegmenter`](crate::AffinitySegmenter).
     pub struct AffinitySettings in "affinity" {
         /// Mean log-odds of "same object" down to which regions are merged; lower makes fewer, larger segments. The
-        /// weights' own value if it is not set: -2 for those built in.
+        /// weights' own value if it is not set: -2.25 for those built in.
         threshold: Option<f32> = None, Allowed::between(-100.0, 100.0);
         /// Smallest segment returned, pixels.
         min_area: usize = 100, Allowed::between(0.0, 1e9);
