@@ -5,8 +5,7 @@ mod support;
 use splatseg_dataset::read_segments_png;
 use splatseg_geometry::SegmentMap;
 use splatseg_models::device::{DeviceError, DeviceName};
-use std::path::Path;
-use support::{finish, splatseg};
+use support::{FASTSAM_WEIGHTS, finish, splatseg};
 
 #[test]
 fn every_device_is_listed_with_what_it_is_or_lacks() {
@@ -64,14 +63,10 @@ fn the_learned_segmenter_on_the_gpu_gives_the_ids_of_the_cpu() {
 #[test]
 fn a_network_on_the_gpu_gives_the_ids_of_the_cpu() {
     let test = "a_network_on_the_gpu_gives_the_ids_of_the_cpu";
-    let weights = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/models/fastsam-rooms-n.pt");
-    if !weights.exists() {
-        return skipped(test, "../shared is not here");
-    }
     if !has_gpu(test) {
         return;
     }
-    let network = ["--segmenter", "fastsam", "--weights", weights.to_str().unwrap(), "--set", "fastsam.image_size=160"];
+    let network = ["--segmenter", "fastsam", "--weights", FASTSAM_WEIGHTS, "--set", "fastsam.image_size=160"];
     let scene = "synthetic:frames=2,width=160,height=120,objects=8";
     let run = |device: &str| ids_of(scene, 2, &[&network[..], &["--device", device]].concat());
     assert_agree(&run("gpu"), &run("cpu"));

@@ -3,20 +3,8 @@
 mod support;
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use support::{Ended, FEATURES, OTHER_ROOM, finish, splatseg};
-
-/// A file or folder in `../shared`, or `None`, with a line that says so, where that folder is missing.
-fn shared(path: &str, test: &str) -> Option<PathBuf> {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
-    if !folder.exists() {
-        // Not `println!`, whose output the test runner hides when a test passes.
-        let line = format!("\nskipped: {test}: ../shared is not here\n");
-        let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
-        return None;
-    }
-    Some(folder.join(path))
-}
+use std::path::Path;
+use support::{Ended, FASTSAM_WEIGHTS, FEATURES, OTHER_ROOM, finish, splatseg};
 
 fn run(scene: &str, out: &Path, more: &[&str]) -> Ended {
     let mut command = splatseg();
@@ -51,12 +39,9 @@ fn segmenting_ahead_changes_no_result() {
 
 #[test]
 fn fastsam_runs_on_its_weights_and_segmenting_ahead_changes_no_result() {
-    let test = "fastsam_runs_on_its_weights_and_segmenting_ahead_changes_no_result";
-    let Some(weights) = shared("models/fastsam-rooms-n.pt", test) else { return };
-    let Some(scene) = shared("data/rooms/dev-a", test) else { return };
-    let options = ["--segmenter", "fastsam", "--weights", weights.to_str().unwrap(), "--max-frames", "3"];
+    let options = ["--segmenter", "fastsam", "--weights", FASTSAM_WEIGHTS, "--max-frames", "3"];
     let size = ["--set", "fastsam.image_size=320"];
-    assert_same_results(scene.to_str().unwrap(), &[options.as_slice(), &size].concat());
+    assert_same_results("synthetic:frames=3,width=160,height=120,objects=8", &[options.as_slice(), &size].concat());
 }
 
 #[test]

@@ -18,6 +18,10 @@ pub const OTHER_ROOM: &str = "synthetic:frames=17,width=64,height=48,objects=5,s
 pub const FEATURES: [&str; 6] =
     ["--set", "memory.kind=features", "--set", "memory.num_codes=32", "--set", "memory.feature_dim=8"];
 
+/// FastSAM n, trained by `training/` on rendered rooms.
+pub const FASTSAM_WEIGHTS: &str =
+    concat!(env!("CARGO_MANIFEST_DIR"), "/../models/tests/data/fastsam/fastsam_rooms_n.safetensors");
+
 /// The command.
 pub fn splatseg() -> Command {
     Command::new(assert_cmd::cargo::cargo_bin!("splatseg"))
