@@ -2,9 +2,9 @@
 
     python training/make_test_data.py WEIGHTS.safetensors crates/segmenter/tests/data/affinity.safetensors
 
-WEIGHTS are those that are built in. The images are made up: slanted surfaces with noise, steps and holes. For each size
+WEIGHTS are the built-in weights. The images are synthetic: slanted surfaces with noise, steps and holes. For each size,
 the file has `rgb` [H, W, 3], `depth` [H, W] in millimetres, `camera` (fx, fy, cx, cy), `inputs` [8, H, W] of
-`splatseg_training.inputs`, and `log_odds` [12, H/2, W/2] that PyTorch computes from them. Needs torch and safetensors.
+`splatseg_training.inputs`, and `log_odds` [12, H/2, W/2], computed from them by PyTorch. Needs torch and safetensors.
 """
 
 import sys
@@ -19,7 +19,7 @@ SIZES = [(48, 64), (50, 70), (3, 5)]
 
 
 def forward(weights, x):
-    """The network, from its folded weights: log-odds [1, 12, H/2, W/2] of an input [1, 8, H, W]."""
+    """Runs the network with folded weights: log-odds [1, 12, H/2, W/2] of an input [1, 8, H, W]."""
 
     def layer(name, x, stride=1, activation=F.silu):
         weight = weights[f"{name}.weight"].float()

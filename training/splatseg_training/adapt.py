@@ -1,15 +1,15 @@
-"""Adapts the affinity network to recordings without labels, by what the memory of `splatseg` says about them.
+"""Adapts the affinity network to unlabelled recordings, using the memory of `splatseg` to label them.
 
     python -m splatseg_training.adapt --recordings MY1 MY2 --replay 'data/shapes/*' data/clutter --out adapted
 
-Every recording is segmented twice, the second time with the finished memory. What both passes agree on in many frames
-becomes a label (`consensus.py`), and the network is trained a little further: half of the samples come from the
-recordings, half from the labelled folders of `--replay`, so that it does not forget. OUT gets `affinity.safetensors` for
-`splatseg run --weights`, `weights.pt` and the curve of the losses in `training/`, and the passes and labels of each
-recording in `recordings/`. The same command goes on with what an interrupted one has left.
+Every recording is segmented twice, the second time with the finished memory. Objects on which both passes agree in many
+frames become labels (`consensus.py`), and the network is trained a little further: half of the samples come from the
+recordings, half from the labelled folders of `--replay`, to prevent forgetting. OUT gets `affinity.safetensors` for
+`splatseg run --weights`, `weights.pt` and the loss curve in `training/`, and the passes and labels of each recording in
+`recordings/`. The same command resumes an interrupted run.
 
-Options after `--` go to `splatseg run`: `... --out adapted -- --resize 320x240 --stride 5`. It needs the Python package
-of splatseg, which reads the recordings in all formats: `pip install ./python` in a clone.
+Options after `--` go to `splatseg run`: `... --out adapted -- --resize 320x240 --stride 5`. Needs the Python package of
+splatseg to read recordings of all formats: `pip install ./python` in a clone.
 """
 
 import argparse
@@ -30,11 +30,11 @@ from .run import DATA_HELP
 
 SHIPPED = os.path.normpath(os.path.join(__file__, "../../../crates/segmenter/src/affinity/weights.safetensors"))
 SHIPPED_THRESHOLD = -2.25
-ASPECT = 4 / 3  # width by height of what the network is trained on
+ASPECT = 4 / 3  # width by height of the training samples
 
 
 def main(arguments=None):
-    """Adapts as the command line says; what fails is told in one line."""
+    """Runs the command line; reports a failure in one line."""
     arguments = sys.argv[1:] if arguments is None else arguments
     split = arguments.index("--") if "--" in arguments else len(arguments)
     options = parse(arguments[:split])
@@ -48,15 +48,15 @@ def main(arguments=None):
 def parse(arguments):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("--recordings", nargs="+", required=True, metavar="RECORDING", help="what `splatseg run` reads")
+    add("--recordings", nargs="+", required=True, metavar="RECORDING", help="inputs of `splatseg run`")
     add("--replay", nargs="+", required=True, metavar="PATTERN", help=DATA_HELP)
-    add("--out", required=True, metavar="OUT", help="a new folder, or that of the same command that was interrupted")
-    add("--start", default=SHIPPED, metavar="WEIGHTS", help="weights.pt or .safetensors; those built in if left out")
+    add("--out", required=True, metavar="OUT", help="a new folder, or the folder of the same, interrupted command")
+    add("--start", default=SHIPPED, metavar="WEIGHTS", help="weights.pt or .safetensors; by default those built in")
     add("--splatseg", default="splatseg", metavar="PROGRAM")
     add("--steps", type=int, default=300)
     add("--rate", type=float, default=5e-5, help="highest learning rate")
     add("--seed", type=int, default=0)
-    add("--threshold", type=float, default=SHIPPED_THRESHOLD, help="of the file for `splatseg run`, see export")
+    add("--threshold", type=float, default=SHIPPED_THRESHOLD, help="threshold for `splatseg run`, see export")
     for name, default in Rules._field_defaults.items():
         add("--" + name.replace("_", "-"), type=type(default), default=default, help="see consensus.Rules")
     add("--threads", type=int, default=2, help="threads of the network")
@@ -65,14 +65,14 @@ def parse(arguments):
 
 
 def adapt(options):
-    """The whole way; every part that is done is skipped."""
+    """Runs all parts; finished parts are skipped."""
     result = os.path.join(options.out, "affinity.safetensors")
     if shutil.which(options.splatseg) is None:
         raise ValueError(f"there is no program {options.splatseg}; name it with --splatseg")
     package()
     claim(options)
     if os.path.exists(result):
-        print(f"{result} is there already")
+        print(f"{result} already exists")
         return
     start = starting_weights(options)
     folders = [labelled(recording, start, options, i + 1) for i, recording in enumerate(options.recordings)]
@@ -82,7 +82,7 @@ def adapt(options):
 
 
 def package():
-    """The Python package of splatseg."""
+    """Imports the Python package of splatseg."""
     try:
         import splatseg
     except ImportError:
@@ -91,7 +91,8 @@ def package():
 
 
 def claim(options):
-    """Makes the folder of results, or checks that this command began it: parts of another would be wrong for it."""
+    """Makes the folder of results, or checks that it belongs to the same command: parts made with other options would
+    be wrong."""
     how = {"splatseg", "threads", "workers"}
     mine = {name: value for name, value in vars(options).items() if name not in how}
     path = os.path.join(options.out, "options.json")
@@ -100,11 +101,11 @@ def claim(options):
             theirs = json.load(file)
         differ = [name for name in mine if theirs.get(name) != mine[name]]
         if differ:
-            raise ValueError(f"{options.out} was begun with other values of {', '.join(differ)}: choose another --out")
+            raise ValueError(f"{options.out} was made with other values of {', '.join(differ)}: choose another --out")
         return
     os.makedirs(options.out, exist_ok=True)
     if os.listdir(options.out):
-        raise ValueError(f"{options.out} has files of something else: choose another --out")
+        raise ValueError(f"{options.out} contains other files: choose another --out")
     with open(path, "w") as file:
         json.dump(mine, file, indent=2)
 
@@ -121,7 +122,7 @@ def starting_weights(options):
 
 
 def labelled(recording, weights, options, number):
-    """The labelled folder of a recording; both passes are run if they are missing."""
+    """The labelled folder of a recording; missing passes are run."""
     name = os.path.basename(os.path.normpath(recording))
     home = os.path.join(options.out, "recordings", f"{number}-{name}")
     done = os.path.join(home, "labelled")
@@ -136,9 +137,9 @@ def labelled(recording, weights, options, number):
 
 
 def segment(recording, weights, out, memory, options):
-    """One pass: with a memory of an earlier one, or with None, which saves `map.ply` for a later one.
+    """Runs one pass, with the memory of an earlier pass or, without a memory, saving `map.ply` for a later pass.
 
-    The folder gets its name when it is complete.
+    The folder is renamed to `out` when it is complete.
     """
     if os.path.exists(out):
         return
@@ -153,7 +154,7 @@ def segment(recording, weights, out, memory, options):
 
 
 def write_labels(recording, consensus, out):
-    """Writes the frames with enough labels in ScanNet's exported layout, as the passes saw them."""
+    """Writes the frames with enough labels in ScanNet's exported layout, at the size and crop of the passes."""
     with open(os.path.join(consensus.two, "summary.json")) as file:
         settings = json.load(file)["settings"]["dataset"]
     part, known = out + ".part", set(consensus.names)
@@ -169,7 +170,7 @@ def write_labels(recording, consensus, out):
         camera = write_view(part, written, frame, labels)
         written, shares = written + 1, shares + np.count_nonzero(labels) / labels.size
     if not written:
-        raise ValueError(f"{recording}: in none of {total} frames do the passes agree on enough pixels")
+        raise ValueError(f"{recording}: the passes do not agree on enough pixels in any of {total} frames")
     np.savetxt(os.path.join(part, "intrinsic", "intrinsic_depth.txt"), camera)
     os.rename(part, out)
     objects = np.count_nonzero(consensus.kept)
@@ -177,7 +178,7 @@ def write_labels(recording, consensus, out):
 
 
 def write_view(folder, number, frame, labels):
-    """Writes a view, cut to the middle of the network's shape, and returns its camera's matrix."""
+    """Writes a view, centre-cropped to the network's aspect ratio, and returns its camera matrix."""
     window, camera = middle(labels.shape, frame.K)
     depth = np.rint(frame.depth[window] * 1000).clip(0, 65535).astype(np.uint16)
     cv2.imwrite(os.path.join(folder, "color", f"{number}.png"), frame.rgb[window][:, :, ::-1])
@@ -187,7 +188,7 @@ def write_view(folder, number, frame, labels):
 
 
 def middle(shape, camera):
-    """The rows and columns of the largest window of ASPECT in the middle of an image, and its camera's matrix."""
+    """The rows and columns of the largest centred window of ASPECT in an image, and its camera matrix."""
     height, width = shape
     rows, columns = min(height, round(width / ASPECT)), min(width, round(height * ASPECT))
     y, x = (height - rows) // 2, (width - columns) // 2
@@ -197,9 +198,10 @@ def middle(shape, camera):
 
 
 def fine_tune(folders, options):
-    """Trains, or goes on with it; returns the file of the weights.
+    """Trains, or resumes training; returns the file of the weights.
 
-    In a process of its own: the trainer forks workers, and threads that have read the recordings do not survive that.
+    Runs in a separate process: the trainer forks workers, and the threads that read the recordings do not survive a
+    fork.
     """
     run = os.path.join(options.out, "training")
     values = {"steps": options.steps, "rate": options.rate, "seed": options.seed, "start": options.start}

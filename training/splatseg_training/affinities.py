@@ -1,4 +1,4 @@
-"""Affinities: for each pixel and offset, whether both ends of the edge belong to one object."""
+"""Affinities: for each pixel and offset, 1 if both ends of the edge belong to the same object."""
 
 import torch
 import torch.nn.functional as F
@@ -12,7 +12,7 @@ MEDIAN_AREA = 400.0  # pixels of the half-size image; larger objects weigh less,
 
 
 def ends(height, width, offset):
-    """Slices of the pixels whose neighbour at the offset is inside the image, and of these neighbours."""
+    """Slices of the pixels whose neighbour at the offset is inside the image, and slices of these neighbours."""
     dy, dx = offset
     start = (slice(max(0, -dy), min(height, height - dy)), slice(max(0, -dx), min(width, width - dx)))
     end = (slice(max(0, dy), min(height, height + dy)), slice(max(0, dx), min(width, width + dx)))
@@ -20,7 +20,8 @@ def ends(height, width, offset):
 
 
 def targets(ids):
-    """For ids [N, H, W] (0 = unlabelled): targets [N, 12, H, W], 1 the same object, 0 another, and which are known."""
+    """For ids [N, H, W] (0 = unlabelled): targets [N, 12, H, W], 1 for the same object, 0 for another, and a mask of
+    the known ones."""
     count, height, width = ids.shape
     same = torch.zeros(count, len(OFFSETS), height, width)
     known = torch.zeros(count, len(OFFSETS), height, width, dtype=torch.bool)
@@ -43,10 +44,10 @@ def importance(ids, area_power):
 
 
 def edge_weights(ids, inverse_depth, area_power, contact_weight):
-    """Weights of "different" edges' and objects' importance, [N, 12, H, W].
+    """Weights of the edges, [N, 12, H, W]: their objects' importance, times a factor for "different" edges.
 
-    An edge counts as much as the smaller of its two objects. `contact_weight` multiplies edges between objects at
-    nearly the same depth: those that touch or lie on each other are hard to tell apart, and easily outnumbered.
+    The importance of an edge is that of the smaller of its two objects. `contact_weight` multiplies edges between
+    objects at nearly the same depth: touching objects are hard to separate, and their edges are rare.
     """
     pixel = importance(ids, area_power)
     count, height, width = ids.shape
@@ -65,7 +66,7 @@ def edge_weights(ids, inverse_depth, area_power, contact_weight):
 def loss(logits, ids, inverse_depth, area_power=0.5, contact_weight=2.0):
     """Mean weighted cross-entropy of log-odds [N, 12, H, W] over the edges with two labelled ends.
 
-    `ids` [N, H, W] int64; `inverse_depth` [N, H, W] in 1/m, as the network sees it.
+    `ids` [N, H, W] int64; `inverse_depth` [N, H, W] in 1/m, as in the network's input.
     """
     same, known = targets(ids)
     weights = edge_weights(ids, inverse_depth, area_power, contact_weight) * known

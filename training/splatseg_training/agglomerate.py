@@ -1,7 +1,7 @@
-"""Greedy merging of pixels by their mean log-odds: the obvious version, a few seconds a frame.
+"""Greedy merging of pixels by their mean log-odds: the simple version, a few seconds per frame.
 
-`splatseg` has the fast one. All thresholds come from one run: merging to a higher threshold is the beginning of merging
-to a lower one.
+`splatseg` has the fast one. One run serves all thresholds: the merges for a higher threshold are the first merges for a
+lower one.
 """
 
 import heapq
@@ -16,8 +16,8 @@ LIMIT = 6.0  # log-odds are clamped to ± this
 def merges(logits, lowest):
     """Merges in their order, for log-odds [12, H, W]: a list of (kept, merged, bound).
 
-    `kept` and `merged` are pixels' indices that stand for regions. A merge belongs to all thresholds below `bound`, the
-    least mean log-odds of a merge so far.
+    `kept` and `merged` are pixel indices that represent regions. A merge belongs to all thresholds below `bound`, the
+    minimum mean log-odds of the merges so far.
     """
     neighbours = _graph(np.clip(logits, -LIMIT, LIMIT))
     heap = [(-total / count, a, b) for a, near in enumerate(neighbours) for b, (total, count) in near.items() if a < b]
@@ -37,7 +37,7 @@ def merges(logits, lowest):
 
 
 def segments(done, threshold, shape):
-    """Segments' numbers [H, W] from 0 on, after the merges that belong to the threshold."""
+    """Segment numbers [H, W], from 0, after the merges for the threshold."""
     parents = np.arange(shape[0] * shape[1])
     for kept, merged, bound in done:
         if bound <= threshold:
@@ -49,7 +49,7 @@ def segments(done, threshold, shape):
 
 
 def _graph(logits):
-    """For each pixel its neighbours: {pixel: (sum of log-odds, edges)}."""
+    """The neighbours of each pixel: {pixel: (sum of log-odds, edges)}."""
     _, height, width = logits.shape
     pixels = np.arange(height * width).reshape(height, width)
     neighbours = [{} for _ in range(height * width)]
@@ -62,7 +62,7 @@ def _graph(logits):
 
 
 def _merge(neighbours, heap, a, b):
-    """Makes region b part of region a."""
+    """Merges region b into region a."""
     del neighbours[a][b]
     for c, (total, count) in neighbours[b].items():
         if c == a:

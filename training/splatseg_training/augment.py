@@ -18,7 +18,7 @@ class Settings(NamedTuple):
     recolour: float = 0.5  # probability that objects get new colours and textures
     no_colour: float = 0.35  # probability that colour is left out
     no_depth: float = 0.05  # probability that depth is left out
-    sheets: float = 0.5  # probability that papers and posters are laid on surfaces, where there is colour
+    sheets: float = 0.5  # probability of papers and posters on surfaces, if there is colour
 
 
 def sample(view, settings, rng):
@@ -42,7 +42,7 @@ def sample(view, settings, rng):
 
 
 def _coloured(rgb, z, ids, camera, laid, settings, rng):
-    """The crop's final colours; `z` and `ids` are those beneath the sheets."""
+    """The crop's final colours; `z` and `ids` are without the sheets."""
     if rgb is None:
         rgb = colour.paint(z, ids, camera, rng)
     elif rng.random() < settings.recolour:
@@ -51,7 +51,7 @@ def _coloured(rgb, z, ids, camera, laid, settings, rng):
 
 
 def matrix(camera):
-    """3×3 camera matrix of fx, fy, cx, cy."""
+    """3×3 camera matrix from fx, fy, cx, cy."""
     fx, fy, cx, cy = camera
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
@@ -86,7 +86,7 @@ def _nearest(source, target):
 
 
 def _depth(z, rows, columns, size):
-    """Resized depth: interpolated on surfaces, so that they stay smooth, and nearest at edges."""
+    """Resizes depth: interpolated on surfaces, so that they stay smooth, nearest pixel at edges."""
     nearest = z[rows[:, None], columns[None]]
     linear = cv2.resize(z, size, interpolation=cv2.INTER_LINEAR)
     return np.where(np.abs(linear - nearest) < 0.015 * nearest, linear, nearest)

@@ -1,7 +1,7 @@
 """Averages the weights of two runs: `python -m splatseg_training.average A/weights.pt B/weights.pt --out AB/weights.pt`.
 
-If B began with A's weights, their mean is often better than both (Wortsman et al., *Robust fine-tuning of zero-shot
-models*, CVPR 2022): it keeps what B would forget.
+If B started from A's weights, their mean is often better than both (Wortsman et al., *Robust fine-tuning of zero-shot
+models*, CVPR 2022), because it retains more of A.
 """
 
 import argparse
@@ -14,7 +14,7 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("first", metavar="A")
     parser.add_argument("second", metavar="B")
-    parser.add_argument("--share", type=float, default=0.5, help="of B, 0 to 1")
+    parser.add_argument("--share", type=float, default=0.5, help="share of B, 0 to 1")
     parser.add_argument("--out", required=True, metavar="WEIGHTS")
     options = parser.parse_args(arguments)
     if not 0 <= options.share <= 1:
@@ -27,7 +27,8 @@ def main(arguments=None):
 
 
 def average(first, second, share):
-    """The tensors by name, each (1 - share) of the first and `share` of the second; whole numbers are the second's."""
+    """The tensors by name, each (1 - share) times the first plus `share` times the second; integers are the
+    second's."""
     shapes = [{name: tuple(tensor.shape) for name, tensor in tensors.items()} for tensors in (first, second)]
     if shapes[0] != shapes[1]:
         raise ValueError("the two files are not of the same network")

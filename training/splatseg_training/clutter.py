@@ -1,4 +1,5 @@
-"""Scenes of piled things: `python -m splatseg_training.clutter --out DIR --count 500 --seed 1` writes a labelled folder.
+"""Scenes of piled objects: `python -m splatseg_training.clutter --out DIR --count 500 --seed 1` writes a labelled
+folder.
 
 Tables, shelves and floors with boxes, cans, balls, bowls, papers and books that touch, lean on and lie on each other, in
 ScanNet's exported layout without colours. Rendered rooms have few such piles; a scene here takes 40 ms.
@@ -13,11 +14,11 @@ import numpy as np
 from .dataset import SIZE
 from .solids import Solid, cast, turned
 
-CELL = 0.01  # metres, of the map of heights on which things are put
+CELL = 0.01  # metres, cell size of the height map on which things are placed
 
 
 class Scene:
-    """Solids in a world whose z points up; ids count up from 1."""
+    """Solids in a world with z pointing up; ids start at 1."""
 
     def __init__(self, rng):
         self.rng, self.solids, self.ids = rng, [], 0
@@ -32,7 +33,7 @@ class Scene:
 
 
 class Surface:
-    """A horizontal rectangle about (x, y) on which things are put one after the other."""
+    """A horizontal rectangle around (x, y) on which things are placed one after the other."""
 
     def __init__(self, scene, x, y, half_x, half_y, height):
         self.scene, self.x, self.y, self.half_x, self.half_y = scene, x, y, half_x, half_y
@@ -40,7 +41,7 @@ class Surface:
         self.spots = []
 
     def put(self, thing):
-        """Puts a thing at a random place, often close to or on top of another one."""
+        """Places a thing at random, often close to or on top of another one."""
         rng = self.scene.rng
         x, y = rng.uniform(-1, 1, 2) * (self.half_x * 0.9, self.half_y * 0.9)
         if self.spots and rng.random() < 0.6:
@@ -52,7 +53,7 @@ class Surface:
         self._settle(first)
 
     def _settle(self, first):
-        """Lowers or lifts the solids from `first` on until they rest on what lies beneath."""
+        """Lowers or lifts the solids from `first` on until they rest on the surface below."""
         solids = self.scene.solids
         corners = np.concatenate([solid.corners() for solid in solids[first:]])
         a = np.clip(((corners[:, :2].min(0) - (self.x - self.half_x, self.y - self.half_y)) / CELL), 0, None).astype(
@@ -70,7 +71,7 @@ class Surface:
 
 
 def box(scene, x, y):
-    """A package, lying or standing, now and then tilted."""
+    """A package, lying or standing, sometimes tilted."""
     rng = scene.rng
     half = np.sort(np.exp(rng.uniform(np.log(0.015), np.log(0.13), 3)))
     half = half[rng.permutation(3)]
@@ -101,7 +102,7 @@ def ball(scene, x, y):
 
 
 def sheet(scene, x, y):
-    """A paper, magazine or book, flat; colour alone shows the thinnest."""
+    """A flat paper, magazine or book; the thinnest are visible only in colour."""
     rng = scene.rng
     half = (rng.uniform(0.05, 0.11), rng.uniform(0.07, 0.16), np.exp(rng.uniform(np.log(8e-4), np.log(0.02))))
     scene.add("box", (x, y, 0), half, scene.new_id(), turned(rng.uniform(0, 7)))
@@ -150,7 +151,8 @@ THINGS = (box, box, box, can, can, ball, sheet, sheet, tray, row)
 
 
 def random_scene(rng):
-    """A table or floor with things, in front of nothing, a floor or walls; returns the scene and the point looked at."""
+    """A table or floor with things, in front of nothing, a floor or walls; returns the scene and the camera's
+    target."""
     scene = Scene(rng)
     half_x, half_y = rng.uniform(0.35, 1.1), rng.uniform(0.3, 0.6)
     top = rng.uniform(0.4, 1.0)
@@ -202,7 +204,7 @@ def look_at(target, rng, nearest, farthest):
 
 
 def write(folder, count, seed, random_scene=random_scene, distances=(0.55, 2.2)):
-    """Writes `count` scenes, one view each, from a distance between the two in metres."""
+    """Writes `count` scenes, one view each, from a distance in metres within `distances`."""
     for name in ("depth", "instance-filt", "pose", "intrinsic"):
         os.makedirs(os.path.join(folder, name), exist_ok=True)
     focal = 270.0
@@ -223,7 +225,7 @@ def write(folder, count, seed, random_scene=random_scene, distances=(0.55, 2.2))
 
 
 def main(description=__doc__, **scenes):
-    """The command; `scenes` go to `write`."""
+    """The command; `scenes` are passed to `write`."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", required=True)
     parser.add_argument("--count", type=int, default=500)

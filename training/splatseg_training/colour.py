@@ -1,7 +1,7 @@
 """Colours of training samples. Images are [H, W, 3] uint8.
 
-A network overfits to the colours of a few rendered rooms and then fails on real ones. So objects get new colours and
-textures, patterns are painted across objects' borders, and light and camera vary far beyond the natural.
+A network overfits to the colours of a few rendered rooms and then fails on real ones. Therefore objects get new colours
+and textures, patterns are painted across object borders, and light and camera vary far beyond natural ranges.
 """
 
 import cv2
@@ -21,7 +21,7 @@ def recolour(rgb, ids, rng):
 
 
 def paint(z, ids, camera, rng):
-    """Colours for a view that has none: one colour per object, textures, and shading from the depth."""
+    """Colours for a view without colour: one colour per object, textures, and shading from the depth."""
     count = int(ids.max()) + 1
     tint = 1 + rng.uniform(0, 0.9) * rng.uniform(-1, 1, (count, 3))
     albedo = np.clip(rng.uniform(12, 240, (count, 1)) * tint, 5, 255).astype(np.float32)[ids]
@@ -31,7 +31,7 @@ def paint(z, ids, camera, rng):
 def photograph(rgb, rng, shift=0.6):
     """Patterns and shadows that belong to no object, then light, camera and noise.
 
-    `shift` is the probability that the image moves against depth and ids.
+    `shift` is the probability that the image is shifted relative to depth and ids.
     """
     if rng.random() < 0.3:
         rgb = _scribbled(rgb, rng)
@@ -46,7 +46,7 @@ def photograph(rgb, rng, shift=0.6):
 
 
 def _calm(rng):
-    """1, or in half of the views less: there, most things have one colour, and colour is to be trusted."""
+    """1, or less in half of the views, in which most things have one colour and colour is reliable."""
     return 1.0 if rng.random() < 0.5 else 0.2
 
 
@@ -55,7 +55,7 @@ def _bytes(image):
 
 
 def _textured(rgb, ids, share, rng):
-    """Multiplies a share of the objects by textures that change brightness and hue, as prints on packages do."""
+    """Multiplies a share of the objects by textures that change brightness and hue, like prints on packages."""
     count = int(ids.max()) + 1
     exponent = np.zeros(rgb.shape, np.float32)
     for _ in range(2):
@@ -82,7 +82,7 @@ def _pattern(rng, shape):
 
 
 def _shading(z, camera, rng):
-    """Lambert's shading [H, W] by one random light, from the depth's gradient."""
+    """Lambertian shading [H, W] by one random light, from the depth's gradient."""
     near = np.maximum(z, np.float32(0.1))
     dx = cv2.Sobel(z, cv2.CV_32F, 1, 0, ksize=3) * np.float32(camera[0] / 8) / near
     dy = cv2.Sobel(z, cv2.CV_32F, 0, 1, ksize=3) * np.float32(camera[1] / 8) / near
@@ -94,7 +94,7 @@ def _shading(z, camera, rng):
 
 
 def _scribbled(rgb, rng):
-    """Draws a few patches and lines, as prints, stains and shadows."""
+    """Draws a few patches and lines, like prints, stains and shadows."""
     out = rgb.copy()
     height, width = rgb.shape[:2]
     for _ in range(rng.integers(1, 9)):
@@ -112,14 +112,14 @@ def _scribbled(rgb, rng):
 
 
 def _saturated(rgb, rng):
-    """Less or more saturation, other white balance."""
+    """Changes saturation and white balance."""
     saturation = rng.uniform(0, 1.8)
     mix = saturation * np.eye(3) + (1 - saturation) / 3
     return cv2.transform(rgb, mix * rng.uniform(0.75, 1.25, (3, 1)))
 
 
 def _toned(rgb, rng):
-    """Gamma, contrast and brightness, as one table."""
+    """Changes gamma, contrast and brightness with one lookup table."""
     tones = (np.arange(256) / 255) ** np.exp(rng.uniform(-0.6, 0.6))
     middle = tones[int(rgb.mean())]
     tones = (tones - middle) * rng.uniform(0.5, 1.5) + middle + rng.uniform(-0.2, 0.2)
@@ -127,7 +127,7 @@ def _toned(rgb, rng):
 
 
 def _blurred_and_shifted(rgb, rng, probability):
-    """Blur, and with a probability a shift of up to 2 pixels against the depth."""
+    """Blurs and, with `probability`, shifts by up to 2 pixels relative to the depth."""
     if rng.random() < 0.4:
         rgb = cv2.GaussianBlur(rgb, (0, 0), rng.uniform(0.4, 1.3))
     if rng.random() < probability:

@@ -1,7 +1,7 @@
-"""Pseudo labels: what two passes of `splatseg run` over a recording agree on, in many frames.
+"""Pseudo-labels: objects on which two passes of `splatseg run` over a recording agree in many frames.
 
-The first pass builds the memory. The second begins with it, so that its early frames profit from what was seen later.
-Where both passes say the same, the memory is sure of it.
+The first pass builds the memory. The second starts with it, so that its early frames benefit from later observations.
+Where both passes agree, the memory is reliable.
 """
 
 import os
@@ -13,13 +13,13 @@ import numpy as np
 
 
 class Rules(NamedTuple):
-    """What makes a label."""
+    """Conditions for a label."""
 
-    min_frames: int = 10  # in which an object was agreed on
-    min_agreement: float = 0.5  # share of an object's pixels that makes its frame count
-    margin: int = 2  # pixels that are left out around those that are not agreed on
-    border: int = 2  # pixels that are left out on both sides of borders between ids
-    min_labelled: float = 0.3  # share of a frame's pixels; frames with less are left out
+    min_frames: int = 10  # minimum number of frames with agreement on an object
+    min_agreement: float = 0.5  # minimum share of an object's pixels with agreement in such a frame
+    margin: int = 2  # pixels excluded around pixels without agreement
+    border: int = 2  # pixels excluded on both sides of borders between ids
+    min_labelled: float = 0.3  # minimum share of labelled pixels; other frames are skipped
 
 
 def names(run):
@@ -32,7 +32,7 @@ def names(run):
 
 
 def read_ids(run, name):
-    """The ids [H, W] uint16 of a frame; 0 is no segment."""
+    """The ids [H, W] uint16 of a frame; 0 means no segment."""
     path = os.path.join(run, "segments", name + ".png")
     ids = cv2.imread(path, cv2.IMREAD_UNCHANGED)
     if ids is None or ids.dtype != np.uint16 or ids.ndim != 2:
@@ -41,7 +41,7 @@ def read_ids(run, name):
 
 
 class Consensus:
-    """What pass one and pass two, folders of runs, agree on."""
+    """The consensus of pass one and pass two, given as folders of runs."""
 
     def __init__(self, one, two, rules):
         self.one, self.two, self.rules = one, two, rules
@@ -50,7 +50,8 @@ class Consensus:
         self.kept = self._kept()
 
     def labels(self, name):
-        """Labels [H, W] uint16 of a frame, 0 where there is no consensus; None if that is nearly everywhere."""
+        """Labels [H, W] uint16 of a frame, 0 where there is no consensus; None if there are too few labels or
+        objects."""
         ids, agreed = self._agreed(name)
         near, beside = _window(self.rules.margin), _window(self.rules.border)
         doubtful = cv2.dilate((~agreed).astype(np.uint8), near) > 0
@@ -60,14 +61,14 @@ class Consensus:
         return labels if enough and len(np.unique(labels[labels > 0])) > 1 else None
 
     def _agreed(self, name):
-        """Pass two's ids, and where pass one says the same."""
+        """Pass two's ids, and a mask of the pixels where pass one agrees."""
         one, two = read_ids(self.one, name), read_ids(self.two, name)
         return two, (two > 0) & (self.match[one] == two)
 
     def _match(self):
-        """For each id of pass one that of pass two that shares most pixels with it.
+        """Maps each id of pass one to the id of pass two that shares most pixels with it.
 
-        An object that pass one first took for several has several ids there, which all become one here.
+        An object that pass one initially split has several ids there; all map to the same id.
         """
         shared = Counter()
         for name in self.names:
@@ -81,7 +82,7 @@ class Consensus:
         return match
 
     def _kept(self):
-        """Which ids of pass two were agreed on in enough frames."""
+        """The ids of pass two with agreement in enough frames."""
         frames = np.zeros(1 << 16, int)
         for name in self.names:
             ids, agreed = self._agreed(name)
@@ -92,5 +93,5 @@ class Consensus:
 
 
 def _window(reach):
-    """What `cv2.dilate` looks at: the square of pixels within `reach`."""
+    """The kernel for `cv2.dilate`: the square of pixels within `reach`."""
     return np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)

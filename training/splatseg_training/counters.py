@@ -1,8 +1,8 @@
 """Scenes of built-in furniture: `python -m splatseg_training.counters --out DIR --count 1200 --seed 11`.
 
-Cupboards in a row or an L, a worktop on them, shelves and more cupboards on the wall. Rendered rooms have single pieces
-of furniture only. Here, large things touch along their whole length, as in kitchens and offices. The folder is like
-those of `clutter`.
+Cupboards in a row or an L, with a worktop, and shelves and more cupboards on the wall. Rendered rooms only have
+separate pieces of furniture. Here, large things touch along their whole length, as in kitchens and offices. The folder
+has the same layout as those of `clutter`.
 """
 
 import itertools
@@ -12,11 +12,11 @@ import numpy as np
 from .clutter import THINGS, Scene, Surface, chair, main
 from .solids import turned
 
-DISTANCES = (1.0, 3.3)  # of the camera, in metres
+DISTANCES = (1.0, 3.3)  # range of the camera's distance, metres
 
 
 def counter_scene(rng):
-    """Cupboards along one wall or two, with a worktop and things; returns the scene and the point looked at."""
+    """Cupboards along one or two walls, with a worktop and things; returns the scene and the camera's target."""
     scene = Scene(rng)
     scene.add("box", (0, 0, -0.05), (6, 6, 0.05), scene.new_id())
     scene.add("box", (0, 0.1, 1.4), (6, 0.1, 1.6), scene.new_id())
@@ -42,7 +42,8 @@ def counter_scene(rng):
 
 
 def _cupboards(scene, x0, x1, y0, y1, height):
-    """A run of cupboards as one thing with a plinth and gaps between its doors, or each unit as its own."""
+    """A row of cupboards, either as one thing with a plinth and gaps between its doors, or with each unit as its own
+    thing."""
     rng, along_x = scene.rng, x1 - x0 > y1 - y0
     one = scene.new_id() if rng.random() < 0.7 else 0
     plinth, gap = rng.uniform(0, 0.12), rng.uniform(0.0, 0.006)

@@ -1,8 +1,8 @@
 """Labelled RGB-D views, read from folders in ScanNet's exported layout and kept in memory at a network's size.
 
-A folder holds `depth/N.png` (uint16 millimetres, 0 = missing), `intrinsic/intrinsic_depth.txt`, instance ids (uint16,
-0 = unlabelled) as `instance-filt/N.png` or in a `*instance-filt.zip`, and `color/N.jpg` or `.png`. A folder without
-`color/` teaches shape alone: its colours are invented (see `colour.paint`).
+A folder holds `depth/N.png` (uint16 millimetres, 0 = missing), `intrinsic/intrinsic_depth.txt`, instance ids (uint16, 0
+= unlabelled) as `instance-filt/N.png` or in a `*instance-filt.zip`, and `color/N.jpg` or `.png`. A folder without
+`color/` only teaches shape: its colours are synthesised (see `colour.paint`).
 """
 
 import glob
@@ -42,7 +42,7 @@ def read_folder(folder, every=1, size=SIZE):
 
 
 def read_groups(patterns, size=SIZE):
-    """The views of all folders that match a pattern, for each pattern. A pattern that is given twice is read once."""
+    """For each pattern, the views of all folders that match it. A repeated pattern is read once."""
     groups = {}
     for pattern in dict.fromkeys(patterns):
         folders = sorted(path for path in glob.glob(pattern) if os.path.isdir(path))
@@ -54,7 +54,8 @@ def read_groups(patterns, size=SIZE):
 
 
 def _view(colour, depth, ids, camera, size):
-    """Reduces colour by the area mean, depth and ids by the nearest pixel; the camera becomes the small depth's."""
+    """Reduces colour by the area mean, depth and ids by the nearest pixel, and adapts the camera to the reduced
+    depth."""
     height, width = depth.shape
     sx, sy = size[0] / width, size[1] / height
     fx, fy = camera[0, 0] * sx, camera[1, 1] * sy
@@ -90,7 +91,7 @@ def _archive(folder):
 
 
 def _ids(folder, archive, number):
-    """Ids of a view, or None where it has no labels."""
+    """Ids of a view, or None if it has no labels."""
     path = os.path.join(folder, "instance-filt", f"{number}.png")
     if os.path.exists(path):
         return _image(path)

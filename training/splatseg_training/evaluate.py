@@ -1,8 +1,8 @@
 """Quality of single frames: `python -m splatseg_training.evaluate WEIGHTS FOLDER...`, over labelled folders.
 
 Per threshold: k1, the quality of the paper's protocol at k = 1 (matched IoU over the mean number of segments and
-objects, unlabelled pixels and a border left out); segments a frame; and the share of objects found at an IoU over 0.5.
-Choose thresholds on real folders: rendered ones rank them wrongly.
+objects, unlabelled pixels and a border excluded); segments per frame; and the share of objects found at an IoU over
+0.5. Choose thresholds on real folders: rendered ones rank them wrongly.
 """
 
 import argparse
@@ -28,9 +28,9 @@ def main():
     parser.add_argument("weights")
     parser.add_argument("folders", nargs="+", metavar="FOLDER")
     parser.add_argument("--thresholds", type=float, nargs="+", default=THRESHOLDS)
-    parser.add_argument("--every", type=int, default=1, help="take every n-th frame")
+    parser.add_argument("--every", type=int, default=1, help="use every n-th frame")
     parser.add_argument(
-        "--without", choices=sorted(CHANNELS), help="leave these channels out, as training does now and then"
+        "--without", choices=sorted(CHANNELS), help="omit these channels, as training sometimes does"
     )
     options = parser.parse_args()
     report(load(options.weights), options.folders, options.thresholds, options.every, options.without)
@@ -46,7 +46,7 @@ def report(net, folders, thresholds=THRESHOLDS, every=1, without=None):
 
 
 def evaluate(net, views, thresholds, without=None):
-    """For each threshold k1 (percent), recall at IoU 0.5 (percent) and segments a frame."""
+    """For each threshold: k1 (percent), recall at IoU 0.5 (percent) and segments per frame."""
     totals = np.zeros((len(thresholds), 4))
     for view in views:
         logits = predict(net, view, without)
@@ -59,7 +59,7 @@ def evaluate(net, views, thresholds, without=None):
 
 @torch.no_grad()
 def predict(net, view, without=None):
-    """Log-odds [12, H/2, W/2] of a view, without the channels of a name in `CHANNELS`."""
+    """Log-odds [12, H/2, W/2] of a view; `without` names `CHANNELS` to omit."""
     x = inputs(view.colour, view.depth, matrix(view.camera))
     if without:
         x[CHANNELS[without]] = 0
@@ -67,7 +67,7 @@ def predict(net, view, without=None):
 
 
 def full_size(small, shape):
-    """Segments of the half-size image as ids from 1 on; 0 where a segment is too small."""
+    """Upscales segments of the half-size image to ids from 1; 0 where a segment is too small."""
     ids = small.repeat(2, 0).repeat(2, 1)[: shape[0], : shape[1]] + 1
     inner = ids[BORDER:-BORDER, BORDER:-BORDER]
     large = np.bincount(inner.ravel(), minlength=ids.max() + 1) >= LEAST_PIXELS

@@ -28,7 +28,7 @@ def folded(net):
 
 
 def export(weights, out, threshold):
-    """Writes the file; returns how many numbers it has."""
+    """Writes the file; returns its number of values."""
     tensors = {name: tensor.half().contiguous() for name, tensor in folded(load(weights)).items()}
     if not all(torch.isfinite(tensor).all() for tensor in tensors.values()):
         raise ValueError(f"{weights}: has weights beyond the range of half precision")

@@ -1,22 +1,22 @@
-"""The eight input channels of the affinity network, as `crates/segmenter/src/affinity/inputs.rs` computes them.
+"""The eight input channels of the affinity network, computed as in `crates/segmenter/src/affinity/inputs.rs`.
 
-Both follow this definition, and a golden test ties them (`training/make_test_data.py`).
+Both follow this definition; a golden test compares them (`training/make_test_data.py`).
 
 1. Frames with more than `max_pixels` pixels are reduced by s = sqrt(max_pixels / pixels) to floor(width * s) ×
    floor(height * s) pixels: colour by the area mean (rounded), depth by the pixel (floor(x * W / w), floor(y * H / h)).
 2. Colour: rgb / 127.5 - 1.
-3. Holes in the depth get the depth of the nearest pixel that has one, in city-block distance. In a row: left before right
-   where both are as near. Then, row by row downwards, a pixel takes over from the one above if that is nearer (distance
-   above + 1 < own distance), and upwards in the same way from the one below. Depth beyond 100 m becomes 100 m.
+3. Holes in the depth get the depth of the nearest valid pixel, in city-block distance. First within a row, where left
+   wins ties. Then, row by row downwards, a pixel takes the value of the pixel above if that is nearer (distance above + 1
+   < own distance), and upwards in the same way from the pixel below. Depth beyond 100 m becomes 100 m.
 4. Inverse depth: 1 / max(z, 0.3 m) - 0.5.
 5. Validity: 1 where depth was measured.
 6. Smoothed depth: the mean over the 13 pixels within distance 2, weighted by exp(-dz² / (2 · 0.05²) - r² / (2 · 2²)) with
-   dz in metres and r in pixels; beyond the border the nearest pixel counts.
-7. Normals: with the points P of the smoothed depth, dx = P(x + 2) - P(x - 2) and dy alike; within 2 pixels of the border
-   the nearest difference that exists. The normal is dx × dy / (|dx × dy| + 1e-9), pointing away from the camera; 0 if
-   that is not finite or the image has less than 5 rows or columns.
+   dz in metres and r in pixels; beyond the border, the nearest pixel is repeated.
+7. Normals: with the points P of the smoothed depth, dx = P(x + 2) - P(x - 2), and dy likewise; within 2 pixels of the
+   border, the nearest existing difference. The normal is dx × dy / (|dx × dy| + 1e-9), pointing away from the camera; 0
+   if that is not finite or the image has fewer than 5 rows or columns.
 
-A frame without any depth has 0 in all five channels of depth.
+A frame without depth has 0 in all five depth channels.
 """
 
 import cv2
@@ -30,7 +30,7 @@ _NEIGHBOURS = [(dy, dx) for dy in range(-2, 3) for dx in range(-2, 3) if dy * dy
 
 
 def reduced(rgb, depth_mm, K, max_pixels=MAX_PIXELS):
-    """Image, depth and camera matrix of a frame at the size that the network sees.
+    """Image, depth and camera matrix of a frame at the network's size.
 
     `rgb` [H, W, 3] uint8, `depth_mm` [H, W] of the same size, `K` 3×3 (or larger) for integer pixel centres.
     """
@@ -79,7 +79,7 @@ def smoothed(z):
 
 
 def normals(z, K):
-    """Unit normals, [3, H, W] float32, of depth in metres."""
+    """Unit normals, [3, H, W] float32, from depth in metres."""
     height, width = z.shape
     if min(height, width) < 5:
         return np.zeros((3, height, width), np.float32)
@@ -98,7 +98,7 @@ def normals(z, K):
 
 
 def inputs(rgb, depth_mm, K):
-    """The input of the network, float32 [8, H, W], of a frame of at most `MAX_PIXELS` pixels (see `reduced`).
+    """The network's input, float32 [8, H, W], for a frame of at most `MAX_PIXELS` pixels (see `reduced`).
 
     `rgb` [H, W, 3] uint8, `depth_mm` [H, W] in millimetres (0 where missing), `K` 3×3 or larger.
     """

@@ -7,10 +7,11 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 
 
 class Samples(Dataset):
-    """An endless set of augmented samples, addressed by number; `sample(view, settings, rng)` makes one, as arrays.
+    """An endless set of augmented samples, indexed by number; `sample(view, settings, rng)` makes one, as arrays.
 
-    Each of `groups`, lists of views, gives the same share of the samples. Where there are `measured` groups, half of the
-    samples are theirs, without the sensor model and with their own colours: a camera took them, with its own errors.
+    Each of `groups`, lists of views, provides the same share of the samples. If there are `measured` groups, half of
+    the samples are from them, without the sensor model and with their own colours, because a real camera has its own
+    errors.
     """
 
     def __init__(self, groups, sample, settings, seed, measured=()):
@@ -28,7 +29,7 @@ class Samples(Dataset):
 
 
 class NumbersFrom(Sampler):
-    """The numbers from `first` on, without end."""
+    """The numbers from `first`, endless."""
 
     def __init__(self, first):
         self.first = first
@@ -41,7 +42,7 @@ class NumbersFrom(Sampler):
 
 
 def batches(samples, first_step, batch_size, workers):
-    """Batches of `Samples` from `first_step` on: their arrays, stacked."""
+    """Batches of `Samples`, starting with `first_step`, as stacked arrays."""
     return DataLoader(
         samples,
         batch_size=batch_size,

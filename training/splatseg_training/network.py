@@ -1,4 +1,4 @@
-"""The affinity network: a U-Net of plain 3×3 convolutions that predicts at half the input's size."""
+"""The affinity network: a U-Net of plain 3×3 convolutions with output at half the input's size."""
 
 import re
 
@@ -11,7 +11,7 @@ from .affinities import OFFSETS
 from .inputs import CHANNELS
 
 WIDTHS = (16, 32, 48, 64, 96)
-TRAINED_SIZE = 2.0  # of kernels after training: root of the mean square × root of the number of inputs of an output
+TRAINED_SIZE = 2.0  # typical size of trained kernels: RMS × square root of the number of inputs of an output
 
 
 class ConvBlock(nn.Sequential):
@@ -34,7 +34,8 @@ class Residual(nn.Module):
 
 
 class AffinityNet(nn.Module):
-    """Input [N, 8, H, W]; log-odds [N, 12, H/2, W/2] that a pixel and its neighbour at each offset are one object.
+    """From input [N, 8, H, W] to log-odds [N, 12, H/2, W/2] that a pixel and its neighbour at each offset belong to one
+    object.
 
     `widths` are the channels at 1/2, 1/4, 1/8, 1/16 and 1/32 of the input's size.
     """
@@ -73,7 +74,7 @@ def _resized(small, like):
 
 
 def load(path):
-    """The network with the weights of a file that `train` or `export` wrote; its widths follow from the weights."""
+    """Loads the network from a file written by `train` or `export`; derives its widths from the weights."""
     if str(path).endswith(".safetensors"):
         return _unfolded(load_file(path)).eval()
     state = torch.load(path, map_location="cpu", weights_only=True)
@@ -88,10 +89,10 @@ def _widths(tensors, stem, stage):
 
 @torch.no_grad()
 def _unfolded(tensors):
-    """The network of an exported file. What its batch norms have learned from data is lost: train with frozen norms.
+    """The network of an exported file. The statistics of its batch norms are lost: train with frozen norms.
 
-    Folding has made the kernels small, so that steps of the usual size would be too large for them. They get the size
-    that training gives them, and the norms take it back.
+    Folding makes the kernels small, so that the usual step sizes would be too large for them. They are scaled to the
+    size of trained kernels, and the norms undo the scaling.
     """
     net = AffinityNet(_widths(tensors, "stem.weight", "e{}.0.weight"))
     for name, module in exported(net):
@@ -108,7 +109,7 @@ def _unfolded(tensors):
 
 
 def exported(net):
-    """The convolutions as `export` writes them: (name, ConvBlock or Conv2d)."""
+    """The convolutions in the order and with the names of `export`: (name, ConvBlock or Conv2d)."""
     for name, module in net.named_modules():
         if isinstance(module, ConvBlock):
             yield (name + ".0" if re.fullmatch(r"d\d", name) else name), module

@@ -1,7 +1,7 @@
-"""The optimiser: Muon for the convolutions between the first and the last, AdamW for all else.
+"""The optimiser: Muon for the convolutions between the first and the last, AdamW for everything else.
 
 Muon (Jordan et al. 2024) replaces the momentum of a weight matrix by the nearest orthogonal matrix, so that all its
-directions learn at the same speed. A kernel counts as a matrix [outputs, inputs × height × width].
+directions learn at the same speed. A kernel is treated as a matrix [outputs, inputs × height × width].
 """
 
 import torch
@@ -10,7 +10,7 @@ NEWTON_SCHULZ = (3.4445, -4.7750, 2.0315)
 
 
 def optimisers(net, outer=("stem", "head"), weight_decay=0.02):
-    """Two optimisers; the learning rate of a group of parameters is the run's times the group's `scale`.
+    """The two optimisers. The learning rate of a parameter group is the run's rate times the group's `scale`.
 
     The names of the first and last convolutions begin with one of `outer`.
     """
@@ -22,7 +22,7 @@ def optimisers(net, outer=("stem", "head"), weight_decay=0.02):
 
 
 class Muon(torch.optim.Optimizer):
-    """Momentum with Nesterov's step, made orthogonal."""
+    """Nesterov momentum with orthogonalised steps."""
 
     def __init__(self, parameters, weight_decay, momentum=0.95, scale=10.0):
         super().__init__(parameters, {"lr": 0.0, "weight_decay": weight_decay, "momentum": momentum, "scale": scale})
@@ -40,7 +40,7 @@ class Muon(torch.optim.Optimizer):
 
 
 def orthogonal(matrix, iterations=5):
-    """About the nearest matrix with orthogonal rows or columns, by a quintic Newton-Schulz iteration."""
+    """Approximates the nearest matrix with orthonormal rows or columns by a quintic Newton-Schulz iteration."""
     a, b, c = NEWTON_SCHULZ
     tall = matrix.shape[0] > matrix.shape[1]
     x = matrix.T if tall else matrix

@@ -1,4 +1,4 @@
-"""A training run: steps, averaged weights, files. What is trained is up to its subclasses."""
+"""A training run: steps, averaged weights, files. Subclasses define the network, data and loss."""
 
 import copy
 import math
@@ -10,22 +10,22 @@ import time
 import torch
 
 AVERAGE_STEPS = 400  # time constant of the weights' moving average; shorter at the beginning
-DATA_HELP = "labelled folders, or patterns of such; each pattern gives the same share of the samples"
+DATA_HELP = "labelled folders or patterns of folders; each pattern provides the same share of the samples"
 
 
 def add_options(parser, batch):
-    """Adds the options of every run to a parser of arguments; `batch` is the default size of a batch."""
+    """Adds the options of every run to an argument parser; `batch` is the default batch size."""
     add = parser.add_argument
     add("--data", nargs="+", required=True, metavar="PATTERN", help=DATA_HELP)
-    add("--out", required=True, metavar="RUN", help="folder of the run; if it has a checkpoint, training goes on")
+    add("--out", required=True, metavar="RUN", help="folder of the run; if it has a checkpoint, training resumes")
     end = parser.add_mutually_exclusive_group(required=True)
     end.add_argument("--steps", type=int, help="end after this many steps")
-    end.add_argument("--minutes", type=float, help="end after this many; results then depend on the machine's speed")
+    end.add_argument("--minutes", type=float, help="end after this time; results then depend on the machine's speed")
     add("--seed", type=int, default=0)
     add("--start", metavar="WEIGHTS", help="weights to begin with, for fine-tuning")
     add("--validate", nargs="*", default=[], metavar="FOLDER", help="labelled folders to evaluate at the end")
     add("--batch", type=int, default=batch)
-    add("--rate", type=float, default=2e-3, help="highest learning rate; it falls along a cosine")
+    add("--rate", type=float, default=2e-3, help="maximum learning rate; it decays along a cosine")
     add("--workers", type=int, default=1, help="processes that prepare samples")
     add("--threads", type=int, default=2, help="threads of the network")
     add("--device", default="cuda" if torch.cuda.is_available() else "cpu", help="cpu, or a GPU as PyTorch names it")
@@ -34,8 +34,8 @@ def add_options(parser, batch):
 class TrainingRun:
     """The state of a training run.
 
-    Subclasses define `build`, `batches` and `loss`. `sizes` are the values by name that determine the network's shape;
-    a checkpoint with others is refused.
+    Subclasses define `build`, `batches` and `loss`. `sizes` are the named values that determine the network's shape; a
+    checkpoint with other values is refused.
     """
 
     def __init__(self, options, sizes):
@@ -58,11 +58,11 @@ class TrainingRun:
         raise NotImplementedError
 
     def start_from(self, path):
-        """Loads the weights that training begins with."""
+        """Loads the initial weights."""
         self.net.load_state_dict(torch.load(path, map_location=self.device, weights_only=True))
 
     def prepare(self):
-        """What is to be done before each step, with the network in training mode."""
+        """Prepares a step, with the network in training mode."""
 
     def batches(self):
         """Batches, tuples of tensors, from step `self.step` on."""
@@ -73,15 +73,15 @@ class TrainingRun:
         raise NotImplementedError
 
     def status(self):
-        """Words to be added to the lines that tell of the progress."""
+        """Text to append to the progress lines."""
         return ""
 
     def autocast(self):
-        """The context in which the network computes with bfloat16."""
+        """The context for computing in bfloat16."""
         return torch.autocast(self.device.type, dtype=torch.bfloat16)
 
     def train(self):
-        """Trains until the steps or minutes are over; saves if it is interrupted, too."""
+        """Trains until the steps or minutes are over; also saves when interrupted."""
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
         try:
             self._train()
@@ -104,12 +104,12 @@ class TrainingRun:
                 shown = now
 
     def progress(self):
-        """The share of the training that is done."""
+        """The completed share of the training."""
         options = self.options
         return self.step / options.steps if options.steps else self.seconds / (60 * options.minutes)
 
     def rate(self, done):
-        """Learning rate: 100 steps of warm-up, then a cosine to 1 % of the highest."""
+        """The learning rate: 100 steps of warm-up, then a cosine to 1 % of the maximum."""
         return self.options.rate * min(1, (self.step + 1) / 100) * (0.505 + 0.495 * math.cos(math.pi * done))
 
     def recent(self):
@@ -117,7 +117,7 @@ class TrainingRun:
         return sum(recent) / max(1, len(recent))
 
     def update(self, *values):
-        """One step of the optimiser, with the tensors of a batch and the learning rate; returns the loss."""
+        """Runs one optimiser step with the tensors of a batch and the learning rate; returns the loss."""
         *batch, rate = values
         for optimiser in self.optimisers:
             for group in optimiser.param_groups:
@@ -144,7 +144,7 @@ class TrainingRun:
                 mean.copy_(now)
 
     def save(self):
-        """Writes checkpoint, averaged weights and the losses' curve; each file is replaced at once."""
+        """Writes the checkpoint, averaged weights and the loss curve; each file is replaced atomically."""
         state = self.sizes | {
             "net": self.net.state_dict(),
             "average": self.average.state_dict(),
@@ -170,7 +170,7 @@ class TrainingRun:
             file.writelines(f"{i + 1},{loss:.6f}\n" for i, loss in enumerate(self.losses))
 
     def plot(self, path):
-        """The loss over the steps, as means of about 200 bins."""
+        """Plots the loss over the steps, as means of about 200 bins."""
         import matplotlib
 
         matplotlib.use("Agg")
@@ -187,7 +187,7 @@ class TrainingRun:
         pyplot.close(figure)
 
     def resume(self):
-        """Goes on from the run's checkpoint, if there is one."""
+        """Resumes from the run's checkpoint, if there is one."""
         path = os.path.join(self.options.out, "checkpoint.pt")
         if not os.path.exists(path):
             return
@@ -200,4 +200,4 @@ class TrainingRun:
         for optimiser, saved in zip(self.optimisers, state["optimisers"]):
             optimiser.load_state_dict(saved)
         self.step, self.seconds, self.losses = state["step"], state["seconds"], state["losses"]
-        print(f"going on from step {self.step}", flush=True)
+        print(f"resuming from step {self.step}", flush=True)

@@ -1,6 +1,6 @@
-"""A model of a depth sensor: adds the errors of a Kinect or stereo camera to the exact depth of a rendered view.
+"""A depth sensor model: adds the errors of a Kinect or stereo camera to the exact depth of a rendered view.
 
-All strengths are drawn per sample, from none to beyond a Kinect's, so that weights fit good and bad sensors.
+All strengths are random per sample, from none to beyond a Kinect's, so that the weights suit good and bad sensors.
 """
 
 import cv2
@@ -13,14 +13,14 @@ _NOISE = np.random.default_rng(0).standard_normal(1 << 21, dtype=np.float32)
 
 
 def white_noise(rng, shape):
-    """Normal noise of the shape: a random piece of a table, which is much faster than new numbers."""
+    """Gaussian noise of this shape: a random part of a table, which is much faster than new random numbers."""
     count = int(np.prod(shape))
     start = rng.integers(len(_NOISE) - count)
     return _NOISE[start : start + count].reshape(shape)
 
 
 def smooth_noise(rng, shape, cell):
-    """Normal noise [H, W] that varies over about `cell` pixels."""
+    """Smooth Gaussian noise [H, W] with a scale of about `cell` pixels."""
     height, width = shape
     coarse = white_noise(rng, (height // cell + 2, width // cell + 2))
     return cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
@@ -42,7 +42,7 @@ def measure(z, colour, ids, camera, rng):
 
 
 def _jitter(z, strength, rng):
-    """Depth of points about half a pixel beside each pixel's own."""
+    """Samples depth at points about half a pixel from each pixel's centre."""
     height, width = z.shape
     shift = np.rint(white_noise(rng, (2, height, width)) * 0.55 * strength).astype(np.int32)
     rows = np.clip(np.arange(height)[:, None] + shift[0], 0, height - 1)
@@ -51,7 +51,7 @@ def _jitter(z, strength, rng):
 
 
 def _disparity_noise(z, strength, rng):
-    """White and smooth errors of the disparity, then its rounding to steps."""
+    """Adds white and smooth errors to the disparity, then rounds it to steps."""
     disparity = FOCAL_BASELINE * STEPS_PER_PIXEL * rng.uniform(0.7, 1.3) / np.maximum(z, 0.05)
     disparity = disparity.astype(np.float32)
     exact = disparity * z
@@ -64,7 +64,7 @@ def _disparity_noise(z, strength, rng):
 
 
 def _shadow(z, camera, rng):
-    """Pixels in the shadow of the projector (or second camera), which stands a baseline beside the camera."""
+    """Pixels in the shadow of the projector (or second camera), which is one baseline beside the camera."""
     side = rng.choice(["left", "right", "none"], p=[0.6, 0.2, 0.2])
     if side == "none":
         return np.zeros(z.shape, bool)
@@ -85,7 +85,7 @@ def _edges(z, rng):
 
 
 def _grazing(z, camera, rng):
-    """Losses where the surface is nearly parallel to the ray: the cosine is z / (|normal| |ray|)."""
+    """Losses where the surface is nearly parallel to the ray; the cosine is z / (|normal| |ray|)."""
     fx, fy, cx, cy = camera.astype(np.float32)
     dx = cv2.Sobel(z, cv2.CV_32F, 1, 0, ksize=3) / 8
     dy = cv2.Sobel(z, cv2.CV_32F, 0, 1, ksize=3) / 8
@@ -98,7 +98,7 @@ def _grazing(z, camera, rng):
 
 
 def _materials(colour, ids, rng):
-    """Dark surfaces, and a few whole objects as glass, screens and metal, lose depth in patches."""
+    """Dark surfaces, and a few whole objects, like glass, screens and metal, lose depth in patches."""
     missing = np.zeros(ids.shape, bool)
     patchy = smooth_noise(rng, ids.shape, int(rng.integers(3, 14)))
     if colour is not None and rng.random() < 0.5:
@@ -117,7 +117,7 @@ def _blobs(shape, rng):
 
 
 def _border(shape, rng):
-    """A frame without depth, as registration to a wider colour camera leaves it."""
+    """A border without depth, as after registration to a wider colour camera."""
     missing = np.zeros(shape, bool)
     if rng.random() < 0.5:
         top, bottom, left, right = rng.integers(0, rng.integers(1, 26), 4)

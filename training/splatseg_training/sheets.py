@@ -1,14 +1,14 @@
-"""Papers, posters and books on the flat surfaces of a view: things that colour shows and depth hardly or not at all."""
+"""Papers, posters and books on the flat surfaces of a view: objects visible in colour but hardly or not in depth."""
 
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-PATCH = 5  # pixels to each side, from which a surface's plane is estimated
-LEAST = 24  # visible pixels of a sheet
-LEAST_SURFACE = 1500  # pixels of what it lies on: a print on a package is a part of it
-MOST = 0.35  # of the surface's pixels
+PATCH = 5  # pixels to each side for estimating a surface's plane
+LEAST = 24  # minimum visible pixels of a sheet
+LEAST_SURFACE = 1500  # minimum pixels of the surface below: a print on a package is part of the package
+MOST = 0.35  # maximum share of the surface's pixels
 
 
 class Sheet(NamedTuple):
@@ -69,7 +69,7 @@ def printed(rgb, sheets, rng):
 
 
 def _plane(z, ids, at, camera):
-    """Unit normal and distance of the plane about a pixel (normal · X = distance > 0), or None where it is not flat."""
+    """Unit normal and distance of the plane around a pixel (normal · X = distance > 0), or None if it is not flat."""
     rows = slice(max(at[0] - PATCH, 0), at[0] + PATCH + 1)
     columns = slice(max(at[1] - PATCH, 0), at[1] + PATCH + 1)
     patch = z[rows, columns]
@@ -95,7 +95,7 @@ def _depth(normal, distance, shape, camera):
 
 
 def _corners(at, normal, distance, camera, rng):
-    """Corners in the image of a random rectangle in the plane about a pixel, or None where one is behind the camera."""
+    """Image corners of a random rectangle in the plane around a pixel, or None if one is behind the camera."""
     fx, fy, cx, cy = camera
     ray = np.array([(at[1] - cx) / fx, (at[0] - cy) / fy, 1])
     centre = ray * distance / (ray @ normal)
@@ -115,7 +115,7 @@ def _corners(at, normal, distance, camera, rng):
 
 
 def _outline(corners, shape, rng):
-    """The pixels [H, W] of a rectangle, now and then of the ellipse in it."""
+    """The pixels [H, W] of a rectangle, sometimes of its inscribed ellipse."""
     mask = np.zeros(shape, np.uint8)
     if rng.random() < 0.12:
         angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
@@ -127,7 +127,7 @@ def _outline(corners, shape, rng):
 
 
 def _page(beneath, rng):
-    """A page's print, [64, 48, 3] uint8; its ground differs from the colour beneath."""
+    """A printed page, [64, 48, 3] uint8; its background differs from the colour beneath."""
     for _ in range(4):
         ground = rng.uniform(0, 255, 3) if rng.random() < 0.5 else rng.uniform(170, 255) + rng.uniform(-15, 15, 3)
         if np.abs(ground - beneath).mean() > 30:

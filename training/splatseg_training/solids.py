@@ -22,7 +22,7 @@ class Solid(NamedTuple):
 
 
 def turned(yaw, tilt=0.0, towards=0.0):
-    """Axes turned about the vertical z, then tilted about the horizontal direction `towards`."""
+    """Axes rotated about the vertical z, then tilted about the horizontal direction `towards`."""
     c, s = np.cos(yaw), np.sin(yaw)
     spin = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     axis = np.array([np.cos(towards), np.sin(towards), 0])
@@ -62,7 +62,7 @@ def _window(corners, camera, height, width):
 
 
 def _entry(shape, origin, rays):
-    """Length along each ray [h, w, 3] at which it enters the unit solid; infinite where it misses."""
+    """Length along each ray [h, w, 3] at which it enters the unit solid; infinite if it misses."""
     origin = origin.astype(np.float32)
     with np.errstate(divide="ignore", invalid="ignore"):
         if shape == "ball":
@@ -78,7 +78,7 @@ def _entry(shape, origin, rays):
 
 
 def _quadric(origin, rays):
-    """Where rays enter and leave the unit circle's cylinder (two coordinates) or ball (three)."""
+    """Lengths at which rays enter and leave the unit circle's cylinder (two coordinates) or ball (three)."""
     a, b = (rays * rays).sum(-1), rays @ origin
     root = np.sqrt(b * b - a * (origin @ origin - 1))
     root = np.where(np.isnan(root), -np.inf, root)

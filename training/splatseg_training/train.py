@@ -1,8 +1,8 @@
 """Trains the affinity network: `python -m splatseg_training.train --data 'ROOMS/*' --out RUN --steps 10000`.
 
-RUN gets `checkpoint.pt`, from which the same command goes on, `weights.pt` (the averaged weights, which `export` and
+RUN gets `checkpoint.pt`, from which the same command resumes, `weights.pt` (the averaged weights, which `export` and
 `evaluate` read), `losses.csv` and `losses.png`. With the same data, seed and steps, an interrupted run gives the same
-losses as an unbroken one. Real labelled folders can be checked on the way: `--validate FOLDER...`.
+losses as an uninterrupted one. Real labelled folders can be evaluated at the end: `--validate FOLDER...`.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from .network import WIDTHS, AffinityNet, load
 from .optimiser import optimisers
 from .run import TrainingRun, add_options
 
-MEASURED_HELP = "labelled folders that a real camera took: half of the samples, without sensor model and recolouring"
+MEASURED_HELP = "labelled folders of a real camera: half of the samples, without sensor model and recolouring"
 
 
 def main(arguments=None):
@@ -34,9 +34,9 @@ def parse(arguments=None):
     add_options(parser, batch=8)
     add = parser.add_argument
     add("--measured", nargs="+", default=[], metavar="PATTERN", help=MEASURED_HELP)
-    add("--freeze-norms", action="store_true", help="keep the statistics of batch norms; for fine-tuning")
+    add("--freeze-norms", action="store_true", help="freeze the statistics of batch norms; for fine-tuning")
     add("--widths", type=int, nargs=5, default=WIDTHS, help="channels of the five resolutions")
-    add("--area-power", type=float, default=0.5, help="an object weighs as its area to minus this power")
+    add("--area-power", type=float, default=0.5, help="an object's weight is its area to minus this power")
     add("--contact-weight", type=float, default=2.0, help="weight of borders between objects that touch")
     for name, default in Settings._field_defaults.items():
         add("--" + name.replace("_", "-"), type=type(default), default=default, help="see augment.Settings")

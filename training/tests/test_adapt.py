@@ -1,4 +1,4 @@
-"""Tests of the adaptation to recordings without labels, on runs made by hand."""
+"""Tests of the adaptation to unlabelled recordings, on handmade runs."""
 
 import importlib.util
 import json
@@ -143,7 +143,7 @@ def test_without_the_sensor_depth_is_not_touched(tmp_path, monkeypatch):
 
 
 def random_weights(path):
-    """A small network whose batch norms have seen data."""
+    """A small network whose batch norms have statistics of data."""
     torch.manual_seed(0)
     net = AffinityNet(WIDTHS).train()
     with torch.no_grad():
@@ -222,4 +222,4 @@ def test_the_command_adapts_a_synthetic_recording_and_starts_again_for_nothing(t
     assert "of 14 frames" in capsys.readouterr().out
     assert load(str(out / "affinity.safetensors"))(torch.zeros(1, 8, 64, 96)).isfinite().all()
     adapt.main([*command, "--", "--threads", "1"])
-    assert "is there already" in capsys.readouterr().out
+    assert "already exists" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Tests of FastSAM's trainer on painted boxes, and against the data of the Rust program's tests."""
+"""Tests of FastSAM's trainer on painted boxes and with the data of the Rust program's tests."""
 
 import csv
 import json
@@ -24,7 +24,8 @@ TINY = scaled(1 / 3, 0.0625)
 
 
 def painted(seed, width=160, height=128):
-    """An image [height, width, 3] of four rectangles, one per quarter, and its ids; the background is an object, too."""
+    """An image [height, width, 3] of four rectangles, one per quarter, and its ids; the background is also an
+    object."""
     rng = np.random.default_rng(seed)
     ids = np.ones((height, width), np.uint16)
     colours = rng.integers(0, 256, (6, 3)).astype(np.uint8)

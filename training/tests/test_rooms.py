@@ -1,4 +1,4 @@
-"""Tests of the room renderer: small images, no assets but those that the tests write; under a minute."""
+"""Tests of the room renderer with small images and no assets except those written by the tests; under a minute."""
 
 import itertools
 import json
@@ -44,7 +44,8 @@ def core(ids):
 
 
 def reproject(first, second, matrix):
-    """Moves the first view's points into the second: errors of depth (m) and whether ids agree, where both see them."""
+    """Projects the first view's points into the second: depth errors (m) and agreement of ids at points visible in
+    both."""
     (depth, ids, pose), (other_depth, other_ids, other_pose) = first, second
     height, width = depth.shape
     v, u = np.mgrid[0:height, 0:width]
@@ -182,7 +183,7 @@ def box_corners(low, high):
 
 
 def write_table(path):
-    """An OBJ of a toy table, y up: a top of 4 × 2 and a leg, 3 high."""
+    """Writes an OBJ of a toy table, y up: a top of 4 × 2 and a leg, 3 high."""
     lines, boxes = [], [((-2, 2.8, -1), (2, 3, 1)), ((-0.3, 0, -0.3), (0.3, 2.8, 0.3))]
     for number, (low, high) in enumerate(boxes):
         lines += ["v {} {} {}".format(*corner) for corner in box_corners(low, high)]

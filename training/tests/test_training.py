@@ -1,4 +1,4 @@
-"""Tests of the trainer on scenes that it makes itself; a few seconds."""
+"""Tests of the trainer on generated scenes; a few seconds."""
 
 import csv
 import itertools
@@ -38,7 +38,7 @@ def folder(tmp_path_factory):
 
 
 def random_net(seed=0):
-    """A small network whose batch norms have seen data."""
+    """A small network whose batch norms have statistics of data."""
     torch.manual_seed(seed)
     net = AffinityNet(WIDTHS).train()
     with torch.no_grad():
@@ -81,7 +81,7 @@ def test_export_equals_the_network(tmp_path):
 
 
 def forward(tensors, x):
-    """The exported network, written out as the Rust program runs it."""
+    """The exported network, computed as in the Rust program."""
     t = {name: tensor.float() for name, tensor in tensors.items()}
 
     def conv(x, name, stride=1, active=True):

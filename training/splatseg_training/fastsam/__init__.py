@@ -1,1 +1,1 @@
-"""Training of FastSAM's network: YOLOv8-seg with one class, written from the papers that the modules name."""
+"""Training of FastSAM's network: YOLOv8-seg with one class, written from the papers cited in the modules."""

@@ -13,10 +13,10 @@ TOP = 10  # anchors per object
 
 
 class Assignment(NamedTuple):
-    """The objects that anchors have to predict."""
+    """The objects assigned to anchors."""
 
-    owner: torch.Tensor  # [N, A] number of the object, -1 for background
-    quality: torch.Tensor  # [N, A] the score that the anchor should have; 0 for background
+    owner: torch.Tensor  # [N, A] index of the object, -1 for background
+    quality: torch.Tensor  # [N, A] target score of the anchor; 0 for background
 
 
 @torch.no_grad()
@@ -24,7 +24,8 @@ def assign(scores, boxes, points, truth):
     """The `Assignment` for scores [N, A] in [0, 1], boxes [N, A, 4], anchors' centres [A, 2] and truth [N, M, 4].
 
     Rows of `truth` without an area are padding. An object's candidates are the anchors inside its box; the `TOP` best
-    by score^alpha · IoU^beta are taken. An anchor that several objects take belongs to the one it overlaps the most.
+    by score^alpha · IoU^beta are taken. An anchor selected by several objects is assigned to the one with the largest
+    IoU.
     """
     overlap = iou(truth[:, :, None], boxes[:, None])
     inside = _contains(truth, points)
@@ -41,9 +42,9 @@ def assign(scores, boxes, points, truth):
 
 
 def _contains(truth, points):
-    """Whether anchors' centres are inside objects' boxes, [N, M, A].
+    """True where an anchor's centre is inside an object's box, [N, M, A].
 
-    A box counts as at least one fine stride wide and high: otherwise a small object could be without any anchor.
+    A box is treated as at least one fine stride wide and high; otherwise a small object could have no anchor.
     """
     centre = (truth[..., :2] + truth[..., 2:]) / 2
     half = ((truth[..., 2:] - truth[..., :2]) / 2).clamp(min=STRIDES[0] / 2)

@@ -38,7 +38,8 @@ def iou(a, b):
 
 
 def complete_iou(predicted, truth):
-    """CIoU (Zheng et al. 2020, equations 8 to 11): IoU less a distance between centres and a difference of aspects."""
+    """CIoU (Zheng et al. 2020, equations 8 to 11): IoU minus penalties for the centre distance and the difference of
+    aspect ratios."""
     overlap = iou(predicted, truth)
     low = torch.minimum(predicted[..., :2], truth[..., :2])
     high = torch.maximum(predicted[..., 2:], truth[..., 2:])

@@ -1,8 +1,8 @@
 """Quality of masks: `python -m splatseg_training.fastsam.evaluate WEIGHTS FOLDER...`, over labelled folders.
 
-Average precision of masks for one class as COCO defines it (Lin et al. 2014): mAP50 at an IoU of 0.5, mAP50-95 the
-mean over IoUs from 0.5 to 0.95 in steps of 0.05, at most 100 masks an image; and the share of objects found at 0.5.
-Views without colour are left out. Objects with few pixels do not count as objects.
+Average precision of masks for one class as COCO defines it (Lin et al. 2014): mAP50 at an IoU of 0.5, mAP50-95 the mean
+over IoUs from 0.5 to 0.95 in steps of 0.05, at most 100 masks per image; and the share of objects found at 0.5. Views
+without colour and objects with few pixels are excluded.
 """
 
 import argparse
@@ -23,10 +23,10 @@ PER_IMAGE = 100
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("weights", help="weights.pt of a run, or .safetensors")
-    parser.add_argument("folders", nargs="+", metavar="FOLDER", help="labelled folders, or patterns of such")
+    parser.add_argument("folders", nargs="+", metavar="FOLDER", help="labelled folders or patterns of folders")
     parser.add_argument("--image-size", type=int, default=320)
-    parser.add_argument("--iou", type=float, default=0.7, help="of the non-maximum suppression")
-    parser.add_argument("--every", type=int, default=1, help="take every n-th frame")
+    parser.add_argument("--iou", type=float, default=0.7, help="IoU threshold of the non-maximum suppression")
+    parser.add_argument("--every", type=int, default=1, help="use every n-th frame")
     parser.add_argument("--min-pixels", type=int, default=SampleSettings().min_pixels)
     options = parser.parse_args()
     report(load(options.weights), options.folders, options.image_size, options.min_pixels, options.iou, options.every)
@@ -52,7 +52,7 @@ def view_size(image_size):
 
 
 def truth(ids, min_pixels):
-    """Masks [K, height, width] of the objects that have enough pixels."""
+    """Masks [K, height, width] of the objects with enough pixels."""
     numbers, areas = np.unique(ids[ids > 0], return_counts=True)
     return ids == numbers[areas >= min_pixels, None, None]
 
@@ -68,7 +68,7 @@ def average_precision(images):
     hits = np.concatenate(hits, 1)[:, order].cumsum(1)
     recall = hits / max(1, count)
     precision = hits / np.arange(1, hits.shape[1] + 1)
-    # The precision at a recall is the best at that recall or a higher one.
+    # The precision at a recall is the maximum at that recall or a higher one.
     precision = np.maximum.accumulate(precision[:, ::-1], 1)[:, ::-1]
     mean = [_sampled(r, p).mean() for r, p in zip(recall, precision)]
     return np.array(mean), recall[:, -1] if hits.shape[1] else np.zeros(len(IOUS))
@@ -80,7 +80,7 @@ def _sampled(recall, precision):
 
 
 def _hits(iou):
-    """For each of `IOUS` and each mask, best first, whether it finds an object that no better one has found."""
+    """For each of `IOUS` and each mask, best first, true if it finds an object that no better mask has found."""
     found = np.zeros((len(IOUS), len(iou)), bool)
     for row, least in zip(found, IOUS):
         free = np.ones(iou.shape[1], bool)
@@ -94,7 +94,7 @@ def _hits(iou):
 def mask_iou(a, b):
     """IoU [K, G] of masks [K, h, w] and [G, h, w]."""
     a, b = (masks.reshape(len(masks), -1).astype(np.float32) for masks in (a, b))
-    # Whole numbers of pixels, which single precision holds exactly; quotients may equal one of `IOUS`.
+    # Pixel counts are integers, exact in single precision; quotients may equal one of `IOUS`.
     shared = (a @ b.T).astype(np.float64)
     return shared / np.maximum(a.sum(1)[:, None] + b.sum(1) - shared, 1)
 

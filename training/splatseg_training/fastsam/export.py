@@ -1,7 +1,7 @@
 """Converts weights to the file of `--segmenter fastsam`: `python -m splatseg_training.fastsam.export RUN/weights.pt OUT`.
 
-The tensors have the names and shapes of the published checkpoints of FastSAM, in half precision; `splatseg` folds the
-batch norms when it loads them.
+The tensors have the names and shapes of FastSAM's published checkpoints, in half precision; `splatseg` folds the batch
+norms on loading.
 """
 
 import argparse
@@ -13,10 +13,10 @@ from .network import BINS, load
 
 
 def export(weights, out):
-    """Writes the file; returns how many parameters it has."""
+    """Writes the file; returns its number of parameters."""
     net = load(weights)
     tensors = {name: t.half() if t.is_floating_point() else t for name, t in net.state_dict().items()}
-    # Published files hold the values of the bins, by which a distribution's mean is computed, as a convolution.
+    # Published files store the bins' values, used for a distribution's mean, as a convolution.
     tensors["model.22.dfl.conv.weight"] = torch.arange(BINS).half().view(1, BINS, 1, 1)
     if not all(torch.isfinite(tensor).all() for tensor in tensors.values()):
         raise ValueError(f"{weights}: has weights beyond the range of half precision")

@@ -7,7 +7,7 @@ from .assignment import assign
 from .boxes import anchors, complete_iou, decoded
 from .network import BINS, PROTOTYPE_STRIDE
 
-# Weights of the parts. Those of score, box and distance are YOLOv8's documented defaults.
+# Weights of the parts. The weights of score, box and distance are YOLOv8's documented defaults.
 WEIGHTS = {"score": 0.5, "box": 7.5, "distance": 1.5, "mask": 5.0}
 
 
@@ -53,8 +53,9 @@ def distance_loss(distances, targets, points, strides):
 def mask_loss(output, ids, truth, owner):
     """Binary cross-entropy of masks [K], for the K anchors with an owner in the order of `nonzero`.
 
-    As in YOLACT (Bolya et al. 2019, section 3.1), a mask is its coefficients' combination of the prototypes, and its
-    loss the mean over its object's box. The target is the share of a prototype's 4×4 pixels that the object covers.
+    As in YOLACT (Bolya et al. 2019, section 3.1), a mask is the combination of the prototypes by its coefficients, and
+    its loss is the mean over its object's box. The target is the share of a prototype cell's 4×4 pixels that the object
+    covers.
     """
     covered = coverage(ids, truth.shape[1])
     inside = _cells(truth, covered.shape[2:])
@@ -70,7 +71,7 @@ def mask_loss(output, ids, truth, owner):
 
 
 def coverage(ids, count):
-    """Shares [N, count, H / 4, W / 4] of the prototypes' cells that objects 0 to count - 1 cover."""
+    """Shares [N, count, H / 4, W / 4] of the prototypes' cells covered by objects 0 to count - 1."""
     step = PROTOTYPE_STRIDE
     n, height, width = ids.shape[0], ids.shape[1] // step, ids.shape[2] // step
     cells = ids.long().view(n, height, step, width, step).permute(0, 2, 4, 1, 3).reshape(n, step * step, -1)
@@ -80,7 +81,7 @@ def coverage(ids, count):
 
 
 def _cells(truth, size):
-    """Which of the prototypes' cells boxes [N, M, 4] touch, float [N, M, *size]."""
+    """1 for the prototypes' cells touched by boxes [N, M, 4], else 0; float [N, M, *size]."""
 
     def along(first, last, count):
         cell = torch.arange(count, device=truth.device) * PROTOTYPE_STRIDE

@@ -1,8 +1,8 @@
 """YOLOv8-seg with one class, the network of FastSAM (Zhao et al. 2023).
 
-Structure and names of tensors are those that `crates/models/src/fastsam` reads: a backbone of five stages, a neck that
-goes up to stride 8 and down again (PANet, Liu et al. 2018), and a head with decoupled branches at strides 8, 16 and 32
-for boxes, scores and mask coefficients, beside prototypes of masks at stride 4 (YOLACT, Bolya et al. 2019).
+Structure and tensor names match `crates/models/src/fastsam`: a backbone of five stages, a neck that goes up to stride 8
+and back down (PANet, Liu et al. 2018), and a head with decoupled branches at strides 8, 16 and 32 for boxes, scores and
+mask coefficients, plus mask prototypes at stride 4 (YOLACT, Bolya et al. 2019).
 """
 
 import math
@@ -14,9 +14,9 @@ from safetensors.torch import load_file
 from torch import nn
 
 STRIDES = (8, 16, 32)
-BINS = 16  # of the distribution of a distance between an anchor's centre and a side of its box
+BINS = 16  # bins of the distribution of the distance between an anchor's centre and a side of its box
 PROTOTYPE_STRIDE = 4
-SIZES = {  # multiples of depth and width, most channels before widening
+SIZES = {  # multiples of depth and width, maximum channels before widening
     "n": (1 / 3, 0.25, 1024),
     "s": (1 / 3, 0.5, 1024),
     "m": (2 / 3, 0.75, 768),
@@ -29,7 +29,7 @@ SCORE_PRIOR = 0.01  # score of every anchor before training (Lin et al. 2017, se
 
 
 class Config(NamedTuple):
-    """The sizes by which one YOLOv8-seg differs from another."""
+    """The sizes of a YOLOv8-seg network."""
 
     channels: tuple  # of the backbone's five stages, strides 2 to 32
     repeats: tuple  # bottlenecks of layers 2, 4, 6, 8 of the backbone and 12, 15, 18, 21 of the neck
@@ -180,7 +180,7 @@ class FastSam(nn.Module):
             21: C2f(p4 + p5, p5, r[7], False),
             22: Head((p3, p4, p5), config),
         }
-        # The numbers in between are upsamplings and concatenations, which have no weights.
+        # The skipped numbers are upsamplings and concatenations, which have no weights.
         self.model = nn.ModuleDict({str(number): layer for number, layer in layers.items()})
 
     def forward(self, x):
@@ -203,7 +203,7 @@ class FastSam(nn.Module):
 
 
 def config_of(state):
-    """The `Config` that tensors by name belong to."""
+    """Derives the `Config` from tensors by name."""
 
     def outputs(name):
         return state[name].shape[0]
@@ -220,7 +220,7 @@ def config_of(state):
 
 
 def load(path):
-    """The network of weights that `train` wrote, or of a `.safetensors` file in the layout that `export` writes."""
+    """Loads the network from weights written by `train` or a `.safetensors` file in the layout of `export`."""
     if str(path).endswith(".safetensors"):
         state = load_file(path)
     else:

@@ -1,4 +1,5 @@
-"""From an image to objects, as `crates/models/src/fastsam` does it; slow and obvious, for evaluation and tests."""
+"""Predicts the objects of an image like `crates/models/src/fastsam`, but in a slow and simple way, for evaluation and
+tests."""
 
 import math
 from typing import NamedTuple
@@ -17,7 +18,7 @@ class Settings(NamedTuple):
     """Settings of the prediction, with the names and defaults of `splatseg`."""
 
     image_size: int = 320  # longer side of the input in pixels, a multiple of 32
-    confidence: float = 0.4  # least score
+    confidence: float = 0.4  # minimum score
     iou: float = 0.9  # non-maximum suppression drops the worse of two boxes that overlap by more
     max_det: int = 300
 
@@ -30,14 +31,15 @@ class Objects(NamedTuple):
 
 
 def letterboxed(rgb, image_size):
-    """The image [h, w, 3] uint8 scaled to `image_size` and padded to multiples of 32, and the window (x, y, width, height) that it has."""
+    """The image [h, w, 3] uint8 scaled to `image_size` and padded to multiples of 32, and its window (x, y, width,
+    height)."""
     height, width = rgb.shape[:2]
     ratio = min(image_size / height, image_size / width)
     size = [min(image_size, max(1, round(side * ratio))) for side in (width, height)]
     if size != [width, height]:
         rgb = cv2.resize(rgb, size, interpolation=cv2.INTER_LINEAR)
     spare = [(image_size - side) % STRIDES[-1] for side in size]
-    # Of an odd number of rows, the first side gets the smaller half.
+    # If the padding is odd, the first side gets the smaller half.
     x, y = (side // 2 for side in spare)
     rgb = cv2.copyMakeBorder(rgb, y, spare[1] - y, x, spare[0] - x, cv2.BORDER_CONSTANT, value=(GREY,) * 3)
     return rgb, (x, y, *size)
@@ -60,7 +62,7 @@ def predict(net, rgb, settings):
 
 
 def suppressed(scores, found, settings):
-    """Non-maximum suppression: numbers of the boxes [A, 4] that are kept, best first."""
+    """Non-maximum suppression: indices of the kept boxes [A, 4], best first."""
     order = np.argsort(-scores, kind="stable")
     order = order[scores[order] > settings.confidence]
     kept = []
@@ -79,7 +81,7 @@ def masks_in_image(logits, found, shape, window):
     """
     if not len(logits):
         return np.zeros((0, *shape), bool)
-    # Where the window begins or ends within a prototype's cell, the map is scaled up first, so that cells can be cut.
+    # If the window begins or ends inside a prototype's cell, the map is upscaled first, so that cells can be cut.
     cell = math.gcd(PROTOTYPE_STRIDE, *window)
     if cell < PROTOTYPE_STRIDE:
         scale = PROTOTYPE_STRIDE // cell

@@ -8,8 +8,8 @@ from scipy import ndimage
 
 from .. import colour
 
-MAX_OBJECTS = 128  # of a sample; the largest are kept
-GREY = 114  # around images that do not fill the input, as `crates/models/src/fastsam/letterbox.rs` pads them
+MAX_OBJECTS = 128  # per sample; the largest are kept
+GREY = 114  # padding of images that do not fill the input, as in `crates/models/src/fastsam/letterbox.rs`
 
 
 class Settings(NamedTuple):
@@ -18,10 +18,10 @@ class Settings(NamedTuple):
     height: int = 256  # of a sample
     width: int = 320
     recolour: float = 0.3  # probability that objects get new colours and textures
-    photograph: float = 0.7  # probability of other light, camera and noise
-    smallest: float = 0.6  # scale of an image against the one that fills the sample's width
+    photograph: float = 0.7  # probability of changed light, camera and noise
+    smallest: float = 0.6  # minimum scale of an image, relative to the scale that fills the sample's width
     largest: float = 1.6
-    min_pixels: int = 20  # objects with fewer are left out
+    min_pixels: int = 20  # objects with fewer are omitted
 
 
 def sample(view, settings, rng):
@@ -46,13 +46,13 @@ def _coloured(view, settings, rng):
     elif rng.random() < settings.recolour:
         rgb = colour.recolour(rgb, view.ids, rng)
     if rng.random() < settings.photograph:
-        # Depth is no input here, so an image that is shifted against its ids would only blur the masks.
+        # Depth is not an input here, so shifting an image relative to its ids would only blur the masks.
         rgb = colour.photograph(rgb, rng, shift=0)
     return rgb
 
 
 def _placement(shape, settings, rng):
-    """An affine map 2×3 from an image to the sample: scaled, anywhere, mirrored half of the time."""
+    """A 2×3 affine map from an image to the sample: scaled, at a random position, mirrored half of the time."""
     scale = settings.width / shape[1] * np.exp(rng.uniform(np.log(settings.smallest), np.log(settings.largest)))
     x, y = (
         rng.uniform(0, 1) * (to - scale * side)
@@ -67,7 +67,7 @@ def _placement(shape, settings, rng):
 
 
 def objects(ids, min_pixels):
-    """Ids counted from 1 and boxes of the objects that have enough pixels, the largest first: see `sample`."""
+    """Ids from 1 and boxes of the objects with enough pixels, largest first; see `sample`."""
     areas = np.bincount(ids.ravel())
     areas[0] = 0
     kept = np.argsort(-areas, kind="stable")[:MAX_OBJECTS]

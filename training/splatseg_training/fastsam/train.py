@@ -1,8 +1,8 @@
 """Trains FastSAM's network: `python -m splatseg_training.fastsam.train --data 'ROOMS/*' --out RUN --steps 5000`.
 
-RUN gets `checkpoint.pt`, from which the same command goes on, `weights.pt` (the averaged weights, which `export` and
+RUN gets `checkpoint.pt`, from which the same command resumes, `weights.pt` (the averaged weights, which `export` and
 `evaluate` read), `losses.csv` and `losses.png`. With the same data, seed and steps, an interrupted run gives the same
-losses as an unbroken one. Folders without colours get painted ones.
+losses as an uninterrupted one. Colours are synthesised for folders without them.
 """
 
 import argparse
@@ -35,7 +35,7 @@ def parse(arguments=None):
     add = parser.add_argument
     add("--size", choices=SIZES, default="n", help="size of the network")
     add("--image-size", type=int, default=320, help="longer side of the input in pixels, a multiple of 32")
-    add("--only-coloured", action="store_true", help="leave out views without colours, in place of painting them")
+    add("--only-coloured", action="store_true", help="skip views without colours instead of painting them")
     for name in ("recolour", "photograph", "smallest", "largest", "min_pixels"):
         default = Settings._field_defaults[name]
         add("--" + name.replace("_", "-"), type=type(default), default=default, help="see samples.Settings")
@@ -69,7 +69,7 @@ class Run(TrainingRun):
 
     def batches(self):
         options = self.options
-        # The input of a 4:3 image: its sides are padded to multiples of the largest stride.
+        # The input of a 4:3 image, with sides padded to multiples of the largest stride.
         width, height = view_size(options.image_size)
         values = {name: getattr(options, name) for name in Settings._fields if hasattr(options, name)}
         settings = Settings(height=math.ceil(height / STRIDES[-1]) * STRIDES[-1], width=width, **values)

@@ -1,11 +1,11 @@
-"""Writes furnished rooms as labelled RGB-D folders in ScanNet's exported layout. One seed gives one room.
+"""Writes furnished rooms as labelled RGB-D folders in ScanNet's exported layout, one room per seed.
 
     python -m splatseg_training.rooms --seed 101 --frames 80 --out DIR
     python -m splatseg_training.rooms --seed 6001 --rooms 60 --views scattered --frames 10 --no-colour --out DIR
 
-Without --rooms, DIR is the room's folder. With it, DIR gets one folder a room, named for its seed: DIR/6001 to DIR/6060.
-A folder that exists is kept. Depth and ids come from rays through the pixel centres, so they are exact; ids 1 to 4 are
-walls, 5 is the floor, 6 the ceiling. objects.json names the others.
+Without --rooms, DIR is the room's folder. With --rooms, DIR gets one folder per room, named after its seed: DIR/6001 to
+DIR/6060. Existing folders are kept. Depth and ids come from rays through the pixel centres, so they are exact. Ids 1 to
+4 are walls, 5 is the floor, 6 the ceiling; objects.json names the others.
 """
 
 import argparse
@@ -15,20 +15,20 @@ import sys
 
 def parse(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, required=True, help="of the (first) room")
-    parser.add_argument("--rooms", type=int, help="how many, with seeds that count up; one folder each")
+    parser.add_argument("--seed", type=int, required=True, help="seed of the (first) room")
+    parser.add_argument("--rooms", type=int, help="number of rooms, with consecutive seeds; one folder each")
     parser.add_argument("--out", required=True)
     parser.add_argument(
         "--frames", type=int, default=80, help="views of a room; fewer if a crowded one lacks good views"
     )
     parser.add_argument("--views", choices=["scattered", "path"], default="path", help="independent views, or a walk")
-    parser.add_argument("--rate", type=float, help="Hz; samples the walk densely for video, instead of 12 cm a frame")
-    parser.add_argument("--assets", metavar="DIR", help="folder of furniture meshes (DAE, glTF, FBX, OBJ) to use too")
-    parser.add_argument("--no-colour", action="store_true", help="depth and ids alone, five times as fast")
-    parser.add_argument("--sensor-noise", action="store_true", help="noise and holes in the depth, as of a Kinect")
+    parser.add_argument("--rate", type=float, help="Hz; samples the walk densely for video, instead of every 12 cm")
+    parser.add_argument("--assets", metavar="DIR", help="folder of additional furniture meshes (DAE, glTF, FBX, OBJ)")
+    parser.add_argument("--no-colour", action="store_true", help="only depth and ids, five times as fast")
+    parser.add_argument("--sensor-noise", action="store_true", help="noise and holes in the depth, like a Kinect's")
     parser.add_argument("--width", type=int, default=320)
     parser.add_argument("--height", type=int, default=240)
-    parser.add_argument("--samples", type=int, default=6, help="light paths a pixel")
+    parser.add_argument("--samples", type=int, default=6, help="light paths per pixel")
     parser.add_argument("--threads", type=int, default=1, help="for rendering colours")
     options = parser.parse_args(arguments)
     if options.rate is not None and (options.views != "path" or options.rate <= 0):

@@ -1,4 +1,4 @@
-"""Furniture of a folder of meshes, sized, turned and coloured for a room."""
+"""Furniture from a folder of meshes, scaled, rotated and coloured for a room."""
 
 import os
 import sys
@@ -12,13 +12,13 @@ from .geometry import Thing, rotation
 from .kinds import STANDS_FOR, guess
 from .meshes import ENDINGS, read_mesh
 
-SHARE = 0.45  # of the things of a room that are taken from the library, where it has their kind
+SHARE = 0.45  # share of a room's things taken from the library, if it has their kind
 BROKEN = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, SyntaxError, TypeError, ValueError)
 LARGEST = (2.7, 2.3, 2.3)  # metres; wider, deeper and higher pieces do not fit a room
 
 
 class Library:
-    """The meshes of a folder and its subfolders, read when they are first used."""
+    """The meshes of a folder and its subfolders, read on first use."""
 
     def __init__(self, folder):
         self.by_kind, self.read = {}, {}
@@ -33,9 +33,9 @@ class Library:
             raise ValueError(f"{folder}: no meshes that rooms can use; expected {', '.join(ENDINGS)}")
 
     def piece(self, wanted, paint):
-        """A random Thing that can stand for the wanted one, or None.
+        """A random Thing that can replace the wanted one, or None.
 
-        A file that cannot be read is named once and not tried again.
+        A file that cannot be read is reported once and not tried again.
         """
         kinds, heights = STANDS_FOR.get(wanted, ((), None))
         entries = [entry for kind in kinds for entry in self.by_kind.get(kind, [])]
@@ -60,10 +60,10 @@ class Library:
 
 
 class Source:
-    """A mesh of the library, turned so that its front is -y, its longer side lies along x, and its back is +y."""
+    """A mesh of the library, rotated so that its front is -y, its back +y, and its longer side along x."""
 
     def __init__(self, mesh, kind, metric):
-        """`metric`: the file's sizes are real, in metres."""
+        """`metric`: the file's sizes are real sizes in metres."""
         self.mesh, self.kind, self.metric = mesh, kind, metric
         self.vertices = mesh.vertices @ rotation("Z", self._yaw()).T
         low, high = self.vertices.min(0), self.vertices.max(0)
@@ -84,7 +84,7 @@ class Source:
         return float(turns[np.argmax(depths) if self.kind.back == "rough" else np.argmin(depths)])
 
     def _yaw_of_backrest(self):
-        """The quarter turn that brings the highest parts, by area, to +y."""
+        """The quarter turn that moves the highest parts, by area, to +y."""
         corners = self.mesh.vertices[self.mesh.faces]
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         low, high = self.mesh.vertices.min(0), self.mesh.vertices.max(0)
@@ -96,9 +96,9 @@ class Source:
         return np.pi if y < -0.05 else 0.0
 
     def _depth_of_side(self, turn):
-        """How far behind the bounding box, on average, the mesh lies as seen from its +y after a turn; 0 is a flat back.
+        """Mean depth of the mesh behind the +y side of its bounding box after a turn; 0 for a flat back.
 
-        Shelves are open in front, doors have handles there.
+        Shelves are open in front, and doors have handles there.
         """
         vertices = self.mesh.vertices @ rotation("Z", turn).T
         low, high = vertices.min(0), vertices.max(0)
@@ -152,13 +152,13 @@ class Source:
 
 
 def tree_of(triangles):
-    """A tree for casting rays against triangles [F, 3, 3]."""
+    """A BVH tree for casting rays against triangles [F, 3, 3]."""
     corners = np.arange(len(triangles) * 3).reshape(-1, 3).tolist()
     return BVHTree.FromPolygons(triangles.reshape(-1, 3).tolist(), corners, all_triangles=True)
 
 
 def find_surfaces(triangles, cells=18, most=6):
-    """Level rectangles of a piece on which things can stand: boards, tops, seats.
+    """Horizontal rectangles of a piece on which things can stand: boards, tops, seats.
 
     Returns up to `most` of (x0, x1, y0, y1, z, clear height above) in metres, lowest first; `triangles` is [F, 3, 3],
     standing on z = 0 with its middle at x = y = 0.
@@ -191,7 +191,7 @@ def find_surfaces(triangles, cells=18, most=6):
 
 
 def _levels(tree, x, y, top):
-    """Heights at (x, y) where something faces up with at least 12 cm of air above it, and that air's height."""
+    """Heights at (x, y) of upward-facing surfaces with at least 12 cm of clear height above, and that clear height."""
     z, above = top + 0.01, top + 0.8
     for _ in range(40):
         point, normal, _, _ = tree.ray_cast(Vector((x, y, z)), Vector((0, 0, -1)))
@@ -203,7 +203,7 @@ def _levels(tree, x, y, top):
 
 
 def largest_rectangle(mask):
-    """The largest rectangle of true cells: first and end row, first and end column."""
+    """The largest rectangle of true cells: start and end row, start and end column."""
     best, found = 0, (0, 0, 0, 0)
     for first in range(len(mask)):
         rows = np.ones(mask.shape[1], bool)

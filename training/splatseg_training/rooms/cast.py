@@ -1,4 +1,4 @@
-"""Exact depth and ids by rays through pixel centres, and a sensor's noise for the depth.
+"""Exact depth and ids by casting rays through pixel centres, and sensor noise for the depth.
 
 Poses are camera to world [4, 4]: x right, y down, z forward in the camera, metres. Pixel centres are at integers.
 """
@@ -11,7 +11,7 @@ from mathutils.bvhtree import BVHTree
 
 
 class Camera(NamedTuple):
-    """A pinhole camera without distortion; the centre is the image's."""
+    """A pinhole camera without distortion; the principal point is the image centre."""
 
     width: int
     height: int
@@ -28,7 +28,7 @@ class Camera(NamedTuple):
         return matrix
 
     def directions(self, step=1):
-        """Rays [H, W, 3] through every `step`th pixel's centre in camera axes, z = 1."""
+        """Rays [H, W, 3] through the centre of every `step`th pixel, in camera axes, with z = 1."""
         v, u = np.mgrid[0 : self.height : step, 0 : self.width : step]
         matrix = self.matrix
         x, y = (u - matrix[0, 2]) / matrix[0, 0], (v - matrix[1, 2]) / matrix[1, 1]
@@ -36,7 +36,7 @@ class Camera(NamedTuple):
 
 
 class View(NamedTuple):
-    """What a camera sees: z-depth in metres (0 = nothing), ids (0 = nothing) and triangle numbers (-1 = nothing)."""
+    """A camera's view: z-depth in metres (0 = nothing), ids (0 = nothing) and triangle numbers (-1 = nothing)."""
 
     depth: np.ndarray
     ids: np.ndarray
@@ -44,7 +44,7 @@ class View(NamedTuple):
 
 
 class Caster:
-    """Triangles [F, 3, 3] with an id each, ready for rays."""
+    """Casts rays against triangles [F, 3, 3] with one id each."""
 
     def __init__(self, triangles, ids):
         corners = np.arange(len(triangles) * 3).reshape(-1, 3).tolist()
@@ -54,7 +54,7 @@ class Caster:
         self.normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
     def cast(self, pose, camera, step=1):
-        """The View from a pose, of every `step`th pixel."""
+        """The View of every `step`th pixel from a pose."""
         directions = camera.directions(step)
         rays = (directions @ pose[:3, :3].T).reshape(-1, 3).tolist()
         origin, ray_cast = pose[:3, 3].tolist(), self.tree.ray_cast
@@ -66,7 +66,7 @@ class Caster:
         return View(depth, np.where(index < 0, 0, self.ids[index]), index)
 
     def near(self, point):
-        """The distance from a point to the nearest triangle."""
+        """Distance from a point to the nearest triangle."""
         return self.tree.find_nearest(point)[3]
 
 

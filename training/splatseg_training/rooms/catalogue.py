@@ -1,4 +1,4 @@
-"""The small objects of a room by name, and what may stand where."""
+"""The small objects of a room by name, and the surfaces that each may stand on."""
 
 from . import furniture, things
 
@@ -39,7 +39,7 @@ MAKERS = {
     "pillow": things.pillow,
 }
 
-# What stands on a kind of surface; a name that is listed twice is twice as frequent.
+# Objects by kind of surface; a name listed twice is twice as frequent.
 STANDS_ON = {
     "table": "mug mug plate plate bowl bottle bottle vase fruit fruit plantlet flatbook can laptop",
     "desk": "mug flatbook flatbook can tlamp photo plantlet bottle box",

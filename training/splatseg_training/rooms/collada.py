@@ -1,7 +1,7 @@
 """Reads COLLADA files: triangles, texture coordinates, colours.
 
-Blender 4.5's own importer leaves out the geometry of files by Autodesk's FBX exporter, without an error, and Blender 5
-has none.
+Blender 4.5's own importer silently omits the geometry of files from Autodesk's FBX exporter, and Blender 5 has no
+importer.
 """
 
 import os
@@ -28,7 +28,7 @@ def read_collada(path):
 
 
 class Document:
-    """A parsed file; collects the finishes of the materials that its geometry uses."""
+    """A parsed file; collects the finishes of the materials used by its geometry."""
 
     def __init__(self, tree, folder):
         self.tree, self.folder = tree, folder
@@ -36,7 +36,7 @@ class Document:
         self.finishes, self.slots = [], {}
 
     def axes(self):
-        """File to world: [4, 4], scaled to metres and turned to z up."""
+        """File to world: [4, 4], scaled to metres and rotated to z up."""
         unit = self.tree.find("asset/unit")
         matrix = np.eye(4) * (1.0 if unit is None else float(unit.get("meter", 1)))
         up = self.tree.findtext("asset/up_axis", "Y_UP").strip()
@@ -62,7 +62,7 @@ class Document:
             self.add_node(child, world, parts)
 
     def read_group(self, group):
-        """Vertices [V, 3], faces [F, 3] and texture coordinates [F, 3, 2] of a group of polygons."""
+        """Vertices [V, 3], faces [F, 3] and texture coordinates [F, 3, 2] of a polygon group."""
         inputs = {}
         for item in group.findall("input"):
             inputs.setdefault(item.get("semantic"), (int(item.get("offset")), item.get("source")[1:]))
@@ -85,7 +85,7 @@ class Document:
         return _numbers(source.find("float_array")).reshape(-1, stride)
 
     def slot(self, material):
-        """The number of a material's finish."""
+        """Number of a material's finish."""
         if material not in self.slots:
             self.slots[material] = len(self.finishes)
             self.finishes.append(self.finish(material))
@@ -102,7 +102,7 @@ class Document:
         return Finish(rgb, None if texture is None else self.image(effect, texture.get("texture")))
 
     def image(self, effect, name):
-        """The path of a texture's image: through the sampler and its surface, or named directly; None if it is not there."""
+        """Path of a texture's image, through the sampler and its surface or named directly; None if it is missing."""
         params = {param.get("sid"): param for param in effect.iter("newparam")}
         for tag in ("source", "init_from"):
             if name in params and params[name].find(f".//{tag}") is not None:
@@ -117,7 +117,7 @@ def _numbers(element, kind=float):
 
 
 def _fans(sizes):
-    """Corner numbers [F, 3] that cut polygons with the given numbers of corners into triangles."""
+    """Corner numbers [F, 3] that split polygons with the given numbers of corners into triangles."""
     starts = np.cumsum(sizes) - sizes
     fans = [
         np.stack([starts[sizes > k + 1], starts[sizes > k + 1] + k, starts[sizes > k + 1] + k + 1], 1)

@@ -1,4 +1,4 @@
-"""Furnishes a room: groups of furniture by the kind of room, things on walls and floor, and small objects."""
+"""Furnishes a room: furniture groups for the kind of room, things on walls and floor, and small objects."""
 
 from . import furniture, things
 from .catalogue import STANDS_ON
@@ -6,7 +6,7 @@ from .geometry import PI, SIDES
 
 
 def furnish(room):
-    """Fills a room that has its shell; sets its kind."""
+    """Furnishes a room with a finished shell; sets its kind."""
     paint = room.paint
     room.kind = kind = paint.pick(["living", "bedroom", "office", "dining", "studio"])
     if kind in ("living", "studio"):
@@ -50,7 +50,7 @@ def _wardrobe(paint):
 
 
 def shelves(room, count):
-    """Shelves at the walls, often of the same model."""
+    """Places shelves at the walls, often of the same model."""
     paint = room.paint
 
     def make(heights, compartments, widths):
@@ -64,7 +64,7 @@ def shelves(room, count):
 
 
 def chests(room, count=1, low=False):
-    """Equal chests of drawers at the walls; returns the placed ones, None for those without room."""
+    """Places equal chests of drawers at the walls; returns them, with None for each that found no place."""
     paint = room.paint
 
     def make():
@@ -77,7 +77,7 @@ def chests(room, count=1, low=False):
 
 
 def seat(room, chair, table, x, y, yaw):
-    """A chair at a table, which it may reach under; the place is in the table's plan."""
+    """Places a chair at a table, possibly partly under it; the position is in the table's plan."""
     turn = table.yaw + yaw + room.paint.uniform(-0.35, 0.35) * room.paint.chance(0.6)
     place = (*table.to_room(x, y), turn, chair.width / 2, chair.depth / 2)
     if room.is_free(place, 0.02, ignored=[table.footprint]):
@@ -85,7 +85,7 @@ def seat(room, chair, table, x, y, yaw):
 
 
 def desks(room, count):
-    """Desks with a monitor, a keyboard and a chair."""
+    """Places desks with a monitor, a keyboard and a chair."""
     paint = room.paint
 
     def make():
@@ -108,7 +108,7 @@ def desks(room, count):
 
 
 def dine(room, width, depth, count):
-    """A table with up to `count` chairs."""
+    """Places a table with up to `count` chairs."""
     paint = room.paint
     table = room.choose("table", lambda: furniture.table(paint, width, depth, paint.uniform(0.72, 0.76)))
     chair = room.choose("chair", lambda: furniture.chair(paint, paint.pick(["slat", "panel", "shell"])))
@@ -127,11 +127,11 @@ def dine(room, width, depth, count):
 
 
 def lounge(room, seats, armchairs):
-    """A sofa with a rug, a low table and a television, and armchairs."""
+    """Places a sofa with a rug, a low table and a television, and armchairs."""
     paint = room.paint
     sofa = room.at_wall(room.choose("sofa", lambda: furniture.sofa(paint, seats)))
     if sofa:
-        room.to_fill(sofa, "soft")  # twice: a seat has room for two
+        room.to_fill(sofa, "soft")  # twice, because a seat has room for two
         room.to_fill(sofa, "soft")
         size = ((0.8, 1.1), (0.5, 0.6), (0.36, 0.45))
         table = room.choose("low table", lambda: furniture.table(paint, *(paint.uniform(*bounds) for bounds in size)))
@@ -150,7 +150,7 @@ def lounge(room, seats, armchairs):
 
 
 def sleep(room, width):
-    """A bed with pillows and nightstands."""
+    """Places a bed with pillows and nightstands."""
     paint = room.paint
     bed = room.choose("bed", lambda: furniture.bed(paint, width))
     placed = room.at_wall(bed, tries=150)
@@ -180,7 +180,7 @@ def sleep(room, width):
 
 
 def fixtures(room):
-    """Imported kitchen and bathroom pieces at the walls."""
+    """Places imported kitchen and bathroom pieces at the walls."""
     for _ in range(int(room.paint.uniform(0, 3))):
         thing = room.library.piece("fixture", room.paint)
         if thing is not None:
@@ -188,7 +188,7 @@ def fixtures(room):
 
 
 def hang(room):
-    """A radiator under the window, pictures, perhaps a clock and wall shelves."""
+    """Hangs a radiator under the window, pictures, and perhaps a clock and wall shelves."""
     paint = room.paint
     room.at_wall(furniture.radiator(paint), walls=[room.window_wall])
     for _ in range(int(paint.uniform(3, 8))):
@@ -201,7 +201,7 @@ def hang(room):
 
 
 def drop(room):
-    """Something on the floor: shoes in pairs, boxes sometimes with another one on top."""
+    """Puts something on the floor: shoes in pairs, boxes sometimes with another one on top."""
     paint = room.paint
     name = paint.pick(STANDS_ON["floor"])
     thing = room.model(name)

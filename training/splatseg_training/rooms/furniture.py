@@ -1,4 +1,4 @@
-"""Furniture: functions of the room's Paint and sizes in metres that return a finished Thing."""
+"""Furniture: functions that take the room's Paint and sizes in metres and return a finished Thing."""
 
 import math
 from itertools import product
@@ -10,7 +10,7 @@ from .geometry import PI, SIDES, TAU, grid, piece, rotation
 
 @piece("table")
 def table(paint, thing, width, depth, height, desk=False):
-    """A table, round now and then, or a desk, often with drawers on one side."""
+    """A table, sometimes round, or a desk, often with drawers on one side."""
     thing.name, wood, thick = "desk" if desk else "table", paint.wood(), paint.uniform(0.025, 0.045)
     other = paint.pick([wood, wood, paint.metal(), paint.wood()])
     below = height - thick
@@ -47,7 +47,7 @@ def _desk_drawers(paint, thing, wood, width, depth, below):
 
 @piece("chair")
 def chair(paint, thing, kind=None):
-    """A chair of the kind "slat", "panel", "shell" or "office"."""
+    """A chair; `kind` is "slat", "panel", "shell" or "office"."""
     kind = kind or paint.pick(["slat", "panel", "shell", "office"])
     wood, metal = paint.wood(), paint.metal()
     width, depth, seat = paint.uniform(0.4, 0.46), paint.uniform(0.4, 0.45), paint.uniform(0.43, 0.47)
@@ -81,7 +81,7 @@ def _office_chair(paint, thing, metal, seat):
 
 
 def _shell_chair(paint, thing, leg_materials, width, depth, seat):
-    """A seat and back of one bent sheet."""
+    """A seat and back made of one bent sheet."""
     gloss = paint.gloss()
     u, v = np.linspace(-1, 1, 11)[:, None], np.linspace(0, 1, 14)[None]
     x = u * width / 2 * (1 - 0.1 * v**4)
@@ -106,7 +106,7 @@ def stool(paint, thing):
 
 @piece("shelf")
 def shelf(paint, thing, width, depth, height, count):
-    """Shelves with `count` compartments above each other."""
+    """A shelf with `count` stacked compartments."""
     wood, thick = paint.wood(), 0.022
     inside = width - 2 * thick
     for side in SIDES:
@@ -195,7 +195,7 @@ def sofa(paint, thing, seats):
 
 @piece("bed")
 def bed(paint, thing, width):
-    """A bed; its surfaces are the pillows' end and the rest of the duvet."""
+    """A bed; its surfaces are the pillow end and the rest of the duvet."""
     wood, cloth, white, length = paint.wood(), paint.fabric(), paint.white(), 2.0
     height = paint.uniform(0.26, 0.34)
     thing.box(wood, 0, 0, 0.1, width, length, height - 0.1, 0.01)

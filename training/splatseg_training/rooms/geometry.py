@@ -1,4 +1,4 @@
-"""Mesh primitives in metres, z up, as (points [P, 3], normals [P, 3], quads [Q, 4]), and the Thing built of them."""
+"""Mesh primitives in metres, z up, as (points [P, 3], normals [P, 3], quads [Q, 4]), and the Thing built from them."""
 
 import math
 from itertools import product
@@ -12,7 +12,7 @@ SIDES = (-1, 1)
 
 
 def rotation(axis, angle):
-    """A rotation [3, 3] about an axis that is named "X", "Y" or "Z"; radians."""
+    """A rotation [3, 3] about the axis "X", "Y" or "Z", in radians."""
     return np.array(Matrix.Rotation(angle, 3, axis))
 
 
@@ -28,7 +28,7 @@ def grid(points, normals=None, wrap=False):
 
 
 def join(parts):
-    """One mesh of several; anything after a part's first three entries is left out."""
+    """Joins several meshes; entries of a part after the first three are ignored."""
     points, normals, quads = zip(*[part[:3] for part in parts])
     starts = np.cumsum([0] + [len(part) for part in points])
     quads = [part + start for part, start in zip(quads, starts)]
@@ -36,7 +36,7 @@ def join(parts):
 
 
 def rounded_box(size_x, size_y, size_z, radius=0.008, segments=1):
-    """A box about the origin with rounded edges."""
+    """A box centred at the origin with rounded edges."""
     half = np.array([size_x, size_y, size_z]) / 2
     radius = min(radius, half.min() * 0.98)
     steps = radius * np.arange(segments + 1) / segments
@@ -53,7 +53,7 @@ def rounded_box(size_x, size_y, size_z, radius=0.008, segments=1):
 
 
 def lathe(profile, count=20):
-    """A surface of revolution about z of a list of (radius, z); sharp where the profile turns sharply."""
+    """A surface of revolution about z from a list of (radius, z); sharp where the profile bends sharply."""
     profile = np.array(profile, float)
     profile = profile[np.r_[True, np.abs(np.diff(profile, axis=0)).sum(1) > 1e-6]]
     step = np.diff(profile, axis=0)
@@ -112,7 +112,7 @@ def superellipsoid(a, b, c, upright=0.6, flat=0.35):
 
 
 class Thing:
-    """One object: parts with materials, surfaces that carry other objects, and lights. Its front is -y.
+    """An object: parts with materials, surfaces that carry other objects, and lights. Its front is -y.
 
     `surfaces` lists (x0, x1, y0, y1, z, clear height above), `lights` (position, watts, colour, radius). `finish` sets
     `width`, `depth` and `height` (the bounding box), `triangles` [F, 3, 3] and Blender's `mesh`.
@@ -122,7 +122,7 @@ class Thing:
 
     def __init__(self, name):
         self.name, self.parts, self.materials, self.surfaces, self.lights = name, [], [], [], []
-        self.knee_x = 0.0  # where a desk has room for knees
+        self.knee_x = 0.0  # position of a desk's knee space
 
     def add(self, part, material, at=(0, 0, 0), turn=None):
         points, normals, quads = part
@@ -150,7 +150,7 @@ class Thing:
         self.turned(material, np.stack([radius * np.cos(t), radius + radius * np.sin(t)], 1), x, y, bottom, 18)
 
     def legs(self, material, width, depth, height, kind, radius=0.022):
-        """Four legs of the kind "box", "tube" or "taper" (narrow and splayed at the floor)."""
+        """Adds four legs; `kind` is "box", "tube" or "taper" (narrow and splayed at the floor)."""
         for side, end in product(SIDES, SIDES):
             x, y, splay = side * (width / 2 - 0.04), end * (depth / 2 - 0.04), 0.03 * (kind == "taper")
             if kind == "box":
@@ -191,7 +191,7 @@ class Thing:
         slots = np.concatenate([np.full(len(part[2]), part[3]) for part in self.parts])
         mesh.polygons.foreach_set("material_index", slots)
         mesh.polygons.foreach_set("use_smooth", np.ones(len(quads), bool))
-        # Texture coordinates are metres in the plane that a quad faces most.
+        # Texture coordinates are metres in the axis-aligned plane closest to the quad.
         plane = np.array([[1, 2], [0, 2], [0, 1]])[np.abs(facing).argmax(1)]
         coordinates = np.take_along_axis(points[quads], np.repeat(plane[:, None], 4, 1), 2)
         mesh.uv_layers.new().uv.foreach_set("vector", coordinates.astype(np.float32).ravel())
@@ -202,7 +202,8 @@ class Thing:
 
 
 def piece(name):
-    """The decorated function adds parts to a fresh Thing; calling it with the rest returns the finished Thing."""
+    """Decorator for a function that adds parts to a new Thing; calling it without the Thing returns the finished
+    Thing."""
 
     def wrap(body):
         def make(paint, *arguments, **options):

@@ -1,22 +1,22 @@
-"""Guesses from a mesh's file name what it is, how large that is in a home, and where it stands."""
+"""Guesses a mesh's kind, its usual size and its place in a home from its file name."""
 
 import re
 from typing import NamedTuple
 
 
 class Kind(NamedTuple):
-    """A kind of piece; the size along an axis lies between two bounds in metres."""
+    """A kind of piece; its size along an axis is between two bounds in metres."""
 
     name: str
     axis: str  # "height", "width" (the larger horizontal side) or "largest"
     low: float
     high: float
     back: str = (
-        "sides"  # "top": where a backrest rises, "sides": the flat side, "rough": the other one, "none": unknown
+        "sides"  # "top": side of the backrest, "sides": the flat side, "rough": the other one, "none": unknown
     )
 
 
-# The first pattern that is found in the words of a file name decides; None means that the mesh is not used.
+# The first pattern found in the words of a file name decides; None means that the mesh is not used.
 RULES = [
     (r"collision|\bdoors?\b|windows?|\bwall\b|ceiling|\broom\b|floor b|column|curtain|chandelier|handle", None),
     (
@@ -64,7 +64,7 @@ RULES = [
 ]
 OTHER = Kind("other", "largest", 0.2, 1.0, "none")
 
-# Kinds that may take the place of a thing that the room asks for, and the height it is to have (None: the kind's own).
+# Kinds that may replace a thing requested by the room, and the required height (None: the kind's own).
 STANDS_FOR = {
     "table": (("table",), None),
     "low table": (("low table",), None),
@@ -105,7 +105,7 @@ STANDS_FOR = {
 
 
 def guess(name):
-    """The kind of a file name without its ending; None if such a mesh is not used."""
+    """The kind for a file name without extension; None if such a mesh is not used."""
     words = re.sub(r"(?<=[a-z])(?=[A-Z0-9])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[0-9])(?=[A-Za-z])|[^A-Za-z0-9]+", " ", name)
     words = words.lower()
     for pattern, kind in RULES:

@@ -1,4 +1,4 @@
-"""Random colours and materials of a room. Colours are linear RGB; scales are repeats per metre."""
+"""Random colours and materials for a room. Colours are linear RGB; scales are repeats per metre."""
 
 import colorsys
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from .shaders import Shader
 
 
 class Pattern(NamedTuple):
-    """How a texture lies on a thing: repeats per metre, stretched along the axes, turned about z (radians)."""
+    """Placement of a texture on a thing: repeats per metre, stretch along the axes, rotation about z (radians)."""
 
     scale: float = 1.0
     stretch: tuple = (1, 1, 1)
@@ -21,7 +21,7 @@ PLAIN = Pattern()
 
 
 def pooled(most):
-    """A room keeps at most so many materials of a kind, so that its furniture matches."""
+    """Decorator: a room reuses at most `most` materials of a kind, so that its furniture matches."""
 
     def wrap(make):
         def get(self):
@@ -39,7 +39,7 @@ def pooled(most):
 class Paint:
     """A room's random numbers, colours and materials.
 
-    `glow` lists (input for the strength, strength) of emitters, which are scaled once the exposure is known.
+    `glow` lists (strength input, strength) of the emitters, which are scaled once the exposure is known.
     """
 
     def __init__(self, rng):
@@ -213,7 +213,7 @@ class Paint:
         return self.material(texture, colour, second, Pattern(scale, turn=self.pick([0, PI / 2])), rough)
 
     def art(self, screen=False, glow=0.0):
-        """A picture of blocks, discs and waves, or lines of text on a screen."""
+        """An image of blocks, discs and waves, or lines of text on a screen."""
         size = 96
         y, x = np.mgrid[0:size, 0:size] / size
         background = np.array(self.colour(value=(0.3, 0.95))) ** (1 / 2.2)

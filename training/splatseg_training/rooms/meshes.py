@@ -1,4 +1,4 @@
-"""Reads furniture meshes of other people: DAE, glTF, GLB, FBX and OBJ files, whole, as triangles with colours."""
+"""Reads third-party furniture meshes: complete DAE, glTF, GLB, FBX and OBJ files, as triangles with colours."""
 
 import contextlib
 import os
@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 ENDINGS = (".dae", ".glb", ".gltf", ".fbx", ".obj")
-MOST_TRIANGLES = 60_000  # a room has to be built in seconds
+MOST_TRIANGLES = 60_000  # limit, so that building a room takes only seconds
 
 
 class Finish(NamedTuple):
@@ -20,7 +20,7 @@ class Finish(NamedTuple):
 
 
 class SourceMesh(NamedTuple):
-    """A mesh as it is in its file: z up, in the file's units where it names none."""
+    """A mesh as stored in its file: z up, in metres, or in the file's units if it does not state them."""
 
     vertices: np.ndarray  # [V, 3]
     faces: np.ndarray  # [F, 3] vertex numbers
@@ -30,7 +30,7 @@ class SourceMesh(NamedTuple):
 
     @staticmethod
     def join(parts, finishes):
-        """One mesh of a list of (vertices, faces, coordinates, slots)."""
+        """Joins a list of (vertices, faces, coordinates, slots) to one mesh."""
         starts = np.cumsum([0] + [len(part[0]) for part in parts])
         faces = [part[1] + start for part, start in zip(parts, starts)]
         vertices, _, coordinates, slots = (np.concatenate(values) for values in zip(*parts))
@@ -38,7 +38,7 @@ class SourceMesh(NamedTuple):
 
 
 def read_mesh(path):
-    """Reads a file; raises ValueError if it has no triangles or too many, RuntimeError or OSError if it is broken."""
+    """Reads a file; raises ValueError if it has no triangles or too many, RuntimeError or OSError if it is invalid."""
     if path.lower().endswith(".dae"):
         from .collada import read_collada  # which imports this module
 
@@ -54,7 +54,7 @@ def read_mesh(path):
 
 @contextlib.contextmanager
 def quiet():
-    """Discards what Blender prints; its importers and renderer have no setting for that."""
+    """Discards Blender's output; its importers and renderer have no setting for that."""
     sys.stdout.flush()
     saved, null = [(fd, os.dup(fd)) for fd in (1, 2)], os.open(os.devnull, os.O_WRONLY)
     for fd, _ in saved:
@@ -70,7 +70,7 @@ def quiet():
 
 
 def _import(path):
-    """Reads a file with Blender's importer and removes everything that it added to Blender's data."""
+    """Reads a file with Blender's importer, then removes everything that the importer added to Blender's data."""
     importer = {
         ".glb": bpy.ops.import_scene.gltf,
         ".gltf": bpy.ops.import_scene.gltf,
@@ -94,7 +94,7 @@ def _all_data():
 
 
 def _extract(objects):
-    """The triangles of Blender's mesh objects as one SourceMesh."""
+    """Returns the triangles of Blender's mesh objects as one SourceMesh."""
     parts, finishes, slots = [], [], {}
     for item in objects:
         mesh = item.data

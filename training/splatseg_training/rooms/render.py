@@ -1,4 +1,4 @@
-"""Colours of a room with Blender's Cycles on the CPU."""
+"""Renders a room's colours with Blender's Cycles on the CPU."""
 
 import math
 import os
@@ -12,7 +12,7 @@ from PIL import Image
 
 from .meshes import quiet
 
-# Few samples and bounces, and a denoiser: 2 s a frame of 320 × 240 on one core.
+# Few samples and bounces, and a denoiser: 2 s per frame of 320 × 240 on one core.
 CYCLES = {
     "use_adaptive_sampling": False,
     "use_light_tree": False,
@@ -46,7 +46,7 @@ def empty_scene():
 
 
 class Renderer:
-    """Renders the scene, which holds a finished room, through a Camera of `cast`."""
+    """Renders the scene, which contains a finished room, with a Camera of `cast`."""
 
     def __init__(self, room, camera, quality):
         self.room, self.camera, self.scene = room, camera, bpy.context.scene
@@ -94,7 +94,7 @@ class Renderer:
         return values
 
     def colours(self, pose, rng):
-        """The view from a pose with a camera's grain: [H, W, 3] uint8 RGB."""
+        """Renders the view from a pose with camera noise: [H, W, 3] uint8 RGB."""
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "view.png")
             self._render(pose, path, "PNG")

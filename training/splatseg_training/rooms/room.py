@@ -1,4 +1,4 @@
-"""A room's plan: what stands and hangs where, on floor, walls and surfaces. Metres; x in 0..width, y in 0..depth, z up.
+"""A room's plan: positions of things on floor, walls and surfaces. Metres; x in 0..width, y in 0..depth, z up.
 
 Walls are numbered 0 to 3: y = 0, x = width, y = depth, x = 0.
 """
@@ -16,11 +16,11 @@ from .catalogue import FACING, MAKERS, MOST_MODELS, STANDS_ON
 from .geometry import PI, TAU, Thing, rotation
 from .materials import Paint
 
-LIFT = 0.0008  # between a thing and what it stands on, so that rays do not meet both
+LIFT = 0.0008  # gap between a thing and the surface below, so that rays do not hit both
 
 
 class Placed(NamedTuple):
-    """A thing at a place in the room; (x, y, z) is the middle of its bottom."""
+    """A thing at a position in the room; (x, y, z) is the centre of its bottom."""
 
     thing: Thing
     x: float
@@ -39,13 +39,13 @@ class Placed(NamedTuple):
         return (self.x, self.y, self.yaw, self.thing.width / 2, self.thing.depth / 2)
 
     def to_room(self, x, y):
-        """A point in the room from one in the thing's plan."""
+        """Converts a point in the thing's plan to a point in the room."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return self.x + cos * x - sin * y, self.y + sin * x + cos * y
 
 
 def overlap(first, second, gap=0.0):
-    """Whether two rectangles (x, y, yaw, half width, half depth) come closer than a gap."""
+    """True if two rectangles (x, y, yaw, half width, half depth) are closer than a gap."""
     boxes = []
     for x, y, yaw, half_width, half_depth in (first, second):
         axes = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
@@ -58,7 +58,7 @@ def overlap(first, second, gap=0.0):
 
 
 class Room:
-    """An empty room of a seed; `shell.build` and `furnish.furnish` fill it, `finish` makes it visible to rays.
+    """An empty room for a seed; `shell.build` and `furnish.furnish` fill it, `finish` prepares it for ray casting.
 
     `names[id - 1]` is an instance's name. With a library, some things are imported meshes.
     """
@@ -67,9 +67,9 @@ class Room:
         self.rng, self.library = np.random.default_rng(seed), library
         self.paint = Paint(self.rng)
         self.names, self.triangles, self.ids, self.models, self.used = [], [], [], {}, {}
-        self.footprints, self.kept_clear = [], []  # rectangles of the floor: what stands there, what stays free
+        self.footprints, self.kept_clear = [], []  # rectangles of the floor: occupied, kept free
         self.wall_uses = [[], [], [], []]  # (start, end, bottom, top) on each wall
-        self.surfaces = []  # (placed, number of the surface, what stands there), still to be filled
+        self.surfaces = []  # (placed, number of the surface, kind of things for it), still to be filled
         self.imported = 0
         self.target = int(self.rng.integers(62, 91))
         uniform = self.paint.uniform
@@ -80,7 +80,7 @@ class Room:
         self.caster = Caster(np.concatenate(self.triangles), np.concatenate(self.ids))
 
     def choose(self, name, make):
-        """An imported thing that can stand for the named one, sometimes; otherwise what `make` makes."""
+        """Sometimes an imported thing that can replace the named one, otherwise the result of `make`."""
         if self.library is not None and self.paint.chance(SHARE):
             thing = self.library.piece(name, self.paint)
             if thing is not None:
@@ -88,7 +88,7 @@ class Room:
         return make()
 
     def place(self, thing, x, y, z=0.0, yaw=0.0, floor=False):
-        """Adds an instance of a thing; `floor`: its footprint is taken from now on."""
+        """Adds an instance of a thing; with `floor`, its footprint becomes occupied."""
         item = bpy.data.objects.new(thing.name, thing.mesh)
         bpy.context.scene.collection.objects.link(item)
         item.matrix_world = Matrix.Translation((x, y, z)) @ Matrix.Rotation(yaw, 4, "Z")
@@ -122,14 +122,14 @@ class Room:
         return self.width if wall % 2 == 0 else self.depth
 
     def at(self, wall, along, off):
-        """Point and yaw at a distance along a wall and off from it, for a thing with its back to the wall."""
+        """Point and yaw at distances along and from a wall, for a thing with its back to the wall."""
         yaw = (PI, -PI / 2, 0, PI / 2)[wall]
         corner = ((self.width, 0), (self.width, self.depth), (0, self.depth), (0, 0))[wall]
         x = corner[0] + along * math.cos(yaw) + off * math.sin(yaw)
         return x, corner[1] + along * math.sin(yaw) - off * math.cos(yaw), yaw
 
     def is_free(self, rectangle, gap=0.04, ignored=()):
-        """Whether a rectangle lies inside the room, clear of everything that stands."""
+        """True if a rectangle lies inside the room, clear of all standing things."""
         x, y, yaw, half_width, half_depth = rectangle
         cos, sin = abs(math.cos(yaw)), abs(math.sin(yaw))
         extent_x = cos * half_width + sin * half_depth + 0.01
@@ -140,7 +140,8 @@ class Room:
         return not any(overlap(rectangle, other, gap) for other in others if other not in ignored)
 
     def at_wall(self, thing, walls=(0, 1, 2, 3), tries=50, heights=None, gap=0.02):
-        """Stands a thing with its back to a wall, or hangs it with its bottom between two heights; None if it has no room."""
+        """Places a thing with its back to a wall, or hangs it with its bottom between two heights; None if there is no
+        space."""
         for _ in range(tries):
             wall = self.paint.pick(walls)
             length, half = self.wall_length(wall), thing.width / 2
@@ -163,7 +164,8 @@ class Room:
         return None
 
     def on_floor(self, thing, tries=60, gap=0.06, yaw=None, inset=None):
-        """Stands a thing somewhere on the floor; `inset`: the share of the room at each wall that stays free of its middle."""
+        """Places a thing at random on the floor; `inset` is the share of the room at each wall from which its centre is
+        excluded."""
         x0, x1, y0, y1 = 0.2, self.width - 0.2, 0.2, self.depth - 0.2
         if inset is not None:
             x0, x1, y0, y1 = (size * k for size in (self.width, self.depth) for k in (inset, 1 - inset))
@@ -176,7 +178,7 @@ class Room:
         return None
 
     def model(self, name):
-        """A small object; models are used again, so that a room holds duplicates."""
+        """A small object; models are reused, so that a room contains duplicates."""
         models = self.models.setdefault(name, [])
         if len(models) < MOST_MODELS.get(name, 2) and (not models or self.paint.chance(0.4)):
             models.append(self.choose(name, lambda: MAKERS[name](self.paint)))
@@ -184,11 +186,11 @@ class Room:
         return self.paint.pick(models)
 
     def left(self):
-        """How many instances the room still wants."""
+        """Number of instances that the room still needs."""
         return self.target - len(self.names)
 
     def put(self, placed, number, name, at=None, yaw=None, tries=14):
-        """Stands a small object on a surface of a placed thing, at a point of that thing's plan or anywhere."""
+        """Places a small object on a surface of a placed thing, at a point of that thing's plan or at random."""
         x0, x1, y0, y1, z, clear = placed.thing.surfaces[number]
         thing, used = self.model(name), self.used.setdefault((placed.id, number), [])
         uniform = self.paint.uniform
@@ -216,7 +218,7 @@ class Room:
         return None
 
     def _pile(self, bottom, surface, clear):
-        """Sometimes lays more books on one; `surface` is the height that it lies at."""
+        """Sometimes piles more books on a book; `surface` is the height at which the book lies."""
         thing, z = bottom.thing, bottom.z
         for _ in range(int(self.rng.integers(0, 4))):
             z += thing.height + LIFT
@@ -227,7 +229,7 @@ class Room:
             self.place(thing, bottom.x, bottom.y, z, bottom.yaw + self.paint.uniform(-0.25, 0.25))
 
     def books(self, placed, number):
-        """Stands a row of books, with runs of the same volume, on a surface."""
+        """Places a row of books, with runs of the same volume, on a surface."""
         x0, x1, y0, y1, z, clear = placed.thing.surfaces[number]
         uniform = self.paint.uniform
         x, end, run = x0, min(x1, x0 + uniform(0.12, 0.42)), 0
@@ -245,13 +247,13 @@ class Room:
             x, run = x + book.width + 0.0012, run - 1
 
     def to_fill(self, placed, what):
-        """Remembers the surfaces of a placed thing and what belongs on them; returns it."""
+        """Registers the surfaces of a placed thing and the kind of things for them; returns the placed thing."""
         if placed:
             self.surfaces.extend((placed, number, what) for number in range(len(placed.thing.surfaces)))
         return placed
 
     def fill(self):
-        """Puts one thing on each surface a round until the room has enough."""
+        """Puts one thing on each surface per round until the room has enough."""
         for turn in range(12):
             for index in self.rng.permutation(len(self.surfaces)):
                 placed, number, what = self.surfaces[int(index)]
@@ -263,7 +265,7 @@ class Room:
                         self.put(placed, number, self.paint.pick(STANDS_ON[what]), tries=6)
 
     def clearance(self, x, y):
-        """Distance in the plan from the nearest wall or standing object, negative inside."""
+        """Distance in the plan to the nearest wall or standing object; negative inside."""
         distance = np.minimum.reduce([x, y, self.width - x, self.depth - y]) - 0.12
         for centre_x, centre_y, yaw, half_width, half_depth in self.footprints + self.kept_clear[1:]:
             cos, sin = math.cos(yaw), math.sin(yaw)

@@ -7,7 +7,7 @@ FLAT = ("checker", "brick", "tile", "plank", "dots", "plaid", "terrazzo")  # map
 
 
 class Shader:
-    """A new material whose nodes are being built."""
+    """Builds the nodes of a new material."""
 
     def __init__(self, name):
         self.material = bpy.data.materials.new(name)
@@ -16,7 +16,8 @@ class Shader:
         self.surface = self.nodes["Principled BSDF"]
 
     def node(self, kind, source=None, into="Vector", **inputs):
-        """Adds a node, feeds an output to its input `into`, and sets inputs (spaces in names as underscores)."""
+        """Adds a node, connects an output to its input `into`, and sets inputs (underscores replace spaces in
+        names)."""
         node = self.nodes.new("ShaderNode" + kind)
         if source:
             self.links.new(source, node.inputs[into])
@@ -80,7 +81,8 @@ class Shader:
         return node.outputs["Color"]
 
     def mapped_picture(self, image):
-        """An image by the mesh's texture coordinates; `image` is a path or pixels [H, W, 4] uint8, bottom row first."""
+        """An image mapped by the mesh's texture coordinates; `image` is a path or pixels [H, W, 4] uint8, bottom row
+        first."""
         node = self.node("TexImage")
         if isinstance(image, str):
             node.image = bpy.data.images.load(image, check_existing=True)
@@ -89,7 +91,7 @@ class Shader:
         return node.outputs["Color"]
 
     def finish(self, colour, texture, rough, metal, glow):
-        """Sets the surface; returns the input for the strength of its light, None if it is dark."""
+        """Sets the surface; returns the input for its emission strength, None without emission."""
         inputs = self.surface.inputs
         inputs["Roughness"].default_value, inputs["Metallic"].default_value = rough, metal
         inputs["Specular IOR Level"].default_value = 0.5 if rough < 0.5 else 0.25
@@ -104,7 +106,7 @@ class Shader:
 
 
 def new_image(pixels):
-    """Blender's image of pixels [H, W, 4] in 0..1, bottom row first."""
+    """Creates a Blender image from pixels [H, W, 4] in 0..1, bottom row first."""
     height, width = pixels.shape[:2]
     image = bpy.data.images.new("art", width, height)
     image.pixels.foreach_set(pixels.astype(np.float32).ravel())

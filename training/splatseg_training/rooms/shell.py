@@ -1,4 +1,4 @@
-"""Walls, floor, ceiling, window with daylight, door and ceiling lamp. Their ids are the room's first."""
+"""Walls, floor, ceiling, window with daylight, door and ceiling lamp. They have the room's first ids."""
 
 import math
 from itertools import product
@@ -8,11 +8,11 @@ import numpy as np
 from . import furniture
 from .geometry import SIDES, Thing, rounded_box
 
-THICKNESS = 0.14  # metres, of the walls
+THICKNESS = 0.14  # of the walls, metres
 
 
 def build(room):
-    """Adds them to an empty room: ids 1 to 4 are the walls, 5 the floor, 6 the ceiling."""
+    """Adds the shell to an empty room: ids 1 to 4 are the walls, 5 the floor, 6 the ceiling."""
     paint = room.paint
     plain = paint.wallpaper()
     accent = paint.wallpaper(True) if paint.chance(0.5) else plain
@@ -33,7 +33,7 @@ def build(room):
 
 
 def _wall(room, wall, material, trim, hole):
-    """A wall with a skirting board; a hole for the window divides it into eight boxes."""
+    """A wall with a skirting board; a hole for the window splits it into eight boxes."""
     thing, length = Thing("wall"), room.wall_length(wall)
     xs, zs = [-THICKNESS, length + THICKNESS], [0, room.height]
     if hole:

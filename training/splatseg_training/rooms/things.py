@@ -1,4 +1,4 @@
-"""Small objects, pictures, lamps and screens: functions of the room's Paint that return a finished Thing."""
+"""Small objects, pictures, lamps and screens: functions that take the room's Paint and return a finished Thing."""
 
 import math
 
@@ -24,7 +24,7 @@ def clock(paint, thing):
 
 @piece("picture")
 def picture(paint, thing, width, height, standing=False):
-    """A framed picture for a wall, or a photo that stands on a table."""
+    """A framed picture for a wall, or a standing photo for a table."""
     frame = paint.pick([paint.wood(), paint.metal(), paint.black(), paint.white()])
     depth, bar = 0.02, min(width, height) * 0.07
     thing.name, tilt = ("photo", rotation("X", -0.2)) if standing else ("picture", np.eye(3))
@@ -66,7 +66,7 @@ def lamp(paint, thing, floor):
 
 @piece("screen")
 def screen(paint, thing, width, kind):
-    """A "laptop", "monitor" or "tv"."""
+    """A screen; `kind` is "laptop", "monitor" or "tv"."""
     thing.name, height, black = kind, width * 0.58, paint.black()
     if paint.chance(0.6):
         image = paint.art(screen=True, glow=0.5)

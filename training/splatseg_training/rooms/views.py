@@ -14,8 +14,8 @@ from .geometry import TAU, rotation
 
 SHELL_IDS = 6  # ids up to this one are walls, floor and ceiling
 KEY_STEP = 0.125  # metres between the keys of a walk, on average
-KEY_RATE = 1.5  # keys a second, for a walker of about 0.2 m/s
-CELL = 0.08  # metres, of the grid on which a walk is planned
+KEY_RATE = 1.5  # keys per second, for a walking speed of about 0.2 m/s
+CELL = 0.08  # metres, cell size of the grid for planning a walk
 
 
 def look(x, y, z, yaw, pitch, roll):
@@ -29,7 +29,7 @@ def look(x, y, z, yaw, pitch, roll):
 
 
 def scattered(room, count, camera):
-    """Up to `count` independent poses from free places, each with plenty in sight."""
+    """Up to `count` independent poses from free places, each with many things in sight."""
     uniform, poses = room.paint.uniform, []
     for attempt in range(count * 400):
         if len(poses) == count:
@@ -39,7 +39,7 @@ def scattered(room, count, camera):
             continue
         pose = look(x, y, z, uniform(0, TAU), uniform(-0.65, 0.08), uniform(-0.08, 0.08))
         view = room.caster.cast(pose, camera, 16)
-        # A crowded room has few good views; later attempts are judged less strictly.
+        # A crowded room has few good views, so later attempts are judged less strictly.
         far, stuff, kinds = (0.8, 0.15, 6) if attempt > count * 100 else (1.1, 0.3, 9)
         if (
             np.median(view.depth) > far
@@ -52,10 +52,10 @@ def scattered(room, count, camera):
 
 
 def walk(room, count, camera, rate=None):
-    """`count` poses of a closed walk that is done about twice while the view swings round both ways.
+    """`count` poses of a closed walk, walked about twice, while the view swings round in both directions.
 
-    Without a rate, the poses are the walk's keys, 12 cm and 7 degrees apart. With a rate in Hz, they are that many a
-    second between fewer keys: the walk of `count * KEY_RATE / rate` poses, sampled more densely.
+    Without a rate, the poses are the walk's keys, 12 cm and 7 degrees apart. With a rate in Hz, they are interpolated
+    between fewer keys: the walk of `count * KEY_RATE / rate` poses, sampled more densely.
     """
     keys = count if rate is None else max(2, round(count * KEY_RATE / rate))
     path = _plan(room, keys)
@@ -70,7 +70,7 @@ def walk(room, count, camera, rate=None):
     z = 1.2 + 0.25 * noise(8) + 0.02 * noise(1)
     times = np.arange(keys) if rate is None else np.linspace(0, keys - 1, count)
     best, best_score = None, -np.inf
-    for _ in range(40):  # of many ways to look round, the one that sees most
+    for _ in range(40):  # of many ways to look round, the one with the most in sight
         turns = np.radians(smooth(_swings(room.paint, keys), 1, False) * (8.0 + 2.6 * noise(4)))
         yaw = room.paint.uniform(0, TAU) + np.cumsum(turns)
         pitch, roll = np.radians(-16 + 13 * noise(5)), np.radians(3 * noise(3))
@@ -86,13 +86,13 @@ def walk(room, count, camera, rate=None):
 
 
 def _interest(view):
-    """How good a view of a walk is: many things in sight, and not too near."""
+    """Quality of a view of a walk: many things in sight, and not too near."""
     stuff = min((view.ids > SHELL_IDS).mean(), 0.5)
     return len(np.unique(view.ids)) + 12 * stuff - (8 if np.median(view.depth) < 0.9 else 0)
 
 
 def _swings(paint, count):
-    """The sense of turning at each key: 1 or -1 in runs."""
+    """The direction of turning at each key: runs of 1 or -1."""
     sense, start = np.ones(count), 0
     direction = paint.pick([-1, 1])
     while start < count:
@@ -103,14 +103,14 @@ def _swings(paint, count):
 
 
 class Loop(NamedTuple):
-    """A closed line: points [N, 2], the last equal to the first, and the way to each along it, metres."""
+    """A closed polyline: points [N, 2], the last equal to the first, and the arc length at each, metres."""
 
     points: np.ndarray
     ways: np.ndarray
     length: float
 
     def at(self, way):
-        """Points [M, 2] at ways along the loop, which may go round several times."""
+        """Points [M, 2] at arc lengths along the loop, which may go round several times."""
         way = np.asarray(way) % self.length
         return np.stack([np.interp(way, self.ways, self.points[:, axis]) for axis in (0, 1)], 1)
 
@@ -145,7 +145,7 @@ def _plan(room, count):
 
 
 def _random_loop(rng, free, clear, cells):
-    """Points [N, 2] in metres of a way through a few corners that lie far from each other."""
+    """Points [N, 2] in metres of a loop through a few corners far from each other."""
     count = int(rng.integers(3, 7))
     corners = [cells[rng.integers(len(cells))]]
     while len(corners) < count:
@@ -158,7 +158,7 @@ def _random_loop(rng, free, clear, cells):
 
 
 def route(free, clear, start, end):
-    """The cheapest way over the free cells of a grid, keeping off obstacles: a list of cells."""
+    """The cheapest path over the free cells of a grid, keeping away from obstacles, as a list of cells."""
     cost, previous, heap = {start: 0.0}, {}, [(0.0, start)]
     while heap:
         so_far, cell = heapq.heappop(heap)
@@ -181,7 +181,7 @@ def route(free, clear, start, end):
 
 
 def largest_piece(mask):
-    """Cells of the largest connected piece of a mask; diagonal neighbours do not connect."""
+    """Cells of the largest 4-connected component of a mask."""
     seen, largest = np.zeros(mask.shape, bool), []
     for first in zip(*np.nonzero(mask)):
         if seen[first]:
@@ -203,7 +203,7 @@ def _is_set(mask, cell):
 
 
 def smooth(values, sigma, closed):
-    """Blurs the rows of values [N] or [N, C]; the ends are repeated, or meet if it is closed."""
+    """Blurs values [N] or [N, C] along the first axis; the ends are repeated, or wrap around if `closed`."""
     kernel = np.exp(-0.5 * (np.arange(-4 * sigma, 4 * sigma + 1) / sigma) ** 2)
     widths = [(len(kernel) // 2,) * 2] + [(0, 0)] * (values.ndim - 1)
     padded = np.pad(values, widths, "wrap" if closed else "edge")
@@ -214,7 +214,7 @@ def smooth(values, sigma, closed):
 
 
 def interpolate(values, times):
-    """Values [N] at real-numbered indices: cubic between neighbours (Catmull-Rom), so that speeds do not jump."""
+    """Interpolates values [N] at fractional indices with cubics (Catmull-Rom), so that speeds do not jump."""
     times = np.asarray(times, float)
     start = np.floor(times).astype(int)
     t = times - start

@@ -18,7 +18,7 @@ from .shell import build
 
 
 class Settings(NamedTuple):
-    """What to write of a room; `rate` in Hz applies to the views "path"."""
+    """Settings for writing a room; `rate` in Hz applies to the views "path"."""
 
     frames: int = 80
     views: str = "path"
@@ -30,7 +30,7 @@ class Settings(NamedTuple):
 
 
 def build_room(seed, library=None):
-    """A finished Room, in Blender's otherwise empty scene."""
+    """Builds a finished Room in Blender's otherwise empty scene."""
     empty_scene()
     room = Room(seed, library)
     build(room)
@@ -40,14 +40,14 @@ def build_room(seed, library=None):
 
 
 def poses_of(room, settings):
-    """The room's camera poses: they take random numbers, so ask once."""
+    """The room's camera poses. This draws random numbers, so call it only once."""
     if settings.views == "path":
         return views.walk(room, settings.frames, settings.camera, settings.rate)
     return views.scattered(room, settings.frames, settings.camera)
 
 
 def write_room(folder, seed, settings, library=None):
-    """Builds and writes the room of a seed, unless the folder exists. Returns a line about it.
+    """Builds and writes the room for a seed, unless the folder exists. Returns a line of status.
 
     An interrupted room leaves a hidden folder beside it, .NAME.tmp, which the next call replaces.
     """
@@ -77,7 +77,7 @@ def write_room(folder, seed, settings, library=None):
 
 
 def _write_frames(folder, room, poses, seed, settings):
-    """Writes cameras and frames; returns the largest area of each id in any of them, pixels."""
+    """Writes cameras and frames; returns the largest area of each id in any frame, pixels."""
     kinds = ["color", "depth"] if settings.colour else ["depth"]
     for name in [*kinds, "pose", "intrinsic", "instance-filt"]:
         os.makedirs(os.path.join(folder, name), exist_ok=True)
