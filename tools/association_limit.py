@@ -1,11 +1,11 @@
-"""What better ids could still gain: AQ of a run, and AQ of the same segments with perfect ids.
+"""Upper bound for better ids: AQ of a run, and AQ of the same segments with perfect ids.
 
     splatseg run kitchen-dev --resize 320x240 --crop-border 5 --out OUT
     python tools/association_limit.py kitchen-dev OUT --resize 320x240 --crop-border 5
 
-With perfect ids every segment of every frame has the id of the true object that it covers most. What is missing then is
-lost by the segments: objects that they join, or outlines that they miss. Unlabelled ground is left out, as with
-`bench --exclude-void`. Needs numpy and Pillow.
+With perfect ids, every segment of every frame has the id of the true object that it covers most. The remaining loss
+comes from the segments: merged objects and inaccurate outlines. Unlabelled ground is excluded, as with `bench
+--exclude-void`. Needs numpy and Pillow.
 """
 
 import argparse
@@ -17,19 +17,19 @@ from PIL import Image
 
 
 def frames(folder):
-    """The images of a folder by the number of the frame."""
+    """The images of a folder, by frame number."""
     return {int(path.stem): path for path in folder.glob("*.png")}
 
 
 def labels(path, size, border):
-    """The true objects of a frame, in the size of the run; 0 where unlabelled."""
+    """The true ids of a frame, at the size of the run; 0 where unlabelled."""
     image = Image.open(path)
     pixels = np.array(image.resize(size, Image.NEAREST) if size else image).astype(int)
     return pixels[border : pixels.shape[0] - border, border : pixels.shape[1] - border]
 
 
 def association_quality(true_areas, areas, shared):
-    """AQ of STEP: for each true track, the IoUs with predicted tracks, weighted by what they share."""
+    """AQ of STEP: for each true track, the IoUs with predicted tracks, weighted by the overlap."""
     sums = Counter()
     for (true, predicted), both in shared.items():
         sums[true] += both * both / (true_areas[true] + areas[predicted] - both)
@@ -40,14 +40,14 @@ def scene_and_run(description):
     """The arguments of a tool that compares a run with its scene."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", type=Path, help="a folder in ScanNet's layout, with instance-filt/")
-    parser.add_argument("run", type=Path, help="the folder that `splatseg run` wrote")
+    parser.add_argument("run", type=Path, help="the output folder of `splatseg run`")
     parser.add_argument("--resize", type=image_size, help="as given to the run, e.g. 320x240")
     parser.add_argument("--crop-border", type=int, default=0, help="as given to the run")
     return parser.parse_args()
 
 
 def image_size(text):
-    """`320x240` as a pair."""
+    """Parses `320x240` to a pair."""
     width, height = text.split("x")
     return int(width), int(height)
 

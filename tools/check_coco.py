@@ -1,4 +1,4 @@
-"""Checks a file of `splatseg run --save-coco` with pycocotools: it loads, and its masks are those of the id images.
+"""Checks a file of `splatseg run --save-coco` with pycocotools: it must load, and its masks must equal the id images.
 
 pip install pycocotools pillow numpy
 python tools/check_coco.py masks.json out
@@ -13,7 +13,7 @@ from pycocotools.coco import COCO
 
 
 def check(coco_file: Path, run_folder: Path) -> int:
-    """Compares all masks; returns how many there are."""
+    """Compares all masks; returns their number."""
     coco = COCO(str(coco_file))
     segments = run_folder / "segments"
     assert len(coco.imgs) == len(list(segments.glob("*.png"))), "not every frame is in the file"
@@ -36,4 +36,4 @@ def check(coco_file: Path, run_folder: Path) -> int:
 if __name__ == "__main__":
     if len(sys.argv) != 3:
         sys.exit(__doc__)
-    print(check(Path(sys.argv[1]), Path(sys.argv[2])), "masks are those of the images")
+    print(check(Path(sys.argv[1]), Path(sys.argv[2])), "masks equal those of the images")

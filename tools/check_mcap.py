@@ -1,6 +1,6 @@
-"""Checks a file of `splatseg run --save-mcap` with Rerun, and with the readers of MCAP and ROS 2 for Python.
+"""Checks a file of `splatseg run --save-mcap` with Rerun and with the Python readers for MCAP and ROS 2.
 
-Exits with 1 if one of them misses a topic, reads it as something else, or cannot read a message.
+Exits with 1 if one of them misses a topic, reads it as another type, or cannot read a message.
 
 pip install rerun-sdk mcap mcap-ros2-support
 python tools/check_mcap.py run.mcap [--without-memory]
@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
-# What Rerun makes of each topic.
+# Rerun's component for each topic.
 FRAMES = {
     "/tf": "Transform3D:translation",
     "/splatseg/camera_info": "Pinhole:image_from_camera",
@@ -33,7 +33,7 @@ OBJECTS = {
 
 
 def read_with_mcap(path: Path) -> tuple[Counter[str], list[str]]:
-    """Decodes all messages; returns how many each topic has, and what is wrong."""
+    """Decodes all messages; returns the number of messages per topic, and the problems."""
     counts: Counter[str] = Counter()
     wrong = []
     decoders = DecoderFactory()
@@ -53,14 +53,14 @@ def read_with_mcap(path: Path) -> tuple[Counter[str], list[str]]:
                 wrong.append(f"{channel.topic}: {len(content.data)} bytes")
             if channel.topic == "/splatseg/points" and len(content.data) != content.point_step * content.width:
                 wrong.append(f"{channel.topic}: {len(content.data)} bytes")
-            # A box and an id each.
+            # Each object has a box and an id.
             if channel.topic == "/splatseg/markers" and len(content.markers) != 2 * boxes[message.log_time]:
                 wrong.append(f"{channel.topic}: {len(content.markers)} markers")
     return counts, wrong
 
 
 def read_with_rerun(path: Path) -> dict[str, Counter[str]]:
-    """Loads the file as the viewer does; returns how many values each component of each topic has."""
+    """Loads the file as the viewer does; returns the number of values of each component of each topic."""
     found: dict[str, Counter[str]] = defaultdict(Counter)
     with tempfile.TemporaryDirectory() as folder:
         loaded = Path(folder) / "loaded.rrd"
@@ -78,7 +78,7 @@ def read_with_rerun(path: Path) -> dict[str, Counter[str]]:
 
 
 def check(path: Path, expected: dict[str, str]) -> list[str]:
-    """Reads the file with both; returns what is wrong."""
+    """Reads the file with both; returns the problems."""
     counts, wrong = read_with_mcap(path)
     found = read_with_rerun(path)
     for topic, component in expected.items():
@@ -95,7 +95,7 @@ def check(path: Path, expected: dict[str, str]) -> list[str]:
 
 
 def main() -> int:
-    """Prints what was found."""
+    """Prints the results of the check."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file", type=Path)
     parser.add_argument("--without-memory", action="store_true", help="the method had no memory: no points, no boxes")

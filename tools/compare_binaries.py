@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""Do two splatseg binaries give the same results, byte for byte?
+"""Checks that two splatseg binaries give the same results, byte for byte.
 
     tools/compare_binaries.py OLD NEW [--shared ../shared] [--keep DIR] [--only NAME,...] [--new-args A=B ...]
 
-Each case runs both binaries on the same input and compares what must not change:
+Each case runs both binaries on the same input and compares the results that must not change:
 
   run cases    the id images (segments/*.png) and the saved memory (PLY), byte for byte;
   bench cases  results.csv, every column but the measured speeds, digit for digit.
 
-Where NEW names an option or setting differently, say so: `--new-args fastsam.image_size=segmenter.image_size` replaces that
-text in NEW's arguments. Exit code: 0 the same, 1 different, 2 bad usage or a binary failed.
+If NEW has another name for an option or setting, `--new-args fastsam.image_size=segmenter.image_size` replaces the text
+in NEW's arguments. Exit code: 0 the same, 1 different, 2 bad usage or a binary failed.
 """
 
 import argparse
@@ -28,7 +28,7 @@ METHODS = ["--methods", "fastsam,fastspam,fastsam-splat"]
 KITCHEN = ["run", "{shared}/data/redkitchen", *FRAMING]
 ROOM = ["bench", "--scenes", "{shared}/data/rooms/dev-a", *FRAMING]
 
-# Name of the case -> arguments. `--out` and, for run, `--save-memory` are added.
+# Arguments by name of the case. `--out` and, for run, `--save-memory` are added.
 CASES = {
     "redkitchen-graph": KITCHEN,
     "redkitchen-net": [*KITCHEN, *NET, "--max-frames", "30"],
@@ -40,16 +40,16 @@ CASES = {
 }
 # Columns of results.csv that are measured times.
 SPEEDS = {"fps_total", "fps_without_segmenter"}
-# The columns that say which row it is.
+# Columns that identify a row.
 ROW_KEYS = ["scene", "method", "variant", "seed"]
 
 
 class Failed(Exception):
-    """A binary did not finish."""
+    """A binary failed."""
 
 
 def run_case(binary, arguments, out):
-    """Runs the binary with `--out out`; the seconds it took."""
+    """Runs the binary with `--out out`; returns the time in seconds."""
     memory = ["--save-memory", str(out.with_suffix(".ply"))] if arguments[0] == "run" else []
     command = [str(binary), *arguments, "--out", str(out), *memory]
     start = time.monotonic()
@@ -60,7 +60,7 @@ def run_case(binary, arguments, out):
 
 
 def compare_run(old, new):
-    """What was compared, and the differences between two folders of `run`."""
+    """Compares two folders of `run`; returns a summary and the differences."""
     def names(out):
         return {path.name for path in (out / "segments").iterdir()}
 
@@ -71,12 +71,12 @@ def compare_run(old, new):
     if not common:
         differences.append("no id images to compare")
     if old.with_suffix(".ply").read_bytes() != new.with_suffix(".ply").read_bytes():
-        differences.append("saved memory (PLY): other bytes")
+        differences.append("saved memory (PLY): bytes differ")
     return f"{len(common)} id images, PLY", differences
 
 
 def compare_bench(old, new):
-    """What was compared, and the differences between two folders of `bench`."""
+    """Compares two folders of `bench`; returns a summary and the differences."""
     def rows(out):
         with open(out / "results.csv", newline="") as file:
             return {tuple(row[key] for key in ROW_KEYS): row for row in csv.DictReader(file)}
@@ -100,9 +100,9 @@ def main():
     parser.add_argument("new", type=Path)
     parser.add_argument("--shared", type=Path, default=Path(__file__).resolve().parents[2] / "shared",
                         help="folder with data/ and models/ (default: %(default)s)")
-    parser.add_argument("--keep", type=Path, help="keep the outputs in this new folder")
+    parser.add_argument("--keep", type=Path, help="new folder in which the outputs are kept")
     parser.add_argument("--only", help="cases to run, of: " + ", ".join(CASES))
-    parser.add_argument("--new-args", nargs="*", default=[], metavar="A=B", help="in NEW's arguments, write B for A")
+    parser.add_argument("--new-args", nargs="*", default=[], metavar="A=B", help="replace A by B in NEW's arguments")
     options = parser.parse_args()
     chosen = options.only.split(",") if options.only else list(CASES)
     if unknown := [name for name in chosen if name not in CASES]:

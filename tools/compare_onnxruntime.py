@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
-"""Times and peak memory of a network: ours against ONNX Runtime, same image size, in one run.
+"""Compares times and peak memory of a network with ONNX Runtime, at the same image size, in one run.
 
 Needs `pip install ultralytics onnx onnxscript onnxruntime` and our runner:
     cargo build --release --package xtask
     python tools/compare_onnxruntime.py --xtask target/release/xtask                    # FastSAM
     python tools/compare_onnxruntime.py --xtask target/release/xtask --model affinity   # the learned segmenter's, 320x240
 
-The weights are random (a network's speed does not depend on them). The first run writes them to --folder as an Ultralytics
-checkpoint and as ONNX. Each round starts a fresh process of either side, one after the other, so that both see the same
-machine; a process runs once to warm up, then --passes times. Peak memory is VmHWM, loading included.
+The weights are random, because a network's speed does not depend on them. The first run writes them to --folder as an
+Ultralytics checkpoint and as ONNX. Each round starts a fresh process of each implementation, one after the other, so
+that both run under the same conditions. A process runs once to warm up, then --passes times. Peak memory is VmHWM,
+including loading.
 """
 
 import argparse
@@ -44,7 +45,7 @@ def random_checkpoint(checkpoint: Path, name: str, size: int) -> None:
 
 
 def export_affinity(folder: Path) -> Path:
-    """ONNX file of the learned segmenter's network as training/ has it, with batch norms folded, made if it is missing."""
+    """ONNX file of the learned segmenter's network from training/, with folded batch norms; made if it is missing."""
     graph = folder / "affinity.onnx"
     if not graph.exists():
         import torch
@@ -102,7 +103,7 @@ def run_onnxruntime(graph: Path, shape: tuple[int, ...], threads: int, passes: i
 
 
 def child(command: list, environment: dict | None = None) -> dict:
-    """Runs a command; its last line of output is JSON."""
+    """Runs a command and parses the last line of its output as JSON."""
     result = subprocess.run(
         [str(part) for part in command],
         check=False,

@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
-"""Times SAM 2.1 of splatseg beside the official PyTorch code, on the same machine, one after the other.
+"""Compares the speed of splatseg's SAM 2.1 with the official PyTorch code, one after the other on the same machine.
 
     pip install torch torchvision sam2        # in a virtual environment
     cargo build --release --package xtask
     python tools/compare_sam2.py crates/models/tests/data/sam2 --size base_plus --objects 1 5 20
 
-Weights are random: speed does not depend on them. Both follow the same number of objects, prompted with masks on the
-first frame, for as many frames as fill the memory (7); the minimum over the frames after that counts, so that other work
-on the machine disturbs less. With fewer --frames, the last one counts, and the memory is not full. One line of JSON per number of objects.
---device and --splatseg-device choose a GPU for either side; --compile compiles the official code (torch.compile).
+Weights are random, because speed does not depend on them. Both track the same number of objects, prompted with masks on
+the first frame, until the memory is full (7 frames). The result is the minimum over the later frames, to reduce the
+influence of other work on the machine. With fewer --frames, it is the time of the last frame, and the memory is not
+full. Prints one line of JSON per number of objects. --device and --splatseg-device choose a GPU for either side;
+--compile compiles the official code (torch.compile).
 """
 
 import argparse
@@ -23,7 +24,7 @@ CONFIGS = {"tiny": "t", "small": "s", "base_plus": "b+", "large": "l"}
 
 
 def official(arguments, objects):
-    """Seconds per call of the official code, and peak memory, in a process of its own."""
+    """Seconds per call of the official code, and its peak memory, in a separate process."""
     import torch
     from sam2.build_sam import build_sam2_video_predictor
 
@@ -88,7 +89,7 @@ def main():
     parser.add_argument("--frames", type=int, default=9)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--xtask", default="target/release/xtask")
-    parser.add_argument("--device", default="cpu", help="of the official code, e.g. cuda")
+    parser.add_argument("--device", default="cpu", help="device of the official code, e.g. cuda")
     parser.add_argument("--splatseg-device", default="cpu", help="cpu, gpu, cuda, vulkan or metal")
     parser.add_argument("--compile", action="store_true", help="compile the official code")
     parser.add_argument("--official-only", type=int, help=argparse.SUPPRESS)

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Computes what Ultralytics makes of `crates/models/tests/data/fastsam`, for the tests of FastSAM.
+"""Computes Ultralytics' results for `crates/models/tests/data/fastsam`, for the tests of FastSAM.
 
     pip install ultralytics==8.4.190 safetensors        # in a virtual environment; torch for the CPU is enough
     python tools/make_fastsam_test_data.py crates/models/tests/data/fastsam
 
-No trained weights are involved. `fastsam_mini_statedict.safetensors` is a narrow yolov8n-seg (width 0.125, depth 0.33, one class)
-with random weights, float16; `image_310x230.png` and the head outputs in `postproc_*.safetensors` (`preds`, `protos`) are made up,
-too. These are data and not made here. The script
+No trained weights are involved. `fastsam_mini_statedict.safetensors` is a narrow yolov8n-seg (width 0.125, depth 0.33,
+one class) with random weights, float16; `image_310x230.png` and the head outputs in `postproc_*.safetensors` (`preds`,
+`protos`) are made up, too. These files are inputs; the script does not make them. It
 
   writes    manifest_{s,x}.json: names and shapes of the parameters of FastSAM-s and FastSAM-x
   writes    forward.safetensors: input (every 4th row), raw output (float64, stored as float32: every 4th anchor; every 4th row and
@@ -30,7 +30,7 @@ SIZE = 640
 
 
 def architecture(scale, multiples=None):
-    """Ultralytics' description of yolov8-seg with one class."""
+    """Ultralytics' configuration of yolov8-seg with one class."""
     configuration = yaml_model_load(f"yolov8{scale}-seg.yaml")
     configuration["nc"] = 1
     if multiples:
@@ -53,7 +53,7 @@ def predictor(confidence, iou, retina_masks):
 
 
 def run_lengths(masks):
-    """Row-major runs of zeros and ones in turn, zeros first; offsets of each mask's runs."""
+    """Lengths of row-major runs, alternately of zeros and ones, zeros first, and the offset of each mask's runs."""
     runs, offsets = [], [0]
     for mask in masks:
         flat = numpy.concatenate([[0], mask.reshape(-1).astype(numpy.int8), [2]])

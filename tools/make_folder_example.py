@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The example of the format `folder`: four frames of a rendered room, 160x120 pixels (docs/FOLDER_FORMAT.md).
+"""Makes the example of the format `folder`: four frames of a rendered room, 160x120 pixels (docs/FOLDER_FORMAT.md).
 
 Needs `pip install pillow numpy` and a scene in ScanNet's exported layout with 320x240 pixels:
     python tools/make_folder_example.py ../shared/data/rooms/dev-a [--folder crates/dataset/tests/data/folder/room]

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Makes `crates/metrics/tests/data/instances.json`: 3D instances, and what ScanNet's own script scores them.
+"""Makes `crates/metrics/tests/data/instances.json`: 3D instances with the scores of ScanNet's own script.
 
     git clone https://github.com/ScanNet/ScanNet
     pip install numpy plyfile imageio             # in a virtual environment with Python 3.12 or older, for lib2to3
     python tools/make_instance_test_data.py ScanNet crates/metrics/tests/data/instances.json
 
-The scenes are drawn at random: instances of the sizes around the smallest that counts, unlabelled ground, predictions that
-split, merge, repeat, miss and overlap them, equal confidences. The script is run as it is, but for Python 3 and NumPy 2;
-all instances are chairs for it, so that there is one class.
+The scenes are random: instances with sizes around the minimum, unlabelled ground, predictions that split, merge,
+repeat, miss and overlap them, and equal confidences. The script is run unchanged except for porting to Python 3 and
+NumPy 2. All instances are labelled as chairs, so that there is one class.
 """
 
 import argparse
@@ -27,7 +27,7 @@ RENAMED = [("np.float ", "float "), ("np.bool ", "bool "), ("np.in1d", "np.isin"
 
 
 def ported(scannet, folder):
-    """The scripts for today's Python; returns the one to run."""
+    """Ports the scripts to current Python; returns the one to run."""
     fixers = lib2to3.refactor.get_fixers_from_package("lib2to3.fixes")
     tool = lib2to3.refactor.RefactoringTool(fixers)
     for name in SCRIPTS:
@@ -41,7 +41,7 @@ def ported(scannet, folder):
 
 
 def truth(rng):
-    """Runs of vertices: id and length."""
+    """Random runs of vertices: id and length."""
     sizes = rng.choice([60, 99, 100, 101, 150, 300, 700], size=rng.integers(3, 9))
     runs = []
     for number, size in enumerate(sizes, start=1):
@@ -50,7 +50,7 @@ def truth(rng):
 
 
 def predictions(rng, runs):
-    """Confidence and ranges of vertices of each."""
+    """Confidence and vertex ranges of each prediction."""
     starts = numpy.concatenate([[0], numpy.cumsum([count for _, count in runs])])
     spans = [(int(start), int(end)) for start, end in itertools.pairwise(starts) if end > start]
     count, found = int(starts[-1]), []
@@ -80,7 +80,7 @@ def predictions(rng, runs):
 
 
 def official(script, scenes):
-    """AP, AP50 and AP25 of the scenes, percent; None where there is no true instance."""
+    """AP, AP50 and AP25 of the scenes, percent; None if there is no true instance."""
     with tempfile.TemporaryDirectory() as folder:
         gt, pred = Path(folder) / "gt", Path(folder) / "pred"
         gt.mkdir()
@@ -108,7 +108,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("scannet", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--sets", type=int, default=40, help="sets of one to three scenes that are scored together")
+    parser.add_argument("--sets", type=int, default=40, help="number of sets of one to three scenes scored together")
     arguments = parser.parse_args()
     rng = numpy.random.default_rng(0)
     sets = []

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Small JPEG files of all kinds that the crate `jpeg` decodes, with the pixels that libjpeg-turbo gives.
+"""Makes small JPEG files of all kinds that the crate `jpeg` decodes, with libjpeg-turbo's pixels.
 
 Needs `pip install pillow numpy` and libjpeg-turbo's `cjpeg` (Debian: libjpeg-turbo-progs):
     python tools/make_jpeg_test_data.py [--folder crates/jpeg/tests/data]
 
-Writes NAME.jpg, made by cjpeg, and NAME.png, the same as Pillow decodes it, and two files of kinds that the crate does
-not decode (arithmetic.jpg, cmyk.jpg), without pixels. `--random COUNT` writes that many files of random kinds and sizes
-instead, to check more than is worth keeping.
+Writes NAME.jpg, made by cjpeg, and NAME.png, decoded by Pillow, and two files of kinds that the crate does not decode
+(arithmetic.jpg, cmyk.jpg), without pixels. `--random COUNT` instead writes that many files of random kinds and sizes,
+for checks beyond the committed files.
 """
 
 import argparse
@@ -20,14 +20,14 @@ import numpy as np
 from PIL import Image, features
 
 SEPARATE_SCANS = "0;\n1;\n2;\n"
-# Ends with the last refinements, so that nothing is left to be smoothed.
+# Ends with the last refinements, so that the decoder smooths nothing.
 UNUSUAL_PROGRESSION = """0,1,2: 0-0, 0, 2;
 0: 1-3, 0, 1; 2: 1-63, 0, 0; 1: 1-20, 0, 3; 0: 4-63, 0, 0;
 0,1,2: 0-0, 2, 1; 1: 21-63, 0, 0; 0: 1-3, 1, 0;
 1: 1-20, 3, 2; 1: 1-20, 2, 1; 0,1,2: 0-0, 1, 0; 1: 1-20, 1, 0;
 """
 
-# Name: seed, width, height, options of cjpeg, script of scans.
+# By name: seed, width, height, options of cjpeg, script of scans.
 KINDS = {
     "444": (0, 43, 29, "-sample 1x1", None),
     "422": (1, 43, 29, "-sample 2x1", None),

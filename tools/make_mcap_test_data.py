@@ -4,7 +4,7 @@
     pip install mcap==1.6.0 mcap-ros2-support==0.6.0 rosbags==0.11.9 numpy pillow lz4        # in a virtual environment
     python tools/make_mcap_test_data.py crates/dataset/tests/data/mcap
 
-    room.mcap        the first frames of the built-in clip (crates/splatseg/demo), as a robot's camera records them: JPEG,
+    room.mcap        the first frames of the built-in clip (crates/splatseg-cli/demo), as a robot's camera records them: JPEG,
                      compressedDepth, camera infos, /tf and /tf_static. Written by mcap-ros2-support, zstd.
     encodings.mcap   one tiny picture and its depth in every encoding that is read, each a topic. mcap-ros2-support, lz4.
     bag/             a folder as rosbag2 writes it, with odometry in place of /tf. Written by rosbags, not compressed.
@@ -26,7 +26,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
 
-CLIP = Path(__file__).parents[1] / "crates/splatseg/demo"
+CLIP = Path(__file__).parents[1] / "crates/splatseg-cli/demo"
 FRAMES = 4
 START = 1_700_000_000_000_000_000
 FRAME_NS = 200_000_000

@@ -1,18 +1,19 @@
 #!/usr/bin/env python3
-"""Computes the reference scores in `crates/metrics/tests/data` anew, without the code under test, and compares.
+"""Recomputes the reference scores in `crates/metrics/tests/data`, without the code under test, and compares them.
 
     pip install numpy scipy pillow        # in a virtual environment
     python tools/make_metrics_test_data.py crates/metrics/tests/data [--write]
 
-The label videos (`stq/<video>/gt_*.png`, `pred_*.png`: 16-bit ids, 0 = none) are blobs drawn at random with switches, splits,
-merges, misses and false positives; they are data, and not made here. What is computed from them, one boolean mask per tube:
+The label videos (`stq/<video>/gt_*.png`, `pred_*.png`: 16-bit ids, 0 = none) are random blobs with switches, splits,
+merges, misses and false positives; they are inputs, which the script does not make. It computes from them, with one
+boolean mask per tube:
 
   vsq/expected.json           VSQ as printed: windows every 15 frames that fit, Hungarian algorithm on IoU, IoU > 0.5
   vsq/authors_protocol.json   VSQ and STQ as the authors' evaluation code computes them (opipari/FastSPAM, opipari/MVPd)
   stq/expected.json           STQ of STEP; `float64` is this script's. The other numbers are deeplab2's (google-research/deeplab2,
                               STQuality with num_classes=2), and `unit_vectors.json` holds the vectors of its own unit test
 
-`--write` writes this script's numbers in place of those that are there.
+`--write` replaces the stored numbers by this script's.
 """
 
 import argparse
@@ -61,7 +62,7 @@ def linked(maps):
     """Masks without ids as tubes: masks of consecutive frames are linked by the best summed F-score."""
     tubes_, open_ = [], []
     for frame, labels in enumerate(maps):
-        # A frame without any mask has one that is empty.
+        # A frame without masks gets an empty one.
         masks = [labels == index for index in numpy.unique(labels) if index > 0] or [numpy.zeros_like(labels, bool)]
         partner = {}
         if open_:
@@ -79,7 +80,7 @@ def linked(maps):
 
 
 def vsq(videos, windows, predicted, use_f_score, is_hit):
-    """Counts per video and length, then their sums."""
+    """VSQ and its counts by window length, per video and summed over the videos."""
     def add(parts):
         total = {key: sum(part[key] for part in parts) for key in ("sum_iou", "tp", "fp", "fn", "windows")}
         base = total["tp"] + total["fp"] / 2 + total["fn"] / 2
@@ -138,12 +139,13 @@ def authors_stq(videos, tracks):
 
 
 def halved_recall(both, labelled):
-    """Their SQ is the mean IoU of two classes, and background's is 0 as soon as a labelled pixel is missed."""
+    """The authors' SQ is the mean IoU of two classes, and the background's IoU is 0 as soon as a labelled pixel is
+    missed."""
     return float(both / labelled / (2 if both < labelled else 1))
 
 
 def merged(there, made, tolerance, where, write):
-    """Compares what was made with what is there, key by key; writes it if asked to."""
+    """Compares the computed values with the stored ones, key by key, and replaces them if `write`."""
     for key, value in made.items():
         at = f"{where}.{key}"
         if isinstance(value, dict):
@@ -151,7 +153,7 @@ def merged(there, made, tolerance, where, write):
         elif write:
             there[key] = value
         elif key in there and not numpy.allclose(*(numpy.array(x, float) for x in (there[key], value)), 0, tolerance, True):
-            raise SystemExit(f"{at}: {there[key]} is there, {value} is computed")
+            raise SystemExit(f"{at}: {there[key]} is stored, {value} is computed")
 
 
 def main():
@@ -202,7 +204,7 @@ def main():
     for name, values in made.items():
         path = arguments.data / name
         there = json.loads(path.read_text())
-        # The authors' code and deeplab2 add up in float32.
+        # The authors' code and deeplab2 sum in float32.
         merged(there, values, 1e-6 if "authors" in name else 1e-9, name, arguments.write)
         if arguments.write:
             path.write_text(json.dumps(there, indent=1) + "\n")

@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
-"""Writes what gsplat makes of small scenes of Gaussians, for `crates/render/tests/golden.rs`.
+"""Writes gsplat's results for small scenes of Gaussians, for `crates/render/tests/golden.rs`.
 
     pip install torch gsplat==1.5.3 safetensors numpy        # in a virtual environment; needs no GPU
     python tools/make_raster_test_data.py crates/render/tests/data
     python tools/make_raster_test_data.py --check FILE [PREFIX]   # renders a file's inputs and compares with its outputs
 
-Projection is gsplat's own PyTorch code, in float64. gsplat's index kernel exists in CUDA only, so blending is restated here,
-pixel by pixel, as `gsplat.rasterization` (classic mode, no background) defines it: alpha = min(0.999, opacity · exp(-sigma)),
-skipped below 1/255; a pixel is finished, without blending the Gaussian that does it, when its transmittance would fall to 1e-4.
-Outputs are rounded to float32. Pixels where float32 may take another branch are marked in `fragile`.
+Projection uses gsplat's own PyTorch code, in float64. gsplat's index kernel exists only in CUDA, so blending is
+reimplemented here, pixel by pixel, as `gsplat.rasterization` (classic mode, no background) defines it: alpha =
+min(0.999, opacity · exp(-sigma)), skipped below 1/255. A pixel is finished when its transmittance would fall to 1e-4;
+the Gaussian that would cause it is not blended. Outputs are rounded to float32. Pixels where float32 may take another
+branch are marked in `fragile`.
 
     scene1  300 anisotropic Gaussians; scene1_grads has the gradients of a weighted sum of its colours and features
     scene2  one Gaussian per pixel of a depth image, from its own view (`same.`) and another one (`moved.`)
@@ -31,7 +32,7 @@ MIN_TRANSMITTANCE = 1e-4
 
 
 def project(scene, viewmat):
-    """What gsplat projects, float64: means2d, conics, depths, radii by its torch and by its CUDA rule."""
+    """gsplat's projection, float64: means2d, conics, depths, radii by its torch and by its CUDA rule."""
     def tensor(name):
         return torch.from_numpy(scene[name].astype(numpy.float64))
 
@@ -58,7 +59,8 @@ def project(scene, viewmat):
 
 
 def blend(scene, projected, max_alpha=0.999):
-    """Blend weights [pixels, N] in float64, and per pixel: Gaussians blended, the last of them, whether it is fragile."""
+    """Blend weights [pixels, N] in float64 and, per pixel, the number of blended Gaussians, the last of them, and the
+    fragile flag."""
     means, conics, depths, radii, _ = projected
     width, height = (int(side) for side in scene["width_height"])
     rows, columns = numpy.mgrid[:height, :width] + 0.5
@@ -91,7 +93,7 @@ def blend(scene, projected, max_alpha=0.999):
 
 
 def images(scene, projected, max_alpha=0.999):
-    """Everything that is rendered, float64 [height, width(, channels)]."""
+    """All rendered images, float64 [height, width(, channels)]."""
     weights, light, counts, last, fragile = blend(scene, projected, max_alpha)
     width, height = (int(side) for side in scene["width_height"])
     shaped = {
@@ -117,7 +119,7 @@ def view(scene, prefix, viewmat):
 
 
 def camera(position, turn_degrees):
-    """World to camera, turned about the y axis."""
+    """World to camera, rotated about the y axis."""
     angle = numpy.deg2rad(turn_degrees)
     rotation = numpy.array(
         [[numpy.cos(angle), 0, -numpy.sin(angle)], [0, 1, 0], [numpy.sin(angle), 0, numpy.cos(angle)]]
@@ -145,7 +147,7 @@ def scene1(random):
     gradients = {}
     for name, channels in (("feature", FEATURES), ("color", 3)):
         weight = random.normal(size=(height, width, channels)).astype(numpy.float32)
-        # Whether a fragile pixel blends one Gaussian more is left open, so it must not count.
+        # A fragile pixel may blend one Gaussian more or less, so its weight in the loss is 0.
         weight[rendered["out.fragile"] > 0] = 0
         gradients[f"weight.{name}"] = weight
         gradients[f"grad.{name}s"] = weights.T @ weight.reshape(-1, channels).astype(numpy.float64)
@@ -156,7 +158,7 @@ def scene2(random):
     width, height, focal = 25, 20, 23.0
     center = numpy.array([width / 2 + 0.2, height / 2 - 0.3])
     rows, columns = numpy.mgrid[:height, :width]
-    # A wall that recedes to the right, and a box before it.
+    # A wall that recedes to the right, and a box in front of it.
     depth = 2.6 + 0.05 * columns + 0.03 * rows + random.uniform(0, 0.02, (height, width))
     depth[6:15, 8:17] = 1.4 + 0.01 * rows[6:15, 8:17]
     depth = depth.astype(numpy.float32)
@@ -199,7 +201,7 @@ def save(path, tensors):
 
 
 def check(path, prefix):
-    """The largest differences between what a file holds and what its inputs give here."""
+    """Prints the largest differences between a file's outputs and those computed from its inputs."""
     scene = load_file(path)
     rendered, _ = view(scene, prefix, scene[f"{prefix}viewmat"])
     stable = scene[f"{prefix}out.fragile"] == 0

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""Writes what the official SAM 2.1 code computes with weights given by a formula, for `crates/models/tests/sam2_formula.rs`.
+"""Writes the official SAM 2.1 code's results with weights given by a formula, for
+`crates/models/tests/sam2_formula.rs`.
 
     pip install torch torchvision sam2 safetensors        # in a virtual environment
     python tools/make_sam2_test_data.py crates/models/tests/data/sam2
 
-No checkpoint is needed: element i of the tensor called n is `offset + scale · u(n, i)`, where u is a hash of both in [-1, 1) and
-offset and scale follow from the last part of the name (`formula`; `tests/sam2_golden/mod.rs` has the same in Rust). The
-model is a miniature with the structure and flags of Hiera-B+; the video is given by a formula, too.
+No checkpoint is needed: element i of the tensor called n is `offset + scale · u(n, i)`, where u is a hash of both in
+[-1, 1), and offset and scale depend on the last part of the name (`formula`; `tests/sam2_golden/mod.rs` is the same in
+Rust). The model is a miniature with the structure and flags of Hiera-B+; the video is given by a formula, too.
 
     manifest_mini.json                          names and shapes of the miniature's parameters
     manifest_{tiny,small,base_plus,large}.json  those of the published sizes
@@ -17,7 +18,7 @@ model is a miniature with the structure and flags of Hiera-B+; the video is give
                                                 propagation goes on, and small holes are filled: the defaults of
                                                 `build_sam2_video_predictor`. Its CUDA kernel for components is replaced
 
-The first video has no holes filled, as without that kernel.
+The first video is computed without filling holes, as without that kernel.
 """
 
 import json
@@ -49,7 +50,7 @@ def hash_of(name):
 
 
 def uniform(name, indices):
-    """Numbers of the sequence called `name`, in [-1, 1): SplitMix64 of its FNV-1a hash plus the index."""
+    """Numbers of the sequence `name`, in [-1, 1): SplitMix64 of its FNV-1a hash plus the index."""
     z = numpy.uint64((hash_of(name) + 0x9E3779B97F4A7C15) % 2**64) + indices.astype(numpy.uint64)
     z = (z ^ (z >> numpy.uint64(30))) * numpy.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> numpy.uint64(27))) * numpy.uint64(0x94D049BB133111EB)
@@ -79,7 +80,7 @@ def formula(name, shape):
 
 
 def frame(t):
-    """A normalised input: coarse cells that move, and fine noise, float32 [3, SIZE, SIZE]."""
+    """A normalised input with moving coarse cells and fine noise, float32 [3, SIZE, SIZE]."""
     channel, y, x = numpy.indices((3, SIZE, SIZE))
     cells = SIZE // 16
     coarse = channel * cells * cells + (y + 2 * t) // 16 % cells * cells + (x + 4 * t) // 16 % cells
@@ -123,7 +124,7 @@ def components(background):
 
 
 def follow(predictor, correct_frame):
-    """Prompts three objects on the first frame and follows them, with a correction of the first object on a frame."""
+    """Prompts three objects on the first frame and tracks them, with a correction of the first object on a frame."""
     y, x = torch.meshgrid(torch.arange(SIZE), torch.arange(SIZE), indexing="ij")
     state = predictor.init_state(video_path="")
     predictor.add_new_mask(state, 0, 1, (x >= 20) & (x < 60) & (y >= 30) & (y < 70))

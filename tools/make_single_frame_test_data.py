@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Makes `crates/metrics/tests/data/single_frames.json`: segments of single frames, and what COCO's own code scores them.
+"""Makes `crates/metrics/tests/data/single_frames.json`: segments of single frames with the scores of COCO's own code.
 
     pip install numpy scipy pycocotools
     python tools/make_single_frame_test_data.py crates/metrics/tests/data/single_frames.json
 
-Objects and segments are Voronoi cells; segments have moved cells, more or fewer of them, and holes. Every segment has its own
-hundredth of confidence, so that the order is the same as ours. Boundaries are counted with SciPy.
+Objects and segments are Voronoi cells; segments have moved cells, more or fewer of them, and holes. Confidences are
+distinct multiples of 0.01, so that the order is the same as ours. Boundaries are counted with SciPy.
 """
 
 import argparse
@@ -27,14 +27,14 @@ TOLERANCE = 2
 
 
 def cells(centres):
-    """The nearest centre of each pixel, from 1; distances count less across than down."""
+    """The nearest centre of each pixel, from 1; horizontal distances count less than vertical ones."""
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     distances = [(rows - y) ** 2 + 0.5 * (columns - x) ** 2 for y, x in centres]
     return np.argmin(distances, axis=0) + 1
 
 
 def frame(rng):
-    """Truth with unlabelled ground, and a prediction."""
+    """A true frame with unlabelled ground, and a prediction."""
     centres = rng.uniform(0, 1, (int(rng.integers(4, 14)), 2)) ** 1.7 * (HEIGHT, WIDTH)
     truth = cells(centres)
     truth[truth == rng.integers(1, len(centres) + 1)] = 0
@@ -58,7 +58,7 @@ def encoded(mask):
 
 
 def coco_scores(frames, confidences):
-    """AP, AP50, AR@100 and AR@100 by area, percent; None where there is no object."""
+    """AP, AP50, AR@100 and AR@100 by area, percent; None if there is no object."""
     objects, segments = [], []
     for number, (truth, predicted) in enumerate(frames):
         for label in np.unique(truth[truth > 0]):
@@ -93,7 +93,7 @@ def coco_scores(frames, confidences):
 
 
 def boundary_f(frames):
-    """F-score of boundary pixels over all frames; what is near unlabelled ground is left out."""
+    """F-score of boundary pixels over all frames; pixels near unlabelled ground are excluded."""
     steps = np.arange(-TOLERANCE, TOLERANCE + 1)
     disc = steps[:, None] ** 2 + steps[None] ** 2 <= TOLERANCE**2
     sums = np.zeros(4)

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""What OpenCV makes of images from distorting lenses, to compare `splatseg_dataset::Undistortion` with.
+"""Writes OpenCV's undistorted images, to compare `splatseg_dataset::Undistortion` with.
 
 Needs `pip install opencv-python-headless numpy`:
     python tools/make_undistortion_test_data.py [--folder crates/dataset/tests/data/undistort]
 
-Writes color.png and depth.png (what the lens took) and, for each lens, lenses.json with its coefficients, where OpenCV
-finds the source of some pixels; LENS_color.png and LENS_depth.png, undistorted.
+Writes the distorted color.png and depth.png, lenses.json with each lens's coefficients and OpenCV's source positions of
+some pixels, and for each lens the undistorted LENS_color.png and LENS_depth.png.
 """
 
 import argparse
@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 
 WIDTH, HEIGHT = 64, 48
-# Off-centre, with pixels that are not square.
+# Off-centre, with non-square pixels.
 K = np.array([[52.0, 0, 30.7], [0, 51.0, 24.9], [0, 0, 1]])
 GRID_STEP = 7
 
-# Coefficients of the size that calibrations of real cameras have.
+# Coefficients as large as in calibrations of real cameras.
 LENSES = {
     "plumb_bob": ("plumb_bob", [-0.28, 0.09, 0.0011, -0.0008, -0.012]),
     # Pincushion: sources lie inside the image.
@@ -49,7 +49,7 @@ def color_picture():
 
 
 def depth_picture():
-    """Millimetres; no two pixels alike, so that a wrong one is seen; one in eight is missing."""
+    """Millimetres. All pixels differ, so that a wrong one is noticed; one in eight is missing."""
     depth = np.random.default_rng(5).permutation(WIDTH * HEIGHT).reshape(HEIGHT, WIDTH) + 500
     depth[np.random.default_rng(6).random((HEIGHT, WIDTH)) < 0.125] = 0
     return depth.astype(np.uint16)

@@ -1,14 +1,14 @@
-#!/usr/bin/env bash
-# Tests and times splatseg on the GPU of this machine, beside PyTorch on the same card. Fills the table of docs/GPU.md.
+#!/usr/bin/env bash Tests and times splatseg on this machine's GPU, and PyTorch on the same card. Provides the table of
+#docs/GPU.md.
 #
 #     python3 -m venv target/gpu && target/gpu/bin/pip install torch torchvision ultralytics sam2
 #     tools/measure_gpu.sh [gpu|vulkan|cuda|metal] [DATA [WEIGHTS]]
 #
-# DATA is a folder with rooms/dev-a and redkitchen, WEIGHTS a checkpoint of FastSAM, e.g. FastSAM-x.pt: without them the
-# videos are left out. The networks' speed is measured with random weights, on which it does not depend. Everything is written to target/measure_gpu/, one file for each step; with NVIDIA's driver also what
-# the card's memory held, twice a second. PYTHON names another Python, and TORCH_DEVICE another device for PyTorch than cuda.
-# PASSES and FRAMES make it shorter, SIZE, SAM2 and MODEL smaller, TUNING= leaves autotune out: to try the script itself on a
-# machine without a GPU.
+# DATA is a folder with rooms/dev-a and redkitchen, WEIGHTS a checkpoint of FastSAM, e.g. FastSAM-x.pt; without them,
+# the videos are skipped. The networks' speed is measured with random weights, on which it does not depend. Everything
+# is written to target/measure_gpu/, one file per step; with NVIDIA's driver also the card's memory use, twice a second.
+# PYTHON selects another Python, TORCH_DEVICE another device than cuda for PyTorch. To try the script itself on a
+# machine without a GPU, PASSES and FRAMES make it shorter, SIZE, SAM2 and MODEL smaller, and TUNING= disables autotune.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -29,9 +29,9 @@ mkdir -p "$out"
 
 step() { printf '\n== %s\n' "$*"; }
 
-# The features of a package, as cargo takes them for several packages. The memory needs `gpu` whatever runs the networks.
+# A package's features in cargo's syntax for several packages.
 features() {
-    for name in gpu "$device" $tuning; do
+    for name in "$device" $tuning; do
         printf '%s/%s,' "$1" "$name"
     done
 }
@@ -42,12 +42,12 @@ if command -v nvidia-smi >/dev/null; then
 fi
 
 step "build"
-cargo build --release --locked --package splatseg --package xtask --features "$(features splatseg)$(features xtask)"
+cargo build --release --locked --package splatseg-cli --package xtask --features "$(features splatseg-cli)$(features xtask)"
 target/release/splatseg devices | tee "$out/devices.txt"
 
 step "tests on the device"
-SPLATSEG_TEST_DEVICE=$device cargo test --release --locked --package splatseg-models --package splatseg-render-gpu \
-    --features "$(features splatseg-models)" --lib --test sam2 --test fastsam --test both_sides 2>&1 |
+SPLATSEG_TEST_DEVICE=$device cargo test --release --locked --package splatseg-models \
+    --features "$(features splatseg-models)" --lib --test sam2 --test fastsam 2>&1 |
     tee "$out/tests.log" | grep -a "^test result\|skipped\|FAILED"
 
 step "FastSAM, $model at $size px"
@@ -64,26 +64,13 @@ for compile in "" --compile; do
         tee "$out/sam2${compile:+_compiled}.json"
 done
 
-if [ -n "$data" ]; then
-    step "memory on both sides"
-    for scene in rooms/dev-a redkitchen; do
-        for kind in evidence features; do
-            cargo run --release --locked --package splatseg-render-gpu --example agreement -- \
-                "$data/$scene" "$frames" "$kind" | tee "$out/agreement_$(basename "$scene")_$kind.txt" | tail -3
-        done
-    done
-fi
-
 if [ -n "$weights" ]; then
     step "videos"
     options=(--resize 320x240 --crop-border 5 --max-frames "$frames" --segmenter fastsam --weights "$weights"
         --set "fastsam.image_size=$size" --device "$device" --overwrite)
-    for memory in cpu gpu; do
-        target/release/splatseg bench --scenes "$data/rooms/dev-a" --methods fastsam-splat "${options[@]}" \
-            --memory-device "$memory" --out "$out/bench_dev-a_$memory" 2>&1 | tee "$out/bench_dev-a_$memory.log" |
-            grep "frames per second"
-        target/release/splatseg run "$data/redkitchen" "${options[@]}" --memory-device "$memory" \
-            --out "$out/run_redkitchen_$memory" 2>&1 | tee "$out/run_redkitchen_$memory.log" | grep "frames per second"
-    done
+    target/release/splatseg bench --scenes "$data/rooms/dev-a" --methods fastsam-splat "${options[@]}" \
+        --out "$out/bench_dev-a" 2>&1 | tee "$out/bench_dev-a.log" | grep "frames per second"
+    target/release/splatseg run "$data/redkitchen" "${options[@]}" \
+        --out "$out/run_redkitchen" 2>&1 | tee "$out/run_redkitchen.log" | grep "frames per second"
 fi
 step "done: $out"

@@ -4,12 +4,12 @@
     cargo build --release
     python tools/measure_many_objects.py --weights ../shared/golden/sam2/sam2_mini.pt
 
-Runs `splatseg run` once for each method and value of `sam2.max_absent_frames`, the first of which (0) lets no object
-rest, and prints a Markdown table: objects at the end, how many of them went through the network in the last frame, the
-mean time of a frame in the first and the last quarter of the run (all stages but the segmenter), and peak memory. The
-miniature network is random: its masks mean nothing, and it takes hardly any object for absent. With `--score-bias -50`
-(`pip install torch`) it takes every object that it tracks for absent, so that all of them come to rest, as objects that
-are out of view do with a trained network. `--keep FOLDER` keeps the results, with the course of each run in
+Runs `splatseg run` once for each method and value of `sam2.max_absent_frames`, the first of which (0) never deactivates
+an object. Prints a Markdown table: objects at the end, number of objects tracked by the network in the last frame, mean
+time of a frame in the first and the last quarter of the run (all stages except the segmenter), and peak memory. The
+miniature network is random: its masks are meaningless, and it classifies hardly any object as absent. With
+`--score-bias -50` (`pip install torch`) it classifies every tracked object as absent, so that all are deactivated, as
+are objects out of view with a trained network. `--keep FOLDER` keeps the results, with the curve of each run in
 `summary.json`.
 """
 
@@ -23,11 +23,11 @@ from pathlib import Path
 
 
 def run(arguments, method, settings, out):
-    """The summary of a run, and the numbers of objects of which each frame's log speaks."""
+    """The summary of a run, and the numbers of objects in the log of each frame."""
     scene = f"synthetic:frames={arguments.frames},seed=0,width=320,height=240,objects={arguments.objects}"
     command = [arguments.splatseg, "run", scene, "--out", out, "--method", method, "--prompts", "ground-truth"]
     command += ["--tracker-weights", arguments.weights]
-    settings = {"min_prediction_area": 10, "sam2.image_size": arguments.image_size} | settings
+    settings = {"min_area": 10, "sam2.image_size": arguments.image_size} | settings
     for key, value in settings.items():
         command += ["--set", f"{key}={value}"]
     log = subprocess.run(
@@ -45,7 +45,7 @@ def run(arguments, method, settings, out):
 
 
 def with_score_bias(weights, bias, out):
-    """The checkpoint with another bias of the object score."""
+    """Writes the checkpoint with another bias of the object score."""
     import torch
 
     checkpoint = torch.load(weights, weights_only=True)
@@ -79,7 +79,7 @@ def main():
     parser.add_argument("--keep", type=Path, help="folder for the results")
     arguments = parser.parse_args()
     print(
-        "| method | settings | objects | followed in the last frame | ms, first quarter | ms, last quarter | peak MB |"
+        "| method | settings | objects | tracked in the last frame | ms, first quarter | ms, last quarter | peak MB |"
     )
     print("| --- | --- | --- | --- | --- | --- | --- |")
     with tempfile.TemporaryDirectory(prefix="splatseg-objects-") as folder:

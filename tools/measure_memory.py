@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""Peak memory on small files that claim to hold much, and on ordinary frames of several sizes.
+"""Measures peak memory on small files that claim large contents, and on ordinary frames of several sizes.
 
     cargo build --release
     tools/measure_memory.py --splatseg target/release/splatseg
 
-Makes the files in a temporary folder, runs `splatseg run` on each, and prints a line for each: size of the files, peak
-memory, seconds, exit code and the last line that the program printed. Needs only Python's standard library and Linux.
+Makes the files in a temporary folder, runs `splatseg run` on each, and prints one line per input: size of the files,
+peak memory, seconds, exit code and the last line of the program's output. Needs only Python's standard library and
+Linux.
 """
 
 import argparse
@@ -26,7 +27,7 @@ def chunk(kind, data):
 
 
 def png(width, height, bits, color_type, row, extra=b""):
-    """A PNG whose rows are all the same. `extra` goes before the pixels."""
+    """A PNG with identical rows. `extra` goes before the pixels."""
     packer = zlib.compressobj(9)
     data = b"".join(packer.compress(b"\0" + row) for _ in range(height)) + packer.flush()
     header = struct.pack(">IIBBBBB", width, height, bits, color_type, 0, 0, 0)
@@ -47,7 +48,7 @@ def write_sevenscenes(folder, width, height, frames=1, extra=b""):
 
 
 def write_sens(folder, width, height):
-    """A recording of one frame whose depth is much larger than its colour."""
+    """A recording of one frame with a depth image much larger than the colour image."""
     folder.mkdir(parents=True)
 
     def camera(width, height):
@@ -76,7 +77,7 @@ def half(width, height):
 
 
 def spot(width, height, index, side=20):
-    """A small square somewhere."""
+    """A small square at a position that depends on `index`."""
     start = (index * 37) % (width - side) * height + (index * 53) % (height - side)
     counts = [start] + [side, height - side] * side
     counts[-1] = width * height - sum(counts[:-1])
@@ -110,7 +111,7 @@ def run(splatseg, scene, out, options):
 
 
 def peak_mb(pid):
-    """What the system counts for `wait4` would include this program's own memory at the time of the fork."""
+    """Peak memory of a process, from /proc; the value of `wait4` would include this program's memory at the fork."""
     try:
         status = Path(f"/proc/{pid}/status").read_text()
     except (FileNotFoundError, ProcessLookupError):
@@ -120,7 +121,7 @@ def peak_mb(pid):
 
 
 def cases(folder):
-    """Name, scene, file or folder whose size is shown, options."""
+    """Yields name, scene, file or folder of the reported size, and options."""
     huge = write_sevenscenes(folder / "huge", 8192, 8192)
     sens = write_sens(folder / "sens", 8192, 8192)
     profile = chunk(b"iCCP", b"x\0\0" + zlib.compress(bytes(500 << 20), 9))
@@ -151,7 +152,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--splatseg", default="target/release/splatseg", help="the program")
     arguments = parser.parse_args()
-    # What takes more is a fault of the program; the machine should survive it.
+    # Protects the machine: exceeding this is a bug of the program.
     resource.setrlimit(resource.RLIMIT_AS, (16 << 30, 16 << 30))
     with tempfile.TemporaryDirectory(prefix="splatseg-memory-") as folder:
         print(f"{'input':32} {'kB':>8} {'peak MB':>8} {'s':>6} exit  what it said first, or its error")

@@ -1,11 +1,11 @@
-"""Mutation testing in one build: which changes of a crate's code do its tests notice?
+"""Mutation testing in one build: finds code changes in a crate that its tests do not notice.
 
-`cargo mutants` builds the crate once for every mutant. This script takes its list of mutants, writes all of them into one
-copy of the crate, each behind a switch that an environment variable sets, builds the tests once and runs them for each
-mutant: only the tests that reach it, the fastest first, until one fails.
+`cargo mutants` builds the crate once for every mutant. This script takes its list of mutants, writes all of them into
+one copy of the crate, each behind a switch controlled by an environment variable, and builds the tests once. For each
+mutant it runs only the tests that reach it, the fastest first, until one fails.
 
-Mutants that this cannot switch (match arms and struct fields that are left out, operators in constants and in macros,
-conditions with `let`) are counted as `not placed`; `cargo mutants -F` runs those.
+Mutants that cannot be switched this way (deleted match arms and struct fields, operators in constants and macros,
+conditions with `let`) are counted as `not placed`; run them with `cargo mutants -F`.
 
 cargo install cargo-mutants --locked
 pip install tree-sitter tree-sitter-rust
@@ -31,9 +31,9 @@ import tree_sitter_rust
 COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
 SHORT_CIRCUIT = {"&&", "||"}
 CONSTANT = {"const_item", "static_item", "attribute_item", "macro_invocation", "macro_definition", "array_type"}
-# Seconds below which starting a program for one test alone is not worth it.
+# Tests faster than this, seconds, share a process, because starting one for each takes longer.
 QUICK = 0.2
-SWITCH = """//! Which mutant runs.
+SWITCH = """//! The switch of the mutants.
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 static ACTIVE: AtomicU32 = AtomicU32::new(u32::MAX);
 const COVER: u32 = u32::MAX - 1;
@@ -57,7 +57,7 @@ fn cover(id: u32) {
         file.write_all(format!("{id}\\n").as_bytes()).unwrap();
     }
 }
-/// Whether mutant `id` runs.
+/// True if mutant `id` is active.
 #[inline(always)]
 pub fn on(id: u32) -> bool {
     let mut active = ACTIVE.load(Relaxed);
@@ -74,7 +74,7 @@ pub fn on(id: u32) -> bool {
 
 
 class Rewriter:
-    """Writes the mutants of one file into it."""
+    """Rewrites one file to contain its mutants."""
 
     def __init__(self, source: bytes, mutants: list[dict]):
         self.source = source
@@ -104,7 +104,7 @@ class Rewriter:
         return self.source[node.start_byte : node.end_byte].decode()
 
     def chosen(self, mutants: list[dict], changed, original: str) -> str:
-        """The original, or what `changed` makes of a mutant's replacement if that mutant runs."""
+        """An expression for the original, or for `changed` of a mutant's replacement if that mutant is active."""
         out = ""
         for mutant in mutants:
             mark = f"/*M{mutant['id']}*/"
@@ -186,7 +186,7 @@ class Rewriter:
         body = node.child_by_field_name("body")
         statements = [child for child in body.named_children if "comment" not in child.type]
         mutants = self.bodies.get(statements[0].start_byte) if statements else None
-        # A function that returns `impl Trait` has one type: a mutant's is another one.
+        # A function that returns `impl Trait` has a single return type, and a mutant's differs.
         if not mutants or "impl " in self.text(node.child_by_field_name("return_type") or node.children[0]):
             return None
         returns = ""
@@ -202,7 +202,7 @@ def has_let(node) -> bool:
 
 
 def write_mutants(copy: Path, crate: str, mutants: list[dict], unviable: set[int]) -> set[int]:
-    """Writes the mutants into the copy; returns those that could be."""
+    """Writes the mutants into the copy; returns those that could be placed."""
     placed: set[int] = set()
     by_file = collections.defaultdict(list, {f"crates/{crate}/src/lib.rs": []})
     for mutant in mutants:
@@ -255,7 +255,7 @@ def build(copy: Path, crate: str, mutants: list[dict]) -> tuple[set[int], set[in
 
 @dataclasses.dataclass
 class Test:
-    """One test: where it is, how long it takes without a mutant, and the mutants that it reaches."""
+    """A test: its program and name, its time without a mutant, and the mutants that it reaches."""
 
     program: str
     name: str
@@ -264,9 +264,9 @@ class Test:
 
 
 def run(program: str, tests: list[str], folder: Path, variables: dict, limit: float) -> tuple[str, float]:
-    """Runs tests of a program up to the first that fails; returns what came of it, and the seconds."""
+    """Runs tests of a program up to the first failure; returns the outcome and the time in seconds."""
     start = time.monotonic()
-    # What a mutant makes must not stay in the user's cache.
+    # A mutant's files must not stay in the user's cache.
     environment = os.environ | {"PROPTEST_DISABLE_FAILURE_PERSISTENCE": "1", "SPLATSEG_CACHE": ""} | variables
     command = ["prlimit", "--as=8000000000", program, "--test-threads=1", "--exact", *tests]
     process = subprocess.Popen(
@@ -288,7 +288,7 @@ def run(program: str, tests: list[str], folder: Path, variables: dict, limit: fl
 
 
 def measured(program: str, name: str, folder: Path, work: Path) -> Test:
-    """Runs a test twice, the second time to see which mutants it reaches."""
+    """Runs a test twice, the second time to find the mutants that it reaches."""
     outcome, seconds = run(program, [name], folder, {}, 900)
     if outcome != "passed":
         raise SystemExit(f"{program} {name}: {outcome} without any mutant")
@@ -301,7 +301,7 @@ def measured(program: str, name: str, folder: Path, work: Path) -> Test:
 
 
 def in_turn(tests: list[Test]) -> list[tuple[str, list[Test]]]:
-    """The order to run tests in: each program's quick ones together, then the slow ones one by one."""
+    """The order of the tests: each program's quick tests together, then the slow ones one by one."""
     quick = collections.defaultdict(list)
     slow = []
     for test in sorted(tests, key=lambda test: test.seconds):
@@ -314,10 +314,10 @@ def in_turn(tests: list[Test]) -> list[tuple[str, list[Test]]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("crate", help="its folder in crates/")
+    parser.add_argument("crate", help="the crate's folder in crates/")
     parser.add_argument("--work", type=Path, required=True, help="folder for the copy and the results")
-    parser.add_argument("--file", action="append", default=[], help="only files whose paths contain this")
-    parser.add_argument("--minutes", type=float, default=600.0, help="stop after this; the next run goes on, with those missed or out of time, too")
+    parser.add_argument("--file", action="append", default=[], help="only files with this in their path")
+    parser.add_argument("--minutes", type=float, default=600.0, help="stop after this; the next run resumes and repeats missed and timed-out mutants")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="mutants that run at the same time")
     arguments = parser.parse_args()
     root = Path(__file__).resolve().parent.parent
@@ -347,7 +347,7 @@ def main() -> None:
         tests = list(pool.map(lambda of: measured(*of, folder, arguments.work), names))
     results_file = arguments.work / f"{arguments.crate}.json"
     results = json.loads(results_file.read_text()) if results_file.exists() else {}
-    # Names hold line numbers: those of another state of the sources are gone.
+    # Names contain line numbers, so mutants of another state of the sources are dropped.
     results = {name: outcome for name, outcome in results.items() if name in names_of_all}
     chosen = [mutant for mutant in mutants if results.get(mutant["name"], "missed") in ("missed", "timeout")]
     end = time.monotonic() + 60 * arguments.minutes

@@ -1,7 +1,7 @@
 """Moves a ScanNet scene to other world coordinates: `offset_poses.py SCENE OUT X Y Z` (metres).
 
-OUT gets links to all of the scene but its poses, which are written anew with X, Y and Z added to the camera's position.
-Scores, ids and Gaussians must be those of the scene itself (docs/COORDINATES.md).
+OUT gets links to all files of the scene except its poses, which are rewritten with X, Y and Z added to the camera's
+position. Scores, ids and Gaussians must be the same as for the scene itself (docs/COORDINATES.md).
 """
 
 import sys
@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def moved(text: str, offset: list[Decimal]) -> str:
-    """A 4x4 matrix, a row per line, with another translation. Decimals, so that nothing is rounded."""
+    """Moves a 4x4 matrix, one row per line. Uses decimals to avoid rounding."""
     rows = [line.split() for line in text.splitlines() if line.strip()]
     for row, metres in zip(rows, offset, strict=False):
         if Decimal(row[3]).is_finite():

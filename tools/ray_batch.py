@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""`splatseg batch --ray` on a cluster of two nodes on this machine, with a worker and then a whole node killed on the way.
+"""Tests `splatseg batch --ray` on a cluster of two nodes on this machine, killing first a worker, then a whole node.
 
     pip install './python[ray]' pyarrow
     tools/ray_batch.py [--scenes 12] [--frames 40]
 
-Runs the same batch without Ray first. Checks that with Ray nothing is lost, nothing is done twice, and every file is the
-same. Then measures one worker against two. Exits with 1 if a check fails.
+Runs the same batch without Ray first. Checks that with Ray no scene is lost or processed twice, and that every file is
+the same. Then compares the speed of one worker and two. Exits with 1 if a check fails.
 """
 
 import argparse
@@ -59,7 +59,7 @@ def pids(pattern):
 
 
 class Killer(threading.Thread):
-    """Kills a process as soon as some scenes are done."""
+    """Kills processes as soon as some scenes are done."""
 
     def __init__(self, out, rows, find):
         super().__init__(daemon=True)
@@ -92,7 +92,7 @@ def check_same(expected, found):
 
 
 def check_rows(arguments, out):
-    """Every scene has one row, and was done by one run: its results are listed once."""
+    """Checks that every scene has one row and was processed by one run: its results are listed once."""
     import pyarrow.parquet
 
     table = pyarrow.parquet.read_table(out / "results.parquet").to_pylist()
@@ -106,7 +106,7 @@ def check_rows(arguments, out):
 
 
 def second_node_pids(port):
-    """The node that joined later: its raylet, and the workers that the raylet has started."""
+    """The processes of the second node: its raylet, and the workers started by the raylet."""
     raylets = [pid for pid in pids("raylet/raylet") if f"--node_manager_port={port}" in command_line(pid)]
     children = [child for pid in raylets for child in children_of(pid)]
     return raylets + children
@@ -126,7 +126,7 @@ def children_of(pid):
 
 
 def cluster(cpus):
-    """Nodes as processes of this machine, with so many CPUs each."""
+    """Starts nodes as processes on this machine; `cpus` is the number of CPUs of each."""
     ray("stop", "--force")
     ray("start", "--head", "--port=6399", f"--num-cpus={cpus[0]}", "--include-dashboard=false", "--disable-usage-stats")
     for number, count in enumerate(cpus[1:]):
@@ -184,7 +184,7 @@ def measure(arguments, folder):
         before = {path: path.stat().st_mtime_ns for path in (out / "rows").iterdir()}
         elapsed, _ = batch(arguments, out, with_ray)
         if {path: path.stat().st_mtime_ns for path in (out / "rows").iterdir()} != before:
-            sys.exit("scenes that were done were done again")
+            sys.exit("finished scenes were processed again")
     print(json.dumps({"alone": alone, "two": two, **seconds, "efficiency": efficiency}))
 
 

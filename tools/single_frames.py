@@ -1,10 +1,10 @@
-"""VSQ of single frames (k = 1) over every frame of a run, not over every fifteenth as the protocol has it.
+"""VSQ of single frames (k = 1) over every frame of a run, instead of every fifteenth as in the protocol.
 
     splatseg run kitchen-dev --resize 320x240 --crop-border 5 --out OUT
     python tools/single_frames.py kitchen-dev OUT --resize 320x240 --crop-border 5
 
-Segments and true objects are matched as protocol `paper` matches them: by F-score, any overlap counts. Unlabelled ground is
-left out. Needs numpy, Pillow and SciPy.
+Segments and true objects are matched as in protocol `paper`: by F-score, with any overlap. Unlabelled ground is
+excluded. Needs numpy, Pillow and SciPy.
 """
 
 import sys

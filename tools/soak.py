@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""A long run, stopped and killed at random and resumed, against one that was never stopped.
+"""Compares a long run that is stopped or killed at random and resumed with an uninterrupted one.
 
     cargo build --release
     tools/soak.py --splatseg target/release/splatseg
 
-Both process a synthetic tour with Kinect noise. The second is stopped again and again by a signal chosen at random, and goes
-on with `--resume`. Checks that
+Both process a synthetic tour with Kinect noise. The second is stopped repeatedly by a random signal and resumed with
+`--resume`. Checks that
 
 - both write the same bytes: ids, overlays, objects, everything but the times in `summary.json`; and the saved memory;
 - memory and time per frame of the undisturbed run stay flat: at most 10 % more memory in the last quarter than in the
@@ -45,7 +45,7 @@ def undisturbed(arguments, folder):
 
 
 def disturbed(arguments, folder, rng):
-    """Runs until the end, however often it is stopped; returns how often each signal was sent."""
+    """Runs until the end, with any number of stops; returns the number of signals of each kind."""
     sent = dict.fromkeys(SIGNALS, 0)
     more = ["--resume", "--save-every", str(arguments.save_every)]
     while True:
@@ -65,12 +65,12 @@ def disturbed(arguments, folder, rng):
 
 
 def differing_files(folder, frames):
-    """Names of files that differ, or that are missing or too many."""
+    """Names of files that differ or are missing or unexpected."""
     listed = {}
     for name in ("whole", "stopped"):
         root = folder / name
         listed[name] = {path.relative_to(root): path for path in root.rglob("*") if path.is_file()}
-        # The list has files that were written twice twice.
+        # The list contains rewritten files twice.
         for times in ("summary.json", "manifest.jsonl"):
             del listed[name][Path(times)]
     whole, stopped = listed["whole"], listed["stopped"]
@@ -83,7 +83,7 @@ def differing_files(folder, frames):
 
 
 def growth(whole):
-    """Last quarter over second quarter of the curve: memory, time; and the points themselves."""
+    """Ratios of the last to the second quarter of the curve for memory and time, and the points themselves."""
     curve = json.loads((whole / "summary.json").read_text())["curve"]
     quarter = len(curve) // 4
 
@@ -98,12 +98,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--splatseg", default="target/release/splatseg", help="the program")
     parser.add_argument("--frames", type=int, default=20_000)
-    parser.add_argument("--save-every", type=int, default=200, help="frames between two states that are saved")
+    parser.add_argument("--save-every", type=int, default=200, help="frames between two saved states")
     parser.add_argument("--mean-seconds", type=float, default=20.0, help="between two signals")
-    parser.add_argument("--seed", type=int, default=0, help="of the room and of the signals")
-    parser.add_argument("--keep", action="store_true", help="leave the results where they are")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the room and the signals")
+    parser.add_argument("--keep", action="store_true", help="keep the results")
     arguments = parser.parse_args()
-    # `nohup` protects from SIGHUP whatever it starts, and a shell from SIGINT what it starts in the background.
+    # `nohup` makes its child ignore SIGHUP, and a shell makes background processes ignore SIGINT.
     for how in (signal.SIGHUP, signal.SIGINT):
         signal.signal(how, signal.SIG_DFL)
     folder = Path(tempfile.mkdtemp(prefix="splatseg-soak-"))

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Times FastSAM's network in PyTorch, eager and compiled, on a device; `measure_gpu.sh` sets it beside ours.
+"""Times FastSAM's network in PyTorch, eager and compiled, on a device; `measure_gpu.sh` compares it with ours.
 
     pip install torch ultralytics
     python tools/time_fastsam_pytorch.py weights.pt --size 1024 --device cuda
 
-If the file is not there, a network of random weights is written to it (a network's speed does not depend on them):
---model says which. One line of JSON.
+If the file does not exist, a network --model with random weights is written to it (a network's speed does not depend on
+them). Prints one line of JSON.
 """
 
 import argparse
@@ -35,7 +35,7 @@ def milliseconds(network, image, passes, wait):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("checkpoint", type=Path)
-    parser.add_argument("--model", default="yolov8x-seg", help="yolov8{n,s,m,l,x}-seg, of a new file")
+    parser.add_argument("--model", default="yolov8x-seg", help="model of a new file: yolov8{n,s,m,l,x}-seg")
     parser.add_argument("--size", type=int, default=1024)
     parser.add_argument("--passes", type=int, default=50)
     parser.add_argument("--device", default="cuda")

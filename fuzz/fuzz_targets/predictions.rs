@@ -162,7 +162,13 @@ fuzz_target!(|file: File| {
     let mut dataset = DatasetSettings::default();
     dataset.resize = file.resized.then(|| "8x6".parse().expect("a size"));
     let ids = if file.per_frame { Ids::PerFrame } else { Ids::Lasting };
-    let options = EvaluationOptions { score: ScoreSettings::default(), missing: MissingFrames::Allowed, ids };
+    let options = EvaluationOptions {
+        score: ScoreSettings::default(),
+        missing: MissingFrames::Allowed,
+        ids,
+        video: None,
+        min_score: 0.0,
+    };
     Place::with_input(&PLACE, template, &input, |folder| {
         SCENE.with(|scene| {
             if let Ok(found) = evaluate(scene, &dataset, &folder.join("masks.json"), &options) {

@@ -5,7 +5,7 @@ use splatseg_models::completeness::missing_tensors;
 use splatseg_models::fastsam::FastSamConfig;
 use std::path::Path;
 
-/// Reads everything of a checkpoint of so many bytes. Whatever is wrong with it must come back as an error.
+/// Reads everything in a checkpoint of `bytes` bytes. Every defect must be returned as an error.
 pub fn read_checkpoint(path: &Path, bytes: usize) {
     let Ok(checkpoint) = Checkpoint::open(path) else { return };
     for tensor in checkpoint.tensors() {

@@ -1,4 +1,4 @@
-//! What the fuzz targets share: small valid files of every format, and a place on disk to damage them in.
+//! Shared by the fuzz targets: small valid files of every format, and a folder for damaged copies.
 
 mod checkpoint;
 #[path = "../../crates/models/tests/checkpoint/files.rs"]

@@ -1,7 +1,7 @@
 //! Files on disk of which one is damaged at a time.
 
 use splatseg_dataset::{DatasetSettings, open_scene};
-use splatseg_input::MemoryLimit;
+use splatseg_files::MemoryLimit;
 use std::cell::OnceCell;
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -25,7 +25,7 @@ fn write(folder: &Path, name: &str, bytes: impl AsRef<[u8]>) {
 
 fn matrix(frame: &RgbdFrame) -> String {
     let rows = frame.world_from_camera().to_row_major();
-    rows.chunks(4).map(|row| row.iter().map(f32::to_string).collect::<Vec<_>>().join(" ") + "\n").collect()
+    rows.chunks(4).map(|row| row.iter().map(f64::to_string).collect::<Vec<_>>().join(" ") + "\n").collect()
 }
 
 /// 7-Scenes: one frame with JPEG colour, one with PNG.

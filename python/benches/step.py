@@ -1,9 +1,9 @@
-"""What a step costs in Python beyond the same frame in Rust.
+"""Measures the overhead of a step in Python over the same frame in Rust.
 
     python python/benches/step.py ../shared/data/kitchen-dev --frames 100
 
-Rust's time is that of `Pipeline::step`, which it measures itself. The rest of a step is checking and copying arrays, and
-Python itself.
+Rust's time is that of `Pipeline::step`, measured in Rust. The rest of a step is checking and copying arrays, and Python
+itself.
 """
 
 import argparse

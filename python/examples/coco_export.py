@@ -1,8 +1,8 @@
-"""All masks as a COCO file with one `track_id` for each object.
+"""Writes all masks as a COCO file with one `track_id` for each object.
 
     python coco_export.py [SCENE] [FILE.json]
 
-`splatseg run --save-coco` writes the same for a recorded scene; this is for frames that come from a program.
+`splatseg run --save-coco` writes the same for a recorded scene; this example is for frames from a program.
 """
 
 import json
@@ -13,7 +13,7 @@ import splatseg as ss
 
 
 def run_lengths(mask):
-    """An uncompressed RLE: lengths of runs down the columns, starting with pixels outside."""
+    """An uncompressed RLE: lengths of runs down the columns, starting with pixels outside the mask."""
     pixels = np.concatenate([[0], mask.ravel(order="F").astype(np.int8), [0]])
     changes = np.flatnonzero(np.diff(pixels))
     ends = np.concatenate([[0], changes, [mask.size]])

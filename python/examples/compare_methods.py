@@ -1,4 +1,4 @@
-"""Two methods on one scene, with a plot: how many ids each has given so far.
+"""Compares two methods on one scene, with a plot of the number of ids that each has assigned.
 
 pip install matplotlib
 python compare_methods.py [SCENE] [PLOT.png]
@@ -14,7 +14,7 @@ METHODS = ["fastsam-splat", "fastsam"]
 
 
 def save_ids(ids, path):
-    """Writes an id image as `splatseg eval` reads it."""
+    """Writes an id image in the format that `splatseg eval` reads."""
     from PIL import Image
 
     Image.fromarray(ids.astype("uint16")).save(path)

@@ -1,9 +1,9 @@
-"""The loop of a live camera: frames come when they come, and the newest one counts.
+"""The loop of a live camera: frames arrive at any time, and only the newest one is used.
 
     python live_camera.py
 
-`FakeCamera` has the form of pyrealsense2 and depthai: it takes pictures by itself, and `wait` gives the newest. Depth is
-uint16 millimetres. The pose comes from what moves the camera: odometry, SLAM, a robot's arm.
+`FakeCamera` works like pyrealsense2 and depthai: it takes pictures by itself, and `wait` returns the newest. Depth is
+uint16 millimetres. The pose comes from odometry, SLAM or a robot's arm.
 """
 
 import threading
@@ -33,7 +33,7 @@ class FakeCamera:
             self.ready.notify()
 
     def wait(self):
-        """The newest picture that was not given yet; None at the end."""
+        """Waits for the newest picture not returned yet; returns None at the end."""
         with self.ready:
             self.ready.wait_for(lambda: self.newest is not None or self.is_over)
             picture, self.newest = self.newest, None

@@ -1,4 +1,4 @@
-"""Poses from Open3D's RGB-D odometry, for a camera that comes without.
+"""Poses from Open3D's RGB-D odometry, for a camera without poses.
 
 pip install open3d
 python open3d_odometry.py [SCENE [FRAMES]]
@@ -11,8 +11,8 @@ import numpy as np
 import open3d as o3d
 import splatseg as ss
 
-DEMO = Path(__file__).resolve().parents[2] / "crates/splatseg/demo"
-"""The clip of `splatseg demo`; odometry needs a camera that moves little from frame to frame, and things to see."""
+DEMO = Path(__file__).resolve().parents[2] / "crates/splatseg-cli/demo"
+"""The clip of `splatseg demo`. Odometry needs small camera motion from frame to frame and a structured scene."""
 
 
 def rgbd(frame):
@@ -24,7 +24,7 @@ def rgbd(frame):
 
 
 def motion(before, after):
-    """From the camera's coordinates in `after` to those in `before`."""
+    """The transform from camera coordinates in `after` to camera coordinates in `before`."""
     height, width = after.depth.shape
     K = after.K
     camera = o3d.camera.PinholeCameraIntrinsic(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])

@@ -1,8 +1,9 @@
-"""A segmenter of your own: any function from a picture to masks.
+"""Your own segmenter: any function from a picture to masks.
 
     python own_segmenter.py [SCENE]
 
-Here it cuts the picture where depth or colour changes, in a few lines of NumPy; a network in PyTorch takes its place as it is.
+This one cuts the picture where depth or colour changes, in a few lines of NumPy. A PyTorch network can be used in the
+same way.
 """
 
 import sys
@@ -12,7 +13,7 @@ import splatseg as ss
 
 
 def cut_at_edges(rgb, depth):
-    """Ids of parts that edges of depth and colour separate, ``(height, width)``."""
+    """Ids of the parts separated by depth and colour edges, ``(height, width)``."""
     edges = depth == 0
     for axis in (0, 1):
         depth_step = np.abs(np.diff(depth, axis=axis, append=np.take(depth, [-1], axis)))
@@ -20,7 +21,7 @@ def cut_at_edges(rgb, depth):
         color_step = np.abs(np.diff(colors, axis=axis, append=np.take(colors, [-1], axis))).sum(axis=2)
         edges |= (depth_step > 0.05 * depth) | (color_step > 60)
     ids = np.where(edges, 0, np.arange(1, depth.size + 1).reshape(depth.shape))
-    while True:  # Every pixel takes the largest id beside it until nothing changes.
+    while True:  # Every pixel takes the largest neighbouring id until nothing changes.
         padded = np.pad(ids, 1)
         beside = np.maximum.reduce([padded[1:-1, :-2], padded[1:-1, 2:], padded[:-2, 1:-1], padded[2:, 1:-1], ids])
         spread = np.where(ids > 0, beside, 0)

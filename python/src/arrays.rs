@@ -1,4 +1,4 @@
-//! NumPy arrays: what comes in is checked and copied, what goes out is moved.
+//! NumPy arrays: input is checked and copied, output is moved.
 //!
 //! Input is copied because other Python threads may write to an array while the GIL is released.
 
@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use splatseg::memory::MAX_SEGMENT_ID;
 use splatseg::{Image, Mask};
 
-/// Requires an array of a type and shape, given in words, that is C-contiguous.
+/// Requires a C-contiguous array of a shape. `types` and `shape` describe it in errors.
 fn checked<'py>(
     value: &Bound<'py, PyAny>,
     name: &str,
@@ -44,7 +44,7 @@ fn shape_text(shape: &[usize]) -> String {
     }
 }
 
-/// `TypeError` for an array of the wrong type.
+/// The `TypeError` for an array of the wrong type.
 fn wrong_type(array: &Bound<'_, PyUntypedArray>, name: &str, types: &str, shape: &str) -> PyErr {
     PyTypeError::new_err(format!(
         "{name} is an array of {}, expected a NumPy array of {types} with shape {shape}",
@@ -67,7 +67,7 @@ fn image<T: Clone>((pixels, (width, height)): (Vec<T>, (usize, usize))) -> PyRes
     Image::from_pixels(width, height, pixels).map_err(value_error)
 }
 
-/// Whether a shape is that of an image, without colours.
+/// True if a shape is that of a non-empty single-channel image.
 fn is_image(shape: &[usize]) -> bool {
     matches!(shape, [height, width] if *height > 0 && *width > 0)
 }
@@ -108,7 +108,7 @@ pub fn depth_image(value: &Bound<'_, PyAny>, depth_scale: Option<f64>) -> PyResu
     }
     if is_of::<u16>(&array) && depth_scale.is_some() {
         let (pixels, size) = pixels::<u16>(&array)?;
-        // As in a depth image of a data set.
+        // The same arithmetic as for depth images of data sets.
         return image((pixels.into_iter().map(|depth| f32::from(depth) / scale as f32).collect(), size));
     }
     Err(wrong_type(&array, "depth", TYPES, SHAPE))
@@ -149,7 +149,7 @@ pub fn mask_image(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Image<bool>>
     image(pixels::<bool>(&array)?)
 }
 
-/// What a segmenter has returned, by its form.
+/// The result of a segmenter, by its form.
 pub enum Masks {
     /// `(masks, height, width)`, with the size `(width, height)` of each.
     Stack(Vec<bool>, (usize, usize)),
@@ -189,14 +189,14 @@ pub fn numbers(value: &Bound<'_, PyAny>, name: &str, shape: &[usize], meaning: &
         let found = value.get_type().name().map_or_else(|_| "unknown".to_owned(), |name| name.to_string());
         PyTypeError::new_err(format!("{name} is of type {found}, {expected}"))
     };
-    // NumPy makes NaN of it.
+    // NumPy would convert None to NaN.
     if value.is_none() {
         return Err(wrong_type());
     }
     let numpy = value.py().import("numpy")?;
     let array = numpy.call_method1("ascontiguousarray", (value, "float64")).map_err(|_| wrong_type())?;
     let array = array.cast::<PyUntypedArray>().map_err(value_error)?;
-    // ascontiguousarray makes a number an array of one.
+    // ascontiguousarray turns a number into an array of one.
     let found =
         value.getattr("shape").and_then(|shape| shape.extract::<Vec<usize>>()).unwrap_or(array.shape().to_vec());
     if found != shape {
@@ -211,13 +211,13 @@ pub fn numbers(value: &Bound<'_, PyAny>, name: &str, shape: &[usize], meaning: &
     }
 }
 
-/// An image as an array `(height, width)` with the pixels' own memory.
+/// Converts an image to an array `(height, width)`, reusing its memory.
 pub fn to_array<T: Element + Clone>(py: Python<'_>, image: Image<T>) -> PyResult<Py<PyArray2<T>>> {
     let (width, height) = image.size();
     Ok(PyArray1::from_vec(py, image.into_pixels()).reshape([height, width])?.unbind())
 }
 
-/// Pixels as an array `(height, width)`.
+/// Copies pixels to an array `(height, width)`.
 pub fn to_plain_array<T: Element + Copy>(
     py: Python<'_>,
     pixels: &[T],
@@ -226,7 +226,7 @@ pub fn to_plain_array<T: Element + Copy>(
     Ok(PyArray1::from_slice(py, pixels).reshape([height, width])?.unbind())
 }
 
-/// Colours as an array `(height, width, 3)`.
+/// Copies colours to an array `(height, width, 3)`.
 pub fn to_color_array(
     py: Python<'_>,
     pixels: &[[u8; 3]],

@@ -1,4 +1,4 @@
-//! Scores, as `splatseg eval` computes them.
+//! Scores, computed as by `splatseg eval`.
 
 use crate::errors::{runtime_error, value_error};
 use crate::settings::{layers, settings_error};
@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
-/// How long an interrupt may wait.
+/// Interval between checks for an interrupt.
 const POLL: Duration = Duration::from_millis(100);
 
 /// The scores of predictions, as JSON.
@@ -44,11 +44,11 @@ pub fn evaluate(
         video: None,
         min_score: 0.0,
     };
-    // A scene is read as the run read it, unless settings say otherwise.
+    // The scene is read with the run's settings, except those given here.
     let run = RunSummary::of(&predictions).map_err(value_error)?;
     let base = run.map(|run| run.dataset).unwrap_or_default();
     let dataset = layers(settings, Some("dataset"))?.over_dataset(&base).map_err(settings_error)?;
-    // Nobody waits for it any more if Ctrl-C comes: then it ends by itself.
+    // After Ctrl-C, nothing waits for this thread; it runs to its end.
     let (sender, mut receiver) = sync_channel(1);
     std::thread::spawn(move || drop(sender.send(scored(&gt, &dataset, &predictions, &options))));
     loop {

@@ -1,7 +1,7 @@
-//! The Python module `splatseg._splatseg`: what the Python package `splatseg` is built on.
+//! The Python module `splatseg._splatseg`, on which the Python package `splatseg` is built.
 //!
-//! The package in `package/splatseg/` gives it names, types and documentation. Here arrays are checked (`arrays.rs`), and the
-//! library is called without the GIL.
+//! The package in `package/splatseg/` adds names, types and documentation. This module checks arrays (`arrays.rs`) and
+//! calls the library without the GIL.
 
 mod arrays;
 mod command;

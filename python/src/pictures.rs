@@ -27,7 +27,7 @@ pub fn overlay_png<'py>(
     Ok(PyBytes::new(py, &encoded.map_err(|error: String| value_error(error))?))
 }
 
-/// The colour of an id in pictures, sRGB.
+/// The colour of an id in overlays, sRGB.
 #[pyfunction]
 pub fn segment_color(id: u32) -> (u8, u8, u8) {
     splatseg::output::segment_color(id).into()

@@ -1,4 +1,4 @@
-//! A method with its segmenter, frame by frame.
+//! A method with its segmenter, run frame by frame.
 
 use crate::arrays::{color_image, depth_image, numbers, to_array, to_masks, to_rows};
 use crate::errors::{runtime_error, value_error};
@@ -14,7 +14,7 @@ use splatseg::objects::{FrameStamp, ObjectList, SeenObjects};
 use splatseg::pipeline::{FrameResult, PipelineError};
 use splatseg::settings::SettingsLayers;
 use splatseg::{Intrinsics, Mask, Pose, RgbdFrame, SegmentId};
-use splatseg_input::MemoryLimit;
+use splatseg_files::MemoryLimit;
 use std::error::Error;
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, TryLockError};
@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 #[pyclass(frozen, module = "splatseg._splatseg")]
 pub struct Pipeline {
     state: Mutex<State>,
-    /// Of its own, if `threads` is given.
+    /// Its own thread pool, if `threads` is given.
     threads: Option<ThreadPool>,
     settings: String,
 }
@@ -38,7 +38,7 @@ struct State {
 /// An object of a frame: id, area, box (x, y, width, height), confidence, first and last frame.
 type Sighting = (SegmentId, usize, (usize, usize, usize, usize), f32, usize, usize);
 
-/// What a step returns: ids, confidence, objects, masks where they may overlap, milliseconds per stage.
+/// Result of a step: ids, confidence, objects, masks if they may overlap, milliseconds per stage.
 type Step = (Py<PyArray2<u32>>, Py<PyArray2<f32>>, Vec<Sighting>, Option<Py<PyAny>>, Vec<(String, f64)>);
 
 #[pymethods]
@@ -90,7 +90,7 @@ impl Pipeline {
         &self.settings
     }
 
-    /// How many frames it has taken.
+    /// Number of processed frames.
     #[getter]
     fn frames(&self) -> PyResult<usize> {
         Ok(self.lock()?.frames)
@@ -122,7 +122,7 @@ impl Pipeline {
         step_result(py, result.map_err(|error| pipeline_error(py, &error))?, time)
     }
 
-    /// All objects as the JSON of `objects.json`.
+    /// All objects, as the JSON of `objects.json`.
     fn objects(&self, py: Python<'_>) -> PyResult<String> {
         let mut guard = self.lock()?;
         let state = &mut *guard;
@@ -142,7 +142,7 @@ impl Pipeline {
         saved?.map_err(runtime_error)
     }
 
-    /// Whether the method has a memory.
+    /// True if the method has a memory.
     #[getter]
     fn has_memory(&self) -> PyResult<bool> {
         Ok(self.lock()?.pipeline.memory().is_some())
@@ -170,38 +170,38 @@ impl Pipeline {
         to_rows(py, memory_of(&*self.lock()?)?.colors().iter().copied())
     }
 
-    /// The id that each Gaussian shows, `(Gaussians,)`.
+    /// The id of each Gaussian, `(Gaussians,)`.
     fn segment_ids(&self, py: Python<'_>) -> PyResult<Py<PyArray1<u32>>> {
         Ok(PyArray1::from_vec(py, memory_of(&*self.lock()?)?.segment_ids()).unbind())
     }
 }
 
 impl Pipeline {
-    /// The state, unless another thread or the segmenter's own code works with it.
+    /// Locks the state. Fails if another thread, or the segmenter's own code, is using it.
     fn lock(&self) -> PyResult<MutexGuard<'_, State>> {
         match self.state.try_lock() {
             Ok(state) => Ok(state),
             Err(TryLockError::WouldBlock) => {
-                Err(PyRuntimeError::new_err("it is working on a frame: use it from one thread at a time"))
+                Err(PyRuntimeError::new_err("the pipeline is processing a frame: use it from one thread at a time"))
             }
             Err(TryLockError::Poisoned(_)) => {
-                Err(PyRuntimeError::new_err("an earlier step has failed: make a new one"))
+                Err(PyRuntimeError::new_err("an earlier step panicked: create a new pipeline"))
             }
         }
     }
 }
 
 impl State {
-    /// The result of the next frame, and how long the library took for it.
+    /// Processes the next frame; returns its result and the time that the library took.
     fn step(&mut self, frame: &RgbdFrame) -> (Result<FrameResult, PipelineError>, Duration) {
         let started = Instant::now();
         let result = self.pipeline.step(frame);
         let time = started.elapsed();
-        (result.inspect(|result| self.note(frame, result)), time)
+        (result.inspect(|result| self.record(frame, result)), time)
     }
 
-    /// Notes where each object was seen.
-    fn note(&mut self, frame: &RgbdFrame, result: &FrameResult) {
+    /// Records the sighting of each object.
+    fn record(&mut self, frame: &RgbdFrame, result: &FrameResult) {
         let stamp = FrameStamp {
             number: self.frames,
             name: Some(frame.name().to_owned()),
@@ -214,7 +214,7 @@ impl State {
     }
 }
 
-/// Does work with a pipeline's own threads, or with those of the process.
+/// Runs work in a pipeline's own thread pool, if there is one, or in the process's.
 fn in_pool<R: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> R + Send) -> R {
     match pool {
         Some(pool) => pool.install(work),
@@ -227,11 +227,15 @@ fn memory_of(state: &State) -> PyResult<&SplatMemory> {
     state.pipeline.memory().ok_or_else(|| value_error(format!("the method {name} has no memory")))
 }
 
-fn step_result(py: Python<'_>, FrameResult { output, objects, times }: FrameResult, time: Duration) -> PyResult<Step> {
+fn step_result(
+    py: Python<'_>,
+    FrameResult { output, objects, times, .. }: FrameResult,
+    time: Duration,
+) -> PyResult<Step> {
     let ids = to_array(py, output.segments.clone())?;
     let confidence = to_array(py, output.confidence)?;
     let masks = |masks: &[(SegmentId, Mask)]| {
-        // In the order of the objects, which leave out empty ones.
+        // In the order of the objects, which omit empty masks.
         let of = |id: SegmentId| masks.iter().find(|(other, _)| *other == id).map(|(_, mask)| mask);
         to_masks(py, objects.iter().filter_map(|object| of(object.id)), output.segments.size())
     };
@@ -251,7 +255,7 @@ fn step_result(py: Python<'_>, FrameResult { output, objects, times }: FrameResu
     Ok((ids, confidence, sightings.collect(), masks, stages))
 }
 
-/// The exception that a segmenter in Python has raised, or the error.
+/// The exception raised by a segmenter in Python, or the error as `RuntimeError`.
 fn pipeline_error(py: Python<'_>, error: &PipelineError) -> PyErr {
     let mut source: Option<&(dyn Error + 'static)> = Some(error);
     while let Some(inner) = source {
@@ -263,7 +267,7 @@ fn pipeline_error(py: Python<'_>, error: &PipelineError) -> PyErr {
     runtime_error(error)
 }
 
-/// The camera of a 3×3 matrix.
+/// The camera with a 3×3 matrix.
 pub fn intrinsics(k: &Bound<'_, PyAny>, (width, height): (usize, usize)) -> PyResult<Intrinsics> {
     const MEANING: &str = "the camera's matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels";
     let k = numbers(k, "K", &[3, 3], MEANING)?;
@@ -278,7 +282,7 @@ pub fn intrinsics(k: &Bound<'_, PyAny>, (width, height): (usize, usize)) -> PyRe
     Intrinsics { fx, fy, cx, cy, width, height }.validated().map_err(value_error)
 }
 
-/// The pose of a 4×4 matrix.
+/// The pose with a 4×4 matrix.
 pub fn pose(matrix: &Bound<'_, PyAny>) -> PyResult<Pose> {
     let meaning = "the matrix from the camera's to the world's coordinates";
     let entries = numbers(matrix, "camera_to_world", &[4, 4], meaning)?;

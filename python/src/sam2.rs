@@ -1,4 +1,4 @@
-//! SAM 2.1 alone: prompted objects, followed through a video.
+//! SAM 2.1 alone: tracks prompted objects through a video.
 
 use crate::arrays::{color_image, mask_image, numbers, to_masks};
 use crate::errors::{runtime_error, value_error};
@@ -7,9 +7,9 @@ use numpy::PyArray3;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use splatseg::models::sam2::{Click, Prompt};
+use splatseg::geometry::{Click, Prompt};
 use splatseg::tracking::Tracker;
-use splatseg::{Image, Intrinsics, Mask, Pose, RgbdFrame, SegmentId};
+use splatseg::{CameraFrame, Image, Intrinsics, Mask, SegmentId};
 use std::sync::{Mutex, MutexGuard};
 
 /// SAM 2.1 with its tracks.
@@ -37,12 +37,12 @@ impl Sam2 {
         Ok(Self { state: Mutex::new(State { tracker, size: None }) })
     }
 
-    /// Follows every track into the next frame.
+    /// Propagates every track to the next frame.
     fn step(&self, py: Python<'_>, rgb: &Bound<'_, PyAny>) -> PyResult<Tracks> {
         let color = color_image(rgb, "rgb")?;
         let (width, height) = color.size();
         let camera = Intrinsics { fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0, width, height };
-        let frame = RgbdFrame::new("0", color, Image::filled(width, height, 0.0), camera, Pose::IDENTITY);
+        let frame = CameraFrame::new("0", color, Image::filled(width, height, 0.0), camera);
         let frame = frame.map_err(value_error)?;
         let mut guard = self.lock()?;
         let state = &mut *guard;
@@ -82,7 +82,7 @@ impl Sam2 {
         self.prompt(py, id, prompt)
     }
 
-    /// Stops following an object.
+    /// Stops tracking an object.
     fn remove(&self, id: SegmentId) -> PyResult<()> {
         self.lock()?.tracker.remove(id);
         Ok(())
@@ -91,7 +91,7 @@ impl Sam2 {
 
 impl Sam2 {
     fn lock(&self) -> PyResult<MutexGuard<'_, State>> {
-        let busy = |_| PyRuntimeError::new_err("it is working on a frame: use it from one thread at a time");
+        let busy = |_| PyRuntimeError::new_err("the tracker is processing a frame: use it from one thread at a time");
         self.state.try_lock().map_err(busy)
     }
 

@@ -7,8 +7,8 @@ use numpy::{PyArray2, PyArray3};
 use pyo3::exceptions::{PyIndexError, PyRuntimeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
-use splatseg::dataset::{DatasetSettings, FrameStream, GroundTruth, StreamedFrame, open_scene};
-use splatseg::{Intrinsics, RgbdFrame, SegmentMap};
+use splatseg::dataset::{DatasetSettings, FrameStream, GroundTruth, RecordedFrame, StreamedFrame, open_scene};
+use splatseg::{CameraFrame, Intrinsics, Pose, SegmentMap};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
@@ -17,18 +17,18 @@ use std::sync::{Arc, Mutex};
 pub struct Scene {
     scene: Arc<dyn splatseg::dataset::Scene>,
     dataset: DatasetSettings,
-    /// The indices of the frames used.
+    /// Indices of the selected frames.
     selected: Vec<usize>,
 }
 
-/// A frame: index in the scene, name, colour, depth, K, camera to world, seconds, true ids.
+/// A frame: index in the scene, name, colour, depth, K, camera to world if known, seconds, true ids.
 type PythonFrame = (
     usize,
     String,
     Py<PyArray3<u8>>,
     Py<PyArray2<f32>>,
     Py<PyArray2<f64>>,
-    Py<PyArray2<f64>>,
+    Option<Py<PyArray2<f64>>>,
     Option<f64>,
     Option<Py<PyArray2<u32>>>,
 );
@@ -44,19 +44,19 @@ impl Scene {
         Ok(Self { scene, dataset, selected })
     }
 
-    /// Its name.
+    /// The scene's name.
     #[getter]
     fn name(&self) -> &str {
         self.scene.name()
     }
 
-    /// Its format.
+    /// The scene's format.
     #[getter]
     fn format(&self) -> Option<&'static str> {
         self.scene.format().map(splatseg::dataset::Format::name)
     }
 
-    /// Whether it has true ids.
+    /// True if the scene has true ids.
     #[getter]
     fn has_ground_truth(&self) -> bool {
         self.scene.has_ground_truth()
@@ -66,7 +66,7 @@ impl Scene {
         self.selected.len()
     }
 
-    /// One of the frames used.
+    /// One of the selected frames.
     fn frame(&self, py: Python<'_>, index: isize) -> PyResult<PythonFrame> {
         let count = self.selected.len();
         let position = if index < 0 { index.checked_add_unsigned(count) } else { Some(index) };
@@ -75,13 +75,14 @@ impl Scene {
             return Err(PyIndexError::new_err(format!("frame {index} of {count}")));
         };
         let read = py.detach(|| {
-            let frame = self.dataset.framing().apply(self.scene.read_frame(selected)?)?;
+            let RecordedFrame { frame, world_from_camera } = self.scene.read_recorded(selected)?;
+            let frame = self.dataset.framing().apply(frame)?;
             let truth = self.scene.read_ground_truth(selected)?;
             let truth = truth.map(|truth| self.dataset.framing().apply_to_labels(truth)).transpose()?;
-            Ok::<_, splatseg::dataset::DatasetError>((frame, truth))
+            Ok::<_, splatseg::dataset::DatasetError>((frame, world_from_camera, truth))
         });
-        let (frame, truth) = read.map_err(value_error)?;
-        python_frame(py, selected, &frame, truth.as_ref())
+        let (frame, pose, truth) = read.map_err(value_error)?;
+        python_frame(py, selected, &frame, pose.as_ref(), truth.as_ref())
     }
 
     /// The frames in order, read ahead.
@@ -92,7 +93,7 @@ impl Scene {
     }
 }
 
-/// An iterator over frames. Those that cannot be read are given as messages.
+/// An iterator over frames. Yields the error message of a frame that cannot be read.
 #[pyclass(frozen, module = "splatseg._splatseg")]
 pub struct Frames {
     stream: Mutex<FrameStream>,
@@ -105,7 +106,8 @@ impl Frames {
     }
 
     fn __next__(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
-        let busy = |_| PyRuntimeError::new_err("another thread waits for a frame: use it from one thread at a time");
+        let busy =
+            |_| PyRuntimeError::new_err("another thread is waiting for a frame: use it from one thread at a time");
         let mut guard = self.stream.try_lock().map_err(busy)?;
         let stream = &mut *guard;
         let next = py.detach(|| stream.next());
@@ -113,25 +115,31 @@ impl Frames {
         Ok(match next {
             None => None,
             Some(Err(error)) => Some(PyString::new(py, &error.to_string()).into_any().unbind()),
-            Some(Ok(StreamedFrame { index, frame, ground_truth })) => {
-                let frame = python_frame(py, index, &frame, ground_truth.as_ref())?;
+            Some(Ok(StreamedFrame { index, frame, world_from_camera, ground_truth })) => {
+                let frame = python_frame(py, index, &frame, world_from_camera.as_ref(), ground_truth.as_ref())?;
                 Some(frame.into_pyobject(py)?.into_any().unbind())
             }
         })
     }
 }
 
-fn python_frame(py: Python<'_>, index: usize, frame: &RgbdFrame, truth: Option<&SegmentMap>) -> PyResult<PythonFrame> {
+fn python_frame(
+    py: Python<'_>,
+    index: usize,
+    frame: &CameraFrame,
+    pose: Option<&Pose>,
+    truth: Option<&SegmentMap>,
+) -> PyResult<PythonFrame> {
     let Intrinsics { fx, fy, cx, cy, .. } = *frame.intrinsics();
     let k = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0].map(f64::from);
-    let pose = frame.world_from_camera().to_row_major();
+    let pose = pose.map(|pose| to_plain_array(py, &pose.to_row_major(), (4, 4))).transpose()?;
     Ok((
         index,
         frame.name().to_owned(),
         to_color_array(py, frame.color().pixels(), frame.color().size())?,
         to_plain_array(py, frame.depth().pixels(), frame.depth().size())?,
         to_plain_array(py, &k, (3, 3))?,
-        to_plain_array(py, &pose, (4, 4))?,
+        pose,
         frame.timestamp().map(|time| time.as_secs_f64()),
         truth.map(|truth| to_array(py, truth.clone())).transpose()?,
     ))

@@ -1,4 +1,4 @@
-//! Segmenters: those of the library for Python, and Python's for the library.
+//! Segmenters: the library's for Python, and Python's for the library.
 
 use crate::arrays::{Masks, color_image, depth_image, masks, numbers, to_color_array, to_masks, to_plain_array};
 use crate::errors::{runtime_error, value_error};
@@ -9,7 +9,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use splatseg::segmenter::SegmenterError;
-use splatseg::{Intrinsics, Mask, Pose, RgbdFrame, ScoredMask};
+use splatseg::{CameraFrame, Intrinsics, Mask, ScoredMask};
 use std::sync::Mutex;
 
 /// A callable `(rgb, depth) -> masks` as a segmenter.
@@ -22,14 +22,14 @@ impl PythonSegmenter {
         Self { callable }
     }
 
-    fn call(&self, py: Python<'_>, frame: &RgbdFrame) -> PyResult<Vec<ScoredMask>> {
+    fn call(&self, py: Python<'_>, frame: &CameraFrame) -> PyResult<Vec<ScoredMask>> {
         let rgb = to_color_array(py, frame.color().pixels(), frame.color().size())?;
         let depth = to_plain_array(py, frame.depth().pixels(), frame.depth().size())?;
         let returned = self.callable.bind(py).call1((rgb, depth))?;
         match returned.cast::<PyTuple>() {
             Ok(pair) if pair.len() == 2 => scored(frame, &pair.get_item(0)?, Some(&pair.get_item(1)?)),
             Ok(tuple) => Err(value_error(format!(
-                "the segmenter has returned a tuple of {}, expected masks or (masks, scores)",
+                "the segmenter returned a tuple of length {}, expected masks or (masks, scores)",
                 tuple.len()
             ))),
             Err(_) => scored(frame, &returned, None),
@@ -42,19 +42,19 @@ impl splatseg::Segmenter for PythonSegmenter {
         "python"
     }
 
-    fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
         Python::attach(|py| self.call(py, frame))
             .map_err(|error| SegmenterError::Other { name: "the segmenter".to_owned(), source: Box::new(error) })
     }
 }
 
-/// The masks that a callable has returned for a frame, without empty ones; scores are 1 if there are none.
+/// The non-empty masks that a callable has returned for a frame; without `scores`, their scores are 1.
 fn scored(
-    frame: &RgbdFrame,
+    frame: &CameraFrame,
     returned: &Bound<'_, PyAny>,
     scores: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Vec<ScoredMask>> {
-    const NAME: &str = "what the segmenter has returned";
+    const NAME: &str = "the segmenter's result";
     let size = (frame.width(), frame.height());
     let check_size = |found: (usize, usize)| match found == size {
         true => Ok(()),
@@ -119,7 +119,7 @@ impl Segmenter {
             Some(k) => intrinsics(k, size)?,
             None => typical_camera(size),
         };
-        let frame = RgbdFrame::new("0", color, depth, camera, Pose::IDENTITY).map_err(value_error)?;
+        let frame = CameraFrame::new("0", color, depth, camera).map_err(value_error)?;
         let busy = |_| PyRuntimeError::new_err("the segmenter is in use: use it from one thread at a time");
         let mut guard = self.segmenter.try_lock().map_err(busy)?;
         let segmenter = guard.as_mut();
@@ -132,7 +132,7 @@ impl Segmenter {
     }
 }
 
-/// A camera that sees 60 degrees across.
+/// A camera with a horizontal field of view of 60 degrees.
 fn typical_camera((width, height): (usize, usize)) -> Intrinsics {
     let focal = width as f32 / (2.0 * 30f32.to_radians().tan());
     let center = |side: usize| (side as f32 - 1.0) / 2.0;

@@ -9,15 +9,15 @@ use splatseg::settings::{SettingsError, SettingsLayers, entries};
 use std::path::Path;
 use toml::Value;
 
-/// Layers with keyword arguments: keys are `seed`, `memory.max_votes`, or a section with a dict. `short_section` is the
-/// section whose settings may be given without its name.
+/// Layers with keyword arguments: keys are `seed`, `memory.max_votes`, or a section with a dict. Settings of
+/// `short_section` may be given without the section's name.
 pub fn layers(arguments: &Bound<'_, PyDict>, short_section: Option<&str>) -> PyResult<SettingsLayers> {
     let mut layers = SettingsLayers::default();
     add(&mut layers, "", arguments, short_section)?;
     Ok(layers)
 }
 
-/// The settings of layers.
+/// Resolves layers to settings.
 ///
 /// # Errors
 /// `TypeError` for keywords that are not settings, `ValueError` for all others.
@@ -30,7 +30,7 @@ pub fn add_file(layers: &mut SettingsLayers, path: &Path) -> PyResult<()> {
     layers.add_file(path).map_err(settings_error)
 }
 
-/// `TypeError` for keywords that do not exist, as Python has it; otherwise `ValueError`.
+/// `TypeError` for unknown keywords, as usual in Python; otherwise `ValueError`.
 pub fn settings_error(error: SettingsError) -> PyErr {
     match error {
         SettingsError::UnknownKey { .. } | SettingsError::IsSection { .. } => PyTypeError::new_err(error.to_string()),
@@ -60,7 +60,7 @@ fn add(
     Ok(())
 }
 
-/// The key of a setting that may be given without its section.
+/// The full key of a setting that may be given without its section.
 fn full_key(name: &str, short_section: Option<&str>) -> String {
     let in_section = short_section.map(|section| format!("{section}.{name}"));
     let exists = |key: &String| entries().iter().any(|entry| entry.field.key() == *key);
@@ -83,7 +83,7 @@ fn setting_value(value: &Bound<'_, PyAny>, key: &str) -> PyResult<Value> {
     if value.hasattr("__fspath__")? {
         return Ok(Value::String(value.call_method0("__fspath__")?.extract()?));
     }
-    // Numbers of NumPy too.
+    // Includes NumPy's numbers.
     if value.hasattr("__index__")? {
         return Ok(Value::Integer(value.call_method0("__index__")?.extract()?));
     }

@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""Shared fixtures and helpers of the tests."""
 
 import subprocess
 import sys
@@ -18,7 +18,7 @@ def room():
 
 
 def step(pipeline, frame, **more):
-    """Gives a frame to a pipeline."""
+    """Passes a frame to a pipeline."""
     arguments = {"K": frame.K, "camera_to_world": frame.camera_to_world, "name": frame.name, **more}
     return pipeline.step(frame.rgb, frame.depth, **arguments)
 

@@ -1,4 +1,4 @@
-"""The command that comes with the package."""
+"""Tests of the package's command."""
 
 import signal
 import subprocess

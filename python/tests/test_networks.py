@@ -28,7 +28,7 @@ def test_objects_are_prompted_and_followed(room):
     assert sam.add_box(8, [10, 10, 40, 40]).shape == truth.shape
     tracks = sam.step(room[1].rgb)
     assert (tracks.ids, tracks.masks.shape, tracks.masks.dtype) == ([3, 8, 9], (3, *truth.shape), bool)
-    # The checkpoint is not trained: where the masks are means nothing.
+    # The checkpoint is untrained, so the position of the masks is meaningless.
     np.testing.assert_array_equal(tracks[9], tracks.masks[2])
     sam.remove(8)
     assert sam.step(room[2].rgb).ids == [3, 9]

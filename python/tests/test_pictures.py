@@ -1,4 +1,4 @@
-"""What notebooks, supervision and Rerun show."""
+"""Display in notebooks, supervision and Rerun."""
 
 import struct
 

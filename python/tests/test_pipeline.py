@@ -1,4 +1,4 @@
-"""Methods, frame by frame."""
+"""Methods, run frame by frame."""
 
 import json
 import signal
@@ -103,7 +103,7 @@ def test_settings_are_keywords(tmp_path, room):
     for wrong, message in [
         ({"sed": 3}, "there is no setting sed, did you mean seed?"),
         ({"memory": {"max_votess": 3}}, "did you mean memory.max_votes?"),
-        ({"memory": 3}, "memory is a section of settings"),
+        ({"memory": 3}, "memory is a section: choose one of its settings"),
         ({"seed": object()}, "seed is of type object, expected a number"),
     ]:
         with pytest.raises(TypeError, match=message.replace("?", r"\?")):
@@ -126,7 +126,7 @@ def test_settings_are_keywords(tmp_path, room):
 
 
 def bad_frames(frame):
-    """Wrong arguments of a step: what is changed, the exception and a part of its text."""
+    """Wrong arguments of a step: the changes, the exception and a part of its text."""
     rgb, depth, pose = frame.rgb, frame.depth, frame.camera_to_world
     nan_pose = pose.copy()
     nan_pose[0, 3] = np.nan

@@ -7,7 +7,7 @@ from conftest import step
 
 
 def test_a_function_is_a_segmenter(room):
-    """The same masks give the same ids, in whatever form they come."""
+    """The same masks give the same ids, in any form."""
     graph = ss.Graph()
     frames = room[:4]
     masks = {frame.depth.tobytes(): graph(frame.rgb, frame.depth, frame.K) for frame in frames}
@@ -61,7 +61,7 @@ def raise_own(rgb, depth):
 @pytest.mark.parametrize(
     ("returned", "error", "message"),
     [
-        (lambda depth: None, TypeError, "what the segmenter has returned is of type NoneType"),
+        (lambda depth: None, TypeError, "the segmenter's result is of type NoneType"),
         (lambda depth: [[1]], TypeError, "is of type list"),
         (lambda depth: np.zeros((5, 5), np.uint8), ValueError, "masks of 5x5 pixels, expected 96x72"),
         (lambda depth: np.zeros((2, 5, 5), bool), ValueError, "masks of 5x5 pixels, expected 96x72"),
@@ -69,7 +69,7 @@ def raise_own(rgb, depth):
         (lambda depth: np.zeros(depth.shape, bool), TypeError, "is an array of bool"),
         (lambda depth: np.full(depth.shape, -1), ValueError, "has the id -1, expected 0 to 16777215"),
         (lambda depth: (np.zeros((2, *depth.shape), bool), [1.0]), ValueError, r"scores has shape \(1,\)"),
-        (lambda depth: (1, 2, 3), ValueError, "a tuple of 3"),
+        (lambda depth: (1, 2, 3), ValueError, "a tuple of length 3"),
     ],
 )
 def test_wrong_results_of_a_function_are_told(room, returned, error, message):

@@ -1,14 +1,13 @@
 #!/usr/bin/env python3
-"""Makes every table of docs/RESULTS.md, and those of the README, from the commands in commands.py.
+"""Makes the tables of the README, docs/RESULTS.md and docs/ABLATIONS.md, and docs/RESULTS_TABLES.md, from commands.py.
 
     python tools/results --data ../shared/data            # run what has not been run on this commit, write the tables
     python tools/results --data ../shared/data --only map # run the commands of one table; the documents stay as they are
     python tools/results --list                           # which commands there are, and which have been run
 
-A command runs once for each version of the program, which is named by the last commit that changed its sources. Its
-output is kept in target/results/COMMIT. The documents are written only when every table can be made from one version,
-on one machine. Tables of speed are measured only while the machine is otherwise idle. Needs only Python's standard
-library, and Linux.
+A command runs once for each version of the program, identified by the last commit that changed its sources. Its output
+is kept in target/results/COMMIT. The documents are written only if every table can be made from one version, on one
+machine. Speed is measured only while the machine is otherwise idle. Needs only Python's standard library, and Linux.
 """
 
 import argparse
@@ -30,7 +29,9 @@ PROJECT = Path(__file__).resolve().parents[2]
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, help="the folder with rooms/, kitchen-dev/ and redkitchen/")
-    parser.add_argument("--only", nargs="+", choices=sorted(TABLES), metavar="TABLE", help="run only these tables' commands")
+    parser.add_argument(
+        "--only", nargs="+", choices=sorted(TABLES), metavar="TABLE", help="run only these tables' commands"
+    )
     parser.add_argument("--list", action="store_true", help="list the commands and stop")
     arguments = parser.parse_args()
     commit = machine.program_commit(PROJECT)

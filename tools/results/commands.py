@@ -1,8 +1,8 @@
-"""The commands whose output the tables show.
+"""The commands that produce the tables.
 
-They run in the folder with the data: rooms/dev-a, rooms/dev-b, kitchen-dev, redkitchen, redkitchen_dense; the weights of
-the small FastSAM are in ../models. What is printed under a table is what ran, but for the path of the program and
-the folder for results, which is printed as OUT.
+They run in the folder with the data: rooms/dev-a, rooms/dev-b, kitchen-dev, redkitchen, redkitchen_dense; the weights
+of the small FastSAM are in ../models. The command printed under a table is the one that ran, except for the path of the
+program and the folder for results, which is printed as OUT.
 """
 
 import shlex
@@ -14,7 +14,7 @@ class Command:
     """A command line of splatseg, without `--out`."""
 
     line: str
-    # Whether its times are shown, so that it must have the machine to itself.
+    # True if its times are shown, so that it needs an otherwise idle machine.
     is_timed: bool = False
 
     def text(self):
@@ -39,30 +39,28 @@ PROMPTS = {"detections": SEGMENTERS["oracle"], "truth": "--prompts ground-truth"
 SIM_TRACKER = f"bench {ROOMS} --tracker sim"
 CATEGORIES = ("not_tracked", "incorrect_track", "duplicated_track")
 
-# Settings of the memory of evidence and of what goes with it. The first row is the default.
+# Segmenters, and borders that are cropped, as scores depend on the border.
+CROPPED = ("affinity", "net", "oracle")
+CROPS = (2, 5, 7, 12)
+
+# Settings of the evidence memory and related settings. The first row is the default.
 RULES = {
     "memory.max_votes": "4,8",
-    "memory.observation_weight": "2",
     "memory.no_segment_weight": "0.3",
+    "memory.contradicted_weight": "1",
     "memory.depth_tolerance": "1000",
     "memory.growth_spacing": "1",
-    "memory.min_alpha": "0.004",
     "memory.removal_frames": "0",
-    "memory.depthless": "false",
-    "explanation.min_visible_fraction": "0",
-    "explanation.min_match_f_score": "0",
-    "explanation.min_new_fraction": "0",
-    "explanation.min_remembered_fraction": "0",
-    "explanation.recurrences": "0",
-    "explanation.recurrences_in_front": "0",
-    "explanation.merged_per_apart": "0",
+    "min_area": "0",
+    "min_visible_fraction": "0",
+    "min_match_f_score": "0",
+    "min_new_fraction": "0",
     "show_tentative": "false",
 }
-# Where our defaults for the paper's memory depart from the paper, with the paper's values. The first row is ours.
+# Departures of our defaults for the paper's memory from the paper, with the paper's values. The first row is ours.
 DEPARTURES = {
     "match_whole_masks": "false,true",
-    "min_prediction_area": "0",
-    "min_output_area": "0",
+    "min_area": "0",
     "memory.fade_matched": "false",
     "memory.fade_undecoded": "true",
     "memory.active_tolerance": "-1",
@@ -70,7 +68,7 @@ DEPARTURES = {
     "memory.learning_min_weight": "0",
     "memory.learn_new": "true",
 }
-# The same for what only SAM2-Splat has.
+# The same for settings that only SAM2-Splat has.
 SAM2_DEPARTURES = {
     "reprompt.remove_tracks": "true,false",
     "reprompt.count_negative_clicks": "true",
@@ -81,8 +79,6 @@ ABLATIONS = {
     "memory.feature_dim": "1,4,7,14,28",
     "memory.num_steps": "0,1,5,20,50",
 }
-# How fast the paper's memory learns.
-LEARNING_RATES = {"memory.direction_learning_rate": "0.01,0.003,0.1,0.5"}
 
 
 def varied(settings):
@@ -90,7 +86,7 @@ def varied(settings):
 
 
 def only(category):
-    """Switches the other categories of re-prompts off."""
+    """Settings that disable the other categories of re-prompts."""
     return " ".join(f"--set reprompt.{name}=false" for name in CATEGORIES if name != category)
 
 
@@ -98,12 +94,18 @@ COMMANDS = {}
 for _name, _segmenter in SEGMENTERS.items():
     COMMANDS[f"methods-{_name}"] = Command(f"bench {SCENES} --methods fastsam,fastspam,fastsam-splat {_segmenter}")
     COMMANDS[f"features-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {FEATURES} {_segmenter}")
-    if _name in ("net", "oracle"):
+    if _name != "graph":
         COMMANDS[f"paper-{_name}"] = Command(f"bench {SCENES} --methods fastsam-splat {PAPER} {_segmenter}")
+    if _name in ("net", "oracle"):
         COMMANDS[f"departures-{_name}"] = Command(
             f"bench {SCENES} --methods fastsam-splat {FEATURES} {_segmenter} {varied(DEPARTURES)}"
         )
-COMMANDS["rules"] = Command(f"bench {SCENES} --methods fastsam-splat {SEGMENTERS['net']} {varied(RULES)}")
+for _name in CROPPED:
+    for _crop in CROPS:
+        COMMANDS[f"rules-{_name}-{_crop}"] = Command(
+            f"bench {SCENES.replace('--crop-border 5', f'--crop-border {_crop}')} --methods fastsam-splat"
+            f" {SEGMENTERS[_name]} {varied(RULES)}"
+        )
 for _name, _prompts in PROMPTS.items():
     COMMANDS[f"sam2-{_name}"] = Command(f"{SIM_TRACKER} --methods sam2,sam2-splat --seeds 2 {_prompts}")
     COMMANDS[f"sam2-{_name}-features"] = Command(f"{SIM_TRACKER} --methods sam2-splat {FEATURES} --seeds 2 {_prompts}")
@@ -121,14 +123,6 @@ COMMANDS["ablations"] = Command(
     f"bench {SCENES} --methods fastsam-splat {FEATURES} --set memory.direction_learning_rate=0.5 {SEGMENTERS['oracle']}"
     f" {varied(ABLATIONS)}"
 )
-for _name in ("net", "oracle"):
-    COMMANDS[f"rates-{_name}"] = Command(
-        f"bench {SCENES} --methods fastsam-splat {FEATURES} {SEGMENTERS[_name]} {varied(LEARNING_RATES)}"
-    )
-COMMANDS["rates-tracker"] = Command(
-    f"{SIM_TRACKER} --methods sam2-splat {FEATURES} --seeds 2 {SEGMENTERS['oracle']} {varied(LEARNING_RATES)}"
-)
-
 COMMANDS["single-kitchen"], COMMANDS["single-tabletop"], COMMANDS["single-rooms"] = (
     Command(
         f"bench --scenes {scenes} --resize 320x240 --crop-border 5 --exclude-void --jobs 2 --methods fastsam"
@@ -136,27 +130,20 @@ COMMANDS["single-kitchen"], COMMANDS["single-tabletop"], COMMANDS["single-rooms"
     )
     for scenes in ("kitchen-dev", "mosd-learn", "rooms/dev-a rooms/dev-b")
 )
-CROPS = (2, 5, 7, 12)
-for _crop in CROPS:
-    for _name in ("affinity", "graph"):
-        COMMANDS[f"crop-{_crop}-{_name}"] = Command(
-            f"bench {SCENES.replace('--crop-border 5', f'--crop-border {_crop}')} --methods fastsam-splat"
-            f" {SEGMENTERS[_name]}"
-        )
-
 REDKITCHEN = "run redkitchen --resize 320x240 --crop-border 5"
-# Stages that are measured one by one must not share the processor with the next frame's segmenter.
+# While stages are measured individually, the next frame's segmenter must not share the processor.
 ALONE = "--set segment_ahead=false"
 COMMANDS["map"] = Command(f"{REDKITCHEN} {ALONE}", is_timed=True)
 COMMANDS["map-features"] = Command(f"{REDKITCHEN} {FEATURES} {ALONE}", is_timed=True)
 COMMANDS["map-paper"] = Command(f"{REDKITCHEN} {PAPER} {ALONE}", is_timed=True)
-COMMANDS["map-again"] = Command(f"{REDKITCHEN} --seed 1 {ALONE}", is_timed=True)
+COMMANDS["map-fastsam"] = Command(f"{REDKITCHEN} --method fastsam {ALONE}", is_timed=True)
 COMMANDS["whole"] = Command(REDKITCHEN, is_timed=True)
-COMMANDS["whole-graph"] = Command(f"{REDKITCHEN} --segmenter graph", is_timed=True)
 COMMANDS["dense"] = Command("run redkitchen_dense --resize 320x240 --crop-border 5")
 COMMANDS["dense-tenth"] = Command("run redkitchen_dense --stride 10 --resize 320x240 --crop-border 5")
 COMMANDS["static"] = Command("run synthetic:frames=300,seed=0,camera=static,noise=kinect")
-COMMANDS["long"] = Command("run synthetic:frames=5000,seed=0,width=160,height=120,noise=kinect --threads 1", is_timed=True)
+COMMANDS["long"] = Command(
+    "run synthetic:frames=5000,seed=0,width=160,height=120,noise=kinect --threads 1", is_timed=True
+)
 for _size in ("320x240", "640x480"):
     for _threads in (1, 2):
         COMMANDS[f"robot-{_size}-{_threads}"] = Command(

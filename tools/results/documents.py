@@ -1,24 +1,27 @@
-"""Writes the tables into the documents, between `<!-- table NAME -->` and `<!-- end of table -->`."""
+"""Writes the tables: between `<!-- table NAME -->` and `<!-- end of table -->` in documents, and the appendix as a whole."""
 
 import json
 import re
 import sys
 import textwrap
 
+from appendix import INTRODUCTION, SECTIONS
 from commands import COMMANDS
 from tables import TABLES
 
-DOCUMENTS = ["docs/RESULTS.md", "README.md"]
+DOCUMENTS = ["README.md", "docs/RESULTS.md", "docs/ABLATIONS.md"]
+APPENDIX = "docs/RESULTS_TABLES.md"
 BLOCK = re.compile(r"<!-- table (?P<name>[a-z0-9-]+) -->\n.*?<!-- end of table -->", re.DOTALL)
 
 
 def write(project, folder, commit):
-    """Replaces every table of the documents; all of them, or none where one cannot be made."""
+    """Replaces the tables of the documents: all of them or, if one cannot be made, none."""
     texts = {project / name: (project / name).read_text() for name in DOCUMENTS}
     used = [match["name"] for text in texts.values() for match in BLOCK.finditer(text)]
+    used += [name for _, _, names in SECTIONS for name in names]
     for name in used:
         if name not in TABLES:
-            sys.exit(f"no table has the name {name}; there are {', '.join(TABLES)}")
+            sys.exit(f"there is no table {name}; expected one of {', '.join(TABLES)}")
     unused = set(TABLES) - set(used)
     if unused:
         sys.exit(f"no document shows the tables {', '.join(sorted(unused))}")
@@ -26,6 +29,19 @@ def write(project, folder, commit):
     for path, text in texts.items():
         path.write_text(BLOCK.sub(lambda match: tables[match["name"]], text))
         print(f"wrote {path}")
+    parts = [INTRODUCTION]
+    for heading, note, names in SECTIONS:
+        parts += [
+            f"## {heading}\n",
+            f"{wrapped_note(note)}\n" if note else "",
+            *(tables[name] + "\n" for name in names),
+        ]
+    (project / APPENDIX).write_text("\n".join(part for part in parts if part))
+    print(f"wrote {project / APPENDIX}")
+
+
+def wrapped_note(note):
+    return textwrap.fill(note, 120, break_long_words=False, break_on_hyphens=False)
 
 
 def table(name, folder, commit):

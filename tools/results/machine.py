@@ -1,4 +1,4 @@
-"""Which program on which machine: what every table is stamped with."""
+"""Version of the program and description of the machine, for the stamp of every table."""
 
 import os
 import re
@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-# What the numbers depend on. Documents, tests and tools may change without making a measurement old.
+# Paths that the numbers depend on. Changes to documents, tests and tools do not make a measurement outdated.
 PROGRAM = [":(glob)crates/*/src/**", "Cargo.toml", "Cargo.lock", "rust-toolchain.toml"]
 
 
@@ -17,7 +17,7 @@ def program_commit(project):
 
 
 def refuse_changed_sources(project):
-    """Ends the program if the sources are not those of a commit."""
+    """Exits if the sources have uncommitted changes."""
     changed = git(project, "status", "--porcelain", "--", *PROGRAM)
     if changed:
         sys.exit(f"the sources differ from the last commit; commit first:\n{changed}")
@@ -37,7 +37,7 @@ def description():
 
 
 def wait_until_idle(limit=0.05, patience=600):
-    """Waits until other programs take less than `limit` of the processor; ends the program if they do not stop."""
+    """Waits until other programs use less than `limit` of the processor; exits if they do not stop."""
     deadline = time.monotonic() + patience
     while (load := busy_fraction()) > limit:
         if time.monotonic() > deadline:

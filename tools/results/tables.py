@@ -1,4 +1,4 @@
-"""The tables of the documents: which commands each is made from, and how it looks."""
+"""The tables of the documents: their commands and how they are rendered."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,10 +8,10 @@ from commands import (
     ABLATIONS,
     CATEGORIES,
     COMMANDS,
+    CROPPED,
     CROPS,
     DEPARTURES,
     FRAME_SIZES,
-    LEARNING_RATES,
     PROMPTS,
     RULES,
     SAM2_DEPARTURES,
@@ -25,11 +25,11 @@ NET_NAMES = {"net": "net", "affinity": "`affinity`", "graph": "`graph`", "oracle
 
 @dataclass(frozen=True)
 class Table:
-    """A table: `render` gets the folder of each command."""
+    """A table: `render` takes the folder of each command."""
 
     commands: list[str]
     render: Callable
-    # Tables that share their commands with one before them name it instead of repeating them.
+    # Tables that share the commands of an earlier one refer to it instead of repeating them.
     shows_commands: bool = True
     source: str = ""
 
@@ -47,7 +47,7 @@ def full_row(label, cells):
     return [label, *(cells[column] for column in COLUMNS)]
 
 
-# Which row of which command a memory's scores are.
+# The command and row of each memory's scores.
 MEMORIES = (
     ("fastsam", "methods", "fastsam"),
     ("fastspam", "methods", "fastspam"),
@@ -58,7 +58,7 @@ MEMORIES = (
 
 
 def memories_of(segmenter, folders):
-    """The rows of MEMORIES that were measured with a segmenter."""
+    """The rows of MEMORIES measured with a segmenter."""
     return [row for row in MEMORIES if f"{row[1]}-{segmenter}" in folders]
 
 
@@ -69,7 +69,8 @@ def memory_table(folders):
             folder = folders[f"{command}-{segmenter}"]
             cells = [scores(folder, scene)[method] for scene in SCENE_NAMES] + [scores(folder, None, "strict")[method]]
             texts = [
-                f"{number(mean(cell['VSQ']))} / {number(mean(cell['STQ']))} ({number(mean(cell['k=1']))})" for cell in cells
+                f"{number(mean(cell['VSQ']))} / {number(mean(cell['STQ']))} ({number(mean(cell['k=1']))})"
+                for cell in cells
             ]
             rows.append([f"{NET_NAMES[segmenter]}: {label}", *texts])
     return markdown(["VSQ / STQ (k = 1)", *SCENE_NAMES, "all three, `strict`"], rows)
@@ -115,30 +116,95 @@ def single_frames_table(folders):
     return markdown(["single frames", *columns], rows)
 
 
+def rows_of_crops(folders, segmenter, label):
+    """VSQ and STQ of a row of the commands of the rules: for each scene, one pair for each crop."""
+    found = []
+    for scene in SCENE_NAMES:
+        cells = [scores(folders[f"rules-{segmenter}-{crop}"], scene)[label] for crop in CROPS]
+        found.append([(mean(cell["VSQ"]), mean(cell["STQ"])) for cell in cells])
+    return found
+
+
+def average(pairs):
+    pairs = list(pairs)
+    return [sum(values) / len(pairs) for values in zip(*pairs)]
+
+
+def both(pair, text="{:.1f}"):
+    return " / ".join(text.format(value) for value in pair)
+
+
+def pair_of(cells):
+    return mean(cells["VSQ"]), mean(cells["STQ"])
+
+
+FIRST_RULE = "fastsam-splat " + next(f"{setting}={values.split(',')[0]}" for setting, values in RULES.items())
+
+
 def crops_table(folders):
-    """VSQ / STQ of the learned segmenter and of `graph` through the memory, by crop, and their means."""
-    rows, sums = [], {}
-    for crop in CROPS:
-        row = [f"{crop} px"]
-        for scene in SCENE_NAMES:
-            for segmenter in ("graph", "affinity"):
-                cells = scores(folders[f"crop-{crop}-{segmenter}"], scene)["fastsam-splat"]
-                both = [mean(cells["VSQ"]), mean(cells["STQ"])]
-                sums.setdefault((scene, segmenter), []).append(both)
-                row.append(" / ".join(number(value) for value in both))
-        rows.append(row)
-    means = [[sum(values) / len(CROPS) for values in zip(*found)] for found in sums.values()]
-    rows.append(["mean", *(" / ".join(number(value) for value in both) for both in means)])
-    heads = [f"{scene}: `{segmenter}`" for scene in SCENE_NAMES for segmenter in ("graph", "affinity")]
-    return markdown(["border cropped", *heads], rows)
+    """VSQ / STQ of the default method by crop, and their mean, on each scene and over the scenes."""
+    rows = []
+    for segmenter in CROPPED:
+        scenes = rows_of_crops(folders, segmenter, FIRST_RULE)
+        for place, crop in enumerate(CROPS):
+            pairs = [scene[place] for scene in scenes]
+            rows.append([f"{NET_NAMES[segmenter]}, {crop} px", *map(both, pairs), both(average(pairs), "{:.2f}")])
+        means = [average(scene) for scene in scenes]
+        rows.append([f"**{NET_NAMES[segmenter]}, mean**", *map(both, means), both(average(means), "{:.2f}")])
+    return markdown(["VSQ / STQ", *SCENE_NAMES, "mean of the scenes"], rows)
+
+
+def rules_table(folders):
+    """Every changed setting against the first row: the mean of crops and scenes, with each segmenter."""
+    labels = [f"{setting}={value}" for setting, values in RULES.items() for value in values.split(",")]
+
+    def total(segmenter, label):
+        return average(pair for scene in rows_of_crops(folders, segmenter, label) for pair in scene)
+
+    base = {segmenter: total(segmenter, FIRST_RULE) for segmenter in CROPPED}
+    rows = []
+    for label in labels[1:]:
+        changes = []
+        for segmenter in CROPPED:
+            found = total(segmenter, f"fastsam-splat {label}")
+            changes.append(both([value - old for value, old in zip(found, base[segmenter])], "{:+.1f}"))
+        rows.append([f"`{label}`", *changes])
+    return markdown(["change of VSQ / STQ", *(NET_NAMES[segmenter] for segmenter in CROPPED)], rows)
+
+
+def summary_table(folders):
+    """Ours, the paper's method and the baseline: scores, speed and memory."""
+    lines = (
+        ("**splatseg**", "methods-affinity", "fastsam-splat", "map"),
+        ("the paper's method", "paper-affinity", "fastsam-splat", "map-paper"),
+        ("no memory (FastSAM)", "methods-affinity", "fastsam", "map-fastsam"),
+    )
+    rows = []
+    for label, command, method, run in lines:
+        kitchen, *rooms = [scores(folders[command], scene)[method] for scene in ("kitchen-dev", "dev-a", "dev-b")]
+        speed = summary(folders[run])
+        numbers = speed["parameters"]
+        rows.append([
+            label, both(pair_of(kitchen)), both(average(map(pair_of, rooms))), number(speed["fps"]["without_segmenter"]),
+            f"{speed['peak_memory_mb']:.0f} MB", f"{numbers / 1e6:.2f} M" if numbers else "–",
+        ])  # fmt: skip
+    head = [
+        "",
+        "real kitchen: VSQ / STQ",
+        "rooms: VSQ / STQ",
+        "frames per second",
+        "peak memory",
+        "numbers in the memory",
+    ]
+    return markdown(head, rows)
 
 
 def whole_table(folders):
-    rows = []
-    for command, name in (("whole", "`affinity`"), ("whole-graph", "`graph`")):
-        run = summary(folders[command])
-        rows.append([name, number(run["fps"]["total"]), f"{run['peak_memory_mb']:.0f} MB"])
-    return markdown(["segmenter", "frames per second", "peak memory"], rows)
+    run = summary(folders["whole"])
+    return markdown(
+        ["", "frames per second", "peak memory"],
+        [["`redkitchen`, everything included", number(run["fps"]["total"]), f"{run['peak_memory_mb']:.0f} MB"]],
+    )
 
 
 def change(cells, base, column):
@@ -146,7 +212,7 @@ def change(cells, base, column):
 
 
 def changes_table(command, settings, method="fastsam-splat"):
-    """Every changed setting against the first row, over all scenes."""
+    """A table of every changed setting against the first row, over all scenes."""
 
     def render(folders):
         table = scores(folders[command], None)
@@ -163,7 +229,7 @@ def changes_table(command, settings, method="fastsam-splat"):
 
 
 def departures_table(folders):
-    """The change by each departure that is given up, on every scene."""
+    """The change from reverting each departure, on every scene."""
     labels = [f"{setting}={value}" for setting, values in DEPARTURES.items() for value in values.split(",")]
     rows = []
     for label in labels[1:]:
@@ -184,7 +250,11 @@ def sam2_table(folders):
         for prompts, name in (("detections", "detections"), ("truth", "ground truth")):
             measured = scores(folders[f"sam2-{prompts}"], None, protocol)
             features = scores(folders[f"sam2-{prompts}-features"], None, protocol)["sam2-splat"]
-            lines = (("sam2", measured["sam2"]), ("sam2-splat", measured["sam2-splat"]), ("sam2-splat, `features`", features))
+            lines = (
+                ("sam2", measured["sam2"]),
+                ("sam2-splat", measured["sam2-splat"]),
+                ("sam2-splat, `features`", features),
+            )
             rows += [full_row(f"{name}, `{protocol}`: {label}", cells) for label, cells in lines]
     return markdown(["", *COLUMNS], rows)
 
@@ -209,24 +279,14 @@ def ablations_table(folders):
     table = scores(folders["ablations"], None)
     rows = []
     for setting, values in ABLATIONS.items():
-        rows += [full_row(f"`{setting}={value}`", table[f"fastsam-splat {setting}={value}"]) for value in values.split(",")]
+        rows += [
+            full_row(f"`{setting}={value}`", table[f"fastsam-splat {setting}={value}"]) for value in values.split(",")
+        ]
     return markdown(["", *COLUMNS], rows)
 
 
-RATE_RUNS = {"net": "fastsam-splat", "oracle": "fastsam-splat", "tracker": "sam2-splat"}
-
-
-def rates_table(folders):
-    (setting, values), *_ = LEARNING_RATES.items()
-    rows = []
-    for value in sorted(values.split(","), key=float):
-        cells = [scores(folders[f"rates-{run}"], None)[f"{method} {setting}={value}"] for run, method in RATE_RUNS.items()]
-        rows.append([f"`{setting}={value}`", *(f"{number(mean(c['VSQ']))} / {number(mean(c['STQ']))}" for c in cells)])
-    return markdown(["VSQ / STQ", "net", "oracle", "simulated tracker, detections"], rows)
-
-
 def map_table(folders):
-    columns = [summary(folders[name]) for name in ("map-paper", "map-features", "map", "map-again")]
+    columns = [summary(folders[name]) for name in ("map-paper", "map-features", "map")]
     lines = (
         ("all but the segmenter, frames per second", lambda run: number(run["fps"]["without_segmenter"])),
         ("slowest frame, ms", lambda run: number(run["slowest_frame_ms"], 0)),
@@ -236,7 +296,7 @@ def map_table(folders):
         ("ids", lambda run: str(run["segments"])),
     )
     rows = [[label, *(value(run) for run in columns)] for label, value in lines]
-    return markdown(["", "the paper's method", "`features`", "**default**", "**default**, again"], rows)
+    return markdown(["", "the paper's method", "`features`", "**default**"], rows)
 
 
 def stages_table(folders):
@@ -246,7 +306,11 @@ def stages_table(folders):
 
 
 def growth_table(folders):
-    names = (("dense", "`redkitchen_dense`, 300 frames"), ("dense-tenth", "every tenth of them"), ("static", "static camera, 300 frames"))
+    names = (
+        ("dense", "`redkitchen_dense`, 300 frames"),
+        ("dense-tenth", "every tenth of them"),
+        ("static", "static camera, 300 frames"),
+    )
     rows = []
     for command, label in names:
         run = summary(folders[command])
@@ -282,29 +346,37 @@ def robot_table(folders):
 
 def frame_sizes_table(folders):
     runs = [summary(folders[f"frames-{size}"]) for size in FRAME_SIZES]
-    return markdown(["frames", *FRAME_SIZES], [["peak memory, MB", *(number(run["peak_memory_mb"], 0) for run in runs)]])
+    return markdown(
+        ["frames", *FRAME_SIZES], [["peak memory, MB", *(number(run["peak_memory_mb"], 0) for run in runs)]]
+    )
 
 
+RULE_RUNS = [f"rules-{name}-{crop}" for name in CROPPED for crop in CROPS]
 _SCORES = [name for name in COMMANDS if name.split("-")[0] in ("methods", "features", "paper")]
 TABLES = {
-    "memory": Table(_SCORES, memory_table),
-    "methods-paper": Table(_SCORES, methods_table("paper"), False, "the commands of the first table"),
+    "memory": Table(
+        _SCORES, memory_table, False, "the commands of `methods-paper` in [RESULTS_TABLES.md](RESULTS_TABLES.md)"
+    ),
+    "methods-paper": Table(_SCORES, methods_table("paper")),
     "methods-strict": Table(_SCORES, methods_table("strict"), False, "the commands of the first table"),
     "sizes": Table([f"methods-{name}" for name in SEGMENTERS], size_table, False, "the commands of the first table"),
     "single-frames": Table(list(SINGLE_FRAME_SETS), single_frames_table),
-    "crops": Table([f"crop-{crop}-{name}" for name in ("affinity", "graph") for crop in CROPS], crops_table),
-    "whole": Table(["whole", "whole-graph"], whole_table),
-    "rules": Table(["rules"], changes_table("rules", RULES)),
-    "departures": Table([f"departures-{name}" for name in ("net", "oracle")], departures_table),
-    "sam2-departures": Table(
-        ["sam2-departures"], changes_table("sam2-departures", SAM2_DEPARTURES, "sam2-splat")
+    "summary": Table(
+        ["methods-affinity", "paper-affinity", "map", "map-paper", "map-fastsam"],
+        summary_table,
+        False,
+        "the commands of [docs/RESULTS_TABLES.md](docs/RESULTS_TABLES.md)",
     ),
+    "crops": Table(RULE_RUNS, crops_table),
+    "rules": Table(RULE_RUNS, rules_table, False, "the commands of `crops` in [RESULTS_TABLES.md](RESULTS_TABLES.md)"),
+    "whole": Table(["whole"], whole_table),
+    "departures": Table([f"departures-{name}" for name in ("net", "oracle")], departures_table),
+    "sam2-departures": Table(["sam2-departures"], changes_table("sam2-departures", SAM2_DEPARTURES, "sam2-splat")),
     "sam2": Table([f"sam2-{prompts}{kind}" for prompts in PROMPTS for kind in ("", "-features")], sam2_table),
     "reprompts": Table([f"reprompts-{name}" for name in ("none", *CATEGORIES)] + ["sam2-detections"], reprompts_table),
     "clicks": Table([f"clicks-{prompts}" for prompts in PROMPTS], clicks_table),
     "ablations": Table(["ablations"], ablations_table),
-    "rates": Table([f"rates-{run}" for run in RATE_RUNS], rates_table),
-    "map": Table(["map-paper", "map-features", "map", "map-again"], map_table),
+    "map": Table(["map-paper", "map-features", "map"], map_table),
     "stages": Table(["map"], stages_table),
     "growth": Table(["dense", "dense-tenth", "static"], growth_table),
     "long": Table(["long"], long_table),

@@ -1,5 +1,5 @@
-//! Times of the affinity segmenter and of its network alone. `tools/compare_onnxruntime.py` sets the network beside ONNX
-//! Runtime.
+//! Times of the affinity segmenter and of its network alone. `tools/compare_onnxruntime.py` compares the network with
+//! ONNX Runtime.
 
 use crate::peak_memory::peak_memory_mib;
 use anyhow::Context;
@@ -32,7 +32,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (mut network, mut all) = (Vec::new(), Vec::new());
     for pass in 0..=arguments.passes {
         for frame in &frames {
-            // On a thread of the pool, as in the pipeline.
+            // On a pool thread, as in the pipeline.
             let times = rayon::scope(|_| -> anyhow::Result<[f64; 3]> {
                 let frame = &frame.frame;
                 let mut times = [0.0; 3];

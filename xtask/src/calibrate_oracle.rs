@@ -1,9 +1,9 @@
-//! What the baseline without memory scores on the oracle's masks: the calibration of the preset `fastsam-like`
+//! Scores of the baseline without memory on the oracle's masks, for calibrating the preset `fastsam-like`
 //! (`docs/ORACLE.md`).
 
 use anyhow::{Context, Result, bail};
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, StreamedFrame, open_scene};
-use splatseg_geometry::{Mask, RgbdFrame};
+use splatseg_geometry::{CameraFrame, Mask};
 use splatseg_metrics::{DatasetScore, FramePrediction, Protocol, ScoreSettings, Scores, VideoScorer};
 use splatseg_segmenter::Segmenter;
 use splatseg_simulators::{OraclePreset, OracleSegmenter, OracleSettings, SimulatorError};
@@ -22,12 +22,12 @@ pub struct Arguments {
     /// Number of seeds
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..))]
     seeds: u16,
-    /// Settings of the oracle in place of the preset, e.g. '{"preset": "fastsam-like", "miss_rate": 0.1}'
+    /// Settings of the oracle instead of the preset, e.g. '{"preset": "fastsam-like", "miss_rate": 0.1}'
     #[arg(long, value_name = "JSON")]
     settings: Option<String>,
 }
 
-/// A scene in memory, for going through it once for each seed.
+/// A scene in memory, iterated once for each seed.
 struct Video {
     name: String,
     frames: Arc<Vec<StreamedFrame>>,
@@ -58,7 +58,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 const HEADINGS: &str = "   VSQ    STQ     AQ     SQ";
-/// The paper's FastSAM on ScanNet-MV, in the columns of the table.
+/// The paper's scores of FastSAM on ScanNet-MV, in the columns of the table.
 const PAPERS_FASTSAM: [f64; 8] = [46.98, 39.19, 34.28, 31.21, 37.92, 28.17, 19.74, 40.19];
 
 fn read(path: &str) -> Result<Video> {
@@ -81,20 +81,21 @@ fn describe(videos: &[Video]) {
     }
 }
 
-/// The scores over all videos, as the table's columns, and the mean number of masks in a frame.
+/// The scores over all videos, as the table's columns, and the mean number of masks per frame.
 fn scored(videos: &[Video], settings: &OracleSettings, seed: u64, protocol: Protocol) -> Result<(Vec<f64>, f64)> {
     let score_settings = ScoreSettings { protocol, ..ScoreSettings::default() };
     let mut total = DatasetScore::new(score_settings);
     let (mut mask_count, mut frame_count) = (0, 0);
     for video in videos {
         let mut oracle = oracle(video, settings, seed)?;
-        // As in the paper's evaluation, small masks count.
-        let mut method =
-            FastSamBaseline::new(FastSamBaselineSettings::default().with(|it| it.min_prediction_area = 0))?;
+        // Small masks count, as in the paper's evaluation.
+        let mut method = FastSamBaseline::new(FastSamBaselineSettings::default().with(|it| it.min_area = 0))?;
         let mut scorer = VideoScorer::new(score_settings);
-        for StreamedFrame { frame, ground_truth, .. } in video.frames.iter() {
+        for streamed in video.frames.iter() {
+            let ground_truth = &streamed.ground_truth;
+            let frame = streamed.clone().posed().context("a frame without a pose")?;
             let masks: Vec<Mask> =
-                method.process(frame, &oracle.segment(frame)?)?.masks.into_iter().map(|(_, mask)| mask).collect();
+                method.process(&frame, &oracle.segment(&frame)?)?.masks.into_iter().map(|(_, mask)| mask).collect();
             let truth = ground_truth.as_ref().context("a frame without labels")?;
             scorer.push(truth, &FramePrediction::Unlinked(&masks))?;
             mask_count += masks.len();
@@ -105,13 +106,13 @@ fn scored(videos: &[Video], settings: &OracleSettings, seed: u64, protocol: Prot
     Ok((columns(&total.total()), mask_count as f64 / f64::from(frame_count)))
 }
 
-/// An oracle that knows the labels in memory.
+/// An oracle with the labels in memory.
 fn oracle(video: &Video, settings: &OracleSettings, seed: u64) -> Result<OracleSegmenter> {
     let frames = Arc::clone(&video.frames);
     let places: HashMap<String, usize> =
         frames.iter().enumerate().map(|(place, frame)| (frame.frame.name().to_owned(), place)).collect();
     let scene = video.name.clone();
-    let truth = move |frame: &RgbdFrame| {
+    let truth = move |frame: &CameraFrame| {
         let labels = places.get(frame.name()).and_then(|place| frames[*place].ground_truth.clone());
         labels.ok_or_else(|| SimulatorError::UnlabelledFrame { scene: scene.clone(), frame: frame.name().to_owned() })
     };

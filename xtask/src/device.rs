@@ -1,4 +1,4 @@
-//! The device that is measured.
+//! The measured device.
 
 use serde_json::{Value, json};
 use splatseg_models::device::DeviceName;
@@ -10,7 +10,7 @@ pub fn parse_device(name: &str) -> Result<DeviceName, String> {
     DeviceName::from_name(name).ok_or_else(|| format!("expected one of {}", DeviceName::NAMES.join(", ")))
 }
 
-/// What was moved to and from the device since `before`, on average over so many passes.
+/// Mean transfers to and from the device per pass since `before`.
 pub fn moved(before: Transfers, passes: usize) -> Value {
     let moved = Transfers::so_far().since(before);
     let each = |count: usize| count as f64 / passes.max(1) as f64;

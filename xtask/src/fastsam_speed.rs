@@ -1,5 +1,5 @@
-//! Times of FastSAM's network. `tools/compare_onnxruntime.py` sets them beside ONNX Runtime, `tools/measure_gpu.sh` beside
-//! PyTorch.
+//! Times of FastSAM's network. `tools/compare_onnxruntime.py` compares them with ONNX Runtime, `tools/measure_gpu.sh`
+//! with PyTorch.
 
 use crate::device::{moved, parse_device};
 use crate::peak_memory::peak_memory_mib;

@@ -1,4 +1,4 @@
-//! Measurements and pictures for those who work on splatseg, none of which a user needs: `cargo xtask --help`.
+//! Measurements and pictures for developers of splatseg; users need none of them. See `cargo xtask --help`.
 
 mod affinity_speed;
 mod calibrate_oracle;
@@ -12,7 +12,7 @@ mod standins;
 
 use clap::{Parser, Subcommand};
 
-/// Measurements and pictures for those who work on splatseg
+/// Measurements and pictures for developers of splatseg
 #[derive(Parser)]
 #[command(name = "cargo xtask")]
 struct Arguments {

@@ -1,11 +1,11 @@
-//! Stand-ins for the data sets of the paper, to try `splatseg bench --preset paper` without them.
+//! Stand-ins for the paper's data sets, to try `splatseg bench --preset paper` without them.
 
 use crate::standins::write_standins;
 use anyhow::{Result, anyhow, ensure};
 use splatseg_dataset::{DatasetSettings, Scene, open_scene};
 use std::path::PathBuf;
 
-/// Write miniature stand-ins of ScanNet and MVPd, in their layouts, out of scenes with ground truth
+/// Write miniature stand-ins for ScanNet and MVPd, in their layouts, from scenes with ground truth
 ///
 /// `splatseg bench --preset paper --stride 1 --scannet DIR/ScanNet --instances DIR/instances --mvpd DIR/MVPd ...` reads them.
 #[derive(clap::Args)]
@@ -22,7 +22,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    ensure!(!arguments.out.exists(), "{}: is there already", arguments.out.display());
+    ensure!(!arguments.out.exists(), "{}: exists", arguments.out.display());
     let settings = DatasetSettings::default();
     let scenes = arguments.scenes.iter().map(|path| Ok(open_scene(path, &settings)?)).collect::<Result<Vec<_>>>()?;
     let scenes: Vec<&dyn Scene> = scenes.iter().map(AsRef::as_ref).collect();

@@ -1,6 +1,6 @@
-//! How much memory this process has used.
+//! Peak memory of this process.
 
-/// The largest resident size so far, MiB; `None` where the system does not tell (only Linux does).
+/// Peak resident size, MiB; `None` on systems other than Linux.
 pub fn peak_memory_mib() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

@@ -10,21 +10,21 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The clip of `splatseg demo`.
-const CLIP: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../crates/splatseg/demo");
-/// The frames shown, two in a row. The second shows another part of the room, the third and fourth return to the first. Other
-/// frames do not pass: the floor beside the desk has an id of its own there.
+const CLIP: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../crates/splatseg-cli/demo");
+/// The shown frames, two per row. The second shows another part of the room, the third and fourth return to the first.
+/// Other frames fail the check, because the floor beside the desk has a separate id there.
 const SHOWN: [usize; 4] = [8, 19, 26, 29];
-/// Objects that cover fewer pixels of a frame are not checked in it.
+/// Minimum area of an object in a frame, pixels; smaller ones are not checked there.
 const MIN_AREA: usize = 300;
-/// Frames are shown at this many times their size, so that ids can be read.
+/// Magnification of the frames, to make ids legible.
 const ENLARGED: usize = 2;
-/// White pixels between frames.
+/// White margin between frames, pixels.
 const GAP: usize = 8;
 const JPEG_QUALITY: u8 = 80;
 
 /// Make the README's picture: four frames of the demo with the ids found
 ///
-/// Fails if an object that several of them show does not have the same id in all of these.
+/// Fails if an object does not have the same id in all frames that show it.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The picture
@@ -40,14 +40,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A frame that is shown.
+/// A shown frame.
 struct ShownFrame {
     color: Image<[u8; 3]>,
     segments: SegmentMap,
     truth: SegmentMap,
 }
 
-/// Does what `splatseg demo` does, up to the last frame that is shown.
+/// Runs the clip as `splatseg demo` does, up to the last shown frame.
 fn process_clip() -> anyhow::Result<Vec<ShownFrame>> {
     let settings = Settings::default();
     let scene = open_scene(CLIP, &settings.dataset)?;
@@ -58,14 +58,14 @@ fn process_clip() -> anyhow::Result<Vec<ShownFrame>> {
         let processed = processed?;
         let segments = processed.result?.output.segments;
         if SHOWN.contains(&index) {
-            let truth = processed.frame.ground_truth.context("the clip has no labels")?;
-            shown.push(ShownFrame { color: processed.frame.frame.color().clone().into_owned(), segments, truth });
+            let truth = processed.ground_truth.context("the clip has no labels")?;
+            shown.push(ShownFrame { color: processed.frame.color().clone().into_owned(), segments, truth });
         }
     }
     Ok(shown)
 }
 
-/// Counts the true objects that are in several of the frames. Fails if one of them changes its id.
+/// Counts the true objects in two or more of the frames. Fails if the id of one of them changes.
 fn objects_that_keep_their_id(frames: &[ShownFrame]) -> anyhow::Result<usize> {
     let mut seen: BTreeMap<SegmentId, Vec<SegmentId>> = BTreeMap::new();
     for frame in frames {
@@ -122,7 +122,7 @@ fn tile(frame: &ShownFrame) -> anyhow::Result<Image<[u8; 3]>> {
     Ok(draw_overlay(&color, &segments)?)
 }
 
-/// Which of two tiles of this size a pixel is in, and where; `None` in the gap between them.
+/// The index of the tile, 0 or 1, and the pixel's position in it; the position is `None` in the gap between the tiles.
 fn within(pixel: usize, size: usize) -> (usize, Option<usize>) {
     match pixel {
         _ if pixel < size => (0, Some(pixel)),

@@ -1,15 +1,13 @@
-//! Times of SAM 2.1 with random weights: speed does not depend on their values. `tools/compare_sam2.py` sets
-//! them beside the official code.
+//! Times of SAM 2.1 with random weights, whose values do not affect the speed. `tools/compare_sam2.py` compares them
+//! with the official code.
 
 use crate::device::{moved, parse_device};
 use crate::peak_memory::peak_memory_mib;
 use anyhow::{Context, ensure};
 use burn::tensor::{Device, Tensor, TensorData};
-use splatseg_geometry::Mask;
+use splatseg_geometry::{Mask, Prompt};
 use splatseg_models::device::DeviceName;
-use splatseg_models::sam2::{
-    FeatureMaps, Prompt, Sam2Error, Sam2Network, Sam2Predictor, Sam2PredictorSettings, Weights,
-};
+use splatseg_models::sam2::{FeatureMaps, Sam2Error, Sam2Network, Sam2Predictor, Sam2PredictorSettings, Weights};
 use splatseg_models::transfer::Transfers;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,7 +15,7 @@ use std::time::Instant;
 
 /// Time SAM 2.1 with random weights; prints one line of JSON
 ///
-/// Seconds of the image encoder, and of every frame tracked after the first. RAYON_NUM_THREADS sets the number of
+/// Times the image encoder and every frame tracked after the first, in seconds. RAYON_NUM_THREADS sets the number of
 /// threads.
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -40,7 +38,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let side = arguments.image_size;
     ensure!(arguments.frames > 0, "--frames is 0, expected 1 or more");
-    let weights = RandomWeights::of_manifest(&arguments.manifest)?;
+    let weights = RandomWeights::from_manifest(&arguments.manifest)?;
     let device = arguments.device.open()?;
     let network = Sam2Network::load(&weights, Some(side), &device)?;
     let mut encoder = Vec::new();
@@ -75,7 +73,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Computation may be lazy: reads the result.
+/// Waits for a computation, which may be lazy, by reading its result.
 fn wait_for(maps: FeatureMaps) -> anyhow::Result<()> {
     maps.embedding.into_data().try_into_vec::<f32>().map(drop).context("the image encoder's result")
 }
@@ -90,17 +88,17 @@ fn prompts(objects: usize, side: usize) -> Vec<(u64, Prompt)> {
     (0..objects).map(prompt).collect()
 }
 
-/// A normalised frame of noise, `[1, 3, side, side]`. What it takes to the device is not counted.
+/// A normalised frame of noise, `[1, 3, side, side]`. Its upload is not counted in `moved_per_frame`.
 fn noise(frame: usize, side: usize, device: &Device) -> Tensor<4> {
     let values = (0..3 * side * side).map(|index| ((index * 7919 + frame * 104_729) % 1000) as f32 / 250.0 - 2.0);
     Tensor::from_data(TensorData::new(values.collect::<Vec<f32>>(), [1, 3, side, side]), device)
 }
 
-/// Random weights of the names and shapes in a manifest, of a size that keeps activations near 1.
+/// Random weights with the names and shapes of a manifest, scaled to keep activations near 1.
 struct RandomWeights(BTreeMap<String, Vec<usize>>);
 
 impl RandomWeights {
-    fn of_manifest(path: &Path) -> anyhow::Result<Self> {
+    fn from_manifest(path: &Path) -> anyhow::Result<Self> {
         let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
         let manifest: serde_json::Value = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
         let tensors: Vec<(String, Vec<usize>)> =
@@ -129,7 +127,7 @@ impl Weights for RandomWeights {
             (Some("weight"), _) => (0.0, (3.0 / fan_in as f32).sqrt()),
             _ => (0.0, 0.02),
         };
-        // A linear congruential generator: cheap, and good enough for weights whose values do not matter.
+        // A linear congruential generator is cheap, and good enough because the values do not matter.
         let mut state = name.len() as u32;
         let mut uniform = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

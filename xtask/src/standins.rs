@@ -1,4 +1,4 @@
-//! Small stand-ins for the paper's data sets, in their published layouts, made of any scenes with ground truth.
+//! Small stand-ins for the paper's data sets, in their published layouts, made from any scenes with ground truth.
 //!
 //! The tests of the paper's tables use this file too.
 
@@ -15,14 +15,14 @@ use std::slice::from_ref;
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
 
-/// Every so many pixels of the labelled frames there is a vertex of the mesh.
+/// Spacing of the mesh's vertices in the labelled frames, pixels.
 const MESH_STEP: usize = 4;
-/// The focal length of MVPd's camera, in image widths; those of the data set fix no other.
+/// The focal length of MVPd's camera, in image widths; the data set specifies no other.
 const MVPD_FOCAL_LENGTH: f32 = 465.6029 / 640.0;
-/// ScanNet's instance files have `label * 1000 + instance`; this label stands for all.
+/// Label of all instances. ScanNet's instance files contain `label * 1000 + instance`.
 const LABEL: u32 = 3;
 
-/// What is written below a folder: `ScanNet/` (exported scenes in `scans/`, meshes, `scannetv2_val.txt`), `instances/` (the true
+/// Writes into a folder: `ScanNet/` (exported scenes in `scans/`, meshes, `scannetv2_val.txt`), `instances/` (the true
 /// instance of each vertex), `MVPd/test/` (an unpacked split) and `MVPd-archives/test/` (a `.tar.gz` for each scene).
 ///
 /// # Errors
@@ -109,8 +109,8 @@ fn ply(vertices: &[[f32; 3]]) -> Vec<u8> {
     bytes
 }
 
-/// The images of a video of MVPd, and its entries in `videos` and `annotations`. The loader takes the camera from the size of
-/// the images, so they get a black margin with which it is the scene's.
+/// Writes the images of a video of MVPd; returns its entries in `videos` and `annotations`. The loader derives the
+/// camera from the size of the images, so they get a black margin that makes it equal to the scene's.
 fn write_video(name: &str, frames: &[(RgbdFrame<'_>, SegmentMap)], split: &Path) -> Outcome<[Value; 2]> {
     let (mut images, mut annotations) = (Vec::new(), Vec::new());
     let folders = ["imagesRGB", "imagesDEPTH", "panomasksRGB"].map(|part| split.join(part).join(name));
@@ -140,14 +140,14 @@ fn write_video(name: &str, frames: &[(RgbdFrame<'_>, SegmentMap)], split: &Path)
     ])
 }
 
-/// Pixels left and right that make the image as wide as MVPd's camera has it for the frame's focal length. Above and below,
-/// three quarters of them.
+/// Margin on the left and right, pixels, that makes the image as wide as an image of MVPd's camera with the frame's
+/// focal length. The margin above and below is three quarters of it.
 fn margin(frame: &RgbdFrame<'_>) -> usize {
     let width = frame.intrinsics().fx / MVPD_FOCAL_LENGTH;
     ((width - frame.width() as f32) / 2.0).round().max(0.0) as usize
 }
 
-/// The size with a margin and where the frame's pixel of a pixel is, if it has one.
+/// Adds a margin to an image of `size`; returns the new width, height and pixels, which are `empty` in the margin.
 fn framed<T: Copy>(
     size: (usize, usize),
     margin: usize,
@@ -193,7 +193,7 @@ fn write_json(path: &Path, value: &Value) -> Outcome<()> {
     Ok(fs::write(path, value.to_string())?)
 }
 
-/// Packs a folder under a name.
+/// Packs a folder into a `.tar.gz` under a name.
 fn pack(folder: &Path, name: &str, archive: &Path) -> Outcome<()> {
     fs::create_dir_all(archive.parent().ok_or("an archive without folder")?)?;
     let encoder = flate2::write::GzEncoder::new(fs::File::create(archive)?, flate2::Compression::fast());

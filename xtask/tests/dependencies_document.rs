@@ -1,4 +1,4 @@
-//! `docs/DEPENDENCIES.md` names every direct dependency, and nothing that is no longer one.
+//! `docs/DEPENDENCIES.md` lists exactly the direct dependencies.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -9,7 +9,7 @@ fn read(path: &str) -> String {
     fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// The keys of `[workspace.dependencies]` but the workspace's own crates.
+/// The keys of `[workspace.dependencies]` except the workspace's own crates.
 fn dependencies() -> BTreeSet<String> {
     let manifest = read("Cargo.toml");
     let table = manifest.split("[workspace.dependencies]").nth(1).unwrap().split("\n[").next().unwrap();

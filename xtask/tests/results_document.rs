@@ -1,4 +1,4 @@
-//! Every table of `docs/RESULTS.md`, and of the README, says which version of the program made it: one and the same.
+//! Every table of `docs/RESULTS.md` and the README states the version of the program that made it, the same for all.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -7,7 +7,7 @@ use std::path::Path;
 /// The text of each table, by name, in the documents that `tools/results` writes.
 fn tables() -> Vec<(String, String)> {
     let mut tables = Vec::new();
-    for document in ["docs/RESULTS.md", "README.md"] {
+    for document in ["README.md", "docs/RESULTS.md", "docs/ABLATIONS.md", "docs/RESULTS_TABLES.md"] {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(document);
         let text = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
         for part in text.split("<!-- table ").skip(1) {
@@ -19,7 +19,7 @@ fn tables() -> Vec<(String, String)> {
     tables
 }
 
-/// The line under a table that says what made it.
+/// The line under a table that states its version.
 fn stamp(table: &str) -> Option<&str> {
     table.lines().find(|line| line.starts_with("Commit "))
 }

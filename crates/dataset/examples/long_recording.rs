@@ -1,10 +1,10 @@
-//! How long it takes to open recordings of more and more frames, with `/tf` at ten times the rate of images.
+//! Measures the time to open longer and longer recordings, with `/tf` at ten times the rate of images.
 //!
 //! ```sh
 //! cargo run --release -p splatseg-dataset --example long_recording -- 2000 20000 100000
 //! ```
 //!
-//! with numbers of frames. The time per frame must not grow.
+//! The arguments are numbers of frames. The time per frame must not grow.
 
 #[path = "../tests/support/mod.rs"]
 mod support;
@@ -28,7 +28,7 @@ fn recording(frames: i64) -> Vec<u8> {
             let at = stamp + step * FRAME_NS / TRANSFORMS_PER_FRAME;
             let shift = DVec3::X * ((at - START) as f64 * 1e-9).sin();
             writer.write("/tf", &transform(at, "world", "base", shift, DQuat::IDENTITY), at);
-            // Some drivers broadcast what does not move.
+            // Some drivers broadcast static transforms in /tf.
             writer.write("/tf", &transform(at, "base", OPTICAL, DVec3::Z, DQuat::IDENTITY), at);
         }
         writer.write("/camera/camera_info", &info(stamp, OPTICAL, &camera), stamp);

@@ -1,7 +1,7 @@
-//! Images from files that may be damaged, cut off or lying about their size.
+//! Decoding of images from files that may be damaged, truncated, or have a false size in their header.
 
 use crate::DatasetError;
-use crate::files::{MemoryNeed, read_file};
+use crate::files::{MemoryRequirement, read_file};
 use image::error::{DecodingError, ImageFormatHint};
 use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 use splatseg_geometry::{Image, SegmentMap};
@@ -15,45 +15,45 @@ pub(crate) const MAX_IMAGE_FILE_BYTES: u64 = 256 << 20;
 pub(crate) const MAX_PIXELS: u64 = 1 << 26;
 /// The highest compression ratio of DEFLATE, as used in PNG and zlib.
 pub(crate) const MAX_DEFLATE_RATIO: u64 = 1032;
-/// What reading an image takes for each of its pixels at most, bytes: up to 8 in the decoder, up to 4 in the result, and
-/// as many in the file.
+/// Maximum memory for reading an image, bytes per pixel: up to 8 in the decoder, up to 4 in the result, and as many in
+/// the file.
 const DECODING_BYTES_PER_PIXEL: u64 = 16;
-/// What chunks of a PNG other than its pixels may unpack to. Colour profiles and text are not used.
+/// Maximum unpacked size of the PNG chunks other than pixels. Colour profiles and text are not used.
 const MAX_CHUNK_BYTES: u64 = 4 << 20;
-/// A PNG pixel may have one bit. JPEG cannot do better.
+/// Maximum number of pixels per byte of a file. A PNG pixel may have only one bit, and JPEG cannot do better.
 const MAX_PIXELS_PER_BYTE: u64 = 8 * MAX_DEFLATE_RATIO;
 
-/// What images are called in errors.
+/// Name of colour images in errors.
 pub(crate) const COLOR_IMAGE: &str = "colour image";
-/// What images are called in errors.
+/// Name of depth images in errors.
 pub(crate) const DEPTH_IMAGE: &str = "depth image";
-/// What images are called in errors.
+/// Name of segment images in errors.
 pub(crate) const SEGMENT_IMAGE: &str = "segment image";
 
 /// Depth images of most data sets are in millimetres.
 pub(crate) const MILLIMETRES: f32 = 1000.0;
 
-/// Colour types as the header of a PNG numbers them.
+/// Colour types in a PNG header.
 const GREY: u8 = 0;
 const RGB: u8 = 2;
 
-/// Depth value that the Kinect's drivers write where they measured nothing, like 0.
+/// Depth value that Kinect drivers write for missing measurements, like 0.
 const NO_MEASUREMENT: u16 = u16::MAX;
 
-/// The bytes of an image file.
+/// Reads the bytes of an image file.
 pub(crate) fn read_image_file(path: &Path, what: &'static str) -> Result<Vec<u8>, DatasetError> {
     read_file(path, what, MAX_IMAGE_FILE_BYTES)
 }
 
-/// The `(width, height)` that an image file's header states.
+/// Reads the `(width, height)` stated in an image file's header.
 pub(crate) fn image_size(path: &Path, what: &'static str) -> Result<(usize, usize), DatasetError> {
     encoded_size(path, what, &read_image_file(path, what)?)
 }
 
-/// Reads a colour image (JPEG or PNG, any kind of pixels) as sRGB, `[height, width]`.
+/// Reads a colour image (JPEG or PNG, any pixel format) as sRGB, `[height, width]`.
 ///
-/// Pixels of a JPEG are those that libjpeg-turbo gives, and with it Pillow and OpenCV. Its orientation tag is not
-/// followed: depth images have none.
+/// JPEG pixels equal those of libjpeg-turbo, and therefore of Pillow and OpenCV. The orientation tag is ignored,
+/// because depth images have none.
 ///
 /// # Errors
 /// If the file cannot be read, is damaged, or is too large to be a frame of a video.
@@ -61,23 +61,23 @@ pub fn read_color_image(path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
     read_color(path)
 }
 
-/// [`read_color_image`] as scenes call it.
+/// [`read_color_image`], under the name used by the scenes.
 pub(crate) fn read_color(path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
     decode_color(path, &read_image_file(path, COLOR_IMAGE)?)
 }
 
-/// Reads a depth image, `[height, width]`: a 16-bit grey PNG with `units_per_metre` becomes metres. 0 and 65535 are
-/// missing.
+/// Reads a depth image, `[height, width]`, in metres from a 16-bit grey PNG with `units_per_metre`. 0 and 65535 mean
+/// missing depth and become 0.
 pub(crate) fn read_depth(path: &Path, units_per_metre: f32) -> Result<Image<f32>, DatasetError> {
     decode_depth(path, &read_image_file(path, DEPTH_IMAGE)?, units_per_metre)
 }
 
-/// Reads a segment map, `[height, width]`, from a PNG of either form that `splatseg run` writes: grey with 8 or 16 bits,
-/// a value per segment, or 8-bit RGB as in COCO's panoptic format, id = R + 256 G + 65536 B.
+/// Reads a segment map, `[height, width]`, from a PNG in either form written by `splatseg run`: 8- or 16-bit grey with
+/// one value per segment, or 8-bit RGB as in COCO's panoptic format, id = R + 256 G + 65536 B.
 ///
 /// # Errors
-/// [`DatasetError`] if the file is missing or damaged, is any other kind of image (palettes, transparency and fewer bits
-/// do not hold ids), or takes more memory than there is.
+/// [`DatasetError`] if the file is missing or damaged, is any other kind of image (palettes, transparency and fewer
+/// bits do not hold ids), or exceeds the memory limit.
 pub fn read_segments_png(path: &Path) -> Result<SegmentMap, DatasetError> {
     let bytes = read_image_file(path, SEGMENT_IMAGE)?;
     let file = EncodedImage::new(path, SEGMENT_IMAGE, &bytes)?;
@@ -85,22 +85,22 @@ pub fn read_segments_png(path: &Path) -> Result<SegmentMap, DatasetError> {
     if file.png_color_type() == Some(RGB) { decode_panoptic(path, &bytes) } else { decode_labels(path, &bytes) }
 }
 
-/// Reads the labels of a scene, `[height, width]`: a PNG with 8- or 16-bit grey.
+/// Reads the labels of a scene, `[height, width]`, from an 8- or 16-bit grey PNG.
 pub(crate) fn read_labels(path: &Path) -> Result<SegmentMap, DatasetError> {
     decode_labels(path, &read_image_file(path, SEGMENT_IMAGE)?)
 }
 
-/// Requires that an image of `size` `(width, height)` can be read within the memory limit.
+/// Checks that an image of `size` `(width, height)` can be read within the memory limit.
 pub(crate) fn require_decoding_memory(
     path: &Path,
     what: &'static str,
     size: (usize, usize),
 ) -> Result<(), DatasetError> {
     let remedy = "raise --memory-limit, or store smaller images";
-    MemoryNeed { what, size, bytes_per_pixel: DECODING_BYTES_PER_PIXEL, remedy }.check(path)
+    MemoryRequirement { what, size, bytes_per_pixel: DECODING_BYTES_PER_PIXEL, remedy }.check(path)
 }
 
-/// [`image_size`] of a file's bytes. `path` is named in errors.
+/// Like [`image_size`], but from a file's bytes. `path` is named in errors.
 pub(crate) fn encoded_size(path: &Path, what: &'static str, bytes: &[u8]) -> Result<(usize, usize), DatasetError> {
     let file = EncodedImage::new(path, what, bytes)?;
     let (width, height) = match file.jpeg()? {
@@ -110,7 +110,7 @@ pub(crate) fn encoded_size(path: &Path, what: &'static str, bytes: &[u8]) -> Res
     Ok((width as usize, height as usize))
 }
 
-/// [`read_color`] of a file's bytes.
+/// Like [`read_color`], but from a file's bytes.
 pub(crate) fn decode_color(path: &Path, bytes: &[u8]) -> Result<Image<[u8; 3]>, DatasetError> {
     let file = EncodedImage::new(path, COLOR_IMAGE, bytes)?;
     if let Some(image) = file.decode_jpeg()? {
@@ -121,13 +121,13 @@ pub(crate) fn decode_color(path: &Path, bytes: &[u8]) -> Result<Image<[u8; 3]>, 
     Ok(Image::from_fn(width, height, |column, row| pixels.get_pixel(column as u32, row as u32).0))
 }
 
-/// [`read_depth`] of a file's bytes.
+/// Like [`read_depth`], but from a file's bytes.
 pub(crate) fn decode_depth(path: &Path, bytes: &[u8], units_per_metre: f32) -> Result<Image<f32>, DatasetError> {
     let stored = decode_grey16(path, DEPTH_IMAGE, bytes)?;
     Ok(stored.map(|stored| metres(*stored, units_per_metre)))
 }
 
-/// The numbers of a PNG with 16-bit grey, `[height, width]`. `what` names the image in errors.
+/// Decodes the values of a 16-bit grey PNG, `[height, width]`. `what` names the image in errors.
 pub(crate) fn decode_grey16(path: &Path, what: &'static str, bytes: &[u8]) -> Result<Image<u16>, DatasetError> {
     let file = EncodedImage::new(path, what, bytes)?;
     let expected = "a PNG with 16-bit grey";
@@ -140,12 +140,12 @@ pub(crate) fn decode_grey16(path: &Path, what: &'static str, bytes: &[u8]) -> Re
     }))
 }
 
-/// A stored depth in metres; 0 for the values that mean "no measurement".
+/// Converts a stored depth to metres, 0 if it means "no measurement".
 pub(crate) fn metres(stored: u16, units_per_metre: f32) -> f32 {
     if stored == NO_MEASUREMENT { 0.0 } else { f32::from(stored) / units_per_metre }
 }
 
-/// [`read_labels`] of a file's bytes.
+/// Like [`read_labels`], but from a file's bytes.
 pub(crate) fn decode_labels(path: &Path, bytes: &[u8]) -> Result<SegmentMap, DatasetError> {
     let file = EncodedImage::new(path, SEGMENT_IMAGE, bytes)?;
     let expected = "a PNG with 8- or 16-bit grey";
@@ -161,7 +161,7 @@ pub(crate) fn decode_labels(path: &Path, bytes: &[u8]) -> Result<SegmentMap, Dat
     }
 }
 
-/// Segment ids, `[height, width]`, from the bytes of a PNG in COCO's panoptic format: R + 256 G + 65536 B.
+/// Decodes segment ids, `[height, width]`, from a PNG in COCO's panoptic format: R + 256 G + 65536 B.
 pub(crate) fn decode_panoptic(path: &Path, bytes: &[u8]) -> Result<SegmentMap, DatasetError> {
     let file = EncodedImage::new(path, SEGMENT_IMAGE, bytes)?;
     let expected = "a PNG with 8-bit RGB";
@@ -177,7 +177,7 @@ fn labels_from(width: u32, height: u32, mut ids: impl Iterator<Item = u32>) -> S
     Image::from_fn(width as usize, height as usize, |_, _| ids.next().unwrap_or(0))
 }
 
-/// The bytes of an image file.
+/// An encoded image file.
 struct EncodedImage<'a> {
     path: &'a Path,
     what: &'static str,
@@ -196,15 +196,15 @@ impl<'a> EncodedImage<'a> {
         DatasetError::PixelKind { path: self.path.to_owned(), what: self.what, found, expected }
     }
 
-    /// Requires one of these `(colour type, bit depth)`. Looks at the header itself: the decoder would widen 1-, 2- and
-    /// 4-bit pixels and look up palettes, both of which change ids.
+    /// Checks that the image has one of these `(colour type, bit depth)`. Reads the header itself, because the decoder
+    /// would widen 1-, 2- and 4-bit pixels and look up palettes, both of which change ids.
     fn require_png(&self, kinds: &[(u8, u8)], expected: &'static str) -> Result<(), DatasetError> {
         if self.format != ImageFormat::Png {
             return Err(self.pixel_kind(format!("{:?}", self.format), expected));
         }
         // Signature (8 bytes), length and "IHDR" (8), width and height (8), bit depth, colour type.
         let (Some(bit_depth), Some(color_type)) = (self.bytes.get(24), self.png_color_type()) else {
-            return Ok(()); // Shorter than a header: decoding says so.
+            return Ok(()); // Shorter than a header: decoding reports the error.
         };
         if kinds.contains(&(color_type, *bit_depth)) {
             return Ok(());
@@ -220,7 +220,7 @@ impl<'a> EncodedImage<'a> {
         Err(self.pixel_kind(format!("{bit_depth}-bit {kind}"), expected))
     }
 
-    /// The colour type in the header of a PNG.
+    /// Returns the colour type in a PNG header.
     fn png_color_type(&self) -> Option<u8> {
         self.bytes.get(25).copied()
     }
@@ -229,7 +229,8 @@ impl<'a> EncodedImage<'a> {
         DatasetError::Image { path: self.path.to_owned(), what: self.what, source }
     }
 
-    /// The file as JPEG, its size checked; `None` for other formats and for kinds of JPEG that are left to [`image`].
+    /// Reads the header of a JPEG and checks its size. `None` for other formats and for kinds of JPEG left to
+    /// [`image`].
     fn jpeg(&self) -> Result<Option<Jpeg<'a>>, DatasetError> {
         if self.format != ImageFormat::Jpeg {
             return Ok(None);
@@ -241,7 +242,7 @@ impl<'a> EncodedImage<'a> {
         }
     }
 
-    /// The pixels of a JPEG; `None` for other formats and for kinds of JPEG that are left to [`image`].
+    /// Decodes a JPEG. `None` for other formats and for kinds of JPEG left to [`image`].
     fn decode_jpeg(&self) -> Result<Option<Image<[u8; 3]>>, DatasetError> {
         self.require_end()?;
         let Some(jpeg) = self.jpeg()? else { return Ok(None) };
@@ -275,12 +276,12 @@ impl<'a> EncodedImage<'a> {
         require_decoding_memory(self.path, self.what, (width as usize, height as usize))
     }
 
-    /// A decoder that has read the header and checked the size it states.
+    /// Returns a decoder that has read the header, and checks the size it states.
     fn decoder(&self) -> Result<impl ImageDecoder + '_, DatasetError> {
         let mut reader = ImageReader::with_format(Cursor::new(self.bytes), self.format);
         if let Some((width, height)) = self.png_size() {
             self.check_size((width, height))?;
-            // The decoder of PNG counts one row of up to 8 bytes a pixel, and what chunks unpack to.
+            // The PNG decoder counts one row of up to 8 bytes per pixel, and the unpacked size of chunks.
             let mut limits = Limits::no_limits();
             limits.max_alloc = Some(u64::from(width) * 8 + MAX_CHUNK_BYTES);
             reader.limits(limits);
@@ -290,13 +291,13 @@ impl<'a> EncodedImage<'a> {
         Ok(decoder)
     }
 
-    /// The size in the header of a PNG, which comes before everything else; `None` for other formats.
+    /// Returns the size in a PNG header, which precedes everything else. `None` for other formats.
     fn png_size(&self) -> Option<(u32, u32)> {
         let side = |at: usize| Some(u32::from_be_bytes(self.bytes.get(at..at + 4)?.try_into().ok()?));
         if self.format == ImageFormat::Png { Some((side(16)?, side(20)?)) } else { None }
     }
 
-    /// Requires that a JPEG is whole.
+    /// Checks that a JPEG is not truncated.
     fn require_end(&self) -> Result<(), DatasetError> {
         if self.format == ImageFormat::Jpeg && jpeg_is_cut_off(self.bytes) {
             return Err(DatasetError::CutOff { path: self.path.to_owned(), what: self.what });
@@ -310,8 +311,8 @@ impl<'a> EncodedImage<'a> {
     }
 }
 
-/// The decoder of `image` fills the rest of a truncated JPEG with grey and says nothing. Compressed data holds no
-/// markers, so an end marker must follow the last start of a scan.
+/// Returns true if a JPEG is truncated. The decoder of `image` silently fills the rest with grey. Compressed data
+/// contains no markers, so an end marker must follow the last start of a scan.
 fn jpeg_is_cut_off(bytes: &[u8]) -> bool {
     let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xFF, marker]);
     match (last(0xDA), last(0xD9)) {

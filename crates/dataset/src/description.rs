@@ -1,38 +1,39 @@
-//! What was recognised of a scene, for a message before its frames are processed.
+//! Summary of a scene, printed before its frames are processed.
 
 use crate::plausibility::warn_once;
 use crate::{DatasetSettings, Format, LeftOut, Scene, StreamedFrame};
 use std::fmt;
 
-/// What a stream of frames reads. Displayed, it is one line, and one more for each source and each kind of what is left
-/// out.
+/// Summary of the data read by a stream of frames. `Display` writes one line, plus one for each source and each kind of
+/// skipped frames.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct SceneDescription {
     /// The scene's name.
     pub name: String,
-    /// Its format; `None` for a [`Scene`] that is defined elsewhere.
+    /// Format of the scene; `None` for a [`Scene`] implemented outside this crate.
     pub format: Option<Format>,
-    /// Number of its frames.
+    /// Number of frames in the scene.
     pub frames: usize,
-    /// Number of frames that the settings select.
+    /// Number of frames selected by the settings.
     pub selected_frames: usize,
-    /// Size `(width, height)` of the stored colour images. This and what follows is `None` if no frame can be read.
+    /// Size `(width, height)` of the stored colour images. This and the following fields are `None` if no frame can be
+    /// read.
     pub color_size: Option<(usize, usize)>,
     /// Size `(width, height)` of the frames before they are resized and cropped.
     pub original_size: Option<(usize, usize)>,
     /// Size `(width, height)` of the frames.
     pub frame_size: Option<(usize, usize)>,
-    /// The smallest and the largest depth in the first frame, metres; `None` also if it has no depth at all.
+    /// Smallest and largest depth in the first frame, metres; also `None` if it has no depth at all.
     pub depth_range_m: Option<(f32, f32)>,
-    /// What its parts were found in, one line each, where that is not obvious from its files.
+    /// Sources of the scene's data, one line each, if its files do not make them obvious.
     pub sources: Vec<String>,
-    /// The frames that were found but are not used.
+    /// Frames that were found but skipped.
     pub left_out: Vec<LeftOut>,
 }
 
 impl SceneDescription {
-    /// What is known before a frame is read.
+    /// Describes a scene before any frame is read.
     pub(crate) fn of(scene: &dyn Scene, selected_frames: usize) -> Self {
         Self {
             name: scene.name().to_owned(),
@@ -48,7 +49,7 @@ impl SceneDescription {
         }
     }
 
-    /// Adds what the first good frame shows. `original_size` is its size before framing.
+    /// Adds the sizes and depth range of the first good frame. `original_size` is its size before framing.
     pub(crate) fn add_first_frame(
         &mut self,
         scene: &dyn Scene,
@@ -65,7 +66,7 @@ impl SceneDescription {
         });
     }
 
-    /// Warns if frames are made smaller though nobody asked for it.
+    /// Warns if frames are downscaled only because of `max_pixels`.
     pub(crate) fn warn_of_reduction(&self, settings: &DatasetSettings) {
         let Some(original) = self.original_size else { return };
         let reduced = settings.framing().resized(original);
@@ -91,13 +92,13 @@ impl fmt::Display for Size {
     }
 }
 
-/// `1 frame`, `2 frames`.
+/// Formats a number of frames: `1 frame`, `2 frames`.
 fn frames(count: usize) -> String {
     if count == 1 { "1 frame".to_owned() } else { format!("{count} frames") }
 }
 
 impl SceneDescription {
-    /// Writes what the first good frame shows.
+    /// Writes the sizes and depth range of the first good frame.
     fn write_images(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (Some(color), Some(original), Some(framed)) = (self.color_size, self.original_size, self.frame_size) else {
             return write!(formatter, "; none of them can be read");

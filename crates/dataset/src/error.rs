@@ -1,63 +1,63 @@
-//! Everything that can be wrong with a scene or its settings.
+//! Errors reading a scene or its settings.
 
 use splatseg_geometry::{DistortionError, FrameError, IntrinsicsError, PoseError};
 use splatseg_settings::SettingError;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// The most names that a message lists.
+/// Maximum number of names listed in a message.
 pub(crate) const NAMES_IN_MESSAGES: usize = 5;
 
-/// A scene, or one of its frames, that cannot be read.
+/// Error reading a scene or one of its frames.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum DatasetError {
-    /// There is nothing at the path.
+    /// The path does not exist.
     #[error("{}: does not exist", path.display())]
     NotFound {
-        /// The path that was given.
+        /// The given path.
         path: PathBuf,
     },
     /// The folder is empty.
     #[error("{}: the folder is empty", path.display())]
     EmptyFolder {
-        /// The path that was given.
+        /// The given path.
         path: PathBuf,
     },
-    /// The path holds something, but not a scene of a known format.
-    #[error("{}: not a scene of a known format. Supported are:\n{supported}", path.display())]
+    /// The path is not a scene in a known format.
+    #[error("{}: not a scene in a known format. Supported formats:\n{supported}", path.display())]
     NotRecognised {
-        /// The path that was given.
+        /// The given path.
         path: PathBuf,
-        /// One line for each format: its name and what was looked for.
+        /// One line per format: its name and expected layout.
         supported: String,
     },
-    /// The path does not hold a scene of the requested format.
-    #[error("{}: not a scene of format {format}, which is laid out as {layout}", path.display())]
+    /// The path is not a scene in the requested format.
+    #[error("{}: not a scene of format {format}, expected layout: {layout}", path.display())]
     OtherFormat {
-        /// The path that was given.
+        /// The given path.
         path: PathBuf,
         /// Name of the requested format.
         format: &'static str,
-        /// What was looked for.
+        /// Expected layout.
         layout: &'static str,
     },
-    /// The path holds a part of a scene.
+    /// Some parts of a scene are missing.
     #[error("{}: looks like a scene of format {format}, but this is missing: {missing} (found: {found})", path.display())]
     Incomplete {
-        /// The path that was given.
+        /// The given path.
         path: PathBuf,
-        /// Name of the format that fits best, or that was requested.
+        /// Name of the requested or best matching format.
         format: &'static str,
-        /// The parts that are there.
+        /// Parts that were found.
         found: String,
-        /// The parts that are not.
+        /// Parts that are missing.
         missing: String,
     },
-    /// The folder holds several recordings.
+    /// The folder contains several recordings.
     #[error("{}: holds several sequences, pick one of {}", path.display(), sequences.join(", "))]
     SeveralSequences {
-        /// The path that was given.
+        /// The given path.
         path: PathBuf,
         /// Names of the sequence folders, sorted.
         sequences: Vec<String>,
@@ -65,12 +65,12 @@ pub enum DatasetError {
     /// The folder has the right layout but no frames.
     #[error("{}: no frames: looked for {expected}", path.display())]
     NoFrames {
-        /// The folder in which frames were looked for.
+        /// Folder that was searched.
         path: PathBuf,
-        /// The file names that were looked for.
+        /// Expected file names.
         expected: &'static str,
     },
-    /// A frame index past the end.
+    /// The frame index is past the end of the scene.
     #[error("{scene}: there is no frame {index}, the scene has {count}")]
     NoSuchFrame {
         /// The scene's name.
@@ -80,12 +80,20 @@ pub enum DatasetError {
         /// Number of frames.
         count: usize,
     },
-    /// A file that the format needs is not there.
+    /// The frame has no pose, and one is needed.
+    #[error("{scene}: frame {frame} has no pose")]
+    NoPose {
+        /// The scene's name.
+        scene: String,
+        /// The frame's name.
+        frame: String,
+    },
+    /// A file required by the format is missing.
     #[error("{}: the {what} is missing", path.display())]
     MissingFile {
-        /// The file that was looked for.
+        /// The missing file.
         path: PathBuf,
-        /// What it would hold.
+        /// Expected content.
         what: &'static str,
     },
     /// The operating system could not read a file or folder.
@@ -93,22 +101,22 @@ pub enum DatasetError {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the operating system reported.
+        /// Error reported by the operating system.
         source: std::io::Error,
     },
-    /// A file is too big to be what it should be.
+    /// A file is too large for its expected content.
     #[error("{}: {bytes} bytes are too many for a {what} (at most {limit})", path.display())]
     FileTooBig {
         /// The file.
         path: PathBuf,
-        /// What it should be.
+        /// Expected content.
         what: &'static str,
         /// Its size.
         bytes: u64,
         /// The largest size that is accepted.
         limit: u64,
     },
-    /// Something would take more memory than the program may.
+    /// An image or map would exceed the memory limit.
     #[error(
         "{}: the {what} of {}x{} pixels would take {needed} of memory, but the limit is {limit}: {remedy}",
         path.display(), size.0, size.1
@@ -116,15 +124,15 @@ pub enum DatasetError {
     MemoryLimit {
         /// The file, or the scene's name.
         path: PathBuf,
-        /// What it is.
+        /// Name of the image or map.
         what: &'static str,
         /// Its size, `(width, height)`.
         size: (usize, usize),
-        /// What it would take, e.g. `1.1 GB`.
+        /// Memory needed, e.g. `1.1 GB`.
         needed: String,
         /// The limit, e.g. `500 MB`.
         limit: String,
-        /// What the user can do about it.
+        /// Advice to the user.
         remedy: &'static str,
     },
     /// An image cannot be decoded.
@@ -132,28 +140,28 @@ pub enum DatasetError {
     Image {
         /// The file.
         path: PathBuf,
-        /// What it should hold.
+        /// Expected content.
         what: &'static str,
-        /// What the decoder reported.
+        /// Error reported by the decoder.
         source: image::ImageError,
     },
-    /// A JPEG file ends before its image does.
-    #[error("{}: the {what} is cut off: a JPEG ends with the marker FF D9, which is missing", path.display())]
+    /// A JPEG file is truncated.
+    #[error("{}: the {what} is cut off: the JPEG end marker (FF D9) is missing", path.display())]
     CutOff {
         /// The file.
         path: PathBuf,
-        /// What it should hold.
+        /// Expected content.
         what: &'static str,
     },
-    /// An image's header states a size that its file cannot hold, or that is larger than any frame of a video.
+    /// The image size in a header exceeds the capacity of the file, or the limit for video frames.
     #[error(
-        "{}: the {what} claims to have {width}x{height} pixels, which its {bytes} bytes cannot hold or is more than {limit} pixels",
+        "{}: the {what} claims to have {width}x{height} pixels, more than its {bytes} bytes can hold or more than the limit of {limit}",
         path.display()
     )]
     ImplausibleSize {
         /// The file.
         path: PathBuf,
-        /// What it should hold.
+        /// Expected content.
         what: &'static str,
         /// Stated width.
         width: u32,
@@ -161,45 +169,45 @@ pub enum DatasetError {
         height: u32,
         /// Size of the file.
         bytes: usize,
-        /// Most pixels that are accepted.
+        /// Maximum number of pixels.
         limit: u64,
     },
-    /// An image has the wrong kind of pixels.
+    /// An image has the wrong pixel format.
     #[error("{}: the {what} has {found} pixels, expected {expected}", path.display())]
     PixelKind {
         /// The file.
         path: PathBuf,
-        /// What it should hold.
+        /// Expected content.
         what: &'static str,
-        /// The kind of pixels in the file.
+        /// Pixel format of the file.
         found: String,
-        /// The kind of pixels that it should have.
+        /// Expected pixel format.
         expected: &'static str,
     },
-    /// Two images that should have the same size differ.
+    /// Two images that should have the same size do not.
     #[error("{}: the {what} has {}x{} pixels, but {expected_from} has {}x{}", path.display(), found.0, found.1, expected.0, expected.1)]
     SizesDiffer {
         /// The file (or the frame's name, for rendered scenes).
         path: PathBuf,
-        /// What it holds.
+        /// Content of the file.
         what: &'static str,
         /// Its size, `(width, height)`.
         found: (usize, usize),
-        /// The size it should have, `(width, height)`.
+        /// Expected size, `(width, height)`.
         expected: (usize, usize),
-        /// Where the expected size comes from.
+        /// Source of the expected size.
         expected_from: &'static str,
     },
-    /// A text file does not hold what it should.
+    /// A text file has the wrong content.
     #[error("{}: {what}: found {found}, expected {expected}", path.display())]
     Text {
         /// The file.
         path: PathBuf,
-        /// What it should hold.
+        /// Expected content.
         what: &'static str,
-        /// What was found.
+        /// Value found.
         found: String,
-        /// What was expected.
+        /// Value expected.
         expected: &'static str,
     },
     /// A camera pose is not a rigid transform.
@@ -207,26 +215,26 @@ pub enum DatasetError {
     Pose {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Underlying error.
         source: PoseError,
     },
-    /// Intrinsics are not those of a camera.
+    /// Camera intrinsics are invalid.
     #[error("{}: {source}", path.display())]
     Intrinsics {
         /// The file.
         path: PathBuf,
-        /// What is wrong with them.
+        /// Underlying error.
         source: IntrinsicsError,
     },
-    /// A lens is not described as it should be.
+    /// The lens distortion model is invalid.
     #[error("{}: {source}", path.display())]
     Distortion {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Underlying error.
         source: DistortionError,
     },
-    /// A file has a key that it should not have.
+    /// A file contains an unknown key.
     #[error(
         "{}: unknown key {key:?}{}: the keys are {known}",
         path.display(),
@@ -237,32 +245,32 @@ pub enum DatasetError {
         path: PathBuf,
         /// The key.
         key: String,
-        /// The most similar key that the file can have.
+        /// The most similar valid key.
         nearest: Option<&'static str>,
-        /// All keys that the file can have.
+        /// All valid keys.
         known: String,
     },
-    /// The parts of a frame do not fit together.
+    /// The parts of a frame are inconsistent.
     #[error("frame {name}: {source}")]
     Frame {
         /// The frame's name.
         name: String,
-        /// What is wrong.
+        /// Underlying error.
         source: FrameError,
     },
-    /// A field of a file does not hold what it should.
+    /// A field of a file has an invalid value.
     #[error("{}: {field}: found {found}, expected {expected}", path.display())]
     Field {
         /// The file.
         path: PathBuf,
         /// The field, e.g. `depth compression` or `line 12`.
         field: String,
-        /// What was found.
+        /// Value found.
         found: String,
-        /// What was expected.
+        /// Value expected.
         expected: String,
     },
-    /// Something would reach past the end of its file.
+    /// A record extends past the end of its file.
     #[error(
         "{}: {what} would end at byte {end}, but the file has {bytes} bytes: it is cut off, or a size in it is wrong",
         path.display()
@@ -270,9 +278,9 @@ pub enum DatasetError {
     EndsEarly {
         /// The file.
         path: PathBuf,
-        /// What does not fit, e.g. `frame 12`.
+        /// Name of the record, e.g. `frame 12`.
         what: String,
-        /// Where it would end, bytes from the start of the file.
+        /// End of the record, bytes from the start of the file.
         end: u64,
         /// Size of the file.
         bytes: u64,
@@ -282,21 +290,21 @@ pub enum DatasetError {
     Archive {
         /// The archive.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Underlying error.
         source: std::io::Error,
     },
-    /// A JSON file is damaged or lacks something.
+    /// A JSON file is damaged or incomplete.
     #[error("{}: {source}", path.display())]
     Json {
         /// The file.
         path: PathBuf,
-        /// What is wrong, in which line and column.
+        /// Underlying error, with line and column.
         source: serde_json::Error,
     },
-    /// The path holds several videos and none is chosen.
+    /// The path contains several videos and none was chosen.
     #[error(
         "{path}: holds several videos ({}): choose one by adding its name to the path, e.g. {path}:{}",
-        few(videos),
+        joined_names(videos),
         videos.first().map_or("NAME", String::as_str),
         path = path.display()
     )]
@@ -306,8 +314,8 @@ pub enum DatasetError {
         /// Names of the first few videos, in the file's order.
         videos: Vec<String>,
     },
-    /// There is no video of the requested name.
-    #[error("{}: there is no video {video:?}; the first are {}", path.display(), few(videos))]
+    /// No video has the requested name.
+    #[error("{}: there is no video {video:?}; the first are {}", path.display(), joined_names(videos))]
     NoSuchVideo {
         /// The folder or archive.
         path: PathBuf,
@@ -316,30 +324,30 @@ pub enum DatasetError {
         /// Names of the first few videos, in the file's order.
         videos: Vec<String>,
     },
-    /// A description of a synthetic scene cannot be understood.
+    /// The description of a synthetic scene is invalid.
     #[error("{text:?}: {field}: found {found:?}, expected {expected}")]
     Synthetic {
         /// The whole description.
         text: String,
-        /// The setting in question.
+        /// The invalid setting.
         field: String,
-        /// What was found.
+        /// Value found.
         found: String,
-        /// What was expected.
+        /// Value expected.
         expected: String,
     },
-    /// A setting is out of range, or does not suit this scene.
+    /// A setting is out of range or does not apply to this scene.
     #[error(transparent)]
     Setting(#[from] SettingError),
-    /// A [`Scene`](crate::Scene) that is defined elsewhere failed.
+    /// A [`Scene`](crate::Scene) implemented outside this crate failed.
     #[error("{scene}: {source}")]
     Other {
         /// The scene's name.
         scene: String,
-        /// What it reports.
+        /// Underlying error.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
-    /// The thread that reads frames ended early: a format's reader has a defect.
+    /// The reader thread ended early, because of a bug in a format's reader.
     #[error("{scene}: the reading thread ended early")]
     ReaderEnded {
         /// The scene's name.
@@ -348,14 +356,14 @@ pub enum DatasetError {
 }
 
 impl DatasetError {
-    /// Whether it holds for every frame of a scene alike.
-    pub(crate) fn is_of_the_scene(&self) -> bool {
+    /// Returns true if the error applies to every frame of a scene.
+    pub(crate) fn affects_all_frames(&self) -> bool {
         matches!(self, Self::Setting(_) | Self::MemoryLimit { .. })
     }
 }
 
-/// Names in a message, with dots if there may be more.
-fn few(names: &[String]) -> String {
+/// Joins the names, with an ellipsis if there may be more.
+fn joined_names(names: &[String]) -> String {
     if names.is_empty() {
         return "none at all".to_owned();
     }
@@ -363,7 +371,7 @@ fn few(names: &[String]) -> String {
     format!("{}{more}", names.join(", "))
 }
 
-/// A frame that could not be read; the frames after it can be.
+/// Error reading one frame. Later frames can still be read.
 #[derive(Debug, Error)]
 #[error("frame {index} ({name}) cannot be used: {source}")]
 pub struct FrameReadError {
@@ -371,7 +379,7 @@ pub struct FrameReadError {
     pub index: usize,
     /// The frame's name.
     pub name: String,
-    /// What is wrong with it.
+    /// Underlying error.
     #[source]
     pub source: Box<DatasetError>,
 }

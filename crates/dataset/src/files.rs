@@ -1,7 +1,7 @@
-//! How the files of scenes are opened and read: regular files only, none larger than its kind can be.
+//! Opening and reading of scene files: regular files only, with a size limit for each kind.
 
 use crate::DatasetError;
-use splatseg_input::{MemoryLimit, display_bytes};
+use splatseg_files::{MemoryLimit, display_bytes};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::path::Path;
@@ -9,15 +9,15 @@ use std::sync::{Mutex, PoisonError};
 
 /// Opens a file of a scene.
 pub(crate) fn open_file(path: &Path) -> Result<File, DatasetError> {
-    splatseg_input::open_file(path).map_err(|source| match source.kind() {
+    splatseg_files::open_file(path).map_err(|source| match source.kind() {
         ErrorKind::NotFound => DatasetError::NotFound { path: path.to_owned() },
         _ => DatasetError::Io { path: path.to_owned(), source },
     })
 }
 
-/// The bytes of a file of at most `limit` bytes. `what` names its content in errors.
+/// Reads a file of at most `limit` bytes. `what` names its content in errors.
 pub(crate) fn read_file(path: &Path, what: &'static str, limit: u64) -> Result<Vec<u8>, DatasetError> {
-    splatseg_input::read_file(path, limit).map_err(|source| match source.kind() {
+    splatseg_files::read_file(path, limit).map_err(|source| match source.kind() {
         ErrorKind::NotFound => DatasetError::MissingFile { path: path.to_owned(), what },
         ErrorKind::FileTooLarge => {
             let bytes = std::fs::metadata(path).map_or(limit.saturating_add(1), |metadata| metadata.len());
@@ -27,20 +27,20 @@ pub(crate) fn read_file(path: &Path, what: &'static str, limit: u64) -> Result<V
     })
 }
 
-/// What would take memory in proportion to its number of pixels.
+/// An allocation proportional to a number of pixels.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct MemoryNeed {
-    /// What it is called in errors.
+pub(crate) struct MemoryRequirement {
+    /// Its name in errors.
     pub(crate) what: &'static str,
     /// `(width, height)`.
     pub(crate) size: (usize, usize),
     pub(crate) bytes_per_pixel: u64,
-    /// What the user can do about it.
+    /// Advice to the user.
     pub(crate) remedy: &'static str,
 }
 
-impl MemoryNeed {
-    /// Requires that it is within the memory limit of the process. `path` is named in errors.
+impl MemoryRequirement {
+    /// Checks that the allocation is within the memory limit of the process. `path` is named in errors.
     pub(crate) fn check(&self, path: &Path) -> Result<(), DatasetError> {
         self.check_within(MemoryLimit::in_force(), path)
     }
@@ -62,7 +62,7 @@ impl MemoryNeed {
     }
 }
 
-/// A file whose parts are read from any thread.
+/// A file that can be read at any offset from any thread.
 #[derive(Debug)]
 pub(crate) struct RandomAccessFile {
     file: Mutex<File>,
@@ -73,9 +73,9 @@ impl RandomAccessFile {
         Self { file: Mutex::new(file) }
     }
 
-    /// The `len` bytes from `offset` on. The caller has checked that they lie within the file.
+    /// Reads `len` bytes at `offset`. The caller has checked that they lie within the file.
     pub(crate) fn read(&self, offset: u64, len: u64) -> std::io::Result<Vec<u8>> {
-        // A reader that panicked leaves no state behind: everyone seeks first.
+        // A panicked reader leaves no state behind, because every read seeks first.
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         file.seek(SeekFrom::Start(offset))?;
         let mut bytes = Vec::new();
@@ -89,15 +89,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_takes_more_memory_than_the_limit_is_refused_with_what_helps() {
-        let need = MemoryNeed { what: "depth image", size: (8192, 8192), bytes_per_pixel: 16, remedy: "raise it" };
-        assert!(need.check_within(1 << 30, Path::new("a.png")).is_ok());
-        let error = need.check_within(500_000_000, Path::new("a.png")).unwrap_err();
+    fn exceeding_the_memory_limit_is_an_error_with_advice() {
+        let requirement =
+            MemoryRequirement { what: "depth image", size: (8192, 8192), bytes_per_pixel: 16, remedy: "raise it" };
+        assert!(requirement.check_within(1 << 30, Path::new("a.png")).is_ok());
+        let error = requirement.check_within(500_000_000, Path::new("a.png")).unwrap_err();
         assert_eq!(
             error.to_string(),
             "a.png: the depth image of 8192x8192 pixels would take 1.1 GB of memory, but the limit is 500 MB: raise it"
         );
-        let endless = MemoryNeed { size: (usize::MAX, usize::MAX), ..need };
+        let endless = MemoryRequirement { size: (usize::MAX, usize::MAX), ..requirement };
         assert!(endless.check_within(u64::MAX - 1, Path::new("a.png")).is_err());
     }
 }

@@ -1,27 +1,75 @@
-//! The formats, and which of them a path holds.
+//! The formats: names, the table of how each is opened, and detection of a path's format. A new format is added here.
 
 use crate::synthetic::{self, SyntheticScene};
-use crate::{DatasetError, DatasetSettings, Format, Scene};
+use crate::{DatasetError, DatasetSettings, Scene};
 use crate::{FolderScene, McapScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
 use crate::{mcap, mvpd, plain_folder, replica, scannet, sevenscenes, tum};
-use splatseg_settings::SettingError;
+use splatseg_settings::{Choice, SettingError, choices};
 use std::path::Path;
+use std::str::FromStr;
 use std::sync::Arc;
+use thiserror::Error;
 
-/// Opens a scene of one format.
+choices! {
+    /// The format of a scene.
+    pub enum Format, default Auto {
+        /// Detected from the scene's files.
+        Auto = "auto",
+        /// A 7-Scenes sequence.
+        SevenScenes = "7scenes",
+        /// A ScanNet scene exported to folders.
+        Scannet = "scannet",
+        /// A ScanNet recording in its published container, `<scene>.sens`, or a folder containing one.
+        Sens = "sens",
+        /// A TUM RGB-D sequence.
+        Tum = "tum",
+        /// A Replica scene in the layout of NICE-SLAM.
+        Replica = "replica",
+        /// An MVPd video, in a split's folder or a scene's `.tar.gz`. Choose one of several videos by name, as
+        /// `FOLDER:VIDEO`, `FOLDER/imagesRGB/VIDEO` or `SCENE.tar.gz:VIDEO`.
+        Mvpd = "mvpd",
+        /// A plain folder with `color/`, `depth/`, `camera.json` and `poses.txt`, described in FOLDER_FORMAT.md.
+        Folder = "folder",
+        /// A ROS 2 recording in an MCAP file, or a folder containing one, as written by rosbag2.
+        Mcap = "mcap",
+        /// The built-in synthetic room.
+        Synthetic = "synthetic",
+    }
+}
+
+/// Error parsing the name of a format.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("format: found {found:?}, expected one of {expected}")]
+pub struct FormatNameError {
+    /// The text.
+    pub found: String,
+    /// Names of the formats.
+    pub expected: String,
+}
+
+impl FromStr for Format {
+    type Err = FormatNameError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Self::from_name(text)
+            .ok_or_else(|| FormatNameError { found: text.to_owned(), expected: Self::NAMES.join(", ") })
+    }
+}
+
+/// Function that opens a scene of one format.
 type OpenScene = fn(&Path, &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetError>;
 
-/// A format as the recogniser knows it.
+/// A row of the format table.
 struct FormatEntry {
     format: Format,
     layout: &'static str,
-    /// The parts that a scene needs, and whether each is at a path; none for what is not a folder.
+    /// Required parts of a scene, each with true if the path has it. Empty for formats that are not folders.
     parts: fn(&Path) -> Vec<(&'static str, bool)>,
     looks_like: fn(&Path) -> bool,
     open: OpenScene,
 }
 
-/// Every format, in the order in which they are tried. A new one is a row here and a variant of [`Format`].
+/// All formats, in the order in which they are tried. To add one, add a row here and a variant of [`Format`].
 const FORMATS: &[FormatEntry] = &[
     FormatEntry {
         format: Format::SevenScenes,
@@ -89,12 +137,12 @@ const FORMATS: &[FormatEntry] = &[
 ];
 
 /// Opens the scene at `path`: a folder or file, one video of several as `PATH:VIDEO` (see [`Format::Mvpd`]), or
-/// `synthetic` with optional settings (`synthetic:frames=60,seed=3`; a folder of that name is `./synthetic`). Frames
-/// are not read yet.
+/// `synthetic` with optional settings (`synthetic:frames=60,seed=3`; write `./synthetic` for a folder of that name).
+/// Does not read any frames yet.
 ///
 /// # Errors
-/// Distinguishes a path that does not exist, an empty folder, one that lacks a part of a format, and one that holds no
-/// known format (or not the one in `settings.format`), and says which files were looked for.
+/// Separate errors for a path that does not exist, an empty folder, a scene with missing parts, and a path not in a
+/// known format (or not in `settings.format`). The last two list the expected files.
 pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetError> {
     let path = path.as_ref();
     settings.validate()?;
@@ -123,22 +171,24 @@ pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<
     }
 }
 
-/// What the format lacks of which most is there, if at least half of it is.
+/// Returns the missing-parts error of the best matching format, if at least half of its parts are present.
 fn best_fit(path: &Path) -> Option<DatasetError> {
-    let candidates = FORMATS.iter().filter_map(|entry| incomplete(entry, path)).filter(|(there, _)| *there >= 0.5);
-    // The first of several that fit equally well.
+    let candidates =
+        FORMATS.iter().filter_map(|entry| incomplete(entry, path)).filter(|(fraction, _)| *fraction >= 0.5);
+    // Ties go to the first format.
     candidates.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, error)| error)
 }
 
-/// What part of a format is at a path, 0 to 1, and the error that names the rest; `None` if nothing of it is there.
+/// Returns the fraction of a format's parts found at a path, 0 to 1, and the error that lists the missing ones; `None`
+/// if none was found.
 fn incomplete(entry: &FormatEntry, path: &Path) -> Option<(f64, DatasetError)> {
-    let (there, missing): (Vec<_>, Vec<_>) = (entry.parts)(path).into_iter().partition(|(_, is_there)| *is_there);
-    if there.is_empty() {
+    let (found, missing): (Vec<_>, Vec<_>) = (entry.parts)(path).into_iter().partition(|(_, is_present)| *is_present);
+    if found.is_empty() {
         return None;
     }
-    let fraction = there.len() as f64 / (there.len() + missing.len()) as f64;
+    let fraction = found.len() as f64 / (found.len() + missing.len()) as f64;
     let names = |parts: Vec<(&str, bool)>| parts.into_iter().map(|(part, _)| part).collect::<Vec<_>>().join(", ");
-    let (format, found, missing) = (entry.format.name(), names(there), names(missing));
+    let (format, found, missing) = (entry.format.name(), names(found), names(missing));
     Some((fraction, DatasetError::Incomplete { path: path.to_owned(), format, found, missing }))
 }
 
@@ -155,18 +205,22 @@ fn open(entry: &FormatEntry, path: &Path, settings: &DatasetSettings) -> Result<
         }
         .into());
     }
-    if let Some((name, found)) = settings.of_recordings().filter(|_| entry.format != Format::Mcap) {
+    if let Some((name, found)) = settings.first_topic_setting().filter(|_| entry.format != Format::Mcap) {
         return Err(SettingError {
             key: format!("dataset.{name}"),
             found: format!("{found:?}"),
-            expected: format!("nothing for {}, whose format is {}: only mcap has topics", path.display(), entry.format),
+            expected: format!(
+                "no value for {}, whose format is {}: only mcap has topics",
+                path.display(),
+                entry.format
+            ),
         }
         .into());
     }
     (entry.open)(path, settings)
 }
 
-/// One line for each supported format: its name and what its scenes look like.
+/// Returns one line per supported format: its name and layout.
 pub fn supported_formats() -> Vec<String> {
     FORMATS.iter().map(|entry| format!("  {}: {}", entry.format, entry.layout)).collect()
 }
@@ -181,4 +235,20 @@ fn check_path(path: &Path) -> Result<(), DatasetError> {
         return Err(DatasetError::EmptyFolder { path: path.to_owned() });
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_the_same_in_text_and_serde() {
+        for format in Format::ALL.iter().copied() {
+            assert_eq!(format.to_string().parse(), Ok(format));
+            assert_eq!(serde_json::to_string(&format).unwrap(), format!("\"{format}\""));
+        }
+        let error = "kitti".parse::<Format>().unwrap_err();
+        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, mcap, synthetic";
+        assert_eq!(error.to_string(), format!("format: found \"kitti\", expected one of {names}"));
+    }
 }

@@ -3,7 +3,7 @@
 use crate::DatasetError;
 use crate::resample::{ImageMap, resample_color, resample_depth, resample_labels};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{RgbdFrame, SegmentMap};
+use splatseg_geometry::{CameraFrame, SegmentMap};
 use splatseg_settings::{Allowed, SettingError, SettingValue};
 use std::fmt;
 use std::str::FromStr;
@@ -12,19 +12,19 @@ use thiserror::Error;
 /// The largest width or height, in pixels, that frames can be resized to.
 const MAX_SIDE: usize = 4096;
 
-/// How images are framed: resized first, then cropped. Intrinsics follow.
+/// Framing of images: resize first, then crop. Intrinsics are adjusted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Framing {
-    /// The size to resize to, if any.
+    /// Size to resize to, if any.
     pub resize: Option<ImageSize>,
-    /// Without `resize`: images of more pixels than this are made smaller, with the same aspect ratio.
+    /// Without `resize`: images of more pixels than this are downscaled, keeping the aspect ratio.
     pub max_pixels: Option<usize>,
     /// Pixels to remove on each side after resizing.
     pub crop_border: usize,
 }
 
 impl Framing {
-    /// The size, `(width, height)`, of an image of size `original` after framing.
+    /// Returns the size, `(width, height)`, of an image of size `original` after framing.
     ///
     /// # Errors
     /// [`SettingError`] if nothing would be left.
@@ -41,7 +41,7 @@ impl Framing {
         Ok((left(width), left(height)))
     }
 
-    /// The size, `(width, height)`, of an image of size `original` before it is cropped.
+    /// Returns the size, `(width, height)`, of an image of size `original` after resizing and before cropping.
     pub(crate) fn resized(&self, original: (usize, usize)) -> (usize, usize) {
         if let Some(size) = self.resize {
             return (size.width, size.height);
@@ -57,17 +57,17 @@ impl Framing {
         }
     }
 
-    /// [`Framing::resized`], if that is another size.
+    /// Returns [`Framing::resized`] if it differs from `original`.
     fn other_size(&self, original: (usize, usize)) -> Option<(usize, usize)> {
         Some(self.resized(original)).filter(|size| *size != original)
     }
 
-    /// The frame resized and cropped. Colour is low-passed when it shrinks; a depth pixel becomes the nearest valid
-    /// measurement under it, never a mixture.
+    /// Resizes and crops a frame. Colour is low-pass filtered when it shrinks. Each depth pixel becomes the nearest
+    /// valid measurement under it, never a mixture.
     ///
     /// # Errors
     /// [`SettingError`] if nothing would be left.
-    pub fn apply<'a>(&self, frame: RgbdFrame<'a>) -> Result<RgbdFrame<'a>, DatasetError> {
+    pub fn apply<'a>(&self, frame: CameraFrame<'a>) -> Result<CameraFrame<'a>, DatasetError> {
         let original = (frame.width(), frame.height());
         self.check(original)?;
         let mut intrinsics = *frame.intrinsics();
@@ -84,18 +84,12 @@ impl Framing {
             None => (frame.color().as_borrowed(), frame.depth().as_borrowed()),
         };
         let border = self.crop_border;
-        RgbdFrame::new(
-            frame.name(),
-            color.crop_border(border),
-            depth.crop_border(border),
-            intrinsics.cropped(border),
-            *frame.world_from_camera(),
-        )
-        .map(|framed| framed.with_timestamp(frame.timestamp()))
-        .map_err(|source| DatasetError::Frame { name: frame.name().to_owned(), source })
+        CameraFrame::new(frame.name(), color.crop_border(border), depth.crop_border(border), intrinsics.cropped(border))
+            .map(|framed| framed.with_timestamp(frame.timestamp()))
+            .map_err(|source| DatasetError::Frame { name: frame.name().to_owned(), source })
     }
 
-    /// Labels resized (to the nearest label) and cropped like their frame.
+    /// Resizes labels (by nearest neighbour) and crops them like their frame.
     ///
     /// # Errors
     /// [`SettingError`] if nothing would be left.
@@ -109,8 +103,8 @@ impl Framing {
         Ok(if self.crop_border == 0 { resized } else { resized.crop_border(self.crop_border) })
     }
 
-    /// The columns and the rows of an image of size `original` that its labels show after framing: pixel `(x, y)` of
-    /// the framed labels is pixel `(columns[x], rows[y])` of the image.
+    /// Returns the columns and rows of an original image that remain in its labels after framing. `original` is its
+    /// size. Pixel `(x, y)` of the framed labels is pixel `(columns[x], rows[y])` of the image.
     ///
     /// # Errors
     /// [`SettingError`] if nothing would be left.
@@ -133,7 +127,7 @@ pub struct ImageSize {
     pub height: usize,
 }
 
-/// Text that is not an image size.
+/// Error parsing an image size.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error("image size: found {0:?}, expected WIDTHxHEIGHT in pixels, e.g. 320x240")]
 pub struct ImageSizeTextError(String);

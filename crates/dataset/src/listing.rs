@@ -5,25 +5,25 @@ use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// A file that carries its frame's number.
+/// A file named with its frame's number.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct NumberedFile {
     pub(crate) number: u64,
-    /// The name without what follows the number, e.g. `frame-000150` or `42`.
+    /// The name up to the end of the number, e.g. `frame-000150` or `42`.
     pub(crate) stem: String,
     pub(crate) path: PathBuf,
 }
 
-/// What the names of a folder's frames look like: `<prefix><number><one of suffixes>`.
+/// Pattern of the file names in a folder: `<prefix><number><one of suffixes>`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct NamePattern {
     pub(crate) prefix: &'static str,
-    /// Where several files of a frame exist, the first suffix wins.
+    /// If a frame has several files, the first suffix wins.
     pub(crate) suffixes: &'static [&'static str],
 }
 
 impl NamePattern {
-    /// The number and stem of a file name that fits, and the position of its suffix in the list.
+    /// Returns the number and stem of a matching file name, and the index of its suffix.
     fn parse(&self, name: &str) -> Option<(u64, String, usize)> {
         let rest = name.strip_prefix(self.prefix)?;
         let (rank, digits) =
@@ -33,7 +33,7 @@ impl NamePattern {
     }
 }
 
-/// The names in a folder, sorted; empty if it cannot be read.
+/// Returns the names in a folder, sorted. Empty if the folder cannot be read.
 pub(crate) fn all_names_in(folder: &Path) -> Vec<OsString> {
     let entries = std::fs::read_dir(folder).into_iter().flatten();
     let mut names: Vec<OsString> = entries.filter_map(|entry| Some(entry.ok()?.file_name())).collect();
@@ -41,18 +41,18 @@ pub(crate) fn all_names_in(folder: &Path) -> Vec<OsString> {
     names
 }
 
-/// The names in a folder that are text, sorted; empty if it cannot be read.
+/// Returns the names in a folder that are valid UTF-8, sorted. Empty if the folder cannot be read.
 pub(crate) fn names_in(folder: &Path) -> Vec<String> {
     all_names_in(folder).into_iter().filter_map(|name| name.into_string().ok()).collect()
 }
 
-/// Whether a folder has files whose names fit.
+/// Returns true if any name in a folder matches the pattern.
 pub(crate) fn has_numbered_files(folder: &Path, pattern: NamePattern) -> bool {
     names_in(folder).iter().any(|name| fits(name, pattern))
 }
 
-/// What a scene leaves out of its folders: files in `color_folder` whose names are not text, and frames that have one
-/// of `others` but are not among `frames`, the colour images.
+/// Counts skipped files and frames: files in `color_folder` whose names are not UTF-8, and frames that have one of
+/// `others` but no colour image in `frames`.
 pub(crate) fn left_out_beside(
     frames: &[NumberedFile],
     color_folder: &Path,
@@ -71,9 +71,9 @@ pub(crate) fn left_out_beside(
     ])
 }
 
-/// The files of a folder whose names fit, one for each stem, sorted by number.
+/// Lists the files of a folder whose names match, one per stem, sorted by number.
 pub(crate) fn numbered_files(folder: &Path, pattern: NamePattern) -> Result<Vec<NumberedFile>, DatasetError> {
-    // Read here for its error: an unreadable folder must not look like an empty one.
+    // Read here only for the error: an unreadable folder must not look like an empty one.
     std::fs::read_dir(folder).map_err(|source| DatasetError::Io { path: folder.to_owned(), source })?;
     let mut found: Vec<(u64, String, usize, String)> = names_in(folder)
         .into_iter()
@@ -87,12 +87,12 @@ pub(crate) fn numbered_files(folder: &Path, pattern: NamePattern) -> Result<Vec<
         .collect())
 }
 
-/// Whether a name fits the pattern.
+/// Returns true if a name matches the pattern.
 pub(crate) fn fits(name: &str, pattern: NamePattern) -> bool {
     pattern.parse(name).is_some()
 }
 
-/// The last part of a path, as a scene's name.
+/// Returns the last component of a path, as a scene's name.
 pub(crate) fn folder_name(path: &Path) -> String {
     let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     full.file_name().map_or_else(|| "scene".to_owned(), |name| name.to_string_lossy().into_owned())

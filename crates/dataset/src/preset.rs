@@ -5,7 +5,7 @@ use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
 
-/// The settings with which a published benchmark reads its scenes. Take them as a start and change what should differ:
+/// Settings for reading the scenes of a published benchmark. Start from them and change what you need:
 ///
 /// ```
 /// use splatseg_dataset::Preset;
@@ -18,8 +18,8 @@ pub enum Preset {
     /// `scannet-mv`, the paper's ScanNet-MV: every 20th frame, resized to 320x240 (width x height; the paper writes
     /// 240x320, height first), 5 pixels cropped on each side: 310x230.
     ScannetMv,
-    /// `mvpd`, MVPd as the paper runs the splat methods on it: every frame, resized to 320x240. The benchmark also leaves
-    /// true segments under 0.1 % of the image out of a frame (`--min-truth-area 0.001`), which is a setting of scores.
+    /// `mvpd`, MVPd as the paper runs the splat methods on it: every frame, resized to 320x240. The benchmark also
+    /// drops true segments under 0.1 % of the image from a frame. Set that when scoring, with `--min-truth-area 0.001`.
     Mvpd,
 }
 
@@ -27,7 +27,7 @@ impl Preset {
     /// Every preset.
     pub const ALL: [Self; 2] = [Self::ScannetMv, Self::Mvpd];
 
-    /// The name on the command line.
+    /// Returns the name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::ScannetMv => "scannet-mv",
@@ -35,7 +35,7 @@ impl Preset {
         }
     }
 
-    /// The settings; those that the benchmark does not fix have their defaults.
+    /// Settings of the benchmark, with defaults for those it does not fix.
     pub fn settings(self) -> DatasetSettings {
         match self {
             Self::ScannetMv => DatasetSettings {
@@ -51,13 +51,13 @@ impl Preset {
     }
 }
 
-/// Text that names no preset.
+/// Error parsing the name of a preset.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error("preset: found {found:?}, expected {expected}")]
 pub struct PresetNameError {
     /// The text.
     pub found: String,
-    /// The names of the presets.
+    /// Names of the presets.
     pub expected: String,
 }
 

@@ -1,29 +1,29 @@
-//! Scenes that are a single file, or a folder with one.
+//! Scenes stored in a single file, or in a folder with one.
 
 use crate::DatasetError;
 use crate::listing::all_names_in;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// A kind of recording.
+/// A type of recording file.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RecordingFile {
-    /// The extension of its files.
+    /// File extension.
     pub(crate) extension: &'static str,
-    /// What a folder should hold, for messages.
+    /// Expected content of a folder, for messages.
     pub(crate) expected: &'static str,
 }
 
 impl RecordingFile {
-    /// Whether a path is a recording, or a folder that holds some.
+    /// Returns true if a path is a recording or a folder containing some.
     pub(crate) fn looks_like(&self, path: &Path) -> bool {
         if path.is_dir() { !self.recordings(path).is_empty() } else { self.is_recording(path) }
     }
 
-    /// The recording at a path: the file itself, or the only one in the folder.
+    /// Finds the recording at a path: the file itself, or the only one in the folder.
     ///
     /// # Errors
-    /// If the folder holds none, or several.
+    /// If the folder contains no recording, or several.
     pub(crate) fn find(&self, path: &Path) -> Result<PathBuf, DatasetError> {
         if !path.is_dir() {
             return Ok(path.to_owned());

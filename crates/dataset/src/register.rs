@@ -1,33 +1,34 @@
-//! Depth of one camera warped into another.
+//! Warping of depth from one camera into another.
 
 use splatseg_geometry::{Image, Intrinsics, LocalPose};
 
-/// Two pinhole cameras, and where they stand.
+/// A depth camera, a colour camera and their relative pose.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CameraPair {
-    /// The camera that measured depth.
+    /// Camera that measured the depth.
     pub(crate) depth: Intrinsics,
-    /// The camera to warp into.
+    /// Camera to warp into.
     pub(crate) color: Intrinsics,
-    /// From the depth camera's to the colour camera's coordinates.
+    /// Transform from depth camera to colour camera coordinates.
     pub(crate) color_from_depth: LocalPose,
 }
 
-/// Moves every measurement (z-depth, metres, `[height, width]` of the depth camera) to the pixel at which the colour
-/// camera sees it. Where several fall on one pixel, the nearest is kept; pixels without any are 0. Nothing is interpolated.
+/// Moves every measurement (z-depth, metres, `[height, width]` of the depth camera) to the pixel where the colour
+/// camera sees it. If several fall on one pixel, the nearest is kept. Pixels without any are 0. Nothing is
+/// interpolated.
 pub(crate) fn register_depth(depth: &Image<f32>, cameras: &CameraPair) -> Image<f32> {
     let (width, height) = (cameras.color.width, cameras.color.height);
     let mut registered: Image<f32> = Image::filled(width, height, 0.0);
     for row in 0..depth.height() {
         for (column, z) in depth.row(row).iter().enumerate().filter(|(_, z)| **z > 0.0) {
-            let seen_by_depth = cameras.depth.unproject(glam::Vec2::new(column as f32, row as f32), *z);
-            let point = cameras.color_from_depth.to_world(seen_by_depth);
+            let point_depth = cameras.depth.unproject(glam::Vec2::new(column as f32, row as f32), *z);
+            let point = cameras.color_from_depth.to_world(point_depth);
             let Some(pixel) = cameras.color.project(point).map(glam::Vec2::round) else { continue };
             let inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < width as f32 && pixel.y < height as f32;
             if inside {
-                let seen = &mut registered[(pixel.x as usize, pixel.y as usize)];
-                if *seen == 0.0 || point.z < *seen {
-                    *seen = point.z;
+                let nearest = &mut registered[(pixel.x as usize, pixel.y as usize)];
+                if *nearest == 0.0 || point.z < *nearest {
+                    *nearest = point.z;
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! Replica (Straub et al., 2019) as rendered for iMAP and laid out by NICE-SLAM: `results/frame000000.jpg`,
-//! `results/depth000000.png` (16-bit) and `traj.txt` with one camera-to-world matrix (16 numbers, row-major) a line.
+//! `results/depth000000.png` (16-bit) and `traj.txt` with one camera-to-world matrix per line (16 numbers, row-major).
 //!
-//! The camera is described by `cam_params.json` in the scene's folder or the one above, as NICE-SLAM's archive has it:
+//! The camera is described by `cam_params.json` in the scene's folder or its parent, as in NICE-SLAM's archive:
 //! `{"camera": {"w", "h", "fx", "fy", "cx", "cy", "scale"}}`, with `scale` depth units per metre.
 
 use crate::decode::{read_color, read_depth};
@@ -9,12 +9,12 @@ use crate::files::read_file;
 use crate::listing::{NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{read_text, shortened};
-use crate::{DatasetError, Format, Scene};
+use crate::{DatasetError, Format, RecordedFrame, Scene};
 use serde::Deserialize;
-use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Intrinsics, Pose, SegmentMap};
 use std::path::{Path, PathBuf};
 
-/// What a Replica folder looks like, for messages.
+/// Layout of a Replica folder, for messages.
 pub(crate) const LAYOUT: &str = "results/frame000000.jpg, results/depth000000.png, ..., traj.txt, cam_params.json (optional, here or one folder up)";
 
 const COLOR: NamePattern = NamePattern { prefix: "frame", suffixes: &[".png", ".jpg", ".jpeg"] };
@@ -26,7 +26,7 @@ const CAMERA_FILE: &str = "cam_params.json";
 const MAX_TRAJECTORY_BYTES: u64 = 1 << 30;
 const MAX_CAMERA_FILE_BYTES: u64 = 1 << 20;
 
-/// The camera with which the published scenes were rendered.
+/// Camera used to render the published scenes.
 const PUBLISHED: CameraParams =
     CameraParams { w: 1200, h: 680, fx: 600.0, fy: 600.0, cx: 599.5, cy: 339.5, scale: 6553.5 };
 
@@ -49,9 +49,9 @@ struct CameraParams {
 
 /// A Replica scene in the layout of NICE-SLAM. It has no ground truth segments.
 ///
-/// Without `cam_params.json` the published camera is assumed: 1200x680 pixels, focal length 600, principal point
-/// (599.5, 339.5), 6553.5 depth units per metre. Intrinsics follow the images' size. Depth of 65535, which is 10 m and
-/// more in the published scenes, is taken as missing.
+/// Without `cam_params.json`, the published camera is assumed: 1200x680 pixels, focal length 600, principal point
+/// (599.5, 339.5), 6553.5 depth units per metre. Intrinsics are scaled to the images' size. Depth of 65535, which means
+/// 10 m or more in the published scenes, counts as missing.
 #[derive(Debug)]
 pub struct ReplicaScene {
     name: String,
@@ -68,7 +68,8 @@ impl ReplicaScene {
     /// Lists the frames of a scene's folder, sorted by number, and reads its trajectory and camera.
     ///
     /// # Errors
-    /// If the folder has no colour or no depth images, or the trajectory is missing or it or the camera's file is damaged.
+    /// If the folder has no colour or no depth images, or the trajectory is missing, or the trajectory or camera file
+    /// is damaged.
     pub fn open(folder: &Path) -> Result<Self, DatasetError> {
         let images = folder.join(IMAGES_FOLDER);
         let frames = numbered_files(&images, COLOR)?;
@@ -90,26 +91,26 @@ impl ReplicaScene {
         self.folder.join(IMAGES_FOLDER).join(format!("depth{digits}.png"))
     }
 
-    /// The file and line of a pose, for messages.
+    /// Returns the file and line of a pose, for messages.
     fn pose_path(&self, line: usize) -> PathBuf {
         PathBuf::from(format!("{}: line {}", self.folder.join(TRAJECTORY).display(), line.saturating_add(1)))
     }
 
-    /// The line of the trajectory, from 0, that belongs to a frame: the one at its place if there are as many lines as
-    /// frames, else the one at its number, as where every tenth image was kept with the whole trajectory.
+    /// Returns the trajectory line, from 0, of a frame: the line at the frame's index if there are as many lines as
+    /// frames, otherwise the line at its number, e.g. if every tenth image was kept with the whole trajectory.
     fn trajectory_line(&self, index: usize, file: &NumberedFile) -> usize {
         if self.poses.len() == self.frames.len() { index } else { usize::try_from(file.number).unwrap_or(usize::MAX) }
     }
 }
 
-/// The parts that a scene needs, and whether each is in a folder.
+/// Returns the required parts of a scene, each with true if the folder has it.
 pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
     vec![(TRAJECTORY, path.join(TRAJECTORY).is_file()), ("results/", path.join(IMAGES_FOLDER).is_dir())]
 }
 
-/// Whether a folder holds a scene.
+/// Returns true if a folder contains a scene.
 pub(crate) fn looks_like(path: &Path) -> bool {
-    parts(path).iter().all(|(_, is_there)| *is_there)
+    parts(path).iter().all(|(_, is_present)| *is_present)
 }
 
 fn read_trajectory(path: &Path) -> Result<Vec<[f64; 16]>, DatasetError> {
@@ -135,7 +136,7 @@ fn read_trajectory(path: &Path) -> Result<Vec<[f64; 16]>, DatasetError> {
     lines.map(pose).collect()
 }
 
-/// The camera, and how many units of depth make a metre.
+/// Reads the camera and the number of depth units per metre.
 fn read_camera(folder: &Path) -> Result<(Intrinsics, f32), DatasetError> {
     let own = folder.join(CAMERA_FILE);
     let shared = folder.canonicalize().ok().and_then(|full| Some(full.parent()?.join(CAMERA_FILE)));
@@ -174,7 +175,7 @@ impl Scene for ReplicaScene {
         self.frames.get(index).map(|file| file.stem.clone()).unwrap_or_default()
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
+    fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let file = entry(&self.frames, index, &self.name)?;
         let trajectory = self.folder.join(TRAJECTORY);
         let line = self.trajectory_line(index, file);
@@ -192,7 +193,7 @@ impl Scene for ReplicaScene {
         require_registered(&color, &depth, &depth_path)?;
         let intrinsics = self.intrinsics.resized(color.width(), color.height());
         let name = file.stem.clone();
-        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: pose }.into_frame()
+        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: Some(pose) }.into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

@@ -1,11 +1,11 @@
-//! Resampling of images between pixel grids that differ by a scale and a shift along each axis: a resized image, or
-//! the same view through another pinhole camera.
+//! Resampling of images between pixel grids that differ by a scale and a shift along each axis: resizing, or the same
+//! view through another pinhole camera.
 //!
 //! Pixel centres have integer coordinates, as everywhere in the project.
 
 use splatseg_geometry::{CowImage, Image, Intrinsics, SegmentMap};
 
-/// Where the target pixels of one axis lie in the source: `source = scale * target + offset`.
+/// Mapping of target to source pixels along one axis: `source = scale * target + offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct AxisMap {
     scale: f64,
@@ -14,7 +14,7 @@ struct AxisMap {
     target_len: usize,
 }
 
-/// Where the pixels of a target image lie in a source image.
+/// Mapping of the pixels of a target image to a source image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ImageMap {
     columns: AxisMap,
@@ -22,7 +22,7 @@ pub(crate) struct ImageMap {
 }
 
 impl ImageMap {
-    /// From an image of size `source` to one of size `target`, both `(width, height)` and showing the same view.
+    /// Maps from an image of size `source` to one of size `target`, both `(width, height)` and showing the same view.
     pub(crate) fn resize(source: (usize, usize), target: (usize, usize)) -> Self {
         let axis = |source_len: usize, target_len: usize| {
             let scale = source_len as f64 / target_len as f64;
@@ -31,7 +31,7 @@ impl ImageMap {
         Self { columns: axis(source.0, target.0), rows: axis(source.1, target.1) }
     }
 
-    /// From the image of camera `source` to that of camera `target`, which stands at the same place.
+    /// Maps from the image of camera `source` to that of camera `target`, at the same position.
     pub(crate) fn between_cameras(source: &Intrinsics, target: &Intrinsics) -> Self {
         let axis = |source: (f32, f32, usize), target: (f32, f32, usize)| {
             let scale = f64::from(source.0) / f64::from(target.0);
@@ -44,14 +44,14 @@ impl ImageMap {
         }
     }
 
-    /// The source pixel, `(column, row)`, nearest to a target pixel; `None` outside the source. Halfway between two
-    /// pixels it is the left or upper one. Labels and masks both follow this rule.
+    /// Returns the source pixel, `(column, row)`, nearest to a target pixel; `None` outside the source. Halfway between
+    /// two pixels, the left or upper one. Labels and masks both follow this rule.
     pub(crate) fn nearest(&self, column: usize, row: usize) -> Option<(usize, usize)> {
         let inside = self.columns.is_inside(column) && self.rows.is_inside(row);
         inside.then(|| (self.columns.nearest(column), self.rows.nearest(row)))
     }
 
-    /// Whether every pixel stays where it is.
+    /// Returns true if no pixel moves.
     pub(crate) fn is_identity(&self) -> bool {
         [self.columns, self.rows]
             .iter()
@@ -59,10 +59,10 @@ impl ImageMap {
     }
 }
 
-/// The source pixels that one target pixel is made of.
+/// Filter weights of the source pixels of one target pixel.
 struct Taps {
     first: usize,
-    /// They add up to 1.
+    /// The weights sum to 1.
     weights: Vec<f32>,
 }
 
@@ -71,13 +71,13 @@ impl AxisMap {
         self.scale * target as f64 + self.offset
     }
 
-    /// The source index nearest to a target pixel (the lower one of two), at the edge for pixels outside.
+    /// Returns the source index nearest to a target pixel (the lower of two), clamped to the edge.
     fn nearest(&self, target: usize) -> usize {
         let index = (self.center(target) - 0.5).ceil().max(0.0) as usize;
         index.min(self.source_len.saturating_sub(1))
     }
 
-    /// A triangle filter, widened when the image shrinks so that nothing aliases.
+    /// Computes a triangle filter, widened when the image shrinks to avoid aliasing.
     fn taps(&self) -> Vec<Taps> {
         let support = self.scale.abs().max(1.0);
         let taps_at = |target: usize| {
@@ -96,7 +96,7 @@ impl AxisMap {
         (0..self.target_len).map(taps_at).collect()
     }
 
-    /// The source indices under a target pixel (at least the nearest), each with its squared distance.
+    /// Returns the source indices under a target pixel (at least the nearest), each with its squared distance.
     fn covered(&self, target: usize) -> Vec<(usize, f64)> {
         let center = self.center(target);
         let nearest = self.nearest(target);
@@ -106,14 +106,14 @@ impl AxisMap {
         (first..=last).map(|index| (index, (index as f64 - center).powi(2))).collect()
     }
 
-    /// Whether a target pixel lies inside the source image.
+    /// Returns true if a target pixel lies inside the source image.
     fn is_inside(&self, target: usize) -> bool {
         let center = self.center(target);
         center >= -0.5 && center <= self.source_len as f64 - 0.5
     }
 }
 
-/// Low-passed colour at the target pixels. Outside the source its edge is repeated. Black for an empty source.
+/// Resamples colour with a low-pass filter. Pixels outside the source repeat its edge. Black for an empty source.
 pub(crate) fn resample_color(source: &CowImage<'_, [u8; 3]>, map: &ImageMap) -> Image<[u8; 3]> {
     if map.is_identity() {
         return source.clone().into_owned();
@@ -145,7 +145,7 @@ fn weighted(taps: &Taps, pixel: impl Fn(usize) -> [f32; 3]) -> [f32; 3] {
     sum
 }
 
-/// For each target pixel the valid depth nearest to its centre, among the source pixels that it covers; 0 if there is
+/// Takes for each target pixel the valid depth nearest to its centre, among the source pixels it covers; 0 if there is
 /// none.
 pub(crate) fn resample_depth(source: &CowImage<'_, f32>, map: &ImageMap) -> Image<f32> {
     if map.is_identity() {
@@ -171,7 +171,7 @@ pub(crate) fn resample_depth(source: &CowImage<'_, f32>, map: &ImageMap) -> Imag
     })
 }
 
-/// The label nearest to each target pixel; 0 outside the source.
+/// Takes the label nearest to each target pixel; 0 outside the source.
 pub(crate) fn resample_labels(source: &SegmentMap, map: &ImageMap) -> SegmentMap {
     let (width, height) = (map.columns.target_len, map.rows.target_len);
     if source.pixels().is_empty() {

@@ -2,17 +2,17 @@
 
 use std::borrow::Cow;
 
-/// Digits in the names of numbered results: nine hours at 30 frames per second.
+/// Digits in the names of numbered results, enough for nine hours at 30 frames per second.
 const DIGITS: usize = 6;
 
-/// The name of a frame's result files. A number is padded with zeros to six digits, so that files sort by number and
-/// programs such as ffmpeg find them (`%06d`); every other name stays as it is.
+/// Returns the name of a frame's result files. Numbers are zero-padded to six digits, so that files sort by number and
+/// programs such as ffmpeg find them (`%06d`). Other names are unchanged.
 pub fn padded_number(name: &str) -> Cow<'_, str> {
     if is_number(name) && name.len() < DIGITS { Cow::Owned(format!("{name:0>DIGITS$}")) } else { Cow::Borrowed(name) }
 }
 
-/// The name without leading zeros if it is a number; every other name as it is. Names of one frame, padded or not, have
-/// the same.
+/// Removes leading zeros if the name is a number. Other names are unchanged. Padded and unpadded names of one frame
+/// give the same result.
 pub fn unpadded_number(name: &str) -> &str {
     if !is_number(name) {
         return name;

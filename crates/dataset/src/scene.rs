@@ -1,69 +1,81 @@
-//! What every format offers, and how each of them puts a frame together.
+//! The interface that every format implements, and the assembly of frames from their parts.
 
 use crate::decode::DEPTH_IMAGE;
 use crate::{DatasetError, Format};
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{CameraFrame, Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// A recorded or rendered RGB-D video whose frames can be read in any order, from any thread.
 ///
-/// A scene of your own implements this trait and reports its own errors as [`DatasetError::Other`].
+/// Implement this trait for your own kind of scene, and report its errors as [`DatasetError::Other`].
 pub trait Scene: Debug + Send + Sync {
-    /// The scene's name, e.g. its folder's.
+    /// Returns the scene's name, e.g. that of its folder.
     fn name(&self) -> &str;
 
-    /// Number of frames.
+    /// Returns the number of frames.
     fn frame_count(&self) -> usize;
 
-    /// The name of frame `index`, e.g. `frame-000150` or `42`; empty past the last frame.
+    /// Returns the name of frame `index`, e.g. `frame-000150` or `42`. Empty past the last frame.
     fn frame_name(&self, index: usize) -> String;
 
-    /// Reads frame `index`, which carries the name [`Scene::frame_name`] gives.
+    /// Reads frame `index` and the pose of its camera, if the scene has one. The frame's name is [`Scene::frame_name`].
     ///
     /// # Errors
-    /// [`DatasetError`] names the file and what is wrong with it. Other frames can still be read.
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError>;
+    /// [`DatasetError`] with the file and the problem. Other frames can still be read.
+    fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError>;
 
-    /// Whether the scene comes with true segments.
+    /// Reads frame `index`, which must have a pose.
+    ///
+    /// # Errors
+    /// As [`Scene::read_recorded`], and [`DatasetError::NoPose`].
+    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
+        let RecordedFrame { frame, world_from_camera } = self.read_recorded(index)?;
+        match world_from_camera {
+            Some(pose) => Ok(frame.at(pose)),
+            None => Err(DatasetError::NoPose { scene: self.name().to_owned(), frame: frame.name().to_owned() }),
+        }
+    }
+
+    /// Returns true if the scene has ground truth segments.
     fn has_ground_truth(&self) -> bool;
 
-    /// The true segments of frame `index`, of the size of the frame that [`Scene::read_frame`] gives; `None` if this
-    /// frame, or the whole scene, is not labelled.
+    /// Reads the ground truth segments of frame `index`, with the same size as the frame returned by
+    /// [`Scene::read_frame`]. Returns `None` if this frame, or the whole scene, is not labelled.
     ///
     /// # Errors
-    /// [`DatasetError`] names the file and what is wrong with it.
+    /// [`DatasetError`] names the file and the problem.
     fn read_ground_truth(&self, index: usize) -> Result<Option<SegmentMap>, DatasetError>;
 
-    /// The scene's format; `None` for a scene of your own.
+    /// Returns the scene's format. `None` for scenes implemented outside this crate.
     fn format(&self) -> Option<Format> {
         None
     }
 
-    /// The size `(width, height)` in which the colour image of frame `index` is stored, where [`Scene::read_frame`]
-    /// gives it another; otherwise `None`.
+    /// Returns the size `(width, height)` of the stored colour image of frame `index`, if [`Scene::read_frame`] returns
+    /// it with another size. Otherwise `None`.
     fn stored_color_size(&self, _index: usize) -> Option<(usize, usize)> {
         None
     }
 
-    /// The frames that were found on opening and left out, each kind once.
+    /// Returns the frames that were found but skipped when the scene was opened, one entry per reason.
     fn left_out(&self) -> &[LeftOut] {
         &[]
     }
 
-    /// What the scene's parts were found in, one line each, where that is not obvious from its files.
+    /// Returns the sources of the scene's data, one line each, if its files do not make them obvious.
     fn sources(&self) -> &[String] {
         &[]
     }
 
-    /// The file from which a part of frame `index` is read, for messages.
+    /// Returns the file that contains a part of frame `index`, for messages.
     fn file_of(&self, index: usize, _part: FramePart) -> PathBuf {
         PathBuf::from(format!("{}: frame {}", self.name(), self.frame_name(index)))
     }
 }
 
-/// A part of a frame that may have a file of its own.
+/// A part of a frame that may be stored in its own file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FramePart {
     /// The depth image.
@@ -74,43 +86,60 @@ pub enum FramePart {
     Intrinsics,
 }
 
-/// Frames that a scene found but does not use.
+/// A frame as it was recorded.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecordedFrame {
+    /// The images and the camera's intrinsics.
+    pub frame: CameraFrame<'static>,
+    /// The camera's pose, if it was recorded.
+    pub world_from_camera: Option<Pose>,
+}
+
+impl From<RgbdFrame<'static>> for RecordedFrame {
+    fn from(frame: RgbdFrame<'static>) -> Self {
+        let world_from_camera = Some(*frame.world_from_camera());
+        Self { frame: frame.into_camera_frame(), world_from_camera }
+    }
+}
+
+/// Frames that a scene contains but skips.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LeftOut {
-    /// How many frames there are.
+    /// Number of frames.
     pub count: usize,
-    /// What is wrong with them, e.g. `without a colour image`.
+    /// Reason, e.g. `without a colour image`.
     pub what: String,
 }
 
 impl LeftOut {
-    /// A list with those kinds of which there are any.
+    /// Keeps the reasons that apply to at least one frame.
     pub(crate) fn list<const N: usize>(kinds: [(usize, String); N]) -> Vec<Self> {
         kinds.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| Self { count, what }).collect()
     }
 }
 
-/// What a format has read of one frame.
+/// Data of one frame, as read by a format.
 pub(crate) struct FrameParts {
     pub(crate) name: String,
     pub(crate) timestamp: Option<Duration>,
     pub(crate) color: Image<[u8; 3]>,
     pub(crate) depth: Image<f32>,
     pub(crate) intrinsics: Intrinsics,
-    pub(crate) world_from_camera: Pose,
+    pub(crate) world_from_camera: Option<Pose>,
 }
 
 impl FrameParts {
-    /// The frame. Its parts must have the same size, which [`require_registered`] checks earlier, with the file's name.
-    pub(crate) fn into_frame(self) -> Result<RgbdFrame<'static>, DatasetError> {
+    /// Builds the frame. Its parts must have the same size. [`require_registered`] checks this earlier, with the file's
+    /// name.
+    pub(crate) fn into_frame(self) -> Result<RecordedFrame, DatasetError> {
         let Self { name, timestamp, color, depth, intrinsics, world_from_camera } = self;
-        RgbdFrame::new(name.clone(), color, depth, intrinsics, world_from_camera)
-            .map(|frame| frame.with_timestamp(timestamp))
-            .map_err(|source| DatasetError::Frame { name, source })
+        let frame = CameraFrame::new(name.clone(), color, depth, intrinsics)
+            .map_err(|source| DatasetError::Frame { name, source })?;
+        Ok(RecordedFrame { frame: frame.with_timestamp(timestamp), world_from_camera })
     }
 }
 
-/// Requires that a depth image, read from `depth_path`, has the size of its colour image.
+/// Checks that the depth image read from `depth_path` has the size of its colour image.
 pub(crate) fn require_registered(
     color: &Image<[u8; 3]>,
     depth: &Image<f32>,
@@ -128,7 +157,7 @@ pub(crate) fn require_registered(
     })
 }
 
-/// The entry of frame `index` in the list of a scene's frames.
+/// Returns the entry of frame `index` in a scene's list of frames.
 pub(crate) fn entry<'a, T>(frames: &'a [T], index: usize, scene: &str) -> Result<&'a T, DatasetError> {
     let count = frames.len();
     frames.get(index).ok_or_else(|| DatasetError::NoSuchFrame { scene: scene.to_owned(), index, count })

@@ -1,59 +1,60 @@
-//! Which frames of a scene are used, and how they are framed.
+//! Selection and framing of a scene's frames.
 
 use crate::{Format, Framing, ImageSize};
 use splatseg_settings::{Allowed, Choice, SettingError, settings};
 
 settings! {
-    /// How a scene is read. Frames are resized first, then cropped.
+    /// Settings for reading a scene. Frames are resized first, then cropped.
     pub struct DatasetSettings in "dataset" {
-        /// The format of the scene; `auto` recognises it by its files.
+        /// Format of the scene; `auto` detects it from its files.
         format: Format = Format::Auto, Allowed::Names(Format::NAMES);
-        /// Position of the first frame used, in the sorted list of the scene's frames, counted from 0.
+        /// Index of the first frame used, in the sorted list of the scene's frames, counted from 0.
         start: usize = 0, Allowed::between(0.0, 1e9);
-        /// Every how many frames one is used.
+        /// Use every Nth frame.
         stride: usize = 1, Allowed::between(1.0, 1e9);
-        /// The most frames used; all if left out.
+        /// Maximum number of frames used; all if left out.
         max_frames: Option<usize> = None, Allowed::between(1.0, 1e9);
-        /// The size that frames are resized to before cropping; their own if left out.
+        /// Size that frames are resized to before cropping; their original size if left out.
         resize: Option<ImageSize> = None, Allowed::Text("WIDTHxHEIGHT, sides of 1 to 4096 pixels");
-        /// Without `resize`: frames of more pixels than this are made smaller, with the same aspect ratio. More detail
+        /// Without `resize`: frames of more pixels than this are downscaled, keeping the aspect ratio. More detail
         /// takes memory and time, and no segmenter uses it.
         max_pixels: usize = 2_100_000, Allowed::between(1024.0, 67_108_864.0);
         /// Pixels cropped on each side, after resizing. The paper: 5.
         crop_border: usize = 0, Allowed::between(0.0, 8192.0);
-        /// 7-Scenes as published: warp the depth, which its own camera took, into the colour camera, and move the poses,
-        /// which are the depth camera's, there too. Otherwise the depth is registered already.
+        /// For 7-Scenes as published: warp the depth from its own camera into the colour camera, and convert the poses,
+        /// which are those of the depth camera. Otherwise depth must already be registered to colour.
         register_depth: bool = false, Allowed::Switch;
-        /// With `register_depth`: how far the colour camera stands to the right of the depth camera, metres. The default
-        /// is that of the Kinect that recorded 7-Scenes.
+        /// With `register_depth`: offset of the colour camera to the right of the depth camera, metres. The default is
+        /// that of the Kinect that recorded 7-Scenes.
         depth_offset_m: f32 = 0.025, Allowed::between(-1.0, 1.0), only "dataset.register_depth = true";
-        /// MCAP: topic of the colour images; if left out, the only one that fits.
+        /// MCAP: topic of the colour images; if left out, the only suitable one.
         color: Option<String> = None, Allowed::Text("a topic");
-        /// MCAP: topic of the depth images; if left out, the only one that fits, or the only one in the colour camera's
+        /// MCAP: topic of the depth images; if left out, the only suitable one, or the only one in the colour camera's
         /// frame.
         depth: Option<String> = None, Allowed::Text("a topic");
-        /// MCAP: topic of the colour camera's info; if left out, the one beside the images, or the only one of their frame.
+        /// MCAP: topic of the colour camera's info; if left out, the one next to the images, or the only one with their
+        /// frame.
         camera_info: Option<String> = None, Allowed::Text("a topic");
-        /// MCAP: topic of the depth camera's info; found as that of colour is.
+        /// MCAP: topic of the depth camera's info; if left out, chosen like that of the colour camera.
         depth_camera_info: Option<String> = None, Allowed::Text("a topic");
-        /// MCAP: where poses come from: `/tf`, `/tf_static` for a camera that stands still, or a topic with odometry or
-        /// poses. If left out, /tf if the camera moves in it, otherwise the only such topic.
+        /// MCAP: source of the poses: `/tf`, `/tf_static` for a stationary camera, or a topic with odometry or poses.
+        /// If left out, /tf if it moves the camera, otherwise the only such topic.
         pose: Option<String> = None, Allowed::Text("a topic");
-        /// MCAP: the frame of /tf in which poses are; if left out, the uppermost one above the camera's.
+        /// MCAP: the world frame in /tf; if left out, the topmost ancestor of the camera's frame.
         world_frame: Option<String> = None, Allowed::Text("the name of a frame");
-        /// MCAP: the frame whose poses a topic has, which /tf_static connects to the camera; if left out, the one that its
-        /// messages name, otherwise the colour camera's.
+        /// MCAP: the frame whose poses the topic gives, connected to the camera by /tf_static; if left out, the one
+        /// named in its messages, otherwise the colour camera's.
         pose_frame: Option<String> = None, Allowed::Text("the name of a frame");
-        /// MCAP: how far apart in time a colour and a depth image may be, and an image and a pose that has no pose on its
-        /// other side, milliseconds.
+        /// MCAP: maximum time between a colour and a depth image, and between an image and the nearest pose if it has
+        /// poses on one side only, milliseconds.
         max_time_difference_ms: f64 = 20.0, Allowed::between(0.0, 60_000.0);
-        /// MCAP: between two poses further apart in time than this nothing is interpolated, milliseconds.
+        /// MCAP: maximum time between two poses for interpolating between them, milliseconds.
         max_pose_gap_ms: f64 = 500.0, Allowed::between(0.0, 600_000.0);
     }
 }
 
 impl DatasetSettings {
-    /// The indices of the frames used, of a scene with `frame_count` frames, increasing.
+    /// Returns the indices of the frames used from a scene with `frame_count` frames, in increasing order.
     ///
     /// # Errors
     /// If a setting is out of range or the first frame is past the end.
@@ -70,8 +71,8 @@ impl DatasetSettings {
         Ok((self.start..frame_count).step_by(self.stride).take(most).collect())
     }
 
-    /// The first setting for recordings with topics that is given: its name and value.
-    pub(crate) fn of_recordings(&self) -> Option<(&'static str, &str)> {
+    /// Returns the name and value of the first given setting that only applies to recordings with topics.
+    pub(crate) fn first_topic_setting(&self) -> Option<(&'static str, &str)> {
         let given = [
             ("color", &self.color),
             ("depth", &self.depth),
@@ -84,7 +85,7 @@ impl DatasetSettings {
         given.into_iter().find_map(|(name, value)| Some((name, value.as_deref()?)))
     }
 
-    /// How every frame is resized and cropped.
+    /// Returns how every frame is resized and cropped.
     pub fn framing(&self) -> Framing {
         Framing { resize: self.resize, max_pixels: Some(self.max_pixels), crop_border: self.crop_border }
     }

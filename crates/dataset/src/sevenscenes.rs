@@ -1,7 +1,7 @@
 //! 7-Scenes (Shotton et al., CVPR 2013): `frame-000000.color.png`, `.depth.png` (uint16 millimetres) and `.pose.txt`
-//! (4x4, camera-to-world) side by side in a sequence's folder.
+//! (4x4, camera-to-world), all in the sequence's folder.
 //!
-//! The published sequences have no intrinsics and their depth is not registered to colour; prepared ones may have
+//! The published sequences have no intrinsics, and their depth is not registered to colour. Prepared ones may have
 //! registered depth and a `camera-intrinsics.txt` (3x3).
 
 use crate::decode::{MILLIMETRES, read_color, read_depth};
@@ -12,12 +12,12 @@ use crate::plausibility::warn_once;
 use crate::register::{CameraPair, register_depth};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, read_pose};
-use crate::{DatasetError, DatasetSettings, Format, Scene};
+use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 use glam::{DVec3, Vec3};
-use splatseg_geometry::{Intrinsics, LocalPose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Intrinsics, LocalPose, SegmentMap};
 use std::path::{Path, PathBuf};
 
-/// What a 7-Scenes folder looks like, for messages.
+/// Layout of a 7-Scenes folder, for messages.
 pub(crate) const LAYOUT: &str = "frame-000000.color.png (or .jpg), frame-000000.depth.png, frame-000000.pose.txt, ..., camera-intrinsics.txt (optional)";
 
 const COLOR: NamePattern = NamePattern { prefix: "frame-", suffixes: &[".color.png", ".color.jpg", ".color.jpeg"] };
@@ -25,32 +25,32 @@ const DEPTH: NamePattern = NamePattern { prefix: "frame-", suffixes: &[".depth.p
 const POSE: NamePattern = NamePattern { prefix: "frame-", suffixes: &[".pose.txt"] };
 const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
 
-/// The colour camera as the data set's page describes it.
+/// The colour camera according to the data set's page.
 const PUBLISHED_COLOR: Intrinsics = Intrinsics { fx: 525.0, fy: 525.0, cx: 320.0, cy: 240.0, width: 640, height: 480 };
-/// The depth camera as the data set's page describes it.
+/// The depth camera according to the data set's page.
 const PUBLISHED_DEPTH: Intrinsics = Intrinsics { fx: 585.0, fy: 585.0, cx: 320.0, cy: 240.0, width: 640, height: 480 };
 
 /// One sequence in the layout of 7-Scenes. It has no ground truth.
 ///
-/// Without `camera-intrinsics.txt` the published colour camera is assumed (focal length 525, principal point
-/// (320, 240), for 640x480 pixels), with a warning.
+/// Without `camera-intrinsics.txt`, the published colour camera is assumed (focal length 525, principal point (320,
+/// 240), for 640x480 pixels), with a warning.
 #[derive(Debug)]
 pub struct SevenScenesScene {
     name: String,
     folder: PathBuf,
     frames: Vec<NumberedFile>,
     intrinsics: Option<PinholeMatrix>,
-    /// The offset between the cameras if depth has to be warped, metres.
+    /// Offset between the cameras if depth must be warped, metres.
     registration: Option<f32>,
     left_out: Vec<LeftOut>,
 }
 
 impl SevenScenesScene {
-    /// Lists the frames of a sequence's folder, sorted by number. Of `settings`, `register_depth` and `depth_offset_m`
-    /// matter.
+    /// Lists the frames of a sequence's folder, sorted by number. Uses only `register_depth` and `depth_offset_m` of
+    /// `settings`.
     ///
     /// # Errors
-    /// If the folder cannot be read, has no frames or only sequences' folders, or its intrinsics are damaged.
+    /// If the folder cannot be read, contains no frames or only sequence folders, or its intrinsics are damaged.
     pub fn open(folder: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
         settings.validate()?;
         let frames = numbered_files(folder, COLOR)?;
@@ -92,7 +92,7 @@ impl SevenScenesScene {
     }
 }
 
-/// The parts that a sequence needs, and whether each is in a folder.
+/// Returns the required parts of a sequence, each with true if the folder has it.
 pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
     [
         ("frame-<number>.color.png or .jpg", COLOR),
@@ -103,9 +103,9 @@ pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
     .to_vec()
 }
 
-/// Whether a folder holds a sequence, or sequences' folders.
+/// Returns true if a folder contains a sequence, or folders of sequences.
 pub(crate) fn looks_like(path: &Path) -> bool {
-    parts(path).iter().all(|(_, is_there)| *is_there) || !sequence_folders(path).is_empty()
+    parts(path).iter().all(|(_, is_present)| *is_present) || !sequence_folders(path).is_empty()
 }
 
 fn sequence_folders(path: &Path) -> Vec<String> {
@@ -126,10 +126,10 @@ impl Scene for SevenScenesScene {
         self.frames.get(index).map(|file| file.stem.clone()).unwrap_or_default()
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
+    fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let file = entry(&self.frames, index, &self.name)?;
         let depth_path = self.part_of(file, DEPTH);
-        // The pose first: it is quick to read and the likeliest to be missing.
+        // Pose first: it is quick to read and the most likely to be missing.
         let mut pose = read_pose(&self.part_of(file, POSE))?;
         let mut depth = read_depth(&depth_path, MILLIMETRES)?;
         let color = read_color(&file.path)?;
@@ -143,7 +143,8 @@ impl Scene for SevenScenesScene {
             require_registered(&color, &depth, &depth_path)?;
         }
         let name = file.stem.clone();
-        FrameParts { name, timestamp: None, color, depth, intrinsics: camera, world_from_camera: pose }.into_frame()
+        FrameParts { name, timestamp: None, color, depth, intrinsics: camera, world_from_camera: Some(pose) }
+            .into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

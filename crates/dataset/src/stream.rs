@@ -1,81 +1,68 @@
-//! Frames of a scene, in order, read ahead in the background.
+//! Streams of a scene's frames, in order, read ahead in the background.
 
-use crate::files::MemoryNeed;
+use crate::files::MemoryRequirement;
 use crate::plausibility::{Plausibility, check_intrinsics};
-use crate::{DatasetError, DatasetSettings, FrameReadError, Framing, Scene, SceneDescription};
-use splatseg_geometry::{Intrinsics, RgbdFrame, SegmentMap};
+use crate::{
+    DatasetError, DatasetSettings, FrameReadError, FrameSource, Framing, RecordedFrame, Scene, SceneDescription,
+    StreamedFrame,
+};
+use splatseg_geometry::{CameraFrame, Intrinsics};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
-/// The most frames that wait in the channel.
+/// Maximum number of frames that wait in the channel.
 const WAITING_FRAMES: usize = 2;
-/// What all waiting frames together may take, bytes. The larger the frames, the fewer wait, down to none.
+/// Maximum size of all waiting frames together, bytes. The larger the frames, the fewer wait, down to none.
 const WAITING_BYTES: usize = 64 << 20;
-/// Colour, depth and labels of one pixel.
+/// Bytes per pixel of colour, depth and labels.
 const FRAME_BYTES_PER_PIXEL: usize = 3 + 4 + 4;
-/// What a run of twenty frames takes for each pixel of a frame, bytes: `graph` and the evidence memory, as measured from
+/// Memory used by a run of twenty frames per pixel of a frame, bytes: `graph` and the evidence memory, measured from
 /// 0.08 to 2 megapixels.
 const RUN_BYTES_PER_PIXEL: u64 = 250;
 
-/// The most frames of a [`FrameStream`] in memory at once, however long the video: two that wait, one that is being
-/// read and the one that the caller holds. Fewer wait if frames are large.
+/// Maximum number of frames of a [`FrameStream`] in memory at once, however long the video: two that wait, one being
+/// read, and one held by the caller. Fewer wait if frames are large.
 pub const MAX_FRAMES_IN_MEMORY: usize = WAITING_FRAMES + 2;
 
-/// Whether a stream reads the true segments along with each frame.
+/// Choice of reading the ground truth segments along with each frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GroundTruth {
-    /// Read it where there is some.
+    /// Read the ground truth where it exists.
     Read,
-    /// Leave it.
+    /// Do not read the ground truth.
     Skip,
 }
 
-/// One frame of a stream, resized and cropped as the settings say.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StreamedFrame {
-    /// Index of the frame in its scene.
-    pub index: usize,
-    /// The frame; its name is the scene's name for it.
-    pub frame: RgbdFrame<'static>,
-    /// The true segments, of the frame's size; `None` if there are none or they were not requested.
-    pub ground_truth: Option<SegmentMap>,
-}
-
-impl AsRef<RgbdFrame<'static>> for StreamedFrame {
-    fn as_ref(&self) -> &RgbdFrame<'static> {
-        &self.frame
-    }
-}
-
-/// What a stream gives for one frame: a frame, or why it cannot be used.
+/// Item of a stream: a frame, or the reason it cannot be used.
 type FrameResult = Result<StreamedFrame, FrameReadError>;
 
-/// An iterator over the frames that the settings select, in order. They are read ahead on a background thread, never
-/// more than [`MAX_FRAMES_IN_MEMORY`]; dropping the stream stops the thread.
+/// Iterator over the frames selected by the settings, in order. They are read ahead on a background thread, at most
+/// [`MAX_FRAMES_IN_MEMORY`] at a time. Dropping the stream stops the thread.
 ///
-/// A frame that cannot be read, or whose size differs from that of the first good frame, is an `Err`, and the stream
-/// goes on with the next.
+/// A frame that cannot be read, or whose size differs from that of the first good frame, is an `Err`. The stream then
+/// continues with the next frame.
 #[derive(Debug)]
 pub struct FrameStream {
-    /// What was read to find the first good frame.
+    /// Results read while looking for the first good frame.
     first: std::vec::IntoIter<FrameResult>,
     receiver: Option<Receiver<FrameResult>>,
     reader: Option<JoinHandle<()>>,
-    /// Frames not given yet.
+    /// Indices of the frames not returned yet.
     pending: std::vec::IntoIter<usize>,
     description: SceneDescription,
     scene: Arc<dyn Scene>,
 }
 
 impl FrameStream {
-    /// Starts to read the selected frames of a scene. Reads up to the first good frame at once, to check the crop, the
-    /// memory that frames of this size take, and the intrinsics.
+    /// Starts reading the selected frames of a scene. Reads up to the first good frame immediately, to check the crop,
+    /// the memory needed for frames of this size, and the intrinsics.
     ///
     /// # Errors
     /// [`DatasetError::Setting`] if the settings are invalid, select no frame, or crop everything away;
-    /// [`DatasetError::MemoryLimit`] if frames are too large; [`DatasetError::Field`] for intrinsics that no camera has.
+    /// [`DatasetError::MemoryLimit`] if frames are too large; [`DatasetError::Field`] if the intrinsics are
+    /// implausible.
     pub fn open(
         scene: Arc<dyn Scene>,
         settings: &DatasetSettings,
@@ -84,8 +71,8 @@ impl FrameStream {
         Self::open_at(scene, settings, ground_truth, 0)
     }
 
-    /// [`Self::open`] without the first `done` of the selected frames. All else is as if these had been given: the first
-    /// good frame of all decides the size of the others.
+    /// Like [`Self::open`], but skips the first `done` of the selected frames. The skipped frames still count
+    /// otherwise: the first good frame of all determines the size of the others.
     ///
     /// # Errors
     /// As [`Self::open`].
@@ -102,8 +89,8 @@ impl FrameStream {
         for index in &selected {
             let result = job.read(*index);
             match result {
-                // What holds for all frames is told once.
-                Err(error) if error.source.is_of_the_scene() => return Err(*error.source),
+                // Errors that affect all frames are reported once.
+                Err(error) if error.source.affects_all_frames() => return Err(*error.source),
                 Ok(streamed) => {
                     job.check_intrinsics(*index)?;
                     description.add_first_frame(scene.as_ref(), &streamed, job.original_size);
@@ -132,18 +119,13 @@ impl FrameStream {
         })
     }
 
-    /// The size `(width, height)` of every frame; `None` if none of the selected frames can be read.
+    /// Returns the size `(width, height)` of every frame; `None` if none of the selected frames can be read.
     pub fn frame_size(&self) -> Option<(usize, usize)> {
         self.description.frame_size
     }
-
-    /// What was recognised: format, frames, sizes, depth, and what is left out.
-    pub fn description(&self) -> &SceneDescription {
-        &self.description
-    }
 }
 
-/// How many frames of a size `(width, height)` may wait.
+/// Returns the number of frames of size `(width, height)` that may wait.
 fn waiting_frames(size: Option<(usize, usize)>) -> usize {
     let bytes = size.map_or(1, |(width, height)| width.saturating_mul(height).saturating_mul(FRAME_BYTES_PER_PIXEL));
     (WAITING_BYTES / bytes.max(1)).min(WAITING_FRAMES)
@@ -174,6 +156,16 @@ impl Iterator for FrameStream {
 
 impl ExactSizeIterator for FrameStream {}
 
+impl FrameSource for FrameStream {
+    fn frames_left(&self) -> Option<usize> {
+        Some(self.len())
+    }
+
+    fn description(&self) -> &SceneDescription {
+        &self.description
+    }
+}
+
 impl Drop for FrameStream {
     fn drop(&mut self) {
         // Without a receiver the thread's next send fails, which ends it.
@@ -185,7 +177,7 @@ impl Drop for FrameStream {
     }
 }
 
-/// What the background thread works on.
+/// State of the background thread.
 struct ReadingJob {
     scene: Arc<dyn Scene>,
     framing: Framing,
@@ -217,7 +209,7 @@ impl ReadingJob {
         }
     }
 
-    /// Checks the intrinsics of the first good frame, whose index is `index`.
+    /// Checks the intrinsics of the first good frame, frame `index`.
     fn check_intrinsics(&self, index: usize) -> Result<(), DatasetError> {
         match &self.original_intrinsics {
             Some(intrinsics) => check_intrinsics(self.scene.as_ref(), index, intrinsics),
@@ -234,11 +226,12 @@ impl ReadingJob {
     }
 
     fn try_read(&mut self, index: usize) -> Result<StreamedFrame, DatasetError> {
-        let frame = self.scene.read_frame(index)?;
+        let recorded = self.scene.read_recorded(index)?;
+        let frame = &recorded.frame;
         let size = (frame.width(), frame.height());
         match self.original_size {
             Some(expected) if expected != size => {
-                return Err(sizes_differ(&frame, "frame", size, expected, "the first frame"));
+                return Err(sizes_differ(frame, "frame", size, expected, "the first frame"));
             }
             Some(_) => {}
             None => self.require_memory(size)?,
@@ -248,32 +241,33 @@ impl ReadingJob {
             GroundTruth::Skip => None,
         };
         if let Some(labels) = ground_truth.as_ref().filter(|labels| labels.size() != size) {
-            return Err(sizes_differ(&frame, "ground truth", labels.size(), size, "its frame"));
+            return Err(sizes_differ(frame, "ground truth", labels.size(), size, "its frame"));
         }
-        self.plausibility.check(self.scene.as_ref(), index, &frame)?;
+        self.plausibility.check(self.scene.as_ref(), index, &recorded)?;
         let intrinsics = *frame.intrinsics();
         let ground_truth = ground_truth.map(|labels| self.framing.apply_to_labels(labels)).transpose()?;
+        let RecordedFrame { frame, world_from_camera } = recorded;
         let frame = self.framing.apply(frame)?;
         self.original_size = Some(size);
         self.original_intrinsics.get_or_insert(intrinsics);
-        Ok(StreamedFrame { index, frame, ground_truth })
+        Ok(StreamedFrame { index, frame, world_from_camera, ground_truth })
     }
 
-    /// Requires that a run with frames of the size `(width, height)` can stay within the memory limit.
+    /// Checks that a run with frames of size `(width, height)` can stay within the memory limit.
     fn require_memory(&self, size: (usize, usize)) -> Result<(), DatasetError> {
         self.framing.check(size)?;
-        let need = MemoryNeed {
+        let requirement = MemoryRequirement {
             what: "run on frames",
             size: self.framing.resized(size),
             bytes_per_pixel: RUN_BYTES_PER_PIXEL,
             remedy: "make frames smaller with --resize or dataset.max_pixels, or raise --memory-limit",
         };
-        need.check(Path::new(self.scene.name()))
+        requirement.check(Path::new(self.scene.name()))
     }
 }
 
 fn sizes_differ(
-    frame: &RgbdFrame<'_>,
+    frame: &CameraFrame<'_>,
     what: &'static str,
     found: (usize, usize),
     expected: (usize, usize),

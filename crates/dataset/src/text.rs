@@ -1,4 +1,4 @@
-//! Text files, and the matrices in them: camera poses and intrinsics.
+//! Text files with matrices: camera poses and intrinsics.
 
 use crate::DatasetError;
 use crate::files::read_file;
@@ -38,7 +38,7 @@ impl PinholeMatrix {
         Self::from_numbers(&read_numbers(path, what)?, path, what)
     }
 
-    /// Takes a 3x3 or 4x4 camera matrix, row by row, apart. `path` and `what` are named in errors.
+    /// Parses a 3x3 or 4x4 camera matrix, row by row. `path` and `what` are named in errors.
     pub(crate) fn from_numbers(numbers: &[f64], path: &Path, what: &'static str) -> Result<Self, DatasetError> {
         let wrong = |found: String, expected| DatasetError::Text { path: path.to_owned(), what, found, expected };
         let columns = match numbers.len() {
@@ -56,19 +56,19 @@ impl PinholeMatrix {
         }
         if at(0, 1) != 0.0 {
             warn_once(format!(
-                "{}: {what}: the skew of {} in row 1, column 2 is ignored: the image's axes are taken to be at right angles",
+                "{}: {what}: the skew of {} in row 1, column 2 is ignored: the image's axes are assumed to be perpendicular",
                 path.display(),
                 at(0, 1)
             ));
         }
         let [fx, fy, cx, cy] = [at(0, 0), at(1, 1), at(0, 2), at(1, 2)].map(|number| number as f32);
         let matrix = Self { fx, fy, cx, cy };
-        // The size is checked when the image is known.
+        // The size is checked once the image is known.
         matrix.for_size((1, 1), path)?;
         Ok(matrix)
     }
 
-    /// The intrinsics of an image of `size` `(width, height)`. `path` is named in errors.
+    /// Returns the intrinsics for an image of `size` `(width, height)`. `path` is named in errors.
     pub(crate) fn for_size(&self, size: (usize, usize), path: &Path) -> Result<Intrinsics, DatasetError> {
         Intrinsics { fx: self.fx, fy: self.fy, cx: self.cx, cy: self.cy, width: size.0, height: size.1 }
             .validated()
@@ -85,18 +85,18 @@ fn read_numbers(path: &Path, what: &'static str) -> Result<Vec<f64>, DatasetErro
         .collect()
 }
 
-/// The text of a file of at most `limit` bytes. `what` names its content in errors.
+/// Reads a text file of at most `limit` bytes. `what` names its content in errors.
 pub(crate) fn read_text(path: &Path, what: &'static str, limit: u64) -> Result<String, DatasetError> {
     String::from_utf8(read_file(path, what, limit)?).map_err(|_| not_text(path, what))
 }
 
-/// The error for a file that should be text. `what` names its content.
+/// Returns the error for a file that is not text. `what` names its content.
 pub(crate) fn not_text(path: &Path, what: &'static str) -> DatasetError {
     let (path, found) = (path.to_owned(), "bytes that are not text".to_owned());
     DatasetError::Text { path, what, found, expected: "UTF-8" }
 }
 
-/// The beginning of a text, in quotes, for messages.
+/// Returns the beginning of a text, in quotes, for messages.
 pub(crate) fn shortened(text: &str) -> String {
     format!("{:?}", text.chars().take(40).collect::<String>())
 }

@@ -1,32 +1,33 @@
-//! Images of a lens redrawn as a pinhole camera with the same intrinsics would take them.
+//! Undistortion of images: redrawn as a pinhole camera with the same intrinsics would see them.
 
 use crate::DatasetError;
-use crate::files::MemoryNeed;
+use crate::files::MemoryRequirement;
 use glam::dvec2;
 use splatseg_geometry::{CowImage, Distortion, Image, Intrinsics};
 use std::path::Path;
 
-/// What the map takes in memory.
+/// Memory used by the map per pixel.
 const BYTES_PER_PIXEL: u64 = size_of::<Option<[f32; 2]>>() as u64;
 
-/// Where each pixel of an undistorted image lies in the image that the lens took. It is computed once for a camera.
+/// Map from each pixel of an undistorted image to its position in the distorted image. Computed once per camera.
 ///
-/// The undistorted image has the intrinsics of the distorted one, as OpenCV's `initUndistortRectifyMap` makes it with
-/// `newCameraMatrix = cameraMatrix`, and ROS's `image_proc` with the matrix K. Depth along the z axis stays as it is.
-/// Pixels that the lens did not show are black, without depth.
+/// The undistorted image has the intrinsics of the distorted one, as with OpenCV's `initUndistortRectifyMap` and
+/// `newCameraMatrix = cameraMatrix`, and with ROS's `image_proc` and the matrix K. Depth along the z axis is unchanged.
+/// Pixels outside the lens's view are black, without depth.
 #[derive(Clone, Debug)]
 pub struct Undistortion {
     width: usize,
     height: usize,
-    /// `[height, width]`, the `(column, row)` in the distorted image; `None` outside of it.
+    /// `[height, width]`, the `(column, row)` in the distorted image; `None` outside it.
     sources: Vec<Option<[f32; 2]>>,
 }
 
 impl Undistortion {
-    /// The map of a camera with a lens; `None` if the lens does not distort. `path` is named in errors.
+    /// Computes the map of a camera; `None` if its lens does not distort. `path` is named in errors.
     ///
     /// # Errors
-    /// [`DatasetError::Intrinsics`] for what is not a camera, [`DatasetError::MemoryLimit`] if the map would be too large.
+    /// [`DatasetError::Intrinsics`] for invalid intrinsics, [`DatasetError::MemoryLimit`] if the map would be too
+    /// large.
     pub fn new(intrinsics: &Intrinsics, distortion: &Distortion, path: &Path) -> Result<Option<Self>, DatasetError> {
         if *distortion == Distortion::None {
             return Ok(None);
@@ -36,7 +37,7 @@ impl Undistortion {
         let Intrinsics { width, height, .. } = camera;
         let remedy = "raise --memory-limit, or record smaller images";
         let what = "undistortion map";
-        MemoryNeed { what, size: (width, height), bytes_per_pixel: BYTES_PER_PIXEL, remedy }.check(path)?;
+        MemoryRequirement { what, size: (width, height), bytes_per_pixel: BYTES_PER_PIXEL, remedy }.check(path)?;
         let (focal, center) = (dvec2(camera.fx.into(), camera.fy.into()), dvec2(camera.cx.into(), camera.cy.into()));
         let last = dvec2(width as f64, height as f64) - 1.0;
         let farthest = ((last - center).abs().max(center.abs()) / focal).length();
@@ -53,12 +54,12 @@ impl Undistortion {
         Ok(Some(Self { width, height, sources }))
     }
 
-    /// `(width, height)` of the images that it applies to, pixels.
+    /// Returns the `(width, height)` of the images it applies to, pixels.
     pub fn size(&self) -> (usize, usize) {
         (self.width, self.height)
     }
 
-    /// Where in the distorted image, `(column, row)`, a pixel of the undistorted one lies; `None` outside of it.
+    /// Returns the position, `(column, row)`, of an undistorted pixel in the distorted image; `None` outside it.
     pub fn source(&self, column: usize, row: usize) -> Option<[f32; 2]> {
         if column >= self.width {
             return None;
@@ -66,10 +67,10 @@ impl Undistortion {
         self.sources.get(row.checked_mul(self.width)?.checked_add(column)?).copied().flatten()
     }
 
-    /// Colour, `[height, width]`, interpolated between the four pixels around each place.
+    /// Undistorts colour, `[height, width]`, by bilinear interpolation.
     ///
     /// # Errors
-    /// [`DatasetError::SizesDiffer`] for an image of another size than the camera's. `path` is named in it.
+    /// [`DatasetError::SizesDiffer`] if the image does not have the camera's size. `path` is named in the error.
     pub fn color(&self, image: &CowImage<'_, [u8; 3]>, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
         self.require_size(image.size(), "colour image", path)?;
         Ok(self.draw(|[x, y]| {
@@ -86,10 +87,11 @@ impl Undistortion {
         }))
     }
 
-    /// Depth (z, metres, 0 where there is none), `[height, width]`: the measurement nearest to each place, never a mixture.
+    /// Undistorts depth (z, metres, 0 if missing), `[height, width]`, by taking the nearest measurement, never a
+    /// mixture.
     ///
     /// # Errors
-    /// [`DatasetError::SizesDiffer`] for an image of another size than the camera's. `path` is named in it.
+    /// [`DatasetError::SizesDiffer`] if the image does not have the camera's size. `path` is named in the error.
     pub fn depth(&self, image: &CowImage<'_, f32>, path: &Path) -> Result<Image<f32>, DatasetError> {
         self.require_size(image.size(), "depth image", path)?;
         let nearest = |at: f32, len: usize| (at.round().max(0.0) as usize).min(len - 1);
@@ -112,7 +114,8 @@ impl Undistortion {
     }
 }
 
-/// The pixel at or before a place inside the image, and how far the place is past it, 0 to 1; the edge is repeated.
+/// Splits a position inside the image into the pixel at or before it and the remainder, 0 to 1. Positions are clamped
+/// to the edge.
 fn split(at: f32, len: usize) -> (usize, f32) {
     let at = at.clamp(0.0, (len - 1) as f32);
     let before = at.floor();

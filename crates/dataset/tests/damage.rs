@@ -1,4 +1,4 @@
-//! Whatever is in the files, reading them ends with a frame or an error.
+//! Whatever the files contain, reading them ends with a frame or an error.
 
 mod support;
 

@@ -1,11 +1,11 @@
-//! Plain folders: the documented example, every way to write one, and what is told of damaged ones.
+//! Plain folders: the documented example, every variant of the layout, and errors about damaged ones.
 
 mod support;
 
 use glam::{DVec3, Mat4, Quat, Vec3};
 use proptest::prelude::*;
 use splatseg_dataset::{
-    DatasetError, DatasetSettings, FolderScene, Format, FrameStream, GroundTruth, Scene, open_scene,
+    DatasetError, DatasetSettings, FolderScene, Format, FrameSource, FrameStream, GroundTruth, Scene, open_scene,
 };
 use splatseg_geometry::{Distortion, Image};
 use std::fs;
@@ -23,7 +23,7 @@ fn open(folder: &Path) -> Arc<dyn Scene> {
     open_scene(folder, &DatasetSettings::default()).unwrap()
 }
 
-/// The error of opening a folder, without the path of the folder.
+/// Returns the error of opening a folder, without the path of the folder.
 fn refused(folder: &Path) -> String {
     let error = FolderScene::open(folder).unwrap_err().to_string();
     error.replace(&folder.display().to_string(), "SCENE")
@@ -32,7 +32,7 @@ fn refused(folder: &Path) -> String {
 const CAMERA: &str =
     r#"{"width": 24, "height": 16, "fx": 20, "fy": 21, "cx": 11.5, "cy": 7.5, "depth_units_per_metre": 5000}"#;
 
-/// A folder with frames of these names and this `poses.txt`; depth is 2 m.
+/// Writes a folder with frames of these names and this `poses.txt`; depth is 2 m.
 fn folder(names: &[&str], poses: &str) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for part in ["color", "depth"] {
@@ -47,12 +47,12 @@ fn folder(names: &[&str], poses: &str) -> tempfile::TempDir {
     folder
 }
 
-/// TUM lines with cameras at x = 1, 2, 3... at these times.
+/// Returns TUM lines with cameras at x = 1, 2, 3... at these times.
 fn tum_lines(times: &[&str]) -> String {
     times.iter().enumerate().map(|(index, time)| format!("{time} {} 0 0 0 0 0 1\n", index + 1)).collect()
 }
 
-/// Names of the frames and where their cameras stand along x.
+/// Returns the names of the frames and the x coordinates of their cameras.
 fn frames(scene: &dyn Scene) -> Vec<(String, f64)> {
     let frame = |index| {
         let frame = scene.read_frame(index).unwrap();
@@ -77,13 +77,13 @@ fn the_documented_example_opens_as_documented() {
     let stream = FrameStream::open(scene, &DatasetSettings::default(), GroundTruth::Read).unwrap();
     let description = stream.description().to_string();
     assert!(description.starts_with("room: format folder, 4 frames; colour 160x120; depth of the first frame"));
-    let read: Vec<_> = stream.map(|frame| frame.unwrap().frame).collect();
+    let read: Vec<_> = stream.map(|frame| frame.unwrap().posed().unwrap()).collect();
     let names: Vec<&str> = read.iter().map(|frame| frame.name()).collect();
     assert_eq!(names, ["0000", "0001", "0002", "0003"]);
     assert_eq!(read[1].timestamp(), Some(Duration::from_secs_f64(0.666_667)));
     assert_eq!((read[0].intrinsics().fx, read[0].intrinsics().cx), (144.4675, 79.5));
     assert_eq!(read[3].world_from_camera().translation(), DVec3::new(1.865_856, 3.019_659, 1.277_984));
-    // The wall and the floor of a room: depth and poses fit if a point is seen again at the depth that the next camera has.
+    // Wall and floor of a room: depth and poses are consistent if a point has the right depth in the next camera.
     let (first, second) = (&read[0], &read[1]);
     let mut distances = Vec::new();
     for (column, row) in (20..140).step_by(10).flat_map(|column| (20..100).step_by(10).map(move |row| (column, row))) {
@@ -164,7 +164,7 @@ fn frames_without_all_parts_are_left_out_and_counted() {
     let folder = folder(&["0", "1", "2", "3", "4"], poses);
     fs::remove_file(folder.path().join("depth/0.png")).unwrap();
     fs::rename(folder.path().join("depth/1.png"), folder.path().join("depth/extra.png")).unwrap();
-    // Neither what a desktop leaves behind nor other files are images.
+    // Neither desktop metadata nor other files are images.
     for name in ["color/.DS_Store", "color/._2.jpg", "color/notes.txt", "depth/2.tiff"] {
         fs::write(folder.path().join(name), "x").unwrap();
     }
@@ -188,7 +188,7 @@ fn another_number_of_poses_is_refused() {
 }
 
 #[test]
-fn what_is_wrong_with_a_pose_is_told_with_its_line() {
+fn invalid_poses_are_reported_with_their_line() {
     let told = |poses: &str| refused(folder(&["a", "b"], poses).path());
     let good = "0 0 0 0 0 0 0 1\n";
     assert_eq!(
@@ -201,7 +201,7 @@ fn what_is_wrong_with_a_pose_is_told_with_its_line() {
     );
     assert!(told(&format!("{good}0 0 0 x 0 0 0 1\n")).contains("line 2"));
     assert!(told(&format!("{good}nan 0 0 0 0 0 0 1\n")).contains("line 2: found"));
-    // The position where the quaternion belongs.
+    // Position and quaternion swapped.
     let swapped = told(&format!("{good}0 0 0 0 1 4.5 2.5 1\n"));
     assert!(swapped.contains("line 2: found") && swapped.contains("(this one has length 5.339)"), "{swapped}");
     let not_rigid = told("1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n2 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n");
@@ -211,7 +211,7 @@ fn what_is_wrong_with_a_pose_is_told_with_its_line() {
 }
 
 #[test]
-fn what_is_wrong_with_the_camera_is_told() {
+fn invalid_cameras_are_reported() {
     let told = |from: &str, to: &str| {
         let folder = folder(&["a"], &tum_lines(&["0"]));
         assert!(CAMERA.contains(from));
@@ -240,7 +240,7 @@ fn what_is_wrong_with_the_camera_is_told() {
     assert!(told("}", "").contains("EOF"));
     let size = told("\"width\": 24", "\"width\": 32");
     assert_eq!(size, "SCENE/color/a.jpg: the colour image has 24x16 pixels, but camera.json has 32x16");
-    // A map of the lens is made only once an image has shown that its size is real.
+    // The undistortion map is only created once an image has confirmed its size.
     let huge = told(
         "\"width\": 24",
         r#""distortion_model": "plumb_bob", "distortion_coefficients": [1, 2, 3, 4],
@@ -250,7 +250,7 @@ fn what_is_wrong_with_the_camera_is_told() {
 }
 
 #[test]
-fn images_that_do_not_fit_are_told() {
+fn images_of_different_sizes_are_reported() {
     let folder = folder(&["a", "b"], &tum_lines(&["0", "1"]));
     write_color(&folder.path().join("color/b.jpg"), 12, 8);
     let error = open(folder.path()).read_frame(1).unwrap_err().to_string();
@@ -263,7 +263,7 @@ fn images_that_do_not_fit_are_told() {
 }
 
 #[test]
-fn a_folder_without_any_whole_frame_is_told() {
+fn a_folder_without_any_complete_frame_is_reported() {
     let folder = folder(&["a"], &tum_lines(&["0"]));
     fs::rename(folder.path().join("depth/a.png"), folder.path().join("depth/a_depth.png")).unwrap();
     let error = refused(folder.path());
@@ -304,7 +304,7 @@ fn images_of_a_lens_are_undistorted() {
     let folder = folder(&["a"], &tum_lines(&["0"]));
     let coefficients = [0.2, -0.1, 0.001, 0.002];
     let lens = Distortion::from_coefficients("plumb_bob", &coefficients).unwrap();
-    // A scene whose depth and colour are ramps over the pixels of the pinhole camera.
+    // Depth and colour are ramps over the pixels of the pinhole camera.
     let ramp = |column: usize, row: usize| {
         let point = glam::dvec2((column as f64 - 11.5) / 20.0, (row as f64 - 7.5) / 21.0);
         let seen = lens.undistort(point).unwrap();
@@ -312,7 +312,7 @@ fn images_of_a_lens_are_undistorted() {
     };
     let color = Image::from_fn(24, 16, |column, row| ramp(column, row).to_array().map(|at| (at * 10.0).round() as u8));
     let depth = Image::from_fn(24, 16, |column, row| ramp(column, row).x as f32 * 0.1 + 1.0);
-    // Without the loss of a JPEG; the ending of a name does not matter to the decoder.
+    // PNG avoids JPEG losses. The decoder ignores the extension.
     fs::write(folder.path().join("color/a.jpg"), png_color_bytes(&color)).unwrap();
     fs::write(folder.path().join("depth/a.png"), png_depth_bytes(&depth, 5000.0)).unwrap();
     let camera = CAMERA.replace(

@@ -1,8 +1,10 @@
-//! Recordings of ROS 2 messages: those that other programs wrote, and what is chosen of them.
+//! ROS 2 recordings written by other programs, and the choice of their topics.
 
 mod support;
 
-use splatseg_dataset::{DatasetSettings, Format, FrameStream, GroundTruth, McapScene, McapSummary, Scene, open_scene};
+use splatseg_dataset::{
+    DatasetSettings, Format, FrameSource, FrameStream, GroundTruth, McapScene, McapSummary, Scene, open_scene,
+};
 use splatseg_geometry::RgbdFrame;
 use std::path::{Path, PathBuf};
 
@@ -23,7 +25,7 @@ fn pose_error(left: &RgbdFrame, right: &RgbdFrame) -> f64 {
 
 #[test]
 fn a_robots_recording_has_the_frames_of_the_folder_that_it_was_made_of() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splatseg/demo");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splatseg-cli/demo");
     let folder = open_scene(folder, &DatasetSettings::default()).unwrap();
     let recording = open_scene(data("room.mcap"), &DatasetSettings::default()).unwrap();
     assert_eq!((recording.format(), recording.name(), recording.frame_count()), (Some(Format::Mcap), "room", 4));
@@ -80,8 +82,8 @@ fn frames_are_the_same_in_another_world() {
     let error = open("room.mcap", |s| s.world_frame = Some("moon".to_owned())).unwrap_err();
     assert_eq!(
         error,
-        "room.mcap: dataset.world_frame: found \"moon\", expected transforms of /tf that lead there from \
-         \"camera_color_optical_frame\"; frames: base_link, camera_color_optical_frame, camera_link, map, odom"
+        "room.mcap: dataset.world_frame: found \"moon\", expected a frame connected to \
+         \"camera_color_optical_frame\" by /tf; frames: base_link, camera_color_optical_frame, camera_link, map, odom"
     );
 }
 
@@ -123,7 +125,7 @@ fn every_encoding_gives_the_picture() {
         "inverse_rvl",
     ] {
         let frame = read("/rgb8", &format!("/depth/{depth}"));
-        // Numbers of 16 bits for inverse depth: millimetres near by.
+        // 16-bit inverse depth: millimetre accuracy at close range.
         let tolerance = if depth.starts_with("inverse") { 1e-3 } else { 0.0 };
         for (index, metres) in frame.depth().pixels().iter().enumerate() {
             let expected = if index == 0 { 0.0 } else { (1000 + index % 16 + 100 * (index / 16)) as f32 / 1000.0 };
@@ -133,7 +135,7 @@ fn every_encoding_gives_the_picture() {
 }
 
 #[test]
-fn what_fits_several_times_or_never_is_told() {
+fn ambiguous_and_missing_topics_are_reported() {
     let pose = |s: &mut DatasetSettings| s.pose = Some("/tf_static".to_owned());
     let error = open("encodings.mcap", pose).unwrap_err();
     assert_eq!(
@@ -185,7 +187,7 @@ fn a_rosbag2_folder_with_odometry_is_read() {
         "poses: /odom (nav_msgs/msg/Odometry) in odom, of base_link, with /tf_static from rgb_camera_link"
     );
     let frame = scene.read_frame(2).unwrap();
-    // The robot looks along its x; the camera is 0.5 m before and 1 m above its middle.
+    // The robot faces along its x axis. The camera is 0.5 m in front of its centre and 1 m above.
     let ahead = frame.world_from_camera().to_world(glam::Vec3::new(0.1, 0.2, 3.0));
     assert!(ahead.abs_diff_eq(glam::DVec3::new(2.0 + 0.5 + 3.0, -0.1, 1.0 - 0.2), 1e-5), "{ahead}");
     assert_eq!(frame.color()[(3, 2)], [48, 40, 9]);
@@ -198,7 +200,7 @@ fn settings_for_topics_are_for_recordings_only() {
     let error = open_scene("synthetic", &settings).unwrap_err().to_string();
     assert_eq!(
         error,
-        "dataset.pose is \"/odom\", expected nothing for synthetic, whose format is synthetic: only mcap has topics"
+        "dataset.pose is \"/odom\", expected no value for synthetic, whose format is synthetic: only mcap has topics"
     );
 }
 
@@ -218,7 +220,7 @@ fn a_summary_lists_all_topics() {
     assert_eq!((tf.messages, tf.unreadable.is_none()), (10, true));
 }
 
-/// Files of ROS 2's own tests; the numbers are those that Foxglove's Python reader gives.
+/// Files from ROS 2's own tests. The expected numbers are those from Foxglove's Python reader.
 #[test]
 fn recordings_of_rosbag2_are_read() {
     let topics = |name: &str| -> Vec<(String, String, u64)> {

@@ -1,4 +1,4 @@
-//! Recordings with wrong stamps and clocks that are set.
+//! Recordings with wrong stamps and clock changes.
 
 mod support;
 
@@ -11,7 +11,7 @@ use support::recording::{jpeg_bytes, recording};
 const FRAMES: usize = 24;
 const HOUR: i64 = 3_600_000_000_000;
 
-/// The stamps of a frame's messages, and when they are recorded.
+/// Stamps of a frame's messages and their recording time.
 #[derive(Clone, Copy)]
 struct Stamps {
     color: i64,
@@ -21,7 +21,7 @@ struct Stamps {
     log: i64,
 }
 
-/// The stamps of a good recording.
+/// Returns the stamps of a valid recording.
 fn good() -> Vec<Stamps> {
     let at = |index: i64| START + index * FRAME_NS;
     let stamps = |index: i64| Stamps {
@@ -38,7 +38,8 @@ fn frames() -> Vec<RgbdFrame<'static>> {
     recording("synthetic:frames=24,width=16,height=12,seed=3").into_iter().map(|(frame, _)| frame).collect()
 }
 
-/// Opens a recording with these stamps; gives for each of its frames which one it is, by depth, and what is left out.
+/// Opens a recording with these stamps. Returns the original index of each of its frames, by depth, and the skipped
+/// frames.
 fn opened(stamps: &[Stamps]) -> (Vec<usize>, Vec<String>) {
     let frames = frames();
     let mut writer = McapWriter::new();
@@ -77,7 +78,7 @@ fn all_but(missing: &[usize]) -> Vec<usize> {
     (0..FRAMES).filter(|index| !missing.contains(index)).collect()
 }
 
-/// Stamps that drivers have sent: not set in a message of ours, the epoch, the far future, the largest, and a few seconds off.
+/// Wrong stamps as sent by drivers: near the epoch, hours in the past or future, the largest, and a few seconds off.
 const WRONG: [i64; 6] =
     [1, START - 1_000 * HOUR, START + HOUR, i32::MAX as i64 * 1_000_000_000, START + 15_000_000_000, 7_000_000_000];
 
@@ -116,7 +117,7 @@ fn a_wrong_stamp_of_a_pose_or_a_camera_costs_no_frame() {
     }
 }
 
-/// The focal lengths of the frames of a recording whose camera changes at frame 12, with this stamp.
+/// Returns the focal lengths of the frames of a recording whose camera changes at frame 12, with this stamp.
 fn focal_lengths(changed_at: i64) -> Vec<f32> {
     let (frames, stamps) = (frames(), good());
     let mut writer = McapWriter::new();
@@ -147,7 +148,8 @@ fn a_new_camera_with_a_wrong_stamp_is_used_from_where_it_was_recorded() {
     }
 }
 
-/// The number of frames, whose poses may be interpolated.
+/// Opens a recording with these stamps. Returns its number of frames, whose poses may be interpolated, and the skipped
+/// frames.
 fn opened_roughly(stamps: &[Stamps]) -> (usize, Vec<String>) {
     let frames = frames();
     let mut writer = McapWriter::new();
@@ -167,7 +169,7 @@ fn opened_roughly(stamps: &[Stamps]) -> (usize, Vec<String>) {
     (scene.frame_count(), left_out)
 }
 
-/// Moves the clock from a frame on; `log` says whether the recorder has the same clock.
+/// Moves the clock from a frame on. `log` is true if the recorder has the same clock.
 fn set_clock(stamps: &mut [Stamps], from: usize, by: i64, log: bool) {
     for stamps in &mut stamps[from..] {
         for stamp in [&mut stamps.color, &mut stamps.depth, &mut stamps.pose, &mut stamps.info] {
@@ -192,7 +194,7 @@ fn a_clock_that_is_set_costs_no_frame() {
 #[test]
 fn a_simulation_that_starts_again_and_again_costs_no_frame() {
     for log in [true, false] {
-        // Three times the same eight stamps, half a second apart.
+        // The same eight stamps three times, half a second apart.
         let mut stamps = good();
         for (index, stamps) in stamps.iter_mut().enumerate() {
             let at = 2_000_000_000 + (index % 8) as i64 * 5 * FRAME_NS;
@@ -210,7 +212,7 @@ fn a_simulation_that_starts_again_and_again_costs_no_frame() {
 }
 
 #[test]
-fn a_recording_without_log_times_is_told_apart_by_the_order_of_its_messages() {
+fn a_recording_without_log_times_uses_the_order_of_its_messages() {
     let mut stamps = good();
     set_clock(&mut stamps, 12, -HOUR, false);
     stamps.iter_mut().for_each(|stamps| stamps.log = 0);

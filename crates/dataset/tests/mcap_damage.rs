@@ -1,4 +1,4 @@
-//! Recordings that are damaged, cut off, or lack something.
+//! Recordings that are damaged, truncated or incomplete.
 
 mod support;
 
@@ -22,7 +22,7 @@ fn frames() -> Vec<&'static RgbdFrame<'static>> {
     room().iter().map(|(frame, _)| frame).collect()
 }
 
-/// Opens a recording of these bytes; errors without the file's path.
+/// Opens a recording of these bytes. Errors omit the file's path.
 fn open(bytes: &[u8], settings: &DatasetSettings) -> Result<McapScene, String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
@@ -30,7 +30,7 @@ fn open(bytes: &[u8], settings: &DatasetSettings) -> Result<McapScene, String> {
     McapScene::open(&path, settings).map_err(|error| error.to_string().replace(&path.display().to_string(), "a.mcap"))
 }
 
-/// What is wrong with a recording of these bytes, and its number of frames.
+/// Returns the damage to a recording of these bytes, and its number of frames.
 fn damage(bytes: &[u8]) -> (Vec<String>, usize) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
@@ -67,7 +67,7 @@ fn a_recording_that_was_cut_off_is_read_up_to_its_end() {
     let mut counts = Vec::new();
     for part in 1..20 {
         let (told, frames) = damage(&bytes[..bytes.len() * part / 20]);
-        // Without the summary alone, all messages are there.
+        // If only the summary is missing, all messages are read.
         if let Some(line) = told.first() {
             assert!(line.starts_with("a.mcap: the recording was not finished: the record at byte "), "{line}");
             assert_eq!(told.len(), 1, "{told:?}");
@@ -93,9 +93,9 @@ fn chunks_with_wrong_crcs_are_left_out() {
 }
 
 #[test]
-fn files_that_are_no_recordings_are_told() {
+fn files_that_are_not_recordings_are_reported() {
     let settings = DatasetSettings::default();
-    let begins = "expected \"\\\\x89MCAP0\\\\r\\\\n\", with which MCAP files begin";
+    let begins = "expected \"\\\\x89MCAP0\\\\r\\\\n\", the start of every MCAP file";
     assert_eq!(open(b"", &settings).unwrap_err(), format!("a.mcap: first bytes: found an empty file, {begins}"));
     let error = open(b"hello world", &settings).unwrap_err();
     assert_eq!(error, format!("a.mcap: first bytes: found \"hello wo\", {begins}"));
@@ -105,7 +105,7 @@ fn files_that_are_no_recordings_are_told() {
 }
 
 #[test]
-fn what_is_missing_is_told() {
+fn missing_parts_are_reported() {
     let without = |parts: Parts| {
         let bytes = written(|writer| write_frames(writer, &frames(), parts));
         open(&bytes, &DatasetSettings::default()).unwrap_err()
@@ -138,7 +138,7 @@ fn frames_without_depth_or_pose_are_left_out_and_counted() {
         write_frames(writer, &frames, ALL);
         let late = START + 30 * FRAME_NS;
         let jpeg = support::recording::jpeg_bytes(frames[0].color());
-        // One with depth but without a pose, one with neither, and one whose time goes back by two seconds.
+        // One with depth but no pose, one with neither, and one whose time goes back by two seconds.
         for stamp in [late, late + FRAME_NS, START - 20 * FRAME_NS] {
             let color = splatseg_ros::CompressedImage { header: header(stamp, OPTICAL), format: "jpeg", data: &jpeg };
             writer.write("/camera/image_raw/compressed", &color, stamp);
@@ -153,18 +153,18 @@ fn frames_without_depth_or_pose_are_left_out_and_counted() {
         [
             "1 without a depth image within 20 ms of their colour image",
             "1 without a pose at their time (or within 500 ms)",
-            "1 whose stamp does not fit those around it, or is that of another, of /camera/image_raw/compressed"
+            "1 of /camera/image_raw/compressed whose stamp does not fit its neighbours' or is a duplicate"
         ]
     );
     assert_eq!(scene.frame_count(), 4);
 }
 
 #[test]
-fn nothing_that_belongs_together_is_an_error() {
+fn a_recording_without_matching_parts_is_an_error() {
     let frames = frames();
     let bytes = written(|writer| {
         write_frames(writer, &frames[..2], ALL);
-        // Raw images, which are taken rather than compressed ones: without depth, and without a pose.
+        // Raw images, which are preferred to compressed ones: without depth, and without a pose.
         let data = vec![9; 3 * 32 * 24];
         let late = START + 30 * FRAME_NS;
         for stamp in [late, late + FRAME_NS] {
@@ -173,15 +173,16 @@ fn nothing_that_belongs_together_is_an_error() {
         writer.write("/camera/depth", &raw(late, OPTICAL, "16UC1", (32, 24), &depth_bytes(frames[0])), late);
     });
     let error = open(&bytes, &DatasetSettings::default()).unwrap_err();
-    let expected = "a.mcap: frames: found 2 of /camera/image_raw and 3 of /camera/depth, of which 1 are within 20 ms of each \
-                    other and none of these has a pose, expected colour and depth of the same times";
+    let expected = "a.mcap: frames: found 2 images of /camera/image_raw and 3 of /camera/depth: 1 pairs within 20 ms, none \
+                    with a pose, expected colour and depth at the same times";
     assert!(error.starts_with(expected), "{error}");
     let settings = DatasetSettings::default().with(|s| s.color = Some("/camera/image_raw/compressed".to_owned()));
     assert_eq!(open(&bytes, &settings).unwrap().frame_count(), 2);
 }
 
-/// Two frames of a robot that drives along x, with a colour camera on it and a depth camera of half as many pixels, which
-/// sees a wall 2 m ahead. `depth_at` is where it stands beside the colour camera; `None` leaves /tf_static out.
+/// Returns a recording of two frames of a robot driving along x, with a colour camera and a depth camera of half the
+/// resolution, which sees a wall 2 m ahead. `depth_at` is the depth camera's position relative to the colour camera;
+/// `None` leaves out /tf_static.
 fn with_two_cameras(color_camera: &Intrinsics, depth_at: Option<DVec3>) -> Vec<u8> {
     let depth_camera = color_camera.resized(16, 12);
     written(|writer| {
@@ -218,7 +219,7 @@ fn depth_of_another_camera_is_registered() {
     let frame = read(DVec3::ZERO);
     assert_eq!((frame.width(), frame.height()), (16, 12), "as many pixels as depth has");
     assert!(frame.depth().pixels().iter().all(|z| *z == 2.0));
-    // Half a metre nearer to the wall, and as far to the right as makes four pixels there.
+    // Half a metre nearer to the wall, and far enough to the right for four pixels there.
     let shift = 4.0 * 1.5 / f64::from(color_camera.resized(16, 12).fx);
     let frame = read(DVec3::new(shift, 0.0, -0.5));
     assert!(frame.depth().pixels().iter().all(|z| *z == 0.0 || *z == 1.5));

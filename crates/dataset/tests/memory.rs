@@ -1,4 +1,4 @@
-//! What reading takes at most. The peak of the process is measured, so this file has one test.
+//! Peak memory of reading. The process's peak is measured, so this file has one test.
 #![cfg(target_os = "linux")]
 
 mod support;
@@ -7,21 +7,21 @@ use flate2::{Compression, write::ZlibEncoder};
 use splatseg_dataset::{
     DatasetError, DatasetSettings, FrameStream, GroundTruth, TumScene, open_scene, read_color_image,
 };
+use splatseg_files::MemoryLimit;
 use splatseg_geometry::Intrinsics;
-use splatseg_input::MemoryLimit;
 use std::fs;
 use std::io::Write;
 use std::path::Path;
 use support::sens::{SensWriter, frame_bytes};
 
-/// The most memory that this process has taken so far, MB.
+/// Returns the peak memory of this process so far, MB.
 fn peak_mb() -> u64 {
     let status = fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
     line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() / 1000
 }
 
-/// So many zeros as zlib data, made without having them all in memory.
+/// Compresses `count` zeros with zlib, without having them all in memory.
 fn zeros(count: usize) -> Vec<u8> {
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
     for _ in 0..count >> 12 {
@@ -35,7 +35,7 @@ fn chunk(kind: &[u8; 4], data: &[u8]) -> Vec<u8> {
     [&(data.len() as u32).to_be_bytes()[..], &body, &crc32fast::hash(&body).to_be_bytes()].concat()
 }
 
-/// A PNG of 64x48 pixels with a colour profile that unpacks to 400 MB.
+/// Returns a PNG of 64x48 pixels with a colour profile that unpacks to 400 MB.
 fn write_profile_bomb(path: &Path) {
     support::write_color(path, 64, 48);
     let png = fs::read(path).unwrap();
@@ -44,7 +44,7 @@ fn write_profile_bomb(path: &Path) {
     fs::write(path, [&png[..after_header], &chunk(b"iCCP", &profile), &png[after_header..]].concat()).unwrap();
 }
 
-/// A recording whose depth has 4096x4096 pixels in few bytes.
+/// Returns a recording whose depth has 4096x4096 pixels in few bytes.
 fn write_large_recording(path: &Path) {
     let camera = Intrinsics { fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5, width: 64, height: 48 };
     let large = Intrinsics { fx: 3840.0, fy: 3840.0, cx: 2047.5, cy: 2047.5, width: 4096, height: 4096 };

@@ -71,7 +71,7 @@ fn archives_are_read_as_they_are() {
             assert_is_the_room(open(&path).unwrap().as_ref(), FIRST);
         }
     }
-    // Names that need more than the 100 bytes of an ordinary header.
+    // Names longer than the 100 bytes of a plain header.
     fs::write(&path, archive(&[FIRST], &format!("{}/", "long".repeat(40)), true)).unwrap();
     assert_is_the_room(open(&path).unwrap().as_ref(), FIRST);
     fs::write(&path, archive(&[FIRST, SECOND], "00800/", false)).unwrap();
@@ -85,7 +85,7 @@ fn archives_are_read_as_they_are() {
 fn all_videos_of_a_split_are_listed() {
     let folder = tempfile::tempdir().unwrap();
     assert_eq!(MvpdVideos::find(folder.path()).unwrap().videos, []);
-    // The published folders: splits, in which there are scenes' archives before the authors' script unpacks them.
+    // The published folders are splits containing scene archives, until the authors' script unpacks them.
     let test = folder.path().join("test");
     fs::create_dir_all(folder.path().join("train")).unwrap();
     fs::create_dir_all(&test).unwrap();
@@ -169,7 +169,7 @@ fn the_format_pages_keys_and_the_minimised_annotations_are_read_too() {
 }
 
 #[test]
-fn crowds_are_no_instances_and_ids_without_a_segment_are_told() {
+fn crowds_are_not_instances_and_ids_without_a_segment_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let mut content = panoptic(&[FIRST]);
     let info = |content: &mut Value| content["annotations"][0]["annotations"][0]["segments_info"][0].take();
@@ -209,7 +209,7 @@ fn opening_fails(content: &str) -> String {
 }
 
 #[test]
-fn damaged_annotations_are_told() {
+fn damaged_annotations_are_reported() {
     let whole = panoptic(&[FIRST]).to_string();
     for keep in (0..whole.len()).step_by(37) {
         assert!(opening_fails(&whole[..keep]).contains("EOF"), "{keep}");
@@ -257,7 +257,7 @@ fn two_files_of_annotations_are_one_too_many() {
 }
 
 #[test]
-fn damaged_archives_are_told() {
+fn damaged_archives_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.tar.gz");
     let whole = archive(&[FIRST], "scene/", true);
@@ -269,7 +269,7 @@ fn damaged_archives_are_told() {
     fs::write(&path, tar_gz_bytes(&[("scene/notes.txt".to_owned(), b"hello".to_vec())])).unwrap();
     let error = open(&path).unwrap_err().to_string();
     assert!(error.ends_with("scene.tar.gz/panoptic.json: the file of annotations is missing"), "{error}");
-    // An image that is not in the archive is an error of its frame.
+    // An image missing from the archive is an error of its frame.
     let mut members = files(&[FIRST]);
     members.retain(|(name, _)| !name.starts_with("imagesDEPTH") || name.ends_with("1.png"));
     members.push(("panoptic.json".to_owned(), panoptic(&[FIRST]).to_string().into_bytes()));
@@ -295,7 +295,7 @@ fn bombs_are_not_unpacked() {
     }
 }
 
-/// A tar archive of one member whose header states another size or kind than it has.
+/// Returns a tar archive of one member whose header states another size or kind than it has.
 fn lying_member(size: u64, kind: tar::EntryType) -> Vec<u8> {
     let mut header = tar::Header::new_gnu();
     header.set_path("scene/panoptic.json").unwrap();
@@ -321,7 +321,7 @@ fn members_that_lie_about_their_size_take_no_memory() {
 }
 
 #[test]
-fn a_video_without_any_depth_is_told() {
+fn a_video_without_any_depth_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     write_split(folder.path(), &[FIRST], &panoptic(&[FIRST]));
     fs::remove_dir_all(folder.path().join("imagesDEPTH")).unwrap();
@@ -361,7 +361,7 @@ proptest! {
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
     ) {
         static MEMBERS: OnceLock<Vec<u8>> = OnceLock::new();
-        // The tar inside is damaged, not its compression, whose checks would hide it.
+        // Damage the tar inside rather than the compressed data, whose checks would detect it first.
         let tar = MEMBERS.get_or_init(|| {
             let bytes = archive(&[FIRST], "scene/", true);
             let mut tar = Vec::new();

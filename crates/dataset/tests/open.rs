@@ -1,4 +1,4 @@
-//! Recognising scenes.
+//! Detection of scene formats.
 
 mod support;
 
@@ -8,7 +8,7 @@ use std::path::Path;
 use support::*;
 
 #[test]
-fn missing_empty_and_unknown_paths_are_told_apart() {
+fn missing_empty_and_unknown_paths_are_distinguished() {
     let folder = tempfile::tempdir().unwrap();
     let settings = DatasetSettings::default();
     let missing = open_scene(folder.path().join("nothing"), &settings);
@@ -63,8 +63,8 @@ fn write_empty_files(names: &[&str], folder: &Path) {
 }
 
 #[test]
-fn what_a_scene_lacks_is_told() {
-    let told = |write: fn(&Path), remove: &str| {
+fn missing_parts_of_a_scene_are_reported() {
+    let error_without = |write: fn(&Path), remove: &str| {
         let folder = tempfile::tempdir().unwrap();
         write(folder.path());
         let part = folder.path().join(remove);
@@ -80,33 +80,41 @@ fn what_a_scene_lacks_is_told() {
         write_scannet(folder, 2, &ScannetSizes { color: (16, 12), depth: (16, 12), labels: (16, 12) });
     };
     assert_eq!(
-        told(scannet, "pose"),
+        error_without(scannet, "pose"),
         "SCENE: looks like a scene of format scannet, but this is missing: pose/ (found: color/, depth/, intrinsic/)"
     );
-    assert!(told(scannet, "depth").contains("this is missing: depth/ (found"));
-    assert!(told(scannet, "color").contains("this is missing: color/ (found"));
+    assert!(error_without(scannet, "depth").contains("this is missing: depth/ (found"));
+    assert!(error_without(scannet, "color").contains("this is missing: color/ (found"));
     assert_eq!(
-        told(scannet, "intrinsic"),
+        error_without(scannet, "intrinsic"),
         "SCENE/intrinsic/intrinsic_color.txt: the camera intrinsics file is missing"
     );
     let sevenscenes = |folder: &Path| write_sevenscenes(folder, 1);
     assert_eq!(
-        told(sevenscenes, "frame-000000.pose.txt"),
+        error_without(sevenscenes, "frame-000000.pose.txt"),
         "SCENE: looks like a scene of format 7scenes, but this is missing: frame-<number>.pose.txt (found: \
          frame-<number>.color.png or .jpg, frame-<number>.depth.png)"
     );
-    assert!(told(sevenscenes, "frame-000000.color.jpg").contains("this is missing: frame-<number>.color.png or .jpg"));
+    assert!(
+        error_without(sevenscenes, "frame-000000.color.jpg")
+            .contains("this is missing: frame-<number>.color.png or .jpg")
+    );
     let replica = |folder: &Path| write_empty_files(&["traj.txt", "results/frame000000.jpg"], folder);
-    assert!(told(replica, "traj.txt").contains("format replica, but this is missing: traj.txt (found: results/)"));
+    assert!(
+        error_without(replica, "traj.txt").contains("format replica, but this is missing: traj.txt (found: results/)")
+    );
     let no_depth = |folder: &Path| write_empty_files(&["traj.txt", "results/frame0.jpg", "other.txt"], folder);
-    assert_eq!(told(no_depth, "other.txt"), "SCENE/results: no frames: looked for depth<number>.png");
+    assert_eq!(error_without(no_depth, "other.txt"), "SCENE/results: no frames: looked for depth<number>.png");
     let mvpd =
         |folder: &Path| write_empty_files(&["panoptic_val.json", "imagesRGB/a/0.jpg", "imagesDEPTH/a/0.png"], folder);
-    assert!(told(mvpd, "panoptic_val.json").contains("format mvpd, but this is missing: panoptic_<split>.json (found"));
+    assert!(
+        error_without(mvpd, "panoptic_val.json")
+            .contains("format mvpd, but this is missing: panoptic_<split>.json (found")
+    );
 }
 
 #[test]
-fn folders_without_files_in_them_are_told() {
+fn empty_subfolders_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     write_scannet(folder.path(), 1, &ScannetSizes { color: (16, 12), depth: (16, 12), labels: (16, 12) });
     fs::remove_file(folder.path().join("pose/0.txt")).unwrap();

@@ -1,10 +1,10 @@
-//! Real and rendered recordings beside the repository; skipped where they are not there.
+//! Real and rendered recordings next to the repository; skipped if missing.
 
 mod support;
 
 use glam::Vec2;
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, open_scene};
-use splatseg_geometry::RgbdFrame;
+use splatseg_geometry::CameraFrame;
 use support::shared_data;
 
 #[test]
@@ -17,7 +17,7 @@ fn redkitchen_is_a_registered_recording() {
         settings.resize = "320x240".parse().ok();
         settings.crop_border = 5;
     });
-    let frames: Vec<RgbdFrame<'static>> =
+    let frames: Vec<CameraFrame<'static>> =
         FrameStream::open(scene, &settings, GroundTruth::Skip).unwrap().map(|frame| frame.unwrap().frame).collect();
     assert_eq!(frames.len(), 4);
     for frame in &frames {
@@ -38,14 +38,15 @@ fn a_rendered_room_agrees_with_itself_in_world_coordinates() {
     let frames: Vec<_> =
         FrameStream::open(scene, &settings, GroundTruth::Read).unwrap().map(|frame| frame.unwrap()).collect();
     let (here, there) = (&frames[0], &frames[1]);
+    let [pose_here, pose_there] = [here, there].map(|streamed| streamed.world_from_camera.unwrap());
     let (ids_here, ids_there) = (here.ground_truth.as_ref().unwrap(), there.ground_truth.as_ref().unwrap());
     let (mut visible, mut same) = (0, 0);
     for row in 0..240 {
         for column in 0..320 {
             let z = here.frame.depth()[(column, row)];
             let point = here.frame.intrinsics().unproject(Vec2::new(column as f32, row as f32), z);
-            let world = here.frame.world_from_camera().to_world(point);
-            let point_there = there.frame.world_from_camera().to_camera(world);
+            let world = pose_here.to_world(point);
+            let point_there = pose_there.to_camera(world);
             let Some(pixel) = there.frame.intrinsics().project(point_there).map(Vec2::round) else { continue };
             if z > 0.0 && pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < 320.0 && pixel.y < 240.0 {
                 let at = (pixel.x as usize, pixel.y as usize);

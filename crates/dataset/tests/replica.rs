@@ -14,7 +14,7 @@ fn room() -> &'static [(RgbdFrame<'static>, SegmentMap)] {
     ROOM.get_or_init(|| recording("synthetic:frames=3,width=60,height=34,seed=2"))
 }
 
-/// Writes the room's frames under these numbers, with all the poses.
+/// Writes the room's frames with these numbers, and all the poses.
 fn write_replica(folder: &Path, numbers: &[usize]) {
     fs::create_dir_all(folder.join("results")).unwrap();
     let mut trajectory = String::new();
@@ -97,7 +97,7 @@ fn poses_go_by_place_or_by_number() {
 }
 
 #[test]
-fn damaged_scenes_are_told() {
+fn damaged_scenes_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     write_replica(folder.path(), &[0, 1, 2]);
     let trajectory = folder.path().join("traj.txt");

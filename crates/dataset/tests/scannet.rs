@@ -30,7 +30,7 @@ fn colour_and_labels_of_another_size_are_brought_to_the_depth_camera() {
     let scene = ScannetScene::open(folder.path()).unwrap();
     let frame = scene.read_frame(0).unwrap();
     assert_eq!((frame.width(), frame.height(), frame.intrinsics().width), (40, 30, 40));
-    // Red is 255 x / width, so that the same ray has the same red in both images.
+    // Red is 255 x / width, so the same ray has the same red in both images.
     for column in [5, 20, 34] {
         let ray = (column as f32 - 19.5) / 40.0;
         let expected = 255.0 * (ray * 160.0 + 79.5) / 160.0;
@@ -76,7 +76,7 @@ fn lost_tracking_is_an_error_of_that_frame() {
 }
 
 #[test]
-fn missing_intrinsics_and_frames_are_told_on_opening() {
+fn missing_intrinsics_and_frames_are_reported_on_opening() {
     let folder = tempfile::tempdir().unwrap();
     write_scannet(folder.path(), 1, &SAME);
     fs::remove_file(folder.path().join("intrinsic/intrinsic_depth.txt")).unwrap();

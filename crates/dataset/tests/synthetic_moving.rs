@@ -1,4 +1,4 @@
-//! Things that move in the synthetic room: colour, depth and ids change together, and nothing else does.
+//! Moving things in the synthetic room: colour, depth and ids change together, and nothing else changes.
 
 use glam::{Vec2, Vec3};
 use splatseg_dataset::{Motion, Mover, Scene, SyntheticScene, SyntheticSettings};
@@ -21,7 +21,7 @@ fn pixels_of(ids: &SegmentMap, id: u32) -> BTreeSet<(usize, usize)> {
     all.filter(|at| ids[*at] == id).collect()
 }
 
-/// The pixels at which colour, depth or id differ between two frames.
+/// Returns the pixels where colour, depth or id differ between two frames.
 fn changed(
     first: &(RgbdFrame<'static>, SegmentMap),
     second: &(RgbdFrame<'static>, SegmentMap),
@@ -91,7 +91,7 @@ fn a_pushed_thing_moves_and_the_rest_of_the_image_stays() {
 
 #[test]
 fn things_take_their_depth_ids_and_texture_along() {
-    // Their patterns are strong enough that one which stayed behind would fail.
+    // Their patterns are strong enough for the test to fail if one stayed behind.
     for choice in ["seed=0", "seed=5,camera=static", "seed=10,camera=static"] {
         let text = format!("synthetic:frames=40,width=160,height=120,moving=3,{choice}");
         let scene = room(&text);
@@ -121,7 +121,7 @@ fn things_take_their_depth_ids_and_texture_along() {
 }
 
 #[test]
-fn a_thing_carried_away_leaves_what_was_behind_it() {
+fn a_vanished_thing_reveals_its_background() {
     let scene = room(STILL);
     let (id, gone) = only(scene.movers(), |motion| match motion {
         Motion::Vanish { frame } => Some(frame),
@@ -141,7 +141,7 @@ fn a_thing_carried_away_leaves_what_was_behind_it() {
 }
 
 #[test]
-fn a_thing_brought_in_hides_what_is_behind_it() {
+fn an_appearing_thing_hides_its_background() {
     let scene = room(STILL);
     let (id, come) = only(scene.movers(), |motion| match motion {
         Motion::Appear { frame } => Some(frame),
@@ -174,7 +174,7 @@ fn frames_with_movers_are_read_in_any_order() {
 #[test]
 fn more_movers_than_movable_things_are_refused() {
     let asked = |text: &str| SyntheticScene::new(text.parse().unwrap()).map(|scene| scene.movers().len());
-    // Something stands on one of the 20 things.
+    // One of the 20 things has something on top.
     assert_eq!(asked("synthetic:moving=19").unwrap(), 19);
     let error = asked("synthetic:moving=20").unwrap_err().to_string();
     assert!(error.contains("moving: found \"20\", expected at most 19"), "{error}");

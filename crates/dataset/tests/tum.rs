@@ -19,14 +19,14 @@ fn room() -> &'static [(RgbdFrame<'static>, SegmentMap)] {
     ROOM.get_or_init(|| recording("synthetic:frames=3,width=64,height=48,seed=8"))
 }
 
-/// A line of the trajectory; the quaternion is `length` times as long as it should be.
+/// Returns a line of the trajectory. The quaternion is scaled to `length`.
 fn pose_line(seconds: f64, pose: &Pose, length: f64) -> String {
     let t = pose.translation();
     let q = (DQuat::from_mat3(&pose.rotation()) * length).to_array();
     format!("{seconds:.4} {} {} {} {} {} {} {}\n", t.x, t.y, t.z, q[0], q[1], q[2], q[3])
 }
 
-/// A sequence whose depth is taken 6 ms before colour, with poses each 10 ms.
+/// Writes a sequence with depth 6 ms before colour, and a pose every 10 ms.
 fn write_tum(folder: &Path) {
     for part in ["rgb", "depth"] {
         fs::create_dir_all(folder.join(part)).unwrap();
@@ -40,7 +40,7 @@ fn write_tum(folder: &Path) {
         fs::write(folder.join(&depth_name), png_depth_bytes(frame.depth(), 5000.0)).unwrap();
         color += &format!("{seconds:.6} {color_name}\n");
         depth += &format!("{:.6} {depth_name}\n", seconds - 0.006);
-        // The nearest pose is the frame's own; those around it are not.
+        // The nearest pose is the frame's own. Its neighbours are wrong.
         trajectory += &pose_line(seconds - 0.008, &Pose::IDENTITY, 1.0);
         trajectory += &pose_line(seconds + 0.002, frame.world_from_camera(), 1.0 + index as f64);
         trajectory += &pose_line(seconds + 0.012, &Pose::IDENTITY, 1.0);
@@ -66,7 +66,7 @@ fn sequences_are_read_back() {
         let seconds = START + SPACING * index as f64;
         assert!((read.timestamp().unwrap().as_secs_f64() - seconds).abs() < 1e-6, "{:?}", read.timestamp());
         let half = Framing { resize: Some("32x24".parse().unwrap()), crop_border: 1, max_pixels: None };
-        assert_eq!(half.apply(read.clone()).unwrap().timestamp(), read.timestamp());
+        assert_eq!(half.apply(read.clone().into_camera_frame()).unwrap().timestamp(), read.timestamp());
         // 525 for 640 pixels; these images have 64.
         assert_eq!((read.intrinsics().fx, read.intrinsics().fy), (52.5, 52.5));
     }
@@ -118,7 +118,7 @@ fn opening_fails(name: &str, text: &[u8]) -> String {
 }
 
 #[test]
-fn damaged_lists_are_told() {
+fn damaged_lists_are_reported() {
     assert!(
         opening_fails("rgb.txt", b"# fine\n\n1.0 rgb/1.png\nnow rgb/2.png\n")
             .contains("line 4: found \"now rgb/2.png\"")
@@ -161,7 +161,7 @@ fn a_quaternion_without_a_direction_is_an_error_of_its_frame() {
 }
 
 #[test]
-fn damaged_images_are_told() {
+fn damaged_images_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     write_tum(folder.path());
     let depth = folder.path().join("depth/1305031102.169304.png");

@@ -1,4 +1,4 @@
-//! Undistorted images agree with OpenCV's; `tools/make_undistortion_test_data.py` made what they are compared with.
+//! Undistorted images agree with OpenCV's. `tools/make_undistortion_test_data.py` generates the reference images.
 
 use glam::dvec2;
 use proptest::prelude::*;
@@ -18,7 +18,7 @@ struct Lens {
     name: String,
     model: String,
     coefficients: Vec<f64>,
-    /// Column, row, and where OpenCV finds them in the distorted image.
+    /// Column, row, and their position in the distorted image according to OpenCV.
     sources: Vec<(usize, usize, f32, f32)>,
 }
 
@@ -40,7 +40,8 @@ fn map(camera: &Intrinsics, distortion: &Distortion) -> Undistortion {
     Undistortion::new(camera, distortion, Path::new("camera")).unwrap().expect("the lens distorts")
 }
 
-/// Whether a place lies in the image and not in the outer half of its outermost pixels, which OpenCV mixes with black.
+/// Returns true if a position is in the image but not in the outer half of its border pixels, which OpenCV mixes with
+/// black.
 fn is_inside(camera: &Intrinsics, x: f32, y: f32) -> bool {
     (0.0..=camera.width as f32 - 1.0).contains(&x) && (0.0..=camera.height as f32 - 1.0).contains(&y)
 }
@@ -94,12 +95,12 @@ fn depth_is_that_of_opencv() {
         let found = map.depth(&distorted, Path::new("depth.png")).unwrap();
         let expected = depth_image(&format!("{}_depth.png", lens.name));
         let differ = found.pixels().iter().zip(expected.pixels()).filter(|(found, expected)| found != expected).count();
-        // Halfway between two pixels either is right.
+        // Halfway between two pixels, either is correct.
         assert!(differ <= 2, "{}: {differ} pixels differ", lens.name);
     }
 }
 
-/// The 16-bit values of a PNG.
+/// Reads the 16-bit values of a PNG.
 fn depth_image(name: &str) -> Image<f32> {
     let pixels = image::open(file(name)).unwrap().into_luma16();
     let (width, height) = (pixels.width() as usize, pixels.height() as usize);
@@ -123,7 +124,7 @@ fn images_of_another_size_are_refused() {
 #[test]
 fn a_model_that_folds_the_image_shows_nothing_beyond_the_fold() {
     let Golden { camera, .. } = golden();
-    // Without a limit, sources would come back to the middle in the corners.
+    // Without a limit, sources in the corners would fold back to the centre.
     let folding = Distortion::from_coefficients("plumb_bob", &[-0.9, 0.0, 0.0, 0.0]).unwrap();
     let map = map(&camera, &folding);
     assert_eq!(map.source(0, 0), None);
@@ -132,11 +133,11 @@ fn a_model_that_folds_the_image_shows_nothing_beyond_the_fold() {
 
 proptest! {
     #[test]
-    fn what_a_lens_did_to_a_picture_is_undone(k1 in -0.3f64..0.3, k2 in -0.05f64..0.05, p1 in -0.003f64..0.003) {
-        // As wide as most cameras see: a polynomial with such coefficients still describes a lens there.
+    fn the_distortion_of_a_picture_is_undone(k1 in -0.3f64..0.3, k2 in -0.05f64..0.05, p1 in -0.003f64..0.003) {
+        // The view angle of most cameras, where a polynomial with such coefficients still describes a lens.
         let camera = Intrinsics { fx: 60.0, fy: 60.0, cx: 31.0, cy: 23.0, width: 64, height: 48 };
         let lens = Distortion::from_coefficients("plumb_bob", &[k1, k2, p1, 0.001]).unwrap();
-        // A ramp over the scene, as the lens shows it.
+        // A ramp over the scene, seen through the lens.
         let ramp = |x: f64, y: f64| [128.0 + 150.0 * x, 128.0 + 150.0 * y, 90.0];
         let distorted = Image::from_fn(64, 48, |column, row| {
             let seen = lens.undistort(dvec2((column as f64 - 31.0) / 60.0, (row as f64 - 23.0) / 60.0));

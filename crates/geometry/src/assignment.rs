@@ -1,39 +1,38 @@
-//! One-to-one matching with the largest summed weight (the Hungarian algorithm), in whole numbers.
+//! One-to-one matching with the maximum total weight (the Hungarian algorithm), in integers.
 //!
-//! Weights are fixed-point, so that sums are exact and the result does not depend on the order in which they are
-//! added. Where several assignments have the same sum, a second, much smaller weight decides.
+//! Weights are fixed-point, so that sums are exact and the result does not depend on the order of addition. A second,
+//! much smaller weight breaks ties.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 
-/// Bits after the binary point of the ratio whose sum is maximised; room for 2^64 pairs is left above it.
+/// Fractional bits of the ratio whose sum is maximised. This leaves room for 2^64 pairs.
 const PRIMARY_BITS: u32 = 62;
-/// The same for the ratio that decides between equal sums: it weighs 2^-40 of the first. That is more than what is
-/// rounded off the first, which would otherwise decide between equal sums such as 1/3 + 1/3 and 2/3, and less than
-/// any difference that should count.
+/// Fractional bits of the ratio that breaks ties. Its weight is 2^-40 of the first: more than the rounding error of the
+/// first, which would otherwise break ties such as 1/3 + 1/3 and 2/3, and less than any difference that matters.
 const SECONDARY_BITS: u32 = 22;
 
 /// A fraction of two pixel counts, at most 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ratio {
-    /// Pixels counted.
+    /// Numerator, pixels.
     pub numerator: u64,
-    /// Pixels they are compared with.
+    /// Denominator, pixels.
     pub denominator: u64,
 }
 
 impl Ratio {
-    /// Intersection over union of two sets of pixels.
+    /// Intersection over union of two sets of pixels with the given areas.
     pub fn iou(intersection: u64, first_area: u64, second_area: u64) -> Self {
         Self { numerator: intersection, denominator: first_area + second_area - intersection }
     }
 
-    /// F-score of two sets of pixels: twice the intersection over the summed areas.
+    /// F-score of two sets of pixels: twice the intersection over the sum of the areas.
     pub fn f_score(intersection: u64, first_area: u64, second_area: u64) -> Self {
         Self { numerator: 2 * intersection, denominator: first_area + second_area }
     }
 
-    /// As a number; NaN for 0 / 0.
+    /// Converts to a float; NaN for 0 / 0.
     pub fn to_f64(self) -> f64 {
         self.numerator as f64 / self.denominator as f64
     }
@@ -46,23 +45,23 @@ impl Ratio {
 /// A pair that may be matched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Candidate {
-    /// One of the things on one side.
+    /// Key of the item on one side.
     pub row: u64,
-    /// One of the things on the other side.
+    /// Key of the item on the other side.
     pub column: u64,
     weight: i128,
 }
 
 impl Candidate {
-    /// A pair whose `primary` ratio counts towards the sum to be maximised; `secondary` decides between equal sums.
+    /// Creates a pair. The sum of the `primary` ratios is maximised; `secondary` breaks ties.
     pub fn new(row: u64, column: u64, primary: Ratio, secondary: Option<Ratio>) -> Self {
         let secondary = secondary.map_or(0, |ratio| ratio.fixed(SECONDARY_BITS));
         Self { row, column, weight: primary.fixed(PRIMARY_BITS) + secondary }
     }
 }
 
-/// Indices of the candidates that are matched, increasing: no two share a row or a column and their summed weight is
-/// the largest. Rows and columns without candidates stay unmatched. No pair may occur twice.
+/// Selects candidates such that no two share a row or a column and their total weight is maximal. Returns their indices
+/// in increasing order. Rows and columns without candidates stay unmatched. No pair may occur twice.
 ///
 /// Time and memory grow with the number of candidates, not with rows × columns.
 pub fn best_assignment(candidates: &[Candidate]) -> Vec<usize> {
@@ -82,7 +81,7 @@ pub fn best_assignment(candidates: &[Candidate]) -> Vec<usize> {
     matched
 }
 
-/// The keys of the candidates, increasing, each once.
+/// Returns the distinct keys of the candidates in increasing order.
 fn distinct(candidates: &[Candidate], key: impl Fn(&Candidate) -> u64) -> Vec<u64> {
     let mut keys: Vec<u64> = candidates.iter().map(key).collect();
     keys.sort_unstable();
@@ -90,7 +89,7 @@ fn distinct(candidates: &[Candidate], key: impl Fn(&Candidate) -> u64) -> Vec<u6
     keys
 }
 
-/// A candidate, seen from its row.
+/// A candidate in the list of its row.
 #[derive(Clone, Copy, Debug)]
 struct Edge {
     column: usize,
@@ -99,10 +98,10 @@ struct Edge {
     candidate: usize,
 }
 
-/// The cheapest matching of the rows added so far, by successive shortest augmenting paths (Dijkstra's algorithm with
-/// potentials). Every row has a column of its own, besides those given, that costs nothing: there it is unmatched.
+/// Minimum-cost matching of the rows added so far, by successive shortest augmenting paths (Dijkstra's algorithm with
+/// potentials). Each row has an additional dummy column of cost 0, which means that it is unmatched.
 struct Matching {
-    /// By row, in the order of columns.
+    /// The edges of each row, sorted by column.
     edges: Vec<Vec<Edge>>,
     /// The row and the candidate of each matched column.
     edge_of_column: Vec<Option<(usize, usize)>>,
@@ -110,7 +109,7 @@ struct Matching {
     column_potentials: Vec<i128>,
 }
 
-/// How a column was reached: its distance, the row before it, and the candidate between them.
+/// The path to a column: its length, and its last row and candidate.
 #[derive(Clone, Copy, Debug)]
 struct Reached {
     distance: i128,
@@ -128,12 +127,12 @@ impl Matching {
         }
     }
 
-    /// Adds a row. Columns from `columns` on stand for the rows' own ones.
+    /// Adds a row. Column `columns + row` is the row's dummy column.
     fn add_row(&mut self, added: usize) {
         let columns = self.column_potentials.len();
         let mut reached: BTreeMap<usize, Reached> = BTreeMap::new();
         let mut waiting: BinaryHeap<Reverse<(i128, usize)>> = BinaryHeap::new();
-        // Columns whose distance is final, in the order in which that was found.
+        // Columns with final distances, in the order in which they became final.
         let mut settled: Vec<usize> = Vec::new();
         let cheapest = self.edges[added].iter().map(|edge| edge.cost - self.column_potentials[edge.column]);
         self.row_potentials[added] = cheapest.min().unwrap_or(0).min(0);
@@ -151,7 +150,7 @@ impl Matching {
             let is_outdated = |distance: i128, column: usize| {
                 column < columns && reached.get(&column).is_some_and(|known| known.distance < distance)
             };
-            // A row's own column always waits, so there is one.
+            // The queue contains at least a dummy column, so the search never fails.
             let Some(Reverse((distance, column))) = std::iter::from_fn(|| waiting.pop())
                 .find(|Reverse((distance, column))| !is_outdated(*distance, *column))
             else {
@@ -170,7 +169,7 @@ impl Matching {
         self.augment(added, end, &reached);
     }
 
-    /// Keeps all reduced costs at 0 or above once the path of length `length` is taken.
+    /// Updates the potentials so that all reduced costs stay nonnegative after augmenting along a path of this length.
     fn raise_potentials(&mut self, added: usize, length: i128, settled: &[usize], reached: &BTreeMap<usize, Reached>) {
         self.row_potentials[added] += length;
         for column in settled {
@@ -182,13 +181,13 @@ impl Matching {
         }
     }
 
-    /// Moves every row on the path to `end` to the column after it.
+    /// Matches every row on the path to `end` with the column after it.
     fn augment(&mut self, added: usize, end: usize, reached: &BTreeMap<usize, Reached>) {
         let columns = self.column_potentials.len();
-        // The path from its end: the column that each row leaves is free for the row before it.
+        // From the end of the path: the column that a row leaves is free for the row before it.
         let mut column = end;
         if end >= columns {
-            // That row becomes unmatched.
+            // The row of this dummy column becomes unmatched.
             let row = end - columns;
             match self.column_of(row, reached) {
                 Some(left) if row != added => column = left,
@@ -206,7 +205,7 @@ impl Matching {
         }
     }
 
-    /// The column that a row had before, among those reached.
+    /// The column currently matched with a row, if it was reached.
     fn column_of(&self, row: usize, reached: &BTreeMap<usize, Reached>) -> Option<usize> {
         let is_own = |column: &usize| self.edge_of_column[*column].is_some_and(|(of, _)| of == row);
         self.edges[row].iter().map(|edge| edge.column).filter(|column| reached.contains_key(column)).find(is_own)
@@ -218,7 +217,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The largest summed weight of rows `row..`, trying every free column and none.
+    /// Maximum total weight of rows `row..`, by enumerating all matchings.
     fn enumerated(weights: &[Vec<i128>], row: usize, taken: &mut Vec<bool>) -> i128 {
         let Some(columns) = weights.get(row) else { return 0 };
         let mut best = enumerated(weights, row + 1, taken);
@@ -261,7 +260,7 @@ mod tests {
 
     #[test]
     fn tens_of_thousands_of_overlapping_things_are_matched() {
-        // A grid of squares beside the same grid moved by a third of a square: each overlaps four.
+        // A grid of squares and the same grid shifted by a third of a square: each square overlaps four.
         const SIDE: u64 = 140;
         let mut candidates = Vec::new();
         for (row, column) in (0..SIDE).flat_map(|row| (0..SIDE).map(move |column| (row, column))) {
@@ -278,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_match_is_no_match() {
+    fn no_candidates_give_no_match() {
         assert!(best_assignment(&[]).is_empty());
     }
 

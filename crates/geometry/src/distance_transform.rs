@@ -1,13 +1,13 @@
-//! Distances of pixels to a region.
+//! City-block distance transform.
 
 use crate::Mask;
 
-/// The city-block distance from each pixel to the nearest one for which `is_target(index)` holds: row-major, 0 on
-/// targets, `u32::MAX` if there are no targets. `(width, height)` is the size of the image.
+/// Computes the city-block distance from each pixel to the nearest target, a pixel with `is_target(index)`. The result
+/// is row-major: 0 on targets, `u32::MAX` if there are no targets. `(width, height)` is the size of the image.
 pub fn distance_transform((width, height): (usize, usize), is_target: impl Fn(usize) -> bool) -> Vec<u32> {
     let mut steps: Vec<u32> = (0..width * height).map(|index| if is_target(index) { 0 } else { u32::MAX }).collect();
     let nearer = |step: u32, neighbour: u32| step.min(neighbour.saturating_add(1));
-    // Down, and within each row to the right and back; then up. A whole row of vertical steps is taken at once.
+    // A pass down, which also goes right and left within each row, then a pass up. Vertical steps update whole rows.
     for row in 0..height {
         let (above, rest) = steps.split_at_mut(row * width);
         let steps = &mut rest[..width];
@@ -29,8 +29,8 @@ pub fn distance_transform((width, height): (usize, usize), is_target: impl Fn(us
 }
 
 impl Mask {
-    /// How deep each pixel is inside the mask, row-major: its city-block distance to the nearest pixel outside. Everything
-    /// beyond the image border is outside. 0 for pixels that are not in the mask, at least 1 for those that are.
+    /// Computes the depth of each pixel inside the mask, row-major: its city-block distance to the nearest pixel
+    /// outside. Everything beyond the image border is outside. 0 for pixels outside the mask, at least 1 inside.
     pub fn depths(&self) -> Vec<u32> {
         let (width, height) = (self.width(), self.height());
         let mut inside = vec![false; width * height];
@@ -44,7 +44,7 @@ impl Mask {
         depths
     }
 
-    /// The mask without what is nowhere thicker than `2 · radius` pixels: its opening with a city-block ball.
+    /// Returns the opening of the mask with a city-block ball, which removes parts at most `2 · radius` pixels thick.
     #[must_use]
     pub fn opened(&self, radius: usize) -> Self {
         let radius = radius.min(u32::MAX as usize - 1) as u32;
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn opening_leaves_out_what_is_thin() {
+    fn opening_removes_thin_parts() {
         let columns = |mask: &Mask| (0..20).filter(|column| mask.contains(*column, 4)).collect::<Vec<_>>();
         // Stripes of 4 and of 5 columns, and one of 4 along the border of the image.
         let is_striped = |column: usize| matches!(column, 2..6 | 9..14 | 16..20);

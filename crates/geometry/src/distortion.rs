@@ -3,40 +3,40 @@
 use glam::{DMat2, DVec2, dvec2};
 use thiserror::Error;
 
-/// The models and how many coefficients each takes, for messages.
+/// The supported models with their coefficients, for messages.
 const MODELS: &str = "plumb_bob (k1 k2 p1 p2 [k3]), rational_polynomial (k1 k2 p1 p2 k3 k4 k5 k6 [s1 s2 s3 s4]), \
                       equidistant (k1 k2 k3 k4) or none";
-/// Steps of Newton's method that [`Distortion::undistort`] takes at most; lenses need three to six.
+/// Maximum number of Newton steps in [`Distortion::undistort`]. Lenses need three to six.
 const MAX_STEPS: usize = 30;
-/// How exactly a point is undistorted, in units of the focal length: less than a millionth of a pixel.
+/// Tolerance of [`Distortion::undistort`] in units of the focal length: less than a millionth of a pixel.
 const UNDISTORT_TOLERANCE: f64 = 1e-10;
 /// Step of the numeric derivative.
 const DERIVATIVE_STEP: f64 = 1e-6;
-/// In how many rings [`Distortion::usable_radius`] looks for the fold.
+/// Number of rings in which [`Distortion::usable_radius`] searches for a fold.
 const RADIUS_STEPS: u32 = 2000;
 
-/// How a lens bends the pinhole camera's image.
+/// Distortion of a pinhole camera's image by a lens.
 ///
 /// Points are normalised: a camera-frame point `(X, Y, Z)` is seen at `(X / Z, Y / Z)`, and its pixel is
-/// `(fx x + cx, fy y + cy)` of the distorted point `(x, y)`. The formulas are those of OpenCV's
+/// `(fx x + cx, fy y + cy)` of the distorted point `(x, y)`. The formulas are from OpenCV's
 /// [`calib3d`](https://docs.opencv.org/4.x/d9/d0c/group__calib3d.html) and
-/// [`fisheye`](https://docs.opencv.org/4.x/db/d58/group__calib3d__fisheye.html); the names are those of ROS's
+/// [`fisheye`](https://docs.opencv.org/4.x/db/d58/group__calib3d__fisheye.html), the names from ROS's
 /// `sensor_msgs/CameraInfo`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Distortion {
-    /// A pinhole camera, or an image that was rectified already.
+    /// A pinhole camera, or an image that is already rectified.
     #[default]
     None,
-    /// ROS's `plumb_bob` and `rational_polynomial`: a factor by the distance from the axis, and what a lens does that is
-    /// not centred (`plumb_bob` has `denominator` and `thin_prism` 0).
+    /// ROS's `plumb_bob` and `rational_polynomial`: radial, tangential and thin-prism distortion. For `plumb_bob`,
+    /// `denominator` and `thin_prism` are 0.
     Polynomial {
-        /// k1, k2, k3 of the factor's numerator, 1 + k1 r² + k2 r⁴ + k3 r⁶.
+        /// k1, k2, k3 of the radial factor's numerator, 1 + k1 r² + k2 r⁴ + k3 r⁶.
         numerator: [f64; 3],
-        /// k4, k5, k6 of its denominator, 1 + k4 r² + k5 r⁴ + k6 r⁶.
+        /// k4, k5, k6 of the radial factor's denominator, 1 + k4 r² + k5 r⁴ + k6 r⁶.
         denominator: [f64; 3],
         /// p1, p2.
         tangential: [f64; 2],
-        /// s1, s2 along x, s3, s4 along y.
+        /// s1 and s2 along x, s3 and s4 along y.
         thin_prism: [f64; 4],
     },
     /// ROS's `equidistant`, OpenCV's `fisheye`: k1 to k4 of θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸), where θ is the angle
@@ -44,21 +44,21 @@ pub enum Distortion {
     Equidistant([f64; 4]),
 }
 
-/// A model and coefficients that do not describe a lens.
+/// Errors in a distortion model or its coefficients.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum DistortionError {
-    /// The model is not known.
+    /// The model is unknown.
     #[error("distortion model: found {0:?}, expected {MODELS}")]
     Model(String),
-    /// The model takes another number of coefficients.
+    /// The number of coefficients is wrong for the model.
     #[error("distortion coefficients: found {found} of them, but {model} takes {expected}")]
     Count {
         /// Name of the model.
         model: &'static str,
         /// Number of coefficients.
         found: usize,
-        /// What it takes.
+        /// Allowed numbers.
         expected: &'static str,
     },
     /// A coefficient is NaN or infinite.
@@ -72,18 +72,17 @@ pub enum DistortionError {
     /// The model of a tilted sensor, which is not supported.
     #[error(
         "distortion coefficients: tauX = {0} and tauY = {1} describe a tilted sensor, which is not supported: expected 0, \
-         or images that were rectified already"
+         or rectified images"
     )]
     Tilted(f64, f64),
 }
 
 impl Distortion {
-    /// The distortion with ROS's name of a model and its coefficients in OpenCV's order: `plumb_bob` (4 or 5),
+    /// Creates a distortion from ROS's name of the model and its coefficients in OpenCV's order: `plumb_bob` (4 or 5),
     /// `rational_polynomial` (8; 12 with the thin prism; 14 if the sensor is not tilted), `equidistant` (4), and `none`
-    /// or an empty name for a camera without.
+    /// or an empty name for no distortion.
     ///
-    /// As in ROS's `image_geometry`, coefficients that are all 0, or none at all, mean that there is no distortion, also
-    /// for `equidistant`.
+    /// As in ROS's `image_geometry`, no coefficients, or all 0, mean no distortion, also for `equidistant`.
     ///
     /// ```
     /// use splatseg_geometry::Distortion;
@@ -94,7 +93,7 @@ impl Distortion {
     /// ```
     ///
     /// # Errors
-    /// [`DistortionError`] for another name, a wrong number of coefficients, NaN, infinity, or a tilted sensor.
+    /// [`DistortionError`] for an unknown name, a wrong number of coefficients, NaN, infinity, or a tilted sensor.
     pub fn from_coefficients(model: &str, coefficients: &[f64]) -> Result<Self, DistortionError> {
         let not_finite = coefficients.iter().enumerate().find(|(_, value)| !value.is_finite());
         if let Some((index, value)) = not_finite {
@@ -146,7 +145,7 @@ impl Distortion {
         Some(Self::Polynomial { numerator, denominator, tangential: [p1, p2], thin_prism })
     }
 
-    /// Where the lens shows the normalised point at which a pinhole camera would see it.
+    /// Distorts a normalised pinhole point.
     pub fn distort(&self, point: DVec2) -> DVec2 {
         let radius_squared = point.length_squared();
         let along_ray = point * self.radial_factor(radius_squared);
@@ -162,8 +161,8 @@ impl Distortion {
         along_ray + decentred + prism
     }
 
-    /// The normalised point that a pinhole camera would see where this lens shows `distorted`; `None` if the lens shows
-    /// nothing there, or only where the model folds the image over.
+    /// Returns the normalised pinhole point that the lens maps to `distorted`. `None` if there is none, or only beyond
+    /// a fold of the model.
     pub fn undistort(&self, distorted: DVec2) -> Option<DVec2> {
         if *self == Self::None {
             return Some(distorted);
@@ -172,7 +171,7 @@ impl Distortion {
         for _ in 0..MAX_STEPS {
             let error = self.distort(point) - distorted;
             let jacobian = self.jacobian(point);
-            // Positive everywhere between the axis and the fold.
+            // The determinant is positive everywhere between the axis and the fold.
             if !error.is_finite() || jacobian.determinant() <= 0.0 {
                 return None;
             }
@@ -184,16 +183,17 @@ impl Distortion {
         None
     }
 
-    /// Up to which distance from the axis, at most `limit`, the model describes a lens: farther out, what was fitted near
-    /// the axis may show points closer to the axis again, which would repeat the image there. Normalised, undistorted.
+    /// Returns the distance from the axis, at most `limit`, up to which the model is valid. A model fitted near the
+    /// axis may fold farther out: it moves points back towards the axis, which would repeat the image there. In
+    /// normalised, undistorted coordinates.
     pub fn usable_radius(&self, limit: f64) -> f64 {
-        let shown = |radius: f64| radius * self.radial_factor(radius * radius);
+        let distorted = |radius: f64| radius * self.radial_factor(radius * radius);
         let ring = |step: u32| limit * f64::from(step) / f64::from(RADIUS_STEPS);
-        let grows = |step: u32| shown(ring(step + 1)) > shown(ring(step));
+        let grows = |step: u32| distorted(ring(step + 1)) > distorted(ring(step));
         (0..RADIUS_STEPS).find(|step| !grows(*step)).map_or(limit, ring)
     }
 
-    /// By what a point at this distance from the axis, squared, is moved away from the axis.
+    /// The factor by which a point at this squared distance from the axis is scaled.
     fn radial_factor(&self, radius_squared: f64) -> f64 {
         let series = |[a, b, c]: [f64; 3]| 1.0 + radius_squared * (a + radius_squared * (b + radius_squared * c));
         match *self {
@@ -224,7 +224,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn what_does_not_describe_a_lens_is_refused() {
+    fn invalid_models_are_refused() {
         let error = |model: &str, coefficients: &[f64]| {
             Distortion::from_coefficients(model, coefficients).map_or_else(|error| error.to_string(), |_| String::new())
         };
@@ -277,7 +277,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn undistorting_takes_back_what_the_lens_does(lens in lens(), x in -0.7f64..0.7, y in -0.5f64..0.5) {
+        fn undistorting_inverts_distorting(lens in lens(), x in -0.7f64..0.7, y in -0.5f64..0.5) {
             let point = dvec2(x, y);
             let back = lens.undistort(lens.distort(point)).expect("a mild lens folds nothing");
             prop_assert!((back - point).length() < 1e-8);

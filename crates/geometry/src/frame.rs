@@ -1,19 +1,30 @@
 //! One frame of an RGB-D video.
 
 use crate::{CowImage, Intrinsics, IntrinsicsError, Pose};
+use std::ops::Deref;
 use std::time::Duration;
 use thiserror::Error;
 
-/// One registered RGB-D frame: colour and depth of the same pixels, the camera's intrinsics and pose, and, if known,
-/// when it was taken.
+/// An RGB-D frame whose camera pose is not known yet: registered colour and depth, the camera's intrinsics, and an
+/// optional timestamp. With a pose it is an [`RgbdFrame`].
 ///
 /// The images may borrow their pixels for `'a`, so that a frame can be made from a camera driver's buffers without a
-/// copy. A frame that owns its pixels, as datasets return it, is an `RgbdFrame<'static>`.
+/// copy. Datasets return frames that own their pixels, `CameraFrame<'static>`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraFrame<'a> {
+    name: String,
+    timestamp: Option<Duration>,
+    color: CowImage<'a, [u8; 3]>,
+    depth: CowImage<'a, f32>,
+    intrinsics: Intrinsics,
+}
+
+/// A [`CameraFrame`] with the pose of its camera. It dereferences to the former.
 ///
 /// ```
 /// use splatseg_geometry::{CowImage, Intrinsics, Pose, RgbdFrame};
 /// use std::time::Duration;
-/// let (rgb, depth_m) = ([128u8; 3 * 4], [1.5f32; 4]); // 2x2 pixels, as a driver hands them over
+/// let (rgb, depth_m) = ([128u8; 3 * 4], [1.5f32; 4]); // 2x2 pixels, as from a camera driver
 /// let frame = RgbdFrame::new(
 ///     "0",
 ///     CowImage::from_slice(2, 2, rgb.as_chunks().0)?,
@@ -27,15 +38,11 @@ use thiserror::Error;
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct RgbdFrame<'a> {
-    name: String,
-    timestamp: Option<Duration>,
-    color: CowImage<'a, [u8; 3]>,
-    depth: CowImage<'a, f32>,
-    intrinsics: Intrinsics,
+    camera: CameraFrame<'a>,
     world_from_camera: Pose,
 }
 
-/// Images and intrinsics that do not fit together.
+/// Errors creating a [`CameraFrame`].
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum FrameError {
@@ -50,35 +57,73 @@ pub enum FrameError {
     /// The intrinsics are for an image of another size; both are `(width, height)`.
     #[error("the intrinsics are for {}x{} pixels but the images have {}x{}", intrinsics.0, intrinsics.1, image.0, image.1)]
     IntrinsicsSize {
-        /// Size that the intrinsics state.
+        /// Size in the intrinsics.
         intrinsics: (usize, usize),
         /// Size of the images.
         image: (usize, usize),
     },
-    /// The intrinsics are not those of a camera.
+    /// The intrinsics are invalid.
     #[error(transparent)]
     Intrinsics(#[from] IntrinsicsError),
 }
 
-impl<'a> AsRef<RgbdFrame<'a>> for RgbdFrame<'a> {
-    fn as_ref(&self) -> &RgbdFrame<'a> {
-        self
+impl<'a> Deref for RgbdFrame<'a> {
+    type Target = CameraFrame<'a>;
+
+    fn deref(&self) -> &CameraFrame<'a> {
+        &self.camera
     }
 }
 
 impl<'a> RgbdFrame<'a> {
-    /// Assembles a frame without a timestamp. `color` (sRGB) and `depth` are `[height, width]` and show the same pixels;
-    /// `depth` is z-depth in metres, where negative, infinite and NaN values become 0 ("missing"). Borrowed depth is
+    /// Creates a frame without a timestamp, as [`CameraFrame::new`] does, with a pose.
+    ///
+    /// # Errors
+    /// As [`CameraFrame::new`].
+    pub fn new(
+        name: impl Into<String>,
+        color: CowImage<'a, [u8; 3]>,
+        depth: CowImage<'a, f32>,
+        intrinsics: Intrinsics,
+        world_from_camera: Pose,
+    ) -> Result<Self, FrameError> {
+        Ok(CameraFrame::new(name, color, depth, intrinsics)?.at(world_from_camera))
+    }
+
+    /// Sets or removes the timestamp; see [`CameraFrame::timestamp`].
+    #[must_use]
+    pub fn with_timestamp(self, timestamp: impl Into<Option<Duration>>) -> Self {
+        Self { camera: self.camera.with_timestamp(timestamp), ..self }
+    }
+
+    /// Converts to a frame that owns its pixels. Copies borrowed pixels.
+    pub fn into_owned(self) -> RgbdFrame<'static> {
+        self.camera.into_owned().at(self.world_from_camera)
+    }
+
+    /// The frame without its pose.
+    pub fn into_camera_frame(self) -> CameraFrame<'a> {
+        self.camera
+    }
+
+    /// The camera's pose.
+    pub fn world_from_camera(&self) -> &Pose {
+        &self.world_from_camera
+    }
+}
+
+impl<'a> CameraFrame<'a> {
+    /// Creates a frame without a timestamp. `color` (sRGB) and `depth` are `[height, width]`, registered to the same
+    /// pixels. `depth` is z-depth in metres; negative, infinite and NaN values become 0 ("missing"). Borrowed depth is
     /// copied only if it has such values.
     ///
     /// # Errors
-    /// If the sizes of the images and of the intrinsics differ, or the intrinsics are not those of a camera.
+    /// If the sizes of the images and of the intrinsics differ, or the intrinsics are invalid.
     pub fn new(
         name: impl Into<String>,
         color: CowImage<'a, [u8; 3]>,
         mut depth: CowImage<'a, f32>,
         intrinsics: Intrinsics,
-        world_from_camera: Pose,
     ) -> Result<Self, FrameError> {
         if color.size() != depth.size() {
             return Err(FrameError::SizesDiffer { color: color.size(), depth: depth.size() });
@@ -96,28 +141,33 @@ impl<'a> RgbdFrame<'a> {
                 *value = 0.0;
             }
         }
-        Ok(Self { name: name.into(), timestamp: None, color, depth, intrinsics, world_from_camera })
+        Ok(Self { name: name.into(), timestamp: None, color, depth, intrinsics })
     }
 
-    /// The frame with the time at which its colour image was taken, or without one; see [`RgbdFrame::timestamp`].
+    /// Sets or removes the timestamp; see [`CameraFrame::timestamp`].
     #[must_use]
     pub fn with_timestamp(mut self, timestamp: impl Into<Option<Duration>>) -> Self {
         self.timestamp = timestamp.into();
         self
     }
 
-    /// The frame with pixels of its own; copies those that are borrowed.
-    pub fn into_owned(self) -> RgbdFrame<'static> {
-        RgbdFrame { color: self.color.into_owned(), depth: self.depth.into_owned(), ..self }
+    /// Adds the pose of the camera.
+    pub fn at(self, world_from_camera: Pose) -> RgbdFrame<'a> {
+        RgbdFrame { camera: self, world_from_camera }
     }
 
-    /// The frame's name in its scene, e.g. `frame-000150` or `42`: outputs are named after it.
+    /// Converts to a frame that owns its pixels. Copies borrowed pixels.
+    pub fn into_owned(self) -> CameraFrame<'static> {
+        CameraFrame { color: self.color.into_owned(), depth: self.depth.into_owned(), ..self }
+    }
+
+    /// The frame's name in its scene, e.g. `frame-000150` or `42`. Output files are named after it.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// When the colour image was taken, counted from an instant that is the same for the whole video (for TUM RGB-D the
-    /// Unix epoch, for other recordings often the start of the sensor); `None` if the source does not say.
+    /// Capture time of the colour image, relative to a fixed instant for the whole video (the Unix epoch for TUM RGB-D,
+    /// often the start of the sensor for other recordings). `None` if unknown.
     pub fn timestamp(&self) -> Option<Duration> {
         self.timestamp
     }
@@ -145,11 +195,6 @@ impl<'a> RgbdFrame<'a> {
     /// The camera's intrinsics.
     pub fn intrinsics(&self) -> &Intrinsics {
         &self.intrinsics
-    }
-
-    /// The camera's pose.
-    pub fn world_from_camera(&self) -> &Pose {
-        &self.world_from_camera
     }
 }
 

@@ -1,15 +1,13 @@
-//! A plain image: row-major pixels of any type, owned or borrowed.
+//! Images: row-major pixels of any type, owned or borrowed.
 
 use std::borrow::Cow;
 use thiserror::Error;
 
-/// Row-major image of `height` × `width` pixels of type `T` that owns its pixels.
-///
-/// It is a [`CowImage`], and can be passed wherever a function takes a reference to one.
+/// Row-major image of `height` × `width` pixels of type `T` that owns its pixels: a [`CowImage`] without borrowed data.
 pub type Image<T> = CowImage<'static, T>;
 
-/// Row-major image of `height` × `width` pixels of type `T`, which are either its own or borrowed for `'a`, for example
-/// from a camera driver's buffer or a NumPy array. Borrowed pixels are copied only if the image is changed.
+/// Row-major image of `height` × `width` pixels of type `T`. The pixels are either owned or borrowed for `'a`, for
+/// example from a camera driver's buffer or a NumPy array. Borrowed pixels are copied only if the image is changed.
 ///
 /// ```
 /// use splatseg_geometry::CowImage;
@@ -27,13 +25,13 @@ pub struct CowImage<'a, T: Clone> {
     pixels: Cow<'a, [T]>,
 }
 
-/// The number of pixels does not match the stated size.
+/// The number of pixels does not match the image size.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 #[error("an image of {width}x{height} needs {} pixels, but {found} were given", *width as u128 * *height as u128)]
 pub struct ImageSizeError {
-    /// Stated width in pixels.
+    /// Image width in pixels.
     pub width: usize,
-    /// Stated height in pixels.
+    /// Image height in pixels.
     pub height: usize,
     /// Number of pixels given.
     pub found: usize,
@@ -43,18 +41,18 @@ impl<'a, T: Clone> CowImage<'a, T> {
     /// Borrows row-major `pixels`, `[height, width]`. Nothing is copied.
     ///
     /// # Errors
-    /// If `pixels` does not hold exactly `width * height` values.
+    /// If the number of `pixels` is not `width * height`.
     pub fn from_slice(width: usize, height: usize, pixels: &'a [T]) -> Result<Self, ImageSizeError> {
         check_size(width, height, pixels.len())?;
         Ok(Self { width, height, pixels: Cow::Borrowed(pixels) })
     }
 
-    /// The same image, borrowed from this one.
+    /// Borrows the image's pixels as a new image.
     pub fn as_borrowed(&self) -> CowImage<'_, T> {
         CowImage { width: self.width, height: self.height, pixels: Cow::Borrowed(&self.pixels) }
     }
 
-    /// The image with pixels of its own; copies them if they are borrowed.
+    /// Converts to an image that owns its pixels. Copies borrowed pixels.
     pub fn into_owned(self) -> Image<T> {
         CowImage { width: self.width, height: self.height, pixels: Cow::Owned(self.pixels.into_owned()) }
     }
@@ -79,7 +77,7 @@ impl<'a, T: Clone> CowImage<'a, T> {
         &self.pixels
     }
 
-    /// All pixels, row-major, to be changed in place. Copies them first if they are borrowed.
+    /// All pixels, row-major, mutable. Copies borrowed pixels first.
     pub fn pixels_mut(&mut self) -> &mut [T] {
         self.pixels.to_mut()
     }
@@ -89,18 +87,18 @@ impl<'a, T: Clone> CowImage<'a, T> {
         &self.pixels[row * self.width..(row + 1) * self.width]
     }
 
-    /// Returns the pixels, row-major; copies them if they are borrowed.
+    /// Returns the pixels, row-major. Copies borrowed pixels.
     pub fn into_pixels(self) -> Vec<T> {
         self.pixels.into_owned()
     }
 
-    /// The image with every pixel replaced by `change(pixel)`.
+    /// Returns the image with every pixel replaced by `change(pixel)`.
     pub fn map<U: Clone>(&self, change: impl FnMut(&T) -> U) -> Image<U> {
         let pixels = Cow::Owned(self.pixels.iter().map(change).collect());
         CowImage { width: self.width, height: self.height, pixels }
     }
 
-    /// The image without `border` pixels on each side; empty if nothing is left.
+    /// Returns the image without `border` pixels on each side. Empty if nothing is left.
     #[must_use]
     pub fn crop_border(&self, border: usize) -> Image<T> {
         let width = self.width.saturating_sub(2 * border);
@@ -113,16 +111,16 @@ impl<'a, T: Clone> CowImage<'a, T> {
 }
 
 impl<T: Clone> Image<T> {
-    /// Takes row-major `pixels`, `[height, width]`.
+    /// Creates an image from row-major `pixels`, `[height, width]`.
     ///
     /// # Errors
-    /// If `pixels` does not hold exactly `width * height` values.
+    /// If the number of `pixels` is not `width * height`.
     pub fn from_pixels(width: usize, height: usize, pixels: Vec<T>) -> Result<Self, ImageSizeError> {
         check_size(width, height, pixels.len())?;
         Ok(Self { width, height, pixels: Cow::Owned(pixels) })
     }
 
-    /// Makes an image by calling `pixel(column, row)` for every pixel, row by row.
+    /// Creates an image by calling `pixel(column, row)` for every pixel, row by row.
     pub fn from_fn(width: usize, height: usize, mut pixel: impl FnMut(usize, usize) -> T) -> Self {
         let mut pixels = Vec::with_capacity(width * height);
         for row in 0..height {
@@ -133,7 +131,7 @@ impl<T: Clone> Image<T> {
         Self { width, height, pixels: Cow::Owned(pixels) }
     }
 
-    /// An image with the same `value` everywhere.
+    /// Creates an image with the same `value` everywhere.
     pub fn filled(width: usize, height: usize, value: T) -> Self {
         Self { width, height, pixels: Cow::Owned(vec![value; width * height]) }
     }

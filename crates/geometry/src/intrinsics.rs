@@ -22,11 +22,11 @@ pub struct Intrinsics {
     pub height: usize,
 }
 
-/// Intrinsics that are not those of a pinhole camera.
+/// Invalid intrinsics.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 #[error(
-    "intrinsics fx={}, fy={}, cx={}, cy={} of a {}x{} image are not those of a camera: focal lengths must be \
-     positive, all values finite and the image not empty",
+    "intrinsics fx={}, fy={}, cx={}, cy={} of a {}x{} image are invalid: focal lengths must be positive, all values \
+     finite and the image not empty",
     .0.fx, .0.fy, .0.cx, .0.cy, .0.width, .0.height
 )]
 pub struct IntrinsicsError(pub Intrinsics);
@@ -45,7 +45,7 @@ impl Intrinsics {
         }
     }
 
-    /// The camera of the same image resized to `width` × `height` pixels.
+    /// Returns the intrinsics after resizing the image to `width` × `height` pixels.
     #[must_use]
     pub fn resized(&self, width: usize, height: usize) -> Self {
         let scale_x = width as f32 / self.width as f32;
@@ -60,7 +60,7 @@ impl Intrinsics {
         }
     }
 
-    /// The camera of the same image without `border` pixels on each side.
+    /// Returns the intrinsics after cropping `border` pixels on each side of the image.
     #[must_use]
     pub fn cropped(&self, border: usize) -> Self {
         Self {
@@ -72,12 +72,12 @@ impl Intrinsics {
         }
     }
 
-    /// The camera-frame point at z-depth `depth` (metres) seen at `pixel` (column, row).
+    /// Returns the camera-frame point at `pixel` (column, row) and z-depth `depth` (metres).
     pub fn unproject(&self, pixel: Vec2, depth: f32) -> Vec3 {
         Vec3::new((pixel.x - self.cx) / self.fx * depth, (pixel.y - self.cy) / self.fy * depth, depth)
     }
 
-    /// The pixel (column, row) at which a camera-frame point appears; `None` for points at or behind the camera.
+    /// Returns the pixel (column, row) of a camera-frame point. `None` for points at or behind the camera.
     pub fn project(&self, point_camera: Vec3) -> Option<Vec2> {
         (point_camera.z > 0.0).then(|| {
             Vec2::new(

@@ -1,15 +1,15 @@
-//! Ids for masks that have none: masks of consecutive frames are linked one-to-one by overlap.
+//! Ids for masks without ids, by linking masks of consecutive frames one-to-one by overlap.
 
 use crate::{Candidate, MaskRuns, Ratio, best_assignment};
 
-/// Links each frame's masks to those of the frame before and numbers the tubes that result, from 1.
+/// Links each frame's masks to the masks of the previous frame and numbers the resulting tubes from 1.
 ///
-/// The Hungarian algorithm maximises the summed F-score of the linked pairs; masks that do not overlap are never linked,
-/// and a mask without a partner starts a new tube (`get_tubes` in the paper's `evaluate_iVPQ.py`). FastSAM gets its ids
-/// this way, and so do predictions without ids when they are scored.
+/// The Hungarian algorithm maximises the total F-score of the linked pairs. Masks that do not overlap are never linked,
+/// and a mask without a partner starts a new tube (`get_tubes` in the paper's `evaluate_iVPQ.py`). This assigns ids to
+/// FastSAM's masks, and to predictions without ids for scoring.
 ///
-/// A link depends on two consecutive frames only. So tubes that are linked within a window of frames, as VSQ asks for,
-/// are the video's tubes cut at the ends of the window.
+/// A link depends on two consecutive frames only. So the tubes within a window of frames, as VSQ requires, are the
+/// video's tubes cut at the ends of the window.
 #[derive(Clone, Debug, Default)]
 pub struct MaskLinker {
     min_f_score: f64,
@@ -19,13 +19,14 @@ pub struct MaskLinker {
 }
 
 impl MaskLinker {
-    /// A linker that has seen no frame yet. Pairs with an F-score below `min_f_score` are not linked; with 0, the
-    /// default, any overlap is enough.
+    /// Creates a linker. Pairs with an F-score below `min_f_score` are not linked. With 0, the default, any overlap is
+    /// enough.
     pub fn new(min_f_score: f64) -> Self {
         Self { min_f_score, ..Self::default() }
     }
 
-    /// The tube of each mask of the next frame: its partner's in the frame before, or a new one. Masks may overlap.
+    /// Links the masks of the next frame. Returns the tube of each mask: its partner's, from the previous frame, or a
+    /// new one. Masks may overlap.
     pub fn link(&mut self, masks: Vec<MaskRuns>) -> &[u64] {
         let mut tubes = vec![None; masks.len()];
         let candidates = self.candidates(&masks);
@@ -43,7 +44,7 @@ impl MaskLinker {
         &self.tubes_of_previous
     }
 
-    /// Pairs that may be linked: rows are masks of the frame before, columns those of the next.
+    /// Pairs that may be linked. Rows are masks of the previous frame, columns masks of the next.
     fn candidates(&self, masks: &[MaskRuns]) -> Vec<Candidate> {
         let mut candidates = Vec::new();
         for (row, before) in self.previous.iter().enumerate() {
@@ -85,8 +86,8 @@ mod tests {
     fn the_largest_summed_f_score_wins_over_the_best_single_pair() {
         let mut linker = MaskLinker::default();
         linker.link(vec![stripe(0, 8), stripe(8, 12)]);
-        // The first mask overlaps its first predecessor more (F-score 0.71 against 0.46), but then the second mask, which
-        // overlaps only that one, would be left without a partner.
+        // The first mask overlaps the first predecessor more (F-score 0.71 against 0.46). But if they were linked, the
+        // second mask, which overlaps only this predecessor, would have no partner.
         assert_eq!(linker.link(vec![stripe(2, 11), stripe(0, 2)]), [2, 1]);
     }
 

@@ -1,15 +1,15 @@
-//! Camera poses near an origin.
+//! Camera poses relative to a nearby origin.
 
 use crate::{Pose, PoseError};
 use glam::{DMat4, DVec3, Mat3, Mat4, Vec3};
 use serde::{Deserialize, Serialize};
 use std::ops::Mul;
 
-/// The largest entry of |RᵀR − I| that rounding to `f32` leaves.
+/// Largest entry of |RᵀR − I| that is attributed to rounding to `f32`.
 const ROUNDING: f32 = 1e-6;
 
-/// A rigid transform in single precision, which is exact to micrometres where coordinates are a few metres: from the camera to
-/// the coordinates of a map, or from one camera to another. Made by [`Pose::relative_to`].
+/// A rigid transform in single precision, from a camera to the coordinates of a map or from one camera to another.
+/// Exact to micrometres for coordinates of a few metres. Created by [`Pose::relative_to`].
 ///
 /// Transforms are composed with `*`, right to left.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,7 +19,7 @@ pub struct LocalPose {
     translation: Vec3,
 }
 
-/// A pose as it is written, which may be none.
+/// The serialised form of a pose, before validation.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LocalPoseParts {
@@ -30,7 +30,7 @@ struct LocalPoseParts {
 impl TryFrom<LocalPoseParts> for LocalPose {
     type Error = PoseError;
 
-    /// The same numbers, to the last bit: they are not made orthonormal again.
+    /// Validates the pose and keeps its exact bits, without orthonormalising.
     fn try_from(LocalPoseParts { rotation, translation }: LocalPoseParts) -> Result<Self, PoseError> {
         let matrix: DMat4 = Mat4::from_mat3_translation(rotation, translation).as_dmat4();
         Pose::from_matrix(matrix).map(|_| Self { rotation, translation })
@@ -41,12 +41,12 @@ impl LocalPose {
     /// The camera at the origin, looking along +z.
     pub const IDENTITY: Self = Self { rotation: Mat3::IDENTITY, translation: Vec3::ZERO };
 
-    /// A pose from the camera's axes, as columns, and its centre.
+    /// Creates a pose from the camera's axes, as columns, and its centre.
     pub(crate) fn new(rotation: Mat3, translation: Vec3) -> Self {
         Self { rotation, translation }
     }
 
-    /// A pose with the axes of the coordinates and the camera's centre at `position`, metres.
+    /// Creates a pose without rotation, with the camera's centre at `position`, metres.
     pub const fn from_translation(position: Vec3) -> Self {
         Self { rotation: Mat3::IDENTITY, translation: position }
     }
@@ -61,30 +61,31 @@ impl LocalPose {
         self.translation
     }
 
-    /// A camera-frame point in the local coordinates.
+    /// Transforms a point from the camera frame to the local coordinates.
     pub fn to_world(&self, point_camera: Vec3) -> Vec3 {
         self.rotation * point_camera + self.translation
     }
 
-    /// A point in local coordinates in the camera's frame.
+    /// Transforms a point from the local coordinates to the camera frame.
     pub fn to_camera(&self, point: Vec3) -> Vec3 {
         self.rotation.transpose() * (point - self.translation)
     }
 
-    /// The inverse transform.
+    /// Returns the inverse transform.
     #[must_use]
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.transpose();
         Self { rotation, translation: -(rotation * self.translation) }
     }
 
-    /// The pose in coordinates in which that of this one is `origin`, metres. The opposite of [`Pose::relative_to`].
+    /// Returns the pose in world coordinates, given the world position of the local `origin`, metres. Reverses
+    /// [`Pose::relative_to`].
     pub fn at(&self, origin: DVec3) -> Pose {
         Pose::orthonormalised(self.rotation.as_dmat3(), self.translation.as_dvec3() + origin)
     }
 }
 
-/// `a_from_b * b_from_c` is `a_from_c`. The result is a rotation to within rounding, however many are multiplied.
+/// `a_from_b * b_from_c` is `a_from_c`. Re-orthonormalises, so long products stay rigid up to rounding.
 impl Mul for LocalPose {
     type Output = Self;
 
@@ -101,7 +102,7 @@ fn deviation(rotation: Mat3) -> f32 {
     difference.to_cols_array().iter().fold(0.0, |largest, entry| largest.max(entry.abs()))
 }
 
-/// The nearest rotation, by three Newton steps of the polar decomposition.
+/// Returns the nearest rotation, by three Newton steps of the polar decomposition.
 fn nearest_rotation(mut rotation: Mat3) -> Mat3 {
     for _ in 0..3 {
         rotation = (rotation + rotation.inverse().transpose()) * 0.5;

@@ -1,13 +1,13 @@
 //! Binary masks, packed into bits so that overlaps are counted 64 pixels at a time.
 //!
-//! Only the parts of the image that hold pixels are stored, so a mask takes memory in proportion to what it covers:
-//! thousands of masks of a large image may overlap, and those of a map of tiny segments may be scattered all over it.
+//! Only blocks that contain pixels of the mask are stored, so memory is proportional to the covered area. This matters
+//! for thousands of overlapping masks of a large image, and for segments scattered all over it.
 
 use std::iter::Peekable;
 
-/// Words of a [`Block`]: few, so that small masks stay small, and enough to count many pixels per comparison.
+/// Number of words in a [`Block`]: few, so that small masks stay small, but enough to count many pixels per comparison.
 const BLOCK_WORDS: usize = 4;
-/// Pixels of a [`Block`].
+/// Number of pixels in a [`Block`].
 const BLOCK_PIXELS: usize = 64 * BLOCK_WORDS;
 
 /// A binary mask over an image of `height` × `width` pixels.
@@ -15,7 +15,7 @@ const BLOCK_PIXELS: usize = 64 * BLOCK_WORDS;
 pub struct Mask {
     width: usize,
     height: usize,
-    /// By increasing index. None is empty, so equal masks have equal blocks.
+    /// Sorted by index. No block is empty, so equal masks have equal blocks.
     blocks: Vec<Block>,
 }
 
@@ -37,7 +37,7 @@ impl Block {
         self.words == [0; BLOCK_WORDS]
     }
 
-    /// Adds or removes the pixel with this row-major index.
+    /// Adds or removes the pixel with the given row-major index.
     fn set(&mut self, pixel: usize, inside: bool) {
         let word = &mut self.words[pixel % BLOCK_PIXELS / 64];
         let bit = 1 << (pixel % 64);
@@ -53,7 +53,7 @@ impl Block {
     }
 }
 
-/// A mask and how sure its segmenter is of it. Masks of one image may overlap.
+/// A mask with its segmenter's confidence. Masks of one image may overlap.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScoredMask {
     /// The pixels of the segment.
@@ -63,12 +63,12 @@ pub struct ScoredMask {
 }
 
 impl Mask {
-    /// A mask without any pixel. It takes no memory.
+    /// Creates a mask without pixels. It allocates no memory.
     pub fn empty(width: usize, height: usize) -> Self {
         Self { width, height, blocks: Vec::new() }
     }
 
-    /// The mask of all pixels for which `inside(column, row)` holds.
+    /// Creates the mask of all pixels for which `inside(column, row)` is true.
     pub fn from_fn(width: usize, height: usize, mut inside: impl FnMut(usize, usize) -> bool) -> Self {
         let mut mask = Self::empty(width, height);
         for row in 0..height {
@@ -82,12 +82,12 @@ impl Mask {
         mask
     }
 
-    /// Gives back memory that pixels still to come would have taken.
+    /// Frees unused capacity.
     pub(crate) fn shrink(&mut self) {
         self.blocks.shrink_to_fit();
     }
 
-    /// The mask whose pixel `i` (row-major) is bit `i % 64` of word `i / 64`; bits past the last pixel must be 0.
+    /// Creates a mask whose pixel `i` (row-major) is bit `i % 64` of word `i / 64`. Bits past the last pixel must be 0.
     pub(crate) fn from_words(width: usize, height: usize, words: &[u64]) -> Self {
         let block = |(index, chunk): (usize, &[u64])| {
             let mut block = Block::empty(index);
@@ -110,15 +110,15 @@ impl Mask {
         self.height
     }
 
-    /// Memory that the pixels take, in bytes.
+    /// Memory used by the pixels, in bytes.
     pub fn memory_bytes(&self) -> usize {
         self.blocks.capacity() * size_of::<Block>()
     }
 
-    /// Whether the pixel belongs to the mask.
+    /// True if the pixel belongs to the mask.
     ///
     /// # Panics
-    /// If the pixel lies outside the image.
+    /// If the pixel is outside the image.
     pub fn contains(&self, column: usize, row: usize) -> bool {
         assert!(column < self.width && row < self.height, "pixel ({column}, {row}) is outside the mask");
         let pixel = row * self.width + column;
@@ -129,7 +129,7 @@ impl Mask {
     /// Adds or removes one pixel.
     ///
     /// # Panics
-    /// If the pixel lies outside the image.
+    /// If the pixel is outside the image.
     pub fn set(&mut self, column: usize, row: usize, inside: bool) {
         assert!(column < self.width && row < self.height, "pixel ({column}, {row}) is outside the mask");
         let pixel = row * self.width + column;
@@ -148,15 +148,15 @@ impl Mask {
         self.blocks.iter().map(|block| Block::count(block.words)).sum()
     }
 
-    /// Whether the mask has no pixel.
+    /// True if the mask has no pixels.
     pub fn is_empty(&self) -> bool {
         self.blocks.is_empty()
     }
 
-    /// Adds the pixel with this row-major index, which must lie inside the image.
+    /// Adds the pixel with the given row-major index, which must be inside the image.
     pub(crate) fn insert_index(&mut self, pixel: usize) {
         let index = pixel / BLOCK_PIXELS;
-        // Masks are mostly made row by row.
+        // Masks are mostly built row by row.
         if let Some(last) = self.blocks.last_mut()
             && last.index == index
         {
@@ -169,11 +169,11 @@ impl Mask {
         self.blocks[place].set(pixel, true);
     }
 
-    /// Where the block with this index is, or, as an error, where it would be inserted.
+    /// Position of the block with the given index, or, as an error, the position at which to insert it.
     fn place(&self, index: usize) -> Result<usize, usize> {
         match (self.blocks.first(), self.blocks.last()) {
             (Some(first), Some(last)) if (first.index..=last.index).contains(&index) => {
-                // Without a gap before it, a block's place follows from its index.
+                // If no block before it is missing, a block's position follows from its index.
                 let place = index - first.index;
                 match self.blocks.get(place) {
                     Some(block) if block.index == index => Ok(place),
@@ -185,7 +185,7 @@ impl Mask {
         }
     }
 
-    /// Row-major indices of the mask's pixels, increasing.
+    /// Row-major indices of the mask's pixels, in increasing order.
     pub fn pixel_indices(&self) -> impl Iterator<Item = usize> + '_ {
         let words = |block: &Block| {
             let first = block.index * BLOCK_PIXELS;
@@ -203,7 +203,7 @@ impl Mask {
         })
     }
 
-    /// The mean (column, row) of the mask's pixels; `None` if it has none.
+    /// The mean (column, row) of the mask's pixels. `None` if the mask is empty.
     pub fn centroid(&self) -> Option<(f64, f64)> {
         let (mut columns, mut rows, mut count) = (0usize, 0usize, 0usize);
         for index in self.pixel_indices() {
@@ -255,7 +255,7 @@ impl Mask {
         }
         if !missing.is_empty() {
             self.blocks.extend(missing);
-            // Two sorted runs, which a stable sort merges.
+            // A stable sort merges the two sorted runs.
             self.blocks.sort_by_key(|block| block.index);
         }
     }
@@ -283,7 +283,7 @@ impl Mask {
     }
 }
 
-/// The block with this index, if there is one among those still to come; blocks before it are passed over.
+/// Advances to the block with the given index and returns it if it exists.
 fn matching<'a>(blocks: &mut Peekable<impl Iterator<Item = &'a Block>>, index: usize) -> Option<&'a Block> {
     while blocks.next_if(|block| block.index < index).is_some() {}
     blocks.next_if(|block| block.index == index)
@@ -321,7 +321,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn scattered_pixels_are_what_was_set(steps in prop::collection::vec((0usize..70, 0usize..40, any::<bool>()), 0..200),
+        fn scattered_pixels_match_a_set(steps in prop::collection::vec((0usize..70, 0usize..40, any::<bool>()), 0..200),
                                              more in prop::collection::vec((0usize..70, 0usize..40), 0..60)) {
             let mut expected = std::collections::BTreeSet::new();
             let mut found = Mask::empty(70, 40);

@@ -1,9 +1,9 @@
-//! Masks as runs of pixels: the overlap of two masks costs time in proportion to their outlines, not to the image.
+//! Masks as runs of pixels. The time to overlap two masks is proportional to their outlines, not to the image.
 
 use crate::Mask;
 use std::ops::Range;
 
-/// The pixels of a mask as runs of consecutive row-major indices, in increasing order; no run is empty and no two touch.
+/// The pixels of a mask as increasing runs of consecutive row-major indices. No run is empty and no two touch.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MaskRuns {
     size: (usize, usize),
@@ -12,7 +12,7 @@ pub struct MaskRuns {
 }
 
 impl MaskRuns {
-    /// The runs of a mask's pixels.
+    /// Converts a mask.
     pub fn from_mask(mask: &Mask) -> Self {
         let mut runs: Vec<Range<usize>> = Vec::new();
         let mut area = 0;
@@ -36,7 +36,7 @@ impl MaskRuns {
         self.area
     }
 
-    /// Number of pixels in both masks; 0 if they belong to images of different sizes.
+    /// Number of pixels in both masks. 0 if their images differ in size.
     pub fn intersection_area(&self, other: &Self) -> u64 {
         if self.size != other.size {
             return 0;
@@ -62,7 +62,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn runs_count_what_bits_count(a in prop::collection::vec(any::<bool>(), 91..=91),
+        fn runs_and_bits_count_the_same(a in prop::collection::vec(any::<bool>(), 91..=91),
                                       b in prop::collection::vec(any::<bool>(), 91..=91)) {
             let mask = |pixels: &[bool]| Mask::from_fn(13, 7, |column, row| pixels[row * 13 + column]);
             let (first, second) = (mask(&a), mask(&b));

@@ -6,17 +6,17 @@ use serde::{Deserialize, Serialize};
 use std::ops::Mul;
 use thiserror::Error;
 
-/// How far `RᵀR` may be from the identity, and `det R` from 1: published trajectories are rounded text.
+/// Tolerance for entries of `RᵀR − I` and for `det R − 1`, since published trajectories are rounded to text.
 const RIGID_TOLERANCE: f64 = 1e-2;
 
-/// The largest entry of |RᵀR − I| that rounding to `f64` leaves.
+/// Largest entry of |RᵀR − I| that is attributed to rounding to `f64`.
 const ROUNDING: f64 = 1e-14;
 
-/// A rigid transform from camera to world coordinates (metres; camera x right, y down, z forward), in double precision: the
-/// world may be a map projection, whose coordinates have seven digits before the point.
+/// A rigid transform from camera to world coordinates (metres; camera x right, y down, z forward). It uses double
+/// precision, since the world may be a map projection with coordinates of millions of metres.
 ///
 /// Transforms are composed with `*`, right to left: `world_from_body * body_from_camera` is `world_from_camera`.
-/// Computations near the camera use [`LocalPose`], which is in single precision.
+/// Computations near the camera use [`LocalPose`], in single precision.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "PoseParts")]
 pub struct Pose {
@@ -24,7 +24,7 @@ pub struct Pose {
     translation: DVec3,
 }
 
-/// A pose as it is written, which may be none.
+/// The serialised form of a pose, before validation.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PoseParts {
@@ -35,29 +35,29 @@ struct PoseParts {
 impl TryFrom<PoseParts> for Pose {
     type Error = PoseError;
 
-    /// The same numbers, to the last bit: they are not made orthonormal again.
+    /// Validates the pose and keeps its exact bits, without orthonormalising.
     fn try_from(PoseParts { rotation, translation }: PoseParts) -> Result<Self, PoseError> {
         Self::from_matrix(DMat4::from_mat3_translation(rotation, translation)).map(|_| Self { rotation, translation })
     }
 }
 
-/// A matrix or quaternion that does not give a rigid transform.
+/// Errors in a matrix or quaternion that should be a rigid transform.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum PoseError {
     /// An entry is NaN or infinite. ScanNet writes `-inf` where tracking was lost.
     #[error("the pose is not finite (tracking was lost in this frame)")]
     NotFinite,
-    /// The camera is so far away that its position has no millimetres any more.
+    /// A coordinate of the camera exceeds [`Pose::MAX_DISTANCE`].
     #[error("the camera is {0:e} m from the world's origin, expected at most {max:e} m", max = Pose::MAX_DISTANCE)]
     TooFar(f64),
-    /// The quaternion has length zero, so it has no direction.
+    /// The quaternion has length zero.
     #[error("the pose's quaternion has length zero")]
     ZeroQuaternion,
     /// The last row is not 0 0 0 1.
     #[error("the pose's last row is {0} {1} {2} {3}, expected 0 0 0 1")]
     LastRow(f64, f64, f64, f64),
-    /// The upper left 3×3 part is not a rotation.
+    /// The upper-left 3×3 part is not a rotation.
     #[error(
         "the pose is not a rigid transform: its 3x3 part has determinant {determinant} and deviates from a rotation by {deviation}"
     )]
@@ -73,13 +73,14 @@ impl Pose {
     /// The camera at the world's origin, looking along +z.
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, translation: DVec3::ZERO };
 
-    /// No coordinate of a camera is larger, metres.
+    /// Maximum absolute coordinate of a camera, metres.
     pub const MAX_DISTANCE: f64 = f32::MAX as f64;
 
-    /// A pose from a 4×4 camera-to-world matrix. A rotation that is off by rounding (up to 1e-2) is made orthonormal.
+    /// Creates a pose from a 4×4 camera-to-world matrix. A rotation with rounding errors (up to 1e-2) is
+    /// orthonormalised.
     ///
     /// # Errors
-    /// [`PoseError`] says what is wrong with the matrix.
+    /// [`PoseError`] if the matrix is not a valid pose.
     pub fn from_matrix(world_from_camera: DMat4) -> Result<Self, PoseError> {
         if !world_from_camera.is_finite() {
             return Err(PoseError::NotFinite);
@@ -102,9 +103,9 @@ impl Pose {
         Ok(Self::orthonormalised(rotation, translation))
     }
 
-    /// A pose from a position and an orientation, as ROS, TUM RGB-D and most SLAM systems write it: the camera's centre
-    /// in world coordinates, metres, and the rotation from camera to world axes. The quaternion may have any length but
-    /// zero.
+    /// Creates a pose from a position and an orientation, as used by ROS, TUM RGB-D and most SLAM systems: the camera's
+    /// centre in world coordinates, metres, and the rotation from camera to world axes. The quaternion need not be
+    /// normalised.
     ///
     /// ```
     /// use glam::{DQuat, DVec3, Vec3};
@@ -116,7 +117,7 @@ impl Pose {
     /// ```
     ///
     /// # Errors
-    /// [`PoseError::NotFinite`] for NaN and infinite numbers, [`PoseError::TooFar`] for positions beyond
+    /// [`PoseError::NotFinite`] for NaN and infinite values, [`PoseError::TooFar`] for positions beyond
     /// [`Self::MAX_DISTANCE`], [`PoseError::ZeroQuaternion`] for a quaternion of length zero.
     pub fn from_quaternion(position: DVec3, world_from_camera: DQuat) -> Result<Self, PoseError> {
         if !world_from_camera.is_finite() {
@@ -131,20 +132,20 @@ impl Pose {
         Self::from_matrix(DMat4::from_rotation_translation(scaled.normalize(), position))
     }
 
-    /// A pose with the world's axes and the camera's centre at `position`, metres.
+    /// Creates a pose without rotation, with the camera's centre at `position`, metres.
     pub const fn from_translation(position: DVec3) -> Self {
         Self { rotation: DMat3::IDENTITY, translation: position }
     }
 
-    /// A pose from a camera-to-world matrix given as 16 row-major numbers, as datasets store it.
+    /// Creates a pose from a camera-to-world matrix of 16 row-major numbers, as stored in datasets.
     ///
     /// # Errors
-    /// [`PoseError`] says what is wrong with the matrix.
+    /// [`PoseError`] if the matrix is not a valid pose.
     pub fn from_row_major(matrix: [f64; 16]) -> Result<Self, PoseError> {
         Self::from_matrix(DMat4::from_cols_array(&matrix).transpose())
     }
 
-    /// The camera-to-world matrix, row-major, as datasets store it.
+    /// The camera-to-world matrix, row-major, as stored in datasets.
     pub fn to_row_major(&self) -> [f64; 16] {
         self.to_matrix().transpose().to_cols_array()
     }
@@ -164,25 +165,25 @@ impl Pose {
         self.translation
     }
 
-    /// A camera-frame point in world coordinates.
+    /// Transforms a point from the camera frame to world coordinates.
     pub fn to_world(&self, point_camera: Vec3) -> DVec3 {
         self.rotation * point_camera.as_dvec3() + self.translation
     }
 
-    /// A world point in the camera's frame.
+    /// Transforms a point from world coordinates to the camera frame.
     pub fn to_camera(&self, point_world: DVec3) -> Vec3 {
         (self.rotation.transpose() * (point_world - self.translation)).as_vec3()
     }
 
-    /// The inverse transform: from world to camera coordinates.
+    /// Returns the inverse transform, from world to camera coordinates.
     #[must_use]
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.transpose();
         Self { rotation, translation: -(rotation * self.translation) }
     }
 
-    /// The pose in coordinates with the world's axes and another `origin` (world coordinates, metres), which should be near
-    /// the camera: they are in single precision.
+    /// Returns the pose relative to `origin` (world coordinates, metres), with the world's axes. `origin` should be
+    /// near the camera, since the result is in single precision.
     pub fn relative_to(&self, origin: DVec3) -> LocalPose {
         LocalPose::new(self.rotation.as_mat3(), (self.translation - origin).as_vec3())
     }
@@ -193,7 +194,7 @@ impl Pose {
     }
 }
 
-/// `a_from_b * b_from_c` is `a_from_c`. The result is a rotation to within rounding, however many are multiplied.
+/// `a_from_b * b_from_c` is `a_from_c`. Re-orthonormalises, so long products stay rigid up to rounding.
 impl Mul for Pose {
     type Output = Self;
 
@@ -209,7 +210,7 @@ fn deviation(rotation: DMat3) -> f64 {
     difference.to_cols_array().iter().fold(0.0, |largest, entry| largest.max(entry.abs()))
 }
 
-/// The nearest rotation, by three Newton steps of the polar decomposition.
+/// Returns the nearest rotation, by three Newton steps of the polar decomposition.
 fn nearest_rotation(mut rotation: DMat3) -> DMat3 {
     for _ in 0..3 {
         rotation = (rotation + rotation.inverse().transpose()) * 0.5;
@@ -270,7 +271,7 @@ mod tests {
 
     #[test]
     fn a_chain_through_a_far_origin_keeps_micrometres() {
-        // A localisation in a map projection, written as the transform from the world to the robot.
+        // A pose in a map projection, given as the transform from the world to the robot.
         let far = DVec3::new(5e5, 5.4e6, 120.0);
         for step in 0..100 {
             let turn = DQuat::from_euler(EulerRot::XYZ, 0.1, 0.02 * f64::from(step), 0.3);

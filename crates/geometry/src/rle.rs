@@ -7,8 +7,8 @@ use thiserror::Error;
 
 /// An uncompressed COCO RLE: column-major run lengths, alternately outside and inside the mask.
 ///
-/// The compressed string form is that of pycocotools' `rleToString` / `rleFrString` (`maskApi.c`): each count (from
-/// the third on, its difference to the count two before) in base 32, low digits first, with a continuation bit.
+/// The compressed string format is that of pycocotools' `rleToString` / `rleFrString` (`maskApi.c`): each count (from
+/// the fourth on, its difference from the count two before) in base 32, low digits first, with a continuation bit.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunLengths {
     /// Image width in pixels.
@@ -19,7 +19,7 @@ pub struct RunLengths {
     pub counts: Vec<u32>,
 }
 
-/// An RLE that does not describe a mask.
+/// Errors in a run-length encoding.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum RleError {
@@ -28,12 +28,12 @@ pub enum RleError {
     WrongTotal {
         /// Sum of the runs.
         found: u64,
-        /// Stated width.
+        /// Width of the image.
         width: usize,
-        /// Stated height.
+        /// Height of the image.
         height: usize,
     },
-    /// The compressed string has a character outside `0`..`o`, ends inside a number, or holds a number that is not a valid count.
+    /// The compressed string has a character outside `0`..`o`, ends within a number, or contains an invalid count.
     #[error("the compressed RLE is damaged at character {position}")]
     Damaged {
         /// Index of the offending character.
@@ -63,7 +63,7 @@ impl RunLengths {
     /// Encodes the mask of every segment of a map, by increasing id, in one pass.
     pub fn of_segments(map: &SegmentMap) -> BTreeMap<SegmentId, Self> {
         let (width, height) = map.size();
-        // Of each segment, its runs and where the last one ends.
+        // For each segment, its runs and the end of the last one.
         let mut segments: BTreeMap<SegmentId, (Vec<u32>, usize)> = BTreeMap::new();
         let (mut current, mut start) = (0, 0);
         let mut end_run = |id: SegmentId, start: usize, end: usize| {
@@ -95,15 +95,15 @@ impl RunLengths {
     /// Decodes to a mask.
     ///
     /// # Errors
-    /// [`RleError::WrongTotal`] if the runs do not fill the image exactly. Nothing is allocated before that check.
+    /// [`RleError::WrongTotal`] if the runs do not fill the image exactly. Nothing is allocated before this check.
     pub fn decode(&self) -> Result<Mask, RleError> {
         self.check_total()?;
         let (columns, rows): (Vec<usize>, Vec<usize>) = ((0..self.width).collect(), (0..self.height).collect());
         self.decode_at(&columns, &rows)
     }
 
-    /// Decodes the given columns and rows only: pixel `(x, y)` of the mask is pixel `(columns[x], rows[y])` of the
-    /// image. Both lists increase, and may repeat. This resizes and crops without a mask of the original size.
+    /// Decodes only the given columns and rows: pixel `(x, y)` of the mask is pixel `(columns[x], rows[y])` of the
+    /// image. Both lists must be sorted; values may repeat. This resizes and crops without a mask of the original size.
     ///
     /// # Errors
     /// [`RleError::WrongTotal`] if the runs do not fill the image exactly.
@@ -130,7 +130,7 @@ impl RunLengths {
         Ok(())
     }
 
-    /// The compressed string that pycocotools writes.
+    /// Encodes to the compressed string format of pycocotools.
     pub fn to_compressed(&self) -> String {
         let mut text = String::new();
         for (index, count) in self.counts.iter().enumerate() {
@@ -151,10 +151,10 @@ impl RunLengths {
         text
     }
 
-    /// Reads the compressed string that pycocotools writes.
+    /// Parses the compressed string format of pycocotools.
     ///
     /// # Errors
-    /// [`RleError::Damaged`] names the first character that cannot be read.
+    /// [`RleError::Damaged`] with the position of the first invalid character.
     pub fn from_compressed(width: usize, height: usize, text: &str) -> Result<Self, RleError> {
         let mut counts: Vec<u32> = Vec::new();
         let (mut value, mut shift, mut open) = (0i64, 0u32, false);
@@ -185,7 +185,7 @@ impl RunLengths {
     }
 }
 
-/// The pixels that [`RunLengths::decode_at`] fills.
+/// The pixels filled by [`RunLengths::decode_at`].
 struct Target<'a> {
     columns: &'a [usize],
     rows: &'a [usize],
@@ -194,11 +194,11 @@ struct Target<'a> {
 }
 
 impl Target<'_> {
-    /// Adds the pixels of a run of column-major positions in an image of this height.
+    /// Adds the pixels of a run of column-major positions in an image of the given height.
     fn fill(&mut self, run: Range<usize>, height: usize) {
         let first = self.columns.partition_point(|column| (column + 1) * height <= run.start);
         let last = self.columns.partition_point(|column| column * height < run.end);
-        // Columns that lie in the run from top to bottom are filled row by row, in one go.
+        // Columns entirely inside the run are filled together, row by row.
         let whole_first = self.columns.partition_point(|column| column * height < run.start);
         let whole_last = self.columns.partition_point(|column| (column + 1) * height <= run.end).max(whole_first);
         if whole_first < whole_last {
@@ -220,7 +220,7 @@ impl Target<'_> {
     }
 }
 
-/// Sets a range of bits, which is not empty.
+/// Sets a nonempty range of bits.
 fn fill_bits(words: &mut [u64], bits: Range<usize>) {
     let (first, last) = (bits.start / 64, (bits.end - 1) / 64);
     let (from, to) = (u64::MAX << (bits.start % 64), u64::MAX >> (63 - (bits.end - 1) % 64));
@@ -261,7 +261,7 @@ mod tests {
             columns.sort_unstable();
             rows.sort_unstable();
             let runs = RunLengths { width: 9, height: 11, counts };
-            // Column-major, as the format has it.
+            // Column-major, as in the format.
             let mut pixels = Vec::new();
             for (index, count) in runs.counts.iter().enumerate() {
                 pixels.extend(std::iter::repeat_n(index % 2 == 1, *count as usize));
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn lying_sizes_are_refused_before_memory_is_taken() {
+    fn wrong_totals_are_refused_before_allocation() {
         let huge = RunLengths { width: usize::MAX, height: 2, counts: vec![4] };
         assert!(matches!(huge.decode(), Err(RleError::WrongTotal { .. })));
         assert_eq!(RunLengths::from_compressed(4, 5, "6P"), Err(RleError::Damaged { position: 2 }));

@@ -1,4 +1,4 @@
-//! One id per pixel.
+//! Segment maps, with one id per pixel.
 
 use crate::{Image, Mask};
 use std::collections::BTreeMap;
@@ -10,26 +10,26 @@ pub type SegmentId = u32;
 pub type SegmentMap = Image<SegmentId>;
 
 impl SegmentMap {
-    /// The pixel count of every id in the map but 0, by increasing id.
+    /// The number of pixels of every id in the map except 0.
     pub fn areas(&self) -> BTreeMap<SegmentId, usize> {
-        // Most ids are small: they are counted in a list, which gets no longer than the map.
-        let (mut of_small_ids, mut of_others) = (Vec::new(), BTreeMap::new());
+        // Ids up to the number of pixels, which are most, are counted in a list.
+        let (mut small_ids, mut other_ids) = (Vec::new(), BTreeMap::new());
         for run in self.pixels().chunk_by(|left, right| left == right) {
             let id = run[0] as usize;
             if id > self.pixels().len() {
-                *of_others.entry(run[0]).or_insert(0) += run.len();
+                *other_ids.entry(run[0]).or_insert(0) += run.len();
                 continue;
             }
-            if of_small_ids.len() <= id {
-                of_small_ids.resize(id + 1, 0);
+            if small_ids.len() <= id {
+                small_ids.resize(id + 1, 0);
             }
-            of_small_ids[id] += run.len();
+            small_ids[id] += run.len();
         }
-        let of_small_ids = (0..).zip(of_small_ids).filter(|(id, area)| *id != 0 && *area > 0);
-        of_small_ids.chain(of_others).collect()
+        let small_ids = (0..).zip(small_ids).filter(|(id, area)| *id != 0 && *area > 0);
+        small_ids.chain(other_ids).collect()
     }
 
-    /// The map without the segments of fewer than `min_area` pixels.
+    /// Returns the map without segments of fewer than `min_area` pixels.
     #[must_use]
     pub fn without_small(&self, min_area: usize) -> Self {
         let areas = self.areas();
@@ -42,14 +42,14 @@ impl SegmentMap {
         kept
     }
 
-    /// The pixels of one id.
+    /// Returns the mask of one id.
     pub fn mask_of(&self, id: SegmentId) -> Mask {
         Mask::from_fn(self.width(), self.height(), |column, row| self[(column, row)] == id)
     }
 }
 
 impl Mask {
-    /// One mask for every id of a segment map but 0, by increasing id.
+    /// Returns a mask for every id of a segment map except 0, by increasing id.
     pub fn of_segments(map: &SegmentMap) -> Vec<(SegmentId, Self)> {
         let mut masks: BTreeMap<_, _> =
             map.areas().into_keys().map(|id| (id, Self::empty(map.width(), map.height()))).collect();

@@ -1,33 +1,33 @@
-//! The bits of compressed data, between two markers.
+//! Reads the bits of compressed data between two markers.
 
 use super::JpegError;
 
-/// At least so many bits can be looked at after [`BitReader::refill`]: the longest code (16) and the number behind it
-/// (15).
+/// Minimum number of bits available after [`BitReader::refill`]: enough for the longest code (16) and the number after
+/// it (15).
 const REFILLED: u32 = 32;
 
-/// Reads bits, the highest of each byte first. Behind the last bit follow zeros, which [`BitReader::check`] tells.
+/// Reads bits, the highest of each byte first. Past the last bit it returns zeros, which [`BitReader::check`] reports.
 ///
-/// Rare cases are methods that take and return the reader by value, so that it can stay in registers otherwise.
+/// Rare cases are methods that take and return the reader by value, so that otherwise it can stay in registers.
 #[derive(Clone, Copy)]
 pub(super) struct BitReader<'a> {
     bytes: &'a [u8],
     position: usize,
-    /// The next bit is the highest.
+    /// The next bits, starting at the highest.
     window: u64,
-    /// So many bits of the window are filled.
+    /// Number of valid bits in the window.
     filled: u32,
-    /// So many of the filled bits, the last ones, are zeros that are not in the file.
+    /// Number of zero bits appended after the end of the data, the last of the valid bits.
     padding: u32,
 }
 
 impl<'a> BitReader<'a> {
-    /// Starts at the byte `position`.
+    /// Starts at byte `position`.
     pub(super) fn new(bytes: &'a [u8], position: usize) -> Self {
         Self { bytes, position, window: 0, filled: 0, padding: 0 }
     }
 
-    /// The byte behind those taken into the window; never behind a marker.
+    /// Position after the bytes read into the window. Never past a marker.
     pub(super) fn position(&self) -> usize {
         self.position
     }
@@ -45,7 +45,7 @@ impl<'a> BitReader<'a> {
         if let Some(chunk) = self.bytes.get(self.position..).and_then(|rest| rest.first_chunk()) {
             let word = u32::from_be_bytes(*chunk);
             let inverse = !word;
-            // Whether a byte of `inverse` is zero, that is, a byte of `word` is FF.
+            // True if no byte of `inverse` is zero, that is, no byte of `word` is FF.
             if inverse.wrapping_sub(0x0101_0101) & word & 0x8080_8080 == 0 {
                 self.window |= u64::from(word) << (REFILLED - self.filled);
                 self.filled += 32;
@@ -69,7 +69,7 @@ impl<'a> BitReader<'a> {
         self
     }
 
-    /// The next byte of data, in which FF is written as FF 00; `None` before a marker and at the end of the file.
+    /// Reads a byte of data, with FF 00 decoded to FF. `None` before a marker and at the end of the file.
     fn next_byte(&mut self) -> Option<u8> {
         let byte = *self.bytes.get(self.position)?;
         if byte != 0xFF {
@@ -86,20 +86,20 @@ impl<'a> BitReader<'a> {
         })
     }
 
-    /// The next `count` bits (at most 32) without taking them.
+    /// Returns the next `count` bits (at most 32) without consuming them.
     #[inline(always)]
     pub(super) fn peek(&self, count: u32) -> u32 {
         ((self.window >> 1) >> (63 - count)) as u32
     }
 
-    /// Takes `count` bits, of at most those that were made available.
+    /// Consumes `count` bits, which must be available.
     #[inline(always)]
     pub(super) fn skip(&mut self, count: u32) {
         self.window <<= count;
         self.filled -= count;
     }
 
-    /// Takes `count` bits (at most 16) that need not be available yet.
+    /// Reads `count` bits (at most 16), refilling first.
     #[inline(always)]
     pub(super) fn take(&mut self, count: u32) -> u32 {
         self.refill();
@@ -108,8 +108,8 @@ impl<'a> BitReader<'a> {
         bits
     }
 
-    /// Takes a number of `size` bits (at most 15, available) as T.81 F.2.2.1 writes them: those with a leading 0 are
-    /// negative.
+    /// Reads a number of `size` bits (at most 15, which must be available) in the encoding of T.81 F.2.2.1: numbers
+    /// with a leading 0 are negative.
     #[inline(always)]
     pub(super) fn take_signed(&mut self, size: u32) -> i32 {
         let bits = self.peek(size) as i32;
@@ -117,13 +117,13 @@ impl<'a> BitReader<'a> {
         signed(bits, size)
     }
 
-    /// Checks that the scan did not read past its last bit.
+    /// Checks that no bits were read past the end of the data.
     #[inline(always)]
     pub(super) fn check(&self) -> Result<(), JpegError> {
         if self.filled < self.padding { Err(JpegError::Data("it ends early")) } else { Ok(()) }
     }
 
-    /// Leaves what is left of a byte and goes behind the restart marker with the number `number` (0 to 7).
+    /// Skips past the next marker, which must be the restart marker `number` (0 to 7).
     pub(super) fn restart(&mut self, number: u8) -> Result<(), JpegError> {
         while let Some(pair) = self.bytes.get(self.position..).and_then(|rest| rest.first_chunk::<2>()) {
             match *pair {
@@ -140,7 +140,7 @@ impl<'a> BitReader<'a> {
     }
 }
 
-/// The number that `bits`, `size` of them, mean: see [`BitReader::take_signed`].
+/// Decodes a number of `size` bits; see [`BitReader::take_signed`].
 #[inline(always)]
 pub(super) fn signed(bits: i32, size: u32) -> i32 {
     let end = 1 << size;
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn restarts_skip_what_is_left() {
+    fn restarts_skip_remaining_bits() {
         let mut bits = BitReader::new(&[0x80, 0x12, 0xFF, 0x00, 0xFF, 0xD3, 0xC0], 0);
         assert_eq!(bits.take(1), 1);
         assert!(bits.restart(4).is_err());

@@ -1,33 +1,33 @@
-//! From a file's colours to sRGB.
+//! Conversion from the file's colour space to RGB.
 
-/// What the components of a file mean.
+/// Colour space of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ColorModel {
-    /// One component, brightness.
+    /// Luma only.
     Grey,
-    /// Brightness and two differences of colour (JFIF, ITU-R BT.601).
+    /// Luma and two chroma components (JFIF, ITU-R BT.601).
     YCbCr,
-    /// Stored as they are shown.
+    /// Red, green and blue.
     Rgb,
 }
 
-/// What differences of colour are stored around.
+/// Offset of chroma samples.
 const CENTRE: i16 = 128;
 
-// Factors of JFIF (1.402, 0.71414, 0.34414, 1.772) with 16 bits behind the point. Only what is beyond whole multiples
-// is multiplied, so that factors fit in 16 bits.
+// Factors of JFIF (1.402, 0.71414, 0.34414, 1.772) with 16 fractional bits. Whole multiples are subtracted and added
+// separately, so that the factors fit in 16 bits.
 const RED_FROM_CR: i32 = 91_881 - (1 << 16);
 const GREEN_FROM_CR: i32 = (1 << 16) - 46_802;
 const GREEN_FROM_CB: i32 = -22_554;
 const BLUE_FROM_CB: i32 = 116_130 - (2 << 16);
 
-/// One half with 16 bits behind the point.
+/// One half with 16 fractional bits.
 const HALF: i32 = 1 << 15;
 
-/// Pixels that are converted together.
+/// Number of pixels converted together.
 const CHUNK: usize = 64;
 
-/// Converts a row of samples of YCbCr; all slices have the same length.
+/// Converts a row of YCbCr samples. All slices have the same length.
 pub(super) fn from_ycbcr([y, cb, cr]: [&[u8]; 3], pixels: &mut [[u8; 3]]) {
     let (chunks, rest) = pixels.as_chunks_mut();
     let ((ys, y_rest), (cbs, cb_rest), (crs, cr_rest)) = (y.as_chunks(), cb.as_chunks(), cr.as_chunks());
@@ -41,7 +41,8 @@ pub(super) fn from_ycbcr([y, cb, cr]: [&[u8]; 3], pixels: &mut [[u8; 3]]) {
     }
 }
 
-/// Pixels as red (low byte) with green, and blue. On its own, so that compilers make vector instructions of it.
+/// Converts pixels to red (low byte) combined with green, and blue. A separate function, so that compilers vectorise
+/// it.
 #[inline(never)]
 fn convert_chunk([y, cb, cr]: [&[u8; CHUNK]; 3], red_green: &mut [u16; CHUNK], blue: &mut [u8; CHUNK]) {
     for at in 0..CHUNK {
@@ -51,7 +52,7 @@ fn convert_chunk([y, cb, cr]: [&[u8; CHUNK]; 3], red_green: &mut [u16; CHUNK], b
     }
 }
 
-/// Pixels from what [`convert_chunk`] makes, four at a time.
+/// Interleaves the output of [`convert_chunk`] into pixels, four at a time.
 fn interleave(red_green: &[u16; CHUNK], blue: &[u8; CHUNK], pixels: &mut [[u8; 3]; CHUNK]) {
     let (red_green, _) = red_green.as_chunks::<4>();
     let (blue, _) = blue.as_chunks::<4>();

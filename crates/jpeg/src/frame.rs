@@ -5,10 +5,10 @@ use super::JpegError;
 /// Side of a block in samples.
 pub(super) const BLOCK: usize = 8;
 
-/// Coefficients of a block, or its samples.
+/// Number of samples, or of coefficients, in a block.
 pub(super) const BLOCK_LEN: usize = BLOCK * BLOCK;
 
-/// For each place in the file's order of coefficients, the index in a row-major block (T.81 figure A.6).
+/// Row-major index of each coefficient in zigzag order, the order in the file (T.81 figure A.6).
 #[rustfmt::skip]
 pub(super) const ZIGZAG: [u8; BLOCK_LEN] = [
      0,  1,  8, 16,  9,  2,  3, 10, 17, 24, 32, 25, 18, 11,  4,  5,
@@ -17,46 +17,47 @@ pub(super) const ZIGZAG: [u8; BLOCK_LEN] = [
     58, 59, 52, 45, 38, 31, 39, 46, 53, 60, 61, 54, 47, 55, 62, 63,
 ];
 
-/// What a frame header says.
+/// A frame header.
 #[derive(Debug)]
 pub(super) struct Frame {
     pub(super) progressive: bool,
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) components: Vec<Component>,
-    /// Largest horizontal and vertical sampling factor.
+    /// Maximum horizontal and vertical sampling factors of the components.
     pub(super) max_sampling: (usize, usize),
 }
 
-/// A component: brightness or one of the colours.
+/// A component of the image: luma, chroma or a primary colour.
 #[derive(Debug)]
 pub(super) struct Component {
     pub(super) id: u8,
-    /// Horizontal and vertical sampling factor, 1 to 4.
+    /// Horizontal and vertical sampling factors, 1 to 4.
     pub(super) sampling: (usize, usize),
+    /// Index of the quantisation table.
     pub(super) quantisation: usize,
     /// Width and height in samples.
     pub(super) size: (usize, usize),
-    /// Columns and rows of blocks that hold samples of the image.
+    /// Columns and rows of blocks that contain samples of the image.
     pub(super) blocks: (usize, usize),
-    /// Columns and rows of blocks with those that only fill the last units of an interleaved scan.
+    /// Columns and rows of blocks including the padding that completes the last MCUs of an interleaved scan.
     pub(super) padded_blocks: (usize, usize),
 }
 
 impl Frame {
-    /// Reads the parameters of a frame header (T.81 B.2.2); `marker` is the second byte of its marker.
+    /// Parses the parameters of a frame header (T.81 B.2.2). `marker` is the second byte of its marker.
     pub(super) fn parse(marker: u8, parameters: &[u8]) -> Result<Self, JpegError> {
         let wrong = |reason| JpegError::Segment { marker, reason };
         let Some(([precision, y1, y0, x1, x0, count], specifications)) = parameters.split_first_chunk() else {
             return Err(wrong("it is too short"));
         };
         if *precision != 8 {
-            return Err(JpegError::Unsupported("JPEG with other than 8 bits"));
+            return Err(JpegError::Unsupported("JPEG with other than 8 bits per sample"));
         }
         let height = usize::from(u16::from_be_bytes([*y1, *y0]));
         let width = usize::from(u16::from_be_bytes([*x1, *x0]));
         if height == 0 {
-            return Err(JpegError::Unsupported("JPEG that states its height at the end"));
+            return Err(JpegError::Unsupported("JPEG with its height after the first scan"));
         }
         if width == 0 {
             return Err(wrong("the width is 0"));
@@ -65,11 +66,11 @@ impl Frame {
             return Err(JpegError::Unsupported("JPEG with other than 1 or 3 components"));
         }
         if specifications.len() != 3 * usize::from(*count) {
-            return Err(wrong("its length does not fit the number of components"));
+            return Err(wrong("its length does not match the number of components"));
         }
         let mut components = Vec::new();
         for specification in specifications.chunks_exact(3) {
-            components.push(Component::parse(specification).ok_or(wrong("a component has impossible values"))?);
+            components.push(Component::parse(specification).ok_or(wrong("a component has invalid parameters"))?);
         }
         let largest = |factor: fn(&Component) -> usize| components.iter().map(factor).max().unwrap_or(1);
         let max_sampling = (largest(|component| component.sampling.0), largest(|component| component.sampling.1));
@@ -79,7 +80,7 @@ impl Frame {
         Ok(Self { progressive: marker == 0xC2, width, height, components, max_sampling })
     }
 
-    /// Columns and rows of the units of an interleaved scan.
+    /// Columns and rows of minimum coded units (MCUs) in an interleaved scan.
     pub(super) fn units(&self) -> (usize, usize) {
         (self.width.div_ceil(BLOCK * self.max_sampling.0), self.height.div_ceil(BLOCK * self.max_sampling.1))
     }
@@ -116,23 +117,23 @@ impl Component {
 /// The decoded samples of a component, in whole blocks.
 pub(super) struct Plane {
     pub(super) samples: Vec<u8>,
-    /// Samples from one row to the next.
+    /// Number of samples from one row to the next.
     pub(super) stride: usize,
 }
 
 impl Plane {
-    /// Room for all blocks of `component`, those that fill units too.
+    /// Allocates all blocks of `component`, including padding.
     pub(super) fn new(component: &Component) -> Self {
         let (columns, rows) = component.padded_blocks;
         Self { samples: vec![0; columns * rows * BLOCK_LEN], stride: columns * BLOCK }
     }
 
-    /// The first `width` samples of a row.
+    /// Returns the first `width` samples of a row.
     pub(super) fn row(&self, row: usize, width: usize) -> &[u8] {
         &self.samples[row * self.stride..][..width]
     }
 
-    /// Puts a block where it belongs.
+    /// Stores a block at a column and row of blocks.
     #[inline(always)]
     pub(super) fn put(&mut self, column: usize, row: usize, block: &[u8; BLOCK_LEN]) {
         let start = row * BLOCK * self.stride + column * BLOCK;

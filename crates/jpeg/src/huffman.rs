@@ -3,24 +3,25 @@
 use super::JpegError;
 use super::bits::{BitReader, signed};
 
-/// Codes up to this length are looked up at once.
+/// Codes up to this length are decoded by one table lookup.
 const LOOKUP_BITS: u32 = 9;
+/// Maximum length of a code.
 const LONGEST: usize = 16;
 
 /// A Huffman code.
 pub(super) struct HuffmanCode {
     symbols: Vec<u8>,
-    /// For each next 9 bits: the symbol and its length, 0 if it is longer.
+    /// Symbol and code length for each value of the next 9 bits. The length is 0 if the code is longer.
     lookup: [(u8, u8); 1 << LOOKUP_BITS],
-    /// For each length: all codes of this length, taken as a number, are less.
+    /// For each length, the first number after the codes of this length.
     ends: [u32; LONGEST + 1],
-    /// For each length: the index of a code's symbol less the code as a number.
+    /// For each length, the index of a code's symbol minus the code as a number.
     offsets: [i32; LONGEST + 1],
 }
 
 impl HuffmanCode {
-    /// From the number of codes of each length 1 to 16 and the symbols, shortest code first; `None` if there are not
-    /// that many codes.
+    /// Builds a code from the number of codes of each length 1 to 16 and the symbols, shortest code first. `None` if no
+    /// prefix code has these lengths or there are too few symbols.
     pub(super) fn new(counts: &[u8; LONGEST], symbols: &[u8]) -> Option<Self> {
         let mut code = Self {
             symbols: symbols.to_vec(),
@@ -37,7 +38,7 @@ impl HuffmanCode {
                 next_code += 1;
             }
             next_symbol += count;
-            // The code of ones only is reserved.
+            // The code of all ones is reserved.
             if next_symbol < symbols.len() && next_code >= 1 << length {
                 return None;
             }
@@ -59,12 +60,12 @@ impl HuffmanCode {
         Some(())
     }
 
-    /// Whether all symbols are at most `limit`.
+    /// True if all symbols are at most `limit`.
     pub(super) fn is_within(&self, limit: u8) -> bool {
         self.symbols.iter().all(|symbol| *symbol <= limit)
     }
 
-    /// Takes the next symbol. 15 more bits are available afterwards.
+    /// Reads the next symbol. 15 more bits are available afterwards.
     #[inline(always)]
     pub(super) fn take(&self, bits: &mut BitReader) -> Result<u8, JpegError> {
         bits.refill();
@@ -93,28 +94,28 @@ impl HuffmanCode {
     }
 }
 
-const BAD_CODE: JpegError = JpegError::Data("there is a code without a meaning");
+const BAD_CODE: JpegError = JpegError::Data("it contains an undefined Huffman code");
 
-/// A coefficient that its first 9 bits determine.
+/// A coefficient encoded in at most 9 bits.
 #[derive(Clone, Copy, Default)]
 pub(super) struct ShortCoefficient {
-    /// The coefficient as stored, not 0.
+    /// The quantised coefficient, not 0.
     pub(super) value: i16,
-    /// So many zeros come before it.
+    /// Number of zeros before it.
     pub(super) zeros: u8,
-    /// So many bits it takes; 0 if it takes more than 9 or is something else.
+    /// Number of bits. 0 if the next 9 bits do not determine a nonzero coefficient.
     pub(super) length: u8,
 }
 
-/// A code for coefficients with frequency: the code for the number of zeros and the size, then the number.
+/// A code for AC coefficients: a Huffman code for the number of zeros and the size, followed by the number.
 pub(super) struct AcCode {
-    /// The code for the number of zeros (high 4 bits) and the size (low 4).
+    /// Huffman code for the number of zeros (high 4 bits) and the size (low 4).
     pub(super) code: HuffmanCode,
     short: [ShortCoefficient; 1 << LOOKUP_BITS],
 }
 
 impl AcCode {
-    /// With the small coefficients of `code` worked out.
+    /// Precomputes the short coefficients of `code`.
     pub(super) fn new(code: HuffmanCode) -> Self {
         let mut short = [ShortCoefficient::default(); 1 << LOOKUP_BITS];
         for (bits, entry) in short.iter_mut().enumerate() {
@@ -130,7 +131,7 @@ impl AcCode {
         Self { code, short }
     }
 
-    /// What the next 9 bits, which must be available, are.
+    /// Looks up the next 9 bits, which must be available.
     #[inline(always)]
     pub(super) fn peek_short(&self, bits: &BitReader) -> ShortCoefficient {
         self.short[bits.peek(LOOKUP_BITS) as usize]
@@ -168,7 +169,7 @@ mod tests {
 
     #[test]
     fn short_coefficients() {
-        // 0: two zeros and a number of two bits.
+        // Code 0 stands for two zeros and a number of two bits.
         let code = AcCode::new(HuffmanCode::new(&counts(&[(1, 1)]), &[0x22]).unwrap());
         let mut bits = BitReader::new(&[0b0010_0000], 0);
         bits.refill();

@@ -1,25 +1,25 @@
-//! The inverse cosine transform (T.81 A.3.3), rounded as libjpeg's accurate integer method does.
+//! The inverse cosine transform (T.81 A.3.3), rounded as in libjpeg's accurate integer method.
 //!
-//! The method (after Loeffler, Ligtenberg and Moschytz, ICASSP 1989) uses constants with 13 fractional bits. It transforms
-//! columns first and rounds the intermediate result to two fractional bits. Its sums are exact, so their order does not
-//! matter; here each one-dimensional transform is a product with its matrix.
+//! The method (after Loeffler, Ligtenberg and Moschytz, ICASSP 1989) uses constants with 13 fractional bits. It
+//! transforms columns first and rounds the intermediate result to two fractional bits. Its sums are exact, so their
+//! order does not matter. Here each one-dimensional transform is a matrix product.
 
 use super::frame::{BLOCK, BLOCK_LEN, ZIGZAG};
 
-/// Bits behind the point of constants.
+/// Fractional bits of constants.
 const CONSTANT_BITS: u32 = 13;
-/// Bits behind the point between the passes.
+/// Fractional bits between the passes.
 const BETWEEN_BITS: u32 = 2;
-/// A one-dimensional transform multiplies by the root of 8, that is, a block's by 8.
+/// A one-dimensional transform scales by √8, so a block is scaled by 8.
 const SCALE_BITS: u32 = 3;
 
-/// In the file's order, the coefficients before this one are of the first four frequencies in both directions.
+/// In zigzag order, all coefficients before this one have frequencies below 4 in both directions.
 const FIRST_BEYOND_HALF: usize = 10;
 
-/// What the samples are stored around.
+/// Offset of the samples.
 const CENTRE: i16 = 128;
 
-// The method's constants; the factors below are their sums, as its steps multiply out.
+// The method's constants. The factors below are sums of them, from expanding its steps.
 const C0_298: i32 = 2446;
 const C0_390: i32 = 3196;
 const C0_541: i32 = 4433;
@@ -46,14 +46,14 @@ const ODD: [[i32; 4]; 4] = [
 
 /// Dequantised coefficients of a block.
 pub(super) struct Coefficients {
-    /// Row-major: vertical frequencies downwards.
+    /// Row-major, with the vertical frequency as the row.
     values: [i16; BLOCK_LEN],
-    /// Index of the last coefficient that is not 0, in zigzag order; 0 if all are.
+    /// Zigzag index of the last nonzero AC coefficient, or 0.
     last: usize,
 }
 
 impl Coefficients {
-    /// With the coefficient without frequency.
+    /// Creates a block from its DC coefficient.
     #[inline(always)]
     pub(super) fn new(first: i16, quantisation: u16) -> Self {
         let mut values = [0; BLOCK_LEN];
@@ -61,14 +61,14 @@ impl Coefficients {
         Self { values, last: 0 }
     }
 
-    /// Sets the coefficient at `place`, below 64, in the file's order, which is later than those before.
+    /// Sets the coefficient at zigzag index `place`, below 64. Must be called with increasing `place`.
     #[inline(always)]
     pub(super) fn set(&mut self, place: usize, value: i16, quantisation: u16) {
         self.values[usize::from(ZIGZAG[place]) % BLOCK_LEN] = dequantised(value, quantisation);
         self.last = place;
     }
 
-    /// The samples, row by row.
+    /// Computes the samples, row by row.
     #[inline(always)]
     pub(super) fn samples(&self) -> [u8; BLOCK_LEN] {
         if self.last == 0 {
@@ -83,13 +83,13 @@ impl Coefficients {
     }
 }
 
-/// As in 16-bit arithmetic; valid files do not overflow it.
+/// Wraps on overflow, which does not occur in valid files.
 #[inline(always)]
 fn dequantised(value: i16, quantisation: u16) -> i16 {
     value.wrapping_mul(quantisation as i16)
 }
 
-/// Transforms a block in which only the first `COUNT` frequencies in both directions are not 0.
+/// Transforms a block in which only the first `COUNT` frequencies in both directions are nonzero.
 #[inline(never)]
 fn transform<const COUNT: usize>(values: &[i16; BLOCK_LEN]) -> [u8; BLOCK_LEN] {
     let columns_done = pass::<COUNT, { CONSTANT_BITS - BETWEEN_BITS }>(values);
@@ -101,11 +101,11 @@ fn transform<const COUNT: usize>(values: &[i16; BLOCK_LEN]) -> [u8; BLOCK_LEN] {
     transposed(&samples)
 }
 
-/// Transforms all columns, of which only the first `COUNT` frequencies are not 0, and drops `SHIFT` bits.
+/// Transforms all columns and drops `SHIFT` bits. Only the first `COUNT` frequencies are nonzero.
 #[inline(always)]
 fn pass<const COUNT: usize, const SHIFT: u32>(input: &[i16; BLOCK_LEN]) -> [i16; BLOCK_LEN] {
     let mut output = [0; BLOCK_LEN];
-    // The columns are independent: compilers turn this loop into vector instructions.
+    // The columns are independent, so compilers vectorise this loop.
     for column in 0..BLOCK {
         let mut x = [0; BLOCK];
         for frequency in 0..COUNT {
@@ -125,14 +125,14 @@ fn pass<const COUNT: usize, const SHIFT: u32>(input: &[i16; BLOCK_LEN]) -> [i16;
     output
 }
 
-/// Divided by a power of two, rounded, and kept within 16 bits.
+/// Divides by a power of two, rounds, and clamps to 16 bits.
 #[inline(always)]
 fn rounded<const SHIFT: u32>(value: i32) -> i16 {
     ((value + (1 << (SHIFT - 1))) >> SHIFT).clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16
 }
 
-/// Rows become columns. An index has three bits for the row and three for the column; a perfect shuffle, which vector
-/// instructions do at once, rotates all of them by one.
+/// Transposes a block. An index has three bits for the row and three for the column. A perfect shuffle, which vector
+/// instructions can do at once, rotates all six by one.
 #[inline(always)]
 fn transposed<T: Copy + Default>(block: &[T; BLOCK_LEN]) -> [T; BLOCK_LEN] {
     shuffled(&shuffled(&shuffled(block)))
@@ -153,7 +153,7 @@ mod tests {
     use super::*;
     use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
-    /// The definition (T.81 A.3.3).
+    /// Computes a sample by the definition (T.81 A.3.3).
     fn exact(values: &[i16; BLOCK_LEN], x: usize, y: usize) -> f64 {
         let wave = |frequency: usize, at: usize| {
             let scale = if frequency == 0 { FRAC_1_SQRT_2 } else { 1.0 };

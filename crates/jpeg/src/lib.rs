@@ -1,18 +1,18 @@
-//! A JPEG decoder whose pixels are those of libjpeg and libjpeg-turbo with their default settings, to the last bit.
+//! A JPEG decoder with output bit-identical to that of libjpeg and libjpeg-turbo with their default settings.
 //!
-//! The standard (ITU T.81) does not fix how the inverse transform rounds or how subsampled colour is upsampled, so
-//! decoders differ by a few levels, and a network trained on one decoder's pixels sees others. Pillow, OpenCV and
+//! The standard (ITU T.81) does not specify the rounding of the inverse transform or the upsampling of chroma. So
+//! decoders differ by a few levels, and a network may receive different pixels than in training. Pillow, OpenCV and
 //! everything built on them use libjpeg-turbo. This crate makes the same choices: the accurate integer transform
 //! ("islow"), triangle-filter ("fancy") upsampling and 16-bit fixed-point colour conversion.
 //!
-//! Sequential and progressive Huffman-coded files with 8 bits per sample and one or three components are decoded. Other
-//! kinds are [`JpegError::Unsupported`]. Unlike libjpeg, damaged data is an error and never grey, and progressive files
-//! that leave out their last refinements are not smoothed.
+//! Supports sequential and progressive Huffman-coded files with 8 bits per sample and one or three components. Others
+//! give [`JpegError::Unsupported`]. Unlike libjpeg, damaged data is an error instead of grey pixels, and progressive
+//! files without their last refinement scans are not smoothed.
 //!
 //! ```no_run
 //! let bytes = std::fs::read("frame.jpg")?;
 //! let jpeg = splatseg_jpeg::Jpeg::read_header(&bytes)?;
-//! let (width, height) = jpeg.size(); // of an unknown file: check these before memory is allocated for them
+//! let (width, height) = jpeg.size(); // for an untrusted file, check these before decoding
 //! let rgb: Vec<[u8; 3]> = jpeg.decode()?;
 //! assert_eq!(rgb.len(), width as usize * height as usize);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -45,10 +45,10 @@ pub struct Jpeg<'a> {
 }
 
 impl<'a> Jpeg<'a> {
-    /// Reads everything before the first compressed data. Allocates nothing that depends on the stated size.
+    /// Reads everything before the first compressed data. Allocations do not depend on the image size in the header.
     ///
     /// # Errors
-    /// [`JpegError`] says what is wrong with the header, or that files of this kind are not decoded.
+    /// If the header is damaged or the kind of file is not supported.
     pub fn read_header(bytes: &'a [u8]) -> Result<Self, JpegError> {
         let mut segments = Segments::new(bytes)?;
         let first_scan = segments.next_scan()?.ok_or(JpegError::NoScan)?;
@@ -56,16 +56,16 @@ impl<'a> Jpeg<'a> {
         Ok(Self { segments, frame, first_scan })
     }
 
-    /// The `(width, height)` that the header states.
+    /// The `(width, height)` from the header.
     pub fn size(&self) -> (u32, u32) {
         (self.frame.width as u32, self.frame.height as u32)
     }
 
-    /// The pixels as RGB, row-major, `width * height` of them; grey images have three equal channels. Takes memory and
-    /// time in proportion to [`Jpeg::size`], which the caller should check first. Works on the calling thread.
+    /// Decodes the image to `width * height` RGB pixels, row-major. Grey images give three equal channels. Memory and
+    /// time are proportional to [`Jpeg::size`], which the caller should check first. Runs on the calling thread.
     ///
     /// # Errors
-    /// [`JpegError`] says what is wrong with the compressed data. No part of a damaged image is returned.
+    /// If the compressed data is damaged or not supported. No part of a damaged image is returned.
     pub fn decode(mut self) -> Result<Vec<[u8; 3]>, JpegError> {
         let model = self.segments.color_model(&self.frame);
         let planes = if self.frame.progressive {

@@ -1,10 +1,10 @@
-//! From components to pixels.
+//! Conversion from components to pixels.
 
 use super::color::{ColorModel, from_ycbcr};
 use super::frame::{Frame, Plane};
 use super::upsample::Upsampler;
 
-/// The image as RGB, row-major. There is a plane for each component.
+/// Converts the planes, one for each component, to row-major RGB pixels.
 pub(super) fn pixels(frame: &Frame, planes: &[Plane], model: ColorModel) -> Vec<[u8; 3]> {
     let mut image = vec![[0; 3]; frame.width * frame.height];
     let components = frame.components.iter().zip(planes);

@@ -8,7 +8,7 @@ use super::idct::Coefficients;
 use super::scan::{BlockDecoder, Scan, read_blocks};
 use super::segments::Segments;
 
-/// Encoders write about ten. Many more are written only to take time.
+/// Maximum number of scans, against denial of service. Encoders write about ten.
 const MAX_SCANS: usize = 200;
 
 /// Decodes all components' samples.
@@ -19,7 +19,7 @@ pub(super) fn decode(segments: &mut Segments, frame: &Frame, first: Scan) -> Res
         scan.check_progressive()?;
         for part in &scan.components {
             let stored = &mut components[part.index];
-            // The table in force at a component's first scan counts.
+            // A component uses the table in force at its first scan.
             if stored.quantisation.is_none() {
                 stored.quantisation = Some(*segments.quantisation(frame.components[part.index].quantisation)?);
             }
@@ -34,7 +34,7 @@ pub(super) fn decode(segments: &mut Segments, frame: &Frame, first: Scan) -> Res
                     .components
                     .iter()
                     .zip(&components)
-                    .map(|(of_frame, stored)| stored.plane(of_frame))
+                    .map(|(component, stored)| stored.plane(component))
                     .collect();
             }
         }
@@ -42,14 +42,14 @@ pub(super) fn decode(segments: &mut Segments, frame: &Frame, first: Scan) -> Res
     Err(JpegError::Data("there are too many scans"))
 }
 
-/// A component's coefficients as far as they are known.
+/// A component's coefficients decoded so far.
 struct Stored {
-    /// Of each block, row-major, in the file's order.
+    /// The coefficients of each block in zigzag order. Blocks are row-major.
     coefficients: Vec<[i16; BLOCK_LEN]>,
-    /// Blocks from one row to the next.
+    /// Number of blocks from one row to the next.
     stride: usize,
     quantisation: Option<[u16; BLOCK_LEN]>,
-    /// Whether there was a scan of the coefficients without frequency.
+    /// True once a scan with DC coefficients has been read.
     started: bool,
 }
 
@@ -102,7 +102,7 @@ fn read_scan(segments: &Segments, frame: &Frame, scan: &Scan, components: &mut [
     }
 }
 
-/// The first scan of coefficients without frequency.
+/// Decoder of the first scan of DC coefficients.
 struct FirstDc<'a> {
     components: &'a mut [Stored],
     indices: Vec<usize>,
@@ -126,7 +126,7 @@ impl BlockDecoder for FirstDc<'_> {
     }
 }
 
-/// Another bit of coefficients without frequency.
+/// Decoder of a further bit of DC coefficients.
 struct RefineDc<'a> {
     components: &'a mut [Stored],
     indices: Vec<usize>,
@@ -143,15 +143,15 @@ impl BlockDecoder for RefineDc<'_> {
     fn restart(&mut self) {}
 }
 
-/// A scan of coefficients with frequency.
+/// Decoder of a scan of AC coefficients.
 struct AcScan<'a> {
     component: &'a mut Stored,
     code: &'a AcCode,
     band: (usize, usize),
     low: u32,
-    /// So many blocks from here have no further coefficients in this scan.
+    /// Number of blocks, from the next one, without further coefficients in this scan.
     blocks_to_skip: u32,
-    /// Whether this adds a bit to coefficients that are partly known.
+    /// True if the scan adds a bit to coefficients of earlier scans.
     refine: bool,
 }
 
@@ -172,7 +172,7 @@ impl BlockDecoder for AcScan<'_> {
 }
 
 impl AcScan<'_> {
-    /// Reads how many blocks end, this one included; `exponent` is that of the number's highest bit.
+    /// Reads the number of blocks that end, including this one. `exponent` is the position of the number's highest bit.
     fn end_blocks(&mut self, bits: &mut BitReader, exponent: u32) {
         self.blocks_to_skip = (1 << exponent) + bits.take(exponent);
     }
@@ -206,7 +206,7 @@ impl AcScan<'_> {
                 self.end_blocks(bits, u32::from(zeros));
                 break;
             }
-            // The size of a coefficient that is new in this scan is 1: all higher bits are known to be 0.
+            // A coefficient that is new in this scan has size 1, as all its higher bits are 0.
             let positive = size > 0 && bits.take(1) == 1;
             at = self.refine_known(bits, block, at, Some(zeros));
             if size > 0 {
@@ -222,11 +222,11 @@ impl AcScan<'_> {
         Ok(())
     }
 
-    /// Reads a bit for each known coefficient from `at` on, up to the one after so many unknown ones, or up to the
-    /// last.
-    fn refine_known(&mut self, bits: &mut BitReader, block: usize, mut at: usize, unknown: Option<u8>) -> usize {
+    /// Reads a bit for each nonzero coefficient from `at` on. Skips `zeros` zero coefficients and stops at the next
+    /// zero, or, if `zeros` is `None`, at the end of the band. Returns the index reached.
+    fn refine_known(&mut self, bits: &mut BitReader, block: usize, mut at: usize, zeros: Option<u8>) -> usize {
         let coefficients = &mut self.component.coefficients[block];
-        let mut left = unknown;
+        let mut left = zeros;
         while at <= self.band.1 {
             let value = &mut coefficients[at];
             if *value == 0 {
@@ -236,7 +236,7 @@ impl AcScan<'_> {
                     None => {}
                 }
             } else if bits.take(1) == 1 && *value & 1 << self.low == 0 {
-                // Away from zero. `&` sees the bit in negative numbers too: all bits below it are 0.
+                // Grows away from zero. The test with `&` also works for negative numbers, as all lower bits are 0.
                 *value = value.wrapping_add(value.signum() << self.low);
             }
             at += 1;

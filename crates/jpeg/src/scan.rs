@@ -4,19 +4,19 @@ use super::JpegError;
 use super::bits::BitReader;
 use super::frame::Frame;
 
-/// The highest power of two by which a progressive scan divides coefficients.
+/// Maximum number of bits by which a progressive scan shifts coefficients.
 const MAX_SHIFT: u8 = 13;
 
-/// What a scan header says.
+/// A scan header.
 #[derive(Debug)]
 pub(super) struct Scan {
-    /// Which components' blocks follow, in this order.
+    /// The components in the scan, in order.
     pub(super) components: Vec<ScanComponent>,
-    /// First and last coefficient, in the file's order, that a progressive scan is about.
+    /// Zigzag indices of the first and last coefficient in a progressive scan (spectral selection).
     pub(super) band: (usize, usize),
-    /// The bit that was the lowest one before this scan, plus 1; 0 in the first scan of these coefficients.
+    /// Position of the lowest bit decoded before this scan (successive approximation); 0 in the first scan of a band.
     pub(super) high: u8,
-    /// The lowest bit that is known after this scan.
+    /// Position of the lowest bit decoded after this scan.
     pub(super) low: u8,
 }
 
@@ -30,10 +30,10 @@ pub(super) struct ScanComponent {
 }
 
 impl Scan {
-    /// Reads the parameters of a scan header; `ids` are those of the frame's components.
+    /// Parses the parameters of a scan header. `ids` are the ids of the frame's components.
     pub(super) fn parse(parameters: &[u8], ids: &[u8]) -> Result<Self, JpegError> {
         let wrong = |reason| JpegError::Segment { marker: 0xDA, reason };
-        let too_short = wrong("its length does not fit the number of components");
+        let too_short = wrong("its length does not match the number of components");
         let Some((count, rest)) = parameters.split_first() else { return Err(too_short) };
         let Some((selections, [first, last, shifts])) = rest.split_last_chunk() else { return Err(too_short) };
         if *count == 0 || selections.len() != 2 * usize::from(*count) {
@@ -43,10 +43,10 @@ impl Scan {
         for selection in selections.chunks_exact(2) {
             let fresh = |index: &usize| components.iter().all(|other| other.index != *index);
             let index = (0..ids.len()).filter(|index| ids[*index] == selection[0]).find(fresh);
-            let index = index.ok_or(wrong("it names a component that is not there, or twice"))?;
+            let index = index.ok_or(wrong("it names an unknown component, or one twice"))?;
             let (dc_code, ac_code) = (usize::from(selection[1] >> 4), usize::from(selection[1] & 15));
             if dc_code > 3 || ac_code > 3 {
-                return Err(wrong("it names a Huffman table that cannot be"));
+                return Err(wrong("it uses a Huffman table index above 3"));
             }
             components.push(ScanComponent { index, dc_code, ac_code });
         }
@@ -65,28 +65,28 @@ impl Scan {
         if valid_band && valid_shift {
             return Ok(());
         }
-        Err(JpegError::Segment { marker: 0xDA, reason: "it is not one of a progressive file" })
+        Err(JpegError::Segment { marker: 0xDA, reason: "its parameters are invalid in a progressive file" })
     }
 }
 
-/// What is done with the blocks of a scan.
+/// Decoder of the blocks of a scan.
 pub(super) trait BlockDecoder {
-    /// Reads the next block: that of the scan's component `part`, in this column and row of blocks.
+    /// Reads the next block. `part` is the component's index in the scan; `column` and `row` count blocks.
     fn block(&mut self, bits: &mut BitReader, part: usize, column: usize, row: usize) -> Result<(), JpegError>;
 
-    /// Forgets what was carried from one block to the next.
+    /// Resets the state carried from block to block.
     fn restart(&mut self);
 }
 
 /// The compressed data of a scan.
 pub(super) struct ScanData<'a> {
-    /// At the data's first bit.
+    /// Reader at the first bit of the data.
     pub(super) bits: BitReader<'a>,
-    /// Units between two restart markers; 0 without.
+    /// Number of MCUs between two restart markers; 0 if there are none.
     pub(super) restart_interval: usize,
 }
 
-/// Reads the compressed data of `scan`. Returns the position behind it.
+/// Reads the compressed data of `scan`. Returns the position after it.
 pub(super) fn read_blocks(
     data: ScanData,
     frame: &Frame,
@@ -122,11 +122,11 @@ pub(super) fn read_blocks(
     Ok(bits.position())
 }
 
-/// When restart markers are due.
+/// Counts down to the next restart marker.
 struct Restarts {
     interval: usize,
     units_left: usize,
-    /// The next marker's number.
+    /// Number of the next marker, 0 to 7.
     next: u8,
 }
 

@@ -7,31 +7,32 @@ use super::frame::{BLOCK_LEN, Frame};
 use super::huffman::{AcCode, HuffmanCode};
 use super::scan::{Scan, ScanData};
 
-/// The start of the image.
+/// Marker of the start of the image.
 const SOI: u8 = 0xD8;
-/// The largest size of a coefficient without frequency, in bits.
+/// Maximum size of a DC difference, bits.
 const MAX_DC_SIZE: u8 = 15;
 
-/// Reads a file's segments and keeps the tables that are in force.
+/// Reads a file's segments and keeps the current tables.
 pub(super) struct Segments<'a> {
     bytes: &'a [u8],
     position: usize,
-    /// Quantisation tables in the file's order of coefficients.
+    /// Quantisation tables in zigzag order.
     quantisation: [Option<[u16; BLOCK_LEN]>; 4],
     dc_codes: [Option<HuffmanCode>; 4],
     ac_codes: [Option<AcCode>; 4],
     restart_interval: usize,
-    /// The frame header, until it is taken; and its components' ids, which stay.
+    /// The frame header, until [`take_frame`](Self::take_frame).
     frame: Option<Frame>,
+    /// Ids of the frame's components.
     component_ids: Option<Vec<u8>>,
-    /// Whether the file says that it is of the kind JFIF.
+    /// True if the file has a JFIF segment.
     jfif: bool,
-    /// How Adobe's programs say that colours are stored.
+    /// Colour transform from an Adobe segment.
     adobe_transform: Option<u8>,
 }
 
 impl<'a> Segments<'a> {
-    /// Begins with the start of the image, which must be there.
+    /// Starts after the marker of the start of the image, which must be present.
     pub(super) fn new(bytes: &'a [u8]) -> Result<Self, JpegError> {
         if !bytes.starts_with(&[0xFF, SOI]) {
             return Err(JpegError::Segment { marker: SOI, reason: "it is not at the start" });
@@ -50,38 +51,38 @@ impl<'a> Segments<'a> {
         })
     }
 
-    /// The compressed data of the scan whose header was read last.
+    /// Returns the compressed data of the scan whose header was read last.
     pub(super) fn scan_data(&self) -> ScanData<'a> {
         ScanData { bits: BitReader::new(self.bytes, self.position), restart_interval: self.restart_interval }
     }
 
-    /// Goes on behind compressed data.
+    /// Continues after compressed data.
     pub(super) fn set_position(&mut self, position: usize) {
         self.position = position;
     }
 
-    /// The quantisation table `index`, in the file's order of coefficients.
+    /// Returns the quantisation table `index`, in zigzag order.
     pub(super) fn quantisation(&self, index: usize) -> Result<&[u16; BLOCK_LEN], JpegError> {
         self.quantisation[index].as_ref().ok_or(JpegError::NoQuantisation(index))
     }
 
-    /// The code `index` for coefficients without frequency.
+    /// Returns the code `index` for DC coefficients.
     pub(super) fn dc_code(&self, index: usize) -> Result<&HuffmanCode, JpegError> {
-        // Frames of Motion JPEG leave the standard's example tables out.
+        // Motion JPEG frames omit the standard's example tables.
         self.dc_codes[index].as_ref().ok_or(JpegError::Unsupported("JPEG without Huffman tables"))
     }
 
-    /// The code `index` for coefficients with frequency.
+    /// Returns the code `index` for AC coefficients.
     pub(super) fn ac_code(&self, index: usize) -> Result<&AcCode, JpegError> {
         self.ac_codes[index].as_ref().ok_or(JpegError::Unsupported("JPEG without Huffman tables"))
     }
 
-    /// Hands out the frame header.
+    /// Takes the frame header.
     pub(super) fn take_frame(&mut self) -> Option<Frame> {
         self.frame.take()
     }
 
-    /// What the components mean. Where the file does not say, it is guessed as libjpeg does.
+    /// Determines the colour space. If the file does not specify it, guesses as libjpeg does.
     pub(super) fn color_model(&self, frame: &Frame) -> ColorModel {
         let ids: Vec<u8> = frame.components.iter().map(|component| component.id).collect();
         match ids[..] {
@@ -93,14 +94,14 @@ impl<'a> Segments<'a> {
         }
     }
 
-    /// Reads up to the next compressed data; `None` at the end of the image.
+    /// Reads up to the next compressed data. Returns `None` at the end of the image.
     pub(super) fn next_scan(&mut self) -> Result<Option<Scan>, JpegError> {
         loop {
             let marker = self.next_marker()?;
             match marker {
-                0x01 | 0xD0..=0xD7 => continue, // They stand alone.
+                0x01 | 0xD0..=0xD7 => continue, // Markers without parameters.
                 0xD9 => return Ok(None),
-                SOI => return Err(JpegError::Segment { marker, reason: "it is there twice" }),
+                SOI => return Err(JpegError::Segment { marker, reason: "it occurs twice" }),
                 _ => {}
             }
             let parameters = self.parameters(marker)?;
@@ -125,7 +126,7 @@ impl<'a> Segments<'a> {
         }
     }
 
-    /// The second byte of the next marker. Bytes before it that belong to nothing are left out, as libjpeg does.
+    /// Returns the second byte of the next marker. Skips stray bytes before it, as libjpeg does.
     fn next_marker(&mut self) -> Result<u8, JpegError> {
         let mut after_ff = false;
         for byte in self.bytes.get(self.position..).unwrap_or_default() {
@@ -138,7 +139,7 @@ impl<'a> Segments<'a> {
         Err(JpegError::Ended)
     }
 
-    /// The bytes of a segment behind its length.
+    /// Reads the bytes of a segment after its length.
     fn parameters(&mut self, marker: u8) -> Result<&'a [u8], JpegError> {
         let rest = &self.bytes[self.position..];
         let length = usize::from(u16::from_be_bytes(*rest.first_chunk().ok_or(JpegError::Ended)?));
@@ -161,14 +162,14 @@ impl<'a> Segments<'a> {
 
     fn define_restarts(&mut self, parameters: &[u8]) -> Result<(), JpegError> {
         let [high, low] = parameters else {
-            return Err(JpegError::Segment { marker: 0xDD, reason: "it does not hold one number" });
+            return Err(JpegError::Segment { marker: 0xDD, reason: "it does not consist of one number" });
         };
         self.restart_interval = usize::from(u16::from_be_bytes([*high, *low]));
         Ok(())
     }
 
     fn define_quantisation(&mut self, mut parameters: &[u8]) -> Result<(), JpegError> {
-        let wrong = JpegError::Segment { marker: 0xDB, reason: "it does not hold quantisation tables" };
+        let wrong = JpegError::Segment { marker: 0xDB, reason: "its quantisation tables are malformed" };
         while let Some((kind, rest)) = parameters.split_first() {
             let bytes_each = match kind >> 4 {
                 0 => 1,
@@ -186,7 +187,7 @@ impl<'a> Segments<'a> {
     }
 
     fn define_codes(&mut self, mut parameters: &[u8]) -> Result<(), JpegError> {
-        let wrong = || JpegError::Segment { marker: 0xC4, reason: "it does not hold Huffman tables" };
+        let wrong = || JpegError::Segment { marker: 0xC4, reason: "its Huffman tables are malformed" };
         while let Some((kind, rest)) = parameters.split_first() {
             let (counts, rest) = rest.split_first_chunk::<16>().ok_or_else(wrong)?;
             let count = counts.iter().map(|count| usize::from(*count)).sum();

@@ -17,7 +17,7 @@ pub(super) fn decode(segments: &mut Segments, frame: &Frame, first: Scan) -> Res
         let end = read_blocks(segments.scan_data(), frame, &scan, &mut decoder)?;
         for (part, component) in decoder.parts.into_iter().zip(&scan.components) {
             if planes[component.index].replace(part.plane).is_some() {
-                return Err(JpegError::Data("a component is there twice"));
+                return Err(JpegError::Data("a component occurs twice"));
             }
         }
         segments.set_position(end);
@@ -37,7 +37,7 @@ struct Part<'a> {
     dc_code: &'a HuffmanCode,
     ac_code: &'a AcCode,
     quantisation: &'a [u16; BLOCK_LEN],
-    /// The last block's coefficient without frequency.
+    /// DC coefficient of the last block.
     prediction: i32,
     plane: Plane,
 }
@@ -45,13 +45,13 @@ struct Part<'a> {
 impl<'a> SequentialScan<'a> {
     fn new(segments: &'a Segments, frame: &Frame, scan: &Scan) -> Result<Self, JpegError> {
         let part = |component: &super::scan::ScanComponent| {
-            let of_frame = &frame.components[component.index];
+            let frame_component = &frame.components[component.index];
             Ok(Part {
                 dc_code: segments.dc_code(component.dc_code)?,
                 ac_code: segments.ac_code(component.ac_code)?,
-                quantisation: segments.quantisation(of_frame.quantisation)?,
+                quantisation: segments.quantisation(frame_component.quantisation)?,
                 prediction: 0,
-                plane: Plane::new(of_frame),
+                plane: Plane::new(frame_component),
             })
         };
         Ok(Self { parts: scan.components.iter().map(part).collect::<Result<_, JpegError>>()? })

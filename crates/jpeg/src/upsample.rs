@@ -1,12 +1,12 @@
 //! Scales a component's rows to the image's width and height as libjpeg does by default.
 //!
-//! Components with half the width, half the height or half of both are interpolated linearly between the samples'
-//! centres: 3/4 of the nearer and 1/4 of the farther sample, in fixed point. Halves are not rounded alike at every
-//! pixel, so that there is no drift. Other ratios, and components of at most two columns, are repeated.
+//! Components with half the width, half the height or both are interpolated linearly between the samples' centres: 3/4
+//! of the nearer and 1/4 of the farther sample, in fixed point. The rounding of halves alternates between pixels, to
+//! avoid a bias. Samples are repeated for other ratios, and for components of at most two columns that are widened.
 
 use super::frame::{Component, Frame, Plane};
 
-/// Narrower components are repeated, not interpolated across.
+/// Narrower components are repeated instead of interpolated horizontally.
 const MIN_INTERPOLATED_WIDTH: usize = 3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,20 +33,20 @@ impl Method {
     }
 }
 
-/// Makes a component's rows at full size, one after the other.
+/// Computes rows of a component at the image's size.
 pub(super) struct Upsampler<'a> {
     method: Method,
     plane: &'a Plane,
     /// Width and height of the component.
     size: (usize, usize),
-    /// Room for a row at full size.
+    /// Buffer for a row at full width.
     row: Vec<u8>,
-    /// Room for a row that is interpolated downwards, not yet divided.
+    /// Buffer for the weighted sums of a row before horizontal interpolation.
     sums: Vec<u16>,
 }
 
 impl<'a> Upsampler<'a> {
-    /// For a component of `frame`, whose samples are `plane`.
+    /// Creates an upsampler for a component of `frame` with the samples `plane`.
     pub(super) fn new(frame: &Frame, component: &Component, plane: &'a Plane) -> Self {
         let across = frame.max_sampling.0 / component.sampling.0;
         Self {
@@ -58,7 +58,7 @@ impl<'a> Upsampler<'a> {
         }
     }
 
-    /// The image's row `row`, at least as wide as the image.
+    /// Computes row `row` of the image. The result may be wider than the image.
     pub(super) fn row(&mut self, row: usize) -> &[u8] {
         let width = self.size.0;
         match self.method {
@@ -93,7 +93,8 @@ impl<'a> Upsampler<'a> {
         &self.row
     }
 
-    /// The component's nearest and second nearest row to the image's row `row`, if it has half the image's height.
+    /// Returns the nearest and second nearest row to the image's row `row`, for a component with half the image's
+    /// height.
     fn nearest_rows(&self, row: usize) -> (&'a [u8], &'a [u8]) {
         let (width, height) = self.size;
         let near = row / 2;
@@ -102,8 +103,8 @@ impl<'a> Upsampler<'a> {
     }
 }
 
-/// Doubles the width: 3/4 and 1/4 of neighbours, plus `LEFT` or `RIGHT` for the left and the right half of each value,
-/// without `SHIFT` bits. Beyond the ends the values repeat.
+/// Doubles the width. Each value gives two: (3 · value + left or right neighbour + `LEFT` or `RIGHT`) >> `SHIFT`. The
+/// ends repeat beyond the row.
 fn widen<const LEFT: u16, const RIGHT: u16, const SHIFT: u32>(values: &[u16], row: &mut [u8]) {
     let (Some(first), Some(last)) = (values.first(), values.last()) else { return };
     let left = |value: u16, neighbour: u16| ((3 * value + neighbour + LEFT) >> SHIFT) as u8;

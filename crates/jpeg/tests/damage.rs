@@ -1,4 +1,4 @@
-//! Damaged files are errors, whatever is in them.
+//! Damaged files give errors, never panics.
 
 use proptest::prelude::*;
 use proptest::sample::Index;
@@ -21,7 +21,7 @@ fn error_of(bytes: &[u8]) -> String {
 #[test]
 fn files_cut_off_anywhere_are_errors() {
     let whole = data("420.jpg");
-    // The last bytes may hold nothing but padding.
+    // The last bytes may be only padding.
     for keep in 0..last(&whole, 0xD9) - 4 {
         assert!(decode(&whole[..keep]).is_err(), "{keep} bytes");
     }
@@ -41,7 +41,7 @@ fn missing_data_is_an_error() {
         let error = error_of(&bytes);
         assert!(error.contains("it ends early"), "{name}: {error}");
     }
-    // The first restart marker has another number.
+    // The first restart marker has the wrong number.
     let mut bytes = data("restarts.jpg");
     let restart = bytes.windows(2).position(|pair| pair == [0xFF, 0xD0]).unwrap();
     bytes[restart + 1] = 0xD5;
@@ -55,7 +55,7 @@ fn missing_parts_are_errors() {
     let (scan, end) = (last(&bytes, 0xDA), last(&bytes, 0xD9));
     bytes.drain(scan..end);
     assert!(error_of(&bytes).contains("no compressed data for a component"));
-    // With a quantisation table under a number that no component names.
+    // With a quantisation table under an index that no component uses.
     let mut bytes = data("grey.jpg");
     let table = last(&bytes, 0xDB);
     bytes[table + 4] = 3;
@@ -65,7 +65,7 @@ fn missing_parts_are_errors() {
 #[test]
 fn endless_scans_are_refused() {
     let mut bytes = data("progressive.jpg");
-    // The scan of the lowest bits without frequency fits in again and again.
+    // The refinement scan of the lowest DC bits can be repeated.
     let header = [0xFF, 0xDA, 0, 12, 3, 1, 0, 2, 0, 3, 0, 0, 0, 0x10];
     let scan = bytes.windows(header.len()).position(|window| window == header).unwrap();
     let data = scan + header.len();
@@ -98,7 +98,8 @@ fn stray_bytes_are_skipped() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 3000, ..ProptestConfig::default() })]
 
-    /// Bytes changed, a part moved elsewhere, the end cut off: an image of the stated size or an error, never a panic.
+    /// Changing bytes, inserting a copied part or truncating gives an image of the declared size or an error, not a
+    /// panic.
     #[test]
     fn mutated_files_never_panic(
         name in prop::sample::select(vec![
@@ -121,7 +122,7 @@ proptest! {
         bytes.truncate(keep.index(4 * bytes.len()));
         if let Ok(jpeg) = Jpeg::read_header(&bytes) {
             let (width, height) = jpeg.size();
-            // A changed size may be huge; callers are told to check it, so this does.
+            // A changed size may be huge, so it is checked first, as callers should.
             if u64::from(width) * u64::from(height) <= 1 << 20
                 && let Ok(pixels) = jpeg.decode()
             {

@@ -1,6 +1,6 @@
-//! Pixels are those of libjpeg-turbo.
+//! Decoded pixels are identical to those of libjpeg-turbo.
 //!
-//! `data` is made by `tools/make_jpeg_test_data.py`: each JPEG lies beside the pixels that Pillow decodes.
+//! `tools/make_jpeg_test_data.py` makes `data`: each JPEG with the pixels decoded by Pillow.
 
 use splatseg_jpeg::{Jpeg, JpegError};
 use std::fs;
@@ -26,7 +26,7 @@ fn pixels_are_those_of_libjpeg_turbo() {
 }
 
 #[test]
-fn arithmetic_coding_is_said_to_be_unsupported() {
+fn arithmetic_coding_is_unsupported() {
     let bytes = fs::read(Path::new(DATA).join("arithmetic.jpg")).unwrap();
     assert!(matches!(Jpeg::read_header(&bytes), Err(JpegError::Unsupported(_))));
 }

@@ -1,7 +1,7 @@
-//! Layers of FastSAM (yolov8x-seg at 640×640), of SAM 2.1 tiny and of the affinity network (320×240), and the machine's
-//! peak, which all are a share of.
+//! Benchmarks of layers of FastSAM (yolov8x-seg at 640×640), SAM 2.1 tiny and the affinity network (320×240), and of
+//! the machine's peak for comparison.
 //!
-//! `cargo bench -p splatseg-kernels`; throughput "elements" are floating-point operations.
+//! `cargo bench -p splatseg-kernels`; the throughput's "elements" are floating-point operations.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pulp::{Arch, Simd, WithSimd};
@@ -96,10 +96,10 @@ fn linear_layers(criterion: &mut Criterion) {
     }
 }
 
-/// Independent sums in registers: the peak speed of all threads when memory is not the limit.
+/// Independent sums in registers: measures peak speed without memory limits.
 struct MultiplyAdds(usize);
 
-/// More than the latency of a multiply-add times how many start in a cycle, and few enough for 16 registers.
+/// More than the latency of a multiply-add times the number issued per cycle, yet few enough for 16 registers.
 const CHAINS: usize = 12;
 
 impl WithSimd for MultiplyAdds {

@@ -4,7 +4,7 @@ use crate::exp::{erf, exp};
 use crate::instructions::{Instructions, LANES};
 use rayon::prelude::*;
 
-/// The function that follows a layer.
+/// Activation function after a layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activation {
     /// The identity.
@@ -18,7 +18,7 @@ pub enum Activation {
 }
 
 impl Activation {
-    /// Replaces `values` by their activations. Fast within [`Instructions::run`].
+    /// Applies the activation in place. Fast within [`Instructions::run`].
     #[inline(always)]
     pub fn apply(self, values: &mut [f32]) {
         match self {
@@ -29,7 +29,7 @@ impl Activation {
         }
     }
 
-    /// Replaces `values` by their activations, on all threads.
+    /// Applies the activation in place, on all threads.
     pub fn apply_parallel(self, values: &mut [f32]) {
         let instructions = Instructions::best();
         values.par_chunks_mut(1024 * LANES).for_each(|values| {
@@ -41,7 +41,7 @@ impl Activation {
     }
 }
 
-/// max(x, 0); NaN stays.
+/// max(x, 0); keeps NaN.
 #[inline(always)]
 fn relu(values: &mut [f32]) {
     for value in values {
@@ -53,7 +53,7 @@ fn relu(values: &mut [f32]) {
 #[inline(always)]
 fn silu(values: &mut [f32]) {
     for value in values {
-        // Comparisons rather than `clamp`, so that NaN stays.
+        // Comparisons rather than `clamp`, to keep NaN.
         let z = -*value;
         let z = if z > 88.0 { 88.0 } else { z };
         let z = if z < -87.0 { -87.0 } else { z };
@@ -74,7 +74,7 @@ fn gelu(values: &mut [f32]) {
 mod tests {
     use super::*;
 
-    /// Where the exponential overflows and underflows, and NaN.
+    /// Inputs at which the exponential overflows or underflows, and NaN.
     #[test]
     fn silu_holds_at_the_extremes() {
         let values = [0.0, -0.0, 1e-30, -1e-4, 3.0, -20.0, 86.0, -86.0, -89.0, 500.0, -500.0, 3e38, -3e38, f32::NAN];
@@ -91,7 +91,7 @@ mod tests {
         }
     }
 
-    /// Against the power series of erf in double precision, and its limits.
+    /// Compares with the power series of erf in double precision, and with its limits.
     #[test]
     fn gelu_is_exact() {
         let series = |x: f64| {
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn relu_keeps_what_is_positive() {
+    fn relu_keeps_positive_values() {
         let mut values = [-1.0, 0.0, 2.0, f32::NAN];
         relu(&mut values);
         assert!(values[..3] == [0.0, 0.0, 2.0] && values[3].is_nan());

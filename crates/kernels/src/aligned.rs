@@ -1,4 +1,4 @@
-//! Vectors that start at a cache line.
+//! Vectors aligned to cache lines.
 
 use bytemuck::{Pod, Zeroable};
 use std::ops::{Deref, DerefMut};
@@ -8,8 +8,8 @@ use std::ops::{Deref, DerefMut};
 #[repr(C, align(64))]
 struct CacheLine([f32; 16]);
 
-/// A vector of `f32` of fixed length whose memory starts at a cache line, so that rows of 16 or 32 values never
-/// touch more lines than they need.
+/// A fixed-length vector of `f32` aligned to a cache line, so that rows of 16 or 32 values never touch more lines than
+/// they need.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AlignedVec {
     lines: Vec<CacheLine>,

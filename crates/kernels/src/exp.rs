@@ -1,16 +1,16 @@
 //! Exponentials and the error function, written so that a loop over them becomes vector code.
 //!
-//! [`exp`](exp()) and [`exp2`] serve the networks and differ in the reduction of their argument only. [`exp_negative`] makes
-//! the weights of a map and uses separate products and sums, which every processor does alike and fast: with
-//! `f32::mul_add` a processor without FMA would call a library function per step.
+//! [`exp`](exp()) and [`exp2`] are for the networks and differ only in how they reduce their argument. [`exp_negative`]
+//! computes blending weights. It uses separate products and sums, which give the same bits on every processor and are
+//! fast on all of them: with `f32::mul_add`, a processor without FMA would call a library function per step.
 
 use std::f32::consts::{LN_2, LOG2_E};
 
-/// 1.5 · 2^23: adding it to a small number rounds that to an integer and leaves the integer in the lowest bits.
+/// 1.5 · 2^23: adding it to a small number rounds the number to an integer, which ends up in the lowest bits.
 const ROUND: f32 = 12_582_912.0;
 
-/// e^r · 2^n for |r| ≤ ln 2 / 2, with n the integer in the lowest bits of `shifted`: the minimax polynomial of Cephes'
-/// expf.
+/// e^r · 2^n for |r| ≤ ln 2 / 2, where n is the integer in the lowest bits of `shifted`. Uses the minimax polynomial of
+/// Cephes' expf.
 #[inline(always)]
 fn scaled_exp(r: f32, shifted: f32) -> f32 {
     let mut p = 1.987_569_1e-4;
@@ -29,7 +29,7 @@ fn scaled_exp(r: f32, shifted: f32) -> f32 {
 pub fn exp(x: f32) -> f32 {
     let shifted = f32::mul_add(x, LOG2_E, ROUND);
     let n = shifted - ROUND;
-    // ln 2 in two parts, the first with so few bits that n times it is exact.
+    // ln 2 in two parts; the first has few enough bits that its product with n is exact.
     let r = f32::mul_add(n, 2.121_944_4e-4, f32::mul_add(n, -0.693_359_4, x));
     scaled_exp(r, shifted)
 }
@@ -62,8 +62,8 @@ pub fn exp_negative(x: f32) -> f32 {
     series * f32::from_bits(127u32.wrapping_sub(n) << 23)
 }
 
-/// The error function within 4 units in the last place: a ratio of polynomials in x² fitted on [-4, 4] (the coefficients
-/// are those of Eigen and XLA); outside, erf is ±1 in single precision.
+/// The error function within 4 units in the last place: a ratio of polynomials in x² fitted on [-4, 4], with the
+/// coefficients of Eigen and XLA. Outside, erf is ±1 in single precision.
 #[inline(always)]
 pub fn erf(x: f32) -> f32 {
     let x = if x > 4.0 { 4.0 } else { x };

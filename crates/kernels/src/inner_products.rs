@@ -1,13 +1,13 @@
-//! Inner products of many vectors that give the same bits on every processor, and the largest of them.
+//! Inner products of many vectors, with the same bits on every processor, and searches for the largest.
 //!
-//! Every sum runs over its terms in order, one sum per lane, so results do not depend on the width of the processor's
-//! vectors, nor on threads. Fused multiply-add is never asked for, and Rust does not introduce it by itself.
+//! Each lane adds the terms of its sum in order, so results depend neither on the width of the processor's vectors nor
+//! on the number of threads. The code never uses fused multiply-add, and Rust does not introduce it by itself.
 
 use crate::gemm::{pack_columns, pack_rows};
 use crate::instructions::{Instructions, LANES, multiply_add};
 use pulp::{Simd, WithSimd};
 
-/// Left-hand rows that share each load of a panel.
+/// Number of left-hand rows that share each load of a panel.
 pub const ROWS: usize = 4;
 
 /// A matrix of `[depth, width]`, packed into panels of [`LANES`] columns.
@@ -19,14 +19,14 @@ pub struct Panels {
 }
 
 impl Panels {
-    /// The transpose of row-major `[count, dim]` vectors: one column, and so one inner product, per vector.
+    /// Packs the transpose of row-major `[count, dim]` vectors: one column, hence one inner product, per vector.
     pub fn from_vectors(vectors: &[f32], dim: usize) -> Self {
         let mut values = Vec::new();
         pack_rows(vectors.chunks_exact(dim), vectors.len() / dim, dim, LANES, &mut values);
         Self { depth: dim, values }
     }
 
-    /// Row-major `[count, dim]` vectors as they are: one column per dimension, for weighted sums of vectors.
+    /// Packs row-major `[count, dim]` vectors untransposed: one column per dimension, for weighted sums of vectors.
     pub fn from_dimensions(vectors: &[f32], dim: usize) -> Self {
         let mut values = Vec::new();
         pack_columns(|| vectors.chunks_exact(dim), dim, LANES, &mut values);
@@ -40,7 +40,8 @@ impl Panels {
     }
 }
 
-/// [`ROWS`] of the row-major `vectors` `[count, dim]` from `first` on, as `[dim, ROWS]`; zero beyond the last vector.
+/// Returns [`ROWS`] of the row-major `vectors` `[count, dim]`, starting at `first`, as `[dim, ROWS]`; zero beyond the
+/// last vector.
 #[inline(always)]
 pub fn gather_rows(vectors: &[f32], dim: usize, first: usize) -> Vec<f32> {
     let mut rows = Vec::with_capacity(ROWS * dim);
@@ -50,8 +51,8 @@ pub fn gather_rows(vectors: &[f32], dim: usize, first: usize) -> Vec<f32> {
 
 /// `rows`ᵀ · `panel`: `[depth, N]` and `[depth, LANES]` to `[N, LANES]`.
 ///
-/// The vectors are explicit: left to itself, the compiler lays them across the rows and gathers every lane, which takes
-/// ten times as long.
+/// Uses explicit vectors: auto-vectorised, the vectors run across the rows and every lane is gathered, which takes ten
+/// times as long.
 #[inline(always)]
 pub fn product<const N: usize>(rows: &[[f32; N]], panel: &[[f32; LANES]]) -> [[f32; LANES]; N] {
     product_with(Instructions::best(), rows, panel)
@@ -103,10 +104,10 @@ pub struct LaneMaximum {
 }
 
 impl LaneMaximum {
-    /// Nothing seen yet.
+    /// The state before the first update.
     pub const EMPTY: Self = Self { values: [f32::NEG_INFINITY; LANES], panels: [0; LANES] };
 
-    /// Takes in the values of the columns of one panel; NaN is passed over.
+    /// Updates the maxima with the columns of one panel; ignores NaN.
     #[inline(always)]
     pub fn update(&mut self, values: &[f32; LANES], panel: u32) {
         for ((best, index), &value) in self.values.iter_mut().zip(&mut self.panels).zip(values) {
@@ -116,7 +117,7 @@ impl LaneMaximum {
         }
     }
 
-    /// The largest value and its column, the lowest one of several; `(−∞, _)` if nothing was seen.
+    /// Returns the largest value and its column (the lowest column if several are equal); `(−∞, _)` before any update.
     #[inline(always)]
     pub fn largest(&self) -> (f32, u32) {
         let mut largest = (f32::NEG_INFINITY, u32::MAX);
@@ -130,8 +131,8 @@ impl LaneMaximum {
     }
 }
 
-/// The inner product of two vectors of equal length, summed in eight lanes and these by halves, so that it becomes vector
-/// code and gives the same bits everywhere.
+/// Inner product of two vectors of equal length. Eight lanes are summed separately, then added by halves, so the loop
+/// becomes vector code and gives the same bits everywhere.
 #[inline(always)]
 pub fn dot(left: &[f32], right: &[f32]) -> f32 {
     const LANES: usize = 8;

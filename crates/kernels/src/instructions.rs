@@ -1,15 +1,15 @@
-//! Which vector instructions a loop is compiled for, and how it is reached.
+//! Vector instruction sets: compiling loops for each of them, and choosing one at run time.
 
 use pulp::{Simd, WithSimd};
 use std::sync::OnceLock;
 
-/// Lanes of the widest vector of `f32`; loops over slices are cut into chunks of this many values.
+/// Lanes of the widest vector of `f32`. Loops over slices work in chunks of this length.
 pub const LANES: usize = 16;
 
 /// An instruction set that loops are compiled for.
 ///
-/// Networks give the same result with all of them except `Portable`, which rounds products and sums separately where
-/// the others round them together.
+/// Networks give the same result with all of them except `Portable`, which rounds after each product and each sum; the
+/// others round once, after the fused multiply-add.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum Instructions {
@@ -26,15 +26,16 @@ pub enum Instructions {
     Portable,
 }
 
-/// Work that [`Instructions::run`] compiles for every instruction set. All it calls has to be `#[inline(always)]`.
+/// Work that [`Instructions::run`] compiles for every instruction set. Every function it calls must be
+/// `#[inline(always)]`.
 ///
-/// Closures are work too, if they are `#[inline(always)]`. They are called by `FnMut`, not by `FnOnce`: for that the
-/// compiler makes a shim, which it may compile for the oldest processor.
+/// Closures marked `#[inline(always)]` implement this trait. They are called through `FnMut` rather than `FnOnce`: for
+/// `FnOnce` the compiler creates a shim, which it may compile for the baseline processor.
 pub trait Vectorize {
-    /// What the work returns.
+    /// The return type.
     type Output;
 
-    /// Does the work. Implementations have to be `#[inline(always)]`.
+    /// Does the work. Implementations must be `#[inline(always)]`.
     fn run(self) -> Self::Output;
 }
 
@@ -47,7 +48,7 @@ impl<R, F: FnMut() -> R> Vectorize for F {
     }
 }
 
-/// Lets pulp call [`Vectorize`] work.
+/// Adapts [`Vectorize`] to pulp.
 struct Work<W>(W);
 
 impl<W: Vectorize> WithSimd for Work<W> {
@@ -59,12 +60,12 @@ impl<W: Vectorize> WithSimd for Work<W> {
     }
 }
 
-/// Work on tiles of `ROWS` × (`VECTORS` vectors) that are kept in registers.
+/// Work on tiles of `ROWS` × (`VECTORS` vectors) held in registers.
 pub(crate) trait TileKernel {
     fn run<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(self, simd: S);
 }
 
-/// A [`TileKernel`] with the tile of an instruction set.
+/// A [`TileKernel`] with the tile size of an instruction set.
 struct Tiled<K, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(K);
 
 impl<K: TileKernel, const ROWS: usize, const VECTORS: usize, const FUSED: bool> WithSimd
@@ -90,7 +91,7 @@ pub(crate) fn multiply_add<S: Simd, const FUSED: bool>(
 }
 
 impl Instructions {
-    /// Every set that this machine runs, best first.
+    /// All sets that this machine supports, best first.
     pub fn available() -> Vec<Self> {
         let mut sets = Vec::new();
         #[cfg(target_arch = "x86_64")]
@@ -104,8 +105,9 @@ impl Instructions {
         sets
     }
 
-    /// The best set that this machine runs; with `SPLATSEG_INSTRUCTIONS` set to `avx512`, `avx2`, `neon` or `portable`,
-    /// that one if the machine runs it. For measurements: results are the same with AVX2 and AVX-512.
+    /// Returns the best set that this machine supports. For measurements, the environment variable
+    /// `SPLATSEG_INSTRUCTIONS` (`avx512`, `avx2`, `neon` or `portable`) selects another supported set. Results are the
+    /// same with AVX2 and AVX-512.
     #[inline]
     pub fn best() -> Self {
         static BEST: OnceLock<Instructions> = OnceLock::new();
@@ -116,7 +118,7 @@ impl Instructions {
         })
     }
 
-    /// Its name in `SPLATSEG_INSTRUCTIONS`.
+    /// Name in `SPLATSEG_INSTRUCTIONS`.
     fn name(self) -> &'static str {
         match self {
             #[cfg(target_arch = "x86_64")]
@@ -151,13 +153,13 @@ impl Instructions {
         }
     }
 
-    /// Runs `work` compiled for these instructions: loops over slices in it become vector code.
+    /// Runs `work`, compiled for these instructions: its loops over slices become vector code.
     #[inline(always)]
     pub fn run<W: Vectorize>(self, work: W) -> W::Output {
         self.run_simd(Work(work))
     }
 
-    /// Runs work that names its vectors.
+    /// Runs work that uses explicit vectors.
     #[inline(always)]
     pub(crate) fn run_simd<W: WithSimd>(self, work: W) -> W::Output {
         match self {
@@ -171,7 +173,7 @@ impl Instructions {
         }
     }
 
-    /// Runs a kernel with these instructions and their tile.
+    /// Runs a kernel with these instructions and their tile size.
     #[inline(always)]
     pub(crate) fn run_tiled<K: TileKernel>(self, kernel: K) {
         match self {

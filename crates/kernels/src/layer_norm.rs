@@ -9,17 +9,17 @@ const ROW_BLOCK: usize = 64;
 /// The parameters of a layer normalisation.
 #[derive(Clone, Copy, Debug)]
 pub struct LayerNorm<'a> {
-    /// Factor of each channel.
+    /// Scale of each channel.
     pub weight: &'a [f32],
-    /// Summand of each channel, as long as `weight`.
+    /// Offset of each channel; same length as `weight`.
     pub bias: &'a [f32],
     /// Added to the variance.
     pub epsilon: f32,
 }
 
 impl LayerNorm<'_> {
-    /// Brings every row of `rows`, `[n, channels]`, to mean 0 and variance 1, times weight plus bias. Fast within
-    /// [`Instructions::run`].
+    /// Normalises every row of `rows` `[n, channels]` to mean 0 and variance 1, then multiplies by `weight` and adds
+    /// `bias`. Fast within [`Instructions::run`].
     #[inline(always)]
     pub fn apply(&self, rows: &mut [f32]) {
         for row in rows.chunks_exact_mut(self.weight.len()) {
@@ -44,7 +44,7 @@ impl LayerNorm<'_> {
     }
 }
 
-/// The sum of `term` over a row, in lanes.
+/// Sum of `term` over a row, computed in lanes.
 #[inline(always)]
 fn sum(row: &[f32], term: impl Fn(f32) -> f32) -> f32 {
     let mut lanes = [0.0; LANES];
@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_get_mean_and_variance() {
+    fn rows_are_normalised() {
         for width in [1, 5, 16, 37, 256] {
             let weight: Vec<f32> = (0..width).map(|index| 1.0 + index as f32 * 0.01).collect();
             let bias: Vec<f32> = (0..width).map(|index| index as f32 * 0.1 - 1.0).collect();

@@ -1,22 +1,22 @@
 //! The vector code of splatseg: loops over plain slices of `f32`, compiled for the best instructions of the processor
-//! they run on. Knows nothing of tensors, networks or splats.
+//! they run on. Has no notion of tensors, networks or splats.
 //!
-//! | module | what it computes |
+//! | module | contents |
 //! | --- | --- |
-//! | [`instructions`] | picks the instruction set, once for all loops of the workspace |
+//! | [`instructions`] | choice of the instruction set, made once for all loops of the workspace |
 //! | [`gemm`] | matrix products: packing, the microkernel, linear layers |
 //! | [`convolution`] | 2D convolution: direct, and Winograd's algorithm |
-//! | [`feature_map`] | small networks: maps that keep their padding, and their convolutions |
+//! | [`feature_map`] | for small networks: maps that keep their padding, and their convolutions |
 //! | [`attention`] | softmax attention: global, windowed, and axial; rotary position encoding; pooling |
-//! | [`activation`], [`layer_norm`] | what stands between layers |
+//! | [`activation`], [`layer_norm`] | element-wise steps between layers |
 //! | [`exp`](mod@exp) | exponentials and the error function |
-//! | [`inner_products`] | products that give the same bits on every processor, and searches for the largest |
-//! | [`aligned`] | vectors that start at a cache line |
+//! | [`inner_products`] | inner products that are bit-identical on every processor, and searches for the largest |
+//! | [`aligned`] | vectors aligned to cache lines |
 //!
 //! Work is divided into blocks of fixed size and every sum has a fixed order, so results never depend on the number of
-//! threads. Networks fuse multiplications and additions where the processor can ([`gemm`], [`attention`]); what a map
-//! is made of ([`inner_products`], [`exp::exp_negative`]) never does, so that maps have the same bytes
-//! on every machine.
+//! threads. Networks fuse multiplications and additions if the processor can ([`gemm`], [`attention`]). Code that
+//! builds the Gaussian map ([`inner_products`], [`exp::exp_negative`]) never fuses them, so maps have the same bytes on
+//! every machine.
 
 pub mod activation;
 pub mod aligned;

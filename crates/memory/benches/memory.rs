@@ -1,4 +1,5 @@
-//! What a user waits for: making codebooks, decoding, saving and loading a memory of a million Gaussians.
+//! Operations that a user waits for: generating codebooks, decoding, saving and loading a memory of a million
+//! Gaussians.
 //!
 //! `cargo bench -p splatseg-memory`
 

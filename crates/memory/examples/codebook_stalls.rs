@@ -1,11 +1,11 @@
-//! How long a memory of features makes a video wait for its codebook: at the start, and when ids run out of codes.
+//! Measures how long a video waits for the codebook of a memory of features: at the start, and when codes run out.
 //!
 //! `SPLATSEG_CACHE= cargo run --release --example codebook_stalls` measures without the cache on disk.
 
 use splatseg_memory::{Codebook, CodebookSettings, MemoryKind, MemorySettings, SplatMemory};
 use std::time::{Duration, Instant};
 
-/// Ids that the video needs.
+/// Number of ids that the video needs.
 const IDS: usize = 1_100;
 /// Time between two new ids.
 const FRAME: Duration = Duration::from_millis(10);

@@ -1,14 +1,16 @@
-//! A stream that shows 12 new things in each frame: time per frame, memory and largest id.
+//! A stream with 12 new objects in each frame. Prints time per frame, memory and largest id.
 //!
 //! ```sh
 //! cargo run --release -p splatseg-memory --example endless_stream -- 36000
 //! ```
 //!
-//! with the number of frames. The camera looks at a wall; each frame predicts 12 new masks there, as a segmenter that never
-//! finds the same thing twice. Nothing printed may grow once all ids that fit a 16-bit image were given (5,462 frames).
+//! The argument is the number of frames. The camera looks at a wall; each frame predicts 12 new masks there, like a
+//! segmenter that never finds the same object twice. No printed number may grow once all ids that fit a 16-bit image
+//! have been given out (5,462 frames).
 
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{MemorySettings, SplatMemory};
+use std::collections::BTreeSet;
 use std::error::Error;
 use std::time::Instant;
 
@@ -31,10 +33,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         let ids: Vec<u32> = (0..MASKS).map(|_| memory.new_segment()).collect::<Result<_, _>>()?;
         largest = largest.max(ids.iter().copied().max().unwrap_or(0));
         let place = |column: usize, row: usize| ids[(column + number) / 20 % 4 + 4 * (row / 20)];
-        let seen = SegmentMap::from_fn(width, height, place);
+        let predicted = SegmentMap::from_fn(width, height, place);
         let recall = memory.recall(&frame);
-        memory.fuse(&recall, &seen)?;
-        memory.update(recall, &seen)?;
+        memory.fuse(&recall, &predicted)?;
+        memory.update(recall, &predicted, &BTreeSet::new())?;
         if number.is_multiple_of(step) {
             let ms = started.elapsed().as_secs_f64() * 1e3 / step as f64;
             memory.save(&folder)?;

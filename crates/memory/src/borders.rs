@@ -1,16 +1,16 @@
-//! Where segments and surfaces end in a frame.
+//! Borders of segments and surfaces in a frame.
 
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, Image, SegmentMap, distance_transform};
 
-/// Distances are not told apart beyond this, pixels.
+/// Maximum distance to a border, pixels; larger distances are set to it.
 pub(crate) const MAX_DISTANCE: u32 = 32;
 
-/// What lies at a pixel.
+/// Bits for the kind of a pixel.
 const MIXED: u8 = 1;
 const BORDER: u8 = 2;
 
-/// The borders of a frame: pixels beside one of another segment or across a depth edge.
+/// The borders of a frame: pixels beside a pixel of another segment or across a depth edge.
 #[derive(Clone, Debug)]
 pub(crate) struct Borders {
     kinds: Image<u8>,
@@ -18,33 +18,33 @@ pub(crate) struct Borders {
 }
 
 impl Borders {
-    /// Finds them. Depths are metres, 0 where missing; neighbours that differ by more than the fraction
-    /// `edge_disparity` are on two surfaces.
-    pub fn new(depth: &CowImage<'_, f32>, segments: &SegmentMap, edge_disparity: f32) -> Self {
+    /// Finds the borders. Depths are in metres, 0 where missing. Neighbours whose depths differ by more than the
+    /// fraction `tolerance` are on two surfaces.
+    pub fn new(depth: &CowImage<'_, f32>, segments: &SegmentMap, tolerance: f32) -> Self {
         let (width, height) = depth.size();
         let mut kinds = Image::filled(width, height, 0);
         kinds.pixels_mut().par_chunks_mut(width.max(1)).enumerate().for_each(|(row, kinds)| {
             for (column, kind) in kinds.iter_mut().enumerate() {
-                *kind = kind_of(depth, segments, (column, row), edge_disparity);
+                *kind = kind_of(depth, segments, (column, row), tolerance);
             }
         });
         let distances = distance_transform((width, height), |index| kinds.pixels()[index] & BORDER != 0);
         Self { kinds, distances }
     }
 
-    /// Whether a pixel's depth may be a mixture of a nearer and a farther surface: it lies between neighbours across two
-    /// depth edges, and not on a slanted plane with them.
+    /// True if a pixel's depth may be a mixture of a nearer and a farther surface: it has depth edges to a nearer and
+    /// to a farther neighbour, and does not lie on a slanted plane with them.
     pub fn is_mixed(&self, at: (usize, usize)) -> bool {
         self.kinds[at] & MIXED != 0
     }
 
-    /// Steps along rows and columns to the nearest border, at most [`MAX_DISTANCE`]; 0 on one.
+    /// Number of steps along rows and columns to the nearest border, at most [`MAX_DISTANCE`]; 0 on a border.
     pub fn distance(&self, (column, row): (usize, usize)) -> u32 {
         self.distances[row * self.kinds.width() + column].min(MAX_DISTANCE)
     }
 }
 
-fn kind_of(depth: &CowImage<'_, f32>, segments: &SegmentMap, (column, row): (usize, usize), edge_disparity: f32) -> u8 {
+fn kind_of(depth: &CowImage<'_, f32>, segments: &SegmentMap, (column, row): (usize, usize), tolerance: f32) -> u8 {
     let (width, height) = depth.size();
     let (own, segment) = (depth[(column, row)], segments[(column, row)]);
     let (mut nearer, mut farther, mut border) = (false, false, false);
@@ -52,7 +52,7 @@ fn kind_of(depth: &CowImage<'_, f32>, segments: &SegmentMap, (column, row): (usi
         border |= segments[at] != segment;
         let other = depth[at];
         if own > 0.0 && other > 0.0 {
-            let limit = edge_disparity * own.min(other);
+            let limit = tolerance * own.min(other);
             nearer |= own - other > limit;
             farther |= other - own > limit;
         }
@@ -69,13 +69,13 @@ fn kind_of(depth: &CowImage<'_, f32>, segments: &SegmentMap, (column, row): (usi
     if row + 1 < height {
         look((column, row + 1));
     }
-    let mixed = if nearer && farther && !is_on_a_plane(depth, (column, row), edge_disparity) { MIXED } else { 0 };
+    let mixed = if nearer && farther && !is_on_a_plane(depth, (column, row), tolerance) { MIXED } else { 0 };
     if border || nearer || farther { mixed | BORDER } else { mixed }
 }
 
-/// Whether a pixel goes on with what lies beside it in its row, and above or below it. A surface seen at a small angle
-/// has depth edges on both sides of each pixel, but along rows and columns its inverse depth is a straight line.
-fn is_on_a_plane(depth: &CowImage<'_, f32>, (column, row): (usize, usize), edge_disparity: f32) -> bool {
+/// True if a pixel continues the surface on one side in its row and on one side in its column. A surface seen at a
+/// small angle has depth edges on both sides of each pixel, but along rows and columns its inverse depth is linear.
+fn is_on_a_plane(depth: &CowImage<'_, f32>, (column, row): (usize, usize), tolerance: f32) -> bool {
     let inverse = |by: (isize, isize), steps: isize| {
         let at = (column.checked_add_signed(steps * by.0)?, row.checked_add_signed(steps * by.1)?);
         let is_inside = at.0 < depth.width() && at.1 < depth.height();
@@ -84,7 +84,7 @@ fn is_on_a_plane(depth: &CowImage<'_, f32>, (column, row): (usize, usize), edge_
     let own = 1.0 / depth[(column, row)];
     let continues = |by| {
         let expected = inverse(by, 1).zip(inverse(by, 2)).map(|(near, far)| 2.0 * near - far);
-        expected.is_some_and(|expected| (expected - own).abs() <= edge_disparity * own)
+        expected.is_some_and(|expected| (expected - own).abs() <= tolerance * own)
     };
     (continues((1, 0)) || continues((-1, 0))) && (continues((0, 1)) || continues((0, -1)))
 }
@@ -115,7 +115,7 @@ mod tests {
 
     #[test]
     fn a_floor_seen_at_a_small_angle_is_not_mixed() {
-        // A floor, and on it a pillar that begins with pixels of the depth `mixed`.
+        // A floor with a pillar whose edge pixels have the depth `mixed`.
         let mixed_columns = |mixed| {
             let depth = Image::from_fn(8, 12, |column, row| match column {
                 0..5 => 48.0 / (row as f32 + 4.0),
@@ -130,13 +130,13 @@ mod tests {
         assert_eq!(mixed_columns(2.6), [5]);
     }
 
-    /// The pixels `by` away, if that is in the image.
+    /// The pixel at offset `by`, if it is in the image.
     fn beside(size: (usize, usize), at: (usize, usize), by: (isize, isize)) -> Option<(usize, usize)> {
         let at = (at.0.checked_add_signed(by.0)?, at.1.checked_add_signed(by.1)?);
         (at.0 < size.0 && at.1 < size.1).then_some(at)
     }
 
-    /// Whether a pixel is mixed, and whether it is a border, as the comments above say.
+    /// Returns whether a pixel is mixed and whether it is a border, by the definitions above.
     fn by_definition(depth: &Image<f32>, segments: &SegmentMap, at: (usize, usize), edge: f32) -> (bool, bool) {
         const STEPS: [(isize, isize); 4] = [(1, 0), (-1, 0), (0, 1), (0, -1)];
         let own = depth[at];
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn borders_and_mixed_pixels_are_what_the_definition_says() {
+    fn borders_and_mixed_pixels_match_the_definition() {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         let (mut mixed, mut slanted) = (0, 0);
         for trial in 0..300 {

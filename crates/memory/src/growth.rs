@@ -1,29 +1,41 @@
-//! Where a frame shows a surface that the map lacks: new Gaussians (docs/METHOD.md, "Memory").
+//! New Gaussians for the surfaces that a frame shows and the map lacks (docs/PAPER.md, "Memory").
 //!
-//! Two rules. The paper's ([`by_paper`], SplaTAM's) adds one Gaussian for every pixel that nothing covers, or whose
-//! observed depth disagrees with the rendered one. Ours ([`missing`]) adds only what is missing: a surface is missing
-//! where the Gaussians up to its depth let most of the light through. So nothing is added behind what the map shows
-//! already, where it would never be seen, nor where Gaussians of the same surface lie. Inside a segment one Gaussian
-//! stands for a block of pixels, the larger the farther the next border is.
+//! Two rules. The paper's ([`grow_per_pixel`], SplaTAM's) adds one Gaussian for every pixel that nothing covers, or
+//! whose observed depth disagrees with the rendered one. Ours ([`grow_missing`]) adds only missing surfaces: a surface
+//! is missing where the Gaussians up to its depth let most of the light through. So no Gaussian is added behind a
+//! surface that the map already shows, where it would never be seen, or where Gaussians of the same surface lie. Inside
+//! a segment, one Gaussian stands for a block of pixels; blocks grow with the distance to the nearest border.
 
 use crate::borders::{Borders, MAX_DISTANCE};
+use crate::depth_completion::completed_depth;
 use crate::map::NewGaussian;
 use crate::recall::Recall;
-use crate::{GrowthRule, MemorySettings};
+use crate::settings::RELATIVE_TOLERANCE;
+use crate::{COVERED, GrowthRule, MemorySettings};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
-use splatseg_geometry::{Image, LocalPose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{CowImage, Image, LocalPose, RgbdFrame, SegmentMap};
 
-/// The Gaussians to be added by the rule that `settings` ask for. `seen` are the frame's predictions.
-pub(crate) fn new_gaussians(recall: &Recall<'_>, seen: &SegmentMap, settings: &MemorySettings) -> Vec<NewGaussian> {
+/// Maximum spacing of Gaussians inside a segment, in units of the distance to the nearest border.
+const SPACING_PER_DISTANCE: f32 = 2.0;
+
+/// Standard deviation of a new Gaussian divided by the spacing between Gaussians. The paper's is 1.
+pub const RADIUS_PER_SPACING: f32 = 0.6;
+
+/// Returns the Gaussians that the growth rule in force adds.
+pub(crate) fn new_gaussians(
+    recall: &Recall<'_>,
+    predicted: &SegmentMap,
+    settings: &MemorySettings,
+) -> Vec<NewGaussian> {
     match settings.growth_rule() {
-        GrowthRule::Paper => by_paper(recall, settings),
-        _ => missing(recall, seen, settings),
+        GrowthRule::Paper => grow_per_pixel(recall, settings),
+        _ => grow_missing(recall, predicted, settings),
     }
 }
 
-/// The Gaussians that the paper's rule adds.
-fn by_paper(recall: &Recall<'_>, settings: &MemorySettings) -> Vec<NewGaussian> {
+/// Returns the Gaussians that the paper's rule adds.
+fn grow_per_pixel(recall: &Recall<'_>, settings: &MemorySettings) -> Vec<NewGaussian> {
     let frame = recall.frame;
     let focal = focal_length(frame);
     (0..frame.height())
@@ -48,22 +60,31 @@ fn by_paper(recall: &Recall<'_>, settings: &MemorySettings) -> Vec<NewGaussian> 
         .collect()
 }
 
-/// The Gaussians that the map lacks. `seen` are the frame's predictions, whose borders get fine ones.
-fn missing(recall: &Recall<'_>, seen: &SegmentMap, settings: &MemorySettings) -> Vec<NewGaussian> {
+/// Returns the Gaussians that the map lacks, small ones at the borders of predictions.
+fn grow_missing(recall: &Recall<'_>, predicted: &SegmentMap, settings: &MemorySettings) -> Vec<NewGaussian> {
     let frame = recall.frame;
-    let borders = Borders::new(frame.depth(), seen, settings.edge_disparity);
-    let wanted = Image::from_fn(frame.width(), frame.height(), |column, row| {
+    let completed = completed_depth(recall, predicted, |index| recall.covered.pixels()[index] >= COVERED);
+    let depth = completed.map_or_else(|| frame.depth().as_borrowed(), CowImage::from);
+    let borders = Borders::new(&depth, predicted, RELATIVE_TOLERANCE);
+    let states = Image::from_fn(frame.width(), frame.height(), |column, row| {
         let at = (column, row);
         match () {
-            () if frame.depth()[at] <= 0.0 => Want::Nothing,
-            () if recall.covered[at] >= settings.growth_coverage => Want::Nothing,
-            () if borders.is_mixed(at) => Want::Refused,
-            () => Want::Gaussian,
+            () if depth[at] <= 0.0 => PixelState::Skipped,
+            () if recall.covered[at] >= COVERED => PixelState::Skipped,
+            () if borders.is_mixed(at) => PixelState::Mixed,
+            () => PixelState::Missing,
         }
     });
     let map_from_camera = recall.map_from_camera;
-    let growth =
-        Growth { frame, map_from_camera, borders: &borders, wanted: &wanted, settings, focal: focal_length(frame) };
+    let growth = Growth {
+        frame,
+        depth: &depth,
+        map_from_camera,
+        borders: &borders,
+        states: &states,
+        settings,
+        focal: focal_length(frame),
+    };
     // A power of two, so that quarters of blocks cover them.
     let smallest_side = frame.width().min(frame.height()).max(1);
     let largest = settings.growth_spacing.min(1 << smallest_side.ilog2());
@@ -80,27 +101,29 @@ fn missing(recall: &Recall<'_>, seen: &SegmentMap, settings: &MemorySettings) ->
         .collect()
 }
 
-/// One number for both axes: pixels are square but for rounding.
+/// Mean focal length of both axes: pixels are square except for rounding.
 fn focal_length(frame: &RgbdFrame) -> f32 {
     0.5 * (frame.intrinsics().fx + frame.intrinsics().fy)
 }
 
-/// What a pixel asks for.
+/// State of a pixel in growth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Want {
-    /// It has no depth, or its surface is known: a Gaussian of others may cover it.
-    Nothing,
-    /// It must not get a Gaussian.
-    Refused,
+enum PixelState {
+    /// No depth, or the map has its surface: a neighbour's Gaussian may cover it.
+    Skipped,
+    /// Its depth may be a mixture of two surfaces: no Gaussian may cover it.
+    Mixed,
     /// Its surface is missing.
-    Gaussian,
+    Missing,
 }
 
 struct Growth<'a> {
     frame: &'a RgbdFrame<'a>,
+    /// The frame's depth, completed.
+    depth: &'a CowImage<'a, f32>,
     map_from_camera: LocalPose,
     borders: &'a Borders,
-    wanted: &'a Image<Want>,
+    states: &'a Image<PixelState>,
     settings: &'a MemorySettings,
     focal: f32,
 }
@@ -110,30 +133,30 @@ impl Growth<'_> {
     fn add_block(&self, left: usize, top: usize, side: usize, added: &mut Vec<NewGaussian>) {
         let columns = left..(left + side).min(self.frame.width());
         let rows = top..(top + side).min(self.frame.height());
-        let (mut wanting, mut refusing) = (0, false);
+        let (mut missing, mut has_mixed) = (0, false);
         let mut distance = MAX_DISTANCE;
         let (mut nearest, mut farthest) = (f32::INFINITY, 0.0f32);
         for row in rows.clone() {
             for column in columns.clone() {
                 distance = distance.min(self.borders.distance((column, row)));
-                match self.wanted[(column, row)] {
-                    Want::Nothing => {}
-                    Want::Refused => refusing = true,
-                    Want::Gaussian => {
-                        let depth = self.frame.depth()[(column, row)];
+                match self.states[(column, row)] {
+                    PixelState::Skipped => {}
+                    PixelState::Mixed => has_mixed = true,
+                    PixelState::Missing => {
+                        let depth = self.depth[(column, row)];
                         (nearest, farthest) = (nearest.min(depth), farthest.max(depth));
-                        wanting += 1;
+                        missing += 1;
                     }
                 }
             }
         }
-        if wanting == 0 {
+        if missing == 0 {
             return;
         }
-        let is_far_from_borders = side as f32 <= self.settings.spacing_per_distance * distance as f32;
-        // A Gaussian farther behind a pixel's surface than that would not count as that surface.
-        let is_one_surface = farthest - nearest <= self.settings.depth_disparity;
-        if side == 1 || (!refusing && 2 * wanting >= side * side && is_far_from_borders && is_one_surface) {
+        let is_far_from_borders = side as f32 <= SPACING_PER_DISTANCE * distance as f32;
+        // A Gaussian farther than the tolerance behind a pixel's surface would not count as that surface.
+        let is_one_surface = farthest - nearest <= self.settings.tolerance_at(nearest);
+        if side == 1 || (!has_mixed && 2 * missing >= side * side && is_far_from_borders && is_one_surface) {
             added.extend(self.gaussian(columns, rows, side));
             return;
         }
@@ -145,7 +168,7 @@ impl Growth<'_> {
         }
     }
 
-    /// The Gaussian that stands for the wanting pixels of a block.
+    /// Returns the Gaussian for the pixels of a block whose surface is missing.
     fn gaussian(
         &self,
         columns: std::ops::Range<usize>,
@@ -156,8 +179,8 @@ impl Growth<'_> {
         let (mut sum, mut color_sum) = (Vec3::ZERO, [0.0; 3]);
         let mut pixel = None;
         for row in rows {
-            for column in columns.clone().filter(|column| self.wanted[(*column, row)] == Want::Gaussian) {
-                let depth = self.frame.depth()[(column, row)];
+            for column in columns.clone().filter(|column| self.states[(*column, row)] == PixelState::Missing) {
+                let depth = self.depth[(column, row)];
                 sum += self.frame.intrinsics().unproject(Vec2::new(column as f32, row as f32), depth);
                 for (sum, channel) in color_sum.iter_mut().zip(self.frame.color()[(column, row)]) {
                     *sum += f32::from(channel);
@@ -170,7 +193,7 @@ impl Growth<'_> {
         Some(NewGaussian {
             pixel: pixel?,
             mean: self.map_from_camera.to_world(mean_camera),
-            radius: self.settings.radius_per_spacing * side as f32 * mean_camera.z / self.focal,
+            radius: RADIUS_PER_SPACING * side as f32 * mean_camera.z / self.focal,
             color: color_sum.map(|sum| (sum / count).round() as u8),
         })
     }

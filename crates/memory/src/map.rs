@@ -1,25 +1,25 @@
-//! The Gaussians of the map: where they are and what they look like, whatever they remember of segments.
+//! The Gaussians of the map: positions, radii and colours, without the segments that they remember.
 
 use glam::Vec3;
 use splatseg_render::Balls;
 
-/// Gaussians with what both kinds of memory need to know of them, one entry per Gaussian in every array.
+/// Attributes of the Gaussians that both kinds of memory need. Every array has one entry per Gaussian.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SplatMap {
     /// Centres and radii, world coordinates, metres.
     pub balls: Balls,
     /// sRGB.
     pub colors: Vec<[u8; 3]>,
-    /// Number of the last frame that saw each Gaussian.
+    /// Index of the last frame that saw each Gaussian.
     pub last_seen: Vec<u32>,
-    /// Frames that have seen through each Gaussian since one last saw it.
+    /// Number of frames that have seen through each Gaussian since a frame last saw it.
     pub seen_through: Vec<u8>,
 }
 
-/// A Gaussian to be added: the surface patch that one pixel or a block of them sees.
+/// A Gaussian to be added: the surface patch seen by a pixel or a block of pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NewGaussian {
-    /// Row-major index of the pixel, or of one in the middle of the block.
+    /// Row-major index of the pixel, or of one pixel of the block.
     pub pixel: usize,
     /// Back-projected point, world coordinates, metres.
     pub mean: Vec3,
@@ -30,7 +30,7 @@ pub struct NewGaussian {
 }
 
 impl SplatMap {
-    /// Numbers that a Gaussian holds besides what it remembers: position 3, radius 1, colour 3.
+    /// Parameters of a Gaussian apart from segments: position 3, radius 1, colour 3.
     pub(crate) const NUMBERS: usize = 3 + 1 + 3;
 
     /// Number of Gaussians.
@@ -38,7 +38,7 @@ impl SplatMap {
         self.balls.len()
     }
 
-    /// Adds Gaussians that frame number `frame` saw first.
+    /// Adds Gaussians first seen in frame number `frame`.
     pub(crate) fn add(&mut self, added: &[NewGaussian], frame: u32) {
         for gaussian in added {
             self.balls.push(gaussian.mean, gaussian.radius);
@@ -48,7 +48,7 @@ impl SplatMap {
         self.seen_through.resize(self.len(), 0);
     }
 
-    /// Keeps the Gaussians for which `keep` holds, in their order.
+    /// Keeps the Gaussians for which `keep` is true, in their order.
     pub(crate) fn retain(&mut self, keep: &[bool]) {
         retain(&mut self.balls.means, keep);
         retain(&mut self.balls.radii, keep);
@@ -58,7 +58,7 @@ impl SplatMap {
     }
 }
 
-/// Keeps the entries for which `keep` holds, in their order.
+/// Keeps the entries for which `keep` is true, in their order.
 pub(crate) fn retain<T>(entries: &mut Vec<T>, keep: &[bool]) {
     let mut keep = keep.iter();
     entries.retain(|_| keep.next().copied().unwrap_or(true));

@@ -1,71 +1,69 @@
-//! The origin of the map's coordinates.
+//! Origin of the map's coordinates.
 //!
-//! Gaussians are in single precision, which is exact to 8 µm up to 128 m from the origin. The world may be a map projection or a
-//! drive of kilometres, so the origin follows the camera. Where the first camera is within 128 m of the world's origin, the
-//! two are the same.
+//! Gaussians are stored in single precision, which is exact to 8 µm up to 128 m from the origin. The world may be a map
+//! projection or a drive of kilometres, so the origin follows the camera. While the camera is within 128 m of the
+//! world's origin, the two origins are the same.
 //!
-//! Origins lie on a grid of 16 m, so that moving Gaussians to another origin rounds them only where they get farther away:
-//! after a drive of 10 km and back they are still exact to a millimetre, however often the origin has moved.
+//! Origins lie on a grid of 16 m, so that moving Gaussians to another origin rounds them only where they get farther
+//! away: after a drive of 10 km and back they are still exact to a millimetre, however often the origin has moved.
 
+use crate::SplatMemory;
 use crate::recall::Recall;
-use crate::{MemoryError, SplatMemory};
 use glam::DVec3;
+use rayon::prelude::*;
 use splatseg_geometry::{LocalPose, Pose};
 
-/// A camera that is farther from the origin along an axis moves it, metres.
+/// The origin moves once the camera is farther from it than this along an axis, metres.
 const MAX_DISTANCE: f64 = 128.0;
 
 /// Spacing of the grid of origins, metres.
 const GRID: f64 = 16.0;
 
-/// Up to this distance from the origin, metres, Gaussians are exact to a millimetre. A single frame whose camera is farther
-/// away has a wrong pose...
+/// Up to this distance from the origin, metres, Gaussians are exact to a millimetre. The pose of a frame whose camera
+/// is farther away is taken to be wrong, unless [`MIN_FAR_FRAMES`] such frames come in a row.
 const MAX_STEP: f64 = 1e4;
 
-/// ...until so many come in a row.
+/// Number of far frames in a row whose poses are believed.
 const MIN_FAR_FRAMES: u8 = 3;
 
 impl SplatMemory {
-    /// Where the origin of the map's coordinates is: world coordinates, metres. It is the world's own unless cameras are far
-    /// from that, and may move with every frame.
+    /// Origin of the map's coordinates, in world coordinates, metres. It is the world's own origin unless cameras are
+    /// far from that, and may move with every frame.
     pub fn origin(&self) -> DVec3 {
         self.origin
     }
 
-    /// Whether the pose of a frame is so far off that it must be wrong: the map would be rounded to follow it.
+    /// True if the pose of a frame is so far off that it must be wrong: following it would round the map.
     pub(crate) fn is_astray(&mut self, recall: &Recall<'_>) -> bool {
         let distance = recall.frame.world_from_camera().translation().distance(self.origin);
         let is_far = recall.jump.is_none() && self.gaussian_count() > 0 && distance > MAX_STEP;
         self.recent.count_far_frame(is_far) < MIN_FAR_FRAMES && is_far
     }
 
-    /// Moves the map's coordinates to an origin near the frame's camera, and the map along with a jump of the poses.
-    pub(crate) fn follow(&mut self, recall: &mut Recall<'_>) -> Result<(), MemoryError> {
-        if let Some(jump) = &recall.jump {
-            tracing::warn!("frame {}: the poses have jumped; the map moves along", recall.frame.name());
-            self.recent.note_jump(jump);
+    /// Moves the map's coordinates to an origin near the frame's camera, and moves the map with a jump of the poses.
+    pub(crate) fn follow(&mut self, recall: &mut Recall<'_>) {
+        if recall.jump.is_some() {
+            tracing::warn!("frame {}: the poses have jumped; the map moves with them", recall.frame.name());
         }
         let pose = recall.frame.world_from_camera();
         let origin = origin_for(pose.translation(), self.origin);
         if recall.jump.is_none() && origin == self.origin {
-            return Ok(());
+            return;
         }
         let moved = change_of_origin(&recall.jump.unwrap_or(Pose::IDENTITY), self.origin, origin);
         recall.moved_to(pose.relative_to(origin));
-        self.backend.transform(&moved, recall)?;
-        self.depthless.transform(&moved);
+        self.map.balls.means.par_iter_mut().for_each(|mean| *mean = moved.to_world(*mean));
         self.recent.transform(&moved);
         self.origin = origin;
-        Ok(())
     }
 }
 
-/// The origin for a camera at `position`, world coordinates: the present one as long as that is near.
+/// Returns the origin for a camera at `position`, world coordinates: `present` as long as that is near.
 pub(crate) fn origin_for(position: DVec3, present: DVec3) -> DVec3 {
     if (position - present).abs().max_element() <= MAX_DISTANCE { present } else { (position / GRID).round() * GRID }
 }
 
-/// The transform of a map's coordinates that leads from one origin to another when the world is transformed.
+/// Returns the transform of the map's coordinates from one origin to another when the world is transformed as well.
 pub(crate) fn change_of_origin(new_from_old_world: &Pose, old: DVec3, new: DVec3) -> LocalPose {
     (*new_from_old_world * Pose::from_translation(old)).relative_to(new)
 }

@@ -1,45 +1,55 @@
-//! Which Gaussians are gone: those that frames see through, and the longest unseen of too many.
+//! Removal of Gaussians: those that frames see through, and those unseen for longest if there are too many.
 //!
-//! A frame that sees through a Gaussian is rendered without it at once ([`Present`]): what it hid shows again, and what
-//! is missing behind it grows in the same frame. It is removed only when several frames agree ([`note_sights`]).
+//! A frame that sees through a Gaussian is rendered without it at once ([`VisibleBalls`]): surfaces behind it show
+//! again, and missing ones grow in the same frame. The Gaussian is removed only when several frames agree
+//! ([`record_sights`]).
 
 use crate::MemorySettings;
-use crate::backend::FrameTrust;
 use crate::map::SplatMap;
 use glam::Vec3;
 use rayon::prelude::*;
 use splatseg_geometry::RgbdFrame;
 use splatseg_render::{Balls, Camera, Shape, Splats};
 
-/// If a frame sees through more than this share of the Gaussians whose depth it can judge, either its pose or depth is
-/// wrong, or the map is: only if earlier frames confirm it ([`FrameTrust`]) does it count.
-const MAX_SHARE_SEEN_THROUGH: f32 = 0.5;
+/// A frame contradicts the map if it sees through more than this share of the Gaussians that it sees or sees through.
+/// Then either its pose or depth is wrong, or the map is: the frame counts only if earlier frames confirm it
+/// ([`FrameTrust`]).
+pub(crate) const CONTRADICTION: f32 = 0.5;
 
-/// What a frame says of a Gaussian.
+/// Trust in a frame that contradicts the map (see [`CONTRADICTION`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FrameTrust {
+    /// No earlier frame confirms it: its pose or depth is taken to be wrong, and it removes nothing.
+    Alone,
+    /// Earlier frames show the same: the map is wrong.
+    Confirmed,
+}
+
+/// How a frame sees a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sight {
-    /// Nothing: out of view, hidden, at a depth edge, or without depth.
+    /// Out of view, hidden, at a depth edge, or without depth.
     Unknown,
     /// The observed surface is where the Gaussian lies.
     Seen,
-    /// The observed surface lies clearly behind it: the space where it lies is free.
-    Through,
+    /// The observed surface lies clearly behind the Gaussian: its place is free space.
+    SeenThrough,
 }
 
-/// A map without the Gaussians that a frame sees through: they would hide what the frame shows in their place.
-pub(crate) struct Present<'a> {
+/// A map without the Gaussians that a frame sees through: they would hide the surfaces that the frame shows.
+pub(crate) struct VisibleBalls<'a> {
     map: &'a Balls,
     sights: &'a [Sight],
 }
 
-impl<'a> Present<'a> {
-    /// `sights` has one entry per Gaussian of `map`, or none at all.
+impl<'a> VisibleBalls<'a> {
+    /// `sights` has one entry per Gaussian of `map`, or is empty to keep all.
     pub fn new(map: &'a Balls, sights: &'a [Sight]) -> Self {
         Self { map, sights }
     }
 }
 
-impl Splats for Present<'_> {
+impl Splats for VisibleBalls<'_> {
     fn count(&self) -> usize {
         self.map.count()
     }
@@ -51,7 +61,7 @@ impl Splats for Present<'_> {
 
     #[inline(always)]
     fn opacity(&self, index: usize) -> f32 {
-        if self.sights.get(index) == Some(&Sight::Through) { 0.0 } else { self.map.opacity(index) }
+        if self.sights.get(index) == Some(&Sight::SeenThrough) { 0.0 } else { self.map.opacity(index) }
     }
 
     #[inline(always)]
@@ -60,8 +70,8 @@ impl Splats for Present<'_> {
     }
 }
 
-/// What `frame` says of every Gaussian, one entry each, and whether it contradicts the map: whether it sees through more
-/// than half of the Gaussians that it can judge.
+/// Returns how `frame` sees every Gaussian, one entry each, and whether it contradicts the map (see [`CONTRADICTION`]).
+/// A frame that does so alone sees through nothing.
 pub(crate) fn sights(
     map: &Balls,
     frame: &RgbdFrame,
@@ -72,17 +82,17 @@ pub(crate) fn sights(
     let mut sights: Vec<Sight> =
         map.means.par_iter().map(|mean| sight(camera.to_camera(*mean), frame, settings)).collect();
     let count = |kind| sights.iter().filter(|sight| **sight == kind).count() as f32;
-    let (seen, through) = (count(Sight::Seen), count(Sight::Through));
-    let contradicts = through > MAX_SHARE_SEEN_THROUGH * (seen + through);
+    let (seen, seen_through) = (count(Sight::Seen), count(Sight::SeenThrough));
+    let contradicts = seen_through > CONTRADICTION * (seen + seen_through);
     if contradicts && trust == FrameTrust::Alone {
-        sights.iter_mut().filter(|sight| **sight == Sight::Through).for_each(|sight| *sight = Sight::Unknown);
+        sights.iter_mut().filter(|sight| **sight == Sight::SeenThrough).for_each(|sight| *sight = Sight::Unknown);
     }
     (sights, contradicts)
 }
 
-/// Notes what frame number `frame` says of every Gaussian, and returns those to be kept if any is to be removed: a
-/// Gaussian is gone once `removal_frames` frames saw through it and none saw it in between.
-pub(crate) fn note_sights(map: &mut SplatMap, sights: &[Sight], removal_frames: u8, frame: u32) -> Option<Vec<bool>> {
+/// Records how frame number `frame` sees every Gaussian. A Gaussian is gone once `removal_frames` frames saw through it
+/// and none saw it in between. If any is gone, returns for each Gaussian whether to keep it.
+pub(crate) fn record_sights(map: &mut SplatMap, sights: &[Sight], removal_frames: u8, frame: u32) -> Option<Vec<bool>> {
     let mut removed = Vec::new();
     for (index, sight) in sights.iter().enumerate() {
         match sight {
@@ -90,7 +100,7 @@ pub(crate) fn note_sights(map: &mut SplatMap, sights: &[Sight], removal_frames: 
                 map.last_seen[index] = frame;
                 map.seen_through[index] = 0;
             }
-            Sight::Through if removal_frames > 0 => {
+            Sight::SeenThrough if removal_frames > 0 => {
                 map.seen_through[index] = map.seen_through[index].saturating_add(1);
                 if map.seen_through[index] >= removal_frames {
                     removed.push(index);
@@ -106,13 +116,14 @@ pub(crate) fn note_sights(map: &mut SplatMap, sights: &[Sight], removal_frames: 
     })
 }
 
-/// Beyond `max_gaussians`, this fraction of them is removed at once: a map at its limit is not searched in every frame.
+/// Beyond `max_gaussians`, one in this many Gaussians is removed at once, so that a full map is not searched every
+/// frame.
 const REMOVED_BEYOND_LIMIT: usize = 16;
 
-/// The Gaussians to be kept if there are more than `limit`: fifteen sixteenths of the limit, those seen last, earlier ones
-/// of those seen in the same frame. `None` if there are no more than the limit.
-/// `last_seen` has the number of the last frame that saw each Gaussian.
-pub fn longest_unseen(last_seen: &[u32], limit: usize) -> Option<Vec<bool>> {
+/// Returns for each Gaussian whether to keep it if there are more than `limit`: fifteen sixteenths of the limit stay,
+/// the ones seen most recently, and of several last seen in the same frame the ones with the lowest index. `None` up to
+/// the limit. `last_seen` contains the number of the last frame that saw each Gaussian.
+pub(crate) fn longest_unseen(last_seen: &[u32], limit: usize) -> Option<Vec<bool>> {
     if last_seen.len() <= limit {
         return None;
     }
@@ -124,8 +135,8 @@ pub fn longest_unseen(last_seen: &[u32], limit: usize) -> Option<Vec<bool>> {
     Some(keep)
 }
 
-/// Compares a Gaussian, camera coordinates, with the depths around its centre: a pose that is off by a pixel must not
-/// make it look free.
+/// Compares a Gaussian at `center`, camera coordinates, with the depths around it: a pose that is off by a pixel must
+/// not make its place look free.
 fn sight(center: Vec3, frame: &RgbdFrame<'_>, settings: &MemorySettings) -> Sight {
     let (width, height) = (frame.width(), frame.height());
     let Some(pixel) = frame.intrinsics().project(center) else { return Sight::Unknown };
@@ -135,16 +146,16 @@ fn sight(center: Vec3, frame: &RgbdFrame<'_>, settings: &MemorySettings) -> Sigh
         return Sight::Unknown;
     }
     let (column, row) = (column as usize, row as usize);
-    let margin = settings.same_surface_margin(center.z);
-    let (mut all_through, mut any_seen) = (true, false);
+    let margin = settings.tolerance_at(center.z);
+    let (mut all_seen_through, mut any_seen) = (true, false);
     for row in row - 1..=row + 1 {
         for observed in &frame.depth().row(row)[column - 1..=column + 1] {
-            all_through &= *observed > center.z + margin;
+            all_seen_through &= *observed > center.z + margin;
             any_seen |= *observed > 0.0 && (observed - center.z).abs() <= margin;
         }
     }
-    match (all_through, any_seen) {
-        (true, _) => Sight::Through,
+    match (all_seen_through, any_seen) {
+        (true, _) => Sight::SeenThrough,
         (_, true) => Sight::Seen,
         _ => Sight::Unknown,
     }
@@ -165,7 +176,7 @@ mod tests {
         frame(Image::filled(10, 8, depth))
     }
 
-    /// The point at a depth that a pixel sees.
+    /// The point that a pixel sees at this depth.
     fn point((column, row): (usize, usize), depth: f32) -> Vec3 {
         CAMERA.unproject(glam::Vec2::new(column as f32, row as f32), depth)
     }
@@ -177,16 +188,16 @@ mod tests {
     #[test]
     fn a_gaussian_is_seen_within_the_margin_through_beyond_it_and_hidden_behind() {
         let at = |depth: f32, observed: f32| sight_of((4, 4), depth, &frame_of(observed));
-        // 10 cm, and 4 % of the distance where that is more.
+        // The margin is 10 cm, or 5 % of the distance if that is more.
         assert_eq!(
             [1.88, 1.92, 2.0, 2.08, 2.12].map(|depth| at(depth, 2.0)),
-            [Sight::Through, Sight::Seen, Sight::Seen, Sight::Seen, Sight::Unknown]
+            [Sight::SeenThrough, Sight::Seen, Sight::Seen, Sight::Seen, Sight::Unknown]
         );
         assert_eq!(
-            [4.78, 4.82, 5.19, 5.22].map(|depth| at(depth, 5.0)),
-            [Sight::Through, Sight::Seen, Sight::Seen, Sight::Unknown]
+            [4.75, 4.77, 5.26, 5.27].map(|depth| at(depth, 5.0)),
+            [Sight::SeenThrough, Sight::Seen, Sight::Seen, Sight::Unknown]
         );
-        let halves = MemorySettings::default().with(|settings| settings.removal_margin = 0.5);
+        let halves = MemorySettings::default().with(|settings| settings.depth_tolerance = 0.5);
         assert_eq!(
             sight(point((4, 4), 1.5), &frame_of(2.0), &halves),
             Sight::Seen,
@@ -212,12 +223,12 @@ mod tests {
         for beyond in [(2, 4), (6, 4), (4, 2), (4, 6)] {
             let mut image = Image::filled(10, 8, 3.0);
             image[beyond] = 2.0;
-            assert_eq!(sight_of((4, 4), 2.0, &frame(image)), Sight::Through, "{beyond:?}");
+            assert_eq!(sight_of((4, 4), 2.0, &frame(image)), Sight::SeenThrough, "{beyond:?}");
         }
     }
 
     #[test]
-    fn the_outermost_pixels_say_nothing() {
+    fn the_outermost_pixels_are_ignored() {
         let frame = frame_of(2.0);
         for pixel in (0..10).flat_map(|column| (0..8).map(move |row| (column, row))) {
             let is_outermost = pixel.0 == 0 || pixel.1 == 0 || pixel.0 == 9 || pixel.1 == 7;
@@ -236,25 +247,25 @@ mod tests {
             let camera = Camera::new(CAMERA, &LocalPose::IDENTITY);
             sights(&map, &frame_of(2.0), &camera, trust, &MemorySettings::default())
         };
-        use Sight::{Seen, Through, Unknown};
+        use Sight::{Seen, SeenThrough, Unknown};
         let (sights, contradicts) = sights_of(2, 2, 1, FrameTrust::Alone);
-        assert_eq!((&sights[..], contradicts), (&[Through, Through, Seen, Seen, Unknown][..], false));
+        assert_eq!((&sights[..], contradicts), (&[SeenThrough, SeenThrough, Seen, Seen, Unknown][..], false));
         let (sights, contradicts) = sights_of(3, 2, 4, FrameTrust::Alone);
         assert_eq!((&sights[..5], contradicts), (&[Unknown, Unknown, Unknown, Seen, Seen][..], true));
         let (sights, contradicts) = sights_of(3, 2, 4, FrameTrust::Confirmed);
-        assert_eq!((&sights[..5], contradicts), (&[Through, Through, Through, Seen, Seen][..], true));
+        assert_eq!((&sights[..5], contradicts), (&[SeenThrough, SeenThrough, SeenThrough, Seen, Seen][..], true));
     }
 
     #[test]
-    fn what_is_seen_through_is_not_rendered() {
+    fn gaussians_that_are_seen_through_are_not_rendered() {
         let mut map = Balls::default();
         (0..3).for_each(|_| map.push(Vec3::Z, 0.1));
         let opacities = |sights: &[Sight]| {
-            let present = Present::new(&map, sights);
-            assert_eq!(present.count(), 3);
-            [0, 1, 2].map(|index| present.opacity(index) > 0.0)
+            let visible = VisibleBalls::new(&map, sights);
+            assert_eq!(visible.count(), 3);
+            [0, 1, 2].map(|index| visible.opacity(index) > 0.0)
         };
-        assert_eq!(opacities(&[Sight::Seen, Sight::Through, Sight::Unknown]), [true, false, true]);
+        assert_eq!(opacities(&[Sight::Seen, Sight::SeenThrough, Sight::Unknown]), [true, false, true]);
         assert_eq!(opacities(&[]), [true; 3]);
     }
 
@@ -263,14 +274,14 @@ mod tests {
         let mut map = SplatMap::default();
         let new = |pixel| crate::NewGaussian { pixel, mean: Vec3::Z, radius: 0.1, color: [0; 3] };
         map.add(&[new(0), new(1), new(2)], 0);
-        let through_first = [Sight::Through, Sight::Seen, Sight::Unknown];
-        assert_eq!(note_sights(&mut map, &through_first, 2, 5), None);
+        let through_first = [Sight::SeenThrough, Sight::Seen, Sight::Unknown];
+        assert_eq!(record_sights(&mut map, &through_first, 2, 5), None);
         assert_eq!((&map.last_seen[..], &map.seen_through[..]), (&[0, 5, 0][..], &[1, 0, 0][..]));
-        let found = note_sights(&mut map, &[Sight::Through, Sight::Through, Sight::Unknown], 2, 6);
+        let found = record_sights(&mut map, &[Sight::SeenThrough, Sight::SeenThrough, Sight::Unknown], 2, 6);
         assert_eq!(found, Some(vec![false, true, true]));
-        assert_eq!(note_sights(&mut map, &[Sight::Seen, Sight::Unknown, Sight::Unknown], 2, 7), None);
+        assert_eq!(record_sights(&mut map, &[Sight::Seen, Sight::Unknown, Sight::Unknown], 2, 7), None);
         assert_eq!((&map.last_seen[..], &map.seen_through[..]), (&[7, 5, 0][..], &[0, 1, 0][..]));
-        assert_eq!(note_sights(&mut map, &[Sight::Through; 3], 0, 8), None, "0: never");
+        assert_eq!(record_sights(&mut map, &[Sight::SeenThrough; 3], 0, 8), None, "0: never");
         assert_eq!(map.seen_through, [0, 1, 0]);
     }
 }

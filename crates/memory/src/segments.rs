@@ -1,10 +1,9 @@
-//! The ids that a memory gives, and the state of each.
+//! The ids that a memory gives out, and their states.
 
 mod released;
 #[cfg(test)]
 mod tests;
 
-use crate::ABSTAIN;
 use released::ReleasedIds;
 pub(crate) use released::SavedRelease;
 use serde::{Deserialize, Serialize};
@@ -14,43 +13,42 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The largest id: an 8-bit RGB image holds 24 bits.
 pub const MAX_SEGMENT_ID: SegmentId = (1 << 24) - 1;
 
-/// Ids up to this fit a 16-bit image. They are all given before a released one is given again.
+/// Largest id that fits a 16-bit image. All ids up to it are given out before a released id is reused.
 pub const MAX_16_BIT_ID: SegmentId = u16::MAX as SegmentId;
 
-/// An id that is seen again although nothing was known of it any more had been seen in this many frames at least.
+/// Frames in which an id must be predicted to stop being tentative. Lost ids with fewer sightings are released, so an
+/// id that reappears without having been released has at least this many.
 const CONFIRMED: u32 = 2;
 
-/// How the Gaussians of a map hold an id.
+/// How the Gaussians of a map remember an id.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SegmentHold {
-    /// Not at all.
+    /// No Gaussian has votes for it.
     #[default]
     Nothing,
-    /// Some have votes for it, but show another one.
+    /// Some Gaussians have votes for it, but all of these show other ids.
     Votes,
-    /// Some show it by themselves.
+    /// Some Gaussians show it by themselves.
     Shown,
 }
 
 /// The ids of a memory.
 ///
-/// Ids count up to [`MAX_16_BIT_ID`]. From then on, released ids are given again, those released first before others: ids
-/// whose thing was seen in one frame only and of which the memory has nothing any more. Only if there are none do ids
-/// count on, up to a limit, and then from 1 again without those that are in use. So the state that is kept is bounded by
-/// what the memory holds.
+/// Ids count up to [`MAX_16_BIT_ID`]. From then on, released ids are reused, first released first: ids that were
+/// predicted in one frame at most and that the memory does not hold any more. Only if there are none does counting
+/// continue, up to a limit, and then from 1 again without the ids in use. So the size of this state is bounded by the
+/// number of ids that the memory holds.
 #[derive(Debug)]
 pub(crate) struct Segments {
-    /// Ids that were given for the first time, counted on when they start from 1 again.
+    /// Number of ids given out by counting, including those after counting restarted from 1.
     given: u64,
     /// The largest id.
     limit: SegmentId,
-    /// Ids that were seen since they were given, or given in this frame.
+    /// Ids that the memory holds, or that were given out since the last [`Self::settle`].
     live: BTreeMap<SegmentId, LiveSegment>,
-    /// Ids that were taken back before anything was seen under them: they are given again first.
-    taken_back: BTreeSet<SegmentId>,
     released: ReleasedIds,
-    /// Ids of the remembered regions without depth.
-    regions: BTreeSet<SegmentId>,
+    /// Ids to keep even if no Gaussian holds them.
+    held: BTreeSet<SegmentId>,
     /// Live ids whose state may have changed since [`Self::settle`].
     changed: BTreeSet<SegmentId>,
 }
@@ -60,11 +58,9 @@ pub(crate) struct Segments {
 struct LiveSegment {
     /// Frames in which a prediction had the id.
     sightings: u32,
-    /// Whether anything carried the id at the last [`Segments::settle`].
+    /// True if the id was carried at the last [`Segments::settle`]: shown by a Gaussian, or held.
     carried: bool,
     hold: SegmentHold,
-    /// If the id was given again: how often its former thing had been seen.
-    before: Option<u32>,
 }
 
 /// An id as it is saved.
@@ -75,64 +71,59 @@ pub(crate) struct SavedSegment {
     pub carried: bool,
 }
 
-/// What is saved of ids that the memory has nothing of.
+/// Saved state of the ids that are not live.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub(crate) struct SavedIds {
-    /// Ids given for the first time.
+    /// Number of ids given out by counting.
     given: u64,
-    /// Ids that were taken back.
-    taken_back: BTreeSet<SegmentId>,
-    /// In the order in which they are given again.
+    /// In the order in which they are reused.
     released: Vec<SavedRelease>,
 }
 
 /// Ids that the memory has lost.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Settled {
-    /// Ids that something carried and nothing carries any more.
+    /// Ids that were carried and are not any more.
     pub forgotten: Vec<SegmentId>,
-    /// Ids of which the memory has nothing any more, not even votes.
+    /// Ids that the memory does not hold any more, not even as votes.
     pub lost: Vec<SegmentId>,
 }
 
 impl Segments {
-    /// No ids yet; the largest will be `limit`.
+    /// Creates the state without ids. `limit` is the largest id to give out.
     pub fn new(limit: SegmentId) -> Self {
         Self {
             given: 0,
             limit: limit.clamp(1, MAX_SEGMENT_ID),
             live: BTreeMap::new(),
-            taken_back: BTreeSet::new(),
             released: ReleasedIds::default(),
-            regions: BTreeSet::new(),
+            held: BTreeSet::new(),
             changed: BTreeSet::new(),
         }
     }
 
-    /// The ids of an earlier run.
+    /// Restores the ids of an earlier run.
     ///
     /// # Errors
-    /// If no run can have left them.
+    /// If the ids contradict each other.
     pub fn restored(live: &[SavedSegment], saved: SavedIds, limit: SegmentId) -> Result<Self, String> {
         let mut segments = Self::new(limit);
         let largest = live.iter().map(|segment| segment.id).max().unwrap_or(0);
         segments.given = saved.given.max(u64::from(largest));
         segments.released = ReleasedIds::restored(saved.released)?;
-        segments.taken_back = saved.taken_back;
         for SavedSegment { id, sightings, carried } in live.iter().copied() {
             segments.live.insert(id, LiveSegment { sightings, carried, ..LiveSegment::default() });
         }
-        let mut spare = segments.taken_back.iter().copied().chain(segments.released.ids());
+        let mut spare = segments.released.ids();
         let known = segments.highest();
         match spare.find(|id| !(1..=known).contains(id) || segments.live.contains_key(id)) {
-            Some(id) => return Err(format!("the id {id} cannot be given again")),
+            Some(id) => return Err(format!("the released id {id} is in use or was never given out")),
             None => drop(spare),
         }
         Ok(segments)
     }
 
-    /// The ids of which the memory has something, in increasing order.
+    /// Returns the live ids to be saved, in increasing order.
     pub fn saved_live(&self) -> Vec<SavedSegment> {
         let saved = |(id, segment): (&SegmentId, &LiveSegment)| {
             let LiveSegment { sightings, carried, .. } = *segment;
@@ -141,91 +132,73 @@ impl Segments {
         self.live.iter().map(saved).collect()
     }
 
-    /// What is saved besides [`Self::saved_live`].
+    /// Returns the state to be saved besides [`Self::saved_live`].
     pub fn saved_ids(&self) -> SavedIds {
-        SavedIds { given: self.given, taken_back: self.taken_back.clone(), released: self.released.saved() }
+        SavedIds { given: self.given, released: self.released.saved() }
     }
 
-    /// Number of ids given for the first time.
+    /// Number of ids given out by counting.
     #[cfg(test)]
     pub fn given(&self) -> u64 {
         self.given
     }
 
-    /// The largest id given so far.
+    /// Largest id given out so far.
     pub fn highest(&self) -> SegmentId {
         self.given.min(u64::from(self.limit)) as SegmentId
     }
 
-    /// Whether all ids that fit a 16-bit image were given.
+    /// True if all ids that fit a 16-bit image have been given out.
     pub fn are_short_ids_given(&self) -> bool {
         self.given >= u64::from(MAX_16_BIT_ID.min(self.limit))
     }
 
-    /// The ids of which the memory has something, in increasing order.
+    /// Live ids, in increasing order.
+    #[cfg(test)]
     pub fn live(&self) -> impl Iterator<Item = SegmentId> + '_ {
         self.live.keys().copied()
     }
 
-    /// Whether anything carried an id when that was last looked at.
+    /// True if the id was carried at the last [`Self::settle`].
     pub fn is_carried(&self, id: SegmentId) -> bool {
         self.live.get(&id).is_some_and(|segment| segment.carried)
     }
 
-    /// How Gaussians hold an id.
+    /// Returns how Gaussians remember an id.
     #[cfg(test)]
     pub fn hold(&self, id: SegmentId) -> SegmentHold {
         self.live.get(&id).map_or(SegmentHold::Nothing, |segment| segment.hold)
     }
 
-    /// An id for a new thing.
+    /// Returns an id for a new object.
     pub fn add(&mut self) -> SegmentId {
-        let (id, before) = self.next();
-        self.live.insert(id, LiveSegment { before, ..LiveSegment::default() });
+        let id = self.next();
+        self.live.insert(id, LiveSegment::default());
         self.changed.insert(id);
         id
     }
 
-    /// The id to be given next and, if its former thing was seen, how often.
-    fn next(&mut self) -> (SegmentId, Option<u32>) {
-        if let Some(id) = self.taken_back.pop_first() {
-            return (id, None);
-        }
+    /// Takes the next id.
+    fn next(&mut self) -> SegmentId {
         if self.are_short_ids_given()
-            && let Some((id, sightings)) = self.released.pop_first()
+            && let Some(id) = self.released.pop_first()
         {
-            return (id, Some(sightings));
+            return id;
         }
         loop {
             let id = (self.given % u64::from(self.limit)) as SegmentId + 1;
             self.given += 1;
-            // With more things than ids, two share one.
+            // With more objects than ids, two objects share an id.
             if !self.live.contains_key(&id) || self.live.len() >= self.limit as usize {
-                return (id, None);
+                return id;
             }
         }
     }
 
-    /// Takes an id back if nothing was seen under it since it was given.
-    pub fn take_back(&mut self, id: SegmentId) {
-        if self.live.get(&id).is_some_and(|segment| segment.sightings == 0) {
-            match self.live.remove(&id).and_then(|segment| segment.before) {
-                Some(sightings) => self.released.push_first(id, sightings),
-                None => {
-                    self.taken_back.insert(id);
-                }
-            }
-        } else if self.released.sightings(id) == Some(0) {
-            self.released.remove(id);
-            self.taken_back.insert(id);
-        }
-    }
-
-    /// Counts the ids that a frame's predictions have. Returns those that are seen for the first time since they were
-    /// given.
-    pub fn note_sightings(&mut self, seen: &SegmentMap) -> Vec<SegmentId> {
+    /// Records a frame's predicted ids. Returns those predicted for the first time since they were given out.
+    pub fn record_sightings(&mut self, predicted: &SegmentMap) -> Vec<SegmentId> {
         let mut new = Vec::new();
-        for id in seen.areas().into_keys().filter(|id| *id != ABSTAIN && *id != 0) {
+        for id in predicted.areas().into_keys().filter(|id| *id != 0) {
             let segment = self.revive(id);
             segment.sightings = segment.sightings.saturating_add(1);
             if segment.sightings == 1 {
@@ -235,32 +208,27 @@ impl Segments {
         new
     }
 
-    /// Makes an id live that Gaussians are about to hold, if it is not.
-    pub fn keep(&mut self, id: SegmentId) {
-        self.revive(id);
-    }
-
-    /// The state of an id that is live from now on: what is known of it if it is released.
+    /// Returns the state of an id, making the id live if it is not.
     fn revive(&mut self, id: SegmentId) -> &mut LiveSegment {
         self.changed.insert(id);
-        let Self { live, taken_back, released, .. } = self;
-        live.entry(id).or_insert_with(|| {
-            let spare = if taken_back.remove(&id) { Some(0) } else { released.remove(id) };
-            LiveSegment { sightings: spare.unwrap_or(CONFIRMED), ..LiveSegment::default() }
+        let Self { live, released, .. } = self;
+        live.entry(id).or_insert_with(|| LiveSegment {
+            sightings: released.remove(id).unwrap_or(CONFIRMED),
+            ..LiveSegment::default()
         })
     }
 
-    /// Whether the thing of an id was seen in one frame at most.
+    /// True if an id is tentative: predicted in one frame at most.
     pub fn is_tentative(&self, id: SegmentId) -> bool {
-        let is_spare = || self.taken_back.contains(&id) || self.released.sightings(id).is_some();
+        let is_spare = || self.released.sightings(id).is_some();
         match self.live.get(&id) {
             Some(segment) => segment.sightings < CONFIRMED,
             None => id == 0 || id > self.highest() || is_spare(),
         }
     }
 
-    /// Takes note of how Gaussians hold some ids; the others are held as before.
-    pub fn note_holds(&mut self, holds: &[(SegmentId, SegmentHold)]) {
+    /// Sets how Gaussians remember the ids in `holds`. The others stay as they are.
+    pub fn set_holds(&mut self, holds: &[(SegmentId, SegmentHold)]) {
         for (id, hold) in holds {
             if *hold != SegmentHold::Nothing || self.live.contains_key(id) {
                 self.revive(*id).hold = *hold;
@@ -268,27 +236,28 @@ impl Segments {
         }
     }
 
-    /// Takes note of all ids that Gaussians show by themselves.
-    pub fn note_shown(&mut self, shown: &BTreeSet<SegmentId>) {
+    /// Sets the ids that Gaussians show by themselves; no Gaussian holds any other id.
+    pub fn set_shown(&mut self, shown: &BTreeSet<SegmentId>) {
         for (id, segment) in &mut self.live {
             segment.hold = if shown.contains(id) { SegmentHold::Shown } else { SegmentHold::Nothing };
             self.changed.insert(*id);
         }
     }
 
-    /// Takes note of all ids of regions without depth.
-    pub fn note_regions(&mut self, regions: BTreeSet<SegmentId>) {
-        self.changed.extend(self.regions.symmetric_difference(&regions).copied());
-        self.regions = regions;
+    /// Sets the ids to keep even if no Gaussian holds them.
+    pub fn set_held(&mut self, held: BTreeSet<SegmentId>) {
+        self.changed.extend(self.held.symmetric_difference(&held).copied());
+        self.held = held;
     }
 
-    /// Compares the noted state with that of the last call: returns what the memory has lost, and releases ids.
+    /// Compares the state with that at the last call. Returns the ids that the memory has lost, and releases those seen
+    /// too rarely.
     pub fn settle(&mut self) -> Settled {
         let mut settled = Settled::default();
         for id in std::mem::take(&mut self.changed) {
             let Some(segment) = self.live.get_mut(&id) else { continue };
             let was_carried = segment.carried;
-            segment.carried = segment.hold == SegmentHold::Shown || self.regions.contains(&id);
+            segment.carried = segment.hold == SegmentHold::Shown || self.held.contains(&id);
             let LiveSegment { sightings, carried, hold, .. } = *segment;
             if was_carried && !carried {
                 settled.forgotten.push(id);

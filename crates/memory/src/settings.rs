@@ -1,24 +1,32 @@
-//! The settings of the memory: the paper's constants, and the choices where the paper is silent.
+//! Settings of the memory: the paper's constants, and our choices where the paper is silent.
 
+use splatseg_geometry::SegmentId;
 use splatseg_settings::{Allowed, Choice, choices, settings};
+use std::collections::BTreeSet;
+
+/// Depths of one surface differ by at most this fraction of the distance, or `memory.depth_tolerance` if that is more.
+pub(crate) const RELATIVE_TOLERANCE: f32 = 0.05;
+
+/// The map covers a pixel if the accumulated alpha of its Gaussians there is at least this.
+pub const COVERED: f32 = 0.3;
 
 choices! {
-    /// What Gaussians remember of segments.
+    /// How Gaussians remember segments.
     pub enum MemoryKind, default Evidence {
-        /// Votes: how often a Gaussian was seen as which segment.
+        /// Votes for the segments that each Gaussian was predicted as.
         Evidence = "evidence",
-        /// The paper's: a feature vector, learnt by gradient descent.
+        /// The paper's feature vectors, learnt by gradient descent.
         Features = "features",
     }
 }
 
 choices! {
-    /// Where the map grows.
+    /// Rule for adding Gaussians to the map.
     pub enum GrowthRule, default Auto {
-        /// `missing` for the memory of evidence, `paper` for that of features.
+        /// `missing` with `memory.kind = evidence`, `paper` with `memory.kind = features`.
         Auto = "auto",
-        /// Only what the map lacks: where nothing covers the pixel, or a surface lies in front of the remembered one.
-        /// Fine at borders, coarse inside segments.
+        /// Only where the map lacks a surface: nothing covers the pixel, or the observed surface lies in front of the
+        /// remembered one. Fine at borders, coarse inside segments.
         Missing = "missing",
         /// The paper's (SplaTAM's): one Gaussian per pixel, also behind the remembered surface.
         Paper = "paper",
@@ -26,72 +34,46 @@ choices! {
 }
 
 settings! {
-    /// Settings of a [`SplatMemory`](crate::SplatMemory). Those of the paper have the paper's values.
+    /// Settings of a [`SplatMemory`](crate::SplatMemory). Those from the paper default to its values unless noted.
     pub struct MemorySettings in "memory" {
-        /// What Gaussians remember of segments.
+        /// How Gaussians remember segments.
         kind: MemoryKind = MemoryKind::Evidence, Allowed::Names(MemoryKind::NAMES);
-        /// Where the map grows.
+        /// Rule for adding Gaussians to the map.
         growth: GrowthRule = GrowthRule::Auto, Allowed::Names(GrowthRule::NAMES);
-        /// The map covers a pixel from this rendered silhouette on. Rule `paper` adds a Gaussian where it does not; segments
-        /// without depth are remembered only there.
-        growth_silhouette: f32 = 0.5, Allowed::between(0.0, 1.0);
-        /// A surface is missing where the alphas of the Gaussians up to its depth come to less than this (rule
-        /// `missing`).
-        growth_coverage: f32 = 0.3, Allowed::between(0.0, 1.0), only "memory.growth = missing";
-        /// Depths that differ by more than this, metres, are those of two surfaces. Rule `missing` adds Gaussians where
-        /// the frame's surface lies in front of the rendered one, rule `paper` also where it lies behind.
-        depth_disparity: f32 = 0.15, Allowed::between(0.0, 1000.0);
-        /// Neighbouring depths that differ by more than this fraction are a depth edge (rule `missing`).
-        edge_disparity: f32 = 0.05, Allowed::between(0.0, 1000.0), only "memory.growth = missing";
-        /// Largest spacing of Gaussians inside a segment, pixels: 1, 2, 4 or 8 (rule `missing`).
+        /// Rule `paper` adds a Gaussian where the rendered silhouette is below this.
+        growth_silhouette: f32 = 0.5, Allowed::between(0.0, 1.0), only "memory.growth = paper";
+        /// Rule `paper` also adds a Gaussian where rendered and observed depth differ by more than this, metres.
+        depth_disparity: f32 = 0.15, Allowed::between(0.0, 1000.0), only "memory.growth = paper";
+        /// Depths of one surface differ by at most this, metres, or by 5 % of the distance if that is more.
+        depth_tolerance: f32 = 0.1, Allowed::between(0.0, 1000.0), only "memory.kind = evidence or memory.growth = missing";
+        /// Maximum spacing of Gaussians inside a segment, pixels: 1, 2, 4 or 8 (rule `missing`).
         growth_spacing: usize = 8, Allowed::OneOf(&[1.0, 2.0, 4.0, 8.0]), only "memory.growth = missing";
-        /// A Gaussian may have a spacing of this many times its distance to the nearest border (rule `missing`).
-        spacing_per_distance: f32 = 2.0, Allowed::above_up_to(0.0, 1000.0), only "memory.growth = missing";
-        /// Standard deviation of a new Gaussian per spacing between Gaussians (rule `missing`; the paper's has 1).
-        radius_per_spacing: f32 = 0.6, Allowed::above_up_to(0.0, 10.0), only "memory.growth = missing";
-        /// A Gaussian that this many frames saw through, none of them seeing it in between, is removed; 0: never.
+        /// A Gaussian is removed once this many frames have seen through it and none has seen it in between; 0: never.
         removal_frames: u8 = 3, Allowed::between(0.0, 255.0);
-        /// A Gaussian is seen through where the observed surface lies behind it by more than this, metres...
-        removal_margin: f32 = 0.1, Allowed::between(0.0, 1000.0);
-        /// ...or by more than this fraction of the distance, whichever is more.
-        removal_margin_relative: f32 = 0.04, Allowed::between(0.0, 1000.0);
-        /// Most Gaussians that are kept. Beyond it those not seen for longest are removed.
+        /// Maximum number of Gaussians. Beyond it, those unseen for longest are removed.
         max_gaussians: usize = 10_000_000, Allowed::between(1.0, 1e8);
-        /// What the frame's own prediction weighs beside remembered votes.
-        observation_weight: f32 = 1.0, Allowed::between(0.0, 1000.0), only "memory.kind = evidence";
-        /// What a frame without a prediction weighs, as a vote for no segment, relative to a prediction.
+        /// Weight of a vote for no segment, where nothing is predicted. A vote for a prediction weighs 1.
         no_segment_weight: f32 = 0.1, Allowed::between(0.0, 1000.0), only "memory.kind = evidence";
-        /// Most votes that a Gaussian holds: more are scaled down, so that it can change its mind.
+        /// Weight of a vote for a prediction that the memory contradicts.
+        contradicted_weight: f32 = 0.25, Allowed::between(0.0, 1000.0), only "memory.kind = evidence";
+        /// Maximum sum of a Gaussian's votes. Larger sums are scaled down, so that new votes can outweigh old ones.
         max_votes: f32 = 4.0, Allowed::above_up_to(0.0, 1e6), only "memory.kind = evidence";
-        /// Whether segments without depth (screens, glass, sky), which no Gaussian can carry, are linked from frame to
-        /// frame by the camera's motion.
-        depthless: bool = true, Allowed::Switch, only "memory.kind = evidence";
-        /// Votes seen at a pixel must exceed this for a segment to be expected there.
-        min_evidence: f32 = 0.3, Allowed::between(0.0, 1e6), only "memory.kind = evidence";
-        /// A Gaussian is counted at a pixel only if it lies within this distance of the depth observed there, metres.
-        depth_tolerance: f32 = 0.2, Allowed::above_up_to(0.0, 1000.0), only "memory.kind = evidence";
-        /// Blend weights below this are not counted.
-        min_weight: f32 = 0.01, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
-        /// Alphas below this are not blended (the paper's memory blends down to 1/255).
-        min_alpha: f32 = 0.02, Allowed::above_up_to(0.0, 1.0), only "memory.kind = evidence";
-        /// A pixel is finished when so little light would come through (the paper's memory has 1e-4).
-        min_transmittance: f32 = 0.01, Allowed::above_up_to(0.0, 1.0), only "memory.kind = evidence";
         /// Channels of a segment-id feature (D); 1 stores the id itself.
         feature_dim: usize = 28, Allowed::between(1.0, 256.0), only "memory.kind = features";
-        /// Codes made at the start, and added in one block whenever they run out (N).
+        /// Codes created at the start, and added in one block whenever they run out (N).
         num_codes: usize = 512, Allowed::between(1.0, 2048.0), only "memory.kind = features";
-        /// The best code's inner product must exceed this for a pixel to have a segment.
+        /// A pixel has a segment only if the inner product of its feature with the best code exceeds this.
         decode_threshold: f32 = 0.5, Allowed::between(0.0, 1.0), only "memory.kind = features";
-        /// What the confidence ‖f‖ of a remembered segment loses in a frame that does not confirm it (C_conf).
+        /// Confidence ‖f‖ that a remembered segment loses in a frame that does not confirm it (C_conf).
         confidence_decay: f32 = 0.1, Allowed::between(0.0, 1.0), only "memory.kind = features";
-        /// Whether the part of a matched segment that its prediction leaves out stays and fades as an unmatched segment
-        /// does; otherwise it is dropped. The paper: false.
+        /// The part of a matched segment outside its prediction fades, as an unmatched segment does, instead of being
+        /// dropped. The paper: false.
         fade_matched: bool = true, Allowed::Switch, only "memory.kind = features";
-        /// Whether a pixel that no prediction covers and whose feature shows no segment loses `confidence_decay`;
-        /// otherwise it loses all of its confidence. The paper: true.
+        /// A pixel without a prediction whose feature shows no segment loses only `confidence_decay` of its confidence
+        /// instead of all of it. The paper: true.
         fade_undecoded: bool = false, Allowed::Switch, only "memory.kind = features";
-        /// An unmatched remembered segment is hidden in a frame whose predictions cover more than this fraction of it: the
-        /// rest of its confidence falls below `decode_threshold`. 1: never. The paper does not say.
+        /// An unmatched remembered segment is hidden in a frame whose predictions cover more than this fraction of it:
+        /// its confidence in the rest of it falls below `decode_threshold`. 1: never. The paper does not say.
         max_covered_fraction: f64 = 1.0, Allowed::between(0.0, 1.0), only "memory.kind = features";
         /// Gradient-descent steps on the features per frame (N_opt).
         num_steps: usize = 20, Allowed::between(0.0, 200.0), only "memory.kind = features";
@@ -99,30 +81,30 @@ settings! {
         magnitude_weight: f32 = 50.0, Allowed::between(0.0, 1e6), only "memory.kind = features";
         /// Weight of the direction term, 1 − cos(F̂, F) (λ_dir).
         direction_weight: f32 = 1.0, Allowed::between(0.0, 1e6), only "memory.kind = features";
-        /// Step size along a feature, which is confidence: a fraction of the gradient divided by the curvature, so that it
-        /// is safe at every distance. The paper gives no value.
+        /// Step size along a feature, which changes its confidence: a fraction of the gradient divided by the
+        /// curvature, so that the step is safe at every distance. The paper gives no value.
         learning_rate: f32 = 0.5, Allowed::between(0.0, 1.0), only "memory.kind = features";
-        /// The same across it, where it turns towards another id. With 0.5 an id turns within the 20 steps of a frame, as
-        /// the paper says; with 0.01 that takes two or three frames, so one wrong mask does little harm.
+        /// Step size across a feature, which turns it towards another id. With 0.5 an id turns within the 20 steps of a
+        /// frame, as in the paper; with 0.01 that takes two or three frames, so that one wrong mask does little harm.
         direction_learning_rate: f32 = 0.01, Allowed::between(0.0, 1.0), only "memory.kind = features";
-        /// A pixel is learnt only where the memory shows another segment than the target, where the confidences differ
-        /// by more than this, where the directions differ (`active_min_cosine`), or within `active_margin` of such a
-        /// pixel. Must be below `confidence_decay`, or fading is never learnt. Negative: every pixel. Not in the paper.
+        /// A pixel is learnt only if memory and target differ there in the segment, in the confidence by more than
+        /// this, or in the direction (`active_min_cosine`), or if it is within `active_margin` of such a pixel. Must be
+        /// below `confidence_decay`, or fading is never learnt. Negative: every pixel. Not in the paper.
         active_tolerance: f32 = 0.09, Allowed::between(-1.0, 1.0), only "memory.kind = features";
-        /// Whether the pixels that a frame's new Gaussians cover are learnt in the same frame, for which the map is
-        /// rendered once more. New Gaussians show the target already. The paper: true.
+        /// Learn the pixels that a frame's new Gaussians cover in the same frame, which renders the map once more. New
+        /// Gaussians already show the target. The paper: true.
         learn_new: bool = false, Allowed::Switch, only "memory.kind = features";
         /// Directions differ if their cosine is below this; see `active_tolerance`. Not in the paper.
         active_min_cosine: f32 = 0.95, Allowed::between(-1.0, 1.0), only "memory.kind = features";
-        /// See `active_tolerance`, pixels. Not in the paper.
+        /// Margin around pixels that are learnt, pixels; see `active_tolerance`. Not in the paper.
         active_margin: usize = 1, Allowed::between(0.0, 100.0), only "memory.kind = features";
-        /// Blend weights below this are left out of learning, not of rendering. Not in the paper.
+        /// Blend weights below this are ignored in learning, but not in rendering. Not in the paper.
         learning_min_weight: f32 = 0.005, Allowed::between(0.0, 1.0), only "memory.kind = features";
     }
 }
 
 impl MemorySettings {
-    /// The rule that `growth` stands for.
+    /// The growth rule in force: `growth` with [`GrowthRule::Auto`] resolved.
     pub fn growth_rule(&self) -> GrowthRule {
         match (self.growth, self.kind) {
             (GrowthRule::Auto, MemoryKind::Evidence) => GrowthRule::Missing,
@@ -131,14 +113,18 @@ impl MemorySettings {
         }
     }
 
-    /// Depths of one surface differ by no more than this, metres, if it is `distance` away.
-    pub(crate) fn same_surface_margin(&self, distance: f32) -> f32 {
-        self.removal_margin.max(self.removal_margin_relative * distance)
+    /// Maximum difference of the depths of one surface at this distance; both in metres.
+    pub(crate) fn tolerance_at(&self, distance: f32) -> f32 {
+        self.depth_tolerance.max(RELATIVE_TOLERANCE * distance)
     }
 
-    /// Whether segments without depth are remembered.
-    pub(crate) fn links_depthless(&self) -> bool {
-        self.depthless && self.kind == MemoryKind::Evidence
+    /// Weight of a vote for an id, given the ids of the frame's contradicted predictions.
+    pub(crate) fn vote_weight(&self, id: SegmentId, contradicted: &BTreeSet<SegmentId>) -> f32 {
+        match id {
+            0 => self.no_segment_weight,
+            id if contradicted.contains(&id) => self.contradicted_weight,
+            _ => 1.0,
+        }
     }
 }
 

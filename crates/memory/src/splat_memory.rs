@@ -1,137 +1,64 @@
-//! The memory itself: what it holds and the three things that are asked of it.
+//! The memory itself: its state, and the steps of each frame.
 
-use crate::backend::{MapBackend, MapContent, MapDevice, MapUpdate, RememberedSegments};
-use crate::depthless::DepthlessSegments;
 use crate::evidence::EvidenceStore;
-use crate::features::{FeatureStore, SegmentCodes};
-use crate::host_map::HostMap;
+use crate::features::FeatureStore;
+use crate::growth::new_gaussians;
 use crate::map::SplatMap;
+use crate::recall::TileSurface;
 use crate::recent::RecentFrames;
-use crate::recurring::RecurringPredictions;
+use crate::removal::{FrameTrust, longest_unseen, record_sights, sights};
 use crate::segment_store::SegmentStore;
 use crate::segments::{Segments, Settled};
-use crate::short_term::Appearances;
-use crate::{Codebook, CodebookError, GrowthRule, LearningExtent, MemoryKind, MemorySettings, Recall};
-use crate::{MAX_SEGMENT_ID, SplatContentView};
+use crate::{Codebook, GrowthRule, LearningExtent, MAX_SEGMENT_ID, MemoryError, MemoryKind, MemorySettings, Recall};
 use glam::DVec3;
-use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
-use splatseg_render::{Balls, Camera, RasterLimits};
-use splatseg_settings::SettingError;
-use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
-use thiserror::Error;
+use splatseg_geometry::{RgbdFrame, STAGE_TARGET, SegmentId, SegmentMap};
+use splatseg_render::{Balls, Camera, TileWeights};
+use std::collections::BTreeSet;
 
-/// Stands for an id where a prediction is seen that has no say: it neither votes nor is it "no segment".
-pub const ABSTAIN: SegmentId = SegmentId::MAX;
-
-/// Frames between two looks at which ids are still carried, unless Gaussians were removed: features take long to decode.
+/// Frames between two counts of the ids that Gaussians show, unless some were removed: features take long to decode.
 const FRAMES_PER_CENSUS: u32 = 16;
 
 /// An online 3D Gaussian splat whose Gaussians remember segments.
 ///
-/// For every frame: [`SplatMemory::recall`] says which segments should be seen, [`SplatMemory::fuse`] brings that
-/// together with what is seen, and [`SplatMemory::update`] takes in what was seen. What Gaussians remember of segments is
-/// one of two [`MemoryKind`]s; the map is the same for both.
+/// For every frame: [`SplatMemory::recall`] renders the segments that the memory expects, [`SplatMemory::fuse`]
+/// combines them with the frame's predictions, and [`SplatMemory::update`] learns from the predictions. [`MemoryKind`]
+/// selects how Gaussians remember segments; the map is the same for both kinds.
 #[derive(Debug)]
 pub struct SplatMemory {
     pub(crate) settings: MemorySettings,
     /// Origin of the map's coordinates: world coordinates, metres.
     pub(crate) origin: DVec3,
-    /// The map, and what its Gaussians remember.
-    pub(crate) backend: Box<dyn MapBackend>,
+    /// The Gaussians.
+    pub(crate) map: SplatMap,
+    /// Segments that the Gaussians remember.
+    pub(crate) store: Box<dyn SegmentStore>,
     pub(crate) segments: Segments,
-    /// What no Gaussian can carry.
-    pub(crate) depthless: DepthlessSegments,
-    /// Predictions that were explained by what is remembered.
-    pub(crate) recurring: RecurringPredictions,
-    pub(crate) overruled: BTreeMap<SegmentId, f32>,
-    pub(crate) appearances: BTreeMap<SegmentId, Appearances>,
-    /// The last frames, which decide what happens when one contradicts the map.
+    /// The last frames. They decide between a frame and the map when the two contradict each other.
     pub(crate) recent: RecentFrames,
-    /// Frames taken in.
+    /// Frames learnt.
     pub(crate) frames: u32,
     warned_of_limit: bool,
 }
 
-/// What a device reports when it fails.
-pub type DeviceFailure = Arc<dyn std::error::Error + Send + Sync>;
-
-/// What keeps a memory from being made or used.
-#[derive(Debug, Error)]
-#[non_exhaustive]
-pub enum MemoryError {
-    /// A setting is out of range.
-    #[error(transparent)]
-    Setting(#[from] SettingError),
-    /// The codebook cannot be made.
-    #[error(transparent)]
-    Codebook(#[from] CodebookError),
-    /// A store that is defined elsewhere failed.
-    #[error("{name}: {source}")]
-    Other {
-        /// Name of the store.
-        name: String,
-        /// What it reports.
-        source: Box<dyn std::error::Error + Send + Sync>,
-    },
-    /// The device that holds the map failed, or has no room for it.
-    #[error("the map's device: {0}")]
-    Device(DeviceFailure),
-    /// A store that is defined elsewhere cannot be kept on a device.
-    #[error("a memory with a store of its own runs on the CPU only")]
-    HostOnly,
-    /// The predictions are not of the frame's size; both are `(width, height)`.
-    #[error("the predictions have {}x{} pixels, expected the frame's {}x{}", found.0, found.1, expected.0, expected.1)]
-    PredictionSize {
-        /// Size of the predictions.
-        found: (usize, usize),
-        /// Size of the frame.
-        expected: (usize, usize),
-    },
-    /// A prediction has an id that [`SplatMemory::new_segment`] never gave.
-    #[error("a prediction has the id {found}, but only 1 to {known} exist")]
-    UnknownSegment {
-        /// The id.
-        found: SegmentId,
-        /// The largest id given so far.
-        known: SegmentId,
-    },
-}
-
-/// What taking in a frame did.
+/// Changes made by learning a frame.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FrameUpdate {
     /// Gaussians added.
     pub grown: usize,
     /// Gaussians removed.
     pub removed: usize,
-    /// Ids that nothing in the memory shows any more.
+    /// Ids that are not carried any more; see [`SplatMemory::carried_ids`].
     pub forgotten: Vec<SegmentId>,
-    /// Ids of predictions that nothing was seen under since they were given. One that an earlier thing had stands for
-    /// another thing from this frame on.
+    /// Ids predicted for the first time. An id that belonged to another object before stands for the new object from
+    /// this frame on.
     pub new_segments: Vec<SegmentId>,
     /// Extent of the learning.
     pub learning: LearningExtent,
 }
 
-impl MemoryError {
-    /// The error as a device reports it.
-    fn into_failure(self) -> DeviceFailure {
-        match self {
-            Self::Device(failure) => failure,
-            other => Arc::new(other),
-        }
-    }
-}
-
-/// What a device returned; a failure is logged. For those who cannot report it: the next frame will.
-pub(crate) fn or_none<T>(found: Result<T, MemoryError>) -> Option<T> {
-    found.inspect_err(|error| tracing::error!("{error}")).ok()
-}
-
 impl SplatMemory {
-    /// An empty memory. A codebook, which only [`MemoryKind::Features`] needs, takes up to a few seconds; `progress` is
-    /// told the fraction done.
+    /// Creates an empty memory. Generating the codebook that [`MemoryKind::Features`] needs takes up to a few seconds;
+    /// `progress` receives the fraction done.
     ///
     /// # Errors
     /// If a setting is out of range.
@@ -145,8 +72,8 @@ impl SplatMemory {
         Ok(Self::with_parts(settings, SplatMap::default(), store, segments))
     }
 
-    /// An empty memory that remembers segments in a way of its own; `memory.kind` means nothing then. It can be saved only
-    /// if the store has a [`SegmentStore::content`].
+    /// Creates an empty memory whose Gaussians remember segments in your own `store`; `memory.kind` is ignored. The
+    /// memory can be saved only if the store has a [`SegmentStore::content`].
     ///
     /// # Errors
     /// If a setting is out of range.
@@ -162,212 +89,185 @@ impl SplatMemory {
         store: Box<dyn SegmentStore>,
         segments: Segments,
     ) -> Self {
-        let backend = Box::new(HostMap { settings: settings.clone(), map, store });
         Self {
             settings,
             origin: DVec3::ZERO,
-            backend,
+            map,
+            store,
             segments,
-            depthless: DepthlessSegments::default(),
-            recurring: RecurringPredictions::default(),
-            overruled: BTreeMap::new(),
-            appearances: BTreeMap::new(),
             recent: RecentFrames::default(),
             frames: 0,
             warned_of_limit: false,
         }
     }
 
-    /// Moves the map and what its Gaussians remember to a device, which does from then on what is done with them.
-    ///
-    /// # Errors
-    /// [`MemoryError::HostOnly`] for a memory with a store of its own, or what the device reports.
-    pub fn on_device(mut self, device: &dyn MapDevice) -> Result<Self, MemoryError> {
-        let MapContent { map, content } = self.backend.content()?;
-        let remembered = match content.ok_or(MemoryError::HostOnly)? {
-            SplatContentView::Evidence { votes } => RememberedSegments::Votes(votes.to_vec()),
-            SplatContentView::Features { features, codebook } => RememberedSegments::Features {
-                features: features.to_vec(),
-                codes: SegmentCodes::of_user(&self.settings, codebook.clone(), self.segments.highest() as usize),
-            },
-        };
-        self.backend = device.take_over(&self.settings, map.clone(), remembered)?;
-        Ok(self)
-    }
-
-    /// What the memory expects `frame` to show. If a device fails at that, [`Self::fuse`] and [`Self::update`] report it.
+    /// Renders the segments that the memory expects `frame` to show.
     pub fn recall<'f>(&self, frame: &'f RgbdFrame<'_>) -> Recall<'f> {
-        let _stage = tracing::debug_span!(target: "splatseg::stage", "decode").entered();
+        let _stage = tracing::debug_span!(target: STAGE_TARGET, "decode").entered();
         let jump = if self.follows_jumps() { self.recent.jump(frame, self.origin, &self.settings) } else { None };
         let reported = frame.world_from_camera();
         let before_jump = jump.map_or(*reported, |jump| jump.inverse() * *reported);
         let (pose, map_from_camera) = (before_jump.relative_to(self.origin), reported.relative_to(self.origin));
         let trust = self.recent.trust(frame, &pose, &self.settings);
-        let mut camera = Camera::new(*frame.intrinsics(), &pose);
-        if self.settings.kind == MemoryKind::Evidence {
-            let (min_alpha, min_transmittance) = (self.settings.min_alpha, self.settings.min_transmittance);
-            // The Gaussian that finishes a pixel is not blended: one alone must not finish it.
-            let max_alpha = camera.limits.max_alpha.min(1.0 - 2.0 * min_transmittance);
-            camera.limits = RasterLimits { min_alpha, max_alpha, min_transmittance, ..camera.limits };
-        }
-        let mut recall = match self.backend.recall(frame, &camera, trust) {
-            Ok(recall) => recall,
-            Err(error) => return Recall::failed(frame, &camera, error.into_failure()),
-        };
+        let camera = self.camera(frame, &pose);
+        let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile(tile, surface);
+        let mut recall = Recall::new(&self.map.balls, read_tile, frame, &camera, trust, &self.settings);
         (recall.map_from_camera, recall.viewed_from, recall.jump) = (map_from_camera, pose, jump);
-        if self.settings.links_depthless() {
-            self.depthless.expect(&mut recall, self.settings.growth_silhouette);
-        }
         if self.settings.kind == MemoryKind::Evidence {
             self.recent.expect(&mut recall, &self.settings);
         }
         recall
     }
 
-    /// An id for a new thing, which a prediction of the frame at hand is to have.
+    /// Camera of a frame at `pose`, with the blending limits of the kind of memory.
+    fn camera(&self, frame: &RgbdFrame<'_>, pose: &splatseg_geometry::LocalPose) -> Camera {
+        let mut camera = Camera::new(*frame.intrinsics(), pose);
+        if self.settings.kind == MemoryKind::Evidence {
+            camera.limits = crate::evidence::limits(camera.limits);
+        }
+        camera
+    }
+
+    /// Returns an id for a new segment, to be used by a prediction of the current frame.
     ///
-    /// Ids count up from 1. Once all are given that fit a 16-bit image, ids are given again that were seen in one frame
-    /// only and of which the memory has nothing any more. Further ids come only if there are none of these; they end at
-    /// [`MAX_SEGMENT_ID`], then come all that the memory has nothing of.
+    /// Ids count up from 1. Once all ids that fit a 16-bit image have been given out, ids are reused that were
+    /// predicted in one frame at most and that no Gaussian has votes for. Only if there are none does counting
+    /// continue, up to [`MAX_SEGMENT_ID`], and then again from 1, skipping ids that are in use.
     ///
     /// # Errors
-    /// If the device fails, or a store that is defined elsewhere refuses the id.
+    /// If the store refuses the id.
     pub fn new_segment(&mut self) -> Result<SegmentId, MemoryError> {
         let id = self.segments.add();
-        self.backend.new_segment(id)?;
+        self.store.new_segment(id)?;
         Ok(id)
     }
 
-    /// Takes an id back that [`Self::new_segment`] gave and no prediction has after all; it is given again.
-    pub fn take_back(&mut self, id: SegmentId) {
-        self.segments.take_back(id);
-    }
-
-    /// The frame's segments, `[height, width]`: what the memory expects and the frame's predictions `seen` together.
-    ///
-    /// `seen` has the id of the prediction that is visible at each pixel, 0 where there is none and [`ABSTAIN`] where the
-    /// prediction has no say.
+    /// Combines the expected segments with the frame's predictions. `predicted` contains the predicted id visible at
+    /// each pixel, 0 for none. Returns the frame's segments, `[height, width]`.
     ///
     /// # Errors
-    /// If `seen` has another size than the frame or an id that does not exist.
-    pub fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> Result<SegmentMap, MemoryError> {
-        self.check_predictions(recall, seen)?;
-        self.backend.fuse(recall, seen)
+    /// If `predicted` differs from the frame in size or contains an id that does not exist.
+    pub fn fuse(&self, recall: &Recall<'_>, predicted: &SegmentMap) -> Result<SegmentMap, MemoryError> {
+        self.check_predictions(recall, predicted)?;
+        Ok(self.store.fuse(recall, predicted))
     }
 
-    /// Takes note of the frame's predictions that remembered segments explain, which have no say: `explained` has their
-    /// ids, 0 elsewhere. To be called for every frame between [`Self::recall`] and [`Self::update`].
-    ///
-    /// `is_new(id, times)` tells whether the prediction with an id is new after all, given how many times it has come: the
-    /// frames that had it in the same place, less those that showed its place without it. Returns the ids of those that
-    /// are. They are objects of their own: from this frame on they have a say, and their Gaussians have more votes for them
-    /// than for what explained them.
+    /// Returns the most likely segment after the expected one at each pixel, `[height, width]`; 0 for none. Always 0
+    /// for a memory without a second opinion.
+    pub fn second_opinion(&self, recall: &Recall<'_>) -> SegmentMap {
+        self.store.second_opinion(recall)
+    }
+
+    /// Learns a frame: its predictions `predicted`, as in [`Self::fuse`], and the surfaces that the map lacks. Removes
+    /// Gaussians of surfaces that are gone. Votes for the ids in `contradicted` weigh `memory.contradicted_weight`.
     ///
     /// # Errors
     /// As [`Self::fuse`].
-    pub fn note_explained(
+    pub fn update(
         &mut self,
-        recall: &Recall<'_>,
-        explained: &SegmentMap,
-        is_new: &dyn Fn(SegmentId, usize) -> bool,
-    ) -> Result<Vec<SegmentId>, MemoryError> {
-        self.check_predictions(recall, explained)?;
-        if self.recurring.is_empty() && explained.pixels().iter().all(|id| *id == 0 || *id == ABSTAIN) {
-            return Ok(Vec::new());
-        }
-        let visible = self.backend.visible_gaussians(recall)?;
-        let recurring = self.recurring.note(&visible, explained, is_new);
-        for (id, gaussians) in &recurring {
-            self.segments.keep(*id);
-            self.backend.favour(gaussians, *id)?;
-        }
-        Ok(recurring.into_keys().collect())
-    }
-
-    /// Takes in what the frame shows: learns from its predictions `seen`, grows by the surfaces that the map lacks, and
-    /// forgets those that are gone.
-    ///
-    /// # Errors
-    /// As [`Self::fuse`].
-    pub fn update(&mut self, mut recall: Recall<'_>, seen: &SegmentMap) -> Result<FrameUpdate, MemoryError> {
-        self.check_predictions(&recall, seen)?;
-        let new_segments = self.segments.note_sightings(seen);
+        mut recall: Recall<'_>,
+        predicted: &SegmentMap,
+        contradicted: &BTreeSet<SegmentId>,
+    ) -> Result<FrameUpdate, MemoryError> {
+        self.check_predictions(&recall, predicted)?;
+        let mut update =
+            FrameUpdate { new_segments: self.segments.record_sightings(predicted), ..FrameUpdate::default() };
         if self.is_astray(&recall) {
-            return Ok(self.without_a_map(&recall, seen, new_segments));
+            self.recent.record(&recall, predicted, &self.settings);
+            self.frames = self.frames.saturating_add(1);
+            return Ok(update);
         }
-        self.follow(&mut recall)?;
-        let before = self.gaussian_count();
-        let update = self.backend.update(&mut recall, seen, self.frames, &mut self.segments.live())?;
-        if self.settings.links_depthless() {
-            let _stage = tracing::debug_span!(target: "splatseg::stage", "learn").entered();
-            self.depthless.take_in(&recall, seen, self.settings.growth_silhouette, self.frames);
-        }
+        self.follow(&mut recall);
+        let stage = tracing::debug_span!(target: STAGE_TARGET, "grow").entered();
+        let added = new_gaussians(&recall, predicted, &self.settings);
+        self.map.add(&added, self.frames);
+        self.store.grow(&added, &recall, predicted, contradicted);
+        update.grown = added.len();
+        drop(stage);
 
-        self.recent.record(&recall, seen, &self.settings);
-        let _stage = tracing::debug_span!(target: "splatseg::stage", "grow").entered();
-        let removed = before + update.grown - self.gaussian_count();
-        let (grown, learning) = (update.grown, update.learning);
-        let Settled { forgotten, lost } = self.note_removed(removed, update);
-        for id in forgotten.iter().chain(&lost) {
-            self.appearances.remove(id);
-        }
-        for id in &lost {
-            self.overruled.remove(id);
-        }
+        let stage = tracing::debug_span!(target: STAGE_TARGET, "learn").entered();
+        update.learning = self.store.learn(&recall, &self.map.balls, predicted, contradicted);
+        self.recent.record(&recall, predicted, &self.settings);
+        drop(stage);
+
+        let _stage = tracing::debug_span!(target: STAGE_TARGET, "grow").entered();
+        update.removed = self.remove_gone(&recall);
+        update.forgotten = self.settle(update.removed > 0).forgotten;
         self.frames = self.frames.saturating_add(1);
-        Ok(FrameUpdate { grown, removed, forgotten, new_segments, learning })
+        Ok(update)
     }
 
-    /// Takes a frame in that changes nothing in the map.
-    fn without_a_map(&mut self, recall: &Recall<'_>, seen: &SegmentMap, new_segments: Vec<SegmentId>) -> FrameUpdate {
-        self.recent.record(recall, seen, &self.settings);
-        self.frames = self.frames.saturating_add(1);
-        FrameUpdate { new_segments, ..FrameUpdate::default() }
+    /// Removes the Gaussians of surfaces that are gone, and the ones unseen for longest if there are too many. Returns
+    /// the number removed.
+    fn remove_gone(&mut self, recall: &Recall<'_>) -> usize {
+        let before = self.map.len();
+        if self.settings.growth_rule() == GrowthRule::Paper {
+            // Only Gaussians beyond the limit are removed, those out of view for longest first.
+            for splat in recall.view.projected() {
+                self.map.last_seen[splat.gaussian as usize] = self.frames;
+            }
+        } else {
+            let found;
+            let sights = if recall.sights.is_empty() {
+                let camera = recall.view.camera();
+                found = sights(&self.map.balls, recall.frame, camera, FrameTrust::Alone, &self.settings).0;
+                &found
+            } else {
+                &recall.sights
+            };
+            if let Some(keep) = record_sights(&mut self.map, sights, self.settings.removal_frames, self.frames) {
+                self.retain(&keep);
+            }
+        }
+        if let Some(keep) = longest_unseen(&self.map.last_seen, self.settings.max_gaussians) {
+            self.retain(&keep);
+            if !self.warned_of_limit {
+                let max = self.settings.max_gaussians;
+                tracing::warn!(
+                    "the map has reached memory.max_gaussians = {max}: removing Gaussians unseen for longest"
+                );
+                self.warned_of_limit = true;
+            }
+        }
+        before - self.map.len()
     }
 
-    /// Takes note of which Gaussians were `removed`; returns the ids that the memory has lost.
-    fn note_removed(&mut self, removed: usize, update: MapUpdate) -> Settled {
-        if update.was_full && !self.warned_of_limit {
-            let max = self.settings.max_gaussians;
-            tracing::warn!("the map has reached memory.max_gaussians = {max}: what was not seen for longest goes");
-            self.warned_of_limit = true;
+    fn retain(&mut self, keep: &[bool]) {
+        self.map.retain(keep);
+        self.store.retain(keep);
+    }
+
+    /// Finds the ids that the memory has lost. `has_removed` is true if Gaussians were removed in this frame.
+    fn settle(&mut self, has_removed: bool) -> Settled {
+        let holds = self.store.changed_holds();
+        if let Some(holds) = &holds {
+            self.segments.set_holds(holds);
         }
-        if let Some(keep) = &update.keep {
-            self.recurring.retain(keep);
-        }
-        if let Some(holds) = &update.holds {
-            self.segments.note_holds(holds);
-        }
-        let is_cheap = self.settings.kind == MemoryKind::Evidence;
-        let is_due = is_cheap || self.frames.is_multiple_of(FRAMES_PER_CENSUS);
-        // Ids that are to be given again must be found, whatever the rule.
+        let is_due = self.settings.kind == MemoryKind::Evidence || self.frames.is_multiple_of(FRAMES_PER_CENSUS);
+        // Under any rule, ids must be released once they are to be reused.
         let is_needed = self.settings.growth_rule() != GrowthRule::Paper || self.segments.are_short_ids_given();
-        if removed == 0 && !(is_due && is_needed) {
+        let may_have_changed = has_removed || (is_due && is_needed);
+        if !may_have_changed {
             return Settled::default();
         }
-        if update.holds.is_none() {
-            let shown: BTreeSet<SegmentId> = distinct(&self.segment_ids());
-            self.segments.note_shown(&shown);
+        if holds.is_none() {
+            self.segments.set_shown(&distinct(&self.segment_ids()));
         }
-        self.segments.note_regions(self.depthless.ids().chain(self.recent.held_ids()).collect());
+        self.segments.set_held(self.recent.held_ids());
         self.segments.settle()
     }
 
-    /// Whether the map moves along when the poses jump. The paper's does not.
+    /// True if the map follows when the poses jump. The paper's does not.
     fn follows_jumps(&self) -> bool {
         self.settings.growth_rule() != GrowthRule::Paper && self.gaussian_count() > 0
     }
 
-    fn check_predictions(&self, recall: &Recall<'_>, seen: &SegmentMap) -> Result<(), MemoryError> {
-        let frame = recall.frame;
-        if let Some(failure) = &recall.failure {
-            return Err(MemoryError::Device(failure.clone()));
-        }
-        let (found, expected) = (seen.size(), (frame.width(), frame.height()));
+    fn check_predictions(&self, recall: &Recall<'_>, predicted: &SegmentMap) -> Result<(), MemoryError> {
+        let (found, expected) = (predicted.size(), (recall.frame.width(), recall.frame.height()));
         if found != expected {
             return Err(MemoryError::PredictionSize { found, expected });
         }
-        let largest = seen.pixels().iter().map(|id| if *id == ABSTAIN { 0 } else { *id }).max().unwrap_or(0);
+        let largest = predicted.pixels().iter().copied().max().unwrap_or(0);
         let known = self.segments.highest();
         if largest > known {
             return Err(MemoryError::UnknownSegment { found: largest, known });
@@ -375,67 +275,68 @@ impl SplatMemory {
         Ok(())
     }
 
-    /// The settings it was made with.
+    /// Settings of the memory.
     pub fn settings(&self) -> &MemorySettings {
         &self.settings
     }
 
     /// Number of Gaussians.
     pub fn gaussian_count(&self) -> usize {
-        self.backend.gaussian_count()
+        self.map.len()
     }
 
-    /// Number of different ids given so far: ids are 1 to this.
+    /// Number of different ids given out so far: they are 1 to this number.
     pub fn segment_count(&self) -> usize {
         self.segments.highest() as usize
     }
 
-    /// Whether an id is tentative: its thing was seen in one frame only. It is given for good once it was seen in two.
+    /// True if an id is tentative: predicted in one frame at most. From the second frame on it is permanent.
     pub fn is_tentative(&self, id: SegmentId) -> bool {
         self.segments.is_tentative(id)
     }
 
-    /// Whether something carried an id after the last frame, as in [`Self::carried_ids`].
+    /// True if an id was carried after the last frame; see [`Self::carried_ids`].
     pub fn is_carried(&self, id: SegmentId) -> bool {
         self.segments.is_carried(id)
     }
 
-    /// The ids that something in the memory carries: Gaussians, or a remembered region without depth. All others that
-    /// were given are forgotten.
+    /// Returns the ids that a Gaussian shows, or that the previous frame holds for the next one. All other ids that
+    /// were given out are forgotten.
     pub fn carried_ids(&self) -> BTreeSet<SegmentId> {
         let mut carried = distinct(&self.segment_ids());
-        carried.extend(self.depthless.ids().chain(self.recent.held_ids()));
+        carried.extend(self.recent.held_ids());
         carried
     }
 
-    /// Numbers that the Gaussians hold: position 3, radius 1, colour 3, and for segments 8 (votes) or D (features).
+    /// Number of parameters of all Gaussians. Each has 3 for position, 1 for radius, 3 for colour, and 8 (votes) or D
+    /// (features) for segments.
     pub fn parameter_count(&self) -> usize {
-        self.gaussian_count() * (SplatMap::NUMBERS + self.backend.numbers_per_gaussian())
+        self.gaussian_count() * (SplatMap::NUMBERS + self.store.numbers_per_gaussian())
     }
 
-    /// Where the Gaussians are, metres, relative to [`Self::origin`].
+    /// Centres and radii of the Gaussians, metres, relative to [`Self::origin`].
     pub fn balls(&self) -> &Balls {
-        self.backend.balls()
+        &self.map.balls
     }
 
     /// Colours of the Gaussians, sRGB.
     pub fn colors(&self) -> &[[u8; 3]] {
-        self.backend.colors()
+        &self.map.colors
     }
 
-    /// The segment that each Gaussian shows by itself, 0 for none (and for all if a device fails, which is logged).
+    /// Returns the segment that each Gaussian shows by itself, 0 for none.
     pub fn segment_ids(&self) -> Vec<SegmentId> {
-        or_none(self.backend.segment_ids()).unwrap_or_else(|| vec![0; self.gaussian_count()])
+        self.store.segment_ids()
     }
 
-    /// The share, 0 to 1, that the segment of [`segment_ids`](Self::segment_ids) has of all that each Gaussian was seen
-    /// as; 1 in a memory that keeps no second opinion.
+    /// Returns the share, 0 to 1, of each Gaussian's votes that are for its segment in
+    /// [`segment_ids`](Self::segment_ids); 1 in a memory without a second opinion.
     pub fn segment_shares(&self) -> Vec<f32> {
-        or_none(self.backend.segment_shares()).flatten().unwrap_or_else(|| vec![1.0; self.gaussian_count()])
+        self.store.segment_shares().unwrap_or_else(|| vec![1.0; self.gaussian_count()])
     }
 }
 
-/// The largest id of a memory with these settings: features need a code for each id.
+/// Largest id of a memory with these settings: features need a code for each id.
 pub(crate) fn largest_id(settings: &MemorySettings) -> SegmentId {
     match settings.kind {
         MemoryKind::Evidence => MAX_SEGMENT_ID,
@@ -446,8 +347,8 @@ pub(crate) fn largest_id(settings: &MemorySettings) -> SegmentId {
     }
 }
 
-/// The ids in a list, 0 left out.
+/// Returns the distinct ids in a list, except 0.
 fn distinct(ids: &[SegmentId]) -> BTreeSet<SegmentId> {
-    // Neighbours mostly have the same one.
+    // Neighbours mostly have the same id.
     ids.chunk_by(|one, other| one == other).map(|run| run[0]).filter(|id| *id != 0).collect()
 }

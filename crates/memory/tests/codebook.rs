@@ -1,4 +1,4 @@
-//! The codebook: how far apart its vectors are, and features back to codes.
+//! The codebook: spacing of its vectors, and decoding of features to codes.
 
 use proptest::prelude::*;
 use splatseg_memory::{Codebook, CodebookError, CodebookSettings};
@@ -16,7 +16,7 @@ fn dot(left: &[f32], right: &[f32]) -> f32 {
     left.iter().zip(right).fold(0.0, |sum, (left, right)| sum + left * right)
 }
 
-/// Smallest distance and largest inner product of all pairs, in double precision.
+/// Returns the smallest distance and largest inner product of all pairs, in double precision.
 fn brute_force_spacing(codebook: &Codebook) -> (f64, f64) {
     let (mut distance, mut coherence) = (f64::INFINITY, -1.0f64);
     for i in 0..codebook.len() {
@@ -30,7 +30,7 @@ fn brute_force_spacing(codebook: &Codebook) -> (f64, f64) {
     (distance, coherence)
 }
 
-/// The obvious decoder.
+/// Decodes by comparing all codes.
 fn brute_force_decode(codebook: &Codebook, feature: &[f32], used: usize, threshold: f32) -> Option<u32> {
     let mut best = None;
     let mut largest = f32::NEG_INFINITY;
@@ -59,7 +59,7 @@ fn codes_are_unit_vectors_as_far_apart_as_the_reference() {
 
 #[test]
 fn few_codes_reach_the_known_optima() {
-    // Simplices, and twice the dimension: the cross-polytope.
+    // Simplices, and the cross-polytope, which has twice as many vertices as dimensions.
     for (count, dim, optimum) in [(2, 3, 2.0), (3, 2, 3f32.sqrt()), (4, 3, (8.0 / 3.0f32).sqrt()), (6, 3, 2f32.sqrt())]
     {
         let found = codebook(count, dim).min_distance();
@@ -84,7 +84,7 @@ fn codes_depend_on_settings_and_not_on_threads() {
 
 #[test]
 fn codes_are_the_same_on_every_platform() {
-    // FNV-1a of all bits, as an x86-64 with AVX2 computed them.
+    // FNV-1a of all bits, computed on an x86-64 with AVX2.
     let codebook = codebook(64, 28);
     let bytes = codebook.vectors().iter().flat_map(|value| value.to_le_bytes());
     let hash =
@@ -172,7 +172,7 @@ fn settings_refuse_unknown_fields() {
 }
 
 #[test]
-fn features_that_stand_for_nothing() {
+fn features_without_a_code_decode_to_none() {
     let codebook = codebook(40, 7);
     let first = codebook.vector(0).to_vec();
     assert_eq!(codebook.decode(&[0.0; 7], 40, 0.5), None);
@@ -192,7 +192,7 @@ fn features_that_stand_for_nothing() {
 static CODEBOOKS: LazyLock<Vec<Codebook>> =
     LazyLock::new(|| [2, 3, 4, 7, 14, 28].into_iter().map(|dim| codebook(100, dim)).collect());
 
-/// A mixture of two codes, noise and a length, as rendering makes them.
+/// A mixture of two codes with noise and any length, as rendering produces.
 fn arbitrary_feature() -> impl Strategy<Value = (usize, usize, usize, Vec<f32>)> {
     let codes = (0..6usize, 0..100usize, 0..100usize, 0.0..=1.0f32);
     let length =

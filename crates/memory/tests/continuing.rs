@@ -1,25 +1,26 @@
-//! A memory that is saved and continued behaves as one that never stopped.
+//! A memory that is saved and continued behaves like one that never stopped.
 
 use glam::{Mat4, Vec3};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{
-    Appearances, GrowthRule, LearningExtent, LoadMemoryError, MemoryKind, MemorySettings, SplatFile, SplatMemory,
+    GrowthRule, LearningExtent, LoadMemoryError, MemoryKind, MemorySettings, SplatFile, SplatMemory,
 };
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
 const WIDTH: usize = 64;
 const HEIGHT: usize = 48;
-/// Frames before the memory is saved, and all frames.
+/// Number of frames before the memory is saved, and of all frames.
 const SAVED_AFTER: usize = 6;
 const FRAMES: usize = 20;
-/// From this frame on the box is gone: saved in the middle of noticing it.
+/// From this frame on the box is gone. The memory is saved while it is being removed.
 const BOX_GONE: usize = 4;
 /// From this frame on there is one more segment.
 const NEW_SEGMENT: usize = 9;
 
 fn settings(kind: MemoryKind, growth: GrowthRule) -> MemorySettings {
-    // So few codes that the loaded codebook has to be extended.
+    // Few codes, so that the loaded codebook has to be extended.
     MemorySettings::default().with(|settings| {
         settings.kind = kind;
         settings.growth = growth;
@@ -29,7 +30,7 @@ fn settings(kind: MemoryKind, growth: GrowthRule) -> MemorySettings {
     })
 }
 
-/// A wall of two segments, a box before it, and the segments that are seen there; some frames see none.
+/// A frame of a wall of two segments with a box in front, and its predictions, which some frames lack.
 fn frame(number: usize) -> (RgbdFrame<'static>, SegmentMap) {
     let is_box = |column: usize, row: usize| {
         number < BOX_GONE && (20 - number..40 - number).contains(&column) && (10..30).contains(&row)
@@ -38,17 +39,17 @@ fn frame(number: usize) -> (RgbdFrame<'static>, SegmentMap) {
     let color = Image::from_fn(WIDTH, HEIGHT, |column, row| [column as u8 * 3, row as u8 * 5, number as u8]);
     let intrinsics = Intrinsics { fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5, width: WIDTH, height: HEIGHT };
     let pose = Pose::from_matrix((Mat4::from_translation(Vec3::X * 0.025 * number as f32)).as_dmat4()).unwrap();
-    let seen = SegmentMap::from_fn(WIDTH, HEIGHT, |column, row| match () {
+    let predicted = SegmentMap::from_fn(WIDTH, HEIGHT, |column, row| match () {
         () if number % 5 == 3 => 0,
         () if is_box(column, row) => 3,
         () if number >= NEW_SEGMENT && row >= 36 => 4,
         () if column + number / 2 < 30 => 1,
         () => 2,
     });
-    (RgbdFrame::new(number.to_string(), color, depth, intrinsics, pose).unwrap(), seen)
+    (RgbdFrame::new(number.to_string(), color, depth, intrinsics, pose).unwrap(), predicted)
 }
 
-/// What a frame gave: what was expected and shown, and how the memory changed.
+/// The result of a frame: expected and shown segments, and changes of the memory.
 #[derive(Debug, PartialEq)]
 struct Outcome {
     expected: SegmentMap,
@@ -61,14 +62,14 @@ struct Outcome {
 
 fn take_in(memory: &mut SplatMemory, frames: std::ops::Range<usize>) -> Vec<Outcome> {
     let outcome = |number| {
-        let (frame, seen) = frame(number);
+        let (frame, predicted) = frame(number);
         let needed = if number >= NEW_SEGMENT { 4 } else { 3 };
         for id in memory.segment_count()..needed {
             assert_eq!(memory.new_segment().unwrap() as usize, id + 1);
         }
         let recall = memory.recall(&frame);
-        let (expected, shown) = (recall.expected().segments.clone(), memory.fuse(&recall, &seen).unwrap());
-        let update = memory.update(recall, &seen).unwrap();
+        let (expected, shown) = (recall.expected().segments.clone(), memory.fuse(&recall, &predicted).unwrap());
+        let update = memory.update(recall, &predicted, &BTreeSet::new()).unwrap();
         let (grown, removed) = (update.grown, update.removed);
         Outcome { expected, shown, grown, removed, forgotten: update.forgotten, learning: update.learning }
     };
@@ -92,12 +93,12 @@ fn continues(kind: MemoryKind, growth: GrowthRule, folder: &Path) -> Vec<Outcome
     let (one, other) = (folder.join("one.ply"), folder.join("other.ply"));
     memory.save(&one).unwrap();
     loaded.save(&other).unwrap();
-    assert!(fs::read(one).unwrap() == fs::read(other).unwrap(), "all that is remembered is the same");
+    assert!(fs::read(one).unwrap() == fs::read(other).unwrap(), "the memories are equal");
     outcomes
 }
 
 #[test]
-fn a_continued_memory_is_one_that_never_stopped() {
+fn a_continued_memory_behaves_like_one_that_never_stopped() {
     let folder = tempfile::tempdir().unwrap();
     for (kind, growth) in [
         (MemoryKind::Evidence, GrowthRule::Auto),
@@ -105,72 +106,57 @@ fn a_continued_memory_is_one_that_never_stopped() {
         (MemoryKind::Features, GrowthRule::Missing),
     ] {
         let outcomes = continues(kind, growth, folder.path());
-        assert!(outcomes[0].expected.areas().contains_key(&1), "a loaded memory knows the wall");
+        assert!(outcomes[0].expected.areas().contains_key(&1), "a loaded memory expects the wall");
         assert!(outcomes.iter().any(|outcome| outcome.shown.areas().contains_key(&4)));
         if kind == MemoryKind::Evidence {
-            assert!(outcomes.iter().any(|outcome| outcome.removed > 0), "the box goes after it was loaded");
+            assert!(outcomes.iter().any(|outcome| outcome.removed > 0), "the box is removed after loading");
             assert!(outcomes.iter().any(|outcome| outcome.forgotten == [3]));
         }
     }
 }
 
-/// A wall with a hole in its depth, which is segment 2.
+/// A wall with a hole in its depth, segment 2.
 fn frame_with_a_screen() -> (RgbdFrame<'static>, SegmentMap) {
     let (frame, _) = frame(0);
     let is_screen = |column: usize, row: usize| (20..44).contains(&column) && (12..36).contains(&row);
     let depth = Image::from_fn(WIDTH, HEIGHT, |column, row| if is_screen(column, row) { 0.0 } else { 3.0 });
     let color = frame.color().clone().into_owned();
-    let seen = SegmentMap::from_fn(WIDTH, HEIGHT, |column, row| if is_screen(column, row) { 2 } else { 1 });
+    let predicted = SegmentMap::from_fn(WIDTH, HEIGHT, |column, row| if is_screen(column, row) { 2 } else { 1 });
     let pose = *frame.world_from_camera();
-    (RgbdFrame::new("screen".to_owned(), color, depth, *frame.intrinsics(), pose).unwrap(), seen)
+    (RgbdFrame::new("screen".to_owned(), color, depth, *frame.intrinsics(), pose).unwrap(), predicted)
 }
 
 #[test]
-fn what_no_gaussian_carries_is_continued_too() {
-    const NEEDED: usize = 4;
+fn state_besides_the_gaussians_is_checked() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("memory.ply");
     let settings = settings(MemoryKind::Evidence, GrowthRule::Auto);
     let mut memory = SplatMemory::new(settings.clone(), 7, &mut |_| {}).unwrap();
     (0..3).for_each(|_| assert!(memory.new_segment().is_ok()));
-    let (frame, seen) = frame_with_a_screen();
-    // Something on the wall that the wall explains.
-    let explained = SegmentMap::from_fn(WIDTH, HEIGHT, |column, _| if column < 15 { 3 } else { 0 });
+    let (frame, predicted) = frame_with_a_screen();
     let take_in = |memory: &mut SplatMemory| {
         let recall = memory.recall(&frame);
-        let recurring = memory.note_explained(&recall, &explained, &|_, times| times >= NEEDED).unwrap();
         let expected = recall.expected().segments.clone();
-        memory.update(recall, &seen).unwrap();
-        (expected, recurring)
+        memory.update(recall, &predicted, &BTreeSet::new()).unwrap();
+        expected
     };
     (0..4).for_each(|_| drop(take_in(&mut memory)));
-    memory.overruled_mut().insert(1, 0.77);
-    memory.appearances_mut().insert(1, Appearances { apart: 5, merged: 2 });
     memory.save(&path).unwrap();
 
     let mut loaded = SplatMemory::load(&path, settings.clone()).unwrap();
-    assert_eq!(loaded.overruled_mut(), memory.overruled_mut());
-    assert_eq!(loaded.appearances_mut(), memory.appearances_mut());
-    let (expected, recurring) = take_in(&mut loaded);
+    let expected = take_in(&mut loaded);
     assert_eq!(expected[(30, 20)], 2, "the screen");
-    assert!(recurring.contains(&3), "{recurring:?}");
-    assert_eq!(take_in(&mut memory), (expected, recurring));
+    assert_eq!(take_in(&mut memory), expected);
     let again = folder.path().join("again.ply");
     loaded.save(&again).unwrap();
     memory.save(&path).unwrap();
     assert!(fs::read(&path).unwrap() == fs::read(&again).unwrap());
 
-    // Values that no memory has are refused, whatever the checksum says.
+    // Invalid values are refused even with a correct checksum.
     let whole = SplatFile::load(&path).unwrap();
-    for (from, to) in [
-        ("\"overruled\":{\"1\":", "\"overruled\":{\"9\":"),
-        ("\"appearances\":{\"1\":", "\"appearances\":{\"9\":"),
-        ("\"bounding_box\":[20,", "\"bounding_box\":[99999999,"),
-        ("\"runs\":[", "\"runs\":[7,"),
-        ("\"last\":", "\"last\":429496729"),
-        ("\"fx\":60.0", "\"fx\":-60.0"),
-        ("\"depthless\":[{", "\"depthless\":[{},{"),
-    ] {
+    for (from, to) in
+        [("\"fx\":60.0", "\"fx\":-60.0"), ("\"ids\":[[", "\"ids\":[[7,1],["), ("\"given\":3", "\"given\":\"3\"")]
+    {
         let text = String::from_utf8(whole.short_term.clone()).unwrap();
         assert!(text.contains(from), "{from} in {text}");
         let damaged = SplatFile { short_term: text.replacen(from, to, 1).into_bytes(), ..whole.clone() };
@@ -182,7 +168,7 @@ fn what_no_gaussian_carries_is_continued_too() {
 }
 
 #[test]
-fn another_memory_than_the_settings_ask_for_is_refused() {
+fn a_memory_that_differs_from_the_settings_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("memory.ply");
     let of = |kind| settings(kind, GrowthRule::Auto);

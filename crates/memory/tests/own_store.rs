@@ -1,21 +1,22 @@
-//! A kind of memory that is defined outside the crate: it remembers the last id that each Gaussian was seen as.
+//! A kind of memory defined outside the crate: it remembers the last id that each Gaussian was predicted as.
 
 use glam::{Mat4, Vec3};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
-    ABSTAIN, LearningExtent, MemoryError, MemorySettings, NewGaussian, Recall, SegmentStore, SplatFileError,
-    SplatMemory, StoreTile, TileSurface,
+    LearningExtent, MemoryError, MemorySettings, NewGaussian, Recall, SegmentStore, SplatFileError, SplatMemory,
+    StoreTile, TileSurface,
 };
 use splatseg_render::{Splats, TileWeights};
+use std::collections::BTreeSet;
 
-/// The last id of each Gaussian; new ids beyond `max_ids` are refused.
+/// Last id of each Gaussian. New ids beyond `max_ids` are refused.
 #[derive(Debug)]
 struct LastSeen {
     ids: Vec<SegmentId>,
     max_ids: SegmentId,
 }
 
-/// The Gaussian with the largest weight at each pixel of a tile.
+/// Returns the Gaussian with the largest weight at each pixel of a tile.
 fn winners(tile: &TileWeights) -> Vec<Option<(u32, f32)>> {
     let mut winners: Vec<Option<(u32, f32)>> = vec![None; TileWeights::PIXELS];
     for (column, gaussian) in tile.gaussians().iter().enumerate() {
@@ -42,25 +43,31 @@ impl SegmentStore for LastSeen {
         }
     }
 
-    fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> SegmentMap {
+    fn fuse(&self, recall: &Recall<'_>, predicted: &SegmentMap) -> SegmentMap {
         let expected = &recall.expected().segments;
-        SegmentMap::from_fn(seen.width(), seen.height(), |column, row| match seen[(column, row)] {
-            0 | ABSTAIN => expected[(column, row)],
+        SegmentMap::from_fn(predicted.width(), predicted.height(), |column, row| match predicted[(column, row)] {
+            0 => expected[(column, row)],
             id => id,
         })
     }
 
-    fn grow(&mut self, added: &[NewGaussian], _: &Recall<'_>, seen: &SegmentMap) {
-        self.ids.extend(added.iter().map(|gaussian| seen.pixels()[gaussian.pixel]));
+    fn grow(&mut self, added: &[NewGaussian], _: &Recall<'_>, predicted: &SegmentMap, _: &BTreeSet<SegmentId>) {
+        self.ids.extend(added.iter().map(|gaussian| predicted.pixels()[gaussian.pixel]));
     }
 
-    fn learn(&mut self, recall: &mut Recall<'_>, _: &dyn Splats, seen: &SegmentMap) -> LearningExtent {
+    fn learn(
+        &mut self,
+        recall: &Recall<'_>,
+        _: &dyn Splats,
+        predicted: &SegmentMap,
+        _: &BTreeSet<SegmentId>,
+    ) -> LearningExtent {
         for tile in recall.view().weights().tiles() {
             let (left, top) = tile.origin();
             for (pixel, winner) in winners(tile).into_iter().enumerate() {
                 if let Some((gaussian, _)) = winner {
-                    let id = seen[(left + pixel % TileWeights::SIDE, top + pixel / TileWeights::SIDE)];
-                    if id != 0 && id != ABSTAIN {
+                    let id = predicted[(left + pixel % TileWeights::SIDE, top + pixel / TileWeights::SIDE)];
+                    if id != 0 {
                         self.ids[gaussian as usize] = id;
                     }
                 }
@@ -111,7 +118,7 @@ fn it_remembers_in_its_own_way_and_moves_with_the_camera() {
     let mut memory = SplatMemory::with_store(MemorySettings::default(), store).unwrap();
     assert_eq!((memory.new_segment().unwrap(), memory.new_segment().unwrap()), (1, 2));
     let first = frame(0.0);
-    memory.update(memory.recall(&first), &halves(1, 2)).unwrap();
+    memory.update(memory.recall(&first), &halves(1, 2), &BTreeSet::new()).unwrap();
     // 0.4 m to the right, things 2 m away move 8 pixels to the left.
     let second = frame(0.4);
     let recall = memory.recall(&second);
@@ -123,7 +130,7 @@ fn it_remembers_in_its_own_way_and_moves_with_the_camera() {
 }
 
 #[test]
-fn its_errors_are_its_own_and_it_says_that_it_cannot_be_saved() {
+fn its_own_errors_are_returned_and_saving_it_is_an_error() {
     let store = Box::new(LastSeen { ids: Vec::new(), max_ids: 0 });
     let mut memory = SplatMemory::with_store(MemorySettings::default(), store).unwrap();
     assert_eq!(memory.new_segment().unwrap_err().to_string(), "last-seen: 1 is one id too many");

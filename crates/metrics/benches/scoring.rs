@@ -9,7 +9,7 @@ const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
 const OBJECTS: usize = 60;
 const FRAMES: usize = 100;
-/// Different frames; the video runs through them forth and back.
+/// Number of different frames. The video plays them forwards and backwards.
 const DIFFERENT_FRAMES: usize = 20;
 
 struct Frame {
@@ -18,7 +18,7 @@ struct Frame {
     masks: Vec<Mask>,
 }
 
-/// Voronoi cells of drifting points, every eighth unlabelled; the prediction is displaced, with noisy outlines.
+/// Voronoi cells of drifting points, every eighth unlabelled. The prediction is displaced and has noisy outlines.
 fn frame(time: usize) -> Frame {
     let centre = |object: usize| {
         let column = (object * 97 + 3 * time * (1 + object % 3)) % WIDTH;

@@ -1,4 +1,4 @@
-//! How well objects keep their ids, by the size of the true object.
+//! Id consistency by the size of the true object.
 
 use crate::overlap::FrameOverlaps;
 use crate::tubes::{TubeId, TubeOfLabel};
@@ -6,14 +6,14 @@ use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
 use std::collections::BTreeMap;
 
-/// A true object is small below this mean area, in pixels.
+/// True objects with a smaller mean area are small, pixels.
 pub const SMALL_BELOW_PX: u64 = 400;
 
-/// A true object is large above this mean area, in pixels.
+/// True objects with a larger mean area are large, pixels.
 pub const LARGE_ABOVE_PX: u64 = 4000;
 
-/// The size of a true object: its mean area over the frames that show it, in pixels of the scored frames. As JSON keys:
-/// `"small"`, `"medium"`, `"large"`.
+/// Size class of a true object by its mean area over the frames that show it, in pixels of the scored frames. JSON keys
+/// are `"small"`, `"medium"` and `"large"`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[non_exhaustive]
 #[serde(rename_all = "lowercase")]
@@ -27,10 +27,10 @@ pub enum SizeClass {
 }
 
 impl SizeClass {
-    /// All classes, increasing.
+    /// All classes, by increasing size.
     pub const ALL: [Self; 3] = [Self::Small, Self::Medium, Self::Large];
 
-    /// The class of an object that has `pixels` pixels in all of its `frames` together.
+    /// The class of an object with `pixels` pixels in total over its `frames`.
     pub(crate) fn from_area(pixels: u64, frames: u64) -> Self {
         if pixels < SMALL_BELOW_PX * frames {
             Self::Small
@@ -63,15 +63,15 @@ impl SizeClass {
 
 /// Counts of the true objects of one size. Counts of several videos can be added.
 ///
-/// The id of an object in a frame is the predicted id that covers more than half of its pixels. Each pixel has one id:
-/// where predicted masks overlap, that of the smallest (as in [`Protocol::Strict`](crate::Protocol::Strict), but under
-/// both protocols). So there is at most one such id. A neighbour's mask that spills over the border adds no id, and
-/// neither does a frame in which too little of the object is covered; a neighbour's mask that swallows the object does.
+/// The id of an object in a frame is the predicted id that covers more than half of its pixels. Where predicted masks
+/// overlap, a pixel has the id of the smallest (as in [`Protocol::Strict`](crate::Protocol::Strict), but under both
+/// protocols), so there is at most one such id. A neighbour's mask that spills over the border adds no id, nor does a
+/// frame in which too little of the object is covered. A neighbour's mask that covers most of the object does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SizeCounts {
-    /// What these objects contribute to [`StqCounts::sum_association`](crate::StqCounts::sum_association).
+    /// Contribution of these objects to [`StqCounts::sum_association`](crate::StqCounts::sum_association).
     pub sum_association: f64,
-    /// Number of objects: true tracks.
+    /// Number of objects (true tracks).
     pub objects: u64,
     /// Number of objects that have an id in at least one frame.
     pub found: u64,
@@ -106,25 +106,24 @@ impl SizeCounts {
     }
 }
 
-/// How well the objects of one size keep their ids. [`SizeCounts`] defines the id of an object. `None` (JSON `null`)
-/// where there is nothing to divide by.
+/// Id consistency of the objects of one size. [`SizeCounts`] defines the id of an object. `None` (JSON `null`) where
+/// the denominator is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct SizeScores {
     /// Number of true objects.
     pub objects: u64,
-    /// Mean association quality of these objects, percent; all have the same weight, as in
-    /// [`Scores::aq`](crate::Scores::aq).
+    /// Mean association quality of these objects, percent, with equal weights as in [`Scores::aq`](crate::Scores::aq).
     pub aq: Option<f64>,
-    /// Objects that have an id in at least one frame, percent.
+    /// Objects with an id in at least one frame, percent.
     pub found: Option<f64>,
-    /// Mean number of distinct ids over the video, of the objects that have any; 1 is best.
+    /// Mean number of distinct ids over the video, of the objects with any id. 1 is best.
     pub ids_per_object: Option<f64>,
-    /// Frames in which an object has its most frequent id, percent of the frames that show it.
+    /// Frames in which an object has its most frequent id, as a percentage of the frames that show it.
     pub main_id: Option<f64>,
 }
 
-/// What is known of a true object's ids over its video.
+/// The ids of a true object over its video.
 #[derive(Clone, Debug, Default)]
 struct ObjectIds {
     frames: u64,
@@ -133,7 +132,7 @@ struct ObjectIds {
     frames_of_id: BTreeMap<TubeId, u64>,
 }
 
-/// Collects the ids of a video's objects, frame by frame. Holds one count for each object and id.
+/// Collects the ids of a video's objects, frame by frame. Keeps one count for each object and id.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SizeAccumulator {
     objects: BTreeMap<SegmentId, ObjectIds>,
@@ -157,7 +156,7 @@ impl SizeAccumulator {
         }
     }
 
-    /// Counts by size. `associations` is what each true track contributes to STQ; 0 for tracks that it lacks.
+    /// Returns the counts by size. `associations` contains the contribution of each true track to STQ, by default 0.
     pub(crate) fn finish(self, associations: &BTreeMap<SegmentId, f64>) -> BTreeMap<SizeClass, SizeCounts> {
         let mut counts = zero_counts();
         for (truth, object) in &self.objects {
@@ -208,9 +207,9 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_divide_by() {
-        let nothing = SizeScores { objects: 0, aq: None, found: None, ids_per_object: None, main_id: None };
-        assert_eq!(SizeCounts::default().scores(), nothing);
+    fn zero_denominators_give_none() {
+        let none = SizeScores { objects: 0, aq: None, found: None, ids_per_object: None, main_id: None };
+        assert_eq!(SizeCounts::default().scores(), none);
         let missed = SizeCounts { objects: 2, frames: 5, ..SizeCounts::default() };
         let expected =
             SizeScores { objects: 2, aq: Some(0.0), found: Some(0.0), ids_per_object: None, main_id: Some(0.0) };

@@ -1,14 +1,14 @@
-//! Input that cannot be scored.
+//! Errors in the input to be scored.
 
 use crate::ScoreSettings;
 use splatseg_geometry::SegmentId;
 use thiserror::Error;
 
-/// Input that cannot be scored. Sizes are `(width, height)` in pixels, frames count from 0.
+/// Errors in the input to be scored. Sizes are `(width, height)` in pixels. Frames are numbered from 0.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum MetricsError {
-    /// A predicted map or mask has another size than the ground truth of its frame.
+    /// A predicted map or mask differs in size from the ground truth of its frame.
     #[error(
         "frame {frame}: the prediction is {}x{} but the ground truth is {}x{}",
         found.0, found.1, expected.0, expected.1
@@ -21,7 +21,7 @@ pub enum MetricsError {
         /// Size of the ground truth.
         expected: (usize, usize),
     },
-    /// The ground truth has another size than in the video's first frame.
+    /// The ground truth differs in size from that of the video's first frame.
     #[error(
         "frame {frame}: the ground truth is {}x{} but the video began with {}x{}",
         found.0, found.1, expected.0, expected.1
@@ -34,10 +34,10 @@ pub enum MetricsError {
         /// Size of the first frame.
         expected: (usize, usize),
     },
-    /// A predicted 3D instance names a vertex that its scene does not have.
+    /// A predicted 3D instance has a vertex index that is out of range.
     #[error("a predicted instance has vertex {vertex}, expected less than {vertices}, the number of vertices")]
     NoSuchVertex {
-        /// The vertex, from 0.
+        /// Index of the vertex, from 0.
         vertex: usize,
         /// Number of vertices.
         vertices: usize,
@@ -56,13 +56,13 @@ pub enum MetricsError {
         /// The id.
         id: SegmentId,
     },
-    /// One video has both predictions with ids and predictions without.
+    /// A video has predictions both with and without ids.
     #[error("frame {frame}: predictions with and without ids are mixed in one video")]
     MixedPredictions {
         /// Index of the frame.
         frame: usize,
     },
-    /// A video was scored with other settings than the dataset it is added to.
+    /// A video's settings differ from those of the dataset to which it is added.
     #[error("the video was scored with {found:?} but the dataset with {expected:?}")]
     SettingsDiffer {
         /// Settings of the video.

@@ -1,9 +1,9 @@
-//! Average precision of 3D instances on the vertices of a mesh, class-agnostic: what methods of online 3D segmentation
-//! publish for ScanNet.
+//! Class-agnostic average precision of 3D instances on the vertices of a mesh, as published for methods of online 3D
+//! segmentation on ScanNet.
 //!
 //! The definition is that of ScanNet's benchmark (`BenchmarkScripts/3d_evaluation/evaluate_semantic_instance.py` of
-//! github.com/ScanNet/ScanNet), with one class for all instances. Where it departs from the usual average precision:
-//! small regions are left out, predictions on unlabelled vertices are forgiven, and the curve is integrated by the
+//! github.com/ScanNet/ScanNet), with one class for all instances. It differs from the usual average precision: small
+//! instances are left out, predictions on unlabelled vertices are ignored, and the curve is integrated by the
 //! trapezoidal rule with a last point at precision 1 and recall 0.
 
 use crate::MetricsError;
@@ -11,32 +11,32 @@ use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
 use std::collections::BTreeMap;
 
-/// Instances of fewer vertices count neither as true nor as predicted.
+/// True and predicted instances with fewer vertices are ignored.
 pub const MIN_INSTANCE_VERTICES: usize = 100;
-/// The IoUs of AP: 0.5, 0.55, …, 0.9.
+/// Number of IoU thresholds of AP: 0.5, 0.55, …, 0.9.
 const AP_STEPS: u8 = 9;
 
 /// A predicted instance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PredictedInstance {
-    /// How sure it is. Only the order matters.
+    /// Confidence. Only the order matters.
     pub confidence: f32,
-    /// Indices of its vertices, each once. Instances may overlap.
+    /// Indices of the vertices, each once. Instances may overlap.
     pub vertices: Vec<usize>,
 }
 
-/// Average precisions, percent; `None` without true instances.
+/// Average precisions in percent. `None` without true instances.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct InstanceScores {
-    /// The mean over IoUs of 0.5, 0.55, …, 0.9.
+    /// Mean over IoU thresholds of 0.5, 0.55, …, 0.9.
     pub ap: Option<f64>,
-    /// At an IoU of 0.5.
+    /// AP at an IoU threshold of 0.5.
     pub ap50: Option<f64>,
-    /// At an IoU of 0.25.
+    /// AP at an IoU threshold of 0.25.
     pub ap25: Option<f64>,
 }
 
-/// Collects the matches of scenes; scores are those of all scenes together.
+/// Collects the matches of scenes and scores all scenes together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct InstanceScorer {
@@ -45,20 +45,22 @@ pub struct InstanceScorer {
     has_predictions: bool,
 }
 
-/// The matches at an IoU.
+/// The matches at one IoU threshold.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Matches {
     iou: f64,
-    /// Confidence of each prediction that counts, and whether it is right.
+    /// Confidence of each prediction that counts, and true if it is correct.
     predictions: Vec<(f32, bool)>,
-    /// True instances that nothing matches.
+    /// Number of true instances without a match.
     missed: usize,
 }
 
-/// A true instance, and the predictions that overlap it in their order: index and shared vertices.
+/// A true instance.
 struct Truth {
+    /// Number of vertices.
     vertices: usize,
+    /// Index of each overlapping prediction, increasing, and the number of shared vertices.
     overlaps: Vec<(usize, usize)>,
 }
 
@@ -66,8 +68,8 @@ struct Truth {
 struct SceneOverlaps<'p> {
     truths: Vec<Truth>,
     predictions: Vec<&'p PredictedInstance>,
-    /// Vertices of each prediction on unlabelled ground or on true instances that are too small. Those on instances that
-    /// are too small count as unlabelled.
+    /// Number of unlabelled vertices in each prediction. Vertices of true instances that are too small count as
+    /// unlabelled.
     ignored: Vec<usize>,
 }
 
@@ -80,17 +82,17 @@ impl Default for InstanceScorer {
 }
 
 impl InstanceScorer {
-    /// Adds a scene. `truth` has the true instance of each vertex, 0 where it is not labelled.
+    /// Adds a scene. `truth` contains the true instance of each vertex, 0 if unlabelled.
     ///
     /// # Errors
-    /// [`MetricsError::NoSuchVertex`] if a prediction names a vertex that the scene does not have; then nothing is added.
+    /// [`MetricsError::NoSuchVertex`] if a vertex of a prediction is out of range. Nothing is added then.
     pub fn add_scene(&mut self, truth: &[SegmentId], predictions: &[PredictedInstance]) -> Result<(), MetricsError> {
         for prediction in predictions {
             if let Some(vertex) = prediction.vertices.iter().find(|vertex| **vertex >= truth.len()) {
                 return Err(MetricsError::NoSuchVertex { vertex: *vertex, vertices: truth.len() });
             }
         }
-        let scene = SceneOverlaps::of(truth, predictions);
+        let scene = SceneOverlaps::new(truth, predictions);
         self.has_truth |= !scene.truths.is_empty();
         self.has_predictions |= !scene.predictions.is_empty();
         self.thresholds.iter_mut().for_each(|matches| matches.add(&scene));
@@ -120,7 +122,7 @@ impl InstanceScorer {
 }
 
 impl<'p> SceneOverlaps<'p> {
-    fn of(truth: &[SegmentId], predictions: &'p [PredictedInstance]) -> Self {
+    fn new(truth: &[SegmentId], predictions: &'p [PredictedInstance]) -> Self {
         let mut areas: BTreeMap<SegmentId, usize> = BTreeMap::new();
         truth.iter().filter(|id| **id != 0).for_each(|id| *areas.entry(*id).or_default() += 1);
         areas.retain(|_, area| *area >= MIN_INSTANCE_VERTICES);
@@ -142,7 +144,7 @@ impl<'p> SceneOverlaps<'p> {
         Self { truths: truths.into_values().collect(), predictions, ignored }
     }
 
-    /// The IoU of a true instance and a prediction that share vertices.
+    /// IoU of a true instance and an overlapping prediction.
     fn iou(&self, truth: &Truth, (prediction, shared): (usize, usize)) -> f64 {
         shared as f64 / (truth.vertices + self.predictions[prediction].vertices.len() - shared) as f64
     }
@@ -150,7 +152,7 @@ impl<'p> SceneOverlaps<'p> {
 
 impl Matches {
     fn add(&mut self, scene: &SceneOverlaps<'_>) {
-        // True instances take predictions in turn; one that is taken matches no other.
+        // True instances are matched in order. A prediction matches at most one of them.
         let mut is_taken = vec![false; scene.predictions.len()];
         let mut has_match = vec![false; scene.predictions.len()];
         for truth in &scene.truths {
@@ -166,7 +168,7 @@ impl Matches {
                         best = Some(confidence);
                         is_taken[overlap.0] = true;
                     }
-                    // Of two predictions of one instance, the less sure one is wrong.
+                    // Of two predictions for one instance, the less confident one is wrong.
                     Some(best) => {
                         self.predictions.push((best.min(confidence), false));
                         *best = best.max(confidence);
@@ -185,20 +187,20 @@ impl Matches {
         }
     }
 
-    /// The area under the curve of precision over recall, from 0 to 1.
+    /// The area under the precision-recall curve, from 0 to 1.
     fn average_precision(&self) -> f64 {
         let mut sorted = self.predictions.clone();
         sorted.sort_by(|left, right| right.0.total_cmp(&left.0));
-        let right_ones = sorted.iter().filter(|(_, is_right)| *is_right).count();
-        let true_instances = (right_ones + self.missed) as f64;
-        // From the most confident ones down: recall rises from 0.
+        let total_right = sorted.iter().filter(|(_, is_right)| *is_right).count();
+        let true_instances = (total_right + self.missed) as f64;
+        // By decreasing confidence, so recall rises from 0.
         let (mut points, mut right, mut taken) = (vec![(0.0, 1.0)], 0, 0);
         for same in sorted.chunk_by(|left, right| left.0 == right.0) {
             right += same.iter().filter(|(_, is_right)| *is_right).count();
             taken += same.len();
             points.push((right as f64 / true_instances.max(1.0), right as f64 / taken as f64));
         }
-        // The trapezoidal rule, with half the first and the last interval left to the ends.
+        // The trapezoidal rule. The end points get half of the first and the last interval.
         let recall = |place: usize| points[place.min(points.len() - 1)].0;
         let width = |place: usize| 0.5 * (recall(place + 1) - if place == 0 { 0.0 } else { recall(place - 1) });
         points.iter().enumerate().map(|(place, (_, precision))| precision * width(place)).sum()
@@ -209,7 +211,7 @@ impl Matches {
 mod tests {
     use super::*;
 
-    /// Instances of 100 vertices each, `truth[i]` for the vertices of block i.
+    /// Blocks of 100 vertices, with `truth[i]` for the vertices of block i.
     fn blocks(truth: &[SegmentId]) -> Vec<SegmentId> {
         truth.iter().flat_map(|id| std::iter::repeat_n(*id, 100)).collect()
     }
@@ -235,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn scorers_of_single_scenes_come_to_the_scores_of_all() {
+    fn merged_scorers_of_single_scenes_equal_one_of_all_scenes() {
         let scenes = [
             (blocks(&[1, 2, 2]), vec![prediction(0.9, 0..1), prediction(0.2, 1..2)]),
             (blocks(&[5, 0, 6]), vec![prediction(0.7, 2..3), prediction(0.8, 0..2)]),
@@ -253,11 +255,11 @@ mod tests {
     }
 
     #[test]
-    fn small_and_unlabelled_parts_are_forgiven() {
+    fn small_and_unlabelled_parts_are_ignored() {
         let mut scorer = InstanceScorer::default();
         let mut truth = blocks(&[1, 0]);
         truth.extend(std::iter::repeat_n(7, MIN_INSTANCE_VERTICES - 1));
-        // On the instance, on unlabelled ground, on the instance that is too small, and too small itself.
+        // Predictions on the instance, on unlabelled vertices, on the too small instance, and a too small prediction.
         let small = PredictedInstance { confidence: 1.0, vertices: (0..MIN_INSTANCE_VERTICES - 1).collect() };
         let on_small = PredictedInstance { confidence: 0.9, vertices: (190..299).collect() };
         scorer.add_scene(&truth, &[prediction(0.5, 0..1), prediction(0.9, 1..2), on_small, small]).unwrap();

@@ -1,9 +1,8 @@
-//! Video segmentation quality (VSQ) and segmentation and tracking quality (STQ), class-agnostic.
+//! Class-agnostic video segmentation quality (VSQ) and segmentation and tracking quality (STQ).
 //!
-//! Labels in, numbers out: [`VideoScorer`] takes one frame at a time and keeps counts, not images; [`DatasetScore`] sums
-//! the counts of videos. Two protocols define both metrics, see [`Protocol`]. How well objects keep their ids is also
-//! reported by the size of the object, see [`SizeScores`], and how well single frames are segmented, see
-//! [`SingleFrameScores`].
+//! [`VideoScorer`] receives labels one frame at a time and keeps counts instead of images. [`DatasetScore`] sums the
+//! counts of videos. There are two definitions of both metrics, see [`Protocol`]. [`SizeScores`] reports id consistency
+//! by object size, and [`SingleFrameScores`] the segmentation quality of single frames.
 //!
 //! ```
 //! use splatseg_geometry::SegmentMap;

@@ -1,11 +1,11 @@
-//! How many pixels each true segment shares with each predicted label in one frame.
+//! Overlaps of true segments and predicted labels in one frame.
 
 use crate::prediction::Labels;
 use crate::{ScoreSettings, Void};
 use splatseg_geometry::{MaskRuns, SegmentId, SegmentMap};
 use std::collections::BTreeMap;
 
-/// Pixels that a true segment (0: unlabelled) shares with a predicted label (0: none).
+/// Number of pixels shared by a true segment (0: unlabelled) and a predicted label (0: none).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Overlap {
     pub(crate) truth: SegmentId,
@@ -13,17 +13,18 @@ pub(crate) struct Overlap {
     pub(crate) pixels: u64,
 }
 
-/// All that the metrics need to know about one frame. True segments below the minimum area are left out, and so are
-/// predictions on unlabelled pixels if the settings say so.
+/// The counts of one frame from which all metrics are computed. True segments below the minimum area are left out, as
+/// are predictions on unlabelled pixels with [`Void::Excluded`].
 #[derive(Debug)]
 pub(crate) struct FrameOverlaps {
     /// Area of every true segment.
     pub(crate) truth_areas: BTreeMap<SegmentId, u64>,
-    /// Every predicted label (above 0) with its whole mask, against every true id and unlabelled pixels (0).
+    /// Overlaps of every predicted label (above 0), with its whole mask, and every true id or unlabelled pixels (0).
     full: Vec<Overlap>,
-    /// The same with one label per pixel; `None` if that is already so in `full`, because no masks overlap.
+    /// The same with one label per pixel. `None` for a prediction with one label per pixel, for which `full` is the
+    /// same.
     flat: Option<Vec<Overlap>>,
-    /// Labels of predicted masks without any pixel.
+    /// Labels of predicted masks without pixels.
     pub(crate) empty_labels: Vec<SegmentId>,
     /// Pixels with a true and a predicted label.
     pub(crate) labelled_predicted: u64,
@@ -67,19 +68,19 @@ impl FrameOverlaps {
         Self { truth_areas, full, flat, empty_labels, labelled_predicted, labelled_missed, unlabelled_predicted }
     }
 
-    /// Every predicted mask as it is.
+    /// Overlaps with every predicted mask in full.
     pub(crate) fn full(&self) -> &[Overlap] {
         &self.full
     }
 
-    /// One label per pixel.
+    /// Overlaps with one label per pixel.
     pub(crate) fn flat(&self) -> &[Overlap] {
         self.flat.as_ref().unwrap_or(&self.full)
     }
 }
 
-/// One label per pixel from masks that may overlap: the smallest mask is on top; among masks of equal size, that with
-/// the lowest label. The paper's code composites masks in the same order (`binmasks_to_panomask` in `metrics/utils.py`).
+/// Composites masks that may overlap to one label per pixel. The smallest mask is on top; ties go to the lowest label.
+/// The paper's code uses the same order (`binmasks_to_panomask` in `metrics/utils.py`).
 pub(crate) fn composited(masks: &[(SegmentId, MaskRuns)], pixels: usize) -> Vec<SegmentId> {
     let mut order: Vec<&(SegmentId, MaskRuns)> = masks.iter().collect();
     order.sort_by_key(|(label, runs)| std::cmp::Reverse((runs.area(), *label)));
@@ -92,7 +93,7 @@ pub(crate) fn composited(masks: &[(SegmentId, MaskRuns)], pixels: usize) -> Vec<
     map
 }
 
-/// Counts equal (truth, label) pairs, label 0 included. Neighbours mostly agree, so runs are collected first.
+/// Counts equal (truth, label) pairs, including label 0. Collects runs first, since neighbours are mostly equal.
 fn overlaps_of_map(truth: &SegmentMap, labels: &[SegmentId]) -> Vec<Overlap> {
     let mut pairs = truth.pixels().iter().zip(labels);
     let Some((truth_id, label)) = pairs.next() else { return Vec::new() };
@@ -122,7 +123,7 @@ fn overlaps_of_masks(truth: &SegmentMap, masks: &[(SegmentId, MaskRuns)]) -> Vec
     merged(runs)
 }
 
-/// Adds up the runs of each (truth, label); the result is sorted by both.
+/// Sums the runs of each (truth, label). The result is sorted by both.
 fn merged(mut runs: Vec<Overlap>) -> Vec<Overlap> {
     runs.sort_unstable_by_key(|run| (run.truth, run.label));
     runs.dedup_by(|later, first| {

@@ -4,32 +4,32 @@ use crate::MetricsError;
 use splatseg_geometry::{Mask, MaskRuns, SegmentId, SegmentMap};
 use std::collections::BTreeSet;
 
-/// The predicted segments of one frame, in the size of its ground truth. Predicted ids need not match the true ones.
+/// The predicted segments of one frame, with the size of its ground truth. Predicted ids need not match the true ones.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum FramePrediction<'a> {
-    /// One id per pixel, `[height, width]`, 0 where there is none; an id stays with its object through the video.
+    /// One id per pixel, `[height, width]`, 0 for none. An object keeps its id through the video.
     Ids(&'a SegmentMap),
-    /// Masks that may overlap, with ids above 0 that stay with their objects through the video; each id at most once.
+    /// Masks with ids above 0, each id at most once. Masks may overlap. An object keeps its id through the video.
     Masks(&'a [(SegmentId, Mask)]),
-    /// Masks without ids, which may overlap, from a method that segments each frame on its own. Masks of consecutive
-    /// frames are linked by a [`MaskLinker`](splatseg_geometry::MaskLinker); a tube without a partner in the next frame
-    /// ends. VSQ cuts the linked tubes at its windows, STQ takes them over the whole video.
+    /// Masks without ids, from a method that segments each frame on its own. Masks may overlap. Masks of consecutive
+    /// frames are linked by a [`MaskLinker`](splatseg_geometry::MaskLinker). A tube without a partner in the next frame
+    /// ends. VSQ cuts the linked tubes at its windows, STQ uses them over the whole video.
     Unlinked(&'a [Mask]),
 }
 
-/// Whether a video's predictions carry ids.
+/// Type of a video's predictions: with ids or without.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Linkage {
     Ids,
     Unlinked,
 }
 
-/// The predicted labels of one frame, after checks.
+/// The validated predicted labels of one frame.
 pub(crate) enum Labels<'a> {
     /// One label per pixel.
     Map(&'a SegmentMap),
-    /// Labels above 0 and their pixels, which may overlap.
+    /// Labels above 0 with their pixels, which may overlap.
     Masks(Vec<(SegmentId, MaskRuns)>),
 }
 
@@ -41,8 +41,8 @@ impl<'a> FramePrediction<'a> {
         }
     }
 
-    /// The labels of frame `frame`, an image of `size` = (width, height). A mask without id is labelled with its index
-    /// plus 1.
+    /// Validates the prediction of frame `frame`, an image of `size` = (width, height). A mask without an id is
+    /// labelled with its index plus 1.
     pub(crate) fn labels(&self, frame: usize, size: (usize, usize)) -> Result<Labels<'a>, MetricsError> {
         let same_size = |found: (usize, usize)| {
             if found == size { Ok(()) } else { Err(MetricsError::PredictionSize { frame, found, expected: size }) }

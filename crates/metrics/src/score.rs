@@ -6,7 +6,7 @@ use crate::{StqCounts, VsqCounts, WindowLength};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Scores, percent (except for the numbers in [`SizeScores`]); `None` (JSON `null`) where there is nothing to divide by.
+/// Scores in percent (except for the numbers in [`SizeScores`]). `None` (JSON `null`) where the denominator is 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Scores {
@@ -14,22 +14,22 @@ pub struct Scores {
     pub vsq: Option<f64>,
     /// VSQ^k by window length k.
     pub vsq_k: BTreeMap<WindowLength, Option<f64>>,
-    /// √(AQ · SQ). Never `None` under the strict protocol, where division by zero gives 0, as in STEP's code.
+    /// √(AQ · SQ). Never `None` under the strict protocol, in which division by zero gives 0, as in STEP's code.
     pub stq: Option<f64>,
-    /// Association quality; 0 without true tracks. Under the paper protocol it can exceed 100 where overlapping masks
-    /// cover the same object, which the paper's code allows; see `overcounted_tracks`.
+    /// Association quality. 0 without true tracks. Under the paper protocol, as in the paper's code, it can exceed 100
+    /// if overlapping masks cover the same object; see `overcounted_tracks`.
     pub aq: Option<f64>,
     /// Segmentation quality.
     pub sq: Option<f64>,
     /// True tracks that `aq` and `stq` count more than once; see [`StqCounts::overcounted_tracks`].
     pub overcounted_tracks: u64,
-    /// How well objects keep their ids, by their size.
+    /// Id consistency by object size.
     pub by_size: BTreeMap<SizeClass, SizeScores>,
-    /// How well single frames are segmented; the same under both protocols.
+    /// Segmentation quality of single frames. The same under both protocols.
     pub single_frames: SingleFrameScores,
 }
 
-/// The counts that scores are computed from. Counts of several videos can be added.
+/// The counts from which scores are computed. Counts of several videos can be added.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct RawCounts {
@@ -37,7 +37,7 @@ pub struct RawCounts {
     pub vsq_k: BTreeMap<WindowLength, VsqCounts>,
     /// Counts of STQ.
     pub stq: StqCounts,
-    /// Counts of ids, by size of the object; every class is there.
+    /// Counts of ids by object size, for every class.
     pub by_size: BTreeMap<SizeClass, SizeCounts>,
     /// Counts of single frames.
     pub single_frames: SingleFrameCounts,
@@ -108,13 +108,13 @@ impl VideoScore {
         &self.counts
     }
 
-    /// The settings that the video was scored with.
+    /// The settings with which the video was scored.
     pub fn settings(&self) -> &ScoreSettings {
         &self.settings
     }
 }
 
-/// Scores over the videos of a dataset: tracks, tubes and pixels are summed; scores of videos are not averaged.
+/// Scores over the videos of a dataset, from the summed counts of tracks, tubes and pixels, not an average over videos.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DatasetScore {
     settings: ScoreSettings,
@@ -123,7 +123,7 @@ pub struct DatasetScore {
 }
 
 impl DatasetScore {
-    /// A dataset without videos yet. All of its videos must be scored with `settings`.
+    /// Creates an empty dataset score. All videos must be scored with `settings`.
     pub fn new(settings: ScoreSettings) -> Self {
         Self { settings, counts: RawCounts::zero(), videos: 0 }
     }
@@ -131,7 +131,7 @@ impl DatasetScore {
     /// Adds a video.
     ///
     /// # Errors
-    /// [`MetricsError::SettingsDiffer`] if it was scored with other settings; then nothing is added.
+    /// [`MetricsError::SettingsDiffer`] if it was scored with other settings. Nothing is added then.
     pub fn add(&mut self, video: &VideoScore) -> Result<(), MetricsError> {
         if video.settings != self.settings {
             return Err(MetricsError::SettingsDiffer { found: video.settings, expected: self.settings });
@@ -151,7 +151,7 @@ impl DatasetScore {
         &self.counts
     }
 
-    /// The number of videos added.
+    /// Number of videos added.
     pub fn videos(&self) -> u64 {
         self.videos
     }

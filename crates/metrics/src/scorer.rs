@@ -1,4 +1,4 @@
-//! Scoring a video frame by frame.
+//! Scores a video frame by frame.
 
 use crate::by_size::SizeAccumulator;
 use crate::overlap::{FrameOverlaps, composited};
@@ -12,8 +12,8 @@ use splatseg_geometry::{MaskLinker, MaskRuns, SegmentId, SegmentMap};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-/// Scores one video, a frame at a time. Frames are counted, not kept: memory grows with the number of overlapping
-/// tubes, not with the number of frames.
+/// Scores one video, a frame at a time. Only counts are kept, so memory grows with the number of overlapping tubes, not
+/// with the number of frames.
 #[derive(Clone, Debug)]
 pub struct VideoScorer {
     settings: ScoreSettings,
@@ -28,7 +28,7 @@ pub struct VideoScorer {
 }
 
 impl VideoScorer {
-    /// A video without frames yet.
+    /// Creates a scorer without frames.
     pub fn new(settings: ScoreSettings) -> Self {
         Self {
             settings,
@@ -43,18 +43,18 @@ impl VideoScorer {
         }
     }
 
-    /// Scores the next frame. `ground_truth` is `[height, width]` of true ids, 0 where unlabelled; ids stay with their
-    /// objects through the video. The prediction has the same size.
+    /// Scores the next frame. `ground_truth` contains true ids, `[height, width]`, 0 where unlabelled. Each object
+    /// keeps its id through the video. The prediction must have the same size.
     ///
     /// # Errors
-    /// If sizes differ, predicted ids are invalid (see [`MetricsError`]), or predictions with and without ids are mixed.
-    /// Then nothing of the frame is counted.
+    /// If sizes differ, predicted ids are invalid (see [`MetricsError`]), or predictions with and without ids are
+    /// mixed. The frame is not counted then.
     pub fn push(&mut self, ground_truth: &SegmentMap, prediction: &FramePrediction) -> Result<(), MetricsError> {
         self.push_with_confidences(ground_truth, prediction, None)
     }
 
-    /// Scores the next frame, as [`Self::push`], with the confidences of its segments by id, or by index plus 1 where masks
-    /// have no ids; 0 for those that are not named. Without them there is no average precision.
+    /// Scores the next frame like [`Self::push`]. `confidences` contains the confidence of each segment by id, or by
+    /// index plus 1 for masks without ids; the default is 0. Average precision requires confidences.
     ///
     /// # Errors
     /// As [`Self::push`].
@@ -79,12 +79,12 @@ impl VideoScorer {
             (linkage, self.settings.protocol, &mut labels)
             && masks.is_empty()
         {
-            // The paper's `collect_rle_window` replaces no masks with one empty mask, which is a false positive.
+            // The paper's `collect_rle_window` replaces an empty list by one empty mask, which is a false positive.
             masks.push((1, MaskRuns::default()));
         }
         let overlaps = FrameOverlaps::count(ground_truth, &labels, &self.settings);
         self.single_frames.push(&overlaps, boundaries(ground_truth, &labels, &overlaps, &self.settings), confidences);
-        // Linking is part of the prediction: it uses the whole masks, unlabelled pixels included.
+        // Linking is part of the prediction, so it uses the whole masks, including unlabelled pixels.
         let tube_of_label = match (linkage, labels) {
             (Linkage::Unlinked, Labels::Masks(masks)) => {
                 let masks = masks.into_iter().map(|(_, runs)| runs).collect();
@@ -100,12 +100,12 @@ impl VideoScorer {
         Ok(())
     }
 
-    /// The number of frames scored so far.
+    /// Number of frames scored so far.
     pub fn frames(&self) -> usize {
         self.frames
     }
 
-    /// Ends the video.
+    /// Returns the score of the video.
     pub fn finish(self) -> VideoScore {
         let counts = RawCounts {
             vsq_k: WindowLength::ALL.into_iter().zip(self.vsq.finish()).collect(),
@@ -118,7 +118,7 @@ impl VideoScorer {
     }
 }
 
-/// The boundaries of a frame. True segments that are too small count as unlabelled.
+/// Counts the boundaries of a frame. True segments below the minimum area count as unlabelled.
 fn boundaries(
     truth: &SegmentMap,
     labels: &Labels,

@@ -1,27 +1,27 @@
-//! The definition of the metrics, and what is scored.
+//! Settings of scores: the definition of the metrics and the pixels that count.
 
 use serde::{Deserialize, Serialize};
 
-/// Which definition of VSQ and STQ is used. Every table of scores should say which one.
+/// Definition of VSQ and STQ. Every table of scores should name it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Protocol {
-    /// What the paper's released evaluation code computes (`opipari/FastSPAM`, `video_segmentation/metrics`,
-    /// `evaluate_iVPQ.py` and `evaluate_STQ.py`), so that scores can be compared with the paper's tables:
+    /// The paper's released evaluation code (`opipari/FastSPAM`, `video_segmentation/metrics`, `evaluate_iVPQ.py` and
+    /// `evaluate_STQ.py`), for comparison with the paper's tables:
     ///
-    /// - VSQ windows start at 0, 15, 30, … while start < frames − 15; tubes are matched on the F-score and every
-    ///   matched pair that overlaps at all is a true positive; a video without any true tube in its windows of a
-    ///   length is left out at that length, false positives included;
-    /// - SQ is the mean IoU of the classes object and background, where predictions on unlabelled ground are left out
-    ///   and the background never intersects: half the recall of labelled pixels, or 1 if none is missed;
-    /// - AQ uses every predicted mask as it is, even where masks overlap.
+    /// - VSQ windows start at 0, 15, 30, … while start < frames − 15. Tubes are matched on the F-score, and every
+    ///   matched pair with any overlap is a true positive. A video without true tubes in any of its windows of a length
+    ///   is left out at that length, including its false positives.
+    /// - SQ is the mean IoU of the classes object and background. Predictions on unlabelled pixels are ignored and the
+    ///   background never intersects, so SQ is half the recall of labelled pixels, or 1 if none is missed.
+    /// - AQ uses every predicted mask in full, even where masks overlap.
     #[default]
     Paper,
-    /// The definitions that the paper's formulas come from: VSQ^k with one window of k frames every 15 frames as long as it fits, the Hungarian
-    /// algorithm on the IoU and true positives only above 0.5 (as VPQ, Kim et al. 2020); STQ as in STEP (Weber et al.
-    /// 2021), with SQ the IoU between all predicted and all labelled pixels. Where predicted masks overlap, STQ gives
-    /// the pixel to the smallest of them (of equal ones to the lowest id), because its definition has one id per
-    /// pixel; VSQ uses every mask as it is.
+    /// The definitions behind the paper's formulas. VSQ^k follows VPQ (Kim et al. 2020): one window of k frames every
+    /// 15 frames as long as it fits, the Hungarian algorithm on the IoU, and true positives only above 0.5. STQ is as
+    /// in STEP (Weber et al. 2021): SQ is the IoU between all predicted and all labelled pixels. Where predicted masks
+    /// overlap, STQ assigns the pixel to the smallest (ties: to the lowest id), because its definition has one id per
+    /// pixel. VSQ uses every mask in full.
     Strict,
 }
 
@@ -35,15 +35,15 @@ impl Protocol {
     }
 }
 
-/// How predicted pixels count where the ground truth has no label (id 0).
+/// Treatment of predicted pixels where the ground truth has no label (id 0).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[non_exhaustive]
 #[serde(rename_all = "lowercase")]
 pub enum Void {
-    /// They count against the prediction.
+    /// These pixels count against the prediction.
     #[default]
     Counted,
-    /// They are removed before scoring; a predicted tube that has no other pixels disappears.
+    /// These pixels are removed before scoring. A predicted tube without other pixels disappears.
     Excluded,
 }
 
@@ -53,9 +53,9 @@ pub enum Void {
 pub struct ScoreSettings {
     /// The definition of the metrics.
     pub protocol: Protocol,
-    /// How predictions on unlabelled pixels count.
+    /// Treatment of predictions on unlabelled pixels.
     pub void: Void,
     /// True segments with less than this fraction of the image's pixels in a frame become unlabelled in that frame.
-    /// 0 (the default) keeps all; MVPd is scored with 0.001 (`filter_idmask_area` of `MVPdHelpers.py`).
+    /// 0 (the default) keeps all. MVPd is scored with 0.001 (`filter_idmask_area` of `MVPdHelpers.py`).
     pub min_ground_truth_area: f64,
 }

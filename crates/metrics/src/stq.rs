@@ -15,8 +15,8 @@ pub struct StqCounts {
     pub sum_association: f64,
     /// Number of true tracks.
     pub tracks: u64,
-    /// How many of them are counted more than once: their overlaps with all predicted tracks come to more than their
-    /// area, because predicted masks overlap there. `sum_association` can then exceed `tracks`. Always 0 under
+    /// Number of true tracks that are counted more than once: overlapping predicted masks make the sum of their
+    /// overlaps with all predicted tracks exceed their area. `sum_association` can then exceed `tracks`. Always 0 under
     /// [`Protocol::Strict`].
     pub overcounted_tracks: u64,
     /// Pixels with a true and a predicted label.
@@ -28,15 +28,14 @@ pub struct StqCounts {
 }
 
 impl StqCounts {
-    /// Association quality, in [0, 1] where predicted masks do not overlap; 0 without tracks.
+    /// Association quality, in [0, 1] if predicted masks do not overlap; 0 without tracks.
     pub fn association_quality(&self) -> f64 {
         if self.tracks == 0 { 0.0 } else { self.sum_association / self.tracks as f64 }
     }
 
     /// Segmentation quality in [0, 1].
     ///
-    /// Where there is nothing to divide by, `Strict` gives 0 as STEP's code, and `Paper` gives `None`, where the
-    /// paper's code has NaN.
+    /// If the denominator is 0, `Strict` gives 0, as in STEP's code. `Paper` gives `None`; the paper's code gives NaN.
     pub fn segmentation_quality(&self, protocol: Protocol) -> Option<f64> {
         let labelled = self.labelled_predicted + self.labelled_missed;
         let ratio = |intersection: u64, union: u64| intersection as f64 / union as f64;
@@ -47,14 +46,14 @@ impl StqCounts {
             }
             Protocol::Paper => {
                 let recall = (labelled > 0).then(|| ratio(self.labelled_predicted, labelled))?;
-                // Background is a class as soon as a labelled pixel is missed, and its IoU is 0.
+                // If any labelled pixel is missed, background is a class with IoU 0.
                 let classes = if self.labelled_missed > 0 { 2.0 } else { 1.0 };
                 Some(recall / classes)
             }
         }
     }
 
-    /// STQ in [0, 1]; `None` where the segmentation quality is.
+    /// STQ in [0, 1]. `None` if the segmentation quality is `None`.
     pub fn quality(&self, protocol: Protocol) -> Option<f64> {
         self.segmentation_quality(protocol).map(|segmentation| (self.association_quality() * segmentation).sqrt())
     }
@@ -69,7 +68,7 @@ impl StqCounts {
     }
 }
 
-/// Collects the counts of STQ, frame by frame. Holds one count for each pair of tracks that overlap anywhere.
+/// Collects the counts of STQ, frame by frame. Keeps one count for each overlapping pair of tracks.
 #[derive(Clone, Debug)]
 pub(crate) struct StqAccumulator {
     protocol: Protocol,
@@ -94,7 +93,7 @@ impl StqAccumulator {
         self.counts.unlabelled_predicted += frame.unlabelled_predicted;
     }
 
-    /// What each true track so far contributes to [`StqCounts::sum_association`]; tracks without any overlap are absent.
+    /// Contribution of each true track so far to [`StqCounts::sum_association`]. Tracks without overlap are absent.
     pub(crate) fn associations(&self) -> BTreeMap<SegmentId, f64> {
         let mut associations = BTreeMap::new();
         for (truth, _, areas) in self.tracks.pairs() {
@@ -130,7 +129,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_to_divide_by() {
+    fn quality_of_empty_counts() {
         let empty = StqCounts::default();
         assert_eq!(empty.quality(Protocol::Strict), Some(0.0));
         assert_eq!(empty.quality(Protocol::Paper), None);

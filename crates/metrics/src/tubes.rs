@@ -1,16 +1,16 @@
-//! Tubes, a segment's masks over several frames, as pixel counts.
+//! Pixel counts of tubes. A tube is the masks of a segment over several frames.
 
 use crate::overlap::{FrameOverlaps, Overlap};
 use splatseg_geometry::SegmentId;
 use std::collections::BTreeMap;
 
-/// The number of a predicted tube: its id, or a running number where masks are linked.
+/// Number of a predicted tube: its id, or a running number for linked masks.
 pub(crate) type TubeId = u64;
 
-/// Which tube each label of a frame belongs to.
+/// Mapping from the labels of a frame to tubes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum TubeOfLabel<'a> {
-    /// Labels are ids, the same in every frame.
+    /// Labels are ids that are the same in every frame.
     Id,
     /// Label `i + 1` belongs to tube `tubes[i]`.
     Linked(&'a [TubeId]),
@@ -25,8 +25,8 @@ impl TubeOfLabel<'_> {
     }
 }
 
-/// Areas of the true and predicted tubes of some frames, and of their intersections: all that VSQ needs to know about a
-/// window, and STQ about a video. The maps are ordered, so that sums are always taken in the same order.
+/// Areas of the true and predicted tubes of several frames, and of their intersections, for VSQ of a window or STQ of a
+/// video. The maps are ordered, so that sums are always computed in the same order.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TubeCounts {
     pub(crate) truth_areas: BTreeMap<SegmentId, u64>,
@@ -36,7 +36,7 @@ pub(crate) struct TubeCounts {
 }
 
 impl TubeCounts {
-    /// Adds a frame. `overlaps` are its `full` or `flat` ones.
+    /// Adds a frame. `overlaps` are its [`full`](FrameOverlaps::full) or [`flat`](FrameOverlaps::flat) overlaps.
     pub(crate) fn add(&mut self, frame: &FrameOverlaps, overlaps: &[Overlap], tube_of_label: TubeOfLabel) {
         for (truth, area) in &frame.truth_areas {
             *self.truth_areas.entry(*truth).or_insert(0) += area;
@@ -50,12 +50,12 @@ impl TubeCounts {
         }
     }
 
-    /// Adds a predicted tube, without pixels if it is new.
+    /// Adds a predicted tube without pixels, unless it exists.
     pub(crate) fn add_empty_tube(&mut self, tube: TubeId) {
         self.predicted_areas.entry(tube).or_insert(0);
     }
 
-    /// Every overlapping pair with (intersection, true area, predicted area), by true and then predicted tube.
+    /// Every overlapping pair with its areas, sorted by true tube, then by predicted tube.
     pub(crate) fn pairs(&self) -> impl Iterator<Item = (SegmentId, TubeId, PairAreas)> + '_ {
         self.intersections.iter().map(|((truth, tube), intersection)| {
             let areas = PairAreas {
@@ -68,7 +68,7 @@ impl TubeCounts {
     }
 }
 
-/// Pixel counts of a true and a predicted tube that overlap.
+/// Pixel counts of an overlapping pair of a true and a predicted tube.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PairAreas {
     pub(crate) intersection: u64,

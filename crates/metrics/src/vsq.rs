@@ -6,10 +6,10 @@ use crate::tubes::{PairAreas, TubeCounts, TubeId, TubeOfLabel};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Candidate, Ratio, SegmentId, best_assignment};
 
-/// Frames from the start of one window to the start of the next.
+/// Number of frames from the start of one window to the start of the next.
 const WINDOW_STEP: usize = 15;
 
-/// The window lengths k over which VSQ is the mean. As JSON keys: `"1"`, `"5"`, `"10"`, `"15"`.
+/// The window lengths k over which VSQ is averaged. JSON keys are `"1"`, `"5"`, `"10"` and `"15"`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum WindowLength {
@@ -28,7 +28,7 @@ pub enum WindowLength {
 }
 
 impl WindowLength {
-    /// All lengths, increasing.
+    /// All lengths, in increasing order.
     pub const ALL: [Self; 4] = [Self::One, Self::Five, Self::Ten, Self::Fifteen];
 
     /// The number of frames k.
@@ -41,8 +41,8 @@ impl WindowLength {
         }
     }
 
-    /// The frames that a video must have to contain one window. The paper's code counts a window, whatever its length,
-    /// only where another one could follow it.
+    /// Minimum number of frames of a video with at least one window. The paper's code counts a window of any length
+    /// only if at least one frame follows its 15 frames.
     pub fn least_frames(self, protocol: Protocol) -> usize {
         match protocol {
             Protocol::Paper => WINDOW_STEP + 1,
@@ -57,21 +57,21 @@ impl WindowLength {
 pub struct VsqCounts {
     /// Sum of the true positives' IoU.
     pub sum_iou: f64,
-    /// Matched tubes that count as correct.
+    /// Number of matched pairs that count as correct.
     #[serde(rename = "tp")]
     pub true_positives: u64,
-    /// Predicted tubes without a true one.
+    /// Number of other predicted tubes.
     #[serde(rename = "fp")]
     pub false_positives: u64,
-    /// True tubes without a predicted one.
+    /// Number of other true tubes.
     #[serde(rename = "fn")]
     pub false_negatives: u64,
-    /// Windows that were scored.
+    /// Number of scored windows.
     pub windows: u64,
 }
 
 impl VsqCounts {
-    /// VSQ^k in [0, 1]; `None` if there was no tube at all.
+    /// VSQ^k in [0, 1]. `None` without tubes.
     pub fn quality(&self) -> Option<f64> {
         let tubes = 2 * self.true_positives + self.false_positives + self.false_negatives;
         (tubes > 0).then(|| self.sum_iou / (tubes as f64 / 2.0))
@@ -92,7 +92,7 @@ impl VsqCounts {
                 Protocol::Paper => Ratio::f_score(areas.intersection, areas.truth, areas.predicted),
                 Protocol::Strict => iou,
             };
-            // Where several assignments have the same sum, the one with the highest score is taken.
+            // Ties between assignments go to the one with the highest score.
             let credit = is_true_positive(iou, protocol).then_some(iou);
             (Candidate::new(u64::from(truth), tube, matched_on, credit), iou)
         };
@@ -110,7 +110,7 @@ impl VsqCounts {
     }
 }
 
-/// Whether a matched pair counts: always in the paper's code, above one half in VPQ's definition.
+/// True if a matched pair counts as correct: with any overlap in the paper's code, above IoU 0.5 in VPQ's definition.
 fn is_true_positive(iou: Ratio, protocol: Protocol) -> bool {
     match protocol {
         Protocol::Paper => iou.numerator > 0,
@@ -118,14 +118,14 @@ fn is_true_positive(iou: Ratio, protocol: Protocol) -> bool {
     }
 }
 
-/// Collects the counts of VSQ, frame by frame. Holds the tubes of the current window only.
+/// Collects the counts of VSQ, frame by frame. Keeps only the tubes of the current window.
 #[derive(Clone, Debug)]
 pub(crate) struct VsqAccumulator {
     protocol: Protocol,
     frames_in_window: usize,
     window: TubeCounts,
-    /// Counts of the current window, by [`WindowLength::ALL`]. The paper's code counts a window only if a frame follows
-    /// it, which is not known until that frame arrives.
+    /// Counts of the current window, in the order of [`WindowLength::ALL`]. The paper's code counts a window only if a
+    /// frame follows it, so the counts are provisional until that frame arrives.
     provisional: [VsqCounts; 4],
     confirmed: [VsqCounts; 4],
 }
@@ -171,12 +171,12 @@ impl VsqAccumulator {
         }
     }
 
-    /// The counts of all confirmed windows, by [`WindowLength::ALL`].
+    /// The counts of all confirmed windows, in the order of [`WindowLength::ALL`].
     pub(crate) fn finish(self) -> [VsqCounts; 4] {
         self.confirmed.map(|counts| {
-            // `summarize_iVPQ` of the paper's code leaves out a video in which nothing was to be found.
-            let nothing_to_find = counts.true_positives + counts.false_negatives == 0;
-            if self.protocol == Protocol::Paper && nothing_to_find {
+            // `summarize_iVPQ` of the paper's code leaves out a video without true tubes.
+            let has_no_truth = counts.true_positives + counts.false_negatives == 0;
+            if self.protocol == Protocol::Paper && has_no_truth {
                 VsqCounts { windows: counts.windows, ..VsqCounts::default() }
             } else {
                 counts

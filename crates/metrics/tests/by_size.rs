@@ -1,4 +1,4 @@
-//! Ids by the size of the object: small videos whose counts are known, and what must hold for any video.
+//! Id consistency by object size: small videos with known counts, and properties of any video.
 
 use proptest::prelude::*;
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
@@ -33,7 +33,7 @@ impl Rectangle {
     }
 }
 
-/// Later rectangles lie over earlier ones.
+/// Draws the rectangles in order, later ones on top.
 fn map(rectangles: &[Rectangle]) -> SegmentMap {
     SegmentMap::from_fn(WIDTH, HEIGHT, |column, row| {
         rectangles.iter().rfind(|rectangle| rectangle.covers(column, row)).map_or(0, |rectangle| rectangle.id)
@@ -51,16 +51,16 @@ fn scored(frames: &[Frame], settings: ScoreSettings) -> VideoScore {
     scorer.finish()
 }
 
-/// The counts of a class with the default settings.
+/// Counts of a size class with the default settings.
 fn counts(frames: &[Frame], class: SizeClass) -> SizeCounts {
     scored(frames, ScoreSettings::default()).counts().by_size[&class]
 }
 
-fn of_protocol(protocol: Protocol) -> ScoreSettings {
+fn with_protocol(protocol: Protocol) -> ScoreSettings {
     ScoreSettings { protocol, ..ScoreSettings::default() }
 }
 
-/// A cup that is predicted exactly, with these ids.
+/// A video of a cup, predicted exactly, with the given id in each frame.
 fn cup_with_ids(ids: &[SegmentId]) -> Vec<Frame> {
     ids.iter().map(|id| (vec![CUP], vec![CUP.with_id(*id)])).collect()
 }
@@ -88,7 +88,7 @@ fn an_id_that_comes_back_is_one_id() {
 }
 
 #[test]
-fn border_pixels_of_a_neighbour_are_no_id() {
+fn a_neighbour_that_spills_over_adds_no_id() {
     let spilling = Rectangle { id: 9, left: 16, top: 0, width: 40, height: 40 };
     let own = vec![CUP.with_id(7)];
     let spilt_over = vec![CUP.with_id(7), spilling];
@@ -101,7 +101,7 @@ fn border_pixels_of_a_neighbour_are_no_id() {
 }
 
 #[test]
-fn half_of_an_object_is_no_id_and_a_pixel_more_is_one() {
+fn an_id_covers_more_than_half_of_the_object() {
     let half = Rectangle { width: 5, ..CUP.with_id(7) };
     let other_half = Rectangle { left: 15, width: 5, ..CUP.with_id(8) };
     let pixel = Rectangle { left: 15, width: 1, height: 1, ..CUP.with_id(7) };
@@ -123,32 +123,32 @@ fn a_mask_that_swallows_the_object_is_its_id() {
 }
 
 #[test]
-fn of_overlapping_masks_the_smallest_is_the_id() {
+fn the_smallest_overlapping_mask_gives_the_id() {
     let everything = Rectangle { id: 3, left: 0, top: 0, width: WIDTH, height: HEIGHT };
     let handle = Rectangle { width: 3, ..CUP.with_id(5) };
     for protocol in [Protocol::Paper, Protocol::Strict] {
-        let mut scorer = VideoScorer::new(of_protocol(protocol));
+        let mut scorer = VideoScorer::new(with_protocol(protocol));
         for masks in [[everything, CUP.with_id(7)], [everything, handle]] {
             scorer.push(&map(&[CUP]), &FramePrediction::Masks(&masks.map(|mask| mask.mask()))).unwrap();
         }
         let small = scorer.finish().counts().by_size[&SizeClass::Small];
-        // The handle leaves 70 % of the cup to the mask of everything.
+        // The mask that covers everything keeps 70 % of the cup, without the handle.
         assert_eq!((small.ids, small.main_id_frames, small.frames), (2, 1, 2), "{protocol:?}");
     }
 }
 
 #[test]
-fn masks_without_ids_have_those_of_their_linked_tubes() {
+fn masks_without_ids_get_ids_by_linking() {
     let elsewhere = Rectangle { id: 2, left: 60, top: 30, width: 20, height: 10 };
     let (cup, other) = (CUP.mask().1, elsewhere.mask().1);
     let frames = [vec![cup.clone(), other.clone()], vec![other.clone(), cup.clone()], vec![other], vec![cup]];
     for protocol in [Protocol::Paper, Protocol::Strict] {
-        let mut scorer = VideoScorer::new(of_protocol(protocol));
+        let mut scorer = VideoScorer::new(with_protocol(protocol));
         for masks in &frames {
             scorer.push(&map(&[CUP, elsewhere]), &FramePrediction::Unlinked(masks)).unwrap();
         }
         let small = scorer.finish().counts().by_size[&SizeClass::Small];
-        // The cup's tube ends where it has no mask, and another begins; the other object has one.
+        // The cup's tube ends in the frame without a mask and a new one begins. The other object has one tube.
         let cup_and_other = (2 + 1, 2 + 3, 4 + 4);
         assert_eq!((small.ids, small.main_id_frames, small.frames), cup_and_other, "{protocol:?}");
     }
@@ -173,14 +173,14 @@ fn sizes_are_means_over_the_frames_that_show_the_object() {
 }
 
 #[test]
-fn settings_hold_here_too() {
+fn settings_apply() {
     let spilling = Rectangle { height: 20, ..CUP.with_id(7) };
     let frames = [(vec![CUP], vec![spilling])];
     for (void, aq) in [(Void::Counted, 50.0), (Void::Excluded, 100.0)] {
         let settings = ScoreSettings { void, ..ScoreSettings::default() };
         assert_eq!(scored(&frames, settings).scores().by_size[&SizeClass::Small].aq, Some(aq));
     }
-    // A frame in which the object is too small does not show it.
+    // A frame in which the object is too small is not counted.
     let sliver = Rectangle { width: 1, ..CUP };
     let frames = [(vec![CUP], vec![CUP.with_id(7)]), (vec![sliver], vec![sliver.with_id(8)])];
     let settings = ScoreSettings { min_ground_truth_area: 0.01, ..ScoreSettings::default() };
@@ -189,7 +189,7 @@ fn settings_hold_here_too() {
 }
 
 #[test]
-fn counts_of_an_older_version_are_no_counts() {
+fn counts_of_an_older_version_are_refused() {
     let mut value = serde_json::to_value(scored(&cup_with_ids(&[7]), ScoreSettings::default())).unwrap();
     assert!(serde_json::from_value::<VideoScore>(value.clone()).is_ok());
     value["counts"].as_object_mut().unwrap().remove("by_size").unwrap();
@@ -221,11 +221,11 @@ fn close(first: f64, second: f64) -> bool {
     (first - second).abs() < 1e-9
 }
 
-/// A video scored with one id per pixel, with overlapping masks, or with masks without ids.
+/// Scores a video with one id per pixel, with overlapping masks, or with masks without ids.
 fn scored_as(form: usize, frames: &[Frame], settings: ScoreSettings) -> VideoScore {
     let mut scorer = VideoScorer::new(settings);
     for (truth, predicted) in frames {
-        // Masks of different ids, as each id may be there once only.
+        // Masks with different ids, as each id may occur only once.
         let masks: Vec<(SegmentId, Mask)> = (1..).zip(predicted).map(|(id, mask)| mask.with_id(id).mask()).collect();
         let bare: Vec<Mask> = masks.iter().map(|(_, mask)| mask.clone()).collect();
         let flat = map(predicted);
@@ -260,7 +260,7 @@ proptest! {
         let mut sum = DatasetScore::new(settings);
         sum.add(&scored(&first, settings)).unwrap();
         sum.add(&scored(&second, settings)).unwrap();
-        // One video of both, in which objects and ids of the second differ from those of the first.
+        // Both videos as one, with objects and ids of the second renumbered to differ from the first.
         let others = |rectangles: &[Rectangle]| rectangles.iter().map(|r| r.with_id(r.id + 50)).collect();
         let second = second.iter().map(|(truth, predicted)| (others(truth), others(predicted)));
         let pooled: Vec<Frame> = first.into_iter().chain(second).collect();

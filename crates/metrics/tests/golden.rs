@@ -1,6 +1,6 @@
-//! Scores against reference numbers: those of the paper's evaluation code, of scipy and of deeplab2.
+//! Comparison of scores with reference numbers from the paper's evaluation code, SciPy and deeplab2.
 //!
-//! `tools/make_metrics_test_data.py` checks the reference numbers in `tests/data` and says where they come from.
+//! `tools/make_metrics_test_data.py` checks the reference numbers in `tests/data` and documents their origin.
 
 mod videos;
 
@@ -12,9 +12,9 @@ use splatseg_metrics::{
 };
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use videos::{HandedAs, LabelledFrame, read_video, score};
+use videos::{LabelledFrame, PredictionForm, read_video, score};
 
-/// deeplab2 and the paper's code add up in f32.
+/// Tolerance for sums in f32, in deeplab2 and the paper's code.
 const SINGLE: f64 = 1e-6;
 const DOUBLE: f64 = 1e-9;
 
@@ -31,7 +31,7 @@ fn settings(protocol: Protocol, void: Void) -> ScoreSettings {
     ScoreSettings { protocol, void, ..ScoreSettings::default() }
 }
 
-/// A percentage against a fraction that may be null.
+/// Compares a percentage with a fraction that may be null.
 #[track_caller]
 fn assert_percent(found: Option<f64>, expected: &Value, tolerance: f64, what: &str) {
     match (found, expected.as_f64()) {
@@ -64,7 +64,7 @@ fn assert_vsq(counts: &RawCounts, scores: &Scores, expected: &Value, what: &str)
     }
 }
 
-/// Scores every video that `expected` has, checks each with `check` and gives the sum.
+/// Scores every video in `expected`, checks each with `check` and returns the sum.
 fn over_videos(
     root: &Path,
     expected: &Value,
@@ -84,14 +84,14 @@ fn over_videos(
 fn check_strict_vsq(root: &Path) {
     let variants = &json(root.join("vsq/expected.json"))["variants"];
     for (name, void) in [("void_counted", Void::Counted), ("void_excluded", Void::Excluded)] {
-        for handed_as in [HandedAs::Ids, HandedAs::Masks] {
+        for form in [PredictionForm::Ids, PredictionForm::Masks] {
             let expected = &variants[format!("{name}/full_windows/iou_gt_0.5")];
             let dataset = over_videos(
                 root,
                 expected,
-                |frames| score(frames, handed_as, settings(Protocol::Strict, void)),
+                |frames| score(frames, form, settings(Protocol::Strict, void)),
                 |score, expected, video| {
-                    assert_vsq(score.counts(), &score.scores(), expected, &format!("{name}, {handed_as:?}, {video}"))
+                    assert_vsq(score.counts(), &score.scores(), expected, &format!("{name}, {form:?}, {video}"))
                 },
             );
             if expected.get("per_k").is_some() {
@@ -103,14 +103,16 @@ fn check_strict_vsq(root: &Path) {
 
 fn check_paper_vsq(root: &Path) {
     let authors = &json(root.join("vsq/authors_protocol.json"))["vsq"];
-    for (name, handed_as) in [("ids", HandedAs::Ids), ("ids", HandedAs::Masks), ("no_ids", HandedAs::Unlinked)] {
+    for (name, form) in
+        [("ids", PredictionForm::Ids), ("ids", PredictionForm::Masks), ("no_ids", PredictionForm::Unlinked)]
+    {
         let expected = &authors[name];
         let dataset = over_videos(
             root,
             expected,
-            |frames| score(frames, handed_as, settings(Protocol::Paper, Void::Counted)),
+            |frames| score(frames, form, settings(Protocol::Paper, Void::Counted)),
             |score, expected, video| {
-                assert_vsq(score.counts(), &score.scores(), expected, &format!("{name}, {handed_as:?}, {video}"))
+                assert_vsq(score.counts(), &score.scores(), expected, &format!("{name}, {form:?}, {video}"))
             },
         );
         if expected.get("per_k").is_some() {
@@ -140,12 +142,14 @@ fn check_paper_stq(root: &Path) {
             assert_eq!(Some(stq.tracks), tracks.as_u64(), "{what}");
         }
     };
-    for (name, handed_as) in [("ids", HandedAs::Ids), ("ids", HandedAs::Masks), ("no_ids", HandedAs::Unlinked)] {
+    for (name, form) in
+        [("ids", PredictionForm::Ids), ("ids", PredictionForm::Masks), ("no_ids", PredictionForm::Unlinked)]
+    {
         let expected = &authors[name];
         let dataset = over_videos(
             root,
             expected,
-            |frames| score(frames, handed_as, settings(Protocol::Paper, Void::Counted)),
+            |frames| score(frames, form, settings(Protocol::Paper, Void::Counted)),
             |score, expected, video| check(score.counts(), &score.scores(), expected, &format!("{name}, {video}")),
         );
         if expected.get("AQ").is_some() {
@@ -171,11 +175,11 @@ fn check_strict_stq(root: &Path) {
         [("void_counted", Void::Counted), ("void_excluded", Void::Excluded), ("extra_void_counted", Void::Counted)];
     for (name, void) in sections {
         let Some(expected) = expected.get(name) else { continue };
-        for handed_as in [HandedAs::Ids, HandedAs::Masks] {
+        for form in [PredictionForm::Ids, PredictionForm::Masks] {
             let dataset = over_videos(
                 root,
                 expected,
-                |frames| score(frames, handed_as, settings(Protocol::Strict, void)),
+                |frames| score(frames, form, settings(Protocol::Strict, void)),
                 |score, expected, video| check(score.counts(), &score.scores(), expected, &format!("{name}, {video}")),
             );
             if expected.get("AQ").is_some() {
@@ -229,7 +233,7 @@ fn deeplab2_unit_vectors() {
             .collect();
         let by_void = [(Void::Counted, vector), (Void::Excluded, &vector["void_excluded"])];
         for (void, expected) in by_void.into_iter().filter(|(_, expected)| !expected.is_null()) {
-            let scores = score(&frames, HandedAs::Ids, settings(Protocol::Strict, void)).scores();
+            let scores = score(&frames, PredictionForm::Ids, settings(Protocol::Strict, void)).scores();
             for (found, key) in [(scores.aq, "AQ"), (scores.sq, "SQ"), (scores.stq, "STQ")] {
                 assert_percent(found, &expected[key], SINGLE, &format!("{name}, {void:?}: {key}"));
             }
@@ -246,7 +250,7 @@ fn matching_comes_before_the_threshold() {
         SegmentMap::from_pixels(ids.len(), 1, ids).unwrap()
     };
     let frames = [LabelledFrame { truth: map("gt_runs_id_length"), prediction: map("pred_runs_id_length") }];
-    let score = score(&frames, HandedAs::Ids, settings(Protocol::Strict, Void::Counted));
+    let score = score(&frames, PredictionForm::Ids, settings(Protocol::Strict, Void::Counted));
     let counts = &score.counts().vsq_k[&WindowLength::One];
     let expected = &case["iou_gt_0.5"];
     for (name, count) in [("tp", counts.true_positives), ("fp", counts.false_positives), ("fn", counts.false_negatives)]
@@ -259,7 +263,7 @@ fn matching_comes_before_the_threshold() {
 #[test]
 fn scores_are_json_with_the_documented_keys() {
     let frames = read_video(&data().join("stq/v5_hard"));
-    let scores = score(&frames, HandedAs::Ids, settings(Protocol::Strict, Void::Counted)).scores();
+    let scores = score(&frames, PredictionForm::Ids, settings(Protocol::Strict, Void::Counted)).scores();
     let value = serde_json::to_value(&scores).unwrap();
     let keys = |value: &Value| value.as_object().unwrap().keys().cloned().collect::<BTreeSet<String>>();
     assert_eq!(

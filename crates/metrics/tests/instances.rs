@@ -1,4 +1,4 @@
-//! 3D instances against the numbers of ScanNet's own script, see `tools/make_instance_test_data.py`.
+//! Comparison of 3D instance scores with ScanNet's own script; see `tools/make_instance_test_data.py`.
 
 use serde::Deserialize;
 use splatseg_metrics::{InstanceScorer, PredictedInstance};

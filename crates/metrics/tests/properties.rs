@@ -1,4 +1,4 @@
-//! What must hold for any video: against a slow twin, and under changes whose effect is known.
+//! Properties of any video: agreement with a slow reference, and known effects of changes.
 
 mod reference;
 
@@ -10,7 +10,7 @@ use splatseg_metrics::{FramePrediction, Protocol, ScoreSettings, Scores, VideoSc
 const WIDTH: usize = 10;
 const HEIGHT: usize = 7;
 
-/// A rectangle that moves and is there in some of the frames.
+/// A moving rectangle that is visible in some of the frames.
 #[derive(Clone, Debug)]
 struct Rectangle {
     id: SegmentId,
@@ -48,7 +48,7 @@ fn rectangles(count: std::ops::RangeInclusive<usize>) -> impl Strategy<Value = V
     })
 }
 
-/// Later rectangles lie over earlier ones.
+/// Draws the rectangles in order, later ones on top.
 fn map_of(rectangles: &[Rectangle], frame: usize) -> SegmentMap {
     SegmentMap::from_fn(WIDTH, HEIGHT, |column, row| {
         rectangles.iter().rfind(|rectangle| rectangle.covers(column, row, frame)).map_or(0, |rectangle| rectangle.id)
@@ -94,8 +94,8 @@ fn close(first: f64, second: f64) -> bool {
     (first - second).abs() < 1e-9
 }
 
-/// Truth with ids shifted by 100 as prediction, spoilt everywhere but at the ids in `correct`.
-fn spoilt(truth: &[SegmentMap], noise: &[Rectangle], correct: &[SegmentId]) -> Vec<(SegmentMap, SegmentMap)> {
+/// Frames with the truth, its ids shifted by 100, as prediction, with noise everywhere except on the ids in `correct`.
+fn with_noise(truth: &[SegmentMap], noise: &[Rectangle], correct: &[SegmentId]) -> Vec<(SegmentMap, SegmentMap)> {
     let frame = |(index, truth): (usize, &SegmentMap)| {
         let noise = map_of(noise, index);
         let prediction =
@@ -103,7 +103,7 @@ fn spoilt(truth: &[SegmentMap], noise: &[Rectangle], correct: &[SegmentId]) -> V
                 (id, _) if correct.contains(&id) => id + 100,
                 (0, 0) => 0,
                 (id, 0) => id + 100,
-                (_, spoiling) => spoiling + 1000,
+                (_, noise) => noise + 1000,
             });
         (truth.clone(), prediction)
     };
@@ -133,7 +133,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn the_twin_agrees_where_masks_have_ids(truth in rectangles(0..=3), predicted in rectangles(0..=4),
+    fn the_reference_agrees_for_masks_with_ids(truth in rectangles(0..=3), predicted in rectangles(0..=4),
                                             frames in 0usize..34,
                                             settings in settings(), overlapping in any::<bool>()) {
         let mut scorer = VideoScorer::new(settings);
@@ -149,7 +149,7 @@ proptest! {
     }
 
     #[test]
-    fn the_twin_agrees_where_masks_are_linked(truth in rectangles(0..=3), predicted in rectangles(0..=3),
+    fn the_reference_agrees_for_linked_masks(truth in rectangles(0..=3), predicted in rectangles(0..=3),
                                               frames in 0usize..34,
                                               settings in settings()) {
         let mut scorer = VideoScorer::new(settings);
@@ -173,7 +173,7 @@ proptest! {
     fn a_perfect_prediction_scores_100(truth in rectangles(0..=4), frames in 1usize..34, settings in settings()) {
         let settings = ScoreSettings { protocol: Protocol::Strict, min_ground_truth_area: 0.0, ..settings };
         let maps: Vec<SegmentMap> = (0..frames).map(|frame| map_of(&truth, frame)).collect();
-        let score = score_maps(settings, &spoilt(&maps, &[], &[]));
+        let score = score_maps(settings, &with_noise(&maps, &[], &[]));
         let scores = score.scores();
         for length in WindowLength::ALL {
             prop_assert!(scores.vsq_k[&length].is_none_or(|value| value == 100.0));
@@ -186,7 +186,7 @@ proptest! {
     }
 
     #[test]
-    fn new_names_for_ids_change_nothing(truth in rectangles(0..=4), predicted in rectangles(0..=4),
+    fn renaming_ids_changes_nothing(truth in rectangles(0..=4), predicted in rectangles(0..=4),
                                         frames in 1usize..34,
                                         settings in settings(), factor in 1u32..65536) {
         // A multiple that is coprime to the prime 65537 renames the ids 1..65536 one-to-one, and reorders them.
@@ -212,7 +212,7 @@ proptest! {
         let settings = ScoreSettings { min_ground_truth_area: 0.0, ..settings };
         let correct = [truth[0].id, truth[1].id];
         let maps: Vec<SegmentMap> = (0..frames).map(|frame| map_of(&truth, frame)).collect();
-        let before = spoilt(&maps, &noise, &correct);
+        let before = with_noise(&maps, &noise, &correct);
         let after = relabelled(&before, |_, _, id| if id == correct[0] + 100 { correct[1] + 100 } else { id });
         never_better(&score_maps(settings, &before).scores(), &score_maps(settings, &after).scores())?;
     }
@@ -225,7 +225,7 @@ proptest! {
         let settings = ScoreSettings { min_ground_truth_area: 0.0, ..settings };
         let correct = truth[0].id;
         let maps: Vec<SegmentMap> = (0..frames).map(|frame| map_of(&truth, frame)).collect();
-        let before = spoilt(&maps, &noise, &[correct]);
+        let before = with_noise(&maps, &noise, &[correct]);
         let in_space = relabelled(&before, |column, _, id| if id == correct + 100 && column < at { 9000 } else { id });
         let mut pixel = 0;
         let in_time = relabelled(&before, |_, _, id| {

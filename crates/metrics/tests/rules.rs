@@ -1,4 +1,4 @@
-//! Rules of the scores on cases small enough to count by hand, with thresholds on both sides.
+//! Rules of the scores, on cases small enough to count by hand and on both sides of each threshold.
 
 use splatseg_geometry::{Mask, SegmentMap};
 use splatseg_metrics::{
@@ -13,7 +13,7 @@ fn row(ids: &[u32]) -> SegmentMap {
     SegmentMap::from_pixels(ids.len(), 1, ids.to_vec()).unwrap()
 }
 
-/// A video of so many equal frames of one row.
+/// Scores a video of `frames` equal frames of one row.
 fn video(protocol: Protocol, frames: usize, truth: &[u32], prediction: &[u32]) -> VideoScore {
     let mut scorer = VideoScorer::new(settings(protocol));
     for number in 0..frames {
@@ -30,17 +30,17 @@ fn tubes(score: &VideoScore) -> (u64, u64, u64) {
 }
 
 #[test]
-fn an_iou_of_one_half_is_not_enough_where_vpq_defines_the_match() {
+fn strict_matches_need_an_iou_above_one_half() {
     // 2 of 4 pixels, then 3 of 5.
     assert_eq!(tubes(&video(Protocol::Strict, 1, &[1, 1, 0, 0], &[7, 7, 7, 7])), (0, 1, 1));
     assert_eq!(tubes(&video(Protocol::Strict, 1, &[1, 1, 1, 0, 0], &[7; 5])), (1, 0, 0));
-    // The paper's code counts every match, and there is none without overlap.
+    // The paper's code counts every match, and segments without overlap are not matched.
     assert_eq!(tubes(&video(Protocol::Paper, 16, &[1, 1, 0, 0], &[7, 7, 7, 7])), (1, 0, 0));
     assert_eq!(tubes(&video(Protocol::Paper, 16, &[1, 1, 0, 0], &[0, 0, 7, 7])), (0, 1, 1));
 }
 
 #[test]
-fn a_video_has_a_window_from_its_least_frames_on() {
+fn a_video_with_the_least_frames_has_one_window() {
     let windows = |protocol, frames, length| {
         video(protocol, frames, &[1, 0], &[1, 0]).counts().vsq_k.get(&length).map_or(0, |counts| counts.windows)
     };
@@ -55,10 +55,10 @@ fn a_video_has_a_window_from_its_least_frames_on() {
 }
 
 #[test]
-fn the_paper_leaves_out_videos_in_which_nothing_is_to_be_found_and_no_others() {
+fn the_paper_leaves_out_only_videos_without_truth() {
     assert_eq!(tubes(&video(Protocol::Paper, 16, &[0, 0], &[5, 0])), (0, 0, 0));
     assert_eq!(tubes(&video(Protocol::Strict, 16, &[0, 0], &[5, 0])), (0, 2, 0));
-    // As many found as missed.
+    // One object found, one missed.
     assert_eq!(tubes(&video(Protocol::Paper, 16, &[1, 2, 0], &[5, 0, 0])), (1, 0, 1));
 }
 

@@ -1,4 +1,4 @@
-//! Scores of single frames against COCO's own code and SciPy: `tools/make_single_frame_test_data.py`.
+//! Comparison of single-frame scores with COCO's own code and SciPy; see `tools/make_single_frame_test_data.py`.
 
 use serde::Deserialize;
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};

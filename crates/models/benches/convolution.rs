@@ -1,6 +1,6 @@
-//! Convolutions of yolov8x-seg at 640×640: ours against Burn's.
+//! Convolutions of yolov8x-seg at 640×640: our kernels compared with Burn's.
 //!
-//! `cargo bench -p splatseg-models --bench convolution`; throughput "elements" are floating-point operations.
+//! `cargo bench -p splatseg-models --bench convolution`; the throughput's "elements" are floating-point operations.
 
 use burn::tensor::activation::silu;
 use burn::tensor::module::conv2d;

@@ -7,7 +7,7 @@ use splatseg_models::fastsam::{
 };
 use std::hint::black_box;
 
-/// Numbers in [-1, 1) that look random.
+/// Pseudo-random numbers in [-1, 1).
 fn noise(seed: usize) -> f32 {
     (seed.wrapping_mul(2_654_435_761) >> 8 & 0xffff) as f32 / 32_768.0 - 1.0
 }

@@ -1,4 +1,4 @@
-//! What a checkpoint lacks for the network that it is of.
+//! Finds the tensors that a checkpoint lacks for its network.
 
 use crate::checkpoint::{Architecture, Checkpoint};
 use crate::fastsam::{self, FastSamError};
@@ -8,19 +8,19 @@ use std::cell::{Cell, RefCell};
 use std::fmt;
 use std::path::Path;
 
-/// The networks asked for zeros may have this many times the numbers that the checkpoint holds, and
-/// [`SMALLEST_LIMIT`] in any case: a small file cannot ask for much memory.
+/// The zeros for a network are limited to this multiple of the checkpoint's number of elements, but to no less than
+/// [`SMALLEST_LIMIT`]: a small file cannot allocate much memory.
 const LARGEST_SHARE: usize = 2;
 const SMALLEST_LIMIT: usize = 1 << 24;
 
-/// A tensor that a network needs and a checkpoint does not hold as it should.
+/// A tensor that a network needs but that is missing from a checkpoint or has the wrong shape there.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Missing {
     /// The tensor's name.
     pub name: String,
     /// The shape it should have.
     pub expected: Vec<usize>,
-    /// The shape it has; `None` if it is not there.
+    /// The shape it has; `None` if it is missing.
     pub found: Option<Vec<usize>>,
 }
 
@@ -33,13 +33,13 @@ impl fmt::Display for Missing {
     }
 }
 
-/// The tensors that the network of a checkpoint needs and that are missing there or have another shape, in the order in
-/// which the network reads them. `None` if the checkpoint is of no network that splatseg runs.
+/// Returns the tensors that the checkpoint's network needs but that are missing or have another shape, in the order in
+/// which the network reads them. `None` if splatseg does not run this network.
 ///
-/// The network itself says what it needs: it is built on zeros, and what it asks for is compared. Nothing but names and
-/// shapes is read from the file.
+/// The network is built from zeros, and every tensor that it reads is compared with the checkpoint. Only names and
+/// shapes are read from the file.
 pub fn missing_tensors(checkpoint: &Checkpoint) -> Option<Vec<Missing>> {
-    let audit = Audit::of(checkpoint);
+    let audit = Audit::new(checkpoint);
     let built = match checkpoint.architecture() {
         Architecture::YoloV8Seg { .. } => {
             let config = fastsam::FastSamConfig::from_checkpoint(checkpoint).ok()?;
@@ -55,29 +55,29 @@ pub fn missing_tensors(checkpoint: &Checkpoint) -> Option<Vec<Missing>> {
     (built || !missing.is_empty()).then_some(missing)
 }
 
-/// Gives a network zeros for whatever it asks, and notes what the checkpoint could not have given.
+/// Weights that are all zero, and a record of the requested tensors that the checkpoint lacks.
 struct Audit<'a> {
     checkpoint: &'a Checkpoint,
     missing: RefCell<Vec<Missing>>,
-    /// Numbers that may still be asked for.
-    left: Cell<usize>,
+    /// Number of elements that may still be requested.
+    remaining: Cell<usize>,
 }
 
 impl<'a> Audit<'a> {
-    fn of(checkpoint: &'a Checkpoint) -> Self {
+    fn new(checkpoint: &'a Checkpoint) -> Self {
         let held: usize = checkpoint.tensors().map(|tensor| tensor.elements()).sum();
-        let left = Cell::new(held.saturating_mul(LARGEST_SHARE).max(SMALLEST_LIMIT));
-        Self { checkpoint, missing: RefCell::default(), left }
+        let remaining = Cell::new(held.saturating_mul(LARGEST_SHARE).max(SMALLEST_LIMIT));
+        Self { checkpoint, missing: RefCell::default(), remaining }
     }
 
-    /// Zeros of a shape; `None` if that is too much.
+    /// Returns zeros of shape `expected`; `None` if that exceeds the limit.
     fn zeros(&self, name: &str, expected: &[usize]) -> Option<Vec<f32>> {
         let found = self.checkpoint.info(name).map(|tensor| tensor.shape().to_vec());
         if found.as_deref() != Some(expected) {
             self.missing.borrow_mut().push(Missing { name: name.to_owned(), expected: expected.to_vec(), found });
         }
         let count = expected.iter().try_fold(1usize, |count, side| count.checked_mul(*side))?;
-        self.left.set(self.left.get().checked_sub(count)?);
+        self.remaining.set(self.remaining.get().checked_sub(count)?);
         Some(vec![0.0; count])
     }
 }

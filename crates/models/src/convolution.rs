@@ -1,4 +1,4 @@
-//! Convolution of tensors with bias and activation: our kernels on the CPU, Burn's operations elsewhere.
+//! Convolution of tensors with bias and activation: our kernels on the CPU, Burn's operations on other devices.
 
 use crate::device::is_cpu;
 use burn::backend::Flex;
@@ -42,8 +42,8 @@ struct ConvolutionTensors {
 }
 
 impl Convolution {
-    /// A convolution on `device` with `weight` `[outputs, inputs, kernel, kernel]` (of a doubling shape: `[inputs, outputs,
-    /// 2, 2]`, as PyTorch stores transposed convolutions) and `bias` `[outputs]`, row-major.
+    /// Creates a convolution on `device` with `weight` `[outputs, inputs, kernel, kernel]` (for a doubling shape
+    /// `[inputs, outputs, 2, 2]`, as PyTorch stores transposed convolutions) and `bias` `[outputs]`, row-major.
     ///
     /// # Panics
     /// If the lengths do not match `shape`.
@@ -68,16 +68,17 @@ impl Convolution {
     /// `[batch, inputs, height, width]` → `[batch, outputs, height', width']`.
     ///
     /// # Panics
-    /// If `input` is on another device than the parameters, has another number of channels, or is smaller than the kernel.
+    /// If `input` is on a different device from the parameters, has the wrong number of channels, or is smaller than
+    /// the kernel.
     pub fn forward(&self, input: Tensor<4>) -> Tensor<4> {
         self.forward_joined(vec![input])
     }
 
-    /// [`forward`](Self::forward) of `inputs` concatenated along their channels; on the CPU they are never copied into
+    /// [`forward`](Self::forward) of `inputs` concatenated along their channels. On the CPU they are never copied into
     /// one tensor.
     ///
     /// # Panics
-    /// As `forward`, and if the inputs differ in batch, height, or width.
+    /// As `forward`, or if the inputs differ in batch, height, or width.
     pub fn forward_joined(&self, inputs: Vec<Tensor<4>>) -> Tensor<4> {
         let parameters = match &self.parameters {
             Parameters::Packed(packed) => return self.forward_packed(packed, inputs),
@@ -110,7 +111,7 @@ impl Convolution {
                 let dims = input.dims();
                 assert_eq!([dims[0], dims[2], dims[3]], [batch, height, width], "sizes of joined inputs");
                 let input = input.try_into_primitive::<Flex>().expect("the input is on the parameters' device");
-                // Within an image rows and channels have to follow each other; the images need not.
+                // Within an image, rows and channels must be contiguous; images need not be.
                 let strides = input.layout().strides();
                 let dense = [(height * width) as isize, width as isize, 1];
                 if strides[1..] == dense { input } else { input.to_contiguous() }
@@ -143,7 +144,7 @@ mod tests {
         (0..len).map(|index| ((index * 7919 + seed * 104_729) % 2003) as f32 / 1001.0 - 1.0).collect()
     }
 
-    /// Packed and through Burn: several inputs, views of larger tensors, more than one image.
+    /// Compares the packed convolution with Burn's: several inputs, views of larger tensors, more than one image.
     #[test]
     fn joined_views_equal_burns_own_convolution() {
         let device = Device::flex();
@@ -170,7 +171,8 @@ mod tests {
         assert!(difference < 1e-5, "{difference}");
     }
 
-    /// Padding as large as the kernel does not fit the strips' layout; a doubling convolution through Burn is the same too.
+    /// Padding as large as the kernel does not fit the strip layout. A doubling convolution through Burn gives the same
+    /// result too.
     #[test]
     fn other_shapes_go_through_burn() {
         let device = Device::flex();

@@ -1,4 +1,4 @@
-//! Neural networks and their checkpoints. Knows nothing of splats.
+//! Neural networks and their checkpoints. Independent of splats.
 
 pub mod checkpoint;
 pub mod completeness;

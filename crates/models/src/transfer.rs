@@ -1,36 +1,36 @@
-//! Transfers between the host and another device. All that networks move goes through here, and is counted.
+//! Transfers between the host and another device. All transfers of the networks go through here and are counted.
 
 use crate::device::is_cpu;
 use burn::tensor::{Device, Tensor, TensorData, Transaction};
-use splatseg_input::display_bytes;
+use splatseg_files::display_bytes;
 use std::cell::Cell;
 
 thread_local! {
     static SO_FAR: Cell<Transfers> = const { Cell::new(Transfers::NONE) };
 }
 
-/// How much networks have moved between the host and another device than the CPU.
+/// Counts of transfers between the host and a device other than the CPU.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Transfers {
-    /// Transfers to the device. The host does not wait for them.
+    /// Number of transfers to the device. The host does not wait for them.
     pub uploads: usize,
-    /// Bytes that they moved.
+    /// Bytes uploaded.
     pub uploaded_bytes: usize,
-    /// Round trips: the host waits until the device has computed and sent what was asked for.
+    /// Number of round trips: the host waits until the device has computed and sent the requested values.
     pub downloads: usize,
-    /// Bytes that they moved.
+    /// Bytes downloaded.
     pub downloaded_bytes: usize,
 }
 
 impl Transfers {
     const NONE: Self = Self { uploads: 0, uploaded_bytes: 0, downloads: 0, downloaded_bytes: 0 };
 
-    /// Those of the calling thread so far, of all its networks.
+    /// Returns the transfers of all networks on the calling thread so far.
     pub fn so_far() -> Self {
         SO_FAR.get()
     }
 
-    /// Those since `earlier`.
+    /// Returns the transfers since `earlier`.
     #[must_use]
     pub fn since(self, earlier: Self) -> Self {
         Self {
@@ -42,7 +42,7 @@ impl Transfers {
     }
 }
 
-/// A tensor of row-major elements on a device.
+/// Creates a tensor on a device from row-major elements.
 pub fn upload<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
     if !is_cpu(device) {
         let so_far = SO_FAR.get();
@@ -55,10 +55,10 @@ pub fn upload<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Devi
     Tensor::from_data(TensorData::new(values, shape), device)
 }
 
-/// The elements of tensors of one device, in one round trip.
+/// Reads the elements of tensors on one device, in one round trip.
 ///
 /// # Errors
-/// What the device says, if it failed at this or at anything that it was told to compute before.
+/// The device's message if the transfer or an earlier computation failed.
 pub fn download(tensors: Vec<Tensor<1>>) -> Result<Vec<Vec<f32>>, String> {
     let Some(first) = tensors.first() else { return Ok(Vec::new()) };
     let is_cpu = is_cpu(&first.device());
@@ -78,14 +78,13 @@ pub fn download(tensors: Vec<Tensor<1>>) -> Result<Vec<Vec<f32>>, String> {
     Ok(values)
 }
 
-/// What is behind a device's error, in one line: the last of its causes, without the chain of everything that it kept
-/// from being computed.
+/// Extracts the root cause of a device's error, on one line, without the chain of computations that it made fail.
 pub(crate) fn root_cause(message: &str) -> String {
     const NO_ROOM: &str = "can't allocate buffer of size: ";
     let size =
         message.split(NO_ROOM).nth(1).map(|rest| rest.chars().take_while(char::is_ascii_digit).collect::<String>());
     if let Some(bytes) = size.and_then(|digits| digits.parse::<u64>().ok()) {
-        return format!("it has no room for a buffer of {}", display_bytes(bytes));
+        return format!("not enough memory for a buffer of {}", display_bytes(bytes));
     }
     let last = message.rsplit("Caused by:").next().unwrap_or(message);
     let lines =
@@ -97,14 +96,14 @@ pub(crate) fn root_cause(message: &str) -> String {
 mod tests {
     use super::*;
 
-    /// What Burn 0.22 says where a buffer is too large for the device.
+    /// The message of Burn 0.22 for a buffer that is too large for the device.
     const CHAIN: &str = "An error happened during execution\nCaused by:\n  Several failures at once\nCaused by:\n  The \
         bytes were never written\n  skipped `KernelBinop`\nCaused by:\n  An IO error happened\nCaused by:\n  can't \
         allocate buffer of size: 176160768\nNo backtrace available\nAsked at:\nNo backtrace available";
 
     #[test]
-    fn of_a_chain_of_causes_the_last_is_told() {
-        assert_eq!(root_cause(CHAIN), "it has no room for a buffer of 176 MB");
+    fn the_root_cause_is_the_last_of_the_chain() {
+        assert_eq!(root_cause(CHAIN), "not enough memory for a buffer of 176 MB");
         let lost = CHAIN.replace("can't allocate buffer of size: 176160768", "Parent device is lost");
         assert_eq!(root_cause(&lost), "Parent device is lost");
         assert_eq!(root_cause("no adapter\n"), "no adapter");

@@ -1,4 +1,4 @@
-//! What checkpoints lack for their networks.
+//! Finding tensors that checkpoints lack for their networks.
 
 use safetensors::SafeTensors;
 use safetensors::tensor::TensorView;
@@ -6,8 +6,8 @@ use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::completeness::{Missing, missing_tensors};
 use std::path::{Path, PathBuf};
 
-/// A file of `tests/data` (where `golden/` of `../shared` is left out) or of `../shared`, or `None` (said on a line of its
-/// own) where it is in neither.
+/// Path of a file in `tests/data` (without the `golden/` of `../shared`) or in `../shared`. `None`, reported on a line
+/// of its own, if `../shared` is missing.
 fn shared(path: &str, test: &str) -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let own = root.join("tests/data").join(path.trim_start_matches("golden/"));
@@ -16,7 +16,7 @@ fn shared(path: &str, test: &str) -> Option<PathBuf> {
     }
     let folder = root.join("../../../shared");
     if !folder.exists() {
-        // Not `println!`: the test runner would swallow the line of a test that passes.
+        // Not `println!`: the test runner hides the output of passing tests.
         let line = format!("\nskipped: {test}: ../shared is not here\n");
         let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
         return None;
@@ -37,7 +37,7 @@ fn whole_checkpoints_lack_nothing() {
     }
 }
 
-/// A checkpoint without its second bias, and with another one of one number only.
+/// A copy of a checkpoint without the tensor `absent`, and with `misshapen` reduced to one number.
 fn crippled(file: &Path, absent: &str, misshapen: &str) -> tempfile::NamedTempFile {
     let checkpoint = open(file);
     let folder = tempfile::tempdir().unwrap();

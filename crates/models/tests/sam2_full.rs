@@ -1,13 +1,13 @@
-//! The published sizes, with weights given by a formula, against the official code. Each of these takes minutes, so they
-//! run on demand: `cargo test --release -p splatseg-models --test sam2_full -- --ignored --test-threads 1`.
+//! Compares the published sizes, with weights given by a formula, with the official code. Each test takes minutes, so
+//! they run on demand: `cargo test --release -p splatseg-models --test sam2_full -- --ignored --test-threads 1`.
 
 mod sam2_golden;
 
 use burn::tensor::{Tensor, TensorData};
 use sam2_golden::test_device::device;
 use sam2_golden::{FormulaWeights, Golden, Within, assert_close, folder, formula_element, formula_frame};
-use splatseg_geometry::Mask;
-use splatseg_models::sam2::{Prompt, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
+use splatseg_geometry::{Mask, Prompt};
+use splatseg_models::sam2::{Sam2Network, Sam2Predictor, Sam2PredictorSettings};
 
 const SIDE: usize = 1024;
 
@@ -32,7 +32,7 @@ fn the_formula_is_that_of_the_reference() {
 fn encoder(size: &str) {
     let Some(folder) = folder("encoder of a published size") else { return };
     let golden = Golden::open(&folder, &format!("full_{size}_encoder"));
-    let network = Sam2Network::load(&FormulaWeights::of_manifest(&folder, size), None, &device()).unwrap();
+    let network = Sam2Network::load(&FormulaWeights::from_manifest(&folder, size), None, &device()).unwrap();
     let maps = network.encode(input(0));
     for (name, map) in [("fpn2", maps.embedding), ("s0", maps.s0), ("s1", maps.s1)] {
         let values: Vec<f32> = map.permute([0, 3, 1, 2]).into_data().try_into_vec().unwrap();
@@ -73,7 +73,7 @@ fn large_encoder() {
 fn video(size: &str) {
     let Some(folder) = folder("video of a published size") else { return };
     let golden = Golden::open(&folder, &format!("full_{size}_video"));
-    let network = Sam2Network::load(&FormulaWeights::of_manifest(&folder, size), None, &device()).unwrap();
+    let network = Sam2Network::load(&FormulaWeights::from_manifest(&folder, size), None, &device()).unwrap();
     let settings = Sam2PredictorSettings { fill_hole_area: 0, ..Sam2PredictorSettings::official(3) };
     let mut predictor = Sam2Predictor::new(network, settings).unwrap();
     let square = Mask::from_fn(SIDE, SIDE, |x, y| (200..600).contains(&x) && (300..700).contains(&y));

@@ -1,13 +1,13 @@
-//! Objects that have long been absent rest: they cost nothing until they are prompted or found. Weights are given by a
-//! formula; what a prompted object does next is decided by the bias of the object score.
+//! Objects that have been absent for long rest: they cost nothing until they are prompted or found. Weights are given
+//! by a formula; the bias of the object score decides whether a tracked object is in the frame.
 
 mod sam2_golden;
 
 use burn::tensor::Device;
 use sam2_golden::FormulaWeights;
-use splatseg_geometry::{Image, Mask};
+use splatseg_geometry::{Image, Mask, Prompt};
 use splatseg_models::sam2::{
-    ObjectMask, Prompt, Sam2Error, Sam2Network, Sam2Predictor, Sam2PredictorSettings, VideoState, Weights,
+    ObjectMask, Sam2Error, Sam2Network, Sam2Predictor, Sam2PredictorSettings, VideoState, Weights,
 };
 use std::path::Path;
 use std::sync::Arc;
@@ -17,7 +17,8 @@ const OBJECTS: u64 = 5;
 /// An object rests after this many frames without it.
 const PATIENCE: usize = 3;
 
-/// Weights with another bias of the object score: far below zero, no object that is tracked is ever in the frame.
+/// Weights with a modified bias of the object score: with a large negative bias, a tracked object is never in the
+/// frame.
 struct WithScoreBias(FormulaWeights, f32);
 
 impl Weights for WithScoreBias {
@@ -40,7 +41,7 @@ impl Weights for WithScoreBias {
 
 fn network(score_bias: f32) -> Arc<Sam2Network> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/sam2");
-    let weights = WithScoreBias(FormulaWeights::of_manifest(&folder, "mini"), score_bias);
+    let weights = WithScoreBias(FormulaWeights::from_manifest(&folder, "mini"), score_bias);
     Arc::new(Sam2Network::load(&weights, Some(SIDE), &Device::flex()).unwrap())
 }
 
@@ -66,8 +67,8 @@ fn resting() -> Sam2PredictorSettings {
     Sam2PredictorSettings { max_absent_frames: PATIENCE, ..Sam2PredictorSettings::default() }
 }
 
-/// A video whose objects were all prompted on the first frame and not seen again, up to the first frame in which none of
-/// them goes through the network.
+/// Returns the state of a video whose objects were all prompted on the first frame and not seen again, at the first
+/// frame in which the network processes none of them.
 fn at_rest() -> VideoState {
     let mut predictor = Sam2Predictor::new(blind(), resting()).unwrap();
     predictor.track(&frame(0)).unwrap();
@@ -85,7 +86,7 @@ fn at_rest() -> VideoState {
 fn resting_objects_cost_nothing() {
     let mut predictor = Sam2Predictor::resume(blind(), resting(), at_rest()).unwrap();
     let (passes, bytes) = (predictor.state().object_passes(), predictor.state().memory_bytes());
-    // A prompt and its memory, then a mask in each frame, of which the last is not remembered.
+    // Per object: a prompt and its memory, then a mask and a memory per frame, except that the last is not remembered.
     assert_eq!(passes, OBJECTS as usize * (2 + PATIENCE + PATIENCE - 1));
     for index in 0..30 {
         assert!(predictor.track(&frame(index)).unwrap().is_empty());
@@ -94,8 +95,8 @@ fn resting_objects_cost_nothing() {
     assert_eq!(predictor.state().memory_bytes(), bytes);
     assert_eq!(predictor.state().objects().count(), OBJECTS as usize);
     let tokens = (SIDE / 16) * (SIDE / 16);
-    let of_one_frame = 2 * tokens * network(0.0).config().memory_dim + 4 * network(0.0).config().hidden_dim;
-    assert_eq!(bytes, OBJECTS as usize * of_one_frame, "more than the prompted frame is kept");
+    let frame_bytes = 2 * tokens * network(0.0).config().memory_dim + 4 * network(0.0).config().hidden_dim;
+    assert_eq!(bytes, OBJECTS as usize * frame_bytes, "more than the prompted frame is kept");
 }
 
 #[test]
@@ -134,12 +135,12 @@ fn a_prompt_ends_the_rest_of_its_object_only() {
         assert!(found[0].is_present());
         assert_eq!(predictor.state().object_passes(), passes + 1 + 2 * index);
     }
-    // The new prompt conditions the tracking beside the first: both frames are kept.
+    // The new prompt conditions the tracking in addition to the first: both frames are kept.
     let state = predictor.state();
     assert!(state.memory(3, 0).unwrap().is_some() && state.memory(3, PATIENCE + 1).unwrap().is_some());
     assert!(state.memory(3, 1).unwrap().is_none());
 
-    // Where it is not seen, it rests again.
+    // If it is not seen, it rests again.
     let mut predictor = Sam2Predictor::resume(blind(), resting(), predictor.state().clone()).unwrap();
     let seen: Vec<usize> = (0..PATIENCE + 2).map(|index| predictor.track(&frame(index)).unwrap().len()).collect();
     assert_eq!(seen, [1, 1, 1, 0, 0]);
@@ -167,7 +168,7 @@ fn resting_objects_are_looked_for_in_turn() {
     assert_eq!(followed, OBJECTS as usize);
 }
 
-/// All that a tracker returns while objects are prompted, tracked, lost, at rest and prompted again.
+/// Returns all masks from a predictor while objects are prompted, tracked, lost, resting and prompted again.
 fn everything(objects_per_chunk: usize) -> Vec<ObjectMask> {
     let settings = Sam2PredictorSettings { objects_per_chunk, absent_check_interval: 4, ..resting() };
     let mut all = Vec::new();

@@ -1,4 +1,4 @@
-//! How far the boxes of objects are from the true ones in synthetic rooms: the numbers in docs/OBJECTS.md.
+//! Measures the errors of objects' boxes in synthetic rooms, for the numbers in docs/OBJECTS.md.
 //!
 //! `cargo run --release -p splatseg-objects --example box_errors -- 200 229` (the first and the last seed)
 

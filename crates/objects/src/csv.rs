@@ -51,7 +51,7 @@ const COLUMNS: [&str; 43] = [
 ];
 
 impl ObjectList {
-    /// The objects as comma-separated values (RFC 4180), with a line of names first. What is unknown is empty.
+    /// The objects as comma-separated values (RFC 4180), with a header line. Unknown values are empty.
     pub fn to_csv(&self) -> String {
         let mut text = COLUMNS.join(",") + "\n";
         for object in &self.objects {
@@ -95,7 +95,7 @@ fn cells_of(object: &Object) -> Vec<String> {
     cells
 }
 
-/// Number and name.
+/// Number and name of a frame.
 fn frame_cells(frame: Option<&FrameStamp>) -> [String; 2] {
     [cell(frame.map(|frame| frame.number)), cell(frame.and_then(|frame| frame.name.as_deref()).map(quoted))]
 }

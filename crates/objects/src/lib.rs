@@ -1,7 +1,7 @@
-//! The objects of a video: when each was seen, how sure its id is, where it is and how large.
+//! The objects of a video: the sightings, confidence, position and size of each.
 //!
 //! [`ObjectLog`] counts the sightings of every frame; [`object_shapes`] measures the Gaussians of a memory;
-//! [`ObjectList`] brings both together and is the content of `objects.json`.
+//! [`ObjectList`] combines both and is the content of `objects.json`.
 
 mod csv;
 mod list;

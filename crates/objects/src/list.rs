@@ -8,26 +8,27 @@ use splatseg_memory::SplatMemory;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 
-/// Every object that a run has shown or that its memory holds.
+/// Every object that a run has seen or that is in its memory.
 ///
-/// Programs read `objects.json` with `serde_json::from_str::<ObjectList>`. Keys that a later version adds are ignored.
+/// Programs read `objects.json` with `serde_json::from_str::<ObjectList>`. Unknown keys, added by later versions, are
+/// ignored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObjectList {
     /// [`ObjectList::FORMAT`].
     pub format: String,
-    /// [`ObjectList::VERSION`]: it changes when a key changes its meaning, not when one is added.
+    /// [`ObjectList::VERSION`]: it changes when the meaning of a key changes, not when a key is added.
     pub version: u32,
-    /// The scene as it was given to the run; null if unknown.
+    /// The scene as given by the user; null if unknown.
     pub scene: Option<String>,
-    /// Frames with a result.
+    /// Number of frames with a result.
     pub frames: usize,
-    /// Units and coordinate frames of all numbers below.
+    /// Units and coordinate frames of the objects' numbers.
     pub conventions: Conventions,
-    /// By increasing id.
+    /// The objects, by increasing id.
     pub objects: Vec<Object>,
 }
 
-/// What the numbers of an [`ObjectList`] mean.
+/// Units and conventions of an [`ObjectList`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Conventions {
     /// Unit of positions and sizes.
@@ -40,9 +41,9 @@ pub struct Conventions {
     pub image: String,
     /// The coordinate frame of centroids and boxes.
     pub coordinates: String,
-    /// How rotations are written.
+    /// Representation of rotations.
     pub rotation: String,
-    /// How colours are written.
+    /// Representation of colours.
     pub color: String,
 }
 
@@ -51,36 +52,35 @@ pub struct Conventions {
 pub struct Object {
     /// Its id: the value of its pixels in `segments/*.png`.
     pub id: SegmentId,
-    /// A place for what it is, for programs that name objects. A run leaves it null.
+    /// Its label, for programs that name objects. A run leaves it null.
     pub label: Option<String>,
-    /// What the memory makes of it at the end; null if the method has no memory.
+    /// Its state in the final memory; null if the method has no memory.
     pub state: Option<ObjectState>,
-    /// How many frames showed it. 0 for an object of a loaded memory that was not seen again.
+    /// Number of frames that showed it. 0 for an object of a loaded memory that was not seen again.
     pub frames: usize,
     /// The first frame that showed it.
     pub first_frame: Option<FrameStamp>,
     /// The last frame that showed it.
     pub last_frame: Option<FrameStamp>,
-    /// How sure its id is, from 0 to 1: the mean over the frames that showed it of the mean over its pixels.
+    /// Confidence of its id, from 0 to 1: the mean over the frames that showed it of the mean over its pixels.
     pub confidence: Option<f32>,
     /// Mean sRGB colour: of its Gaussians by area or, without any, of the pixels of its best view.
     pub color: Option<[u8; 3]>,
-    /// Its shape in the world; null if no Gaussian shows it, e.g. because it never had depth.
+    /// Its shape in the world; null if it has no Gaussians, e.g. because it never had depth.
     pub shape: Option<ObjectShape>,
-    /// The frame that shows it best.
+    /// Its best view.
     pub best_view: Option<BestView>,
 }
 
-/// What the memory makes of an object when the run has ended.
+/// State of an object in the memory at the end of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ObjectState {
-    /// It was seen in two frames or more, and the memory carries it.
+    /// It is in the memory and was seen in two frames or more.
     Remembered,
-    /// The memory carries it, but it was seen in one frame only: it may be a mistake.
+    /// It is in the memory but was seen in one frame only, so it may be a mistake.
     Tentative,
-    /// The memory has given it up: nothing carries its id any more. It was removed from the scene, was a part of
-    /// another object, or was a mistake.
+    /// No Gaussian has its id any more: it was removed from the scene, was part of another object, or was a mistake.
     Forgotten,
 }
 
@@ -91,9 +91,9 @@ pub struct FrameStamp {
     pub number: usize,
     /// Its name in the scene.
     pub name: Option<String>,
-    /// The name of its result files: `segments/<file>.png`, `overlay/<file>.jpg`.
+    /// Name of its result files: `segments/<file>.png`, `overlay/<file>.jpg`.
     pub file: Option<String>,
-    /// When it was taken, seconds, as in the scene; null if the scene does not say.
+    /// Its timestamp in the scene, seconds; null if the scene has none.
     pub time_s: Option<f64>,
 }
 
@@ -106,11 +106,11 @@ pub struct BestView {
     pub bounding_box: BoundingBox,
     /// Number of its pixels.
     pub area_px: usize,
-    /// How sure the id is in this frame, from 0 to 1.
+    /// Confidence of the id in this frame, from 0 to 1.
     pub confidence: f32,
     /// Mean sRGB colour of its pixels.
     pub color: Option<[u8; 3]>,
-    /// A picture of it, by its path in the folder of the run.
+    /// Path of its crop in the folder of the run.
     pub crop: Option<String>,
 }
 
@@ -120,9 +120,9 @@ impl ObjectList {
     /// The value of the key `version`.
     pub const VERSION: u32 = 1;
 
-    /// The objects that a log has noted or a memory carries. Without a memory, shapes and states are unknown.
+    /// The objects in a log or a memory. Without a memory, shapes and states are unknown.
     ///
-    /// Names, times, confidences and best views are unknown until [`Self::add_sightings`].
+    /// Names, times, confidences and best views are unknown until [`Self::add_sightings`] is called.
     pub fn new(log: &ObjectLog, memory: Option<&SplatMemory>) -> Self {
         let mut shapes = memory.map(object_shapes).unwrap_or_default();
         let carried = memory.map(SplatMemory::carried_ids);
@@ -155,7 +155,7 @@ impl ObjectList {
         }
     }
 
-    /// Adds what is known of when and how well each object was seen.
+    /// Adds the first and last frame, confidence and best view of each object.
     pub fn add_sightings(&mut self, seen: &SeenObjects) {
         let by_id: BTreeMap<SegmentId, usize> =
             self.objects.iter().enumerate().map(|(index, object)| (object.id, index)).collect();
@@ -172,7 +172,7 @@ impl ObjectList {
     /// The JSON text, with one line for each object.
     ///
     /// # Errors
-    /// None that is known: every value can be written.
+    /// No known cause: every value can be serialised.
     pub fn to_json(&self) -> serde_json::Result<String> {
         let mut bytes = Vec::new();
         self.serialize(&mut serde_json::Serializer::with_formatter(&mut bytes, OuterLines::default()))?;
@@ -205,7 +205,7 @@ fn state_of(id: SegmentId, memory: &SplatMemory, carried: &BTreeSet<SegmentId>) 
     }
 }
 
-/// Breaks lines at the two outer levels of a document.
+/// JSON formatter that breaks lines only at the two outer levels.
 #[derive(Debug, Default)]
 struct OuterLines {
     depth: usize,

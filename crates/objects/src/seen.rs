@@ -1,14 +1,14 @@
-//! When each object was seen, how surely, and which frame shows it best.
+//! Sightings, confidence and best view of each object.
 
 use crate::{BestView, BoundingBox, FrameStamp, ObjectSighting};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
 use std::collections::BTreeMap;
 
-/// A view must be better than the best one so far by this factor: an object that comes closer does not get a new best
-/// view in every frame.
+/// A view must beat the best one so far by this factor, so that an approaching object does not get a new best view in
+/// every frame.
 const CLEARLY_BETTER: f64 = 1.2;
-/// What a view is worth that the edge of the image cuts, relative to one that shows the object whole.
+/// Score factor of a view in which the image border cuts the object.
 const CUT_VIEW: f64 = 0.25;
 
 /// Every object seen so far, with its best view.
@@ -24,10 +24,9 @@ pub struct Sightings {
     pub first_frame: FrameStamp,
     /// The last frame that showed it.
     pub last_frame: FrameStamp,
-    /// How many frames showed it.
+    /// Number of frames that showed it.
     pub frames: usize,
-    /// The frame that shows it best: the one with the most pixels times confidence, where views that the edge of the
-    /// image cuts count a quarter.
+    /// Its best view: the most pixels times confidence. Views cut by the image border count a quarter.
     pub best_view: BestView,
     score: f64,
     summed_confidence: f64,
@@ -46,7 +45,7 @@ impl SeenObjects {
         &self.objects
     }
 
-    /// Puts other sightings in the place of those of some objects.
+    /// Replaces the sightings of some objects.
     pub fn replace(&mut self, objects: Vec<(SegmentId, Sightings)>) {
         self.objects.extend(objects);
     }
@@ -56,8 +55,8 @@ impl SeenObjects {
         self.objects.get_mut(&id).map(|object| &mut object.best_view)
     }
 
-    /// Takes in the objects of the next frame, whose images have `size` `(width, height)`. Returns those of which it is
-    /// the new best view, which has no colour and no crop yet.
+    /// Records the objects of the next frame, whose images have `size` `(width, height)`. Returns the objects for which
+    /// this frame is the new best view; the view has no colour and no crop yet.
     pub fn record(&mut self, frame: &FrameStamp, size: (usize, usize), sightings: &[ObjectSighting]) -> Vec<SegmentId> {
         let mut improved = Vec::new();
         for sighting in sightings {
@@ -101,7 +100,7 @@ fn score(sighting: &ObjectSighting, size: (usize, usize)) -> f64 {
     if is_cut(&sighting.bounding_box, size) { CUT_VIEW * whole } else { whole }
 }
 
-/// Whether a box touches the edge of the image.
+/// True if a box touches the image border.
 fn is_cut(inner: &BoundingBox, (width, height): (usize, usize)) -> bool {
     inner.x == 0 || inner.y == 0 || inner.x + inner.width >= width || inner.y + inner.height >= height
 }
@@ -119,7 +118,7 @@ mod tests {
         ObjectSighting { id: 7, area, bounding_box, confidence, first_frame: 0, last_frame: 1 }
     }
 
-    /// The frames that were the best view of object 7 when they came.
+    /// The frames that became the best view of object 7 when they were recorded.
     fn best_frames(seen: &mut SeenObjects, sightings: &[ObjectSighting]) -> Vec<usize> {
         let is_best = |(number, sighting): &(usize, &ObjectSighting)| {
             !seen.record(&stamp(*number), (100, 80), std::slice::from_ref(*sighting)).is_empty()

@@ -1,4 +1,4 @@
-//! The objects of a frame, and all objects so far.
+//! The objects of a frame, and a log of all objects so far.
 
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Mask, SegmentId};
@@ -14,7 +14,7 @@ pub struct ObjectSighting {
     pub area: usize,
     /// The smallest box around these pixels.
     pub bounding_box: BoundingBox,
-    /// How sure the id is, from 0 to 1: the mean of [`FrameOutput::confidence`] over these pixels.
+    /// Confidence of the id, from 0 to 1: the mean of [`FrameOutput::confidence`] over these pixels.
     pub confidence: f32,
     /// The first frame that showed it. 0 is the first frame that the pipeline processed.
     pub first_frame: usize,
@@ -23,8 +23,8 @@ pub struct ObjectSighting {
 }
 
 impl ObjectSighting {
-    /// Whether no frame before showed the object. If one has shown another object with the same id, the id was given
-    /// again: it stands for this object from now on.
+    /// True if no earlier frame showed the object. If an earlier frame showed another object with the same id, the id
+    /// was reassigned to this object.
     pub fn is_new(&self) -> bool {
         self.first_frame == self.last_frame
     }
@@ -37,9 +37,9 @@ pub struct BoundingBox {
     pub x: usize,
     /// First row, from 0.
     pub y: usize,
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
 }
 
@@ -50,15 +50,15 @@ pub struct ObjectRecord {
     pub first_frame: usize,
     /// The last frame that showed it.
     pub last_frame: usize,
-    /// How many frames showed it.
+    /// Number of frames that showed it.
     pub frames: usize,
 }
 
-/// Of this many objects at least the log keeps a record; of twice as many, those seen last stay.
+/// The log keeps the records of at least this many objects. Beyond twice as many, only the most recently seen stay.
 const KEPT_RECORDS: usize = 1 << 16;
 
-/// Every object seen so far. Of more than 65,536 objects, those not seen for longest may be missing, so that a stream
-/// without an end takes no more and more memory.
+/// Every object seen so far. With more than 65,536 objects, the ones unseen longest may be missing, so that memory
+/// stays bounded for endless streams.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ObjectLog {
     frames: usize,
@@ -66,7 +66,7 @@ pub struct ObjectLog {
 }
 
 impl ObjectLog {
-    /// Frames so far.
+    /// Number of frames so far.
     pub fn frames(&self) -> usize {
         self.frames
     }
@@ -76,7 +76,7 @@ impl ObjectLog {
         &self.records
     }
 
-    /// Records the objects of the next frame, of an earlier run that this one goes on with.
+    /// Records the next frame from the sightings of an earlier run that this one resumes.
     pub fn repeat(&mut self, sightings: &[ObjectSighting]) {
         let frame = self.frames;
         self.frames += 1;
@@ -89,7 +89,7 @@ impl ObjectLog {
         self.drop_longest_unseen();
     }
 
-    /// Drops records if there are too many. It depends on nothing but the sightings so far.
+    /// Drops the records of the objects unseen longest if there are too many. Depends only on the sightings so far.
     fn drop_longest_unseen(&mut self) {
         if self.records.len() <= 2 * KEPT_RECORDS {
             return;
@@ -138,7 +138,7 @@ impl ObjectLog {
     }
 }
 
-/// The extent of the pixels of an object that were added so far.
+/// Area, confidence and bounds of the pixels of an object added so far.
 #[derive(Clone, Copy, Debug)]
 struct Extent {
     area: usize,
@@ -167,7 +167,7 @@ impl Extent {
     }
 }
 
-/// The objects of a frame: its masks where they may overlap, otherwise the pixels of each id.
+/// The objects of a frame: its masks if they may overlap, otherwise the pixels of each id.
 fn extents(output: &FrameOutput) -> BTreeMap<SegmentId, Extent> {
     let mut extents: BTreeMap<SegmentId, Extent> = BTreeMap::new();
     let (width, confidence) = (output.segments.width(), output.confidence.pixels());

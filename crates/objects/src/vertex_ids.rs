@@ -1,4 +1,4 @@
-//! Ids from the map to the vertices of a mesh.
+//! Transfer of ids from the map to the vertices of a mesh.
 
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
@@ -6,25 +6,25 @@ use splatseg_geometry::SegmentId;
 use splatseg_memory::ExportedGaussian;
 use std::collections::HashMap;
 
-/// How far a Gaussian reaches, standard deviations.
+/// Reach of a Gaussian, standard deviations.
 const REACH_IN_RADII: f32 = 3.0;
-/// The least and the most of it, metres: a map is never exact to the millimetre, and a large Gaussian is a coarse one.
+/// Minimum and maximum reach, metres: a map is not accurate to the millimetre, and a large Gaussian is coarse.
 const REACH_M: (f32, f32) = (0.05, 0.3);
-/// The side of the cells in which Gaussians are looked up, metres.
+/// Side of the grid cells for looking up Gaussians, metres.
 const CELL_M: f32 = 0.1;
 
 /// The id of a vertex.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VertexId {
-    /// The id that the Gaussians around it show; 0 if there are none, or if they show none.
+    /// The id of the Gaussians around it; 0 if there are none or they have no id.
     pub id: SegmentId,
-    /// The share of their weight that is for it, from 0 to 1.
+    /// The id's share of their weight, from 0 to 1.
     pub confidence: f32,
 }
 
-/// The id of each vertex: that with the most weight among the Gaussians that reach it, up to three standard deviations
-/// away, at least 5 and at most 30 cm. A Gaussian's weight falls linearly with its distance, and is smaller the less sure it
-/// is of its id. Vertices and Gaussians are in the same world, metres.
+/// Returns the id of each vertex: the one with the most weight among the Gaussians that reach it. A Gaussian reaches
+/// three standard deviations, but at least 5 and at most 30 cm. Its weight falls linearly with the distance and is
+/// proportional to the confidence of its id. Vertices and Gaussians are in the same world coordinates, metres.
 pub fn vertex_ids(gaussians: &[ExportedGaussian], vertices: &[Vec3]) -> Vec<VertexId> {
     let mut cells: HashMap<IVec3, Vec<usize>> = HashMap::new();
     for (index, gaussian) in gaussians.iter().enumerate().filter(|(_, gaussian)| gaussian.mean.is_finite()) {
@@ -63,7 +63,7 @@ fn vertex_id<'g>(vertex: Vec3, near: impl Iterator<Item = &'g ExportedGaussian>)
             None => weights.push((gaussian.segment_id, weight)),
         }
     }
-    // Of equal weights the lowest id.
+    // Ties go to the lowest id.
     let best = weights.into_iter().max_by(|left, right| left.1.total_cmp(&right.1).then(right.0.cmp(&left.0)));
     best.map_or(VertexId { id: 0, confidence: 0.0 }, |(id, weight)| VertexId { id, confidence: weight / sum })
 }

@@ -1,4 +1,4 @@
-//! The list of objects as text.
+//! The list of objects as JSON and CSV.
 
 use glam::{DVec3, Quat, Vec3};
 use splatseg_objects::{

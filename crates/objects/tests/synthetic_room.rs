@@ -1,5 +1,5 @@
-//! Shapes of objects against the synthetic room's own geometry. The rules were chosen on the rooms of seeds 100 to 109
-//! and 200 to 229; `cargo run -p splatseg-objects --example box_errors` measures them on others.
+//! Shapes of objects compared with the synthetic room's geometry. The rules were chosen on the rooms of seeds 100 to
+//! 109 and 200 to 229; `cargo run -p splatseg-objects --example box_errors` measures them on others.
 
 mod seen_room;
 
@@ -31,7 +31,7 @@ fn boxes_that_were_seen_from_two_sides_are_where_they_stand() {
 
 #[test]
 fn boxes_turn_with_the_world() {
-    // The same room, as a camera sees it whose first pose is not upright.
+    // The same room, seen by a camera whose first pose is not upright.
     let rotation = Quat::from_euler(EulerRot::XYZ, 0.5, -0.8, 1.1);
     let place = Pose::from_quaternion(DVec3::new(4.0, -2.0, 1.0), rotation.as_dquat()).unwrap();
     let seen = seen_room(room(4), place);
@@ -62,7 +62,7 @@ fn the_list_has_what_the_log_and_the_memory_know() {
         assert!(object.state == Some(expected) || object.shape.is_none(), "{object:?}");
         assert_eq!(object.color, object.shape.as_ref().map(|shape| shape.color));
     }
-    // An id that was given and that nothing carries.
+    // An assigned id without Gaussians.
     let mut memory = seen.memory;
     let carried = memory.carried_ids();
     let id = memory.new_segment().unwrap();

@@ -1,4 +1,4 @@
-//! Pictures of objects, each cut out of the frame that shows it best.
+//! Crops of objects, each from the frame with the best view.
 
 use crate::{OutputError, ResultFolder, segment_color};
 use image::ExtendedColorType;
@@ -8,22 +8,22 @@ use splatseg_objects::BoundingBox;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// The longest side of a crop, pixels; larger ones are scaled down.
+/// Maximum side of a crop, pixels; larger crops are scaled down.
 const MAX_SIDE: usize = 256;
-/// What is shown around the object, as a share of the longer side of its box...
+/// Margin around the object, as a share of the longer side of its box...
 const MARGIN: f64 = 0.15;
-/// ...and at least this, pixels.
+/// ...but at least this, pixels.
 const MIN_MARGIN: usize = 4;
-/// How bright the surroundings stay, in percent.
+/// Brightness of the surroundings, percent of the original.
 const SURROUNDINGS_PERCENT: u32 = 45;
 const JPEG_QUALITY: u8 = 85;
 
-/// A crop is written when so many frames have not brought a better one: most objects get better views at first.
+/// A crop is written when no better view has come for this many frames: most objects get better views at first.
 const SETTLED_FRAMES: usize = 10;
-/// If crops that wait take more than this, bytes, the oldest are written at once.
+/// Memory for pending crops, bytes; beyond it, the oldest are written at once.
 const MAX_WAITING_BYTES: usize = 32 << 20;
 
-/// An object cut out of a frame: its surroundings are darker, and it has an outline in its [`segment_color`].
+/// An object cut out of a frame: darkened surroundings, and an outline in its [`segment_color`].
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Crop {
     image: Image<[u8; 3]>,
@@ -41,8 +41,8 @@ struct Window {
 }
 
 impl Crop {
-    /// Cuts object `id` out of a frame. `color` and `segments` are `[height, width]`, of the same size, and hold
-    /// `inner`, the box around the object; otherwise there is no crop.
+    /// Cuts object `id` out of a frame. `color` and `segments` are `[height, width]`. `None` if their sizes differ or
+    /// `inner`, the box around the object, is empty or not inside them.
     pub fn of(
         color: &CowImage<'_, [u8; 3]>,
         segments: &SegmentMap,
@@ -101,7 +101,7 @@ impl Window {
         Some(Self { left, top, width: shown_width, height: shown_height, size })
     }
 
-    /// The mean colour of the pixels that a pixel of the crop stands for, and the share of them that show `id`.
+    /// The mean colour of the image pixels under a pixel of the crop, and the share of them that show `id`.
     fn mean_of(
         &self,
         color: &CowImage<'_, [u8; 3]>,
@@ -124,7 +124,7 @@ impl Window {
     }
 }
 
-/// Darkens what is not inside, and draws an outline on the pixels just inside.
+/// Darkens the pixels outside the object and draws an outline on its border pixels.
 fn highlight(image: &mut Image<[u8; 3]>, inside: &Image<bool>, outline: [u8; 3]) {
     let (width, height) = inside.size();
     for row in 0..height {
@@ -145,7 +145,8 @@ fn highlight(image: &mut Image<[u8; 3]>, inside: &Image<bool>, outline: [u8; 3])
     }
 }
 
-/// The mean sRGB colour of an object's pixels in a frame; `None` if other objects are painted over all of them.
+/// The mean sRGB colour of an object's pixels in a frame; `None` if the object has no pixels there because others
+/// overlap it.
 pub(crate) fn mean_color(
     color: &CowImage<'_, [u8; 3]>,
     segments: &SegmentMap,
@@ -165,21 +166,21 @@ pub(crate) fn mean_color(
     (count > 0).then(|| sum.map(|sum| ((sum + count / 2) / count) as u8))
 }
 
-/// Crops that are not written yet: only the last of several that follow each other is.
+/// Crops not yet written. Of several in quick succession, only the last is written.
 #[derive(Debug, Default)]
 pub(crate) struct WaitingCrops {
-    /// By object: the number of the frame, and the crop.
+    /// For each object, the number of its frame and the crop.
     crops: BTreeMap<SegmentId, (usize, Crop)>,
     bytes: usize,
 }
 
 impl WaitingCrops {
-    /// The file of an object's crop, by its path in the folder.
+    /// Path of an object's crop in the result folder.
     pub fn file(id: SegmentId) -> String {
         format!("objects/{id}.jpg")
     }
 
-    /// Adds a crop of a frame, in place of an earlier one of the same object.
+    /// Adds a crop, replacing an earlier one of the same object. `frame` is the number of its frame.
     pub fn add(&mut self, id: SegmentId, frame: usize, crop: Crop) {
         self.bytes += crop.bytes();
         if let Some((_, replaced)) = self.crops.insert(id, (frame, crop)) {
@@ -187,7 +188,7 @@ impl WaitingCrops {
         }
     }
 
-    /// Writes the crops that have waited long enough before frame `now`, or take too much memory.
+    /// Writes the crops that have waited long enough at frame `now`, and the oldest ones if they take too much memory.
     ///
     /// # Errors
     /// If one cannot be written.
@@ -226,7 +227,7 @@ mod tests {
     use super::*;
     use std::cell::RefCell;
 
-    /// The names of the files that are written, in order.
+    /// Records the names of written files, in order.
     #[derive(Default)]
     struct Written(RefCell<Vec<String>>);
 

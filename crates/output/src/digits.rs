@@ -4,10 +4,10 @@
 pub(super) const DIGIT_WIDTH: usize = 5;
 /// Height of a digit, pixels.
 pub(super) const DIGIT_HEIGHT: usize = 7;
-/// From the left edge of one digit to that of the next, pixels.
+/// Distance between the left edges of neighbouring digits, pixels.
 pub(super) const DIGIT_ADVANCE: usize = DIGIT_WIDTH + 1;
 
-/// One row of pixels per entry, the highest of five bits on the left.
+/// One row of pixels per byte; the highest of the five bits is the leftmost pixel.
 const GLYPHS: [[u8; DIGIT_HEIGHT]; 10] = [
     [0b01110, 0b10001, 0b10011, 0b10101, 0b11001, 0b10001, 0b01110],
     [0b00100, 0b01100, 0b00100, 0b00100, 0b00100, 0b00100, 0b01110],
@@ -26,12 +26,12 @@ pub(super) fn decimal_digits(number: u32) -> Vec<u8> {
     number.to_string().bytes().map(|byte| byte - b'0').collect()
 }
 
-/// The width, in pixels, of digits written side by side.
+/// Width of digits written side by side, pixels.
 pub(super) fn text_width(digits: &[u8]) -> usize {
     (digits.len() * DIGIT_ADVANCE).saturating_sub(1)
 }
 
-/// The `(column, row)` of every set pixel of digits written side by side, from their upper left corner.
+/// The `(column, row)` of every set pixel of digits written side by side, relative to their upper left corner.
 pub(super) fn text_pixels(digits: &[u8]) -> Vec<(usize, usize)> {
     let mut pixels = Vec::new();
     for (place, digit) in digits.iter().enumerate() {

@@ -1,11 +1,11 @@
-//! What can go wrong when results are written.
+//! Errors writing results.
 
 use serde::Serialize;
-use splatseg_memory::MAX_SEGMENT_ID;
+use splatseg_annotations::WriteIdsError;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Something that cannot be written.
+/// Errors writing results.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum OutputError {
@@ -14,23 +14,18 @@ pub enum OutputError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// The operating system's error.
         source: std::io::Error,
     },
-    /// An id does not fit an image.
-    #[error("{}: segment id {id} does not fit an image (at most {MAX_SEGMENT_ID})", path.display())]
-    IdTooLarge {
-        /// The file.
-        path: PathBuf,
-        /// The id.
-        id: u32,
-    },
+    /// An id image cannot be written.
+    #[error(transparent)]
+    WriteIds(#[from] WriteIdsError),
     /// The image cannot be encoded, e.g. because it is empty or too large for the format.
     #[error("{}: cannot be encoded: {source}", path.display())]
     Encode {
         /// The file.
         path: PathBuf,
-        /// What the encoder said.
+        /// The encoder's error.
         source: image::ImageError,
     },
     /// An id image in the folder cannot be read again.
@@ -41,7 +36,7 @@ pub enum OutputError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// The operating system's error.
         source: std::io::Error,
     },
     /// An overlay needs an image and segments of the same size.
@@ -54,17 +49,16 @@ pub enum OutputError {
     },
 }
 
-/// Writes `bytes` to `path`, replacing what is there, so that a reader sees the old file or the new one, never a part
-/// (see [`splatseg_atomic_file`]). The folder must exist.
+/// Writes `bytes` to `path`, replacing any existing file. A reader sees the old file or the new one, never a partial
+/// file (see [`splatseg_files`]). The folder must exist.
 ///
 /// # Errors
 /// [`OutputError::Io`] names the path; the old file stays as it was.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
-    splatseg_atomic_file::write_atomically(path, bytes)
-        .map_err(|source| OutputError::Io { path: path.to_owned(), source })
+    splatseg_files::write_atomically(path, bytes).map_err(|source| OutputError::Io { path: path.to_owned(), source })
 }
 
-/// What an output that writes `file` has kept, as JSON.
+/// The state of the output that writes `file`, as JSON.
 pub(crate) fn saved_state(file: &str, state: &impl Serialize) -> Result<Vec<u8>, OutputError> {
     serde_json::to_vec(state).map_err(|error| OutputError::Io { path: PathBuf::from(file), source: error.into() })
 }

@@ -1,7 +1,7 @@
-//! What a run writes: id images, overlays, and what is made of all frames together.
+//! Outputs of a run: id images, overlays, and files about the whole run.
 //!
-//! Each kind of result is a [`RunOutput`]. It is shown every frame with its result, in order, and at the end the memory.
-//! Where files go is up to a [`ResultFolder`].
+//! Each kind of result is a [`RunOutput`]. It receives every frame with its result, in order, and at the end the
+//! memory. A [`ResultFolder`] decides where the files go.
 
 mod coco;
 mod crops;
@@ -12,7 +12,6 @@ mod objects_file;
 mod overlay;
 mod page;
 mod run_output;
-mod segments;
 
 pub use coco::CocoFile;
 pub use error::{OutputError, write_atomically};
@@ -21,7 +20,6 @@ pub use objects_file::ObjectsFile;
 pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
 pub use page::Page;
 pub use run_output::{FrameRecord, ResultFolder, RunEnd, RunOutput};
-pub use segments::write_segments_png;
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -1,4 +1,4 @@
-//! `objects.json` and `objects.csv`: every object of the run, with a crop of each in `objects/`.
+//! `objects.json` and `objects.csv`: every object of the run; crops are in `objects/`.
 
 use crate::crops::{Crop, WaitingCrops, mean_color};
 use crate::error::saved_state;
@@ -6,7 +6,7 @@ use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
 use splatseg_objects::{FrameStamp, SeenObjects};
 use std::path::PathBuf;
 
-/// The list of objects.
+/// Writes the list of objects and their crops.
 #[derive(Debug, Default)]
 pub struct ObjectsFile {
     seen: SeenObjects,
@@ -14,9 +14,9 @@ pub struct ObjectsFile {
 }
 
 impl ObjectsFile {
-    /// The list for programs.
+    /// Name of the JSON file.
     pub const JSON: &'static str = "objects.json";
-    /// The same as a table.
+    /// Name of the CSV file, which has the same data as a table.
     pub const CSV: &'static str = "objects.csv";
 }
 
@@ -46,7 +46,7 @@ impl RunOutput for ObjectsFile {
     }
 
     fn save(&mut self, folder: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError> {
-        // So that none waits any more. A better one replaces it later.
+        // The state then needs no pending crops. A better crop replaces the file later.
         self.crops.write_all(folder)?;
         saved_state(Self::JSON, &())
     }

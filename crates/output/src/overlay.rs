@@ -1,22 +1,23 @@
-//! Segments drawn over their image, for people.
+//! Segments drawn over their image, for viewing.
 
 use crate::digits::{DIGIT_HEIGHT, decimal_digits, text_pixels, text_width};
 use crate::{OutputError, write_atomically};
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
-use splatseg_geometry::{CowImage, Image, SegmentId, SegmentMap};
+use splatseg_geometry::{CowImage, Image, SegmentId, SegmentMap, flood_fill};
+use std::cmp::Reverse;
 use std::path::Path;
 
 const JPEG_QUALITY: u8 = 90;
-/// How much of a segment's colour, in percent, lies over the image.
+/// Opacity of a segment's colour over the image, percent.
 const OPACITY_PERCENT: u32 = 50;
-/// A part of a segment gets its number if a square of this many pixels fits around it, for
-/// digits of one and of two pixels' thickness.
+/// `(thickness of the digits, side of a square)`, pixels: a part of a segment is numbered with the first thickness
+/// whose square fits into it.
 const ROOM_FOR_TEXT: [(usize, usize); 2] = [(2, 21), (1, 11)];
 
-/// The colour of a segment, sRGB: the same in every frame and run, and far from those of the ids next to it.
+/// The colour of a segment, sRGB: the same in every frame and run, and far from the colours of neighbouring ids.
 pub fn segment_color(id: SegmentId) -> [u8; 3] {
-    // Golden-ratio steps never come back to a hue; lightness and saturation tell apart those that come close.
+    // Golden-ratio steps never repeat a hue; lightness and saturation distinguish ids with similar hues.
     let hue = (f64::from(id) * 0.618_033_988_749_895).fract();
     let lightness = [0.55, 0.42, 0.68][id as usize % 3];
     let saturation = [0.95, 0.70][(id as usize / 3) % 2];
@@ -30,7 +31,7 @@ pub fn segment_color(id: SegmentId) -> [u8; 3] {
     [channel(0.0), channel(1.0 / 3.0), channel(2.0 / 3.0)]
 }
 
-/// The image with every segment tinted in [`segment_color`], outlined, and numbered where there is room. All are
+/// The image with every segment tinted in [`segment_color`], outlined, and numbered where there is room. All images are
 /// `[height, width]`, of the same size.
 ///
 /// # Errors
@@ -88,10 +89,10 @@ fn blended(below: [u8; 3], above: [u8; 3]) -> [u8; 3] {
     })
 }
 
-/// Where a number is drawn.
+/// A number to draw.
 struct LabelSpot {
     id: SegmentId,
-    /// Pixel (column, row) in the middle of the number.
+    /// Centre of the number, pixel (column, row).
     center: (usize, usize),
     /// Side of a digit's dot, pixels.
     dot: usize,
@@ -108,20 +109,8 @@ fn label_spots(segments: &SegmentMap) -> Vec<LabelSpot> {
         if id == 0 || visited[start] {
             continue;
         }
-        visited[start] = true;
-        let mut open = vec![start];
-        let mut innermost = start;
-        while let Some(index) = open.pop() {
-            if clearance[index] > clearance[innermost] {
-                innermost = index;
-            }
-            for neighbour in neighbours(index, (width, height)) {
-                if !visited[neighbour] && segments.pixels()[neighbour] == id {
-                    visited[neighbour] = true;
-                    open.push(neighbour);
-                }
-            }
-        }
+        let part = flood_fill(start, (width, height), &mut visited, |index| segments.pixels()[index] == id);
+        let innermost = part.into_iter().max_by_key(|index| (clearance[*index], Reverse(*index))).unwrap_or(start);
         let side = 2 * clearance[innermost] as usize - 1;
         if let Some((dot, _)) = ROOM_FOR_TEXT.iter().find(|(_, room)| side >= *room) {
             spots.push(LabelSpot { id, center: (innermost % width, innermost / width), dot: *dot });
@@ -130,21 +119,8 @@ fn label_spots(segments: &SegmentMap) -> Vec<LabelSpot> {
     spots
 }
 
-/// The row-major indices of the four pixels beside a pixel, less those outside.
-fn neighbours(index: usize, (width, height): (usize, usize)) -> impl Iterator<Item = usize> {
-    let (column, row) = (index % width, index / width);
-    [
-        (column > 0).then(|| index - 1),
-        (column + 1 < width).then(|| index + 1),
-        (row > 0).then(|| index - width),
-        (row + 1 < height).then(|| index + width),
-    ]
-    .into_iter()
-    .flatten()
-}
-
-/// For each pixel, row-major, how far (chessboard distance, at least 1) it is to a pixel of another segment or to the
-/// outside. Two passes: down from the pixels above and left, up from those below and right.
+/// For each pixel, row-major, the chessboard distance (at least 1) to the nearest pixel of another segment or outside
+/// the image. Two passes: down from the pixels above and left, up from those below and right.
 fn border_distances(segments: &SegmentMap) -> Vec<u32> {
     let (width, height) = segments.size();
     let mut distances = vec![u32::MAX; width * height];

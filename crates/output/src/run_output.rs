@@ -1,6 +1,7 @@
-//! What takes part in a run as one of its results.
+//! The interface of a run's outputs.
 
 use crate::OutputError;
+use splatseg_dataset::read_segments_png;
 use splatseg_geometry::{RgbdFrame, SegmentMap};
 use splatseg_memory::SplatMemory;
 use splatseg_objects::{ObjectList, ObjectSighting};
@@ -9,24 +10,25 @@ use std::path::PathBuf;
 /// A frame with its result.
 #[derive(Clone, Debug)]
 pub struct FrameRecord {
-    /// Position in the run, from 0: the number that [`ObjectList`] knows the frame by.
+    /// Position in the run, from 0: the frame's number in [`ObjectList`].
     pub number: usize,
-    /// The name of its result files, without folder and extension. It holds no characters that lead out of a folder.
+    /// Name of the frame's result files, without folder and extension. It contains no characters that lead out of a
+    /// folder.
     pub file_name: String,
     /// The frame.
     pub frame: RgbdFrame<'static>,
-    /// One lasting id per pixel, `[height, width]`; 0 where there is no segment.
+    /// The persistent object id of each pixel, `[height, width]`; 0 where there is no segment.
     pub segments: SegmentMap,
-    /// The objects in it, by increasing id.
+    /// The objects in the frame, by increasing id.
     pub objects: Vec<ObjectSighting>,
 }
 
 /// A run after its last frame.
 #[derive(Clone, Copy, Debug)]
 pub struct RunEnd<'a> {
-    /// The scene as it was given.
+    /// The scene as given by the user.
     pub scene: &'a str,
-    /// Every object that a frame showed or the memory carries.
+    /// Every object that was seen in a frame or is in the memory.
     pub objects: &'a ObjectList,
     /// The memory, if the method has one.
     pub memory: Option<&'a SplatMemory>,
@@ -34,55 +36,64 @@ pub struct RunEnd<'a> {
 
 /// The folder of a run's results.
 pub trait ResultFolder {
-    /// Writes a file, given by its path inside the folder with `/` between its parts, and lists it as one of the run's.
+    /// Writes a file and lists it as one of the run's. `file` is a path relative to the folder, with `/` between its
+    /// parts.
     ///
     /// # Errors
-    /// If it cannot be written; then no part of it is left.
+    /// If the file cannot be written; no partial file is left.
     fn write(&mut self, file: &str, bytes: &[u8]) -> Result<(), OutputError>;
 
-    /// Where a file is that was written, given as in [`Self::write`].
+    /// The path of a written file; `file` is as in [`Self::write`].
     fn path_of(&self, file: &str) -> PathBuf;
 }
 
-/// A kind of result. Outputs see the frames in order, on one thread, while later frames are still processed.
+/// A kind of result. Outputs receive the frames in order, on one thread, while later frames are still being processed.
 ///
-/// A run can be stopped and go on later: [`Self::frame_state`] says what an output has kept of each frame and
-/// [`Self::save`] what else, and [`Self::restore`] gives that to a new one, which is then shown only the frames after them.
-/// What it writes must be the same, byte for byte, as without the stop. What grows with the number of frames belongs to the
-/// frames: they are saved once, all else with every save.
+/// A run can be stopped and resumed. [`Self::frame_state`] returns the state that belongs to one frame, [`Self::save`]
+/// the rest, and [`Self::restore`] loads both into a new output, which then receives only the later frames. The files
+/// of a resumed run must equal those of an uninterrupted run byte for byte. State that grows with the number of frames
+/// belongs in [`Self::frame_state`]: it is saved once per frame, whereas the rest is written with every save.
 pub trait RunOutput: Send {
-    /// What it is called among the outputs of a run: lower-case letters.
+    /// The output's name, unique in a run: lower-case letters.
     fn name(&self) -> &'static str;
 
-    /// Takes in the next frame. Its id image and its overlay are in the folder: `segments/<file_name>.png`,
+    /// Records the next frame. Its id image and its overlay are already in the folder: `segments/<file_name>.png`,
     /// `overlay/<file_name>.jpg`.
     ///
     /// # Errors
     /// If something cannot be written. The output is shown later frames all the same.
     fn add_frame(&mut self, record: &FrameRecord, folder: &mut dyn ResultFolder) -> Result<(), OutputError>;
 
-    /// What it has kept of the frame that it was shown last, as one line of JSON.
+    /// Returns the state of the latest frame, as one line of JSON.
     ///
     /// # Errors
     /// If it cannot be written. The output is shown later frames all the same.
     fn frame_state(&self, record: &FrameRecord) -> Result<Vec<u8>, OutputError>;
 
-    /// What else it has kept so far, as JSON.
+    /// Returns the state that does not belong to single frames, as JSON.
     ///
     /// # Errors
     /// If it cannot be written. The output is shown later frames all the same.
     fn save(&mut self, folder: &mut dyn ResultFolder) -> Result<Vec<u8>, OutputError>;
 
-    /// Takes over what an output of the same name has saved: a line of each frame, and what else it has kept. Must come before
-    /// the first frame.
+    /// Loads the state of an output of the same name: the line of each frame from [`Self::frame_state`], and the result
+    /// of [`Self::save`]. Must be called before the first frame.
     ///
     /// # Errors
-    /// If this is not what such an output saves; the output is then as it was.
+    /// If the state is invalid; the output is then unchanged.
     fn restore(&mut self, frames: &[String], saved: &[u8]) -> serde_json::Result<()>;
 
-    /// Writes what is known only after the last frame. A run that was interrupted has a last frame too.
+    /// Writes the files that need the whole run. Also called at the end of an interrupted run.
     ///
     /// # Errors
     /// If something cannot be written.
     fn finish(&mut self, end: &RunEnd<'_>, folder: &mut dyn ResultFolder) -> Result<(), OutputError>;
+}
+
+/// Reads the id image of a frame back from the folder.
+///
+/// # Errors
+/// [`OutputError::IdImage`].
+pub(crate) fn written_ids(folder: &dyn ResultFolder, file_name: &str) -> Result<SegmentMap, OutputError> {
+    Ok(read_segments_png(&folder.path_of(&format!("segments/{file_name}.png")))?)
 }

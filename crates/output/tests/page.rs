@@ -1,4 +1,4 @@
-//! The files of the page: what is in them, whatever frames are called.
+//! Contents of the page's files, for any names of frames.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -47,7 +47,7 @@ fn page(frames: usize, scene: &str, name: impl Fn(usize) -> String) -> Files {
     files
 }
 
-/// What the page's data say.
+/// Parses the page's data.
 fn run(files: &Files) -> Value {
     let script = &files.0["viewer/run.js"];
     serde_json::from_str(script.strip_prefix("var splatsegRun=").unwrap().strip_suffix(";\n").unwrap()).unwrap()
@@ -67,7 +67,7 @@ fn frames_are_in_files_of_64() {
         let frames: Value =
             serde_json::from_str(script.strip_prefix(&start).unwrap().strip_suffix(");\n").unwrap()).unwrap();
         assert_eq!(frames.as_array().unwrap().len(), count);
-        // None as above, one of 9, none as above, three of 7, the other two rows as above.
+        // No pixel as above, one of id 9, none as above, three of id 7, the other two rows as above.
         let ids = STANDARD.encode([0, 1, 9, 0, 3, 7, 8]);
         assert_eq!(frames[(3 - chunk * 64 % 3) % 3], json!([4, 3, ids]));
     }

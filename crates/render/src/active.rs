@@ -1,5 +1,5 @@
-//! The part of the blend-weight matrix that an optimisation works on: chosen pixels (rows), and the Gaussians (columns)
-//! with a weight there, renumbered without gaps.
+//! The part of the blend-weight matrix that an optimisation uses: chosen pixels (rows) and the Gaussians (columns) with
+//! a weight there, renumbered without gaps.
 
 use crate::TileWeights;
 use rayon::prelude::*;
@@ -21,7 +21,7 @@ impl PixelSet {
         self.0[usize::from(pixel) / 64] |= 1 << (pixel % 64);
     }
 
-    /// Whether the pixel is in the set.
+    /// True if the pixel is in the set.
     pub fn contains(&self, pixel: u8) -> bool {
         self.0[usize::from(pixel) / 64] >> (pixel % 64) & 1 == 1
     }
@@ -31,7 +31,7 @@ impl PixelSet {
         self.0.iter().map(|word| word.count_ones() as usize).sum()
     }
 
-    /// Whether no pixel is in the set.
+    /// True if the set is empty.
     pub fn is_empty(&self) -> bool {
         self.0 == [0; 4]
     }
@@ -45,7 +45,7 @@ pub struct ActiveWeights {
     gaussians: Vec<u32>,
     /// The columns of active Gaussian `g` are `columns[offsets[g]..offsets[g + 1]]`.
     offsets: Vec<u32>,
-    /// Positions among the columns of all active tiles, one after the other.
+    /// Positions in the concatenated columns of all active tiles.
     columns: Vec<u32>,
     weight_sums: Vec<f32>,
 }
@@ -75,9 +75,9 @@ struct PixelRows {
 const UNNUMBERED: u32 = u32::MAX;
 
 impl ActiveWeights {
-    /// Renumbers the Gaussians of `tiles`. The scene has `gaussian_count` Gaussians; `seen` are the tiles of the
-    /// whole view, chosen or not.
-    pub(crate) fn new(mut tiles: Vec<ActiveTile>, seen: &[TileWeights], gaussian_count: usize) -> Self {
+    /// Renumbers the Gaussians of `tiles`. The scene has `gaussian_count` Gaussians; `all_tiles` are all tiles of the
+    /// view.
+    pub(crate) fn new(mut tiles: Vec<ActiveTile>, all_tiles: &[TileWeights], gaussian_count: usize) -> Self {
         let mut number = vec![UNNUMBERED; gaussian_count];
         let mut gaussians = Vec::new();
         for gaussian in tiles.iter_mut().flat_map(|tile| &mut tile.weights.gaussians) {
@@ -90,7 +90,7 @@ impl ActiveWeights {
         }
         tiles.par_iter_mut().for_each(|tile| tile.rows = PixelRows::from_tile(&tile.weights));
         let (offsets, columns) = columns_by_gaussian(&tiles, gaussians.len());
-        let weight_sums = weight_sums(seen, &number, gaussians.len());
+        let weight_sums = weight_sums(all_tiles, &number, gaussians.len());
         Self { tiles, gaussians, offsets, columns, weight_sums }
     }
 
@@ -104,30 +104,32 @@ impl ActiveWeights {
         &self.gaussians
     }
 
-    /// Column sums of `W` over the whole image, chosen pixels or not: the active Gaussians' Jacobi preconditioners.
+    /// Column sums of `W` over the whole image, not just the chosen pixels: the active Gaussians' Jacobi
+    /// preconditioners.
     pub fn weight_sums(&self) -> &[f32] {
         &self.weight_sums
     }
 
-    /// Number of columns of all active tiles together: a Gaussian has one in each tile that it touches.
+    /// Number of columns of all active tiles: a Gaussian has one in each tile that it touches.
     pub fn column_count(&self) -> usize {
         self.columns.len()
     }
 
-    /// Where the columns of an active Gaussian stand among the columns of all active tiles, one after the other.
+    /// Positions of an active Gaussian's columns in the concatenated columns of all active tiles.
     pub fn columns_of(&self, gaussian: usize) -> &[u32] {
         &self.columns[self.offsets[gaussian] as usize..self.offsets[gaussian + 1] as usize]
     }
 }
 
 impl ActiveTile {
-    /// The chosen pixels of a tile; the rows are made once Gaussians have their active numbers.
+    /// A tile without rows; they are made once the Gaussians have their active numbers.
     pub(crate) fn new(tile: usize, pixels: PixelSet, weights: TileWeights) -> Self {
         Self { tile, pixels, weights, rows: PixelRows::default() }
     }
 
     /// Writes `W v` to `pixels` (`[16, 16, channels]`) for the chosen pixels and 0 for the others, with `values`
-    /// `[active Gaussians, channels]`. It is [`TileWeights::accumulate`] pixel by pixel, with sums kept in registers.
+    /// `[active Gaussians, channels]`. Equals [`TileWeights::accumulate`], but works pixel by pixel with sums in
+    /// registers.
     ///
     /// # Panics
     /// If `values` is too short or `pixels` is not `[16, 16, channels]`.
@@ -153,7 +155,7 @@ struct RenderRows<'a> {
     pixels: &'a mut [f32],
 }
 
-/// The product with a number of channels that the compiler knows.
+/// The product with a number of channels known at compile time.
 struct Fixed<'a, const C: usize>(RenderRows<'a>);
 
 impl<const C: usize> Vectorize for Fixed<'_, C> {
@@ -179,7 +181,7 @@ impl<const C: usize> Vectorize for Fixed<'_, C> {
 }
 
 impl PixelRows {
-    /// A counting sort by pixel; the weights of one pixel stay front to back.
+    /// Counting sort by pixel; the weights of one pixel stay front to back.
     fn from_tile(tile: &TileWeights) -> Self {
         let mut offsets = vec![0u32; TileWeights::PIXELS + 1];
         for pixel in &tile.pixels {
@@ -202,9 +204,9 @@ impl PixelRows {
     }
 }
 
-fn weight_sums(seen: &[TileWeights], number: &[u32], count: usize) -> Vec<f32> {
+fn weight_sums(all_tiles: &[TileWeights], number: &[u32], count: usize) -> Vec<f32> {
     let mut sums = vec![0f32; count];
-    for tile in seen {
+    for tile in all_tiles {
         for (gaussian, sum) in tile.gaussians.iter().zip(&tile.weight_sums) {
             let number = number[*gaussian as usize];
             if number != UNNUMBERED {
@@ -215,7 +217,7 @@ fn weight_sums(seen: &[TileWeights], number: &[u32], count: usize) -> Vec<f32> {
     sums
 }
 
-/// A counting sort of all columns by Gaussian; columns of one Gaussian stay in tile order.
+/// Counting sort of all columns by Gaussian; columns of one Gaussian stay in tile order.
 fn columns_by_gaussian(tiles: &[ActiveTile], count: usize) -> (Vec<u32>, Vec<u32>) {
     let mut offsets = vec![0u32; count + 1];
     let all = || tiles.iter().flat_map(|tile| tile.weights.gaussians.iter());
@@ -235,7 +237,7 @@ fn columns_by_gaussian(tiles: &[ActiveTile], count: usize) -> (Vec<u32>, Vec<u32
 }
 
 impl TileWeights {
-    /// The weights above `min_weight` at the given pixels; Gaussians without any of them are left out.
+    /// The weights above `min_weight` at the given pixels; Gaussians without such a weight are omitted.
     pub(crate) fn restricted(&self, pixels: &PixelSet, min_weight: f32) -> Self {
         let mut kept = Self::empty(self.left, self.top, self.width, self.height);
         let (mut column_pixels, mut column_weights) = (Vec::with_capacity(256), Vec::with_capacity(256));

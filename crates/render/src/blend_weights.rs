@@ -9,8 +9,8 @@ use splatseg_kernels::{Instructions, Vectorize};
 /// transmittance in front of it.
 ///
 /// Rendering any per-Gaussian values `v` (`[gaussians, channels]`) is `W v` ([`BlendWeights::render`]), and the
-/// gradient of a loss with respect to them is `Wᵀ g` ([`BlendWeights::gradient`]). `W` is kept as compressed sparse
-/// columns inside tiles of 16 × 16 pixels, so that a product touches only what fits the nearest cache.
+/// gradient of a loss with respect to them is `Wᵀ g` ([`BlendWeights::gradient`]). `W` is stored as compressed sparse
+/// columns in tiles of 16 × 16 pixels, so that a product touches only data that fits the L1 cache.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlendWeights {
     pub(crate) width: usize,
@@ -36,7 +36,7 @@ pub struct TileWeights {
     pub(crate) weights: Vec<f32>,
 }
 
-/// Panics if a slice has another length than expected.
+/// Panics if a slice does not have the expected length.
 #[track_caller]
 fn assert_length(what: &str, found: usize, expected: usize) {
     assert!(found == expected, "{what} hold {found} values, expected {expected}");
@@ -53,7 +53,7 @@ impl BlendWeights {
         self.height
     }
 
-    /// Number of weights that are not zero.
+    /// Number of non-zero weights.
     pub fn non_zeros(&self) -> usize {
         self.tiles.iter().map(|tile| tile.weights.len()).sum()
     }
@@ -63,15 +63,15 @@ impl BlendWeights {
         &self.tiles
     }
 
-    /// Tiles in one row of tiles.
+    /// Number of tiles per row of tiles.
     pub fn tile_columns(&self) -> usize {
         self.tile_columns
     }
 
-    /// `W v`: the image `[height, width, channels]` of per-Gaussian values `[gaussians, channels]`, row-major.
+    /// `W v`: renders per-Gaussian values `[gaussians, channels]` to an image `[height, width, channels]`, row-major.
     ///
     /// # Panics
-    /// If `values` has fewer than `channels` values for a Gaussian that is seen.
+    /// If `values` is too short for a Gaussian with a weight.
     pub fn render(&self, values: &[f32], channels: usize) -> Vec<f32> {
         let mut image = vec![0.0; self.width * self.height * channels];
         let band = (TILE * self.width * channels).max(1);
@@ -91,11 +91,11 @@ impl BlendWeights {
         image
     }
 
-    /// `Wᵀ g`: from a loss's gradient with respect to an image, `[height, width, channels]`, its gradient with
+    /// `Wᵀ g`: converts a loss's gradient with respect to an image, `[height, width, channels]`, to its gradient with
     /// respect to the rendered values, `[gaussian_count, channels]`.
     ///
     /// # Panics
-    /// If `image_gradient` has another size, or a Gaussian that is seen is not below `gaussian_count`.
+    /// If `image_gradient` has another size, or a Gaussian with a weight is not below `gaussian_count`.
     pub fn gradient(&self, image_gradient: &[f32], channels: usize, gaussian_count: usize) -> Vec<f32> {
         assert_length("the image gradient", image_gradient.len(), self.width * self.height * channels);
         let partial: Vec<Vec<f32>> = self
@@ -180,7 +180,7 @@ impl TileWeights {
         }
     }
 
-    /// Becomes another tile without weights, but keeps the memory.
+    /// Resets to another tile without weights, keeping the allocations.
     pub(crate) fn restart(&mut self, left: usize, top: usize, width: usize, height: usize) {
         (self.left, self.top, self.width, self.height) = (left, top, width, height);
         self.gaussians.clear();
@@ -202,7 +202,7 @@ impl TileWeights {
         self.offsets.push(self.weights.len() as u32);
     }
 
-    /// Number of pixels in a tile's buffers: tiles are 16 × 16, those at the right and lower edge partly unused.
+    /// Number of pixels in a tile's buffers: tiles are 16 × 16; at the right and lower edge they are partly unused.
     pub const PIXELS: usize = TILE * TILE;
 
     /// Side of a tile, pixels.
@@ -242,7 +242,7 @@ impl TileWeights {
     pub fn accumulate(&self, values: &[f32], channels: usize, pixels: &mut [f32]) {
         assert_length("the tile's pixels", pixels.len(), Self::PIXELS * channels);
         let product = Accumulate { tile: self, values, pixels };
-        // Known channel counts let the compiler keep a pixel in registers.
+        // With a channel count known at compile time, a pixel stays in registers.
         match channels {
             1 => Instructions::best().run(Fixed::<_, 1>(product)),
             3 => Instructions::best().run(Fixed::<_, 3>(product)),
@@ -257,10 +257,10 @@ impl TileWeights {
     #[inline(always)]
     fn accumulate_fixed<const C: usize>(&self, values: &[f32], pixels: &mut [f32]) {
         let (values, _) = values.as_chunks::<C>();
-        // With 256 pixels known to be there, an index of one byte needs no check.
+        // With exactly 256 pixels, a one-byte index needs no bounds check.
         let Some(pixels) = pixels.as_chunks_mut::<C>().0.first_chunk_mut::<{ TILE * TILE }>() else { return };
         for (column, gaussian) in self.gaussians.iter().enumerate() {
-            // Copies, because the compiler cannot know that values and pixels are apart.
+            // A copy, because the compiler cannot rule out that values and pixels alias.
             let value = values[*gaussian as usize];
             for (pixel, weight) in self.column(column) {
                 let mut sums = pixels[pixel as usize];
@@ -346,7 +346,7 @@ struct ProjectBack<'a> {
     columns: &'a mut [f32],
 }
 
-/// A product with a number of channels that the compiler knows.
+/// A product with a number of channels known at compile time.
 struct Fixed<P, const C: usize>(P);
 
 /// A product with any number of channels.

@@ -1,4 +1,4 @@
-//! The camera that Gaussians are rendered with, and the constants of rasterisation.
+//! The camera for rendering, and the constants of rasterisation.
 
 use glam::{Mat3, Vec3};
 use splatseg_geometry::{Intrinsics, LocalPose};
@@ -19,9 +19,9 @@ pub struct Camera {
 /// The constants of 3DGS rasterisation, with the values of gsplat 1.5 (`rasterize_mode="classic"`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RasterLimits {
-    /// Gaussians whose centre is not farther than this (camera z, metres) are left out.
+    /// Gaussians with their centre at or before this (camera z, metres) are omitted.
     pub near_plane: f32,
-    /// Gaussians whose centre is not nearer than this (camera z, metres) are left out.
+    /// Gaussians with their centre at or beyond this (camera z, metres) are omitted.
     pub far_plane: f32,
     /// Added to both diagonal entries of the 2D covariance, pixels²: no Gaussian is thinner than about a pixel.
     pub low_pass: f32,
@@ -29,7 +29,7 @@ pub struct RasterLimits {
     pub max_alpha: f32,
     /// Smaller alphas are skipped.
     pub min_alpha: f32,
-    /// A pixel is finished, without blending the Gaussian that does it, when its transmittance would fall to this.
+    /// A pixel is finished when its transmittance would fall to this; the Gaussian that would cause it is not blended.
     pub min_transmittance: f32,
 }
 
@@ -58,7 +58,7 @@ impl Camera {
         }
     }
 
-    /// A world point in the camera's frame, metres.
+    /// Transforms a world point to the camera's frame, metres.
     #[inline(always)]
     pub fn to_camera(&self, point_world: Vec3) -> Vec3 {
         self.camera_from_world_rotation * point_world + self.camera_from_world_translation

@@ -1,4 +1,4 @@
-//! The Gaussians that are rendered, as one array per property.
+//! Gaussians for rendering, one array per property.
 
 use glam::{Quat, Vec3};
 
@@ -11,7 +11,7 @@ pub enum Shape {
     Ellipsoid(Vec3, Quat),
 }
 
-/// Anything that can be rendered as 3D Gaussians. World coordinates.
+/// A set of renderable 3D Gaussians, in world coordinates.
 pub trait Splats: Sync {
     /// Number of Gaussians.
     fn count(&self) -> usize;
@@ -19,17 +19,16 @@ pub trait Splats: Sync {
     /// Centre of a Gaussian, metres.
     fn mean(&self, index: usize) -> Vec3;
 
-    /// Its opacity in [0, 1].
+    /// Opacity of a Gaussian, in [0, 1].
     fn opacity(&self, index: usize) -> f32;
 
-    /// Its shape.
+    /// Shape of a Gaussian.
     fn shape(&self, index: usize) -> Shape;
 }
 
 /// Anisotropic 3D Gaussians in world coordinates, one entry per Gaussian in every array.
 ///
-/// What a Gaussian *carries* (colour, features) is not here: channels are rendered as products with
-/// [`BlendWeights`](crate::BlendWeights).
+/// Colours and features are not stored here: they are rendered as products with [`BlendWeights`](crate::BlendWeights).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gaussians {
     /// Centres, metres.
@@ -48,7 +47,7 @@ impl Gaussians {
         self.means.len()
     }
 
-    /// Whether there is none.
+    /// True if there are none.
     pub fn is_empty(&self) -> bool {
         self.means.is_empty()
     }
@@ -88,7 +87,7 @@ impl Splats for Gaussians {
     }
 }
 
-/// Opaque balls: what a map grown from depth images is made of. One entry per Gaussian in every array.
+/// Opaque isotropic Gaussians, as in a map grown from depth images. One entry per Gaussian in every array.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Balls {
     /// Centres, world coordinates, metres.
@@ -103,7 +102,7 @@ impl Balls {
         self.means.len()
     }
 
-    /// Whether there is none.
+    /// True if there are none.
     pub fn is_empty(&self) -> bool {
         self.means.is_empty()
     }

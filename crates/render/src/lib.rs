@@ -1,14 +1,14 @@
-//! 3D Gaussians and a camera in, [`BlendWeights`] out; every image is then a product with them.
+//! Rasterisation of 3D Gaussians to [`BlendWeights`]; every image is then a product with them.
 //!
-//! Geometry does not change while segment features are learnt, and rendering is linear in the features: `F = W f`. So a
-//! view is rasterised **once** ([`View`]), and colour, depth, silhouette, any number of feature channels, and the gradients
-//! with respect to them, are products with `W` and `Wᵀ`.
+//! Geometry does not change while segment features are learnt, and rendering is linear in the features: `F = W f`. A
+//! view is therefore rasterised **once** ([`View`]), and colour, depth, silhouette, any number of feature channels, and
+//! the gradients with respect to them, are products with `W` and `Wᵀ`.
 //!
-//! Semantics are those of 3DGS as `gsplat.rasterization` 1.5 (classic mode) defines them: 0.3 px² low-pass, alpha at
-//! most 0.999, alphas below 1/255 skipped, a pixel finished when its transmittance would fall to 1e-4.
+//! The semantics are those of `gsplat.rasterization` 1.5 in classic mode: a 0.3 px² low-pass filter, alpha at most
+//! 0.999, alphas below 1/255 are skipped, and a pixel is finished when its transmittance would fall to 1e-4.
 //!
-//! Everything is deterministic: the same input gives the same bits, whatever the number of threads and whichever
-//! vector instructions the processor has.
+//! Everything is deterministic: the same input gives the same bits, for any number of threads and any vector
+//! instructions of the processor.
 
 mod active;
 mod blend_weights;

@@ -1,13 +1,13 @@
-//! From 3D Gaussians to 2D Gaussians on the image ("EWA splatting", as in 3DGS and gsplat).
+//! Projection of 3D Gaussians to 2D Gaussians on the image ("EWA splatting", as in 3DGS and gsplat).
 
 use crate::{Camera, Shape, Splats};
 use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Gaussians projected by one task; small enough to balance two cores, large enough to cost no overhead.
+/// Gaussians projected by one task: small enough to balance two cores, large enough for negligible overhead.
 const CHUNK: usize = 4096;
 
-/// One Gaussian as the image sees it.
+/// A Gaussian projected to the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProjectedGaussian {
     /// Index of the Gaussian.
@@ -20,7 +20,7 @@ pub struct ProjectedGaussian {
     pub opacity: f32,
     /// Camera z of the centre, metres.
     pub depth: f32,
-    /// Half width and half height of the box outside which alpha is below its minimum, pixels.
+    /// Half width and half height of the bounding box, outside which alpha is below its minimum, pixels.
     pub half_extent: Vec2,
 }
 
@@ -52,7 +52,7 @@ pub fn project_one(gaussians: &(impl Splats + ?Sized), index: usize, camera: &Ca
     let deviations = (2.0 * (opacity / limits.min_alpha).ln()).sqrt();
     let [xx, xy, yy] = covariance_2d(gaussians.shape(index), center, camera);
     let half_extent = Vec2::new(deviations * xx.sqrt(), deviations * yy.sqrt());
-    // Half a pixel beyond the outermost pixel centres is the image's edge.
+    // The image's edge is half a pixel beyond the outermost pixel centres.
     let inside = mean.x + half_extent.x > -0.5
         && mean.x - half_extent.x < width - 0.5
         && mean.y + half_extent.y > -0.5

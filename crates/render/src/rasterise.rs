@@ -1,4 +1,4 @@
-//! Alpha blending inside one tile: which Gaussian has which weight at which pixel.
+//! Alpha blending inside one tile: computes the weight of each Gaussian at each pixel.
 
 use crate::camera::RasterLimits;
 use crate::tiles::{DepthKey, TILE, TileGrid};
@@ -10,12 +10,12 @@ const PIXELS: usize = TILE * TILE;
 /// Pixels of a row that are blended together. Most Gaussians of an RGB-D map are narrower.
 const LANES: usize = 8;
 
-/// Gaussians fetched ahead of their blending.
+/// Number of Gaussians fetched ahead of their blending.
 const AHEAD: usize = 32;
 
 const LANE_OFFSETS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 
-/// What is rasterised.
+/// The projected Gaussians and settings of a view.
 pub(crate) struct Scene<'a> {
     pub grid: &'a TileGrid,
     pub splats: &'a [ProjectedGaussian],
@@ -25,13 +25,13 @@ pub(crate) struct Scene<'a> {
 /// Working memory for rasterising tiles, reused from tile to tile.
 pub(crate) struct TileRasteriser {
     transmittance: [f32; PIXELS],
-    /// 1 while the pixel takes Gaussians, 0 when it is finished or outside the image.
+    /// 1 while more Gaussians can be blended at the pixel, 0 when it is finished or outside the image.
     live: [f32; PIXELS],
-    /// The same, a bit for each column of a row.
+    /// The same as `live`, with one bit per column of each row.
     live_columns: [u32; TILE],
     /// Bit `r` is set while row `r` has a live pixel.
     live_rows: u32,
-    /// Pixels and weights of the Gaussian being blended; room for lanes beyond the last.
+    /// Pixels and weights of the Gaussian being blended, with room for lanes beyond the last pixel.
     column_pixels: [u8; PIXELS + LANES],
     column_weights: [f32; PIXELS + LANES],
     weights: TileWeights,
@@ -77,10 +77,10 @@ impl TileRasteriser {
         }
     }
 
-    /// Blends one Gaussian over the pixels of its box and keeps its weights, if it has any.
+    /// Blends one Gaussian over the pixels of its box and appends its non-zero weights.
     #[inline(always)]
     fn blend(&mut self, splat: &ProjectedGaussian, limits: &RasterLimits) {
-        // In the tile's own pixels; a small margin, because the box was rounded.
+        // In tile coordinates, with a small margin because the box was rounded.
         let x = splat.mean.x - self.weights.left as f32;
         let y = splat.mean.y - self.weights.top as f32;
         let reach_x = splat.half_extent.x + 0.01;
@@ -94,13 +94,13 @@ impl TileRasteriser {
         let last_column = (x + reach_x).min(last) as usize;
         let first_row = (y - reach_y + 1.0).max(0.0) as usize;
         let last_row = (y + reach_y).min(last) as usize;
-        // Eight pixels cover most boxes if they start early enough to end inside the tile; others take the whole row.
+        // A window of eight pixels, placed inside the tile, covers most boxes; wider boxes use the whole row.
         let window = first_column.min(TILE - LANES);
         let starts: &[usize] = if last_column < window + LANES { &[window] } else { &[0, LANES] };
         let columns = ((2u32 << last_column) - 1) & !((1 << first_column) - 1);
         let mut kept = 0;
         for row in first_row..=last_row {
-            // Behind the nearest surfaces most pixels are finished.
+            // Skips finished rows: behind the nearest surfaces, most pixels are finished.
             if self.live_columns[row] & columns != 0 {
                 for start in starts {
                     let weights = self.blend_lanes(splat, [x, y], [*start, row], limits);
@@ -114,8 +114,8 @@ impl TileRasteriser {
         }
     }
 
-    /// Blends one Gaussian over [`LANES`] pixels of a row and returns its weights there. There are no branches, so
-    /// that the compiler vectorises it.
+    /// Blends one Gaussian over [`LANES`] pixels of a row and returns its weights there. Branch-free, so that the
+    /// compiler vectorises it.
     #[inline(always)]
     fn blend_lanes(
         &mut self,
@@ -134,7 +134,7 @@ impl TileRasteriser {
             let sigma = 0.5 * (a * dx * dx + c * dy * dy) + b * dx * dy;
             let unbounded = splat.opacity * exp_negative(sigma);
             let bounded = if unbounded < limits.max_alpha { unbounded } else { limits.max_alpha };
-            // Zero stands for "skipped"; a sigma that is not a number is skipped too.
+            // Zero means "skipped"; a NaN sigma is skipped too.
             *alpha = if (sigma >= 0.0) & (bounded >= limits.min_alpha) { bounded } else { 0.0 };
         }
         let (transmittance, live) = (lanes(&mut self.transmittance, from), lanes(&mut self.live, from));
@@ -152,13 +152,13 @@ impl TileRasteriser {
         }
         if still_live != *live {
             *live = still_live;
-            self.note_finished(start, row);
+            self.update_live_bits(start, row);
         }
         weights
     }
 
-    /// Brings the bits of live pixels up to date after some of a window finished.
-    fn note_finished(&mut self, start: usize, row: usize) {
+    /// Updates the bits of live pixels after some pixels of a window have finished.
+    fn update_live_bits(&mut self, start: usize, row: usize) {
         for column in start..start + LANES {
             if self.live[row * TILE + column] == 0.0 {
                 self.live_columns[row] &= !(1 << column);
@@ -169,7 +169,7 @@ impl TileRasteriser {
         }
     }
 
-    /// Appends the weights that are not zero to the column; returns its new length.
+    /// Appends the non-zero weights to the column and returns its new length.
     #[inline(always)]
     fn keep(&mut self, weights: &[f32; LANES], from: usize, mut kept: usize) -> usize {
         if weights.iter().map(|weight| u32::from(*weight > 0.0)).sum::<u32>() == 0 {
@@ -196,7 +196,8 @@ impl Vectorize for BlendAll<'_> {
 
     #[inline(always)]
     fn run(self) {
-        // Gaussians of a tile lie scattered in memory: copying some ahead lets the processor fetch them side by side.
+        // The Gaussians of a tile are scattered in memory: copying some ahead lets the processor fetch them in
+        // parallel.
         let mut ahead = [ProjectedGaussian::default(); AHEAD];
         for keys in self.keys.chunks(AHEAD) {
             if self.rasteriser.live_rows == 0 {
@@ -212,9 +213,9 @@ impl Vectorize for BlendAll<'_> {
     }
 }
 
-/// The pixels of a row from `from` on, with a length that the compiler knows.
+/// The [`LANES`] pixels starting at `from`, with a length known at compile time.
 #[inline(always)]
 fn lanes(pixels: &mut [f32; PIXELS], from: usize) -> &mut [f32; LANES] {
-    // Rows are whole multiples of the lanes' window, which ends inside its row: the range is always there.
+    // A window of lanes ends inside its row, so the range always exists.
     pixels[from..].first_chunk_mut().expect("a window of lanes ends inside the tile")
 }

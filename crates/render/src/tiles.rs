@@ -1,10 +1,10 @@
-//! Which Gaussians touch which tile of the image, front to back.
+//! Binning: the Gaussians that touch each tile of the image, front to back.
 
 use crate::{PixelSet, ProjectedGaussian};
 use rayon::prelude::*;
 use splatseg_geometry::Image;
 
-/// Tiles are squares of this many pixels a side: a pixel of a tile has an index that fits a byte.
+/// Side of a tile, pixels: the index of a pixel in its tile fits one byte.
 pub(crate) const TILE: usize = 16;
 
 /// Projected Gaussians binned by one task.
@@ -44,7 +44,7 @@ impl TileGrid {
         )
     }
 
-    /// For each tile the sorted keys of the projected Gaussians that touch it.
+    /// For each tile, the sorted keys of the projected Gaussians that touch it.
     pub fn bin(&self, splats: &[ProjectedGaussian]) -> Vec<Vec<DepthKey>> {
         if self.len() == 0 {
             return Vec::new();
@@ -68,7 +68,7 @@ impl TileGrid {
     }
 }
 
-/// A counting sort by tile of one chunk of projected Gaussians.
+/// Counting sort of one chunk of projected Gaussians by tile.
 struct ChunkBins {
     /// Keys of tile `t` are `keys[offsets[t]..offsets[t + 1]]`.
     offsets: Vec<u32>,
@@ -109,19 +109,19 @@ impl ChunkBins {
     }
 }
 
-/// Where a Gaussian matters.
+/// Conditions for a Gaussian to affect a pixel.
 pub(crate) struct Reach<'a> {
-    /// It must be nearer than this, metres.
+    /// It must be nearer than this surface, metres.
     pub surface: &'a Image<f32>,
     /// Its alpha must reach this.
     pub alpha: f32,
-    /// The alpha that a projected Gaussian has at the edge of its box.
+    /// Alpha of a projected Gaussian at the edge of its box.
     pub min_alpha: f32,
 }
 
-/// Per tile, the pixels that at least one of the Gaussians reaches.
+/// The pixels that at least one of the Gaussians affects, per tile.
 pub(crate) fn touched_pixels(grid: &TileGrid, splats: &[ProjectedGaussian], reach: &Reach<'_>) -> Vec<PixelSet> {
-    // Rounded outwards: a set that is a little too large costs little.
+    // Rounded outwards: a slightly too large set costs little.
     let range = |center: f32, half: f32, size: usize| {
         let first = (center - half - 0.01).ceil().max(0.0) as usize;
         let end = (center + half + 1.01).max(0.0) as usize;

@@ -1,4 +1,4 @@
-//! A view of Gaussians from a camera.
+//! A rasterised view of Gaussians from a camera.
 
 use crate::rasterise::{Scene, TileRasteriser};
 use crate::tiles::{Reach, TileGrid, touched_pixels};
@@ -6,9 +6,9 @@ use crate::{
     ActiveTile, ActiveWeights, BlendWeights, Camera, PixelSet, ProjectedGaussian, Splats, TileWeights, project,
 };
 use rayon::prelude::*;
-use splatseg_geometry::Image;
+use splatseg_geometry::{Image, STAGE_TARGET};
 
-/// A rasterised view: projected and binned once, blended once.
+/// A rasterised view: the Gaussians are projected, binned and blended once.
 #[derive(Clone, Debug)]
 pub struct View {
     camera: Camera,
@@ -19,27 +19,27 @@ pub struct View {
 }
 
 impl View {
-    /// Rasterises `gaussians` as `camera` sees them.
+    /// Rasterises `gaussians` for `camera`.
     ///
     /// The semantics are those of `gsplat.rasterization` 1.5 in its classic mode, without background.
     pub fn new(gaussians: &(impl Splats + ?Sized), camera: &Camera) -> Self {
         Self::read(gaussians, camera, |_| ()).0
     }
 
-    /// Rasterises as [`View::new`], and calls `read_tile` on every tile while its weights are still in the cache. Its
-    /// results are returned row-major, one per tile.
+    /// Rasterises as [`View::new`], and calls `read_tile` on every tile while its weights are still in the cache.
+    /// Returns its results row-major, one per tile.
     pub fn read<T: Send>(
         gaussians: &(impl Splats + ?Sized),
         camera: &Camera,
         read_tile: impl Fn(&TileWeights) -> T + Sync,
     ) -> (Self, Vec<T>) {
-        let stage = tracing::debug_span!(target: "splatseg::stage", "project_and_bin").entered();
+        let stage = tracing::debug_span!(target: STAGE_TARGET, "project_and_bin").entered();
         let grid = TileGrid::new(camera.intrinsics.width, camera.intrinsics.height);
         let splats = project(gaussians, 0, camera);
         let keys = grid.bin(&splats);
         drop(stage);
 
-        let _stage = tracing::debug_span!(target: "splatseg::stage", "rasterise").entered();
+        let _stage = tracing::debug_span!(target: STAGE_TARGET, "rasterise").entered();
         let scene = Scene { grid: &grid, splats: &splats, limits: &camera.limits };
         let (tiles, found) = keys
             .par_iter()
@@ -54,11 +54,11 @@ impl View {
         (Self { camera: *camera, grid, gaussian_count: gaussians.count(), splats, weights }, found)
     }
 
-    /// Per tile (row-major), the pixels on which a Gaussian appended to `gaussians` since the view was made could have
-    /// an alpha of at least `alpha`, if it is nearer than `surface` there (z-depth in metres, `[height, width]`).
+    /// Per tile (row-major), the pixels at which a Gaussian appended to `gaussians` since the view was made could have
+    /// an alpha of at least `alpha` and is nearer than `surface` (z-depth in metres, `[height, width]`).
     ///
-    /// With the smallest alpha that is blended and an infinite surface, the view's weights are still those of all
-    /// Gaussians at all other pixels.
+    /// With the minimum blended alpha and an infinite surface, the view's weights stay valid for all Gaussians at all
+    /// other pixels.
     ///
     /// # Panics
     /// If `surface` has another size than the view.
@@ -90,7 +90,7 @@ impl View {
         ActiveWeights::new(tiles, &self.weights.tiles, self.gaussian_count)
     }
 
-    /// Replaces the camera by the same one in coordinates to which the Gaussians were moved.
+    /// Replaces the camera by the same camera in new coordinates, after the Gaussians were moved to them.
     pub fn set_camera(&mut self, camera: Camera) {
         self.camera = camera;
     }

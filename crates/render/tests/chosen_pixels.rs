@@ -1,4 +1,4 @@
-//! Sets of pixels, the part of the blend weights at chosen pixels, and the pixels that new Gaussians reach.
+//! Sets of pixels, the blend weights at chosen pixels, and the pixels that new Gaussians affect.
 
 use glam::Vec3;
 use splatseg_geometry::{Image, Intrinsics, LocalPose};
@@ -48,7 +48,7 @@ fn a_pixel_set_holds_what_was_inserted() {
 fn active_weights_are_those_above_the_minimum_at_chosen_pixels() {
     let scene = balls(&[([0.0, 0.0, 1.0], 0.1), ([0.3, 0.2, 1.5], 0.2), ([-0.4, -0.3, 1.2], 0.05)]);
     let view = View::new(&scene, &camera());
-    // The minimum is one of the weights, which must go too.
+    // A weight equal to the minimum is removed too.
     let minimum = view.weights().tiles()[4].column(0).nth(10).unwrap().1;
     let mut sets = vec![PixelSet::default(); TILES];
     for tile in [0, 4, 5] {
@@ -73,7 +73,7 @@ fn active_weights_are_those_above_the_minimum_at_chosen_pixels() {
     }
 }
 
-/// Bounds of the pixels that one more ball reaches, in the row and the column of its centre.
+/// The pixels that one more ball affects, in the row and the column of its centre.
 fn reached(ball: ([f32; 3], f32), alpha: f32, surface: f32) -> (Vec<usize>, Vec<usize>) {
     let known = balls(&[([0.0, 0.0, 5.0], 0.1)]);
     let view = View::new(&known, &camera());

@@ -62,7 +62,7 @@ impl Golden {
     }
 }
 
-/// The largest difference over the pixels that are not fragile, where `excess` says how far two values may differ.
+/// Asserts that at pixels that are not fragile, `found` differs from `expected` by at most `allowed(expected)`.
 #[track_caller]
 fn assert_close(what: &str, found: &[f32], expected: &[f32], fragile: &[u8], allowed: impl Fn(f32) -> f32) {
     assert_eq!(found.len(), expected.len(), "{what}");
@@ -91,7 +91,7 @@ fn check_projection(golden: &Golden, prefix: &str, view: &View) {
             let expected = means[2 * index + axis] - 0.5;
             let allowed = if expected.abs() < 1000.0 { 1e-3 } else { 1e-6 * expected.abs() };
             assert!((splat.mean[axis] - expected).abs() <= allowed, "mean of {index}: {:?}", splat.mean);
-            // Our boxes are not cut at 3.33 deviations: with an opacity of at most 1 they never reach that far.
+            // Our boxes need no cut at 3.33 deviations: with an opacity of at most 1 they are never larger.
             let radius = splat.half_extent[axis].ceil() as i32;
             assert!((radius - radii[2 * index + axis]).abs() <= 1, "radius of {index}: {radius}");
         }
@@ -104,7 +104,8 @@ fn check_projection(golden: &Golden, prefix: &str, view: &View) {
     }
     for (index, seen) in seen.iter().enumerate() {
         let visible = radii[2 * index] > 0 && radii[2 * index + 1] > 0;
-        // Radii are rounded up, so gsplat keeps some that end up to a pixel outside the image; never the other way.
+        // gsplat rounds radii up, so it keeps some Gaussians that end up to a pixel outside the image, but never culls
+        // one that we keep.
         assert!(visible || !seen, "Gaussian {index} should have been culled");
     }
 }
@@ -185,7 +186,7 @@ fn feature_gradients_agree() {
     let gaussians = scene.gaussians();
     let view = View::new(&gaussians, &scene.camera(""));
     for (weight, grad, channels) in [("weight.feature", "grad.features", 28), ("weight.color", "grad.colors", 3)] {
-        // The loss's weights are zero at fragile pixels, so all of the gradient is compared.
+        // The loss's weights are zero at fragile pixels, so the whole gradient is compared.
         let found = view.weights().gradient(&grads.floats(weight), channels, gaussians.len());
         assert_close(grad, &found, &grads.floats(grad), &vec![0; gaussians.len()], |_| 1e-4);
     }

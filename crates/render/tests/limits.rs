@@ -1,4 +1,4 @@
-//! What is rendered at the limits: planes, borders of the image, the least alpha; and what a view tells of itself.
+//! Rendering at the limits (near and far plane, image borders, minimum alpha), and the accessors of a view.
 
 use glam::{Quat, Vec3};
 use splatseg_geometry::{Intrinsics, LocalPose};
@@ -47,7 +47,8 @@ fn a_gaussian_of_the_least_opacity_is_blended_where_it_is_densest() {
 
 #[test]
 fn gaussians_that_end_at_the_border_are_left_out() {
-    // Those of the least opacity have a box without extent; half a pixel beyond the outer pixel centres is the border.
+    // A Gaussian of minimum opacity has a box without extent. The border is half a pixel beyond the outer pixel
+    // centres.
     let least = camera().limits.min_alpha;
     let at = |column: f32, row: f32| one([(column - 20.0) / 32.0, (row - 18.0) / 32.0, 1.0], least);
     for (column, row) in [(-0.5, 9.0), (39.5, 9.0), (39.75, 9.0), (9.0, -0.5), (9.0, 35.5), (9.0, 35.75)] {

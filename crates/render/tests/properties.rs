@@ -198,7 +198,7 @@ proptest! {
     }
 }
 
-/// Whether a tile rendered pixel by pixel is the same, bit by bit, as rendered Gaussian by Gaussian.
+/// True if rendering a tile pixel by pixel and Gaussian by Gaussian gives the same bits.
 fn rows_equal_columns(tile: &ActiveTile, values: &[f32]) -> bool {
     let mut by_column = vec![0.0; TileWeights::PIXELS * 8];
     let mut by_row = vec![f32::NAN; TileWeights::PIXELS * 8];

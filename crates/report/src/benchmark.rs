@@ -1,11 +1,11 @@
-//! What a benchmark measured: the data behind every table and chart.
+//! Results of a benchmark: the data behind every table and chart.
 
 use crate::paper::Reference;
 use serde::Serialize;
 use splatseg_metrics::{DatasetScore, InstanceScorer, InstanceScores, Protocol, Scores, VideoScore};
 use std::collections::BTreeMap;
 
-/// A benchmark: what was compared, what was measured, and which results are missing.
+/// A benchmark: the compared methods, the measurements and the missing results.
 #[derive(Clone, Debug)]
 pub struct Benchmark<'a> {
     /// Names of the scenes.
@@ -16,28 +16,28 @@ pub struct Benchmark<'a> {
     pub seeds: Vec<u64>,
     /// The protocol of the main tables and of the charts.
     pub protocol: Protocol,
-    /// What all methods share, for headings, e.g. `segmenter graph`.
+    /// Setup shared by all methods, for headings, e.g. `segmenter graph`.
     pub setup: String,
     /// The settings that all methods share, as text.
     pub settings: String,
-    /// Version of the program that measured.
+    /// Version of the program that made the measurements.
     pub version: &'a str,
-    /// The published rows that stand beside the measured ones.
+    /// The published rows shown beside the measured ones.
     pub reference: Reference,
     /// Names of the stages of all methods, in the order of the tables.
     pub stages: Vec<&'a str>,
-    /// What was measured, sorted by scene, then by variant, then by seed.
+    /// The measurements, sorted by scene, then by variant, then by seed.
     pub measurements: Vec<Measurement<'a>>,
-    /// What was not measured, and why.
+    /// The missing results, with reasons.
     pub missing: Vec<MissingResult<'a>>,
 }
 
-/// A method, and how its settings differ from the other methods'.
+/// A method with the settings in which it differs from the others.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Variant {
     /// Name of the method.
     pub method: String,
-    /// The settings that differ, e.g. `memory.feature_dim=14`; empty for the method as it is.
+    /// The settings that differ, e.g. `memory.feature_dim=14`; empty for the unchanged method.
     pub changes: Vec<String>,
 }
 
@@ -66,21 +66,21 @@ pub struct Measurement<'a> {
     pub parameters: usize,
     /// Speed, without the time for scoring.
     pub frames_per_second: f64,
-    /// Speed of everything but the segmenter.
+    /// Speed without the segmenter's time.
     pub frames_per_second_without_segmenter: f64,
     /// Mean time of each stage per frame, milliseconds.
     pub stage_ms: &'a BTreeMap<String, f64>,
-    /// The processor or GPU that it was measured on.
+    /// The processor or GPU of the measurement.
     pub machine: &'a str,
     /// Score under [`Protocol::Paper`].
     pub paper: &'a VideoScore,
     /// Score under [`Protocol::Strict`].
     pub strict: &'a VideoScore,
-    /// 3D instances on the vertices of the scene's mesh, where it has one and the method a memory.
+    /// 3D instances on the vertices of the scene's mesh; `None` without a mesh or a memory.
     pub mesh: Option<&'a InstanceScorer>,
 }
 
-/// A result that could not be measured. Its keys are those of `failures.json`, which are part of the interface.
+/// A result that could not be measured. Serialised to `failures.json`, so its keys are part of the interface.
 #[derive(Clone, Debug, Serialize)]
 pub struct MissingResult<'a> {
     /// Name of the scene.
@@ -93,17 +93,17 @@ pub struct MissingResult<'a> {
     pub variant: Option<String>,
     /// The seed.
     pub seed: u64,
-    /// Why it is missing.
+    /// The reason.
     pub error: &'a str,
 }
 
 impl Variant {
-    /// Its name in tables.
+    /// The variant's name in tables.
     pub fn label(&self) -> String {
         self.change().map_or_else(|| self.method.clone(), |change| format!("{} {change}", self.method))
     }
 
-    /// The settings that differ, in one text; `None` for the method as it is.
+    /// The settings that differ, as one text; `None` for the unchanged method.
     pub fn change(&self) -> Option<String> {
         (!self.changes.is_empty()).then(|| self.changes.join(" "))
     }
@@ -120,7 +120,7 @@ impl Measurement<'_> {
 }
 
 impl<'a> Benchmark<'a> {
-    /// The protocol that the main tables do not use.
+    /// The protocol not used by the main tables.
     pub(crate) fn other_protocol(&self) -> Protocol {
         match self.protocol {
             Protocol::Paper => Protocol::Strict,
@@ -128,19 +128,19 @@ impl<'a> Benchmark<'a> {
         }
     }
 
-    /// What was measured of one variant, on all scenes.
+    /// Measurements of one variant, on all scenes.
     pub(crate) fn of_variant(&self, variant: usize) -> Vec<&Measurement<'a>> {
         self.measurements.iter().filter(|measurement| measurement.variant == variant).collect()
     }
 
-    /// What was measured on one scene, by variant and seed.
+    /// Measurements on one scene, by variant and seed.
     pub(crate) fn of_scene(&self, scene: usize) -> &[Measurement<'a>] {
         let start = self.measurements.partition_point(|measurement| measurement.scene < scene);
         let count = self.measurements[start..].partition_point(|measurement| measurement.scene == scene);
         &self.measurements[start..start + count]
     }
 
-    /// What was measured of one variant on one scene, by seed.
+    /// Measurements of one variant on one scene, by seed.
     pub(crate) fn of(&self, scene: usize, variant: usize) -> &[Measurement<'a>] {
         let of_scene = self.of_scene(scene);
         let start = of_scene.partition_point(|measurement| measurement.variant < variant);
@@ -148,7 +148,7 @@ impl<'a> Benchmark<'a> {
         &of_scene[start..start + count]
     }
 
-    /// The machines that measured, each once.
+    /// The machines of the measurements, without duplicates.
     pub(crate) fn machines(&self) -> Vec<&'a str> {
         let mut machines: Vec<&str> = Vec::new();
         for measurement in &self.measurements {
@@ -159,7 +159,7 @@ impl<'a> Benchmark<'a> {
         machines
     }
 
-    /// The 3D scores over the scenes of these measurements, one for each seed that has any.
+    /// The 3D scores over the scenes of these measurements, one per seed that has any.
     pub(crate) fn mesh_totals_by_seed(&self, measurements: &[&Measurement]) -> Vec<InstanceScores> {
         let mut totals = Vec::new();
         for seed in &self.seeds {
@@ -174,7 +174,7 @@ impl<'a> Benchmark<'a> {
         totals
     }
 
-    /// The scores over the scenes of these measurements, one for each seed: counts are summed before dividing.
+    /// The scores over the scenes of these measurements, one per seed: counts are summed before dividing.
     pub(crate) fn totals_by_seed(&self, measurements: &[&Measurement], protocol: Protocol) -> Vec<Scores> {
         let mut totals = Vec::new();
         for seed in &self.seeds {
@@ -182,7 +182,7 @@ impl<'a> Benchmark<'a> {
             let Some(first) = of_seed.peek() else { continue };
             let mut total = DatasetScore::new(*first.score(protocol).settings());
             for measurement in of_seed {
-                // All results of a benchmark are scored with the same settings, so none is refused.
+                // All results of a benchmark are scored with the same settings, so `add` never fails.
                 let _ = total.add(measurement.score(protocol));
             }
             totals.push(total.total());
@@ -191,7 +191,7 @@ impl<'a> Benchmark<'a> {
     }
 }
 
-/// What is missing in a row of these measurements, of which there should be `expected`.
+/// Describes missing results and failed frames of a row that should have `expected` measurements.
 pub(crate) fn missing_note(measurements: &[&Measurement], expected: usize) -> Option<String> {
     let skipped: usize = measurements.iter().map(|measurement| measurement.skipped_frames).sum();
     let failed: usize = measurements.iter().map(|measurement| measurement.failed_frames).sum();
@@ -209,7 +209,7 @@ pub(crate) fn missing_note(measurements: &[&Measurement], expected: usize) -> Op
 }
 
 impl MissingResult<'_> {
-    /// Which result it is, and why it is missing.
+    /// Names the result and the reason.
     pub(crate) fn text(&self) -> String {
         let variant = self.variant.as_ref().map(|variant| format!(" {variant}")).unwrap_or_default();
         format!("{}, {}{variant}, seed {}: {}", self.scene, self.method, self.seed, self.error)

@@ -6,19 +6,19 @@ use splatseg_metrics::{VideoScore, WindowLength};
 /// The columns, in the order of the paper's tables.
 pub(crate) const COLUMNS: [&str; 8] = ["k=1", "k=5", "k=10", "k=15", "VSQ", "STQ", "AQ", "SQ"];
 
-/// The place of VSQ in [`COLUMNS`].
+/// Index of VSQ in [`COLUMNS`].
 pub(crate) const VSQ: usize = 4;
 
-/// The place of STQ in [`COLUMNS`].
+/// Index of STQ in [`COLUMNS`].
 pub(crate) const STQ: usize = 5;
 
-/// Stands behind scores that count some true tracks more than once.
+/// Marks scores that count some true tracks more than once.
 pub(crate) const OVERCOUNT_MARK: &str = "†";
 
-/// The columns with such scores.
+/// Indices of the columns with such scores.
 pub(crate) const OVERCOUNTED: [usize; 2] = [STQ, 6];
 
-/// What `OVERCOUNT_MARK` means, for scores that have it.
+/// Explains `OVERCOUNT_MARK`; `None` if no score has it.
 pub fn overcount_note(overcounted_tracks: u64) -> Option<String> {
     let objects = match overcounted_tracks {
         0 => return None,
@@ -31,7 +31,7 @@ pub fn overcount_note(overcounted_tracks: u64) -> Option<String> {
     ))
 }
 
-/// Why videos have no score for some length of windows: they are too short.
+/// Names the window lengths for which a video is too short, so that it has no score.
 pub fn windows_note<'s>(scores: impl IntoIterator<Item = &'s VideoScore>) -> Option<String> {
     let mut notes: Vec<String> = Vec::new();
     for score in scores {
@@ -45,7 +45,7 @@ pub fn windows_note<'s>(scores: impl IntoIterator<Item = &'s VideoScore>) -> Opt
             Protocol::Paper => {
                 format!("under the protocol paper a video needs {} frames", shortest.least_frames(protocol))
             }
-            Protocol::Strict => "a video needs as many frames".to_owned(),
+            Protocol::Strict => "the video is too short".to_owned(),
         };
         let note = format!("no window of {lengths} frames in a video of {frames}: {needed}");
         if !notes.contains(&note) {
@@ -79,17 +79,17 @@ pub(crate) fn mesh_columns(scores: &InstanceScores) -> [Option<f64>; 3] {
     [scores.ap, scores.ap50, scores.ap25]
 }
 
-/// The columns of tables by size of the object, after the number of objects.
+/// The columns of tables by object size, after the number of objects.
 pub(crate) const SIZE_COLUMNS: [&str; 4] = ["AQ", "found", "ids per object", "main id"];
 
 /// The same columns as keys of CSV files, named after the JSON keys.
 pub(crate) const SIZE_COLUMN_KEYS: [&str; 4] = ["aq", "found", "ids_per_object", "main_id"];
 
-/// What the columns of tables by size of the object mean.
+/// Explanation of the columns of tables by object size.
 pub const SIZE_COLUMNS_EXPLAINED: &str = "An object's size is its mean area over the frames that show it. Its id in a \
     frame is the predicted id that covers more than half of its pixels, even if that id belongs to a larger neighbour. \
     AQ: as in STQ, over these objects only. Found: objects that have an id in at least one frame, percent. Ids per \
-    object: how many different ids an object that was found has over the video; 1 is best. Main id: frames in which an \
+    object: number of different ids of a found object over the video; 1 is best. Main id: frames in which an \
     object has its most frequent id, percent of the frames that show it.";
 
 /// Scores of a size in the order of [`SIZE_COLUMNS`]; `None` where there is nothing to divide by.
@@ -127,10 +127,10 @@ pub(crate) const FRAME_COLUMN_KEYS: [&str; 11] = [
     "frames_segments",
 ];
 
-/// What the columns of tables of single frames mean.
+/// Explanation of the columns of single-frame tables.
 pub const FRAME_COLUMNS_EXPLAINED: &str = "Ids do not matter here. k=1: VSQ of protocol paper at k = 1, over all frames \
     instead of every fifteenth. AP, AP50, AR@100: COCO's average precision and recall of masks, with one class; sizes are \
-    those of the object in the frame: small under 400 px, large over 4000 px. Boundary F: F-score of pixels between \
+    the object's area in the frame: small under 400 px, large over 4000 px. Boundary F: F-score of pixels between \
     segments, which may be 2 px off. Over and under: pixels outside the largest part of their object, and of their \
     segment, percent; less is better. Segments: their mean number in a frame.";
 
@@ -171,12 +171,12 @@ pub fn terminal_table(scores: &Scores) -> String {
     format!("{}\n{}", line(names), line(cells.collect()))
 }
 
-/// What stands behind the score of a column.
+/// The mark of a column's score.
 pub(crate) fn overcount_mark(column: usize, overcounted_tracks: u64) -> &'static str {
     if overcounted_tracks > 0 && OVERCOUNTED.contains(&column) { OVERCOUNT_MARK } else { "" }
 }
 
-/// Lines for a terminal: a row of scores for each size of object.
+/// Lines for a terminal: a row of scores for each object size.
 pub fn terminal_size_table(scores: &Scores) -> String {
     let width = scores.by_size.keys().map(|class| class.label().len()).max().unwrap_or(0);
     let mut text = format!("{:width$}{:>9}", "", "objects");
@@ -188,7 +188,7 @@ pub fn terminal_size_table(scores: &Scores) -> String {
     text
 }
 
-/// A number for a terminal.
+/// Formats a number for a terminal.
 pub(crate) fn terminal_cell(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
 }

@@ -1,4 +1,4 @@
-//! `results.csv`: every measurement on a line, for spreadsheets.
+//! `results.csv`: one line per measurement, for spreadsheets.
 
 use crate::columns::{COLUMN_KEYS, FRAME_COLUMN_KEYS, MESH_COLUMN_KEYS, SIZE_COLUMN_KEYS};
 use crate::columns::{columns, frame_columns, mesh_columns, size_columns};
@@ -16,7 +16,7 @@ pub fn csv_table(benchmark: &Benchmark) -> String {
     text
 }
 
-/// Whether any result has 3D scores; only then are there columns for them.
+/// True if any result has 3D scores; otherwise their columns are omitted.
 fn has_mesh(benchmark: &Benchmark) -> bool {
     benchmark.measurements.iter().any(|measurement| measurement.mesh.is_some())
 }
@@ -80,7 +80,7 @@ fn cells(benchmark: &Benchmark, measurement: &Measurement) -> Vec<String> {
     cells
 }
 
-/// A cell, quoted where RFC 4180 asks for it.
+/// A cell, quoted if RFC 4180 requires it.
 pub(crate) fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
 }

@@ -1,9 +1,9 @@
-//! Pictures and curves of single runs. They are large, so a benchmark has them only for the scenes that its page shows.
+//! Pictures and curves of single runs. They are large, so only the scenes shown on the page have them.
 
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A scene that the page shows in detail.
+/// A scene shown in detail on the page.
 #[derive(Clone, Debug)]
 pub struct SceneDrawings {
     /// Index of the scene.
@@ -32,7 +32,7 @@ pub struct ScenePicture {
     pub frame: String,
     /// Its image as `data:` URI.
     pub image: String,
-    /// Its ground truth, drawn over the image, as `data:` URI; `None` where there is none.
+    /// Its ground truth, drawn over the image, as `data:` URI; `None` without ground truth.
     pub ground_truth: Option<String>,
 }
 
@@ -55,8 +55,8 @@ pub struct Thumbnail {
 }
 
 impl Series {
-    /// Adds a frame: the time of each stage, the same stages in the same order for every frame, and the number of
-    /// Gaussians where there is a memory.
+    /// Adds a frame: the time of each stage, with the same stages in the same order for every frame, and the number of
+    /// Gaussians if there is a memory.
     pub fn push<'s>(&mut self, stages: impl IntoIterator<Item = (&'s str, Duration)>, gaussians: Option<usize>) {
         for (index, (stage, time)) in stages.into_iter().enumerate() {
             if index == self.stage_ms.len() {

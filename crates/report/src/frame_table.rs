@@ -1,4 +1,4 @@
-//! How well each method segments single frames.
+//! Scores of single frames.
 
 use crate::benchmark::missing_note;
 use crate::columns::{FRAME_COLUMNS, frame_columns};
@@ -9,16 +9,16 @@ use crate::{Benchmark, Spread, markdown};
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct FrameTable {
-    /// The method, with what is missing, and its scores in the order of the columns.
+    /// The method, with a note on missing results, and its scores in the order of the columns.
     pub rows: Vec<(String, [Option<Spread>; 11])>,
 }
 
 impl FrameTable {
-    /// What it shows.
+    /// The title.
     pub const TITLE: &'static str = "Single frames";
 
-    /// The table of a benchmark: counts are summed over scenes for each seed, then seeds are averaged. Protocols do not
-    /// matter.
+    /// The table of a benchmark: counts are summed over scenes for each seed, then seeds are averaged. The scores do
+    /// not depend on the protocol.
     pub fn new(benchmark: &Benchmark) -> Self {
         let expected = benchmark.scenes.len() * benchmark.seeds.len();
         let rows = (0..benchmark.variants.len()).map(|variant| {

@@ -1,13 +1,13 @@
 //! Reports on video segmentation benchmarks: tables as Markdown, CSV and plain text, and one HTML page with charts.
 //!
-//! Plain data in, text out. A [`Benchmark`] says what was compared and holds the measurements; it knows nothing of how
+//! Plain data in, text out. A [`Benchmark`] lists the compared methods and holds the measurements, independent of how
 //! they were made. From it come
 //!
 //! - [`html_page`]: a page with tables, charts and pictures, in a single file that needs no network;
 //! - [`markdown_tables`] and [`csv_table`];
 //! - [`ScoreTable`], [`SizeTable`], [`FrameTable`] and [`StageTable`], the tables themselves;
-//! - [`paper::paper_tables`]: the tables of the paper that the methods come from, with its numbers next to the measured
-//!   ones, as [`paper::markdown`], [`paper::csv`] and [`paper_page`] write them.
+//! - [`paper::paper_tables`]: the tables of the methods' paper, with its numbers next to the measured ones; written by
+//!   [`paper::markdown`], [`paper::csv`] and [`paper_page`].
 
 mod benchmark;
 mod columns;

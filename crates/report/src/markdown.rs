@@ -4,7 +4,7 @@ use crate::{
     Benchmark, FRAME_COLUMNS_EXPLAINED, FrameTable, SIZE_COLUMNS_EXPLAINED, ScoreTable, SizeTable, StageTable,
 };
 
-/// All tables, and what is missing in them.
+/// All tables, followed by the missing results.
 pub fn markdown_tables(benchmark: &Benchmark) -> String {
     let mut text = format!(
         "# Benchmark\n\nScores are percentages: mean ± sample standard deviation over {}. Over several scenes, \
@@ -36,12 +36,12 @@ pub fn markdown_tables(benchmark: &Benchmark) -> String {
     text
 }
 
-/// A table row; `|` in a name does not end its cell.
+/// A table row; `|` in the name is escaped.
 pub(crate) fn row(name: &str, cells: &[String]) -> String {
     format!("| {} | {} |\n", name.replace('|', "\\|"), cells.join(" | "))
 }
 
-/// A table's head: the names of its columns, and the rule below them. All columns but the first are aligned right.
+/// A table's header: the column names and the rule below them. All columns but the first are right-aligned.
 pub(crate) fn head(first: &str, columns: &[&str]) -> String {
     format!("| {first} | {} |\n|---|{}\n", columns.join(" | "), "---:|".repeat(columns.len()))
 }

@@ -1,4 +1,4 @@
-//! Tables of scores in the shape of the paper's.
+//! Tables of scores in the format of the paper's.
 
 use crate::benchmark::missing_note;
 use crate::columns::{COLUMNS, MESH_COLUMNS, columns, mesh_columns};
@@ -8,13 +8,13 @@ use crate::{Benchmark, Measurement, Spread, markdown, paper};
 use splatseg_metrics::Protocol;
 use std::collections::BTreeSet;
 
-/// Whose numbers a row holds.
+/// Source of a row's numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Origin {
-    /// This benchmark's.
+    /// Measured by this benchmark.
     Measured,
-    /// Those of a paper.
+    /// Published in a paper.
     Paper,
 }
 
@@ -24,7 +24,7 @@ pub enum Origin {
 pub struct ScoreRow {
     /// The method.
     pub label: String,
-    /// Whose numbers these are.
+    /// Source of the numbers.
     pub origin: Origin,
     /// VSQ^1, VSQ^5, VSQ^10, VSQ^15, VSQ, STQ, AQ and SQ, percent.
     pub cells: [Option<Spread>; 8],
@@ -32,9 +32,9 @@ pub struct ScoreRow {
     pub mesh: [Option<Spread>; 3],
     /// Frames per second.
     pub speed: Option<Spread>,
-    /// True objects that AQ and STQ count more than once; the most of any seed.
+    /// Number of true objects that AQ and STQ count more than once; the maximum over the seeds.
     pub overcounted_tracks: u64,
-    /// What is missing.
+    /// Note on missing results.
     pub note: Option<String>,
 }
 
@@ -42,18 +42,18 @@ pub struct ScoreRow {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct ScoreTable {
-    /// What it shows.
+    /// The title.
     pub title: String,
     /// Its rows: one for each variant, then published ones, if any.
     pub rows: Vec<ScoreRow>,
-    /// How published rows are marked: they were measured on other data.
+    /// Mark of published rows, which were measured on other data.
     pub mark: &'static str,
-    /// What its marks mean, and why cells are empty; one line each.
+    /// Explanations of its marks and empty cells, one line each.
     pub notes: Vec<String>,
 }
 
 impl ScoreTable {
-    /// Every method over all scenes: tubes, tracks and pixels are summed for each seed, then seeds are averaged. With
+    /// All methods over all scenes: tubes, tracks and pixels are summed for each seed, then seeds are averaged. With
     /// the paper's protocol, the paper's rows follow.
     pub fn over_all_scenes(benchmark: &Benchmark, protocol: Protocol) -> Self {
         let count = benchmark.scenes.len();
@@ -82,7 +82,7 @@ impl ScoreTable {
         Self { title, rows, mark: benchmark.reference.mark(), notes }
     }
 
-    /// Every method on one scene.
+    /// All methods on one scene.
     pub fn of_scene(benchmark: &Benchmark, scene: usize, protocol: Protocol) -> Self {
         let rows: Vec<ScoreRow> = (0..benchmark.variants.len())
             .map(|variant| {
@@ -130,7 +130,7 @@ impl ScoreTable {
         text
     }
 
-    /// The largest measured mean of each column of scores: those of [`Self::columns`] but for the speed.
+    /// The largest measured mean of each column of [`Self::columns`] except the speed.
     pub(crate) fn best_of_columns(&self) -> Vec<Option<f64>> {
         let best = |column: usize| {
             let measured = self.rows.iter().filter(|row| row.origin == Origin::Measured);
@@ -139,7 +139,7 @@ impl ScoreTable {
         (0..self.columns().len() - 1).map(best).collect()
     }
 
-    /// Whether there are 3D scores; only then are there columns for them.
+    /// True if there are 3D scores; otherwise their columns are omitted.
     fn has_mesh(&self) -> bool {
         self.rows.iter().any(ScoreRow::has_mesh)
     }
@@ -150,14 +150,14 @@ impl ScoreTable {
         COLUMNS.iter().chain(mesh).copied().chain(["frames/s"]).collect()
     }
 
-    /// A row's numbers in the order of [`Self::columns`], each with what stands behind it.
+    /// A row's numbers in the order of [`Self::columns`], each with its mark.
     pub(crate) fn cells_of(&self, row: &ScoreRow) -> Vec<(Option<Spread>, &'static str)> {
         let scores = (0..).zip(row.cells).map(|(column, cell)| (cell, row.mark(column)));
         let mesh = row.mesh.into_iter().filter(|_| self.has_mesh());
         scores.chain(mesh.chain([row.speed]).map(|cell| (cell, ""))).collect()
     }
 
-    /// The method, and what to know about the row.
+    /// The method, with the row's note.
     fn name_of(&self, row: &ScoreRow) -> String {
         match (row.origin, &row.note) {
             (Origin::Paper, _) if row.has_mesh() => row.label.clone(),
@@ -185,7 +185,7 @@ impl ScoreRow {
         self.mesh.iter().any(Option::is_some)
     }
 
-    /// What stands behind the score of a column.
+    /// The mark of a column's score.
     pub(crate) fn mark(&self, column: usize) -> &'static str {
         overcount_mark(column, self.overcounted_tracks)
     }
@@ -221,7 +221,7 @@ fn measured_row(
     }
 }
 
-/// What the marks of these rows mean, and why some of their cells are empty.
+/// Explanations of the rows' marks and empty cells.
 fn notes<'m>(
     rows: &[ScoreRow],
     measurements: impl Iterator<Item = &'m Measurement<'m>>,

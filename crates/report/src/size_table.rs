@@ -1,4 +1,4 @@
-//! How well each method keeps the ids of small, medium and large objects.
+//! Scores by object size: how well each method keeps the ids of small, medium and large objects.
 
 use crate::benchmark::missing_note;
 use crate::columns::{SIZE_COLUMNS, size_columns};
@@ -10,7 +10,7 @@ use splatseg_metrics::{Protocol, Scores, SizeClass};
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct SizeTable {
-    /// What it shows.
+    /// The title.
     pub title: String,
     /// Its rows, by method and then by size.
     pub rows: Vec<SizeRow>,
@@ -20,11 +20,11 @@ pub struct SizeTable {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct SizeRow {
-    /// The method, and what is missing.
+    /// The method, with a note on missing results.
     pub method: String,
     /// The size.
     pub class: SizeClass,
-    /// Number of true objects of this size. Seeds differ only where results are missing; then it is the largest.
+    /// Number of true objects of this size. Seeds differ only if results are missing; then the largest number.
     pub objects: u64,
     /// AQ, found, ids per object and main id.
     pub cells: [Option<Spread>; 4],

@@ -11,7 +11,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// The spread of some values; `None` if there are none.
+    /// Mean and deviation of values; `None` if there are none.
     pub fn from_values(values: &[f64]) -> Option<Self> {
         let count = values.len() as f64;
         let mean = (!values.is_empty()).then(|| values.iter().sum::<f64>() / count)?;
@@ -19,12 +19,12 @@ impl Spread {
         Some(Self { mean, deviation: (values.len() > 1).then(|| (squares / (count - 1.0)).sqrt()) })
     }
 
-    /// A value that was published without its deviation.
+    /// A value published without its deviation.
     pub(crate) fn from_mean(mean: f64) -> Self {
         Self { mean, deviation: None }
     }
 
-    /// With two decimals, `43.74 ± 0.21`.
+    /// Text with two decimals, e.g. `43.74 ± 0.21`.
     pub fn text(&self) -> String {
         match self.deviation {
             Some(deviation) => format!("{:.2} ± {deviation:.2}", self.mean),

@@ -1,10 +1,10 @@
-//! Where the time of each method goes.
+//! Time of each method by stage.
 
 use crate::{Benchmark, markdown};
 
-/// The stage that a segmenter takes.
+/// The segmenter's stage.
 const SEGMENTER_STAGE: &str = "segment";
-/// The stage that a tracker takes, but for re-prompts.
+/// The tracker's stage, without re-prompts.
 const TRACKER_STAGE: &str = "track";
 
 /// Mean milliseconds per frame, over all results of a variant.
@@ -21,7 +21,7 @@ impl StageTable {
     /// The title of the table.
     pub const TITLE: &str = "Time of each stage, milliseconds per frame";
 
-    /// The table of a benchmark. Stages that take no time in any method are left out.
+    /// The table of a benchmark. Stages that take no time in any method are omitted.
     pub fn new(benchmark: &Benchmark) -> Self {
         let stages = &benchmark.stages;
         let all: Vec<(String, Vec<f64>)> = (0..benchmark.variants.len())

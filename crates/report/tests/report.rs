@@ -1,4 +1,4 @@
-//! Tables and page of a small benchmark made up here.
+//! Tables and page of a small made-up benchmark.
 
 use splatseg_geometry::SegmentMap;
 use splatseg_metrics::{FramePrediction, InstanceScorer, MIN_INSTANCE_VERTICES, PredictedInstance};
@@ -12,7 +12,7 @@ use std::time::Duration;
 
 const FRAMES: usize = 16;
 
-/// What was measured, apart from the scene and the method.
+/// Measurements of a run, without the scene and the method.
 struct Run {
     paper: VideoScore,
     strict: VideoScore,
@@ -155,7 +155,7 @@ fn tables_say_why_videos_have_no_windows() {
     let notes = |protocol| ScoreTable::over_all_scenes(&benchmark, protocol).notes;
     let paper = "no window of 1, 5, 10, 15 frames in a video of 10: under the protocol paper a video needs 16 frames";
     assert_eq!(notes(Protocol::Paper), [paper]);
-    assert_eq!(notes(Protocol::Strict), ["no window of 15 frames in a video of 10: a video needs as many frames"]);
+    assert_eq!(notes(Protocol::Strict), ["no window of 15 frames in a video of 10: the video is too short"]);
 }
 
 #[test]
@@ -218,7 +218,7 @@ fn stages_without_time_are_left_out_and_the_segmenter_is_not_in_the_sum() {
     assert_eq!(table.rows[0], ("fastsam-splat".to_owned(), vec![5.0, 2.0, 1.0, 3.0]));
 }
 
-/// What the paper's tables are made from.
+/// Inputs of the paper's tables.
 fn results<'a>(
     scannet: Option<&'a Benchmark<'a>>,
     mvpd: Option<&'a Benchmark<'a>>,
@@ -280,7 +280,7 @@ fn mvpd_has_the_rows_of_every_backbone_beside_ours() {
     assert!(table.contains("|  | k=1 | k=5 | k=10 | k=15 | VSQ |\n"), "{table}");
     assert_eq!(table.matches(", the paper* |").count(), 9, "{table}");
     assert!(table.contains("| *Tube-Link, Swin-large, the paper* | *48.17* | *21.14* | *16.60* | *14.55* | *25.12* |"));
-    // The other systems have no line of ours.
+    // The other systems have no measured line.
     assert_eq!(table.matches("| FastSAM-Splat (1 of 2 results) | 100.00 |").count(), 1, "{table}");
     assert!(!table.contains("| OV2Seg"), "{table}");
     // Beside this benchmark's own tables stand MVPd's rows, not ScanNet's.

@@ -1,35 +1,36 @@
-//! Messages as bytes: CDR behind the four bytes that say how it is encoded (DDS-RTPS 2.3, section 10).
+//! Serialised messages: a four-byte encapsulation header followed by CDR (DDS-RTPS 2.3, section 10).
 
 use re_cdr::{BigEndian, LittleEndian};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// CDR of the first version, big and little endian: the first two bytes of a message.
+/// Encapsulation of CDR version 1, big endian: the first two bytes of a message.
 const CDR_BIG_ENDIAN: [u8; 2] = [0, 0];
+/// Encapsulation of CDR version 1, little endian.
 const CDR_LITTLE_ENDIAN: [u8; 2] = [0, 1];
-/// Those two bytes, and two that are not used.
+/// Size of the encapsulation header: two bytes for the encoding and two unused ones.
 const ENCAPSULATION_BYTES: usize = 4;
 
-/// Bytes that are not a message of the expected type.
+/// Errors decoding or encoding a message.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum CdrError {
-    /// There are not even the bytes that say how the message is encoded.
+    /// The encapsulation header is incomplete.
     #[error("found {0} bytes, expected a CDR message, which has at least 4")]
     TooShort(usize),
     /// The message is not encoded in plain CDR.
     #[error("found the encapsulation {0:02x} {1:02x}, expected 00 00 or 00 01 (plain CDR)")]
     Encapsulation(u8, u8),
-    /// The content does not fit the type, e.g. because a length in it is wrong.
+    /// The content does not match the type, e.g. because of a wrong length.
     #[error("the message is damaged or of another type: {0}")]
     Content(String),
 }
 
-/// Reads a message. Texts and byte arrays may borrow from `bytes`; lengths are checked against the bytes that are left
-/// before memory is taken.
+/// Decodes a message. Strings and byte arrays may borrow from `bytes`. Lengths are checked against the remaining bytes
+/// before memory is allocated.
 ///
 /// # Errors
-/// [`CdrError`] says what is wrong with the bytes.
+/// [`CdrError`] if `bytes` is not a message of this type.
 pub fn from_cdr<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Result<T, CdrError> {
     let (encapsulation, content) =
         bytes.split_first_chunk::<ENCAPSULATION_BYTES>().ok_or(CdrError::TooShort(bytes.len()))?;
@@ -41,10 +42,10 @@ pub fn from_cdr<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Result<T, CdrError> 
     message.map(|(message, _)| message).map_err(|error| CdrError::Content(error.to_string()))
 }
 
-/// The bytes of a message, little endian.
+/// Encodes a message, little endian.
 ///
 /// # Errors
-/// [`CdrError::Content`] for a type that CDR has no form for; never for the types of this crate.
+/// [`CdrError::Content`] for a type that CDR cannot represent; never for the types of this crate.
 pub fn to_cdr(message: &impl Serialize) -> Result<Vec<u8>, CdrError> {
     let content = re_cdr::to_vec::<_, LittleEndian>(message).map_err(|error| CdrError::Content(error.to_string()))?;
     let mut bytes = Vec::with_capacity(ENCAPSULATION_BYTES + content.len());
@@ -54,7 +55,7 @@ pub fn to_cdr(message: &impl Serialize) -> Result<Vec<u8>, CdrError> {
     Ok(bytes)
 }
 
-/// Writes a byte array in one piece, where `serde` would write it byte by byte.
+/// Serialises a byte array in one piece, instead of byte by byte as by default in `serde`.
 pub(crate) fn serialize_bytes<S: serde::Serializer>(bytes: &[u8], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_bytes(bytes)
 }
@@ -78,10 +79,10 @@ mod tests {
         expected.extend((-3i32).to_le_bytes());
         expected.extend(7u32.to_le_bytes());
         expected.extend([7, 0, 0, 0]);
-        expected.extend(b"camera\0\0"); // its own zero, and one of padding
+        expected.extend(b"camera\0\0"); // terminating zero, one byte of padding
         expected.extend([1, 0, 0, 0, 2, 0, 0, 0, 5, 0, 0, 0]);
         expected.extend(b"rgb8\0");
-        expected.extend([0, 0, 0]); // is_bigendian, two of padding
+        expected.extend([0, 0, 0]); // is_bigendian, two bytes of padding
         expected.extend([6, 0, 0, 0, 6, 0, 0, 0]);
         expected.extend(pixels);
         assert_eq!(to_cdr(&image).unwrap(), expected);

@@ -3,7 +3,7 @@
 use crate::{Header, Interface, Message};
 use serde::{Deserialize, Serialize};
 
-/// Declares a message whose fields are all messages, texts or numbers.
+/// Declares a message whose fields are messages, strings or numbers.
 macro_rules! message {
     (
         $(#[doc = $doc:literal])+
@@ -51,13 +51,13 @@ message! {
 message! {
     /// A rotation as a unit quaternion (`geometry_msgs/msg/Quaternion`).
     Quaternion, "geometry_msgs/msg/Quaternion", "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n", [] {
-        /// First part of the vector.
+        /// First component of the vector part.
         x: f64,
-        /// Second part of the vector.
+        /// Second component of the vector part.
         y: f64,
-        /// Third part of the vector.
+        /// Third component of the vector part.
         z: f64,
-        /// The scalar.
+        /// Scalar part.
         w: f64,
     }
 }
@@ -72,9 +72,9 @@ message! {
     /// A rigid transform (`geometry_msgs/msg/Transform`).
     Transform: Default, "geometry_msgs/msg/Transform",
     "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n", [Vector3, Quaternion] {
-        /// The origin of the inner frame in the outer one, metres.
+        /// Origin of the child frame in the parent frame, metres.
         translation: Vector3,
-        /// From the axes of the inner frame to those of the outer one.
+        /// Rotation from the child frame to the parent frame.
         rotation: Quaternion,
     }
 }
@@ -83,9 +83,9 @@ message! {
     /// A transform from `child_frame_id` to `header.frame_id` (`geometry_msgs/msg/TransformStamped`).
     TransformStamped: Default, "geometry_msgs/msg/TransformStamped",
     "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n", [Header, Transform] {
-        /// When it holds, and the outer frame.
+        /// Time of the transform, and the parent frame.
         header: Header,
-        /// The inner frame.
+        /// The child frame.
         child_frame_id: String,
         /// The transform.
         transform: Transform,
@@ -104,9 +104,9 @@ message! {
     /// A position and an orientation (`geometry_msgs/msg/Pose`).
     PoseMessage: Default, "geometry_msgs/msg/Pose",
     "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n", [Point, Quaternion] {
-        /// The origin of the body, metres.
+        /// Origin of the body, metres.
         position: Point,
-        /// From the axes of the body to those of the frame.
+        /// Rotation from the body's axes to the frame.
         orientation: Quaternion,
     }
 }
@@ -115,7 +115,7 @@ message! {
     /// A pose with its time and frame (`geometry_msgs/msg/PoseStamped`).
     PoseStamped: Default, "geometry_msgs/msg/PoseStamped",
     "std_msgs/Header header\ngeometry_msgs/Pose pose\n", [Header, PoseMessage] {
-        /// When it holds, and the frame that it is in.
+        /// Time of the pose, and its frame.
         header: Header,
         /// The pose.
         pose: PoseMessage,
@@ -123,12 +123,12 @@ message! {
 }
 
 message! {
-    /// A pose and how certain it is (`geometry_msgs/msg/PoseWithCovariance`).
+    /// A pose with its covariance (`geometry_msgs/msg/PoseWithCovariance`).
     PoseWithCovariance: Default, "geometry_msgs/msg/PoseWithCovariance",
     "geometry_msgs/Pose pose\nfloat64[36] covariance\n", [PoseMessage] {
         /// The pose.
         pose: PoseMessage,
-        /// Of x, y, z and the rotations about them, 6×6, row by row.
+        /// Covariance of x, y, z and the rotations about these axes, 6×6, row-major.
         covariance: [[f64; 6]; 6],
     }
 }
@@ -137,7 +137,7 @@ message! {
     /// A pose with its time, frame and covariance (`geometry_msgs/msg/PoseWithCovarianceStamped`).
     PoseWithCovarianceStamped: Default, "geometry_msgs/msg/PoseWithCovarianceStamped",
     "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose\n", [Header, PoseWithCovariance] {
-        /// When it holds, and the frame that it is in.
+        /// Time of the pose, and its frame.
         header: Header,
         /// The pose.
         pose: PoseWithCovariance,
@@ -147,20 +147,20 @@ message! {
 message! {
     /// A velocity (`geometry_msgs/msg/Twist`).
     Twist: Default, "geometry_msgs/msg/Twist", "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n", [Vector3] {
-        /// Metres per second.
+        /// Linear velocity, metres per second.
         linear: Vector3,
-        /// Radians per second.
+        /// Angular velocity, radians per second.
         angular: Vector3,
     }
 }
 
 message! {
-    /// A velocity and how certain it is (`geometry_msgs/msg/TwistWithCovariance`).
+    /// A velocity with its covariance (`geometry_msgs/msg/TwistWithCovariance`).
     TwistWithCovariance: Default, "geometry_msgs/msg/TwistWithCovariance",
     "geometry_msgs/Twist twist\nfloat64[36] covariance\n", [Twist] {
         /// The velocity.
         twist: Twist,
-        /// Of x, y, z and the rotations about them, 6×6, row by row.
+        /// Covariance of x, y, z and the rotations about these axes, 6×6, row-major.
         covariance: [[f64; 6]; 6],
     }
 }
@@ -170,9 +170,9 @@ message! {
     Odometry: Default, "nav_msgs/msg/Odometry",
     "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n\
      geometry_msgs/TwistWithCovariance twist\n", [Header, PoseWithCovariance, TwistWithCovariance] {
-        /// When it holds, and the frame of the pose.
+        /// Time of the data, and the frame of the pose.
         header: Header,
-        /// The frame whose pose it is; the velocity is in its axes.
+        /// The frame whose pose is given. The velocity is in its axes.
         child_frame_id: String,
         /// The pose.
         pose: PoseWithCovariance,

@@ -1,13 +1,13 @@
-//! What a recording says of the types of its messages.
+//! Definitions of message types, for the schemas in recordings.
 
 /// The definition of a message type.
 #[derive(Clone, Copy, Debug)]
 pub struct Interface {
-    /// Its name, e.g. `sensor_msgs/msg/Image`.
+    /// Name, e.g. `sensor_msgs/msg/Image`.
     pub name: &'static str,
-    /// Its constants and fields, one a line.
+    /// Constants and fields, one per line.
     pub fields: &'static str,
-    /// The types that its fields have, other than built-in ones.
+    /// Types of the fields, except built-in types.
     pub uses: &'static [&'static Interface],
 }
 
@@ -18,7 +18,7 @@ pub trait Message {
 }
 
 impl Interface {
-    /// The definition with those of all types in it, as recordings carry it (`ros2msg`).
+    /// Returns the definition followed by the definitions of all types used in it, as in recordings (`ros2msg`).
     pub fn schema(&self) -> String {
         let mut schema = self.fields.to_owned();
         let mut listed: Vec<&Interface> = self.uses.to_vec();
@@ -35,7 +35,7 @@ impl Interface {
         schema
     }
 
-    /// Its name as fields write it, e.g. `sensor_msgs/Image`.
+    /// The name as used in fields, e.g. `sensor_msgs/Image`.
     fn short_name(&self) -> String {
         self.name.replace("/msg/", "/")
     }

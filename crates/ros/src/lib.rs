@@ -1,8 +1,8 @@
-//! ROS 2 messages as cameras and robots record them: structs, their CDR encoding, and their interface definitions.
+//! ROS 2 messages recorded by cameras and robots: structs, their CDR encoding, and their interface definitions.
 //!
-//! [`from_cdr`] and [`to_cdr`] convert between a message and the bytes of a recording; images, whose bytes are most of a
-//! recording, borrow them. [`Interface::schema`] is the text that a recording of format MCAP carries for a type
-//! (schema encoding `ros2msg`).
+//! [`from_cdr`] and [`to_cdr`] convert between a message and the bytes of a recording. Images, which are most of a
+//! recording, borrow their bytes. [`Interface::schema`] returns the schema of a type in an MCAP recording (schema
+//! encoding `ros2msg`).
 
 mod cdr;
 mod geometry_msgs;

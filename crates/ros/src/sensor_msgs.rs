@@ -4,23 +4,23 @@ use crate::cdr::serialize_bytes;
 use crate::{Header, Interface, Message};
 use serde::{Deserialize, Serialize};
 
-/// An image as it is (`sensor_msgs/msg/Image`).
+/// An uncompressed image (`sensor_msgs/msg/Image`).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Image<'a> {
-    /// When it was taken, and the camera's optical frame (x right, y down, z forward).
+    /// Capture time, and the camera's optical frame (x right, y down, z forward).
     pub header: Header,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
-    /// Columns.
+    /// Number of columns.
     pub width: u32,
-    /// What a pixel is, e.g. `rgb8` or `16UC1`.
+    /// Pixel format, e.g. `rgb8` or `16UC1`.
     #[serde(borrow)]
     pub encoding: &'a str,
-    /// Not 0 if numbers of several bytes are big endian.
+    /// Nonzero if multi-byte values are big endian.
     pub is_bigendian: u8,
-    /// Bytes from one row to the next.
+    /// Number of bytes from one row to the next.
     pub step: u32,
-    /// The rows.
+    /// The pixels, row by row.
     #[serde(borrow, serialize_with = "serialize_bytes")]
     pub data: &'a [u8],
 }
@@ -34,15 +34,15 @@ impl Message for Image<'_> {
     };
 }
 
-/// An image in some file format (`sensor_msgs/msg/CompressedImage`).
+/// An image in a file format (`sensor_msgs/msg/CompressedImage`).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CompressedImage<'a> {
-    /// When it was taken, and the camera's optical frame.
+    /// Capture time, and the camera's optical frame.
     pub header: Header,
-    /// The format, and what it was made from, e.g. `jpeg` or `16UC1; compressedDepth png`.
+    /// Format of the file and of the original image, e.g. `jpeg` or `16UC1; compressedDepth png`.
     #[serde(borrow)]
     pub format: &'a str,
-    /// The file.
+    /// Content of the file.
     #[serde(borrow, serialize_with = "serialize_bytes")]
     pub data: &'a [u8],
 }
@@ -58,27 +58,27 @@ impl Message for CompressedImage<'_> {
 /// A camera's intrinsics (`sensor_msgs/msg/CameraInfo`).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CameraInfo {
-    /// When it holds, and the camera's optical frame.
+    /// Time of the image, and the camera's optical frame.
     pub header: Header,
-    /// Rows of the calibrated image.
+    /// Number of rows of the calibrated image.
     pub height: u32,
-    /// Columns of the calibrated image.
+    /// Number of columns of the calibrated image.
     pub width: u32,
-    /// The model of the lens, e.g. `plumb_bob`.
+    /// Distortion model, e.g. `plumb_bob`.
     pub distortion_model: String,
-    /// The coefficients of the model.
+    /// Distortion coefficients.
     pub d: Vec<f64>,
-    /// The camera matrix of the image as taken, 3×3, row by row: fx 0 cx, 0 fy cy, 0 0 1.
+    /// Camera matrix of the unrectified image, 3×3, row-major: fx 0 cx, 0 fy cy, 0 0 1.
     pub k: [f64; 9],
-    /// The rotation that rectifies a stereo pair, 3×3, row by row.
+    /// Rotation that rectifies a stereo pair, 3×3, row-major.
     pub r: [f64; 9],
-    /// The projection of the rectified image, 3×4, row by row.
+    /// Projection matrix of the rectified image, 3×4, row-major.
     pub p: [f64; 12],
-    /// How many columns make one pixel; 0 means 1.
+    /// Number of columns binned into one pixel; 0 means 1.
     pub binning_x: u32,
-    /// How many rows make one pixel; 0 means 1.
+    /// Number of rows binned into one pixel; 0 means 1.
     pub binning_y: u32,
-    /// The part of the calibrated image that is given.
+    /// The region of the calibrated image that is captured.
     pub roi: RegionOfInterest,
 }
 
@@ -91,18 +91,18 @@ impl Message for CameraInfo {
     };
 }
 
-/// A part of an image (`sensor_msgs/msg/RegionOfInterest`).
+/// A region of an image (`sensor_msgs/msg/RegionOfInterest`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RegionOfInterest {
-    /// Its first column.
+    /// First column.
     pub x_offset: u32,
-    /// Its first row.
+    /// First row.
     pub y_offset: u32,
-    /// Its rows; 0 means all.
+    /// Number of rows; 0 means all.
     pub height: u32,
-    /// Its columns; 0 means all.
+    /// Number of columns; 0 means all.
     pub width: u32,
-    /// Whether a part of the rectified image is meant.
+    /// True for a region of the rectified image.
     pub do_rectify: bool,
 }
 
@@ -114,27 +114,27 @@ impl Message for RegionOfInterest {
     };
 }
 
-/// Points with named parts (`sensor_msgs/msg/PointCloud2`).
+/// Points with named fields (`sensor_msgs/msg/PointCloud2`).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PointCloud2<'a> {
-    /// When they were measured, and the frame of their coordinates.
+    /// Time of the measurement, and the frame of the coordinates.
     pub header: Header,
-    /// Rows; 1 for points without order.
+    /// Number of rows; 1 for unordered points.
     pub height: u32,
-    /// Points in a row.
+    /// Number of points per row.
     pub width: u32,
-    /// The parts of a point.
+    /// The fields of a point.
     pub fields: Vec<PointField>,
-    /// Whether the data are big endian.
+    /// True if the data are big endian.
     pub is_bigendian: bool,
-    /// Bytes of a point.
+    /// Number of bytes per point.
     pub point_step: u32,
-    /// Bytes of a row.
+    /// Number of bytes per row.
     pub row_step: u32,
     /// The points.
     #[serde(borrow, serialize_with = "serialize_bytes")]
     pub data: &'a [u8],
-    /// Whether there are no invalid points.
+    /// True if there are no invalid points.
     pub is_dense: bool,
 }
 
@@ -147,16 +147,16 @@ impl Message for PointCloud2<'_> {
     };
 }
 
-/// A part of a point (`sensor_msgs/msg/PointField`).
+/// A field of a point (`sensor_msgs/msg/PointField`).
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PointField {
-    /// Its name, e.g. `x`.
+    /// Name, e.g. `x`.
     pub name: String,
-    /// Where it starts in the point, bytes.
+    /// Offset from the start of the point, bytes.
     pub offset: u32,
-    /// The type of its numbers: one of the constants of this type.
+    /// Type of its numbers: one of the constants of this type.
     pub datatype: u8,
-    /// How many numbers it has.
+    /// Number of elements.
     pub count: u32,
 }
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct Time {
     /// Seconds, usually since the Unix epoch.
     pub sec: i32,
-    /// Nanoseconds on top of them.
+    /// Nanoseconds, added to the seconds.
     pub nanosec: u32,
 }
 
@@ -18,7 +18,7 @@ impl Time {
         i64::from(self.sec) * 1_000_000_000 + i64::from(self.nanosec)
     }
 
-    /// A time from nanoseconds; the nearest that there is.
+    /// Converts from nanoseconds. Clamps the seconds to ±`i32::MAX`.
     pub fn from_nanoseconds(nanoseconds: i64) -> Self {
         let limit = i64::from(i32::MAX);
         let sec = nanoseconds.div_euclid(1_000_000_000).clamp(-limit, limit);
@@ -31,12 +31,12 @@ impl Message for Time {
         Interface { name: "builtin_interfaces/msg/Time", fields: "int32 sec\nuint32 nanosec\n", uses: &[] };
 }
 
-/// A span of time (`builtin_interfaces/msg/Duration`).
+/// A duration (`builtin_interfaces/msg/Duration`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Duration {
     /// Seconds.
     pub sec: i32,
-    /// Nanoseconds on top of them.
+    /// Nanoseconds, added to the seconds.
     pub nanosec: u32,
 }
 
@@ -45,10 +45,10 @@ impl Message for Duration {
         Interface { name: "builtin_interfaces/msg/Duration", fields: "int32 sec\nuint32 nanosec\n", uses: &[] };
 }
 
-/// When and in which frame something was measured (`std_msgs/msg/Header`).
+/// Time and coordinate frame of a message (`std_msgs/msg/Header`).
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Header {
-    /// When.
+    /// Time of the data.
     pub stamp: Time,
     /// The coordinate frame, e.g. `camera_color_optical_frame`.
     pub frame_id: String,
@@ -62,7 +62,7 @@ impl Message for Header {
     };
 }
 
-/// A colour, each part 0 to 1 (`std_msgs/msg/ColorRGBA`).
+/// A colour with components in [0, 1] (`std_msgs/msg/ColorRGBA`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ColorRgba {
     /// Red.
@@ -71,7 +71,7 @@ pub struct ColorRgba {
     pub g: f32,
     /// Blue.
     pub b: f32,
-    /// 1 is opaque.
+    /// Alpha; 1 is opaque.
     pub a: f32,
 }
 

@@ -16,56 +16,56 @@ pub mod marker_type {
 
 /// Values of [`Marker::action`].
 pub mod action {
-    /// Add it, or replace the one of its number.
+    /// Add the marker, or replace the one with the same namespace and id.
     pub const ADD: i32 = 0;
-    /// Delete the one of its number.
+    /// Delete the marker with the same namespace and id.
     pub const DELETE: i32 = 2;
-    /// Delete all.
+    /// Delete all markers.
     pub const DELETE_ALL: i32 = 3;
 }
 
-/// Something to draw (`visualization_msgs/msg/Marker`).
+/// An object to draw (`visualization_msgs/msg/Marker`).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Marker<'a> {
-    /// When it holds, and the frame that it is in.
+    /// Time of the marker, and its frame.
     pub header: Header,
-    /// With `id`, what it is replaced by.
+    /// Namespace. Together with `id`, identifies the marker.
     pub ns: String,
-    /// Its number in `ns`.
+    /// Number in the namespace.
     pub id: i32,
-    /// What it is: see [`marker_type`]. (The field is called `type`.)
+    /// Type of the marker; see [`marker_type`]. (The field is called `type`.)
     pub kind: i32,
-    /// What to do with it: see [`action`].
+    /// Action; see [`action`].
     pub action: i32,
-    /// Where it is.
+    /// Pose.
     pub pose: PoseMessage,
-    /// Its size, metres.
+    /// Size, metres.
     pub scale: Vector3,
-    /// Its colour.
+    /// Colour.
     pub color: ColorRgba,
-    /// How long it stays; 0 means for ever.
+    /// Time until the marker is deleted; 0 means never.
     pub lifetime: Duration,
-    /// Whether it moves with its frame.
+    /// True if the marker moves with its frame.
     pub frame_locked: bool,
     /// For lists: the points.
     pub points: Vec<Point>,
     /// For lists: the colour of each point.
     pub colors: Vec<ColorRgba>,
-    /// Where its texture is.
+    /// URI of the texture.
     pub texture_resource: String,
-    /// Its texture.
+    /// Texture.
     #[serde(borrow)]
     pub texture: CompressedImage<'a>,
-    /// Where the points are in the texture.
+    /// Texture coordinates of the points.
     pub uv_coordinates: Vec<UvCoordinate>,
     /// For texts: the text.
     pub text: String,
-    /// For meshes: where the mesh is.
+    /// For meshes: URI of the mesh.
     pub mesh_resource: String,
     /// For meshes: the mesh.
     #[serde(borrow)]
     pub mesh_file: MeshFile<'a>,
-    /// For meshes: whether its own materials are used.
+    /// For meshes: true to use the materials in the mesh file.
     pub mesh_use_embedded_materials: bool,
 }
 
@@ -95,10 +95,10 @@ impl Message for Marker<'_> {
     };
 }
 
-/// Things to draw (`visualization_msgs/msg/MarkerArray`).
+/// Several markers (`visualization_msgs/msg/MarkerArray`).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MarkerArray<'a> {
-    /// The things.
+    /// The markers.
     #[serde(borrow)]
     pub markers: Vec<Marker<'a>>,
 }
@@ -111,12 +111,12 @@ impl Message for MarkerArray<'_> {
     };
 }
 
-/// A place in a texture (`visualization_msgs/msg/UVCoordinate`).
+/// A position in a texture (`visualization_msgs/msg/UVCoordinate`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct UvCoordinate {
-    /// Along its width, 0 to 1.
+    /// Position along the width, 0 to 1.
     pub u: f32,
-    /// Along its height, 0 to 1.
+    /// Position along the height, 0 to 1.
     pub v: f32,
 }
 
@@ -125,12 +125,12 @@ impl Message for UvCoordinate {
         Interface { name: "visualization_msgs/msg/UVCoordinate", fields: "float32 u\nfloat32 v\n", uses: &[] };
 }
 
-/// A mesh (`visualization_msgs/msg/MeshFile`).
+/// A mesh file (`visualization_msgs/msg/MeshFile`).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MeshFile<'a> {
-    /// Its name; the ending says of which format it is.
+    /// File name. The extension gives the format.
     pub filename: String,
-    /// The file.
+    /// Content of the file.
     #[serde(borrow, serialize_with = "serialize_bytes")]
     pub data: &'a [u8],
 }

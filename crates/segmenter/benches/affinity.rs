@@ -1,16 +1,16 @@
-//! The stages of the affinity segmenter on a frame of 320×240, each with those before it.
+//! The stages of the affinity segmenter on a frame of 320×240, each including the stages before it.
 //!
 //! `cargo bench -p splatseg-segmenter --bench affinity`; `RAYON_NUM_THREADS` sets the number of threads.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, open_scene};
-use splatseg_geometry::RgbdFrame;
+use splatseg_geometry::CameraFrame;
 use splatseg_segmenter::{AffinityNetwork, AffinitySegmenter, AffinitySettings, Segmenter};
 use std::path::Path;
 
 /// The first frame of the demo.
-fn frame() -> RgbdFrame<'static> {
-    let clip = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splatseg/demo");
+fn frame() -> CameraFrame<'static> {
+    let clip = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splatseg-cli/demo");
     let settings = DatasetSettings::default();
     let scene = open_scene(&clip, &settings).expect("the demo");
     let mut frames = FrameStream::open(scene, &settings, GroundTruth::Skip).expect("the demo");

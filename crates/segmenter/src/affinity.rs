@@ -1,9 +1,11 @@
-//! The learned segmenter: a small network says which pixels belong to the same object, and regions are merged accordingly.
+//! The learned segmenter: a small network predicts which pixels belong to the same object, and regions are merged
+//! accordingly.
 //!
-//! 1. [`resolution`] and [`inputs`]: the frame, at most 320×240 pixels, as eight channels.
-//! 2. [`network`]: log-odds that a pixel and those at twelve offsets belong to one object, at half that size.
-//! 3. [`regions`] and [`agglomeration`]: pixels become small regions, and regions are merged while the mean log-odds
-//!    between two of them are above a threshold. Every pixel belongs to one segment.
+//! 1. [`resolution`] and [`inputs`]: the frame, by default at most 320×240 pixels, as eight channels.
+//! 2. [`network`]: log-odds that a pixel and each of its partners at twelve offsets belong to one object, at half that
+//!    size.
+//! 3. [`regions`] and [`agglomeration`]: pixels are grouped into small regions, and regions are merged while the mean
+//!    log-odds between two of them are above a threshold. Every pixel belongs to one segment.
 
 mod agglomeration;
 mod device_network;
@@ -25,13 +27,14 @@ pub use weights::AffinityWeightsError;
 use crate::{Segmenter, SegmenterError};
 use network::NetworkMemory;
 use regions::RegionGraph;
-use resolution::View;
-use splatseg_geometry::{Mask, RgbdFrame, ScoredMask};
+use resolution::ScaledFrame;
+use splatseg_geometry::{CameraFrame, Mask, ScoredMask};
 use splatseg_kernels::feature_map::FeatureMap;
 
-/// A segmenter that has learned from rendered rooms which pixels belong to the same object.
+/// A segmenter with a network, trained on rendered rooms, that predicts which pixels belong to the same object.
 ///
-/// Its masks never overlap. It is deterministic, whatever the number of threads. It works without depth, though worse.
+/// Its masks never overlap. The result does not depend on the number of threads. It works without depth, though less
+/// well.
 #[derive(Clone, Debug)]
 pub struct AffinitySegmenter {
     network: AffinityNetwork,
@@ -41,7 +44,7 @@ pub struct AffinitySegmenter {
 }
 
 impl AffinitySegmenter {
-    /// Makes a segmenter.
+    /// Creates a segmenter.
     ///
     /// # Errors
     /// [`SegmenterError::Setting`] if a setting is out of its range.
@@ -55,28 +58,28 @@ impl AffinitySegmenter {
         &self.settings
     }
 
-    /// The network's input for a frame, `[8, height, width]`: colour, inverse depth, validity and normals.
-    pub fn inputs(&mut self, frame: &RgbdFrame) -> &FeatureMap {
-        inputs::compute(&View::of_frame(frame, self.settings.max_pixels), &mut self.input);
+    /// Computes the network's input for a frame, `[8, height, width]`: colour, inverse depth, validity and normals.
+    pub fn inputs(&mut self, frame: &CameraFrame) -> &FeatureMap {
+        inputs::compute(&ScaledFrame::new(frame, self.settings.max_pixels), &mut self.input);
         &self.input
     }
 
-    /// For each pixel of the half-size image, the log-odds that it and the pixels at the network's offsets belong to the
-    /// same object, `[offsets, height, width]`.
+    /// Computes, for each pixel of the half-size image, the log-odds that it belongs to the same object as the pixels
+    /// at the network's offsets, `[offsets, height, width]`.
     ///
     /// # Errors
-    /// [`SegmenterError::Device`] if the network's device failed; never on the CPU.
-    pub fn log_odds(&mut self, frame: &RgbdFrame) -> Result<&FeatureMap, SegmenterError> {
+    /// [`SegmenterError::Device`] if the network's device fails; never on the CPU.
+    pub fn log_odds(&mut self, frame: &CameraFrame) -> Result<&FeatureMap, SegmenterError> {
         self.inputs(frame);
         self.network.forward(&self.input, &mut self.memory)?;
         Ok(&self.memory.log_odds)
     }
 
-    /// All merges of a frame's regions: a hierarchy of segments, to be cut at any threshold.
+    /// Computes all merges of a frame's regions, a hierarchy of segments that can be cut at any threshold.
     ///
     /// # Errors
     /// As [`log_odds`](Self::log_odds).
-    pub fn merge_tree(&mut self, frame: &RgbdFrame) -> Result<MergeTree, SegmenterError> {
+    pub fn merge_tree(&mut self, frame: &CameraFrame) -> Result<MergeTree, SegmenterError> {
         self.log_odds(frame)?;
         Ok(MergeTree::new(RegionGraph::from_log_odds(&self.memory.log_odds, &self.network.offsets)))
     }
@@ -87,27 +90,27 @@ impl Segmenter for AffinitySegmenter {
         "affinity"
     }
 
-    fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
         let tree = self.merge_tree(frame)?;
         let partition = tree.cut(self.settings.threshold.unwrap_or(self.network.threshold));
         let segments = upsampling::enlarge(&partition.segments_of_pixels(&tree), &self.input);
-        let view = (self.input.width(), self.input.height());
-        Ok(masks(frame, view, &segments, &partition.scores, self.settings.min_area.max(1)))
+        let scaled_size = (self.input.width(), self.input.height());
+        Ok(masks(frame, scaled_size, &segments, &partition.scores, self.settings.min_area.max(1)))
     }
 }
 
-/// The segments of at least `min_area` pixels, at the frame's size, from those of the pixels of a view of this width and
-/// height.
+/// Makes masks of the frame's size from the segment of each pixel of the scaled frame. Drops segments of fewer than
+/// `min_area` pixels.
 fn masks(
-    frame: &RgbdFrame,
-    view: (usize, usize),
+    frame: &CameraFrame,
+    scaled_size: (usize, usize),
     segments: &[u32],
     scores: &[f32],
     min_area: usize,
 ) -> Vec<ScoredMask> {
     let (width, height) = (frame.width(), frame.height());
-    let columns: Vec<usize> = (0..width).map(|column| column * view.0 / width).collect();
-    let row_of = |row: usize| &segments[row * view.1 / height * view.0..][..view.0];
+    let columns: Vec<usize> = (0..width).map(|column| column * scaled_size.0 / width).collect();
+    let row_of = |row: usize| &segments[row * scaled_size.1 / height * scaled_size.0..][..scaled_size.0];
     let mut areas = vec![0; scores.len()];
     for row in 0..height {
         let segments = row_of(row);

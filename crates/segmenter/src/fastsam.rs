@@ -1,17 +1,17 @@
 //! FastSAM as a segmenter.
 
 use crate::{Segmenter, SegmenterError};
-use splatseg_geometry::{RgbdFrame, ScoredMask};
+use splatseg_geometry::{CameraFrame, ScoredMask};
 use splatseg_models::fastsam::FastSamPredictor;
 
-/// FastSAM on the frame's colour image; depth is not looked at.
+/// FastSAM on the frame's colour image. Depth is ignored.
 #[derive(Clone, Debug)]
 pub struct FastSamSegmenter {
     predictor: FastSamPredictor,
 }
 
 impl FastSamSegmenter {
-    /// A segmenter over a predictor.
+    /// Wraps a predictor.
     pub fn new(predictor: FastSamPredictor) -> Self {
         Self { predictor }
     }
@@ -22,8 +22,8 @@ impl Segmenter for FastSamSegmenter {
         "fastsam"
     }
 
-    /// Best first. Boxes are left out: they say where the masks were looked for.
-    fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    /// Returns FastSAM's masks, highest score first. Its boxes are dropped: they are only where it searched for masks.
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
         let detections = self.predictor.predict(frame.color())?;
         Ok(detections.into_iter().map(|found| ScoredMask { mask: found.mask, score: found.score }).collect())
     }

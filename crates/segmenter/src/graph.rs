@@ -1,11 +1,11 @@
-//! The built-in segmenter: no weights, only surfaces and colours.
+//! A segmenter without weights, based on surfaces and colours.
 //!
-//! 1. [`color`]: CIELAB, smoothed within edges. [`surface`]: a plane through the neighbourhood of every pixel.
-//! 2. [`edges`] and [`patches`]: neighbouring pixels that belong together grow into some hundreds of small patches
-//!    (Felzenszwalb and Huttenlocher, *Efficient Graph-Based Image Segmentation*, IJCV 2004).
-//! 3. [`borders`] and [`merge`]: patches are united, the most certain pair first, while the border between two of them
+//! 1. [`color`]: CIELAB, smoothed with edges preserved. [`surface`]: a plane fitted around every pixel.
+//! 2. [`edges`] and [`patches`]: similar neighbouring pixels grow into hundreds of small patches (Felzenszwalb and
+//!    Huttenlocher, *Efficient Graph-Based Image Segmentation*, IJCV 2004).
+//! 3. [`borders`] and [`merge`]: patches are merged, the most certain pair first, while the border between two of them
 //!    looks like the inside of an object. As in LCCP (Stein et al., *Object Partitioning using Local Convexity*, CVPR
-//!    2014) a concave border speaks for two objects and a convex one hardly at all.
+//!    2014), a concave border is evidence for two objects, a convex one hardly any.
 
 mod borders;
 mod color;
@@ -19,18 +19,18 @@ mod surface;
 pub use settings::{BorderWeights, GraphSettings, PatchSettings, SurfaceSettings};
 
 use crate::{Segmenter, SegmenterError};
-use splatseg_geometry::{Mask, RgbdFrame, ScoredMask};
+use splatseg_geometry::{CameraFrame, Mask, ScoredMask};
 
 /// A segmenter that cuts the image where depth, surface orientation and colour change as they do between objects.
 ///
-/// Its masks never overlap. It is deterministic, whatever the number of threads.
+/// Its masks never overlap. The result does not depend on the number of threads.
 #[derive(Clone, Debug)]
 pub struct GraphSegmenter {
     settings: GraphSettings,
 }
 
 impl GraphSegmenter {
-    /// Makes a segmenter.
+    /// Creates a segmenter.
     ///
     /// # Errors
     /// [`SegmenterError::Setting`] if a setting is out of its range.
@@ -49,18 +49,18 @@ impl Segmenter for GraphSegmenter {
         "graph"
     }
 
-    fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
         let settings = &self.settings;
-        let view = resolution::View::of_frame(frame, settings.max_pixels);
-        let lab = color::smoothed_lab(&view.color, settings.color_smoothing);
-        let surface = surface::Surface::of_depth(&view.depth, view.camera, &lab, &settings.surface);
+        let scaled = resolution::ScaledFrame::new(frame, settings.max_pixels);
+        let lab = color::smoothed_lab(&scaled.color, settings.color_smoothing);
+        let surface = surface::Surface::from_depth(&scaled.depth, scaled.camera, &lab, &settings.surface);
         let edges = edges::pixel_edges(&lab, &surface, settings);
         let patches = patches::grow(&edges, lab.size(), &settings.patches);
-        let regions = merge::merge(borders::Regions::of_patches(&patches, &lab, &surface, settings), settings);
+        let regions = merge::merge(borders::Regions::from_patches(&patches, &lab, &surface, settings), settings);
         let mut masks = vec![Mask::empty(frame.width(), frame.height()); regions.scores.len()];
         for row in 0..frame.height() {
             for column in 0..frame.width() {
-                let patch = patches.labels[view.index_of(column, row)];
+                let patch = patches.labels[scaled.index_of(column, row)];
                 masks[regions.region_of_patch[patch as usize] as usize].set(column, row, true);
             }
         }

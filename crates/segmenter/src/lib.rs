@@ -1,13 +1,13 @@
 //! Segmenters for splatseg: image and depth in, masks with scores out.
 //!
-//! A [`Segmenter`] sees one frame at a time and has no memory; ids that last are the business of the methods above it.
+//! A [`Segmenter`] works on one frame at a time and keeps no memory. The methods built on it assign persistent ids.
 //!
-//! - [`GraphSegmenter`] needs no weights: it cuts the image where depth, surface orientation and colour say that one
-//!   object ends and another begins.
-//! - [`AffinitySegmenter`] has learned from rendered rooms which pixels belong to the same object; its weights are built
-//!   in.
-//! - [`FastSamSegmenter`] runs FastSAM, the segmenter of the paper, on weights that the user has.
-//! - [`MaskFolder`] replays masks that any other model wrote to disk.
+//! - [`GraphSegmenter`] needs no weights. It cuts the image where depth, surface orientation and colour indicate an
+//!   object boundary.
+//! - [`AffinitySegmenter`] predicts which pixels belong to the same object. It was trained on rendered rooms and its
+//!   weights are built in.
+//! - [`FastSamSegmenter`] runs FastSAM, the segmenter of the paper, with weights supplied by the user.
+//! - [`MaskFolder`] replays masks that another model wrote to disk.
 
 mod affinity;
 mod error;
@@ -21,21 +21,21 @@ pub use fastsam::FastSamSegmenter;
 pub use graph::{BorderWeights, GraphSegmenter, GraphSettings, PatchSettings, SurfaceSettings};
 pub use masks::MaskFolder;
 
-use splatseg_geometry::{RgbdFrame, ScoredMask};
+use splatseg_geometry::{CameraFrame, ScoredMask};
 
-/// Finds the segments of single frames.
+/// Segments single frames.
 ///
-/// A segmenter of your own implements this trait and reports its own errors as [`SegmenterError::Other`].
+/// To add your own segmenter, implement this trait and report its errors as [`SegmenterError::Other`].
 pub trait Segmenter: Send {
     /// A short name for tables and summaries, e.g. `graph`.
     fn name(&self) -> &str;
 
-    /// The segments of `frame`: masks of the frame's size, which may overlap, in any order. Empty masks are left out,
-    /// so a frame in which nothing was found gives an empty list.
+    /// Returns the segments of `frame`: masks of the frame's size, in any order, possibly overlapping. Empty masks are
+    /// left out, so the list is empty if nothing was found.
     ///
     /// # Errors
-    /// [`SegmenterError`] says why the frame could not be segmented.
-    fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError>;
+    /// [`SegmenterError`] if the frame cannot be segmented.
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError>;
 }
 
 #[cfg(doctest)]

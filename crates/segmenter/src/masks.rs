@@ -1,34 +1,33 @@
-//! Masks that another program computed, one file per frame.
-
-mod annotations;
+//! Replays masks from another program, one file per frame.
 
 use crate::{Segmenter, SegmenterError};
+use splatseg_annotations::{MaskFileError, read_mask_file};
 use splatseg_dataset::{Framing, ImageSize, padded_number, read_segments_png, unpadded_number};
-use splatseg_geometry::{Mask, RgbdFrame, ScoredMask};
-use splatseg_input::{MemoryLimit, read_file};
+use splatseg_files::{MemoryLimit, read_file};
+use splatseg_geometry::{CameraFrame, Mask, ScoredMask};
 use splatseg_settings::SettingError;
 use std::path::{Path, PathBuf};
 
-/// Most pixels that a stored mask may have.
+/// Maximum number of pixels in a stored mask.
 const MAX_PIXELS: usize = 1 << 26;
-/// Most masks of a frame: as many as there are ids in a 16-bit image of them.
+/// Maximum number of masks in a frame: the number of nonzero 16-bit ids.
 const MAX_MASKS: usize = u16::MAX as usize;
-/// Longest annotation file that is read, bytes.
+/// Maximum size of an annotation file, bytes.
 const MAX_ANNOTATION_BYTES: u64 = 1 << 26;
 
 /// A segmenter that replays stored masks.
 ///
-/// The folder holds, for each frame, one of
+/// The folder contains one of these files for each frame:
 ///
-/// - `<frame name>.png`: 8-bit or 16-bit grey, or 8-bit RGB with id = R + 256 G + 65536 B, `[height, width]`, each id
-///   above 0 one mask with score 1;
-/// - `<frame name>.json`: a list of COCO annotations (or an object whose key `annotations` holds the list), each
+/// - `<frame name>.png`: ids as 8-bit or 16-bit grey, or as 8-bit RGB with id = R + 256 G + 65536 B, `[height, width]`.
+///   Each id above 0 is a mask with score 1.
+/// - `<frame name>.json`: a list of COCO annotations (or an object with the list under the key `annotations`), each
 ///   `{"segmentation": {"size": [height, width], "counts": ...}, "score": ...}`. `counts` is a compressed RLE string
-///   or a list of run lengths; `score` is in [0, 1] and 1 if left out; other keys are ignored. Masks may overlap.
+///   or a list of run lengths. `score` is in [0, 1], by default 1. Other keys are ignored. Masks may overlap.
 ///
-/// Where both exist the PNG is read. A frame whose name is a number is also found with zeros in front, six digits in
-/// all, or without them. Masks of the frame's size are used as they are; all others are resized (nearest
-/// pixel) and cropped by the [`Framing`], as the video's own images were.
+/// If both exist, the PNG is read. A frame name that is a number may also be zero-padded to six digits, or unpadded, in
+/// the file name. Masks of the frame's size are used unchanged. All others are resized (nearest pixel) and cropped by
+/// the [`Framing`], as the video's own images were.
 #[derive(Clone, Debug)]
 pub struct MaskFolder {
     folder: PathBuf,
@@ -40,7 +39,8 @@ impl MaskFolder {
     /// Opens a folder of masks made for a video whose frames are resized and cropped by `framing`.
     ///
     /// # Errors
-    /// If `folder` cannot be read, is not a folder, or holds neither `.png` nor `.json` files.
+    /// If `folder` cannot be read, is not a folder, or contains no `.png` or `.json` files, or if `framing` resizes to
+    /// more than 2²⁶ pixels.
     pub fn open(folder: impl Into<PathBuf>, framing: Framing) -> Result<Self, SegmenterError> {
         let folder = folder.into();
         let read_error = |source| SegmenterError::Read { path: folder.clone(), source };
@@ -65,8 +65,8 @@ impl MaskFolder {
         Err(SegmenterError::NoMasks { path: folder })
     }
 
-    /// Limits the memory that the masks of one frame may take, in bytes. Without this call it is the limit of the
-    /// process, [`MemoryLimit::in_force`].
+    /// Limits the memory for the masks of one frame, in bytes. The default is the limit of the process,
+    /// [`MemoryLimit::in_force`].
     #[must_use]
     pub fn with_memory_limit(mut self, bytes: u64) -> Self {
         self.memory_limit = Some(bytes);
@@ -79,8 +79,8 @@ impl Segmenter for MaskFolder {
         "masks"
     }
 
-    fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
-        // Frame names may hold dots, so the extension is appended, never replaced.
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+        // Frame names may contain dots, so the extension is appended instead of replaced.
         let places = |name: &str| ["png", "json"].map(|extension| self.folder.join(format!("{name}.{extension}")));
         let names = [frame.name(), &padded_number(frame.name()), unpadded_number(frame.name())];
         let stored = names.map(places).into_iter().find(|[png, json]| png.exists() || json.exists());
@@ -99,16 +99,16 @@ impl Segmenter for MaskFolder {
     }
 }
 
-/// The masks of a frame while their file is read. Each is brought to the frame's size before the next is read, and each
-/// size is checked before memory is taken for it.
+/// Reads the masks of a frame from a file. Each mask is brought to the frame's size before the next one is read, and
+/// its size is checked before memory is allocated.
 struct FrameMasks<'a> {
     path: &'a Path,
     framing: Framing,
     frame_size: (usize, usize),
-    /// Bytes that the masks may take.
+    /// Memory limit for the masks, bytes.
     memory_limit: u64,
     masks: Vec<ScoredMask>,
-    /// Bytes that they take.
+    /// Memory used by `masks`, bytes.
     bytes: u64,
 }
 
@@ -131,19 +131,20 @@ impl FrameMasks<'_> {
         let text = read_file(path, MAX_ANNOTATION_BYTES)
             .map_err(|source| SegmenterError::Read { path: path.to_owned(), source })?;
         let mut source = SourcePixels::default();
-        annotations::read(path, &text, &mut |index, runs, score| {
-            let rle_error = |source| SegmenterError::Rle { path: path.to_owned(), index, source };
+        let wrap = |error| SegmenterError::MaskFile { path: path.to_owned(), source: Box::new(error) };
+        read_mask_file(&text, MAX_PIXELS, &wrap, &mut |index, runs, score| {
             let stored = (runs.width, runs.height);
             if source.size != stored {
                 source = self.source_pixels(stored)?;
             }
-            let mask = runs.decode_at(&source.columns, &source.rows).map_err(rle_error)?;
+            let mask = runs.decode_at(&source.columns, &source.rows);
+            let mask = mask.map_err(|source| wrap(MaskFileError::Rle { index, source }))?;
             self.push(mask, score)
         })?;
         Ok(self.masks)
     }
 
-    /// The pixels of masks of size `stored` that the frame shows.
+    /// The pixels to sample from masks of size `stored`.
     fn source_pixels(&self, stored: (usize, usize)) -> Result<SourcePixels, SegmenterError> {
         let framing = if stored == self.frame_size {
             Framing::default()
@@ -155,9 +156,9 @@ impl FrameMasks<'_> {
         Ok(SourcePixels { size: stored, columns, rows })
     }
 
-    /// Checks that masks of size `stored` have the frame's size once they are resized and cropped like the video.
+    /// Checks that masks of size `stored` have the frame's size after resizing and cropping.
     fn check_framed(&self, stored: (usize, usize)) -> Result<(), SegmenterError> {
-        // Where the crop leaves nothing, nothing can have the frame's size.
+        // If the crop leaves no pixels, the size (0, 0) never equals the frame's.
         let found = self.framing.check(stored).unwrap_or((0, 0));
         if found == self.frame_size {
             return Ok(());
@@ -184,19 +185,11 @@ impl FrameMasks<'_> {
     }
 }
 
-/// The columns and rows of stored masks that a frame shows.
+/// The columns and rows to sample from stored masks, one for each column and row of the frame.
 #[derive(Default)]
 struct SourcePixels {
     /// Size of the stored masks.
     size: (usize, usize),
     columns: Vec<usize>,
     rows: Vec<usize>,
-}
-
-/// Refuses sizes that no image of this project has, before memory is taken for them.
-fn check_size(path: &Path, size: (usize, usize)) -> Result<(), SegmenterError> {
-    if size.0.checked_mul(size.1).is_none_or(|pixels| pixels == 0 || pixels > MAX_PIXELS) {
-        return Err(SegmenterError::ImpossibleSize { path: path.to_owned(), size, limit: MAX_PIXELS });
-    }
-    Ok(())
 }

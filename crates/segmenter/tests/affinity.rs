@@ -1,4 +1,4 @@
-//! The affinity segmenter on frames made here.
+//! The affinity segmenter on synthetic frames.
 
 use glam::Vec3;
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, ScoredMask};
@@ -16,7 +16,7 @@ fn segment(frame: &RgbdFrame, settings: AffinitySettings) -> Vec<ScoredMask> {
     AffinitySegmenter::new(AffinityNetwork::built_in().unwrap(), settings).unwrap().segment(frame).unwrap()
 }
 
-/// A box before a wall, 320×240 times `scale`.
+/// A box in front of a wall, 320×240 times `scale`.
 fn box_before_wall(scale: usize) -> RgbdFrame<'static> {
     let inside =
         |column: usize, row: usize| (120..200).contains(&(column / scale)) && (80..160).contains(&(row / scale));

@@ -1,4 +1,4 @@
-//! The graph segmenter on rendered frames whose objects are known.
+//! The graph segmenter on rendered frames with known objects.
 
 use glam::Vec3;
 use proptest::prelude::*;
@@ -24,7 +24,7 @@ fn segment(frame: &RgbdFrame, settings: GraphSettings) -> Vec<ScoredMask> {
     GraphSegmenter::new(settings).unwrap().segment(frame).unwrap()
 }
 
-/// A small deterministic generator of values in [-1, 1].
+/// A small deterministic random number generator with values in [-1, 1].
 struct Noise(u32);
 
 impl Noise {
@@ -34,17 +34,17 @@ impl Noise {
     }
 }
 
-/// Depth along `ray` at which it enters the box between two corners.
+/// Depth at which `ray` enters the box between two corners.
 fn enter(ray: Vec3, low: Vec3, high: Vec3) -> Option<f32> {
     let (near, far) = (low / ray, high / ray);
     let (entry, exit) = (near.min(far).max_element(), near.max(far).min_element());
     (entry > 0.0 && entry < exit).then_some(entry)
 }
 
-/// Two boxes on a floor seen from above, and who is where: 1 is the floor, 2 and 3 are the boxes. Everything has the
-/// same colour, so only geometry tells them apart; depth has the noise of a Kinect.
+/// Two boxes on a floor seen from above, with the true segments: 1 is the floor, 2 and 3 are the boxes. Everything has
+/// the same colour, so only geometry tells them apart. Depth has the noise of a Kinect.
 fn two_boxes() -> (RgbdFrame<'static>, SegmentMap) {
-    // The scene is tilted by 40° about the camera's x axis: y points down in it, the floor is y = 1.2.
+    // The scene frame is tilted by 40° about the camera's x axis. Its y axis points down and the floor is y = 1.2.
     let tilt = glam::Quat::from_rotation_x(-40f32.to_radians());
     let boxes = [
         (Vec3::new(-0.65, 0.8, 1.1), Vec3::new(-0.2, 1.2, 1.5)),
@@ -200,12 +200,12 @@ proptest! {
     }
 }
 
-/// The rendered room of the shared data: a guard against losing quality unnoticed.
+/// Regression test of the quality, on the rendered room of the shared data.
 #[test]
 fn most_objects_of_a_rendered_room_are_found() {
     let scene = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/rooms/dev-a"));
     if !scene.is_dir() {
-        // Not `println!`: the test runner would swallow the line of a test that passes.
+        // Not `println!`: the test runner hides the output of tests that pass.
         let _ = std::io::Write::write_all(
             &mut std::io::stderr(),
             b"\nskipped: most_objects_of_a_rendered_room_are_found: ../shared is not here\n",

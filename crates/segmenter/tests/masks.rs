@@ -1,4 +1,4 @@
-//! Replaying stored masks: every format, and every way in which files can be wrong.
+//! Replaying stored masks in every format, and the errors for damaged files.
 
 use image::{ImageBuffer, Luma, Rgb, Rgba};
 use proptest::prelude::*;
@@ -68,10 +68,10 @@ fn masks_are_resized_and_cropped_like_the_video() {
     let expected = Mask::from_fn(8, 4, |column, _| column < 2);
     assert_eq!(masks.len(), 1, "id 3 lies in the border that is cut off");
     assert_eq!(masks[0].mask, expected);
-    // Already of the frame's size: used as they are, whatever the framing.
+    // Masks already of the frame's size are used unchanged, regardless of the framing.
     assert_eq!(read(id_folder().path(), framing, (6, 4)).unwrap().len(), 2);
     let halved = Framing { resize: Some(ImageSize { width: 3, height: 2 }), crop_border: 0, ..Framing::default() };
-    // Of two rows at the same distance the upper one counts, so id 3, in the lowest row alone, is not seen.
+    // Of two rows at the same distance the upper one is sampled, so id 3, only in the lowest row, is lost.
     let masks = read(id_folder().path(), halved, (3, 2)).unwrap();
     assert_eq!(masks.iter().map(|found| found.mask.clone()).collect::<Vec<_>>(), [Mask::from_fn(3, 2, |x, _| x == 0)]);
 }
@@ -156,9 +156,9 @@ fn ids_may_be_in_rgb_as_in_panoptic_images() {
 }
 
 #[test]
-fn lying_image_sizes_take_no_memory() {
+fn false_image_sizes_allocate_no_memory() {
     let mut png = std::fs::read(id_folder().path().join("7.png")).unwrap();
-    // Width and height stand in bytes 16 to 24 of the header; its checksum in bytes 29 to 33.
+    // Width and height are in bytes 16 to 24 of the header, its checksum in bytes 29 to 33.
     png[16..24].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff]);
     let checksum = crc32fast::hash(&png[12..29]);
     png[29..33].copy_from_slice(&checksum.to_be_bytes());
@@ -167,7 +167,7 @@ fn lying_image_sizes_take_no_memory() {
 }
 
 #[test]
-fn damaged_annotations_say_what_is_wrong() {
+fn errors_locate_damaged_annotations() {
     let rle = r#""segmentation": {"size": [5, 4], "counts": [20]}"#;
     let cases = [
         ("{", "7.json: file: found EOF"),
@@ -196,7 +196,7 @@ fn damaged_annotations_say_what_is_wrong() {
     }
 }
 
-/// A list of `count` masks of `side`² pixels: a rectangle each, which takes 50 bytes of JSON.
+/// A JSON list of `count` masks of `side`² pixels, each a rectangle that takes about 50 bytes of JSON.
 fn rectangles(count: usize, side: usize) -> String {
     let (outside, inside) = (side * side / 4, side * side / 2);
     let annotation = format!(
@@ -214,7 +214,7 @@ fn thousands_of_huge_masks_take_no_more_memory_than_the_frame_allows() {
     let framing = Framing { resize: Some(ImageSize { width: 64, height: 64 }), crop_border: 8, ..Framing::default() };
     let found = read(masks.path(), framing, (48, 48)).unwrap();
     assert_eq!(found.len(), 3000);
-    // A quarter of the image at its left and at its right is outside.
+    // The left and right quarters of the image are outside the mask.
     assert_eq!(found[2999].mask, Mask::from_fn(48, 48, |column, _| (8..40).contains(&column)));
     assert!(found.iter().map(|found| found.mask.memory_bytes()).sum::<usize>() < 3_000_000);
 }
@@ -250,12 +250,12 @@ fn more_masks_than_ids_are_refused() {
     let list = |count: usize| format!("[{}]", vec![dot; count].join(","));
     assert_eq!(read_json(&list(65_535)).unwrap().len(), 65_535);
     let error = read_json(&list(65_536)).unwrap_err().to_string();
-    assert!(error.contains("7.json holds more than 65535 masks"), "{error}");
+    assert!(error.contains("7.json contains more than 65535 masks"), "{error}");
 }
 
 #[test]
-fn what_is_no_annotation_takes_no_memory() {
-    // As a tree of JSON values, each of these would take 32 bytes for 3.
+fn unrelated_json_takes_no_memory() {
+    // As a tree of JSON values, each element would take 32 bytes for 3 bytes of text.
     let filler = format!("[{}]", vec!["[]"; 100_000].join(","));
     let text = format!(r#"{{"info": {filler}, "annotations": [{{"segmentation": {filler}}}]}}"#);
     let error = read_json(&text).unwrap_err().to_string();

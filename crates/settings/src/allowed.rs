@@ -1,24 +1,24 @@
-//! The values that a setting may have.
+//! Allowed values of a setting.
 
 use std::fmt;
 
-/// The values that a setting may have. Displayed, it completes the sentence "expected …".
+/// The allowed values of a setting. The `Display` text completes the sentence "expected …".
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Allowed {
     /// `true` or `false`.
     Switch,
-    /// Any text, e.g. a path; the string describes it.
+    /// Any text, e.g. a path. The string describes the expected text.
     Text(&'static str),
     /// One of these names.
     Names(&'static [&'static str]),
-    /// A number from `min` to `max`, inclusive; `min` is excluded if `above` is set.
+    /// A number from `min` to `max`, inclusive, but without `min` if `above` is set.
     Range {
         /// Smallest number.
         min: f64,
         /// Largest number.
         max: f64,
-        /// Whether `min` itself is excluded.
+        /// True if `min` itself is excluded.
         above: bool,
     },
     /// One of these numbers.
@@ -35,10 +35,10 @@ pub enum Allowed {
 }
 
 impl Allowed {
-    /// The largest whole number of a setting, 2^63 − 1: TOML has no larger ones.
+    /// Largest whole number of a setting: 2^63 − 1, the largest in TOML.
     pub const MAX_WHOLE: u64 = i64::MAX as u64;
 
-    /// A number from `min` to `max`.
+    /// A number from `min` to `max`, inclusive.
     pub const fn between(min: f64, max: f64) -> Self {
         Self::Range { min, max, above: false }
     }
@@ -48,7 +48,7 @@ impl Allowed {
         Self::Range { min, max, above: true }
     }
 
-    /// Whether a number is allowed. NaN and infinity never are.
+    /// Returns true if the number is allowed. NaN and infinity never are.
     pub fn accepts_number(&self, number: f64) -> bool {
         if !number.is_finite() {
             return false;
@@ -68,9 +68,9 @@ impl fmt::Display for Allowed {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Switch => formatter.write_str("true or false"),
-            Self::Text(what) => formatter.write_str(what),
+            Self::Text(description) => formatter.write_str(description),
             Self::Names(names) => write_choice(formatter, names),
-            // 2^63 − 1 is no `f64`.
+            // An `f64` cannot hold 2^63 − 1 exactly.
             Self::Range { min, max, .. } if max == Self::MAX_WHOLE as f64 => {
                 write!(formatter, "{min} to {}", Self::MAX_WHOLE)
             }

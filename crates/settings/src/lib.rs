@@ -17,7 +17,7 @@ pub use field::{Field, Section, full_key};
 pub use value::is_left_out;
 pub use value::{Choice, SettingValue};
 
-/// For the code that the macros generate.
+/// Used by the code that the macros generate.
 #[doc(hidden)]
 pub use serde;
 

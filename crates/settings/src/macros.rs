@@ -1,4 +1,4 @@
-//! The macros that declare settings and choices.
+//! Macros that declare settings and choices.
 
 /// Declares a section of settings.
 ///
@@ -6,13 +6,13 @@
 /// use splatseg_settings::{Allowed, Section, settings};
 ///
 /// settings! {
-///     /// How a kettle boils.
+///     /// Settings of a kettle.
 ///     pub struct KettleSettings in "kettle" {
-///         /// Water, litres.
+///         /// Amount of water, litres.
 ///         litres: f32 = 1.5, Allowed::above_up_to(0.0, 2.0);
-///         /// Temperature at which it stops, degrees Celsius.
+///         /// Temperature at which the kettle switches off, degrees Celsius.
 ///         stop_at: usize = 100, Allowed::between(40.0, 100.0), only "kettle.electric = true";
-///         /// Whether it is electric.
+///         /// Heats with electricity.
 ///         electric: bool = true, Allowed::Switch;
 ///     }
 /// }
@@ -69,7 +69,7 @@ macro_rules! settings {
         }
 
         impl $name {
-            /// These settings with changes: `settings.with(|settings| settings.field = value)`.
+            /// Returns these settings with changes: `settings.with(|settings| settings.field = value)`.
             #[must_use]
             pub fn with(mut self, change: impl FnOnce(&mut Self)) -> Self {
                 change(&mut self);
@@ -79,7 +79,7 @@ macro_rules! settings {
             /// Checks every setting.
             ///
             /// # Errors
-            /// Names the first that is out of range.
+            /// Names the first setting that is out of range.
             pub fn validate(&self) -> ::std::result::Result<(), $crate::SettingError> {
                 $(
                     let allowed: $crate::Allowed = $allowed;
@@ -95,10 +95,10 @@ macro_rules! settings {
                 Ok(())
             }
 
-            /// The settings, if all are in range.
+            /// Returns the settings if all are in range.
             ///
             /// # Errors
-            /// Names the first that is not.
+            /// Names the first setting that is out of range.
             pub fn validated(self) -> ::std::result::Result<Self, $crate::SettingError> {
                 self.validate().map(|()| self)
             }
@@ -130,13 +130,13 @@ macro_rules! settings {
     (@only $only:literal) => { ::std::option::Option::Some($only) };
 }
 
-/// Declares an enum whose values have names, the same in TOML, in JSON and on the command line.
+/// Declares an enum of named values. The names are the same in TOML, in JSON and on the command line.
 ///
 /// ```
 /// use splatseg_settings::{Choice, choices};
 ///
 /// choices! {
-///     /// What heats the water.
+///     /// Heat source of a kettle.
 ///     pub enum Heat, default Gas {
 ///         /// A flame.
 ///         Gas = "gas",
@@ -175,7 +175,7 @@ macro_rules! choices {
         }
 
         impl $name {
-            /// The name in settings, on the command line and in tables.
+            /// Returns the name used in settings, on the command line and in tables.
             pub fn name(self) -> &'static str {
                 $crate::Choice::name(self)
             }

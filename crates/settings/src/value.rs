@@ -1,40 +1,40 @@
-//! Types of settings.
+//! Types of setting values.
 
 use crate::Allowed;
 use std::path::PathBuf;
 
-/// A type that a setting can have.
+/// A type of setting values.
 pub trait SettingValue {
-    /// Whether the type holds whole numbers only.
+    /// True if the type holds whole numbers only.
     const WHOLE: bool = false;
 
-    /// The value as TOML; `None` if the setting is left out.
+    /// Returns the value as TOML; `None` if the setting is left out.
     fn text(&self) -> Option<String>;
 
-    /// Whether a text can be read as such a value; only asked of types that are written as text.
+    /// Returns true if the text can be parsed as a value of this type. Called only for types written as text.
     fn is_text_of(_text: &str) -> bool {
         true
     }
 
-    /// Whether the value is allowed.
+    /// Returns true if the value is allowed.
     fn is_allowed(&self, allowed: &Allowed) -> bool;
 }
 
-/// An enum of named values, made by [`choices!`](crate::choices).
+/// An enum of named values, declared with [`choices!`](crate::choices).
 pub trait Choice: Copy + Sized + 'static {
-    /// The names of all values, in order.
+    /// Names of all values, in order.
     const NAMES: &'static [&'static str];
 
     /// All values, in order.
     const ALL: &'static [Self];
 
-    /// The name in settings, on the command line and in tables.
+    /// Returns the name used in settings, on the command line and in tables.
     fn name(self) -> &'static str;
 
-    /// What the value means, in one line.
+    /// Returns a description of the value, in one line.
     fn help(self) -> &'static str;
 
-    /// The value with a name, if there is one.
+    /// Returns the value with this name, if there is one.
     fn from_name(name: &str) -> Option<Self> {
         Self::ALL.iter().copied().find(|value| value.name() == name)
     }
@@ -65,7 +65,7 @@ macro_rules! numbers {
                 Some(self.to_string())
             }
 
-            // `usize` has no lossless way; above 2^53 a rounded value is as good for a range.
+            // `usize` cannot be cast losslessly. Above 2^53 the rounded value is precise enough for a range check.
             #[allow(clippy::cast_lossless, clippy::unnecessary_cast)]
             fn is_allowed(&self, allowed: &Allowed) -> bool {
                 allowed.accepts_number(*self as f64)
@@ -82,7 +82,7 @@ impl SettingValue for f32 {
         Some(self.to_string())
     }
 
-    /// As it is written: the `f32` of 0.1 is larger than 0.1.
+    /// Checks the decimal text, because the `f32` nearest to 0.1 is larger than 0.1.
     fn is_allowed(&self, allowed: &Allowed) -> bool {
         self.to_string().parse().is_ok_and(|number| allowed.accepts_number(number))
     }
@@ -109,7 +109,7 @@ texts!(
     PathBuf, |value| Some(format!("\"{}\"", value.display()))
 );
 
-/// Whether a setting is left out of files.
+/// Returns true if a setting is left out of files.
 #[doc(hidden)]
 pub fn is_left_out(value: &impl SettingValue) -> bool {
     value.text().is_none()

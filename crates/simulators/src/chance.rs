@@ -1,6 +1,6 @@
-//! Random numbers that depend on what they decide, not on earlier draws.
+//! Random numbers that depend only on their purpose, not on earlier draws.
 //!
-//! Each kind of decision has a whole number, so that changing one rate does not change the other errors.
+//! Each kind of decision is identified by a number, so that changing one rate does not change the other errors.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -23,15 +23,15 @@ pub struct FrameChance<'a> {
 }
 
 impl Chance {
-    /// Random numbers for a decision about an object, the same in every frame.
+    /// Returns random numbers for a decision about an object, the same in every frame.
     pub fn of_object(self, decision: impl Into<u64>, object: SegmentId) -> ChaCha8Rng {
         Key::new(self.seed, decision).number(u64::from(object)).generator()
     }
 }
 
 impl FrameChance<'_> {
-    /// Random numbers for a decision in this frame. `number` distinguishes several decisions of a kind about one
-    /// object.
+    /// Returns random numbers for a decision in this frame. `number` distinguishes several decisions of one kind about
+    /// an object.
     pub fn of_frame(self, decision: impl Into<u64>, object: SegmentId, number: usize) -> ChaCha8Rng {
         Key::new(self.run.seed, decision)
             .number(u64::from(object))
@@ -40,15 +40,15 @@ impl FrameChance<'_> {
             .generator()
     }
 
-    /// Random numbers for a decision about an object: the same ones in a fraction `persistence` of the frames,
-    /// otherwise those of this frame. Their distribution does not depend on `persistence`.
+    /// Returns random numbers for a decision about an object: the object's fixed numbers in a fraction `persistence` of
+    /// the frames, otherwise fresh numbers for this frame. Their distribution does not depend on `persistence`.
     pub fn lasting_or_fresh(self, decision: impl Into<u64> + Copy, object: SegmentId, persistence: f64) -> ChaCha8Rng {
         let mut fresh = self.of_frame(decision, object, 0);
         if fresh.random::<f64>() < persistence { self.run.of_object(decision, object) } else { fresh }
     }
 }
 
-/// FNV-1a over everything that a random number depends on: the same on every machine and with every compiler.
+/// FNV-1a hash of everything on which a random number depends. It is the same on all machines and with all compilers.
 struct Key(u64);
 
 impl Key {
@@ -69,15 +69,15 @@ impl Key {
     }
 }
 
-/// A number from the standard normal distribution (Box–Muller).
+/// Draws from the standard normal distribution (Box–Muller).
 pub fn normal(random: &mut ChaCha8Rng) -> f32 {
     // 1 - [0, 1) is never 0.
     let radius = (-2.0 * (1.0 - random.random::<f32>()).ln()).sqrt();
     radius * (std::f32::consts::TAU * random.random::<f32>()).cos()
 }
 
-/// A number from the Poisson distribution (Knuth's product of uniform numbers). `mean` must be so small that e^-mean is
-/// not 0.
+/// Draws from the Poisson distribution (Knuth's product of uniform numbers). `mean` must be small enough for e^-mean
+/// not to underflow to 0.
 pub fn poisson(mean: f64, random: &mut ChaCha8Rng) -> usize {
     let threshold = (-mean).exp();
     let mut product = random.random::<f64>();

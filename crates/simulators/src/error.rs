@@ -1,13 +1,13 @@
-//! Everything that can go wrong in a simulator.
+//! Errors of simulators.
 
 use splatseg_dataset::DatasetError;
-use splatseg_geometry::RgbdFrame;
+use splatseg_geometry::CameraFrame;
 use splatseg_segmenter::SegmenterError;
 use splatseg_settings::SettingError;
 use splatseg_tracking::TrackerError;
 use thiserror::Error;
 
-/// Why a simulator could not be made or could not process a frame. Sizes are `(width, height)` in pixels.
+/// Errors creating a simulator or processing a frame. Sizes are `(width, height)` in pixels.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum SimulatorError {
@@ -16,16 +16,16 @@ pub enum SimulatorError {
     Setting(#[from] SettingError),
     /// The scene has no ground truth.
     #[error(
-        "{scene} has no ground truth, which the oracle segmenter, the simulated tracker and ground-truth prompts need"
+        "{scene} has no ground truth, as required by the oracle segmenter, the simulated tracker and ground-truth prompts"
     )]
     NoGroundTruth {
         /// Name of the scene.
         scene: String,
     },
-    /// The scene does not have the frame, or the frame has no labels.
+    /// The scene does not contain the frame, or the frame has no labels.
     #[error(
-        "{scene} has no ground truth for frame {frame}, which the oracle segmenter, the simulated tracker and \
-         ground-truth prompts need"
+        "{scene} has no ground truth for frame {frame}, as required by the oracle segmenter, the simulated tracker and \
+         ground-truth prompts"
     )]
     UnlabelledFrame {
         /// Name of the scene.
@@ -57,8 +57,8 @@ pub enum SimulatorError {
 }
 
 impl SimulatorError {
-    /// Checks that a frame's ground truth, of size `found`, has the frame's size.
-    pub(crate) fn check_size(frame: &RgbdFrame, found: (usize, usize)) -> Result<(), Self> {
+    /// Checks that `found`, the size of a frame's ground truth, is the frame's size.
+    pub(crate) fn check_size(frame: &CameraFrame, found: (usize, usize)) -> Result<(), Self> {
         let expected = (frame.width(), frame.height());
         if found == expected {
             return Ok(());

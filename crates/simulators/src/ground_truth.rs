@@ -2,30 +2,31 @@
 
 use crate::SimulatorError;
 use splatseg_dataset::{Framing, Scene};
-use splatseg_geometry::{RgbdFrame, SegmentMap};
+use splatseg_geometry::{CameraFrame, SegmentMap};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// A source of true segments. Closures `FnMut(&RgbdFrame) -> Result<SegmentMap, SimulatorError>` are sources as well.
+/// A source of true segments. Closures `FnMut(&CameraFrame) -> Result<SegmentMap, SimulatorError>` implement it.
 pub trait GroundTruthSource: Send {
-    /// The true segments of `frame`, in its size; 0 where unlabelled. An object has the same id in every frame.
+    /// Returns the true segments of `frame`, with its size; 0 where unlabelled. An object has the same id in every
+    /// frame.
     ///
     /// # Errors
     /// If the frame is unknown or not labelled, or its labels cannot be read.
-    fn ground_truth(&mut self, frame: &RgbdFrame) -> Result<SegmentMap, SimulatorError>;
+    fn ground_truth(&mut self, frame: &CameraFrame) -> Result<SegmentMap, SimulatorError>;
 }
 
 impl<F> GroundTruthSource for F
 where
-    F: FnMut(&RgbdFrame) -> Result<SegmentMap, SimulatorError> + Send,
+    F: FnMut(&CameraFrame) -> Result<SegmentMap, SimulatorError> + Send,
 {
-    fn ground_truth(&mut self, frame: &RgbdFrame) -> Result<SegmentMap, SimulatorError> {
+    fn ground_truth(&mut self, frame: &CameraFrame) -> Result<SegmentMap, SimulatorError> {
         self(frame)
     }
 }
 
-/// The labels of a scene, found by the name of the frame and resized and cropped like the frame. Frames may come in any
-/// order, and may be left out.
+/// The labels of a scene, looked up by frame name and resized and cropped like the frame. Frames may be requested in
+/// any order or skipped.
 #[derive(Debug)]
 pub struct SceneGroundTruth {
     scene: Arc<dyn Scene>,
@@ -34,7 +35,7 @@ pub struct SceneGroundTruth {
 }
 
 impl SceneGroundTruth {
-    /// The labels of `scene`, whose frames are resized and cropped by `framing`.
+    /// Creates a source from the labels of `scene`, whose frames are resized and cropped by `framing`.
     ///
     /// # Errors
     /// [`SimulatorError::NoGroundTruth`] if the scene is not labelled.
@@ -48,7 +49,7 @@ impl SceneGroundTruth {
 }
 
 impl GroundTruthSource for SceneGroundTruth {
-    fn ground_truth(&mut self, frame: &RgbdFrame) -> Result<SegmentMap, SimulatorError> {
+    fn ground_truth(&mut self, frame: &CameraFrame) -> Result<SegmentMap, SimulatorError> {
         let unlabelled =
             || SimulatorError::UnlabelledFrame { scene: self.scene.name().to_owned(), frame: frame.name().to_owned() };
         let index = *self.index_of_name.get(frame.name()).ok_or_else(unlabelled)?;

@@ -1,14 +1,14 @@
-//! Prompts from the ground truth (`docs/METHOD.md`, "SAM2-Splat", step 4).
+//! Prompts from the ground truth (`docs/PAPER.md`, "SAM2-Splat", step 4).
 
 use crate::{GroundTruthSource, SimulatorError};
-use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
+use splatseg_geometry::{CameraFrame, Mask, ScoredMask, SegmentId};
 use splatseg_segmenter::{Segmenter, SegmenterError};
 use std::collections::BTreeSet;
 
 /// Returns the true mask of each object once, in the frame where it becomes visible.
 ///
-/// Unlike other segmenters it remembers earlier frames, so frames must come in the order of the video. A frame without
-/// new objects has no masks.
+/// Unlike other segmenters it keeps state between frames, so frames must be in the order of the video. A frame without
+/// new objects gives no masks.
 pub struct GroundTruthPrompts {
     truth: Box<dyn GroundTruthSource>,
     min_area: usize,
@@ -16,8 +16,8 @@ pub struct GroundTruthPrompts {
 }
 
 impl GroundTruthPrompts {
-    /// Prompts before the first frame of a video. An object is visible once it has `min_area` pixels (at least 1): the
-    /// sliver at the image border that often comes first is a poor prompt.
+    /// Creates a source of prompts for a video. An object counts as visible once it has `min_area` pixels (at least 1),
+    /// since the sliver at the image border that often appears first is a poor prompt.
     pub fn new(truth: impl GroundTruthSource + 'static, min_area: usize) -> Self {
         Self { truth: Box::new(truth), min_area: min_area.max(1), seen: BTreeSet::new() }
     }
@@ -28,8 +28,8 @@ impl Segmenter for GroundTruthPrompts {
         "ground-truth"
     }
 
-    /// Masks by increasing id of the objects, with scores of 1.
-    fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    /// Returns masks by increasing id of the objects, with scores of 1.
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
         let truth = self.truth.ground_truth(frame)?;
         SimulatorError::check_size(frame, truth.size())?;
         let mut objects = Mask::of_segments(&truth);
@@ -41,16 +41,16 @@ impl Segmenter for GroundTruthPrompts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatseg_geometry::{Image, Intrinsics, Pose, SegmentMap};
+    use splatseg_geometry::{Image, Intrinsics, SegmentMap};
 
     #[test]
     fn each_object_is_returned_once_when_it_is_large_enough() {
         let camera = Intrinsics { fx: 4.0, fy: 4.0, cx: 1.5, cy: 0.0, width: 4, height: 1 };
         let frame = |name: &str| {
             let (color, depth) = (Image::filled(4, 1, [0; 3]), Image::filled(4, 1, 1.0));
-            RgbdFrame::new(name, color, depth, camera, Pose::IDENTITY).unwrap()
+            CameraFrame::new(name, color, depth, camera).unwrap()
         };
-        let truth = |frame: &RgbdFrame| {
+        let truth = |frame: &CameraFrame| {
             let ids = match frame.name() {
                 "0" => vec![7, 7, 0, 3],
                 "1" => vec![7, 7, 3, 3],

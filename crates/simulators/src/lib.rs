@@ -1,10 +1,10 @@
-//! Simulators for comparing methods without a network: they know the ground truth and make errors at set rates.
+//! Simulators for comparing methods without a network. They use the ground truth and make errors at given rates.
 //!
 //! - [`OracleSegmenter`] returns the true segments, with misses, splits, merges and displaced outlines.
 //! - [`GroundTruthPrompts`] returns each true object once, in the frame where it appears, as a prompt for a tracker.
 //! - [`SimTracker`] follows true objects, and loses, swaps and duplicates them, or lets their masks drift.
 //!
-//! All errors are drawn from a seed: see [`Chance`]. None of the real segmenters, trackers and methods depends on this
+//! All errors are drawn from a seed, see [`Chance`]. The real segmenters, trackers and methods do not depend on this
 //! crate.
 
 mod chance;

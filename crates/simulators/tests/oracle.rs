@@ -1,9 +1,10 @@
-//! The oracle: exact without errors, each error alone at its rate, independent of order and threads.
+//! The oracle: exact without errors, each error at its own rate, independent of order and threads.
 
 use splatseg_dataset::{
-    DatasetError, DatasetSettings, FrameStream, Framing, GroundTruth, Scene, SyntheticScene, SyntheticSettings,
+    DatasetError, DatasetSettings, FrameStream, Framing, GroundTruth, RecordedFrame, Scene, SyntheticScene,
+    SyntheticSettings,
 };
-use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentMap};
+use splatseg_geometry::{CameraFrame, Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentMap};
 use splatseg_segmenter::Segmenter;
 use splatseg_simulators::{OraclePreset, OracleSegmenter, OracleSettings, SceneGroundTruth};
 use std::collections::BTreeSet;
@@ -22,10 +23,10 @@ fn frame(name: &str, size: (usize, usize)) -> RgbdFrame<'static> {
     .unwrap()
 }
 
-/// The oracle's masks of `frames` frames that all look like `truth`.
+/// The oracle's masks of `frames` frames with the same `truth`.
 fn segmented(truth: &SegmentMap, settings: &OracleSettings, frames: usize) -> Vec<Vec<Mask>> {
     let labels = truth.clone();
-    let mut oracle = OracleSegmenter::new(move |_: &RgbdFrame| Ok(labels.clone()), settings, 7).unwrap();
+    let mut oracle = OracleSegmenter::new(move |_: &CameraFrame| Ok(labels.clone()), settings, 7).unwrap();
     (0..frames)
         .map(|number| {
             let scored = oracle.segment(&frame(&number.to_string(), truth.size())).unwrap();
@@ -34,7 +35,7 @@ fn segmented(truth: &SegmentMap, settings: &OracleSettings, frames: usize) -> Ve
         .collect()
 }
 
-/// 20 × 20 squares of 8 × 8 pixels, ids 1 to 400, with gaps of 2 pixels: no two touch.
+/// 20 × 20 squares of 8 × 8 pixels, ids 1 to 400, with gaps of 2 pixels, so that no two touch.
 fn squares() -> SegmentMap {
     SegmentMap::from_fn(200, 200, |column, row| {
         let inside = column % 10 < 8 && row % 10 < 8;
@@ -104,8 +105,8 @@ impl Scene for Unlabelled {
     fn frame_name(&self, _: usize) -> String {
         "0".to_owned()
     }
-    fn read_frame(&self, _: usize) -> Result<RgbdFrame<'static>, DatasetError> {
-        Ok(frame("0", (4, 3)))
+    fn read_recorded(&self, _: usize) -> Result<RecordedFrame, DatasetError> {
+        Ok(frame("0", (4, 3)).into())
     }
     fn has_ground_truth(&self) -> bool {
         false
@@ -118,7 +119,7 @@ impl Scene for Unlabelled {
 #[test]
 fn missing_ground_truth_and_wrong_sizes_are_reported() {
     let error = SceneGroundTruth::new(Arc::new(Unlabelled), Framing::default()).unwrap_err();
-    assert!(error.to_string().starts_with("attic has no ground truth, which the oracle segmenter"), "{error}");
+    assert!(error.to_string().starts_with("attic has no ground truth, as required by the oracle segmenter"), "{error}");
 
     let truth = SceneGroundTruth::new(room(2), Framing::default()).unwrap();
     let mut oracle = OracleSegmenter::new(truth, &OracleSettings::default(), 0).unwrap();
@@ -175,7 +176,7 @@ fn split_objects_are_found_in_pieces() {
             assert!(pieces[1..].iter().all(|count| (1..=3).contains(count)));
             split_ids.push((1..=400).filter(|id| pieces[*id] > 1).collect::<BTreeSet<usize>>());
         }
-        // With full persistence, all frames have the same draw.
+        // With full persistence, all frames use the same draw.
         let independent = if persistence == 1.0 { &split_ids[..1] } else { &split_ids[..] };
         let count = independent.iter().map(BTreeSet::len).sum();
         assert_rate(count, 400 * independent.len(), 0.3);
@@ -209,7 +210,7 @@ fn only_neighbours_merge() {
             merged += 1;
         }
     }
-    // A pair is one mask if the draw of either object says so.
+    // A pair is merged if the draw of either object merges it.
     assert_rate(merged, 3 * 400, 1.0 - 0.9 * 0.9);
     assert_eq!(frames[0].len() + frames[1].len() + frames[2].len() + merged, 3 * 800);
 
@@ -230,7 +231,7 @@ fn outlines_are_displaced_by_the_given_amount() {
         let frames = segmented(&truth, &settings, 20);
         let differing: usize =
             frames.iter().map(|masks| masks[0].area() + exact.area() - 2 * masks[0].intersection_area(&exact)).sum();
-        // The mean of |N(0, σ)| is σ √(2/π), along the whole outline.
+        // The mean of |N(0, σ)| along the whole outline is σ √(2/π).
         let expected = std::f64::consts::TAU * radius * f64::from(sigma) * (2.0 / std::f64::consts::PI).sqrt();
         let mean = differing as f64 / 20.0;
         assert!((mean / expected - 1.0).abs() < 0.2, "{mean} pixels, expected {expected}");
@@ -239,7 +240,7 @@ fn outlines_are_displaced_by_the_given_amount() {
 }
 
 #[test]
-fn masks_cut_off_by_the_image_border_stay_so() {
+fn masks_cut_off_by_the_image_border_remain_cut_off() {
     let truth = SegmentMap::filled(60, 40, 5);
     let settings = OracleSettings::default().with(|settings| settings.boundary_jitter_px = Some(4.0));
     assert!(segmented(&truth, &settings, 5).iter().all(|masks| masks[0].area() == 2400));

@@ -1,7 +1,6 @@
-//! The simulated tracker: its reaction to prompts, and its errors.
+//! The simulated tracker: its responses to prompts, and its errors.
 
-use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, SegmentId, SegmentMap};
-use splatseg_models::sam2::{Click, Prompt};
+use splatseg_geometry::{CameraFrame, Click, Image, Intrinsics, Mask, Pose, Prompt, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_simulators::{SimTracker, SimTrackerSettings};
 use splatseg_tracking::{Tracker, TrackerError};
 
@@ -15,7 +14,7 @@ fn frame(index: usize) -> RgbdFrame<'static> {
 }
 
 /// Objects 1 to 4 in stripes of ten columns, then nothing; object 4 is absent in frames 3 to 5.
-fn truth(frame: &RgbdFrame) -> SegmentMap {
+fn truth(frame: &CameraFrame) -> SegmentMap {
     let index: usize = frame.name().parse().unwrap();
     SegmentMap::from_fn(SIZE.0, SIZE.1, |column, _| match column / 10 {
         3 if (3..6).contains(&index) => 0,
@@ -29,7 +28,7 @@ fn stripes(from: usize, to: usize) -> Mask {
 }
 
 fn tracker(settings: SimTrackerSettings, seed: u64) -> SimTracker {
-    SimTracker::new(|frame: &RgbdFrame| Ok(truth(frame)), settings, seed).unwrap()
+    SimTracker::new(|frame: &CameraFrame| Ok(truth(frame)), settings, seed).unwrap()
 }
 
 /// A tracker at frame 0 whose tracks 1 to 4 follow the objects 1 to 4.
@@ -52,7 +51,7 @@ fn followed(tracker: &SimTracker, track: SegmentId) -> Vec<SegmentId> {
     tracker.followed(track).map(|objects| objects.iter().copied().collect()).unwrap_or_default()
 }
 
-/// The objects that each of the tracks 1 to 4 follows, frame by frame.
+/// The objects followed by each of the tracks 1 to 4, frame by frame.
 fn history(settings: SimTrackerSettings, seed: u64, frames: usize) -> Vec<Vec<Vec<SegmentId>>> {
     let mut tracker = following(settings, seed);
     let next = |index: usize| {
@@ -63,7 +62,7 @@ fn history(settings: SimTrackerSettings, seed: u64, frames: usize) -> Vec<Vec<Ve
 }
 
 #[test]
-fn prompts_are_understood() {
+fn prompts_select_objects() {
     let mut tracker = tracker(SimTrackerSettings::PERFECT, 0);
     assert!(matches!(tracker.prompt(&[(1, clicks(&[(5.0, true)]))]), Err(TrackerError::NoFrame)));
     assert!(tracker.track(&frame(0)).unwrap().is_empty());
@@ -97,7 +96,7 @@ fn prompts_are_understood() {
     assert_eq!(tracker.track(&frame(2)).unwrap().len(), 4);
 }
 
-/// The objects that track 2 follows after a prompt; it follows object 2 before.
+/// The objects followed after a prompt by track 2, which follows object 2 before.
 fn after(prompt: Prompt) -> Vec<SegmentId> {
     let mut tracker = following(SimTrackerSettings::PERFECT, 0);
     tracker.prompt(&[(2, prompt)]).unwrap();
@@ -105,7 +104,7 @@ fn after(prompt: Prompt) -> Vec<SegmentId> {
 }
 
 #[test]
-fn clicks_that_disagree_are_a_vote() {
+fn conflicting_clicks_are_a_vote() {
     let (on_1, on_3, on_4, on_nothing) = ((5.0, true), (25.0, true), (35.0, true), (55.0, true));
     assert_eq!(after(clicks(&[on_1, on_3, (22.0, true)])), [3], "not the union, and not the object before");
     assert_eq!(after(clicks(&[on_3, on_1])), [3], "a tie is decided by the first");
@@ -132,7 +131,7 @@ fn invalid_prompts_change_nothing() {
     assert_eq!(followed(&tracker, 1), [1]);
     assert!(
         SimTracker::new(
-            |frame: &RgbdFrame| Ok(truth(frame)),
+            |frame: &CameraFrame| Ok(truth(frame)),
             SimTrackerSettings::PERFECT.with(|settings| settings.loss_rate = 2.0),
             0
         )

@@ -11,7 +11,7 @@ use splatseg::memory::MemoryKind;
 use splatseg::pipeline::StageTimes;
 use splatseg::segmenter::{GraphSegmenter, GraphSettings, SegmenterError};
 use splatseg::tracking::{FastSamSplat, FastSamSplatSettings};
-use splatseg::{Pipeline, RgbdFrame, Segmenter};
+use splatseg::{CameraFrame, Pipeline, RgbdFrame, Segmenter};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -25,7 +25,7 @@ fn scene(settings: &DatasetSettings) -> Arc<dyn Scene> {
     open_scene("synthetic:frames=100,noise=kinect", settings).expect("the synthetic room needs no file")
 }
 
-/// Every frame with its masks.
+/// Segments every frame of the scene.
 fn segmented_frames() -> Vec<(RgbdFrame<'static>, Vec<ScoredMask>)> {
     let resize = Some(ImageSize { width: 320, height: 240 });
     let settings = DatasetSettings::default().with(|settings| {
@@ -36,14 +36,14 @@ fn segmented_frames() -> Vec<(RgbdFrame<'static>, Vec<ScoredMask>)> {
     FrameStream::open(scene(&settings), &settings, GroundTruth::Skip)
         .expect("the scene has frames")
         .map(|frame| {
-            let frame = frame.expect("every frame is good").frame;
+            let frame = frame.expect("every frame is good").posed().expect("every frame has a pose");
             let masks = segmenter.segment(&frame).expect("every frame can be segmented");
             (frame, masks)
         })
         .collect()
 }
 
-/// Returns masks that were computed beforehand.
+/// A segmenter that returns precomputed masks.
 struct Prepared(std::vec::IntoIter<Vec<ScoredMask>>);
 
 impl Segmenter for Prepared {
@@ -51,12 +51,12 @@ impl Segmenter for Prepared {
         "prepared"
     }
 
-    fn segment(&mut self, _: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, _: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
         Ok(self.0.next().unwrap_or_default())
     }
 }
 
-/// Tracks the whole video; summed stage times and the slowest frame.
+/// Tracks the whole video. Returns the summed stage times and the time of the slowest frame.
 fn track(frames: &[(RgbdFrame<'static>, Vec<ScoredMask>)], kind: MemoryKind) -> (StageTimes, Duration) {
     let settings = FastSamSplatSettings::default().with(|settings| settings.memory.kind = kind);
     let method = FastSamSplat::new(settings, 0, &mut |_| {}).expect("defaults are in range");

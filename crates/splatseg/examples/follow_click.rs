@@ -2,13 +2,13 @@
 //!
 //!     cargo run --release --example follow_click -- sam2.1_hiera_tiny.pt SCENE X Y OUT
 //!
-//! X and Y are a pixel of the scene's first frame; OUT is a new folder for one overlay per frame.
+//! X and Y are a pixel in the scene's first frame. OUT is a new folder for one overlay per frame.
 
 use splatseg::dataset::{DatasetSettings, FrameStream, GroundTruth, open_scene};
-use splatseg::geometry::SegmentMap;
+use splatseg::geometry::{Prompt, SegmentMap};
 use splatseg::models::checkpoint::Checkpoint;
 use splatseg::models::device::DeviceName;
-use splatseg::models::sam2::{Prompt, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
+use splatseg::models::sam2::{Sam2Network, Sam2Predictor, Sam2PredictorSettings};
 use splatseg::output::write_overlay_jpeg;
 use std::path::Path;
 

@@ -1,7 +1,6 @@
 //! Lasting ids for frames from your own camera: `cargo run --release --example own_camera`.
 //!
-//! The synthetic room takes the place of the camera; a robot makes each `RgbdFrame` from its driver's images and its
-//! pose.
+//! The synthetic room stands in for the camera. A robot creates each `RgbdFrame` from its driver's images and its pose.
 
 use splatseg::dataset::{Scene, SyntheticScene, SyntheticSettings};
 use splatseg::{Pipeline, RgbdFrame, Settings};
@@ -17,7 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// One frame, made as a driver would make it: registered colour and depth in metres, intrinsics, camera-to-world pose.
+/// Creates a frame as a driver would: registered colour and depth in metres, intrinsics, camera-to-world pose.
 fn next_frame(camera: &SyntheticScene, index: usize) -> Result<RgbdFrame<'static>, Box<dyn std::error::Error>> {
     let frame = camera.read_frame(index)?;
     let (color, depth) = (frame.color().clone(), frame.depth().clone());

@@ -1,8 +1,7 @@
 #![doc = include_str!("library.md")]
 
-#[cfg(feature = "cli")]
-pub mod command;
 pub mod evaluation;
+mod parts;
 pub mod pipeline;
 pub mod settings;
 pub mod summary;
@@ -12,6 +11,7 @@ pub use pipeline::{FrameResult, Pipeline};
 #[doc(inline)]
 pub use settings::Settings;
 
+pub use splatseg_annotations as annotations;
 pub use splatseg_dataset as dataset;
 pub use splatseg_geometry as geometry;
 pub use splatseg_memory as memory;
@@ -24,6 +24,6 @@ pub use splatseg_segmenter as segmenter;
 pub use splatseg_simulators as simulators;
 pub use splatseg_tracking as tracking;
 
-pub use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
+pub use splatseg_geometry::{CameraFrame, Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
 pub use splatseg_segmenter::Segmenter;
 pub use splatseg_tracking::{FrameOutput, Method, Tracker};

@@ -14,43 +14,43 @@ use std::time::Duration;
 pub struct Summary {
     /// Frames with a result.
     pub frames: usize,
-    /// How many of them were there already when the run went on with `--resume`. Times and speeds leave them out.
+    /// Number of these frames that existed before `--resume`. Times and speeds exclude them.
     pub resumed_frames: usize,
     /// Frames that could not be read or segmented.
     pub skipped_frames: usize,
     /// Distinct ids in the results.
     pub segments: usize,
-    /// Frames whose id image is RGB, id = R + 256 G + 65536 B, because an id is above 65535; the others are 16-bit grey.
+    /// Frames whose id image is RGB, id = R + 256 G + 65536 B, because an id is above 65535. The others are 16-bit grey.
     pub rgb_id_images: usize,
-    /// How many of them are tentative: the memory has seen the object in one frame only.
+    /// Number of segments that are tentative: the memory has seen the object in one frame only.
     pub tentative_segments: usize,
     /// Gaussians in the memory at the end.
     pub gaussians: usize,
-    /// Numbers that the memory holds at the end.
+    /// Number of parameters of the memory at the end.
     pub parameters: usize,
     /// Peak resident memory of the process so far, megabytes (10^6 bytes); null where unknown.
     pub peak_memory_mb: Option<f64>,
     /// Mean time of each stage per frame, milliseconds.
     pub stage_ms: BTreeMap<String, f64>,
-    /// Errors of the tracker that the method found and corrected.
+    /// Tracker errors that the method found and corrected.
     pub track_errors: TrackErrorCounts,
     /// Time of the slowest frame, all stages except the segmenter, milliseconds.
     pub slowest_frame_ms: f64,
-    /// Time before the first frame: opening the scene, loading networks, making a codebook; seconds.
+    /// Time before the first frame (opening the scene, loading networks, computing a codebook), seconds.
     pub start_up_s: f64,
     /// Frames per second.
     pub fps: FramesPerSecond,
-    /// The course of the run, at up to 64 frames in equal steps.
+    /// State of the run at up to 64 frames in equal steps.
     pub curve: Vec<CurvePoint>,
-    /// Whether a signal (Ctrl-C, `kill`) stopped the run before the last frame.
+    /// True if a signal (Ctrl-C, `kill`) stopped the run before the last frame.
     pub interrupted: bool,
-    /// What ended the run before the last frame, and what could not be written; null if the run is complete.
+    /// The error that ended the run before the last frame, and errors writing results; null if the run is complete.
     pub error: Option<String>,
-    /// The scene as it was given.
+    /// The scene as given on the command line.
     pub scene: String,
     /// The settings of the run.
     pub settings: Settings,
-    /// Seed of everything random.
+    /// Random seed.
     pub seed: u64,
     /// Version of splatseg.
     pub version: String,
@@ -59,9 +59,9 @@ pub struct Summary {
 /// Speed of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FramesPerSecond {
-    /// By wall-clock time, including everything before the first frame, reading and writing.
+    /// From wall-clock time, including start-up, reading and writing.
     pub total: f64,
-    /// By the time of all stages except the segmenter.
+    /// From the time of all stages except the segmenter.
     pub without_segmenter: f64,
 }
 
@@ -78,7 +78,7 @@ pub struct CurvePoint {
     pub ms: f64,
 }
 
-/// The points of a run of unknown length: one for every `step` frames. `step` doubles when there are too many.
+/// Samples a run of unknown length, one point every `step` frames. `step` doubles when there are too many points.
 #[derive(Clone, Debug)]
 pub struct RunCurve {
     points: Vec<CurvePoint>,
@@ -97,7 +97,7 @@ impl RunCurve {
     /// Largest number of points.
     const MAX_POINTS: usize = 64;
 
-    /// Adds a frame that took `time`, all stages except the segmenter.
+    /// Adds a frame. `time` covers all stages except the segmenter.
     pub fn push(&mut self, time: Duration, gaussians: usize) {
         self.frames += 1;
         self.time += time;
@@ -119,13 +119,13 @@ impl RunCurve {
         self.step *= 2;
     }
 
-    /// The points so far.
+    /// Returns the points.
     pub fn into_points(self) -> Vec<CurvePoint> {
         self.points
     }
 }
 
-/// Whether the id image of a frame with these objects is RGB.
+/// Returns true if the id image of a frame with these objects must be RGB.
 pub fn needs_rgb(objects: &[ObjectSighting]) -> bool {
     objects.iter().any(|object| object.id > MAX_16_BIT_ID)
 }
@@ -135,11 +135,11 @@ pub fn needs_rgb(objects: &[ObjectSighting]) -> bool {
 pub struct RunCounts {
     /// Frames with a result.
     pub frames: usize,
-    /// How many of them an earlier run made, which this one went on with. Times and speeds leave them out.
+    /// Number of these frames that an earlier run processed before it was resumed. Times and speeds exclude them.
     pub resumed_frames: usize,
     /// Frames that could not be read or segmented.
     pub skipped_frames: usize,
-    /// Ids seen in results.
+    /// Distinct ids in results.
     pub ids: BTreeSet<u32>,
     /// Frames with an id above 65535.
     pub rgb_id_images: usize,
@@ -147,16 +147,16 @@ pub struct RunCounts {
     pub times: StageTimes,
     /// Summed errors of the tracker.
     pub track_errors: TrackErrorCounts,
-    /// The course of the run.
+    /// State of the run over time.
     pub curve: RunCurve,
     /// Time of the slowest frame, all stages except the segmenter.
     pub slowest: Duration,
-    /// Whether the run was stopped before the last frame.
+    /// True if the run was stopped before the last frame.
     pub interrupted: bool,
 }
 
 impl RunCounts {
-    /// Counts a frame with a result, after which the memory has `gaussians` Gaussians.
+    /// Adds a frame with a result. `gaussians` is the size of the memory after it.
     pub fn add(&mut self, result: &FrameResult, gaussians: usize) {
         self.rgb_id_images += usize::from(needs_rgb(&result.objects));
         let time = result.times.without_segmenter();
@@ -168,7 +168,7 @@ impl RunCounts {
         self.ids.extend(result.output.segments.areas().into_keys());
     }
 
-    /// Frames with a result that were made in this run.
+    /// Number of frames that this run processed itself.
     fn new_frames(&self) -> usize {
         self.frames - self.resumed_frames
     }
@@ -179,14 +179,14 @@ impl RunCounts {
         self.times.stages().iter().map(|(name, time)| ((*name).to_owned(), time.as_secs_f64() * 1e3 / frames)).collect()
     }
 
-    /// The speed, from the wall-clock time of the whole run.
+    /// Returns the speed, given the wall-clock time of the whole run.
     pub fn fps(&self, wall: Duration) -> FramesPerSecond {
         let rate = |time: Duration| if time.is_zero() { 0.0 } else { self.new_frames() as f64 / time.as_secs_f64() };
         FramesPerSecond { total: rate(wall), without_segmenter: rate(self.times.without_segmenter()) }
     }
 }
 
-/// The peak resident memory of this process, megabytes (10^6 bytes); known on Linux only.
+/// Returns the peak resident memory of this process, megabytes (10^6 bytes). Known on Linux only.
 pub fn peak_memory_mb() -> Option<f64> {
     memory_mb("VmHWM:")
 }

@@ -1,15 +1,15 @@
-//! `method_preset = "paper"` has the values of the last column of `docs/METHOD.md`, and no others.
+//! `method_preset = "paper"` has the values of the last column of `docs/PAPER.md`, and no others.
 
 use splatseg::settings::{MethodPreset, entries};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Choices of a run, not departures: the rows say which part of the paper they are about.
+/// Choices of a run, not departures from the paper: rows of the table use them to name a part of the paper.
 const CHOICES: [&str; 4] = ["method", "segmenter", "prompts", "tracker"];
 
-/// The paper's values by setting: the first alternative of each cell of the last column.
+/// Returns the paper's values by setting: the first alternative in each cell of the last column.
 fn documented() -> BTreeMap<String, String> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/METHOD.md");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/PAPER.md");
     let text = std::fs::read_to_string(&path).unwrap().replace(r"\|", " ");
     let mut values = BTreeMap::new();
     for line in text.lines().filter(|line| line.starts_with("| ")) {
@@ -30,7 +30,7 @@ fn documented() -> BTreeMap<String, String> {
 }
 
 #[test]
-fn the_papers_preset_is_what_the_document_says() {
+fn the_papers_preset_matches_the_document() {
     let documented = documented();
     assert!(documented.len() > 30, "{documented:?}");
     for (key, expected) in &documented {
@@ -42,7 +42,7 @@ fn the_papers_preset_is_what_the_document_says() {
     for entry in entries() {
         let key = entry.field.key();
         if MethodPreset::Paper.default_of(&key).is_some() {
-            assert!(documented.contains_key(&key), "docs/METHOD.md has no row for {key}");
+            assert!(documented.contains_key(&key), "docs/PAPER.md has no row for {key}");
         }
     }
 }

@@ -1,4 +1,5 @@
-//! SAM2-Splat meets ten thousand things, two in each frame: time per frame and number of tracks, which must not grow.
+//! Runs SAM2-Splat on ten thousand objects, two per frame, and prints time per frame and number of tracks, which must
+//! not grow.
 //!
 //! ```sh
 //! cargo run --release -p splatseg-tracking --example ten_thousand_things

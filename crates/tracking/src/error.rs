@@ -1,11 +1,11 @@
-//! Everything that can go wrong in a method.
+//! Errors of methods.
 
 use crate::TrackerError;
 use splatseg_memory::MemoryError;
 use splatseg_settings::SettingError;
 use thiserror::Error;
 
-/// Why a method could not be made, or could not process a frame.
+/// An error creating a method or processing a frame.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum TrackingError {
@@ -26,20 +26,20 @@ pub enum TrackingError {
         /// Size of the frame.
         expected: (usize, usize),
     },
-    /// A frame has more masks than this method can compare.
+    /// A frame has more masks than the method can compare.
     #[error("the frame has {found} masks, expected at most {limit} with this method (fastsam-splat takes any number)")]
     TooManyMasks {
-        /// Masks of the frame.
+        /// Number of masks of the frame.
         found: usize,
-        /// Most masks of a frame.
+        /// Maximum number of masks.
         limit: usize,
     },
-    /// A method defined elsewhere failed.
+    /// A method defined outside this crate failed.
     #[error("{name}: {source}")]
     Other {
         /// Name of the method.
         name: String,
-        /// The error itself.
+        /// The method's error.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
 }

@@ -1,15 +1,17 @@
 //! Methods that give every object of an RGB-D video one lasting id.
 //!
-//! A [`Method`] takes a frame and the masks that a segmenter found in it, and says which object each pixel shows.
+//! A [`Method`] takes a frame and the masks that a segmenter found in it, and returns the object that each pixel shows.
 //!
 //! - [`methods`]: [`FastSamSplat`] and [`Sam2Splat`] remember objects in a splat memory ([`splatseg_memory`]); the
 //!   paper's baselines ([`FastSamBaseline`], [`FastSpamBaseline`], [`Sam2Baseline`]) have no map.
-//! - [`matching`]: which predicted segment is which remembered one, and one id per pixel from overlapping masks.
-//! - [`trackers`]: what follows a prompted object through the video. [`Sam2Tracker`] is SAM 2.1.
-//! - [`reprompting`]: the errors of a tracker that a memory sees, and the clicks that correct them.
+//! - [`matching`]: matches predicted with remembered segments, and paints overlapping masks with one id per pixel.
+//! - [`pose_source`]: determines the camera's pose for each frame.
+//! - [`trackers`]: follow prompted objects through the video. [`Sam2Tracker`] is SAM 2.1.
+//! - [`reprompting`]: detects a tracker's errors with a memory and corrects them with clicks.
 
 pub mod matching;
 pub mod methods;
+pub mod pose_source;
 pub mod reprompting;
 pub mod trackers;
 
@@ -18,10 +20,10 @@ mod error;
 pub use error::TrackingError;
 pub use matching::match_segments;
 pub use methods::{
-    ExplanationSettings, FastSamBaseline, FastSamBaselineSettings, FastSamSplat, FastSamSplatSettings,
-    FastSpamBaseline, FastSpamBaselineSettings, FrameOutput, Method, Sam2Baseline, Sam2BaselineSettings, Sam2Splat,
-    Sam2SplatSettings,
+    FastSamBaseline, FastSamBaselineSettings, FastSamSplat, FastSamSplatSettings, FastSpamBaseline,
+    FastSpamBaselineSettings, FrameOutput, Method, Sam2Baseline, Sam2BaselineSettings, Sam2Splat, Sam2SplatSettings,
 };
+pub use pose_source::{GivenPoses, PoseSource, PoseSourceError};
 pub use reprompting::{
     Remedy, RepromptSettings, TrackError, TrackErrorCounts, TrackErrorKind, find_track_errors, sample_clicks,
 };

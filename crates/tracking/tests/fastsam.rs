@@ -1,4 +1,4 @@
-//! The baseline without memory: ids follow overlap from frame to frame and nothing else.
+//! The baseline without memory: ids follow only from overlap between consecutive frames.
 
 use splatseg_dataset::{Framing, Scene, SyntheticScene, SyntheticSettings};
 use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask};
@@ -21,9 +21,9 @@ fn stripe(from: usize, to: usize) -> ScoredMask {
     ScoredMask { mask: Mask::from_fn(SIZE.0, SIZE.1, |column, _| (from..to).contains(&column)), score: 1.0 }
 }
 
-/// Settings with which masks of any size count.
+/// Settings that accept masks of any size.
 fn settings() -> FastSamBaselineSettings {
-    FastSamBaselineSettings::default().with(|settings| settings.min_prediction_area = 0)
+    FastSamBaselineSettings::default().with(|settings| settings.min_area = 0)
 }
 
 fn fastsam(settings: FastSamBaselineSettings) -> FastSamBaseline {
@@ -51,7 +51,7 @@ fn slow_masks_keep_their_ids_and_a_gap_ends_them() {
 fn the_sum_of_f_scores_decides_and_can_have_a_minimum() {
     let mut method = fastsam(settings());
     method.process(&frame(SIZE), &[stripe(0, 10), stripe(10, 20)]).unwrap();
-    // The first mask overlaps both equally; the second leaves it only the first.
+    // The first mask overlaps both segments equally. The second overlaps only segment 2, so the first gets segment 1.
     let output = method.process(&frame(SIZE), &[stripe(4, 16), stripe(12, 22)]).unwrap();
     assert_eq!(ids(&output), [1, 2]);
 
@@ -65,7 +65,7 @@ fn the_sum_of_f_scores_decides_and_can_have_a_minimum() {
 
 #[test]
 fn overlapping_masks_are_kept_in_full_and_painted_small_over_large() {
-    let mut method = fastsam(settings().with(|settings| settings.min_prediction_area = 30));
+    let mut method = fastsam(settings().with(|settings| settings.min_area = 30));
     let output = method.process(&frame(SIZE), &[stripe(3, 6), stripe(0, 10), stripe(20, 22)]).unwrap();
     assert_eq!(output.masks, [(1, stripe(3, 6).mask), (2, stripe(0, 10).mask)]);
     assert_eq!(output.segments.row(5)[..11], [2, 2, 2, 1, 1, 1, 2, 2, 2, 2, 0]);
@@ -81,7 +81,7 @@ fn masks_must_have_the_frames_size_and_a_new_frame_size_starts_new_ids() {
     assert_eq!(ids(&method.process(&frame((50, 10)), &[wide]).unwrap()), [2]);
 }
 
-/// Comparing 65,535 masks with as many would take hours and tens of gigabytes.
+/// Comparing 65,535 masks with 65,535 others would take hours and tens of gigabytes.
 #[test]
 fn more_masks_than_can_be_compared_are_refused() {
     let mut method = fastsam(settings());
@@ -90,7 +90,7 @@ fn more_masks_than_can_be_compared_are_refused() {
     assert!(matches!(error, TrackingError::TooManyMasks { found: 2049, limit: 2048 }), "{error}");
 }
 
-/// The ids are the links that the evaluation makes between masks without ids, so both give the same score.
+/// The evaluation links masks without ids in the same way, so both have the same score.
 #[test]
 fn its_ids_score_like_its_masks_without_ids() {
     let room = SyntheticSettings { width: 96, height: 72, frames: 20, ..SyntheticSettings::default() };

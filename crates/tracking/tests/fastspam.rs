@@ -1,4 +1,4 @@
-//! FastSPAM: one point per segment finds the segment again in the next frame.
+//! FastSPAM: a point per segment finds the segment again in the next frame.
 
 use glam::{Mat4, Vec3};
 use splatseg_dataset::{Framing, Scene, SyntheticScene, SyntheticSettings};
@@ -15,7 +15,7 @@ use std::sync::Arc;
 const WIDTH: usize = 60;
 const HEIGHT: usize = 20;
 
-/// A frame from a camera moved to the left, so that things 2 m away appear `columns` pixels farther to the right.
+/// A frame from a camera moved to the left, so that objects 2 m away appear `columns` pixels farther to the right.
 fn frame_with_depth(columns: f32, depth: impl FnMut(usize, usize) -> f32) -> RgbdFrame<'static> {
     let camera = Intrinsics { fx: 40.0, fy: 40.0, cx: 30.0, cy: 10.0, width: WIDTH, height: HEIGHT };
     let pose =
@@ -24,7 +24,7 @@ fn frame_with_depth(columns: f32, depth: impl FnMut(usize, usize) -> f32) -> Rgb
     RgbdFrame::new("0", color, depth, camera, pose).unwrap()
 }
 
-/// The same, of a wall 2 m ahead.
+/// The same frame of a wall 2 m ahead.
 fn frame(columns: f32) -> RgbdFrame<'static> {
     frame_with_depth(columns, |_, _| 2.0)
 }
@@ -37,9 +37,9 @@ fn stripe(from: usize, to: usize) -> ScoredMask {
     mask(|column, _| (from..to).contains(&column))
 }
 
-/// Settings with which masks of any size count.
+/// Settings that accept masks of any size.
 fn settings() -> FastSpamBaselineSettings {
-    FastSpamBaselineSettings::default().with(|settings| settings.min_prediction_area = 0)
+    FastSpamBaselineSettings::default().with(|settings| settings.min_area = 0)
 }
 
 fn fastspam() -> FastSpamBaseline {
@@ -47,7 +47,7 @@ fn fastspam() -> FastSpamBaseline {
 }
 
 fn fastsam() -> FastSamBaseline {
-    FastSamBaseline::new(FastSamBaselineSettings::default().with(|settings| settings.min_prediction_area = 0)).unwrap()
+    FastSamBaseline::new(FastSamBaselineSettings::default().with(|settings| settings.min_area = 0)).unwrap()
 }
 
 /// Id and width of each stripe.
@@ -57,7 +57,7 @@ fn found(output: &FrameOutput) -> Vec<(u32, usize)> {
 
 #[test]
 fn points_follow_the_camera_where_overlap_is_lost() {
-    // Both stripes move by 15 columns: the first takes the place of the second.
+    // Both stripes move by 15 columns, so the first is now in the place of the second.
     let masks = [[stripe(4, 12), stripe(19, 26)], [stripe(19, 27), stripe(34, 41)]];
     let mut method = fastspam();
     assert_eq!(found(&method.process(&frame(0.0), &masks[0]).unwrap()), [(1, 8), (2, 7)]);
@@ -98,7 +98,7 @@ fn a_point_stands_for_the_union_of_its_masks_and_agreeing_masks_are_merged() {
     let output = method.process(&frame(0.0), &[stripe(0, 16), stripe(8, 20), stripe(30, 36)]).unwrap();
     assert_eq!(found(&output), [(1, 20), (2, 6)]);
 
-    // Two points on the same mask: the mask of the later one, of the smaller segment, agrees with the earlier.
+    // Two points on the same mask: the mask of the later point, from the smaller segment, agrees with the earlier one.
     let mut method = fastspam();
     method.process(&frame(0.0), &[stripe(0, 10), stripe(10, 16)]).unwrap();
     let output = method.process(&frame(0.0), &[stripe(0, 16), stripe(40, 44)]).unwrap();
@@ -147,7 +147,7 @@ fn masks_that_do_not_contain_their_centroid_get_a_random_pixel() {
 
 #[test]
 fn points_are_dropped_as_soon_as_they_leave_the_image() {
-    // Things 2 m away appear this much farther to the right and farther down.
+    // Objects 2 m away appear this much farther to the right and farther down.
     let moved = |columns: f32, rows: f32| {
         let position = Vec3::new(-columns * 2.0 / 40.0, -rows * 2.0 / 40.0, 0.0);
         let camera = Intrinsics { fx: 40.0, fy: 40.0, cx: 30.0, cy: 10.0, width: WIDTH, height: HEIGHT };
@@ -175,7 +175,7 @@ fn points_are_dropped_as_soon_as_they_leave_the_image() {
 fn a_pixel_without_depth_is_not_a_point_at_the_camera() {
     let mut method = fastspam();
     method.process(&frame_with_depth(0.0, |_, _| 0.0), &[stripe(40, 47)]).unwrap();
-    // Where the camera stood is now before it, in the middle of the image.
+    // The old camera position is now in front of the camera, in the middle of the image.
     let back = Pose::from_matrix(Mat4::from_translation(Vec3::new(0.0, 0.3, -1.1)).as_dmat4()).unwrap();
     let camera = *frame(0.0).intrinsics();
     let (color, depth) = (Image::filled(WIDTH, HEIGHT, [0; 3]), Image::filled(WIDTH, HEIGHT, 2.0));
@@ -185,7 +185,7 @@ fn a_pixel_without_depth_is_not_a_point_at_the_camera() {
 
 #[test]
 fn masks_that_segments_cover_are_not_new() {
-    // Bars of 8 rows above the points of two stripes, and what is between the stripes: the centroid.
+    // A mask of bars, 8 rows high, above the points of two stripes. The bar between the stripes contains its centroid.
     let new_ids = |bar: &[std::ops::Range<usize>]| {
         let mut method = fastspam();
         method.process(&frame(0.0), &[stripe(10, 20), stripe(30, 40)]).unwrap();
@@ -199,7 +199,7 @@ fn masks_that_segments_cover_are_not_new() {
 }
 
 #[test]
-fn a_prompted_mask_is_merged_with_the_segment_that_it_is_most_like() {
+fn a_prompted_mask_is_merged_with_the_most_similar_segment() {
     let mut method = fastspam();
     method.process(&frame(0.0), &[stripe(0, 10), stripe(20, 26), stripe(26, 30)]).unwrap();
     // The points of the last two are on one mask.
@@ -225,7 +225,8 @@ fn settings_are_checked() {
     }
 }
 
-/// How many ids stay with their object from one frame to the next, and how many switch to another object.
+/// Returns the number of ids that stay with their object from one frame to the next, and the number that switch to
+/// another object.
 fn kept_and_lost(method: &mut dyn Method, segmenter: &mut dyn Segmenter, scene: &SyntheticScene) -> (usize, usize) {
     let mut object_of: BTreeMap<u32, u32> = BTreeMap::new();
     let (mut kept, mut lost) = (0, 0);
@@ -249,8 +250,8 @@ fn kept_and_lost(method: &mut dyn Method, segmenter: &mut dyn Segmenter, scene: 
     (kept, lost)
 }
 
-/// In the synthetic room, with exact masks, an id stays with its object unless something occludes its point, and more
-/// ids stay than by overlap alone.
+/// In the synthetic room with exact masks, an id stays with its object unless its point is occluded, and more ids stay
+/// than by overlap alone.
 #[test]
 fn it_keeps_objects_of_the_synthetic_room() {
     let settings = SyntheticSettings { width: 160, height: 120, frames: 12, ..SyntheticSettings::default() };

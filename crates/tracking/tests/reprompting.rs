@@ -1,5 +1,5 @@
 //! Each kind of tracker error alone, with both kinds of memory: it is found and corrected, right tracks are left alone,
-//! and with its category switched off it remains.
+//! and the error remains if its category is switched off.
 
 mod watched;
 
@@ -7,9 +7,9 @@ use splatseg_geometry::{Mask, SegmentId};
 use splatseg_memory::MemoryKind;
 use splatseg_simulators::SimTrackerSettings;
 use splatseg_tracking::{Method, RepromptSettings, TrackErrorCounts};
-use watched::{ROOM, Seen, baseline, splat, tracker, watch};
+use watched::{ROOM, Report, baseline, splat, tracker, watch};
 
-/// Settings that look for no errors.
+/// Settings with all categories of errors switched off.
 fn off() -> RepromptSettings {
     RepromptSettings::default().with(|settings| {
         settings.not_tracked = false;
@@ -21,23 +21,23 @@ fn off() -> RepromptSettings {
 
 const KINDS: [MemoryKind; 2] = [MemoryKind::Evidence, MemoryKind::Features];
 
-/// Runs a method that looks for some errors, with a tracker that makes errors, over the room.
-fn seen(errors: SimTrackerSettings, kind: MemoryKind, reprompt: RepromptSettings) -> Seen {
+/// Runs SAM2-Splat with these settings and a tracker that makes errors over the room.
+fn report(errors: SimTrackerSettings, kind: MemoryKind, reprompt: RepromptSettings) -> Report {
     let tracker = tracker(errors);
     let mut method = splat(tracker.clone(), kind, reprompt);
     watch(&ROOM, &tracker, &mut method, 0.6)
 }
 
-/// Asserts that errors are corrected within two frames if they are looked for, and remain if not. `of_kind` counts
-/// them.
+/// Asserts that errors are corrected within two frames if their category is on, and remain if it is off. `of_kind`
+/// counts them.
 fn assert_repaired(
     kind: MemoryKind,
     errors: SimTrackerSettings,
     on: RepromptSettings,
     of_kind: impl Fn(TrackErrorCounts) -> usize,
 ) {
-    let repaired = seen(errors, kind, on);
-    let left = seen(errors, kind, off());
+    let repaired = report(errors, kind, on);
+    let left = report(errors, kind, off());
     assert_eq!(left.found, TrackErrorCounts::default(), "{kind:?}");
     assert!(left.wrong > 20, "{kind:?}: the tracker makes errors, in {} frames", left.wrong);
     assert!(of_kind(repaired.found) >= 2, "{kind:?}: {:?}", repaired.found);
@@ -94,13 +94,13 @@ fn errors_of_a_category_that_is_off_remain() {
     for kind in KINDS {
         let swaps = SimTrackerSettings::PERFECT.with(|settings| settings.swap_rate = 0.02);
         let others = RepromptSettings::default().with(|settings| settings.incorrect_track = false);
-        assert!(seen(swaps, kind, others).wrong > 50, "{kind:?}");
+        assert!(report(swaps, kind, others).wrong > 50, "{kind:?}");
         let losses = SimTrackerSettings::PERFECT.with(|settings| {
             settings.loss_rate = 1.0;
             settings.lasting_loss_fraction = 1.0;
         });
         let others = RepromptSettings::default().with(|settings| settings.not_tracked = false);
-        assert!(seen(losses, kind, others).wrong > 50, "{kind:?}");
+        assert!(report(losses, kind, others).wrong > 50, "{kind:?}");
     }
 }
 
@@ -143,7 +143,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
     }
 }
 
-/// Number of frames with two tracks that show the same, if only segments that are not tracked are prompted.
+/// Number of frames with two tracks on the same object, if only segments that are not tracked are prompted.
 fn frames_with_copies(kind: MemoryKind, max_answer_iou: f64) -> usize {
     let errors = SimTrackerSettings::PERFECT.with(|settings| {
         settings.swap_rate = 0.05;
@@ -161,7 +161,7 @@ fn frames_with_copies(kind: MemoryKind, max_answer_iou: f64) -> usize {
             .flat_map(|(index, (_, one))| masks[..index].iter().map(move |(_, other)| (one, other)));
         pairs.any(|(one, other)| one.iou(other) > 0.5)
     };
-    seen(errors, kind, reprompt).masks.iter().filter(|masks| has_copies(masks)).count()
+    report(errors, kind, reprompt).masks.iter().filter(|masks| has_copies(masks)).count()
 }
 
 #[test]

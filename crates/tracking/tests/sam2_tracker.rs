@@ -1,14 +1,14 @@
 //! SAM 2.1 as a tracker, with the miniature network.
 
-use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, SegmentId};
+use splatseg_geometry::{Click, Image, Intrinsics, Mask, Pose, Prompt, RgbdFrame, SegmentId};
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::device::DeviceName;
-use splatseg_models::sam2::{Click, Prompt, Sam2Error, Sam2Network, Weights};
+use splatseg_models::sam2::{Sam2Error, Sam2Network, Weights};
 use splatseg_tracking::{Sam2Tracker, Sam2TrackerSettings, Tracker, TrackerError};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// The miniature network's weights, or `None`, with a line that says so, without `../shared`.
+/// Returns the path of the miniature network's weights. Without `../shared`, prints a message and returns `None`.
 fn weights(test: &str) -> Option<PathBuf> {
     let file = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden/sam2/sam2_mini.pt");
     if !file.exists() {
@@ -60,7 +60,7 @@ fn tracks_are_prompted_followed_corrected_and_removed() {
     assert_eq!(tracker.track(&frame(2, SIZE)).unwrap().iter().map(|(id, _)| *id).collect::<Vec<_>>(), [9, 12]);
 }
 
-/// A network to which every object that it tracks is absent.
+/// A network that reports every tracked object as absent.
 struct Blind(Checkpoint);
 
 impl Weights for Blind {
@@ -100,8 +100,8 @@ fn resting_tracks_have_empty_masks_until_they_are_prompted() {
 }
 
 #[test]
-fn of_many_resting_objects_those_that_rest_longest_are_forgotten() {
-    let Some(file) = weights("of_many_resting_objects_those_that_rest_longest_are_forgotten") else { return };
+fn too_many_resting_objects_are_forgotten_longest_resting_first() {
+    let Some(file) = weights("too_many_resting_objects_are_forgotten_longest_resting_first") else { return };
     let blind = Blind(Checkpoint::open(&file).unwrap());
     let network = Sam2Network::load(&blind, Some(64), &DeviceName::Cpu.open().unwrap()).unwrap();
     let settings = Sam2TrackerSettings::default()
@@ -112,7 +112,7 @@ fn of_many_resting_objects_those_that_rest_longest_are_forgotten() {
         tracker.track(&frame(index, SIZE)).unwrap();
         tracker.prompt(&[(10 - index as SegmentId, Prompt::Mask(square(20, 50)))]).unwrap();
     }
-    assert_eq!(ids(tracker.track(&frame(6, SIZE)).unwrap()), [5, 6, 7], "the three that were prompted last");
+    assert_eq!(ids(tracker.track(&frame(6, SIZE)).unwrap()), [5, 6, 7], "the three prompted last");
     tracker.prompt(&[(10, Prompt::Mask(square(20, 50)))]).unwrap();
     assert_eq!(ids(tracker.track(&frame(7, SIZE)).unwrap()), [5, 6, 10], "followed again, then resting");
 }

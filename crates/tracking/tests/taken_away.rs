@@ -1,4 +1,4 @@
-//! Flat things that are taken away: no depth can tell a mask of what is under them from a merged mask.
+//! Flat objects that are taken away: depth cannot distinguish a mask of the surface below from a merged mask.
 
 mod exact_masks;
 
@@ -8,11 +8,11 @@ use splatseg_tracking::Method;
 
 const SIZE: (usize, usize) = (80, 60);
 
-/// Number of frames within which a thing must be gone.
+/// Number of frames within which an object must be gone.
 const PATIENCE: usize = 10;
 
-/// The number of frames that still show a flat thing once it is gone, after `present` frames with it. `columns` is its
-/// width.
+/// Returns the number of frames that still show a flat object once it is gone, after `present` frames with it.
+/// `columns` is its width.
 fn frames_as_ghost(present: usize, columns: usize, thing: [u8; 3]) -> usize {
     let (width, height) = SIZE;
     let intrinsics = Intrinsics { fx: 75.0, fy: 75.0, cx: 39.5, cy: 29.5, width, height };
@@ -37,7 +37,7 @@ fn frames_as_ghost(present: usize, columns: usize, thing: [u8; 3]) -> usize {
 }
 
 #[test]
-fn a_flat_thing_is_gone_within_ten_frames_however_long_it_was_seen() {
+fn a_flat_object_is_gone_within_ten_frames_however_long_it_was_present() {
     for present in [1, 3, 10, 100, 300] {
         for (columns, color) in [(10, [180, 40, 40]), (40, [180, 40, 40]), (40, [90, 140, 90])] {
             let frames = frames_as_ghost(present, columns, color);
@@ -47,7 +47,7 @@ fn a_flat_thing_is_gone_within_ten_frames_however_long_it_was_seen() {
 }
 
 #[test]
-fn a_flat_thing_that_no_image_can_tell_from_the_wall_is_gone_in_the_end() {
+fn a_flat_object_with_the_colour_of_the_wall_is_gone_eventually() {
     let frames = frames_as_ghost(300, 40, [90; 3]);
-    assert!(frames < 25, "shown for {frames} frames more");
+    assert!(frames < 25, "shown for {frames} more frames");
 }

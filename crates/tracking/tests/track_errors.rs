@@ -1,4 +1,4 @@
-//! The tracker's errors as the memory sees them, on small maps.
+//! Detection of the tracker's errors, on small maps.
 
 use splatseg_geometry::{Image, Mask, SegmentId, SegmentMap};
 use splatseg_memory::SegmentBelief;
@@ -80,7 +80,7 @@ fn a_track_away_from_its_segment_is_wrong_where_nothing_is_expected_too() {
     assert_eq!(
         errors(&[(1, grown), (3, stripe(20, 30))])[0],
         on_others,
-        "the part on unseen ground may be right, as another part is"
+        "another part is right, so the part on unseen ground may be right as well"
     );
 }
 
@@ -124,7 +124,7 @@ fn a_mask_that_grows_under_a_smaller_track_is_cut_back_too() {
 }
 
 #[test]
-fn what_is_thin_is_an_outline() {
+fn thin_parts_are_outlines() {
     // Beside its segment, and along the border of the image far away from it.
     let wide = |rows: usize| {
         let mask = Mask::from_fn(SIZE.0, SIZE.1, |column, row| column < 10 || (column < 30 && row < rows));
@@ -168,7 +168,7 @@ fn each_category_can_be_switched_off() {
 fn a_segment_is_prompted_up_to_the_fraction_that_others_may_cover() {
     let nothing = stripe(0, 0);
     let not_tracked = (TrackErrorKind::NotTracked, 2, Some((stripe(13, 18), nothing)));
-    // Half of it is covered, by tracks that are right; then more.
+    // Right tracks cover half of it, then more.
     assert_eq!(errors(&[(1, stripe(0, 13)), (3, stripe(18, 30))]), [not_tracked]);
     assert_eq!(errors(&[(1, stripe(0, 13)), (3, stripe(17, 30))]), []);
 }

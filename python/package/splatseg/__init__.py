@@ -1,6 +1,6 @@
 """Every object in an RGB-D video gets one id that lasts for the whole video.
 
-A camera's frames go in one by one, and an explicit 3D memory, an online Gaussian splat, remembers what was seen::
+You pass in a camera's frames one by one, and an explicit 3D memory, an online Gaussian splat, remembers what was seen::
 
     import splatseg as ss
 
@@ -13,8 +13,8 @@ A camera's frames go in one by one, and an explicit 3D memory, an online Gaussia
 Conventions: images are C-contiguous NumPy arrays, colour is RGB, depth is z-depth in metres with 0 where nothing was
 measured, camera axes are x right, y down, z forward, poses are 4x4 matrices from camera to world. Id 0 means "nothing".
 
-Settings are keyword arguments with the names of ``splatseg settings``: ``seed=3``, ``memory={"max_votes": 8}`` or
-``**{"memory.max_votes": 8}``. A keyword that does not exist raises ``TypeError`` and names the nearest that does.
+Settings are keyword arguments with the names listed by ``splatseg settings``: ``seed=3``, ``memory={"max_votes": 8}``
+or ``**{"memory.max_votes": 8}``. An unknown keyword raises ``TypeError``, which suggests the most similar one.
 """
 
 from . import rerun

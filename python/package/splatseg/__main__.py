@@ -1,4 +1,4 @@
-"""``python -m splatseg`` is the command ``splatseg``."""
+"""Runs the command ``splatseg`` as ``python -m splatseg``."""
 
 from .command import main
 

@@ -22,14 +22,14 @@ _BETWEEN_LINES_S = 10.0
 
 
 class Worker:
-    """An actor: a process of the command that works on one scene after another, so that networks are loaded once."""
+    """An actor with a process of the command that handles one scene after another, so that networks are loaded once."""
 
     def __init__(self, retries: int) -> None:
         self.retries = retries
         self.process: subprocess.Popen[str] | None = None
 
     def __call__(self, row: dict[str, Any]) -> dict[str, Any]:
-        """Has a job done; returns the scene, its number of frames and its error, empty if there is none."""
+        """Runs a job; returns the scene, its number of frames and its error, which is empty on success."""
         job = row["job"]
         for _ in range(1 + self.retries):
             answer = self._answer(job)
@@ -58,7 +58,7 @@ class Worker:
         if line.endswith("\n"):
             answer: dict[str, Any] = json.loads(line)
             return answer
-        # It was killed: another takes its place.
+        # The process was killed: the next call starts another.
         self.process.kill()
         self.process.wait()
         self.process = None
@@ -66,7 +66,7 @@ class Worker:
 
 
 def main(arguments: list[str]) -> int:
-    """Does ``splatseg batch`` with these arguments, one of which is ``--ray``; returns the exit code."""
+    """Runs ``splatseg batch`` with these arguments, which include ``--ray``; returns the exit code."""
     address, rest = _without_ray(arguments)
     try:
         import ray
@@ -102,12 +102,12 @@ def _without_ray(arguments: list[str]) -> tuple[str, list[str]]:
 
 
 def _work(plan: dict[str, Any]) -> list[dict[str, str]]:
-    """Has all jobs of a plan done; returns the scenes that failed, with their errors."""
+    """Runs all jobs of a plan; returns the failed scenes with their errors."""
     import ray.data
 
     context = ray.data.DataContext.get_current()
     context.enable_progress_bars = False
-    # A job of an actor that is lost with its machine is given to another.
+    # If an actor is lost with its machine, another actor gets its job.
     context.max_errored_blocks = 0
     jobs = [{"scene": job["scene"], "job": json.dumps(job)} for job in plan["jobs"]]
     cpus = int(ray.cluster_resources().get("CPU", 1))
@@ -117,7 +117,7 @@ def _work(plan: dict[str, Any]) -> list[dict[str, str]]:
         .map(
             Worker,  # type: ignore[arg-type]  # a class is a callable for each actor
             fn_constructor_kwargs={"retries": plan["retries"]},
-            # One scene at a time for each actor: others would wait for it while there are idle ones.
+            # One scene at a time for each actor: queued scenes would wait for it while other actors are idle.
             compute=ray.data.ActorPoolStrategy(
                 min_size=1, max_size=actors, initial_size=actors, max_tasks_in_flight_per_actor=1
             ),
@@ -135,7 +135,7 @@ def _work(plan: dict[str, Any]) -> list[dict[str, str]]:
 
 
 class _Progress:
-    """Says how far a batch is, now and then."""
+    """Prints the progress of a batch from time to time."""
 
     def __init__(self, jobs: int) -> None:
         self.jobs, self.done, self.failed, self.frames = jobs, 0, 0, 0

@@ -8,17 +8,17 @@ import sys
 from . import _splatseg
 
 PROGRAM = [sys.executable, "-m", "splatseg"]
-"""What starts another process with the command."""
+"""Command line that starts another process of the command."""
 
 
 def main() -> None:
-    """Does what the command line asks for, and ends with its exit code."""
+    """Runs the command line and exits with its exit code."""
     arguments = sys.argv[1:]
     if arguments[:1] == ["batch"] and any(argument.split("=")[0] == "--ray" for argument in arguments):
         from .batch import main as batch
 
         sys.exit(batch(arguments))
-    # The command has its own way to end; Python's would raise KeyboardInterrupt after it.
+    # The command handles SIGINT itself; Python's handler would raise KeyboardInterrupt after it.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     sys.exit(_splatseg.run_command(["splatseg", *arguments], PROGRAM))
 

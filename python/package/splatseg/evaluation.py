@@ -12,7 +12,7 @@ from . import _splatseg
 
 @dataclass(frozen=True)
 class Scores:
-    """How good predictions are, percent, as ``splatseg eval`` says."""
+    """Scores of predictions, percent, as reported by ``splatseg eval``."""
 
     vsq: float | None
     """Video segmentation quality: the mean of ``vsq_k``."""
@@ -23,13 +23,13 @@ class Scores:
     sq: float | None
     """Segmentation quality."""
     vsq_k: dict[int, float | None]
-    """VSQ by the length of its windows, frames."""
+    """VSQ by window length, frames."""
     by_size: dict[str, dict[str, Any]]
-    """How well objects keep their ids, by their size: ``small``, ``medium``, ``large``."""
+    """How well objects keep their ids, by object size: ``small``, ``medium``, ``large``."""
     frames: int
-    """Frames that were scored."""
+    """Number of scored frames."""
     missing: dict[str, int]
-    """Frames that were left out, or scored as empty."""
+    """Numbers of frames that were left out or scored as empty."""
 
 
 def evaluate(
@@ -46,10 +46,11 @@ def evaluate(
     """Scores predictions for a scene with true ids, as ``splatseg eval`` does.
 
     ``gt``: the scene. ``predictions``: a folder of id images, the folder of a run, or a JSON file with masks.
-    ``protocol``: ``paper``, as in the paper's evaluation code, or ``strict``, as VPQ and STEP define the metrics. ``settings`` are those of
-    :func:`splatseg.open_scene`; without any, the scene is read as the run read it.
+    ``protocol``: ``paper``, as in the paper's evaluation code, or ``strict``, as VPQ and STEP define the metrics.
+    ``settings`` are those of :func:`splatseg.open_scene`; the defaults are those of the run.
 
-    Ctrl-C ends it. Raises ``ValueError`` if something cannot be read or, without ``allow_missing``, frames are missing.
+    Ctrl-C interrupts it. Raises ``ValueError`` if something cannot be read or, without ``allow_missing``, frames are
+    missing.
     """
     scores = json.loads(
         _splatseg.evaluate(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One registered RGB-D frame of a scene, resized and cropped as the scene's settings say."""
+    """A registered RGB-D frame of a scene, resized and cropped according to the scene's settings."""
 
     index: int
     """Its index in the scene, from 0."""
@@ -21,10 +21,10 @@ class Frame:
     depth: NDArray[np.float32]
     """z-depth in metres, ``(height, width)``; 0 where nothing was measured."""
     K: NDArray[np.float64]
-    """The camera's matrix ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]``, pixels."""
+    """The camera matrix ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]``, pixels."""
     camera_to_world: NDArray[np.float64]
     """The pose: a 4x4 matrix from the camera's coordinates (x right, y down, z forward) to the world's, metres."""
     timestamp: float | None
-    """When it was taken, seconds; ``None`` if the scene does not say."""
+    """Timestamp, seconds; ``None`` if the scene has none."""
     ground_truth: NDArray[np.uint32] | None
     """True ids, ``(height, width)``, 0 where unlabelled; ``None`` if there are none for this frame."""

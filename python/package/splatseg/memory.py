@@ -1,4 +1,4 @@
-"""The map: what a pipeline remembers."""
+"""The map of a pipeline."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from . import _splatseg
 
 
 class Memory:
-    """The Gaussians of a pipeline's memory, as they are now.
+    """The current Gaussians of a pipeline's memory.
 
-    Each property is a new array: the memory itself changes with every step.
+    Each property returns a new array, because the memory changes with every step.
     """
 
     def __init__(self, pipeline: _splatseg.Pipeline) -> None:
@@ -28,7 +28,7 @@ class Memory:
 
     @property
     def radii(self) -> NDArray[np.float32]:
-        """Standard deviations, metres, ``(Gaussians,)``: the Gaussians are balls."""
+        """Standard deviations, metres, ``(Gaussians,)``; the Gaussians are isotropic."""
         return self._pipeline.radii()
 
     @property
@@ -38,7 +38,7 @@ class Memory:
 
     @property
     def segment_ids(self) -> NDArray[np.uint32]:
-        """The id that each Gaussian shows by itself, ``(Gaussians,)``; 0 for none."""
+        """The id of each Gaussian, ``(Gaussians,)``; 0 for none."""
         return self._pipeline.segment_ids()
 
     def __repr__(self) -> str:

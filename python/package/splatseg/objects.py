@@ -19,7 +19,7 @@ class ObjectSighting:
     bounding_box: tuple[int, int, int, int]
     """The smallest box around them as in COCO: x, y, width, height, pixels."""
     confidence: float
-    """How sure the id is, from 0 to 1: the mean over these pixels."""
+    """Confidence of the id, from 0 to 1: the mean over these pixels."""
     first_frame: int
     """The first frame that showed it; 0 is the first frame of the run."""
     last_frame: int
@@ -27,7 +27,7 @@ class ObjectSighting:
 
     @property
     def color(self) -> tuple[int, int, int]:
-        """The colour in which pictures show it, sRGB."""
+        """Its colour in overlays, sRGB."""
         return _splatseg.segment_color(self.id)
 
 
@@ -40,12 +40,12 @@ class FrameStamp:
     name: str | None
     """Its name."""
     time_s: float | None
-    """When it was taken, seconds."""
+    """Its timestamp, seconds."""
 
 
 @dataclass(frozen=True)
 class BestView:
-    """The frame that shows an object best."""
+    """The best view of an object."""
 
     frame: FrameStamp
     """The frame."""
@@ -54,7 +54,7 @@ class BestView:
     area_px: int
     """Number of its pixels."""
     confidence: float
-    """How sure the id is in this frame, from 0 to 1."""
+    """Confidence of the id in this frame, from 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -64,17 +64,17 @@ class Shape:
     centroid: tuple[float, float, float]
     """Mean of its surface."""
     axis_aligned_box: tuple[tuple[float, float, float], tuple[float, float, float]]
-    """Smallest and largest coordinates."""
+    """Minimum and maximum coordinates."""
     center: tuple[float, float, float]
-    """The middle of the tightest box, whose axes are its own."""
+    """The centre of the oriented box, the tightest box of any orientation."""
     size: tuple[float, float, float]
-    """The sides of the tightest box."""
+    """The side lengths of the oriented box."""
     rotation: tuple[float, float, float, float]
-    """Quaternion x, y, z, w that turns the tightest box's axes into the world's."""
+    """Quaternion x, y, z, w that rotates the oriented box's axes into the world's."""
     area_m2: float
-    """Area of the surface that was seen, square metres."""
+    """Area of the seen surface, square metres."""
     points: int
-    """Gaussians that show it."""
+    """Number of its Gaussians."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +86,9 @@ class Object:
     state: str | None
     """``remembered``, ``tentative`` (seen once, may be a mistake) or ``forgotten``; ``None`` without a memory."""
     frames: int
-    """How many frames showed it."""
+    """Number of frames that showed it."""
     first_seen: FrameStamp | None
-    """The first frame that showed it; ``None`` for one of a loaded memory that was not seen again."""
+    """The first frame that showed it; ``None`` for an object of a loaded memory that was not seen again."""
     last_seen: FrameStamp | None
     """The last frame that showed it."""
     confidence: float | None
@@ -96,23 +96,23 @@ class Object:
     color: tuple[int, int, int] | None
     """Its mean colour, sRGB."""
     shape: Shape | None
-    """Its shape; ``None`` if no Gaussian shows it."""
+    """Its shape; ``None`` if it has no Gaussians."""
     best_view: BestView | None
-    """The frame that shows it best."""
+    """Its best view."""
 
     @property
     def centroid(self) -> tuple[float, float, float] | None:
-        """Mean of its surface, world, metres; ``None`` if no Gaussian shows it."""
+        """Mean of its surface, world, metres; ``None`` if it has no Gaussians."""
         return self.shape.centroid if self.shape is not None else None
 
     @property
     def box(self) -> tuple[tuple[float, float, float], tuple[float, float, float]] | None:
-        """The axis-aligned box, world, metres; ``None`` if no Gaussian shows it."""
+        """The axis-aligned box, world, metres; ``None`` if it has no Gaussians."""
         return self.shape.axis_aligned_box if self.shape is not None else None
 
 
 def parse(entry: dict[str, Any]) -> Object:
-    """An object of ``objects.json``."""
+    """Parses an object of ``objects.json``."""
     shape, view = entry["shape"], entry["best_view"]
     return Object(
         id=entry["id"],

@@ -1,4 +1,4 @@
-"""What notebooks show."""
+"""Display in notebooks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MOST_ROWS = 100
 
 
 def objects_table(pipeline: Pipeline) -> str:
-    """The objects of a pipeline as an HTML table, those seen most often first."""
+    """The objects of a pipeline as an HTML table, the most often seen first."""
     objects = sorted(pipeline.objects(), key=lambda entry: (-entry.frames, entry.id))
     rows = "".join(_row(entry) for entry in objects[:_MOST_ROWS])
     more = f"<p>and {len(objects) - _MOST_ROWS} more</p>" if len(objects) > _MOST_ROWS else ""

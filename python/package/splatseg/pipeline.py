@@ -1,4 +1,4 @@
-"""Methods, frame by frame."""
+"""Methods, run frame by frame."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ SegmenterLike = str | Segmenter | Callable[[NDArray[np.uint8], NDArray[np.float3
 
 
 class Pipeline:
-    """A segmenter, a method and its memory: frames go in, lasting ids come out.
+    """A segmenter, a method and its memory: takes frames and returns persistent ids.
 
-    ``segmenter`` is a name (``"affinity"``, the default, or ``"graph"``), a :class:`Segmenter` such as ``ss.FastSam("FastSAM-x.pt")``, or any callable
-    ``(rgb, depth) -> masks``. It gets uint8 ``(height, width, 3)`` and float32 metres ``(height, width)``, and returns
-    masks, bool ``(masks, height, width)``, which may overlap, or an image of ids ``(height, width)`` with 0 for none, or
-    a pair of masks and their scores.
+    ``segmenter`` is a name (``"affinity"``, the default, or ``"graph"``), a :class:`Segmenter` such as
+    ``ss.FastSam("FastSAM-x.pt")``, or any callable ``(rgb, depth) -> masks``. It is called with uint8
+    ``(height, width, 3)`` and float32 metres ``(height, width)``, and returns masks, bool ``(masks, height, width)``,
+    which may overlap, or an image of ids ``(height, width)`` with 0 for none, or a pair of masks and their scores.
 
-    ``method`` is one of ``fastsam-splat``, ``fastsam``, ``fastspam``, ``sam2``, ``sam2-splat``. ``config`` is a TOML file
-    or the ``summary.json`` of a run, whose settings hold where no keyword says otherwise. All other keywords are
-    settings, see ``splatseg settings``.
+    ``method`` is one of ``fastsam-splat``, ``fastsam``, ``fastspam``, ``sam2``, ``sam2-splat``. ``config`` is a TOML
+    file or the ``summary.json`` of a run; keywords override its settings. All other keywords are settings, see
+    ``splatseg settings``.
 
-    Raises ``TypeError`` for settings that do not exist, ``ValueError`` for wrong values and files.
+    Raises ``TypeError`` for unknown settings, ``ValueError`` for invalid values and files.
     """
 
     _method: str | None = None
@@ -77,7 +77,7 @@ class Pipeline:
         config: str | os.PathLike[str] | None = None,
         **settings: Any,
     ) -> Pipeline:
-        """A pipeline that goes on with a memory that was saved, and with its ids.
+        """Creates a pipeline that continues with a saved memory and its ids.
 
         Raises ``ValueError`` if the file is damaged or does not fit the settings.
         """
@@ -96,15 +96,15 @@ class Pipeline:
         name: str | None = None,
         depth_scale: float | None = None,
     ) -> StepResult:
-        """Takes the next frame of a camera.
+        """Processes the next frame of a camera.
 
         ``rgb``: uint8 ``(height, width, 3)``, C-contiguous, RGB. ``depth``: float32 or float64 z-depth in metres
         ``(height, width)`` of the same pixels, 0 or NaN where nothing was measured; with ``depth_scale`` in units per
-        metre (1000 for millimetres) also uint16. ``K``: the camera's matrix, 3x3, pixels. ``camera_to_world``: the pose,
+        metre (1000 for millimetres) also uint16. ``K``: the camera matrix, 3x3, pixels. ``camera_to_world``: the pose,
         4x4, metres, camera axes x right, y down, z forward. ``timestamp``: seconds.
 
-        The GIL is released while it computes. Raises ``TypeError`` or ``ValueError``, which say what was found and
-        expected, for anything else; the memory is then as it was. An exception of the segmenter comes through.
+        The GIL is released during the computation. Invalid arguments raise ``TypeError`` or ``ValueError`` with the
+        found and the expected value, and leave the memory unchanged. Exceptions of the segmenter are passed on.
         """
         ids, confidence, sightings, masks, times = self._pipeline.step(
             rgb, depth, K, camera_to_world, timestamp, name, depth_scale
@@ -124,7 +124,7 @@ class Pipeline:
         )
 
     def objects(self) -> list[Object]:
-        """Every object seen so far or remembered, by increasing id, with its shape in the world."""
+        """Every object seen so far or in the memory, by increasing id, with its shape in the world."""
         return [parse(entry) for entry in json.loads(self._pipeline.objects())["objects"]]
 
     @property
@@ -136,7 +136,7 @@ class Pipeline:
 
     @property
     def frames(self) -> int:
-        """How many frames it has taken."""
+        """Number of processed frames."""
         return self._pipeline.frames
 
     @property
@@ -146,12 +146,12 @@ class Pipeline:
         return settings
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Saves the memory as a PLY file, which any viewer of Gaussian splats opens and :meth:`load` goes on with.
+        """Saves the memory as a PLY file, which Gaussian splat viewers can open and :meth:`load` reads.
 
-        Raises ``FileExistsError`` if something is there, unless ``overwrite``; ``ValueError`` without a memory.
+        Raises ``FileExistsError`` if the file exists, unless ``overwrite``; ``ValueError`` without a memory.
         """
         if not overwrite and os.path.lexists(path):
-            raise FileExistsError(f"{os.fspath(path)}: exists: give overwrite=True to replace it")
+            raise FileExistsError(f"{os.fspath(path)}: exists: pass overwrite=True to replace it")
         self._pipeline.save(path)
 
     def __repr__(self) -> str:
@@ -164,7 +164,7 @@ class Pipeline:
 
 
 class FastSamSplat(Pipeline):
-    """FastSAM-Splat: masks of any segmenter, and a splat that remembers them (Opipari et al., RA-L 2025).
+    """FastSAM-Splat: masks of any segmenter, with a splat as memory (Opipari et al., RA-L 2025).
 
     >>> import splatseg as ss
     >>> seg = ss.FastSamSplat(seed=1, memory={"max_votes": 8})
@@ -185,7 +185,7 @@ class FastSamSplat(Pipeline):
 
 
 class Sam2Splat(Pipeline):
-    """SAM2-Splat: SAM 2.1 follows what a segmenter finds, and a splat prompts it again when it loses an object.
+    """SAM2-Splat: SAM 2.1 tracks a segmenter's masks, and a splat re-prompts it when it loses an object.
 
     ``weights`` is Meta's ``sam2.1_hiera_*.pt`` as published (Apache-2.0), or a ``.safetensors``; no code in it is
     executed.

@@ -25,16 +25,16 @@ if TYPE_CHECKING:
     from .result import StepResult
 
 _MAP_EVERY = 10
-"""The map and the boxes are logged every so many frames: they are large, and change little."""
+"""Interval, in frames, at which the map and the boxes are logged: they are large and change little."""
 
 
 def log(
     result: StepResult, pipeline: Pipeline | None = None, *, recording: rerun.RecordingStream | None = None
 ) -> None:
-    """Logs a frame with its result: picture, depth, ids, camera and path; and of ``pipeline``, every 10 frames, the map and
-    the boxes of the objects.
+    """Logs a frame with its result (picture, depth, ids, camera and boxes) and, every 10 frames, the map and the
+    objects' 3D boxes of ``pipeline``.
 
-    ``recording`` is where to, by default Rerun's current recording. Colours of ids are those of overlays.
+    Logs to ``recording``, by default Rerun's current recording. Ids have the same colours as in overlays.
     """
     import rerun as rr
 
@@ -72,7 +72,7 @@ def log(
 
 
 def log_map(pipeline: Pipeline, *, recording: rerun.RecordingStream | None = None) -> None:
-    """Logs the map as points in the colours of their objects, and a box with its id for each object."""
+    """Logs the map as points in their objects' colours, and a box with its id for each object."""
     import rerun as rr
 
     if not pipeline._pipeline.has_memory:

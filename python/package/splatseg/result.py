@@ -17,28 +17,29 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class StepResult:
-    """What a step has found in a frame. A notebook shows it as a picture."""
+    """The result of a step for a frame. A notebook displays it as a picture."""
 
     ids: NDArray[np.uint32]
-    """One lasting id per pixel, ``(height, width)``; 0 where there is no segment."""
+    """The persistent object id of each pixel, ``(height, width)``; 0 where there is no segment."""
     confidence: NDArray[np.float32]
-    """How sure the id of each pixel is, ``(height, width)``, from 0 to 1; 0 where there is no segment."""
+    """Confidence of each pixel's id, ``(height, width)``, from 0 to 1; 0 where there is no segment."""
     objects: list[ObjectSighting]
     """The objects in the frame, by increasing id."""
     times_ms: dict[str, float]
-    """How long each stage took, milliseconds; ``step`` is the whole frame in the library, without Python's part."""
+    """Time of each stage, milliseconds; ``step`` is the library's time for the whole frame, without Python's
+    overhead."""
     rgb: NDArray[np.uint8] = field(repr=False)
-    """The frame's colours, as they were given."""
+    """The frame's colours, as given."""
     depth: NDArray[np.generic] = field(repr=False)
-    """The frame's depth, as it was given."""
+    """The frame's depth, as given."""
     K: NDArray[np.float64] = field(repr=False)
-    """The camera's matrix."""
+    """The camera matrix."""
     camera_to_world: NDArray[np.float64] = field(repr=False)
     """The frame's pose."""
     timestamp: float | None
-    """When it was taken, seconds, if that was given."""
+    """The frame's timestamp, seconds, if given."""
     name: str | None
-    """The frame's name, if that was given."""
+    """The frame's name, if given."""
     _masks: NDArray[np.bool_] | None = field(default=None, repr=False)
 
     @property

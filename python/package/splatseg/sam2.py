@@ -1,4 +1,4 @@
-"""SAM 2.1 alone: prompted objects, followed through a video."""
+"""SAM 2.1 alone: tracks prompted objects through a video."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Tracks:
 class Sam2:
     """SAM 2.1 (Ravi et al. 2024) as a tracker.
 
-    Take a frame with :meth:`step`, then prompt objects on it; each is followed from there on::
+    Pass in a frame with :meth:`step`, then prompt objects on it; each is tracked from there on::
 
         sam = ss.Sam2("sam2.1_hiera_tiny.pt")
         sam.step(frames[0])
@@ -37,8 +37,8 @@ class Sam2:
         for rgb in frames[1:]:
             mask = sam.step(rgb)[1]
 
-    ``weights`` is Meta's checkpoint as published or a ``.safetensors``; no code in it is executed. ``settings`` are those
-    of ``sam2``, e.g. ``image_size=512``; ``device`` is the device that runs it.
+    ``weights`` is Meta's checkpoint as published or a ``.safetensors``; no code in it is executed. ``settings`` are
+    those of ``sam2``, e.g. ``image_size=512``; ``device`` is the device to run it on.
     """
 
     def __init__(self, weights: str | os.PathLike[str], device: str | None = None, **settings: Any) -> None:
@@ -46,30 +46,30 @@ class Sam2:
         self._sam2 = _splatseg.Sam2(chosen)
 
     def step(self, rgb: NDArray[np.uint8]) -> Tracks:
-        """Takes the next frame, uint8 ``(height, width, 3)``, and follows every object into it."""
+        """Processes the next frame, uint8 ``(height, width, 3)``, and tracks every object in it."""
         return Tracks(*self._sam2.step(rgb))
 
     def add_mask(self, id: int, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Prompts an object with its mask on the current frame, bool ``(height, width)``; returns its mask after that.
+        """Prompts an object with its mask on the current frame, bool ``(height, width)``; returns its updated mask.
 
-        A new id is a new object; a prompt to a known one corrects it.
+        A new id adds an object; a known id corrects its object.
         """
         return self._sam2.add_mask(id, mask)[1][0]
 
     def add_clicks(
         self, id: int, points: ArrayLike, labels: ArrayLike | None = None, *, more: bool = False
     ) -> NDArray[np.bool_]:
-        """Prompts an object with clicks on the current frame; returns its mask after that.
+        """Prompts an object with clicks on the current frame; returns its updated mask.
 
-        ``points``: x and y of each, pixels, ``(clicks, 2)``. ``labels``: 1 on the object (the default) or 0 beside it,
-        ``(clicks,)``. With ``more`` they are added to earlier prompts of this object on this frame.
+        ``points``: x and y of each click, pixels, ``(clicks, 2)``. ``labels``: 1 on the object (the default) or 0
+        beside it, ``(clicks,)``. With ``more``, they are added to earlier prompts of this object on this frame.
         """
         return self._sam2.add_points(id, points, labels, None, more)[1][0]
 
     def add_box(self, id: int, box: ArrayLike) -> NDArray[np.bool_]:
-        """Prompts an object with a box on the current frame: x0, y0, x1, y1, pixels; returns its mask after that."""
+        """Prompts an object with a box on the current frame: x0, y0, x1, y1, pixels; returns its updated mask."""
         return self._sam2.add_points(id, None, None, box, False)[1][0]
 
     def remove(self, id: int) -> None:
-        """Stops following an object; its id may be prompted again."""
+        """Stops tracking an object; its id may be prompted again."""
         self._sam2.remove(id)

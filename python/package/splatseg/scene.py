@@ -14,14 +14,14 @@ from .frame import Frame
 class Scene:
     """A recorded RGB-D video of any format that ``splatseg run`` reads. Iterating reads frames ahead in the background.
 
-    A frame that cannot be used is left out with a ``UserWarning`` that says why; ``scene[i]`` raises ``ValueError``
-    instead.
+    Iterating skips a frame that cannot be used, with a ``UserWarning`` that states the reason; ``scene[i]`` raises
+    ``ValueError`` instead.
     """
 
     def __init__(self, path: str | os.PathLike[str], **settings: Any) -> None:
         self._scene = _splatseg.Scene(path, settings)
         self.path = os.fspath(path)
-        """The scene as it was given."""
+        """The path, as given."""
 
     @property
     def name(self) -> str:
@@ -30,12 +30,12 @@ class Scene:
 
     @property
     def format(self) -> str | None:
-        """The format that was recognised, e.g. ``mcap``."""
+        """The recognised format, e.g. ``mcap``."""
         return self._scene.format
 
     @property
     def has_ground_truth(self) -> bool:
-        """Whether frames may come with true ids."""
+        """True if frames may have true ids."""
         return self._scene.has_ground_truth
 
     def __len__(self) -> int:
@@ -43,7 +43,7 @@ class Scene:
         return len(self._scene)
 
     def __getitem__(self, index: int) -> Frame:
-        """One of the frames selected, by its position among them; reads it now."""
+        """Reads one of the selected frames, given by its position among them."""
         return Frame(*self._scene.frame(index))
 
     def __iter__(self) -> Iterator[Frame]:
@@ -60,8 +60,9 @@ class Scene:
 def open_scene(path: str | os.PathLike[str], **settings: Any) -> Scene:
     """Opens a scene: a folder or file of any format, or ``synthetic[:frames=60,seed=3,...]``.
 
-    ``settings`` are those of ``dataset``, without that name: ``stride=2``, ``resize="320x240"``, ``crop_border=5``,
-    ``start``, ``max_frames``, ``format``, and for recordings ``color``, ``depth``, ``camera_info``, ``pose``.
+    ``settings`` are those of the section ``dataset``, without its name: ``stride=2``, ``resize="320x240"``,
+    ``crop_border=5``, ``start``, ``max_frames``, ``format``, and for recordings ``color``, ``depth``, ``camera_info``,
+    ``pose``.
 
     Raises ``ValueError`` if there is no scene or a setting is out of range, ``TypeError`` for unknown settings.
     """

@@ -1,4 +1,4 @@
-"""Segmenters: image and depth in, masks out."""
+"""Segmenters: they compute masks from an image and depth."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from . import _splatseg
 
 
 class Segmenter:
-    """A segmenter of splatseg. Give it to a pipeline, or call it: ``masks, scores = segmenter(rgb, depth)``."""
+    """A segmenter of splatseg. Pass it to a pipeline, or call it: ``masks, scores = segmenter(rgb, depth)``."""
 
     def __init__(self, **settings: Any) -> None:
         self.settings = settings
-        """The settings that it stands for."""
+        """The pipeline settings that select it."""
         self._segmenter: _splatseg.Segmenter | None = None
 
     def __call__(
@@ -27,8 +27,8 @@ class Segmenter:
     ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
         """The masks of a frame, ``(masks, height, width)``, which may overlap, and their scores, ``(masks,)``.
 
-        ``rgb`` is uint8 ``(height, width, 3)``, ``depth`` float32 metres ``(height, width)``. Without ``K``, a camera
-        that sees 60 degrees across.
+        ``rgb`` is uint8 ``(height, width, 3)``, ``depth`` float32 metres ``(height, width)``. Without ``K``, the camera
+        has a horizontal field of view of 60 degrees.
         """
         if self._segmenter is None:
             self._segmenter = _splatseg.Segmenter(self.settings)
@@ -43,7 +43,7 @@ class Segmenter:
 
 
 class Graph(Segmenter):
-    """Cuts the image where depth, surface orientation and colour say that an object ends. Needs depth, no weights.
+    """Cuts the image at object boundaries in depth, surface orientation and colour. Needs depth, but no weights.
 
     ``settings`` are those of ``graph``, e.g. ``Graph(max_segments=100)``.
     """
@@ -53,10 +53,10 @@ class Graph(Segmenter):
 
 
 class Affinity(Segmenter):
-    """A small network that has learned from rendered rooms which pixels belong to the same object.
+    """A small network, trained on rendered rooms, that predicts which pixels belong to the same object.
 
-    ``weights`` is a ``.safetensors`` to use instead of the weights that are built in. ``settings`` are those of
-    ``affinity``, e.g. ``Affinity(threshold=-1.0)``.
+    ``weights`` is a ``.safetensors`` to use instead of the built-in weights. ``settings`` are those of ``affinity``,
+    e.g. ``Affinity(threshold=-1.0)``.
     """
 
     def __init__(self, weights: str | os.PathLike[str] | None = None, **settings: Any) -> None:
@@ -68,9 +68,9 @@ class Affinity(Segmenter):
 class FastSam(Segmenter):
     """FastSAM: a YOLO-like network that segments everything.
 
-    ``weights`` is a published checkpoint (``FastSAM-x.pt``, ``FastSAM-s.pt``; AGPL-3.0) or a ``.safetensors``; no code in
-    it is executed. ``settings`` are those of ``fastsam``, e.g. ``FastSam("FastSAM-x.pt", conf=0.5)``; ``device`` is the
-    device that runs it.
+    ``weights`` is a published checkpoint (``FastSAM-x.pt``, ``FastSAM-s.pt``; AGPL-3.0) or a ``.safetensors``; no code
+    in it is executed. ``settings`` are those of ``fastsam``, e.g. ``FastSam("FastSAM-x.pt", conf=0.5)``; ``device`` is
+    the device to run it on.
     """
 
     def __init__(self, weights: str | os.PathLike[str], device: str | None = None, **settings: Any) -> None:

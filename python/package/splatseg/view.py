@@ -14,7 +14,7 @@ from .scene import Scene, open_scene
 def main() -> None:
     """The command ``splatseg-view``."""
     parser = argparse.ArgumentParser(prog="splatseg-view", description=__doc__.partition(": ")[2].capitalize())
-    parser.add_argument("out", type=Path, help="the folder that splatseg run has written")
+    parser.add_argument("out", type=Path, help="the output folder of splatseg run")
     parser.add_argument("--save", type=Path, metavar="FILE.rrd", help="write a recording instead of opening the viewer")
     arguments = parser.parse_args()
     try:
@@ -27,7 +27,7 @@ def main() -> None:
 
 
 def view(out: Path, save: Path | None = None) -> None:
-    """Shows the results in a folder: overlays, camera and path as the scene has them, and the boxes of the objects.
+    """Shows the results in a folder: overlays, the scene's camera and its path, and the objects' boxes.
 
     Raises ``ValueError`` if the folder has no results, or its scene cannot be read any more.
     """
@@ -82,7 +82,7 @@ def _log_boxes(out: Path) -> None:
 
 
 def _overlay(out: Path, name: str) -> Path | None:
-    """The overlay of a frame: numbers in names have leading zeros in files."""
+    """The overlay of a frame; numeric names have leading zeros in file names."""
     for file in (name, name.zfill(6)):
         path = out / "overlay" / f"{file}.jpg"
         if path.is_file():

@@ -1,4 +1,4 @@
-//! Images inside zip and tar.gz files, read without unpacking the archive into a folder.
+//! Images inside zip and tar.gz files, read without unpacking the archive to a folder.
 
 mod tarred;
 mod zipped;

@@ -1,13 +1,13 @@
 //! Images inside a tar.gz file.
 //!
-//! There is no seeking in a gzip stream: reading a frame in the middle means unpacking everything before it. So the
-//! members that are wanted are copied once, on opening, to a temporary file without a name, from which frames are then
-//! read in any order. It holds the members as they are (JPEG and PNG files), lies where the system keeps temporary
-//! files (`TMPDIR`) and is gone when the scene is dropped or the program ends, however it ends. Memory holds only the
-//! members' places.
+//! A gzip stream has no random access: reading a frame in the middle means unpacking everything before it. So the
+//! wanted members are copied once, on opening, to an unnamed temporary file, from which frames are then read in any
+//! order. It contains the members unchanged (JPEG and PNG files), is in the system's folder for temporary files
+//! (`TMPDIR`), and disappears when the scene is dropped or the program ends, even by a crash. Memory holds only the
+//! members' offsets.
 //!
-//! An archive may unpack to [`MAX_RATIO`] times its size and a bit, and a member to the largest size of an image file;
-//! more is taken for a bomb.
+//! An archive may unpack to [`MAX_RATIO`] times its size plus [`ALWAYS_UNPACKED_BYTES`], and a member to the maximum
+//! size of an image file. Anything larger is treated as a decompression bomb.
 
 use crate::DatasetError;
 use crate::decode::MAX_IMAGE_FILE_BYTES;
@@ -18,22 +18,22 @@ use std::io::{BufReader, Error, ErrorKind, Read, Result as IoResult};
 use std::path::{Path, PathBuf};
 use tar::{Archive, Entry, EntryType, PaxExtensions};
 
-/// JPEG and PNG files hardly shrink, and JSON shrinks 20-fold.
+/// Maximum compression ratio. JPEG and PNG files hardly shrink, and JSON shrinks 20-fold.
 const MAX_RATIO: u64 = 64;
-/// What an archive of any size may unpack to.
+/// Unpacked size allowed for an archive of any size.
 const ALWAYS_UNPACKED_BYTES: u64 = 64 << 20;
-/// No data set has longer member names.
+/// Maximum length of a member name. No data set has longer ones.
 const MAX_NAME_BYTES: u64 = 64 << 10;
 
-/// Whether to go on to the next member.
+/// Return value of a visitor: continue with the next member, or stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum MemberFlow {
     Continue,
     Stop,
 }
 
-/// Calls `visit` with the path (without a leading `./`), size and content of every ordinary file in the archive, in its
-/// order, until told to stop. Files whose names are not UTF-8 are left out.
+/// Calls `visit` with the path (without a leading `./`), size and content of every regular file in the archive, in
+/// order, until it returns [`MemberFlow::Stop`]. Files whose names are not UTF-8 are skipped.
 pub(crate) fn for_each_member(
     path: &Path,
     mut visit: impl FnMut(&str, u64, &mut dyn Read) -> Result<MemberFlow, DatasetError>,
@@ -44,7 +44,7 @@ pub(crate) fn for_each_member(
     let left = packed_bytes.saturating_mul(MAX_RATIO).saturating_add(ALWAYS_UNPACKED_BYTES);
     let unpacked = Bounded { reader: MultiGzDecoder::new(BufReader::new(file)), left };
     let mut archive = Archive::new(unpacked);
-    // Raw entries: the library would take the whole of a long name into memory, however long it claims to be.
+    // Raw entries: the library would load a long name into memory whatever length it claims.
     let mut long_name = None;
     for entry in archive.entries().map_err(damaged)?.raw(true) {
         let mut entry = entry.map_err(damaged)?;
@@ -65,7 +65,7 @@ pub(crate) fn for_each_member(
     Ok(())
 }
 
-/// The name that a GNU long-name entry holds; `None` if it is not UTF-8.
+/// Reads the name in a GNU long-name entry; `None` if it is not UTF-8.
 fn read_name(entry: &mut Entry<'_, impl Read>) -> IoResult<Option<String>> {
     let mut bytes = read_small(entry)?;
     while bytes.last() == Some(&0) {
@@ -74,7 +74,7 @@ fn read_name(entry: &mut Entry<'_, impl Read>) -> IoResult<Option<String>> {
     Ok(String::from_utf8(bytes).ok())
 }
 
-/// The path that a PAX header states, if it does.
+/// Reads the path in a PAX header, if there is one.
 fn read_pax_path(entry: &mut Entry<'_, impl Read>) -> IoResult<Option<String>> {
     let bytes = read_small(entry)?;
     let path = PaxExtensions::new(&bytes).flatten().find(|extension| extension.key_bytes() == b"path");
@@ -90,7 +90,7 @@ fn read_small(entry: &mut Entry<'_, impl Read>) -> IoResult<Vec<u8>> {
     Ok(bytes)
 }
 
-/// A reader that gives an error, not an end, after so many bytes.
+/// A reader that returns an error, rather than the end, after a maximum number of bytes.
 struct Bounded<R> {
     reader: R,
     left: u64,
@@ -110,18 +110,18 @@ impl<R: Read> Read for Bounded<R> {
     }
 }
 
-/// Members of a tar.gz file, copied to a temporary file from which they are read in any order, from any thread.
+/// Members of a tar.gz file, copied to a temporary file and readable in any order, from any thread.
 #[derive(Debug)]
 pub(crate) struct UnpackedMembers {
     archive: PathBuf,
     file: RandomAccessFile,
-    /// Offset and length in the file, by member path.
+    /// Offset and length in the temporary file, by member path.
     places: BTreeMap<String, (u64, u64)>,
 }
 
 impl UnpackedMembers {
-    /// Copies the members named in `wanted` out of the archive, reading no further than the last of them. Those that
-    /// are not there are missing from the result.
+    /// Copies the members named in `wanted` out of the archive, reading no further than the last of them. Missing
+    /// members are absent from the result.
     pub(crate) fn unpack(archive: &Path, wanted: &BTreeSet<String>) -> Result<Self, DatasetError> {
         let io_error = |source| DatasetError::Io { path: archive.to_owned(), source };
         let mut file =
@@ -148,7 +148,7 @@ impl UnpackedMembers {
         Ok(Self { archive: archive.to_owned(), file: RandomAccessFile::new(file), places })
     }
 
-    /// The path of a member, for messages.
+    /// Returns the path of a member, for messages.
     pub(crate) fn path_of(&self, name: &str) -> PathBuf {
         self.archive.join(name)
     }
@@ -157,7 +157,7 @@ impl UnpackedMembers {
         self.places.contains_key(name)
     }
 
-    /// The bytes of a member. `what` names its content in errors.
+    /// Reads a member. `what` names its content in errors.
     pub(crate) fn read(&self, name: &str, what: &'static str) -> Result<Vec<u8>, DatasetError> {
         let path = self.path_of(name);
         let Some((offset, len)) = self.places.get(name) else {

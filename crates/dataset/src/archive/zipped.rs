@@ -8,12 +8,13 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use zip::ZipArchive;
 
-/// The most bytes of one image. Nothing bigger is unpacked: the largest segment images have a few hundred kilobytes.
+/// Maximum unpacked size of an image. The largest segment images have a few hundred kilobytes.
 const MAX_MEMBER_BYTES: u64 = 32 << 20;
-/// The zip directory's end record lies within this many bytes of the end: 22 bytes, and a comment of up to 65535.
+/// Maximum length of the end of a zip file that can contain its directory's end record: 22 bytes, a zip64 locator of 20
+/// bytes, and a comment of up to 65535.
 const TAIL_BYTES: u64 = 22 + 20 + 65_535;
 
-/// A zip file whose images are read one by one, from any thread.
+/// A zip file whose images can be read individually, from any thread.
 #[derive(Debug)]
 pub(crate) struct ZippedImages {
     path: PathBuf,
@@ -38,17 +39,17 @@ impl ZippedImages {
         Ok(Self { path: path.to_owned(), archive: Mutex::new(archive) })
     }
 
-    /// The bytes of a member, and its path for messages; `None` if there is no such member.
+    /// Reads a member; also returns its path for messages. `None` if there is no such member.
     pub(crate) fn read(&self, name: &str, what: &'static str) -> Result<Option<(PathBuf, Vec<u8>)>, DatasetError> {
         let path = self.path.join(name);
         let damaged = |source: std::io::Error| DatasetError::Archive { path: path.clone(), source };
-        // A reader that panicked leaves no state behind: everyone seeks first.
+        // A panicked reader leaves no state behind, because every read seeks first.
         let mut archive = self.archive.lock().unwrap_or_else(PoisonError::into_inner);
         if archive.index_for_name(name).is_none() {
             return Ok(None);
         }
         let member = archive.by_name(name).map_err(|error| damaged(error.into()))?;
-        // The stated size may be wrong: the buffer grows with the data, up to one byte more than is accepted.
+        // The stated size may be wrong: the buffer grows with the data, up to one byte over the limit.
         let mut bytes = Vec::new();
         member.take(MAX_MEMBER_BYTES + 1).read_to_end(&mut bytes).map_err(damaged)?;
         if bytes.len() as u64 > MAX_MEMBER_BYTES {
@@ -59,8 +60,8 @@ impl ZippedImages {
     }
 }
 
-/// Whether the file ends with the directory of a zip64 archive, whose 64-bit counts could claim far more memory than
-/// the file justifies. An ordinary directory counts to 65535.
+/// Returns true if the file ends with a zip64 directory, whose 64-bit counts could claim far more memory than the file
+/// justifies. A plain directory counts to 65535.
 fn has_zip64_directory(file: &mut File) -> std::io::Result<bool> {
     let len = file.seek(SeekFrom::End(0))?;
     file.seek(SeekFrom::Start(len.saturating_sub(TAIL_BYTES)))?;

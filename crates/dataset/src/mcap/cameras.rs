@@ -1,4 +1,4 @@
-//! Cameras as camera info messages describe them.
+//! Cameras described by camera info messages.
 
 use crate::DatasetError;
 use crate::undistort::Undistortion;
@@ -14,9 +14,9 @@ pub(super) struct Calibration {
     height: u32,
     model: String,
     coefficients: Vec<f64>,
-    /// fx, fy, cx, cy of the image as taken.
+    /// fx, fy, cx, cy of the original image.
     raw: [f64; 4],
-    /// fx, fy, cx, cy of the rectified image; zeros if it is not known.
+    /// fx, fy, cx, cy of the rectified image; zeros if unknown.
     rectified: [f64; 4],
 }
 
@@ -31,7 +31,7 @@ impl Calibration {
     pub(super) fn new(info: &CameraInfo) -> Self {
         let (k, p, roi) = (&info.k, &info.p, &info.roi);
         let binning = [info.binning_x, info.binning_y].map(|binning| f64::from(binning.max(1)));
-        // Of the part of the image that is given, and of its pixels, as ROS's `image_geometry` has it.
+        // Adjusted for the region of interest and binning, as in ROS's `image_geometry`.
         let of_image = |[fx, fy, cx, cy]: [f64; 4]| {
             let (x, y) = (f64::from(roi.x_offset), f64::from(roi.y_offset));
             [fx / binning[0], fy / binning[1], (cx - x) / binning[0], (cy - y) / binning[1]]
@@ -47,17 +47,17 @@ impl Calibration {
         }
     }
 
-    /// What it takes in memory, bytes.
+    /// Returns its size in memory, bytes.
     pub(super) fn memory(&self) -> u64 {
         (size_of::<Self>() + self.model.len() + 8 * self.coefficients.len()) as u64
     }
 
-    /// `(width, height)`.
+    /// Returns the image size, `(width, height)`.
     pub(super) fn size(&self) -> (usize, usize) {
         (self.width as usize, self.height as usize)
     }
 
-    /// The camera of images as taken, or of those that were rectified before they were recorded. `path` is named in
+    /// Returns the camera of the original images, or of images that were rectified before recording. `path` is named in
     /// errors.
     pub(super) fn camera(&self, is_rectified: bool, path: &Path) -> Result<Camera, DatasetError> {
         let uses_projection = is_rectified && self.rectified[0] > 0.0;
@@ -77,7 +77,7 @@ impl Calibration {
 }
 
 impl Camera {
-    /// Whether an image of the other camera has the same pixels.
+    /// Returns true if both cameras have the same pixel grid.
     pub(super) fn is_same(&self, other: &Self) -> bool {
         let close = |left: f32, right: f32| (left - right).abs() < 1e-2;
         let (a, b) = (&self.intrinsics, &other.intrinsics);
@@ -89,14 +89,14 @@ impl Camera {
     }
 }
 
-/// The map of the camera that was used last: as a rule there is only one.
+/// Undistortion map of the last camera used. Usually there is only one.
 #[derive(Debug, Default)]
 pub(super) struct UndistortionCache {
     last: Mutex<Option<(Camera, Option<Arc<Undistortion>>)>>,
 }
 
 impl UndistortionCache {
-    /// The map of a camera; `None` if it does not distort. `path` is named in errors.
+    /// Returns the map of a camera; `None` if its lens does not distort. `path` is named in errors.
     pub(super) fn get(&self, camera: &Camera, path: &Path) -> Result<Option<Arc<Undistortion>>, DatasetError> {
         if camera.distortion == Distortion::None {
             return Ok(None);

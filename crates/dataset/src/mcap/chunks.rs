@@ -1,19 +1,19 @@
-//! The chunks of a recording: how they are unpacked and checked.
+//! Decompression and checking of a recording's chunks.
 
 use lz4_flex::frame::FrameDecoder;
 use mcap::records::ChunkHeader;
 use ruzstd::decoding::StreamingDecoder;
-use splatseg_input::{MemoryLimit, display_bytes};
+use splatseg_files::{MemoryLimit, display_bytes};
 use std::io::Read;
 
-/// Larger chunks are refused whatever the memory limit. Recorders write chunks of a few megabytes.
+/// Maximum chunk size, whatever the memory limit. Recorders write chunks of a few megabytes.
 const MAX_CHUNK_BYTES: u64 = 1 << 30;
-/// What part of the memory limit a chunk may take when it is unpacked.
+/// Divisor of the memory limit that gives the limit of an unpacked chunk.
 const MEMORY_PART: u64 = 4;
-/// How many times as large as a chunk its content usually is.
+/// Usual ratio of a chunk's unpacked to stored size.
 const USUAL_RATIO: usize = 8;
 
-/// How a chunk is stored.
+/// Compression of a chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Compression {
     None,
@@ -21,12 +21,12 @@ enum Compression {
     Lz4,
 }
 
-/// A chunk: where it is in the file, and what its content must be.
+/// Location of a chunk in the file, and the expected size and CRC of its content.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Chunk {
-    /// Where its stored bytes begin, bytes from the start of the file.
+    /// Offset of its stored bytes, from the start of the file.
     pub(super) offset: u64,
-    /// How many bytes are stored.
+    /// Number of stored bytes.
     pub(super) stored: u64,
     unpacked: u64,
     /// 0 if there is none.
@@ -35,10 +35,10 @@ pub(super) struct Chunk {
 }
 
 impl Chunk {
-    /// A chunk whose stored bytes begin at `offset`, after its header.
+    /// Creates a chunk whose stored bytes begin at `offset`, after its header.
     ///
     /// # Errors
-    /// A text that says what cannot be read.
+    /// Description of the unsupported compression or size.
     pub(super) fn new(header: &ChunkHeader, offset: u64) -> Result<Self, String> {
         let compression = match header.compression.as_str() {
             "" | "none" => Compression::None,
@@ -60,15 +60,15 @@ impl Chunk {
         })
     }
 
-    /// Whether its content is stored as it is.
+    /// Returns true if its content is stored uncompressed.
     pub(super) fn is_plain(&self) -> bool {
         self.compression == Compression::None
     }
 
-    /// The content of a chunk from its stored bytes, checked.
+    /// Unpacks and checks the content of a chunk.
     ///
     /// # Errors
-    /// A text that says what is wrong with it.
+    /// Description of the damage.
     pub(super) fn unpack(&self, stored: Vec<u8>) -> Result<Vec<u8>, String> {
         let content = match self.compression {
             Compression::None => stored,
@@ -89,7 +89,7 @@ impl Chunk {
 
     fn unpack_zstd(&self, stored: &[u8]) -> Result<Vec<u8>, String> {
         let (mut rest, mut content) = (stored, Vec::new());
-        // Usually one frame; what follows the last one is padding.
+        // Usually one zstd frame. Data after the last one is padding.
         while (content.len() as u64) < self.unpacked && !rest.is_empty() {
             let decoder = StreamingDecoder::new(&mut rest).map_err(|error| format!("damaged zstd data: {error}"))?;
             content = self
@@ -99,10 +99,10 @@ impl Chunk {
         Ok(content)
     }
 
-    /// Adds what a decoder gives to `content`, up to one byte more than there should be.
+    /// Appends the decoder's output to `content`, up to one byte more than expected.
     fn read_content(&self, decoder: impl Read, stored: usize, mut content: Vec<u8>) -> std::io::Result<Vec<u8>> {
         let left = self.unpacked.saturating_sub(content.len() as u64);
-        // A header may lie: no more is reserved than such data usually unpack to.
+        // A header may be wrong: reserve no more than such data usually unpacks to.
         content.reserve(usize::try_from(left).unwrap_or(usize::MAX).min(stored.saturating_mul(USUAL_RATIO)));
         decoder.take(left.saturating_add(1)).read_to_end(&mut content)?;
         Ok(content)

@@ -1,51 +1,52 @@
-//! The clock of a recording: stamps that do not fit those around them, and a clock that is set back.
+//! The clock of a recording: stamps that do not fit those of their neighbours, and clocks that are set back.
 //!
-//! A stamp may be wrong, and a clock may be set: by NTP, or because a simulation starts again. So the messages of a topic
-//! are divided into stretches. Within a stretch the clock does not go back; across stretches nothing is paired and nothing
-//! interpolated. Where a clock is set forth, there is a gap, as where the recorder has paused.
+//! A stamp may be wrong, and a clock may be set: by NTP, or because a simulation restarts. So the messages of a topic
+//! are divided into stretches. Within a stretch the clock does not go back. Across stretches nothing is paired or
+//! interpolated. A clock set forward leaves a gap, as if the recorder had paused.
 
 use std::cmp::Ordering;
 
-/// Stamps that go back by less are messages that were recorded a little out of order, nanoseconds.
+/// Stamps that go back by less than this are messages recorded slightly out of order, nanoseconds.
 const OUT_OF_ORDER: i64 = 1_000_000_000;
 
-/// What it costs to leave a message out, and to begin a stretch: that is worth it where it saves four messages. Fewer with
-/// other stamps than their neighbours are wrong.
+/// Costs of leaving out a message and of starting a stretch. A new stretch is worthwhile if it saves four messages.
+/// A shorter run of deviating stamps counts as wrong.
 const LEFT_OUT: u32 = 4;
 const NEW_STRETCH: u32 = 14;
 
-/// What it costs to keep a message that was recorded after later ones: a clock that is set back by less than
-/// [`OUT_OF_ORDER`] makes many of them.
+/// Cost of keeping a message recorded after later ones. A clock set back by less than [`OUT_OF_ORDER`] causes many of
+/// them.
 const LATE: u32 = 3;
 
-/// How many messages back the last good one is looked for: two new stretches are cheaper than to leave out more.
+/// Number of messages to look back for the last good one. Leaving out more costs more than two new stretches.
 const REACH: usize = 11;
 
-/// When a message was recorded.
+/// Recording time of a message.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Recorded {
-    /// By the recorder's clock, nanoseconds.
+    /// Time by the recorder's clock, nanoseconds.
     pub(super) log_time: i64,
-    /// The number of the message in the file.
+    /// Number of the message in the file.
     pub(super) number: i64,
 }
 
 /// A message with a stamp.
 pub(super) trait Stamped {
-    /// Whether of several with the same stamp the last is kept: it may correct the others. Otherwise the first.
+    /// True to keep the last of several messages with the same stamp, which may correct the others. Otherwise the
+    /// first.
     const KEEPS_LAST: bool = false;
-    /// Nanoseconds.
+    /// Stamp, nanoseconds.
     fn stamp(&self) -> i64;
     fn recorded(&self) -> Recorded;
 }
 
-/// By which of the times of [`Recorded`] messages of several topics are compared.
+/// Selects the time in [`Recorded`] for comparing messages of several topics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Order {
-    /// The recorder's clock never goes back.
+    /// The log time. The recorder's clock never goes back.
     #[default]
     LogTime,
-    /// It does, or stands still: the place in the file.
+    /// The number in the file. The recorder's clock goes back or stands still.
     Number,
 }
 
@@ -58,23 +59,23 @@ impl Order {
     }
 }
 
-/// A stretch of messages during which the clock was not set back, in order of their stamps, all different.
+/// A stretch of messages during which the clock was not set back, sorted by stamp, all stamps different.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Stretch<T> {
     /// At least one.
     pub(super) messages: Vec<T>,
-    /// When the last was recorded.
+    /// Latest recording time.
     last_recorded: i64,
 }
 
-/// The messages of a topic.
+/// The messages of a topic, divided into stretches.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Timeline<T> {
     order: Order,
     pub(super) stretches: Vec<Stretch<T>>,
-    /// Messages whose stamp does not fit those around them.
+    /// Number of messages whose stamps do not fit those of their neighbours.
     pub(super) misfits: usize,
-    /// Messages that have the stamp of another.
+    /// Number of messages with the same stamp as another.
     pub(super) duplicates: usize,
 }
 
@@ -85,7 +86,7 @@ impl<T> Default for Timeline<T> {
 }
 
 impl<T: Stamped> Timeline<T> {
-    /// The messages of a topic, given in the order of the file.
+    /// Divides the messages of a topic, given in file order, into stretches.
     pub(super) fn new(messages: Vec<T>, order: Order) -> Self {
         let kept = fitting(&messages);
         let misfits = kept.iter().filter(|kept| kept.is_none()).count();
@@ -107,20 +108,21 @@ impl<T: Stamped> Timeline<T> {
         self.stretches.is_empty()
     }
 
-    /// Number of messages.
+    /// Returns the number of messages.
     pub(super) fn len(&self) -> usize {
         self.stretches.iter().map(|stretch| stretch.messages.len()).sum()
     }
 
-    /// The stretch to which a message of another topic belongs.
+    /// Returns the stretch that matches a message of another topic.
     pub(super) fn stretch_of(&self, message: &impl Stamped) -> Option<&Stretch<T>> {
         self.stretches.get(self.index_of_stretch(message)?)
     }
 
-    /// Its index: of those that were recorded at about the same time, the one that has the same stamps then.
+    /// Returns the index of that stretch: of those recorded at about the same time, the one with the most similar
+    /// stamps.
     pub(super) fn index_of_stretch(&self, message: &impl Stamped) -> Option<usize> {
         let time = self.order.of(message.recorded());
-        // The first that does not end before.
+        // First stretch that does not end before.
         let next = self.stretches.partition_point(|stretch| stretch.last_recorded < time);
         let candidates = next.saturating_sub(1)..(next + 2).min(self.stretches.len());
         let apart = |index: &usize| self.stretches.get(*index).map(|stretch| stretch.distance(message, self.order));
@@ -140,8 +142,8 @@ impl<T: Stamped> Stretch<T> {
         Self { messages, last_recorded }
     }
 
-    /// How far a message is from the one with the most similar stamp: by stamp, if that is more than the disorder of a
-    /// recording, then by when they were recorded.
+    /// Returns the distance of a message from the one with the nearest stamp: first by stamp, beyond the usual disorder
+    /// of a recording, then by recording time.
     fn distance(&self, message: &impl Stamped, order: Order) -> (u64, u64) {
         let stamp = message.stamp();
         let after = self.messages.partition_point(|other| other.stamp() < stamp);
@@ -155,39 +157,40 @@ impl<T: Stamped> Stretch<T> {
     }
 }
 
-/// What messages that are left out or late and new stretches cost. Of equal costs, the one with smaller gaps is lower: how many
-/// digits they have, in binary and tenths of a second.
+/// Cost of left-out and late messages and new stretches, then of gaps, as a tie-break: the sum of the gaps' binary
+/// digits, in tenths of a second.
 type Cost = (u32, u32);
 
-/// A way to a message.
+/// Best sequence of kept messages that ends at a message.
 #[derive(Clone, Copy, Debug)]
 struct Path {
     cost: Cost,
-    /// The way to the message before it that is kept: its place among all ways.
+    /// Index of the path to the previous kept message.
     before: Option<usize>,
     begins_stretch: bool,
-    /// The latest stamp of the stretch so far.
+    /// Latest stamp of the stretch so far.
     latest: i64,
 }
 
 impl Path {
-    /// The way goes on to a message, with `skipped` left out in between, in the same stretch or in a new one.
-    fn then(&self, place: usize, stamp: i64, skipped: usize, goes_on: bool) -> Option<Self> {
-        if goes_on && stamp < self.latest.saturating_sub(OUT_OF_ORDER) {
+    /// Extends the path to a message, leaving out `skipped` in between, in the same stretch or in a new one. `place` is
+    /// the index of `self`.
+    fn then(&self, place: usize, stamp: i64, skipped: usize, same_stretch: bool) -> Option<Self> {
+        if same_stretch && stamp < self.latest.saturating_sub(OUT_OF_ORDER) {
             return None;
         }
-        let step = match (goes_on, stamp.cmp(&self.latest)) {
+        let step = match (same_stretch, stamp.cmp(&self.latest)) {
             (false, _) => NEW_STRETCH,
             (true, Ordering::Less) => LATE,
-            // Of equal stamps one is kept.
+            // Only one of equal stamps is kept.
             (true, Ordering::Equal) => LEFT_OUT,
             (true, Ordering::Greater) => 0,
         };
-        let gap = if goes_on { digits(stamp.saturating_sub(self.latest)) } else { 0 };
+        let gap = if same_stretch { digits(stamp.saturating_sub(self.latest)) } else { 0 };
         let cost =
             (self.cost.0.saturating_add(left_out(skipped)).saturating_add(step), self.cost.1.saturating_add(gap));
-        let latest = if goes_on { self.latest.max(stamp) } else { stamp };
-        Some(Self { cost, before: Some(place), begins_stretch: !goes_on, latest })
+        let latest = if same_stretch { self.latest.max(stamp) } else { stamp };
+        Some(Self { cost, before: Some(place), begins_stretch: !same_stretch, latest })
     }
 }
 
@@ -195,49 +198,50 @@ fn left_out(count: usize) -> u32 {
     LEFT_OUT.saturating_mul(u32::try_from(count).unwrap_or(u32::MAX))
 }
 
-/// For each message whether it is kept, and then whether it begins a stretch.
+/// Returns for each message `None` if it is left out, otherwise true if it begins a stretch.
 fn fitting<T: Stamped>(messages: &[T]) -> Vec<Option<bool>> {
-    // Two ways to each message: the cheapest, and the cheapest on which it is not late, which may turn out cheaper later.
-    let mut ways: Vec<Path> = Vec::with_capacity(2 * messages.len());
+    // Two paths to each message: the cheapest, and the cheapest on which it is not late, which may become cheaper
+    // later.
+    let mut paths: Vec<Path> = Vec::with_capacity(2 * messages.len());
     for (index, message) in messages.iter().enumerate() {
         let stamp = message.stamp();
         let first = Path { cost: (left_out(index), 0), before: None, begins_stretch: true, latest: stamp };
         let mut best = [first; 2];
-        // The nearest first: of equal ways that which keeps more.
+        // The nearest first: of equal paths, prefer the one that keeps more.
         for before in (index.saturating_sub(REACH)..index).rev() {
             for place in [2 * before, 2 * before + 1] {
-                let Some(way) = ways.get(place) else { continue };
-                let found = [true, false].map(|goes_on| way.then(place, stamp, index - before - 1, goes_on));
-                for way in found.into_iter().flatten() {
+                let Some(path) = paths.get(place) else { continue };
+                let found = [true, false].map(|same_stretch| path.then(place, stamp, index - before - 1, same_stretch));
+                for path in found.into_iter().flatten() {
                     let is_better =
-                        |best: &Path| way.cost < best.cost || best.before.is_none() && way.cost == best.cost;
+                        |best: &Path| path.cost < best.cost || best.before.is_none() && path.cost == best.cost;
                     let [any, in_time] = &mut best;
                     if is_better(any) {
-                        *any = way;
+                        *any = path;
                     }
-                    if way.latest == stamp && is_better(in_time) {
-                        *in_time = way;
+                    if path.latest == stamp && is_better(in_time) {
+                        *in_time = path;
                     }
                 }
             }
         }
-        ways.extend(best);
+        paths.extend(best);
     }
     let mut kept = vec![None; messages.len()];
-    let ends = ways.iter().enumerate().rev().take(2 * REACH);
+    let ends = paths.iter().enumerate().rev().take(2 * REACH);
     let rest = |place: usize| left_out(messages.len() - place / 2 - 1);
-    let cost_of = |(place, way): &(usize, &Path)| (way.cost.0.saturating_add(rest(*place)), way.cost.1);
+    let cost_of = |(place, path): &(usize, &Path)| (path.cost.0.saturating_add(rest(*place)), path.cost.1);
     let mut at = ends.min_by_key(cost_of).map(|(place, _)| place);
-    while let Some((place, way)) = at.and_then(|place| Some((place, ways.get(place)?))) {
+    while let Some((place, path)) = at.and_then(|place| Some((place, paths.get(place)?))) {
         if let Some(kept) = kept.get_mut(place / 2) {
-            *kept = Some(way.begins_stretch);
+            *kept = Some(path.begins_stretch);
         }
-        at = way.before;
+        at = path.before;
     }
     kept
 }
 
-/// How many binary digits a gap has, in tenths of a second.
+/// Returns the number of binary digits of a gap, in tenths of a second.
 fn digits(gap: i64) -> u32 {
     u64::BITS - (gap.max(0) / (OUT_OF_ORDER / 10)).unsigned_abs().leading_zeros()
 }
@@ -265,7 +269,7 @@ mod tests {
         }
     }
 
-    /// Messages with stamps in tenths of a second, recorded ten a second.
+    /// Creates messages with stamps in tenths of a second, recorded ten per second.
     fn messages(stamps: impl IntoIterator<Item = i64>) -> Vec<Message> {
         let message = |(stamp, number): (i64, i64)| Message {
             stamp: stamp.saturating_mul(SECOND / 10),
@@ -274,7 +278,7 @@ mod tests {
         stamps.into_iter().zip(0..).map(message).collect()
     }
 
-    /// The stamps of each stretch, and how many messages are left out.
+    /// Returns the stamps of each stretch, and the number of messages left out.
     fn stretches(stamps: impl IntoIterator<Item = i64>) -> (Vec<Vec<i64>>, usize) {
         let timeline = Timeline::new(messages(stamps), Order::LogTime);
         let stamps = |stretch: &Stretch<Message>| stretch.messages.iter().map(|m| m.stamp / (SECOND / 10)).collect();
@@ -282,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_stamp_costs_its_message_alone() {
+    fn a_wrong_stamp_loses_only_its_message() {
         let all: Vec<i64> = (1000..1100).collect();
         for wrong in [0, 5, 900, 2000, 1_000_000_000, i64::MAX / SECOND] {
             for place in [0, 1, 50, 98, 99] {
@@ -297,22 +301,22 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_is_set_back_begins_a_stretch_and_one_that_is_set_forth_does_not() {
+    fn a_clock_set_back_begins_a_stretch_and_one_set_forward_does_not() {
         let back = (36_000..36_050).chain(10..60).chain(10..80);
         assert_eq!(stretches(back), (vec![(36_000..36_050).collect(), (10..60).collect(), (10..80).collect()], 0));
-        let forth_and_back = (10..60).chain(36_000..36_050).chain(110..160);
+        let forward_and_back = (10..60).chain(36_000..36_050).chain(110..160);
         let expected = vec![(10..60).chain(36_000..36_050).collect(), (110..160).collect()];
-        assert_eq!(stretches(forth_and_back), (expected, 0));
+        assert_eq!(stretches(forward_and_back), (expected, 0));
     }
 
     #[test]
-    fn messages_a_little_out_of_order_stay_and_equal_stamps_are_one() {
+    fn slightly_unordered_messages_are_kept_and_equal_stamps_merged() {
         assert_eq!(stretches([10, 12, 11, 13, 13, 5, 14]), (vec![vec![5, 10, 11, 12, 13, 14]], 1));
         assert_eq!(stretches([]), (vec![], 0));
     }
 
     #[test]
-    fn the_stretch_of_another_topic_is_found_by_stamp_and_by_when_it_was_recorded() {
+    fn the_stretch_of_another_topic_is_found_by_stamp_and_recording_time() {
         let timeline = Timeline::new(messages((10..60).chain(10..60).chain(4000..4050)), Order::LogTime);
         let at = |stamp: i64, number: i64, order: Order| {
             let recorded = Recorded { log_time: number * SECOND / 10, number };
@@ -335,8 +339,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever is wrong with some stamps and wherever the clock is set: at most as many good messages are left out as
-        /// there are bad ones.
+        /// Whatever stamps are wrong and wherever the clock is set, at most as many messages are left out as have wrong
+        /// stamps, plus four for each change of the clock.
         #[test]
         fn no_more_is_lost_than_is_wrong(
             wrong in proptest::collection::btree_map(0usize..200, -1_000_000i64..1_000_000, 0..30),

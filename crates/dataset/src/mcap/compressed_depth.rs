@@ -1,7 +1,7 @@
-//! Depth as ROS's `compressed_depth_image_transport` stores it: 12 bytes of parameters, then 16-bit numbers as PNG or
-//! in RVL (Wilson, "Fast Lossless Depth Image Compression", 2017).
+//! Depth in the format of ROS's `compressed_depth_image_transport`: 12 bytes of parameters, then 16-bit values as PNG
+//! or in RVL (Wilson, "Fast Lossless Depth Image Compression", 2017).
 //!
-//! The numbers are millimetres where the images were `16UC1`. Where they were `32FC1`, a number n stands for the depth
+//! The values are millimetres if the original images were `16UC1`. If they were `32FC1`, a value n means a depth of
 //! `a / (n − b)` metres, with `a` and `b` among the parameters; 0 is missing.
 
 use crate::DatasetError;
@@ -9,14 +9,14 @@ use crate::decode::{DEPTH_IMAGE, MAX_PIXELS, MILLIMETRES, decode_grey16, metres,
 use splatseg_geometry::Image;
 use std::path::Path;
 
-/// The format's number, 4 bytes, and two parameters.
+/// Format number and two parameters, 4 bytes each.
 const PARAMETER_BYTES: usize = 12;
-/// What every PNG begins with.
+/// First bytes of every PNG.
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
-/// A number of 32 bits has no more parts of 3 bits.
+/// Maximum number of 3-bit parts in a 32-bit number.
 const MAX_PARTS: u32 = 11;
 
-/// Decodes such an image, metres. `format` is the message's; `path` is named in errors.
+/// Decodes a compressed depth image, metres. `format` is that of the message; `path` is named in errors.
 pub(super) fn decode_compressed_depth(path: &Path, format: &str, data: &[u8]) -> Result<Image<f32>, DatasetError> {
     let Some((parameters, stored)) = data.split_at_checked(PARAMETER_BYTES) else {
         return Err(wrong(path, format!("{} bytes", data.len()), "12 bytes of parameters and an image"));
@@ -24,7 +24,7 @@ pub(super) fn decode_compressed_depth(path: &Path, format: &str, data: &[u8]) ->
     let number =
         |at: usize| parameters.get(at..at + 4).and_then(|bytes| Some(f32::from_le_bytes(*bytes.first_chunk()?)));
     let (a, b) = (number(4).unwrap_or_default(), number(8).unwrap_or_default());
-    // What it is tells more than its name, which older versions leave out.
+    // Check the content rather than the format, because older versions do not state the compression.
     let numbers = if stored.starts_with(PNG) {
         decode_grey16(path, DEPTH_IMAGE, stored)?
     } else if format.contains("rvl") {
@@ -44,7 +44,8 @@ fn wrong(path: &Path, found: String, expected: &str) -> DatasetError {
     DatasetError::Field { path: path.to_owned(), field, found, expected: expected.to_owned() }
 }
 
-/// Decodes width and height, 4 bytes each, and RVL: runs of zeros and of other numbers, which are stored as differences.
+/// Decodes width and height, 4 bytes each, and RVL data: alternating runs of zeros and of other numbers, stored as
+/// differences.
 fn decode_rvl(path: &Path, stored: &[u8]) -> Result<Image<u16>, DatasetError> {
     let side = |at: usize| stored.get(at..at + 4).and_then(|bytes| Some(u32::from_le_bytes(*bytes.first_chunk()?)));
     let (Some(width), Some(height)) = (side(0), side(4)) else {
@@ -64,7 +65,7 @@ fn decode_rvl(path: &Path, stored: &[u8]) -> Result<Image<u16>, DatasetError> {
     while numbers.len() < count {
         let zeros = parts.number().ok_or_else(cut_off)? as usize;
         let others = parts.number().ok_or_else(cut_off)? as usize;
-        // Also keeps a run of nothing at all from going on for ever.
+        // Empty runs are errors too, to avoid an endless loop.
         if zeros.saturating_add(others) > count - numbers.len() || zeros.saturating_add(others) == 0 {
             return Err(cut_off());
         }
@@ -79,21 +80,22 @@ fn decode_rvl(path: &Path, stored: &[u8]) -> Result<Image<u16>, DatasetError> {
     Image::from_pixels(size.0, size.1, numbers).map_err(|_| cut_off())
 }
 
-/// Parts of 4 bits, the highest of each word of 32 bits first.
+/// Reader of 4-bit parts, most significant first in each 32-bit word.
 struct RvlParts<'a> {
     words: &'a [u8],
     word: u32,
-    /// How many parts of the word are left.
+    /// Number of parts left in the word.
     left: u32,
 }
 
 impl RvlParts<'_> {
-    /// The next number: parts with 3 of its bits each, the lowest first; the highest bit of a part says that more follow.
+    /// Reads the next number: parts with 3 bits each, least significant first. The top bit of a part is set if more
+    /// follow.
     fn number(&mut self) -> Option<u32> {
         let mut number = 0u32;
         for part in 0..MAX_PARTS {
             if self.left == 0 {
-                // The last word may be the only one that the stream ends in.
+                // The next word; `None` at the end of the stream.
                 let (word, rest) = self.words.split_first_chunk::<4>()?;
                 (self.word, self.words, self.left) = (u32::from_le_bytes(*word), rest, 8);
             }
@@ -114,7 +116,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Writes RVL, as the paper describes it.
+    /// Encodes RVL as described in the paper.
     fn encode_rvl(numbers: &[u16], width: u32) -> Vec<u8> {
         let mut parts = Vec::new();
         let mut push = |mut number: u32| loop {
@@ -152,7 +154,7 @@ mod tests {
 
     #[test]
     fn inverse_depth_is_metres() {
-        // As the transport writes it with its default parameters: 100, and at most 10 m.
+        // Default parameters of the transport: 100, and at most 10 m.
         let (a, b) = (100.0 * 101.0, 1.0 - 100.0 * 101.0 / 10.0);
         let stored: Vec<u16> = [0.5f32, 2.0, 7.5].iter().map(|z| (a / z + b) as u16).chain([0]).collect();
         let data = message([a, b], &encode_rvl(&stored, 2));
@@ -163,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn lies_take_no_memory() {
+    fn false_sizes_take_no_memory() {
         let huge = [u32::MAX.to_le_bytes(), 3u32.to_le_bytes()].concat();
         for image in [&huge[..], &huge[..5], b"", &[0; 8], &[1, 0, 0, 0, 1, 0, 0, 0]] {
             let result =

@@ -1,61 +1,61 @@
-//! The records of an MCAP file, read in order once, and its messages, read again one by one.
+//! Reading of an MCAP file: all records once in order, then single messages again.
 //!
-//! The format is that of <https://mcap.dev/spec>. The summary at the end is not used: a recording that was cut off has
-//! none, and images must be found by the stamp in them, which no index has.
+//! The format is specified at <https://mcap.dev/spec>. The summary at the end is not used: a truncated recording has
+//! none, and images must be found by the stamp in them, which is not in any index.
 
 use super::chunks::Chunk;
 use super::text_lengths;
 use crate::DatasetError;
 use crate::files::{RandomAccessFile, open_file};
 use mcap::records::{Record, op};
-use splatseg_input::MemoryLimit;
+use splatseg_files::MemoryLimit;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::ops::{Deref, Range};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What every MCAP file begins with.
+/// First bytes of every MCAP file.
 const MAGIC: &[u8] = mcap::MAGIC;
-/// A record's code, and its length.
+/// Bytes of a record's code and length.
 const RECORD_HEADER_BYTES: u64 = 9;
-/// A chunk's header without the name of its compression.
+/// Bytes of a chunk's header without the name of its compression.
 const CHUNK_HEADER_BYTES: u64 = 40;
-/// No name of a compression is longer.
+/// Maximum length of a compression's name.
 const MAX_COMPRESSION_NAME: u64 = 64;
-/// Longer records outside chunks are skipped. The largest image has 256 MB.
+/// Maximum length of a record outside chunks; longer ones are skipped. The largest image has 256 MB.
 const MAX_RECORD_BYTES: u64 = 272 << 20;
 const READ_BUFFER_BYTES: usize = 1 << 20;
-/// How many unpacked chunks are kept: images of two topics may be in two chunks, and a second thread in two others.
+/// Number of unpacked chunks kept: images of two topics may be in two chunks, and a second thread may use two others.
 const CACHED_CHUNKS: usize = 4;
 
-/// Where the data of a message are.
+/// Location of a message's data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct MessagePlace {
-    /// The compressed chunk that they are in; `None` for data that are in the file as they are.
+    /// Index of the compressed chunk; `None` for uncompressed data in the file.
     chunk: Option<u32>,
-    /// Where they begin, in the chunk or in the file.
+    /// Offset in the unpacked chunk, or in the file.
     offset: u64,
     len: u64,
 }
 
-/// A message as it is found.
+/// A message found while scanning.
 pub(super) struct FoundMessage<'a> {
     pub(super) channel: u16,
-    /// When it was recorded, nanoseconds.
+    /// Recording time, nanoseconds.
     pub(super) log_time: u64,
     pub(super) place: MessagePlace,
     pub(super) data: &'a [u8],
 }
 
-/// Takes the records of a file, in order.
+/// Receiver of a file's records, in order.
 pub(super) trait RecordSink {
     fn schema(&mut self, id: u16, name: &str) -> Result<(), DatasetError>;
     fn channel(&mut self, channel: mcap::records::Channel) -> Result<(), DatasetError>;
     fn message(&mut self, message: &FoundMessage<'_>) -> Result<(), DatasetError>;
 }
 
-/// A file whose records have been read once.
+/// An MCAP file whose records have been scanned.
 #[derive(Debug)]
 pub(super) struct McapFile {
     path: PathBuf,
@@ -63,11 +63,11 @@ pub(super) struct McapFile {
     /// The compressed chunks.
     chunks: Vec<Chunk>,
     cache: Mutex<Vec<(u32, Arc<Vec<u8>>)>>,
-    /// What is wrong with the file, one line each.
+    /// Damage to the file, one line each.
     damage: Vec<String>,
 }
 
-/// The data of a message.
+/// Data of a message.
 pub(super) struct MessageData {
     bytes: Arc<Vec<u8>>,
     range: Range<usize>,
@@ -82,10 +82,10 @@ impl Deref for MessageData {
 }
 
 impl McapFile {
-    /// Reads all records of a file into `sink`. What is damaged is left out.
+    /// Reads all records of a file into `sink`. Skips damaged parts.
     ///
     /// # Errors
-    /// If the file cannot be read, is no MCAP file, or if the sink fails.
+    /// If the file cannot be read, is not an MCAP file, or the sink fails.
     pub(super) fn scan(path: &Path, sink: &mut impl RecordSink) -> Result<Self, DatasetError> {
         let mut scan = Scan::new(path, sink)?;
         scan.read_all()?;
@@ -101,15 +101,15 @@ impl McapFile {
         &self.path
     }
 
-    /// What is wrong with the file, one line each.
+    /// Returns the damage to the file, one line each.
     pub(super) fn damage(&self) -> &[String] {
         &self.damage
     }
 
-    /// The data of a message.
+    /// Reads the data of a message.
     ///
     /// # Errors
-    /// If the file cannot be read, or is no longer what it was.
+    /// If the file cannot be read, or has changed since it was opened.
     pub(super) fn read(&self, place: MessagePlace) -> Result<MessageData, DatasetError> {
         let io_error = |source| DatasetError::Io { path: self.path.clone(), source };
         let Some(chunk) = place.chunk else {
@@ -120,13 +120,14 @@ impl McapFile {
         Ok(MessageData { bytes: self.unpacked(chunk)?, range: start..start + place.len as usize })
     }
 
-    /// The content of a chunk. While it is unpacked, others wait, as they most likely want the same one.
+    /// Returns the content of a chunk. Other threads wait while it is unpacked, because they most likely want the same
+    /// one.
     fn unpacked(&self, index: u32) -> Result<Arc<Vec<u8>>, DatasetError> {
         let changed = |found: String| DatasetError::Field {
             path: self.path.clone(),
             field: format!("chunk {index}"),
             found,
-            expected: "what it held when the recording was opened".to_owned(),
+            expected: "the same content as when the recording was opened".to_owned(),
         };
         let mut cache = self.cache.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(at) = cache.iter().position(|(known, _)| *known == index) {
@@ -146,13 +147,13 @@ impl McapFile {
     }
 }
 
-/// The reading of all records.
+/// State while scanning all records.
 struct Scan<'a, S> {
     path: &'a Path,
     reader: BufReader<File>,
     /// Size of the file.
     bytes: u64,
-    /// Where the next record begins.
+    /// Offset of the next record.
     position: u64,
     sink: &'a mut S,
     chunks: Vec<Chunk>,
@@ -201,7 +202,7 @@ impl<'a, S: RecordSink> Scan<'a, S> {
                 path: self.path.to_owned(),
                 field: "first bytes".to_owned(),
                 found,
-                expected: format!("{:?}, with which MCAP files begin", MAGIC.escape_ascii().to_string()),
+                expected: format!("{:?}, the start of every MCAP file", MAGIC.escape_ascii().to_string()),
             });
         }
         self.position = MAGIC.len() as u64;
@@ -209,29 +210,29 @@ impl<'a, S: RecordSink> Scan<'a, S> {
         Ok(())
     }
 
-    /// Reads the next record outside chunks; `false` at the end of the messages.
+    /// Reads the next record outside chunks. Returns `false` at the end of the messages.
     fn read_record(&mut self) -> Result<bool, DatasetError> {
         let left = self.bytes - self.position;
         if left < RECORD_HEADER_BYTES {
-            self.note_end(self.position + RECORD_HEADER_BYTES);
+            self.report_truncation(self.position + RECORD_HEADER_BYTES);
             return Ok(false);
         }
         let header = self.read_bytes(RECORD_HEADER_BYTES)?;
         let (code, len) = record_header(&header).unwrap_or_default();
         let end = self.position.saturating_add(RECORD_HEADER_BYTES).saturating_add(len);
         if end > self.bytes {
-            self.note_end(end);
+            self.report_truncation(end);
             return Ok(false);
         }
         let content = self.position + RECORD_HEADER_BYTES;
         match code {
             op::FOOTER => return Ok(false),
-            // The summary follows. It repeats topics, and has those without messages.
+            // The summary follows. It repeats the topics and adds those without messages.
             op::DATA_END => self.has_all_messages = true,
             op::CHUNK => self.read_chunk(content, len)?,
             op::SCHEMA | op::CHANNEL | op::MESSAGE if len <= MAX_RECORD_BYTES.min(MemoryLimit::in_force() / 2) => {
                 let bytes = self.read_bytes(len)?;
-                self.take_record(code, &bytes, (None, content))?;
+                self.process_record(code, &bytes, (None, content))?;
             }
             op::SCHEMA | op::CHANNEL | op::MESSAGE => {
                 self.damage.push(format!(
@@ -243,26 +244,26 @@ impl<'a, S: RecordSink> Scan<'a, S> {
             _ => {}
         }
         self.position = end;
-        // Wherever reading has ended.
+        // Reading may have stopped anywhere in the record.
         self.reader.seek(SeekFrom::Start(end)).map_err(|source| self.io_error(source))?;
         Ok(true)
     }
 
-    /// Notes that the file ends before the messages do.
-    fn note_end(&mut self, end: u64) {
+    /// Records that the file ends before the messages do.
+    fn report_truncation(&mut self, end: u64) {
         if self.has_all_messages {
             return;
         }
         self.damage.push(format!(
             "{}: the recording was not finished: the record at byte {} would end at byte {end}, but the file has {} bytes; \
-             it is read up to there",
+             reading stops there",
             self.path.display(),
             self.position,
             self.bytes
         ));
     }
 
-    fn note_damaged_chunk(&mut self, what: &str) {
+    fn report_damaged_chunk(&mut self, what: &str) {
         if self.damaged_chunks == 0 {
             let (path, position) = (self.path.display(), self.position);
             self.damage.push(format!("{path}: the chunk at byte {position} is damaged and left out: {what}"));
@@ -270,7 +271,7 @@ impl<'a, S: RecordSink> Scan<'a, S> {
         self.damaged_chunks += 1;
     }
 
-    /// Reads a chunk whose record has `len` bytes from `content` on.
+    /// Reads a chunk whose record has `len` bytes, starting at `content`.
     fn read_chunk(&mut self, content: u64, len: u64) -> Result<(), DatasetError> {
         let header = self.read_bytes(len.min(CHUNK_HEADER_BYTES + MAX_COMPRESSION_NAME))?;
         let chunk = chunk_header(&header, content).and_then(|(header_bytes, chunk)| {
@@ -279,7 +280,7 @@ impl<'a, S: RecordSink> Scan<'a, S> {
         let chunk = match chunk {
             Ok(chunk) => chunk,
             Err(what) => {
-                self.note_damaged_chunk(&what);
+                self.report_damaged_chunk(&what);
                 return Ok(());
             }
         };
@@ -288,7 +289,7 @@ impl<'a, S: RecordSink> Scan<'a, S> {
         let content = match chunk.unpack(stored) {
             Ok(content) => content,
             Err(what) => {
-                self.note_damaged_chunk(&what);
+                self.report_damaged_chunk(&what);
                 return Ok(());
             }
         };
@@ -298,11 +299,11 @@ impl<'a, S: RecordSink> Scan<'a, S> {
             self.chunks.push(chunk);
             (u32::try_from(self.chunks.len() - 1).ok(), 0)
         };
-        self.take_records(&content, base)
+        self.process_records(&content, base)
     }
 
-    /// Takes the records in the content of a chunk, which begins at `base`.
-    fn take_records(&mut self, content: &[u8], (chunk, start): (Option<u32>, u64)) -> Result<(), DatasetError> {
+    /// Processes the records in a chunk's content, which begins at `start` in the file or in the unpacked chunk.
+    fn process_records(&mut self, content: &[u8], (chunk, start): (Option<u32>, u64)) -> Result<(), DatasetError> {
         let mut rest = content;
         while !rest.is_empty() {
             let record = record_header(rest).and_then(|(code, len)| {
@@ -310,23 +311,23 @@ impl<'a, S: RecordSink> Scan<'a, S> {
                 Some((code, body.split_at_checked(usize::try_from(len).ok()?)?))
             });
             let Some((code, (body, after))) = record else {
-                self.note_damaged_chunk("a record in it is longer than the chunk");
+                self.report_damaged_chunk("a record in it is longer than the chunk");
                 return Ok(());
             };
             let offset = start + (content.len() - after.len() - body.len()) as u64;
-            self.take_record(code, body, (chunk, offset))?;
+            self.process_record(code, body, (chunk, offset))?;
             rest = after;
         }
         Ok(())
     }
 
-    /// Takes a record whose content begins at the place.
-    fn take_record(&mut self, code: u8, body: &[u8], place: (Option<u32>, u64)) -> Result<(), DatasetError> {
+    /// Processes a record whose content begins at `place`.
+    fn process_record(&mut self, code: u8, body: &[u8], place: (Option<u32>, u64)) -> Result<(), DatasetError> {
         if !matches!(code, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
             return Ok(());
         }
         if !text_lengths::fit(code, body) {
-            self.note_damaged_chunk("a text in it is longer than its record");
+            self.report_damaged_chunk("a text in it is longer than its record");
             return Ok(());
         }
         match mcap::parse_record(code, body) {
@@ -340,25 +341,26 @@ impl<'a, S: RecordSink> Scan<'a, S> {
             }
             Ok(_) => Ok(()),
             Err(error) => {
-                self.note_damaged_chunk(&format!("a record in it cannot be read: {error}"));
+                self.report_damaged_chunk(&format!("a record in it cannot be read: {error}"));
                 Ok(())
             }
         }
     }
 }
 
-/// The code and the length of a record.
+/// Parses the code and length of a record.
 fn record_header(bytes: &[u8]) -> Option<(u8, u64)> {
     let (code, rest) = bytes.split_first()?;
     Some((*code, u64::from_le_bytes(*rest.first_chunk()?)))
 }
 
-/// The chunk whose record's content begins with `bytes`, at `content` in the file, and the bytes of its header.
+/// Parses the chunk record that begins with `bytes`, at offset `content` in the file. Returns the length of its header
+/// and the chunk.
 fn chunk_header(bytes: &[u8], content: u64) -> Result<(u64, Chunk), String> {
     let name = bytes.get(28..32).and_then(|len| Some(u64::from(u32::from_le_bytes(*len.first_chunk()?))));
     let name = name.filter(|len| *len <= MAX_COMPRESSION_NAME).ok_or("its header is cut off or damaged")?;
     let header_bytes = CHUNK_HEADER_BYTES + name;
-    // `parse_record` wants the stored bytes, too: a header that says that there are none does without.
+    // `parse_record` also needs the stored bytes. A header that states a size of 0 avoids that.
     let mut header = bytes.get(..header_bytes as usize).ok_or("its header is cut off")?.to_vec();
     let stored = header.len().checked_sub(8).and_then(|at| header.get_mut(at..)).ok_or("its header is cut off")?;
     let compressed_size = u64::from_le_bytes(*stored.first_chunk().ok_or("its header is cut off")?);

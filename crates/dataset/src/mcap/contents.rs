@@ -1,45 +1,43 @@
-//! What a recording holds: its topics, and of those that matter the times and places of their messages.
+//! Contents of a recording: its topics, and the times and locations of the relevant messages.
 
 use super::cameras::Calibration;
 use super::clock::{Order, Recorded, Stamped, Timeline};
 use super::container::{FoundMessage, MessagePlace, RecordSink};
+use super::frame_names::{frame_name, one_line};
 use super::images::{ImageKind, compressed_kind, raw_kind};
-use super::transforms::{Rigid, Sample, TransformTree};
+use super::poses::{PoseType, Poses, rigid_of_transform};
+use super::transforms::{Sample, TransformTree};
 use crate::DatasetError;
-use glam::{DQuat, DVec3};
 use mcap::records::Channel;
-use splatseg_input::{MemoryLimit, display_bytes};
-use splatseg_ros::{
-    CameraInfo, CdrError, CompressedImage, Header, Image, Odometry, PoseMessage, PoseStamped,
-    PoseWithCovarianceStamped, TfMessage, Time, TransformStamped, from_cdr,
-};
+use splatseg_files::{MemoryLimit, display_bytes};
+use splatseg_ros::{CameraInfo, CdrError, CompressedImage, Image, TfMessage, Time, from_cdr};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// What part of the memory limit the list of messages may take.
+/// Divisor of the memory limit that gives the limit of the list of messages.
 const MEMORY_PART: u64 = 4;
-/// What a topic takes beside its names.
+/// Memory per topic, in addition to its names.
 const TOPIC_BYTES: u64 = 512;
 
 /// A topic.
 #[derive(Debug)]
 pub(super) struct Topic {
     pub(super) name: String,
-    /// The type of its messages, e.g. `sensor_msgs/msg/Image`.
+    /// Message type, e.g. `sensor_msgs/msg/Image`.
     pub(super) type_name: String,
-    /// How they are encoded: `cdr` for ROS 2.
+    /// Message encoding: `cdr` for ROS 2.
     pub(super) encoding: String,
     pub(super) messages: u64,
-    /// The first and the last time at which a message was recorded, nanoseconds.
+    /// First and last recording time of a message, nanoseconds.
     pub(super) recorded: Option<(u64, u64)>,
-    /// Whether a message was recorded before the one before it.
+    /// True if a recording time was earlier than that of the message before.
     goes_back: bool,
-    /// Messages that cannot be read, and what is wrong with the first.
+    /// Number of unreadable messages, and the error of the first.
     pub(super) unreadable: Option<(u64, String)>,
     pub(super) content: Content,
 }
 
-/// What is known of the messages of a topic.
+/// Data kept from the messages of a topic.
 #[derive(Debug)]
 pub(super) enum Content {
     Images(Images),
@@ -49,7 +47,7 @@ pub(super) enum Content {
     Other,
 }
 
-/// A message and the stamp in it, nanoseconds.
+/// Location of a message, with its stamp, nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct StampedPlace {
     pub(super) stamp: i64,
@@ -70,60 +68,38 @@ impl Stamped for StampedPlace {
 /// The images of a topic.
 #[derive(Debug, Default)]
 pub(super) struct Images {
-    /// Whether they are files (`CompressedImage`).
+    /// True if they are image files (`CompressedImage`).
     pub(super) is_compressed: bool,
-    /// What the first one shows; `None` before it.
+    /// Kind of the first image; `None` before it.
     pub(super) kind: Option<ImageKind>,
-    /// Encoding or format of the first one.
+    /// Encoding or format of the first image.
     pub(super) encoding: String,
-    /// The frame of the first one.
+    /// Coordinate frame of the first image.
     pub(super) frame: String,
-    /// In the order of the file, until they are sorted.
+    /// In file order, until they are sorted.
     pub(super) list: Vec<StampedPlace>,
     pub(super) timeline: Timeline<StampedPlace>,
 }
 
-/// The types of messages with a pose.
-#[derive(Clone, Copy, Debug)]
-enum PoseType {
-    Odometry,
-    Pose,
-    PoseWithCovariance,
-    Transform,
-}
-
-/// The poses of a topic.
-#[derive(Debug)]
-pub(super) struct Poses {
-    kind: PoseType,
-    /// The frame that they are in.
-    pub(super) world: String,
-    /// The frame whose poses they are, if the messages say so.
-    pub(super) body: Option<String>,
-    /// In the order of the file, until they are sorted.
-    pub(super) samples: Vec<Sample>,
-    pub(super) timeline: Timeline<Sample>,
-}
-
-/// Everything that a recording holds.
+/// Contents of a whole recording.
 #[derive(Debug)]
 pub(super) struct Contents {
     path: PathBuf,
     /// In the order of their first channels.
     pub(super) topics: Vec<Topic>,
     pub(super) tree: TransformTree,
-    /// The names of types.
+    /// Message type of each schema.
     schemas: BTreeMap<u16, String>,
-    /// The topic of each channel.
+    /// Index of each channel's topic.
     channels: BTreeMap<u16, usize>,
-    /// The topic of each name and type.
+    /// Index of the topic with each name and type.
     known: BTreeMap<(String, String), usize>,
-    /// Messages of channels that were not declared.
+    /// Number of messages of undeclared channels.
     pub(super) without_channel: u64,
-    /// Messages so far.
+    /// Number of messages so far.
     messages: i64,
     pub(super) order: Order,
-    /// What the lists take so far, and may take, bytes.
+    /// Memory used by the lists so far, and their limit, bytes.
     memory: u64,
     limit: u64,
 }
@@ -145,11 +121,12 @@ impl Contents {
         }
     }
 
-    /// Puts everything in order of time, when all messages have been read.
+    /// Sorts everything by time, once all messages have been read.
     pub(super) fn sort(&mut self) {
-        // Of one message nothing can be told.
-        let stands = |topic: &Topic| topic.messages > 1 && topic.recorded.is_some_and(|(first, last)| first == last);
-        if self.topics.iter().any(|topic| topic.goes_back || stands(topic)) {
+        // A single message says nothing about the clock.
+        let clock_stands_still =
+            |topic: &Topic| topic.messages > 1 && topic.recorded.is_some_and(|(first, last)| first == last);
+        if self.topics.iter().any(|topic| topic.goes_back || clock_stands_still(topic)) {
             self.order = Order::Number;
         }
         self.tree.sort(self.order);
@@ -166,7 +143,7 @@ impl Contents {
         }
     }
 
-    /// The topic of a name, with or without the slash at its start.
+    /// Finds a topic by name, with or without the leading slash.
     pub(super) fn find(&self, name: &str) -> Option<&Topic> {
         let bare = |name: &str| name.trim_start_matches('/').to_owned();
         self.topics.iter().find(|topic| topic.name == name).or_else(|| {
@@ -175,8 +152,8 @@ impl Contents {
         })
     }
 
-    /// Notes that so many bytes more are kept.
-    fn keep(&mut self, bytes: u64) -> Result<(), DatasetError> {
+    /// Adds `bytes` to the memory used by the lists. Errors if it exceeds the limit.
+    fn add_memory(&mut self, bytes: u64) -> Result<(), DatasetError> {
         self.memory = self.memory.saturating_add(bytes);
         if self.memory <= self.limit {
             return Ok(());
@@ -190,7 +167,7 @@ impl Contents {
     }
 }
 
-/// `sensor_msgs/msg/Image` of `sensor_msgs/Image`, as some writers have it.
+/// Expands `sensor_msgs/Image`, written by some recorders, to `sensor_msgs/msg/Image`.
 fn full_type_name(name: &str) -> String {
     match name.split_once('/') {
         Some((package, kind)) if !kind.contains('/') => format!("{package}/msg/{kind}"),
@@ -198,25 +175,10 @@ fn full_type_name(name: &str) -> String {
     }
 }
 
-/// A frame without the slash with which ROS 1 began it.
-fn frame_name(name: &str) -> String {
-    one_line(bare_frame(name))
-}
-
-/// The same of a name that the user gives.
-pub(super) fn bare_frame(name: &str) -> &str {
-    name.strip_prefix('/').unwrap_or(name)
-}
-
-/// A name from a file, with control characters replaced: messages are one line.
-fn one_line(name: &str) -> String {
-    name.replace(char::is_control, "\u{fffd}")
-}
-
 impl RecordSink for Contents {
     fn schema(&mut self, id: u16, name: &str) -> Result<(), DatasetError> {
         if !self.schemas.contains_key(&id) {
-            self.keep(name.len() as u64 + TOPIC_BYTES)?;
+            self.add_memory(name.len() as u64 + TOPIC_BYTES)?;
             self.schemas.insert(id, full_type_name(&one_line(name)));
         }
         Ok(())
@@ -232,9 +194,10 @@ impl RecordSink for Contents {
             self.channels.insert(channel.id, *topic);
             return Ok(());
         }
-        self.keep(2 * (key.0.len() + key.1.len()) as u64 + TOPIC_BYTES)?;
+        self.add_memory(2 * (key.0.len() + key.1.len()) as u64 + TOPIC_BYTES)?;
         let (name, type_name) = key.clone();
-        let content = if channel.message_encoding == "cdr" { Content::of(&name, &type_name) } else { Content::Other };
+        let content =
+            if channel.message_encoding == "cdr" { Content::for_topic(&name, &type_name) } else { Content::Other };
         let (encoding, messages) = (one_line(&channel.message_encoding), 0);
         self.topics.push(Topic {
             name,
@@ -263,8 +226,8 @@ impl RecordSink for Contents {
         let log_time = i64::try_from(time).unwrap_or(i64::MAX);
         let recorded = Recorded { log_time, number: self.messages };
         topic.recorded = Some(topic.recorded.map_or((time, time), |(first, last)| (first.min(time), last.max(time))));
-        match topic.content.take(&topic.name, (message, recorded), &mut self.tree) {
-            Ok(kept) => self.keep(kept),
+        match topic.content.record(&topic.name, (message, recorded), &mut self.tree) {
+            Ok(kept) => self.add_memory(kept),
             Err(error) => {
                 let (count, _) = topic.unreadable.get_or_insert_with(|| (0, error.to_string()));
                 *count += 1;
@@ -275,8 +238,8 @@ impl RecordSink for Contents {
 }
 
 impl Content {
-    /// What the messages of a topic are kept as.
-    fn of(name: &str, type_name: &str) -> Self {
+    /// Selects the content kept from a topic by its name and type.
+    fn for_topic(name: &str, type_name: &str) -> Self {
         match type_name {
             "sensor_msgs/msg/Image" => Self::Images(Images::default()),
             "sensor_msgs/msg/CompressedImage" => Self::Images(Images { is_compressed: true, ..Images::default() }),
@@ -290,20 +253,20 @@ impl Content {
         }
     }
 
-    /// Takes a message; gives what it takes in memory, bytes.
-    fn take(
+    /// Records a message. Returns the memory it uses, bytes.
+    fn record(
         &mut self,
         topic: &str,
         (message, recorded): (&FoundMessage<'_>, Recorded),
         tree: &mut TransformTree,
     ) -> Result<u64, CdrError> {
         let stamp_of = |stamp: Time| match stamp.nanoseconds() {
-            // A driver that does not set it.
+            // Some drivers do not set the stamp.
             0 => recorded.log_time,
             stamp => stamp,
         };
         match self {
-            Self::Images(images) => images.take(topic, (message, recorded), stamp_of),
+            Self::Images(images) => images.record(topic, (message, recorded), stamp_of),
             Self::Calibrations { frame, list } => {
                 let info: CameraInfo = from_cdr(message.data)?;
                 let calibration = Calibration::new(&info);
@@ -316,7 +279,7 @@ impl Content {
                 list.push((StampedPlace { stamp, recorded, place: message.place }, calibration));
                 Ok(memory)
             }
-            Self::Poses(poses) => poses.take((message.data, recorded), stamp_of),
+            Self::Poses(poses) => poses.record((message.data, recorded), stamp_of),
             Self::Transforms { is_fixed } => {
                 let transforms: TfMessage = from_cdr(message.data)?;
                 for transform in &transforms.transforms {
@@ -327,7 +290,7 @@ impl Content {
                         tree.add(&parent, &child, sample, *is_fixed);
                     }
                 }
-                // Fixed ones replace each other, moving ones are kept.
+                // Fixed transforms replace each other, moving ones are all kept.
                 Ok((transforms.transforms.len() * size_of::<Sample>()) as u64)
             }
             Self::Other => Ok(0),
@@ -336,7 +299,7 @@ impl Content {
 }
 
 impl Images {
-    fn take(
+    fn record(
         &mut self,
         topic: &str,
         (message, recorded): (&FoundMessage<'_>, Recorded),
@@ -357,56 +320,4 @@ impl Images {
         self.list.push(StampedPlace { stamp: stamp_of(header.stamp), recorded, place: message.place });
         Ok(2 * size_of::<StampedPlace>() as u64)
     }
-}
-
-impl Poses {
-    fn new(kind: PoseType) -> Self {
-        Self { kind, world: String::new(), body: None, samples: Vec::new(), timeline: Timeline::default() }
-    }
-
-    fn take(&mut self, (data, recorded): (&[u8], Recorded), stamp_of: impl Fn(Time) -> i64) -> Result<u64, CdrError> {
-        let (header, body, rigid) = self.kind.read(data)?;
-        if self.samples.is_empty() {
-            self.world = frame_name(&header.frame_id);
-            self.body = body.map(|body| frame_name(&body)).filter(|body| !body.is_empty());
-        }
-        let Some(transform) = rigid else { return Ok(0) };
-        self.samples.push(Sample { stamp: stamp_of(header.stamp), recorded, transform });
-        Ok(2 * size_of::<Sample>() as u64)
-    }
-}
-
-impl PoseType {
-    /// The header of a message, the frame whose pose it is if it says so, and the pose if it is one.
-    fn read(self, data: &[u8]) -> Result<(Header, Option<String>, Option<Rigid>), CdrError> {
-        Ok(match self {
-            Self::Odometry => {
-                let message: Odometry = from_cdr(data)?;
-                (message.header, Some(message.child_frame_id), rigid_of_pose(&message.pose.pose))
-            }
-            Self::Pose => {
-                let message: PoseStamped = from_cdr(data)?;
-                (message.header, None, rigid_of_pose(&message.pose))
-            }
-            Self::PoseWithCovariance => {
-                let message: PoseWithCovarianceStamped = from_cdr(data)?;
-                (message.header, None, rigid_of_pose(&message.pose.pose))
-            }
-            Self::Transform => {
-                let message: TransformStamped = from_cdr(data)?;
-                let rigid = rigid_of_transform(&message);
-                (message.header, Some(message.child_frame_id), rigid)
-            }
-        })
-    }
-}
-
-fn rigid_of_pose(pose: &PoseMessage) -> Option<Rigid> {
-    let (position, turn) = (&pose.position, &pose.orientation);
-    Rigid::new(DVec3::new(position.x, position.y, position.z), DQuat::from_xyzw(turn.x, turn.y, turn.z, turn.w))
-}
-
-fn rigid_of_transform(transform: &TransformStamped) -> Option<Rigid> {
-    let (shift, turn) = (&transform.transform.translation, &transform.transform.rotation);
-    Rigid::new(DVec3::new(shift.x, shift.y, shift.z), DQuat::from_xyzw(turn.x, turn.y, turn.z, turn.w))
 }

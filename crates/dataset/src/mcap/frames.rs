@@ -1,10 +1,12 @@
-//! The frames of a recording: colour and depth that belong together, and the camera's pose.
+//! Frames of a recording: pairs of colour and depth with a camera pose.
 
 use super::cameras::{Calibration, Camera};
 use super::container::MessagePlace;
-use super::contents::{Content, Contents, Images, Poses, StampedPlace, Topic, bare_frame};
+use super::contents::{Content, Contents, Images, StampedPlace, Topic};
+use super::frame_names::bare_frame;
+use super::poses::Poses;
 use super::topics::{Choice, PoseChoice};
-use super::transforms::{Instant, Rigid, Tolerance, Way};
+use super::transforms::{Instant, Rigid, Route, Tolerance};
 use crate::plausibility::warn_once;
 use crate::tum::associate;
 use crate::{DatasetError, DatasetSettings, LeftOut};
@@ -12,41 +14,41 @@ use splatseg_geometry::Pose;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// A camera info may come before the first image and after the last, nanoseconds.
+/// Maximum time of a camera info before the first image or after the last, nanoseconds.
 const INFO_SLACK: i64 = 10_000_000_000;
 const NANOSECONDS_PER_MS: f64 = 1e6;
 
-/// A frame before it is read.
+/// A frame whose images have not been read yet.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct RecordedFrame {
-    /// When the colour image was taken, nanoseconds.
+pub(super) struct PairedFrame {
+    /// Stamp of the colour image, nanoseconds.
     pub(super) stamp: i64,
     pub(super) color: MessagePlace,
     pub(super) depth: MessagePlace,
     pub(super) pose: Pose,
-    /// Index of the colour camera among those of its topic, and of the depth camera.
+    /// Indices of the colour and depth camera in the lists of their topics.
     pub(super) cameras: (usize, usize),
 }
 
-/// The cameras of a topic, each from a time on.
+/// The cameras of a topic, each valid from some time on.
 #[derive(Debug)]
 pub(super) struct Cameras {
     pub(super) topic: String,
     pub(super) list: Vec<Camera>,
-    /// The messages that described them.
+    /// The messages that describe them.
     starts: Vec<StampedPlace>,
-    /// Whether their stamps increase and are those of images.
+    /// True if their stamps are increasing and match those of the images.
     in_order: bool,
 }
 
 impl Cameras {
-    /// The cameras that a topic describes, of images of `images`.
+    /// Returns the cameras described by a topic, for the images of topic `images`.
     pub(super) fn new(topic: &Topic, images: &Topic, path: &Path) -> Result<Self, DatasetError> {
         let list: &[(StampedPlace, Calibration)] = match &topic.content {
             Content::Calibrations { list, .. } => list,
             _ => &[],
         };
-        // What drivers and image_proc call images without distortion: image_rect, image_rect_raw, image_rect_color.
+        // Names of undistorted images in drivers and image_proc: image_rect, image_rect_raw, image_rect_color.
         let is_rectified = images.name.contains("image_rect");
         let place = format!("{}: {}", path.display(), topic.name);
         let cameras = list.iter().map(|(_, calibration)| calibration.camera(is_rectified, Path::new(&place)));
@@ -56,7 +58,7 @@ impl Cameras {
         Ok(Self { topic: topic.name.clone(), list: list_of_cameras, starts, in_order })
     }
 
-    /// The camera of an image; the first one before it is described.
+    /// Returns the camera of an image. Before the first camera info, its camera is used.
     fn at(&self, image: &StampedPlace) -> usize {
         let is_before = |start: &StampedPlace| match self.in_order {
             true => start.stamp <= image.stamp,
@@ -67,16 +69,16 @@ impl Cameras {
     }
 }
 
-/// Where the colour camera is at a time.
+/// Source of colour camera poses.
 #[derive(Debug)]
 pub(super) enum PoseSource<'a> {
-    /// From the camera's frame to the world's.
-    Tree(Way),
-    /// Poses of a body, and where the camera is on it.
+    /// Transforms from the camera's frame to the world frame.
+    Tree(Route),
+    /// Poses of a body, and the transform from camera to body.
     Topic(&'a Poses, Rigid),
 }
 
-/// Makes frames of what was chosen.
+/// Builds frames from the chosen topics.
 pub(super) struct FrameMaker<'a> {
     pub(super) path: &'a Path,
     pub(super) contents: &'a Contents,
@@ -95,7 +97,7 @@ impl<'a> FrameMaker<'a> {
         DatasetError::Field { path: self.path.to_owned(), field: field.to_owned(), found, expected }
     }
 
-    /// Where poses come from, and a text that says so.
+    /// Returns the source of the poses, and its description.
     pub(super) fn pose_source(&self) -> Result<(PoseSource<'a>, String), DatasetError> {
         let tree = &self.contents.tree;
         let camera = self.choice.color.1.frame.as_str();
@@ -104,27 +106,28 @@ impl<'a> FrameMaker<'a> {
                 let ancestors = tree.ancestors(camera);
                 let root = ancestors.last().copied().unwrap_or(camera);
                 let world = self.settings.world_frame.as_deref().map_or(root, bare_frame);
-                let way = tree.way(camera, world).filter(|_| tree.has(camera));
-                let way = way.ok_or_else(|| {
+                let route = tree.route(camera, world).filter(|_| tree.has(camera));
+                let route = route.ok_or_else(|| {
                     let frames = super::topics::listed(tree.frames().into_iter().map(str::to_owned).collect());
-                    let expected = format!("transforms of /tf that lead there from {camera:?}; frames: {frames}");
+                    let expected = format!("a frame connected to {camera:?} by /tf; frames: {frames}");
                     self.error("dataset.world_frame", format!("{world:?}"), expected)
                 })?;
                 let text = format!("/tf, from {camera} to {world}");
-                Ok((PoseSource::Tree(way), text))
+                Ok((PoseSource::Tree(route), text))
             }
             PoseChoice::Topic(topic, poses) => {
                 let named = self.settings.pose_frame.as_deref().map(bare_frame).or(poses.body.as_deref());
-                let way = named.and_then(|body| tree.way(camera, body).filter(|_| body == camera || tree.has(camera)));
-                let fixed = way.filter(|way| !tree.is_moving(way)).and_then(|way| tree.fixed_transform(&way));
+                let route =
+                    named.and_then(|body| tree.route(camera, body).filter(|_| body == camera || tree.has(camera)));
+                let fixed = route.filter(|route| !tree.is_moving(route)).and_then(|route| tree.fixed_transform(&route));
                 let of = match (named, fixed) {
                     (Some(body), Some(_)) if body == camera => format!("of the camera, {camera}"),
                     (Some(body), Some(_)) => format!("of {body}, with /tf_static from {camera}"),
                     (Some(body), None) => {
-                        format!("of {body}, taken to be the camera: /tf_static does not say where {camera} is on it")
+                        format!("of {body}, assumed to be the camera: /tf_static does not connect {camera} to it")
                     }
                     (None, _) => {
-                        format!("taken to be of {camera}: its messages do not name a frame (dataset.pose_frame)")
+                        format!("assumed to be of {camera}: its messages do not name a frame (dataset.pose_frame)")
                     }
                 };
                 let text = format!("{} ({}) in {}, {of}", topic.name, topic.type_name, poses.world);
@@ -136,7 +139,7 @@ impl<'a> FrameMaker<'a> {
     fn pose_at(&self, source: &PoseSource<'_>, image: &StampedPlace) -> Option<Pose> {
         let at = Instant { stamp: image.stamp, recorded: image.recorded };
         let rigid = match source {
-            PoseSource::Tree(way) => self.contents.tree.transform(way, at, self.tolerance())?,
+            PoseSource::Tree(route) => self.contents.tree.transform(route, at, self.tolerance())?,
             PoseSource::Topic(poses, body_from_camera) => {
                 poses.timeline.at(at, self.tolerance())?.after(body_from_camera)
             }
@@ -144,14 +147,14 @@ impl<'a> FrameMaker<'a> {
         rigid.to_pose().ok()
     }
 
-    /// The pairs of colour and depth images of the same time, in order of time.
+    /// Pairs colour and depth images by time, in time order.
     fn pairs(&self) -> Vec<(StampedPlace, StampedPlace)> {
         let (color, depth) = (&self.choice.color.1.timeline, &self.choice.depth.1.timeline);
-        // `associate` pairs what is less apart; a pair at the limit is meant, too.
+        // `associate` excludes pairs exactly at the limit, which should be included here.
         let limit = self.settings.max_time_difference_ms * 1e-3 + 1e-9;
         let mut pairs = Vec::with_capacity(color.len());
         for stretch in &color.stretches {
-            // In a recording whose clock is never set back there is one.
+            // Contains one entry if the clock is never set back.
             let mut by_depth: BTreeMap<usize, Vec<StampedPlace>> = BTreeMap::new();
             for image in &stretch.messages {
                 if let Some(index) = depth.index_of_stretch(image) {
@@ -175,12 +178,12 @@ impl<'a> FrameMaker<'a> {
         pairs
     }
 
-    /// The frames, in order of time, and those that are left out.
+    /// Returns the frames in time order, and the skipped frames.
     pub(super) fn frames(
         &self,
         source: &PoseSource<'_>,
         cameras: (&Cameras, &Cameras),
-    ) -> Result<(Vec<RecordedFrame>, Vec<LeftOut>), DatasetError> {
+    ) -> Result<(Vec<PairedFrame>, Vec<LeftOut>), DatasetError> {
         let ((color_topic, color), (depth_topic, depth)) = (self.choice.color, self.choice.depth);
         let (color, depth) = (&color.timeline, &depth.timeline);
         let limit_ms = self.settings.max_time_difference_ms;
@@ -192,59 +195,61 @@ impl<'a> FrameMaker<'a> {
                 continue;
             };
             let cameras = (cameras.0.at(color), cameras.1.at(depth));
-            frames.push(RecordedFrame { stamp: color.stamp, color: color.place, depth: depth.place, pose, cameras });
+            frames.push(PairedFrame { stamp: color.stamp, color: color.place, depth: depth.place, pose, cameras });
         }
         let without_depth = color.len() - pairs.len();
-        self.tell_of_clock(source);
+        self.warn_of_clock(source);
         if frames.is_empty() {
             let found = format!(
-                "{} of {} and {} of {}, of which {} are within {limit_ms} ms of each other and none of these has a pose",
+                "{} images of {} and {} of {}: {} pairs within {limit_ms} ms, none with a pose",
                 color.len(),
                 color_topic.name,
                 depth.len(),
                 depth_topic.name,
                 pairs.len()
             );
-            let expected = "colour and depth of the same times, and poses then: see dataset.max_time_difference_ms and \
+            let expected = "colour and depth at the same times, with poses: see dataset.max_time_difference_ms and \
                             dataset.max_pose_gap_ms";
             return Err(self.error("frames", found, expected.to_owned()));
         }
         let left_out = LeftOut::list([
             (without_depth, format!("without a depth image within {limit_ms} ms of their colour image")),
             (without_pose, format!("without a pose at their time (or within {} ms)", self.settings.max_pose_gap_ms)),
-            (color.misfits + color.duplicates, misfit(&color_topic.name)),
-            (depth.misfits + depth.duplicates, misfit(&depth_topic.name)),
+            (color.misfits + color.duplicates, misfit_text(&color_topic.name)),
+            (depth.misfits + depth.duplicates, misfit_text(&depth_topic.name)),
         ]);
         Ok((frames, left_out))
     }
 
-    /// Tells where the clock was set back, and of transforms and poses with wrong stamps.
-    fn tell_of_clock(&self, source: &PoseSource<'_>) {
+    /// Warns if the clock was set back, and about poses and transforms with wrong stamps.
+    fn warn_of_clock(&self, source: &PoseSource<'_>) {
         let (topic, images) = self.choice.color;
         let path = self.path.display();
         let set_back = images.timeline.stretches.len().saturating_sub(1);
         if set_back > 0 {
             let times = if set_back == 1 { "once".to_owned() } else { format!("{set_back} times") };
-            warn_once(format!("{path}: the clock of {} was set back {times}: stamps come again", topic.name));
+            warn_once(format!("{path}: the clock of {} was set back {times}: stamps repeat", topic.name));
         }
         let misfits = match source {
-            PoseSource::Tree(way) => self.contents.tree.misfits(way),
+            PoseSource::Tree(route) => self.contents.tree.misfits(route),
             PoseSource::Topic(poses, _) => poses.timeline.misfits,
         };
         if misfits > 0 {
-            warn_once(format!("{path}: {misfits} poses are not used: their stamps do not fit those around them"));
+            warn_once(format!(
+                "{path}: {misfits} poses are not used: their stamps do not fit those of their neighbours"
+            ));
         }
     }
 
-    /// From the depth camera's to the colour camera's coordinates, if they are not the same.
+    /// Returns the transform from depth camera to colour camera coordinates; `None` if their frames are the same.
     pub(super) fn color_from_depth(&self) -> Result<Option<Rigid>, DatasetError> {
         let (color, depth) = (&self.choice.color.1.frame, &self.choice.depth.1.frame);
         if color == depth {
             return Ok(None);
         }
         let tree = &self.contents.tree;
-        let way = tree.way(depth, color).filter(|way| !tree.is_moving(way));
-        let transform = way.and_then(|way| tree.fixed_transform(&way));
+        let route = tree.route(depth, color).filter(|route| !tree.is_moving(route));
+        let transform = route.and_then(|route| tree.fixed_transform(&route));
         transform.map(Some).ok_or_else(|| {
             let found = format!("depth in frame {depth:?}, colour in frame {color:?}");
             let expected =
@@ -254,7 +259,8 @@ impl<'a> FrameMaker<'a> {
     }
 }
 
-/// Whether the stamp of a message is that of an image, to within seconds: a camera info has that of its image.
+/// Returns true if a message's stamp matches those of the images, to within seconds. A camera info has the stamp of its
+/// image.
 fn fits(message: &StampedPlace, images: &Topic) -> bool {
     let Content::Images(Images { timeline, .. }) = &images.content else { return true };
     timeline.stretches.iter().any(|stretch| {
@@ -264,6 +270,6 @@ fn fits(message: &StampedPlace, images: &Topic) -> bool {
     })
 }
 
-fn misfit(topic: &str) -> String {
-    format!("whose stamp does not fit those around it, or is that of another, of {topic}")
+fn misfit_text(topic: &str) -> String {
+    format!("of {topic} whose stamp does not fit its neighbours' or is a duplicate")
 }

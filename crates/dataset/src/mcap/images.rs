@@ -1,4 +1,4 @@
-//! The pixels of image messages.
+//! Decoding of image messages.
 
 use super::compressed_depth::decode_compressed_depth;
 use crate::DatasetError;
@@ -9,30 +9,30 @@ use splatseg_geometry::Image;
 use splatseg_ros::{CompressedImage, Image as RawImage};
 use std::path::Path;
 
-/// The encodings of colour that are read, for messages.
+/// Supported colour encodings, for messages.
 pub(super) const COLOR_ENCODINGS: &str =
     "rgb8, bgr8, rgba8, bgra8, mono8, yuv422 (uyvy), yuv422_yuy2 (yuyv), or CompressedImage with JPEG or PNG";
-/// The encodings of depth that are read, for messages.
+/// Supported depth encodings, for messages.
 pub(super) const DEPTH_ENCODINGS: &str =
     "16UC1, mono16, 32FC1, or CompressedImage with PNG of 16 bits or compressedDepth";
 
-/// What an image shows, as far as its encoding tells.
+/// Kind of an image, according to its encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ImageKind {
     Color,
-    /// Grey: colour if there is no other, but often infrared.
+    /// Grey: used as colour if there is no other, but often infrared.
     Grey,
     Depth,
-    /// Nothing that can be read.
+    /// Unsupported.
     Other,
 }
 
-/// How a pixel is stored.
+/// Pixel format of colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ColorEncoding {
-    /// Bytes of a pixel, and which of them are red, green and blue.
+    /// Bytes per pixel, and the offsets of red, green and blue.
     Bytes(usize, [usize; 3]),
-    /// Two pixels in four bytes: where the first and the second brightness, and the two colour differences are.
+    /// Two pixels in four bytes: offsets of both luma values, then of the two chroma values.
     Pairs([usize; 4]),
 }
 
@@ -49,25 +49,25 @@ fn color_encoding(encoding: &str) -> Option<ColorEncoding> {
     })
 }
 
-/// What an image of `sensor_msgs/msg/Image` shows.
+/// Returns the kind of a `sensor_msgs/msg/Image`.
 pub(super) fn raw_kind(topic: &str, encoding: &str) -> ImageKind {
     match encoding {
         "mono8" => ImageKind::Grey,
         "16UC1" | "32FC1" => ImageKind::Depth,
-        // Infrared cameras write it, too.
+        // Infrared cameras use it, too.
         "mono16" if topic.contains("depth") => ImageKind::Depth,
         encoding if color_encoding(encoding).is_some() => ImageKind::Color,
         _ => ImageKind::Other,
     }
 }
 
-/// What an image of `sensor_msgs/msg/CompressedImage` shows.
+/// Returns the kind of a `sensor_msgs/msg/CompressedImage`.
 pub(super) fn compressed_kind(topic: &str, message: &CompressedImage<'_>) -> ImageKind {
     if is_compressed_depth(message.format) {
         return ImageKind::Depth;
     }
     let is_file = message.data.starts_with(b"\xFF\xD8") || message.data.starts_with(b"\x89PNG");
-    // What it was made from, where the driver says so.
+    // Original encoding, if the driver states it.
     match message.format.split(';').next().unwrap_or_default().trim() {
         _ if !is_file => ImageKind::Other,
         "mono8" => ImageKind::Grey,
@@ -84,7 +84,7 @@ fn is_compressed_depth(format: &str) -> bool {
     format.to_ascii_lowercase().contains("compresseddepth")
 }
 
-/// The colour of an image. `path` is named in errors.
+/// Decodes a colour image. `path` is named in errors.
 pub(super) fn raw_color(message: &RawImage<'_>, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
     let encoding = color_encoding(message.encoding)
         .ok_or_else(|| unknown_encoding(path, COLOR_IMAGE, message.encoding, COLOR_ENCODINGS))?;
@@ -112,7 +112,7 @@ pub(super) fn raw_color(message: &RawImage<'_>, path: &Path) -> Result<Image<[u8
     image_of(message, pixels, path)
 }
 
-/// The depth of an image, metres. `path` is named in errors.
+/// Decodes a depth image, metres. `path` is named in errors.
 pub(super) fn raw_depth(message: &RawImage<'_>, path: &Path) -> Result<Image<f32>, DatasetError> {
     let width = message.width as usize;
     let is_big_endian = message.is_bigendian != 0;
@@ -139,12 +139,12 @@ pub(super) fn raw_depth(message: &RawImage<'_>, path: &Path) -> Result<Image<f32
     image_of(message, pixels, path)
 }
 
-/// The colour of a compressed image. `path` is named in errors.
+/// Decodes a compressed colour image. `path` is named in errors.
 pub(super) fn compressed_color(message: &CompressedImage<'_>, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
     decode_color(path, message.data)
 }
 
-/// The depth of a compressed image, metres. `path` is named in errors.
+/// Decodes a compressed depth image, metres. `path` is named in errors.
 pub(super) fn compressed_depth(message: &CompressedImage<'_>, path: &Path) -> Result<Image<f32>, DatasetError> {
     if is_compressed_depth(message.format) {
         return decode_compressed_depth(path, message.format, message.data);
@@ -152,7 +152,7 @@ pub(super) fn compressed_depth(message: &CompressedImage<'_>, path: &Path) -> Re
     decode_depth(path, message.data, MILLIMETRES)
 }
 
-/// The rows of an image, `row_bytes` each, without what pads them.
+/// Returns the rows of an image, `row_bytes` each, without padding.
 fn rows<'a>(
     message: &RawImage<'a>,
     row_bytes: usize,
@@ -202,7 +202,7 @@ fn unknown_encoding(path: &Path, what: &str, found: &str, expected: &str) -> Dat
     }
 }
 
-/// RGB of brightness and colour differences (ITU-R BT.601 with brightness from 16 to 235, as cameras and OpenCV have it).
+/// Converts luma and chroma to RGB (ITU-R BT.601 with luma from 16 to 235, as in cameras and OpenCV).
 fn rgb_of(y: u8, u: u8, v: u8) -> [u8; 3] {
     // Factors times 2^20.
     const Y: i64 = 1_220_542;
@@ -210,10 +210,10 @@ fn rgb_of(y: u8, u: u8, v: u8) -> [u8; 3] {
     const U_TO_GREEN: i64 = -409_993;
     const V_TO_GREEN: i64 = -852_492;
     const V_TO_RED: i64 = 1_673_527;
-    let brightness = (i64::from(y) - 16).max(0) * Y + (1 << 19);
+    let luma = (i64::from(y) - 16).max(0) * Y + (1 << 19);
     let (u, v) = (i64::from(u) - 128, i64::from(v) - 128);
     [V_TO_RED * v, V_TO_GREEN * v + U_TO_GREEN * u, U_TO_BLUE * u]
-        .map(|difference| ((brightness + difference) >> 20).clamp(0, 255) as u8)
+        .map(|difference| ((luma + difference) >> 20).clamp(0, 255) as u8)
 }
 
 #[cfg(test)]
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn kinds_are_told_apart() {
+    fn kinds_are_distinguished() {
         assert_eq!(raw_kind("/ir/image_raw", "mono16"), ImageKind::Other);
         assert_eq!(raw_kind("/depth/image_raw", "mono16"), ImageKind::Depth);
         assert_eq!(raw_kind("/a", "bayer_rggb8"), ImageKind::Other);

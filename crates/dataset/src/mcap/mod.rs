@@ -1,10 +1,9 @@
-//! Recordings of ROS 2 in MCAP files, as cameras and robots write them: images, camera infos, transforms and poses in
-//! CDR.
+//! ROS 2 recordings in MCAP files, as written by cameras and robots: images, camera infos, transforms and poses in CDR.
 //!
-//! The file is read once on opening (`container.rs`), which lists the topics and when images were taken
-//! (`contents.rs`). Topics are chosen by settings or because they are the only ones that fit (`topics.rs`), colour and
-//! depth are paired by the stamps in them, and poses are interpolated (`frames.rs`, `transforms.rs`). Images are read
-//! when they are asked for (`images.rs`), undistorted, and depth is registered to colour if it is not.
+//! The file is read once on opening (`container.rs`), to list the topics and the times of their messages
+//! (`contents.rs`). Topics are chosen by settings or because they are the only suitable ones (`topics.rs`). Colour and
+//! depth are paired by their stamps, and poses are interpolated (`frames.rs`, `transforms.rs`). Images are read on
+//! demand (`images.rs`) and undistorted, and depth is registered to colour if necessary.
 
 mod cameras;
 mod chunks;
@@ -12,8 +11,10 @@ mod clock;
 mod compressed_depth;
 mod container;
 mod contents;
+mod frame_names;
 mod frames;
 mod images;
+mod poses;
 mod summary;
 mod text_lengths;
 mod topics;
@@ -27,36 +28,36 @@ use crate::register::{CameraPair, register_depth};
 use crate::resample::{ImageMap, resample_color};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::undistort::Undistortion;
-use crate::{DatasetError, DatasetSettings, Format, Scene};
+use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 use cameras::{Camera, UndistortionCache};
 use container::{McapFile, MessagePlace};
 use contents::{Contents, Images};
-use frames::{Cameras, FrameMaker, RecordedFrame};
+use frames::{Cameras, FrameMaker, PairedFrame};
 use glam::DVec3;
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Image, Intrinsics, Pose, SegmentMap};
 use splatseg_ros::{CompressedImage, Image as RawImage, from_cdr};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use topics::{Choice, Chooser};
 
-/// What a recording looks like, for messages.
+/// Layout of a recording, for messages.
 pub(crate) const LAYOUT: &str = "a file recording.mcap with ROS 2 messages: colour and depth images, camera infos, and \
                                  transforms (/tf) or poses; or a folder with one, as rosbag2 writes it";
 
 const RECORDING: RecordingFile = RecordingFile { extension: "mcap", expected: "a file <recording>.mcap" };
-/// Colour is made smaller where its pixels are this much smaller than those of depth that is not registered: depth would
-/// become a sieve.
+/// Colour is downscaled if the ratio of depth to colour focal length, in pixels, is at most this and depth is not
+/// registered. Otherwise registered depth would be full of holes.
 const MIN_FOCAL_RATIO: f32 = 0.95;
 
 /// A recording of ROS 2 messages in an MCAP file.
 ///
-/// Frames are those of the colour camera, undistorted and named by their number. Where depth is not registered to
-/// colour and has fewer pixels per degree, they are made as small as depth is.
+/// Frames are those of the colour camera, undistorted and named by number. If depth is not registered to colour and has
+/// fewer pixels per degree, frames are downscaled to the resolution of depth.
 #[derive(Debug)]
 pub struct McapScene {
     name: String,
     file: McapFile,
-    frames: Vec<RecordedFrame>,
+    frames: Vec<PairedFrame>,
     color: ImageSource,
     depth: ImageSource,
     registration: Option<Registration>,
@@ -73,18 +74,19 @@ struct ImageSource {
     undistortion: UndistortionCache,
 }
 
-/// How depth gets into the colour camera.
+/// Transform for registering depth to the colour camera.
 #[derive(Clone, Copy, Debug)]
 struct Registration {
     color_from_depth: Pose,
 }
 
 impl McapScene {
-    /// Opens a recording, or the only one in a folder: reads all of it once, and chooses topics as `settings` say.
+    /// Opens a recording, or the only one in a folder: reads all of it once, and chooses topics according to
+    /// `settings`.
     ///
     /// # Errors
-    /// If there is no recording or there are several, if it is no MCAP file, if no topics or several fit, if a camera info
-    /// is not that of a camera, or if nothing of colour, depth and poses belongs together.
+    /// If there is no recording or there are several, the file is not an MCAP file, no topic or several are suitable, a
+    /// camera info is invalid, or no frame has colour, depth and a pose.
     pub fn open(path: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
         let path = RECORDING.find(path)?;
         let mut contents = Contents::new(&path);
@@ -93,16 +95,16 @@ impl McapScene {
         for text in file.damage() {
             warn_once(text.clone());
         }
-        Self::of(file, &contents, settings)
+        Self::from_contents(file, &contents, settings)
     }
 
-    /// Whether a path has the name of a recording, or is a folder that holds some.
+    /// Returns true if a path has the name of a recording, or is a folder containing some.
     pub fn is_recording(path: &Path) -> bool {
         looks_like(path)
     }
 
-    /// The scene in a recording whose contents are known.
-    fn of(file: McapFile, contents: &Contents, settings: &DatasetSettings) -> Result<Self, DatasetError> {
+    /// Builds the scene from a scanned recording.
+    fn from_contents(file: McapFile, contents: &Contents, settings: &DatasetSettings) -> Result<Self, DatasetError> {
         let path = file.path().to_owned();
         let choice = Chooser { path: &path, contents, settings }.choose()?;
         warn_of_unreadable(&path, &choice);
@@ -122,17 +124,17 @@ impl McapScene {
         Ok(Self { name, file, frames, color, depth, registration, left_out, sources })
     }
 
-    /// A message of a frame, for errors.
-    fn place(&self, topic: &str, frame: &RecordedFrame) -> PathBuf {
+    /// Describes a message of a frame, for errors.
+    fn place(&self, topic: &str, frame: &PairedFrame) -> PathBuf {
         let seconds = frame.stamp as f64 * 1e-9;
         format!("{}: {topic} at {seconds:.3} s", self.file.path().display()).into()
     }
 
-    /// Reads an image of a frame, undistorted; also gives its camera.
+    /// Reads and undistorts an image of a frame. Also returns its camera.
     fn read_image<'s, T>(
         &self,
         source: &'s ImageSource,
-        frame: &RecordedFrame,
+        frame: &PairedFrame,
         (message, camera): (MessagePlace, usize),
         decode: &ImageDecoder<T>,
     ) -> Result<(Image<T>, &'s Camera), DatasetError>
@@ -163,8 +165,8 @@ impl McapScene {
         Ok((image, camera))
     }
 
-    /// Colour and depth of the same pixels, and the camera that they are of.
-    fn read_images(&self, frame: &RecordedFrame) -> Result<RegisteredImages, DatasetError> {
+    /// Reads registered colour and depth images, and their camera.
+    fn read_images(&self, frame: &PairedFrame) -> Result<RegisteredImages, DatasetError> {
         let (color, color_camera) = self.read_image(&self.color, frame, (frame.color, frame.cameras.0), &COLOR)?;
         let (depth, depth_camera) = self.read_image(&self.depth, frame, (frame.depth, frame.cameras.1), &DEPTH)?;
         let camera = color_camera.intrinsics;
@@ -201,13 +203,13 @@ impl ImageSource {
     }
 }
 
-/// Colour and depth of the same pixels, and the camera that they are of.
+/// Registered colour and depth images, and their camera.
 type RegisteredImages = (Image<[u8; 3]>, Image<f32>, Intrinsics);
 
-/// Makes an image that a pinhole camera would have taken; the path is named in errors.
+/// Function that undistorts an image. The path is named in errors.
 type Undistort<T> = fn(&Undistortion, &Image<T>, &Path) -> Result<Image<T>, DatasetError>;
 
-/// How the images of one kind are read.
+/// Functions for reading images of one kind.
 struct ImageDecoder<T: Clone + 'static> {
     what: &'static str,
     raw: fn(&RawImage<'_>, &Path) -> Result<Image<T>, DatasetError>,
@@ -228,7 +230,7 @@ const DEPTH: ImageDecoder<f32> = ImageDecoder {
     undistort: |map, image, path| map.depth(image, path),
 };
 
-/// How depth is registered; `None` if it is already.
+/// Returns the registration of depth; `None` if it is registered already.
 fn registration(
     maker: &FrameMaker<'_>,
     color: &ImageSource,
@@ -250,7 +252,7 @@ fn registration(
     }
 }
 
-/// The colour camera, made smaller if its pixels are smaller than those of the depth camera.
+/// Returns the colour camera, downscaled if its pixels are smaller than those of the depth camera.
 fn target_camera(color: &Intrinsics, depth: &Intrinsics) -> Intrinsics {
     let ratio = depth.fx / color.fx;
     if ratio > MIN_FOCAL_RATIO {
@@ -264,7 +266,7 @@ fn source_text(what: &str, (topic, images): (&contents::Topic, &Images), info: &
     format!("{what}: {} ({}, {}), camera {info}", topic.name, topic.type_name, images.encoding.trim())
 }
 
-/// Tells of messages of the chosen topics that cannot be read.
+/// Warns about messages of the chosen topics that cannot be read.
 fn warn_of_unreadable(path: &Path, choice: &Choice<'_>) {
     for topic in [choice.color.0, choice.depth.0, choice.color_info, choice.depth_info] {
         if let Some((count, first)) = &topic.unreadable {
@@ -273,7 +275,7 @@ fn warn_of_unreadable(path: &Path, choice: &Choice<'_>) {
     }
 }
 
-/// Whether a path is a recording, or a folder that holds some.
+/// Returns true if a path is a recording or a folder containing some.
 pub(crate) fn looks_like(path: &Path) -> bool {
     RECORDING.looks_like(path)
 }
@@ -291,12 +293,12 @@ impl Scene for McapScene {
         if index < self.frames.len() { index.to_string() } else { String::new() }
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
+    fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let frame = entry(&self.frames, index, &self.name)?;
         let (color, depth, intrinsics) = self.read_images(frame)?;
         let timestamp = u64::try_from(frame.stamp).ok().map(Duration::from_nanos);
         let name = self.frame_name(index);
-        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: frame.pose }.into_frame()
+        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: Some(frame.pose) }.into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

@@ -1,4 +1,4 @@
-//! What is in a recording, for people who look into it.
+//! Summary of a recording's contents, for inspection.
 
 use super::container::McapFile;
 use super::contents::{Content, Contents};
@@ -7,16 +7,17 @@ use crate::{DatasetError, DatasetSettings, LeftOut, Scene};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// What is in a recording, and what of it would be used.
+/// Summary of a recording's contents and of the parts that would be used.
 #[derive(Debug)]
 pub struct McapSummary {
     /// The file.
     pub path: PathBuf,
-    /// Its topics, in the order in which they appear.
+    /// Topics, in order of appearance.
     pub topics: Vec<McapTopic>,
-    /// What is wrong with the file, one line each.
+    /// Damage to the file, one line each.
     pub damage: Vec<String>,
-    /// The topics that are used, one line each, the number of frames, and what is left out; or why nothing can be used.
+    /// The topics used, one line each, the number of frames, and the skipped frames; or the reason that nothing can be
+    /// used.
     pub scene: Result<(Vec<String>, usize, Vec<LeftOut>), DatasetError>,
 }
 
@@ -24,19 +25,19 @@ pub struct McapSummary {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct McapTopic {
-    /// Its name, e.g. `/camera/color/image_raw`.
+    /// Name, e.g. `/camera/color/image_raw`.
     pub name: String,
-    /// The type of its messages, e.g. `sensor_msgs/msg/Image`; empty if the file does not say.
+    /// Message type, e.g. `sensor_msgs/msg/Image`; empty if the file does not state it.
     pub type_name: String,
-    /// How they are encoded: `cdr` for ROS 2.
+    /// Message encoding: `cdr` for ROS 2.
     pub encoding: String,
-    /// How many there are.
+    /// Number of messages.
     pub messages: u64,
-    /// When the first and the last were recorded, since the Unix epoch.
+    /// Recording times of the first and last message, since the Unix epoch.
     pub recorded: Option<(Duration, Duration)>,
     /// For images: their encoding and coordinate frame.
     pub images: Option<(String, String)>,
-    /// How many messages cannot be read, and what is wrong with the first.
+    /// Number of unreadable messages, and the error of the first.
     pub unreadable: Option<(u64, String)>,
 }
 
@@ -44,7 +45,7 @@ impl McapSummary {
     /// Reads all of a recording, or of the only one in a folder.
     ///
     /// # Errors
-    /// If there is no recording, if it is no MCAP file, or if it cannot be read. A recording without usable frames is no
+    /// If there is no recording, or the file is not MCAP or cannot be read. A recording without usable frames is not an
     /// error.
     pub fn read(path: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
         let path = RECORDING.find(path)?;
@@ -70,7 +71,7 @@ impl McapSummary {
             unreadable: topic.unreadable.clone(),
         });
         let topics = topics.collect();
-        let scene = McapScene::of(file, &contents, settings)
+        let scene = McapScene::from_contents(file, &contents, settings)
             .map(|scene| (scene.sources().to_vec(), scene.frame_count(), scene.left_out().to_vec()));
         Ok(Self { path, topics, damage, scene })
     }

@@ -1,14 +1,14 @@
-//! Lengths of texts in records, checked before the `mcap` crate takes memory for what they state.
+//! Checks of string lengths in records, before the `mcap` crate allocates the stated sizes.
 
 use mcap::records::op;
 
-/// Whether every text in the content of a schema or channel record ends where the record does, or earlier. Other records
-/// have no texts that are read here.
+/// Returns true if every string in a schema or channel record ends within the record. Other records have no strings
+/// that are read here.
 pub(super) fn fit(code: u8, body: &[u8]) -> bool {
     match code {
         // Id; name, encoding.
         op::SCHEMA => body.get(2..).and_then(after_text).and_then(after_text).is_some(),
-        // Id, schema; topic, encoding, and the metadata: keys and values in so many bytes.
+        // Id, schema; topic, encoding, and the metadata: keys and values, preceded by their length in bytes.
         op::CHANNEL => {
             let metadata = body.get(4..).and_then(after_text).and_then(after_text);
             metadata.and_then(split_at_length).is_some_and(|(pairs, _)| are_pairs(pairs))
@@ -17,7 +17,7 @@ pub(super) fn fit(code: u8, body: &[u8]) -> bool {
     }
 }
 
-/// The bytes that a length states, and those after them.
+/// Splits at the length stated in the first four bytes, which are removed.
 fn split_at_length(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let (length, rest) = bytes.split_first_chunk()?;
     rest.split_at_checked(usize::try_from(u32::from_le_bytes(*length)).ok()?)
@@ -27,7 +27,7 @@ fn after_text(bytes: &[u8]) -> Option<&[u8]> {
     split_at_length(bytes).map(|(_, after)| after)
 }
 
-/// Whether the bytes are texts in pairs.
+/// Returns true if the bytes are pairs of strings.
 fn are_pairs(mut bytes: &[u8]) -> bool {
     while !bytes.is_empty() {
         let Some(rest) = after_text(bytes).and_then(after_text) else { return false };

@@ -1,31 +1,33 @@
-//! Which topics of a recording are used: those that settings name, otherwise the only ones that fit.
+//! Choice of a recording's topics: those named in the settings, otherwise the only suitable ones.
 
-use super::contents::{Content, Contents, Images, Poses, Topic, bare_frame};
+use super::contents::{Content, Contents, Images, Topic};
+use super::frame_names::bare_frame;
 use super::images::{COLOR_ENCODINGS, DEPTH_ENCODINGS, ImageKind};
+use super::poses::Poses;
 use crate::error::NAMES_IN_MESSAGES;
 use crate::{DatasetError, DatasetSettings};
 use std::path::Path;
 
-/// Topics of images of the same pixels, raw and compressed, differ by these endings.
+/// Suffixes of compressed versions of an image topic.
 const TRANSPORTS: [&str; 2] = ["/compressedDepth", "/compressed"];
 const TF: &str = "/tf";
 const TF_STATIC: &str = "/tf_static";
 
-/// The topics that are used.
+/// The topics used.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Choice<'a> {
     pub(super) color: (&'a Topic, &'a Images),
     pub(super) depth: (&'a Topic, &'a Images),
     pub(super) color_info: &'a Topic,
-    /// The same as `color_info` for depth whose camera is not described but is the colour camera.
+    /// Equal to `color_info` if the depth camera has no camera info but the frame of the colour camera.
     pub(super) depth_info: &'a Topic,
     pub(super) pose: PoseChoice<'a>,
 }
 
-/// Where poses come from.
+/// Source of poses.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum PoseChoice<'a> {
-    /// The tree of frames.
+    /// The transform tree.
     Tree,
     /// A topic with poses.
     Topic(&'a Topic, &'a Poses),
@@ -39,10 +41,10 @@ pub(super) struct Chooser<'a> {
 }
 
 impl<'a> Chooser<'a> {
-    /// The topics that are used.
+    /// Chooses the topics to use.
     ///
     /// # Errors
-    /// [`DatasetError::Field`] lists the topics if none fits, if several do, or if the one that is asked for does not.
+    /// [`DatasetError::Field`] lists the topics if none or several are suitable, or the requested one is not.
     pub(super) fn choose(&self) -> Result<Choice<'a>, DatasetError> {
         let color = self.color()?;
         let depth = self.depth(color.1)?;
@@ -65,7 +67,7 @@ impl<'a> Chooser<'a> {
         DatasetError::Field { path: self.path.to_owned(), field: field.into(), found, expected: expected.into() }
     }
 
-    /// Topics with images that have messages.
+    /// Returns the image topics that have messages.
     fn images(&self) -> impl Iterator<Item = (&'a Topic, &'a Images)> {
         self.contents.topics.iter().filter_map(|topic| match &topic.content {
             Content::Images(images) if images.kind.is_some() => Some((topic, images)),
@@ -97,7 +99,7 @@ impl<'a> Chooser<'a> {
             candidates = of_kind(ImageKind::Grey);
         }
         self.only(&candidates, "topics of colour images", "--color")
-            .ok_or_else(|| self.none("colour images", COLOR_ENCODINGS))?
+            .ok_or_else(|| self.no_images("colour images", COLOR_ENCODINGS))?
     }
 
     fn depth(&self, color: &Images) -> Result<(&'a Topic, &'a Images), DatasetError> {
@@ -107,15 +109,15 @@ impl<'a> Chooser<'a> {
         let mut candidates =
             without_transports(self.images().filter(|(_, images)| images.kind == Some(ImageKind::Depth)));
         let is_registered = |(_, images): &(&Topic, &Images)| images.frame == color.frame && !images.frame.is_empty();
-        // A driver that also registers depth to colour has done it better than can be done later.
+        // If the driver also provides registered depth, it is better than registering it later.
         if candidates.len() > 1 && candidates.iter().filter(|candidate| is_registered(candidate)).count() == 1 {
             candidates.retain(is_registered);
         }
         self.only(&candidates, "topics of depth images", "--depth")
-            .ok_or_else(|| self.none("depth images", DEPTH_ENCODINGS))?
+            .ok_or_else(|| self.no_images("depth images", DEPTH_ENCODINGS))?
     }
 
-    /// The only candidate, or an error that lists several; `None` if there are none.
+    /// Returns the only candidate, or an error that lists several; `None` if there are none.
     fn only<T: Copy>(
         &self,
         candidates: &[(&'a Topic, T)],
@@ -133,8 +135,8 @@ impl<'a> Chooser<'a> {
         }
     }
 
-    /// There are no images of a kind: what there is instead.
-    fn none(&self, what: &str, encodings: &str) -> DatasetError {
+    /// Returns the error for a recording without images of a kind. It lists the images or topics there are.
+    fn no_images(&self, what: &str, encodings: &str) -> DatasetError {
         let mut found: Vec<String> =
             self.images().map(|(topic, images)| format!("{} ({})", topic.name, images.encoding)).collect();
         if found.is_empty() {
@@ -169,7 +171,8 @@ impl<'a> Chooser<'a> {
         })
     }
 
-    /// The camera info of images: the one beside them, or else the only one with their frame; `None` if there is none.
+    /// Returns the camera info of images: the one next to them, or else the only one with their frame; `None` if there
+    /// is none.
     fn info_of(&self, (topic, images): (&'a Topic, &'a Images)) -> Result<Option<&'a Topic>, DatasetError> {
         let base = without_transport(&topic.name);
         let folder = base.rsplit_once('/').map_or("", |(folder, _)| folder);
@@ -185,7 +188,7 @@ impl<'a> Chooser<'a> {
     fn no_info(&self, what: &str, topic: &Topic, flag: &str) -> DatasetError {
         let names: Vec<String> = self.infos().map(|(topic, frame)| format!("{} (frame {frame})", topic.name)).collect();
         let found =
-            if names.is_empty() { "none".to_owned() } else { format!("none of its frame, but {}", listed(names)) };
+            if names.is_empty() { "none".to_owned() } else { format!("none with its frame, but {}", listed(names)) };
         let expected = "a topic of sensor_msgs/msg/CameraInfo beside it, or with its frame";
         self.error(format!("camera info of {what} ({})", topic.name), found, format!("{expected}; {flag} chooses one"))
     }
@@ -217,9 +220,9 @@ impl<'a> Chooser<'a> {
             .as_deref()
             .map(bare_frame)
             .or_else(|| tree.ancestors(&color.frame).last().copied());
-        let way = root.and_then(|root| tree.way(&color.frame, root));
-        let asked_for = self.settings.world_frame.is_some() && tree.has(&color.frame);
-        if asked_for || way.is_some_and(|way| tree.is_moving(&way)) {
+        let route = root.and_then(|root| tree.route(&color.frame, root));
+        let is_requested = self.settings.world_frame.is_some() && tree.has(&color.frame);
+        if is_requested || route.is_some_and(|route| tree.is_moving(&route)) {
             return Ok(PoseChoice::Tree);
         }
         let candidates: Vec<_> = self.pose_topics().collect();
@@ -232,19 +235,19 @@ impl<'a> Chooser<'a> {
                 _ => format!("frame {:?} of the colour images, which is not in /tf", color.frame),
             };
             let expected = "transforms of /tf that move it, or a topic of nav_msgs/msg/Odometry or geometry_msgs/msg/PoseStamped; \
-                            for a camera that stands still --pose /tf_static";
+                            for a stationary camera use --pose /tf_static";
             Err(self.error("camera poses", found, expected))
         })?;
         Ok(PoseChoice::Topic(topic, poses))
     }
 }
 
-/// The name of the topic with the images as they are.
+/// Returns the name of the topic with the raw images.
 fn without_transport(name: &str) -> &str {
     TRANSPORTS.iter().find_map(|ending| name.strip_suffix(ending)).unwrap_or(name)
 }
 
-/// Topics, of each image only one: as it is rather than compressed.
+/// Keeps one topic for each image, raw rather than compressed.
 fn without_transports<'a>(topics: impl Iterator<Item = (&'a Topic, &'a Images)>) -> Vec<(&'a Topic, &'a Images)> {
     let mut chosen: Vec<(&Topic, &Images)> = Vec::new();
     for (topic, images) in topics {
@@ -259,12 +262,12 @@ fn without_transports<'a>(topics: impl Iterator<Item = (&'a Topic, &'a Images)>)
     chosen
 }
 
-/// The first few of a list, and the number of the others.
+/// Lists the first few names and the number of the others.
 pub(super) fn listed(names: Vec<String>) -> String {
     let more = names.len().saturating_sub(2 * NAMES_IN_MESSAGES);
     let first = names.into_iter().take(2 * NAMES_IN_MESSAGES).collect::<Vec<_>>().join(", ");
     match (first.is_empty(), more) {
-        (true, _) => "there is none".to_owned(),
+        (true, _) => "none found".to_owned(),
         (_, 0) => first,
         (_, more) => format!("{first} and {more} more"),
     }

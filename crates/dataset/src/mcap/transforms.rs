@@ -1,4 +1,4 @@
-//! The tree of coordinate frames of `/tf` and `/tf_static`, and where frames are at a time.
+//! The tree of coordinate frames in `/tf` and `/tf_static`, and lookup of transforms by time.
 
 use super::clock::{Order, Recorded, Stamped, Timeline};
 use glam::{DQuat, DVec3};
@@ -9,21 +9,21 @@ use std::collections::BTreeMap;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rigid {
     pub(super) translation: DVec3,
-    /// Of length 1.
+    /// Unit quaternion.
     pub(super) rotation: DQuat,
 }
 
 impl Rigid {
     pub(super) const IDENTITY: Self = Self { translation: DVec3::ZERO, rotation: DQuat::IDENTITY };
 
-    /// A transform from numbers that may be none: `None` for NaN, infinity, and a quaternion of length zero.
+    /// Creates a transform; `None` for NaN, infinity, or a quaternion of length zero.
     pub(super) fn new(translation: DVec3, rotation: DQuat) -> Option<Self> {
         let length = rotation.length();
         let usable = translation.is_finite() && length.is_finite() && length > 1e-6;
         usable.then(|| Self { translation, rotation: rotation * length.recip() })
     }
 
-    /// `self` after `inner`: `a_from_b.after(b_from_c)` is `a_from_c`.
+    /// Composes two transforms: `a_from_b.after(b_from_c)` is `a_from_c`.
     pub(super) fn after(&self, inner: &Self) -> Self {
         Self {
             translation: self.rotation * inner.translation + self.translation,
@@ -41,7 +41,7 @@ impl Rigid {
     }
 }
 
-/// A transform and when it held.
+/// A transform at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sample {
     /// Nanoseconds.
@@ -65,9 +65,9 @@ impl Stamped for Sample {
 /// A time in a recording.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Instant {
-    /// By the clock of the messages, nanoseconds.
+    /// Stamp by the clock of the messages, nanoseconds.
     pub(super) stamp: i64,
-    /// Which of several times that the clock has shown it.
+    /// Recording time, to distinguish repeated stamps.
     pub(super) recorded: Recorded,
 }
 
@@ -81,17 +81,17 @@ impl Stamped for Instant {
     }
 }
 
-/// How far in time what is asked for may be from what was measured, nanoseconds.
+/// Tolerances for looking up a transform by time, nanoseconds.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tolerance {
-    /// From the nearest measurement, where there is none on the other side.
+    /// Maximum distance from the nearest measurement, if there is none on the other side.
     pub(super) nearest: i64,
-    /// From one measurement to the next, between which is interpolated.
+    /// Maximum distance between two measurements for interpolating between them.
     pub(super) gap: i64,
 }
 
-/// The transform at a time: between two measurements, interpolated; otherwise the nearest one; `None` if they are too
-/// far. `samples` are in order of time.
+/// Returns the transform at a time: interpolated between two measurements, otherwise the nearest one; `None` if they
+/// are too far away. `samples` must be in time order.
 pub(super) fn at_time(samples: &[Sample], stamp: i64, tolerance: Tolerance) -> Option<Rigid> {
     let after = samples.partition_point(|sample| sample.stamp < stamp);
     let next = samples.get(after);
@@ -116,24 +116,24 @@ pub(super) fn at_time(samples: &[Sample], stamp: i64, tolerance: Tolerance) -> O
 }
 
 impl Timeline<Sample> {
-    /// The transform at an instant, as [`at_time`] finds it.
+    /// Returns the transform at an instant, as found by [`at_time`].
     pub(super) fn at(&self, instant: Instant, tolerance: Tolerance) -> Option<Rigid> {
         at_time(&self.stretch_of(&instant)?.messages, instant.stamp, tolerance)
     }
 }
 
-/// How a frame stands in its parent.
+/// Transform from a frame to its parent.
 #[derive(Clone, Debug)]
 struct Edge {
     parent: String,
-    /// Of `/tf_static`: the last one.
+    /// Last transform from `/tf_static`.
     fixed: Option<Rigid>,
-    /// Of `/tf`, in the order of the file, until they are sorted.
+    /// Transforms from `/tf`, in file order, until they are sorted.
     samples: Vec<Sample>,
     timeline: Timeline<Sample>,
-    /// Whether several samples differ...
+    /// True if the samples differ.
     moves: bool,
-    /// ...or are all the same: some drivers broadcast it over and over in place of `/tf_static`.
+    /// Transform of several equal samples: some drivers broadcast it repeatedly instead of using `/tf_static`.
     repeated: Option<Rigid>,
 }
 
@@ -143,17 +143,17 @@ pub(super) struct TransformTree {
     edges: BTreeMap<String, Edge>,
 }
 
-/// A way through the tree.
+/// A route through the tree.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Way {
-    /// Frames whose transforms to their parents lead from the start up.
+pub(super) struct Route {
+    /// Frames whose transforms to their parents lead up from the start.
     up: Vec<String>,
-    /// Frames whose transforms lead down to the end, the uppermost one last.
+    /// Frames whose transforms lead down to the end, topmost last.
     down: Vec<String>,
 }
 
 impl TransformTree {
-    /// Adds a transform from `child` to `parent`. A frame keeps the parent that it had first.
+    /// Adds a transform from `child` to `parent`. A frame keeps its first parent.
     pub(super) fn add(&mut self, parent: &str, child: &str, sample: Sample, is_fixed: bool) {
         if let Some(edge) = self.edges.get_mut(child) {
             if edge.parent == parent {
@@ -166,7 +166,7 @@ impl TransformTree {
         self.edges.insert(child.to_owned(), Edge { parent, fixed, samples, timeline, moves: false, repeated: None });
     }
 
-    /// Puts everything in order of time.
+    /// Sorts all transforms by time.
     pub(super) fn sort(&mut self, order: Order) {
         for edge in self.edges.values_mut() {
             edge.timeline = Timeline::new(std::mem::take(&mut edge.samples), order);
@@ -177,18 +177,18 @@ impl TransformTree {
         }
     }
 
-    /// Transforms along the way whose stamps do not fit those around them.
-    pub(super) fn misfits(&self, way: &Way) -> usize {
-        let edges = way.up.iter().chain(&way.down).filter_map(|frame| self.edges.get(frame));
+    /// Returns the number of transforms along a route whose stamps do not fit those of their neighbours.
+    pub(super) fn misfits(&self, route: &Route) -> usize {
+        let edges = route.up.iter().chain(&route.down).filter_map(|frame| self.edges.get(frame));
         edges.map(|edge| edge.timeline.misfits).sum()
     }
 
-    /// Whether a frame has a parent, or is one.
+    /// Returns true if a frame has a parent or is one.
     pub(super) fn has(&self, frame: &str) -> bool {
         self.edges.contains_key(frame) || self.edges.values().any(|edge| edge.parent == frame)
     }
 
-    /// All frames, sorted.
+    /// Returns all frames, sorted.
     pub(super) fn frames(&self) -> Vec<&str> {
         let mut frames: Vec<&str> =
             self.edges.iter().flat_map(|(child, edge)| [child.as_str(), edge.parent.as_str()]).collect();
@@ -197,7 +197,7 @@ impl TransformTree {
         frames
     }
 
-    /// The frames above a frame, itself first, the root last. Ends where frames stand in a circle.
+    /// Returns a frame and its ancestors, the root last. Stops if frames form a cycle.
     pub(super) fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
         let mut chain = vec![frame];
         while let Some(edge) = chain.last().and_then(|last| self.edges.get(*last)) {
@@ -209,37 +209,38 @@ impl TransformTree {
         chain
     }
 
-    /// The way from one frame to another, if both are in the same tree.
-    pub(super) fn way(&self, from: &str, to: &str) -> Option<Way> {
+    /// Returns the route from one frame to another, if both are in the same tree.
+    pub(super) fn route(&self, from: &str, to: &str) -> Option<Route> {
         let (up, down) = (self.ancestors(from), self.ancestors(to));
         let (top, meeting) =
             up.iter().enumerate().find_map(|(index, frame)| Some((index, down.iter().position(|f| f == frame)?)))?;
         let owned = |frames: &[&str]| frames.iter().map(|frame| (*frame).to_owned()).collect();
-        Some(Way { up: owned(up.get(..top)?), down: owned(down.get(..meeting)?) })
+        Some(Route { up: owned(up.get(..top)?), down: owned(down.get(..meeting)?) })
     }
 
-    /// Whether anything on the way moves.
-    pub(super) fn is_moving(&self, way: &Way) -> bool {
-        way.up
+    /// Returns true if any transform on the route changes over time.
+    pub(super) fn is_moving(&self, route: &Route) -> bool {
+        route
+            .up
             .iter()
-            .chain(&way.down)
+            .chain(&route.down)
             .any(|frame| self.edges.get(frame).is_some_and(|edge| edge.fixed.is_none() && edge.moves))
     }
 
-    /// The transform along a way on which nothing moves.
-    pub(super) fn fixed_transform(&self, way: &Way) -> Option<Rigid> {
+    /// Returns the transform along a route on which nothing moves.
+    pub(super) fn fixed_transform(&self, route: &Route) -> Option<Rigid> {
         let anytime = Tolerance { nearest: i64::MAX, gap: i64::MAX };
-        self.transform(way, Instant { stamp: 0, recorded: Recorded::default() }, anytime)
+        self.transform(route, Instant { stamp: 0, recorded: Recorded::default() }, anytime)
     }
 
-    /// The transform along the way at an instant: `to_from_from`. `None` if a part of it is not known then.
-    pub(super) fn transform(&self, way: &Way, at: Instant, tolerance: Tolerance) -> Option<Rigid> {
+    /// Returns the transform along the route at an instant, `to_from_from`. `None` if a part of it is unknown then.
+    pub(super) fn transform(&self, route: &Route, at: Instant, tolerance: Tolerance) -> Option<Rigid> {
         let to_top = |frames: &[String]| {
             frames
                 .iter()
                 .try_fold(Rigid::IDENTITY, |below, frame| Some(self.parent_from(frame, at, tolerance)?.after(&below)))
         };
-        Some(to_top(&way.down)?.inverse().after(&to_top(&way.up)?))
+        Some(to_top(&route.down)?.inverse().after(&to_top(&route.up)?))
     }
 
     fn parent_from(&self, frame: &str, at: Instant, tolerance: Tolerance) -> Option<Rigid> {
@@ -271,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn between_two_measurements_is_interpolated_and_in_a_gap_nothing_is_known() {
+    fn transforms_are_interpolated_but_not_across_a_gap() {
         let samples = [sample(0, 0.0, 0.0), sample(100, 1.0, 0.8), sample(5000, 9.0, 0.0)];
         let at = |milliseconds: i64| at_time(&samples, milliseconds * MILLISECOND, TOLERANCE);
         assert!(close(&at(25).unwrap(), &sample(0, 0.25, 0.2).transform));
@@ -288,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_leads_up_and_down_through_moving_and_fixed_frames() {
+    fn a_route_leads_up_and_down_through_moving_and_fixed_frames() {
         let mut tree = TransformTree::default();
         tree.add("odom", "base", sample(0, 1.0, 0.0), false);
         tree.add("odom", "base", sample(100, 3.0, 0.0), false);
@@ -296,33 +297,33 @@ mod tests {
         tree.add("base", "depth", sample(0, 0.3, 1.0), true);
         tree.add("elsewhere", "color", sample(0, 7.0, 0.0), true); // a second parent
         tree.sort(Order::LogTime);
-        let way = tree.way("color", "odom").unwrap();
-        assert!(tree.is_moving(&way));
-        let transform = tree.transform(&way, instant(50), TOLERANCE).unwrap();
+        let route = tree.route("color", "odom").unwrap();
+        assert!(tree.is_moving(&route));
+        let transform = tree.transform(&route, instant(50), TOLERANCE).unwrap();
         assert!(close(&transform, &sample(0, 2.1, 1.0).transform), "{transform:?}");
-        assert_eq!(tree.transform(&way, instant(900), TOLERANCE), None);
-        let between = tree.way("depth", "color").unwrap();
+        assert_eq!(tree.transform(&route, instant(900), TOLERANCE), None);
+        let between = tree.route("depth", "color").unwrap();
         assert!(!tree.is_moving(&between), "what moves is above both");
         let transform = tree.transform(&between, instant(900), TOLERANCE).unwrap();
         let expected = DQuat::from_rotation_z(-1.0) * (DVec3::X * 0.2);
         assert!(close(&transform, &Rigid { translation: expected, rotation: DQuat::IDENTITY }), "{transform:?}");
-        assert_eq!(tree.way("color", "map"), None);
+        assert_eq!(tree.route("color", "map"), None);
         assert_eq!(tree.ancestors("color"), ["color", "base", "odom"]);
     }
 
     #[test]
-    fn frames_in_a_circle_end() {
+    fn cycles_of_frames_end() {
         let mut tree = TransformTree::default();
         tree.add("a", "b", sample(0, 0.0, 0.0), true);
         tree.add("b", "a", sample(0, 0.0, 0.0), true);
         tree.add("c", "c", sample(0, 0.0, 0.0), true);
         assert_eq!(tree.ancestors("a"), ["a", "b"]);
         assert_eq!(tree.ancestors("c"), ["c"]);
-        assert!(tree.way("a", "c").is_none());
+        assert!(tree.route("a", "c").is_none());
     }
 
     #[test]
-    fn what_is_no_transform_is_refused() {
+    fn invalid_transforms_are_refused() {
         assert_eq!(Rigid::new(DVec3::ZERO, DQuat::from_array([0.0; 4])), None);
         assert_eq!(Rigid::new(DVec3::X * f64::NAN, DQuat::IDENTITY), None);
         assert_eq!(Rigid::new(DVec3::ZERO, DQuat::from_xyzw(0.0, 0.0, 0.0, f64::INFINITY)), None);
@@ -332,7 +333,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_way_back_is_the_inverse(
+        fn the_route_back_is_the_inverse(
             angles in prop::array::uniform3(-3.0f64..3.0), t in prop::array::uniform3(-5.0f64..5.0),
         ) {
             let transform = Rigid { translation: DVec3::from(t), rotation: DQuat::from_euler(glam::EulerRot::XYZ, angles[0], angles[1], angles[2]) };
@@ -340,7 +341,7 @@ mod tests {
             for (parent, child) in [("a", "b"), ("b", "c"), ("a", "d")] {
                 tree.add(parent, child, Sample { stamp: 0, recorded: Recorded::default(), transform }, true);
             }
-            let through = |from, to| tree.transform(&tree.way(from, to).unwrap(), instant(0), TOLERANCE).unwrap();
+            let through = |from, to| tree.transform(&tree.route(from, to).unwrap(), instant(0), TOLERANCE).unwrap();
             prop_assert!(close(&through("c", "d").after(&through("d", "c")), &Rigid::IDENTITY));
             prop_assert!(close(&through("c", "a"), &transform.after(&transform)));
         }

@@ -1,4 +1,4 @@
-//! All videos of MVPd in a folder.
+//! Listing of all MVPd videos in a folder.
 
 use super::video_path::VideoPath;
 use crate::DatasetError;
@@ -10,17 +10,17 @@ use std::ffi::OsString;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
-/// The split that results are published for.
+/// Split with published results.
 const TEST_SPLIT: &str = "test";
-/// The authors' list of the videos of a split that count: the others show nothing in some frames.
+/// The authors' list of a split's accepted videos. The others show nothing in some frames.
 const ACCEPTED_VIDEOS: &str = "empty_videos.json";
-/// The published list takes 80 kB.
+/// Maximum file size. The published list has 80 kB.
 const MAX_LIST_BYTES: u64 = 100_000_000;
 
-/// A video of MVPd.
+/// An MVPd video.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MvpdVideo {
-    /// Where it is, as [`crate::open_scene`] takes it: `FOLDER:VIDEO` or `SCENE.tar.gz:VIDEO`.
+    /// Its path for [`crate::open_scene`]: `FOLDER:VIDEO` or `SCENE.tar.gz:VIDEO`.
     pub path: PathBuf,
     /// Its name.
     pub name: String,
@@ -31,23 +31,24 @@ pub struct MvpdVideo {
 /// The videos of a split.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MvpdVideos {
-    /// The videos, in the order of their places and files.
+    /// The videos, in the order of the archives and of their annotation files.
     pub videos: Vec<MvpdVideo>,
-    /// Number of videos that are left out, as `empty_videos.json` does not accept them; `None` without such a file.
+    /// Number of videos skipped because `empty_videos.json` does not accept them; `None` without such a file.
     pub rejected: Option<usize>,
-    /// The folder that they are in.
+    /// Folder that contains them.
     pub split: PathBuf,
 }
 
-/// The content of `empty_videos.json`.
+/// Content of `empty_videos.json`.
 #[derive(Deserialize)]
 struct AcceptedVideos {
     accepted: BTreeSet<String>,
 }
 
 impl MvpdVideos {
-    /// The videos of a folder: of the split that it is, of the scenes' archives in it, or of its subfolder `test`. Where the
-    /// split has the authors' `empty_videos.json`, only the videos that this accepts. Without any video the list is empty.
+    /// Finds the videos of a folder: of the split, if the folder is one, of the scene archives in it, or of its
+    /// subfolder `test`. If the split has the authors' `empty_videos.json`, only accepted videos. The list is empty if
+    /// there are none.
     ///
     /// # Errors
     /// If annotations, an archive or the list of accepted videos cannot be read.
@@ -71,7 +72,7 @@ impl MvpdVideos {
     }
 }
 
-/// The split's folder itself, or the archives in it.
+/// Returns the split's folder itself, or the archives in it.
 fn places_in(folder: &Path) -> Vec<(PathBuf, VideoPath)> {
     let place = |path: PathBuf| VideoPath::parse(&path).map(|parsed| (path, parsed));
     match place(folder.to_owned()) {

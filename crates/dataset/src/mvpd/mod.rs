@@ -2,19 +2,19 @@
 //! `imagesRGB/<video>/<view>.jpg`, `imagesDEPTH/<video>/<view>.png` (uint16 millimetres) and
 //! `panomasksRGB/<video>/<view>.png`, or one HM3D scene's `.tar.gz` with `panoptic.json` and the same folders.
 //!
-//! One video is one scene. It is chosen by its name: `FOLDER:VIDEO` or `FOLDER/imagesRGB/VIDEO`, and
-//! `SCENE.tar.gz:VIDEO`; where there is only one it need not be. Of the JSON file, which may have gigabytes, only the
-//! chosen video is kept. An archive is read twice, once to its JSON file and once to the video's last image; the images
-//! of the chosen video are copied to a temporary file (see `archive/tarred.rs`).
+//! Each video is one scene. It is chosen by name: `FOLDER:VIDEO`, `FOLDER/imagesRGB/VIDEO` or `SCENE.tar.gz:VIDEO`. The
+//! name may be omitted if there is only one video. Only the chosen video is kept from the JSON file, which may have
+//! gigabytes. An archive is read twice, once up to its JSON file and once up to the video's last image. The images of
+//! the chosen video are copied to a temporary file (see `archive/tarred.rs`).
 //!
 //! Poses are a position and a quaternion (w, x, y, z) of a camera with Blender's axes: x right, y up, looking along -z.
-//! The intrinsics are those of the authors' code, taken as they are; a renderer's principal point would lie half a
-//! pixel up and to the left of theirs.
+//! The intrinsics are those in the authors' code, unchanged. A renderer's principal point would be half a pixel up and
+//! to the left of theirs.
 //!
-//! True ids are the `instance_id`s of `segments_info`, unique over the video's HM3D scene; where a video's annotations
-//! lack some (the authors' script can remove them), they are the ids in the mask images, unique over the video.
-//! Regions marked `iscrowd` are not instances and have id 0. Nothing is merged or filtered by area, as the authors'
-//! loader can do.
+//! Ground truth ids are the `instance_id`s of `segments_info`, unique within the video's HM3D scene. If a video's
+//! annotations lack some (the authors' script can remove them), the ids in the mask images are used, unique within the
+//! video. Regions marked `iscrowd` are not instances and have id 0. Unlike the authors' loader, which can do both, this
+//! one does not merge segments or filter them by area.
 
 mod listing;
 mod panoptic;
@@ -27,46 +27,46 @@ pub(crate) use video_path::{looks_like, parts};
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, SEGMENT_IMAGE};
 use crate::decode::{decode_color, decode_depth, decode_panoptic, encoded_size};
 use crate::scene::{FramePart, FrameParts, entry, require_registered};
-use crate::{DatasetError, Format, Scene};
+use crate::{DatasetError, Format, RecordedFrame, Scene};
 use glam::{DQuat, DVec3};
 use panoptic::{PanopticVideo, SegmentInfo};
-use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Intrinsics, Pose, SegmentMap};
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 use video_files::VideoFiles;
 use video_path::VideoPath;
 
-/// What MVPd looks like, for messages.
+/// Layout of MVPd, for messages.
 pub(crate) const LAYOUT: &str = "panoptic_<split>.json, imagesRGB/<video>/<view>.jpg, imagesDEPTH/, panomasksRGB/ (optional), or a \
                                  scene's .tar.gz with the same; one of several videos is chosen as PATH:VIDEO";
 
-/// The camera of every video.
+/// Camera of every video.
 const PUBLISHED: Intrinsics = Intrinsics { fx: 465.6029, fy: 465.6029, cx: 320.0, cy: 240.0, width: 640, height: 480 };
 
-/// Half a turn about x: from our camera axes (y down, z forward) to Blender's (y up, z backward).
+/// Half a turn about x, from this project's camera axes (y down, z forward) to Blender's (y up, z backward).
 const BLENDER_FROM_OURS: DQuat = DQuat::from_xyzw(1.0, 0.0, 0.0, 0.0);
 
 /// One frame of a video.
 #[derive(Clone, Debug)]
 struct View {
-    /// File name without its extension; frames and masks are named by it.
+    /// File name without its extension, which also names the frame and mask.
     stem: String,
     color: String,
     depth: String,
-    /// Where the camera stands, metres.
+    /// Camera position, metres.
     position: DVec3,
-    /// From Blender's camera axes to the world's; of any length.
+    /// Rotation from Blender's camera axes to world axes, not normalised.
     rotation: DQuat,
 }
 
-/// One video of MVPd. Frames are named like their images.
+/// An MVPd video. Frames are named like their images.
 #[derive(Debug)]
 pub struct MvpdScene {
     name: String,
     files: VideoFiles,
     views: Vec<View>,
     masks: BTreeMap<String, Mask>,
-    /// The file of annotations, for messages.
+    /// Annotation file, for messages.
     annotations: PathBuf,
 }
 
@@ -74,17 +74,17 @@ pub struct MvpdScene {
 #[derive(Clone, Debug)]
 struct Mask {
     file: String,
-    /// True id of each id in the mask image; `None` if they are the same.
+    /// Ground truth id of each id in the mask image; `None` if they are the same.
     instances: Option<BTreeMap<u32, u32>>,
 }
 
 impl MvpdScene {
-    /// Opens one video of a split's folder or of a scene's archive; see the [command line's way to name
-    /// it](crate::Format::Mvpd).
+    /// Opens one video of a split's folder or of a scene's archive. See [`Format::Mvpd`] for the syntax of paths.
     ///
     /// # Errors
-    /// If the annotations or their archive are missing or damaged, if all depth images are missing, if there is no such video, or several and none is
-    /// chosen, or if names in the annotations lead out of the video's folders or are used twice.
+    /// If the annotations or their archive are missing or damaged, all depth images are missing, the video does not
+    /// exist or none of several is chosen, or names in the annotations point outside the video's folders or occur
+    /// twice.
     pub fn open(path: &Path) -> Result<Self, DatasetError> {
         let chosen = VideoPath::parse(path).ok_or_else(|| DatasetError::NotFound { path: path.to_owned() })?;
         let annotations = chosen.read_annotations()?;
@@ -111,7 +111,7 @@ impl MvpdScene {
             let path = files.path_of(&format!("imagesDEPTH/{name}"));
             return Err(DatasetError::NoFrames { path, expected: "the depth images that the annotations name" });
         }
-        // Without the masks, which are a separate folder, the video is one without ground truth.
+        // The masks are in a separate folder. Without them, the video has no ground truth.
         let has_masks =
             masks.values().any(|mask| files.contains(&video_files::member("panomasksRGB", &name, &mask.file)));
         Ok(Self { files, views, masks: if has_masks { masks } else { BTreeMap::new() }, name, annotations: source })
@@ -144,7 +144,7 @@ fn views_of(video: &PanopticVideo, source: &Path) -> Result<Vec<View>, DatasetEr
 
 fn masks_of(video: &PanopticVideo, source: &Path) -> Result<BTreeMap<String, Mask>, DatasetError> {
     let segments = || video.annotations.iter().map(|frame| frame.segments_info.as_deref());
-    // All or none: half of the ids of one kind and half of the other would not be unique.
+    // All or none: a mixture of both kinds of ids would not be unique.
     let use_instances =
         segments().all(|infos| infos.is_some_and(|infos| infos.iter().all(|info| info.instance_id.is_some())));
     let true_id = |info: &SegmentInfo| match info.instance_id {
@@ -162,7 +162,7 @@ fn masks_of(video: &PanopticVideo, source: &Path) -> Result<BTreeMap<String, Mas
     Ok(masks)
 }
 
-/// A name in the annotations, if it is that of a file or folder and not a way elsewhere.
+/// Returns a name from the annotations if it is a plain file or folder name, not a path elsewhere.
 fn safe_name<'a>(name: &'a str, field: &str, source: &Path) -> Result<&'a str, DatasetError> {
     let is_plain = !name.is_empty() && name != "." && name != ".." && !name.contains(['/', '\\', '\0']);
     if is_plain { Ok(name) } else { Err(wrong(source, field, name, "a name without folders")) }
@@ -194,7 +194,7 @@ impl Scene for MvpdScene {
         self.views.get(index).map(|view| view.stem.clone()).unwrap_or_default()
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
+    fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let view = entry(&self.views, index, &self.name)?;
         let (color_file, depth_file) = (self.member("imagesRGB", &view.color), self.member("imagesDEPTH", &view.depth));
         let (color_path, depth_path) = (self.files.path_of(&color_file), self.files.path_of(&depth_file));
@@ -205,7 +205,7 @@ impl Scene for MvpdScene {
         require_registered(&color, &depth, &depth_path)?;
         let intrinsics = PUBLISHED.resized(color.width(), color.height());
         let name = view.stem.clone();
-        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: pose }.into_frame()
+        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: Some(pose) }.into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

@@ -1,4 +1,4 @@
-//! MVPd's annotations. One video is picked out while reading: the file of a split can have gigabytes.
+//! MVPd's annotations. One video is selected while reading, because a split's file can have gigabytes.
 
 use crate::DatasetError;
 use crate::error::NAMES_IN_MESSAGES;
@@ -21,7 +21,7 @@ pub(super) struct PanopticVideo {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub(super) struct ImageEntry {
     pub(super) file_name: String,
-    /// The authors' script can leave it out; then the file is named like the colour image.
+    /// The authors' script can omit it. The file is then named like the colour image.
     pub(super) depth_file_name: Option<String>,
     /// Metres.
     pub(super) camera_position: [f64; 3],
@@ -33,14 +33,14 @@ pub(super) struct ImageEntry {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub(super) struct FrameAnnotation {
     pub(super) file_name: String,
-    /// The authors' script can leave them out.
+    /// The authors' script can omit them.
     pub(super) segments_info: Option<Vec<SegmentInfo>>,
 }
 
 /// One segment of one image.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 pub(super) struct SegmentInfo {
-    /// As in the mask image.
+    /// Id in the mask image.
     pub(super) id: u32,
     pub(super) instance_id: Option<u32>,
     /// 1 for a region of several instances.
@@ -48,16 +48,16 @@ pub(super) struct SegmentInfo {
     pub(super) iscrowd: u8,
 }
 
-/// The video to be read, and what to call things in messages.
+/// The video to read, and names for messages.
 pub(super) struct VideoChoice<'a> {
     pub(super) annotations: &'a Path,
     pub(super) place: &'a Path,
     pub(super) video: Option<&'a str>,
 }
 
-/// Reads the chosen video, or the only one, from a file of annotations, no further than needed.
+/// Reads the chosen video, or the only one, from an annotation file, no further than necessary.
 pub(super) fn read_panoptic(reader: impl Read, choice: &VideoChoice<'_>) -> Result<PanopticVideo, DatasetError> {
-    let mut file = PanopticFile { videos: Picked::new(choice.video), annotations: Picked::new(choice.video) };
+    let mut file = PanopticFile { videos: Selection::new(choice.video), annotations: Selection::new(choice.video) };
     let mut deserializer = serde_json::Deserializer::from_reader(reader);
     let read = FileVisitor(&mut file).deserialize(&mut deserializer).and_then(|()| deserializer.end());
     if choice.video.is_none() && file.videos.first_names.len() > 1 {
@@ -82,7 +82,7 @@ pub(super) fn read_panoptic(reader: impl Read, choice: &VideoChoice<'_>) -> Resu
     Ok(PanopticVideo { name, images: video.images, annotations })
 }
 
-/// The name of each video of a file, and its number of images, in the file's order. Read no further than the list.
+/// Reads the name and number of images of each video in a file, in file order. Stops after the list of videos.
 pub(super) fn read_video_list(reader: impl Read, annotations: &Path) -> Result<Vec<(String, usize)>, DatasetError> {
     let mut list = VideoList { videos: None };
     let mut deserializer = serde_json::Deserializer::from_reader(reader);
@@ -96,7 +96,7 @@ pub(super) fn read_video_list(reader: impl Read, annotations: &Path) -> Result<V
     }
 }
 
-/// The names of a file's videos, once its list was read.
+/// Names and image counts of a file's videos, once the list has been read.
 struct VideoList {
     videos: Option<Vec<(String, usize)>>,
 }
@@ -133,16 +133,16 @@ impl<'de> Visitor<'de> for &mut VideoList {
     }
 }
 
-/// An entry of `"videos"` of which only the name and the number of images count.
+/// An entry of `"videos"`, reduced to its name and number of images.
 #[derive(Deserialize)]
 struct ListedVideo {
     video_name: Option<NameOrNumber>,
     video_id: Option<NameOrNumber>,
-    /// Takes no memory for each.
+    /// Only counted, without storing each entry.
     images: Vec<IgnoredAny>,
 }
 
-/// The first of an entry's names.
+/// Returns the first of an entry's names.
 fn name_of(names: [Option<NameOrNumber>; 2]) -> Result<String, &'static str> {
     match names.into_iter().flatten().next() {
         Some(NameOrNumber::Name(name)) => Ok(name),
@@ -151,7 +151,8 @@ fn name_of(names: [Option<NameOrNumber>; 2]) -> Result<String, &'static str> {
     }
 }
 
-/// The authors write the name as `video_name` and a number as `video_id`; their format page calls the name `video_id`.
+/// A video's name or number. The authors write the name as `video_name` and a number as `video_id`, but their format
+/// page uses `video_id` for the name.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum NameOrNumber {
@@ -159,9 +160,9 @@ enum NameOrNumber {
     Number(u64),
 }
 
-/// An entry that belongs to a video.
-trait OfVideo {
-    /// What the entry says under `video_name` and `video_id`.
+/// An entry of a list that belongs to a video.
+trait VideoEntry {
+    /// Takes the values of `video_name` and `video_id` out of the entry.
     fn names(&mut self) -> [Option<NameOrNumber>; 2];
 }
 
@@ -173,7 +174,7 @@ struct Video {
     images: Vec<ImageEntry>,
 }
 
-impl OfVideo for Video {
+impl VideoEntry for Video {
     fn names(&mut self) -> [Option<NameOrNumber>; 2] {
         [self.video_name.take(), self.video_id.take()]
     }
@@ -187,28 +188,28 @@ struct VideoAnnotations {
     annotations: Vec<FrameAnnotation>,
 }
 
-impl OfVideo for VideoAnnotations {
+impl VideoEntry for VideoAnnotations {
     fn names(&mut self) -> [Option<NameOrNumber>; 2] {
         [self.video_name.take(), self.video_id.take()]
     }
 }
 
-/// The one entry that is kept of a list.
-struct Picked<'a, T> {
-    /// The video's name; the first one is kept if there is none.
+/// Selects one entry of a list.
+struct Selection<'a, T> {
+    /// Name of the video to keep; `None` keeps the first entry.
     wanted: Option<&'a str>,
     kept: Option<(String, T)>,
     /// For messages.
     first_names: Vec<String>,
 }
 
-impl<'a, T: OfVideo> Picked<'a, T> {
+impl<'a, T: VideoEntry> Selection<'a, T> {
     fn new(wanted: Option<&'a str>) -> Self {
         Self { wanted, kept: None, first_names: Vec::new() }
     }
 
-    /// Looks at an entry, and drops it if it is not the one.
-    fn offer(&mut self, mut entry: T) -> Result<(), &'static str> {
+    /// Keeps an entry if it belongs to the wanted video, otherwise drops it.
+    fn consider(&mut self, mut entry: T) -> Result<(), &'static str> {
         let name = name_of(entry.names())?;
         if self.first_names.len() < NAMES_IN_MESSAGES {
             self.first_names.push(name.clone());
@@ -220,25 +221,25 @@ impl<'a, T: OfVideo> Picked<'a, T> {
     }
 }
 
-/// What is kept of the file.
+/// The selected parts of the file.
 struct PanopticFile<'a> {
-    videos: Picked<'a, Video>,
-    annotations: Picked<'a, VideoAnnotations>,
+    videos: Selection<'a, Video>,
+    annotations: Selection<'a, VideoAnnotations>,
 }
 
 impl PanopticFile<'_> {
-    /// Whether nothing that follows could matter.
+    /// Returns true if the rest of the file is irrelevant.
     fn is_complete(&self) -> bool {
         self.videos.wanted.is_some() && self.videos.kept.is_some() && self.annotations.kept.is_some()
     }
 
-    /// Whether enough is known for the message that a video must be chosen.
+    /// Returns true if enough names are known for the error that a video must be chosen.
     fn is_ambiguous(&self) -> bool {
         self.videos.wanted.is_none() && self.videos.first_names.len() == NAMES_IN_MESSAGES
     }
 }
 
-/// Reads the whole file.
+/// Deserializer of the whole file.
 struct FileVisitor<'a, 'b>(&'a mut PanopticFile<'b>);
 
 impl<'de> DeserializeSeed<'de> for FileVisitor<'_, '_> {
@@ -268,13 +269,13 @@ impl<'de> Visitor<'de> for FileVisitor<'_, '_> {
     }
 }
 
-/// Reads the entries of a list one by one.
+/// Deserializer of a list, one entry at a time.
 struct Entries<'a, 'b, T> {
     file: &'a mut PanopticFile<'b>,
-    list: for<'c> fn(&'c mut PanopticFile<'b>) -> &'c mut Picked<'b, T>,
+    list: for<'c> fn(&'c mut PanopticFile<'b>) -> &'c mut Selection<'b, T>,
 }
 
-impl<'de, T: OfVideo + Deserialize<'de>> DeserializeSeed<'de> for Entries<'_, '_, T> {
+impl<'de, T: VideoEntry + Deserialize<'de>> DeserializeSeed<'de> for Entries<'_, '_, T> {
     type Value = ();
 
     fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
@@ -282,7 +283,7 @@ impl<'de, T: OfVideo + Deserialize<'de>> DeserializeSeed<'de> for Entries<'_, '_
     }
 }
 
-impl<'de, T: OfVideo + Deserialize<'de>> Visitor<'de> for Entries<'_, '_, T> {
+impl<'de, T: VideoEntry + Deserialize<'de>> Visitor<'de> for Entries<'_, '_, T> {
     type Value = ();
 
     fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -291,7 +292,7 @@ impl<'de, T: OfVideo + Deserialize<'de>> Visitor<'de> for Entries<'_, '_, T> {
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<(), A::Error> {
         while let Some(entry) = entries.next_element::<T>()? {
-            (self.list)(self.file).offer(entry).map_err(A::Error::custom)?;
+            (self.list)(self.file).consider(entry).map_err(A::Error::custom)?;
             if self.file.is_complete() || self.file.is_ambiguous() {
                 return Err(A::Error::custom("the rest is not needed"));
             }

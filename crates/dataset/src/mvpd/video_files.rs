@@ -1,30 +1,30 @@
-//! The image files of a video.
+//! Access to the image files of a video.
 
 use crate::DatasetError;
 use crate::archive::UnpackedMembers;
 use crate::decode::read_image_file;
 use std::path::PathBuf;
 
-/// Where the images of a video are. They are named as [`member`] says.
+/// Location of a video's images. [`member`] gives their names.
 #[derive(Debug)]
 pub(super) enum VideoFiles {
-    /// The folder that holds `imagesRGB/` and the others.
+    /// Folder that contains `imagesRGB/` and the others.
     Folder(PathBuf),
     /// Members of a scene's archive.
     Archive {
         members: UnpackedMembers,
-        /// What the archive puts before the names.
+        /// Prefix of the names in the archive.
         prefix: String,
     },
 }
 
-/// The name of a video's image: `<folder>/<video>/<file>`.
+/// Returns the name of a video's image, `<folder>/<video>/<file>`.
 pub(super) fn member(folder: &str, video: &str, file: &str) -> String {
     format!("{folder}/{video}/{file}")
 }
 
 impl VideoFiles {
-    /// The path of an image, for messages.
+    /// Returns the path of an image, for messages.
     pub(super) fn path_of(&self, name: &str) -> PathBuf {
         match self {
             Self::Folder(folder) => folder.join(name),
@@ -39,7 +39,7 @@ impl VideoFiles {
         }
     }
 
-    /// The bytes of an image. `what` names its content in errors.
+    /// Reads an image file. `what` names its content in errors.
     pub(super) fn read(&self, name: &str, what: &'static str) -> Result<Vec<u8>, DatasetError> {
         match self {
             Self::Folder(folder) => read_image_file(&folder.join(name), what),

@@ -1,4 +1,4 @@
-//! How one video of several is chosen.
+//! Paths that choose one of several videos.
 
 use super::panoptic::{PanopticVideo, VideoChoice, read_panoptic, read_video_list};
 use super::video_files::VideoFiles;
@@ -12,32 +12,32 @@ use std::path::{Path, PathBuf};
 
 const IMAGES_FOLDER: &str = "imagesRGB";
 
-/// Where a video is.
+/// Path of a video.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct VideoPath {
     place: Place,
-    /// The video's name, if one is chosen.
+    /// Name of the chosen video, if any.
     video: Option<String>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Place {
-    /// A folder with the annotations' file and the folders of images.
+    /// A folder with the annotation file and the image folders.
     Folder(PathBuf),
     /// A scene's `.tar.gz`.
     Archive(PathBuf),
 }
 
-/// The annotations of the chosen video.
+/// Annotations of the chosen video.
 pub(super) struct Annotations {
     pub(super) content: PanopticVideo,
-    /// The file they come from, for messages.
+    /// Their file, for messages.
     pub(super) path: PathBuf,
-    /// What stands before `imagesRGB/` in an archive, e.g. `00800-TEEsavR23oF/`; empty for a folder.
+    /// Prefix of `imagesRGB/` in an archive, e.g. `00800-TEEsavR23oF/`; empty for a folder.
     pub(super) prefix: String,
 }
 
-/// The parts that a split's folder needs, and whether each is in a folder.
+/// Returns the required parts of a split's folder, each with true if the folder has it.
 pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
     vec![
         ("panoptic_<split>.json", names_in(path).iter().any(|name| is_annotation_file(name))),
@@ -46,14 +46,13 @@ pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
     ]
 }
 
-/// Whether a path leads to MVPd, with or without the choice of a video.
+/// Returns true if a path refers to MVPd, with or without the name of a video.
 pub(crate) fn looks_like(path: &Path) -> bool {
     VideoPath::parse(path).is_some()
 }
 
 impl VideoPath {
-    /// Understands `PLACE`, `PLACE:VIDEO` and `FOLDER/imagesRGB/VIDEO`. An existing path is never split at a
-    /// colon.
+    /// Parses `PLACE`, `PLACE:VIDEO` and `FOLDER/imagesRGB/VIDEO`. Never splits an existing path at a colon.
     pub(super) fn parse(path: &Path) -> Option<Self> {
         if path.exists() {
             return Place::at(path).map(|place| Self { place, video: None }).or_else(|| Self::from_images_folder(path));
@@ -73,7 +72,7 @@ impl VideoPath {
         Place::at(root).map(|place| Self { place, video: Some(video) })
     }
 
-    /// The name and the number of images of every video at a place.
+    /// Returns the name and number of images of every video at the path.
     pub(super) fn list_videos(&self) -> Result<Vec<(String, usize)>, DatasetError> {
         match &self.place {
             Place::Folder(folder) => {
@@ -120,7 +119,7 @@ impl VideoPath {
         }
     }
 
-    /// Opens the files of the chosen video. `wanted` are their names, `prefix` what an archive puts before them.
+    /// Opens the files of the chosen video. `wanted` are their names, `prefix` is their prefix in an archive.
     pub(super) fn files(&self, prefix: &str, wanted: Vec<String>) -> Result<VideoFiles, DatasetError> {
         match &self.place {
             Place::Folder(folder) => Ok(VideoFiles::Folder(folder.clone())),
@@ -142,7 +141,7 @@ fn no_annotations(archive: &Path) -> DatasetError {
     DatasetError::MissingFile { path: archive.join("panoptic.json"), what: "file of annotations" }
 }
 
-/// What is before and after the last colon. Only what follows it, the name of a video, must be UTF-8.
+/// Splits a path at its last colon. Only the part after it, the name of a video, must be UTF-8.
 fn split_at_last_colon(path: &Path) -> Option<(PathBuf, String)> {
     #[cfg(unix)]
     {
@@ -157,7 +156,7 @@ fn split_at_last_colon(path: &Path) -> Option<(PathBuf, String)> {
 }
 
 impl Place {
-    /// What is at a path that may not be there.
+    /// Detects the kind of place at a path, which may not exist.
     fn at(path: &Path) -> Option<Self> {
         if path.is_dir() {
             let holds_videos =
@@ -170,7 +169,7 @@ impl Place {
     }
 }
 
-/// `panoptic.json`, or `panoptic_<split>.json`.
+/// Returns true for `panoptic.json` and `panoptic_<split>.json`.
 fn is_annotation_file(name: &str) -> bool {
     name.strip_prefix("panoptic")
         .and_then(|rest| rest.strip_suffix(".json"))

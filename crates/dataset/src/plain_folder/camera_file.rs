@@ -1,4 +1,4 @@
-//! `camera.json` of a plain folder.
+//! Reading of `camera.json` in a plain folder.
 
 use crate::DatasetError;
 use crate::files::read_file;
@@ -6,14 +6,14 @@ use serde::Deserialize;
 use splatseg_geometry::{Distortion, Intrinsics};
 use std::path::Path;
 
-/// Larger files do not describe a camera.
+/// Maximum file size. Larger files are not camera descriptions.
 const MAX_BYTES: u64 = 64 << 10;
 
-/// The keys of the file.
+/// Valid keys of the file.
 const KEYS: [&str; 9] =
     ["width", "height", "fx", "fy", "cx", "cy", "depth_units_per_metre", "distortion_model", "distortion_coefficients"];
 
-/// The camera that took colour and depth.
+/// Camera of the colour and depth images.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FolderCamera {
     pub(super) intrinsics: Intrinsics,
@@ -61,7 +61,11 @@ impl FolderCamera {
             None if file.distortion_coefficients.is_empty() => "none".to_owned(),
             None => {
                 let expected = "plumb_bob, rational_polynomial or equidistant";
-                return Err(field("distortion_model", "nothing beside distortion_coefficients".to_owned(), expected));
+                return Err(field(
+                    "distortion_model",
+                    "nothing, although distortion_coefficients are given".to_owned(),
+                    expected,
+                ));
             }
         };
         let distortion = Distortion::from_coefficients(&model, &file.distortion_coefficients)
@@ -70,7 +74,7 @@ impl FolderCamera {
     }
 }
 
-/// Requires that an object has no keys but [`KEYS`]. What is wrong otherwise is left to the reader of its values.
+/// Checks that an object has only [`KEYS`]. Other problems are reported when its values are read.
 fn check_keys(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
     let Ok(object) = serde_json::from_slice::<serde_json::Map<String, serde_json::Value>>(bytes) else { return Ok(()) };
     let Some(key) = object.keys().find(|key| !KEYS.contains(&key.as_str())) else { return Ok(()) };
@@ -82,7 +86,7 @@ fn check_keys(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
     })
 }
 
-/// The most similar key, if one is similar at all. Letters and digits count.
+/// Returns the most similar key, if any is similar enough. Compares only letters and digits.
 fn nearest_key(wrong: &str) -> Option<&'static str> {
     let plain = |key: &str| key.chars().filter(|letter| letter.is_alphanumeric()).collect::<String>().to_lowercase();
     let wrong = plain(wrong);

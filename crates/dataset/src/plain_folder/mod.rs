@@ -1,7 +1,8 @@
-//! A folder that anyone can make: `color/`, `depth/`, `camera.json`, `poses.txt`; `docs/FOLDER_FORMAT.md` describes it.
+//! Plain folders with `color/`, `depth/`, `camera.json` and `poses.txt`, described in `docs/FOLDER_FORMAT.md`.
 //!
-//! A frame is a colour and a depth image of the same name, but for the ending. Poses belong to the colour images in
-//! order, or, if the images are named after their times and the poses have times too, to the image at the nearest time.
+//! A frame is a colour and a depth image with the same name apart from the extension. Poses are assigned to the colour
+//! images in order. If the images are named by time and the poses have times too, each image gets the pose nearest in
+//! time.
 
 mod camera_file;
 mod names;
@@ -12,17 +13,17 @@ use crate::listing::folder_name;
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::tum::nearest_time;
 use crate::undistort::Undistortion;
-use crate::{DatasetError, Format, Scene};
+use crate::{DatasetError, Format, RecordedFrame, Scene};
 use camera_file::FolderCamera;
 use names::{Images, seconds_of};
 use poses::{ListedPose, read_poses};
-use splatseg_geometry::{Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Pose, SegmentMap};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::Duration;
 
-/// What a plain folder looks like, for messages.
+/// Layout of a plain folder, for messages.
 pub(crate) const LAYOUT: &str =
     "color/<name>.jpg or .png, depth/<name>.png, ..., camera.json, poses.txt (docs/FOLDER_FORMAT.md)";
 
@@ -30,7 +31,7 @@ const COLOR_FOLDER: &str = "color";
 const DEPTH_FOLDER: &str = "depth";
 const CAMERA_FILE: &str = "camera.json";
 const POSES: &str = "poses.txt";
-/// Images and poses further apart in time do not belong together, seconds.
+/// Maximum time between an image and its pose, seconds.
 const MAX_SECONDS_APART: f64 = 0.02;
 
 /// A frame with all its parts.
@@ -41,30 +42,30 @@ struct FolderFrame {
     color: PathBuf,
     depth: PathBuf,
     world_from_camera: Pose,
-    /// The pose's line, from 1.
+    /// Line number of the pose, from 1.
     line: usize,
 }
 
 /// A recording in a plain folder. It has no ground truth segments.
 ///
-/// If the lens distorts, colour and depth are undistorted, with the same intrinsics.
+/// If the lens distorts, colour and depth are undistorted, keeping the intrinsics.
 #[derive(Debug)]
 pub struct FolderScene {
     name: String,
     folder: PathBuf,
     frames: Vec<FolderFrame>,
     camera: FolderCamera,
-    /// Made for the first frame whose images have the camera's size.
+    /// Created for the first frame whose images have the camera's size.
     undistortion: OnceLock<Option<Undistortion>>,
     left_out: Vec<LeftOut>,
 }
 
 impl FolderScene {
-    /// Lists a folder's images and reads its camera and all poses. Frames without depth or pose are left out.
+    /// Lists a folder's images and reads its camera and all poses. Frames without depth or pose are skipped.
     ///
     /// # Errors
-    /// If a part is missing or damaged, no frame has all parts, the number of poses is not that of the colour images, a
-    /// pose is not a rigid transform, or the first image does not have the camera's size.
+    /// If a part is missing or damaged, no frame has all parts, the number of poses differs from that of the colour
+    /// images, a pose is not a rigid transform, or the first image does not have the camera's size.
     pub fn open(folder: &Path) -> Result<Self, DatasetError> {
         let camera = FolderCamera::read(&folder.join(CAMERA_FILE))?;
         let color = Images::list(&folder.join(COLOR_FOLDER), &["jpg", "jpeg", "png"])?;
@@ -89,7 +90,8 @@ impl FolderScene {
             undistortion: OnceLock::new(),
             left_out,
         };
-        // A wrong size in camera.json is told once, not for every frame. Of a damaged image its frame tells.
+        // A wrong size in camera.json is reported once, not for every frame. A damaged image is reported when its frame
+        // is read.
         if let Some(Ok((path, size))) = scene.frames.first().map(|first| {
             let size = image_size(&first.color, COLOR_IMAGE)?;
             Ok::<_, DatasetError>((&first.color, size))
@@ -108,8 +110,8 @@ impl FolderScene {
         Err(DatasetError::SizesDiffer { path, what, found, expected, expected_from })
     }
 
-    /// The map that undistorts images; `None` if the lens does not distort. Images of the camera's size must exist: it
-    /// takes memory.
+    /// Returns the undistortion map; `None` if the lens does not distort. Call only once an image of the camera's size
+    /// exists, because the map takes memory.
     fn undistortion(&self) -> Result<Option<&Undistortion>, DatasetError> {
         if let Some(known) = self.undistortion.get() {
             return Ok(known.as_ref());
@@ -120,7 +122,7 @@ impl FolderScene {
     }
 }
 
-/// The pose of every colour image, `None` if no pose was measured near its time.
+/// Assigns a pose to every colour image, `None` if no pose was measured near its time.
 fn poses_of(
     color: &Images,
     mut poses: Vec<ListedPose>,
@@ -144,7 +146,7 @@ fn poses_of(
     Ok(poses.into_iter().map(Some).collect())
 }
 
-/// The frames that have all parts, and how many lack one.
+/// Returns the frames that have all parts, and the counts of those that do not.
 fn frames_of(color: &Images, depth: &Images, poses: &[Option<ListedPose>]) -> (Vec<FolderFrame>, Vec<LeftOut>) {
     let mut depth_files: BTreeMap<&str, &Path> =
         depth.images.iter().map(|image| (image.stem.as_str(), image.path.as_path())).collect();
@@ -183,7 +185,7 @@ fn frames_of(color: &Images, depth: &Images, poses: &[Option<ListedPose>]) -> (V
     (frames, left_out)
 }
 
-/// The error for a folder of which no frame has all parts.
+/// Returns the error for a folder in which no frame has all parts.
 fn no_frames(folder: &Path, color: &Images, depth: &Images) -> DatasetError {
     let example = |part: &str, images: &Images| {
         let name = images.images.first().and_then(|image| image.path.file_name()).unwrap_or_default();
@@ -204,7 +206,7 @@ fn no_frames(folder: &Path, color: &Images, depth: &Images) -> DatasetError {
     }
 }
 
-/// The parts that a folder needs, and whether each is there.
+/// Returns the required parts of a folder, each with true if present.
 pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
     vec![
         ("color/", path.join(COLOR_FOLDER).is_dir()),
@@ -214,9 +216,9 @@ pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
     ]
 }
 
-/// Whether a folder has all parts.
+/// Returns true if a folder has all parts.
 pub(crate) fn looks_like(path: &Path) -> bool {
-    parts(path).iter().all(|(_, is_there)| *is_there)
+    parts(path).iter().all(|(_, is_present)| *is_present)
 }
 
 impl Scene for FolderScene {
@@ -232,7 +234,7 @@ impl Scene for FolderScene {
         self.frames.get(index).map(|frame| frame.name.clone()).unwrap_or_default()
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
+    fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let frame = entry(&self.frames, index, &self.name)?;
         let mut depth = read_depth(&frame.depth, self.camera.units_per_metre)?;
         let mut color = read_color(&frame.color)?;
@@ -244,7 +246,8 @@ impl Scene for FolderScene {
         }
         let FolderFrame { name, timestamp, world_from_camera, .. } = frame.clone();
         let intrinsics = self.camera.intrinsics;
-        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera }.into_frame()
+        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: Some(world_from_camera) }
+            .into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

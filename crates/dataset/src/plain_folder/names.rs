@@ -1,14 +1,14 @@
-//! The images of a plain folder: their names, their order, and the times that names may be.
+//! Names, order and times of the images in a plain folder.
 
 use crate::DatasetError;
 use crate::listing::all_names_in;
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
-/// Digits of a time in nanoseconds since 1970, as ROS names files.
+/// Digits of a time in nanoseconds since 1970, as in ROS file names.
 const NANOSECOND_DIGITS: usize = 19;
 
-/// An image and its name without the ending.
+/// An image and its name without the extension.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct NamedImage {
     pub(super) stem: String,
@@ -18,19 +18,19 @@ pub(super) struct NamedImage {
 /// The images of a folder.
 #[derive(Debug)]
 pub(super) struct Images {
-    /// In order of their times if all stems are times, otherwise of their names.
+    /// Sorted by time if all stems are times, otherwise by name.
     pub(super) images: Vec<NamedImage>,
     /// Number of files whose names are not UTF-8.
     pub(super) unreadable: usize,
 }
 
 impl Images {
-    /// Lists the files with one of these endings, in lower or upper case; hidden files are left out.
+    /// Lists the files with one of these extensions, in lower or upper case. Hidden files are skipped.
     ///
     /// # Errors
-    /// If the folder cannot be read, or holds two files of the same stem.
+    /// If the folder cannot be read, or contains two files with the same stem.
     pub(super) fn list(folder: &Path, endings: &[&str]) -> Result<Self, DatasetError> {
-        // Read here for its error: an unreadable folder must not look like an empty one.
+        // Read here only for the error: an unreadable folder must not look like an empty one.
         std::fs::read_dir(folder).map_err(|source| DatasetError::Io { path: folder.to_owned(), source })?;
         let (mut images, mut unreadable) = (Vec::new(), 0);
         for name in all_names_in(folder) {
@@ -64,7 +64,7 @@ impl Images {
         Ok(images)
     }
 
-    /// The times in seconds, if all stems are times.
+    /// Returns the times in seconds, if all stems are times.
     pub(super) fn times(&self) -> Option<Vec<f64>> {
         self.images.iter().map(|image| seconds_of(&image.stem)).collect()
     }
@@ -74,7 +74,7 @@ fn file_name(image: &NamedImage) -> String {
     image.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The seconds that a text states: digits with a decimal point between them, or 19 digits, which are nanoseconds.
+/// Parses a time in seconds: digits with a decimal point between them, or 19 digits, which are nanoseconds.
 pub(super) fn seconds_of(text: &str) -> Option<f64> {
     let is_digits = |part: &str| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit());
     if let Some((whole, fraction)) = text.split_once('.') {
@@ -84,7 +84,7 @@ pub(super) fn seconds_of(text: &str) -> Option<f64> {
     Some(std::time::Duration::from_nanos(nanoseconds).as_secs_f64())
 }
 
-/// The order of names in which numbers count as numbers: `frame_9`, then `frame_10`.
+/// Compares names, treating numbers in them as numbers: `frame_9`, then `frame_10`.
 fn by_name(left: &str, right: &str) -> Ordering {
     let (mut left_rest, mut right_rest) = (left, right);
     loop {
@@ -98,13 +98,13 @@ fn by_name(left: &str, right: &str) -> Ordering {
             return order;
         }
         if a.is_empty() && b.is_empty() {
-            // They differ in leading zeros at most.
+            // They differ at most in leading zeros.
             return left.cmp(right);
         }
     }
 }
 
-/// Takes the longest part from the front that is all digits or has none; empty at the end.
+/// Splits off the longest prefix that is all digits or has none. Empty at the end.
 fn next_part<'a>(rest: &mut &'a str) -> &'a str {
     let is_digit = |letter: char| letter.is_ascii_digit();
     let starts_with_digit = rest.starts_with(is_digit);
@@ -114,7 +114,7 @@ fn next_part<'a>(rest: &mut &'a str) -> &'a str {
     part
 }
 
-/// The digits of a part without leading zeros; `None` for a part that is not a number.
+/// Returns the digits of a part without leading zeros; `None` if the part is not a number.
 fn as_number(part: &str) -> Option<&str> {
     part.starts_with(|letter: char| letter.is_ascii_digit()).then(|| part.trim_start_matches('0'))
 }

@@ -1,4 +1,4 @@
-//! `poses.txt` of a plain folder: lines of TUM RGB-D, or 4x4 matrices.
+//! Reading of `poses.txt` in a plain folder: TUM RGB-D lines, or 4x4 matrices.
 
 use super::names::seconds_of;
 use crate::DatasetError;
@@ -7,23 +7,23 @@ use glam::{DQuat, DVec3};
 use splatseg_geometry::{Pose, PoseError};
 use std::path::Path;
 
-/// Larger files are not poses of a recording: this is half a million, as text.
+/// Maximum file size, enough for half a million poses as text.
 const MAX_BYTES: u64 = 64 << 20;
-/// How far the length of a quaternion may be from 1: text is rounded. Others are numbers in the wrong order.
+/// Tolerance for the length of a quaternion, because text is rounded. Other lengths mean numbers in the wrong order.
 const QUATERNION_TOLERANCE: f64 = 0.02;
 
 /// A pose of the file.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ListedPose {
-    /// When it was measured, seconds; `None` for matrices.
+    /// Time of measurement, seconds; `None` for matrices.
     pub(super) seconds: Option<f64>,
-    /// `None` where tracking was lost: a number is NaN or infinite.
+    /// `None` if tracking was lost: a number is NaN or infinite.
     pub(super) world_from_camera: Option<Pose>,
     /// Number of its first line, from 1, for messages.
     pub(super) line: usize,
 }
 
-/// How the poses of a file are written, by how many numbers are in a line.
+/// Layout of the poses in a file, determined by the number of values per line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Layout {
     /// time tx ty tz qx qy qz qw
@@ -53,12 +53,12 @@ struct Line<'a> {
     /// From 1.
     number: usize,
     text: &'a str,
-    /// A few more words than any line has, at most, which is enough to see that there are too many.
+    /// At most a few more words than any layout has, enough to detect extra ones.
     words: Vec<&'a str>,
 }
 
 impl<'a> Line<'a> {
-    /// The line, unless it is empty or a comment.
+    /// Parses a line; `None` if it is empty or a comment.
     fn new((index, text): (usize, &'a str)) -> Option<Self> {
         let is_separator = |letter: char| letter.is_whitespace() || letter == ',';
         let words: Vec<&str> = text.split(is_separator).filter(|word| !word.is_empty()).take(20).collect();
@@ -75,7 +75,7 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// The line's `N` numbers.
+    /// Parses the line as `N` numbers.
     fn numbers<const N: usize>(&self, path: &Path) -> Result<[f64; N], DatasetError> {
         let numbers: Option<Vec<f64>> = self.words.iter().map(|word| word.parse().ok()).collect();
         numbers
@@ -84,7 +84,7 @@ impl<'a> Line<'a> {
     }
 }
 
-/// Reads the poses in the order of the file.
+/// Reads the poses in file order.
 pub(super) fn read_poses(path: &Path) -> Result<Vec<ListedPose>, DatasetError> {
     let text = read_text(path, "list of poses", MAX_BYTES)?;
     let mut lines = text.lines().enumerate().filter_map(Line::new).peekable();
@@ -139,7 +139,7 @@ fn matrix_pose(path: &Path, line: usize, numbers: [f64; 16]) -> Result<ListedPos
     listed(path, line, Pose::from_row_major(numbers))
 }
 
-/// The pose, or none where tracking was lost.
+/// Returns the pose, or none if tracking was lost.
 fn listed(path: &Path, line: usize, pose: Result<Pose, PoseError>) -> Result<ListedPose, DatasetError> {
     let world_from_camera = match pose {
         Ok(pose) => Some(pose),
@@ -149,7 +149,7 @@ fn listed(path: &Path, line: usize, pose: Result<Pose, PoseError>) -> Result<Lis
     Ok(ListedPose { seconds: None, world_from_camera, line })
 }
 
-/// A file and line, for messages.
+/// Formats a file and line, for messages.
 pub(super) fn place(path: &Path, line: usize) -> std::path::PathBuf {
     format!("{}: line {line}", path.display()).into()
 }

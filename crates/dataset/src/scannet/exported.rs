@@ -1,6 +1,6 @@
 //! ScanNet scenes exported to folders: `color/<i>.jpg`, `depth/<i>.png` (uint16 millimetres), `pose/<i>.txt`
 //! (4x4, camera-to-world), `intrinsic/` and, as ground truth, `instance-filt/<i>.png` or the published
-//! `<scene>_2d-instance-filt.zip` that holds it.
+//! `<scene>_2d-instance-filt.zip` that contains it.
 
 use super::labels::InstanceLabels;
 use super::{Camera, Cameras};
@@ -8,11 +8,11 @@ use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, image_size, read_colo
 use crate::listing::{NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry};
 use crate::text::{PinholeMatrix, read_pose};
-use crate::{DatasetError, Format, Scene};
-use splatseg_geometry::{RgbdFrame, SegmentMap};
+use crate::{DatasetError, Format, RecordedFrame, Scene};
+use splatseg_geometry::SegmentMap;
 use std::path::{Path, PathBuf};
 
-/// What an exported ScanNet folder looks like, for messages.
+/// Layout of an exported ScanNet folder, for messages.
 pub(crate) const LAYOUT: &str = "color/0.jpg, depth/0.png, pose/0.txt, ..., intrinsic/intrinsic_color.txt, \
                                  intrinsic/intrinsic_depth.txt, instance-filt/0.png or *_2d-instance-filt.zip \
                                  (optional)";
@@ -37,8 +37,8 @@ impl ScannetScene {
     /// Lists the frames of a scene's folder, sorted by number, and reads its cameras.
     ///
     /// # Errors
-    /// If the folder cannot be read or has no colour images, depth images or poses, or an intrinsics file or the labels' zip file is missing
-    /// or damaged.
+    /// If the folder cannot be read, colour images, depth images or poses are missing, or an intrinsics file or the
+    /// labels' zip file is missing or damaged.
     pub fn open(folder: &Path) -> Result<Self, DatasetError> {
         let color_folder = folder.join("color");
         let frames = numbered_files(&color_folder, COLOR)?;
@@ -72,12 +72,12 @@ fn read_camera(folder: &Path, camera: &str) -> Result<Camera, DatasetError> {
     Ok(Camera { matrix: PinholeMatrix::read(&path)?, path })
 }
 
-/// The parts that an exported scene needs, and whether each is in a folder.
+/// Returns the required parts of an exported scene, each with true if the folder has it.
 pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
     ["color/", "depth/", "pose/", "intrinsic/"].map(|part| (part, path.join(part).is_dir())).to_vec()
 }
 
-/// Whether a folder holds an exported ScanNet scene.
+/// Returns true if a folder contains an exported ScanNet scene.
 pub(crate) fn looks_like(path: &Path) -> bool {
     ["color", "depth", "pose"].iter().all(|folder| path.join(folder).is_dir())
 }
@@ -95,14 +95,14 @@ impl Scene for ScannetScene {
         self.frames.get(index).map(|file| file.stem.clone()).unwrap_or_default()
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
+    fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let file = entry(&self.frames, index, &self.name)?;
-        // The pose first: it is quick to read, and where tracking was lost nothing else is needed.
+        // Pose first: it is quick to read, and if tracking was lost nothing else is needed.
         let pose = read_pose(&self.pose_path(file))?;
         let depth = read_depth(&self.depth_path(file), MILLIMETRES)?;
         let (intrinsics, color) = self.cameras.color_at_depth(read_color(&file.path)?, depth.size())?;
         let name = file.stem.clone();
-        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: pose }.into_frame()
+        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: Some(pose) }.into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

@@ -1,4 +1,4 @@
-//! ScanNet's instance labels, in a folder or in the zip file they are published in.
+//! ScanNet's instance labels, in a folder or in the published zip file.
 
 use crate::DatasetError;
 use crate::archive::ZippedImages;
@@ -8,22 +8,22 @@ use splatseg_geometry::SegmentMap;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-/// The folder of the labels, on disk and in the zip file.
+/// Folder of the labels, on disk and in the zip file.
 const FOLDER: &str = "instance-filt";
 const ZIP_ENDING: &str = "_2d-instance-filt.zip";
 
-/// Where the labels of a scene are: `instance-filt/<frame>.png`.
+/// Location of a scene's labels, `instance-filt/<frame>.png`.
 #[derive(Debug)]
 pub(super) enum InstanceLabels {
-    /// The folder that holds the images.
+    /// Folder that contains the images.
     Folder(PathBuf),
-    /// The published zip file, which is read as it is.
+    /// The published zip file, read without unpacking it to disk.
     Zip(ZippedImages),
 }
 
 impl InstanceLabels {
-    /// The labels of a folder that holds one scene: the folder `instance-filt`, else the scene's own zip file, else the
-    /// only zip file of labels.
+    /// Finds the labels in a folder that contains one scene: the folder `instance-filt`, else the scene's own zip file,
+    /// else the only zip file of labels.
     pub(super) fn in_folder(folder: &Path, scene: &str) -> Result<Option<Self>, DatasetError> {
         if folder.join(FOLDER).is_dir() {
             return Ok(Some(Self::Folder(folder.join(FOLDER))));
@@ -43,7 +43,7 @@ impl InstanceLabels {
         }
     }
 
-    /// The labels of a recording in a folder that may hold others as well: its own zip file, else the folder
+    /// Finds the labels of a recording in a folder that may contain others: its own zip file, else the folder
     /// `instance-filt`.
     pub(super) fn beside(folder: &Path, scene: &OsStr) -> Result<Option<Self>, DatasetError> {
         let mut name = scene.to_owned();
@@ -59,7 +59,7 @@ impl InstanceLabels {
         ZippedImages::open(path).map(Self::Zip)
     }
 
-    /// The labels of the frame called `frame`, as stored, and the path of their image for messages; `None` if this
+    /// Reads the labels of the frame named `frame`, as stored, and the path of their image for messages; `None` if this
     /// frame is not labelled.
     pub(super) fn read(&self, frame: &str) -> Result<Option<(PathBuf, SegmentMap)>, DatasetError> {
         match self {

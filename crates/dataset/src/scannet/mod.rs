@@ -1,8 +1,8 @@
-//! ScanNet (Dai et al., CVPR 2017), exported to folders or as the `.sens` recording itself.
+//! ScanNet (Dai et al., CVPR 2017), exported to folders or as the original `.sens` recording.
 //!
-//! The frames are those of the depth camera. Colour of another size or camera (ScanNet: 1296x968 beside 640x480) is
-//! resampled to it, labels are taken from the nearest pixel; both stay as they are when the cameras are the same. The
-//! few millimetres between ScanNet's cameras are ignored, as is usual.
+//! Frames are those of the depth camera. Colour with another size or camera (ScanNet: 1296x968, with 640x480 depth) is
+//! resampled to it, and labels by nearest neighbour. Both are unchanged if the cameras are the same. The few
+//! millimetres between ScanNet's cameras are ignored, as is usual.
 
 mod exported;
 mod labels;
@@ -20,14 +20,14 @@ use crate::text::PinholeMatrix;
 use splatseg_geometry::{Image, Intrinsics, SegmentMap};
 use std::path::{Path, PathBuf};
 
-/// One of a scene's cameras, and the file that describes it.
+/// One of a scene's cameras and the file that describes it.
 #[derive(Clone, Debug)]
 struct Camera {
     matrix: PinholeMatrix,
     path: PathBuf,
 }
 
-/// The two cameras of a scene. They are taken to stand at the same place and look the same way.
+/// The two cameras of a scene, assumed to have the same position and orientation.
 #[derive(Clone, Debug)]
 struct Cameras {
     color: Camera,
@@ -35,15 +35,15 @@ struct Cameras {
 }
 
 impl Cameras {
-    /// From colour images of size `color` to depth images of size `depth`, both `(width, height)`.
+    /// Maps colour images of size `color` to depth images of size `depth`, both `(width, height)`.
     fn depth_from_color(&self, color: (usize, usize), depth: (usize, usize)) -> Result<ImageMap, DatasetError> {
         let color_camera = self.color.matrix.for_size(color, &self.color.path)?;
         let depth_camera = self.depth.matrix.for_size(depth, &self.depth.path)?;
         Ok(ImageMap::between_cameras(&color_camera, &depth_camera))
     }
 
-    /// The intrinsics of the depth camera and the colour image as it sees it. `depth` is the size of the depth image,
-    /// `(width, height)`.
+    /// Returns the intrinsics of the depth camera, and the colour image resampled to it. `depth` is the size of the
+    /// depth image, `(width, height)`.
     fn color_at_depth(
         &self,
         color: Image<[u8; 3]>,
@@ -54,8 +54,8 @@ impl Cameras {
         Ok((self.depth.matrix.for_size(depth, &self.depth.path)?, color))
     }
 
-    /// Labels of the size of the depth image or of the colour image, resampled to the depth camera. `path` is the labels'
-    /// file, for errors.
+    /// Resamples labels with the size of the depth or colour image to the depth camera. `path` is the labels' file, for
+    /// errors.
     fn labels_at_depth(
         &self,
         labels: SegmentMap,

@@ -1,4 +1,4 @@
-//! ScanNet's `.sens` recordings, read frame by frame as they are.
+//! ScanNet's `.sens` recordings, read frame by frame without unpacking.
 
 use super::labels::InstanceLabels;
 use super::sens_file::{ColorCompression, DepthCompression, SensFile, SensHeader};
@@ -9,23 +9,23 @@ use crate::plausibility::warn_once;
 use crate::recording_file::RecordingFile;
 use crate::scene::{FramePart, FrameParts, LeftOut};
 use crate::text::PinholeMatrix;
-use crate::{DatasetError, Format, Scene};
+use crate::{DatasetError, Format, RecordedFrame, Scene};
 use flate2::read::ZlibDecoder;
-use splatseg_geometry::{Image, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Image, Pose, SegmentMap};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// What a `.sens` recording looks like, for messages.
+/// Layout of a `.sens` recording, for messages.
 pub(crate) const LAYOUT: &str = "a file scene0000_00.sens, or a folder with one; beside it scene0000_00_2d-instance-filt.zip \
                                  or instance-filt/0.png (optional)";
 
 const RECORDING: RecordingFile = RecordingFile { extension: "sens", expected: "a file <scene>.sens" };
 
 /// A ScanNet recording in its published container, version 4, with raw or zlib-compressed depth and raw, PNG or JPEG
-/// colour. Frames are named by their number, as in an exported scene.
+/// colour. Frames are named by number, as in an exported scene.
 ///
-/// Nothing is unpacked to disk, and only the frames' offsets are kept in memory (24 bytes each). Ground truth
-/// comes from `<scene>_2d-instance-filt.zip` beside the recording, read as it is, or from a folder `instance-filt`.
+/// Nothing is unpacked to disk, and only the frames' offsets are kept in memory (24 bytes each). Ground truth comes
+/// from `<scene>_2d-instance-filt.zip` next to the recording, read without unpacking, or from a folder `instance-filt`.
 #[derive(Debug)]
 pub struct SensScene {
     name: String,
@@ -36,12 +36,11 @@ pub struct SensScene {
 }
 
 impl SensScene {
-    /// Opens a recording, or the only one in a folder: reads its header and finds its frames.
+    /// Opens a recording, or the only one in a folder, by reading its header and locating its frames.
     ///
     /// # Errors
-    /// If there is no recording or there are several, if its first frame is not whole, if its header is not one of version 4
-    /// or states a compression other than those above or images beyond the memory limit, or if the labels' zip file is
-    /// damaged.
+    /// If there is no recording or there are several, its first frame is incomplete, its header is not version 4 or
+    /// states another compression or images beyond the memory limit, or the labels' zip file is damaged.
     pub fn open(path: &Path) -> Result<Self, DatasetError> {
         let path = RECORDING.find(path)?;
         let file = SensFile::open(&path)?;
@@ -79,12 +78,12 @@ impl SensScene {
     }
 }
 
-/// Whether a path is a recording, or a folder that holds some.
+/// Returns true if a path is a recording or a folder containing some.
 pub(crate) fn looks_like(path: &Path) -> bool {
     RECORDING.looks_like(path)
 }
 
-/// The colour image of a frame; `path` is the frame's, for errors.
+/// Decodes the colour image of a frame. `path` is that of the frame, for errors.
 fn color_of(bytes: &[u8], header: &SensHeader, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
     let (width, height) = header.color_size;
     if header.color_compression == ColorCompression::Raw {
@@ -105,7 +104,7 @@ fn color_of(bytes: &[u8], header: &SensHeader, path: &Path) -> Result<Image<[u8;
     Ok(color)
 }
 
-/// The depth image of a frame, metres; `path` is the frame's, for errors.
+/// Decodes the depth image of a frame, metres. `path` is that of the frame, for errors.
 fn depth_of(bytes: &[u8], header: &SensHeader, path: &Path) -> Result<Image<f32>, DatasetError> {
     require_plausible_depth(bytes.len() as u64, header, path)?;
     let (width, height) = header.depth_size;
@@ -121,7 +120,7 @@ fn depth_of(bytes: &[u8], header: &SensHeader, path: &Path) -> Result<Image<f32>
         found: format!("damaged zlib data ({source})"),
         expected: format!("{width}x{height} values"),
     };
-    // Row by row: a second copy of the whole image is not needed.
+    // Row by row, to avoid a second copy of the whole image.
     let mut pixels = Vec::with_capacity(width * height);
     let mut row = Vec::with_capacity(2 * width);
     for index in 0..height {
@@ -133,13 +132,13 @@ fn depth_of(bytes: &[u8], header: &SensHeader, path: &Path) -> Result<Image<f32>
         let (values, _) = row.as_chunks::<2>();
         pixels.extend(values.iter().map(|value| metres(u16::from_le_bytes(*value), header.depth_units_per_metre)));
     }
-    // One byte more shows that there is too much, without unpacking all of it.
+    // One extra byte is enough to detect excess data, without unpacking all of it.
     wrong_bytes(expected + stored.take(1).read_to_end(&mut Vec::new()).map_err(damaged)?)?;
     Image::from_pixels(width, height, pixels)
         .map_err(|error| DatasetError::Other { scene: path.display().to_string(), source: error.into() })
 }
 
-/// Whether the stored bytes can hold a depth image of the stated size at all.
+/// Checks that the stored bytes can contain a depth image of the stated size at all.
 fn require_plausible_depth(bytes: u64, header: &SensHeader, path: &Path) -> Result<(), DatasetError> {
     let (width, height) = header.depth_size;
     if 2 * (width * height) as u64 <= bytes.saturating_mul(MAX_DEFLATE_RATIO) {
@@ -163,7 +162,7 @@ fn require_bytes(found: usize, expected: usize, what: &'static str, path: &Path)
         path: path.to_owned(),
         field: what.to_owned(),
         found: if found > expected { format!("more than {expected} bytes") } else { format!("{found} bytes") },
-        expected: format!("{expected}, as its size in the header needs"),
+        expected: format!("{expected}, from its size in the header"),
     })
 }
 
@@ -180,9 +179,9 @@ impl Scene for SensScene {
         if index < self.file.frame_count() { index.to_string() } else { String::new() }
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
+    fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let path = self.file.frame_path(index);
-        // The pose first: where tracking was lost nothing else is needed.
+        // Pose first: if tracking was lost nothing else is needed.
         let header = self.file.read_frame_header(index)?.ok_or_else(|| self.no_such_frame(index))?;
         let pose = Pose::from_row_major(header.world_from_camera.map(f64::from))
             .map_err(|source| DatasetError::Pose { path: path.clone(), source })?;
@@ -191,7 +190,7 @@ impl Scene for SensScene {
         let color = color_of(&stored.color, self.file.header(), &path)?;
         let (intrinsics, color) = self.cameras.color_at_depth(color, depth.size())?;
         let (name, timestamp) = (self.frame_name(index), header.timestamp);
-        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: pose }.into_frame()
+        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: Some(pose) }.into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

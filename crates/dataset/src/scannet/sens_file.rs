@@ -1,4 +1,4 @@
-//! The container of a `.sens` recording, version 4, as ScanNet's `SensReader` writes it; everything little-endian:
+//! The container of a `.sens` recording, version 4, as written by ScanNet's `SensReader`. Everything is little-endian:
 //!
 //! - `u32` version; `u64` length and bytes of the sensor's name;
 //! - four row-major 4x4 `f32` matrices: intrinsics and extrinsics of colour, intrinsics and extrinsics of depth;
@@ -19,12 +19,12 @@ use std::time::Duration;
 const VERSION: u32 = 4;
 /// Version and length of the sensor's name.
 const START_BYTES: usize = 4 + 8;
-/// What comes between the sensor's name and the first frame.
+/// Bytes between the sensor's name and the first frame.
 const HEADER_BYTES: usize = 4 * 64 + 2 * 4 + 4 * 4 + 4 + 8;
 /// Pose, times and sizes of a frame.
 const FRAME_HEADER_BYTES: usize = 64 + 4 * 8;
 
-/// How the colour images are stored.
+/// Storage of the colour images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ColorCompression {
     /// RGB bytes.
@@ -33,14 +33,14 @@ pub(super) enum ColorCompression {
     ImageFile,
 }
 
-/// How the depth images are stored.
+/// Storage of the depth images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum DepthCompression {
     Raw,
     Zlib,
 }
 
-/// What holds for the whole recording.
+/// Header of a recording.
 #[derive(Clone, Debug)]
 pub(super) struct SensHeader {
     /// 4x4, row-major.
@@ -56,55 +56,55 @@ pub(super) struct SensHeader {
     pub(super) depth_units_per_metre: f32,
 }
 
-/// Where a frame's data lies.
+/// Location of a frame's data.
 #[derive(Clone, Copy, Debug)]
 struct FrameSpan {
-    /// Of its pose, bytes from the start of the file.
+    /// Offset of its pose, bytes from the start of the file.
     offset: u64,
     color_bytes: u64,
     depth_bytes: u64,
 }
 
-/// What stands before the images of one frame.
+/// Data stored before the images of a frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FrameHeader {
     /// 4x4, row-major.
     pub(super) world_from_camera: [f32; 16],
-    /// When colour was taken; `None` for 0, which recorders write that keep no time.
+    /// Time of the colour image; `None` for 0, written by recorders that keep no time.
     pub(super) timestamp: Option<Duration>,
 }
 
-/// The images of one frame as they are stored.
+/// Encoded images of one frame.
 #[derive(Clone, Debug)]
 pub(super) struct StoredImages {
     pub(super) color: Vec<u8>,
     pub(super) depth: Vec<u8>,
 }
 
-/// An open recording. Only its header and the places of its frames are in memory.
+/// An open recording. Only its header and the locations of its frames are in memory.
 #[derive(Debug)]
 pub(super) struct SensFile {
     path: PathBuf,
     header: SensHeader,
     frames: Vec<FrameSpan>,
-    /// How many frames are missing at the end, and why.
+    /// Number of frames missing at the end, and the error.
     cut_off: Option<(u64, DatasetError)>,
     file: RandomAccessFile,
 }
 
 impl SensFile {
-    /// Reads the header and the frames' headers, skipping their data. Of a recording that is cut off, the frames that are
-    /// whole.
+    /// Reads the header and the frames' headers, skipping their data. If a recording is truncated, keeps the complete
+    /// frames.
     pub(super) fn open(path: &Path) -> Result<Self, DatasetError> {
         let mut file = open_file(path)?;
         let len = file.metadata().map_err(|source| DatasetError::Io { path: path.to_owned(), source })?.len();
-        let mut walk = Walk { path, file: &mut file, position: 0, len };
-        let (header, frame_count) = walk.header()?;
-        // The list grows with the frames that are there: their number in the header may be wrong.
+        let mut first_pass = FirstPass { path, file: &mut file, position: 0, len };
+        let (header, frame_count) = first_pass.header()?;
+        // The list grows with the frames present, because the number in the header may be wrong.
         let mut frames = Vec::new();
         let mut cut_off = None;
         for index in 0..frame_count {
-            match walk.frame_span(index) {
+            match first_pass.frame_span(index) {
                 Ok(span) => frames.push(span),
                 Err(error @ DatasetError::EndsEarly { .. }) if index > 0 => {
                     cut_off = Some((frame_count - index, error));
@@ -116,7 +116,7 @@ impl SensFile {
         Ok(Self { path: path.to_owned(), header, frames, cut_off, file: RandomAccessFile::new(file) })
     }
 
-    /// How many frames are missing at the end of a recording that is cut off, and where it ends.
+    /// Returns the number of frames missing from a truncated recording, and the error for the first of them.
     pub(super) fn cut_off(&self) -> Option<&(u64, DatasetError)> {
         self.cut_off.as_ref()
     }
@@ -129,12 +129,12 @@ impl SensFile {
         self.frames.len()
     }
 
-    /// The path of a frame, for messages.
+    /// Returns the path of a frame, for messages.
     pub(super) fn frame_path(&self, index: usize) -> PathBuf {
         PathBuf::from(format!("{}: frame {index}", self.path.display()))
     }
 
-    /// Reads what stands before a frame's images; `None` past the last frame.
+    /// Reads a frame's header; `None` past the last frame.
     pub(super) fn read_frame_header(&self, index: usize) -> Result<Option<FrameHeader>, DatasetError> {
         let Some(span) = self.frames.get(index) else { return Ok(None) };
         let bytes = self.read(span.offset, FRAME_HEADER_BYTES as u64)?;
@@ -153,7 +153,7 @@ impl SensFile {
         Ok(Some(StoredImages { color, depth }))
     }
 
-    /// How many bytes the depth image of a frame takes; `None` past the last frame.
+    /// Returns the number of bytes of a frame's depth image; `None` past the last frame.
     pub(super) fn depth_bytes(&self, index: usize) -> Option<u64> {
         self.frames.get(index).map(|span| span.depth_bytes)
     }
@@ -163,15 +163,15 @@ impl SensFile {
     }
 }
 
-/// The first pass over a recording.
-struct Walk<'a> {
+/// Sequential reader for the first pass over a recording.
+struct FirstPass<'a> {
     path: &'a Path,
     file: &'a mut File,
     position: u64,
     len: u64,
 }
 
-impl Walk<'_> {
+impl FirstPass<'_> {
     fn ends_early(&self, what: String, needed: u64) -> DatasetError {
         let end = self.position.saturating_add(needed);
         DatasetError::EndsEarly { path: self.path.to_owned(), what, end, bytes: self.len }
@@ -209,11 +209,11 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Reads the header; also gives the stated number of frames.
+    /// Reads the header. Also returns the stated number of frames.
     fn header(&mut self) -> Result<(SensHeader, u64), DatasetError> {
         let start: [u8; START_BYTES] = self.take(|| "the header".to_owned())?;
         let mut fields = Fields(&start);
-        // The arrays hold all their fields, so that nothing is ever missing here.
+        // The arrays contain all their fields, so the defaults are never used.
         let (version, name_bytes) = (fields.u32().unwrap_or(0), fields.u64().unwrap_or(0));
         if version != VERSION {
             return Err(self.wrong("version", version, "4, the only one that ScanNet publishes"));
@@ -274,7 +274,7 @@ impl Walk<'_> {
     }
 }
 
-/// The header's fields before anything is checked.
+/// Unchecked fields of the header.
 struct RawHeader {
     color_intrinsics: [f32; 16],
     depth_intrinsics: [f32; 16],
@@ -306,7 +306,7 @@ impl RawHeader {
     }
 }
 
-/// Takes little-endian numbers off the front of some bytes.
+/// Parser of little-endian numbers from the front of a byte slice.
 struct Fields<'a>(&'a [u8]);
 
 impl Fields<'_> {

@@ -1,4 +1,4 @@
-//! A furnished room that is ray-cast on demand, with exact depth, poses and instance ids.
+//! A furnished room, ray-cast on demand, with exact depth, poses and instance ids.
 
 mod motion;
 mod movers;
@@ -15,29 +15,29 @@ pub use settings::{CameraMotion, SyntheticSettings};
 pub(crate) use settings::{LAYOUT, looks_like};
 pub use thing::{Thing, ThingKind};
 
-use crate::files::MemoryNeed;
+use crate::files::MemoryRequirement;
 use crate::scene::FrameParts;
-use crate::{DatasetError, Format, Scene};
+use crate::{DatasetError, Format, RecordedFrame, Scene};
 use glam::{DVec3, Vec2};
-use noise::{Sample, as_kinect_sees, color_bytes};
+use noise::{Sample, color_bytes, kinect_measurements};
 use rayon::prelude::*;
 use room::{Room, brightness};
 use solids::Ray;
-use splatseg_geometry::{Image, Intrinsics, LocalPose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Image, Intrinsics, LocalPose, SegmentMap};
 use std::path::Path;
 
-/// Focal length in image widths: a field of view of 58 degrees, a Kinect's.
+/// Focal length in image widths, for a Kinect's field of view of 58 degrees.
 const FOCAL_WIDTHS: f32 = 0.9;
 
-/// What rendering a frame takes for each pixel, bytes: two copies of what rays see, and the frame.
+/// Memory for rendering a frame, bytes per pixel: two copies of the ray samples, and the frame.
 const RENDERING_BYTES_PER_PIXEL: u64 = 2 * size_of::<Sample>() as u64 + 16;
 
-/// A room with textured boxes, spheres and cylinders through which a camera walks in a circle, so that objects leave the
-/// image and come back. Frames are rendered when they are read, the same ones for the same settings. With
-/// [`SyntheticSettings::moving`] some things slide, vanish or appear, in colour, depth and ids alike.
+/// A room with textured boxes, spheres and cylinders. The camera walks through it in a circle, so that objects leave
+/// the view and return. Frames are rendered when they are read, and equal settings give equal frames. With
+/// [`SyntheticSettings::moving`] some things slide, vanish or appear, consistently in colour, depth and ids.
 ///
-/// Floor, ceiling and walls have ids 1 to 6, the things ids from 7. World coordinates have z up and their origin in
-/// the middle of the floor.
+/// Floor, ceiling and walls have ids 1 to 6, the things ids from 7. World coordinates have z up and their origin at the
+/// centre of the floor.
 #[derive(Debug)]
 pub struct SyntheticScene {
     name: String,
@@ -51,15 +51,19 @@ impl SyntheticScene {
     /// Furnishes the room.
     ///
     /// # Errors
-    /// [`DatasetError::MemoryLimit`] if its frames are too large; [`DatasetError::Synthetic`] names a setting that is out
-    /// of range, also if more things are to move than there are things on which nothing else stands.
+    /// [`DatasetError::MemoryLimit`] if its frames are too large; [`DatasetError::Synthetic`] names a setting that is
+    /// out of range, including more moving things than there are things on which nothing else stands.
     pub fn new(settings: SyntheticSettings) -> Result<Self, DatasetError> {
         settings.validate()?;
         let (width, height) = (settings.width, settings.height);
         let remedy = "choose a smaller width and height, or raise --memory-limit";
-        let need =
-            MemoryNeed { what: "frame", size: (width, height), bytes_per_pixel: RENDERING_BYTES_PER_PIXEL, remedy };
-        need.check(Path::new(&settings.to_string()))?;
+        let requirement = MemoryRequirement {
+            what: "frame",
+            size: (width, height),
+            bytes_per_pixel: RENDERING_BYTES_PER_PIXEL,
+            remedy,
+        };
+        requirement.check(Path::new(&settings.to_string()))?;
         let focal = FOCAL_WIDTHS * width as f32;
         let intrinsics = Intrinsics {
             fx: focal,
@@ -75,14 +79,14 @@ impl SyntheticScene {
         Ok(scene)
     }
 
-    /// The things in the room, by increasing id; walls, floor and ceiling are none.
+    /// Returns the things in the room, by increasing id, without walls, floor and ceiling.
     pub fn things(&self) -> Vec<Thing> {
         self.room.things().map(Thing::from).collect()
     }
 
-    /// The things that move, vanish or appear, and how. The kinds take turns: slide, vanish, appear, slide, and so on;
-    /// if nothing has room to slide, a thing vanishes instead. A smaller [`SyntheticSettings::moving`] gives the first
-    /// of the same movers.
+    /// Returns the things that move, vanish or appear, and how. The kinds alternate: slide, vanish, appear, slide, and
+    /// so on. If nothing has room to slide, a thing vanishes instead. A smaller [`SyntheticSettings::moving`] gives a
+    /// prefix of the same movers.
     pub fn movers(&self) -> &[Mover] {
         &self.movers
     }
@@ -96,13 +100,13 @@ impl SyntheticScene {
                 found: moving.to_string(),
                 expected: format!(
                     "at most {}, the number of things on which nothing else stands",
-                    self.room.carrying_nothing().count()
+                    self.room.unloaded_things().count()
                 ),
             },
         )
     }
 
-    /// The settings it was made with.
+    /// Returns the settings of the scene.
     pub fn settings(&self) -> &SyntheticSettings {
         &self.settings
     }
@@ -121,7 +125,7 @@ impl SyntheticScene {
         Err(DatasetError::NoSuchFrame { scene: self.name.clone(), index, count: self.settings.frames })
     }
 
-    /// What the ray through the middle of every pixel sees in a frame, exactly.
+    /// Casts a ray through the centre of every pixel of a frame, without noise.
     fn cast_rays(&self, frame: usize) -> Image<Sample> {
         let (room, pose) = (self.room.at(frame, &self.movers), self.camera_pose(frame));
         let (width, height) = (self.intrinsics.width, self.intrinsics.height);
@@ -129,14 +133,14 @@ impl SyntheticScene {
             let pixel = Vec2::new((index % width) as f32, (index / width) as f32);
             self.sample(&room, &pose, pixel)
         };
-        // Whole rows to a task: single pixels are too little work.
+        // Whole rows per task, because single pixels are too little work.
         let samples: Vec<Sample> = (0..width * height).into_par_iter().with_min_len(width).map(sample_at).collect();
         let mut samples = samples.into_iter();
         Image::from_fn(width, height, |_, _| samples.next().unwrap_or_default())
     }
 
     fn sample(&self, room: &Room, pose: &LocalPose, pixel: Vec2) -> Sample {
-        // With depth 1 the ray's direction has z = 1 in the camera, so that distance along it is z-depth.
+        // With depth 1 the ray's direction has z = 1 in camera coordinates, so distance along it is z-depth.
         let direction = pose.rotation() * self.intrinsics.unproject(pixel, 1.0);
         let ray = Ray { origin: pose.translation(), direction };
         let Some((solid, hit)) = room.first_hit(ray) else { return Sample::default() };
@@ -163,19 +167,20 @@ impl Scene for SyntheticScene {
         if index < self.settings.frames { format!("frame-{index:06}") } else { String::new() }
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
+    fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         self.check_index(index)?;
         let exact = self.cast_rays(index);
         let (width, height) = exact.size();
         let measured: Vec<([u8; 3], f32)> = match self.settings.noise {
             Noise::None => exact.pixels().iter().map(|sample| (color_bytes(sample.color), sample.depth)).collect(),
-            Noise::Kinect => as_kinect_sees(&exact, self.settings.seed, index),
+            Noise::Kinect => kinect_measurements(&exact, self.settings.seed, index),
         };
         let color = Image::from_fn(width, height, |column, row| measured[row * width + column].0);
         let depth = Image::from_fn(width, height, |column, row| measured[row * width + column].1);
         let (name, intrinsics) = (self.frame_name(index), self.intrinsics);
         let world_from_camera = self.camera_pose(index).at(DVec3::ZERO);
-        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera }.into_frame()
+        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: Some(world_from_camera) }
+            .into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

@@ -1,44 +1,44 @@
-//! How single things of the synthetic room move, come and go.
+//! Motion, disappearance and appearance of things in the synthetic room.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
 
-/// A thing of the synthetic room that does not just stand there for the whole video.
+/// A thing of the synthetic room that moves, vanishes or appears during the video.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Mover {
-    /// Its id in the ground truth; it keeps it throughout.
+    /// Its id in the ground truth, constant throughout.
     pub id: SegmentId,
-    /// What happens to it.
+    /// Its motion.
     pub motion: Motion,
 }
 
-/// What happens to a thing during the video. Frames count from 0.
+/// Motion of a thing during the video. Frames count from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Motion {
-    /// It is pushed along a straight line from the first frame on, back and forth.
+    /// Slides back and forth along a straight line, from the first frame on.
     Slide {
-        /// The way from one frame to the next, metres, world coordinates (z up); z is 0.
+        /// Displacement per frame, metres, world coordinates (z up); z is 0.
         step: Vec3,
-        /// So many frames out, then as many back, and so on.
+        /// Number of frames in each direction, out and back.
         steps: usize,
     },
-    /// It is carried away.
+    /// Disappears.
     Vanish {
-        /// The first frame without it.
+        /// First frame without it.
         frame: usize,
     },
-    /// It is brought in.
+    /// Appears.
     Appear {
-        /// The first frame with it.
+        /// First frame with it.
         frame: usize,
     },
 }
 
 impl Motion {
-    /// How far from its place a thing is in a frame, metres, world coordinates (z up); `None` while it is not in the
-    /// room.
+    /// Returns a thing's offset from its initial position in a frame, metres, world coordinates (z up); `None` while it
+    /// is not in the room.
     pub fn offset_at(&self, frame: usize) -> Option<Vec3> {
         match *self {
             Self::Slide { step, steps } => {

@@ -1,4 +1,4 @@
-//! Which things of the room move, and how: those that the camera sees well, in an order that the seed decides.
+//! Choice of the things that move, and how: clearly visible things first, in an order determined by the seed.
 
 use super::motion::{Motion, Mover};
 use super::room::{Lane, Room};
@@ -11,29 +11,29 @@ use splatseg_geometry::{Intrinsics, LocalPose, SegmentId};
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
-/// A stream of random numbers that neither the furnishing (0) nor the noise (rows of the image) draws from.
+/// Random number stream, separate from those of the furnishing (0) and the noise (rows of the image).
 const RANDOM_STREAM: u64 = u64::MAX;
-/// A slide's way from frame to frame, metres: less than any thing's width, so that it overlaps itself.
+/// Displacement per frame of a slide, metres. Less than any thing's width, so that it overlaps itself.
 const STEP_M: f32 = 0.03;
-/// A slide takes at most this many steps in one direction (0.6 m).
-const MOST_STEPS: usize = 20;
+/// Maximum number of steps of a slide in one direction (0.6 m).
+const MAX_STEPS: usize = 20;
 /// Things with room for this many steps (0.3 m) are preferred...
 const ENOUGH_STEPS: usize = 10;
 /// ...and things with room for fewer than this (0.09 m) do not slide.
-const FEWEST_STEPS: usize = 3;
-/// Directions in which room for a slide is looked for.
+const MIN_STEPS: usize = 3;
+/// Number of directions tried for a slide.
 const DIRECTIONS: usize = 16;
 
-/// What the camera sees is judged by images of this width and height, pixels...
+/// Visibility is measured in images of this width and height, pixels...
 const GRID: (usize, usize) = (48, 36);
-/// ...of frames this far apart...
+/// ...of every Nth frame...
 const VIEW_STRIDE: usize = 4;
-/// ...among the last so many before things come and go, and among the first so many after: one round of the camera.
+/// ...among this many frames before things come and go, and as many after: one round of the camera.
 const VIEW_FRAMES: usize = 48;
-/// A thing is seen clearly if it covers at least this share of those images, before as well as after.
-const CLEAR_SHARE: f32 = 0.003;
+/// A thing is clearly visible if it covers at least this fraction of those images, both before and after.
+const MIN_VISIBLE_FRACTION: f32 = 0.003;
 
-/// When things come and go: from a third to half of the video, but not in frame 0.
+/// Range of frames in which things come and go: from a third to half of the video, but not frame 0.
 #[derive(Clone, Copy, Debug)]
 struct ChangeTime {
     earliest: usize,
@@ -41,7 +41,7 @@ struct ChangeTime {
 }
 
 impl ChangeTime {
-    fn of_video(frames: usize) -> Self {
+    fn for_video(frames: usize) -> Self {
         Self { earliest: (frames / 3).max(1), latest: (frames / 2).max(1) }
     }
 
@@ -54,11 +54,11 @@ impl ChangeTime {
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
     id: SegmentId,
-    seen_clearly: bool,
+    clearly_visible: bool,
 }
 
-/// The movers, in the order slide, vanish, appear, slide, ...; if nothing has room to slide, a thing vanishes instead.
-/// `None` if there are not `count` things that may move.
+/// Chooses the movers, in the order slide, vanish, appear, slide, ...; if nothing has room to slide, a thing vanishes
+/// instead. Returns `None` if fewer than `count` things may move.
 pub(super) fn choose(
     room: &Room,
     intrinsics: &Intrinsics,
@@ -72,7 +72,7 @@ pub(super) fn choose(
     }
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(RANDOM_STREAM);
-    let change = ChangeTime::of_video(frames);
+    let change = ChangeTime::for_video(frames);
     let mut waiting = candidates(room, intrinsics, frames, change, pose_at, &mut random);
     if waiting.len() < count {
         return None;
@@ -80,7 +80,7 @@ pub(super) fn choose(
     let mut lanes: BTreeMap<SegmentId, Lane> = room.lanes();
     let mut movers = Vec::with_capacity(count);
     for turn in 0..count {
-        // Drawn for every mover, so that one's fate does not change the next one's.
+        // Drawn for every mover, so that the motion of one does not affect the next.
         let (frame, start_angle) = (change.draw(&mut random), random.random_range(0.0..std::f32::consts::TAU));
         let slide = if turn % 3 == 0 { best_slide(room, &waiting, &lanes, start_angle) } else { None };
         let (place, motion) = match slide {
@@ -96,7 +96,8 @@ pub(super) fn choose(
     Some(movers)
 }
 
-/// The things that carry nothing: first those seen clearly, in any order, then the others, best seen first.
+/// Returns the things on which nothing stands: first those clearly visible, shuffled, then the others, most visible
+/// first.
 fn candidates(
     room: &Room,
     intrinsics: &Intrinsics,
@@ -108,21 +109,21 @@ fn candidates(
     let before: Vec<LocalPose> =
         (change.earliest.saturating_sub(VIEW_FRAMES)..change.earliest).step_by(VIEW_STRIDE).map(&pose_at).collect();
     let after: Vec<LocalPose> = (change.latest..frames).take(VIEW_FRAMES).step_by(VIEW_STRIDE).map(&pose_at).collect();
-    let (before, after) = (shares_seen(room, intrinsics, &before), shares_seen(room, intrinsics, &after));
+    let (before, after) = (visible_fractions(room, intrinsics, &before), visible_fractions(room, intrinsics, &after));
     let share = |shares: &BTreeMap<SegmentId, f32>, id: SegmentId| shares.get(&id).copied().unwrap_or(0.0);
     let mut ranked: Vec<(f32, SegmentId)> =
-        room.carrying_nothing().map(|id| (share(&before, id).min(share(&after, id)), id)).collect();
+        room.unloaded_things().map(|id| (share(&before, id).min(share(&after, id)), id)).collect();
     ranked.sort_by(|first, second| second.0.total_cmp(&first.0).then(first.1.cmp(&second.1)));
-    let clear_count = ranked.iter().take_while(|(share, _)| *share >= CLEAR_SHARE).count();
-    // A shuffle (Fisher and Yates) of the clearly seen.
+    let clear_count = ranked.iter().take_while(|(share, _)| *share >= MIN_VISIBLE_FRACTION).count();
+    // Fisher-Yates shuffle of the clearly visible things.
     for last in (1..clear_count).rev() {
         ranked.swap(last, random.random_range(0..=last));
     }
-    ranked.into_iter().map(|(share, id)| Candidate { id, seen_clearly: share >= CLEAR_SHARE }).collect()
+    ranked.into_iter().map(|(share, id)| Candidate { id, clearly_visible: share >= MIN_VISIBLE_FRACTION }).collect()
 }
 
-/// The share of all rays that each solid has, over all `poses`.
-fn shares_seen(room: &Room, intrinsics: &Intrinsics, poses: &[LocalPose]) -> BTreeMap<SegmentId, f32> {
+/// Returns the fraction of all rays, over all `poses`, that hit each solid.
+fn visible_fractions(room: &Room, intrinsics: &Intrinsics, poses: &[LocalPose]) -> BTreeMap<SegmentId, f32> {
     let (width, height) = GRID;
     let coarse = intrinsics.resized(width, height);
     let seen_from = |pose: &LocalPose| {
@@ -145,7 +146,7 @@ fn shares_seen(room: &Room, intrinsics: &Intrinsics, poses: &[LocalPose]) -> BTr
     shares
 }
 
-/// The place in `waiting`, the step (metres, world x and y) and the number of steps of the thing that slides best.
+/// Returns the index in `waiting`, the step (metres, world x and y) and the number of steps of the best slide.
 fn best_slide(
     room: &Room,
     waiting: &[Candidate],
@@ -156,15 +157,15 @@ fn best_slide(
         let directions = (0..DIRECTIONS).map(|number| {
             let step =
                 STEP_M * Vec2::from_angle(start_angle + number as f32 / DIRECTIONS as f32 * std::f32::consts::TAU);
-            (step, room.free_steps(id, step, MOST_STEPS, lanes))
+            (step, room.free_steps(id, step, MAX_STEPS, lanes))
         });
-        // The first of the longest ones.
+        // Ties go to the first.
         directions.min_by_key(|(_, steps)| Reverse(*steps))
     };
     waiting
         .iter()
         .enumerate()
         .filter_map(|(place, candidate)| longest(candidate.id).map(|(step, steps)| (place, step, steps)))
-        .filter(|(_, _, steps)| *steps >= FEWEST_STEPS)
-        .min_by_key(|(place, _, steps)| (Reverse(waiting[*place].seen_clearly), Reverse((*steps).min(ENOUGH_STEPS))))
+        .filter(|(_, _, steps)| *steps >= MIN_STEPS)
+        .min_by_key(|(place, _, steps)| (Reverse(waiting[*place].clearly_visible), Reverse((*steps).min(ENOUGH_STEPS))))
 }

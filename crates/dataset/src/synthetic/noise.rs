@@ -1,4 +1,4 @@
-//! What a Kinect would have measured.
+//! Simulated Kinect measurements.
 
 use glam::Vec3;
 use rand::{RngExt, SeedableRng};
@@ -7,22 +7,22 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::Image;
 
-/// The sensor measures nothing nearer or farther than this, metres.
+/// Range of the sensor, metres.
 const RANGE_M: std::ops::RangeInclusive<f32> = 0.4..=8.0;
-/// Below this cosine between the ray and the surface, more and more measurements are lost.
+/// Below this cosine between the ray and the surface normal, more and more measurements are lost.
 const GRAZING_COSINE: f32 = 0.25;
 /// Neighbours farther apart than this, relative to their depth, are at an edge...
 const EDGE_STEP: f32 = 0.06;
-/// ...where this share of the measurements is lost.
+/// ...where this fraction of the measurements is lost.
 const EDGE_DROPOUT: f32 = 0.6;
-/// Standard deviation of the colour noise, of 255.
+/// Standard deviation of the colour noise, on a scale of 0 to 255.
 const COLOR_SIGMA: f32 = 2.5;
 
-/// How a rendered frame is disturbed.
+/// Noise added to a rendered frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Noise {
-    /// Exact.
+    /// No noise.
     #[default]
     None,
     /// Like a Kinect: depth noise of 0.0012 + 0.0019 (z − 0.4)² metres, dropouts at grazing angles and edges, a range
@@ -30,7 +30,7 @@ pub enum Noise {
     Kinect,
 }
 
-/// What a ray saw.
+/// Surface sample hit by a ray.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Sample {
     pub(super) id: u32,
@@ -42,9 +42,9 @@ pub(super) struct Sample {
     pub(super) cosine: f32,
 }
 
-/// Colour and depth, row-major, as a Kinect would measure `exact`. The same for the same seed and frame, however many
-/// threads there are: each row has its own random numbers.
-pub(super) fn as_kinect_sees(exact: &Image<Sample>, seed: u64, frame: usize) -> Vec<([u8; 3], f32)> {
+/// Simulates a Kinect's measurement of `exact`: colour and depth, row-major. Deterministic for a seed and frame,
+/// regardless of the number of threads, because each row has its own random numbers.
+pub(super) fn kinect_measurements(exact: &Image<Sample>, seed: u64, frame: usize) -> Vec<([u8; 3], f32)> {
     let measure_row = |row: usize| {
         let mut random = ChaCha8Rng::seed_from_u64(seed ^ (frame as u64).rotate_left(32));
         random.set_stream(row as u64 + 1);
@@ -60,13 +60,13 @@ pub(super) fn as_kinect_sees(exact: &Image<Sample>, seed: u64, frame: usize) -> 
     (0..exact.height()).into_par_iter().map(measure_row).flatten_iter().collect()
 }
 
-/// A colour in 0..=255 as bytes.
+/// Rounds a colour in 0..=255 to bytes.
 pub(super) fn color_bytes(color: Vec3) -> [u8; 3] {
     color.to_array().map(|value| value.round().clamp(0.0, 255.0) as u8)
 }
 
 fn measured_depth(sample: Sample, edge: bool, random: &mut ChaCha8Rng) -> f32 {
-    // Always the same count of random numbers, so that one pixel's fate does not change its neighbours'.
+    // Always draw the same count of random numbers, so that one pixel does not affect its neighbours.
     let (error, chance) = (gaussian(random), random.random::<f32>());
     let z = sample.depth;
     let grazing = ((GRAZING_COSINE - sample.cosine) / GRAZING_COSINE).clamp(0.0, 1.0);
@@ -86,7 +86,7 @@ fn is_edge(exact: &Image<Sample>, column: usize, row: usize) -> bool {
     })
 }
 
-/// A standard normal number (Box and Muller).
+/// Draws a standard normal number (Box-Muller).
 fn gaussian(random: &mut ChaCha8Rng) -> f32 {
     let radius = (-2.0 * (1.0 - random.random::<f32>()).ln()).sqrt();
     radius * (std::f32::consts::TAU * random.random::<f32>()).cos()

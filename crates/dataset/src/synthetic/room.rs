@@ -1,5 +1,5 @@
-//! The layout of the synthetic room and the camera's path through it. World coordinates, metres, z up, the
-//! origin in the middle of the floor.
+//! Layout of the synthetic room and the camera's path through it. World coordinates, metres, z up, origin at the centre
+//! of the floor.
 
 use super::motion::Mover;
 use super::solids::{Hit, Ray, Shape, Solid};
@@ -12,19 +12,20 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Size of the room along x, y and z.
 const ROOM: Vec3 = Vec3::new(6.0, 5.2, 2.7);
-/// Thickness of walls, floor and ceiling; only their inner faces are seen.
+/// Thickness of walls, floor and ceiling. Only their inner faces are visible.
 const WALL: f32 = 0.2;
-/// Things keep this far from walls and from each other.
+/// Minimum distance of things from walls and from each other.
 const GAP: f32 = 0.06;
 /// The camera walks on a circle of this radius...
 const WALK_RADIUS: f32 = 1.0;
-/// ...and objects keep this distance from its path, so that it never passes through one.
+/// ...and objects keep this distance from its path, so that it never passes through any.
 const WALK_MARGIN: f32 = 0.45;
-/// Frames of one round. Positions move on by frames, so a longer video walks further, and what left comes back.
+/// Frames per round. The step per frame is fixed, so a longer video continues the walk, and things that left the view
+/// return.
 const FRAMES_PER_ROUND: f32 = 48.0;
-/// Ids up to this are floor, ceiling and walls.
+/// Largest id of floor, ceiling and walls.
 const SHELL: SegmentId = 6;
-/// More things than this are made smaller, so that the area that they cover stays the same.
+/// More things than this are made smaller, to keep the covered area constant.
 const FULL_SIZE_THINGS: usize = 60;
 const LIGHT: Vec3 = Vec3::new(0.6, -0.8, 2.3);
 
@@ -32,23 +33,23 @@ const LIGHT: Vec3 = Vec3::new(0.6, -0.8, 2.3);
 #[derive(Clone, Debug)]
 pub(super) struct Room {
     solids: Vec<Solid>,
-    /// What each thing that does not stand on the floor stands on.
+    /// For each thing that does not stand on the floor, the thing it stands on.
     carriers: BTreeMap<SegmentId, SegmentId>,
     seed: u64,
 }
 
-/// The part of the floor that a thing needs: the circle it covers, drawn along the line it slides on.
+/// Floor area occupied by a thing: its footprint circle, swept along the line it slides on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lane {
     pub(super) start: Vec2,
-    /// The same as `start` for a thing that stays where it is.
+    /// Equal to `start` for a stationary thing.
     pub(super) end: Vec2,
     radius: f32,
 }
 
 impl Room {
-    /// A room with floor (id 1), ceiling (2), four walls (3 to 6) and `objects` things (ids from 7), the same for the
-    /// same seed. Fewer things if there is no room left.
+    /// Creates a room with floor (id 1), ceiling (2), four walls (3 to 6) and `objects` things (ids from 7), determined
+    /// by the seed. Contains fewer things if there is no space left.
     pub(super) fn furnished(seed: u64, objects: usize) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut solids = shell(&mut random);
@@ -79,7 +80,7 @@ impl Room {
         Self { solids, carriers, seed }
     }
 
-    /// The room as it is in a frame, with the movers where they are then.
+    /// Returns the room in a frame, with the movers at their positions.
     pub(super) fn at(&self, frame: usize, movers: &[Mover]) -> Self {
         let mut room = self.clone();
         for mover in movers {
@@ -93,19 +94,19 @@ impl Room {
         room
     }
 
-    /// The ids of the things on which nothing else stands.
-    pub(super) fn carrying_nothing(&self) -> impl Iterator<Item = SegmentId> {
+    /// Returns the ids of the things on which nothing else stands.
+    pub(super) fn unloaded_things(&self) -> impl Iterator<Item = SegmentId> {
         let carrying: BTreeSet<SegmentId> = self.carriers.values().copied().collect();
         self.things().map(|solid| solid.id).filter(move |id| !carrying.contains(id))
     }
 
-    /// Where each thing stands.
+    /// Returns the lane of each thing at its initial position.
     pub(super) fn lanes(&self) -> BTreeMap<SegmentId, Lane> {
         self.things().map(|solid| (solid.id, Lane::of(solid))).collect()
     }
 
-    /// How many steps, at most `most`, a thing can slide from its place: clear of the walls, the camera's walk and all
-    /// the `lanes` but its own, and not beyond the edge of what it stands on.
+    /// Returns the number of steps, at most `most`, that a thing can slide from its position, clear of the walls, the
+    /// camera's path and all other `lanes`, and not beyond the edge of its carrier.
     pub(super) fn free_steps(
         &self,
         id: SegmentId,
@@ -135,7 +136,7 @@ impl Room {
         self.solids.iter().filter(|solid| solid.id > SHELL)
     }
 
-    /// The id and place of the first thing that a ray meets. Rays from inside the room always meet one.
+    /// Returns the first solid hit by a ray, and the hit. Rays from inside the room always hit one.
     pub(super) fn first_hit(&self, ray: Ray) -> Option<(&Solid, Hit)> {
         let mut nearest: Option<(&Solid, Hit)> = None;
         for solid in &self.solids {
@@ -148,10 +149,11 @@ impl Room {
         nearest
     }
 
-    /// The camera's pose in a frame: it walks round the middle, looking across it, from side to side, up and down.
+    /// Returns the camera pose in a frame. It walks around the centre, looking across it, swaying from side to side and
+    /// up and down.
     pub(super) fn camera_pose(&self, frame: usize) -> LocalPose {
         let start = (self.seed % 997) as f32 * 0.631;
-        // Whole rounds are left out before the angle is rounded, so that long videos stay exact.
+        // Whole rounds are removed before the angle is rounded, so that long videos stay exact.
         let round = (frame % FRAMES_PER_ROUND as usize) as f32 / FRAMES_PER_ROUND;
         let angle = start + round * std::f32::consts::TAU;
         let sway = frame as f32;
@@ -162,12 +164,12 @@ impl Room {
         let right = forward.cross(Vec3::Z).normalize();
         let down = forward.cross(right);
         let matrix = Mat4::from_cols(right.extend(0.0), down.extend(0.0), forward.extend(0.0), position.extend(1.0));
-        // Three orthonormal right-handed axes are a rotation.
+        // Three orthonormal right-handed axes form a rotation.
         Pose::from_matrix(matrix.as_dmat4()).map_or(LocalPose::IDENTITY, |pose| pose.relative_to(DVec3::ZERO))
     }
 }
 
-/// How bright a hit is: light from a lamp below the ceiling and from all around.
+/// Returns the brightness of a hit: light from a lamp below the ceiling, and ambient light.
 pub(super) fn brightness(point_world: Vec3, normal: Vec3) -> f32 {
     let to_light = LIGHT - point_world;
     let facing = normal.dot(to_light.normalize_or_zero()).max(0.0);
@@ -195,13 +197,13 @@ fn shell(random: &mut ChaCha8Rng) -> Vec<Solid> {
     places.into_iter().enumerate().map(solid).collect()
 }
 
-/// 1 along a wall and 0 across it: walls reach past the room's edges, so that no ray slips through a corner.
+/// Returns 1 along a wall and 0 across it. Walls extend past the room's edges, so that no ray slips through a corner.
 fn overlap(half_size: Vec3, thin: f32) -> Vec3 {
     Vec3::select(half_size.cmpgt(Vec3::splat(thin)), Vec3::ONE, Vec3::ZERO)
 }
 
-/// A thing of some size on the floor that touches nothing and leaves the walk free; `None` if no place is found. It
-/// gets smaller while it does not fit.
+/// Places a thing of random size on the floor, clear of other things and the walk; `None` if no place is found. Its
+/// size decreases with each failed attempt.
 fn standing_free(random: &mut ChaCha8Rng, others: &[Solid], largest: f32, id: SegmentId) -> Option<Solid> {
     let others: Vec<Lane> = others.iter().map(Lane::of).collect();
     let mut size = largest;
@@ -217,12 +219,12 @@ fn standing_free(random: &mut ChaCha8Rng, others: &[Solid], largest: f32, id: Se
     None
 }
 
-/// How far from the middle of the room something that covers such a circle may be, along x and y.
+/// Returns the maximum distance of such a footprint from the room's centre, along x and y.
 fn reach_of(footprint: f32) -> Vec2 {
     ROOM.truncate() / 2.0 - Vec2::splat(footprint + GAP)
 }
 
-/// Whether something that covers such a circle at `spot` is clear of the camera's walk and of the others.
+/// Returns true if such a footprint at `spot` is clear of the camera's path and of the others.
 fn is_clear(spot: Vec2, footprint: f32, others: &[Lane]) -> bool {
     let clear_of_walk = (spot.length() - WALK_RADIUS).abs() > WALK_MARGIN + footprint;
     clear_of_walk && others.iter().all(|other| other.distance(spot) > other.radius + footprint + GAP)
@@ -234,11 +236,11 @@ impl Lane {
         Self { start: center, end: center, radius: solid.shape.footprint() }
     }
 
-    /// Distance from the line along which the thing slides, metres.
+    /// Returns the distance from the line along which the thing slides, metres.
     fn distance(&self, spot: Vec2) -> f32 {
-        let way = self.end - self.start;
-        let along = ((spot - self.start).dot(way) / way.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
-        spot.distance(self.start + along * way)
+        let path = self.end - self.start;
+        let along = ((spot - self.start).dot(path) / path.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+        spot.distance(self.start + along * path)
     }
 }
 
@@ -272,7 +274,7 @@ mod tests {
     use splatseg_geometry::Intrinsics;
 
     #[test]
-    fn rooms_hold_what_was_asked_for_and_the_walk_is_free() {
+    fn rooms_contain_the_requested_things_and_the_walk_is_free() {
         for seed in 0..20 {
             let room = Room::furnished(seed, 40);
             assert_eq!(room.solids.len(), 46, "seed {seed}");
@@ -300,7 +302,7 @@ mod tests {
         for seed in 0..20 {
             let room = Room::furnished(seed, 40);
             let camera = Intrinsics { fx: 288.0, fy: 288.0, cx: 159.5, cy: 119.5, width: 320, height: 240 };
-            let count = room.carrying_nothing().count();
+            let count = room.unloaded_things().count();
             let movers = movers::choose(&room, &camera, 60, |frame| room.camera_pose(frame), seed, count).unwrap();
             slides_on_top +=
                 movers.iter().filter(|mover| is_slide(mover) && room.carriers.contains_key(&mover.id)).count();
@@ -316,7 +318,7 @@ mod tests {
         matches!(mover.motion, Motion::Slide { .. })
     }
 
-    /// Whether nothing but what carries it, or what it carries, is nearer than the gap.
+    /// Returns true if a thing is clear of all others except its carrier and the things it carries.
     fn is_in_place(room: &Room, thing: &Solid) -> bool {
         let (spot, footprint) = (thing.center.truncate(), thing.shape.footprint());
         let unrelated = |other: &&Solid| {

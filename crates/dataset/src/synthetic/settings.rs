@@ -1,4 +1,4 @@
-//! What the synthetic room is like, and how that is written on a command line.
+//! Settings of the synthetic room, and their form on a command line.
 
 use super::Noise;
 use crate::DatasetError;
@@ -7,7 +7,7 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-/// How to name a synthetic room, for messages.
+/// Syntax of a synthetic room's name, for messages.
 pub(crate) const LAYOUT: &str = "the word synthetic, or synthetic:frames=60,seed=0,width=320,height=240,objects=20,noise=none \
                                  with any of these settings (noise: none or kinect), moving=2 (the number of moving things) \
                                  and camera=static";
@@ -19,8 +19,9 @@ const OBJECTS: std::ops::RangeInclusive<usize> = 0..=400;
 const MOVING: std::ops::RangeInclusive<usize> = 0..=60;
 const FRAMES: std::ops::RangeInclusive<usize> = 1..=1_000_000;
 
-/// What the synthetic room is like. Written `synthetic:frames=60,seed=3,width=320,height=240,objects=20,noise=kinect`,
-/// where everything has a default; `moving=2` and `camera=static` may be added.
+/// Settings of the synthetic room. Written as
+/// `synthetic:frames=60,seed=3,width=320,height=240,objects=20,noise=kinect`, where everything has a default.
+/// `moving=2` and `camera=static` may be added.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SyntheticSettings {
@@ -28,31 +29,31 @@ pub struct SyntheticSettings {
     pub width: usize,
     /// Image height, pixels, 8 to 4096. Default: 240.
     pub height: usize,
-    /// Number of frames, 1 to 1,000,000; a round of the camera takes 48. Default: 60.
+    /// Number of frames, 1 to 1,000,000. A round of the camera takes 48. Default: 60.
     pub frames: usize,
-    /// Decides what stands where and how it looks. Default: 0.
+    /// Random seed of the arrangement and appearance of things. Default: 0.
     pub seed: u64,
-    /// Number of things in the room, 0 to 400, besides floor, ceiling and four walls. More than 60 are smaller, so that
-    /// they fit. Default: 20.
+    /// Number of things in the room, 0 to 400, not counting floor, ceiling and four walls. More than 60 are made
+    /// smaller so that they fit. Default: 20.
     pub objects: usize,
-    /// How frames are disturbed. Default: not at all.
+    /// Noise added to frames. Default: none.
     pub noise: Noise,
-    /// Number of things that move, 0 to 60 and at most the number of things on which nothing else stands. The first
-    /// slides, the second vanishes and the third appears after a third to half of the video, and so on in turn. Things
-    /// that the camera sees well are chosen first. Default: 0.
+    /// Number of things that move, 0 to 60 and at most the number of things on which nothing else stands. In turn, the
+    /// first slides, the second vanishes and the third appears, and so on. Vanishing and appearing happens after a
+    /// third to half of the video. Clearly visible things are chosen first. Default: 0.
     pub moving: usize,
-    /// Where the camera is. Default: it walks.
+    /// Motion of the camera. Default: walking.
     pub camera: CameraMotion,
 }
 
-/// What the camera of the synthetic room does.
+/// Motion of the camera in the synthetic room.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CameraMotion {
-    /// It walks in a circle, 48 frames a round.
+    /// Walks in a circle, 48 frames per round.
     #[default]
     Walk,
-    /// It stays at the start of the walk.
+    /// Stays at the start of the walk.
     Static,
 }
 
@@ -63,7 +64,7 @@ impl Default for SyntheticSettings {
     }
 }
 
-/// Whether a path names a synthetic room.
+/// Returns true if a path is the name of a synthetic room.
 pub(crate) fn looks_like(path: &Path) -> bool {
     path.to_str()
         .and_then(|text| text.strip_prefix(PREFIX))
@@ -74,7 +75,7 @@ impl SyntheticSettings {
     /// Checks that every setting is in its range.
     ///
     /// # Errors
-    /// [`DatasetError::Synthetic`] names the setting, what was found and what was expected.
+    /// [`DatasetError::Synthetic`] names the setting, the value found and the value expected.
     pub fn validate(&self) -> Result<(), DatasetError> {
         let checks = [
             ("width", self.width, SIDE, "8 to 4096"),
@@ -105,7 +106,7 @@ impl fmt::Display for SyntheticSettings {
             formatter,
             "{PREFIX}:frames={frames},seed={seed},width={width},height={height},objects={objects},noise={noise}"
         )?;
-        // Only when set, so that rooms in which nothing moves keep their names.
+        // Only when set, so that static rooms keep their names.
         if self.moving > 0 {
             write!(formatter, ",moving={}", self.moving)?;
         }

@@ -1,10 +1,10 @@
-//! Rays against the solids of the room, all in world coordinates (metres, z up).
+//! Intersection of rays with the solids of the room, all in world coordinates (metres, z up).
 
 use super::texture::Texture;
 use glam::{Vec2, Vec3};
 use splatseg_geometry::SegmentId;
 
-/// Nearer hits than this (in units of the ray's direction) are the ray's own start.
+/// Hits nearer than this (in units of the ray's direction) are self-intersections at the ray's start.
 const NEAREST: f32 = 1e-3;
 
 /// A ray; positions on it are `origin + t * direction`, `t > 0`. The direction need not have unit length.
@@ -14,7 +14,7 @@ pub(super) struct Ray {
     pub(super) direction: Vec3,
 }
 
-/// Where a ray meets a solid first.
+/// First intersection of a ray with a solid.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hit {
     pub(super) t: f32,
@@ -24,7 +24,7 @@ pub(super) struct Hit {
     pub(super) normal: Vec3,
 }
 
-/// A shape in its own coordinates: centred on the origin, upright.
+/// A shape in its own coordinates, centred at the origin, upright.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Shape {
     /// Half the size along each axis, metres.
@@ -35,19 +35,19 @@ pub(super) enum Shape {
     Cylinder(f32, f32),
 }
 
-/// A thing in the room: one instance.
+/// One instance in the room.
 #[derive(Clone, Debug)]
 pub(super) struct Solid {
     pub(super) id: SegmentId,
     pub(super) shape: Shape,
     pub(super) center: Vec3,
-    /// Turn about the vertical, as (cosine, sine).
+    /// Rotation about the vertical axis, as (cosine, sine).
     pub(super) turn: Vec2,
     pub(super) texture: Texture,
 }
 
 impl Shape {
-    /// Half the height, metres.
+    /// Returns half the height, metres.
     pub(super) fn half_height(self) -> f32 {
         match self {
             Self::Box(half) => half.z,
@@ -56,7 +56,7 @@ impl Shape {
         }
     }
 
-    /// Radius of the circle that the shape covers on the floor, whatever its turn, metres.
+    /// Returns the radius of the shape's footprint on the floor, whatever its rotation, metres.
     pub(super) fn footprint(self) -> f32 {
         match self {
             Self::Box(half) => half.truncate().length(),
@@ -64,7 +64,7 @@ impl Shape {
         }
     }
 
-    /// Lengths of the smallest box around the shape, along its own axes, metres.
+    /// Returns the size of the smallest box around the shape, along its own axes, metres.
     pub(super) fn size(self) -> Vec3 {
         match self {
             Self::Box(half) => 2.0 * half,
@@ -73,7 +73,7 @@ impl Shape {
         }
     }
 
-    /// Distance along the ray and outward normal; both in the shape's coordinates.
+    /// Returns the distance along the ray and the outward normal, both in the shape's coordinates.
     fn hit(self, ray: Ray) -> Option<(f32, Vec3)> {
         match self {
             Self::Box(half) => hit_box(ray, half),
@@ -87,7 +87,7 @@ impl Shape {
 }
 
 impl Solid {
-    /// The first point, from outside, at which the ray meets the solid.
+    /// Returns the first point, from outside, where the ray hits the solid.
     pub(super) fn hit(&self, ray: Ray) -> Option<Hit> {
         let local = Ray {
             origin: turned(ray.origin - self.center, Vec2::new(self.turn.x, -self.turn.y)),
@@ -98,15 +98,15 @@ impl Solid {
         Some(Hit { t, point_local, normal: turned(normal_local, self.turn) })
     }
 
-    /// Whether a horizontal circle on top of the solid lies entirely within it. Only boxes carry things; the answer is
-    /// no for every other shape.
+    /// Returns true if a horizontal circle on top of the solid lies entirely within it. Only boxes carry things, so
+    /// always false for other shapes.
     pub(super) fn has_on_top(&self, middle_world: Vec2, radius: f32) -> bool {
         let middle = Vec2::new(self.turn.x, -self.turn.y).rotate(middle_world - self.center.truncate());
         matches!(self.shape, Shape::Box(half) if (middle.abs() + radius).cmple(half.truncate()).all())
     }
 }
 
-/// Turns a vector about the vertical.
+/// Rotates a vector about the vertical axis.
 fn turned(vector: Vec3, turn: Vec2) -> Vec3 {
     turn.rotate(vector.truncate()).extend(vector.z)
 }
@@ -127,11 +127,11 @@ fn hit_box(ray: Ray, half: Vec3) -> Option<(f32, Vec3)> {
     Some((t, normal))
 }
 
-/// The smaller solution of |origin + t direction| = radius, if it lies ahead.
+/// Returns the smaller solution t of |origin + t direction| = radius, if it lies ahead.
 fn quadratic_entry(origin: Vec3, direction: Vec3, radius: f32) -> Option<f32> {
     let a = direction.length_squared();
     let half_b = origin.dot(direction);
-    // The distance to the ray's nearest point, not the textbook discriminant: that loses digits far away.
+    // Use the distance to the ray's nearest point, because the textbook discriminant loses digits far away.
     let nearest = origin - direction * (half_b / a);
     let rest = radius * radius - nearest.length_squared();
     if rest < 0.0 || a == 0.0 {
@@ -167,7 +167,7 @@ mod tests {
         Solid { id: 1, shape, center: Vec3::new(0.3, 3.0, 0.1), turn, texture: Texture::plain([9; 3]) }
     }
 
-    /// Signed distance-like function: negative inside the shape.
+    /// Evaluates a function similar to a signed distance: negative inside the shape.
     fn outside(shape: Shape, point: Vec3) -> f32 {
         match shape {
             Shape::Box(half) => (point.abs() - half).max_element(),

@@ -1,22 +1,22 @@
-//! Colours that vary over a surface, as functions of the point in the solid's own coordinates.
+//! Colour patterns on a surface, as functions of the point in the solid's own coordinates.
 
 use glam::Vec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-/// Keeps the borders of a pattern off the faces of boxes, where rounding would flicker between its two sides.
+/// Keeps pattern edges off the faces of boxes, where rounding would flicker between both sides.
 const PATTERN_SHIFT: Vec3 = Vec3::new(0.137, 0.271, 0.419);
 
 #[derive(Clone, Copy, Debug)]
 enum Pattern {
     Plain,
     Checker,
-    /// Across the direction given.
+    /// Stripes perpendicular to this direction.
     Stripes(Vec3),
     Noise,
 }
 
-/// Two colours in a pattern.
+/// A pattern of two colours.
 #[derive(Clone, Debug)]
 pub(super) struct Texture {
     colors: [[u8; 3]; 2],
@@ -31,7 +31,7 @@ impl Texture {
         Self { colors: [color; 2], pattern: Pattern::Plain, period: 1.0 }
     }
 
-    /// A texture of any kind, with repetitions of about `period` metres.
+    /// Draws a random texture with a period of about `period` metres.
     pub(super) fn random(random: &mut ChaCha8Rng, period: f32) -> Self {
         let base: [u8; 3] = std::array::from_fn(|_| random.random_range(50..230));
         // A second colour that is close in one channel and clearly apart in the others.
@@ -50,7 +50,7 @@ impl Texture {
         Self { colors: [base, second], pattern, period: period * random.random_range(0.7..1.4) }
     }
 
-    /// The colour, sRGB, in 0..=255.
+    /// Returns the sRGB colour at a point, in 0..=255.
     pub(super) fn color_at(&self, point_local: Vec3) -> Vec3 {
         let point = point_local / self.period + PATTERN_SHIFT;
         let share = match self.pattern {
@@ -64,7 +64,7 @@ impl Texture {
     }
 }
 
-/// Noise in 0..=1 that varies smoothly over a length of 1.
+/// Returns smooth noise in 0..=1 with a length scale of 1.
 fn smooth_noise(point: Vec3) -> f32 {
     let cell = point.floor();
     let within = point - cell;
@@ -78,7 +78,7 @@ fn smooth_noise(point: Vec3) -> f32 {
     sum
 }
 
-/// A number in 0..1 that looks random, for each cell of a grid.
+/// Returns a pseudo-random number in 0..1 for each cell of a grid.
 fn hash(cell: glam::IVec3) -> f32 {
     let mut bits = (cell.x as u32).wrapping_mul(0x9E37_79B1)
         ^ (cell.y as u32).wrapping_mul(0x85EB_CA77)

@@ -1,30 +1,30 @@
-//! Where the things of the synthetic room stand, for tests that need the truth.
+//! Ground truth geometry of the things in the synthetic room, for tests.
 
 use super::solids::{Shape, Solid};
 use glam::Vec3;
 use splatseg_geometry::SegmentId;
 
-/// A thing of the synthetic room, where it stands before anything moves. World coordinates, metres, z up.
+/// A thing of the synthetic room at its initial position. World coordinates, metres, z up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thing {
     /// Its id in the ground truth.
     pub id: SegmentId,
     /// Its shape.
     pub kind: ThingKind,
-    /// The middle of the smallest box around it.
+    /// Centre of its bounding box.
     pub center: Vec3,
-    /// The lengths of that box along its own axes, of which the third is upright.
+    /// Size of its bounding box along the box's own axes. The third axis is vertical.
     pub size: Vec3,
-    /// The turn of that box about the vertical, radians, counter-clockwise from above.
+    /// Rotation of the box about the vertical axis, radians, counter-clockwise from above.
     pub turn: f32,
 }
 
 /// The shape of a [`Thing`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ThingKind {
-    /// It fills its box.
+    /// A box.
     Box,
-    /// A ball.
+    /// A sphere.
     Sphere,
     /// An upright cylinder.
     Cylinder,

@@ -1,14 +1,14 @@
-//! Pairing by time.
+//! Pairing of measurements by time.
 
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
-/// Pairs up two lists of times, seconds, both increasing: the two closest first, then the two closest of the rest, as
-/// long as they are less than `max_seconds` apart (`associate.py` of the TUM RGB-D tools). Gives pairs of indices, by
-/// increasing index in `first`.
+/// Pairs two lists of times, seconds, both increasing: the two closest first, then the two closest of the rest, while
+/// they are less than `max_seconds` apart (`associate.py` of the TUM RGB-D tools). Returns pairs of indices, sorted by
+/// index in `first`.
 ///
-/// `associate.py` sorts all pairs of times. But the closest pair of what is left always stands side by side in order of
-/// time, so that it is enough to look at neighbours: n log n in place of n².
+/// `associate.py` sorts all pairs of times. But the closest remaining pair is always adjacent in time order, so
+/// comparing neighbours is enough: O(n log n) instead of O(n²).
 pub(crate) fn associate(first: &[f64], second: &[f64], max_seconds: f64) -> Vec<(usize, usize)> {
     let mut line = TimeLine::merge(first, second);
     let mut open: BinaryHeap<Reverse<Candidate>> = BinaryHeap::new();
@@ -31,8 +31,8 @@ pub(crate) fn associate(first: &[f64], second: &[f64], max_seconds: f64) -> Vec<
     pairs
 }
 
-/// The index of the time nearest to `at` (the earlier one of two), if it is less than `max_seconds` away. `times` are
-/// increasing.
+/// Returns the index of the time nearest to `at` (the earlier of two), if it is less than `max_seconds` away. `times`
+/// must be increasing.
 pub(crate) fn nearest(times: &[f64], at: f64, max_seconds: f64) -> Option<usize> {
     let after = times.partition_point(|time| *time < at);
     let distance = |index: &usize| (times[*index] - at).abs();
@@ -44,7 +44,7 @@ pub(crate) fn nearest(times: &[f64], at: f64, max_seconds: f64) -> Option<usize>
         .filter(|index| distance(index) < max_seconds)
 }
 
-/// A time and where it comes from.
+/// A time and its list and index.
 #[derive(Clone, Copy, Debug)]
 struct Event {
     seconds: f64,
@@ -52,7 +52,7 @@ struct Event {
     index: usize,
 }
 
-/// Both lists in order of time, as a chain from which pairs are taken out.
+/// Both lists merged in time order, as a linked list from which pairs are removed.
 struct TimeLine {
     events: Vec<Event>,
     previous: Vec<Option<usize>>,
@@ -81,7 +81,7 @@ impl TimeLine {
         }
     }
 
-    /// Neighbours as a pair, if they come from different lists and are close enough.
+    /// Returns two neighbours as a pair, if they come from different lists and are close enough.
     fn candidate(&self, left: usize, right: Option<usize>, max_seconds: f64) -> Option<Candidate> {
         let right = right?;
         let (a, b) = (self.events[left], self.events[right]);
@@ -90,13 +90,13 @@ impl TimeLine {
         fits.then_some(Candidate { seconds_apart, left, right })
     }
 
-    /// The indices of a pair in the first and in the second list.
+    /// Returns a pair's indices in the first and second list.
     fn indices(&self, left: usize, right: usize) -> (usize, usize) {
         let (a, b) = (self.events[left], self.events[right]);
         if a.is_first { (a.index, b.index) } else { (b.index, a.index) }
     }
 
-    /// Takes two neighbours out. Those before and after become neighbours.
+    /// Removes two neighbours. Returns the events before and after them, which become neighbours.
     fn take(&mut self, left: usize, right: usize) -> (Option<usize>, Option<usize>) {
         self.taken[left] = true;
         self.taken[right] = true;
@@ -111,7 +111,7 @@ impl TimeLine {
     }
 }
 
-/// A pair of neighbours. The closest pair is the smallest; of equally close ones the earliest.
+/// A pair of neighbours, ordered by distance in time, then by position.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
     seconds_apart: f64,
@@ -145,7 +145,7 @@ mod tests {
     use proptest::prelude::*;
     use std::collections::BTreeSet;
 
-    /// All pairs, sorted, each taken if both are free.
+    /// Sorts all pairs and takes each if both elements are free.
     fn as_associate_py(first: &[f64], second: &[f64], max_seconds: f64) -> Vec<(usize, usize)> {
         let mut open = Vec::new();
         for (i, a) in first.iter().enumerate() {
@@ -173,7 +173,7 @@ mod tests {
             second in prop::collection::btree_set(0u32..100_000, 0..30),
             max_seconds in 0.0f64..0.5,
         ) {
-            // Uneven steps: equally close pairs would be taken in another order.
+            // Uneven steps, because equally close pairs would be taken in another order.
             let times = |numbers: &BTreeSet<u32>| -> Vec<f64> {
                 numbers.iter().map(|n| f64::from(*n).sqrt() * 0.013).collect()
             };

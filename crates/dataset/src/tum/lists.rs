@@ -4,16 +4,16 @@ use crate::DatasetError;
 use crate::files::read_file;
 use crate::text::{not_text, shortened};
 use glam::{DQuat, DVec3};
-use splatseg_input::{MemoryLimit, display_bytes};
+use splatseg_files::{MemoryLimit, display_bytes};
 use std::path::{Component, Path, PathBuf};
 
-/// Larger files are not lists of a sequence: a day at 120 poses a second has 10 million.
+/// Maximum file size: a day at 120 poses per second has 10 million lines.
 const MAX_LIST_BYTES: u64 = 1 << 30;
 
-/// What a line of a list takes in memory, with the name of its file and its place among those to be paired.
+/// Memory per line of a list, including its file name and its place in the pairing.
 const BYTES_PER_LINE: u64 = 512;
 
-/// An image and when it was taken.
+/// An image and its time.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ListedFile {
     pub(super) seconds: f64,
@@ -22,20 +22,20 @@ pub(super) struct ListedFile {
     pub(super) path: PathBuf,
 }
 
-/// A pose and when it was measured.
+/// A pose and its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TimedPose {
     pub(super) seconds: f64,
-    /// Where the camera stands, metres.
+    /// Camera position, metres.
     pub(super) position: DVec3,
-    /// From the camera's to the world's axes; of any length.
+    /// Rotation from camera to world axes, not normalised.
     pub(super) rotation: DQuat,
     /// Number of its line, from 1, for messages.
     pub(super) line: usize,
 }
 
-/// Reads a list of images, sorted by time. Of several at the same time the last is kept, as in `associate.py`. Also gives
-/// the number of lines that are left out because they are not UTF-8.
+/// Reads a list of images, sorted by time. Of several with the same time the last is kept, as in `associate.py`. Also
+/// returns the number of lines skipped because they are not UTF-8.
 pub(super) fn read_file_list(
     folder: &Path,
     name: &str,
@@ -44,7 +44,7 @@ pub(super) fn read_file_list(
     let path = folder.join(name);
     let parse = |line: Line<'_>| {
         let file = Path::new(line.words.get(1)?);
-        // A list must not lead out of its folder.
+        // A list must not refer to files outside its folder.
         let inside = file.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
         let stem = file.file_stem()?.to_str()?.to_owned();
         inside.then(|| Some(ListedFile { seconds: line.seconds()?, stem, path: folder.join(file) }))?
@@ -54,7 +54,7 @@ pub(super) fn read_file_list(
     Ok((files, unreadable))
 }
 
-/// Reads a trajectory, sorted by time. Of several poses at the same time the last is kept.
+/// Reads a trajectory, sorted by time. Of several poses with the same time the last is kept.
 pub(super) fn read_trajectory(path: &Path) -> Result<Vec<TimedPose>, DatasetError> {
     let parse = |line: Line<'_>| {
         let numbers: Vec<f64> = line.words.iter().map(|word| word.parse().ok()).collect::<Option<_>>()?;
@@ -75,13 +75,13 @@ struct Line<'a> {
 }
 
 impl Line<'_> {
-    /// Its first word as a time.
+    /// Parses the first word as a time.
     fn seconds(&self) -> Option<f64> {
         self.words.first()?.parse().ok().filter(|seconds: &f64| seconds.is_finite())
     }
 }
 
-/// Reads the lines that are UTF-8; also gives the number of those that are not.
+/// Parses the lines that are UTF-8. Also returns the number of lines that are not.
 fn read_lines<T>(
     path: &Path,
     what: &'static str,
@@ -99,7 +99,7 @@ fn read_lines<T>(
         if line.trim().is_empty() || line.trim_start().starts_with('#') {
             continue;
         }
-        // A few more words than any line has are enough to see that there are too many.
+        // A few more words than any format has are enough to detect extra ones.
         let words: Vec<&str> =
             line.split([' ', '\t', ',']).map(str::trim).filter(|word| !word.is_empty()).take(16).collect();
         let item = parse(Line { number: index + 1, words }).ok_or_else(|| DatasetError::Field {
@@ -116,7 +116,7 @@ fn read_lines<T>(
     Ok((parsed, unreadable))
 }
 
-/// Requires that what is made of the lines of a list is within the memory limit.
+/// Checks that the parsed lines of a list fit in the memory limit.
 fn require_memory_for_lines(path: &Path, text: &[u8]) -> Result<(), DatasetError> {
     let lines = text.iter().filter(|byte| **byte == b'\n').count() as u64;
     let limit = MemoryLimit::in_force();
@@ -136,7 +136,7 @@ fn require_memory_for_lines(path: &Path, text: &[u8]) -> Result<(), DatasetError
 }
 
 fn sort_by_time<T>(items: &mut Vec<T>, seconds: impl Fn(&T) -> f64) {
-    // Latest line first among equal times, so that the one kept is the last in the file.
+    // Among equal times the latest line comes first, so that deduplication keeps the last one in the file.
     items.reverse();
     items.sort_by(|left, right| seconds(left).total_cmp(&seconds(right)));
     items.dedup_by(|later, earlier| seconds(later) == seconds(earlier));

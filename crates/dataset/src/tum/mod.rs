@@ -1,10 +1,11 @@
-//! TUM RGB-D (Sturm et al., IROS 2012): `rgb.txt` and `depth.txt` list images (`time file`, seconds), `groundtruth.txt`
-//! the camera's trajectory (`time tx ty tz qx qy qz qw`, camera-to-world); lines that start with `#` are comments.
+//! TUM RGB-D (Sturm et al., IROS 2012): `rgb.txt` and `depth.txt` list images (`time file`, seconds), and
+//! `groundtruth.txt` contains the camera trajectory (`time tx ty tz qx qy qz qw`, camera-to-world). Lines that start
+//! with `#` are comments.
 //!
-//! Colour and depth are paired as the benchmark's `associate.py` does: the two closest times first, apart by less than
-//! 0.02 s. A frame's pose is the one measured **nearest** to its colour image, within 0.02 s: not interpolated, as in
-//! the published evaluations; the trajectory has 100 poses and more a second. Frames that find no partner or no pose
-//! are left out and counted.
+//! Colour and depth are paired as in the benchmark's `associate.py`: the two closest times first, less than 0.02 s
+//! apart. A frame's pose is the one measured **nearest** to its colour image, within 0.02 s. It is not interpolated, as
+//! in the published evaluations; the trajectory has at least 100 poses per second. Frames without a partner or a pose
+//! are skipped and counted.
 //!
 //! Depth is a 16-bit PNG with 5000 units per metre, registered to colour. Lens distortion is ignored.
 
@@ -16,16 +17,16 @@ use crate::listing::folder_name;
 use crate::plausibility::warn_once;
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, shortened};
-use crate::{DatasetError, Format, Scene};
+use crate::{DatasetError, Format, RecordedFrame, Scene};
 pub(crate) use associate::associate;
 pub(crate) use associate::nearest as nearest_time;
 use lists::{ListedFile, TimedPose, read_file_list, read_trajectory};
-use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Intrinsics, Pose, SegmentMap};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// What a TUM RGB-D folder looks like, for messages.
+/// Layout of a TUM RGB-D folder, for messages.
 pub(crate) const LAYOUT: &str =
     "rgb.txt, depth.txt, groundtruth.txt and the images they list, camera-intrinsics.txt (optional)";
 
@@ -34,27 +35,27 @@ const DEPTH_LIST: &str = "depth.txt";
 const TRAJECTORY: &str = "groundtruth.txt";
 const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
 const UNITS_PER_METRE: f32 = 5000.0;
-/// Images and poses further apart in time are not paired, seconds.
+/// Maximum time between an image and a pose or another image paired with it, seconds.
 const MAX_SECONDS_APART: f64 = 0.02;
 
 const fn camera(fx: f32, fy: f32, cx: f32, cy: f32) -> Intrinsics {
     Intrinsics { fx, fy, cx, cy, width: 640, height: 480 }
 }
 
-/// The colour cameras as the benchmark's page gives them, by what the name of the sequence contains.
+/// Colour cameras from the benchmark's page, by a part of the sequence's name.
 const PUBLISHED: [(&str, Intrinsics); 3] = [
     ("freiburg1", camera(517.3, 516.5, 318.6, 255.3)),
     ("freiburg2", camera(520.9, 521.0, 325.1, 249.7)),
     ("freiburg3", camera(535.4, 539.2, 320.1, 247.6)),
 ];
-/// The camera that ROS assumes for a Kinect.
+/// Default Kinect camera in ROS.
 const ROS_DEFAULT: Intrinsics = camera(525.0, 525.0, 319.5, 239.5);
 
-/// A colour image, the depth image and the pose that belong to it.
+/// A colour image with its depth image and pose.
 #[derive(Clone, Debug)]
 struct TumFrame {
     name: String,
-    /// When the colour image was taken, since the Unix epoch; `None` for the odd list with times before it.
+    /// Time of the colour image since the Unix epoch; `None` for times before it.
     timestamp: Option<Duration>,
     color: PathBuf,
     depth: PathBuf,
@@ -63,9 +64,10 @@ struct TumFrame {
 
 /// A sequence in the layout of TUM RGB-D. It has no ground truth segments.
 ///
-/// Intrinsics come from `camera-intrinsics.txt` (3x3) if it is there; otherwise they are the published ones if the
-/// folder's name contains `freiburg1`, `freiburg2` or `freiburg3`, or ROS's default (525, 525, 319.5, 239.5), with a
-/// warning; these are for 640x480 pixels and follow the images' size. Frames are named like their colour images.
+/// Intrinsics are read from `camera-intrinsics.txt` (3x3) if it exists. Otherwise they are the published ones if the
+/// folder's name contains `freiburg1`, `freiburg2` or `freiburg3`, or else ROS's default (525, 525, 319.5, 239.5), with
+/// a warning. These are for 640x480 pixels and are scaled to the images' size. Frames are named like their colour
+/// images.
 #[derive(Debug)]
 pub struct TumScene {
     name: String,
@@ -77,10 +79,10 @@ pub struct TumScene {
 }
 
 impl TumScene {
-    /// Reads the lists of a sequence's folder and pairs colour, depth and poses, in order of time.
+    /// Reads the lists in a sequence's folder and pairs colour, depth and poses, in time order.
     ///
     /// # Errors
-    /// If a list is missing or damaged or names a colour image twice, if nothing can be paired, or if the intrinsics
+    /// If a list is missing or damaged or contains a colour image twice, if nothing can be paired, or if the intrinsics
     /// are damaged.
     pub fn open(folder: &Path) -> Result<Self, DatasetError> {
         let (color, unreadable_color) = read_file_list(folder, COLOR_LIST, "list of colour images")?;
@@ -93,7 +95,7 @@ impl TumScene {
             return Err(DatasetError::NoFrames { path: folder.to_owned(), expected });
         }
         let mut names = HashSet::new();
-        // Outputs are named after frames: one would replace the other.
+        // Outputs are named after frames, so one would overwrite the other.
         if let Some(frame) = frames.iter().find(|frame| !names.insert(frame.name.as_str())) {
             return Err(DatasetError::Field {
                 path: folder.join(COLOR_LIST),
@@ -131,7 +133,7 @@ impl TumScene {
     }
 }
 
-/// Colour, depth and poses paired by time, in order of time.
+/// Pairs colour, depth and poses by time, in time order.
 fn frames_of(color: &[ListedFile], depth: &[ListedFile], trajectory: &[TimedPose]) -> Vec<TumFrame> {
     let times = |list: &[ListedFile]| list.iter().map(|file| file.seconds).collect::<Vec<f64>>();
     let pose_times: Vec<f64> = trajectory.iter().map(|pose| pose.seconds).collect();
@@ -149,14 +151,14 @@ fn frames_of(color: &[ListedFile], depth: &[ListedFile], trajectory: &[TimedPose
     associate(&times(color), &times(depth), MAX_SECONDS_APART).into_iter().filter_map(frame).collect()
 }
 
-/// The parts that a sequence needs, and whether each is in a folder.
+/// Returns the required parts of a sequence, each with true if the folder has it.
 pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
     [COLOR_LIST, DEPTH_LIST, TRAJECTORY].map(|part| (part, path.join(part).is_file())).to_vec()
 }
 
-/// Whether a folder holds a sequence.
+/// Returns true if a folder contains a sequence.
 pub(crate) fn looks_like(path: &Path) -> bool {
-    parts(path).iter().all(|(_, is_there)| *is_there)
+    parts(path).iter().all(|(_, is_present)| *is_present)
 }
 
 impl Scene for TumScene {
@@ -172,16 +174,16 @@ impl Scene for TumScene {
         self.frames.get(index).map(|frame| frame.name.clone()).unwrap_or_default()
     }
 
-    fn read_frame(&self, index: usize) -> Result<RgbdFrame<'static>, DatasetError> {
+    fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let frame = entry(&self.frames, index, &self.name)?;
-        // The benchmark's camera axes are ours.
+        // The benchmark uses the same camera axes.
         let pose = Pose::from_quaternion(frame.pose.position, frame.pose.rotation)
             .map_err(|source| DatasetError::Pose { path: self.file_of(index, FramePart::Pose), source })?;
         let depth = read_depth(&frame.depth, UNITS_PER_METRE)?;
         let color = read_color(&frame.color)?;
         require_registered(&color, &depth, &frame.depth)?;
         let (name, timestamp, intrinsics) = (frame.name.clone(), frame.timestamp, self.camera(color.size())?);
-        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: pose }.into_frame()
+        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: Some(pose) }.into_frame()
     }
 
     fn has_ground_truth(&self) -> bool {

@@ -1,4 +1,4 @@
-//! A writer for recordings of ROS 2 messages.
+//! A writer for ROS 2 recordings.
 
 use super::recording::{depth_units, jpeg_bytes};
 use glam::{DQuat, DVec3};
@@ -17,7 +17,7 @@ pub const OPTICAL: &str = "camera_color_optical_frame";
 pub const START: i64 = 1_700_000_000_000_000_000;
 pub const FRAME_NS: i64 = 100_000_000;
 
-/// A recording that is not compressed.
+/// An uncompressed recording.
 pub struct McapWriter {
     writer: mcap::Writer<Cursor<Vec<u8>>>,
     channels: BTreeMap<String, u16>,
@@ -78,7 +78,7 @@ pub fn transform(stamp: i64, parent: &str, child: &str, shift: DVec3, turn: DQua
     TfMessage { transforms: vec![TransformStamped { header: header(stamp, parent), child_frame_id, transform }] }
 }
 
-/// The pose of a frame's camera as a transform.
+/// Returns the pose of a frame's camera as a transform.
 pub fn camera_transform(stamp: i64, parent: &str, child: &str, frame: &RgbdFrame) -> TfMessage {
     let pose = frame.world_from_camera();
     let turn = DQuat::from_mat3(&pose.rotation());
@@ -95,7 +95,7 @@ pub fn raw<'a>(stamp: i64, frame_id: &str, encoding: &'a str, size: (usize, usiz
     Image { header: header(stamp, frame_id), height, width, encoding, is_bigendian: 0, step, data }
 }
 
-/// Which parts of a recording are written.
+/// Parts of a recording to write.
 #[derive(Clone, Copy)]
 pub struct Parts {
     pub info: bool,
@@ -105,7 +105,7 @@ pub struct Parts {
 
 pub const ALL: Parts = Parts { info: true, depth: true, poses: true };
 
-/// Frames as a camera records them, with its pose in `world`: JPEG, depth in millimetres, registered.
+/// Writes frames as recorded by a camera, with its pose in `world`: JPEG, depth in millimetres, registered.
 pub fn write_frames(writer: &mut McapWriter, frames: &[&RgbdFrame], parts: Parts) {
     for (frame, index) in frames.iter().zip(0i64..) {
         let stamp = START + index * FRAME_NS;
@@ -125,14 +125,14 @@ pub fn write_frames(writer: &mut McapWriter, frames: &[&RgbdFrame], parts: Parts
     }
 }
 
-/// A whole recording of frames.
+/// Returns a complete recording of frames.
 pub fn recording_of(frames: &[&RgbdFrame]) -> Vec<u8> {
     let mut writer = McapWriter::new();
     write_frames(&mut writer, frames, ALL);
     writer.finish()
 }
 
-/// The recording with the CRC of every chunk set to 0, which means none.
+/// Sets the CRC of every chunk in a recording to 0, which means none.
 pub fn without_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
     let mut at = 8;
     while at + 9 < bytes.len() - 8 {

@@ -11,12 +11,12 @@ use proptest::sample::Index;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A pose that is easy to recognise: translation (number, 2, 3).
+/// Returns a recognisable pose with translation (number, 2, 3).
 pub fn pose_text(number: usize) -> String {
     format!("1 0 0 {number}\n0 1 0 2\n0 0 1 3\n0 0 0 1\n")
 }
 
-/// A smooth picture: red grows to the right, green downwards.
+/// Returns a smooth picture: red increases to the right, green downwards.
 pub fn write_color(path: &Path, width: u32, height: u32) {
     let image = image::RgbImage::from_fn(width, height, |x, y| {
         image::Rgb([(255 * x / width) as u8, (255 * y / height) as u8, 9])
@@ -24,14 +24,14 @@ pub fn write_color(path: &Path, width: u32, height: u32) {
     image.save(path).unwrap();
 }
 
-/// A 16-bit grey PNG of `value(column, row)`.
+/// Encodes a 16-bit grey PNG of `value(column, row)`.
 pub fn write_png16(path: &Path, (width, height): (u32, u32), value: impl Fn(u32, u32) -> u16) {
     let image: image::ImageBuffer<image::Luma<u16>, Vec<u16>> =
         image::ImageBuffer::from_fn(width, height, |x, y| image::Luma([value(x, y)]));
     image.save(path).unwrap();
 }
 
-/// A 7-Scenes sequence of 64x48 pixels whose depth is 1 m plus a millimetre for each column, with frames 0, 10, 20...
+/// Writes a 7-Scenes sequence of 64x48 pixels with depth of 1 m plus a millimetre per column, and frames 0, 10, 20...
 pub fn write_sevenscenes(folder: &Path, frames: usize) {
     fs::create_dir_all(folder).unwrap();
     fs::write(folder.join("camera-intrinsics.txt"), "5.0e1 0 3.15e1\n0 50 23.5\n0 0 1\n").unwrap();
@@ -59,7 +59,7 @@ fn matrix4(width: u32, height: u32) -> String {
     format!("{width} 0 {cx} 0\n0 {width} {cy} 0\n0 0 1 0\n0 0 0 1\n")
 }
 
-/// A ScanNet scene with focal lengths of one image width; labels are 1 on the left half and 2 on the right.
+/// Writes a ScanNet scene with focal lengths of one image width. Labels are 1 on the left half and 2 on the right.
 pub fn write_scannet(folder: &Path, frames: usize, sizes: &ScannetSizes) {
     for part in ["color", "depth", "pose", "intrinsic", "instance-filt"] {
         fs::create_dir_all(folder.join(part)).unwrap();
@@ -75,7 +75,7 @@ pub fn write_scannet(folder: &Path, frames: usize, sizes: &ScannetSizes) {
     }
 }
 
-/// The bytes with some changed and the rest cut off.
+/// Changes some bytes and cuts off the rest.
 pub fn damaged(mut bytes: Vec<u8>, changes: &[(Index, u8)], keep: &Index) -> Vec<u8> {
     for (at, value) in changes {
         let at = at.index(bytes.len());
@@ -85,7 +85,7 @@ pub fn damaged(mut bytes: Vec<u8>, changes: &[(Index, u8)], keep: &Index) -> Vec
     bytes
 }
 
-/// Keeps only the first half of a file.
+/// Truncates a file to its first half.
 pub fn truncate(path: &Path) {
     let bytes = fs::read(path).unwrap();
     fs::write(path, &bytes[..bytes.len() / 2]).unwrap();
@@ -104,13 +104,13 @@ pub fn write_lying_png(path: &Path, claimed: (u32, u32)) {
     fs::write(path, bytes).unwrap();
 }
 
-/// The folder of shared data, or `None` with a line that says that `test` was skipped.
+/// Returns the folder of shared data, or prints that `test` was skipped and returns `None`.
 pub fn shared_data(test: &str, part: &str) -> Option<PathBuf> {
     let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")).join(part);
     if path.exists() {
         return Some(path);
     }
-    // Not `println!`: the test runner would swallow the line of a test that passes.
+    // Not `println!`, because the test runner hides its output for passing tests.
     let _ = std::io::Write::write_all(
         &mut std::io::stderr(),
         format!("\nskipped: {test}: ../shared is not here\n").as_bytes(),
@@ -118,8 +118,8 @@ pub fn shared_data(test: &str, part: &str) -> Option<PathBuf> {
     None
 }
 
-/// Puts a FIFO and then a link to `/dev/zero` in the place of each of a scene's files in turn. Opening and reading the
-/// scene at `path` must come to an end each time, and what is told must name the file that is not a regular one.
+/// Replaces each of a scene's files in turn by a FIFO and then by a link to `/dev/zero`. Opening and reading the scene
+/// at `path` must end each time, and the errors must name the file that is not regular.
 #[cfg(unix)]
 pub fn assert_special_files_are_refused(folder: &Path, path: &Path) {
     for file in files_below(folder) {
@@ -133,8 +133,8 @@ pub fn assert_special_files_are_refused(folder: &Path, path: &Path) {
             }
             let (sender, receiver) = std::sync::mpsc::channel();
             let path = path.to_owned();
-            // Not joined: a reader that hangs must not hang the test.
-            std::thread::spawn(move || sender.send(everything_told_about(&path)));
+            // Not joined, because a hanging reader must not hang the test.
+            std::thread::spawn(move || sender.send(all_errors_of(&path)));
             let told = receiver.recv_timeout(std::time::Duration::from_secs(10));
             let told = told.unwrap_or_else(|_| panic!("{}: a {kind} is read for ever", file.display()));
             for error in told.iter().filter(|error| error.contains("a regular file")) {
@@ -144,7 +144,7 @@ pub fn assert_special_files_are_refused(folder: &Path, path: &Path) {
         fs::remove_file(&file).unwrap();
         fs::write(&file, bytes).unwrap();
     }
-    assert_eq!(everything_told_about(path), Vec::<String>::new(), "the scene is whole again");
+    assert_eq!(all_errors_of(path), Vec::<String>::new(), "the scene is whole again");
 }
 
 fn files_below(folder: &Path) -> Vec<PathBuf> {
@@ -156,8 +156,8 @@ fn files_below(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// The errors of opening a scene and reading all of it.
-fn everything_told_about(path: &Path) -> Vec<String> {
+/// Opens a scene, reads all of it, and returns the errors.
+fn all_errors_of(path: &Path) -> Vec<String> {
     let scene = match splatseg_dataset::open_scene(path, &splatseg_dataset::DatasetSettings::default()) {
         Ok(scene) => scene,
         Err(error) => return vec![error.to_string()],

@@ -1,4 +1,4 @@
-//! A video of MVPd, with the synthetic room in it, as a folder or an archive.
+//! An MVPd video of the synthetic room, as a folder or an archive.
 
 use super::recording::{jpeg_bytes, png_depth_bytes, png_panoptic_bytes, recording, tar_gz_bytes};
 use glam::{DMat3, DQuat};
@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 
 pub const FIRST: &str = "00800-TEEsavR23oF.0000000000.0000000100";
 pub const SECOND: &str = "00800-TEEsavR23oF.0000000001.0000000100";
-/// What the mask images add to an instance's id: panoptic ids have three bytes.
+/// Offset added to instance ids in mask images, because panoptic ids have three bytes.
 pub const PANOPTIC_OFFSET: u32 = 70_000;
 
 pub fn room() -> &'static [(RgbdFrame<'static>, SegmentMap)] {
@@ -18,7 +18,7 @@ pub fn room() -> &'static [(RgbdFrame<'static>, SegmentMap)] {
     ROOM.get_or_init(|| recording("synthetic:frames=2,width=64,height=48,seed=3"))
 }
 
-/// Position and quaternion (w, x, y, z) of a camera with Blender's axes.
+/// Returns the position and quaternion (w, x, y, z) of a camera with Blender's axes.
 pub fn blender_pose(pose: &Pose) -> ([f64; 3], [f64; 4]) {
     let axes = pose.rotation();
     let blender = DMat3::from_cols(axes.x_axis, -axes.y_axis, -axes.z_axis);
@@ -50,7 +50,7 @@ pub fn frame_annotations() -> Vec<Value> {
     room().iter().enumerate().map(annotation).collect()
 }
 
-/// The annotations as the authors' script writes them: `video_id` is a number.
+/// Returns annotations as written by the authors' script: `video_id` is a number.
 pub fn panoptic(videos: &[&str]) -> Value {
     let list = |content: &dyn Fn() -> (&'static str, Vec<Value>)| -> Vec<Value> {
         let entry = |(index, name): (usize, &&str)| {
@@ -67,7 +67,7 @@ pub fn panoptic(videos: &[&str]) -> Value {
     })
 }
 
-/// The files of some videos, with their names below the split's folder.
+/// Returns the files of videos, with names relative to the split's folder.
 pub fn files(videos: &[&str]) -> Vec<(String, Vec<u8>)> {
     let mut files = Vec::new();
     for video in videos {
@@ -90,7 +90,7 @@ pub fn write_split(folder: &Path, videos: &[&str], panoptic: &Value) {
     fs::write(folder.join("panoptic_val.json"), panoptic.to_string()).unwrap();
 }
 
-/// A scene's archive with the annotations at the start, as `tar` orders them, or at the end.
+/// Returns a scene's archive with the annotations at the start, as ordered by `tar`, or at the end.
 pub fn archive(videos: &[&str], prefix: &str, annotations_first: bool) -> Vec<u8> {
     let mut members: Vec<_> =
         files(videos).into_iter().map(|(name, bytes)| (format!("{prefix}{name}"), bytes)).collect();

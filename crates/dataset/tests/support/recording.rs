@@ -1,4 +1,4 @@
-//! The synthetic room as a recording that tests write in some format and read back.
+//! Frames of the synthetic room for tests to write in a format and read back.
 
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
@@ -34,7 +34,7 @@ pub fn png_color_bytes(color: &CowImage<'_, [u8; 3]>) -> Vec<u8> {
     png_bytes(&pixels, color.size(), ExtendedColorType::Rgb8)
 }
 
-/// Depth as 16-bit integers with so many units in a metre.
+/// Returns depth as 16-bit integers with the given units per metre.
 pub fn depth_units(depth: &CowImage<'_, f32>, units_per_metre: f32) -> Vec<u16> {
     depth.pixels().iter().map(|z| (z * units_per_metre).round() as u16).collect()
 }
@@ -49,13 +49,13 @@ pub fn png_label_bytes(labels: &SegmentMap) -> Vec<u8> {
     png_bytes(&pixels, labels.size(), ExtendedColorType::L8)
 }
 
-/// COCO's panoptic format: R + 256 G + 65536 B.
+/// Encodes ids in COCO's panoptic format: R + 256 G + 65536 B.
 pub fn png_panoptic_bytes(labels: &SegmentMap) -> Vec<u8> {
     let pixels: Vec<u8> = labels.pixels().iter().flat_map(|id| id.to_le_bytes().into_iter().take(3)).collect();
     png_bytes(&pixels, labels.size(), ExtendedColorType::Rgb8)
 }
 
-/// A zip file with these members.
+/// Returns a zip file with these members.
 pub fn zip_bytes(members: &[(String, Vec<u8>)]) -> Vec<u8> {
     let mut writer = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
     let options = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Deflated);
@@ -66,7 +66,7 @@ pub fn zip_bytes(members: &[(String, Vec<u8>)]) -> Vec<u8> {
     writer.finish().unwrap().into_inner()
 }
 
-/// A tar.gz file with these members.
+/// Returns a tar.gz file with these members.
 pub fn tar_gz_bytes(members: &[(String, Vec<u8>)]) -> Vec<u8> {
     let mut builder = tar::Builder::new(flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast()));
     for (name, bytes) in members {
@@ -78,7 +78,7 @@ pub fn tar_gz_bytes(members: &[(String, Vec<u8>)]) -> Vec<u8> {
     builder.into_inner().unwrap().finish().unwrap()
 }
 
-/// How far a frame may be from the one that was written.
+/// Tolerances for comparing a frame with the one written.
 pub struct Tolerance {
     /// Largest difference of depth, metres.
     pub depth: f32,

@@ -5,7 +5,7 @@ use flate2::write::ZlibEncoder;
 use splatseg_geometry::{CowImage, Intrinsics, RgbdFrame};
 use std::io::Write;
 
-/// What the header says, and how the frames are stored.
+/// Header fields and storage of the frames.
 #[derive(Clone)]
 pub struct SensWriter {
     pub version: u32,
@@ -20,7 +20,7 @@ pub struct SensWriter {
 }
 
 impl SensWriter {
-    /// JPEG and zlib, as in ScanNet, with the same camera for both.
+    /// JPEG and zlib, as in ScanNet, with the same camera for both images.
     pub fn new(camera: Intrinsics) -> Self {
         Self {
             version: 4,
@@ -33,7 +33,7 @@ impl SensWriter {
         }
     }
 
-    /// Everything before the first frame.
+    /// Returns everything before the first frame.
     pub fn header(&self, frames: u64) -> Vec<u8> {
         let mut bytes = self.version.to_le_bytes().to_vec();
         bytes.extend((self.sensor.len() as u64).to_le_bytes());
@@ -64,7 +64,7 @@ impl SensWriter {
         frame_bytes(pose, &color, &depth)
     }
 
-    /// A whole recording, and what ScanNet's writer puts after the frames: the number of accelerometer measurements.
+    /// Returns a complete recording, including the number of accelerometer measurements that ScanNet's writer appends.
     pub fn recording(&self, frames: &[&RgbdFrame]) -> Vec<u8> {
         let mut bytes = self.header(frames.len() as u64);
         for frame in frames {

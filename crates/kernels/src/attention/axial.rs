@@ -1,17 +1,18 @@
-//! Attention to remembered feature maps under an axial rotary position encoding, without computing their keys.
+//! Attention to remembered feature maps with an axial rotary position encoding, without computing their keys.
 //!
-//! A key is R(x, y)·(W·m + b): the few channels m of memory are projected to many and rotated by the position in the map. The
-//! rotation turns one half of the channels by an angle of x alone, and the other half by one of y alone, so
+//! A key is R(x, y)·(W·m + b): the few channels m of memory are projected to many, then rotated by the position in the
+//! map. One half of the channels is rotated by angles that depend only on x, the other half by angles that depend only
+//! on y, so
 //!
 //! q · R(x, y)(W m + b) = (a(x) + c(y)) · (m, 1), with a(x) = \[R(x)(W, b)\]ₓᵀ qₓ and c(y) = \[R(y)(W, b)\]ᵧᵀ qᵧ.
 //!
-//! a and c have one element more than m. A query needs them once for every column and every row of the map, and then as many
-//! multiplications per remembered token as memory has channels, instead of as many as the keys have. With SAM 2.1's 64 and
-//! 256 channels, 64 × 64 tokens and 7 maps, that is 2.5 times fewer in all. All maps share a + c.
+//! a and c have one element more than m. For each query they are computed once per column and once per row of the map.
+//! Each remembered token then costs one multiplication per memory channel instead of one per key channel. With SAM
+//! 2.1's 64 and 256 channels, 64 × 64 tokens and 7 maps, that is 2.5 times fewer in all. All maps share a + c.
 
 use super::axial_scores::AxialScores;
 use super::rotary::rotate;
-use super::softmax::{RunningSoftmax, soften};
+use super::softmax::{RunningSoftmax, update_softmax};
 use super::softmax_attention::{ResultRows, write_result};
 use crate::gemm::{pack_columns, pack_rows};
 use crate::instructions::{Instructions, LANES};
@@ -21,13 +22,13 @@ use rayon::prelude::*;
 #[derive(Clone, Debug)]
 pub struct AxialKeys {
     side: usize,
-    /// Channels of memory.
+    /// Memory channels.
     memory_dim: usize,
-    /// Channels of queries.
+    /// Query channels.
     hidden: usize,
-    /// Panels of `[side · (memory + 1), hidden / 2]`: by column, for the first half of the channels.
+    /// Panels of `[side · (memory + 1), hidden / 2]`: rotated to each column, first half of the channels.
     columns: Vec<f32>,
-    /// The same by row, for the second half.
+    /// The same, rotated to each row, second half of the channels.
     rows: Vec<f32>,
     /// Panels of `[memory + 1, hidden]`, not rotated.
     plain: Vec<f32>,
@@ -39,13 +40,13 @@ pub struct AxialKeys {
 pub struct RememberedMaps<'a> {
     /// `[tokens, memory]`, with position encodings: maps of `side · side` tokens each, then tokens without a position.
     pub keys: &'a [f32],
-    /// `[tokens, memory]`, without them.
+    /// `[tokens, memory]`, without position encodings.
     pub values: &'a [f32],
-    /// How many tokens at the end have no position.
+    /// Number of tokens at the end that have no position.
     pub pointer_tokens: usize,
 }
 
-/// A memory, packed for any number of queries.
+/// The memory of one object, packed for any number of queries.
 struct PackedMaps {
     maps: usize,
     /// `[side rows, side columns, memory, maps]`, the maps in groups of [`Instructions::axial_group`].
@@ -70,8 +71,9 @@ struct Scratch {
 }
 
 impl AxialKeys {
-    /// From the projection `weight` `[memory, hidden]` and `bias` `[hidden]`, and the rotary angles of a map of `side` ×
-    /// `side` tokens, `[side · side, hidden / 2]`, of which the first half depends on the column and the second on the row.
+    /// Rotates and packs the projection `weight` `[memory, hidden]` and `bias` `[hidden]`. `angles` are the rotary
+    /// angles of a map of `side` × `side` tokens, `[side · side, hidden / 2]`; the first half of each token's angles
+    /// depends on the column, the second on the row.
     pub fn new(weight: &[f32], bias: &[f32], angles: &[[f32; 2]], side: usize, instructions: Instructions) -> Self {
         let hidden = bias.len();
         let projection = [weight, bias].concat();
@@ -99,12 +101,12 @@ impl AxialKeys {
         }
     }
 
-    /// Channels of memory.
+    /// Memory channels.
     pub fn memory_dim(&self) -> usize {
         self.memory_dim
     }
 
-    /// `softmax(queries · keysᵀ / √hidden) · values` for rotated `queries` `[n, hidden]`: `[n, memory]`.
+    /// Returns `softmax(queries · keysᵀ / √hidden) · values`, `[n, memory]`, for rotated `queries` `[n, hidden]`.
     pub fn attend(&self, queries: &[f32], memory: RememberedMaps) -> Vec<f32> {
         let memory = self.pack(memory);
         let mut out = vec![0.0; queries.len() / self.hidden * self.memory_dim];
@@ -195,17 +197,17 @@ impl AxialKeys {
         write_result(weighted, states, ResultRows { count, width, stride: width }, out);
     }
 
-    /// Takes one block of scores, `[keys, lanes]`, into the running softmax and the weighted sums.
+    /// Updates the running softmax and the weighted sums with a block of scores `[keys, lanes]`.
     fn add_values(&self, scores: &mut [f32], states: &mut [RunningSoftmax], values: &[f32], weighted: &mut [f32]) {
         self.instructions.run(
             #[inline(always)]
-            || soften(scores, states, weighted),
+            || update_softmax(scores, states, weighted),
         );
         self.instructions.add_product(values, scores, scores.len() / self.instructions.columns(), weighted);
     }
 }
 
-/// The product of panels of rows with one panel of columns, `[rows, columns]`, in `out`.
+/// Writes the product of row panels with one column panel, `[rows, columns]`, to `out`.
 fn product(instructions: Instructions, left: &[f32], right: &[f32], depth: usize, out: &mut Vec<f32>) {
     out.clear();
     out.resize(left.len() / depth * instructions.columns(), 0.0);
@@ -225,7 +227,7 @@ mod tests {
         (0..len).map(|index| ((index * 7919 + seed * 104_729) % 2003) as f32 / 500.0 - 2.0).collect()
     }
 
-    /// Attention by its definition, with keys made and rotated one by one.
+    /// Attention by definition: computes and rotates the keys one by one.
     fn expected(queries: &[f32], weight: &[f32], bias: &[f32], memory: RememberedMaps) -> Vec<f64> {
         let angles = rotary_angles(SIDE, HIDDEN);
         let tokens = memory.keys.len() / MEMORY;
@@ -242,7 +244,7 @@ mod tests {
                 key
             })
             .collect();
-        let of_query = |query: &[f32]| {
+        let attend = |query: &[f32]| {
             let dot = |key: &Vec<f32>| query.iter().zip(key).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>();
             let scores: Vec<f64> = keys.iter().map(|key| dot(key) / (HIDDEN as f64).sqrt()).collect();
             let largest = scores.iter().copied().fold(f64::MIN, f64::max);
@@ -255,7 +257,7 @@ mod tests {
             };
             (0..MEMORY).map(value).collect::<Vec<f64>>()
         };
-        queries.chunks_exact(HIDDEN).flat_map(of_query).collect()
+        queries.chunks_exact(HIDDEN).flat_map(attend).collect()
     }
 
     #[test]

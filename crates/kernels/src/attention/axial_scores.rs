@@ -3,27 +3,27 @@
 use crate::instructions::{Instructions, TileKernel, multiply_add};
 use pulp::Simd;
 
-/// Scores of one panel of queries for the tokens of one row of the maps: for column x and map i,
-/// (a(x) + c) · (key(x, i), 1), to `scores` `[columns, maps, lanes]`.
+/// Computes the scores of one panel of queries for the tokens of one row of the maps: for column x and map i,
+/// (a(x) + c) · (key(x, i), 1), in `scores` `[columns, maps, lanes]`.
 pub(super) struct AxialScores<'a> {
     /// a, `[columns, memory + 1, lanes]`.
     pub by_column: &'a [f32],
     /// c, `[memory + 1, lanes]`.
     pub by_row: &'a [f32],
-    /// `[columns, memory, maps]`, the maps in groups of [`Instructions::axial_group`], group by group.
+    /// `[columns, memory, maps]`, with the maps in groups of [`Instructions::axial_group`], group by group.
     pub keys: &'a [f32],
     pub maps: usize,
     pub scores: &'a mut [f32],
 }
 
 impl Instructions {
-    /// Maps whose scores are summed up together.
+    /// Number of maps whose scores are summed together.
     pub(super) fn axial_group(self) -> usize {
         axial_group(self.rows())
     }
 }
 
-/// The maps that a tile of so many rows has registers for.
+/// Number of maps that fit the registers of a tile with `rows` rows.
 const fn axial_group(rows: usize) -> usize {
     if rows >= 8 { 8 } else { 4 }
 }
@@ -59,7 +59,7 @@ impl TileKernel for AxialScores<'_> {
     }
 }
 
-/// Scores of `MAPS` tokens at one place, `keys` `[memory, MAPS]`.
+/// Scores of the `MAPS` tokens at one position; `keys` is `[memory, MAPS]`.
 #[inline(always)]
 fn score_group<S: Simd, const MAPS: usize, const VECTORS: usize, const FUSED: bool>(
     simd: S,

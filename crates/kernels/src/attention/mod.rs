@@ -1,7 +1,7 @@
-//! Softmax attention on plain slices, without a matrix of all scores.
+//! Softmax attention on plain slices, without the full matrix of scores.
 //!
-//! [`multi_head_attention`] is the general case, [`window_attention`] looks within square windows of a map (Hiera), and
-//! [`AxialKeys`] attends to maps under an axial rotary position encoding without making their keys (SAM 2's memory
+//! [`multi_head_attention`] is the general case. [`window_attention`] attends within square windows of a map (Hiera).
+//! [`AxialKeys`] attends to maps with an axial rotary position encoding without computing their keys (SAM 2's memory
 //! attention).
 
 mod axial;

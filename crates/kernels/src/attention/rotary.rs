@@ -5,8 +5,8 @@ use rayon::prelude::*;
 /// Frequencies fall from 1 to 1 / TEMPERATURE.
 const TEMPERATURE: f32 = 10000.0;
 
-/// The angles of a square map, `[side · side, channels / 2]` pairs (cosine, sine): pair i rotates channels 2i and 2i + 1.
-/// The first half of the pairs turns with the column, the second with the row.
+/// Rotary angles of a square map, `[side · side, channels / 2]` pairs (cosine, sine): pair i rotates channels 2i and
+/// 2i + 1. The first half of the pairs depends on the column, the second half on the row.
 pub fn rotary_angles(side: usize, channels: usize) -> Vec<[f32; 2]> {
     let quarter = channels / 4;
     let frequencies: Vec<f32> =
@@ -25,7 +25,7 @@ pub fn rotary_angles(side: usize, channels: usize) -> Vec<[f32; 2]> {
 }
 
 /// Rotates channels 2i and 2i + 1 of every row by the row's i-th angle. `rows` is `[n, 2 · pairs]`; `angles` is
-/// `[period, pairs]` of (cosine, sine), and row r takes the angles r modulo `period`.
+/// `[period, pairs]` of (cosine, sine), and row r uses `angles[r % period]`.
 pub fn rotate(rows: &mut [f32], angles: &[[f32; 2]], pairs: usize) {
     let period = angles.len() / pairs;
     rows.par_chunks_mut(2 * pairs).with_min_len(64).enumerate().for_each(|(row, values)| {

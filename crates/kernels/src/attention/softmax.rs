@@ -1,9 +1,9 @@
-//! Softmax over blocks of keys, one after another.
+//! Softmax over consecutive blocks of keys.
 
 use crate::exp::exp2;
 use crate::instructions::LANES;
 
-/// Maxima so far, and sums of exponentials relative to them, of the queries in some lanes.
+/// Running maximum of each lane's query, and the sum of exponentials relative to it.
 #[derive(Clone, Copy)]
 pub(super) struct RunningSoftmax {
     maxima: [f32; LANES],
@@ -15,10 +15,10 @@ impl RunningSoftmax {
     pub const EMPTY: Self = Self { maxima: [-1e30; LANES], sums: [0.0; LANES] };
 }
 
-/// One block of scores, `[keys, queries]` and times log2(e): updates the maxima and sums, replaces the scores by
-/// exp(score - maximum), and rescales the results so far, `[value elements, queries]`, to the new maximum.
+/// Processes a block of scores `[keys, queries]`, premultiplied by log2(e). Updates the maxima and sums, replaces the
+/// scores by exp(score - maximum), and rescales the weighted sums `[value elements, queries]` to the new maximum.
 #[inline(always)]
-pub(super) fn soften(scores: &mut [f32], states: &mut [RunningSoftmax], weighted: &mut [f32]) {
+pub(super) fn update_softmax(scores: &mut [f32], states: &mut [RunningSoftmax], weighted: &mut [f32]) {
     let parts = states.len();
     let (scores, weighted) = (scores.as_chunks_mut::<LANES>().0, weighted.as_chunks_mut::<LANES>().0);
     for (part, state) in states.iter_mut().enumerate() {

@@ -1,28 +1,29 @@
-//! Softmax attention in blocks, without a matrix of all scores (FlashAttention, Dao et al. 2022).
+//! Softmax attention in blocks, without the full matrix of scores (FlashAttention, Dao et al. 2022).
 //!
-//! Scores are computed transposed, keys by queries: the queries of a panel are the lanes of a vector. Maxima and sums over
-//! keys then stay within a lane, and the weights are already the panel that the product with the values reads.
+//! Scores are computed transposed, keys by queries: the queries of a panel are the lanes of a vector. Maxima and sums
+//! over keys then stay within a lane, and the weights already have the panel layout that the product with the values
+//! needs.
 
-use super::softmax::{RunningSoftmax, soften};
+use super::softmax::{RunningSoftmax, update_softmax};
 use crate::gemm::{pack_columns, pack_rows};
 use crate::instructions::{Instructions, LANES};
 use rayon::prelude::*;
 
-/// Queries of a job: all of them attend to a block of keys while it is in the second-level cache of a core.
+/// Queries per job. All of them attend to a block of keys while it is in a core's second-level cache.
 const QUERY_BLOCK: usize = 128;
-/// Keys of a block; a multiple of the rows of every tile.
+/// Keys per block; a multiple of the rows of every tile.
 const KEY_BLOCK: usize = 120;
 
-/// The rows of all heads, side by side: row i of head h starts at `data[i * stride + h * width]`.
+/// Rows of all heads, side by side: row i of head h starts at `data[i * stride + h * width]`.
 #[derive(Clone, Copy)]
 pub struct HeadRows<'a> {
-    /// The elements from the first one of row 0.
+    /// The elements, starting at row 0.
     pub data: &'a [f32],
-    /// Rows.
+    /// Number of rows.
     pub count: usize,
-    /// Elements of one head.
+    /// Elements per row of one head.
     pub width: usize,
-    /// Elements from row to row.
+    /// Distance between rows, in elements.
     pub stride: usize,
 }
 
@@ -34,20 +35,20 @@ impl<'a> HeadRows<'a> {
     }
 }
 
-/// Packed keys and values of one head, for any number of queries.
+/// Keys and values of one head, packed for any number of queries.
 #[derive(Default)]
 pub(super) struct PackedKeysAndValues {
     count: usize,
     width: usize,
     value_width: usize,
-    /// Block by block, panels of keys.
+    /// Panels of keys, block by block.
     keys: Vec<f32>,
-    /// Block by block, panels of the values' elements.
+    /// Panels of the values' elements, block by block.
     values: Vec<f32>,
 }
 
 impl PackedKeysAndValues {
-    /// Packs `count` keys and values in place of the present ones.
+    /// Replaces the contents with `count` packed keys and values.
     pub fn pack<'a>(
         &mut self,
         instructions: Instructions,
@@ -76,7 +77,7 @@ impl PackedKeysAndValues {
 pub(super) struct Scratch {
     pub instructions: Instructions,
     queries: Vec<f32>,
-    /// Of a block of keys and a panel of queries, `[keys, columns]`.
+    /// Scores of a block of keys and a panel of queries, `[keys, columns]`.
     scores: Vec<f32>,
     running: Vec<RunningSoftmax>,
     /// Weighted sums of values, `[query panels, value elements, columns]`.
@@ -90,8 +91,8 @@ impl Scratch {
     }
 }
 
-/// Attention of one head: `softmax(queries · keysᵀ / √width) · values` of `count` queries, with row i of the result at
-/// `out[i * out_stride..]`.
+/// Attention of one head: writes `softmax(queries · keysᵀ / √width) · values` for `count` queries, with row i of the
+/// result at `out[i * out_stride..]`.
 pub(super) fn attend<'a>(
     memory: &PackedKeysAndValues,
     count: usize,
@@ -130,7 +131,7 @@ pub(super) fn attend<'a>(
             let scores = &mut scores[..keys * columns];
             instructions.run(
                 #[inline(always)]
-                || soften(scores, states, weighted),
+                || update_softmax(scores, states, weighted),
             );
             instructions.add_product(value_panels, scores, keys, weighted);
         }
@@ -143,18 +144,18 @@ pub(super) fn attend<'a>(
     }
 }
 
-/// The rows that results of queries are written to.
+/// Layout of the output rows of a panel of queries.
 #[derive(Clone, Copy)]
 pub(super) struct ResultRows {
-    /// Queries.
+    /// Number of queries.
     pub count: usize,
-    /// Elements of a result.
+    /// Elements per row.
     pub width: usize,
-    /// Elements from result to result.
+    /// Distance between rows, in elements.
     pub stride: usize,
 }
 
-/// Divides the weighted sums of a panel of queries, `[value elements, columns]`, by the sums of their weights, and writes
+/// Divides the weighted sums of a panel of queries, `[value elements, columns]`, by the sums of the weights and writes
 /// one row per query.
 pub(super) fn write_result(weighted: &[f32], states: &[RunningSoftmax], rows: ResultRows, out: &mut [f32]) {
     for lane in 0..rows.count {
@@ -166,8 +167,8 @@ pub(super) fn write_result(weighted: &[f32], states: &[RunningSoftmax], rows: Re
     }
 }
 
-/// Attention of several problems (objects), each with `heads` heads: one (queries, keys, values) per problem, all of the
-/// same number of queries and the same widths. The result is `[problems, queries, heads · value width]`.
+/// Attention for several problems (objects), each with `heads` heads: one (queries, keys, values) per problem. All
+/// problems have the same number of queries and the same widths. Returns `[problems, queries, heads · value width]`.
 pub fn multi_head_attention(problems: &[[HeadRows; 3]], heads: usize) -> Vec<f32> {
     let Some([queries, _, values]) = problems.first() else { return Vec::new() };
     let (count, out_stride) = (queries.count, heads * values.width);

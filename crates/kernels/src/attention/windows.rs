@@ -1,9 +1,9 @@
-//! Attention within square windows of a map, and the pooling of its queries (Hiera).
+//! Attention within square windows of a map, and pooling of its queries (Hiera).
 
 use super::softmax_attention::{PackedKeysAndValues, Scratch, attend};
 use rayon::prelude::*;
 
-/// The maps that [`window_attention`] works on.
+/// Sizes of the maps for [`window_attention`].
 #[derive(Clone, Copy, Debug)]
 pub struct WindowShape {
     /// Rows of the key map, in tokens.
@@ -12,22 +12,22 @@ pub struct WindowShape {
     pub width: usize,
     /// Side of a key window.
     pub window: usize,
-    /// Key tokens per query token along a side: 2 where queries are pooled, else 1.
+    /// Key tokens per query token along each axis: 2 if queries are pooled, else 1.
     pub pooling: usize,
-    /// Heads, side by side in the channels.
+    /// Number of heads, side by side in the channels.
     pub heads: usize,
-    /// Channels of queries, keys and values each.
+    /// Channels of each of queries, keys and values.
     pub channels: usize,
-    /// Elements from query to query.
+    /// Distance between queries, in elements.
     pub query_stride: usize,
 }
 
-/// Attention where queries see the keys of their own window only.
+/// Attention in which queries attend only to the keys of their own window.
 ///
-/// `queries` is `[height / pooling, width / pooling, query_stride]`, of which the first `channels` elements are used; `qkv`
-/// is `[height, width, 3 · channels]`. Windows that reach beyond the right or lower border are padded with tokens whose keys
-/// and values are those of `padding` (`[3 · channels]`, the projection of a zero token): they take part in the softmax, as
-/// in the official code.
+/// `queries` is `[height / pooling, width / pooling, query_stride]`, of which the first `channels` elements are used;
+/// `qkv` is `[height, width, 3 · channels]`. Windows that extend beyond the right or lower border are padded with
+/// tokens that have the keys and values of `padding` (`[3 · channels]`, the projection of a zero token). As in the
+/// official code, these take part in the softmax.
 pub fn window_attention(queries: &[f32], qkv: &[f32], padding: &[f32], shape: WindowShape) -> Vec<f32> {
     let WindowShape { height, width, window, pooling, channels, .. } = shape;
     let (rows, columns) = (height.div_ceil(window), width.div_ceil(window));
@@ -53,7 +53,7 @@ pub fn window_attention(queries: &[f32], qkv: &[f32], padding: &[f32], shape: Wi
     out
 }
 
-/// The results of one window's queries inside the map, row-major.
+/// Returns the results of one window's queries that lie inside the map, row-major.
 fn attend_in_window(
     [queries, qkv, padding]: [&[f32]; 3],
     shape: WindowShape,
@@ -87,7 +87,7 @@ fn attend_in_window(
     out
 }
 
-/// The largest of every 2×2 tokens: the first `channels` of each `stride` elements of a `[height, width, stride]` map to
+/// 2×2 max pooling of the first `channels` elements of each token: `[height, width, stride]` to
 /// `[height / 2, width / 2, channels]`.
 pub fn max_pool(map: &[f32], (height, width): (usize, usize), stride: usize, channels: usize) -> Vec<f32> {
     let out_width = width / 2;

@@ -1,4 +1,4 @@
-//! Direct convolution: packed weights times columns of the image, with strips of the image divided among threads.
+//! Direct convolution: packed weights times columns of the image; threads work on different strips of the image.
 
 use super::ConvolutionShape;
 use super::strip::StripLayout;
@@ -8,10 +8,10 @@ use crate::instructions::{Instructions, LANES};
 use rayon::prelude::*;
 use std::cell::RefCell;
 
-/// The largest number of columns of a tile.
+/// Maximum number of columns of a tile.
 pub(super) const MAX_TILE_COLUMNS: usize = 32;
-/// Columns of a strip that are computed together: their panels of a block of the inner dimension stay in the second-level
-/// cache of a core.
+/// Number of columns of a strip computed together: their panels for a block of the inner dimension stay in a core's
+/// second-level cache.
 const COLUMN_BLOCK: usize = 96;
 
 thread_local! {
@@ -21,7 +21,7 @@ thread_local! {
 
 struct Buffers {
     strip: Vec<f32>,
-    /// Of pixels.
+    /// Packed pixels.
     panels: Vec<f32>,
     /// `[column panels, rows, columns]`.
     sums: Vec<f32>,
@@ -32,16 +32,16 @@ struct Buffers {
 pub(super) struct DirectConvolution {
     shape: ConvolutionShape,
     activation: Activation,
-    /// Block by block of the inner dimension (channel by channel, and tap by tap), panels of rows.
+    /// Panels of rows, for one block of the inner dimension (channels, then taps) after another.
     weights: Vec<f32>,
-    /// One per row, up to a whole number of panels.
+    /// One per row, padded to whole panels.
     bias: Vec<f32>,
     instructions: Instructions,
 }
 
 impl DirectConvolution {
-    /// `weight` `[outputs, inputs, kernel, kernel]`, `bias` `[outputs]`, row-major. For a doubling shape, rows are
-    /// (channel, row, column) of the block of outputs that a pixel becomes.
+    /// Packs `weight` `[outputs, inputs, kernel, kernel]` and `bias` `[outputs]`, row-major. For a doubling shape, the
+    /// outputs are the (channel, row, column) of each pixel's output block.
     pub fn new(
         weight: &[f32],
         bias: &[f32],
@@ -61,12 +61,12 @@ impl DirectConvolution {
         Self { shape, activation, weights, bias: padded_bias, instructions }
     }
 
-    /// Convolves one image, whose channels are those of all `images` in order, to `output` `[outputs, height', width']`.
-    /// Every value of `output` is written once.
+    /// Convolves one image, the concatenation of `images` along channels, to `output` `[outputs, height', width']`.
+    /// Writes every value of `output` once.
     pub fn forward(&self, images: &[&[f32]], input: [usize; 2], output: &mut [f32]) {
         let threads = rayon::current_num_threads();
         let layout = StripLayout::new(self.shape, input, threads);
-        // If there are fewer strips than threads, the rows are divided too: into whole panels, and whole channels.
+        // With fewer strips than threads, the rows are divided too, into whole panels and whole channels.
         let rows = self.instructions.rows();
         let unit = if self.shape.doubling && !rows.is_multiple_of(4) { 2 * rows } else { rows };
         let units = self.bias.len().div_ceil(unit);
@@ -75,7 +75,7 @@ impl DirectConvolution {
         jobs.into_par_iter().with_max_len(1).for_each(|job| self.run(&layout, images, job));
     }
 
-    /// Cuts `output` into what the jobs write.
+    /// Divides `output` among jobs.
     fn jobs<'a>(&self, layout: &StripLayout, output: &'a mut [f32], rows: usize) -> Vec<Job<'a>> {
         let scale = self.shape.scale();
         let [height, width] = layout.output;
@@ -118,12 +118,12 @@ impl DirectConvolution {
         })
     }
 
-    /// Rows of the product that a job computes.
+    /// Number of rows of the product that a job computes.
     fn rows(&self, job: &Job) -> usize {
         (job.channels.len() * self.shape.scale().pow(2)).next_multiple_of(self.instructions.rows())
     }
 
-    /// Sums of products of some columns, `[column panels, rows, columns]`.
+    /// Computes the sums of products of some columns, `[column panels, rows, columns]`.
     fn sum(
         &self,
         layout: &StripLayout,
@@ -153,7 +153,7 @@ impl DirectConvolution {
         }
     }
 
-    /// Bias and activation; then writes the sums to the outputs.
+    /// Adds bias, applies the activation, and writes the sums to the outputs.
     #[inline(always)]
     fn finish(&self, layout: &StripLayout, sums: &mut [f32], start: usize, job: &mut Job) {
         let width = self.instructions.columns();
@@ -175,26 +175,26 @@ impl DirectConvolution {
     }
 }
 
-/// Some rows of some output channels.
+/// Some output rows of some output channels.
 struct Job<'a> {
-    /// Of the product.
+    /// First row of the product.
     first_row: usize,
-    /// Rows of the image.
+    /// Output rows, before doubling.
     strip: core::ops::Range<usize>,
-    /// For each channel, the rows' outputs.
+    /// Outputs of these rows, one slice per channel.
     channels: Vec<&'a mut [f32]>,
 }
 
-/// Finished outputs of all of a job's rows, columns from `column`.
+/// Finished outputs of all rows of a job, for the columns starting at `column`.
 struct Tile<'a> {
     column: usize,
-    /// Row-major; in the last tile of a strip, columns beyond the last of the product are meaningless.
+    /// Row-major. In the last tile of a strip, columns beyond the end of the product are meaningless.
     values: &'a [f32],
-    /// Columns in `values`.
+    /// Number of columns in `values`.
     width: usize,
 }
 
-/// Calls `copy` with (output row, output column, position in the tile, length) of each run of the tile's columns that
+/// Calls `copy` with (output row, output column, position in the tile, length) for each run of columns in the tile that
 /// are outputs.
 fn for_each_run(layout: &StripLayout, tile: &Tile, rows: usize, mut copy: impl FnMut(usize, usize, usize, usize)) {
     let width = layout.output[1];
@@ -212,7 +212,7 @@ fn for_each_run(layout: &StripLayout, tile: &Tile, rows: usize, mut copy: impl F
     }
 }
 
-/// Writes a tile to its place in the outputs.
+/// Copies a tile to the outputs.
 fn write(layout: &StripLayout, tile: &Tile, channels: &mut [&mut [f32]]) {
     let width = layout.output[1];
     let rows = channels[0].len() / width;
@@ -223,7 +223,7 @@ fn write(layout: &StripLayout, tile: &Tile, channels: &mut [&mut [f32]]) {
     });
 }
 
-/// As [`write`], for a doubling convolution: four rows make one channel of twice the size.
+/// Like [`write`], for a doubling convolution: four rows form one channel of twice the height and width.
 fn write_doubled(layout: &StripLayout, tile: &Tile, channels: &mut [&mut [f32]]) {
     let width = layout.output[1];
     let rows = channels[0].len() / (4 * width);

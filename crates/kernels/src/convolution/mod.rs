@@ -1,10 +1,10 @@
 //! 2D convolution with bias and activation.
 //!
-//! A convolution is a matrix product ([`gemm`](crate::gemm)) whose right side (im2col) is never built as a whole. A
-//! thread copies some rows of the image, padded, into a strip in which every tap of the kernel is a shift (`strip`), packs
-//! a few columns at a time from there, and applies bias and activation to the sums while they are in its cache (`direct`).
-//! 3×3 kernels with stride 1 use Winograd's algorithm instead (`winograd`). Every output is summed in the same order
-//! whichever thread computes it, so results do not depend on the number of threads.
+//! A convolution is a matrix product ([`gemm`](crate::gemm)) whose right operand (im2col) is never built as a whole. A
+//! thread copies some rows of the image, padded, into a strip in which every tap of the kernel is a shift (`strip`). It
+//! packs a few columns of the strip at a time, and applies bias and activation to the sums while they are in its cache
+//! (`direct`). 3×3 kernels with stride 1 use Winograd's algorithm instead (`winograd`). Every output is summed in the
+//! same order on any thread, so results do not depend on the number of threads.
 
 mod direct;
 mod strip;
@@ -17,7 +17,7 @@ use crate::instructions::Instructions;
 use direct::DirectConvolution;
 use winograd::WinogradConvolution;
 
-/// Sizes of a convolution with a square kernel, the same stride and padding along both axes, and one group.
+/// Shape of a convolution with a square kernel, the same stride and padding along both axes, and one group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ConvolutionShape {
     /// Input channels.
@@ -26,12 +26,12 @@ pub struct ConvolutionShape {
     pub outputs: usize,
     /// Height and width of the kernel.
     pub kernel: usize,
-    /// Pixels from one output to the next.
+    /// Distance between outputs, in input pixels.
     pub stride: usize,
-    /// Zeros around the image, on each side.
+    /// Width of the zero border on each side of the image.
     pub padding: usize,
-    /// Whether it is a transposed convolution with a 2×2 kernel and stride 2, which doubles the image; `kernel`, `stride`
-    /// and `padding` are then 1, 1, 0.
+    /// True for a transposed convolution with a 2×2 kernel and stride 2, which doubles the image size. `kernel`,
+    /// `stride` and `padding` are then 1, 1, 0.
     pub doubling: bool,
 }
 
@@ -52,12 +52,12 @@ impl ConvolutionShape {
         if self.doubling { [inputs, outputs, 2, 2] } else { [outputs, inputs, kernel, kernel] }
     }
 
-    /// Height and width of the result of the product, before doubling.
+    /// Height and width of the product's result, before doubling.
     fn product_size(&self, input: [usize; 2]) -> [usize; 2] {
         input.map(|size| (size + 2 * self.padding + 1).saturating_sub(self.kernel).div_ceil(self.stride))
     }
 
-    /// Height and width of the output for an input of this height and width.
+    /// Height and width of the output for an input of height and width `input`.
     pub fn output_size(&self, input: [usize; 2]) -> [usize; 2] {
         self.product_size(input).map(|size| size * self.scale())
     }
@@ -82,16 +82,16 @@ enum Algorithm {
 }
 
 impl PackedConvolution {
-    /// Whether a shape can be packed: padding as large as the kernel does not fit the layout of strips.
+    /// True if the shape can be packed: the strip layout requires padding smaller than the kernel.
     pub fn supports(shape: ConvolutionShape) -> bool {
         shape.padding < shape.kernel
     }
 
-    /// Packs `weight` `[outputs, inputs, kernel, kernel]` (of a doubling shape: `[inputs, outputs, 2, 2]`, as PyTorch
+    /// Packs `weight` `[outputs, inputs, kernel, kernel]` (for a doubling shape `[inputs, outputs, 2, 2]`, as PyTorch
     /// stores transposed convolutions) and `bias` `[outputs]`, row-major.
     ///
     /// # Panics
-    /// If the lengths do not match `shape`, or [`Self::supports`] is false for it.
+    /// If the lengths do not match `shape`, or [`Self::supports`] returns false for it.
     pub fn new(
         weight: &[f32],
         bias: &[f32],
@@ -99,9 +99,9 @@ impl PackedConvolution {
         activation: Activation,
         instructions: Instructions,
     ) -> Self {
-        assert_eq!(weight.len(), shape.weight_shape().iter().product::<usize>(), "weights of a convolution {shape:?}");
-        assert_eq!(bias.len(), shape.outputs, "biases of a convolution {shape:?}");
-        assert!(Self::supports(shape), "padding of a convolution {shape:?}");
+        assert_eq!(weight.len(), shape.weight_shape().iter().product::<usize>(), "number of weights for {shape:?}");
+        assert_eq!(bias.len(), shape.outputs, "number of biases for {shape:?}");
+        assert!(Self::supports(shape), "unsupported padding in {shape:?}");
         let algorithm = if WinogradConvolution::suits(shape) {
             Algorithm::Winograd(WinogradConvolution::new(weight, bias, shape, activation, instructions))
         } else if shape.doubling {
@@ -113,19 +113,19 @@ impl PackedConvolution {
         Self { shape, algorithm }
     }
 
-    /// Convolves one image of height and width `size`, whose channels are those of all `parts` in order, each `[channels,
-    /// height, width]`, to `output` `[outputs, height', width']`.
+    /// Convolves one image of height and width `size` to `output` `[outputs, height', width']`. The image is the
+    /// concatenation of `parts` along channels, each `[channels, height, width]`.
     ///
     /// # Panics
     /// If the image is smaller than the kernel, or a length does not match.
     pub fn forward(&self, parts: &[&[f32]], size: [usize; 2], output: &mut [f32]) {
         let [height, width] = size;
         let smallest = self.shape.kernel.saturating_sub(2 * self.shape.padding).max(1);
-        assert!(height.min(width) >= smallest, "an image {height}×{width} is too small for {:?}", self.shape);
+        assert!(height.min(width) >= smallest, "a {height}×{width} image is too small for {:?}", self.shape);
         let len: usize = parts.iter().map(|part| part.len()).sum();
-        assert_eq!(len, self.shape.inputs * height * width, "values of a convolution's input");
+        assert_eq!(len, self.shape.inputs * height * width, "length of a convolution's input");
         let output_len = self.shape.outputs * self.shape.output_size(size).iter().product::<usize>();
-        assert_eq!(output.len(), output_len, "values of a convolution's output");
+        assert_eq!(output.len(), output_len, "length of a convolution's output");
         match &self.algorithm {
             Algorithm::Direct(convolution) => convolution.forward(parts, size, output),
             Algorithm::Winograd(convolution) => convolution.forward(parts, size, output),
@@ -133,8 +133,8 @@ impl PackedConvolution {
     }
 }
 
-/// The parameters of a doubling convolution as those of a 1×1 convolution whose outputs are (channel, row, column) of the
-/// 2×2 block that a pixel becomes.
+/// Converts the parameters of a doubling convolution to a 1×1 convolution whose outputs are the (channel, row, column)
+/// of each pixel's 2×2 output block.
 fn by_output_pixel(weight: &[f32], bias: &[f32], shape: ConvolutionShape) -> (Vec<f32>, Vec<f32>) {
     let rows = 4 * shape.outputs;
     let weight = (0..rows).flat_map(|row| weight.iter().skip(row).step_by(rows).copied()).collect();

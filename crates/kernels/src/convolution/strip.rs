@@ -1,37 +1,38 @@
-//! Strips: rows of the input, laid out so that every tap of the kernel is a shift.
+//! Strips: rows of the input, laid out so that every kernel tap is a constant offset.
 
 use super::ConvolutionShape;
 use super::direct::MAX_TILE_COLUMNS;
 
-/// Largest length of a strip, unless a single row of outputs needs more: 1 MiB, half of a usual second-level cache.
+/// Maximum length of a strip, unless a single row of outputs needs more: 1 MiB, half of a typical second-level cache.
 const STRIP_LEN: usize = 1 << 18;
 
-/// How a strip of an image is laid out. The padded input is split into phases, one for each pair of row and column
-/// remainders by the stride; in a phase, neighbours are inputs of neighbouring outputs. Rows of a phase follow each other
-/// `pitch` apart, so output (y, x) is column y · `pitch` + x, and each kernel tap is a constant offset from there. Where
-/// `pitch` is larger than the output's width, the columns in between are computed and dropped.
+/// Layout of a strip of an image. The padded input is split into phases, one for each pair of row and column remainders
+/// modulo the stride; neighbours in a phase are inputs of neighbouring outputs. Rows of a phase are `pitch` apart, so
+/// output (y, x) is column y · `pitch` + x, and each kernel tap is a constant offset from there. If `pitch` exceeds the
+/// output's width, the columns in between are computed and discarded.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct StripLayout {
     shape: ConvolutionShape,
     pub input: [usize; 2],
     pub output: [usize; 2],
     pub pitch: usize,
-    /// Output rows of a strip; the last strip of an image may have fewer.
+    /// Output rows per strip; the last strip of an image may have fewer.
     pub rows: usize,
-    /// Length of a phase's part, and of a channel's.
+    /// Length of a phase.
     phase: usize,
+    /// Length of a channel.
     pub plane: usize,
     /// Offset of each kernel tap, row-major.
     pub taps: Vec<usize>,
 }
 
 impl StripLayout {
-    /// Lays out images of `input` height and width; the number of strips is a multiple of `threads` if one does not hold
-    /// the whole image.
+    /// Lays out images of height and width `input`. If one strip cannot hold the whole image, the number of strips is a
+    /// multiple of `threads`, but at most one per output row.
     pub fn new(shape: ConvolutionShape, input: [usize; 2], threads: usize) -> Self {
         let output = shape.product_size(input);
         let reach = (shape.kernel - 1) / shape.stride;
-        // With stride 1 the padding on the right of a row is that on the left of the next one.
+        // With stride 1, the right padding of a row is also the left padding of the next row.
         let pitch = if shape.stride == 1 { input[1] + shape.padding } else { output[1] + reach };
         let phases = shape.stride.min(shape.kernel);
         let row_len = shape.inputs * phases * phases * pitch;
@@ -40,7 +41,7 @@ impl StripLayout {
         let strips = if strips > 1 { strips.next_multiple_of(threads).min(output[0]) } else { 1 };
         let rows = output[0].div_ceil(strips);
         let phase = (rows + reach) * pitch + shape.padding;
-        // An odd number of cache lines: planes a power of two apart would share few cache sets.
+        // An odd number of cache lines: planes a power of two apart would compete for few cache sets.
         let lines = (phases * phases * phase + MAX_TILE_COLUMNS).div_ceil(16) | 1;
         let tap = |y: usize, x: usize| {
             let (phase_y, phase_x) = (y % shape.stride, x % shape.stride);
@@ -51,12 +52,12 @@ impl StripLayout {
         Self { shape, input, output, pitch, rows, phase, plane: 16 * lines, taps: taps.collect() }
     }
 
-    /// Strips of an image.
+    /// Number of strips per image.
     pub fn strips(&self) -> usize {
         self.output[0].div_ceil(self.rows)
     }
 
-    /// Columns from the first to the last output of `rows` rows.
+    /// Number of columns from the first to the last output of `rows` rows.
     pub fn columns(&self, rows: usize) -> usize {
         (rows - 1) * self.pitch + self.output[1]
     }
@@ -66,8 +67,8 @@ impl StripLayout {
         self.shape.inputs * self.plane
     }
 
-    /// Fills `strip` with what output rows `rows` need of `images`, whose channels are joined. Each of the images holds
-    /// whole channels, row-major.
+    /// Fills `strip` with the input that output rows `rows` need from `images`, concatenated along channels. Each image
+    /// holds whole channels, row-major.
     pub fn fill(&self, images: &[&[f32]], rows: core::ops::Range<usize>, strip: &mut [f32]) {
         let channels = images.iter().flat_map(|image| image.chunks_exact(self.input[0] * self.input[1]));
         for (plane, channel) in strip.chunks_exact_mut(self.plane).zip(channels) {
@@ -92,7 +93,7 @@ impl StripLayout {
     ) {
         let ConvolutionShape { kernel, stride, padding, .. } = self.shape;
         let [height, width] = self.input;
-        // First input column of the phase that is not padding, and where it lies in a row.
+        // First column of the phase that is not padding: its index in the row (`left`) and in the input (`first`).
         let left = padding.saturating_sub(phase_x).div_ceil(stride);
         let first = left * stride + phase_x - padding;
         let len = width.saturating_sub(first).div_ceil(stride).min(self.pitch - left);

@@ -1,4 +1,4 @@
-//! Against a plain convolution in double precision, on every instruction set of the machine.
+//! Comparison with a plain convolution in double precision, on every instruction set of the machine.
 
 use super::*;
 use proptest::prelude::*;
@@ -36,7 +36,7 @@ impl Case {
         }
     }
 
-    /// Output (value, sum of the magnitudes of its terms) by the definition.
+    /// Outputs by definition: (value, sum of the magnitudes of its terms).
     fn expected(&self) -> Vec<(f64, f64)> {
         let [height, width] = self.shape.output_size(self.size);
         let mut outputs = Vec::with_capacity(self.shape.outputs * height * width);
@@ -123,7 +123,7 @@ proptest! {
     }
 }
 
-/// An image that takes several strips, so that what threads get depends on their number.
+/// Uses an image of several strips, so that the division among threads depends on their number.
 #[test]
 fn threads_do_not_change_a_bit() {
     for shape in [ConvolutionShape::new(512, 9, 3, 1, 1), ConvolutionShape::new(256, 9, 3, 2, 1)] {

@@ -1,8 +1,9 @@
-//! Winograd's algorithm for 3×3 convolution: 16 instead of 36 multiplications for every 2×2 outputs (F(2×2, 3×3); Lavin and Gray,
-//! *Fast algorithms for convolutional neural networks*, 2016).
+//! Winograd's algorithm for 3×3 convolution: 16 instead of 36 multiplications per 2×2 outputs (F(2×2, 3×3); Lavin and
+//! Gray, *Fast algorithms for convolutional neural networks*, 2016).
 //!
-//! Every 4×4 inputs d around 2×2 outputs, and every kernel g, are transformed to 16 numbers; outputs are Aᵀ\[(G g Gᵀ) ⊙
-//! (Bᵀ d B)\]A. Summed over channels that is 16 matrix products, one per position in the transformed square.
+//! Each 4×4 square of inputs d around 2×2 outputs, and each kernel g, is transformed to 16 numbers. The outputs are
+//! Aᵀ\[(G g Gᵀ) ⊙ (Bᵀ d B)\]A. Summing over channels takes 16 matrix products, one per position in the transformed
+//! square.
 
 use super::ConvolutionShape;
 use crate::Activation;
@@ -12,15 +13,16 @@ use rayon::prelude::*;
 use std::cell::RefCell;
 use std::ops::Range;
 
-/// Positions in a transformed square.
+/// Number of positions in a transformed square.
 const POSITIONS: usize = 16;
-/// How many squares are transformed together, approximately.
+/// Approximate number of squares transformed together.
 const SQUARES: usize = 96;
-/// Panels of output channels whose products are held together.
+/// Number of panels of output channels whose products are held together.
 const PANELS: usize = 4;
 
 thread_local! {
-    /// A thread's transformed inputs, one channel's transformed rows, and sums, kept from one convolution to the next.
+    /// Buffers that a thread keeps from one convolution to the next: transformed inputs, one channel's transformed
+    /// rows, and sums.
     static BUFFERS: RefCell<[Vec<f32>; 3]> = const { RefCell::new([Vec::new(), Vec::new(), Vec::new()]) };
 }
 
@@ -29,20 +31,20 @@ thread_local! {
 pub(super) struct WinogradConvolution {
     shape: ConvolutionShape,
     activation: Activation,
-    /// Group of panels by group, block of input channels by block, and position by position: panels of output channels.
+    /// Panels of output channels, ordered by group of panels, then by block of input channels, then by position.
     weights: Vec<f32>,
-    /// One per output channel, up to a whole number of groups.
+    /// One per output channel, padded to whole groups.
     bias: Vec<f32>,
     instructions: Instructions,
 }
 
 impl WinogradConvolution {
-    /// Whether the algorithm fits a convolution; with few channels its transforms cost more than they save.
+    /// True if this algorithm suits the shape. With few channels, the transforms cost more than they save.
     pub fn suits(shape: ConvolutionShape) -> bool {
         shape.kernel == 3 && shape.stride == 1 && !shape.doubling && shape.inputs.min(shape.outputs) >= 8
     }
 
-    /// `weight` `[outputs, inputs, 3, 3]`, `bias` `[outputs]`, row-major.
+    /// Transforms and packs `weight` `[outputs, inputs, 3, 3]` and `bias` `[outputs]`, row-major.
     pub fn new(
         weight: &[f32],
         bias: &[f32],
@@ -74,8 +76,8 @@ impl WinogradConvolution {
         Self { shape, activation, weights, bias: padded_bias, instructions }
     }
 
-    /// Convolves one image, whose channels are those of all `images` in order, to `output` `[outputs, height', width']`.
-    /// Every value of `output` is written once.
+    /// Convolves one image, the concatenation of `images` along channels, to `output` `[outputs, height', width']`.
+    /// Writes every value of `output` once.
     pub fn forward(&self, images: &[&[f32]], input: [usize; 2], output: &mut [f32]) {
         let [height, width] = self.shape.product_size(input);
         let squares = [height.div_ceil(2), width.div_ceil(2)];
@@ -103,8 +105,7 @@ impl WinogradConvolution {
         BUFFERS.with_borrow_mut(|[squares, rows, sums]| {
             let columns = self.instructions.columns();
             let count = (job.rows.len() * job.columns).next_multiple_of(columns);
-            // Squares beyond the last are never written: they hold values of other layers, and their sums are never
-            // read.
+            // Squares beyond the last are not written and hold values from other layers. Their sums are never read.
             if squares.len() < POSITIONS * self.shape.inputs * count {
                 squares.resize(POSITIONS * self.shape.inputs * count, 0.0);
             }
@@ -128,7 +129,7 @@ impl WinogradConvolution {
         })
     }
 
-    /// The products of a group of output channels, `[positions, square panels, channels, columns]`.
+    /// Computes the products of a group of output channels, `[positions, square panels, channels, columns]`.
     fn sum(&self, mut weights: &[f32], mut squares: &[f32], sums: &mut [f32]) {
         let position_len = sums.len() / POSITIONS;
         let channels = PANELS * self.instructions.rows();
@@ -144,7 +145,7 @@ impl WinogradConvolution {
         }
     }
 
-    /// Bᵀ d B of all squares: block of channels by block and position by position, panels of squares.
+    /// Computes Bᵀ d B of all squares: panels of squares, ordered by block of channels, then by position.
     #[inline(always)]
     fn transform_image(
         &self,
@@ -190,7 +191,7 @@ impl WinogradConvolution {
         }
     }
 
-    /// AᵀmA, bias and activation of a group of output channels.
+    /// Computes AᵀmA, adds bias and applies the activation for a group of output channels.
     #[inline(always)]
     fn finish(&self, sums: &[f32], channels: Range<usize>, width: usize, job: &mut Job) {
         let columns = self.instructions.columns();
@@ -216,7 +217,7 @@ impl WinogradConvolution {
                     let (y, x) = (at / job.columns, at % job.columns);
                     let len = (end - at).min(job.columns - x);
                     for (dy, row) in outputs.iter().enumerate() {
-                        // The last row and the last column of squares may reach over the border.
+                        // The last row and column of squares may extend beyond the border.
                         let Some(out) = out.get_mut((2 * y + dy) * width..).filter(|out| !out.is_empty()) else {
                             continue;
                         };
@@ -233,14 +234,14 @@ impl WinogradConvolution {
 /// Some rows of squares.
 struct Job<'a> {
     rows: Range<usize>,
-    /// Squares of a row.
+    /// Number of squares per row.
     columns: usize,
-    /// For each channel, the rows' outputs.
+    /// Outputs of these rows, one slice per channel.
     channels: Vec<&'a mut [f32]>,
 }
 
-/// Cuts a row of `len` squares, the first of which is number `start`, where a panel of `columns` squares ends: calls
-/// `work` with the number of each run's first square, and the run's place in the row.
+/// Splits a row of `len` squares, the first of which has index `start`, at the ends of panels of `columns` squares.
+/// Calls `work` with the index of each run's first square and the run's range in the row.
 #[inline(always)]
 fn for_each_run(start: usize, len: usize, columns: usize, mut work: impl FnMut(usize, Range<usize>)) {
     let mut at = start;
@@ -259,12 +260,12 @@ fn transform_kernel(kernel: &[f32; 9]) -> [f32; POSITIONS] {
     std::array::from_fn(|position| columns[position % 4][position / 4])
 }
 
-/// d B for one row of the image: to `[4, squares]`.
+/// Computes d B for one row of the image, `[4, squares]`.
 #[inline(always)]
 fn transform_row(row: &[f32], padding: usize, out: &mut [f32]) {
     let columns = out.len() / 4;
     let transform = |[a, b]: [f32; 2], [c, d]: [f32; 2]| [a - c, b + c, c - b, b - d];
-    // The first and the last squares reach over the border.
+    // The first and last squares extend beyond the border.
     let start = padding.div_ceil(2).min(columns);
     let pairs = row.get(2 * start - padding..).unwrap_or(&[]).as_chunks::<2>().0;
     let inner = start..(start + pairs.len().saturating_sub(1)).min(columns);
@@ -285,7 +286,7 @@ fn transform_row(row: &[f32], padding: usize, out: &mut [f32]) {
     }
 }
 
-/// AᵀmA + bias of [`LANES`] squares: two rows of outputs.
+/// Computes AᵀmA + bias of [`LANES`] squares: two rows of outputs.
 #[inline(always)]
 fn transform_sums(square: &[[f32; LANES]; POSITIONS], bias: f32) -> [[f32; 2 * LANES]; 2] {
     let mut out = [[0.0; 2 * LANES]; 2];

@@ -22,7 +22,7 @@ enum Algorithm {
 }
 
 impl MapConvolution {
-    /// Whether a kernel of `kernel` × `kernel` with a stride can be packed.
+    /// True if a `kernel` × `kernel` convolution with this stride can be packed.
     pub fn supports(kernel: usize, stride: usize) -> bool {
         matches!((kernel, stride), (1, 1) | (3, 1 | 2))
     }
@@ -31,7 +31,7 @@ impl MapConvolution {
     /// `kernel / 2`.
     ///
     /// # Panics
-    /// If [`Self::supports`] is false, or the length of `weight` is not a multiple of `outputs · kernel²`.
+    /// If [`Self::supports`] returns false, or the length of `weight` is not a multiple of `outputs · kernel²`.
     pub fn new(
         weight: &[f32],
         bias: &[f32],
@@ -40,10 +40,10 @@ impl MapConvolution {
         activation: Activation,
         instructions: Instructions,
     ) -> Self {
-        assert!(Self::supports(kernel, stride), "a {kernel}×{kernel} convolution with stride {stride}");
+        assert!(Self::supports(kernel, stride), "unsupported: a {kernel}×{kernel} convolution with stride {stride}");
         let (outputs, taps) = (bias.len(), kernel * kernel);
         let inputs = weight.len() / (outputs * taps).max(1);
-        assert_eq!(weight.len(), inputs * outputs * taps, "weights of a convolution");
+        assert_eq!(weight.len(), inputs * outputs * taps, "number of weights of a convolution");
         let algorithm = if WinogradConvolution::suits(inputs, outputs, kernel, stride) {
             Algorithm::Winograd(WinogradConvolution::new(weight, bias, activation, instructions))
         } else {
@@ -62,8 +62,8 @@ impl MapConvolution {
         self.outputs
     }
 
-    /// Convolves `input` to `output`, which gets the shape that it needs, and adds `residual`, which has that shape,
-    /// after the activation. `phases` is memory for a stride of 2.
+    /// Convolves `input` to `output` and adds `residual`, if any, after the activation. `output` is reshaped as needed;
+    /// `residual` must have the same shape. `phases` is scratch memory for stride 2.
     ///
     /// # Panics
     /// If the channels of `input` or the shape of `residual` do not match.

@@ -1,4 +1,4 @@
-//! Direct convolution: every tap of the kernel is a shift of the whole map.
+//! Direct convolution: every kernel tap is a shift of the whole map.
 
 use super::tile::{finish, sum_products, write};
 use super::{FeatureMap, MapLayout};
@@ -8,9 +8,10 @@ use crate::instructions::{Instructions, TileKernel};
 use pulp::Simd;
 use rayon::prelude::*;
 
-/// Positions that a job computes: a multiple of every tile's columns.
+/// Positions per job: a multiple of every tile's columns.
 const BLOCK_POSITIONS: usize = 512;
-/// Jobs that a layer is divided into if it has fewer blocks of positions: then channels are divided too.
+/// Minimum number of jobs per layer, if it has enough channels: with fewer blocks of positions, channels are divided
+/// too.
 const LEAST_JOBS: usize = 8;
 
 /// A convolution with a kernel of 1×1 (stride 1) or 3×3 (stride 1 or 2).
@@ -20,15 +21,15 @@ pub(super) struct DirectConvolution {
     kernel: usize,
     stride: usize,
     activation: Activation,
-    /// `[groups, inputs, taps, rows]`: a group is as many output channels as a tile has rows.
+    /// `[groups, inputs, taps, rows]`: a group has one output channel per row of a tile.
     weights: Vec<f32>,
-    /// One per output channel, up to a whole number of groups.
+    /// One per output channel, padded to whole groups.
     bias: Vec<f32>,
     instructions: Instructions,
 }
 
 impl DirectConvolution {
-    /// `weight` `[outputs, inputs, kernel, kernel]`, `bias` `[outputs]`, row-major.
+    /// Packs `weight` `[outputs, inputs, kernel, kernel]` and `bias` `[outputs]`, row-major.
     pub fn new(
         weight: &[f32],
         bias: &[f32],
@@ -45,7 +46,7 @@ impl DirectConvolution {
         Self { inputs, kernel, stride, activation, weights, bias: padded_bias, instructions }
     }
 
-    /// Convolves `input` to `output`, which has the right shape. `phases` is memory for a stride of 2.
+    /// Convolves `input` to `output`, which must have the right shape. `phases` is scratch memory for stride 2.
     pub fn forward(
         &self,
         input: &FeatureMap,
@@ -67,14 +68,14 @@ impl DirectConvolution {
         self.jobs(output).into_par_iter().with_max_len(1).for_each(|job| self.instructions.run_tiled((shared, job)));
     }
 
-    /// For each tap, the offset of its value from a position of the output.
+    /// Offset of each tap's value from an output position.
     fn taps(&self, layout: MapLayout) -> Taps {
         let (pitch, plane) = (layout.pitch(), layout.plane());
         match (self.kernel, self.stride) {
             (1, _) => Taps::One([layout.lead()]),
             (_, 1) => Taps::Nine(std::array::from_fn(|tap| tap / 3 * pitch + tap % 3)),
             _ => {
-                // Rows and columns 2i - 1 and 2i + 1 are i - 1 and i of the odd phase, 2i is i of the even one.
+                // Rows and columns 2i - 1 and 2i + 1 are i - 1 and i of the odd phase; 2i is i of the even phase.
                 let part = |k: usize| (usize::from(k != 1), usize::from(k > 0));
                 Taps::Nine(std::array::from_fn(|tap| {
                     let ((odd_row, y), (odd_column, x)) = (part(tap / 3), part(tap % 3));
@@ -84,7 +85,7 @@ impl DirectConvolution {
         }
     }
 
-    /// Cuts the output into blocks of positions and groups of channels.
+    /// Divides the output into blocks of positions and groups of channels.
     fn jobs<'a>(&self, output: &'a mut FeatureMap) -> Vec<Job<'a>> {
         let layout = output.layout();
         let rows = self.instructions.rows();
@@ -111,7 +112,7 @@ impl DirectConvolution {
     }
 }
 
-/// Offsets of the values that an output is a sum of, from its position.
+/// Offsets of an output's inputs from the output's position.
 #[derive(Clone, Copy, Debug)]
 enum Taps {
     One([usize; 1]),
@@ -124,7 +125,7 @@ struct Shared<'a> {
     convolution: &'a DirectConvolution,
     layout: MapLayout,
     input: &'a [f32],
-    /// Values from one input channel to the next.
+    /// Distance between input channels, in values.
     channel_stride: usize,
     taps: &'a Taps,
     residual: Option<&'a [f32]>,
@@ -134,7 +135,7 @@ struct Shared<'a> {
 struct Job<'a> {
     first_group: usize,
     first_position: usize,
-    /// The positions of each channel.
+    /// Outputs at these positions, one slice per channel.
     channels: Vec<&'a mut [f32]>,
 }
 
@@ -184,8 +185,8 @@ impl TileKernel for (Shared<'_>, Job<'_>) {
     }
 }
 
-/// Copies the pixels of even and odd rows and columns to maps of their own: channel by channel (even, even), (even, odd),
-/// (odd, even), (odd, odd), each of the size of the even one.
+/// Copies the pixels of even and odd rows and columns to separate maps: for each channel (even, even), (even, odd),
+/// (odd, even) and (odd, odd), all of the size of (even, even).
 fn split_phases(input: &FeatureMap, phases: &mut FeatureMap) {
     let height = input.height();
     phases.reshape(4 * input.channels(), height.div_ceil(2), input.width().div_ceil(2));
@@ -198,7 +199,7 @@ fn split_phases(input: &FeatureMap, phases: &mut FeatureMap) {
                 let source = 2 * row + phase / 2;
                 let values = if source < height { input.row(channel, source) } else { &[] };
                 let values = values.get(phase % 2..).unwrap_or(&[]);
-                // An odd size has one odd row or column less than even ones.
+                // A map of odd size has one fewer odd row or column than even ones.
                 out[values.len().div_ceil(2)..].fill(0.0);
                 out.iter_mut().zip(values.iter().step_by(2)).for_each(|(out, value)| *out = *value);
             }

@@ -1,9 +1,10 @@
 //! Feature maps that keep the padding of a 3×3 convolution between layers, for small networks.
 //!
-//! With few channels, packing pixels for [`gemm`](crate::gemm) takes longer than the product. So rows of a [`FeatureMap`]
-//! are one zero apart, and zeros precede the first row and follow the last. Every tap of a kernel is then a shift of the
-//! whole map, and [`MapConvolution`] reads its vectors of pixels where they are. A tile of outputs stays in registers over
-//! all channels and taps: the order of every sum is fixed, and results do not depend on the number of threads.
+//! With few channels, packing pixels for [`gemm`](crate::gemm) takes longer than the product. So the rows of a
+//! [`FeatureMap`] are separated by one zero, and zeros precede the first row and follow the last. Every kernel tap is
+//! then a shift of the whole map, and [`MapConvolution`] reads its vectors of pixels in place. A tile of outputs stays
+//! in registers over all channels and taps: the order of every sum is fixed, so results do not depend on the number of
+//! threads.
 
 mod convolution;
 mod direct;
@@ -18,10 +19,10 @@ pub use resize::{add_upsampled, mean_per_channel};
 
 use crate::AlignedVec;
 
-/// Values behind the last padding row, so that a tile of outputs may reach over the end.
+/// Extra values after the last padding row, so that a tile of outputs may extend past the end.
 const SLACK: usize = 64;
 
-/// An image of several channels, `[channels, height, width]`, with zeros around it.
+/// A multi-channel image, `[channels, height, width]`, with a border of zeros.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FeatureMap {
     layout: MapLayout,
@@ -29,7 +30,7 @@ pub struct FeatureMap {
     values: AlignedVec,
 }
 
-/// Where the pixels of a channel are. The *position* of a pixel is `row * pitch + column`.
+/// Memory layout of a channel. The *position* of a pixel is `row * pitch + column`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct MapLayout {
     pub height: usize,
@@ -37,28 +38,28 @@ pub(crate) struct MapLayout {
 }
 
 impl MapLayout {
-    /// Positions from one row to the next: its pixels and one zero.
+    /// Positions per row: its pixels and one zero.
     pub fn pitch(self) -> usize {
         self.width + 1
     }
 
-    /// Zeros before the first pixel of a channel.
+    /// Number of zeros before the first pixel of a channel.
     pub fn lead(self) -> usize {
         self.pitch() + 1
     }
 
-    /// Positions of a channel, the zero behind each row included.
+    /// Positions per channel, including the zero after each row.
     pub fn positions(self) -> usize {
         self.height * self.pitch()
     }
 
-    /// Values of a channel, padding included.
+    /// Values per channel, including padding.
     pub fn plane(self) -> usize {
         (self.lead() + self.positions() + self.pitch() + 1 + SLACK).next_multiple_of(16)
     }
 }
 
-/// An empty map, to be given a shape later.
+/// An empty map, to be reshaped later.
 impl Default for FeatureMap {
     fn default() -> Self {
         Self::zeros(0, 0, 0)
@@ -72,7 +73,7 @@ impl FeatureMap {
         Self { layout, channels, values: AlignedVec::zeros(channels * layout.plane()) }
     }
 
-    /// Makes it a map of this shape. Values are kept if it has the shape already; otherwise all become zero.
+    /// Changes the map to this shape. Keeps the values if the shape is already right; otherwise sets all to zero.
     pub fn reshape(&mut self, channels: usize, height: usize, width: usize) {
         if (self.channels, self.layout) != (channels, MapLayout { height, width }) {
             *self = Self::zeros(channels, height, width);
@@ -97,14 +98,14 @@ impl FeatureMap {
     /// The pixels of one row of a channel.
     ///
     /// # Panics
-    /// If there is no such row.
+    /// If `channel` or `row` is out of range.
     pub fn row(&self, channel: usize, row: usize) -> &[f32] {
         assert!(row < self.layout.height, "row {row} of a map of height {}", self.layout.height);
         &self.values[channel * self.layout.plane() + self.layout.lead() + row * self.layout.pitch()..]
             [..self.layout.width]
     }
 
-    /// For each channel, its rows in order, to be changed in place.
+    /// Iterates over the channels and, for each, over its rows in order, for changes in place.
     pub fn rows_mut(&mut self) -> impl Iterator<Item = impl Iterator<Item = &mut [f32]>> {
         let layout = self.layout;
         self.planes_mut().map(move |plane| {
@@ -125,7 +126,7 @@ impl FeatureMap {
         &mut self.values
     }
 
-    /// The channels with their padding. Padding has to stay zero.
+    /// The channels with their padding. Padding must stay zero.
     pub(crate) fn planes_mut(&mut self) -> impl Iterator<Item = &mut [f32]> {
         let plane = self.layout.plane();
         self.values.chunks_exact_mut(plane)

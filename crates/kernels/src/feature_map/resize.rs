@@ -4,13 +4,13 @@ use super::FeatureMap;
 use crate::instructions::Instructions;
 use rayon::prelude::*;
 
-/// Adds `small`, enlarged to the size of `map` by bilinear interpolation, to `map`: as PyTorch's `interpolate` with
-/// `mode="bilinear", align_corners=False` does.
+/// Enlarges `small` to the size of `map` by bilinear interpolation and adds it to `map`, like PyTorch's `interpolate`
+/// with `mode="bilinear", align_corners=False`.
 ///
 /// # Panics
 /// If the maps have different numbers of channels, or one of them is empty.
 pub fn add_upsampled(small: &FeatureMap, map: &mut FeatureMap, instructions: Instructions) {
-    assert_eq!(small.channels(), map.channels(), "channels of maps that are added");
+    assert_eq!(small.channels(), map.channels(), "channels of the maps to add");
     let (layout, below) = (map.layout(), small.layout());
     let columns: Vec<Sample> = samples(below.width, layout.width);
     let rows: Vec<Sample> = samples(below.height, layout.height);
@@ -46,7 +46,7 @@ struct Sample {
     weight: f32,
 }
 
-/// Where each of `to` values lies among `from` values.
+/// Returns the sampling positions that resize `from` values to `to` values.
 fn samples(from: usize, to: usize) -> Vec<Sample> {
     let scale = from as f32 / to as f32;
     (0..to)

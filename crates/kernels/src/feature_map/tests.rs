@@ -1,4 +1,4 @@
-//! Against plain loops in double precision, on every instruction set of the machine.
+//! Comparison with plain loops in double precision, on every instruction set of the machine.
 
 use super::*;
 use crate::{Activation, Instructions};
@@ -56,7 +56,7 @@ impl Case {
         self.with_residual.then(|| noise_map(self.outputs, size[0], size[1], self.seed + 3))
     }
 
-    /// Runs twice on the same memory, which the first time is left over from a larger map.
+    /// Runs twice on the same memory, which is first left over from a larger map.
     fn run(&self, instructions: Instructions, threads: usize) -> FeatureMap {
         let bias = noise(self.outputs, self.seed + 1);
         let layer = MapConvolution::new(&self.weight(), &bias, self.kernel, self.stride, self.activation, instructions);
@@ -78,8 +78,8 @@ impl Case {
         for channel in 0..self.outputs {
             for row in 0..found.height() {
                 for column in 0..found.width() {
-                    // Winograd's sums mix a tile's inputs, so errors follow the weights' sum and not the terms of one
-                    // output; inputs are at most 1.
+                    // Winograd's sums mix a tile's inputs, so errors scale with the sum of the weights rather than with
+                    // the terms of one output. Inputs are at most 1.
                     let (mut sum, mut magnitude) = (f64::from(bias[channel]), 1.0);
                     for index in 0..self.inputs * self.kernel * self.kernel {
                         let tap = index % (self.kernel * self.kernel);
@@ -107,7 +107,7 @@ impl Case {
     }
 }
 
-/// The sum of the magnitudes of all pixels.
+/// Sum of the magnitudes of all pixels.
 fn found_sum(map: &FeatureMap) -> f64 {
     let rows = (0..map.channels()).flat_map(|channel| (0..map.height()).map(move |row| (channel, row)));
     rows.flat_map(|(channel, row)| map.row(channel, row)).map(|value| f64::from(value.abs())).sum()
@@ -157,7 +157,7 @@ fn threads_do_not_change_a_bit() {
 }
 
 #[test]
-fn maps_are_enlarged_like_images() {
+fn upsampling_is_bilinear() {
     let mut small = FeatureMap::zeros(1, 1, 2);
     small.rows_mut().flatten().for_each(|row| row.copy_from_slice(&[0.0, 4.0]));
     let mut map = FeatureMap::zeros(1, 2, 4);
@@ -167,7 +167,7 @@ fn maps_are_enlarged_like_images() {
 }
 
 #[test]
-fn means_are_of_the_pixels_only() {
+fn means_exclude_padding() {
     let mut map = FeatureMap::zeros(2, 2, 3);
     map.rows_mut().zip([3.0, -5.0]).for_each(|(rows, value)| rows.for_each(|row| row.fill(value)));
     let means = mean_per_channel(&map);
@@ -175,14 +175,14 @@ fn means_are_of_the_pixels_only() {
 }
 
 #[test]
-fn instructions_with_fused_multiplication_give_the_same_bits() {
+fn fused_instruction_sets_give_the_same_bits() {
     for (channels, stride, size) in [(24, 1, (31, 41)), (96, 1, (15, 20)), (40, 2, (31, 41)), (5, 1, (9, 70))] {
         for activation in [Activation::None, Activation::Silu] {
             let (kernel, with_residual, seed) = (3, true, 5);
             let case =
                 Case { inputs: channels, outputs: channels, kernel, stride, size, activation, with_residual, seed };
             let mut fused = Instructions::available();
-            // Without a fused multiplication a product is rounded before it is added.
+            // Without fused multiply-add, a product is rounded before it is added.
             fused.retain(|instructions| !matches!(instructions, Instructions::Portable));
             let results = fused.into_iter().map(|instructions| case.run(instructions, 2));
             let results: Vec<FeatureMap> = results.collect();

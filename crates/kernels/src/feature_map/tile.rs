@@ -1,13 +1,13 @@
-//! Tiles of outputs: sums of products that stay in registers, and what follows them.
+//! Tiles of outputs: sums of products held in registers, then activation, residual and store.
 
 use crate::Activation;
 use crate::instructions::{LANES, multiply_add};
 use pulp::Simd;
 
-/// Adds to `first` the products of `ROWS` output channels, and stores the sums in `out`.
+/// Adds the products of `ROWS` output channels to `first` and stores the sums in `out`.
 ///
-/// `channels` yields, for each input channel, its values from the tile's first position on; a tap is an offset from there.
-/// `weights` is `[inputs, taps, rows]`.
+/// `channels` yields the values of each input channel, starting at the tile's first position; a tap is an offset from
+/// there. `weights` is `[inputs, taps, rows]`.
 #[inline(always)]
 pub(super) fn sum_products<
     'a,
@@ -38,7 +38,7 @@ pub(super) fn sum_products<
             }
         }
     }
-    // To other memory than the sums', so that those stay in registers.
+    // `out` is separate memory, so that `sums` stays in registers.
     for (out, sums) in out.iter_mut().zip(sums) {
         for (out, sum) in out.iter_mut().zip(sums) {
             *out = sum;
@@ -54,7 +54,7 @@ pub(super) fn finish(activation: Activation, values: &mut [f32]) {
     }
 }
 
-/// Writes the first values to `out`, with the residual added.
+/// Copies the first values to `out` and adds the residual, if any.
 #[inline(always)]
 pub(super) fn write(values: &[f32], residual: Option<&[f32]>, out: &mut [f32]) {
     match residual {

@@ -1,9 +1,9 @@
-//! 3×3 convolution with stride 1 by Winograd's algorithm along columns: F(4, 3), six products instead of twelve for four
-//! outputs of a column (Lavin and Gray, *Fast algorithms for convolutional neural networks*, CVPR 2016). Along rows the
-//! three taps are shifts, so pixels stay in the order of the map.
+//! 3×3 convolution with stride 1 by Winograd's algorithm along columns: F(4, 3), six products instead of twelve for
+//! four outputs of a column (Lavin and Gray, *Fast algorithms for convolutional neural networks*, CVPR 2016). Along
+//! rows, the three taps are shifts, so pixels stay in map order.
 //!
-//! Four rows of outputs are a *band*. A thread transforms the six rows of inputs of each of its bands to six transformed
-//! rows, which stay in the second-level cache while all output channels are computed from them.
+//! Four rows of outputs are a *band*. A thread transforms the six input rows of each band to six transformed rows,
+//! which stay in the second-level cache while all output channels are computed from them.
 
 use super::tile::{finish, sum_products, write};
 use super::{FeatureMap, MapLayout};
@@ -14,23 +14,23 @@ use pulp::Simd;
 use rayon::prelude::*;
 use std::cell::RefCell;
 
-/// Rows of outputs of a band.
+/// Output rows per band.
 const BAND: usize = 4;
-/// Transformed rows of a band.
+/// Transformed rows per band.
 const PARTS: usize = 6;
 /// Taps along a row, as offsets from a position of the output.
 const TAPS: [usize; 3] = [0, 1, 2];
-/// Most transformed values of a job: they stay in the second-level cache, with the weights.
+/// Maximum number of transformed values per job: they stay in the second-level cache, with the weights.
 const MAX_VALUES: usize = 130_000;
-/// The largest number of transformed weights; more would not stay in the second-level cache.
+/// Maximum number of transformed weights; more would not stay in the second-level cache.
 const MAX_WEIGHTS: usize = 180_000;
-/// Jobs that a layer is divided into if its bands fit fewer: then channels are divided too.
+/// Minimum number of jobs per layer, if it has enough channels: with fewer blocks of bands, channels are divided too.
 const LEAST_JOBS: usize = 4;
-/// Values behind a transformed row that a tile may reach over.
+/// Extra values after the transformed rows, so that a tile may extend past the end.
 const SLACK: usize = 48;
 
 thread_local! {
-    /// A thread's transformed rows, kept from one convolution to the next.
+    /// Transformed rows: a buffer that a thread keeps from one convolution to the next.
     static TRANSFORMED: RefCell<Vec<f32>> = const { RefCell::new(Vec::new()) };
 }
 
@@ -39,20 +39,20 @@ thread_local! {
 pub(super) struct WinogradConvolution {
     inputs: usize,
     activation: Activation,
-    /// `[groups, parts, inputs, taps, rows]`: a group is as many output channels as a tile has rows.
+    /// `[groups, parts, inputs, taps, rows]`: a group has one output channel per row of a tile.
     weights: Vec<f32>,
     bias: Vec<f32>,
     instructions: Instructions,
 }
 
 impl WinogradConvolution {
-    /// Whether the algorithm fits a convolution.
+    /// True if this algorithm suits the convolution.
     pub fn suits(inputs: usize, outputs: usize, kernel: usize, stride: usize) -> bool {
         let weights = PARTS * TAPS.len() * inputs * outputs;
         kernel == 3 && stride == 1 && inputs.min(outputs) >= 8 && weights <= MAX_WEIGHTS
     }
 
-    /// `weight` `[outputs, inputs, 3, 3]`, `bias` `[outputs]`, row-major.
+    /// Transforms and packs `weight` `[outputs, inputs, 3, 3]` and `bias` `[outputs]`, row-major.
     pub fn new(weight: &[f32], bias: &[f32], activation: Activation, instructions: Instructions) -> Self {
         let (rows, inputs) = (instructions.rows(), weight.len() / (9 * bias.len()));
         let mut weights = Vec::with_capacity(2 * weight.len());
@@ -71,7 +71,7 @@ impl WinogradConvolution {
         Self { inputs, activation, weights, bias: bias.to_vec(), instructions }
     }
 
-    /// Convolves `input` to `output`, which has the right shape.
+    /// Convolves `input` to `output`, which must have the right shape.
     pub fn forward(&self, input: &FeatureMap, residual: Option<&FeatureMap>, output: &mut FeatureMap) {
         let shared = Shared { convolution: self, layout: input.layout(), input, residual };
         self.jobs(output).into_par_iter().with_max_len(1).for_each(|job| {
@@ -79,12 +79,12 @@ impl WinogradConvolution {
         });
     }
 
-    /// Cuts the output into blocks of bands and groups of channels.
+    /// Divides the output into blocks of bands and groups of channels.
     fn jobs<'a>(&self, output: &'a mut FeatureMap) -> Vec<Job<'a>> {
         let (layout, rows) = (output.layout(), self.instructions.rows());
         let bands = layout.height.div_ceil(BAND);
         let bands_that_fit = (MAX_VALUES / (PARTS * self.inputs * layout.pitch())).max(1);
-        // Of nearly the same size, as the threads begin and end together.
+        // Blocks of nearly equal size, so that the threads finish together.
         let bands_per_block = bands.div_ceil(bands.div_ceil(bands_that_fit).max(1)).max(1);
         let blocks = bands.div_ceil(bands_per_block);
         let groups = self.bias.len().div_ceil(rows);
@@ -123,7 +123,7 @@ struct Shared<'a> {
 struct Job<'a> {
     first_group: usize,
     first_row: usize,
-    /// The positions of each channel.
+    /// Outputs of these bands, one slice per channel.
     channels: Vec<&'a mut [f32]>,
 }
 
@@ -174,8 +174,8 @@ impl TileKernel for (Shared<'_>, Job<'_>, &mut Vec<f32>) {
 }
 
 impl Shared<'_> {
-    /// The transformed rows of some bands: `[inputs, parts, part_len]`, where a band is one row and the first value is the
-    /// zero before it. Values behind a row are not defined.
+    /// Computes the transformed rows of some bands, `[inputs, parts, part_len]`, with one row of `pitch` values per
+    /// band. The first value of a row is the zero before it. Values after a row are undefined.
     #[inline(always)]
     fn transform<S: Simd, const FUSED: bool>(
         &self,
@@ -201,7 +201,7 @@ impl Shared<'_> {
             for band in 0..bands {
                 let mut rows = [zeros; PARTS];
                 for (index, row) in rows.iter_mut().enumerate() {
-                    // Row -1 is padding, and so is everything from the last row on.
+                    // Row -1 and all rows after the last are padding.
                     let source = (first_row + band * BAND + index).wrapping_sub(1);
                     if source < layout.height {
                         *row = &plane[layout.lead() + source * pitch - 1..][..window];
@@ -212,7 +212,7 @@ impl Shared<'_> {
         }
     }
 
-    /// Writes values of one channel, from a position within the job's bands on, to one row of each band.
+    /// Writes values of one channel to one row of each band. `start` is the first value's position in the job's bands.
     #[inline(always)]
     fn write(
         &self,
@@ -226,7 +226,7 @@ impl Shared<'_> {
         let mut at = 0;
         while at < values.len() {
             let (band, column) = ((start + at) / pitch, (start + at) % pitch);
-            // The zero behind each row stays.
+            // Keep the zero after each row.
             let len = (values.len() - at).min(width - column);
             let place = (band * BAND + row_in_band) * pitch + column;
             let Some(out) = out.get_mut(place..place + len) else { break };
@@ -240,13 +240,13 @@ impl Shared<'_> {
     }
 }
 
-/// G g: a column of the kernel.
+/// Computes G g for a column of the kernel.
 fn transform_kernel([a, b, c]: [f32; 3]) -> [f32; PARTS] {
     let (outer, far) = ((a + c) / 6.0, a / 24.0 + c / 6.0);
     [a / 4.0, -outer - b / 6.0, -outer + b / 6.0, far + b / 12.0, far - b / 12.0, c]
 }
 
-/// Bᵀ d: six rows of inputs become the first rows of six parts.
+/// Computes Bᵀ d: six input rows become the first rows of six parts.
 #[inline(always)]
 fn transform_rows<S: Simd, const FUSED: bool>(simd: S, rows: [&[f32]; PARTS], parts: &mut [f32], part_len: usize) {
     let factor = |value| simd.splat_f32s(value);
@@ -274,7 +274,7 @@ fn transform_rows<S: Simd, const FUSED: bool>(simd: S, rows: [&[f32]; PARTS], pa
     }
 }
 
-/// Aᵀ m + bias: four outputs of a column.
+/// Computes Aᵀ m + bias: four outputs of a column.
 #[inline(always)]
 fn transform_sums<S: Simd, const FUSED: bool>(simd: S, parts: [S::f32s; PARTS], bias: S::f32s) -> [S::f32s; BAND] {
     let [m0, m1, m2, m3, m4, m5] = parts;

@@ -1,4 +1,4 @@
-//! Linear layers: tokens times weights that were packed once.
+//! Linear layers: tokens times weights packed once.
 
 use super::{DEPTH_BLOCK, pack_columns, pack_rows};
 use crate::Activation;
@@ -17,7 +17,7 @@ thread_local! {
 }
 
 struct Buffers {
-    /// Of tokens.
+    /// Packed tokens.
     panels: Vec<f32>,
     sums: Vec<f32>,
     /// Tokens between layers.
@@ -36,10 +36,10 @@ pub struct PackedLinear {
 }
 
 impl PackedLinear {
-    /// `weight` `[inputs, outputs]`, row-major, and `bias` `[outputs]`.
+    /// Packs `weight` `[inputs, outputs]`, row-major, and `bias` `[outputs]`.
     ///
     /// # Panics
-    /// If the length of `weight` is not a multiple of that of `bias`.
+    /// If the length of `weight` is not a multiple of the length of `bias`.
     pub fn new(weight: &[f32], bias: &[f32], instructions: Instructions) -> Self {
         let outputs = bias.len();
         let inputs = weight.len() / outputs;
@@ -52,12 +52,12 @@ impl PackedLinear {
         Self { inputs, outputs, weights, bias: bias.to_vec(), instructions }
     }
 
-    /// Inputs and outputs.
+    /// Returns `[inputs, outputs]`.
     pub fn dims(&self) -> [usize; 2] {
         [self.inputs, self.outputs]
     }
 
-    /// `tokens` `[count, inputs]` to `[count, outputs]`: `tokens · weight + bias`.
+    /// Computes `tokens · weight + bias`: `[count, inputs]` to `[count, outputs]`.
     pub fn forward(&self, tokens: &[f32]) -> Vec<f32> {
         LinearChain { norm: None, layers: &[(self, Activation::None)] }.forward(tokens, None)
     }
@@ -81,8 +81,8 @@ impl PackedLinear {
         }
     }
 
-    /// Bias and activation; from tiles to rows. `write` gets consecutive outputs of a token, at most [`LANES`], and where
-    /// they lie in `[count, outputs]`.
+    /// Adds bias, applies the activation, and converts tiles to rows. `write` receives an offset in `[count, outputs]`
+    /// and at most [`LANES`] consecutive outputs of a token.
     #[inline(always)]
     fn finish(&self, sums: &mut [f32], count: usize, activation: Activation, mut write: impl FnMut(usize, &mut [f32])) {
         let (rows, columns) = (self.instructions.rows(), self.instructions.columns());
@@ -108,18 +108,19 @@ impl PackedLinear {
     }
 }
 
-/// Linear layers in sequence. A few tokens at a time go through all of them, so that intermediate results stay in the cache
-/// of a core.
+/// Linear layers in sequence. Each small block of tokens passes through all of them, so intermediate results stay in a
+/// core's cache.
 #[derive(Clone, Copy, Debug)]
 pub struct LinearChain<'a> {
     /// Applied to the tokens first.
     pub norm: Option<LayerNorm<'a>>,
-    /// At least one layer, each with the activation that follows it.
+    /// The layers, at least one, each with its activation.
     pub layers: &'a [(&'a PackedLinear, Activation)],
 }
 
 impl LinearChain<'_> {
-    /// `tokens` `[count, inputs]` to `[count, outputs]`, plus `residual`, of the result's shape, if there is one.
+    /// Runs the layers on `tokens`, `[count, inputs]` to `[count, outputs]`, and adds `residual` `[count, outputs]`, if
+    /// any.
     pub fn forward(&self, tokens: &[f32], residual: Option<&[f32]>) -> Vec<f32> {
         let (first, last) = (self.layers[0].0, self.layers[self.layers.len() - 1].0);
         let [inputs, outputs] = [first.inputs, last.outputs];
@@ -137,7 +138,7 @@ impl LinearChain<'_> {
         out
     }
 
-    /// Takes a block of tokens through all layers.
+    /// Runs a block of tokens through all layers.
     #[inline(always)]
     fn run(
         &self,
@@ -211,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chain_is_one_layer_after_the_other() {
+    fn a_chain_equals_its_layers_in_sequence() {
         let value = |index: usize, factor: usize| (index * factor % 101) as f32 / 50.0 - 1.0;
         let tokens: Vec<f32> = (0..150 * 20).map(|index| value(index, 37)).collect();
         let layer = |inputs: usize, outputs: usize| {

@@ -1,11 +1,12 @@
-//! The microkernel: a tile of the result, kept in registers over a block of the inner dimension.
+//! The microkernel: sums a tile of the result in registers over a block of the inner dimension.
 
 use crate::instructions::{Instructions, TileKernel, multiply_add};
 use pulp::Simd;
 
 impl Instructions {
-    /// Adds to `sums` the product of all panels of `left` with all of `right`, whose inner dimension is `depth`. A left
-    /// panel is `[depth, rows]`, a right one `[depth, columns]`; `sums` is `[right panels, left panels, rows, columns]`.
+    /// Adds the products of all `left` panels with all `right` panels to `sums`. `depth` is the inner dimension: a left
+    /// panel is `[depth, rows]`, a right panel `[depth, columns]`, and `sums`
+    /// `[right panels, left panels, rows, columns]`.
     ///
     /// # Panics
     /// If `sums` is too short.
@@ -69,7 +70,7 @@ fn add_tile<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>
 mod tests {
     use super::*;
 
-    /// Whole numbers, so that every order of summation gives the same.
+    /// Uses integers, so every order of summation gives the same result.
     #[test]
     fn equals_the_definition() {
         for instructions in Instructions::available() {

@@ -1,10 +1,10 @@
-//! Matrix products (GEMM), which nearly all arithmetic of the networks is.
+//! Matrix products (GEMM): nearly all arithmetic of the networks.
 //!
-//! Both sides are first packed into *panels*: as many rows of the left side as a tile of the result has, as many columns
-//! of the right side, with the inner dimension outermost. The microkernel then reads two streams from front to back and
+//! Both operands are first packed into *panels*. A panel holds one tile's rows of the left operand, or one tile's
+//! columns of the right, with the inner dimension outermost. The microkernel then reads both panels sequentially and
 //! keeps its tile in registers (Goto and van de Geijn, *Anatomy of high-performance matrix multiplication*, 2008). The
-//! inner dimension is cut into blocks of [`DEPTH_BLOCK`], whose panels fit the first-level cache. The blocks and the order
-//! within them are fixed, so a result does not depend on the number of threads.
+//! inner dimension is cut into blocks of [`DEPTH_BLOCK`], whose panels fit the first-level cache. The blocks and the
+//! order within them are fixed, so a result does not depend on the number of threads.
 
 mod linear;
 mod microkernel;
@@ -13,5 +13,5 @@ mod packing;
 pub use linear::{LinearChain, PackedLinear};
 pub use packing::{pack_columns, pack_rows};
 
-/// Length of the inner dimension that is summed up before a tile goes back to memory.
+/// Length of the inner dimension summed before a tile is stored to memory.
 pub const DEPTH_BLOCK: usize = 256;

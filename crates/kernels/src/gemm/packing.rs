@@ -1,10 +1,10 @@
-//! Packing: the sides of a product, rearranged into panels. The one packer of the workspace.
+//! Packing: rearranges the operands of a product into panels. The only packing code in the workspace.
 
 /// Appends panels of `width` rows of a row-major matrix to `panels`; a panel is `[depth, width]`. `rows` yields the
-/// `count` rows, each of `depth` elements; the last panel is padded with zeros.
+/// `count` rows, each of `depth` elements. The last panel is padded with zeros.
 ///
 /// # Panics
-/// If `width` is neither a number of rows nor a number of columns of any [`Instructions`](crate::Instructions).
+/// If `width` is neither the rows nor the columns of a tile of any [`Instructions`](crate::Instructions).
 #[inline(always)]
 pub fn pack_rows<'a>(
     mut rows: impl Iterator<Item = &'a [f32]>,
@@ -43,8 +43,8 @@ fn pack<'a, const WIDTH: usize>(
     }
 }
 
-/// Appends panels of `width` columns of a row-major matrix to `panels`; a panel is `[depth, width]`. Every call of `rows`
-/// yields the `depth` rows, each of `columns` elements; the last panel is padded with zeros.
+/// Appends panels of `width` columns of a row-major matrix to `panels`; a panel is `[depth, width]`. Every call of
+/// `rows` returns an iterator over the `depth` rows, each of `columns` elements. The last panel is padded with zeros.
 #[inline(always)]
 pub fn pack_columns<'a, I: Iterator<Item = &'a [f32]>>(
     rows: impl Fn() -> I,

@@ -1,16 +1,16 @@
-//! How many Gaussians hold each id, counted where votes change.
+//! Number of Gaussians that hold each id, updated where votes change.
 
 use super::Votes;
 use crate::SegmentHold;
 use splatseg_geometry::SegmentId;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Gaussians that hold an id, or changes of their number.
+/// Number of Gaussians that hold an id, or a change of that number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Holders {
     /// Gaussians that show the id by themselves.
     showing: i64,
-    /// Gaussians with votes for it.
+    /// Gaussians with votes for the id.
     voting: i64,
 }
 
@@ -18,7 +18,7 @@ struct Holders {
 #[derive(Clone, Debug, Default)]
 pub(super) struct CensusChanges(BTreeMap<SegmentId, Holders>);
 
-/// Counts for all ids that any Gaussian has votes for.
+/// Numbers of holders of all ids that any Gaussian has votes for.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Census {
     holders: BTreeMap<SegmentId, Holders>,
@@ -27,27 +27,27 @@ pub(super) struct Census {
 }
 
 impl CensusChanges {
-    /// Adds a Gaussian. An id needs more than `min_evidence` votes to be shown.
-    pub fn add(&mut self, votes: &Votes, min_evidence: f32) {
-        self.count(votes, min_evidence, 1);
+    /// Adds a Gaussian.
+    pub fn add(&mut self, votes: &Votes) {
+        self.count(votes, 1);
     }
 
     /// Removes a Gaussian.
-    pub fn remove(&mut self, votes: &Votes, min_evidence: f32) {
-        self.count(votes, min_evidence, -1);
+    pub fn remove(&mut self, votes: &Votes) {
+        self.count(votes, -1);
     }
 
     /// Replaces the votes of a Gaussian.
-    pub fn replace(&mut self, before: &Votes, after: &Votes, min_evidence: f32) {
-        if before.has_same_ids(after) && before.winner(min_evidence) == after.winner(min_evidence) {
+    pub fn replace(&mut self, before: &Votes, after: &Votes) {
+        if before.has_same_ids(after) && before.winner() == after.winner() {
             return;
         }
-        self.remove(before, min_evidence);
-        self.add(after, min_evidence);
+        self.remove(before);
+        self.add(after);
     }
 
-    fn count(&mut self, votes: &Votes, min_evidence: f32, by: i64) {
-        let shown = votes.winner(min_evidence);
+    fn count(&mut self, votes: &Votes, by: i64) {
+        let shown = votes.winner();
         for (id, _) in votes.iter().filter(|(id, _)| *id != 0) {
             let holders = self.0.entry(id).or_default();
             holders.voting += by;
@@ -66,7 +66,7 @@ impl CensusChanges {
 }
 
 impl Census {
-    /// Takes over changes.
+    /// Applies changes.
     pub fn apply(&mut self, changes: CensusChanges) {
         for (id, change) in changes.0.into_iter().filter(|(_, change)| *change != Holders::default()) {
             let holders = self.holders.entry(id).or_default();
@@ -79,7 +79,7 @@ impl Census {
         }
     }
 
-    /// The ids whose counts have changed since the last call, and how they are held now.
+    /// Returns the ids whose counts have changed since the last call, and how they are held now.
     pub fn take_changes(&mut self) -> Vec<(SegmentId, SegmentHold)> {
         let hold = |id: SegmentId| match self.holders.get(&id) {
             Some(holders) if holders.showing > 0 => (id, SegmentHold::Shown),
@@ -108,11 +108,9 @@ mod tests {
         RgbdFrame::new("0", color, depth, camera, Pose::IDENTITY).unwrap()
     }
 
-    /// How a map with these votes holds ids, counted anew.
+    /// Counts from scratch how the map holds ids.
     fn counted(memory: &SplatMemory) -> BTreeMap<SegmentId, SegmentHold> {
-        let Some(crate::SplatContentView::Evidence { votes }) = memory.backend.content().unwrap().content else {
-            panic!("no votes")
-        };
+        let Some(crate::SplatContentView::Evidence { votes }) = memory.store.content() else { panic!("no votes") };
         let mut store = EvidenceStore::restored(memory.settings().clone(), votes.to_vec());
         store.changed_holds().unwrap().into_iter().collect()
     }
@@ -121,7 +119,7 @@ mod tests {
         #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
 
         #[test]
-        fn counting_changes_finds_what_a_census_of_the_whole_map_finds(
+        fn counted_changes_equal_a_census_of_the_whole_map(
             frames in proptest::collection::vec((0usize..24, 1usize..9, prop_oneof![Just(2.0f32), Just(3.0)]), 4..24),
             max_gaussians in prop_oneof![Just(1_000_000usize), Just(60)],
             growth in prop_oneof![Just(GrowthRule::Missing), Just(GrowthRule::Paper)],
@@ -138,11 +136,9 @@ mod tests {
                     let id = (column + shift) / stripe % 6;
                     if id == 0 { 0 } else { (base + 1).saturating_sub(id as SegmentId).max(1) }
                 };
-                let seen = SegmentMap::from_fn(SIZE.0, SIZE.1, |column, _| ids(column));
+                let predicted = SegmentMap::from_fn(SIZE.0, SIZE.1, |column, _| ids(column));
                 let recall = memory.recall(&frame);
-                let explained = seen.map(|id| if *id == base { base } else { 0 });
-                memory.note_explained(&recall, &explained, &|_, times| times > 1).unwrap();
-                let update = memory.update(recall, &seen).unwrap();
+                let update = memory.update(recall, &predicted, &BTreeSet::from([base])).unwrap();
                 if growth != GrowthRule::Paper || update.removed > 0 {
                     let now = memory.carried_ids();
                     let forgotten: Vec<SegmentId> = carried.difference(&now).copied().collect();

@@ -1,14 +1,14 @@
-//! The memory of evidence: every Gaussian keeps votes, how often it was seen as which segment.
+//! The memory of evidence: every Gaussian keeps votes for the segments that it was predicted as.
 //!
 //! With blend weights `W` and `votes_i` of Gaussian `i`, the evidence for a segment at pixel `p` is
 //! `E_p(id) = Σ_i W[p,i] · votes_i(id)`. Id 0, "no segment", takes part like any other.
 //!
-//! - **Expected** ([`EvidenceStore::read_tile`]): the id with the most evidence, if that exceeds `min_evidence` and the
-//!   silhouette 0.5. Its confidence is that evidence, at most 1: what one fresh observation has.
-//! - **Shown** ([`EvidenceStore::fuse`]): the id with the most evidence once the frame's own prediction has
-//!   `observation_weight` of it; "no prediction" has `no_segment_weight` of that, for id 0.
-//! - **Learnt** ([`EvidenceStore::learn`]): each Gaussian takes a vote for the predictions where it is seen. Predictions
-//!   vote, not what was shown, so that evidence never confirms itself.
+//! - **Expected** ([`EvidenceStore::read_tile`]): the id with the most evidence, where the silhouette exceeds
+//!   [`COVERED`]. Its confidence is that evidence, at most 1, the evidence of one fresh observation.
+//! - **Fused** ([`EvidenceStore::fuse`]): the id with the most evidence once the frame's own prediction has added one
+//!   vote; "no prediction" adds `no_segment_weight` to id 0.
+//! - **Learnt** ([`EvidenceStore::learn`]): each Gaussian gets a vote, split over the predictions where it is seen. The
+//!   predictions vote, not the fused segments, so that evidence never confirms itself.
 
 mod census;
 mod votes;
@@ -18,25 +18,37 @@ pub use votes::Votes;
 
 use crate::map::{NewGaussian, retain};
 use crate::ply::SplatContentView;
-use crate::recall::{Recall, TileSurface, cut};
-use crate::segment_store::{SegmentStore, StoreTile};
-use crate::{ABSTAIN, LearningExtent, MemoryError, MemorySettings, SegmentHold};
+use crate::recall::{Recall, StoreTile, TileSurface, cut};
+use crate::segment_store::{LearningExtent, SegmentStore};
+use crate::{COVERED, MemoryError, MemorySettings, SegmentHold};
 use census::{Census, CensusChanges};
 use rayon::prelude::*;
 use splatseg_geometry::{SegmentId, SegmentMap};
-use splatseg_render::{Splats, TileWeights};
+use splatseg_render::{RasterLimits, Splats, TileWeights};
+use std::collections::BTreeSet;
 use voting::FrameVotes;
 
 const PIXELS: usize = TileWeights::PIXELS;
 
-/// A segment is expected only where the map covers at least this much of the pixel.
-const MIN_SILHOUETTE: f32 = 0.5;
+/// Smaller alphas are not blended, for speed. The paper's memory blends down to 1/255.
+const MIN_ALPHA: f32 = 0.02;
 
-/// Where less light than this comes through what is gone, nothing can be told of what lies behind.
+/// A pixel is finished when less light than this would come through, for speed. The paper's memory uses 1e-4.
+const MIN_TRANSMITTANCE: f32 = 0.01;
+
+/// If less light than this comes through Gaussians in front of the observed surface, evidence behind them is
+/// unreliable: the correction for that light divides by at least this.
 const MIN_LIGHT: f32 = 0.05;
 
-/// Gaussians that one task counts when a memory is loaded.
+/// Gaussians counted per task when a memory is loaded.
 const GAUSSIANS_PER_COUNT: usize = 1 << 16;
+
+/// Returns `limits` adapted to this kind of memory.
+pub(crate) fn limits(limits: RasterLimits) -> RasterLimits {
+    // The Gaussian that finishes a pixel is not blended, so a single Gaussian must not finish it.
+    let max_alpha = limits.max_alpha.min(1.0 - 2.0 * MIN_TRANSMITTANCE);
+    RasterLimits { min_alpha: MIN_ALPHA, max_alpha, min_transmittance: MIN_TRANSMITTANCE, ..limits }
+}
 
 /// Votes per Gaussian.
 #[derive(Clone, Debug)]
@@ -47,17 +59,18 @@ pub(crate) struct EvidenceStore {
 }
 
 /// The id with the most evidence at each pixel of a tile, and that evidence.
-struct Winners {
+struct ArgMax {
     ids: [SegmentId; PIXELS],
     evidence: [f32; PIXELS],
 }
 
-impl Winners {
-    /// Lets an id compete. Of equal ones the smaller id wins, in whatever order Gaussians brought them.
-    fn offer(&mut self, id: SegmentId, evidence: &[f32; PIXELS]) {
+impl ArgMax {
+    /// Replaces the id where `id` has more evidence. Of equal ids the smaller one wins, so that the order of Gaussians
+    /// does not matter.
+    fn update(&mut self, id: SegmentId, evidence: &[f32; PIXELS]) {
         // Without branches, so that the compiler compares several pixels at once.
-        let winners = self.ids.iter_mut().zip(&mut self.evidence);
-        for ((winner, most), found) in winners.zip(evidence) {
+        let entries = self.ids.iter_mut().zip(&mut self.evidence);
+        for ((winner, most), found) in entries.zip(evidence) {
             let wins = (found > most) | ((found == most) & (id < *winner));
             (*winner, *most) = if wins { (id, *found) } else { (*winner, *most) };
         }
@@ -65,16 +78,16 @@ impl Winners {
 }
 
 impl EvidenceStore {
-    /// A store for a map without Gaussians.
+    /// Creates a store for a map without Gaussians.
     pub fn new(settings: MemorySettings) -> Self {
         Self { settings, votes: Vec::new(), census: Census::default() }
     }
 
-    /// The store of an earlier run.
+    /// Restores the store of an earlier run.
     pub fn restored(settings: MemorySettings, votes: Vec<Votes>) -> Self {
         let count = |votes: &[Votes]| {
             let mut changes = CensusChanges::default();
-            votes.iter().for_each(|votes| changes.add(votes, settings.min_evidence));
+            votes.iter().for_each(|votes| changes.add(votes));
             changes
         };
         let counted: Vec<CensusChanges> = votes.par_chunks(GAUSSIANS_PER_COUNT).map(count).collect();
@@ -83,12 +96,11 @@ impl EvidenceStore {
         Self { settings, votes, census }
     }
 
-    /// `E_p(id)` of a tile: the ids, and `[ids, 16, 16]` of evidence.
+    /// Returns `E_p(id)` of a tile: the ids, and their evidence `[ids, 16, 16]`.
     ///
-    /// Only what lies near the observed depth counts. What lies in front of it is gone, or never was there: the light
-    /// that it takes is given back to what is behind.
+    /// Only Gaussians near the observed depth count. Gaussians in front of it are gone or were wrong: the light that
+    /// they block is returned to the Gaussians behind.
     fn evidence(&self, tile: &TileWeights, observed: &[f32; PIXELS]) -> (Vec<SegmentId>, Vec<f32>) {
-        let tolerance = self.settings.depth_tolerance;
         let (mut ids, mut evidence): (Vec<SegmentId>, Vec<f32>) = (Vec::new(), Vec::new());
         let mut light = [1.0f32; PIXELS];
         let mut counted: Vec<(u8, f32)> = Vec::with_capacity(PIXELS);
@@ -98,9 +110,10 @@ impl EvidenceStore {
             for (pixel, weight) in tile.column(column) {
                 let observed = observed[usize::from(pixel)];
                 let behind = if observed > 0.0 { depth - observed } else { 0.0 };
+                let tolerance = self.settings.tolerance_at(observed);
                 if behind < -tolerance {
                     light[usize::from(pixel)] -= weight;
-                } else if behind <= tolerance && weight >= self.settings.min_weight * light[usize::from(pixel)] {
+                } else if behind <= tolerance {
                     counted.push((pixel, weight));
                 }
             }
@@ -108,7 +121,7 @@ impl EvidenceStore {
                 continue;
             }
             for (id, votes) in self.votes[*gaussian as usize].iter() {
-                // A tile shows few segments, and neighbours mostly the same one.
+                // A tile shows few segments, and neighbours mostly show the same one.
                 let place = ids.iter().position(|known| *known == id).unwrap_or_else(|| {
                     ids.push(id);
                     evidence.resize(evidence.len() + PIXELS, 0.0);
@@ -134,13 +147,13 @@ impl EvidenceStore {
 impl SegmentStore for EvidenceStore {
     fn read_tile(&self, tile: &TileWeights, surface: &TileSurface) -> StoreTile {
         let (ids, values) = self.evidence(tile, &surface.observed);
-        let mut best = Winners { ids: [0; PIXELS], evidence: [0.0; PIXELS] };
+        let mut best = ArgMax { ids: [0; PIXELS], evidence: [0.0; PIXELS] };
         for (id, evidence) in ids.iter().zip(values.as_chunks().0) {
-            best.offer(*id, evidence);
+            best.update(*id, evidence);
         }
         let (mut segments, mut confidence) = (best.ids.to_vec(), vec![0.0; PIXELS]);
         for pixel in 0..PIXELS {
-            if best.evidence[pixel] <= self.settings.min_evidence || surface.silhouette[pixel] <= MIN_SILHOUETTE {
+            if surface.silhouette[pixel] <= COVERED {
                 segments[pixel] = 0;
             }
             if segments[pixel] != 0 {
@@ -150,69 +163,79 @@ impl SegmentStore for EvidenceStore {
         StoreTile { segments, confidence, ids, values }
     }
 
-    fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> SegmentMap {
-        let (observed, unobserved) =
-            (self.settings.observation_weight, self.settings.observation_weight * self.settings.no_segment_weight);
+    fn fuse(&self, recall: &Recall<'_>, predicted: &SegmentMap) -> SegmentMap {
+        let weight = |id: SegmentId| if id == 0 { self.settings.no_segment_weight } else { 1.0 };
         recall.map_tiles(|tile, found, fused| {
-            let seen = cut(tile, seen);
-            // What is seen competes with what is remembered; "no segment" needs no memory to compete.
-            let weights = seen.map(|seen| match seen {
-                ABSTAIN => 0.0,
-                0 => unobserved,
-                _ => observed,
-            });
-            let mut best = Winners { ids: seen.map(|seen| if seen == ABSTAIN { 0 } else { seen }), evidence: weights };
+            let predicted = cut(tile, predicted);
+            // The prediction competes with the remembered ids, even with "no segment", which needs no votes.
+            let mut best = ArgMax { ids: predicted, evidence: predicted.map(weight) };
             let remembered = || found.ids.iter().zip(found.values.as_chunks::<PIXELS>().0);
             for (id, evidence) in remembered() {
                 for pixel in 0..PIXELS {
-                    best.evidence[pixel] += if seen[pixel] == *id { evidence[pixel] } else { 0.0 };
+                    best.evidence[pixel] += if predicted[pixel] == *id { evidence[pixel] } else { 0.0 };
                 }
             }
             for (id, evidence) in remembered() {
-                best.offer(*id, evidence);
+                best.update(*id, evidence);
             }
             *fused = best.ids;
         })
     }
 
-    fn grow(&mut self, added: &[NewGaussian], _: &Recall<'_>, seen: &SegmentMap) {
+    fn second_opinion(&self, recall: &Recall<'_>) -> SegmentMap {
+        let expected = &recall.belief.segments;
+        recall.map_tiles(|tile, found, second| {
+            let expected = cut(tile, expected);
+            let mut best = ArgMax { ids: [0; PIXELS], evidence: [0.0; PIXELS] };
+            for (id, evidence) in found.ids.iter().zip(found.values.as_chunks::<PIXELS>().0).filter(|(id, _)| **id != 0)
+            {
+                let mut others = *evidence;
+                for (evidence, expected) in others.iter_mut().zip(&expected) {
+                    *evidence = if expected == id { 0.0 } else { *evidence };
+                }
+                best.update(*id, &others);
+            }
+            for ((second, id), evidence) in second.iter_mut().zip(best.ids).zip(best.evidence) {
+                *second = if evidence > 0.0 { id } else { 0 };
+            }
+        })
+    }
+
+    fn grow(
+        &mut self,
+        added: &[NewGaussian],
+        _: &Recall<'_>,
+        predicted: &SegmentMap,
+        contradicted: &BTreeSet<SegmentId>,
+    ) {
         let mut changes = CensusChanges::default();
         for gaussian in added {
-            let votes = match seen.pixels()[gaussian.pixel] {
-                0 => Votes::one(0, self.settings.no_segment_weight),
-                ABSTAIN => Votes::default(),
-                id => Votes::one(id, 1.0),
-            };
-            changes.add(&votes, self.settings.min_evidence);
+            let id = predicted.pixels()[gaussian.pixel];
+            let votes = Votes::one(id, self.settings.vote_weight(id, contradicted));
+            changes.add(&votes);
             self.votes.push(votes);
         }
         self.census.apply(changes);
     }
 
-    fn learn(&mut self, recall: &mut Recall<'_>, _: &dyn Splats, seen: &SegmentMap) -> LearningExtent {
+    fn learn(
+        &mut self,
+        recall: &Recall<'_>,
+        _: &dyn Splats,
+        predicted: &SegmentMap,
+        contradicted: &BTreeSet<SegmentId>,
+    ) -> LearningExtent {
         let (weights, depth) = (recall.view.weights(), recall.frame.depth());
-        let frame = FrameVotes::count(weights, seen, depth, self.settings.depth_tolerance, self.votes.len());
-        let (active_gaussians, changes) = frame.apply(&mut self.votes, &self.settings);
+        let frame = FrameVotes::count(weights, predicted, depth, &self.settings, self.votes.len());
+        let (active_gaussians, changes) = frame.apply(&mut self.votes, contradicted, &self.settings);
         self.census.apply(changes);
-        LearningExtent { active_pixels: seen.pixels().len(), active_gaussians }
-    }
-
-    fn favour(&mut self, gaussians: &[u32], id: SegmentId) {
-        let mut changes = CensusChanges::default();
-        for gaussian in gaussians {
-            let votes = &mut self.votes[*gaussian as usize];
-            let before = *votes;
-            votes.add(id, 2.0 * self.settings.max_votes);
-            votes.cap(self.settings.max_votes);
-            changes.replace(&before, votes, self.settings.min_evidence);
-        }
-        self.census.apply(changes);
+        LearningExtent { active_pixels: predicted.pixels().len(), active_gaussians }
     }
 
     fn retain(&mut self, keep: &[bool]) {
         let mut changes = CensusChanges::default();
         for (votes, _) in self.votes.iter().zip(keep).filter(|(_, keep)| !**keep) {
-            changes.remove(votes, self.settings.min_evidence);
+            changes.remove(votes);
         }
         self.census.apply(changes);
         retain(&mut self.votes, keep);
@@ -223,11 +246,11 @@ impl SegmentStore for EvidenceStore {
     }
 
     fn segment_ids(&self) -> Vec<SegmentId> {
-        self.votes.iter().map(|votes| votes.winner(self.settings.min_evidence)).collect()
+        self.votes.iter().map(|votes| votes.winner()).collect()
     }
 
     fn segment_shares(&self) -> Option<Vec<f32>> {
-        let share = |votes: &Votes| votes.share(votes.winner(self.settings.min_evidence));
+        let share = |votes: &Votes| votes.share(votes.winner());
         Some(self.votes.iter().map(share).collect())
     }
 

@@ -2,10 +2,10 @@
 
 use splatseg_geometry::SegmentId;
 
-/// Votes below this say nothing any more and make room.
+/// Votes below this are dropped to make room.
 const NEGLIGIBLE: f32 = 0.02;
 
-/// Up to four segments and the votes for each.
+/// Votes of one Gaussian: up to four segments and the votes for each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Votes {
     ids: [SegmentId; Self::SLOTS],
@@ -14,7 +14,7 @@ pub struct Votes {
 }
 
 impl Votes {
-    /// Segments that a Gaussian can have votes for.
+    /// Maximum number of segments that a Gaussian has votes for.
     pub const SLOTS: usize = 4;
 
     /// Votes for one segment.
@@ -24,23 +24,24 @@ impl Votes {
         one
     }
 
-    /// Votes slot by slot: the segment and how many. An empty slot has 0 votes for whatever segment.
+    /// Creates votes from slots: segment and votes. An empty slot has 0 votes, and its segment is ignored.
     pub fn from_slots(slots: [(SegmentId, f32); Self::SLOTS]) -> Self {
         Self { ids: slots.map(|(id, _)| id), votes: slots.map(|(_, votes)| votes) }
     }
 
-    /// The slots, as [`Votes::from_slots`] takes them.
+    /// Returns the slots in the form of [`Votes::from_slots`].
     pub fn slots(&self) -> [(SegmentId, f32); Self::SLOTS] {
         std::array::from_fn(|slot| (self.ids[slot], self.votes[slot]))
     }
 
-    /// The segments with votes, and how many.
+    /// Iterates over the segments with votes and their votes.
     #[inline(always)]
     pub fn iter(&self) -> impl Iterator<Item = (SegmentId, f32)> + '_ {
         self.ids.iter().copied().zip(self.votes).filter(|(_, votes)| *votes > 0.0)
     }
 
-    /// Adds votes for a segment. If all slots are taken by others it takes the place of the weakest, if it is stronger.
+    /// Adds votes for a segment. If all slots belong to other segments, it replaces the weakest one if it has more
+    /// votes.
     pub fn add(&mut self, id: SegmentId, votes: f32) {
         let known = (0..Self::SLOTS).find(|slot| self.votes[*slot] > 0.0 && self.ids[*slot] == id);
         if let Some(slot) = known {
@@ -70,20 +71,20 @@ impl Votes {
         }
     }
 
-    /// Whether the same slots have votes for the same segments.
+    /// True if the same slots have votes for the same segments.
     pub(super) fn has_same_ids(&self, other: &Self) -> bool {
         self.slots().into_iter().zip(other.slots()).all(|((id, votes), (other_id, other_votes))| {
             (votes > 0.0) == (other_votes > 0.0) && (id == other_id || votes <= 0.0)
         })
     }
 
-    /// The segment with the most votes, the smallest id of equal ones; 0 if it has no more than `min`.
-    pub fn winner(&self, min: f32) -> SegmentId {
+    /// Returns the segment with the most votes, the smallest id of equals; 0 without votes.
+    pub fn winner(&self) -> SegmentId {
         let best = self.iter().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
-        best.filter(|(_, votes)| *votes > min).map_or(0, |(id, _)| id)
+        best.map_or(0, |(id, _)| id)
     }
 
-    /// The share, 0 to 1, that a segment has of all votes; 0 if there are none.
+    /// Returns the share, 0 to 1, of all votes that are for a segment; 0 without votes.
     pub fn share(&self, id: SegmentId) -> f32 {
         let (own, all) = self
             .iter()
@@ -110,11 +111,11 @@ mod tests {
         (0..9).for_each(|_| votes.add(7, 1.0));
         votes.cap(4.0);
         votes.add(3, 1.0);
-        assert_eq!(votes.winner(0.3), 7);
+        assert_eq!(votes.winner(), 7);
     }
 
     #[test]
-    fn capped_votes_change_their_mind() {
+    fn new_votes_outweigh_capped_ones() {
         let mut votes = Votes::one(7, 1.0);
         for _ in 0..1000 {
             votes.add(7, 1.0);
@@ -123,7 +124,7 @@ mod tests {
         let frames = (1..=5).find(|_| {
             votes.add(3, 1.0);
             votes.cap(4.0);
-            votes.winner(0.3) == 3
+            votes.winner() == 3
         });
         assert!(frames.is_some(), "{votes:?}");
     }
@@ -138,7 +139,7 @@ mod tests {
         assert_eq!(votes.iter().map(|(id, _)| id).collect::<Vec<_>>(), [1, 2, 3, 4]);
         votes.add(5, 1.0);
         assert_eq!(votes.iter().map(|(id, _)| id).collect::<Vec<_>>(), [1, 2, 3, 5]);
-        assert_eq!(votes.winner(0.3), 5);
-        assert_eq!(Votes::one(1, 0.2).winner(0.3), 0);
+        assert_eq!(votes.winner(), 5);
+        assert_eq!((Votes::one(1, 0.2).winner(), Votes::default().winner()), (1, 0));
     }
 }

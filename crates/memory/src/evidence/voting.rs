@@ -1,14 +1,15 @@
-//! The votes that one frame gives.
+//! The votes from one frame.
 
 use super::Votes;
 use super::census::CensusChanges;
+use crate::MemorySettings;
 use crate::recall::cut;
-use crate::{ABSTAIN, MemorySettings};
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, SegmentId, SegmentMap};
 use splatseg_render::{BlendWeights, TileWeights};
+use std::collections::BTreeSet;
 
-/// Labels that one Gaussian can get votes for in a frame: those with the most weight.
+/// Maximum number of labels for which a Gaussian gets votes in a frame.
 const LABELS: usize = Votes::SLOTS;
 
 /// Gaussians updated by one task.
@@ -16,66 +17,72 @@ const CHUNK: usize = 4096;
 
 /// Blend weights of one Gaussian by the label of the pixel, in one tile or in the image.
 #[derive(Clone, Copy, Debug, Default)]
-struct Labelled {
+struct LabelWeights {
     gaussian: u32,
-    /// Sum over all pixels, whatever their label.
+    /// Sum over the pixels of all labels.
     total: f32,
     ids: [SegmentId; LABELS],
     weights: [f32; LABELS],
 }
 
-/// What every Gaussian in view was seen as in a frame.
+/// Labels with which every Gaussian in view was seen in a frame.
 pub(super) struct FrameVotes {
-    /// Tile by tile: a Gaussian has an entry in each tile that it touches.
-    by_tile: Vec<Vec<Labelled>>,
+    /// Entries by tile. A Gaussian has an entry in each tile that it touches.
+    by_tile: Vec<Vec<LabelWeights>>,
     gaussian_count: usize,
 }
 
 impl FrameVotes {
-    /// Counts for each Gaussian the labels of the pixels that see it: Σ over the pixels of label ℓ of `W[p, i]`.
+    /// Sums the blend weights of each Gaussian by label: Σ of `W[p, i]` over the pixels of label ℓ.
     ///
-    /// A Gaussian is seen at a pixel only if it lies within `tolerance` of the depth observed there, or nothing is
-    /// observed there. Behind a surface, some light comes through, but the label is not that of what lies there; and the
-    /// edge of a Gaussian in front reaches over pixels that show what lies behind it.
+    /// A Gaussian is seen at a pixel only if it lies within the tolerance of the depth observed there, or no depth is
+    /// observed there. Some light reaches Gaussians behind the surface, but the label is not theirs; and the edge of a
+    /// Gaussian in front extends over pixels that show the surface behind it.
     pub fn count(
         weights: &BlendWeights,
         labels: &SegmentMap,
         depth: &CowImage<'_, f32>,
-        tolerance: f32,
+        settings: &MemorySettings,
         gaussian_count: usize,
     ) -> Self {
-        let by_tile = weights.tiles().par_iter().map(|tile| count_tile(tile, labels, depth, tolerance)).collect();
+        let by_tile = weights.tiles().par_iter().map(|tile| count_tile(tile, labels, depth, settings)).collect();
         Self { by_tile, gaussian_count }
     }
 
-    /// Gives every Gaussian its votes: a label's share of what is seen of the Gaussian, or the weight itself where less
-    /// than a pixel is. Returns how many Gaussians had votes, and what that changes for ids.
-    pub fn apply(&self, votes: &mut [Votes], settings: &MemorySettings) -> (usize, CensusChanges) {
+    /// Adds the frame's votes to every Gaussian: each label's share of the Gaussian's total weight, or the weight
+    /// itself if the total is less than one pixel. Returns the number of Gaussians that got votes, and the changes in
+    /// how Gaussians hold ids.
+    pub fn apply(
+        &self,
+        votes: &mut [Votes],
+        contradicted: &BTreeSet<SegmentId>,
+        settings: &MemorySettings,
+    ) -> (usize, CensusChanges) {
         let chunks = self.gaussian_count.div_ceil(CHUNK);
-        let mut by_chunk: Vec<Vec<&Labelled>> = vec![Vec::new(); chunks];
-        for labelled in self.by_tile.iter().flatten() {
-            by_chunk[labelled.gaussian as usize / CHUNK].push(labelled);
+        let mut by_chunk: Vec<Vec<&LabelWeights>> = vec![Vec::new(); chunks];
+        for label_weights in self.by_tile.iter().flatten() {
+            by_chunk[label_weights.gaussian as usize / CHUNK].push(label_weights);
         }
         let applied: Vec<(usize, CensusChanges)> = votes
             .par_chunks_mut(CHUNK)
             .zip(by_chunk)
             .enumerate()
-            .map(|(chunk, (votes, entries))| apply_chunk(votes, &entries, chunk * CHUNK, settings))
+            .map(|(chunk, (votes, entries))| apply_chunk(votes, &entries, chunk * CHUNK, contradicted, settings))
             .collect();
         let (mut count, mut changes) = (0, CensusChanges::default());
-        for (of_chunk, changes_of_chunk) in applied {
-            count += of_chunk;
-            changes.merge(changes_of_chunk);
+        for (chunk_count, chunk_changes) in applied {
+            count += chunk_count;
+            changes.merge(chunk_changes);
         }
         (count, changes)
     }
 }
 
-impl Labelled {
+impl LabelWeights {
     #[inline(always)]
     fn add(&mut self, id: SegmentId, weight: f32) {
         self.total += weight;
-        if weight == 0.0 || id == ABSTAIN {
+        if weight == 0.0 {
             return;
         }
         for slot in 0..LABELS {
@@ -85,11 +92,16 @@ impl Labelled {
                 return;
             }
         }
-        // A fifth label is rare and has little weight: it counts in the total alone.
+        // A fifth label is rare and has little weight: it counts only in the total.
     }
 }
 
-fn count_tile(tile: &TileWeights, labels: &SegmentMap, depth: &CowImage<'_, f32>, tolerance: f32) -> Vec<Labelled> {
+fn count_tile(
+    tile: &TileWeights,
+    labels: &SegmentMap,
+    depth: &CowImage<'_, f32>,
+    settings: &MemorySettings,
+) -> Vec<LabelWeights> {
     let labels = cut(tile, labels);
     let observed = cut(tile, depth);
     let measured = observed.iter().copied().filter(|observed| *observed > 0.0);
@@ -98,44 +110,46 @@ fn count_tile(tile: &TileWeights, labels: &SegmentMap, depth: &CowImage<'_, f32>
         .iter()
         .enumerate()
         .map(|(column, gaussian)| {
-            let mut labelled = Labelled { gaussian: *gaussian, ..Labelled::default() };
+            let mut label_weights = LabelWeights { gaussian: *gaussian, ..LabelWeights::default() };
             // Runs of one label are added before they are looked up.
             let (mut current, mut sum) = (0, 0.0);
             let depth = tile.depths()[column];
-            // Most tiles show one surface: then no pixel needs to be looked at.
-            let is_near_all = depth <= nearest + tolerance && depth >= farthest - tolerance;
+            // Most tiles show one surface: then pixels need no test of their own.
+            let is_near_all =
+                depth <= nearest + settings.tolerance_at(nearest) && depth >= farthest - settings.tolerance_at(nearest);
             for (pixel, weight) in tile.column(column) {
                 let observed = observed[usize::from(pixel)];
-                if !is_near_all && observed > 0.0 && (depth - observed).abs() > tolerance {
+                if !is_near_all && observed > 0.0 && (depth - observed).abs() > settings.tolerance_at(observed) {
                     continue;
                 }
                 let label = labels[usize::from(pixel)];
                 if label != current {
-                    labelled.add(current, sum);
+                    label_weights.add(current, sum);
                     (current, sum) = (label, 0.0);
                 }
                 sum += weight;
             }
-            labelled.add(current, sum);
-            labelled
+            label_weights.add(current, sum);
+            label_weights
         })
         .collect()
 }
 
-/// Adds up the tiles' entries of the Gaussians from `first` on, in the order of tiles, and gives the votes.
+/// Sums the tiles' entries for the Gaussians from `first` on, in tile order, and adds their votes.
 fn apply_chunk(
     votes: &mut [Votes],
-    entries: &[&Labelled],
+    entries: &[&LabelWeights],
     first: usize,
+    contradicted: &BTreeSet<SegmentId>,
     settings: &MemorySettings,
 ) -> (usize, CensusChanges) {
     let mut changes = CensusChanges::default();
     if entries.is_empty() {
         return (0, changes);
     }
-    let mut seen = vec![Labelled::default(); votes.len()];
+    let mut summed = vec![LabelWeights::default(); votes.len()];
     for entry in entries {
-        let sums = &mut seen[entry.gaussian as usize - first];
+        let sums = &mut summed[entry.gaussian as usize - first];
         let mut unlabelled = entry.total;
         for slot in 0..LABELS {
             sums.add(entry.ids[slot], entry.weights[slot]);
@@ -144,17 +158,16 @@ fn apply_chunk(
         sums.total += unlabelled;
     }
     let mut count = 0;
-    for (votes, seen) in votes.iter_mut().zip(&seen).filter(|(_, seen)| seen.total > 0.0) {
+    for (votes, summed) in votes.iter_mut().zip(&summed).filter(|(_, summed)| summed.total > 0.0) {
         let before = *votes;
         for slot in 0..LABELS {
-            let share = seen.weights[slot] / seen.total.max(1.0);
-            let share = if seen.ids[slot] == 0 { share * settings.no_segment_weight } else { share };
+            let share = summed.weights[slot] / summed.total.max(1.0);
             if share > 0.0 {
-                votes.add(seen.ids[slot], share);
+                votes.add(summed.ids[slot], share * settings.vote_weight(summed.ids[slot], contradicted));
             }
         }
         votes.cap(settings.max_votes);
-        changes.replace(&before, votes, settings.min_evidence);
+        changes.replace(&before, votes);
         count += 1;
     }
     (count, changes)

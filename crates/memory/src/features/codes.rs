@@ -1,11 +1,11 @@
-//! The code of every segment, and the codes to come.
+//! Codes of the segments, including codes prepared for later segments.
 
 use super::codebook::CodebookCache;
 use super::extension::Extension;
 use crate::{Codebook, MemoryError, MemorySettings};
 use splatseg_geometry::SegmentId;
 
-/// The next codes are made in the background once this fraction of those there are is used.
+/// Further codes are generated in the background once this fraction of the codes is used.
 const EXTEND_AT_FRACTION: f32 = 0.75;
 
 /// The codebook of a memory of features, which grows as segments are added.
@@ -14,20 +14,20 @@ pub struct SegmentCodes {
     codebook: Codebook,
     /// Number of codes assigned to segments, from the first on.
     used: usize,
-    /// Codes that are added at a time.
+    /// Number of codes added at a time.
     block: usize,
     cache: CodebookCache,
-    /// The next codes, once they will be needed soon.
+    /// The next codes, if they are needed soon.
     extension: Option<Extension>,
 }
 
 impl SegmentCodes {
-    /// Those of a codebook whose first `used` codes belong to segments.
+    /// Creates the codes from a codebook whose first `used` codes belong to segments.
     pub(crate) fn new(settings: &MemorySettings, codebook: Codebook, used: usize, cache: CodebookCache) -> Self {
         Self { codebook, used, block: settings.num_codes, cache, extension: None }
     }
 
-    /// As [`Self::new`]; further codes are taken from the user's cache if they are there.
+    /// As [`Self::new`], with the user's cache for further codes.
     pub(crate) fn of_user(settings: &MemorySettings, codebook: Codebook, used: usize) -> Self {
         Self::new(settings, codebook, used, CodebookCache::of_user())
     }
@@ -37,12 +37,12 @@ impl SegmentCodes {
         &self.codebook
     }
 
-    /// Number of codes assigned to segments, from the first on; the others cannot occur.
+    /// Number of codes assigned to segments, from the first on. The others cannot occur.
     pub fn used(&self) -> usize {
         self.used
     }
 
-    /// Prepares for a segment id that was never used before.
+    /// Prepares a code for a segment id, adding a block of codes if there are too few.
     ///
     /// # Errors
     /// If there is no room for more codes.
@@ -59,7 +59,7 @@ impl SegmentCodes {
         Ok(())
     }
 
-    /// Adds a block of codes. It waits for them only if they are not there yet.
+    /// Adds a block of codes, waiting for the background thread if necessary.
     fn extend(&mut self) -> Result<(), MemoryError> {
         let additional = self.block;
         tracing::info!("all {} codes are used: adding {additional}", self.codebook.len());

@@ -1,20 +1,19 @@
-//! From rendered features to expected segments (docs/METHOD.md, "Features").
+//! Decoding of rendered features to expected segments (docs/PAPER.md, "Features").
 
 use crate::Codebook;
-use crate::recall::TileSurface;
-use crate::segment_store::StoreTile;
+use crate::recall::{StoreTile, TileSurface};
 use splatseg_render::TileWeights;
 
 /// Decodes features to segments.
 pub(crate) struct Decoder<'a> {
     pub codebook: &'a Codebook,
-    /// Codes assigned to segments so far; the others cannot occur.
+    /// Number of codes assigned to segments. The others cannot occur.
     pub used_codes: usize,
     pub threshold: f32,
 }
 
 impl Decoder<'_> {
-    /// Decodes a tile's rendered features, `[16, 16, D]`, which are kept for learning.
+    /// Decodes a tile's rendered features, `[16, 16, D]`, and keeps them for learning.
     pub fn read_tile(&self, surface: &TileSurface, rendered: Vec<f32>) -> StoreTile {
         let (mut segments, mut confidence) = (vec![0; TileWeights::PIXELS], vec![0.0; TileWeights::PIXELS]);
         // Neighbours mostly show the same segment, so the last one found is tried first.
@@ -32,7 +31,7 @@ impl Decoder<'_> {
     }
 }
 
-/// ‖F‖. A one-dimensional feature is an id, not a direction: its confidence is 1 or 0.
+/// Returns ‖F‖. A one-dimensional feature is an id without a direction: its confidence is 1 or 0.
 fn magnitude(feature: &[f32], decoded: bool) -> f32 {
     match feature {
         [_] => f32::from(u8::from(decoded)),

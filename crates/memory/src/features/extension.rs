@@ -1,22 +1,22 @@
-//! Codes made before they are needed, on a thread of their own.
+//! Generation of codes on a background thread before they are needed.
 
 use super::codebook::CodebookCache;
 use super::{Codebook, CodebookError};
 use std::thread::JoinHandle;
 
-/// A codebook that is being extended. The result is that of [`Codebook::extend`], whenever it is asked for: how far the
-/// thread has come decides how long that takes and nothing else.
+/// A codebook that is being extended. The result equals that of [`Codebook::extend`]. The progress of the thread
+/// affects only how long [`Self::finish`] takes.
 #[derive(Debug)]
 pub(super) struct Extension {
     thread: JoinHandle<Result<Codebook, CodebookError>>,
 }
 
 impl Extension {
-    /// Starts to add a block of codes, with as many threads as work on the frames: these are slower meanwhile, but the
-    /// codes are there sooner. `None` if the system has no thread left.
+    /// Starts to add a block of codes, with as many threads as process frames: frames are slower meanwhile, but the
+    /// codes are ready sooner. Returns `None` if no thread can be started.
     pub fn start(codebook: &Codebook, additional: usize, cache: &CodebookCache) -> Option<Self> {
         let (mut codebook, cache) = (codebook.clone(), cache.clone());
-        // A pool of its own: a thread of the frames' pool could pick up all of this work while it waits for another.
+        // A separate pool: a thread of the frames' pool could pick up all of this work while it waits for another task.
         let pool = rayon::ThreadPoolBuilder::new().num_threads(rayon::current_num_threads()).build().ok()?;
         let extend = move || {
             let extended = pool.install(|| codebook.extend_cached(additional, &cache, &mut |_| {}));
@@ -26,12 +26,12 @@ impl Extension {
         Some(Self { thread })
     }
 
-    /// The extended codebook, for which it waits; `None` if the thread panicked.
+    /// Waits for the extended codebook; `None` if the thread panicked.
     pub fn finish(self) -> Option<Result<Codebook, CodebookError>> {
         self.thread.join().ok()
     }
 
-    /// Whether it need not be waited for.
+    /// True if the thread has finished.
     #[cfg(test)]
     pub fn is_finished(&self) -> bool {
         self.thread.is_finished()

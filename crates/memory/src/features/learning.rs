@@ -1,14 +1,15 @@
-//! Gradient descent on the features of the Gaussians in view (docs/METHOD.md, "Features").
+//! Gradient descent on the features of the Gaussians in view (docs/PAPER.md, "Features").
 //!
 //! `F = W f` carries the gradient of the [loss](super::loss) to the features: `∂L/∂f = Wᵀ ∂L/∂F`. Each Gaussian's step
-//! is divided by the curvature that the loss has there, along its feature and across it: `W` times the curvature of the
+//! is divided by the curvature of the loss, separately along and across its feature: `W` times the curvature of the
 //! pixels, summed over its column. Without the sum, steps diverge when the camera comes close and one Gaussian covers
-//! many pixels. Without the two directions, an id does not turn: magnitudes weigh 50 times as much as directions, and a
-//! step that is safe for them turns a feature by half a degree. Where segments meet, directions and magnitudes depend on
-//! each other, and momentum (Nesterov's) gets through. All this leaves the minimum of the loss where it is.
+//! many pixels. Without the separation, an id does not turn: magnitudes weigh 50 times as much as directions, and a
+//! step that is safe for magnitudes turns a feature by half a degree. Where segments meet, directions and magnitudes
+//! depend on each other, and Nesterov momentum helps. None of this changes the minimum of the loss.
 
 use super::loss::{Loss, padded};
 use crate::recall::Recall;
+use crate::segment_store::LearningExtent;
 use crate::{Codebook, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
 use splatseg_geometry::Image;
@@ -16,30 +17,21 @@ use splatseg_kernels::AlignedVec;
 use splatseg_kernels::inner_products::dot;
 use splatseg_render::{ActiveWeights, PixelSet, TileWeights};
 
-/// The least curvature across a feature, as a fraction of that along it.
+/// Minimum curvature across a feature, as a fraction of the curvature along it.
 const MIN_CURVATURE_ACROSS: f32 = 1e-3;
 
 /// One optimisation of a frame's features.
 pub(crate) struct Learning<'a> {
     pub settings: &'a MemorySettings,
     pub codebook: &'a Codebook,
-    /// What the memory rendered before it grew.
+    /// The view rendered before the map grew.
     pub recall: &'a Recall<'a>,
-    /// What the features should render.
+    /// Target for the rendered features.
     pub target: &'a SegmentBelief,
 }
 
-/// The size of a frame's optimisation.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LearningExtent {
-    /// Pixels in the loss.
-    pub active_pixels: usize,
-    /// Gaussians whose features could change.
-    pub active_gaussians: usize,
-}
-
 impl Learning<'_> {
-    /// Takes the settings' number of steps on `features` `[gaussians, D]` over the weights `active`, made for
+    /// Performs `num_steps` descent steps on `features` `[gaussians, D]`. `active` contains the weights of
     /// [`Self::active_pixels`].
     pub fn descend(&self, active: &ActiveWeights, features: &mut [f32]) -> LearningExtent {
         let feature_dim = self.codebook.feature_dim();
@@ -65,8 +57,9 @@ impl Learning<'_> {
         }
     }
 
-    /// Adds the parts of every Gaussian's gradient and moves its feature against it, to `moved`; `features`, where the
-    /// next gradient is taken, go further by `momentum` times the way since the last step (Nesterov).
+    /// Sums the parts of every Gaussian's gradient and moves its feature against it. `moved` contains the result.
+    /// `features`, where the next gradient is taken, go further by `momentum` times the change since the last step
+    /// (Nesterov).
     fn step(&self, active: &ActiveWeights, partial: &[f32], momentum: f32, features: &mut [f32], moved: &mut [f32]) {
         let feature_dim = self.codebook.feature_dim();
         let row = padded(feature_dim);
@@ -92,8 +85,9 @@ impl Learning<'_> {
         });
     }
 
-    /// Moves one feature against its gradient, which is followed by the curvature across it less `direction_weight` for
-    /// each pixel. Pixels that are not learnt resist with theirs, as if they had full confidence.
+    /// Moves one feature against its gradient. `gradient` contains the gradient, then the curvature across the feature
+    /// minus `direction_weight` for each pixel. `weight_sum` adds `direction_weight` for all pixels: pixels that are
+    /// not learnt resist as if they had full confidence.
     fn step_one(&self, weight_sum: f32, gradient: &[f32], feature: &mut [f32]) {
         let feature_dim = self.codebook.feature_dim();
         let step_over = |curvature: f32, rate: f32| if curvature > 0.0 { rate / curvature } else { 0.0 };
@@ -103,7 +97,7 @@ impl Learning<'_> {
         let square = dot(&feature[..feature_dim], &feature[..feature_dim]);
         let (across, projection) = match curvature.first() {
             Some(curvature) if square > 1e-12 => {
-                // Where no pixel has a direction to learn, the gradient across is rounding error, and so is its curvature.
+                // If no pixel has a direction to learn, the gradient across and its curvature are rounding errors.
                 let curvature = curvature + self.settings.direction_weight * weight_sum;
                 let curvature = curvature.max(MIN_CURVATURE_ACROSS * curvature_along);
                 let across = step_over(curvature, self.settings.direction_learning_rate);
@@ -117,9 +111,9 @@ impl Learning<'_> {
         }
     }
 
-    /// Per tile, the pixels to be learnt: those that differ from the target and their surroundings, where the memory
-    /// covers them, except where this frame's new Gaussians prevail (`touched`). The new ones render the target already;
-    /// what remains is left to the next frame.
+    /// Returns the pixels to be learnt per tile: pixels that differ from the target and their surroundings, where the
+    /// memory covers them, except where this frame's new Gaussians prevail (`touched`). The new Gaussians already
+    /// render the target; the rest is left to the next frame.
     pub fn active_pixels(&self, touched: &[PixelSet]) -> Vec<PixelSet> {
         let (width, height) = self.target.segments.size();
         let columns = width.div_ceil(TileWeights::SIDE);
@@ -152,8 +146,8 @@ impl Learning<'_> {
         chosen
     }
 
-    /// Whether the memory covers a pixel, if need be with its new Gaussians. Where it covers too little, pulling the pixel
-    /// to the target would only inflate the features around it.
+    /// True if the memory covers a pixel, including by new Gaussians with `learn_new`. Where it covers too little,
+    /// pulling the pixel towards the target would only inflate the features around it.
     fn covered(&self, at: (usize, usize)) -> bool {
         self.settings.learn_new || self.recall.silhouette[at] >= self.settings.growth_silhouette
     }
@@ -176,7 +170,7 @@ impl Learning<'_> {
         differs
     }
 
-    /// Whether the rendered feature of a pixel decodes to another segment than the target's, or differs in confidence or
+    /// True if the rendered feature of a pixel decodes to another segment than the target, or differs in confidence or
     /// direction by more than the settings allow.
     fn differs(&self, at: (usize, usize), feature: &[f32]) -> bool {
         let (segment, magnitude) = (self.target.segments[at], self.target.confidence[at]);
@@ -198,7 +192,7 @@ impl Learning<'_> {
     }
 }
 
-/// Writes what stands behind a feature, see [`padded`].
+/// Writes the two numbers after a feature; see [`padded`].
 fn complete(feature: &mut [f32], feature_dim: usize) {
     if feature_dim > 1 {
         feature[feature_dim] = dot(&feature[..feature_dim], &feature[..feature_dim]);
@@ -226,7 +220,7 @@ fn feature_gradient(loss: &Loss<'_>, active: &ActiveWeights, features: &[f32], p
     );
 }
 
-/// The pixels within `margin` (in rows and columns) of one of the `seed`.
+/// Returns the pixels within `margin` rows and columns of a pixel in `seed`.
 fn dilated(seed: &Image<bool>, margin: usize) -> Image<bool> {
     let (width, height) = seed.size();
     let mut in_row = Image::filled(width, height, false);

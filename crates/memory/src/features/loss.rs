@@ -1,15 +1,15 @@
-//! The loss (docs/METHOD.md, "Features"), and its gradient with respect to the rendered features.
+//! The loss (docs/PAPER.md, "Features"), and its gradient with respect to the rendered features.
 //!
 //! The loss over pixels p with rendered feature F and target F̂ (codebook vector ĉ times confidence m) is
-//! `L = Σ_p λ_mag (m − ‖F‖)² + λ_dir (1 − cos(F̂, F))`: sums over pixels where the paper has means, which differ by
-//! the constant 1 / (H·W) only, and that is part of the step size. Its gradient with respect to F is
+//! `L = Σ_p λ_mag (m − ‖F‖)² + λ_dir (1 − cos(F̂, F))`. It sums over pixels where the paper averages. The factor
+//! 1 / (H·W) between them is constant and part of the step size. The gradient with respect to F is
 //!
 //! `−2 λ_mag (m − ‖F‖) F/‖F‖ − λ_dir (ĉ − (ĉ·F/‖F‖) F/‖F‖) / ‖F‖`
 //!
-//! Its curvature is `2 λ_mag` along F and `λ_dir / ‖F‖²` across. Across a *Gaussian's* feature it is more than that
-//! where the Gaussians of a pixel disagree: turning one of them then changes ‖F‖. The share of F that they cancel,
-//! `κ = 1 − ‖F‖² / (Σ w · Σ w ‖f‖²)`, is 0 where they agree; `4 λ_mag κ` is above what two groups of Gaussians can come
-//! to, and half of that is enough for the steps of [`super::learning`], which divides by these.
+//! The curvature is `2 λ_mag` along F and `λ_dir / ‖F‖²` across. Across a *Gaussian's* feature it is larger where the
+//! Gaussians of a pixel disagree: turning one of them then changes ‖F‖. The share of F that cancels,
+//! `κ = 1 − ‖F‖² / (Σ w · Σ w ‖f‖²)`, is 0 where they agree. `4 λ_mag κ` bounds the extra curvature of two groups of
+//! Gaussians; half of that suffices for the steps of [`super::learning`], which divide by the curvature.
 
 use crate::{Codebook, MemorySettings, SegmentBelief};
 use splatseg_geometry::SegmentId;
@@ -17,15 +17,15 @@ use splatseg_kernels::inner_products::dot;
 use splatseg_kernels::{AlignedVec, Instructions, Vectorize};
 use splatseg_render::{ActiveTile, TileWeights};
 
-/// Magnitudes below this have no direction.
+/// Features shorter than this have no direction.
 pub(super) const TINY: f32 = 1e-6;
 
-/// Features are padded to a multiple of this.
+/// Features are padded to a multiple of this length.
 const LANES: usize = 8;
 
-/// Length of a feature in working memory, where rows fill whole vector registers and cache lines. Behind the feature
-/// are two more numbers: ‖f‖² and 1, whose weighted sums tell where Gaussians disagree; in gradients the first is the
-/// curvature. The rest stays 0. An integer id has no direction and nothing behind it.
+/// Returns the length of a feature in working memory, where rows fill whole vector registers and cache lines. Two more
+/// numbers follow the feature: ‖f‖² and 1, whose weighted sums show where Gaussians disagree. In gradients, the first
+/// is the curvature. The rest stays 0. An integer id has no direction and no padding.
 pub(crate) fn padded(feature_dim: usize) -> usize {
     match feature_dim {
         1 => 1,
@@ -53,13 +53,13 @@ impl<'a> Loss<'a> {
         Self { settings, target, feature_dim: codebook.feature_dim(), row, codes }
     }
 
-    /// Padded length of a feature, see [`padded`].
+    /// Padded length of a feature; see [`padded`].
     pub fn row(&self) -> usize {
         self.row
     }
 
-    /// Replaces the rendered features of a tile's chosen pixels, `[16, 16, row]`, by the loss's gradient with respect
-    /// to them, followed by the curvature across, less `direction_weight`.
+    /// Replaces the rendered features of a tile's chosen pixels, `[16, 16, row]`, by the gradient of the loss with
+    /// respect to them, followed by the curvature across minus `direction_weight`.
     pub fn differentiate(&self, tile: &ActiveTile, pixels: &mut [f32]) {
         let gradient = TileGradient { loss: self, tile, pixels };
         match self.row {
@@ -70,11 +70,11 @@ impl<'a> Loss<'a> {
         }
     }
 
-    /// Replaces one rendered feature by the gradient and the curvature, see [`Self::differentiate`].
+    /// Replaces one rendered feature by the gradient and the curvature; see [`Self::differentiate`].
     #[inline(always)]
     fn pixel_gradient(&self, segment: SegmentId, magnitude: f32, feature: &mut [f32]) {
         if let [value] = feature {
-            // The integer-id ablation has no directions: the feature is pulled to the id itself.
+            // Integer ids (an ablation) have no direction: the feature is pulled towards the id itself.
             let id = if segment == 0 { 0.0 } else { self.codes[segment as usize - 1] };
             *value = -2.0 * self.settings.magnitude_weight * (id - *value);
             return;
@@ -91,7 +91,7 @@ impl<'a> Loss<'a> {
         } else {
             let code = &self.codes[(segment as usize - 1) * self.row..][..feature.len()];
             if norm <= TINY {
-                // Without a direction of its own the feature takes the target's.
+                // A feature without a direction takes the target's.
                 feature.iter_mut().zip(code).for_each(|(value, code)| *value = radial * code);
             } else {
                 let cosine = dot(feature, code) / norm;
@@ -115,7 +115,7 @@ struct TileGradient<'a> {
 }
 
 impl TileGradient<'_> {
-    /// Visits the chosen pixels. `sized` can tell the compiler the length of a feature.
+    /// Differentiates the chosen pixels. `sized` can give features a length known at compile time.
     #[inline(always)]
     fn differentiate_chosen(self, sized: impl Fn(&mut [f32]) -> &mut [f32]) {
         let (left, top) = self.tile.weights.origin();
@@ -129,7 +129,7 @@ impl TileGradient<'_> {
     }
 }
 
-/// The gradient of features whose length `C` the compiler knows.
+/// The gradient of features with a length `C` known at compile time.
 struct Fixed<'a, const C: usize>(TileGradient<'a>);
 
 impl<const C: usize> Vectorize for Fixed<'_, C> {
@@ -157,7 +157,7 @@ mod tests {
         Codebook::generate(&settings, &mut |_| {}).unwrap()
     }
 
-    /// The loss of one pixel as docs/METHOD.md states it, in f64.
+    /// The loss of one pixel as defined in docs/PAPER.md, in f64.
     fn loss(settings: &MemorySettings, code: Option<&[f32]>, magnitude: f64, feature: &[f64]) -> f64 {
         let norm = feature.iter().map(|value| value * value).sum::<f64>().sqrt();
         let direction = code.map_or(0.0, |code| {
@@ -167,7 +167,7 @@ mod tests {
             + f64::from(settings.direction_weight) * direction
     }
 
-    /// The gradient of a pixel that one Gaussian fills, and what stands behind it.
+    /// The gradient of a pixel filled by one Gaussian, and the two numbers after it.
     fn gradient(
         settings: &MemorySettings,
         codebook: &Codebook,
@@ -190,7 +190,7 @@ mod tests {
         alone.iter_mut().for_each(|value| *value *= 0.5);
         let alone: [f32; FEATURE_DIM] = alone.try_into().unwrap();
         let found = gradient(&settings, &codebook, &target, (1, 0.5), alone)[FEATURE_DIM];
-        assert!((found - (4.0 - 1.0)).abs() < 1e-3, "1 / 0.5², less direction_weight: {found}");
+        assert!((found - (4.0 - 1.0)).abs() < 1e-3, "1 / 0.5² minus direction_weight: {found}");
         // Two Gaussians of weight one half, at right angles: half of their squares is lost.
         let mut mixed = [0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0];
         Loss::new(&settings, &codebook, &target).pixel_gradient(0, 0.0, &mut mixed);

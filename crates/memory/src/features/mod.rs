@@ -1,5 +1,5 @@
-//! The paper's memory: every Gaussian carries a feature vector whose direction is the segment's id and whose magnitude
-//! the confidence (docs/METHOD.md, "Features").
+//! The paper's memory: every Gaussian has a feature vector whose direction encodes the segment's id and whose magnitude
+//! is the confidence (docs/PAPER.md, "Features").
 //!
 //! - **Expected**: the rendered feature's best code ([`Decoder`], "Decoding").
 //! - **Shown**: the decoded target F̂ ([`target`], "FastSAM-Splat", steps 4 and 5).
@@ -14,13 +14,12 @@ mod loss;
 
 pub use codebook::{Codebook, CodebookError, CodebookSettings};
 pub use codes::SegmentCodes;
-pub use learning::LearningExtent;
 
 use crate::map::NewGaussian;
 use crate::ply::SplatContentView;
-use crate::recall::{Recall, TileSurface};
-use crate::segment_store::{SegmentStore, StoreTile};
-use crate::{ABSTAIN, MemoryError, MemorySettings, SegmentBelief};
+use crate::recall::{Recall, StoreTile, TileSurface};
+use crate::segment_store::{LearningExtent, SegmentStore};
+use crate::{MemoryError, MemorySettings, SegmentBelief};
 use codebook::CodebookCache;
 use decoding::Decoder;
 use learning::Learning;
@@ -28,11 +27,11 @@ use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_render::{Splats, TileWeights, View};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A Gaussian that a frame added prevails where it has at least this alpha in front of what was there: the view made
-/// before no longer holds.
+/// A Gaussian added in this frame prevails where it has at least this alpha in front of the earlier surface: there, the
+/// view rendered before is out of date.
 const NEW_GAUSSIAN_PREVAILS: f32 = 0.5;
 
-/// Features per Gaussian, and the code of every segment.
+/// Features of the Gaussians and codes of the segments.
 #[derive(Debug)]
 pub(crate) struct FeatureStore {
     pub settings: MemorySettings,
@@ -42,8 +41,8 @@ pub(crate) struct FeatureStore {
 }
 
 impl FeatureStore {
-    /// A store for a map without Gaussians. Making the codebook takes up to a few seconds, unless an earlier run left it
-    /// in the user's cache; `progress` receives the fraction done.
+    /// Creates a store for a map without Gaussians. Generating the codebook takes up to a few seconds, unless it is in
+    /// the user's cache; `progress` receives the fraction done.
     pub fn new(settings: MemorySettings, seed: u64, progress: &mut dyn FnMut(f32)) -> Result<Self, MemoryError> {
         let codebook_settings =
             CodebookSettings { num_codes: settings.num_codes, feature_dim: settings.feature_dim, seed };
@@ -53,7 +52,7 @@ impl FeatureStore {
         Ok(Self { settings, codes, features: Vec::new() })
     }
 
-    /// The store of an earlier run.
+    /// Restores the store of an earlier run.
     pub fn restored(settings: MemorySettings, codes: SegmentCodes, features: Vec<f32>) -> Self {
         Self { settings, codes, features }
     }
@@ -64,45 +63,44 @@ impl FeatureStore {
     }
 }
 
-/// The target F̂ for rendered features. Predictions have full confidence. Remembered segments without a prediction
-/// (unmatched ones) keep their id and lose `confidence_decay` of the confidence that the memory showed, not below zero;
-/// those that predictions cover by more than `max_covered_fraction` fall below `decode_threshold` at once. `fade_matched`
-/// and `fade_undecoded` set what happens at two other kinds of pixels without a prediction.
-pub fn target(expected: &SegmentBelief, seen: &SegmentMap, settings: &MemorySettings) -> SegmentBelief {
-    let matched = if settings.fade_matched { BTreeMap::new() } else { seen.areas() };
-    let hidden = covered_segments(&expected.segments, seen, settings.max_covered_fraction);
+/// Returns the target F̂ for rendered features. Predictions have full confidence. Unmatched remembered segments
+/// (without a prediction) keep their id, and their confidence falls by `confidence_decay`, not below zero. If
+/// predictions cover more than `max_covered_fraction` of such a segment, it falls below `decode_threshold` at once.
+/// `fade_matched` and `fade_undecoded` control two other kinds of pixels without a prediction.
+pub fn target(expected: &SegmentBelief, predicted: &SegmentMap, settings: &MemorySettings) -> SegmentBelief {
+    let matched = if settings.fade_matched { BTreeMap::new() } else { predicted.areas() };
+    let hidden = covered_segments(&expected.segments, predicted, settings.max_covered_fraction);
     let decay = settings.confidence_decay;
     let mut target = expected.clone();
     let pixels = target.segments.pixels_mut().iter_mut().zip(target.confidence.pixels_mut());
-    for ((segment, confidence), seen) in pixels.zip(seen.pixels()) {
-        match (*seen, *segment) {
-            (ABSTAIN, _) => {}
+    for ((segment, confidence), predicted) in pixels.zip(predicted.pixels()) {
+        match (*predicted, *segment) {
             (0, 0) if !settings.fade_undecoded => *confidence = 0.0,
             (0, id) if matched.contains_key(&id) => (*segment, *confidence) = (0, 0.0),
             (0, id) if hidden.contains(&id) => {
                 *confidence = (confidence.min(settings.decode_threshold) - decay).max(0.0);
             }
             (0, _) => *confidence = (*confidence - decay).max(0.0),
-            _ => (*segment, *confidence) = (*seen, 1.0),
+            _ => (*segment, *confidence) = (*predicted, 1.0),
         }
     }
     target
 }
 
-/// The expected segments without a prediction of their own of which predictions cover more than `limit`, a fraction.
-fn covered_segments(expected: &SegmentMap, seen: &SegmentMap, limit: f64) -> BTreeSet<SegmentId> {
+/// Returns the unmatched expected segments that predictions cover by more than the fraction `limit`.
+fn covered_segments(expected: &SegmentMap, predicted: &SegmentMap, limit: f64) -> BTreeSet<SegmentId> {
     if limit >= 1.0 {
         return BTreeSet::new();
     }
     let mut areas: BTreeMap<SegmentId, (usize, usize)> = BTreeMap::new();
-    for (id, seen) in expected.pixels().iter().zip(seen.pixels()).filter(|(id, _)| **id != 0) {
+    for (id, predicted) in expected.pixels().iter().zip(predicted.pixels()).filter(|(id, _)| **id != 0) {
         let (all, covered) = areas.entry(*id).or_default();
         *all += 1;
-        *covered += usize::from(*seen != 0);
+        *covered += usize::from(*predicted != 0);
     }
-    let predicted = seen.areas();
+    let predicted_areas = predicted.areas();
     let is_hidden = |(all, covered): (usize, usize)| covered as f64 > limit * all as f64;
-    let unmatched = areas.into_iter().filter(|(id, _)| !predicted.contains_key(id));
+    let unmatched = areas.into_iter().filter(|(id, _)| !predicted_areas.contains_key(id));
     unmatched.filter(|(_, areas)| is_hidden(*areas)).map(|(id, _)| id).collect()
 }
 
@@ -113,13 +111,13 @@ impl SegmentStore for FeatureStore {
         self.decoder().read_tile(surface, rendered)
     }
 
-    fn fuse(&self, recall: &Recall<'_>, seen: &SegmentMap) -> SegmentMap {
-        target(&recall.belief, seen, &self.settings).decoded(self.settings.decode_threshold)
+    fn fuse(&self, recall: &Recall<'_>, predicted: &SegmentMap) -> SegmentMap {
+        target(&recall.belief, predicted, &self.settings).decoded(self.settings.decode_threshold)
     }
 
-    fn grow(&mut self, added: &[NewGaussian], recall: &Recall<'_>, seen: &SegmentMap) {
+    fn grow(&mut self, added: &[NewGaussian], recall: &Recall<'_>, predicted: &SegmentMap, _: &BTreeSet<SegmentId>) {
         let feature_dim = self.settings.feature_dim;
-        let target = target(&recall.belief, seen, &self.settings);
+        let target = target(&recall.belief, predicted, &self.settings);
         for gaussian in added {
             match target.segments.pixels()[gaussian.pixel] {
                 0 => self.features.resize(self.features.len() + feature_dim, 0.0),
@@ -132,8 +130,14 @@ impl SegmentStore for FeatureStore {
         }
     }
 
-    fn learn(&mut self, recall: &mut Recall<'_>, map: &dyn Splats, seen: &SegmentMap) -> LearningExtent {
-        let target = target(&recall.belief, seen, &self.settings);
+    fn learn(
+        &mut self,
+        recall: &Recall<'_>,
+        map: &dyn Splats,
+        predicted: &SegmentMap,
+        _: &BTreeSet<SegmentId>,
+    ) -> LearningExtent {
+        let target = target(&recall.belief, predicted, &self.settings);
         let learning = Learning { settings: &self.settings, codebook: self.codes.codebook(), recall, target: &target };
         let min_weight = self.settings.learning_min_weight;
         let active = if self.settings.learn_new {
@@ -191,8 +195,8 @@ mod tests {
             segments: SegmentMap::from_pixels(5, 1, vec![3, 3, 4, 4, 0]).unwrap(),
             confidence: Image::from_pixels(5, 1, vec![0.9, 0.9, 0.55, 0.05, 0.3]).unwrap(),
         };
-        let seen = SegmentMap::from_pixels(5, 1, vec![3, 7, 0, 0, 0]).unwrap();
-        let target = |settings: &MemorySettings| target(&expected, &seen, settings);
+        let predicted = SegmentMap::from_pixels(5, 1, vec![3, 7, 0, 0, 0]).unwrap();
+        let target = |settings: &MemorySettings| target(&expected, &predicted, settings);
         let ours = target(&MemorySettings::default());
         assert_eq!(ours.segments.pixels(), [3, 7, 4, 4, 0]);
         assert_near(ours.confidence.pixels(), &[1.0, 1.0, 0.45, 0.0, 0.0]);
@@ -200,19 +204,19 @@ mod tests {
     }
 
     #[test]
-    fn what_no_prediction_covers_fades_or_goes_as_the_settings_say() {
+    fn pixels_without_a_prediction_fade_or_are_dropped_by_the_settings() {
         let expected = SegmentBelief {
             segments: SegmentMap::from_pixels(4, 1, vec![3, 3, 4, 0]).unwrap(),
             confidence: Image::from_pixels(4, 1, vec![0.9, 0.9, 0.9, 0.3]).unwrap(),
         };
-        // 3 is matched, but its second pixel is left out; 4 is not matched.
-        let seen = SegmentMap::from_pixels(4, 1, vec![3, 0, 0, 0]).unwrap();
+        // 3 is matched except for its second pixel; 4 is not matched.
+        let predicted = SegmentMap::from_pixels(4, 1, vec![3, 0, 0, 0]).unwrap();
         let paper =
             MemorySettings::default().with(|memory| (memory.fade_matched, memory.fade_undecoded) = (false, true));
-        let found = target(&expected, &seen, &paper);
+        let found = target(&expected, &predicted, &paper);
         assert_eq!(found.segments.pixels(), [3, 0, 4, 0]);
         assert_near(found.confidence.pixels(), &[1.0, 0.0, 0.8, 0.2]);
-        let found = target(&expected, &seen, &MemorySettings::default());
+        let found = target(&expected, &predicted, &MemorySettings::default());
         assert_eq!(found.segments.pixels(), [3, 3, 4, 0]);
         assert_near(found.confidence.pixels(), &[1.0, 0.8, 0.8, 0.0]);
     }
@@ -224,14 +228,14 @@ mod tests {
             confidence: Image::filled(8, 1, 0.9),
         };
         // 7 covers half of 3 and 4 is untouched; 5 is matched, and 7 covers a part of it.
-        let seen = SegmentMap::from_pixels(8, 1, vec![7, 7, 0, 0, 0, 0, 7, 5]).unwrap();
+        let predicted = SegmentMap::from_pixels(8, 1, vec![7, 7, 0, 0, 0, 0, 7, 5]).unwrap();
         let settings = MemorySettings::default().with(|memory| memory.max_covered_fraction = 0.4);
-        let found = target(&expected, &seen, &settings);
+        let found = target(&expected, &predicted, &settings);
         assert_eq!(found.segments.pixels(), [7, 7, 3, 3, 4, 4, 7, 5], "directions stay");
         assert_near(found.confidence.pixels(), &[1.0, 1.0, 0.4, 0.4, 0.8, 0.8, 1.0, 1.0]);
         assert_eq!(found.decoded(0.5).pixels(), [7, 7, 0, 0, 4, 4, 7, 5]);
         let settings = MemorySettings::default().with(|memory| memory.max_covered_fraction = 0.5);
-        assert_eq!(target(&expected, &seen, &settings).decoded(0.5).pixels(), [7, 7, 3, 3, 4, 4, 7, 5]);
+        assert_eq!(target(&expected, &predicted, &settings).decoded(0.5).pixels(), [7, 7, 3, 3, 4, 4, 7, 5]);
     }
 
     fn assert_near(found: &[f32], expected: &[f32]) {

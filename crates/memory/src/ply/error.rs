@@ -1,38 +1,30 @@
-//! What can be wrong with a splat file.
+//! Errors reading and writing splat files.
 
 use crate::CodebookError;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// A splat file that cannot be read or written.
+/// An error reading or writing a splat file.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum SplatFileError {
-    /// The file system refused.
+    /// The file system returned an error.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What was being done.
+        /// The failed operation.
         action: &'static str,
-        /// Why it failed.
+        /// The error of the file system.
         source: std::io::Error,
     },
-    /// The memory is of a kind that has no file format.
+    /// The kind of memory has no file format.
     #[error("{}: a memory of this kind cannot be saved", path.display())]
     NoFormat {
-        /// The file that was asked for.
+        /// The requested file.
         path: PathBuf,
     },
-    /// What is to be saved cannot be read off the device that holds it.
-    #[error("{}: {source}", path.display())]
-    Device {
-        /// The file that was asked for.
-        path: PathBuf,
-        /// What the device reports.
-        source: Box<crate::MemoryError>,
-    },
-    /// The file does not begin like a PLY.
+    /// The file does not begin like a PLY file.
     #[error("{}: not a PLY file: the first line is {found:?}, expected \"ply\"", path.display())]
     NotPly {
         /// The file.
@@ -40,7 +32,7 @@ pub enum SplatFileError {
         /// Its first line, or the beginning of it.
         found: String,
     },
-    /// ASCII, big-endian, or a format of the future.
+    /// The format is not binary little-endian 1.0.
     #[error("{}: the format is {found:?}, expected \"binary_little_endian 1.0\"", path.display())]
     Format {
         /// The file.
@@ -48,49 +40,49 @@ pub enum SplatFileError {
         /// The format line's value.
         found: String,
     },
-    /// A PLY of another program, or one that another program has saved again.
+    /// The PLY file was written by another program, or saved again by one.
     #[error(
         "{}: a PLY file, but not a splatseg memory: its header has no \"comment splatseg memory\" (editors drop it, \
-         and what stands behind the vertices)",
+         and the data after the vertices)",
         path.display()
     )]
     NotAMemory {
         /// The file.
         path: PathBuf,
     },
-    /// A version of the format that this program does not know.
+    /// The version of the format is unknown.
     #[error("{}: version {found:?} of the splatseg memory format, expected {expected}", path.display())]
     Version {
         /// The file.
         path: PathBuf,
         /// The version in the file.
         found: String,
-        /// The version that can be read.
+        /// The supported version.
         expected: u32,
     },
-    /// A header line that is not as the format has it.
+    /// A header line violates the format.
     #[error("{}: in the header, found {found:?}, expected {expected}", path.display())]
     Header {
         /// The file.
         path: PathBuf,
         /// The line, or the beginning of it.
         found: String,
-        /// What should stand there.
+        /// Description of the expected line.
         expected: String,
     },
-    /// A file shorter or longer than its header says.
+    /// The file is shorter or longer than its header says.
     #[error("{}: {found} bytes long, expected {expected} for {content}: cut off or damaged", path.display())]
     Length {
         /// The file.
         path: PathBuf,
-        /// What the length was computed for.
+        /// Content that the expected length was computed for.
         content: String,
-        /// Bytes in the file.
+        /// Length of the file in bytes.
         found: u64,
-        /// Bytes there should be; `u64::MAX` for numbers that no file can hold.
+        /// Expected length in bytes; `u64::MAX` for lengths that no file can have.
         expected: u64,
     },
-    /// A field of the block behind the vertices that is not as the format has it.
+    /// A field of the block after the vertices is invalid.
     #[error("{}: {field} is {found}, expected {expected}", path.display())]
     Trailer {
         /// The file.
@@ -99,34 +91,34 @@ pub enum SplatFileError {
         field: &'static str,
         /// Its value.
         found: String,
-        /// What it should be.
+        /// Description of valid values.
         expected: String,
     },
-    /// Some byte changed after the file was written.
+    /// A byte changed after the file was written.
     #[error("{}: damaged: the checksum is {found:#010x}, expected {expected:#010x}", path.display())]
     Checksum {
         /// The file.
         path: PathBuf,
-        /// Checksum of the bytes in the file.
+        /// Checksum computed from the bytes of the file.
         found: u32,
-        /// Checksum stated at its end.
+        /// Checksum stored at its end.
         expected: u32,
     },
-    /// A value that no Gaussian can have.
+    /// A value of a Gaussian is invalid.
     #[error("{}: {property} of Gaussian {gaussian} is {found}, expected {expected}", path.display())]
     Value {
         /// The file.
         path: PathBuf,
         /// Index of the Gaussian.
         gaussian: usize,
-        /// The property, as the file names it.
+        /// Name of the property in the file.
         property: String,
         /// Its value.
         found: String,
-        /// What it should be.
+        /// Description of valid values.
         expected: String,
     },
-    /// Arrays to be saved that do not fit together.
+    /// Arrays to be saved contradict each other in length.
     #[error("{}: not saved: {field} has {found} entries, expected {expected}", path.display())]
     Inconsistent {
         /// The file.
@@ -135,31 +127,31 @@ pub enum SplatFileError {
         field: &'static str,
         /// Its length.
         found: usize,
-        /// The length it should have.
+        /// Expected length.
         expected: usize,
     },
-    /// More segments than there can be ids, or than codes.
+    /// There are more segments than possible ids or than codes.
     #[error("{}: {found} segments, expected at most {max}", path.display())]
     Segments {
         /// The file.
         path: PathBuf,
-        /// Segments there are.
+        /// Number of segments.
         found: u64,
-        /// Segments there can be.
+        /// Maximum number of segments.
         max: u64,
     },
-    /// The codebook in the file is none.
+    /// The codebook in the file is invalid.
     #[error("{}: {source}", path.display())]
     Codebook {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The error of the codebook.
         source: CodebookError,
     },
 }
 
 impl SplatFileError {
-    /// For `map_err`: an error of the file system at `path`.
+    /// Returns a function for `map_err` that converts a file-system error at `path`.
     pub fn io(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         move |source| Self::Io { path: path.to_owned(), action, source }
     }

@@ -1,17 +1,15 @@
-//! Gaussians of a saved memory as PLY files that hold nothing but what other programs show.
+//! Export of a memory's Gaussians to PLY files with only the data that other programs show.
 
 use super::header::origin_comment;
 use super::record::{LOGIT_OF_1, harmonic};
 use super::{SplatContentView, SplatFile};
 use crate::SplatMemory;
-use crate::backend::MapContent;
 use crate::map::SplatMap;
-use crate::splat_memory::or_none;
 use glam::{DVec3, Vec3};
 use splatseg_geometry::SegmentId;
 use std::io::{Result, Write};
 
-/// A Gaussian of a saved memory, and the segment that it shows.
+/// A Gaussian to be exported, and the segment that it shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExportedGaussian {
     /// Centre, metres, relative to the origin of its memory.
@@ -20,17 +18,18 @@ pub struct ExportedGaussian {
     pub radius: f32,
     /// sRGB.
     pub color: [u8; 3],
-    /// The segment that it shows by itself, 0 for none.
+    /// Segment that the Gaussian shows by itself, 0 for none.
     pub segment_id: SegmentId,
-    /// How sure that is, from 0 to 1. In a memory of evidence the share of its votes that are for the segment, where
-    /// less than one vote in all counts as one; in a memory of features the length of its feature, at most 1.
+    /// Confidence of the segment, 0 to 1. In a memory of evidence: the segment's votes divided by all votes of the
+    /// Gaussian, or by 1 if there is less than one vote. In a memory of features: the length of the feature, at most 1.
     pub confidence: f32,
 }
 
-/// What is written of each Gaussian.
+/// Properties written for each Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExportedForm {
-    /// The properties of 3D Gaussian splatting in their usual order, spherical harmonics of degree 0, then `segment_id`.
+    /// The properties of 3D Gaussian splatting in their usual order, spherical harmonics of degree 0, then
+    /// `segment_id`.
     Gaussians,
     /// `x y z red green blue segment_id`: a point cloud.
     Points,
@@ -65,7 +64,8 @@ impl ExportedForm {
         }
     }
 
-    /// Whether positions are written as `double`: where `float` has too few digits, and readers of the form take it.
+    /// True if positions are written as `double`: far from the world's origin `float` has too few digits, and readers
+    /// of point clouds accept `double`.
     fn is_double(self, origin: DVec3) -> bool {
         self == Self::Points && origin != DVec3::ZERO
     }
@@ -92,16 +92,17 @@ impl ExportedForm {
 }
 
 impl SplatFile {
-    /// All Gaussians, in the order of the file.
+    /// Iterates over all Gaussians, in the order of the file.
     pub fn gaussians(&self) -> impl Iterator<Item = ExportedGaussian> + '_ {
         gaussians(&self.map, &self.segment_ids, self.content.view())
     }
 }
 
 impl SplatMemory {
-    /// All Gaussians as a saved memory would have them; `None` for a kind of memory that has no file format.
+    /// Returns all Gaussians with the values that [`Self::save`] would write; `None` for a kind of memory without a
+    /// file format.
     pub fn exported_gaussians(&self) -> Option<Vec<ExportedGaussian>> {
-        let MapContent { map, content } = or_none(self.backend.content())?;
+        let (map, content) = (&self.map, self.store.content());
         Some(gaussians(map, &self.segment_ids(), content?).collect())
     }
 }
@@ -144,8 +145,8 @@ impl SplatContentView<'_> {
 }
 
 /// Writes Gaussians as a binary little-endian PLY file. Their coordinates are relative to `origin` (world coordinates,
-/// metres); if that is not zero, points are written in world coordinates as `double`, and a comment states the origin of
-/// Gaussians.
+/// metres). If the origin is not zero, [`ExportedForm::Points`] are written in world coordinates as `double`, and
+/// [`ExportedForm::Gaussians`] with a comment that states the origin.
 ///
 /// # Errors
 /// If `output` cannot be written.

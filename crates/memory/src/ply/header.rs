@@ -1,4 +1,4 @@
-//! The text at the beginning of the file.
+//! The header: text at the beginning of the file.
 
 use super::VERSION;
 use super::error::SplatFileError;
@@ -10,24 +10,24 @@ use std::fmt::Write;
 use std::io::{BufRead, Read};
 use std::path::Path;
 
-/// Longer headers are none of ours: the largest feature has 2^16 dimensions.
+/// Maximum length of a header: the largest feature has 2^16 dimensions.
 const MAX_HEADER_BYTES: u64 = 1 << 22;
 /// Beginning of the comment that states the origin of the coordinates.
 const ORIGIN: &str = "comment origin ";
-/// How much of a strange line an error shows.
+/// Maximum number of characters of an invalid line in an error.
 const SHOWN_CHARS: usize = 100;
 
-/// What the header says.
+/// A parsed header.
 pub struct Header {
-    /// The text itself, as it was read.
+    /// The text as it was read.
     pub bytes: Vec<u8>,
-    /// What it announces.
+    /// Sizes of the content.
     pub sizes: Sizes,
-    /// Origin of the coordinates, world coordinates, metres.
+    /// Origin of the Gaussians' coordinates: world coordinates, metres.
     pub origin: DVec3,
 }
 
-/// The header of a file.
+/// Formats the header of a file.
 pub fn format(sizes: &Sizes, origin: DVec3) -> String {
     let (kind, segments) = (sizes.layout.kind().name(), sizes.segments);
     let mut text = String::from("ply\nformat binary_little_endian 1.0\n");
@@ -46,12 +46,12 @@ pub fn format(sizes: &Sizes, origin: DVec3) -> String {
     text
 }
 
-/// The line that states the origin of the coordinates; none for that of the world.
+/// Returns the line that states the origin of the coordinates; empty for the world's origin.
 pub fn origin_comment(origin: DVec3) -> String {
     if origin == DVec3::ZERO { String::new() } else { format!("{ORIGIN}{} {} {}\n", origin.x, origin.y, origin.z) }
 }
 
-/// The origin that a comment states.
+/// Reads the origin from its comment; zero without one.
 fn read_origin(lines: &[&str], path: &Path) -> Result<DVec3, SplatFileError> {
     let Some((line, numbers)) = lines.iter().find_map(|line| Some((line, line.strip_prefix(ORIGIN)?))) else {
         return Ok(DVec3::ZERO);
@@ -95,8 +95,8 @@ pub fn read(reader: &mut impl BufRead, path: &Path) -> Result<Header, SplatFileE
     Ok(Header { sizes, origin, bytes })
 }
 
-/// What our comment says behind "splatseg memory": kind of content, number of segments, and bytes of what is saved
-/// besides the Gaussians.
+/// Parses the rest of the comment "splatseg memory": kind of content, number of segments, and number of bytes of the
+/// short-term state.
 fn read_announcement(announced: &str, path: &Path) -> Result<(Layout, u64, u64), SplatFileError> {
     let words: Vec<&str> = announced.split(' ').collect();
     let (version, words) = words.split_first().unwrap_or((&"", &[]));
@@ -124,13 +124,13 @@ fn read_announcement(announced: &str, path: &Path) -> Result<(Layout, u64, u64),
     })
 }
 
-/// The bytes up to the line `end_header`, that included.
+/// Reads the bytes up to and including the line `end_header`.
 fn read_text(reader: &mut impl BufRead, path: &Path) -> Result<Vec<u8>, SplatFileError> {
     let mut reader = reader.take(MAX_HEADER_BYTES);
     let mut bytes = Vec::new();
     loop {
         let start = bytes.len();
-        // Other files may have no line ends: look at little of them.
+        // Other files may have no line ends: read only their first bytes.
         if start == 0 {
             (&mut reader).take(4).read_until(b'\n', &mut bytes).map_err(SplatFileError::io(path, "read"))?;
             if bytes != b"ply\n" {

@@ -1,21 +1,21 @@
-//! What a file consists of: its properties and its sizes.
+//! Layout of a file: its properties and sizes.
 
 use super::error::SplatFileError;
-use super::{SplatContentView, SplatFileView, trailer};
+use super::{SplatContentView, SplatFileView};
 use crate::{MAX_SEGMENT_ID, MemoryKind, Votes};
 use std::path::Path;
 
-/// The float properties that begin every vertex, in the order of the file.
+/// Float properties at the beginning of every vertex, in the order of the file.
 pub const FLOAT_PROPERTIES: [&str; 18] = [
     "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0",
     "rot_1", "rot_2", "rot_3", "radius",
 ];
-/// Properties of every vertex besides those: `last_seen`, `seen_through` and `segment_id`.
+/// Number of further properties of every vertex: `last_seen`, `seen_through` and `segment_id`.
 const OTHER_PROPERTIES: usize = 3;
-/// Every property has four bytes.
+/// Bytes of every property.
 const PROPERTY_BYTES: u64 = 4;
 
-/// The kind of content, and the sizes that only that kind has.
+/// The kind of content, and the sizes specific to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layout {
     /// Votes per Gaussian.
@@ -29,16 +29,16 @@ pub enum Layout {
     },
 }
 
-/// All that a file's length depends on, but for its header.
+/// The sizes that determine the length of a file after its header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sizes {
     /// Number of Gaussians.
     pub gaussians: u64,
-    /// Number of segment ids that are listed.
+    /// Number of segment ids in the file's list.
     pub segments: u64,
     /// Kind of content and its sizes.
     pub layout: Layout,
-    /// Bytes of what is saved besides the Gaussians.
+    /// Bytes of the short-term state.
     pub short_term: u64,
 }
 
@@ -51,7 +51,7 @@ impl Layout {
         }
     }
 
-    /// The vertex properties in the order of the file: type and name.
+    /// Returns the vertex properties in the order of the file: type and name.
     pub fn properties(self) -> impl Iterator<Item = (&'static str, String)> {
         let named = |(kind, name): (&'static str, &str)| (kind, name.to_owned());
         let floats = FLOAT_PROPERTIES.map(|name| ("float", name));
@@ -66,7 +66,7 @@ impl Layout {
         fixed.chain((0..slots).flat_map(votes)).chain(features).chain(std::iter::once(named(("int", "segment_id"))))
     }
 
-    /// Bytes of a vertex; `u64::MAX` for more than can be counted.
+    /// Bytes of a vertex; `u64::MAX` on overflow.
     pub fn record_bytes(self) -> u64 {
         let own = match self {
             Self::Evidence => 2 * Votes::SLOTS,
@@ -75,7 +75,7 @@ impl Layout {
         PROPERTY_BYTES.saturating_mul((FLOAT_PROPERTIES.len() + OTHER_PROPERTIES).saturating_add(own) as u64)
     }
 
-    /// The most segment ids there can be.
+    /// Maximum number of segment ids.
     pub fn max_segments(self) -> u64 {
         match self {
             Self::Evidence => u64::from(MAX_SEGMENT_ID),
@@ -85,7 +85,7 @@ impl Layout {
 }
 
 impl Sizes {
-    /// Those of a memory.
+    /// Returns the sizes of a memory.
     pub fn of(view: &SplatFileView<'_>) -> Self {
         let layout = match view.content {
             SplatContentView::Evidence { .. } => Layout::Evidence,
@@ -101,7 +101,7 @@ impl Sizes {
         }
     }
 
-    /// Refuses more segments than there can be.
+    /// Returns an error if there are more segments than possible.
     pub fn check_segments(&self, path: &Path) -> Result<(), SplatFileError> {
         let (found, max) = (self.segments, self.layout.max_segments());
         if found <= max {
@@ -110,13 +110,7 @@ impl Sizes {
         Err(SplatFileError::Segments { path: path.to_owned(), found, max })
     }
 
-    /// Length of a file with a header of `header_bytes`; `u64::MAX` for more than can be counted.
-    pub fn file_bytes(&self, header_bytes: usize) -> u64 {
-        let records = self.gaussians.saturating_mul(self.layout.record_bytes());
-        records.saturating_add(trailer::bytes(self)).saturating_add(header_bytes as u64)
-    }
-
-    /// What the sizes are of, for people.
+    /// Describes the content for error messages.
     pub fn description(&self) -> String {
         let Self { gaussians, segments, layout, short_term: _ } = self;
         match layout {

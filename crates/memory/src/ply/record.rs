@@ -1,4 +1,4 @@
-//! One Gaussian as the bytes of one PLY vertex, and back.
+//! Conversion between a Gaussian and the bytes of a PLY vertex.
 
 use super::error::SplatFileError;
 use super::layout::{FLOAT_PROPERTIES, Layout, Sizes};
@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// Y_00, the spherical harmonic of degree 0: 1 / (2 √π).
 const HARMONIC_0: f64 = 0.28209479177387814;
-/// Stands for opacity 1: its sigmoid is 1 in `f32`.
+/// Logit of opacity 1: its sigmoid is 1 in `f32`.
 pub const LOGIT_OF_1: f32 = 20.0;
 
 /// Appends the record of Gaussian `index`.
@@ -58,16 +58,16 @@ pub fn encode(view: &SplatFileView<'_>, index: usize, path: &Path, bytes: &mut V
 pub struct Records {
     /// The map, N entries.
     pub map: SplatMap,
-    /// `[N]`, or nothing in a file of features.
+    /// `[N]`; empty in a file of features.
     pub votes: Vec<Votes>,
-    /// Row-major `[N, D]`, or nothing in a file of votes.
+    /// Row-major `[N, D]`; empty in a file of votes.
     pub features: Vec<f32>,
     /// `[N]`.
     pub segment_ids: Vec<u32>,
 }
 
 impl Records {
-    /// No Gaussians, but room for those of a file. Its length must have been checked.
+    /// Creates empty records with room for the Gaussians of a file. The length of the file must have been checked.
     pub fn with_capacity(sizes: &Sizes) -> Self {
         let count = sizes.gaussians as usize;
         let (votes, features) = match sizes.layout {
@@ -89,7 +89,7 @@ impl Records {
 pub fn decode(record: &[u8], sizes: &Sizes, records: &mut Records, path: &Path) -> Result<(), SplatFileError> {
     let vertex = Vertex { path, index: records.map.len() };
     let (words, _) = record.as_chunks::<4>();
-    // A record has the length of its layout, so there is always an else that never happens.
+    // A record has the length of its layout, so these else branches are unreachable.
     let Some((floats, rest)) = words.split_first_chunk::<{ FLOAT_PROPERTIES.len() }>() else { return Ok(()) };
     let Some(([last_seen, seen_through], rest)) = rest.split_first_chunk() else { return Ok(()) };
     let Some((segment_id, content)) = rest.split_last() else { return Ok(()) };
@@ -130,7 +130,7 @@ fn decode_votes(words: &[[u8; 4]], vertex: &Vertex<'_>) -> Result<Votes, SplatFi
     Ok(Votes::from_slots(slots))
 }
 
-/// Refuses a frame number behind the last of the `frames` that the file says were taken in.
+/// Returns an error if a frame number exceeds the number of frames learnt.
 pub fn check_last_seen(last_seen: &[u32], frames: u32, path: &Path) -> Result<(), SplatFileError> {
     let mut numbers = last_seen.iter().enumerate();
     numbers.try_for_each(|(index, &frame)| Vertex { path, index }.at_most("last_seen", frame, frames))
@@ -154,7 +154,7 @@ pub fn check_ids(
     Ok(())
 }
 
-/// A Gaussian in a file, for what can be wrong with its values.
+/// A Gaussian in a file, for checking its values.
 struct Vertex<'a> {
     path: &'a Path,
     index: usize,
@@ -192,7 +192,7 @@ impl Vertex<'_> {
         self.check(value.is_finite() && value >= 0.0, property, value, "a finite value that is not negative")
     }
 
-    /// Requires 0 or one of the `ids`, which increase.
+    /// Requires 0 or one of the `ids`, which are sorted.
     fn known(&self, property: impl std::fmt::Display, id: SegmentId, ids: &[SegmentId]) -> Result<(), SplatFileError> {
         let is_known = id == 0 || ids.binary_search(&id).is_ok();
         self.check(is_known, property, id, format_args!("0 or one of the {} ids of the file", ids.len()))
@@ -203,12 +203,12 @@ impl Vertex<'_> {
     }
 }
 
-/// What 3D Gaussian splatting stores of a channel, sRGB.
+/// Returns the coefficient that 3D Gaussian splatting stores for a channel, sRGB.
 pub fn harmonic(channel: u8) -> f32 {
     ((f64::from(channel) / 255.0 - 0.5) / HARMONIC_0) as f32
 }
 
 fn color(harmonic: f32) -> u8 {
-    // Casts saturate: what a viewer would clamp is clamped.
+    // Casts saturate, so values are clamped as in viewers.
     ((f64::from(harmonic) * HARMONIC_0 + 0.5) * 255.0).round() as u8
 }

@@ -1,4 +1,4 @@
-//! The settings that a file fixes, read without the rest of it.
+//! Settings fixed by a saved memory, read without the rest of the file.
 
 use super::error::SplatFileError;
 use super::header::{self, Header};
@@ -6,11 +6,11 @@ use super::layout::Layout;
 use super::{reader, trailer};
 use crate::MemoryKind;
 
-use splatseg_input::open_file;
+use splatseg_files::open_file;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
-/// The settings that a saved memory fixes: a run that continues it has no choice of these.
+/// Settings fixed by a saved memory: a run that continues it must use the same values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct SavedMemorySettings {
@@ -26,17 +26,16 @@ pub struct SavedMemorySettings {
 pub struct SavedCodes {
     /// `memory.feature_dim`.
     pub feature_dim: usize,
-    /// `memory.num_codes`: the codes of a block.
+    /// `memory.num_codes`: number of codes in a block.
     pub num_codes: usize,
 }
 
 impl SavedMemorySettings {
-    /// Reads the header of a file that [`SplatFileView::save`](super::SplatFileView::save) wrote, and how many blocks
-    /// of codes it has.
+    /// Reads the header of a file written by [`SplatFileView::save`](super::SplatFileView::save), and the number of
+    /// blocks of codes.
     ///
     /// # Errors
-    /// [`SplatFileError`] if the file cannot be read, is another kind of PLY, or has another length than its header
-    /// says.
+    /// [`SplatFileError`] if the file cannot be read, is another kind of PLY, or differs in length from its header.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, SplatFileError> {
         let path = path.as_ref();
         let file = open_file(path).map_err(SplatFileError::io(path, "open"))?;
@@ -52,7 +51,7 @@ impl SavedMemorySettings {
                 let mut blocks = [0; 4];
                 let read = file.seek(SeekFrom::Start(place)).and_then(|_| file.read_exact(&mut blocks));
                 read.map_err(SplatFileError::io(path, "read"))?;
-                // A damaged number of blocks is found when the file is loaded.
+                // A damaged number of blocks is detected when the file is loaded.
                 let num_codes = codes / u64::from(u32::from_le_bytes(blocks)).max(1);
                 Some(SavedCodes { feature_dim, num_codes: num_codes as usize })
             }

@@ -1,30 +1,35 @@
-//! The block behind the vertices: what belongs to no Gaussian.
+//! The block after the vertices: data of the whole memory.
 
+use super::checked_stream::{Input, Output};
 use super::error::SplatFileError;
 use super::layout::{Layout, Sizes};
-use super::reader::Input;
-use super::writer::Output;
 use super::{SplatContentView, SplatFileView, VERSION};
 use crate::{Codebook, MemoryKind};
 use splatseg_geometry::SegmentId;
 use std::io::Write;
 use std::path::Path;
 
-/// Starts the block.
+/// First bytes of the block.
 const MAGIC: [u8; 8] = *b"SPLATSEG";
-/// Bytes of the fields that every kind has: mark, version, kind, segments, frames.
+/// Bytes of the fields common to all kinds: mark, version, kind, segments, frames.
 const HEAD_BYTES: u64 = 24;
 /// Bytes of the fields before the codes: feature_dim, codes, seed, blocks.
 const CODEBOOK_HEAD_BYTES: u64 = 24;
-/// Where in the block of a memory of features the number of blocks of codes stands.
+/// Offset of the number of blocks of codes in the block of a memory of features.
 pub const BLOCKS_OFFSET: u64 = HEAD_BYTES + CODEBOOK_HEAD_BYTES - 4;
 /// Bytes of id, sightings and carried per segment.
 const SEGMENT_BYTES: u64 = 9;
 /// Bytes of the checksum that ends the file.
 const CHECKSUM_BYTES: u64 = 4;
 
-/// Length of the block, checksum included; `u64::MAX` for more than can be counted.
-pub fn bytes(sizes: &Sizes) -> u64 {
+/// Length of a file with a header of `header_bytes`; `u64::MAX` on overflow.
+pub fn file_bytes(sizes: &Sizes, header_bytes: usize) -> u64 {
+    let records = sizes.gaussians.saturating_mul(sizes.layout.record_bytes());
+    records.saturating_add(bytes(sizes)).saturating_add(header_bytes as u64)
+}
+
+/// Length of the block, including the checksum; `u64::MAX` on overflow.
+fn bytes(sizes: &Sizes) -> u64 {
     let codebook = match sizes.layout {
         Layout::Evidence => 0,
         Layout::Features { feature_dim, codes } => {
@@ -55,7 +60,7 @@ pub fn write<W: Write>(view: &SplatFileView<'_>, sizes: &Sizes, output: &mut Out
     output.write(view.short_term)
 }
 
-/// The block as it stands in a file, still to be checked.
+/// The block as read from a file, before it is checked.
 pub struct Trailer {
     magic: [u8; 8],
     version: u32,
@@ -74,23 +79,23 @@ struct Codes {
     count: u64,
     seed: u64,
     blocks: u32,
-    /// As many as the header announces, whatever the block says.
+    /// Their number is taken from the header, not from the block.
     vectors: Vec<f32>,
 }
 
-/// What the block holds.
+/// The checked contents of the block.
 pub struct Contents {
-    /// Frames taken in.
+    /// Number of frames learnt.
     pub frames: u32,
     /// The codes, in a file of features.
     pub codebook: Option<Codebook>,
-    /// In increasing order.
+    /// The live ids, in increasing order.
     pub ids: Vec<SegmentId>,
-    /// Of each of the ids.
+    /// Number of sightings of each id.
     pub sightings: Vec<u32>,
-    /// Of each of the ids.
+    /// True for each id that was carried.
     pub carried: Vec<bool>,
-    /// What is saved besides the Gaussians.
+    /// State of the memory besides its Gaussians.
     pub short_term: Vec<u8>,
 }
 
@@ -128,13 +133,13 @@ impl Trailer {
         })
     }
 
-    /// What the block holds, if that is as the header has it.
+    /// Returns the contents if they are consistent with the header.
     pub fn checked(mut self, sizes: &Sizes, path: &Path) -> Result<Contents, SplatFileError> {
         let text = |magic: &[u8]| format!("{:?}", String::from_utf8_lossy(magic));
-        check_field("the mark behind the vertices", text(&self.magic), text(&MAGIC), path)?;
-        check_field("the version behind the vertices", self.version, VERSION, path)?;
-        check_field("the kind behind the vertices", self.kind, number_of(sizes.layout.kind()), path)?;
-        check_field("the number of segments behind the vertices", u64::from(self.segments), sizes.segments, path)?;
+        check_field("the mark after the vertices", text(&self.magic), text(&MAGIC), path)?;
+        check_field("the version after the vertices", self.version, VERSION, path)?;
+        check_field("the kind after the vertices", self.kind, number_of(sizes.layout.kind()), path)?;
+        check_field("the number of segments after the vertices", u64::from(self.segments), sizes.segments, path)?;
         let codebook = self.codes.take().map(|codes| codes.checked(sizes, path)).transpose()?;
         if let Some(&strange) = self.carried.iter().find(|&&carried| carried > 1) {
             return Err(field_error("carried", strange, "0 or 1", path));
@@ -159,7 +164,7 @@ impl Codes {
     }
 }
 
-/// Refuses ids that do not increase, or that no memory gives.
+/// Returns an error if ids do not increase or exceed the maximum.
 pub fn check_ids(ids: &[SegmentId], sizes: &Sizes, path: &Path) -> Result<(), SplatFileError> {
     let mut before = 0;
     for id in ids {

@@ -1,25 +1,24 @@
-//! Memories to files.
+//! Writing of memories to files.
 
+use super::checked_stream::Output;
 use super::error::SplatFileError;
 use super::layout::Sizes;
 use super::{CHUNK_BYTES, SplatContentView, SplatFileView, header, record, trailer};
-use crc32fast::Hasher;
-use splatseg_atomic_file::AtomicFile;
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use splatseg_files::AtomicFile;
+use std::path::Path;
 
-/// Writes under a temporary name and renames.
+/// Writes the file under a temporary name and renames it.
 pub fn save(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileError> {
     let sizes = Sizes::of(view);
     check_lengths(view, path)?;
     sizes.check_segments(path)?;
     trailer::check_ids(view.ids, &sizes, path)?;
-    let mut file = AtomicFile::create(path).map_err(SplatFileError::io(path, "create a file beside it"))?;
+    let mut file = AtomicFile::create(path).map_err(SplatFileError::io(path, "create a temporary file beside it"))?;
     write_file(view, &sizes, path, &mut file)?;
-    file.commit().map_err(SplatFileError::io(path, "put the finished file there"))
+    file.commit().map_err(SplatFileError::io(path, "rename the temporary file"))
 }
 
-/// Refuses arrays whose lengths contradict each other.
+/// Returns an error if the lengths of arrays contradict each other.
 fn check_lengths(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileError> {
     let count = view.map.len();
     let content = match view.content {
@@ -52,7 +51,7 @@ fn write_file(
     path: &Path,
     file: &mut AtomicFile,
 ) -> Result<(), SplatFileError> {
-    let mut output = Output { file: BufWriter::new(file), crc: Hasher::new(), path: path.to_owned() };
+    let mut output = Output::new(file, path);
     output.write(header::format(sizes, view.origin).as_bytes())?;
     let mut chunk = Vec::with_capacity(CHUNK_BYTES + sizes.layout.record_bytes() as usize);
     for index in 0..view.map.len() {
@@ -65,38 +64,4 @@ fn write_file(
     output.write(&chunk)?;
     trailer::write(view, sizes, &mut output)?;
     output.finish()
-}
-
-/// The file being written and the checksum of what is in it.
-pub struct Output<W: Write> {
-    file: BufWriter<W>,
-    crc: Hasher,
-    path: PathBuf,
-}
-
-impl<W: Write> Output<W> {
-    /// Appends bytes.
-    pub fn write(&mut self, bytes: &[u8]) -> Result<(), SplatFileError> {
-        self.crc.update(bytes);
-        self.file.write_all(bytes).map_err(SplatFileError::io(&self.path, "write"))
-    }
-
-    /// Appends numbers of four bytes.
-    pub fn write_words(&mut self, words: impl Iterator<Item = [u8; 4]>) -> Result<(), SplatFileError> {
-        let mut chunk = Vec::with_capacity(CHUNK_BYTES);
-        for word in words {
-            chunk.extend(word);
-            if chunk.len() >= CHUNK_BYTES {
-                self.write(&chunk)?;
-                chunk.clear();
-            }
-        }
-        self.write(&chunk)
-    }
-
-    fn finish(mut self) -> Result<(), SplatFileError> {
-        let checksum = self.crc.clone().finalize();
-        self.write(&checksum.to_le_bytes())?;
-        self.file.flush().map_err(SplatFileError::io(&self.path, "write"))
-    }
 }

@@ -1,19 +1,16 @@
-//! The last frames as they are saved with the memory.
+//! Saved form of the last frames.
 
 use super::sketch::{MAX_SIDE, Sketch, grid};
-use super::{MAX_CONTRADICTING, PreviousFrame, RecentFrames};
+use super::{CONFIRMING_FRAMES, PreviousFrame, RecentFrames};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{Intrinsics, LocalPose, Pose, SegmentId, SegmentMap};
-use splatseg_input::MemoryLimit;
+use splatseg_files::MemoryLimit;
+use splatseg_geometry::{Intrinsics, LocalPose, SegmentId, SegmentMap};
 
-/// [`RecentFrames`] as they are saved. Older files lack them.
+/// Saved form of [`RecentFrames`]. Older files lack it or have further fields.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub(crate) struct SavedRecentFrames {
     previous: Option<SavedPreviousFrame>,
     contradicting: Vec<SavedSketch>,
-    support: u8,
-    last_jump: Option<Pose>,
     #[serde(default)]
     far_frames: u8,
 }
@@ -39,7 +36,7 @@ struct SavedSketch {
 }
 
 impl RecentFrames {
-    /// What is saved.
+    /// Returns the saved form.
     pub fn saved(&self) -> SavedRecentFrames {
         let previous = self.previous.as_ref().map(|previous| SavedPreviousFrame {
             sketch: previous.sketch.saved(),
@@ -48,22 +45,21 @@ impl RecentFrames {
             is_linked: previous.is_linked,
         });
         let contradicting = self.contradicting.iter().map(Sketch::saved).collect();
-        let Self { support, last_jump, far_frames, .. } = *self;
-        SavedRecentFrames { previous, contradicting, support, last_jump, far_frames }
+        SavedRecentFrames { previous, contradicting, far_frames: self.far_frames }
     }
 
-    /// What was saved, of a memory whose largest id is `highest`.
+    /// Restores the frames of a memory whose largest id is `highest`.
     ///
     /// # Errors
-    /// If no memory can have it, or it would take more memory than the limit.
+    /// If the values are invalid, or the ids would take more memory than the limit.
     pub fn restored(saved: SavedRecentFrames, highest: SegmentId) -> Result<Self, String> {
-        let SavedRecentFrames { previous, contradicting, support, last_jump, far_frames } = saved;
-        if contradicting.len() > MAX_CONTRADICTING {
-            return Err(format!("{} contradicting frames, expected at most {MAX_CONTRADICTING}", contradicting.len()));
+        let SavedRecentFrames { previous, contradicting, far_frames } = saved;
+        if contradicting.len() > CONFIRMING_FRAMES {
+            return Err(format!("{} contradicting frames, expected at most {CONFIRMING_FRAMES}", contradicting.len()));
         }
         let previous = previous.map(|previous| previous.restored(highest)).transpose()?;
         let contradicting = contradicting.into_iter().map(SavedSketch::restored).collect::<Result<_, _>>()?;
-        Ok(Self { previous, contradicting, support, last_jump, far_frames })
+        Ok(Self { previous, contradicting, far_frames })
     }
 }
 
@@ -92,7 +88,7 @@ impl SavedSketch {
 impl SavedPreviousFrame {
     fn restored(self, highest: SegmentId) -> Result<PreviousFrame, String> {
         if let Some((id, _)) = self.ids.iter().find(|(id, _)| *id > highest) {
-            return Err(format!("the previous frame shows the segment {id}, but the largest id is {highest}"));
+            return Err(format!("the previous frame contains the segment {id}, but the largest id is {highest}"));
         }
         let sketch = self.sketch.restored()?;
         let Intrinsics { width, height, .. } = sketch.intrinsics;
@@ -130,13 +126,7 @@ mod tests {
             motion: LocalPose::IDENTITY,
             is_linked: true,
         };
-        SavedRecentFrames {
-            previous: Some(previous),
-            contradicting: vec![sketch; MAX_CONTRADICTING],
-            support: 2,
-            last_jump: Some(Pose::IDENTITY),
-            far_frames: 2,
-        }
+        SavedRecentFrames { previous: Some(previous), contradicting: vec![sketch; CONFIRMING_FRAMES], far_frames: 2 }
     }
 
     #[test]

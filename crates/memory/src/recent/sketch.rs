@@ -1,22 +1,22 @@
-//! One frame, reduced to a grid of samples.
+//! A frame reduced to a grid of samples.
 
 use crate::MemorySettings;
 use glam::Vec2;
 use splatseg_geometry::{Intrinsics, LocalPose, RgbdFrame};
 
-/// Samples per row and column, at most.
+/// Maximum number of samples per row and column.
 pub(super) const MAX_SIDE: usize = 80;
 
-/// Frames can be compared if they share at least this fraction of the samples.
+/// Frames can be compared if they share more than this fraction of the samples.
 const MIN_SHARED: f32 = 0.1;
 
-/// Colours are the same up to this difference in each channel.
+/// Maximum difference of equal colours in each channel.
 const MAX_COLOR_DIFFERENCE: u8 = 24;
 
 /// Depth and colour of a frame on a regular grid.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Sketch {
-    /// Of the whole frame.
+    /// Intrinsics of the whole frame.
     pub intrinsics: Intrinsics,
     pub map_from_camera: LocalPose,
     /// z-depth in metres, 0 where missing, at every `stride`-th pixel of every `stride`-th row.
@@ -25,19 +25,19 @@ pub(super) struct Sketch {
     pub color: Vec<[u8; 3]>,
 }
 
-/// Distance of the samples, pixels.
+/// Spacing of the samples, pixels.
 pub(super) fn stride(intrinsics: &Intrinsics) -> usize {
     intrinsics.width.max(intrinsics.height).div_ceil(MAX_SIDE).max(1)
 }
 
-/// Number of samples in a row, and of rows.
+/// Number of samples in a row, and number of rows.
 pub(super) fn grid(intrinsics: &Intrinsics) -> (usize, usize) {
     let stride = stride(intrinsics);
     (intrinsics.width.div_ceil(stride), intrinsics.height.div_ceil(stride))
 }
 
 impl Sketch {
-    /// The sketch of a frame that was taken at a pose in the coordinates of the map.
+    /// Creates the sketch of a frame taken at a pose in map coordinates.
     pub fn new(frame: &RgbdFrame<'_>, map_from_camera: &LocalPose) -> Self {
         let intrinsics = *frame.intrinsics();
         let stride = stride(&intrinsics);
@@ -53,13 +53,13 @@ impl Sketch {
         }
     }
 
-    /// The share of the samples in view that have the same depth and colour in `frame`, if its camera is at `pose`.
-    /// `None` if too few are in view.
+    /// Returns the share of the samples in view with the same depth and colour in `frame`, assuming its camera is at
+    /// `pose`; `None` if too few are in view.
     pub fn agreement(&self, frame: &RgbdFrame<'_>, pose: &LocalPose, settings: &MemorySettings) -> Option<f32> {
         self.share(frame, pose, settings, |sample, pixel| is_same_color(self.color[sample], frame.color()[pixel]))
     }
 
-    /// The same by depth alone.
+    /// As [`Self::agreement`], comparing only depth.
     pub fn depth_agreement(&self, frame: &RgbdFrame<'_>, pose: &LocalPose, settings: &MemorySettings) -> Option<f32> {
         self.share(frame, pose, settings, |_, _| true)
     }
@@ -81,15 +81,15 @@ impl Sketch {
             let observed = frame.depth()[pixel];
             if observed > 0.0 {
                 shared += 1;
-                let is_near = (observed - point.z).abs() <= settings.same_surface_margin(point.z);
+                let is_near = (observed - point.z).abs() <= settings.tolerance_at(point.z);
                 same += usize::from(is_near && is_same(sample, pixel));
             }
         }
         (shared as f32 > MIN_SHARED * self.depth.len() as f32).then(|| same as f32 / shared as f32)
     }
 
-    /// The pixel of the sketched frame at which it shows the surface that `frame` shows at `pixel`, if it does. Both may
-    /// lack a depth there if the camera did not move.
+    /// Returns the pixel of the sketched frame that shows the same surface as `frame` at `pixel`, if there is one. If
+    /// the camera did not move, a pixel without depth in both frames is the same surface.
     pub fn same_surface(
         &self,
         frame: &RgbdFrame<'_>,
@@ -105,12 +105,12 @@ impl Sketch {
         let at = Vec2::new(pixel.0 as f32, pixel.1 as f32);
         let point = old_from_camera.to_world(frame.intrinsics().unproject(at, depth));
         let old = pixel_of(&self.intrinsics, point)?;
-        let margin = settings.same_surface_margin(point.z);
+        let margin = settings.tolerance_at(point.z);
         let is_near = |depth: f32| depth > 0.0 && (depth - point.z).abs() <= margin;
         self.depths_around(old).any(is_near).then_some(old)
     }
 
-    /// The depths of the samples around a pixel.
+    /// Depths of the samples around a pixel.
     fn depths_around(&self, (column, row): (usize, usize)) -> impl Iterator<Item = f32> {
         let (stride, (columns, rows)) = (stride(&self.intrinsics), grid(&self.intrinsics));
         let (left, top) = (column / stride, row / stride);
@@ -120,7 +120,7 @@ impl Sketch {
     }
 }
 
-/// The pixel in which a point, camera coordinates, lies.
+/// Returns the pixel that contains a point in camera coordinates.
 fn pixel_of(intrinsics: &Intrinsics, point: glam::Vec3) -> Option<(usize, usize)> {
     let pixel = intrinsics.project(point)?.round();
     let is_inside =

@@ -1,6 +1,6 @@
 use super::*;
 
-fn seen(ids: &[SegmentId]) -> SegmentMap {
+fn predicted(ids: &[SegmentId]) -> SegmentMap {
     SegmentMap::from_pixels(ids.len(), 1, ids.to_vec()).unwrap()
 }
 
@@ -8,19 +8,19 @@ fn segments() -> Segments {
     Segments::new(MAX_SEGMENT_ID)
 }
 
-/// Ids of which the memory keeps nothing after the frame that has seen them.
+/// Gives out `count` ids that the memory loses after one frame.
 fn flash(segments: &mut Segments, count: usize) -> Vec<SegmentId> {
     let ids: Vec<SegmentId> = (0..count).map(|_| segments.add()).collect();
-    segments.note_sightings(&seen(&ids));
+    segments.record_sightings(&predicted(&ids));
     segments.settle();
     ids
 }
 
-/// Gives an id that Gaussians show, after two frames that have seen it.
+/// Gives out an id that is predicted in two frames and that Gaussians show.
 fn confirm(segments: &mut Segments) -> SegmentId {
     let id = segments.add();
-    (0..2).for_each(|_| drop(segments.note_sightings(&seen(&[id]))));
-    segments.note_holds(&[(id, SegmentHold::Shown)]);
+    (0..2).for_each(|_| drop(segments.record_sightings(&predicted(&[id]))));
+    segments.set_holds(&[(id, SegmentHold::Shown)]);
     segments.settle();
     id
 }
@@ -28,21 +28,19 @@ fn confirm(segments: &mut Segments) -> SegmentId {
 fn restored(segments: &Segments) -> Segments {
     let saved: SavedIds = serde_json::from_str(&serde_json::to_string(&segments.saved_ids()).unwrap()).unwrap();
     let mut restored = Segments::restored(&segments.saved_live(), saved, segments.limit).unwrap();
-    // As a map does that was loaded.
+    // As a loaded map does.
     let holds: Vec<_> = segments.live.iter().map(|(id, segment)| (*id, segment.hold)).collect();
-    restored.note_holds(&holds);
+    restored.set_holds(&holds);
     restored
 }
 
 #[test]
-fn ids_count_up_and_are_given_again_only_if_nothing_was_seen_under_them() {
+fn ids_count_up_and_are_new_when_a_prediction_has_them_for_the_first_time() {
     let mut segments = segments();
     assert_eq!([(); 3].map(|()| segments.add()), [1, 2, 3]);
-    assert_eq!(segments.note_sightings(&seen(&[0, 2, 2, ABSTAIN])), [2]);
-    // Neither 0, nor an id that was seen, nor one that was never given.
-    [0, 2, 4, 3, 1].into_iter().for_each(|id| segments.take_back(id));
-    assert_eq!([(); 3].map(|()| segments.add()), [1, 3, 4]);
-    assert_eq!((segments.given(), segments.highest()), (4, 4));
+    assert_eq!(segments.record_sightings(&predicted(&[0, 2, 2])), [2]);
+    assert_eq!(segments.record_sightings(&predicted(&[3, 2])), [3]);
+    assert_eq!((segments.given(), segments.highest()), (3, 3));
 }
 
 #[test]
@@ -50,15 +48,15 @@ fn an_id_is_forgotten_when_it_was_carried_and_is_not_any_more() {
     let mut segments = segments();
     let ids = [(); 2].map(|()| confirm(&mut segments));
     assert_eq!(segments.settle(), Settled::default());
-    segments.note_holds(&[(ids[0], SegmentHold::Votes), (ids[1], SegmentHold::Nothing)]);
-    segments.note_regions(BTreeSet::from([ids[1]]));
-    assert_eq!(segments.settle(), Settled { forgotten: vec![ids[0]], lost: vec![] }, "a region carries the other");
-    segments.note_regions(BTreeSet::new());
+    segments.set_holds(&[(ids[0], SegmentHold::Votes), (ids[1], SegmentHold::Nothing)]);
+    segments.set_held(BTreeSet::from([ids[1]]));
+    assert_eq!(segments.settle(), Settled { forgotten: vec![ids[0]], lost: vec![] }, "the other is held");
+    segments.set_held(BTreeSet::new());
     assert_eq!(segments.settle(), Settled { forgotten: vec![ids[1]], lost: vec![ids[1]] });
-    segments.note_holds(&[(ids[0], SegmentHold::Nothing)]);
+    segments.set_holds(&[(ids[0], SegmentHold::Nothing)]);
     assert_eq!(segments.settle(), Settled { forgotten: vec![], lost: vec![ids[0]] });
     assert!(segments.live.is_empty() && !segments.is_tentative(ids[0]));
-    assert_eq!(segments.add(), 3, "what was seen twice keeps its id");
+    assert_eq!(segments.add(), 3, "an id seen twice is not reused");
 }
 
 #[test]
@@ -67,20 +65,18 @@ fn ids_that_fit_16_bits_are_given_first_then_released_ones_and_only_then_larger_
     for id in 1..=MAX_16_BIT_ID {
         assert_eq!(segments.add(), id);
         let keep = id != 7 && id != 9;
-        (0..1 + usize::from(keep)).for_each(|_| drop(segments.note_sightings(&seen(&[id]))));
-        segments.note_holds(&[(id, SegmentHold::Shown)]);
+        (0..1 + usize::from(keep)).for_each(|_| drop(segments.record_sightings(&predicted(&[id]))));
+        segments.set_holds(&[(id, SegmentHold::Shown)]);
     }
     segments.settle();
     // 9 is lost before 7.
     for id in [9, 7] {
-        segments.note_holds(&[(id, SegmentHold::Nothing)]);
+        segments.set_holds(&[(id, SegmentHold::Nothing)]);
         assert_eq!(segments.settle(), Settled { forgotten: vec![id], lost: vec![id] });
         assert!(segments.is_tentative(id));
     }
-    assert_eq!(segments.add(), 9);
-    segments.take_back(9);
     assert_eq!([segments.add(), segments.add(), segments.add()], [9, 7, 65_536]);
-    assert_eq!(segments.note_sightings(&seen(&[7])), [7], "another thing");
+    assert_eq!(segments.record_sightings(&predicted(&[7])), [7], "another object");
     assert!(segments.is_tentative(7));
 }
 
@@ -90,13 +86,13 @@ fn an_id_is_not_given_again_while_votes_for_it_are_left_or_after_it_was_seen_aga
     for id in flash(&mut segments, 3) {
         assert!(segments.is_tentative(id));
     }
-    assert_eq!(segments.note_sightings(&seen(&[2])), [0; 0], "a track shows it again");
+    assert_eq!(segments.record_sightings(&predicted(&[2])), [0; 0], "a track shows it again");
     assert!(!segments.is_tentative(2));
     segments.given = u64::from(MAX_16_BIT_ID);
     let id = segments.add();
     assert_eq!(id, 1);
-    segments.note_sightings(&seen(&[id]));
-    segments.note_holds(&[(id, SegmentHold::Votes)]);
+    segments.record_sightings(&predicted(&[id]));
+    segments.set_holds(&[(id, SegmentHold::Votes)]);
     segments.settle();
     assert_eq!([segments.add(), segments.add()], [3, 65_536]);
 }
@@ -106,14 +102,14 @@ fn after_the_largest_id_come_those_that_nothing_holds() {
     let mut segments = Segments::new(5);
     let ids = [(); 5].map(|()| confirm(&mut segments));
     assert_eq!(ids, [1, 2, 3, 4, 5]);
-    segments.note_holds(&[(2, SegmentHold::Nothing), (4, SegmentHold::Nothing)]);
+    segments.set_holds(&[(2, SegmentHold::Nothing), (4, SegmentHold::Nothing)]);
     segments.settle();
     assert_eq!([segments.add(), segments.add()], [2, 4]);
-    // With more things than ids, two share one; nothing fails.
+    // With more objects than ids, two share an id, and nothing fails.
     assert!((1..=5).contains(&segments.add()));
 }
 
-/// A part of it: `SPLATSEG_ID_FRAMES=36288000` is all of two weeks at 30 Hz, and takes minutes.
+/// Runs a part of the two weeks. `SPLATSEG_ID_FRAMES=36288000` runs all of them at 30 Hz and takes minutes.
 #[test]
 fn two_weeks_of_new_ids_keep_nothing_but_what_is_released() {
     let mut segments = segments();
@@ -128,7 +124,7 @@ fn two_weeks_of_new_ids_keep_nothing_but_what_is_released() {
 }
 
 #[test]
-fn saved_ids_go_on_as_if_nothing_had_happened() {
+fn restored_ids_continue_unchanged() {
     let mut segments = segments();
     segments.given = u64::from(MAX_16_BIT_ID) - 20;
     let mut held: Vec<SegmentId> = Vec::new();
@@ -136,14 +132,13 @@ fn saved_ids_go_on_as_if_nothing_had_happened() {
         let mut again = restored(&segments);
         let steps = [&mut segments, &mut again].map(|segments| {
             let ids: Vec<SegmentId> = (0..1 + frame % 4).map(|_| segments.add()).collect();
-            ids.iter().skip(2).for_each(|id| segments.take_back(*id));
             let mut shown = ids[..ids.len().min(2)].to_vec();
             shown.extend(held.iter().copied().step_by(3));
-            let new = segments.note_sightings(&seen(&shown));
+            let new = segments.record_sightings(&predicted(&shown));
             let mut holds: Vec<_> = shown.iter().map(|id| (*id, SegmentHold::Shown)).collect();
             holds.extend(held.first().map(|id| (*id, [SegmentHold::Votes, SegmentHold::Nothing][frame % 2])));
             holds.reverse();
-            segments.note_holds(&holds);
+            segments.set_holds(&holds);
             (ids, new, shown, segments.settle(), segments.saved_live(), segments.saved_ids())
         });
         assert_eq!(steps[0], steps[1], "frame {frame}");
@@ -155,17 +150,16 @@ fn saved_ids_go_on_as_if_nothing_had_happened() {
 }
 
 #[test]
-fn what_cannot_have_been_saved_is_refused() {
+fn impossible_saved_ids_are_refused() {
     let live = [SavedSegment { id: 4, sightings: 2, carried: true }];
     let refused = |text: &str| Segments::restored(&live, serde_json::from_str(text).unwrap(), MAX_SEGMENT_ID).is_err();
-    assert!(!refused(r#"{"given": 9, "taken_back": [8], "released": [[3, 1], [1, 0]]}"#));
+    assert!(!refused(r#"{"given": 9, "released": [[3, 1], [1, 0]]}"#));
     for wrong in [
-        r#"{"given": 9, "taken_back": [4], "released": []}"#,
-        r#"{"given": 9, "taken_back": [10], "released": []}"#,
-        r#"{"given": 9, "taken_back": [], "released": [[4, 1]]}"#,
-        r#"{"given": 9, "taken_back": [], "released": [[0, 1]]}"#,
-        r#"{"given": 9, "taken_back": [], "released": [[3, 1], [3, 1]]}"#,
-        r#"{"given": 9, "taken_back": [], "released": [[3, 2]]}"#,
+        r#"{"given": 9, "released": [[10, 1]]}"#,
+        r#"{"given": 9, "released": [[4, 1]]}"#,
+        r#"{"given": 9, "released": [[0, 1]]}"#,
+        r#"{"given": 9, "released": [[3, 1], [3, 1]]}"#,
+        r#"{"given": 9, "released": [[3, 2]]}"#,
     ] {
         assert!(refused(wrong), "{wrong}");
     }

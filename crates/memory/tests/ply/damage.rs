@@ -1,4 +1,4 @@
-//! Files that were cut off, altered, or are none of ours.
+//! Files that were cut off or altered, or that are not splatseg memories.
 
 use crate::sample::{FEATURE_DIM, KINDS, SEGMENTS, header_length, load, record_bytes, sample, saved, with_checksum};
 use proptest::prelude::*;
@@ -44,7 +44,7 @@ fn every_changed_bit_is_an_error() {
 }
 
 #[test]
-fn a_wrong_length_is_told_with_what_should_be_there() {
+fn a_wrong_length_is_reported_with_the_expected_content() {
     let message = |kind| load(&[&saved(&sample(kind, 3))[..], b"1"].concat()).unwrap_err().to_string();
     let [evidence, features] = KINDS.map(message);
     assert!(evidence.contains("3 Gaussians with votes and 4 segments"), "{evidence}");
@@ -52,14 +52,14 @@ fn a_wrong_length_is_told_with_what_should_be_there() {
 }
 
 #[test]
-fn a_header_without_an_end_is_told_with_its_last_line() {
+fn a_header_without_an_end_is_reported_with_its_last_line() {
     let message = |text: &str| load(text.as_bytes()).unwrap_err().to_string();
     for text in ["ply\nformat any\nelement some\n", "ply\nformat any\nelement some\n\n"] {
         assert!(message(text).contains("element some"), "{}", message(text));
     }
 }
 
-/// `from` in the header replaced, the checksum made right.
+/// Loads a sample with `from` in the header replaced and the checksum corrected.
 fn with_header(kind: MemoryKind, from: &str, to: &str) -> Result<SplatFile, SplatFileError> {
     let bytes = saved(&sample(kind, 3));
     let (header, body) = bytes.split_at(header_length(&bytes));
@@ -149,7 +149,7 @@ fn counts_that_lie_take_no_memory() {
 }
 
 #[test]
-fn fields_behind_the_vertices_are_checked() {
+fn fields_after_the_vertices_are_checked() {
     let with_field = |kind: MemoryKind, at: usize, value: &[u8]| {
         let mut bytes = saved(&sample(kind, 3));
         let block = header_length(&bytes) + 3 * record_bytes(kind);
@@ -201,7 +201,7 @@ proptest! {
         if let Some(cut) = cut {
             bytes.truncate(cut.index(bytes.len()));
         }
-        // A right checksum lets the edits through to everything behind it.
+        // With a correct checksum, the edits reach all later checks.
         if repaired && bytes.len() > 4 {
             bytes = with_checksum(bytes);
         }

@@ -1,4 +1,4 @@
-//! What other programs get of a saved memory.
+//! Export of memories for other programs.
 
 use super::sample::{SEGMENTS, features, sample, with_content};
 use glam::{DVec3, Vec3};
@@ -59,7 +59,7 @@ fn gaussians_have_the_values_of_the_saved_memory() {
     let floats = body.as_chunks::<{ 4 * 18 }>().0;
     assert_eq!((names.len(), floats.len()), (18, 5));
     assert_eq!((names[6], names[9], names[17]), ("float f_dc_0", "float opacity", "int segment_id"));
-    // The first 17 properties of the memory's own file are the same, to the last bit.
+    // The first 17 properties are bitwise equal to those of the memory's own file.
     let path = tempfile::tempdir().unwrap();
     let path = path.path().join("a.ply");
     file.save(&path).unwrap();
@@ -73,11 +73,11 @@ fn gaussians_have_the_values_of_the_saved_memory() {
 }
 
 #[test]
-fn confidence_is_the_share_of_votes_for_what_is_shown() {
+fn confidence_is_the_share_of_votes_for_the_shown_segment() {
     let mut file = sample(MemoryKind::Evidence, 4);
     let slots = [
         [(3, 6.0), (1, 2.0), (0, 0.0), (0, 0.0)],
-        // Less than a vote in all.
+        // Less than one vote in total.
         [(3, 0.4), (0, 0.0), (0, 0.0), (0, 0.0)],
         [(0, 1.0), (3, 1.0), (2, 2.0), (0, 0.0)],
         [(0, 0.0); 4],
@@ -92,7 +92,7 @@ fn confidence_is_the_share_of_votes_for_what_is_shown() {
 }
 
 #[test]
-fn confidence_of_features_is_their_length_and_an_id_is_sure() {
+fn confidence_of_features_is_their_length_and_an_id_has_confidence_1() {
     let mut file = sample(MemoryKind::Features, 3);
     let SplatContent::Features { features: values, .. } = &mut file.content else { panic!("a memory of features") };
     *values = [[0.3, 0.4, 0.0], [0.0; 3], [1.0, 1.0, 0.0]].concat();

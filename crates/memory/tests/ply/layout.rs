@@ -1,4 +1,4 @@
-//! Files are as documented, and as viewers expect them.
+//! Files have the documented layout, which viewers expect.
 
 use crate::sample::{
     CODES, COMMON_PROPERTIES, FEATURE_DIM, FRAMES, KINDS, SEGMENTS, crc32, header_length, record_bytes, sample, saved,
@@ -18,7 +18,7 @@ fn close(left: f32, right: f32) -> bool {
     (left - right).abs() <= 1e-6
 }
 
-/// Reads the header the way antimatter15/splat, gsplat.js and their kin do.
+/// Reads the header in the way of antimatter15/splat, gsplat.js and similar viewers.
 #[test]
 fn viewers_find_their_properties() {
     for ((kind, own), comment) in KINDS.into_iter().zip(OWN).zip(COMMENTS) {
@@ -74,7 +74,7 @@ fn viewers_find_their_properties() {
 }
 
 #[test]
-fn the_block_behind_the_vertices_is_as_documented() {
+fn the_block_after_the_vertices_is_as_documented() {
     for kind in KINDS {
         let file = SplatFile { short_term: b"text".to_vec(), ..sample(kind, 2) };
         let bytes = saved(&file);

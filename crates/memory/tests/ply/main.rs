@@ -1,4 +1,4 @@
-//! Memories to files and back, and files that are none.
+//! Saving and loading of memories, and invalid files.
 
 mod damage;
 mod export;

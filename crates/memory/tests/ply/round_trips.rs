@@ -1,4 +1,4 @@
-//! What is saved comes back.
+//! Saved memories are loaded unchanged.
 
 use crate::sample::{KINDS, features, place, sample, saved, with_content};
 use glam::{DVec3, Vec3};
@@ -17,7 +17,7 @@ fn reloaded(file: &SplatFile) -> SplatFile {
 }
 
 #[test]
-fn what_is_saved_comes_back() {
+fn saved_memories_are_loaded_unchanged() {
     for kind in KINDS {
         for count in [0, 1, 7, 3000] {
             let file = sample(kind, count);
@@ -42,7 +42,7 @@ fn a_loaded_codebook_grows_as_the_saved_one_would_have() {
 }
 
 #[test]
-fn every_color_comes_back() {
+fn every_color_is_loaded_unchanged() {
     for kind in KINDS {
         let mut file = sample(kind, 256);
         file.map.colors = (0..=255).map(|value| [value, 255 - value, value]).collect();
@@ -122,7 +122,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 500, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn any_memory_comes_back(
+    fn any_memory_is_loaded_unchanged(
         gaussians in proptest::collection::vec(any_gaussian(), 0..6),
         sightings in any::<[u32; MAX_ID as usize]>(),
         carried in any::<[bool; MAX_ID as usize]>(),
@@ -148,7 +148,7 @@ proptest! {
             let ids = (1..=MAX_ID).collect();
             let file = SplatFile { origin, map, content, segment_ids, ids, sightings, carried, frames: 9, short_term };
             prop_assert_eq!(&reloaded(&file), &file);
-            // Equality takes −0 for 0; the bytes do not.
+            // −0 equals 0, but their bytes differ.
             prop_assert_eq!(saved(&reloaded(&file)), saved(&file));
         }
     }

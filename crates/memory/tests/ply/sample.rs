@@ -1,4 +1,4 @@
-//! Memories to be saved, and the bytes that they are saved as.
+//! Sample memories and the bytes of their files.
 
 use glam::{DVec3, Vec3};
 use splatseg_memory::{
@@ -12,11 +12,11 @@ use tempfile::TempDir;
 pub const KINDS: [MemoryKind; 2] = [MemoryKind::Evidence, MemoryKind::Features];
 pub const FEATURE_DIM: usize = 3;
 pub const CODES: usize = 9;
-/// Ids given in a sample.
+/// Number of ids in a sample.
 pub const SEGMENTS: usize = 4;
-/// Frames taken in by a sample.
+/// Number of frames learnt by a sample.
 pub const FRAMES: u32 = 70_000;
-/// Properties before votes or features.
+/// Number of properties before votes or features.
 pub const COMMON_PROPERTIES: usize = 20;
 
 pub fn record_bytes(kind: MemoryKind) -> usize {
@@ -35,7 +35,7 @@ pub fn sample(kind: MemoryKind, count: usize) -> SplatFile {
 fn votes(index: usize) -> Votes {
     let t = index as f32;
     let id = |slot| ((index + slot) % (SEGMENTS + 1)) as u32;
-    // An empty slot between others, and one with an id from before.
+    // An empty slot between others, and an empty slot with an old id.
     Votes::from_slots([(id(0), 1e-3 + t.fract()), (0, 0.0), (id(2), 4.0 / (1.0 + t)), (id(3), 0.0)])
 }
 
@@ -80,7 +80,7 @@ pub fn place() -> Place {
     Place { path, _folder: folder }
 }
 
-/// The bytes that `file` is saved as.
+/// Returns the bytes of the saved `file`.
 pub fn saved(file: &SplatFile) -> Vec<u8> {
     let place = place();
     file.save(&place.path).unwrap();
@@ -97,20 +97,20 @@ pub fn load(bytes: &[u8]) -> Result<SplatFile, SplatFileError> {
     result
 }
 
-/// CRC-32 a bit at a time.
+/// Computes CRC-32 bit by bit.
 pub fn crc32(bytes: &[u8]) -> u32 {
     let step = |crc: u32| (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg());
     !bytes.iter().fold(u32::MAX, |crc, &byte| (0..8).fold(crc ^ u32::from(byte), |crc, _| step(crc)))
 }
 
-/// `bytes` with the checksum that they should have.
+/// Returns `bytes` with the correct checksum.
 pub fn with_checksum(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes.truncate(bytes.len() - 4);
     bytes.extend(crc32(&bytes).to_le_bytes());
     bytes
 }
 
-/// The bytes of a sample with one word of Gaussian 1 replaced, the checksum made right.
+/// Loads a sample with one word of Gaussian 1 replaced and the checksum corrected.
 pub fn with_word(kind: MemoryKind, column: usize, word: [u8; 4]) -> Result<SplatFile, SplatFileError> {
     let mut bytes = saved(&sample(kind, 3));
     let at = header_length(&bytes) + record_bytes(kind) + 4 * column;

@@ -1,4 +1,4 @@
-//! Values that no memory has are neither loaded nor saved.
+//! Invalid values are neither loaded nor saved.
 
 use crate::sample::{COMMON_PROPERTIES, FEATURE_DIM, KINDS, place, sample, with_word};
 use splatseg_geometry::SegmentId;
@@ -16,7 +16,7 @@ fn message(kind: MemoryKind, column: usize, word: [u8; 4]) -> String {
 }
 
 #[test]
-fn values_no_gaussian_has_are_errors_when_loaded() {
+fn invalid_values_are_errors_when_loaded() {
     for kind in KINDS {
         let own_floats = match kind {
             MemoryKind::Evidence => (0..4).map(|slot| COMMON_PROPERTIES + 2 * slot + 1).collect::<Vec<_>>(),
@@ -51,7 +51,7 @@ fn values_no_gaussian_has_are_errors_when_loaded() {
 }
 
 #[test]
-fn what_cannot_be_saved_leaves_the_old_file() {
+fn failed_saving_leaves_the_old_file() {
     for kind in KINDS {
         let refuses = |change: fn(&mut SplatFile), expected: &str| refuses(kind, change, expected);
         refuses(|file| file.map.colors.truncate(2), "colors has 2 entries, expected 3");

@@ -1,23 +1,24 @@
-//! How dense the map is.
+//! Density of the map.
 
 use crate::run::{Run, evidence};
 use crate::scene::{SIZE, Scene, Shot};
 use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
-use std::collections::BTreeMap;
+use splatseg_memory::RADIUS_PER_SPACING;
+use std::collections::{BTreeMap, BTreeSet};
 
-/// A wall, with the border of two segments in the middle of the view.
+/// A wall with the border of two segments in the middle of the view.
 fn halves() -> (Shot, SegmentMap) {
     let shot = Scene::wall().seen_from_origin();
-    let seen = SegmentMap::from_fn(SIZE.0, SIZE.1, |column, _| if column < SIZE.0 / 2 { 1 } else { 2 });
-    (shot, seen)
+    let predicted = SegmentMap::from_fn(SIZE.0, SIZE.1, |column, _| if column < SIZE.0 / 2 { 1 } else { 2 });
+    (shot, predicted)
 }
 
 #[test]
 fn gaussians_are_coarse_inside_a_segment_and_fine_at_its_border() {
-    let (shot, seen) = halves();
+    let (shot, predicted) = halves();
     let settings = evidence().with(|settings| settings.growth_spacing = 4);
     let mut run = Run::new(settings.clone());
-    run.show_as(&shot, &seen);
+    run.show_as(&shot, &predicted);
     let balls = run.memory.balls();
     // A pixel is 3.75 cm wide on the wall. The border is at x = 0.
     let pixel = 3.0 / 80.0;
@@ -27,7 +28,7 @@ fn gaussians_are_coarse_inside_a_segment_and_fine_at_its_border() {
         radii.map(|(_, radius)| *radius).collect::<Vec<f32>>()
     };
     let (border, inside) = (radii(0.0, 1.0), radii(16.0, 48.0));
-    let (width, radius) = (settings.growth_spacing as f32, settings.radius_per_spacing * pixel);
+    let (width, radius) = (settings.growth_spacing as f32, RADIUS_PER_SPACING * pixel);
     assert_eq!(border.len(), 2 * SIZE.1, "one per pixel beside the border");
     assert!(border.iter().all(|found| (found - radius).abs() < 1e-4));
     assert_eq!(inside.len(), 2 * 32 * SIZE.1 / 16, "one per 4x4 pixels");
@@ -46,8 +47,8 @@ fn a_flat_segment_needs_few_gaussians() {
     assert_eq!([1, 2, 4, 8].map(count), [pixels, pixels / 4, pixels / 16, pixels / 64]);
 }
 
-/// Sides, in pixels, of the Gaussians that a wall needs whose depth is known where `is_known` says so of the column and
-/// row in each block of 4x4 pixels: for each side how many.
+/// Shows a wall whose depth is known where `is_known` returns true for the column and row in each block of 4x4 pixels.
+/// Returns the number of Gaussians for each side length in pixels.
 fn sides_of_gaussians(is_known: fn(usize, usize) -> bool) -> BTreeMap<usize, usize> {
     let mut shot = Scene::wall().seen_from_origin();
     let depth = shot.depth.clone();
@@ -60,8 +61,9 @@ fn sides_of_gaussians(is_known: fn(usize, usize) -> bool) -> BTreeMap<usize, usi
     );
     let settings = evidence().with(|settings| settings.growth_spacing = 4);
     let mut run = Run::new(settings.clone());
-    run.show(&shot);
-    let one_pixel = settings.radius_per_spacing * 3.0 / 80.0;
+    // Without predictions, depth is not completed.
+    run.show_as(&shot, &shot.truth.map(|_| 0));
+    let one_pixel = RADIUS_PER_SPACING * 3.0 / 80.0;
     let mut sides = BTreeMap::new();
     for radius in &run.memory.balls().radii {
         *sides.entry((radius / one_pixel).round() as usize).or_insert(0) += 1;
@@ -70,7 +72,7 @@ fn sides_of_gaussians(is_known: fn(usize, usize) -> bool) -> BTreeMap<usize, usi
 }
 
 #[test]
-fn a_gaussian_stands_for_a_block_of_which_half_is_missing_at_least() {
+fn a_gaussian_stands_for_a_block_if_at_least_half_is_missing() {
     let blocks = SIZE.0 * SIZE.1 / 16;
     let all = |side, per_block: usize| BTreeMap::from([(side, per_block * blocks)]);
     assert_eq!(sides_of_gaussians(|column, _| column < 2), all(4, 1), "8 of 16");
@@ -91,7 +93,7 @@ fn a_gaussian_has_the_mean_color_and_place_of_its_block() {
     let mut run = Run::new(evidence());
     run.memory.new_segment().unwrap();
     let recall = run.memory.recall(&frame);
-    run.memory.update(recall, &shot.truth).unwrap();
+    run.memory.update(recall, &shot.truth, &BTreeSet::new()).unwrap();
     let colors = run.memory.colors();
     assert_eq!(colors.len(), SIZE.0 * SIZE.1 / 64);
     for (mean, color) in run.means().iter().zip(colors) {
@@ -114,9 +116,9 @@ fn every_pixel_with_depth_is_covered_afterwards() {
     let (wall, halves) = halves();
     let boxes = Scene::boxes().seen_from_origin();
     for growth_spacing in [1, 2, 4, 8] {
-        for (shot, seen) in [(&wall, &wall.truth), (&wall, &halves), (&boxes, &boxes.truth)] {
+        for (shot, predicted) in [(&wall, &wall.truth), (&wall, &halves), (&boxes, &boxes.truth)] {
             let mut run = Run::new(evidence().with(|settings| settings.growth_spacing = growth_spacing));
-            run.show_as(shot, seen);
+            run.show_as(shot, predicted);
             let frame = shot.frame();
             let recall = run.memory.recall(&frame);
             let least = recall.silhouette().pixels().iter().fold(1.0f32, |least, value| least.min(*value));

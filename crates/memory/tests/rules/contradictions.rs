@@ -1,4 +1,4 @@
-//! Views that contradict the map: poses that jump, large things that leave, frames with a wrong depth.
+//! Views that contradict the map: poses that jump, large objects that leave, frames with wrong depth.
 
 use crate::run::{Run, evidence};
 use crate::scene::{Scene, Shot, Solid, pose};
@@ -6,10 +6,10 @@ use splatseg_geometry::{Pose, SegmentId};
 use splatseg_memory::SplatMemory;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A board that fills the view, 1 m before the origin.
+/// A board that fills the view, 1 m in front of the origin.
 const BOARD: Solid = Solid { id: 9, min: glam::Vec3::new(-2.0, -2.0, 1.0), max: glam::Vec3::new(2.0, 2.0, 1.1) };
 
-/// Shows each shot as the method does; returns the ids of each true mask over all of them.
+/// Shows each shot as the method does. Returns the ids of each true mask over all shots.
 fn ids_of(run: &mut Run, shots: &[Shot]) -> BTreeMap<SegmentId, BTreeSet<SegmentId>> {
     let mut ids: BTreeMap<SegmentId, BTreeSet<SegmentId>> = BTreeMap::new();
     for shot in shots {
@@ -32,7 +32,7 @@ fn jumps() -> Vec<Pose> {
 }
 
 #[test]
-fn when_poses_jump_the_map_moves_along() {
+fn when_poses_jump_the_map_moves_with_them() {
     for jump in jumps() {
         let mut run = Run::new(evidence());
         let before = Scene::boxes().seen_from_origin();
@@ -44,14 +44,14 @@ fn when_poses_jump_the_map_moves_along() {
             .into_iter()
             .for_each(|(truth, found)| ids.entry(truth).or_default().extend(found));
         assert!(ids.values().all(|ids| ids.len() == 1), "{jump:?}: {ids:?}");
-        assert_eq!(run.memory.gaussian_count(), count, "{jump:?}: nothing is there twice");
+        assert_eq!(run.memory.gaussian_count(), count, "{jump:?}: no Gaussian is duplicated");
         let back = ids_of(&mut run, &vec![before; 6]);
         assert_eq!((back, run.memory.gaussian_count()), (ids, count), "{jump:?}, and back");
     }
 }
 
 #[test]
-fn the_map_moves_along_while_the_camera_moves() {
+fn the_map_moves_with_a_jump_while_the_camera_moves() {
     let scene = Scene::boxes();
     for jump in jumps() {
         let mut run = Run::new(evidence());
@@ -75,13 +75,13 @@ fn a_moving_camera_is_no_jump() {
         run.show_matched(&shot);
         let frame = shot.frame();
         let mean = run.means()[0];
-        run.memory.update(run.memory.recall(&frame), &shot.truth.map(|_| 0)).unwrap();
+        run.memory.update(run.memory.recall(&frame), &shot.truth.map(|_| 0), &BTreeSet::new()).unwrap();
         assert_eq!(run.means()[0], mean, "step {step}");
     }
 }
 
 #[test]
-fn a_large_thing_that_leaves_gives_way_within_five_frames() {
+fn a_large_object_that_leaves_is_removed_within_five_frames() {
     for distance in [0.0, -0.3] {
         let board = BOARD.moved(glam::Vec3::Z * distance);
         let mut run = Run::new(evidence());
@@ -137,7 +137,7 @@ fn a_bad_first_pose_is_overcome() {
 }
 
 #[test]
-fn a_memory_saved_in_the_middle_of_it_goes_on_in_the_same_way() {
+fn a_memory_saved_during_a_contradiction_continues_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     let behind = Scene::boxes().seen_from_origin();
     for saved_after in 0..5 {

@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 use splatseg_geometry::Pose;
 use splatseg_memory::{MemorySettings, SplatMemory};
 
-/// A walk through a room in world coordinates that are moved.
+/// A walk through a room in world coordinates moved by `offset`.
 fn walk(offset: DVec3, frames: usize) -> Vec<Shot> {
     let shot = |step: usize| {
         let shot = Scene::room().seen_from(pose([0.03 * step as f32, 0.0, -0.02 * step as f32], 2.0 * step as f32));
@@ -25,7 +25,7 @@ fn memory_at(offset: DVec3, settings: &MemorySettings) -> SplatMemory {
     run.memory
 }
 
-/// Positions in the coordinates of a scene that was moved by `offset`.
+/// Positions in the coordinates of the scene before it was moved by `offset`.
 fn positions(memory: &SplatMemory, offset: DVec3) -> Vec<Vec3> {
     memory.balls().means.iter().map(|mean| (mean.as_dvec3() + (memory.origin() - offset)).as_vec3()).collect()
 }
@@ -61,7 +61,7 @@ fn the_origin_follows_a_long_drive_and_places_stay_where_they_are() {
     for (x, ids) in there.iter().zip(ids).rev() {
         assert_eq!(run.show_matched(&wall(*x)), ids, "at {x} m");
     }
-    assert_eq!(run.memory.gaussian_count(), count, "nothing was lost or seen as new");
+    assert_eq!(run.memory.gaussian_count(), count, "no Gaussian was lost or added");
     let first = positions(&run.memory, DVec3::ZERO)[0];
     let mut fresh = Run::new(evidence());
     fresh.show_matched(&wall(0.0));
@@ -100,7 +100,7 @@ fn a_lone_pose_far_away_does_not_round_the_map() {
             run.show(&shot);
         }
         assert_eq!((run.positions(), run.memory.origin()), (before, origin));
-        // It is no mistake if the camera stays there.
+        // The pose is not a mistake if the camera stays there.
         run.show_times(&lost, 3);
         assert!(run.memory.origin().length() > distance);
     }

@@ -1,4 +1,4 @@
-//! The memory of evidence against its definition, pixel by pixel and Gaussian by Gaussian (docs/METHOD.md, "Evidence").
+//! The memory of evidence against its definition, pixel by pixel and Gaussian by Gaussian (docs/PAPER.md, "Evidence").
 
 use crate::run::{Run, evidence};
 use crate::scene::{SIZE, Scene, Shot, Solid, pose};
@@ -6,16 +6,19 @@ use glam::Vec3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use splatseg_geometry::{SegmentId, SegmentMap};
-use splatseg_memory::{ABSTAIN, MemorySettings, Recall, SplatContent, SplatFile, Votes};
+use splatseg_memory::{MemorySettings, Recall, SplatContent, SplatFile, Votes};
 use splatseg_render::TileWeights;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-/// Ids in the predictions.
+/// Largest id in the predictions.
 const IDS: SegmentId = 6;
-/// What sums in another order may differ by, and what is too close to call.
+
+/// The id whose predictions count as contradicted.
+const CONTRADICTED: SegmentId = 4;
+/// Maximum difference of sums in another order, and minimum lead of a clear result.
 const CLOSE: f32 = 1e-4;
 
-/// A Gaussian as a pixel sees it.
+/// A Gaussian seen by a pixel.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
     gaussian: usize,
@@ -23,7 +26,7 @@ struct Seen {
     depth: f32,
 }
 
-/// The Gaussians at every pixel, from front to back.
+/// Returns the Gaussians at every pixel, from front to back.
 fn seen_at_pixels(recall: &Recall<'_>) -> Vec<Vec<Seen>> {
     let mut pixels = vec![Vec::new(); SIZE.0 * SIZE.1];
     for tile in recall.view().weights().tiles() {
@@ -49,14 +52,19 @@ fn votes_of(run: &Run) -> Vec<Votes> {
     }
 }
 
+/// Maximum difference of the depths of one surface at a distance.
+fn tolerance(distance: f32, settings: &MemorySettings) -> f32 {
+    settings.depth_tolerance.max(0.05 * distance)
+}
+
 /// `E_p(id)` by definition.
 fn evidence_at(seen: &[Seen], observed: f32, votes: &[Votes], settings: &MemorySettings) -> BTreeMap<SegmentId, f32> {
     let (mut light, mut evidence) = (1.0, BTreeMap::new());
     for Seen { gaussian, weight, depth } in seen.iter().copied() {
         let behind = if observed > 0.0 { depth - observed } else { 0.0 };
-        if behind < -settings.depth_tolerance {
+        if behind < -tolerance(observed, settings) {
             light -= weight;
-        } else if behind <= settings.depth_tolerance && weight >= settings.min_weight * light {
+        } else if behind <= tolerance(observed, settings) {
             for (id, votes) in votes[gaussian].iter() {
                 *evidence.entry(id).or_insert(0.0) += weight * votes;
             }
@@ -66,7 +74,7 @@ fn evidence_at(seen: &[Seen], observed: f32, votes: &[Votes], settings: &MemoryS
     evidence
 }
 
-/// The id with the most evidence and how much that is, and by how much it leads.
+/// Returns the id with the most evidence, that evidence, and its lead.
 fn best(evidence: &BTreeMap<SegmentId, f32>) -> (SegmentId, f32, f32) {
     let mut ordered: Vec<(SegmentId, f32)> = evidence.iter().map(|(id, evidence)| (*id, *evidence)).collect();
     ordered.sort_by(|one, other| other.1.total_cmp(&one.1));
@@ -75,41 +83,49 @@ fn best(evidence: &BTreeMap<SegmentId, f32>) -> (SegmentId, f32, f32) {
     (ordered[0].0, ordered[0].1, lead)
 }
 
-/// Compares what is expected and what is shown with the definition; returns the pixels that were clear.
-fn check_pixels(run: &Run, recall: &Recall<'_>, seen: &SegmentMap, votes: &[Votes]) -> usize {
+/// Returns the segment with the most evidence besides `expected`, and its lead.
+fn second_best(evidence: &BTreeMap<SegmentId, f32>, expected: SegmentId) -> (SegmentId, f32) {
+    let others = evidence.iter().filter(|(id, _)| **id != 0 && **id != expected);
+    let (id, _, lead) = best(&others.map(|(id, evidence)| (*id, *evidence)).collect());
+    (id, lead)
+}
+
+/// Compares the expected and the fused segments with the definition. Returns the number of clear pixels.
+fn check_pixels(run: &Run, recall: &Recall<'_>, predicted: &SegmentMap, votes: &[Votes]) -> usize {
     let settings = run.memory.settings();
-    let (belief, fused) = (recall.expected(), run.memory.fuse(recall, seen).unwrap());
+    let (belief, fused) = (recall.expected(), run.memory.fuse(recall, predicted).unwrap());
+    let opinion = run.memory.second_opinion(recall);
     let mut clear = 0;
     for (at, gaussians) in seen_at_pixels(recall).iter().enumerate() {
         let silhouette: f32 = gaussians.iter().map(|seen| seen.weight).sum();
         let mut evidence = evidence_at(gaussians, recall.frame().depth().pixels()[at], votes, settings);
         let (id, most, lead) = best(&evidence);
-        let is_clear = lead > CLOSE && (most - settings.min_evidence).abs() > CLOSE && (silhouette - 0.5).abs() > CLOSE;
+        let is_clear = lead > CLOSE && (silhouette - 0.3).abs() > CLOSE;
         if is_clear {
-            let is_expected = most > settings.min_evidence && silhouette > 0.5 && id != 0;
+            let is_expected = silhouette > 0.3 && id != 0;
             let expected = if is_expected { (id, most.min(1.0)) } else { (0, 0.0) };
             assert_eq!(belief.segments.pixels()[at], expected.0, "pixel {at}: {evidence:?}");
             assert!((belief.confidence.pixels()[at] - expected.1).abs() < CLOSE, "pixel {at}: {evidence:?}");
         }
-        let own = match seen.pixels()[at] {
-            ABSTAIN => None,
-            0 => Some((0, settings.observation_weight * settings.no_segment_weight)),
-            id => Some((id, settings.observation_weight)),
-        };
-        own.into_iter().for_each(|(id, weight)| *evidence.entry(id).or_insert(0.0) += weight);
+        let second = second_best(&evidence, belief.segments.pixels()[at]);
+        if second.1 > CLOSE {
+            assert_eq!(opinion.pixels()[at], second.0, "pixel {at}: {evidence:?}");
+        }
+        let own = predicted.pixels()[at];
+        *evidence.entry(own).or_insert(0.0) += if own == 0 { settings.no_segment_weight } else { 1.0 };
         let (id, _, lead) = best(&evidence);
         if lead > CLOSE {
-            assert_eq!(fused.pixels()[at], id, "pixel {at} of {}: {evidence:?}", seen.pixels()[at]);
+            assert_eq!(fused.pixels()[at], id, "pixel {at} of {}: {evidence:?}", predicted.pixels()[at]);
             clear += usize::from(is_clear);
         }
     }
     clear
 }
 
-/// The votes that every Gaussian should have after a frame; `None` where that is too close to call.
+/// Returns the votes that every Gaussian should have after a frame; `None` where they are too close to call.
 fn votes_after(
     recall: &Recall<'_>,
-    seen: &SegmentMap,
+    predicted: &SegmentMap,
     votes: &[Votes],
     settings: &MemorySettings,
 ) -> Vec<Option<BTreeMap<SegmentId, f32>>> {
@@ -117,13 +133,11 @@ fn votes_after(
     for (at, gaussians) in seen_at_pixels(recall).iter().enumerate() {
         let observed = recall.frame().depth().pixels()[at];
         for Seen { gaussian, weight, depth } in gaussians.iter().copied() {
-            if observed > 0.0 && (depth - observed).abs() > settings.depth_tolerance {
+            if observed > 0.0 && (depth - observed).abs() > tolerance(observed, settings) {
                 continue;
             }
             labels[gaussian].0 += weight;
-            if seen.pixels()[at] != ABSTAIN {
-                *labels[gaussian].1.entry(seen.pixels()[at]).or_insert(0.0) += weight;
-            }
+            *labels[gaussian].1.entry(predicted.pixels()[at]).or_insert(0.0) += weight;
         }
     }
     let after = |(votes, (total, labels)): (&Votes, &(f32, BTreeMap<SegmentId, f32>))| {
@@ -132,18 +146,22 @@ fn votes_after(
             return Some(after);
         }
         for (id, weight) in labels {
-            let say = if *id == 0 { settings.no_segment_weight } else { 1.0 };
+            let say = match *id {
+                0 => settings.no_segment_weight,
+                CONTRADICTED => settings.contradicted_weight,
+                _ => 1.0,
+            };
             *after.entry(*id).or_insert(0.0) += say * weight / total.max(1.0);
         }
         let sum: f32 = after.values().sum();
         after.values_mut().for_each(|votes| *votes *= f32::min(1.0, settings.max_votes / sum));
-        // More than four have to compete for slots, and few votes make room.
+        // More than four ids compete for slots, and negligible votes are dropped: too close to call.
         (after.len() <= Votes::SLOTS && after.values().all(|votes| *votes > 0.02 + CLOSE)).then_some(after)
     };
     votes.iter().zip(&labels).map(after).collect()
 }
 
-/// A view of boxes, of which one comes and goes, with noise and at times holes in the depth. That one fills whole tiles.
+/// A view of boxes with noise and sometimes holes in the depth. One box comes and goes; it fills whole tiles.
 fn noisy_shot(number: usize, random: &mut ChaCha8Rng) -> Shot {
     let visitor = Solid::new(5, [0.0, -0.2, 1.4], [0.8, 0.8, 0.2]);
     let scene = if number % 4 == 1 { Scene::boxes().with(visitor) } else { Scene::boxes() };
@@ -157,29 +175,29 @@ fn noisy_shot(number: usize, random: &mut ChaCha8Rng) -> Shot {
     shot
 }
 
-/// Predictions: the truth, but for a rectangle that has another id, none or no say.
+/// Returns the true ids as predictions, except for rectangles with another id or none.
 fn noisy_predictions(shot: &Shot, random: &mut ChaCha8Rng) -> SegmentMap {
-    let mut seen = shot.truth.clone();
-    for id in [0, 0, ABSTAIN, random.random_range(1..=IDS), random.random_range(1..=IDS)] {
+    let mut predicted = shot.truth.clone();
+    for id in [0, 0, random.random_range(1..=IDS), random.random_range(1..=IDS)] {
         let (left, top) = (random.random_range(0..SIZE.0 - 30), random.random_range(0..SIZE.1 - 30));
         let (width, height) = (random.random_range(3..30), random.random_range(3..30));
         for row in top..top + height {
             for column in left..left + width {
-                seen[(column, row)] = id;
+                predicted[(column, row)] = id;
             }
         }
     }
-    seen
+    predicted
 }
 
 #[test]
-fn what_is_expected_shown_and_learnt_is_what_the_definition_says() {
+fn expected_fused_and_learnt_segments_match_the_definition() {
     let defaults = evidence();
-    // With `removal_frames` 0 what a frame sees through stays in the view, in front.
+    // With `removal_frames` 0, Gaussians that a frame sees through stay in the view, in front.
     let removes_nothing = evidence().with(|settings| settings.removal_frames = 0);
     let others = evidence().with(|settings| {
-        (settings.observation_weight, settings.no_segment_weight, settings.max_votes) = (0.6, 0.4, 2.0);
-        (settings.min_evidence, settings.depth_tolerance, settings.min_weight) = (0.9, 0.1, 0.05);
+        (settings.no_segment_weight, settings.contradicted_weight) = (0.4, 0.6);
+        (settings.max_votes, settings.depth_tolerance) = (2.0, 0.2);
     });
     for settings in [defaults, removes_nothing, others] {
         let mut random = ChaCha8Rng::seed_from_u64(7);
@@ -188,12 +206,12 @@ fn what_is_expected_shown_and_learnt_is_what_the_definition_says() {
         let (mut clear, mut learnt) = (0, 0);
         for number in 0..8 {
             let shot = noisy_shot(number, &mut random);
-            let seen = noisy_predictions(&shot, &mut random);
+            let predicted = noisy_predictions(&shot, &mut random);
             let (frame, votes) = (shot.frame(), votes_of(&run));
             let recall = run.memory.recall(&frame);
-            clear += check_pixels(&run, &recall, &seen, &votes);
-            let expected = votes_after(&recall, &seen, &votes, &settings);
-            let update = run.memory.update(recall, &seen).unwrap();
+            clear += check_pixels(&run, &recall, &predicted, &votes);
+            let expected = votes_after(&recall, &predicted, &votes, &settings);
+            let update = run.memory.update(recall, &predicted, &BTreeSet::from([CONTRADICTED])).unwrap();
             if update.removed > 0 {
                 continue;
             }
@@ -209,29 +227,27 @@ fn what_is_expected_shown_and_learnt_is_what_the_definition_says() {
                 learnt += 1;
             }
         }
-        assert!(clear > 5 * SIZE.0 * SIZE.1, "{clear} pixels");
+        assert!(clear > 4 * SIZE.0 * SIZE.1, "{clear} pixels");
         assert!(learnt > 3 * run.memory.gaussian_count(), "{learnt} Gaussians");
     }
 }
 
 #[test]
-fn of_two_ids_with_equal_evidence_the_smaller_one_is_expected_and_shown() {
+fn of_two_ids_with_equal_evidence_the_smaller_one_is_expected() {
     for order in [[1, 2], [2, 1]] {
         let shot = Scene::wall().seen_from_origin();
         let mut run = Run::new(evidence());
         for id in order {
             run.show_as(&shot, &shot.truth.map(|_| id));
         }
-        let nothing = shot.truth.map(|_| ABSTAIN);
         let frame = shot.frame();
         let recall = run.memory.recall(&frame);
-        assert_eq!(recall.expected().segments, shot.truth, "first seen as {}", order[0]);
-        assert_eq!(run.memory.fuse(&recall, &nothing).unwrap(), shot.truth, "first seen as {}", order[0]);
+        assert_eq!(recall.expected().segments, shot.truth, "first predicted as {}", order[0]);
     }
 }
 
 #[test]
-fn a_share_is_that_of_the_segment_with_the_most_votes() {
+fn shares_are_of_the_segment_with_the_most_votes() {
     let shot = Scene::wall().seen_from_origin();
     let mut run = Run::new(evidence());
     for id in [1, 1, 2] {
@@ -240,22 +256,6 @@ fn a_share_is_that_of_the_segment_with_the_most_votes() {
     let shares = run.memory.segment_shares();
     assert_eq!(shares.len(), run.memory.gaussian_count());
     assert!(shares.iter().all(|share| (share - 2.0 / 3.0).abs() < 1e-3), "{shares:?}");
-}
-
-#[test]
-fn what_recurs_has_twice_as_many_votes_as_all_else_can_have() {
-    let shot = Scene::wall().seen_from_origin();
-    let mut run = Run::new(evidence());
-    run.show_times(&shot, 10);
-    let id = run.memory.new_segment().unwrap();
-    let frame = shot.frame();
-    let recall = run.memory.recall(&frame);
-    let explained = SegmentMap::from_fn(SIZE.0, SIZE.1, |column, _| if column < SIZE.0 / 2 { id } else { 0 });
-    assert_eq!(run.memory.note_explained(&recall, &explained, &|_, _| true).unwrap(), [id]);
-    let (ids, shares) = (run.memory.segment_ids(), run.memory.segment_shares());
-    let favoured = ids.iter().zip(&shares).filter(|(found, _)| **found == id);
-    assert!(favoured.clone().count() * 3 > ids.len());
-    assert!(favoured.clone().all(|(_, share)| (share - 2.0 / 3.0).abs() < 1e-3));
 }
 
 #[test]

@@ -1,12 +1,12 @@
-//! The paper's memory learns.
+//! Learning of the paper's memory.
 
 use crate::run::{Run, features, kinds, recalled};
 use crate::scene::{SIZE, Scene, WALL};
 use splatseg_geometry::SegmentMap;
 use splatseg_memory::{Codebook, GrowthRule, SplatContent, SplatFile};
 
-/// Shares of a wall that a memory shows as another segment after each of `frames` frames that say so. Ten frames before
-/// said otherwise.
+/// Shows a wall as one segment in ten frames, then as another in `frames` frames. Returns the share of the wall that
+/// the memory shows as the other segment after each of the latter.
 fn shares_turned(direction_learning_rate: f32, frames: usize) -> Vec<f32> {
     let shot = Scene::wall().seen_from_origin();
     let other = SegmentMap::filled(shot.truth.width(), shot.truth.height(), 2);
@@ -47,7 +47,7 @@ fn without_steps_an_id_does_not_turn() {
 }
 
 #[test]
-fn the_pixels_of_new_gaussians_are_learnt_if_the_settings_say_so() {
+fn the_pixels_of_new_gaussians_are_learnt_only_with_learn_new() {
     let shot = Scene::wall().seen_from_origin();
     let learnt = |learn_new: bool| {
         let settings = features().with(|settings| {
@@ -59,7 +59,7 @@ fn the_pixels_of_new_gaussians_are_learnt_if_the_settings_say_so() {
     assert_eq!(learnt(true), shot.truth.pixels().len());
 }
 
-/// What the file of a memory has of features.
+/// Features and codebook in the file of a memory.
 fn saved(run: &Run) -> (Vec<f32>, Codebook) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("map.ply");
@@ -71,7 +71,7 @@ fn saved(run: &Run) -> (Vec<f32>, Codebook) {
 }
 
 #[test]
-fn a_new_gaussian_of_a_segment_that_fades_has_what_is_left_of_its_confidence() {
+fn a_new_gaussian_of_a_fading_segment_has_its_remaining_confidence() {
     for feature_dim in [8, 1] {
         let mut run = Run::new(features().with(|settings| settings.feature_dim = feature_dim));
         let wall = Scene::wall().seen_from_origin();
@@ -86,7 +86,7 @@ fn a_new_gaussian_of_a_segment_that_fades_has_what_is_left_of_its_confidence() {
         for (feature, confidence) in features[known * feature_dim..].chunks_exact(feature_dim).zip(confidence.pixels())
         {
             let found = feature.iter().map(|value| value * value).sum::<f32>().sqrt();
-            // An id is what it is.
+            // An integer id has no confidence.
             let expected = if feature_dim == 1 { 2.0 } else { confidence - 0.1 };
             assert!((found - expected).abs() < 1e-4, "D = {feature_dim}: {found} instead of {expected}");
         }
@@ -104,7 +104,7 @@ fn codes_are_added_when_all_are_used() {
 }
 
 #[test]
-fn a_gaussian_has_seven_numbers_and_those_of_its_feature() {
+fn a_gaussian_has_seven_numbers_and_its_feature() {
     for feature_dim in [1, 8] {
         let mut run = Run::new(features().with(|settings| settings.feature_dim = feature_dim));
         run.show(&Scene::wall().seen_from_origin());
@@ -114,7 +114,7 @@ fn a_gaussian_has_seven_numbers_and_those_of_its_feature() {
 }
 
 #[test]
-fn the_confidence_is_what_is_left_of_the_length_of_a_feature() {
+fn the_confidence_is_the_remaining_length_of_a_feature() {
     let mut run = Run::new(features());
     let shot = Scene::wall().seen_from_origin();
     let middle = (SIZE.0 / 2, SIZE.1 / 2);
@@ -128,7 +128,7 @@ fn the_confidence_is_what_is_left_of_the_length_of_a_feature() {
 }
 
 #[test]
-fn what_is_exported_is_what_is_saved() {
+fn exported_gaussians_equal_the_saved_ones() {
     for settings in kinds() {
         let mut run = Run::new(settings);
         run.show_times(&Scene::boxes().seen_from_origin(), 2);

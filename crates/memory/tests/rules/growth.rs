@@ -1,11 +1,11 @@
-//! Where the map grows and where it does not.
+//! Growth of the map.
 
 use crate::run::{Run, agreement, evidence, features};
 use crate::scene::{SIZE, Scene, Solid, WALL, pose};
 use glam::Vec3;
 use splatseg_memory::GrowthRule;
 
-/// A box 3 without a table, its front `distance` before the wall.
+/// Box 3 without a table, its front `distance` in front of the wall.
 fn box_before_wall(distance: f32) -> Solid {
     Solid::new(3, [0.0, 0.0, 3.2 - distance], [0.6, 0.6, 0.4])
 }
@@ -21,7 +21,7 @@ fn the_map_grows_where_nothing_covers() {
     assert!((1.6..1.9).contains(&right_edge), "{right_edge} m");
 
     let second = run.show(&scene.seen_from(pose([1.0, 0.0, 0.0], 0.0)));
-    assert!(second.update.grown * 2 < first.update.grown, "only the strip that is new: {}", second.update.grown);
+    assert!(second.update.grown * 2 < first.update.grown, "only the new strip: {}", second.update.grown);
     let added = &run.means()[first.update.grown..];
     let leftmost = added.iter().map(|mean| mean.x).fold(f32::MAX, f32::min);
     assert!(leftmost > right_edge - 0.05, "none where the wall was known: {leftmost} m");
@@ -60,7 +60,7 @@ fn a_box_that_disappears_reveals_a_known_wall() {
 }
 
 #[test]
-fn a_farther_surface_is_added_by_the_papers_rule_alone() {
+fn only_the_papers_rule_adds_a_farther_surface() {
     for (growth, expected) in [(GrowthRule::Missing, 0), (GrowthRule::Paper, 96 * 72)] {
         let mut run = Run::new(evidence().with(|settings| {
             settings.growth = growth;
@@ -110,7 +110,7 @@ fn the_papers_rule_adds_where_depths_differ_in_either_direction() {
     }
 }
 
-/// Gaussians that two equal views of the wall add by the paper's rule.
+/// Numbers of Gaussians that two equal views of the wall add by the paper's rule.
 fn grown_by_paper(growth_silhouette: f32, depth_disparity: f32) -> [usize; 2] {
     let mut run = Run::new(features().with(|settings| {
         (settings.growth_silhouette, settings.depth_disparity) = (growth_silhouette, depth_disparity);

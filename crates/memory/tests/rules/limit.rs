@@ -1,10 +1,10 @@
-//! The most Gaussians that are kept.
+//! The maximum number of Gaussians.
 
 use crate::run::{Run, agreement, evidence, features};
 use crate::scene::{Scene, pose};
 
 #[test]
-fn what_is_beyond_the_limit_goes_longest_unseen_first() {
+fn gaussians_beyond_the_limit_are_removed_longest_unseen_first() {
     let scene = Scene::room();
     let shots: Vec<_> = (0..=180).step_by(10).map(|degrees| scene.seen_from(pose([0.0; 3], degrees as f32))).collect();
     let mut unlimited = Run::new(evidence());
@@ -38,13 +38,13 @@ fn a_frame_with_more_than_the_limit_stays_below_it() {
         }));
         for _ in 0..5 {
             run.show(&shot);
-            assert_eq!(run.memory.gaussian_count(), 94, "less than the limit, so that it is not reached at once");
+            assert_eq!(run.memory.gaussian_count(), 94, "below the limit, so that it is not reached again at once");
         }
     }
 }
 
 #[test]
-fn the_papers_map_forgets_only_beyond_the_limit() {
+fn the_papers_map_removes_gaussians_only_beyond_the_limit() {
     let (wall, boxes) = (Scene::wall().seen_from_origin(), Scene::boxes().seen_from_origin());
     let mut run = Run::new(features());
     run.show(&boxes);
@@ -54,14 +54,14 @@ fn the_papers_map_forgets_only_beyond_the_limit() {
     }
     let limit = boxes.truth.pixels().len();
     let mut run = Run::new(features().with(|settings| settings.max_gaussians = limit));
-    assert_eq!(run.show(&boxes).update.removed, 0, "as many as may be");
+    assert_eq!(run.show(&boxes).update.removed, 0, "exactly the limit");
     let update = run.show(&wall).update;
     assert!(update.grown > 0 && update.removed > update.grown);
     assert_eq!(run.memory.gaussian_count(), limit - limit / 16);
 }
 
 #[test]
-fn a_map_at_its_limit_is_searched_now_and_then() {
+fn a_map_at_its_limit_is_not_searched_in_every_frame() {
     let scene = Scene::room();
     let shots: Vec<_> = (0..360).step_by(3).map(|degrees| scene.seen_from(pose([0.0; 3], degrees as f32))).collect();
     let mut unlimited = Run::new(evidence());
@@ -75,13 +75,13 @@ fn a_map_at_its_limit_is_searched_now_and_then() {
 }
 
 #[test]
-fn the_papers_map_keeps_what_was_in_view_last() {
+fn the_papers_map_keeps_gaussians_that_were_in_view_last() {
     let scene = Scene::room();
     let view = |degrees: f32| scene.seen_from(pose([0.0; 3], degrees));
     let mut run = Run::new(features());
     run.show(&view(0.0));
     run.show(&view(90.0));
-    // The first view again: it was born first, but seen last.
+    // The first view again: its Gaussians were added first, but seen last.
     run.show(&view(0.0));
     let limit = run.memory.gaussian_count();
     let mut limited = Run::new(features().with(|settings| settings.max_gaussians = limit));

@@ -9,7 +9,6 @@ mod features;
 mod growth;
 mod ids;
 mod limit;
-mod recurring;
 mod removal;
 mod run;
 mod scene;

@@ -1,13 +1,13 @@
-//! What is gone is forgotten, what is only hidden is not.
+//! Objects that are gone are forgotten; hidden ones are not.
 
 use crate::run::{Run, evidence, recalled};
 use crate::scene::{Scene, Solid, TABLE, pose};
 use glam::Vec3;
 
-/// A box 3 that touches nothing, 1 m before the wall.
+/// Box 3, which touches nothing, 1 m in front of the wall.
 const FLOATING: Solid = Solid { id: 3, min: Vec3::new(-0.3, -0.3, 1.8), max: Vec3::new(0.3, 0.3, 2.0) };
 
-/// Frames that see through something until it must be gone.
+/// Number of frames that see through an object until it must be gone.
 fn frames_to_remove() -> usize {
     usize::from(evidence().removal_frames) + 2
 }
@@ -33,12 +33,12 @@ fn a_box_that_is_taken_from_the_table_is_gone() {
     let solid = *scene.solid(3);
     let empty = scene.without(3).seen_from_origin();
     run.show_times(&empty, frames_to_remove());
-    // What lies nearer to the table than the margin cannot be told from it by depth.
+    // Depth cannot distinguish Gaussians nearer to the table than the margin from the table.
     let above = Solid { max: solid.max - Vec3::Y * 0.15, ..solid };
     assert_eq!(run.count_in(&above, 0.02), 0);
     run.show_times(&empty, 8);
     let left = run.expected(&empty).areas().get(&3).copied().unwrap_or(0);
-    assert_eq!(left, 0, "votes of what was seen since win over what is left");
+    assert_eq!(left, 0, "newer votes outweigh the remaining ones");
 }
 
 #[test]
@@ -54,7 +54,7 @@ fn removal_waits_for_its_number_of_frames() {
 }
 
 #[test]
-fn a_sight_in_between_starts_the_count_anew() {
+fn a_sight_in_between_restarts_the_count() {
     let mut run = Run::new(evidence());
     let (with, without) = (Scene::wall().with(FLOATING).seen_from_origin(), Scene::wall().seen_from_origin());
     run.show(&with);
@@ -67,7 +67,7 @@ fn a_sight_in_between_starts_the_count_anew() {
 }
 
 #[test]
-fn no_removal_frames_never_remove() {
+fn with_removal_frames_0_nothing_is_removed() {
     let mut run = Run::new(evidence().with(|settings| settings.removal_frames = 0));
     run.show_times(&Scene::wall().with(FLOATING).seen_from_origin(), 3);
     let count = run.memory.gaussian_count();
@@ -94,8 +94,8 @@ fn a_box_behind_something_is_not_removed() {
 }
 
 #[test]
-fn poses_off_by_half_a_pixel_do_not_erode_a_thin_thing() {
-    // Two pixels see it, but only one of them from half a pixel aside.
+fn poses_off_by_half_a_pixel_do_not_erode_a_thin_object() {
+    // Two pixels see the pole, but only one does from half a pixel aside.
     let pole = Solid::new(3, [0.0, 0.0, 2.0], [0.034, 6.0, 0.034]);
     let scene = Scene::wall().with(pole);
     let mut run = Run::new(evidence());
@@ -105,7 +105,7 @@ fn poses_off_by_half_a_pixel_do_not_erode_a_thin_thing() {
     // Half a pixel is 1.25 cm at the pole.
     let offsets = [[0.0125, 0.0], [-0.0125, 0.0], [0.0, 0.0125], [-0.009, -0.009], [0.0125, 0.0125]];
     for [x, y] in offsets {
-        // Longer than it takes to remove.
+        // More frames than removal takes.
         run.show_times(&scene.seen_from(pose([x, y, 0.0], 0.0)).with_pose(shot.pose), 6);
     }
     let left = run.count_in(&pole, 0.03);
@@ -113,7 +113,7 @@ fn poses_off_by_half_a_pixel_do_not_erode_a_thin_thing() {
 }
 
 #[test]
-fn a_box_pushed_across_the_table_keeps_its_id_and_leaves_nothing_behind() {
+fn a_box_pushed_across_the_table_keeps_its_id_and_leaves_no_gaussians_behind() {
     let start = Solid::new(3, [-0.6, 0.35, 1.8], [0.4, 0.5, 0.3]);
     let mut run = Run::new(evidence());
     let mut id = 0;
@@ -127,17 +127,17 @@ fn a_box_pushed_across_the_table_keeps_its_id_and_leaves_nothing_behind() {
         solid = solid.moved(Vec3::X * 0.02);
         let ids = run.show_matched(&Scene::table().with(solid).seen_from_origin());
         assert_eq!(ids[&3], id, "frame {frame} of the push");
-        assert!(ids[&TABLE] != id, "frame {frame} of the push: the table is another thing");
+        assert!(ids[&TABLE] != id, "frame {frame} of the push: the table is another object");
     }
     let end = Scene::table().with(solid).seen_from_origin();
     for _ in 0..10 {
         run.show_matched(&end);
     }
-    // What lies nearer to the table than the margin cannot be told from it by depth.
+    // Depth cannot distinguish Gaussians nearer to the table than the margin from the table.
     let place = Solid { max: start.max - Vec3::Y * 0.15, ..start };
     assert_eq!(run.count_in(&place, 0.02), 0, "its old place is free");
     let expected = run.expected(&end);
     let stray = expected.pixels().iter().zip(end.truth.pixels()).filter(|(found, truth)| **found == id && **truth != 3);
     let stray = stray.count();
-    assert!(stray < 20, "and shows other things: {stray}");
+    assert!(stray < 20, "and shows other objects: {stray}");
 }

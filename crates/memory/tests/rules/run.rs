@@ -1,17 +1,17 @@
-//! A memory that is shown views, as a run of the method does it.
+//! A memory that learns views, as in a run of the method.
 
 use crate::scene::{Shot, Solid};
 use glam::Vec3;
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_memory::{FrameUpdate, MemoryKind, MemorySettings, SplatMemory};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The default settings.
 pub fn evidence() -> MemorySettings {
     MemorySettings::default()
 }
 
-/// The paper's memory, with a codebook that is made at once.
+/// The paper's memory with a small codebook, which is generated quickly.
 pub fn features() -> MemorySettings {
     MemorySettings::default().with(|settings| {
         settings.kind = MemoryKind::Features;
@@ -20,7 +20,7 @@ pub fn features() -> MemorySettings {
     })
 }
 
-/// Both kinds.
+/// Settings of both kinds of memory.
 pub fn kinds() -> [MemorySettings; 2] {
     [evidence(), features()]
 }
@@ -29,9 +29,9 @@ pub struct Run {
     pub memory: SplatMemory,
 }
 
-/// What one frame gave.
+/// The result of one frame.
 pub struct Step {
-    /// What was expected before the frame was taken in.
+    /// Segments expected before the frame was learnt.
     pub expected: SegmentMap,
     pub fused: SegmentMap,
     pub update: FrameUpdate,
@@ -42,33 +42,42 @@ impl Run {
         Self { memory: SplatMemory::new(settings, 0, &mut |_| {}).unwrap() }
     }
 
-    /// Takes in a view whose predictions are the truth.
+    /// Learns a view whose predictions are the truth.
     pub fn show(&mut self, shot: &Shot) -> Step {
         self.show_as(shot, &shot.truth)
     }
 
-    /// Takes in `count` equal views.
+    /// Learns the same view `count` times.
     pub fn show_times(&mut self, shot: &Shot, count: usize) -> Vec<Step> {
         (0..count).map(|_| self.show(shot)).collect()
     }
 
-    /// Takes in a view with other predictions than the truth. Ids that do not exist yet are made.
-    pub fn show_as(&mut self, shot: &Shot, seen: &SegmentMap) -> Step {
-        let largest = seen.pixels().iter().copied().filter(|id| *id != splatseg_memory::ABSTAIN).max().unwrap_or(0);
+    /// Learns a view with the given predictions. Ids that do not exist yet are created.
+    pub fn show_as(&mut self, shot: &Shot, predicted: &SegmentMap) -> Step {
+        self.show_contradicted(shot, predicted, &BTreeSet::new())
+    }
+
+    /// As [`Self::show_as`], with predictions that the memory contradicts.
+    pub fn show_contradicted(
+        &mut self,
+        shot: &Shot,
+        predicted: &SegmentMap,
+        contradicted: &BTreeSet<SegmentId>,
+    ) -> Step {
+        let largest = predicted.pixels().iter().copied().max().unwrap_or(0);
         while self.memory.segment_count() < largest as usize {
             self.memory.new_segment().unwrap();
         }
         let frame = shot.frame();
         let recall = self.memory.recall(&frame);
         let expected = recall.expected().segments.clone();
-        let abstains = seen.pixels().contains(&splatseg_memory::ABSTAIN);
-        let fused = if abstains { expected.clone() } else { self.memory.fuse(&recall, seen).unwrap() };
-        let update = self.memory.update(recall, seen).unwrap();
+        let fused = self.memory.fuse(&recall, predicted).unwrap();
+        let update = self.memory.update(recall, predicted, contradicted).unwrap();
         Step { expected, fused, update }
     }
 
-    /// Takes in a view as the method does: each true mask has the id of the expected segment that it overlaps most, a
-    /// new one if there is none. Returns the id of each true mask.
+    /// Learns a view as the method does: each true mask gets the id of the expected segment that it overlaps most, or a
+    /// new id if there is none. Returns the id of each true mask.
     pub fn show_matched(&mut self, shot: &Shot) -> BTreeMap<SegmentId, SegmentId> {
         let expected = self.expected(shot);
         let mut overlaps = BTreeMap::new();
@@ -89,7 +98,7 @@ impl Run {
         self.memory.recall(&shot.frame()).expected().segments.clone()
     }
 
-    /// Where the Gaussians are in the world.
+    /// Positions of the Gaussians in the world.
     pub fn positions(&self) -> Vec<Vec3> {
         self.means().iter().map(|mean| (mean.as_dvec3() + self.memory.origin()).as_vec3()).collect()
     }
@@ -98,19 +107,19 @@ impl Run {
         &self.memory.balls().means
     }
 
-    /// Gaussians in a box or at most `slack` outside of it.
+    /// Number of Gaussians in a box or at most `slack` outside it.
     pub fn count_in(&self, solid: &Solid, slack: f32) -> usize {
         self.means().iter().filter(|mean| solid.contains(**mean, slack)).count()
     }
 }
 
-/// The share of the pixels of `id` in `truth` that `found` has right.
+/// Returns the share of the pixels of `id` in `truth` that are correct in `found`.
 pub fn recalled(found: &SegmentMap, truth: &SegmentMap, id: SegmentId) -> f32 {
     let of_id = || truth.pixels().iter().zip(found.pixels()).filter(|(truth, _)| **truth == id);
     of_id().filter(|(truth, found)| truth == found).count() as f32 / of_id().count() as f32
 }
 
-/// The share of all pixels that are equal.
+/// Returns the share of equal pixels.
 pub fn agreement(one: &SegmentMap, other: &SegmentMap) -> f32 {
     let equal = one.pixels().iter().zip(other.pixels()).filter(|(one, other)| one == other).count();
     equal as f32 / one.pixels().len() as f32

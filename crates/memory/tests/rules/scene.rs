@@ -6,7 +6,7 @@ use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentId, SegmentMa
 /// Size of a usual view, pixels.
 pub const SIZE: (usize, usize) = (96, 72);
 
-/// Ids of what every scene has.
+/// Ids of the surfaces common to several scenes.
 pub const WALL: SegmentId = 1;
 pub const TABLE: SegmentId = 2;
 
@@ -28,13 +28,13 @@ impl Solid {
         Self { min: self.min + by, max: self.max + by, ..self }
     }
 
-    /// Whether a point lies in the box or at most `slack` outside of it.
+    /// True if a point lies in the box or at most `slack` outside it.
     pub fn contains(&self, point: Vec3, slack: f32) -> bool {
         let slack = Vec3::splat(slack);
         point.cmpge(self.min - slack).all() && point.cmple(self.max + slack).all()
     }
 
-    /// Where a ray from outside enters, in lengths of `direction`.
+    /// Distance at which a ray from outside enters, in units of the length of `direction`.
     fn entry(&self, origin: Vec3, direction: Vec3) -> Option<f32> {
         let (one, other) = ((self.min - origin) / direction, (self.max - origin) / direction);
         let (enter, leave) = (one.min(other).max_element(), one.max(other).min_element());
@@ -42,17 +42,17 @@ impl Solid {
     }
 }
 
-/// Boxes in front of nothing.
+/// Boxes without a background.
 #[derive(Clone, Debug)]
 pub struct Scene(pub Vec<Solid>);
 
 impl Scene {
-    /// A wall 3 m before the origin and nothing else.
+    /// A wall 3 m in front of the origin and nothing else.
     pub fn wall() -> Self {
         Self(vec![Solid::new(WALL, [0.0, 0.0, 3.25], [40.0, 40.0, 0.5])])
     }
 
-    /// The wall, and before it a table that fills the lower part of the view from the origin.
+    /// The wall with a table in front that fills the lower part of the view from the origin.
     pub fn table() -> Self {
         Self::wall().with(Solid::new(TABLE, [0.0, 0.85, 2.0], [40.0, 0.5, 2.0]))
     }
@@ -89,7 +89,7 @@ impl Scene {
         self
     }
 
-    /// What a camera at the origin sees.
+    /// Renders the view of a camera at the origin.
     pub fn seen_from_origin(&self) -> Shot {
         self.seen_from(Pose::IDENTITY)
     }
@@ -98,7 +98,7 @@ impl Scene {
         self.seen_at_size(pose, SIZE)
     }
 
-    /// What a camera with the usual opening sees on `width` × `height` pixels.
+    /// Renders the view of a camera with the usual field of view on `width` × `height` pixels.
     pub fn seen_at_size(&self, pose: Pose, (width, height): (usize, usize)) -> Shot {
         let local = pose.relative_to(DVec3::ZERO);
         let focal = 80.0 * width as f32 / SIZE.0 as f32;
@@ -115,11 +115,11 @@ impl Scene {
     }
 }
 
-/// A view of a scene, to be changed before it is taken in.
+/// A view of a scene, which may be changed before it is learnt.
 #[derive(Clone, Debug)]
 pub struct Shot {
     pub depth: Image<f32>,
-    /// Ids of what is seen.
+    /// True ids of the pixels.
     pub truth: SegmentMap,
     pub intrinsics: Intrinsics,
     pub pose: Pose,

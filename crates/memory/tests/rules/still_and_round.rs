@@ -1,4 +1,4 @@
-//! What is known is not added again.
+//! Known surfaces are not added again.
 
 use crate::run::{Run, evidence};
 use crate::scene::{Scene, pose};

@@ -1,4 +1,4 @@
-//! The number of threads changes nothing.
+//! Results do not depend on the number of threads.
 
 use crate::run::{Run, kinds};
 use crate::scene::{Scene, pose};
@@ -6,7 +6,7 @@ use splatseg_geometry::SegmentMap;
 use splatseg_memory::MemorySettings;
 use std::fs;
 
-/// Ten frames on so many threads: the saved memory, and what was shown.
+/// Runs ten frames on a number of threads. Returns the saved memory and the shown segments.
 fn outcome(settings: &MemorySettings, threads: usize) -> (Vec<u8>, Vec<SegmentMap>) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     pool.install(|| {
@@ -30,8 +30,8 @@ fn any_number_of_threads_gives_the_same_bytes() {
         let (bytes, shown) = outcome(&settings, 1);
         for threads in [2, 4] {
             let (other_bytes, other_shown) = outcome(&settings, threads);
-            assert!(other_shown == shown, "{:?}: what is shown by {threads} threads", settings.kind);
-            assert!(other_bytes == bytes, "{:?}: what {threads} threads remember", settings.kind);
+            assert!(other_shown == shown, "{:?}: segments shown with {threads} threads", settings.kind);
+            assert!(other_bytes == bytes, "{:?}: memory with {threads} threads", settings.kind);
         }
     }
 }

@@ -1,30 +1,32 @@
-//! Boundaries between segments, against those between true objects.
+//! Comparison of boundaries between segments with boundaries between true objects.
 
 use crate::Void;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
 
-/// How far apart a predicted and a true boundary may be, in pixels.
+/// Maximum distance between matching predicted and true boundaries, in pixels.
 pub const BOUNDARY_TOLERANCE_PX: isize = 2;
 
-/// Pixels on boundaries: those whose right or lower neighbour has another label. Counts of several frames can be added.
+/// Counts of pixels on boundaries. A pixel is on a boundary if its right or lower neighbour has a different label.
+/// Counts of several frames can be added.
 ///
-/// With [`Void::Excluded`], unlabelled ground has no boundaries, and neither has what is within the tolerance of it.
+/// With [`Void::Excluded`], pixels that are unlabelled or within the tolerance of unlabelled pixels are ignored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct BoundaryCounts {
     /// Pixels on predicted boundaries.
     pub predicted: u64,
-    /// Those with a true boundary within [`BOUNDARY_TOLERANCE_PX`].
+    /// Pixels on predicted boundaries with a true boundary within [`BOUNDARY_TOLERANCE_PX`].
     pub predicted_right: u64,
     /// Pixels on true boundaries.
     pub truth: u64,
-    /// Those with a predicted boundary within [`BOUNDARY_TOLERANCE_PX`].
+    /// Pixels on true boundaries with a predicted boundary within [`BOUNDARY_TOLERANCE_PX`].
     pub truth_found: u64,
 }
 
 impl BoundaryCounts {
-    /// Counts a frame of `width` pixels a row: true ids, 0 where unlabelled, and one predicted label per pixel, 0 for none.
+    /// Counts a frame with rows of `width` pixels. `truth` contains true ids, 0 where unlabelled. `predicted` contains
+    /// one predicted label per pixel, 0 for none.
     pub(crate) fn count(width: usize, truth: &[SegmentId], predicted: &[SegmentId], void: Void) -> Self {
         let mut counted = vec![true; truth.len()];
         if void == Void::Excluded {
@@ -57,7 +59,7 @@ impl BoundaryCounts {
         self.truth_found += other.truth_found;
     }
 
-    /// Harmonic mean of precision and recall, percent; `None` if there is no boundary at all.
+    /// Harmonic mean of precision and recall, percent. `None` without boundaries.
     pub(super) fn f_score(&self) -> Option<f64> {
         let share = |part: u64, all: u64| if all > 0 { part as f64 / all as f64 } else { 0.0 };
         let precision = share(self.predicted_right, self.predicted);
@@ -74,7 +76,7 @@ fn boundary(labels: &[SegmentId], width: usize) -> Vec<bool> {
         .collect()
 }
 
-/// All pixels within the tolerance of those given.
+/// Dilates `pixels` by the tolerance.
 fn widened(pixels: &[bool], width: usize) -> Vec<bool> {
     const REACH: isize = BOUNDARY_TOLERANCE_PX;
     let mut wide = vec![false; pixels.len()];
@@ -99,7 +101,7 @@ fn widened(pixels: &[bool], width: usize) -> Vec<bool> {
 mod tests {
     use super::*;
 
-    /// Two halves of an image of 12×4 pixels, parted before `column`; unlabelled from `void` on.
+    /// An image of 12×4 pixels with two segments, divided before `column` and unlabelled from `void` on.
     fn halves(column: usize, void: usize) -> Vec<SegmentId> {
         (0..48).map(|index| index % 12).map(|x| if x >= void { 0 } else { 1 + u32::from(x >= column) }).collect()
     }

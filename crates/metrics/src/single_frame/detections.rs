@@ -8,32 +8,32 @@ use std::collections::BTreeMap;
 
 /// IoUs in twentieths: 0.5, 0.55, …, 0.95.
 const IOUS: [u64; 10] = [10, 11, 12, 13, 14, 15, 16, 17, 18, 19];
-/// Most segments of a frame that count, by confidence.
+/// Maximum number of segments in a frame. Only the most confident ones count.
 const MAX_SEGMENTS: usize = 100;
-/// Steps of confidence. Segments in the same step count as equally sure.
+/// Number of confidence levels. Segments of the same level are treated as equally confident.
 const CONFIDENCE_STEPS: f32 = 100.0;
-/// Points of the curve of precision over recall, less one: recalls of 0, 0.01, …, 1.
+/// Number of intervals between the points of the precision-recall curve, at recalls of 0, 0.01, …, 1.
 const RECALL_STEPS: u64 = 100;
 
-/// Segments as detections of true objects.
+/// Counts of segments as detections of true objects.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct DetectionCounts {
-    /// Number of true objects in all frames, and how many are found at each IoU, summed over IoUs; by the object's area
-    /// in the frame.
+    /// By the object's area in the frame: number of true objects in all frames, and number of objects found, summed
+    /// over IoU thresholds.
     pub objects: BTreeMap<SizeClass, (u64, u64)>,
-    /// Segments by their confidence in hundredths, rounded down; only those of which it is known.
+    /// Segments with known confidence, by confidence in hundredths, rounded down.
     pub by_confidence: BTreeMap<u8, ConfidenceCounts>,
-    /// Segments of unknown confidence.
+    /// Number of segments with unknown confidence.
     pub without_confidence: u64,
 }
 
-/// The segments of a step of confidence.
+/// The segments of one confidence level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ConfidenceCounts {
-    /// Their number.
+    /// Number of segments.
     pub segments: u32,
-    /// Those that match an object at IoUs of 0.5, 0.55, …, 0.95.
+    /// Number of segments that match an object at IoU thresholds of 0.5, 0.55, …, 0.95.
     pub right: [u32; 10],
 }
 
@@ -52,7 +52,7 @@ impl DetectionCounts {
                     let ratio = Ratio::iou(*shared, *free.get(truth)?, segment.area);
                     (20 * ratio.numerator >= iou * ratio.denominator).then_some((*truth, ratio))
                 });
-                // Of equal IoUs COCO's code takes the later object.
+                // Like COCO's code, takes the later of several objects with equal IoU.
                 let best = candidates.max_by(|(_, a), (_, b)| a.to_f64().total_cmp(&b.to_f64()));
                 if let Some((truth, _)) = best {
                     let area = free.remove(&truth).unwrap_or_default();
@@ -86,18 +86,18 @@ impl DetectionCounts {
         self.without_confidence += other.without_confidence;
     }
 
-    /// Percent; `None` without true objects, or if confidences are unknown.
+    /// AP in percent. `None` without true objects, or if any confidence is unknown.
     pub(super) fn average_precision(&self) -> Option<f64> {
         let sum: Option<f64> = (0..IOUS.len()).map(|iou| self.precision(iou)).sum();
         sum.map(|sum| sum / IOUS.len() as f64)
     }
 
-    /// Percent, at an IoU of 0.5.
+    /// AP at an IoU threshold of 0.5, percent.
     pub(super) fn average_precision_50(&self) -> Option<f64> {
         self.precision(0)
     }
 
-    /// The mean, over recalls, of the best precision at that recall or above it.
+    /// For each recall level, the best precision at that recall or above, averaged over the levels.
     fn precision(&self, iou: usize) -> Option<f64> {
         let objects: u64 = self.objects.values().map(|(objects, _)| objects).sum();
         if objects == 0 || self.without_confidence > 0 {
@@ -121,12 +121,12 @@ impl DetectionCounts {
         Some(100.0 * (0..=RECALL_STEPS).map(at).sum::<f64>() / (RECALL_STEPS + 1) as f64)
     }
 
-    /// Percent; `None` without true objects.
+    /// Average recall in percent. `None` without true objects.
     pub(super) fn average_recall(&self) -> Option<f64> {
         recall(self.objects.values().fold((0, 0), |sum, counts| (sum.0 + counts.0, sum.1 + counts.1)))
     }
 
-    /// The same by the object's area; every class is there.
+    /// Average recall by the object's area, for every class.
     pub(super) fn average_recall_by_size(&self) -> BTreeMap<SizeClass, Option<f64>> {
         SizeClass::ALL.map(|class| (class, self.objects.get(&class).copied().and_then(recall))).into()
     }
@@ -141,11 +141,11 @@ struct Segment {
     label: SegmentId,
     area: u64,
     confidence: Option<f32>,
-    /// True objects and the pixels that it shares with each.
+    /// Each overlapping true object with the number of shared pixels.
     overlaps: Vec<(SegmentId, u64)>,
 }
 
-/// The segments that count, the surest first; of equal ones the lowest label.
+/// Returns the segments that count, by decreasing confidence, then by label.
 fn ranked(frame: &FrameOverlaps, confidences: Option<&BTreeMap<SegmentId, f32>>) -> Vec<Segment> {
     let mut segments: BTreeMap<SegmentId, Segment> = BTreeMap::new();
     for overlap in frame.full() {
@@ -159,8 +159,8 @@ fn ranked(frame: &FrameOverlaps, confidences: Option<&BTreeMap<SegmentId, f32>>)
         }
     }
     let mut segments: Vec<Segment> = segments.into_values().collect();
-    let sureness = |segment: &Segment| segment.confidence.unwrap_or(0.0);
-    segments.sort_by(|a, b| sureness(b).total_cmp(&sureness(a)).then(a.label.cmp(&b.label)));
+    let confidence = |segment: &Segment| segment.confidence.unwrap_or(0.0);
+    segments.sort_by(|a, b| confidence(b).total_cmp(&confidence(a)).then(a.label.cmp(&b.label)));
     segments.truncate(MAX_SEGMENTS);
     segments
 }

@@ -1,4 +1,4 @@
-//! How well single frames are segmented, over all frames: ids do not matter.
+//! Segmentation quality of single frames, regardless of ids, over all frames.
 
 mod boundary;
 mod detections;
@@ -13,12 +13,12 @@ use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
 use std::collections::BTreeMap;
 
-/// Counts of single frames. Counts of several videos can be added. They do not depend on the protocol.
+/// Counts of single frames. They do not depend on the protocol. Counts of several videos can be added.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct SingleFrameCounts {
-    /// Segments and true objects of each frame, matched as [`Protocol::Paper`] does at k = 1. VSQ¹ looks at every
-    /// fifteenth frame only; these are all frames.
+    /// Segments and true objects of each frame, matched as in [`Protocol::Paper`] at k = 1. VSQ¹ uses only every
+    /// fifteenth frame; these counts are of all frames.
     pub matches: VsqCounts,
     /// Segments as detections of objects.
     pub detections: DetectionCounts,
@@ -26,42 +26,43 @@ pub struct SingleFrameCounts {
     pub boundary: BoundaryCounts,
     /// Pixels with a true and a predicted label.
     pub covered: u64,
-    /// Those in the segment that covers most of their object.
+    /// Number of `covered` pixels in the segment that covers most of their object.
     pub in_main_segment: u64,
-    /// Those in the object that has most of their segment.
+    /// Number of `covered` pixels in the object that contains most of their segment.
     pub in_main_object: u64,
 }
 
-/// How well single frames are segmented, percent unless said otherwise; `None` (JSON `null`) where there is nothing to
-/// divide by.
+/// Segmentation quality of single frames, in percent unless stated otherwise. `None` (JSON `null`) where the
+/// denominator is 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct SingleFrameScores {
-    /// Σ IoU of matched segments / mean of the numbers of segments and objects: VSQ¹ of protocol `paper`, over all frames.
+    /// Σ IoU of matched segments / mean of the numbers of segments and objects: VSQ¹ of protocol `paper`, but over all
+    /// frames.
     pub quality: Option<f64>,
-    /// Average precision as COCO defines it, class-agnostic: the mean over IoUs of 0.5, 0.55, …, 0.95. `None` if
-    /// segments have no confidence.
+    /// COCO's average precision, class-agnostic: the mean over IoU thresholds of 0.5, 0.55, …, 0.95. `None` if segments
+    /// have no confidence.
     pub ap: Option<f64>,
-    /// Average precision at an IoU of 0.5.
+    /// Average precision at an IoU threshold of 0.5.
     pub ap50: Option<f64>,
-    /// COCO's average recall with at most 100 segments a frame: the mean over the IoUs of `ap`.
+    /// COCO's average recall with at most 100 segments per frame: the mean over the IoU thresholds of `ap`.
     pub ar: Option<f64>,
     /// `ar` by the object's area in the frame.
     pub ar_by_size: BTreeMap<SizeClass, Option<f64>>,
-    /// F-score of the pixels on boundaries, which may be [`BOUNDARY_TOLERANCE_PX`] apart.
+    /// F-score of boundary pixels, with a tolerance of [`BOUNDARY_TOLERANCE_PX`].
     pub boundary_f: Option<f64>,
-    /// Pixels outside the segment that covers most of their object, of those with a segment and an object.
+    /// Of the pixels with a segment and an object, those outside the segment that covers most of their object.
     pub over_segmentation: Option<f64>,
-    /// Pixels outside the object that has most of their segment, of the same pixels.
+    /// Of the pixels with a segment and an object, those outside the object that contains most of their segment.
     pub under_segmentation: Option<f64>,
-    /// Mean number of segments a frame.
+    /// Mean number of segments per frame.
     pub segments_per_frame: Option<f64>,
-    /// Mean number of true objects a frame.
+    /// Mean number of true objects per frame.
     pub objects_per_frame: Option<f64>,
 }
 
 impl SingleFrameCounts {
-    /// Adds a frame. `confidences` has those of labels, if they are known.
+    /// Adds a frame. `confidences` contains the confidences of labels, if known.
     pub(crate) fn push(
         &mut self,
         frame: &FrameOverlaps,
@@ -73,16 +74,16 @@ impl SingleFrameCounts {
         self.matches.add(&VsqCounts::from_window(&tubes, Protocol::Paper));
         self.detections.push(frame, confidences);
         self.boundary.add(&boundary);
-        let (mut of_object, mut of_segment) = (BTreeMap::new(), BTreeMap::new());
+        let (mut by_object, mut by_segment) = (BTreeMap::new(), BTreeMap::new());
         for overlap in frame.flat().iter().filter(|overlap| overlap.truth != 0) {
             self.covered += overlap.pixels;
-            for (largest, key) in [(&mut of_object, overlap.truth), (&mut of_segment, overlap.label)] {
+            for (largest, key) in [(&mut by_object, overlap.truth), (&mut by_segment, overlap.label)] {
                 let largest: &mut u64 = largest.entry(key).or_default();
                 *largest = overlap.pixels.max(*largest);
             }
         }
-        self.in_main_segment += of_object.values().sum::<u64>();
-        self.in_main_object += of_segment.values().sum::<u64>();
+        self.in_main_segment += by_object.values().sum::<u64>();
+        self.in_main_object += by_segment.values().sum::<u64>();
     }
 
     pub(crate) fn add(&mut self, other: &Self) {

@@ -1,4 +1,4 @@
-//! The slow, obvious twin of the scorer: one boolean per pixel of every tube, and every assignment tried.
+//! A slow, obvious reference for the scorer, with one boolean per pixel of every tube and enumerated assignments.
 
 use splatseg_metrics::{Protocol, ScoreSettings, Void, WindowLength};
 use std::collections::BTreeMap;
@@ -7,20 +7,20 @@ use std::collections::BTreeMap;
 #[derive(Clone, Debug)]
 pub struct SlowFrame {
     pub truth: Vec<u32>,
-    /// With their ids; the ids mean nothing where predictions are unlinked.
+    /// Masks with their ids. The ids are ignored for unlinked predictions.
     pub masks: Vec<(u32, Vec<bool>)>,
 }
 
-/// What the twin finds.
+/// The reference's counts.
 #[derive(Debug, Default)]
 pub struct SlowScore {
-    /// By window length: summed IoU, 2 TP + FP + FN, windows.
+    /// Summed IoU, 2 TP + FP + FN, and number of windows, by window length.
     pub vsq: Vec<(f64, usize, usize)>,
     pub sum_association: f64,
     pub tracks: usize,
-    /// Pixels labelled and predicted, labelled alone, predicted alone.
+    /// Numbers of pixels both labelled and predicted, only labelled, and only predicted.
     pub coverage: (usize, usize, usize),
-    /// Whether another linking of masks would have been as good.
+    /// True if another linking of masks would have been as good.
     pub ambiguous_links: bool,
 }
 
@@ -44,8 +44,8 @@ fn f_score(first: &[bool], second: &[bool]) -> f64 {
     if shared == 0.0 { 0.0 } else { 2.0 * shared / (area(first) + area(second)) }
 }
 
-/// Every partial assignment of rows to columns over pairs with a positive first weight, as (sum of the first weight,
-/// sum of the second, column of each row).
+/// Enumerates all partial assignments of rows to columns over pairs with a positive first weight, as (sum of the first
+/// weight, sum of the second, column of each row).
 fn assignments(weights: &[Vec<(f64, f64)>]) -> Vec<(f64, f64, Vec<Option<usize>>)> {
     let mut all = vec![(0.0, 0.0, Vec::new())];
     for row in weights {
@@ -67,7 +67,7 @@ fn assignments(weights: &[Vec<(f64, f64)>]) -> Vec<(f64, f64, Vec<Option<usize>>
     all
 }
 
-/// The best assignment, and whether another with other pairs has the same sum of first weights.
+/// Returns the best assignment, and true if a different assignment has the same sum of first weights.
 fn best(weights: &[Vec<(f64, f64)>]) -> (f64, f64, Vec<Option<usize>>, bool) {
     let all = assignments(weights);
     let top = all.iter().map(|a| a.0).fold(0.0, f64::max);
@@ -78,7 +78,7 @@ fn best(weights: &[Vec<(f64, f64)>]) -> (f64, f64, Vec<Option<usize>>, bool) {
     (first, second, columns, ambiguous)
 }
 
-/// Gives masks of consecutive frames the same number if they are linked.
+/// Numbers the masks, with the same number for linked masks of consecutive frames.
 fn linked(frames: &[SlowFrame], protocol: Protocol) -> (Vec<SlowFrame>, bool) {
     let (mut result, mut ambiguous, mut next) = (Vec::<SlowFrame>::new(), false, 0);
     let mut before: Vec<(u32, Vec<bool>)> = Vec::new();
@@ -106,7 +106,8 @@ fn linked(frames: &[SlowFrame], protocol: Protocol) -> (Vec<SlowFrame>, bool) {
     (result, ambiguous)
 }
 
-/// Small truths and, if wanted, predictions on unlabelled ground removed. Masks that lose all their pixels disappear.
+/// Removes small true segments and, with [`Void::Excluded`], predictions on unlabelled pixels. Masks that lose all
+/// their pixels disappear.
 fn cleaned(frames: Vec<SlowFrame>, settings: &ScoreSettings) -> Vec<SlowFrame> {
     let clean = |frame: SlowFrame| {
         let pixels = frame.truth.len() as f64;
@@ -127,7 +128,7 @@ fn cleaned(frames: Vec<SlowFrame>, settings: &ScoreSettings) -> Vec<SlowFrame> {
     frames.into_iter().map(clean).collect()
 }
 
-/// The pixels of every true tube that has any.
+/// The pixels of every nonempty true tube.
 fn true_tubes(frames: &[SlowFrame]) -> Vec<Tube> {
     let all: Vec<u32> = frames.iter().flat_map(|frame| frame.truth.clone()).collect();
     let mut ids = all.clone();
@@ -149,14 +150,14 @@ fn predicted_tubes(frames: &[SlowFrame]) -> BTreeMap<u32, Tube> {
     tubes
 }
 
-/// Whether masks carry ids.
+/// Type of a prediction: masks with or without ids.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Linked {
     Ids,
     No,
 }
 
-/// Frames with one number per tube, and whether another linking would have been as good.
+/// Returns frames with one number per tube, and true if another linking would have been as good.
 fn numbered(frames: &[SlowFrame], links: Linked, protocol: Protocol) -> (Vec<SlowFrame>, bool) {
     match links {
         Linked::Ids => (frames.to_vec(), false),
@@ -164,7 +165,7 @@ fn numbered(frames: &[SlowFrame], links: Linked, protocol: Protocol) -> (Vec<Slo
     }
 }
 
-/// Leaves every pixel to the smallest mask that has it, of equal ones to the first.
+/// Assigns every pixel to the smallest mask that contains it. Ties go to the first.
 fn flattened(frame: SlowFrame) -> SlowFrame {
     let mut order: Vec<usize> = (0..frame.masks.len()).collect();
     order.sort_by_key(|index| area(&frame.masks[*index].1) as usize);

@@ -10,9 +10,9 @@ pub struct LabelledFrame {
     pub prediction: SegmentMap,
 }
 
-/// How the prediction is handed to the scorer.
+/// Form of the prediction passed to the scorer.
 #[derive(Clone, Copy, Debug)]
-pub enum HandedAs {
+pub enum PredictionForm {
     /// The id map itself.
     Ids,
     /// A mask per id, with the ids.
@@ -40,15 +40,15 @@ pub fn read_video(folder: &Path) -> Vec<LabelledFrame> {
 }
 
 /// Scores a whole video.
-pub fn score(frames: &[LabelledFrame], handed_as: HandedAs, settings: ScoreSettings) -> VideoScore {
+pub fn score(frames: &[LabelledFrame], form: PredictionForm, settings: ScoreSettings) -> VideoScore {
     let mut scorer = VideoScorer::new(settings);
     for frame in frames {
         let masks = Mask::of_segments(&frame.prediction);
-        let bare: Vec<Mask> = masks.iter().map(|(_, mask)| mask.clone()).collect();
-        let prediction = match handed_as {
-            HandedAs::Ids => FramePrediction::Ids(&frame.prediction),
-            HandedAs::Masks => FramePrediction::Masks(&masks),
-            HandedAs::Unlinked => FramePrediction::Unlinked(&bare),
+        let unlinked: Vec<Mask> = masks.iter().map(|(_, mask)| mask.clone()).collect();
+        let prediction = match form {
+            PredictionForm::Ids => FramePrediction::Ids(&frame.prediction),
+            PredictionForm::Masks => FramePrediction::Masks(&masks),
+            PredictionForm::Unlinked => FramePrediction::Unlinked(&unlinked),
         };
         scorer.push(&frame.truth, &prediction).unwrap();
     }

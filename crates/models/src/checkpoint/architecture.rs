@@ -1,4 +1,4 @@
-//! Which network a checkpoint is of.
+//! Recognises the network of a checkpoint.
 
 use super::Checkpoint;
 use std::fmt;
@@ -6,7 +6,7 @@ use std::fmt;
 /// A network, recognised by the names and shapes of its tensors.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Architecture {
-    /// YOLOv8-seg; FastSAM if it has one class.
+    /// YOLOv8-seg. With one class, it is FastSAM.
     YoloV8Seg {
         /// `n`, `s`, `m`, `l` or `x`; `None` for another width or depth.
         scale: Option<char>,
@@ -19,9 +19,9 @@ pub enum Architecture {
     },
     /// SAM 2 or 2.1.
     Sam2 {
-        /// `tiny`, `small`, `base_plus` or `large`; `None` for another.
+        /// `tiny`, `small`, `base_plus` or `large`; `None` for another size.
         size: Option<&'static str>,
-        /// Whether it has what 2.1 added.
+        /// True if it has the additions of 2.1.
         is_2_1: bool,
         /// Channels of the first stage of the image encoder.
         width: usize,
@@ -33,19 +33,19 @@ pub enum Architecture {
 }
 
 impl Architecture {
-    /// What a checkpoint is of.
-    pub(super) fn of(checkpoint: &Checkpoint) -> Self {
+    /// Recognises the network of a checkpoint.
+    pub(super) fn from_checkpoint(checkpoint: &Checkpoint) -> Self {
         yolo_v8_seg(checkpoint).or_else(|| sam2(checkpoint)).unwrap_or(Self::Unknown)
     }
 }
 
-/// First axis of a tensor with `N` axes.
+/// Length of the first axis of a tensor with `N` axes.
 fn first_axis<const N: usize>(checkpoint: &Checkpoint, name: &str) -> Option<usize> {
     let shape: &[usize; N] = checkpoint.info(name)?.shape().try_into().ok()?;
     Some(shape[0])
 }
 
-/// How many of `prefix.0.suffix`, `prefix.1.suffix`, … there are.
+/// Number of consecutive tensors `prefix.0.suffix`, `prefix.1.suffix`, …
 fn count(checkpoint: &Checkpoint, prefix: &str, suffix: &str) -> usize {
     (0..).take_while(|index| checkpoint.info(&format!("{prefix}.{index}.{suffix}")).is_some()).count()
 }

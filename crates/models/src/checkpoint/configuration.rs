@@ -1,19 +1,19 @@
-//! Inert data as JSON.
+//! Converts inert pickle data to JSON.
 
 use super::error::Fault;
 use super::pickle::{Graph, Id, Value};
 use serde_json::{Map, Value as Json};
 
-/// The most values and bytes of text of a configuration; Ultralytics' have about a thousand.
+/// Maximum number of values and bytes of text in a configuration; Ultralytics' have about a thousand.
 const MAX_SIZE: usize = 1 << 16;
-/// The deepest nesting.
+/// Maximum nesting depth.
 const MAX_DEPTH: usize = 32;
 
-/// A dict of scalars, lists and dicts; `None` for any other value. Other values inside it are replaced by their
-/// description.
+/// Converts a dict of scalars, lists and dicts; `None` for any other value. Other values inside the dict are replaced
+/// by their descriptions.
 ///
 /// # Errors
-/// A [`Fault`] if it is larger or deeper than a configuration is, or contains itself.
+/// A [`Fault`] if the dict is larger or deeper than any configuration, or contains itself.
 pub(super) fn json(graph: &Graph<'_>, id: Id) -> Result<Option<Json>, Fault> {
     if graph.entries(id).is_none() {
         return Ok(None);

@@ -1,65 +1,65 @@
-//! What can be wrong with a checkpoint.
+//! Errors of checkpoints.
 
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// How much of a text from a file an error shows.
+/// Maximum number of characters from a file in an error message.
 const SHOWN_CHARS: usize = 80;
 
-/// A checkpoint that cannot be read, converted or used; each message is one line that names the file.
+/// Errors reading, converting or using a checkpoint. Each message is one line and contains the path.
 #[derive(Debug, Error)]
 pub enum CheckpointError {
-    /// The file system refused.
+    /// An I/O error.
     #[error("{}: cannot {action}: {source}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What was being done.
+        /// Action that failed, e.g. "open".
         action: &'static str,
-        /// Why it failed.
+        /// Cause.
         source: std::io::Error,
     },
-    /// A file of another kind.
+    /// The file is not a checkpoint.
     #[error("{}: {found}, expected a checkpoint (.pt of PyTorch 1.6 or later, .safetensors)", path.display())]
     NotACheckpoint {
         /// The file.
         path: PathBuf,
-        /// What it is, or how it begins.
+        /// The kind of file, or its first bytes.
         found: String,
     },
-    /// A part of the file is damaged, or not as such files are.
+    /// A part of the file is damaged or malformed.
     #[error("{}: {part}: found {found}, expected {expected}", path.display())]
     Part {
         /// The file.
         path: PathBuf,
         /// The part: an entry of the archive, a byte of the pickle, a field.
         part: String,
-        /// What is there.
+        /// Actual contents.
         found: String,
-        /// What should be.
+        /// Expected contents.
         expected: String,
     },
-    /// A tensor is missing, has another shape or type, or lies about its data.
+    /// A tensor is missing, has another shape or type, or its description does not match its data.
     #[error("{}: tensor {tensor}: found {found}, expected {expected}", path.display())]
     Tensor {
         /// The file.
         path: PathBuf,
         /// The tensor's name.
         tensor: String,
-        /// What is there.
+        /// Actual contents.
         found: String,
-        /// What should be.
+        /// Expected contents.
         expected: String,
     },
-    /// A converted file would replace another.
-    #[error("{}: exists already, and is not overwritten", path.display())]
+    /// The output file already exists.
+    #[error("{}: already exists and is not overwritten", path.display())]
     Exists {
         /// The file.
         path: PathBuf,
     },
 }
 
-/// What is wrong, before it is known in which file.
+/// An error without the path, which [`Fault::at`] adds.
 #[derive(Debug)]
 pub(super) struct Fault {
     /// The part or tensor.
@@ -68,7 +68,7 @@ pub(super) struct Fault {
     pub expected: String,
 }
 
-/// What a fault is about.
+/// Subject of a fault.
 #[derive(Debug)]
 pub(super) enum Subject {
     Part(String),
@@ -94,14 +94,14 @@ impl Fault {
 }
 
 impl CheckpointError {
-    /// For `map_err`: an error of the file system at `path`.
+    /// For `map_err`: converts an I/O error at `path`.
     pub(super) fn io(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         move |source| Self::Io { path: path.to_owned(), action, source }
     }
 }
 
-/// A text from a file for people: on one line and at most 80 characters long. Control characters, and characters that
-/// change the direction of writing or are invisible, are written as Rust writes them in a string, like `\u{1b}`.
+/// Makes text from a file safe to print: one line of at most 80 characters. Control characters, invisible characters
+/// and characters that change the writing direction are escaped as in Rust strings, e.g. `\u{1b}`.
 pub fn printable(text: &str) -> String {
     let is_hidden = |character: char| {
         character.is_control()

@@ -1,14 +1,14 @@
-//! Code that a pickle would run elsewhere.
+//! Finds code that a pickle would run in Python.
 //!
-//! Here a pickle is data. Python's `pickle`, and with it `torch.load(…, weights_only=False)`, imports and calls whatever a
-//! file names. What is dangerous cannot be listed, so what is known to be harmless is: classes and functions that
-//! checkpoints of PyTorch and Ultralytics consist of.
+//! Here a pickle is only data. Python's `pickle`, and therefore `torch.load(…, weights_only=False)`, imports and calls
+//! anything that a file names. Dangerous names cannot be listed exhaustively, so this module lists harmless ones: the
+//! classes and functions in checkpoints of PyTorch and Ultralytics.
 
 use super::error::printable;
 use super::pickle::{Graph, Value};
 use std::collections::BTreeSet;
 
-/// The most names that are listed; a pickle could hold hundreds of thousands.
+/// Maximum number of names listed; a pickle could contain hundreds of thousands.
 const MAX_LISTED: usize = 64;
 
 /// Harmless names by module.
@@ -50,11 +50,11 @@ const BUILTINS: &[&str] = &[
     "tuple",
 ];
 
-/// Modules of which all classes are harmless.
+/// Modules whose classes are all harmless.
 const HARMLESS_CLASSES: [&str; 5] =
     ["torch.nn.modules.", "torch.optim.", "ultralytics.nn.", "ultralytics.utils.", "ultralytics.yolo."];
 
-/// What a pickle would import or call that is not known to be harmless, as `call posix.system`.
+/// Returns the imports and calls of a pickle that are not known to be harmless, e.g. `call posix.system`.
 pub(super) fn foreign_code(graph: &Graph<'_>) -> Vec<String> {
     let mut called = BTreeSet::new();
     let mut named = BTreeSet::new();
@@ -62,7 +62,7 @@ pub(super) fn foreign_code(graph: &Graph<'_>) -> Vec<String> {
         match value {
             Value::Object(object) => match graph.callable(object) {
                 Some(name) => drop(called.insert(name)),
-                // The callable is the result of another call, or no callable at all.
+                // The callable is the result of another call, or not callable at all.
                 None => drop(called.insert(("", "a computed function"))),
             },
             Value::Global { module, name } => drop(named.insert((*module, *name))),
@@ -80,7 +80,7 @@ pub(super) fn foreign_code(graph: &Graph<'_>) -> Vec<String> {
 }
 
 fn is_harmless(module: &str, name: &str) -> bool {
-    // A dotted name leads through attributes, and so out of the module.
+    // A dotted name follows attributes, which can lead out of the module.
     if name.contains('.') {
         return false;
     }

@@ -1,19 +1,19 @@
-//! Checkpoints: the weights of a network in a file, as others publish them and as splatseg converts them.
+//! Checkpoint files: network weights as published by their authors, or as converted by splatseg.
 //!
-//! | file | what is in it |
+//! | file | contents |
 //! | --- | --- |
-//! | Ultralytics `.pt` | a zip archive with a pickled module: `ema` if there is one, else `model`; 8.0.x and later |
+//! | Ultralytics `.pt` | a zip archive with a pickled module: `ema` if present, else `model`; 8.0.x and later |
 //! | state dict `.pt` | a zip archive with a pickled dict of tensors, alone or as `model` (Meta's SAM 2.1) |
-//! | `.safetensors` | tensors by name; a file that [`Checkpoint::convert`] wrote has the configuration in its metadata |
+//! | `.safetensors` | tensors by name; files written by [`Checkpoint::convert`] have the configuration in their metadata |
 //!
-//! Opening reads names and shapes only; numbers are read when asked for. No code from a file is executed: a pickle is
-//! parsed into inert data (`pickle`), of which the parts that describe tensors are used. Of the existing readers,
-//! `pytorch-reader` (Burn's) comes closest; but it drops the module's configuration, its batch norms' ε and the order
-//! of tensors, refuses checkpoints of Ultralytics 8.0.x for the loss in them, and lets a file of a few bytes claim
-//! tensors of 10 GB; hence our own.
+//! Opening reads only names and shapes; values are read on demand. No code from a file is executed: a pickle is parsed
+//! into inert data (`pickle`), and only the parts that describe tensors are used. Of the existing readers,
+//! `pytorch-reader` (Burn's) comes closest. But it drops the module's configuration, its batch norms' ε and the order
+//! of tensors, rejects checkpoints of Ultralytics 8.0.x because they contain a loss, and lets a file of a few bytes
+//! claim tensors of 10 GB.
 //!
-//! Files need not be trusted: sizes are checked before memory is taken, and opening takes at most about 100 MB and a
-//! second whatever the file says.
+//! Files need not be trusted: sizes are checked before memory is allocated, and opening any file takes at most about
+//! 100 MB and a second.
 
 mod architecture;
 mod configuration;
@@ -33,7 +33,7 @@ pub use tensor::{Dtype, TensorInfo};
 
 use error::Fault;
 use serde_json::Value;
-use splatseg_input::open_file;
+use splatseg_files::open_file;
 use std::collections::{HashMap, HashSet};
 use std::fs::File;
 use std::io::Read;
@@ -46,16 +46,16 @@ pub struct Checkpoint {
     path: PathBuf,
     /// Length of the file in bytes.
     len: u64,
-    /// Locked while a tensor is read: its position is shared.
+    /// Locked while a tensor is read, because the file position is shared.
     file: Mutex<File>,
-    /// Where the storages begin whose checksum was found to be right.
+    /// Offsets of the storages whose checksums have been verified.
     verified: Mutex<HashSet<u64>>,
     format: Format,
     contents: Contents,
     index: HashMap<String, usize>,
 }
 
-/// What a file holds, besides the numbers.
+/// Contents of a file, except the tensors' values.
 #[derive(Debug)]
 struct Contents {
     tensors: Vec<TensorInfo>,
@@ -66,21 +66,21 @@ struct Contents {
     foreign_code: Vec<String>,
 }
 
-/// Kinds of files.
+/// File format of a checkpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// A zip archive that `torch.save` wrote.
+    /// A zip archive written by `torch.save`.
     Torch,
-    /// A `.safetensors`.
+    /// A `.safetensors` file.
     Safetensors,
 }
 
 impl Checkpoint {
-    /// Opens a file, whatever its name ends with.
+    /// Opens a file. The format is recognised by the contents, not by the name.
     ///
     /// # Errors
-    /// [`CheckpointError`] if the file cannot be read, is of another kind, is damaged, or makes claims about its
-    /// tensors that it cannot hold.
+    /// [`CheckpointError`] if the file cannot be read, has another format, is damaged, or describes tensors that do not
+    /// fit in it.
     pub fn open(path: &Path) -> Result<Self, CheckpointError> {
         let io = |action| CheckpointError::io(path, action);
         let file = open_file(path).map_err(io("open"))?;
@@ -90,10 +90,10 @@ impl Checkpoint {
         let len = metadata.len();
         let (format, contents) = if start.starts_with(b"PK\x03\x04") {
             (Format::Torch, torch_archive::open(&file, len))
-        } else if safetensors_file::begins_like_one(&start, len) {
+        } else if safetensors_file::recognises(&start, len) {
             (Format::Safetensors, safetensors_file::open(&file, len))
         } else {
-            return Err(CheckpointError::NotACheckpoint { path: path.to_owned(), found: foreign(&start) });
+            return Err(CheckpointError::NotACheckpoint { path: path.to_owned(), found: describe_start(&start) });
         };
         let contents = contents.map_err(|fault| fault.at(path))?;
         let index = contents.tensors.iter().enumerate().map(|(index, tensor)| (tensor.name.clone(), index)).collect();
@@ -101,56 +101,56 @@ impl Checkpoint {
         Ok(Self { path: path.to_owned(), len, file, verified, format, contents, index })
     }
 
-    /// The file.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Its kind.
+    /// Format of the file.
     pub fn format(&self) -> Format {
         self.format
     }
 
-    /// All tensors, in the order of the file; that is the state dict's, except in `.safetensors`.
+    /// All tensors, in file order, which is the state dict's order except in `.safetensors`.
     pub fn tensors(&self) -> impl Iterator<Item = &TensorInfo> {
         self.contents.tensors.iter()
     }
 
-    /// A tensor by its name in the state dict, as `model.0.conv.weight`.
+    /// Finds a tensor by its name in the state dict, e.g. `model.0.conv.weight`.
     pub fn info(&self, name: &str) -> Option<&TensorInfo> {
         self.index.get(name).map(|&index| &self.contents.tensors[index])
     }
 
-    /// What the network is, by the names and shapes of its tensors.
+    /// Recognises the network by the names and shapes of its tensors.
     pub fn architecture(&self) -> Architecture {
-        Architecture::of(self)
+        Architecture::from_checkpoint(self)
     }
 
     /// The dict from which Ultralytics built the module (its attribute `yaml`: `nc`, `scale`, `backbone`, `head`, …),
-    /// if the file holds a module or was converted from one. From the file: to be checked like all of it.
+    /// if the file contains a module or was converted from one. It is unvalidated file content.
     pub fn configuration(&self) -> Option<&Value> {
         self.contents.configuration.as_ref()
     }
 
-    /// The ε of the batch norms, if the file holds a module or was converted from one. Ultralytics' networks have 1e-3,
-    /// not PyTorch's 1e-5.
+    /// The ε of the batch norms, if the file contains a module or was converted from one. Ultralytics' networks have
+    /// 1e-3, not PyTorch's 1e-5.
     pub fn batch_norm_eps(&self) -> Option<f64> {
         self.contents.batch_norm_eps
     }
 
-    /// Class of the pickled module, as `SegmentationModel`, if the file holds a module or was converted from one.
+    /// Class of the pickled module, e.g. `SegmentationModel`, if the file contains a module or was converted from one.
     pub fn class(&self) -> Option<&str> {
         self.contents.class.as_deref()
     }
 
-    /// What Python would import or call while it loads the file, beyond what checkpoints consist of: `call posix.system`.
-    /// Nothing of it is executed here; but a file with such names should not be loaded elsewhere.
+    /// Imports and calls that Python would execute when loading the file and that ordinary checkpoints do not contain,
+    /// e.g. `call posix.system`. Nothing is executed here, but a file with such names should not be loaded elsewhere.
     pub fn foreign_code(&self) -> &[String] {
         &self.contents.foreign_code
     }
 
-    /// Names of the entries whose data do not have the checksum that the file states. All data are read, some GB per
-    /// second; `.safetensors` have no checksums.
+    /// Returns the names of the entries whose data do not match their checksums. Reads all data, at some GB per second.
+    /// `.safetensors` files have no checksums.
     ///
     /// # Errors
     /// [`CheckpointError`] if the file cannot be read, or if its entries overlap.
@@ -163,27 +163,27 @@ impl Checkpoint {
         }
     }
 
-    /// Number of learnt numbers: of all tensors but the statistics of batch norms and fixed random matrices, which a
-    /// state dict does not tell apart other than by name. FastSAM's include the constant of the box distribution, as
-    /// Ultralytics counts.
+    /// Number of learned parameters: the elements of all tensors except batch-norm statistics and fixed random
+    /// matrices, which a state dict distinguishes only by name. FastSAM's number includes the constant of the box
+    /// distribution, as in Ultralytics.
     pub fn parameters(&self) -> usize {
         let buffers = ["running_mean", "running_var", "num_batches_tracked", "positional_encoding_gaussian_matrix"];
         let is_buffer = |name: &str| buffers.contains(&name.rsplit('.').next().unwrap_or_default());
         self.tensors().filter(|tensor| !is_buffer(tensor.name())).map(TensorInfo::elements).sum()
     }
 
-    /// Writes everything to a `.safetensors` file of splatseg's own, whose metadata (`splatseg`, JSON) keep the
-    /// configuration and the batch norms' ε. Types and names stay as they are. The file is first written under another
-    /// name in the same folder.
+    /// Writes the checkpoint to a `.safetensors` file whose metadata (`splatseg`, JSON) contain the configuration and
+    /// the batch norms' ε. Types and names are unchanged. The file is first written under another name in the same
+    /// folder.
     ///
     /// # Errors
-    /// [`CheckpointError`] if there is a file at `out` (it stays as it is), a tensor cannot be read, the tensors share
-    /// so much data that they are more than twice the file, or the new file cannot be written.
+    /// [`CheckpointError`] if `out` exists (it is left unchanged), a tensor cannot be read, the tensors share so much
+    /// data that they would take more than twice the size of the file, or the new file cannot be written.
     pub fn convert(&self, out: &Path) -> Result<(), CheckpointError> {
         if out.exists() {
             return Err(CheckpointError::Exists { path: out.to_owned() });
         }
-        // Tensors may share data, which a converted file repeats: a small file could ask for a huge one.
+        // Tensors may share data, which a converted file repeats: a small file could produce a huge one.
         let bytes = self.tensors().map(|tensor| (tensor.elements() * tensor.dtype.size()) as u128).sum::<u128>();
         let limit = 2 * u128::from(self.len);
         if bytes > limit {
@@ -196,12 +196,11 @@ impl Checkpoint {
     /// Reads a tensor of any floating-point type as `f32`, in row-major order.
     ///
     /// # Errors
-    /// [`CheckpointError`] if there is no such tensor, it is of another shape or type, or its numbers cannot be read.
+    /// [`CheckpointError`] if there is no such tensor, it has another shape or type, or its values cannot be read.
     pub fn read_f32(&self, name: &str, expected_shape: &[usize]) -> Result<Vec<f32>, CheckpointError> {
         let fault = |found: String, expected: String| Fault::tensor(name, found, expected).at(&self.path);
         let tensor = self.info(name);
-        let tensor =
-            tensor.ok_or_else(|| fault("no such tensor".to_owned(), format!("one of shape {expected_shape:?}")))?;
+        let tensor = tensor.ok_or_else(|| fault("no such tensor".to_owned(), format!("shape {expected_shape:?}")))?;
         if tensor.shape != expected_shape {
             return Err(fault(format!("shape {:?}", tensor.shape), format!("{expected_shape:?}")));
         }
@@ -212,13 +211,13 @@ impl Checkpoint {
         tensor.dtype.to_f32(&bytes).ok_or_else(|| fault(tensor.dtype.to_string(), "floating-point numbers".to_owned()))
     }
 
-    /// Reads a tensor of this checkpoint: its elements as they are in the file, little-endian, in row-major order.
+    /// Reads a tensor's elements in their file type, little-endian, in row-major order.
     fn read_bytes(&self, tensor: &TensorInfo) -> Result<Vec<u8>, CheckpointError> {
         let size = tensor.dtype.size() as u64;
         let start = tensor.layout.offset as u64 * size;
         let end = start + tensor.layout.span as u64 * size;
         let fault = |error: std::io::Error| Fault::tensor(&tensor.name, error.to_string(), "its data").at(&self.path);
-        // A part of a storage says nothing about the checksum, so the whole is read once.
+        // The checksum covers the whole storage, so before a part is used the whole is read once.
         if end - start < tensor.storage.len {
             let mut verified = self.verified.lock().unwrap_or_else(PoisonError::into_inner);
             if !verified.contains(&tensor.storage.offset) {
@@ -230,20 +229,20 @@ impl Checkpoint {
         Ok(tensor.gather(span))
     }
 
-    /// The file; a reader that panicked leaves no state behind, as everyone seeks first.
+    /// Locks the file. A poisoned lock is harmless: every reader seeks first.
     fn file(&self) -> MutexGuard<'_, File> {
         self.file.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// Describes a file that is not a checkpoint by its first bytes.
-fn foreign(start: &[u8]) -> String {
+fn describe_start(start: &[u8]) -> String {
     match start {
         [] => "an empty file".to_owned(),
         [b'p', b'l', b'y', b'\n', ..] => "a PLY file".to_owned(),
         // Pickles of protocol 2 and later.
         [0x80, 2..=5, ..] => {
-            "a bare pickle (of PyTorch before 1.6; load and save it again with a later one)".to_owned()
+            "a bare pickle (from PyTorch before 1.6; load and save it again with a later version)".to_owned()
         }
         _ => format!("a file that begins with {:?}", printable(&String::from_utf8_lossy(start))),
     }

@@ -1,4 +1,4 @@
-//! `.safetensors`, and what [`Checkpoint::convert`](super::Checkpoint::convert) adds to it.
+//! `.safetensors` files, and the metadata that [`Checkpoint::convert`](super::Checkpoint::convert) adds to them.
 
 use super::Checkpoint;
 use super::Contents;
@@ -8,24 +8,24 @@ use super::tensor::{Dtype, Layout, MAX_AXES, TensorInfo};
 use safetensors::tensor::{Dtype as FileDtype, Metadata, TensorInfo as FileTensorInfo};
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
-use splatseg_atomic_file::AtomicFile;
+use splatseg_files::AtomicFile;
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::Write as _;
 use std::path::Path;
 
-/// Bytes of the header's length, before the header.
+/// Size of the header's length field, before the header.
 const LENGTH_BYTES: u64 = 8;
-/// The longest header; those of the largest checkpoints have about 100 KB. Parsing takes up to 20 times its length.
+/// Maximum length of the header; the largest checkpoints have about 100 KB. Parsing uses up to 20 times as much memory.
 const MAX_HEADER_BYTES: u64 = 2 << 20;
-/// The entry of the file's `__metadata__` that holds [`Converted`], as JSON. One entry: several would be written in any
-/// order.
+/// Key in the file's `__metadata__` for [`Converted`], as JSON. A single key, because several would be written in
+/// random order.
 const METADATA_KEY: &str = "splatseg";
 
-/// What a converted file keeps besides the tensors.
+/// Metadata of a converted file.
 #[derive(Debug, Serialize, Deserialize)]
 struct Converted {
-    /// What the network is, for people.
+    /// Human-readable name of the network.
     architecture: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     class: Option<String>,
@@ -35,13 +35,13 @@ struct Converted {
     configuration: Option<Json>,
 }
 
-/// Whether a file of `file_len` bytes can be a safetensors file, by its first nine bytes.
-pub(super) fn begins_like_one(start: &[u8], file_len: u64) -> bool {
+/// True if a file of `file_len` bytes with these first nine bytes can be a safetensors file.
+pub(super) fn recognises(start: &[u8], file_len: u64) -> bool {
     let Some((&len, rest)) = start.split_first_chunk() else { return false };
     rest.first() == Some(&b'{') && u64::from_le_bytes(len) <= file_len.saturating_sub(LENGTH_BYTES)
 }
 
-/// Reads all but the numbers.
+/// Reads everything except the tensors' values.
 pub(super) fn open(file: &File, file_len: u64) -> Result<Contents, Fault> {
     let fault = |found: String, expected: String| Fault::part("the header", found, expected);
     let read = |offset, len| {
@@ -56,7 +56,7 @@ pub(super) fn open(file: &File, file_len: u64) -> Result<Contents, Fault> {
         return Err(fault(format!("{len} bytes"), format!("at most {limit}")));
     }
     let header = read(LENGTH_BYTES, len)?;
-    // This checks that the tensors fill the data one after the other, each as long as its shape says.
+    // Parsing checks that the tensors fill the data without gaps, and that each length matches the shape.
     let metadata: Metadata = serde_json::from_slice(&header)
         .map_err(|error| fault(error.to_string(), "the JSON object of a safetensors file".to_owned()))?;
     let (begin, data_len) = (LENGTH_BYTES + len, metadata.data_len() as u64);
@@ -76,7 +76,7 @@ pub(super) fn open(file: &File, file_len: u64) -> Result<Contents, Fault> {
             Fault::part(
                 format!("{METADATA_KEY} in the header"),
                 error.to_string(),
-                "what splatseg inspect --convert writes",
+                "metadata written by splatseg inspect --convert",
             )
         })?;
     let (configuration, batch_norm_eps, class) = match converted {
@@ -109,9 +109,9 @@ fn tensor_info(name: String, info: &FileTensorInfo, begin: u64) -> Result<Tensor
     Ok(TensorInfo { name, dtype, shape: info.shape.clone(), layout, storage })
 }
 
-/// Writes a checkpoint as one file of splatseg's own: see [`Checkpoint::convert`].
+/// Writes a converted file: see [`Checkpoint::convert`].
 pub(super) fn write(checkpoint: &Checkpoint, out: &Path) -> Result<(), CheckpointError> {
-    // The widest elements first, as in other files of this kind: then all of them are aligned.
+    // Widest elements first, as in other safetensors files, so that all tensors are aligned.
     let mut tensors: Vec<&TensorInfo> = checkpoint.tensors().collect();
     tensors.sort_by_key(|tensor| std::cmp::Reverse(tensor.dtype.size()));
     let header = header(checkpoint, &tensors).map_err(|error| {

@@ -1,8 +1,8 @@
-//! The state dict that a pickle describes: names, shapes and storages of tensors.
+//! The state dict described by a pickle: names, shapes and storages of tensors.
 //!
-//! Ultralytics saves whole modules. Their tensors are found as `torch.nn.Module.state_dict` finds them: parameters, then
-//! persistent buffers, then child modules, each in the order in which they were registered; names are joined by dots.
-//! The class of a module plays no part, so the module paths of all versions of Ultralytics are read alike.
+//! Ultralytics saves whole modules. Their tensors are collected like `torch.nn.Module.state_dict` does: parameters,
+//! then persistent buffers, then child modules, each in registration order, with names joined by dots. Module classes
+//! are ignored, so checkpoints of all versions of Ultralytics are read alike, whatever their module paths.
 
 use super::configuration;
 use super::error::Fault;
@@ -11,32 +11,33 @@ use super::stored_tensor::{self, StoredTensor};
 use serde_json::Value as Json;
 use std::collections::HashSet;
 
-/// The most entries of tables that are looked at; the largest checkpoints have a hundredth of it. Shared tables count
-/// each time: a small pickle can describe a tree of any size.
+/// Maximum number of dict entries visited; the largest checkpoints have a hundredth of it. Shared dicts count on every
+/// visit: a small pickle can describe a tree of any size.
 const MAX_STEPS: usize = 1 << 22;
-/// Modules lie within each other this deep at most; in the networks read here, five.
+/// Maximum nesting depth of modules; the networks read here have five levels.
 const MAX_DEPTH: usize = 64;
-/// The most tensors; SAM 2.1 large has 903.
+/// Maximum number of tensors; SAM 2.1 large has 903.
 const MAX_TENSORS: usize = 1 << 16;
-/// The longest name of a tensor, bytes.
+/// Maximum length of a tensor's name, bytes.
 const MAX_NAME: usize = 512;
 
-/// A state dict, its tensors still to be found in the archive.
+/// A state dict whose tensors have not been located in the archive yet.
 #[derive(Debug, Default)]
 pub(super) struct StateDict<'a> {
     pub tensors: Vec<StoredTensor<'a>>,
-    /// The module's own description of itself (`yaml`), if the file holds a module.
+    /// The module's own configuration (`yaml`), if the file contains a module.
     pub configuration: Option<Json>,
     /// The ε of its batch norms.
     pub batch_norm_eps: Option<f64>,
-    /// Class of the module, if the file holds one.
+    /// Class of the module, if the file contains one.
     pub class: Option<String>,
 }
 
-/// The tensors of a pickled module, state dict, or training state that holds one: `ema` if there is one, else `model`.
+/// Reads the tensors of a pickled module or state dict, or of a training state that contains one as `ema` (preferred)
+/// or `model`.
 pub(super) fn read<'a>(graph: &Graph<'a>) -> Result<StateDict<'a>, Fault> {
     let mut reader = Reader { graph, steps: 0, names: HashSet::new(), found: StateDict::default() };
-    let root = reader.chosen(graph.root())?;
+    let root = reader.weights_root(graph.root())?;
     if let Some(state) = reader.module_state(root)? {
         reader.found.class = graph.object(root).and_then(|object| graph.callable(object)).map(|(_, name)| name.into());
         reader.found.configuration = match reader.attribute(state, "yaml")? {
@@ -47,7 +48,7 @@ pub(super) fn read<'a>(graph: &Graph<'a>) -> Result<StateDict<'a>, Fault> {
     } else if let Some(entries) = graph.entries(root) {
         for &(key, value) in entries {
             reader.step(1)?;
-            // Numbers, texts and other dicts may stand beside the tensors.
+            // The dict may also contain numbers, strings and other dicts.
             let is_object = graph.object(value).is_some() && graph.entries(value).is_none();
             if let Some(name) = graph.text(key).filter(|_| is_object) {
                 reader.tensor("", name, value)?;
@@ -78,7 +79,7 @@ impl<'g, 'a> Reader<'g, 'a> {
         Ok(())
     }
 
-    /// The value of an entry, the last one if there are several.
+    /// Value of the entry `name`; the last one if there are several.
     fn attribute(&mut self, table: Id, name: &str) -> Result<Option<Id>, Fault> {
         let graph = self.graph;
         let Some(entries) = graph.entries(table) else { return Ok(None) };
@@ -86,8 +87,8 @@ impl<'g, 'a> Reader<'g, 'a> {
         Ok(entries.iter().rev().find(|(key, _)| graph.text(*key) == Some(name)).map(|(_, value)| *value))
     }
 
-    /// The value that holds the weights.
-    fn chosen(&mut self, root: Id) -> Result<Id, Fault> {
+    /// Finds the value that contains the weights.
+    fn weights_root(&mut self, root: Id) -> Result<Id, Fault> {
         for name in ["ema", "model"] {
             if let Some(value) = self.attribute(root, name)? {
                 let holds_weights = self.graph.entries(value).is_some() || self.module_state(value)?.is_some();
@@ -114,11 +115,11 @@ impl<'g, 'a> Reader<'g, 'a> {
         Ok(entries)
     }
 
-    /// Collects a module's tensors and those of the modules in it.
+    /// Collects the tensors of a module and its child modules.
     fn module(&mut self, id: Id, prefix: &str, depth: usize) -> Result<(), Fault> {
         let graph = self.graph;
         if depth > MAX_DEPTH {
-            let found = format!("modules within each other {depth} deep");
+            let found = format!("modules nested {depth} deep");
             return Err(Fault::part("the pickle", found, format!("at most {MAX_DEPTH}")));
         }
         let state = self.module_state(id)?;
@@ -127,29 +128,29 @@ impl<'g, 'a> Reader<'g, 'a> {
         })?;
         self.batch_norm(id, state, prefix)?;
         for (key, value) in self.table(state, "_parameters", prefix)? {
-            self.registered(prefix, *key, *value)?;
+            self.parameter_or_buffer(prefix, *key, *value)?;
         }
         let transient = self.transient_buffers(state)?;
         for (key, value) in self.table(state, "_buffers", prefix)? {
             if !graph.text(*key).is_some_and(|name| transient.contains(name)) {
-                self.registered(prefix, *key, *value)?;
+                self.parameter_or_buffer(prefix, *key, *value)?;
             }
         }
         for (key, child) in self.table(state, "_modules", prefix)? {
             let name = graph.text(*key).ok_or_else(|| {
-                Fault::part(format!("module {prefix:?}"), graph.describe(*key), "a text as the name of a module in it")
+                Fault::part(format!("module {prefix:?}"), graph.describe(*key), "a string as a child module's name")
             })?;
             if !matches!(graph.value(*child), Value::None) {
-                self.module(*child, &joined(prefix, name)?, depth + 1)?;
+                self.module(*child, &qualified_name(prefix, name)?, depth + 1)?;
             }
         }
         Ok(())
     }
 
-    /// A parameter or buffer; `None` where a module has none (a convolution without bias).
-    fn registered(&mut self, prefix: &str, key: Id, value: Id) -> Result<(), Fault> {
+    /// Adds a parameter or buffer. Its value may be `None` (a convolution without bias).
+    fn parameter_or_buffer(&mut self, prefix: &str, key: Id, value: Id) -> Result<(), Fault> {
         let name = self.graph.text(key).ok_or_else(|| {
-            Fault::part(format!("module {prefix:?}"), self.graph.describe(key), "a text as the name of a tensor")
+            Fault::part(format!("module {prefix:?}"), self.graph.describe(key), "a string as a tensor's name")
         })?;
         match self.graph.value(value) {
             Value::None => Ok(()),
@@ -157,7 +158,7 @@ impl<'g, 'a> Reader<'g, 'a> {
         }
     }
 
-    /// Names of the buffers that are no part of the state dict.
+    /// Names of the buffers that are not part of the state dict.
     fn transient_buffers(&mut self, state: Id) -> Result<HashSet<&'a str>, Fault> {
         let graph = self.graph;
         let Some(set) = self.attribute(state, "_non_persistent_buffers_set")? else { return Ok(HashSet::new()) };
@@ -193,9 +194,9 @@ impl<'g, 'a> Reader<'g, 'a> {
     }
 
     fn tensor(&mut self, prefix: &str, name: &str, value: Id) -> Result<(), Fault> {
-        let name = joined(prefix, name)?;
+        let name = qualified_name(prefix, name)?;
         if !self.names.insert(name.clone()) {
-            return Err(Fault::tensor(&name, "it twice", "every name once"));
+            return Err(Fault::tensor(&name, "the name twice", "unique names"));
         }
         if self.names.len() > MAX_TENSORS {
             return Err(Fault::part(
@@ -210,8 +211,8 @@ impl<'g, 'a> Reader<'g, 'a> {
     }
 }
 
-/// A name within the module `prefix`.
-fn joined(prefix: &str, name: &str) -> Result<String, Fault> {
+/// Qualifies a name with the module `prefix`.
+fn qualified_name(prefix: &str, name: &str) -> Result<String, Fault> {
     if prefix.len() + name.len() >= MAX_NAME {
         let found = format!("a name of {} bytes", prefix.len() + name.len() + 1);
         return Err(Fault::tensor(&format!("{prefix}.{name}"), found, format!("at most {MAX_NAME}")));

@@ -1,25 +1,25 @@
-//! The bytes in a file that tensors are made of.
+//! Storages: the byte ranges of a file that contain tensor data.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::ops::Range;
 
-/// Bytes of the file that belong to one storage, in which one or several tensors lie. They are within the file.
+/// Byte range of one storage, which contains one or more tensors. It lies within the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Storage {
-    /// Byte of the file at which it begins.
+    /// Byte offset in the file.
     pub offset: u64,
-    /// Its length in bytes.
+    /// Length in bytes.
     pub len: u64,
-    /// CRC-32 of all of it, where the file states one.
+    /// CRC-32 of the whole storage, if the file states it.
     pub crc32: Option<u32>,
 }
 
 impl Storage {
-    /// Reads a range of it, which must be within it; if that is all of it, the checksum is verified.
+    /// Reads a range of the storage, which must lie within it. Verifies the checksum if the range is the whole storage.
     ///
     /// # Errors
-    /// Those of the file system; `InvalidData` for a wrong checksum.
+    /// I/O errors; `InvalidData` for a wrong checksum.
     pub fn read(self, mut file: &File, range: Range<u64>) -> io::Result<Vec<u8>> {
         let len = range.end - range.start;
         file.seek(SeekFrom::Start(self.offset + range.start))?;
@@ -34,18 +34,18 @@ impl Storage {
         Ok(bytes)
     }
 
-    /// Reads all of it for the checksum.
+    /// Reads the whole storage and verifies its checksum.
     ///
     /// # Errors
-    /// As [`Storage::read`].
+    /// As for [`Storage::read`].
     pub fn verify(self, file: &File) -> io::Result<()> {
         if self.is_intact(file)? { Ok(()) } else { Err(wrong_checksum()) }
     }
 
-    /// Whether all of it has the checksum that the file states, if it states one.
+    /// True if the data match the checksum, or the file states none.
     ///
     /// # Errors
-    /// Those of the file system.
+    /// I/O errors.
     pub fn is_intact(self, mut file: &File) -> io::Result<bool> {
         let Some(stated) = self.crc32 else { return Ok(true) };
         file.seek(SeekFrom::Start(self.offset))?;

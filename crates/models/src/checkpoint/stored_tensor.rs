@@ -1,4 +1,4 @@
-//! What a pickle says of one tensor.
+//! Tensor descriptions in a pickle.
 //!
 //! PyTorch writes a tensor as the call `torch._utils._rebuild_tensor_v2(storage, offset, shape, strides, …)`, and a
 //! parameter as `_rebuild_parameter(tensor, …)`. The storage is a persistent id, `('storage', torch.HalfStorage, key,
@@ -9,7 +9,7 @@ use super::error::Fault;
 use super::pickle::{Graph, Id, Value};
 use super::tensor::{Dtype, MAX_AXES};
 
-/// A tensor as the pickle claims it to be.
+/// A tensor as described by the pickle, not yet checked.
 #[derive(Debug)]
 pub(super) struct StoredTensor<'a> {
     pub name: String,
@@ -21,20 +21,20 @@ pub(super) struct StoredTensor<'a> {
     pub offset: usize,
     /// Name of the storage.
     pub key: &'a str,
-    /// Elements of the storage.
+    /// Number of elements in the storage.
     pub storage_elements: usize,
 }
 
-/// Reads the call that makes a tensor or a parameter.
+/// Reads the call that creates a tensor or a parameter.
 pub(super) fn read<'a>(graph: &Graph<'a>, name: String, value: Id) -> Result<StoredTensor<'a>, Fault> {
     let fault = |found: String, expected: &str| Fault::tensor(&name, found, expected);
     let (mut function, mut arguments) = call(graph, value).ok_or_else(|| fault(graph.describe(value), "a tensor"))?;
     if matches!(function, "_rebuild_parameter" | "_rebuild_parameter_with_state") {
         let inner = arguments.first().and_then(|&tensor| call(graph, tensor));
-        (function, arguments) = inner.ok_or_else(|| fault("a parameter without tensor".to_owned(), "one with"))?;
+        (function, arguments) = inner.ok_or_else(|| fault("a parameter without a tensor".to_owned(), "a tensor"))?;
     }
     if !matches!(function, "_rebuild_tensor" | "_rebuild_tensor_v2") {
-        return Err(fault(format!("one made by {function}"), "a dense tensor"));
+        return Err(fault(format!("a tensor made by {function}"), "a dense tensor"));
     }
     let &[storage, offset, shape, strides, ..] = arguments else {
         return Err(fault(format!("{} arguments to {function}", arguments.len()), "storage, offset, shape, strides"));
@@ -47,7 +47,7 @@ pub(super) fn read<'a>(graph: &Graph<'a>, name: String, value: Id) -> Result<Sto
     Ok(StoredTensor { name, dtype, shape, strides, offset, key, storage_elements })
 }
 
-/// A call of a function of `torch._utils`: its name and arguments.
+/// Name and arguments of a call to a function of `torch._utils`.
 fn call<'g, 'a>(graph: &'g Graph<'a>, value: Id) -> Option<(&'a str, &'g [Id])> {
     let object = graph.object(value)?;
     match graph.callable(object)? {
@@ -56,7 +56,7 @@ fn call<'g, 'a>(graph: &'g Graph<'a>, value: Id) -> Option<(&'a str, &'g [Id])> 
     }
 }
 
-/// Type, key and number of elements of a storage, or what was found and expected instead.
+/// Type, key and number of elements of a storage, or an error as (found, expected).
 fn read_storage<'a>(graph: &Graph<'a>, storage: Id) -> Result<(Dtype, &'a str, usize), (String, &'static str)> {
     let Value::Persistent(reference) = graph.value(storage) else {
         return Err((graph.describe(storage), "a storage"));
@@ -65,7 +65,7 @@ fn read_storage<'a>(graph: &Graph<'a>, storage: Id) -> Result<(Dtype, &'a str, u
         return Err((graph.describe(*reference), "the description of a storage"));
     };
     let (Some("storage"), Some(key), Some(elements)) = (graph.text(kind), graph.text(key), graph.size(elements)) else {
-        return Err(("a storage without key or size".to_owned(), "both"));
+        return Err(("a storage without key or size".to_owned(), "a key and a size"));
     };
     let Value::Global { module: "torch", name } = graph.value(class) else {
         return Err((graph.describe(class), "a storage class of torch"));
@@ -86,14 +86,14 @@ fn read_storage<'a>(graph: &Graph<'a>, storage: Id) -> Result<(Dtype, &'a str, u
     Ok((dtype, key, elements))
 }
 
-/// A tuple of sizes, or `torch.Size` of one.
+/// Reads a tuple of sizes, or a `torch.Size` of such a tuple.
 fn sizes(graph: &Graph<'_>, value: Id) -> Option<Vec<usize>> {
     let value = match graph.object(value) {
         Some(object) if graph.callable(object) == Some(("torch", "Size")) => *graph.tuple(object.arguments)?.first()?,
         _ => value,
     };
     let items = graph.tuple(value)?;
-    // Before the shape is copied: a pickle may ask for that many times.
+    // Checked before the shape is copied: a pickle may refer to the same tuple many times.
     if items.len() > MAX_AXES {
         return None;
     }

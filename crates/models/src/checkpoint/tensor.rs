@@ -1,4 +1,4 @@
-//! Tensors: what is said of them, and their numbers.
+//! Tensors of a checkpoint: type, shape and memory layout.
 
 use super::error::Fault;
 use super::storage::Storage;
@@ -6,7 +6,7 @@ use half::slice::HalfFloatSliceExt;
 use half::{bf16, f16};
 use std::fmt;
 
-/// More axes than any checkpoint's tensor has.
+/// Maximum number of axes; more than any tensor of a checkpoint has.
 pub(super) const MAX_AXES: usize = 16;
 
 /// Type of a tensor's elements; little-endian in the file.
@@ -45,12 +45,12 @@ impl Dtype {
         }
     }
 
-    /// Whether the elements are floating-point numbers.
+    /// True if the elements are floating-point numbers.
     pub fn is_float(self) -> bool {
         matches!(self, Self::F64 | Self::F32 | Self::F16 | Self::Bf16)
     }
 
-    /// Elements as `f32`, or `None` if they are no floating-point numbers.
+    /// Converts elements to `f32`; `None` if they are not floating-point numbers.
     pub(super) fn to_f32(self, bytes: &[u8]) -> Option<Vec<f32>> {
         match self {
             Self::F32 => Some(bytes.as_chunks().0.iter().map(|element| f32::from_le_bytes(*element)).collect()),
@@ -62,7 +62,7 @@ impl Dtype {
     }
 }
 
-/// Converts in blocks: `half` uses the processor's instructions for slices only.
+/// Converts in blocks: `half` uses the processor's conversion instructions only for slices.
 fn halves<T>(bytes: &[u8], read: fn([u8; 2]) -> T, convert: fn(&[T], &mut [f32])) -> Vec<f32> {
     let elements = bytes.as_chunks().0;
     let mut floats = vec![0.0; elements.len()];
@@ -92,7 +92,7 @@ impl fmt::Display for Dtype {
     }
 }
 
-/// A tensor of a checkpoint, without its numbers.
+/// A tensor of a checkpoint, without its values.
 #[derive(Clone, Debug)]
 pub struct TensorInfo {
     pub(super) name: String,
@@ -102,39 +102,39 @@ pub struct TensorInfo {
     pub(super) storage: Storage,
 }
 
-/// Where a tensor's elements are in its storage.
+/// Layout of a tensor's elements in its storage.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Layout {
-    /// First element.
+    /// Index of the first element.
     pub offset: usize,
-    /// Steps from element to element along each axis; `None` for the row-major steps without gaps.
+    /// Stride of each axis, in elements; `None` for contiguous row-major order.
     pub strides: Option<Vec<usize>>,
-    /// Elements from the first to the last, that included.
+    /// Number of elements from the first to the last, inclusive.
     pub span: usize,
 }
 
 impl TensorInfo {
-    /// Its name in the state dict, as `model.0.conv.weight`.
+    /// Name in the state dict, e.g. `model.0.conv.weight`.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Type of its elements.
+    /// Type of the elements.
     pub fn dtype(&self) -> Dtype {
         self.dtype
     }
 
-    /// Length of each axis; none for a single number.
+    /// Length of each axis; empty for a scalar.
     pub fn shape(&self) -> &[usize] {
         &self.shape
     }
 
-    /// Number of elements; it fits, and the file holds that many.
+    /// Number of elements. It does not overflow, and the file contains that many.
     pub fn elements(&self) -> usize {
         self.shape.iter().product()
     }
 
-    /// Makes a tensor of claims that a file makes, if they agree with one another.
+    /// Creates a tensor from a file's description, if the description is consistent.
     pub(super) fn checked(
         name: String,
         dtype: Dtype,
@@ -152,7 +152,7 @@ impl TensorInfo {
         let expected = || format!("all of it within the {available} elements of its storage");
         let claim = || format!("shape {shape:?}, strides {strides:?}, offset {offset}");
         let elements = shape.iter().try_fold(1usize, |product, &length| product.checked_mul(length));
-        // `span` is the last element's place, plus one.
+        // `span` is the index of the last element, plus one.
         let last = shape.iter().zip(strides).try_fold(0usize, |sum, (&length, &stride)| {
             length.saturating_sub(1).checked_mul(stride).and_then(|step| sum.checked_add(step))
         });
@@ -170,7 +170,7 @@ impl TensorInfo {
         Ok(Self { name, dtype, shape, layout, storage })
     }
 
-    /// Puts elements of `span` (the bytes from the first to the last element) into row-major order.
+    /// Copies the elements in `span` (the bytes from the first to the last element) in row-major order.
     pub(super) fn gather(&self, span: Vec<u8>) -> Vec<u8> {
         let Some(strides) = &self.layout.strides else { return span };
         let size = self.dtype.size();
@@ -179,7 +179,7 @@ impl TensorInfo {
         let mut place = 0;
         for _ in 0..self.elements() {
             bytes.extend_from_slice(&span[place * size..][..size]);
-            // The last axis moves fastest; an axis that is through starts again and moves the one before it.
+            // The last axis advances fastest; at its end, an axis restarts and advances the axis before it.
             for axis in (0..index.len()).rev() {
                 index[axis] += 1;
                 place += strides[axis];
@@ -194,7 +194,7 @@ impl TensorInfo {
     }
 }
 
-/// Whether elements follow each other in row-major order without gaps. Strides of axes of length 1 mean nothing.
+/// True if the elements are contiguous in row-major order. Strides of axes of length 1 are ignored.
 fn is_row_major(shape: &[usize], strides: &[usize]) -> bool {
     let mut expected = 1;
     shape.iter().zip(strides).rev().all(|(&length, &stride)| {

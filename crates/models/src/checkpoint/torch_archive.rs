@@ -1,4 +1,5 @@
-//! The zip archive that `torch.save` writes since PyTorch 1.6: `<root>/data.pkl`, and a storage per `<root>/data/<key>`.
+//! The zip archive written by `torch.save` since PyTorch 1.6: `<root>/data.pkl`, and one storage per
+//! `<root>/data/<key>`.
 
 use super::Contents;
 use super::error::{Fault, printable};
@@ -13,12 +14,12 @@ use std::fs::File;
 use std::io::BufReader;
 use zip::ZipArchive;
 
-/// The longest pickle; those of the largest checkpoints have a few hundred kilobytes.
+/// Maximum length of a pickle; the largest checkpoints have a few hundred kilobytes.
 const MAX_PICKLE_BYTES: u64 = 8 << 20;
-/// Longer than any name of a byte order.
+/// Maximum length of the byte order's name.
 const MAX_BYTE_ORDER_BYTES: u64 = 16;
 
-/// Reads all but the numbers.
+/// Reads everything except the tensors' values.
 pub(super) fn open(file: &File, file_len: u64) -> Result<Contents, Fault> {
     let mut archive = Archive::open(file, file_len)?;
     let root = archive.root()?;
@@ -38,13 +39,13 @@ pub(super) fn open(file: &File, file_len: u64) -> Result<Contents, Fault> {
     Ok(contents)
 }
 
-/// Names of the entries whose data do not have their checksum.
+/// Returns the names of the entries whose data do not match their checksums.
 pub(super) fn damaged_entries(file: &File, file_len: u64) -> Result<Vec<String>, Fault> {
     let mut archive = Archive::open(file, file_len)?;
     let names: Vec<String> = archive.archive.file_names().filter_map(Result::ok).map(|name| name.to_string()).collect();
     let (mut damaged, mut bytes) = (Vec::new(), 0);
     for name in names {
-        // Entries of another kind are none of those that are read.
+        // Compressed or malformed entries are never read.
         let Ok(Some(storage)) = archive.storage(&name) else { continue };
         bytes += storage.len;
         archive.require_no_overlap(bytes)?;
@@ -63,11 +64,11 @@ struct Archive<'f> {
 impl<'f> Archive<'f> {
     fn open(file: &'f File, file_len: u64) -> Result<Self, Fault> {
         let archive = ZipArchive::new(BufReader::new(file))
-            .map_err(|error| Fault::part("the zip archive", error.to_string(), "an undamaged one"))?;
+            .map_err(|error| Fault::part("the zip archive", error.to_string(), "an intact archive"))?;
         Ok(Self { archive, file_len })
     }
 
-    /// The folder in which everything lies, with its slash; named after the file as it was saved.
+    /// Root folder of the archive, with a trailing slash. It is named after the file that was saved.
     fn root(&self) -> Result<String, Fault> {
         let mut roots = self.archive.file_names().filter_map(Result::ok).filter_map(|name| {
             name.strip_suffix("data.pkl").filter(|root| root.is_empty() || root.ends_with('/')).map(str::to_owned)
@@ -80,8 +81,8 @@ impl<'f> Archive<'f> {
         }
     }
 
-    /// Where an entry lies in the file, if there is one of this name. `torch.save` compresses nothing, which makes
-    /// reading lazy, and zip bombs impossible.
+    /// Returns the byte range of an entry, if it exists. `torch.save` does not compress, so entries can be read lazily
+    /// and zip bombs are impossible.
     fn storage(&mut self, name: &str) -> Result<Option<Storage>, Fault> {
         let Some(index) = self.archive.index_for_name(name) else { return Ok(None) };
         let entry = self
@@ -93,14 +94,14 @@ impl<'f> Archive<'f> {
         }
         let (offset, len) = (entry.data_start().unwrap_or(u64::MAX), entry.size());
         if len != entry.compressed_size() || offset.checked_add(len).is_none_or(|end| end > self.file_len) {
-            let found = format!("{len} bytes from byte {offset} on");
+            let found = format!("{len} bytes at byte {offset}");
             return Err(Fault::part(name, found, format!("an entry within the file's {} bytes", self.file_len)));
         }
         Ok(Some(Storage { offset, len, crc32: Some(entry.crc32()) }))
     }
 
-    /// Checks that entries of `bytes` bytes in all can lie side by side: otherwise a small file could keep a reader busy
-    /// for hours.
+    /// Checks that entries of `bytes` bytes in total fit in the file without overlap; otherwise a small file could keep
+    /// a reader busy for hours.
     fn require_no_overlap(&self, bytes: u64) -> Result<(), Fault> {
         if bytes <= self.file_len {
             return Ok(());

@@ -1,4 +1,4 @@
-//! C2f: the block that YOLOv8 repeats.
+//! C2f: YOLOv8's repeated block.
 
 use super::conv::{ConvShape, FusedConv};
 use super::{FastSamError, Weights};
@@ -10,12 +10,12 @@ pub(super) struct C2fShape {
     pub inputs: usize,
     pub outputs: usize,
     pub bottlenecks: usize,
-    /// Whether bottlenecks add their input to their output: in the backbone they do.
+    /// True if bottlenecks add their input to their output, as in the backbone.
     pub shortcut: bool,
 }
 
-/// Ultralytics' `C2f`: a 1×1 convolution whose output is split in two; bottlenecks are chained on the second half; the
-/// outputs of all of them are concatenated and go through another 1×1 convolution.
+/// Ultralytics' `C2f`. The output of a 1×1 convolution is split in two, and bottlenecks are chained on the second half.
+/// All outputs are concatenated and passed through another 1×1 convolution.
 #[derive(Clone, Debug)]
 pub(super) struct C2f {
     entry: FusedConv,
@@ -47,7 +47,7 @@ impl C2f {
         self.forward_joined(vec![input])
     }
 
-    /// As `forward`, of inputs concatenated along their channels.
+    /// Like `forward`, for inputs concatenated along their channels.
     pub fn forward_joined(&self, inputs: Vec<Tensor<4>>) -> Tensor<4> {
         let entered = self.entry.forward_joined(inputs);
         let mut last = entered.clone().narrow(1, self.hidden, self.hidden);

@@ -1,4 +1,4 @@
-//! Boxes that may be objects, and which of them are kept.
+//! Candidate boxes and non-maximum suppression.
 
 /// Anchors with their boxes, scores and mask coefficients.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -11,16 +11,16 @@ pub struct Candidates {
 }
 
 impl Candidates {
-    /// No candidates, with `coefficient_count` mask coefficients each.
+    /// Creates an empty list of candidates with `coefficient_count` mask coefficients each.
     pub fn new(coefficient_count: usize) -> Self {
         Self { coefficient_count, ..Self::default() }
     }
 
-    /// Adds an anchor: its number, its box (centre x, centre y, width, height in input pixels), its score in [0, 1] and
-    /// its mask coefficients.
+    /// Adds an anchor: its index, box (centre x, centre y, width, height in input pixels), score in [0, 1] and mask
+    /// coefficients.
     ///
     /// # Panics
-    /// If there are more or fewer coefficients than stated.
+    /// If the number of coefficients is not `coefficient_count`.
     pub fn push(
         &mut self,
         anchor: usize,
@@ -32,7 +32,11 @@ impl Candidates {
         self.boxes_cxcywh.push(box_cxcywh);
         self.scores.push(score);
         self.coefficients.extend(coefficients);
-        assert_eq!(self.coefficients.len(), self.len() * self.coefficient_count, "coefficients of a candidate");
+        assert_eq!(
+            self.coefficients.len(),
+            self.len() * self.coefficient_count,
+            "number of coefficients of a candidate"
+        );
     }
 
     /// Number of candidates.
@@ -40,12 +44,12 @@ impl Candidates {
         self.anchors.len()
     }
 
-    /// Whether there are none.
+    /// True if there are no candidates.
     pub fn is_empty(&self) -> bool {
         self.anchors.is_empty()
     }
 
-    /// Number of a candidate's anchor.
+    /// Index of a candidate's anchor.
     pub fn anchor(&self, index: usize) -> usize {
         self.anchors[index]
     }
@@ -72,11 +76,11 @@ impl Candidates {
         &self.coefficients[index * self.coefficient_count..][..self.coefficient_count]
     }
 
-    /// Non-maximum suppression: indices of the candidates with a score above `confidence` that overlap no better one by an
-    /// IoU above `iou`, best first (the earlier anchor where scores are equal), at most `max_det`.
+    /// Non-maximum suppression. Returns the indices of at most `max_det` candidates, best first (the earlier anchor if
+    /// scores are equal): those with a score above `confidence` whose IoU with every better one is at most `iou`.
     ///
-    /// The greedy rule of torchvision's `nms`, which Ultralytics calls: both thresholds are exclusive, areas have no
-    /// "+ 1".
+    /// Uses the greedy rule of torchvision's `nms`, which Ultralytics calls: both thresholds are exclusive, and areas
+    /// have no "+ 1".
     pub fn nms(&self, confidence: f64, iou: f64, max_det: usize) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.len()).filter(|i| f64::from(self.scores[*i]) > confidence).collect();
         order.sort_by(|a, b| self.scores[*b].total_cmp(&self.scores[*a]));
@@ -95,10 +99,10 @@ impl Candidates {
     }
 }
 
-/// NMS considers this many of the best candidates (Ultralytics' `max_nms`).
+/// Maximum number of candidates for NMS, the best ones (Ultralytics' `max_nms`).
 const MAX_CANDIDATES: usize = 30_000;
 
-/// Intersection over union of two boxes (left, top, right, bottom); 0 where neither has an area.
+/// Intersection over union of two boxes (left, top, right, bottom); 0 if neither has an area.
 pub(super) fn box_iou(a: [f32; 4], b: [f32; 4]) -> f32 {
     let area = |c: [f32; 4]| (c[2] - c[0]) * (c[3] - c[1]);
     let width = (a[2].min(b[2]) - a[0].max(b[0])).max(0.0);

@@ -1,28 +1,28 @@
-//! Which YOLOv8-seg a checkpoint holds.
+//! Sizes of a YOLOv8-seg, and how to find them in a checkpoint.
 
 use super::{FastSamError, Weights};
 use crate::checkpoint::Checkpoint;
 use serde_json::Value;
 
-/// Layers of C2f blocks, in the order of the graph: four of the backbone, four of the neck.
+/// Layers that are C2f blocks, in graph order: four in the backbone, four in the neck.
 pub(super) const C2F_LAYERS: [usize; 8] = [2, 4, 6, 8, 12, 15, 18, 21];
 
 /// Layers whose outputs are the five stages of the backbone, strides 2, 4, 8, 16, 32.
 const STAGE_LAYERS: [usize; 5] = [0, 1, 3, 5, 7];
 
-/// Most bottlenecks that a block of a checkpoint may have; the largest model, x, has 6.
+/// Maximum number of bottlenecks per block; the largest model, x, has 6.
 const MAX_BOTTLENECKS: usize = 64;
 
-/// The sizes by which one YOLOv8-seg differs from another (`yolov8-seg.yaml` of Ultralytics); everything else follows.
+/// Sizes of a YOLOv8-seg (`yolov8-seg.yaml` of Ultralytics); they determine the whole architecture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FastSamConfig {
     /// Channels of the backbone's five stages, strides 2, 4, 8, 16, 32.
     pub stage_channels: [usize; 5],
-    /// Bottlenecks of each C2f block: layers 2, 4, 6, 8 of the backbone, 12, 15, 18, 21 of the neck.
+    /// Number of bottlenecks of each C2f block: layers 2, 4, 6, 8 of the backbone, 12, 15, 18, 21 of the neck.
     pub bottlenecks: [usize; 8],
     /// Hidden channels of the prototype branch.
     pub prototype_channels: usize,
-    /// Prototypes, and so coefficients of each mask: 32 in all published models.
+    /// Number of prototypes, and thus of coefficients of each mask: 32 in all published models.
     pub mask_coefficients: usize,
 }
 
@@ -53,7 +53,7 @@ const MODULES: [&str; 23] = [
     "Segment",
 ];
 
-/// Depth, width and the most channels before widening of the published sizes (`scales` in `yolov8-seg.yaml`).
+/// Depth, width and maximum channels before widening of the published sizes (`scales` in `yolov8-seg.yaml`).
 const SCALES: [(char, f64, f64, usize); 5] = [
     ('n', 0.33, 0.25, 1024),
     ('s', 0.33, 0.50, 1024),
@@ -63,10 +63,11 @@ const SCALES: [(char, f64, f64, usize); 5] = [
 ];
 
 impl FastSamConfig {
-    /// The architecture with a `depth` and `width` multiple and at most `max_channels` channels before widening.
+    /// Returns the architecture with a `depth` and `width` multiple and at most `max_channels` channels before
+    /// widening.
     ///
-    /// The rules are those of Ultralytics' `parse_model`: channels are rounded up to multiples of 8, numbers of
-    /// bottlenecks to the nearest whole number, at least 1.
+    /// As in Ultralytics' `parse_model`, channels are rounded up to multiples of 8 and numbers of bottlenecks to the
+    /// nearest integer, at least 1.
     pub fn scaled(depth: f64, width: f64, max_channels: usize) -> Self {
         let channels = |base: usize| (base.min(max_channels) as f64 * width / 8.0).ceil() as usize * 8;
         let repeats = |base: usize| ((base as f64 * depth).round_ties_even() as usize).max(1);
@@ -78,34 +79,34 @@ impl FastSamConfig {
         }
     }
 
-    /// One of the published sizes: `n`, `s`, `m`, `l` or `x`; `None` for any other letter.
+    /// Returns a published size: `n`, `s`, `m`, `l` or `x`; `None` for any other letter.
     pub fn published(size: char) -> Option<Self> {
         let (_, depth, width, max_channels) = *SCALES.iter().find(|scale| scale.0 == size)?;
         Some(Self::scaled(depth, width, max_channels))
     }
 
-    /// What it is called, e.g. `yolov8x-seg`, or `yolov8-seg` where the size is none of the published ones.
+    /// Name of the architecture, e.g. `yolov8x-seg`, or `yolov8-seg` if the size is not a published one.
     pub fn name(&self) -> String {
         let size = SCALES.iter().find(|scale| Self::published(scale.0) == Some(*self));
         format!("yolov8{}-seg", size.map(|scale| scale.0.to_string()).unwrap_or_default())
     }
 
-    /// The architecture of a checkpoint: what its own configuration says, which must be YOLOv8-seg's; where there is
-    /// none, what the shapes of its tensors say.
+    /// Reads the architecture from a checkpoint's configuration, which must be YOLOv8-seg's. Without a configuration,
+    /// reads it from the shapes of the tensors.
     ///
     /// # Errors
-    /// [`FastSamError::NotFastSam`] if it is another model's.
+    /// [`FastSamError::NotFastSam`] if the checkpoint belongs to another model.
     pub fn from_checkpoint(checkpoint: &Checkpoint) -> Result<Self, FastSamError> {
-        let of_tensors = Self::from_tensors(checkpoint)?;
-        let Some(configuration) = checkpoint.configuration() else { return Ok(of_tensors) };
+        let from_tensors = Self::from_tensors(checkpoint)?;
+        let Some(configuration) = checkpoint.configuration() else { return Ok(from_tensors) };
         let other = |found: String| FastSamError::NotFastSam { path: checkpoint.path().to_owned(), found };
         match Self::from_configuration(configuration) {
-            Ok(architecture) => Ok(architecture.unwrap_or(of_tensors)),
+            Ok(architecture) => Ok(architecture.unwrap_or(from_tensors)),
             Err(found) => Err(other(found)),
         }
     }
 
-    /// What Ultralytics' `yaml` dict says; `None` if it gives no scale, `Err` says what is not YOLOv8-seg's about it.
+    /// Reads Ultralytics' `yaml` dict; `None` if it has no scale. `Err` describes how it differs from YOLOv8-seg.
     fn from_configuration(configuration: &Value) -> Result<Option<Self>, String> {
         let layers = ["backbone", "head"].into_iter().filter_map(|part| configuration[part].as_array()).flatten();
         let modules: Vec<&str> = layers.filter_map(|layer| layer[2].as_str()).collect();
@@ -129,10 +130,11 @@ impl FastSamConfig {
         Ok(Some(Self::scaled(depth, width, max_channels as usize)))
     }
 
-    /// Reads the architecture off the shapes of a checkpoint's tensors.
+    /// Infers the architecture from the shapes of the tensors.
     ///
     /// # Errors
-    /// [`FastSamError::NotFastSam`] if tensors that every YOLOv8-seg has are missing, or the model has not one class.
+    /// [`FastSamError::NotFastSam`] if a tensor that every YOLOv8-seg has is missing, or the number of classes is not
+    /// 1.
     pub fn from_tensors(weights: &dyn Weights) -> Result<Self, FastSamError> {
         let other = |found: String| FastSamError::NotFastSam { path: weights.path().to_owned(), found };
         let outputs = |name: String| match weights.shape(&name).as_deref() {
@@ -151,7 +153,7 @@ impl FastSamConfig {
         }
         let classes = outputs("model.22.cv3.0.2.weight".to_owned())?;
         if classes != 1 {
-            return Err(other(format!("a model that tells {classes} classes apart")));
+            return Err(other(format!("a model with {classes} classes")));
         }
         Ok(Self {
             stage_channels,
@@ -167,7 +169,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_are_those_of_the_published_models() {
+    fn sizes_match_the_published_models() {
         let x = FastSamConfig::published('x').unwrap();
         assert_eq!(x.stage_channels, [80, 160, 320, 640, 640]);
         assert_eq!(x.bottlenecks, [3, 6, 6, 3, 3, 3, 3, 3]);

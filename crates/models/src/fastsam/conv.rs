@@ -1,10 +1,10 @@
-//! The convolution that all of the network is made of.
+//! The convolution that the whole network is built from.
 
 use super::{FastSamError, Weights};
 use crate::convolution::{Activation, Convolution, ConvolutionShape};
 use burn::tensor::{Device, Tensor};
 
-/// Sizes of a convolution with a square kernel; padding keeps the size where the stride is 1.
+/// Shape of a convolution with a square kernel. With stride 1, padding preserves the image's size.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ConvShape {
     pub inputs: usize,
@@ -14,12 +14,12 @@ pub(super) struct ConvShape {
 }
 
 impl ConvShape {
-    /// A convolution that keeps the image's size.
+    /// A convolution that preserves the image's size.
     pub fn new(inputs: usize, outputs: usize, kernel: usize) -> Self {
         Self { inputs, outputs, kernel, stride: 1 }
     }
 
-    /// One that halves the image's size: 3×3, stride 2.
+    /// A convolution that halves the image's size: 3×3, stride 2.
     pub fn halving(inputs: usize, outputs: usize) -> Self {
         Self { inputs, outputs, kernel: 3, stride: 2 }
     }
@@ -29,12 +29,12 @@ impl ConvShape {
     }
 }
 
-/// A convolution with its bias and activation; batch normalisation is part of weight and bias.
+/// A convolution with bias and activation; batch normalisation is folded into weight and bias.
 #[derive(Clone, Debug)]
 pub(super) struct FusedConv(Convolution);
 
 impl FusedConv {
-    /// From `weight` `[outputs, inputs, kernel, kernel]`, `bias` `[outputs]`, row-major.
+    /// Creates a convolution from `weight` `[outputs, inputs, kernel, kernel]` and `bias` `[outputs]`, row-major.
     pub fn new(weight: Vec<f32>, bias: Vec<f32>, shape: ConvShape, activation: Activation, device: &Device) -> Self {
         let ConvShape { inputs, outputs, kernel, stride } = shape;
         let shape = ConvolutionShape::new(inputs, outputs, kernel, stride, kernel / 2);
@@ -82,7 +82,7 @@ impl FusedConv {
         self.0.forward(input)
     }
 
-    /// As `forward`, of inputs concatenated along their channels.
+    /// Like `forward`, for inputs concatenated along their channels.
     pub fn forward_joined(&self, inputs: Vec<Tensor<4>>) -> Tensor<4> {
         self.0.forward_joined(inputs)
     }

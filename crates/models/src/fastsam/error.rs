@@ -5,19 +5,19 @@ use splatseg_settings::SettingError;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a network could not be loaded, or an image not segmented.
+/// Errors loading a network or segmenting an image.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum FastSamError {
     /// The file cannot be read, or a tensor does not fit the architecture.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// The weights are those of another model.
+    /// The weights belong to another model.
     #[error("{}: {found}, expected FastSAM: a YOLOv8-seg with one class", path.display())]
     NotFastSam {
         /// The file.
         path: PathBuf,
-        /// What they are instead.
+        /// Description of the actual model.
         found: String,
     },
     /// A setting is out of range.
@@ -29,7 +29,7 @@ pub enum FastSamError {
     /// The device failed.
     #[error("the device failed: {message}")]
     Device {
-        /// What it said.
+        /// Message from the device.
         message: String,
     },
 }

@@ -5,10 +5,10 @@ use super::prototypes::PrototypeBranch;
 use super::{FastSamConfig, FastSamError, Weights};
 use burn::tensor::{Device, Tensor};
 
-/// Distances from an anchor to a side of its box are distributions over this many bins.
+/// Number of bins of the distribution of distances from an anchor to a side of its box.
 pub(super) const DISTANCE_BINS: usize = 16;
 
-/// Image pixels between anchors, for each level of the head.
+/// Distance between anchors in image pixels, for each level of the head.
 pub(super) const STRIDES: [usize; 3] = [8, 16, 32];
 
 /// The last layer: Ultralytics' `Segment` with one class.
@@ -62,8 +62,8 @@ impl Head {
         })
     }
 
-    /// The levels' outputs and the prototypes `[batch, coefficients, height / 4, width / 4]`, from features of strides
-    /// 8, 16 and 32.
+    /// Computes the levels' outputs and the prototypes `[batch, coefficients, height / 4, width / 4]` from features of
+    /// strides 8, 16 and 32.
     pub fn forward(&self, features: [Tensor<4>; 3]) -> (Vec<LevelOutput>, Tensor<4>) {
         let prototypes = self.prototypes.forward(features[0].clone());
         let levels = self.levels.iter().zip(features).map(|(level, input)| level.forward(input)).collect();

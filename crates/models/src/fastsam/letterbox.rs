@@ -12,8 +12,8 @@ const PADDING: u8 = 114;
 /// Bits of the fixed-point weights of the resize.
 const WEIGHT_ONE: f32 = 2048.0;
 
-/// An image scaled to fit a square and padded to the network's input, as Ultralytics' `LetterBox` (`rect`: no more
-/// padding than to the next multiple of 32).
+/// Scales an image to fit a square and pads it to the network's input, like Ultralytics' `LetterBox` (`rect`: pads only
+/// to the next multiple of 32).
 ///
 /// `image_size` is the side of the square in pixels; small images are scaled up.
 pub fn letterbox(image: &CowImage<'_, [u8; 3]>, image_size: usize) -> Image<[u8; 3]> {
@@ -38,19 +38,19 @@ pub fn letterbox(image: &CowImage<'_, [u8; 3]>, image_size: usize) -> Image<[u8;
     padded
 }
 
-/// The network's input: RGB planes `[3, height, width]` in [0, 1].
+/// Converts the letterboxed image to the network's input: RGB planes `[3, height, width]` in [0, 1].
 pub fn input_values(image: &CowImage<'_, [u8; 3]>) -> Vec<f32> {
     (0..3).flat_map(|channel| image.pixels().iter().map(move |pixel| f32::from(pixel[channel]) / 255.0)).collect()
 }
 
-/// Two neighbouring samples and their weights, which add up to 2048 (but for rounding).
+/// Two neighbouring samples and their weights, which sum to 2048 up to rounding.
 #[derive(Clone, Copy, Debug)]
 struct Tap {
     first: i64,
     weights: [i32; 2],
 }
 
-/// The taps of OpenCV's linear resize of a line of `from` pixels to `to`.
+/// Returns the taps of OpenCV's linear resize of a line from `from` pixels to `to`.
 fn taps(from: usize, to: usize) -> Vec<Tap> {
     let scale = 1.0 / (to as f64 / from as f64);
     (0..to)
@@ -70,7 +70,7 @@ fn resize(image: &CowImage<'_, [u8; 3]>, width: usize, height: usize) -> Image<[
     let columns: Vec<(usize, usize, [i32; 2])> = taps(image.width(), width)
         .into_iter()
         .map(|tap| match tap.first {
-            // At the border a column has all the weight; a row (below) keeps its weights, applied to the same pixel twice.
+            // At the border, one column has all the weight. Rows (below) keep both weights, applied to the same pixel.
             first if first < 0 => (0, 0, [WEIGHT_ONE as i32, 0]),
             first if first >= last_column => (last_column as usize, last_column as usize, [WEIGHT_ONE as i32, 0]),
             first => (first as usize, first as usize + 1, tap.weights),
@@ -102,7 +102,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn sizes_are_those_of_the_reference() {
+    fn sizes_match_the_reference() {
         for (size, image_size, expected) in [
             ((310, 230), 640, (640, 480)),
             ((310, 230), 1024, (1024, 768)),

@@ -1,7 +1,8 @@
 //! Masks from prototypes.
 //!
-//! Ultralytics combines the prototypes for every detection, scales the whole map up, thresholds it at 0 and clears what
-//! lies outside the box. Here only the inside of the box is computed; scaling is linear, so its steps become one.
+//! Ultralytics combines the prototypes for every detection, scales the whole map up, thresholds it at 0 and clears the
+//! pixels outside the box. Here only the inside of the box is computed, and the scaling steps, all linear, are combined
+//! into one.
 
 use super::placement::{Placement, scaled_to_fit, window_start};
 use super::resampling::{Resampling, Taps};
@@ -10,7 +11,7 @@ use rayon::prelude::*;
 use splatseg_geometry::Mask;
 use std::ops::Range;
 
-/// Input pixels between samples of prototypes.
+/// Input pixels per prototype sample, along each axis.
 const PROTOTYPE_STRIDE: usize = 4;
 
 /// A rectangle of an image, as ranges of columns and rows.
@@ -31,13 +32,13 @@ impl Region {
     }
 }
 
-/// Values of a rectangle of an image, row-major.
+/// Values in a rectangle of an image, row-major.
 struct Patch {
     region: Region,
     values: Vec<f32>,
 }
 
-/// How prototypes, or a mask, are scaled to an image, along both axes.
+/// Scaling of prototypes, or of a mask, to an image, along both axes.
 struct Scaling {
     columns: Resampling,
     rows: Resampling,
@@ -45,8 +46,8 @@ struct Scaling {
     size: (usize, usize),
 }
 
-/// The masks of `kept` candidates whose boxes are `boxes_xyxy` in pixels of the image, at the image's size (Ultralytics'
-/// `retina_masks=True`, `process_mask_native`).
+/// Computes the masks of the `kept` candidates at the image's size; `boxes_xyxy` are their boxes in image pixels
+/// (Ultralytics' `retina_masks=True`, `process_mask_native`).
 pub fn image_masks(
     candidates: &Candidates,
     kept: &[usize],
@@ -58,8 +59,8 @@ pub fn image_masks(
     masks(candidates, kept, boxes_xyxy, prototypes, &scaling)
 }
 
-/// The masks of `kept` candidates whose boxes are `boxes_xyxy` in pixels of the input, at the input's size (Ultralytics'
-/// `retina_masks=False`, `process_mask`).
+/// Computes the masks of the `kept` candidates at the input's size; `boxes_xyxy` are their boxes in input pixels
+/// (Ultralytics' `retina_masks=False`, `process_mask`).
 pub fn input_masks(
     candidates: &Candidates,
     kept: &[usize],
@@ -76,7 +77,8 @@ pub fn input_masks(
     masks(candidates, kept, boxes_xyxy, prototypes, &scaling)
 }
 
-/// A mask of the input at the image's size: scaled, and set where more than half is covered (`scale_masks(…) > 0.5`).
+/// Scales a mask of the input to the image's size; a pixel is set if more than half is covered
+/// (`scale_masks(…) > 0.5`).
 pub fn input_mask_in_image(mask: &Mask, placement: Placement) -> Mask {
     let scaling = window_to_image((mask.width(), mask.height()), 1, placement.image);
     let region = Region { columns: 0..mask.width(), rows: 0..mask.height() };
@@ -86,8 +88,8 @@ pub fn input_mask_in_image(mask: &Mask, placement: Placement) -> Mask {
     thresholded(&Patch { region, values }, &scaling, whole, 0.5)
 }
 
-/// From prototypes to the image. Where the padding is not a multiple of a prototype sample's size, the window of the
-/// image begins between two samples; the maps are then scaled up first, so that it does not.
+/// Scaling from prototypes to the image. If the padding is not a multiple of a prototype sample's size, the image's
+/// window would start between two samples, so the maps are scaled up first.
 fn prototypes_to_image(prototypes: &Prototypes, placement: Placement) -> Scaling {
     let (columns, rows) = placement.padding();
     let padding = columns | rows;
@@ -95,7 +97,8 @@ fn prototypes_to_image(prototypes: &Prototypes, placement: Placement) -> Scaling
     window_to_image((prototypes.width, prototypes.height), upscaling, placement.image)
 }
 
-/// Scales up by an integer, cuts out the window of the image (all but the padding) and scales it to the image's size.
+/// Scaling that enlarges by an integer, crops the image's window (all but the padding) and resizes it to the image's
+/// size.
 fn window_to_image(map: (usize, usize), upscaling: usize, image: (usize, usize)) -> Scaling {
     let frame = (map.0 * upscaling, map.1 * upscaling);
     let scaled = scaled_to_fit(image, frame);
@@ -136,7 +139,7 @@ fn masks(
         .collect()
 }
 
-/// Mask logits: the sum of the prototypes, weighted with coefficients, in a region of them.
+/// Computes mask logits in a region: the sum of the prototypes, weighted by the coefficients.
 fn combined_prototypes(prototypes: &Prototypes, coefficients: &[f32], region: Region) -> Patch {
     let width = region.columns.len();
     let mut values = vec![0.0; width * region.rows.len()];
@@ -154,15 +157,15 @@ fn combined_prototypes(prototypes: &Prototypes, coefficients: &[f32], region: Re
     Patch { region, values }
 }
 
-/// The mask of the pixels of `region` at which the scaled `patch` exceeds a threshold. The patch holds all samples that
-/// the region depends on.
+/// Returns the mask of the pixels in `region` at which the scaled `patch` exceeds a threshold. The patch must contain
+/// all samples that the region depends on.
 fn thresholded(patch: &Patch, scaling: &Scaling, region: Region, threshold: f32) -> Mask {
     let mut mask = Mask::empty(scaling.size.0, scaling.size.1);
     let width = region.columns.len();
     if width == 0 || region.rows.is_empty() {
         return mask;
     }
-    // First along the rows of the patch, then along its columns.
+    // Resample along the rows of the patch, then along its columns.
     let columns = scaling.columns.taps(region.columns.clone());
     let mut stretched = vec![0.0; width * patch.region.rows.len()];
     let lines = patch.values.chunks_exact(patch.region.columns.len()).zip(stretched.chunks_exact_mut(width));
@@ -184,7 +187,7 @@ fn thresholded(patch: &Patch, scaling: &Scaling, region: Region, threshold: f32)
     mask
 }
 
-/// The weighted sum of the first rows of `rows`, each as long as `line`.
+/// Computes the weighted sum of the first rows of `rows`, each as long as `line`.
 fn sum_rows(line: &mut [f32], taps: &Taps, rows: &[f32]) {
     line.fill(0.0);
     for (row, weight) in rows.chunks_exact(line.len()).zip(&taps.weights[..taps.count]) {
@@ -194,8 +197,8 @@ fn sum_rows(line: &mut [f32], taps: &Taps, rows: &[f32]) {
     }
 }
 
-/// Indices of the masks that contain a pixel (column, row): what a point prompt selects. FastSAM prompts choose among the
-/// masks of the whole image; the network is not run again.
+/// Returns the indices of the masks that contain a pixel (column, row), i.e. those that a point prompt selects.
+/// FastSAM's prompts select from the masks of the whole image; the network is not run again.
 ///
 /// # Panics
 /// If the pixel lies outside a mask's image.

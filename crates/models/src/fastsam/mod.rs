@@ -1,8 +1,8 @@
-//! FastSAM (Zhao et al. 2023, arXiv 2306.12156): YOLOv8-seg with one class, "object", and everything around it.
+//! FastSAM (Zhao et al. 2023, arXiv 2306.12156): YOLOv8-seg with one class, "object", and its pre- and postprocessing.
 //!
-//! An image goes through `letterbox` (the network's input), [`FastSamNetwork`] (a [`RawOutput`]), [`Candidates`] (boxes
-//! that may be objects, and NMS) and `masks` (from prototypes to masks). The reference for every step is Ultralytics 8.4.
-//! Files that do the same as in [`sam2`](crate::sam2) have the same names: `config`, `weights`, `network`, `predictor`,
+//! An image passes through `letterbox` (the network's input), [`FastSamNetwork`] (a [`RawOutput`]), [`Candidates`]
+//! (boxes and NMS) and `masks` (from prototypes to masks). The reference for every step is Ultralytics 8.4. Files with
+//! the same role as in [`sam2`](crate::sam2) have the same names: `config`, `weights`, `network`, `predictor`,
 //! `settings`, `error`.
 
 mod c2f;

@@ -17,7 +17,7 @@ use burn::tensor::{Device, Tensor};
 pub struct FastSamNetwork {
     config: FastSamConfig,
     device: Device,
-    /// Layers 0, 1, 3, 5, 7: each halves the image.
+    /// Layers 0, 1, 3, 5, 7: each halves the image size.
     stages: [FusedConv; 5],
     /// Layers 2, 4, 6, 8.
     backbone: [C2f; 4],
@@ -32,10 +32,10 @@ pub struct FastSamNetwork {
 }
 
 impl FastSamNetwork {
-    /// Loads the network that `weights` hold; batch normalisation becomes part of the convolutions.
+    /// Loads the network from `weights`; batch normalisation is folded into the convolutions.
     ///
     /// # Errors
-    /// [`FastSamError`] names the tensor that is missing or has another shape than the config asks for.
+    /// [`FastSamError`], with the name of the tensor, if a tensor is missing or its shape does not match the config.
     pub fn load(weights: &dyn Weights, config: FastSamConfig, device: &Device) -> Result<Self, FastSamError> {
         let channels = config.stage_channels;
         let halving = |layer: usize, inputs: usize, outputs: usize| {
@@ -64,7 +64,7 @@ impl FastSamNetwork {
         })
     }
 
-    /// The sizes of this network.
+    /// Sizes of the network.
     pub fn config(&self) -> &FastSamConfig {
         &self.config
     }
@@ -77,16 +77,16 @@ impl FastSamNetwork {
     /// # Panics
     /// If height or width is not a multiple of 32, or `input` has another length.
     pub fn forward(&self, input: Vec<f32>, height: usize, width: usize) -> Result<RawOutput, FastSamError> {
-        assert!(height.is_multiple_of(32) && width.is_multiple_of(32), "the input's size is a multiple of 32");
+        assert!(height.is_multiple_of(32) && width.is_multiple_of(32), "the input's size must be a multiple of 32");
         let image = upload(input, [1, 3, height, width], &self.device);
         let features = self.features(image);
         let (levels, prototypes) = self.head.forward(features);
         let [_, count, proto_height, proto_width] = prototypes.dims();
         let sizes: Vec<[usize; 4]> = levels.iter().map(|level| level.score.dims()).collect();
         let maps = levels.into_iter().flat_map(|level| [level.distances, level.score, level.coefficients]);
-        let asked = maps.chain([prototypes]).map(|map| map.flatten(0, 3)).collect();
-        let mut found = download(asked).map_err(|message| FastSamError::Device { message })?.into_iter();
-        let mut next = || found.next().unwrap_or_default();
+        let outputs = maps.chain([prototypes]).map(|map| map.flatten(0, 3)).collect();
+        let mut values = download(outputs).map_err(|message| FastSamError::Device { message })?.into_iter();
+        let mut next = || values.next().unwrap_or_default();
         let level = |[_, _, height, width]: [usize; 4]| RawLevel {
             height,
             width,
@@ -99,7 +99,7 @@ impl FastSamNetwork {
         Ok(RawOutput { levels, prototypes, distance_bins: DISTANCE_BINS })
     }
 
-    /// Features of strides 8, 16, 32: backbone, then the neck down and up again.
+    /// Returns features of strides 8, 16 and 32: the backbone, then the neck's upsampling and downsampling paths.
     fn features(&self, image: Tensor<4>) -> [Tensor<4>; 3] {
         let [layer0, layer1, layer3, layer5, layer7] = &self.stages;
         let [layer2, layer4, layer6, layer8] = &self.backbone;
@@ -118,7 +118,7 @@ impl FastSamNetwork {
     }
 }
 
-/// The image at twice its size, nearest pixel.
+/// Doubles the image's size by nearest-neighbour interpolation.
 fn doubled(input: Tensor<4>) -> Tensor<4> {
     interpolate(input, InterpolateOptions::new(InterpolateMode::Nearest).with_scale_factor([2.0, 2.0]))
 }

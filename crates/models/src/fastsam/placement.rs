@@ -1,14 +1,14 @@
-//! Where an image is in the letterboxed input of the network.
+//! Position of an image in the network's letterboxed input.
 
 use super::candidates::box_iou;
 
-/// Boxes that end closer to the image's border than this many pixels are extended to it (FastSAM).
+/// Box sides closer to the image's border than this, in pixels, are moved to the border (FastSAM).
 const BORDER_SNAP: f32 = 20.0;
 
-/// A box with a larger IoU with the whole image becomes the whole image (FastSAM).
+/// A box whose IoU with the whole image is larger becomes the whole image (FastSAM).
 const FULL_IMAGE_IOU: f32 = 0.9;
 
-/// Sizes of image and input, which determine scale and padding as in Ultralytics' `scale_boxes`.
+/// Sizes of image and input. They determine scale and padding, as in Ultralytics' `scale_boxes`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Placement {
     /// `(width, height)` of the image in pixels.
@@ -18,18 +18,18 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// Width and height that the image has within the input.
+    /// Width and height of the image within the input.
     pub fn scaled(&self) -> (usize, usize) {
         scaled_to_fit(self.image, self.input)
     }
 
-    /// Width and height of the input's padding, both sides together.
+    /// Width and height of the input's padding, the sum of both sides.
     pub fn padding(&self) -> (usize, usize) {
         let (width, height) = self.scaled();
         (self.input.0.saturating_sub(width), self.input.1.saturating_sub(height))
     }
 
-    /// A box (left, top, right, bottom) in input pixels, in pixels of the image and within it.
+    /// Converts a box (left, top, right, bottom) from input pixels to image pixels and clips it to the image.
     pub fn box_in_image(&self, box_xyxy: [f32; 4]) -> [f32; 4] {
         let (scaled, padding) = (self.scaled(), self.padding());
         let along = |position: f32, padding: usize, scaled: usize, image: usize| {
@@ -41,8 +41,8 @@ impl Placement {
         [x(box_xyxy[0]), y(box_xyxy[1]), x(box_xyxy[2]), y(box_xyxy[3])]
     }
 
-    /// FastSAM's adjustment of boxes (not of masks), in pixels of the image: sides close to the border move to it, and a
-    /// box that is nearly the whole image becomes the whole image.
+    /// Applies FastSAM's adjustment of boxes (not of masks), in image pixels: sides close to the border move to it, and
+    /// a box that is nearly the whole image becomes the whole image.
     pub fn adjusted(&self, [mut left, mut top, mut right, mut bottom]: [f32; 4]) -> [f32; 4] {
         let (width, height) = (self.image.0 as f32, self.image.1 as f32);
         if left < BORDER_SNAP {
@@ -63,14 +63,14 @@ impl Placement {
     }
 }
 
-/// The size that an image of size `image` has when it is scaled to fit `frame`; both `(width, height)`.
+/// Returns the size of an image scaled to fit `frame`. All sizes are `(width, height)`.
 pub(super) fn scaled_to_fit(image: (usize, usize), frame: (usize, usize)) -> (usize, usize) {
     let gain = (frame.1 as f64 / image.1 as f64).min(frame.0 as f64 / image.0 as f64);
     let scaled = |side: usize| (side as f64 * gain).round_ties_even() as usize;
     (scaled(image.0), scaled(image.1))
 }
 
-/// First pixel after the padding on the near side, where both sides together have `padding` pixels.
+/// First pixel after the left or top padding, if both sides together have `padding` pixels.
 pub(super) fn window_start(padding: usize) -> usize {
     (padding as f64 / 2.0 - 0.1).round_ties_even() as usize
 }

@@ -1,4 +1,4 @@
-//! Prediction: from an image to objects.
+//! The predictor: from an image to objects.
 
 use super::letterbox::{input_values, letterbox};
 use super::masks::{image_masks, input_mask_in_image, input_masks};
@@ -8,20 +8,20 @@ use burn::tensor::Device;
 use splatseg_geometry::{CowImage, Mask};
 use std::path::Path;
 
-/// An object that FastSAM found.
+/// An object found by FastSAM.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Detection {
-    /// Number of the anchor that found it.
+    /// Index of the anchor.
     pub anchor: usize,
-    /// Left, top, right, bottom in pixels of the image, after FastSAM's adjustment at the image's borders.
+    /// Left, top, right, bottom in image pixels, after FastSAM's adjustment at the image's borders.
     pub box_xyxy: [f32; 4],
     /// Confidence in [0, 1].
     pub score: f32,
-    /// Its pixels, inside the box as it was before the adjustment.
+    /// Pixels of the object, within the box before its adjustment.
     pub mask: Mask,
 }
 
-/// FastSAM as Ultralytics 8.4 runs it (`FastSAM(…).predict`).
+/// FastSAM, like Ultralytics 8.4's `FastSAM(…).predict`.
 #[derive(Clone, Debug)]
 pub struct FastSamPredictor {
     network: FastSamNetwork,
@@ -29,11 +29,11 @@ pub struct FastSamPredictor {
 }
 
 impl FastSamPredictor {
-    /// Loads the network of a checkpoint: Ultralytics' `.pt`, or a `.safetensors` with the same tensors.
+    /// Loads the network from a checkpoint: Ultralytics' `.pt`, or a `.safetensors` with the same tensors.
     ///
     /// # Errors
-    /// [`FastSamError::Setting`] if a setting is impossible; [`FastSamError::Checkpoint`] or
-    /// [`FastSamError::NotFastSam`] name the file and what is wrong with it.
+    /// [`FastSamError::Setting`] if a setting is invalid; [`FastSamError::Checkpoint`] or [`FastSamError::NotFastSam`]
+    /// if the file cannot be used.
     pub fn open(path: &Path, settings: FastSamPredictorSettings, device: &Device) -> Result<Self, FastSamError> {
         let settings = settings.validated()?;
         let checkpoint = Checkpoint::open(path)?;
@@ -41,15 +41,15 @@ impl FastSamPredictor {
         Ok(Self { network: FastSamNetwork::load(&checkpoint, config, device)?, settings })
     }
 
-    /// A predictor with a loaded network.
+    /// Creates a predictor from a loaded network.
     ///
     /// # Errors
-    /// [`FastSamError::Setting`] if a setting is impossible.
+    /// [`FastSamError::Setting`] if a setting is invalid.
     pub fn new(network: FastSamNetwork, settings: FastSamPredictorSettings) -> Result<Self, FastSamError> {
         Ok(Self { network, settings: settings.validated()? })
     }
 
-    /// The objects of an sRGB image, best first; their masks have the image's size and are not empty.
+    /// Segments an sRGB image into objects, best first. Masks have the image's size and are not empty.
     ///
     /// # Errors
     /// [`FastSamError::Device`] if the device fails; [`FastSamError::EmptyImage`] if the image has no pixels.
@@ -70,8 +70,8 @@ impl FastSamPredictor {
     }
 }
 
-/// Detections from the network's output: NMS, masks and boxes. Masks have the image's size, or the input's without
-/// `retina_masks`; detections whose mask is empty are left out.
+/// Computes detections from the network's output: NMS, masks and boxes. Masks have the image's size, or the input's
+/// size without `retina_masks`. Detections with an empty mask are dropped.
 pub fn detections(
     candidates: &Candidates,
     prototypes: &Prototypes,

@@ -1,10 +1,10 @@
-//! The branch that makes mask prototypes.
+//! The branch that computes mask prototypes.
 
 use super::conv::{ConvShape, FusedConv};
 use super::{FastSamConfig, FastSamError, Weights};
 use burn::tensor::{Device, Tensor};
 
-/// Ultralytics' `Proto`: prototypes at a quarter of the input's size from features at an eighth.
+/// Ultralytics' `Proto`: computes prototypes at a quarter of the input's size from features at an eighth.
 #[derive(Clone, Debug)]
 pub(super) struct PrototypeBranch {
     entry: FusedConv,

@@ -1,9 +1,9 @@
-//! The output of the network, and how it is decoded.
+//! The network's output and its decoding.
 
 use super::Candidates;
 use super::head::STRIDES;
 
-/// Prototype maps, whose linear combinations are the masks, at a quarter of the input's size.
+/// Prototype maps at a quarter of the input's size. Masks are linear combinations of them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prototypes {
     /// Number of maps.
@@ -29,7 +29,7 @@ pub(super) struct RawLevel {
     pub coefficients: Vec<f32>,
 }
 
-/// The network's output for one image, not yet decoded.
+/// The network's output for one image, before decoding.
 #[derive(Clone, Debug)]
 pub struct RawOutput {
     pub(super) levels: Vec<RawLevel>,
@@ -43,10 +43,10 @@ impl RawOutput {
         &self.prototypes
     }
 
-    /// The anchors whose score exceeds `confidence`, decoded; a negative confidence gives every anchor.
+    /// Decodes the anchors whose score exceeds `confidence`; a negative confidence returns every anchor.
     ///
-    /// Anchors are numbered level by level (strides 8, 16, 32), row-major. As Ultralytics' `Segment` decodes them: a
-    /// side's distance is the mean of its distribution, the anchor's centre lies at (column + ½, row + ½) strides.
+    /// Anchors are numbered level by level (strides 8, 16, 32), row-major. As in Ultralytics' `Segment`, a side's
+    /// distance is the mean of its distribution, and the anchor's centre is at (column + ½, row + ½) strides.
     pub fn candidates(&self, confidence: f64) -> Candidates {
         let mut candidates = Candidates::new(self.prototypes.count);
         let mut first_anchor = 0;

@@ -1,8 +1,8 @@
-//! Linear resampling along one axis, as `interpolate(…, mode="bilinear", align_corners=False)` does along each axis.
+//! Linear resampling along one axis, like `interpolate(…, mode="bilinear", align_corners=False)` along each axis.
 
 use std::ops::Range;
 
-/// Most source samples of a target sample, after two resamplings in a row.
+/// Maximum number of source samples per target sample, after two consecutive resamplings.
 const MAX_TAPS: usize = 4;
 
 /// A target sample as a weighted sum of neighbouring source samples.
@@ -10,9 +10,9 @@ const MAX_TAPS: usize = 4;
 pub(super) struct Taps {
     /// First source sample.
     pub first: usize,
-    /// How many there are.
+    /// Number of source samples.
     pub count: usize,
-    /// Their weights; 0 after the last.
+    /// Weights of the source samples; 0 after the last.
     pub weights: [f32; MAX_TAPS],
 }
 
@@ -21,16 +21,16 @@ pub(super) struct Taps {
 pub(super) struct Resampling(Vec<Taps>);
 
 impl Resampling {
-    /// Scales `from` samples to `to`; positions beyond the centre of the first or last sample take that sample.
+    /// Scales `from` samples to `to`; positions beyond the centre of the first or last sample use that sample.
     pub fn linear(from: usize, to: usize) -> Self {
         Self::from_window(from, 0..from, to, 1)
     }
 
-    /// Scales `from` samples up by the integer `upscaling`, and then `window`, in samples of the upscaled line, to `to`
-    /// samples. Both steps are linear, so together they are one weighted sum of few source samples.
+    /// Scales `from` samples up by the integer `upscaling`, then scales `window`, in samples of the upscaled line, to
+    /// `to` samples. Both steps are linear, so together they form one weighted sum of a few source samples.
     pub fn from_window(from: usize, window: Range<usize>, to: usize, upscaling: usize) -> Self {
         let upscaled = from * upscaling;
-        let taps_of = |target: usize| {
+        let taps_at = |target: usize| {
             let mut weights = [0.0; 2 * 2];
             let mut places = [0; 2 * 2];
             let mut count = 0;
@@ -42,13 +42,13 @@ impl Resampling {
             }
             Taps::sum(&places, &weights)
         };
-        Self((0..to).map(taps_of).collect())
+        Self((0..to).map(taps_at).collect())
     }
 
-    /// The source samples that a range of target samples depends on.
+    /// Range of source samples that a range of target samples depends on.
     pub fn sources(&self, targets: Range<usize>) -> Range<usize> {
         let Some(taps) = self.0.get(targets).filter(|taps| !taps.is_empty()) else { return 0..0 };
-        // Sources advance with targets.
+        // Source positions increase with target positions.
         taps[0].first..taps.iter().map(|taps| taps.first + taps.count).max().unwrap_or(0)
     }
 
@@ -58,7 +58,7 @@ impl Resampling {
     }
 }
 
-/// The two samples between which sample `target` of `to` lies among `from`, with their weights.
+/// Returns the two of `from` samples between which sample `target` of `to` lies, with their weights.
 fn interpolated(target: usize, from: usize, to: usize) -> [(usize, f64); 2] {
     let position = ((target as f64 + 0.5) * from as f64 / to as f64 - 0.5).max(0.0);
     let first = (position as usize).min(from - 1);
@@ -67,7 +67,7 @@ fn interpolated(target: usize, from: usize, to: usize) -> [(usize, f64); 2] {
 }
 
 impl Taps {
-    /// The sum of weighted samples that are close together.
+    /// Merges weighted samples that are close together.
     fn sum(places: &[usize], weights: &[f64]) -> Self {
         let mixed = || places.iter().zip(weights).filter(|(_, weight)| **weight != 0.0);
         let first = mixed().map(|(place, _)| *place).min().unwrap_or(0);

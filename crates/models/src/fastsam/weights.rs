@@ -1,27 +1,27 @@
-//! Where the network's weights come from.
+//! Access to the network's weights.
 
 use super::FastSamError;
 use crate::checkpoint::Checkpoint;
 use std::path::Path;
 
-/// ε of batch normalisation where the file does not say; Ultralytics uses this value, PyTorch's default is 1e-5.
+/// ε of batch normalisation if the file does not state it. Ultralytics uses this value; PyTorch's default is 1e-5.
 const BATCH_NORM_EPSILON: f64 = 1e-3;
 
-/// A set of named tensors: a checkpoint, or anything else that knows names and shapes.
+/// A set of named tensors: a checkpoint, or another source of names, shapes and values.
 pub trait Weights {
-    /// The file, for errors.
+    /// Path of the file, for error messages.
     fn path(&self) -> &Path;
 
-    /// The shape of a tensor, outermost dimension first; `None` if there is no such tensor.
+    /// Shape of a tensor, outermost dimension first; `None` if there is no such tensor.
     fn shape(&self, name: &str) -> Option<Vec<usize>>;
 
-    /// The values of a tensor as `f32`, row-major.
+    /// Reads a tensor's values as `f32`, row-major.
     ///
     /// # Errors
     /// If there is no such tensor, it has another shape, or it cannot be read.
     fn read_f32(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, FastSamError>;
 
-    /// ε of every batch normalisation.
+    /// ε of all batch normalisations.
     fn batch_norm_epsilon(&self) -> f64 {
         BATCH_NORM_EPSILON
     }

@@ -1,12 +1,12 @@
-//! The sizes of SAM 2.1, as data.
+//! Configurations of SAM 2.1.
 
 use super::{Sam2Error, Weights};
 
-/// The published sizes, and the miniature that tests use.
+/// The published sizes, and a miniature for tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Sam2Size {
-    /// A random network of the same structure, for tests.
+    /// A random network of the same structure for tests.
     Mini,
     /// `sam2.1_hiera_tiny`: 39 M parameters.
     Tiny,
@@ -18,27 +18,27 @@ pub enum Sam2Size {
     Large,
 }
 
-/// The trunk of a size: Hiera's hyper-parameters (official `sam2/configs/sam2.1/*.yaml`).
+/// Hyper-parameters of the trunk, Hiera (official `sam2/configs/sam2.1/*.yaml`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HieraConfig {
     /// Channels of the first stage; every later stage has twice as many.
     pub embed_dim: usize,
     /// Attention heads of the first stage; every later stage has twice as many.
     pub num_heads: usize,
-    /// Blocks of each stage.
+    /// Number of blocks of each stage.
     pub stages: [usize; 4],
     /// Side of the attention windows of each stage, in tokens.
     pub window_sizes: [usize; 4],
-    /// Blocks that attend to the whole map.
+    /// Indices of the blocks that attend to the whole map.
     pub global_blocks: [usize; 3],
     /// Side of the background position embedding, in tokens.
     pub pos_embed_size: usize,
 }
 
-/// Everything that differs between the sizes of SAM 2.1.
+/// Parameters that differ between the sizes of SAM 2.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sam2Config {
-    /// Which size it is.
+    /// The size.
     pub size: Sam2Size,
     /// The image encoder's trunk.
     pub trunk: HieraConfig,
@@ -48,19 +48,21 @@ pub struct Sam2Config {
     pub memory_dim: usize,
     /// Hidden channels of memory attention's feed-forward layers.
     pub memory_feed_forward_dim: usize,
-    /// Side of the square network input as published, in pixels.
+    /// Published side of the square network input, in pixels.
     pub image_size: usize,
 }
 
-/// Layers of memory attention.
+/// Number of layers of memory attention.
 pub(super) const MEMORY_ATTENTION_LAYERS: usize = 4;
-/// Memory frames attended to: conditioning frames, and up to one less than this of the frames just before.
+/// Official `num_maskmem`: besides the conditioning frames, attention sees up to one less than this of the frames just
+/// before.
 pub(super) const NUM_MASK_MEMORIES: usize = 7;
-/// Object pointers attended to.
+/// Official `max_obj_ptrs_in_encoder`: besides those of conditioning frames, attention sees the object pointers of up
+/// to one less than this of the frames just before.
 pub(super) const MAX_OBJECT_POINTERS: usize = 16;
 /// Pixels of the network input per token of the feature map that masks are decoded from.
 pub(super) const FEATURE_STRIDE: usize = 16;
-/// Logit that stands for "no object here".
+/// Logit for "no object here".
 pub(super) const NO_OBJECT_LOGIT: f32 = -1024.0;
 
 const fn trunk(
@@ -78,7 +80,7 @@ const fn published(size: Sam2Size, trunk: HieraConfig) -> Sam2Config {
 }
 
 impl Sam2Config {
-    /// Every size.
+    /// All sizes.
     pub const ALL: [Self; 5] = [
         Self {
             size: Sam2Size::Mini,
@@ -98,10 +100,10 @@ impl Sam2Config {
         ),
     ];
 
-    /// The configuration of a checkpoint, by the names and shapes of its tensors.
+    /// Recognises the configuration of a checkpoint by the names and shapes of its tensors.
     ///
     /// # Errors
-    /// If the trunk's first embedding is missing, or no size has so many blocks and channels.
+    /// If the trunk's first embedding is missing, or no size has this number of blocks and channels.
     pub fn from_weights(weights: &dyn Weights) -> Result<Self, Sam2Error> {
         let name = "image_encoder.trunk.patch_embed.proj.bias";
         let shape = weights.shape(name).ok_or_else(|| Sam2Error::MissingTensor { name: name.into() })?;

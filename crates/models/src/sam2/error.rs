@@ -2,33 +2,33 @@
 
 use thiserror::Error;
 
-/// Weights that are not those of SAM 2.1, or a prompt that cannot be used.
+/// Errors loading weights, prompting or tracking.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum Sam2Error {
-    /// A tensor of the network is not in the checkpoint.
+    /// A tensor of the network is missing from the checkpoint.
     #[error("tensor `{name}` is missing")]
     MissingTensor {
         /// The tensor's name.
         name: String,
     },
-    /// A tensor has another shape than the network needs.
+    /// A tensor does not have the shape that the network needs.
     #[error("tensor `{name}` has shape {found:?} instead of {expected:?}")]
     TensorShape {
         /// The tensor's name.
         name: String,
-        /// Its shape in the checkpoint.
+        /// Shape in the checkpoint.
         found: Vec<usize>,
         /// The shape that the network needs.
         expected: Vec<usize>,
     },
-    /// The checkpoint holds a tensor that is not part of the network.
+    /// The checkpoint contains a tensor that is not part of the network.
     #[error("tensor `{name}` is not part of SAM 2.1")]
     UnexpectedTensor {
         /// The tensor's name.
         name: String,
     },
-    /// No published configuration has such a trunk.
+    /// The trunk matches no published configuration.
     #[error(
         "no SAM 2.1 has an image encoder with {blocks} blocks and {embed_dim} channels in the first (tiny: 12 and 96, \
          small: 16 and 96, base_plus: 24 and 112, large: 48 and 144)"
@@ -44,13 +44,13 @@ pub enum Sam2Error {
     UnreadableTensor {
         /// The tensor's name.
         name: String,
-        /// Why.
+        /// The cause.
         reason: String,
     },
-    /// The device failed. The predictor cannot go on with its video.
+    /// The device failed. The predictor cannot continue its video.
     #[error("the device failed: {message}")]
     Device {
-        /// What it said.
+        /// Message from the device.
         message: String,
     },
     /// A setting is out of range.
@@ -58,9 +58,9 @@ pub enum Sam2Error {
     Setting {
         /// The setting's name.
         field: &'static str,
-        /// Its value.
+        /// The value found.
         found: String,
-        /// What is allowed.
+        /// The allowed values.
         expected: &'static str,
     },
     /// Frames of one video differ in size.
@@ -77,7 +77,7 @@ pub enum Sam2Error {
     /// The object is not being tracked.
     #[error("there is no object {object}")]
     UnknownObject {
-        /// The id that was asked for.
+        /// The requested id.
         object: u64,
     },
     /// A prompt without points, box or mask.
@@ -86,13 +86,13 @@ pub enum Sam2Error {
         /// The object prompted.
         object: u64,
     },
-    /// A mask prompt without any pixel, or one that vanishes when it is resized to the network's input.
+    /// A mask prompt that is empty, or becomes empty when resized to the network's input.
     #[error("the mask given for object {object} has no pixel at the network's resolution")]
     EmptyMask {
         /// The object prompted.
         object: u64,
     },
-    /// A mask prompt of another size than the frame.
+    /// A mask prompt whose size differs from the frame's.
     #[error("the mask given for object {object} has {}x{} pixels, but the frame has {}x{}", found.0, found.1, expected.0, expected.1)]
     MaskSize {
         /// The object prompted.
@@ -102,7 +102,7 @@ pub enum Sam2Error {
         /// `(width, height)` of the frame.
         expected: (usize, usize),
     },
-    /// A coordinate that is not finite, or outside the frame.
+    /// A coordinate that is not finite or lies outside the frame.
     #[error(
         "the prompt of object {object} has the point ({x}, {y}), but the frame covers 0..{width} by 0..{height} pixels"
     )]
@@ -126,7 +126,7 @@ pub enum Sam2Error {
         /// x0, y0, x1, y1 in pixels.
         corners: [f32; 4],
     },
-    /// A box that comes with points added to earlier ones: a box has to come first.
+    /// A box in a prompt that adds points to earlier ones: a box must come first.
     #[error("the prompt of object {object} adds a box to earlier points: give the box with the first points")]
     LateBox {
         /// The object prompted.

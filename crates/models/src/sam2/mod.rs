@@ -1,8 +1,8 @@
 //! SAM 2.1: promptable segmentation of images and videos (Ravi et al. 2024).
 //!
-//! The rooms follow the figure of the paper: `encoder` (a frame to features), `memory` (what is remembered of an
-//! object, and attention to it), `prompt` (clicks, boxes and masks), `heads` (features and prompts to masks).
-//! [`Sam2Network`] holds them all, [`Sam2Predictor`] follows objects through a video.
+//! The modules follow the paper's figure: `encoder` (a frame to features), `memory` (an object's memory, and attention
+//! to it), `prompt` (clicks, boxes and masks), `heads` (features and prompts to masks). [`Sam2Network`] combines them;
+//! [`Sam2Predictor`] tracks objects through a video.
 
 mod config;
 mod encoder;
@@ -24,7 +24,7 @@ pub use error::Sam2Error;
 pub use heads::ObjectMask;
 pub use network::{FeatureMaps, Sam2Network};
 pub use predictor::Sam2Predictor;
-pub use prompt::{Click, PointLabel, Prompt};
+pub use prompt::PointLabel;
 pub use settings::Sam2PredictorSettings;
 pub use video_state::VideoState;
 pub use weights::Weights;

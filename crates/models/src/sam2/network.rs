@@ -12,7 +12,7 @@ use splatseg_geometry::CowImage;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 
-/// SAM 2.1 with its weights. It holds no state: one network serves any number of videos.
+/// SAM 2.1 with its weights. It has no state: one network serves any number of videos.
 #[derive(Clone, Debug)]
 pub struct Sam2Network {
     config: Sam2Config,
@@ -23,7 +23,7 @@ pub struct Sam2Network {
     pub(super) memory_encoder: MemoryEncoder,
     pub(super) assembly: Assembly,
     pub(super) memory_attention: MemoryAttention,
-    /// Added to the features of a frame where an object has no memory yet, `[1, 1, hidden]`.
+    /// Added to a frame's features for an object without memory, `[1, 1, hidden]`.
     pub(super) no_memory: Tensor<3>,
 }
 
@@ -39,10 +39,10 @@ pub struct FeatureMaps {
 }
 
 impl Sam2Network {
-    /// Loads the network of a checkpoint, whose size follows from names and shapes.
+    /// Loads the network of a checkpoint, whose size is recognised by names and shapes.
     ///
-    /// `image_size` is the side of the square that frames are resized to: 1024 as published if `None`. Smaller is
-    /// faster, at the cost of thin structures; position embeddings are interpolated as the official code does.
+    /// `image_size` is the side of the square that frames are resized to; `None` for the published 1024. Smaller is
+    /// faster, at the cost of thin structures. Position embeddings are interpolated as in the official code.
     ///
     /// # Errors
     /// If `image_size` is not a positive multiple of 32, or a tensor is missing, unexpected, or of another shape.
@@ -70,7 +70,7 @@ impl Sam2Network {
             memory_attention: MemoryAttention::load(&reader, &config, side)?,
             no_memory: reader.tensor("no_mem_embed", [1, 1, config.hidden_dim])?,
         };
-        // Part of every checkpoint, but without effect in this configuration.
+        // Part of every checkpoint, but unused in this configuration.
         reader.floats("no_mem_pos_enc", &[1, 1, config.hidden_dim])?;
         let read = read.into_inner();
         match weights.names().into_iter().find(|name| !read.contains(name)) {
@@ -94,13 +94,13 @@ impl Sam2Network {
         &self.device
     }
 
-    /// The network's input for a frame: resized, normalised, `[1, 3, side, side]`.
+    /// Resizes and normalises a frame to the network's input, `[1, 3, side, side]`.
     pub fn input(&self, frame: &CowImage<'_, [u8; 3]>) -> Tensor<4> {
         let resized = resize_frame(frame, self.image_size);
         upload(normalise(&resized), [1, 3, self.image_size, self.image_size], &self.device)
     }
 
-    /// The feature maps of an input, `[1, 3, side, side]`, for uses beyond video.
+    /// Computes the feature maps of an input, `[1, 3, side, side]`, for uses other than video.
     pub fn encode(&self, input: Tensor<4>) -> FeatureMaps {
         let ImageFeatures { embedding, s0, s1 } = self.encode_image(input);
         let [_, _, hidden] = embedding.dims();
@@ -108,7 +108,7 @@ impl Sam2Network {
         FeatureMaps { embedding: embedding.reshape([1, side, side, hidden]), s0, s1 }
     }
 
-    /// Features of an input, `[1, 3, side, side]`.
+    /// Computes the features of an input, `[1, 3, side, side]`.
     pub(super) fn encode_image(&self, input: Tensor<4>) -> ImageFeatures {
         self.image_encoder.forward(input)
     }

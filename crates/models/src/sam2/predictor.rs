@@ -1,4 +1,4 @@
-//! Streaming prediction: frames come one at a time, objects come and go, and clicks correct their masks.
+//! Streaming prediction: frames arrive one at a time, objects appear and disappear, and clicks correct their masks.
 
 use super::heads::{MaskChoice, fill_holes};
 use super::memory::{AssembledMemory, MaskForMemory, RememberedMap};
@@ -10,7 +10,7 @@ use burn::tensor::Tensor;
 use splatseg_geometry::{CowImage, Image};
 use std::sync::Arc;
 
-/// Follows objects through a stream of frames.
+/// Tracks objects through a stream of frames.
 #[derive(Debug)]
 pub struct Sam2Predictor {
     pub(super) network: Arc<Sam2Network>,
@@ -19,7 +19,7 @@ pub struct Sam2Predictor {
 }
 
 impl Sam2Predictor {
-    /// A predictor before its first frame.
+    /// Creates a predictor for a new video.
     ///
     /// # Errors
     /// If a setting is out of range.
@@ -27,7 +27,7 @@ impl Sam2Predictor {
         Self::resume(network, settings, VideoState::default())
     }
 
-    /// A predictor that continues from a state.
+    /// Creates a predictor that continues from a state.
     ///
     /// # Errors
     /// If a setting is out of range.
@@ -44,22 +44,22 @@ impl Sam2Predictor {
         &self.state
     }
 
-    /// Takes the next frame and follows every object into it; masks come by increasing id. Objects that rest and are not
-    /// looked for in this frame have none.
+    /// Tracks every object into the next frame and returns their masks by increasing id. Resting objects have no mask
+    /// unless they are checked in this frame.
     ///
     /// # Errors
-    /// If the frame's size is not that of the first, or the device fails.
+    /// If the frame's size differs from the first frame's, or the device fails.
     pub fn track(&mut self, frame: &CowImage<'_, [u8; 3]>) -> Result<Vec<ObjectMask>, Sam2Error> {
         self.check_size(frame.size())?;
         let input = self.network.input(frame);
         self.advance(input, frame.size())
     }
 
-    /// [`Self::track`] for a frame that is already the network's input, `[1, 3, side, side]` (see [`Sam2Network::input`]), of a
-    /// video of `size` (width, height).
+    /// Like [`Self::track`], for a frame already converted to the network's input, `[1, 3, side, side]` (see
+    /// [`Sam2Network::input`]), from a video of `size` (width, height).
     ///
     /// # Errors
-    /// If `size` is not that of the first frame, or the device fails.
+    /// If `size` differs from the first frame's, or the device fails.
     pub fn track_input(&mut self, input: Tensor<4>, size: (usize, usize)) -> Result<Vec<ObjectMask>, Sam2Error> {
         self.check_size(size)?;
         self.advance(input, size)
@@ -82,7 +82,7 @@ impl Sam2Predictor {
             (object.tracked, object.prompted) = (None, None);
             object.points.clear();
         }
-        let ids = self.followed();
+        let ids = self.objects_to_track();
         let mut masks = Vec::with_capacity(ids.len());
         for ids in ids.chunks(self.settings.objects_per_chunk) {
             let memories = ids.iter().map(|id| self.assemble(*id)).collect::<Vec<_>>();
@@ -92,7 +92,7 @@ impl Sam2Predictor {
             self.state.object_passes += ids.len();
             for (id, prediction) in ids.iter().zip(Prediction::from_outputs(out)?) {
                 masks.push(self.object_mask(*id, &prediction));
-                self.take_tracked(*id, prediction);
+                self.record_tracked(*id, prediction);
             }
         }
         self.state.features = Some(features);
@@ -100,21 +100,21 @@ impl Sam2Predictor {
         Ok(masks)
     }
 
-    /// The objects that go through the network in the current frame: those that do not rest, and those that are looked
-    /// for in it. Not all of these are looked for in the same frame.
-    fn followed(&self) -> Vec<u64> {
+    /// Objects to process in the current frame: all that do not rest, and the resting ones due for a check. Checks of
+    /// different objects are spread over the frames.
+    fn objects_to_track(&self) -> Vec<u64> {
         let (settings, now) = (&self.settings, self.state.index() as u64);
-        let is_looked_for = |id: u64| match settings.absent_check_interval as u64 {
+        let is_checked = |id: u64| match settings.absent_check_interval as u64 {
             0 => false,
             interval => now.wrapping_add(id).is_multiple_of(interval),
         };
         let objects = self.state.objects.iter();
-        objects.filter(|(id, object)| !object.is_resting(settings) || is_looked_for(**id)).map(|(id, _)| *id).collect()
+        objects.filter(|(id, object)| !object.is_resting(settings) || is_checked(**id)).map(|(id, _)| *id).collect()
     }
 
-    /// Takes what the network says of an object in the current frame. An object that rests counts as not tracked, so a
+    /// Records the network's output for an object in the current frame. A resting object counts as not tracked, so a
     /// prompt on this frame conditions the tracking.
-    fn take_tracked(&mut self, id: u64, prediction: Prediction) {
+    fn record_tracked(&mut self, id: u64, prediction: Prediction) {
         let (settings, now) = (self.settings, self.state.index());
         let object = self.object_mut(id);
         object.absent_frames = if prediction.is_absent() { object.absent_frames + 1 } else { 0 };
@@ -122,7 +122,7 @@ impl Sam2Predictor {
         object.resting_since = object.is_resting(&settings).then(|| object.resting_since.unwrap_or(now));
     }
 
-    /// Forgets objects of which too many rest.
+    /// Forgets the objects that have rested longest if too many rest.
     fn forget_longest_resting(&mut self) {
         let objects = self.state.objects.iter();
         let mut resting: Vec<(usize, u64)> =
@@ -145,7 +145,7 @@ impl Sam2Predictor {
         bank.assemble(self.state.index(), &self.network.assembly, &self.settings)
     }
 
-    /// Stops following an object and forgets it.
+    /// Stops tracking an object and forgets it.
     ///
     /// # Errors
     /// If there is no such object.
@@ -153,7 +153,7 @@ impl Sam2Predictor {
         self.state.objects.remove(&object).map(|_| ()).ok_or(Sam2Error::UnknownObject { object })
     }
 
-    /// Puts the current frame into memory. The next frame does this by itself.
+    /// Adds the current frame to memory. The next frame does this automatically.
     pub fn remember_frame(&mut self) {
         let Some(features) = self.state.features.take() else { return };
         let now = self.state.index();
@@ -181,7 +181,7 @@ impl Sam2Predictor {
         self.state.features = Some(features);
     }
 
-    /// Whether a prompt on the current frame conditions the tracking of an object.
+    /// True if a prompt on the current frame conditions the tracking of an object.
     fn conditions(&self, object: &TrackedObject) -> bool {
         object.prompted.is_some() && (object.tracked.is_none() || self.settings.add_all_frames_to_correct_as_cond)
     }
@@ -190,13 +190,15 @@ impl Sam2Predictor {
         self.settings.track_corrected_frames_again && !self.conditions(object)
     }
 
-    /// Remembers the current frame for some objects, which were all prompted (`Binary`) or all tracked (`Soft`).
+    /// Adds the current frame to the memory of some objects, which were all prompted (`Binary`) or all tracked
+    /// (`Soft`).
     fn remember_chunk(&mut self, ids: &[u64], kind: MaskForMemory, now: usize, projected: &Tensor<4>) {
         let objects = ids.iter().filter_map(|id| {
             let object = &self.state.objects[id];
             match kind {
                 MaskForMemory::Soft => object.tracked.clone(),
-                // The mask of a prompt is remembered as it is shown; that of a tracked frame as it comes from the network.
+                // A prompted mask is remembered as displayed, with holes filled; a tracked mask as the network outputs
+                // it.
                 MaskForMemory::Binary => object.prompted.clone().map(|prediction| Prediction {
                     logits: self.without_holes(&prediction),
                     device_logits: None,
@@ -216,7 +218,8 @@ impl Sam2Predictor {
         }
     }
 
-    /// The masks of objects at the network's resolution, `[objects, side, side]`, as the memory encoder takes them.
+    /// Converts the masks of objects to the memory encoder's input, `[objects, side, side]` at the network's
+    /// resolution.
     fn masks_for_memory(&self, chosen: &[Prediction], kind: MaskForMemory) -> Tensor<3> {
         let (side, device) = (self.network.image_size(), self.network.device());
         let low = [1, side / 4, side / 4];
@@ -230,7 +233,7 @@ impl Sam2Predictor {
         kind.masks_on_device(Tensor::cat(chosen.iter().map(logits).collect(), 0), side)
     }
 
-    /// The logits as they are shown: with small holes filled.
+    /// Returns the logits as displayed: with small holes filled.
     pub(super) fn without_holes(&self, prediction: &Prediction) -> Vec<f32> {
         let mut logits = prediction.logits.clone();
         fill_holes(&mut logits, self.network.image_size() / 4, self.settings.fill_hole_area);

@@ -1,42 +1,44 @@
-//! Prompts of a predictor: new objects, and corrections of tracked ones.
+//! Prompting: new objects, and corrections of tracked ones.
 
 use super::encoder::ImageFeatures;
 use super::heads::{HeadOutputs, MaskChoice};
 use super::prompt::{CheckedPrompt, zeros_and_ones};
 use super::video_state::Prediction;
-use super::{ObjectMask, Prompt, Sam2Error, Sam2Predictor};
+use super::{ObjectMask, Sam2Error, Sam2Predictor};
 use crate::transfer::upload;
 use burn::tensor::Tensor;
 use rayon::prelude::*;
+use splatseg_geometry::Prompt;
 
-/// Earlier logits are clamped to this when they go along with new clicks.
+/// Earlier logits are clamped to ± this value when they accompany new clicks.
 const LOGIT_LIMIT: f32 = 32.0;
 
 impl Sam2Predictor {
-    /// Prompts one object on the current frame; an unknown id becomes a new object. On a frame where the object was
-    /// tracked, the prompt corrects it. A resting object is followed again.
+    /// Prompts one object on the current frame; an unknown id becomes a new object. If the object was tracked in this
+    /// frame, the prompt corrects it. A resting object is tracked again.
     ///
     /// # Errors
-    /// If there is no frame yet, or the prompt is empty, not finite or outside the frame: nothing is changed then. Or if
-    /// the device fails.
+    /// If there is no frame yet, or the prompt is empty, not finite or outside the frame; nothing changes in these
+    /// cases. Also if the device fails.
     pub fn prompt(&mut self, object: u64, prompt: &Prompt) -> Result<ObjectMask, Sam2Error> {
         Ok(self.prompt_all(&[(object, prompt.clone())])?.remove(0))
     }
 
-    /// Prompts many objects at once, with the same results as one after another; masks come in the order of the prompts.
+    /// Prompts many objects at once, with the same results as one after another. Masks are in the order of the prompts.
     ///
     /// # Errors
-    /// As [`Self::prompt`]; if one prompt is bad, none takes effect.
+    /// As for [`Self::prompt`]; if one prompt is invalid, none takes effect.
     pub fn prompt_all(&mut self, prompts: &[(u64, Prompt)]) -> Result<Vec<ObjectMask>, Sam2Error> {
         let features = self.state.features.clone().ok_or(Sam2Error::NoFrame)?;
         let checked = self.checked(prompts).into_iter().collect::<Result<Vec<_>, Sam2Error>>()?;
         self.prompt_checked(&checked, &features)
     }
 
-    /// [`Self::prompt_all`], but masks without a pixel at the network's resolution are skipped: they have no result.
+    /// Like [`Self::prompt_all`], but skips masks that are empty at the network's resolution and returns `None` for
+    /// them.
     ///
     /// # Errors
-    /// As [`Self::prompt_all`], for other reasons.
+    /// As for [`Self::prompt_all`], except for empty masks.
     pub fn prompt_unless_empty(&mut self, prompts: &[(u64, Prompt)]) -> Result<Vec<Option<ObjectMask>>, Sam2Error> {
         let features = self.state.features.clone().ok_or(Sam2Error::NoFrame)?;
         let (mut places, mut usable) = (Vec::new(), Vec::new());
@@ -69,7 +71,7 @@ impl Sam2Predictor {
         let mut masks: Vec<Option<ObjectMask>> = vec![None; checked.len()];
         let mut waiting: Vec<usize> = (0..checked.len()).collect();
         while !waiting.is_empty() {
-            // Prompts that can go through the network together: of the same kind, and one per object.
+            // Prompts that the network can process together: of the same kind, and one per object.
             let kind = self.kind(&checked[waiting[0]]);
             let mut chunk: Vec<usize> = Vec::new();
             for index in &waiting {
@@ -95,7 +97,7 @@ impl Sam2Predictor {
         Ok(masks.into_iter().flatten().collect())
     }
 
-    /// What prompts must have in common to go through the network together.
+    /// Kind of a prompt; prompts of the same kind can be processed together.
     fn kind(&self, (id, prompt): &(u64, CheckedPrompt)) -> PromptKind {
         let object = self.state.objects.get(id);
         match prompt {
@@ -147,7 +149,7 @@ impl Sam2Predictor {
         self.network.heads.forward(embeddings, features, &all_points, masks, choice)
     }
 
-    /// The logits that the objects have on this frame so far, `[objects, side, side]`.
+    /// Current logits of the objects in this frame, `[objects, side, side]`.
     fn earlier_logits(&self, prompts: &[&(u64, CheckedPrompt)]) -> Tensor<3> {
         let side = self.network.image_size() / 4;
         let earlier = |id: &u64| {
@@ -163,7 +165,7 @@ impl Sam2Predictor {
     }
 }
 
-/// What prompts must have in common to go through the network together.
+/// Kind of a prompt. The network processes only prompts of the same kind together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PromptKind {
     Mask,

@@ -10,13 +10,13 @@ pub(super) struct Size {
     pub height: usize,
 }
 
-/// The sources of one target position: `weights[i]` belongs to source `first + i`.
+/// Weighted sources of one target position: `weights[i]` belongs to source `first + i`.
 struct Taps {
     first: usize,
     weights: Vec<f64>,
 }
 
-/// Taps of a filter of the given `support`, widened where the target is smaller (as in Pillow, and in PyTorch with
+/// Taps of a filter with the given `support`, widened if the target is smaller (as in Pillow, and in PyTorch with
 /// `antialias`).
 fn antialiased_taps(source: usize, target: usize, support: f64, filter: impl Fn(f64) -> f64) -> Vec<Taps> {
     let scale = source as f64 / target as f64;
@@ -50,7 +50,7 @@ fn cubic(x: f64) -> f64 {
     }
 }
 
-/// Pillow's bicubic resize of an 8-bit image to a square: rows first, with 8-bit results in between, in fixed point.
+/// Pillow's bicubic resize of an 8-bit image to a square, in fixed point: rows first, rounded to 8 bits, then columns.
 pub(super) fn resize_frame(image: &CowImage<'_, [u8; 3]>, side: usize) -> Image<[u8; 3]> {
     const PRECISION: u32 = 22;
     let fixed = |taps: Vec<Taps>| -> Vec<(usize, Vec<i64>)> {
@@ -86,11 +86,11 @@ pub(super) fn resize_frame(image: &CowImage<'_, [u8; 3]>, side: usize) -> Image<
     Image::from_pixels(side, side, out).expect("one pixel per position")
 }
 
-/// Mean and standard deviation of colours, as the network was trained.
+/// Mean and standard deviation of colours used in training.
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 const STD: [f32; 3] = [0.229, 0.224, 0.225];
 
-/// The network's input for a frame that has its size: `[3, height, width]`.
+/// Normalises a frame of the network's size to its input, `[3, height, width]`.
 pub(super) fn normalise(image: &CowImage<'_, [u8; 3]>) -> Vec<f32> {
     let plane = |channel: usize| {
         image.pixels().iter().map(move |pixel| (f32::from(pixel[channel]) / 255.0 - MEAN[channel]) / STD[channel])
@@ -98,7 +98,7 @@ pub(super) fn normalise(image: &CowImage<'_, [u8; 3]>) -> Vec<f32> {
     (0..3).flat_map(plane).collect()
 }
 
-/// Bilinear resize of a `[height, width]` map with the filter widened where it shrinks (PyTorch's `antialias`).
+/// Bilinear resize of a `[height, width]` map, with the filter widened when shrinking (PyTorch's `antialias`).
 pub(super) fn resize_antialiased(map: &[f32], from: Size, to: Size) -> Vec<f32> {
     let columns = antialiased_taps(from.width, to.width, 1.0, triangle);
     let rows = antialiased_taps(from.height, to.height, 1.0, triangle);

@@ -3,34 +3,35 @@
 use super::Sam2Error;
 use serde::{Deserialize, Serialize};
 
-/// How a video is tracked. Names and defaults are those of the official predictor where it has the setting.
+/// Settings for tracking a video. Settings shared with the official predictor have its names and defaults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Sam2PredictorSettings {
-    /// How many objects go through the network together. More is faster and takes more memory; results do not change.
+    /// Number of objects that the network processes together. More is faster and takes more memory; results do not
+    /// change.
     pub objects_per_chunk: usize,
-    /// How many conditioning frames of an object attention sees, the latest ones; `None` for all of them, which is the
-    /// official -1. An object has one conditioning frame unless corrections condition or it has rested.
+    /// Maximum number of an object's conditioning frames in attention, the latest ones; `None` for all of them, which
+    /// is -1 in the official code. An object has one conditioning frame unless corrections condition or it has rested.
     pub max_cond_frames_in_attn: Option<usize>,
-    /// Whether a correction on a tracked frame makes it a conditioning frame. If not, the corrected mask is remembered
-    /// as the masks of other tracked frames are, for as long as those.
+    /// Makes a tracked frame a conditioning frame when it is corrected. If false, the corrected mask is remembered like
+    /// the masks of other tracked frames, and for as long.
     pub add_all_frames_to_correct_as_cond: bool,
-    /// Whether a corrected frame that does not condition is tracked again without its prompts before the next frame, so
-    /// that the correction is lost. This is what the official code does when its propagation starts over at that frame;
-    /// when it goes on with the next frame, the correction is remembered.
+    /// Tracks a corrected frame that does not condition again without its prompts before the next frame, so that the
+    /// correction is lost. The official code does this when its propagation restarts at that frame; when it continues
+    /// with the next frame, the correction is remembered.
     pub track_corrected_frames_again: bool,
-    /// Holes of at most this many pixels are filled in masks at a quarter of the input's resolution; 0 fills none.
+    /// Maximum area of holes filled in masks, in pixels at a quarter of the input's resolution; 0 fills none.
     pub fill_hole_area: usize,
-    /// An object that has been absent from this many frames in a row comes to rest: it no longer goes through the
-    /// network, and only its conditioning frames are kept, until it is prompted. 0: objects never rest, as in the
+    /// Number of consecutive frames without an object after which it rests: the network no longer processes it, and
+    /// only its conditioning frames are kept, until it is prompted or found again. 0: objects never rest, as in the
     /// official code.
     pub max_absent_frames: usize,
-    /// A resting object is looked for every so many frames, and followed again if it is found; 0: it is not looked for.
+    /// Number of frames between checks for a resting object, which is tracked again if found; 0: never checked.
     pub absent_check_interval: usize,
-    /// Of more resting objects than this, those are forgotten that have rested for longest; 0: none is.
+    /// Maximum number of resting objects; beyond it, those that have rested longest are forgotten. 0: no limit.
     pub max_resting_objects: usize,
-    /// Number of frames of the video, where known: the official code measures the age of object pointers against it in
-    /// videos of fewer than 16 frames.
+    /// Number of frames of the video, if known: for videos of fewer than 16 frames, the official code scales the age of
+    /// object pointers by it.
     pub video_length: Option<usize>,
 }
 
@@ -51,12 +52,12 @@ impl Default for Sam2PredictorSettings {
 }
 
 impl Sam2PredictorSettings {
-    /// What the official predictor does by default, for a video of `length` frames.
+    /// The official predictor's defaults, for a video of `length` frames.
     pub fn official(length: usize) -> Self {
         Self { max_cond_frames_in_attn: None, video_length: Some(length), ..Self::default() }
     }
 
-    /// The settings, if all are in range.
+    /// Returns the settings if all are in range.
     pub(super) fn validated(self) -> Result<Self, Sam2Error> {
         let setting =
             |field, found: usize| Sam2Error::Setting { field, found: found.to_string(), expected: "at least 1" };

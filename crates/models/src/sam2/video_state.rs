@@ -1,4 +1,4 @@
-//! The state of a video: what is known of every object.
+//! The state of a video: the memory and current outputs of every object.
 
 use super::encoder::ImageFeatures;
 use super::heads::HeadOutputs;
@@ -18,39 +18,39 @@ pub(super) struct Prediction {
     pub(super) predicted_iou: f32,
     pub(super) pointer: Vec<f32>,
     pub(super) object_score: f32,
-    /// The object pointer as it is remembered.
+    /// The object pointer in the form stored in memory.
     pub(super) remembered_pointer: RememberedPointer,
-    /// The logits on another device than the CPU, `[1, side, side]`.
+    /// The logits on the device, `[1, side, side]`; `None` on the CPU.
     pub(super) device_logits: Option<Tensor<3>>,
 }
 
-/// Everything known of one object.
+/// State of one object.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TrackedObject {
     pub(super) bank: MemoryBank,
-    /// Tracked in the current frame, from memory.
+    /// Output of tracking from memory in the current frame.
     pub(super) tracked: Option<Prediction>,
-    /// Prompted on the current frame.
+    /// Output of prompting on the current frame.
     pub(super) prompted: Option<Prediction>,
     /// Points given on the current frame.
     pub(super) points: Vec<InputPoint>,
-    /// How many frames in a row it has been absent from, up to the current one, since it was last prompted.
+    /// Number of consecutive frames without the object, up to the current one, since it was last prompted.
     pub(super) absent_frames: usize,
-    /// The frame in which it came to rest.
+    /// The frame since which it has been resting.
     pub(super) resting_since: Option<usize>,
 }
 
 impl TrackedObject {
-    /// Whether it has been absent for so long that it is not followed for now.
+    /// True if the object has been absent for so long that it is not tracked for now.
     pub(super) fn is_resting(&self, settings: &Sam2PredictorSettings) -> bool {
         settings.max_absent_frames > 0 && self.absent_frames >= settings.max_absent_frames
     }
 }
 
-/// Everything that is kept of a video's past. It grows with the number of objects, not of frames.
+/// State of a video. Its size grows with the number of objects, not of frames.
 #[derive(Clone, Debug, Default)]
 pub struct VideoState {
-    /// Frames so far.
+    /// Number of frames so far.
     pub(super) frames: usize,
     /// `(width, height)` of the frames.
     pub(super) size: (usize, usize),
@@ -70,19 +70,19 @@ impl VideoState {
         self.frames
     }
 
-    /// How often an object has gone through a part of the network that works on one object: once for each mask, tracked
-    /// or prompted, and once for each memory of a frame.
+    /// Number of passes of an object through the per-object parts of the network: one per tracked or prompted mask, and
+    /// one per memory of a frame.
     pub fn object_passes(&self) -> usize {
         self.object_passes
     }
 
-    /// Bytes that the memories of all objects take.
+    /// Size of all objects' memories in bytes.
     pub fn memory_bytes(&self) -> usize {
         self.objects.values().map(|object| object.bank.bytes()).sum()
     }
 
-    /// An object's memory of a frame, `[tokens, channels]`, while attention can still see it. The current frame is
-    /// remembered by [`Sam2Predictor::remember_frame`](super::Sam2Predictor::remember_frame).
+    /// Returns an object's memory of a frame, `[tokens, channels]`, while attention can still see it. The current frame
+    /// is added by [`Sam2Predictor::remember_frame`](super::Sam2Predictor::remember_frame).
     ///
     /// # Errors
     /// [`Sam2Error::Device`] if the device fails.
@@ -98,12 +98,12 @@ impl VideoState {
 }
 
 impl Prediction {
-    /// Whether the object is not in the frame.
+    /// True if the object is not in the frame.
     pub(super) fn is_absent(&self) -> bool {
         self.object_score <= 0.0 || self.logits.iter().all(|logit| *logit <= 0.0)
     }
 
-    /// The outputs of a chunk, one per object.
+    /// Downloads the outputs of a chunk and splits them, one per object.
     ///
     /// # Errors
     /// [`Sam2Error::Device`] if the device fails.
@@ -111,9 +111,9 @@ impl Prediction {
         let [_, height, width] = out.masks.dims();
         let [_, hidden] = out.pointers.dims();
         let device_logits = (!is_cpu(&out.masks.device())).then(|| out.masks.clone());
-        let asked = vec![out.masks.flatten(0, 2), out.pointers.clone().flatten(0, 1), out.ious, out.object_scores];
-        let found = download(asked).map_err(|message| Sam2Error::Device { message })?;
-        let [masks, pointers, ious, object_scores] = &found[..] else { unreachable!("as many as were asked for") };
+        let outputs = vec![out.masks.flatten(0, 2), out.pointers.clone().flatten(0, 1), out.ious, out.object_scores];
+        let values = download(outputs).map_err(|message| Sam2Error::Device { message })?;
+        let [masks, pointers, ious, object_scores] = &values[..] else { unreachable!("one list per tensor") };
         let logits = masks.chunks_exact(height * width);
         let rows = logits.zip(pointers.chunks_exact(hidden)).zip(ious.iter().zip(object_scores));
         let predictions = rows.enumerate().map(|(object, ((logits, pointer), (predicted_iou, object_score)))| Self {

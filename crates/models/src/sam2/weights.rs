@@ -1,4 +1,4 @@
-//! Where the network's weights come from, and the reader that the blocks load them with.
+//! Access to the network's weights, and the reader with which blocks load them.
 
 use super::Sam2Error;
 use crate::checkpoint::{Checkpoint, CheckpointError};
@@ -7,22 +7,22 @@ use burn::tensor::{Device, Tensor};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 
-/// A set of named float32 tensors: a checkpoint, or anything else that knows names and shapes.
+/// A set of named float32 tensors: a checkpoint, or another source of names, shapes and values.
 pub trait Weights {
     /// All names.
     fn names(&self) -> Vec<String>;
 
-    /// The shape of a tensor, outermost dimension first; `None` if there is no such tensor.
+    /// Shape of a tensor, outermost dimension first; `None` if there is no such tensor.
     fn shape(&self, name: &str) -> Option<Vec<usize>>;
 
-    /// The elements of a tensor, row-major.
+    /// Reads the elements of a tensor, row-major.
     ///
     /// # Errors
-    /// If there is no such tensor, or it is not float32 of that `shape`, or it cannot be read.
+    /// If there is no such tensor, it is not float32 of that `shape`, or it cannot be read.
     fn read(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error>;
 }
 
-/// A view of [`Weights`] below a prefix, that checks shapes, makes tensors and remembers what was read.
+/// A view of [`Weights`] below a prefix. It checks shapes, creates tensors and records the names read.
 pub(super) struct WeightReader<'a> {
     source: &'a dyn Weights,
     read: &'a RefCell<BTreeSet<String>>,
@@ -31,22 +31,22 @@ pub(super) struct WeightReader<'a> {
 }
 
 impl<'a> WeightReader<'a> {
-    /// A reader of everything in `source`; the names it reads are added to `read`.
+    /// Creates a reader of all tensors in `source`. The names it reads are added to `read`.
     pub fn new(source: &'a dyn Weights, read: &'a RefCell<BTreeSet<String>>, device: &'a Device) -> Self {
         Self { source, read, device, prefix: String::new() }
     }
 
-    /// The reader of the tensors called `self.prefix + name + "."` and on.
+    /// Creates a reader of the tensors whose names start with `self.prefix + name + "."`.
     pub fn child(&self, name: impl std::fmt::Display) -> Self {
         Self { prefix: format!("{}{name}.", self.prefix), ..*self }
     }
 
-    /// The device that tensors are made on.
+    /// The device on which tensors are created.
     pub fn device(&self) -> &Device {
         self.device
     }
 
-    /// The elements of a tensor, row-major.
+    /// Reads the elements of a tensor, row-major.
     pub fn floats(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
         let name = format!("{}{name}", self.prefix);
         let refusal = |error| match self.source.shape(&name) {
@@ -61,7 +61,7 @@ impl<'a> WeightReader<'a> {
         Ok(values)
     }
 
-    /// A tensor as stored.
+    /// Reads a tensor as stored.
     pub fn tensor<const D: usize>(&self, name: &str, shape: [usize; D]) -> Result<Tensor<D>, Sam2Error> {
         let values = self.floats(name, &shape)?;
         Ok(upload(values, shape, self.device))

@@ -1,4 +1,4 @@
-//! Small files made here, so that tests need no other.
+//! Creates small files, so that tests need no others.
 
 use crate::pickler::*;
 use splatseg_models::checkpoint::Checkpoint;
@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-/// Numbers of the convolution in [`module_pickle`], `[2, 3, 1, 1]`.
+/// Values of the convolution in [`module_pickle`], `[2, 3, 1, 1]`.
 pub const WEIGHT: [f32; 6] = [0.5, -1.0, 2.0, 0.25, 1024.0, -0.125];
-/// Numbers of the batch norm's statistic, `[2]`.
+/// Values of the batch norm's statistic, `[2]`.
 pub const MEAN: [f32; 2] = [0.1, -3.5];
 
 /// A zip archive with uncompressed entries, as `torch.save` writes.
@@ -85,7 +85,7 @@ impl Written {
     }
 }
 
-/// The error that opening this gives: one line that names the file.
+/// Returns the error from opening these bytes: one line that contains the path.
 pub fn refusal(bytes: &[u8]) -> String {
     let file = Written::new(bytes);
     let message = Checkpoint::open(&file.path).map(|_| ()).expect_err("it was opened").to_string();

@@ -1,15 +1,15 @@
-//! Checkpoints as Ultralytics and Meta write them (reference data in `../shared`).
+//! Checkpoints written by Ultralytics and Meta (reference data in `../shared`).
 
 use safetensors::{Dtype as FileDtype, SafeTensors};
 use serde_json::Value;
 use splatseg_models::checkpoint::{Architecture, Checkpoint, Dtype, Format};
 use std::path::{Path, PathBuf};
 
-/// A file in `../shared`, or `None` (said on a line of its own) where that folder is not at hand.
+/// Path of a file in `../shared`. `None`, reported on a line of its own, if that folder is missing.
 fn shared(name: &str, test: &str) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
     if !folder.exists() {
-        // Not `println!`: the test runner would swallow the line of a test that passes.
+        // Not `println!`: the test runner hides the output of passing tests.
         let line = format!("\nskipped: {test}: ../shared is not here\n");
         let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
         return None;
@@ -31,7 +31,7 @@ fn manifest(path: &Path) -> Vec<(String, Vec<usize>)> {
     serde_json::from_value(manifest["tensors"].clone()).unwrap()
 }
 
-/// The numbers of a float16 tensor, found without the code under test.
+/// Reads the values of a float16 tensor without the code under test.
 fn halves(tensors: &SafeTensors<'_>, name: &str) -> Vec<f32> {
     let tensor = tensors.tensor(name).unwrap();
     assert_eq!(tensor.dtype(), FileDtype::F16);
@@ -92,7 +92,7 @@ fn a_trained_checkpoint_is_recognised() {
         checkpoint.architecture(),
         Architecture::YoloV8Seg { scale: Some('n'), width: 16, depth: 1, classes: 1 }
     );
-    // The README has 3.26 M parameters, the constant of the DFL included.
+    // The README states 3.26 M parameters, including the constant of the DFL.
     let parameters: usize = checkpoint
         .tensors()
         .filter(|tensor| !tensor.name().contains("running_") && !tensor.name().ends_with("num_batches_tracked"))

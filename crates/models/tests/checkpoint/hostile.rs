@@ -1,4 +1,4 @@
-//! Files that lie, or would have a naive reader run code, fill the memory or never end.
+//! Files with false claims, and files that would make a naive reader run code, fill the memory or never terminate.
 
 use crate::files::{WEIGHT, Written, archive, module_pickle, network, refusal, safetensors_file, torch_file};
 use crate::pickler::*;
@@ -6,7 +6,8 @@ use serde_json::json;
 use splatseg_models::checkpoint::Checkpoint;
 use std::time::{Duration, Instant};
 
-/// The error for a pickle in an archive with storages of six halves, two floats and one integer. It comes soon.
+/// Returns the error for a pickle in an archive with storages of six halves, two floats and one integer. Checks that it
+/// is returned quickly.
 fn pickle_refusal(piece: &[u8]) -> String {
     let bytes = torch_file(&pickle(piece));
     let start = Instant::now();
@@ -35,13 +36,13 @@ fn nothing_is_executed() {
     let more = [("hook", call("os", "system", &[command()])), ("file", open())];
     let piece = dict(&[("callback", call("posix", "system", &[command()])), ("model", network(&more))]);
     let file = Written::new(&torch_file(&pickle(&piece)));
-    // The rest is read as if the calls were not there.
+    // The rest is read as if there were no calls.
     assert_eq!(file.open().tensors().count(), 3);
-    // Also where a tensor should be, or around one.
+    // Also in place of a tensor, or around one.
     let message = pickle_refusal(&dict(&[("w", call("os", "system", &[command()]))]));
     assert_refused(&message, &["tensor w", "an object made by os.system", "a tensor"]);
     let message = pickle_refusal(&dict(&[("w", parameter(call("os", "system", &[command()])))]));
-    assert_refused(&message, &["tensor w", "a parameter without tensor"]);
+    assert_refused(&message, &["tensor w", "a parameter without a tensor"]);
     assert!(!mark.exists());
 }
 
@@ -55,7 +56,7 @@ fn tensors_stay_within_their_storage() {
         (floats(0, &[huge, huge], &[1, 1]), "shape"),
         (floats(0, &[2, 2], &[huge, huge]), "strides"),
         (floats(i64::MAX, &[2], &[1]), "offset 9223372036854775807"),
-        // A stride of 0 claims a gigabyte in two numbers.
+        // A stride of 0 makes two numbers a gigabyte.
         (floats(0, &[1 << 28], &[0]), "all of it within the 2 elements"),
         (floats(0, &[2], &[1, 1]), "1 axes with 2 strides"),
         (floats(0, &[1; 17], &[1; 17]), "expected a shape"),
@@ -102,7 +103,7 @@ fn names_are_unique_short_and_printable() {
 #[test]
 fn depth_costs_nothing() {
     let depth = 200_000;
-    // Lists, tuples, calls and objects within each other, none of them a checkpoint.
+    // Nested lists, tuples, calls and objects, none of them a checkpoint.
     let lists = [vec![b']'; depth], vec![b'a'; depth - 1]].concat();
     let tuples = [b")".to_vec(), vec![0x85; depth]].concat();
     let calls = [global("a", "b"), b")R".repeat(depth)].concat();
@@ -110,21 +111,21 @@ fn depth_costs_nothing() {
     for piece in [lists, tuples, calls, states] {
         assert_refused(&pickle_refusal(&piece), &["a module or a state dict"]);
     }
-    // The same as the configuration of a good module.
+    // The same, as the configuration of a valid module.
     let lists = [vec![b']'; 10_000], vec![b'a'; 9_999]].concat();
     let piece = network(&[("yaml", dict(&[("backbone", lists)]))]);
     assert_refused(&pickle_refusal(&piece), &["the module's yaml", "more than any configuration has"]);
-    // Modules within each other.
+    // Nested modules.
     let mut piece = module("Inner", &[], &[], &[], &[]);
     for _ in 0..100 {
         piece = module("Outer", &[], &[], &[("m", piece)], &[]);
     }
-    assert_refused(&pickle_refusal(&piece), &["modules within each other", "at most 64"]);
+    assert_refused(&pickle_refusal(&piece), &["modules nested", "at most 64"]);
 }
 
 #[test]
 fn shared_values_do_not_explode() {
-    // Each list holds the one before twice: 2⁶⁰ leaves.
+    // Each list contains the previous one twice: 2⁶⁰ leaves.
     let mut bomb = memoized(list(&[none()]), 0);
     for slot in 1..60 {
         bomb = [bomb, b"0".to_vec(), memoized(list(&[recalled(slot - 1), recalled(slot - 1)]), slot)].concat();
@@ -141,7 +142,7 @@ fn shared_values_do_not_explode() {
         }
         assert_refused(&pickle_refusal(&bomb), &["than any network has"]);
     }
-    // One table of many entries, asked again and again.
+    // One table of many entries, read again and again.
     let entries: Vec<u8> = (0..100_000).flat_map(|_| b"NN".to_vec()).collect();
     let table = memoized([b"}(".to_vec(), entries, b"u".to_vec()].concat(), 200);
     let children: Vec<(String, Piece)> =
@@ -167,7 +168,7 @@ fn values_that_contain_themselves_are_no_trap() {
     // A module that is its own child; a configuration that is its own entry; a parameter of itself.
     let head = [global("some.nn", "M"), memoized(b")\x81".to_vec(), 0)].concat();
     let state = dict(&[("_parameters", dict(&[])), ("_buffers", dict(&[])), ("_modules", dict(&[("m", recalled(0))]))]);
-    assert_refused(&pickle_refusal(&[head, state, b"b".to_vec()].concat()), &["modules within each other"]);
+    assert_refused(&pickle_refusal(&[head, state, b"b".to_vec()].concat()), &["modules nested"]);
     let yaml = [memoized(b"}".to_vec(), 1), text("self"), recalled(1), b"s".to_vec()].concat();
     assert_refused(&pickle_refusal(&network(&[("yaml", yaml)])), &["the module's yaml"]);
     let list = [memoized(b"]".to_vec(), 1), recalled(1), b"a".to_vec()].concat();
@@ -180,7 +181,7 @@ fn floods_are_stopped() {
     let cases: [(Piece, &str); 5] = [
         (vec![b'N'; millions], "more values than any checkpoint has"),
         (vec![b'('; millions], "more marks"),
-        ([none(), vec![b'2'; millions]].concat(), "a higher stack"),
+        ([none(), vec![b'2'; millions]].concat(), "more stack slots"),
         ([none(), vec![0x94; millions]].concat(), "more memo entries"),
         (b")0".repeat(millions / 2), "more values"),
     ];
@@ -194,15 +195,15 @@ fn floods_are_stopped() {
 fn broken_pickles_are_refused_at_the_byte() {
     let cases: [(&[u8], &str); 12] = [
         (b"", "an empty stack"),
-        (b"h\x05", "memo 5, which is empty"),
+        (b"h\x05", "empty memo slot 5"),
         (b"a", "an empty stack"),
         (b"t", "no mark"),
         (b"(NNNu", "a key without a value"),
         (b"N(0a", "an empty stack"),
         (b"NNa", "items appended to a value of another type"),
         (b"NNNs", "entries set on a value of another type"),
-        (b"X\xff\xff\xff\xffabc", "bytes left where 4294967295 should follow"),
-        (b"\x8d\xff\xff\xff\xff\xff\xff\xff\xff", "bytes left where"),
+        (b"X\xff\xff\xff\xffabc", "bytes left instead of 4294967295"),
+        (b"\x8d\xff\xff\xff\xff\xff\xff\xff\xff", "bytes left instead of"),
         (b"X\x01\x00\x00\x00\xff", "not UTF-8"),
         (b"\x80\x09", "pickle protocol 9"),
     ];
@@ -229,7 +230,7 @@ fn cut_files_are_refused() {
 fn archives_are_as_torch_writes_them() {
     let pickle = module_pickle();
     let mut compressed = torch_file(&pickle);
-    // The compression method in the directory's first record, which is data.pkl's.
+    // The compression method in the directory's first record, that of data.pkl.
     let record = compressed.windows(4).position(|window| window == b"PK\x01\x02").unwrap();
     compressed[record + 10] = 8;
     assert_refused(&refusal(&compressed), &["small/data.pkl", "compressed data"]);
@@ -243,7 +244,7 @@ fn archives_are_as_torch_writes_them() {
 
 #[test]
 fn directories_that_claim_much_take_no_memory() {
-    // The count of entries, and the directory's size and place, of a zip64 archive.
+    // The number of entries, and the directory's size and offset, of a zip64 archive.
     let mut bytes = torch_file(&module_pickle());
     let end = bytes.windows(4).rposition(|window| window == b"PK\x05\x06").unwrap();
     let mut zip64 = Vec::new();
@@ -270,7 +271,7 @@ fn damaged_numbers_are_noticed() {
     let checkpoint = file.open();
     let message = checkpoint.read_f32("model.0.conv.weight", &[2, 3, 1, 1]).unwrap_err().to_string();
     assert_refused(&message, &["file.pt: tensor model.0.conv.weight: found damaged data"]);
-    // A file that shrinks after it was opened.
+    // A file that shrinks after it is opened.
     std::fs::write(&file.path, &bytes[..40]).unwrap();
     let message = checkpoint.read_f32("model.0.bn.running_mean", &[2]).unwrap_err().to_string();
     assert_refused(&message, &["file.pt: tensor model.0.bn.running_mean"]);
@@ -302,7 +303,7 @@ fn code_that_python_would_run_is_listed() {
     let strange = ["call posix.system", "call some.nn.BatchNorm2d", "import some.module.function"];
     assert!(strange.iter().all(|name| found.iter().any(|found| found == name)), "{found:?}");
     assert!(!found.iter().any(|name| name.contains("torch") || name.contains("OrderedDict")), "{found:?}");
-    // What is thrown away was called all the same.
+    // A call whose result is discarded is still a call.
     let discarded =
         [call("posix", "system", &[text("true")]), b"0".to_vec(), dict(&[("model", network(&[]))])].concat();
     let file = Written::new(&torch_file(&pickle(&discarded)));
@@ -334,7 +335,7 @@ fn modules_have_their_tables() {
     assert_refused(&pickle_refusal(&tables(dict(&[("w", int(3))]))), &["tensor w", "an integer", "a tensor"]);
     assert_refused(&pickle_refusal(&tables(dict(&[]))), &["no tensor"]);
     let child = module("M", &[], &[], &[("inner", text("no module"))], &[]);
-    assert_refused(&pickle_refusal(&child), &["module \"inner\"", "a text"]);
+    assert_refused(&pickle_refusal(&child), &["module \"inner\"", "a string"]);
     let norm = |eps| module("BatchNorm2d", &[], &[], &[], &[("eps", float(eps))]);
     let norms = module("M", &[], &[], &[("a", norm(1e-3)), ("b", norm(1e-5))], &[]);
     assert_refused(&pickle_refusal(&norms), &["module \"b\"", "eps 0.00001", "0.001"]);

@@ -1,4 +1,4 @@
-//! Reading checkpoints: those of others, small ones made here, and hostile ones.
+//! Reading checkpoints: published ones, small ones created here, and hostile ones.
 
 mod files;
 mod golden;

@@ -1,4 +1,4 @@
-//! Good files with bytes changed at random: whatever the reader says, it says it soon and without a panic.
+//! Valid files with bytes changed at random: the reader must return quickly and without a panic, with any result.
 //!
 //! `PROPTEST_CASES=20000` tries that many files of each kind.
 
@@ -8,7 +8,7 @@ use proptest::sample::Index;
 use splatseg_models::checkpoint::Checkpoint;
 use std::time::{Duration, Instant};
 
-/// Opens and reads everything; what is read is no more than the file holds.
+/// Opens the file and reads everything; checks that no more is read than the file contains.
 fn exercise(bytes: &[u8]) -> Result<(), TestCaseError> {
     let file = Written::new(bytes);
     let start = Instant::now();
@@ -28,7 +28,7 @@ fn exercise(bytes: &[u8]) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// Changes: where, to what, and how many bytes after it go.
+/// Changes: a position, its new value, and the number of bytes then removed from that position on.
 fn changes() -> impl Strategy<Value = Vec<(Index, u8, usize)>> {
     prop::collection::vec((any::<Index>(), any::<u8>(), prop_oneof![4 => Just(0usize), 1 => 1..9usize]), 1..6)
 }

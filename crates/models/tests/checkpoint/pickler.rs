@@ -1,9 +1,9 @@
-//! Writes pickles, piece by piece, as PyTorch would or as it never would.
+//! Writes pickles piece by piece, both like PyTorch's and unlike them.
 
 /// A piece of a pickle that leaves one value on the stack.
 pub type Piece = Vec<u8>;
 
-/// A whole pickle of protocol 2.
+/// A complete pickle of protocol 2.
 pub fn pickle(piece: &[u8]) -> Vec<u8> {
     [&[0x80, 2], piece, b"."].concat()
 }
@@ -45,12 +45,12 @@ pub fn global(module: &str, name: &str) -> Piece {
     format!("c{module}\n{name}\n").into_bytes()
 }
 
-/// A function called with arguments.
+/// A call of a function with arguments.
 pub fn call(module: &str, name: &str, arguments: &[Piece]) -> Piece {
     [global(module, name), tuple(arguments), b"R".to_vec()].concat()
 }
 
-/// A class instantiated, its attributes set.
+/// Instantiates a class and sets its attributes.
 pub fn object(module: &str, class: &str, state: Piece) -> Piece {
     [global(module, class), b")\x81".to_vec(), state, b"b".to_vec()].concat()
 }
@@ -60,7 +60,7 @@ pub fn memoized(piece: Piece, slot: u8) -> Piece {
     [piece, vec![b'q', slot]].concat()
 }
 
-/// The value from the memo.
+/// Loads the value from the memo.
 pub fn recalled(slot: u8) -> Piece {
     vec![b'h', slot]
 }

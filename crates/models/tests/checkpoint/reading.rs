@@ -1,4 +1,4 @@
-//! What is read from good files.
+//! Reading valid files.
 
 use crate::files::{MEAN, WEIGHT, Written, archive, module_pickle, network, torch_file};
 use crate::pickler::*;
@@ -45,7 +45,7 @@ fn state_dicts_are_read_bare_and_as_model() {
 
 #[test]
 fn strides_and_offsets_are_followed() {
-    // 0 to 11 in one storage, seen in several ways.
+    // 0 to 11 in one storage, with several views.
     let numbers: Vec<u8> = (0..12).flat_map(|value| (value as f32).to_le_bytes()).collect();
     let view =
         |offset, shape: &[i64], strides: &[i64]| tensor(storage("FloatStorage", "n", 12), offset, shape, strides);
@@ -101,7 +101,7 @@ fn missing_and_misshapen_tensors_are_named() {
         error("model.0.conv.weight", &[3, 2, 1, 1]),
         "tensor model.0.conv.weight: found shape [2, 3, 1, 1], expected [3, 2, 1, 1]"
     );
-    assert_eq!(error("nothing", &[1]), "tensor nothing: found no such tensor, expected one of shape [1]");
+    assert_eq!(error("nothing", &[1]), "tensor nothing: found no such tensor, expected shape [1]");
     assert_eq!(
         error("model.0.bn.num_batches_tracked", &[]),
         "tensor model.0.bn.num_batches_tracked: found int64, expected floating-point numbers"
@@ -134,7 +134,7 @@ fn a_converted_file_holds_the_same() {
     assert_eq!(others.tensor("model.0.bn.num_batches_tracked").unwrap().data(), 7i64.to_le_bytes());
 
     let error = checkpoint.convert(&first).unwrap_err().to_string();
-    assert!(error.contains("first.safetensors: exists already"), "{error}");
+    assert!(error.contains("first.safetensors: already exists"), "{error}");
     let error = checkpoint.convert(&file.folder().join("absent/out.safetensors")).unwrap_err().to_string();
     assert!(error.contains("out.safetensors: cannot write"), "{error}");
 }

@@ -5,8 +5,8 @@ use safetensors::SafeTensors;
 use splatseg_geometry::{Image, Mask};
 use std::path::{Path, PathBuf};
 
-/// A file of `tests/data` (where `golden/` of `../shared` is left out) or of `../shared`, or `None` (said on a line of its
-/// own) where it is in neither, or the device of the tests is missing.
+/// Path of a file in `tests/data` (without the `golden/` of `../shared`) or in `../shared`. `None`, reported on a line
+/// of its own, if `../shared` or the device for tests is missing.
 pub fn shared(path: &str, test: &str) -> Option<PathBuf> {
     if let Some(reason) = test_device::missing() {
         skipped(test, &reason);
@@ -25,7 +25,7 @@ pub fn shared(path: &str, test: &str) -> Option<PathBuf> {
     Some(folder.join(path))
 }
 
-/// Not `println!`: the test runner would swallow the line of a test that passes.
+/// Reports a skipped test. Not with `println!`: the test runner hides the output of passing tests.
 fn skipped(test: &str, reason: &str) {
     let line = format!("\nskipped: {test}: {reason}\n");
     let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
@@ -35,7 +35,7 @@ fn skipped(test: &str, reason: &str) {
 pub struct Golden(Vec<u8>);
 
 impl Golden {
-    /// A file of `golden/fastsam`, see [`shared`].
+    /// Opens a file in `golden/fastsam`; see [`shared`].
     pub fn open(name: &str, test: &str) -> Option<Self> {
         let path = shared(&format!("golden/fastsam/{name}"), test)?;
         Some(Self(std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))))
@@ -67,7 +67,7 @@ impl Golden {
 }
 
 impl Golden {
-    /// Masks stored as run lengths: `<prefix>_rle`, `<prefix>_rle_offsets` and `<prefix>_hw`.
+    /// Reads masks stored as run lengths: `<prefix>_rle`, `<prefix>_rle_offsets` and `<prefix>_hw`.
     pub fn masks(&self, prefix: &str) -> Vec<Mask> {
         let (runs, offsets) = (self.ints(&format!("{prefix}_rle")), self.ints(&format!("{prefix}_rle_offsets")));
         let size = self.ints(&format!("{prefix}_hw"));
@@ -89,12 +89,12 @@ impl Golden {
     }
 }
 
-/// Pixels in one mask only.
+/// Number of pixels in only one of the masks.
 pub fn different_pixels(a: &Mask, b: &Mask) -> usize {
     a.area() + b.area() - 2 * a.intersection_area(b)
 }
 
-/// An image file, as the command reads it.
+/// Reads an image file like the command does.
 pub fn image(path: &Path) -> Image<[u8; 3]> {
     splatseg_dataset::read_color_image(path).unwrap_or_else(|error| panic!("{error}"))
 }

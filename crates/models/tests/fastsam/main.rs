@@ -1,4 +1,4 @@
-//! FastSAM against what Ultralytics 8.4 computes (reference data in `../shared/golden`).
+//! Compares FastSAM with Ultralytics 8.4 (reference data in `../shared/golden`).
 
 mod golden;
 mod manifest;

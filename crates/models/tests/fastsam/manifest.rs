@@ -14,7 +14,7 @@ struct Manifest {
     tensors: Vec<(String, Vec<usize>)>,
 }
 
-/// Zeros for every tensor of a manifest; notes what was read.
+/// Weights that are zero for every tensor of a manifest. Records the names read.
 struct Zeros {
     shapes: BTreeMap<String, Vec<usize>>,
     read: RefCell<Vec<String>>,
@@ -46,7 +46,7 @@ fn check(size: char, test: &str) {
     FastSamNetwork::load(&weights, architecture, &Device::flex()).unwrap();
     let mut read = weights.read.into_inner();
     read.sort();
-    // Constant, or a counter of training steps: no parameters.
+    // Constants and counters of training steps are not parameters.
     let is_parameter = |name: &&String| !name.ends_with(".num_batches_tracked") && *name != "model.22.dfl.conv.weight";
     assert_eq!(read.iter().collect::<Vec<_>>(), weights.shapes.keys().filter(is_parameter).collect::<Vec<_>>());
 }

@@ -8,14 +8,14 @@ use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::fastsam::{FastSamConfig, FastSamNetwork, RawOutput, letterbox};
 use splatseg_models::transfer::Transfers;
 
-/// Largest accepted differences from float64, as the reference data suggests: boxes in pixels, scores, coefficients,
+/// Maximum differences from float64, as suggested by the reference data: boxes in pixels, scores, coefficients,
 /// prototypes.
 const TOLERANCES: [f32; 4] = [5e-2, 2e-4, 1e-3, 2e-3];
 
-/// The relative difference that is asked for, of each group's largest magnitude.
+/// Maximum difference relative to each group's largest magnitude.
 const RELATIVE: f32 = 1e-3;
 
-/// The raw output for the bytes of an input, `[3, height, width]`.
+/// Returns the raw output for the bytes of an input, `[3, height, width]`.
 fn run((bytes, [height, width]): (Vec<u8>, [usize; 2]), test: &str) -> Option<RawOutput> {
     let checkpoint = Checkpoint::open(&shared("golden/fastsam/fastsam_mini_statedict.safetensors", test)?).unwrap();
     let architecture = FastSamConfig::from_checkpoint(&checkpoint).unwrap();
@@ -25,7 +25,7 @@ fn run((bytes, [height, width]): (Vec<u8>, [usize; 2]), test: &str) -> Option<Ra
     let before = Transfers::so_far();
     let output = network.forward(input, height, width).unwrap();
     let moved = Transfers::so_far().since(before);
-    // Up goes the image, down comes the output, at once; on the CPU nothing is moved.
+    // One upload of the image and one download of the output; no transfers on the CPU.
     let expected = if device() == Device::flex() { [0, 0] } else { [1, 1] };
     assert_eq!([moved.uploads, moved.downloads], expected);
     Some(output)
@@ -36,7 +36,7 @@ fn whole_input(forward: &Golden) -> (Vec<u8>, [usize; 2]) {
     (forward.bytes("input_u8"), [shape[2], shape[3]])
 }
 
-/// The bytes of an input, `[3, height, width]`, and its size.
+/// Returns the bytes of an input, `[3, height, width]`, and its size.
 fn planes_of(input: &Image<[u8; 3]>) -> (Vec<u8>, [usize; 2]) {
     let planes = (0..3).flat_map(|channel| input.pixels().iter().map(move |pixel| pixel[channel])).collect();
     (planes, [input.height(), input.width()])
@@ -110,13 +110,13 @@ fn raw_output_agrees_640x480_at_1024() {
     let test = "raw_output_agrees_640x480_at_1024";
     let Some(forward) = Golden::open("forward_640x480_1024.safetensors", test) else { return };
     let Some(path) = shared("golden/fastsam/image_640x480.png", test) else { return };
-    // The file holds every fourth row of the input only (compared in `preprocessing`).
+    // The file contains only every fourth row of the input (compared in `preprocessing`).
     let input = letterbox(&image(&path), 1024);
     let Some(output) = run(planes_of(&input), test) else { return };
     check_sampled(&output, &forward);
 }
 
-/// Compares with a file that holds every fourth anchor, and every fourth row and column of prototypes.
+/// Compares with a file that contains every fourth anchor, and every fourth row and column of prototypes.
 fn check_sampled(output: &RawOutput, forward: &Golden) {
     check_anchors(output, &forward.floats("preds_stride4"), 4);
     let found = output.prototypes();

@@ -8,10 +8,10 @@ use splatseg_models::fastsam::{
 };
 use std::collections::BTreeMap;
 
-/// Largest difference of boxes in pixels.
+/// Maximum difference of boxes in pixels.
 const BOX_TOLERANCE: f32 = 1e-4;
 
-/// Most pixels in which a mask may differ.
+/// Maximum number of pixels in which a mask may differ.
 const MASK_TOLERANCE: usize = 2;
 
 #[derive(Deserialize)]
@@ -29,7 +29,7 @@ struct Run {
     retina_masks: bool,
 }
 
-/// All anchors of a file.
+/// Reads all anchors of a file.
 fn candidates(golden: &Golden) -> Candidates {
     let (preds, anchors) = (golden.floats("preds"), golden.shape("preds")[2]);
     let mut candidates = Candidates::new(32);

@@ -4,13 +4,13 @@ use crate::golden::{Golden, image, shared};
 use crate::test_device::device;
 use splatseg_models::fastsam::{Detection, FastSamPredictor, FastSamPredictorSettings};
 
-/// Largest difference of boxes in pixels; scores differ less.
+/// Maximum difference of boxes in pixels; scores differ less.
 const BOX_TOLERANCE: f32 = 0.1;
 
-/// The random network's masks are ragged: most pixels by which a mask's area may differ.
+/// Maximum difference of a mask's area in pixels: the random network's masks are ragged.
 const AREA_TOLERANCE: i32 = 4;
 
-/// What is found in an image, by the weights of a checkpoint. Every checkpoint holds the same weights.
+/// Returns the detections in an image with the weights of a checkpoint. All checkpoints contain the same weights.
 fn predict(image_name: &str, image_size: usize, checkpoint: &str, test: &str) -> Option<Vec<Detection>> {
     let image = image(&shared(&format!("golden/fastsam/image_{image_name}.png"), test)?);
     let weights = shared(&format!("golden/fastsam/{checkpoint}"), test)?;
@@ -19,7 +19,8 @@ fn predict(image_name: &str, image_size: usize, checkpoint: &str, test: &str) ->
     Some(predictor.predict(&image).unwrap())
 }
 
-/// Places of `expected` boxes among the detections: each found once, whatever the order of nearly equal scores.
+/// Returns the indices of the `expected` boxes among the detections. Each is found once; nearly equal scores may be in
+/// any order.
 fn matched(found: &[Detection], expected: &[[f32; 4]], scores: &[f32]) -> Vec<usize> {
     assert_eq!(found.len(), expected.len());
     assert!(found.is_sorted_by(|a, b| a.score >= b.score));

@@ -1,14 +1,14 @@
 //! The trained network on rendered rooms, from the JPEG files to masks.
 //!
-//! The reference was made from these files as libjpeg decodes them. Another decoder's 4 grey levels are enough to move
-//! scores of this network by 0.03 and so to change what is found: this is a test of the decoder too.
+//! The reference was generated from these files as decoded by libjpeg. Differences of 4 grey levels in another decoder
+//! are enough to change this network's scores by 0.03 and thus the detections, so this also tests the decoder.
 
 use crate::golden::{Golden, image, shared};
 use crate::test_device::device;
 use splatseg_geometry::Mask;
 use splatseg_models::fastsam::{FastSamError, FastSamPredictor, FastSamPredictorSettings};
 
-/// Largest difference of boxes in pixels, and of scores.
+/// Maximum difference of boxes in pixels, and of scores.
 const TOLERANCES: [f32; 2] = [1e-2, 1e-4];
 
 fn check(setting: &str, confidence: f64, iou: f64, test: &str) {

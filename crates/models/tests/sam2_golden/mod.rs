@@ -1,4 +1,4 @@
-//! Reference data in `../shared/golden/sam2`, read and compared.
+//! Reads and compares reference data in `../shared/golden/sam2`.
 #![allow(dead_code)] // Each test file uses a part.
 
 #[path = "../test_device/mod.rs"]
@@ -10,7 +10,7 @@ use splatseg_models::sam2::{Sam2Error, Weights};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// The folder of reference data, or `None` (said on a line of its own) where it is not at hand, or the device is not.
+/// Folder of the reference data. `None`, reported on a line of its own, if the folder or the device is missing.
 pub fn folder(test: &str) -> Option<PathBuf> {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden/sam2");
     let missing = match test_device::missing() {
@@ -18,7 +18,7 @@ pub fn folder(test: &str) -> Option<PathBuf> {
         None if folder.exists() => return Some(folder),
         None => "../shared is not here".to_owned(),
     };
-    // Not `println!`: the test runner would swallow the line of a test that passes.
+    // Not `println!`: the test runner hides the output of passing tests.
     let _ = std::io::Write::write_all(&mut std::io::stderr(), format!("\nskipped: {test}: {missing}\n").as_bytes());
     None
 }
@@ -44,7 +44,7 @@ impl Golden {
         self.tensors().tensor(name).is_ok()
     }
 
-    /// The elements as numbers, row-major.
+    /// Returns the elements as `f32`, row-major.
     pub fn floats(&self, name: &str) -> Vec<f32> {
         let tensors = self.tensors();
         let tensor = tensors.tensor(name).unwrap_or_else(|error| panic!("{name}: {error}"));
@@ -76,19 +76,19 @@ impl Golden {
     }
 }
 
-/// How far values may lie from the reference.
+/// Maximum difference from the reference.
 #[derive(Clone, Copy, Debug)]
 pub enum Within {
-    /// A share of the largest reference magnitude.
+    /// A fraction of the largest reference magnitude.
     OfMax(f32),
     /// An absolute difference.
     Absolute(f32),
-    /// An absolute difference plus a share of the reference value.
+    /// An absolute difference plus a fraction of the reference value.
     Mixed(f32, f32),
 }
 
-/// Panics unless `found` is close to `expected`; returns the largest difference. With `SAM2_REPORT` set, differences are
-/// written out.
+/// Panics unless `found` is close to `expected`; returns the largest difference. With `SAM2_REPORT` set, prints the
+/// differences.
 #[track_caller]
 pub fn assert_close(what: &str, found: &[f32], expected: &[f32], within: Within) -> f32 {
     assert_eq!(found.len(), expected.len(), "{what}: number of elements");
@@ -118,7 +118,7 @@ pub struct FormulaWeights(BTreeMap<String, Vec<usize>>);
 
 impl FormulaWeights {
     /// Weights of the names and shapes in `manifest_<size>.json`.
-    pub fn of_manifest(folder: &std::path::Path, size: &str) -> Self {
+    pub fn from_manifest(folder: &std::path::Path, size: &str) -> Self {
         let text = std::fs::read_to_string(folder.join(format!("manifest_{size}.json"))).unwrap();
         let manifest: serde_json::Value = serde_json::from_str(&text).unwrap();
         let entry = |entry: &serde_json::Value| {
@@ -133,7 +133,7 @@ impl FormulaWeights {
     }
 }
 
-/// Number i of the sequence called `name`, in [-1, 1).
+/// Number `index` of the sequence with this name hash, in [-1, 1).
 pub fn uniform(name_hash: u64, index: usize) -> f64 {
     let mut z = name_hash.wrapping_add(index as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -201,7 +201,7 @@ pub fn formula_frame(t: usize) -> Vec<f32> {
     values
 }
 
-/// Tensors in memory: name to shape and elements.
+/// Tensors in memory: a map from names to shapes and elements.
 #[derive(Clone)]
 pub struct MemoryWeights(pub BTreeMap<String, (Vec<usize>, Vec<f32>)>);
 

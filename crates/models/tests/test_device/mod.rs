@@ -1,16 +1,17 @@
-//! The device that the networks of tests run on: what `SPLATSEG_TEST_DEVICE` names, or the CPU.
+//! The device on which tests run networks: the one named by `SPLATSEG_TEST_DEVICE`, or the CPU.
 
 use burn::tensor::Device;
 use splatseg_models::device::{DeviceError, DeviceName};
 use splatseg_settings::Choice;
 use std::sync::OnceLock;
 
-/// The device. Tests that have no reference data do not get here where it is missing, see [`missing`].
+/// Opens the device. Tests that need reference data are skipped before this call if the device is missing; see
+/// [`missing`].
 pub fn device() -> Device {
     opened().clone().unwrap()
 }
 
-/// Why the device cannot be used, if it cannot.
+/// Returns the reason if the device cannot be used.
 pub fn missing() -> Option<String> {
     opened().as_ref().err().map(ToString::to_string)
 }

@@ -1,29 +1,30 @@
-//! Which patches an object shares with another thing: Gaussians that were seen as either.
+//! Disputed patches of an object: Gaussians that were also seen as another object.
 //!
-//! In frames in which an object hides part of the floor, the floor's Gaussians beside it shine through the object's edge
-//! and get votes for it; large ones, from afar, reach several centimetres out. But the object's own Gaussians are disputed
-//! too, where a thing in front of it is seen for the first time. They differ in where they lie: the object's own go on
-//! with its surface.
+//! Where an object hides part of the floor, the floor's Gaussians beside it blend into the object's edge and get votes
+//! for it; large ones, added from afar, extend several centimetres. But the object's own Gaussians are disputed too,
+//! where a thing in front of it is seen for the first time. Their positions tell them apart: the object's own patches
+//! continue its surface.
 
 use super::patch_grid::PatchGrid;
 use super::patches::Patch;
 use super::plane::normal;
 use glam::Vec3;
 
-/// Patches of which the object has less than this share, relative to the object's median, are disputed. Two thirds:
-/// twice as many votes for it as for all else.
+/// A patch is disputed if the object's share of it, relative to the object's median share, is below this. Two thirds
+/// means twice as many votes for the object as for all others.
 const MIN_SHARE: f32 = 2.0 / 3.0;
-/// A disputed patch goes on with those within this many of its sides: a surface seen at a slant has few...
+/// A disputed patch belongs to the object if the undisputed patches within this many of its sides (a surface seen at a
+/// slant has few)...
 const REACH: f32 = 6.0;
-/// ...if there are as many of them as span a plane...
+/// ...number at least this many, enough to fit a plane...
 const MIN_NEIGHBOURS: usize = 4;
-/// ...and it lies no farther from that plane than this many of its sides.
+/// ...and it lies within this many of its sides of that plane.
 const OFF_PLANE: f32 = 0.5;
-/// How often patches that were found to go on with the surface are taken in before the next ones are looked at.
+/// Maximum number of rounds; each adds the patches that continue the surface found so far.
 const ROUNDS: usize = 16;
 
-/// The patches that are not disputed or go on with the surface of those that are not. The median is never disputed, so
-/// some are left.
+/// The patches that are not disputed, or that continue the surface of the undisputed ones. The median patch is never
+/// disputed, so some are left.
 pub(super) fn undisputed(patches: &[Patch]) -> Vec<Patch> {
     let mut shares: Vec<f32> = patches.iter().map(|patch| patch.share).collect();
     shares.sort_unstable_by(f32::total_cmp);
@@ -32,19 +33,20 @@ pub(super) fn undisputed(patches: &[Patch]) -> Vec<Patch> {
     let reach = disputed.iter().map(|patch| REACH * patch.side).fold(0.0, f32::max);
     for _ in 0..ROUNDS {
         let grid = PatchGrid::new(&own, reach);
-        let (going_on, left): (Vec<Patch>, Vec<Patch>) = disputed.iter().partition(|patch| goes_on(patch, &own, &grid));
+        let (added, left): (Vec<Patch>, Vec<Patch>) =
+            disputed.iter().partition(|patch| is_in_plane(patch, &own, &grid));
         disputed = left;
-        if going_on.is_empty() || disputed.is_empty() {
-            own.extend(going_on);
+        if added.is_empty() || disputed.is_empty() {
+            own.extend(added);
             break;
         }
-        own.extend(going_on);
+        own.extend(added);
     }
     own
 }
 
-/// Whether a patch lies in the plane of the surface beside it.
-fn goes_on(patch: &Patch, surface: &[Patch], grid: &PatchGrid) -> bool {
+/// True if a patch lies in the plane of the surface beside it.
+fn is_in_plane(patch: &Patch, surface: &[Patch], grid: &PatchGrid) -> bool {
     let reach = REACH * patch.side;
     let mut near = Vec::new();
     grid.near(patch.mean, &mut near);
@@ -79,7 +81,7 @@ mod tests {
         let floor = (0..20).map(|index| patch(Vec3::new(index as f32 * 0.02, -0.05, 0.0), 0.55));
         let all: Vec<Patch> = whole.iter().copied().chain(floor).collect();
         assert_eq!(undisputed(&all), whole);
-        // Twice as many votes as for all else are enough.
+        // Twice as many votes as for all others are enough.
         let sure = Patch { share: 0.61, ..all[400] };
         assert!(undisputed(&[whole, vec![sure]].concat()).contains(&sure));
     }
@@ -88,7 +90,7 @@ mod tests {
     fn disputed_patches_that_go_on_with_the_surface_stay() {
         let patches = front(|x| if x < 0.25 { 1.0 } else { 0.5 });
         assert_eq!(undisputed(&patches).len(), patches.len());
-        // But not those that nothing of the surface is near.
+        // But patches far from the surface go.
         let apart = patch(Vec3::new(0.6, 0.0, 0.2), 0.5);
         assert!(!undisputed(&[front(|_| 1.0), vec![apart]].concat()).contains(&apart));
     }

@@ -19,51 +19,51 @@ use std::collections::BTreeMap;
 use stray::without_stray;
 use surface_area::surface_area;
 
-/// Patches count as inside a box up to this far outside, metres.
+/// Tolerance for patches to count as inside a box, metres.
 const EDGE: f32 = 0.005;
 
-/// Where an object is and how large, as far as it was seen. World coordinates, metres.
+/// Position and size of an object, as far as it was seen. World coordinates, metres.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObjectShape {
-    /// Mean of the surface that was seen. It lies towards the side that the camera saw: the middle of a box is
+    /// Mean of the seen surface. It is biased towards the side that the camera saw; the centre of the box is
     /// [`OrientedBox::center`].
     pub centroid: DVec3,
     /// The box along the world's axes.
     pub axis_aligned_box: AxisAlignedBox,
-    /// The tightest box that may be turned.
+    /// The tightest box of any orientation.
     pub oriented_box: OrientedBox,
-    /// Area of the surface that was seen, square metres.
+    /// Area of the seen surface, square metres.
     pub area_m2: f32,
     /// Mean sRGB colour of that surface.
     pub color: [u8; 3],
-    /// Number of Gaussians that show the object.
+    /// Number of Gaussians of the object.
     pub points: usize,
-    /// How many of them are left out of all of the above, because they were seen almost as often as something else or
-    /// lie apart from the rest.
+    /// Number of these Gaussians excluded from all values above, because they were seen almost as often as something
+    /// else or lie apart from the rest.
     pub stray_points: usize,
 }
 
 /// A box along the world's axes, metres.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisAlignedBox {
-    /// Least x, y and z.
+    /// Minimum x, y and z.
     pub min: DVec3,
-    /// Largest x, y and z.
+    /// Maximum x, y and z.
     pub max: DVec3,
 }
 
-/// A box in any direction.
+/// A box of any orientation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OrientedBox {
-    /// Its middle, world coordinates, metres.
+    /// Its centre, world coordinates, metres.
     pub center: DVec3,
-    /// Whole lengths along its own axes, metres.
+    /// Full side lengths along its own axes, metres.
     pub size: Vec3,
-    /// World from box: turns its axes into the world's. Quaternion x, y, z, w with w ≥ 0.
+    /// World from box: rotates box coordinates into the world. Quaternion x, y, z, w with w ≥ 0.
     pub rotation: Quat,
 }
 
-/// The shapes of all objects that Gaussians of the memory show.
+/// The shapes of all objects with Gaussians in the memory.
 pub fn object_shapes(memory: &SplatMemory) -> BTreeMap<SegmentId, ObjectShape> {
     let objects: Vec<(SegmentId, Vec<Patch>)> = patches_by_object(memory).into_iter().collect();
     objects.into_par_iter().map(|(id, patches)| (id, shape_of(&patches, memory.origin()))).collect()
@@ -96,14 +96,14 @@ fn shape_of(patches: &[Patch], origin: DVec3) -> ObjectShape {
     }
 }
 
-/// To a tenth of a millimetre: more digits mean nothing.
+/// Rounds to a tenth of a millimetre; further digits are noise.
 fn rounded(metres: DVec3) -> DVec3 {
     // Adding 0 makes -0 positive.
     (metres * 1e4).round() / 1e4 + 0.0
 }
 
-/// The box along the world's axes around the patches that the oriented box holds. Quantiles along the world's axes would
-/// cut the corners of an object that is turned.
+/// The box along the world's axes around the patches inside the oriented box. Quantiles along the world's axes would
+/// cut the corners of a rotated object.
 fn axis_aligned_box(patches: &[Patch], oriented: &OrientedBox) -> AxisAlignedBox {
     let box_from_world = oriented.rotation.inverse();
     let (center, half) = (oriented.center.as_vec3(), 0.5 * oriented.size + EDGE);

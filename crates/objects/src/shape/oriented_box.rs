@@ -1,4 +1,4 @@
-//! The tightest box around an object, in any direction.
+//! The tightest box around an object, of any orientation.
 
 use super::OrientedBox;
 use super::patches::Patch;
@@ -7,31 +7,31 @@ use glam::{DMat3, DVec3, Mat3, Quat, Vec3};
 use std::collections::BTreeMap;
 use std::f32::consts::FRAC_PI_2;
 
-/// Share of the area that may lie outside at each face: measurements scatter.
+/// Share of the area that may lie outside each face, because measurements are noisy.
 const TAIL: f64 = 0.005;
-/// Added to each length when boxes are compared, metres: so thin a side does not matter.
+/// Added to each side when boxes are compared, metres, so that sides thinner than this hardly matter.
 const THIN: f32 = 0.01;
-/// How much distances of the surface from the box's faces count, relative to its volume.
+/// Weight of the surface's distance from the box's faces, relative to the box's volume.
 const FACE_WEIGHT: f32 = 2.0;
-/// Boxes are compared by a sample of the surface, one point to a cell; cells along the largest side.
+/// Boxes are compared on a sample of the surface with one point per cell. Number of cells along the longest side.
 const CELLS: f32 = 12.0;
-/// Turns about each axis from which the search starts.
+/// Rotations about each axis from which the search starts.
 const TURNS: usize = 6;
-/// The most promising starts that are searched from.
+/// Number of starts that are refined, the best ones first.
 const SEARCHES: usize = 3;
 /// Steps of the search, degrees.
 const STEPS: [f32; 6] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25];
-/// The most steps of one size.
+/// Maximum number of steps of one size.
 const MAX_STEPS: usize = 16;
 
-/// A part of the surface.
+/// A sample of the surface.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     mean: Vec3,
     area: f32,
 }
 
-/// The tightest box around the patches, which are not stray.
+/// The tightest box around patches without stray ones.
 pub(super) fn oriented_box(patches: &[Patch]) -> OrientedBox {
     let samples = sampled(patches);
     let mut starts: Vec<(f32, Mat3)> =
@@ -42,7 +42,7 @@ pub(super) fn oriented_box(patches: &[Patch]) -> OrientedBox {
     box_along(patches, nearest_to_world(best))
 }
 
-/// One point for each cell that the surface passes through.
+/// Samples the surface: one point for each cell that it passes through.
 fn sampled(patches: &[Patch]) -> Vec<Sample> {
     let (min, max) = extent(patches.iter().map(|patch| patch.mean));
     let cell = ((max - min).max_element() / CELLS).max(1e-3);
@@ -61,7 +61,7 @@ fn extent(points: impl Iterator<Item = Vec3>) -> (Vec3, Vec3) {
     points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), point| (min.min(point), max.max(point)))
 }
 
-/// The world's axes and the principal ones, each turned about each of its axes.
+/// The world's axes and the principal axes, each rotated about each of its axes.
 fn starts(samples: &[Sample]) -> Vec<Mat3> {
     let mut starts = Vec::new();
     for axes in [Mat3::IDENTITY, principal_axes(samples)] {
@@ -78,8 +78,8 @@ fn turned(axes: Mat3, axis: usize, angle: f32) -> Mat3 {
     Mat3::from_axis_angle(axes.col(axis).normalize(), angle) * axes
 }
 
-/// How loosely a box with these axes surrounds the surface: its volume, and more if the surface does not lie on its
-/// faces. The volume alone does not tell how a corner of two walls is turned.
+/// How loosely a box with these axes surrounds the surface: its volume, increased if the surface does not lie on its
+/// faces. The volume alone does not determine the rotation of a corner of two walls.
 fn looseness(samples: &[Sample], axes: Mat3) -> f32 {
     let box_from_world = axes.transpose();
     let (min, max) = extent(samples.iter().map(|sample| box_from_world * sample.mean));
@@ -94,7 +94,7 @@ fn looseness(samples: &[Sample], axes: Mat3) -> f32 {
     size.element_product() * (1.0 + FACE_WEIGHT * distance / area.max(f32::MIN_POSITIVE) / mean_side)
 }
 
-/// Turns the axes in smaller and smaller steps as long as the box gets tighter.
+/// Rotates the axes in smaller and smaller steps as long as the box gets tighter.
 fn searched(samples: &[Sample], start: (f32, Mat3)) -> (f32, Mat3) {
     let mut best = start;
     for step in STEPS {
@@ -115,7 +115,7 @@ fn searched(samples: &[Sample], start: (f32, Mat3)) -> (f32, Mat3) {
     best
 }
 
-/// The axes along which the surface extends most and least, right-handed. Jacobi's method.
+/// The principal axes of the surface, right-handed, by Jacobi's method.
 fn principal_axes(samples: &[Sample]) -> Mat3 {
     let total: f64 = samples.iter().map(|sample| f64::from(sample.area)).sum();
     let weighted = |sample: &Sample| f64::from(sample.area) / total * sample.mean.as_dvec3();
@@ -147,7 +147,7 @@ fn principal_axes(samples: &[Sample]) -> Mat3 {
     axes.as_mat3()
 }
 
-/// The same box's axes in the order and with the signs that come nearest to the world's.
+/// Permutes and flips the axes of a box to be as close as possible to the world's.
 fn nearest_to_world(axes: Mat3) -> Mat3 {
     let mut best = (f32::NEG_INFINITY, axes);
     for [x, y, z] in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]] {
@@ -166,7 +166,7 @@ fn nearest_to_world(axes: Mat3) -> Mat3 {
     best.1
 }
 
-/// The box with these axes around all but the outermost patches.
+/// The box with these axes around all patches except the outermost [`TAIL`] at each face.
 fn box_along(patches: &[Patch], axes: Mat3) -> OrientedBox {
     let (mut min, mut max) = (Vec3::ZERO, Vec3::ZERO);
     for axis in 0..3 {

@@ -1,23 +1,23 @@
-//! Finds the patches near a place.
+//! Search for the patches near a point.
 
 use super::patches::Patch;
 use glam::Vec3;
 use std::collections::BTreeMap;
 
-/// Patches in cells of space.
+/// A grid of patches.
 pub(super) struct PatchGrid {
-    /// Indices of patches.
+    /// Indices of the patches in each cell.
     cells: BTreeMap<[i32; 3], Vec<usize>>,
     side: f32,
 }
 
 impl PatchGrid {
-    /// A grid that finds all patches within `reach`, metres, which is above 0.
+    /// A grid that finds all patches within `reach`, metres, which must be positive.
     pub fn new(patches: &[Patch], reach: f32) -> Self {
         Self::of(patches, 0..patches.len(), reach)
     }
 
-    /// The same of some patches, given by their indices.
+    /// As [`Self::new`], of the patches with these indices.
     pub fn of(patches: &[Patch], indices: impl IntoIterator<Item = usize>, reach: f32) -> Self {
         let mut cells: BTreeMap<[i32; 3], Vec<usize>> = BTreeMap::new();
         for index in indices {
@@ -26,7 +26,7 @@ impl PatchGrid {
         Self { cells, side: reach }
     }
 
-    /// The indices of all patches within the grid's reach of a place, and of some farther away.
+    /// Collects the indices of all patches within the grid's reach of a point, and of some farther away.
     pub fn near(&self, place: Vec3, near: &mut Vec<usize>) {
         near.clear();
         let [x, y, z] = cell_of(place, self.side);

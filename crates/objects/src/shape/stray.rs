@@ -1,5 +1,5 @@
-//! Which patches of an object are not its own: Gaussians of what it stands on, which were seen as either, flying pixels
-//! at depth edges, and Gaussians of other things that a few wrong masks have won over.
+//! Stray patches, which do not belong to their object: Gaussians of the surface it stands on, which were seen as
+//! either, flying pixels at depth edges, and Gaussians of other things claimed by a few wrong masks.
 
 use super::disputed::undisputed;
 use super::patch_grid::PatchGrid;
@@ -7,16 +7,16 @@ use super::patches::Patch;
 use glam::Vec3;
 use std::collections::BTreeMap;
 
-/// Two patches are connected if the distance of their middles is at most this many times what both cover: a surface that
-/// is seen at a slant of 85° has patches eleven of their sides apart...
+/// Two patches are connected if the distance between their centres is at most this many times the sum of their cover
+/// radii (the patches of a surface seen at a slant of 85° are eleven of their sides apart)...
 const LINK_PER_COVER: f32 = 6.0;
-/// ...plus this, metres: depth scatters.
+/// ...plus this, metres, because depth is noisy.
 const LINK: f32 = 0.02;
-/// Parts with less than this share of the object's area, which nothing connects to the rest, are stray.
+/// Unconnected parts with less than this share of the object's area are stray.
 const MIN_PART: f64 = 0.05;
 /// Share of the area beyond a quantile, in a direction.
 const TAIL: f64 = 0.005;
-/// Patches that lie farther outside the quantiles than this share of the way between them are stray.
+/// Patches farther outside the quantiles than this share of the distance between them are stray.
 const REACH: f32 = 0.1;
 
 /// The patches that are not stray, in their order. Never empty if there are patches.
@@ -37,7 +37,7 @@ fn large_parts(patches: &[Patch]) -> Vec<Patch> {
     patches.iter().zip(&parts).filter(|(_, part)| is_large(part)).map(|(patch, _)| *patch).collect()
 }
 
-/// For each patch a number, which is the same for those that are connected. Patches in the same small cell are.
+/// The part number of each patch, equal for connected patches. Patches in the same small cell are connected.
 fn connected_parts(patches: &[Patch]) -> Vec<usize> {
     let mut cells: BTreeMap<[i32; 3], usize> = BTreeMap::new();
     let mut largest: Vec<Patch> = Vec::new();
@@ -58,12 +58,12 @@ fn connected_parts(patches: &[Patch]) -> Vec<usize> {
     cell_of_patch.into_iter().map(|cell| parts[cell]).collect()
 }
 
-/// For each patch a number, which is the same for those that a chain of links connects.
+/// The part number of each patch, equal for patches connected by a chain of links.
 fn linked_parts(patches: &[Patch]) -> Vec<usize> {
     let mut parts = Parts::new(patches.len());
     let mut near = Vec::new();
-    // Each patch looks for those that are not larger, in a grid for its size: a single large patch, as of a flying pixel far
-    // away, does not make the cells of all others large.
+    // Each patch searches for patches that are not larger, in a grid for its size, so that a single large patch, e.g.
+    // of a flying pixel far away, does not make the cells of all others large.
     let sizes: BTreeMap<i32, f32> = patches.iter().fold(BTreeMap::new(), |mut sizes, patch| {
         let largest = sizes.entry(size_class(patch)).or_insert(0.0);
         *largest = patch.cover.max(*largest);
@@ -90,7 +90,7 @@ fn size_class(patch: &Patch) -> i32 {
     patch.cover.max(LINK).log2().floor() as i32
 }
 
-/// Which things are connected: each has the number of the first one of its part.
+/// Union-find: each element points towards the first element of its part.
 struct Parts(Vec<usize>);
 
 impl Parts {
@@ -103,7 +103,7 @@ impl Parts {
         while self.0[first] != first {
             first = self.0[first];
         }
-        // The next way is short.
+        // Path compression.
         let mut at = index;
         while self.0[at] != first {
             at = std::mem::replace(&mut self.0[at], first);
@@ -117,8 +117,8 @@ impl Parts {
     }
 }
 
-/// Patches that do not lie far outside the bulk in any of 13 directions. The end of a thin part stays: what lies outside
-/// the quantiles may reach as much farther as a tenth of the object.
+/// Removes the patches far outside the bulk in any of 13 directions. The end of a thin part stays: patches may lie up
+/// to a tenth of the object's extent outside the quantiles.
 fn without_tails(patches: Vec<Patch>) -> Vec<Patch> {
     let mut keep = vec![true; patches.len()];
     for direction in directions() {
@@ -135,13 +135,13 @@ fn without_tails(patches: Vec<Patch>) -> Vec<Patch> {
     patches.into_iter().filter(|_| keep.next().unwrap_or(true)).collect()
 }
 
-/// Halves of the directions to the faces, edges and corners of a cube.
+/// The directions to the faces, edges and corners of a cube, one of each opposite pair.
 fn directions() -> impl Iterator<Item = Vec3> {
     let all = (0..27).map(|index| Vec3::new((index % 3) as f32, (index / 3 % 3) as f32, (index / 9) as f32) - 1.0);
     all.skip(14).map(Vec3::normalize)
 }
 
-/// The positions below and above which `tail` of the weight lies; `weighted` are positions and weights.
+/// The positions with `tail` of the weight below and above them, respectively; `weighted` are positions and weights.
 pub(super) fn weighted_quantiles(weighted: &mut [(f32, f32)], tail: f64) -> (f32, f32) {
     weighted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let total: f64 = weighted.iter().map(|(_, weight)| f64::from(*weight)).sum();
@@ -168,7 +168,7 @@ mod tests {
         Patch { mean: Vec3::new(x, y, z), side: 0.02, cover: 0.02, color: [0; 3], share: 1.0 }
     }
 
-    /// A square of 40 cm.
+    /// A square of patches, 40 cm wide.
     fn square() -> Vec<Patch> {
         (0..400).map(|index| patch((index % 20) as f32 * 0.02, (index / 20) as f32 * 0.02, 0.0)).collect()
     }
@@ -211,7 +211,7 @@ mod tests {
     }
 
     proptest! {
-        /// Also where one patch is much larger and far away.
+        /// Also if one patch is much larger and far away.
         #[test]
         fn parts_are_those_of_all_links(
             places in proptest::collection::vec((prop::array::uniform3(-1.0f32..1.0), 0.001f32..0.03), 1..60),

@@ -1,4 +1,4 @@
-//! The area of the surface that overlapping patches make up.
+//! The area of a surface of overlapping patches.
 
 use super::patch_grid::PatchGrid;
 use super::patches::Patch;
@@ -6,18 +6,18 @@ use super::plane::normal;
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
 
-/// Points on each disc: `RINGS` circles of this many points, which stand for rings of equal area.
+/// Sample points on each disc: `RINGS` circles of this many points, which represent rings of equal area.
 const POINTS_PER_RING: usize = 5;
 const RINGS: usize = 2;
-/// At most about this many discs of an object are looked at: they stand for the others.
+/// Approximate maximum number of evaluated discs of an object; they represent the others.
 const SAMPLES: usize = 1000;
-/// A patch faces the way of the plane through those within this many of its sides.
+/// A patch lies in the plane through the patches within this many of its sides.
 const PLANE_REACH: f32 = 2.5;
 
-/// The area of the union of the patches, square metres: each is a disc in the plane of its neighbours, as large as what
-/// the memory takes for covered by it, and what several discs cover counts once.
+/// The area of the union of the patches, square metres. Each is a disc in the plane of its neighbours, with the radius
+/// in which the memory considers the surface covered. Area covered by several discs counts once.
 pub(super) fn surface_area(patches: &[Patch]) -> f32 {
-    // A point of one disc can be covered by another whose middle is as far away as both radii.
+    // A point of a disc can be covered by another disc whose centre is up to the sum of both radii away.
     let reach = 2.0 * patches.iter().map(|patch| patch.cover).fold(0.0, f32::max);
     let grid = PatchGrid::new(patches, reach);
     let (mut not_shared, mut sampled, mut indices) = (0.0, 0.0, Vec::new());
@@ -39,7 +39,7 @@ fn disc_area(patch: &Patch) -> f32 {
     PI * patch.cover * patch.cover
 }
 
-/// The area of a disc, each part of it divided by the number of discs that cover it.
+/// The area of a disc, with each part divided by the number of discs that cover it.
 fn area_not_shared(patch: &Patch, normal: Vec3, near: &[&Patch]) -> f32 {
     let (right, up) = normal.any_orthonormal_pair();
     let mut share = 0.0;
@@ -49,14 +49,14 @@ fn area_not_shared(patch: &Patch, normal: Vec3, near: &[&Patch]) -> f32 {
             let angle = TAU * (step as f32 + 0.5 * ring as f32) / POINTS_PER_RING as f32;
             let point = patch.mean + radius * (angle.cos() * right + angle.sin() * up);
             let covers = |other: &&&Patch| other.mean.distance_squared(point) <= other.cover * other.cover;
-            // The disc itself covers the point, but for rounding.
+            // At least 1, because the disc itself covers the point, except for rounding.
             share += 1.0 / near.iter().filter(covers).count().max(1) as f32;
         }
     }
     disc_area(patch) * share / (RINGS * POINTS_PER_RING) as f32
 }
 
-/// The direction in which a patch and those around it spread least: a unit vector.
+/// The direction in which a patch and its neighbours spread least, a unit vector.
 fn normal_at(patch: &Patch, near: &[&Patch]) -> Vec3 {
     let reach = PLANE_REACH * patch.side;
     let close = near.iter().filter(|other| other.mean.distance_squared(patch.mean) <= reach * reach);
@@ -77,7 +77,7 @@ mod tests {
 
     #[test]
     fn what_several_patches_cover_counts_once() {
-        // A square metre, and what its outermost discs cover beyond it.
+        // A square metre plus the overhang of the outermost discs.
         for (copies, spacing) in [(1, 0.02), (3, 0.02), (1, 0.04)] {
             let area = surface_area(&patches(spacing, copies));
             assert!((1.0..1.0 + 5.0 * spacing).contains(&area), "{copies} {spacing}: {area}");

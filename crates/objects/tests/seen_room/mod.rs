@@ -1,22 +1,22 @@
-//! The synthetic room as a memory sees it, beside the room's own geometry.
+//! A memory of the synthetic room, together with the room's true geometry.
 
 use glam::{Mat3, Vec2, Vec3};
 use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings, Thing, ThingKind};
 use splatseg_geometry::{Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_objects::ObjectShape;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-/// Cells along each side of a face, to see how much of it was seen.
+/// Cells along each side of a face, to measure how much of it was seen.
 const CELLS: usize = 8;
 /// Points along each axis of a box when volumes are compared.
 const VOLUME_SAMPLES: usize = 32;
-/// A side of which at least this much was seen counts as seen.
+/// A side counts as seen if at least this share of it was seen.
 const SEEN: f32 = 0.95;
-/// Smaller boxes are a few pixels wide.
+/// Minimum side of a box, metres; smaller boxes are a few pixels wide.
 const MIN_SIDE: f32 = 0.2;
 
-/// Which cells of a box's faces the frames have shown: -x, +x, -y, +y, -z, +z.
+/// The seen cells of a box's faces: -x, +x, -y, +y, -z, +z.
 #[derive(Clone, Copy)]
 pub struct SeenFaces([[bool; CELLS * CELLS]; 6]);
 
@@ -27,7 +27,7 @@ impl Default for SeenFaces {
 }
 
 impl SeenFaces {
-    fn note(&mut self, thing: &Thing, point: Vec3) {
+    fn record(&mut self, thing: &Thing, point: Vec3) {
         let place = Mat3::from_rotation_z(-thing.turn) * (point - thing.center) / thing.size;
         let axis = place.abs().max_position();
         let cell = |axis: usize| (((place[axis] + 0.5) * CELLS as f32) as usize).min(CELLS - 1);
@@ -39,7 +39,7 @@ impl SeenFaces {
         self.0[face].iter().filter(|seen| **seen).count() as f32 / (CELLS * CELLS) as f32
     }
 
-    /// Whether two sides or more were seen, and the top.
+    /// True if at least two sides and the top were seen.
     fn is_box_seen(&self) -> bool {
         (0..4).filter(|face| self.share(*face) >= SEEN).count() >= 2 && self.share(5) >= SEEN
     }
@@ -50,7 +50,7 @@ impl SeenFaces {
     }
 }
 
-/// A box: middle, size, axes.
+/// A box: centre, size, axes.
 #[derive(Clone, Copy)]
 pub struct Cuboid(pub Vec3, pub Vec3, pub Mat3);
 
@@ -71,28 +71,28 @@ impl Cuboid {
     }
 }
 
-/// What is wrong with the boxes found for a thing.
+/// Errors of the boxes found for a thing.
 pub struct BoxErrors {
-    /// Between the middles of the oriented box and of the thing, metres.
+    /// Distance between the centres of the oriented box and the thing, metres.
     pub off: f32,
-    /// Of the oriented box with the thing.
+    /// IoU of the oriented box and the thing.
     pub iou: f32,
-    /// Of the axis-aligned box with that of what was seen of the thing.
+    /// IoU of the axis-aligned box and the bounds of the seen part of the thing.
     pub aligned_iou: f32,
 }
 
-/// A room, what a memory makes of it that is shown the true ids, and what the frames show of each thing.
+/// A room, a memory updated with the true ids, and the seen parts of each thing.
 pub struct Seen {
     pub memory: SplatMemory,
     /// The true ids of each frame.
     pub truths: Vec<SegmentMap>,
     things: Vec<Thing>,
     pub faces: BTreeMap<SegmentId, SeenFaces>,
-    /// Least and largest coordinates of what the frames show of each thing, world.
+    /// Minimum and maximum coordinates of the seen part of each thing, world.
     extents: BTreeMap<SegmentId, (Vec3, Vec3)>,
 }
 
-/// Shows a room to a memory; `place` moves the world.
+/// Records a room in a memory; `place` moves the world.
 pub fn seen_room(settings: SyntheticSettings, place: Pose) -> Seen {
     let scene = SyntheticScene::new(settings).unwrap();
     let things = scene.things();
@@ -102,33 +102,33 @@ pub fn seen_room(settings: SyntheticSettings, place: Pose) -> Seen {
     for index in 0..scene.frame_count() {
         let frame = scene.read_frame(index).unwrap();
         let truth = scene.read_ground_truth(index).unwrap().unwrap();
-        seen.note_faces(&frame, &truth);
+        seen.record_faces(&frame, &truth);
         let (color, depth) = (frame.color().clone(), frame.depth().clone());
         let pose = place * *frame.world_from_camera();
         let frame = RgbdFrame::new(frame.name(), color, depth, *frame.intrinsics(), pose).unwrap();
         let recall = seen.memory.recall(&frame);
-        seen.memory.update(recall, &truth).unwrap();
+        seen.memory.update(recall, &truth, &BTreeSet::new()).unwrap();
         seen.truths.push(truth);
     }
     seen
 }
 
 impl Seen {
-    fn note_faces(&mut self, frame: &RgbdFrame, truth: &SegmentMap) {
+    fn record_faces(&mut self, frame: &RgbdFrame, truth: &SegmentMap) {
         for row in 0..frame.height() {
             for column in 0..frame.width() {
                 let (id, depth) = (truth[(column, row)], frame.depth()[(column, row)]);
                 let Some(thing) = self.things.iter().find(|thing| thing.id == id) else { continue };
                 let point = frame.intrinsics().unproject(Vec2::new(column as f32, row as f32), depth);
                 let point = frame.world_from_camera().to_world(point).as_vec3();
-                self.faces.entry(id).or_default().note(thing, point);
+                self.faces.entry(id).or_default().record(thing, point);
                 let (min, max) = self.extents.entry(id).or_insert((point, point));
                 (*min, *max) = (min.min(point), max.max(point));
             }
         }
     }
 
-    /// How far the boxes of a thing are from its true ones.
+    /// Errors of the boxes of a thing.
     pub fn box_errors(&self, thing: &Thing, shape: &ObjectShape) -> BoxErrors {
         let axes = Mat3::from_rotation_z(thing.turn);
         let (min, max) = self.extents[&thing.id];

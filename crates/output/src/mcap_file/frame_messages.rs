@@ -15,12 +15,12 @@ fn in_camera(stamp: Time) -> Header {
     Header { stamp, frame_id: CAMERA.to_owned() }
 }
 
-/// A number that a message holds with 32 bits.
+/// Converts to the 32-bit number of a message.
 pub(super) fn number(value: usize) -> io::Result<u32> {
     u32::try_from(value).map_err(io::Error::other)
 }
 
-/// Where the camera is, in the world.
+/// Pose of the camera, world from camera.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(super) struct CameraPose {
     at: DVec3,
@@ -34,7 +34,7 @@ impl CameraPose {
     }
 }
 
-/// Where the camera is.
+/// The message of a camera's pose.
 pub(super) fn camera_pose(stamp: Time, CameraPose { at, turn }: CameraPose) -> TfMessage {
     let transform = Transform {
         translation: Vector3 { x: at.x, y: at.y, z: at.z },
@@ -44,14 +44,14 @@ pub(super) fn camera_pose(stamp: Time, CameraPose { at, turn }: CameraPose) -> T
     TfMessage { transforms: vec![TransformStamped { header, child_frame_id: CAMERA.to_owned(), transform }] }
 }
 
-/// Where the origin of the map's coordinates is.
+/// The message of the map's origin in the world.
 pub(super) fn map_origin(stamp: Time, origin: DVec3) -> TfMessage {
     let TfMessage { mut transforms } = camera_pose(stamp, CameraPose { at: origin, turn: DQuat::IDENTITY });
     transforms.iter_mut().for_each(|transform| MAP.clone_into(&mut transform.child_frame_id));
     TfMessage { transforms }
 }
 
-/// The camera: its images have no distortion.
+/// The message of the camera's intrinsics, without distortion.
 pub(super) fn camera_info(stamp: Time, camera: &Intrinsics) -> io::Result<CameraInfo> {
     let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(f64::from);
     Ok(CameraInfo {
@@ -69,33 +69,33 @@ pub(super) fn camera_info(stamp: Time, camera: &Intrinsics) -> io::Result<Camera
     })
 }
 
-/// An overlay, given as a JPEG file.
+/// The message of an overlay; `jpeg` is a JPEG file.
 pub(super) fn overlay(stamp: Time, jpeg: &[u8]) -> CompressedImage<'_> {
     CompressedImage { header: in_camera(stamp), format: "jpeg", data: jpeg }
 }
 
-/// The pixels of an id image, the low byte first.
+/// The pixels of an id image, little-endian.
 pub(super) struct IdPixels {
-    /// How ROS calls the form of a pixel.
+    /// ROS name of the pixel format.
     encoding: &'static str,
     bytes_per_pixel: usize,
     bytes: Vec<u8>,
 }
 
 impl IdPixels {
-    /// Pixels with 16 bits each if all ids fit, otherwise with 32.
+    /// Pixels of 16 bits if all ids fit, otherwise of 32.
     pub(super) fn new(segments: &SegmentMap) -> Self {
         let pixels = segments.pixels().iter();
         if pixels.clone().all(|id| *id <= MAX_16_BIT_ID) {
             let bytes = pixels.flat_map(|id| (*id as u16).to_le_bytes()).collect();
             return Self { encoding: "16UC1", bytes_per_pixel: 2, bytes };
         }
-        // ROS has no unsigned 32 bits; ids have fewer than 31.
+        // ROS has no unsigned 32-bit pixels; ids have fewer than 31 bits.
         Self { encoding: "32SC1", bytes_per_pixel: 4, bytes: pixels.flat_map(|id| id.to_le_bytes()).collect() }
     }
 }
 
-/// An id image of `(width, height)` pixels.
+/// The message of an id image of `(width, height)` pixels.
 pub(super) fn id_image(stamp: Time, (width, height): (usize, usize), pixels: &IdPixels) -> io::Result<Image<'_>> {
     Ok(Image {
         header: in_camera(stamp),

@@ -1,6 +1,6 @@
-//! A run as a recording for viewers of robots' data, such as Foxglove and Rerun: an MCAP file (<https://mcap.dev/spec>).
+//! A run as a recording for robotics viewers such as Foxglove and Rerun: an MCAP file (<https://mcap.dev/spec>).
 //!
-//! | topic | type | what it is |
+//! | topic | type | contents |
 //! | --- | --- | --- |
 //! | `/splatseg/overlay` | `sensor_msgs/msg/CompressedImage` | the overlay of each frame, JPEG |
 //! | `/splatseg/segments` | `sensor_msgs/msg/Image`, `16UC1`, or `32SC1` for a frame with an id above 65535 | the id image of each frame |
@@ -10,8 +10,8 @@
 //! | `/splatseg/boxes` | `foxglove.SceneUpdate`, JSON | boxes and ids of the objects, for Foxglove |
 //! | `/splatseg/markers` | `visualization_msgs/msg/MarkerArray` | the same, for ROS |
 //!
-//! The last three need a memory. They come at the end of the file but have earlier times: the points that of the first
-//! frame, and each box that of the first frame that shows its object.
+//! The last three need a memory. They come at the end of the file but have earlier times: the points have the time of
+//! the first frame, and each box has the time of the first frame that shows its object.
 
 mod frame_messages;
 mod object_messages;
@@ -19,7 +19,7 @@ mod recording;
 mod scene_update;
 
 use crate::error::saved_state;
-use crate::segments::written_ids;
+use crate::run_output::written_ids;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
 use frame_messages::{CameraPose, IdPixels};
 use glam::DVec3;
@@ -34,38 +34,39 @@ use std::path::PathBuf;
 
 /// The coordinate frame of camera poses and objects.
 const WORLD: &str = "world";
-/// The frame of the map, where its origin is not that of the world.
+/// The coordinate frame of the map, if its origin is not the world's.
 const MAP: &str = "splatseg_map";
 /// The optical frame of the camera: x right, y down, z forward.
 const CAMERA: &str = "camera";
-/// From one frame to the next where the scene has no times, nanoseconds: 30 frames per second.
+/// Interval between frames without timestamps, nanoseconds: 30 frames per second.
 const FRAME_INTERVAL: i64 = 33_333_333;
-/// Up to this number of objects, each message with boxes repeats all earlier boxes, because a viewer that jumps to a time
-/// reads only the latest message. With more objects, the file would grow with their square.
+/// Up to this number of objects, each message with boxes repeats all earlier boxes, because a viewer that jumps to a
+/// time reads only the latest message. Beyond it, this would make the file grow with the square of the number of
+/// objects.
 const MAX_REPEATED: usize = 300;
 
-/// The recording. It is written at the end, from the images in the folder, so that some hundred bytes are kept of each
-/// frame.
+/// The recording. It is written at the end, from the images in the folder, so that only a few hundred bytes are stored
+/// per frame.
 ///
-/// Times are the timestamps of the frames. A frame without one comes 1/30 s after the frame before; the first is then at
-/// time 0. The same run gives the same bytes.
+/// Times are the timestamps of the frames. A frame without a timestamp comes 1/30 s after the previous frame, or at
+/// time 0 if it is the first. The same run gives the same bytes.
 #[derive(Debug)]
 pub struct McapFile {
     path: PathBuf,
     seen: Seen,
 }
 
-/// What is kept of the frames.
+/// Data stored about the frames.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Seen {
     frames: Vec<SeenFrame>,
-    /// When each object was first seen, nanoseconds.
+    /// Time at which each object was first seen, nanoseconds.
     objects: BTreeMap<SegmentId, i64>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
 struct SeenFrame {
-    /// The name of its result files.
+    /// Name of the frame's result files, without folder and extension.
     file_name: String,
     /// Nanoseconds.
     time: i64,
@@ -74,10 +75,10 @@ struct SeenFrame {
 }
 
 impl McapFile {
-    /// How every file starts that this writes.
+    /// The first bytes of every file written here.
     pub const START: &'static [u8] = recording::START;
 
-    /// A file that will be at `path` when the run has ended, in place of what is there. Its folder must exist.
+    /// A file to be written to `path` at the end of the run, replacing any existing file. Its folder must exist.
     pub fn new(path: PathBuf) -> Self {
         Self { path, seen: Seen::default() }
     }
@@ -95,7 +96,7 @@ impl McapFile {
         self.write_map(&mut recording, end).and_then(|()| recording.finish()).map_err(|source| self.error(source))
     }
 
-    /// Writes what is known at the end.
+    /// Writes the points and boxes of the final memory, if there is one.
     fn write_map(&self, recording: &mut Recording, end: &RunEnd<'_>) -> io::Result<()> {
         let (Some(memory), Some(SeenFrame { time: first, .. })) = (end.memory, self.seen.frames.first()) else {
             return Ok(());
@@ -120,7 +121,7 @@ impl McapFile {
 }
 
 impl Seen {
-    /// When a frame was taken, nanoseconds.
+    /// The time of a frame, nanoseconds.
     fn time_of(&self, record: &FrameRecord) -> i64 {
         let nanoseconds = match (record.frame.timestamp(), self.frames.last()) {
             (Some(time), _) => i64::try_from(time.as_nanos()).unwrap_or(i64::MAX),
@@ -131,7 +132,7 @@ impl Seen {
         Time::from_nanoseconds(nanoseconds).nanoseconds()
     }
 
-    /// Takes in the next frame.
+    /// Records the next frame.
     fn add(&mut self, record: &FrameRecord) {
         let time = self.time_of(record);
         self.frames.push(SeenFrame {
@@ -162,7 +163,8 @@ fn write_frame(
     recording.write("/splatseg/segments", time, &frame_messages::id_image(stamp, size, ids)?)
 }
 
-/// Writes the boxes of objects that are sorted by time: for each time, those that are new then, and those before.
+/// Writes the boxes of objects, which are sorted by time: one message per time, with the objects first seen then and,
+/// up to [`MAX_REPEATED`], all earlier ones.
 fn write_boxes(recording: &mut Recording, shown: &[ShownObject]) -> io::Result<()> {
     let mut before = 0;
     for new in shown.chunk_by(|left, right| left.first_seen == right.first_seen) {

@@ -13,11 +13,11 @@ use splatseg_ros::{
 };
 use std::io;
 
-/// The colour of points of no object.
+/// Colour of points without an object.
 const NO_OBJECT: [u8; 3] = [128; 3];
 /// Bytes of a point: x, y, z, colour, id, and colour once more.
 const POINT_BYTES: usize = 24;
-/// One sees through boxes to what is in them.
+/// Opacity of the boxes: their contents stay visible.
 pub(super) const BOX_OPACITY: f32 = 0.35;
 /// Height of the ids' digits, metres.
 pub(super) const TEXT_HEIGHT: f32 = 0.08;
@@ -27,9 +27,9 @@ pub(super) struct ShownObject {
     pub(super) id: SegmentId,
     /// Nanoseconds.
     pub(super) first_seen: i64,
-    /// In how many frames it was seen.
+    /// Number of frames that show it.
     pub(super) frames: usize,
-    /// Its id, with its label if it has one.
+    /// Its id, followed by its label if it has one.
     pub(super) text: String,
     pub(super) oriented_box: OrientedBox,
 }
@@ -51,9 +51,9 @@ impl ShownObject {
     }
 }
 
-/// The points of a map as they are in a message.
+/// The points of a map, encoded for a message.
 pub(super) struct PointBytes {
-    /// The frame of their coordinates.
+    /// Coordinate frame of the points.
     frame_id: &'static str,
     bytes: Vec<u8>,
 }
@@ -76,8 +76,9 @@ impl PointBytes {
         Self { frame_id, bytes }
     }
 
-    /// The message. `rgb` is a 32-bit integer in the place of a float, as ROS has it. Rerun does not know that, but makes
-    /// each field a component of its points: it takes their colours from a field `colors` with red in the highest byte.
+    /// The message. `rgb` is a 32-bit integer stored as a float, the ROS convention. Rerun does not support that, but
+    /// makes each field a component of its points: it reads their colours from a field `colors` with red in the highest
+    /// byte.
     pub(super) fn message(&self, stamp: Time) -> io::Result<PointCloud2<'_>> {
         let field =
             |(name, datatype): (&str, u8), offset| PointField { name: name.to_owned(), offset, datatype, count: 1 };
@@ -103,7 +104,7 @@ impl PointBytes {
     }
 }
 
-/// A box and an id for each object.
+/// Markers for the box and the id of each object.
 pub(super) fn markers(objects: &[ShownObject]) -> MarkerArray<'static> {
     MarkerArray { markers: objects.iter().flat_map(|object| [box_marker(object), id_marker(object)]).collect() }
 }
@@ -127,7 +128,7 @@ fn id_marker(object: &ShownObject) -> Marker<'static> {
     marker
 }
 
-/// A marker at an object that stays there.
+/// A permanent marker at an object's centre.
 fn marker(object: &ShownObject, namespace: &str, kind: i32) -> Marker<'static> {
     let center = object.oriented_box.center;
     Marker {

@@ -1,30 +1,30 @@
-//! An MCAP file that is being written.
+//! Writing of an MCAP file.
 
 use super::scene_update::{SceneUpdate, schema};
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{McapError, WriteOptions, Writer};
 use serde::Serialize;
-use splatseg_atomic_file::AtomicFile;
+use splatseg_files::AtomicFile;
 use splatseg_ros::{Message, to_cdr};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
 
-/// What the file says of the program that wrote it.
+/// Name of the writing library in the file's header.
 const LIBRARY: &str = "splatseg";
-/// How a file by [`LIBRARY`] starts: the magic, and the header (code 1, 16 bytes) with an empty profile and the library,
-/// each with its length.
+/// First bytes of a file: the magic, and the header (code 1, 16 bytes) with an empty profile and [`LIBRARY`], each with
+/// its length.
 pub(super) const START: &[u8] = b"\x89MCAP0\r\n\x01\x10\0\0\0\0\0\0\0\0\0\0\0\x08\0\0\0splatseg";
 
 /// The file. Messages may be written in any order of time.
 pub(super) struct Recording {
     writer: Writer<NoSeek<AtomicFile>>,
-    /// The number of each topic that has messages.
+    /// Channel id of each topic that has messages.
     channels: BTreeMap<&'static str, u16>,
 }
 
-/// How a type of messages is described.
+/// Description of a message type.
 struct Schema<'a> {
     name: &'a str,
     encoding: &'a str,
@@ -33,7 +33,7 @@ struct Schema<'a> {
 }
 
 impl Recording {
-    /// Starts a file that takes its name at [`Self::finish`].
+    /// Starts a file; it appears at `path` only after [`Self::finish`].
     pub(super) fn create(path: &Path) -> io::Result<Self> {
         let file = NoSeek::new(AtomicFile::create(path)?);
         let options = WriteOptions::new().compression(None).disable_seeking(true).library(LIBRARY);
@@ -57,7 +57,7 @@ impl Recording {
         self.write_bytes(topic, schema, time, &data)
     }
 
-    /// Writes a message of Foxglove with a time in nanoseconds.
+    /// Writes a Foxglove message with a time in nanoseconds.
     pub(super) fn write_scene_update(
         &mut self,
         topic: &'static str,
@@ -98,7 +98,7 @@ impl Recording {
         self.writer.write_to_known_channel(&header, data).map_err(io_error)
     }
 
-    /// Writes the index and gives the file its name.
+    /// Writes the index and moves the file to its path.
     pub(super) fn finish(mut self) -> io::Result<()> {
         self.writer.finish().map_err(io_error)?;
         self.writer.into_inner().into_inner().commit()

@@ -1,4 +1,4 @@
-//! Boxes of objects in Foxglove's terms: <https://docs.foxglove.dev/docs/sdk/schemas/scene-update>, as JSON.
+//! Boxes of objects as Foxglove messages: <https://docs.foxglove.dev/docs/sdk/schemas/scene-update>, as JSON.
 
 use super::WORLD;
 use super::object_messages::{BOX_OPACITY, ShownObject, TEXT_HEIGHT};
@@ -7,7 +7,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use splatseg_ros::Time;
 
-/// What is to be shown from some time on. Entities of other ids stay.
+/// Entities to show from a time on. Entities with other ids stay.
 #[derive(Debug, Serialize)]
 pub(super) struct SceneUpdate {
     deletions: [(); 0],
@@ -26,7 +26,7 @@ struct Entity {
     metadata: [KeyValue; 1],
     cubes: [Cube; 1],
     texts: [Text; 1],
-    // All lists of an entity must be there.
+    // An entity must have all these lists.
     arrows: [(); 0],
     spheres: [(); 0],
     cylinders: [(); 0],
@@ -35,7 +35,7 @@ struct Entity {
     models: [(); 0],
 }
 
-/// A time or a span of time.
+/// A time or a duration.
 #[derive(Debug, Serialize)]
 struct Seconds {
     sec: i32,
@@ -95,7 +95,7 @@ struct Rgba {
 }
 
 impl SceneUpdate {
-    /// The name by which Foxglove knows the type.
+    /// Foxglove's name of the type.
     pub(super) const NAME: &'static str = "foxglove.SceneUpdate";
 }
 
@@ -147,7 +147,7 @@ fn entity(object: &ShownObject) -> Entity {
     }
 }
 
-/// The JSON schema of [`SceneUpdate`]: the parts of Foxglove's that have values here.
+/// The JSON schema of [`SceneUpdate`]: the parts of Foxglove's schema that are used here.
 pub(super) fn schema() -> Value {
     let number = || json!({ "type": "number" });
     let text = || json!({ "type": "string" });

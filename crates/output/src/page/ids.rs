@@ -1,15 +1,16 @@
-//! The ids of a frame, small enough to be kept for every frame of a long run.
+//! Compact encoding of a frame's ids, small enough to store for every frame of a long run.
 //!
-//! Most pixels have the id of the pixel above. So a frame is, over and over: how many pixels are like the one above, how
-//! many after them have one other id, and which. Above the first row, all ids are 0. Numbers are in base 128, the lowest
-//! digit first, with the top bit set on all digits but the last (LEB128). `viewer/src/frame_ids.js` reads this.
+//! Most pixels have the id of the pixel above. A frame is therefore a sequence of triples: the number of pixels equal
+//! to the pixel above, the number of following pixels with one other id, and that id. Above the first row, all ids are
+//! 0. Numbers are in base 128, the lowest digit first, with the top bit set on all digits but the last (LEB128).
+//! `viewer/src/frame_ids.js` decodes this.
 
 use splatseg_geometry::{Image, SegmentMap};
 
-/// Frames are reduced to this width, pixels. A click is then off by up to a pixel of a frame of 640.
+/// Frames are reduced to this width, pixels. In a frame of width 640, a click is then off by up to a pixel.
 const MAX_WIDTH: usize = 320;
 
-/// The ids at the middle of every pixel of an image that is at most [`MAX_WIDTH`] wide.
+/// Reduces an id image to at most [`MAX_WIDTH`] columns, taking the id at the centre of each new pixel.
 pub fn reduced(ids: &SegmentMap) -> SegmentMap {
     let (width, height) = ids.size();
     if width <= MAX_WIDTH {
@@ -21,7 +22,7 @@ pub fn reduced(ids: &SegmentMap) -> SegmentMap {
     })
 }
 
-/// The encoded ids.
+/// Encodes ids as described above.
 pub fn encoded(ids: &SegmentMap) -> Vec<u8> {
     let (width, pixels) = (ids.width(), ids.pixels());
     let is_as_above = |index: usize| pixels[index] == if index < width { 0 } else { pixels[index - width] };
@@ -52,7 +53,7 @@ mod tests {
     use super::*;
     use splatseg_geometry::SegmentId;
 
-    /// What the page's script does.
+    /// Decodes ids as the page's script does.
     fn decoded(bytes: &[u8], width: usize, height: usize) -> SegmentMap {
         let mut bytes = bytes.iter();
         let mut number = || {

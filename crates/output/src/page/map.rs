@@ -1,4 +1,4 @@
-//! The map as the page draws it.
+//! The map's data for the page.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -6,38 +6,38 @@ use glam::Vec3;
 use serde::Serialize;
 use splatseg_memory::SplatMemory;
 
-/// The largest number of Gaussians that are drawn: what a laptop turns smoothly.
+/// Maximum number of drawn Gaussians: a laptop can still rotate them smoothly.
 pub const MAX_POINTS: usize = 100_000;
 
-/// The Gaussians, in base64: 16-bit numbers with the low byte first, and colours of three bytes.
+/// The Gaussians, in base64: little-endian 16-bit numbers, and colours of three bytes.
 #[derive(Clone, Debug, Serialize)]
 pub struct MapData {
-    /// Gaussians that are drawn.
+    /// Number of drawn Gaussians.
     count: usize,
-    /// Gaussians that there are.
+    /// Number of Gaussians in the memory.
     total: usize,
-    /// The corner of the map's box with the smallest coordinates, metres, relative to the origin of the run.
+    /// Minimum corner of the map's bounding box, metres, relative to the run's origin.
     min: Vec3,
-    /// The sides of the box, metres.
+    /// Sides of the box, metres.
     size: Vec3,
     /// Centres, x, y and z, as fractions of the box: 65535 is its far side.
     positions: String,
     /// The largest standard deviation, metres.
     max_radius: f32,
-    /// Standard deviations as fractions of the largest.
+    /// Standard deviations, as fractions of `max_radius`.
     radii: String,
-    /// sRGB.
+    /// Colours, sRGB.
     colors: String,
-    /// The object of each, 0 for none: 32-bit numbers with the low byte first.
+    /// Object id of each Gaussian, 0 for none: little-endian 32-bit numbers.
     ids: String,
 }
 
-/// The map of a memory.
+/// Returns the map of a memory.
 pub fn map_data(memory: &SplatMemory) -> MapData {
     let (balls, ids, colors) = (memory.balls(), memory.segment_ids(), memory.colors());
     let total = balls.len();
     let drawn: Vec<usize> = evenly(total, MAX_POINTS).filter(|index| balls.means[*index].is_finite()).collect();
-    // Fewer points have to cover the same surfaces.
+    // Fewer points must cover the same surfaces.
     let growth = (total as f32 / drawn.len().max(1) as f32).sqrt();
     let min = drawn.iter().map(|index| balls.means[*index]).reduce(Vec3::min).unwrap_or_default();
     let max = drawn.iter().map(|index| balls.means[*index]).reduce(Vec3::max).unwrap_or_default();
@@ -61,7 +61,7 @@ pub fn map_data(memory: &SplatMemory) -> MapData {
     }
 }
 
-/// Up to `max` of the numbers below `total`, in equal steps.
+/// At most `max` of the numbers below `total`, evenly spaced.
 fn evenly(total: usize, max: usize) -> impl Iterator<Item = usize> {
     let count = total.min(max);
     (0..count).map(move |step| step * total / count)

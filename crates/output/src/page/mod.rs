@@ -1,14 +1,14 @@
-//! `index.html`: a page to look at a run's result, opened from disk in any browser.
+//! `index.html`: a page to view a run's results, opened from disk in any browser.
 //!
-//! The page is in `viewer/` of this crate; here is what it shows. A browser lets a page from disk load scripts and
-//! images, but no other files. So all data are scripts:
+//! The page's sources are in `viewer/` of this crate; this module writes its data. A browser lets a page from disk load
+//! scripts and images, but no other files, so all data are scripts:
 //!
-//! | file | what it is |
+//! | file | contents |
 //! | --- | --- |
 //! | `index.html` | the page itself, the same for every run |
 //! | `viewer/viewer.js` | its script, with three.js |
 //! | `viewer/run.js` | cameras, objects and map: [`data::RunData`] as JSON |
-//! | `viewer/frames-000.js` … | ids of the pixels ([`ids`]) of 64 frames each, loaded when they are needed |
+//! | `viewer/frames-000.js` … | ids of the pixels ([`ids`]) of 64 frames each, loaded on demand |
 
 mod data;
 mod ids;
@@ -34,15 +34,15 @@ const HTML: &str = include_str!("../../viewer/page.html");
 const STYLE: &str = include_str!("../../viewer/page.css");
 const SCRIPT: &str = include_str!("../../viewer/viewer.min.js");
 
-/// Numbers of a pose: position, then rotation as a quaternion.
+/// Numbers per pose: position, then rotation as a quaternion.
 const POSE_NUMBERS: usize = 7;
-/// Ids of so many frames are in one file, a few hundred kilobytes.
+/// Frames per file of ids, which then has a few hundred kilobytes.
 const FRAMES_PER_CHUNK: usize = 64;
 
-/// A page to look at the run's result: the map in 3D, the video, and the list of objects.
+/// A page to view a run's results: the map in 3D, the video, and the list of objects.
 ///
-/// Of each frame it keeps the name, the pose and the ids until 64 frames are together, so that memory grows by some
-/// hundred bytes per frame.
+/// It stores the name and pose of every frame, and the ids of up to 64 frames until they are written, so that memory
+/// grows by some hundred bytes per frame.
 #[derive(Debug, Default)]
 pub struct Page {
     names: Vec<String>,
@@ -51,12 +51,12 @@ pub struct Page {
     cameras: Vec<CameraData>,
     up: UpEstimate,
     objects: BTreeMap<SegmentId, Sightings>,
-    /// Width, height and ids of the frames that no file has yet.
+    /// Width, height and encoded ids of the frames not yet written.
     chunk: Vec<(usize, usize, String)>,
     chunks: usize,
 }
 
-/// What is saved of a frame: its name, pose and objects, and its camera if that is a new one.
+/// Saved state of a frame: its name, pose and objects, and its camera if it is a new one.
 #[derive(Serialize, Deserialize)]
 struct SavedFrame {
     name: String,
@@ -65,7 +65,7 @@ struct SavedFrame {
     objects: Vec<ObjectSighting>,
 }
 
-/// What else is saved.
+/// Saved state that does not belong to single frames.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SavedPage {
@@ -74,15 +74,15 @@ struct SavedPage {
     chunks: usize,
 }
 
-/// Where an object was seen.
+/// Sightings of an object.
 #[derive(Debug, Default)]
 struct Sightings {
     frames: usize,
-    /// First and last frame of each stretch.
+    /// First and last frame of each uninterrupted stretch.
     stretches: Vec<(usize, usize)>,
-    /// The largest area, pixels, and its frame.
+    /// The largest area, pixels, and the index of its frame.
     largest: (usize, usize),
-    /// Sum over the frames.
+    /// Sum of its confidence over the frames.
     confidence: f64,
 }
 
@@ -113,7 +113,7 @@ impl Page {
         }
     }
 
-    /// Writes the ids of the frames that no file has yet.
+    /// Writes the ids of the frames not yet written.
     fn write_chunk(&mut self, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
         if self.chunk.is_empty() {
             return Ok(());
@@ -126,7 +126,7 @@ impl Page {
         Ok(())
     }
 
-    /// The poses as 32-bit floats, positions relative to an origin.
+    /// The poses as 32-bit floats in base64, positions relative to an origin.
     fn encoded_poses(&self, origin: DVec3) -> String {
         let relative = self.poses.as_chunks::<POSE_NUMBERS>().0.iter().flat_map(|[x, y, z, turn @ ..]| {
             let position = DVec3::new(*x, *y, *z) - origin;
@@ -135,7 +135,7 @@ impl Page {
         STANDARD.encode(relative.flat_map(|number| (number as f32).to_le_bytes()).collect::<Vec<u8>>())
     }
 
-    /// What the page says of an object.
+    /// The page's data about an object.
     fn object(&self, object: &Object) -> ObjectData {
         let nothing = Sightings::default();
         let sightings = self.objects.get(&object.id).unwrap_or(&nothing);
@@ -232,12 +232,12 @@ impl RunOutput for Page {
         let file = "viewer/run.js";
         folder.write(file, format!("var splatsegRun={};\n", json(file, &data)?).as_bytes())?;
         folder.write("viewer/viewer.js", SCRIPT.as_bytes())?;
-        // Last: where there is a page, everything that it needs is there.
+        // Written last, so that an existing page has everything it needs.
         folder.write("index.html", HTML.replace("{{style}}", STYLE).as_bytes())
     }
 }
 
-/// A value for a script of this name. JSON is JavaScript.
+/// A value as JSON, which is JavaScript; `file` is named in errors.
 fn json(file: &str, value: &impl Serialize) -> Result<String, OutputError> {
     serde_json::to_string(value).map_err(|error| OutputError::Io { path: PathBuf::from(file), source: error.into() })
 }

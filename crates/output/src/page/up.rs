@@ -1,21 +1,21 @@
-//! Which way is up: data sets differ in which of the world's axes it is, and some have none.
+//! Estimates the up direction. Data sets use different world axes for it, and some are not aligned with any axis.
 
 use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::Pose;
 
-/// How much the mean of the cameras' own up counts, against what their axes across the image say.
+/// Weight of the cameras' mean up direction, relative to the term of their x axes.
 const WEIGHT_OF_MEAN: f32 = 0.02;
-/// An axis of the world is taken where the estimate is as close as this, cosine (about 8 degrees).
+/// The estimate snaps to a world axis with at least this cosine to it (within about 8 degrees).
 const CLOSE: f32 = 0.99;
-/// Steps of the power iteration. The start is close, and a direction for an orbit need not be exact.
+/// Steps of the power iteration. The start is close, and the orbit's axis need not be exact.
 const STEPS: usize = 64;
 
-/// What the poses of a video say of up.
+/// Estimates up from the poses of a video.
 ///
-/// A person or a robot holds a camera level more than it holds it straight ahead: it is pitched and turned, but hardly
-/// rolled. So up is the direction that is most nearly perpendicular to the cameras' x axes, `Σ x xᵀ`. A camera that does
-/// not turn leaves that open, and the mean of the cameras' own up decides.
+/// A camera held by a person or a robot is pitched and turned, but hardly rolled. So up is the direction most nearly
+/// perpendicular to the cameras' x axes, with the cost `Σ x xᵀ`. If the camera does not turn, that is ambiguous, and
+/// the mean of the cameras' own up directions decides.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct UpEstimate {
     across: Mat3,
@@ -30,7 +30,7 @@ impl Default for UpEstimate {
 }
 
 impl UpEstimate {
-    /// Takes in a frame's pose.
+    /// Records a frame's pose.
     pub fn add(&mut self, world_from_camera: &Pose) {
         let axes = world_from_camera.rotation().as_mat3();
         let x = axes.x_axis;
@@ -39,12 +39,13 @@ impl UpEstimate {
         self.frames += 1.0;
     }
 
-    /// Up in world coordinates, of length 1.
+    /// Unit vector pointing up, in world coordinates.
     pub fn direction(&self) -> Vec3 {
         let mean = self.up.try_normalize().unwrap_or(Vec3::Z);
         let away_from_mean = Mat3::IDENTITY - Mat3::from_cols(mean * mean.x, mean * mean.y, mean * mean.z);
         let cost = self.across * self.frames.max(1.0).recip() + away_from_mean * WEIGHT_OF_MEAN;
-        // The direction of the lowest cost is that of the largest eigenvalue here: no cost is above 1 plus the weight.
+        // The direction of lowest cost is the eigenvector of this matrix's largest eigenvalue: no cost is above 1 plus
+        // the weight.
         let gain = Mat3::IDENTITY * (1.0 + WEIGHT_OF_MEAN) - cost;
         let up = (0..STEPS).fold(mean, |up, _| (gain * up).try_normalize().unwrap_or(up));
         let axes = [Vec3::X, Vec3::Y, Vec3::Z].into_iter().flat_map(|axis| [axis, -axis]);

@@ -1,6 +1,6 @@
-// Numbers that the page's data holds as base64 text, little-endian.
+// Decoding of little-endian numbers in base64.
 
-/** The bytes of base64 text. */
+/** Decodes base64 to bytes. */
 export function bytesOf(text) {
   const binary = atob(text);
   const bytes = new Uint8Array(binary.length);

@@ -1,4 +1,4 @@
-// Elements of the page. What comes from data goes in as text, never as HTML.
+// Elements of the page. Data is inserted as text, never as HTML.
 
 /** An element with attributes, properties such as `textContent`, and children. */
 export function element(name, properties = {}, children = []) {
@@ -14,14 +14,14 @@ export function swatch(object) {
   return made;
 }
 
-/** The picture of an object that the run has cut out; nothing if it is not there. */
+/** The crop of an object; removes itself if its file is missing. */
 export function cropOf(object, properties) {
   const image = element("img", { ...properties, src: object.crop });
   image.addEventListener("error", () => image.remove());
   return image;
 }
 
-/** A count with its noun. */
+/** A count with its noun, in the singular or plural. */
 export function counted(count, noun) {
   return `${count.toLocaleString("en")} ${noun}${count === 1 ? "" : "s"}`;
 }

@@ -1,4 +1,4 @@
-// The id of every pixel, at a reduced resolution, loaded in chunks of frames when they are needed.
+// The id of every pixel, at a reduced resolution, loaded on demand in chunks of frames.
 
 import { bytesOf } from "./bytes.js";
 
@@ -28,7 +28,7 @@ export class FrameIds {
   #chunk(number) {
     const known = this.#chunks.get(number);
     const chunk = known ?? this.#load(number);
-    // The one used last is the last to go.
+    // Reinserted last: the least recently used chunk is removed first.
     this.#chunks.delete(number);
     this.#chunks.set(number, chunk);
     if (this.#chunks.size > KEPT_CHUNKS) this.#chunks.delete(this.#chunks.keys().next().value);
@@ -56,8 +56,8 @@ export class FrameIds {
 }
 
 /**
- * The ids that `page/ids.rs` has encoded: in turn, how many pixels have the id of the pixel above, how many pixels
- * after them have one other id, and that id.
+ * Decodes the ids that `page/ids.rs` encodes: repeatedly, the number of pixels equal to the pixel above, the number of
+ * following pixels with one other id, and that id.
  */
 function decode(bytes, width, height) {
   let at = 0;

@@ -1,4 +1,4 @@
-// The page's parts, and what they tell each other: which frame is shown and which object is selected.
+// Connects the page's parts: they share the shown frame and the selected object.
 
 import { counted } from "./element.js";
 import { FrameIds } from "./frame_ids.js";
@@ -13,7 +13,7 @@ const run = new Run(window.splatsegRun);
 const byElementId = (id) => document.getElementById(id);
 const root = document.documentElement;
 let selected = 0;
-/** Whether the current frame shows the selected object, as far as its data says. */
+/** True if the current frame shows the selected object, according to the run's data. */
 const isSeen = (object, frame) => object.seen.some(([first, last]) => first <= frame && frame <= last);
 
 function note(place, text) {
@@ -29,7 +29,7 @@ function describeRun() {
   byElementId("facts").textContent = `${facts.join(", ")} · splatseg ${run.version}`;
 }
 
-/** The 3D view, or null with a line that says why there is none. */
+/** Creates the 3D view; if that fails, shows the reason and returns null. */
 function mapView() {
   const flat = (text) => {
     byElementId("map").parentElement.classList.add("flat");
@@ -70,7 +70,7 @@ function show(frame) {
   return picture.show(frame);
 }
 
-/** Selects an object, 0 for none. If asked to seek, goes to the frame that shows it best unless this one shows it. */
+/** Selects an object, 0 for none. With `seek`, goes to the object's best frame unless the current one shows it. */
 function select(id, seek) {
   selected = id;
   const object = run.byId.get(id) ?? null;

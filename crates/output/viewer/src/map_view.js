@@ -8,7 +8,7 @@ import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js
 import { Splats } from "./splats.js";
 
 const FIELD_OF_VIEW_DEGREES = 50;
-/** A pointer that moves farther than this, pixels, drags and does not click. */
+/** Pointer movement, pixels, beyond which a click is a drag. */
 const CLICK_PIXELS = 4;
 const CAMERA_COLOR = 0xf25c05;
 const LINE_PIXELS = 2;
@@ -42,7 +42,7 @@ export class MapView {
     this.#paint();
   }
 
-  /** Draws at the next opportunity. */
+  /** Schedules a redraw. */
   draw() {
     if (this.#drawing) return;
     this.#drawing = true;
@@ -52,12 +52,12 @@ export class MapView {
     });
   }
 
-  /** Draws at once. */
+  /** Draws immediately. */
   drawNow() {
     this.renderer.render(this.#scene, this.camera);
   }
 
-  /** Looks at all of the map, in the direction in which the cameras looked and from above. */
+  /** Looks at the whole map from above, in the cameras' viewing direction. */
   reset() {
     const up = new Vector3(...this.#run.up);
     const forward = new Vector3();
@@ -75,13 +75,13 @@ export class MapView {
     this.#viewChanged();
   }
 
-  /** Shows where the camera is at a frame. */
+  /** Shows the camera's pose at a frame. */
   showFrame(frame) {
     this.#frame = frame;
     const { position, quaternion } = this.#run.poseOf(frame);
     const { width, height, fx, fy, cx, cy } = this.#run.cameraOf(frame);
     const depth = 0.16 * this.extent.radius;
-    // Pixel centres have integer coordinates: the image begins half a pixel before the first one.
+    // Pixel centres have integer coordinates: the image begins half a pixel before the first centre.
     const corner = (column, row) => [((column - 0.5 - cx) / fx) * depth, ((row - 0.5 - cy) / fy) * depth, depth];
     const corners = [corner(0, 0), corner(width, 0), corner(width, height), corner(0, height)];
     const lines = corners.flatMap((from, index) => [[0, 0, 0], from, from, corners[(index + 1) % 4]]);
@@ -92,7 +92,7 @@ export class MapView {
     this.draw();
   }
 
-  /** Whether the view goes with the camera. */
+  /** Makes the view follow the camera or stop following it. */
   follow(wanted) {
     this.#follow = wanted;
     this.frustum.visible = this.path.visible && !wanted;
@@ -112,7 +112,7 @@ export class MapView {
     this.draw();
   }
 
-  /** Marks an object, or none. */
+  /** Highlights an object, or none. */
   mark(id) {
     this.splats.uniforms.selected.value = id;
     const box = id ? this.#boxOf(id) : null;
@@ -121,7 +121,7 @@ export class MapView {
     this.draw();
   }
 
-  /** Moves an object into the middle of the view; the distance stays within three times its size. */
+  /** Centres the view on an object, at a distance of at most about three times its size. */
   center(id) {
     const box = this.#boxOf(id);
     if (!box) return;
@@ -153,7 +153,7 @@ export class MapView {
   }
 
   #addLines() {
-    // Lines show through the map: a path inside a room would be hidden by its walls.
+    // Lines show through the map: a room's walls would otherwise hide a path inside it.
     const material = (color) => new LineMaterial({ color, linewidth: LINE_PIXELS, depthTest: false, transparent: true });
     const lines = (positions, color) => new LineSegments2(new LineSegmentsGeometry().setPositions(positions), material(color));
     const steps = [];
@@ -190,7 +190,7 @@ export class MapView {
     return this.splats.objectAt(matrix.elements, { x: event.clientX - left, y: event.clientY - top, width, height, pixels });
   }
 
-  /** Pixels of an extent of one metre at a distance of one metre, in a view of this height. */
+  /** Size in pixels of one metre at a distance of one metre, in a view of this height. */
   #pixelsPerMetre(height) {
     return height / (2 * Math.tan((this.camera.fov * Math.PI) / 360));
   }
@@ -215,7 +215,7 @@ export class MapView {
     const style = getComputedStyle(document.documentElement);
     const ground = new Color().setStyle(style.getPropertyValue("--stage").trim());
     this.renderer.setClearColor(ground);
-    // The shader writes sRGB as it is.
+    // The shader already writes sRGB.
     const { r, g, b } = ground.clone().convertLinearToSRGB();
     this.splats.uniforms.ground.value = new Vector3(r, g, b);
     this.box.material.color.setStyle(style.getPropertyValue("--ink").trim());

@@ -1,8 +1,8 @@
-// What is known of the selected object.
+// Details of the selected object.
 
 import { counted, cropOf, element, swatch } from "./element.js";
 
-/** What is to be said of an object that the memory does not simply remember. */
+/** Texts for objects in an unusual state of the memory. */
 const STATES = {
   tentative: "tentative: seen in one frame only",
   forgotten: "given up: removed, part of another object, or a mistake",
@@ -20,7 +20,7 @@ export class ObjectInfo {
     this.show(0);
   }
 
-  /** Shows an object, or how to select one. */
+  /** Shows an object; without one, explains how to select one. */
   show(id) {
     const object = this.#run.byId.get(id);
     if (!object) {

@@ -2,7 +2,7 @@
 
 import { counted, cropOf, element, swatch } from "./element.js";
 
-/** By what the list can be ordered; ids decide between equals. */
+/** Sort keys of the list; ties are broken by id. */
 const ORDERS = {
   id: () => 0,
   frames: (left, right) => right.frames - left.frames,
@@ -19,7 +19,7 @@ export class ObjectList {
   #ids = new Set();
   #selected = 0;
 
-  /** `onPick` is called with the id of the object that was chosen. */
+  /** `onPick` is called with the id of the chosen object. */
   constructor(objects, onPick) {
     this.#objects = objects;
     for (const object of objects) this.#rows.set(object.id, row(object, onPick));
@@ -31,13 +31,13 @@ export class ObjectList {
     this.#show();
   }
 
-  /** Takes in which objects the current frame shows. */
+  /** Sets the ids of the objects in the current frame. */
   showFrame(ids) {
     this.#ids = ids;
     this.#show();
   }
 
-  /** Marks an object, or none, and brings it into view. */
+  /** Highlights an object, or none, and scrolls to it. */
   mark(id) {
     this.#button(this.#selected)?.setAttribute("aria-pressed", "false");
     this.#selected = id;
@@ -71,7 +71,7 @@ export class ObjectList {
     document.getElementById("none").hidden = shown > 0;
   }
 
-  /** Up and down go from row to row. */
+  /** The up and down keys move from row to row. */
   #move(event) {
     const step = { ArrowDown: "nextElementSibling", ArrowUp: "previousElementSibling" }[event.key];
     let to = step && event.target.closest("li")?.[step];

@@ -1,6 +1,6 @@
-// The frame's overlay, with the selected object marked.
+// The frame's overlay, with the selected object highlighted.
 
-/** The colour of pixels that the selected object does not cover, and of its border: red, green, blue, opacity. */
+/** Colours of the pixels outside the selected object and of its border: red, green, blue, opacity. */
 const DIMMED = [0, 0, 0, 150];
 const BORDER = [255, 255, 255, 255];
 
@@ -28,7 +28,7 @@ export class Picture {
     this.#image.addEventListener("error", () => onError(`${this.#file(this.#frame)} cannot be shown`));
   }
 
-  /** Shows a frame. Resolves when its ids are known. */
+  /** Shows a frame. Resolves when its ids are loaded. */
   async show(frame) {
     const camera = this.#run.cameraOf(frame);
     this.#box.style.aspectRatio = `${camera.width} / ${camera.height}`;
@@ -49,14 +49,14 @@ export class Picture {
     this.onIds(new Set(this.#ids?.ids));
   }
 
-  /** Resolves when the picture of a frame can be shown without delay, or never can. */
+  /** Loads a frame's picture. Resolves when it is loaded or has failed to load. */
   async preload(frame) {
     const image = new Image();
     image.src = this.#file(frame);
     await Promise.allSettled([image.decode(), this.#frameIds.of(frame)]);
   }
 
-  /** Marks an object, or none. */
+  /** Highlights an object, or none. */
   mark(object) {
     this.#object = object;
     this.#draw();

@@ -1,4 +1,4 @@
-// The run that the page is about, as `viewer/run.js` describes it.
+// The run shown by the page, from `viewer/run.js`.
 
 import { floatsOf } from "./bytes.js";
 
@@ -13,7 +13,7 @@ export class Run {
     this.names = data.frames;
     this.cameras = data.cameras;
     this.up = data.up;
-    /** Of the coordinates of poses and map, in the world. */
+    /** Origin of the coordinates of poses and map, world coordinates. */
     this.origin = data.origin;
     this.map = data.map;
     this.objects = data.objects;

@@ -1,15 +1,15 @@
-// The Gaussians of the map as round points of their size.
+// Draws the Gaussians of the map as round points with their sizes.
 
 import { BufferAttribute, BufferGeometry, Points, ShaderMaterial } from "three";
 import { bytesOf, idsOf, wordsOf } from "./bytes.js";
 
-/** How many standard deviations a Gaussian is drawn wide: neighbours then close the surface between them. */
+/** Drawn radius of a Gaussian, in standard deviations; neighbours then form a closed surface. */
 const RADIUS_IN_SIGMA = 1.7;
-/** Points are at least this wide, pixels, so that none vanishes. */
+/** Minimum width of a point, pixels, so that none vanishes. */
 const MIN_PIXELS = 1.5;
-/** Where the map is, is found from so many of its points. */
+/** Number of sampled points that determine the map's centre and extent. */
 const MAX_SAMPLES = 10000;
-/** The colour of Gaussians of no object. */
+/** Colour of Gaussians without an object. */
 const NO_OBJECT = [128, 128, 128];
 
 const VERTEX = `
@@ -60,8 +60,8 @@ export class Splats {
   }
 
   /**
-   * The object of the Gaussian at a place, 0 for none, as the shader draws them: of those that cover it the nearest
-   * one. `matrix` is from world to clip space (16 numbers, column-major), `x` and `y` are pixels from the top left of a
+   * The object of the nearest Gaussian that covers a pixel, as the shader draws them; 0 for none.
+   * `matrix` is from world to clip space (16 numbers, column-major), `x` and `y` are pixels from the top left of a
    * view of `width` × `height` pixels, `pixels` is as in the shader, but in these pixels.
    */
   objectAt(matrix, { x, y, width, height, pixels }) {
@@ -79,7 +79,7 @@ export class Splats {
     return nearest.id;
   }
 
-  /** The middle of the map, and a distance within which most of it lies, metres. */
+  /** Centre of the map, and the radius that contains most of it, metres. */
   extent() {
     const samples = Math.min(this.count, MAX_SAMPLES);
     const sample = (index, axis) => this.positions[3 * Math.floor((index * this.count) / samples) + axis];

@@ -1,6 +1,6 @@
 // The slider, the play button, and the frames in which the selected object is seen.
 
-/** Between frames, milliseconds. */
+/** Interval between frames, milliseconds. */
 const INTERVAL_MS = 100;
 const FRAMES_PER_JUMP = 10;
 
@@ -25,7 +25,7 @@ export class Timeline {
     new ResizeObserver(() => this.#draw()).observe(this.#presence);
   }
 
-  /** Takes in which frame is shown. */
+  /** Sets the shown frame. */
   showFrame(frame) {
     this.frame = frame;
     const name = this.#run.names[frame];
@@ -50,7 +50,7 @@ export class Timeline {
       const next = this.frame + 1;
       const pause = new Promise((resolve) => setTimeout(resolve, INTERVAL_MS));
       await Promise.all([pause, this.#actions.preload(next)]);
-      // Somebody may have stopped it, or moved the slider, in the meantime.
+      // The user may have stopped playback or moved the slider in the meantime.
       if (this.#playing && this.frame + 1 === next) this.#actions.show(next);
     }
     this.#setPlaying(false);
@@ -75,7 +75,7 @@ export class Timeline {
       event.preventDefault();
       return this.#playing ? this.pause() : this.play();
     }
-    // The slider has arrow keys of its own.
+    // The slider handles arrow keys itself.
     if (isIn("input[type=range]")) return;
     const step = event.shiftKey ? FRAMES_PER_JUMP : 1;
     const to = {
@@ -91,7 +91,7 @@ export class Timeline {
     this.#presence.width = width;
     const context = this.#presence.getContext("2d");
     if (!this.#object) return;
-    // The slider's thumb is 16 pixels wide: its middle does not reach the ends.
+    // The slider's thumb is 16 pixels wide: its centre does not reach the ends.
     const margin = 8 * devicePixelRatio;
     const perFrame = (width - 2 * margin) / Math.max(1, this.#run.frameCount - 1);
     context.fillStyle = `rgb(${this.#object.color.join(" ")})`;

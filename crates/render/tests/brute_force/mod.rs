@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use splatseg_render::{Camera, Gaussians};
 
-/// Dense blend weights, `[pixels][gaussians]`, and whether rounding may change what is blended at the pixel.
+/// Dense blend weights, `[pixels][gaussians]`, and flags for pixels where rounding may change the blended Gaussians.
 pub struct DenseWeights {
     pub weights: Vec<Vec<f64>>,
     pub fragile: Vec<bool>,
@@ -17,7 +17,7 @@ struct Splat {
 }
 
 fn project(gaussians: &Gaussians, index: usize, camera: &Camera) -> Option<(f32, Splat)> {
-    // The order is that of depths rounded to f32, so depths come from the same arithmetic.
+    // Gaussians are ordered by depth in f32, so depths come from the same arithmetic.
     let depth = camera.to_camera(gaussians.means[index]).z;
     let rotation = camera.camera_from_world_rotation.as_dmat3();
     let center = rotation * gaussians.means[index].as_dvec3() + camera.camera_from_world_translation.as_dvec3();

@@ -5,10 +5,10 @@ use super::charts::{curves_by_name, end_of_axis};
 use crate::columns::{STQ, VSQ};
 use crate::{Benchmark, ScoreTable};
 
-/// The values of a setting that a method was run with, all other settings being the same.
+/// The values of a setting that a method was run with; all other settings are equal.
 struct Ablation<'a> {
     method: &'a str,
-    /// The other settings that differ from the method as it is.
+    /// The other changed settings.
     others: Vec<&'a str>,
     setting: &'a str,
     /// The values, each with the index of its variant.
@@ -19,7 +19,7 @@ struct Ablation<'a> {
 pub(super) fn ablations(benchmark: &Benchmark, table: &ScoreTable) -> Vec<Chart> {
     let mut ablations: Vec<Ablation> = Vec::new();
     for (index, variant) in benchmark.variants.iter().enumerate() {
-        // What all variants share does not tell them apart.
+        // Changes shared by all variants do not distinguish them.
         let is_shared = |change: &&String| benchmark.variants.iter().all(|other| other.changes.contains(change));
         let changes: Vec<&str> =
             variant.changes.iter().filter(|change| !is_shared(change)).map(String::as_str).collect();

@@ -1,4 +1,4 @@
-//! Axes of charts: where numbers lie in the drawing.
+//! Axes of charts: they map numbers to positions in the drawing.
 
 use super::chart::tenths;
 use maud::{Markup, html};
@@ -11,7 +11,7 @@ const LEFT: f64 = 56.0;
 const RIGHT: f64 = 14.0;
 const TOP: f64 = 10.0;
 const BOTTOM: f64 = 44.0;
-/// About this many ticks on an axis.
+/// Approximate number of ticks on an axis.
 const TICKS: f64 = 5.0;
 
 /// The horizontal axis.
@@ -25,16 +25,16 @@ pub(super) enum XAxis {
     Values(Vec<f64>),
 }
 
-/// A chart's axes. The vertical one starts at 0.
+/// A chart's axes. The vertical axis starts at 0.
 #[derive(Clone, Debug)]
 pub(super) struct Axes {
     /// The horizontal axis.
     pub x: XAxis,
-    /// What it shows.
+    /// Label of the horizontal axis.
     pub x_label: String,
-    /// Where the vertical axis ends.
+    /// End of the vertical axis.
     pub y_end: f64,
-    /// What it shows.
+    /// Label of the vertical axis.
     pub y_label: String,
 }
 
@@ -92,7 +92,7 @@ impl Axes {
     }
 }
 
-/// Where a value lies between two others; one half if these are equal.
+/// Position of a value between two others, 0 to 1; one half if these are equal.
 fn fraction(value: f64, low: f64, high: f64) -> f64 {
     if high > low { (value - low) / (high - low) } else { 0.5 }
 }
@@ -109,7 +109,7 @@ fn ticks(end: f64) -> Vec<f64> {
     (0..=last).map(|count| count as f64 * step).collect()
 }
 
-/// The next round number that is not below `value`, for the end of an axis.
+/// Rounds up to the next round number, for the end of an axis.
 pub(super) fn round_up(value: f64) -> f64 {
     if !(value.is_finite() && value > 0.0) {
         return 1.0;
@@ -119,7 +119,7 @@ pub(super) fn round_up(value: f64) -> f64 {
     rounds.into_iter().map(|factor| factor * power).find(|round| *round >= value).unwrap_or(value)
 }
 
-/// A number at an axis: `1.5`, `20`, `150k`, `2.5M`.
+/// The label of a tick: `1.5`, `20`, `150k`, `2.5M`.
 fn tick_label(value: f64) -> String {
     let text = |value: f64| {
         let text = format!("{value:.2}");

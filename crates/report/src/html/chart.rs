@@ -3,9 +3,9 @@
 use super::axes::{Axes, HEIGHT, WIDTH};
 use maud::{Markup, html};
 
-/// Number of colours in the page's style sheet: one for each stage of a method.
+/// Number of colours in the page's style sheet: enough for the stages of a method.
 pub(super) const COLORS: usize = 10;
-/// Curves of at most this many points show their points.
+/// Curves with at most this many points show them as dots.
 const MAX_DOTS: usize = 12;
 /// Longer curves are downsampled to about this many points.
 const MAX_POINTS: usize = 160;
@@ -13,9 +13,9 @@ const MAX_POINTS: usize = 160;
 /// A named curve, or a named set of dots.
 #[derive(Clone, Debug)]
 pub(super) struct Curve {
-    /// What it is.
+    /// Its name in the legend.
     pub label: String,
-    /// Which colour; after the last the first follows, dashed.
+    /// Index of its colour; after the last colour, they repeat with dashed lines.
     pub color: usize,
     /// Its points, in the units of the axes.
     pub points: Vec<(f64, f64)>,
@@ -37,18 +37,18 @@ pub(super) enum Style {
 /// A chart.
 #[derive(Clone, Debug)]
 pub(super) struct Chart {
-    /// What it shows.
+    /// The title.
     pub title: String,
     /// Its axes.
     pub axes: Axes,
-    /// What is drawn.
+    /// The curves.
     pub curves: Vec<Curve>,
-    /// How it is drawn.
+    /// The style of all curves.
     pub style: Style,
 }
 
 impl Chart {
-    /// The chart for the page.
+    /// The chart as HTML.
     pub(super) fn markup(&self) -> Markup {
         html! {
             figure class="chart" {
@@ -102,7 +102,7 @@ impl Chart {
         }
     }
 
-    /// Each curve on top of those before it. All have their points at the same places.
+    /// Stacks each curve on top of the previous ones. All curves have points at the same x.
     fn stack(&self) -> Markup {
         let count = self.curves.iter().map(|curve| curve.points.len()).min().unwrap_or(0);
         let mut below = vec![0.0; count];
@@ -130,7 +130,7 @@ impl Chart {
     }
 }
 
-/// A coordinate of the drawing.
+/// Formats a coordinate with one decimal.
 pub(super) fn tenths(value: f64) -> String {
     format!("{value:.1}")
 }
@@ -140,7 +140,7 @@ fn class(color: usize) -> String {
     format!("c{}{dashed}", color % COLORS)
 }
 
-/// Every n-th point, and the last.
+/// Every n-th point and the last one.
 fn downsampled(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let step = points.len().div_ceil(MAX_POINTS).max(1);
     let mut kept: Vec<(f64, f64)> = points.iter().step_by(step).copied().collect();

@@ -7,12 +7,12 @@ use crate::{Benchmark, Measurement, RunDrawings, ScoreTable};
 use maud::Markup;
 use splatseg_metrics::{Scores, WindowLength};
 
-/// Most dots of one method in a scatter plot.
+/// Maximum number of dots of one method in a scatter plot.
 const MAX_DOTS_OF_CURVE: usize = 1000;
-/// Most dots of a scatter plot.
+/// Maximum number of dots in a scatter plot.
 const MAX_DOTS: usize = 4000;
 
-/// Over all scenes: VSQ^k against k, each ablation, and every method against the first.
+/// Charts over all scenes: VSQ^k against k, each ablation, and every method against the first.
 pub(super) fn comparison(benchmark: &Benchmark) -> Vec<Markup> {
     let table = ScoreTable::over_all_scenes(benchmark, benchmark.protocol);
     let mut charts = vec![vsq_by_window_length(benchmark, &table)];
@@ -24,7 +24,7 @@ pub(super) fn comparison(benchmark: &Benchmark) -> Vec<Markup> {
     charts.iter().map(Chart::markup).collect()
 }
 
-/// Of runs on one scene: the number of Gaussians, and where time goes, over the frames.
+/// Charts of runs on one scene: the number of Gaussians and the time of each stage, over the frames.
 pub(super) fn of_runs(benchmark: &Benchmark, runs: &[&RunDrawings]) -> Vec<Markup> {
     let mut charts: Vec<Chart> = gaussians(benchmark, runs).into_iter().collect();
     charts.extend(runs.iter().map(|run| stage_times(benchmark, run)));
@@ -58,8 +58,8 @@ fn vsq_by_window_length(benchmark: &Benchmark, table: &ScoreTable) -> Chart {
     }
 }
 
-/// Scenes and seeds as dots: the first method's score on the horizontal axis, another's on the vertical one. Of many
-/// results, every n-th is drawn.
+/// Scenes and seeds as dots: the first method's score on the horizontal axis, another's on the vertical one. If there
+/// are too many results, every n-th is drawn.
 fn against_first(benchmark: &Benchmark, name: &str, score: impl Fn(&Scores) -> Option<f64>) -> Chart {
     let score = |measurement: &Measurement| score(&measurement.score(benchmark.protocol).scores());
     let results = benchmark.scenes.len() * benchmark.seeds.len();
@@ -156,7 +156,7 @@ pub(super) fn curves_by_name(names: Vec<String>, x_label: &str, y_end: f64) -> A
     Axes { x: XAxis::Names(names), x_label: x_label.to_owned(), y_end, y_label: "percent".to_owned() }
 }
 
-/// Where a vertical axis for these curves ends.
+/// End of a vertical axis for these curves.
 pub(super) fn end_of_axis(curves: &[Curve]) -> f64 {
     round_up(curves.iter().flat_map(|curve| &curve.points).map(|(_, y)| *y).fold(0.0, f64::max))
 }

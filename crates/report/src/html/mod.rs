@@ -1,5 +1,4 @@
-//! `report.html` and `paper.html`: everything on one page that needs no network, no other file and no program but a
-//! browser.
+//! `report.html` and `paper.html`: single pages that need only a browser: no network and no other file.
 
 mod ablations;
 mod axes;

@@ -1,5 +1,5 @@
 "use strict";
-// Moves the strips and chooses their methods. Charts and tables work without scripts.
+// Moves the strips and selects their methods. Charts and tables work without scripts.
 const benchmark = JSON.parse(document.getElementById("benchmark").textContent);
 
 function show(strip, frame) {
@@ -30,7 +30,7 @@ function choose() {
   }
 }
 for (const choice of choices) choice.addEventListener("change", choose);
-// A browser that goes back to the page restores the check boxes.
+// The browser restores the check boxes when the user navigates back to the page.
 if (choices.length > 0) choose();
 
 // report.html#frame=12 opens at the 13th picture of every strip.

@@ -10,16 +10,16 @@ use serde::Serialize;
 
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
-/// Most missing results that are listed.
+/// Maximum number of listed missing results.
 const MAX_MISSING: usize = 100;
 
-/// What the script reads from the page.
+/// Data for the page's script.
 #[derive(Serialize)]
 struct Embedded<'a> {
     strips: &'a [Strip],
 }
 
-/// The page. `drawings` are those of the selection's scenes, in its order; a scene without pictures has no strip.
+/// The page. `drawings` belong to the selection's scenes, in the same order; a scene without pictures has no strip.
 ///
 /// # Errors
 /// If the pictures cannot be written as JSON.
@@ -38,7 +38,7 @@ pub fn html_page(
     Ok(document("splatseg benchmark", &content(benchmark, &scenes), &scripts))
 }
 
-/// A page with a title, what it shows, and the scripts after that.
+/// A page with a title, content and scripts, in that order.
 pub(super) fn document(title: &str, content: &Markup, scripts: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
@@ -60,7 +60,7 @@ pub(super) fn document(title: &str, content: &Markup, scripts: &Markup) -> Strin
     page.into_string()
 }
 
-/// JSON that cannot end the script element which holds it.
+/// Escapes JSON so that it cannot end its script element.
 fn script_safe(json: &str) -> String {
     json.replace('<', "\\u003c")
 }
@@ -124,12 +124,12 @@ fn how_to_read() -> Markup {
         p {
             "Every method gives the objects of an RGB-D video ids, and an object should keep its id. "
             b { "VSQ" sup { "k" } } " compares true and predicted tubes, an object's masks over time, in windows of k \
-            frames: with k = 1 ids do not matter, with k = 15 they have to hold. " b { "VSQ" } " is the mean over k. "
-            b { "STQ" } " is about the whole video: the geometric mean of " b { "AQ" } ", how well ids stay with their \
+            frames: with k = 1 ids do not matter, with k = 15 they must persist. " b { "VSQ" } " is the mean over k. "
+            b { "STQ" } " covers the whole video: the geometric mean of " b { "AQ" } ", how well ids stay with their \
             objects, and " b { "SQ" } ", how well pixels are covered. All scores are percentages; higher is better."
         }
         p {
-            "Protocol " b { "paper" } " computes what the evaluation code of the paper does (Opipari et al., Explicit \
+            "Protocol " b { "paper" } " computes the same as the paper's evaluation code (Opipari et al., Explicit \
             Memory through Online 3D Gaussian Splatting Improves Class-Agnostic Video Segmentation, RA-L 2025, arXiv \
             2510.23521): any overlap can be a match, and SQ is about half of the recall. Protocol " b { "strict" }
             " follows the printed formulas: a match needs an IoU above one half. Over several scenes, tubes, tracks and \

@@ -26,7 +26,7 @@ pub fn paper_page(results: &PaperResults<'_>) -> String {
     document("The paper's tables, splatseg", &content, &html! {})
 }
 
-/// VSQ and STQ of a curve's rows; the paper's dashed.
+/// The chart of VSQ and STQ of a curve's rows; the paper's values are dashed.
 fn chart(curve: &PaperCurve) -> Markup {
     let of = |label: &str, color: usize, value: fn(&CurveRow) -> Option<f64>| {
         let known = (0..).zip(&curve.rows).filter_map(|(index, row)| Some((index, row, value(row)?)));

@@ -1,4 +1,4 @@
-//! Single scenes: the scores of all, pictures and curves of some.
+//! Results by scene: scores of all scenes, pictures and curves of some.
 
 use super::strips::{Strip, chooser};
 use super::{PageSelection, charts, tables};
@@ -32,7 +32,7 @@ pub(super) fn scenes(
     }
 }
 
-/// VSQ of every scene, folded: a row for each scene, a column for each variant.
+/// VSQ of every scene, collapsed: a row for each scene, a column for each variant.
 fn all_scenes(benchmark: &Benchmark) -> Markup {
     let labels: Vec<String> = benchmark.variants.iter().map(|variant| variant.label()).collect();
     let cell = |scene: usize, variant: usize| {
@@ -55,7 +55,7 @@ fn all_scenes(benchmark: &Benchmark) -> Markup {
     }
 }
 
-/// Says which part of the benchmark has pictures and curves, and how to see the rest.
+/// States which part of the benchmark has pictures and curves, and how to see the rest.
 fn what_is_shown(benchmark: &Benchmark, selection: &PageSelection) -> Markup {
     let (shown, all) = (selection.scenes.len(), benchmark.scenes.len());
     let variants = benchmark.variants.len();

@@ -1,20 +1,20 @@
-//! Which scenes, variants and frames a page has room for.
+//! Selection of the scenes, variants and frames shown on a page.
 
 use crate::Benchmark;
 use std::collections::BTreeSet;
 
-/// Most pictures on a page. A picture takes 10 to 20 kB.
+/// Maximum number of pictures on a page, each 10 to 20 kB.
 const MAX_PICTURES: usize = 720;
-/// Most scenes with pictures and curves.
+/// Maximum number of scenes with pictures and curves.
 const MAX_SCENES: usize = 12;
-/// Fewest frames of a scene.
+/// Minimum number of frames of a scene.
 const MIN_FRAMES: usize = 6;
-/// Most variants with pictures.
+/// Maximum number of variants with pictures.
 const MAX_VARIANTS: usize = 24;
-/// If there are more variants, the page opens with the first of each method.
+/// With more variants than this, the page opens with the first of each method.
 const MAX_OPEN: usize = 8;
 
-/// What a page shows in pictures and curves. Its size does not grow with the benchmark, and the same benchmark always
+/// The part of a benchmark that a page shows in pictures and curves. Its size is bounded, and the same benchmark always
 /// gives the same selection.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
@@ -23,9 +23,9 @@ pub struct PageSelection {
     pub scenes: Vec<usize>,
     /// Indices of the variants with pictures.
     pub variants: Vec<usize>,
-    /// The variants that are side by side until the reader chooses others; only these have curves over the frames.
+    /// The variants initially side by side; only these have curves over the frames.
     pub open: Vec<usize>,
-    /// Most frames of each scene.
+    /// Maximum number of frames of each scene.
     pub frames: usize,
 }
 
@@ -43,7 +43,7 @@ impl PageSelection {
     }
 }
 
-/// The variants with pictures, and those of them that the page opens with: all, or the first of each method.
+/// The variants with pictures, and the subset that the page opens with: all, or the first of each method.
 fn variants(benchmark: &Benchmark) -> (Vec<usize>, Vec<usize>) {
     let all: Vec<usize> = (0..benchmark.variants.len()).collect();
     if all.len() <= MAX_OPEN {

@@ -5,14 +5,14 @@ use crate::{Benchmark, SceneDrawings};
 use maud::{Markup, html};
 use serde::Serialize;
 
-/// The frames of one scene that the page shows.
+/// The frames of one scene on the page.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Strip {
     /// Name of the scene.
     scene: String,
     /// Names of the frames.
     frames: Vec<String>,
-    /// What is side by side.
+    /// The rows of pictures.
     panels: Vec<Panel>,
 }
 
@@ -22,14 +22,14 @@ struct Panel {
     label: String,
     /// Index of the variant; null for the image and the ground truth, which are always visible.
     variant: Option<usize>,
-    /// Whether it is visible until the reader chooses.
+    /// True if it is initially visible.
     open: bool,
-    /// One `data:` URI per frame; null where there is none.
+    /// One `data:` URI per frame; null for a frame without a picture.
     images: Vec<Option<String>>,
 }
 
 impl Strip {
-    /// The scene's pictures, then the thumbnails of the same frames by each variant of the selection.
+    /// The scene's pictures, then each selected variant's thumbnails of the same frames.
     pub(super) fn new(benchmark: &Benchmark, selection: &PageSelection, drawings: &SceneDrawings) -> Self {
         let pictures = &drawings.pictures;
         let of_scene = |label: &str, images| Panel { label: label.to_owned(), variant: None, open: true, images };
@@ -52,7 +52,7 @@ impl Strip {
         Self { scene: benchmark.scenes[drawings.scene].clone(), frames, panels }
     }
 
-    /// The strip for the page, at its first frame. `index` is its place in the page's data.
+    /// The strip for the page, at its first frame. `index` is its index in the page's data.
     pub(super) fn markup(&self, index: usize) -> Markup {
         let Some(first) = self.frames.first() else {
             return Markup::default();
@@ -61,7 +61,7 @@ impl Strip {
             div class="strip" data-strip=(index) {
                 div class="panels" {
                     @for panel in &self.panels {
-                        // A hidden panel gets its picture when it is shown.
+                        // The script sets a hidden panel's picture when the panel is shown.
                         @let source = panel.images.first().and_then(Option::as_deref).filter(|_| panel.open);
                         figure data-variant=[panel.variant] hidden[!panel.open] {
                             img alt=(panel.label) src=(source.unwrap_or("data:,"));
@@ -79,7 +79,7 @@ impl Strip {
     }
 }
 
-/// Check boxes that choose the methods of all strips; nothing if all methods are visible.
+/// Check boxes that select the visible methods of all strips; empty if all methods are visible.
 pub(super) fn chooser(benchmark: &Benchmark, selection: &PageSelection) -> Markup {
     if selection.variants == selection.open {
         return Markup::default();

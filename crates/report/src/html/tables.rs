@@ -6,7 +6,7 @@ use crate::{FRAME_COLUMNS_EXPLAINED, FrameTable, Origin, SIZE_COLUMNS_EXPLAINED}
 use crate::{ScoreRow, ScoreTable, SizeTable, Spread, StageTable};
 use maud::{Markup, html};
 
-/// A table with the heads of its columns; `first` is that of the rows' names.
+/// A table with column headers; `first` is the header of the rows' names.
 pub(super) fn table<'a>(first: &str, columns: impl IntoIterator<Item = &'a str>, rows: &Markup) -> Markup {
     html! {
         div class="wide" {
@@ -67,7 +67,7 @@ pub(super) fn published(published: &PublishedTable) -> Markup {
     }
 }
 
-/// The table by size of the object, folded.
+/// The table by object size, collapsed.
 pub(super) fn sizes(sizes: &SizeTable) -> Markup {
     let rows = html! {
         @for row in &sizes.rows {
@@ -88,7 +88,7 @@ pub(super) fn sizes(sizes: &SizeTable) -> Markup {
     }
 }
 
-/// The table of single frames, folded.
+/// The single-frame table, collapsed.
 pub(super) fn frames(frames: &FrameTable) -> Markup {
     let rows = html! {
         @for (method, cells) in &frames.rows {
@@ -107,7 +107,7 @@ pub(super) fn frames(frames: &FrameTable) -> Markup {
     }
 }
 
-/// The table of times, folded.
+/// The table of times, collapsed.
 pub(super) fn stages(stages: &StageTable) -> Markup {
     let rows = html! {
         @for (label, times) in &stages.rows {

@@ -4,21 +4,21 @@ use super::{PaperRow, TableRow};
 use crate::Origin;
 use crate::columns::{STQ, VSQ};
 
-/// Place of a row in the curves of its table.
+/// Position of a row in its table's curves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CurvePoint {
-    /// What the curve is of, e.g. `clicks, prompted with detections`.
+    /// Quantity that varies along the curve, e.g. `clicks, prompted with detections`.
     pub curve: &'static str,
-    /// The number that the curve's rows differ in.
+    /// The row's value of that quantity.
     pub value: usize,
 }
 
-/// VSQ and STQ over a number.
+/// VSQ and STQ as functions of a number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PaperCurve {
-    /// What it shows.
+    /// The title.
     pub title: String,
-    /// The number.
+    /// Name of the number on the horizontal axis.
     pub x_label: &'static str,
     /// Its points, in the order of the table.
     pub rows: Vec<CurveRow>,
@@ -27,15 +27,15 @@ pub struct PaperCurve {
 /// A point of a curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CurveRow {
-    /// The number.
+    /// Its value of the number.
     pub value: usize,
     /// VSQ and STQ as measured, percent; `None` where nothing was measured.
     pub measured: [Option<f64>; 2],
-    /// VSQ and STQ as the paper has them, percent.
+    /// VSQ and STQ from the paper, percent.
     pub published: [Option<f64>; 2],
 }
 
-/// The curves of a table with these lines, all of which have the columns of VSQ and STQ.
+/// The curves of a table with these lines. All lines must have the columns VSQ and STQ.
 pub(super) fn curves(rows: &[&PaperRow], lines: &[TableRow]) -> Vec<PaperCurve> {
     let mut curves: Vec<PaperCurve> = Vec::new();
     for row in rows {

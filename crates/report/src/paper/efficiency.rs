@@ -1,24 +1,24 @@
-//! The paper's table of efficiency: speed, and how many numbers a method has.
+//! The paper's efficiency table: speed and size of each method.
 
 use super::tables::{Cell, PaperResults, PublishedTable, TableRow};
 use super::{EFFICIENCY, PublishedEfficiency};
 use crate::spread::Spread;
 use crate::{Measurement, Origin};
 
-/// A measured row of the table of efficiency.
+/// A measured row of the efficiency table.
 #[derive(Clone, Debug)]
 pub struct EfficiencyRow {
     /// Its name in [`EFFICIENCY`].
     pub name: String,
-    /// Index of the variant that measures it, in the benchmark on ScanNet-MV.
+    /// Index of the measured variant in the benchmark on ScanNet-MV.
     pub variant: Option<usize>,
-    /// Parameters of its backbone, where they are known.
+    /// Parameters of its backbone, if known.
     pub backbone_parameters: Option<usize>,
-    /// Why it was not measured.
+    /// Reason why it was not measured.
     pub obstacle: Option<String>,
 }
 
-/// The table: ours and the paper's row of each method, one below the other.
+/// The table: for each method our row, then the paper's.
 pub(super) fn table(results: &PaperResults<'_>) -> PublishedTable {
     let mut rows = Vec::new();
     for published in &EFFICIENCY {
@@ -32,13 +32,13 @@ pub(super) fn table(results: &PaperResults<'_>) -> PublishedTable {
     PublishedTable {
         title: "Efficiency".to_owned(),
         notes: vec![
-            "Frames per second of the whole method, reading included, scoring and drawing not. Millions of numbers: the \
-             parameters of FastSAM, or of SAM 2.1 without the FastSAM that prompts it, and what the memory holds at the end \
-             of a video, mean over the videos."
+            "Frames per second of the whole method, with reading but without scoring and drawing. Millions of numbers: \
+             the parameters of FastSAM, or of SAM 2.1 without the FastSAM that prompts it, and the memory at the end of \
+             a video, mean over the videos."
                 .to_owned(),
-            "Of each Gaussian ours holds 7 numbers (position, radius, colour) and those for segments: 8 of votes, or one \
-             for each dimension of features. The paper's Gaussians are described by 14 (position, rotation, three scales, \
-             opacity, colour) and features; how it counts is not said."
+            "Our Gaussians have 7 numbers (position, radius, colour) plus the numbers for segments: 8 of votes, or one \
+             per feature dimension. The paper's Gaussians have 14 (position, rotation, three scales, opacity, colour) \
+             and features; the paper does not say how it counts."
                 .to_owned(),
             format!("Machine: ours {ours}; the paper's rows are from its authors' GPU."),
         ],

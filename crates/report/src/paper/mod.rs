@@ -1,5 +1,5 @@
-//! The tables of the paper that the methods come from (Opipari et al., "Explicit Memory through Online 3D Gaussian
-//! Splatting Improves Class-Agnostic Video Segmentation", RA-L 2025), with its numbers next to the measured ones.
+//! The tables of the methods' paper (Opipari et al., "Explicit Memory through Online 3D Gaussian Splatting Improves
+//! Class-Agnostic Video Segmentation", RA-L 2025), with its numbers next to the measured ones.
 
 mod curves;
 mod efficiency;
@@ -42,11 +42,11 @@ pub struct PaperRow {
     pub name: String,
     /// The paper's scores, percent: VSQ^1, VSQ^5, VSQ^10, VSQ^15, VSQ, STQ, AQ and SQ; `None` where it has none.
     pub published: [Option<f64>; 8],
-    /// Its place in a curve; `None` for a row of a table without curves.
+    /// Its position in a curve; `None` in a table without curves.
     pub point: Option<CurvePoint>,
-    /// Index of the variant that measures it, in the benchmark of its table's data set; `None` if there is none.
+    /// Index of the measured variant in the benchmark of its table's data set; `None` if there is none.
     pub variant: Option<usize>,
-    /// Why it was not measured, e.g. `needs weights of SAM 2.1`; `None` also for methods that are not ours.
+    /// Reason why it was not measured, e.g. `needs weights of SAM 2.1`; also `None` for methods that are not ours.
     pub obstacle: Option<String>,
 }
 
@@ -65,7 +65,7 @@ impl PaperTable {
         }
     }
 
-    /// Whether its rows are measured on MVPd; on ScanNet-MV otherwise.
+    /// True if its rows are measured on MVPd, false for ScanNet-MV.
     pub fn is_of_mvpd(self) -> bool {
         self == Self::Mvpd
     }

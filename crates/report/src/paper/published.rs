@@ -15,7 +15,7 @@ pub const SCANNET_MV: [(&str, [f64; 8]); 7] = [
 pub const FEATURE_DIMS: [(usize, f64, f64); 5] =
     [(1, 20.00, 15.47), (4, 42.29, 36.97), (7, 43.08, 37.93), (14, 43.66, 38.38), (28, 43.74, 38.39)];
 
-/// The categories of re-prompting that are on, for SAM2-Splat with detections: name, VSQ and STQ.
+/// The enabled categories of re-prompting, for SAM2-Splat with detections: name, VSQ and STQ.
 pub const CATEGORIES: [(&str, f64, f64); 5] = [
     ("none (SAM2)", 41.03, 33.43),
     ("not tracked", 41.09, 34.19),
@@ -54,8 +54,8 @@ pub struct PublishedEfficiency {
     pub memory: Option<f64>,
 }
 
-/// The paper's table of efficiency. It does not say how SAM2 was prompted there; SAM2-Splat's memory of 26 M numbers is
-/// that of its row with detections.
+/// The paper's efficiency table. It does not say how SAM2 was prompted; SAM2-Splat's memory of 26 M numbers is for its
+/// row with detections.
 pub const EFFICIENCY: [PublishedEfficiency; 11] = [
     efficiency("Video K-Net, ResNet50", 40.54, 26.0, None),
     efficiency("Video K-Net, Swin-base", 26.17, 88.0, None),
@@ -82,7 +82,7 @@ const fn efficiency(
 /// 3D instances on ScanNet200, class-agnostic: AP, AP50 and AP25 as ESAM's paper (Xu et al., ICLR 2025) reports them.
 pub(crate) const MESH_INSTANCES: (&str, [f64; 3]) = ("ESAM-E", [43.4, 65.4, 80.9]);
 
-/// Published results to stand beside a benchmark's.
+/// Published results shown beside a benchmark's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Reference {
@@ -94,7 +94,7 @@ pub enum Reference {
 }
 
 impl Reference {
-    /// How these rows are marked: they may have been measured on other data than a benchmark's.
+    /// Mark of these rows, which may have been measured on other data than the benchmark's.
     pub(crate) fn mark(self) -> &'static str {
         match self {
             Self::ScannetMv => "paper, ScanNet-MV: other data",
@@ -111,7 +111,7 @@ impl Reference {
     }
 }
 
-/// The scores of MVPd's table in the columns of score tables, which have STQ, AQ and SQ besides.
+/// The scores of MVPd's table in the columns of score tables; STQ, AQ and SQ are `None`.
 pub fn vsq_columns(scores: &[f64; 5]) -> [Option<f64>; 8] {
     std::array::from_fn(|column| scores.get(column).copied())
 }
@@ -120,7 +120,7 @@ pub fn vsq_columns(scores: &[f64; 5]) -> [Option<f64>; 8] {
 mod tests {
     use super::*;
 
-    /// VSQ is the mean over k, and STQ is the root of AQ and SQ: rows with a slip of the pen would not agree.
+    /// VSQ is the mean over k, so a typo in a row would break this relation.
     #[test]
     fn the_rows_agree_with_themselves() {
         let rows = SCANNET_MV.iter().map(|(name, scores)| (name, &scores[..5]));

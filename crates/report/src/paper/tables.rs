@@ -1,33 +1,33 @@
-//! The paper's tables as data: what was measured for each row, and the paper's row below it.
+//! The paper's tables as data: the measured line of each row, and the paper's below it.
 
 use super::{EfficiencyRow, PaperCurve, PaperRow, PaperTable, curves, efficiency};
 use crate::columns::{COLUMN_KEYS, COLUMNS};
 use crate::{Benchmark, Origin, ScoreTable, Spread};
 use splatseg_metrics::Protocol;
 
-/// Everything that the paper's tables are made from.
+/// Inputs of the paper's tables.
 #[derive(Clone, Copy, Debug)]
 pub struct PaperResults<'a> {
-    /// What was measured on ScanNet-MV.
+    /// The benchmark on ScanNet-MV, if any.
     pub scannet: Option<&'a Benchmark<'a>>,
-    /// What was measured on MVPd.
+    /// The benchmark on MVPd, if any.
     pub mvpd: Option<&'a Benchmark<'a>>,
     /// The rows of the tables of scores.
     pub rows: &'a [PaperRow],
-    /// Our rows of the table of efficiency.
+    /// Our rows of the efficiency table.
     pub efficiency: &'a [EfficiencyRow],
-    /// How the inputs differ from the paper's; one sentence each.
+    /// Differences between the inputs and the paper's; one sentence each.
     pub notes: &'a [String],
-    /// Which inputs were not found.
+    /// Inputs that were not found.
     pub missing: &'a [String],
 }
 
-/// A table with the paper's rows.
+/// A table with measured rows and the paper's.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PublishedTable {
-    /// What it shows.
+    /// The title.
     pub title: String,
-    /// What to know about it; one sentence or more each.
+    /// Notes; one sentence or more each.
     pub notes: Vec<String>,
     /// The headings of its columns after the name.
     pub columns: Vec<&'static str>,
@@ -35,18 +35,18 @@ pub struct PublishedTable {
     pub keys: Vec<&'static str>,
     /// Its rows, the paper's below ours.
     pub rows: Vec<TableRow>,
-    /// Its rows as curves, where they differ in a number.
+    /// Its rows as curves, if they differ in a number.
     pub curves: Vec<PaperCurve>,
 }
 
-/// A row of such a table.
+/// A row of a [`PublishedTable`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct TableRow {
     /// Its name in the paper.
     pub name: String,
-    /// Whose numbers it has.
+    /// Source of its numbers.
     pub origin: Origin,
-    /// Why it has none, or what is missing in it.
+    /// Reason why it has no numbers, or note on missing results.
     pub note: Option<String>,
     /// A cell for each column.
     pub cells: Vec<Cell>,
@@ -57,7 +57,7 @@ pub struct TableRow {
 pub struct Cell {
     /// The number, if there is one.
     pub value: Option<Spread>,
-    /// What stands behind it.
+    /// Its mark.
     pub mark: &'static str,
 }
 
@@ -92,7 +92,7 @@ fn scores(results: &PaperResults<'_>, table: PaperTable) -> PublishedTable {
     }
 }
 
-/// The measured line of a row of ours, and the paper's where it has one.
+/// The measured line of a row, if it is one of our methods, and the paper's line, if there is one.
 fn lines(row: &PaperRow, measured: Option<&ScoreTable>, columns: &[usize]) -> Vec<TableRow> {
     let mut lines = Vec::new();
     let measured = row.variant.and_then(|variant| measured?.rows.get(variant));
@@ -121,7 +121,7 @@ fn lines(row: &PaperRow, measured: Option<&ScoreTable>, columns: &[usize]) -> Ve
 }
 
 impl TableRow {
-    /// The name as tables show it.
+    /// The name in tables.
     pub(crate) fn label(&self) -> String {
         match (self.origin, &self.note) {
             (Origin::Paper, _) => format!("{}, the paper", self.name),
@@ -132,7 +132,7 @@ impl TableRow {
 }
 
 impl Cell {
-    /// Its text; an empty one in the paper's rows where the paper has no number.
+    /// Its text; empty if the paper has no number in its row.
     pub(crate) fn text(&self, origin: Origin) -> String {
         match (self.value, origin) {
             (Some(value), _) => format!("{}{}", value.text(), self.mark),

@@ -17,7 +17,7 @@ pub fn markdown(results: &PaperResults<'_>) -> String {
     text
 }
 
-/// All numbers of the tables, one on a line below a line of column names: for spreadsheets.
+/// All numbers of the tables for spreadsheets: a header line, then one number per line.
 pub fn csv(results: &PaperResults<'_>) -> String {
     let mut text = "table,row,origin,column,mean,deviation\n".to_owned();
     for table in paper_tables(results) {
@@ -42,7 +42,7 @@ fn csv_lines(table: &PublishedTable, row: &TableRow) -> String {
         .collect()
 }
 
-/// What was measured, in a sentence or two.
+/// Summary of the measurements in one or two sentences.
 pub(crate) fn heading(results: &PaperResults<'_>) -> String {
     let of = |name: &str, benchmark: Option<&Benchmark<'_>>| match benchmark {
         Some(benchmark) => format!(

@@ -1,10 +1,10 @@
-//! Merging of regions by the mean log-odds of all edges between two of them: GASP with average linkage (Bailoni et al.,
-//! *GASP, a generalized framework for agglomerative clustering of signed graphs*, CVPR 2022), the highest mean first.
+//! Merges regions by the mean log-odds of all edges between two of them, the highest mean first: GASP with average
+//! linkage (Bailoni et al., *GASP, a generalized framework for agglomerative clustering of signed graphs*, CVPR 2022).
 //!
-//! Merging never raises a mean above the higher of the two that it unites. So two regions that prefer each other are merged
-//! at some time in any case, and a chain of preferences finds such a pair without a queue of all edges: every region is
-//! followed by the one it prefers, until two prefer each other (nearest-neighbour chain; Murtagh, *A survey of recent
-//! advances in hierarchical clustering algorithms*, 1983). The tree is the same as that of the greedy order.
+//! A merge combines the edges to each neighbour, and their mean never exceeds the higher of the two means before. So
+//! mutual nearest neighbours are merged sooner or later in any order, and can be found without a queue of all edges:
+//! follow each region's nearest neighbour until two are each other's nearest (nearest-neighbour chain; Murtagh, *A
+//! survey of recent advances in hierarchical clustering algorithms*, 1983). The tree is the same as in greedy order.
 
 use super::regions::{Edges, RegionGraph, Slots, root};
 
@@ -16,24 +16,23 @@ pub struct MergeTree {
     labels: Vec<u32>,
     /// Edges inside each region.
     inner: Vec<Edges>,
-    /// Each merge of the regions that contain `region` and `edges.other` at that time.
     merges: Vec<Merge>,
 }
 
-/// A merge: the tree's inner node.
+/// An inner node of the tree: merges the two regions that contain `region` and `edges.other` at that time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Merge {
     region: u32,
-    /// The edges between the two.
+    /// The edges between the two regions.
     edges: Edges,
 }
 
-/// Segments of an image: a cut through a [`MergeTree`].
+/// The segments of an image, from a cut through a [`MergeTree`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Partition {
     /// Segment of each of the tree's regions.
     pub segment_of_region: Vec<u32>,
-    /// For each segment, the probability that two of its pixels belong together, by the mean log-odds of its edges.
+    /// For each segment, the probability that two of its pixels belong together, from the mean log-odds of its edges.
     pub scores: Vec<f32>,
 }
 
@@ -54,15 +53,15 @@ impl MergeTree {
         Self { width, labels, inner, merges: merging.merges }
     }
 
-    /// The regions of the pixels in one row of the half-size image.
+    /// Returns the regions of the pixels in one row of the half-size image.
     ///
     /// # Panics
-    /// If there is no such row.
+    /// If `row` is out of range.
     pub fn row(&self, row: usize) -> &[u32] {
         &self.labels[row * self.width..][..self.width]
     }
 
-    /// The segments after all merges with a mean above `threshold`.
+    /// Returns the segments after all merges with a mean above `threshold`.
     pub fn cut(&self, threshold: f32) -> Partition {
         let mut parents: Vec<u32> = (0..self.inner.len() as u32).collect();
         let mut inner = self.inner.clone();
@@ -97,18 +96,18 @@ impl Partition {
 }
 
 struct Merging {
-    /// Of each region that is not part of another: its edges. The names of others may be out of date.
+    /// The edges of each region that is not part of another. Their `other` regions may have been merged since.
     edges: Vec<Vec<Edges>>,
-    /// The region that each region is part of.
+    /// Union-find parent of each region.
     parents: Vec<u32>,
     slots: Slots,
-    /// Memory for the list that is brought up to date.
+    /// Buffer for the updated edges of a region.
     current: Vec<Edges>,
     merges: Vec<Merge>,
 }
 
 impl Merging {
-    /// Merges everything that a chain from `region` reaches.
+    /// Merges all regions reached by the nearest-neighbour chain from `region`.
     fn merge_from(&mut self, region: u32) {
         let mut chain = vec![region];
         while let Some(region) = chain.pop() {
@@ -130,7 +129,7 @@ impl Merging {
         }
     }
 
-    /// The edges with the highest mean of a region; of equal ones those to `before`, else to the lowest number.
+    /// Returns a region's edges with the highest mean. Ties go to `before`, then to the lowest region number.
     fn preferred(&mut self, region: u32, before: Option<u32>) -> Option<Edges> {
         let mut old = std::mem::take(&mut self.edges[region as usize]);
         self.slots.begin();
@@ -158,7 +157,7 @@ impl Merging {
         best.map(|(_, edges)| edges)
     }
 
-    /// Merges a region with the one that `edges` lead to; returns the number of both.
+    /// Merges a region with `edges.other`. Returns the number of the merged region.
     fn merge(&mut self, region: u32, edges: Edges) -> u32 {
         self.merges.push(Merge { region, edges });
         let (mut kept, mut gone) = (region, edges.other);

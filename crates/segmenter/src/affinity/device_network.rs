@@ -1,4 +1,4 @@
-//! The network on a device other than the CPU, by Burn's operations.
+//! The network on a device other than the CPU, with Burn.
 
 use super::network::{Layers, PathStep, Stage};
 use super::weights::{AffinityWeightsError, Layer, Weights};
@@ -51,7 +51,7 @@ impl DeviceNetwork {
         Ok(Self { layers: Layers::load(weights, device)?, device: device.clone() })
     }
 
-    /// Channels of the output.
+    /// Number of output channels.
     pub fn outputs(&self) -> usize {
         self.layers.head.outputs()
     }

@@ -1,21 +1,23 @@
 //! The eight input channels of the network: colour, inverse depth, validity and normals.
 //!
-//! `training/splatseg_training/inputs.py` computes the same for training, and a golden test ties the two. The definition:
+//! `training/splatseg_training/inputs.py` computes the same inputs for training. A golden test compares the two.
+//! Definition:
 //!
 //! 1. Colour: rgb / 127.5 - 1.
-//! 2. Holes in the depth get the depth of the nearest pixel that has one, in city-block distance ([`fill_holes`] says
-//!    which, where several are as near). Depth beyond 100 m becomes 100 m.
+//! 2. Holes in the depth get the depth of the nearest pixel with depth, in city-block distance (ties: see
+//!    [`fill_holes`]). Depth beyond 100 m becomes 100 m.
 //! 3. Inverse depth: 1 / max(z, 0.3 m) - 0.5.
 //! 4. Validity: 1 where depth was measured.
-//! 5. Smoothed depth: the mean over the 13 pixels within distance 2, weighted by exp(-dz² / (2 · 0.05²) - r² / (2 · 2²))
-//!    with dz in metres and r in pixels; beyond the border the nearest pixel counts.
-//! 6. Normals: with the points P of the smoothed depth, dx = P(x + 2) - P(x - 2) and dy alike; within 2 pixels of the
-//!    border the nearest difference that exists. The normal is dx × dy / (|dx × dy| + 1e-9), pointing away from the
-//!    camera; 0 if that is not finite or the image has less than 5 rows or columns.
+//! 5. Smoothed depth: the mean over the 13 pixels within distance 2, weighted by
+//!    exp(-dz² / (2 · 0.05²) - r² / (2 · 2²)), with dz in metres and r in pixels. Beyond the border the nearest pixel
+//!    is used.
+//! 6. Normals: with the points P of the smoothed depth, dx = P(x + 2) - P(x - 2), and dy likewise. Within 2 pixels of
+//!    the border the nearest such difference inside the image is used. The normal is dx × dy / (|dx × dy| + 1e-9),
+//!    pointing away from the camera. It is 0 if not finite, or if the image has fewer than 5 rows or columns.
 //!
-//! A frame without any depth has 0 in all five channels of depth, as the training has where it leaves depth out.
+//! For a frame without any depth all five depth channels are 0, as in training samples without depth.
 
-use super::resolution::View;
+use super::resolution::ScaledFrame;
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, Intrinsics};
 use splatseg_kernels::Instructions;
@@ -23,17 +25,17 @@ use splatseg_kernels::exp::exp;
 use splatseg_kernels::feature_map::FeatureMap;
 use splatseg_kernels::instructions::LANES;
 
-/// Channels of the input.
+/// Number of input channels.
 pub(super) const CHANNELS: usize = COLOR_CHANNELS + DEPTH_CHANNELS;
-/// Channels of colour, which come first.
+/// Number of colour channels, which come first.
 pub(super) const COLOR_CHANNELS: usize = 3;
-/// Channels of depth: inverse depth, validity and normals.
+/// Number of depth channels: inverse depth, validity and normals.
 pub(super) const DEPTH_CHANNELS: usize = 5;
-/// Depth beyond this is taken for this, metres.
+/// Depth is clamped to this, metres.
 const FARTHEST: f32 = 100.0;
-/// Inverse depth grows no more below this depth, metres.
+/// Inverse depth is clamped to that of this depth, metres.
 const NEAREST: f32 = 0.3;
-/// Radius of the smoothing and half the distance of the points whose difference is taken, pixels.
+/// Radius of the smoothing, and half the baseline of the differences for normals, pixels.
 const REACH: usize = 2;
 /// Offsets (row, column) from the corner of a 5×5 window, and r² / 8 of the pixels within distance 2 of its centre.
 const NEIGHBOURS: [(usize, usize, f32); 13] = [
@@ -52,30 +54,30 @@ const NEIGHBOURS: [(usize, usize, f32); 13] = [
     (4, 2, 0.5),
 ];
 
-/// Writes the input of a view to `map`, which gets the shape `[8, height, width]`.
-pub(super) fn compute(view: &View<'_>, map: &mut FeatureMap) {
-    let (width, height) = view.color.size();
+/// Writes the input of a frame to `map`, which is reshaped to `[8, height, width]`.
+pub(super) fn compute(frame: &ScaledFrame<'_>, map: &mut FeatureMap) {
+    let (width, height) = frame.color.size();
     map.reshape(CHANNELS, height, width);
-    let depth = measured(&view.depth);
+    let depth = measured(&frame.depth);
     let rows = by_row(map, height);
     let instructions = Instructions::best();
     let Some(depth) = depth else {
         rows.into_par_iter().enumerate().for_each(|(row, mut channels)| {
-            write_color(view.color.row(row), &mut channels);
+            write_color(frame.color.row(row), &mut channels);
             channels.iter_mut().skip(3).for_each(|values| values.fill(0.0));
         });
         return;
     };
     let filled = fill_holes(depth, width);
     let smooth = smoothed(&filled, width, instructions);
-    let camera = &view.camera;
+    let camera = &frame.camera;
     rows.into_par_iter().enumerate().for_each(|(row, mut channels)| {
-        write_color(view.color.row(row), &mut channels);
+        write_color(frame.color.row(row), &mut channels);
         let (inverse, rest) = channels[3..].split_at_mut(1);
         for (out, depth) in inverse[0].iter_mut().zip(&filled[row * width..]) {
             *out = 1.0 / depth.max(NEAREST) - 0.5;
         }
-        for (out, depth) in rest[0].iter_mut().zip(view.depth.row(row)) {
+        for (out, depth) in rest[0].iter_mut().zip(frame.depth.row(row)) {
             *out = if *depth > 0.0 { 1.0 } else { 0.0 };
         }
         instructions.run(
@@ -85,13 +87,13 @@ pub(super) fn compute(view: &View<'_>, map: &mut FeatureMap) {
     });
 }
 
-/// Depth in metres, at most [`FARTHEST`]; `None` if no pixel has any.
+/// Depth in metres, clamped to [`FARTHEST`]. `None` if no pixel has depth.
 fn measured(depth: &CowImage<'_, f32>) -> Option<Vec<f32>> {
     let depth: Vec<f32> = depth.pixels().iter().map(|depth| depth.min(FARTHEST)).collect();
     depth.iter().any(|depth| *depth > 0.0).then_some(depth)
 }
 
-/// For each row, that row of every channel.
+/// Splits a map into rows: for each row, its slice of every channel.
 fn by_row(map: &mut FeatureMap, height: usize) -> Vec<Vec<&mut [f32]>> {
     let mut rows: Vec<Vec<&mut [f32]>> = (0..height).map(|_| Vec::with_capacity(CHANNELS)).collect();
     for channel in map.rows_mut() {
@@ -108,14 +110,14 @@ fn write_color(color: &[[u8; 3]], channels: &mut [&mut [f32]]) {
     }
 }
 
-/// Fills every hole (0) of `depth` with the depth of the nearest pixel that has one, in city-block distance. In a row left
-/// comes before right, where both are as near. Then, row by row downwards, a pixel takes over from the one above if that is
-/// nearer (distance above + 1 < own distance), and upwards in the same way from the one below.
+/// Fills every hole (0) of `depth` with the depth of the nearest pixel with depth, in city-block distance. The first
+/// pass is within each row, where ties go to the left. The second pass goes down: a pixel copies the depth of the one
+/// above if that is nearer (distance above + 1 < own distance). The third pass does the same upwards.
 fn fill_holes(mut depth: Vec<f32>, width: usize) -> Vec<f32> {
     if depth.iter().all(|depth| *depth > 0.0) {
         return depth;
     }
-    // Larger than any distance, and exact as f32.
+    // Larger than any distance, and exactly representable as f32.
     const FAR: f32 = 16_000_000.0;
     let mut distance = vec![FAR; depth.len()];
     depth.par_chunks_exact_mut(width).zip(distance.par_chunks_exact_mut(width)).for_each(|(depth, distance)| {
@@ -135,7 +137,7 @@ fn fill_holes(mut depth: Vec<f32>, width: usize) -> Vec<f32> {
         }
     });
     let height = depth.len() / width;
-    let mut take_over = |from: usize, row: usize| {
+    let mut copy_nearer = |from: usize, row: usize| {
         let [from_depth, to_depth] = two_rows(&mut depth, width, from, row);
         let [from_distance, to_distance] = two_rows(&mut distance, width, from, row);
         for column in 0..width {
@@ -144,12 +146,12 @@ fn fill_holes(mut depth: Vec<f32>, width: usize) -> Vec<f32> {
             to_distance[column] = if nearer { from_distance[column] + 1.0 } else { to_distance[column] };
         }
     };
-    (1..height).for_each(|row| take_over(row - 1, row));
-    (1..height).rev().for_each(|row| take_over(row, row - 1));
+    (1..height).for_each(|row| copy_nearer(row - 1, row));
+    (1..height).rev().for_each(|row| copy_nearer(row, row - 1));
     depth
 }
 
-/// The rows `first` and `second`, which are neighbours.
+/// Borrows the neighbouring rows `first` and `second`.
 fn two_rows(values: &mut [f32], width: usize, first: usize, second: usize) -> [&mut [f32]; 2] {
     let (upper, lower) = values.split_at_mut(first.max(second) * width);
     let upper = &mut upper[first.min(second) * width..];
@@ -160,7 +162,7 @@ fn two_rows(values: &mut [f32], width: usize, first: usize, second: usize) -> [&
 /// Bilaterally smoothed depth, `[height, width]`.
 fn smoothed(depth: &[f32], width: usize, instructions: Instructions) -> Vec<f32> {
     let height = depth.len() / width;
-    // A border of two pixels, and enough behind the last row for whole vectors.
+    // A border of two pixels, and padding after the last row for whole vectors.
     let pitch = width + 2 * REACH;
     let mut padded = Vec::with_capacity((height + 2 * REACH) * pitch + LANES);
     for row in 0..height + 2 * REACH {
@@ -180,7 +182,7 @@ fn smoothed(depth: &[f32], width: usize, instructions: Instructions) -> Vec<f32>
     smooth
 }
 
-/// One row of smoothed depth; `window` starts at the corner of the first pixel's 5×5 window.
+/// Computes one row of smoothed depth. `window` starts at the corner of the first pixel's 5×5 window.
 #[inline(always)]
 fn smooth_row(window: &[f32], pitch: usize, out: &mut [f32]) {
     for (index, out) in out.chunks_mut(LANES).enumerate() {
@@ -205,7 +207,7 @@ fn smooth_row(window: &[f32], pitch: usize, out: &mut [f32]) {
     }
 }
 
-/// The three channels of normals of one row.
+/// Writes one row of the three normal channels.
 #[inline(always)]
 fn write_normals(depth: &[f32], camera: &Intrinsics, row: usize, channels: &mut [&mut [f32]]) {
     let (width, height) = (camera.width, camera.height);

@@ -1,9 +1,10 @@
 //! The network: a small U-Net that predicts, for each pixel of the half-size image, the log-odds that it belongs to the
 //! same object as the pixels at some offsets.
 //!
-//! Stages of 3×3 convolutions halve the image; each begins with a stride of 2 and goes on with residual blocks. The mean of
-//! the last stage is added to it. The path up adds each stage to the one above, enlarged, and ends in a 1×1 convolution.
-//! Widths, stages and blocks are those of the weights. Batch norms are folded into the convolutions.
+//! Each stage halves the image with a 3×3 convolution of stride 2, followed by residual blocks. The last stage's mean,
+//! after a 1×1 convolution, is added to its output. The path up enlarges each level, adds it to the next finer one, and
+//! ends with a 1×1 convolution. The weights determine the widths and the numbers of stages and blocks. Batch norms are
+//! folded into the convolutions.
 
 use super::device_network::DeviceNetwork;
 use super::weights::{AffinityWeightsError, BUILT_IN, Layer, MAX_BYTES, Offset, Weights};
@@ -14,7 +15,7 @@ use splatseg_kernels::{Activation, Instructions};
 use std::path::Path;
 use std::sync::Arc;
 
-/// A network that predicts which pixels belong to the same object. Copies share its weights.
+/// A network that predicts which pixels belong to the same object. Clones share its weights.
 #[derive(Clone, Debug)]
 pub struct AffinityNetwork {
     layers: PlacedLayers,
@@ -35,7 +36,7 @@ pub(super) struct Layers<L> {
     /// From fine to coarse.
     pub stages: Vec<Stage<L>>,
     pub pool: L,
-    /// From fine to coarse: what each level receives from the next coarser one.
+    /// For each level, from fine to coarse, the step that adds the next coarser level.
     pub path: Vec<PathStep<L>>,
     pub head: L,
 }
@@ -52,7 +53,7 @@ pub(super) struct PathStep<L> {
     pub layers: Vec<L>,
 }
 
-/// The maps of a network, kept from one frame to the next.
+/// Feature maps of a network, reused from frame to frame.
 #[derive(Clone, Debug, Default)]
 pub(super) struct NetworkMemory {
     levels: Vec<LevelMemory>,
@@ -60,7 +61,7 @@ pub(super) struct NetworkMemory {
     pub log_odds: FeatureMap,
 }
 
-/// The maps of one resolution.
+/// Feature maps of one resolution.
 #[derive(Clone, Debug, Default)]
 struct LevelMemory {
     map: FeatureMap,
@@ -71,24 +72,23 @@ struct LevelMemory {
 }
 
 impl AffinityNetwork {
-    /// The network whose weights are part of the program, on the CPU.
+    /// Creates a network with the built-in weights, on the CPU.
     ///
     /// # Errors
-    /// Never, as a test checks.
+    /// Never (checked by a test).
     pub fn built_in() -> Result<Self, AffinityWeightsError> {
         Self::parse(BUILT_IN, "built-in weights", None)
     }
 
-    /// The network of a `.safetensors` file that `training/splatseg_training/export.py` wrote, on the CPU.
+    /// Loads a `.safetensors` file written by `training/splatseg_training/export.py`, on the CPU.
     ///
     /// # Errors
-    /// If the file cannot be read, or a tensor is missing or of a shape that does not fit the others.
+    /// If the file cannot be read, or a tensor is missing or its shape does not match the others.
     pub fn open(path: &Path) -> Result<Self, AffinityWeightsError> {
         Self::parse(&read(path)?, &path.display().to_string(), None)
     }
 
-    /// The network of a file, or of the weights that are part of the program, on a device. Its log-odds differ from those of
-    /// the CPU by what the device rounds differently.
+    /// Loads a file, or the built-in weights, on a device. The log-odds differ from those on the CPU by rounding.
     ///
     /// # Errors
     /// As [`open`](Self::open).
@@ -124,7 +124,7 @@ impl AffinityNetwork {
     /// Computes the log-odds of an input of 8 channels.
     ///
     /// # Errors
-    /// [`SegmenterError::Device`] if a device failed.
+    /// [`SegmenterError::Device`] if the device fails.
     pub(super) fn forward(&self, input: &FeatureMap, memory: &mut NetworkMemory) -> Result<(), SegmenterError> {
         match &self.layers {
             PlacedLayers::Cpu(layers) => layers.forward(input, memory),
@@ -135,7 +135,7 @@ impl AffinityNetwork {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, AffinityWeightsError> {
-    let read = splatseg_input::read_file(path, MAX_BYTES);
+    let read = splatseg_files::read_file(path, MAX_BYTES);
     read.map_err(|source| AffinityWeightsError::Read { path: path.to_owned(), source })
 }
 
@@ -246,7 +246,7 @@ impl PathStep<MapConvolution> {
     }
 }
 
-/// A convolution with as many outputs as inputs, followed by SiLU.
+/// A convolution with equal numbers of inputs and outputs, followed by SiLU.
 fn same_width<L: Layer>(
     weights: &Weights<'_>,
     name: &str,

@@ -1,25 +1,25 @@
-//! The regions that merging starts with, and the edges between them.
+//! The initial regions for merging, and the edges between them.
 //!
-//! Inside an object nearly all log-odds are high, and the order in which its pixels are merged does not matter. So pixels
-//! are first united within cells of [`CELL`] × [`CELL`] pixels, along edges to direct neighbours that are sure. A region
-//! never leaves its cell, so nothing can leak through a gap in a border.
+//! Inside an object nearly all log-odds are high, and the order in which its pixels are merged does not matter. So
+//! pixels are first united within cells of [`CELL`] × [`CELL`] pixels, along confident edges to direct neighbours. A
+//! region never leaves its cell, so it cannot leak far through a gap in a border.
 
 use super::weights::Offset;
 use rayon::prelude::*;
 use splatseg_kernels::feature_map::FeatureMap;
 
-/// Side of a cell, pixels of the half-size image. 1 makes every pixel a region, and merging exact.
+/// Side of a cell, pixels of the half-size image. With 1, every pixel is a region and merging is exact.
 const CELL: usize = 8;
 /// Log-odds above which direct neighbours in a cell are united.
 const SURE: f32 = 1.5;
-/// Log-odds are cut off here: beyond, they say how sure the network is, not what it sees.
+/// Log-odds are clamped to ± this. Larger values only express more confidence.
 const LARGEST: f32 = 6.0;
-/// Log-odds are added as whole multiples of 1 / 4096, so that sums do not depend on the order.
+/// Log-odds are stored as integer multiples of 1 / `UNIT`, so that sums do not depend on their order.
 const UNIT: f32 = 4096.0;
-/// Regions whose edges are collected by one job.
+/// Number of regions whose edges are collected by one job.
 const REGIONS_PER_JOB: usize = 128;
 
-/// All edges between a region and another one.
+/// The edges between two regions, or inside one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Edges {
     /// The other region.
@@ -30,7 +30,7 @@ pub(super) struct Edges {
 }
 
 impl Edges {
-    /// The mean log-odds: the same bits from both sides.
+    /// The mean log-odds, bit-identical in both directions.
     #[inline]
     pub fn mean(&self) -> f64 {
         self.sum as f64 / (f64::from(self.count) * f64::from(UNIT))
@@ -42,18 +42,19 @@ pub(super) struct RegionGraph {
     pub width: usize,
     /// Region of each pixel, row-major. Regions are numbered in the order of their first pixels.
     pub labels: Vec<u32>,
-    /// For each region, its edges to others, in up to two parts per other region, and those inside it.
+    /// For each region, its edges to others, in up to two entries per other region.
     pub edges: Vec<Vec<Edges>>,
+    /// For each region, the edges inside it.
     pub inner: Vec<Edges>,
 }
 
 impl RegionGraph {
-    /// The regions of an image with log-odds `[offsets, height, width]`.
+    /// Builds the regions of an image from log-odds `[offsets, height, width]`.
     pub fn from_log_odds(log_odds: &FeatureMap, offsets: &[Offset]) -> Self {
         Self::with_cells(log_odds, offsets, CELL)
     }
 
-    /// As [`Self::from_log_odds`], with cells of `cell` × `cell` pixels.
+    /// Like [`Self::from_log_odds`], with cells of `cell` × `cell` pixels.
     pub fn with_cells(log_odds: &FeatureMap, offsets: &[Offset], cell: usize) -> Self {
         let image = PixelEdges::new(log_odds, offsets);
         let labels = image.regions(cell);
@@ -103,7 +104,7 @@ impl PixelEdges {
         Self { width, height, planes }
     }
 
-    /// Unites direct neighbours within cells; returns the region of each pixel.
+    /// Unites direct neighbours within cells. Returns the region of each pixel.
     fn regions(&self, cell: usize) -> Vec<u32> {
         let sure = (SURE * UNIT) as i16;
         let mut parents: Vec<u32> = (0..(self.width * self.height) as u32).collect();
@@ -122,7 +123,7 @@ impl PixelEdges {
                     if *value > sure && !is_last {
                         let pixel = row * self.width + column;
                         let (a, b) = (root(&mut parents, pixel as u32), root(&mut parents, (pixel + step) as u32));
-                        // The first pixel of a region is its root.
+                        // The root of a region is its first pixel.
                         parents[a.max(b) as usize] = a.min(b);
                     }
                 }
@@ -131,14 +132,14 @@ impl PixelEdges {
         numbered(parents)
     }
 
-    /// The edges that lead from a region's pixels to each other region, and those inside it.
+    /// Returns the edges from a region's pixels to each other region, and the edges inside it.
     fn edges_from(&self, region: u32, pixels: &[u32], labels: &[u32], slots: &mut Slots) -> (Vec<Edges>, Edges) {
         let mut edges: Vec<Edges> = Vec::with_capacity(4 * self.planes.len());
         let mut inner = Edges { other: region, count: 0, sum: 0 };
         slots.begin();
         for (offset, values) in &self.planes {
             let step = offset.down as isize * self.width as isize + offset.right as isize;
-            // Pixels side by side mostly lead to the same region.
+            // Successive pixels mostly have partners in the same region.
             let mut run = Edges { other: region, count: 0, sum: 0 };
             for pixel in pixels {
                 let pixel = *pixel as usize;
@@ -161,7 +162,7 @@ impl PixelEdges {
     }
 }
 
-/// Adds a run of edges of `region` to its list, or to those inside it.
+/// Adds a run of edges of `region` to `inner` if they end in the same region, else to `edges`.
 #[inline]
 fn close(run: Edges, region: u32, edges: &mut Vec<Edges>, inner: &mut Edges, slots: &mut Slots) {
     if run.other == region {
@@ -172,7 +173,8 @@ fn close(run: Edges, region: u32, edges: &mut Vec<Edges>, inner: &mut Edges, slo
     }
 }
 
-/// For each node of a union-find structure the number of its tree, in the order of their first nodes, which are the roots.
+/// Numbers the trees of a union-find forest in the order of their first nodes, which must be their roots. Returns the
+/// number for each node.
 fn numbered(mut parents: Vec<u32>) -> Vec<u32> {
     let mut count = 0;
     let mut labels = vec![0; parents.len()];
@@ -188,7 +190,7 @@ fn numbered(mut parents: Vec<u32>) -> Vec<u32> {
     labels
 }
 
-/// The root of a tree of a union-find structure.
+/// Returns the root of a node in a union-find forest.
 #[inline]
 pub(super) fn root(parents: &mut [u32], mut node: u32) -> u32 {
     while parents[node as usize] != node {
@@ -225,9 +227,9 @@ impl PixelsByRegion {
     }
 }
 
-/// For lists of edges in which each other region occurs once: the place of every region in the current list.
+/// Index of each region in the current list of edges, for lists in which each other region occurs once.
 pub(super) struct Slots {
-    /// For each region, the list that it was last added to and its place in that.
+    /// For each region, the list to which it was last added and its index there.
     places: Vec<(u32, u32)>,
     list: u32,
 }
@@ -243,7 +245,7 @@ impl Slots {
         self.list += 1;
     }
 
-    /// Adds edges to a list: to those with the same region, if there are any.
+    /// Adds edges to a list, combined with the existing entry for the same region if there is one.
     #[inline]
     pub fn add(&mut self, edges: &mut Vec<Edges>, more: Edges) {
         let (list, place) = &mut self.places[more.other as usize];

@@ -1,20 +1,20 @@
-//! Large frames are segmented at a lower resolution.
+//! Downscaling of large frames.
 
 use rayon::prelude::*;
-use splatseg_geometry::{CowImage, Image, Intrinsics, RgbdFrame};
+use splatseg_geometry::{CameraFrame, CowImage, Image, Intrinsics};
 
-/// A frame, or a smaller version of it.
-pub(super) struct View<'a> {
+/// A frame at its own or a lower resolution.
+pub(super) struct ScaledFrame<'a> {
     pub color: CowImage<'a, [u8; 3]>,
     /// z-depth, metres; 0 where missing.
     pub depth: CowImage<'a, f32>,
     pub camera: Intrinsics,
 }
 
-impl<'a> View<'a> {
-    /// The frame reduced to at most `max_pixels`, with its aspect ratio: colour by the mean over the area of a pixel,
-    /// depth by one of its pixels, as a mean would invent depths between an object and what is behind it.
-    pub fn of_frame(frame: &'a RgbdFrame<'_>, max_pixels: usize) -> Self {
+impl<'a> ScaledFrame<'a> {
+    /// Reduces the frame to at most `max_pixels`, keeping its aspect ratio. Colour is averaged over the area of each
+    /// pixel. Depth is sampled, since a mean would invent depths between an object and its background.
+    pub fn new(frame: &'a CameraFrame<'_>, max_pixels: usize) -> Self {
         let (width, height) = (frame.width(), frame.height());
         if width * height <= max_pixels {
             let (color, depth) = (frame.color().as_borrowed(), frame.depth().as_borrowed());
@@ -31,7 +31,7 @@ impl<'a> View<'a> {
     }
 }
 
-/// The colour image at a smaller size: the mean over the area of each pixel, rounded.
+/// Scales the colour image down to the rounded mean over the area of each new pixel.
 fn area_means(color: &CowImage<'_, [u8; 3]>, width: usize, height: usize) -> Image<[u8; 3]> {
     let columns: Vec<Span> = (0..width).map(|index| Span::new(index, color.width(), width)).collect();
     let mut pixels = vec![[0; 3]; width * height];
@@ -55,7 +55,7 @@ fn area_means(color: &CowImage<'_, [u8; 3]>, width: usize, height: usize) -> Ima
     Image::from_pixels(width, height, pixels).unwrap_or_else(|_| Image::filled(0, 0, [0; 3]))
 }
 
-/// The part of an axis of an image that one pixel of a smaller image covers.
+/// The interval of an image axis covered by one pixel of a smaller image.
 struct Span {
     start: f32,
     end: f32,
@@ -68,7 +68,7 @@ impl Span {
         Self { start: (index as f64 * scale) as f32, end: end as f32 }
     }
 
-    /// The pixels of the larger image, and their shares of the span.
+    /// The pixels of the larger image with their fractions of the span.
     fn weights(&self) -> impl Iterator<Item = (usize, f32)> + use<> {
         let Self { start, end } = *self;
         let pixels = start as usize..end.ceil() as usize;

@@ -1,13 +1,13 @@
-//! Against PyTorch and the training's inputs (`training/make_test_data.py`), and against merging by the definition.
+//! Comparison with PyTorch and the training's inputs (`training/make_test_data.py`), and with greedy merging.
 
 use super::agglomeration::MergeTree;
 use super::network::{AffinityNetwork, NetworkMemory};
 use super::regions::RegionGraph;
-use super::resolution::View;
+use super::resolution::ScaledFrame;
 use super::weights::{BUILT_IN, Offset};
 use super::*;
 use safetensors::SafeTensors;
-use splatseg_geometry::{CowImage, Image, Intrinsics};
+use splatseg_geometry::{CameraFrame, CowImage, Image, Intrinsics};
 use splatseg_models::device::DeviceName;
 use std::path::Path;
 
@@ -29,11 +29,11 @@ impl Golden {
         self.bytes(size, name).as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
     }
 
-    fn view(&self, size @ (width, height): (usize, usize)) -> View<'static> {
+    fn frame(&self, size @ (width, height): (usize, usize)) -> ScaledFrame<'static> {
         let depth = self.bytes(size, "depth");
         let depth = depth.as_chunks().0.iter().map(|bytes| i32::from_le_bytes(*bytes) as f32 / 1000.0).collect();
         let camera = self.numbers(size, "camera");
-        View {
+        ScaledFrame {
             color: Image::from_pixels(width, height, self.bytes(size, "rgb").as_chunks().0.to_vec()).unwrap(),
             depth: CowImage::from_pixels(width, height, depth).unwrap(),
             camera: Intrinsics { fx: camera[0], fy: camera[1], cx: camera[2], cy: camera[3], width, height },
@@ -60,21 +60,21 @@ fn map_from_values(values: &[f32], channels: usize, (width, height): (usize, usi
 #[test]
 fn inputs_are_those_of_the_training() {
     let golden = Golden::open();
-    // On the same memory, whose last contents must not matter.
+    // The map is reused: its old contents must not matter.
     let mut map = FeatureMap::default();
     for size in SIZES {
-        inputs::compute(&golden.view(size), &mut map);
+        inputs::compute(&golden.frame(size), &mut map);
         assert_close(&map, &golden.numbers(size, "inputs"), 1e-4);
     }
 }
 
 #[test]
 fn without_depth_its_channels_are_zero() {
-    let mut view = Golden::open().view((64, 48));
+    let mut frame = Golden::open().frame((64, 48));
     let mut map = FeatureMap::default();
-    inputs::compute(&view, &mut map);
-    view.depth = Image::filled(64, 48, 0.0);
-    inputs::compute(&view, &mut map);
+    inputs::compute(&frame, &mut map);
+    frame.depth = Image::filled(64, 48, 0.0);
+    inputs::compute(&frame, &mut map);
     assert!((3..8).all(|channel| (0..48).all(|row| map.row(channel, row).iter().all(|value| *value == 0.0))));
     assert!(map.row(0, 0).iter().any(|value| *value != 0.0));
 }
@@ -111,7 +111,7 @@ const OFFSETS: [Offset; 5] = [
     Offset { down: 3, right: 3 },
 ];
 
-/// Log-odds of an image of `size` in which a few blobs are objects, with noise.
+/// Noisy log-odds of an image with rectangular blobs as objects.
 fn noisy_log_odds((width, height): (usize, usize), seed: u32) -> FeatureMap {
     let mut state = seed.wrapping_mul(2_654_435_761).wrapping_add(12_345);
     let mut noise = || {
@@ -132,7 +132,7 @@ fn noisy_log_odds((width, height): (usize, usize), seed: u32) -> FeatureMap {
     map
 }
 
-/// Merging by the definition: the two regions with the highest mean log-odds first, found among all.
+/// Reference for merging: repeatedly searches all pairs of regions for the highest mean log-odds.
 fn merged_greedily(graph: &RegionGraph, threshold: f32) -> Vec<usize> {
     let count = graph.edges.len();
     let mut region_of: Vec<usize> = (0..count).collect();
@@ -157,7 +157,7 @@ fn merged_greedily(graph: &RegionGraph, threshold: f32) -> Vec<usize> {
     }
 }
 
-/// The same numbers for the same parts, in the order of their first members.
+/// Renumbers the parts in the order of their first members.
 fn renumbered(parts: impl IntoIterator<Item = usize>) -> Vec<usize> {
     let mut numbers = std::collections::HashMap::new();
     parts
@@ -201,8 +201,8 @@ fn regions_stay_in_their_cells() {
 
 #[test]
 fn threads_do_not_change_a_bit() {
-    let view = Golden::open().view((70, 50));
-    let frame = RgbdFrame::new("0", view.color, view.depth, view.camera, splatseg_geometry::Pose::IDENTITY).unwrap();
+    let scaled = Golden::open().frame((70, 50));
+    let frame = CameraFrame::new("0", scaled.color, scaled.depth, scaled.camera).unwrap();
     let segment = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let settings = AffinitySettings::default().with(|settings| {
@@ -217,7 +217,7 @@ fn threads_do_not_change_a_bit() {
     assert!([2, 3].into_iter().all(|threads| segment(threads) == alone));
 }
 
-/// The built-in weights with a change to the text of the header.
+/// Replaces a text in the header of the built-in weights. Returns the resulting error without the path.
 fn changed(from: &str, to: &str) -> String {
     assert_eq!(from.len(), to.len());
     let mut bytes = BUILT_IN.to_vec();

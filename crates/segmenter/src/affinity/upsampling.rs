@@ -1,4 +1,4 @@
-//! Segments of the half-size image at the size of the network's input.
+//! Enlarges the segments of the half-size image to the size of the network's input.
 
 use super::inputs::CHANNELS;
 use rayon::prelude::*;
@@ -7,10 +7,11 @@ use splatseg_kernels::feature_map::FeatureMap;
 /// Weights of the input's channels in the difference between two pixels: colour, inverse depth, validity, normals.
 const WEIGHTS: [f32; CHANNELS] = [1.0, 1.0, 1.0, 8.0, 0.0, 0.5, 0.5, 0.5];
 
-/// The segment of each pixel of `input`, row-major.
+/// Returns the segment of each pixel of `input`, row-major.
 ///
-/// The network's pixel (column, row) is about the input's pixel (2 · column, 2 · row). A pixel between pixels of several
-/// segments gets that of the one whose input is most like its own; of equal ones, that of the upper left.
+/// The network's pixel (column, row) corresponds to the input's pixel (2 · column, 2 · row). A pixel between different
+/// segments gets the segment of the neighbour with the most similar input. Ties go to the first neighbour in row-major
+/// order.
 pub(super) fn enlarge(segments: &[u32], input: &FeatureMap) -> Vec<u32> {
     let (width, height) = (input.width(), input.height());
     let small_width = width.div_ceil(2);
@@ -42,12 +43,12 @@ pub(super) fn enlarge(segments: &[u32], input: &FeatureMap) -> Vec<u32> {
     enlarged
 }
 
-/// One row of every channel.
+/// Returns one row of every channel.
 fn channels(input: &FeatureMap, row: usize) -> [&[f32]; CHANNELS] {
     std::array::from_fn(|channel| input.row(channel, row))
 }
 
-/// How much the input differs between two pixels.
+/// Weighted L1 distance between the inputs of two pixels.
 fn difference(own: &[&[f32]; CHANNELS], column: usize, near: &[&[f32]; CHANNELS], near_column: usize) -> f32 {
     let differences = own.iter().zip(near).map(|(own, near)| (own[column] - near[near_column]).abs());
     differences.zip(WEIGHTS).map(|(difference, weight)| weight * difference).sum()

@@ -1,4 +1,4 @@
-//! Weights of the network: a `.safetensors` file in half or single precision, built in or the user's.
+//! Weights of the network: a `.safetensors` file in half or single precision, either built in or supplied by the user.
 
 use super::inputs::{CHANNELS, COLOR_CHANNELS, DEPTH_CHANNELS};
 use safetensors::{Dtype, SafeTensors};
@@ -9,10 +9,10 @@ use thiserror::Error;
 
 /// The weights built into the program, made by `training/splatseg_training/export.py`.
 pub(super) static BUILT_IN: &[u8] = include_bytes!("weights.safetensors");
-/// The largest file of weights, bytes.
+/// Maximum size of a weights file, bytes.
 pub(super) const MAX_BYTES: u64 = 256 << 20;
 
-/// Why weights of the affinity network cannot be used.
+/// Errors loading weights of the affinity network.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum AffinityWeightsError {
@@ -21,7 +21,7 @@ pub enum AffinityWeightsError {
     Read {
         /// The file.
         path: PathBuf,
-        /// The system's error.
+        /// The I/O error.
         source: std::io::Error,
     },
     /// The file does not contain an affinity network.
@@ -31,14 +31,14 @@ pub enum AffinityWeightsError {
         file: String,
         /// The part of the file, e.g. `tensor e1.0.weight`.
         part: String,
-        /// What it contains.
+        /// The content found.
         found: String,
-        /// What it should contain.
+        /// The expected content.
         expected: String,
     },
 }
 
-/// A pixel's partner: rows down and columns to the right.
+/// Offset from a pixel to its partner: rows down and columns to the right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Offset {
     pub down: i32,
@@ -47,10 +47,11 @@ pub(super) struct Offset {
 
 /// A convolution with bias and activation, on the CPU or on another device.
 pub(super) trait Layer: Sized {
-    /// Where its parameters are.
+    /// Location of the parameters.
     type Place;
 
-    /// `weight` `[outputs, inputs, kernel, kernel]`, row-major; zeros around the image, `kernel / 2` on each side.
+    /// Creates a layer. `weight` is `[outputs, inputs, kernel, kernel]`, row-major. The input is zero-padded by
+    /// `kernel / 2` on each side.
     fn new(
         weight: &[f32],
         bias: &[f32],
@@ -60,7 +61,7 @@ pub(super) trait Layer: Sized {
         place: &Self::Place,
     ) -> Self;
 
-    /// Output channels.
+    /// Number of output channels.
     fn outputs(&self) -> usize;
 }
 
@@ -98,18 +99,18 @@ impl<'a> Weights<'a> {
         Ok(Self { tensors, metadata: metadata.metadata().clone().unwrap_or_default(), file })
     }
 
-    /// An error in a part of the file.
+    /// Returns an error for a part of the file.
     pub fn fault(&self, part: &str, found: impl Into<String>, expected: impl Into<String>) -> AffinityWeightsError {
         let (part, found, expected) = (part.to_owned(), found.into(), expected.into());
         AffinityWeightsError::Content { file: self.file.to_owned(), part, found, expected }
     }
 
-    /// Whether there is a convolution of this name.
+    /// True if there is a convolution of this name.
     pub fn contains(&self, name: &str) -> bool {
         self.tensors.tensor(&format!("{name}.weight")).is_ok()
     }
 
-    /// The pixel pairs that the head's channels are about: `offsets` of the metadata, a JSON list of (row, column).
+    /// Reads `offsets` from the metadata, a JSON list of (row, column): the pixel pairs of the head's channels.
     pub fn offsets(&self) -> Result<Vec<Offset>, AffinityWeightsError> {
         let text = self.metadata.get("offsets").map_or("nothing", String::as_str);
         let expected = "a list of pairs (row, column) below 10000";
@@ -123,15 +124,15 @@ impl<'a> Weights<'a> {
         Ok(pairs.into_iter().map(|(down, right)| Offset { down, right }).collect())
     }
 
-    /// The mean log-odds down to which regions are merged: `threshold` of the metadata.
+    /// Reads `threshold` from the metadata: the mean log-odds above which regions are merged.
     pub fn threshold(&self) -> Result<f32, AffinityWeightsError> {
         let text = self.metadata.get("threshold").map_or("nothing", String::as_str);
         let threshold = text.parse().ok().filter(|threshold: &f32| threshold.is_finite());
         threshold.ok_or_else(|| self.fault("threshold in the metadata", text, "a number"))
     }
 
-    /// The first convolution, of all [`CHANNELS`]. A network of colour alone has 3, one of depth alone 5: its weights for
-    /// the other channels are 0.
+    /// Loads the first convolution, with all [`CHANNELS`]. A colour-only network has 3 input channels and a depth-only
+    /// one 5. The weights of missing channels are set to 0.
     pub fn stem<L: Layer>(&self, place: &L::Place) -> Result<L, AffinityWeightsError> {
         let (shape, weight) = self.numbers("stem.weight")?;
         let first = match shape[..] {
@@ -150,7 +151,7 @@ impl<'a> Weights<'a> {
         Ok(L::new(&padded, &bias, 3, 2, Activation::Silu, place))
     }
 
-    /// The convolution `name` of `inputs` channels, with a kernel of `kernel` × `kernel`.
+    /// Loads the convolution `name` of `inputs` channels, with a kernel of `kernel` × `kernel`.
     pub fn convolution<L: Layer>(
         &self,
         name: &str,
@@ -169,7 +170,7 @@ impl<'a> Weights<'a> {
         Ok(L::new(&weight, &bias, kernel, stride, activation, place))
     }
 
-    /// The biases of the convolution `name`.
+    /// Reads the biases of the convolution `name`.
     fn bias(&self, name: &str, outputs: usize) -> Result<Vec<f32>, AffinityWeightsError> {
         let (shape, bias) = self.numbers(&format!("{name}.bias"))?;
         if outputs == 0 || shape != [outputs] {
@@ -178,7 +179,7 @@ impl<'a> Weights<'a> {
         Ok(bias)
     }
 
-    /// Shape and numbers of a tensor.
+    /// Reads the shape and values of a tensor.
     fn numbers(&self, name: &str) -> Result<(Vec<usize>, Vec<f32>), AffinityWeightsError> {
         let part = format!("tensor {name}");
         let tensor = self.tensors.tensor(name).map_err(|_| self.fault(&part, "nothing", "a tensor"))?;

@@ -1,4 +1,4 @@
-//! What is known of patches and of the borders between them. All of it adds up when patches are merged.
+//! Statistics of patches and of the borders between them. All are sums, so they are added when patches are merged.
 
 use super::color::{Lab, difference};
 use super::edges::Fold;
@@ -9,10 +9,12 @@ use glam::DVec3;
 use splatseg_geometry::Image;
 use std::collections::BTreeMap;
 
-/// How far from a border colours and depths of its two sides are compared, pixels: smoothing blurs what is nearer.
+/// Distance from a border at which the colours and depths of its two sides are compared, pixels. Closer values are
+/// blurred by smoothing.
 const NEAR_PROBE: usize = 2;
 
-/// How far from a border normals are compared, pixels: a plane fit close to a crease sees both of its sides.
+/// Distance from a border at which normals are compared, pixels. A plane fitted closer to a crease uses points from
+/// both sides.
 const FAR_PROBE: usize = 6;
 
 /// Sums over the pixels of a region.
@@ -31,9 +33,9 @@ pub(super) struct Region {
 pub(super) struct Border {
     /// Number of pixel sides.
     pub length: f64,
-    /// Those with a known surface on both sides.
+    /// Number of pixel sides with a known surface on both sides.
     pub known: f64,
-    /// Those with a step in depth; half a step counts half.
+    /// Number of pixel sides with a step in depth. Small steps count fractionally.
     pub stepped: f64,
     /// Sum of concave turns, radians.
     pub concave: f64,
@@ -43,17 +45,17 @@ pub(super) struct Border {
     pub color: f64,
 }
 
-/// Regions and who borders on whom.
+/// Regions and their borders.
 pub(super) struct Regions {
-    /// All regions; those that were merged into another stay in the list.
+    /// All regions. Those merged into another stay in the list.
     pub regions: Vec<Region>,
-    /// For each region its borders, by the number of the neighbour.
+    /// For each region, its borders by the neighbour's number.
     pub borders: Vec<BTreeMap<u32, Border>>,
 }
 
 impl Regions {
-    /// Every patch a region.
-    pub fn of_patches(patches: &Patches, lab: &Image<Lab>, surface: &Surface, settings: &GraphSettings) -> Self {
+    /// Makes every patch a region.
+    pub fn from_patches(patches: &Patches, lab: &Image<Lab>, surface: &Surface, settings: &GraphSettings) -> Self {
         let (width, height) = lab.size();
         let mut regions = vec![Region::default(); patches.count];
         let mut borders: Vec<BTreeMap<u32, Border>> = vec![BTreeMap::new(); patches.count];
@@ -97,7 +99,7 @@ impl Region {
         }
     }
 
-    /// Adds the pixels of another region, with which it shares a border of the given length.
+    /// Adds another region. `shared` is the length of the common border.
     pub fn add(&mut self, other: &Self, shared: f64) {
         self.area += other.area;
         self.outline += other.outline - 2.0 * shared;
@@ -111,8 +113,9 @@ impl Region {
         f64::from(difference(mean(self), mean(other), lightness))
     }
 
-    /// By how much two regions miss a common plane: root mean square over the smaller, 1/m of inverse depth, of what
-    /// a plane through both misses more than a plane through each. `None` where depth does not tell.
+    /// Deviation of two regions from a common plane, 1/m of inverse depth: root of the additional squared error of one
+    /// plane for both over a plane for each, per point of the smaller region. `None` if any of the planes is
+    /// undetermined.
     pub fn off_plane(&self, other: &Self) -> Option<f64> {
         let mut union = self.plane;
         union.add(&other.plane);
@@ -134,7 +137,7 @@ impl Border {
     }
 }
 
-/// What the two sides of a border are compared by.
+/// The images in which the two sides of a border are compared.
 struct Probes<'a> {
     patches: &'a Patches,
     lab: &'a Image<Lab>,
@@ -143,7 +146,7 @@ struct Probes<'a> {
 }
 
 impl Probes<'_> {
-    /// One pixel side of a border, between `near` (right of or below) and `pixel`.
+    /// Measures one pixel side of a border, between `pixel` and `near`, its right or lower neighbour.
     fn compare(&self, pixel: (usize, usize), near: (usize, usize)) -> Border {
         let step = ((near.0 - pixel.0) as isize, (near.1 - pixel.1) as isize);
         let back = (-step.0, -step.1);
@@ -165,7 +168,7 @@ impl Probes<'_> {
         Fold::between(ends.map(|end| self.surface.facets[end]), ends.map(|(column, row)| self.surface.ray(column, row)))
     }
 
-    /// The pixel up to `reach` steps on that still belongs to the same patch.
+    /// The last pixel of the same patch within `reach` steps.
     fn inside(&self, pixel: (usize, usize), step: (isize, isize), reach: usize) -> (usize, usize) {
         let (width, height) = self.lab.size();
         let label = self.patches.labels[pixel.1 * width + pixel.0];
@@ -184,7 +187,7 @@ impl Probes<'_> {
     }
 }
 
-/// Sums over points of inverse depth w along rays (x, y, 1), from which the best plane w = a x + b y + c follows.
+/// Sums over points with inverse depth w along rays (x, y, 1), for the least-squares plane w = a x + b y + c.
 #[derive(Clone, Copy, Debug, Default)]
 struct PlaneMoments {
     count: f64,
@@ -212,12 +215,12 @@ impl PlaneMoments {
         self.products += other.products;
     }
 
-    /// Summed squared distance to the best plane; `None` for too few points, or points on a line.
+    /// Summed squared error of the least-squares plane. `None` for too few points or points on a line.
     fn squared_error(&self) -> Option<f64> {
         if self.count < 6.0 {
             return None;
         }
-        // About the mean: far from the optical axis the plain sums nearly cancel.
+        // Centred on the mean, since the raw sums nearly cancel far from the optical axis.
         let DVec3 { x, y, z: w } = self.sum;
         let [xx, yy, ww] = (self.squares - self.sum * self.sum / self.count).to_array();
         let [xy, xw, yw] = (self.products - DVec3::new(x * y, x * w, y * w) / self.count).to_array();
@@ -254,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn points_that_fix_no_plane_say_nothing() {
+    fn too_few_or_collinear_points_give_none() {
         let wall = region(DVec3::Z, 0..20);
         assert_eq!(wall.off_plane(&Region::default()), None);
         assert_eq!(wall.off_plane(&region(DVec3::Z, 3..4)), None);

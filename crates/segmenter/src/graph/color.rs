@@ -1,4 +1,4 @@
-//! CIELAB, smoothed within edges.
+//! Edge-preserving smoothing in CIELAB.
 
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, Image};
@@ -6,15 +6,15 @@ use splatseg_geometry::{CowImage, Image};
 /// CIELAB colour (D65 white): L in [0, 100], a and b about [-100, 100].
 pub(super) type Lab = [f32; 3];
 
-/// Euclidean distance of two colours (CIE76 ΔE) in which a difference in lightness counts by `lightness`: shading
-/// changes lightness within an object.
+/// Euclidean distance of two colours (CIE76 ΔE). The difference in lightness is multiplied by `lightness`, since
+/// shading changes the lightness within an object.
 pub(super) fn difference(first: Lab, second: Lab, lightness: f32) -> f32 {
     let [l, a, b] = [0, 1, 2].map(|channel| first[channel] - second[channel]);
     (l * l * lightness * lightness + a * a + b * b).sqrt()
 }
 
-/// The image in CIELAB; every pixel is the mean of its 5×5 neighbourhood, in which pixels whose colour is `range` or
-/// more away count nothing (Tukey's biweight).
+/// Converts the image to CIELAB and smooths it. Every pixel becomes a weighted mean of its 5×5 neighbourhood. Weights
+/// decrease to 0 at a colour distance of `range` (Tukey's biweight).
 pub(super) fn smoothed_lab(color: &CowImage<'_, [u8; 3]>, range: f32) -> Image<Lab> {
     let (width, height) = color.size();
     let linear: Vec<f32> = (0..256).map(|value| linear_from_srgb(value as f32 / 255.0)).collect();

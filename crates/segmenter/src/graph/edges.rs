@@ -1,4 +1,4 @@
-//! How far apart neighbouring pixels are.
+//! Distances between neighbouring pixels in colour and surface.
 
 use super::color::{Lab, difference};
 use super::settings::GraphSettings;
@@ -7,10 +7,10 @@ use glam::Vec3;
 use rayon::prelude::*;
 use splatseg_geometry::Image;
 
-/// Steps `(column, row)` to the neighbours after a pixel in row-major order; the rest is symmetric.
+/// Steps `(column, row)` to the neighbours that follow a pixel in row-major order. The others are symmetric.
 pub(super) const NEIGHBORS: [(isize, isize); 4] = [(1, 0), (-1, 1), (0, 1), (1, 1)];
 
-/// Distances are stored in this many parts of 1, so that they can be sorted by counting.
+/// Distances are stored as integer multiples of 1 / `QUANTA`, for counting sort.
 pub(super) const QUANTA: f32 = 4096.0;
 
 /// Marks neighbours outside the image.
@@ -52,9 +52,9 @@ fn distance(lab: &Image<Lab>, surface: &Surface, pair: [(usize, usize); 2], sett
     }
 }
 
-/// How two facets meet.
+/// The fold between two facets.
 pub(super) struct Fold {
-    /// Step between the planes half way between the two rays, 1/m of inverse depth.
+    /// Step between the planes halfway between the two rays, 1/m of inverse depth.
     pub step: f32,
     /// Angle between the normals if the fold is concave, about radians (a chord of the unit circle); else 0.
     pub concave: f32,
@@ -69,11 +69,11 @@ impl Fold {
         if !(first.is_known() && second.is_known()) {
             return None;
         }
-        // At a crease two planes agree in the middle; at a step they do not.
+        // Halfway between the rays, the planes agree at a crease but not at a step.
         let difference = second.plane - first.plane;
         let step = (difference.dot(rays[0] + rays[1]) * 0.5).abs();
         let turn = (second.normal - first.normal).length();
-        // A convex body lies behind all its faces' planes: along each ray the farthest plane is the one that is seen.
+        // A convex body lies behind the planes of all its faces, so the visible plane along each ray is the farthest.
         let concave = difference.dot(rays[1] - rays[0]) > 0.0;
         let (concave, convex) = if concave { (turn, 0.0) } else { (0.0, turn) };
         Some(Self { step, concave, convex })

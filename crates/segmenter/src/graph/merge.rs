@@ -1,4 +1,5 @@
-//! Regions are merged, the pair that most looks like one object first, until every border looks like one between two.
+//! Greedy merging of regions, the pair most likely to be one object first, while any border is more likely to be inside
+//! an object than between two.
 
 use super::borders::{Border, Region, Regions};
 use super::settings::GraphSettings;
@@ -9,19 +10,19 @@ use std::collections::BinaryHeap;
 pub(super) struct Merged {
     /// Region of each patch.
     pub region_of_patch: Vec<u32>,
-    /// For each region how sure its outline is, in [0, 1].
+    /// Confidence in the outline of each region, in [0, 1].
     pub scores: Vec<f32>,
 }
 
-/// A pair that may be merged. Ordered by log-odds, then by number: equal evidence must not leave the order to chance.
+/// A pair that may be merged. Ordered by log-odds, then by the regions' numbers to break ties deterministically.
 struct Candidate {
     log_odds: f64,
     pair: (u32, u32),
-    /// How often each had been merged when the candidate was weighed; it is stale if that changed.
+    /// How often each region had been merged when the log-odds were computed. The candidate is stale if that changed.
     versions: (u32, u32),
 }
 
-/// Merges until no border is more likely inside an object than between two.
+/// Merges regions until no border is more likely to be inside an object than between two.
 pub(super) fn merge(mut regions: Regions, settings: &GraphSettings) -> Merged {
     let count = regions.regions.len();
     let mut parent: Vec<u32> = (0..count as u32).collect();
@@ -32,8 +33,8 @@ pub(super) fn merge(mut regions: Regions, settings: &GraphSettings) -> Merged {
             queue.extend(candidate((first, *second), border, &regions, (&versions, settings)));
         }
     }
-    while let Some(Reverse(Candidate { pair: (first, second), versions: seen, .. })) = queue.pop() {
-        if (versions[first as usize], versions[second as usize]) != seen {
+    while let Some(Reverse(Candidate { pair: (first, second), versions: expected, .. })) = queue.pop() {
+        if (versions[first as usize], versions[second as usize]) != expected {
             continue;
         }
         regions.unite(first, second);
@@ -45,7 +46,7 @@ pub(super) fn merge(mut regions: Regions, settings: &GraphSettings) -> Merged {
             queue.extend(candidate(pair, border, &regions, (&versions, settings)));
         }
     }
-    // A region only ever joins one of a smaller number, so parents are final before their children are read.
+    // A region only joins one with a smaller number, so parents are final before their children are read.
     for index in 0..count {
         parent[index] = parent[parent[index] as usize];
     }
@@ -64,7 +65,8 @@ fn candidate(
     (log_odds < 0.0).then_some(Reverse(Candidate { log_odds, pair, versions }))
 }
 
-/// Evidence on a border, in the order of the weights of [`BorderWeights`](super::BorderWeights) after the bias.
+/// The terms of a border's log-odds, in the order of the weights of [`BorderWeights`](super::BorderWeights) after the
+/// bias.
 fn evidence(border: &Border, first: &Region, second: &Region, settings: &GraphSettings) -> [f64; 9] {
     let known = border.known.max(1.0);
     let smaller = if first.area <= second.area { first } else { second };
@@ -82,7 +84,7 @@ fn evidence(border: &Border, first: &Region, second: &Region, settings: &GraphSe
     ]
 }
 
-/// Log-odds that a border parts two objects.
+/// Log-odds that a border separates two objects.
 fn log_odds(border: &Border, first: &Region, second: &Region, settings: &GraphSettings) -> f64 {
     let weights = &settings.borders;
     let factors = [
@@ -113,7 +115,7 @@ fn numbered(parent: Vec<u32>, regions: &Regions, settings: &GraphSettings) -> Me
     Merged { region_of_patch: parent.iter().map(|root| numbers[*root as usize]).collect(), scores }
 }
 
-/// The mean probability, along its outline, that the outline is that of an object.
+/// The probability that a region's outline separates objects, averaged along the outline.
 fn score(index: usize, regions: &Regions, settings: &GraphSettings) -> f32 {
     let (mut sum, mut length) = (0.0, 0.0);
     for (near, border) in &regions.borders[index] {

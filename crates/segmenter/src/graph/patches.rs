@@ -1,4 +1,4 @@
-//! Pixels grow into patches: Felzenszwalb and Huttenlocher's graph-based segmentation.
+//! Grows pixels into patches by Felzenszwalb and Huttenlocher's graph-based segmentation.
 
 use super::edges::{NEIGHBORS, NO_EDGE, QUANTA};
 use super::settings::PatchSettings;
@@ -11,13 +11,13 @@ pub(super) struct Patches {
     pub count: usize,
 }
 
-/// Merges pixels in the order of their edges' distances; equal distances in the order of the pixels.
+/// Merges pixels along their edges by increasing distance. Ties are in the order of the pixels.
 pub(super) fn grow(edges: &[[u16; 4]], (width, height): (usize, usize), settings: &PatchSettings) -> Patches {
     let mut forest = Forest::new(width * height, settings.scale);
     let order = sorted(edges);
     let neighbor = |index: usize, direction: usize| {
         let (right, down) = NEIGHBORS[direction];
-        // The edge exists, so the neighbour lies inside the image.
+        // The edge exists, so the neighbour is inside the image.
         index.wrapping_add_signed(down * width as isize + right) as u32
     };
     for code in &order {
@@ -40,7 +40,7 @@ pub(super) fn grow(edges: &[[u16; 4]], (width, height): (usize, usize), settings
     forest.numbered()
 }
 
-/// All edges as `4 · pixel + direction`, by increasing distance, then by increasing code: a counting sort.
+/// All edges as codes `4 · pixel + direction`, sorted by distance, then by code (a counting sort).
 fn sorted(edges: &[[u16; 4]]) -> Vec<u32> {
     let mut starts = vec![0u32; usize::from(NO_EDGE) + 1];
     for distance in edges.iter().flatten() {
@@ -65,7 +65,7 @@ fn sorted(edges: &[[u16; 4]]) -> Vec<u32> {
 struct Forest {
     parent: Vec<u32>,
     area: Vec<u32>,
-    /// Largest distance over which a root may be merged.
+    /// Maximum distance over which a root may be merged.
     limit: Vec<f32>,
 }
 

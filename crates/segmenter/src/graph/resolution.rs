@@ -1,20 +1,20 @@
-//! Large frames are segmented at a fraction of their resolution.
+//! Downscaling of large frames by a whole number.
 
-use splatseg_geometry::{CowImage, Image, Intrinsics, RgbdFrame};
+use splatseg_geometry::{CameraFrame, CowImage, Image, Intrinsics};
 
-/// A frame, or a smaller version of it.
-pub(super) struct View<'a> {
+/// A frame at its own or a lower resolution.
+pub(super) struct ScaledFrame<'a> {
     pub color: CowImage<'a, [u8; 3]>,
     /// z-depth, metres; 0 where missing.
     pub depth: CowImage<'a, f32>,
     pub camera: Intrinsics,
-    /// A pixel of the view stands for this many rows and columns of the frame.
+    /// Rows and columns of the original frame per pixel.
     step: usize,
 }
 
-impl<'a> View<'a> {
-    /// The frame at its full resolution divided by the smallest whole number that leaves at most `max_pixels`.
-    pub fn of_frame(frame: &'a RgbdFrame<'_>, max_pixels: usize) -> Self {
+impl<'a> ScaledFrame<'a> {
+    /// Divides the frame's resolution by the smallest whole number that leaves at most `max_pixels`.
+    pub fn new(frame: &'a CameraFrame<'_>, max_pixels: usize) -> Self {
         let (width, height) = (frame.width(), frame.height());
         let smaller = |step: usize| (width.div_ceil(step), height.div_ceil(step));
         let fits = |(width, height): (usize, usize)| width * height <= max_pixels;
@@ -34,26 +34,26 @@ impl<'a> View<'a> {
             }
             sum.map(|channel| ((channel + count / 2) / count) as u8)
         });
-        // A mean would invent depths between an object and what is behind it.
+        // A mean would invent depths between an object and its background.
         let small_depth = Image::from_fn(small_width, small_height, |column, row| {
             block((column, row), step, (width, height))
                 .map(|pixel| depth[pixel])
                 .find(|depth| *depth > 0.0)
                 .unwrap_or(0.0)
         });
-        // The last blocks may reach over the edge: the camera is that of the padded image.
+        // The last blocks may extend past the edge, so the camera is that of the padded image.
         let padded = Intrinsics { width: small_width * step, height: small_height * step, ..*frame.intrinsics() };
         let camera = padded.resized(small_width, small_height);
         Self { color: small_color, depth: small_depth, camera, step }
     }
 
-    /// Row-major index of the view's pixel that stands for a pixel of the frame.
+    /// Row-major index of the scaled pixel that covers a pixel of the original frame.
     pub fn index_of(&self, column: usize, row: usize) -> usize {
         row / self.step * self.color.width() + column / self.step
     }
 }
 
-/// The frame's pixels that a pixel of the view stands for.
+/// The pixels of the original frame covered by a scaled pixel.
 fn block(
     (column, row): (usize, usize),
     step: usize,

@@ -1,8 +1,8 @@
-//! A plane through the neighbourhood of every pixel.
+//! Fits a plane to the neighbourhood of every pixel.
 //!
-//! All fitting is done in inverse depth, for two reasons. A plane n·X = 1 has inverse depth n·(x/z, y/z, 1): linear over
-//! the image. And the noise of stereo and structured light sensors is that of a disparity: in inverse depth it is the
-//! same near and far.
+//! Planes are fitted in inverse depth, for two reasons. The inverse depth of a plane n·X = 1 is n·(x/z, y/z, 1), which
+//! is linear over the image. And stereo and structured-light sensors measure disparity, so their noise in inverse depth
+//! is the same near and far.
 
 use super::color::{Lab, difference};
 use super::settings::SurfaceSettings;
@@ -10,38 +10,38 @@ use glam::Vec3;
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, Image, Intrinsics};
 
-/// What is known of the surface seen at a pixel.
+/// The surface at a pixel, as a plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Facet {
-    /// Plane coefficients n of n·X = 1 (1/m, camera frame); zero where nothing is known. The inverse depth of the plane
-    /// along the ray (x, y, 1) is `plane · ray`.
+    /// Plane coefficients n of n·X = 1 (1/m, camera frame); zero where unknown. The inverse depth of the plane along
+    /// the ray (x, y, 1) is `plane · ray`.
     pub plane: Vec3,
-    /// Unit normal, towards the camera; zero where nothing is known.
+    /// Unit normal, towards the camera; zero where unknown.
     pub normal: Vec3,
-    /// Whether the sensor measured here, or the facet was copied from a neighbour.
+    /// True if fitted to measured depth, false if copied from a neighbour or unknown.
     pub measured: bool,
 }
 
 impl Facet {
     const UNKNOWN: Self = Self { plane: Vec3::ZERO, normal: Vec3::ZERO, measured: false };
 
-    /// Whether there is a plane.
+    /// True if there is a plane.
     pub fn is_known(&self) -> bool {
         self.normal != Vec3::ZERO
     }
 }
 
-/// The facets of a frame, `[height, width]`, and the rays they are seen along.
+/// The facets of a frame, `[height, width]`, and its camera.
 pub(super) struct Surface {
     pub facets: Image<Facet>,
     camera: Intrinsics,
 }
 
 impl Surface {
-    /// Fits planes where there is depth and carries them over holes of a few pixels.
+    /// Fits planes where there is depth and extends them into holes by a few pixels.
     ///
-    /// `depth` is z-depth in metres, 0 where missing; `lab` the colour of the same pixels; `camera` theirs too.
-    pub fn of_depth(
+    /// `depth` is z-depth in metres, 0 where missing. `lab` and `camera` belong to the same image.
+    pub fn from_depth(
         depth: &CowImage<'_, f32>,
         camera: Intrinsics,
         lab: &Image<Lab>,
@@ -64,7 +64,7 @@ impl Surface {
         surface
     }
 
-    /// The direction (x/z, y/z, 1) seen at a pixel.
+    /// The viewing ray (x/z, y/z, 1) of a pixel.
     pub fn ray(&self, column: usize, row: usize) -> Vec3 {
         Vec3::new(
             (column as f32 - self.camera.cx) / self.camera.fx,
@@ -73,7 +73,7 @@ impl Surface {
         )
     }
 
-    /// Gives unknown pixels beside known ones the plane of the neighbour most like them in colour.
+    /// Copies to each unknown pixel the plane of its known neighbour with the most similar colour.
     fn fill_rim(&mut self, lab: &Image<Lab>) {
         let (width, height) = self.facets.size();
         let known = &self.facets;
@@ -90,7 +90,7 @@ impl Surface {
                     for near_column in column.saturating_sub(1)..(column + 2).min(width) {
                         let near = known[(near_column, near_row)];
                         let distance = difference(lab[(column, row)], lab[(near_column, near_row)], 1.0);
-                        // A plane seen from behind its horizon cannot be what is there.
+                        // Beyond its horizon the plane is not in front of the camera.
                         if near.is_known() && distance < best.0 && near.plane.dot(self.ray(column, row)) > 1e-3 {
                             best = (distance, Facet { measured: false, ..near });
                         }
@@ -103,8 +103,8 @@ impl Surface {
     }
 }
 
-/// Mean over the 3×3 neighbours that can belong to the same surface; opposite ones only together, for one alone would
-/// shift the mean of a slanted surface.
+/// Mean over the 3×3 neighbours that can belong to the same surface. Opposite neighbours are used only in pairs, since
+/// one alone would shift the mean of a slanted surface.
 fn smoothed(inverse: &Image<f32>, camera: &Intrinsics, noise: f32) -> Image<f32> {
     let (width, height) = inverse.size();
     let at = |column: usize, row: usize, right: isize, down: isize| {
@@ -136,13 +136,13 @@ fn smoothed(inverse: &Image<f32>, camera: &Intrinsics, noise: f32) -> Image<f32>
     smooth
 }
 
-/// Tangent of the steepest slant (to the viewing ray) at which neighbouring pixels are still taken for one surface.
+/// Tangent of the steepest slant, to the viewing ray, at which neighbouring pixels can belong to one surface.
 const STEEPEST: f32 = 3.0;
 
 /// Samples on each side of the centre in a plane fit.
 const SAMPLES: i32 = 2;
 
-/// Largest reach of a plane fit, pixels.
+/// Maximum reach of a plane fit, pixels.
 const MAX_REACH: usize = 16;
 
 /// For each reach in pixels, the offsets of the sampled rows and columns.
@@ -150,7 +150,7 @@ fn sample_reaches() -> Vec<[i32; 2 * SAMPLES as usize + 1]> {
     (0..=MAX_REACH as i32)
         .map(|reach| {
             std::array::from_fn(|index| {
-                // Round half away from zero, the same on both sides.
+                // Round half away from zero, for symmetry.
                 let scaled = (index as i32 - SAMPLES) * reach * 2;
                 (scaled + SAMPLES * scaled.signum()) / (2 * SAMPLES)
             })
@@ -179,7 +179,7 @@ impl PlaneFit<'_> {
         if center == 0.0 {
             return Facet::UNKNOWN;
         }
-        // The error of a slope in inverse depth weighs more the farther the plane is: look wider there.
+        // An error in the slope of inverse depth matters more for distant planes, so they use a wider window.
         let reach = self.settings.reach * (self.camera.fx / 289.0) * center.recip().sqrt();
         let offsets = &self.reaches[(reach.round() as usize).clamp(2, MAX_REACH)];
         let noise = 3.0 * self.settings.noise;
@@ -188,12 +188,13 @@ impl PlaneFit<'_> {
         let Some(first) = self.refined(column, row, offsets, flat, |distance| noise + steepest * distance) else {
             return Facet::UNKNOWN;
         };
-        // Two rounds about the plane found last: neighbours across a crease or a step drop out.
+        // Refit around the first plane to drop samples across a crease or a step.
         let second = self.refined(column, row, offsets, first, |_| noise).unwrap_or(first);
         self.facet(column, row, second)
     }
 
-    /// Weighted least squares over the samples, with Tukey's biweight about `prior`; `None` if too few support it.
+    /// Weighted least squares over the samples, with Tukey's biweight of their distance from `prior`. `None` if the
+    /// total weight is too small or the samples are nearly collinear.
     fn refined(
         &self,
         column: usize,
@@ -234,7 +235,7 @@ impl PlaneFit<'_> {
         let (cuu, cuv, cvv) = (suu / s - mu * mu, suv / s - mu * mv, svv / s - mv * mv);
         let (cuw, cvw) = (suw / s - mu * mw, svw / s - mv * mw);
         let determinant = cuu * cvv - cuv * cuv;
-        // Samples on a line do not fix a plane.
+        // Samples on a line do not determine a plane.
         if determinant < 0.05 * (cuu + cvv) * (cuu + cvv) / 4.0 || determinant <= 0.0 {
             return None;
         }
@@ -262,13 +263,13 @@ mod tests {
 
     const CAMERA: Intrinsics = Intrinsics { fx: 70.0, fy: 72.0, cx: 39.5, cy: 29.5, width: 80, height: 60 };
 
-    /// Facets of the surface whose inverse depth along a ray is `inverse(ray)`; pixels of depth 0 are holes.
+    /// The surface with inverse depth `inverse(ray)` along each ray. A value of 0 makes a hole.
     fn surface(inverse: impl Fn(Vec3) -> f32) -> Surface {
         let depth = Image::from_fn(80, 60, |column, row| {
             let w = inverse(CAMERA.unproject(Vec2::new(column as f32, row as f32), 1.0));
             if w > 0.0 { 1.0 / w } else { 0.0 }
         });
-        Surface::of_depth(&depth, CAMERA, &Image::filled(80, 60, [50.0, 0.0, 0.0]), &SurfaceSettings::default())
+        Surface::from_depth(&depth, CAMERA, &Image::filled(80, 60, [50.0, 0.0, 0.0]), &SurfaceSettings::default())
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The oracle's random decisions.
 
-/// What random numbers decide. Each kind has its own numbers, so that changing one rate does not change other errors.
+/// Kinds of random decisions. Each has its own random numbers, so that changing one rate does not change other errors.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Decision {
     PersistentMiss = 1,

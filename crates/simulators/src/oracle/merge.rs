@@ -1,4 +1,4 @@
-//! Merges: neighbouring objects in one mask.
+//! Merges of neighbouring objects into one mask.
 
 use super::OracleErrorModel;
 use super::decision::Decision;
@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
 use std::collections::BTreeMap;
 
-/// Objects in one mask. Their smallest id is the id of the group.
+/// Objects merged into one mask. The id of the group is their smallest id.
 #[derive(Clone, Debug)]
 pub(super) struct Group {
     pub(super) id: SegmentId,
@@ -18,7 +18,7 @@ pub(super) struct Group {
 /// The length of each object's border with each neighbour, in pixel edges.
 type Borders = BTreeMap<SegmentId, BTreeMap<SegmentId, usize>>;
 
-/// Merges objects as drawn for this frame. Returns groups by increasing id.
+/// Merges objects at random for this frame. Returns groups by increasing id.
 pub(super) fn merged(
     truth: &SegmentMap,
     objects: Vec<(SegmentId, Mask)>,
@@ -54,11 +54,11 @@ pub(super) fn merged(
     groups.into_iter().map(|(id, mask)| Group { id, mask }).collect()
 }
 
-/// A neighbour, drawn with a probability in proportion to the length of the shared border.
+/// Draws a neighbour with a probability proportional to the length of the shared border.
 ///
-/// Each neighbour draws the time of an event whose rate is that length, and the first event wins. The draw depends only
-/// on `random` and the neighbour's id, so the next frame, with slightly different neighbours and lengths, mostly has
-/// the same winner.
+/// Each neighbour draws the time of an event with this length as its rate, and the first event wins. The draw depends
+/// only on `random` and the neighbour's id, so the next frame, with slightly different neighbours and lengths, mostly
+/// has the same winner.
 fn neighbour(borders: &Borders, id: SegmentId, random: &mut ChaCha8Rng) -> Option<SegmentId> {
     let race = Chance { seed: random.random() };
     let time = |neighbour: SegmentId, length: usize| {
@@ -69,7 +69,7 @@ fn neighbour(borders: &Borders, id: SegmentId, random: &mut ChaCha8Rng) -> Optio
     times.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, neighbour)| neighbour)
 }
 
-/// The borders between `ids`, which are sorted.
+/// Measures the borders between `ids`, which must be sorted.
 fn borders(truth: &SegmentMap, ids: &[SegmentId]) -> Borders {
     let mut borders = Borders::new();
     let mut touch = |a: SegmentId, b: SegmentId| {

@@ -1,8 +1,8 @@
 //! The oracle segmenter: true segments with errors of known kinds and rates (`docs/ORACLE.md`).
 //!
-//! The steps for one frame: objects that are never found or too small are left out ([`OracleErrorModel`]); neighbours
-//! are merged ([`merge`]); masks are split ([`split`]); some are missed; outlines are displaced and false positives are
-//! added ([`outline`]). Every error is drawn from the seed, the name of the frame and the id of the object
+//! For each frame, objects that are never found or too small are left out ([`OracleErrorModel`]), neighbours are merged
+//! ([`merge`]), masks are split ([`split`]), some are missed, outlines are displaced and false positives are added
+//! ([`outline`]). Every error is drawn from the seed, the name of the frame and the id of the object
 //! ([`crate::chance`]), so the masks of a frame do not depend on earlier frames.
 
 mod decision;
@@ -20,13 +20,13 @@ use merge::merged;
 use outline::{BoundaryJitter, blob};
 use rand::RngExt;
 use rayon::prelude::*;
-use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
+use splatseg_geometry::{CameraFrame, Mask, ScoredMask, SegmentId, SegmentMap};
 use splatseg_segmenter::{Segmenter, SegmenterError};
 use splatseg_settings::SettingError;
 use split::split;
 use std::collections::BTreeMap;
 
-/// The score of a mask that overlaps no object: FastSAM's confidence threshold.
+/// Score of a mask that does not overlap any object: FastSAM's confidence threshold.
 const LEAST_SCORE: f32 = 0.4;
 
 /// A segmenter that returns the true segments with random errors, so that methods can be compared without a network.
@@ -41,7 +41,7 @@ pub struct OracleSegmenter {
 }
 
 impl OracleSegmenter {
-    /// An oracle that knows `truth` and makes the errors that `settings` describe, drawn from `seed`.
+    /// Creates an oracle for `truth` with the errors described by `settings`, drawn from `seed`.
     ///
     /// # Errors
     /// [`SettingError`] if a setting is out of range.
@@ -59,7 +59,7 @@ impl OracleSegmenter {
     }
 }
 
-/// One frame and the errors made in it.
+/// One frame and its errors.
 struct FrameWithErrors<'a> {
     truth: &'a SegmentMap,
     model: OracleErrorModel,
@@ -84,7 +84,7 @@ impl FrameWithErrors<'_> {
         scored.collect()
     }
 
-    /// Everything that is found, with exact outlines.
+    /// The objects and parts that are found, with exact outlines.
     fn parts(&self) -> Vec<Part> {
         let (model, chance) = (&self.model, self.chance);
         let mut objects = Mask::of_segments(self.truth);
@@ -112,7 +112,7 @@ impl FrameWithErrors<'_> {
     }
 }
 
-/// A piece that is found: number `number` of the object (or group of objects) `id`.
+/// A part that is found, with its number within the object or group of objects `id`.
 struct Part {
     id: SegmentId,
     number: usize,
@@ -124,7 +124,7 @@ impl Segmenter for OracleSegmenter {
         "oracle"
     }
 
-    fn segment(&mut self, frame: &RgbdFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
         let truth = self.truth.ground_truth(frame)?;
         SimulatorError::check_size(frame, truth.size())?;
         let chance = FrameChance { run: self.chance, frame: frame.name() };
@@ -132,7 +132,7 @@ impl Segmenter for OracleSegmenter {
     }
 }
 
-/// The IoU of a mask with the best-fitting true object.
+/// IoU of a mask with the best-fitting true object.
 fn best_iou(truth: &SegmentMap, areas: &BTreeMap<SegmentId, usize>, mask: &Mask) -> f32 {
     let mut shared: BTreeMap<SegmentId, usize> = BTreeMap::new();
     for index in mask.pixel_indices() {

@@ -15,15 +15,15 @@ pub(super) struct BoundaryJitter {
 }
 
 impl BoundaryJitter {
-    /// The mask with its outline displaced. Pixels outside the image count as the nearest pixel inside, so that a mask
-    /// cut off by the image border stays so.
+    /// Displaces the outline of a mask. Pixels outside the image are treated like the nearest pixel inside, so that a
+    /// mask cut off by the image border remains cut off.
     pub(super) fn apply(self, mask: Mask, random: &mut ChaCha8Rng) -> Mask {
         if self.sigma == 0.0 {
             return mask;
         }
         let (width, height) = (mask.width(), mask.height());
         let Some(bounds) = Bounds::of(&mask) else { return mask };
-        // 4 σ: a displacement is larger only once in 16,000 times.
+        // A displacement exceeds 4 σ only once in 16,000 times.
         let bounds = bounds.grown((4.0 * self.sigma).ceil() as usize + 1, width, height);
         let field = Displacement::random(self, (width, height), random);
         let mut displaced = Mask::empty(width, height);
@@ -41,7 +41,7 @@ impl BoundaryJitter {
     }
 }
 
-/// A round blob at a random place in an image of `size` = (width, height). Radii have the given median, in pixels.
+/// Draws a blob at a random position in an image of `size` = (width, height). Radii have the given median, in pixels.
 pub(super) fn blob(size: (usize, usize), median_radius: f32, random: &mut ChaCha8Rng) -> Mask {
     let radius = median_radius * (0.4 * normal(random)).exp();
     let stretch = (0.3 * normal(random)).exp();
@@ -56,7 +56,7 @@ pub(super) fn blob(size: (usize, usize), median_radius: f32, random: &mut ChaCha
     BoundaryJitter { sigma: 0.2 * radius, wavelength: radius.max(1.0) }.apply(mask, random)
 }
 
-/// First and last column and row of a mask.
+/// First and last columns and rows of a mask.
 struct Bounds {
     columns: (usize, usize),
     rows: (usize, usize),
@@ -83,8 +83,8 @@ impl Bounds {
     }
 }
 
-/// A smooth random vector field: normally distributed vectors at the nodes of a grid, interpolated such that the
-/// standard deviation is the same everywhere.
+/// A smooth random vector field: normally distributed vectors at the nodes of a grid, interpolated so that the standard
+/// deviation is the same everywhere.
 struct Displacement {
     spacing: f32,
     nodes_per_row: usize,

@@ -4,57 +4,58 @@ use serde::Serialize;
 use splatseg_settings::{Allowed, Choice, SettingError, choices, settings};
 
 choices! {
-    /// A set of error rates to start from.
+    /// A preset of error rates.
     pub enum OraclePreset, default Perfect {
         /// No errors: the true segments as they are.
         Perfect = "perfect",
-        /// Errors with which a method without memory scores about as FastSAM does in the paper's ScanNet-MV table.
-        /// `docs/ORACLE.md` says how it was calibrated.
+        /// Errors with which a method without memory scores about the same as FastSAM in the paper's ScanNet-MV table.
+        /// `docs/ORACLE.md` describes the calibration.
         FastsamLike = "fastsam-like",
     }
 }
 
 settings! {
-    /// Settings of the oracle: a preset, and values that replace the preset's.
+    /// Settings of the oracle: a preset, and values that override it.
     ///
-    /// Settings that are left out have the preset's values, so `preset = "fastsam-like"` with `miss_rate = 0.0` is that
-    /// preset without misses in single frames. [`OracleSettings::resolved`] returns the values in use.
+    /// Settings that are not given have the preset's values. So `preset = "fastsam-like"` with `miss_rate = 0.0` is
+    /// this preset without misses in single frames. [`OracleSettings::resolved`] returns the values in use.
     pub struct OracleSettings in "oracle" {
-        /// The error rates of settings that are left out.
+        /// Preset for the settings that are not given.
         preset: OraclePreset = OraclePreset::Perfect, Allowed::Names(OraclePreset::NAMES);
-        /// Fraction of the objects that are never found.
+        /// Fraction of objects that are never found.
         persistent_miss_rate: Option<f64> = None, Allowed::between(0.0, 1.0);
         /// Probability that a mask (an object, a piece of one, or merged objects) is not found in a frame, drawn
         /// independently for each frame.
         miss_rate: Option<f64> = None, Allowed::between(0.0, 1.0);
-        /// Probability that an object is found in pieces in a frame. Straight lines in the image cut it.
+        /// Probability that an object is found in pieces in a frame, cut by straight lines in the image.
         split_rate: Option<f64> = None, Allowed::between(0.0, 1.0);
-        /// The largest number of pieces of a split object; their number is uniform from 2 to this.
+        /// Maximum number of pieces of a split object. The number is uniformly distributed from 2 to this.
         max_parts: Option<usize> = None, Allowed::between(2.0, 16.0);
-        /// Probability that an object is merged in a frame with a neighbour that touches it in the image, drawn in
-        /// proportion to the length of the shared border. Objects without neighbours are not merged.
+        /// Probability that an object is merged with a neighbour that touches it in the frame. The neighbour is drawn
+        /// with a probability proportional to the length of the shared border. Objects without neighbours are not
+        /// merged.
         merge_rate: Option<f64> = None, Allowed::between(0.0, 1.0);
-        /// Fraction of the frames in which an object's fixed random draw decides whether and how it is split or merged,
-        /// the same way each time. In the other frames a fresh draw decides. The rates do not depend on it.
+        /// Fraction of the frames in which a fixed random draw per object decides whether and how it is split or
+        /// merged. In the other frames a fresh draw decides. The rates do not depend on this setting.
         persistence: Option<f64> = None, Allowed::between(0.0, 1.0);
         /// Standard deviation of the displacement of a mask's outline along each axis, pixels. The displacement is
         /// smooth along the outline and independent from frame to frame.
         boundary_jitter_px: Option<f32> = None, Allowed::between(0.0, 50.0);
         /// Distance over which the outline's displacement varies, pixels.
         boundary_wavelength_px: Option<f32> = None, Allowed::between(1.0, 1000.0);
-        /// Expected number of false positives in a frame, masks at random places. Poisson distributed.
+        /// Expected number of false positives in a frame: masks at random positions, Poisson distributed.
         false_positives_per_frame: Option<f64> = None, Allowed::between(0.0, 100.0);
         /// Median radius of false positives, pixels.
         false_positive_radius_px: Option<f32> = None, Allowed::between(1.0, 1000.0);
-        /// Objects and masks of fewer pixels in a frame are not found.
+        /// Objects and masks with fewer pixels in a frame are not found.
         min_area_px: Option<usize> = None, Allowed::between(0.0, 1e9);
-        /// Standard deviation of the noise of scores. Without noise a score is 0.4 + 0.6 · IoU with the true object
-        /// that fits best: 1 for an exact mask, FastSAM's confidence threshold for one that fits nothing.
+        /// Standard deviation of the score noise. Without noise a score is 0.4 + 0.6 · IoU with the best-fitting true
+        /// object: 1 for an exact mask, FastSAM's confidence threshold for one without overlap.
         score_noise: Option<f32> = None, Allowed::between(0.0, 1.0);
     }
 }
 
-/// Every number of the error model. Rates are probabilities in [0, 1], lengths are pixels of the framed image.
+/// Parameters of the error model. Rates are probabilities in [0, 1]. Lengths are pixels of the framed image.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct OracleErrorModel {
     /// See [`OracleSettings::persistent_miss_rate`].
@@ -108,7 +109,7 @@ const PERFECT: OracleErrorModel = OracleErrorModel {
     score_noise: 0.0,
 };
 
-/// Calibrated as `docs/ORACLE.md` says.
+/// Calibrated as described in `docs/ORACLE.md`.
 const FASTSAM_LIKE: OracleErrorModel = OracleErrorModel {
     persistent_miss_rate: 0.1,
     miss_rate: 0.03,
@@ -125,10 +126,10 @@ const FASTSAM_LIKE: OracleErrorModel = OracleErrorModel {
 };
 
 impl OracleSettings {
-    /// The preset's error model, with the values that are given in place of the preset's.
+    /// Returns the preset's error model, overridden by the given values.
     ///
     /// # Errors
-    /// [`SettingError`] names the first that is out of range.
+    /// [`SettingError`] for the first value that is out of range.
     pub fn resolved(&self) -> Result<OracleErrorModel, SettingError> {
         self.validate()?;
         let preset = self.preset.error_model();

@@ -1,4 +1,4 @@
-//! Splits: objects in pieces.
+//! Splits of objects into pieces.
 
 use super::OracleErrorModel;
 use super::decision::Decision;
@@ -7,10 +7,10 @@ use crate::FrameChance;
 use rand::RngExt;
 use splatseg_geometry::Mask;
 
-/// The fraction of a piece's pixels on one side of a cut.
+/// Fraction of a piece's pixels on one side of a cut.
 const CUT_FRACTION: std::ops::Range<f32> = 0.2..0.8;
 
-/// The pieces in which an object or a group is found in this frame; a single one if it is not split.
+/// Returns the pieces in which an object or a group is found in this frame; a single one if it is not split.
 pub(super) fn split(group: Group, model: &OracleErrorModel, chance: FrameChance) -> Vec<Mask> {
     if model.split_rate == 0.0 {
         return vec![group.mask];
@@ -37,8 +37,8 @@ pub(super) fn split(group: Group, model: &OracleErrorModel, chance: FrameChance)
 
 /// Cuts a mask by a straight line perpendicular to the direction `angle` (radians), with a `fraction` of the pixels
 /// before it. Removes the pixels behind the line from the mask and returns them. The cut does not depend on the
-/// position of the mask in the image, so the same angle and fraction cut an object in the same way while the camera
-/// moves past it.
+/// position of the mask in the image, so while the camera moves past an object, the same angle and fraction cut it in
+/// the same way.
 fn cut(mask: &mut Mask, angle: f32, fraction: f32) -> Mask {
     let (across, down) = (angle.cos(), angle.sin());
     let width = mask.width();

@@ -1,7 +1,7 @@
 //! Errors of tracks from one frame to the next.
 //!
-//! In this order: a track is **lost**, for some frames or for good, when its objects come into view again after they
-//! were hidden; two tracks **swap** their objects; a track becomes a **duplicate** of another; a mask **drifts** into a
+//! In this order: a track is **lost**, for some frames or until prompted, when its objects reappear after they were
+//! hidden; two tracks **swap** their objects; a track becomes a **duplicate** of another; a mask **drifts** into a
 //! neighbouring object, farther in each frame. A track gets at most one new error per frame.
 
 use super::scene::TrueFrame;
@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Objects are hidden (out of view or occluded) if less than this fraction of their largest area so far is visible.
 const HIDDEN_FRACTION: f64 = 0.1;
 
-/// What random numbers decide. The oracle's decisions have smaller numbers, so that both can use one seed.
+/// Kinds of random decisions. The oracle's decisions have smaller numbers, so that both can use one seed.
 #[derive(Clone, Copy, Debug)]
 enum Decision {
     Loss = 101,
@@ -36,7 +36,7 @@ pub(super) struct FrameFaults<'a> {
     pub(super) chance: FrameChance<'a>,
 }
 
-/// Identifies a track in random draws: the first object that it follows, and its rank among the tracks of that object.
+/// Identifies a track in random draws: the first object that it follows, and its rank among the tracks of this object.
 type Key = (SegmentId, usize);
 
 impl FrameFaults<'_> {
@@ -44,7 +44,7 @@ impl FrameFaults<'_> {
     pub(super) fn apply(&self, tracks: &mut BTreeMap<SegmentId, SimTrack>) {
         let keys = keys(tracks);
         for (id, track) in tracks.iter_mut() {
-            self.see(track, keys.get(id).copied());
+            self.update(track, keys.get(id).copied());
         }
         let mut untouched: BTreeMap<SegmentId, Key> = keys;
         untouched.retain(|id, _| self.centroid(&tracks[id]).is_some() && tracks[id].drift.is_none());
@@ -79,8 +79,8 @@ impl FrameFaults<'_> {
         }
     }
 
-    /// Notes whether a track's objects are in view, and updates its drift and loss.
-    fn see(&self, track: &mut SimTrack, key: Option<Key>) {
+    /// Updates the visibility of a track's objects, and its drift and loss.
+    fn update(&self, track: &mut SimTrack, key: Option<Key>) {
         let area = self.frame.union(&track.target.objects).area();
         track.target.largest_area = track.target.largest_area.max(area);
         let hidden = area == 0 || (area as f64) < HIDDEN_FRACTION * track.target.largest_area as f64;
@@ -112,7 +112,7 @@ impl FrameFaults<'_> {
         if lasting < self.model.lasting_loss_fraction {
             return Some(Loss::Lasting);
         }
-        // Geometrically distributed: the number of trials until the first success, with probability 1 / mean.
+        // Geometrically distributed: the number of trials until the first success, each with probability 1 / mean.
         let more = (1.0 - length).ln() / (1.0 - 1.0 / self.model.loss_frames).ln();
         Some(Loss::Frames(1 + more.clamp(0.0, 1e6) as usize))
     }
@@ -121,7 +121,7 @@ impl FrameFaults<'_> {
         self.chance.of_frame(decision, object, rank).random::<f64>() < rate
     }
 
-    /// The track nearest to `id` in the image that follows other objects; ties go to the smallest id.
+    /// Returns the track nearest to `id` in the image that follows different objects. Ties go to the smallest id.
     fn nearest(&self, tracks: &BTreeMap<SegmentId, SimTrack>, id: SegmentId) -> Option<SegmentId> {
         let own = &tracks[&id];
         let from = self.centroid(own)?;
@@ -133,7 +133,7 @@ impl FrameFaults<'_> {
         distances.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, other)| other)
     }
 
-    /// The centroid of a track in the image; `None` if it shows nothing.
+    /// Returns the centroid of a track in the image. `None` if the track is lost or hidden.
     fn centroid(&self, track: &SimTrack) -> Option<(f64, f64)> {
         if track.loss.is_some() || track.target.hidden {
             return None;

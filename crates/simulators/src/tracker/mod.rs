@@ -1,8 +1,8 @@
-//! A tracker that knows the ground truth and makes errors at set rates, to measure re-prompting without a network
+//! A tracker that follows the ground truth with errors at given rates, for evaluating re-prompting without a network
 //! (`docs/SIM_TRACKER.md`).
 //!
-//! A track follows true objects with their exact masks until one of the errors in [`faults`] occurs. It reacts to
-//! prompts as a perfect promptable model would ([`prompting`]).
+//! A track follows true objects with their exact masks until one of the errors in [`faults`] occurs. It responds to
+//! prompts like a perfect promptable model ([`prompting`]).
 
 mod faults;
 mod prompting;
@@ -16,8 +16,7 @@ use faults::FrameFaults;
 use prompting::{answered, checked};
 use rayon::prelude::*;
 use scene::TrueFrame;
-use splatseg_geometry::{Mask, RgbdFrame, SegmentId};
-use splatseg_models::sam2::Prompt;
+use splatseg_geometry::{CameraFrame, Mask, Prompt, SegmentId};
 use splatseg_settings::SettingError;
 use splatseg_tracking::{Tracker, TrackerError};
 use std::collections::{BTreeMap, BTreeSet};
@@ -26,7 +25,7 @@ use std::collections::{BTreeMap, BTreeSet};
 ///
 /// The masks depend on the seed, the names and true segments of the frames, and the prompts, not on the number of
 /// threads. Errors are drawn for the followed object rather than for the id of the track, so methods that number their
-/// tracks differently see the same errors.
+/// tracks differently get the same errors.
 pub struct SimTracker {
     truth: Box<dyn GroundTruthSource>,
     model: SimTrackerSettings,
@@ -43,37 +42,37 @@ struct SimTrack {
     drift: Option<Drift>,
 }
 
-/// What a track follows.
+/// The objects that a track follows.
 #[derive(Clone, Debug, Default)]
 struct Target {
-    /// Ids of the true objects; if empty, the track follows nothing.
+    /// Ids of the true objects. If empty, the track follows nothing.
     objects: BTreeSet<SegmentId>,
-    /// Their largest visible area so far, pixels.
+    /// Maximum visible area of the objects so far, pixels.
     largest_area: usize,
-    /// Whether they were hidden in the previous frame.
+    /// True if the objects were hidden in the last frame.
     hidden: bool,
 }
 
-/// The track has lost its objects.
+/// Remaining duration for which a track has lost its objects.
 #[derive(Clone, Copy, Debug)]
 enum Loss {
-    /// For this many more frames in which they are visible.
+    /// Number of remaining frames in which the objects are visible.
     Frames(usize),
-    /// Until it is prompted.
+    /// Until the track is prompted.
     Lasting,
 }
 
-/// The track's mask grows.
+/// Growth of a track's mask into a neighbouring object.
 #[derive(Clone, Copy, Debug)]
 struct Drift {
-    /// The object that it grows into.
+    /// The neighbouring object.
     into: SegmentId,
-    /// The number of frames so far.
+    /// Number of frames so far.
     frames: usize,
 }
 
 impl SimTracker {
-    /// A tracker that knows `truth` and makes the errors that `settings` describe, drawn from `seed`.
+    /// Creates a tracker for `truth` with the errors described by `settings`, drawn from `seed`.
     ///
     /// # Errors
     /// [`SettingError`] if a setting is out of range.
@@ -86,7 +85,7 @@ impl SimTracker {
         Ok(Self { truth: Box::new(truth), model, chance, tracks: BTreeMap::new(), frame: None })
     }
 
-    /// The true objects that a track follows, whether or not they are in view; `None` if there is no such track.
+    /// Returns the true objects that a track follows, visible or not. `None` if there is no such track.
     pub fn followed(&self, track: SegmentId) -> Option<&BTreeSet<SegmentId>> {
         self.tracks.get(&track).map(|track| &track.target.objects)
     }
@@ -111,7 +110,7 @@ impl Tracker for SimTracker {
         "sim"
     }
 
-    fn track(&mut self, frame: &RgbdFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
+    fn track(&mut self, frame: &CameraFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
         let truth = self.truth.ground_truth(frame)?;
         SimulatorError::check_size(frame, truth.size())?;
         let chance = FrameChance { run: self.chance, frame: frame.name() };
@@ -134,7 +133,7 @@ impl Tracker for SimTracker {
             let objects = answered(prompt, frame, before.map(|track| &track.target.objects));
             let shown = frame.union(&objects);
             let mask = match prompt {
-                // No object to follow, but the prompt is the mask of this frame.
+                // The track follows nothing, but the prompt is its mask in this frame.
                 Prompt::Mask(mask) if objects.is_empty() => mask.clone(),
                 _ => shown.clone(),
             };

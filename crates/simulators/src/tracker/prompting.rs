@@ -1,8 +1,7 @@
-//! How a perfect promptable model reacts to prompts.
+//! Responses of a perfect promptable model to prompts.
 
 use super::scene::TrueFrame;
-use splatseg_geometry::{Mask, SegmentId};
-use splatseg_models::sam2::{Click, Prompt};
+use splatseg_geometry::{Click, Mask, Prompt, SegmentId};
 use splatseg_tracking::TrackerError;
 use std::collections::BTreeSet;
 
@@ -29,13 +28,13 @@ pub(super) fn checked(track: SegmentId, prompt: &Prompt, size: (usize, usize)) -
     }
 }
 
-/// The objects that a track follows after a [`checked`] prompt. `before` has those that it shows in this frame.
+/// Returns the objects that a track follows after a [`checked`] prompt. `before` are its objects in this frame if its
+/// mask is not empty.
 ///
-/// - A **mask** asks for the objects of which it covers more than half, whatever the track showed before.
-/// - A **box** asks for the objects of which it covers more than half.
-/// - **Clicks** without a box ask for one object, the [`clicked`] one, whatever the track showed before.
-/// - **Clicks with a box**, further clicks and negative clicks alone correct what the box asks for or the track shows:
-///   objects under negative clicks are removed from it, and the [`clicked`] one is added.
+/// - A **mask** or a **box** selects the objects of which it covers more than half.
+/// - **Clicks** without a box, at least one of them positive, select one object, the [`clicked`] one.
+/// - **Clicks with a box** correct the box's selection. Further clicks, or only negative ones, correct `before`.
+///   Objects under negative clicks are removed, and the [`clicked`] object is added.
 pub(super) fn answered(
     prompt: &Prompt,
     frame: &TrueFrame,
@@ -59,9 +58,9 @@ pub(super) fn answered(
     objects
 }
 
-/// The object that clicks ask for: the one with the most positive clicks, minus the negative clicks on it; ties go to
-/// the earliest click. `None` if every object has more negative than positive clicks. Clicks on unlabelled pixels are
-/// ignored.
+/// Returns the object selected by clicks: the one with the most positive clicks, minus the negative clicks on it. Ties
+/// go to the earliest click. `None` if every object has more negative than positive clicks. Clicks on unlabelled pixels
+/// are ignored.
 fn clicked(clicks: &[Click], frame: &TrueFrame) -> Option<SegmentId> {
     let hits: Vec<(SegmentId, bool)> =
         clicks.iter().filter_map(|click| Some((object_under(click, frame)?, click.positive))).collect();

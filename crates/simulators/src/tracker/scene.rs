@@ -26,7 +26,7 @@ impl TrueFrame {
         Mask::empty(self.truth.width(), self.truth.height())
     }
 
-    /// The union of some objects.
+    /// The union of objects.
     pub(super) fn union(&self, objects: &BTreeSet<SegmentId>) -> Mask {
         let mut union = self.nothing();
         objects.iter().filter_map(|id| self.objects.get(id)).for_each(|mask| union.unite(mask));
@@ -54,7 +54,7 @@ impl TrueFrame {
         })
     }
 
-    /// The object with the longest border with a mask; ties go to the smallest id.
+    /// The object with the longest border with a mask. Ties go to the smallest id.
     pub(super) fn neighbour(&self, mask: &Mask) -> Option<SegmentId> {
         let steps = steps_from(mask);
         let mut borders: BTreeMap<SegmentId, usize> = BTreeMap::new();

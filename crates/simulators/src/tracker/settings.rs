@@ -3,13 +3,13 @@
 use splatseg_settings::{Allowed, settings};
 
 settings! {
-    /// The error model of [`SimTracker`](crate::SimTracker). Rates are probabilities, lengths are pixels of the framed
-    /// image. `docs/SIM_TRACKER.md` says how the defaults were chosen.
+    /// The error model of [`SimTracker`](crate::SimTracker). Rates are probabilities. Lengths are pixels of the framed
+    /// image. `docs/SIM_TRACKER.md` explains the choice of the defaults.
     #[derive(Copy)]
     pub struct SimTrackerSettings in "sim_tracker" {
         /// Probability that a track is lost when its object comes into view again after being hidden.
         loss_rate: f64 = 1.0, Allowed::between(0.0, 1.0);
-        /// Fraction of these losses that last until the next prompt; the others end by themselves.
+        /// Fraction of these losses that last until the next prompt. The others end by themselves.
         lasting_loss_fraction: f64 = 0.9, Allowed::between(0.0, 1.0);
         /// Mean length of the other losses, in frames that show the object (geometrically distributed).
         loss_frames: f64 = 5.0, Allowed::between(1.0, 1e6);

@@ -1,103 +1,57 @@
-//! Which frames are scored, and whether ground truth and predictions have them.
+//! Checks that ground truth and predictions cover the frames to score.
 
-use super::{EvaluationError, Predictions};
+use super::EvaluationError;
 use serde::Serialize;
-use splatseg_dataset::{DatasetSettings, Scene, unpadded_number};
-use std::collections::{BTreeMap, BTreeSet};
+use splatseg_annotations::{AnnotationError, Predictions, SelectedFrames};
 
-/// At most this many names are listed in an error.
+/// Maximum number of names listed in an error.
 const LISTED_NAMES: usize = 5;
 
-/// What to do about frames that the predictions or the ground truth lack.
+/// Policy for frames that are missing from the predictions or the ground truth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MissingFrames {
-    /// An error.
+    /// Return an error.
     Refused,
-    /// Without prediction: scored as empty; without ground truth: left out.
+    /// Score frames without prediction as empty, and leave out frames without ground truth.
     Allowed,
 }
 
-/// How many frames the predictions or the ground truth lack.
+/// Numbers of frames that are missing from the predictions, the ground truth or the scene.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct MissingCounts {
     /// Frames without prediction.
     pub missing_predictions: usize,
     /// Frames without ground truth.
     pub unlabelled_frames: usize,
-    /// Predictions of frames that the scene does not have.
+    /// Predicted frames that are not in the scene.
     pub unknown_predictions: usize,
 }
 
-/// The frames of a scene that are scored.
-#[derive(Clone, Debug)]
-pub struct SelectedFrames {
-    selected: Vec<(usize, String)>,
-    all_names: BTreeSet<String>,
-    /// The names of frames by their unpadded names.
-    by_number: BTreeMap<String, String>,
+/// Compares the selected frames with the predicted ones. Predictions for frames that exist but are not selected are
+/// not an error.
+pub(super) fn check_predictions(
+    frames: &SelectedFrames,
+    predictions: &Predictions,
+    missing: MissingFrames,
+) -> Result<MissingCounts, EvaluationError> {
+    let names: Vec<&str> = frames.selected().iter().map(|(_, name)| name.as_str()).collect();
+    let without: Vec<&str> = names.into_iter().filter(|name| !predictions.has(name)).collect();
+    let unknown: Vec<&str> = predictions.names().filter(|name| !frames.contains(name)).collect();
+    if missing == MissingFrames::Refused {
+        let refused = |text: String| Err(AnnotationError::at(predictions.path(), text).into());
+        if !without.is_empty() {
+            let text = count_and_names(&without, "without prediction");
+            return refused(format!("{text}; --allow-missing scores them as empty"));
+        }
+        if !unknown.is_empty() {
+            let text = count_and_names(&unknown, "predicted but not in the scene");
+            return refused(format!("{text}; --allow-missing leaves them out"));
+        }
+    }
+    Ok(MissingCounts { missing_predictions: without.len(), unlabelled_frames: 0, unknown_predictions: unknown.len() })
 }
 
-impl SelectedFrames {
-    /// The frames that the settings select.
-    ///
-    /// # Errors
-    /// If a setting is out of range or selects no frame.
-    pub fn of(scene: &dyn Scene, settings: &DatasetSettings) -> Result<Self, EvaluationError> {
-        let indices = settings.selected_frames(scene.frame_count())?;
-        let selected = indices.into_iter().map(|index| (index, scene.frame_name(index))).collect();
-        let all_names: BTreeSet<String> = (0..scene.frame_count()).map(|index| scene.frame_name(index)).collect();
-        let by_number = all_names.iter().map(|name| (unpadded_number(name).to_owned(), name.clone())).collect();
-        Ok(Self { selected, all_names, by_number })
-    }
-
-    /// Index in the scene and name of each, in order.
-    pub fn selected(&self) -> &[(usize, String)] {
-        &self.selected
-    }
-
-    /// Whether the scene has a frame of this name, selected or not.
-    pub fn knows(&self, name: &str) -> bool {
-        self.all_names.contains(name)
-    }
-
-    /// The frame of the scene that a name means: that frame's own name, or its number with or without zeros in front.
-    pub fn meant_by<'a>(&'a self, name: &'a str) -> Option<&'a str> {
-        if self.knows(name) {
-            return Some(name);
-        }
-        self.by_number.get(unpadded_number(name)).map(String::as_str)
-    }
-
-    /// Compares the frames with those of the predictions. Predictions of frames that exist but are not selected are not
-    /// an error.
-    pub(super) fn check(
-        &self,
-        predictions: &Predictions,
-        missing: MissingFrames,
-    ) -> Result<MissingCounts, EvaluationError> {
-        let names: Vec<&str> = self.selected.iter().map(|(_, name)| name.as_str()).collect();
-        let without: Vec<&str> = names.into_iter().filter(|name| !predictions.has(name)).collect();
-        let unknown: Vec<&str> = predictions.names().filter(|name| !self.knows(name)).collect();
-        if missing == MissingFrames::Refused {
-            let path = predictions.path();
-            if !without.is_empty() {
-                let text = count_and_names(&without, "without prediction");
-                return Err(EvaluationError::at(path, format!("{text}; --allow-missing scores them as empty")));
-            }
-            if !unknown.is_empty() {
-                let text = count_and_names(&unknown, "predicted that the scene does not have");
-                return Err(EvaluationError::at(path, format!("{text}; --allow-missing leaves them out")));
-            }
-        }
-        Ok(MissingCounts {
-            missing_predictions: without.len(),
-            unlabelled_frames: 0,
-            unknown_predictions: unknown.len(),
-        })
-    }
-}
-
-/// How many frames are `what`, and which.
+/// Formats the number of frames that are `what`, with their names.
 pub(super) fn count_and_names(names: &[&str], what: &str) -> String {
     let listed = names.iter().take(LISTED_NAMES).copied().collect::<Vec<_>>().join(", ");
     let frames = if names.len() == 1 { "frame" } else { "frames" };

@@ -1,7 +1,8 @@
-//! 3D instances of a memory against those of a mesh's vertices.
+//! Scores the 3D instances of a memory against the true instances of a mesh's vertices.
 
 use glam::{DVec3, Vec3};
-use splatseg_dataset::{DatasetError, read_mesh_vertices, read_vertex_instances};
+use splatseg_annotations::{read_mesh_vertices, read_vertex_instances};
+use splatseg_dataset::DatasetError;
 use splatseg_geometry::SegmentId;
 use splatseg_memory::ExportedGaussian;
 use splatseg_metrics::{InstanceScorer, MetricsError, PredictedInstance};
@@ -14,27 +15,27 @@ use std::path::Path;
 pub struct MeshTruth {
     /// World coordinates, metres.
     vertices: Vec<DVec3>,
-    /// 0 where a vertex is not labelled.
+    /// Instance of each vertex, 0 if unlabelled.
     instances: Vec<SegmentId>,
 }
 
-/// What came of scoring a memory on a mesh.
+/// The result of scoring a memory on a mesh.
 #[derive(Clone, Debug)]
 pub struct MeshScore {
-    /// The matches, to be added to those of other scenes.
+    /// The matches, which can be merged with other scenes' matches.
     pub scorer: InstanceScorer,
-    /// Vertices that no Gaussian reaches.
+    /// Number of vertices that no Gaussian reaches.
     pub unseen_vertices: usize,
     /// Number of predicted instances.
     pub predicted_instances: usize,
 }
 
 impl MeshTruth {
-    /// Reads a mesh, a binary PLY, and the text file with the instance of each vertex; see
-    /// [`splatseg_dataset::read_vertex_instances`].
+    /// Reads a mesh (binary PLY) and the text file with the instance of each vertex, see
+    /// [`splatseg_annotations::read_vertex_instances`].
     ///
     /// # Errors
-    /// If a file cannot be read, or they do not belong together.
+    /// If a file cannot be read, or the two files do not match.
     pub fn read(mesh: &Path, instances: &Path, void_labels: &[u64]) -> Result<Self, DatasetError> {
         let vertices = read_mesh_vertices(mesh)?;
         let instances = read_vertex_instances(instances, vertices.len(), void_labels)?;
@@ -51,15 +52,15 @@ impl MeshTruth {
         self.instances.iter().filter(|id| **id != 0).collect::<BTreeSet<_>>().len()
     }
 
-    /// Carries the ids of a memory's Gaussians, which are relative to its `origin`, to the vertices, and scores them as
-    /// instances.
+    /// Transfers the ids of a memory's Gaussians to the vertices, and scores them as instances. The Gaussians' positions
+    /// are relative to `origin`.
     ///
     /// # Errors
-    /// If an instance names a vertex that the mesh does not have, which cannot be.
+    /// If an instance has a vertex index out of range (unreachable).
     pub fn score(&self, gaussians: &[ExportedGaussian], origin: DVec3) -> Result<MeshScore, MetricsError> {
         let vertices: Vec<Vec3> = self.vertices.iter().map(|vertex| (*vertex - origin).as_vec3()).collect();
         let ids = vertex_ids(gaussians, &vertices);
-        let predictions = instances_of(&ids);
+        let predictions = group_instances(&ids);
         let mut scorer = InstanceScorer::default();
         scorer.add_scene(&self.instances, &predictions)?;
         let unseen_vertices = ids.iter().filter(|found| found.confidence == 0.0).count();
@@ -67,8 +68,8 @@ impl MeshTruth {
     }
 }
 
-/// The instances of vertices with ids; each is as sure as its vertices are in the mean.
-fn instances_of(ids: &[VertexId]) -> Vec<PredictedInstance> {
+/// Groups vertices by id into instances. An instance's confidence is the mean of its vertices' confidences.
+fn group_instances(ids: &[VertexId]) -> Vec<PredictedInstance> {
     let mut instances: BTreeMap<SegmentId, (Vec<usize>, f64)> = BTreeMap::new();
     for (vertex, found) in ids.iter().enumerate().filter(|(_, found)| found.id != 0) {
         let (vertices, sum) = instances.entry(found.id).or_default();

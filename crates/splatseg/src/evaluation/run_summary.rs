@@ -1,30 +1,31 @@
-//! What the `summary.json` of a run says about its predictions.
+//! Reads the scene and dataset settings from the `summary.json` of a run.
 
 use super::EvaluationError;
 use crate::settings::SettingsLayers;
 use serde_json::Value;
+use splatseg_annotations::AnnotationError;
 use splatseg_dataset::{DatasetSettings, SyntheticSettings};
-use splatseg_input::read_file;
+use splatseg_files::read_file;
 use std::path::{Path, PathBuf};
 
-/// A larger file is not one of our summaries.
+/// Largest summary that is read, bytes.
 const MAX_BYTES: u64 = 16_000_000;
 
-/// The summary of the run that wrote some predictions.
+/// The summary of the run that wrote the predictions.
 #[derive(Debug)]
 pub struct RunSummary {
     path: PathBuf,
-    /// The scene as it was given.
+    /// The scene as given on the command line.
     scene: String,
-    /// How the scene was read.
+    /// Dataset settings of the run.
     pub dataset: DatasetSettings,
 }
 
 impl RunSummary {
-    /// The summary in the folder of a run, or beside its folder `segments`; `None` for other predictions.
+    /// Reads the summary in the folder of a run, or beside its folder `segments`. Returns `None` for other predictions.
     ///
     /// # Errors
-    /// If it is there and is not the summary of a run.
+    /// If the file exists but is not the summary of a run.
     pub fn of(predictions: &Path) -> Result<Option<Self>, EvaluationError> {
         let is_segments = predictions.file_name().is_some_and(|name| name == "segments");
         let folder = match predictions.parent() {
@@ -35,7 +36,7 @@ impl RunSummary {
         if !folder.join("segments").is_dir() || !path.exists() {
             return Ok(None);
         }
-        let wrong = |error: &dyn std::fmt::Display| EvaluationError::at(&path, error);
+        let wrong = |error: &dyn std::fmt::Display| EvaluationError::from(AnnotationError::at(&path, error));
         let bytes = read_file(&path, MAX_BYTES).map_err(|error| wrong(&error))?;
         let summary: Value = serde_json::from_slice(&bytes).map_err(|error| wrong(&error))?;
         let missing = |key: &str| wrong(&format!("expected the key {key}"));
@@ -49,32 +50,32 @@ impl RunSummary {
         Ok(Some(Self { path, scene, dataset }))
     }
 
-    /// Refuses predictions of another scene.
+    /// Checks that the predictions are of this scene.
     ///
     /// # Errors
-    /// If the scene is another one, as far as names tell.
+    /// If the names of the scenes differ.
     pub fn check_scene(&self, scene: &Path) -> Result<(), EvaluationError> {
         if is_same_scene(Path::new(&self.scene), scene) {
             return Ok(());
         }
         let problem = format!(
-            "the predictions are of the scene {}, not of {}; if it is the same under another name, give \
-             --allow-other-scene",
+            "the predictions are of the scene {}, not of {}; if these are the same scene, give --allow-other-scene",
             self.scene,
             scene.display()
         );
-        Err(EvaluationError::at(&self.path, problem))
+        Err(AnnotationError::at(&self.path, problem).into())
     }
 }
 
-/// Whether two scenes are the same as far as their names tell: they can have been moved together with their folder.
+/// Returns true if the names of two scenes match. Only the last parts of the paths are compared, as scenes may have been
+/// moved.
 fn is_same_scene(one: &Path, other: &Path) -> bool {
     let synthetic = |scene: &Path| scene.to_str().and_then(|scene| scene.parse::<SyntheticSettings>().ok());
     if let (Some(one), Some(other)) = (synthetic(one), synthetic(other)) {
         return one == other;
     }
     let full = |scene: &Path| scene.canonicalize().ok();
-    // A summary has the scene as text.
+    // A summary stores the scene as text.
     if one == other
         || one.to_string_lossy() == other.to_string_lossy()
         || full(one).zip(full(other)).is_some_and(|(one, other)| one == other)
@@ -84,8 +85,7 @@ fn is_same_scene(one: &Path, other: &Path) -> bool {
     name(one) == name(other)
 }
 
-/// The name of a scene, with that of its folder where it is a part of one, as `seq-01` in 7-Scenes; without the ending of
-/// a recording.
+/// Name of a scene without `.sens`. For a sequence such as `seq-01` in 7-Scenes, followed by the name of its folder.
 fn name(scene: &Path) -> Vec<String> {
     let path = scene.canonicalize().unwrap_or_else(|_| scene.to_owned());
     let mut parts = path.iter().rev().map(|part| part.to_string_lossy().into_owned());

@@ -1,35 +1,37 @@
 //! Scores predictions against a scene's ground truth, frame by frame.
 
 use super::frames::count_and_names;
-use super::{EvaluationError, Fit, MissingFrames, Predictions, SelectedFrames};
+use super::{EvaluationError, MissingFrames};
+use splatseg_annotations::{AnnotationError, Fit, Prediction, Predictions, SelectedFrames};
 use splatseg_dataset::{DatasetSettings, Scene};
-use splatseg_metrics::{VideoScore, VideoScorer};
+use splatseg_geometry::{Mask, SegmentId, SegmentMap};
+use splatseg_metrics::{FramePrediction, MetricsError, VideoScore, VideoScorer};
 
-/// Whether predicted ids mean the same object in every frame.
+/// Scope of predicted ids.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ids {
-    /// They do.
+    /// An id means the same object in every frame.
     Lasting,
-    /// They only tell apart the masks of one frame.
+    /// Ids only distinguish the masks of one frame.
     PerFrame,
 }
 
-/// Everything that is scored.
+/// The predictions to score, with the scene and the frames.
 pub struct Scoring<'a> {
     /// The scene with its ground truth.
     pub scene: &'a dyn Scene,
-    /// How the scene is read.
+    /// Dataset settings.
     pub dataset: &'a DatasetSettings,
     /// The frames to score.
     pub frames: &'a SelectedFrames,
     /// The predictions for them.
     pub predictions: &'a Predictions,
-    /// What predicted ids mean.
+    /// Scope of predicted ids.
     pub ids: Ids,
 }
 
 impl Scoring<'_> {
-    /// The video's score, and the number of frames without ground truth.
+    /// Returns the video's score, and the number of frames without ground truth.
     pub fn run(&self, mut scorer: VideoScorer, missing: MissingFrames) -> Result<(VideoScore, usize), EvaluationError> {
         let mut unlabelled = Vec::new();
         for (index, name) in self.frames.selected() {
@@ -41,9 +43,8 @@ impl Scoring<'_> {
             let truth = self.dataset.framing().apply_to_labels(truth)?;
             let fit = Fit { framing: self.dataset.framing(), original, framed: truth.size() };
             let prediction = self.predictions.read(name, &fit)?;
-            prediction
-                .push_to(&mut scorer, &truth, self.ids)
-                .map_err(|error| EvaluationError::at(self.predictions.path(), format!("frame {name}: {error}")))?;
+            score_frame(&mut scorer, &truth, &prediction, self.ids)
+                .map_err(|error| AnnotationError::at(self.predictions.path(), format!("frame {name}: {error}")))?;
         }
         if missing == MissingFrames::Refused && !unlabelled.is_empty() {
             return Err(EvaluationError::Unlabelled(count_and_names(&unlabelled, "without ground truth")));
@@ -52,5 +53,25 @@ impl Scoring<'_> {
             return Err(EvaluationError::NothingLabelled);
         }
         Ok((scorer.finish(), unlabelled.len()))
+    }
+}
+
+/// Scores the prediction of a frame against the truth.
+fn score_frame(
+    scorer: &mut VideoScorer,
+    truth: &SegmentMap,
+    prediction: &Prediction,
+    ids: Ids,
+) -> Result<(), MetricsError> {
+    let without_ids = |masks: &[(SegmentId, Mask)]| masks.iter().map(|(_, mask)| mask.clone()).collect::<Vec<_>>();
+    match (prediction, ids) {
+        (Prediction::Map(map), Ids::Lasting) => scorer.push(truth, &FramePrediction::Ids(map)),
+        (Prediction::Masks(masks), Ids::Lasting) => scorer.push(truth, &FramePrediction::Masks(masks)),
+        (Prediction::Map(map), Ids::PerFrame) => {
+            scorer.push(truth, &FramePrediction::Unlinked(&without_ids(&Mask::of_segments(map))))
+        }
+        (Prediction::Masks(masks), Ids::PerFrame) => {
+            scorer.push(truth, &FramePrediction::Unlinked(&without_ids(masks)))
+        }
     }
 }

@@ -1,6 +1,7 @@
-//! Everything that can go wrong in a pipeline.
+//! Errors of a pipeline.
 
 use crate::settings::SettingsError;
+use splatseg_dataset::FrameReadError;
 use splatseg_memory::LoadMemoryError;
 use splatseg_models::checkpoint::CheckpointError;
 use splatseg_models::device::DeviceError;
@@ -8,11 +9,11 @@ use splatseg_models::sam2::Sam2Error;
 use splatseg_segmenter::SegmenterError;
 use splatseg_settings::SettingError;
 use splatseg_simulators::SimulatorError;
-use splatseg_tracking::{TrackerError, TrackingError};
+use splatseg_tracking::{PoseSourceError, TrackerError, TrackingError};
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a pipeline could not be built or a frame could not be processed.
+/// An error building a pipeline or processing a frame.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum PipelineError {
@@ -23,18 +24,18 @@ pub enum PipelineError {
     #[error(transparent)]
     Setting(#[from] SettingError),
     /// A setting needs the ground truth of a scene, and no scene was given.
-    #[error("{0} needs a scene with ground truth, but the pipeline was given no scene")]
+    #[error("{0} needs a scene with ground truth, but the pipeline has no scene")]
     NoScene(&'static str),
-    /// A simulator could not be made.
+    /// A simulator could not be created.
     #[error(transparent)]
     Simulator(#[from] SimulatorError),
-    /// The segmenter could not be made.
+    /// The segmenter could not be created.
     #[error(transparent)]
     MakeSegmenter(#[from] SegmenterError),
-    /// The tracker could not be made.
+    /// The tracker could not be created.
     #[error(transparent)]
     MakeTracker(#[from] TrackerError),
-    /// The method could not be made.
+    /// The method could not be created.
     #[error(transparent)]
     MakeMethod(#[from] TrackingError),
     /// The device cannot be used.
@@ -54,7 +55,7 @@ pub enum PipelineError {
     /// A saved memory could not be loaded.
     #[error(transparent)]
     Memory(#[from] LoadMemoryError),
-    /// A memory was given to a method that has none.
+    /// A saved memory was given, but the method has no memory.
     #[error("{}: the method {method} has no splat memory to load", path.display())]
     NoMemory {
         /// The saved memory.
@@ -62,7 +63,10 @@ pub enum PipelineError {
         /// The method.
         method: &'static str,
     },
-    /// The segmenter failed on a frame; later frames can still be processed.
+    /// The frame's pose could not be determined. Later frames can still be processed.
+    #[error(transparent)]
+    Pose(#[from] PoseSourceError),
+    /// The segmenter failed on a frame. Later frames can still be processed.
     #[error("{frame}: {source}")]
     Segmenter {
         /// The frame.
@@ -70,7 +74,7 @@ pub enum PipelineError {
         /// The error.
         source: Box<SegmenterError>,
     },
-    /// The device failed, and no later frame can be processed.
+    /// The device failed. No later frame can be processed.
     #[error("frame {frame}: {source}")]
     DeviceFailed {
         /// The frame.
@@ -86,4 +90,16 @@ pub enum PipelineError {
         /// The error.
         source: Box<TrackingError>,
     },
+}
+
+/// A frame of a source that did not reach the method. Later frames can still be processed.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum UnusableFrame {
+    /// The frame could not be read.
+    #[error(transparent)]
+    Read(#[from] FrameReadError),
+    /// The frame's pose could not be determined.
+    #[error(transparent)]
+    Pose(#[from] PoseSourceError),
 }

@@ -1,73 +1,77 @@
 //! The frame loop.
 
-use super::{FrameResult, Pipeline, PipelineError, Segmented, in_thread_pool, process, segment};
-use splatseg_geometry::RgbdFrame;
+use super::{FrameResult, Pipeline, PipelineError, Segmented, UnusableFrame, in_thread_pool, process, segment};
+use splatseg_dataset::{FrameReadError, FrameSource, StreamedFrame};
+use splatseg_geometry::{RgbdFrame, SegmentMap};
 use splatseg_memory::SplatMemory;
 
-/// An iterator over the results of a stream of frames.
+/// Iterator over the results of a [`FrameSource`].
 ///
-/// The segmenter does not depend on the method, so segmenting ahead changes the time that results take and nothing
-/// else.
-pub struct Frames<'p, I: Iterator> {
+/// Segmenting ahead changes the time of the results and nothing else: the segmenter does not depend on the method.
+pub struct Frames<'p, S> {
     pipeline: &'p mut Pipeline,
-    frames: I,
-    next: Option<Next<I::Item>>,
+    source: S,
+    next: Option<NextFrame>,
 }
 
 /// A frame and its result.
 #[derive(Debug)]
-pub struct Processed<F> {
-    /// The frame.
-    pub frame: F,
-    /// Its result. After [`PipelineError::Segmenter`] the stream can continue.
+pub struct Processed {
+    /// Index of the frame in its source.
+    pub index: usize,
+    /// The frame, with the pose from the pose source.
+    pub frame: RgbdFrame<'static>,
+    /// The true segments, if the source returned them.
+    pub ground_truth: Option<SegmentMap>,
+    /// The result. After [`PipelineError::Segmenter`] the stream can continue.
     pub result: Result<FrameResult, PipelineError>,
 }
 
-/// The next item of the stream, with masks if it was segmented ahead.
-type Next<R> = (R, Option<Segmented>);
+/// The next frame of the source, with masks if it was segmented ahead.
+type NextFrame = (Result<StreamedFrame, FrameReadError>, Option<Segmented>);
 
-impl<'p, I: Iterator> Frames<'p, I> {
-    pub(super) fn new(pipeline: &'p mut Pipeline, frames: I) -> Self {
-        Self { pipeline, frames, next: None }
+impl<'p, S: FrameSource> Frames<'p, S> {
+    pub(super) fn new(pipeline: &'p mut Pipeline, source: S) -> Self {
+        Self { pipeline, source, next: None }
     }
 
     /// The splat memory after the latest frame, if the method has one.
     pub fn memory(&self) -> Option<&SplatMemory> {
         self.pipeline.memory()
     }
+
+    /// Number of frames to come, including unusable ones. `None` if the end of the source is not known.
+    pub fn frames_left(&self) -> Option<usize> {
+        Some(self.source.frames_left()? + usize::from(self.next.is_some()))
+    }
 }
 
-impl<I, F, E> Iterator for Frames<'_, I>
-where
-    I: Iterator<Item = Result<F, E>>,
-    F: AsRef<RgbdFrame<'static>> + Sync,
-    E: Sync,
-{
-    type Item = Result<Processed<F>, E>;
+impl<S: FrameSource> Iterator for Frames<'_, S> {
+    type Item = Result<Processed, UnusableFrame>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let Self { pipeline, frames, next } = self;
-        let Pipeline { segmenter, method, segment_ahead, clock, objects } = &mut **pipeline;
-        let (frame, segmented) = match next.take().or_else(|| Some((frames.next()?, None)))? {
-            (Ok(frame), segmented) => (frame, segmented),
-            (Err(error), _) => return Some(Err(error)),
+        let Self { pipeline, source, next } = self;
+        let Pipeline { segmenter, poses, method, segment_ahead, clock, objects } = &mut **pipeline;
+        let (streamed, segmented) = next.take().or_else(|| Some((source.next()?, None)))?;
+        let StreamedFrame { index, frame, world_from_camera, ground_truth } = match streamed {
+            Ok(streamed) => streamed,
+            Err(error) => return Some(Err(error.into())),
         };
+        let pose = match poses.pose(&frame, world_from_camera.as_ref(), method.memory()) {
+            Ok(pose) => pose,
+            Err(error) => return Some(Err(error.into())),
+        };
+        let frame = frame.at(pose);
         // Read on this thread: a thread of the pool that waits for a frame could be the one that the frame waits for.
-        let ahead = if *segment_ahead { frames.next() } else { None };
+        let ahead = if *segment_ahead { source.next() } else { None };
         let (result, segmented_ahead) = in_thread_pool(|| {
-            let segmented = segmented.unwrap_or_else(|| segment(segmenter.as_mut(), frame.as_ref()));
+            let segmented = segmented.unwrap_or_else(|| segment(segmenter.as_mut(), &frame));
             rayon::join(
-                || process(method.as_mut(), clock, objects, frame.as_ref(), segmented),
-                || Some(segment(segmenter.as_mut(), ahead.as_ref()?.as_ref().ok()?.as_ref())),
+                || process(method.as_mut(), clock, objects, &frame, segmented),
+                || Some(segment(segmenter.as_mut(), &ahead.as_ref()?.as_ref().ok()?.frame)),
             )
         });
         *next = ahead.map(|frame| (frame, segmented_ahead));
-        Some(Ok(Processed { frame, result }))
-    }
-
-    fn size_hint(&self) -> (usize, Option<usize>) {
-        let ahead = usize::from(self.next.is_some());
-        let (least, most) = self.frames.size_hint();
-        (least + ahead, most.map(|most| most + ahead))
+        Some(Ok(Processed { index, frame, ground_truth, result }))
     }
 }

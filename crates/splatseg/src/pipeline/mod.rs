@@ -1,6 +1,6 @@
-//! The pipeline: frames → segmenter → method ⇄ memory → ids and objects.
+//! The pipeline: frames → segmenter, pose → method ⇄ memory → ids and objects.
 //!
-//! [`Pipeline`] is the only frame loop. `splatseg run`, `bench` and `demo` give it scenes; a robot gives it the frames
+//! [`Pipeline`] is the only frame loop. `splatseg run`, `bench` and `demo` run it on scenes. A robot passes it the frames
 //! of its camera with [`Pipeline::step`].
 
 mod builder;
@@ -10,24 +10,26 @@ mod networks;
 mod stage_times;
 
 pub use builder::PipelineBuilder;
-pub use error::PipelineError;
+pub use error::{PipelineError, UnusableFrame};
 pub use frames::{Frames, Processed};
 pub use networks::LoadedNetworks;
 pub use stage_times::StageTimes;
 
 use crate::Settings;
-use splatseg_geometry::{RgbdFrame, ScoredMask};
+use splatseg_dataset::FrameSource;
+use splatseg_geometry::{CameraFrame, Pose, RgbdFrame, ScoredMask};
 use splatseg_memory::SplatMemory;
 use splatseg_models::fastsam::FastSamError;
 use splatseg_objects::{ObjectLog, ObjectSighting};
 use splatseg_segmenter::{Segmenter, SegmenterError};
-use splatseg_tracking::{FrameOutput, Method};
+use splatseg_tracking::{FrameOutput, GivenPoses, Method, PoseSource};
 use stage_times::StageClock;
 use std::time::{Duration, Instant};
 
-/// A segmenter and a method: frames go in, lasting ids come out.
+/// A segmenter, a pose source and a method: frames go in, lasting ids come out.
 pub struct Pipeline {
     segmenter: Box<dyn Segmenter>,
+    poses: Box<dyn PoseSource>,
     method: Box<dyn Method>,
     segment_ahead: bool,
     clock: StageClock,
@@ -37,38 +39,65 @@ pub struct Pipeline {
 /// The result for one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameResult {
-    /// The method's result: an id per pixel, masks, changes of the memory.
+    /// The method's result: an id per pixel, masks, changes to the memory.
     pub output: FrameOutput,
     /// The objects in the frame, by increasing id.
     pub objects: Vec<ObjectSighting>,
-    /// How long each stage took.
+    /// Time of each stage.
     pub times: StageTimes,
+    /// The camera's pose, from the pose source.
+    pub world_from_camera: Pose,
 }
 
-/// The masks of a frame, and how long they took.
+/// The masks of a frame, and the segmenter's time.
 struct Segmented {
     masks: Result<Vec<ScoredMask>, SegmenterError>,
     time: Duration,
 }
 
 impl Pipeline {
-    /// A pipeline from your own parts.
+    /// Creates a pipeline from your own parts.
     pub fn new(segmenter: Box<dyn Segmenter>, method: Box<dyn Method>) -> Self {
-        Self { segmenter, method, segment_ahead: false, clock: StageClock::new(), objects: ObjectLog::default() }
+        Self {
+            segmenter,
+            poses: Box::new(GivenPoses),
+            method,
+            segment_ahead: false,
+            clock: StageClock::new(),
+            objects: ObjectLog::default(),
+        }
     }
 
-    /// A builder for the pipeline that `settings` describe, in which your own parts can replace some of its parts.
+    /// Returns a builder for the pipeline that `settings` describe. Its parts can be replaced by your own.
     pub fn builder(settings: &Settings) -> PipelineBuilder<'_> {
         PipelineBuilder::new(settings)
     }
 
-    /// Processes the next frame of a camera.
+    /// Processes the next frame of a camera whose pose is known. Pose sources other than
+    /// [`GivenPoses`] may return another pose.
     ///
     /// # Errors
-    /// [`PipelineError::Segmenter`] if the segmenter failed, after which the next frame can still be processed;
-    /// [`PipelineError::Method`] or [`PipelineError::DeviceFailed`] if the method or the device failed, after which none
-    /// can.
+    /// [`PipelineError::Segmenter`] or [`PipelineError::Pose`] if the segmenter or the pose source failed: later frames
+    /// can still be processed. [`PipelineError::Method`] or [`PipelineError::DeviceFailed`] if the method or the device
+    /// failed: no later frame can be processed.
     pub fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
+        let pose = self.poses.pose(frame, Some(frame.world_from_camera()), self.method.memory())?;
+        if pose == *frame.world_from_camera() {
+            return self.step_at_pose(frame);
+        }
+        self.step_at_pose(&frame.clone().into_camera_frame().at(pose))
+    }
+
+    /// Processes the next frame of a camera whose pose is unknown: the pose source determines it.
+    ///
+    /// # Errors
+    /// As [`Self::step`].
+    pub fn step_unposed(&mut self, frame: CameraFrame<'_>) -> Result<FrameResult, PipelineError> {
+        let pose = self.poses.pose(&frame, None, self.method.memory())?;
+        self.step_at_pose(&frame.at(pose))
+    }
+
+    fn step_at_pose(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
         let Self { segmenter, method, clock, objects, .. } = self;
         in_thread_pool(|| {
             let segmented = segment(segmenter.as_mut(), frame);
@@ -76,13 +105,13 @@ impl Pipeline {
         })
     }
 
-    /// Processes every frame of a stream, e.g. a [`FrameStream`](splatseg_dataset::FrameStream). With `segment_ahead`,
+    /// Processes every frame of a source, e.g. a [`FrameStream`](splatseg_dataset::FrameStream). With `segment_ahead`,
     /// each frame is segmented while the method works on the previous one.
-    pub fn run<I: Iterator>(&mut self, frames: I) -> Frames<'_, I> {
-        Frames::new(self, frames)
+    pub fn run<S: FrameSource>(&mut self, source: S) -> Frames<'_, S> {
+        Frames::new(self, source)
     }
 
-    /// The name of the method.
+    /// Name of the method.
     pub fn method_name(&self) -> &str {
         self.method.name()
     }
@@ -92,19 +121,19 @@ impl Pipeline {
         self.method.memory()
     }
 
-    /// Every object seen so far.
+    /// Log of every object seen so far.
     pub fn objects(&self) -> &ObjectLog {
         &self.objects
     }
 }
 
-/// Works on a thread of Rayon's pool. From any other thread, each of the hundred parallel steps of a frame would send its
-/// work to the pool, sleep and be woken, which takes as long as the work.
+/// Runs `work` on a thread of Rayon's pool. On any other thread, each of a frame's hundred parallel steps would send its
+/// work to the pool, sleep and be woken, which takes as long as the work itself.
 fn in_thread_pool<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     rayon::scope(|_| work())
 }
 
-fn segment(segmenter: &mut dyn Segmenter, frame: &RgbdFrame) -> Segmented {
+fn segment(segmenter: &mut dyn Segmenter, frame: &CameraFrame) -> Segmented {
     let started = Instant::now();
     let masks = segmenter.segment(frame);
     Segmented { masks, time: started.elapsed() }
@@ -128,5 +157,5 @@ fn process(
     let output = output.map_err(|source| PipelineError::Method { frame: name(), source: Box::new(source) })?;
     times.add("segment", time);
     let objects = objects.record(&output);
-    Ok(FrameResult { output, objects, times })
+    Ok(FrameResult { output, objects, times, world_from_camera: *frame.world_from_camera() })
 }

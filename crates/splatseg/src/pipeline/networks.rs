@@ -1,4 +1,4 @@
-//! Networks that are loaded once for many pipelines.
+//! Cache of loaded networks, shared by pipelines.
 
 use super::PipelineError;
 use splatseg_models::checkpoint::Checkpoint;
@@ -9,8 +9,8 @@ use splatseg_segmenter::{AffinityNetwork, SegmenterError};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// The networks that pipelines have loaded, for later ones that need the same: copies share their weights. Of each kind
-/// the latest is kept.
+/// Cache of loaded networks. Pipelines that need the same network share its weights. Only the latest network of each kind
+/// is kept.
 #[derive(Debug, Default)]
 pub struct LoadedNetworks {
     affinity: Latest<(Option<PathBuf>, DeviceName), AffinityNetwork>,
@@ -18,7 +18,7 @@ pub struct LoadedNetworks {
     sam2: Latest<(PathBuf, Option<usize>, DeviceName), Sam2Network>,
 }
 
-/// The network that was loaded last, and what it was loaded from.
+/// The network that was loaded last, and its key.
 #[derive(Debug)]
 struct Latest<K, N>(Mutex<Option<(K, N)>>);
 
@@ -41,11 +41,11 @@ impl<K: PartialEq, N: Clone> Latest<K, N> {
 }
 
 impl LoadedNetworks {
-    /// The affinity network of a file, or of the weights built in.
+    /// Returns the affinity network of a file, or the one with built-in weights.
     ///
     /// # Errors
     /// If it cannot be loaded.
-    pub(super) fn affinity(
+    pub(crate) fn affinity(
         &self,
         weights: Option<&Path>,
         device: DeviceName,
@@ -60,11 +60,11 @@ impl LoadedNetworks {
         })
     }
 
-    /// FastSAM of a checkpoint.
+    /// Returns FastSAM with the weights of a checkpoint.
     ///
     /// # Errors
     /// If it cannot be loaded.
-    pub(super) fn fastsam(
+    pub(crate) fn fastsam(
         &self,
         weights: &Path,
         settings: &FastSamPredictorSettings,
@@ -76,11 +76,11 @@ impl LoadedNetworks {
         })
     }
 
-    /// SAM 2.1 of a checkpoint, for images of a size.
+    /// Returns SAM 2.1 with the weights of a checkpoint, for the given image size.
     ///
     /// # Errors
     /// If it cannot be loaded.
-    pub(super) fn sam2(
+    pub(crate) fn sam2(
         &self,
         weights: &Path,
         image_size: Option<usize>,

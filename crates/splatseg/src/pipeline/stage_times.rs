@@ -1,17 +1,15 @@
-//! How long each stage of a frame took, from the [`tracing`] spans that methods and memory open.
+//! Times each stage of a frame, from the [`tracing`] spans that methods and memory open.
 //!
-//! A stage is a span with the target `splatseg::stage`, and has the name of the span. The time of a nested stage does
-//! not count for the stage around it.
+//! A stage is a span with the target `splatseg::stage`, named after the span. The time of a nested stage is not counted
+//! for the stage around it.
 
+use splatseg_geometry::STAGE_TARGET;
 use std::collections::HashMap;
 use std::ops::AddAssign;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tracing::span::{Attributes, Id, Record};
 use tracing::{Dispatch, Event, Metadata, Subscriber, dispatcher};
-
-/// The target of spans that are stages.
-pub const STAGE_TARGET: &str = "splatseg::stage";
 
 /// The stages of this project's methods, in order.
 const STAGES: [&str; 10] =
@@ -30,12 +28,12 @@ impl Default for StageTimes {
 }
 
 impl StageTimes {
-    /// The time of each stage, by name. Stages of methods defined elsewhere come last.
+    /// Name and time of each stage. Stages of methods defined elsewhere come last.
     pub fn stages(&self) -> &[(&'static str, Duration)] {
         &self.stages
     }
 
-    /// The total time of all stages except the segmenter; a tracker's stages are included.
+    /// Total time of all stages except the segmenter. A tracker's stages are included.
     pub fn without_segmenter(&self) -> Duration {
         self.stages.iter().filter(|(name, _)| *name != "segment").map(|(_, time)| *time).sum()
     }
@@ -55,14 +53,14 @@ impl AddAssign<&StageTimes> for StageTimes {
     }
 }
 
-/// Measures stages.
+/// Measures the time of each stage.
 pub(super) struct StageClock {
     dispatch: Dispatch,
     recording: Arc<Mutex<Recording>>,
 }
 
 impl StageClock {
-    /// A clock. The program's own subscriber still receives every span and event.
+    /// Creates a clock. The program's own subscriber still receives every span and event.
     pub(super) fn new() -> Self {
         let recording = Arc::new(Mutex::new(Recording::default()));
         let outer = dispatcher::get_default(Clone::clone);
@@ -70,7 +68,7 @@ impl StageClock {
         Self { dispatch, recording }
     }
 
-    /// Calls `work`, and returns its result and the time of each stage in it.
+    /// Calls `work`. Returns its result and the time of each stage in it.
     pub(super) fn time<T>(&self, work: impl FnOnce() -> T) -> (T, StageTimes) {
         *locked(&self.recording) = Recording::default();
         let result = dispatcher::with_default(&self.dispatch, work);
@@ -83,7 +81,7 @@ impl StageClock {
 struct Recording {
     times: StageTimes,
     spans: HashMap<u64, Stage>,
-    /// Running stages, the innermost last: id, start, and the time of the stages nested in them.
+    /// Running stages, innermost last: id, start, and total time of nested stages.
     running: Vec<(u64, Instant, Duration)>,
     last_id: u64,
 }
@@ -91,14 +89,14 @@ struct Recording {
 /// A span that is a stage.
 struct Stage {
     name: &'static str,
-    /// The span in the program's own subscriber, if that has stages enabled.
+    /// The span in the program's own subscriber, if stages are enabled there.
     outer: Option<Id>,
 }
 
-/// Ids of stages have this bit, so that they differ from those of the program's subscriber.
+/// Set in the ids of stages, so that they differ from ids of the program's own subscriber.
 const STAGE_BIT: u64 = 1 << 63;
 
-/// Records stages, and passes everything on to the program's own subscriber.
+/// Records stages, and forwards everything to the program's own subscriber.
 struct StageSubscriber {
     outer: Dispatch,
     recording: Arc<Mutex<Recording>>,
@@ -113,7 +111,7 @@ fn is_stage(id: &Id) -> bool {
 }
 
 impl StageSubscriber {
-    /// The span in the program's subscriber.
+    /// Returns the span in the program's own subscriber.
     fn outer_id(&self, id: &Id) -> Option<Id> {
         if !is_stage(id) {
             return Some(id.clone());
@@ -184,7 +182,7 @@ impl Subscriber for StageSubscriber {
 }
 
 impl Recording {
-    /// Ends a stage. Stages are guards, so the innermost one ends first.
+    /// Ends a stage. Spans are entered with guards, so the innermost stage ends first.
     fn end(&mut self, id: u64) {
         let Some((_, started, inside)) = self.running.pop_if(|(running, _, _)| *running == id) else { return };
         let time = started.elapsed();

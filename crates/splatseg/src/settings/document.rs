@@ -1,4 +1,4 @@
-//! `docs/SETTINGS.md`, and what `splatseg settings` prints.
+//! The text of `docs/SETTINGS.md` and of `splatseg settings`.
 
 use super::table::nearest_key;
 use super::{Entry, MethodPreset, entries};
@@ -6,23 +6,23 @@ use std::fmt::Write as _;
 
 const INTRODUCTION: &str = "# Settings
 
-A setting has the same name in a TOML file (`--config`), in `--set KEY=VALUE`, in `summary.json` and in the library.
-Some also have their own option, e.g. `--segmenter`. A setting that the chosen method, segmenter, tracker or memory does
-not use is an error. `splatseg settings` prints this page, `splatseg settings NAME` a section or a setting of it.
-`method_preset = \"paper\"` (`--method-preset paper`) has defaults of its own, named where they differ; what is given wins
-over them. `--config` also takes the `summary.json` of an earlier run, which lists every setting that was in force.
+A setting has the same name in TOML files (`--config`), `--set KEY=VALUE`, `summary.json` and the library. Some settings
+also have their own option, e.g. `--segmenter`. Giving a setting that the chosen method, segmenter, tracker or memory
+does not use is an error. `splatseg settings` prints this page, `splatseg settings NAME` one section or setting.
+`method_preset = \"paper\"` (`--method-preset paper`) changes some defaults; the tables list both. Explicit values
+override both. `--config` also accepts the `summary.json` of an earlier run, which lists every setting in use.
 ";
 
-/// `docs/SETTINGS.md`: every setting, with a table for each section.
+/// Returns the text of `docs/SETTINGS.md`: every setting, in one table per section.
 pub fn markdown() -> String {
     format!("{INTRODUCTION}{}", tables(&entries()))
 }
 
-/// The settings of a name: one setting by its key, a section, or all settings of that name in any section; failing
-/// these, all whose key contains it.
+/// Describes the settings that `name` selects. Tries in order: the setting with this key, the section, all settings
+/// with this name in any section, all settings whose key contains it.
 ///
 /// # Errors
-/// Without any such setting, the most similar key, if there is one.
+/// If there are none: the most similar key, if one is similar enough.
 pub fn describe_settings(name: &str) -> Result<String, Option<String>> {
     let section = format!("{name}.");
     let has_name: [&dyn Fn(&str) -> bool; 4] =
@@ -41,7 +41,7 @@ pub fn describe_settings(name: &str) -> Result<String, Option<String>> {
     Err(nearest_key(name, entries.iter().map(|entry| entry.field.key())))
 }
 
-/// One setting, on a few lines.
+/// Describes one setting in a few lines.
 fn block(entry: &Entry) -> String {
     let default = entry.field.default.as_deref().unwrap_or("none");
     let paper = MethodPreset::Paper.default_of(&entry.field.key());
@@ -50,7 +50,7 @@ fn block(entry: &Entry) -> String {
     format!("{key}\n  default: {default}{paper}\n  allowed: {allowed}\n  used with: {needs}\n  {help}\n")
 }
 
-/// A Markdown table for each section.
+/// Returns a Markdown table for each section.
 fn tables(entries: &[Entry]) -> String {
     let mut text = String::new();
     let mut section = None;
@@ -93,7 +93,7 @@ mod tests {
         assert_eq!(describe_settings("max_votes").as_deref(), Ok(one.as_str()));
         let lines: Vec<&str> = one.lines().collect();
         assert_eq!(lines[..3], ["memory.max_votes", "  default: 4", "  allowed: more than 0 and at most 1000000"]);
-        assert!(lines[3].starts_with("  used with: method = ") && lines[4].starts_with("  Most votes"), "{one}");
+        assert!(lines[3].starts_with("  used with: method = ") && lines[4].contains("votes"), "{one}");
         // Not `tracker_weights`.
         assert!(describe_settings("weights").unwrap().starts_with("weights\n"));
         let graph = describe_settings("graph").unwrap();

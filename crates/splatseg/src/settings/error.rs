@@ -1,13 +1,13 @@
-//! Everything that can be wrong with settings.
+//! Errors in settings.
 
-use super::Need;
+use super::Requirement;
 use splatseg_memory::SplatFileError;
 use splatseg_models::device::DeviceError;
 use splatseg_settings::SettingError;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Settings that cannot be used.
+/// Errors reading or checking settings.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum SettingsError {
@@ -19,24 +19,24 @@ pub enum SettingsError {
         /// The system's error.
         source: std::io::Error,
     },
-    /// The file is not TOML, or not JSON if its name ends so.
+    /// The file is not valid TOML; or, if its name ends in `.json`, not valid JSON.
     #[error("{}: {message}", place(path, *line))]
     Syntax {
         /// The file.
         path: PathBuf,
         /// The line, counted from 1.
         line: Option<usize>,
-        /// What is wrong.
+        /// The error in the syntax.
         message: String,
     },
-    /// A value of a file is wrong.
+    /// A value in a file is invalid.
     #[error("{}: {source}", place(path, *line))]
     InFile {
         /// The file.
         path: PathBuf,
         /// The line, counted from 1; `None` for JSON.
         line: Option<usize>,
-        /// What is wrong.
+        /// The error in the value.
         source: Box<SettingsError>,
     },
     /// `--set` without `=`, or with an invalid key.
@@ -50,15 +50,15 @@ pub enum SettingsError {
         /// The setting with the most similar key.
         nearest: Option<String>,
     },
-    /// A section in the place of a setting.
-    #[error("{key} is a section of settings, e.g. {example}: give one of these")]
+    /// A section where a setting is expected.
+    #[error("{key} is a section: choose one of its settings, e.g. {example}")]
     IsSection {
         /// The section.
         key: String,
-        /// A setting of it.
+        /// A setting in it.
         example: String,
     },
-    /// A name that is almost one of the allowed ones.
+    /// A misspelt name.
     #[error("{key} is {found:?}, did you mean {nearest}?")]
     UnknownName {
         /// The setting.
@@ -71,17 +71,17 @@ pub enum SettingsError {
     /// A setting out of range, or of the wrong type.
     #[error(transparent)]
     Setting(#[from] SettingError),
-    /// A setting of a method, segmenter, tracker or memory that was not chosen.
+    /// A setting that the chosen method, segmenter, tracker or memory does not use.
     #[error("{key} is not used here: it needs {need}, but {found}")]
     Unused {
         /// The setting.
         key: String,
-        /// What it needs.
-        need: Need,
-        /// The choices that were made instead, e.g. `segmenter is graph`.
+        /// Its unmet requirement.
+        need: Requirement,
+        /// The actual choices, e.g. `segmenter is graph`.
         found: String,
     },
-    /// A setting that differs from what a saved memory says.
+    /// A setting that differs from the saved memory.
     #[error("{key} is {found}, but the memory in {} has {saved}: leave the setting out", path.display())]
     SavedOtherwise {
         /// The setting.
@@ -93,10 +93,10 @@ pub enum SettingsError {
         /// The value in it.
         saved: String,
     },
-    /// The device is not part of the program.
+    /// Support for the device is not built in.
     #[error(transparent)]
     Device(#[from] DeviceError),
-    /// The file of a memory cannot be read.
+    /// The saved memory cannot be read.
     #[error(transparent)]
     SavedMemory(#[from] SplatFileError),
     /// A file that the chosen segmenter or tracker needs was not given.
@@ -105,7 +105,7 @@ pub enum SettingsError {
 }
 
 impl SettingsError {
-    /// The full key of the setting that is wrong, if it is one.
+    /// Returns the full key of the invalid setting, if the error is about one.
     pub fn key(&self) -> Option<&str> {
         match self {
             Self::UnknownKey { key, .. }
@@ -120,42 +120,24 @@ impl SettingsError {
     }
 }
 
-/// A file that is needed and was not given.
+/// A required file that was not given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MissingFile {
     /// The choice that needs it, e.g. `segmenter = fastsam`.
     pub chosen: &'static str,
     /// The setting that names the file.
     pub key: &'static str,
-    /// The file expected there.
+    /// Description of the expected file.
     pub what: &'static str,
 }
 
-/// A file, and the line in it.
+/// Formats the path of a file and, if known, the line.
 fn place(path: &Path, line: Option<usize>) -> String {
     let line = line.map(|line| format!(", line {line}")).unwrap_or_default();
     format!("{}{line}", path.display())
 }
 
-/// The end of the error for an unknown key.
+/// Formats the suggestion at the end of the error for an unknown key.
 fn suggestion(nearest: Option<&str>) -> String {
     nearest.map(|nearest| format!(", did you mean {nearest}?")).unwrap_or_default()
-}
-
-impl MissingFile {
-    pub(super) const FASTSAM: Self = Self {
-        chosen: "segmenter = fastsam",
-        key: "weights",
-        what: "a checkpoint of FastSAM, e.g. --weights FastSAM-x.pt",
-    };
-    pub(super) const MASKS: Self = Self {
-        chosen: "segmenter = masks",
-        key: "masks",
-        what: "a folder with one .png or .json file per frame, e.g. --masks DIR",
-    };
-    pub(super) const SAM2: Self = Self {
-        chosen: "tracker = sam2",
-        key: "tracker_weights",
-        what: "a checkpoint of SAM 2.1, e.g. --tracker-weights sam2.1_hiera_base_plus.pt",
-    };
 }

@@ -11,11 +11,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
-/// Settings under construction: later layers replace values of earlier ones.
+/// Settings built up in layers. Later layers override earlier ones.
 #[derive(Clone, Debug, Default)]
 pub struct SettingsLayers {
     table: Table,
-    /// The file, and the line in it, of each value that came from one, by full key.
+    /// File and line of each value that came from a file, by full key.
     places: BTreeMap<String, (PathBuf, Option<usize>)>,
 }
 
@@ -23,17 +23,17 @@ impl SettingsLayers {
     /// Adds a TOML file, or the settings of the `summary.json` of an earlier run.
     ///
     /// # Errors
-    /// If the file cannot be read, or is not of its format.
+    /// If the file cannot be read or has the wrong format.
     pub fn add_file(&mut self, path: &Path) -> Result<(), SettingsError> {
         let file = SettingsFile::read(path)?;
-        for (key, _) in Usage::of(&file.table, &[]).values() {
+        for (key, _) in Usage::new(&file.table, &[]).values() {
             self.places.insert(key.to_owned(), (path.to_owned(), file.lines.get(key).copied()));
         }
         merge(&mut self.table, file.table);
         Ok(())
     }
 
-    /// These layers with others over them.
+    /// Puts the layers `above` over these layers.
     #[must_use]
     pub fn with(mut self, above: Self) -> Self {
         self.places.retain(|key, _| above.get(key).is_none());
@@ -42,28 +42,28 @@ impl SettingsLayers {
         self
     }
 
-    /// How a scene is read: `base`, with the layers over it. Other settings are ignored.
+    /// Returns the dataset settings `base`, overridden by these layers. Other settings are ignored.
     ///
     /// # Errors
     /// If a key does not exist, or a value has the wrong type or is out of range.
     pub fn over_dataset(self, base: &DatasetSettings) -> Result<DatasetSettings, SettingsError> {
         let mut layers = Self::default();
-        // Every setting can be written as TOML.
+        // Never fails: every setting can be written as TOML.
         if let Ok(base) = Value::try_from(base) {
             layers.add("dataset", base);
         }
-        // `base` has values for settings that are not in use.
+        // Not `resolve`: `base` also has values for settings that are not in use.
         Ok(layers.with(self).resolve_shared()?.dataset)
     }
 
-    /// Takes over what a saved memory fixes: its kind, and the sizes of its features and codes. Nothing for a method
-    /// without memory.
+    /// Adds the settings that a saved memory fixes: its kind, feature dimension and number of codes. Does nothing for a
+    /// method without a memory.
     ///
     /// # Errors
     /// If the file cannot be read, or a layer has another value.
     pub fn add_saved_memory(&mut self, path: &Path) -> Result<(), SettingsError> {
         let entries = entries();
-        if !Usage::of(&with_preset(&self.table, &entries), &entries).uses("memory.kind") {
+        if !Usage::new(&with_preset(&self.table, &entries), &entries).uses("memory.kind") {
             return Ok(());
         }
         let saved = SavedMemorySettings::read(path)?;
@@ -89,7 +89,7 @@ impl SettingsLayers {
         Ok(())
     }
 
-    /// Adds `KEY=VALUE`. The parts of a key are separated by dots; quotes around text may be left out.
+    /// Adds `KEY=VALUE`. The parts of a key are separated by dots. Quotes around text are optional.
     ///
     /// # Errors
     /// If `assignment` does not have that form.
@@ -99,8 +99,8 @@ impl SettingsLayers {
         self.add_text(key.trim(), value.trim()).ok_or_else(malformed)
     }
 
-    /// Adds one value as written on a command line. `None` if a part of the key is empty, or a part but the last is not
-    /// a section.
+    /// Adds one value, written as on a command line. Returns `None` if a part of the key is empty, or a part other than
+    /// the last is not a section.
     pub fn add_text(&mut self, key: &str, text: &str) -> Option<()> {
         let is_text = |entry: &Entry| matches!(entry.field.allowed, Allowed::Text(_) | Allowed::Names(_));
         let is_text = entries().iter().find(|entry| entry.field.key() == key).is_some_and(is_text);
@@ -112,7 +112,7 @@ impl SettingsLayers {
         self.add(key, value.unwrap_or_else(|| Value::String(text.to_owned())))
     }
 
-    /// Adds one value. `None` if a part of the key is empty, or a part but the last is not a section.
+    /// Adds one value. Returns `None` if a part of the key is empty, or a part other than the last is not a section.
     pub fn add(&mut self, key: &str, value: impl Into<Value>) -> Option<()> {
         let mut parts: Vec<&str> = key.split('.').collect();
         let last = parts.pop()?;
@@ -128,32 +128,33 @@ impl SettingsLayers {
         Some(())
     }
 
-    /// The value of a key, if a layer has it.
+    /// Returns the value of a key, if a layer has one.
     pub fn get(&self, key: &str) -> Option<&Value> {
         let mut parts = key.split('.');
         let first = self.table.get(parts.next()?)?;
         parts.try_fold(first, |value, part| value.as_table()?.get(part))
     }
 
-    /// One [`SettingsError::Unused`] for each value that the chosen method, segmenter, tracker and memory do not use.
+    /// Returns one [`SettingsError::Unused`] for each value that the chosen method, segmenter, tracker and memory do
+    /// not use.
     pub fn unused(&self) -> Vec<SettingsError> {
         let entries = entries();
-        Usage::of(&with_preset(&self.table, &entries), &entries).unused()
+        Usage::new(&with_preset(&self.table, &entries), &entries).unused()
     }
 
-    /// The settings, with defaults where no layer has a value.
+    /// Returns the settings, with defaults where no layer has a value.
     ///
     /// # Errors
-    /// If a key does not exist, a setting is not used by the chosen method, segmenter, tracker or memory, a value has
-    /// the wrong type or is out of range, or a file that is needed is missing.
+    /// If a key does not exist, the chosen method, segmenter, tracker or memory does not use a setting, a value has the
+    /// wrong type or is out of range, a required file is missing, or the device is not built in.
     pub fn resolve(&self) -> Result<Settings, SettingsError> {
         let settings = Settings::from_table(&self.table, true).map_err(|error| self.with_place(error))?;
         settings.validate().map_err(|error| self.with_place(error))?;
         Ok(settings)
     }
 
-    /// Like [`Self::resolve`], for several methods that share settings: values that the chosen method does not use are
-    /// ignored.
+    /// Like [`Self::resolve`], for several methods that share settings: ignores values that the chosen method does not
+    /// use.
     ///
     /// # Errors
     /// If a key does not exist, or a value has the wrong type or is out of range.
@@ -161,7 +162,7 @@ impl SettingsLayers {
         Settings::from_table(&self.table, false).map_err(|error| self.with_place(error))
     }
 
-    /// The error, with the file and the line if its value came from one.
+    /// Adds the file and line to an error if its value came from a file.
     #[must_use]
     pub fn with_place(&self, error: SettingsError) -> SettingsError {
         match error.key().and_then(|key| self.places.get(key)).cloned() {
@@ -171,7 +172,7 @@ impl SettingsLayers {
     }
 }
 
-/// Puts values over others.
+/// Puts the values `above` over `below`.
 pub(super) fn merge(below: &mut Table, above: Table) {
     for (key, value) in above {
         match (below.get_mut(&key), value) {
@@ -248,7 +249,7 @@ mod tests {
     fn whole_numbers_of_2_63_and_more_are_errors_with_the_range() {
         for number in ["9223372036854775808", "18446744073709551615", "18446744073709551616", "-9223372036854775809"] {
             for entry in entries().iter().filter(|entry| matches!(entry.field.allowed, Allowed::Range { .. })) {
-                // For the number alone, whatever else the setting needs.
+                // Not `resolve`, so that the only error is the number.
                 let mut layers = SettingsLayers::default();
                 let key = entry.field.key();
                 layers.add_text(&key, number).unwrap();

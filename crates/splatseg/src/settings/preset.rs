@@ -1,4 +1,4 @@
-//! What `method_preset` stands for: other defaults of settings.
+//! Presets of defaults, chosen by `method_preset`.
 
 use super::usage::Usage;
 use super::{Entry, SettingsError};
@@ -6,19 +6,18 @@ use splatseg_settings::{Choice, choices};
 use toml::{Table, Value};
 
 choices! {
-    /// Whose defaults settings have.
+    /// A preset of defaults.
     pub enum MethodPreset, default Splatseg {
-        /// Ours
+        /// Our defaults
         Splatseg = "splatseg",
-        /// The paper's: nothing departs from what it says
+        /// The paper's defaults
         Paper = "paper",
     }
 }
 
-/// Where the paper differs from our defaults. `docs/METHOD.md` has a row for each, and a test compares them.
+/// The paper's values where they differ from our defaults. `docs/PAPER.md` has a row for each; a test compares them.
 const PAPER: &str = "
-min_prediction_area = 0
-min_output_area = 0
+min_area = 0
 match_whole_masks = true
 
 [memory]
@@ -45,22 +44,22 @@ max_absent_frames = 0
 ";
 
 impl MethodPreset {
-    /// The values that differ from the defaults, as a file of settings has them.
+    /// Returns the values that differ from our defaults, as in a settings file.
     fn values(self) -> Table {
         match self {
-            // The text is TOML: a test reads it.
+            // `PAPER` is valid TOML, which a test checks.
             Self::Paper => PAPER.parse().unwrap_or_default(),
             Self::Splatseg => Table::new(),
         }
     }
 
-    /// The default of a setting, by full key, as TOML; `None` where it is that of [`Self::Splatseg`].
+    /// Returns the default of a setting, by full key, as TOML; `None` if it equals that of [`Self::Splatseg`].
     pub fn default_of(self, key: &str) -> Option<String> {
-        Usage::of(&self.values(), &[]).values().find(|(other, _)| *other == key).map(|(_, value)| text(value))
+        Usage::new(&self.values(), &[]).values().find(|(other, _)| *other == key).map(|(_, value)| text(value))
     }
 }
 
-/// As in a TOML file, but with 0 for 0.0, as defaults are written elsewhere.
+/// Formats a value as in a TOML file, but 0.0 as 0, like defaults elsewhere.
 fn text(value: &Value) -> String {
     match value {
         Value::Float(number) => number.to_string(),
@@ -68,13 +67,13 @@ fn text(value: &Value) -> String {
     }
 }
 
-/// A table with the preset's defaults where it has no value of its own, as far as its choices use them.
+/// Returns the table with the preset's defaults where it has no value. Leaves out defaults that its choices do not use.
 pub(super) fn with_preset(table: &Table, entries: &[Entry]) -> Table {
     let name = table.get("method_preset").and_then(Value::as_str);
     let mut filled = name.and_then(MethodPreset::from_name).unwrap_or_default().values();
     super::layers::merge(&mut filled, table.clone());
-    let given = Usage::of(table, entries);
-    let unused = Usage::of(&filled, entries).unused();
+    let given = Usage::new(table, entries);
+    let unused = Usage::new(&filled, entries).unused();
     for error in unused {
         if let SettingsError::Unused { key, .. } = error
             && !given.values().any(|(given, _)| given == key)
@@ -100,7 +99,7 @@ mod tests {
     fn every_value_is_a_setting_and_differs_from_its_default() {
         let values = MethodPreset::Paper.values();
         let entries = entries();
-        let usage = Usage::of(&values, &entries);
+        let usage = Usage::new(&values, &entries);
         assert!(usage.values().count() > 10);
         for (key, value) in usage.values() {
             let entry = usage.entry(key).unwrap_or_else(|| panic!("there is no setting {key}"));
@@ -114,10 +113,10 @@ mod tests {
         let memory = paper.method.memory().unwrap();
         assert_eq!(memory.kind, splatseg_memory::MemoryKind::Features);
         assert!(memory.learn_new && memory.fade_undecoded && !memory.fade_matched);
-        let mine = resolve(&["memory.learn_new=false", "method_preset=paper", "min_prediction_area=7"]).unwrap();
+        let mine = resolve(&["memory.learn_new=false", "method_preset=paper", "min_area=7"]).unwrap();
         assert!(!mine.method.memory().unwrap().learn_new);
         let text = toml::to_string(&mine).unwrap();
-        assert!(text.contains("min_prediction_area = 7") && text.contains("min_output_area = 0"), "{text}");
+        assert!(text.contains("min_area = 7"), "{text}");
         let ours = resolve(&["method_preset=splatseg"]).unwrap();
         assert_eq!(ours, Settings::default());
     }

@@ -1,46 +1,40 @@
-//! Every setting, and what uses it.
+//! All settings and the choices that they need.
 
-use super::{MethodName, RunSettings, SegmenterName, TrackerName};
+use super::RunSettings;
+use crate::parts::{methods, segmenters, trackers};
 use splatseg_dataset::DatasetSettings;
-use splatseg_models::fastsam::FastSamPredictorSettings;
-use splatseg_segmenter::{AffinitySettings, GraphSettings};
 use splatseg_settings::{Allowed, Choice, Field, Section};
-use splatseg_simulators::{OracleSettings, SimTrackerSettings};
-use splatseg_tracking::{
-    FastSamBaselineSettings, FastSamSplatSettings, FastSpamBaselineSettings, Sam2BaselineSettings, Sam2SplatSettings,
-    Sam2TrackerSettings,
-};
 use std::fmt;
 
-/// A setting, and what it needs to be used.
+/// A setting and its requirements.
 #[derive(Clone, Debug)]
 pub struct Entry {
     /// The setting.
     pub field: Field,
-    /// All that it needs; empty for settings that are always used.
-    pub needs: Vec<Need>,
+    /// The requirements, all of which must be met; empty for settings that are always used.
+    pub needs: Vec<Requirement>,
 }
 
-/// What a setting needs to be used.
+/// A requirement for using a setting.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Need {
+pub enum Requirement {
     /// One of these choices.
     OneOf(Vec<ChosenValues>),
     /// Any choice but this one.
     Not(ChosenValues),
 }
 
-/// A choice, and the values of it that are meant.
+/// A choice and some of its values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChosenValues {
     /// The setting that makes the choice, e.g. `method`.
     pub key: &'static str,
-    /// Its values.
+    /// The values.
     pub values: Vec<&'static str>,
 }
 
-impl Need {
-    /// The choices that it is about.
+impl Requirement {
+    /// Returns the choices in the requirement.
     pub fn choices(&self) -> &[ChosenValues] {
         match self {
             Self::OneOf(choices) => choices,
@@ -53,7 +47,7 @@ impl Need {
     }
 }
 
-impl fmt::Display for Need {
+impl fmt::Display for Requirement {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::OneOf(choices) => {
@@ -73,73 +67,42 @@ impl fmt::Display for ChosenValues {
     }
 }
 
-/// The methods that use a tracker.
-const METHODS_WITH_TRACKER: [&str; 2] = ["sam2", "sam2-splat"];
-
-/// Every setting, in the order of the documentation.
+/// Returns every setting, in the order of the documentation.
 pub fn entries() -> Vec<Entry> {
     let mut registry = Registry::default();
-    registry.add(vec![choice::<MethodName>("method", "The method.")], &[]);
-    let segmenter = choice::<SegmenterName>("segmenter", "The segmenter whose masks the method uses.");
-    registry.add(vec![segmenter], &[]);
-    registry.require("segmenter", Need::Not(ChosenValues { key: "prompts", values: vec!["ground-truth"] }));
+    methods::register_choice(&mut registry);
+    segmenters::register_choice(&mut registry);
     registry.add(RunSettings::fields(), &[]);
-    let networks = [("segmenter", vec!["affinity", "fastsam"]), ("tracker", vec!["sam2"])];
+    let networks = [("segmenter", segmenters::NETWORKS.to_vec()), ("tracker", vec!["sam2"])];
     let networks = networks.map(|(key, values)| ChosenValues { key, values });
-    registry.require("device", Need::OneOf(networks.to_vec()));
-    let with_memory = ChosenValues { key: "method", values: vec!["fastsam-splat", "sam2-splat"] };
-    registry.require("memory_device", Need::OneOf(vec![with_memory]));
+    registry.require("device", Requirement::OneOf(networks.to_vec()));
     registry.add(DatasetSettings::fields(), &[]);
-    for (method, fields) in [
-        ("fastsam-splat", FastSamSplatSettings::fields()),
-        ("fastsam", FastSamBaselineSettings::fields()),
-        ("fastspam", FastSpamBaselineSettings::fields()),
-        ("sam2", Sam2BaselineSettings::fields()),
-        ("sam2-splat", Sam2SplatSettings::fields()),
-    ] {
-        registry.add(fields, &[("method", &[method])]);
-    }
-    let tracked = ("method", &METHODS_WITH_TRACKER[..]);
-    registry
-        .add(vec![choice::<TrackerName>("tracker", "The tracker of the methods `sam2` and `sam2-splat`.")], &[tracked]);
-    let with_sam2 = [tracked, ("tracker", &["sam2"][..])];
-    let weights = "Checkpoint of SAM 2.1: Meta's `sam2.1_hiera_*.pt` as published, or a `.safetensors`.";
-    registry.add(vec![file("tracker_weights", weights)], &with_sam2);
-    registry.add(Sam2TrackerSettings::fields(), &with_sam2);
-    registry.add(SimTrackerSettings::fields(), &[tracked, ("tracker", &["sim"])]);
-
-    let with = |segmenter: &'static [&'static str]| [("segmenter", segmenter)];
-    registry.add(GraphSettings::fields(), &with(&["graph"]));
-    registry.add(AffinitySettings::fields(), &with(&["affinity"]));
-    let weights = "Checkpoint of FastSAM: the published `.pt`, or a `.safetensors`. For `affinity`: a `.safetensors` to use \
-                   instead of the weights that are built in.";
-    registry.add(vec![file("weights", weights)], &with(&["affinity", "fastsam"]));
-    registry.add(FastSamPredictorSettings::fields(), &with(&["fastsam"]));
-    let masks = "Folder of precomputed masks: `<frame>.png` with an id per pixel, or `<frame>.json` with COCO masks.";
-    registry.add(vec![file("masks", masks)], &with(&["masks"]));
-    registry.add(OracleSettings::fields(), &with(&["oracle"]));
+    methods::register(&mut registry);
+    trackers::register(&mut registry);
+    segmenters::register(&mut registry);
     let mut entries = registry.entries;
-    // Stable: the top level comes first, and sections stay together.
+    // A stable sort: the top level first, then each section in one piece.
     let order: Vec<&str> = entries.iter().map(|entry| entry.field.section).collect();
     let place = |entry: &Entry| order.iter().position(|section| *section == entry.field.section);
     entries.sort_by_key(|entry| (!entry.field.section.is_empty(), place(entry)));
     entries
 }
 
-/// The help of a setting, with its default.
+/// Returns the help of a setting, with its default.
 pub fn describe(entry: &Entry) -> String {
     let default = entry.field.default.as_ref().map(|default| format!(" [default: {}]", default.trim_matches('"')));
     format!("{}{}", entry.field.help, default.unwrap_or_default())
 }
 
+/// Collects the settings of all parts.
 #[derive(Default)]
-struct Registry {
+pub(crate) struct Registry {
     entries: Vec<Entry>,
 }
 
 impl Registry {
-    /// Adds settings that need the choices `needs`. A setting that several methods share is one entry.
-    fn add(&mut self, fields: Vec<Field>, needs: &[(&'static str, &[&'static str])]) {
+    /// Adds settings that need the choices `needs`. A setting shared by several methods is one entry.
+    pub(crate) fn add(&mut self, fields: Vec<Field>, needs: &[(&'static str, &[&'static str])]) {
         for field in fields {
             let known = self
                 .entries
@@ -147,29 +110,33 @@ impl Registry {
                 .find(|entry| entry.field.section == field.section && entry.field.name == field.name);
             if let Some(known) = known {
                 for (need, (_, values)) in known.needs.iter_mut().zip(needs) {
-                    if let Need::OneOf(choices) = need {
+                    if let Requirement::OneOf(choices) = need {
                         choices.iter_mut().for_each(|choice| choice.values.extend_from_slice(values));
                     }
                 }
                 continue;
             }
-            let mut needs: Vec<Need> = needs.iter().map(|(key, values)| Need::one(key, values)).collect();
-            let only = field.only.and_then(|only| only.split_once(" = "));
-            needs.extend(only.map(|(key, value)| Need::one(key, &[value])));
+            let mut needs: Vec<Requirement> = needs.iter().map(|(key, values)| Requirement::one(key, values)).collect();
+            let choices = |only: &'static str| {
+                let choice = |(key, value)| ChosenValues { key, values: vec![value] };
+                Requirement::OneOf(only.split(" or ").filter_map(|one| one.split_once(" = ")).map(choice).collect())
+            };
+            needs.extend(field.only.map(choices));
             self.entries.push(Entry { field, needs });
         }
     }
 
-    /// Adds a need to a setting of the top level.
-    fn require(&mut self, name: &str, need: Need) {
-        let is_meant = |entry: &&mut Entry| entry.field.section.is_empty() && entry.field.name == name;
-        if let Some(entry) = self.entries.iter_mut().find(is_meant) {
+    /// Adds a requirement to a top-level setting.
+    pub(crate) fn require(&mut self, name: &str, need: Requirement) {
+        let is_named = |entry: &&mut Entry| entry.field.section.is_empty() && entry.field.name == name;
+        if let Some(entry) = self.entries.iter_mut().find(is_named) {
             entry.needs.push(need);
         }
     }
 }
 
-fn choice<T: Choice + Default>(name: &'static str, help: &str) -> Field {
+/// Describes a setting that chooses a part.
+pub(crate) fn choice<T: Choice + Default>(name: &'static str, help: &str) -> Field {
     let default = Some(format!("\"{}\"", T::default().name()));
     Field {
         section: "",
@@ -183,7 +150,8 @@ fn choice<T: Choice + Default>(name: &'static str, help: &str) -> Field {
     }
 }
 
-fn file(name: &'static str, help: &str) -> Field {
+/// Describes a setting that names a file or folder.
+pub(crate) fn file(name: &'static str, help: &str) -> Field {
     Field {
         section: "",
         name,
@@ -208,7 +176,7 @@ mod tests {
         assert_eq!(keys.len(), entries.len());
         for entry in &entries {
             assert!(!entry.field.help.is_empty());
-            for choice in entry.needs.iter().flat_map(Need::choices) {
+            for choice in entry.needs.iter().flat_map(Requirement::choices) {
                 let chooser = entries.iter().find(|other| other.field.key() == choice.key).unwrap();
                 let names = match chooser.field.allowed {
                     Allowed::Names(names) => names,
@@ -218,7 +186,7 @@ mod tests {
                 assert!(choice.values.iter().all(|value| names.contains(value)), "{choice}");
             }
         }
-        let area = entries.iter().find(|entry| entry.field.name == "min_prediction_area").unwrap();
+        let area = entries.iter().find(|entry| entry.field.name == "min_area").unwrap();
         assert_eq!(area.needs[0].choices()[0].values.len(), 5);
     }
 
@@ -227,7 +195,7 @@ mod tests {
         for Entry { field, .. } in entries() {
             if let Allowed::Range { min, max, .. } = field.allowed {
                 assert!(min.is_finite() && max.is_finite() && min < max, "{}", field.key());
-                // Only a seed may be any number: all others stand for something that has a size.
+                // Only a seed may be any number. All others are quantities with a sensible limit.
                 assert!(max <= 1e9 || field.name == "seed", "{}", field.key());
             }
         }

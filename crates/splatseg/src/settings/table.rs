@@ -1,11 +1,8 @@
-//! From a table of values to settings, and back.
+//! Converts tables of values to settings and back.
 
 use super::preset::with_preset;
 use super::usage::{Usage, only_used};
-use super::{
-    Entry, MethodName, MethodSettings, RunSettings, SegmenterName, SegmenterSettings, Settings, SettingsError,
-    TrackerName, TrackerSettings, entries,
-};
+use super::{Entry, MethodSettings, RunSettings, SegmenterSettings, Settings, SettingsError, entries};
 use serde::de::{DeserializeOwned, Error as _};
 use serde::ser::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -15,15 +12,16 @@ use std::path::PathBuf;
 use toml::{Table, Value};
 
 impl Settings {
-    /// The settings in a table, with defaults, those of its `method_preset` first, where it has no value. Values that the chosen method, segmenter and
-    /// tracker do not use are an error if `strict`; otherwise they are checked and left out.
+    /// Returns the settings in a table, with defaults where it has no value: those of its `method_preset`, else ours.
+    /// Values that the chosen method, segmenter and tracker do not use are an error if `strict`; otherwise they are
+    /// checked and left out.
     ///
     /// # Errors
     /// If a key does not exist, or a value has the wrong type or is out of range.
     pub(super) fn from_table(table: &Table, strict: bool) -> Result<Self, SettingsError> {
         let entries = entries();
         let table = &with_preset(table, &entries);
-        let usage = Usage::of(table, &entries);
+        let usage = Usage::new(table, &entries);
         for (key, value) in usage.values() {
             let entry = usage.entry(key).ok_or_else(|| unknown(key, &entries))?;
             check_value(entry, value)?;
@@ -33,8 +31,8 @@ impl Settings {
         }
         let table = &only_used(table, &entries);
         Ok(Self {
-            method: method(table)?,
-            segmenter: segmenter(table)?,
+            method: MethodSettings::from_table(table)?,
+            segmenter: SegmenterSettings::from_table(table)?,
             dataset: section(table)?,
             run: section(table)?,
         })
@@ -47,7 +45,7 @@ impl<'de> Deserialize<'de> for Settings {
     }
 }
 
-/// Settings in files: those in use, with their values.
+/// Writes the settings in use.
 impl Serialize for Settings {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         #[derive(Serialize)]
@@ -61,14 +59,14 @@ impl Serialize for Settings {
             run: &'a RunSettings,
         }
         let Self { method, segmenter, dataset, run } = self;
-        // By way of text, in which an `f32` of 0.3 is 0.3.
+        // Converted through text, in which the `f32` 0.3 stays 0.3.
         let text = toml::to_string(&AllSettings { method, segmenter, dataset, run }).map_err(S::Error::custom)?;
         let table: Table = text.parse().map_err(S::Error::custom)?;
         only_used(&table, &entries()).serialize(serializer)
     }
 }
 
-/// The error for an unknown key.
+/// Returns the error for an unknown key.
 fn unknown(key: &str, entries: &[Entry]) -> SettingsError {
     let section = format!("{key}.");
     if let Some(entry) = entries.iter().find(|entry| entry.field.key().starts_with(&section)) {
@@ -78,13 +76,13 @@ fn unknown(key: &str, entries: &[Entry]) -> SettingsError {
     SettingsError::UnknownKey { key: key.to_owned(), nearest: nearest_key(key, keys) }
 }
 
-/// The key that is most like another one, if one is: as a whole, or in the name behind the section.
+/// Returns the most similar key, if one is similar enough: as a whole, or in the name after the section.
 pub(super) fn nearest_key(wrong: &str, keys: impl Iterator<Item = String>) -> Option<String> {
     let name = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
     let similarity = |key: &String| {
-        let of_names = strsim::jaro_winkler(&name(key), &name(wrong));
+        let name_similarity = strsim::jaro_winkler(&name(key), &name(wrong));
         // A wrong section is a larger mistake than a wrong letter.
-        strsim::jaro_winkler(key, wrong).max(0.95 * of_names)
+        strsim::jaro_winkler(key, wrong).max(0.95 * name_similarity)
     };
     keys.map(|key| (similarity(&key), key))
         .filter(|(similarity, _)| *similarity > 0.8)
@@ -119,14 +117,14 @@ fn check_value(entry: &Entry, value: &Value) -> Result<(), SettingsError> {
     if is_allowed { Ok(()) } else { Err(field.error(found).into()) }
 }
 
-/// Whether a text is a whole number that TOML cannot hold; [`super::SettingsLayers`] keeps those as text.
+/// Returns true if a text is a whole number beyond the range of TOML. [`super::SettingsLayers`] keeps these as text.
 fn is_number_beyond_toml(text: &str) -> bool {
     let digits = text.strip_prefix(['-', '+']).unwrap_or(text);
     !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit()) && text.parse::<i64>().is_err()
 }
 
-/// The settings of a section, with defaults where the table has no value.
-fn section<T: Section + DeserializeOwned>(table: &Table) -> Result<T, SettingsError> {
+/// Returns the settings of a section, with defaults where the table has no value.
+pub(crate) fn section<T: Section + DeserializeOwned>(table: &Table) -> Result<T, SettingsError> {
     let mut own = Table::new();
     if T::SECTION.is_empty() {
         for field in T::fields() {
@@ -146,45 +144,12 @@ fn section<T: Section + DeserializeOwned>(table: &Table) -> Result<T, SettingsEr
     })
 }
 
-fn chosen<T: Choice + Default>(table: &Table, key: &str) -> T {
+/// Returns the choice in a table, or the default.
+pub(crate) fn chosen<T: Choice + Default>(table: &Table, key: &str) -> T {
     table.get(key).and_then(Value::as_str).and_then(T::from_name).unwrap_or_default()
 }
 
-fn method(table: &Table) -> Result<MethodSettings, SettingsError> {
-    Ok(match chosen(table, "method") {
-        MethodName::FastsamSplat => MethodSettings::FastsamSplat(section(table)?),
-        MethodName::Fastsam => MethodSettings::Fastsam(section(table)?),
-        MethodName::Fastspam => MethodSettings::Fastspam(section(table)?),
-        MethodName::Sam2 => MethodSettings::Sam2 { settings: section(table)?, tracker: tracker(table)? },
-        MethodName::Sam2Splat => {
-            MethodSettings::Sam2Splat { settings: Box::new(section(table)?), tracker: tracker(table)? }
-        }
-    })
-}
-
-fn tracker(table: &Table) -> Result<TrackerSettings, SettingsError> {
-    Ok(match chosen(table, "tracker") {
-        TrackerName::Sam2 => {
-            TrackerSettings::Sam2 { tracker_weights: path(table, "tracker_weights"), sam2: section(table)? }
-        }
-        TrackerName::Sim => TrackerSettings::Sim { sim_tracker: section(table)? },
-    })
-}
-
-fn segmenter(table: &Table) -> Result<SegmenterSettings, SettingsError> {
-    Ok(match chosen(table, "segmenter") {
-        SegmenterName::Graph => SegmenterSettings::Graph { graph: section(table)? },
-        SegmenterName::Affinity => {
-            SegmenterSettings::Affinity { weights: path(table, "weights"), affinity: section(table)? }
-        }
-        SegmenterName::Fastsam => {
-            SegmenterSettings::Fastsam { weights: path(table, "weights"), fastsam: section(table)? }
-        }
-        SegmenterName::Masks => SegmenterSettings::Masks { masks: path(table, "masks") },
-        SegmenterName::Oracle => SegmenterSettings::Oracle { oracle: section(table)? },
-    })
-}
-
-fn path(table: &Table, key: &str) -> Option<PathBuf> {
+/// Returns the path in a table.
+pub(crate) fn path(table: &Table, key: &str) -> Option<PathBuf> {
     table.get(key).and_then(Value::as_str).map(PathBuf::from)
 }

@@ -1,52 +1,52 @@
-//! Which values of a table the choices in it use.
+//! Finds the values of a table that its choices do not use.
 
-use super::{ChosenValues, Entry, Need, SettingsError};
+use super::{ChosenValues, Entry, Requirement, SettingsError};
 use std::collections::BTreeMap;
 use toml::{Table, Value};
 
-/// The values in a table by their full keys, and which of them are used.
+/// The values of a table by full key, and the settings that they belong to.
 pub struct Usage<'a> {
     values: BTreeMap<String, &'a Value>,
     entries: &'a [Entry],
 }
 
 impl<'a> Usage<'a> {
-    /// Of a table.
-    pub fn of(table: &'a Table, entries: &'a [Entry]) -> Self {
+    /// Collects the values of a table.
+    pub fn new(table: &'a Table, entries: &'a [Entry]) -> Self {
         let mut values = BTreeMap::new();
         collect_values("", table, &mut values);
         Self { values, entries }
     }
 
-    /// Every value with its full key.
+    /// Returns every value with its full key.
     pub fn values(&self) -> impl Iterator<Item = (&str, &'a Value)> {
         self.values.iter().map(|(key, value)| (key.as_str(), *value))
     }
 
-    /// The setting of this key.
+    /// Returns the setting with this key.
     pub fn entry(&self, key: &str) -> Option<&'a Entry> {
         self.entries.iter().find(|entry| entry.field.key() == key)
     }
 
-    /// One error for each value that is not used.
+    /// Returns one error for each unused value.
     pub fn unused(&self) -> Vec<SettingsError> {
         let unused = self.values.keys().filter_map(|key| {
-            let need = self.unmet_need(self.entry(key)?)?;
+            let need = self.unmet_requirement(self.entry(key)?)?;
             Some(SettingsError::Unused { key: key.clone(), need: need.clone(), found: self.why(need) })
         });
         unused.collect()
     }
 
-    /// Whether a setting of this key would be used.
+    /// Returns true if a setting with this key would be used.
     pub fn uses(&self, key: &str) -> bool {
-        self.entry(key).is_some_and(|entry| self.unmet_need(entry).is_none())
+        self.entry(key).is_some_and(|entry| self.unmet_requirement(entry).is_none())
     }
 
-    /// What keeps a setting from being used, if anything does.
-    fn unmet_need(&self, entry: &'a Entry) -> Option<&'a Need> {
+    /// Returns the first unmet requirement of a setting, if any.
+    fn unmet_requirement(&self, entry: &'a Entry) -> Option<&'a Requirement> {
         entry.needs.iter().find(|need| match need {
-            Need::OneOf(choices) => !choices.iter().any(|choice| self.is_chosen(choice)),
-            Need::Not(choice) => self.is_chosen(choice),
+            Requirement::OneOf(choices) => !choices.iter().any(|choice| self.is_chosen(choice)),
+            Requirement::Not(choice) => self.is_chosen(choice),
         })
     }
 
@@ -54,10 +54,10 @@ impl<'a> Usage<'a> {
         self.chosen(choice.key).is_some_and(|value| choice.values.contains(&value.as_str()))
     }
 
-    /// The value of a setting, given or not; `None` if the setting is not used.
+    /// Returns the given value of a setting, or its default; `None` if the setting is not used.
     fn chosen(&self, key: &str) -> Option<String> {
         let entry = self.entry(key)?;
-        if self.unmet_need(entry).is_some() {
+        if self.unmet_requirement(entry).is_some() {
             return None;
         }
         let default = || entry.field.default.as_deref().unwrap_or_default().trim_matches('"').to_owned();
@@ -65,7 +65,7 @@ impl<'a> Usage<'a> {
             Value::String(text) => text.clone(),
             value => value.to_string(),
         });
-        // As `MemorySettings::growth_rule`: `auto` stands for the rule of the memory's kind.
+        // Like `MemorySettings::growth_rule`: `auto` selects the rule by the memory's kind.
         if key == "memory.growth" && value == "auto" {
             let is_features = self.chosen("memory.kind").is_some_and(|kind| kind == "features");
             return Some(if is_features { "paper" } else { "missing" }.to_owned());
@@ -73,12 +73,12 @@ impl<'a> Usage<'a> {
         Some(value)
     }
 
-    /// The choices by which a need is not met, e.g. `memory.kind is evidence`.
-    fn why(&self, need: &Need) -> String {
+    /// Returns the choices that fail a requirement, e.g. `memory.kind is evidence`.
+    fn why(&self, need: &Requirement) -> String {
         let mut reasons: Vec<String> = Vec::new();
         for choice in need.choices() {
             let reason = match (self.chosen(choice.key), self.entry(choice.key)) {
-                (None, Some(chooser)) => self.unmet_need(chooser).map(|need| self.why(need)).unwrap_or_default(),
+                (None, Some(chooser)) => self.unmet_requirement(chooser).map(|need| self.why(need)).unwrap_or_default(),
                 (value, _) => format!("{} is {}", choice.key, value.unwrap_or_default()),
             };
             if !reasons.contains(&reason) {
@@ -99,10 +99,10 @@ fn collect_values<'a>(prefix: &str, table: &'a Table, values: &mut BTreeMap<Stri
     }
 }
 
-/// The table without values that are not used.
+/// Returns the table without unused values.
 pub fn only_used(table: &Table, entries: &[Entry]) -> Table {
     let mut used = table.clone();
-    for error in Usage::of(table, entries).unused() {
+    for error in Usage::new(table, entries).unused() {
         if let SettingsError::Unused { key, .. } = error {
             remove(&mut used, &key);
         }
@@ -110,7 +110,7 @@ pub fn only_used(table: &Table, entries: &[Entry]) -> Table {
     used
 }
 
-/// Removes the value of a full key, and the section that is then empty.
+/// Removes the value with a full key, and any section that this leaves empty.
 pub(super) fn remove(table: &mut Table, key: &str) {
     match key.split_once('.') {
         Some((section, rest)) => {

@@ -1,4 +1,4 @@
-//! One-to-one matching of expected and predicted segments (`docs/METHOD.md`, "FastSAM-Splat", step 3).
+//! One-to-one matching of expected and predicted segments (`docs/PAPER.md`, "FastSAM-Splat", step 3).
 
 mod painting;
 
@@ -8,10 +8,10 @@ use rayon::prelude::*;
 use splatseg_geometry::{Candidate, Mask, Ratio, SegmentId, SegmentMap, best_assignment};
 use std::collections::BTreeMap;
 
-/// For each prediction, the expected segment with which it is matched, if any.
+/// Matches each prediction with an expected segment, if possible. Returns one entry per prediction.
 ///
-/// The matching is one-to-one and maximises the summed F-score, `2 |A ∩ B| / (|A| + |B|)`. Pairs without overlap are never
-/// matched, nor are those whose F-score over the pixels where anything is expected is below `min_known_f_score`.
+/// The matching is one-to-one and maximises the summed F-score, `2 |A ∩ B| / (|A| + |B|)`. Pairs are not matched if
+/// they do not overlap, or if their F-score over the pixels with an expected segment is below `min_known_f_score`.
 pub fn match_segments(expected: &SegmentMap, predictions: &[&Mask], min_known_f_score: f64) -> Vec<Option<SegmentId>> {
     let areas = expected.areas();
     let candidates: Vec<Candidate> = predictions
@@ -35,7 +35,7 @@ pub fn match_segments(expected: &SegmentMap, predictions: &[&Mask], min_known_f_
     matched
 }
 
-/// The expected segments under a mask and the number of pixels of each, by increasing id.
+/// Returns the expected segments under a mask and the number of pixels of each, by increasing id.
 pub(crate) fn overlaps(expected: &SegmentMap, mask: &Mask) -> BTreeMap<SegmentId, usize> {
     let mut counts = BTreeMap::new();
     let (mut current, mut run) = (0, 0);
@@ -77,7 +77,7 @@ mod tests {
             .sum()
     }
 
-    /// Every one-to-one matching, tried one after the other.
+    /// Best sum over all one-to-one matchings, by enumeration.
     fn best_by_enumeration(expected: &SegmentMap, predictions: &[Mask], taken: &mut Vec<Option<SegmentId>>) -> f64 {
         if taken.len() == predictions.len() {
             return summed_f_score(expected, predictions, taken);

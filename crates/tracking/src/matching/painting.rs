@@ -2,15 +2,15 @@
 
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
 
-/// Indices of the masks in the order in which they are painted: **smaller ones cover larger ones** (a cup covers the
-/// table it stands on); of two equally large ones, the later covers the earlier.
+/// Returns the indices of the masks in painting order: **smaller masks cover larger ones** (a cup covers the table it
+/// stands on). Of two equally large masks, the later covers the earlier.
 pub(crate) fn painting_order<'a>(masks: impl Iterator<Item = &'a Mask>) -> Vec<usize> {
     let mut order: Vec<(usize, usize)> = masks.enumerate().map(|(index, mask)| (mask.area(), index)).collect();
     order.sort_by_key(|(area, index)| (std::cmp::Reverse(*area), *index));
     order.into_iter().map(|(_, index)| index).collect()
 }
 
-/// Paints masks of one image of `size` = (width, height), in [`painting_order`]; 0 where there is no mask.
+/// Paints masks into an image of `size` = (width, height), in [`painting_order`]; 0 where there is no mask.
 pub(crate) fn painted(size: (usize, usize), masks: &[(SegmentId, Mask)]) -> SegmentMap {
     let parts = visible_parts(size, &masks.iter().map(|(_, mask)| mask).collect::<Vec<_>>());
     painted_parts(size, masks.iter().map(|(id, _)| *id).zip(&parts))
@@ -30,11 +30,11 @@ pub(crate) fn painted_parts<'a>(
     map
 }
 
-/// The part of each mask that is visible once all are painted in [`painting_order`]; it may be empty.
+/// Returns the part of each mask that is visible once all are painted in [`painting_order`]. It may be empty.
 pub(crate) fn visible_parts(size: (usize, usize), masks: &[&Mask]) -> Vec<Mask> {
     let mut parts = vec![Mask::empty(size.0, size.1); masks.len()];
     let mut covered = Mask::empty(size.0, size.1);
-    // From the top: thousands of masks that lie over each other cost a pass over their words each, not over their pixels.
+    // From the top, so that each of thousands of overlapping masks costs a pass over its words, not over its pixels.
     for index in painting_order(masks.iter().copied()).into_iter().rev() {
         let mut part = masks[index].clone();
         part.subtract(&covered);

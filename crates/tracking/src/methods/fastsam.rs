@@ -1,24 +1,24 @@
-//! FastSAM on its own: no memory but the previous frame (`docs/METHOD.md`, "Baselines").
+//! FastSAM on its own: the only memory is the previous frame (`docs/PAPER.md`, "Baselines").
 
 use super::output::confidence;
 use super::{FrameOutput, Method, check_comparable};
 use crate::matching::painted;
 use crate::{TrackErrorCounts, TrackingError};
-use splatseg_geometry::{Mask, MaskLinker, MaskRuns, RgbdFrame, ScoredMask, SegmentId};
+use splatseg_geometry::{Mask, MaskLinker, MaskRuns, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId};
 use splatseg_memory::{FrameUpdate, MAX_SEGMENT_ID};
 use splatseg_settings::{Allowed, settings};
 
 settings! {
     /// Settings of [`FastSamBaseline`].
     pub struct FastSamBaselineSettings in "" {
-        /// Predicted segments of fewer pixels are ignored. The paper: 0.
-        min_prediction_area: usize = 50, Allowed::between(0.0, 1e9);
+        /// Predicted segments with fewer pixels are ignored. The paper: 0.
+        min_area: usize = 50, Allowed::between(0.0, 1e9);
         /// Masks of consecutive frames with a smaller F-score are not linked. The paper: 0, so any overlap links.
         min_match_f_score: f64 = 0.0, Allowed::between(0.0, 1.0);
     }
 }
 
-/// The baseline without memory: every frame is segmented alone, and a mask takes the id of the mask in the previous
+/// The baseline without memory: every frame is segmented alone, and a mask gets the id of the mask in the previous
 /// frame that it overlaps.
 ///
 /// Masks are linked by [`MaskLinker`], as the paper's evaluation does for methods without ids. A mask without a partner
@@ -29,7 +29,7 @@ pub struct FastSamBaseline {
 }
 
 impl FastSamBaseline {
-    /// A method before its first frame.
+    /// Creates the method.
     ///
     /// # Errors
     /// If a setting is out of range.
@@ -48,18 +48,18 @@ impl Method for FastSamBaseline {
     fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
         check_comparable(frame, masks)?;
         let size = (frame.width(), frame.height());
-        let least = self.settings.min_prediction_area.max(1);
+        let least = self.settings.min_area.max(1);
         let (masks, scores): (Vec<&Mask>, Vec<f32>) =
             masks.iter().filter(|mask| mask.mask.area() >= least).map(|mask| (&mask.mask, mask.score)).unzip();
 
-        let stage = tracing::debug_span!(target: "splatseg::stage", "match").entered();
+        let stage = tracing::debug_span!(target: STAGE_TARGET, "match").entered();
         let tubes = self.linker.link(masks.iter().map(|mask| MaskRuns::from_mask(mask)).collect());
-        // After the largest id they start again: a tube that lasts as long as all others between is not expected.
+        // Ids restart from 1 after the largest. No tube is expected to last until then.
         let id = |tube: &u64| (tube.saturating_sub(1) % u64::from(MAX_SEGMENT_ID)) as SegmentId + 1;
         let ids: Vec<SegmentId> = tubes.iter().map(id).collect();
         drop(stage);
 
-        let _stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();
+        let _stage = tracing::debug_span!(target: STAGE_TARGET, "fuse").entered();
         let identified: Vec<(SegmentId, Mask)> = ids.into_iter().zip(masks.into_iter().cloned()).collect();
         let segments = painted(size, &identified);
         let scores = identified.iter().map(|(id, _)| *id).zip(scores).collect();

@@ -1,33 +1,34 @@
-//! FastSAM-Splat: a segmenter for single frames, and a splat that remembers (`docs/METHOD.md`, "FastSAM-Splat").
+//! FastSAM-Splat: a segmenter for single frames with a splat memory (`docs/PAPER.md`, "FastSAM-Splat").
 
-use super::explained::pixel_areas;
-use super::merged::keep_apart;
 use super::output::confidence;
-use super::protrusion::lies_in_front;
-use super::{ExplanationSettings, FrameOutput, Method, check_sizes};
+use super::{FrameOutput, Method, check_sizes};
 use crate::matching::{match_segments, painted_parts, visible_parts};
 use crate::{TrackErrorCounts, TrackingError};
-use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
-use splatseg_memory::{ABSTAIN, MemoryKind, MemorySettings, Recall, SplatMemory};
+use splatseg_geometry::{Mask, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId, SegmentMap};
+use splatseg_memory::{MemoryKind, MemorySettings, Recall, SplatMemory};
 use splatseg_settings::{Allowed, settings};
 use std::collections::BTreeSet;
 
 settings! {
     /// Settings of [`FastSamSplat`].
     pub struct FastSamSplatSettings in "" {
-        /// Predictions of fewer pixels are ignored. The paper: 0.
-        min_prediction_area: usize = 50, Allowed::between(0.0, 1e9);
-        /// Segments of fewer pixels are not shown: they are what is left along borders after an id was overruled. They
-        /// stay in the memory. The paper: 0.
-        min_output_area: usize = 50, Allowed::between(0.0, 1e9);
-        /// Whether whole predictions are matched where they overlap, not what is visible of each. The paper: true.
+        /// Predictions with fewer pixels are ignored, and segments with fewer pixels are not shown. The paper: 0.
+        min_area: usize = 50, Allowed::between(0.0, 1e9);
+        /// Match whole predictions where they overlap, instead of their visible parts. The paper: true.
         match_whole_masks: bool = false, Allowed::Switch;
-        /// Whether an object is shown before it is seen in a second frame. The paper shows all.
+        /// Show objects before they are predicted in a second frame. The paper shows all.
         show_tentative: bool = true, Allowed::Switch;
+        /// A prediction and a remembered segment match only if their F-score is at least this, over the pixels with an
+        /// expected segment.
+        min_match_f_score: f64 = 0.1, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
+        /// A prediction is ignored if smaller ones leave less than this fraction of it visible: it is a rim around
+        /// other predictions of the same object.
+        min_visible_fraction: f32 = 0.3, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
+        /// The memory contradicts a prediction that it did not expect if fusion leaves less than this fraction of it.
+        /// Contradicted predictions are not shown, and their votes weigh less (`memory.contradicted_weight`).
+        min_new_fraction: f32 = 0.7, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
     }
     sections {
-        /// Where the memory overrules a frame; used with [`MemoryKind::Evidence`] only.
-        explanation: ExplanationSettings;
         /// The memory.
         memory: MemorySettings;
     }
@@ -39,24 +40,24 @@ pub struct FastSamSplat {
     settings: FastSamSplatSettings,
 }
 
-/// A prediction of which enough is visible.
-struct VisiblePrediction<'a> {
-    part: Mask,
-    whole: &'a Mask,
-    score: f32,
+/// The predictions of a frame with a large enough visible part.
+#[derive(Default)]
+struct Predictions<'a> {
+    /// Visible part of each.
+    parts: Vec<Mask>,
+    wholes: Vec<&'a Mask>,
+    scores: Vec<f32>,
 }
 
-/// The visible predictions of a frame and their ids.
+/// The ids of a frame's predictions.
 struct Identified {
-    parts: Vec<Mask>,
     ids: Vec<SegmentId>,
-    scores: Vec<f32>,
-    /// Ids and areas of the predictions without a matching segment.
-    new: Vec<(SegmentId, usize)>,
+    /// Ids that the memory did not expect.
+    unexpected: BTreeSet<SegmentId>,
 }
 
 impl FastSamSplat {
-    /// A method with an empty memory. `seed` and `progress` are for the codebook of [`MemoryKind::Features`]:
+    /// Creates the method with an empty memory. `seed` and `progress` are for the codebook of [`MemoryKind::Features`];
     /// `progress` receives the fraction done.
     ///
     /// # Errors
@@ -70,78 +71,87 @@ impl FastSamSplat {
         Self::with_memory(settings, memory)
     }
 
-    /// A method that continues with a memory from an earlier run, and so with its ids.
+    /// Creates the method with a memory from an earlier run, continuing its ids.
     ///
     /// # Errors
     /// If a setting is out of range.
     pub fn with_memory(mut settings: FastSamSplatSettings, memory: SplatMemory) -> Result<Self, TrackingError> {
         settings.validate()?;
         if memory.settings().kind == MemoryKind::Features {
-            settings.explanation = ExplanationSettings::NONE;
+            (settings.min_match_f_score, settings.min_visible_fraction, settings.min_new_fraction) = (0.0, 0.0, 0.0);
         }
         Ok(Self { memory, settings })
     }
 
-    /// The predictions of which enough is visible.
-    fn visible<'a>(&self, frame: &RgbdFrame, masks: &'a [ScoredMask]) -> Vec<VisiblePrediction<'a>> {
-        let least = self.settings.min_prediction_area.max(1);
-        let (masks, scores): (Vec<&Mask>, Vec<f32>) =
-            masks.iter().filter(|mask| mask.mask.area() >= least).map(|mask| (&mask.mask, mask.score)).unzip();
-        let parts = visible_parts((frame.width(), frame.height()), &masks);
-        let is_kept =
-            |part: &Mask, whole: &Mask| part.area() >= least && self.settings.explanation.is_visible(part, whole);
-        let visible = parts.into_iter().zip(masks).zip(scores).filter(|((part, whole), _)| is_kept(part, whole));
-        visible.map(|((part, whole), score)| VisiblePrediction { part, whole, score }).collect()
-    }
-
-    /// Matches predictions with expected segments. Each prediction takes the id of its match, or a new one.
-    fn identify(&mut self, expected: &SegmentMap, found: Vec<VisiblePrediction>) -> Result<Identified, TrackingError> {
-        let whole = self.settings.match_whole_masks;
-        let predictions: Vec<&Mask> = found.iter().map(|found| if whole { found.whole } else { &found.part }).collect();
-        let matched = match_segments(expected, &predictions, self.settings.explanation.min_match_f_score);
-        let (mut ids, mut new) = (Vec::with_capacity(found.len()), Vec::new());
-        for (prediction, matched) in found.iter().zip(matched) {
-            ids.push(match matched {
-                Some(id) => id,
-                None => {
-                    let id = self.memory.new_segment()?;
-                    new.push((id, prediction.part.area()));
-                    id
-                }
-            });
-        }
-        let (parts, scores) = found.into_iter().map(|found| (found.part, found.score)).unzip();
-        Ok(Identified { parts, ids, scores, new })
-    }
-
-    /// Fuses memory and predictions. Returns the map to show, and the map of the predictions that the memory learns.
-    fn fuse(&mut self, recall: &Recall<'_>, found: &Identified) -> Result<(SegmentMap, SegmentMap), TrackingError> {
-        let size = recall.expected().segments.size();
-        let mut seen = painted_parts(size, found.ids.iter().copied().zip(&found.parts));
-        let merged_per_apart = self.settings.explanation.merged_per_apart;
-        keep_apart(&mut self.memory, recall, merged_per_apart, &mut seen)?;
-        let mut shown = self.memory.fuse(recall, &seen)?;
-        let mut explained = self.settings.explanation.explained(&found.new, &shown);
-        if self.settings.explanation.lets_recur() {
-            let map = seen.map(|id| if explained.contains(id) { *id } else { 0 });
-            let (rules, depth) = (self.settings.explanation, recall.frame().depth());
-            let is_new = |id, times| rules.is_new_after(times, || lies_in_front(id, &seen, &shown, depth));
-            for id in self.memory.note_explained(recall, &map, &is_new)? {
-                explained.remove(&id);
+    fn visible<'a>(&self, frame: &RgbdFrame, masks: &'a [ScoredMask]) -> Predictions<'a> {
+        let least = self.settings.min_area.max(1);
+        let masks: Vec<&ScoredMask> = masks.iter().filter(|mask| mask.mask.area() >= least).collect();
+        let wholes: Vec<&Mask> = masks.iter().map(|mask| &mask.mask).collect();
+        let parts = visible_parts((frame.width(), frame.height()), &wholes);
+        let mut visible = Predictions::default();
+        for ((part, whole), mask) in parts.into_iter().zip(wholes).zip(masks) {
+            let share = part.area() as f32 / whole.area() as f32;
+            if part.area() >= least && share >= self.settings.min_visible_fraction {
+                visible.parts.push(part);
+                visible.wholes.push(whole);
+                visible.scores.push(mask.score);
             }
         }
-        if !explained.is_empty() {
-            for id in seen.pixels_mut().iter_mut().filter(|id| explained.contains(id)) {
-                *id = ABSTAIN;
-            }
-            explained.iter().for_each(|id| self.memory.take_back(*id));
-            shown = self.memory.fuse(recall, &seen)?;
-        }
-        let maps = [&recall.expected().segments, &seen];
-        let overruled = self.memory.overruled_mut();
-        self.settings.explanation.drop_leftovers(overruled, &mut shown, maps, || pixel_areas(recall));
-        Ok((shown.without_small(self.settings.min_output_area), seen))
+        visible
     }
+
+    /// Gives each prediction the id of the expected segment that it matches. The others are matched with the memory's
+    /// second opinion, which contains ids that earlier frames also predicted there, and get new ids if that fails.
+    fn identify(&mut self, recall: &Recall<'_>, found: &Predictions<'_>) -> Result<Identified, TrackingError> {
+        let parts: Vec<&Mask> = found.parts.iter().collect();
+        let masks = if self.settings.match_whole_masks { &found.wholes } else { &parts };
+        let mut matched = match_segments(&recall.expected().segments, masks, self.settings.min_match_f_score);
+        let unmatched: Vec<usize> = (0..masks.len()).filter(|index| matched[*index].is_none()).collect();
+        if !unmatched.is_empty() {
+            let mut second = self.memory.second_opinion(recall);
+            let taken: BTreeSet<SegmentId> = matched.iter().flatten().copied().collect();
+            for id in second.pixels_mut().iter_mut().filter(|id| taken.contains(id)) {
+                *id = 0;
+            }
+            let masks: Vec<&Mask> = unmatched.iter().map(|index| masks[*index]).collect();
+            let again = match_segments(&second, &masks, self.settings.min_match_f_score);
+            unmatched.iter().zip(again).for_each(|(index, id)| matched[*index] = id);
+        }
+        let ids = matched.into_iter().map(|id| id.map_or_else(|| self.memory.new_segment(), Ok));
+        let ids: Vec<SegmentId> = ids.collect::<Result<_, _>>()?;
+        let unexpected = unmatched.into_iter().map(|index| ids[index]).collect();
+        Ok(Identified { ids, unexpected })
+    }
+
+    /// Returns the unexpected predictions that fusion leaves too little of, because the memory is sure of another
+    /// segment.
+    fn contradicted(
+        &self,
+        unexpected: &BTreeSet<SegmentId>,
+        predicted: &SegmentMap,
+        fused: &SegmentMap,
+    ) -> BTreeSet<SegmentId> {
+        let (predicted, fused) = (predicted.areas(), fused.areas());
+        let is_contradicted = |id: &&SegmentId| {
+            let [all, left] = [&predicted, &fused].map(|areas| areas.get(*id).copied().unwrap_or(0));
+            (left as f32) < self.settings.min_new_fraction * all as f32
+        };
+        unexpected.iter().filter(is_contradicted).copied().collect()
+    }
+}
+
+/// Returns the fused segments, with the expected ones in place of contradicted predictions.
+fn without_contradicted(
+    mut fused: SegmentMap,
+    expected: &SegmentMap,
+    contradicted: &BTreeSet<SegmentId>,
+) -> SegmentMap {
+    for (id, expected) in fused.pixels_mut().iter_mut().zip(expected.pixels()) {
+        if contradicted.contains(id) {
+            *id = *expected;
+        }
+    }
+    fused
 }
 
 impl Method for FastSamSplat {
@@ -153,18 +163,22 @@ impl Method for FastSamSplat {
         check_sizes(frame, masks)?;
         let recall = self.memory.recall(frame);
 
-        let stage = tracing::debug_span!(target: "splatseg::stage", "match").entered();
-        let visible = self.visible(frame, masks);
-        let identified = self.identify(&recall.expected().segments, visible)?;
+        let stage = tracing::debug_span!(target: STAGE_TARGET, "match").entered();
+        let found = self.visible(frame, masks);
+        let Identified { ids, unexpected } = self.identify(&recall, &found)?;
         drop(stage);
 
-        let stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();
-        let (mut segments, seen) = self.fuse(&recall, &identified)?;
-        let scores = identified.ids.iter().copied().zip(identified.scores).collect();
+        let stage = tracing::debug_span!(target: STAGE_TARGET, "fuse").entered();
+        let expected = &recall.expected().segments;
+        let predicted = painted_parts(expected.size(), ids.iter().copied().zip(&found.parts));
+        let fused = self.memory.fuse(&recall, &predicted)?;
+        let contradicted = self.contradicted(&unexpected, &predicted, &fused);
+        let mut segments = without_contradicted(fused, expected, &contradicted).without_small(self.settings.min_area);
+        let scores = ids.iter().copied().zip(found.scores).collect();
         let confidence = confidence(&segments, &scores, Some(recall.expected()));
         drop(stage);
 
-        let update = self.memory.update(recall, &seen)?;
+        let update = self.memory.update(recall, &predicted, &contradicted)?;
         if !self.settings.show_tentative {
             let ids = segments.areas().into_keys();
             let tentative: BTreeSet<SegmentId> = ids.filter(|id| self.memory.is_tentative(*id)).collect();
@@ -174,7 +188,7 @@ impl Method for FastSamSplat {
             segments,
             confidence,
             masks: Vec::new(),
-            predictions: identified.ids.len(),
+            predictions: ids.len(),
             track_errors: TrackErrorCounts::default(),
             update,
         })

@@ -1,4 +1,4 @@
-//! FastSPAM: the memory is one point per segment (`docs/METHOD.md`, "Baselines"; `evaluate_selfprompting_fix.py` of
+//! FastSPAM: the memory is one point per segment (`docs/PAPER.md`, "Baselines"; `evaluate_selfprompting_fix.py` of
 //! `opipari/FastSPAM`).
 
 use super::output::confidence;
@@ -8,7 +8,7 @@ use crate::{TrackErrorCounts, TrackingError};
 use glam::{DVec3, Vec2};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
+use splatseg_geometry::{Mask, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId};
 use splatseg_memory::FrameUpdate;
 use splatseg_models::fastsam::masks_at;
 use splatseg_settings::{Allowed, settings};
@@ -17,8 +17,8 @@ use std::cmp::Reverse;
 settings! {
     /// Settings of [`FastSpamBaseline`].
     pub struct FastSpamBaselineSettings in "" {
-        /// Predicted segments of fewer pixels are ignored. The authors' code: 0.
-        min_prediction_area: usize = 50, Allowed::between(0.0, 1e9);
+        /// Predicted segments with fewer pixels are ignored. The authors' code: 0.
+        min_area: usize = 50, Allowed::between(0.0, 1e9);
         /// A prompted mask whose IoU with an earlier one is at least this is merged with it. The authors' code: 0.9.
         agreement_iou: f64 = 0.9, Allowed::above_up_to(0.0, 1.0);
         /// A mask is new only if prompted masks cover less than this fraction of it. The authors' code: 0.9.
@@ -26,7 +26,7 @@ settings! {
     }
 }
 
-/// The baseline that remembers one point of every segment and prompts the next frame's masks with it.
+/// The baseline that remembers a point of every segment and prompts the next frame's masks with it.
 ///
 /// - **Point**: the pixel at the mask's centroid, or a random pixel of the mask if the centroid is outside it. It is
 ///   unprojected to world coordinates with the depth and pose of its own frame. A point without depth is dropped (the
@@ -49,7 +49,7 @@ pub struct FastSpamBaseline {
 }
 
 impl FastSpamBaseline {
-    /// A method before its first frame. `seed` is for the random pixels of masks whose centroid lies outside them.
+    /// Creates the method. `seed` is for the random pixels of masks whose centroid lies outside them.
     ///
     /// # Errors
     /// If a setting is out of range.
@@ -58,7 +58,8 @@ impl FastSpamBaseline {
         Ok(Self { settings: settings.validated()?, random, ids: SegmentIds::default(), points_world: Vec::new() })
     }
 
-    /// The pixels (column, row) at which the remembered points appear in `frame`, without those outside the image.
+    /// Returns the pixels (column, row) at which the remembered points appear in `frame`, except points outside the
+    /// image.
     fn projected_points(&self, frame: &RgbdFrame) -> Vec<(SegmentId, (usize, usize))> {
         let project = |point_world: DVec3| {
             let pixel = frame.intrinsics().project(frame.world_from_camera().to_camera(point_world))?.round();
@@ -69,7 +70,8 @@ impl FastSpamBaseline {
         self.points_world.iter().filter_map(|(id, point)| Some((*id, project(*point)?))).collect()
     }
 
-    /// The segments that points select from `masks` (larger ones first), and new ones from the masks left over.
+    /// Returns the segments that points select from `masks` (larger ones first), and new segments from the remaining
+    /// masks.
     fn prompted(&mut self, masks: &[&Mask], points: &[(SegmentId, (usize, usize))]) -> Vec<(SegmentId, Mask)> {
         let mut segments: Vec<(SegmentId, Mask)> = Vec::new();
         for (id, point) in points {
@@ -95,8 +97,8 @@ impl FastSpamBaseline {
         segments
     }
 
-    /// Merges a prompted mask into the segment with which it agrees. Returns the mask if it agrees with none; `None`
-    /// also if there is no mask.
+    /// Merges a prompted mask into the segment with which it agrees and returns `None`, also if there is no mask.
+    /// Returns the mask if it agrees with no segment.
     fn merge_if_agreeing(&self, segments: &mut [(SegmentId, Mask)], prompted: Option<Mask>) -> Option<Mask> {
         let prompted = prompted?;
         let mut closest: Option<(f64, &mut Mask)> = None;
@@ -115,10 +117,10 @@ impl FastSpamBaseline {
         }
     }
 
-    /// The pixel (column, row) that stands for a mask; `None` if it is empty.
+    /// Returns the pixel (column, row) that represents a mask; `None` for an empty mask.
     fn point_of(&mut self, mask: &Mask) -> Option<(usize, usize)> {
         let (column, row) = mask.centroid()?;
-        // The mean of pixels of the image, rounded, is a pixel of the image.
+        // The rounded mean of pixels of the image is a pixel of the image.
         let pixel = (column.round() as usize, row.round() as usize);
         if mask.contains(pixel.0, pixel.1) {
             return Some(pixel);
@@ -136,8 +138,8 @@ impl Method for FastSpamBaseline {
     fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
         check_comparable(frame, masks)?;
         let scored = masks;
-        let stage = tracing::debug_span!(target: "splatseg::stage", "match").entered();
-        let least = self.settings.min_prediction_area.max(1);
+        let stage = tracing::debug_span!(target: STAGE_TARGET, "match").entered();
+        let least = self.settings.min_area.max(1);
         let mut masks: Vec<&Mask> = masks.iter().map(|mask| &mask.mask).filter(|mask| mask.area() >= least).collect();
         masks.sort_by_key(|mask| Reverse(mask.area()));
         let points = self.projected_points(frame);
@@ -157,7 +159,7 @@ impl Method for FastSpamBaseline {
             segments.iter().filter_map(|(id, mask)| Some((*id, unprojected(frame, self.point_of(mask)?)?))).collect();
         drop(stage);
 
-        let _stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();
+        let _stage = tracing::debug_span!(target: STAGE_TARGET, "fuse").entered();
         let map = painted((frame.width(), frame.height()), &segments);
         let scores = segments.iter().map(|(id, mask)| (*id, score_of(mask, scored))).collect();
         Ok(FrameOutput {
@@ -171,18 +173,18 @@ impl Method for FastSpamBaseline {
     }
 }
 
-/// Whether a segment of the frame has an id. Others are not remembered.
+/// True if a segment of the frame has this id. Other ids are not remembered.
 fn is_live(segments: &[(SegmentId, Mask)], id: SegmentId) -> bool {
     segments.iter().any(|(live, _)| *live == id)
 }
 
-/// The score of the prediction that makes up most of a segment.
+/// Returns the score of the prediction with the largest overlap with a segment.
 fn score_of(segment: &Mask, predictions: &[ScoredMask]) -> f32 {
     let overlap = |found: &&ScoredMask| found.mask.intersection_area(segment);
     predictions.iter().max_by_key(overlap).map_or(0.0, |found| found.score)
 }
 
-/// The union of all masks that contain the pixel; `None` if there are none.
+/// Returns the union of all masks that contain the pixel; `None` if there are none.
 fn point_prompt(masks: &[&Mask], pixel: (usize, usize)) -> Option<Mask> {
     let mut containing = masks_at(masks, pixel);
     let mut union = masks[containing.next()?].clone();
@@ -190,7 +192,7 @@ fn point_prompt(masks: &[&Mask], pixel: (usize, usize)) -> Option<Mask> {
     Some(union)
 }
 
-/// The point that the frame shows at a pixel, world coordinates in metres; `None` where depth is missing.
+/// Returns the point that the frame shows at a pixel, world coordinates in metres; `None` where depth is missing.
 fn unprojected(frame: &RgbdFrame, (column, row): (usize, usize)) -> Option<DVec3> {
     let depth = frame.depth()[(column, row)];
     let pixel = Vec2::new(column as f32, row as f32);

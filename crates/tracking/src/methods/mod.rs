@@ -1,16 +1,12 @@
 //! The methods. Each `process` follows the paper's list of steps.
 
-mod explained;
 mod fastsam;
 mod fastsam_splat;
 mod fastspam;
-mod merged;
 mod output;
-mod protrusion;
 mod sam2;
 mod sam2_splat;
 
-pub use explained::ExplanationSettings;
 pub use fastsam::{FastSamBaseline, FastSamBaselineSettings};
 pub use fastsam_splat::{FastSamSplat, FastSamSplatSettings};
 pub use fastspam::{FastSpamBaseline, FastSpamBaselineSettings};
@@ -23,28 +19,28 @@ use splatseg_geometry::{RgbdFrame, ScoredMask, SegmentId};
 use splatseg_memory::{MAX_SEGMENT_ID, SplatMemory};
 use std::collections::BTreeSet;
 
-/// Gives the segments of an RGB-D video their ids, one frame at a time.
+/// Assigns ids to the segments of an RGB-D video, one frame at a time.
 ///
-/// Methods are online: the result for a frame depends on that frame and earlier ones only.
+/// Methods are online: the result for a frame depends only on that frame and earlier ones.
 pub trait Method: Send {
-    /// Its name in tables and on the command line, e.g. `fastsam-splat`.
+    /// Name in tables and on the command line, e.g. `fastsam-splat`.
     fn name(&self) -> &str;
 
-    /// Takes the next frame and the masks that a segmenter found in it, and says which object each pixel shows. Masks
-    /// have the frame's size and may overlap.
+    /// Processes the next frame and the masks that a segmenter found in it, and returns the object that each pixel
+    /// shows. Masks have the frame's size and may overlap.
     ///
     /// # Errors
     /// E.g. [`TrackingError::MaskSize`] if a mask does not have the frame's size.
     fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError>;
 
-    /// The splat memory, if the method has one.
+    /// Splat memory, if the method has one.
     fn memory(&self) -> Option<&SplatMemory> {
         None
     }
 }
 
-/// Most masks of a frame that are compared with each other, or with those of the frame before: that takes time in
-/// proportion to the square of their number, and a file of a few megabytes can hold 65,535.
+/// Maximum number of masks of a frame that are compared with each other or with the masks of the previous frame. This
+/// takes time proportional to the square of their number, and a file of a few megabytes can contain 65,535 masks.
 const MAX_COMPARED_MASKS: usize = 2048;
 
 /// As [`check_sizes`], for methods that compare masks with each other.
@@ -64,21 +60,21 @@ fn check_sizes(frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<(), TrackingEr
     }
 }
 
-/// Gives ids 1, 2, 3, … in the order in which segments appear; after [`MAX_SEGMENT_ID`] again from 1 on.
+/// Gives out ids 1, 2, 3, … in the order in which segments appear; after [`MAX_SEGMENT_ID`] from 1 again.
 #[derive(Clone, Debug, Default)]
 struct SegmentIds {
     last: SegmentId,
 }
 
 impl SegmentIds {
-    /// Takes ids back that were given last.
-    fn take_back(&mut self, ids: &BTreeSet<SegmentId>) {
+    /// Releases unused ids, if they were given out last.
+    fn release(&mut self, ids: &BTreeSet<SegmentId>) {
         while self.last > 0 && ids.contains(&self.last) {
             self.last -= 1;
         }
     }
 
-    /// The next id that is not live.
+    /// Returns the next id that is not live.
     fn new_segment(&mut self, is_live: impl Fn(SegmentId) -> bool) -> SegmentId {
         loop {
             self.last = self.last % MAX_SEGMENT_ID + 1;
@@ -93,8 +89,7 @@ impl SegmentIds {
 mod tests {
     use super::*;
     use crate::{Sam2BaselineSettings, Sam2SplatSettings, Tracker, TrackerError};
-    use splatseg_geometry::Mask;
-    use splatseg_models::sam2::Prompt;
+    use splatseg_geometry::{CameraFrame, Mask, Prompt};
 
     /// A tracker that finds nothing.
     struct Blind;
@@ -104,7 +99,7 @@ mod tests {
             "blind"
         }
 
-        fn track(&mut self, _: &RgbdFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
+        fn track(&mut self, _: &CameraFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
             Ok(Vec::new())
         }
 

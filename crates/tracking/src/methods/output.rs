@@ -1,4 +1,4 @@
-//! What a method says about one frame.
+//! A method's result for one frame.
 
 use crate::TrackErrorCounts;
 use splatseg_geometry::{Image, Mask, SegmentId, SegmentMap};
@@ -8,24 +8,24 @@ use std::collections::BTreeMap;
 /// A method's result for one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameOutput {
-    /// One lasting id per pixel, `[height, width]`; 0 where there is no segment.
+    /// Lasting id of each pixel, `[height, width]`; 0 where there is no segment.
     pub segments: SegmentMap,
-    /// How sure the id of each pixel is, `[height, width]`, from 0 to 1; 0 where there is no segment. The memory's
-    /// confidence where it expected that id, otherwise the score of the mask that shows it; 1 for masks of a tracker.
+    /// Confidence of each pixel's id, `[height, width]`, 0 to 1; 0 where there is no segment. The memory's confidence
+    /// where it expected that id, otherwise the score of the mask that shows it; 1 for masks of a tracker.
     pub confidence: Image<f32>,
-    /// The whole mask of each segment, each id once, for methods whose masks may overlap. `segments` shows them
-    /// painted, smaller ones over larger ones; metrics use the whole masks. Empty for methods with one id per pixel.
+    /// Whole mask of each segment, each id once, for methods whose masks may overlap. `segments` shows them painted,
+    /// smaller ones over larger ones; metrics use the whole masks. Empty for methods with one id per pixel.
     pub masks: Vec<(SegmentId, Mask)>,
-    /// Predicted segments that were large enough to count.
+    /// Number of predicted segments that were large enough to count.
     pub predictions: usize,
-    /// Errors of the tracker that were found and corrected; all 0 for methods that look for none.
+    /// Errors of the tracker that were found and corrected; all 0 for methods that do not look for errors.
     pub track_errors: TrackErrorCounts,
-    /// What the frame did to the memory.
+    /// Changes of the memory in this frame.
     pub update: FrameUpdate,
 }
 
 impl FrameOutput {
-    /// A result with one id per pixel and nothing else, for methods defined elsewhere. The confidence is 1.
+    /// Creates a result with one id per pixel and confidence 1, for methods defined outside this crate.
     pub fn from_segments(segments: SegmentMap) -> Self {
         let confidence = segments.map(|id| if *id == 0 { 0.0 } else { 1.0 });
         Self {
@@ -38,7 +38,7 @@ impl FrameOutput {
         }
     }
 
-    /// The mean confidence of each segment over the pixels that show it.
+    /// Returns the mean confidence of each segment over the pixels that show it.
     pub fn segment_confidences(&self) -> BTreeMap<SegmentId, f32> {
         let mut sums: BTreeMap<SegmentId, (f64, u32)> = BTreeMap::new();
         for (id, confidence) in self.segments.pixels().iter().zip(self.confidence.pixels()).filter(|(id, _)| **id != 0)
@@ -51,8 +51,8 @@ impl FrameOutput {
     }
 }
 
-/// The confidence of each pixel of `segments`: the memory's where it expected this id, otherwise the score of the id's
-/// mask in this frame.
+/// Returns the confidence of each pixel of `segments`: the memory's where it expected this id, otherwise the score of
+/// the id's mask in this frame.
 pub(super) fn confidence(
     segments: &SegmentMap,
     scores: &BTreeMap<SegmentId, f32>,
@@ -60,16 +60,16 @@ pub(super) fn confidence(
 ) -> Image<f32> {
     let (width, height) = segments.size();
     let mut confidence = Image::filled(width, height, 0.0);
-    let mut of_scores = (0, 0.0);
+    let mut last_score = (0, 0.0);
     for (index, (confidence, id)) in confidence.pixels_mut().iter_mut().zip(segments.pixels()).enumerate() {
         if *id == 0 {
             continue;
         }
         let remembered = expected.filter(|expected| expected.segments.pixels()[index] == *id);
-        if of_scores.0 != *id {
-            of_scores = (*id, scores.get(id).copied().unwrap_or(0.0));
+        if last_score.0 != *id {
+            last_score = (*id, scores.get(id).copied().unwrap_or(0.0));
         }
-        let found = remembered.map_or(of_scores.1, |expected| expected.confidence.pixels()[index]);
+        let found = remembered.map_or(last_score.1, |expected| expected.confidence.pixels()[index]);
         *confidence = found.clamp(0.0, 1.0);
     }
     confidence

@@ -1,11 +1,11 @@
-//! SAM2 on its own: a tracker, with detections as prompts (`docs/METHOD.md`, "Baselines").
+//! SAM2 on its own: a tracker with detections as prompts (`docs/PAPER.md`, "Baselines").
 
 use super::output::confidence;
 use super::{FrameOutput, Method, SegmentIds, check_comparable};
 use crate::matching::painted;
 use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, visible};
 use crate::{TrackErrorCounts, TrackingError};
-use splatseg_geometry::{RgbdFrame, ScoredMask, SegmentId};
+use splatseg_geometry::{RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId};
 use splatseg_memory::FrameUpdate;
 use splatseg_settings::{Allowed, Choice, settings};
 use std::collections::BTreeSet;
@@ -13,18 +13,18 @@ use std::collections::BTreeSet;
 settings! {
     /// Settings of [`Sam2Baseline`].
     pub struct Sam2BaselineSettings in "" {
-        /// Where the mask prompts of new objects come from.
+        /// Source of the mask prompts of new objects.
         prompts: PromptSource = PromptSource::Detections, Allowed::Names(PromptSource::NAMES);
         /// A detection is a new object only if its IoU with every track, and with every better detection of the frame,
         /// is at most this. The paper: 0.1.
         max_detection_iou: f64 = 0.1, Allowed::between(0.0, 1.0);
-        /// Detections of fewer pixels are ignored.
-        min_prediction_area: usize = 50, Allowed::between(0.0, 1e9);
+        /// Detections with fewer pixels are ignored.
+        min_area: usize = 50, Allowed::between(0.0, 1e9);
     }
 }
 
-/// The baseline whose only memory is the tracker's: detections of the first frame are mask prompts, and so are later
-/// ones that no track covers. Ids are those of the tracks.
+/// The baseline whose only memory is the tracker's. Detections of the first frame are mask prompts, and so are later
+/// detections that no track covers. Ids are the tracks' ids.
 pub struct Sam2Baseline {
     tracker: Box<dyn Tracker>,
     new_objects: NewObjects,
@@ -32,14 +32,14 @@ pub struct Sam2Baseline {
 }
 
 impl Sam2Baseline {
-    /// A method and its tracker before the first frame.
+    /// Creates the method from a tracker before its first frame.
     ///
     /// # Errors
     /// If a setting is out of range.
     pub fn new(tracker: Box<dyn Tracker>, settings: Sam2BaselineSettings) -> Result<Self, TrackingError> {
         settings.validate()?;
-        let Sam2BaselineSettings { prompts, max_detection_iou, min_prediction_area } = settings;
-        let new_objects = NewObjects { prompts, max_detection_iou, min_prediction_area };
+        let Sam2BaselineSettings { prompts, max_detection_iou, min_area } = settings;
+        let new_objects = NewObjects { prompts, max_detection_iou, min_area };
         Ok(Self { tracker, new_objects, ids: SegmentIds::default() })
     }
 }
@@ -51,16 +51,16 @@ impl Method for Sam2Baseline {
 
     fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
         check_comparable(frame, masks)?;
-        let stage = tracing::debug_span!(target: "splatseg::stage", "track").entered();
+        let stage = tracing::debug_span!(target: STAGE_TARGET, "track").entered();
         let mut tracks = self.tracker.track(frame)?;
         let new_objects = self.new_objects.among(&tracks, masks);
         let live: BTreeSet<SegmentId> = tracks.iter().map(|(id, _)| *id).collect();
         let ids: Vec<SegmentId> = new_objects.iter().map(|_| self.ids.new_segment(|id| live.contains(&id))).collect();
         let unused = add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, &ids)?;
-        self.ids.take_back(&unused);
+        self.ids.release(&unused);
         drop(stage);
 
-        let _stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();
+        let _stage = tracing::debug_span!(target: STAGE_TARGET, "fuse").entered();
         let masks = visible(tracks);
         let segments = painted((frame.width(), frame.height()), &masks);
         let scores = masks.iter().map(|(id, _)| (*id, 1.0)).collect();

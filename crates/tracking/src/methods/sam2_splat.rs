@@ -1,4 +1,4 @@
-//! SAM2-Splat: a tracker, and a splat that remembers what it should track (`docs/METHOD.md`, "SAM2-Splat").
+//! SAM2-Splat: a tracker with a splat memory that corrects it (`docs/PAPER.md`, "SAM2-Splat").
 
 use super::output::confidence;
 use super::{FrameOutput, Method, check_comparable};
@@ -6,7 +6,7 @@ use crate::TrackingError;
 use crate::matching::painted;
 use crate::reprompting::{RepromptSettings, TrackErrorCounts, corrections, find_track_errors, repeated_answers};
 use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, prompt_tracks, remove_tracks, visible};
-use splatseg_geometry::{Mask, RgbdFrame, ScoredMask, SegmentId};
+use splatseg_geometry::{Mask, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId};
 use splatseg_memory::{MemoryError, MemorySettings, SplatMemory};
 use splatseg_settings::{Allowed, Choice, settings};
 use std::collections::BTreeSet;
@@ -14,38 +14,38 @@ use std::collections::BTreeSet;
 settings! {
     /// Settings of [`Sam2Splat`].
     pub struct Sam2SplatSettings in "" {
-        /// Where the mask prompts of new objects come from.
+        /// Source of the mask prompts of new objects.
         prompts: PromptSource = PromptSource::Detections, Allowed::Names(PromptSource::NAMES);
         /// A detection is a new object only if its IoU with every track, and with every better detection of the frame,
         /// is at most this. The paper: 0.1.
         max_detection_iou: f64 = 0.1, Allowed::between(0.0, 1.0);
-        /// Detections of fewer pixels are ignored. The paper: 0.
-        min_prediction_area: usize = 50, Allowed::between(0.0, 1e9);
+        /// Detections with fewer pixels are ignored. The paper: 0.
+        min_area: usize = 50, Allowed::between(0.0, 1e9);
     }
     sections {
-        /// Which errors of the tracker are corrected, and how.
+        /// Correction of the tracker's errors.
         reprompt: RepromptSettings;
         /// The memory.
         memory: MemorySettings;
     }
 }
 
-/// The method: tracks and remembered segments share ids, so a track that goes astray is noticed and prompted again.
+/// The method: tracks and remembered segments share ids, so a track that goes astray is detected and prompted again.
 ///
-/// Its output is the tracker's masks after re-prompting and additions. What the memory expects and no track shows is
-/// not part of it. After `with_memory`, the first frame prompts everything that the memory expects in it.
+/// Its output is the tracker's masks after re-prompting and additions, without expected segments that no track shows.
+/// After `with_memory`, the first frame prompts all segments that the memory expects in it.
 pub struct Sam2Splat {
     tracker: Box<dyn Tracker>,
     memory: SplatMemory,
     new_objects: NewObjects,
     reprompt: RepromptSettings,
-    /// What the memory has forgotten and the tracker still follows.
+    /// Ids that the memory has forgotten and the tracker still follows.
     forgotten: BTreeSet<SegmentId>,
 }
 
 impl Sam2Splat {
-    /// A method with an empty memory and a tracker before its first frame. `seed` and `progress` are for the codebook
-    /// of a memory of features: `progress` receives the fraction done.
+    /// Creates the method with an empty memory and a tracker before its first frame. `seed` and `progress` are for the
+    /// codebook of a memory of features; `progress` receives the fraction done.
     ///
     /// # Errors
     /// If a setting is out of range.
@@ -59,7 +59,7 @@ impl Sam2Splat {
         Self::with_memory(tracker, settings, memory)
     }
 
-    /// A method that continues with a memory from an earlier run, and so with its ids.
+    /// Creates the method with a memory from an earlier run, continuing its ids.
     ///
     /// # Errors
     /// If a setting is out of range.
@@ -69,13 +69,13 @@ impl Sam2Splat {
         memory: SplatMemory,
     ) -> Result<Self, TrackingError> {
         settings.validate()?;
-        let Sam2SplatSettings { prompts, max_detection_iou, min_prediction_area, reprompt, memory: _ } = settings;
-        let new_objects = NewObjects { prompts, max_detection_iou, min_prediction_area };
+        let Sam2SplatSettings { prompts, max_detection_iou, min_area, reprompt, memory: _ } = settings;
+        let new_objects = NewObjects { prompts, max_detection_iou, min_area };
         Ok(Self { tracker, memory, new_objects, reprompt, forgotten: BTreeSet::new() })
     }
 
-    /// Has the tracker forget what the memory has forgotten, once it is out of view. Otherwise tracks of things that were taken
-    /// away, or of places that the map has lost, would become more and more.
+    /// Removes tracks that the memory has forgotten, once they are out of view. Otherwise tracks of objects that were
+    /// taken away, or of places that the map has lost, would accumulate.
     fn drop_forgotten(&mut self, forgotten: &[SegmentId], visible: &[(SegmentId, Mask)]) {
         self.forgotten.extend(forgotten);
         let memory = &self.memory;
@@ -103,17 +103,17 @@ impl Method for Sam2Splat {
 
     fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
         check_comparable(frame, masks)?;
-        let stage = tracing::debug_span!(target: "splatseg::stage", "track").entered();
+        let stage = tracing::debug_span!(target: STAGE_TARGET, "track").entered();
         let mut tracks = self.tracker.track(frame)?;
         drop(stage);
 
         let recall = self.memory.recall(frame);
 
-        let stage = tracing::debug_span!(target: "splatseg::stage", "match").entered();
+        let stage = tracing::debug_span!(target: STAGE_TARGET, "match").entered();
         let errors = find_track_errors(recall.expected(), &tracks, &self.reprompt);
         drop(stage);
 
-        let stage = tracing::debug_span!(target: "splatseg::stage", "reprompt").entered();
+        let stage = tracing::debug_span!(target: STAGE_TARGET, "reprompt").entered();
         let (prompts, removed) = corrections(&errors, &self.reprompt);
         remove_tracks(self.tracker.as_mut(), &mut tracks, &removed);
         prompt_tracks(self.tracker.as_mut(), &mut tracks, &prompts)?;
@@ -121,24 +121,23 @@ impl Method for Sam2Splat {
         remove_tracks(self.tracker.as_mut(), &mut tracks, &repeated);
         drop(stage);
 
-        let stage = tracing::debug_span!(target: "splatseg::stage", "track").entered();
+        let stage = tracing::debug_span!(target: STAGE_TARGET, "track").entered();
         let new_objects = self.new_objects.among(&tracks, masks);
         let ids = self.new_ids(new_objects.len())?;
-        // An id that is given again stands for another thing from now on.
+        // A reused id stands for another object from now on.
         let reused = tracks.iter().map(|(id, _)| *id).filter(|id| ids.contains(id)).collect();
         remove_tracks(self.tracker.as_mut(), &mut tracks, &reused);
-        let unused = add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, &ids)?;
-        unused.iter().for_each(|id| self.memory.take_back(*id));
+        add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, &ids)?;
         drop(stage);
 
-        let stage = tracing::debug_span!(target: "splatseg::stage", "fuse").entered();
+        let stage = tracing::debug_span!(target: STAGE_TARGET, "fuse").entered();
         let masks = visible(tracks);
         let segments = painted((frame.width(), frame.height()), &masks);
         let scores = masks.iter().map(|(id, _)| (*id, 1.0)).collect();
         let confidence = confidence(&segments, &scores, Some(recall.expected()));
         drop(stage);
 
-        let update = self.memory.update(recall, &segments)?;
+        let update = self.memory.update(recall, &segments, &BTreeSet::new())?;
         self.drop_forgotten(&update.forgotten, &masks);
         let (predictions, track_errors) = (masks.len(), TrackErrorCounts::of(&errors));
         Ok(FrameOutput { segments, confidence, masks, predictions, track_errors, update })

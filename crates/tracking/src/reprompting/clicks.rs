@@ -1,16 +1,16 @@
-//! Where to click (`docs/METHOD.md`, "SAM2-Splat", step 3). The paper does not say how clicks are sampled from a
+//! Sampling of clicks (`docs/PAPER.md`, "SAM2-Splat", step 3). The paper does not say how clicks are sampled from a
 //! region.
 
-use splatseg_geometry::Mask;
+use splatseg_geometry::{Mask, flood_fill};
 
-/// Up to `count` pixels (column, row) inside a region, away from its outline and from each other: none if the region is
-/// empty, fewer if too few pixels are deep enough inside it.
+/// Returns up to `count` pixels (column, row) inside a region, away from its outline and from each other: none if the
+/// region is empty, fewer if too few pixels are deep enough inside it.
 ///
-/// The first is the innermost pixel. Each further one is the pixel farthest from those chosen so far, among the pixels
-/// that are at least half as deep inside the region as the innermost and connected with it inside the region. Expected
-/// outlines are off by a pixel or two, and an id that was overruled may leave remnants elsewhere in the memory: clicks
-/// in such places would ask for another object. Ties go to the first pixel in reading order, so the clicks depend on
-/// the region alone. The image border counts as outline.
+/// The first is the innermost pixel. Each further one is the pixel farthest from the pixels chosen so far, among those
+/// at least half as deep inside the region as the innermost pixel and connected with it. Expected outlines are off by a
+/// pixel or two, and an overruled id may leave remnants elsewhere in the memory: clicks in such places would select
+/// another object. Ties go to the first pixel in reading order, so the clicks depend only on the region. The image
+/// border counts as outline.
 pub fn sample_clicks(region: &Mask, count: usize) -> Vec<(usize, usize)> {
     let depth = region.depths();
     let innermost = depth.iter().copied().max().unwrap_or(0);
@@ -20,8 +20,10 @@ pub fn sample_clicks(region: &Mask, count: usize) -> Vec<(usize, usize)> {
     let size = (region.width(), region.height());
     let pixel = |index: usize| (index % size.0, index / size.0);
     let is_deep = |index: &usize| 2 * depth[*index] >= innermost;
-    let mut interior: Vec<usize> =
-        connected_with(start, size, |index| depth[index] > 0).into_iter().filter(is_deep).collect();
+    let mut interior: Vec<usize> = flood_fill(start, size, &mut vec![false; depth.len()], |index| depth[index] > 0)
+        .into_iter()
+        .filter(is_deep)
+        .collect();
     interior.sort_unstable();
     let interior: Vec<(usize, usize)> = interior.into_iter().map(pixel).collect();
     let mut chosen: Vec<(usize, usize)> = [pixel(start)].into_iter().take(count).collect();
@@ -42,30 +44,6 @@ pub fn sample_clicks(region: &Mask, count: usize) -> Vec<(usize, usize)> {
         }
     }
     chosen
-}
-
-/// The 4-connected component of `start`: the pixels for which `is_inside(index)` holds and that are connected with it.
-fn connected_with(start: usize, (width, height): (usize, usize), is_inside: impl Fn(usize) -> bool) -> Vec<usize> {
-    let mut is_found = vec![false; width * height];
-    is_found[start] = true;
-    let mut found = vec![start];
-    let mut next = 0;
-    while let Some(index) = found.get(next).copied() {
-        next += 1;
-        let neighbours = [
-            (index % width > 0).then(|| index - 1),
-            (index % width + 1 < width).then_some(index + 1),
-            (index >= width).then(|| index - width),
-            (index + width < width * height).then_some(index + width),
-        ];
-        for neighbour in neighbours.into_iter().flatten() {
-            if is_inside(neighbour) && !is_found[neighbour] {
-                is_found[neighbour] = true;
-                found.push(neighbour);
-            }
-        }
-    }
-    found
 }
 
 #[cfg(test)]
@@ -111,25 +89,6 @@ mod tests {
     }
 
     proptest! {
-        #[test]
-        fn a_component_has_all_that_is_connected(inside in prop::collection::vec(prop::bool::weighted(0.6), 63..=63)) {
-            prop_assume!(inside[31]);
-            let mut expected = [false; 63];
-            expected[31] = true;
-            // As often as the longest way there can be.
-            for _ in 0..63 {
-                for index in (0..63).filter(|index| inside[*index]) {
-                    let is_beside = |other: usize| {
-                        (other % 9).abs_diff(index % 9) + (other / 9).abs_diff(index / 9) == 1 && expected[other]
-                    };
-                    expected[index] |= (0..63).any(is_beside);
-                }
-            }
-            let mut found = connected_with(31, (9, 7), |index| inside[index]);
-            found.sort_unstable();
-            prop_assert_eq!(found, (0..63).filter(|index| expected[*index]).collect::<Vec<_>>());
-        }
-
         #[test]
         fn clicks_are_different_pixels_of_the_region(inside in prop::collection::vec(any::<bool>(), 96..=96)) {
             let region = Mask::from_fn(12, 8, |column, row| inside[row * 12 + column]);

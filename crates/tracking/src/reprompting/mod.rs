@@ -1,4 +1,4 @@
-//! Finds a tracker's errors and corrects them with clicks (`docs/METHOD.md`, "SAM2-Splat", steps 2 and 3).
+//! Finds a tracker's errors and corrects them with clicks (`docs/PAPER.md`, "SAM2-Splat", steps 2 and 3).
 
 mod clicks;
 mod track_errors;
@@ -6,52 +6,51 @@ mod track_errors;
 pub use clicks::sample_clicks;
 pub use track_errors::{Remedy, TrackError, TrackErrorCounts, TrackErrorKind, find_track_errors};
 
-use splatseg_geometry::{Mask, SegmentId};
-use splatseg_models::sam2::{Click, Prompt};
+use splatseg_geometry::{Click, Mask, Prompt, SegmentId};
 use splatseg_settings::{Allowed, settings};
 use std::collections::BTreeSet;
 
 settings! {
-    /// Which errors of a tracker are corrected, and how. The paper names the errors and the number of clicks; the
+    /// Settings for correcting the errors of a tracker. The paper names the errors and the number of clicks; the
     /// thresholds are ours.
     #[derive(Copy)]
     pub struct RepromptSettings in "reprompt" {
-        /// Whether segments that are expected but not tracked are prompted.
+        /// Prompt segments that are expected but not tracked.
         not_tracked: bool = true, Allowed::Switch;
-        /// Whether segments that are tracked under another id, or whose track is elsewhere, are prompted.
+        /// Prompt segments that are tracked under another id, or whose track is elsewhere.
         incorrect_track: bool = true, Allowed::Switch;
-        /// Whether additional tracks on a segment that its own track follows are corrected or removed.
+        /// Correct or remove additional tracks on a segment that its own track follows.
         duplicated_track: bool = true, Allowed::Switch;
-        /// Positive clicks per error, and as many negative ones where a region has the wrong label (see
+        /// Positive clicks per error, and as many negative ones if a region has the wrong label (see
         /// `count_negative_clicks`). The paper: 5.
         clicks: usize = 5, Allowed::between(1.0, 100.0);
-        /// Whether `clicks` is the number of a track's positive and negative clicks together: they take turns, positive
-        /// ones first. The paper, which has 5 clicks per object: true.
+        /// Let `clicks` be the total of a track's positive and negative clicks. If both are needed, half are positive,
+        /// rounded up. The paper, with 5 clicks per object: true.
         count_negative_clicks: bool = false, Allowed::Switch;
-        /// Whether a track on another segment, whose own is not expected, is removed; otherwise it gets negative clicks
+        /// Remove a track on another segment if its own segment is not expected. Otherwise it gets negative clicks
         /// there. The paper, which only clicks: false.
         remove_tracks: bool = true, Allowed::Switch;
-        /// A track is on an expected segment if their F-score, over the pixels where the memory expects anything, is at
-        /// least this.
+        /// A track is on an expected segment if their F-score, over the pixels with an expected segment, is at least
+        /// this.
         min_f_score: f64 = 0.5, Allowed::above_up_to(0.0, 1.0);
         /// A track is wrong if the memory expects other segments on more than this fraction of its pixels.
         max_wrong_fraction: f64 = 0.25, Allowed::between(0.0, 1.0);
-        /// Parts of a track on other expected segments do not count as wrong if they are nowhere thicker than twice this,
-        /// pixels: outlines are never exact.
+        /// Parts of a track on other expected segments do not count as wrong if they are nowhere thicker than twice
+        /// this, pixels: outlines are never exact.
         outline_tolerance_px: usize = 2, Allowed::between(0.0, 1000.0);
         /// A segment is prompted only if other tracks cover at most this fraction of it.
         max_covered_fraction: f64 = 0.5, Allowed::between(0.0, 1.0);
-        /// A segment that is not tracked stays so if the answer to its prompt has a larger IoU than this with another
-        /// track, which follows that object already. The paper, which keeps every answer: 1.
+        /// A prompted segment that was not tracked stays untracked if the answer has a larger IoU than this with
+        /// another track, which already follows that object. The paper, which keeps every answer: 1.
         max_answer_iou: f64 = 0.5, Allowed::between(0.0, 1.0);
-        /// Expected segments of fewer pixels are not trusted.
+        /// Expected segments with fewer pixels are not trusted.
         min_expected_area: usize = 100, Allowed::between(0.0, 1e9);
         /// Expected segments with a smaller mean confidence are not trusted.
         min_confidence: f32 = 0.6, Allowed::between(0.0, 1.0);
     }
 }
 
-/// The prompts that correct the errors, and the tracks to be removed.
+/// Returns the prompts that correct the errors, and the tracks to be removed.
 pub(crate) fn corrections(
     errors: &[TrackError],
     settings: &RepromptSettings,
@@ -73,8 +72,9 @@ pub(crate) fn corrections(
     (prompts, removed)
 }
 
-/// Of the segments that were not tracked, those whose prompts are answered by what another track shows already. `tracks`
-/// are the masks after prompting, by increasing id. Of two such answers that show the same, the smaller id's is kept.
+/// Returns the segments that were not tracked and whose prompts were answered with an object that another track already
+/// shows. `tracks` are the masks after prompting, by increasing id. Of two answers that show the same object, the
+/// smaller id's is kept.
 pub(crate) fn repeated_answers(
     errors: &[TrackError],
     tracks: &[(SegmentId, Mask)],
@@ -91,14 +91,14 @@ pub(crate) fn repeated_answers(
     repeated
 }
 
-/// How many clicks each of two regions gets, the one where the track should be and the one where it should not.
+/// Returns the numbers of clicks in the region where the track should be and in the region where it should not.
 fn numbers_of_clicks(settings: &RepromptSettings, expected: &Mask, wrong: &Mask) -> (usize, usize) {
     let clicks = settings.clicks;
     let share = settings.count_negative_clicks && !expected.is_empty() && !wrong.is_empty();
     if share { (clicks.div_ceil(2), clicks / 2) } else { (clicks, clicks) }
 }
 
-/// Clicks at pixel centres: the coordinates of a [`Click`] start at the image border.
+/// Returns clicks at pixel centres: the coordinates of a [`Click`] start at the image border.
 fn clicks_in(region: &Mask, count: usize, positive: bool) -> Vec<Click> {
     let click = |(column, row): (usize, usize)| Click { x: column as f32 + 0.5, y: row as f32 + 0.5, positive };
     sample_clicks(region, count).into_iter().map(click).collect()
@@ -108,7 +108,7 @@ fn clicks_in(region: &Mask, count: usize, positive: bool) -> Vec<Click> {
 mod tests {
     use super::*;
 
-    /// Positive and negative clicks of the one prompt of an error.
+    /// Numbers of positive and negative clicks of the only prompt of an error.
     fn clicks(settings: &RepromptSettings, expected: Mask, wrong: Mask) -> (usize, usize) {
         let remedy = Remedy::Prompt { expected, wrong };
         let error = TrackError { kind: TrackErrorKind::IncorrectTrack, track: 4, remedy };
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_that_shows_what_another_track_shows_is_repeated() {
+    fn an_answer_with_the_object_of_another_track_is_repeated() {
         let stripe = |from: usize, to: usize| Mask::from_fn(60, 30, |column, _| (from..to).contains(&column));
         let error = |kind, track| {
             let remedy = Remedy::Prompt { expected: stripe(0, 5), wrong: stripe(0, 0) };
@@ -158,10 +158,6 @@ mod tests {
         assert_eq!(repeated(&[not_tracked(1), not_tracked(3)], &tracks[..3], 0.6), [1]);
         let same = [(1, stripe(0, 30)), (2, stripe(0, 30))];
         assert_eq!(repeated(&[not_tracked(2)], &same, 1.0), [0; 0], "switched off");
-        assert_eq!(
-            repeated(&[not_tracked(2)], &[(1, stripe(0, 0)), (2, stripe(0, 0))], 0.5),
-            [0; 0],
-            "nothing to be seen"
-        );
+        assert_eq!(repeated(&[not_tracked(2)], &[(1, stripe(0, 0)), (2, stripe(0, 0))], 0.5), [0; 0], "empty masks");
     }
 }

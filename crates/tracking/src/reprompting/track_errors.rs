@@ -1,35 +1,35 @@
-//! The tracker's errors, seen from the memory (`docs/METHOD.md`, "SAM2-Splat", step 2).
+//! The tracker's errors, detected with the memory (`docs/PAPER.md`, "SAM2-Splat", step 2).
 //!
 //! A track has the same id as the segment that the memory should expect in its place: its **own** segment. Terms:
 //!
 //! - An expected segment is **trusted** if it is large enough (`min_expected_area`) and its mean confidence is high
 //!   enough (`min_confidence`). Other expected segments cause no errors.
 //! - A track is **on** the expected segment with which it has the largest F-score, if that is at least `min_f_score`.
-//!   Only pixels where the memory expects anything count: a track may extend into what the memory has not seen.
-//! - A track's **wrong fraction** is the fraction of its pixels on which the memory expects another segment. As outlines
-//!   are never exact, parts there that are nowhere thicker than twice `outline_tolerance_px` do not count.
+//!   Only pixels with an expected segment count: a track may extend into areas that the memory has not seen.
+//! - A track's **wrong fraction** is the fraction of its pixels on which the memory expects another segment. As
+//!   outlines are never exact, parts that are nowhere thicker than twice `outline_tolerance_px` do not count.
 //! - A track in view is **right** if its own segment is trusted, their F-score is at least `min_f_score`, and its wrong
 //!   fraction is at most `max_wrong_fraction`. It is **wrong** if its own segment is trusted and it is not right. A
-//!   track whose own segment is not expected, or not trusted, is neither: the memory does not know it (yet).
+//!   track whose own segment is not expected, or not trusted, is neither: the memory has not learnt it (yet).
 //!
 //! The errors:
 //!
-//! - **(a) not tracked**: a trusted segment whose own track is not in view, without another track on it, of which other
-//!   tracks cover at most `max_covered_fraction`. Remedy: clicks on the part that they do not cover. An answer that shows
-//!   the object of another track is taken back (`max_answer_iou`).
+//! - **(a) not tracked**: a trusted segment whose own track is not in view, without another track on it, and with at
+//!   most `max_covered_fraction` covered by other tracks. Remedy: clicks on the part that they do not cover. An answer
+//!   that shows the object of another track is undone (`max_answer_iou`).
 //! - **(b) incorrect track**: a trusted segment whose own track is not in view, but with another track on it; or one
 //!   whose own track is wrong (unless that is a duplicate). Remedy: positive clicks on the segment, negative ones on
 //!   the part of its track that is on other segments, or on the whole track if no part of it is on its own segment. A
-//!   track on the segment whose own segment is not expected is removed: it follows this object under a newer id, or its
-//!   object is out of view and will be prompted when it returns.
+//!   track on this segment whose own segment is not expected is removed: it follows this object under a newer id, or
+//!   its object is out of view and will be prompted when it returns.
 //! - **(c) duplicated track**: a track is on a segment whose own track is right. If its own segment is trusted, the
 //!   track gets positive clicks there and negative ones on the other segment; if it is not expected, the track is
 //!   removed.
 //!
-//! Without `remove_tracks`, such tracks get negative clicks where they are, and positive ones on what is expected of their
-//! own segment, if anything is.
+//! Without `remove_tracks`, such tracks get negative clicks where they are, and positive ones on the expected part of
+//! their own segment, if there is any.
 //!
-//! No remedy asks for pixels of a right track, and no right track is ever prompted or removed.
+//! No remedy claims pixels of a right track, and no right track is ever prompted or removed.
 
 use super::RepromptSettings;
 use crate::matching::overlaps;
@@ -38,55 +38,55 @@ use splatseg_geometry::{Mask, SegmentId, SegmentMap};
 use splatseg_memory::SegmentBelief;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The kinds of errors that a memory can see.
+/// The kinds of errors that a memory can detect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TrackErrorKind {
-    /// Expected but absent.
+    /// An expected segment has no track.
     NotTracked,
-    /// Tracked under another id.
+    /// An expected segment is tracked under another id, or its own track is wrong.
     IncorrectTrack,
-    /// One expected segment, several tracks.
+    /// An expected segment has several tracks.
     DuplicatedTrack,
 }
 
 /// An error of a tracker.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackError {
-    /// Its kind.
+    /// Kind of the error.
     pub kind: TrackErrorKind,
-    /// The track to be corrected.
+    /// Track to be corrected.
     pub track: SegmentId,
-    /// How to correct it.
+    /// Correction of the error.
     pub remedy: Remedy,
 }
 
-/// How an error is corrected.
+/// The correction of an error.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Remedy {
-    /// The track is to be prompted.
+    /// Prompt the track.
     Prompt {
-        /// Where it should be: positive clicks.
+        /// Region where the track should be, for positive clicks.
         expected: Mask,
-        /// Where it should not be: negative clicks. May be empty.
+        /// Region where the track should not be, for negative clicks. May be empty.
         wrong: Mask,
     },
-    /// The track is to be removed.
+    /// Remove the track.
     Remove,
 }
 
-/// Errors of a frame, or summed over frames.
+/// Numbers of errors of a frame, or summed over frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct TrackErrorCounts {
-    /// Expected but absent.
+    /// Number of [`TrackErrorKind::NotTracked`] errors.
     pub not_tracked: usize,
-    /// Tracked under another id.
+    /// Number of [`TrackErrorKind::IncorrectTrack`] errors.
     pub incorrect_track: usize,
-    /// One expected segment, several tracks.
+    /// Number of [`TrackErrorKind::DuplicatedTrack`] errors.
     pub duplicated_track: usize,
 }
 
 impl TrackErrorCounts {
-    /// The counts of a list of errors.
+    /// Counts the errors of each kind.
     pub fn of(errors: &[TrackError]) -> Self {
         let count = |kind| errors.iter().filter(|error| error.kind == kind).count();
         Self {
@@ -105,9 +105,10 @@ impl std::ops::AddAssign for TrackErrorCounts {
     }
 }
 
-/// The errors of the kinds that `settings` switch on, at most one per track, by increasing id of the track.
+/// Returns the errors of the kinds enabled in `settings`, at most one per track, by increasing track id.
 ///
-/// `tracks` are the tracker's masks of a frame, by increasing id; `expected` is what the memory expects in it.
+/// `tracks` are the tracker's masks of a frame, by increasing id. `expected` contains the segments that the memory
+/// expects in the frame.
 pub fn find_track_errors(
     expected: &SegmentBelief,
     tracks: &[(SegmentId, Mask)],
@@ -134,15 +135,15 @@ pub fn find_track_errors(
     errors
 }
 
-/// A track in view, compared with what is expected.
+/// A track in view, compared with the expected segments.
 struct ComparedTrack<'a> {
     mask: &'a Mask,
-    /// The expected segment that it is on.
+    /// Expected segment that the track is on.
     on_segment: Option<SegmentId>,
     standing: Standing,
 }
 
-/// What the memory says about a track.
+/// Judgement of a track by the memory; see the terms above.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Standing {
     Right,
@@ -154,7 +155,7 @@ struct Comparison<'a> {
     expected: &'a SegmentMap,
     settings: &'a RepromptSettings,
     trusted: BTreeSet<SegmentId>,
-    /// The tracks in view.
+    /// Tracks in view.
     tracks: BTreeMap<SegmentId, ComparedTrack<'a>>,
 }
 
@@ -173,7 +174,7 @@ impl<'a> Comparison<'a> {
             let best =
                 overlaps.keys().map(|segment| (f_score(segment), *segment)).rev().max_by(|a, b| a.0.total_cmp(&b.0));
             let is_right = || {
-                // What is small enough with the outlines is so without them.
+                // If the part with outlines is small enough, so is the part without them.
                 let elsewhere = known - overlaps.get(&id).copied().unwrap_or(0);
                 let max_wrong = settings.max_wrong_fraction * mask.area() as f64;
                 let wrong = || wrong_part(segments, id, mask, settings.outline_tolerance_px).area();
@@ -192,7 +193,7 @@ impl<'a> Comparison<'a> {
         Self { expected: segments, settings, tracks: compared.collect::<Vec<_>>().into_iter().collect(), trusted }
     }
 
-    /// The error of a trusted segment, if any.
+    /// Returns the error of a trusted segment, if any.
     fn error_of_expected(&self, segment: SegmentId) -> Option<TrackError> {
         let own = self.tracks.get(&segment);
         if own.is_some_and(|own| own.standing == Standing::Right) {
@@ -216,8 +217,8 @@ impl<'a> Comparison<'a> {
         Some(TrackError { kind, track: segment, remedy: Remedy::Prompt { expected: left, wrong } })
     }
 
-    /// The part of a wrong track that should not be there: the part on other segments, or all of it if no part is on
-    /// its own.
+    /// Returns the part of a wrong track that should not be there: the part on other segments, or the whole track if no
+    /// part is on its own segment.
     fn wrongly_labelled(&self, segment: SegmentId, mask: &Mask) -> Mask {
         let is_elsewhere = mask.pixel_indices().all(|index| self.expected.pixels()[index] != segment);
         Mask::from_fn(mask.width(), mask.height(), |column, row| {
@@ -226,7 +227,7 @@ impl<'a> Comparison<'a> {
         })
     }
 
-    /// The error of a track on another segment whose own segment is not trusted, if any.
+    /// Returns the error of a track on another segment whose own segment is not trusted, if any.
     fn error_of_unexpected(&self, id: SegmentId) -> Option<TrackError> {
         let track = self.tracks.get(&id).filter(|track| track.standing == Standing::Unknown)?;
         let segment = track.on_segment.filter(|segment| *segment != id && self.trusted.contains(segment))?;
@@ -250,12 +251,12 @@ impl<'a> Comparison<'a> {
         self.tracks.get(&id).is_some_and(|track| track.standing == Standing::Right)
     }
 
-    /// Whether a track other than its own is on a segment.
+    /// True if a track other than its own is on a segment.
     fn has_other_track(&self, segment: SegmentId) -> bool {
         self.tracks.iter().any(|(id, track)| *id != segment && track.on_segment == Some(segment))
     }
 
-    /// The part of a segment that no other track covers, not counting tracks that are wrong or on this segment.
+    /// Returns the part of a segment that no other track covers, ignoring tracks that are wrong or on this segment.
     fn left_by_others(&self, segment: SegmentId, mut expected: Mask) -> Mask {
         let is_counted = |track: &ComparedTrack| track.standing != Standing::Wrong && track.on_segment != Some(segment);
         for (id, track) in &self.tracks {
@@ -267,7 +268,7 @@ impl<'a> Comparison<'a> {
     }
 }
 
-/// The expected segments that are large and certain enough.
+/// Returns the expected segments that are large and certain enough.
 fn trusted(expected: &SegmentBelief, settings: &RepromptSettings) -> BTreeSet<SegmentId> {
     let mut sums: BTreeMap<SegmentId, (usize, f64)> = BTreeMap::new();
     for (segment, confidence) in expected.segments.pixels().iter().zip(expected.confidence.pixels()) {
@@ -283,7 +284,7 @@ fn trusted(expected: &SegmentBelief, settings: &RepromptSettings) -> BTreeSet<Se
     sums.into_iter().filter(|(_, found)| is_trusted(found)).map(|(segment, _)| segment).collect()
 }
 
-/// The part of a track on other expected segments, but for what is nowhere thicker than twice the tolerance.
+/// Returns the part of a track on other expected segments, without parts nowhere thicker than twice the tolerance.
 fn wrong_part(expected: &SegmentMap, id: SegmentId, mask: &Mask, outline_tolerance_px: usize) -> Mask {
     let is_elsewhere = |segment: SegmentId| segment != 0 && segment != id;
     let elsewhere = Mask::from_fn(mask.width(), mask.height(), |column, row| {

@@ -1,7 +1,7 @@
 //! Trackers of prompted objects.
 
-use splatseg_geometry::{Mask, RgbdFrame, SegmentId};
-use splatseg_models::sam2::{Prompt, Sam2Error};
+use splatseg_geometry::{CameraFrame, Mask, Prompt, SegmentId};
+use splatseg_models::sam2::Sam2Error;
 use splatseg_settings::SettingError;
 use thiserror::Error;
 
@@ -19,15 +19,15 @@ pub(crate) use track_masks::{add_tracks, prompt_tracks, remove_tracks, visible};
 /// For each frame, call [`Tracker::track`] first, then [`Tracker::prompt`] with any prompts on that frame. Give all
 /// prompts of a frame in **one** call, as networks process many at a time.
 pub trait Tracker: Send {
-    /// A short name for tables and summaries, e.g. `sam2`.
+    /// Short name for tables and summaries, e.g. `sam2`.
     fn name(&self) -> &str;
 
-    /// Takes the next frame and follows every track into it. Returns masks of the frame's size, by increasing id. They
-    /// may overlap, and are empty for tracks whose object is not in the frame.
+    /// Follows every track into the next frame. Returns masks of the frame's size, by increasing id. Masks may overlap,
+    /// and are empty for tracks whose object is not in the frame.
     ///
     /// # Errors
     /// If the tracker cannot use the frame.
-    fn track(&mut self, frame: &RgbdFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError>;
+    fn track(&mut self, frame: &CameraFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError>;
 
     /// Prompts tracks on the current frame. An unknown id becomes a new track; a prompt to a known one corrects it, in
     /// this frame and in later ones. Returns the masks after prompting, in the order of the prompts; a mask is empty if
@@ -37,11 +37,11 @@ pub trait Tracker: Send {
     /// If there is no current frame, or a prompt is invalid. Then no prompt takes effect.
     fn prompt(&mut self, prompts: &[(SegmentId, Prompt)]) -> Result<Vec<(SegmentId, Mask)>, TrackerError>;
 
-    /// Stops following a track and forgets it; its id may be prompted again. Does nothing if there is no such track.
+    /// Removes a track; its id may be prompted again. Does nothing if there is no such track.
     fn remove(&mut self, track: SegmentId);
 }
 
-/// Why a tracker failed.
+/// An error of a tracker.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum TrackerError {
@@ -51,7 +51,7 @@ pub enum TrackerError {
     /// A setting is out of range.
     #[error(transparent)]
     Setting(#[from] SettingError),
-    /// A prompt came before the first frame.
+    /// A prompt was given before the first frame.
     #[error("a prompt came before the first frame")]
     NoFrame,
     /// A mask prompt does not have the frame's size; both sizes are `(width, height)`.
@@ -60,7 +60,7 @@ pub enum TrackerError {
         found.0, found.1, expected.0, expected.1
     )]
     MaskSize {
-        /// The track prompted.
+        /// The prompted track.
         track: SegmentId,
         /// Size of the mask.
         found: (usize, usize),
@@ -70,7 +70,7 @@ pub enum TrackerError {
     /// A click lies outside the frame.
     #[error("the click ({x}, {y}) of track {track} is outside the frame of {width}x{height} pixels")]
     ClickOutside {
-        /// The track prompted.
+        /// The prompted track.
         track: SegmentId,
         /// Column, in pixels.
         x: f32,
@@ -81,12 +81,12 @@ pub enum TrackerError {
         /// Height of the frame.
         height: usize,
     },
-    /// A tracker defined elsewhere failed.
+    /// A tracker defined outside this crate failed.
     #[error("the tracker {name}: {source}")]
     Other {
         /// Name of the tracker.
         name: String,
-        /// The error itself.
+        /// The tracker's error.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
 }

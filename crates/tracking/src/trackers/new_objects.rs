@@ -1,10 +1,10 @@
-//! Which detections become new tracks (`docs/METHOD.md`, "SAM2-Splat", step 4).
+//! Selection of detections that become new tracks (`docs/PAPER.md`, "SAM2-Splat", step 4).
 
 use splatseg_geometry::{Mask, ScoredMask, SegmentId};
 use splatseg_settings::choices;
 
 choices! {
-    /// Where a tracker's mask prompts come from.
+    /// Source of a tracker's mask prompts.
     pub enum PromptSource, default Detections {
         /// The segmenter's detections that no track covers.
         Detections = "detections",
@@ -13,24 +13,24 @@ choices! {
     }
 }
 
-/// Which detections are new objects: the same rule for every method with a tracker.
+/// The rule for new objects, common to all methods with a tracker.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct NewObjects {
-    /// Where detections come from.
+    /// Source of the detections.
     pub prompts: PromptSource,
     /// Detections with a larger IoU with any track's mask, or with a better detection of the frame, are not new.
     pub max_detection_iou: f64,
-    /// Detections of fewer pixels are ignored.
-    pub min_prediction_area: usize,
+    /// Detections with fewer pixels are ignored.
+    pub min_area: usize,
 }
 
 impl NewObjects {
-    /// The detections of objects that no track follows, best first.
+    /// Returns the detections of objects that no track follows, best first.
     ///
-    /// With detections as prompts this is NMS in which tracks precede detections, and better scores precede worse ones.
-    /// While there are no tracks, as on the first frame, every detection is new. Ground truth is always new.
+    /// With detections as prompts, this is NMS in which tracks precede detections, and better scores precede worse
+    /// ones. Without tracks, as on the first frame, every detection is new. Ground truth is always new.
     pub fn among<'a>(&self, tracks: &[(SegmentId, Mask)], detections: &'a [ScoredMask]) -> Vec<&'a Mask> {
-        let large = detections.iter().filter(|found| found.mask.area() >= self.min_prediction_area.max(1));
+        let large = detections.iter().filter(|found| found.mask.area() >= self.min_area.max(1));
         if self.prompts == PromptSource::GroundTruth || tracks.is_empty() {
             return large.map(|found| &found.mask).collect();
         }
@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn detections_on_tracks_and_on_better_detections_are_not_new() {
-        let settings = NewObjects { prompts: PromptSource::Detections, max_detection_iou: 0.1, min_prediction_area: 6 };
+        let settings = NewObjects { prompts: PromptSource::Detections, max_detection_iou: 0.1, min_area: 6 };
         let detections =
             [found(0, 10, 0.9), found(50, 60, 0.5), found(52, 62, 0.8), found(19, 28, 0.7), found(90, 92, 1.0)];
         let tracks = [(1, stripe(0, 20)), (2, Mask::empty(100, 2))];

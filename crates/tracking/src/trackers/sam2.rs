@@ -2,8 +2,8 @@
 
 use crate::{Tracker, TrackerError};
 use rayon::prelude::*;
-use splatseg_geometry::{Mask, RgbdFrame, SegmentId};
-use splatseg_models::sam2::{ObjectMask, Prompt, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
+use splatseg_geometry::{CameraFrame, Mask, Prompt, SegmentId};
+use splatseg_models::sam2::{ObjectMask, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
 use splatseg_settings::{Allowed, settings};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -12,36 +12,38 @@ settings! {
     /// Settings of SAM 2.1 and of [`Sam2Tracker`].
     #[derive(Copy)]
     pub struct Sam2TrackerSettings in "sam2" {
-        /// Side of the square to which frames are resized, pixels. The published 1024 if left out.
+        /// Side of the square to which frames are resized, pixels. If left out: 1024, as published.
         image_size: Option<usize> = None, Allowed::Multiple { of: 32, min: 32, max: 2048 };
-        /// How many objects go through the network together. More objects need more memory; results are the same.
+        /// Number of objects processed by the network together. More objects need more memory; results are the same.
         objects_per_chunk: usize = 4, Allowed::between(1.0, 256.0);
-        /// Holes of at most this many pixels are filled, pixels of masks at a quarter of `image_size`. 0: none.
+        /// Holes of at most this many pixels are filled, counted in masks at a quarter of `image_size`. 0: none.
         fill_hole_area: usize = 8, Allowed::between(0.0, 1e6);
-        /// Whether the frame of a correction becomes a conditioning frame, which is not forgotten. If not, the corrected
-        /// mask is remembered as long as those of other frames.
+        /// Make the frame of a correction a conditioning frame, which is not forgotten. Otherwise the corrected mask is
+        /// remembered as long as the masks of other frames.
         add_all_frames_to_correct_as_cond: bool = false, Allowed::Switch;
-        /// How many of an object's conditioning frames the network attends to, the latest ones. 0: all of them (-1 in
-        /// the official code). An object has more than one only if corrections condition or it has rested.
+        /// Number of an object's latest conditioning frames that the network attends to. 0: all of them (-1 in the
+        /// official code). An object has more than one only if corrections condition or it has rested.
         max_cond_frames_in_attn: usize = 4, Allowed::between(0.0, 1000.0);
-        /// An object that has been absent from this many frames in a row rests: it costs nothing until it is prompted
-        /// again. 0: never, as in the official code. If left out: 16 for `sam2-splat` with `reprompt.not_tracked`, which
-        /// prompts an object where the memory expects it, and 0 for others.
+        /// An object absent from this many frames in a row rests: it costs nothing until it is prompted again. 0:
+        /// never, as in the official code. If left out: 16 for `sam2-splat` with `reprompt.not_tracked`, which prompts
+        /// an object where the memory expects it, and 0 for others.
         max_absent_frames: Option<usize> = None, Allowed::between(0.0, 1e9);
-        /// A resting object is looked for in every so many frames, and followed again if found. 0: never.
+        /// Resting objects are re-checked every this many frames, and followed again if found. 0: never.
         absent_check_interval: usize = 0, Allowed::between(0.0, 1e9);
-        /// Of more resting objects than this, those are forgotten that have rested for longest: each takes up to a
-        /// megabyte. Prompted again, such an object is followed as a new one with its old id. 0: none is forgotten.
+        /// Maximum number of resting objects. Beyond it, those that have rested for longest are forgotten, since each
+        /// takes up to a megabyte. If prompted again, such an object is followed as a new one with its old id. 0: none
+        /// is forgotten.
         max_resting_objects: usize = 256, Allowed::between(0.0, 1e9);
     }
 }
 
-/// `max_absent_frames` where lost objects are prompted again: of the frames before, the network sees at most the object
-/// pointers of 15, so nothing that it has seen of the object is lost except what conditioning frames keep.
+/// Default of `max_absent_frames` if lost objects are prompted again: the network uses at most the object pointers of
+/// the 15 previous frames, so after 16 absent frames only the conditioning frames still show the object, and resting
+/// keeps these.
 const MAX_ABSENT_FRAMES: usize = 16;
 
 impl Sam2TrackerSettings {
-    /// The settings with a value for `max_absent_frames`, which depends on whether objects that the tracker loses are
+    /// Returns the settings with a value for `max_absent_frames`; its default depends on whether lost objects are
     /// prompted again.
     #[must_use]
     pub fn resolved(self, prompts_lost_objects: bool) -> Self {
@@ -65,7 +67,7 @@ impl Sam2TrackerSettings {
 
 /// SAM 2.1 on the frames' colour images; depth is not used.
 ///
-/// A mask prompt that is too thin for the network's resolution is skipped, and its mask is empty.
+/// A mask prompt that is too thin for the network's resolution is skipped; its result is an empty mask.
 #[derive(Debug)]
 pub struct Sam2Tracker {
     predictor: Sam2Predictor,
@@ -74,7 +76,7 @@ pub struct Sam2Tracker {
 }
 
 impl Sam2Tracker {
-    /// A tracker before its first frame. The network, made with [`Sam2TrackerSettings::image_size`], may be shared.
+    /// Creates a tracker. The network, created with [`Sam2TrackerSettings::image_size`], may be shared.
     ///
     /// # Errors
     /// [`TrackerError::Sam2`] if a setting is out of range.
@@ -88,7 +90,7 @@ impl Tracker for Sam2Tracker {
         "sam2"
     }
 
-    fn track(&mut self, frame: &RgbdFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
+    fn track(&mut self, frame: &CameraFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
         let tracked = self.predictor.track(frame.color())?;
         self.size = (frame.width(), frame.height());
         let (width, height) = self.size;
@@ -115,7 +117,7 @@ impl Tracker for Sam2Tracker {
     }
 }
 
-/// The object's pixels; none if the network says that it is not in the frame.
+/// Returns the object's pixels; none if it is not in the frame according to the network.
 fn shown(found: &ObjectMask) -> Mask {
     if found.is_present() { found.mask() } else { Mask::empty(found.frame_size.0, found.frame_size.1) }
 }

@@ -1,13 +1,11 @@
 //! The tracks of one frame as a list of ids and masks, by increasing id.
 
 use crate::{Tracker, TrackingError};
-use splatseg_geometry::{Mask, SegmentId};
-use splatseg_models::sam2::Prompt;
+use splatseg_geometry::{Mask, Prompt, SegmentId};
 use std::collections::BTreeSet;
 
-/// Makes a track of each mask, with the id at its place in `ids`, all in one call of the tracker, and adds them to the
-/// frame's tracks. Returns the ids that have no track, as the tracker found nothing where their masks are: they are too
-/// thin for it.
+/// Creates a track for each mask with the corresponding id in `ids`, in one call of the tracker, and adds them to the
+/// frame's tracks. Returns the ids without a track, because the tracker found nothing: their masks are too thin for it.
 pub(crate) fn add_tracks(
     tracker: &mut dyn Tracker,
     tracks: &mut Vec<(SegmentId, Mask)>,
@@ -24,7 +22,7 @@ pub(crate) fn add_tracks(
     Ok(empty)
 }
 
-/// Prompts the tracker, in one call, and puts the resulting masks into the frame's tracks.
+/// Prompts the tracker in one call, and stores the resulting masks in the frame's tracks.
 pub(crate) fn prompt_tracks(
     tracker: &mut dyn Tracker,
     tracks: &mut Vec<(SegmentId, Mask)>,
@@ -42,7 +40,7 @@ pub(crate) fn prompt_tracks(
     Ok(())
 }
 
-/// Has the tracker forget tracks, and takes them out of the frame's.
+/// Removes tracks from the tracker and from the frame's tracks.
 pub(crate) fn remove_tracks(
     tracker: &mut dyn Tracker,
     tracks: &mut Vec<(SegmentId, Mask)>,
@@ -52,7 +50,7 @@ pub(crate) fn remove_tracks(
     tracks.retain(|(id, _)| !removed.contains(id));
 }
 
-/// The tracks whose object is in the frame.
+/// Returns the tracks whose object is in the frame.
 pub(crate) fn visible(tracks: Vec<(SegmentId, Mask)>) -> Vec<(SegmentId, Mask)> {
     tracks.into_iter().filter(|(_, mask)| !mask.is_empty()).collect()
 }

@@ -1,29 +1,30 @@
-//! An endless wall with two new things in each frame, and a tracker that never errs.
+//! An endless wall with two new objects in each frame, and a tracker without errors.
 
 #![allow(dead_code)] // The test and the example use a part each.
 
 use glam::DVec3;
-use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
+use splatseg_geometry::{
+    CameraFrame, Image, Intrinsics, Mask, Pose, Prompt, RgbdFrame, ScoredMask, SegmentId, SegmentMap,
+};
 use splatseg_memory::MemorySettings;
-use splatseg_models::sam2::Prompt;
 use splatseg_tracking::{Method, Sam2Splat, Sam2SplatSettings, Tracker, TrackerError};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
 const CAMERA: Intrinsics = Intrinsics { fx: 40.0, fy: 40.0, cx: 19.5, cy: 14.5, width: 40, height: 30 };
-/// New things in each frame.
+/// Number of new objects in each frame.
 pub const THINGS_PER_FRAME: usize = 2;
-/// A tracker that never errs, and finds nothing in masks of one column.
+/// A tracker without errors, which finds nothing in masks of one column.
 #[derive(Clone, Default)]
 struct Perfect(Arc<Mutex<Followed>>);
 
-/// What the tracker follows.
+/// State of the tracker.
 #[derive(Default)]
 pub struct Followed {
     truth: Option<SegmentMap>,
-    /// The thing of each track, and the mask with which it was prompted.
+    /// Object of each track.
     pub things: BTreeMap<SegmentId, SegmentId>,
-    /// The most tracks at once.
+    /// Maximum number of tracks at once.
     pub most: usize,
 }
 
@@ -32,7 +33,7 @@ impl Tracker for Perfect {
         "perfect"
     }
 
-    fn track(&mut self, frame: &RgbdFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
+    fn track(&mut self, frame: &CameraFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
         let mut followed = self.0.lock().unwrap();
         let truth = truth(frame.name().parse().unwrap());
         let masks = followed.things.iter().map(|(track, thing)| (*track, truth.mask_of(*thing))).collect();
@@ -64,7 +65,7 @@ impl Tracker for Perfect {
     }
 }
 
-/// Two things that no other frame shows.
+/// True ids of a frame with two objects that no other frame shows.
 fn truth(frame: usize) -> SegmentMap {
     SegmentMap::from_fn(CAMERA.width, CAMERA.height, |column, row| match column {
         3..=15 if row > 4 => (1 + THINGS_PER_FRAME * frame) as SegmentId,
@@ -73,14 +74,14 @@ fn truth(frame: usize) -> SegmentMap {
     })
 }
 
-/// A place on an endless wall; neighbouring frames share none of it.
+/// A frame of the endless wall. Neighbouring frames do not overlap.
 fn frame(number: usize) -> RgbdFrame<'static> {
     let color = Image::filled(CAMERA.width, CAMERA.height, [90; 3]);
     let pose = Pose::from_translation(DVec3::X * 5.0 * number as f64);
     RgbdFrame::new(number.to_string(), color, Image::filled(CAMERA.width, CAMERA.height, 2.0), CAMERA, pose).unwrap()
 }
 
-/// The things, and one that is too thin for the tracker.
+/// Masks of the objects, and a mask that is too thin for the tracker.
 fn detections(frame: usize) -> Vec<ScoredMask> {
     let truth = truth(frame);
     let things = truth.areas().into_keys().filter(|id| *id != 0).map(|id| truth.mask_of(id));
@@ -88,10 +89,11 @@ fn detections(frame: usize) -> Vec<ScoredMask> {
     things.chain([thin]).map(|mask| ScoredMask { mask, score: 1.0 }).collect()
 }
 
-/// Shows so many frames; `after` is called after each with the number of tracks so far. Returns the method.
+/// Shows a number of frames and calls `after` after each, with its number and the state of the tracker. Returns the
+/// method.
 pub fn show(frames: usize, mut after: impl FnMut(usize, &Followed)) -> Sam2Splat {
     let settings = Sam2SplatSettings::default().with(|settings| {
-        settings.min_prediction_area = 10;
+        settings.min_area = 10;
         settings.memory = MemorySettings::default().with(|memory| memory.max_gaussians = 6000);
     });
     let tracker = Perfect::default();

@@ -1,4 +1,4 @@
-//! FastSAM-Splat in the synthetic room, with the true masks, without ids, as predictions.
+//! FastSAM-Splat in the synthetic room, with the true masks as predictions, without their ids.
 
 #![allow(dead_code)] // Each test file uses a part.
 
@@ -8,15 +8,14 @@ use splatseg_memory::{MemoryKind, MemorySettings};
 use splatseg_tracking::{FastSamSplat, FastSamSplatSettings};
 use std::collections::BTreeMap;
 
-/// Smaller masks are not predicted and smaller segments are not shown, pixels.
+/// Minimum area of predictions and of shown segments, pixels.
 pub const MIN_AREA: usize = 12;
 
-/// The method, with an empty memory.
+/// Creates the method with an empty memory.
 pub fn method(memory: MemorySettings) -> FastSamSplat {
     let settings = FastSamSplatSettings::default().with(|settings| {
         settings.memory = memory;
-        settings.min_prediction_area = MIN_AREA;
-        settings.min_output_area = MIN_AREA;
+        settings.min_area = MIN_AREA;
     });
     FastSamSplat::new(settings, 0, &mut |_| {}).unwrap()
 }
@@ -26,7 +25,7 @@ pub fn evidence() -> MemorySettings {
     MemorySettings::default()
 }
 
-/// The paper's memory, with a small codebook, which is fast to make.
+/// The paper's memory with a small codebook, which is generated quickly.
 pub fn features() -> MemorySettings {
     MemorySettings::default().with(|settings| {
         settings.kind = MemoryKind::Features;

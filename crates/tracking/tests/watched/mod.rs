@@ -1,12 +1,11 @@
-//! A simulated tracker in the synthetic room, observed while it makes errors: which object each track should follow,
+//! A simulated tracker in the synthetic room, observed while it makes errors: the object that each track should follow,
 //! and for how long it does not.
 
 #![allow(dead_code)] // Each test file uses a part.
 
 use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
-use splatseg_geometry::{Mask, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_geometry::{CameraFrame, Mask, Prompt, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{MemoryKind, MemorySettings};
-use splatseg_models::sam2::Prompt;
 use splatseg_segmenter::Segmenter;
 use splatseg_simulators::{GroundTruthPrompts, GroundTruthSource, SimTracker, SimTrackerSettings};
 use splatseg_tracking::{
@@ -16,7 +15,7 @@ use splatseg_tracking::{
 use std::collections::BTreeMap;
 use std::sync::{Arc, LazyLock, Mutex};
 
-/// Smaller objects in a frame are not checked, and expected segments of half this area are not trusted, pixels.
+/// Minimum area of checked objects in a frame, pixels. Expected segments smaller than half this area are not trusted.
 pub const MIN_AREA: usize = 60;
 
 /// A tracker that the test can inspect while a method uses it.
@@ -27,7 +26,7 @@ impl Tracker for Shared {
     fn name(&self) -> &str {
         "shared"
     }
-    fn track(&mut self, frame: &RgbdFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
+    fn track(&mut self, frame: &CameraFrame) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
         self.0.lock().unwrap().track(frame)
     }
     fn prompt(&mut self, prompts: &[(SegmentId, Prompt)]) -> Result<Vec<(SegmentId, Mask)>, TrackerError> {
@@ -39,30 +38,30 @@ impl Tracker for Shared {
 }
 
 /// A frame of the room and its ground truth.
-pub struct SeenFrame {
+pub struct RoomFrame {
     frame: RgbdFrame<'static>,
     truth: SegmentMap,
 }
 
-/// A small room; 48 of its 56 frames are one round of the camera, so things leave the picture and return. Rendered
-/// once.
-pub static ROOM: LazyLock<Vec<SeenFrame>> = LazyLock::new(|| {
+/// A small room, rendered once. 48 of its 56 frames are one revolution of the camera, so objects leave the view and
+/// return.
+pub static ROOM: LazyLock<Vec<RoomFrame>> = LazyLock::new(|| {
     let settings = SyntheticSettings { width: 112, height: 84, frames: 56, objects: 12, seed: 5, ..Default::default() };
     let scene = SyntheticScene::new(settings).unwrap();
-    let seen = |index| SeenFrame {
+    let frame = |index| RoomFrame {
         frame: scene.read_frame(index).unwrap(),
         truth: scene.read_ground_truth(index).unwrap().unwrap(),
     };
-    (0..scene.frame_count()).map(seen).collect()
+    (0..scene.frame_count()).map(frame).collect()
 });
 
 fn truth() -> impl GroundTruthSource + 'static {
     let of_frame =
-        |frame: &RgbdFrame| ROOM.iter().find(|seen| seen.frame.name() == frame.name()).unwrap().truth.clone();
-    move |frame: &RgbdFrame| Ok(of_frame(frame))
+        |frame: &CameraFrame| ROOM.iter().find(|room| room.frame.name() == frame.name()).unwrap().truth.clone();
+    move |frame: &CameraFrame| Ok(of_frame(frame))
 }
 
-/// Smaller objects in a frame are not prompted, pixels.
+/// Minimum area of prompted objects in a frame, pixels.
 const MIN_PROMPTED_AREA: usize = 12;
 
 /// A tracker in the room that the test can inspect.
@@ -74,7 +73,7 @@ pub fn tracker(errors: SimTrackerSettings) -> Shared {
 pub fn baseline(tracker: Shared) -> Sam2Baseline {
     let settings = Sam2BaselineSettings::default().with(|settings| {
         settings.prompts = PromptSource::GroundTruth;
-        settings.min_prediction_area = MIN_PROMPTED_AREA;
+        settings.min_area = MIN_PROMPTED_AREA;
     });
     Sam2Baseline::new(Box::new(tracker), settings).unwrap()
 }
@@ -83,7 +82,7 @@ pub fn baseline(tracker: Shared) -> Sam2Baseline {
 pub fn splat(tracker: Shared, kind: MemoryKind, reprompt: RepromptSettings) -> Sam2Splat {
     let settings = Sam2SplatSettings::default().with(|settings| {
         settings.prompts = PromptSource::GroundTruth;
-        settings.min_prediction_area = MIN_PROMPTED_AREA;
+        settings.min_area = MIN_PROMPTED_AREA;
         settings.reprompt = reprompt.with(|reprompt| reprompt.min_expected_area = MIN_AREA / 2);
         settings.memory = MemorySettings::default().with(|memory| {
             memory.kind = kind;
@@ -94,30 +93,31 @@ pub fn splat(tracker: Shared, kind: MemoryKind, reprompt: RepromptSettings) -> S
     Sam2Splat::new(Box::new(tracker), settings, 0, &mut |_| {}).unwrap()
 }
 
-/// What was seen over a video.
+/// Observations of a method over a video.
 #[derive(Debug, Default)]
-pub struct Seen {
+pub struct Report {
     /// Errors that the method found.
     pub found: TrackErrorCounts,
-    /// Number of frames, summed over tracks, in which a track does not show its object although that is in view.
+    /// Number of frames, summed over tracks, in which a track does not show its object although the object is in view.
     pub wrong: usize,
-    /// The longest time that a track was wrong, counting frames in which the memory expects most of its object.
+    /// Largest number of frames that a track was wrong in a row, counting frames in which the memory expects most of
+    /// its object.
     pub longest: usize,
-    /// The output of each frame.
+    /// Output masks of each frame.
     pub masks: Vec<Vec<(SegmentId, Mask)>>,
 }
 
 /// Runs a method with ground-truth prompts over frames of the room and checks its tracks. A track is right if its IoU
-/// with its object, the one that it followed first, is at least `min_iou`.
-pub fn watch(room: &[SeenFrame], tracker: &Shared, method: &mut dyn Method, min_iou: f64) -> Seen {
+/// with the object that it followed first is at least `min_iou`.
+pub fn watch(room: &[RoomFrame], tracker: &Shared, method: &mut dyn Method, min_iou: f64) -> Report {
     let mut prompts = GroundTruthPrompts::new(truth(), MIN_PROMPTED_AREA);
-    let mut seen = Seen::default();
+    let mut report = Report::default();
     let mut owner: BTreeMap<SegmentId, SegmentId> = BTreeMap::new();
     let mut streaks: BTreeMap<SegmentId, usize> = BTreeMap::new();
-    for SeenFrame { frame, truth } in room {
+    for RoomFrame { frame, truth } in room {
         let expected = method.memory().map(|memory| memory.recall(frame).expected().segments.clone());
         let output = method.process(frame, &prompts.segment(frame).unwrap()).unwrap();
-        seen.found += output.track_errors;
+        report.found += output.track_errors;
         for (id, _) in &output.masks {
             let first =
                 || *tracker.0.lock().unwrap().followed(*id).unwrap().first().expect("a new track has an object");
@@ -134,10 +134,10 @@ pub fn watch(room: &[SeenFrame], tracker: &Shared, method: &mut dyn Method, min_
             let is_known = expected.as_ref().is_some_and(knows);
             let streak = streaks.entry(*id).or_insert(0);
             *streak = if is_wrong { *streak + usize::from(is_known) } else { 0 };
-            seen.wrong += usize::from(is_wrong);
-            seen.longest = seen.longest.max(*streak);
+            report.wrong += usize::from(is_wrong);
+            report.longest = report.longest.max(*streak);
         }
-        seen.masks.push(output.masks);
+        report.masks.push(output.masks);
     }
-    seen
+    report
 }

@@ -1,24 +1,24 @@
-//! Codes that were made before, on disk, so that a run with a codebook starts at once.
+//! Cache of codes on disk, so that later runs with a codebook start at once.
 //!
-//! One file per block of codes, in `$SPLATSEG_CACHE` if that is set (empty: no cache), else in `splatseg` in the user's
-//! folder for caches. Its name and its header hold all that the codes depend on. A damaged file is
-//! replaced. A cache that cannot be written is ignored.
+//! Each block of codes has a file, in `$SPLATSEG_CACHE` if that is set (empty: no cache), else in `splatseg` in the
+//! user's cache folder. Its name and its header contain all inputs of the codes. A damaged file is replaced. A cache
+//! that cannot be written is ignored.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The first bytes of a file. The number changes with everything that changes codes.
+/// First bytes of a file. Increase the number with every change that changes codes.
 const MAGIC: &[u8] = b"splatseg codes 1\n";
-/// Codes are cached if making them takes this much work, in inner products' dimensions: about 20 ms.
+/// Minimum work to generate codes for caching them, in dimensions of inner products: about 20 ms.
 const MIN_WORK: usize = 1 << 30;
 
-/// The folder with codes.
+/// The cache folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct CodebookCache {
     folder: Option<PathBuf>,
 }
 
-/// All that a block of codes depends on.
+/// All inputs of a block of codes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BlockKey<'a> {
     /// Codes of earlier blocks, row-major.
@@ -34,7 +34,7 @@ impl CodebookCache {
     /// The user's cache.
     pub fn of_user() -> Self {
         let folder = |name: &str| std::env::var_os(name).map(PathBuf::from);
-        // As the XDG base directory specification has it, relative paths are ignored.
+        // Relative paths are ignored, as the XDG base directory specification requires.
         let absolute = |name: &str| folder(name).filter(|path| path.is_absolute());
         let folder = match folder("SPLATSEG_CACHE") {
             Some(path) => Some(path).filter(|path| !path.as_os_str().is_empty()),
@@ -46,36 +46,36 @@ impl CodebookCache {
         Self { folder }
     }
 
-    /// A cache in a folder, which need not exist.
+    /// A cache in a folder, which may not exist yet.
     #[cfg(test)]
     pub fn in_folder(folder: &Path) -> Self {
         Self { folder: Some(folder.to_owned()) }
     }
 
-    /// The block's codes, if they are there and whole.
+    /// Loads the block's codes; `None` if the file is missing or damaged.
     pub(super) fn load(&self, key: &BlockKey<'_>) -> Option<Vec<f32>> {
         let path = self.path(key)?;
         match read(&path, key) {
             Ok(codes) => Some(codes),
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
             Err(error) => {
-                tracing::debug!("{}: {error}: the codes are made again", path.display());
+                tracing::debug!("{}: {error}: generating the codes again", path.display());
                 None
             }
         }
     }
 
-    /// Keeps the block's codes.
+    /// Saves the block's codes.
     pub(super) fn store(&self, key: &BlockKey<'_>, codes: &[f32]) {
         let Some(path) = self.path(key) else { return };
         let written = path.parent().map_or(Ok(()), std::fs::create_dir_all);
-        let written = written.and_then(|()| splatseg_atomic_file::write_atomically(&path, &file(key, codes)));
+        let written = written.and_then(|()| splatseg_files::write_atomically(&path, &file(key, codes)));
         if let Err(error) = written {
-            tracing::debug!("{}: {error}: the codes are not kept for the next run", path.display());
+            tracing::debug!("{}: {error}: the codes are not cached", path.display());
         }
     }
 
-    /// Where the block's file is; `None` if it is not worth one.
+    /// Path of the block's file; `None` without a cache, or if the codes take too little work to cache.
     fn path(&self, key: &BlockKey<'_>) -> Option<PathBuf> {
         let all = key.count.saturating_add(key.earlier.len() / key.feature_dim.max(1));
         let work = super::repulsion::work(key.count, all, key.feature_dim);
@@ -99,7 +99,7 @@ impl BlockKey<'_> {
     }
 }
 
-/// The whole file: header, codes, CRC-32 of both.
+/// Returns the whole file: header, codes, CRC-32 of both.
 fn file(key: &BlockKey<'_>, codes: &[f32]) -> Vec<u8> {
     let mut bytes = key.header();
     bytes.extend(codes.iter().flat_map(|value| value.to_le_bytes()));
@@ -111,7 +111,7 @@ fn read(path: &Path, key: &BlockKey<'_>) -> io::Result<Vec<f32>> {
     let damaged = |what: &str| io::Error::new(io::ErrorKind::InvalidData, what);
     let header = key.header();
     let length = header.len() + key.count * key.feature_dim * size_of::<f32>() + size_of::<u32>();
-    let bytes = splatseg_input::read_file(path, length as u64)?;
+    let bytes = splatseg_files::read_file(path, length as u64)?;
     let (content, checksum) = bytes.split_last_chunk().ok_or_else(|| damaged("too short"))?;
     if bytes.len() != length || u32::from_le_bytes(*checksum) != crc32fast::hash(content) {
         return Err(damaged("damaged"));
@@ -127,7 +127,7 @@ mod tests {
     use super::super::{Codebook, CodebookSettings};
     use super::*;
 
-    /// Large enough to be kept.
+    /// Large enough to be cached.
     const SETTINGS: CodebookSettings = CodebookSettings { num_codes: 200, feature_dim: 28, seed: 4 };
 
     fn files(folder: &Path) -> Vec<PathBuf> {
@@ -136,7 +136,7 @@ mod tests {
         files
     }
 
-    /// The codebook, and whether its codes were made: then `progress` is told of the steps before the last.
+    /// Returns the codebook, and whether its codes were generated: then `progress` is called before the last step too.
     fn generate(cache: &CodebookCache) -> (Codebook, bool) {
         let mut steps = 0;
         let codebook = Codebook::generate_cached(&SETTINGS, cache, &mut |_| steps += 1).unwrap();

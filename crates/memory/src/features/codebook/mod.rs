@@ -16,24 +16,24 @@ use splatseg_kernels::inner_products::Panels;
 use std::sync::OnceLock;
 use thiserror::Error;
 
-/// Largest dimension of the features.
+/// Maximum dimension of the features.
 const MAX_FEATURE_DIM: usize = 1 << 16;
-/// Largest `num_codes * feature_dim`: 1 GiB of `f32`.
+/// Maximum `num_codes * feature_dim`: 1 GiB of `f32`.
 const MAX_VALUES: usize = 1 << 28;
-/// Largest id that an `f32` feature tells from its neighbours.
+/// Largest id that an `f32` feature can tell from its neighbours.
 const MAX_INTEGER_CODES: usize = 1 << 24;
-/// Codebooks up to this size measure their spacing when they are made, in well under a second.
+/// Codebooks up to this size measure their spacing when they are created, in well under a second.
 const MAX_EAGER_SPACING: usize = 1 << 14;
 
 /// Settings of a [`Codebook`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CodebookSettings {
-    /// Number of codes N: the segments that can be told apart before the codebook has to be extended. Default 512.
+    /// Number of codes N: the number of segments before the codebook has to be extended. Default 512.
     pub num_codes: usize,
     /// Dimension D of codes and features; 1 stands for integer ids. Default 28, as in the paper.
     pub feature_dim: usize,
-    /// Seed of the random start. Default 0.
+    /// Seed of the random initial codes. Default 0.
     pub seed: u64,
 }
 
@@ -43,27 +43,27 @@ impl Default for CodebookSettings {
     }
 }
 
-/// Why a codebook cannot be made.
+/// An error creating a codebook.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum CodebookError {
-    /// A codebook without codes.
+    /// The codebook would have no codes.
     #[error("num_codes is 0, but a codebook needs at least 1 code")]
     NoCodes,
     /// The dimension is zero or too large.
-    #[error("feature_dim is {found}, but it has to be from 1 to {MAX_FEATURE_DIM}")]
+    #[error("feature_dim is {found}, expected 1 to {MAX_FEATURE_DIM}")]
     FeatureDim {
-        /// The dimension asked for.
+        /// The requested dimension.
         found: usize,
     },
-    /// More codes than fit in memory, or than an `f32` can count when `feature_dim` is 1.
-    #[error("num_codes is {found}, but a codebook with feature_dim {feature_dim} holds at most {max} codes")]
+    /// There would be more codes than fit in memory, or than an `f32` can count if `feature_dim` is 1.
+    #[error("num_codes is {found}, but a codebook with feature_dim {feature_dim} has at most {max} codes")]
     TooManyCodes {
-        /// The codes asked for, all blocks together.
+        /// The requested number of codes, in all blocks together.
         found: usize,
-        /// The most there can be.
+        /// The maximum number of codes.
         max: usize,
-        /// The dimension they are to have.
+        /// The dimension of the codes.
         feature_dim: usize,
     },
     /// The number of values is not a multiple of the dimension.
@@ -74,20 +74,20 @@ pub enum CodebookError {
         /// Dimension.
         feature_dim: usize,
     },
-    /// A code that is neither a unit vector nor, when `feature_dim` is 1, its id.
+    /// A code is not a unit vector or, if `feature_dim` is 1, not its id.
     #[error("code {index} of the codebook {problem}")]
     BadVector {
         /// Index of the code.
         index: usize,
-        /// What it is and what it should be.
+        /// Found and expected value, as the end of a sentence.
         problem: String,
     },
 }
 
 /// N codes in R^D; code `index` belongs to segment id `index + 1`.
 ///
-/// A feature's direction is a segment, its magnitude the confidence. With D ≥ 2 codes are unit vectors; with D = 1 the
-/// code of a segment is its id itself, `[(index + 1) as f32]`.
+/// A feature's direction is a segment, its magnitude the confidence. With D ≥ 2, codes are unit vectors. With D = 1,
+/// the code of a segment is its id, `[(index + 1) as f32]`.
 ///
 /// Equal settings and equal extensions give equal bytes, on every platform and with any number of threads.
 #[derive(Clone, Debug)]
@@ -95,10 +95,10 @@ pub struct Codebook {
     feature_dim: usize,
     /// Row-major `[N, D]`.
     vectors: Vec<f32>,
-    /// The same for decoding: `[ceil(N / LANES), D]`.
+    /// The same vectors in panels for decoding: `[ceil(N / LANES), D]`.
     columns: Panels,
     seed: u64,
-    /// How many times codes were made: once, and once more per extension.
+    /// Number of blocks of codes: 1, and 1 more per extension.
     blocks: u32,
     spacing: OnceLock<Spacing>,
 }
@@ -111,11 +111,11 @@ impl PartialEq for Codebook {
 }
 
 impl Codebook {
-    /// Makes random codes and pushes them apart, which approaches the paper's objective −min ‖c_i − c_j‖ through
+    /// Generates random codes and pushes them apart, which approaches the paper's objective −min ‖c_i − c_j‖ through
     /// energies of growing exponent. `progress` receives the fraction done, up to 1, on the calling thread.
     ///
-    /// About 0.25 s for 512 codes of 28 dimensions on two cores, which come 1.22 apart (at random: 0.7). From about
-    /// 1,200 codes on there are fewer steps, to stay near 1 s; above about 24,000 there are none.
+    /// Takes about 0.25 s for 512 codes of 28 dimensions on two cores; their smallest distance is 1.22 (random codes:
+    /// 0.7). From about 1,200 codes on there are fewer steps, to stay near 1 s; above about 24,000 there are none.
     ///
     /// # Errors
     /// [`CodebookError`] if there are no codes, no dimensions, or too many of either.
@@ -123,7 +123,7 @@ impl Codebook {
         Self::generate_cached(settings, &CodebookCache::default(), progress)
     }
 
-    /// As [`Codebook::generate`]; the codes are taken from a cache if they are there.
+    /// As [`Codebook::generate`], with a cache of codes.
     pub(crate) fn generate_cached(
         settings: &CodebookSettings,
         cache: &CodebookCache,
@@ -139,7 +139,7 @@ impl Codebook {
         Ok(Self::assemble(feature_dim, vectors, seed, 1))
     }
 
-    /// Adds a block of codes, pushed away from each other and from the present ones, which stay as they are.
+    /// Adds a block of codes, pushed away from each other and from the existing codes, which do not change.
     ///
     /// # Errors
     /// [`CodebookError`] if `additional` is zero or too large; the codebook is then unchanged.
@@ -147,7 +147,7 @@ impl Codebook {
         self.extend_cached(additional, &CodebookCache::default(), progress)
     }
 
-    /// As [`Codebook::extend`]; the codes are taken from a cache if they are there.
+    /// As [`Codebook::extend`], with a cache of codes.
     pub(crate) fn extend_cached(
         &mut self,
         additional: usize,
@@ -162,10 +162,10 @@ impl Codebook {
         Ok(())
     }
 
-    /// The codebook with the given `vectors` `[N, D]`, made from `seed` in `blocks` blocks.
+    /// Creates a codebook from `vectors` `[N, D]` that were generated from `seed` in `blocks` blocks.
     ///
     /// # Errors
-    /// [`CodebookError`] if the sizes are impossible, or a vector is not one that [`Codebook::generate`] could make.
+    /// [`CodebookError`] if the sizes are invalid, or a vector cannot come from [`Codebook::generate`].
     pub(crate) fn from_vectors(
         feature_dim: usize,
         vectors: Vec<f32>,
@@ -194,7 +194,7 @@ impl Codebook {
         codebook
     }
 
-    /// The most codes that a codebook of a dimension can have.
+    /// Maximum number of codes of a codebook with this dimension.
     pub fn max_len(feature_dim: usize) -> usize {
         if feature_dim == 1 { MAX_INTEGER_CODES } else { MAX_VALUES / feature_dim.max(1) }
     }
@@ -204,7 +204,7 @@ impl Codebook {
         self.vectors.len() / self.feature_dim
     }
 
-    /// Never: a codebook has at least one code.
+    /// Always false: a codebook has at least one code.
     pub fn is_empty(&self) -> bool {
         self.vectors.is_empty()
     }
@@ -214,12 +214,12 @@ impl Codebook {
         self.feature_dim
     }
 
-    /// Seed that the codes were made from.
+    /// Seed of the codes.
     pub fn seed(&self) -> u64 {
         self.seed
     }
 
-    /// Number of times codes were made: 1, and 1 more per extension.
+    /// Number of blocks of codes: 1, and 1 more per extension.
     pub fn blocks(&self) -> u32 {
         self.blocks
     }
@@ -239,8 +239,8 @@ impl Codebook {
 
     /// Smallest distance of two codes: 1 for integer ids, infinite in a codebook of one code.
     ///
-    /// Known beforehand up to 16,384 codes; beyond, the first call of this or of [`Codebook::max_coherence`] takes
-    /// O(N² D), and those after it nothing.
+    /// Precomputed up to 16,384 codes. Beyond, the first call of this or of [`Codebook::max_coherence`] takes O(N² D),
+    /// and later calls take constant time.
     pub fn min_distance(&self) -> f32 {
         self.spacing().min_distance
     }
@@ -259,13 +259,13 @@ impl Codebook {
     }
 }
 
-/// A block of codes to be made.
+/// A block of codes to be generated.
 struct NewBlock {
     feature_dim: usize,
-    /// Number of codes in it.
+    /// Number of codes in the block.
     count: usize,
     seed: u64,
-    /// Number of the block: each has random numbers of its own.
+    /// Index of the block. Each block has its own random numbers.
     block: u32,
 }
 
@@ -302,8 +302,8 @@ impl NewBlock {
     }
 }
 
-/// A nearly normal number, symmetric about zero: the sum of four uniform ones, so that no logarithm or cosine, whose
-/// last bits differ between platforms, is needed. Directions come out nearly uniform, which is all a start needs.
+/// Returns a nearly normal number, symmetric about zero: the sum of four uniform numbers. This avoids logarithm and
+/// cosine, whose last bits differ between platforms. Directions are nearly uniform, which is enough for initial codes.
 fn bell(bits: u64) -> f32 {
     let sum: i32 = (0..4).map(|part| ((bits >> (16 * part)) & 0xffff) as i32).sum();
     (2 * sum - 4 * 0xffff) as f32
@@ -321,15 +321,15 @@ fn check_count(count: usize, feature_dim: usize) -> Result<(), CodebookError> {
 fn check_vector(index: usize, vector: &[f32]) -> Result<(), CodebookError> {
     if let [id] = *vector {
         let expected = (index + 1) as f32;
-        let problem = || format!("is {id}, but with feature_dim 1 it has to be its id {expected}");
+        let problem = || format!("is {id}, expected its id {expected} with feature_dim 1");
         return if id == expected { Ok(()) } else { Err(CodebookError::BadVector { index, problem: problem() }) };
     }
     let norm = vector.iter().map(|&value| f64::from(value) * f64::from(value)).sum::<f64>().sqrt();
-    // As a comparison that NaN fails.
+    // NaN fails this comparison.
     if (norm - 1.0).abs() <= f64::from(decode::rounding(vector.len())) {
         return Ok(());
     }
-    Err(CodebookError::BadVector { index, problem: format!("has length {norm}, but it has to be a unit vector") })
+    Err(CodebookError::BadVector { index, problem: format!("has length {norm}, expected a unit vector") })
 }
 
 #[cfg(test)]
@@ -337,7 +337,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn codebooks_are_equal_if_their_vectors_and_what_they_are_made_from_are() {
+    fn codebooks_are_equal_if_their_vectors_seeds_and_blocks_are() {
         let codebook =
             |vectors: [f32; 4], seed, blocks| Codebook::from_vectors(2, vectors.to_vec(), seed, blocks).unwrap();
         let one = codebook([1.0, 0.0, 0.0, 1.0], 3, 1);

@@ -3,10 +3,10 @@
 //! The paper minimises L = −min over i of (min over j≠i ‖c_i − c_j‖). Its gradient moves one pair at a time. Instead
 //! each code i follows a soft minimum over its own neighbours, the Riesz energy Σ_j ‖c_i − c_j‖^(−2p): as p → ∞,
 //! (Σ_j ‖c_i − c_j‖^(−2p))^(−1/(2p)) → min_j ‖c_i − c_j‖, so that its gradient becomes that of the inner minimum of L,
-//! for all codes at once. Small p spreads the codes evenly first; p then doubles from 4 to 512. Steps shrink as 1/p, as
-//! the energy's curvature grows with p, and to nothing at the end.
+//! for all codes at once. Small p first spreads the codes evenly; p then doubles from 4 to 512. Steps shrink as 1/p,
+//! since the energy's curvature grows with p, and shrink to zero at the end.
 //!
-//! p is a power of two, so that powers are squarings: no library function whose last bit differs between platforms.
+//! p is a power of two, so that powers are squarings: library functions differ in the last bit between platforms.
 
 use super::spacing::exclude_columns;
 use rayon::prelude::*;
@@ -14,11 +14,11 @@ use splatseg_kernels::inner_products::{LaneMaximum, Panels, ROWS, gather_rows, p
 use splatseg_kernels::instructions::LANES;
 use splatseg_kernels::{Instructions, Vectorize};
 
-/// Steps where the work allows it.
+/// Maximum number of steps; fewer if they take too much work.
 const MAX_STEPS: usize = 400;
 /// Bounds steps · pairs · ([`PAIR_COST`] + dimensions): about a second on two cores with AVX2.
 const WORK_BUDGET: usize = 40_000_000_000;
-/// Cost of a pair's weight, in the time that one dimension takes.
+/// Cost of a pair's weight, in units of the time for one dimension.
 const PAIR_COST: usize = 40;
 /// log2 of the first exponent p.
 const FIRST_SQUARINGS: u32 = 2;
@@ -29,9 +29,9 @@ const STEP_TIMES_EXPONENT: f32 = 2.0;
 const MOMENTUM: f32 = 0.8;
 /// Part of the steps during which p stays at its last value and the step size falls to zero.
 const COOLING: f32 = 0.2;
-/// Weights relative to that of the nearest neighbour below which a neighbour is left out. Keeps denormals away too.
+/// Neighbours with a weight below this, relative to the nearest neighbour's, are left out. This also avoids denormals.
 const MIN_WEIGHT: f32 = 1e-6;
-/// Stands for 1 − ⟨c_i, c_j⟩ of coinciding vectors.
+/// Minimum of 1 − ⟨c_i, c_j⟩, for coinciding vectors.
 const MIN_GAP: f32 = 1e-7;
 
 /// Exponent and size of one step.
@@ -45,10 +45,10 @@ struct Step {
     min_ratio: f32,
 }
 
-/// Moves the vectors from index `first` on, of row-major unit vectors `[N, dim]`, away from all others.
+/// Moves the unit vectors from index `first` on away from all others; `vectors` is row-major `[N, dim]`.
 ///
-/// The vectors before `first` stay. `progress` receives the fraction done after every step. Large codebooks take fewer
-/// steps, to bound the time; very large ones none.
+/// The vectors before `first` do not move. `progress` receives the fraction done after every step. Large codebooks take
+/// fewer steps, to bound the time; very large ones take none.
 pub fn spread(vectors: &mut [f32], dim: usize, first: usize, progress: &mut dyn FnMut(f32)) {
     let count = vectors.len() / dim;
     let moved = count - first;
@@ -69,7 +69,7 @@ pub fn spread(vectors: &mut [f32], dim: usize, first: usize, progress: &mut dyn 
     }
 }
 
-/// Cost of one step that moves `moved` of `count` codes, in the time that one dimension of an inner product takes.
+/// Cost of one step that moves `moved` of `count` codes, in units of the time for one dimension of an inner product.
 fn work_of_step(moved: usize, count: usize, dim: usize) -> usize {
     moved.saturating_mul(count).saturating_mul(dim.saturating_add(PAIR_COST)).max(1)
 }
@@ -88,7 +88,7 @@ impl Step {
     fn at(done: f32) -> Self {
         let heating = (done / (1.0 - COOLING)).min(1.0);
         let stages = (LAST_SQUARINGS - FIRST_SQUARINGS) as f32;
-        // Rounded to the nearest, so the first and the last exponent take half as long as those between.
+        // Rounded to nearest, so the first and the last exponent take half as long as the others.
         let squarings = FIRST_SQUARINGS + (stages * heating + 0.5) as u32;
         let cooling = ((1.0 - done) / COOLING).min(1.0);
         let min_ratio = (0..squarings).fold(MIN_WEIGHT, |ratio, _| ratio.sqrt());
@@ -116,7 +116,8 @@ fn advance(vector: &mut [f32], velocity: &mut [f32], force: &[f32], size: f32) {
     normalize(vector);
 }
 
-/// The weighted mean of the neighbours of every moving code, which it is pushed away from; `forces` is `[N − first, dim]`.
+/// Computes the weighted mean of the neighbours of every moving code, from which the code is pushed away; `forces` is
+/// `[N − first, dim]`.
 fn compute_forces(vectors: &[f32], dim: usize, first: usize, step: Step, forces: &mut [f32]) {
     let columns = Panels::from_vectors(vectors, dim);
     let dimensions = Panels::from_dimensions(vectors, dim);
@@ -161,8 +162,8 @@ struct RowGroup<'a> {
 }
 
 impl RowGroup<'_> {
-    /// Fills `products` with the inner products `[N padded to LANES, ROWS]` of all codes and these, −∞ of each with
-    /// itself; returns each one's smallest gap 1 − product.
+    /// Fills `products` with the inner products `[N padded to LANES, ROWS]` of all codes and these rows, −∞ of each row
+    /// with itself. Returns the smallest gap 1 − product of each row.
     #[inline(always)]
     fn inner_products(&self, columns: &Panels, products: &mut Vec<[f32; ROWS]>) -> [f32; ROWS] {
         let rows = gather_rows(self.vectors, self.dim, self.first);
@@ -198,11 +199,12 @@ impl RowGroup<'_> {
 
 /// Turns inner products into weights (smallest gap / gap)^p in place, and sums them per row.
 ///
-/// The squared distance of unit vectors is twice their gap, so this is their energy relative to the nearest pair's.
+/// The squared distance of unit vectors is twice their gap, so the weight is their energy relative to the nearest
+/// pair's.
 #[inline(always)]
 fn weigh(products: &mut [[f32; ROWS]], smallest_gaps: [f32; ROWS], step: Step) -> [f32; ROWS] {
     let mut totals = [[0.0; ROWS]; LANES];
-    // Blocks, squared side by side: a chain of squarings would wait for each product in turn.
+    // Blocks are squared side by side: a chain of squarings would wait for each product in turn.
     for block in products.as_chunks_mut::<LANES>().0 {
         for weights in block.iter_mut() {
             for (weight, smallest) in weights.iter_mut().zip(smallest_gaps) {

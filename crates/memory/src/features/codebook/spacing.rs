@@ -1,11 +1,11 @@
-//! How far apart the vectors of a codebook are.
+//! Spacing of the vectors of a codebook.
 
 use rayon::prelude::*;
 use splatseg_kernels::inner_products::{LaneMaximum, Panels, ROWS, gather_rows, product};
 use splatseg_kernels::instructions::LANES;
 use splatseg_kernels::{Instructions, Vectorize};
 
-/// How close every code is to its nearest neighbour.
+/// Distances of the codes to their nearest neighbours.
 #[derive(Clone, Debug)]
 pub struct Spacing {
     /// Largest inner product of each code with another one; −1 in a codebook of one code. `[N]`
@@ -17,13 +17,13 @@ pub struct Spacing {
 }
 
 impl Spacing {
-    /// The spacing of the integer ids from 1 to `count`, which all point the same way.
+    /// Returns the spacing of the integer ids from 1 to `count`, which all have the same direction.
     pub fn from_integers(count: usize) -> Self {
         let (coherence, min_distance) = if count == 1 { (-1.0, f32::INFINITY) } else { (1.0, 1.0) };
         Self { coherences: Vec::new(), max_coherence: coherence, min_distance }
     }
 
-    /// Measures row-major `[N, dim]` unit vectors; O(N² · dim), on all threads.
+    /// Measures the spacing of unit vectors, row-major `[N, dim]`, in O(N² · dim) on all threads.
     pub fn measure(vectors: &[f32], dim: usize) -> Self {
         let panels = Panels::from_vectors(vectors, dim);
         let instructions = Instructions::best();
@@ -42,7 +42,7 @@ impl Spacing {
     }
 }
 
-/// Finds inner product and index of the nearest other vector of the rows from `first` on.
+/// Finds the nearest other vector of each row from `first` on: inner product and index.
 struct NearestOfRows<'a> {
     vectors: &'a [f32],
     dim: usize,
@@ -75,7 +75,7 @@ impl Vectorize for NearestOfRows<'_> {
     }
 }
 
-/// Sets the products of a vector with itself, and with the columns that only fill the last panel, to −∞.
+/// Sets the products of a vector with itself and with the padding columns of the last panel to −∞.
 #[inline(always)]
 pub fn exclude_columns(products: &mut [f32; LANES], panel: usize, own: usize, count: usize) {
     let first = panel * LANES;

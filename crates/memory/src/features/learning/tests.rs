@@ -1,4 +1,4 @@
-//! Learning against its definition, and what comes of it.
+//! Learning compared with its definition, and its effects.
 
 use super::*;
 use crate::features::loss::TINY;
@@ -7,10 +7,11 @@ use glam::{Mat4, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use splatseg_geometry::{Intrinsics, Pose, RgbdFrame, SegmentMap};
+use std::collections::BTreeSet;
 
 const SIZE: (usize, usize) = (64, 48);
 
-/// A wall at z = 2 m, seen from `back` metres farther away than the origin.
+/// A wall at z = 2 m, seen from `back` metres behind the origin.
 fn wall(back: f32) -> RgbdFrame<'static> {
     let intrinsics = Intrinsics { fx: 50.0, fy: 50.0, cx: 31.5, cy: 23.5, width: SIZE.0, height: SIZE.1 };
     let pose = Pose::from_matrix(Mat4::from_translation(Vec3::new(0.0, 0.0, -back)).as_dmat4()).unwrap();
@@ -22,7 +23,7 @@ fn halves(left: u32, right: u32, border: usize) -> SegmentMap {
     SegmentMap::from_fn(SIZE.0, SIZE.1, |column, _| if column < border { left } else { right })
 }
 
-/// The loss of docs/METHOD.md, in f64.
+/// The loss defined in docs/PAPER.md, in f64.
 fn loss(learning: &Learning<'_>, active: &ActiveWeights, features: &[f32]) -> f64 {
     let feature_dim = learning.codebook.feature_dim();
     let local: Vec<f32> = active
@@ -49,8 +50,9 @@ fn loss(learning: &Learning<'_>, active: &ActiveWeights, features: &[f32]) -> f6
     sum
 }
 
-/// The loss after 0 to 20 steps, from a camera `back` metres behind the one from which the wall was mapped, when all
-/// that is seen there contradicts what is remembered. And the fraction of pixels that decode to the target then.
+/// Returns the losses after 0 to 20 steps for a camera `back` metres behind the pose from which the wall was mapped,
+/// with a target that contradicts all remembered ids, and the fraction of pixels that decode to the target after the
+/// last step.
 fn descent(back: f32, rate: f32) -> (Vec<f64>, f32) {
     let settings = MemorySettings::default().with(|settings| {
         (settings.kind, settings.feature_dim, settings.num_codes) = (MemoryKind::Features, 14, 16);
@@ -60,7 +62,7 @@ fn descent(back: f32, rate: f32) -> (Vec<f64>, f32) {
     let mut memory = SplatMemory::new(settings.clone(), 0, &mut |_| {}).unwrap();
     (0..4).for_each(|_| _ = memory.new_segment().unwrap());
     let first = wall(0.0);
-    memory.update(memory.recall(&first), &halves(1, 2, 32)).unwrap();
+    memory.update(memory.recall(&first), &halves(1, 2, 32), &BTreeSet::new()).unwrap();
     let codebook =
         Codebook::generate(&CodebookSettings { num_codes: 16, feature_dim: 14, seed: 0 }, &mut |_| {}).unwrap();
     let labels = memory.segment_ids();
@@ -73,7 +75,7 @@ fn descent(back: f32, rate: f32) -> (Vec<f64>, f32) {
     };
     let (mut losses, mut features) = (Vec::new(), Vec::new());
     for num_steps in 0..=20 {
-        // No steps need no pixels.
+        // Without steps, no pixels would be active.
         let settings = settings.clone().with(|settings| settings.num_steps = num_steps.max(1));
         let learning = Learning { settings: &settings, codebook: &codebook, recall: &recall, target: &target };
         let active = recall.view.active_weights(&learning.active_pixels(&[]), 0.0);
@@ -104,18 +106,19 @@ fn descent(back: f32, rate: f32) -> (Vec<f64>, f32) {
 
 #[test]
 fn ids_turn_within_a_frame_and_the_loss_falls_with_every_step_near_or_far() {
-    // From 0.4 m a Gaussian covers 25 pixels and more; from 20 m, a pixel shows 100.
+    // At 0.4 m, a Gaussian covers 25 pixels or more; at 20 m, a pixel shows 100 Gaussians.
     for back in [-1.6, -1.0, 0.0, 2.0, 6.0, 18.0] {
         let (losses, right) = descent(back, 0.5);
         assert!(losses.windows(2).all(|pair| pair[1] < pair[0]), "{back} m: {losses:?}");
-        // The rest is where segments meet, and blends of both.
+        // The remaining pixels are where segments meet and blend.
         assert!(right > 0.9, "{back} m: {right} of the pixels have turned, {losses:?}");
         let (losses, _) = descent(back, 1.0);
-        assert!(losses[20] < losses[0], "the largest step size that is allowed, {back} m: {losses:?}");
+        assert!(losses[20] < losses[0], "the largest allowed step size, {back} m: {losses:?}");
     }
 }
 
-/// A memory of features that knows the left two thirds of the wall as segments 1 and 2, and has given the ids up to 4.
+/// A memory of features that has learnt the left two thirds of the wall as segments 1 and 2, and has given out ids up
+/// to 4.
 fn memory(settings: &MemorySettings) -> SplatMemory {
     let mut memory = SplatMemory::new(settings.clone(), 0, &mut |_| {}).unwrap();
     (0..4).for_each(|_| _ = memory.new_segment().unwrap());
@@ -123,7 +126,7 @@ fn memory(settings: &MemorySettings) -> SplatMemory {
     let depth = Image::from_fn(SIZE.0, SIZE.1, |column, _| if column < 44 { 2.0 } else { 0.0 });
     let color = Image::filled(SIZE.0, SIZE.1, [90; 3]);
     let frame = RgbdFrame::new("0", color, depth, *whole.intrinsics(), Pose::IDENTITY).unwrap();
-    memory.update(memory.recall(&frame), &halves(1, 2, 22)).unwrap();
+    memory.update(memory.recall(&frame), &halves(1, 2, 22), &BTreeSet::new()).unwrap();
     memory
 }
 
@@ -138,7 +141,7 @@ fn codebook(settings: &MemorySettings) -> Codebook {
     Codebook::generate(&CodebookSettings { num_codes, feature_dim, seed: 0 }, &mut |_| {}).unwrap()
 }
 
-/// Rectangles of ids, none among them, and of confidences.
+/// A target of random rectangles with ids, including 0, and confidences.
 fn patchwork(random: &mut ChaCha8Rng) -> SegmentBelief {
     let mut target = SegmentBelief { segments: halves(1, 2, 22), confidence: Image::filled(SIZE.0, SIZE.1, 1.0) };
     for _ in 0..12 {
@@ -151,7 +154,7 @@ fn patchwork(random: &mut ChaCha8Rng) -> SegmentBelief {
     target
 }
 
-/// The pixels to be learnt, as the settings' descriptions say.
+/// Returns the pixels to be learnt by the descriptions of the settings.
 fn pixels_to_learn(learning: &Learning<'_>, touched: &[PixelSet]) -> Image<bool> {
     let (settings, recall, target) = (learning.settings, learning.recall, learning.target);
     let feature_dim = settings.feature_dim;
@@ -189,7 +192,7 @@ fn pixels_to_learn(learning: &Learning<'_>, touched: &[PixelSet]) -> Image<bool>
 }
 
 #[test]
-fn the_pixels_that_are_learnt_are_those_that_differ_and_what_lies_around_them() {
+fn pixels_that_differ_and_their_surroundings_are_learnt() {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let changes: [fn(&mut MemorySettings); 8] = [
         |_| {},
@@ -235,7 +238,7 @@ fn dot64(left: &[f64], right: &[f64]) -> f64 {
     left.iter().zip(right).map(|(left, right)| left * right).sum()
 }
 
-/// Gradient and curvature across, less `direction_weight`, at a pixel with these weights of features.
+/// Returns the gradient and the curvature across minus `direction_weight` at a pixel with these weights of features.
 fn pixel_gradient(
     learning: &Learning<'_>,
     at: (usize, usize),
@@ -274,7 +277,7 @@ fn pixel_gradient(
     (direction.iter().zip(&code).map(turn).collect(), curvature + direction_weight / (length * length))
 }
 
-/// The features after the settings' number of steps, by the formulas at the top of `learning.rs` and `loss.rs`.
+/// Returns the features after `num_steps` steps by the formulas at the top of `learning.rs` and `loss.rs`.
 fn descended(learning: &Learning<'_>, active: &ActiveWeights, features: &[f32]) -> Rows {
     let (settings, dim) = (learning.settings, learning.settings.feature_dim);
     let magnitude_weight = f64::from(settings.magnitude_weight);
@@ -326,12 +329,12 @@ fn descended(learning: &Learning<'_>, active: &ActiveWeights, features: &[f32]) 
 }
 
 #[test]
-fn features_move_as_the_formulas_say() {
+fn features_move_by_the_formulas() {
     let mut random = ChaCha8Rng::seed_from_u64(2);
-    // Lengths of working memory: 1, 8, 16, 32 and none of these.
+    // Rows in working memory of 1, 8, 16 and 32 numbers, and of another length.
     let dims = [(1, 0.5), (4, 0.5), (14, 0.01), (28, 0.3), (40, 0.5)];
     let with_usual_weights = dims.map(|(feature_dim, rate)| (feature_dim, rate, (50.0, 1.0)));
-    // Directions alone, and directions that weigh so little that the least curvature counts.
+    // Only directions, and directions with so little weight that the minimum curvature applies.
     let with_others = [(4, 0.3, (0.0, 1.0)), (4, 0.5, (50.0, 0.01))];
     for (feature_dim, direction_learning_rate, weights) in with_usual_weights.into_iter().chain(with_others) {
         let settings = settings(feature_dim).with(|settings| {
@@ -344,7 +347,7 @@ fn features_move_as_the_formulas_say() {
         let target = patchwork(&mut random);
         let learning = Learning { settings: &settings, codebook: &codebook, recall: &recall, target: &target };
         let active = recall.view.active_weights(&learning.active_pixels(&[]), settings.learning_min_weight);
-        // Codes of any length, and some features that are zero.
+        // Codes scaled to any length, and some zero features.
         let mut features = Vec::new();
         for gaussian in 0..memory.gaussian_count() {
             let length = if gaussian % 37 < 6 { 0.0 } else { random.random_range(0.2..1.2) };
@@ -366,7 +369,7 @@ fn features_move_as_the_formulas_say() {
         }
         for gaussian in (0..memory.gaussian_count()).filter(|gaussian| !is_active[*gaussian]) {
             let range = gaussian * feature_dim..(gaussian + 1) * feature_dim;
-            assert_eq!(features[range.clone()], start[range], "nothing is learnt of it");
+            assert_eq!(features[range.clone()], start[range], "an inactive Gaussian does not change");
         }
     }
 }

@@ -3,13 +3,13 @@
 use super::{Graph, Id, Object, PickleError, Value, opcode};
 use std::collections::HashMap;
 
-/// The most values, memo entries and stack slots; the largest checkpoints have a tenth of it. With the limit on the
-/// pickle's length it bounds the graph at about 100 MB.
+/// Maximum number of values, memo entries and stack slots; the largest checkpoints have a tenth of it. Together with
+/// the limit on the pickle's length, it bounds the graph at about 100 MB.
 const MAX_VALUES: usize = 1 << 19;
 /// The newest pickle protocol.
 const MAX_PROTOCOL: u8 = 5;
 
-/// Reads a pickle. Memory grows with its length only; see [`MAX_VALUES`].
+/// Parses a pickle. Memory use depends only on its length; see [`MAX_VALUES`].
 pub fn parse(bytes: &[u8]) -> Result<Graph<'_>, PickleError> {
     let mut machine =
         Machine { bytes, position: 0, values: Vec::new(), stack: Vec::new(), marks: Vec::new(), memo: HashMap::new() };
@@ -35,13 +35,13 @@ struct Machine<'a> {
     position: usize,
     values: Vec<Value<'a>>,
     stack: Vec<Id>,
-    /// Heights of the stack at which a mark lies.
+    /// Stack heights of the marks.
     marks: Vec<usize>,
     memo: HashMap<u32, Id>,
 }
 
 impl<'a> Machine<'a> {
-    /// Numbers, texts and names. False if the opcode is of another group, like in the following three.
+    /// Numbers, strings and names. Returns false if the opcode is in another group; so do the next three functions.
     fn scalar(&mut self, code: u8) -> Result<bool, PickleError> {
         let value = match code {
             opcode::NONE => Value::None,
@@ -149,7 +149,7 @@ impl<'a> Machine<'a> {
             }
             opcode::BUILD => {
                 let state = self.pop()?;
-                // Only objects have attributes; what else a program would change by this stays as it is.
+                // Only objects have attributes; other values are left unchanged.
                 if let Value::Object(object) = self.top()? {
                     object.state = Some(state);
                 }
@@ -168,7 +168,7 @@ impl<'a> Machine<'a> {
         match code {
             opcode::MARK => {
                 if self.marks.len() >= MAX_VALUES {
-                    return Err(self.error("more marks than any checkpoint has", "fewer"));
+                    return Err(self.error("more marks than in any checkpoint", "fewer"));
                 }
                 self.marks.push(self.stack.len());
             }
@@ -221,9 +221,9 @@ impl<'a> Machine<'a> {
 
     fn take(&mut self, len: usize) -> Result<&'a [u8], PickleError> {
         let rest = &self.bytes[self.position..];
-        let taken = rest.get(..len).ok_or_else(|| {
-            self.error(format!("{} bytes left where {len} should follow", rest.len()), "a pickle that is not cut off")
-        })?;
+        let taken = rest
+            .get(..len)
+            .ok_or_else(|| self.error(format!("{} bytes left instead of {len}", rest.len()), "a complete pickle"))?;
         self.position += len;
         Ok(taken)
     }
@@ -239,7 +239,7 @@ impl<'a> Machine<'a> {
         Ok(byte)
     }
 
-    /// A length of 4 bytes; what does not fit a `usize` is longer than any pickle.
+    /// Reads a 4-byte length; a value that does not fit `usize` exceeds any pickle.
     fn length4(&mut self) -> Result<usize, PickleError> {
         Ok(usize::try_from(u32::from_le_bytes(self.array()?)).unwrap_or(usize::MAX))
     }
@@ -249,7 +249,7 @@ impl<'a> Machine<'a> {
     }
 
     fn utf8(&self, bytes: &'a [u8]) -> Result<&'a str, PickleError> {
-        std::str::from_utf8(bytes).map_err(|_| self.error("a text that is not UTF-8", "UTF-8"))
+        std::str::from_utf8(bytes).map_err(|_| self.error("a string that is not UTF-8", "UTF-8"))
     }
 
     fn unicode(&mut self, len: usize) -> Result<Value<'a>, PickleError> {
@@ -257,7 +257,7 @@ impl<'a> Machine<'a> {
         Ok(Value::Text(self.utf8(bytes)?))
     }
 
-    /// A `str` of Python 2, which may be text or anything.
+    /// Reads a Python 2 `str`, which may be text or arbitrary bytes.
     fn python2_text(&mut self, len: usize) -> Result<Value<'a>, PickleError> {
         Ok(std::str::from_utf8(self.take(len)?).map_or(Value::Bytes, Value::Text))
     }
@@ -267,7 +267,7 @@ impl<'a> Machine<'a> {
         Ok(Value::Bytes)
     }
 
-    /// An integer in two's complement, little-endian, of any length.
+    /// Reads a little-endian two's-complement integer of any length.
     fn long(&mut self, len: usize) -> Result<Value<'a>, PickleError> {
         let bytes = self.take(len)?;
         if bytes.len() > 8 {
@@ -282,14 +282,14 @@ impl<'a> Machine<'a> {
     fn line(&mut self) -> Result<&'a str, PickleError> {
         let rest = &self.bytes[self.position..];
         let len = rest.iter().position(|&byte| byte == b'\n');
-        let len = len.ok_or_else(|| self.error("a name without an end", "a line"))?;
+        let len = len.ok_or_else(|| self.error("an unterminated name", "a line"))?;
         let line = self.take(len + 1)?;
         self.utf8(&line[..len])
     }
 
     fn push(&mut self, id: Id) -> Result<(), PickleError> {
         if self.stack.len() >= MAX_VALUES {
-            return Err(self.error("a higher stack than any checkpoint has", "a lower one"));
+            return Err(self.error("more stack slots than any checkpoint has", "fewer"));
         }
         self.stack.push(id);
         Ok(())
@@ -300,7 +300,7 @@ impl<'a> Machine<'a> {
             return Err(self.error("more values than any checkpoint has", "fewer"));
         }
         self.values.push(value);
-        // `MAX_VALUES` fits.
+        // Cannot truncate: there are at most `MAX_VALUES` values.
         self.push((self.values.len() - 1) as Id)
     }
 
@@ -308,7 +308,7 @@ impl<'a> Machine<'a> {
         self.push_new(Value::Object(Box::new(Object { callable, arguments, state: None, entries: Vec::new() })))
     }
 
-    /// The height below which nothing may be popped.
+    /// The stack height below which nothing may be popped.
     fn floor(&self) -> usize {
         self.marks.last().copied().unwrap_or(0)
     }
@@ -363,7 +363,7 @@ impl<'a> Machine<'a> {
     fn add_items(&mut self, items: &[Id]) -> Result<bool, PickleError> {
         match self.top()? {
             Value::List(list) | Value::Set(list) => list.extend_from_slice(items),
-            // Kinds of list mean nothing to anybody here.
+            // The contents of list-like objects are not used.
             Value::Object(_) => {}
             _ => return Err(self.error("items appended to a value of another type", "a list")),
         }
@@ -381,7 +381,7 @@ impl<'a> Machine<'a> {
 
     fn recall(&mut self, slot: u32) -> Result<(), PickleError> {
         let id = self.memo.get(&slot).copied();
-        let id = id.ok_or_else(|| self.error(format!("memo {slot}, which is empty"), "one that was filled"))?;
+        let id = id.ok_or_else(|| self.error(format!("empty memo slot {slot}"), "a filled slot"))?;
         self.push(id)
     }
 

@@ -1,11 +1,11 @@
 //! Python pickles as inert data.
 //!
 //! A pickle is a program for a stack machine that may import and call anything. Here nothing is imported or called:
-//! names, calls and object states become [`Value`]s that say what the program would have done. What they mean is the
-//! business of those who read the graph; most of it means nothing to anybody.
+//! names, calls and object states become [`Value`]s that describe what the program would have done. Readers of the
+//! graph interpret the few values that they need.
 //!
-//! Values lie in one array and refer to each other by index, so sharing costs nothing (a pickle of a few bytes can
-//! describe a tree of 2⁶⁰ leaves), and nothing here recurses, not even the destructor.
+//! Values are stored in one array and refer to each other by index. So sharing costs nothing (a pickle of a few bytes
+//! can describe a tree of 2⁶⁰ leaves), and nothing here recurses, not even the destructor.
 
 mod machine;
 mod opcode;
@@ -15,7 +15,7 @@ pub(super) use machine::parse;
 /// Index of a value in its [`Graph`].
 pub(super) type Id = u32;
 
-/// What a pickle describes; texts borrow from its bytes.
+/// A value in a pickle. Strings borrow from the pickle's bytes.
 #[derive(Debug)]
 pub(super) enum Value<'a> {
     None,
@@ -40,16 +40,16 @@ pub(super) enum Value<'a> {
     Object(Box<Object>),
 }
 
-/// What a call or an instantiation would have made.
+/// The object that a call or an instantiation would have created.
 #[derive(Debug)]
 pub(super) struct Object {
     /// The class or function.
     pub callable: Id,
-    /// Its arguments, usually a tuple.
+    /// The arguments, usually a tuple.
     pub arguments: Id,
     /// The attributes set afterwards, usually a dict.
     pub state: Option<Id>,
-    /// Entries set afterwards, if it is a kind of dict.
+    /// Entries set afterwards, if the object is a kind of dict.
     pub entries: Vec<(Id, Id)>,
 }
 
@@ -60,28 +60,28 @@ pub(super) struct Graph<'a> {
     root: Id,
 }
 
-/// A pickle that is damaged, or uses what no checkpoint uses.
+/// The pickle is damaged or uses features that no checkpoint uses.
 #[derive(Debug)]
 pub(super) struct PickleError {
-    /// Byte at which it was noticed.
+    /// Byte at which the error was detected.
     pub offset: usize,
     pub found: String,
     pub expected: &'static str,
 }
 
 impl<'a> Graph<'a> {
-    /// The value that the pickle was made of.
+    /// The pickled value.
     pub fn root(&self) -> Id {
         self.root
     }
 
-    /// Everything that the pickle makes on the way, whether it is part of the result or not.
+    /// All values that the pickle creates, including those that are not part of the result.
     pub fn values(&self) -> &[Value<'a>] {
         &self.values
     }
 
     pub fn value(&self, id: Id) -> &Value<'a> {
-        // Ids come from this graph only: the machine hands none out before the value is there.
+        // Ids always come from this graph: the machine creates an id only after its value.
         &self.values[id as usize]
     }
 
@@ -114,7 +114,7 @@ impl<'a> Graph<'a> {
         }
     }
 
-    /// Module and name of what an object was made by.
+    /// Module and name of an object's class or function.
     pub fn callable(&self, object: &Object) -> Option<(&'a str, &'a str)> {
         match self.value(object.callable) {
             Value::Global { module, name } => Some((module, name)),
@@ -122,7 +122,7 @@ impl<'a> Graph<'a> {
         }
     }
 
-    /// The entries of a dict or of a kind of dict (`OrderedDict`), in the order in which they were set.
+    /// Entries of a dict or an `OrderedDict`, in the order in which they were set.
     pub fn entries(&self, id: Id) -> Option<&[(Id, Id)]> {
         match self.value(id) {
             Value::Dict(entries) => Some(entries),
@@ -133,14 +133,14 @@ impl<'a> Graph<'a> {
         }
     }
 
-    /// What a value is, for messages.
+    /// Describes a value, for messages.
     pub fn describe(&self, id: Id) -> String {
         match self.value(id) {
             Value::None => "None".to_owned(),
             Value::Bool(_) => "a bool".to_owned(),
             Value::Int(_) | Value::BigInt => "an integer".to_owned(),
             Value::Float(_) => "a float".to_owned(),
-            Value::Text(_) => "a text".to_owned(),
+            Value::Text(_) => "a string".to_owned(),
             Value::Bytes => "bytes".to_owned(),
             Value::Tuple(_) => "a tuple".to_owned(),
             Value::List(_) => "a list".to_owned(),
@@ -150,7 +150,7 @@ impl<'a> Graph<'a> {
             Value::Global { module, name } => format!("the name {module}.{name}"),
             Value::Object(object) => match self.callable(object) {
                 Some((module, name)) => format!("an object made by {module}.{name}"),
-                None => "an object of unknown make".to_owned(),
+                None => "an object of unknown type".to_owned(),
             },
         }
     }

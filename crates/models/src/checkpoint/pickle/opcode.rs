@@ -1,5 +1,4 @@
-//! Opcodes that picklers of protocol 2 and later write, which is what checkpoints are; named as in Python's
-//! `pickletools`.
+//! Opcodes of pickle protocol 2 and later, which checkpoints use; named as in Python's `pickletools`.
 
 pub const MARK: u8 = b'(';
 pub const STOP: u8 = b'.';

@@ -31,7 +31,7 @@ fn memory_encoder() {
 type Memories = Vec<(String, usize, usize)>;
 type Pointers = Vec<(String, usize, f32)>;
 
-/// The frames and pointers of a bank in the order that the official code puts them.
+/// Frames and pointers of a bank in the official code's order.
 fn bank_order(bank: &str, golden: &Golden) -> (Memories, Pointers) {
     let now: isize = bank.rsplit('f').next().unwrap().parse().unwrap();
     let (direction, length) =
@@ -100,7 +100,7 @@ fn memory_attention() {
         assert_close(&format!("{bank}.keys"), &memory_keys, &keys, CLOSE);
 
         let current = tensor::<2>(&golden, &format!("{bank}.curr")).unsqueeze();
-        // Twice the same memory: objects must not disturb each other.
+        // The same memory twice: objects must not affect each other.
         let out = attention.forward(current, &[assembled.clone(), assembled], |layer, map| {
             let name = format!("{bank}.layer{layer}");
             if golden.has(&name) {

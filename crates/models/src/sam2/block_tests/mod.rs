@@ -1,4 +1,4 @@
-//! Every block against the official code's numbers, room by room.
+//! Compares every block with the official code's results, module by module.
 
 mod encoder;
 mod heads;
@@ -40,7 +40,7 @@ fn channels_last(golden: &Golden, name: &str) -> Tensor<4> {
     tensor::<4>(golden, name).permute([0, 2, 3, 1])
 }
 
-/// A channels-last map against a reference that has channels first.
+/// Compares a channels-last map with a channels-first reference.
 #[track_caller]
 fn assert_planes(golden: &Golden, name: &str, found: Tensor<4>, within: Within) {
     assert_close(name, &values(found.permute([0, 3, 1, 2])), &golden.floats(name), within);
@@ -52,7 +52,7 @@ fn frame(folder: &Path, index: usize) -> Image<[u8; 3]> {
     Image::from_pixels(width, height, picture.pixels().map(|pixel| pixel.0).collect()).unwrap()
 }
 
-/// The prompts of a case: points and whether there is a mask.
+/// Prompts of a case: the points, and true if there is a mask.
 fn prompt(golden: &Golden, case: &str) -> (Vec<InputPoint>, bool) {
     let label = |label: f32| match label as i32 {
         0 => Some(PointLabel::Negative),

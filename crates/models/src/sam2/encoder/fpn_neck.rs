@@ -5,22 +5,22 @@ use crate::sam2::layers::{Linear, LinearWeights};
 use crate::sam2::weights::WeightReader;
 use burn::tensor::Tensor;
 
-/// The pyramid's lateral projections. The two coarsest levels are fused top-down; the coarsest is then dropped.
+/// Lateral projections of the pyramid. The two coarsest levels are fused top-down; the coarsest is then dropped.
 #[derive(Clone, Debug)]
 pub(crate) struct FpnNeck {
-    /// Of levels 2 and 3.
+    /// Projections of levels 2 and 3.
     lateral: [Linear; 2],
 }
 
 impl FpnNeck {
-    /// Reads the neck over a trunk whose stages have `channels`, finest first. Returns also the projections of the two
-    /// finest levels, which nothing is added to.
+    /// Loads the neck over a trunk whose stages have `channels`, finest first. Also returns the projections of the two
+    /// finest levels, which are not fused.
     pub fn load(
         reader: &WeightReader,
         channels: [usize; 4],
         hidden_dim: usize,
     ) -> Result<(Self, [LinearWeights; 2]), Sam2Error> {
-        // The checkpoint counts from the coarsest level.
+        // The checkpoint numbers levels from the coarsest.
         let level = |level: usize| {
             let reader = reader.child(format!("convs.{}.conv", 3 - level));
             LinearWeights::load_pointwise(&reader, channels[level], hidden_dim)
@@ -29,8 +29,8 @@ impl FpnNeck {
         Ok((Self { lateral }, [level(0)?, level(1)?]))
     }
 
-    /// Level 2 from the trunk's last two stages, `[side, side, channels]` and `[side / 2, side / 2, channels]`, to
-    /// `[side, side, hidden]`.
+    /// Computes level 2, `[side, side, hidden]`, from the trunk's last two stages, `[side, side, channels]` and
+    /// `[side / 2, side / 2, channels]`.
     pub fn fuse(&self, stage2: Tensor<3>, stage3: Tensor<3>) -> Tensor<3> {
         let coarse = self.lateral[1].forward(stage3);
         let [height, width, channels] = coarse.dims();

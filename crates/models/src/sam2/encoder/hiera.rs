@@ -10,7 +10,7 @@ use crate::transfer::upload;
 use burn::tensor::Tensor;
 use splatseg_kernels::attention::{HeadRows, WindowShape, max_pool, multi_head_attention, window_attention};
 
-/// Channel normalisation in the trunk.
+/// ε of the channel normalisation in the trunk.
 const EPSILON: f64 = 1e-6;
 /// Hidden channels of a block's feed-forward layer, per channel.
 const MLP_RATIO: usize = 4;
@@ -22,12 +22,12 @@ pub(crate) struct Hiera {
     /// `[side, side, channels]`.
     pos_embed: Tensor<3>,
     blocks: Vec<Block>,
-    /// The last block of each stage.
+    /// Index of the last block of each stage.
     stage_ends: [usize; 4],
 }
 
 impl Hiera {
-    /// Reads the trunk for a square input of `image_size` pixels.
+    /// Loads the trunk for a square input with a side of `image_size` pixels.
     pub fn load(reader: &WeightReader, config: &HieraConfig, image_size: usize) -> Result<Self, Sam2Error> {
         let channels = config.embed_dim;
         let patch = ConvShape { inputs: 3, outputs: channels, kernel: 7, stride: 4, padding: 3, groups: 1 };
@@ -46,7 +46,7 @@ impl Hiera {
             for block in 0..count {
                 let index = blocks.len();
                 let enters_stage = stage > 0 && block == 0;
-                // The first block of a stage still works on the windows of the stage before.
+                // The first block of a stage still uses the previous stage's windows.
                 let window = config.window_sizes[if enters_stage { stage - 1 } else { stage }];
                 let shape = BlockShape {
                     inputs: channels << if enters_stage { stage - 1 } else { stage },
@@ -61,13 +61,13 @@ impl Hiera {
         Ok(Self { patch_embed, pos_embed, blocks, stage_ends })
     }
 
-    /// The patch embedding of a normalised image: `[1, 3, side, side]` to `[side / 4, side / 4, channels]`.
+    /// Embeds the patches of a normalised image: `[1, 3, side, side]` to `[side / 4, side / 4, channels]`.
     pub fn embed_patches(&self, image: Tensor<4>) -> Tensor<3> {
         self.patch_embed.forward_planes(image).permute([0, 2, 3, 1]).squeeze_dim(0)
     }
 
-    /// The outputs of the four stages, finest first: `[side / 4, side / 4, channels]` to
-    /// `[side / 32, side / 32, 8 · channels]`. `observe` is called with every block's number and output.
+    /// Returns the outputs of the four stages, finest first: from `[side / 4, side / 4, channels]` to
+    /// `[side / 32, side / 32, 8 · channels]`. `observe` is called with every block's index and output.
     pub fn forward(&self, image: Tensor<4>, mut observe: impl FnMut(usize, &Tensor<3>)) -> [Tensor<3>; 4] {
         let mut map = self.embed_patches(image) + self.pos_embed.clone();
         let mut stages = Vec::with_capacity(4);
@@ -98,18 +98,18 @@ struct BlockShape {
     window: Option<usize>,
 }
 
-/// One transformer block (official `MultiScaleBlock`). A block with more channels than its input halves the map.
+/// One transformer block (official `MultiScaleBlock`). A block that increases the number of channels halves the map.
 #[derive(Clone, Debug)]
 struct Block {
     shape: BlockShape,
     norm1: LayerNorm,
     qkv: Linear,
-    /// The projection of an all-zero token, which windows are padded with, `[1, 1, 3 · channels]`.
+    /// The projection of an all-zero token, used to pad windows, `[1, 1, 3 · channels]`.
     padding: Tensor<3>,
     attention_out: Linear,
     norm2: LayerNorm,
     mlp: Mlp,
-    /// Of the residual branch, where the number of channels changes.
+    /// Projection of the residual branch, if the number of channels changes.
     shortcut: Option<Linear>,
 }
 
@@ -139,8 +139,8 @@ impl Block {
         self.mlp.forward_residual(Some(&self.norm2), map)
     }
 
-    /// Multi-head attention, `[height, width, 3 · channels]` to `[height, width, channels]`, or half as high and wide
-    /// where queries are pooled.
+    /// Multi-head attention, `[height, width, 3 · channels]` to `[height, width, channels]`, or half the height and
+    /// width if queries are pooled.
     fn attend(&self, qkv: Tensor<3>) -> Tensor<3> {
         let BlockShape { outputs: channels, heads, window, .. } = self.shape;
         let pooling = if self.shortcut.is_some() { 2 } else { 1 };
@@ -176,7 +176,7 @@ impl Block {
         from_host(out, [height / pooling, width / pooling, channels], &device)
     }
 
-    /// [`Self::attend`] on a device, within windows: those that reach beyond the right or lower border are padded.
+    /// [`Self::attend`] on a device, within windows. Windows beyond the right or lower border are padded.
     fn attend_in_windows(&self, qkv: Tensor<3>, window: usize, pooling: usize) -> Tensor<3> {
         let BlockShape { outputs: channels, heads, .. } = self.shape;
         let [height, width, _] = qkv.dims();
@@ -212,7 +212,7 @@ impl Block {
     }
 }
 
-/// Attention of the whole map on a device, as [`Block::attend`].
+/// [`Block::attend`] on a device, over the whole map.
 fn attend_everywhere(qkv: Tensor<3>, heads: usize, pooling: usize) -> Tensor<3> {
     let [height, width, tripled] = qkv.dims();
     let channels = tripled / 3;

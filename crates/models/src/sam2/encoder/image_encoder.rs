@@ -7,7 +7,7 @@ use crate::sam2::weights::WeightReader;
 use crate::sam2::{Sam2Config, Sam2Error};
 use burn::tensor::Tensor;
 
-/// What the rest of the network sees of a frame.
+/// Features of a frame, the input to the rest of the network.
 #[derive(Clone, Debug)]
 pub(crate) struct ImageFeatures {
     /// `[1, tokens, hidden]` at stride 16, row-major.
@@ -23,14 +23,14 @@ pub(crate) struct ImageFeatures {
 pub(crate) struct ImageEncoder {
     pub trunk: Hiera,
     pub neck: FpnNeck,
-    /// The neck's level 0 and the decoder's `conv_s0` in one: nothing else looks at that level.
+    /// The neck's level 0 and the decoder's `conv_s0` combined: nothing else uses that level.
     s0: Linear,
-    /// The neck's level 1 and the decoder's `conv_s1` in one.
+    /// The neck's level 1 and the decoder's `conv_s1` combined.
     s1: Linear,
 }
 
 impl ImageEncoder {
-    /// Reads the encoder for a square input of `image_size` pixels.
+    /// Loads the encoder for a square input with a side of `image_size` pixels.
     pub fn load(reader: &WeightReader, config: &Sam2Config, image_size: usize) -> Result<Self, Sam2Error> {
         let hidden = config.hidden_dim;
         let channels = [0, 1, 2, 3].map(|stage| config.trunk.embed_dim << stage);
@@ -42,13 +42,13 @@ impl ImageEncoder {
         Ok(Self { trunk, neck, s0: s0.on(reader.device()), s1: s1.on(reader.device()) })
     }
 
-    /// Features of a normalised image, `[1, 3, side, side]`.
+    /// Computes the features of a normalised image, `[1, 3, side, side]`.
     pub fn forward(&self, image: Tensor<4>) -> ImageFeatures {
         let [stage0, stage1, stage2, stage3] = self.trunk.forward(image, |_, _| {});
         self.features([stage0, stage1, stage2, stage3])
     }
 
-    /// Features from the trunk's stages, finest first.
+    /// Computes the features from the trunk's stages, finest first.
     pub fn features(&self, [stage0, stage1, stage2, stage3]: [Tensor<3>; 4]) -> ImageFeatures {
         let map = self.neck.fuse(stage2, stage3);
         let [height, width, hidden] = map.dims();

@@ -1,4 +1,4 @@
-//! The image encoder, which runs once per frame: the trunk Hiera, the feature pyramid, and position encodings.
+//! The image encoder, which runs once per frame: the trunk (Hiera), the feature pyramid, and position encodings.
 
 pub(crate) mod fpn_neck;
 mod hiera;

@@ -6,7 +6,7 @@ use std::f32::consts::TAU;
 /// Frequencies fall from 1 to 1 / TEMPERATURE.
 const TEMPERATURE: f32 = 10000.0;
 
-/// What positions are divided by in channel `channel` of `channels`.
+/// Divisor of positions in channel `channel` of `channels`.
 fn wavelength(channel: usize, channels: usize) -> f32 {
     TEMPERATURE.powf(2.0 * (channel / 2) as f32 / channels as f32)
 }
@@ -68,7 +68,8 @@ pub fn windowed_embedding(background: &[f32], window: &[f32], channels: usize, s
     embedding
 }
 
-/// The four source positions and weights of cubic convolution with a = -0.75, pixel centres aligned, border repeated.
+/// Returns the four source positions and weights of cubic convolution with a = -0.75, pixel centres aligned, border
+/// repeated.
 fn bicubic_taps(position: usize, source: usize, target: usize) -> [(usize, f32); 4] {
     const A: f32 = -0.75;
     let at = source as f32 / target as f32 * (position as f32 + 0.5) - 0.5;

@@ -1,22 +1,22 @@
-//! Small holes in masks are filled (official `fill_holes_in_mask_scores`).
+//! Fills small holes in masks (official `fill_holes_in_mask_scores`).
 
-/// Logit of a filled pixel: just inside.
+/// Logit of a filled pixel, just inside the mask.
 const FILLED_LOGIT: f32 = 0.1;
 
-/// What is known of a pixel.
+/// State of a pixel.
 #[derive(Clone, Copy, PartialEq)]
 enum Pixel {
     Inside,
-    /// Outside, of a region whose size is not known yet.
+    /// Outside, in a region whose size is not known yet.
     Open,
-    /// Reached from the pixel whose region is being measured.
+    /// Reached while measuring the current region.
     Reached,
-    /// In a region that is too large for a hole.
+    /// In a region too large to be a hole.
     Background,
 }
 
-/// Fills the holes of a mask of logits with rows of `width` pixels: background (logits up to 0) that is connected by
-/// edges or corners and has at most `max_area` pixels, wherever it lies.
+/// Fills the holes in mask logits with rows of `width` pixels. A hole is any background region (logits up to 0),
+/// connected by edges or corners, of at most `max_area` pixels, even at the border.
 pub(crate) fn fill_holes(logits: &mut [f32], width: usize, max_area: usize) {
     if max_area == 0 {
         return;
@@ -39,8 +39,8 @@ pub(crate) fn fill_holes(logits: &mut [f32], width: usize, max_area: usize) {
     }
 }
 
-/// Collects the region of a pixel, and says whether it has at most `max_area` pixels. It stops as soon as it has more, or
-/// touches what is known to be background: most pixels of a frame are decided by a neighbour.
+/// Collects the region of a pixel and returns true if it has at most `max_area` pixels. Stops as soon as the region is
+/// larger or touches known background: a neighbour decides most pixels of a frame.
 fn measure(pixels: &mut [Pixel], width: usize, max_area: usize, start: usize, region: &mut Vec<usize>) -> bool {
     pixels[start] = Pixel::Reached;
     region.push(start);
@@ -62,7 +62,7 @@ fn measure(pixels: &mut [Pixel], width: usize, max_area: usize, start: usize, re
     true
 }
 
-/// The pixels around one, up to eight.
+/// Returns the up to eight neighbours of a pixel.
 fn neighbours(pixel: usize, width: usize, len: usize) -> impl Iterator<Item = usize> {
     let (column, row, height) = (pixel % width, pixel / width, len / width);
     let columns = column.saturating_sub(1)..(column + 2).min(width);

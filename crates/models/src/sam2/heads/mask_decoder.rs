@@ -7,15 +7,15 @@ use crate::sam2::layers::{Activation, LayerNorm, Mlp, Upscale, activate};
 use crate::sam2::weights::WeightReader;
 use burn::tensor::{Int, Tensor};
 
-/// Masks of one prompt: the single mask and three alternatives.
+/// Number of masks per prompt: the single mask and three alternatives.
 pub(crate) const MASKS: usize = 4;
 const IOU_HIDDEN: usize = 256;
-/// Logits between this and its negative count as unsure in the stability score.
+/// Logits between this and its negative count as uncertain in the stability score.
 const STABILITY_DELTA: f32 = 0.05;
-/// A single mask below this stability gives way to the best of the three.
+/// A single mask below this stability is replaced by the best of the three.
 const STABILITY_THRESHOLD: f32 = 0.98;
 
-/// Every mask that the decoder predicts.
+/// All masks that the decoder predicts.
 #[derive(Clone, Debug)]
 pub(crate) struct DecodedMasks {
     /// Logits, `[objects, 4, 4 side, 4 side]`: the single mask, then the three of an ambiguous prompt.
@@ -74,8 +74,9 @@ impl MaskDecoder {
         })
     }
 
-    /// Transformer output for image embeddings `[objects or 1, tokens, hidden]`, sparse prompts `[objects, n, hidden]`
-    /// and dense prompts `[objects or 1, tokens or 1, hidden]`: tokens `[objects, 6 + n, hidden]`, and the image side.
+    /// Runs the transformer on image embeddings `[objects or 1, tokens, hidden]`, sparse prompts `[objects, n, hidden]`
+    /// and dense prompts `[objects or 1, tokens or 1, hidden]`. Returns tokens `[objects, 6 + n, hidden]` and the image
+    /// embeddings.
     pub fn transform(
         &self,
         image: Tensor<3>,
@@ -91,7 +92,7 @@ impl MaskDecoder {
         self.transformer.forward(image.expand([objects, pixels, hidden]), image_pe, tokens)
     }
 
-    /// All masks, from what [`Self::transform`] returns.
+    /// Decodes all masks from the output of [`Self::transform`].
     pub fn decode(&self, [tokens, image]: [Tensor<3>; 2], features: &ImageFeatures) -> DecodedMasks {
         let [objects, pixels, hidden] = image.dims();
         let side = pixels.isqrt();
@@ -114,21 +115,21 @@ impl MaskDecoder {
 }
 
 impl DecodedMasks {
-    /// The best of the three masks of an ambiguous prompt by predicted IoU, with its own token.
+    /// Selects the best of the three masks of an ambiguous prompt by predicted IoU, with its own token.
     pub fn best_of_three(&self) -> SelectedMasks {
         let best = self.index_of_best();
         self.select(best.clone(), best)
     }
 
-    /// The single mask, or the best of the three where it is not stable; always with the single mask's token.
+    /// Selects the single mask, or the best of the three if it is not stable; always with the single mask's token.
     pub fn single(&self) -> SelectedMasks {
         let is_stable = self.stability().greater_equal_elem(STABILITY_THRESHOLD);
         let best = self.index_of_best();
         self.select(best.clone().mask_fill(is_stable, 0), best.zeros_like())
     }
 
-    /// Stability of the single masks, `[objects]`: pixels surely inside divided by pixels possibly inside; 1 if there are
-    /// none.
+    /// Stability of the single masks, `[objects]`: the number of pixels certainly inside divided by the number possibly
+    /// inside; 1 if there are none.
     pub fn stability(&self) -> Tensor<1> {
         let single = self.masks.clone().narrow(1, 0, 1).flatten::<2>(1, 3);
         let count = |threshold: f32| single.clone().greater_elem(threshold).float().sum_dim(1).squeeze_dim::<1>(1);
@@ -137,7 +138,7 @@ impl DecodedMasks {
         (sure / possible).mask_fill(has_none, 1.0)
     }
 
-    /// Index of the best of the three masks of each object, `[objects]`; the first of equals, as `torch.argmax`.
+    /// Index of the best of the three masks of each object, `[objects]`; the first one if equal, as in `torch.argmax`.
     fn index_of_best(&self) -> Tensor<1, Int> {
         let [first, second, third] = [1, 2, 3].map(|mask| self.ious.clone().narrow(1, mask, 1).squeeze_dim::<1>(1));
         let is_second = second.clone().greater(first.clone());
@@ -145,7 +146,7 @@ impl DecodedMasks {
         (is_second.int() + 1).mask_fill(is_third, 3)
     }
 
-    /// The masks and the tokens of these indices, `[objects]` each.
+    /// Selects the masks and tokens with these indices, `[objects]` each.
     fn select(&self, masks: Tensor<1, Int>, tokens: Tensor<1, Int>) -> SelectedMasks {
         let [objects, _, height, width] = self.masks.dims();
         let hidden = self.tokens.dims()[2];

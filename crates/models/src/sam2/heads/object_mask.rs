@@ -12,16 +12,16 @@ pub struct ObjectMask {
     pub low_res_logits: Image<f32>,
     /// Logit of "the object is in the frame".
     pub object_score: f32,
-    /// Intersection over union with the true mask, as the network predicts it.
+    /// Predicted intersection over union with the true mask.
     pub predicted_iou: f32,
-    /// The object pointer: an embedding of the object, which later frames attend to.
+    /// The object pointer: an embedding of the object to which later frames attend.
     pub pointer: Vec<f32>,
     /// `(width, height)` of the frame.
     pub frame_size: (usize, usize),
 }
 
 impl ObjectMask {
-    /// Mask logits of the frame's size, `[height, width]`.
+    /// Returns the mask logits at the frame's size, `[height, width]`.
     pub fn logits(&self) -> Image<f32> {
         let (width, height) = self.frame_size;
         let low = Size { width: self.low_res_logits.width(), height: self.low_res_logits.height() };
@@ -29,13 +29,13 @@ impl ObjectMask {
         Image::from_pixels(width, height, logits).expect("one logit per pixel")
     }
 
-    /// The mask, of the frame's size.
+    /// Returns the mask at the frame's size.
     pub fn mask(&self) -> Mask {
         let logits = self.logits();
         Mask::from_fn(logits.width(), logits.height(), |column, row| logits[(column, row)] > 0.0)
     }
 
-    /// Whether the object is in the frame.
+    /// True if the object is in the frame.
     pub fn is_present(&self) -> bool {
         self.object_score > 0.0
     }

@@ -12,7 +12,7 @@ use crate::sam2::weights::WeightReader;
 use crate::transfer::upload;
 use burn::tensor::{Bool, Tensor};
 
-/// Logit of a given mask inside; outside it is the negative.
+/// Logit of a given mask: positive inside, negative outside.
 const GIVEN_LOGIT: f32 = 10.0;
 
 /// The output of the heads for some objects in one frame.
@@ -28,12 +28,12 @@ pub(crate) struct HeadOutputs {
     pub object_scores: Tensor<1>,
 }
 
-/// Which of the decoder's masks to take.
+/// Choice among the decoder's masks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum MaskChoice {
     /// The best of the three masks for an ambiguous prompt.
     BestOfThree,
-    /// The single mask if it is stable.
+    /// The single mask if it is stable, else the best of the three.
     Single,
 }
 
@@ -51,7 +51,7 @@ pub(crate) struct SamHeads {
 }
 
 impl SamHeads {
-    /// Reads the heads for a feature map of `side` × `side` tokens.
+    /// Loads the heads for a feature map of `side` × `side` tokens.
     pub fn load(reader: &WeightReader, hidden: usize, image_size: usize, side: usize) -> Result<Self, Sam2Error> {
         let prompt_encoder = PromptEncoder::load(&reader.child("sam_prompt_encoder"), hidden, image_size)?;
         let quarter = ConvShape { inputs: 1, outputs: 1, kernel: 4, stride: 4, padding: 0, groups: 1 };
@@ -65,8 +65,9 @@ impl SamHeads {
         })
     }
 
-    /// Masks of objects from image embeddings `[objects or 1, tokens, hidden]`, points (one list per object, all equally
-    /// long; empty lists for none) and, for all or none of them, mask logits `[objects, 4 side, 4 side]`.
+    /// Computes masks of objects from image embeddings `[objects or 1, tokens, hidden]`, points (one list per object,
+    /// all of equal length; empty lists for none) and, for all or none of the objects, mask logits
+    /// `[objects, 4 side, 4 side]`.
     pub fn forward(
         &self,
         embeddings: Tensor<3>,
@@ -91,7 +92,7 @@ impl SamHeads {
         }
     }
 
-    /// All masks that the decoder has for the same input.
+    /// Decodes all masks, for the same inputs as [`Self::forward`].
     pub fn decode_all(
         &self,
         embeddings: Tensor<3>,
@@ -105,7 +106,7 @@ impl SamHeads {
         self.mask_decoder.decode(transformed, features)
     }
 
-    /// Takes given masks (each `[side, side]` of the network input, 1 inside and 0 outside) as they are; the decoder only
+    /// Uses given masks (each `[side, side]` of the network input, 1 inside and 0 outside) unchanged; the decoder only
     /// computes their object pointers.
     pub fn use_masks_as_output(&self, features: &ImageFeatures, masks: &[Vec<f32>], image_size: usize) -> HeadOutputs {
         let device = features.embedding.device();
@@ -131,7 +132,7 @@ impl SamHeads {
         self.mask_downsample.forward_planes(masks.unsqueeze_dim(1)).squeeze_dim(1)
     }
 
-    /// Pointers `[objects, hidden]`, with that of "no object" where `is_absent` `[objects]`.
+    /// Replaces pointers `[objects, hidden]` by the "no object" pointer where `is_absent` `[objects]` is true.
     fn replace_absent(&self, pointers: Tensor<2>, is_absent: Tensor<1, Bool>) -> Tensor<2> {
         let shape = pointers.dims();
         pointers
@@ -139,7 +140,7 @@ impl SamHeads {
     }
 }
 
-/// Pads every list of points as the network expects: it ends with a point without label, after at least one more.
+/// Pads every list of points as the network expects: it ends with an unlabelled point, preceded by at least one more.
 fn with_padding(points: &[Vec<InputPoint>]) -> Vec<Vec<InputPoint>> {
     let padded = |points: &Vec<InputPoint>| {
         let mut points = points.clone();
@@ -152,7 +153,7 @@ fn with_padding(points: &[Vec<InputPoint>]) -> Vec<Vec<InputPoint>> {
     points.iter().map(padded).collect()
 }
 
-/// Logits of a given 0/1 mask at a quarter of its resolution.
+/// Converts a given 0/1 mask to logits at a quarter of its resolution.
 fn low_res_logits(mask: &[f32], image_size: usize) -> Vec<f32> {
     let logits: Vec<f32> = mask.iter().map(|value| value * 2.0 * GIVEN_LOGIT - GIVEN_LOGIT).collect();
     let size = Size { width: image_size, height: image_size };

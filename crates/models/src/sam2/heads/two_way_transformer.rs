@@ -8,7 +8,7 @@ use burn::tensor::Tensor;
 const LAYERS: usize = 2;
 const HEADS: usize = 8;
 const MLP_DIM: usize = 2048;
-/// Attention between tokens and image is narrower than the embeddings by this factor.
+/// Factor by which attention between tokens and image is narrower than the embeddings.
 const DOWNSAMPLE: usize = 2;
 const EPSILON: f64 = 1e-5;
 
@@ -50,7 +50,7 @@ struct Layer {
     norm3: LayerNorm,
     image_to_token: Attention,
     norm4: LayerNorm,
-    /// The first layer's tokens are their own position encoding.
+    /// True for the first layer, whose tokens are their own position encoding.
     first: bool,
 }
 
@@ -118,8 +118,8 @@ impl TwoWayTransformer {
         })
     }
 
-    /// Tokens `[objects, n, dim]` and image `[objects, m, dim]`, with the image's position encoding `[1, m, dim]`, to
-    /// tokens and image of the same shapes.
+    /// Maps tokens `[objects, n, dim]` and image `[objects, m, dim]`, with the image's position encoding `[1, m, dim]`,
+    /// to tokens and image of the same shapes.
     pub fn forward(&self, image: Tensor<3>, image_pe: &Tensor<3>, tokens: Tensor<3>) -> [Tensor<3>; 2] {
         let token_pe = tokens.clone();
         let [mut tokens, mut image] = [tokens, image];

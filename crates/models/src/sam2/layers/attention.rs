@@ -1,4 +1,4 @@
-//! Attention between rows of channels: our kernels on the CPU, Burn's operations elsewhere.
+//! Attention between rows of channels: our kernels on the CPU, Burn's operations on other devices.
 
 use super::host::{HostValues, from_host};
 use crate::device::is_cpu;
@@ -7,10 +7,10 @@ use burn::tensor::module::attention;
 use burn::tensor::ops::AttentionModuleOptions;
 use splatseg_kernels::attention::{HeadRows, multi_head_attention};
 
-/// Scores that exist at a time on a device, which may compute them all before it weights with them: 64 MiB.
+/// Maximum number of scores on a device at a time (64 MiB), as it may compute all of them before using any.
 const MAX_SCORES: usize = 16 << 20;
 
-/// Softmax attention of heads that lie side by side in the channels: queries `[problems, n, channels]`, keys
+/// Softmax attention with heads side by side in the channels: queries `[problems, n, channels]`, keys
 /// `[problems, m, channels]` and values `[problems, m, outputs]` to `[problems, n, outputs]`.
 pub(crate) fn multi_head(queries: Tensor<3>, keys: Tensor<3>, values: Tensor<3>, heads: usize) -> Tensor<3> {
     let device = queries.device();
@@ -30,7 +30,7 @@ pub(crate) fn multi_head(queries: Tensor<3>, keys: Tensor<3>, values: Tensor<3>,
     from_host(multi_head_attention(&rows, heads), [problems, count, outputs], &device)
 }
 
-/// The queries go through in parts, so that large maps need no matrix of all scores.
+/// Processes the queries in parts, so that large maps do not need the full matrix of scores.
 fn on_device(operands: [Tensor<3>; 3], heads: usize) -> Tensor<3> {
     let [queries, keys, values] = operands.map(|operand| {
         let [problems, count, channels] = operand.dims();

@@ -1,12 +1,12 @@
-//! Tensors of the CPU as slices, for the arithmetic that has kernels of its own there.
+//! CPU tensors as slices, for operations that have their own kernels on the CPU.
 
 use burn::backend::{BackendTypes, Flex};
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// Where tensors become slices, they are on the CPU.
+/// Panic message if a tensor that is viewed as a slice is not on the CPU.
 const ON_CPU: &str = "other devices have a path of their own";
 
-/// The elements of a tensor of the CPU, row-major; they are not copied if they already lie like that.
+/// Elements of a CPU tensor, row-major; not copied if they are already contiguous.
 pub(crate) struct HostValues(<Flex as BackendTypes>::FloatTensorPrimitive);
 
 impl HostValues {
@@ -20,12 +20,12 @@ impl HostValues {
     }
 }
 
-/// The elements of a tensor of the CPU, row-major, to be changed.
+/// Returns the elements of a CPU tensor as a row-major vector.
 pub(crate) fn host<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.into_data().try_into_vec().expect("the networks compute in float32")
 }
 
-/// A tensor of row-major elements.
+/// Creates a tensor from row-major elements.
 pub(crate) fn from_host<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
     Tensor::from_data(TensorData::new(values, shape), device)
 }

@@ -13,7 +13,7 @@ use splatseg_kernels::Instructions;
 use splatseg_kernels::attention::AxialKeys;
 use splatseg_kernels::gemm::{LinearChain, PackedLinear};
 
-/// The parameters of a [`Linear`] before they are arranged for a device.
+/// Parameters of a [`Linear`], before they are laid out for a device.
 #[derive(Clone, Debug)]
 pub(crate) struct LinearWeights {
     /// `[in, out]`.
@@ -23,26 +23,26 @@ pub(crate) struct LinearWeights {
 }
 
 impl LinearWeights {
-    /// Reads `weight` (`[out, in]`) and `bias`.
+    /// Loads `weight` (`[out, in]`) and `bias`.
     pub fn load(reader: &WeightReader, inputs: usize, outputs: usize) -> Result<Self, Sam2Error> {
         let weight = reader.floats("weight", &[outputs, inputs])?;
         Ok(Self { weight: transposed(&weight, inputs), bias: reader.floats("bias", &[outputs])? })
     }
 
-    /// Reads a convolution of kernel size 1, which is the same thing.
+    /// Loads a convolution with kernel size 1, which is equivalent.
     pub fn load_pointwise(reader: &WeightReader, inputs: usize, outputs: usize) -> Result<Self, Sam2Error> {
         let weight = reader.floats("weight", &[outputs, inputs, 1, 1])?;
         Ok(Self { weight: transposed(&weight, inputs), bias: reader.floats("bias", &[outputs])? })
     }
 
-    /// The layer that does what `self` and then `next` does.
+    /// Combines `self` and then `next` into one layer.
     pub fn then(&self, next: &Self) -> Self {
         let product = |bias: &[f32]| PackedLinear::new(&next.weight, bias, Instructions::best());
         let linear = product(&vec![0.0; next.bias.len()]);
         Self { weight: linear.forward(&self.weight), bias: product(&next.bias).forward(&self.bias) }
     }
 
-    /// The layer whose outputs are multiplied by `factors` `[out]`.
+    /// Multiplies the layer's outputs by `factors` `[out]`.
     pub fn scaled(mut self, factors: &[f32]) -> Self {
         for row in self.weight.chunks_exact_mut(factors.len()).chain([self.bias.as_mut_slice()]) {
             row.iter_mut().zip(factors).for_each(|(value, factor)| *value *= factor);
@@ -50,12 +50,12 @@ impl LinearWeights {
         self
     }
 
-    /// The layer as what makes the keys of remembered maps.
+    /// Converts the layer to the key projection of remembered maps.
     pub fn axial_keys(&self, angles: &[[f32; 2]], side: usize) -> AxialKeys {
         AxialKeys::new(&self.weight, &self.bias, angles, side, Instructions::best())
     }
 
-    /// The layer on a device.
+    /// Lays the parameters out for a device.
     pub fn on(self, device: &Device) -> Linear {
         let Self { weight, bias } = self;
         if is_cpu(device) {
@@ -69,7 +69,7 @@ impl LinearWeights {
     }
 }
 
-/// `[rows, columns]` to `[columns, rows]`.
+/// Transposes `[rows, columns]` to `[columns, rows]`.
 fn transposed(matrix: &[f32], columns: usize) -> Vec<f32> {
     let column = |column: usize| matrix.iter().skip(column).step_by(columns).copied();
     (0..columns).flat_map(column).collect()
@@ -84,7 +84,7 @@ pub(crate) enum Linear {
     Tensors(Box<LinearTensors>),
 }
 
-/// The parameters of a [`Linear`] on another device than the CPU.
+/// Parameters of a [`Linear`] on devices other than the CPU.
 #[derive(Clone, Debug)]
 pub(crate) struct LinearTensors {
     /// `[in, out]`.
@@ -94,12 +94,12 @@ pub(crate) struct LinearTensors {
 }
 
 impl Linear {
-    /// Reads `weight` (`[out, in]`) and `bias`.
+    /// Loads `weight` (`[out, in]`) and `bias`.
     pub fn load(reader: &WeightReader, inputs: usize, outputs: usize) -> Result<Self, Sam2Error> {
         Ok(LinearWeights::load(reader, inputs, outputs)?.on(reader.device()))
     }
 
-    /// Reads a convolution of kernel size 1, which is the same thing.
+    /// Loads a convolution with kernel size 1, which is equivalent.
     pub fn load_pointwise(reader: &WeightReader, inputs: usize, outputs: usize) -> Result<Self, Sam2Error> {
         Ok(LinearWeights::load_pointwise(reader, inputs, outputs)?.on(reader.device()))
     }
@@ -116,18 +116,18 @@ impl Linear {
         forward_chain(None, &[(self, Activation::None)], input, None)
     }
 
-    /// `residual`, `[.., out]`, plus what [`forward`](Self::forward) gives.
+    /// Adds `residual` `[.., out]` to the result of [`forward`](Self::forward).
     pub fn forward_added<const D: usize>(&self, input: Tensor<D>, residual: Tensor<D>) -> Tensor<D> {
         forward_chain(None, &[(self, Activation::None)], input, Some(residual))
     }
 
-    /// What [`forward`](Self::forward) gives for the normalised input.
+    /// [`forward`](Self::forward) for the normalised input.
     pub fn forward_normed<const D: usize>(&self, norm: &LayerNorm, input: Tensor<D>) -> Tensor<D> {
         forward_chain(Some(norm), &[(self, Activation::None)], input, None)
     }
 }
 
-/// `input`, `[.., in]`, through a norm and layers one after the other, each with what follows it; plus `residual`,
+/// Passes `input` `[.., in]` through a norm and consecutive layers, each with its activation, and adds `residual`
 /// `[.., out]`.
 pub(crate) fn forward_chain<const D: usize>(
     norm: Option<&LayerNorm>,
@@ -138,13 +138,13 @@ pub(crate) fn forward_chain<const D: usize>(
     let packed = layers.iter().map(|(layer, activation)| Some((layer.packed()?, *activation)));
     let Some(layers) = packed.collect::<Option<Vec<_>>>() else {
         let input = norm.map_or(input.clone(), |norm| norm.forward(input));
-        let through = |input, (layer, activation): &(&Linear, Activation)| match layer {
+        let apply = |input, (layer, activation): &(&Linear, Activation)| match layer {
             Linear::Tensors(layer) => {
                 activate(*activation, linear(input, layer.weight.clone(), Some(layer.bias.clone())))
             }
             Linear::Packed(_) => unreachable!("all layers of a network are on one device"),
         };
-        let output = layers.iter().fold(input, through);
+        let output = layers.iter().fold(input, apply);
         return match residual {
             Some(residual) => residual + output,
             None => output,
@@ -154,7 +154,7 @@ pub(crate) fn forward_chain<const D: usize>(
     let mut shape = input.dims();
     shape[D - 1] = layers.last().map_or(shape[D - 1], |(last, _)| last.dims()[1]);
     if let Some(residual) = &residual {
-        assert_eq!(residual.dims(), shape, "shape of what is added to a layer");
+        assert_eq!(residual.dims(), shape, "shape of a layer's residual");
     }
     let (input, residual) = (HostValues::from_tensor(input), residual.map(HostValues::from_tensor));
     let norm = norm.map(LayerNorm::host);
@@ -162,7 +162,7 @@ pub(crate) fn forward_chain<const D: usize>(
     from_host(chain.forward(input.as_slice(), residual.as_ref().map(HostValues::as_slice)), shape, &device)
 }
 
-/// An activation on its own.
+/// Applies an activation on its own.
 pub(crate) fn activate<const D: usize>(activation: Activation, input: Tensor<D>) -> Tensor<D> {
     let device = input.device();
     if !is_cpu(&device) {
@@ -188,7 +188,7 @@ pub(crate) struct Mlp {
 }
 
 impl Mlp {
-    /// Reads `layers.0`, `layers.1`, …; `widths` are the channels before, between and after them.
+    /// Loads `layers.0`, `layers.1`, …; `widths` are the channels before, between and after them.
     pub fn load(reader: &WeightReader, widths: &[usize], activation: Activation) -> Result<Self, Sam2Error> {
         let layers = (0..widths.len() - 1)
             .map(|layer| Linear::load(&reader.child(format!("layers.{layer}")), widths[layer], widths[layer + 1]))
@@ -196,7 +196,7 @@ impl Mlp {
         Ok(Self { layers, activation, sigmoid_output: false })
     }
 
-    /// The same with a sigmoid at the end.
+    /// Adds a sigmoid at the end.
     pub fn with_sigmoid(self) -> Self {
         Self { sigmoid_output: true, ..self }
     }
@@ -207,7 +207,7 @@ impl Mlp {
         if self.sigmoid_output { sigmoid(output) } else { output }
     }
 
-    /// What [`forward`](Self::forward) gives for the input after `norm`, added to the input. Not for one with a sigmoid.
+    /// Residual branch: applies `norm`, then the layers, and adds the input. Must not have a sigmoid.
     pub fn forward_residual<const D: usize>(&self, norm: Option<&LayerNorm>, input: Tensor<D>) -> Tensor<D> {
         assert!(!self.sigmoid_output, "a residual branch without a sigmoid");
         forward_chain(norm, &self.chain(), input.clone(), Some(input))

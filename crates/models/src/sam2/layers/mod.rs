@@ -1,5 +1,5 @@
-//! The few layer types that all blocks are made of. Activations are channels-last, so that a layer over channels is a
-//! layer over the last dimension.
+//! The layer types of which all blocks are built. Activations are channels-last, so a layer over channels is a layer
+//! over the last dimension.
 
 mod attention;
 pub(crate) mod host;
@@ -29,8 +29,8 @@ pub(crate) struct LayerNorm {
 }
 
 impl LayerNorm {
-    /// Reads `weight` and `bias`. `epsilon` is 1e-6 in the trunk and where the official code normalises maps, and 1e-5
-    /// in the transformers.
+    /// Loads `weight` and `bias`. `epsilon` is 1e-6 in the trunk and for maps, and 1e-5 in the transformers, as in the
+    /// official code.
     pub fn load(reader: &WeightReader, channels: usize, epsilon: f64) -> Result<Self, Sam2Error> {
         Ok(Self { weight: reader.tensor("weight", [channels])?, bias: reader.tensor("bias", [channels])?, epsilon })
     }
@@ -99,23 +99,23 @@ impl Conv2d {
         self.forward_planes(input.permute([0, 3, 1, 2])).permute([0, 2, 3, 1])
     }
 
-    /// The same for `[objects, in, height, width]`.
+    /// Like [`Self::forward`], for channels-first maps `[objects, in, height, width]`.
     pub fn forward_planes(&self, input: Tensor<4>) -> Tensor<4> {
         let options = ConvOptions::new([self.stride; 2], [self.padding; 2], [1, 1], self.groups);
         conv2d(input, self.weight.clone(), Some(self.bias.clone()), options)
     }
 }
 
-/// A transposed convolution whose stride is its kernel size: every pixel becomes a 2×2 block.
+/// A transposed convolution with a 2×2 kernel and stride 2: every pixel becomes a 2×2 block.
 #[derive(Clone, Debug)]
 pub(crate) struct Upscale {
-    /// To the four output pixels' channels, `[in, 2 · 2 · out]`.
+    /// Maps a pixel to the channels of its four output pixels, `[in, 2 · 2 · out]`.
     linear: Linear,
     outputs: usize,
 }
 
 impl Upscale {
-    /// Reads `weight` (`[in, out, 2, 2]`) and `bias` of a `ConvTranspose2d`.
+    /// Loads `weight` (`[in, out, 2, 2]`) and `bias` of a `ConvTranspose2d`.
     pub fn load(reader: &WeightReader, inputs: usize, outputs: usize) -> Result<Self, Sam2Error> {
         let stored = reader.floats("weight", &[inputs, outputs, 2, 2])?;
         let element = |index: usize| {

@@ -1,4 +1,4 @@
-//! Rotary position encoding of the rows of a map (official `position_encoding.py`).
+//! Rotary position encoding of a map's tokens (official `position_encoding.py`).
 
 use super::host::{from_host, host};
 use crate::device::is_cpu;
@@ -11,12 +11,12 @@ use splatseg_kernels::attention::{rotary_angles, rotate};
 pub(crate) struct Rotation {
     /// Cosine and sine, `[side · side, channels / 2]`.
     angles: Vec<[f32; 2]>,
-    /// On other devices than the CPU: cosines and sines, `[1, side · side, channels / 2, 1]`.
+    /// On devices other than the CPU: cosines and sines, `[1, side · side, channels / 2, 1]`.
     tables: Option<[Tensor<4>; 2]>,
 }
 
 impl Rotation {
-    /// The rotation of a map of `side` × `side` tokens.
+    /// Creates the rotation of a map of `side` × `side` tokens.
     pub fn new(side: usize, channels: usize, device: &Device) -> Self {
         let angles = rotary_angles(side, channels);
         let table = |part: usize| {

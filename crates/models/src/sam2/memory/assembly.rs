@@ -1,4 +1,4 @@
-//! An object's memory, put together for a frame (official `sam2_base.py`, `_prepare_memory_conditioned_features`).
+//! Assembles an object's memory for a frame (official `sam2_base.py`, `_prepare_memory_conditioned_features`).
 
 use super::remembered::{RememberedMap, RememberedPointer, floats};
 use crate::device::is_cpu;
@@ -11,10 +11,10 @@ use crate::sam2::{Sam2Config, Sam2Error};
 use crate::transfer::upload;
 use burn::tensor::{Device, Tensor};
 
-/// A predictor's state stays with its network.
+/// Panic message if a predictor's state and network are on different devices.
 const ONE_DEVICE: &str = "memories are on the device of the network";
 
-/// What is remembered of one object, ready to be attended to.
+/// Memory of one object, ready for attention.
 #[derive(Clone, Debug)]
 pub(crate) enum AssembledMemory {
     /// On the CPU.
@@ -23,25 +23,25 @@ pub(crate) enum AssembledMemory {
     Device(Box<DeviceMemory>),
 }
 
-/// What is remembered of one object, on the CPU.
+/// Memory of one object on the CPU.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct HostMemory {
-    /// `[tokens, memory]`: the memories, then the object pointers cut into pieces.
+    /// `[tokens, memory]`: the memories, then the object pointers split into tokens.
     pub values: Vec<f32>,
-    /// `[tokens, memory]`: the same plus position encodings.
+    /// `[tokens, memory]`: the values plus position encodings.
     pub keys: Vec<f32>,
-    /// How many tokens at the end belong to pointers.
+    /// Number of pointer tokens, at the end.
     pub pointer_tokens: usize,
 }
 
-/// The same on another device.
+/// Memory of one object on another device.
 #[derive(Clone, Debug)]
 pub(crate) struct DeviceMemory {
     /// `[1, tokens, memory]`.
     pub values: Tensor<3>,
     /// `[1, tokens, memory]`.
     pub keys: Tensor<3>,
-    /// How many tokens at the end belong to pointers.
+    /// Number of pointer tokens, at the end.
     pub pointer_tokens: usize,
 }
 
@@ -53,22 +53,22 @@ pub(crate) struct SpatialMemory<'a> {
     pub temporal_row: usize,
 }
 
-/// A remembered object pointer and how long ago it was.
+/// A remembered object pointer and its distance in time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DistantPointer<'a> {
     pub pointer: &'a RememberedPointer,
-    /// Distance in frames, divided by the largest distance that pointers can have.
+    /// Distance in frames, divided by the largest possible distance of a pointer.
     pub distance: f32,
 }
 
-/// Puts memories together: knows the encodings of places and times.
+/// Assembles memories: holds the encodings of positions and times.
 #[derive(Clone, Debug)]
 pub(crate) struct Assembly {
     /// Position encoding of a map, `[side · side, memory]`.
     map_position: Vec<f32>,
     /// `[7, memory]`.
     temporal: Vec<f32>,
-    /// The sum of both for every row of the temporal encoding, `[side · side, memory]`, on other devices than the CPU.
+    /// Sum of both for every row of the temporal encoding, `[side · side, memory]`; empty on the CPU.
     positions: Vec<Tensor<2>>,
     pointer_position: Linear,
     hidden_dim: usize,
@@ -163,7 +163,7 @@ impl Assembly {
         DeviceMemory { values, keys, pointer_tokens }
     }
 
-    /// Encodings of the pointers' distances, `[pointers, memory]`; `None` if there are no pointers.
+    /// Encodes the pointers' distances, `[pointers, memory]`; `None` if there are no pointers.
     fn pointer_positions(&self, pointers: &[DistantPointer]) -> Option<Tensor<2>> {
         if pointers.is_empty() {
             return None;

@@ -1,4 +1,4 @@
-//! Memory attention: the features of a frame attend to what is remembered of an object (official `memory_attention.py`,
+//! Memory attention: a frame's features attend to an object's memory (official `memory_attention.py`,
 //! `sam/transformer.py` for the rotary attention).
 
 use super::assembly::{AssembledMemory, DeviceMemory, HostMemory};
@@ -15,7 +15,7 @@ use splatseg_kernels::attention::{AxialKeys, RememberedMaps};
 use std::collections::BTreeMap;
 
 const EPSILON: f64 = 1e-5;
-/// Weight of the position encoding that is added to the features.
+/// Weight of the position encoding added to the features.
 const POSITION_WEIGHT: f64 = 0.1;
 
 /// One layer.
@@ -29,8 +29,8 @@ struct Layer {
     norm2: LayerNorm,
     cross_queries: Linear,
     cross_keys: CrossKeys,
-    /// The projection of the values and the one of the result, in one: the weights of a softmax sum to 1, so that
-    /// projecting the weighted mean of the few memory channels equals averaging many projected ones.
+    /// The value and output projections combined: softmax weights sum to 1, so projecting the weighted mean of the few
+    /// memory channels equals averaging the many projected ones.
     cross_values_out: Linear,
     norm3: LayerNorm,
     linear1: Linear,
@@ -40,7 +40,7 @@ struct Layer {
 /// The projection of memories to keys.
 #[derive(Clone, Debug)]
 enum CrossKeys {
-    /// On the CPU: with the rotation in it.
+    /// On the CPU: includes the rotation.
     Axial(AxialKeys),
     /// On other devices.
     Linear(Linear),
@@ -53,7 +53,7 @@ pub(crate) struct MemoryAttention {
     norm: LayerNorm,
     /// Position encoding of the feature map times its weight, `[1, tokens, hidden]`.
     position: Tensor<3>,
-    /// Of the feature map's tokens, and of those of remembered maps.
+    /// Rotation of the tokens of the feature map and of remembered maps.
     rotation: Rotation,
 }
 
@@ -85,8 +85,8 @@ impl Layer {
         })
     }
 
-    /// `[objects or 1, tokens, hidden]` and one memory per object to `[objects, tokens, hidden]`. What is the same for
-    /// all objects is computed once.
+    /// `[objects or 1, tokens, hidden]` and one memory per object to `[objects, tokens, hidden]`. Results shared by all
+    /// objects are computed once.
     fn forward(&self, map: Tensor<3>, memories: &[AssembledMemory], rotation: &Rotation) -> Tensor<3> {
         let map = self.attend_to_self(map, rotation);
         let map = self.attend_to_memories(map, memories, rotation);
@@ -114,8 +114,8 @@ impl Layer {
     }
 }
 
-/// The weighted mean of each object's memory, `[objects, tokens, memory]`, for rotated queries `[objects or 1, tokens,
-/// hidden]`.
+/// Returns the weighted mean of each object's memory, `[objects, tokens, memory]`, for rotated queries
+/// `[objects or 1, tokens, hidden]`.
 fn attend_on_host(keys: &AxialKeys, queries: Tensor<3>, memories: &[AssembledMemory]) -> Tensor<3> {
     let ([query_objects, tokens, hidden], device) = (queries.dims(), queries.device());
     let queries = HostValues::from_tensor(queries);
@@ -130,7 +130,7 @@ fn attend_on_host(keys: &AxialKeys, queries: Tensor<3>, memories: &[AssembledMem
     from_host(attended.collect(), [memories.len(), tokens, keys.memory_dim()], &device)
 }
 
-/// As [`attend_on_host`]: objects whose memories have the same length go together.
+/// Like [`attend_on_host`], on other devices. Objects whose memories have the same length are processed together.
 fn attend_on_device(keys: &Linear, queries: Tensor<3>, memories: &[AssembledMemory], rotation: &Rotation) -> Tensor<3> {
     let [query_objects, tokens, hidden] = queries.dims();
     let mut by_length: BTreeMap<[usize; 2], Vec<(usize, &DeviceMemory)>> = BTreeMap::new();
@@ -163,7 +163,7 @@ fn attend_on_device(keys: &Linear, queries: Tensor<3>, memories: &[AssembledMemo
 }
 
 impl MemoryAttention {
-    /// Reads memory attention for a feature map of `side` × `side` tokens.
+    /// Loads memory attention for a feature map of `side` × `side` tokens.
     pub fn load(reader: &WeightReader, config: &Sam2Config, side: usize) -> Result<Self, Sam2Error> {
         let hidden = config.hidden_dim;
         let attention = reader.child("memory_attention");

@@ -1,17 +1,17 @@
-//! The memory of one object: no more than attention can still see.
+//! The memory of one object: only what attention can still see.
 
 use super::assembly::{AssembledMemory, Assembly, DistantPointer, SpatialMemory};
 use super::remembered::{RememberedMap, RememberedPointer};
 use crate::sam2::Sam2PredictorSettings;
 use crate::sam2::config::{MAX_OBJECT_POINTERS, NUM_MASK_MEMORIES};
 
-/// A frame as one object remembers it.
+/// One object's memory of a frame.
 #[derive(Clone, Debug)]
 struct RememberedFrame {
     frame: usize,
-    /// Whether a prompt on this frame conditions the tracking.
+    /// True if a prompt on this frame conditions the tracking.
     conditioning: bool,
-    /// `None` once out of reach.
+    /// `None` once attention can no longer see the frame.
     features: Option<RememberedMap>,
     pointer: RememberedPointer,
 }
@@ -19,12 +19,12 @@ struct RememberedFrame {
 /// The memory of one object.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct MemoryBank {
-    /// In the order of time, as frames come; a frame that is remembered anew keeps its place.
+    /// In order of time. A frame that is remembered again keeps its position.
     frames: Vec<RememberedFrame>,
 }
 
 impl MemoryBank {
-    /// Remembers a frame, in place of an earlier memory of it.
+    /// Adds a frame, replacing an earlier memory of it.
     pub fn remember(&mut self, frame: usize, conditioning: bool, features: RememberedMap, pointer: RememberedPointer) {
         let remembered = RememberedFrame { frame, conditioning, features: Some(features), pointer };
         match self.frames.iter_mut().find(|known| known.frame == frame) {
@@ -38,7 +38,7 @@ impl MemoryBank {
         self.frames.iter().find(|known| known.frame == frame)?.features.as_ref()
     }
 
-    /// Numbers of the conditioning frames that attention sees from frame `now`: the `limit` closest in time.
+    /// Indices of the conditioning frames that attention sees: the latest `limit`.
     fn conditioning(&self, limit: Option<usize>) -> Vec<usize> {
         let all = self.frames.iter().filter(|known| known.conditioning).map(|known| known.frame);
         let all: Vec<usize> = all.collect();
@@ -46,13 +46,13 @@ impl MemoryBank {
         all[first..].to_vec()
     }
 
-    /// Forgets what no frame after `now` can see.
+    /// Forgets everything that no frame after `now` can see.
     pub fn forget(&mut self, now: usize, settings: &Sam2PredictorSettings) {
         let kept = self.conditioning(settings.max_cond_frames_in_attn);
         self.frames.retain_mut(|known| {
             let prompted = kept.contains(&known.frame);
             let age = now - known.frame;
-            // The next frame is one further away.
+            // `age + 1` is the distance from the next frame.
             if !prompted && age + 1 >= NUM_MASK_MEMORIES {
                 known.features = None;
             }
@@ -60,14 +60,15 @@ impl MemoryBank {
         });
     }
 
-    /// Keeps nothing but the conditioning frames that attention sees.
+    /// Keeps only the conditioning frames that attention sees.
     pub fn keep_conditioning(&mut self, settings: &Sam2PredictorSettings) {
         let kept = self.conditioning(settings.max_cond_frames_in_attn);
         self.frames.retain(|known| kept.contains(&known.frame));
     }
 
-    /// The memory for frame `now`: conditioning frames, then the six frames before, from far to near; pointers of
-    /// conditioning frames, then from near to far (official `_prepare_memory_conditioned_features`).
+    /// Assembles the memory for frame `now`: conditioning frames, then the six previous frames from far to near;
+    /// pointers of conditioning frames, then of previous frames from near to far (official
+    /// `_prepare_memory_conditioned_features`).
     pub fn assemble(&self, now: usize, assembly: &Assembly, settings: &Sam2PredictorSettings) -> AssembledMemory {
         let conditioning = self.conditioning(settings.max_cond_frames_in_attn);
         let (prompted, others): (Vec<_>, Vec<_>) =
@@ -93,8 +94,8 @@ impl MemoryBank {
 
     /// Size of the memory in bytes.
     pub fn bytes(&self) -> usize {
-        let of =
+        let frame_bytes =
             |known: &RememberedFrame| known.features.as_ref().map_or(0, RememberedMap::bytes) + known.pointer.bytes();
-        self.frames.iter().map(of).sum()
+        self.frames.iter().map(frame_bytes).sum()
     }
 }

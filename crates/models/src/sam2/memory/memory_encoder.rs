@@ -1,4 +1,4 @@
-//! The memory encoder: a frame's features and a mask become a memory (official `memory_encoder.py`).
+//! The memory encoder: converts a frame's features and a mask to a memory (official `memory_encoder.py`).
 
 use crate::sam2::Sam2Error;
 use crate::sam2::layers::host::from_host;
@@ -12,7 +12,7 @@ use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
 use burn::tensor::{Device, Tensor};
 use rayon::prelude::*;
 
-/// Channel normalisation of maps.
+/// ε of the channel normalisation of maps.
 const EPSILON: f64 = 1e-6;
 /// Channels of the mask after each halving.
 const MASK_CHANNELS: [usize; 5] = [1, 4, 16, 64, 256];
@@ -21,18 +21,18 @@ const FUSER_BLOCKS: usize = 2;
 const MASK_SCALE: f32 = 20.0;
 const MASK_BIAS: f32 = -10.0;
 
-/// How mask logits enter the memory encoder.
+/// Conversion of mask logits for the memory encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum MaskForMemory {
-    /// Their sigmoid: masks that the network predicted by itself.
+    /// The sigmoid: for masks predicted without a prompt.
     Soft,
-    /// As 0 or 1: masks from a prompt.
+    /// 0 or 1: for masks from a prompt.
     Binary,
 }
 
 impl MaskForMemory {
-    /// What the encoder sees of masks on the CPU: from logits at a quarter of the input's resolution to `[objects, side,
-    /// side]`.
+    /// Converts logits at a quarter of the input's resolution to the encoder's input, `[objects, side, side]`, on the
+    /// CPU.
     pub fn masks_on_host<'a>(self, logits: impl Iterator<Item = &'a [f32]>, side: usize) -> Tensor<3> {
         let (low, high) = (Size { width: side / 4, height: side / 4 }, Size { width: side, height: side });
         let logits: Vec<&[f32]> = logits.collect();
@@ -45,7 +45,7 @@ impl MaskForMemory {
         from_host(masks.concat(), [masks.len(), side, side], &Device::flex())
     }
 
-    /// The same on another device, of `[objects, side / 4, side / 4]`.
+    /// Like `masks_on_host`, on another device and for logits `[objects, side / 4, side / 4]`.
     pub fn masks_on_device(self, logits: Tensor<3>, side: usize) -> Tensor<3> {
         let bilinear = InterpolateOptions::new(InterpolateMode::Bilinear).with_align_corners(false);
         let logits = interpolate(logits.unsqueeze_dim(1), bilinear.with_output_size([side, side])).squeeze_dim::<3>(1);
@@ -56,7 +56,7 @@ impl MaskForMemory {
         probabilities * MASK_SCALE + MASK_BIAS
     }
 
-    /// What the encoder sees for a logit.
+    /// Converts a logit to the encoder's input value.
     pub fn apply(self, logit: f32) -> f32 {
         let probability = match self {
             Self::Soft => 1.0 / (1.0 + (-logit).exp()),
@@ -72,7 +72,7 @@ struct ConvNextBlock {
     depthwise: Conv2d,
     norm: LayerNorm,
     widen: Linear,
-    /// With the layer scale multiplied in.
+    /// Includes the layer scale.
     narrow: Linear,
 }
 
@@ -99,7 +99,7 @@ impl ConvNextBlock {
 /// The memory encoder.
 #[derive(Clone, Debug)]
 pub(crate) struct MemoryEncoder {
-    /// Each halves the mask.
+    /// Each layer halves the mask's size.
     halvings: Vec<(Conv2d, LayerNorm)>,
     mask_projection: Linear,
     feature_projection: Linear,
@@ -116,7 +116,7 @@ impl MemoryEncoder {
         let halving = |index: usize| {
             let [inputs, outputs] = [MASK_CHANNELS[index], MASK_CHANNELS[index + 1]];
             let shape = ConvShape { inputs, outputs, kernel: 3, stride: 2, padding: 1, groups: 1 };
-            // A convolution, a norm and an activation without weights.
+            // Indices 3i and 3i + 1: a convolution and a norm; 3i + 2 is an activation without weights.
             let conv = Conv2d::load(&mask.child(3 * index), shape)?;
             Ok((conv, LayerNorm::load(&mask.child(3 * index + 1), outputs, EPSILON)?))
         };
@@ -132,7 +132,7 @@ impl MemoryEncoder {
         })
     }
 
-    /// The part of a frame's features that does not depend on the object: `[1, side · side, hidden]` to
+    /// Projects a frame's features, independently of the object: `[1, side · side, hidden]` to
     /// `[1, side, side, hidden]`.
     pub fn project_features(&self, embedding: Tensor<3>) -> Tensor<4> {
         let [_, tokens, hidden] = embedding.dims();
@@ -140,8 +140,8 @@ impl MemoryEncoder {
         self.feature_projection.forward(embedding).reshape([1, side, side, hidden])
     }
 
-    /// Memories of objects: features from [`Self::project_features`], and masks `[objects, 16 side, 16 side]` after
-    /// [`MaskForMemory::apply`], to `[objects, side · side, memory]`.
+    /// Computes memories of objects, `[objects, side · side, memory]`, from features from [`Self::project_features`]
+    /// and masks `[objects, 16 side, 16 side]` after [`MaskForMemory::apply`].
     pub fn forward(&self, features: Tensor<4>, masks: Tensor<3>, object_scores: &[f32]) -> Tensor<3> {
         let mut map = features + self.downsample_masks(masks);
         for block in &self.fuser {

@@ -1,6 +1,6 @@
-//! What is remembered of an object, and how a frame attends to it: the memory encoder turns a frame and its mask into a
-//! memory, the memory bank keeps the memories and object pointers that attention can still see, and memory attention
-//! conditions the features of the next frame on them.
+//! Memory of objects, and attention to it. The memory encoder converts a frame and its mask to a memory. The memory
+//! bank keeps the memories and object pointers that attention can still see. Memory attention conditions the next
+//! frame's features on them.
 
 mod assembly;
 mod memory_attention;

@@ -1,4 +1,4 @@
-//! What is remembered of a frame, where the network that remembers it can use it.
+//! Stored memory of a frame, on the network's device.
 
 use crate::device::is_cpu;
 use crate::sam2::layers::host::{HostValues, host};
@@ -7,12 +7,12 @@ use burn::tensor::Tensor;
 use half::bf16;
 use half::slice::HalfFloatSliceExt;
 
-/// Features of a map with the precision of bfloat16, as the official predictor keeps them.
+/// Features of a map in bfloat16 precision, as in the official predictor.
 #[derive(Clone, Debug)]
 pub(crate) enum RememberedMap {
     /// On the CPU, `[side · side, memory]`.
     Host(Vec<bf16>),
-    /// On other devices, which need not know bfloat16: rounded, `[side · side, memory]`.
+    /// On other devices, which may lack bfloat16: float32 rounded to bfloat16, `[side · side, memory]`.
     Device(Box<Tensor<2>>),
 }
 
@@ -26,7 +26,7 @@ pub(crate) enum RememberedPointer {
 }
 
 impl RememberedMap {
-    /// The map of one object, `[side · side, memory]`.
+    /// Stores the map of one object, `[side · side, memory]`.
     pub fn new(map: Tensor<2>) -> Self {
         if is_cpu(&map.device()) {
             let values = HostValues::from_tensor(map);
@@ -35,10 +35,10 @@ impl RememberedMap {
         Self::Device(Box::new(rounded_to_bf16(map)))
     }
 
-    /// The features, `[side · side, memory]`, row-major.
+    /// Returns the features, `[side · side, memory]`, row-major.
     ///
     /// # Errors
-    /// What the device says if it failed.
+    /// The device's message if it failed.
     pub fn values(&self) -> Result<Vec<f32>, String> {
         match self {
             Self::Host(values) => Ok(floats(values)),
@@ -56,7 +56,7 @@ impl RememberedMap {
 }
 
 impl RememberedPointer {
-    /// The pointer of one object, `[1, hidden]`.
+    /// Stores the pointer of one object, `[1, hidden]`.
     pub fn new(pointer: Tensor<2>) -> Self {
         if is_cpu(&pointer.device()) { Self::Host(host(pointer)) } else { Self::Device(Box::new(pointer)) }
     }
@@ -71,14 +71,14 @@ impl RememberedPointer {
     }
 }
 
-/// bfloat16 as float32.
+/// Converts bfloat16 to float32.
 pub(super) fn floats(values: &[bf16]) -> Vec<f32> {
     let mut floats = vec![0.0; values.len()];
     values.convert_to_f32_slice(&mut floats);
     floats
 }
 
-/// The nearest numbers that bfloat16 has (Veltkamp 1968): it has 16 bits fewer than float32.
+/// Rounds to the nearest bfloat16 (Veltkamp 1968), which has 16 bits fewer than float32.
 fn rounded_to_bf16(values: Tensor<2>) -> Tensor<2> {
     let spread = values.clone() * 65537.0;
     spread.clone() - (spread - values)
@@ -90,7 +90,7 @@ mod tests {
     use burn::tensor::{Device, TensorData};
 
     #[test]
-    fn rounding_is_that_of_bfloat16() {
+    fn rounding_matches_bfloat16() {
         let values: Vec<f32> = (0..4000).map(|index| ((index * 7919) % 4001) as f32 / 97.0 - 20.0).collect();
         let tensor = Tensor::<2>::from_data(TensorData::new(values.clone(), [40, 100]), &Device::flex());
         let expected: Vec<f32> = values.iter().map(|value| bf16::from_f32(*value).to_f32()).collect();

@@ -9,7 +9,7 @@ use burn::tensor::{Device, Tensor};
 
 /// Channels inside the mask encoder.
 const MASK_CHANNELS: usize = 16;
-/// Channel normalisation of maps.
+/// ε of the channel normalisation of maps.
 const EPSILON: f64 = 1e-6;
 
 /// The meaning of a point.
@@ -25,7 +25,7 @@ pub enum PointLabel {
     BoxEnd,
 }
 
-/// A point in pixels of the network input; pixel centres lie at whole numbers.
+/// A point in pixels of the network input; pixel centres are at integers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct InputPoint {
     pub x: f32,
@@ -35,7 +35,7 @@ pub(crate) struct InputPoint {
 }
 
 impl InputPoint {
-    /// The padding point, which stands for "no points" and ends every list.
+    /// The padding point, which ends every list and represents "no points".
     pub const NONE: Self = Self { x: 0.0, y: 0.0, label: None };
 }
 
@@ -55,7 +55,7 @@ pub(crate) struct PromptEncoder {
     device: Device,
 }
 
-/// Mask logits to an embedding of the feature map's size.
+/// Encodes mask logits as an embedding at the feature map's size.
 #[derive(Clone, Debug)]
 struct MaskEncoder {
     conv1: Conv2d,
@@ -102,8 +102,8 @@ impl PromptEncoder {
         upload(encoded, [1, side * side, self.hidden_dim], &self.device)
     }
 
-    /// Embeds points: one list per object, all of the same length, to `[objects, points, hidden]`. Callers end every
-    /// list with [`InputPoint::NONE`], as the network was trained.
+    /// Embeds points: one list per object, all of the same length, to `[objects, points, hidden]`. Callers must end
+    /// every list with [`InputPoint::NONE`], as in training.
     pub fn embed_points(&self, objects: &[Vec<InputPoint>]) -> Tensor<3> {
         let points = objects.first().map_or(0, Vec::len);
         let embedded: Vec<f32> = objects.iter().flatten().flat_map(|point| self.embed_point(*point)).collect();

@@ -1,0 +1,26 @@
+//! Masks, id images and meshes in the formats of other programs.
+//!
+//! - `id_image.rs` writes id images. [`read_segments_png`](splatseg_dataset::read_segments_png) reads them.
+//! - `coco/` reads and writes COCO masks: [`CocoWriter`], [`read_mask_file`], and predictions of whole videos.
+//! - `panoptic.rs` reads COCO's panoptic format.
+//! - `predictions.rs` reads a video's predictions in any of these forms ([`Predictions`]). `frames.rs` matches them with the
+//!   frames of a scene, `choice.rs` selects one video.
+//! - `mesh.rs` reads the vertices of a mesh and their instances.
+
+mod choice;
+mod coco;
+mod error;
+mod frames;
+mod id_image;
+mod mesh;
+mod panoptic;
+mod predictions;
+
+pub use choice::PredictionChoice;
+pub use coco::{CocoImage, CocoWriter, EncodedMask, MaskFileError, read_mask_file};
+pub use error::{AnnotationError, WriteIdsError};
+pub use frames::SelectedFrames;
+pub use id_image::write_segments_png;
+pub use mesh::{read_mesh_vertices, read_vertex_instances};
+pub use panoptic::{PanopticFrame, PanopticFrames};
+pub use predictions::{Fit, Prediction, Predictions};

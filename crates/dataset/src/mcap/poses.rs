@@ -1,0 +1,87 @@
+//! Poses in a recording, from pose, odometry and transform messages.
+
+use super::clock::{Recorded, Timeline};
+use super::frame_names::frame_name;
+use super::transforms::{Rigid, Sample};
+use glam::{DQuat, DVec3};
+use splatseg_ros::{
+    CdrError, Header, Odometry, PoseMessage, PoseStamped, PoseWithCovarianceStamped, Time, TransformStamped, from_cdr,
+};
+
+/// Message types with a pose.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum PoseType {
+    Odometry,
+    Pose,
+    PoseWithCovariance,
+    Transform,
+}
+
+/// The poses of a topic.
+#[derive(Debug)]
+pub(super) struct Poses {
+    kind: PoseType,
+    /// Coordinate frame of the poses.
+    pub(super) world: String,
+    /// Frame that the poses describe, if the messages name it.
+    pub(super) body: Option<String>,
+    /// In file order, until they are sorted.
+    pub(super) samples: Vec<Sample>,
+    pub(super) timeline: Timeline<Sample>,
+}
+
+impl Poses {
+    pub(super) fn new(kind: PoseType) -> Self {
+        Self { kind, world: String::new(), body: None, samples: Vec::new(), timeline: Timeline::default() }
+    }
+
+    pub(super) fn record(
+        &mut self,
+        (data, recorded): (&[u8], Recorded),
+        stamp_of: impl Fn(Time) -> i64,
+    ) -> Result<u64, CdrError> {
+        let (header, body, rigid) = self.kind.read(data)?;
+        if self.samples.is_empty() {
+            self.world = frame_name(&header.frame_id);
+            self.body = body.map(|body| frame_name(&body)).filter(|body| !body.is_empty());
+        }
+        let Some(transform) = rigid else { return Ok(0) };
+        self.samples.push(Sample { stamp: stamp_of(header.stamp), recorded, transform });
+        Ok(2 * size_of::<Sample>() as u64)
+    }
+}
+
+impl PoseType {
+    /// Reads the header of a message, the frame it describes if it names one, and the pose if it is valid.
+    fn read(self, data: &[u8]) -> Result<(Header, Option<String>, Option<Rigid>), CdrError> {
+        Ok(match self {
+            Self::Odometry => {
+                let message: Odometry = from_cdr(data)?;
+                (message.header, Some(message.child_frame_id), rigid_of_pose(&message.pose.pose))
+            }
+            Self::Pose => {
+                let message: PoseStamped = from_cdr(data)?;
+                (message.header, None, rigid_of_pose(&message.pose))
+            }
+            Self::PoseWithCovariance => {
+                let message: PoseWithCovarianceStamped = from_cdr(data)?;
+                (message.header, None, rigid_of_pose(&message.pose.pose))
+            }
+            Self::Transform => {
+                let message: TransformStamped = from_cdr(data)?;
+                let rigid = rigid_of_transform(&message);
+                (message.header, Some(message.child_frame_id), rigid)
+            }
+        })
+    }
+}
+
+pub(super) fn rigid_of_pose(pose: &PoseMessage) -> Option<Rigid> {
+    let (position, turn) = (&pose.position, &pose.orientation);
+    Rigid::new(DVec3::new(position.x, position.y, position.z), DQuat::from_xyzw(turn.x, turn.y, turn.z, turn.w))
+}
+
+pub(super) fn rigid_of_transform(transform: &TransformStamped) -> Option<Rigid> {
+    let (shift, turn) = (&transform.transform.translation, &transform.transform.rotation);
+    Rigid::new(DVec3::new(shift.x, shift.y, shift.z), DQuat::from_xyzw(turn.x, turn.y, turn.z, turn.w))
+}

@@ -1,0 +1,17 @@
+//! Files: untrusted ones are read with limits, results are written whole or not at all.
+//!
+//! Every file of a scene, a checkpoint or a folder of masks is opened with [`open_file`] or [`read_file`]. They accept
+//! only regular files, so that no FIFO blocks the program and no device is read forever. The sizes stated in a file are
+//! checked against the [`MemoryLimit`] before memory is allocated.
+//!
+//! An [`AtomicFile`] is written under a temporary name in the folder of its destination and renamed when it is
+//! complete. A reader sees the old file or the new one, never a partial file. If anything fails, or the file is dropped
+//! before it is committed, the temporary file is removed and the old file stays.
+
+mod atomic_file;
+mod memory_limit;
+mod regular_file;
+
+pub use atomic_file::{AtomicFile, write_atomically};
+pub use memory_limit::{ByteSizeTextError, MemoryLimit, display_bytes};
+pub use regular_file::{open_file, read_file};

@@ -1,0 +1,209 @@
+//! The command line.
+
+use super::Failure;
+use super::batch::BatchArguments;
+use super::bench::BenchArguments;
+use super::devices::DevicesArguments;
+use super::eval::EvalArguments;
+use super::export::ExportArguments;
+use super::inspect::InspectArguments;
+use super::options::SettingsOptions;
+use super::run::SavedRun;
+use super::settings::SettingsArguments;
+use super::terminal::record_output_error;
+use clap::builder::{PossibleValue, PossibleValuesParser};
+use clap::{Arg, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use splatseg::Settings;
+use splatseg::settings::{
+    Entry, MethodName, MethodPreset, SegmenterName, SettingsLayers, TrackerName, describe, entries,
+};
+use splatseg_settings::{Allowed, Choice};
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+/// Gives every object in an RGB-D video one id that lasts for the whole video, by remembering what was seen in an
+/// online 3D Gaussian splat.
+#[derive(Debug, Parser)]
+#[command(name = "splatseg", version, propagate_version = true)]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The result of parsing a command line.
+#[derive(Debug)]
+pub enum Parsed {
+    /// A command to execute.
+    Arguments(Box<Arguments>),
+    /// Help or the version (already printed).
+    Help,
+    /// Invalid arguments (already reported).
+    Wrong {
+        /// The exit code.
+        code: u8,
+    },
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Segment a short video that is built into the program: needs no files and no network
+    Demo(DemoArguments),
+    /// Segment a recorded RGB-D video
+    Run(Box<RunArguments>),
+    /// Score predictions, of this program or any other, against a scene's ground truth
+    Eval(Box<EvalArguments>),
+    /// Compare methods: scenes × methods × seeds, with tables and a report
+    Bench(Box<BenchArguments>),
+    /// Segment many videos: on all cores of this machine, or on a Ray cluster
+    Batch(Box<BatchArguments>),
+    /// Process jobs from standard input
+    #[command(hide = true)]
+    BatchWorker,
+    /// Show the contents of a checkpoint (network, tensors, parameters) or a recording (topics and the ones used)
+    Inspect(InspectArguments),
+    /// Write the objects of a saved memory as PLY files, for viewers and other programs
+    Export(ExportArguments),
+    /// List the devices that networks can run on, and test each one
+    Devices(DevicesArguments),
+    /// List every setting with its default, allowed values and meaning
+    Settings(SettingsArguments),
+}
+
+#[derive(Debug, Args)]
+pub struct DemoArguments {
+    /// Folder for the video and the results
+    #[arg(long, value_name = "DIR", default_value = "splatseg-demo")]
+    pub out: PathBuf,
+    /// Replace the results of an earlier demo in that folder
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Use at most this many of the clip's 36 frames
+    #[arg(long, value_name = "N")]
+    pub frames: Option<usize>,
+}
+
+#[derive(Debug, Args)]
+#[command(after_long_help = "Later layers win: defaults, --config, the options above, --set.\n\nExamples:\n  \
+    splatseg run redkitchen --out out --resize 320x240 --crop-border 5\n  \
+    splatseg run scene0011_00 --out out --stride 20 --set memory.max_votes=8\n  \
+    splatseg run scene --out out --segmenter masks --masks my_model_output\n  \
+    splatseg run synthetic:frames=60,seed=3 --out out")]
+pub struct RunArguments {
+    /// The scene: a folder or file in any format listed for --format, or `synthetic[:frames=60,seed=3,…]`
+    pub scene: PathBuf,
+    /// Folder for the results: index.html (a page that shows them), segments/*.png, overlay/*.jpg, objects.json,
+    /// objects.csv, objects/*.jpg, summary.json, and manifest.jsonl (a list of these files)
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Replace the results of an earlier run in that folder once the first new ones are complete; other files stay
+    #[arg(long)]
+    pub overwrite: bool,
+    #[arg(long, value_name = "METHOD")]
+    pub method: Option<String>,
+    #[command(flatten)]
+    pub options: SettingsOptions,
+    /// Save the memory when done, as a PLY file that any Gaussian-splat viewer opens
+    #[arg(long, value_name = "FILE.ply")]
+    pub save_memory: Option<PathBuf>,
+    /// Save all masks as one COCO file: compressed RLE, with the id as track_id
+    #[arg(long, value_name = "FILE.json")]
+    pub save_coco: Option<PathBuf>,
+    /// Save overlays, id images, camera, map and boxes of objects as a recording of ROS 2 messages, for Foxglove and Rerun
+    #[arg(long, value_name = "FILE.mcap")]
+    pub save_mcap: Option<PathBuf>,
+    /// Continue with a saved memory and its ids
+    #[arg(long, value_name = "FILE.ply")]
+    pub load_memory: Option<PathBuf>,
+    /// End the run at the first frame that cannot be used, with exit code 2, instead of skipping it
+    #[arg(long)]
+    pub strict_input: bool,
+    #[arg(long, value_name = "N")]
+    pub save_every: Option<String>,
+    /// Resume the stopped run in that folder from its last --save-every state, with its settings; start a new run if
+    /// there is none. The results are the same as without the stop
+    #[arg(long, conflicts_with_all = ["overwrite", "load_memory"])]
+    pub resume: bool,
+    /// Do not write index.html, the page that shows the results
+    #[arg(long)]
+    pub no_page: bool,
+}
+
+impl RunArguments {
+    /// Resolves the settings from file, options and assignments, and from a saved memory.
+    pub fn settings(&self) -> Result<Settings, Failure> {
+        let strict_input = self.strict_input.then(|| "true".to_owned());
+        let page = self.no_page.then(|| "false".to_owned());
+        let options = [
+            ("method", self.method.as_ref()),
+            ("strict_input", strict_input.as_ref()),
+            ("save_every", self.save_every.as_ref()),
+            ("page", page.as_ref()),
+        ];
+        let mut layers = SettingsLayers::default();
+        if let (true, Some(path)) = (self.resume, SavedRun::settings_file(&self.out)) {
+            layers.add_file(&path).map_err(Failure::input)?;
+        }
+        let mut layers = self.options.layers_over(layers, options)?;
+        if let Some(path) = &self.load_memory {
+            layers.add_saved_memory(path).map_err(Failure::input)?;
+        }
+        layers.resolve().map_err(Failure::input)
+    }
+}
+
+impl Arguments {
+    /// Parses a command line. Prints help and usage errors.
+    pub fn parse(arguments: Vec<OsString>) -> Parsed {
+        let matches = with_settings(Self::command(), &entries()).try_get_matches_from(arguments);
+        match matches.and_then(|matches| Self::from_arg_matches(&matches)) {
+            Ok(arguments) => Parsed::Arguments(Box::new(arguments)),
+            Err(error) if error.use_stderr() => {
+                // If it cannot be printed, the exit code still reports it.
+                let _ = error.print();
+                Parsed::Wrong { code: u8::try_from(error.exit_code()).unwrap_or(2) }
+            }
+            Err(help) => {
+                record_output_error(help.print());
+                Parsed::Help
+            }
+        }
+    }
+}
+
+/// Completes the arguments that stand for settings: an argument without help gets its help and allowed values from the
+/// setting.
+fn with_settings(command: clap::Command, entries: &[Entry]) -> clap::Command {
+    let complete = |argument: Arg| match find_entry(&argument, entries) {
+        Some(entry) if argument.get_help().is_none() => {
+            let argument = argument.help(describe(entry).replace('`', ""));
+            if matches!(entry.field.allowed, Allowed::Names(_)) {
+                argument.value_parser(PossibleValuesParser::new(possible_values(entry)))
+            } else {
+                argument
+            }
+        }
+        _ => argument,
+    };
+    command.mut_args(complete).mut_subcommands(|inner| with_settings(inner, entries))
+}
+
+/// Returns the setting that an argument stands for.
+fn find_entry<'e>(argument: &Arg, entries: &'e [Entry]) -> Option<&'e Entry> {
+    let name = argument.get_id().as_str();
+    let has_key = |key: &str| entries.iter().find(|entry| entry.field.key() == key);
+    has_key(name).or_else(|| has_key(&format!("dataset.{name}")))
+}
+
+fn possible_values(entry: &Entry) -> Vec<PossibleValue> {
+    fn with_help<T: Choice>() -> Vec<PossibleValue> {
+        T::ALL.iter().map(|value| PossibleValue::new(value.name()).help(value.help())).collect()
+    }
+    match (entry.field.section, entry.field.name, entry.field.allowed) {
+        ("", "method", _) => with_help::<MethodName>(),
+        ("", "method_preset", _) => with_help::<MethodPreset>(),
+        ("", "segmenter", _) => with_help::<SegmenterName>(),
+        ("", "tracker", _) => with_help::<TrackerName>(),
+        (_, _, Allowed::Names(names)) => names.iter().map(|name| PossibleValue::new(*name)).collect(),
+        _ => Vec::new(),
+    }
+}

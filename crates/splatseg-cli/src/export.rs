@@ -1,0 +1,235 @@
+//! `splatseg export`: writes the objects of a saved memory as PLY files for other programs.
+
+use super::Failure;
+use super::input_paths::{InputPaths, real_path};
+use super::output_folder::{CreatedFolders, OverwritePolicy};
+use super::run::FileKind;
+use super::terminal::counted;
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+use splatseg_files::AtomicFile;
+use splatseg_geometry::SegmentId;
+use splatseg_memory::{ExportedForm, ExportedGaussian, SplatFile, write_exported};
+use splatseg_output::segment_color;
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Colour of Gaussians without an object when objects are coloured by id.
+const NO_OBJECT: [u8; 3] = [128; 3];
+/// Maximum number of id ranges listed in a message.
+const RANGES_IN_MESSAGES: usize = 20;
+
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  \
+    splatseg export map.ply --out objects.ply --color id --as points\n  \
+    splatseg export map.ply --id 7,9 --out two.ply\n  \
+    splatseg export map.ply --object-files objects --min-confidence 0.7")]
+pub struct ExportArguments {
+    /// A memory saved by `run --save-memory`
+    pub map: PathBuf,
+    /// The file to write
+    #[arg(long, value_name = "FILE.ply", required_unless_present = "object_files")]
+    pub out: Option<PathBuf>,
+    /// Folder for one file per object, named after its id: 7.ply
+    #[arg(long, value_name = "DIR")]
+    pub object_files: Option<PathBuf>,
+    /// Only these objects; by default all, and in --out also Gaussians without an object
+    #[arg(long, value_name = "ID,…", value_delimiter = ',')]
+    pub id: Vec<SegmentId>,
+    /// Colours of the Gaussians
+    #[arg(long, value_enum, default_value_t = Color::True)]
+    pub color: Color,
+    /// Form of the output
+    #[arg(long = "as", value_enum, default_value_t = Form::Gaussians)]
+    pub form: Form,
+    /// Leave out Gaussians with a lower confidence in their object, from 0 to 1
+    #[arg(long, value_name = "X", default_value_t = 0.0)]
+    pub min_confidence: f32,
+    /// Replace existing PLY files
+    #[arg(long)]
+    pub overwrite: bool,
+}
+
+/// Colours of the exported Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Color {
+    /// As seen by the camera
+    True,
+    /// By object, as in overlays; grey without an object
+    Id,
+}
+
+/// Form of the exported Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Form {
+    /// 3D Gaussian splatting, for splat viewers
+    Gaussians,
+    /// A point cloud, for all other programs
+    Points,
+}
+
+/// Writes the files.
+pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
+    let min_confidence = arguments.min_confidence;
+    if !(0.0..=1.0).contains(&min_confidence) {
+        return Err(Failure::input(format!("--min-confidence: found {min_confidence}, expected a number from 0 to 1")));
+    }
+    let places = Places::new(arguments);
+    if let Some(out) = &arguments.out {
+        places.check(out)?;
+    }
+    let file = SplatFile::load(&arguments.map).map_err(Failure::input)?;
+    let mut gaussians: Vec<ExportedGaussian> = file.gaussians().collect();
+    let origin = file.origin;
+    drop(file);
+    select(arguments, &mut gaussians)?;
+    if arguments.color == Color::Id {
+        for gaussian in &mut gaussians {
+            gaussian.color = if gaussian.segment_id == 0 { NO_OBJECT } else { segment_color(gaussian.segment_id) };
+        }
+    }
+    let objects = object_ids(&gaussians);
+    let object_files: Vec<(SegmentId, PathBuf)> = match &arguments.object_files {
+        Some(folder) => objects.iter().map(|id| (*id, folder.join(format!("{id}.ply")))).collect(),
+        None => Vec::new(),
+    };
+    if arguments.object_files.is_some() && object_files.is_empty() {
+        return Err(Failure::input(format!("{}: none of the Gaussians left shows an object", arguments.map.display())));
+    }
+    for (id, path) in &object_files {
+        places.check(path)?;
+        if arguments.out.as_ref().is_some_and(|out| real_path(out) == real_path(path)) {
+            return Err(Failure::input(format!("{}: is also the file of object {id}: choose another", path.display())));
+        }
+    }
+    let amount = |gaussians: usize, objects: usize| {
+        let thing = if arguments.form == Form::Points { "point" } else { "Gaussian" };
+        format!("{} of {}", counted(gaussians, thing), counted(objects, "object"))
+    };
+    if let Some(out) = &arguments.out {
+        places.write(out, arguments.form, origin, &gaussians)?;
+        say!("{}: {}", out.display(), amount(gaussians.len(), objects.len()));
+    }
+    if let Some(folder) = &arguments.object_files {
+        gaussians.retain(|gaussian| gaussian.segment_id != 0);
+        // A stable sort keeps the map's order within an object.
+        gaussians.sort_by_key(|gaussian| gaussian.segment_id);
+        let parts = gaussians.chunk_by(|a, b| a.segment_id == b.segment_id);
+        for ((_, path), part) in object_files.iter().zip(parts) {
+            places.write(path, arguments.form, origin, part)?;
+        }
+        say!("{}: {}, {}", folder.display(), counted(objects.len(), "file"), amount(gaussians.len(), objects.len()));
+    }
+    Ok(())
+}
+
+/// Keeps the selected Gaussians.
+fn select(arguments: &ExportArguments, gaussians: &mut Vec<ExportedGaussian>) -> Result<(), Failure> {
+    let map = arguments.map.display();
+    let known = object_ids(gaussians);
+    let unknown: BTreeSet<SegmentId> = arguments.id.iter().filter(|id| !known.contains(id)).copied().collect();
+    if !unknown.is_empty() {
+        let (ids, are) =
+            if known.is_empty() { ("no objects".to_owned(), "there are") } else { (ranges(&known), "the ids are") };
+        return Err(Failure::input(format!("{map}: no Gaussian shows object {}; {are} {ids}", ranges(&unknown))));
+    }
+    if !arguments.id.is_empty() {
+        let wanted: BTreeSet<SegmentId> = arguments.id.iter().copied().collect();
+        gaussians.retain(|gaussian| wanted.contains(&gaussian.segment_id));
+    }
+    let before = object_ids(gaussians);
+    let surest = gaussians.iter().map(|gaussian| gaussian.confidence).fold(0.0, f32::max);
+    gaussians.retain(|gaussian| gaussian.confidence >= arguments.min_confidence);
+    if gaussians.is_empty() {
+        return Err(Failure::input(format!(
+            "{map}: no Gaussian is left with --min-confidence {}: the largest confidence is {surest:.3}",
+            arguments.min_confidence
+        )));
+    }
+    let left_out: BTreeSet<SegmentId> = before.difference(&object_ids(gaussians)).copied().collect();
+    if !left_out.is_empty() {
+        say_error!("left out: object {}, which no Gaussian shows with that confidence", ranges(&left_out));
+    }
+    Ok(())
+}
+
+/// Returns the objects that Gaussians show.
+fn object_ids(gaussians: &[ExportedGaussian]) -> BTreeSet<SegmentId> {
+    gaussians.iter().map(|gaussian| gaussian.segment_id).filter(|id| *id != 0).collect()
+}
+
+/// Formats ids as ranges: `1 to 5, 7, 9`.
+fn ranges(ids: &BTreeSet<SegmentId>) -> String {
+    let ids: Vec<SegmentId> = ids.iter().copied().collect();
+    let range = |range: &[SegmentId]| match range {
+        [first, .., last] if range.len() > 2 => format!("{first} to {last}"),
+        _ => range.iter().map(SegmentId::to_string).collect::<Vec<_>>().join(", "),
+    };
+    let mut words: Vec<String> = ids.chunk_by(|a, b| a.checked_add(1) == Some(*b)).map(range).collect();
+    if words.len() > RANGES_IN_MESSAGES {
+        words.truncate(RANGES_IN_MESSAGES);
+        words.push("…".to_owned());
+    }
+    words.join(", ")
+}
+
+/// Checks where files may be written, and writes them.
+struct Places {
+    inputs: InputPaths,
+    existing: OverwritePolicy,
+}
+
+impl Places {
+    fn new(arguments: &ExportArguments) -> Self {
+        let mut inputs = InputPaths::default();
+        inputs.add("the map", &arguments.map);
+        Self { inputs, existing: OverwritePolicy::from_flag(arguments.overwrite) }
+    }
+
+    /// Checks that a file may be written.
+    fn check(&self, path: &Path) -> Result<(), Failure> {
+        self.inputs.check_output_file(path)?;
+        let wrong = |reason: &str| Err(Failure::input(format!("{}: {reason}", path.display())));
+        if path.symlink_metadata().is_err() {
+            return Ok(());
+        }
+        match self.existing {
+            OverwritePolicy::Keep => wrong("exists: give --overwrite to replace it"),
+            _ if !FileKind::MEMORY.is_kind_of(path) => wrong("exists and is not a PLY file: choose another place"),
+            _ => Ok(()),
+        }
+    }
+
+    /// Writes a checked file, and creates its folder.
+    fn write(&self, path: &Path, form: Form, origin: DVec3, gaussians: &[ExportedGaussian]) -> Result<(), Failure> {
+        let form = match form {
+            Form::Gaussians => ExportedForm::Gaussians,
+            Form::Points => ExportedForm::Points,
+        };
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let written = CreatedFolders::create(folder).and_then(|_created| {
+            let mut file = AtomicFile::create(path)?;
+            write_exported(form, origin, gaussians, &mut file)?;
+            file.flush()?;
+            match self.existing {
+                OverwritePolicy::Keep => file.commit_new(),
+                _ => file.commit(),
+            }
+        });
+        written.map_err(|error| Failure::runtime(format!("{}: cannot be written: {error}", path.display())))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_are_listed_in_ranges() {
+        let text = |ids: &[SegmentId]| ranges(&ids.iter().copied().collect());
+        assert_eq!(text(&[1, 2, 3, 4, 7, 9, 10]), "1 to 4, 7, 9, 10");
+        assert_eq!(text(&[]), "");
+        assert_eq!(text(&(0..60).map(|id| 2 * id).collect::<Vec<_>>()).matches(',').count(), RANGES_IN_MESSAGES);
+    }
+}

@@ -1,0 +1,48 @@
+//! Failures of a command, with their exit codes.
+
+use std::fmt;
+
+/// A failure; its text is one line.
+#[derive(Debug)]
+pub enum Failure {
+    /// Invalid usage or input: exit code 2.
+    Input(String),
+    /// Anything else: exit code 1.
+    Runtime(String),
+    /// Ended by a signal.
+    Interrupted {
+        /// The exit code that shells report for a program ended by the signal, e.g. 130 for Ctrl-C.
+        code: u8,
+        /// Message with the work done so far.
+        text: String,
+    },
+}
+
+impl Failure {
+    /// Creates a failure for invalid usage or input.
+    pub fn input(error: impl fmt::Display) -> Self {
+        Self::Input(error.to_string())
+    }
+
+    /// Creates a failure for an error despite valid input.
+    pub fn runtime(error: impl fmt::Display) -> Self {
+        Self::Runtime(error.to_string())
+    }
+
+    /// Returns the exit code of the command.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Input(_) => 2,
+            Self::Runtime(_) => 1,
+            Self::Interrupted { code, .. } => *code,
+        }
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Input(text) | Self::Runtime(text) | Self::Interrupted { text, .. } => formatter.write_str(text),
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! `splatseg inspect`: shows the contents of a checkpoint or a recording.
+
+mod recording;
+
+use super::Failure;
+use super::options::TopicOptions;
+use clap::Args;
+use splatseg_dataset::McapScene;
+use splatseg_models::checkpoint::{Checkpoint, CheckpointError, Dtype, Format, printable};
+use splatseg_models::completeness::missing_tensors;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+#[derive(Debug, Args)]
+pub struct InspectArguments {
+    /// A checkpoint (.pt from Ultralytics or Meta, or .safetensors) or a recording (.mcap, or a folder with one)
+    pub file: PathBuf,
+    /// Also write the checkpoint as a .safetensors file, without a pickle; an existing file is not replaced
+    #[arg(long, value_name = "FILE.safetensors")]
+    pub convert: Option<PathBuf>,
+    /// Also list every tensor with its type and shape
+    #[arg(long)]
+    pub tensors: bool,
+    #[command(flatten)]
+    pub topics: TopicOptions,
+}
+
+/// Prints the contents of the file.
+pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
+    if McapScene::is_recording(&arguments.file) {
+        return recording::inspect(arguments);
+    }
+    let checkpoint = Checkpoint::open(&arguments.file).map_err(Failure::input)?;
+    print(&checkpoint);
+    print_missing(&checkpoint, arguments.tensors);
+    if arguments.tensors {
+        for tensor in checkpoint.tensors() {
+            say!("  {} {} {:?}", printable(tensor.name()), tensor.dtype(), tensor.shape());
+        }
+    }
+    let complaints = complaints(&checkpoint)?;
+    for (kind, complaint) in &complaints {
+        say!("{kind:<14} {complaint}");
+    }
+    if let Some(out) = &arguments.convert {
+        checkpoint.convert(out).map_err(|error| match error {
+            // The input was valid, but e.g. the disk is full.
+            CheckpointError::Io { ref path, .. } if path == out => Failure::runtime(error),
+            error => Failure::input(error),
+        })?;
+        say!("converted to   {}", out.display());
+    }
+    match complaints.as_slice() {
+        [] => Ok(()),
+        complaints => {
+            let texts: Vec<&str> = complaints.iter().map(|(_, complaint)| complaint.as_str()).collect();
+            Err(Failure::input(format!("{}: {}", arguments.file.display(), texts.join("; "))))
+        }
+    }
+}
+
+/// Returns reasons not to use the file, each with its kind and text.
+fn complaints(checkpoint: &Checkpoint) -> Result<Vec<(&'static str, String)>, Failure> {
+    let mut complaints = Vec::new();
+    let code = checkpoint.foreign_code();
+    if !code.is_empty() {
+        let calls = listed(code);
+        complaints.push(("unsafe", format!("would {calls}: never executed here, but do not load it elsewhere")));
+    }
+    let damaged = checkpoint.damaged_entries().map_err(Failure::input)?;
+    if !damaged.is_empty() {
+        let verb = if damaged.len() == 1 { "is" } else { "are" };
+        complaints.push(("damaged", format!("CRC of {} {verb} wrong", listed(&damaged))));
+    }
+    Ok(complaints)
+}
+
+/// Formats the first few names of a list, and the number of the others.
+fn listed<T: AsRef<str>>(names: &[T]) -> String {
+    let first: Vec<&str> = names.iter().take(LISTED).map(AsRef::as_ref).collect();
+    match names.len() - first.len() {
+        0 => first.join(", "),
+        more => format!("{} and {more} more", first.join(", ")),
+    }
+}
+
+fn print(checkpoint: &Checkpoint) {
+    let container = match checkpoint.format() {
+        Format::Torch => "PyTorch zip archive",
+        Format::Safetensors => "safetensors",
+    };
+    let kind = match checkpoint.class() {
+        Some(class) => format!("{container}, module {}", printable(class)),
+        None => format!("{container}, state dict"),
+    };
+    let mut dtypes: BTreeMap<Dtype, usize> = BTreeMap::new();
+    for tensor in checkpoint.tensors() {
+        *dtypes.entry(tensor.dtype()).or_default() += 1;
+    }
+    let dtypes: Vec<String> = dtypes.iter().map(|(dtype, count)| format!("{count} {dtype}")).collect();
+    say!("file           {}", checkpoint.path().display());
+    say!("kind           {kind}");
+    say!("architecture   {}", checkpoint.architecture());
+    say!("tensors        {} ({})", checkpoint.tensors().count(), dtypes.join(", "));
+    say!("parameters     {}", checkpoint.parameters());
+    if let Some(eps) = checkpoint.batch_norm_eps() {
+        say!("batch-norm eps {eps}");
+    }
+}
+
+/// Maximum number of names listed without `--tensors`.
+const LISTED: usize = 10;
+
+fn print_missing(checkpoint: &Checkpoint, all: bool) {
+    let Some(missing) = missing_tensors(checkpoint) else {
+        say!("missing        unknown: splatseg runs FastSAM and SAM 2.1 only");
+        return;
+    };
+    if missing.is_empty() {
+        say!("missing        nothing");
+        return;
+    }
+    let listed = if all { missing.len() } else { missing.len().min(LISTED) };
+    say!("missing        {} tensors that the network needs", missing.len());
+    // The names may contain text from the file, e.g. from its configuration.
+    missing[..listed].iter().for_each(|tensor| say!("  {}", printable(&tensor.to_string())));
+    if listed < missing.len() {
+        say!("  … and {} more (--tensors lists them)", missing.len() - listed);
+    }
+}

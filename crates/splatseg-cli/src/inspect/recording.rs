@@ -1,0 +1,82 @@
+//! `splatseg inspect drive.mcap`: shows the topics, and the ones that a run would use.
+
+use super::InspectArguments;
+use crate::Failure;
+use crate::terminal::counted;
+use splatseg_dataset::{McapSummary, McapTopic};
+use std::time::Duration;
+
+/// Maximum number of topics listed. A recording may claim to have tens of thousands.
+const LISTED: usize = 200;
+
+/// Prints the contents of a recording.
+pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
+    if arguments.convert.is_some() || arguments.tensors {
+        let message = "--convert and --tensors are for checkpoints, this is a recording";
+        return Err(Failure::input(format!("{}: {message}", arguments.file.display())));
+    }
+    let summary = McapSummary::read(&arguments.file, &arguments.topics.settings()?).map_err(Failure::input)?;
+    say!("file           {}", summary.path.display());
+    say!("kind           MCAP");
+    print_times(&summary.topics);
+    say!("topics         {}", summary.topics.len());
+    for topic in summary.topics.iter().take(LISTED) {
+        print_topic(topic);
+    }
+    if summary.topics.len() > LISTED {
+        say!("  … and {} more", summary.topics.len() - LISTED);
+    }
+    for line in &summary.damage {
+        say!("damaged        {line}");
+    }
+    match summary.scene {
+        Ok((sources, frames, left_out)) => {
+            say!("frames         {frames}");
+            sources.iter().for_each(|source| say!("  {source}"));
+            for kind in left_out {
+                say!("  left out: {} {}", counted(kind.count, "frame"), kind.what);
+            }
+            Ok(())
+        }
+        Err(error) => {
+            say!("frames         none");
+            Err(Failure::input(error))
+        }
+    }
+}
+
+fn print_times(topics: &[McapTopic]) {
+    let times = || topics.iter().filter_map(|topic| topic.recorded);
+    let (Some(first), Some(last)) = (times().map(|(first, _)| first).min(), times().map(|(_, last)| last).max()) else {
+        return;
+    };
+    say!("recorded       {} to {}, {:.1} s", time(first), time(last), (last.saturating_sub(first)).as_secs_f64());
+}
+
+fn print_topic(topic: &McapTopic) {
+    let kind = if topic.type_name.is_empty() { "unknown type" } else { &topic.type_name };
+    let mut text = format!("  {} {kind}", topic.name);
+    if topic.encoding != "cdr" {
+        text += &format!(", encoding {:?}", topic.encoding);
+    }
+    text += &format!(", {}", counted(usize::try_from(topic.messages).unwrap_or(usize::MAX), "message"));
+    if let Some((first, last)) = topic.recorded {
+        let seconds = last.saturating_sub(first).as_secs_f64();
+        text += &format!(" in {seconds:.1} s");
+        if seconds > 0.0 && topic.messages > 1 {
+            text += &format!(" ({:.1} Hz)", (topic.messages - 1) as f64 / seconds);
+        }
+    }
+    if let Some((encoding, frame)) = &topic.images {
+        text += &format!(", {encoding}, frame {frame}");
+    }
+    if let Some((count, first)) = &topic.unreadable {
+        text += &format!(", {count} unreadable: {first}");
+    }
+    say!("{}", text.replace('\n', " "));
+}
+
+/// Seconds since the Unix epoch.
+fn time(at: Duration) -> String {
+    format!("{}.{:03} s", at.as_secs(), at.subsec_millis())
+}

@@ -1,0 +1,77 @@
+//! The `splatseg` command: the binary and the Python package both call [`main`].
+
+#[macro_use]
+mod terminal;
+
+mod arguments;
+mod batch;
+mod bench;
+mod demo;
+mod devices;
+mod eval;
+mod eval_mesh;
+mod export;
+mod failure;
+mod input_paths;
+mod inspect;
+mod manifest;
+mod options;
+mod output_folder;
+mod run;
+mod settings;
+
+use arguments::{Arguments, Command, Parsed};
+use failure::Failure;
+use std::ffi::OsString;
+
+/// Executes a command line, which starts with the program's name. The process must be used for this command only.
+/// Returns the exit code: 0 done, 1 failed, 2 invalid usage or input, 130, 143 or 129 interrupted by a signal.
+///
+/// `program` is the start of a command line that runs this function in another process.
+pub fn main(arguments: Vec<OsString>, program: Vec<OsString>) -> u8 {
+    match execute(arguments, &program) {
+        Ok(code) => code,
+        Err(failure) => {
+            terminal::print_error_line(&format!("error: {failure}"));
+            failure.exit_code()
+        }
+    }
+}
+
+fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure> {
+    let arguments = match Arguments::parse(arguments) {
+        Parsed::Arguments(arguments) => arguments,
+        Parsed::Help => return terminal::check_output().map(|()| 0),
+        Parsed::Wrong { code } => return Ok(code),
+    };
+    start_log();
+    match arguments.command {
+        Command::Demo(demo) => demo::demo(&demo),
+        Command::Run(run) => run::run(&run, program),
+        Command::Eval(eval) => eval::eval(&eval),
+        Command::Bench(bench) => bench::bench(&bench, program),
+        Command::Batch(batch) => batch::batch(&batch, program),
+        Command::BatchWorker => batch::work(),
+        Command::Inspect(inspect) => inspect::inspect(&inspect),
+        Command::Export(export) => export::export(&export),
+        Command::Devices(arguments) => devices::devices(&arguments, program),
+        Command::Settings(arguments) => settings::settings(&arguments),
+    }?;
+    terminal::check_output().map(|()| 0)
+}
+
+/// Starts logging to standard error. `RUST_LOG` selects the messages; by default, warnings.
+fn start_log() {
+    use tracing_subscriber::EnvFilter;
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(|| terminal::EscapedStderr)
+        // Colours are control sequences, which would be escaped.
+        .with_ansi(false)
+        .without_time()
+        .with_target(false)
+        .try_init()
+        // A program that uses the library may have its own logger.
+        .ok();
+}

@@ -1,0 +1,86 @@
+//! Output files at paths given by options, outside the folder of results.
+
+use crate::Failure;
+use crate::output_folder::{CreatedFolders, OverwritePolicy};
+use splatseg_files::AtomicFile;
+use splatseg_output::{CocoFile, McapFile};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// A kind of output file.
+#[derive(Clone, Copy, Debug)]
+pub struct FileKind {
+    /// The option that names the file.
+    pub option: &'static str,
+    /// Description of the content, for errors.
+    content: &'static str,
+    /// Description of such a file, for errors.
+    name: &'static str,
+    /// First bytes of every such file. Other files are not replaced.
+    start: &'static [u8],
+}
+
+impl FileKind {
+    /// A saved memory.
+    pub const MEMORY: Self =
+        Self { option: "--save-memory", content: "the memory", name: "a saved memory", start: b"ply" };
+    /// A COCO file with all masks.
+    pub const COCO: Self = Self {
+        option: "--save-coco",
+        content: "the masks",
+        name: "a COCO file by splatseg",
+        start: CocoFile::START.as_bytes(),
+    };
+    /// A recording for robotics viewers.
+    pub const MCAP: Self = Self {
+        option: "--save-mcap",
+        content: "the recording",
+        name: "a recording by splatseg",
+        start: McapFile::START,
+    };
+
+    /// Returns true if the file at `path` has the first bytes of this kind.
+    pub fn is_kind_of(&self, path: &Path) -> bool {
+        let mut start = vec![0; self.start.len()];
+        let mut read = || File::open(path).and_then(|mut file| file.read_exact(&mut start));
+        path.is_file() && read().is_ok() && start == self.start
+    }
+}
+
+/// A path that was checked to be writable.
+#[derive(Debug)]
+pub struct ExtraFile {
+    path: PathBuf,
+    _created: CreatedFolders,
+}
+
+impl ExtraFile {
+    /// Checks that a file can be written at `path`, and creates its folder.
+    ///
+    /// # Errors
+    /// If an existing file may not be replaced, or no file can be written there.
+    pub fn prepare(path: &Path, kind: FileKind, existing: OverwritePolicy) -> Result<Self, Failure> {
+        let wrong = |reason: String| Err(Failure::input(format!("{}: {reason}", path.display())));
+        if path.symlink_metadata().is_ok() {
+            if existing == OverwritePolicy::Keep {
+                return wrong("exists: give --overwrite to replace it".to_owned());
+            }
+            if !kind.is_kind_of(path) {
+                return wrong(format!("exists and is not {}: choose another file for {}", kind.name, kind.option));
+            }
+        }
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let created = CreatedFolders::create(folder);
+        // The test file is dropped at once, which removes it.
+        match created.and_then(|created| AtomicFile::create(path).map(|_| created)) {
+            Ok(created) => Ok(Self { path: path.to_owned(), _created: created }),
+            Err(error) => wrong(format!("{} cannot be saved there: {error}", kind.content)),
+        }
+    }
+
+    /// Path of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}

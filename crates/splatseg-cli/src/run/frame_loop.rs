@@ -1,0 +1,156 @@
+//! The loop over the frames of a run, until the last frame or an early end.
+
+use super::progress::Progress;
+use super::result_writer::{ResultWriter, WriterOutcome};
+use super::saved_run::RunState;
+use super::skipped_frames::SkippedFrames;
+use super::stop_signals::{StopSignal, StopSignals};
+use crate::output_folder::file_name;
+use splatseg::pipeline::{Frames, PipelineError, Processed};
+use splatseg::summary::RunCounts;
+use splatseg_dataset::FrameSource;
+use splatseg_memory::SplatMemory;
+use splatseg_output::FrameRecord;
+use std::path::PathBuf;
+
+/// Options of the frame loop.
+pub struct FrameLoop<'a> {
+    /// Signals that stop the run.
+    pub signals: &'a StopSignals,
+    /// If true, the first frame that cannot be used ends the run.
+    pub strict_input: bool,
+    /// Options for saving the state of the run, if enabled.
+    pub saving: Option<StateSaving>,
+}
+
+/// Options for saving the state of the run periodically.
+pub struct StateSaving {
+    /// Interval between saves, frames of the scene.
+    pub every: usize,
+    /// The state that the run starts from.
+    pub state: RunState,
+    /// The folder where the memory is first written.
+    pub staging: PathBuf,
+}
+
+/// The outcome of the frame loop.
+pub struct LoopOutcome {
+    /// Counts over the frames.
+    pub counts: RunCounts,
+    /// The written images and outputs.
+    pub written: WriterOutcome,
+    /// Reason if the run ended before the last frame.
+    pub early: Option<EarlyEnd>,
+}
+
+/// Reason why a run ended before the last frame.
+pub enum EarlyEnd {
+    /// A signal was received.
+    Signal(StopSignal),
+    /// A frame cannot be used, with `strict_input`.
+    UnusableFrame(String),
+    /// The method failed.
+    Method(String),
+    /// No more images can be written.
+    Unwritable,
+}
+
+/// The outcome of one frame.
+enum Step {
+    /// The frame has a result.
+    Done,
+    /// The frame was skipped. `message` is set for the first frame with this kind of reason.
+    Skipped { message: Option<String>, error: String },
+    /// The run ends.
+    End(EarlyEnd),
+}
+
+impl FrameLoop<'_> {
+    /// Processes every frame and writes its results.
+    pub fn run(
+        &self,
+        mut frames: Frames<'_, impl FrameSource>,
+        written: WriterOutcome,
+        mut counts: RunCounts,
+    ) -> LoopOutcome {
+        let mut skipped = SkippedFrames::default();
+        let writer = ResultWriter::start(written);
+        let mut done = self.saving.as_ref().map_or(0, |saving| saving.state.next);
+        let mut progress = Progress::new(frames.frames_left());
+        let early = loop {
+            if let Some(signal) = self.signals.received().filter(|_| frames.frames_left() != Some(0)) {
+                counts.interrupted = true;
+                self.save_state(done, &counts, frames.memory(), &writer, &progress);
+                break Some(EarlyEnd::Signal(signal));
+            }
+            let Some(item) = frames.next() else { break None };
+            let step = match item {
+                Ok(processed) => record_result(processed, frames.memory(), &writer, &mut counts, &mut skipped),
+                Err(error) => Step::Skipped { message: skipped.add_unusable(&error), error: error.to_string() },
+            };
+            match step {
+                Step::Done => {}
+                Step::Skipped { error, .. } if self.strict_input => break Some(EarlyEnd::UnusableFrame(error)),
+                Step::Skipped { message, .. } => {
+                    counts.skipped_frames += 1;
+                    message.iter().for_each(|message| progress.warn(&format!("frame skipped: {message}")));
+                }
+                Step::End(early) => break Some(early),
+            }
+            progress.frame_done();
+            done += 1;
+            if self.saving.as_ref().is_some_and(|saving| done.is_multiple_of(saving.every)) {
+                self.save_state(done, &counts, frames.memory(), &writer, &progress);
+            }
+        };
+        progress.finish();
+        skipped.messages().for_each(|message| progress.warn(&message));
+        LoopOutcome { counts, written: writer.finish(), early }
+    }
+
+    /// Saves the state after the first `done` frames of the scene, if enabled.
+    fn save_state(
+        &self,
+        done: usize,
+        counts: &RunCounts,
+        memory: Option<&SplatMemory>,
+        writer: &ResultWriter,
+        progress: &Progress,
+    ) {
+        let Some((saving, memory)) = self.saving.as_ref().zip(memory) else { return };
+        let state = RunState {
+            next: done,
+            frames: counts.frames,
+            skipped_frames: counts.skipped_frames,
+            track_errors: counts.track_errors,
+            ..saving.state.clone()
+        };
+        let path = saving.staging.join(state.memory_file());
+        match memory.save(&path) {
+            Ok(()) => writer.save_state(state, path),
+            Err(error) => progress.warn(&format!("the state of the run could not be saved: {error}")),
+        }
+    }
+}
+
+/// Counts a frame's result and passes it to the writer.
+fn record_result(
+    Processed { frame, result, .. }: Processed,
+    memory: Option<&SplatMemory>,
+    writer: &ResultWriter,
+    counts: &mut RunCounts,
+    skipped: &mut SkippedFrames,
+) -> Step {
+    let result = match result {
+        Ok(result) => result,
+        Err(error @ PipelineError::Segmenter { .. }) => {
+            return Step::Skipped { message: skipped.add_unsegmented(&error), error: error.to_string() };
+        }
+        Err(error) => return Step::End(EarlyEnd::Method(error.to_string())),
+    };
+    let number = counts.frames;
+    counts.add(&result, memory.map_or(0, SplatMemory::gaussian_count));
+    let file_name = file_name(frame.name());
+    let record = FrameRecord { number, file_name, frame, segments: result.output.segments, objects: result.objects };
+    if writer.write(record) { Step::Done } else { Step::End(EarlyEnd::Unwritable) }
+}

@@ -1,0 +1,247 @@
+//! `splatseg run`: segments a recorded video into id images.
+//!
+//! `frame_loop.rs` processes the frames, `result_writer.rs` writes their images, `outputs.rs` lists the other outputs, and
+//! `report.rs` reports on the run after its end, regular or early.
+
+mod extra_file;
+mod frame_loop;
+mod outputs;
+mod progress;
+mod report;
+mod result_writer;
+mod resumed;
+pub mod saved_run;
+mod skipped_frames;
+mod stop_signals;
+
+pub use extra_file::FileKind;
+pub use report::report;
+pub use saved_run::SavedRun;
+pub use stop_signals::StopSignals;
+
+use super::arguments::RunArguments;
+use super::input_paths::{InputPaths, real_path};
+use super::manifest::SUMMARY;
+use super::output_folder::{OutputFolder, OverwritePolicy};
+use super::{Failure, devices};
+use extra_file::ExtraFile;
+use frame_loop::{FrameLoop, StateSaving};
+use progress::codebook_bar;
+use saved_run::RunState;
+use serde_json::Value;
+use splatseg::pipeline::LoadedNetworks;
+use splatseg::settings::MethodName;
+use splatseg::summary::Summary;
+use splatseg::{Pipeline, Settings};
+use splatseg_dataset::{FrameSource, FrameStream, GroundTruth, Scene, open_scene};
+use splatseg_files::read_file;
+use splatseg_objects::ObjectList;
+use splatseg_output::{RunEnd, RunOutput};
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Largest summary that is read, bytes.
+const MAX_SUMMARY_BYTES: u64 = 16_000_000;
+
+/// A run to execute.
+pub struct RunJob {
+    /// The scene as given on the command line.
+    pub scene: PathBuf,
+    /// Folder for the results.
+    pub out: PathBuf,
+    /// Policy for existing results.
+    pub existing: OverwritePolicy,
+    /// All settings.
+    pub settings: Settings,
+    /// File to save the memory to.
+    pub save_memory: Option<PathBuf>,
+    /// File to load a memory from.
+    pub load_memory: Option<PathBuf>,
+    /// The run to resume.
+    pub resume: Option<SavedRun>,
+    /// File to save all masks to, in COCO's format.
+    pub save_coco: Option<PathBuf>,
+    /// File to save a recording for viewers to.
+    pub save_mcap: Option<PathBuf>,
+    /// Networks loaded by earlier jobs of this process.
+    pub networks: Arc<LoadedNetworks>,
+}
+
+impl RunJob {
+    /// The output files outside the folder of results.
+    fn extra_files(&self) -> impl Iterator<Item = (FileKind, &PathBuf)> {
+        let files = [
+            (FileKind::MEMORY, &self.save_memory),
+            (FileKind::COCO, &self.save_coco),
+            (FileKind::MCAP, &self.save_mcap),
+        ];
+        files.into_iter().filter_map(|(kind, path)| Some((kind, path.as_ref()?)))
+    }
+}
+
+/// Executes `splatseg run`.
+pub fn run(arguments: &RunArguments, program: &[OsString]) -> Result<(), Failure> {
+    let resume = if arguments.resume { SavedRun::open(&arguments.out)? } else { None };
+    if arguments.resume && resume.is_none() && is_complete(&arguments.out) {
+        say!("{}: the run is complete already", arguments.out.display());
+        return Ok(());
+    }
+    let job = RunJob {
+        scene: arguments.scene.clone(),
+        out: arguments.out.clone(),
+        existing: if resume.is_some() {
+            OverwritePolicy::Resume
+        } else {
+            OverwritePolicy::from_flag(arguments.overwrite)
+        },
+        settings: arguments.settings()?,
+        save_memory: arguments.save_memory.clone(),
+        load_memory: arguments.load_memory.clone(),
+        resume,
+        save_coco: arguments.save_coco.clone(),
+        save_mcap: arguments.save_mcap.clone(),
+        networks: Arc::default(),
+    };
+    check_paths(&job, arguments.options.config.as_deref())?;
+    devices::check(job.settings.device(), program)?;
+    let summary = execute(&job)?;
+    say!("{}", report(&job, &summary));
+    Ok(())
+}
+
+/// Returns true if a folder contains the results of a complete run.
+fn is_complete(out: &Path) -> bool {
+    let summary = read_file(&out.join(SUMMARY), MAX_SUMMARY_BYTES).ok();
+    let summary: Option<Value> = summary.and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    summary.is_some_and(|summary| summary["interrupted"] == false && summary["error"].is_null())
+}
+
+/// Checks that no output path is an input.
+fn check_paths(job: &RunJob, config: Option<&Path>) -> Result<(), Failure> {
+    let mut inputs = InputPaths::of(&job.settings);
+    inputs.add_scene(&job.scene);
+    if let Some(config) = config {
+        inputs.add("the file of --config", config);
+    }
+    let mut taken = BTreeMap::new();
+    for (kind, path) in job.extra_files() {
+        let wrong = |message: String| Err(Failure::input(format!("{}: {message}", path.display())));
+        let option = kind.option;
+        // The new memory may replace the loaded one, which has been read by then.
+        inputs.check_output_file(path)?;
+        let real = real_path(path);
+        if OutputFolder::is_result_place(&real_path(&job.out), &real) {
+            return wrong(format!("is reserved for other results: choose another file for {option}"));
+        }
+        if let Some(other) = taken.insert(real, option) {
+            return wrong(format!("is the file of {other}: choose another file for {option}"));
+        }
+    }
+    if let Some(path) = &job.load_memory {
+        inputs.add("the file of --load-memory", path);
+    }
+    for path in job.save_coco.iter().chain(&job.save_mcap) {
+        inputs.check_output_file(path)?;
+    }
+    inputs.check_output_folder(&job.out)
+}
+
+/// Runs a job; writes and returns its summary.
+pub fn execute(job: &RunJob) -> Result<Summary, Failure> {
+    let started = Instant::now();
+    OutputFolder::check(&job.out, job.existing)?;
+    let outputs = outputs::of(job);
+    check_saving(job, &outputs)?;
+    let state = match &job.resume {
+        Some(saved) => saved.state.clone(),
+        None => RunState::initial(&job.scene, &job.settings, &outputs)?,
+    };
+    let outputs = resumed::restore(job, outputs)?;
+    let memory_file = job.save_memory.as_ref().map(|path| prepare_memory_file(path, job)).transpose()?;
+    let prepare = |path: &Option<PathBuf>, kind| {
+        path.as_ref().map(|path| ExtraFile::prepare(path, kind, job.existing)).transpose()
+    };
+    let _folders = (prepare(&job.save_coco, FileKind::COCO)?, prepare(&job.save_mcap, FileKind::MCAP)?);
+    use_threads(job.settings.run.threads)?;
+    job.settings.run.memory_limit.enforce();
+    let signals = StopSignals::listen().map_err(Failure::runtime)?;
+    let dataset = &job.settings.dataset;
+    let scene = open_scene(&job.scene, dataset).map_err(Failure::input)?;
+    let stream = FrameStream::open_at(Arc::clone(&scene), dataset, GroundTruth::Skip, state.next);
+    let stream = stream.map_err(Failure::input)?;
+    let selected = dataset.selected_frames(scene.frame_count()).map_err(Failure::input)?;
+    let names: Vec<String> = selected.into_iter().map(|index| scene.frame_name(index)).collect();
+    let folder = OutputFolder::prepare(&job.out, job.existing, &names)?;
+    let mut pipeline = build_pipeline(job, &scene)?;
+    say_error!("{}", stream.description());
+
+    let run = &job.settings.run;
+    let saving = StateSaving { every: run.save_every, state, staging: folder.staging().to_owned() };
+    let saving = (run.save_every > 0).then_some(saving);
+    let (written, counts) = resumed::start(job, folder, outputs)?;
+    let start_up = started.elapsed();
+    let frames = FrameLoop { signals: &signals, strict_input: run.strict_input, saving };
+    let mut ended = frames.run(pipeline.run(stream), written, counts);
+    let scene = job.scene.display().to_string();
+    if ended.written.frames > 0 {
+        let objects = ObjectList::new(pipeline.objects(), pipeline.memory());
+        let end = RunEnd { scene: &scene, objects: &objects, memory: pipeline.memory() };
+        ended.written.for_each_output(|output, folder| output.finish(&end, folder));
+    }
+    let summary = report::finish(job, ended, (started, start_up), pipeline.memory(), memory_file.as_ref())?;
+    // The run is complete, so its saved state is no longer needed.
+    let _ = saved_run::remove(&job.out);
+    Ok(summary)
+}
+
+/// Sets the number of threads of the process. It cannot change after the first job.
+fn use_threads(threads: usize) -> Result<(), Failure> {
+    let built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+    match built {
+        Err(_) if [0, rayon::current_num_threads()].contains(&threads) => Ok(()),
+        built => built.map_err(Failure::runtime),
+    }
+}
+
+/// Refuses to save the state of a run that could not be resumed, and to resume a run with different settings.
+fn check_saving(job: &RunJob, outputs: &[Box<dyn RunOutput>]) -> Result<(), Failure> {
+    let method = job.settings.method.name();
+    if job.settings.run.save_every > 0 && method != MethodName::FastsamSplat {
+        let reason = "save_every is not used here: it needs method = fastsam-splat, but method is";
+        return Err(Failure::input(format!("{reason} {}", method.name())));
+    }
+    match &job.resume {
+        Some(saved) => saved.check(&job.scene, &job.settings, outputs),
+        None => Ok(()),
+    }
+}
+
+/// Prepares the file for the memory. Fails if the method has no memory.
+fn prepare_memory_file(path: &Path, job: &RunJob) -> Result<ExtraFile, Failure> {
+    if job.settings.method.memory().is_none() {
+        let method = job.settings.method.name().name();
+        return Err(Failure::input(format!("{}: the method {method} has no memory to save", path.display())));
+    }
+    ExtraFile::prepare(path, FileKind::MEMORY, job.existing)
+}
+
+/// Builds the pipeline of a job.
+fn build_pipeline(job: &RunJob, scene: &Arc<dyn Scene>) -> Result<Pipeline, Failure> {
+    let bar = codebook_bar();
+    let mut builder = Pipeline::builder(&job.settings)
+        .scene(scene)
+        .networks(&job.networks)
+        .progress(|fraction| bar.set_position((fraction * 100.0) as u64));
+    if let Some(path) = &job.load_memory {
+        builder = builder.saved_memory(path);
+    }
+    if let Some(saved) = &job.resume {
+        builder = builder.saved_memory(saved.memory()).objects(saved.objects());
+    }
+    let pipeline = builder.build().map_err(Failure::input);
+    bar.finish_and_clear();
+    pipeline
+}

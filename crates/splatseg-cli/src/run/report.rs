@@ -1,0 +1,164 @@
+//! The summary and the messages at the end of a run.
+
+use super::RunJob;
+use super::extra_file::ExtraFile;
+use super::frame_loop::{EarlyEnd, LoopOutcome};
+use crate::Failure;
+use crate::terminal::counted;
+use splatseg::summary::{RunCounts, Summary, peak_memory_mb};
+use splatseg_memory::SplatMemory;
+use splatseg_output::ObjectsFile;
+use std::time::{Duration, Instant};
+
+/// Saves the memory and writes the summary, even after earlier failures. Returns the summary if the run is complete.
+///
+/// `times` contains the start of the run and the time before the first frame.
+pub fn finish(
+    job: &RunJob,
+    ended: LoopOutcome,
+    times: (Instant, Duration),
+    memory: Option<&SplatMemory>,
+    file: Option<&ExtraFile>,
+) -> Result<Summary, Failure> {
+    let LoopOutcome { counts, written, early } = ended;
+    let mut folder = written.folder;
+    if counts.frames == 0 {
+        return Err(match early {
+            Some(early) => early.failure("before the first frame; nothing was written"),
+            None => Failure::input(format!("{}: none of the frames could be used", job.scene.display())),
+        });
+    }
+    let mut lost = Vec::new();
+    if let Some(error) = written.first_error {
+        let images = counted(counts.frames - written.frames, "frame");
+        lost.push(format!("images of {images} could not be written, the first error: {error}"));
+    }
+    lost.extend(written.output_errors.iter().map(ToString::to_string));
+    if let Some((memory, file)) = memory.zip(file)
+        && let Err(error) = memory.save(file.path())
+    {
+        lost.push(format!("the memory could not be saved: {error}"));
+    }
+    let frames = counted(counts.frames, "frame");
+    let at = if early.is_some() { format!("after {frames}") } else { format!("at the end of {frames}") };
+    let mut summary = summary(job, counts, times, memory);
+    summary.error = early.as_ref().map(EarlyEnd::reason).into_iter().chain(lost.iter().cloned()).reduce(joined);
+    if folder.has_results() {
+        let text = serde_json::to_string_pretty(&summary).map_err(Failure::runtime)?;
+        if let Err(error) = folder.write_summary(&text) {
+            lost.push(format!("the summary could not be written: {error}"));
+        }
+    }
+    let resume = if folder.can_be_resumed() { "; resume it with --resume" } else { "" };
+    let kept = match (folder.has_results(), lost.is_empty()) {
+        (true, true) => format!("{at}; their results are in {}{resume}", folder.path().display()),
+        (true, false) => format!("{at}; everything else is in {}{resume}", folder.path().display()),
+        (false, _) => format!("{at}; {} has no results", folder.path().display()),
+    };
+    match (early, lost.into_iter().reduce(joined)) {
+        (None, None) => Ok(summary),
+        (Some(early), None) => Err(early.failure(&kept)),
+        (None, Some(lost)) => Err(Failure::runtime(format!("{lost} ({kept})"))),
+        (Some(early), Some(lost)) => Err(Failure::runtime(format!("{}; {lost} ({kept})", early.reason()))),
+    }
+}
+
+fn joined(text: String, more: String) -> String {
+    format!("{text}; {more}")
+}
+
+impl EarlyEnd {
+    fn reason(&self) -> String {
+        match self {
+            Self::Signal(signal) => format!("interrupted by {}", signal.name),
+            Self::UnusableFrame(error) => format!("{error} (strict_input ends the run)"),
+            Self::Method(error) => error.clone(),
+            Self::Unwritable => "ended because no more images can be written".to_owned(),
+        }
+    }
+
+    fn failure(&self, kept: &str) -> Failure {
+        let reason = self.reason();
+        match self {
+            Self::Signal(signal) => Failure::Interrupted { code: signal.exit_code(), text: format!("{reason} {kept}") },
+            Self::UnusableFrame(_) => Failure::input(format!("{reason}, {kept}")),
+            Self::Method(_) | Self::Unwritable => Failure::runtime(format!("{reason}: ended {kept}")),
+        }
+    }
+}
+
+fn summary(
+    job: &RunJob,
+    counts: RunCounts,
+    (started, start_up): (Instant, Duration),
+    memory: Option<&SplatMemory>,
+) -> Summary {
+    let is_tentative = |id: &&u32| memory.is_some_and(|memory| memory.is_tentative(**id));
+    Summary {
+        frames: counts.frames,
+        resumed_frames: counts.resumed_frames,
+        skipped_frames: counts.skipped_frames,
+        segments: counts.ids.len(),
+        rgb_id_images: counts.rgb_id_images,
+        tentative_segments: counts.ids.iter().filter(is_tentative).count(),
+        gaussians: memory.map_or(0, SplatMemory::gaussian_count),
+        parameters: memory.map_or(0, SplatMemory::parameter_count),
+        peak_memory_mb: peak_memory_mb(),
+        stage_ms: counts.stage_ms(),
+        track_errors: counts.track_errors,
+        slowest_frame_ms: counts.slowest.as_secs_f64() * 1e3,
+        start_up_s: start_up.as_secs_f64(),
+        fps: counts.fps(started.elapsed()),
+        curve: counts.curve.into_points(),
+        interrupted: counts.interrupted,
+        error: None,
+        scene: job.scene.display().to_string(),
+        settings: job.settings.clone(),
+        seed: job.settings.run.seed,
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+    }
+}
+
+/// Formats the message at the end of a run.
+pub fn report(job: &RunJob, summary: &Summary) -> String {
+    let skipped = match summary.skipped_frames {
+        0 => String::new(),
+        count => format!(" ({count} skipped)"),
+    };
+    let memory = summary.peak_memory_mb.map(|peak| format!("; peak memory {peak:.0} MB")).unwrap_or_default();
+    let id_images = match summary.rgb_id_images {
+        0 => "16-bit images".to_owned(),
+        count => format!("16-bit images, or RGB images for the {} with ids above 65535,", counted(count, "frame")),
+    };
+    let ms_without_segmenter = 1e3 / summary.fps.without_segmenter.max(1e-3);
+    let mut text = format!(
+        "{}{skipped}, {}, {}\n\
+         {:.1} frames per second over the whole run, {:.1} s of it before the first frame; without the segmenter, a frame \
+         takes {ms_without_segmenter:.1} ms{memory}\n\
+         overlays are in {}\nids are in {}, as {id_images} with one value per segment; {} describes the run\n\
+         the objects are listed in {}, with a picture of each in {}",
+        counted(summary.frames, "frame"),
+        counted(summary.segments, "segment"),
+        counted(summary.gaussians, "Gaussian"),
+        summary.fps.total,
+        summary.start_up_s,
+        job.out.join("overlay").display(),
+        job.out.join("segments").display(),
+        job.out.join("summary.json").display(),
+        job.out.join(ObjectsFile::JSON).display(),
+        job.out.join("objects").display(),
+    );
+    if let Some(path) = &job.save_memory {
+        text.push_str(&format!("\nthe memory is in {}: open it in any Gaussian-splat viewer", path.display()));
+    }
+    if let Some(path) = &job.save_coco {
+        text.push_str(&format!("\nthe masks are in {}, in COCO's format", path.display()));
+    }
+    if let Some(path) = &job.save_mcap {
+        text.push_str(&format!("\nthe recording is in {}: open it in Foxglove or Rerun", path.display()));
+    }
+    if job.settings.run.page {
+        text.push_str(&format!("\nlook at {}", job.out.join("index.html").display()));
+    }
+    text
+}

@@ -1,0 +1,181 @@
+//! Writes results on a separate thread while the next frame is processed.
+
+use super::saved_run::{FOLDER, RunState, StateWriter};
+use crate::output_folder::OutputFolder;
+use splatseg_output::{FrameRecord, OutputError, ResultFolder, RunOutput};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+
+/// Maximum number of frames in the queue. A longer queue would only take memory.
+const WAITING: usize = 2;
+
+/// An item of the writer's queue.
+enum Item {
+    /// A frame whose images are to be written.
+    Frame(Box<FrameRecord>),
+    /// The state of the run, and a file with the memory.
+    State(Box<RunState>, PathBuf),
+}
+
+/// Writes frames in the order they are queued.
+pub struct ResultWriter {
+    sender: SyncSender<Item>,
+    thread: JoinHandle<WriterOutcome>,
+}
+
+/// The results written so far, and the errors.
+pub struct WriterOutcome {
+    /// The folder.
+    pub folder: OutputFolder,
+    /// Number of frames with all their images.
+    pub frames: usize,
+    /// The outputs besides the images.
+    pub outputs: Vec<Box<dyn RunOutput>>,
+    /// The first error writing an image.
+    pub first_error: Option<OutputError>,
+    /// The error of each output that failed, and of saving the state.
+    pub output_errors: Vec<OutputError>,
+    /// Saving of the run's state.
+    pub saving: Saving,
+}
+
+/// Status of saving the run's state, from which it can be resumed.
+#[derive(Debug)]
+pub enum Saving {
+    /// Disabled: `save_every` is 0.
+    Off,
+    /// Starts when the first frame is written.
+    Later,
+    /// The state is saved periodically.
+    On(StateWriter),
+    /// Stopped after an error.
+    Failed,
+}
+
+impl ResultWriter {
+    /// Starts the thread.
+    pub fn start(written: WriterOutcome) -> Self {
+        let (sender, receiver) = sync_channel(WAITING);
+        let thread = std::thread::spawn(move || written.write_all(&receiver));
+        Self { sender, thread }
+    }
+
+    /// Queues a frame, and waits while the queue is full. Returns false if no more frames can be written.
+    pub fn write(&self, frame: FrameRecord) -> bool {
+        self.sender.send(Item::Frame(Box::new(frame))).is_ok()
+    }
+
+    /// Queues the state of the run after the frames queued so far, with a file that contains the memory.
+    pub fn save_state(&self, state: RunState, memory: PathBuf) {
+        // If the writer has ended, it reports the reason itself.
+        let _ = self.sender.send(Item::State(Box::new(state), memory));
+    }
+
+    /// Waits until everything is written.
+    pub fn finish(self) -> WriterOutcome {
+        drop(self.sender);
+        self.thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+}
+
+impl WriterOutcome {
+    /// Starts with no frames.
+    pub fn new(folder: OutputFolder, outputs: Vec<Box<dyn RunOutput>>, saving: Saving) -> Self {
+        Self { folder, frames: 0, outputs, first_error: None, output_errors: Vec::new(), saving }
+    }
+
+    /// Writes frames until there are no more. Continues after errors that need not affect later frames.
+    fn write_all(mut self, receiver: &Receiver<Item>) -> Self {
+        for item in receiver {
+            let frame = match item {
+                Item::Frame(frame) => frame,
+                Item::State(state, memory) => {
+                    self.save_state(&state, &memory);
+                    continue;
+                }
+            };
+            match self.folder.write_frame(&frame) {
+                Ok(()) => {
+                    self.frames += 1;
+                    self.for_each_output(|output, folder| output.add_frame(&frame, folder));
+                    self.save_frame(&frame);
+                }
+                Err(error) => {
+                    let is_last = is_permanent(&error);
+                    self.first_error.get_or_insert(error);
+                    if is_last {
+                        break;
+                    }
+                }
+            }
+        }
+        self
+    }
+
+    /// Records that a frame's images are written, with each output's state for the frame.
+    fn save_frame(&mut self, frame: &FrameRecord) {
+        if matches!(self.saving, Saving::Later) {
+            let started = StateWriter::start(self.folder.path(), None);
+            self.saving = self.saved(started).map_or(Saving::Failed, Saving::On);
+        }
+        if !matches!(self.saving, Saving::On(_)) {
+            return;
+        }
+        let mut kept = Vec::new();
+        self.for_each_output(|output, _| output.frame_state(frame).map(|line| kept.push((output.name(), line))));
+        if let Saving::On(writer) = &mut self.saving {
+            let added = writer.add_frame(frame, kept);
+            self.saved(added);
+        }
+    }
+
+    /// Saves the state of the run, unless the images of an earlier frame were lost.
+    fn save_state(&mut self, state: &RunState, memory: &Path) {
+        if self.first_error.is_some() || !matches!(self.saving, Saving::On(_)) {
+            return;
+        }
+        let mut kept = Vec::new();
+        self.for_each_output(|output, folder| output.save(folder).map(|state| kept.push((output.name(), state))));
+        if let Saving::On(writer) = &mut self.saving {
+            let saved = writer.save(state, memory, &kept);
+            self.saved(saved);
+        }
+    }
+
+    /// Records an error saving the state, and stops saving.
+    fn saved<T>(&mut self, result: std::io::Result<T>) -> Option<T> {
+        result
+            .inspect_err(|_| self.saving = Saving::Failed)
+            .map_err(|source| {
+                self.output_errors.push(OutputError::Io { path: self.folder.path().join(FOLDER), source })
+            })
+            .ok()
+    }
+
+    /// Calls a function for every output. Outputs that fail are dropped.
+    pub fn for_each_output(
+        &mut self,
+        mut call: impl FnMut(&mut dyn RunOutput, &mut dyn ResultFolder) -> Result<(), OutputError>,
+    ) {
+        let Self { outputs, folder, output_errors, .. } = self;
+        outputs.retain_mut(|output| match call(output.as_mut(), folder) {
+            Ok(()) => true,
+            Err(error) => {
+                output_errors.push(error);
+                false
+            }
+        });
+    }
+}
+
+/// Returns true if later frames cannot be written either, e.g. because the disk is full.
+fn is_permanent(error: &OutputError) -> bool {
+    match error {
+        OutputError::Io { source, .. } => {
+            matches!(source.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::ReadOnlyFilesystem)
+        }
+        _ => false,
+    }
+}

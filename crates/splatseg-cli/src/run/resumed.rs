@@ -1,0 +1,90 @@
+//! The start of a run, which may resume an earlier one.
+
+use super::RunJob;
+use super::result_writer::{Saving, WriterOutcome};
+use super::saved_run::StateWriter;
+use crate::Failure;
+use crate::output_folder::OutputFolder;
+use splatseg::summary::{RunCounts, needs_rgb};
+use splatseg_files::read_file;
+use splatseg_output::{OutputError, RunOutput};
+use std::fmt::Display;
+use std::io;
+use std::path::Path;
+
+/// Largest saved state of an output that is read, bytes.
+const MAX_OUTPUT_BYTES: u64 = 1 << 32;
+
+/// The outputs of a run before its first new frame.
+#[derive(Default)]
+pub struct Outputs {
+    /// The active outputs.
+    outputs: Vec<Box<dyn RunOutput>>,
+    /// Errors of the outputs that failed in the earlier run.
+    lost: Vec<OutputError>,
+}
+
+/// Returns the writer's state and the counts before the first new frame, taken from the earlier run if there is one.
+///
+/// # Errors
+/// If the state of the run cannot be written.
+pub fn start(
+    job: &RunJob,
+    folder: OutputFolder,
+    Outputs { outputs, lost }: Outputs,
+) -> Result<(WriterOutcome, RunCounts), Failure> {
+    let is_saved = job.settings.run.save_every > 0;
+    let Some(saved) = &job.resume else {
+        let saving = if is_saved { Saving::Later } else { Saving::Off };
+        return Ok((WriterOutcome::new(folder, outputs, saving), RunCounts::default()));
+    };
+    say_error!("going on after frame {} of the scene", saved.state.next);
+    let saving = match is_saved {
+        true => Saving::On(StateWriter::start(&job.out, Some(saved)).map_err(Failure::runtime)?),
+        false => Saving::Off,
+    };
+    let mut written = WriterOutcome::new(folder, outputs, saving);
+    (written.frames, written.output_errors) = (saved.state.frames, lost);
+    let counts = RunCounts {
+        frames: saved.state.frames,
+        resumed_frames: saved.state.frames,
+        skipped_frames: saved.state.skipped_frames,
+        track_errors: saved.state.track_errors,
+        rgb_id_images: saved.frames.iter().filter(|frame| needs_rgb(&frame.objects)).count(),
+        ids: saved.frames.iter().flat_map(|frame| &frame.objects).map(|object| object.id).collect(),
+        ..RunCounts::default()
+    };
+    Ok((written, counts))
+}
+
+/// Creates an error about a saved file that cannot be used.
+fn wrong_in(path: &Path, error: &dyn Display) -> Failure {
+    Failure::input(format!("{}: {error}: start the run again with --overwrite", path.display()))
+}
+
+/// Restores the state of each output from the earlier run, if there is one.
+///
+/// # Errors
+/// If a saved file is damaged, or images of the earlier run are missing.
+pub fn restore(job: &RunJob, outputs: Vec<Box<dyn RunOutput>>) -> Result<Outputs, Failure> {
+    let Some(saved) = &job.resume else { return Ok(Outputs { outputs, lost: Vec::new() }) };
+    saved.require_images(&job.out)?;
+    let mut restored = Outputs::default();
+    for mut output in outputs {
+        let path = saved.output_file(output.name());
+        let wrong = |error: &dyn Display| wrong_in(&path, error);
+        match read_file(&path, MAX_OUTPUT_BYTES) {
+            Ok(state) => {
+                let lines = saved.lines(output.name());
+                let lines = lines.map_err(|error| wrong_in(&saved.lines_file(output.name()), &error))?;
+                output.restore(&lines, &state).map_err(|error| wrong(&error))?;
+                restored.outputs.push(output);
+            }
+            Err(error) if !path.exists() => {
+                restored.lost.push(OutputError::Read { path, source: io::Error::other(error) });
+            }
+            Err(error) => return Err(wrong(&error)),
+        }
+    }
+    Ok(restored)
+}

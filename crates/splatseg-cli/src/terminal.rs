@@ -1,0 +1,112 @@
+//! Output to the terminal.
+//!
+//! Names and messages may come from files, which can contain terminal control sequences. All text for standard output,
+//! standard error and the log is passed through [`escape`]. Progress bars contain no text from files and are not escaped.
+
+use super::Failure;
+use std::borrow::Cow;
+use std::fmt;
+use std::io::{ErrorKind, Result, Write};
+use std::sync::OnceLock;
+
+/// Prints a line to standard output.
+macro_rules! say {
+    ($($text:tt)*) => { $crate::terminal::print_line(&format!($($text)*)) };
+}
+
+/// Prints a line to standard error.
+macro_rules! say_error {
+    ($($text:tt)*) => { $crate::terminal::print_error_line(&format!($($text)*)) };
+}
+
+/// The first error writing standard output.
+static OUTPUT_ERROR: OnceLock<String> = OnceLock::new();
+
+/// Prints a line to standard output. A closed pipe (`splatseg … | head`) is not an error. [`check_output`] reports other
+/// errors at the end, so that they do not stop the work.
+pub fn print_line(text: &str) {
+    let mut output = std::io::stdout().lock();
+    let written = writeln!(output, "{}", escape(text)).and_then(|()| output.flush());
+    record_output_error(written);
+}
+
+/// Prints a line to standard error. Errors are ignored.
+pub fn print_error_line(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{}", escape(text));
+}
+
+/// Records the first error writing standard output.
+pub fn record_output_error(written: Result<()>) {
+    if let Err(error) = written
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        let _ = OUTPUT_ERROR.set(error.to_string());
+    }
+}
+
+/// Checks that all of standard output was written.
+///
+/// # Errors
+/// If standard output could not be written, except because its reader closed it.
+pub fn check_output() -> std::result::Result<(), Failure> {
+    match OUTPUT_ERROR.get() {
+        Some(error) => Err(Failure::runtime(format!("standard output cannot be written: {error}"))),
+        None => Ok(()),
+    }
+}
+
+/// Escapes control characters (except line feed and tab) and characters that change the text direction, as in a Rust
+/// string: the escape character becomes `\u{1b}`.
+pub fn escape(text: &str) -> Cow<'_, str> {
+    let turns = |character| matches!(character, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    let is_harmful =
+        |character: char| (character.is_control() && character != '\n' && character != '\t') || turns(character);
+    if !text.contains(is_harmful) {
+        return Cow::Borrowed(text);
+    }
+    let mut escaped = String::with_capacity(text.len() + 16);
+    for character in text.chars() {
+        if is_harmful(character) {
+            escaped.extend(character.escape_default());
+        } else {
+            escaped.push(character);
+        }
+    }
+    Cow::Owned(escaped)
+}
+
+/// Escaped standard error for the log. Each event is written in one piece.
+pub struct EscapedStderr;
+
+impl Write for EscapedStderr {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
+        std::io::stderr().write_all(escape(&String::from_utf8_lossy(bytes)).as_bytes())?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        std::io::stderr().flush()
+    }
+}
+
+/// Formats a number of things: `1 frame`, `2 frames`.
+pub fn counted(count: usize, thing: &str) -> impl fmt::Display {
+    format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_are_escaped() {
+        assert_eq!(escape("\x1b[31mred\x07\r"), "\\u{1b}[31mred\\u{7}\\r");
+        assert_eq!(escape("\u{9b}31m \u{7f} \u{202e}gpj"), "\\u{9b}31m \\u{7f} \\u{202e}gpj");
+        assert!(matches!(escape("two\nlines\tand ümlauts"), Cow::Borrowed(_)));
+    }
+
+    #[test]
+    fn one_frame_is_not_1_frames() {
+        assert_eq!(format!("{}, {}", counted(1, "frame"), counted(0, "frame")), "1 frame, 0 frames");
+    }
+}

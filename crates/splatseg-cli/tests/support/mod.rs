@@ -1,0 +1,88 @@
+//! Helpers shared by the tests of the command.
+
+#![allow(dead_code)] // Each test file uses a part.
+
+pub mod nearly_full;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// A small video that is longer than a window of VSQ.
+pub const ROOM: &str = "synthetic:frames=18,width=64,height=48,objects=6";
+/// Another small video.
+pub const OTHER_ROOM: &str = "synthetic:frames=17,width=64,height=48,objects=5,seed=2";
+
+/// Options for the paper's memory with a small codebook, which is fast to compute.
+pub const FEATURES: [&str; 6] =
+    ["--set", "memory.kind=features", "--set", "memory.num_codes=32", "--set", "memory.feature_dim=8"];
+
+/// Weights of FastSAM n, trained by `training/` on rendered rooms.
+pub const FASTSAM_WEIGHTS: &str =
+    concat!(env!("CARGO_MANIFEST_DIR"), "/../models/tests/data/fastsam/fastsam_rooms_n.safetensors");
+
+/// Returns the `splatseg` command.
+pub fn splatseg() -> Command {
+    Command::new(assert_cmd::cargo::cargo_bin!("splatseg"))
+}
+
+/// The outcome of a command.
+pub struct Ended {
+    /// Exit code.
+    pub code: i32,
+    /// Standard output.
+    pub out: String,
+    /// Standard error.
+    pub err: String,
+}
+
+/// Runs a command to its end.
+pub fn finish(command: &mut Command) -> Ended {
+    let output = command.output().unwrap();
+    Ended {
+        code: output.status.code().unwrap(),
+        out: String::from_utf8(output.stdout).unwrap(),
+        err: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+/// Runs a small benchmark with a segmenter that makes errors.
+pub fn bench(scenes: &[&str], out: &Path, more: &[&str]) -> Ended {
+    let mut command = splatseg();
+    command.arg("bench").arg("--scenes").args(scenes).arg("--out").arg(out);
+    command.args(["--methods", "fastsam,fastsam-splat", "--segmenter", "oracle"]);
+    command.args(["--set", "oracle.preset=fastsam-like", "--set", "oracle.min_area_px=10"]);
+    command.args(["--threads", "2"]);
+    finish(command.args(more))
+}
+
+/// Reads a JSON file.
+pub fn read_json(path: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// Returns the sorted names in a folder, or none if there is no folder.
+pub fn file_names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).into_iter().flatten();
+    let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// Copies a small rendered scene in ScanNet's exported layout, whose frame names are numbers.
+pub fn numbered_scene(folder: &Path, frames: usize) -> PathBuf {
+    let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("demo");
+    let scene = folder.join("scene");
+    for part in ["color", "depth", "pose", "intrinsic"] {
+        fs::create_dir_all(scene.join(part)).unwrap();
+        for entry in fs::read_dir(demo.join(part)).unwrap() {
+            let path = entry.unwrap().path();
+            let number: Option<usize> = path.file_stem().unwrap().to_str().unwrap().parse().ok();
+            if number.is_none_or(|number| number < frames) {
+                fs::copy(&path, scene.join(part).join(path.file_name().unwrap())).unwrap();
+            }
+        }
+    }
+    scene
+}

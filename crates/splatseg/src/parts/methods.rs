@@ -1,0 +1,196 @@
+//! The methods: names, settings and construction. A new method is added here.
+
+use super::TrackerSettings;
+use crate::pipeline::{PipelineBuilder, PipelineError};
+use crate::settings::SettingsError;
+use crate::settings::registry::{Registry, choice};
+use crate::settings::table::{chosen, section};
+use serde::Serialize;
+use splatseg_memory::MemorySettings;
+use splatseg_settings::{Section, SettingError, choices};
+use splatseg_tracking::{
+    FastSamBaseline, FastSamBaselineSettings, FastSamSplat, FastSamSplatSettings, FastSpamBaseline,
+    FastSpamBaselineSettings, Method, PromptSource, Sam2Baseline, Sam2BaselineSettings, Sam2Splat, Sam2SplatSettings,
+};
+use toml::Table;
+
+choices! {
+    /// The methods.
+    pub enum MethodName, default FastsamSplat {
+        /// A single-frame segmenter with a splat memory
+        FastsamSplat = "fastsam-splat",
+        /// A single-frame segmenter; ids are passed on by overlap with the previous frame
+        Fastsam = "fastsam",
+        /// A single-frame segmenter, prompted with one remembered point per segment
+        Fastspam = "fastspam",
+        /// A tracker, prompted with the detections of a segmenter
+        Sam2 = "sam2",
+        /// The same, with a splat memory that corrects the tracker
+        Sam2Splat = "sam2-splat",
+    }
+}
+
+impl MethodName {
+    /// Returns true if the method uses a tracker.
+    pub fn has_tracker(self) -> bool {
+        matches!(self, Self::Sam2 | Self::Sam2Splat)
+    }
+
+    /// Returns true if the method has a splat memory.
+    pub fn has_memory(self) -> bool {
+        matches!(self, Self::FastsamSplat | Self::Sam2Splat)
+    }
+}
+
+/// A method with its settings.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "method", rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum MethodSettings {
+    /// [`splatseg_tracking::FastSamSplat`].
+    FastsamSplat(FastSamSplatSettings),
+    /// [`splatseg_tracking::FastSamBaseline`].
+    Fastsam(FastSamBaselineSettings),
+    /// [`splatseg_tracking::FastSpamBaseline`].
+    Fastspam(FastSpamBaselineSettings),
+    /// [`splatseg_tracking::Sam2Baseline`].
+    Sam2 {
+        /// Its settings.
+        #[serde(flatten)]
+        settings: Sam2BaselineSettings,
+        /// The tracker.
+        #[serde(flatten)]
+        tracker: TrackerSettings,
+    },
+    /// [`splatseg_tracking::Sam2Splat`].
+    Sam2Splat {
+        /// Its settings.
+        #[serde(flatten)]
+        settings: Box<Sam2SplatSettings>,
+        /// The tracker.
+        #[serde(flatten)]
+        tracker: TrackerSettings,
+    },
+}
+
+impl Default for MethodSettings {
+    fn default() -> Self {
+        Self::FastsamSplat(FastSamSplatSettings::default())
+    }
+}
+
+impl MethodSettings {
+    /// Returns the name of the method.
+    pub fn name(&self) -> MethodName {
+        match self {
+            Self::FastsamSplat(_) => MethodName::FastsamSplat,
+            Self::Fastsam(_) => MethodName::Fastsam,
+            Self::Fastspam(_) => MethodName::Fastspam,
+            Self::Sam2 { .. } => MethodName::Sam2,
+            Self::Sam2Splat { .. } => MethodName::Sam2Splat,
+        }
+    }
+
+    /// Returns the settings of the memory, if the method has one.
+    pub fn memory(&self) -> Option<&MemorySettings> {
+        match self {
+            Self::FastsamSplat(settings) => Some(&settings.memory),
+            Self::Sam2Splat { settings, .. } => Some(&settings.memory),
+            Self::Fastsam(_) | Self::Fastspam(_) | Self::Sam2 { .. } => None,
+        }
+    }
+
+    /// Returns the tracker, if the method has one.
+    pub fn tracker(&self) -> Option<&TrackerSettings> {
+        match self {
+            Self::Sam2 { tracker, .. } | Self::Sam2Splat { tracker, .. } => Some(tracker),
+            Self::FastsamSplat(_) | Self::Fastsam(_) | Self::Fastspam(_) => None,
+        }
+    }
+
+    /// Returns the source of the tracker's prompts and the minimum area of a prompted object, pixels; `None` without a
+    /// tracker.
+    pub fn prompts(&self) -> Option<(PromptSource, usize)> {
+        match self {
+            Self::Sam2 { settings, .. } => Some((settings.prompts, settings.min_area)),
+            Self::Sam2Splat { settings, .. } => Some((settings.prompts, settings.min_area)),
+            Self::FastsamSplat(_) | Self::Fastsam(_) | Self::Fastspam(_) => None,
+        }
+    }
+
+    /// Returns true if the method re-prompts objects that its tracker has lost.
+    pub(crate) fn prompts_lost_objects(&self) -> bool {
+        matches!(self, Self::Sam2Splat { settings, .. } if settings.reprompt.not_tracked)
+    }
+
+    /// Returns true if the method uses the segmenter's masks; otherwise ground truth prompts its tracker.
+    pub fn uses_segmenter(&self) -> bool {
+        self.prompts().is_none_or(|(source, _)| source == PromptSource::Detections)
+    }
+
+    /// Checks every setting.
+    pub(crate) fn validate(&self) -> Result<(), SettingError> {
+        match self {
+            Self::FastsamSplat(settings) => settings.validate(),
+            Self::Fastsam(settings) => settings.validate(),
+            Self::Fastspam(settings) => settings.validate(),
+            Self::Sam2 { settings, tracker } => settings.validate().and_then(|()| tracker.validate()),
+            Self::Sam2Splat { settings, tracker } => settings.validate().and_then(|()| tracker.validate()),
+        }
+    }
+
+    /// Reads the method and its settings from a table of checked values.
+    pub(crate) fn from_table(table: &Table) -> Result<Self, SettingsError> {
+        Ok(match chosen(table, "method") {
+            MethodName::FastsamSplat => Self::FastsamSplat(section(table)?),
+            MethodName::Fastsam => Self::Fastsam(section(table)?),
+            MethodName::Fastspam => Self::Fastspam(section(table)?),
+            MethodName::Sam2 => Self::Sam2 { settings: section(table)?, tracker: TrackerSettings::from_table(table)? },
+            MethodName::Sam2Splat => {
+                Self::Sam2Splat { settings: Box::new(section(table)?), tracker: TrackerSettings::from_table(table)? }
+            }
+        })
+    }
+
+    /// Builds the method with the parts of a pipeline.
+    pub(crate) fn build(&self, parts: &mut PipelineBuilder<'_>) -> Result<Box<dyn Method>, PipelineError> {
+        let seed = parts.settings.run.seed;
+        Ok(match self {
+            Self::FastsamSplat(settings) => {
+                let memory = parts.make_memory(&settings.memory)?;
+                Box::new(FastSamSplat::with_memory(settings.clone(), memory)?)
+            }
+            Self::Fastsam(settings) => Box::new(FastSamBaseline::new(settings.clone())?),
+            Self::Fastspam(settings) => Box::new(FastSpamBaseline::new(settings.clone(), seed)?),
+            Self::Sam2 { settings, tracker } => {
+                Box::new(Sam2Baseline::new(parts.make_tracker(tracker)?, settings.clone())?)
+            }
+            Self::Sam2Splat { settings, tracker } => {
+                let tracker = parts.make_tracker(tracker)?;
+                let memory = parts.make_memory(&settings.memory)?;
+                Box::new(Sam2Splat::with_memory(tracker, (**settings).clone(), memory)?)
+            }
+        })
+    }
+}
+
+/// The methods that use a tracker.
+pub(crate) const WITH_TRACKER: [&str; 2] = ["sam2", "sam2-splat"];
+
+/// Registers the choice of a method.
+pub(crate) fn register_choice(registry: &mut Registry) {
+    registry.add(vec![choice::<MethodName>("method", "The method.")], &[]);
+}
+
+/// Registers the settings of each method.
+pub(crate) fn register(registry: &mut Registry) {
+    for (method, fields) in [
+        ("fastsam-splat", FastSamSplatSettings::fields()),
+        ("fastsam", FastSamBaselineSettings::fields()),
+        ("fastspam", FastSpamBaselineSettings::fields()),
+        ("sam2", Sam2BaselineSettings::fields()),
+        ("sam2-splat", Sam2SplatSettings::fields()),
+    ] {
+        registry.add(fields, &[("method", &[method])]);
+    }
+}
