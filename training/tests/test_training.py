@@ -3,6 +3,7 @@
 import csv
 import itertools
 import re
+import shutil
 import sys
 import zipfile
 
@@ -180,6 +181,22 @@ def test_perfect_affinities_give_back_the_objects():
     doubled = ids.repeat(2, 0).repeat(2, 1) + 1
     iou, found, segments, objects = evaluate.score(doubled, evaluate.full_size(ids, doubled.shape))
     assert (found, segments, objects) == (3, 3, 3) and iou == pytest.approx(3)
+
+
+def test_the_best_of_all_thresholds_fits_each_object_best(folder, tmp_path, capsys):
+    truth = np.zeros((60, 80), int)
+    truth[:, 40:60], truth[:, 60:] = 1, 2
+    truth += 1
+    halves, thirds = 1 + (truth > 1), np.where(truth > 2, 3, 1)
+    assert evaluate.best_iou(truth, [halves]).tolist() == pytest.approx([1, 20 / 35, 15 / 35])
+    assert evaluate.best_iou(truth, [halves, thirds]).tolist() == pytest.approx([1, 20 / 35, 1])
+    assert evaluate.best_iou(truth, [np.zeros_like(truth)]).tolist() == [0, 0, 0]
+    coloured = shutil.copytree(folder, tmp_path / "coloured")
+    (coloured / "color").mkdir()
+    for number in range(6):
+        cv2.imwrite(str(coloured / "color" / f"{number}.png"), np.full((240, 320, 3), 100, np.uint8))
+    evaluate.report_best(random_net(), [str(coloured)], (3.0, -6.0), every=3)
+    assert re.search(r"2 frames  best of 2 thresholds  mean IoU [\d.]+  recall50 [\d.]+\n", capsys.readouterr().out)
 
 
 def test_an_unlabelled_folder_is_named(tmp_path):

@@ -197,6 +197,25 @@ impl SplatMemory {
         Ok(update)
     }
 
+    /// Records a frame whose pose is unknown: its ids count as seen, but the map does not change. `predicted` contains the
+    /// id of each pixel, `[height, width]`, 0 for none.
+    ///
+    /// # Errors
+    /// If `predicted` contains an id that does not exist.
+    pub fn record_unplaced(&mut self, predicted: &SegmentMap) -> Result<FrameUpdate, MemoryError> {
+        self.check_ids(predicted)?;
+        let new_segments = self.segments.record_sightings(predicted);
+        self.recent.record_unplaced(predicted);
+        self.frames = self.frames.saturating_add(1);
+        Ok(FrameUpdate { new_segments, ..FrameUpdate::default() })
+    }
+
+    /// The ids of the latest frame, `[height, width]`, 0 for none: its predictions, not what was shown. `None` before the
+    /// first frame.
+    pub fn latest_ids(&self) -> Option<&SegmentMap> {
+        self.recent.latest_ids()
+    }
+
     /// Removes the Gaussians of surfaces that are gone, and the ones unseen for longest if there are too many. Returns
     /// the number removed.
     fn remove_gone(&mut self, recall: &Recall<'_>) -> usize {
@@ -267,6 +286,10 @@ impl SplatMemory {
         if found != expected {
             return Err(MemoryError::PredictionSize { found, expected });
         }
+        self.check_ids(predicted)
+    }
+
+    fn check_ids(&self, predicted: &SegmentMap) -> Result<(), MemoryError> {
         let largest = predicted.pixels().iter().copied().max().unwrap_or(0);
         let known = self.segments.highest();
         if largest > known {

@@ -17,6 +17,7 @@ use splatseg::Settings;
 use splatseg::settings::{
     Entry, MethodName, MethodPreset, SegmenterName, SettingsLayers, TrackerName, describe, entries,
 };
+use splatseg_odometry::PoseMode;
 use splatseg_settings::{Allowed, Choice};
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -202,6 +203,7 @@ fn possible_values(entry: &Entry) -> Vec<PossibleValue> {
         ("", "method", _) => with_help::<MethodName>(),
         ("", "method_preset", _) => with_help::<MethodPreset>(),
         ("", "segmenter", _) => with_help::<SegmenterName>(),
+        ("", "poses", _) => with_help::<PoseMode>(),
         ("", "tracker", _) => with_help::<TrackerName>(),
         (_, _, Allowed::Names(names)) => names.iter().map(|name| PossibleValue::new(*name)).collect(),
         _ => Vec::new(),

@@ -145,6 +145,8 @@ pub struct SettingsOptions {
     pub tracker_weights: Option<String>,
     #[arg(long, value_name = "SOURCE")]
     pub prompts: Option<String>,
+    #[arg(long, value_name = "SOURCE")]
+    pub poses: Option<String>,
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
     /// Settings from a TOML file, or from the summary.json of an earlier run
@@ -185,6 +187,7 @@ impl SettingsOptions {
             ("tracker", self.tracker.as_ref()),
             ("tracker_weights", self.tracker_weights.as_ref()),
             ("prompts", self.prompts.as_ref()),
+            ("poses", self.poses.as_ref()),
             ("device", self.device.as_ref()),
             ("seed", self.seed.as_ref()),
             ("threads", self.threads.as_ref()),

@@ -5,13 +5,11 @@
 //! - [`methods`]: [`FastSamSplat`] and [`Sam2Splat`] remember objects in a splat memory ([`splatseg_memory`]); the
 //!   paper's baselines ([`FastSamBaseline`], [`FastSpamBaseline`], [`Sam2Baseline`]) have no map.
 //! - [`matching`]: matches predicted with remembered segments, and paints overlapping masks with one id per pixel.
-//! - [`pose_source`]: determines the camera's pose for each frame.
 //! - [`trackers`]: follow prompted objects through the video. [`Sam2Tracker`] is SAM 2.1.
 //! - [`reprompting`]: detects a tracker's errors with a memory and corrects them with clicks.
 
 pub mod matching;
 pub mod methods;
-pub mod pose_source;
 pub mod reprompting;
 pub mod trackers;
 
@@ -23,7 +21,6 @@ pub use methods::{
     FastSamBaseline, FastSamBaselineSettings, FastSamSplat, FastSamSplatSettings, FastSpamBaseline,
     FastSpamBaselineSettings, FrameOutput, Method, Sam2Baseline, Sam2BaselineSettings, Sam2Splat, Sam2SplatSettings,
 };
-pub use pose_source::{GivenPoses, PoseSource, PoseSourceError};
 pub use reprompting::{
     Remedy, RepromptSettings, TrackError, TrackErrorCounts, TrackErrorKind, find_track_errors, sample_clicks,
 };

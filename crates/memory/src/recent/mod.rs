@@ -47,6 +47,8 @@ pub(crate) struct RecentFrames {
     contradicting: VecDeque<Sketch>,
     /// Number of frames in a row that were taken far from the map.
     far_frames: u8,
+    /// The ids of the latest frame, `[height, width]`, if its pose was unknown.
+    unplaced: Option<SegmentMap>,
 }
 
 /// The previous frame.
@@ -130,14 +132,25 @@ impl RecentFrames {
         }
         let before = self.previous.as_ref().map(|previous| previous.sketch.map_from_camera);
         let motion = before.map_or(LocalPose::IDENTITY, |before| before.inverse() * sketch.map_from_camera);
+        self.unplaced = None;
         self.previous =
             Some(PreviousFrame { sketch, ids: predicted.clone(), motion, is_linked: recall.links_previous });
     }
 
+    /// Records the ids of a frame whose pose is unknown.
+    pub fn record_unplaced(&mut self, ids: &SegmentMap) {
+        self.unplaced = Some(ids.clone());
+    }
+
+    /// The ids of the latest frame, `[height, width]`.
+    pub fn latest_ids(&self) -> Option<&SegmentMap> {
+        self.unplaced.as_ref().or_else(|| Some(&self.previous.as_ref()?.ids))
+    }
+
     /// Returns the ids that must not be forgotten even if no Gaussian has them, in increasing order.
     pub fn held_ids(&self) -> BTreeSet<SegmentId> {
-        let held = self.previous.as_ref().filter(|previous| previous.is_linked);
-        held.map_or_else(BTreeSet::new, |previous| previous.ids.areas().into_keys().collect())
+        let linked = self.previous.as_ref().filter(|previous| previous.is_linked).map(|previous| &previous.ids);
+        linked.into_iter().chain(&self.unplaced).flat_map(|ids| ids.areas().into_keys()).collect()
     }
 
     /// Moves all frames to other coordinates, together with the map.

@@ -13,6 +13,18 @@ pub(crate) struct SavedRecentFrames {
     contradicting: Vec<SavedSketch>,
     #[serde(default)]
     far_frames: u8,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    unplaced: Option<SavedIds>,
+}
+
+/// A segment map.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SavedIds {
+    width: usize,
+    height: usize,
+    /// Runs of pixels with the same id, row-major: id and length.
+    runs: Vec<(SegmentId, u32)>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,7 +57,9 @@ impl RecentFrames {
             is_linked: previous.is_linked,
         });
         let contradicting = self.contradicting.iter().map(Sketch::saved).collect();
-        SavedRecentFrames { previous, contradicting, far_frames: self.far_frames }
+        let unplaced =
+            self.unplaced.as_ref().map(|ids| SavedIds { width: ids.width(), height: ids.height(), runs: runs(ids) });
+        SavedRecentFrames { previous, contradicting, far_frames: self.far_frames, unplaced }
     }
 
     /// Restores the frames of a memory whose largest id is `highest`.
@@ -53,13 +67,14 @@ impl RecentFrames {
     /// # Errors
     /// If the values are invalid, or the ids would take more memory than the limit.
     pub fn restored(saved: SavedRecentFrames, highest: SegmentId) -> Result<Self, String> {
-        let SavedRecentFrames { previous, contradicting, far_frames } = saved;
+        let SavedRecentFrames { previous, contradicting, far_frames, unplaced } = saved;
         if contradicting.len() > CONFIRMING_FRAMES {
             return Err(format!("{} contradicting frames, expected at most {CONFIRMING_FRAMES}", contradicting.len()));
         }
         let previous = previous.map(|previous| previous.restored(highest)).transpose()?;
         let contradicting = contradicting.into_iter().map(SavedSketch::restored).collect::<Result<_, _>>()?;
-        Ok(Self { previous, contradicting, far_frames })
+        let unplaced = unplaced.map(|ids| ids.restored(highest)).transpose()?;
+        Ok(Self { previous, contradicting, far_frames, unplaced })
     }
 }
 
@@ -87,19 +102,26 @@ impl SavedSketch {
 
 impl SavedPreviousFrame {
     fn restored(self, highest: SegmentId) -> Result<PreviousFrame, String> {
-        if let Some((id, _)) = self.ids.iter().find(|(id, _)| *id > highest) {
-            return Err(format!("the previous frame contains the segment {id}, but the largest id is {highest}"));
-        }
         let sketch = self.sketch.restored()?;
         let Intrinsics { width, height, .. } = sketch.intrinsics;
-        let found = self.ids.iter().fold(0u64, |sum, (_, length)| sum.saturating_add(u64::from(*length)));
+        let ids = SavedIds { width, height, runs: self.ids }.restored(highest)?;
+        Ok(PreviousFrame { sketch, ids, motion: self.motion, is_linked: self.is_linked })
+    }
+}
+
+impl SavedIds {
+    fn restored(self, highest: SegmentId) -> Result<SegmentMap, String> {
+        let Self { width, height, runs } = self;
+        if let Some((id, _)) = runs.iter().find(|(id, _)| *id > highest) {
+            return Err(format!("the previous frame contains the segment {id}, but the largest id is {highest}"));
+        }
+        let found = runs.iter().fold(0u64, |sum, (_, length)| sum.saturating_add(u64::from(*length)));
         let (expected, limit) = ((width as u64).saturating_mul(height as u64), MemoryLimit::in_force());
         if found != expected || expected.saturating_mul(4) > limit {
             return Err(format!("the previous frame has {found} ids for {width}x{height} pixels"));
         }
-        let pixels = self.ids.iter().flat_map(|(id, length)| std::iter::repeat_n(*id, *length as usize)).collect();
-        let ids = SegmentMap::from_pixels(width, height, pixels).map_err(|error| error.to_string())?;
-        Ok(PreviousFrame { sketch, ids, motion: self.motion, is_linked: self.is_linked })
+        let pixels = runs.iter().flat_map(|(id, length)| std::iter::repeat_n(*id, *length as usize)).collect();
+        SegmentMap::from_pixels(width, height, pixels).map_err(|error| error.to_string())
     }
 }
 
@@ -126,7 +148,9 @@ mod tests {
             motion: LocalPose::IDENTITY,
             is_linked: true,
         };
-        SavedRecentFrames { previous: Some(previous), contradicting: vec![sketch; CONFIRMING_FRAMES], far_frames: 2 }
+        let unplaced = Some(SavedIds { width: 2, height: 2, runs: vec![(0, 1), (2, 3)] });
+        let contradicting = vec![sketch; CONFIRMING_FRAMES];
+        SavedRecentFrames { previous: Some(previous), contradicting, far_frames: 2, unplaced }
     }
 
     #[test]
@@ -137,7 +161,8 @@ mod tests {
 
     #[test]
     fn damaged_ones_are_refused() {
-        let changes: [fn(&mut SavedRecentFrames); 8] = [
+        let changes: [fn(&mut SavedRecentFrames); 9] = [
+            |saved| saved.unplaced.as_mut().unwrap().height = 3,
             |saved| saved.contradicting.push(saved.contradicting[0].clone()),
             |saved| saved.contradicting[1].depth.truncate(11),
             |saved| saved.contradicting[1].depth[3] = f32::NAN,

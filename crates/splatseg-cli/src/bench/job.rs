@@ -12,6 +12,7 @@ use splatseg_dataset::{FrameStream, GroundTruth, open_scene};
 use splatseg_geometry::{Mask, RgbdFrame, SegmentMap};
 use splatseg_memory::SplatMemory;
 use splatseg_metrics::{FramePrediction, InstanceScorer, Protocol, ScoreSettings, VideoScore, VideoScorer};
+use splatseg_odometry::CameraPose;
 use splatseg_report::{Series, Thumbnail};
 use splatseg_tracking::{FrameOutput, TrackErrorCounts};
 use std::collections::BTreeMap;
@@ -152,7 +153,7 @@ fn result_or_empty(
     Processed { frame, ground_truth, result, .. }: Processed,
     recorder: &mut Recorder,
 ) -> Result<(ScoredFrame, FrameResult), String> {
-    let world_from_camera = *frame.world_from_camera();
+    let pose = CameraPose::given(*frame.world_from_camera());
     let frame = ScoredFrame { frame, ground_truth };
     match result {
         Ok(result) => Ok((frame, result)),
@@ -161,7 +162,7 @@ fn result_or_empty(
             let segments = SegmentMap::filled(frame.frame.width(), frame.frame.height(), 0);
             let output = FrameOutput::from_segments(segments);
             let (objects, times) = (Vec::new(), StageTimes::default());
-            Ok((frame, FrameResult { output, objects, times, world_from_camera }))
+            Ok((frame, FrameResult { output, objects, times, pose }))
         }
         Err(error) => Err(error.to_string()),
     }

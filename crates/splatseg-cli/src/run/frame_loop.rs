@@ -80,7 +80,7 @@ impl FrameLoop<'_> {
         let early = loop {
             if let Some(signal) = self.signals.received().filter(|_| frames.frames_left() != Some(0)) {
                 counts.interrupted = true;
-                self.save_state(done, &counts, frames.memory(), &writer, &progress);
+                self.save_state(done, &counts, &frames, &writer, &progress);
                 break Some(EarlyEnd::Signal(signal));
             }
             let Some(item) = frames.next() else { break None };
@@ -100,7 +100,7 @@ impl FrameLoop<'_> {
             progress.frame_done();
             done += 1;
             if self.saving.as_ref().is_some_and(|saving| done.is_multiple_of(saving.every)) {
-                self.save_state(done, &counts, frames.memory(), &writer, &progress);
+                self.save_state(done, &counts, &frames, &writer, &progress);
             }
         };
         progress.finish();
@@ -113,11 +113,11 @@ impl FrameLoop<'_> {
         &self,
         done: usize,
         counts: &RunCounts,
-        memory: Option<&SplatMemory>,
+        frames: &Frames<'_, impl FrameSource>,
         writer: &ResultWriter,
         progress: &Progress,
     ) {
-        let Some((saving, memory)) = self.saving.as_ref().zip(memory) else { return };
+        let Some((saving, memory)) = self.saving.as_ref().zip(frames.memory()) else { return };
         let state = RunState {
             next: done,
             frames: counts.frames,
@@ -127,7 +127,7 @@ impl FrameLoop<'_> {
         };
         let path = saving.staging.join(state.memory_file());
         match memory.save(&path) {
-            Ok(()) => writer.save_state(state, path),
+            Ok(()) => writer.save_state(state, path, frames.pose_state()),
             Err(error) => progress.warn(&format!("the state of the run could not be saved: {error}")),
         }
     }

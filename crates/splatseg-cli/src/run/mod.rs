@@ -240,6 +240,9 @@ fn build_pipeline(job: &RunJob, scene: &Arc<dyn Scene>) -> Result<Pipeline, Fail
     }
     if let Some(saved) = &job.resume {
         builder = builder.saved_memory(saved.memory()).objects(saved.objects());
+        if let Some(state) = saved.poses()? {
+            builder = builder.saved_poses(state);
+        }
     }
     let pipeline = builder.build().map_err(Failure::input);
     bar.finish_and_clear();

@@ -1,6 +1,6 @@
 //! Writes results on a separate thread while the next frame is processed.
 
-use super::saved_run::{FOLDER, RunState, StateWriter};
+use super::saved_run::{CAMERA, FOLDER, RunState, StateWriter};
 use crate::output_folder::OutputFolder;
 use splatseg_output::{FrameRecord, OutputError, ResultFolder, RunOutput};
 use std::io::ErrorKind;
@@ -15,8 +15,8 @@ const WAITING: usize = 2;
 enum Item {
     /// A frame whose images are to be written.
     Frame(Box<FrameRecord>),
-    /// The state of the run, and a file with the memory.
-    State(Box<RunState>, PathBuf),
+    /// The state of the run, a file with the memory, and the state of the source of poses.
+    State(Box<RunState>, PathBuf, Option<Vec<u8>>),
 }
 
 /// Writes frames in the order they are queued.
@@ -67,10 +67,11 @@ impl ResultWriter {
         self.sender.send(Item::Frame(Box::new(frame))).is_ok()
     }
 
-    /// Queues the state of the run after the frames queued so far, with a file that contains the memory.
-    pub fn save_state(&self, state: RunState, memory: PathBuf) {
+    /// Queues the state of the run after the frames queued so far, with a file that contains the memory, and the state of
+    /// the source of poses.
+    pub fn save_state(&self, state: RunState, memory: PathBuf, poses: Option<Vec<u8>>) {
         // If the writer has ended, it reports the reason itself.
-        let _ = self.sender.send(Item::State(Box::new(state), memory));
+        let _ = self.sender.send(Item::State(Box::new(state), memory, poses));
     }
 
     /// Waits until everything is written.
@@ -91,8 +92,8 @@ impl WriterOutcome {
         for item in receiver {
             let frame = match item {
                 Item::Frame(frame) => frame,
-                Item::State(state, memory) => {
-                    self.save_state(&state, &memory);
+                Item::State(state, memory, poses) => {
+                    self.save_state(&state, &memory, poses);
                     continue;
                 }
             };
@@ -132,12 +133,13 @@ impl WriterOutcome {
     }
 
     /// Saves the state of the run, unless the images of an earlier frame were lost.
-    fn save_state(&mut self, state: &RunState, memory: &Path) {
+    fn save_state(&mut self, state: &RunState, memory: &Path, poses: Option<Vec<u8>>) {
         if self.first_error.is_some() || !matches!(self.saving, Saving::On(_)) {
             return;
         }
         let mut kept = Vec::new();
         self.for_each_output(|output, folder| output.save(folder).map(|state| kept.push((output.name(), state))));
+        kept.extend(poses.map(|poses| (CAMERA, poses)));
         if let Saving::On(writer) = &mut self.saving {
             let saved = writer.save(state, memory, &kept);
             self.saved(saved);

@@ -25,6 +25,9 @@ use std::path::{Path, PathBuf};
 /// Name of the folder inside the folder of results.
 pub const FOLDER: &str = ".splatseg-resume";
 
+/// Name of the state of the source of poses.
+pub const CAMERA: &str = "camera";
+
 const STATE: &str = "state.json";
 const FRAMES: &str = "frames";
 /// Extension of files with a line for each frame.
@@ -152,6 +155,20 @@ impl SavedRun {
     /// Path of the file with an output's own state. It is missing if the output had failed.
     pub fn output_file(&self, name: &str) -> PathBuf {
         self.folder.join(self.state.output_file(name))
+    }
+
+    /// Reads the state of the source of poses, if it was saved.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn poses(&self) -> Result<Option<Vec<u8>>, Failure> {
+        let path = self.output_file(CAMERA);
+        if !path.exists() {
+            return Ok(None);
+        }
+        read_file(&path, MAX_FRAMES_BYTES).map(Some).map_err(|error| {
+            Failure::input(format!("{}: {error}: start the run again with --overwrite", path.display()))
+        })
     }
 
     /// Checks that the images of the frames are still in the folder of results.

@@ -5,9 +5,10 @@ use crate::settings::{Settings, TrackerSettings};
 use splatseg_dataset::Scene;
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_objects::ObjectLog;
+use splatseg_odometry::{PoseSource, TrackedPoses};
 use splatseg_segmenter::Segmenter;
 use splatseg_simulators::{GroundTruthPrompts, SceneGroundTruth};
-use splatseg_tracking::{GivenPoses, Method, PoseSource, PromptSource, Tracker, TrackingError};
+use splatseg_tracking::{Method, PromptSource, Tracker, TrackingError};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -20,6 +21,7 @@ pub struct PipelineBuilder<'a> {
     tracker: Option<Box<dyn Tracker>>,
     memory: Option<SplatMemory>,
     saved_memory: Option<PathBuf>,
+    saved_poses: Option<Vec<u8>>,
     pub(crate) networks: Arc<LoadedNetworks>,
     objects: ObjectLog,
     progress: Box<dyn FnMut(f32) + 'a>,
@@ -35,6 +37,7 @@ impl<'a> PipelineBuilder<'a> {
             tracker: None,
             memory: None,
             saved_memory: None,
+            saved_poses: None,
             networks: Arc::default(),
             objects: ObjectLog::default(),
             progress: Box::new(|_| {}),
@@ -55,7 +58,7 @@ impl<'a> PipelineBuilder<'a> {
         self
     }
 
-    /// Sets your own source of poses, in place of the poses that come with the frames.
+    /// Sets your own source of poses, in place of the one that the setting `poses` chooses.
     #[must_use]
     pub fn poses(mut self, poses: Box<dyn PoseSource>) -> Self {
         self.poses = Some(poses);
@@ -80,6 +83,13 @@ impl<'a> PipelineBuilder<'a> {
     #[must_use]
     pub fn saved_memory(mut self, path: impl Into<PathBuf>) -> Self {
         self.saved_memory = Some(path.into());
+        self
+    }
+
+    /// Sets the state of the source of poses to continue with, from [`Pipeline::pose_state`].
+    #[must_use]
+    pub fn saved_poses(mut self, state: Vec<u8>) -> Self {
+        self.saved_poses = Some(state);
         self
     }
 
@@ -117,7 +127,10 @@ impl<'a> PipelineBuilder<'a> {
         };
         let method = self.make_method()?;
         let segment_ahead = self.settings.run.segment_ahead;
-        let poses = self.poses.take().unwrap_or_else(|| Box::new(GivenPoses));
+        let mut poses = self.poses.take().unwrap_or_else(|| Box::new(TrackedPoses::new(self.settings.run.poses)));
+        if let Some(state) = &self.saved_poses {
+            poses.restore(state)?;
+        }
         Ok(Pipeline { segmenter, poses, method, segment_ahead, clock: StageClock::new(), objects: self.objects })
     }
 

@@ -6,10 +6,11 @@ use splatseg_memory::LoadMemoryError;
 use splatseg_models::checkpoint::CheckpointError;
 use splatseg_models::device::DeviceError;
 use splatseg_models::sam2::Sam2Error;
+use splatseg_odometry::PoseSourceError;
 use splatseg_segmenter::SegmenterError;
 use splatseg_settings::SettingError;
 use splatseg_simulators::SimulatorError;
-use splatseg_tracking::{PoseSourceError, TrackerError, TrackingError};
+use splatseg_tracking::{TrackerError, TrackingError};
 use std::path::PathBuf;
 use thiserror::Error;
 

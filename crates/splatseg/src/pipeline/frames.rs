@@ -1,6 +1,7 @@
 //! The frame loop.
 
-use super::{FrameResult, Pipeline, PipelineError, Segmented, UnusableFrame, in_thread_pool, process, segment};
+use super::{FrameResult, Pipeline, PipelineError, Segmented, UnusableFrame};
+use super::{finish, in_thread_pool, process, segment, timed};
 use splatseg_dataset::{FrameReadError, FrameSource, StreamedFrame};
 use splatseg_geometry::{RgbdFrame, SegmentMap};
 use splatseg_memory::SplatMemory;
@@ -40,6 +41,11 @@ impl<'p, S: FrameSource> Frames<'p, S> {
         self.pipeline.memory()
     }
 
+    /// State of the source of poses after the latest frame; see [`Pipeline::pose_state`].
+    pub fn pose_state(&self) -> Option<Vec<u8>> {
+        self.pipeline.pose_state()
+    }
+
     /// Number of frames to come, including unusable ones. `None` if the end of the source is not known.
     pub fn frames_left(&self) -> Option<usize> {
         Some(self.source.frames_left()? + usize::from(self.next.is_some()))
@@ -57,20 +63,21 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
             Ok(streamed) => streamed,
             Err(error) => return Some(Err(error.into())),
         };
-        let pose = match poses.pose(&frame, world_from_camera.as_ref(), method.memory()) {
-            Ok(pose) => pose,
-            Err(error) => return Some(Err(error.into())),
+        let (pose, pose_time) = match timed(|| in_thread_pool(|| poses.pose(&frame, world_from_camera.as_ref()))) {
+            (Ok(pose), time) => (pose, time),
+            (Err(error), _) => return Some(Err(error.into())),
         };
-        let frame = frame.at(pose);
+        let frame = frame.at(pose.world_from_camera);
         // Read on this thread: a thread of the pool that waits for a frame could be the one that the frame waits for.
         let ahead = if *segment_ahead { source.next() } else { None };
         let (result, segmented_ahead) = in_thread_pool(|| {
             let segmented = segmented.unwrap_or_else(|| segment(segmenter.as_mut(), &frame));
             rayon::join(
-                || process(method.as_mut(), clock, objects, &frame, segmented),
+                || process(method.as_mut(), clock, objects, &frame, pose, segmented),
                 || Some(segment(segmenter.as_mut(), &ahead.as_ref()?.as_ref().ok()?.frame)),
             )
         });
+        let result = finish(result, poses.as_mut(), pose_time);
         *next = ahead.map(|frame| (frame, segmented_ahead));
         Some(Ok(Processed { index, frame, ground_truth, result }))
     }

@@ -17,12 +17,13 @@ pub use stage_times::StageTimes;
 
 use crate::Settings;
 use splatseg_dataset::FrameSource;
-use splatseg_geometry::{CameraFrame, Pose, RgbdFrame, ScoredMask};
+use splatseg_geometry::{CameraFrame, RgbdFrame, ScoredMask};
 use splatseg_memory::SplatMemory;
 use splatseg_models::fastsam::FastSamError;
 use splatseg_objects::{ObjectLog, ObjectSighting};
+use splatseg_odometry::{CameraPose, PoseMode, PoseSource, PoseState, TrackedPoses};
 use splatseg_segmenter::{Segmenter, SegmenterError};
-use splatseg_tracking::{FrameOutput, GivenPoses, Method, PoseSource};
+use splatseg_tracking::{FrameOutput, Method};
 use stage_times::StageClock;
 use std::time::{Duration, Instant};
 
@@ -46,7 +47,7 @@ pub struct FrameResult {
     /// Time of each stage.
     pub times: StageTimes,
     /// The camera's pose, from the pose source.
-    pub world_from_camera: Pose,
+    pub pose: CameraPose,
 }
 
 /// The masks of a frame, and the segmenter's time.
@@ -60,7 +61,7 @@ impl Pipeline {
     pub fn new(segmenter: Box<dyn Segmenter>, method: Box<dyn Method>) -> Self {
         Self {
             segmenter,
-            poses: Box::new(GivenPoses),
+            poses: Box::new(TrackedPoses::new(PoseMode::Auto)),
             method,
             segment_ahead: false,
             clock: StageClock::new(),
@@ -73,36 +74,44 @@ impl Pipeline {
         PipelineBuilder::new(settings)
     }
 
-    /// Processes the next frame of a camera whose pose is known. Pose sources other than
-    /// [`GivenPoses`] may return another pose.
+    /// Processes the next frame of a camera whose pose is known. With [`PoseMode::Track`] and [`PoseMode::Refine`] the
+    /// result may have another pose.
     ///
     /// # Errors
     /// [`PipelineError::Segmenter`] or [`PipelineError::Pose`] if the segmenter or the pose source failed: later frames
     /// can still be processed. [`PipelineError::Method`] or [`PipelineError::DeviceFailed`] if the method or the device
     /// failed: no later frame can be processed.
     pub fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
-        let pose = self.poses.pose(frame, Some(frame.world_from_camera()), self.method.memory())?;
-        if pose == *frame.world_from_camera() {
-            return self.step_at_pose(frame);
+        let (pose, time) = timed(|| in_thread_pool(|| self.poses.pose(frame, Some(frame.world_from_camera()))));
+        let pose = pose?;
+        if pose.world_from_camera == *frame.world_from_camera() {
+            return self.step_at_pose(frame, pose, time);
         }
-        self.step_at_pose(&frame.clone().into_camera_frame().at(pose))
+        self.step_at_pose(&frame.clone().into_camera_frame().at(pose.world_from_camera), pose, time)
     }
 
-    /// Processes the next frame of a camera whose pose is unknown: the pose source determines it.
+    /// Processes the next frame of a camera whose pose is unknown: it is tracked, unless [`PoseMode::Given`] forbids it.
     ///
     /// # Errors
     /// As [`Self::step`].
     pub fn step_unposed(&mut self, frame: CameraFrame<'_>) -> Result<FrameResult, PipelineError> {
-        let pose = self.poses.pose(&frame, None, self.method.memory())?;
-        self.step_at_pose(&frame.at(pose))
+        let (pose, time) = timed(|| in_thread_pool(|| self.poses.pose(&frame, None)));
+        let pose = pose?;
+        self.step_at_pose(&frame.at(pose.world_from_camera), pose, time)
     }
 
-    fn step_at_pose(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
+    fn step_at_pose(
+        &mut self,
+        frame: &RgbdFrame,
+        pose: CameraPose,
+        time: Duration,
+    ) -> Result<FrameResult, PipelineError> {
         let Self { segmenter, method, clock, objects, .. } = self;
-        in_thread_pool(|| {
+        let result = in_thread_pool(|| {
             let segmented = segment(segmenter.as_mut(), frame);
-            process(method.as_mut(), clock, objects, frame, segmented)
-        })
+            process(method.as_mut(), clock, objects, frame, pose, segmented)
+        });
+        finish(result, self.poses.as_mut(), time)
     }
 
     /// Processes every frame of a source, e.g. a [`FrameStream`](splatseg_dataset::FrameStream). With `segment_ahead`,
@@ -121,6 +130,12 @@ impl Pipeline {
         self.method.memory()
     }
 
+    /// The state of the source of poses after the latest frame, for [`PipelineBuilder::saved_poses`]. `None` if it has
+    /// none.
+    pub fn pose_state(&self) -> Option<Vec<u8>> {
+        self.poses.save()
+    }
+
     /// Log of every object seen so far.
     pub fn objects(&self) -> &ObjectLog {
         &self.objects
@@ -133,10 +148,29 @@ fn in_thread_pool<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     rayon::scope(|_| work())
 }
 
-fn segment(segmenter: &mut dyn Segmenter, frame: &CameraFrame) -> Segmented {
+/// Runs `work` and measures its time.
+fn timed<R>(work: impl FnOnce() -> R) -> (R, Duration) {
     let started = Instant::now();
-    let masks = segmenter.segment(frame);
-    Segmented { masks, time: started.elapsed() }
+    (work(), started.elapsed())
+}
+
+/// Passes a frame's segments to the source of poses, and adds the time for the pose.
+fn finish(
+    result: Result<FrameResult, PipelineError>,
+    poses: &mut dyn PoseSource,
+    time: Duration,
+) -> Result<FrameResult, PipelineError> {
+    let mut result = result?;
+    poses.set_segments(&result.output.segments);
+    if result.pose.state != PoseState::Given || result.pose.quality.is_some() {
+        result.times.add("pose", time);
+    }
+    Ok(result)
+}
+
+fn segment(segmenter: &mut dyn Segmenter, frame: &CameraFrame) -> Segmented {
+    let (masks, time) = timed(|| segmenter.segment(frame));
+    Segmented { masks, time }
 }
 
 fn process(
@@ -144,6 +178,7 @@ fn process(
     clock: &StageClock,
     objects: &mut ObjectLog,
     frame: &RgbdFrame,
+    pose: CameraPose,
     Segmented { masks, time }: Segmented,
 ) -> Result<FrameResult, PipelineError> {
     let name = || frame.name().to_owned();
@@ -153,9 +188,12 @@ fn process(
         }
         source => PipelineError::Segmenter { frame: name(), source: Box::new(source) },
     })?;
-    let (output, mut times) = clock.time(|| method.process(frame, &masks));
+    let (output, mut times) = clock.time(|| match pose.state {
+        PoseState::Lost => method.process_unplaced(frame, &masks),
+        _ => method.process(frame, &masks),
+    });
     let output = output.map_err(|source| PipelineError::Method { frame: name(), source: Box::new(source) })?;
     times.add("segment", time);
     let objects = objects.record(&output);
-    Ok(FrameResult { output, objects, times, world_from_camera: *frame.world_from_camera() })
+    Ok(FrameResult { output, objects, times, pose })
 }

@@ -21,6 +21,7 @@ pub use registry::{ChosenValues, Entry, Requirement, describe, entries};
 use splatseg_dataset::DatasetSettings;
 use splatseg_files::MemoryLimit;
 use splatseg_models::device::{DeviceError, DeviceName};
+use splatseg_odometry::PoseMode;
 use splatseg_settings::{Allowed, Choice, settings};
 
 /// Settings of a run: its method, its segmenter and the reading of its scene.
@@ -46,6 +47,11 @@ settings! {
         /// Defaults of the other settings: ours or the paper's. Explicit values override both. `splatseg settings`
         /// lists both.
         method_preset: MethodPreset = MethodPreset::Splatseg, Allowed::Names(MethodPreset::NAMES);
+        /// Source of the camera's poses. `auto`: those that come with the frames; frames without one are tracked. `given`:
+        /// only those, frames without one are skipped. `track`: the camera is tracked, given poses are ignored except
+        /// that of the first frame. `refine`: given poses drift, as a robot's odometry does, and are improved by
+        /// tracking.
+        poses: PoseMode = PoseMode::Auto, Allowed::Names(PoseMode::NAMES);
         /// The device that runs the networks. Support for devices other than the CPU must be built in.
         device: DeviceName = DeviceName::Cpu, Allowed::Names(DeviceName::NAMES);
         /// Segments the next frame while the method processes this one. Results do not depend on it. Each stage takes

@@ -194,6 +194,27 @@ impl Method for FastSamSplat {
         })
     }
 
+    fn process_unplaced(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+        check_sizes(frame, masks)?;
+        let found = self.visible(frame, masks);
+        let parts: Vec<&Mask> = found.parts.iter().collect();
+        let size = (frame.width(), frame.height());
+        let latest = self.memory.latest_ids().filter(|latest| latest.size() == size);
+        let linked = match latest {
+            Some(latest) => match_segments(latest, &parts, self.settings.min_match_f_score),
+            None => vec![None; parts.len()],
+        };
+        let ids = linked.into_iter().map(|id| id.map_or_else(|| self.memory.new_segment(), Ok));
+        let ids: Vec<SegmentId> = ids.collect::<Result<_, _>>()?;
+        let predicted = painted_parts(size, ids.iter().copied().zip(&found.parts));
+        let update = self.memory.record_unplaced(&predicted)?;
+        let segments = predicted.without_small(self.settings.min_area);
+        let scores = ids.iter().copied().zip(found.scores).collect();
+        let confidence = confidence(&segments, &scores, None);
+        let (predictions, track_errors) = (ids.len(), TrackErrorCounts::default());
+        Ok(FrameOutput { segments, confidence, masks: Vec::new(), predictions, track_errors, update })
+    }
+
     fn memory(&self) -> Option<&SplatMemory> {
         Some(&self.memory)
     }

@@ -33,6 +33,15 @@ pub trait Method: Send {
     /// E.g. [`TrackingError::MaskSize`] if a mask does not have the frame's size.
     fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError>;
 
+    /// Processes a frame whose pose is unknown, because tracking of the camera is lost; the frame has the last known pose.
+    /// Ids are linked in the image, and a memory learns nothing. By default the frame is processed like any other.
+    ///
+    /// # Errors
+    /// As [`Self::process`].
+    fn process_unplaced(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+        self.process(frame, masks)
+    }
+
     /// Splat memory, if the method has one.
     fn memory(&self) -> Option<&SplatMemory> {
         None

@@ -6,8 +6,8 @@ use crate::TrackingError;
 use crate::matching::painted;
 use crate::reprompting::{RepromptSettings, TrackErrorCounts, corrections, find_track_errors, repeated_answers};
 use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, prompt_tracks, remove_tracks, visible};
-use splatseg_geometry::{Mask, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId};
-use splatseg_memory::{MemoryError, MemorySettings, SplatMemory};
+use splatseg_geometry::{Image, Mask, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId, SegmentMap};
+use splatseg_memory::{FrameUpdate, MemoryError, MemorySettings, SegmentBelief, SplatMemory};
 use splatseg_settings::{Allowed, Choice, settings};
 use std::collections::BTreeSet;
 
@@ -91,8 +91,52 @@ impl Sam2Splat {
         });
     }
 
+    fn tracks(&mut self, frame: &RgbdFrame) -> Result<Vec<(SegmentId, Mask)>, TrackingError> {
+        let _stage = tracing::debug_span!(target: STAGE_TARGET, "track").entered();
+        Ok(self.tracker.track(frame)?)
+    }
+
+    /// Adds tracks for the masks that no track covers.
+    fn track_new_objects(
+        &mut self,
+        tracks: &mut Vec<(SegmentId, Mask)>,
+        masks: &[ScoredMask],
+    ) -> Result<(), TrackingError> {
+        let _stage = tracing::debug_span!(target: STAGE_TARGET, "track").entered();
+        let new_objects = self.new_objects.among(tracks, masks);
+        let ids = self.new_ids(new_objects.len())?;
+        // A reused id stands for another object from now on.
+        let reused = tracks.iter().map(|(id, _)| *id).filter(|id| ids.contains(id)).collect();
+        remove_tracks(self.tracker.as_mut(), tracks, &reused);
+        add_tracks(self.tracker.as_mut(), tracks, &new_objects, &ids)?;
+        Ok(())
+    }
+
     fn new_ids(&mut self, count: usize) -> Result<Vec<SegmentId>, MemoryError> {
         (0..count).map(|_| self.memory.new_segment()).collect()
+    }
+}
+
+/// What is shown for a frame.
+struct Shown {
+    masks: Vec<(SegmentId, Mask)>,
+    segments: SegmentMap,
+    confidence: Image<f32>,
+}
+
+impl Shown {
+    fn new(frame: &RgbdFrame, tracks: Vec<(SegmentId, Mask)>, expected: Option<&SegmentBelief>) -> Self {
+        let _stage = tracing::debug_span!(target: STAGE_TARGET, "fuse").entered();
+        let masks = visible(tracks);
+        let segments = painted((frame.width(), frame.height()), &masks);
+        let scores = masks.iter().map(|(id, _)| (*id, 1.0)).collect();
+        let confidence = confidence(&segments, &scores, expected);
+        Self { masks, segments, confidence }
+    }
+
+    fn output(self, track_errors: TrackErrorCounts, update: FrameUpdate) -> FrameOutput {
+        let Self { masks, segments, confidence } = self;
+        FrameOutput { segments, confidence, predictions: masks.len(), masks, track_errors, update }
     }
 }
 
@@ -103,10 +147,7 @@ impl Method for Sam2Splat {
 
     fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
         check_comparable(frame, masks)?;
-        let stage = tracing::debug_span!(target: STAGE_TARGET, "track").entered();
-        let mut tracks = self.tracker.track(frame)?;
-        drop(stage);
-
+        let mut tracks = self.tracks(frame)?;
         let recall = self.memory.recall(frame);
 
         let stage = tracing::debug_span!(target: STAGE_TARGET, "match").entered();
@@ -121,26 +162,20 @@ impl Method for Sam2Splat {
         remove_tracks(self.tracker.as_mut(), &mut tracks, &repeated);
         drop(stage);
 
-        let stage = tracing::debug_span!(target: STAGE_TARGET, "track").entered();
-        let new_objects = self.new_objects.among(&tracks, masks);
-        let ids = self.new_ids(new_objects.len())?;
-        // A reused id stands for another object from now on.
-        let reused = tracks.iter().map(|(id, _)| *id).filter(|id| ids.contains(id)).collect();
-        remove_tracks(self.tracker.as_mut(), &mut tracks, &reused);
-        add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, &ids)?;
-        drop(stage);
+        self.track_new_objects(&mut tracks, masks)?;
+        let shown = Shown::new(frame, tracks, Some(recall.expected()));
+        let update = self.memory.update(recall, &shown.segments, &BTreeSet::new())?;
+        self.drop_forgotten(&update.forgotten, &shown.masks);
+        Ok(shown.output(TrackErrorCounts::of(&errors), update))
+    }
 
-        let stage = tracing::debug_span!(target: STAGE_TARGET, "fuse").entered();
-        let masks = visible(tracks);
-        let segments = painted((frame.width(), frame.height()), &masks);
-        let scores = masks.iter().map(|(id, _)| (*id, 1.0)).collect();
-        let confidence = confidence(&segments, &scores, Some(recall.expected()));
-        drop(stage);
-
-        let update = self.memory.update(recall, &segments, &BTreeSet::new())?;
-        self.drop_forgotten(&update.forgotten, &masks);
-        let (predictions, track_errors) = (masks.len(), TrackErrorCounts::of(&errors));
-        Ok(FrameOutput { segments, confidence, masks, predictions, track_errors, update })
+    fn process_unplaced(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+        check_comparable(frame, masks)?;
+        let mut tracks = self.tracks(frame)?;
+        self.track_new_objects(&mut tracks, masks)?;
+        let shown = Shown::new(frame, tracks, None);
+        let update = self.memory.record_unplaced(&shown.segments)?;
+        Ok(shown.output(TrackErrorCounts::default(), update))
     }
 
     fn memory(&self) -> Option<&SplatMemory> {

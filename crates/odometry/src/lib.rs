@@ -1,0 +1,41 @@
+//! The pose of an RGB-D camera, tracked from frame to frame on the CPU.
+//!
+//! [`Odometry`] aligns each frame with a keyframe, an earlier frame with a known pose. Geometry (distances from the
+//! keyframe's surfaces) and image (luminance at the keyframe's points) form one 6×6 system, solved from coarse to fine.
+//! A [`PoseSource`] decides for each frame between the pose that came with it and a tracked one.
+//!
+//! | file | |
+//! | --- | --- |
+//! | `pose_source.rs` | the trait, and poses that come with the frames |
+//! | `tracked_poses.rs` | poses that are tracked, always or where they are missing, or refined |
+//! | `odometry.rs` | a frame in, its pose out; choice of keyframes; loss and return |
+//! | `pyramid.rs` | a frame at several resolutions |
+//! | `reference.rs` | the points of a keyframe, with planes and image gradients |
+//! | `alignment.rs`, `sums.rs`, `linear.rs` | residuals, weights and the system |
+//! | `prior.rs` | the motion model |
+//! | `movers.rs` | weights of segments that move by themselves |
+//! | `search.rs` | a start when the motion model fails |
+//! | `se3.rs` | rigid motions as six numbers |
+//! | `saved.rs` | the state of a run that is resumed |
+
+mod alignment;
+mod keyframe;
+mod linear;
+mod movers;
+mod odometry;
+mod pose_source;
+mod pose_state;
+mod prior;
+mod pyramid;
+mod reference;
+mod saved;
+mod se3;
+mod search;
+mod segment_runs;
+mod sums;
+mod tracked_poses;
+
+pub use odometry::Odometry;
+pub use pose_source::{GivenPoses, PoseSource, PoseSourceError};
+pub use pose_state::{CameraPose, PoseQuality, PoseState};
+pub use tracked_poses::{PoseMode, TrackedPoses};

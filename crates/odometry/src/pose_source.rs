@@ -1,0 +1,57 @@
+//! The camera's pose for each frame.
+
+use crate::CameraPose;
+use splatseg_geometry::{CameraFrame, Pose, SegmentMap};
+use thiserror::Error;
+
+/// Determines the pose of each frame before the method processes it.
+pub trait PoseSource: Send {
+    /// The pose of the next frame. `given` is the pose that came with the frame, camera to world.
+    ///
+    /// # Errors
+    /// If the frame cannot be used without a pose. The frame is skipped; the next call is for the next frame.
+    fn pose(&mut self, frame: &CameraFrame<'_>, given: Option<&Pose>) -> Result<CameraPose, PoseSourceError>;
+
+    /// Receives the segments that the method found in the latest frame, `[height, width]`, 0 for none.
+    fn set_segments(&mut self, _segments: &SegmentMap) {}
+
+    /// Returns the state that [`Self::restore`] needs to continue with the next frame, as JSON. `None` if there is no
+    /// state.
+    fn save(&self) -> Option<Vec<u8>> {
+        None
+    }
+
+    /// Restores a state from [`Self::save`].
+    ///
+    /// # Errors
+    /// If the state is damaged or from another kind of source.
+    fn restore(&mut self, _state: &[u8]) -> Result<(), PoseSourceError> {
+        Err(PoseSourceError::State("this source of poses has no state".to_owned()))
+    }
+}
+
+/// The poses that come with the frames.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct GivenPoses;
+
+/// Errors determining a frame's pose.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum PoseSourceError {
+    /// The frame came without a pose.
+    #[error("frame {frame} has no pose")]
+    Missing {
+        /// The frame's name.
+        frame: String,
+    },
+    /// A saved state cannot be used.
+    #[error("the saved state of the camera's poses cannot be used: {0}")]
+    State(String),
+}
+
+impl PoseSource for GivenPoses {
+    fn pose(&mut self, frame: &CameraFrame<'_>, given: Option<&Pose>) -> Result<CameraPose, PoseSourceError> {
+        let given = given.copied().map(CameraPose::given);
+        given.ok_or_else(|| PoseSourceError::Missing { frame: frame.name().to_owned() })
+    }
+}

@@ -1,0 +1,121 @@
+//! Grey values and depth of a frame at several resolutions.
+
+use rayon::prelude::*;
+use splatseg_geometry::{CameraFrame, Image, Intrinsics};
+
+/// Levels are added while the coarsest one is at least this wide and high twice over, pixels.
+const MIN_SIDE: usize = 24;
+
+/// Depths of neighbours that differ by more than this fraction belong to different surfaces.
+const SAME_SURFACE: f32 = 0.05;
+
+/// Unit of stored depth, metres: far below any sensor's noise.
+const DEPTH_STEP: f32 = 0.000_25;
+
+/// The part of a frame that odometry uses, in three bytes per pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct GreyFrame {
+    /// Luminance, `[height, width]`.
+    pub(crate) grey: Image<u8>,
+    /// z-depth in units of [`DEPTH_STEP`], `[height, width]`; 0 where missing or beyond 16 m.
+    pub(crate) depth: Image<u16>,
+    pub(crate) intrinsics: Intrinsics,
+}
+
+impl GreyFrame {
+    pub(crate) fn new(frame: &CameraFrame<'_>) -> Self {
+        let stored = |depth: &f32| {
+            let steps = depth / DEPTH_STEP + 0.5;
+            if steps <= f32::from(u16::MAX) { steps as u16 } else { 0 }
+        };
+        Self { grey: frame.color().map(luminance), depth: frame.depth().map(stored), intrinsics: *frame.intrinsics() }
+    }
+}
+
+/// A frame at several resolutions, the finest first. Each level is half as wide and high as the one before.
+#[derive(Clone, Debug)]
+pub(crate) struct Pyramid {
+    pub(crate) levels: Vec<Level>,
+}
+
+/// A frame at one resolution.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Level {
+    /// Luminance, 0 to 255, slightly blurred.
+    pub(crate) grey: Image<f32>,
+    /// z-depth in metres, 0 where missing.
+    pub(crate) depth: Image<f32>,
+    pub(crate) intrinsics: Intrinsics,
+}
+
+impl Pyramid {
+    /// Computes all levels of a frame.
+    pub(crate) fn new(frame: &GreyFrame) -> Self {
+        let depth = frame.depth.map(|steps| f32::from(*steps) * DEPTH_STEP);
+        let grey = blurred(&frame.grey.map(|grey| f32::from(*grey)));
+        let mut levels = vec![Level { grey, depth, intrinsics: frame.intrinsics }];
+        while let Some(level) = levels.last().and_then(Level::halved) {
+            levels.push(level);
+        }
+        Self { levels }
+    }
+}
+
+impl Level {
+    /// The next coarser level; `None` if it would be too small.
+    fn halved(&self) -> Option<Self> {
+        let (width, height) = (self.grey.width() / 2, self.grey.height() / 2);
+        if width < MIN_SIDE || height < MIN_SIDE {
+            return None;
+        }
+        let grey = Image::from_fn(width, height, |column, row| {
+            let block = |image: &Image<f32>| four(image, column, row).into_iter().sum::<f32>() * 0.25;
+            block(&self.grey)
+        });
+        let depth = Image::from_fn(width, height, |column, row| nearest_surface(four(&self.depth, column, row)));
+        let Intrinsics { fx, fy, cx, cy, .. } = self.intrinsics;
+        let intrinsics =
+            Intrinsics { fx: fx * 0.5, fy: fy * 0.5, cx: cx * 0.5 - 0.25, cy: cy * 0.5 - 0.25, width, height };
+        Some(Self { grey: blurred(&grey), depth, intrinsics })
+    }
+}
+
+fn four(image: &Image<f32>, column: usize, row: usize) -> [f32; 4] {
+    let (above, below) = (image.row(2 * row), image.row(2 * row + 1));
+    [above[2 * column], above[2 * column + 1], below[2 * column], below[2 * column + 1]]
+}
+
+/// Mean depth of the nearest surface among four pixels; 0 if none has depth.
+fn nearest_surface(depths: [f32; 4]) -> f32 {
+    let nearest = depths.into_iter().filter(|depth| *depth > 0.0).fold(f32::INFINITY, f32::min);
+    let limit = nearest * (1.0 + SAME_SURFACE);
+    let (sum, count) = depths
+        .into_iter()
+        .filter(|depth| *depth > 0.0 && *depth <= limit)
+        .fold((0.0, 0.0), |(sum, count), depth| (sum + depth, count + 1.0));
+    if count > 0.0 { sum / count } else { 0.0 }
+}
+
+/// Luminance of an sRGB colour (Rec. 601 weights, in 1/256).
+fn luminance(color: &[u8; 3]) -> u8 {
+    let [red, green, blue] = color.map(u32::from);
+    ((77 * red + 150 * green + 29 * blue + 128) >> 8) as u8
+}
+
+/// Blurs with the kernel 1 2 1 in both directions; the outermost pixels stay as they are.
+fn blurred(grey: &Image<f32>) -> Image<f32> {
+    let (width, height) = grey.size();
+    let mut result = grey.clone();
+    if width < 3 || height < 3 {
+        return result;
+    }
+    let rows = result.pixels_mut().par_chunks_mut(width).enumerate().with_min_len(16);
+    rows.filter(|(row, _)| *row > 0 && *row + 1 < height).for_each(|(row, result)| {
+        let [above, here, below] = [grey.row(row - 1), grey.row(row), grey.row(row + 1)];
+        let vertical = |column: usize| above[column] + 2.0 * here[column] + below[column];
+        for column in 1..width - 1 {
+            result[column] = (vertical(column - 1) + 2.0 * vertical(column) + vertical(column + 1)) * 0.0625;
+        }
+    });
+    result
+}
