@@ -51,7 +51,9 @@ pub use scene::{FramePart, LeftOut, RecordedFrame, Scene};
 pub use settings::DatasetSettings;
 pub use sevenscenes::SevenScenesScene;
 pub use stream::{FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY};
-pub use synthetic::{CameraMotion, Motion, Mover, Noise, SyntheticScene, SyntheticSettings, Thing, ThingKind};
+pub use synthetic::{
+    CameraMotion, Motion, Mover, Noise, Speed, SpeedError, SyntheticScene, SyntheticSettings, Thing, ThingKind,
+};
 pub use tum::TumScene;
 pub use undistort::Undistortion;
 

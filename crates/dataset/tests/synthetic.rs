@@ -138,3 +138,29 @@ fn rooms_in_which_nothing_moves_stay_as_they_were() {
         }
     }
 }
+
+#[test]
+fn a_slow_camera_passes_the_same_views_with_more_frames() {
+    let fast = room("synthetic:frames=9,seed=3,width=64,height=48,objects=8");
+    let slow = room("synthetic:frames=200,seed=3,width=64,height=48,objects=8,speed=0.04");
+    for index in [0, 1, 7] {
+        let (fast, slow) = (fast.read_frame(index).unwrap(), slow.read_frame(25 * index).unwrap());
+        assert_eq!(fast.world_from_camera(), slow.world_from_camera());
+        assert_eq!((fast.color(), fast.depth()), (slow.color(), slow.depth()));
+    }
+    for index in 0..60 {
+        let [here, there] = [index, index + 1].map(|index| *slow.read_frame(index).unwrap().world_from_camera());
+        let step = here.inverse() * there;
+        assert!((0.004..0.008).contains(&step.translation().length()), "{index}: {}", step.translation().length());
+        let turn = glam::DQuat::from_mat3(&step.rotation()).to_axis_angle().1.to_degrees();
+        assert!((0.02..0.7).contains(&turn), "{index}: {turn}");
+    }
+}
+
+#[test]
+fn the_default_speed_changes_no_byte() {
+    let text = "synthetic:frames=60,seed=3,width=64,height=48,objects=8,moving=3";
+    let (default, one) = (room(text), room(&format!("{text},speed=1")));
+    assert_eq!((default.name(), default.movers()), (one.name(), one.movers()));
+    assert_eq!(default.read_frame(59).unwrap(), one.read_frame(59).unwrap());
+}

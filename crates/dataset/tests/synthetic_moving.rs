@@ -180,3 +180,30 @@ fn more_movers_than_movable_things_are_refused() {
     assert!(error.contains("moving: found \"20\", expected at most 19"), "{error}");
     assert_eq!(asked("synthetic:frames=1,objects=3,moving=3").unwrap(), 3);
 }
+
+#[test]
+fn things_slow_down_with_the_camera() {
+    let [fast, slow] = ["frames=60", "frames=1500,speed=0.04"]
+        .map(|text| room(&format!("synthetic:{text},seed=4,width=64,height=48,moving=3")));
+    let slide = |scene: &SyntheticScene| {
+        only(scene.movers(), |motion| match motion {
+            Motion::Slide { step, steps } => Some((step, steps)),
+            _ => None,
+        })
+    };
+    let ((fast_id, (fast_step, fast_steps)), (slow_id, (slow_step, slow_steps))) = (slide(&fast), slide(&slow));
+    assert_eq!((fast_id, 25 * fast_steps), (slow_id, slow_steps));
+    assert!((fast_step - 25.0 * slow_step).length() < 1e-6);
+    let offset = |scene: &SyntheticScene, frame| scene.movers()[0].motion.offset_at(frame).unwrap();
+    for frame in 0..60 {
+        assert!((offset(&fast, frame) - offset(&slow, 25 * frame)).length() < 1e-4, "{frame}");
+    }
+    // Things still come and go after a third to half of the video.
+    for mover in slow.movers() {
+        if let Motion::Vanish { frame } | Motion::Appear { frame } = mover.motion {
+            assert!((500..=750).contains(&frame), "{frame}");
+        }
+    }
+    // 30 Hz, less than a round of the camera.
+    assert_eq!(room("synthetic:frames=600,speed=0.04,moving=2").movers().len(), 2);
+}

@@ -6,6 +6,7 @@ mod noise;
 mod room;
 mod settings;
 mod solids;
+mod speed;
 mod texture;
 mod thing;
 
@@ -13,6 +14,7 @@ pub use motion::{Motion, Mover};
 pub use noise::Noise;
 pub use settings::{CameraMotion, SyntheticSettings};
 pub(crate) use settings::{LAYOUT, looks_like};
+pub use speed::{Speed, SpeedError};
 pub use thing::{Thing, ThingKind};
 
 use crate::files::MemoryRequirement;
@@ -34,7 +36,8 @@ const RENDERING_BYTES_PER_PIXEL: u64 = 2 * size_of::<Sample>() as u64 + 16;
 
 /// A room with textured boxes, spheres and cylinders. The camera walks through it in a circle, so that objects leave
 /// the view and return. Frames are rendered when they are read, and equal settings give equal frames. With
-/// [`SyntheticSettings::moving`] some things slide, vanish or appear, consistently in colour, depth and ids.
+/// [`SyntheticSettings::moving`] some things slide, vanish or appear, consistently in colour, depth and ids. With
+/// [`SyntheticSettings::speed`] frames are closer together, as in a video.
 ///
 /// Floor, ceiling and walls have ids 1 to 6, the things ids from 7. World coordinates have z up and their origin at the
 /// centre of the floor.
@@ -92,18 +95,17 @@ impl SyntheticScene {
     }
 
     fn choose_movers(&self) -> Result<Vec<Mover>, DatasetError> {
-        let SyntheticSettings { frames, seed, moving, .. } = self.settings;
-        movers::choose(&self.room, &self.intrinsics, frames, |frame| self.camera_pose(frame), seed, moving).ok_or_else(
-            || DatasetError::Synthetic {
-                text: self.name.clone(),
-                field: "moving".to_owned(),
-                found: moving.to_string(),
-                expected: format!(
-                    "at most {}, the number of things on which nothing else stands",
-                    self.room.unloaded_things().count()
-                ),
-            },
-        )
+        let too_many = || DatasetError::Synthetic {
+            text: self.name.clone(),
+            field: "moving".to_owned(),
+            found: self.settings.moving.to_string(),
+            expected: format!(
+                "at most {}, the number of things on which nothing else stands",
+                self.room.unloaded_things().count()
+            ),
+        };
+        let pose_at = |frame| self.camera_pose(frame);
+        movers::choose(&self.room, &self.intrinsics, &self.settings, pose_at).ok_or_else(too_many)
     }
 
     /// Returns the settings of the scene.
@@ -113,8 +115,8 @@ impl SyntheticScene {
 
     fn camera_pose(&self, frame: usize) -> LocalPose {
         match self.settings.camera {
-            CameraMotion::Walk => self.room.camera_pose(frame),
-            CameraMotion::Static => self.room.camera_pose(0),
+            CameraMotion::Walk => self.room.camera_pose(self.settings.speed.time_at(frame)),
+            CameraMotion::Static => self.room.camera_pose(0.0),
         }
     }
 

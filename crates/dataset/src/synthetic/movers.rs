@@ -3,6 +3,7 @@
 use super::motion::{Motion, Mover};
 use super::room::{Lane, Room};
 use super::solids::Ray;
+use super::{Speed, SyntheticSettings};
 use glam::Vec2;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -13,7 +14,7 @@ use std::collections::BTreeMap;
 
 /// Random number stream, separate from those of the furnishing (0) and the noise (rows of the image).
 const RANDOM_STREAM: u64 = u64::MAX;
-/// Displacement per frame of a slide, metres. Less than any thing's width, so that it overlaps itself.
+/// Displacement per frame of a slide at speed 1, metres. Less than any thing's width, so that it overlaps itself.
 const STEP_M: f32 = 0.03;
 /// Maximum number of steps of a slide in one direction (0.6 m).
 const MAX_STEPS: usize = 20;
@@ -26,9 +27,9 @@ const DIRECTIONS: usize = 16;
 
 /// Visibility is measured in images of this width and height, pixels...
 const GRID: (usize, usize) = (48, 36);
-/// ...of every Nth frame...
+/// ...of every Nth frame (at speed 1)...
 const VIEW_STRIDE: usize = 4;
-/// ...among this many frames before things come and go, and as many after: one round of the camera.
+/// ...among this many frames (at speed 1) before things come and go, and as many after: one round of the camera.
 const VIEW_FRAMES: usize = 48;
 /// A thing is clearly visible if it covers at least this fraction of those images, both before and after.
 const MIN_VISIBLE_FRACTION: f32 = 0.003;
@@ -45,6 +46,19 @@ impl ChangeTime {
         Self { earliest: (frames / 3).max(1), latest: (frames / 2).max(1) }
     }
 
+    /// Returns the camera's poses in the round before things come and go, and in the round after.
+    fn views(
+        self,
+        frames: usize,
+        speed: Speed,
+        pose_at: impl Fn(usize) -> LocalPose,
+    ) -> (Vec<LocalPose>, Vec<LocalPose>) {
+        let (round, stride) = (speed.frames_for(VIEW_FRAMES), speed.frames_for(VIEW_STRIDE));
+        let before = (self.earliest.saturating_sub(round)..self.earliest).step_by(stride).map(&pose_at).collect();
+        let after = (self.latest..frames).take(round).step_by(stride).map(&pose_at).collect();
+        (before, after)
+    }
+
     fn draw(self, random: &mut ChaCha8Rng) -> usize {
         random.random_range(self.earliest..=self.latest)
     }
@@ -57,23 +71,25 @@ struct Candidate {
     clearly_visible: bool,
 }
 
-/// Chooses the movers, in the order slide, vanish, appear, slide, ...; if nothing has room to slide, a thing vanishes
-/// instead. Returns `None` if fewer than `count` things may move.
+/// Chooses [`SyntheticSettings::moving`] movers, in the order slide, vanish, appear, slide, ...; if nothing has room to
+/// slide, a thing vanishes instead. `pose_at` returns the camera's pose in a frame. Returns `None` if fewer things may
+/// move.
 pub(super) fn choose(
     room: &Room,
     intrinsics: &Intrinsics,
-    frames: usize,
+    settings: &SyntheticSettings,
     pose_at: impl Fn(usize) -> LocalPose,
-    seed: u64,
-    count: usize,
 ) -> Option<Vec<Mover>> {
+    let SyntheticSettings { frames, seed, moving: count, speed, .. } = *settings;
     if count == 0 {
         return Some(Vec::new());
     }
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(RANDOM_STREAM);
     let change = ChangeTime::for_video(frames);
-    let mut waiting = candidates(room, intrinsics, frames, change, pose_at, &mut random);
+    let (before, after) = change.views(frames, speed, pose_at);
+    let visible = (visible_fractions(room, intrinsics, &before), visible_fractions(room, intrinsics, &after));
+    let mut waiting = candidates(room, visible, &mut random);
     if waiting.len() < count {
         return None;
     }
@@ -86,7 +102,9 @@ pub(super) fn choose(
         let (place, motion) = match slide {
             Some((place, step, steps)) => {
                 lanes.entry(waiting[place].id).and_modify(|lane| lane.end += step * steps as f32);
-                (place, Motion::Slide { step: step.extend(0.0), steps })
+                // Never farther than at speed 1, where it is clear of everything.
+                let step = step.extend(0.0) * speed.factor() as f32;
+                (place, Motion::Slide { step, steps: speed.frames_for(steps) })
             }
             None if turn % 3 == 2 => (0, Motion::Appear { frame }),
             None => (0, Motion::Vanish { frame }),
@@ -97,19 +115,12 @@ pub(super) fn choose(
 }
 
 /// Returns the things on which nothing stands: first those clearly visible, shuffled, then the others, most visible
-/// first.
+/// first. `before` and `after` are the fractions of the rays that hit each solid.
 fn candidates(
     room: &Room,
-    intrinsics: &Intrinsics,
-    frames: usize,
-    change: ChangeTime,
-    pose_at: impl Fn(usize) -> LocalPose,
+    (before, after): (BTreeMap<SegmentId, f32>, BTreeMap<SegmentId, f32>),
     random: &mut ChaCha8Rng,
 ) -> Vec<Candidate> {
-    let before: Vec<LocalPose> =
-        (change.earliest.saturating_sub(VIEW_FRAMES)..change.earliest).step_by(VIEW_STRIDE).map(&pose_at).collect();
-    let after: Vec<LocalPose> = (change.latest..frames).take(VIEW_FRAMES).step_by(VIEW_STRIDE).map(&pose_at).collect();
-    let (before, after) = (visible_fractions(room, intrinsics, &before), visible_fractions(room, intrinsics, &after));
     let share = |shares: &BTreeMap<SegmentId, f32>, id: SegmentId| shares.get(&id).copied().unwrap_or(0.0);
     let mut ranked: Vec<(f32, SegmentId)> =
         room.unloaded_things().map(|id| (share(&before, id).min(share(&after, id)), id)).collect();

@@ -22,7 +22,7 @@ const WALK_RADIUS: f32 = 1.0;
 const WALK_MARGIN: f32 = 0.45;
 /// Frames per round. The step per frame is fixed, so a longer video continues the walk, and things that left the view
 /// return.
-const FRAMES_PER_ROUND: f32 = 48.0;
+const FRAMES_PER_ROUND: f64 = 48.0;
 /// Largest id of floor, ceiling and walls.
 const SHELL: SegmentId = 6;
 /// More things than this are made smaller, to keep the covered area constant.
@@ -149,14 +149,14 @@ impl Room {
         nearest
     }
 
-    /// Returns the camera pose in a frame. It walks around the centre, looking across it, swaying from side to side and
-    /// up and down.
-    pub(super) fn camera_pose(&self, frame: usize) -> LocalPose {
+    /// Returns the camera pose at a time, in frames at speed 1. It walks around the centre, looking across it, swaying
+    /// from side to side and up and down.
+    pub(super) fn camera_pose(&self, time: f64) -> LocalPose {
         let start = (self.seed % 997) as f32 * 0.631;
         // Whole rounds are removed before the angle is rounded, so that long videos stay exact.
-        let round = (frame % FRAMES_PER_ROUND as usize) as f32 / FRAMES_PER_ROUND;
+        let round = (time % FRAMES_PER_ROUND) as f32 / FRAMES_PER_ROUND as f32;
         let angle = start + round * std::f32::consts::TAU;
-        let sway = frame as f32;
+        let sway = time as f32;
         let outward = Vec2::from_angle(angle);
         let position = (outward * WALK_RADIUS).extend(1.45 + 0.1 * (sway * 0.29).sin());
         let heading = Vec2::from_angle(angle + std::f32::consts::PI + 0.45 * (sway * 0.21).sin());
@@ -269,7 +269,7 @@ fn random_shape(random: &mut ChaCha8Rng, size: f32) -> Shape {
 #[cfg(test)]
 mod tests {
     use super::super::motion::Motion;
-    use super::super::movers;
+    use super::super::{SyntheticSettings, movers};
     use super::*;
     use splatseg_geometry::Intrinsics;
 
@@ -279,7 +279,7 @@ mod tests {
             let room = Room::furnished(seed, 40);
             assert_eq!(room.solids.len(), 46, "seed {seed}");
             for frame in 0..100 {
-                let position = room.camera_pose(frame).translation();
+                let position = room.camera_pose(f64::from(frame)).translation();
                 for solid in &room.solids[6..] {
                     let distance = solid.center.truncate().distance(position.truncate());
                     assert!(distance > solid.shape.footprint() + 0.4, "seed {seed}, frame {frame}");
@@ -303,7 +303,9 @@ mod tests {
             let room = Room::furnished(seed, 40);
             let camera = Intrinsics { fx: 288.0, fy: 288.0, cx: 159.5, cy: 119.5, width: 320, height: 240 };
             let count = room.unloaded_things().count();
-            let movers = movers::choose(&room, &camera, 60, |frame| room.camera_pose(frame), seed, count).unwrap();
+            let settings = SyntheticSettings { seed, moving: count, ..SyntheticSettings::default() };
+            let pose_at = |frame| room.camera_pose(settings.speed.time_at(frame));
+            let movers = movers::choose(&room, &camera, &settings, pose_at).unwrap();
             slides_on_top +=
                 movers.iter().filter(|mover| is_slide(mover) && room.carriers.contains_key(&mover.id)).count();
             for frame in [1, 5, 10, 15, 20, 29, 30, 31, 40] {
@@ -333,7 +335,7 @@ mod tests {
     #[test]
     fn every_ray_from_the_walk_meets_something() {
         let room = Room::furnished(1, 0);
-        let origin = room.camera_pose(7).translation();
+        let origin = room.camera_pose(7.0).translation();
         for index in 0..2000 {
             let (height, angle) = (index as f32 / 1000.0 - 1.0, index as f32 * 2.4);
             let direction = (Vec2::from_angle(angle) * (1.0 - height * height).sqrt()).extend(height);

@@ -1,6 +1,6 @@
 //! Settings of the synthetic room, and their form on a command line.
 
-use super::Noise;
+use super::{Noise, Speed};
 use crate::DatasetError;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -9,10 +9,10 @@ use std::str::FromStr;
 
 /// Syntax of a synthetic room's name, for messages.
 pub(crate) const LAYOUT: &str = "the word synthetic, or synthetic:frames=60,seed=0,width=320,height=240,objects=20,noise=none \
-                                 with any of these settings (noise: none or kinect), moving=2 (the number of moving things) \
-                                 and camera=static";
+                                 with any of these settings (noise: none or kinect), moving=2 (the number of moving things), \
+                                 camera=static and speed=0.04 (of all motion, for a video at 30 frames per second)";
 
-const KEYS: &str = "width, height, frames, seed, objects, noise, moving or camera";
+const KEYS: &str = "width, height, frames, seed, objects, noise, moving, camera or speed";
 const PREFIX: &str = "synthetic";
 const SIDE: std::ops::RangeInclusive<usize> = 8..=4096;
 const OBJECTS: std::ops::RangeInclusive<usize> = 0..=400;
@@ -21,7 +21,7 @@ const FRAMES: std::ops::RangeInclusive<usize> = 1..=1_000_000;
 
 /// Settings of the synthetic room. Written as
 /// `synthetic:frames=60,seed=3,width=320,height=240,objects=20,noise=kinect`, where everything has a default.
-/// `moving=2` and `camera=static` may be added.
+/// `moving=2`, `camera=static` and `speed=0.04` may be added.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SyntheticSettings {
@@ -29,7 +29,7 @@ pub struct SyntheticSettings {
     pub width: usize,
     /// Image height, pixels, 8 to 4096. Default: 240.
     pub height: usize,
-    /// Number of frames, 1 to 1,000,000. A round of the camera takes 48. Default: 60.
+    /// Number of frames, 1 to 1,000,000. A round of the camera takes 48 / `speed`. Default: 60.
     pub frames: usize,
     /// Random seed of the arrangement and appearance of things. Default: 0.
     pub seed: u64,
@@ -44,13 +44,15 @@ pub struct SyntheticSettings {
     pub moving: usize,
     /// Motion of the camera. Default: walking.
     pub camera: CameraMotion,
+    /// Speed of the camera and of sliding things. Default: 1.
+    pub speed: Speed,
 }
 
 /// Motion of the camera in the synthetic room.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CameraMotion {
-    /// Walks in a circle, 48 frames per round.
+    /// Walks in a circle, 48 / `speed` frames per round.
     #[default]
     Walk,
     /// Stays at the start of the walk.
@@ -60,7 +62,8 @@ pub enum CameraMotion {
 impl Default for SyntheticSettings {
     fn default() -> Self {
         let (noise, camera) = (Noise::None, CameraMotion::Walk);
-        Self { width: 320, height: 240, frames: 60, seed: 0, objects: 20, noise, moving: 0, camera }
+        let speed = Speed::default();
+        Self { width: 320, height: 240, frames: 60, seed: 0, objects: 20, noise, moving: 0, camera, speed }
     }
 }
 
@@ -111,9 +114,10 @@ impl fmt::Display for SyntheticSettings {
             write!(formatter, ",moving={}", self.moving)?;
         }
         match self.camera {
-            CameraMotion::Walk => Ok(()),
-            CameraMotion::Static => write!(formatter, ",camera=static"),
+            CameraMotion::Walk => {}
+            CameraMotion::Static => write!(formatter, ",camera=static")?,
         }
+        if self.speed == Speed::default() { Ok(()) } else { write!(formatter, ",speed={}", self.speed) }
     }
 }
 
@@ -158,6 +162,7 @@ impl FromStr for SyntheticSettings {
                         _ => return Err(wrong(key, value, "walk or static")),
                     }
                 }
+                "speed" => settings.speed = value.parse().map_err(|_| wrong(key, value, Speed::EXPECTED))?,
                 _ => return Err(wrong("setting", key, KEYS)),
             }
         }
@@ -178,6 +183,9 @@ mod tests {
         let moving = format!("{text},moving=2,camera=static");
         assert_eq!(moving.parse::<SyntheticSettings>().unwrap().to_string(), moving);
         assert_eq!(format!("{text},moving=0,camera=walk").parse::<SyntheticSettings>().unwrap().to_string(), text);
+        let slow = format!("{moving},speed=0.04");
+        assert_eq!(slow.parse::<SyntheticSettings>().unwrap().to_string(), slow);
+        assert_eq!(format!("{moving},speed=1.0").parse::<SyntheticSettings>().unwrap().to_string(), moving);
         assert!(looks_like(Path::new(text)) && looks_like(Path::new("synthetic")));
         assert!(!looks_like(Path::new("./synthetic")) && !looks_like(Path::new("synthetic-rooms")));
     }
@@ -190,6 +198,10 @@ mod tests {
         assert!(error("synthetic:colour=1").contains("found \"colour\""));
         assert!(error("synthetic:noise=loud").contains("none or kinect"));
         assert!(error("synthetic:camera=drone").contains("camera: found \"drone\", expected walk or static"));
+        for speed in ["0", "1.5", "-0.1", "0.0004", "0.0405", "nan", "fast", ""] {
+            let message = format!("speed: found \"{speed}\", expected 0.001 to 1, with at most three decimals");
+            assert!(error(&format!("synthetic:speed={speed}")).contains(&message), "{speed}");
+        }
         assert!(error("synthetic:moving=-1").contains("moving: found \"-1\", expected a whole number"));
         assert!(error("synthetic:moving=61").contains("moving: found \"61\", expected 0 to 60"));
         let few = error("synthetic:objects=3,moving=4");
