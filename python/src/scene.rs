@@ -56,6 +56,12 @@ impl Scene {
         self.scene.format().map(splatseg::dataset::Format::name)
     }
 
+    /// True if at least one frame is expected to have a pose.
+    #[getter]
+    fn has_poses(&self) -> bool {
+        self.scene.has_poses()
+    }
+
     /// True if the scene has true ids.
     #[getter]
     fn has_ground_truth(&self) -> bool {

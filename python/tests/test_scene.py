@@ -67,6 +67,19 @@ def test_frames_that_cannot_be_used_are_left_out_with_a_warning(tmp_path):
         ss.open_scene(scene)[1]
 
 
+def test_a_recording_without_poses_and_calibration(tmp_path):
+    scene = tmp_path / "scene"
+    shutil.copytree(ROOT / "crates/dataset/tests/data/folder/room", scene)
+    (scene / "poses.txt").unlink()
+    (scene / "camera.json").unlink()
+    with pytest.raises(ValueError, match="the camera is not known"):
+        ss.open_scene(scene)
+    recording = ss.open_scene(scene, fx=144.5)
+    assert not recording.has_poses and ss.open_scene(ROOM).has_poses
+    assert [frame.camera_to_world for frame in recording] == [None] * 4
+    np.testing.assert_array_equal(recording[0].K, [[144.5, 0, 79.5], [0, 144.5, 59.5], [0, 0, 1]])
+
+
 def test_scores_are_those_of_the_command(tmp_path):
     out, scores = tmp_path / "out", tmp_path / "scores.json"
     assert command("run", ROOM, "--out", str(out), "--no-page").returncode == 0

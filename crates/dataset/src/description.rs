@@ -5,7 +5,7 @@ use crate::{DatasetSettings, Format, LeftOut, Scene, StreamedFrame};
 use std::fmt;
 
 /// Summary of the data read by a stream of frames. `Display` writes one line, plus one for each source and each kind of
-/// skipped frames.
+/// frames that have no pose or are skipped.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct SceneDescription {
@@ -26,6 +26,10 @@ pub struct SceneDescription {
     pub frame_size: Option<(usize, usize)>,
     /// Smallest and largest depth in the first frame, metres; also `None` if it has no depth at all.
     pub depth_range_m: Option<(f32, f32)>,
+    /// True if at least one frame is expected to have a pose.
+    pub has_poses: bool,
+    /// Frames without a pose in a scene that has others, as far as known.
+    pub without_pose: Vec<LeftOut>,
     /// Sources of the scene's data, one line each, if its files do not make them obvious.
     pub sources: Vec<String>,
     /// Frames that were found but skipped.
@@ -44,6 +48,8 @@ impl SceneDescription {
             original_size: None,
             frame_size: None,
             depth_range_m: None,
+            has_poses: scene.has_poses(),
+            without_pose: scene.without_pose().to_vec(),
             sources: scene.sources().to_vec(),
             left_out: scene.left_out().to_vec(),
         }
@@ -130,8 +136,14 @@ impl fmt::Display for SceneDescription {
             write!(formatter, ", {} used", self.selected_frames)?;
         }
         self.write_images(formatter)?;
+        if !self.has_poses {
+            write!(formatter, "; no poses")?;
+        }
         for source in &self.sources {
             write!(formatter, "\n  {source}")?;
+        }
+        for LeftOut { count, what } in &self.without_pose {
+            write!(formatter, "\n  no pose: {} {what}", frames(*count))?;
         }
         for LeftOut { count, what } in &self.left_out {
             write!(formatter, "\n  left out: {} {what}", frames(*count))?;
@@ -155,20 +167,28 @@ mod tests {
             original_size: Some((640, 480)),
             frame_size: Some((310, 230)),
             depth_range_m: Some((0.8125, 4.2)),
+            has_poses: true,
+            without_pose: vec![LeftOut { count: 1, what: "without a pose file".to_owned() }],
             sources: vec!["colour: /color".to_owned()],
             left_out: vec![LeftOut { count: 3, what: "without a colour image".to_owned() }],
         };
         assert_eq!(
             description.to_string(),
             "scene0000_00: format scannet, 5578 frames, 279 used; colour 1296x968, depth 640x480, used at 310x230; depth \
-             of the first frame 0.81 to 4.20 m\n  colour: /color\n  left out: 3 frames without a colour image"
+             of the first frame 0.81 to 4.20 m\n  colour: /color\n  no pose: 1 frame without a pose file\n  left out: 3 frames without a \
+             colour image"
         );
         description.depth_range_m = None;
+        description.without_pose.clear();
+        description.has_poses = false;
         description.frame_size = None;
         description.frames = 1;
         description.selected_frames = 1;
         description.left_out.clear();
         description.sources.clear();
-        assert_eq!(description.to_string(), "scene0000_00: format scannet, 1 frame; none of them can be read");
+        assert_eq!(
+            description.to_string(),
+            "scene0000_00: format scannet, 1 frame; none of them can be read; no poses"
+        );
     }
 }

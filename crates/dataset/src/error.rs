@@ -88,6 +88,14 @@ pub enum DatasetError {
         /// The frame's name.
         frame: String,
     },
+    /// The camera is not known: no file describes it, and no setting does.
+    #[error("{}: the camera is not known: describe it in {file}, or give its focal length in pixels with --fx", path.display())]
+    NoCamera {
+        /// The scene.
+        path: PathBuf,
+        /// The file, or files, that would describe it.
+        file: &'static str,
+    },
     /// A file required by the format is missing.
     #[error("{}: the {what} is missing", path.display())]
     MissingFile {

@@ -27,6 +27,12 @@ pub(crate) fn read_file(path: &Path, what: &'static str, limit: u64) -> Result<V
     })
 }
 
+/// Returns true if an optional file of a scene is there. Also true for a broken link and for anything that is not a
+/// regular file: reading it reports the problem, which must not look like a scene without that file.
+pub(crate) fn is_there(path: &Path) -> bool {
+    path.symlink_metadata().is_ok()
+}
+
 /// An allocation proportional to a number of pixels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MemoryRequirement {

@@ -1,5 +1,6 @@
 //! The formats: names, the table of how each is opened, and detection of a path's format. A new format is added here.
 
+use crate::own_camera::OwnCamera;
 use crate::synthetic::{self, SyntheticScene};
 use crate::{DatasetError, DatasetSettings, Scene};
 use crate::{FolderScene, McapScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
@@ -28,7 +29,8 @@ choices! {
         /// An MVPd video, in a split's folder or a scene's `.tar.gz`. Choose one of several videos by name, as
         /// `FOLDER:VIDEO`, `FOLDER/imagesRGB/VIDEO` or `SCENE.tar.gz:VIDEO`.
         Mvpd = "mvpd",
-        /// A plain folder with `color/`, `depth/`, `camera.json` and `poses.txt`, described in FOLDER_FORMAT.md.
+        /// A plain folder with `color/` and `depth/`, and `camera.json` and `poses.txt` if there are any, described in
+        /// FOLDER_FORMAT.md.
         Folder = "folder",
         /// A ROS 2 recording in an MCAP file, or a folder containing one, as written by rosbag2.
         Mcap = "mcap",
@@ -83,42 +85,42 @@ const FORMATS: &[FormatEntry] = &[
         layout: scannet::LAYOUT,
         parts: scannet::parts,
         looks_like: scannet::looks_like,
-        open: |path, _| Ok(Arc::new(ScannetScene::open(path)?)),
+        open: |path, settings| Ok(Arc::new(ScannetScene::open(path, settings)?)),
     },
     FormatEntry {
         format: Format::Sens,
         layout: scannet::SENS_LAYOUT,
         parts: |_| Vec::new(),
         looks_like: scannet::looks_like_sens,
-        open: |path, _| Ok(Arc::new(SensScene::open(path)?)),
+        open: |path, settings| Ok(Arc::new(SensScene::open(path, settings)?)),
     },
     FormatEntry {
         format: Format::Tum,
         layout: tum::LAYOUT,
         parts: tum::parts,
         looks_like: tum::looks_like,
-        open: |path, _| Ok(Arc::new(TumScene::open(path)?)),
+        open: |path, settings| Ok(Arc::new(TumScene::open(path, settings)?)),
     },
     FormatEntry {
         format: Format::Replica,
         layout: replica::LAYOUT,
         parts: replica::parts,
         looks_like: replica::looks_like,
-        open: |path, _| Ok(Arc::new(ReplicaScene::open(path)?)),
+        open: |path, settings| Ok(Arc::new(ReplicaScene::open(path, settings)?)),
     },
     FormatEntry {
         format: Format::Mvpd,
         layout: mvpd::LAYOUT,
         parts: mvpd::parts,
         looks_like: mvpd::looks_like,
-        open: |path, _| Ok(Arc::new(MvpdScene::open(path)?)),
+        open: |path, settings| Ok(Arc::new(MvpdScene::open(path, settings)?)),
     },
     FormatEntry {
         format: Format::Folder,
         layout: plain_folder::LAYOUT,
         parts: plain_folder::parts,
         looks_like: plain_folder::looks_like,
-        open: |path, _| Ok(Arc::new(FolderScene::open(path)?)),
+        open: |path, settings| Ok(Arc::new(FolderScene::open(path, settings)?)),
     },
     FormatEntry {
         format: Format::Mcap,
@@ -132,7 +134,10 @@ const FORMATS: &[FormatEntry] = &[
         layout: synthetic::LAYOUT,
         parts: |_| Vec::new(),
         looks_like: synthetic::looks_like,
-        open: |path, _| Ok(Arc::new(SyntheticScene::new(path.to_string_lossy().parse()?)?)),
+        open: |path, settings| {
+            let scene = SyntheticScene::new(path.to_string_lossy().parse()?)?;
+            Ok(Arc::new(scene.with_camera(OwnCamera::from_settings(settings)?)))
+        },
     },
 ];
 

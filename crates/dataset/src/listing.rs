@@ -1,5 +1,6 @@
 //! Folders with numbered files.
 
+use crate::recorded_poses::PoseCoverage;
 use crate::{DatasetError, LeftOut};
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -69,6 +70,17 @@ pub(crate) fn left_out_beside(
         (unreadable, format!("with names that are not UTF-8 in {}", color_folder.display())),
         (without_color.len(), "without a colour image".to_owned()),
     ])
+}
+
+/// Returns the coverage of frames whose poses are files in `folder`, named like them.
+pub(crate) fn pose_coverage(frames: &[NumberedFile], folder: &Path, pattern: NamePattern) -> PoseCoverage {
+    let stems = names_in(folder).into_iter().filter_map(|name| Some(pattern.parse(&name)?.1));
+    let with_pose: BTreeSet<String> = stems.collect();
+    let missing = frames.iter().filter(|frame| !with_pose.contains(&frame.stem)).count();
+    if missing == frames.len() {
+        return PoseCoverage::NONE;
+    }
+    PoseCoverage::new(frames.len(), [(missing, "without a pose file".to_owned())])
 }
 
 /// Lists the files of a folder whose names match, one per stem, sorted by number.

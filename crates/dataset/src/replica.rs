@@ -1,21 +1,24 @@
 //! Replica (Straub et al., 2019) as rendered for iMAP and laid out by NICE-SLAM: `results/frame000000.jpg`,
-//! `results/depth000000.png` (16-bit) and `traj.txt` with one camera-to-world matrix per line (16 numbers, row-major).
+//! `results/depth000000.png` (16-bit) and, if there are poses, `traj.txt` with one camera-to-world matrix per line (16
+//! numbers, row-major).
 //!
 //! The camera is described by `cam_params.json` in the scene's folder or its parent, as in NICE-SLAM's archive:
 //! `{"camera": {"w", "h", "fx", "fy", "cx", "cy", "scale"}}`, with `scale` depth units per metre.
 
 use crate::decode::{read_color, read_depth};
-use crate::files::read_file;
+use crate::files::{is_there, read_file};
 use crate::listing::{NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files};
+use crate::own_camera::{OwnCamera, camera_place};
+use crate::recorded_poses::{LOST, PoseCoverage, tracked};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{read_text, shortened};
-use crate::{DatasetError, Format, RecordedFrame, Scene};
+use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 use serde::Deserialize;
 use splatseg_geometry::{Intrinsics, Pose, SegmentMap};
 use std::path::{Path, PathBuf};
 
 /// Layout of a Replica folder, for messages.
-pub(crate) const LAYOUT: &str = "results/frame000000.jpg, results/depth000000.png, ..., traj.txt, cam_params.json (optional, here or one folder up)";
+pub(crate) const LAYOUT: &str = "results/frame000000.jpg, results/depth000000.png, ..., traj.txt (optional), cam_params.json (optional, here or one folder up)";
 
 const COLOR: NamePattern = NamePattern { prefix: "frame", suffixes: &[".png", ".jpg", ".jpeg"] };
 const DEPTH: NamePattern = NamePattern { prefix: "depth", suffixes: &[".png"] };
@@ -57,20 +60,23 @@ pub struct ReplicaScene {
     name: String,
     folder: PathBuf,
     frames: Vec<NumberedFile>,
-    /// Row-major, camera-to-world.
-    poses: Vec<[f64; 16]>,
+    /// Row-major, camera-to-world; `None` without a file of poses.
+    trajectory: Option<Vec<[f64; 16]>>,
+    poses: PoseCoverage,
+    own_camera: Option<OwnCamera>,
     intrinsics: Intrinsics,
     units_per_metre: f32,
     left_out: Vec<LeftOut>,
 }
 
 impl ReplicaScene {
-    /// Lists the frames of a scene's folder, sorted by number, and reads its trajectory and camera.
+    /// Lists the frames of a scene's folder, sorted by number, and reads its trajectory and camera. Uses only `fx` to
+    /// `cy` of `settings`.
     ///
     /// # Errors
-    /// If the folder has no colour or no depth images, or the trajectory is missing, or the trajectory or camera file
-    /// is damaged.
-    pub fn open(folder: &Path) -> Result<Self, DatasetError> {
+    /// If the folder has no colour or no depth images, or the trajectory or camera file is damaged.
+    pub fn open(folder: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
+        settings.validate()?;
         let images = folder.join(IMAGES_FOLDER);
         let frames = numbered_files(&images, COLOR)?;
         if frames.is_empty() {
@@ -79,11 +85,16 @@ impl ReplicaScene {
         if !has_numbered_files(&images, DEPTH) {
             return Err(DatasetError::NoFrames { path: images, expected: "depth<number>.png" });
         }
-        let poses = read_trajectory(&folder.join(TRAJECTORY))?;
+        let path = folder.join(TRAJECTORY);
+        let trajectory = if is_there(&path) { Some(read_trajectory(&path)?) } else { None };
+        let own_camera = OwnCamera::from_settings(settings)?;
         let (intrinsics, units_per_metre) = read_camera(folder)?;
         let left_out = left_out_beside(&frames, &images, &[(images.clone(), DEPTH)]);
-        let (name, folder) = (folder_name(folder), folder.to_owned());
-        Ok(Self { name, folder, frames, poses, intrinsics, units_per_metre, left_out })
+        let (name, folder, poses) = (folder_name(folder), folder.to_owned(), PoseCoverage::NONE);
+        let mut scene =
+            Self { name, folder, frames, trajectory, poses, own_camera, intrinsics, units_per_metre, left_out };
+        scene.poses = scene.coverage();
+        Ok(scene)
     }
 
     fn depth_path(&self, file: &NumberedFile) -> PathBuf {
@@ -99,13 +110,46 @@ impl ReplicaScene {
     /// Returns the trajectory line, from 0, of a frame: the line at the frame's index if there are as many lines as
     /// frames, otherwise the line at its number, e.g. if every tenth image was kept with the whole trajectory.
     fn trajectory_line(&self, index: usize, file: &NumberedFile) -> usize {
-        if self.poses.len() == self.frames.len() { index } else { usize::try_from(file.number).unwrap_or(usize::MAX) }
+        if self.trajectory.as_ref().is_some_and(|lines| lines.len() == self.frames.len()) {
+            return index;
+        }
+        usize::try_from(file.number).unwrap_or(usize::MAX)
+    }
+
+    /// Counts the frames in which tracking was lost.
+    fn coverage(&self) -> PoseCoverage {
+        let Some(lines) = &self.trajectory else { return PoseCoverage::NONE };
+        let is_lost = |(index, file): &(usize, &NumberedFile)| {
+            lines.get(self.trajectory_line(*index, file)).is_some_and(|pose| pose.iter().any(|part| !part.is_finite()))
+        };
+        let lost = self.frames.iter().enumerate().filter(is_lost).count();
+        PoseCoverage::new(self.frames.len(), [(lost, format!("whose pose in {TRAJECTORY} {LOST}"))])
+    }
+
+    /// Returns the pose of a frame; `None` if it has none.
+    fn pose(&self, index: usize, file: &NumberedFile) -> Result<Option<Pose>, DatasetError> {
+        let Some(lines) = &self.trajectory else { return Ok(None) };
+        let line = self.trajectory_line(index, file);
+        let matrix = lines.get(line).ok_or_else(|| DatasetError::Field {
+            path: self.folder.join(TRAJECTORY),
+            field: format!("pose of {}", file.stem),
+            found: format!("{} lines", lines.len()),
+            expected: format!("one for each of {} frames, or at least {}", self.frames.len(), line.saturating_add(1)),
+        })?;
+        tracked(Pose::from_row_major(*matrix), || self.pose_path(line))
     }
 }
 
 /// Returns the required parts of a scene, each with true if the folder has it.
 pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
-    vec![(TRAJECTORY, path.join(TRAJECTORY).is_file()), ("results/", path.join(IMAGES_FOLDER).is_dir())]
+    let images = path.join(IMAGES_FOLDER);
+    let folder = ("results/", images.is_dir());
+    if path.join(TRAJECTORY).is_file() {
+        return vec![(TRAJECTORY, true), folder];
+    }
+    // Other programs name folders like that, too, so it takes more without a trajectory.
+    let color = ("results/frame<number>.jpg or .png", has_numbered_files(&images, COLOR));
+    vec![folder, color, ("results/depth<number>.png", has_numbered_files(&images, DEPTH))]
 }
 
 /// Returns true if a folder contains a scene.
@@ -177,23 +221,25 @@ impl Scene for ReplicaScene {
 
     fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let file = entry(&self.frames, index, &self.name)?;
-        let trajectory = self.folder.join(TRAJECTORY);
-        let line = self.trajectory_line(index, file);
-        let matrix = self.poses.get(line).ok_or_else(|| DatasetError::Field {
-            path: trajectory.clone(),
-            field: format!("pose of {}", file.stem),
-            found: format!("{} lines", self.poses.len()),
-            expected: format!("one for each of {} frames, or at least {}", self.frames.len(), line.saturating_add(1)),
-        })?;
-        let pose = Pose::from_row_major(*matrix)
-            .map_err(|source| DatasetError::Pose { path: self.pose_path(line), source })?;
+        let pose = self.pose(index, file)?;
         let depth_path = self.depth_path(file);
         let depth = read_depth(&depth_path, self.units_per_metre)?;
         let color = read_color(&file.path)?;
         require_registered(&color, &depth, &depth_path)?;
-        let intrinsics = self.intrinsics.resized(color.width(), color.height());
+        let intrinsics = match self.own_camera {
+            Some(camera) => camera.intrinsics(color.size()),
+            None => self.intrinsics.resized(color.width(), color.height()),
+        };
         let name = file.stem.clone();
-        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: Some(pose) }.into_frame()
+        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: pose }.into_frame()
+    }
+
+    fn has_poses(&self) -> bool {
+        self.poses.has_poses()
+    }
+
+    fn without_pose(&self) -> &[LeftOut] {
+        self.poses.without_pose()
     }
 
     fn has_ground_truth(&self) -> bool {
@@ -216,7 +262,7 @@ impl Scene for ReplicaScene {
         match (self.frames.get(index), part) {
             (Some(file), FramePart::Depth) => self.depth_path(file),
             (Some(file), FramePart::Pose) => self.pose_path(self.trajectory_line(index, file)),
-            (_, FramePart::Intrinsics) => self.folder.join(CAMERA_FILE),
+            (_, FramePart::Intrinsics) => camera_place(self.own_camera.as_ref(), &self.folder.join(CAMERA_FILE)),
             (None, _) => self.folder.clone(),
         }
     }

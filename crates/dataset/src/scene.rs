@@ -20,10 +20,14 @@ pub trait Scene: Debug + Send + Sync {
     /// Returns the name of frame `index`, e.g. `frame-000150` or `42`. Empty past the last frame.
     fn frame_name(&self, index: usize) -> String;
 
-    /// Reads frame `index` and the pose of its camera, if the scene has one. The frame's name is [`Scene::frame_name`].
+    /// Reads frame `index` and the pose of its camera. The frame's name is [`Scene::frame_name`].
+    ///
+    /// The pose is `None` if none was recorded for this frame: its file, line or message is missing, or contains NaN or
+    /// infinity, because tracking was lost.
     ///
     /// # Errors
-    /// [`DatasetError`] with the file and the problem. Other frames can still be read.
+    /// [`DatasetError`] with the file and the problem, also for a damaged pose: one that is not a rigid transform, or
+    /// text that is not numbers. Other frames can still be read.
     fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError>;
 
     /// Reads frame `index`, which must have a pose.
@@ -36,6 +40,17 @@ pub trait Scene: Debug + Send + Sync {
             Some(pose) => Ok(frame.at(pose)),
             None => Err(DatasetError::NoPose { scene: self.name().to_owned(), frame: frame.name().to_owned() }),
         }
+    }
+
+    /// Returns true if at least one frame is expected to have a pose. Reads no frame.
+    fn has_poses(&self) -> bool {
+        true
+    }
+
+    /// Returns the frames without a pose in a scene that has others, one entry per reason, as far as this was known when
+    /// the scene was opened.
+    fn without_pose(&self) -> &[LeftOut] {
+        &[]
     }
 
     /// Returns true if the scene has ground truth segments.
@@ -91,7 +106,7 @@ pub enum FramePart {
 pub struct RecordedFrame {
     /// The images and the camera's intrinsics.
     pub frame: CameraFrame<'static>,
-    /// The camera's pose, if it was recorded.
+    /// The camera's pose, if it was recorded for this frame.
     pub world_from_camera: Option<Pose>,
 }
 
@@ -102,7 +117,7 @@ impl From<RgbdFrame<'static>> for RecordedFrame {
     }
 }
 
-/// Frames that a scene contains but skips.
+/// Frames that a scene contains but skips, or that lack something.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LeftOut {
     /// Number of frames.

@@ -21,6 +21,17 @@ settings! {
         max_pixels: usize = 2_100_000, Allowed::between(1024.0, 67_108_864.0);
         /// Pixels cropped on each side, after resizing. The paper: 5.
         crop_border: usize = 0, Allowed::between(0.0, 8192.0);
+        /// Focal length of the stored colour images along x, pixels, before they are resized and cropped. Needed for
+        /// recordings without a calibration file. Where there is one, its focal lengths and principal point are
+        /// replaced (ScanNet: those of both cameras).
+        fx: Option<f64> = None, Allowed::above_up_to(0.0, 1e6);
+        /// With `fx`: focal length along y, pixels; the same as `fx` if left out.
+        fy: Option<f64> = None, Allowed::above_up_to(0.0, 1e6);
+        /// With `fx`: column of the principal point, pixels, where the centre of the first pixel is 0; the image centre
+        /// if left out.
+        cx: Option<f64> = None, Allowed::between(-1e6, 1e6);
+        /// With `fx`: row of the principal point, pixels; the image centre if left out.
+        cy: Option<f64> = None, Allowed::between(-1e6, 1e6);
         /// For 7-Scenes as published: warp the depth from its own camera into the colour camera, and convert the poses,
         /// which are those of the depth camera. Otherwise depth must already be registered to colour.
         register_depth: bool = false, Allowed::Switch;
@@ -37,8 +48,8 @@ settings! {
         camera_info: Option<String> = None, Allowed::Text("a topic");
         /// MCAP: topic of the depth camera's info; if left out, chosen like that of the colour camera.
         depth_camera_info: Option<String> = None, Allowed::Text("a topic");
-        /// MCAP: source of the poses: `/tf`, `/tf_static` for a stationary camera, or a topic with odometry or poses.
-        /// If left out, /tf if it moves the camera, otherwise the only such topic.
+        /// MCAP: source of the poses: `/tf`, `/tf_static` for a stationary camera, a topic with odometry or poses, or
+        /// `none`. If left out, /tf if it moves the camera, otherwise the only such topic, otherwise none.
         pose: Option<String> = None, Allowed::Text("a topic");
         /// MCAP: the world frame in /tf; if left out, the topmost ancestor of the camera's frame.
         world_frame: Option<String> = None, Allowed::Text("the name of a frame");

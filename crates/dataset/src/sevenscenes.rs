@@ -1,5 +1,5 @@
 //! 7-Scenes (Shotton et al., CVPR 2013): `frame-000000.color.png`, `.depth.png` (uint16 millimetres) and `.pose.txt`
-//! (4x4, camera-to-world), all in the sequence's folder.
+//! (4x4, camera-to-world), all in the sequence's folder. Poses may be missing, for some frames or for all.
 //!
 //! The published sequences have no intrinsics, and their depth is not registered to colour. Prepared ones may have
 //! registered depth and a `camera-intrinsics.txt` (3x3).
@@ -7,8 +7,11 @@
 use crate::decode::{MILLIMETRES, read_color, read_depth};
 use crate::listing::{
     NamePattern, NumberedFile, fits, folder_name, has_numbered_files, left_out_beside, names_in, numbered_files,
+    pose_coverage,
 };
+use crate::own_camera::{OwnCamera, camera_place};
 use crate::plausibility::warn_once;
+use crate::recorded_poses::PoseCoverage;
 use crate::register::{CameraPair, register_depth};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, read_pose};
@@ -18,7 +21,7 @@ use splatseg_geometry::{Intrinsics, LocalPose, SegmentMap};
 use std::path::{Path, PathBuf};
 
 /// Layout of a 7-Scenes folder, for messages.
-pub(crate) const LAYOUT: &str = "frame-000000.color.png (or .jpg), frame-000000.depth.png, frame-000000.pose.txt, ..., camera-intrinsics.txt (optional)";
+pub(crate) const LAYOUT: &str = "frame-000000.color.png (or .jpg), frame-000000.depth.png, frame-000000.pose.txt (optional), ..., camera-intrinsics.txt (optional)";
 
 const COLOR: NamePattern = NamePattern { prefix: "frame-", suffixes: &[".color.png", ".color.jpg", ".color.jpeg"] };
 const DEPTH: NamePattern = NamePattern { prefix: "frame-", suffixes: &[".depth.png"] };
@@ -40,19 +43,22 @@ pub struct SevenScenesScene {
     folder: PathBuf,
     frames: Vec<NumberedFile>,
     intrinsics: Option<PinholeMatrix>,
+    own_camera: Option<OwnCamera>,
+    poses: PoseCoverage,
     /// Offset between the cameras if depth must be warped, metres.
     registration: Option<f32>,
     left_out: Vec<LeftOut>,
 }
 
 impl SevenScenesScene {
-    /// Lists the frames of a sequence's folder, sorted by number. Uses only `register_depth` and `depth_offset_m` of
-    /// `settings`.
+    /// Lists the frames of a sequence's folder, sorted by number. Uses only `fx` to `cy`, `register_depth` and
+    /// `depth_offset_m` of `settings`.
     ///
     /// # Errors
     /// If the folder cannot be read, contains no frames or only sequence folders, or its intrinsics are damaged.
     pub fn open(folder: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
         settings.validate()?;
+        let own_camera = OwnCamera::from_settings(settings)?;
         let frames = numbered_files(folder, COLOR)?;
         if frames.is_empty() {
             let sequences = sequence_folders(folder);
@@ -65,6 +71,8 @@ impl SevenScenesScene {
         let intrinsics_path = folder.join(INTRINSICS_FILE);
         let intrinsics = if intrinsics_path.exists() {
             Some(PinholeMatrix::read(&intrinsics_path)?)
+        } else if own_camera.is_some() {
+            None
         } else {
             warn_once(format!(
                 "{}: no {INTRINSICS_FILE}: assuming the colour camera of the published 7-Scenes (focal length 525){}",
@@ -76,8 +84,9 @@ impl SevenScenesScene {
         let registration = settings.register_depth.then_some(settings.depth_offset_m);
         let others = [(folder.to_owned(), DEPTH), (folder.to_owned(), POSE)];
         let left_out = left_out_beside(&frames, folder, &others);
+        let poses = pose_coverage(&frames, folder, POSE);
         let (name, folder) = (folder_name(folder), folder.to_owned());
-        Ok(Self { name, folder, frames, intrinsics, registration, left_out })
+        Ok(Self { name, folder, frames, intrinsics, own_camera, poses, registration, left_out })
     }
 
     fn part_of(&self, file: &NumberedFile, pattern: NamePattern) -> PathBuf {
@@ -85,22 +94,19 @@ impl SevenScenesScene {
     }
 
     fn color_camera(&self, size: (usize, usize)) -> Result<Intrinsics, DatasetError> {
-        match self.intrinsics {
-            Some(matrix) => matrix.for_size(size, &self.folder.join(INTRINSICS_FILE)),
-            None => Ok(PUBLISHED_COLOR.resized(size.0, size.1)),
+        match (self.own_camera, self.intrinsics) {
+            (Some(camera), _) => Ok(camera.intrinsics(size)),
+            (None, Some(matrix)) => matrix.for_size(size, &self.folder.join(INTRINSICS_FILE)),
+            (None, None) => Ok(PUBLISHED_COLOR.resized(size.0, size.1)),
         }
     }
 }
 
 /// Returns the required parts of a sequence, each with true if the folder has it.
 pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
-    [
-        ("frame-<number>.color.png or .jpg", COLOR),
-        ("frame-<number>.depth.png", DEPTH),
-        ("frame-<number>.pose.txt", POSE),
-    ]
-    .map(|(part, pattern)| (part, has_numbered_files(path, pattern)))
-    .to_vec()
+    [("frame-<number>.color.png or .jpg", COLOR), ("frame-<number>.depth.png", DEPTH)]
+        .map(|(part, pattern)| (part, has_numbered_files(path, pattern)))
+        .to_vec()
 }
 
 /// Returns true if a folder contains a sequence, or folders of sequences.
@@ -129,7 +135,7 @@ impl Scene for SevenScenesScene {
     fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let file = entry(&self.frames, index, &self.name)?;
         let depth_path = self.part_of(file, DEPTH);
-        // Pose first: it is quick to read and the most likely to be missing.
+        // Pose first: it is quick to read and the most likely to be damaged.
         let mut pose = read_pose(&self.part_of(file, POSE))?;
         let mut depth = read_depth(&depth_path, MILLIMETRES)?;
         let color = read_color(&file.path)?;
@@ -138,13 +144,20 @@ impl Scene for SevenScenesScene {
             let depth_camera = PUBLISHED_DEPTH.resized(depth.width(), depth.height());
             let color_from_depth = LocalPose::from_translation(-Vec3::X * offset_m);
             depth = register_depth(&depth, &CameraPair { depth: depth_camera, color: camera, color_from_depth });
-            pose = pose * color_from_depth.inverse().at(DVec3::ZERO);
+            pose = pose.map(|pose| pose * color_from_depth.inverse().at(DVec3::ZERO));
         } else {
             require_registered(&color, &depth, &depth_path)?;
         }
         let name = file.stem.clone();
-        FrameParts { name, timestamp: None, color, depth, intrinsics: camera, world_from_camera: Some(pose) }
-            .into_frame()
+        FrameParts { name, timestamp: None, color, depth, intrinsics: camera, world_from_camera: pose }.into_frame()
+    }
+
+    fn has_poses(&self) -> bool {
+        self.poses.has_poses()
+    }
+
+    fn without_pose(&self) -> &[LeftOut] {
+        self.poses.without_pose()
     }
 
     fn has_ground_truth(&self) -> bool {
@@ -167,7 +180,7 @@ impl Scene for SevenScenesScene {
         match (self.frames.get(index), part) {
             (Some(file), FramePart::Depth) => self.part_of(file, DEPTH),
             (Some(file), FramePart::Pose) => self.part_of(file, POSE),
-            (_, FramePart::Intrinsics) => self.folder.join(INTRINSICS_FILE),
+            (_, FramePart::Intrinsics) => camera_place(self.own_camera.as_ref(), &self.folder.join(INTRINSICS_FILE)),
             (None, _) => self.folder.clone(),
         }
     }

@@ -3,23 +3,28 @@
 use crate::DatasetError;
 use crate::files::read_file;
 use crate::plausibility::warn_once;
+use crate::recorded_poses::tracked;
 use splatseg_geometry::{Intrinsics, Pose};
 use std::path::Path;
 
 /// Larger files are not matrices.
 const MAX_TEXT_BYTES: u64 = 64 << 10;
 
-/// Reads a 4x4 camera-to-world matrix, 16 numbers row by row.
-pub(crate) fn read_pose(path: &Path) -> Result<Pose, DatasetError> {
+/// Reads a 4x4 camera-to-world matrix, 16 numbers row by row. Returns `None` if there is no such file, or tracking was
+/// lost.
+pub(crate) fn read_pose(path: &Path) -> Result<Option<Pose>, DatasetError> {
     let what = "camera pose";
-    let numbers = read_numbers(path, what)?;
+    let numbers = match read_numbers(path, what) {
+        Err(DatasetError::MissingFile { .. }) => return Ok(None),
+        numbers => numbers?,
+    };
     let matrix: [f64; 16] = numbers.as_slice().try_into().map_err(|_| DatasetError::Text {
         path: path.to_owned(),
         what,
         found: format!("{} numbers", numbers.len()),
         expected: "16, a 4x4 matrix",
     })?;
-    Pose::from_row_major(matrix).map_err(|source| DatasetError::Pose { path: path.to_owned(), source })
+    tracked(Pose::from_row_major(matrix), || path.to_owned())
 }
 
 /// The four numbers of a pinhole camera, without an image size.

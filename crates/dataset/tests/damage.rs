@@ -36,7 +36,7 @@ proptest! {
         write_scannet(folder.path(), 1, &ScannetSizes { color: (32, 24), depth: (16, 12), labels: (32, 24) });
         let path = folder.path().join(part);
         fs::write(&path, damaged(fs::read(&path).unwrap(), &changes, &keep)).unwrap();
-        if let Ok(scene) = ScannetScene::open(folder.path()) {
+        if let Ok(scene) = ScannetScene::open(folder.path(), &DatasetSettings::default()) {
             let _ = scene.read_frame(0);
             let _ = scene.read_ground_truth(0);
         }

@@ -25,7 +25,7 @@ fn open(folder: &Path) -> Arc<dyn Scene> {
 
 /// Returns the error of opening a folder, without the path of the folder.
 fn refused(folder: &Path) -> String {
-    let error = FolderScene::open(folder).unwrap_err().to_string();
+    let error = FolderScene::open(folder, &DatasetSettings::default()).unwrap_err().to_string();
     error.replace(&folder.display().to_string(), "SCENE")
 }
 
@@ -65,8 +65,18 @@ fn named(expected: &[(&str, f64)]) -> Vec<(String, f64)> {
     expected.iter().map(|(name, x)| ((*name).to_owned(), *x)).collect()
 }
 
+/// Returns the names of the frames and the x coordinates of their cameras, if known.
+fn recorded(scene: &dyn Scene) -> Vec<(String, Option<f64>)> {
+    let x = |index| Some(scene.read_recorded(index).unwrap().world_from_camera?.translation().x);
+    (0..scene.frame_count()).map(|index| (scene.frame_name(index), x(index))).collect()
+}
+
 fn left_out(scene: &dyn Scene) -> Vec<(usize, &str)> {
     scene.left_out().iter().map(|left_out| (left_out.count, left_out.what.as_str())).collect()
+}
+
+fn without_pose(scene: &dyn Scene) -> Vec<(usize, &str)> {
+    scene.without_pose().iter().map(|frames| (frames.count, frames.what.as_str())).collect()
 }
 
 #[test]
@@ -142,8 +152,10 @@ fn images_named_after_times_take_the_nearest_pose() {
     let poses = tum_lines(&["100.00", "100.31", "100.33", "100.66", "100.50"]);
     let folder = folder(&["100.333", "100.0", "100.67", "100.9"], &poses);
     let scene = open(folder.path());
-    assert_eq!(frames(scene.as_ref()), named(&[("100.0", 1.0), ("100.333", 3.0), ("100.67", 4.0)]));
-    assert_eq!(left_out(scene.as_ref()), [(1, "without a pose within 0.02 s of their time")]);
+    let expected = [("100.0", Some(1.0)), ("100.333", Some(3.0)), ("100.67", Some(4.0)), ("100.9", None)];
+    assert_eq!(recorded(scene.as_ref()), expected.map(|(name, x)| (name.to_owned(), x)));
+    assert!(scene.left_out().is_empty() && scene.has_poses());
+    assert_eq!(without_pose(scene.as_ref()), [(1, "without a pose within 0.02 s of their time")]);
     assert_eq!(scene.read_frame(1).unwrap().timestamp(), Some(Duration::from_secs_f64(100.333)));
 }
 
@@ -158,7 +170,7 @@ fn names_in_nanoseconds_are_times_too() {
 }
 
 #[test]
-fn frames_without_all_parts_are_left_out_and_counted() {
+fn frames_without_all_parts_are_counted() {
     let poses =
         "0 1 0 0 0 0 0 1\n1 nan nan nan nan nan nan nan\n2 3 0 0 0 0 0 1\n3 -inf 0 0 0 0 0 1\n4 5 0 0 0 0 0 1\n";
     let folder = folder(&["0", "1", "2", "3", "4"], poses);
@@ -170,13 +182,12 @@ fn frames_without_all_parts_are_left_out_and_counted() {
     }
     fs::rename(folder.path().join("color/4.jpg"), folder.path().join("color/4.JPEG")).unwrap();
     let scene = open(folder.path());
-    assert_eq!(frames(scene.as_ref()), named(&[("2", 3.0), ("4", 5.0)]));
-    let expected = [
-        (2, "without a depth image of the same name"),
-        (1, "without a colour image of the same name"),
-        (1, "whose pose in poses.txt is NaN or infinite: tracking was lost"),
-    ];
+    let expected = [("2", Some(3.0)), ("3", None), ("4", Some(5.0))];
+    assert_eq!(recorded(scene.as_ref()), expected.map(|(name, x)| (name.to_owned(), x)));
+    let expected = [(2, "without a depth image of the same name"), (1, "without a colour image of the same name")];
     assert_eq!(left_out(scene.as_ref()), expected);
+    let expected = [(1, "whose pose in poses.txt is NaN or infinite: tracking was lost")];
+    assert_eq!(without_pose(scene.as_ref()), expected);
 }
 
 #[test]
@@ -185,6 +196,31 @@ fn another_number_of_poses_is_refused() {
     assert_eq!(refused(three.path()), "SCENE/poses.txt: number of poses: found 2, expected 3, as color/ has 3 images");
     let none = folder(&["0.0", "1.0"], "# nothing\n");
     assert!(refused(none.path()).contains("number of poses: found 0, expected 2"));
+    let more = folder(&["0", "1"], &tum_lines(&["0", "1", "2"]));
+    assert_eq!(refused(more.path()), "SCENE/poses.txt: number of poses: found 3, expected 2, as color/ has 2 images");
+}
+
+#[test]
+fn poses_or_images_without_times_are_reported() {
+    let matrices = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n".repeat(3);
+    let no_times = folder(&["0.0", "1.0"], &matrices);
+    assert_eq!(
+        refused(no_times.path()),
+        "SCENE/poses.txt: poses: found no times, expected a time, as in the names of other images (3 poses for 2 images \
+         cannot be assigned in order)"
+    );
+    let cover = folder(&["0.0", "1.0", "cover"], &tum_lines(&["0.0", "1.0"]));
+    assert_eq!(
+        refused(cover.path()),
+        "SCENE/color/cover.jpg: name: found \"cover\", expected a time, as in the names of other images (2 poses for 3 \
+         images cannot be assigned in order)"
+    );
+    let elsewhere = folder(&["0.0", "1.0"], &tum_lines(&["100.0", "101.5"]));
+    assert_eq!(
+        refused(elsewhere.path()),
+        "SCENE/poses.txt: times of the poses: found 100.000 to 101.500 s, expected those of the images, 0.000 to 1.000 s; \
+         without this file, the scene has no poses"
+    );
 }
 
 #[test]
@@ -267,7 +303,7 @@ fn a_folder_without_any_complete_frame_is_reported() {
     let folder = folder(&["a"], &tum_lines(&["0"]));
     fs::rename(folder.path().join("depth/a.png"), folder.path().join("depth/a_depth.png")).unwrap();
     let error = refused(folder.path());
-    assert!(error.contains("frames: found none with colour, depth and a pose"), "{error}");
+    assert!(error.contains("frames: found none with colour and depth (the"), "{error}");
     assert!(error.contains("the first images are color/a.jpg and depth/a_depth.png"), "{error}");
     fs::remove_file(folder.path().join("depth/a_depth.png")).unwrap();
     assert_eq!(refused(folder.path()), "SCENE/depth: no frames: looked for <name>.png");
@@ -275,28 +311,27 @@ fn a_folder_without_any_complete_frame_is_reported() {
 
 #[test]
 fn it_is_not_mistaken_for_scannet_nor_scannet_for_it() {
-    let parts = ["color", "depth", "camera.json", "poses.txt"];
-    for part in parts {
+    for part in ["color", "depth"] {
         let folder = folder(&["0"], &tum_lines(&["0"]));
-        let path = folder.path().join(part);
-        if path.is_dir() {
-            fs::remove_dir_all(path).unwrap()
-        } else {
-            fs::remove_file(path).unwrap()
+        fs::remove_dir_all(folder.path().join(part)).unwrap();
+        let told = || open_scene(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
+        let expected = format!("looks like a scene of format folder, but this is missing: {part}/ (");
+        assert!(told().contains(&expected), "{}", told());
+        // Also without the optional parts.
+        for part in ["camera.json", "poses.txt"] {
+            fs::remove_file(folder.path().join(part)).unwrap();
         }
-        let error = open_scene(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
-        let missing = if part.contains('.') { part.to_owned() } else { format!("{part}/") };
-        assert!(
-            error.contains(&format!("looks like a scene of format folder, but this is missing: {missing} (")),
-            "{error}"
-        );
+        assert!(told().contains(&expected), "{}", told());
     }
     let scannet = tempfile::tempdir().unwrap();
     write_scannet(scannet.path(), 1, &ScannetSizes { color: (24, 16), depth: (24, 16), labels: (24, 16) });
     assert_eq!(open(scannet.path()).format(), Some(Format::Scannet));
     let as_folder = DatasetSettings::default().with(|settings| settings.format = Format::Folder);
     let error = open_scene(scannet.path(), &as_folder).unwrap_err();
-    assert!(matches!(error, DatasetError::Incomplete { format: "folder", .. }), "{error}");
+    assert!(matches!(error, DatasetError::NoCamera { file: "camera.json", .. }), "{error}");
+    // Nor without its poses.
+    fs::remove_dir_all(scannet.path().join("pose")).unwrap();
+    assert_eq!(open(scannet.path()).format(), Some(Format::Scannet));
 }
 
 #[test]
@@ -369,7 +404,7 @@ proptest! {
         fs::write(place.path().join("poses.txt"), tum_lines(&["0", "1"])).unwrap();
         let path = place.path().join(part);
         fs::write(&path, damaged(fs::read(&path).unwrap(), &changes, &keep)).unwrap();
-        match FolderScene::open(place.path()) {
+        match FolderScene::open(place.path(), &DatasetSettings::default()) {
             Ok(scene) => for index in 0..scene.frame_count() {
                 if let Err(error) = scene.read_frame(index) {
                     let error = error.to_string();
@@ -383,7 +418,7 @@ proptest! {
     #[test]
     fn any_text_as_poses_gives_frames_or_an_error(text in "[0-9eE.naif+\\-# \t,\n]{0,200}") {
         let folder = folder(&["a", "b"], &text);
-        if let Ok(scene) = FolderScene::open(folder.path()) {
+        if let Ok(scene) = FolderScene::open(folder.path(), &DatasetSettings::default()) {
             prop_assert!(scene.frame_count() > 0);
         }
     }

@@ -4,7 +4,7 @@ mod support;
 
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
-use splatseg_dataset::{DatasetSettings, McapScene, McapSummary, Scene};
+use splatseg_dataset::{DatasetSettings, LeftOut, McapScene, McapSummary, Scene};
 use splatseg_geometry::{Intrinsics, RgbdFrame, SegmentMap};
 use splatseg_ros::Image;
 use std::fs;
@@ -37,7 +37,7 @@ fn damage(bytes: &[u8]) -> (Vec<String>, usize) {
     fs::write(&path, bytes).unwrap();
     let summary = McapSummary::read(&path, &DatasetSettings::default()).unwrap();
     let damage = summary.damage.iter().map(|line| line.replace(&path.display().to_string(), "a.mcap")).collect();
-    (damage, summary.scene.map_or(0, |(_, frames, _)| frames))
+    (damage, summary.scene.map_or(0, |frames| frames.count))
 }
 
 fn written(write: impl FnOnce(&mut McapWriter)) -> Vec<u8> {
@@ -121,18 +121,34 @@ fn missing_parts_are_reported() {
         error.starts_with("a.mcap: depth images: found none, but /camera/image_raw/compressed (jpeg), expected"),
         "{error}"
     );
-    let error = without(Parts { poses: false, ..ALL });
-    assert!(
-        error.starts_with(
-            "a.mcap: camera poses: found frame \"camera_color_optical_frame\" of the colour images, which is not in /tf, \
-             expected transforms of /tf that move it, or a topic of nav_msgs/msg/Odometry"
-        ),
-        "{error}"
-    );
 }
 
 #[test]
-fn frames_without_depth_or_pose_are_left_out_and_counted() {
+fn a_recording_without_poses_is_read_without_them() {
+    let bytes = written(|writer| write_frames(writer, &frames(), Parts { poses: false, ..ALL }));
+    let scene = open(&bytes, &DatasetSettings::default()).unwrap();
+    assert_eq!((scene.frame_count(), scene.has_poses(), scene.without_pose()), (4, false, &[][..]));
+    assert_eq!(scene.sources()[2], "poses: none: no topic has poses, and \"camera_color_optical_frame\" is not in /tf");
+    // And if the settings say so.
+    let bytes = recording_of(&frames());
+    let poses = |pose: Option<&str>| {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("a.mcap"), &bytes).unwrap();
+        let settings = DatasetSettings::default().with(|s| s.pose = pose.map(str::to_owned));
+        let scene = McapScene::open(folder.path(), &settings).unwrap();
+        let poses: Vec<_> =
+            (0..4).map(|index| scene.read_recorded(index).unwrap().world_from_camera.is_some()).collect();
+        (scene.sources()[2].clone(), scene.has_poses(), poses)
+    };
+    assert_eq!(poses(Some("none")), ("poses: none (dataset.pose)".to_owned(), false, vec![false; 4]));
+    assert_eq!((poses(None).1, poses(None).2), (true, vec![true; 4]));
+    let settings = DatasetSettings::default().with(|s| s.pose = Some("/odom".to_owned()));
+    let error = open(&bytes, &settings).unwrap_err();
+    assert!(error.contains("dataset.pose: found \"/odom\", expected none, or a topic with poses: /tf"), "{error}");
+}
+
+#[test]
+fn frames_without_depth_are_left_out_and_those_without_a_pose_counted() {
     let frames = frames();
     let bytes = written(|writer| {
         write_frames(writer, &frames, ALL);
@@ -152,11 +168,12 @@ fn frames_without_depth_or_pose_are_left_out_and_counted() {
         left_out,
         [
             "1 without a depth image within 20 ms of their colour image",
-            "1 without a pose at their time (or within 500 ms)",
             "1 of /camera/image_raw/compressed whose stamp does not fit its neighbours' or is a duplicate"
         ]
     );
-    assert_eq!(scene.frame_count(), 4);
+    let what = "without a pose at their time (or within 500 ms)".to_owned();
+    assert_eq!(scene.without_pose(), [LeftOut { count: 1, what }]);
+    assert_eq!(scene.frame_count(), 5);
 }
 
 #[test]
@@ -174,7 +191,8 @@ fn a_recording_without_matching_parts_is_an_error() {
     });
     let error = open(&bytes, &DatasetSettings::default()).unwrap_err();
     let expected = "a.mcap: frames: found 2 images of /camera/image_raw and 3 of /camera/depth: 1 pairs within 20 ms, none \
-                    with a pose, expected colour and depth at the same times";
+                    with a pose, expected colour and depth at the same times, with poses: see \
+                    dataset.max_time_difference_ms and dataset.max_pose_gap_ms; --pose none uses no poses";
     assert!(error.starts_with(expected), "{error}");
     let settings = DatasetSettings::default().with(|s| s.color = Some("/camera/image_raw/compressed".to_owned()));
     assert_eq!(open(&bytes, &settings).unwrap().frame_count(), 2);
@@ -207,7 +225,9 @@ fn with_two_cameras(color_camera: &Intrinsics, depth_at: Option<DVec3>) -> Vec<u
 fn depth_of_another_camera_is_registered() {
     let color_camera = *frames()[0].intrinsics();
     let error = open(&with_two_cameras(&color_camera, None), &DatasetSettings::default()).unwrap_err();
-    assert!(error.contains("camera poses: found frame \"color\" of the colour images, which is not in /tf"), "{error}");
+    let expected = "a.mcap: frames of the cameras: found depth in frame \"depth\", colour in frame \"color\", expected a fixed \
+                    transform between them";
+    assert!(error.starts_with(expected), "{error}");
     let read = |depth_at: DVec3| {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("a.mcap"), with_two_cameras(&color_camera, Some(depth_at))).unwrap();

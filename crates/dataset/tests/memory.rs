@@ -65,7 +65,7 @@ fn small_files_take_little_memory_and_no_more_than_the_limit() {
 
     MemoryLimit::Bytes(100_000_000).enforce();
     fs::write(folder.path().join("rgb.txt"), "1 a\n".repeat(300_000)).unwrap();
-    let error = TumScene::open(folder.path()).unwrap_err().to_string();
+    let error = TumScene::open(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
     let expected =
         "rgb.txt: lines: found 300000, expected at most 195312, as each takes up to 512 bytes and the memory";
     assert!(error.contains(expected), "{error}");

@@ -378,7 +378,7 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scene.tar.gz");
         fs::write(&path, encoder.finish().unwrap()).unwrap();
-        if let Ok(scene) = MvpdScene::open(&path) {
+        if let Ok(scene) = MvpdScene::open(&path, &DatasetSettings::default()) {
             let _ = scene.read_frame(0);
             let _ = scene.read_ground_truth(1);
         }

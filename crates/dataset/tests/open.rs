@@ -79,29 +79,32 @@ fn missing_parts_of_a_scene_are_reported() {
     let scannet = |folder: &Path| {
         write_scannet(folder, 2, &ScannetSizes { color: (16, 12), depth: (16, 12), labels: (16, 12) });
     };
-    assert_eq!(
-        error_without(scannet, "pose"),
-        "SCENE: looks like a scene of format scannet, but this is missing: pose/ (found: color/, depth/, intrinsic/)"
-    );
     assert!(error_without(scannet, "depth").contains("this is missing: depth/ (found"));
     assert!(error_without(scannet, "color").contains("this is missing: color/ (found"));
     assert_eq!(
         error_without(scannet, "intrinsic"),
+        "SCENE: the camera is not known: describe it in intrinsic/intrinsic_color.txt and intrinsic/intrinsic_depth.txt, or \
+         give its focal length in pixels with --fx"
+    );
+    assert_eq!(
+        error_without(scannet, "intrinsic/intrinsic_color.txt"),
         "SCENE/intrinsic/intrinsic_color.txt: the camera intrinsics file is missing"
     );
     let sevenscenes = |folder: &Path| write_sevenscenes(folder, 1);
     assert_eq!(
-        error_without(sevenscenes, "frame-000000.pose.txt"),
-        "SCENE: looks like a scene of format 7scenes, but this is missing: frame-<number>.pose.txt (found: \
-         frame-<number>.color.png or .jpg, frame-<number>.depth.png)"
+        error_without(sevenscenes, "frame-000000.depth.png"),
+        "SCENE: looks like a scene of format 7scenes, but this is missing: frame-<number>.depth.png (found: \
+         frame-<number>.color.png or .jpg)"
     );
     assert!(
         error_without(sevenscenes, "frame-000000.color.jpg")
             .contains("this is missing: frame-<number>.color.png or .jpg")
     );
     let replica = |folder: &Path| write_empty_files(&["traj.txt", "results/frame000000.jpg"], folder);
+    let error = error_without(replica, "traj.txt");
     assert!(
-        error_without(replica, "traj.txt").contains("format replica, but this is missing: traj.txt (found: results/)")
+        error.contains("format replica, but this is missing: results/depth<number>.png (found: results/, "),
+        "{error}"
     );
     let no_depth = |folder: &Path| write_empty_files(&["traj.txt", "results/frame0.jpg", "other.txt"], folder);
     assert_eq!(error_without(no_depth, "other.txt"), "SCENE/results: no frames: looked for depth<number>.png");

@@ -74,7 +74,7 @@ fn the_cameras_file_counts_in_the_folder_and_above() {
         (camera(50.0, 0.0), "camera.scale: found 0"),
     ] {
         fs::write(folder.join("cam_params.json"), text).unwrap();
-        let error = ReplicaScene::open(&folder).unwrap_err().to_string();
+        let error = ReplicaScene::open(&folder, &DatasetSettings::default()).unwrap_err().to_string();
         assert!(error.contains("cam_params.json: ") && error.contains(message), "{error}");
     }
 }
@@ -104,7 +104,7 @@ fn damaged_scenes_are_reported() {
     let whole = fs::read_to_string(&trajectory).unwrap();
     for bad in ["1 2 3", "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1 5", "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 one"] {
         fs::write(&trajectory, whole.replacen('\n', &format!("\n{bad}\n"), 1)).unwrap();
-        let error = ReplicaScene::open(folder.path()).unwrap_err().to_string();
+        let error = ReplicaScene::open(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
         assert!(error.contains("traj.txt: line 2: found ") && error.contains("16 numbers"), "{error}");
     }
     let scaled = "2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1\n".repeat(3);
@@ -122,7 +122,10 @@ fn damaged_scenes_are_reported() {
     assert!(matches!(scene.read_frame(2), Err(DatasetError::SizesDiffer { .. })));
     fs::remove_dir_all(folder.path().join("results")).unwrap();
     fs::create_dir(folder.path().join("results")).unwrap();
-    assert!(matches!(ReplicaScene::open(folder.path()), Err(DatasetError::NoFrames { .. })));
+    assert!(matches!(
+        ReplicaScene::open(folder.path(), &DatasetSettings::default()),
+        Err(DatasetError::NoFrames { .. })
+    ));
 }
 
 #[cfg(unix)]

@@ -27,7 +27,7 @@ fn frames_are_sorted_by_number_and_untouched_when_the_cameras_agree() {
 fn colour_and_labels_of_another_size_are_brought_to_the_depth_camera() {
     let folder = tempfile::tempdir().unwrap();
     write_scannet(folder.path(), 1, &ScannetSizes { color: (160, 120), depth: (40, 30), labels: (160, 120) });
-    let scene = ScannetScene::open(folder.path()).unwrap();
+    let scene = ScannetScene::open(folder.path(), &DatasetSettings::default()).unwrap();
     let frame = scene.read_frame(0).unwrap();
     assert_eq!((frame.width(), frame.height(), frame.intrinsics().width), (40, 30, 40));
     // Red is 255 x / width, so the same ray has the same red in both images.
@@ -46,7 +46,8 @@ fn colour_and_labels_of_another_size_are_brought_to_the_depth_camera() {
 fn labels_of_a_third_size_are_an_error() {
     let folder = tempfile::tempdir().unwrap();
     write_scannet(folder.path(), 1, &ScannetSizes { labels: (20, 15), ..SAME });
-    let error = ScannetScene::open(folder.path()).unwrap().read_ground_truth(0).unwrap_err();
+    let error =
+        ScannetScene::open(folder.path(), &DatasetSettings::default()).unwrap().read_ground_truth(0).unwrap_err();
     assert!(matches!(error, DatasetError::SizesDiffer { found: (20, 15), expected: (40, 30), .. }), "{error}");
 }
 
@@ -56,7 +57,7 @@ fn labels_may_be_8_bit_but_not_palettes_or_colours() {
     write_scannet(folder.path(), 2, &SAME);
     let path = folder.path().join("instance-filt/0.png");
     image::GrayImage::from_pixel(40, 30, image::Luma([7])).save(&path).unwrap();
-    let scene = ScannetScene::open(folder.path()).unwrap();
+    let scene = ScannetScene::open(folder.path(), &DatasetSettings::default()).unwrap();
     assert_eq!(scene.read_ground_truth(0).unwrap().unwrap()[(4, 4)], 7);
     write_color(&path, 40, 30);
     assert!(scene.read_ground_truth(0).unwrap_err().to_string().contains("8-bit RGB"));
@@ -65,14 +66,16 @@ fn labels_may_be_8_bit_but_not_palettes_or_colours() {
 }
 
 #[test]
-fn lost_tracking_is_an_error_of_that_frame() {
+fn a_frame_in_which_tracking_was_lost_has_no_pose() {
     let folder = tempfile::tempdir().unwrap();
     write_scannet(folder.path(), 2, &SAME);
     fs::write(folder.path().join("pose/0.txt"), "-inf -inf -inf -inf\n".repeat(4)).unwrap();
-    let scene = ScannetScene::open(folder.path()).unwrap();
+    let scene = ScannetScene::open(folder.path(), &DatasetSettings::default()).unwrap();
+    let lost = scene.read_recorded(0).unwrap();
+    assert_eq!((lost.world_from_camera, lost.frame.depth()[(3, 3)]), (None, 2.0));
     let error = scene.read_frame(0).unwrap_err().to_string();
-    assert!(error.ends_with("pose/0.txt: the pose is not finite (tracking was lost in this frame)"), "{error}");
-    assert!(scene.read_frame(1).is_ok());
+    assert!(error.ends_with(": frame 0 has no pose"), "{error}");
+    assert!(scene.read_frame(1).is_ok() && scene.has_poses());
 }
 
 #[test]
@@ -80,10 +83,13 @@ fn missing_intrinsics_and_frames_are_reported_on_opening() {
     let folder = tempfile::tempdir().unwrap();
     write_scannet(folder.path(), 1, &SAME);
     fs::remove_file(folder.path().join("intrinsic/intrinsic_depth.txt")).unwrap();
-    let error = ScannetScene::open(folder.path()).unwrap_err().to_string();
+    let error = ScannetScene::open(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
     assert!(error.ends_with("intrinsic_depth.txt: the camera intrinsics file is missing"), "{error}");
     fs::remove_file(folder.path().join("color/0.jpg")).unwrap();
-    assert!(matches!(ScannetScene::open(folder.path()), Err(DatasetError::NoFrames { .. })));
+    assert!(matches!(
+        ScannetScene::open(folder.path(), &DatasetSettings::default()),
+        Err(DatasetError::NoFrames { .. })
+    ));
 }
 
 #[test]
@@ -91,7 +97,7 @@ fn without_labels_there_is_no_ground_truth() {
     let folder = tempfile::tempdir().unwrap();
     write_scannet(folder.path(), 1, &SAME);
     fs::remove_dir_all(folder.path().join("instance-filt")).unwrap();
-    let scene = ScannetScene::open(folder.path()).unwrap();
+    let scene = ScannetScene::open(folder.path(), &DatasetSettings::default()).unwrap();
     assert!(!scene.has_ground_truth() && scene.read_ground_truth(0).unwrap().is_none());
 }
 

@@ -102,7 +102,7 @@ fn colour_and_labels_of_another_size_are_brought_to_the_depth_camera() {
     let path = write_sens(folder.path(), &bytes);
     fs::write(folder.path().join("scene0000_00_2d-instance-filt.zip"), labels_zip(std::slice::from_ref(labels)))
         .unwrap();
-    let scene = SensScene::open(&path).unwrap();
+    let scene = SensScene::open(&path, &DatasetSettings::default()).unwrap();
     // Only one of them is low-pass filtered, so edges differ.
     assert_same(&scene.read_frame(0).unwrap(), small, &Tolerance { color: 12.0, ..JPEG });
     let read = scene.read_ground_truth(0).unwrap().unwrap();
@@ -124,18 +124,18 @@ fn the_benchmarks_preset_gives_its_frames() {
 }
 
 #[test]
-fn lost_tracking_is_an_error_of_that_frame() {
+fn a_frame_in_which_tracking_was_lost_has_no_pose() {
     let folder = tempfile::tempdir().unwrap();
     let mut bytes = writer().header(2);
     for pose in [[f32::NEG_INFINITY; 16], frames()[0].world_from_camera().to_row_major().map(|number| number as f32)] {
         bytes.extend(writer().frame(pose, frames()[0].color(), frames()[0].depth()));
     }
-    let scene = SensScene::open(&write_sens(folder.path(), &bytes)).unwrap();
-    let error = scene.read_frame(0).unwrap_err().to_string();
-    assert!(
-        error.ends_with("scene0000_00.sens: frame 0: the pose is not finite (tracking was lost in this frame)"),
-        "{error}"
-    );
+    let scene = SensScene::open(&write_sens(folder.path(), &bytes), &DatasetSettings::default()).unwrap();
+    let lost = scene.read_recorded(0).unwrap();
+    assert_eq!((lost.world_from_camera, lost.frame.timestamp()), (None, Some(Duration::from_micros(11))));
+    assert_eq!(scene.read_frame(0).unwrap_err().to_string(), "scene0000_00: frame 0 has no pose");
+    let what = "whose pose is NaN or infinite: tracking was lost".to_owned();
+    assert_eq!((scene.has_poses(), scene.without_pose()), (true, &[LeftOut { count: 1, what }][..]));
     // The writer sets 11 microseconds.
     assert_eq!(scene.read_frame(1).unwrap().timestamp(), Some(Duration::from_micros(11)));
 }
@@ -149,14 +149,21 @@ fn folders_with_several_recordings_or_none_are_distinguished() {
     let error = open_scene(folder.path(), &DatasetSettings::default()).unwrap_err();
     assert!(error.to_string().ends_with("holds several sequences, pick one of a.SENS, b.sens"), "{error}");
     assert!(open_scene(folder.path().join("a.SENS"), &DatasetSettings::default()).is_ok());
-    assert!(matches!(SensScene::open(&folder.path().join("c.sens")), Err(DatasetError::NotFound { .. })));
+    assert!(matches!(
+        SensScene::open(&folder.path().join("c.sens"), &DatasetSettings::default()),
+        Err(DatasetError::NotFound { .. })
+    ));
     fs::write(folder.path().join("c.sens"), writer().header(0)).unwrap();
-    assert!(matches!(SensScene::open(&folder.path().join("c.sens")), Err(DatasetError::NoFrames { .. })));
+    assert!(matches!(
+        SensScene::open(&folder.path().join("c.sens"), &DatasetSettings::default()),
+        Err(DatasetError::NoFrames { .. })
+    ));
 }
 
 fn opening_fails(bytes: &[u8]) -> String {
     let folder = tempfile::tempdir().unwrap();
-    let error = SensScene::open(&write_sens(folder.path(), bytes)).unwrap_err().to_string();
+    let error =
+        SensScene::open(&write_sens(folder.path(), bytes), &DatasetSettings::default()).unwrap_err().to_string();
     assert!(error.contains("scene0000_00.sens: "), "the file is named: {error}");
     error
 }
@@ -172,12 +179,12 @@ fn a_recording_that_is_cut_off_gives_the_frames_that_are_whole() {
     }
     let folder = tempfile::tempdir().unwrap();
     for keep in (one..needed).step_by(97).chain([needed - 1]) {
-        let scene = SensScene::open(&write_sens(folder.path(), &whole[..keep])).unwrap();
+        let scene = SensScene::open(&write_sens(folder.path(), &whole[..keep]), &DatasetSettings::default()).unwrap();
         assert_eq!((scene.frame_count(), scene.read_frame(0).is_ok()), (1, true));
         let what = "after frame 0, where the recording is cut off".to_owned();
         assert_eq!(scene.left_out(), [LeftOut { count: 1, what }]);
     }
-    let scene = SensScene::open(&write_sens(folder.path(), &whole[..needed])).unwrap();
+    let scene = SensScene::open(&write_sens(folder.path(), &whole[..needed]), &DatasetSettings::default()).unwrap();
     assert_eq!((scene.frame_count(), scene.left_out().len()), (2, 0));
 }
 
@@ -243,7 +250,7 @@ fn reading_fails(writer: &SensWriter, color: &[u8], depth: &[u8]) -> DatasetErro
     let folder = tempfile::tempdir().unwrap();
     let mut bytes = writer.header(1);
     bytes.extend(frame_bytes(glam::Mat4::IDENTITY.to_cols_array(), color, depth));
-    let scene = SensScene::open(&write_sens(folder.path(), &bytes)).unwrap();
+    let scene = SensScene::open(&write_sens(folder.path(), &bytes), &DatasetSettings::default()).unwrap();
     let error = scene.read_frame(0).unwrap_err();
     assert!(error.to_string().contains("scene0000_00.sens: frame 0: "), "{error}");
     error
@@ -287,20 +294,20 @@ fn damaged_zip_files_are_reported() {
     let whole = labels_zip(&labels);
     for keep in (0..whole.len()).step_by(41) {
         fs::write(&zip, &whole[..keep]).unwrap();
-        let error = SensScene::open(&path).unwrap_err();
+        let error = SensScene::open(&path, &DatasetSettings::default()).unwrap_err();
         assert!(matches!(error, DatasetError::Archive { .. }), "{keep}: {error}");
     }
     // A decompression bomb, unpacked only up to the maximum image size.
     let bomb = zip_bytes(&[("instance-filt/0.png".to_owned(), vec![0; 64 << 20])]);
     fs::write(&zip, bomb).unwrap();
-    let error = SensScene::open(&path).unwrap().read_ground_truth(0).unwrap_err();
+    let error = SensScene::open(&path, &DatasetSettings::default()).unwrap().read_ground_truth(0).unwrap_err();
     assert!(matches!(error, DatasetError::FileTooBig { limit: 33_554_432, .. }), "{error}");
     assert!(error.to_string().contains("filt.zip/instance-filt/0.png: "), "{error}");
     // A member with damaged data.
     let mut bytes = whole.clone();
     bytes[70] ^= 0xFF;
     fs::write(&zip, bytes).unwrap();
-    let scene = SensScene::open(&path).unwrap();
+    let scene = SensScene::open(&path, &DatasetSettings::default()).unwrap();
     assert!(scene.read_ground_truth(0).is_err());
     assert!(scene.read_ground_truth(1).unwrap().is_some(), "the others can still be read");
     // A directory whose 64-bit counts may claim anything.
@@ -311,7 +318,7 @@ fn damaged_zip_files_are_reported() {
     bytes.extend([0; 16]);
     bytes.extend(&whole[whole.len() - 22..]);
     fs::write(&zip, bytes).unwrap();
-    assert!(SensScene::open(&path).unwrap_err().to_string().contains("zip64"));
+    assert!(SensScene::open(&path, &DatasetSettings::default()).unwrap_err().to_string().contains("zip64"));
 }
 
 #[test]
@@ -366,7 +373,7 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let path = write_sens(folder.path(), &bytes);
         fs::write(folder.path().join("scene0000_00_2d-instance-filt.zip"), labels_zip(&[room()[0].1.clone()])).unwrap();
-        if let Ok(scene) = SensScene::open(&path) {
+        if let Ok(scene) = SensScene::open(&path, &DatasetSettings::default()) {
             for index in 0..scene.frame_count().min(3) {
                 let _ = scene.read_frame(index);
                 let _ = scene.read_ground_truth(index);
@@ -391,7 +398,7 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let path = write_sens(folder.path(), &writer().recording(&frames()[..1]));
         fs::write(folder.path().join("scene0000_00_2d-instance-filt.zip"), bytes).unwrap();
-        if let Ok(scene) = SensScene::open(&path) {
+        if let Ok(scene) = SensScene::open(&path, &DatasetSettings::default()) {
             let _ = scene.read_ground_truth(0);
         }
     }

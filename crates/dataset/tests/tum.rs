@@ -89,7 +89,7 @@ fn the_camera_follows_the_sequences_name_or_its_own_file() {
 }
 
 #[test]
-fn frames_without_depth_or_pose_are_left_out() {
+fn frames_without_depth_are_left_out_and_those_without_a_pose_have_none() {
     let folder = tempfile::tempdir().unwrap();
     write_tum(folder.path());
     let keep_lines = |name: &str, keep: fn(usize) -> bool| {
@@ -100,19 +100,35 @@ fn frames_without_depth_or_pose_are_left_out() {
     keep_lines("depth.txt", |line| line != 2);
     let scene = open(folder.path());
     assert_eq!((scene.frame_count(), scene.frame_name(0)), (2, "1305031102.175304".to_owned()));
-    let what = "without a depth image or a pose within 0.02 s of their colour image".to_owned();
-    assert_eq!(scene.left_out(), [LeftOut { count: 1, what }]);
+    let what = "without a depth image within 0.02 s of their colour image".to_owned();
+    assert_eq!((scene.left_out(), scene.without_pose()), (&[LeftOut { count: 1, what }][..], &[][..]));
     keep_lines("groundtruth.txt", |line| line < 5);
-    assert_eq!(open(folder.path()).frame_count(), 1);
+    let scene = open(folder.path());
+    assert_eq!((scene.frame_count(), scene.has_poses()), (2, true));
+    assert!(scene.read_frame(0).is_ok());
+    assert_eq!(scene.read_recorded(1).unwrap().world_from_camera, None);
+    let what = "without a pose within 0.02 s of their colour image".to_owned();
+    assert_eq!(scene.without_pose(), [LeftOut { count: 1, what }]);
+    let refused = || TumScene::open(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
     keep_lines("groundtruth.txt", |line| line < 2);
-    assert!(matches!(TumScene::open(folder.path()), Err(DatasetError::NoFrames { .. })));
+    let expected = "expected those of the images, 1305031102.175 to 1305031102.242 s; without this file, the scene has no \
+                    poses";
+    assert!(
+        refused().ends_with(&format!("groundtruth.txt: times of the poses: found no pose, {expected}")),
+        "{}",
+        refused()
+    );
+    fs::write(folder.path().join("groundtruth.txt"), "1 0 0 0 0 0 0 1\n2.5 0 0 0 0 0 0 1\n").unwrap();
+    assert!(refused().ends_with(&format!("times of the poses: found 1.000 to 2.500 s, {expected}")), "{}", refused());
+    fs::write(folder.path().join("depth.txt"), "1.5 depth/1.png\n").unwrap();
+    assert!(matches!(TumScene::open(folder.path(), &DatasetSettings::default()), Err(DatasetError::NoFrames { .. })));
 }
 
 fn opening_fails(name: &str, text: &[u8]) -> String {
     let folder = tempfile::tempdir().unwrap();
     write_tum(folder.path());
     fs::write(folder.path().join(name), text).unwrap();
-    let error = TumScene::open(folder.path()).unwrap_err().to_string();
+    let error = TumScene::open(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
     assert!(error.contains(name), "the file is named: {error}");
     error
 }
@@ -138,11 +154,11 @@ fn damaged_lists_are_reported() {
     assert!(opening_fails("groundtruth.txt", &[0xFF; 9]).contains("not text"));
     let folder = tempfile::tempdir().unwrap();
     write_tum(folder.path());
-    fs::remove_file(folder.path().join("groundtruth.txt")).unwrap();
-    let error = TumScene::open(folder.path()).unwrap_err().to_string();
-    assert!(error.ends_with("groundtruth.txt: the camera trajectory is missing"), "{error}");
+    fs::remove_file(folder.path().join("depth.txt")).unwrap();
+    let error = TumScene::open(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
+    assert!(error.ends_with("depth.txt: the list of depth images is missing"), "{error}");
     let error = open_scene(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
-    let expected = "looks like a scene of format tum, but this is missing: groundtruth.txt (found: rgb.txt, depth.txt)";
+    let expected = "looks like a scene of format tum, but this is missing: depth.txt (found: rgb.txt)";
     assert!(error.ends_with(expected), "{error}");
 }
 
@@ -156,7 +172,10 @@ fn a_quaternion_without_a_direction_is_an_error_of_its_frame() {
     let scene = open(folder.path());
     let error = scene.read_frame(0).unwrap_err().to_string();
     assert!(error.contains("groundtruth.txt: line 1: the pose's quaternion has length zero"), "{error}");
-    assert!(matches!(scene.read_frame(1), Err(DatasetError::Pose { .. })));
+    assert!(matches!(scene.read_frame(1), Err(DatasetError::NoPose { .. })));
+    assert_eq!(scene.read_recorded(1).unwrap().world_from_camera, None);
+    let what = "whose pose in groundtruth.txt is NaN or infinite: tracking was lost".to_owned();
+    assert_eq!(scene.without_pose(), [LeftOut { count: 1, what }]);
     assert_eq!(scene.read_frame(2).unwrap().world_from_camera().translation().to_array(), [1.0, 2.0, 3.0]);
 }
 
@@ -206,7 +225,7 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         write_tum(folder.path());
         fs::write(folder.path().join(name), lines.join("\n")).unwrap();
-        if let Ok(scene) = TumScene::open(folder.path()) {
+        if let Ok(scene) = TumScene::open(folder.path(), &DatasetSettings::default()) {
             let _ = scene.read_frame(0);
         }
     }

@@ -28,7 +28,22 @@ pub struct DatasetOptions {
     #[arg(long)]
     pub register_depth: bool,
     #[command(flatten)]
+    pub camera: CameraOptions,
+    #[command(flatten)]
     pub topics: TopicOptions,
+}
+
+/// Options that describe the camera of a recording.
+#[derive(Clone, Debug, Default, Args)]
+pub struct CameraOptions {
+    #[arg(long, value_name = "PX")]
+    pub fx: Option<String>,
+    #[arg(long, value_name = "PX")]
+    pub fy: Option<String>,
+    #[arg(long, value_name = "PX", allow_negative_numbers = true)]
+    pub cx: Option<String>,
+    #[arg(long, value_name = "PX", allow_negative_numbers = true)]
+    pub cy: Option<String>,
 }
 
 /// Options that select the topics of a recording.
@@ -113,6 +128,10 @@ impl DatasetOptions {
             ("dataset.start", self.start.as_ref()),
             ("dataset.max_frames", self.max_frames.as_ref()),
             ("dataset.register_depth", register_depth.as_ref()),
+            ("dataset.fx", self.camera.fx.as_ref()),
+            ("dataset.fy", self.camera.fy.as_ref()),
+            ("dataset.cx", self.camera.cx.as_ref()),
+            ("dataset.cy", self.camera.cy.as_ref()),
         ];
         add_given(layers, options)?;
         self.topics.add_to(layers)

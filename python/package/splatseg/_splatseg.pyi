@@ -16,7 +16,7 @@ _Frame: TypeAlias = tuple[
     NDArray[np.uint8],
     NDArray[np.float32],
     NDArray[np.float64],
-    NDArray[np.float64],
+    NDArray[np.float64] | None,
     float | None,
     NDArray[np.uint32] | None,
 ]
@@ -91,6 +91,8 @@ class Scene:
     def name(self) -> str: ...
     @property
     def format(self) -> str | None: ...
+    @property
+    def has_poses(self) -> bool: ...
     @property
     def has_ground_truth(self) -> bool: ...
     def __len__(self) -> int: ...

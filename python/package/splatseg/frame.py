@@ -22,8 +22,9 @@ class Frame:
     """z-depth in metres, ``(height, width)``; 0 where nothing was measured."""
     K: NDArray[np.float64]
     """The camera matrix ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]``, pixels."""
-    camera_to_world: NDArray[np.float64]
-    """The pose: a 4x4 matrix from the camera's coordinates (x right, y down, z forward) to the world's, metres."""
+    camera_to_world: NDArray[np.float64] | None
+    """The pose: a 4x4 matrix from the camera's coordinates (x right, y down, z forward) to the world's, metres; ``None``
+    if none was recorded for this frame."""
     timestamp: float | None
     """Timestamp, seconds; ``None`` if the scene has none."""
     ground_truth: NDArray[np.uint32] | None

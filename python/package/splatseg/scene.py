@@ -34,6 +34,11 @@ class Scene:
         return self._scene.format
 
     @property
+    def has_poses(self) -> bool:
+        """True if at least one frame is expected to have a pose. The others have ``camera_to_world`` = ``None``."""
+        return self._scene.has_poses
+
+    @property
     def has_ground_truth(self) -> bool:
         """True if frames may have true ids."""
         return self._scene.has_ground_truth
@@ -61,8 +66,8 @@ def open_scene(path: str | os.PathLike[str], **settings: Any) -> Scene:
     """Opens a scene: a folder or file of any format, or ``synthetic[:frames=60,seed=3,...]``.
 
     ``settings`` are those of the section ``dataset``, without its name: ``stride=2``, ``resize="320x240"``,
-    ``crop_border=5``, ``start``, ``max_frames``, ``format``, and for recordings ``color``, ``depth``, ``camera_info``,
-    ``pose``.
+    ``crop_border=5``, ``start``, ``max_frames``, ``format``; ``fx``, ``fy``, ``cx`` and ``cy`` for a camera without a
+    calibration file; and for recordings ``color``, ``depth``, ``camera_info``, ``pose``.
 
     Raises ``ValueError`` if there is no scene or a setting is out of range, ``TypeError`` for unknown settings.
     """

@@ -53,11 +53,10 @@ def _log_frames(out: Path, scene: Scene) -> None:
     rr.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     path = []
     for number, frame in enumerate(scene):
-        overlay = _overlay(out, frame.name)
-        if overlay is None:
+        overlay, pose = _overlay(out, frame.name), frame.camera_to_world
+        if overlay is None or pose is None:
             continue
         rr.set_time("frame", sequence=number)
-        pose = frame.camera_to_world
         path.append(pose[:3, 3])
         height, width = frame.depth.shape
         rr.log("world/camera", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))

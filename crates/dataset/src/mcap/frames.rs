@@ -1,16 +1,17 @@
-//! Frames of a recording: pairs of colour and depth with a camera pose.
+//! Frames of a recording: pairs of colour and depth, with a camera pose if there is one.
 
 use super::cameras::{Calibration, Camera};
 use super::container::MessagePlace;
 use super::contents::{Content, Contents, Images, StampedPlace, Topic};
 use super::frame_names::bare_frame;
 use super::poses::Poses;
-use super::topics::{Choice, PoseChoice};
+use super::topics::{Choice, NoPoses, PoseChoice};
 use super::transforms::{Instant, Rigid, Route, Tolerance};
 use crate::plausibility::warn_once;
+use crate::recorded_poses::PoseCoverage;
 use crate::tum::associate;
 use crate::{DatasetError, DatasetSettings, LeftOut};
-use splatseg_geometry::Pose;
+use splatseg_geometry::{Intrinsics, Pose};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -25,7 +26,7 @@ pub(super) struct PairedFrame {
     pub(super) stamp: i64,
     pub(super) color: MessagePlace,
     pub(super) depth: MessagePlace,
-    pub(super) pose: Pose,
+    pub(super) pose: Option<Pose>,
     /// Indices of the colour and depth camera in the lists of their topics.
     pub(super) cameras: (usize, usize),
 }
@@ -58,6 +59,13 @@ impl Cameras {
         Ok(Self { topic: topic.name.clone(), list: list_of_cameras, starts, in_order })
     }
 
+    /// Replaces the intrinsics. `of_size` returns them for images of a size, `(width, height)`.
+    pub(super) fn replace_intrinsics(&mut self, of_size: impl Fn((usize, usize)) -> Intrinsics) {
+        for camera in &mut self.list {
+            camera.intrinsics = of_size((camera.intrinsics.width, camera.intrinsics.height));
+        }
+    }
+
     /// Returns the camera of an image. Before the first camera info, its camera is used.
     fn at(&self, image: &StampedPlace) -> usize {
         let is_before = |start: &StampedPlace| match self.in_order {
@@ -76,6 +84,16 @@ pub(super) enum PoseSource<'a> {
     Tree(Route),
     /// Poses of a body, and the transform from camera to body.
     Topic(&'a Poses, Rigid),
+    /// Frames have no poses.
+    None,
+}
+
+/// The frames of a recording.
+pub(super) struct Frames {
+    /// In time order.
+    pub(super) list: Vec<PairedFrame>,
+    pub(super) poses: PoseCoverage,
+    pub(super) left_out: Vec<LeftOut>,
 }
 
 /// Builds frames from the chosen topics.
@@ -133,6 +151,7 @@ impl<'a> FrameMaker<'a> {
                 let text = format!("{} ({}) in {}, {of}", topic.name, topic.type_name, poses.world);
                 Ok((PoseSource::Topic(poses, fixed.unwrap_or(Rigid::IDENTITY)), text))
             }
+            PoseChoice::None(reason) => Ok((PoseSource::None, no_poses_text(reason, camera))),
         }
     }
 
@@ -143,6 +162,7 @@ impl<'a> FrameMaker<'a> {
             PoseSource::Topic(poses, body_from_camera) => {
                 poses.timeline.at(at, self.tolerance())?.after(body_from_camera)
             }
+            PoseSource::None => return None,
         };
         rigid.to_pose().ok()
     }
@@ -178,47 +198,54 @@ impl<'a> FrameMaker<'a> {
         pairs
     }
 
-    /// Returns the frames in time order, and the skipped frames.
+    /// Returns the frames in time order.
+    ///
+    /// # Errors
+    /// If no colour image has a depth image, or there is a source of poses and no frame has one.
     pub(super) fn frames(
         &self,
         source: &PoseSource<'_>,
         cameras: (&Cameras, &Cameras),
-    ) -> Result<(Vec<PairedFrame>, Vec<LeftOut>), DatasetError> {
+    ) -> Result<Frames, DatasetError> {
         let ((color_topic, color), (depth_topic, depth)) = (self.choice.color, self.choice.depth);
         let (color, depth) = (&color.timeline, &depth.timeline);
         let limit_ms = self.settings.max_time_difference_ms;
         let pairs = self.pairs();
-        let (mut frames, mut without_pose) = (Vec::with_capacity(pairs.len()), 0);
-        for (color, depth) in &pairs {
-            let Some(pose) = self.pose_at(source, color) else {
-                without_pose += 1;
-                continue;
-            };
-            let cameras = (cameras.0.at(color), cameras.1.at(depth));
-            frames.push(PairedFrame { stamp: color.stamp, color: color.place, depth: depth.place, pose, cameras });
-        }
-        let without_depth = color.len() - pairs.len();
+        let frame = |(color, depth): &(StampedPlace, StampedPlace)| PairedFrame {
+            stamp: color.stamp,
+            color: color.place,
+            depth: depth.place,
+            pose: self.pose_at(source, color),
+            cameras: (cameras.0.at(color), cameras.1.at(depth)),
+        };
+        let list: Vec<PairedFrame> = pairs.iter().map(frame).collect();
         self.warn_of_clock(source);
-        if frames.is_empty() {
+        let without_pose = list.iter().filter(|frame| frame.pose.is_none()).count();
+        let has_source = !matches!(source, PoseSource::None);
+        if list.is_empty() || has_source && without_pose == list.len() {
             let found = format!(
-                "{} images of {} and {} of {}: {} pairs within {limit_ms} ms, none with a pose",
+                "{} images of {} and {} of {}: {} pairs within {limit_ms} ms{}",
                 color.len(),
                 color_topic.name,
                 depth.len(),
                 depth_topic.name,
-                pairs.len()
+                pairs.len(),
+                if list.is_empty() { "" } else { ", none with a pose" }
             );
             let expected = "colour and depth at the same times, with poses: see dataset.max_time_difference_ms and \
-                            dataset.max_pose_gap_ms";
+                            dataset.max_pose_gap_ms; --pose none uses no poses";
             return Err(self.error("frames", found, expected.to_owned()));
         }
         let left_out = LeftOut::list([
-            (without_depth, format!("without a depth image within {limit_ms} ms of their colour image")),
-            (without_pose, format!("without a pose at their time (or within {} ms)", self.settings.max_pose_gap_ms)),
+            (color.len() - pairs.len(), format!("without a depth image within {limit_ms} ms of their colour image")),
             (color.misfits + color.duplicates, misfit_text(&color_topic.name)),
             (depth.misfits + depth.duplicates, misfit_text(&depth_topic.name)),
         ]);
-        Ok((frames, left_out))
+        let gap_ms = self.settings.max_pose_gap_ms;
+        let reason = format!("without a pose at their time (or within {gap_ms} ms)");
+        let poses =
+            if has_source { PoseCoverage::new(list.len(), [(without_pose, reason)]) } else { PoseCoverage::NONE };
+        Ok(Frames { list, poses, left_out })
     }
 
     /// Warns if the clock was set back, and about poses and transforms with wrong stamps.
@@ -233,6 +260,7 @@ impl<'a> FrameMaker<'a> {
         let misfits = match source {
             PoseSource::Tree(route) => self.contents.tree.misfits(route),
             PoseSource::Topic(poses, _) => poses.timeline.misfits,
+            PoseSource::None => 0,
         };
         if misfits > 0 {
             warn_once(format!(
@@ -268,6 +296,17 @@ fn fits(message: &StampedPlace, images: &Topic) -> bool {
             [stretch.messages.first(), stretch.messages.last()].map(|end| end.map_or(message.stamp, |end| end.stamp));
         message.stamp >= ends[0].saturating_sub(INFO_SLACK) && message.stamp <= ends[1].saturating_add(INFO_SLACK)
     })
+}
+
+fn no_poses_text(reason: NoPoses<'_>, camera: &str) -> String {
+    let missing = "none: no topic has poses";
+    match reason {
+        NoPoses::Chosen => "none (dataset.pose)".to_owned(),
+        NoPoses::Stationary(root) => {
+            format!("{missing}, and {camera} does not move in {root}; for a stationary camera use --pose /tf_static")
+        }
+        NoPoses::NotInTree => format!("{missing}, and {camera:?} is not in /tf"),
+    }
 }
 
 fn misfit_text(topic: &str) -> String {

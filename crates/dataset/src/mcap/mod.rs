@@ -20,9 +20,11 @@ mod text_lengths;
 mod topics;
 mod transforms;
 
-pub use summary::{McapSummary, McapTopic};
+pub use summary::{McapFrames, McapSummary, McapTopic};
 
+use crate::own_camera::{OwnCamera, camera_place};
 use crate::plausibility::warn_once;
+use crate::recorded_poses::PoseCoverage;
 use crate::recording_file::RecordingFile;
 use crate::register::{CameraPair, register_depth};
 use crate::resample::{ImageMap, resample_color};
@@ -32,7 +34,7 @@ use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 use cameras::{Camera, UndistortionCache};
 use container::{McapFile, MessagePlace};
 use contents::{Contents, Images};
-use frames::{Cameras, FrameMaker, PairedFrame};
+use frames::{Cameras, FrameMaker, Frames, PairedFrame};
 use glam::DVec3;
 use splatseg_geometry::{Image, Intrinsics, Pose, SegmentMap};
 use splatseg_ros::{CompressedImage, Image as RawImage, from_cdr};
@@ -58,6 +60,8 @@ pub struct McapScene {
     name: String,
     file: McapFile,
     frames: Vec<PairedFrame>,
+    poses: PoseCoverage,
+    own_camera: Option<OwnCamera>,
     color: ImageSource,
     depth: ImageSource,
     registration: Option<Registration>,
@@ -86,7 +90,8 @@ impl McapScene {
     ///
     /// # Errors
     /// If there is no recording or there are several, the file is not an MCAP file, no topic or several are suitable, a
-    /// camera info is invalid, or no frame has colour, depth and a pose.
+    /// camera info is invalid, no frame has colour and depth, or there is a source of poses and no frame has one. A
+    /// recording without any source of poses has frames without poses.
     pub fn open(path: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
         let path = RECORDING.find(path)?;
         let mut contents = Contents::new(&path);
@@ -108,11 +113,15 @@ impl McapScene {
         let path = file.path().to_owned();
         let choice = Chooser { path: &path, contents, settings }.choose()?;
         warn_of_unreadable(&path, &choice);
-        let color = ImageSource::new(choice.color, choice.color_info, &path)?;
-        let depth = ImageSource::new(choice.depth, choice.depth_info, &path)?;
+        let own_camera = OwnCamera::from_settings(settings)?;
+        let mut color = ImageSource::new(choice.color, choice.color_info, &path)?;
+        let mut depth = ImageSource::new(choice.depth, choice.depth_info, &path)?;
+        if let Some(camera) = own_camera {
+            replace_camera(&camera, &choice, (&mut color, &mut depth));
+        }
         let maker = FrameMaker { path: &path, contents, settings, choice };
         let (pose_source, pose_text) = maker.pose_source()?;
-        let (frames, left_out) = maker.frames(&pose_source, (&color.cameras, &depth.cameras))?;
+        let Frames { list: frames, poses, left_out } = maker.frames(&pose_source, (&color.cameras, &depth.cameras))?;
         let registration = registration(&maker, &color, &depth, &path)?;
         let sources = vec![
             source_text("colour", choice.color, &color.cameras.topic),
@@ -121,7 +130,7 @@ impl McapScene {
             format!("poses: {pose_text}"),
         ];
         let name = path.file_stem().map_or_else(|| "recording".to_owned(), |stem| stem.to_string_lossy().into_owned());
-        Ok(Self { name, file, frames, color, depth, registration, left_out, sources })
+        Ok(Self { name, file, frames, poses, own_camera, color, depth, registration, left_out, sources })
     }
 
     /// Describes a message of a frame, for errors.
@@ -200,6 +209,15 @@ impl ImageSource {
             cameras: Cameras::new(info, topic, path)?,
             undistortion: UndistortionCache::default(),
         })
+    }
+}
+
+/// Replaces the intrinsics of the colour camera, and those of depth that is registered to it.
+fn replace_camera(own: &OwnCamera, choice: &Choice<'_>, (color, depth): (&mut ImageSource, &mut ImageSource)) {
+    color.cameras.replace_intrinsics(|size| own.intrinsics(size));
+    let first = color.cameras.list.first().map(|camera| camera.intrinsics);
+    if let (Some(camera), true) = (first, choice.color.1.frame == choice.depth.1.frame) {
+        depth.cameras.replace_intrinsics(|(width, height)| camera.resized(width, height));
     }
 }
 
@@ -298,7 +316,15 @@ impl Scene for McapScene {
         let (color, depth, intrinsics) = self.read_images(frame)?;
         let timestamp = u64::try_from(frame.stamp).ok().map(Duration::from_nanos);
         let name = self.frame_name(index);
-        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: Some(frame.pose) }.into_frame()
+        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: frame.pose }.into_frame()
+    }
+
+    fn has_poses(&self) -> bool {
+        self.poses.has_poses()
+    }
+
+    fn without_pose(&self) -> &[LeftOut] {
+        self.poses.without_pose()
     }
 
     fn has_ground_truth(&self) -> bool {
@@ -331,7 +357,8 @@ impl Scene for McapScene {
             (Some(frame), FramePart::Depth) => self.place(&self.depth.topic, frame),
             (Some(frame), FramePart::Pose) => self.place("pose", frame),
             (_, FramePart::Intrinsics) => {
-                format!("{}: {}", self.file.path().display(), self.color.cameras.topic).into()
+                let place = PathBuf::from(format!("{}: {}", self.file.path().display(), self.color.cameras.topic));
+                camera_place(self.own_camera.as_ref(), &place)
             }
             (None, _) => self.file.path().to_owned(),
         }

@@ -16,9 +16,22 @@ pub struct McapSummary {
     pub topics: Vec<McapTopic>,
     /// Damage to the file, one line each.
     pub damage: Vec<String>,
-    /// The topics used, one line each, the number of frames, and the skipped frames; or the reason that nothing can be
-    /// used.
-    pub scene: Result<(Vec<String>, usize, Vec<LeftOut>), DatasetError>,
+    /// The frames that would be used, or the reason that nothing can be used.
+    pub scene: Result<McapFrames, DatasetError>,
+}
+
+/// The frames of a recording.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct McapFrames {
+    /// The topics used, one line each.
+    pub sources: Vec<String>,
+    /// Number of frames.
+    pub count: usize,
+    /// Frames without a pose in a recording that has poses.
+    pub without_pose: Vec<LeftOut>,
+    /// The skipped frames.
+    pub left_out: Vec<LeftOut>,
 }
 
 /// A topic of a recording.
@@ -71,8 +84,12 @@ impl McapSummary {
             unreadable: topic.unreadable.clone(),
         });
         let topics = topics.collect();
-        let scene = McapScene::from_contents(file, &contents, settings)
-            .map(|scene| (scene.sources().to_vec(), scene.frame_count(), scene.left_out().to_vec()));
+        let scene = McapScene::from_contents(file, &contents, settings).map(|scene| McapFrames {
+            sources: scene.sources().to_vec(),
+            count: scene.frame_count(),
+            without_pose: scene.without_pose().to_vec(),
+            left_out: scene.left_out().to_vec(),
+        });
         Ok(Self { path, topics, damage, scene })
     }
 }

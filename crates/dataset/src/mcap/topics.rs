@@ -12,6 +12,8 @@ use std::path::Path;
 const TRANSPORTS: [&str; 2] = ["/compressedDepth", "/compressed"];
 const TF: &str = "/tf";
 const TF_STATIC: &str = "/tf_static";
+/// Value of the setting `pose` for a recording whose poses are not used.
+const NO_POSES: &str = "none";
 
 /// The topics used.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +33,19 @@ pub(super) enum PoseChoice<'a> {
     Tree,
     /// A topic with poses.
     Topic(&'a Topic, &'a Poses),
+    /// None.
+    None(NoPoses<'a>),
+}
+
+/// Reason why a recording's frames have no poses.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum NoPoses<'a> {
+    /// The settings say so.
+    Chosen,
+    /// No topic has poses, and the frame of the colour images does not move in this one.
+    Stationary(&'a str),
+    /// No topic has poses, and the frame of the colour images is not in `/tf`.
+    NotInTree,
 }
 
 /// Chooses among the topics of a recording.
@@ -44,7 +59,8 @@ impl<'a> Chooser<'a> {
     /// Chooses the topics to use.
     ///
     /// # Errors
-    /// [`DatasetError::Field`] lists the topics if none or several are suitable, or the requested one is not.
+    /// [`DatasetError::Field`] lists the topics if several are suitable, none is (except for poses, which are optional),
+    /// or the requested one is not.
     pub(super) fn choose(&self) -> Result<Choice<'a>, DatasetError> {
         let color = self.color()?;
         let depth = self.depth(color.1)?;
@@ -200,9 +216,12 @@ impl<'a> Chooser<'a> {
         })
     }
 
-    fn pose(&self, color: &Images) -> Result<PoseChoice<'a>, DatasetError> {
+    fn pose(&self, color: &'a Images) -> Result<PoseChoice<'a>, DatasetError> {
         let tree = &self.contents.tree;
         if let Some(name) = &self.settings.pose {
+            if name == NO_POSES {
+                return Ok(PoseChoice::None(NoPoses::Chosen));
+            }
             if [TF, TF_STATIC].iter().any(|tf| tf.trim_start_matches('/') == name.trim_start_matches('/')) {
                 return Ok(PoseChoice::Tree);
             }
@@ -210,7 +229,7 @@ impl<'a> Chooser<'a> {
             let found = self.pose_topics().find(|(pose, _)| topic.is_some_and(|topic| std::ptr::eq(*pose, topic)));
             return found.map(|(topic, poses)| PoseChoice::Topic(topic, poses)).ok_or_else(|| {
                 let names = [TF.to_owned()].into_iter().chain(self.pose_topics().map(|(topic, _)| topic.name.clone()));
-                let expected = format!("a topic with poses: {}", listed(names.collect()));
+                let expected = format!("{NO_POSES}, or a topic with poses: {}", listed(names.collect()));
                 self.error("dataset.pose", format!("{name:?}"), expected)
             });
         }
@@ -226,19 +245,15 @@ impl<'a> Chooser<'a> {
             return Ok(PoseChoice::Tree);
         }
         let candidates: Vec<_> = self.pose_topics().collect();
-        let only = self.only(&candidates, "topics of poses", "--pose");
-        let (topic, poses) = only.unwrap_or_else(|| {
-            let found = match root {
-                Some(root) if root != color.frame => {
-                    format!("frame {:?} of the colour images, which does not move in {root:?}", color.frame)
-                }
-                _ => format!("frame {:?} of the colour images, which is not in /tf", color.frame),
-            };
-            let expected = "transforms of /tf that move it, or a topic of nav_msgs/msg/Odometry or geometry_msgs/msg/PoseStamped; \
-                            for a stationary camera use --pose /tf_static";
-            Err(self.error("camera poses", found, expected))
-        })?;
-        Ok(PoseChoice::Topic(topic, poses))
+        match self.only(&candidates, "topics of poses", "--pose") {
+            Some(only) => only.map(|(topic, poses)| PoseChoice::Topic(topic, poses)),
+            // Poses are wanted, so their lack is an error.
+            None if self.settings.world_frame.is_some() => Ok(PoseChoice::Tree),
+            None => Ok(PoseChoice::None(match tree.ancestors(&color.frame).last().copied() {
+                Some(root) if root != color.frame => NoPoses::Stationary(root),
+                _ => NoPoses::NotInTree,
+            })),
+        }
     }
 }
 

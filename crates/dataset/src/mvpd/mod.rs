@@ -9,7 +9,7 @@
 //!
 //! Poses are a position and a quaternion (w, x, y, z) of a camera with Blender's axes: x right, y up, looking along -z.
 //! The intrinsics are those in the authors' code, unchanged. A renderer's principal point would be half a pixel up and
-//! to the left of theirs.
+//! to the left of theirs. Images without a pose in the annotations are read without one.
 //!
 //! Ground truth ids are the `instance_id`s of `segments_info`, unique within the video's HM3D scene. If a video's
 //! annotations lack some (the authors' script can remove them), the ids in the mask images are used, unique within the
@@ -26,8 +26,10 @@ pub(crate) use video_path::{looks_like, parts};
 
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, SEGMENT_IMAGE};
 use crate::decode::{decode_color, decode_depth, decode_panoptic, encoded_size};
+use crate::own_camera::{OwnCamera, camera_place};
+use crate::recorded_poses::{PoseCoverage, tracked};
 use crate::scene::{FramePart, FrameParts, entry, require_registered};
-use crate::{DatasetError, Format, RecordedFrame, Scene};
+use crate::{DatasetError, DatasetSettings, Format, LeftOut, RecordedFrame, Scene};
 use glam::{DQuat, DVec3};
 use panoptic::{PanopticVideo, SegmentInfo};
 use splatseg_geometry::{Intrinsics, Pose, SegmentMap};
@@ -53,10 +55,8 @@ struct View {
     stem: String,
     color: String,
     depth: String,
-    /// Camera position, metres.
-    position: DVec3,
-    /// Rotation from Blender's camera axes to world axes, not normalised.
-    rotation: DQuat,
+    /// Camera position, metres, and rotation from Blender's camera axes to world axes, not normalised.
+    pose: Option<(DVec3, DQuat)>,
 }
 
 /// An MVPd video. Frames are named like their images.
@@ -66,6 +66,8 @@ pub struct MvpdScene {
     files: VideoFiles,
     views: Vec<View>,
     masks: BTreeMap<String, Mask>,
+    poses: PoseCoverage,
+    own_camera: Option<OwnCamera>,
     /// Annotation file, for messages.
     annotations: PathBuf,
 }
@@ -79,13 +81,16 @@ struct Mask {
 }
 
 impl MvpdScene {
-    /// Opens one video of a split's folder or of a scene's archive. See [`Format::Mvpd`] for the syntax of paths.
+    /// Opens one video of a split's folder or of a scene's archive. See [`Format::Mvpd`] for the syntax of paths. Uses
+    /// only `fx` to `cy` of `settings`.
     ///
     /// # Errors
     /// If the annotations or their archive are missing or damaged, all depth images are missing, the video does not
     /// exist or none of several is chosen, or names in the annotations point outside the video's folders or occur
     /// twice.
-    pub fn open(path: &Path) -> Result<Self, DatasetError> {
+    pub fn open(path: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
+        settings.validate()?;
+        let own_camera = OwnCamera::from_settings(settings)?;
         let chosen = VideoPath::parse(path).ok_or_else(|| DatasetError::NotFound { path: path.to_owned() })?;
         let annotations = chosen.read_annotations()?;
         let (video, source) = (annotations.content, annotations.path);
@@ -114,7 +119,14 @@ impl MvpdScene {
         // The masks are in a separate folder. Without them, the video has no ground truth.
         let has_masks =
             masks.values().any(|mask| files.contains(&video_files::member("panomasksRGB", &name, &mask.file)));
-        Ok(Self { files, views, masks: if has_masks { masks } else { BTreeMap::new() }, name, annotations: source })
+        let masks = if has_masks { masks } else { BTreeMap::new() };
+        let missing = views.iter().filter(|view| view.pose.is_none()).count();
+        let poses = if missing == views.len() {
+            PoseCoverage::NONE
+        } else {
+            PoseCoverage::new(views.len(), [(missing, "without a pose in the annotations".to_owned())])
+        };
+        Ok(Self { files, views, masks, poses, own_camera, name, annotations: source })
     }
 
     fn member(&self, folder: &str, file: &str) -> String {
@@ -135,9 +147,12 @@ fn views_of(video: &PanopticVideo, source: &Path) -> Result<Vec<View>, DatasetEr
             Some(depth) => safe_name(depth, "depth_file_name", source)?.to_owned(),
             None => format!("{stem}.png"),
         };
-        let [w, x, y, z] = image.camera_rotation;
-        let (position, rotation) = (DVec3::from_array(image.camera_position), DQuat::from_xyzw(x, y, z, w));
-        views.push(View { stem: stem.to_owned(), color: color.to_owned(), depth, position, rotation });
+        let pose = match (image.camera_position, image.camera_rotation) {
+            (Some(position), Some([w, x, y, z])) => Some((DVec3::from_array(position), DQuat::from_xyzw(x, y, z, w))),
+            (None, None) => None,
+            _ => return Err(wrong(source, "pose of", color, "camera_position and camera_rotation, or neither")),
+        };
+        views.push(View { stem: stem.to_owned(), color: color.to_owned(), depth, pose });
     }
     Ok(views)
 }
@@ -198,14 +213,25 @@ impl Scene for MvpdScene {
         let view = entry(&self.views, index, &self.name)?;
         let (color_file, depth_file) = (self.member("imagesRGB", &view.color), self.member("imagesDEPTH", &view.depth));
         let (color_path, depth_path) = (self.files.path_of(&color_file), self.files.path_of(&depth_file));
-        let pose = Pose::from_quaternion(view.position, view.rotation * BLENDER_FROM_OURS)
-            .map_err(|source| DatasetError::Pose { path: color_path.clone(), source })?;
+        let stated = view.pose.map(|(at, turn)| Pose::from_quaternion(at, turn * BLENDER_FROM_OURS));
+        let pose = stated.map(|pose| tracked(pose, || color_path.clone())).transpose()?.flatten();
         let depth = decode_depth(&depth_path, &self.files.read(&depth_file, DEPTH_IMAGE)?, MILLIMETRES)?;
         let color = decode_color(&color_path, &self.files.read(&color_file, COLOR_IMAGE)?)?;
         require_registered(&color, &depth, &depth_path)?;
-        let intrinsics = PUBLISHED.resized(color.width(), color.height());
+        let intrinsics = match self.own_camera {
+            Some(camera) => camera.intrinsics(color.size()),
+            None => PUBLISHED.resized(color.width(), color.height()),
+        };
         let name = view.stem.clone();
-        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: Some(pose) }.into_frame()
+        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: pose }.into_frame()
+    }
+
+    fn has_poses(&self) -> bool {
+        self.poses.has_poses()
+    }
+
+    fn without_pose(&self) -> &[LeftOut] {
+        self.poses.without_pose()
     }
 
     fn has_ground_truth(&self) -> bool {
@@ -243,6 +269,7 @@ impl Scene for MvpdScene {
             (Some(view), FramePart::Pose) => {
                 format!("{}: camera_position of {}", self.annotations.display(), view.stem).into()
             }
+            (_, FramePart::Intrinsics) => camera_place(self.own_camera.as_ref(), &self.annotations),
             _ => self.annotations.clone(),
         }
     }

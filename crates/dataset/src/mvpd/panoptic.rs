@@ -23,10 +23,10 @@ pub(super) struct ImageEntry {
     pub(super) file_name: String,
     /// The authors' script can omit it. The file is then named like the colour image.
     pub(super) depth_file_name: Option<String>,
-    /// Metres.
-    pub(super) camera_position: [f64; 3],
+    /// Metres. The published files always have it.
+    pub(super) camera_position: Option<[f64; 3]>,
     /// Quaternion w, x, y, z.
-    pub(super) camera_rotation: [f64; 4],
+    pub(super) camera_rotation: Option<[f64; 4]>,
 }
 
 /// The labels of one image.

@@ -36,7 +36,15 @@ struct CameraFile {
     distortion_coefficients: Vec<f64>,
 }
 
+/// Depth units per metre without a camera file: millimetres.
+const DEFAULT_UNITS_PER_METRE: f32 = 1000.0;
+
 impl FolderCamera {
+    /// Returns the camera for images without a camera file: depth in millimetres, no lens distortion.
+    pub(super) fn without_file(intrinsics: Intrinsics) -> Self {
+        Self { intrinsics, units_per_metre: DEFAULT_UNITS_PER_METRE, distortion: Distortion::None }
+    }
+
     pub(super) fn read(path: &Path) -> Result<Self, DatasetError> {
         let bytes = read_file(path, "camera file", MAX_BYTES)?;
         check_keys(path, &bytes)?;

@@ -1,31 +1,33 @@
 //! Plain folders with `color/`, `depth/`, `camera.json` and `poses.txt`, described in `docs/FOLDER_FORMAT.md`.
 //!
-//! A frame is a colour and a depth image with the same name apart from the extension. Poses are assigned to the colour
-//! images in order. If the images are named by time and the poses have times too, each image gets the pose nearest in
-//! time.
+//! A frame is a colour and a depth image with the same name apart from the extension. `poses.txt` is optional, and
+//! `camera.json` too if the settings give a focal length.
 
+mod assignment;
 mod camera_file;
 mod names;
 mod poses;
 
 use crate::decode::{COLOR_IMAGE, image_size, read_color, read_depth};
+use crate::files::is_there;
 use crate::listing::folder_name;
+use crate::own_camera::{OwnCamera, camera_place, no_camera};
+use crate::recorded_poses::{LOST, PoseCoverage};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
-use crate::tum::nearest_time;
 use crate::undistort::Undistortion;
-use crate::{DatasetError, Format, RecordedFrame, Scene};
+use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
+use assignment::poses_of;
 use camera_file::FolderCamera;
 use names::{Images, seconds_of};
 use poses::{ListedPose, read_poses};
-use splatseg_geometry::{Pose, SegmentMap};
+use splatseg_geometry::SegmentMap;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::Duration;
 
 /// Layout of a plain folder, for messages.
-pub(crate) const LAYOUT: &str =
-    "color/<name>.jpg or .png, depth/<name>.png, ..., camera.json, poses.txt (docs/FOLDER_FORMAT.md)";
+pub(crate) const LAYOUT: &str = "color/<name>.jpg or .png, depth/<name>.png, ..., camera.json (or --fx), poses.txt (optional; docs/FOLDER_FORMAT.md)";
 
 const COLOR_FOLDER: &str = "color";
 const DEPTH_FOLDER: &str = "depth";
@@ -34,16 +36,14 @@ const POSES: &str = "poses.txt";
 /// Maximum time between an image and its pose, seconds.
 const MAX_SECONDS_APART: f64 = 0.02;
 
-/// A frame with all its parts.
+/// A colour and a depth image, and the pose if there is one.
 #[derive(Clone, Debug)]
 struct FolderFrame {
     name: String,
     timestamp: Option<Duration>,
     color: PathBuf,
     depth: PathBuf,
-    world_from_camera: Pose,
-    /// Line number of the pose, from 1.
-    line: usize,
+    pose: Option<ListedPose>,
 }
 
 /// A recording in a plain folder. It has no ground truth segments.
@@ -54,49 +54,48 @@ pub struct FolderScene {
     name: String,
     folder: PathBuf,
     frames: Vec<FolderFrame>,
+    poses: PoseCoverage,
     camera: FolderCamera,
+    own_camera: Option<OwnCamera>,
+    /// Source of the images' size, for messages.
+    size_from: &'static str,
     /// Created for the first frame whose images have the camera's size.
     undistortion: OnceLock<Option<Undistortion>>,
     left_out: Vec<LeftOut>,
 }
 
 impl FolderScene {
-    /// Lists a folder's images and reads its camera and all poses. Frames without depth or pose are skipped.
+    /// Lists a folder's images and reads its camera and all poses. Frames without depth are skipped. Uses only `fx` to
+    /// `cy` of `settings`.
     ///
     /// # Errors
-    /// If a part is missing or damaged, no frame has all parts, the number of poses differs from that of the colour
-    /// images, a pose is not a rigid transform, or the first image does not have the camera's size.
-    pub fn open(folder: &Path) -> Result<Self, DatasetError> {
-        let camera = FolderCamera::read(&folder.join(CAMERA_FILE))?;
-        let color = Images::list(&folder.join(COLOR_FOLDER), &["jpg", "jpeg", "png"])?;
-        let depth = Images::list(&folder.join(DEPTH_FOLDER), &["png"])?;
-        for (part, images, expected) in
-            [(COLOR_FOLDER, &color, "<name>.jpg, .jpeg or .png"), (DEPTH_FOLDER, &depth, "<name>.png")]
-        {
-            if images.images.is_empty() {
-                return Err(DatasetError::NoFrames { path: folder.join(part), expected });
-            }
-        }
-        let poses = poses_of(&color, read_poses(&folder.join(POSES))?, folder)?;
+    /// If a part is missing or damaged, no frame has colour and depth, the poses cannot be assigned to the colour images,
+    /// a pose is not a rigid transform, or the first image does not have the camera's size.
+    pub fn open(folder: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
+        settings.validate()?;
+        let own_camera = OwnCamera::from_settings(settings)?;
+        let (color, depth) = list_images(folder)?;
+        let camera = CameraSource::of(folder, own_camera)?;
+        let path = folder.join(POSES);
+        let has_list = is_there(&path);
+        let poses =
+            if has_list { poses_of(&color, read_poses(&path)?, &path)? } else { vec![None; color.images.len()] };
         let (frames, left_out) = frames_of(&color, &depth, &poses);
-        if frames.is_empty() {
-            return Err(no_frames(folder, &color, &depth));
-        }
-        let scene = Self {
-            name: folder_name(folder),
-            folder: folder.to_owned(),
-            frames,
-            camera,
-            undistortion: OnceLock::new(),
-            left_out,
+        let first = frames.first().ok_or_else(|| no_frames(folder, &color, &depth))?;
+        let first_size = image_size(&first.color, COLOR_IMAGE).map(|size| (first.color.clone(), size));
+        let (camera, size_from) = match camera {
+            CameraSource::File(camera) => (camera, CAMERA_FILE),
+            CameraSource::Settings(own) => {
+                (FolderCamera::without_file(own.intrinsics(size_of_images(&frames)?)), "the first image")
+            }
         };
+        let poses = if has_list { coverage(&frames) } else { PoseCoverage::NONE };
+        let (name, folder, undistortion) = (folder_name(folder), folder.to_owned(), OnceLock::new());
+        let scene = Self { name, folder, frames, poses, camera, own_camera, size_from, undistortion, left_out };
         // A wrong size in camera.json is reported once, not for every frame. A damaged image is reported when its frame
         // is read.
-        if let Some(Ok((path, size))) = scene.frames.first().map(|first| {
-            let size = image_size(&first.color, COLOR_IMAGE)?;
-            Ok::<_, DatasetError>((&first.color, size))
-        }) {
-            scene.require_camera_size(path, size)?;
+        if let Ok((path, size)) = first_size {
+            scene.require_camera_size(&path, size)?;
         }
         Ok(scene)
     }
@@ -106,7 +105,7 @@ impl FolderScene {
         if found == expected {
             return Ok(());
         }
-        let (path, what, expected_from) = (path.to_owned(), COLOR_IMAGE, CAMERA_FILE);
+        let (path, what, expected_from) = (path.to_owned(), COLOR_IMAGE, self.size_from);
         Err(DatasetError::SizesDiffer { path, what, found, expected, expected_from })
     }
 
@@ -122,70 +121,97 @@ impl FolderScene {
     }
 }
 
-/// Assigns a pose to every colour image, `None` if no pose was measured near its time.
-fn poses_of(
-    color: &Images,
-    mut poses: Vec<ListedPose>,
-    folder: &Path,
-) -> Result<Vec<Option<ListedPose>>, DatasetError> {
-    let pose_times: Option<Vec<f64>> = poses.iter().map(|pose| pose.seconds).collect();
-    if let (Some(times), Some(mut pose_times), false) = (color.times(), pose_times, poses.is_empty()) {
-        poses.sort_by(|a, b| a.seconds.unwrap_or(0.0).total_cmp(&b.seconds.unwrap_or(0.0)));
-        pose_times.sort_by(f64::total_cmp);
-        let pose_at = |time: f64| poses.get(nearest_time(&pose_times, time, MAX_SECONDS_APART)?).copied();
-        return Ok(times.into_iter().map(pose_at).collect());
-    }
-    if poses.len() != color.images.len() {
-        return Err(DatasetError::Field {
-            path: folder.join(POSES),
-            field: "number of poses".to_owned(),
-            found: poses.len().to_string(),
-            expected: format!("{}, as {COLOR_FOLDER}/ has {} images", color.images.len(), color.images.len()),
-        });
-    }
-    Ok(poses.into_iter().map(Some).collect())
+/// Source of a folder's camera.
+enum CameraSource {
+    /// The camera file, with intrinsics from the settings if they give any.
+    File(FolderCamera),
+    /// The settings alone.
+    Settings(OwnCamera),
 }
 
-/// Returns the frames that have all parts, and the counts of those that do not.
+impl CameraSource {
+    fn of(folder: &Path, own: Option<OwnCamera>) -> Result<Self, DatasetError> {
+        let path = folder.join(CAMERA_FILE);
+        match (is_there(&path), own) {
+            (true, None) => Ok(Self::File(FolderCamera::read(&path)?)),
+            (true, Some(own)) => {
+                let mut camera = FolderCamera::read(&path)?;
+                camera.intrinsics = own.intrinsics((camera.intrinsics.width, camera.intrinsics.height));
+                Ok(Self::File(camera))
+            }
+            (false, Some(own)) => Ok(Self::Settings(own)),
+            (false, None) => Err(no_camera(folder, CAMERA_FILE)),
+        }
+    }
+}
+
+/// Lists the colour and the depth images. There is at least one of each.
+fn list_images(folder: &Path) -> Result<(Images, Images), DatasetError> {
+    let list = |part: &str, endings: &[&str], expected| {
+        let images = Images::list(&folder.join(part), endings)?;
+        if images.images.is_empty() {
+            return Err(DatasetError::NoFrames { path: folder.join(part), expected });
+        }
+        Ok(images)
+    };
+    let color = list(COLOR_FOLDER, &["jpg", "jpeg", "png"], "<name>.jpg, .jpeg or .png")?;
+    Ok((color, list(DEPTH_FOLDER, &["png"], "<name>.png")?))
+}
+
+/// Returns the size of the first colour image that is not damaged.
+fn size_of_images(frames: &[FolderFrame]) -> Result<(usize, usize), DatasetError> {
+    let mut first_error = None;
+    for frame in frames {
+        match image_size(&frame.color, COLOR_IMAGE) {
+            Ok(size) => return Ok(size),
+            Err(error) => first_error = first_error.or(Some(error)),
+        }
+    }
+    Err(first_error.unwrap_or(DatasetError::NoFrames { path: COLOR_FOLDER.into(), expected: "an image" }))
+}
+
+/// Counts the frames without a pose.
+fn coverage(frames: &[FolderFrame]) -> PoseCoverage {
+    let without_time = frames.iter().filter(|frame| frame.pose.is_none()).count();
+    let is_lost = |frame: &&FolderFrame| frame.pose.is_some_and(|pose| pose.world_from_camera.is_none());
+    PoseCoverage::new(
+        frames.len(),
+        [
+            (without_time, format!("without a pose within {MAX_SECONDS_APART} s of their time")),
+            (frames.iter().filter(is_lost).count(), format!("whose pose in {POSES} {LOST}")),
+        ],
+    )
+}
+
+/// Returns the frames that have colour and depth, and the counts of images that have no partner.
 fn frames_of(color: &Images, depth: &Images, poses: &[Option<ListedPose>]) -> (Vec<FolderFrame>, Vec<LeftOut>) {
     let mut depth_files: BTreeMap<&str, &Path> =
         depth.images.iter().map(|image| (image.stem.as_str(), image.path.as_path())).collect();
-    let (mut without_depth, mut without_time, mut lost) = (0, 0, 0);
+    let mut without_depth = 0;
     let mut frames = Vec::new();
     for (image, pose) in color.images.iter().zip(poses) {
         let Some(depth) = depth_files.remove(image.stem.as_str()) else {
             without_depth += 1;
             continue;
         };
-        let Some(pose) = pose else {
-            without_time += 1;
-            continue;
-        };
-        let Some(world_from_camera) = pose.world_from_camera else {
-            lost += 1;
-            continue;
-        };
-        let seconds = seconds_of(&image.stem).or(pose.seconds);
+        let seconds = seconds_of(&image.stem).or(pose.and_then(|pose| pose.seconds));
         frames.push(FolderFrame {
             name: image.stem.clone(),
             timestamp: seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
             color: image.path.clone(),
             depth: depth.to_owned(),
-            world_from_camera,
-            line: pose.line,
+            pose: *pose,
         });
     }
     let left_out = LeftOut::list([
         (without_depth, "without a depth image of the same name".to_owned()),
         (depth_files.len(), "without a colour image of the same name".to_owned()),
-        (without_time, format!("without a pose within {MAX_SECONDS_APART} s of their time")),
-        (lost, format!("whose pose in {POSES} is NaN or infinite: tracking was lost")),
         (color.unreadable + depth.unreadable, "with names that are not UTF-8".to_owned()),
     ]);
     (frames, left_out)
 }
 
-/// Returns the error for a folder in which no frame has all parts.
+/// Returns the error for a folder in which no frame has colour and depth.
 fn no_frames(folder: &Path, color: &Images, depth: &Images) -> DatasetError {
     let example = |part: &str, images: &Images| {
         let name = images.images.first().and_then(|image| image.path.file_name()).unwrap_or_default();
@@ -195,28 +221,22 @@ fn no_frames(folder: &Path, color: &Images, depth: &Images) -> DatasetError {
         path: folder.to_owned(),
         field: "frames".to_owned(),
         found: format!(
-            "none with colour, depth and a pose (the first images are {} and {})",
+            "none with colour and depth (the first images are {} and {})",
             example(COLOR_FOLDER, color),
             example(DEPTH_FOLDER, depth)
         ),
-        expected: format!(
-            "colour and depth of the same name, and for each a pose in {POSES}, within {MAX_SECONDS_APART} s if images \
-             are named after their times"
-        ),
+        expected: "colour and depth of the same name".to_owned(),
     }
 }
 
-/// Returns the required parts of a folder, each with true if present.
+/// Returns the required parts of a folder, each with true if present, and the optional parts that are present.
 pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
-    vec![
-        ("color/", path.join(COLOR_FOLDER).is_dir()),
-        ("depth/", path.join(DEPTH_FOLDER).is_dir()),
-        (CAMERA_FILE, path.join(CAMERA_FILE).is_file()),
-        (POSES, path.join(POSES).is_file()),
-    ]
+    let mut parts = vec![("color/", path.join(COLOR_FOLDER).is_dir()), ("depth/", path.join(DEPTH_FOLDER).is_dir())];
+    parts.extend([(CAMERA_FILE, true), (POSES, true)].into_iter().filter(|(part, _)| path.join(part).is_file()));
+    parts
 }
 
-/// Returns true if a folder has all parts.
+/// Returns true if a folder has all required parts.
 pub(crate) fn looks_like(path: &Path) -> bool {
     parts(path).iter().all(|(_, is_present)| *is_present)
 }
@@ -244,10 +264,18 @@ impl Scene for FolderScene {
             color = undistortion.color(&color, &frame.color)?;
             depth = undistortion.depth(&depth, &frame.depth)?;
         }
-        let FolderFrame { name, timestamp, world_from_camera, .. } = frame.clone();
+        let FolderFrame { name, timestamp, pose, .. } = frame.clone();
         let intrinsics = self.camera.intrinsics;
-        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: Some(world_from_camera) }
-            .into_frame()
+        let world_from_camera = pose.and_then(|pose| pose.world_from_camera);
+        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera }.into_frame()
+    }
+
+    fn has_poses(&self) -> bool {
+        self.poses.has_poses()
+    }
+
+    fn without_pose(&self) -> &[LeftOut] {
+        self.poses.without_pose()
     }
 
     fn has_ground_truth(&self) -> bool {
@@ -269,8 +297,11 @@ impl Scene for FolderScene {
     fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
         match (self.frames.get(index), part) {
             (Some(frame), FramePart::Depth) => frame.depth.clone(),
-            (Some(frame), FramePart::Pose) => poses::place(&self.folder.join(POSES), frame.line),
-            (_, FramePart::Intrinsics) => self.folder.join(CAMERA_FILE),
+            (Some(frame), FramePart::Pose) => match frame.pose {
+                Some(pose) => poses::place(&self.folder.join(POSES), pose.line),
+                None => self.folder.join(POSES),
+            },
+            (_, FramePart::Intrinsics) => camera_place(self.own_camera.as_ref(), &self.folder.join(CAMERA_FILE)),
             (None, _) => self.folder.clone(),
         }
     }

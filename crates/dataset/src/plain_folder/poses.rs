@@ -2,6 +2,7 @@
 
 use super::names::seconds_of;
 use crate::DatasetError;
+use crate::recorded_poses::tracked;
 use crate::text::{read_text, shortened};
 use glam::{DQuat, DVec3};
 use splatseg_geometry::{Pose, PoseError};
@@ -141,11 +142,7 @@ fn matrix_pose(path: &Path, line: usize, numbers: [f64; 16]) -> Result<ListedPos
 
 /// Returns the pose, or none if tracking was lost.
 fn listed(path: &Path, line: usize, pose: Result<Pose, PoseError>) -> Result<ListedPose, DatasetError> {
-    let world_from_camera = match pose {
-        Ok(pose) => Some(pose),
-        Err(PoseError::NotFinite | PoseError::TooFar(_)) => None,
-        Err(source) => return Err(DatasetError::Pose { path: place(path, line), source }),
-    };
+    let world_from_camera = tracked(pose, || place(path, line))?;
     Ok(ListedPose { seconds: None, world_from_camera, line })
 }
 

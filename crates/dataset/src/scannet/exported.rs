@@ -1,20 +1,25 @@
 //! ScanNet scenes exported to folders: `color/<i>.jpg`, `depth/<i>.png` (uint16 millimetres), `pose/<i>.txt`
 //! (4x4, camera-to-world), `intrinsic/` and, as ground truth, `instance-filt/<i>.png` or the published
-//! `<scene>_2d-instance-filt.zip` that contains it.
+//! `<scene>_2d-instance-filt.zip` that contains it. Poses may be missing, for some frames or with all of `pose/`.
 
 use super::labels::InstanceLabels;
 use super::{Camera, Cameras};
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, image_size, read_color, read_depth};
-use crate::listing::{NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files};
+use crate::files::is_there;
+use crate::listing::{
+    NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files, pose_coverage,
+};
+use crate::own_camera::{OwnCamera, no_camera};
+use crate::recorded_poses::PoseCoverage;
 use crate::scene::{FramePart, FrameParts, LeftOut, entry};
 use crate::text::{PinholeMatrix, read_pose};
-use crate::{DatasetError, Format, RecordedFrame, Scene};
+use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 use splatseg_geometry::SegmentMap;
 use std::path::{Path, PathBuf};
 
 /// Layout of an exported ScanNet folder, for messages.
-pub(crate) const LAYOUT: &str = "color/0.jpg, depth/0.png, pose/0.txt, ..., intrinsic/intrinsic_color.txt, \
-                                 intrinsic/intrinsic_depth.txt, instance-filt/0.png or *_2d-instance-filt.zip \
+pub(crate) const LAYOUT: &str = "color/0.jpg, depth/0.png, pose/0.txt (optional), ..., \
+                                 intrinsic/intrinsic_color.txt, intrinsic/intrinsic_depth.txt, instance-filt/0.png or *_2d-instance-filt.zip \
                                  (optional)";
 
 const COLOR: NamePattern = NamePattern { prefix: "", suffixes: &[".png", ".jpg", ".jpeg"] };
@@ -29,17 +34,20 @@ pub struct ScannetScene {
     folder: PathBuf,
     frames: Vec<NumberedFile>,
     cameras: Cameras,
+    poses: PoseCoverage,
     labels: Option<InstanceLabels>,
     left_out: Vec<LeftOut>,
 }
 
 impl ScannetScene {
-    /// Lists the frames of a scene's folder, sorted by number, and reads its cameras.
+    /// Lists the frames of a scene's folder, sorted by number, and reads its cameras. Uses only `fx` to `cy` of
+    /// `settings`.
     ///
     /// # Errors
-    /// If the folder cannot be read, colour images, depth images or poses are missing, or an intrinsics file or the
-    /// labels' zip file is missing or damaged.
-    pub fn open(folder: &Path) -> Result<Self, DatasetError> {
+    /// If the folder cannot be read, colour or depth images are missing, there is a folder of poses without any, an
+    /// intrinsics file is missing (and `fx` is not set) or damaged, or the labels' zip file is damaged.
+    pub fn open(folder: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
+        settings.validate()?;
         let color_folder = folder.join("color");
         let frames = numbered_files(&color_folder, COLOR)?;
         if frames.is_empty() {
@@ -47,15 +55,17 @@ impl ScannetScene {
         }
         let others = [(folder.join("depth"), DEPTH), (folder.join("pose"), POSE)];
         for ((part, pattern), expected) in others.iter().zip(["<number>.png", "<number>.txt"]) {
-            if !has_numbered_files(part, *pattern) {
+            let may_be_missing = pattern.suffixes == POSE.suffixes && !is_there(part);
+            if !may_be_missing && !has_numbered_files(part, *pattern) {
                 return Err(DatasetError::NoFrames { path: part.clone(), expected });
             }
         }
         let left_out = left_out_beside(&frames, &color_folder, &others);
         let name = folder_name(folder);
-        let cameras = Cameras { color: read_camera(folder, "color")?, depth: read_camera(folder, "depth")? };
+        let poses = pose_coverage(&frames, &folder.join("pose"), POSE);
+        let cameras = read_cameras(folder, settings)?;
         let labels = InstanceLabels::in_folder(folder, &name)?;
-        Ok(Self { name, folder: folder.to_owned(), frames, cameras, labels, left_out })
+        Ok(Self { name, folder: folder.to_owned(), frames, cameras, poses, labels, left_out })
     }
 
     fn depth_path(&self, file: &NumberedFile) -> PathBuf {
@@ -67,6 +77,16 @@ impl ScannetScene {
     }
 }
 
+fn read_cameras(folder: &Path, settings: &DatasetSettings) -> Result<Cameras, DatasetError> {
+    if let Some(camera) = OwnCamera::from_settings(settings)? {
+        return Ok(Cameras::Own(camera));
+    }
+    if !is_there(&folder.join("intrinsic")) {
+        return Err(no_camera(folder, "intrinsic/intrinsic_color.txt and intrinsic/intrinsic_depth.txt"));
+    }
+    Ok(Cameras::Recorded { color: read_camera(folder, "color")?, depth: read_camera(folder, "depth")? })
+}
+
 fn read_camera(folder: &Path, camera: &str) -> Result<Camera, DatasetError> {
     let path = folder.join("intrinsic").join(format!("intrinsic_{camera}.txt"));
     Ok(Camera { matrix: PinholeMatrix::read(&path)?, path })
@@ -74,12 +94,17 @@ fn read_camera(folder: &Path, camera: &str) -> Result<Camera, DatasetError> {
 
 /// Returns the required parts of an exported scene, each with true if the folder has it.
 pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
-    ["color/", "depth/", "pose/", "intrinsic/"].map(|part| (part, path.join(part).is_dir())).to_vec()
+    let has = |part: &str| path.join(part).is_dir();
+    let mut parts = ["color/", "depth/", "intrinsic/"].map(|part| (part, has(part))).to_vec();
+    // Not required, but a sign of the format.
+    parts.extend(Some(("pose/", true)).filter(|(part, _)| has(part)));
+    parts
 }
 
 /// Returns true if a folder contains an exported ScanNet scene.
 pub(crate) fn looks_like(path: &Path) -> bool {
-    ["color", "depth", "pose"].iter().all(|folder| path.join(folder).is_dir())
+    let has = |folder: &str| path.join(folder).is_dir();
+    has("color") && has("depth") && (has("pose") || has("intrinsic"))
 }
 
 impl Scene for ScannetScene {
@@ -97,12 +122,20 @@ impl Scene for ScannetScene {
 
     fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let file = entry(&self.frames, index, &self.name)?;
-        // Pose first: it is quick to read, and if tracking was lost nothing else is needed.
+        // Pose first: it is quick to read and the most likely to be damaged.
         let pose = read_pose(&self.pose_path(file))?;
         let depth = read_depth(&self.depth_path(file), MILLIMETRES)?;
         let (intrinsics, color) = self.cameras.color_at_depth(read_color(&file.path)?, depth.size())?;
         let name = file.stem.clone();
-        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: Some(pose) }.into_frame()
+        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: pose }.into_frame()
+    }
+
+    fn has_poses(&self) -> bool {
+        self.poses.has_poses()
+    }
+
+    fn without_pose(&self) -> &[LeftOut] {
+        self.poses.without_pose()
     }
 
     fn has_ground_truth(&self) -> bool {
@@ -133,7 +166,7 @@ impl Scene for ScannetScene {
         match (self.frames.get(index), part) {
             (Some(file), FramePart::Depth) => self.depth_path(file),
             (Some(file), FramePart::Pose) => self.pose_path(file),
-            (_, FramePart::Intrinsics) => self.cameras.depth.path.clone(),
+            (_, FramePart::Intrinsics) => self.cameras.place(),
             (None, _) => self.folder.clone(),
         }
     }

@@ -15,6 +15,7 @@ pub use sens::SensScene;
 pub(crate) use sens::{LAYOUT as SENS_LAYOUT, looks_like as looks_like_sens};
 
 use crate::DatasetError;
+use crate::own_camera::{OwnCamera, camera_place};
 use crate::resample::{ImageMap, resample_color, resample_labels};
 use crate::text::PinholeMatrix;
 use splatseg_geometry::{Image, Intrinsics, SegmentMap};
@@ -27,18 +28,44 @@ struct Camera {
     path: PathBuf,
 }
 
-/// The two cameras of a scene, assumed to have the same position and orientation.
+/// The cameras of a scene, assumed to have the same position and orientation.
 #[derive(Clone, Debug)]
-struct Cameras {
-    color: Camera,
-    depth: Camera,
+enum Cameras {
+    /// Each from its own file, or part of one.
+    Recorded { color: Camera, depth: Camera },
+    /// The colour camera is given by the settings. Depth is from the same camera, with its own number of pixels.
+    Own(OwnCamera),
 }
 
 impl Cameras {
+    /// Returns the intrinsics of the colour and the depth camera, for images of these sizes, both `(width, height)`.
+    fn intrinsics(
+        &self,
+        color_size: (usize, usize),
+        depth_size: (usize, usize),
+    ) -> Result<(Intrinsics, Intrinsics), DatasetError> {
+        match self {
+            Self::Recorded { color, depth } => {
+                Ok((color.matrix.for_size(color_size, &color.path)?, depth.matrix.for_size(depth_size, &depth.path)?))
+            }
+            Self::Own(camera) => {
+                let camera = camera.intrinsics(color_size);
+                Ok((camera, camera.resized(depth_size.0, depth_size.1)))
+            }
+        }
+    }
+
+    /// Returns the place of the intrinsics of the frames, for messages.
+    fn place(&self) -> PathBuf {
+        match self {
+            Self::Recorded { depth, .. } => depth.path.clone(),
+            Self::Own(camera) => camera_place(Some(camera), Path::new("")),
+        }
+    }
+
     /// Maps colour images of size `color` to depth images of size `depth`, both `(width, height)`.
     fn depth_from_color(&self, color: (usize, usize), depth: (usize, usize)) -> Result<ImageMap, DatasetError> {
-        let color_camera = self.color.matrix.for_size(color, &self.color.path)?;
-        let depth_camera = self.depth.matrix.for_size(depth, &self.depth.path)?;
+        let (color_camera, depth_camera) = self.intrinsics(color, depth)?;
         Ok(ImageMap::between_cameras(&color_camera, &depth_camera))
     }
 
@@ -49,9 +76,10 @@ impl Cameras {
         color: Image<[u8; 3]>,
         depth: (usize, usize),
     ) -> Result<(Intrinsics, Image<[u8; 3]>), DatasetError> {
-        let map = self.depth_from_color(color.size(), depth)?;
+        let (color_camera, depth_camera) = self.intrinsics(color.size(), depth)?;
+        let map = ImageMap::between_cameras(&color_camera, &depth_camera);
         let color = if map.is_identity() { color } else { resample_color(&color, &map) };
-        Ok((self.depth.matrix.for_size(depth, &self.depth.path)?, color))
+        Ok((depth_camera, color))
     }
 
     /// Resamples labels with the size of the depth or colour image to the depth camera. `path` is the labels' file, for

@@ -5,11 +5,13 @@ use super::sens_file::{ColorCompression, DepthCompression, SensFile, SensHeader}
 use super::{Camera, Cameras};
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MAX_DEFLATE_RATIO, MAX_PIXELS};
 use crate::decode::{decode_color, metres, require_decoding_memory};
+use crate::own_camera::OwnCamera;
 use crate::plausibility::warn_once;
+use crate::recorded_poses::{LOST, PoseCoverage, tracked};
 use crate::recording_file::RecordingFile;
 use crate::scene::{FramePart, FrameParts, LeftOut};
 use crate::text::PinholeMatrix;
-use crate::{DatasetError, Format, RecordedFrame, Scene};
+use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 use flate2::read::ZlibDecoder;
 use splatseg_geometry::{Image, Pose, SegmentMap};
 use std::io::Read;
@@ -31,17 +33,20 @@ pub struct SensScene {
     name: String,
     file: SensFile,
     cameras: Cameras,
+    poses: PoseCoverage,
     labels: Option<InstanceLabels>,
     left_out: Vec<LeftOut>,
 }
 
 impl SensScene {
-    /// Opens a recording, or the only one in a folder, by reading its header and locating its frames.
+    /// Opens a recording, or the only one in a folder, by reading its header and locating its frames. Uses only `fx` to
+    /// `cy` of `settings`.
     ///
     /// # Errors
     /// If there is no recording or there are several, its first frame is incomplete, its header is not version 4 or
     /// states another compression or images beyond the memory limit, or the labels' zip file is damaged.
-    pub fn open(path: &Path) -> Result<Self, DatasetError> {
+    pub fn open(path: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
+        settings.validate()?;
         let path = RECORDING.find(path)?;
         let file = SensFile::open(&path)?;
         if file.frame_count() == 0 {
@@ -57,25 +62,33 @@ impl SensScene {
             let what = format!("after frame {}, where the recording is cut off", whole - 1);
             left_out = LeftOut::list([(usize::try_from(*missing).unwrap_or(usize::MAX), what)]);
         }
-        let camera = |numbers: &[f32; 16], what| -> Result<Camera, DatasetError> {
-            Ok(Camera {
-                matrix: PinholeMatrix::from_numbers(&numbers.map(f64::from), &path, what)?,
-                path: path.clone(),
-            })
+        let cameras = match OwnCamera::from_settings(settings)? {
+            Some(camera) => Cameras::Own(camera),
+            None => recorded_cameras(file.header(), &path)?,
         };
-        let cameras = Cameras {
-            color: camera(&file.header().color_intrinsics, "intrinsics of colour")?,
-            depth: camera(&file.header().depth_intrinsics, "intrinsics of depth")?,
-        };
+        let lost = (file.lost(), format!("whose pose {LOST}"));
+        let poses = PoseCoverage::new(file.frame_count(), [lost]);
         let name = path.file_stem().map_or_else(|| "scene".to_owned(), |stem| stem.to_string_lossy().into_owned());
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let labels = InstanceLabels::beside(folder, path.file_stem().unwrap_or_default())?;
-        Ok(Self { name, file, cameras, labels, left_out })
+        Ok(Self { name, file, cameras, poses, labels, left_out })
     }
 
     fn no_such_frame(&self, index: usize) -> DatasetError {
         DatasetError::NoSuchFrame { scene: self.name.clone(), index, count: self.file.frame_count() }
     }
+}
+
+/// Reads the cameras in the header. `path` is named in errors.
+fn recorded_cameras(header: &SensHeader, path: &Path) -> Result<Cameras, DatasetError> {
+    let camera = |numbers: &[f32; 16], what| -> Result<Camera, DatasetError> {
+        let matrix = PinholeMatrix::from_numbers(&numbers.map(f64::from), path, what)?;
+        Ok(Camera { matrix, path: path.to_owned() })
+    };
+    Ok(Cameras::Recorded {
+        color: camera(&header.color_intrinsics, "intrinsics of colour")?,
+        depth: camera(&header.depth_intrinsics, "intrinsics of depth")?,
+    })
 }
 
 /// Returns true if a path is a recording or a folder containing some.
@@ -181,16 +194,23 @@ impl Scene for SensScene {
 
     fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let path = self.file.frame_path(index);
-        // Pose first: if tracking was lost nothing else is needed.
+        // Pose first: it is quick to read and the most likely to be damaged.
         let header = self.file.read_frame_header(index)?.ok_or_else(|| self.no_such_frame(index))?;
-        let pose = Pose::from_row_major(header.world_from_camera.map(f64::from))
-            .map_err(|source| DatasetError::Pose { path: path.clone(), source })?;
+        let pose = tracked(Pose::from_row_major(header.world_from_camera.map(f64::from)), || path.clone())?;
         let stored = self.file.read_images(index)?.ok_or_else(|| self.no_such_frame(index))?;
         let depth = depth_of(&stored.depth, self.file.header(), &path)?;
         let color = color_of(&stored.color, self.file.header(), &path)?;
         let (intrinsics, color) = self.cameras.color_at_depth(color, depth.size())?;
         let (name, timestamp) = (self.frame_name(index), header.timestamp);
-        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: Some(pose) }.into_frame()
+        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: pose }.into_frame()
+    }
+
+    fn has_poses(&self) -> bool {
+        self.poses.has_poses()
+    }
+
+    fn without_pose(&self) -> &[LeftOut] {
+        self.poses.without_pose()
     }
 
     fn has_ground_truth(&self) -> bool {
@@ -221,7 +241,7 @@ impl Scene for SensScene {
     fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
         match part {
             FramePart::Depth | FramePart::Pose => self.file.frame_path(index),
-            FramePart::Intrinsics => self.cameras.depth.path.clone(),
+            FramePart::Intrinsics => self.cameras.place(),
         }
     }
 }

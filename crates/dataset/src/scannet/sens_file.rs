@@ -87,6 +87,8 @@ pub(super) struct SensFile {
     path: PathBuf,
     header: SensHeader,
     frames: Vec<FrameSpan>,
+    /// Number of frames in which tracking was lost.
+    lost: usize,
     /// Number of frames missing at the end, and the error.
     cut_off: Option<(u64, DatasetError)>,
     file: RandomAccessFile,
@@ -101,11 +103,14 @@ impl SensFile {
         let mut first_pass = FirstPass { path, file: &mut file, position: 0, len };
         let (header, frame_count) = first_pass.header()?;
         // The list grows with the frames present, because the number in the header may be wrong.
-        let mut frames = Vec::new();
+        let (mut frames, mut lost) = (Vec::new(), 0);
         let mut cut_off = None;
         for index in 0..frame_count {
             match first_pass.frame_span(index) {
-                Ok(span) => frames.push(span),
+                Ok((span, is_tracked)) => {
+                    frames.push(span);
+                    lost += usize::from(!is_tracked);
+                }
                 Err(error @ DatasetError::EndsEarly { .. }) if index > 0 => {
                     cut_off = Some((frame_count - index, error));
                     break;
@@ -113,7 +118,7 @@ impl SensFile {
                 Err(error) => return Err(error),
             }
         }
-        Ok(Self { path: path.to_owned(), header, frames, cut_off, file: RandomAccessFile::new(file) })
+        Ok(Self { path: path.to_owned(), header, frames, lost, cut_off, file: RandomAccessFile::new(file) })
     }
 
     /// Returns the number of frames missing from a truncated recording, and the error for the first of them.
@@ -127,6 +132,11 @@ impl SensFile {
 
     pub(super) fn frame_count(&self) -> usize {
         self.frames.len()
+    }
+
+    /// Returns the number of frames whose poses are not finite, because tracking was lost.
+    pub(super) fn lost(&self) -> usize {
+        self.lost
     }
 
     /// Returns the path of a frame, for messages.
@@ -256,11 +266,12 @@ impl FirstPass<'_> {
         Ok((width as usize, height as usize))
     }
 
-    /// Finds the offset of the next frame and skips it.
-    fn frame_span(&mut self, index: u64) -> Result<FrameSpan, DatasetError> {
+    /// Finds the offset of the next frame and skips it. Also returns true if its pose is finite.
+    fn frame_span(&mut self, index: u64) -> Result<(FrameSpan, bool), DatasetError> {
         let name = || format!("frame {index}");
         let offset = self.position;
         let bytes: [u8; FRAME_HEADER_BYTES] = self.take(name)?;
+        let is_tracked = Fields(&bytes).matrix().is_some_and(|matrix| matrix.iter().all(|entry| entry.is_finite()));
         let mut fields = Fields(&bytes[FRAME_HEADER_BYTES - 16..]);
         let (color_bytes, depth_bytes) = (fields.u64().unwrap_or(0), fields.u64().unwrap_or(0));
         for (what, found) in [("colour", color_bytes), ("depth", depth_bytes)] {
@@ -270,7 +281,7 @@ impl FirstPass<'_> {
             }
         }
         self.skip(color_bytes + depth_bytes, name)?;
-        Ok(FrameSpan { offset, color_bytes, depth_bytes })
+        Ok((FrameSpan { offset, color_bytes, depth_bytes }, is_tracked))
     }
 }
 

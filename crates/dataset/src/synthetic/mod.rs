@@ -18,7 +18,8 @@ pub use speed::{Speed, SpeedError};
 pub use thing::{Thing, ThingKind};
 
 use crate::files::MemoryRequirement;
-use crate::scene::FrameParts;
+use crate::own_camera::{OwnCamera, camera_place};
+use crate::scene::{FramePart, FrameParts};
 use crate::{DatasetError, Format, RecordedFrame, Scene};
 use glam::{DVec3, Vec2};
 use noise::{Sample, color_bytes, kinect_measurements};
@@ -26,7 +27,7 @@ use rayon::prelude::*;
 use room::{Room, brightness};
 use solids::Ray;
 use splatseg_geometry::{Image, Intrinsics, LocalPose, SegmentMap};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Focal length in image widths, for a Kinect's field of view of 58 degrees.
 const FOCAL_WIDTHS: f32 = 0.9;
@@ -48,6 +49,7 @@ pub struct SyntheticScene {
     room: Room,
     movers: Vec<Mover>,
     intrinsics: Intrinsics,
+    own_camera: Option<OwnCamera>,
 }
 
 impl SyntheticScene {
@@ -77,9 +79,15 @@ impl SyntheticScene {
             height,
         };
         let room = Room::furnished(settings.seed, settings.objects);
-        let mut scene = Self { name: settings.to_string(), settings, room, movers: Vec::new(), intrinsics };
+        let (name, movers) = (settings.to_string(), Vec::new());
+        let mut scene = Self { name, settings, room, movers, intrinsics, own_camera: None };
         scene.movers = scene.choose_movers()?;
         Ok(scene)
+    }
+
+    /// Changes the stated intrinsics, not those that frames are rendered with.
+    pub(crate) fn with_camera(self, own_camera: Option<OwnCamera>) -> Self {
+        Self { own_camera, ..self }
     }
 
     /// Returns the things in the room, by increasing id, without walls, floor and ceiling.
@@ -179,7 +187,8 @@ impl Scene for SyntheticScene {
         };
         let color = Image::from_fn(width, height, |column, row| measured[row * width + column].0);
         let depth = Image::from_fn(width, height, |column, row| measured[row * width + column].1);
-        let (name, intrinsics) = (self.frame_name(index), self.intrinsics);
+        let intrinsics = self.own_camera.map_or(self.intrinsics, |camera| camera.intrinsics(exact.size()));
+        let name = self.frame_name(index);
         let world_from_camera = self.camera_pose(index).at(DVec3::ZERO);
         FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: Some(world_from_camera) }
             .into_frame()
@@ -196,5 +205,10 @@ impl Scene for SyntheticScene {
 
     fn format(&self) -> Option<Format> {
         Some(Format::Synthetic)
+    }
+
+    fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
+        let place = PathBuf::from(format!("{}: frame {}", self.name, self.frame_name(index)));
+        if part == FramePart::Intrinsics { camera_place(self.own_camera.as_ref(), &place) } else { place }
     }
 }

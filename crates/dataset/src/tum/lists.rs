@@ -34,6 +34,13 @@ pub(super) struct TimedPose {
     pub(super) line: usize,
 }
 
+impl TimedPose {
+    /// Returns false if tracking was lost.
+    pub(super) fn is_finite(&self) -> bool {
+        self.position.is_finite() && self.rotation.is_finite()
+    }
+}
+
 /// Reads a list of images, sorted by time. Of several with the same time the last is kept, as in `associate.py`. Also
 /// returns the number of lines skipped because they are not UTF-8.
 pub(super) fn read_file_list(

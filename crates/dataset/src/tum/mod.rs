@@ -4,8 +4,8 @@
 //!
 //! Colour and depth are paired as in the benchmark's `associate.py`: the two closest times first, less than 0.02 s
 //! apart. A frame's pose is the one measured **nearest** to its colour image, within 0.02 s. It is not interpolated, as
-//! in the published evaluations; the trajectory has at least 100 poses per second. Frames without a partner or a pose
-//! are skipped and counted.
+//! in the published evaluations; the trajectory has at least 100 poses per second. Colour images without a partner are
+//! skipped and counted. Frames may have no pose, and `groundtruth.txt` may be missing.
 //!
 //! Depth is a 16-bit PNG with 5000 units per metre, registered to colour. Lens distortion is ignored.
 
@@ -13,11 +13,14 @@ mod associate;
 mod lists;
 
 use crate::decode::{read_color, read_depth};
+use crate::files::is_there;
 use crate::listing::folder_name;
+use crate::own_camera::{OwnCamera, camera_place};
 use crate::plausibility::warn_once;
+use crate::recorded_poses::{LOST, PoseCoverage, no_common_time, tracked};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, shortened};
-use crate::{DatasetError, Format, RecordedFrame, Scene};
+use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 pub(crate) use associate::associate;
 pub(crate) use associate::nearest as nearest_time;
 use lists::{ListedFile, TimedPose, read_file_list, read_trajectory};
@@ -28,7 +31,7 @@ use std::time::Duration;
 
 /// Layout of a TUM RGB-D folder, for messages.
 pub(crate) const LAYOUT: &str =
-    "rgb.txt, depth.txt, groundtruth.txt and the images they list, camera-intrinsics.txt (optional)";
+    "rgb.txt, depth.txt and the images they list, groundtruth.txt and camera-intrinsics.txt (optional)";
 
 const COLOR_LIST: &str = "rgb.txt";
 const DEPTH_LIST: &str = "depth.txt";
@@ -51,15 +54,15 @@ const PUBLISHED: [(&str, Intrinsics); 3] = [
 /// Default Kinect camera in ROS.
 const ROS_DEFAULT: Intrinsics = camera(525.0, 525.0, 319.5, 239.5);
 
-/// A colour image with its depth image and pose.
+/// A colour image with its depth image and the pose nearest in time.
 #[derive(Clone, Debug)]
 struct TumFrame {
     name: String,
-    /// Time of the colour image since the Unix epoch; `None` for times before it.
-    timestamp: Option<Duration>,
+    /// Time of the colour image, seconds since the Unix epoch.
+    seconds: f64,
     color: PathBuf,
     depth: PathBuf,
-    pose: TimedPose,
+    pose: Option<TimedPose>,
 }
 
 /// A sequence in the layout of TUM RGB-D. It has no ground truth segments.
@@ -75,25 +78,35 @@ pub struct TumScene {
     frames: Vec<TumFrame>,
     intrinsics: Option<PinholeMatrix>,
     assumed_camera: Intrinsics,
+    own_camera: Option<OwnCamera>,
+    poses: PoseCoverage,
     left_out: Vec<LeftOut>,
 }
 
 impl TumScene {
-    /// Reads the lists in a sequence's folder and pairs colour, depth and poses, in time order.
+    /// Reads the lists in a sequence's folder and pairs colour, depth and poses, in time order. Uses only `fx` to `cy`
+    /// of `settings`.
     ///
     /// # Errors
-    /// If a list is missing or damaged or contains a colour image twice, if nothing can be paired, or if the intrinsics
-    /// are damaged.
-    pub fn open(folder: &Path) -> Result<Self, DatasetError> {
+    /// If a list of images is missing, a list is damaged or contains a colour image twice, no colour can be paired with
+    /// depth, or there is a trajectory without a pose near any frame; or if the intrinsics are damaged.
+    pub fn open(folder: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
+        settings.validate()?;
+        let own_camera = OwnCamera::from_settings(settings)?;
         let (color, unreadable_color) = read_file_list(folder, COLOR_LIST, "list of colour images")?;
         let (depth, unreadable_depth) = read_file_list(folder, DEPTH_LIST, "list of depth images")?;
         let unreadable = unreadable_color + unreadable_depth;
-        let trajectory = read_trajectory(&folder.join(TRAJECTORY))?;
-        let frames = frames_of(&color, &depth, &trajectory);
+        let path = folder.join(TRAJECTORY);
+        let trajectory = if is_there(&path) { Some(read_trajectory(&path)?) } else { None };
+        let frames = frames_of(&color, &depth, trajectory.as_deref().unwrap_or_default());
         if frames.is_empty() {
-            let expected = "colour, depth and a pose within 0.02 seconds of each other";
+            let expected = "colour and depth within 0.02 seconds of each other";
             return Err(DatasetError::NoFrames { path: folder.to_owned(), expected });
         }
+        let poses = match trajectory {
+            None => PoseCoverage::NONE,
+            Some(trajectory) => coverage(&path, &frames, &trajectory)?,
+        };
         let mut names = HashSet::new();
         // Outputs are named after frames, so one would overwrite the other.
         if let Some(frame) = frames.iter().find(|frame| !names.insert(frame.name.as_str())) {
@@ -107,7 +120,7 @@ impl TumScene {
         let left_out = LeftOut::list([
             (
                 color.len() - frames.len(),
-                format!("without a depth image or a pose within {MAX_SECONDS_APART} s of their colour image"),
+                format!("without a depth image within {MAX_SECONDS_APART} s of their colour image"),
             ),
             (unreadable, format!("with names that are not UTF-8 in {COLOR_LIST} or {DEPTH_LIST}")),
         ]);
@@ -115,22 +128,42 @@ impl TumScene {
         let intrinsics_path = folder.join(INTRINSICS_FILE);
         let intrinsics = if intrinsics_path.exists() { Some(PinholeMatrix::read(&intrinsics_path)?) } else { None };
         let published = PUBLISHED.iter().find(|(part, _)| name.contains(part)).map(|(_, camera)| *camera);
-        if intrinsics.is_none() && published.is_none() {
+        if own_camera.is_none() && intrinsics.is_none() && published.is_none() {
             warn_once(format!(
                 "{}: no {INTRINSICS_FILE} and no freiburg1, 2 or 3 in the folder's name: assuming ROS's default camera",
                 folder.display()
             ));
         }
         let assumed_camera = published.unwrap_or(ROS_DEFAULT);
-        Ok(Self { name, folder: folder.to_owned(), frames, intrinsics, assumed_camera, left_out })
+        let folder = folder.to_owned();
+        Ok(Self { name, folder, frames, intrinsics, assumed_camera, own_camera, poses, left_out })
     }
 
     fn camera(&self, size: (usize, usize)) -> Result<Intrinsics, DatasetError> {
-        match self.intrinsics {
-            Some(matrix) => matrix.for_size(size, &self.folder.join(INTRINSICS_FILE)),
-            None => Ok(self.assumed_camera.resized(size.0, size.1)),
+        match (self.own_camera, self.intrinsics) {
+            (Some(camera), _) => Ok(camera.intrinsics(size)),
+            (None, Some(matrix)) => matrix.for_size(size, &self.folder.join(INTRINSICS_FILE)),
+            (None, None) => Ok(self.assumed_camera.resized(size.0, size.1)),
         }
     }
+}
+
+/// Counts the frames without a pose. `path` is the trajectory, for errors.
+fn coverage(path: &Path, frames: &[TumFrame], trajectory: &[TimedPose]) -> Result<PoseCoverage, DatasetError> {
+    let missing = frames.iter().filter(|frame| frame.pose.is_none()).count();
+    if missing == frames.len() {
+        let pose_times: Vec<f64> = trajectory.iter().map(|pose| pose.seconds).collect();
+        let image_times: Vec<f64> = frames.iter().map(|frame| frame.seconds).collect();
+        return Err(no_common_time(path, &pose_times, &image_times));
+    }
+    let is_lost = |frame: &&TumFrame| frame.pose.is_some_and(|pose| !pose.is_finite());
+    Ok(PoseCoverage::new(
+        frames.len(),
+        [
+            (missing, format!("without a pose within {MAX_SECONDS_APART} s of their colour image")),
+            (frames.iter().filter(is_lost).count(), format!("whose pose in {TRAJECTORY} {LOST}")),
+        ],
+    ))
 }
 
 /// Pairs colour, depth and poses by time, in time order.
@@ -139,21 +172,21 @@ fn frames_of(color: &[ListedFile], depth: &[ListedFile], trajectory: &[TimedPose
     let pose_times: Vec<f64> = trajectory.iter().map(|pose| pose.seconds).collect();
     let frame = |(color_index, depth_index): (usize, usize)| {
         let (color, depth) = (&color[color_index], &depth[depth_index]);
-        let pose = nearest_time(&pose_times, color.seconds, MAX_SECONDS_APART)?;
-        Some(TumFrame {
+        let pose = nearest_time(&pose_times, color.seconds, MAX_SECONDS_APART);
+        TumFrame {
             name: color.stem.clone(),
-            timestamp: Duration::try_from_secs_f64(color.seconds).ok(),
+            seconds: color.seconds,
             color: color.path.clone(),
             depth: depth.path.clone(),
-            pose: trajectory[pose],
-        })
+            pose: pose.and_then(|pose| trajectory.get(pose)).copied(),
+        }
     };
-    associate(&times(color), &times(depth), MAX_SECONDS_APART).into_iter().filter_map(frame).collect()
+    associate(&times(color), &times(depth), MAX_SECONDS_APART).into_iter().map(frame).collect()
 }
 
 /// Returns the required parts of a sequence, each with true if the folder has it.
 pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
-    [COLOR_LIST, DEPTH_LIST, TRAJECTORY].map(|part| (part, path.join(part).is_file())).to_vec()
+    [COLOR_LIST, DEPTH_LIST].map(|part| (part, path.join(part).is_file())).to_vec()
 }
 
 /// Returns true if a folder contains a sequence.
@@ -177,13 +210,23 @@ impl Scene for TumScene {
     fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let frame = entry(&self.frames, index, &self.name)?;
         // The benchmark uses the same camera axes.
-        let pose = Pose::from_quaternion(frame.pose.position, frame.pose.rotation)
-            .map_err(|source| DatasetError::Pose { path: self.file_of(index, FramePart::Pose), source })?;
+        let stated = frame.pose.map(|pose| Pose::from_quaternion(pose.position, pose.rotation));
+        let pose = stated.map(|pose| tracked(pose, || self.file_of(index, FramePart::Pose))).transpose()?.flatten();
         let depth = read_depth(&frame.depth, UNITS_PER_METRE)?;
         let color = read_color(&frame.color)?;
         require_registered(&color, &depth, &frame.depth)?;
-        let (name, timestamp, intrinsics) = (frame.name.clone(), frame.timestamp, self.camera(color.size())?);
-        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: Some(pose) }.into_frame()
+        let (name, intrinsics) = (frame.name.clone(), self.camera(color.size())?);
+        // `None` for times before 1970.
+        let timestamp = Duration::try_from_secs_f64(frame.seconds).ok();
+        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: pose }.into_frame()
+    }
+
+    fn has_poses(&self) -> bool {
+        self.poses.has_poses()
+    }
+
+    fn without_pose(&self) -> &[LeftOut] {
+        self.poses.without_pose()
     }
 
     fn has_ground_truth(&self) -> bool {
@@ -205,10 +248,11 @@ impl Scene for TumScene {
     fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
         match (self.frames.get(index), part) {
             (Some(frame), FramePart::Depth) => frame.depth.clone(),
-            (Some(frame), FramePart::Pose) => {
-                format!("{}: line {}", self.folder.join(TRAJECTORY).display(), frame.pose.line).into()
-            }
-            (_, FramePart::Intrinsics) => self.folder.join(INTRINSICS_FILE),
+            (Some(frame), FramePart::Pose) => match frame.pose {
+                Some(pose) => format!("{}: line {}", self.folder.join(TRAJECTORY).display(), pose.line).into(),
+                None => self.folder.join(TRAJECTORY),
+            },
+            (_, FramePart::Intrinsics) => camera_place(self.own_camera.as_ref(), &self.folder.join(INTRINSICS_FILE)),
             (None, _) => self.folder.clone(),
         }
     }

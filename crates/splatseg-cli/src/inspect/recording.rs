@@ -30,10 +30,13 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
         say!("damaged        {line}");
     }
     match summary.scene {
-        Ok((sources, frames, left_out)) => {
-            say!("frames         {frames}");
-            sources.iter().for_each(|source| say!("  {source}"));
-            for kind in left_out {
+        Ok(frames) => {
+            say!("frames         {}", frames.count);
+            frames.sources.iter().for_each(|source| say!("  {source}"));
+            for kind in frames.without_pose {
+                say!("  no pose: {} {}", counted(kind.count, "frame"), kind.what);
+            }
+            for kind in frames.left_out {
                 say!("  left out: {} {}", counted(kind.count, "frame"), kind.what);
             }
             Ok(())
