@@ -2,7 +2,7 @@
 
 mod support;
 
-use splatseg_dataset::{DatasetSettings, McapScene, Scene, open_scene};
+use splatseg_dataset::{DatasetSettings, McapScene, RecordedFrame, Scene, open_scene};
 use splatseg_geometry::RgbdFrame;
 use std::fs;
 use support::mcap::{FRAME_NS, McapWriter, OPTICAL, START, camera_transform, depth_bytes, header, info, raw};
@@ -38,8 +38,8 @@ fn frames() -> Vec<RgbdFrame<'static>> {
     recording("synthetic:frames=24,width=16,height=12,seed=3").into_iter().map(|(frame, _)| frame).collect()
 }
 
-/// Opens a recording with these stamps. Returns the original index of each of its frames, by depth, and the skipped
-/// frames.
+/// Opens a recording with these stamps. Returns the original index of each of its frames with a pose, by depth, and the
+/// frames that are skipped or have no pose.
 fn opened(stamps: &[Stamps]) -> (Vec<usize>, Vec<String>) {
     let frames = frames();
     let mut writer = McapWriter::new();
@@ -58,7 +58,8 @@ fn opened(stamps: &[Stamps]) -> (Vec<usize>, Vec<String>) {
     fs::write(&path, writer.finish()).unwrap();
     let scene = McapScene::open(&path, &DatasetSettings::default()).unwrap();
     let which = |index: usize| {
-        let read = scene.read_frame(index).unwrap();
+        let RecordedFrame { frame, world_from_camera } = scene.read_recorded(index).unwrap();
+        let read = frame.at(world_from_camera?);
         let error = |frame: &RgbdFrame| {
             let depths = frame.depth().pixels().iter().zip(read.depth().pixels());
             depths.map(|(one, other)| (one - other).abs()).sum::<f32>()
@@ -68,10 +69,11 @@ fn opened(stamps: &[Stamps]) -> (Vec<usize>, Vec<String>) {
         let pose =
             (read.world_from_camera().to_matrix() - frames[found].world_from_camera().to_matrix()).to_cols_array();
         assert!(pose.iter().all(|entry| entry.abs() < 1e-6), "frame {index} has the pose of another than {found}");
-        found
+        Some(found)
     };
-    let left_out = scene.left_out().iter().map(|kind| format!("{} {}", kind.count, kind.what)).collect();
-    ((0..scene.frame_count()).map(which).collect(), left_out)
+    let missing = scene.left_out().iter().chain(scene.without_pose());
+    let missing = missing.map(|kind| format!("{} {}", kind.count, kind.what)).collect();
+    ((0..scene.frame_count()).filter_map(which).collect(), missing)
 }
 
 fn all_but(missing: &[usize]) -> Vec<usize> {
