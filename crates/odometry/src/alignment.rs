@@ -11,8 +11,8 @@
 //! Both have weights from a t-distribution with [`FREEDOM`] degrees of freedom, as in DVO (Kerl, Sturm and Cremers, IROS
 //! 2013). The prior is a Gaussian around the pose that the motion model predicts.
 
-use crate::linear::{Matrix6, solve};
-use crate::prior::MotionPrior;
+use crate::linear::{Eigen, Matrix6};
+use crate::prior::{MotionPrior, scaled, unscaled};
 use crate::pyramid::Level;
 use crate::reference::ReferencePoint;
 use crate::se3::{self, Twist};
@@ -27,7 +27,14 @@ const FREEDOM: f32 = 5.0;
 /// Neighbouring residuals have the same errors, so a thousand of them say less than a thousand independent ones: each
 /// counts as this fraction of one. The first is of geometry, whose errors (the sensor's distortion) are correlated over
 /// larger parts of the image than the image's.
-const INDEPENDENT: [f32; 2] = [0.008, 0.05];
+const INDEPENDENT: [f32; 2] = [0.016, 0.05];
+
+/// Directions of motion in which the measurements have less information than this, 1/m², keep the prediction: along a
+/// wall or a corridor, what little there is comes from errors. It corresponds to a deviation of 4.5 cm.
+const WEAK_INFORMATION: f64 = 500.0;
+
+/// Depth that is better than a Kinect's counts for more, up to this share of the Kinect's deviation.
+const MIN_DISTANCE_SCALE: f32 = 0.25;
 
 /// Smallest standard deviation of the luminance that is believed, on the scale of 0 to 255.
 const MIN_GREY_DEVIATION: f32 = 2.0;
@@ -46,9 +53,6 @@ const TO_DEVIATION: f32 = 1.4826;
 const DISTANCE_BINS: f32 = 16.0;
 const GREY_BINS: f32 = 4.0;
 
-/// A frame whose luminance deviates less than this from its mean shows nothing.
-const MIN_CONTRAST: f32 = 4.0;
-
 /// Geometry or image is judged by at least this many points.
 const MIN_MEASUREMENTS: f32 = 150.0;
 
@@ -63,6 +67,8 @@ pub(crate) struct Alignment<'a> {
     pub(crate) frame: &'a Level,
     /// Number of the level, 0 for the finest.
     pub(crate) number: usize,
+    /// False if the frame's image shows nothing.
+    pub(crate) uses_image: bool,
     /// The predicted pose.
     pub(crate) prior: &'a MotionPrior,
 }
@@ -70,7 +76,7 @@ pub(crate) struct Alignment<'a> {
 /// What is known about the residuals; each iteration uses the values of the one before.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scales {
-    /// Deviation of the distances to the planes, in units of the sensor's expected deviation, at least 1.
+    /// Deviation of the distances to the planes, in units of the expected deviation, that of a Kinect.
     pub(crate) distance: f32,
     /// Deviation of the luminance.
     pub(crate) grey: f32,
@@ -99,8 +105,6 @@ pub(crate) struct Counts {
     pub(crate) with_texture: f32,
     /// Points with texture whose luminance agrees.
     pub(crate) same_grey: f32,
-    /// True if the frame has contrast: it is not dark, and the lens is not covered.
-    pub(crate) has_contrast: bool,
 }
 
 impl Counts {
@@ -113,8 +117,7 @@ impl Counts {
     /// where there is too little to judge.
     pub(crate) fn inliers(&self) -> [Option<f32>; 2] {
         let judged = |agreeing: f32, measured: f32| (measured >= MIN_MEASUREMENTS).then(|| agreeing / measured);
-        let image = if self.has_contrast { judged(self.same_grey, self.with_texture) } else { None };
-        [judged(self.near_plane, self.with_depth), image]
+        [judged(self.near_plane, self.with_depth), judged(self.same_grey, self.with_texture)]
     }
 
     /// Mean of [`Self::inliers`] over those that can be judged; 0 if none can.
@@ -161,15 +164,24 @@ impl Alignment<'_> {
         DVec3::from_slice(&step[..3]).length() < pixel && DVec3::from_slice(&step[3..]).length() < pixel
     }
 
-    /// The Gauss-Newton step, with the prior.
+    /// The Gauss-Newton step, with the prior: in each eigenvector's direction the mean of what the measurements and the
+    /// prior say, weighted by their information.
     fn step(&self, key_from_camera: &Pose, fit: &Fit) -> Option<Twist> {
-        let (mut hessian, mut gradient) = (fit.hessian, fit.gradient);
-        self.prior.add_to(key_from_camera, &mut hessian, &mut gradient);
-        let step = solve(&hessian, &gradient.map(|part| -part))?;
+        let system = Eigen::new(&scaled_matrix(&fit.hessian));
+        let gradient = system.along(&unscaled(&fit.gradient));
+        let error = system.along(&scaled(&self.prior.error(key_from_camera)));
+        let along: [f64; 6] = std::array::from_fn(|k| {
+            let information = system.values[k].max(0.0);
+            let unknown = WEAK_INFORMATION / (information + WEAK_INFORMATION);
+            let (measured, prior) = (1.0 - unknown, self.prior.information(unknown));
+            -(gradient[k] * measured + error[k] * prior) / (information * measured + prior)
+        });
+        let step = unscaled(&system.combined(&along));
         let size = step.iter().map(|part| part.abs()).fold(0.0, f64::max);
         // Beyond this the linearisation means nothing.
         let limit = 0.2;
-        Some(if size > limit { step.map(|part| part * limit / size) } else { step })
+        let limited = if size > limit { step.map(|part| part * limit / size) } else { step };
+        limited.iter().all(|part| part.is_finite()).then_some(limited)
     }
 
     /// Evaluates a pose.
@@ -184,13 +196,17 @@ impl Alignment<'_> {
         let distances =
             total.distances.median().map_or(scales.distance, |median| median * TO_DEVIATION / DISTANCE_BINS);
         let greys = total.greys.median().map_or(scales.grey, |median| median * TO_DEVIATION / GREY_BINS);
-        total.counts.has_contrast = total.exposure.frame_deviation() > MIN_CONTRAST;
         let (gain, offset) = total.exposure.regression(GAIN).unwrap_or((scales.gain, scales.offset));
         Fit {
             hessian: total.hessian(),
             gradient: total.gradient(),
             counts: total.counts,
-            scales: Scales { distance: distances.max(1.0), grey: greys.max(MIN_GREY_DEVIATION), gain, offset },
+            scales: Scales {
+                distance: distances.max(MIN_DISTANCE_SCALE),
+                grey: greys.max(MIN_GREY_DEVIATION),
+                gain,
+                offset,
+            },
         }
     }
 
@@ -211,7 +227,7 @@ impl Alignment<'_> {
             }
             sums.counts.visible += 1.0;
             let covered = self.add_geometry(point, camera, (column, row), scales, &mut sums);
-            if !covered && point.gradient != Vec3::ZERO {
+            if self.uses_image && !covered && point.gradient != Vec3::ZERO {
                 self.add_image(point, (column, row), scales, &mut sums);
             }
         }
@@ -278,6 +294,12 @@ impl Alignment<'_> {
         let information = point.weight * robust * INDEPENDENT[1] / (scales.grey * scales.grey);
         sums.add_row(-point.gradient, -point.position.cross(point.gradient), difference, information);
     }
+}
+
+/// A system in the coordinates of [`scaled`].
+fn scaled_matrix(matrix: &Matrix6) -> Matrix6 {
+    let factors = unscaled(&[1.0; 6]);
+    std::array::from_fn(|row| std::array::from_fn(|column| matrix[row][column] * factors[row] * factors[column]))
 }
 
 /// A pose in single precision, for the loop over points.

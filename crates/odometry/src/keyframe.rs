@@ -127,6 +127,7 @@ impl Reference {
     }
 
     fn alignment<'a>(&'a self, frame: &'a Pyramid, number: usize, prior: &'a MotionPrior) -> Alignment<'a> {
-        Alignment { points: &self.points[number], frame: &frame.levels[number], number, prior }
+        let (points, level) = (&self.points[number], &frame.levels[number]);
+        Alignment { points, frame: level, number, uses_image: frame.has_contrast, prior }
     }
 }

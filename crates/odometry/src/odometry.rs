@@ -1,9 +1,9 @@
 //! The camera's pose from frame to frame.
 
 use crate::keyframe::{Aligned, Keyframe, Reference};
-use crate::linear::inverse;
+use crate::linear::Eigen;
 use crate::movers::Movers;
-use crate::prior::{LastFrame, MAX_PREDICTION_ERROR, MotionPrior};
+use crate::prior::{LastFrame, MAX_ERROR, MotionPrior};
 use crate::pyramid::{GreyFrame, Pyramid};
 use crate::se3;
 use crate::segment_runs::SegmentRuns;
@@ -162,7 +162,7 @@ impl Odometry {
                 return Some((self.active, reference, aligned));
             }
         }
-        let wide = MotionPrior { deviations: MAX_PREDICTION_ERROR, ..*prior };
+        let wide = MotionPrior { deviation: MAX_ERROR, ..*prior };
         let is_found = |reference: &Reference| {
             let start = reference.search(pyramid, &last.world_from_camera, prior);
             let aligned = reference.align(pyramid, &start, &wide);
@@ -221,9 +221,9 @@ fn overlap(aligned: &Aligned, reference: &Reference) -> f32 {
 }
 
 fn quality(aligned: &Aligned, reference: &Reference) -> PoseQuality {
-    let covariance = aligned.fit.as_ref().and_then(|fit| inverse(&fit.hessian));
+    let variances = aligned.fit.as_ref().map(|fit| Eigen::new(&fit.hessian).variances());
     let deviation = |from: usize| {
-        let variance = covariance.map(|matrix| (from..from + 3).map(|index| matrix[index][index]).sum::<f64>());
+        let variance = variances.map(|variances| variances[from..from + 3].iter().sum::<f64>());
         variance.map_or(f32::INFINITY, |variance| variance.sqrt() as f32)
     };
     PoseQuality {

@@ -34,8 +34,7 @@ pub struct PoseQuality {
     /// Share of the measurements that agree with the keyframe, 0 to 1: the mean of depth and image, where both can be
     /// judged.
     pub inliers: f32,
-    /// Deviation of the measured depth from the keyframe's surfaces, in units of the sensor's expected deviation; at
-    /// least 1.
+    /// Deviation of the measured depth from the keyframe's surfaces, in units of a Kinect's deviation.
     pub residual: f32,
     /// Standard deviation of the camera's position relative to its keyframe, metres.
     pub position_deviation: f32,

@@ -1,6 +1,5 @@
 //! The motion model: where the camera is expected before the images are compared.
 
-use crate::linear::Matrix6;
 use crate::se3::{self, Twist};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::Pose;
@@ -10,23 +9,39 @@ use std::time::Duration;
 /// measures come to rest.
 const INERTIA: f64 = 0.8;
 
-/// The prediction's error is believed to be at least this: metres per axis, radians per axis.
-const MIN_PREDICTION_ERROR: (f64, f64) = (0.004, 0.005);
+/// The prediction's error is believed to be at least this, metres per direction, as in [`scaled`]...
+const MIN_ERROR: f64 = 0.004;
 
-/// The prediction's error is believed to be at most this: metres per axis, radians per axis.
-pub(crate) const MAX_PREDICTION_ERROR: (f64, f64) = (0.3, 0.4);
+/// ...or this, in directions that the images measure well. There a tight prior would pull every pose a little towards
+/// the prediction, and with each new keyframe that error would stay.
+const MIN_ERROR_IF_MEASURED: f64 = 0.03;
+
+/// The prediction's error is believed to be at most this, metres per direction.
+pub(crate) const MAX_ERROR: f64 = 0.6;
 
 /// The prediction's error before any is known.
-const FIRST_PREDICTION_ERROR: (f64, f64) = (0.03, 0.04);
+const FIRST_ERROR: f64 = 0.05;
+
+/// How far a rotation moves typical surfaces, metres per radian.
+const LEVER: f64 = 2.0;
+
+/// A twist in metres: rotations by the motion of surfaces at [`LEVER`] metres.
+pub(crate) fn scaled(twist: &Twist) -> Twist {
+    std::array::from_fn(|index| if index < 3 { twist[index] } else { twist[index] * LEVER })
+}
+
+/// The inverse of [`scaled`].
+pub(crate) fn unscaled(twist: &Twist) -> Twist {
+    std::array::from_fn(|index| if index < 3 { twist[index] } else { twist[index] / LEVER })
+}
 
 /// A Gaussian around a predicted pose.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MotionPrior {
     /// The predicted pose.
     pub(crate) predicted: Pose,
-    /// Standard deviations of the prediction: of the position along each axis, metres, and of the rotation about each
-    /// axis, radians.
-    pub(crate) deviations: (f64, f64),
+    /// Standard deviation of the prediction, metres per direction, as in [`scaled`].
+    pub(crate) deviation: f64,
 }
 
 impl MotionPrior {
@@ -35,18 +50,17 @@ impl MotionPrior {
         Self { predicted: *from_old * self.predicted, ..*self }
     }
 
-    /// Adds the prior's part of the normal equations at a pose, for an update from the left.
-    pub(crate) fn add_to(&self, pose: &Pose, hessian: &mut Matrix6, gradient: &mut Twist) {
-        // exp(error) · predicted = pose, and d(error)/d(ξ) ≈ 1 for small errors. The position that counts is that of
-        // the camera: rotation about the keyframe's origin also moves the camera, by little, as it is close.
-        let error = se3::logarithm(&(*pose * self.predicted.inverse()));
-        let (translation, rotation) = self.deviations;
-        for (index, part) in error.into_iter().enumerate() {
-            let deviation = if index < 3 { translation } else { rotation };
-            let information = 1.0 / (deviation * deviation);
-            hessian[index][index] += information;
-            gradient[index] += information * part;
-        }
+    /// Deviation of a pose from the predicted one, as a twist from the left.
+    pub(crate) fn error(&self, pose: &Pose) -> Twist {
+        // exp(error) · predicted = pose. The position that counts is that of the camera: rotation about the keyframe's
+        // origin also moves the camera, by little, as it is close.
+        se3::logarithm(&(*pose * self.predicted.inverse()))
+    }
+
+    /// Information about a direction, 1/m², of which `unknown` is 0 if the images measure it and 1 if they do not.
+    pub(crate) fn information(&self, unknown: f64) -> f64 {
+        let of = |least: f64| 1.0 / (self.deviation.max(least) * self.deviation.max(least));
+        of(MIN_ERROR_IF_MEASURED) + unknown * of(MIN_ERROR)
     }
 }
 
@@ -57,8 +71,8 @@ pub(crate) struct LastFrame {
     pub(crate) world_from_camera: Pose,
     /// Previous camera from camera; the identity after a loss.
     pub(crate) motion: Pose,
-    /// Running mean of the prediction's error: metres, radians.
-    pub(crate) prediction_error: (f64, f64),
+    /// Running mean of the prediction's error, metres.
+    pub(crate) prediction_error: f64,
     pub(crate) timestamp: Option<Duration>,
     /// Time to the frame before.
     pub(crate) interval: Option<f64>,
@@ -68,7 +82,7 @@ pub(crate) struct LastFrame {
 
 impl LastFrame {
     pub(crate) fn first(world_from_camera: Pose, timestamp: Option<Duration>) -> Self {
-        let prediction_error = FIRST_PREDICTION_ERROR;
+        let prediction_error = FIRST_ERROR;
         Self { world_from_camera, motion: Pose::IDENTITY, prediction_error, timestamp, interval: None, lost_frames: 0 }
     }
 
@@ -80,12 +94,8 @@ impl LastFrame {
         };
         let motion = motion.copied().unwrap_or_else(|| se3::scaled(&self.motion, share * INERTIA));
         let growth = share.max(1.0) * (1 + self.lost_frames.min(1000)) as f64;
-        let bounded = |error: f64, least: f64, most: f64| (1.5 * error * growth).clamp(least, most);
-        let deviations = (
-            bounded(self.prediction_error.0, MIN_PREDICTION_ERROR.0, MAX_PREDICTION_ERROR.0),
-            bounded(self.prediction_error.1, MIN_PREDICTION_ERROR.1, MAX_PREDICTION_ERROR.1),
-        );
-        MotionPrior { predicted: self.world_from_camera * motion, deviations }
+        let deviation = (1.5 * self.prediction_error * growth).min(MAX_ERROR);
+        MotionPrior { predicted: self.world_from_camera * motion, deviation }
     }
 
     /// The state after a frame in which tracking was lost.
@@ -94,12 +104,11 @@ impl LastFrame {
     }
 
     pub(crate) fn after(&self, world_from_camera: &Pose, prior: &MotionPrior, timestamp: Option<Duration>) -> Self {
-        let (translation, rotation) = se3::size(&(prior.predicted.inverse() * *world_from_camera));
-        let mean = |old: f64, new: f64| 0.8 * old + 0.2 * new;
         let (motion, prediction_error) = match self.lost_frames {
             0 => {
-                let motion = self.world_from_camera.inverse() * *world_from_camera;
-                (motion, (mean(self.prediction_error.0, translation), mean(self.prediction_error.1, rotation)))
+                let error = scaled(&se3::logarithm(&(prior.predicted.inverse() * *world_from_camera)));
+                let length = error.iter().map(|part| part * part).sum::<f64>().sqrt();
+                (self.world_from_camera.inverse() * *world_from_camera, 0.8 * self.prediction_error + 0.2 * length)
             }
             _ => (Pose::IDENTITY, self.prediction_error),
         };

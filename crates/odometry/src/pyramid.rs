@@ -9,6 +9,9 @@ const MIN_SIDE: usize = 24;
 /// Depths of neighbours that differ by more than this fraction belong to different surfaces.
 const SAME_SURFACE: f32 = 0.05;
 
+/// An image whose luminance deviates less than this from its mean shows nothing.
+const MIN_CONTRAST: f32 = 4.0;
+
 /// Unit of stored depth, metres: far below any sensor's noise.
 const DEPTH_STEP: f32 = 0.000_25;
 
@@ -36,6 +39,8 @@ impl GreyFrame {
 #[derive(Clone, Debug)]
 pub(crate) struct Pyramid {
     pub(crate) levels: Vec<Level>,
+    /// False if the image shows nothing: it is dark, or the lens is covered.
+    pub(crate) has_contrast: bool,
 }
 
 /// A frame at one resolution.
@@ -57,7 +62,8 @@ impl Pyramid {
         while let Some(level) = levels.last().and_then(Level::halved) {
             levels.push(level);
         }
-        Self { levels }
+        let has_contrast = levels.last().is_some_and(|coarsest| deviation(&coarsest.grey) >= MIN_CONTRAST);
+        Self { levels, has_contrast }
     }
 }
 
@@ -85,15 +91,23 @@ fn four(image: &Image<f32>, column: usize, row: usize) -> [f32; 4] {
     [above[2 * column], above[2 * column + 1], below[2 * column], below[2 * column + 1]]
 }
 
-/// Mean depth of the nearest surface among four pixels; 0 if none has depth.
+/// Depth of the nearest surface among four pixels, where they meet; 0 if none has depth. On a plane the inverse depth is
+/// linear in the pixel's coordinates, so inverse depths are averaged.
 fn nearest_surface(depths: [f32; 4]) -> f32 {
     let nearest = depths.into_iter().filter(|depth| *depth > 0.0).fold(f32::INFINITY, f32::min);
     let limit = nearest * (1.0 + SAME_SURFACE);
     let (sum, count) = depths
         .into_iter()
         .filter(|depth| *depth > 0.0 && *depth <= limit)
-        .fold((0.0, 0.0), |(sum, count), depth| (sum + depth, count + 1.0));
-    if count > 0.0 { sum / count } else { 0.0 }
+        .fold((0.0, 0.0), |(sum, count), depth| (sum + 1.0 / depth, count + 1.0));
+    if count > 0.0 { count / sum } else { 0.0 }
+}
+
+/// Standard deviation of an image's values.
+fn deviation(image: &Image<f32>) -> f32 {
+    let count = image.pixels().len() as f32;
+    let mean = image.pixels().iter().sum::<f32>() / count;
+    (image.pixels().iter().map(|value| (value - mean) * (value - mean)).sum::<f32>() / count).sqrt()
 }
 
 /// Luminance of an sRGB colour (Rec. 601 weights, in 1/256).

@@ -18,6 +18,9 @@ const WINDOW_RADIUS: [isize; 3] = [3, 2, 2];
 /// surface.
 const SAME_SURFACE: f32 = 0.04;
 
+/// Where the depth deviates from the plane by more than this many of the sensor's deviations, there is no plane.
+const MAX_ROUGHNESS: f32 = 2.5;
+
 /// Share of a window that must be on the centre's surface.
 const MIN_WINDOW_SHARE: f32 = 0.5;
 
@@ -150,9 +153,9 @@ fn fit_plane(level: &Level, number: usize, column: usize, row: usize) -> Option<
     let radius = WINDOW_RADIUS[number.min(WINDOW_RADIUS.len() - 1)];
     let (width, height) = level.depth.size();
     let centre = 1.0 / level.depth[(column, row)];
-    // Moments of (dx, dy, 1) and of their products with the difference of the inverse depth, in pixels.
+    // Moments of (dx, dy, 1), in pixels, and of their products with the relative difference of the inverse depth.
     let [mut xx, mut xy, mut yy, mut x, mut y, mut count] = [0.0f32; 6];
-    let [mut xd, mut yd, mut d] = [0.0f32; 3];
+    let [mut xd, mut yd, mut d, mut dd] = [0.0f32; 4];
     for dy in -radius..=radius {
         let Some(below) = row.checked_add_signed(dy).filter(|row| *row < height) else { continue };
         let depths = level.depth.row(below);
@@ -162,13 +165,14 @@ fn fit_plane(level: &Level, number: usize, column: usize, row: usize) -> Option<
             if depth <= 0.0 {
                 continue;
             }
-            let difference = 1.0 / depth - centre;
-            if difference.abs() > SAME_SURFACE * centre {
+            let difference = 1.0 / (depth * centre) - 1.0;
+            if difference.abs() > SAME_SURFACE {
                 continue;
             }
             let (fx, fy) = (dx as f32, dy as f32);
             (xx, xy, yy, x, y, count) = (xx + fx * fx, xy + fx * fy, yy + fy * fy, x + fx, y + fy, count + 1.0);
             (xd, yd, d) = (xd + fx * difference, yd + fy * difference, d + difference);
+            dd += difference * difference;
         }
     }
     let side = (2 * radius + 1) as f32;
@@ -179,7 +183,14 @@ fn fit_plane(level: &Level, number: usize, column: usize, row: usize) -> Option<
     if moments.determinant().abs() < 1e-3 * count {
         return None;
     }
-    let slopes = moments.inverse() * Vec3::new(xd, yd, d);
+    let products = Vec3::new(xd, yd, d);
+    let slopes = moments.inverse() * products;
+    let variance = (dd - slopes.dot(products)) / count;
+    let expected = MAX_ROUGHNESS * depth_deviation(1.0 / centre) * centre;
+    if variance > expected * expected {
+        return None;
+    }
+    let slopes = slopes * centre;
     // 1/z = a (u - column) + b (v - row) + c, with u = fx x + cx and v = fy y + cy for the ray (x, y, 1).
     let at_origin = centre + slopes.z + slopes.x * (camera.cx - column as f32) + slopes.y * (camera.cy - row as f32);
     let plane = Vec3::new(slopes.x * camera.fx, slopes.y * camera.fy, at_origin);

@@ -134,7 +134,6 @@ pub(crate) struct Exposure {
     frame: f32,
     key_key: f32,
     key_frame: f32,
-    frame_frame: f32,
 }
 
 impl Exposure {
@@ -146,7 +145,6 @@ impl Exposure {
         self.frame += weight * frame;
         self.key_key += weight * key * key;
         self.key_frame += weight * key * frame;
-        self.frame_frame += weight * frame * frame;
     }
 
     fn merge(&mut self, other: &Self) {
@@ -155,16 +153,6 @@ impl Exposure {
         self.frame += other.frame;
         self.key_key += other.key_key;
         self.key_frame += other.key_frame;
-        self.frame_frame += other.frame_frame;
-    }
-
-    /// Standard deviation of the frame's luminance; 0 without points.
-    pub(crate) fn frame_deviation(&self) -> f32 {
-        if self.weight <= 0.0 {
-            return 0.0;
-        }
-        let mean = self.frame / self.weight;
-        (self.frame_frame / self.weight - mean * mean).max(0.0).sqrt()
     }
 
     /// Gain, within limits, and offset that predict the frame's luminance from the keyframe's. `None` with too few

@@ -1,0 +1,41 @@
+//! The synthetic room at the speed of a hand-held camera, against its exact poses.
+
+use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
+use splatseg_odometry::{Odometry, PoseState};
+
+/// Largest distance from the true position, metres, over a room that `text` describes.
+fn largest_error(text: &str) -> f64 {
+    let settings: SyntheticSettings = text.parse().unwrap();
+    let scene = SyntheticScene::new(settings).unwrap();
+    let mut odometry = Odometry::new();
+    let mut largest = 0.0f64;
+    let first = *scene.read_frame(0).unwrap().world_from_camera();
+    for index in 0..scene.frame_count() {
+        let frame = scene.read_frame(index).unwrap();
+        let truth = *frame.world_from_camera();
+        let found = odometry.track(&frame, &first, None);
+        if let Some(labels) = scene.read_ground_truth(index).unwrap() {
+            odometry.set_segments(&labels);
+        }
+        assert_eq!(found.state, PoseState::Tracked, "frame {index}");
+        largest = largest.max((found.world_from_camera.translation() - truth.translation()).length());
+    }
+    largest
+}
+
+/// A quarter of the pixels of a usual camera, so that the test is fast; errors are larger than at full size.
+const ROOM: &str = "synthetic:frames=60,seed=3,width=160,height=120,speed=0.1";
+
+#[test]
+fn a_room_is_tracked() {
+    let exact = largest_error(ROOM);
+    assert!(exact < 0.015, "{exact} m");
+}
+
+#[test]
+fn moving_things_do_not_drag_the_camera() {
+    let still = largest_error(&format!("{ROOM},noise=kinect"));
+    assert!(still < 0.04, "{still} m");
+    let moving = largest_error(&format!("{ROOM},noise=kinect,moving=2"));
+    assert!(moving < 1.5 * still, "{moving} m with moving things, {still} m without");
+}
