@@ -67,7 +67,10 @@ struct FormatEntry {
     layout: &'static str,
     /// Required parts of a scene, each with true if the path has it. Empty for formats that are not folders.
     parts: fn(&Path) -> Vec<(&'static str, bool)>,
+    /// Returns true if a path has all required parts.
     looks_like: fn(&Path) -> bool,
+    /// Returns true if a path has the optional parts that distinguish the format, too: poses and the camera's file.
+    is_whole: fn(&Path) -> bool,
     open: OpenScene,
 }
 
@@ -78,6 +81,7 @@ const FORMATS: &[FormatEntry] = &[
         layout: sevenscenes::LAYOUT,
         parts: sevenscenes::parts,
         looks_like: sevenscenes::looks_like,
+        is_whole: sevenscenes::is_whole,
         open: |path, settings| Ok(Arc::new(SevenScenesScene::open(path, settings)?)),
     },
     FormatEntry {
@@ -85,6 +89,7 @@ const FORMATS: &[FormatEntry] = &[
         layout: scannet::LAYOUT,
         parts: scannet::parts,
         looks_like: scannet::looks_like,
+        is_whole: scannet::is_whole,
         open: |path, settings| Ok(Arc::new(ScannetScene::open(path, settings)?)),
     },
     FormatEntry {
@@ -92,6 +97,7 @@ const FORMATS: &[FormatEntry] = &[
         layout: scannet::SENS_LAYOUT,
         parts: |_| Vec::new(),
         looks_like: scannet::looks_like_sens,
+        is_whole: |_| true,
         open: |path, settings| Ok(Arc::new(SensScene::open(path, settings)?)),
     },
     FormatEntry {
@@ -99,6 +105,7 @@ const FORMATS: &[FormatEntry] = &[
         layout: tum::LAYOUT,
         parts: tum::parts,
         looks_like: tum::looks_like,
+        is_whole: tum::is_whole,
         open: |path, settings| Ok(Arc::new(TumScene::open(path, settings)?)),
     },
     FormatEntry {
@@ -106,6 +113,7 @@ const FORMATS: &[FormatEntry] = &[
         layout: replica::LAYOUT,
         parts: replica::parts,
         looks_like: replica::looks_like,
+        is_whole: replica::is_whole,
         open: |path, settings| Ok(Arc::new(ReplicaScene::open(path, settings)?)),
     },
     FormatEntry {
@@ -113,6 +121,7 @@ const FORMATS: &[FormatEntry] = &[
         layout: mvpd::LAYOUT,
         parts: mvpd::parts,
         looks_like: mvpd::looks_like,
+        is_whole: |_| true,
         open: |path, settings| Ok(Arc::new(MvpdScene::open(path, settings)?)),
     },
     FormatEntry {
@@ -120,6 +129,7 @@ const FORMATS: &[FormatEntry] = &[
         layout: plain_folder::LAYOUT,
         parts: plain_folder::parts,
         looks_like: plain_folder::looks_like,
+        is_whole: plain_folder::is_whole,
         open: |path, settings| Ok(Arc::new(FolderScene::open(path, settings)?)),
     },
     FormatEntry {
@@ -127,6 +137,7 @@ const FORMATS: &[FormatEntry] = &[
         layout: mcap::LAYOUT,
         parts: |_| Vec::new(),
         looks_like: mcap::looks_like,
+        is_whole: |_| true,
         open: |path, settings| Ok(Arc::new(McapScene::open(path, settings)?)),
     },
     FormatEntry {
@@ -134,6 +145,7 @@ const FORMATS: &[FormatEntry] = &[
         layout: synthetic::LAYOUT,
         parts: |_| Vec::new(),
         looks_like: synthetic::looks_like,
+        is_whole: |_| true,
         open: |path, settings| {
             let scene = SyntheticScene::new(path.to_string_lossy().parse()?)?;
             Ok(Arc::new(scene.with_camera(OwnCamera::from_settings(settings)?)))
@@ -155,7 +167,7 @@ pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<
         check_path(path)?;
     }
     if settings.format == Format::Auto {
-        return match FORMATS.iter().find(|entry| (entry.looks_like)(path)) {
+        return match detected(path) {
             Some(entry) => open(entry, path, settings),
             None => Err(best_fit(path).unwrap_or_else(|| DatasetError::NotRecognised {
                 path: path.to_owned(),
@@ -174,6 +186,14 @@ pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<
             |(_, error)| error,
         )),
     }
+}
+
+/// Returns the first format of which a path is a whole scene, otherwise the first of which it may be one. So a recording
+/// with poses is preferred to files beside it that were extracted without them.
+fn detected(path: &Path) -> Option<&'static FormatEntry> {
+    let fits = |entry: &&FormatEntry| (entry.looks_like)(path);
+    let whole = FORMATS.iter().find(|entry| fits(entry) && (entry.is_whole)(path));
+    whole.or_else(|| FORMATS.iter().find(fits))
 }
 
 /// Returns the missing-parts error of the best matching format, if at least half of its parts are present.

@@ -152,6 +152,11 @@ pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
     vec![folder, color, ("results/depth<number>.png", has_numbered_files(&images, DEPTH))]
 }
 
+/// Returns true if a scene has poses.
+pub(crate) fn is_whole(path: &Path) -> bool {
+    path.join(TRAJECTORY).is_file()
+}
+
 /// Returns true if a folder contains a scene.
 pub(crate) fn looks_like(path: &Path) -> bool {
     parts(path).iter().all(|(_, is_present)| *is_present)

@@ -109,6 +109,11 @@ pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
         .to_vec()
 }
 
+/// Returns true if a sequence has poses, or a folder contains folders of sequences.
+pub(crate) fn is_whole(path: &Path) -> bool {
+    has_numbered_files(path, POSE) || !sequence_folders(path).is_empty()
+}
+
 /// Returns true if a folder contains a sequence, or folders of sequences.
 pub(crate) fn looks_like(path: &Path) -> bool {
     parts(path).iter().all(|(_, is_present)| *is_present) || !sequence_folders(path).is_empty()

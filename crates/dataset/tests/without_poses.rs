@@ -215,6 +215,23 @@ fn a_scene_with_all_poses_says_nothing_of_them() {
     assert!(!described(scene).contains("pose"));
 }
 
+#[test]
+fn a_recording_is_preferred_to_its_files_without_poses() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scannet_without_poses(folder.path());
+    write_sens(folder.path());
+    assert_eq!(open(folder.path()).format(), Some(Format::Sens));
+    write(folder.path(), "pose/0.txt", pose_text(0));
+    assert_eq!(open(folder.path()).format(), Some(Format::Scannet), "the first of two that are whole");
+    let folder = tempfile::tempdir().unwrap();
+    write_folder(folder.path());
+    let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/mcap/room.mcap");
+    write(folder.path(), "room.mcap", fs::read(recording).unwrap());
+    assert_eq!(open(folder.path()).format(), Some(Format::Mcap));
+    let settings = DatasetSettings::default().with(|settings| settings.format = Format::Folder);
+    assert_eq!(open_scene(folder.path(), &settings).unwrap().format(), Some(Format::Folder));
+}
+
 #[cfg(unix)]
 #[test]
 fn a_list_of_poses_that_cannot_be_read_is_not_a_missing_one() {

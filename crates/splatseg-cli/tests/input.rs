@@ -70,6 +70,26 @@ fn unlikely_input_is_reported_once() {
 }
 
 #[test]
+fn a_recording_without_calibration_needs_a_focal_length() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, out) = (folder.path().join("clip"), folder.path().join("out"));
+    copied_scene(&scene, 2);
+    fs::remove_dir_all(scene.join("intrinsic")).unwrap();
+    for (options, expected) in [
+        (&["--cx", "9"][..], "dataset.cx is 9, expected no value without dataset.fx (--fx)"),
+        (&["--fx", "0"], "dataset.fx is 0, expected more than 0 and at most 1000000"),
+        (&[], "clip: the camera is not known: describe it in intrinsic/intrinsic_color.txt and "),
+        (&[], "intrinsic_depth.txt, or give its focal length in pixels with --fx"),
+    ] {
+        let ended = run(&scene, &out, options);
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+        assert!(ended.err.contains(expected), "{}", ended.err);
+    }
+    let ended = run(&scene, &out, &["--fx", "290", "--cy", "-0.5", "--resize", "80x60"]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+}
+
+#[test]
 fn large_frames_are_reduced_or_refused_before_they_take_memory() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");

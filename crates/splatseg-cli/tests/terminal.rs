@@ -69,7 +69,7 @@ fn skipped_frames_are_reported_once_per_kind_with_a_count() {
     let ended = run(&scene, &folder.path().join("out"), &[]);
     let warnings: Vec<&str> = ended.err.lines().filter(|line| line.starts_with("warning: ")).collect();
     assert_eq!(warnings.len(), 3, "{}", ended.err);
-    assert!(warnings[0].contains("depth/1.png") && warnings[1].contains("pose/7.txt"), "{}", ended.err);
+    assert!(warnings[0].contains("depth/1.png") && warnings[1].contains("frame 7 has no pose"), "{}", ended.err);
     assert!(warnings[2].contains("4 more frames skipped") && warnings[2].contains("depth/1.png"), "{}", ended.err);
     assert_eq!(read_json(&folder.path().join("out/summary.json"))["skipped_frames"], 6);
     assert!(ended.out.starts_with("3 frames (6 skipped), "), "{}", ended.out);

@@ -236,6 +236,11 @@ pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
     parts
 }
 
+/// Returns true if a folder has a camera file and poses.
+pub(crate) fn is_whole(path: &Path) -> bool {
+    path.join(CAMERA_FILE).is_file() && path.join(POSES).is_file()
+}
+
 /// Returns true if a folder has all required parts.
 pub(crate) fn looks_like(path: &Path) -> bool {
     parts(path).iter().all(|(_, is_present)| *is_present)

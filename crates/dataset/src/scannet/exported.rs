@@ -101,6 +101,11 @@ pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
     parts
 }
 
+/// Returns true if an exported scene has poses.
+pub(crate) fn is_whole(path: &Path) -> bool {
+    path.join("pose").is_dir()
+}
+
 /// Returns true if a folder contains an exported ScanNet scene.
 pub(crate) fn looks_like(path: &Path) -> bool {
     let has = |folder: &str| path.join(folder).is_dir();

@@ -10,7 +10,7 @@ mod sens;
 mod sens_file;
 
 pub use exported::ScannetScene;
-pub(crate) use exported::{LAYOUT, looks_like, parts};
+pub(crate) use exported::{LAYOUT, is_whole, looks_like, parts};
 pub use sens::SensScene;
 pub(crate) use sens::{LAYOUT as SENS_LAYOUT, looks_like as looks_like_sens};
 

@@ -189,6 +189,11 @@ pub(crate) fn parts(path: &Path) -> Vec<(&'static str, bool)> {
     [COLOR_LIST, DEPTH_LIST].map(|part| (part, path.join(part).is_file())).to_vec()
 }
 
+/// Returns true if a sequence has poses.
+pub(crate) fn is_whole(path: &Path) -> bool {
+    path.join(TRAJECTORY).is_file()
+}
+
 /// Returns true if a folder contains a sequence.
 pub(crate) fn looks_like(path: &Path) -> bool {
     parts(path).iter().all(|(_, is_present)| *is_present)
