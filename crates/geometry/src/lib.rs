@@ -28,6 +28,7 @@ mod pose;
 mod prompt;
 mod rle;
 mod segment_map;
+mod stamped_pose;
 
 pub use assignment::{Candidate, Ratio, best_assignment};
 pub use distance_transform::distance_transform;
@@ -44,6 +45,7 @@ pub use pose::{Pose, PoseError};
 pub use prompt::{Click, Prompt};
 pub use rle::{RleError, RunLengths};
 pub use segment_map::{SegmentId, SegmentMap};
+pub use stamped_pose::StampedPose;
 
 /// Target of the `tracing` spans that measure the stages of a frame. The span's name is the stage's, e.g. `match`.
 pub const STAGE_TARGET: &str = "splatseg::stage";

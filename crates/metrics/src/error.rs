@@ -62,6 +62,18 @@ pub enum MetricsError {
         /// Index of the frame.
         frame: usize,
     },
+    /// No pose of an estimated trajectory has a time close enough to that of a true pose.
+    #[error(
+        "none of the {estimated} estimated poses is within {max_seconds_apart} s of one of the {true_poses} true poses"
+    )]
+    NoPosePairs {
+        /// Number of true poses.
+        true_poses: usize,
+        /// Number of estimated poses.
+        estimated: usize,
+        /// Maximum time between the poses of a pair, seconds.
+        max_seconds_apart: f64,
+    },
     /// A video's settings differ from those of the dataset to which it is added.
     #[error("the video was scored with {found:?} but the dataset with {expected:?}")]
     SettingsDiffer {

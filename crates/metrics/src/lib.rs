@@ -1,8 +1,10 @@
-//! Class-agnostic video segmentation quality (VSQ) and segmentation and tracking quality (STQ).
+//! Class-agnostic video segmentation quality (VSQ) and segmentation and tracking quality (STQ), and the errors of camera
+//! trajectories (ATE and RPE).
 //!
 //! [`VideoScorer`] receives labels one frame at a time and keeps counts instead of images. [`DatasetScore`] sums the
 //! counts of videos. There are two definitions of both metrics, see [`Protocol`]. [`SizeScores`] reports id consistency
-//! by object size, and [`SingleFrameScores`] the segmentation quality of single frames.
+//! by object size, and [`SingleFrameScores`] the segmentation quality of single frames. [`score_trajectory`] compares
+//! camera poses with the true ones.
 //!
 //! ```
 //! use splatseg_geometry::SegmentMap;
@@ -27,6 +29,7 @@ mod scorer;
 mod settings;
 mod single_frame;
 mod stq;
+mod trajectory;
 mod tubes;
 mod vsq;
 
@@ -41,6 +44,10 @@ pub use single_frame::{
     BOUNDARY_TOLERANCE_PX, BoundaryCounts, ConfidenceCounts, DetectionCounts, SingleFrameCounts, SingleFrameScores,
 };
 pub use stq::StqCounts;
+pub use trajectory::{
+    AbsoluteError, ErrorStatistics, RelativeError, RigidAlignment, TrajectoryScore, TrajectorySettings,
+    score_trajectory,
+};
 pub use vsq::{VsqCounts, WindowLength};
 
 #[cfg(doctest)]
