@@ -1,4 +1,4 @@
-//! Masks, id images and meshes in the formats of other programs.
+//! Masks, id images, meshes and camera trajectories in the formats of other programs.
 //!
 //! - `id_image.rs` writes id images. [`read_segments_png`](splatseg_dataset::read_segments_png) reads them.
 //! - `coco/` reads and writes COCO masks: [`CocoWriter`], [`read_mask_file`], and predictions of whole videos.
@@ -6,6 +6,7 @@
 //! - `predictions.rs` reads a video's predictions in any of these forms ([`Predictions`]). `frames.rs` matches them with the
 //!   frames of a scene, `choice.rs` selects one video.
 //! - `mesh.rs` reads the vertices of a mesh and their instances.
+//! - `trajectory_file.rs` reads and writes camera trajectories in the format of TUM RGB-D.
 
 mod choice;
 mod coco;
@@ -15,6 +16,7 @@ mod id_image;
 mod mesh;
 mod panoptic;
 mod predictions;
+mod trajectory_file;
 
 pub use choice::PredictionChoice;
 pub use coco::{CocoImage, CocoWriter, EncodedMask, MaskFileError, read_mask_file};
@@ -24,3 +26,4 @@ pub use id_image::write_segments_png;
 pub use mesh::{read_mesh_vertices, read_vertex_instances};
 pub use panoptic::{PanopticFrame, PanopticFrames};
 pub use predictions::{Fit, Prediction, Predictions};
+pub use trajectory_file::{TRAJECTORY_HEADER, frame_time, read_trajectory, trajectory_line};

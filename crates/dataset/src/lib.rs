@@ -44,7 +44,7 @@ pub use frame_source::{FrameSource, StreamedFrame};
 pub use framing::{Framing, ImageSize, ImageSizeTextError};
 pub use mcap::{McapFrames, McapScene, McapSummary, McapTopic};
 pub use mvpd::{MvpdScene, MvpdVideo, MvpdVideos};
-pub use plain_folder::FolderScene;
+pub use plain_folder::{FolderScene, ListedPose, read_pose_list};
 pub use preset::{Preset, PresetNameError};
 pub use replica::ReplicaScene;
 pub use result_names::{padded_number, unpadded_number};

@@ -19,7 +19,7 @@ use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 use assignment::poses_of;
 use camera_file::FolderCamera;
 use names::{Images, seconds_of};
-use poses::{ListedPose, read_poses};
+pub use poses::{ListedPose, read_pose_list};
 use splatseg_geometry::SegmentMap;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -79,7 +79,7 @@ impl FolderScene {
         let path = folder.join(POSES);
         let has_list = is_there(&path);
         let poses =
-            if has_list { poses_of(&color, read_poses(&path)?, &path)? } else { vec![None; color.images.len()] };
+            if has_list { poses_of(&color, read_pose_list(&path)?, &path)? } else { vec![None; color.images.len()] };
         let (frames, left_out) = frames_of(&color, &depth, &poses);
         let first = frames.first().ok_or_else(|| no_frames(folder, &color, &depth))?;
         let first_size = image_size(&first.color, COLOR_IMAGE).map(|size| (first.color.clone(), size));

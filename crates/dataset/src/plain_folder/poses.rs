@@ -1,4 +1,4 @@
-//! Reading of `poses.txt` in a plain folder: TUM RGB-D lines, or 4x4 matrices.
+//! Reading of text files with poses, such as `poses.txt` in a plain folder: TUM RGB-D lines, or 4x4 matrices.
 
 use super::names::seconds_of;
 use crate::DatasetError;
@@ -13,15 +13,15 @@ const MAX_BYTES: u64 = 64 << 20;
 /// Tolerance for the length of a quaternion, because text is rounded. Other lengths mean numbers in the wrong order.
 const QUATERNION_TOLERANCE: f64 = 0.02;
 
-/// A pose of the file.
+/// A pose of a list.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ListedPose {
+pub struct ListedPose {
     /// Time of measurement, seconds; `None` for matrices.
-    pub(super) seconds: Option<f64>,
+    pub seconds: Option<f64>,
     /// `None` if tracking was lost: a number is NaN or infinite.
-    pub(super) world_from_camera: Option<Pose>,
+    pub world_from_camera: Option<Pose>,
     /// Number of its first line, from 1, for messages.
-    pub(super) line: usize,
+    pub line: usize,
 }
 
 /// Layout of the poses in a file, determined by the number of values per line.
@@ -85,8 +85,13 @@ impl<'a> Line<'a> {
     }
 }
 
-/// Reads the poses in file order.
-pub(super) fn read_poses(path: &Path) -> Result<Vec<ListedPose>, DatasetError> {
+/// Reads a list of poses in file order: lines with 8 numbers (`time tx ty tz qx qy qz qw`, as in TUM RGB-D), 16 (a 4x4
+/// matrix, row by row) or 4 (a row of a matrix), camera-to-world, metres. The first line determines which. Empty lines and
+/// lines that start with `#` are skipped.
+///
+/// # Errors
+/// If the file cannot be read or has more than 64 MiB, or a line is not such a pose; names the line.
+pub fn read_pose_list(path: &Path) -> Result<Vec<ListedPose>, DatasetError> {
     let text = read_text(path, "list of poses", MAX_BYTES)?;
     let mut lines = text.lines().enumerate().filter_map(Line::new).peekable();
     let Some(first) = lines.peek() else { return Ok(Vec::new()) };
