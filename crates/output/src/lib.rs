@@ -11,6 +11,7 @@ mod mcap_file;
 mod objects_file;
 mod overlay;
 mod page;
+mod poses_file;
 mod run_output;
 
 pub use coco::CocoFile;
@@ -19,6 +20,7 @@ pub use mcap_file::McapFile;
 pub use objects_file::ObjectsFile;
 pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
 pub use page::Page;
+pub use poses_file::PosesFile;
 pub use run_output::{FrameRecord, ResultFolder, RunEnd, RunOutput};
 
 #[cfg(doctest)]

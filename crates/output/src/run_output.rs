@@ -12,6 +12,8 @@ use std::path::PathBuf;
 pub struct FrameRecord {
     /// Position in the run, from 0: the frame's number in [`ObjectList`].
     pub number: usize,
+    /// Index of the frame in its source, from 0.
+    pub index: usize,
     /// Name of the frame's result files, without folder and extension. It contains no characters that lead out of a
     /// folder.
     pub file_name: String,

@@ -39,7 +39,7 @@ fn page(frames: usize, scene: &str, name: impl Fn(usize) -> String) -> Files {
         let pose = Pose::from_translation(DVec3::new(number as f64, 0.5, 0.0));
         let frame = RgbdFrame::new("0", Image::filled(4, 3, [0; 3]), Image::filled(4, 3, 1.0), camera, pose).unwrap();
         let objects = log.record(&FrameOutput::from_segments(segments.clone()));
-        let record = FrameRecord { number, file_name: name(number), frame, segments, objects };
+        let record = FrameRecord { number, index: number, file_name: name(number), frame, segments, objects };
         page.add_frame(&record, &mut files).unwrap();
     }
     let objects = ObjectList::new(&log, None);

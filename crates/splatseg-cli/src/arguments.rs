@@ -93,7 +93,7 @@ pub struct RunArguments {
     /// The scene: a folder or file in any format listed for --format, or `synthetic[:frames=60,seed=3,…]`
     pub scene: PathBuf,
     /// Folder for the results: index.html (a page that shows them), segments/*.png, overlay/*.jpg, objects.json,
-    /// objects.csv, objects/*.jpg, summary.json, and manifest.jsonl (a list of these files)
+    /// objects.csv, objects/*.jpg, poses.txt, summary.json, and manifest.jsonl (a list of these files)
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Replace the results of an earlier run in that folder once the first new ones are complete; other files stay

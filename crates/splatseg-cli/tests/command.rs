@@ -72,6 +72,7 @@ fn a_run_writes_ids_overlays_and_a_summary() {
             "objects.csv",
             "objects.json",
             "overlay",
+            "poses.txt",
             "segments",
             "summary.json",
             "viewer"
@@ -322,6 +323,7 @@ fn the_demo_needs_no_input() {
             "objects.csv",
             "objects.json",
             "overlay",
+            "poses.txt",
             "scene",
             "segments",
             "summary.json",

@@ -180,6 +180,7 @@ fn every_stop_signal_ends_the_run_in_order() {
                 "objects.csv",
                 "objects.json",
                 "overlay",
+                "poses.txt",
                 "segments",
                 "summary.json",
                 "viewer"
@@ -217,6 +218,7 @@ fn a_second_signal_ends_the_run_at_once() {
             "objects.csv",
             "objects.json",
             "overlay",
+            "poses.txt",
             "segments",
             "summary.json",
             "viewer"

@@ -74,7 +74,7 @@ fn results_that_no_manifest_lists_are_not_replaced() {
     assert_eq!(contents(&out), before);
     // 0.1.0 had no list of objects either.
     fs::remove_dir_all(out.join("objects")).unwrap();
-    ["objects.csv", "objects.json"].iter().for_each(|name| fs::remove_file(out.join(name)).unwrap());
+    ["objects.csv", "objects.json", "poses.txt"].iter().for_each(|name| fs::remove_file(out.join(name)).unwrap());
     let ended = run(ROOM, &out, &["--overwrite"]);
     assert!(ended.err.contains("frame-000000.jpg: is in the way"), "{}", ended.err);
     fs::remove_dir_all(out.join("overlay")).unwrap();
@@ -124,6 +124,7 @@ fn a_failed_run_leaves_nothing_that_prevents_the_next() {
             "objects.csv",
             "objects.json",
             "overlay",
+            "poses.txt",
             "segments",
             "summary.json",
             "viewer"

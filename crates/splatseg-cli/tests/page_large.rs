@@ -67,7 +67,7 @@ fn write_page(folder: &Path) -> usize {
         memory.update(recall, &segments, &BTreeSet::new()).unwrap();
         write_overlay_jpeg(&folder.join(format!("overlay/{number}.jpg")), frame.color(), &segments).unwrap();
         let objects = log.record(&FrameOutput::from_segments(segments.clone()));
-        let record = FrameRecord { number, file_name: number.to_string(), frame, segments, objects };
+        let record = FrameRecord { number, index: number, file_name: number.to_string(), frame, segments, objects };
         page.add_frame(&record, &mut Folder(folder)).unwrap();
     }
     let objects = ObjectList::new(&log, Some(&memory));

@@ -153,6 +153,8 @@ fn a_run_is_resumed_only_with_its_own_options_and_intact_state() {
         ("frames.jsonl", ""),
         ("page.jsonl", "{}\n"),
         ("objects.jsonl", ""),
+        ("poses.jsonl", ""),
+        ("poses.jsonl", "{}\n"),
         (&objects, "{\"objects\": 3}"),
         (&page, "{}"),
     ] {

@@ -255,7 +255,8 @@ mod tests {
             let images = (Image::filled(1, 1, [0; 3]), Image::filled(1, 1, 1.0));
             let frame = RgbdFrame::new("0", images.0, images.1, camera, Pose::IDENTITY).unwrap();
             let (frame, segments) = (frame.with_timestamp(timestamp), Image::filled(1, 1, 0));
-            let record = FrameRecord { number: 0, file_name: "0".to_owned(), frame, segments, objects: Vec::new() };
+            let record =
+                FrameRecord { number: 0, index: 0, file_name: "0".to_owned(), frame, segments, objects: Vec::new() };
             seen.add(&record);
             seen.frames.last().unwrap().time
         };

@@ -135,7 +135,7 @@ impl FrameLoop<'_> {
 
 /// Counts a frame's result and passes it to the writer.
 fn record_result(
-    Processed { frame, result, .. }: Processed,
+    Processed { index, frame, result, .. }: Processed,
     memory: Option<&SplatMemory>,
     writer: &ResultWriter,
     counts: &mut RunCounts,
@@ -151,6 +151,7 @@ fn record_result(
     let number = counts.frames;
     counts.add(&result, memory.map_or(0, SplatMemory::gaussian_count));
     let file_name = file_name(frame.name());
-    let record = FrameRecord { number, file_name, frame, segments: result.output.segments, objects: result.objects };
+    let (segments, objects) = (result.output.segments, result.objects);
+    let record = FrameRecord { number, index, file_name, frame, segments, objects };
     if writer.write(record) { Step::Done } else { Step::End(EarlyEnd::Unwritable) }
 }

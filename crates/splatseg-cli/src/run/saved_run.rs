@@ -13,6 +13,7 @@ use serde_json::Value;
 use splatseg::Settings;
 use splatseg_files::read_file;
 use splatseg_files::write_atomically;
+use splatseg_geometry::Pose;
 use splatseg_objects::{ObjectLog, ObjectSighting};
 use splatseg_output::{FrameRecord, RunOutput};
 use splatseg_tracking::TrackErrorCounts;
@@ -93,6 +94,8 @@ impl RunState {
 pub struct SavedFrame {
     /// Name of the frame's result files, without folder and extension.
     pub file_name: String,
+    /// The camera's pose, from the source of poses.
+    pub world_from_camera: Pose,
     /// The objects in the frame.
     pub objects: Vec<ObjectSighting>,
 }
@@ -291,7 +294,11 @@ impl StateWriter {
     /// # Errors
     /// If it cannot be written.
     pub fn add_frame(&mut self, record: &FrameRecord, outputs: Vec<(&'static str, Vec<u8>)>) -> std::io::Result<()> {
-        let frame = SavedFrame { file_name: record.file_name.clone(), objects: record.objects.clone() };
+        let frame = SavedFrame {
+            file_name: record.file_name.clone(),
+            world_from_camera: *record.frame.world_from_camera(),
+            objects: record.objects.clone(),
+        };
         let frame = (FRAMES, serde_json::to_vec(&frame)?);
         for (name, mut line) in std::iter::once(frame).chain(outputs) {
             line.push(b'\n');
