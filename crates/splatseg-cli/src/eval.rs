@@ -2,6 +2,7 @@
 
 use super::Failure;
 use super::eval_mesh::eval_mesh;
+use super::eval_trajectory::eval_trajectory;
 use super::options::{DatasetOptions, ScoreOptions};
 use super::output_folder::OverwritePolicy;
 use super::terminal::counted;
@@ -15,6 +16,7 @@ use splatseg_metrics::{RawCounts, Scores, VideoScore, Void};
 use splatseg_output::write_atomically;
 use splatseg_report::{FRAME_COLUMNS_EXPLAINED, SIZE_COLUMNS_EXPLAINED, overcount_note, windows_note};
 use splatseg_report::{terminal_frame_table, terminal_size_table, terminal_table};
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 const HELP: &str = "Predictions are one of\n\
@@ -33,16 +35,19 @@ const HELP: &str = "Predictions are one of\n\
     splatseg eval --gt scene0011_00 --pred out\n  \
     splatseg eval --gt scene0011_00 --stride 20 --resize 320x240 --pred tracks.json --json scores.json\n  \
     splatseg eval --gt MVPd/test:VIDEO --preset mvpd --min-truth-area 0.001 --pred results.json --video 17\n  \
-    splatseg eval --mesh scene0011_00_vh_clean_2.ply --instances scene0011_00.txt --void-labels 1,2 --pred map.ply";
+    splatseg eval --mesh scene0011_00_vh_clean_2.ply --instances scene0011_00.txt --void-labels 1,2 --pred map.ply\n  \
+    splatseg eval --trajectory scene0011_00 --pred out\n  \
+    splatseg eval --trajectory groundtruth.txt --pred poses.txt --rpe-frames 10";
 
 #[derive(Debug, Args)]
 #[command(after_long_help = format!("{HELP}\n\nTable by size: {SIZE_COLUMNS_EXPLAINED}\n\nSingle frames: {FRAME_COLUMNS_EXPLAINED}"))]
 pub struct EvalArguments {
     /// Scene with ground truth
-    #[arg(long, value_name = "SCENE", required_unless_present = "mesh", conflicts_with = "mesh")]
+    #[arg(long, value_name = "SCENE", required_unless_present_any = ["mesh", "trajectory"], conflicts_with = "mesh")]
     pub gt: Option<PathBuf>,
-    /// Predictions, see below; with --mesh a memory saved by `run --save-memory`
-    #[arg(long, value_name = "DIR|FILE.json|FILE.ply")]
+    /// Predictions, see below; with --mesh a memory saved by `run --save-memory`; with --trajectory the folder of a run or
+    /// a file in TUM's format
+    #[arg(long, value_name = "DIR|FILE.json|FILE.ply|FILE.txt")]
     pub pred: PathBuf,
     /// Score 3D instances on the vertices of this mesh (binary PLY), as ScanNet's benchmark does but class-agnostic: AP,
     /// AP50 and AP25
@@ -54,6 +59,14 @@ pub struct EvalArguments {
     /// With --mesh: labels without instances, e.g. wall and floor: 1,2 with ScanNet's 40 labels, 1,3 with its 200
     #[arg(long, value_name = "LABEL,…", value_delimiter = ',', requires = "mesh")]
     pub void_labels: Vec<u64>,
+    /// Compare camera poses with the true ones: ATE and RPE, as `evo` computes them. A file in TUM's format (a line
+    /// `timestamp tx ty tz qx qy qz qw` per pose), or a scene with poses. Frames without timestamps have the time of
+    /// their index / 30
+    #[arg(long, value_name = "FILE.txt|SCENE", conflicts_with_all = ["gt", "mesh"])]
+    pub trajectory: Option<PathBuf>,
+    /// With --trajectory: number of poses from start to end of the motions that RPE compares
+    #[arg(long, value_name = "N", default_value = "30", requires = "trajectory")]
+    pub rpe_frames: NonZeroUsize,
     #[command(flatten)]
     pub score: ScoreOptions,
     /// Also write the scores to a JSON file
@@ -72,10 +85,10 @@ pub struct EvalArguments {
     #[arg(long)]
     pub no_ids: bool,
     /// The video's id or name in predictions for several videos; by default the video named like the scene
-    #[arg(long, value_name = "ID|NAME", conflicts_with = "mesh")]
+    #[arg(long, value_name = "ID|NAME", conflicts_with_all = ["mesh", "trajectory"])]
     pub video: Option<String>,
     /// Leave out predictions with a lower score
-    #[arg(long, value_name = "SCORE", default_value_t = 0.0, conflicts_with = "mesh")]
+    #[arg(long, value_name = "SCORE", default_value_t = 0.0, conflicts_with_all = ["mesh", "trajectory"])]
     pub min_score: f64,
     #[command(flatten)]
     pub dataset: DatasetOptions,
@@ -122,10 +135,13 @@ pub fn eval(arguments: &EvalArguments) -> Result<(), Failure> {
     {
         return Err(Failure::input(format!("{}: exists: give --overwrite to replace it", path.display())));
     }
+    if let Some(truth) = &arguments.trajectory {
+        return eval_trajectory(arguments, truth);
+    }
     match (&arguments.gt, &arguments.mesh, &arguments.instances) {
         (Some(gt), _, _) => eval_video(arguments, gt),
         (None, Some(mesh), Some(instances)) => eval_mesh(arguments, mesh, instances),
-        (None, _, _) => Err(Failure::input("--gt, or --mesh with --instances, must be given")),
+        (None, _, _) => Err(Failure::input("--gt, --trajectory, or --mesh with --instances must be given")),
     }
 }
 

@@ -10,6 +10,7 @@ mod demo;
 mod devices;
 mod eval;
 mod eval_mesh;
+mod eval_trajectory;
 mod export;
 mod failure;
 mod input_paths;

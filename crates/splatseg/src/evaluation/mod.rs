@@ -2,19 +2,21 @@
 //!
 //! The crate `splatseg-annotations` reads the predictions. `frames.rs` checks that they cover the frames to score.
 //! `run_summary.rs` reads the summary of the run that made the predictions. `scoring.rs` compares predictions with ground
-//! truth. `mesh.rs` scores a memory on a mesh.
+//! truth. `mesh.rs` scores a memory on a mesh. `trajectory.rs` reads the poses of a scene.
 
 mod error;
 mod frames;
 mod mesh;
 mod run_summary;
 mod scoring;
+mod trajectory;
 
 pub use error::EvaluationError;
 pub use frames::{MissingCounts, MissingFrames};
 pub use mesh::{MeshScore, MeshTruth};
 pub use run_summary::RunSummary;
 pub use scoring::Ids;
+pub use trajectory::SceneTrajectory;
 
 use frames::check_predictions;
 use scoring::Scoring;
