@@ -203,7 +203,8 @@ def run_splatseg(arguments, scene, out):
     """Poses by frame, milliseconds per frame if they are known, and the number of frames without a pose."""
     size, count = f"{scene.size[0]}x{scene.size[1]}", str(len(scene.truth))
     command = [arguments.splatseg, "run", arguments.scene, "--resize", size, "--max-frames", count, "--no-page"]
-    subprocess.run([*command, "--out", out, "--overwrite", *arguments.splatseg_args.split()], check=True)
+    command += ["--out", out, "--overwrite", *arguments.splatseg_args.split()]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     summary = json.loads((out / "summary.json").read_text())
     stage = summary.get("stage_ms", {}).get(arguments.stage)
     trajectory = file_interface.read_tum_trajectory_file(str(out / "poses.txt"))
