@@ -17,7 +17,7 @@ use crate::pyramid::Level;
 use crate::reference::ReferencePoint;
 use crate::se3::{self, Twist};
 use crate::sums::{BLOCK, Sums};
-use glam::{DVec3, Mat3, Vec3};
+use glam::{DVec3, Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 use splatseg_geometry::{LocalPose, Pose};
 
@@ -170,9 +170,11 @@ impl Alignment<'_> {
         let system = Eigen::new(&scaled_matrix(&fit.hessian));
         let gradient = system.along(&unscaled(&fit.gradient));
         let error = system.along(&scaled(&self.prior.error(key_from_camera)));
+        // With a better sensor, the errors of the alignment itself matter more.
+        let weak = WEAK_INFORMATION / f64::from(fit.scales.distance.min(1.0));
         let along: [f64; 6] = std::array::from_fn(|k| {
             let information = system.values[k].max(0.0);
-            let unknown = WEAK_INFORMATION / (information + WEAK_INFORMATION);
+            let unknown = weak * weak / (information * information + weak * weak);
             let (measured, prior) = (1.0 - unknown, self.prior.information(unknown));
             -(gradient[k] * measured + error[k] * prior) / (information * measured + prior)
         });
@@ -276,12 +278,7 @@ impl Alignment<'_> {
 
     /// Adds a point's luminance.
     fn add_image(&self, point: &ReferencePoint, (column, row): (f32, f32), scales: &Scales, sums: &mut Sums) {
-        let (left, top) = (column as usize, row as usize);
-        let (across, down) = (column - left as f32, row - top as f32);
-        let [above, below] = [self.frame.grey.row(top), self.frame.grey.row(top + 1)];
-        let upper = above[left] + (above[left + 1] - above[left]) * across;
-        let lower = below[left] + (below[left + 1] - below[left]) * across;
-        let grey = upper + (lower - upper) * down;
+        let grey = self.frame.grey_at(Vec2::new(column, row));
         let difference = grey - (scales.gain * point.grey + scales.offset);
         sums.counts.with_texture += 1.0;
         sums.greys.add(difference.abs() * GREY_BINS);

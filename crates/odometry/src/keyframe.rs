@@ -5,7 +5,7 @@ use crate::prior::MotionPrior;
 use crate::pyramid::{GreyFrame, Pyramid};
 use crate::reference::{ReferencePoint, select_points};
 use crate::segment_runs::SegmentRuns;
-use glam::{DVec3, Vec2};
+use glam::{DVec3, Vec2, Vec3};
 use splatseg_geometry::{Pose, SegmentId};
 
 /// Maximum number of Gauss-Newton steps by level from the finest, the last one for all coarser levels.
@@ -14,7 +14,7 @@ const ITERATIONS: [usize; 3] = [5, 6, 10];
 /// Fixed scales, for comparing poses.
 const SCORING: Scales = Scales { distance: 1.5, grey: 8.0, gain: 1.0, offset: 0.0 };
 
-/// Distances count for at most this many deviations when segments are judged.
+/// Residuals count for at most this many deviations when segments are judged.
 const MAX_RELATIVE: f32 = 6.0;
 
 /// A frame with its pose. Everything else follows from it.
@@ -38,8 +38,7 @@ pub(crate) struct Reference {
 pub(crate) struct Aligned {
     pub(crate) world_from_camera: Pose,
     pub(crate) fit: Option<Fit>,
-    /// Deviation of the distances, see [`Scales`].
-    pub(crate) distance_scale: f32,
+    pub(crate) scales: Scales,
     /// Counts at the finest level, with fixed scales.
     pub(crate) counts: Counts,
 }
@@ -82,8 +81,7 @@ impl Reference {
         }
         let scoring = Scales { gain: scales.gain, offset: scales.offset, ..SCORING };
         let counts = self.alignment(frame, 0, prior).fit(&pose, &scoring).counts;
-        let distance_scale = scales.distance;
-        Aligned { world_from_camera: self.world_from_key * pose, fit: last, distance_scale, counts }
+        Aligned { world_from_camera: self.world_from_key * pose, fit: last, scales, counts }
     }
 
     /// How well a pose fits at the coarsest level, 0 to 1.
@@ -93,17 +91,11 @@ impl Reference {
         self.alignment(frame, number, prior).fit(&pose, &SCORING).counts.agreement(self.points[number].len())
     }
 
-    /// Calls `record` with each point's segment and the square of its distance from the measured surface, in units of
-    /// its deviation times `scale`. Points that something nearer covers are left out.
-    pub(crate) fn squared_distances(
-        &self,
-        frame: &Pyramid,
-        world_from_camera: &Pose,
-        scale: f32,
-        mut record: impl FnMut(SegmentId, f32),
-    ) {
-        let camera_from_key = (world_from_camera.inverse() * self.world_from_key).relative_to(DVec3::ZERO);
-        let level = &frame.levels[0];
+    /// Calls `record` with the segment of each point and the squares of its residuals in an aligned frame, distance and
+    /// luminance, in units of their deviations. Points that something nearer covers are left out.
+    pub(crate) fn squared_residuals(&self, frame: &Pyramid, aligned: &Aligned, mut record: impl FnMut(SegmentId, f32)) {
+        let camera_from_key = (aligned.world_from_camera.inverse() * self.world_from_key).relative_to(DVec3::ZERO);
+        let (level, scales) = (&frame.levels[0], &aligned.scales);
         let (last_column, last_row) = (level.depth.width() as f32 - 1.0, level.depth.height() as f32 - 1.0);
         for point in &self.points[0] {
             let expected = camera_from_key.to_world(point.position);
@@ -111,17 +103,21 @@ impl Reference {
             if !(pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < last_column && pixel.y < last_row) {
                 continue;
             }
-            let (column, row) = ((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
-            let depth = level.depth[(column, row)];
-            if depth <= 0.0 {
-                continue;
+            let nearest = ((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
+            let depth = level.depth[nearest];
+            if depth > 0.0 {
+                let measured = level.intrinsics.unproject(Vec2::new(nearest.0 as f32, nearest.1 as f32), depth);
+                let distance = (camera_from_key.rotation() * point.normal).dot(measured - expected);
+                let relative = distance * point.certainty / scales.distance.max(1.0);
+                // Towards the camera something else may be in the way.
+                if relative >= MAX_RELATIVE {
+                    continue;
+                }
+                record(point.segment, relative.max(-MAX_RELATIVE).powi(2));
             }
-            let measured = level.intrinsics.unproject(Vec2::new(column as f32, row as f32), depth);
-            let distance = (camera_from_key.rotation() * point.normal).dot(measured - expected);
-            let relative = (distance * point.certainty / scale).max(-MAX_RELATIVE);
-            // Towards the camera something else may be in the way.
-            if relative < MAX_RELATIVE {
-                record(point.segment, relative * relative);
+            if frame.has_contrast && point.gradient != Vec3::ZERO {
+                let difference = level.grey_at(pixel) - (scales.gain * point.grey + scales.offset);
+                record(point.segment, (difference / scales.grey).clamp(-MAX_RELATIVE, MAX_RELATIVE).powi(2));
             }
         }
     }

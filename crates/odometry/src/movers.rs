@@ -10,16 +10,16 @@ use std::collections::BTreeMap;
 const NEWEST: f32 = 0.2;
 
 /// A segment with an error of this many times the median segment's loses weight.
-const TOLERATED: f32 = 3.0;
+const TOLERATED: f32 = 2.0;
 
-/// Segments with fewer measured points are not judged.
-const MIN_POINTS: f32 = 15.0;
+/// Segments with fewer residuals are not judged.
+const MIN_POINTS: f32 = 20.0;
 
 /// How badly each segment fits the camera's motion.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Movers {
-    /// Running mean of the squared normalised distances of each segment's points.
+    /// Running mean of the squared residuals of each segment's points, in units of their deviations.
     errors: BTreeMap<SegmentId, f32>,
 }
 
@@ -27,7 +27,7 @@ impl Movers {
     /// Records how well each segment of a keyframe fits an aligned frame.
     pub(crate) fn record(&mut self, reference: &Reference, frame: &Pyramid, aligned: &Aligned) {
         let mut sums: BTreeMap<SegmentId, (f32, f32)> = BTreeMap::new();
-        reference.squared_distances(frame, &aligned.world_from_camera, aligned.distance_scale, |id, squared| {
+        reference.squared_residuals(frame, aligned, |id, squared| {
             let sum = sums.entry(id).or_default();
             *sum = (sum.0 + squared, sum.1 + 1.0);
         });

@@ -229,7 +229,7 @@ fn quality(aligned: &Aligned, reference: &Reference) -> PoseQuality {
     PoseQuality {
         overlap: overlap(aligned, reference),
         inliers: aligned.counts.mean_inliers(),
-        residual: aligned.distance_scale,
+        residual: aligned.scales.distance,
         position_deviation: deviation(0),
         rotation_deviation: deviation(3),
     }

@@ -9,12 +9,13 @@ use std::time::Duration;
 /// measures come to rest.
 const INERTIA: f64 = 0.8;
 
-/// The prediction's error is believed to be at least this, metres per direction, as in [`scaled`]...
-const MIN_ERROR: f64 = 0.004;
+/// In directions that the images do not measure, the camera is believed to be this close to the prediction, metres, as in
+/// [`scaled`].
+const ERROR_IF_UNKNOWN: f64 = 0.004;
 
-/// ...or this, in directions that the images measure well. There a tight prior would pull every pose a little towards
-/// the prediction, and with each new keyframe that error would stay.
-const MIN_ERROR_IF_MEASURED: f64 = 0.03;
+/// In directions that the images measure, the prediction's error is believed to be at least this, metres. A tighter prior
+/// would pull every pose a little towards the prediction, and with each new keyframe that error would stay.
+const MIN_ERROR: f64 = 0.03;
 
 /// The prediction's error is believed to be at most this, metres per direction.
 pub(crate) const MAX_ERROR: f64 = 0.6;
@@ -59,8 +60,8 @@ impl MotionPrior {
 
     /// Information about a direction, 1/m², of which `unknown` is 0 if the images measure it and 1 if they do not.
     pub(crate) fn information(&self, unknown: f64) -> f64 {
-        let of = |least: f64| 1.0 / (self.deviation.max(least) * self.deviation.max(least));
-        of(MIN_ERROR_IF_MEASURED) + unknown * of(MIN_ERROR)
+        let deviation = self.deviation.max(MIN_ERROR);
+        1.0 / (deviation * deviation) + unknown / (ERROR_IF_UNKNOWN * ERROR_IF_UNKNOWN)
     }
 }
 

@@ -1,5 +1,6 @@
 //! Grey values and depth of a frame at several resolutions.
 
+use glam::Vec2;
 use rayon::prelude::*;
 use splatseg_geometry::{CameraFrame, Image, Intrinsics};
 
@@ -68,6 +69,16 @@ impl Pyramid {
 }
 
 impl Level {
+    /// Luminance at a place between pixels, interpolated. It must not be in the last column or row, nor outside.
+    pub(crate) fn grey_at(&self, place: Vec2) -> f32 {
+        let (left, top) = (place.x as usize, place.y as usize);
+        let (across, down) = (place.x - left as f32, place.y - top as f32);
+        let [above, below] = [self.grey.row(top), self.grey.row(top + 1)];
+        let upper = above[left] + (above[left + 1] - above[left]) * across;
+        let lower = below[left] + (below[left + 1] - below[left]) * across;
+        upper + (lower - upper) * down
+    }
+
     /// The next coarser level; `None` if it would be too small.
     fn halved(&self) -> Option<Self> {
         let (width, height) = (self.grey.width() / 2, self.grey.height() / 2);
