@@ -3,6 +3,7 @@
 use crate::error::saved_state;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
 use splatseg_annotations::{TRAJECTORY_HEADER, frame_time, trajectory_line};
+use splatseg_odometry::PoseState;
 
 /// Writes the camera's poses: a line per frame, with the frame's timestamp, or else its index in its source / 30 s. Frames
 /// without a known pose have no line.
@@ -18,7 +19,8 @@ impl PosesFile {
 
 /// Returns a frame's line, `None` if its pose is not known.
 fn line_of(record: &FrameRecord) -> Option<String> {
-    Some(trajectory_line(frame_time(record.frame.timestamp(), record.index), record.frame.world_from_camera()))
+    let time = frame_time(record.frame.timestamp(), record.index);
+    (record.pose_state != PoseState::Lost).then(|| trajectory_line(time, record.frame.world_from_camera()))
 }
 
 impl RunOutput for PosesFile {

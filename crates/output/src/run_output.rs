@@ -5,6 +5,7 @@ use splatseg_dataset::read_segments_png;
 use splatseg_geometry::{RgbdFrame, SegmentMap};
 use splatseg_memory::SplatMemory;
 use splatseg_objects::{ObjectList, ObjectSighting};
+use splatseg_odometry::PoseState;
 use std::path::PathBuf;
 
 /// A frame with its result.
@@ -17,6 +18,8 @@ pub struct FrameRecord {
     /// Name of the frame's result files, without folder and extension. It contains no characters that lead out of a
     /// folder.
     pub file_name: String,
+    /// Whether the frame's pose is known. If it is lost, the frame has the last known one.
+    pub pose_state: PoseState,
     /// The frame.
     pub frame: RgbdFrame<'static>,
     /// The persistent object id of each pixel, `[height, width]`; 0 where there is no segment.

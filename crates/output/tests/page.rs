@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame};
 use splatseg_objects::{ObjectList, ObjectLog};
+use splatseg_odometry::PoseState;
 use splatseg_output::{FrameRecord, OutputError, Page, ResultFolder, RunEnd, RunOutput, segment_color};
 use splatseg_tracking::FrameOutput;
 use std::collections::BTreeMap;
@@ -39,7 +40,15 @@ fn page(frames: usize, scene: &str, name: impl Fn(usize) -> String) -> Files {
         let pose = Pose::from_translation(DVec3::new(number as f64, 0.5, 0.0));
         let frame = RgbdFrame::new("0", Image::filled(4, 3, [0; 3]), Image::filled(4, 3, 1.0), camera, pose).unwrap();
         let objects = log.record(&FrameOutput::from_segments(segments.clone()));
-        let record = FrameRecord { number, index: number, file_name: name(number), frame, segments, objects };
+        let record = FrameRecord {
+            number,
+            index: number,
+            pose_state: PoseState::Given,
+            file_name: name(number),
+            frame,
+            segments,
+            objects,
+        };
         page.add_frame(&record, &mut files).unwrap();
     }
     let objects = ObjectList::new(&log, None);

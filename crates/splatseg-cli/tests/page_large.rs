@@ -9,6 +9,7 @@ use serde_json::json;
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_objects::{ObjectList, ObjectLog};
+use splatseg_odometry::PoseState;
 use splatseg_output::{FrameRecord, OutputError, Page, ResultFolder, RunEnd, RunOutput, write_overlay_jpeg};
 use splatseg_tracking::FrameOutput;
 use std::collections::BTreeSet;
@@ -67,7 +68,15 @@ fn write_page(folder: &Path) -> usize {
         memory.update(recall, &segments, &BTreeSet::new()).unwrap();
         write_overlay_jpeg(&folder.join(format!("overlay/{number}.jpg")), frame.color(), &segments).unwrap();
         let objects = log.record(&FrameOutput::from_segments(segments.clone()));
-        let record = FrameRecord { number, index: number, file_name: number.to_string(), frame, segments, objects };
+        let record = FrameRecord {
+            number,
+            index: number,
+            pose_state: PoseState::Given,
+            file_name: number.to_string(),
+            frame,
+            segments,
+            objects,
+        };
         page.add_frame(&record, &mut Folder(folder)).unwrap();
     }
     let objects = ObjectList::new(&log, Some(&memory));

@@ -5,6 +5,7 @@ use crate::pipeline::{FrameResult, StageTimes};
 use serde::{Deserialize, Serialize};
 use splatseg_memory::MAX_16_BIT_ID;
 use splatseg_objects::ObjectSighting;
+use splatseg_odometry::PoseState;
 use splatseg_tracking::TrackErrorCounts;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -18,6 +19,8 @@ pub struct Summary {
     pub resumed_frames: usize,
     /// Frames that could not be read or segmented.
     pub skipped_frames: usize,
+    /// Frames by the state of the camera's pose.
+    pub pose_states: PoseStateCounts,
     /// Distinct ids in the results.
     pub segments: usize,
     /// Frames whose id image is RGB, id = R + 256 G + 65536 B, because an id is above 65535. The others are 16-bit grey.
@@ -54,6 +57,28 @@ pub struct Summary {
     pub seed: u64,
     /// Version of splatseg.
     pub version: String,
+}
+
+/// Numbers of frames by the state of the camera's pose.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PoseStateCounts {
+    /// The pose came with the frame.
+    pub given: usize,
+    /// The pose was tracked.
+    pub tracked: usize,
+    /// Tracking was lost.
+    pub lost: usize,
+}
+
+impl PoseStateCounts {
+    /// Adds a frame.
+    pub fn add(&mut self, state: PoseState) {
+        match state {
+            PoseState::Given => self.given += 1,
+            PoseState::Tracked => self.tracked += 1,
+            PoseState::Lost => self.lost += 1,
+        }
+    }
 }
 
 /// Speed of a run.
@@ -139,6 +164,8 @@ pub struct RunCounts {
     pub resumed_frames: usize,
     /// Frames that could not be read or segmented.
     pub skipped_frames: usize,
+    /// Frames by the state of the camera's pose.
+    pub pose_states: PoseStateCounts,
     /// Distinct ids in results.
     pub ids: BTreeSet<u32>,
     /// Frames with an id above 65535.
@@ -161,6 +188,7 @@ impl RunCounts {
         self.rgb_id_images += usize::from(needs_rgb(&result.objects));
         let time = result.times.without_segmenter();
         self.frames += 1;
+        self.pose_states.add(result.pose.state);
         self.times += &result.times;
         self.track_errors += result.output.track_errors;
         self.slowest = self.slowest.max(time);

@@ -27,6 +27,7 @@ use object_messages::{PointBytes, ShownObject};
 use recording::Recording;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Intrinsics, SegmentId};
+use splatseg_odometry::PoseState;
 use splatseg_ros::Time;
 use std::collections::BTreeMap;
 use std::io;
@@ -70,7 +71,8 @@ struct SeenFrame {
     file_name: String,
     /// Nanoseconds.
     time: i64,
-    pose: CameraPose,
+    /// `None` if tracking of the camera was lost.
+    pose: Option<CameraPose>,
     camera: Intrinsics,
 }
 
@@ -138,7 +140,7 @@ impl Seen {
         self.frames.push(SeenFrame {
             file_name: record.file_name.clone(),
             time,
-            pose: CameraPose::new(record.frame.world_from_camera()),
+            pose: (record.pose_state != PoseState::Lost).then(|| CameraPose::new(record.frame.world_from_camera())),
             camera: *record.frame.intrinsics(),
         });
         for object in &record.objects {
@@ -157,7 +159,9 @@ fn write_frame(
     (size, ids): ((usize, usize), &IdPixels),
 ) -> io::Result<()> {
     let (time, stamp) = (frame.time, Time::from_nanoseconds(frame.time));
-    recording.write("/tf", time, &frame_messages::camera_pose(stamp, frame.pose))?;
+    if let Some(pose) = frame.pose {
+        recording.write("/tf", time, &frame_messages::camera_pose(stamp, pose))?;
+    }
     recording.write("/splatseg/camera_info", time, &frame_messages::camera_info(stamp, &frame.camera)?)?;
     recording.write("/splatseg/overlay", time, &frame_messages::overlay(stamp, overlay))?;
     recording.write("/splatseg/segments", time, &frame_messages::id_image(stamp, size, ids)?)
@@ -255,8 +259,15 @@ mod tests {
             let images = (Image::filled(1, 1, [0; 3]), Image::filled(1, 1, 1.0));
             let frame = RgbdFrame::new("0", images.0, images.1, camera, Pose::IDENTITY).unwrap();
             let (frame, segments) = (frame.with_timestamp(timestamp), Image::filled(1, 1, 0));
-            let record =
-                FrameRecord { number: 0, index: 0, file_name: "0".to_owned(), frame, segments, objects: Vec::new() };
+            let record = FrameRecord {
+                number: 0,
+                index: 0,
+                pose_state: PoseState::Given,
+                file_name: "0".to_owned(),
+                frame,
+                segments,
+                objects: Vec::new(),
+            };
             seen.add(&record);
             seen.frames.last().unwrap().time
         };

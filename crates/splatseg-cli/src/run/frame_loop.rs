@@ -1,5 +1,6 @@
 //! The loop over the frames of a run, until the last frame or an early end.
 
+use super::camera_messages::CameraMessages;
 use super::progress::Progress;
 use super::result_writer::{ResultWriter, WriterOutcome};
 use super::saved_run::RunState;
@@ -57,12 +58,19 @@ pub enum EarlyEnd {
 
 /// The outcome of one frame.
 enum Step {
-    /// The frame has a result.
-    Done,
+    /// The frame has a result. `message` is set if the state of the camera's pose has changed.
+    Done { message: Option<String> },
     /// The frame was skipped. `message` is set for the first frame with this kind of reason.
     Skipped { message: Option<String>, error: String },
     /// The run ends.
     End(EarlyEnd),
+}
+
+/// What is reported to the user during the run.
+#[derive(Default)]
+struct Reports {
+    skipped: SkippedFrames,
+    camera: CameraMessages,
 }
 
 impl FrameLoop<'_> {
@@ -73,7 +81,7 @@ impl FrameLoop<'_> {
         written: WriterOutcome,
         mut counts: RunCounts,
     ) -> LoopOutcome {
-        let mut skipped = SkippedFrames::default();
+        let mut reports = Reports::default();
         let writer = ResultWriter::start(written);
         let mut done = self.saving.as_ref().map_or(0, |saving| saving.state.next);
         let mut progress = Progress::new(frames.frames_left());
@@ -85,11 +93,11 @@ impl FrameLoop<'_> {
             }
             let Some(item) = frames.next() else { break None };
             let step = match item {
-                Ok(processed) => record_result(processed, frames.memory(), &writer, &mut counts, &mut skipped),
-                Err(error) => Step::Skipped { message: skipped.add_unusable(&error), error: error.to_string() },
+                Ok(processed) => record_result(processed, frames.memory(), &writer, &mut counts, &mut reports),
+                Err(error) => Step::Skipped { message: reports.skipped.add_unusable(&error), error: error.to_string() },
             };
             match step {
-                Step::Done => {}
+                Step::Done { message } => message.iter().for_each(|message| progress.warn(message)),
                 Step::Skipped { error, .. } if self.strict_input => break Some(EarlyEnd::UnusableFrame(error)),
                 Step::Skipped { message, .. } => {
                     counts.skipped_frames += 1;
@@ -104,7 +112,7 @@ impl FrameLoop<'_> {
             }
         };
         progress.finish();
-        skipped.messages().for_each(|message| progress.warn(&message));
+        reports.skipped.messages().chain(reports.camera.finish()).for_each(|message| progress.warn(&message));
         LoopOutcome { counts, written: writer.finish(), early }
     }
 
@@ -139,19 +147,20 @@ fn record_result(
     memory: Option<&SplatMemory>,
     writer: &ResultWriter,
     counts: &mut RunCounts,
-    skipped: &mut SkippedFrames,
+    reports: &mut Reports,
 ) -> Step {
     let result = match result {
         Ok(result) => result,
         Err(error @ PipelineError::Segmenter { .. }) => {
-            return Step::Skipped { message: skipped.add_unsegmented(&error), error: error.to_string() };
+            return Step::Skipped { message: reports.skipped.add_unsegmented(&error), error: error.to_string() };
         }
         Err(error) => return Step::End(EarlyEnd::Method(error.to_string())),
     };
     let number = counts.frames;
     counts.add(&result, memory.map_or(0, SplatMemory::gaussian_count));
-    let file_name = file_name(frame.name());
+    let (file_name, pose_state) = (file_name(frame.name()), result.pose.state);
+    let message = reports.camera.add(frame.name(), &result.pose);
     let (segments, objects) = (result.output.segments, result.objects);
-    let record = FrameRecord { number, index, file_name, frame, segments, objects };
-    if writer.write(record) { Step::Done } else { Step::End(EarlyEnd::Unwritable) }
+    let record = FrameRecord { number, index, file_name, pose_state, frame, segments, objects };
+    if writer.write(record) { Step::Done { message } } else { Step::End(EarlyEnd::Unwritable) }
 }

@@ -3,6 +3,7 @@
 //! `frame_loop.rs` processes the frames, `result_writer.rs` writes their images, `outputs.rs` lists the other outputs, and
 //! `report.rs` reports on the run after its end, regular or early.
 
+mod camera_messages;
 mod extra_file;
 mod frame_loop;
 mod outputs;
@@ -177,6 +178,7 @@ pub fn execute(job: &RunJob) -> Result<Summary, Failure> {
     let folder = OutputFolder::prepare(&job.out, job.existing, &names)?;
     let mut pipeline = build_pipeline(job, &scene)?;
     say_error!("{}", stream.description());
+    say_error!("{}", camera_messages::described(job.settings.run.poses, scene.has_poses()));
 
     let run = &job.settings.run;
     let saving = StateSaving { every: run.save_every, state, staging: folder.staging().to_owned() };

@@ -5,9 +5,9 @@ use super::extra_file::ExtraFile;
 use super::frame_loop::{EarlyEnd, LoopOutcome};
 use crate::Failure;
 use crate::terminal::counted;
-use splatseg::summary::{RunCounts, Summary, peak_memory_mb};
+use splatseg::summary::{PoseStateCounts, RunCounts, Summary, peak_memory_mb};
 use splatseg_memory::SplatMemory;
-use splatseg_output::ObjectsFile;
+use splatseg_output::{ObjectsFile, PosesFile};
 use std::time::{Duration, Instant};
 
 /// Saves the memory and writes the summary, even after earlier failures. Returns the summary if the run is complete.
@@ -98,6 +98,7 @@ fn summary(
         frames: counts.frames,
         resumed_frames: counts.resumed_frames,
         skipped_frames: counts.skipped_frames,
+        pose_states: counts.pose_states,
         segments: counts.ids.len(),
         rgb_id_images: counts.rgb_id_images,
         tentative_segments: counts.ids.iter().filter(is_tentative).count(),
@@ -148,6 +149,18 @@ pub fn report(job: &RunJob, summary: &Summary) -> String {
         job.out.join(ObjectsFile::JSON).display(),
         job.out.join("objects").display(),
     );
+    match summary.pose_states {
+        PoseStateCounts { tracked: 0, lost: 0, .. } => {}
+        PoseStateCounts { tracked, lost, .. } => {
+            let lost = if lost > 0 { format!(", and lost in {lost}") } else { String::new() };
+            let place = job.out.join(PosesFile::FILE);
+            text.push_str(&format!(
+                "\nthe camera was tracked in {}{lost}; its poses are in {}",
+                counted(tracked, "frame"),
+                place.display()
+            ));
+        }
+    }
     if let Some(path) = &job.save_memory {
         text.push_str(&format!("\nthe memory is in {}: open it in any Gaussian-splat viewer", path.display()));
     }

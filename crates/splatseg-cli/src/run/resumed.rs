@@ -5,7 +5,7 @@ use super::result_writer::{Saving, WriterOutcome};
 use super::saved_run::StateWriter;
 use crate::Failure;
 use crate::output_folder::OutputFolder;
-use splatseg::summary::{RunCounts, needs_rgb};
+use splatseg::summary::{PoseStateCounts, RunCounts, needs_rgb};
 use splatseg_files::read_file;
 use splatseg_output::{OutputError, RunOutput};
 use std::fmt::Display;
@@ -45,7 +45,10 @@ pub fn start(
     };
     let mut written = WriterOutcome::new(folder, outputs, saving);
     (written.frames, written.output_errors) = (saved.state.frames, lost);
+    let mut pose_states = PoseStateCounts::default();
+    saved.frames.iter().for_each(|frame| pose_states.add(frame.pose_state));
     let counts = RunCounts {
+        pose_states,
         frames: saved.state.frames,
         resumed_frames: saved.state.frames,
         skipped_frames: saved.state.skipped_frames,

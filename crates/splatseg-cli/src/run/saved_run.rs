@@ -15,6 +15,7 @@ use splatseg_files::read_file;
 use splatseg_files::write_atomically;
 use splatseg_geometry::Pose;
 use splatseg_objects::{ObjectLog, ObjectSighting};
+use splatseg_odometry::PoseState;
 use splatseg_output::{FrameRecord, RunOutput};
 use splatseg_tracking::TrackErrorCounts;
 use std::collections::btree_map::Entry;
@@ -96,6 +97,8 @@ pub struct SavedFrame {
     pub file_name: String,
     /// The camera's pose, from the source of poses.
     pub world_from_camera: Pose,
+    /// Whether the pose is known.
+    pub pose_state: PoseState,
     /// The objects in the frame.
     pub objects: Vec<ObjectSighting>,
 }
@@ -297,6 +300,7 @@ impl StateWriter {
         let frame = SavedFrame {
             file_name: record.file_name.clone(),
             world_from_camera: *record.frame.world_from_camera(),
+            pose_state: record.pose_state,
             objects: record.objects.clone(),
         };
         let frame = (FRAMES, serde_json::to_vec(&frame)?);
