@@ -11,9 +11,10 @@ use pyo3::types::PyDict;
 use rayon::ThreadPool;
 use splatseg::memory::SplatMemory;
 use splatseg::objects::{FrameStamp, ObjectList, SeenObjects};
+use splatseg::odometry::PoseState;
 use splatseg::pipeline::{FrameResult, PipelineError};
 use splatseg::settings::SettingsLayers;
-use splatseg::{Intrinsics, Mask, Pose, RgbdFrame, SegmentId};
+use splatseg::{CameraFrame, Intrinsics, Mask, Pose, SegmentId};
 use splatseg_files::MemoryLimit;
 use std::error::Error;
 use std::path::PathBuf;
@@ -38,8 +39,17 @@ struct State {
 /// An object of a frame: id, area, box (x, y, width, height), confidence, first and last frame.
 type Sighting = (SegmentId, usize, (usize, usize, usize, usize), f32, usize, usize);
 
-/// Result of a step: ids, confidence, objects, masks if they may overlap, milliseconds per stage.
-type Step = (Py<PyArray2<u32>>, Py<PyArray2<f32>>, Vec<Sighting>, Option<Py<PyAny>>, Vec<(String, f64)>);
+/// Result of a step: ids, confidence, objects, masks if they may overlap, milliseconds per stage, the camera's pose and
+/// its state.
+type Step = (
+    Py<PyArray2<u32>>,
+    Py<PyArray2<f32>>,
+    Vec<Sighting>,
+    Option<Py<PyAny>>,
+    Vec<(String, f64)>,
+    Py<PyArray2<f64>>,
+    &'static str,
+);
 
 #[pymethods]
 impl Pipeline {
@@ -96,7 +106,7 @@ impl Pipeline {
         Ok(self.lock()?.frames)
     }
 
-    #[pyo3(signature = (rgb, depth, k, camera_to_world, timestamp=None, name=None, depth_scale=None))]
+    #[pyo3(signature = (rgb, depth, k, camera_to_world=None, timestamp=None, name=None, depth_scale=None))]
     #[allow(clippy::too_many_arguments, reason = "the parts of a frame")]
     fn step(
         &self,
@@ -104,19 +114,19 @@ impl Pipeline {
         rgb: &Bound<'_, PyAny>,
         depth: &Bound<'_, PyAny>,
         k: &Bound<'_, PyAny>,
-        camera_to_world: &Bound<'_, PyAny>,
+        camera_to_world: Option<&Bound<'_, PyAny>>,
         timestamp: Option<f64>,
         name: Option<String>,
         depth_scale: Option<f64>,
     ) -> PyResult<Step> {
         let (color, depth) = (color_image(rgb, "rgb")?, depth_image(depth, depth_scale)?);
-        let (camera, pose) = (intrinsics(k, color.size())?, pose(camera_to_world)?);
+        let (camera, pose) = (intrinsics(k, color.size())?, camera_to_world.map(pose).transpose()?);
         let mut guard = self.lock()?;
         let state = &mut *guard;
         let name = name.unwrap_or_else(|| format!("{:06}", state.frames));
-        let frame = RgbdFrame::new(name, color, depth, camera, pose).map_err(value_error)?;
+        let frame = CameraFrame::new(name, color, depth, camera).map_err(value_error)?;
         let frame = frame.with_timestamp(timestamp.map(time).transpose()?);
-        let (result, time) = py.detach(|| in_pool(self.threads.as_ref(), || state.step(&frame)));
+        let (result, time) = py.detach(|| in_pool(self.threads.as_ref(), || state.step(frame, pose)));
         drop(guard);
         py.check_signals()?;
         step_result(py, result.map_err(|error| pipeline_error(py, &error))?, time)
@@ -193,15 +203,7 @@ impl Pipeline {
 
 impl State {
     /// Processes the next frame; returns its result and the time that the library took.
-    fn step(&mut self, frame: &RgbdFrame) -> (Result<FrameResult, PipelineError>, Duration) {
-        let started = Instant::now();
-        let result = self.pipeline.step(frame);
-        let time = started.elapsed();
-        (result.inspect(|result| self.record(frame, result)), time)
-    }
-
-    /// Records the sighting of each object.
-    fn record(&mut self, frame: &RgbdFrame, result: &FrameResult) {
+    fn step(&mut self, frame: CameraFrame<'_>, pose: Option<Pose>) -> (Result<FrameResult, PipelineError>, Duration) {
         let stamp = FrameStamp {
             number: self.frames,
             name: Some(frame.name().to_owned()),
@@ -209,8 +211,17 @@ impl State {
             time_s: frame.timestamp().map(|time| time.as_secs_f64()),
         };
         let size = (frame.width(), frame.height());
-        self.seen.record(&stamp, size, &result.objects);
-        self.frames += 1;
+        let started = Instant::now();
+        let result = match pose {
+            Some(pose) => self.pipeline.step(&frame.at(pose)),
+            None => self.pipeline.step_unposed(frame),
+        };
+        let time = started.elapsed();
+        if let Ok(result) = &result {
+            self.seen.record(&stamp, size, &result.objects);
+            self.frames += 1;
+        }
+        (result, time)
     }
 }
 
@@ -229,7 +240,7 @@ fn memory_of(state: &State) -> PyResult<&SplatMemory> {
 
 fn step_result(
     py: Python<'_>,
-    FrameResult { output, objects, times, .. }: FrameResult,
+    FrameResult { output, objects, times, pose }: FrameResult,
     time: Duration,
 ) -> PyResult<Step> {
     let ids = to_array(py, output.segments.clone())?;
@@ -252,7 +263,14 @@ fn step_result(
         let inner = (inner.x, inner.y, inner.width, inner.height);
         (object.id, object.area, inner, object.confidence, object.first_frame, object.last_frame)
     });
-    Ok((ids, confidence, sightings.collect(), masks, stages))
+    let state = match pose.state {
+        PoseState::Given => "given",
+        PoseState::Tracked => "tracked",
+        PoseState::Lost => "lost",
+    };
+    let matrix = pose.world_from_camera.to_matrix().transpose().to_cols_array_2d();
+    let matrix = to_rows(py, matrix.into_iter())?;
+    Ok((ids, confidence, sightings.collect(), masks, stages, matrix, state))
 }
 
 /// The exception raised by a segmenter in Python, or the error as `RuntimeError`.

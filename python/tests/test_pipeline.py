@@ -151,7 +151,7 @@ def bad_frames(frame):
         ({"camera_to_world": nan_pose}, ValueError, "camera_to_world contains NaN"),
         ({"camera_to_world": scaled}, ValueError, "not a rigid transform"),
         ({"camera_to_world": pose[:3]}, ValueError, r"camera_to_world has shape \(3, 4\)"),
-        ({"camera_to_world": None}, TypeError, "camera_to_world is of type NoneType"),
+        ({"camera_to_world": "no pose"}, TypeError, "camera_to_world"),
         ({"timestamp": -1.0}, ValueError, "timestamp is -1"),
         ({"timestamp": float("nan")}, ValueError, "timestamp is NaN"),
         ({"timestamp": "now"}, TypeError, "timestamp"),
@@ -235,3 +235,16 @@ while True:
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=20)
     assert "KeyboardInterrupt" in errors
+
+
+def test_without_poses_the_camera_is_tracked() -> None:
+    frames = list(ss.open_scene("synthetic:frames=8,width=160,height=120,speed=0.1"))
+    pipeline = ss.FastSamSplat()
+    for frame in frames:
+        result = pipeline.step(frame.rgb, frame.depth, K=frame.K)
+        assert result.pose_state == "tracked"
+        true = np.linalg.inv(frames[0].camera_to_world) @ frame.camera_to_world
+        np.testing.assert_allclose(result.camera_to_world, true, atol=0.02)
+    given = pipeline.step(frame.rgb, frame.depth, K=frame.K, camera_to_world=frame.camera_to_world)
+    assert given.pose_state == "given"
+    np.testing.assert_allclose(given.camera_to_world, frame.camera_to_world, atol=1e-9)

@@ -73,7 +73,7 @@ pub(crate) struct Alignment<'a> {
     pub(crate) prior: &'a MotionPrior,
 }
 
-/// What is known about the residuals; each iteration uses the values of the one before.
+/// Deviations of the residuals, and the change of exposure. Each iteration uses the values of the one before.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scales {
     /// Deviation of the distances to the planes, in units of the expected deviation, that of a Kinect.

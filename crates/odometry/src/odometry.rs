@@ -22,7 +22,7 @@ const MAX_ANGLE: f64 = 0.15;
 /// ...or when less than this share of its points is in view.
 const MIN_OVERLAP: f32 = 0.85;
 
-/// A frame with fewer points is no keyframe.
+/// A frame with fewer points cannot become a keyframe.
 const MIN_POINTS: usize = 300;
 
 /// An alignment is accepted if at least this share of the measurements agrees...

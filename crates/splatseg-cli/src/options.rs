@@ -164,8 +164,8 @@ pub struct SettingsOptions {
     pub tracker_weights: Option<String>,
     #[arg(long, value_name = "SOURCE")]
     pub prompts: Option<String>,
-    #[arg(long, value_name = "SOURCE")]
-    pub poses: Option<String>,
+    #[arg(long, value_name = "SOURCE", value_delimiter = ',')]
+    pub poses: Vec<String>,
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
     /// Settings from a TOML file, or from the summary.json of an earlier run
@@ -198,6 +198,12 @@ impl SettingsOptions {
             layers.add_file(path).map_err(Failure::input)?;
         }
         self.dataset.add_to(&mut layers)?;
+        if self.poses.len() > 1 {
+            let found = self.poses.join(",");
+            return Err(Failure::input(format!(
+                "--poses: found {found}, expected one source; only bench compares several"
+            )));
+        }
         let options = [
             ("method_preset", self.method_preset.as_ref()),
             ("segmenter", self.segmenter.as_ref()),
@@ -206,7 +212,7 @@ impl SettingsOptions {
             ("tracker", self.tracker.as_ref()),
             ("tracker_weights", self.tracker_weights.as_ref()),
             ("prompts", self.prompts.as_ref()),
-            ("poses", self.poses.as_ref()),
+            ("poses", self.poses.first()),
             ("device", self.device.as_ref()),
             ("seed", self.seed.as_ref()),
             ("threads", self.threads.as_ref()),

@@ -199,7 +199,7 @@ fn bad_frames_are_skipped_and_counted() {
     fs::write(scene.path().join("pose/4.txt"), "2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1").unwrap();
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
-    let (code, messages) = finish(&mut run(scene.path(), &out));
+    let (code, messages) = finish(run(scene.path(), &out).args(["--poses", "given"]));
     assert_eq!(code, 0, "{messages}");
     for named in ["color/1.jpg", "frame 2 has no pose", "depth/3.png", "pose/4.txt"] {
         assert!(messages.lines().any(|line| line.starts_with("warning:") && line.contains(named)), "{messages}");

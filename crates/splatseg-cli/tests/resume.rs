@@ -61,7 +61,7 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 fn a_resumed_run_writes_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let all_new = ["--set", "min_new_fraction=0"];
-    for kind in [&["--set", "memory.kind=evidence"][..], &FEATURES, &all_new] {
+    for kind in [&["--set", "memory.kind=evidence"][..], &FEATURES, &all_new, &["--poses", "track"]] {
         let (whole, memory) = (folder.path().join("whole"), folder.path().join("whole.ply"));
         let [whole_mcap, mcap] = ["whole.mcap", "out.mcap"].map(|name| folder.path().join(name));
         let [whole_coco, coco] = ["whole.json", "out.json"].map(|name| folder.path().join(name));

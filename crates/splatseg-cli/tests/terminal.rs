@@ -66,7 +66,7 @@ fn skipped_frames_are_reported_once_per_kind_with_a_count() {
     let scene = numbered_scene(folder.path(), 9);
     (1..6).for_each(|frame| fs::write(scene.join(format!("depth/{frame}.png")), b"no image").unwrap());
     fs::write(scene.join("pose/7.txt"), "-inf ".repeat(16)).unwrap();
-    let ended = run(&scene, &folder.path().join("out"), &[]);
+    let ended = run(&scene, &folder.path().join("out"), &["--poses", "given"]);
     let warnings: Vec<&str> = ended.err.lines().filter(|line| line.starts_with("warning: ")).collect();
     assert_eq!(warnings.len(), 3, "{}", ended.err);
     assert!(warnings[0].contains("depth/1.png") && warnings[1].contains("frame 7 has no pose"), "{}", ended.err);

@@ -21,6 +21,9 @@ pub struct Summary {
     pub skipped_frames: usize,
     /// Frames by the state of the camera's pose.
     pub pose_states: PoseStateCounts,
+    /// Median deviation of the measured depth from the surfaces that the camera was tracked against, in units of a
+    /// Kinect's deviation; null if no frame was tracked.
+    pub pose_residual: Option<f32>,
     /// Distinct ids in the results.
     pub segments: usize,
     /// Frames whose id image is RGB, id = R + 256 G + 65536 B, because an id is above 65535. The others are 16-bit grey.
@@ -166,6 +169,8 @@ pub struct RunCounts {
     pub skipped_frames: usize,
     /// Frames by the state of the camera's pose.
     pub pose_states: PoseStateCounts,
+    /// Residual of each tracked frame; see [`PoseQuality::residual`](splatseg_odometry::PoseQuality::residual).
+    pub pose_residuals: Vec<f32>,
     /// Distinct ids in results.
     pub ids: BTreeSet<u32>,
     /// Frames with an id above 65535.
@@ -189,11 +194,19 @@ impl RunCounts {
         let time = result.times.without_segmenter();
         self.frames += 1;
         self.pose_states.add(result.pose.state);
+        self.pose_residuals.extend(result.pose.quality.map(|quality| quality.residual));
         self.times += &result.times;
         self.track_errors += result.output.track_errors;
         self.slowest = self.slowest.max(time);
         self.curve.push(time, gaussians);
         self.ids.extend(result.output.segments.areas().into_keys());
+    }
+
+    /// Median residual of the tracked frames that this run processed itself.
+    pub fn pose_residual(&self) -> Option<f32> {
+        let mut residuals = self.pose_residuals.clone();
+        residuals.sort_by(f32::total_cmp);
+        residuals.get(residuals.len() / 2).copied()
     }
 
     /// Number of frames that this run processed itself.

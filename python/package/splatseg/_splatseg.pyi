@@ -42,7 +42,7 @@ class Pipeline:
         rgb: NDArray[np.uint8],
         depth: NDArray[Any],
         k: ArrayLike,
-        camera_to_world: ArrayLike,
+        camera_to_world: ArrayLike | None = None,
         timestamp: float | None = None,
         name: str | None = None,
         depth_scale: float | None = None,
@@ -52,6 +52,8 @@ class Pipeline:
         list[_Sighting],
         NDArray[np.bool_] | None,
         list[tuple[str, float]],
+        NDArray[np.float64],
+        str,
     ]: ...
     def objects(self) -> str: ...
     def save(self, path: _Path) -> None: ...

@@ -91,7 +91,7 @@ class Pipeline:
         depth: NDArray[np.floating] | NDArray[np.uint16],
         *,
         K: ArrayLike,
-        camera_to_world: ArrayLike,
+        camera_to_world: ArrayLike | None = None,
         timestamp: float | None = None,
         name: str | None = None,
         depth_scale: float | None = None,
@@ -101,12 +101,12 @@ class Pipeline:
         ``rgb``: uint8 ``(height, width, 3)``, C-contiguous, RGB. ``depth``: float32 or float64 z-depth in metres
         ``(height, width)`` of the same pixels, 0 or NaN where nothing was measured; with ``depth_scale`` in units per
         metre (1000 for millimetres) also uint16. ``K``: the camera matrix, 3x3, pixels. ``camera_to_world``: the pose,
-        4x4, metres, camera axes x right, y down, z forward. ``timestamp``: seconds.
+        4x4, metres, camera axes x right, y down, z forward; without it the camera is tracked. ``timestamp``: seconds.
 
         The GIL is released during the computation. Invalid arguments raise ``TypeError`` or ``ValueError`` with the
         found and the expected value, and leave the memory unchanged. Exceptions of the segmenter are passed on.
         """
-        ids, confidence, sightings, masks, times = self._pipeline.step(
+        ids, confidence, sightings, masks, times, pose, pose_state = self._pipeline.step(
             rgb, depth, K, camera_to_world, timestamp, name, depth_scale
         )
         return StepResult(
@@ -117,7 +117,8 @@ class Pipeline:
             rgb=rgb,
             depth=depth,
             K=np.asarray(K, dtype=np.float64),
-            camera_to_world=np.asarray(camera_to_world, dtype=np.float64),
+            camera_to_world=pose,
+            pose_state=pose_state,
             timestamp=timestamp,
             name=name,
             _masks=masks,

@@ -35,7 +35,9 @@ class StepResult:
     K: NDArray[np.float64] = field(repr=False)
     """The camera matrix."""
     camera_to_world: NDArray[np.float64] = field(repr=False)
-    """The frame's pose."""
+    """The frame's pose, given or tracked; the last known one if tracking is lost."""
+    pose_state: str
+    """Whether the pose was ``"given"``, is ``"tracked"``, or tracking is ``"lost"``."""
     timestamp: float | None
     """The frame's timestamp, seconds, if given."""
     name: str | None

@@ -20,6 +20,7 @@ use std::path::PathBuf;
     Examples:\n  \
     splatseg bench --scenes dev-a dev-b --methods fastsam,fastspam,fastsam-splat --segmenter oracle \\\n    \
     --set oracle.preset=fastsam-like --seeds 5 --out bench\n  \
+    splatseg bench --scenes dev-a --methods fastsam-splat --poses given,track --out poses\n  \
     splatseg bench --scenes dev-a --methods fastsam-splat --ablate memory.feature_dim=1,4,7,14,28 \\\n    \
     --ablate memory.num_steps=0,1,5,20,50 --out ablations\n  \
     splatseg bench --preset paper --scannet ScanNet --mvpd MVPd --weights-dir weights --out paper --dry-run"
@@ -83,6 +84,16 @@ impl BenchArguments {
                 .ok_or_else(|| Failure::input(format!("--methods: found {name}, expected any of {names}")))
         };
         self.methods.iter().map(method).collect()
+    }
+
+    /// Returns the options and the ablations. `--poses given,track` stands for `--poses given --ablate poses=track`.
+    pub fn options_and_ablations(&self) -> (SettingsOptions, Vec<String>) {
+        let (mut options, mut ablations) = (self.options.clone(), self.ablate.clone());
+        let others = options.poses.split_off(options.poses.len().min(1));
+        if !others.is_empty() {
+            ablations.push(format!("poses={}", others.join(",")));
+        }
+        (options, ablations)
     }
 
     /// Refuses options that have no effect with, or without, `--preset paper`.

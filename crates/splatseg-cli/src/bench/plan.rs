@@ -109,8 +109,9 @@ pub struct Plan {
 impl Plan {
     /// Plans the benchmark of a command line.
     pub fn new(arguments: &BenchArguments) -> Result<Self, Failure> {
-        let layers = arguments.options.layers([])?;
-        let variants = variants(&layers, &arguments.methods()?, &arguments.ablate)?;
+        let (options, ablations) = arguments.options_and_ablations();
+        let layers = options.layers([])?;
+        let variants = variants(&layers, &arguments.methods()?, &ablations)?;
         let settings = layers.resolve_shared().map_err(Failure::input)?;
         settings.run.memory_limit.enforce();
         let scenes = scenes(&arguments.scenes, &settings.dataset, &arguments.mesh)?;

@@ -1,6 +1,7 @@
 //! Messages about the source of the camera's poses.
 
 use splatseg::odometry::{CameraPose, PoseMode, PoseState};
+use splatseg::summary::RunCounts;
 
 /// From this many frames on, the residuals are judged.
 const MIN_FRAMES: usize = 30;
@@ -30,13 +31,11 @@ pub fn described(mode: PoseMode, has_poses: bool) -> &'static str {
 pub struct CameraMessages {
     state: Option<PoseState>,
     messages: usize,
-    residuals: Vec<f32>,
 }
 
 impl CameraMessages {
     /// Records a frame. Returns a message if tracking was lost or has resumed.
     pub fn add(&mut self, frame: &str, pose: &CameraPose) -> Option<String> {
-        self.residuals.extend(pose.quality.map(|quality| quality.residual));
         let before = self.state.replace(pose.state);
         let message = match (before, pose.state) {
             (Some(PoseState::Lost), PoseState::Lost) => return None,
@@ -50,19 +49,15 @@ impl CameraMessages {
             _ => None,
         }
     }
+}
 
-    /// Returns a warning if the depth fits the tracked camera badly throughout.
-    pub fn finish(&mut self) -> Option<String> {
-        if self.residuals.len() < MIN_FRAMES {
-            return None;
-        }
-        let middle = self.residuals.len() / 2;
-        let median = *self.residuals.select_nth_unstable_by(middle, f32::total_cmp).1;
-        (median > MAX_RESIDUAL).then(|| {
-            format!(
-                "the depth of consecutive frames differs by {median:.1} times a Kinect's noise: check the focal length, the \
-                 unit of the depth, and whether it is registered to the colour"
-            )
-        })
-    }
+/// Returns a warning if the depth fits the tracked camera badly in most frames.
+pub fn misfit(counts: &RunCounts) -> Option<String> {
+    let residual = counts.pose_residual().filter(|_| counts.pose_residuals.len() >= MIN_FRAMES)?;
+    (residual > MAX_RESIDUAL).then(|| {
+        format!(
+            "the depth of consecutive frames differs by {residual:.1} times a Kinect's noise: check the focal length, the \
+             unit of the depth, and whether it is registered to the colour"
+        )
+    })
 }

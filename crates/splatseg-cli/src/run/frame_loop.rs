@@ -1,6 +1,6 @@
 //! The loop over the frames of a run, until the last frame or an early end.
 
-use super::camera_messages::CameraMessages;
+use super::camera_messages::{CameraMessages, misfit};
 use super::progress::Progress;
 use super::result_writer::{ResultWriter, WriterOutcome};
 use super::saved_run::RunState;
@@ -66,7 +66,7 @@ enum Step {
     End(EarlyEnd),
 }
 
-/// What is reported to the user during the run.
+/// Messages to the user during the run.
 #[derive(Default)]
 struct Reports {
     skipped: SkippedFrames,
@@ -112,7 +112,7 @@ impl FrameLoop<'_> {
             }
         };
         progress.finish();
-        reports.skipped.messages().chain(reports.camera.finish()).for_each(|message| progress.warn(&message));
+        reports.skipped.messages().chain(misfit(&counts)).for_each(|message| progress.warn(&message));
         LoopOutcome { counts, written: writer.finish(), early }
     }
 

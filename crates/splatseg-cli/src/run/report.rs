@@ -99,6 +99,7 @@ fn summary(
         resumed_frames: counts.resumed_frames,
         skipped_frames: counts.skipped_frames,
         pose_states: counts.pose_states,
+        pose_residual: counts.pose_residual(),
         segments: counts.ids.len(),
         rgb_id_images: counts.rgb_id_images,
         tentative_segments: counts.ids.iter().filter(is_tentative).count(),

@@ -117,7 +117,7 @@ impl Sam2Splat {
     }
 }
 
-/// What is shown for a frame.
+/// The result of a frame: masks, the id of each pixel, and its confidence.
 struct Shown {
     masks: Vec<(SegmentId, Mask)>,
     segments: SegmentMap,
