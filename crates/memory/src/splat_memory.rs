@@ -206,8 +206,9 @@ impl SplatMemory {
         self.check_ids(predicted)?;
         let new_segments = self.segments.record_sightings(predicted);
         self.recent.record_unplaced(predicted);
+        let forgotten = self.settle(false).forgotten;
         self.frames = self.frames.saturating_add(1);
-        Ok(FrameUpdate { new_segments, ..FrameUpdate::default() })
+        Ok(FrameUpdate { new_segments, forgotten, ..FrameUpdate::default() })
     }
 
     /// The ids of the latest frame, `[height, width]`, 0 for none: its predictions, not what was shown. `None` before the

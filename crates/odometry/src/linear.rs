@@ -59,9 +59,8 @@ fn rotate(matrix: &mut Matrix6, vectors: &mut Matrix6, p: usize, q: usize) {
     for row in matrix.iter_mut().chain(vectors.iter_mut()) {
         (row[p], row[q]) = turned(row[p], row[q]);
     }
-    for column in 0..6 {
-        (matrix[p][column], matrix[q][column]) = turned(matrix[p][column], matrix[q][column]);
-    }
+    let rows: [(f64, f64); 6] = std::array::from_fn(|column| turned(matrix[p][column], matrix[q][column]));
+    (matrix[p], matrix[q]) = (rows.map(|(first, _)| first), rows.map(|(_, second)| second));
 }
 
 #[cfg(test)]

@@ -138,8 +138,8 @@ fn blurred(grey: &Image<f32>) -> Image<f32> {
     rows.filter(|(row, _)| *row > 0 && *row + 1 < height).for_each(|(row, result)| {
         let [above, here, below] = [grey.row(row - 1), grey.row(row), grey.row(row + 1)];
         let vertical = |column: usize| above[column] + 2.0 * here[column] + below[column];
-        for column in 1..width - 1 {
-            result[column] = (vertical(column - 1) + 2.0 * vertical(column) + vertical(column + 1)) * 0.0625;
+        for (column, result) in result.iter_mut().enumerate().take(width - 1).skip(1) {
+            *result = (vertical(column - 1) + 2.0 * vertical(column) + vertical(column + 1)) * 0.0625;
         }
     });
     result

@@ -63,16 +63,10 @@ impl Sums {
 
     /// Σ information · J Jᵀ over all blocks.
     pub(crate) fn hessian(&self) -> Matrix6 {
-        let mut matrix = [[0.0; 6]; 6];
-        let mut next = 0;
-        for row in 0..6 {
-            for column in row..6 {
-                matrix[row][column] = self.total_products[next];
-                matrix[column][row] = self.total_products[next];
-                next += 1;
-            }
-        }
-        matrix
+        // Index of the first element of each row of the upper triangle.
+        const ROWS: [usize; 6] = [0, 6, 11, 15, 18, 20];
+        let element = |row: usize, column: usize| self.total_products[ROWS[row] + column - row];
+        std::array::from_fn(|row| std::array::from_fn(|column| element(row.min(column), row.max(column))))
     }
 
     /// Σ information · J r over all blocks.

@@ -49,7 +49,8 @@ fn each_source_of_poses_says_what_it_does() {
         assert_eq!(residual.is_null(), states[1] == 0, "{source}: {residual}");
     }
     let (given, tracked) = (folder.path().join("given"), folder.path().join("track"));
-    let scored = finish(splatseg().args(["eval", "--trajectory"]).arg(given.join("poses.txt")).arg("--pred").arg(tracked));
+    let scored =
+        finish(splatseg().args(["eval", "--trajectory"]).arg(given.join("poses.txt")).arg("--pred").arg(tracked));
     assert_eq!(scored.code, 0, "{}", scored.err);
     assert!(scored.out.contains("12 pairs"), "{}", scored.out);
 }

@@ -175,6 +175,7 @@ impl Method for Sam2Splat {
         self.track_new_objects(&mut tracks, masks)?;
         let shown = Shown::new(frame, tracks, None);
         let update = self.memory.record_unplaced(&shown.segments)?;
+        self.drop_forgotten(&update.forgotten, &shown.masks);
         Ok(shown.output(TrackErrorCounts::default(), update))
     }
 
