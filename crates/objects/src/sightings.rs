@@ -1,7 +1,7 @@
 //! The objects of a frame, and a log of all objects so far.
 
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{Mask, SegmentId};
+use splatseg_geometry::{Mask, RemappedId, SegmentId};
 use splatseg_tracking::FrameOutput;
 use std::collections::BTreeMap;
 
@@ -87,6 +87,17 @@ impl ObjectLog {
             self.add(sighting.id, frame);
         }
         self.drop_longest_unseen();
+    }
+
+    /// Adds the records of ids that turned out to be other ids' objects to those. Frames that showed both count twice.
+    pub fn remap(&mut self, remapped: &[RemappedId]) {
+        for RemappedId { from, into } in remapped {
+            let Some(record) = self.records.remove(from) else { continue };
+            let kept = self.records.entry(*into).or_insert(ObjectRecord { frames: 0, ..record });
+            kept.first_frame = kept.first_frame.min(record.first_frame);
+            kept.last_frame = kept.last_frame.max(record.last_frame);
+            kept.frames += record.frames;
+        }
     }
 
     /// Drops the records of the objects unseen longest if there are too many. Depends only on the sightings so far.

@@ -1,7 +1,8 @@
 //! The camera's pose for each frame.
 
 use crate::CameraPose;
-use splatseg_geometry::{CameraFrame, Pose, SegmentMap};
+use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, RemappedId, SegmentMap};
+use std::collections::BTreeMap;
 use thiserror::Error;
 
 /// Determines the pose of each frame before the method processes it.
@@ -14,6 +15,38 @@ pub trait PoseSource: Send {
 
     /// Receives the segments that the method found in the latest frame, `[height, width]`, 0 for none.
     fn set_segments(&mut self, _segments: &SegmentMap) {}
+
+    /// The keyframe to which the surfaces of the latest frame are attached.
+    fn anchor(&self) -> FrameAnchor {
+        FrameAnchor::default()
+    }
+
+    /// Returns the correction of earlier poses that the latest frame brought. The map must be corrected before that frame
+    /// is processed.
+    fn take_correction(&mut self) -> Option<MapCorrection> {
+        None
+    }
+
+    /// Receives the ids that the method has found to be the same object.
+    fn remap(&mut self, _remapped: &[RemappedId]) {}
+
+    /// The present poses of all keyframes, camera to world.
+    fn keyframe_poses(&self) -> BTreeMap<KeyframeId, Pose> {
+        BTreeMap::new()
+    }
+
+    /// Returns the keyframes as bytes, to be saved with a map. `None` if there are none.
+    fn keyframes(&self) -> Option<Vec<u8>> {
+        None
+    }
+
+    /// Loads the keyframes of a saved map, before the first frame: the camera is somewhere in that map.
+    ///
+    /// # Errors
+    /// If the bytes are damaged.
+    fn load_keyframes(&mut self, _keyframes: &[u8]) -> Result<(), PoseSourceError> {
+        Ok(())
+    }
 
     /// Returns the state that [`Self::restore`] needs to continue with the next frame, as JSON. `None` if there is no
     /// state.

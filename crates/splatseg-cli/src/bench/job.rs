@@ -9,7 +9,7 @@ use splatseg::pipeline::{FrameResult, Pipeline, PipelineError, Processed, StageT
 use splatseg::settings::{MethodName, Settings};
 use splatseg::summary::{FramesPerSecond, RunCounts};
 use splatseg_dataset::{FrameStream, GroundTruth, open_scene};
-use splatseg_geometry::{Mask, RgbdFrame, SegmentMap};
+use splatseg_geometry::{FrameAnchor, Mask, RgbdFrame, SegmentMap};
 use splatseg_memory::SplatMemory;
 use splatseg_metrics::{FramePrediction, InstanceScorer, Protocol, ScoreSettings, VideoScore, VideoScorer};
 use splatseg_odometry::CameraPose;
@@ -162,7 +162,10 @@ fn result_or_empty(
             let segments = SegmentMap::filled(frame.frame.width(), frame.frame.height(), 0);
             let output = FrameOutput::from_segments(segments);
             let (objects, times) = (Vec::new(), StageTimes::default());
-            Ok((frame, FrameResult { output, objects, times, pose }))
+            Ok((
+                frame,
+                FrameResult { output, objects, times, pose, anchor: FrameAnchor::default(), remapped: Vec::new() },
+            ))
         }
         Err(error) => Err(error.to_string()),
     }

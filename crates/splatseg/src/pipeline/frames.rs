@@ -57,23 +57,25 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
 
     fn next(&mut self) -> Option<Self::Item> {
         let Self { pipeline, source, next } = self;
-        let Pipeline { segmenter, poses, method, segment_ahead, clock, objects } = &mut **pipeline;
         let (streamed, segmented) = next.take().or_else(|| Some((source.next()?, None)))?;
         let StreamedFrame { index, frame, world_from_camera, ground_truth } = match streamed {
             Ok(streamed) => streamed,
             Err(error) => return Some(Err(error.into())),
         };
-        let (pose, pose_time) = match timed(|| in_thread_pool(|| poses.pose(&frame, world_from_camera.as_ref()))) {
-            (Ok(pose), time) => (pose, time),
-            (Err(error), _) => return Some(Err(error.into())),
-        };
+        let (pose, pose_time) =
+            match timed(|| in_thread_pool(|| pipeline.poses.pose(&frame, world_from_camera.as_ref()))) {
+                (Ok(pose), time) => (pose, time),
+                (Err(error), _) => return Some(Err(error.into())),
+            };
         let frame = frame.at(pose.world_from_camera);
+        let placed = pipeline.place(pose);
+        let Pipeline { segmenter, poses, method, segment_ahead, clock, objects } = &mut **pipeline;
         // Read on this thread: a thread of the pool that waits for a frame could be the one that the frame waits for.
         let ahead = if *segment_ahead { source.next() } else { None };
         let (result, segmented_ahead) = in_thread_pool(|| {
             let segmented = segmented.unwrap_or_else(|| segment(segmenter.as_mut(), &frame));
             rayon::join(
-                || process(method.as_mut(), clock, objects, &frame, pose, segmented),
+                || process(method.as_mut(), clock, objects, &frame, placed, segmented),
                 || Some(segment(segmenter.as_mut(), &ahead.as_ref()?.as_ref().ok()?.frame)),
             )
         });

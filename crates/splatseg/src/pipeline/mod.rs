@@ -17,7 +17,7 @@ pub use stage_times::StageTimes;
 
 use crate::Settings;
 use splatseg_dataset::FrameSource;
-use splatseg_geometry::{CameraFrame, RgbdFrame, ScoredMask};
+use splatseg_geometry::{CameraFrame, FrameAnchor, RemappedId, RgbdFrame, ScoredMask};
 use splatseg_memory::SplatMemory;
 use splatseg_models::fastsam::FastSamError;
 use splatseg_objects::{ObjectLog, ObjectSighting};
@@ -48,12 +48,23 @@ pub struct FrameResult {
     pub times: StageTimes,
     /// The camera's pose, from the pose source.
     pub pose: CameraPose,
+    /// The keyframe to which the frame's surfaces are attached.
+    pub anchor: FrameAnchor,
+    /// Ids of earlier frames that turned out to be the same object.
+    pub remapped: Vec<RemappedId>,
 }
 
 /// The masks of a frame, and the segmenter's time.
 struct Segmented {
     masks: Result<Vec<ScoredMask>, SegmenterError>,
     time: Duration,
+}
+
+/// A frame's pose, and its place in the map.
+struct Placed {
+    pose: CameraPose,
+    anchor: FrameAnchor,
+    remapped: Vec<RemappedId>,
 }
 
 impl Pipeline {
@@ -106,12 +117,26 @@ impl Pipeline {
         pose: CameraPose,
         time: Duration,
     ) -> Result<FrameResult, PipelineError> {
+        let placed = self.place(pose);
         let Self { segmenter, method, clock, objects, .. } = self;
         let result = in_thread_pool(|| {
             let segmented = segment(segmenter.as_mut(), frame);
-            process(method.as_mut(), clock, objects, frame, pose, segmented)
+            process(method.as_mut(), clock, objects, frame, placed, segmented)
         });
         finish(result, self.poses.as_mut(), time)
+    }
+
+    /// Passes what the source of poses has found out with the latest frame to the method.
+    fn place(&mut self, pose: CameraPose) -> Placed {
+        let anchor = self.poses.anchor();
+        let correction = self.poses.take_correction();
+        let remapped = correction.map_or_else(Vec::new, |correction| self.method.correct_map(&correction));
+        if !remapped.is_empty() {
+            self.poses.remap(&remapped);
+            self.objects.remap(&remapped);
+        }
+        self.method.set_anchor(&anchor);
+        Placed { pose, anchor, remapped }
     }
 
     /// Processes every frame of a source, e.g. a [`FrameStream`](splatseg_dataset::FrameStream). With `segment_ahead`,
@@ -178,7 +203,7 @@ fn process(
     clock: &StageClock,
     objects: &mut ObjectLog,
     frame: &RgbdFrame,
-    pose: CameraPose,
+    Placed { pose, anchor, remapped }: Placed,
     Segmented { masks, time }: Segmented,
 ) -> Result<FrameResult, PipelineError> {
     let name = || frame.name().to_owned();
@@ -195,5 +220,5 @@ fn process(
     let output = output.map_err(|source| PipelineError::Method { frame: name(), source: Box::new(source) })?;
     times.add("segment", time);
     let objects = objects.record(&output);
-    Ok(FrameResult { output, objects, times, pose })
+    Ok(FrameResult { output, objects, times, pose, anchor, remapped })
 }

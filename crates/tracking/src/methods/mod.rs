@@ -15,7 +15,7 @@ pub use sam2::{Sam2Baseline, Sam2BaselineSettings};
 pub use sam2_splat::{Sam2Splat, Sam2SplatSettings};
 
 use crate::TrackingError;
-use splatseg_geometry::{RgbdFrame, ScoredMask, SegmentId};
+use splatseg_geometry::{FrameAnchor, MapCorrection, RemappedId, RgbdFrame, ScoredMask, SegmentId};
 use splatseg_memory::{MAX_SEGMENT_ID, SplatMemory};
 use std::collections::BTreeSet;
 
@@ -40,6 +40,14 @@ pub trait Method: Send {
     /// As [`Self::process`].
     fn process_unplaced(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
         self.process(frame, masks)
+    }
+
+    /// Sets the keyframe to which the surfaces of the next frame are attached.
+    fn set_anchor(&mut self, _anchor: &FrameAnchor) {}
+
+    /// Corrects the map before the next frame. Returns the ids that turn out to be the same object.
+    fn correct_map(&mut self, _correction: &MapCorrection) -> Vec<RemappedId> {
+        Vec::new()
     }
 
     /// Splat memory, if the method has one.
