@@ -6,7 +6,7 @@ use crate::pyramid::{GreyFrame, Pyramid};
 use crate::reference::{ReferencePoint, select_points};
 use crate::segment_runs::SegmentRuns;
 use glam::{DVec3, Vec2, Vec3};
-use splatseg_geometry::{Pose, SegmentId};
+use splatseg_geometry::{KeyframeId, Pose, RemappedId, SegmentId};
 
 /// Maximum number of Gauss-Newton steps by level from the finest, the last one for all coarser levels.
 const ITERATIONS: [usize; 3] = [5, 6, 10];
@@ -20,6 +20,7 @@ const MAX_RELATIVE: f32 = 6.0;
 /// A frame with its pose. Everything else follows from it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Keyframe {
+    pub(crate) id: KeyframeId,
     pub(crate) world_from_key: Pose,
     pub(crate) frame: GreyFrame,
     /// The segments that the method found in it, once known.
@@ -60,6 +61,17 @@ impl Reference {
         let ids = segments.to_ids();
         for point in self.points.iter_mut().flatten() {
             point.segment = ids.get(point.pixel as usize).copied().unwrap_or(0);
+        }
+    }
+
+    /// Replaces ids that turned out to be the same object.
+    pub(crate) fn remap(&mut self, remapped: &[RemappedId]) {
+        for RemappedId { from, into } in remapped {
+            self.points
+                .iter_mut()
+                .flatten()
+                .filter(|point| point.segment == *from)
+                .for_each(|point| point.segment = *into);
         }
     }
 

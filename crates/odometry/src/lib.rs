@@ -19,8 +19,13 @@
 //! | `saved.rs` | the state of a run that is resumed |
 
 mod alignment;
+mod graph;
 mod keyframe;
+mod keyframe_map;
+mod keyframes;
 mod linear;
+mod loop_closing;
+mod lost;
 mod movers;
 mod odometry;
 mod pose_source;
@@ -28,7 +33,9 @@ mod pose_state;
 mod prior;
 mod pyramid;
 mod reference;
+mod relocalisation;
 mod saved;
+mod saved_keyframes;
 mod se3;
 mod search;
 mod segment_runs;

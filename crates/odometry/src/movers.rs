@@ -3,7 +3,7 @@
 use crate::keyframe::{Aligned, Reference};
 use crate::pyramid::Pyramid;
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::SegmentId;
+use splatseg_geometry::{RemappedId, SegmentId};
 use std::collections::BTreeMap;
 
 /// Weight of the newest frame in the running mean of a segment's error.
@@ -35,6 +35,15 @@ impl Movers {
             if id != 0 && count >= MIN_POINTS {
                 let error = self.errors.entry(id).or_insert(1.0);
                 *error += NEWEST * (sum / count - *error);
+            }
+        }
+    }
+
+    /// Replaces ids that turned out to be the same object.
+    pub(crate) fn remap(&mut self, remapped: &[RemappedId]) {
+        for RemappedId { from, into } in remapped {
+            if let Some(error) = self.errors.remove(from) {
+                self.errors.entry(*into).or_insert(error);
             }
         }
     }

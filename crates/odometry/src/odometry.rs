@@ -1,14 +1,14 @@
 //! The camera's pose from frame to frame.
 
 use crate::keyframe::{Aligned, Keyframe, Reference};
-use crate::linear::Eigen;
+use crate::linear::{Eigen, Matrix6};
 use crate::movers::Movers;
 use crate::prior::{LastFrame, MAX_ERROR, MotionPrior};
 use crate::pyramid::{GreyFrame, Pyramid};
 use crate::se3;
 use crate::segment_runs::SegmentRuns;
 use crate::{CameraPose, PoseQuality, PoseState};
-use splatseg_geometry::{CameraFrame, Pose, SegmentMap};
+use splatseg_geometry::{CameraFrame, KeyframeId, MapCorrection, Pose, RemappedId, SegmentMap};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -51,6 +51,35 @@ pub struct Odometry {
     pub(crate) movers: Movers,
     /// True if the latest frame became a keyframe that waits for its segments.
     pub(crate) awaits_segments: bool,
+    /// Number of the next keyframe.
+    pub(crate) next_keyframe: KeyframeId,
+    /// The keyframe that the latest frame has become.
+    pub(crate) made: Option<MadeKeyframe>,
+}
+
+/// A frame that has become a keyframe.
+#[derive(Clone, Debug)]
+pub(crate) struct MadeKeyframe {
+    pub(crate) id: KeyframeId,
+    pub(crate) world_from_key: Pose,
+    /// The keyframe that it was aligned with, its pose relative to that, and the information of that pose. `None` if it
+    /// was not aligned.
+    pub(crate) link: Option<(KeyframeId, Pose, Option<Matrix6>)>,
+}
+
+/// A frame to track.
+pub(crate) struct TrackedFrame {
+    pub(crate) grey: GreyFrame,
+    pub(crate) pyramid: Pyramid,
+    pub(crate) timestamp: Option<Duration>,
+}
+
+impl TrackedFrame {
+    pub(crate) fn new(frame: &CameraFrame<'_>) -> Self {
+        let grey = GreyFrame::new(frame);
+        let pyramid = Pyramid::new(&grey);
+        Self { grey, pyramid, timestamp: frame.timestamp() }
+    }
 }
 
 impl Odometry {
@@ -64,31 +93,72 @@ impl Odometry {
     /// `motion` is a measured motion since the previous frame, e.g. by a robot's wheels: the previous camera from this
     /// one. Without it, the camera is expected to move on as before.
     pub fn track(&mut self, frame: &CameraFrame<'_>, initial: &Pose, motion: Option<&Pose>) -> CameraPose {
-        let grey = GreyFrame::new(frame);
-        let pyramid = Pyramid::new(&grey);
+        self.track_frame(&TrackedFrame::new(frame), initial, motion)
+    }
+
+    /// As [`Self::track`].
+    pub(crate) fn track_frame(&mut self, frame: &TrackedFrame, initial: &Pose, motion: Option<&Pose>) -> CameraPose {
+        let TrackedFrame { grey, pyramid, timestamp } = frame;
+        self.made = None;
         let has_size = self.keyframes.back().is_some_and(|keyframe| keyframe.frame.intrinsics == grey.intrinsics);
         let (Some(last), true) = (self.last, has_size) else {
-            return self.start(grey, &pyramid, initial, frame.timestamp());
+            return self.start(grey, pyramid, initial, *timestamp);
         };
-        let prior = last.prior(frame.timestamp(), motion);
-        let Some((index, reference, aligned)) = self.find(&pyramid, &last, &prior) else {
+        let prior = last.prior(*timestamp, motion);
+        let Some((index, reference, aligned)) = self.find(pyramid, &last, &prior) else {
             self.last = Some(last.lost());
             return CameraPose { world_from_camera: last.world_from_camera, state: PoseState::Lost, quality: None };
         };
         let quality = quality(&aligned, &reference);
-        self.last = Some(last.after(&aligned.world_from_camera, &prior, frame.timestamp()));
-        self.movers.record(&reference, &pyramid, &aligned);
+        self.last = Some(last.after(&aligned.world_from_camera, &prior, *timestamp));
+        self.movers.record(&reference, pyramid, &aligned);
         (self.active, self.reference) = (index, Some(reference));
-        self.choose_keyframe(grey, &pyramid, &aligned.world_from_camera, quality.overlap);
+        self.choose_keyframe(grey, pyramid, &aligned, quality.overlap);
         CameraPose { world_from_camera: aligned.world_from_camera, state: PoseState::Tracked, quality: Some(quality) }
     }
 
     /// Starts again from a frame whose pose is known.
     pub fn set(&mut self, frame: &CameraFrame<'_>, world_from_camera: &Pose) {
-        *self = Self { movers: std::mem::take(&mut self.movers), ..Self::default() };
-        let grey = GreyFrame::new(frame);
-        let pyramid = Pyramid::new(&grey);
-        self.start(grey, &pyramid, world_from_camera, frame.timestamp());
+        self.set_frame(&TrackedFrame::new(frame), world_from_camera);
+    }
+
+    /// As [`Self::set`].
+    pub(crate) fn set_frame(&mut self, frame: &TrackedFrame, world_from_camera: &Pose) {
+        let (movers, next_keyframe) = (std::mem::take(&mut self.movers), self.next_keyframe);
+        *self = Self { movers, next_keyframe, ..Self::default() };
+        self.start(&frame.grey, &frame.pyramid, world_from_camera, frame.timestamp);
+    }
+
+    /// Moves the camera and the keyframes with a correction of the map.
+    pub(crate) fn correct(&mut self, correction: &MapCorrection) {
+        let moved =
+            |id: KeyframeId, pose: &Pose| correction.new_from_old.get(&id).map_or(*pose, |motion| *motion * *pose);
+        let active = self.keyframes.get(self.active).map(|keyframe| keyframe.id);
+        if let (Some(active), Some(last)) = (active, &mut self.last) {
+            last.world_from_camera = moved(active, &last.world_from_camera);
+        }
+        if let (Some(active), Some(reference)) = (active, &mut self.reference) {
+            reference.world_from_key = moved(active, &reference.world_from_key);
+        }
+        for keyframe in &mut self.keyframes {
+            keyframe.world_from_key = moved(keyframe.id, &keyframe.world_from_key);
+        }
+    }
+
+    /// Replaces ids that turned out to be the same object.
+    pub(crate) fn remap(&mut self, remapped: &[RemappedId]) {
+        self.movers.remap(remapped);
+        for segments in self.keyframes.iter_mut().filter_map(|keyframe| keyframe.segments.as_mut()) {
+            segments.remap(remapped);
+        }
+        if let Some(reference) = &mut self.reference {
+            reference.remap(remapped);
+        }
+    }
+
+    /// Number of the keyframe in use.
+    pub(crate) fn active_keyframe(&self) -> Option<KeyframeId> {
+        Some(self.keyframes.get(self.active)?.id)
     }
 
     /// Records the segments that the method found in the latest frame. Segments that move by themselves lose their
@@ -110,26 +180,46 @@ impl Odometry {
     }
 
     /// Makes the frame the first keyframe, if it shows enough.
-    fn start(&mut self, grey: GreyFrame, pyramid: &Pyramid, initial: &Pose, timestamp: Option<Duration>) -> CameraPose {
+    fn start(
+        &mut self,
+        grey: &GreyFrame,
+        pyramid: &Pyramid,
+        initial: &Pose,
+        timestamp: Option<Duration>,
+    ) -> CameraPose {
         let world_from_camera = self.last.map_or(*initial, |last| last.world_from_camera);
         self.last = Some(LastFrame::first(world_from_camera, timestamp));
         self.keyframes.clear();
         self.reference = None;
-        let is_keyframe = self.add_keyframe(grey, pyramid, world_from_camera);
+        let is_keyframe = self.add_keyframe(grey, pyramid, world_from_camera, None);
         let state = if is_keyframe { PoseState::Tracked } else { PoseState::Lost };
         CameraPose { world_from_camera, state, quality: None }
     }
 
     /// Adds a keyframe and uses it. Returns false if the frame shows too little.
-    fn add_keyframe(&mut self, frame: GreyFrame, pyramid: &Pyramid, world_from_key: Pose) -> bool {
+    fn add_keyframe(
+        &mut self,
+        frame: &GreyFrame,
+        pyramid: &Pyramid,
+        world_from_key: Pose,
+        aligned: Option<&Aligned>,
+    ) -> bool {
         let reference = Reference::new(pyramid, world_from_key);
         if reference.size() < MIN_POINTS {
             return false;
         }
+        let link = aligned.and_then(|aligned| {
+            let to = self.keyframes.get(self.active)?;
+            let information = aligned.fit.as_ref().map(|fit| fit.hessian);
+            Some((to.id, to.world_from_key.inverse() * world_from_key, information))
+        });
         if self.keyframes.len() >= MAX_KEYFRAMES {
             self.keyframes.pop_front();
         }
-        self.keyframes.push_back(Keyframe { world_from_key, frame, segments: None });
+        let id = self.next_keyframe;
+        self.next_keyframe = id.saturating_add(1);
+        self.made = Some(MadeKeyframe { id, world_from_key, link });
+        self.keyframes.push_back(Keyframe { id, world_from_key, frame: frame.clone(), segments: None });
         (self.active, self.reference, self.awaits_segments) = (self.keyframes.len() - 1, Some(reference), true);
         true
     }
@@ -182,7 +272,8 @@ impl Odometry {
 
     /// Replaces the keyframe in use if the camera has moved away from it: by an earlier one nearby, otherwise by this
     /// frame.
-    fn choose_keyframe(&mut self, grey: GreyFrame, pyramid: &Pyramid, pose: &Pose, overlap: f32) {
+    fn choose_keyframe(&mut self, grey: &GreyFrame, pyramid: &Pyramid, aligned: &Aligned, overlap: f32) {
+        let pose = &aligned.world_from_camera;
         let distances: Vec<f64> = self.keyframes.iter().map(|keyframe| distance_from(keyframe, pose)).collect();
         if distances[self.active] <= 1.0 && overlap >= MIN_OVERLAP {
             return;
@@ -192,7 +283,7 @@ impl Odometry {
         if let Some((index, _)) = nearest.filter(|(_, distance)| **distance < NEAR) {
             (self.active, self.reference) = (index, None);
         } else {
-            self.add_keyframe(grey, pyramid, *pose);
+            self.add_keyframe(grey, pyramid, *pose, Some(aligned));
         }
     }
 }

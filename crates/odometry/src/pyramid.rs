@@ -59,7 +59,12 @@ impl Pyramid {
     pub(crate) fn new(frame: &GreyFrame) -> Self {
         let depth = frame.depth.map(|steps| f32::from(*steps) * DEPTH_STEP);
         let grey = blurred(&frame.grey.map(|grey| f32::from(*grey)));
-        let mut levels = vec![Level { grey, depth, intrinsics: frame.intrinsics }];
+        Self::from_level(Level { grey, depth, intrinsics: frame.intrinsics })
+    }
+
+    /// Computes the coarser levels of a level.
+    pub(crate) fn from_level(finest: Level) -> Self {
+        let mut levels = vec![finest];
         while let Some(level) = levels.last().and_then(Level::halved) {
             levels.push(level);
         }

@@ -1,7 +1,7 @@
 //! Segments of a keyframe, in little memory.
 
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_geometry::{RemappedId, SegmentId, SegmentMap};
 
 /// A segment map as runs of pixels with the same id, row-major: id and length.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,5 +20,12 @@ impl SegmentRuns {
     /// The id of each pixel, row-major.
     pub(crate) fn to_ids(&self) -> Vec<SegmentId> {
         self.0.iter().flat_map(|(id, length)| std::iter::repeat_n(*id, *length as usize)).collect()
+    }
+
+    /// Replaces ids that turned out to be the same object.
+    pub(crate) fn remap(&mut self, remapped: &[RemappedId]) {
+        for RemappedId { from, into } in remapped {
+            self.0.iter_mut().filter(|(id, _)| id == from).for_each(|(id, _)| *id = *into);
+        }
     }
 }

@@ -1,0 +1,141 @@
+//! The keyframes of a map with their relative poses: what is attached to them moves when a loop is closed.
+
+use crate::graph::{Edge, EdgeKind, PoseGraph, information};
+use crate::keyframes::{KeyframeStore, StoredKeyframe, apart};
+use crate::linear::Matrix6;
+use crate::loop_closing::{LoopCandidate, LoopCheck};
+use crate::odometry::MadeKeyframe;
+use crate::pyramid::Pyramid;
+use splatseg_geometry::{FrameAnchor, KeyframeId, Pose};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
+
+/// A keyframe whose path to the camera is longer than this, metres, may have drifted by more than the map tolerates:
+/// tracking drifts by up to two percent, and the map tolerates ten centimetres.
+const MAX_CERTAIN_PATH: f64 = 5.0;
+
+/// A frame with a given pose becomes a keyframe if the camera has moved this far since the last one, metres or radians.
+const GIVEN_STEP: (f64, f64) = (0.1, 0.15);
+
+/// The first frame of a new part of the map is put this far beside the others, metres.
+const GAP_BETWEEN_PARTS: f64 = 50.0;
+
+/// All keyframes, their relative poses, and the search for loops.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct KeyframeMap {
+    pub(crate) store: KeyframeStore,
+    pub(crate) graph: PoseGraph,
+    /// Part of the map in which the camera is, from 0. Parts whose relative pose is not known are far apart.
+    pub(crate) part: u32,
+    /// Number of this run, from 0: a loaded map has had others.
+    pub(crate) session: u32,
+    /// The latest keyframe.
+    pub(crate) latest: Option<KeyframeId>,
+    pub(crate) uncertain: Arc<BTreeSet<KeyframeId>>,
+    /// Searches for loops that are yet to be done, at most one per frame.
+    pub(crate) checks: VecDeque<LoopCheck>,
+    /// Loops that wait for another one that confirms them.
+    pub(crate) candidates: VecDeque<LoopCandidate>,
+}
+
+impl KeyframeMap {
+    /// Adds a keyframe that the camera has tracked. `keyframe` describes it.
+    pub(crate) fn add_tracked(&mut self, keyframe: StoredKeyframe, link: Option<(KeyframeId, Pose, Option<Matrix6>)>) {
+        let id = keyframe.id;
+        let link = link.map(|link| Edge::tracked(id, link));
+        self.add(keyframe, link);
+        self.checks.extend([LoopCheck::Neighbours(id), LoopCheck::Appearance(id)]);
+        self.find_uncertain();
+    }
+
+    /// Adds a keyframe, with its pose relative to another one if that is known.
+    pub(crate) fn add(&mut self, keyframe: StoredKeyframe, link: Option<Edge>) {
+        self.latest = Some(keyframe.id);
+        if let Some((dropped, kept)) = self.store.add(keyframe)
+            && let Some((_, kept_from_dropped)) = self.store.replaced.get(&dropped)
+        {
+            self.graph.replace(dropped, kept, kept_from_dropped);
+        }
+        if let Some(edge) = link.filter(|edge| self.store.get(edge.from).is_some()) {
+            self.graph.add(edge);
+        }
+    }
+
+    /// Describes a keyframe that was made by tracking.
+    pub(crate) fn described(&self, made: &MadeKeyframe, pyramid: &Pyramid) -> StoredKeyframe {
+        StoredKeyframe::new(made.id, pyramid, made.world_from_key, self.part, self.session)
+    }
+
+    /// True if a frame with a given pose is far enough from the last keyframe to become one.
+    pub(crate) fn wants_given(&self, pose: &Pose) -> bool {
+        let latest = self.latest.and_then(|latest| self.store.get(latest));
+        latest.filter(|latest| latest.session == self.session).is_none_or(|latest| {
+            let (distance, angle) = apart(&latest.world_from_key, pose);
+            distance > GIVEN_STEP.0 || angle > GIVEN_STEP.1
+        })
+    }
+
+    /// Adds a keyframe with a given pose.
+    pub(crate) fn add_given(&mut self, pyramid: &Pyramid, pose: &Pose) {
+        let keyframe = StoredKeyframe::new(self.store.next, pyramid, *pose, self.part, self.session);
+        let last = self.latest.and_then(|latest| self.store.get(latest));
+        let edge = last.map(|last| Edge {
+            from: last.id,
+            to: keyframe.id,
+            measured: last.world_from_key.inverse() * *pose,
+            information: information(None),
+            kind: EdgeKind::Given,
+        });
+        self.add(keyframe, edge);
+    }
+
+    /// Finds the keyframes whose pose relative to the latest one may have drifted.
+    pub(crate) fn find_uncertain(&mut self) {
+        let Some(latest) = self.latest else { return };
+        let lengths = self.graph.path_lengths(latest);
+        let is_certain = |id: &KeyframeId| lengths.get(id).is_some_and(|length| *length <= MAX_CERTAIN_PATH);
+        let stored = self.store.iter().map(|keyframe| keyframe.id).filter(|id| !is_certain(id) && *id != latest);
+        let dropped =
+            self.store.replaced.iter().filter(|(_, (kept, _))| !is_certain(kept)).map(|(dropped, _)| *dropped);
+        self.uncertain = Arc::new(stored.chain(dropped).collect());
+    }
+
+    /// Begins another run with a loaded map.
+    pub(crate) fn begin_session(&mut self) {
+        self.session = self.store.iter().map(|keyframe| keyframe.session).max().map_or(0, |session| session + 1);
+        self.checks.clear();
+        self.candidates.clear();
+    }
+
+    /// The pose of the first frame of a new part: beside all others.
+    pub(crate) fn start_of_part(&self) -> Pose {
+        let farthest = self.store.iter().map(|keyframe| keyframe.world_from_key.translation().x);
+        let farthest = farthest.fold(f64::NEG_INFINITY, f64::max);
+        let x = if farthest.is_finite() { farthest + GAP_BETWEEN_PARTS } else { 0.0 };
+        Pose::from_translation(glam::DVec3::new(x, 0.0, 0.0))
+    }
+
+    /// Begins a new part of the map, which no keyframe belongs to yet.
+    pub(crate) fn begin_part(&mut self) {
+        self.part = self.store.iter().map(|keyframe| keyframe.part).max().map_or(0, |part| part + 1);
+        self.checks.clear();
+        self.candidates.clear();
+    }
+
+    /// The anchor of frames: the given keyframe, or the latest.
+    pub(crate) fn anchor(&self, keyframe: Option<KeyframeId>, is_tracked: bool) -> FrameAnchor {
+        let id = keyframe.filter(|id| self.store.get(*id).is_some()).or(self.latest);
+        let keyframe = id.and_then(|id| self.store.get(id));
+        FrameAnchor {
+            keyframe: keyframe.map_or(0, |keyframe| keyframe.id),
+            world_from_keyframe: keyframe.map_or(Pose::IDENTITY, |keyframe| keyframe.world_from_key),
+            is_tracked,
+            uncertain: if is_tracked { Arc::clone(&self.uncertain) } else { Arc::default() },
+        }
+    }
+
+    /// The poses of all keyframes.
+    pub(crate) fn poses(&self) -> BTreeMap<KeyframeId, Pose> {
+        self.store.poses()
+    }
+}

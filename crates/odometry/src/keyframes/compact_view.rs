@@ -1,0 +1,109 @@
+//! Luminance and depth of a keyframe, in little memory.
+//!
+//! Values are predicted from their left neighbours, and the differences compressed (Deflate). Depth is stored as inverse
+//! depth, in steps of half of a Kinect's deviation, which is nearly constant in that unit.
+
+use crate::pyramid::{Level, Pyramid};
+use flate2::Compression;
+use flate2::read::DeflateDecoder;
+use flate2::write::DeflateEncoder;
+use splatseg_geometry::{Image, Intrinsics};
+use std::io::{Read, Write};
+
+/// Maximum width, pixels.
+const MAX_WIDTH: usize = 200;
+
+/// Step of the inverse depth, 1/m.
+const INVERSE_STEP: f32 = 0.0008;
+
+/// Luminance is stored in steps of this.
+const GREY_STEP: f32 = 2.0;
+
+/// A small grey image with depth.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct CompactView {
+    pub(crate) intrinsics: Intrinsics,
+    /// Compressed.
+    pub(crate) grey: Vec<u8>,
+    /// Compressed.
+    pub(crate) depth: Vec<u8>,
+}
+
+impl CompactView {
+    /// Compresses a frame at a resolution of at most [`MAX_WIDTH`] columns.
+    pub(crate) fn new(pyramid: &Pyramid) -> Self {
+        let level = &pyramid.levels[coarse_level(pyramid)];
+        let grey = level.grey.pixels().iter().map(|grey| (grey / GREY_STEP + 0.5) as u16);
+        let depth = level.depth.pixels().iter().map(|depth| match depth {
+            depth if *depth > 0.0 => ((1.0 / (depth * INVERSE_STEP) + 0.5) as u16).max(1),
+            _ => 0,
+        });
+        Self { intrinsics: level.intrinsics, grey: compressed(grey), depth: compressed(depth) }
+    }
+
+    /// The view at several resolutions. `None` if the bytes are damaged.
+    pub(crate) fn pyramid(&self) -> Option<Pyramid> {
+        let Intrinsics { width, height, .. } = self.intrinsics;
+        let grey = decompressed(&self.grey, width, height)?;
+        let grey = grey.map(|grey| (f32::from(*grey) * GREY_STEP).min(255.0));
+        Some(Pyramid::from_level(Level { grey, depth: self.depth()?, intrinsics: self.intrinsics }))
+    }
+
+    /// z-depth, metres, 0 where missing, `[height, width]`. `None` if the bytes are damaged.
+    pub(crate) fn depth(&self) -> Option<Image<f32>> {
+        let Intrinsics { width, height, .. } = self.intrinsics;
+        let steps = decompressed(&self.depth, width, height)?;
+        Some(steps.map(|steps| if *steps > 0 { 1.0 / (f32::from(*steps) * INVERSE_STEP) } else { 0.0 }))
+    }
+
+}
+
+/// Number of the finest level that is compressed.
+pub(crate) fn coarse_level(pyramid: &Pyramid) -> usize {
+    let level = pyramid.levels.iter().position(|level| level.grey.width() <= MAX_WIDTH);
+    level.unwrap_or(pyramid.levels.len() - 1)
+}
+
+/// The levels of a frame from the one that keyframes are compressed at.
+pub(crate) fn coarse_pyramid(pyramid: &Pyramid) -> Pyramid {
+    let levels = pyramid.levels[coarse_level(pyramid)..].to_vec();
+    Pyramid { levels, has_contrast: pyramid.has_contrast }
+}
+
+fn compressed(values: impl Iterator<Item = u16>) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut previous = 0i32;
+    for value in values.map(i32::from) {
+        // Zigzag: small differences of either sign are small numbers.
+        let difference = value - previous;
+        let coded = ((difference << 1) ^ (difference >> 31)) as u32;
+        match coded {
+            0..0x80 => bytes.push(coded as u8),
+            _ => bytes.extend([0x80 | (coded & 0x7F) as u8, (coded >> 7) as u8, (coded >> 15) as u8]),
+        }
+        previous = value;
+    }
+    let mut encoder = DeflateEncoder::new(Vec::new(), Compression::fast());
+    // Writing to memory does not fail.
+    let _ = encoder.write_all(&bytes);
+    encoder.finish().unwrap_or_default()
+}
+
+fn decompressed(bytes: &[u8], width: usize, height: usize) -> Option<Image<u16>> {
+    let mut coded = Vec::new();
+    let limit = 4 * (width * height) as u64;
+    DeflateDecoder::new(bytes).take(limit).read_to_end(&mut coded).ok()?;
+    let mut bytes = coded.into_iter();
+    let mut previous = 0i32;
+    let mut values = Vec::with_capacity(width * height);
+    for _ in 0..width * height {
+        let first = u32::from(bytes.next()?);
+        let coded = match first {
+            0..0x80 => first,
+            _ => (first & 0x7F) | u32::from(bytes.next()?) << 7 | u32::from(bytes.next()?) << 15,
+        };
+        previous += (coded >> 1) as i32 ^ -((coded & 1) as i32);
+        values.push(u16::try_from(previous).ok()?);
+    }
+    Image::from_pixels(width, height, values).ok()
+}
