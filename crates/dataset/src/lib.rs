@@ -54,7 +54,7 @@ pub use settings::DatasetSettings;
 pub use sevenscenes::SevenScenesScene;
 pub use stream::{FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY};
 pub use synthetic::{
-    CameraMotion, Motion, Mover, Noise, Speed, SpeedError, SyntheticScene, SyntheticSettings, Thing, ThingKind,
+    CameraMotion, Layout, Motion, Mover, Noise, Speed, SpeedError, SyntheticScene, SyntheticSettings, Thing, ThingKind,
 };
 pub use tum::TumScene;
 pub use undistort::Undistortion;

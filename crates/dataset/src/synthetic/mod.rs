@@ -1,15 +1,23 @@
-//! A furnished room, ray-cast on demand, with exact depth, poses and instance ids.
+//! Furnished rooms and a corridor, ray-cast on demand, with exact depth, poses and instance ids.
 
+mod corridor;
+mod furniture;
+mod layout;
 mod motion;
 mod movers;
 mod noise;
+mod rays;
 mod room;
+mod scenery;
 mod settings;
 mod solids;
 mod speed;
 mod texture;
 mod thing;
+mod tour;
+mod walk;
 
+pub use layout::Layout;
 pub use motion::{Motion, Mover};
 pub use noise::Noise;
 pub use settings::{CameraMotion, SyntheticSettings};
@@ -21,12 +29,11 @@ use crate::files::MemoryRequirement;
 use crate::own_camera::{OwnCamera, camera_place};
 use crate::scene::{FramePart, FrameParts};
 use crate::{DatasetError, Format, RecordedFrame, Scene};
-use glam::{DVec3, Vec2};
+use glam::DVec3;
 use noise::{Sample, color_bytes, kinect_measurements};
-use rayon::prelude::*;
-use room::{Room, brightness};
-use solids::Ray;
-use splatseg_geometry::{Image, Intrinsics, LocalPose, SegmentMap};
+use rays::Caster;
+use scenery::Scenery;
+use splatseg_geometry::{Image, Intrinsics, LocalPose, SegmentId, SegmentMap};
 use std::path::{Path, PathBuf};
 
 /// Focal length in image widths, for a Kinect's field of view of 58 degrees.
@@ -35,18 +42,20 @@ const FOCAL_WIDTHS: f32 = 0.9;
 /// Memory for rendering a frame, bytes per pixel: two copies of the ray samples, and the frame.
 const RENDERING_BYTES_PER_PIXEL: u64 = 2 * size_of::<Sample>() as u64 + 16;
 
-/// A room with textured boxes, spheres and cylinders. The camera walks through it in a circle, so that objects leave
-/// the view and return. Frames are rendered when they are read, and equal settings give equal frames. With
+/// A room with textured boxes, spheres and cylinders, or another [`Layout`]. The camera walks through it in a circle, so
+/// that objects leave the view and return. Frames are rendered when they are read, and equal settings give equal frames. With
 /// [`SyntheticSettings::moving`] some things slide, vanish or appear, consistently in colour, depth and ids. With
 /// [`SyntheticSettings::speed`] frames are closer together, as in a video.
 ///
-/// Floor, ceiling and walls have ids 1 to 6, the things ids from 7. World coordinates have z up and their origin at the
-/// centre of the floor.
+/// Floor, ceiling and walls have ids 1 to 6, the things ids from 7. In a tour, each room has its own floor, ceiling and
+/// four walls: ids 1 to 24 if there are four rooms, with the things from 25. In a corridor, the ends have ids 5 and 6,
+/// and each door has three from 7 on: the leaf with its handle, the frame, the sign. World coordinates have z up and
+/// their origin at the centre of the floor.
 #[derive(Debug)]
 pub struct SyntheticScene {
     name: String,
     settings: SyntheticSettings,
-    room: Room,
+    scenery: Scenery,
     movers: Vec<Mover>,
     intrinsics: Intrinsics,
     own_camera: Option<OwnCamera>,
@@ -78,9 +87,14 @@ impl SyntheticScene {
             width,
             height,
         };
-        let room = Room::furnished(settings.seed, settings.objects);
+        let SyntheticSettings { seed, objects, layout, .. } = settings;
+        let scenery = match layout {
+            Layout::Room => room::furnished(seed, objects, 0),
+            Layout::Tour(rooms) => tour::furnished(seed, rooms, objects),
+            Layout::Corridor(doors) => corridor::furnished(seed, doors),
+        };
         let (name, movers) = (settings.to_string(), Vec::new());
-        let mut scene = Self { name, settings, room, movers, intrinsics, own_camera: None };
+        let mut scene = Self { name, settings, scenery, movers, intrinsics, own_camera: None };
         scene.movers = scene.choose_movers()?;
         Ok(scene)
     }
@@ -90,9 +104,20 @@ impl SyntheticScene {
         Self { own_camera, ..self }
     }
 
-    /// Returns the things in the room, by increasing id, without walls, floor and ceiling.
+    /// Returns the things in the scene, by increasing id, without walls, floors, ceilings and doors.
     pub fn things(&self) -> Vec<Thing> {
-        self.room.things().map(Thing::from).collect()
+        self.scenery.things().map(Thing::from).collect()
+    }
+
+    /// Returns the groups of twins: things of equal shape, size and texture, two or more in each group, by increasing id.
+    /// A [`Layout::Room`] has none, apart from things that are equal by chance.
+    pub fn twins(&self) -> &[Vec<SegmentId>] {
+        &self.scenery.twins
+    }
+
+    /// Returns the number of frames in which the camera passes every place once: a round, or the length of a corridor.
+    pub fn frames_per_round(&self) -> usize {
+        self.settings.speed.frames_for(self.scenery.walk.frames())
     }
 
     /// Returns the things that move, vanish or appear, and how. The kinds alternate: slide, vanish, appear, slide, and
@@ -109,11 +134,11 @@ impl SyntheticScene {
             found: self.settings.moving.to_string(),
             expected: format!(
                 "at most {}, the number of things on which nothing else stands",
-                self.room.unloaded_things().count()
+                self.scenery.unloaded_things().count()
             ),
         };
         let pose_at = |frame| self.camera_pose(frame);
-        movers::choose(&self.room, &self.intrinsics, &self.settings, pose_at).ok_or_else(too_many)
+        movers::choose(&self.scenery, &self.intrinsics, &self.settings, pose_at).ok_or_else(too_many)
     }
 
     /// Returns the settings of the scene.
@@ -123,8 +148,8 @@ impl SyntheticScene {
 
     fn camera_pose(&self, frame: usize) -> LocalPose {
         match self.settings.camera {
-            CameraMotion::Walk => self.room.camera_pose(self.settings.speed.time_at(frame)),
-            CameraMotion::Static => self.room.camera_pose(0.0),
+            CameraMotion::Walk => self.scenery.walk.pose(self.settings.speed.time_at(frame)),
+            CameraMotion::Static => self.scenery.walk.pose(0.0),
         }
     }
 
@@ -137,30 +162,8 @@ impl SyntheticScene {
 
     /// Casts a ray through the centre of every pixel of a frame, without noise.
     fn cast_rays(&self, frame: usize) -> Image<Sample> {
-        let (room, pose) = (self.room.at(frame, &self.movers), self.camera_pose(frame));
-        let (width, height) = (self.intrinsics.width, self.intrinsics.height);
-        let sample_at = |index: usize| {
-            let pixel = Vec2::new((index % width) as f32, (index / width) as f32);
-            self.sample(&room, &pose, pixel)
-        };
-        // Whole rows per task, because single pixels are too little work.
-        let samples: Vec<Sample> = (0..width * height).into_par_iter().with_min_len(width).map(sample_at).collect();
-        let mut samples = samples.into_iter();
-        Image::from_fn(width, height, |_, _| samples.next().unwrap_or_default())
-    }
-
-    fn sample(&self, room: &Room, pose: &LocalPose, pixel: Vec2) -> Sample {
-        // With depth 1 the ray's direction has z = 1 in camera coordinates, so distance along it is z-depth.
-        let direction = pose.rotation() * self.intrinsics.unproject(pixel, 1.0);
-        let ray = Ray { origin: pose.translation(), direction };
-        let Some((solid, hit)) = room.first_hit(ray) else { return Sample::default() };
-        let lit = brightness(ray.origin + hit.t * direction, hit.normal);
-        Sample {
-            id: solid.id,
-            depth: hit.t,
-            color: solid.texture.color_at(hit.point_local) * lit,
-            cosine: -hit.normal.dot(direction.normalize()),
-        }
+        let scenery = self.scenery.at(frame, &self.movers);
+        Caster { scenery: &scenery, intrinsics: self.intrinsics, pose: self.camera_pose(frame) }.image()
     }
 }
 

@@ -1,8 +1,10 @@
 //! Choice of the things that move, and how: clearly visible things first, in an order determined by the seed.
 
+use super::furniture::Lane;
 use super::motion::{Motion, Mover};
-use super::room::{Lane, Room};
+use super::scenery::Scenery;
 use super::solids::Ray;
+use super::walk::Walk;
 use super::{Speed, SyntheticSettings};
 use glam::Vec2;
 use rand::{RngExt, SeedableRng};
@@ -16,6 +18,8 @@ use std::collections::BTreeMap;
 const RANDOM_STREAM: u64 = u64::MAX;
 /// Displacement per frame of a slide at speed 1, metres. Less than any thing's width, so that it overlaps itself.
 const STEP_M: f32 = 0.03;
+/// Frames per such step where the camera is that of a video at 30 Hz: 24 cm/s.
+const VIDEO_FRAMES_PER_STEP: usize = 4;
 /// Maximum number of steps of a slide in one direction (0.6 m).
 const MAX_STEPS: usize = 20;
 /// Things with room for this many steps (0.3 m) are preferred...
@@ -29,8 +33,9 @@ const DIRECTIONS: usize = 16;
 const GRID: (usize, usize) = (48, 36);
 /// ...of every Nth frame (at speed 1)...
 const VIEW_STRIDE: usize = 4;
-/// ...among this many frames (at speed 1) before things come and go, and as many after: one round of the camera.
-const VIEW_FRAMES: usize = 48;
+/// ...in a round of the camera before things come and go, and in a round after. Where things only slide, in this
+/// number of frames of the first round.
+const VIDEO_VIEWS: usize = 60;
 /// A thing is clearly visible if it covers at least this fraction of those images, both before and after.
 const MIN_VISIBLE_FRACTION: f32 = 0.003;
 
@@ -50,10 +55,16 @@ impl ChangeTime {
     fn views(
         self,
         frames: usize,
-        speed: Speed,
+        (walk, speed): (&Walk, Speed),
         pose_at: impl Fn(usize) -> LocalPose,
     ) -> (Vec<LocalPose>, Vec<LocalPose>) {
-        let (round, stride) = (speed.frames_for(VIEW_FRAMES), speed.frames_for(VIEW_STRIDE));
+        let round = speed.frames_for(walk.frames());
+        if walk.is_video() {
+            let views: Vec<LocalPose> =
+                (0..frames.min(round)).step_by((round / VIDEO_VIEWS).max(1)).map(pose_at).collect();
+            return (views.clone(), views);
+        }
+        let stride = speed.frames_for(VIEW_STRIDE);
         let before = (self.earliest.saturating_sub(round)..self.earliest).step_by(stride).map(&pose_at).collect();
         let after = (self.latest..frames).take(round).step_by(stride).map(&pose_at).collect();
         (before, after)
@@ -71,11 +82,11 @@ struct Candidate {
     clearly_visible: bool,
 }
 
-/// Chooses [`SyntheticSettings::moving`] movers, in the order slide, vanish, appear, slide, ...; if nothing has room to
-/// slide, a thing vanishes instead. `pose_at` returns the camera's pose in a frame. Returns `None` if fewer things may
+/// Chooses [`SyntheticSettings::moving`] movers, in the order slide, vanish, appear, slide, ..., or only slides in a
+/// tour; if nothing has space to slide, a thing vanishes or appears instead. `pose_at` returns the camera's pose in a frame. Returns `None` if fewer things may
 /// move.
 pub(super) fn choose(
-    room: &Room,
+    scenery: &Scenery,
     intrinsics: &Intrinsics,
     settings: &SyntheticSettings,
     pose_at: impl Fn(usize) -> LocalPose,
@@ -87,24 +98,29 @@ pub(super) fn choose(
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(RANDOM_STREAM);
     let change = ChangeTime::for_video(frames);
-    let (before, after) = change.views(frames, speed, pose_at);
-    let visible = (visible_fractions(room, intrinsics, &before), visible_fractions(room, intrinsics, &after));
-    let mut waiting = candidates(room, visible, &mut random);
+    let (before, after) = change.views(frames, (&scenery.walk, speed), pose_at);
+    let visible = (visible_fractions(scenery, intrinsics, &before), visible_fractions(scenery, intrinsics, &after));
+    let mut waiting = candidates(scenery, visible, &mut random);
     if waiting.len() < count {
         return None;
     }
-    let mut lanes: BTreeMap<SegmentId, Lane> = room.lanes();
+    let mut lanes: BTreeMap<SegmentId, Lane> = scenery.lanes();
     let mut movers = Vec::with_capacity(count);
     for turn in 0..count {
         // Drawn for every mover, so that the motion of one does not affect the next.
         let (frame, start_angle) = (change.draw(&mut random), random.random_range(0.0..std::f32::consts::TAU));
-        let slide = if turn % 3 == 0 { best_slide(room, &waiting, &lanes, start_angle) } else { None };
+        let slide = if turn % 3 == 0 || scenery.walk.is_video() {
+            best_slide(scenery, &waiting, &lanes, start_angle)
+        } else {
+            None
+        };
         let (place, motion) = match slide {
             Some((place, step, steps)) => {
                 lanes.entry(waiting[place].id).and_modify(|lane| lane.end += step * steps as f32);
                 // Never farther than at speed 1, where it is clear of everything.
-                let step = step.extend(0.0) * speed.factor() as f32;
-                (place, Motion::Slide { step, steps: speed.frames_for(steps) })
+                let per_step = if scenery.walk.is_video() { VIDEO_FRAMES_PER_STEP } else { 1 };
+                let step = step.extend(0.0) * speed.factor() as f32 / per_step as f32;
+                (place, Motion::Slide { step, steps: speed.frames_for(steps * per_step) })
             }
             None if turn % 3 == 2 => (0, Motion::Appear { frame }),
             None => (0, Motion::Vanish { frame }),
@@ -117,13 +133,13 @@ pub(super) fn choose(
 /// Returns the things on which nothing stands: first those clearly visible, shuffled, then the others, most visible
 /// first. `before` and `after` are the fractions of the rays that hit each solid.
 fn candidates(
-    room: &Room,
+    scenery: &Scenery,
     (before, after): (BTreeMap<SegmentId, f32>, BTreeMap<SegmentId, f32>),
     random: &mut ChaCha8Rng,
 ) -> Vec<Candidate> {
     let share = |shares: &BTreeMap<SegmentId, f32>, id: SegmentId| shares.get(&id).copied().unwrap_or(0.0);
     let mut ranked: Vec<(f32, SegmentId)> =
-        room.unloaded_things().map(|id| (share(&before, id).min(share(&after, id)), id)).collect();
+        scenery.unloaded_things().map(|id| (share(&before, id).min(share(&after, id)), id)).collect();
     ranked.sort_by(|first, second| second.0.total_cmp(&first.0).then(first.1.cmp(&second.1)));
     let clear_count = ranked.iter().take_while(|(share, _)| *share >= MIN_VISIBLE_FRACTION).count();
     // Fisher-Yates shuffle of the clearly visible things.
@@ -134,7 +150,7 @@ fn candidates(
 }
 
 /// Returns the fraction of all rays, over all `poses`, that hit each solid.
-fn visible_fractions(room: &Room, intrinsics: &Intrinsics, poses: &[LocalPose]) -> BTreeMap<SegmentId, f32> {
+fn visible_fractions(scenery: &Scenery, intrinsics: &Intrinsics, poses: &[LocalPose]) -> BTreeMap<SegmentId, f32> {
     let (width, height) = GRID;
     let coarse = intrinsics.resized(width, height);
     let seen_from = |pose: &LocalPose| {
@@ -142,7 +158,7 @@ fn visible_fractions(room: &Room, intrinsics: &Intrinsics, poses: &[LocalPose]) 
         for index in 0..width * height {
             let pixel = Vec2::new((index % width) as f32, (index / width) as f32);
             let ray = Ray { origin: pose.translation(), direction: pose.rotation() * coarse.unproject(pixel, 1.0) };
-            if let Some((solid, _)) = room.first_hit(ray) {
+            if let Some((solid, _)) = scenery.first_hit(ray) {
                 *counts.entry(solid.id).or_default() += 1;
             }
         }
@@ -159,7 +175,7 @@ fn visible_fractions(room: &Room, intrinsics: &Intrinsics, poses: &[LocalPose]) 
 
 /// Returns the index in `waiting`, the step (metres, world x and y) and the number of steps of the best slide.
 fn best_slide(
-    room: &Room,
+    scenery: &Scenery,
     waiting: &[Candidate],
     lanes: &BTreeMap<SegmentId, Lane>,
     start_angle: f32,
@@ -168,7 +184,7 @@ fn best_slide(
         let directions = (0..DIRECTIONS).map(|number| {
             let step =
                 STEP_M * Vec2::from_angle(start_angle + number as f32 / DIRECTIONS as f32 * std::f32::consts::TAU);
-            (step, room.free_steps(id, step, MAX_STEPS, lanes))
+            (step, scenery.free_steps(id, step, MAX_STEPS, lanes))
         });
         // Ties go to the first.
         directions.min_by_key(|(_, steps)| Reverse(*steps))

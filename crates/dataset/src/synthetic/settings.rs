@@ -1,6 +1,6 @@
 //! Settings of the synthetic room, and their form on a command line.
 
-use super::{Noise, Speed};
+use super::{Layout, Noise, Speed};
 use crate::DatasetError;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -10,9 +10,10 @@ use std::str::FromStr;
 /// Syntax of a synthetic room's name, for messages.
 pub(crate) const LAYOUT: &str = "the word synthetic, or synthetic:frames=60,seed=0,width=320,height=240,objects=20,noise=none \
                                  with any of these settings (noise: none or kinect), moving=2 (the number of moving things), \
-                                 camera=static and speed=0.04 (of all motion, for a video at 30 frames per second)";
+                                 camera=static and speed=0.04 (of all motion, for a video at 30 frames per second), or \
+                                 tour=4 (rooms) or corridor=20 (doors) instead of one room";
 
-const KEYS: &str = "width, height, frames, seed, objects, noise, moving, camera or speed";
+const KEYS: &str = "width, height, frames, seed, objects, noise, moving, camera, speed, tour or corridor";
 const PREFIX: &str = "synthetic";
 const SIDE: std::ops::RangeInclusive<usize> = 8..=4096;
 const OBJECTS: std::ops::RangeInclusive<usize> = 0..=400;
@@ -21,7 +22,7 @@ const FRAMES: std::ops::RangeInclusive<usize> = 1..=1_000_000;
 
 /// Settings of the synthetic room. Written as
 /// `synthetic:frames=60,seed=3,width=320,height=240,objects=20,noise=kinect`, where everything has a default.
-/// `moving=2`, `camera=static` and `speed=0.04` may be added.
+/// `moving=2`, `camera=static`, `speed=0.04`, and `tour=4` or `corridor=20` may be added.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SyntheticSettings {
@@ -29,30 +30,34 @@ pub struct SyntheticSettings {
     pub width: usize,
     /// Image height, pixels, 8 to 4096. Default: 240.
     pub height: usize,
-    /// Number of frames, 1 to 1,000,000. A round of the camera takes 48 / `speed`. Default: 60.
+    /// Number of frames, 1 to 1,000,000. A round of the camera takes 48 / `speed` in the room, 1800 / `speed` in a tour of
+    /// four rooms and 600 / `speed` in one of one room, whatever the number of frames. Default: 60.
     pub frames: usize,
     /// Random seed of the arrangement and appearance of things. Default: 0.
     pub seed: u64,
     /// Number of things in the room, 0 to 400, not counting floor, ceiling and four walls. More than 60 are made
-    /// smaller so that they fit. Default: 20.
+    /// smaller so that they fit. In a tour, the number in each room; a corridor ignores it. Default: 20.
     pub objects: usize,
     /// Noise added to frames. Default: none.
     pub noise: Noise,
     /// Number of things that move, 0 to 60 and at most the number of things on which nothing else stands. In turn, the
     /// first slides, the second vanishes and the third appears, and so on. Vanishing and appearing happens after a
-    /// third to half of the video. Clearly visible things are chosen first. Default: 0.
+    /// third to half of the video. Clearly visible things are chosen first. In a tour, all of them slide if they have
+    /// space; in a corridor, nothing moves. Default: 0.
     pub moving: usize,
     /// Motion of the camera. Default: walking.
     pub camera: CameraMotion,
     /// Speed of the camera and of sliding things. Default: 1.
     pub speed: Speed,
+    /// Layout of the scene. Default: one room.
+    pub layout: Layout,
 }
 
 /// Motion of the camera in the synthetic room.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CameraMotion {
-    /// Walks in a circle, 48 / `speed` frames per round.
+    /// Walks along the path of the [`Layout`], in the room a circle.
     #[default]
     Walk,
     /// Stays at the start of the walk.
@@ -63,7 +68,8 @@ impl Default for SyntheticSettings {
     fn default() -> Self {
         let (noise, camera) = (Noise::None, CameraMotion::Walk);
         let speed = Speed::default();
-        Self { width: 320, height: 240, frames: 60, seed: 0, objects: 20, noise, moving: 0, camera, speed }
+        let layout = Layout::Room;
+        Self { width: 320, height: 240, frames: 60, seed: 0, objects: 20, noise, moving: 0, camera, speed, layout }
     }
 }
 
@@ -88,13 +94,18 @@ impl SyntheticSettings {
             ("moving", self.moving, MOVING, "0 to 60"),
             ("moving", self.moving, 0..=self.objects, "at most the number of objects"),
         ];
-        for (field, found, range, expected) in checks {
-            if !range.contains(&found) {
-                let (text, field, found) = (self.to_string(), field.to_owned(), found.to_string());
-                return Err(DatasetError::Synthetic { text, field, found, expected: expected.to_owned() });
-            }
-        }
-        Ok(())
+        let out_of_range = checks.into_iter().find(|(_, found, range, _)| !range.contains(found));
+        let out_of_range = out_of_range.map(|(field, found, _, expected)| (field, found, expected));
+        let moving = ("moving", self.moving, "0: nothing moves in a corridor");
+        let still = matches!(self.layout, Layout::Corridor(_)) && self.moving > 0;
+        let wrong = out_of_range.or(self.layout.wrong_count()).or(still.then_some(moving));
+        let Some((field, found, expected)) = wrong else { return Ok(()) };
+        Err(DatasetError::Synthetic {
+            text: self.to_string(),
+            field: field.to_owned(),
+            found: found.to_string(),
+            expected: expected.to_owned(),
+        })
     }
 }
 
@@ -117,7 +128,10 @@ impl fmt::Display for SyntheticSettings {
             CameraMotion::Walk => {}
             CameraMotion::Static => write!(formatter, ",camera=static")?,
         }
-        if self.speed == Speed::default() { Ok(()) } else { write!(formatter, ",speed={}", self.speed) }
+        if self.speed != Speed::default() {
+            write!(formatter, ",speed={}", self.speed)?;
+        }
+        if self.layout == Layout::default() { Ok(()) } else { write!(formatter, ",{}", self.layout) }
     }
 }
 
@@ -162,6 +176,11 @@ impl FromStr for SyntheticSettings {
                         _ => return Err(wrong(key, value, "walk or static")),
                     }
                 }
+                "tour" | "corridor" if settings.layout != Layout::Room => {
+                    return Err(wrong(key, value, "one of tour and corridor, once"));
+                }
+                "tour" => settings.layout = Layout::Tour(number()?),
+                "corridor" => settings.layout = Layout::Corridor(number()?),
                 "speed" => settings.speed = value.parse().map_err(|_| wrong(key, value, Speed::EXPECTED))?,
                 _ => return Err(wrong("setting", key, KEYS)),
             }
@@ -186,6 +205,13 @@ mod tests {
         let slow = format!("{moving},speed=0.04");
         assert_eq!(slow.parse::<SyntheticSettings>().unwrap().to_string(), slow);
         assert_eq!(format!("{moving},speed=1.0").parse::<SyntheticSettings>().unwrap().to_string(), moving);
+        for layout in ["tour=4", "tour=1", "corridor=20"] {
+            let tour = format!("{text},speed=0.5,{layout}");
+            let settings: SyntheticSettings = tour.parse().unwrap();
+            assert_eq!(settings.to_string(), tour);
+            let json = serde_json::to_string(&settings).unwrap();
+            assert_eq!(serde_json::from_str::<SyntheticSettings>(&json).unwrap(), settings);
+        }
         assert!(looks_like(Path::new(text)) && looks_like(Path::new("synthetic")));
         assert!(!looks_like(Path::new("./synthetic")) && !looks_like(Path::new("synthetic-rooms")));
     }
@@ -207,5 +233,9 @@ mod tests {
         let few = error("synthetic:objects=3,moving=4");
         assert!(few.contains("moving: found \"4\", expected at most the number of objects"), "{few}");
         assert!(error("synthetic:noise").contains("key=value"));
+        assert!(error("synthetic:tour=3").contains("tour: found \"3\", expected 1 or 4 rooms"));
+        assert!(error("synthetic:corridor=0").contains("corridor: found \"0\", expected 1 to 100 doors"));
+        assert!(error("synthetic:corridor=9,tour=4").contains("tour: found \"4\", expected one of tour and corridor"));
+        assert!(error("synthetic:corridor=9,moving=1").contains("moving: found \"1\", expected 0: nothing moves"));
     }
 }

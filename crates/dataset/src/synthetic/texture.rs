@@ -14,6 +14,8 @@ enum Pattern {
     /// Stripes perpendicular to this direction.
     Stripes(Vec3),
     Noise,
+    /// Noise of two length scales, with more contrast.
+    Spots,
 }
 
 /// A pattern of two colours.
@@ -50,6 +52,34 @@ impl Texture {
         Self { colors: [base, second], pattern, period: period * random.random_range(0.7..1.4) }
     }
 
+    /// Draws a random texture whose pattern is clearly visible.
+    pub(super) fn random_pattern(random: &mut ChaCha8Rng, period: f32) -> Self {
+        loop {
+            let texture = Self::random(random, period);
+            if !matches!(texture.pattern, Pattern::Plain) {
+                return texture;
+            }
+        }
+    }
+
+    /// Draws a texture of irregular spots, which has no direction and does not repeat within a solid.
+    pub(super) fn random_spots(random: &mut ChaCha8Rng, period: f32) -> Self {
+        Self { pattern: Pattern::Spots, ..Self::random(random, period) }
+    }
+
+    /// Draws a texture of tiles.
+    pub(super) fn random_tiles(random: &mut ChaCha8Rng, period: f32) -> Self {
+        Self { pattern: Pattern::Checker, ..Self::random(random, period) }
+    }
+
+    /// Returns the same texture with another tint: `shift` is added to both colours, which stay in 20..=235.
+    pub(super) fn tinted(&self, shift: [i16; 3]) -> Self {
+        let tint = |color: [u8; 3]| {
+            std::array::from_fn(|channel| (i16::from(color[channel]) + shift[channel]).clamp(20, 235) as u8)
+        };
+        Self { colors: self.colors.map(tint), ..self.clone() }
+    }
+
     /// Returns the sRGB colour at a point, in 0..=255.
     pub(super) fn color_at(&self, point_local: Vec3) -> Vec3 {
         let point = point_local / self.period + PATTERN_SHIFT;
@@ -58,6 +88,10 @@ impl Texture {
             Pattern::Checker => f32::from(point.floor().element_sum().rem_euclid(2.0) > 0.5),
             Pattern::Stripes(across) => f32::from(point.dot(across).rem_euclid(1.0) > 0.5),
             Pattern::Noise => smooth_noise(point * 2.0),
+            Pattern::Spots => {
+                let noise = 0.6 * smooth_noise(point * 2.0) + 0.4 * smooth_noise(point * 9.0);
+                (0.5 + 2.5 * (noise - 0.5)).clamp(0.0, 1.0)
+            }
         };
         let [first, second] = self.colors.map(|color| Vec3::from(color.map(f32::from)));
         first.lerp(second, share)
