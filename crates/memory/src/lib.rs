@@ -8,6 +8,7 @@
 
 mod belief;
 mod borders;
+mod correction;
 mod depth_completion;
 mod error;
 mod evidence;

@@ -1,6 +1,7 @@
 //! The Gaussians of the map: positions, radii and colours, without the segments that they remember.
 
 use glam::Vec3;
+use splatseg_geometry::KeyframeId;
 use splatseg_render::Balls;
 
 /// Attributes of the Gaussians that both kinds of memory need. Every array has one entry per Gaussian.
@@ -14,6 +15,9 @@ pub struct SplatMap {
     pub last_seen: Vec<u32>,
     /// Number of frames that have seen through each Gaussian since a frame last saw it.
     pub seen_through: Vec<u8>,
+    /// The keyframe that each Gaussian is attached to. Empty in a [`SplatFile`](crate::SplatFile), where it is part of the
+    /// `short_term` text.
+    pub anchors: Vec<KeyframeId>,
 }
 
 /// A Gaussian to be added: the surface patch seen by a pixel or a block of pixels.
@@ -38,14 +42,15 @@ impl SplatMap {
         self.balls.len()
     }
 
-    /// Adds Gaussians first seen in frame number `frame`.
-    pub(crate) fn add(&mut self, added: &[NewGaussian], frame: u32) {
+    /// Adds Gaussians first seen in frame number `frame`, attached to a keyframe.
+    pub(crate) fn add(&mut self, added: &[NewGaussian], frame: u32, anchor: KeyframeId) {
         for gaussian in added {
             self.balls.push(gaussian.mean, gaussian.radius);
             self.colors.push(gaussian.color);
         }
         self.last_seen.resize(self.len(), frame);
         self.seen_through.resize(self.len(), 0);
+        self.anchors.resize(self.len(), anchor);
     }
 
     /// Keeps the Gaussians for which `keep` is true, in their order.
@@ -55,6 +60,7 @@ impl SplatMap {
         retain(&mut self.colors, keep);
         retain(&mut self.last_seen, keep);
         retain(&mut self.seen_through, keep);
+        retain(&mut self.anchors, keep);
     }
 }
 

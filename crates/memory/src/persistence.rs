@@ -1,5 +1,6 @@
 //! Saving a memory after one run and continuing it in another.
 
+use crate::correction::ShownTogether;
 use crate::evidence::EvidenceStore;
 use crate::features::{FeatureStore, SegmentCodes};
 use crate::recent::RecentFrames;
@@ -8,7 +9,7 @@ use crate::segments::{SavedSegment, Segments};
 use crate::short_term::ShortTermMemory;
 use crate::splat_memory::largest_id;
 use crate::{MemoryError, MemorySettings, SplatContent, SplatFile, SplatFileError, SplatFileView, SplatMemory};
-use splatseg_geometry::SegmentId;
+use splatseg_geometry::{KeyframeId, SegmentId};
 use std::path::Path;
 use thiserror::Error;
 
@@ -60,6 +61,14 @@ impl SplatMemory {
     /// # Errors
     /// If the file cannot be written, or the kind of memory has no file format. No partial file is left.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), SplatFileError> {
+        self.save_with_keyframes(path, None)
+    }
+
+    /// As [`Self::save`], with the camera's keyframes: bytes that [`Self::take_keyframes`] returns after loading.
+    ///
+    /// # Errors
+    /// As [`Self::save`].
+    pub fn save_with_keyframes(&self, path: impl AsRef<Path>, keyframes: Option<&[u8]>) -> Result<(), SplatFileError> {
         let no_format = || SplatFileError::NoFormat { path: path.as_ref().to_owned() };
         let content = self.store.content().ok_or_else(no_format)?;
         let segment_ids = self.segment_ids();
@@ -67,7 +76,16 @@ impl SplatMemory {
         let ids: Vec<SegmentId> = live.iter().map(|segment| segment.id).collect();
         let sightings: Vec<u32> = live.iter().map(|segment| segment.sightings).collect();
         let carried: Vec<bool> = live.iter().map(|segment| segment.carried).collect();
-        let short_term = ShortTermMemory { ids: self.segments.saved_ids(), recent: self.recent.saved() };
+        let anchors = &self.map.anchors;
+        let anchors = anchors.chunk_by(|one, other| one == other).map(|run| (run[0], run.len() as u64)).collect();
+        let short_term = ShortTermMemory {
+            ids: self.segments.saved_ids(),
+            recent: self.recent.saved(),
+            anchors,
+            together: self.together.saved(),
+            remapped: self.remapped.iter().map(|(from, into)| (*from, *into)).collect(),
+            keyframes: keyframes.map_or_else(String::new, |bytes| String::from_utf8_lossy(bytes).into_owned()),
+        };
         let view = SplatFileView {
             origin: self.origin,
             map: &self.map,
@@ -90,7 +108,7 @@ impl SplatMemory {
     pub fn load(path: impl AsRef<Path>, settings: MemorySettings) -> Result<Self, LoadMemoryError> {
         settings.validate().map_err(MemoryError::from)?;
         let path = path.as_ref();
-        let SplatFile { origin, map, content, ids, sightings, carried, frames, short_term, segment_ids: _ } =
+        let SplatFile { origin, mut map, content, ids, sightings, carried, frames, short_term, segment_ids: _ } =
             SplatFile::load(path)?;
         let live = ids.into_iter().zip(sightings).zip(carried);
         let live: Vec<SavedSegment> =
@@ -98,10 +116,12 @@ impl SplatMemory {
         let restored = ShortTermMemory::from_bytes(&short_term).and_then(|saved| {
             let segments = Segments::restored(&live, saved.ids.clone(), largest_id(&settings))?;
             let recent = RecentFrames::restored(saved.recent, segments.highest())?;
-            Ok((segments, recent))
+            map.anchors = restored_anchors(&saved.anchors, map.len())?;
+            let together = ShownTogether::restored(saved.together);
+            Ok((segments, recent, together, saved.remapped, saved.keyframes))
         });
         let damaged = |found| LoadMemoryError::ShortTerm { path: path.display().to_string(), found };
-        let (segments, recent) = restored.map_err(damaged)?;
+        let (segments, recent, together, remapped, keyframes) = restored.map_err(damaged)?;
         let (path, found, expected) = (path.display().to_string(), content.kind(), settings.kind);
         if found != expected {
             return Err(LoadMemoryError::Kind { path, found: found.name(), expected: expected.name() });
@@ -119,7 +139,26 @@ impl SplatMemory {
         };
         let mut memory = Self::with_parts(settings, map, store, segments);
         (memory.frames, memory.origin) = (frames, origin);
-        memory.recent = recent;
+        (memory.recent, memory.together) = (recent, together);
+        memory.remapped = remapped.into_iter().collect();
+        memory.keyframes = (!keyframes.is_empty()).then(|| keyframes.into_bytes());
         Ok(memory)
     }
+
+    /// The camera's keyframes that a loaded file contains; `None` if there are none, or they were taken already.
+    pub fn take_keyframes(&mut self) -> Option<Vec<u8>> {
+        self.keyframes.take()
+    }
+}
+
+/// The keyframe of each of `count` Gaussians. Files without them have one keyframe.
+fn restored_anchors(runs: &[(KeyframeId, u64)], count: usize) -> Result<Vec<KeyframeId>, String> {
+    if runs.is_empty() {
+        return Ok(vec![0; count]);
+    }
+    let found = runs.iter().fold(0u64, |sum, (_, length)| sum.saturating_add(*length));
+    if found != count as u64 {
+        return Err(format!("keyframes of {found} Gaussians, expected {count}"));
+    }
+    Ok(runs.iter().flat_map(|(keyframe, length)| std::iter::repeat_n(*keyframe, *length as usize)).collect())
 }

@@ -273,7 +273,7 @@ mod tests {
     fn removal_counts_frames_that_see_through_up_to_its_number() {
         let mut map = SplatMap::default();
         let new = |pixel| crate::NewGaussian { pixel, mean: Vec3::Z, radius: 0.1, color: [0; 3] };
-        map.add(&[new(0), new(1), new(2)], 0);
+        map.add(&[new(0), new(1), new(2)], 0, 0);
         let through_first = [Sight::SeenThrough, Sight::Seen, Sight::Unknown];
         assert_eq!(record_sights(&mut map, &through_first, 2, 5), None);
         assert_eq!((&map.last_seen[..], &map.seen_through[..]), (&[0, 5, 0][..], &[1, 0, 0][..]));

@@ -6,7 +6,7 @@ use crate::recall::{Recall, StoreTile, TileSurface};
 use crate::{MemoryError, SegmentHold};
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_render::{Splats, TileWeights};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// How much learning a frame changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -82,6 +82,18 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
     fn changed_holds(&mut self) -> Option<Vec<(SegmentId, SegmentHold)>> {
         None
     }
+
+    /// True if ids can be renamed and Gaussians absorbed. The default is false, and then the two methods for that are
+    /// never called.
+    fn can_merge(&self) -> bool {
+        false
+    }
+
+    /// Replaces ids, `names[old] = new`: the new id gets the votes of the old one.
+    fn rename(&mut self, _names: &BTreeMap<SegmentId, SegmentId>) {}
+
+    /// Adds what Gaussian `from` remembers to Gaussian `into`. `from` is removed afterwards.
+    fn absorb(&mut self, _from: usize, _into: usize) {}
 
     /// Number of parameters per Gaussian for segments.
     fn numbers_per_gaussian(&self) -> usize;

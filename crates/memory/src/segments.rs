@@ -7,7 +7,7 @@ mod tests;
 use released::ReleasedIds;
 pub(crate) use released::SavedRelease;
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_geometry::{RemappedId, SegmentId, SegmentMap};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The largest id: an 8-bit RGB image holds 24 bits.
@@ -216,6 +216,18 @@ impl Segments {
             sightings: released.remove(id).unwrap_or(CONFIRMED),
             ..LiveSegment::default()
         })
+    }
+
+    /// Adds the sightings of an id to those of another one that it turned out to be.
+    pub fn merge(&mut self, RemappedId { from, into }: RemappedId) {
+        let more = self.live.get(&from).map_or(0, |segment| segment.sightings);
+        let kept = self.revive(into);
+        kept.sightings = kept.sightings.saturating_add(more);
+        if let Some(gone) = self.live.get_mut(&from) {
+            // It must not be given to another object: earlier frames show it.
+            gone.sightings = gone.sightings.max(CONFIRMED);
+            self.changed.insert(from);
+        }
     }
 
     /// True if an id is tentative: predicted in one frame at most.

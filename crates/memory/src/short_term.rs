@@ -7,6 +7,7 @@
 use crate::recent::SavedRecentFrames;
 use crate::segments::SavedIds;
 use serde::{Deserialize, Serialize};
+use splatseg_geometry::{KeyframeId, SegmentId};
 
 /// Maximum length of the text that a memory writes.
 pub(crate) const MAX_BYTES: u64 = 1 << 28;
@@ -19,6 +20,18 @@ pub(crate) struct ShortTermMemory {
     pub ids: SavedIds,
     /// The last frames. Older files lack them.
     pub recent: SavedRecentFrames,
+    /// The keyframe of each Gaussian, as runs: keyframe and length. Older files lack it, and all that follows.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub anchors: Vec<(KeyframeId, u64)>,
+    /// Ids that were shown side by side: for each the larger ones.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub together: Vec<(SegmentId, Vec<SegmentId>)>,
+    /// Ids that turned out to be older ones' objects, with those.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub remapped: Vec<(SegmentId, SegmentId)>,
+    /// The camera's keyframes, in a form of their own.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub keyframes: String,
 }
 
 impl ShortTermMemory {

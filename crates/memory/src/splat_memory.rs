@@ -1,19 +1,21 @@
 //! The memory itself: its state, and the steps of each frame.
 
+use crate::correction::ShownTogether;
 use crate::evidence::EvidenceStore;
 use crate::features::FeatureStore;
 use crate::growth::new_gaussians;
 use crate::map::SplatMap;
 use crate::recall::TileSurface;
 use crate::recent::RecentFrames;
-use crate::removal::{FrameTrust, longest_unseen, record_sights, sights};
+use crate::removal::{FrameTrust, Sight, longest_unseen, record_sights, sights};
 use crate::segment_store::SegmentStore;
 use crate::segments::{Segments, Settled};
 use crate::{Codebook, GrowthRule, LearningExtent, MAX_SEGMENT_ID, MemoryError, MemoryKind, MemorySettings, Recall};
 use glam::DVec3;
-use splatseg_geometry::{RgbdFrame, STAGE_TARGET, SegmentId, SegmentMap};
+use rayon::prelude::*;
+use splatseg_geometry::{FrameAnchor, KeyframeId, RgbdFrame, STAGE_TARGET, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera, TileWeights};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Frames between two counts of the ids that Gaussians show, unless some were removed: features take long to decode.
 const FRAMES_PER_CENSUS: u32 = 16;
@@ -37,6 +39,13 @@ pub struct SplatMemory {
     pub(crate) recent: RecentFrames,
     /// Frames learnt.
     pub(crate) frames: u32,
+    /// Where the present frame's surfaces are attached.
+    pub(crate) anchor: FrameAnchor,
+    pub(crate) together: ShownTogether,
+    /// Ids that turned out to be older ones' objects, with those.
+    pub(crate) remapped: BTreeMap<SegmentId, SegmentId>,
+    /// The keyframes that a loaded file contains.
+    pub(crate) keyframes: Option<Vec<u8>>,
     warned_of_limit: bool,
 }
 
@@ -97,6 +106,10 @@ impl SplatMemory {
             segments,
             recent: RecentFrames::default(),
             frames: 0,
+            anchor: FrameAnchor::default(),
+            together: ShownTogether::default(),
+            remapped: BTreeMap::new(),
+            keyframes: None,
             warned_of_limit: false,
         }
     }
@@ -180,7 +193,7 @@ impl SplatMemory {
         self.follow(&mut recall);
         let stage = tracing::debug_span!(target: STAGE_TARGET, "grow").entered();
         let added = new_gaussians(&recall, predicted, &self.settings);
-        self.map.add(&added, self.frames);
+        self.map.add(&added, self.frames, self.anchor.keyframe);
         self.store.grow(&added, &recall, predicted, contradicted);
         update.grown = added.len();
         drop(stage);
@@ -228,13 +241,15 @@ impl SplatMemory {
             }
         } else {
             let found;
-            let sights = if recall.sights.is_empty() {
+            let sights: &[Sight] = if recall.sights.is_empty() {
                 let camera = recall.view.camera();
                 found = sights(&self.map.balls, recall.frame, camera, FrameTrust::Alone, &self.settings).0;
                 &found
             } else {
                 &recall.sights
             };
+            let certain = self.certain(sights);
+            let sights = certain.as_deref().unwrap_or(sights);
             if let Some(keep) = record_sights(&mut self.map, sights, self.settings.removal_frames, self.frames) {
                 self.retain(&keep);
             }
@@ -250,6 +265,17 @@ impl SplatMemory {
             }
         }
         before - self.map.len()
+    }
+
+    /// The sights without those through surfaces whose pose relative to the camera is uncertain: they may only look gone.
+    /// `None` if there are no such surfaces.
+    fn certain(&self, sights: &[Sight]) -> Option<Vec<Sight>> {
+        let uncertain = &self.anchor.uncertain;
+        let certain = |(sight, anchor): (&Sight, &KeyframeId)| match sight {
+            Sight::SeenThrough if uncertain.contains(anchor) => Sight::Unknown,
+            sight => *sight,
+        };
+        (!uncertain.is_empty()).then(|| sights.par_iter().zip(&self.map.anchors).map(certain).collect())
     }
 
     fn retain(&mut self, keep: &[bool]) {
@@ -274,12 +300,14 @@ impl SplatMemory {
             self.segments.set_shown(&distinct(&self.segment_ids()));
         }
         self.segments.set_held(self.recent.held_ids());
-        self.segments.settle()
+        let settled = self.segments.settle();
+        settled.lost.iter().for_each(|id| self.together.remove(*id));
+        settled
     }
 
-    /// True if the map follows when the poses jump. The paper's does not.
+    /// True if the map follows when the poses jump. The paper's does not, and tracked poses only jump with a correction.
     fn follows_jumps(&self) -> bool {
-        self.settings.growth_rule() != GrowthRule::Paper && self.gaussian_count() > 0
+        self.settings.growth_rule() != GrowthRule::Paper && self.gaussian_count() > 0 && !self.anchor.is_tracked
     }
 
     fn check_predictions(&self, recall: &Recall<'_>, predicted: &SegmentMap) -> Result<(), MemoryError> {

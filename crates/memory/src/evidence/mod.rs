@@ -25,7 +25,7 @@ use census::{Census, CensusChanges};
 use rayon::prelude::*;
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_render::{RasterLimits, Splats, TileWeights};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use voting::FrameVotes;
 
 const PIXELS: usize = TileWeights::PIXELS;
@@ -239,6 +239,32 @@ impl SegmentStore for EvidenceStore {
         }
         self.census.apply(changes);
         retain(&mut self.votes, keep);
+    }
+
+    fn can_merge(&self) -> bool {
+        true
+    }
+
+    fn rename(&mut self, names: &BTreeMap<SegmentId, SegmentId>) {
+        let mut changes = CensusChanges::default();
+        for votes in &mut self.votes {
+            if votes.iter().any(|(id, _)| names.contains_key(&id)) {
+                let renamed = votes.renamed(|id| names.get(&id).copied().unwrap_or(id));
+                changes.replace(votes, &renamed);
+                *votes = renamed;
+            }
+        }
+        self.census.apply(changes);
+    }
+
+    fn absorb(&mut self, from: usize, into: usize) {
+        let (more, before) = (self.votes[from], self.votes[into]);
+        let votes = &mut self.votes[into];
+        more.iter().for_each(|(id, more)| votes.add(id, more));
+        votes.cap(self.settings.max_votes);
+        let mut changes = CensusChanges::default();
+        changes.replace(&before, votes);
+        self.census.apply(changes);
     }
 
     fn new_segment(&mut self, _: SegmentId) -> Result<(), MemoryError> {

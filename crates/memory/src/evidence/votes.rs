@@ -59,6 +59,13 @@ impl Votes {
         }
     }
 
+    /// The same votes for other ids; votes for ids with the same new name are added up.
+    pub(super) fn renamed(&self, name: impl Fn(SegmentId) -> SegmentId) -> Self {
+        let mut renamed = Self::default();
+        self.iter().for_each(|(id, votes)| renamed.add(name(id), votes));
+        renamed
+    }
+
     /// Scales the votes down to a sum of at most `max`, so that new ones keep their weight, and drops negligible ones.
     pub fn cap(&mut self, max: f32) {
         let sum: f32 = self.votes.iter().sum();

@@ -79,6 +79,7 @@ impl Records {
             colors: Vec::with_capacity(count),
             last_seen: Vec::with_capacity(count),
             seen_through: Vec::with_capacity(count),
+            anchors: Vec::new(),
         };
         let (votes, features) = (Vec::with_capacity(votes), Vec::with_capacity(features));
         Self { map, votes, features, segment_ids: Vec::with_capacity(count) }

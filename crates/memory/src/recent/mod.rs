@@ -21,7 +21,7 @@ use crate::{COVERED, MemorySettings};
 use glam::{DVec3, Quat};
 use sketch::Sketch;
 use splatseg_geometry::{LocalPose, Pose, RgbdFrame, SegmentId, SegmentMap};
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// Two frames agree if this share of the samples that both show has the same depth (and, for a jump, the same colour).
 const MIN_AGREEMENT: f32 = 0.6;
@@ -158,6 +158,14 @@ impl RecentFrames {
         let previous = self.previous.iter_mut().map(|previous| &mut previous.sketch);
         for sketch in previous.chain(&mut self.contradicting) {
             sketch.map_from_camera = *new_from_old * sketch.map_from_camera;
+        }
+    }
+
+    /// Replaces ids, `names[old] = new`.
+    pub fn rename(&mut self, names: &BTreeMap<SegmentId, SegmentId>) {
+        let ids = self.previous.iter_mut().map(|previous| &mut previous.ids).chain(&mut self.unplaced);
+        for id in ids.flat_map(|ids| ids.pixels_mut()) {
+            *id = names.get(id).copied().unwrap_or(*id);
         }
     }
 

@@ -113,6 +113,7 @@ prop_compose! {
             colors: vec![color],
             last_seen: vec![last_seen],
             seen_through: vec![seen_through],
+            anchors: vec![],
         };
         (map, Votes::from_slots(std::array::from_fn(|slot| (ids[slot], votes[slot]))), feature, segment_id)
     }

@@ -55,7 +55,6 @@ impl CompactView {
         let steps = decompressed(&self.depth, width, height)?;
         Some(steps.map(|steps| if *steps > 0 { 1.0 / (f32::from(*steps) * INVERSE_STEP) } else { 0.0 }))
     }
-
 }
 
 /// Number of the finest level that is compressed.

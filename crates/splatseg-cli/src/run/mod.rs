@@ -193,7 +193,7 @@ pub fn execute(job: &RunJob) -> Result<Summary, Failure> {
         let end = RunEnd { scene: &scene, objects: &objects, memory: pipeline.memory() };
         ended.written.for_each_output(|output, folder| output.finish(&end, folder));
     }
-    let summary = report::finish(job, ended, (started, start_up), pipeline.memory(), memory_file.as_ref())?;
+    let summary = report::finish(job, ended, (started, start_up), &pipeline, memory_file.as_ref())?;
     // The run is complete, so its saved state is no longer needed.
     let _ = saved_run::remove(&job.out);
     Ok(summary)

@@ -5,6 +5,7 @@ use super::extra_file::ExtraFile;
 use super::frame_loop::{EarlyEnd, LoopOutcome};
 use crate::Failure;
 use crate::terminal::counted;
+use splatseg::Pipeline;
 use splatseg::summary::{PoseStateCounts, RunCounts, Summary, peak_memory_mb};
 use splatseg_memory::SplatMemory;
 use splatseg_output::{ObjectsFile, PosesFile};
@@ -17,7 +18,7 @@ pub fn finish(
     job: &RunJob,
     ended: LoopOutcome,
     times: (Instant, Duration),
-    memory: Option<&SplatMemory>,
+    pipeline: &Pipeline,
     file: Option<&ExtraFile>,
 ) -> Result<Summary, Failure> {
     let LoopOutcome { counts, written, early } = ended;
@@ -34,14 +35,14 @@ pub fn finish(
         lost.push(format!("images of {images} could not be written, the first error: {error}"));
     }
     lost.extend(written.output_errors.iter().map(ToString::to_string));
-    if let Some((memory, file)) = memory.zip(file)
-        && let Err(error) = memory.save(file.path())
+    if let Some(file) = file
+        && let Err(error) = pipeline.save_memory(file.path())
     {
         lost.push(format!("the memory could not be saved: {error}"));
     }
     let frames = counted(counts.frames, "frame");
     let at = if early.is_some() { format!("after {frames}") } else { format!("at the end of {frames}") };
-    let mut summary = summary(job, counts, times, memory);
+    let mut summary = summary(job, counts, times, pipeline.memory());
     summary.error = early.as_ref().map(EarlyEnd::reason).into_iter().chain(lost.iter().cloned()).reduce(joined);
     if folder.has_results() {
         let text = serde_json::to_string_pretty(&summary).map_err(Failure::runtime)?;

@@ -22,6 +22,8 @@ pub struct PipelineBuilder<'a> {
     memory: Option<SplatMemory>,
     saved_memory: Option<PathBuf>,
     saved_poses: Option<Vec<u8>>,
+    /// Keyframes of the saved memory, once loaded.
+    keyframes: Option<Vec<u8>>,
     pub(crate) networks: Arc<LoadedNetworks>,
     objects: ObjectLog,
     progress: Box<dyn FnMut(f32) + 'a>,
@@ -38,6 +40,7 @@ impl<'a> PipelineBuilder<'a> {
             memory: None,
             saved_memory: None,
             saved_poses: None,
+            keyframes: None,
             networks: Arc::default(),
             objects: ObjectLog::default(),
             progress: Box::new(|_| {}),
@@ -128,6 +131,9 @@ impl<'a> PipelineBuilder<'a> {
         let method = self.make_method()?;
         let segment_ahead = self.settings.run.segment_ahead;
         let mut poses = self.poses.take().unwrap_or_else(|| Box::new(TrackedPoses::new(self.settings.run.poses)));
+        if let Some(keyframes) = &self.keyframes {
+            poses.load_keyframes(keyframes)?;
+        }
         if let Some(state) = &self.saved_poses {
             poses.restore(state)?;
         }
@@ -174,7 +180,11 @@ impl<'a> PipelineBuilder<'a> {
             return Ok(memory);
         }
         Ok(match &self.saved_memory {
-            Some(path) => SplatMemory::load(path, settings.clone())?,
+            Some(path) => {
+                let mut memory = SplatMemory::load(path, settings.clone())?;
+                self.keyframes = memory.take_keyframes();
+                memory
+            }
             None => SplatMemory::new(settings.clone(), self.settings.run.seed, &mut self.progress)
                 .map_err(TrackingError::from)?,
         })

@@ -18,13 +18,14 @@ pub use stage_times::StageTimes;
 use crate::Settings;
 use splatseg_dataset::FrameSource;
 use splatseg_geometry::{CameraFrame, FrameAnchor, RemappedId, RgbdFrame, ScoredMask};
-use splatseg_memory::SplatMemory;
+use splatseg_memory::{SplatFileError, SplatMemory};
 use splatseg_models::fastsam::FastSamError;
 use splatseg_objects::{ObjectLog, ObjectSighting};
 use splatseg_odometry::{CameraPose, PoseMode, PoseSource, PoseState, TrackedPoses};
 use splatseg_segmenter::{Segmenter, SegmenterError};
 use splatseg_tracking::{FrameOutput, Method};
 use stage_times::StageClock;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// A segmenter, a pose source and a method: frames go in, lasting ids come out.
@@ -153,6 +154,16 @@ impl Pipeline {
     /// The splat memory, if the method has one.
     pub fn memory(&self) -> Option<&SplatMemory> {
         self.method.memory()
+    }
+
+    /// Saves the memory with the camera's keyframes, by which a later run finds its place in the map.
+    ///
+    /// # Errors
+    /// As [`SplatMemory::save`]; `Ok(false)` if the method has no memory.
+    pub fn save_memory(&self, path: impl AsRef<Path>) -> Result<bool, SplatFileError> {
+        let Some(memory) = self.memory() else { return Ok(false) };
+        memory.save_with_keyframes(path, self.poses.keyframes().as_deref())?;
+        Ok(true)
     }
 
     /// The state of the source of poses after the latest frame, for [`PipelineBuilder::saved_poses`]. `None` if it has

@@ -4,7 +4,9 @@ use super::output::confidence;
 use super::{FrameOutput, Method, check_sizes};
 use crate::matching::{match_segments, painted_parts, visible_parts};
 use crate::{TrackErrorCounts, TrackingError};
-use splatseg_geometry::{Mask, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId, SegmentMap};
+use splatseg_geometry::{
+    FrameAnchor, MapCorrection, Mask, RemappedId, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId, SegmentMap,
+};
 use splatseg_memory::{MemoryKind, MemorySettings, Recall, SplatMemory};
 use splatseg_settings::{Allowed, settings};
 use std::collections::BTreeSet;
@@ -179,6 +181,7 @@ impl Method for FastSamSplat {
         drop(stage);
 
         let update = self.memory.update(recall, &predicted, &contradicted)?;
+        self.memory.record_shown(&segments);
         if !self.settings.show_tentative {
             let ids = segments.areas().into_keys();
             let tentative: BTreeSet<SegmentId> = ids.filter(|id| self.memory.is_tentative(*id)).collect();
@@ -209,10 +212,19 @@ impl Method for FastSamSplat {
         let predicted = painted_parts(size, ids.iter().copied().zip(&found.parts));
         let update = self.memory.record_unplaced(&predicted)?;
         let segments = predicted.without_small(self.settings.min_area);
+        self.memory.record_shown(&segments);
         let scores = ids.iter().copied().zip(found.scores).collect();
         let confidence = confidence(&segments, &scores, None);
         let (predictions, track_errors) = (ids.len(), TrackErrorCounts::default());
         Ok(FrameOutput { segments, confidence, masks: Vec::new(), predictions, track_errors, update })
+    }
+
+    fn set_anchor(&mut self, anchor: &FrameAnchor) {
+        self.memory.set_anchor(anchor);
+    }
+
+    fn correct_map(&mut self, correction: &MapCorrection) -> Vec<RemappedId> {
+        self.memory.correct(correction)
     }
 
     fn memory(&self) -> Option<&SplatMemory> {

@@ -6,7 +6,9 @@ use crate::TrackingError;
 use crate::matching::painted;
 use crate::reprompting::{RepromptSettings, TrackErrorCounts, corrections, find_track_errors, repeated_answers};
 use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, prompt_tracks, remove_tracks, visible};
-use splatseg_geometry::{Image, Mask, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId, SegmentMap};
+use splatseg_geometry::{
+    FrameAnchor, Image, MapCorrection, Mask, RemappedId, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId, SegmentMap,
+};
 use splatseg_memory::{FrameUpdate, MemoryError, MemorySettings, SegmentBelief, SplatMemory};
 use splatseg_settings::{Allowed, Choice, settings};
 use std::collections::BTreeSet;
@@ -165,6 +167,7 @@ impl Method for Sam2Splat {
         self.track_new_objects(&mut tracks, masks)?;
         let shown = Shown::new(frame, tracks, Some(recall.expected()));
         let update = self.memory.update(recall, &shown.segments, &BTreeSet::new())?;
+        self.memory.record_shown(&shown.segments);
         self.drop_forgotten(&update.forgotten, &shown.masks);
         Ok(shown.output(TrackErrorCounts::of(&errors), update))
     }
@@ -175,8 +178,20 @@ impl Method for Sam2Splat {
         self.track_new_objects(&mut tracks, masks)?;
         let shown = Shown::new(frame, tracks, None);
         let update = self.memory.record_unplaced(&shown.segments)?;
+        self.memory.record_shown(&shown.segments);
         self.drop_forgotten(&update.forgotten, &shown.masks);
         Ok(shown.output(TrackErrorCounts::default(), update))
+    }
+
+    fn set_anchor(&mut self, anchor: &FrameAnchor) {
+        self.memory.set_anchor(anchor);
+    }
+
+    fn correct_map(&mut self, correction: &MapCorrection) -> Vec<RemappedId> {
+        let remapped = self.memory.correct(correction);
+        // If the older id has no track, the memory prompts one.
+        remapped.iter().for_each(|ids| self.tracker.remove(ids.from));
+        remapped
     }
 
     fn memory(&self) -> Option<&SplatMemory> {

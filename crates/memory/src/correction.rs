@@ -1,0 +1,251 @@
+//! Corrections of the map: Gaussians move with the keyframes that they are attached to, surfaces that are there twice
+//! become one, and ids that turn out to be the same object are merged.
+//!
+//! When the camera comes back to a place after a long way, its pose has drifted, and the map grows a second copy of the
+//! surfaces there. Once the loop is closed, the copies lie on each other.
+//!
+//! - **Surfaces**: a later Gaussian is absorbed by an earlier one that the correction has brought close to it.
+//! - **Ids**: of the absorbed surface, two ids are merged if they overlap by an IoU of at least [`MIN_IOU`] and have never
+//!   been shown side by side in one frame. The older id stays.
+
+use crate::SplatMemory;
+use crate::growth::RADIUS_PER_SPACING;
+use crate::origin::change_of_origin;
+use glam::{IVec3, Vec3};
+use rayon::prelude::*;
+use splatseg_geometry::{FrameAnchor, KeyframeId, LocalPose, MapCorrection, RemappedId, SegmentId, SegmentMap};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Gaussians of keyframes that are closer than this in number were never apart.
+const MIN_KEYFRAMES_APART: KeyframeId = 8;
+
+/// Two Gaussians show the same surface if they are closer than this share of the larger one's spacing...
+const MAX_DISTANCE_PER_SPACING: f32 = 0.75;
+/// ...within these limits, metres: what remains of the drift, and what is surely another thing.
+const DISTANCE_LIMITS: (f32, f32) = (0.03, 0.08);
+
+/// A correction that brings two Gaussians closer by less than this, metres, says nothing about them.
+const MIN_APPROACH: f32 = 0.01;
+
+/// Minimum overlap of two ids that are merged, over the surface that is there twice.
+const MIN_IOU: f32 = 0.5;
+
+/// The overlap must be at least this share of the smaller segment's area.
+const MIN_SHARE: f32 = 0.3;
+
+/// Pairs of ids that were shown side by side in one frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct ShownTogether(BTreeMap<SegmentId, BTreeSet<SegmentId>>);
+
+impl ShownTogether {
+    /// Records the ids that a frame shows.
+    pub fn record(&mut self, segments: &SegmentMap) {
+        let ids: Vec<SegmentId> = segments.areas().into_keys().filter(|id| *id != 0).collect();
+        for (index, id) in ids.iter().enumerate() {
+            if let Some(later) = ids.get(index + 1..).filter(|later| !later.is_empty()) {
+                self.0.entry(*id).or_default().extend(later);
+            }
+        }
+    }
+
+    fn contains(&self, one: SegmentId, other: SegmentId) -> bool {
+        self.0.get(&one.min(other)).is_some_and(|later| later.contains(&one.max(other)))
+    }
+
+    /// Forgets an id.
+    pub fn remove(&mut self, id: SegmentId) {
+        self.0.remove(&id);
+        self.0.values_mut().for_each(|later| {
+            later.remove(&id);
+        });
+    }
+
+    /// Transfers what is known about an id to another one.
+    fn rename(&mut self, RemappedId { from, into }: RemappedId) {
+        let mut others = self.0.remove(&from).unwrap_or_default();
+        for (id, later) in &mut self.0 {
+            if later.remove(&from) {
+                others.insert(*id);
+            }
+        }
+        for other in others.into_iter().filter(|other| *other != into) {
+            self.0.entry(into.min(other)).or_default().insert(into.max(other));
+        }
+    }
+
+    /// The pairs to be saved: for each id the larger ones.
+    pub fn saved(&self) -> Vec<(SegmentId, Vec<SegmentId>)> {
+        self.0.iter().map(|(id, later)| (*id, later.iter().copied().collect())).collect()
+    }
+
+    /// Restores [`Self::saved`].
+    pub fn restored(saved: Vec<(SegmentId, Vec<SegmentId>)>) -> Self {
+        Self(saved.into_iter().map(|(id, later)| (id, later.into_iter().collect())).collect())
+    }
+}
+
+/// A later Gaussian on the surface of an earlier one.
+#[derive(Clone, Copy)]
+struct Double {
+    later: usize,
+    earlier: usize,
+}
+
+/// How much two ids overlap, square metres.
+struct Overlap {
+    ids: RemappedId,
+    area: f32,
+}
+
+impl SplatMemory {
+    /// Sets the keyframe to which new Gaussians are attached.
+    pub fn set_anchor(&mut self, anchor: &FrameAnchor) {
+        self.anchor = anchor.clone();
+    }
+
+    /// Records the ids that a frame shows, `[height, width]`, 0 for none. Ids that were shown side by side are never
+    /// merged.
+    pub fn record_shown(&mut self, segments: &SegmentMap) {
+        self.together.record(segments);
+    }
+
+    /// Moves the Gaussians with their keyframes, and joins the surfaces and ids that are there twice. Returns the ids that
+    /// turned out to be older ones' objects.
+    pub fn correct(&mut self, correction: &MapCorrection) -> Vec<RemappedId> {
+        let before = self.map.balls.means.clone();
+        self.move_anchored(correction);
+        if correction.joined.is_empty() || !self.store.can_merge() {
+            return Vec::new();
+        }
+        let doubles = self.doubles(&before);
+        let remapped = self.same_objects(&doubles);
+        self.rename(&remapped);
+        self.absorb(&doubles);
+        remapped
+    }
+
+    /// The ids that turned out to be older ones' objects, since the memory was created: merged id and remaining id.
+    pub fn remapped_ids(&self) -> &BTreeMap<SegmentId, SegmentId> {
+        &self.remapped
+    }
+
+    fn move_anchored(&mut self, correction: &MapCorrection) {
+        let motions: BTreeMap<KeyframeId, LocalPose> = correction
+            .new_from_old
+            .iter()
+            .map(|(id, motion)| (*id, change_of_origin(motion, self.origin, self.origin)))
+            .collect();
+        let means = self.map.balls.means.par_iter_mut().zip(&self.map.anchors).with_min_len(1024);
+        means.for_each(|(mean, anchor)| {
+            if let Some(motion) = motions.get(anchor) {
+                *mean = motion.to_world(*mean);
+            }
+        });
+        if let Some(motion) = motions.get(&self.anchor.keyframe) {
+            self.recent.transform(motion);
+        }
+    }
+
+    /// Pairs of Gaussians of one surface. `before` are their positions before the correction.
+    fn doubles(&self, before: &[Vec3]) -> Vec<Double> {
+        let (means, radii, anchors) = (&self.map.balls.means, &self.map.balls.radii, &self.map.anchors);
+        let cell = |place: Vec3| (place / DISTANCE_LIMITS.1).floor().as_ivec3();
+        let mut order: Vec<(IVec3, usize)> =
+            means.iter().enumerate().map(|(index, mean)| (cell(*mean), index)).collect();
+        order.par_sort_unstable_by_key(|(cell, index)| (cell.to_array(), *index));
+        let in_cell = |cell: IVec3| {
+            let start = order.partition_point(|(other, _)| other.to_array() < cell.to_array());
+            order[start..].iter().take_while(move |(other, _)| *other == cell).map(|(_, index)| *index)
+        };
+        let moved = |index: usize| before[index].distance_squared(means[index]) > MIN_APPROACH * MIN_APPROACH * 0.25;
+        let nearest = |later: usize| -> Option<Double> {
+            let mut best: Option<(f32, usize)> = None;
+            let centre = cell(means[later]);
+            for offset in (-1..=1).flat_map(|z| (-1..=1).flat_map(move |y| (-1..=1).map(move |x| IVec3::new(x, y, z))))
+            {
+                for earlier in in_cell(centre + offset) {
+                    if anchors[earlier].saturating_add(MIN_KEYFRAMES_APART) > anchors[later]
+                        || !(moved(earlier) || moved(later))
+                    {
+                        continue;
+                    }
+                    let spacing = radii[earlier].max(radii[later]) / RADIUS_PER_SPACING;
+                    let limit = (MAX_DISTANCE_PER_SPACING * spacing).clamp(DISTANCE_LIMITS.0, DISTANCE_LIMITS.1);
+                    let distance = means[earlier].distance(means[later]);
+                    let approach = before[earlier].distance(before[later]) - distance;
+                    if distance <= limit && approach >= MIN_APPROACH && best.is_none_or(|(least, _)| distance < least) {
+                        best = Some((distance, earlier));
+                    }
+                }
+            }
+            best.map(|(_, earlier)| Double { later, earlier })
+        };
+        (0..means.len()).into_par_iter().with_min_len(512).filter_map(nearest).collect()
+    }
+
+    /// The ids of a doubled surface that are the same object.
+    fn same_objects(&self, doubles: &[Double]) -> Vec<RemappedId> {
+        let ids = self.segment_ids();
+        let area = |index: usize| self.map.balls.radii[index] * self.map.balls.radii[index];
+        let mut totals: BTreeMap<SegmentId, f32> = BTreeMap::new();
+        for (index, id) in ids.iter().enumerate() {
+            *totals.entry(*id).or_default() += area(index);
+        }
+        let (mut of_later, mut of_earlier) = (BTreeMap::<SegmentId, f32>::new(), BTreeMap::<SegmentId, f32>::new());
+        let mut overlaps: BTreeMap<(SegmentId, SegmentId), f32> = BTreeMap::new();
+        for Double { later, earlier } in doubles {
+            let (weight, pair) = (area(*later), (ids[*later], ids[*earlier]));
+            *of_later.entry(pair.0).or_default() += weight;
+            *of_earlier.entry(pair.1).or_default() += weight;
+            *overlaps.entry(pair).or_default() += weight;
+        }
+        let is_same = |((later, earlier), area): ((SegmentId, SegmentId), f32)| {
+            let union = of_later[&later] + of_earlier[&earlier] - area;
+            let smaller = totals[&later].min(totals[&earlier]);
+            let fits = area >= MIN_IOU * union && area >= MIN_SHARE * smaller;
+            let is_candidate = later != earlier && later != 0 && earlier != 0 && fits;
+            (is_candidate && !self.together.contains(later, earlier))
+                .then(|| Overlap { ids: RemappedId { from: later.max(earlier), into: later.min(earlier) }, area })
+        };
+        let mut found: Vec<Overlap> = overlaps.into_iter().filter_map(is_same).collect();
+        found.sort_by(|one, other| other.area.total_cmp(&one.area).then(one.ids.cmp(&other.ids)));
+        // Each id takes part once; what is left over is found at the next correction.
+        let mut used = BTreeSet::new();
+        found.retain(|Overlap { ids, .. }| used.insert(ids.from) && used.insert(ids.into));
+        found.into_iter().map(|overlap| overlap.ids).collect()
+    }
+
+    fn rename(&mut self, remapped: &[RemappedId]) {
+        if remapped.is_empty() {
+            return;
+        }
+        let names: BTreeMap<SegmentId, SegmentId> = remapped.iter().map(|ids| (ids.from, ids.into)).collect();
+        self.store.rename(&names);
+        self.recent.rename(&names);
+        for ids in remapped {
+            self.together.rename(*ids);
+            self.segments.merge(*ids);
+            self.remapped.values_mut().filter(|into| **into == ids.from).for_each(|into| *into = ids.into);
+            self.remapped.insert(ids.from, ids.into);
+        }
+    }
+
+    /// Adds later Gaussians to the earlier ones on the same surface.
+    fn absorb(&mut self, doubles: &[Double]) {
+        if doubles.is_empty() {
+            return;
+        }
+        let mut keep = vec![true; self.map.len()];
+        for Double { later, earlier } in doubles {
+            // An earlier Gaussian may itself be absorbed: then this one stays.
+            if keep[*earlier] {
+                self.store.absorb(*later, *earlier);
+                self.map.last_seen[*earlier] = self.map.last_seen[*earlier].max(self.map.last_seen[*later]);
+                self.map.seen_through[*earlier] = 0;
+                keep[*later] = false;
+            }
+        }
+        self.map.retain(&keep);
+        self.store.retain(&keep);
+    }
+}
