@@ -2,7 +2,6 @@
 
 use crate::graph::{Edge, EdgeKind, PoseGraph, information};
 use crate::keyframes::{KeyframeStore, StoredKeyframe, apart};
-use crate::linear::Matrix6;
 use crate::loop_closing::{LoopCandidate, LoopCheck};
 use crate::odometry::MadeKeyframe;
 use crate::pyramid::Pyramid;
@@ -40,9 +39,8 @@ pub(crate) struct KeyframeMap {
 
 impl KeyframeMap {
     /// Adds a keyframe that the camera has tracked. `keyframe` describes it.
-    pub(crate) fn add_tracked(&mut self, keyframe: StoredKeyframe, link: Option<(KeyframeId, Pose, Option<Matrix6>)>) {
+    pub(crate) fn add_tracked(&mut self, keyframe: StoredKeyframe, link: Option<Edge>) {
         let id = keyframe.id;
-        let link = link.map(|link| Edge::tracked(id, link));
         self.add(keyframe, link);
         self.checks.extend([LoopCheck::Neighbours(id), LoopCheck::Appearance(id)]);
         self.find_uncertain();

@@ -138,8 +138,7 @@ impl Probation {
         if let Some(made) = self.odometry.made.take() {
             let part = self.keyframes.first()?.0.part;
             let keyframe = StoredKeyframe::new(made.id, &frame.pyramid, made.world_from_key, part, map.session);
-            let edge = made.link.map(|link| Edge::tracked(made.id, link));
-            self.keyframes.push((keyframe, edge));
+            self.keyframes.push((keyframe, made.link));
         }
         Some((self, pose))
     }

@@ -1,7 +1,8 @@
 //! The camera's pose from frame to frame.
 
+use crate::graph::Edge;
 use crate::keyframe::{Aligned, Keyframe, Reference};
-use crate::linear::{Eigen, Matrix6};
+use crate::linear::Eigen;
 use crate::movers::Movers;
 use crate::prior::{LastFrame, MAX_ERROR, MotionPrior};
 use crate::pyramid::{GreyFrame, Pyramid};
@@ -62,9 +63,8 @@ pub struct Odometry {
 pub(crate) struct MadeKeyframe {
     pub(crate) id: KeyframeId,
     pub(crate) world_from_key: Pose,
-    /// The keyframe that it was aligned with, its pose relative to that, and the information of that pose. `None` if it
-    /// was not aligned.
-    pub(crate) link: Option<(KeyframeId, Pose, Option<Matrix6>)>,
+    /// Its pose relative to the keyframe that it was aligned with. `None` if it was not aligned.
+    pub(crate) link: Option<Edge>,
 }
 
 /// A frame to track.
@@ -209,9 +209,9 @@ impl Odometry {
             return false;
         }
         let link = aligned.and_then(|aligned| {
-            let to = self.keyframes.get(self.active)?;
-            let information = aligned.fit.as_ref().map(|fit| fit.hessian);
-            Some((to.id, to.world_from_key.inverse() * world_from_key, information))
+            let from = self.keyframes.get(self.active)?;
+            let hessian = aligned.fit.as_ref().map(|fit| &fit.hessian);
+            Some(Edge::tracked(from.id, self.next_keyframe, from.world_from_key.inverse() * world_from_key, hessian))
         });
         if self.keyframes.len() >= MAX_KEYFRAMES {
             self.keyframes.pop_front();

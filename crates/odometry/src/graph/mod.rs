@@ -44,10 +44,9 @@ pub(crate) struct Edge {
 }
 
 impl Edge {
-    /// An edge that was measured by tracking: the earlier keyframe, the pose relative to it, and the alignment's
-    /// information.
-    pub(crate) fn tracked(to: KeyframeId, (from, measured, hessian): (KeyframeId, Pose, Option<Matrix6>)) -> Self {
-        Self { from, to, measured, information: information(hessian.as_ref()), kind: EdgeKind::Tracked }
+    /// An edge that was measured by tracking. `hessian` is the information of the alignment.
+    pub(crate) fn tracked(from: KeyframeId, to: KeyframeId, measured: Pose, hessian: Option<&Matrix6>) -> Self {
+        Self { from, to, measured, information: information(hessian), kind: EdgeKind::Tracked }
     }
 }
 
