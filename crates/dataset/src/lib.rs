@@ -54,7 +54,8 @@ pub use settings::DatasetSettings;
 pub use sevenscenes::SevenScenesScene;
 pub use stream::{FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY};
 pub use synthetic::{
-    CameraMotion, Layout, Motion, Mover, Noise, Speed, SpeedError, SyntheticScene, SyntheticSettings, Thing, ThingKind,
+    CameraMotion, ChangeKind, Layout, Motion, Mover, Noise, Speed, SpeedError, SyntheticScene, SyntheticSettings,
+    Thing, ThingKind, TrueChange, Visit,
 };
 pub use tum::TumScene;
 pub use undistort::Undistortion;
