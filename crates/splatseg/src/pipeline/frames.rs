@@ -59,7 +59,7 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
         let Self { pipeline, source, next } = self;
         let Pipeline { segmenter, poses, method, segment_ahead, clock, objects } = &mut **pipeline;
         let (streamed, segmented) = next.take().or_else(|| Some((source.next()?, None)))?;
-        let StreamedFrame { index, frame, world_from_camera, ground_truth } = match streamed {
+        let StreamedFrame { index, frame, world_from_camera, ground_truth, .. } = match streamed {
             Ok(streamed) => streamed,
             Err(error) => return Some(Err(error.into())),
         };
