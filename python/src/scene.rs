@@ -121,7 +121,7 @@ impl Frames {
         Ok(match next {
             None => None,
             Some(Err(error)) => Some(PyString::new(py, &error.to_string()).into_any().unbind()),
-            Some(Ok(StreamedFrame { index, frame, world_from_camera, ground_truth })) => {
+            Some(Ok(StreamedFrame { index, frame, world_from_camera, ground_truth, .. })) => {
                 let frame = python_frame(py, index, &frame, world_from_camera.as_ref(), ground_truth.as_ref())?;
                 Some(frame.into_pyobject(py)?.into_any().unbind())
             }

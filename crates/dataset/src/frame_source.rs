@@ -15,6 +15,15 @@ pub trait FrameSource: Iterator<Item = Result<StreamedFrame, FrameReadError>> {
     fn description(&self) -> &SceneDescription;
 }
 
+/// A pose of an earlier frame, corrected by the program that recorded the poses, e.g. when it closed a loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CorrectedPose {
+    /// Index of the corrected frame in its source.
+    pub frame: usize,
+    /// Its corrected pose.
+    pub world_from_camera: Pose,
+}
+
 /// One frame of a stream, resized and cropped as the settings say.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StreamedFrame {
@@ -24,6 +33,10 @@ pub struct StreamedFrame {
     pub frame: CameraFrame<'static>,
     /// The camera's pose, if the source has it.
     pub world_from_camera: Option<Pose>,
+    /// Corrected poses of earlier frames of the stream that became known since the frame before, at most one per frame,
+    /// by increasing frame. A pose is listed only if it differs from the one given before by more than 1 mm or 0.05
+    /// degrees. Empty if the source does not correct its poses.
+    pub corrections: Vec<CorrectedPose>,
     /// The true segments, of the frame's size; `None` if there are none or they were not requested.
     pub ground_truth: Option<SegmentMap>,
 }

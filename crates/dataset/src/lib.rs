@@ -6,6 +6,7 @@
 //! implement [`Scene`] in a new file or folder and add one row to the table in `formats.rs`.
 
 mod archive;
+mod corrections;
 mod decode;
 mod description;
 mod error;
@@ -40,7 +41,7 @@ pub use decode::{read_color_image, read_segments_png};
 pub use description::SceneDescription;
 pub use error::{DatasetError, FrameReadError};
 pub use formats::{Format, FormatNameError, open_scene, supported_formats};
-pub use frame_source::{FrameSource, StreamedFrame};
+pub use frame_source::{CorrectedPose, FrameSource, StreamedFrame};
 pub use framing::{Framing, ImageSize, ImageSizeTextError};
 pub use mcap::{McapFrames, McapScene, McapSummary, McapTopic};
 pub use mvpd::{MvpdScene, MvpdVideo, MvpdVideos};
@@ -54,7 +55,8 @@ pub use settings::DatasetSettings;
 pub use sevenscenes::SevenScenesScene;
 pub use stream::{FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY};
 pub use synthetic::{
-    CameraMotion, Layout, Motion, Mover, Noise, Speed, SpeedError, SyntheticScene, SyntheticSettings, Thing, ThingKind,
+    CameraMotion, ChangeKind, Layout, Motion, Mover, Noise, Speed, SpeedError, SyntheticScene, SyntheticSettings,
+    Thing, ThingKind, TrueChange, Visit,
 };
 pub use tum::TumScene;
 pub use undistort::Undistortion;

@@ -1,9 +1,10 @@
 //! The interface that every format implements, and the assembly of frames from their parts.
 
 use crate::decode::DEPTH_IMAGE;
-use crate::{DatasetError, Format};
+use crate::{CorrectedPose, DatasetError, Format};
 use splatseg_geometry::{CameraFrame, Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::fmt::Debug;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -51,6 +52,12 @@ pub trait Scene: Debug + Send + Sync {
     /// the scene was opened.
     fn without_pose(&self) -> &[LeftOut] {
         &[]
+    }
+
+    /// Returns the corrected poses that became known with the frames of a range, at most one per corrected frame (the
+    /// last), by increasing frame. A pose that became known with a frame corrects an earlier one. Reads no frame.
+    fn corrections(&self, _known_with: Range<usize>) -> Vec<CorrectedPose> {
+        Vec::new()
     }
 
     /// Returns true if the scene has ground truth segments.

@@ -56,6 +56,9 @@ settings! {
         /// MCAP: the frame whose poses the topic gives, connected to the camera by /tf_static; if left out, the one
         /// named in its messages, otherwise the colour camera's.
         pose_frame: Option<String> = None, Allowed::Text("the name of a frame");
+        /// MCAP: topic with corrected paths (`nav_msgs/msg/Path`), of the same frame as the poses, or `none`; if left out,
+        /// the only such topic.
+        corrections: Option<String> = None, Allowed::Text("a topic");
         /// MCAP: maximum time between a colour and a depth image, and between an image and the nearest pose if it has
         /// poses on one side only, milliseconds.
         max_time_difference_ms: f64 = 20.0, Allowed::between(0.0, 60_000.0);
@@ -92,6 +95,7 @@ impl DatasetSettings {
             ("pose", &self.pose),
             ("world_frame", &self.world_frame),
             ("pose_frame", &self.pose_frame),
+            ("corrections", &self.corrections),
         ];
         given.into_iter().find_map(|(name, value)| Some((name, value.as_deref()?)))
     }

@@ -3,8 +3,8 @@
 use crate::files::MemoryRequirement;
 use crate::plausibility::{Plausibility, check_intrinsics};
 use crate::{
-    DatasetError, DatasetSettings, FrameReadError, FrameSource, Framing, RecordedFrame, Scene, SceneDescription,
-    StreamedFrame,
+    CorrectedPose, DatasetError, DatasetSettings, FrameReadError, FrameSource, Framing, RecordedFrame, Scene,
+    SceneDescription, StreamedFrame,
 };
 use splatseg_geometry::{CameraFrame, Intrinsics};
 use std::path::Path;
@@ -101,6 +101,10 @@ impl FrameStream {
             }
         }
         description.warn_of_reduction(settings);
+        if let Some(last) = done.checked_sub(1).and_then(|last| selected.get(last)) {
+            job.unknown_from = last + 1;
+        }
+        job.selected = selected.clone();
         let rest: Vec<usize> = selected.iter().copied().skip(first.len().max(done)).collect();
         let first: Vec<FrameResult> = first.into_iter().skip(done).collect();
         let pending: Vec<usize> = selected.into_iter().skip(done).collect();
@@ -187,6 +191,10 @@ struct ReadingJob {
     /// Intrinsics of the first frame, before framing.
     original_intrinsics: Option<Intrinsics>,
     plausibility: Plausibility,
+    /// Indices of the selected frames, increasing.
+    selected: Vec<usize>,
+    /// The first frame whose corrections have not been returned.
+    unknown_from: usize,
 }
 
 impl ReadingJob {
@@ -198,6 +206,8 @@ impl ReadingJob {
             original_size: None,
             original_intrinsics: None,
             plausibility: Plausibility::default(),
+            selected: Vec::new(),
+            unknown_from: 0,
         }
     }
 
@@ -250,7 +260,16 @@ impl ReadingJob {
         let frame = self.framing.apply(frame)?;
         self.original_size = Some(size);
         self.original_intrinsics.get_or_insert(intrinsics);
-        Ok(StreamedFrame { index, frame, world_from_camera, ground_truth })
+        let corrections = self.corrections(index);
+        Ok(StreamedFrame { index, frame, world_from_camera, corrections, ground_truth })
+    }
+
+    /// Returns the corrections of selected frames that became known since the last good frame, up to frame `index`.
+    fn corrections(&mut self, index: usize) -> Vec<CorrectedPose> {
+        let mut corrections = self.scene.corrections(self.unknown_from..index + 1);
+        corrections.retain(|correction| self.selected.binary_search(&correction.frame).is_ok());
+        self.unknown_from = index + 1;
+        corrections
     }
 
     /// Checks that a run with frames of size `(width, height)` can stay within the memory limit.

@@ -180,3 +180,14 @@ message! {
         twist: TwistWithCovariance,
     }
 }
+
+message! {
+    /// A path of a robot (`nav_msgs/msg/Path`).
+    NavPath: Default, "nav_msgs/msg/Path",
+    "std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n", [Header, PoseStamped] {
+        /// Time of the path, and the frame of its poses.
+        header: Header,
+        /// The poses, each with its time.
+        poses: Vec<PoseStamped>,
+    }
+}

@@ -13,8 +13,8 @@ mod visualization_msgs;
 
 pub use cdr::{CdrError, from_cdr, to_cdr};
 pub use geometry_msgs::{
-    Odometry, Point, PoseMessage, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped, Quaternion, TfMessage,
-    Transform, TransformStamped, Twist, TwistWithCovariance, Vector3,
+    NavPath, Odometry, Point, PoseMessage, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped, Quaternion,
+    TfMessage, Transform, TransformStamped, Twist, TwistWithCovariance, Vector3,
 };
 pub use interface::{Interface, Message};
 pub use sensor_msgs::{CameraInfo, CompressedImage, Image, PointCloud2, PointField, RegionOfInterest};

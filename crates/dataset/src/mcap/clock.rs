@@ -51,7 +51,7 @@ pub(super) enum Order {
 }
 
 impl Order {
-    fn of(self, recorded: Recorded) -> i64 {
+    pub(super) fn of(self, recorded: Recorded) -> i64 {
         match self {
             Self::LogTime => recorded.log_time,
             Self::Number => recorded.number,

@@ -3,6 +3,7 @@
 use super::cameras::Calibration;
 use super::clock::{Order, Recorded, Stamped, Timeline};
 use super::container::{FoundMessage, MessagePlace, RecordSink};
+use super::corrections::PathPoses;
 use super::frame_names::{frame_name, one_line};
 use super::images::{ImageKind, compressed_kind, raw_kind};
 use super::poses::{PoseType, Poses, rigid_of_transform};
@@ -44,6 +45,7 @@ pub(super) enum Content {
     Calibrations { frame: String, list: Vec<(StampedPlace, Calibration)> },
     Poses(Poses),
     Transforms { is_fixed: bool },
+    Path(PathPoses),
     Other,
 }
 
@@ -245,6 +247,7 @@ impl Content {
             "sensor_msgs/msg/CompressedImage" => Self::Images(Images { is_compressed: true, ..Images::default() }),
             "sensor_msgs/msg/CameraInfo" => Self::Calibrations { frame: String::new(), list: Vec::new() },
             "tf2_msgs/msg/TFMessage" => Self::Transforms { is_fixed: name.ends_with("tf_static") },
+            "nav_msgs/msg/Path" => Self::Path(PathPoses::default()),
             "nav_msgs/msg/Odometry" => Self::Poses(Poses::new(PoseType::Odometry)),
             "geometry_msgs/msg/PoseStamped" => Self::Poses(Poses::new(PoseType::Pose)),
             "geometry_msgs/msg/PoseWithCovarianceStamped" => Self::Poses(Poses::new(PoseType::PoseWithCovariance)),
@@ -293,6 +296,7 @@ impl Content {
                 // Fixed transforms replace each other, moving ones are all kept.
                 Ok((transforms.transforms.len() * size_of::<Sample>()) as u64)
             }
+            Self::Path(path) => path.record(message.data, recorded),
             Self::Other => Ok(0),
         }
     }

@@ -1,6 +1,7 @@
 //! Frames of a recording: pairs of colour and depth, with a camera pose if there is one.
 
 use super::cameras::{Calibration, Camera};
+use super::clock::Recorded;
 use super::container::MessagePlace;
 use super::contents::{Content, Contents, Images, StampedPlace, Topic};
 use super::frame_names::bare_frame;
@@ -24,6 +25,8 @@ const NANOSECONDS_PER_MS: f64 = 1e6;
 pub(super) struct PairedFrame {
     /// Stamp of the colour image, nanoseconds.
     pub(super) stamp: i64,
+    /// Recording time of the colour image.
+    pub(super) recorded: Recorded,
     pub(super) color: MessagePlace,
     pub(super) depth: MessagePlace,
     pub(super) pose: Option<Pose>,
@@ -105,13 +108,13 @@ pub(super) struct FrameMaker<'a> {
 }
 
 impl<'a> FrameMaker<'a> {
-    fn tolerance(&self) -> Tolerance {
+    pub(super) fn tolerance(&self) -> Tolerance {
         let nanoseconds = |milliseconds: f64| (milliseconds * NANOSECONDS_PER_MS) as i64;
         let (nearest, gap) = (self.settings.max_time_difference_ms, self.settings.max_pose_gap_ms);
         Tolerance { nearest: nanoseconds(nearest), gap: nanoseconds(gap) }
     }
 
-    fn error(&self, field: &str, found: String, expected: String) -> DatasetError {
+    pub(super) fn error(&self, field: &str, found: String, expected: String) -> DatasetError {
         DatasetError::Field { path: self.path.to_owned(), field: field.to_owned(), found, expected }
     }
 
@@ -213,6 +216,7 @@ impl<'a> FrameMaker<'a> {
         let pairs = self.pairs();
         let frame = |(color, depth): &(StampedPlace, StampedPlace)| PairedFrame {
             stamp: color.stamp,
+            recorded: color.recorded,
             color: color.place,
             depth: depth.place,
             pose: self.pose_at(source, color),

@@ -11,6 +11,7 @@ mod clock;
 mod compressed_depth;
 mod container;
 mod contents;
+mod corrections;
 mod frame_names;
 mod frames;
 mod images;
@@ -22,6 +23,7 @@ mod transforms;
 
 pub use summary::{McapFrames, McapSummary, McapTopic};
 
+use crate::corrections::CorrectionList;
 use crate::own_camera::{OwnCamera, camera_place};
 use crate::plausibility::warn_once;
 use crate::recorded_poses::PoseCoverage;
@@ -30,7 +32,7 @@ use crate::register::{CameraPair, register_depth};
 use crate::resample::{ImageMap, resample_color};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::undistort::Undistortion;
-use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
+use crate::{CorrectedPose, DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 use cameras::{Camera, UndistortionCache};
 use container::{McapFile, MessagePlace};
 use contents::{Contents, Images};
@@ -38,6 +40,7 @@ use frames::{Cameras, FrameMaker, Frames, PairedFrame};
 use glam::DVec3;
 use splatseg_geometry::{Image, Intrinsics, Pose, SegmentMap};
 use splatseg_ros::{CompressedImage, Image as RawImage, from_cdr};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use topics::{Choice, Chooser};
@@ -67,6 +70,7 @@ pub struct McapScene {
     registration: Option<Registration>,
     left_out: Vec<LeftOut>,
     sources: Vec<String>,
+    corrections: CorrectionList,
 }
 
 /// Images of a topic, and the cameras that took them.
@@ -123,14 +127,16 @@ impl McapScene {
         let (pose_source, pose_text) = maker.pose_source()?;
         let Frames { list: frames, poses, left_out } = maker.frames(&pose_source, (&color.cameras, &depth.cameras))?;
         let registration = registration(&maker, &color, &depth, &path)?;
-        let sources = vec![
+        let sources = [
             source_text("colour", choice.color, &color.cameras.topic),
             source_text("depth", choice.depth, &depth.cameras.topic)
                 + if registration.is_some() { ", registered to colour here" } else { "" },
             format!("poses: {pose_text}"),
         ];
+        let (corrections, correction_text) = maker.corrections(&frames)?;
+        let sources = sources.into_iter().chain(correction_text).collect();
         let name = path.file_stem().map_or_else(|| "recording".to_owned(), |stem| stem.to_string_lossy().into_owned());
-        Ok(Self { name, file, frames, poses, own_camera, color, depth, registration, left_out, sources })
+        Ok(Self { name, file, frames, poses, own_camera, color, depth, registration, left_out, sources, corrections })
     }
 
     /// Describes a message of a frame, for errors.
@@ -325,6 +331,10 @@ impl Scene for McapScene {
 
     fn without_pose(&self) -> &[LeftOut] {
         self.poses.without_pose()
+    }
+
+    fn corrections(&self, known_with: Range<usize>) -> Vec<CorrectedPose> {
+        self.corrections.known_with(known_with)
     }
 
     fn has_ground_truth(&self) -> bool {

@@ -13,7 +13,7 @@ const TRANSPORTS: [&str; 2] = ["/compressedDepth", "/compressed"];
 const TF: &str = "/tf";
 const TF_STATIC: &str = "/tf_static";
 /// Value of the setting `pose` for a recording whose poses are not used.
-const NO_POSES: &str = "none";
+pub(super) const NO_POSES: &str = "none";
 
 /// The topics used.
 #[derive(Clone, Copy, Debug)]

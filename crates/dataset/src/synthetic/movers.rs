@@ -3,13 +3,12 @@
 use super::furniture::Lane;
 use super::motion::{Motion, Mover};
 use super::scenery::Scenery;
-use super::solids::Ray;
+use super::visibility::Visibility;
 use super::walk::Walk;
 use super::{Speed, SyntheticSettings};
 use glam::Vec2;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 use splatseg_geometry::{Intrinsics, LocalPose, SegmentId};
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -29,9 +28,7 @@ const MIN_STEPS: usize = 3;
 /// Number of directions tried for a slide.
 const DIRECTIONS: usize = 16;
 
-/// Visibility is measured in images of this width and height, pixels...
-const GRID: (usize, usize) = (48, 36);
-/// ...of every Nth frame (at speed 1)...
+/// Visibility is measured in every Nth frame (at speed 1)...
 const VIEW_STRIDE: usize = 4;
 /// ...in a round of the camera before things come and go, and in a round after. Where things only slide, in this
 /// number of frames of the first round.
@@ -99,7 +96,8 @@ pub(super) fn choose(
     random.set_stream(RANDOM_STREAM);
     let change = ChangeTime::for_video(frames);
     let (before, after) = change.views(frames, (&scenery.walk, speed), pose_at);
-    let visible = (visible_fractions(scenery, intrinsics, &before), visible_fractions(scenery, intrinsics, &after));
+    let fractions = |poses: &[LocalPose]| Visibility::new(scenery, intrinsics, poses).fractions();
+    let visible = (fractions(&before), fractions(&after));
     let mut waiting = candidates(scenery, visible, &mut random);
     if waiting.len() < count {
         return None;
@@ -147,30 +145,6 @@ fn candidates(
         ranked.swap(last, random.random_range(0..=last));
     }
     ranked.into_iter().map(|(share, id)| Candidate { id, clearly_visible: share >= MIN_VISIBLE_FRACTION }).collect()
-}
-
-/// Returns the fraction of all rays, over all `poses`, that hit each solid.
-fn visible_fractions(scenery: &Scenery, intrinsics: &Intrinsics, poses: &[LocalPose]) -> BTreeMap<SegmentId, f32> {
-    let (width, height) = GRID;
-    let coarse = intrinsics.resized(width, height);
-    let seen_from = |pose: &LocalPose| {
-        let mut counts = BTreeMap::<SegmentId, usize>::new();
-        for index in 0..width * height {
-            let pixel = Vec2::new((index % width) as f32, (index / width) as f32);
-            let ray = Ray { origin: pose.translation(), direction: pose.rotation() * coarse.unproject(pixel, 1.0) };
-            if let Some((solid, _)) = scenery.first_hit(ray) {
-                *counts.entry(solid.id).or_default() += 1;
-            }
-        }
-        counts
-    };
-    let views: Vec<BTreeMap<SegmentId, usize>> = poses.par_iter().map(seen_from).collect();
-    let rays = (width * height * poses.len()).max(1) as f32;
-    let mut shares = BTreeMap::<SegmentId, f32>::new();
-    for (id, count) in views.into_iter().flatten() {
-        *shares.entry(id).or_default() += count as f32 / rays;
-    }
-    shares
 }
 
 /// Returns the index in `waiting`, the step (metres, world x and y) and the number of steps of the best slide.

@@ -97,7 +97,8 @@ impl Caster<'_> {
         }
     }
 
-    /// Returns the same hit as [`Scenery::first_hit`]: of equally near solids, the first in the list.
+    /// Returns the first solid hit by a ray, and the hit; of equally near solids, the first in the scenery. Rays from
+    /// inside a room always hit one.
     fn first_hit(&self, ray: Ray, candidates: &[Candidate]) -> Option<(&Solid, Hit)> {
         let length = ray.direction.length();
         let mut nearest: Option<(usize, &Solid, Hit)> = None;

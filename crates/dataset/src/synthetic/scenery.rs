@@ -2,7 +2,9 @@
 
 use super::furniture::{FloorArea, Lane, Site};
 use super::motion::Mover;
-use super::solids::{Hit, Ray, Solid};
+use super::solids::Solid;
+#[cfg(test)]
+use super::solids::{Hit, Ray};
 use super::walk::Walk;
 use glam::{Vec2, Vec3};
 use splatseg_geometry::SegmentId;
@@ -40,6 +42,19 @@ impl Scenery {
             }
         }
         scenery
+    }
+
+    /// Removes a thing.
+    pub(super) fn remove_thing(&mut self, id: SegmentId) {
+        self.solids.retain(|solid| solid.id != id);
+        self.carriers.remove(&id);
+        self.twins.iter_mut().for_each(|group| group.retain(|twin| *twin != id));
+        self.twins.retain(|group| group.len() > 1);
+    }
+
+    /// Moves the centre of a thing.
+    pub(super) fn move_thing(&mut self, id: SegmentId, center: Vec3) {
+        self.solids.iter_mut().filter(|solid| solid.id == id).for_each(|solid| solid.center = center);
     }
 
     /// Returns the things, without walls, floors, ceilings and doors.
@@ -92,6 +107,7 @@ impl Scenery {
     }
 
     /// Returns the first solid hit by a ray, and the hit. Rays from inside a room always hit one.
+    #[cfg(test)]
     pub(super) fn first_hit(&self, ray: Ray) -> Option<(&Solid, Hit)> {
         let mut nearest: Option<(&Solid, Hit)> = None;
         for solid in &self.solids {

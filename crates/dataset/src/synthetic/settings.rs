@@ -1,6 +1,6 @@
 //! Settings of the synthetic room, and their form on a command line.
 
-use super::{Layout, Noise, Speed};
+use super::{Layout, Noise, Speed, Visit};
 use crate::DatasetError;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -11,9 +11,10 @@ use std::str::FromStr;
 pub(crate) const LAYOUT: &str = "the word synthetic, or synthetic:frames=60,seed=0,width=320,height=240,objects=20,noise=none \
                                  with any of these settings (noise: none or kinect), moving=2 (the number of moving things), \
                                  camera=static and speed=0.04 (of all motion, for a video at 30 frames per second), or \
-                                 tour=4 (rooms) or corridor=20 (doors) instead of one room";
+                                 tour=4 (rooms) or corridor=20 (doors) instead of one room, or visit=before \
+                                 or visit=after (a room or tour before and after seven things have changed)";
 
-const KEYS: &str = "width, height, frames, seed, objects, noise, moving, camera, speed, tour or corridor";
+const KEYS: &str = "width, height, frames, seed, objects, noise, moving, camera, speed, tour, corridor or visit";
 const PREFIX: &str = "synthetic";
 const SIDE: std::ops::RangeInclusive<usize> = 8..=4096;
 const OBJECTS: std::ops::RangeInclusive<usize> = 0..=400;
@@ -22,7 +23,8 @@ const FRAMES: std::ops::RangeInclusive<usize> = 1..=1_000_000;
 
 /// Settings of the synthetic room. Written as
 /// `synthetic:frames=60,seed=3,width=320,height=240,objects=20,noise=kinect`, where everything has a default.
-/// `moving=2`, `camera=static`, `speed=0.04`, and `tour=4` or `corridor=20` may be added.
+/// `moving=2`, `camera=static`, `speed=0.04`, `tour=4` or
+/// `corridor=20`, and `visit=before` or `visit=after` may be added.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SyntheticSettings {
@@ -51,6 +53,10 @@ pub struct SyntheticSettings {
     pub speed: Speed,
     /// Layout of the scene. Default: one room.
     pub layout: Layout,
+    /// The scene before or after some of its things have changed; see
+    /// [`SyntheticScene::changes`](super::SyntheticScene::changes). The two new things are among the `objects`, two
+    /// fifths of which are twins. Not in a corridor, and not with moving things. Default: no change.
+    pub visit: Option<Visit>,
 }
 
 /// Motion of the camera in the synthetic room.
@@ -68,8 +74,20 @@ impl Default for SyntheticSettings {
     fn default() -> Self {
         let (noise, camera) = (Noise::None, CameraMotion::Walk);
         let speed = Speed::default();
-        let layout = Layout::Room;
-        Self { width: 320, height: 240, frames: 60, seed: 0, objects: 20, noise, moving: 0, camera, speed, layout }
+        let (layout, visit) = (Layout::Room, None);
+        Self {
+            width: 320,
+            height: 240,
+            frames: 60,
+            seed: 0,
+            objects: 20,
+            noise,
+            moving: 0,
+            camera,
+            speed,
+            layout,
+            visit,
+        }
     }
 }
 
@@ -96,9 +114,7 @@ impl SyntheticSettings {
         ];
         let out_of_range = checks.into_iter().find(|(_, found, range, _)| !range.contains(found));
         let out_of_range = out_of_range.map(|(field, found, _, expected)| (field, found, expected));
-        let moving = ("moving", self.moving, "0: nothing moves in a corridor");
-        let still = matches!(self.layout, Layout::Corridor(_)) && self.moving > 0;
-        let wrong = out_of_range.or(self.layout.wrong_count()).or(still.then_some(moving));
+        let wrong = out_of_range.or(self.layout.wrong_count()).or(self.contradiction());
         let Some((field, found, expected)) = wrong else { return Ok(()) };
         Err(DatasetError::Synthetic {
             text: self.to_string(),
@@ -106,6 +122,20 @@ impl SyntheticSettings {
             found: found.to_string(),
             expected: expected.to_owned(),
         })
+    }
+
+    /// Returns a setting that others exclude, its value, and the values they allow.
+    fn contradiction(&self) -> Option<(&'static str, usize, &'static str)> {
+        match (self.layout, self.visit) {
+            (Layout::Corridor(_), _) if self.moving > 0 => {
+                Some(("moving", self.moving, "0: nothing moves in a corridor"))
+            }
+            (Layout::Corridor(doors), Some(_)) => {
+                Some(("corridor", doors, "a room or a tour with visit=before or after"))
+            }
+            (_, Some(_)) if self.moving > 0 => Some(("moving", self.moving, "0 with visit=before or after")),
+            _ => None,
+        }
     }
 }
 
@@ -131,7 +161,10 @@ impl fmt::Display for SyntheticSettings {
         if self.speed != Speed::default() {
             write!(formatter, ",speed={}", self.speed)?;
         }
-        if self.layout == Layout::default() { Ok(()) } else { write!(formatter, ",{}", self.layout) }
+        if self.layout != Layout::default() {
+            write!(formatter, ",{}", self.layout)?;
+        }
+        self.visit.map_or(Ok(()), |visit| write!(formatter, ",visit={}", visit.name()))
     }
 }
 
@@ -181,6 +214,13 @@ impl FromStr for SyntheticSettings {
                 }
                 "tour" => settings.layout = Layout::Tour(number()?),
                 "corridor" => settings.layout = Layout::Corridor(number()?),
+                "visit" => {
+                    settings.visit = match value {
+                        "before" => Some(Visit::Before),
+                        "after" => Some(Visit::After),
+                        _ => return Err(wrong(key, value, "before or after")),
+                    }
+                }
                 "speed" => settings.speed = value.parse().map_err(|_| wrong(key, value, Speed::EXPECTED))?,
                 _ => return Err(wrong("setting", key, KEYS)),
             }
@@ -205,7 +245,7 @@ mod tests {
         let slow = format!("{moving},speed=0.04");
         assert_eq!(slow.parse::<SyntheticSettings>().unwrap().to_string(), slow);
         assert_eq!(format!("{moving},speed=1.0").parse::<SyntheticSettings>().unwrap().to_string(), moving);
-        for layout in ["tour=4", "tour=1", "corridor=20"] {
+        for layout in ["tour=4", "tour=1", "corridor=20", "visit=before", "tour=4,visit=after"] {
             let tour = format!("{text},speed=0.5,{layout}");
             let settings: SyntheticSettings = tour.parse().unwrap();
             assert_eq!(settings.to_string(), tour);
@@ -237,5 +277,8 @@ mod tests {
         assert!(error("synthetic:corridor=0").contains("corridor: found \"0\", expected 1 to 100 doors"));
         assert!(error("synthetic:corridor=9,tour=4").contains("tour: found \"4\", expected one of tour and corridor"));
         assert!(error("synthetic:corridor=9,moving=1").contains("moving: found \"1\", expected 0: nothing moves"));
+        assert!(error("synthetic:visit=now").contains("visit: found \"now\", expected before or after"));
+        assert!(error("synthetic:visit=after,moving=1").contains("moving: found \"1\", expected 0 with visit"));
+        assert!(error("synthetic:visit=after,corridor=9").contains("corridor: found \"9\", expected a room or a tour"));
     }
 }

@@ -7,7 +7,8 @@ use thiserror::Error;
 
 /// Speed of the camera and of the sliding things, 0.001 to 1 in steps of 0.001.
 ///
-/// At 1, the default, the camera moves 13 cm per frame and turns by 7.5 degrees, or a little more or less as it sways:
+/// At 1, the default, the camera of a tour or corridor moves about 1 cm per frame, like that of a video at 30 frames per
+/// second. In the room it moves 13 cm per frame and turns by 7.5 degrees, or a little more or less as it sways:
 /// few frames of a long walk. A hand-held camera at 30 frames per second moves and turns like 0.04 (5 mm and 0.3 degrees
 /// per frame, 16 cm/s) when it scans a room slowly, and like 0.1 (13 mm and 0.75 degrees, 40 cm/s) when it is in a hurry.
 ///

@@ -80,6 +80,13 @@ impl Texture {
         Self { colors: self.colors.map(tint), ..self.clone() }
     }
 
+    /// Returns the mean sRGB colour.
+    pub(super) fn mean_color(&self) -> [u8; 3] {
+        let share = if matches!(self.pattern, Pattern::Plain) { 0.075 } else { 0.5 };
+        let [first, second] = self.colors.map(|color| Vec3::from(color.map(f32::from)));
+        first.lerp(second, share).to_array().map(|value| value.round() as u8)
+    }
+
     /// Returns the sRGB colour at a point, in 0..=255.
     pub(super) fn color_at(&self, point_local: Vec3) -> Vec3 {
         let point = point_local / self.period + PATTERN_SHIFT;

@@ -58,7 +58,7 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
     fn next(&mut self) -> Option<Self::Item> {
         let Self { pipeline, source, next } = self;
         let (streamed, segmented) = next.take().or_else(|| Some((source.next()?, None)))?;
-        let StreamedFrame { index, frame, world_from_camera, ground_truth } = match streamed {
+        let StreamedFrame { index, frame, world_from_camera, ground_truth, .. } = match streamed {
             Ok(streamed) => streamed,
             Err(error) => return Some(Err(error.into())),
         };
