@@ -5,12 +5,14 @@
 
 mod csv;
 mod list;
+mod remap_log;
 mod seen;
 mod shape;
 mod sightings;
 mod vertex_ids;
 
 pub use list::{BestView, Conventions, FrameStamp, Object, ObjectList, ObjectState};
+pub use remap_log::RemapLog;
 pub use seen::{SeenObjects, Sightings};
 pub use shape::{AxisAlignedBox, ObjectShape, OrientedBox, object_shapes};
 pub use sightings::{BoundingBox, ObjectLog, ObjectRecord, ObjectSighting};

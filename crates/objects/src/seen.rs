@@ -2,7 +2,7 @@
 
 use crate::{BestView, BoundingBox, FrameStamp, ObjectSighting};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::SegmentId;
+use splatseg_geometry::{RemappedId, SegmentId};
 use std::collections::BTreeMap;
 
 /// A view must beat the best one so far by this factor, so that an approaching object does not get a new best view in
@@ -24,7 +24,8 @@ pub struct Sightings {
     pub first_frame: FrameStamp,
     /// The last frame that showed it.
     pub last_frame: FrameStamp,
-    /// Number of frames that showed it.
+    /// Number of sightings: the frames that showed it. A frame counts twice if it showed two ids that later turned out to
+    /// be this object.
     pub frames: usize,
     /// Its best view: the most pixels times confidence. Views cut by the image border count a quarter.
     pub best_view: BestView,
@@ -36,6 +37,20 @@ impl Sightings {
     /// Mean confidence of the frames that showed the object, from 0 to 1.
     pub fn confidence(&self) -> f32 {
         (self.summed_confidence / self.frames.max(1) as f64) as f32
+    }
+
+    fn merge(&mut self, other: Self) {
+        if other.first_frame.number < self.first_frame.number {
+            self.first_frame = other.first_frame;
+        }
+        if other.last_frame.number > self.last_frame.number {
+            self.last_frame = other.last_frame;
+        }
+        if other.score > self.score {
+            (self.best_view, self.score) = (other.best_view, other.score);
+        }
+        self.frames += other.frames;
+        self.summed_confidence += other.summed_confidence;
     }
 }
 
@@ -53,6 +68,18 @@ impl SeenObjects {
     /// The best view of an object.
     pub fn best_view_mut(&mut self, id: SegmentId) -> Option<&mut BestView> {
         self.objects.get_mut(&id).map(|object| &mut object.best_view)
+    }
+
+    /// Adds the sightings of ids that turned out to be other ids' objects to those. The better of two best views stays,
+    /// with the box and the colour of the part that it showed.
+    pub fn remap(&mut self, remapped: &[RemappedId]) {
+        for RemappedId { from, into } in remapped.iter().filter(|remapped| remapped.from != remapped.into) {
+            let Some(other) = self.objects.remove(from) else { continue };
+            match self.objects.get_mut(into) {
+                Some(kept) => kept.merge(other),
+                None => drop(self.objects.insert(*into, other)),
+            }
+        }
     }
 
     /// Records the objects of the next frame, whose images have `size` `(width, height)`. Returns the objects for which
@@ -152,6 +179,29 @@ mod tests {
         assert_eq!(seen.record(&stamp(8), (100, 80), &[other]), [7]);
         let object = &seen.objects()[&7];
         assert_eq!((object.first_frame.number, object.frames, object.best_view.area_px), (8, 1, 10));
+    }
+
+    #[test]
+    fn joined_objects_have_the_sightings_of_both() {
+        let mut seen = SeenObjects::default();
+        best_frames(&mut seen, &[sighting(5, 40, 1.0), sighting(5, 40, 1.0)]);
+        let piece = |frame, area, confidence| ObjectSighting {
+            id: 9,
+            first_frame: 2,
+            last_frame: frame,
+            ..sighting(30, area, confidence)
+        };
+        seen.record(&stamp(2), (100, 80), &[piece(2, 90, 0.5)]);
+        seen.record(&stamp(3), (100, 80), &[piece(3, 90, 0.5)]);
+        seen.remap(&[RemappedId { from: 9, into: 7 }, RemappedId { from: 8, into: 6 }]);
+        let object = &seen.objects()[&7];
+        assert_eq!(seen.objects().len(), 1);
+        assert_eq!((object.first_frame.number, object.last_frame.number, object.frames), (0, 3, 4));
+        assert_eq!((object.best_view.frame.number, object.best_view.area_px), (2, 90));
+        assert!((object.confidence() - 0.75).abs() < 1e-6);
+        // An object that was only seen under the other id gets the older one.
+        seen.remap(&[RemappedId { from: 7, into: 4 }]);
+        assert_eq!(seen.objects()[&4].frames, 4);
     }
 
     #[test]

@@ -25,8 +25,30 @@ struct CocoFrame {
     name: String,
     /// Name of the frame's result files, without folder and extension.
     file_name: String,
-    /// Confidence of each object.
-    scores: BTreeMap<SegmentId, f32>,
+    /// Area, pixels, and confidence of each object.
+    objects: BTreeMap<SegmentId, (usize, f32)>,
+}
+
+impl CocoFrame {
+    /// The confidence of each object after ids changed as `final_ids` says: the mean over its pixels.
+    fn scores(&self, final_ids: &BTreeMap<SegmentId, SegmentId>) -> BTreeMap<SegmentId, f32> {
+        if final_ids.is_empty() {
+            return self.objects.iter().map(|(id, (_, score))| (*id, *score)).collect();
+        }
+        let mut parts: BTreeMap<SegmentId, Vec<(usize, f32)>> = BTreeMap::new();
+        for (id, part) in &self.objects {
+            parts.entry(*final_ids.get(id).unwrap_or(id)).or_default().push(*part);
+        }
+        let mean = |parts: &[(usize, f32)]| match parts {
+            [(_, score)] => *score,
+            parts => {
+                let area: usize = parts.iter().map(|(area, _)| area).sum();
+                let sum: f64 = parts.iter().map(|(area, score)| *area as f64 * f64::from(*score)).sum();
+                (sum / area.max(1) as f64) as f32
+            }
+        };
+        parts.into_iter().map(|(id, parts)| (id, mean(&parts))).collect()
+    }
 }
 
 impl CocoFile {
@@ -38,17 +60,18 @@ impl CocoFile {
         Self { path, frames: Vec::new() }
     }
 
-    fn write(&self, scene: &str, folder: &dyn ResultFolder) -> Result<(), OutputError> {
+    fn write(&self, end: &RunEnd<'_>, folder: &dyn ResultFolder) -> Result<(), OutputError> {
         let error = |source| OutputError::Io { path: self.path.clone(), source };
         let file = AtomicFile::create(&self.path).map_err(error)?;
         let mut file = CocoWriter::start(file, "splatseg", env!("CARGO_PKG_VERSION")).map_err(error)?;
-        for frame in &self.frames {
+        for (position, frame) in self.frames.iter().enumerate() {
             let segments = written_ids(folder, &frame.file_name)?;
+            let scores = frame.scores(&end.remaps.final_ids(position));
             let image =
-                CocoImage { file_name: &format!("{}.jpg", frame.file_name), name: &frame.name, scores: &frame.scores };
+                CocoImage { file_name: &format!("{}.jpg", frame.file_name), name: &frame.name, scores: &scores };
             file.frame(&image, &segments).map_err(error)?;
         }
-        file.finish(scene).and_then(AtomicFile::commit).map_err(error)
+        file.finish(end.scene).and_then(AtomicFile::commit).map_err(error)
     }
 }
 
@@ -61,7 +84,7 @@ impl RunOutput for CocoFile {
         self.frames.push(CocoFrame {
             name: record.frame.name().to_owned(),
             file_name: record.file_name.clone(),
-            scores: record.objects.iter().map(|object| (object.id, object.confidence)).collect(),
+            objects: record.objects.iter().map(|object| (object.id, (object.area, object.confidence))).collect(),
         });
         Ok(())
     }
@@ -81,6 +104,6 @@ impl RunOutput for CocoFile {
     }
 
     fn finish(&mut self, end: &RunEnd<'_>, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
-        self.write(end.scene, folder)
+        self.write(end, folder)
     }
 }

@@ -2,10 +2,11 @@
 
 use crate::OutputError;
 use splatseg_dataset::read_segments_png;
-use splatseg_geometry::{RgbdFrame, SegmentMap};
+use splatseg_geometry::{CowImage, FrameAnchor, Pose, RemappedId, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::SplatMemory;
-use splatseg_objects::{ObjectList, ObjectSighting};
+use splatseg_objects::{ObjectList, ObjectSighting, RemapLog};
 use splatseg_odometry::PoseState;
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 /// A frame with its result.
@@ -26,6 +27,25 @@ pub struct FrameRecord {
     pub segments: SegmentMap,
     /// The objects in the frame, by increasing id.
     pub objects: Vec<ObjectSighting>,
+    /// The keyframe to which the frame's pose is attached.
+    pub anchor: FrameAnchor,
+    /// Ids of earlier frames that turned out to be the same object before this frame.
+    pub remapped: Vec<RemappedId>,
+}
+
+/// An earlier frame whose images were written again, because ids in it turned out to be the same object.
+#[derive(Clone, Copy, Debug)]
+pub struct UpdatedFrame<'a> {
+    /// Its place among the frames passed to [`RunOutput::add_frame`], from 0.
+    pub position: usize,
+    /// Its number in the run, as in [`FrameRecord::number`].
+    pub number: usize,
+    /// Its colour image, sRGB, `[height, width]`.
+    pub color: &'a CowImage<'a, [u8; 3]>,
+    /// Its final ids, `[height, width]`.
+    pub segments: &'a SegmentMap,
+    /// The ids that other ids in this frame turned out to be.
+    pub joined: &'a BTreeSet<SegmentId>,
 }
 
 /// A run after its last frame.
@@ -37,6 +57,23 @@ pub struct RunEnd<'a> {
     pub objects: &'a ObjectList,
     /// The memory, if the method has one.
     pub memory: Option<&'a SplatMemory>,
+    /// For each frame passed to [`RunOutput::add_frame`], the correction of its pose since then: new world coordinates
+    /// from old ones. `None` if the pose has not changed; frames past the end have not changed either.
+    pub pose_corrections: &'a [Option<Pose>],
+    /// The ids that turned out to be the same object. Frames are numbered by their place among those passed to
+    /// [`RunOutput::add_frame`].
+    pub remaps: &'a RemapLog,
+}
+
+impl RunEnd<'_> {
+    /// The final pose of a frame that had the pose `world_from_camera`. `position` is its place among the frames passed
+    /// to [`RunOutput::add_frame`].
+    pub fn final_pose(&self, position: usize, world_from_camera: &Pose) -> Pose {
+        match self.pose_corrections.get(position) {
+            Some(Some(new_from_old)) => *new_from_old * *world_from_camera,
+            _ => *world_from_camera,
+        }
+    }
 }
 
 /// The folder of a run's results.
@@ -47,6 +84,12 @@ pub trait ResultFolder {
     /// # Errors
     /// If the file cannot be written; no partial file is left.
     fn write(&mut self, file: &str, bytes: &[u8]) -> Result<(), OutputError>;
+
+    /// Removes a file if it exists; `file` is as in [`Self::write`]. It may stay listed as one of the run's.
+    ///
+    /// # Errors
+    /// If the file cannot be removed.
+    fn remove(&mut self, file: &str) -> Result<(), OutputError>;
 
     /// The path of a written file; `file` is as in [`Self::write`].
     fn path_of(&self, file: &str) -> PathBuf;
@@ -62,7 +105,7 @@ pub trait RunOutput: Send {
     /// The output's name, unique in a run: lower-case letters.
     fn name(&self) -> &'static str;
 
-    /// Records the next frame. Its id image and its overlay are already in the folder: `segments/<file_name>.png`,
+    /// Records the next frame. First, [`FrameRecord::remapped`] applies to all earlier frames. Its id image and its overlay are already in the folder: `segments/<file_name>.png`,
     /// `overlay/<file_name>.jpg`.
     ///
     /// # Errors
@@ -87,6 +130,15 @@ pub trait RunOutput: Send {
     /// # Errors
     /// If the state is invalid; the output is then unchanged.
     fn restore(&mut self, frames: &[String], saved: &[u8]) -> serde_json::Result<()>;
+
+    /// Receives an earlier frame whose images in the folder were written again with the final ids: after the last frame and
+    /// before [`Self::finish`], in the order of the frames.
+    ///
+    /// # Errors
+    /// If something cannot be written.
+    fn update_frame(&mut self, _frame: &UpdatedFrame<'_>, _folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
+        Ok(())
+    }
 
     /// Writes the files that need the whole run. Also called at the end of an interrupted run.
     ///

@@ -5,8 +5,8 @@ use base64::engine::general_purpose::STANDARD;
 use glam::DVec3;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame};
-use splatseg_objects::{ObjectList, ObjectLog};
+use splatseg_geometry::{FrameAnchor, Image, Intrinsics, Pose, RgbdFrame};
+use splatseg_objects::{ObjectList, ObjectLog, RemapLog};
 use splatseg_odometry::PoseState;
 use splatseg_output::{FrameRecord, OutputError, Page, ResultFolder, RunEnd, RunOutput, segment_color};
 use splatseg_tracking::FrameOutput;
@@ -23,6 +23,11 @@ struct Files(BTreeMap<String, String>);
 impl ResultFolder for Files {
     fn write(&mut self, file: &str, bytes: &[u8]) -> Result<(), OutputError> {
         self.0.insert(file.to_owned(), String::from_utf8(bytes.to_vec()).unwrap());
+        Ok(())
+    }
+
+    fn remove(&mut self, file: &str) -> Result<(), OutputError> {
+        self.0.remove(file);
         Ok(())
     }
 
@@ -48,11 +53,15 @@ fn page(frames: usize, scene: &str, name: impl Fn(usize) -> String) -> Files {
             frame,
             segments,
             objects,
+            anchor: FrameAnchor::default(),
+            remapped: Vec::new(),
         };
         page.add_frame(&record, &mut files).unwrap();
     }
     let objects = ObjectList::new(&log, None);
-    page.finish(&RunEnd { scene, objects: &objects, memory: None }, &mut files).unwrap();
+    let remaps = RemapLog::default();
+    let end = RunEnd { scene, objects: &objects, memory: None, pose_corrections: &[], remaps: &remaps };
+    page.finish(&end, &mut files).unwrap();
     files
 }
 

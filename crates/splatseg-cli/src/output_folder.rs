@@ -9,6 +9,7 @@ use super::manifest::{EXTRA_FOLDERS, MANIFEST, Manifest, RESULT_FILES, RESULT_FO
 use super::run::saved_run::{self, SavedRun};
 use splatseg_annotations::write_segments_png;
 use splatseg_dataset::padded_number;
+use splatseg_geometry::{CowImage, SegmentMap};
 use splatseg_output::{FrameRecord, OutputError, ResultFolder, write_atomically, write_overlay_jpeg};
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
@@ -141,6 +142,36 @@ impl OutputFolder {
         self.put_in_place(&[&segments, &overlay])
     }
 
+    /// Writes the id image of an earlier frame again. `file` is its path relative to the folder.
+    ///
+    /// # Errors
+    /// If it cannot be written. The earlier image stays.
+    pub fn write_segments(&mut self, file: &str, segments: &SegmentMap) -> Result<(), OutputError> {
+        write_segments_png(&place(&self.staging.path, file), segments)
+            .map_err(|error| self.error_in_place(file, error.into()))?;
+        self.replace(file)
+    }
+
+    /// Writes the overlay of an earlier frame again. `file` is its path relative to the folder.
+    ///
+    /// # Errors
+    /// If it cannot be written. The earlier overlay stays.
+    pub fn write_overlay(
+        &mut self,
+        file: &str,
+        color: &CowImage<'_, [u8; 3]>,
+        segments: &SegmentMap,
+    ) -> Result<(), OutputError> {
+        write_overlay_jpeg(&place(&self.staging.path, file), color, segments)
+            .map_err(|error| self.error_in_place(file, error))?;
+        self.replace(file)
+    }
+
+    /// Moves a complete file into the place of a listed one.
+    fn replace(&self, file: &str) -> Result<(), OutputError> {
+        fs::rename(place(&self.staging.path, file), place(&self.path, file)).map_err(|source| self.error(file, source))
+    }
+
     /// Writes the summary of the run. There must be results.
     ///
     /// # Errors
@@ -203,6 +234,13 @@ impl ResultFolder for OutputFolder {
             fs::create_dir_all(folder).map_err(|source| self.error(file, source))?;
         }
         self.put_in_place(&[file])
+    }
+
+    fn remove(&mut self, file: &str) -> Result<(), OutputError> {
+        match fs::remove_file(place(&self.path, file)) {
+            Err(source) if source.kind() != ErrorKind::NotFound => Err(self.error(file, source)),
+            _ => Ok(()),
+        }
     }
 
     fn path_of(&self, file: &str) -> PathBuf {

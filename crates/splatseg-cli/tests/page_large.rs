@@ -6,9 +6,9 @@ mod browser;
 use browser::Browser;
 use glam::Vec3;
 use serde_json::json;
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{FrameAnchor, Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{MemorySettings, SplatMemory};
-use splatseg_objects::{ObjectList, ObjectLog};
+use splatseg_objects::{ObjectList, ObjectLog, RemapLog};
 use splatseg_odometry::PoseState;
 use splatseg_output::{FrameRecord, OutputError, Page, ResultFolder, RunEnd, RunOutput, write_overlay_jpeg};
 use splatseg_tracking::FrameOutput;
@@ -30,6 +30,11 @@ impl ResultFolder for Folder<'_> {
         let path = self.0.join(file);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, bytes).unwrap();
+        Ok(())
+    }
+
+    fn remove(&mut self, file: &str) -> Result<(), OutputError> {
+        let _ = fs::remove_file(self.0.join(file));
         Ok(())
     }
 
@@ -76,11 +81,14 @@ fn write_page(folder: &Path) -> usize {
             frame,
             segments,
             objects,
+            anchor: FrameAnchor::default(),
+            remapped: Vec::new(),
         };
         page.add_frame(&record, &mut Folder(folder)).unwrap();
     }
     let objects = ObjectList::new(&log, Some(&memory));
-    let end = RunEnd { scene: "wall of tiles", objects: &objects, memory: Some(&memory) };
+    let (scene, memory_end, remaps) = ("wall of tiles", Some(&memory), RemapLog::default());
+    let end = RunEnd { scene, objects: &objects, memory: memory_end, pose_corrections: &[], remaps: &remaps };
     page.finish(&end, &mut Folder(folder)).unwrap();
     memory.gaussian_count()
 }

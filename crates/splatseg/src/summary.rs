@@ -3,6 +3,7 @@
 use crate::Settings;
 use crate::pipeline::{FrameResult, StageTimes};
 use serde::{Deserialize, Serialize};
+use splatseg_geometry::RemappedId;
 use splatseg_memory::MAX_16_BIT_ID;
 use splatseg_objects::ObjectSighting;
 use splatseg_odometry::PoseState;
@@ -26,6 +27,8 @@ pub struct Summary {
     pub pose_residual: Option<f32>,
     /// Distinct ids in the results.
     pub segments: usize,
+    /// Ids that turned out to be the same object as an older id, which has replaced them in all results.
+    pub joined_ids: usize,
     /// Frames whose id image is RGB, id = R + 256 G + 65536 B, because an id is above 65535. The others are 16-bit grey.
     pub rgb_id_images: usize,
     /// Number of segments that are tentative: the memory has seen the object in one frame only.
@@ -173,6 +176,8 @@ pub struct RunCounts {
     pub pose_residuals: Vec<f32>,
     /// Distinct ids in results.
     pub ids: BTreeSet<u32>,
+    /// Ids that turned out to be the same object as an older id.
+    pub joined_ids: usize,
     /// Frames with an id above 65535.
     pub rgb_id_images: usize,
     /// Summed stage times.
@@ -199,7 +204,18 @@ impl RunCounts {
         self.track_errors += result.output.track_errors;
         self.slowest = self.slowest.max(time);
         self.curve.push(time, gaussians);
+        self.remap(&result.remapped);
         self.ids.extend(result.output.segments.areas().into_keys());
+    }
+
+    /// Counts ids that turned out to be the same object as an older id before the next frame.
+    pub fn remap(&mut self, remapped: &[RemappedId]) {
+        self.joined_ids += remapped.len();
+        for RemappedId { from, into } in remapped {
+            if self.ids.remove(from) {
+                self.ids.insert(*into);
+            }
+        }
     }
 
     /// Median residual of the tracked frames that this run processed itself.

@@ -32,6 +32,13 @@ impl CameraPose {
         let turn = DQuat::from_mat3(&world_from_camera.rotation()).normalize();
         Self { at: world_from_camera.translation(), turn }
     }
+
+    /// The pose after a correction: new world coordinates from old ones, `None` if there is none.
+    pub(super) fn corrected(self, new_from_old: Option<&Pose>) -> Self {
+        let Some(motion) = new_from_old else { return self };
+        let turn = DQuat::from_mat3(&motion.rotation()) * self.turn;
+        Self { at: motion.rotation() * self.at + motion.translation(), turn: turn.normalize() }
+    }
 }
 
 /// The message of a camera's pose.

@@ -12,6 +12,9 @@
 //!
 //! The last three need a memory. They come at the end of the file but have earlier times: the points have the time of
 //! the first frame, and each box has the time of the first frame that shows its object.
+//!
+//! Ids and poses are final in all messages, also in those of frames before the run found out that two ids are the same
+//! object, or that earlier poses were wrong.
 
 mod frame_messages;
 mod object_messages;
@@ -26,7 +29,8 @@ use glam::DVec3;
 use object_messages::{PointBytes, ShownObject};
 use recording::Recording;
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{Intrinsics, SegmentId};
+use splatseg_geometry::{Intrinsics, RemappedId, SegmentId};
+use splatseg_objects::RemapLog;
 use splatseg_odometry::PoseState;
 use splatseg_ros::Time;
 use std::collections::BTreeMap;
@@ -87,12 +91,14 @@ impl McapFile {
 
     fn write(&self, end: &RunEnd<'_>, folder: &dyn ResultFolder) -> Result<(), OutputError> {
         let mut recording = Recording::create(&self.path).map_err(|source| self.error(source))?;
-        for frame in &self.seen.frames {
+        for (position, frame) in self.seen.frames.iter().enumerate() {
             let overlay = folder.path_of(&format!("overlay/{}.jpg", frame.file_name));
             let overlay = std::fs::read(&overlay).map_err(|source| OutputError::Read { path: overlay, source })?;
             let segments = written_ids(folder, &frame.file_name)?;
             let ids = IdPixels::new(&segments);
-            write_frame(&mut recording, frame, &overlay, (segments.size(), &ids))
+            let correction = end.pose_corrections.get(position).and_then(Option::as_ref);
+            let pose = frame.pose.map(|pose| pose.corrected(correction));
+            write_frame(&mut recording, (frame, pose), &overlay, (segments.size(), &ids))
                 .map_err(|source| self.error(source))?;
         }
         self.write_map(&mut recording, end).and_then(|()| recording.finish()).map_err(|source| self.error(source))
@@ -109,7 +115,8 @@ impl McapFile {
             recording.write("/tf_static", *first, &frame_messages::map_origin(stamp, memory.origin()))?;
         }
         recording.write("/splatseg/points", *first, &points.message(Time::from_nanoseconds(*first))?)?;
-        let first_seen = |id: &SegmentId| self.seen.objects.get(id).copied().unwrap_or(*first);
+        let times = self.seen.first_times(end.remaps);
+        let first_seen = |id: &SegmentId| times.get(id).copied().unwrap_or(*first);
         let objects = end.objects.objects.iter();
         let mut shown: Vec<ShownObject> =
             objects.filter_map(|object| ShownObject::new(first_seen(&object.id), object)).collect();
@@ -134,6 +141,18 @@ impl Seen {
         Time::from_nanoseconds(nanoseconds).nanoseconds()
     }
 
+    /// Time at which each object was first seen under any of its ids, nanoseconds.
+    fn first_times(&self, remaps: &RemapLog) -> BTreeMap<SegmentId, i64> {
+        let mut times = self.objects.clone();
+        for (_, RemappedId { from, into }) in remaps.entries() {
+            if let Some(time) = times.remove(from) {
+                let first = times.entry(*into).or_insert(time);
+                *first = time.min(*first);
+            }
+        }
+        times
+    }
+
     /// Records the next frame.
     fn add(&mut self, record: &FrameRecord) {
         let time = self.time_of(record);
@@ -151,15 +170,15 @@ impl Seen {
     }
 }
 
-/// Writes the messages of a frame, with its overlay and the size and bytes of its id image.
+/// Writes the messages of a frame, with its final pose, its overlay and the size and bytes of its id image.
 fn write_frame(
     recording: &mut Recording,
-    frame: &SeenFrame,
+    (frame, pose): (&SeenFrame, Option<CameraPose>),
     overlay: &[u8],
     (size, ids): ((usize, usize), &IdPixels),
 ) -> io::Result<()> {
     let (time, stamp) = (frame.time, Time::from_nanoseconds(frame.time));
-    if let Some(pose) = frame.pose {
+    if let Some(pose) = pose {
         recording.write("/tf", time, &frame_messages::camera_pose(stamp, pose))?;
     }
     recording.write("/splatseg/camera_info", time, &frame_messages::camera_info(stamp, &frame.camera)?)?;
@@ -220,7 +239,7 @@ impl RunOutput for McapFile {
 mod tests {
     use super::*;
     use glam::{Quat, Vec3};
-    use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame};
+    use splatseg_geometry::{FrameAnchor, Image, Intrinsics, Pose, RgbdFrame};
     use splatseg_objects::OrientedBox;
     use splatseg_ros::{MarkerArray, from_cdr};
     use std::time::Duration;
@@ -267,6 +286,8 @@ mod tests {
                 frame,
                 segments,
                 objects: Vec::new(),
+                anchor: FrameAnchor::default(),
+                remapped: Vec::new(),
             };
             seen.add(&record);
             seen.frames.last().unwrap().time

@@ -17,9 +17,13 @@ pub struct RunData<'a> {
     pub frames_per_chunk: usize,
     /// Names of the frames' files, without folder and extension.
     pub frames: &'a [String],
+    /// Ids that turned out to be the same object: the index of a frame, an id in the frames before it, and the id that it
+    /// turned out to be. In order. The files with ids have those of their time.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub remapped: Vec<(usize, SegmentId, SegmentId)>,
     /// Origin of the coordinates of `poses` and `map`: world coordinates, metres.
     pub origin: DVec3,
-    /// For each frame, the camera's centre, relative to `origin`, and its rotation from camera to world as a quaternion
+    /// For each frame, the camera's final pose: its centre, relative to `origin`, and rotation from camera to world as a quaternion
     /// x, y, z, w: seven 32-bit floats, little-endian, in base64.
     pub poses: String,
     /// The cameras, in the order of their first frames.

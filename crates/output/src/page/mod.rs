@@ -13,17 +13,19 @@
 mod data;
 mod ids;
 mod map;
+mod sightings;
 mod up;
 
 use crate::crops::WaitingCrops;
 use crate::error::saved_state;
-use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput, segment_color};
+use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput, UpdatedFrame, segment_color};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use data::{CameraData, ObjectData, RunData};
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::SegmentId;
+use sightings::{Sightings, larger};
+use splatseg_geometry::{Pose, RemappedId, SegmentId};
 use splatseg_memory::SplatMemory;
 use splatseg_objects::{Object, ObjectSighting};
 use std::collections::BTreeMap;
@@ -63,6 +65,8 @@ struct SavedFrame {
     pose: Vec<f64>,
     camera: Option<CameraData>,
     objects: Vec<ObjectSighting>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    remapped: Vec<RemappedId>,
 }
 
 /// Saved state that does not belong to single frames.
@@ -72,18 +76,6 @@ struct SavedPage {
     up: UpEstimate,
     chunk: Vec<(usize, usize, String)>,
     chunks: usize,
-}
-
-/// Sightings of an object.
-#[derive(Debug, Default)]
-struct Sightings {
-    frames: usize,
-    /// First and last frame of each uninterrupted stretch.
-    stretches: Vec<(usize, usize)>,
-    /// The largest area, pixels, and the index of its frame.
-    largest: (usize, usize),
-    /// Sum of its confidence over the frames.
-    confidence: f64,
 }
 
 impl Page {
@@ -103,7 +95,13 @@ impl Page {
         }
     }
 
-    fn add_sightings(&mut self, frame: usize, sightings: &[ObjectSighting]) {
+    /// Adds the objects of a frame, before which some ids turned out to be the same object.
+    fn add_sightings(&mut self, frame: usize, sightings: &[ObjectSighting], remapped: &[RemappedId]) {
+        for RemappedId { from, into } in remapped.iter().filter(|remapped| remapped.from != remapped.into) {
+            if let Some(other) = self.objects.remove(from) {
+                self.objects.entry(*into).or_default().merge(other);
+            }
+        }
         for sighting in sightings {
             let object = self.objects.entry(sighting.id).or_default();
             if sighting.is_new() {
@@ -126,11 +124,13 @@ impl Page {
         Ok(())
     }
 
-    /// The poses as 32-bit floats in base64, positions relative to an origin.
-    fn encoded_poses(&self, origin: DVec3) -> String {
-        let relative = self.poses.as_chunks::<POSE_NUMBERS>().0.iter().flat_map(|[x, y, z, turn @ ..]| {
-            let position = DVec3::new(*x, *y, *z) - origin;
-            position.to_array().into_iter().chain(*turn)
+    /// The final poses as 32-bit floats in base64, positions relative to an origin.
+    fn encoded_poses(&self, origin: DVec3, corrections: &[Option<Pose>]) -> String {
+        let relative = self.poses.as_chunks::<POSE_NUMBERS>().0.iter().enumerate().flat_map(|(frame, pose)| {
+            let [x, y, z, turn @ ..] =
+                corrections.get(frame).and_then(Option::as_ref).map_or(*pose, |motion| moved(pose, motion));
+            let position = DVec3::new(x, y, z) - origin;
+            position.to_array().into_iter().chain(turn)
         });
         STANDARD.encode(relative.flat_map(|number| (number as f32).to_le_bytes()).collect::<Vec<u8>>())
     }
@@ -140,15 +140,16 @@ impl Page {
         let nothing = Sightings::default();
         let sightings = self.objects.get(&object.id).unwrap_or(&nothing);
         let (area, best) = sightings.largest;
-        let is_seen = sightings.frames > 0;
+        let frames = sightings.frames();
+        let is_seen = frames > 0;
         ObjectData {
             id: object.id,
             color: segment_color(object.id),
-            frames: sightings.frames,
+            frames,
             seen: sightings.stretches.clone(),
             area,
             best,
-            confidence: is_seen.then(|| (sightings.confidence / sightings.frames as f64) as f32),
+            confidence: is_seen.then(|| sightings.mean_confidence()),
             label: object.label.clone(),
             state: object.state,
             gaussians: object.shape.as_ref().map(|shape| shape.points),
@@ -159,18 +160,11 @@ impl Page {
     }
 }
 
-impl Sightings {
-    fn add(&mut self, frame: usize, sighting: &ObjectSighting) {
-        self.frames += 1;
-        self.confidence += f64::from(sighting.confidence);
-        if sighting.area > self.largest.0 {
-            self.largest = (sighting.area, frame);
-        }
-        match self.stretches.last_mut() {
-            Some((_, last)) if *last + 1 == frame => *last = frame,
-            _ => self.stretches.push((frame, frame)),
-        }
-    }
+/// A pose of [`POSE_NUMBERS`] after a motion: new world coordinates from old ones.
+fn moved([x, y, z, turn @ ..]: &[f64; POSE_NUMBERS], motion: &Pose) -> [f64; POSE_NUMBERS] {
+    let [x, y, z] = (motion.rotation() * DVec3::new(*x, *y, *z) + motion.translation()).to_array();
+    let [a, b, c, d] = (DQuat::from_mat3(&motion.rotation()) * DQuat::from_array(*turn)).normalize().to_array();
+    [x, y, z, a, b, c, d]
 }
 
 impl RunOutput for Page {
@@ -182,7 +176,7 @@ impl RunOutput for Page {
         let frame = self.names.len();
         self.add_pose(record);
         self.names.push(record.file_name.clone());
-        self.add_sightings(frame, &record.objects);
+        self.add_sightings(frame, &record.objects, &record.remapped);
         let small = ids::reduced(&record.segments);
         self.chunk.push((small.width(), small.height(), STANDARD.encode(ids::encoded(&small))));
         if self.chunk.len() == FRAMES_PER_CHUNK { self.write_chunk(folder) } else { Ok(()) }
@@ -192,7 +186,8 @@ impl RunOutput for Page {
         let frame = self.names.len().saturating_sub(1);
         let pose = self.poses.get(POSE_NUMBERS * frame..).unwrap_or_default().to_vec();
         let camera = self.cameras.last().filter(|camera| camera.from == frame).copied();
-        let saved = SavedFrame { name: record.file_name.clone(), pose, camera, objects: record.objects.clone() };
+        let (objects, remapped) = (record.objects.clone(), record.remapped.clone());
+        let saved = SavedFrame { name: record.file_name.clone(), pose, camera, objects, remapped };
         saved_state("index.html", &saved)
     }
 
@@ -204,13 +199,23 @@ impl RunOutput for Page {
         let SavedPage { up, chunk, chunks } = serde_json::from_slice(saved)?;
         let mut page = Self { up, chunk, chunks, ..Self::default() };
         for (number, frame) in frames.iter().enumerate() {
-            let SavedFrame { name, pose, camera, objects } = serde_json::from_str(frame)?;
+            let SavedFrame { name, pose, camera, objects, remapped } = serde_json::from_str(frame)?;
             page.names.push(name);
             page.poses.extend(pose);
             page.cameras.extend(camera);
-            page.add_sightings(number, &objects);
+            page.add_sightings(number, &objects, &remapped);
         }
         *self = page;
+        Ok(())
+    }
+
+    fn update_frame(&mut self, frame: &UpdatedFrame<'_>, _: &mut dyn ResultFolder) -> Result<(), OutputError> {
+        let areas = frame.segments.areas();
+        for id in frame.joined {
+            if let (Some(object), Some(area)) = (self.objects.get_mut(id), areas.get(id)) {
+                object.largest = larger(object.largest, (*area, frame.position));
+            }
+        }
         Ok(())
     }
 
@@ -222,8 +227,14 @@ impl RunOutput for Page {
             scene: end.scene,
             frames_per_chunk: FRAMES_PER_CHUNK,
             frames: &self.names,
+            remapped: end
+                .remaps
+                .entries()
+                .iter()
+                .map(|(frame, RemappedId { from, into })| (*frame, *from, *into))
+                .collect(),
             origin,
-            poses: self.encoded_poses(origin),
+            poses: self.encoded_poses(origin, end.pose_corrections),
             cameras: &self.cameras,
             up: self.up.direction(),
             objects: end.objects.objects.iter().map(|object| self.object(object)).collect(),

@@ -9,10 +9,15 @@ export class FrameIds {
   #length;
   #chunks = new Map();
   #arrived = new Map();
+  #remapped;
 
-  /** `length` is the number of frames per chunk. */
-  constructor(length) {
+  /**
+   * `length` is the number of frames per chunk. Each of `remapped` is a frame, an id in the frames before it, and the id
+   * that it turned out to be.
+   */
+  constructor(length, remapped = []) {
     this.#length = length;
+    this.#remapped = remapped;
     // Each chunk's script calls this: a page opened from disk may load scripts but not fetch files.
     window.splatsegFrames = (chunk, frames) => this.#arrived.set(chunk, frames);
   }
@@ -22,7 +27,18 @@ export class FrameIds {
     const chunk = Math.floor(frame / this.#length);
     const frames = await this.#chunk(chunk);
     const [width, height, text] = frames[frame - chunk * this.#length];
-    return { width, height, ids: decode(bytesOf(text), width, height) };
+    return { width, height, ids: this.#final(frame, decode(bytesOf(text), width, height)) };
+  }
+
+  /** Replaces the ids of a frame by those that they turned out to be. */
+  #final(frame, ids) {
+    const final = new Map();
+    // The last first, so that chains are followed.
+    for (const [found, from, into] of this.#remapped.toReversed()) {
+      if (found > frame) final.set(from, final.get(into) ?? into);
+    }
+    if (final.size === 0) return ids;
+    return ids.map((id) => final.get(id) ?? id);
   }
 
   #chunk(number) {

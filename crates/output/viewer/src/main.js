@@ -52,7 +52,7 @@ function mapView() {
 const map = mapView();
 const list = new ObjectList(run.objects, (id) => select(id === selected ? 0 : id, "seek"));
 const info = new ObjectInfo(run, { goTo: show, center: map ? (id) => map.center(id) : null });
-const picture = new Picture(run, new FrameIds(run.framesPerChunk), {
+const picture = new Picture(run, new FrameIds(run.framesPerChunk, run.remapped), {
   onPick: select,
   onIds: (ids) => {
     list.showFrame(ids);

@@ -11,6 +11,7 @@ export class Run {
     this.version = data.version;
     this.framesPerChunk = data.frames_per_chunk;
     this.names = data.frames;
+    this.remapped = data.remapped ?? [];
     this.cameras = data.cameras;
     this.up = data.up;
     /** Origin of the coordinates of poses and map, world coordinates. */

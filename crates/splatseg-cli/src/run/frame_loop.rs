@@ -161,6 +161,7 @@ fn record_result(
     let (file_name, pose_state) = (file_name(frame.name()), result.pose.state);
     let message = reports.camera.add(frame.name(), &result.pose);
     let (segments, objects) = (result.output.segments, result.objects);
-    let record = FrameRecord { number, index, file_name, pose_state, frame, segments, objects };
+    let (anchor, remapped) = (result.anchor, result.remapped);
+    let record = FrameRecord { number, index, file_name, pose_state, frame, segments, objects, anchor, remapped };
     if writer.write(record) { Step::Done { message } } else { Step::End(EarlyEnd::Unwritable) }
 }

@@ -5,6 +5,8 @@
 
 mod camera_messages;
 mod extra_file;
+mod final_ids;
+mod frame_history;
 mod frame_loop;
 mod outputs;
 mod progress;
@@ -26,7 +28,8 @@ use super::manifest::SUMMARY;
 use super::output_folder::{OutputFolder, OverwritePolicy};
 use super::{Failure, devices};
 use extra_file::ExtraFile;
-use frame_loop::{FrameLoop, StateSaving};
+use final_ids::{FrameImages, update_frames};
+use frame_loop::{FrameLoop, LoopOutcome, StateSaving};
 use progress::codebook_bar;
 use saved_run::RunState;
 use serde_json::Value;
@@ -187,16 +190,31 @@ pub fn execute(job: &RunJob) -> Result<Summary, Failure> {
     let start_up = started.elapsed();
     let frames = FrameLoop { signals: &signals, strict_input: run.strict_input, saving };
     let mut ended = frames.run(pipeline.run(stream), written, counts);
-    let scene = job.scene.display().to_string();
-    if ended.written.frames > 0 {
-        let objects = ObjectList::new(pipeline.objects(), pipeline.memory());
-        let end = RunEnd { scene: &scene, objects: &objects, memory: pipeline.memory() };
-        ended.written.for_each_output(|output, folder| output.finish(&end, folder));
-    }
+    finish_outputs(job, scene.as_ref(), &pipeline, &mut ended);
     let summary = report::finish(job, ended, (started, start_up), &pipeline, memory_file.as_ref())?;
     // The run is complete, so its saved state is no longer needed.
     let _ = saved_run::remove(&job.out);
     Ok(summary)
+}
+
+/// Brings the results of earlier frames up to date, and writes the outputs that need the whole run.
+fn finish_outputs(job: &RunJob, scene: &dyn Scene, pipeline: &Pipeline, ended: &mut LoopOutcome) {
+    if ended.written.frames == 0 {
+        return;
+    }
+    let history = std::mem::take(&mut ended.written.history);
+    let images = FrameImages { scene, framing: job.settings.dataset.framing() };
+    update_frames(&mut ended.written, &history, &images, &mut ended.counts);
+    let mut objects = ObjectList::new(pipeline.objects(), pipeline.memory());
+    history.count_joined(&mut objects);
+    let end = RunEnd {
+        scene: &job.scene.display().to_string(),
+        objects: &objects,
+        memory: pipeline.memory(),
+        pose_corrections: &history.pose_corrections(&pipeline.keyframe_poses()),
+        remaps: history.remaps(),
+    };
+    ended.written.for_each_output(|output, folder| output.finish(&end, folder));
 }
 
 /// Sets the number of threads of the process. It cannot change after the first job.

@@ -102,6 +102,7 @@ fn summary(
         pose_states: counts.pose_states,
         pose_residual: counts.pose_residual(),
         segments: counts.ids.len(),
+        joined_ids: counts.joined_ids,
         rgb_id_images: counts.rgb_id_images,
         tentative_segments: counts.ids.iter().filter(is_tentative).count(),
         gaussians: memory.map_or(0, SplatMemory::gaussian_count),
@@ -162,6 +163,10 @@ pub fn report(job: &RunJob, summary: &Summary) -> String {
                 place.display()
             ));
         }
+    }
+    if summary.joined_ids > 0 {
+        let joined = counted(summary.joined_ids, "id");
+        text.push_str(&format!("\n{joined} turned out to be the same object as an older id, which all results show"));
     }
     if let Some(path) = &job.save_memory {
         text.push_str(&format!("\nthe memory is in {}: open it in any Gaussian-splat viewer", path.display()));

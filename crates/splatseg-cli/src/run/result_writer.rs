@@ -1,7 +1,9 @@
 //! Writes results on a separate thread while the next frame is processed.
 
+use super::frame_history::FrameHistory;
 use super::saved_run::{CAMERA, FOLDER, RunState, StateWriter};
 use crate::output_folder::OutputFolder;
+use splatseg_geometry::RemappedId;
 use splatseg_output::{FrameRecord, OutputError, ResultFolder, RunOutput};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -31,6 +33,10 @@ pub struct WriterOutcome {
     pub folder: OutputFolder,
     /// Number of frames with all their images.
     pub frames: usize,
+    /// The frames with all their images.
+    pub history: FrameHistory,
+    /// Ids that turned out to be the same object before a frame without images.
+    unreported: Vec<RemappedId>,
     /// The outputs besides the images.
     pub outputs: Vec<Box<dyn RunOutput>>,
     /// The first error writing an image.
@@ -84,22 +90,27 @@ impl ResultWriter {
 impl WriterOutcome {
     /// Starts with no frames.
     pub fn new(folder: OutputFolder, outputs: Vec<Box<dyn RunOutput>>, saving: Saving) -> Self {
-        Self { folder, frames: 0, outputs, first_error: None, output_errors: Vec::new(), saving }
+        let (history, unreported) = (FrameHistory::default(), Vec::new());
+        let (first_error, output_errors) = (None, Vec::new());
+        Self { folder, frames: 0, history, unreported, outputs, first_error, output_errors, saving }
     }
 
     /// Writes frames until there are no more. Continues after errors that need not affect later frames.
     fn write_all(mut self, receiver: &Receiver<Item>) -> Self {
         for item in receiver {
-            let frame = match item {
+            let mut frame = match item {
                 Item::Frame(frame) => frame,
                 Item::State(state, memory, poses) => {
                     self.save_state(&state, &memory, poses);
                     continue;
                 }
             };
+            self.unreported.append(&mut frame.remapped);
             match self.folder.write_frame(&frame) {
                 Ok(()) => {
+                    frame.remapped = std::mem::take(&mut self.unreported);
                     self.frames += 1;
+                    self.history.add(&frame);
                     self.for_each_output(|output, folder| output.add_frame(&frame, folder));
                     self.save_frame(&frame);
                 }

@@ -45,18 +45,22 @@ pub fn start(
     };
     let mut written = WriterOutcome::new(folder, outputs, saving);
     (written.frames, written.output_errors) = (saved.state.frames, lost);
+    saved.frames.iter().enumerate().for_each(|(number, frame)| written.history.add_saved(number, frame));
     let mut pose_states = PoseStateCounts::default();
     saved.frames.iter().for_each(|frame| pose_states.add(frame.pose_state));
-    let counts = RunCounts {
+    let mut counts = RunCounts {
         pose_states,
         frames: saved.state.frames,
         resumed_frames: saved.state.frames,
         skipped_frames: saved.state.skipped_frames,
         track_errors: saved.state.track_errors,
         rgb_id_images: saved.frames.iter().filter(|frame| needs_rgb(&frame.objects)).count(),
-        ids: saved.frames.iter().flat_map(|frame| &frame.objects).map(|object| object.id).collect(),
         ..RunCounts::default()
     };
+    for frame in &saved.frames {
+        counts.remap(&frame.remapped);
+        counts.ids.extend(frame.objects.iter().map(|object| object.id));
+    }
     Ok((written, counts))
 }
 

@@ -13,7 +13,7 @@ use serde_json::Value;
 use splatseg::Settings;
 use splatseg_files::read_file;
 use splatseg_files::write_atomically;
-use splatseg_geometry::Pose;
+use splatseg_geometry::{KeyframeId, Pose, RemappedId};
 use splatseg_objects::{ObjectLog, ObjectSighting};
 use splatseg_odometry::PoseState;
 use splatseg_output::{FrameRecord, RunOutput};
@@ -93,14 +93,38 @@ impl RunState {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SavedFrame {
+    /// Index of the frame in its scene.
+    pub index: usize,
     /// Name of the frame's result files, without folder and extension.
     pub file_name: String,
     /// The camera's pose, from the source of poses.
     pub world_from_camera: Pose,
     /// Whether the pose is known.
     pub pose_state: PoseState,
+    /// The keyframe to which the pose is attached.
+    pub keyframe: KeyframeId,
+    /// The keyframe's pose when the frame was processed.
+    pub world_from_keyframe: Pose,
     /// The objects in the frame.
     pub objects: Vec<ObjectSighting>,
+    /// Ids of earlier frames that turned out to be the same object before this frame.
+    pub remapped: Vec<RemappedId>,
+}
+
+impl SavedFrame {
+    /// The saved form of a frame.
+    pub fn new(record: &FrameRecord) -> Self {
+        Self {
+            index: record.index,
+            file_name: record.file_name.clone(),
+            world_from_camera: *record.frame.world_from_camera(),
+            pose_state: record.pose_state,
+            keyframe: record.anchor.keyframe,
+            world_from_keyframe: record.anchor.world_from_keyframe,
+            objects: record.objects.clone(),
+            remapped: record.remapped.clone(),
+        }
+    }
 }
 
 /// A run that was stopped.
@@ -194,7 +218,10 @@ impl SavedRun {
     /// Rebuilds the log of objects so far.
     pub fn objects(&self) -> ObjectLog {
         let mut log = ObjectLog::default();
-        self.frames.iter().for_each(|frame| log.repeat(&frame.objects));
+        for frame in &self.frames {
+            log.remap(&frame.remapped);
+            log.repeat(&frame.objects);
+        }
         log
     }
 
@@ -297,13 +324,7 @@ impl StateWriter {
     /// # Errors
     /// If it cannot be written.
     pub fn add_frame(&mut self, record: &FrameRecord, outputs: Vec<(&'static str, Vec<u8>)>) -> std::io::Result<()> {
-        let frame = SavedFrame {
-            file_name: record.file_name.clone(),
-            world_from_camera: *record.frame.world_from_camera(),
-            pose_state: record.pose_state,
-            objects: record.objects.clone(),
-        };
-        let frame = (FRAMES, serde_json::to_vec(&frame)?);
+        let frame = (FRAMES, serde_json::to_vec(&SavedFrame::new(record))?);
         for (name, mut line) in std::iter::once(frame).chain(outputs) {
             line.push(b'\n');
             self.open_lines(name)?.write_all(&line)?;

@@ -137,7 +137,8 @@ impl<'a> PipelineBuilder<'a> {
         if let Some(state) = &self.saved_poses {
             poses.restore(state)?;
         }
-        Ok(Pipeline { segmenter, poses, method, segment_ahead, clock: StageClock::new(), objects: self.objects })
+        let (clock, objects, unreported) = (StageClock::new(), self.objects, Vec::new());
+        Ok(Pipeline { segmenter, poses, method, segment_ahead, clock, objects, unreported })
     }
 
     /// Builds only the segmenter.

@@ -1,7 +1,7 @@
 //! The frame loop.
 
 use super::{FrameResult, Pipeline, PipelineError, Segmented, UnusableFrame};
-use super::{finish, in_thread_pool, process, segment, timed};
+use super::{in_thread_pool, process, segment, timed};
 use splatseg_dataset::{FrameReadError, FrameSource, StreamedFrame};
 use splatseg_geometry::{RgbdFrame, SegmentMap};
 use splatseg_memory::SplatMemory;
@@ -69,7 +69,7 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
             };
         let frame = frame.at(pose.world_from_camera);
         let placed = pipeline.place(pose);
-        let Pipeline { segmenter, poses, method, segment_ahead, clock, objects } = &mut **pipeline;
+        let Pipeline { segmenter, method, segment_ahead, clock, objects, .. } = &mut **pipeline;
         // Read on this thread: a thread of the pool that waits for a frame could be the one that the frame waits for.
         let ahead = if *segment_ahead { source.next() } else { None };
         let (result, segmented_ahead) = in_thread_pool(|| {
@@ -79,7 +79,7 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
                 || Some(segment(segmenter.as_mut(), &ahead.as_ref()?.as_ref().ok()?.frame)),
             )
         });
-        let result = finish(result, poses.as_mut(), pose_time);
+        let result = pipeline.finish(result, pose_time);
         *next = ahead.map(|frame| (frame, segmented_ahead));
         Some(Ok(Processed { index, frame, ground_truth, result }))
     }

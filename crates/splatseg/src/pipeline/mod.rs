@@ -17,7 +17,7 @@ pub use stage_times::StageTimes;
 
 use crate::Settings;
 use splatseg_dataset::FrameSource;
-use splatseg_geometry::{CameraFrame, FrameAnchor, RemappedId, RgbdFrame, ScoredMask};
+use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, Pose, RemappedId, RgbdFrame, ScoredMask};
 use splatseg_memory::{SplatFileError, SplatMemory};
 use splatseg_models::fastsam::FastSamError;
 use splatseg_objects::{ObjectLog, ObjectSighting};
@@ -25,6 +25,7 @@ use splatseg_odometry::{CameraPose, PoseMode, PoseSource, PoseState, TrackedPose
 use splatseg_segmenter::{Segmenter, SegmenterError};
 use splatseg_tracking::{FrameOutput, Method};
 use stage_times::StageClock;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -36,6 +37,8 @@ pub struct Pipeline {
     segment_ahead: bool,
     clock: StageClock,
     objects: ObjectLog,
+    /// Ids found to be the same object by frames without a result.
+    unreported: Vec<RemappedId>,
 }
 
 /// The result for one frame.
@@ -51,7 +54,7 @@ pub struct FrameResult {
     pub pose: CameraPose,
     /// The keyframe to which the frame's surfaces are attached.
     pub anchor: FrameAnchor,
-    /// Ids of earlier frames that turned out to be the same object.
+    /// Ids of earlier frames that turned out to be the same object, since the previous result.
     pub remapped: Vec<RemappedId>,
 }
 
@@ -65,7 +68,6 @@ struct Segmented {
 struct Placed {
     pose: CameraPose,
     anchor: FrameAnchor,
-    remapped: Vec<RemappedId>,
 }
 
 impl Pipeline {
@@ -78,6 +80,7 @@ impl Pipeline {
             segment_ahead: false,
             clock: StageClock::new(),
             objects: ObjectLog::default(),
+            unreported: Vec::new(),
         }
     }
 
@@ -124,7 +127,7 @@ impl Pipeline {
             let segmented = segment(segmenter.as_mut(), frame);
             process(method.as_mut(), clock, objects, frame, placed, segmented)
         });
-        finish(result, self.poses.as_mut(), time)
+        self.finish(result, time)
     }
 
     /// Passes what the source of poses has found out with the latest frame to the method.
@@ -137,7 +140,23 @@ impl Pipeline {
             self.objects.remap(&remapped);
         }
         self.method.set_anchor(&anchor);
-        Placed { pose, anchor, remapped }
+        self.unreported.extend(remapped);
+        Placed { pose, anchor }
+    }
+
+    /// Passes a frame's segments to the source of poses, and adds the time for the pose.
+    fn finish(
+        &mut self,
+        result: Result<FrameResult, PipelineError>,
+        time: Duration,
+    ) -> Result<FrameResult, PipelineError> {
+        let mut result = result?;
+        result.remapped = std::mem::take(&mut self.unreported);
+        self.poses.set_segments(&result.output.segments);
+        if result.pose.state != PoseState::Given || result.pose.quality.is_some() {
+            result.times.add("pose", time);
+        }
+        Ok(result)
     }
 
     /// Processes every frame of a source, e.g. a [`FrameStream`](splatseg_dataset::FrameStream). With `segment_ahead`,
@@ -172,6 +191,12 @@ impl Pipeline {
         self.poses.save()
     }
 
+    /// The present poses of the keyframes of the source of poses, camera to world. Each frame's pose is attached to one of
+    /// them: see [`FrameResult::anchor`].
+    pub fn keyframe_poses(&self) -> BTreeMap<KeyframeId, Pose> {
+        self.poses.keyframe_poses()
+    }
+
     /// Log of every object seen so far.
     pub fn objects(&self) -> &ObjectLog {
         &self.objects
@@ -190,20 +215,6 @@ fn timed<R>(work: impl FnOnce() -> R) -> (R, Duration) {
     (work(), started.elapsed())
 }
 
-/// Passes a frame's segments to the source of poses, and adds the time for the pose.
-fn finish(
-    result: Result<FrameResult, PipelineError>,
-    poses: &mut dyn PoseSource,
-    time: Duration,
-) -> Result<FrameResult, PipelineError> {
-    let mut result = result?;
-    poses.set_segments(&result.output.segments);
-    if result.pose.state != PoseState::Given || result.pose.quality.is_some() {
-        result.times.add("pose", time);
-    }
-    Ok(result)
-}
-
 fn segment(segmenter: &mut dyn Segmenter, frame: &CameraFrame) -> Segmented {
     let (masks, time) = timed(|| segmenter.segment(frame));
     Segmented { masks, time }
@@ -214,7 +225,7 @@ fn process(
     clock: &StageClock,
     objects: &mut ObjectLog,
     frame: &RgbdFrame,
-    Placed { pose, anchor, remapped }: Placed,
+    Placed { pose, anchor }: Placed,
     Segmented { masks, time }: Segmented,
 ) -> Result<FrameResult, PipelineError> {
     let name = || frame.name().to_owned();
@@ -231,5 +242,5 @@ fn process(
     let output = output.map_err(|source| PipelineError::Method { frame: name(), source: Box::new(source) })?;
     times.add("segment", time);
     let objects = objects.record(&output);
-    Ok(FrameResult { output, objects, times, pose, anchor, remapped })
+    Ok(FrameResult { output, objects, times, pose, anchor, remapped: Vec::new() })
 }

@@ -1,0 +1,158 @@
+//! The frames of a run that were written, to bring their results up to date at the end: a loop closure corrects earlier
+//! poses, and shows that ids are the same object.
+
+use super::saved_run::SavedFrame;
+use splatseg_geometry::{KeyframeId, Pose, SegmentId};
+use splatseg_objects::{ObjectList, RemapLog};
+use splatseg_output::FrameRecord;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The written frames, in order. A frame's position is its place among them.
+#[derive(Debug, Default)]
+pub struct FrameHistory {
+    frames: Vec<WrittenFrame>,
+    /// Keyframe and pose of the keyframe for all frames from a position on. Few, as most frames have that of the frame
+    /// before.
+    anchors: Vec<(usize, KeyframeId, Pose)>,
+    remaps: RemapLog,
+}
+
+/// A frame whose images were written.
+#[derive(Debug)]
+pub struct WrittenFrame {
+    /// Its number in the run.
+    pub number: usize,
+    /// Its index in the scene.
+    pub index: usize,
+    /// Name of its result files, without folder and extension.
+    pub file_name: String,
+    /// The ids of its objects when it was written.
+    ids: Vec<SegmentId>,
+}
+
+impl FrameHistory {
+    /// Adds a frame whose images were written.
+    pub fn add(&mut self, record: &FrameRecord) {
+        let frame = SavedFrame::new(record);
+        self.add_saved(record.number, &frame);
+    }
+
+    /// Adds a frame of the run that this one resumes.
+    pub fn add_saved(&mut self, number: usize, frame: &SavedFrame) {
+        let position = self.frames.len();
+        self.remaps.add(position, &frame.remapped);
+        let anchor = (frame.keyframe, frame.world_from_keyframe);
+        if self.anchors.last().is_none_or(|(_, keyframe, pose)| (*keyframe, *pose) != anchor) {
+            self.anchors.push((position, anchor.0, anchor.1));
+        }
+        self.frames.push(WrittenFrame {
+            number,
+            index: frame.index,
+            file_name: frame.file_name.clone(),
+            ids: frame.objects.iter().map(|object| object.id).collect(),
+        });
+    }
+
+    /// The ids that turned out to be the same object, by the position of the frame that brought them.
+    pub fn remaps(&self) -> &RemapLog {
+        &self.remaps
+    }
+
+    /// The frames with ids that have changed, with their positions and the changes.
+    pub fn changed(&self) -> impl Iterator<Item = (usize, &WrittenFrame, BTreeMap<SegmentId, SegmentId>)> {
+        self.frames.iter().enumerate().filter_map(|(position, frame)| {
+            let mut ids = self.remaps.final_ids(position);
+            ids.retain(|from, _| frame.ids.contains(from));
+            (!ids.is_empty()).then_some((position, frame, ids))
+        })
+    }
+
+    /// For each frame, the correction of its pose: new world coordinates from old ones. `None` if its keyframe has not
+    /// moved.
+    pub fn pose_corrections(&self, keyframe_poses: &BTreeMap<KeyframeId, Pose>) -> Vec<Option<Pose>> {
+        let mut corrections = vec![None; self.frames.len()];
+        let ends = self.anchors.iter().skip(1).map(|(start, ..)| *start).chain([self.frames.len()]);
+        for ((start, keyframe, before), end) in self.anchors.iter().zip(ends) {
+            let Some(now) = keyframe_poses.get(keyframe).filter(|now| *now != before) else { continue };
+            let correction = *now * before.inverse();
+            corrections.get_mut(*start..end).unwrap_or_default().fill(Some(correction));
+        }
+        corrections
+    }
+
+    /// Sets the number of frames that show each joined object. The log of objects counts frames twice that showed both
+    /// parts.
+    pub fn count_joined(&self, list: &mut ObjectList) {
+        let joined: BTreeSet<SegmentId> = self.remaps.final_ids(0).into_values().collect();
+        let joined: BTreeSet<SegmentId> =
+            self.remaps.entries().iter().map(|(_, remapped)| remapped.into).chain(joined).collect();
+        if joined.is_empty() {
+            return;
+        }
+        let mut counts: BTreeMap<SegmentId, usize> = BTreeMap::new();
+        for (position, frame) in self.frames.iter().enumerate() {
+            let finals = self.remaps.final_ids(position);
+            let ids: BTreeSet<SegmentId> = frame.ids.iter().map(|id| *finals.get(id).unwrap_or(id)).collect();
+            ids.intersection(&joined).for_each(|id| *counts.entry(*id).or_default() += 1);
+        }
+        for object in &mut list.objects {
+            if let Some(frames) = counts.get(&object.id) {
+                object.frames = *frames;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use splatseg_geometry::RemappedId;
+    use splatseg_objects::{BoundingBox, ObjectLog, ObjectSighting};
+    use splatseg_odometry::PoseState;
+
+    fn at(x: f64) -> Pose {
+        Pose::from_translation(DVec3::new(x, 0.0, 0.0))
+    }
+
+    fn frame(index: usize, ids: &[SegmentId], keyframe: (KeyframeId, f64), remapped: &[(u32, u32)]) -> SavedFrame {
+        let bounding_box = BoundingBox { x: 0, y: 0, width: 1, height: 1 };
+        let sighting = |id: &SegmentId| ObjectSighting {
+            id: *id,
+            area: 1,
+            bounding_box,
+            confidence: 1.0,
+            first_frame: 0,
+            last_frame: index,
+        };
+        SavedFrame {
+            index,
+            file_name: index.to_string(),
+            world_from_camera: at(0.0),
+            pose_state: PoseState::Tracked,
+            keyframe: keyframe.0,
+            world_from_keyframe: at(keyframe.1),
+            objects: ids.iter().map(sighting).collect(),
+            remapped: remapped.iter().map(|(from, into)| RemappedId { from: *from, into: *into }).collect(),
+        }
+    }
+
+    #[test]
+    fn frames_follow_their_keyframe_and_their_ids() {
+        let mut history = FrameHistory::default();
+        history.add_saved(0, &frame(10, &[3, 5], (0, 0.0), &[]));
+        history.add_saved(1, &frame(11, &[3], (0, 0.0), &[]));
+        history.add_saved(2, &frame(12, &[5], (1, 1.0), &[]));
+        // Keyframe 1 moves here.
+        history.add_saved(3, &frame(13, &[3, 9], (1, 1.5), &[(5, 3)]));
+        let changed: Vec<(usize, usize)> =
+            history.changed().map(|(position, frame, _)| (position, frame.index)).collect();
+        assert_eq!(changed, [(0, 10), (2, 12)]);
+        let poses = BTreeMap::from([(0, at(0.0)), (1, at(1.5))]);
+        assert_eq!(history.pose_corrections(&poses), [None, None, Some(at(0.5)), None]);
+        assert_eq!(history.pose_corrections(&BTreeMap::new()), [None; 4]);
+        let mut list = ObjectList::new(&ObjectLog::default(), None);
+        history.count_joined(&mut list);
+        assert!(list.objects.is_empty());
+    }
+}
