@@ -5,7 +5,7 @@ use crate::keyframes::{KeyframeStore, StoredKeyframe, apart};
 use crate::loop_closing::{LoopCandidate, LoopCheck};
 use crate::odometry::MadeKeyframe;
 use crate::pyramid::Pyramid;
-use splatseg_geometry::{FrameAnchor, KeyframeId, Pose};
+use splatseg_geometry::{FrameAnchor, KeyframeId, MapCorrection, Pose};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
@@ -74,8 +74,9 @@ impl KeyframeMap {
     }
 
     /// Adds a keyframe with a given pose.
-    pub(crate) fn add_given(&mut self, pyramid: &Pyramid, pose: &Pose) {
+    pub(crate) fn add_given(&mut self, pyramid: &Pyramid, pose: &Pose, frame: usize) {
         let keyframe = StoredKeyframe::new(self.store.next, pyramid, *pose, self.part, self.session);
+        let keyframe = StoredKeyframe { given_frame: Some(frame), ..keyframe };
         let last = self.latest.and_then(|latest| self.store.get(latest));
         let edge = last.map(|last| Edge {
             from: last.id,
@@ -103,6 +104,45 @@ impl KeyframeMap {
         self.session = self.store.iter().map(|keyframe| keyframe.session).max().map_or(0, |session| session + 1);
         self.checks.clear();
         self.candidates.clear();
+        // Indices of frames mean nothing in another run.
+        let ids: Vec<KeyframeId> = self.store.iter().map(|keyframe| keyframe.id).collect();
+        for id in ids {
+            if let Some(keyframe) = self.store.get_mut(id) {
+                keyframe.given_frame = None;
+            }
+        }
+    }
+
+    /// Moves keyframes with the corrected poses of their frames, by increasing index. A keyframe between two corrected
+    /// frames moves like the earlier one. `None` if nothing moves.
+    pub(crate) fn correct_given(&mut self, corrected: &[(usize, Pose)]) -> Option<MapCorrection> {
+        let before = self.store.poses();
+        let given: Vec<(usize, KeyframeId)> =
+            self.store.iter().filter_map(|keyframe| Some((keyframe.given_frame?, keyframe.id))).collect();
+        let exact: BTreeMap<usize, &Pose> = corrected.iter().map(|(frame, pose)| (*frame, pose)).collect();
+        let mut motion: Option<Pose> = None;
+        for (frame, id) in given {
+            let Some(keyframe) = self.store.get_mut(id) else { continue };
+            if let Some(pose) = exact.get(&frame) {
+                motion = Some(**pose * keyframe.world_from_key.inverse());
+                keyframe.world_from_key = **pose;
+            } else if let Some(motion) = &motion {
+                keyframe.world_from_key = *motion * keyframe.world_from_key;
+            }
+        }
+        // The relative poses were those of the old path.
+        for edge in self.graph.edges.iter_mut().filter(|edge| edge.kind == EdgeKind::Given) {
+            if let (Some(from), Some(to)) = (self.store.get(edge.from), self.store.get(edge.to)) {
+                edge.measured = from.world_from_key.inverse() * to.world_from_key;
+            }
+        }
+        let moved = self.store.poses().into_iter().filter_map(|(id, pose)| {
+            let old = before.get(&id)?;
+            (*old != pose).then(|| (id, pose * old.inverse()))
+        });
+        let new_from_old: BTreeMap<KeyframeId, Pose> = moved.collect();
+        let first = *new_from_old.keys().next()?;
+        Some(MapCorrection { new_from_old, joined: self.latest.map(|latest| (first, latest)).into_iter().collect() })
     }
 
     /// The pose of the first frame of a new part: beside all others.

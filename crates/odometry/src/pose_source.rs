@@ -16,6 +16,10 @@ pub trait PoseSource: Send {
     /// Receives the segments that the method found in the latest frame, `[height, width]`, 0 for none.
     fn set_segments(&mut self, _segments: &SegmentMap) {}
 
+    /// Announces the next frame: its index in its source, and the corrected poses of earlier frames that became known with
+    /// it, by increasing index. Only poses that come with the frames are corrected from outside.
+    fn announce(&mut self, _index: usize, _corrected: &[(usize, Pose)]) {}
+
     /// The keyframe to which the surfaces of the latest frame are attached.
     fn anchor(&self) -> FrameAnchor {
         FrameAnchor::default()

@@ -41,6 +41,8 @@ pub(crate) struct SavedStoredKeyframe {
     world_from_key: Pose,
     part: u32,
     session: u32,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    given_frame: Option<usize>,
     intrinsics: Intrinsics,
     /// Compressed, in Base64.
     grey: String,
@@ -127,6 +129,7 @@ impl SavedStoredKeyframe {
             world_from_key: keyframe.world_from_key,
             part: keyframe.part,
             session: keyframe.session,
+            given_frame: keyframe.given_frame,
             intrinsics: keyframe.view.intrinsics,
             grey: STANDARD.encode(&keyframe.view.grey),
             depth: STANDARD.encode(&keyframe.view.depth),
@@ -135,7 +138,7 @@ impl SavedStoredKeyframe {
     }
 
     pub(crate) fn restored(self) -> Result<StoredKeyframe, String> {
-        let Self { id, world_from_key, part, session, intrinsics, grey, depth, features } = self;
+        let Self { id, world_from_key, part, session, given_frame, intrinsics, grey, depth, features } = self;
         let damaged = |what: &str| format!("keyframe {id}: {what} cannot be read");
         let intrinsics = intrinsics.validated().map_err(|error| format!("keyframe {id}: {error}"))?;
         if intrinsics.width > MAX_SIDE || intrinsics.height > MAX_SIDE {
@@ -150,7 +153,7 @@ impl SavedStoredKeyframe {
         let view = CompactView { intrinsics, grey: bytes(&grey, "luminance")?, depth: bytes(&depth, "depth")? };
         view.pyramid().ok_or_else(|| damaged("image"))?;
         let features = features.chunks_exact(FEATURE_BYTES).map(stored_feature).collect();
-        Ok(StoredKeyframe { id, world_from_key, part, session, view, features })
+        Ok(StoredKeyframe { id, world_from_key, part, session, view, features, given_frame })
     }
 }
 

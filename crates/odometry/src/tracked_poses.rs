@@ -39,6 +39,8 @@ pub struct TrackedPoses {
     pub(crate) lost: Lost,
     /// True once a frame came with a pose that was used as it is.
     pub(crate) has_given: bool,
+    /// Index of the next frame in its source.
+    index: usize,
     correction: Option<MapCorrection>,
 }
 
@@ -53,6 +55,7 @@ impl TrackedPoses {
             map: KeyframeMap::default(),
             lost: Lost::default(),
             has_given: false,
+            index: 0,
             correction: None,
         }
     }
@@ -61,7 +64,7 @@ impl TrackedPoses {
     fn given(&mut self, frame: &CameraFrame<'_>, pose: &Pose) -> CameraPose {
         self.has_given = true;
         if self.map.wants_given(pose) {
-            self.map.add_given(&TrackedFrame::new(frame).pyramid, pose);
+            self.map.add_given(&TrackedFrame::new(frame).pyramid, pose, self.index);
         }
         if self.mode == PoseMode::Auto {
             self.anchor = Some((frame.clone().into_owned(), *pose));
@@ -199,6 +202,13 @@ impl PoseSource for TrackedPoses {
 
     fn set_segments(&mut self, segments: &SegmentMap) {
         self.odometry.set_segments(segments);
+    }
+
+    fn announce(&mut self, index: usize, corrected: &[(usize, Pose)]) {
+        self.index = index;
+        if !corrected.is_empty() && !self.is_tracked() {
+            self.correction = self.map.correct_given(corrected);
+        }
     }
 
     fn anchor(&self) -> FrameAnchor {

@@ -1,13 +1,15 @@
 //! Plain folders with `color/`, `depth/`, `camera.json` and `poses.txt`, described in `docs/FOLDER_FORMAT.md`.
 //!
 //! A frame is a colour and a depth image with the same name apart from the extension. `poses.txt` is optional, and
-//! `camera.json` too if the settings give a focal length.
+//! `camera.json` too if the settings give a focal length. So is `corrections.txt`, with corrected poses.
 
 mod assignment;
 mod camera_file;
+mod corrections;
 mod names;
 mod poses;
 
+use crate::corrections::CorrectionList;
 use crate::decode::{COLOR_IMAGE, image_size, read_color, read_depth};
 use crate::files::is_there;
 use crate::listing::folder_name;
@@ -15,13 +17,15 @@ use crate::own_camera::{OwnCamera, camera_place, no_camera};
 use crate::recorded_poses::{LOST, PoseCoverage};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::undistort::Undistortion;
-use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
+use crate::{CorrectedPose, DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 use assignment::poses_of;
 use camera_file::FolderCamera;
+use corrections::read_corrections;
 use names::{Images, seconds_of};
 pub use poses::{ListedPose, read_pose_list};
 use splatseg_geometry::SegmentMap;
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::Duration;
@@ -33,6 +37,7 @@ const COLOR_FOLDER: &str = "color";
 const DEPTH_FOLDER: &str = "depth";
 const CAMERA_FILE: &str = "camera.json";
 const POSES: &str = "poses.txt";
+const CORRECTIONS: &str = "corrections.txt";
 /// Maximum time between an image and its pose, seconds.
 const MAX_SECONDS_APART: f64 = 0.02;
 
@@ -55,6 +60,7 @@ pub struct FolderScene {
     folder: PathBuf,
     frames: Vec<FolderFrame>,
     poses: PoseCoverage,
+    corrections: CorrectionList,
     camera: FolderCamera,
     own_camera: Option<OwnCamera>,
     /// Source of the images' size, for messages.
@@ -89,9 +95,13 @@ impl FolderScene {
                 (FolderCamera::without_file(own.intrinsics(size_of_images(&frames)?)), "the first image")
             }
         };
+        let path = folder.join(CORRECTIONS);
+        let corrections =
+            if is_there(&path) { read_corrections(&path, &color, &frames)? } else { CorrectionList::default() };
         let poses = if has_list { coverage(&frames) } else { PoseCoverage::NONE };
         let (name, folder, undistortion) = (folder_name(folder), folder.to_owned(), OnceLock::new());
-        let scene = Self { name, folder, frames, poses, camera, own_camera, size_from, undistortion, left_out };
+        let scene =
+            Self { name, folder, frames, poses, corrections, camera, own_camera, size_from, undistortion, left_out };
         // A wrong size in camera.json is reported once, not for every frame. A damaged image is reported when its frame
         // is read.
         if let Ok((path, size)) = first_size {
@@ -281,6 +291,10 @@ impl Scene for FolderScene {
 
     fn without_pose(&self) -> &[LeftOut] {
         self.poses.without_pose()
+    }
+
+    fn corrections(&self, known_with: Range<usize>) -> Vec<CorrectedPose> {
+        self.corrections.known_with(known_with)
     }
 
     fn has_ground_truth(&self) -> bool {

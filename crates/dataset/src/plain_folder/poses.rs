@@ -50,24 +50,24 @@ impl Layout {
 }
 
 /// A line with numbers.
-struct Line<'a> {
+pub(super) struct Line<'a> {
     /// From 1.
     number: usize,
     text: &'a str,
     /// At most a few more words than any layout has, enough to detect extra ones.
-    words: Vec<&'a str>,
+    pub(super) words: Vec<&'a str>,
 }
 
 impl<'a> Line<'a> {
     /// Parses a line; `None` if it is empty or a comment.
-    fn new((index, text): (usize, &'a str)) -> Option<Self> {
+    pub(super) fn new((index, text): (usize, &'a str)) -> Option<Self> {
         let is_separator = |letter: char| letter.is_whitespace() || letter == ',';
         let words: Vec<&str> = text.split(is_separator).filter(|word| !word.is_empty()).take(20).collect();
         let is_comment = words.first().is_none_or(|word| word.starts_with('#'));
         (!is_comment).then_some(Self { number: index + 1, text, words })
     }
 
-    fn wrong(&self, path: &Path, expected: &str) -> DatasetError {
+    pub(super) fn wrong(&self, path: &Path, expected: &str) -> DatasetError {
         DatasetError::Field {
             path: path.to_owned(),
             field: format!("line {}", self.number),
@@ -129,6 +129,16 @@ fn tum_pose(path: &Path, line: &Line<'_>) -> Result<ListedPose, DatasetError> {
     if !seconds.is_finite() {
         return Err(line.wrong(path, "a time in seconds first"));
     }
+    let world_from_camera = listed_pose(path, line, [tx, ty, tz, qx, qy, qz, qw])?;
+    Ok(ListedPose { seconds: Some(seconds), world_from_camera, line: line.number })
+}
+
+/// Returns the pose of a line with a position and a quaternion, or none if tracking was lost.
+pub(super) fn listed_pose(
+    path: &Path,
+    line: &Line<'_>,
+    [tx, ty, tz, qx, qy, qz, qw]: [f64; 7],
+) -> Result<Option<Pose>, DatasetError> {
     let (position, rotation) = (DVec3::new(tx, ty, tz), DQuat::from_xyzw(qx, qy, qz, qw));
     if rotation.is_finite() && position.is_finite() && (rotation.length() - 1.0).abs() > QUATERNION_TOLERANCE {
         let expected = format!(
@@ -137,8 +147,7 @@ fn tum_pose(path: &Path, line: &Line<'_>) -> Result<ListedPose, DatasetError> {
         );
         return Err(line.wrong(path, &expected));
     }
-    let pose = Pose::from_quaternion(position, rotation);
-    Ok(ListedPose { seconds: Some(seconds), ..listed(path, line.number, pose)? })
+    tracked(Pose::from_quaternion(position, rotation), || place(path, line.number))
 }
 
 fn matrix_pose(path: &Path, line: usize, numbers: [f64; 16]) -> Result<ListedPose, DatasetError> {

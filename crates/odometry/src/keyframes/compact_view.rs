@@ -104,5 +104,6 @@ fn decompressed(bytes: &[u8], width: usize, height: usize) -> Option<Image<u16>>
         previous += (coded >> 1) as i32 ^ -((coded & 1) as i32);
         values.push(u16::try_from(previous).ok()?);
     }
-    Image::from_pixels(width, height, values).ok()
+    // More bytes belong to another image.
+    bytes.next().is_none().then(|| Image::from_pixels(width, height, values).ok())?
 }

@@ -49,6 +49,8 @@ pub(crate) struct StoredKeyframe {
     pub(crate) session: u32,
     pub(crate) view: CompactView,
     pub(crate) features: Vec<StoredFeature>,
+    /// Index of the frame in the source of this run, if its pose came with it.
+    pub(crate) given_frame: Option<usize>,
 }
 
 /// All keyframes.
@@ -80,7 +82,7 @@ impl StoredKeyframe {
     /// Describes a frame.
     pub(crate) fn new(id: KeyframeId, pyramid: &Pyramid, world_from_key: Pose, part: u32, session: u32) -> Self {
         let features = detect(pyramid, MAX_FEATURES).iter().map(StoredFeature::new).collect();
-        Self { id, world_from_key, part, session, view: CompactView::new(pyramid), features }
+        Self { id, world_from_key, part, session, view: CompactView::new(pyramid), features, given_frame: None }
     }
 }
 

@@ -83,9 +83,7 @@ impl FrameHistory {
     /// Sets the number of frames that show each joined object. The log of objects counts frames twice that showed both
     /// parts.
     pub fn count_joined(&self, list: &mut ObjectList) {
-        let joined: BTreeSet<SegmentId> = self.remaps.final_ids(0).into_values().collect();
-        let joined: BTreeSet<SegmentId> =
-            self.remaps.entries().iter().map(|(_, remapped)| remapped.into).chain(joined).collect();
+        let joined: BTreeSet<SegmentId> = self.remaps.entries().iter().map(|(_, remapped)| remapped.into).collect();
         if joined.is_empty() {
             return;
         }

@@ -4,6 +4,8 @@
 //! `report.rs` reports on the run after its end, regular or early.
 
 mod camera_messages;
+#[cfg(test)]
+mod corrected_run_tests;
 mod extra_file;
 mod final_ids;
 mod frame_history;
@@ -155,6 +157,14 @@ fn check_paths(job: &RunJob, config: Option<&Path>) -> Result<(), Failure> {
 
 /// Runs a job; writes and returns its summary.
 pub fn execute(job: &RunJob) -> Result<Summary, Failure> {
+    execute_with(job, build_pipeline)
+}
+
+/// As [`execute`], with a pipeline that `build` makes for the scene.
+fn execute_with(
+    job: &RunJob,
+    build: impl FnOnce(&RunJob, &Arc<dyn Scene>) -> Result<Pipeline, Failure>,
+) -> Result<Summary, Failure> {
     let started = Instant::now();
     OutputFolder::check(&job.out, job.existing)?;
     let outputs = outputs::of(job);
@@ -179,7 +189,7 @@ pub fn execute(job: &RunJob) -> Result<Summary, Failure> {
     let selected = dataset.selected_frames(scene.frame_count()).map_err(Failure::input)?;
     let names: Vec<String> = selected.into_iter().map(|index| scene.frame_name(index)).collect();
     let folder = OutputFolder::prepare(&job.out, job.existing, &names)?;
-    let mut pipeline = build_pipeline(job, &scene)?;
+    let mut pipeline = build(job, &scene)?;
     say_error!("{}", stream.description());
     say_error!("{}", camera_messages::described(job.settings.run.poses, scene.has_poses()));
 

@@ -18,6 +18,7 @@ pub struct PipelineBuilder<'a> {
     scene: Option<Arc<dyn Scene>>,
     segmenter: Option<Box<dyn Segmenter>>,
     poses: Option<Box<dyn PoseSource>>,
+    method: Option<Box<dyn Method>>,
     tracker: Option<Box<dyn Tracker>>,
     memory: Option<SplatMemory>,
     saved_memory: Option<PathBuf>,
@@ -36,6 +37,7 @@ impl<'a> PipelineBuilder<'a> {
             scene: None,
             segmenter: None,
             poses: None,
+            method: None,
             tracker: None,
             memory: None,
             saved_memory: None,
@@ -65,6 +67,13 @@ impl<'a> PipelineBuilder<'a> {
     #[must_use]
     pub fn poses(mut self, poses: Box<dyn PoseSource>) -> Self {
         self.poses = Some(poses);
+        self
+    }
+
+    /// Sets your own method, in place of the one that the setting `method` chooses.
+    #[must_use]
+    pub fn method(mut self, method: Box<dyn Method>) -> Self {
+        self.method = Some(method);
         self
     }
 
@@ -128,7 +137,10 @@ impl<'a> PipelineBuilder<'a> {
             Some(segmenter) => segmenter,
             None => self.make_segmenter()?,
         };
-        let method = self.make_method()?;
+        let method = match self.method.take() {
+            Some(method) => method,
+            None => self.make_method()?,
+        };
         let segment_ahead = self.settings.run.segment_ahead;
         let mut poses = self.poses.take().unwrap_or_else(|| Box::new(TrackedPoses::new(self.settings.run.poses)));
         if let Some(keyframes) = &self.keyframes {

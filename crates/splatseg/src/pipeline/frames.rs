@@ -3,7 +3,7 @@
 use super::{FrameResult, Pipeline, PipelineError, Segmented, UnusableFrame};
 use super::{in_thread_pool, process, segment, timed};
 use splatseg_dataset::{FrameReadError, FrameSource, StreamedFrame};
-use splatseg_geometry::{RgbdFrame, SegmentMap};
+use splatseg_geometry::{Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::SplatMemory;
 
 /// Iterator over the results of a [`FrameSource`].
@@ -58,10 +58,13 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
     fn next(&mut self) -> Option<Self::Item> {
         let Self { pipeline, source, next } = self;
         let (streamed, segmented) = next.take().or_else(|| Some((source.next()?, None)))?;
-        let StreamedFrame { index, frame, world_from_camera, ground_truth, .. } = match streamed {
+        let StreamedFrame { index, frame, world_from_camera, corrections, ground_truth } = match streamed {
             Ok(streamed) => streamed,
             Err(error) => return Some(Err(error.into())),
         };
+        let corrected: Vec<(usize, Pose)> =
+            corrections.iter().map(|correction| (correction.frame, correction.world_from_camera)).collect();
+        pipeline.poses.announce(index, &corrected);
         let (pose, pose_time) =
             match timed(|| in_thread_pool(|| pipeline.poses.pose(&frame, world_from_camera.as_ref()))) {
                 (Ok(pose), time) => (pose, time),
