@@ -15,8 +15,12 @@
 //! | `prior.rs` | the motion model |
 //! | `movers.rs` | weights of segments that move by themselves |
 //! | `search.rs` | a start when the motion model fails |
+//! | `keyframes/` | the keyframes of the whole map, in little memory |
+//! | `relocalisation/` | recognises the place that a frame shows |
+//! | `lost.rs` | the search for a lost camera, and new parts of the map |
+//! | `keyframe_map.rs`, `loop_closing.rs`, `graph/` | relative poses of keyframes, loops, the correction of all poses |
 //! | `se3.rs` | rigid motions as six numbers |
-//! | `saved.rs` | the state of a run that is resumed |
+//! | `saved.rs`, `saved_keyframes.rs` | the state of a run that is resumed; keyframes saved with a map |
 
 mod alignment;
 mod graph;
