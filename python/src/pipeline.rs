@@ -49,6 +49,7 @@ type Step = (
     Vec<(String, f64)>,
     Py<PyArray2<f64>>,
     &'static str,
+    Vec<(SegmentId, SegmentId)>,
 );
 
 #[pymethods]
@@ -148,8 +149,11 @@ impl Pipeline {
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let mut guard = self.lock()?;
         let state = &mut *guard;
-        let saved = py.detach(move || Ok::<_, PyErr>(memory_of(state)?.save(&path)));
-        saved?.map_err(runtime_error)
+        let saved = py.detach(move || {
+            memory_of(state)?;
+            Ok::<_, PyErr>(state.pipeline.save_memory(&path))
+        });
+        saved?.map(drop).map_err(runtime_error)
     }
 
     /// True if the method has a memory.
@@ -218,6 +222,7 @@ impl State {
         };
         let time = started.elapsed();
         if let Ok(result) = &result {
+            self.seen.remap(&result.remapped);
             self.seen.record(&stamp, size, &result.objects);
             self.frames += 1;
         }
@@ -240,7 +245,7 @@ fn memory_of(state: &State) -> PyResult<&SplatMemory> {
 
 fn step_result(
     py: Python<'_>,
-    FrameResult { output, objects, times, pose }: FrameResult,
+    FrameResult { output, objects, times, pose, anchor: _, remapped }: FrameResult,
     time: Duration,
 ) -> PyResult<Step> {
     let ids = to_array(py, output.segments.clone())?;
@@ -270,7 +275,8 @@ fn step_result(
     };
     let matrix = pose.world_from_camera.to_matrix().transpose().to_cols_array_2d();
     let matrix = to_rows(py, matrix.into_iter())?;
-    Ok((ids, confidence, sightings.collect(), masks, stages, matrix, state))
+    let remapped = remapped.iter().map(|ids| (ids.from, ids.into)).collect();
+    Ok((ids, confidence, sightings.collect(), masks, stages, matrix, state, remapped))
 }
 
 /// The exception raised by a segmenter in Python, or the error as `RuntimeError`.

@@ -34,6 +34,11 @@ fn stripes(ids: &[SegmentId]) -> SegmentMap {
     SegmentMap::from_fn(SIZE.0, SIZE.1, |column, _| ids[column * ids.len() / SIZE.0])
 }
 
+/// Gives out the ids from 1 to `count`.
+fn new_ids(memory: &mut SplatMemory, count: SegmentId) {
+    (1..=count).for_each(|id| assert_eq!(memory.new_segment().unwrap(), id));
+}
+
 /// Learns a frame several times, as [`frame`].
 fn see(memory: &mut SplatMemory, pose: Pose, anchor: &FrameAnchor, predicted: &SegmentMap) {
     for _ in 0..5 {
@@ -48,7 +53,7 @@ fn see(memory: &mut SplatMemory, pose: Pose, anchor: &FrameAnchor, predicted: &S
 /// A wall of three things, seen twice: the second time from a drifted pose, under other ids.
 fn seen_twice() -> SplatMemory {
     let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
-    (1..=6).for_each(|id| assert_eq!(memory.new_segment().unwrap(), id));
+    new_ids(&mut memory, 6);
     see(&mut memory, Pose::IDENTITY, &anchor(0, &[]), &stripes(&[1, 2, 3]));
     see(&mut memory, drift(), &anchor(AGAIN, &[0]), &stripes(&[4, 5, 6]));
     memory
@@ -67,7 +72,7 @@ fn pairs(remapped: &[RemappedId]) -> Vec<(SegmentId, SegmentId)> {
 #[test]
 fn a_surface_that_is_there_twice_becomes_one_and_its_ids_are_merged() {
     let mut once = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
-    (1..=3).for_each(|_| drop(once.new_segment().unwrap()));
+    new_ids(&mut once, 3);
     see(&mut once, Pose::IDENTITY, &anchor(0, &[]), &stripes(&[1, 2, 3]));
     let mut memory = seen_twice();
     let (single, doubled) = (once.gaussian_count(), memory.gaussian_count());
@@ -99,7 +104,7 @@ fn ids_that_were_shown_side_by_side_are_never_merged() {
 fn neighbours_are_not_merged_although_the_correction_is_off() {
     // Six things of 35 cm beside each other; what remains of the drift is 4 cm along the wall.
     let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
-    (1..=12).for_each(|_| drop(memory.new_segment().unwrap()));
+    new_ids(&mut memory, 12);
     see(&mut memory, Pose::IDENTITY, &anchor(0, &[]), &stripes(&[1, 2, 3, 4, 5, 6]));
     see(&mut memory, drift(), &anchor(AGAIN, &[0]), &stripes(&[7, 8, 9, 10, 11, 12]));
     let off = Pose::from_translation(DVec3::new(0.04, 0.0, 0.0)) * drift().inverse();
@@ -121,7 +126,7 @@ fn a_correction_that_moves_nothing_changes_nothing() {
 fn surfaces_are_gone_only_if_the_pose_is_certain() {
     let counts = [&[0][..], &[][..]].map(|uncertain| {
         let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
-        (1..=2).for_each(|_| drop(memory.new_segment().unwrap()));
+        new_ids(&mut memory, 2);
         see(&mut memory, Pose::IDENTITY, &anchor(0, &[]), &stripes(&[1]));
         let before = memory.gaussian_count();
         see(&mut memory, drift(), &anchor(AGAIN, uncertain), &stripes(&[2]));

@@ -106,7 +106,7 @@ class Pipeline:
         The GIL is released during the computation. Invalid arguments raise ``TypeError`` or ``ValueError`` with the
         found and the expected value, and leave the memory unchanged. Exceptions of the segmenter are passed on.
         """
-        ids, confidence, sightings, masks, times, pose, pose_state = self._pipeline.step(
+        ids, confidence, sightings, masks, times, pose, pose_state, remapped = self._pipeline.step(
             rgb, depth, K, camera_to_world, timestamp, name, depth_scale
         )
         return StepResult(
@@ -119,6 +119,7 @@ class Pipeline:
             K=np.asarray(K, dtype=np.float64),
             camera_to_world=pose,
             pose_state=pose_state,
+            remapped=remapped,
             timestamp=timestamp,
             name=name,
             _masks=masks,

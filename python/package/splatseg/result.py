@@ -38,6 +38,9 @@ class StepResult:
     """The frame's pose, given or tracked; the last known one if tracking is lost."""
     pose_state: str
     """Whether the pose was ``"given"``, is ``"tracked"``, or tracking is ``"lost"``."""
+    remapped: list[tuple[int, int]]
+    """Ids of earlier frames that turned out to be the same object as an older id: (id that is not used any more, older
+    id). The camera came back to a place, and the map was corrected."""
     timestamp: float | None
     """The frame's timestamp, seconds, if given."""
     name: str | None

@@ -73,6 +73,7 @@ pub fn path(time: f64) -> Pose {
 }
 
 /// Distance of two poses: metres, radians.
+#[allow(dead_code, reason = "not every test uses every function")]
 pub fn error(found: &Pose, truth: &Pose) -> (f64, f64) {
     let difference = truth.inverse() * *found;
     let rotation = difference.rotation();
