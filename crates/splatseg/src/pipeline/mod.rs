@@ -97,6 +97,7 @@ impl Pipeline {
     /// can still be processed. [`PipelineError::Method`] or [`PipelineError::DeviceFailed`] if the method or the device
     /// failed: no later frame can be processed.
     pub fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
+        self.poses.announce(self.objects.frames(), &[]);
         let (pose, time) = timed(|| in_thread_pool(|| self.poses.pose(frame, Some(frame.world_from_camera()))));
         let pose = pose?;
         if pose.world_from_camera == *frame.world_from_camera() {
@@ -110,9 +111,17 @@ impl Pipeline {
     /// # Errors
     /// As [`Self::step`].
     pub fn step_unposed(&mut self, frame: CameraFrame<'_>) -> Result<FrameResult, PipelineError> {
+        self.poses.announce(self.objects.frames(), &[]);
         let (pose, time) = timed(|| in_thread_pool(|| self.poses.pose(&frame, None)));
         let pose = pose?;
         self.step_at_pose(&frame.at(pose.world_from_camera), pose, time)
+    }
+
+    /// Corrects the given poses of earlier frames, e.g. after a SLAM system has closed a loop: the number of each frame, from
+    /// 0, and its pose, by increasing number. The map moves with them before the next frame is processed. Tracked poses
+    /// are not changed.
+    pub fn correct_poses(&mut self, corrected: &[(usize, Pose)]) {
+        self.poses.announce(self.objects.frames(), corrected);
     }
 
     fn step_at_pose(
