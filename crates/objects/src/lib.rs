@@ -3,6 +3,7 @@
 //! [`ObjectLog`] counts the sightings of every frame; [`object_shapes`] measures the Gaussians of a memory;
 //! [`ObjectList`] combines both and is the content of `objects.json`.
 
+mod changes;
 mod csv;
 mod list;
 mod remap_log;
@@ -11,6 +12,7 @@ mod shape;
 mod sightings;
 mod vertex_ids;
 
+pub use changes::{ChangedObject, DepthView, MapChanges, MovedObject, ObservedMap, PlaceSight, UnchangedObject};
 pub use list::{BestView, Conventions, FrameStamp, Object, ObjectList, ObjectState};
 pub use remap_log::RemapLog;
 pub use seen::{SeenObjects, Sightings};

@@ -49,4 +49,5 @@ mod tracked_poses;
 pub use odometry::Odometry;
 pub use pose_source::{GivenPoses, PoseSource, PoseSourceError};
 pub use pose_state::{CameraPose, PoseQuality, PoseState};
+pub use saved_keyframes::{KeyframeView, keyframe_views};
 pub use tracked_poses::{PoseMode, TrackedPoses};

@@ -1,5 +1,6 @@
 //! The keyframes of a map as bytes, to be saved with the map or with a run.
 
+use crate::PoseSourceError;
 use crate::graph::{Edge, PoseGraph};
 use crate::keyframe_map::KeyframeMap;
 use crate::keyframes::{CompactView, KeyframeStore, MAX_STORED, StoredFeature, StoredKeyframe};
@@ -7,7 +8,7 @@ use crate::loop_closing::{LoopCandidate, LoopCheck};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{Intrinsics, KeyframeId, Pose};
+use splatseg_geometry::{Image, Intrinsics, KeyframeId, Pose};
 
 /// Numbers of a feature: three coordinates and a descriptor, bytes.
 const FEATURE_BYTES: usize = 6 + 32;
@@ -161,4 +162,40 @@ fn stored_feature(bytes: &[u8]) -> StoredFeature {
     let point = std::array::from_fn(|k| i16::from_le_bytes([bytes[2 * k], bytes[2 * k + 1]]));
     let word = |k: usize| std::array::from_fn(|byte| bytes[6 + 8 * k + byte]);
     StoredFeature { point, descriptor: std::array::from_fn(|k| u64::from_le_bytes(word(k))) }
+}
+
+/// A keyframe of a saved map, as others see it.
+#[derive(Clone, Debug)]
+pub struct KeyframeView {
+    /// Its number.
+    pub id: KeyframeId,
+    /// Its pose, camera to world.
+    pub world_from_camera: Pose,
+    /// The camera of its image.
+    pub intrinsics: Intrinsics,
+    /// z-depth, metres, 0 where missing, `[height, width]`, at most 200 pixels wide.
+    pub depth: Image<f32>,
+}
+
+/// The keyframes that a saved map contains, without those that it has in common with an earlier one: `keyframes` and
+/// `earlier` are bytes from [`PoseSource::keyframes`](crate::PoseSource::keyframes).
+///
+/// # Errors
+/// [`PoseSourceError::State`] if the bytes are damaged.
+pub fn keyframe_views(keyframes: &[u8], earlier: Option<&[u8]>) -> Result<Vec<KeyframeView>, PoseSourceError> {
+    let map = |bytes| parsed(bytes).map_err(PoseSourceError::State);
+    let earlier = earlier.map(map).transpose()?;
+    let is_known = |keyframe: &StoredKeyframe| {
+        let same = earlier.as_ref().and_then(|earlier| earlier.store.get(keyframe.id));
+        same.is_some_and(|same| same.view == keyframe.view && same.session == keyframe.session)
+    };
+    let view = |keyframe: &StoredKeyframe| {
+        Some(KeyframeView {
+            id: keyframe.id,
+            world_from_camera: keyframe.world_from_key,
+            intrinsics: keyframe.view.intrinsics,
+            depth: keyframe.view.depth()?,
+        })
+    };
+    Ok(map(keyframes)?.store.iter().filter(|keyframe| !is_known(keyframe)).filter_map(view).collect())
 }

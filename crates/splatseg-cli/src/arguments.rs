@@ -7,6 +7,7 @@ use super::devices::DevicesArguments;
 use super::eval::EvalArguments;
 use super::export::ExportArguments;
 use super::inspect::InspectArguments;
+use super::map_changes::DiffArguments;
 use super::options::SettingsOptions;
 use super::run::SavedRun;
 use super::settings::SettingsArguments;
@@ -64,6 +65,8 @@ pub enum Command {
     Inspect(InspectArguments),
     /// Write the objects of a saved memory as PLY files, for viewers and other programs
     Export(ExportArguments),
+    /// Compare two saved memories of a place: what is gone, new, moved, unchanged or was not looked at
+    Diff(DiffArguments),
     /// List the devices that networks can run on, and test each one
     Devices(DevicesArguments),
     /// List every setting with its default, allowed values and meaning

@@ -16,6 +16,7 @@ mod failure;
 mod input_paths;
 mod inspect;
 mod manifest;
+mod map_changes;
 mod options;
 mod output_folder;
 mod run;
@@ -55,6 +56,7 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Command::BatchWorker => batch::work(),
         Command::Inspect(inspect) => inspect::inspect(&inspect),
         Command::Export(export) => export::export(&export),
+        Command::Diff(diff) => map_changes::diff(&diff),
         Command::Devices(arguments) => devices::devices(&arguments, program),
         Command::Settings(arguments) => settings::settings(&arguments),
     }?;

@@ -21,7 +21,7 @@ pub const RESULT_FOLDERS: [(&str, &str); 2] = [("segments", "png"), ("overlay", 
 /// Folders with further results, and the extension of their files.
 pub const EXTRA_FOLDERS: [(&str, &str); 2] = [("objects", "jpg"), ("viewer", "js")];
 /// Results beside these folders.
-pub const RESULT_FILES: [&str; 5] = [SUMMARY, "objects.json", "objects.csv", "poses.txt", "index.html"];
+pub const RESULT_FILES: [&str; 6] = [SUMMARY, "objects.json", "objects.csv", "changes.json", "poses.txt", "index.html"];
 
 /// Largest part of a list that is read, bytes. The list of a real run is shorter.
 const MAX_BYTES: u64 = 1 << 30;

@@ -27,6 +27,7 @@ pub use stop_signals::StopSignals;
 use super::arguments::RunArguments;
 use super::input_paths::{InputPaths, real_path};
 use super::manifest::SUMMARY;
+use super::map_changes::{self, MapBefore};
 use super::output_folder::{OutputFolder, OverwritePolicy};
 use super::{Failure, devices};
 use extra_file::ExtraFile;
@@ -42,12 +43,15 @@ use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{FrameSource, FrameStream, GroundTruth, Scene, open_scene};
 use splatseg_files::read_file;
 use splatseg_objects::ObjectList;
-use splatseg_output::{RunEnd, RunOutput};
+use splatseg_output::{ResultFolder, RunEnd, RunOutput};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
+
+/// File for what has changed since a loaded map.
+const CHANGES: &str = "changes.json";
 
 /// Largest summary that is read, bytes.
 const MAX_SUMMARY_BYTES: u64 = 16_000_000;
@@ -190,6 +194,7 @@ fn execute_with(
     let names: Vec<String> = selected.into_iter().map(|index| scene.frame_name(index)).collect();
     let folder = OutputFolder::prepare(&job.out, job.existing, &names)?;
     let mut pipeline = build(job, &scene)?;
+    let before = job.load_memory.as_deref().map(MapBefore::load).transpose()?.flatten();
     say_error!("{}", stream.description());
     say_error!("{}", camera_messages::described(job.settings.run.poses, scene.has_poses()));
 
@@ -201,6 +206,7 @@ fn execute_with(
     let frames = FrameLoop { signals: &signals, strict_input: run.strict_input, saving };
     let mut ended = frames.run(pipeline.run(stream), written, counts);
     finish_outputs(job, scene.as_ref(), &pipeline, &mut ended);
+    write_changes(before.as_ref(), &pipeline, &mut ended);
     let summary = report::finish(job, ended, (started, start_up), &pipeline, memory_file.as_ref())?;
     // The run is complete, so its saved state is no longer needed.
     let _ = saved_run::remove(&job.out);
@@ -225,6 +231,24 @@ fn finish_outputs(job: &RunJob, scene: &dyn Scene, pipeline: &Pipeline, ended: &
         remaps: history.remaps(),
     };
     ended.written.for_each_output(|output, folder| output.finish(&end, folder));
+}
+
+/// Writes what has changed since a loaded map.
+fn write_changes(before: Option<&MapBefore>, pipeline: &Pipeline, ended: &mut LoopOutcome) {
+    let Some(((before, memory), keyframes)) = before.zip(pipeline.memory()).zip(pipeline.keyframes()) else { return };
+    if ended.written.frames == 0 {
+        return;
+    }
+    match before.changes(memory, &keyframes).and_then(|changes| Ok((map_changes::json(&changes)?, changes))) {
+        Ok((bytes, changes)) => {
+            if let Err(error) = ended.written.folder.write(CHANGES, &bytes) {
+                ended.written.output_errors.push(error);
+            } else if let Some(counts) = map_changes::lines(&changes).first() {
+                say_error!("since the loaded map: {counts}; see {CHANGES}");
+            }
+        }
+        Err(error) => say_error!("the changes since the loaded map are unknown: {error}"),
+    }
 }
 
 /// Sets the number of threads of the process. It cannot change after the first job.

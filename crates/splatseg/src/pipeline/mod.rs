@@ -184,6 +184,11 @@ impl Pipeline {
         self.method.memory()
     }
 
+    /// The keyframes of the map as bytes, as in [`PoseSource::keyframes`].
+    pub fn keyframes(&self) -> Option<Vec<u8>> {
+        self.poses.keyframes()
+    }
+
     /// Saves the memory with the camera's keyframes, by which a later run finds its place in the map.
     ///
     /// # Errors

@@ -1,0 +1,154 @@
+//! What has changed between two maps of a place: `splatseg diff`, and `changes.json` of a run with a loaded memory.
+
+use super::Failure;
+use super::terminal::counted;
+use clap::Args;
+use splatseg::settings::SettingsLayers;
+use splatseg_files::AtomicFile;
+use splatseg_memory::SplatMemory;
+use splatseg_objects::{ChangedObject, DepthView, MapChanges, ObjectShape, ObservedMap};
+use splatseg_odometry::keyframe_views;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Lines per kind of change in the terminal.
+const LINES: usize = 30;
+
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  \
+    splatseg run monday --out monday-out --save-memory monday.ply\n  \
+    splatseg run tuesday --out tuesday-out --load-memory monday.ply --save-memory tuesday.ply\n  \
+    splatseg diff monday.ply tuesday.ply\n\n\
+    Both maps must have the same world coordinates: the later one continues the earlier one (--load-memory), or their\n\
+    poses come from the same system. docs/MAP_CHANGES.md describes the file of --out.")]
+pub struct DiffArguments {
+    /// The earlier map: a memory saved by `run --save-memory`
+    pub before: PathBuf,
+    /// The later map
+    pub after: PathBuf,
+    /// File for the changes, JSON
+    #[arg(long, value_name = "FILE.json")]
+    pub out: Option<PathBuf>,
+    /// Replace an existing file
+    #[arg(long)]
+    pub overwrite: bool,
+}
+
+/// The state of a map before a run.
+pub struct MapBefore {
+    map: ObservedMap,
+    keyframes: Vec<u8>,
+}
+
+impl MapBefore {
+    /// Loads a saved memory. `None` if it has no keyframes: it was saved by an earlier version, and does not tell what was
+    /// looked at.
+    pub fn load(path: &Path) -> Result<Option<Self>, Failure> {
+        let mut layers = SettingsLayers::default();
+        layers.add_saved_memory(path).map_err(Failure::input)?;
+        let settings = layers.resolve().map_err(Failure::input)?;
+        let Some(memory) = settings.method.memory() else { return Ok(None) };
+        let mut memory = SplatMemory::load(path, memory.clone()).map_err(Failure::input)?;
+        let Some(keyframes) = memory.take_keyframes() else { return Ok(None) };
+        let views = views(&keyframes, None).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
+        Ok(Some(Self { map: ObservedMap::new(&memory, views), keyframes }))
+    }
+
+    /// Compares it with a later map. `keyframes` are those of the later map.
+    pub fn changes(&self, after: &SplatMemory, keyframes: &[u8]) -> Result<MapChanges, Failure> {
+        let views = views(keyframes, Some(&self.keyframes)).map_err(Failure::runtime)?;
+        Ok(MapChanges::between(&self.map, &ObservedMap::new(after, views)))
+    }
+}
+
+fn views(keyframes: &[u8], earlier: Option<&[u8]>) -> Result<Vec<DepthView>, splatseg_odometry::PoseSourceError> {
+    let views = keyframe_views(keyframes, earlier)?;
+    let view = |view: splatseg_odometry::KeyframeView| DepthView {
+        world_from_camera: view.world_from_camera,
+        intrinsics: view.intrinsics,
+        depth: view.depth,
+    };
+    Ok(views.into_iter().map(view).collect())
+}
+
+/// Compares two saved maps.
+pub fn diff(arguments: &DiffArguments) -> Result<(), Failure> {
+    let out = arguments.out.as_ref();
+    if let Some(out) = out.filter(|out| out.exists() && !arguments.overwrite) {
+        return Err(Failure::input(format!("{}: exists already; --overwrite replaces it", out.display())));
+    }
+    let load = |path: &Path| {
+        MapBefore::load(path)?.ok_or_else(|| {
+            let reason = "has no keyframes, so it does not tell what was looked at: save it again with this version";
+            Failure::input(format!("{}: {reason}", path.display()))
+        })
+    };
+    let (before, after) = (load(&arguments.before)?, load(&arguments.after)?);
+    let views = views(&after.keyframes, Some(&before.keyframes)).map_err(Failure::input)?;
+    if views.is_empty() {
+        let (before, after) = (arguments.before.display(), arguments.after.display());
+        return Err(Failure::input(format!("{after}: has no keyframes besides those of {before}")));
+    }
+    let changes = MapChanges::between(&before.map, &after.map.with_views(views));
+    if let Some(out) = out {
+        write(out, &json(&changes)?).map_err(|error| Failure::runtime(format!("{}: {error}", out.display())))?;
+    }
+    for line in lines(&changes) {
+        say!("{line}");
+    }
+    Ok(())
+}
+
+/// The changes as JSON.
+pub fn json(changes: &MapChanges) -> Result<Vec<u8>, Failure> {
+    let mut text = serde_json::to_vec_pretty(changes).map_err(Failure::runtime)?;
+    text.push(b'\n');
+    Ok(text)
+}
+
+fn write(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut file = AtomicFile::create(path)?;
+    file.write_all(bytes)?;
+    file.commit()
+}
+
+/// A summary of the changes, and a line for each.
+pub fn lines(changes: &MapChanges) -> Vec<String> {
+    let MapChanges { gone, new, moved, unchanged, not_looked_at, newly_seen, .. } = changes;
+    let counts = [
+        (gone.len(), "gone"),
+        (new.len(), "new"),
+        (moved.len(), "moved"),
+        (unchanged.len(), "unchanged"),
+        (not_looked_at.len(), "not looked at"),
+        (newly_seen.len(), "seen for the first time"),
+    ];
+    let counts = counts.map(|(count, kind)| format!("{count} {kind}"));
+    let mut lines = vec![format!("objects: {}", counts.join(", "))];
+    let of = |kind: &str, objects: &[ChangedObject]| -> Vec<String> {
+        objects.iter().map(|object| format!("{kind} {}: {}", object.id, described(&object.shape))).collect()
+    };
+    let moves = moved.iter().map(|moved| {
+        let (before, after) = (&moved.before, &moved.after);
+        let to = position(&after.shape);
+        format!("moved {}: {} to {to}, {:.2} m, now {}", before.id, described(&before.shape), moved.distance, after.id)
+    });
+    for part in [of("gone", gone), of("new", new), moves.collect()] {
+        let rest = part.len().saturating_sub(LINES);
+        lines.extend(part.into_iter().take(LINES));
+        if rest > 0 {
+            lines.push(format!("… and {} more", counted(rest, "object")));
+        }
+    }
+    lines
+}
+
+fn described(shape: &ObjectShape) -> String {
+    let [x, y, z] = shape.oriented_box.size.to_array();
+    format!("{x:.2} x {y:.2} x {z:.2} m at {}", position(shape))
+}
+
+fn position(shape: &ObjectShape) -> String {
+    let centre = shape.oriented_box.center;
+    format!("({:.2}, {:.2}, {:.2})", centre.x, centre.y, centre.z)
+}
