@@ -14,8 +14,14 @@ import tempfile
 from pathlib import Path
 
 
+class UnsuitableRoom(Exception):
+    """The room of this seed has too few things that can be changed."""
+
+
 def run(*command):
     ended = subprocess.run([str(part) for part in command], check=False, capture_output=True, text=True)
+    if "enough clearly visible things to change" in ended.stderr:
+        raise UnsuitableRoom
     if ended.returncode:
         raise SystemExit(f"{' '.join(map(str, command))}: {ended.stderr}")
     return ended.stdout
@@ -76,7 +82,11 @@ def main():
     total = all_right = invented = 0
     for seed in range(arguments.first, arguments.first + arguments.seeds):
         with tempfile.TemporaryDirectory() as folder:
-            count, right, missed, rest = score(arguments, seed, Path(folder))
+            try:
+                count, right, missed, rest = score(arguments, seed, Path(folder))
+            except UnsuitableRoom:
+                print(f"seed {seed}: left out, too few things can be changed in this room", flush=True)
+                continue
         total, all_right, invented = total + count, all_right + right, invented + len(rest)
         described = [f"{kind} {[[round(x, 2) for x in place] for place in places]}" for kind, places in missed]
         others = [f"{kind} {[[round(x, 2) for x in place] for place in places]}" for kind, places in rest]

@@ -13,7 +13,7 @@ use crate::segments::{Segments, Settled};
 use crate::{Codebook, GrowthRule, LearningExtent, MAX_SEGMENT_ID, MemoryError, MemoryKind, MemorySettings, Recall};
 use glam::DVec3;
 use rayon::prelude::*;
-use splatseg_geometry::{FrameAnchor, KeyframeId, RgbdFrame, STAGE_TARGET, SegmentId, SegmentMap};
+use splatseg_geometry::{FrameAnchor, KeyframeId, RemappedId, RgbdFrame, STAGE_TARGET, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera, TileWeights};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -61,6 +61,8 @@ pub struct FrameUpdate {
     /// Ids predicted for the first time. An id that belonged to another object before stands for the new object from
     /// this frame on.
     pub new_segments: Vec<SegmentId>,
+    /// Ids of the frames before this one, whose poses were unknown, that turned out to be ids of the map.
+    pub remapped: Vec<RemappedId>,
     /// Extent of the learning.
     pub learning: LearningExtent,
 }
@@ -183,8 +185,10 @@ impl SplatMemory {
         contradicted: &BTreeSet<SegmentId>,
     ) -> Result<FrameUpdate, MemoryError> {
         self.check_predictions(&recall, predicted)?;
-        let mut update =
-            FrameUpdate { new_segments: self.segments.record_sightings(predicted), ..FrameUpdate::default() };
+        let remapped = self.recognised(predicted);
+        self.rename(&remapped);
+        let new_segments = self.segments.record_sightings(predicted);
+        let mut update = FrameUpdate { new_segments, remapped, ..FrameUpdate::default() };
         if self.is_astray(&recall) {
             self.recent.record(&recall, predicted, &self.settings);
             self.frames = self.frames.saturating_add(1);
@@ -228,6 +232,17 @@ impl SplatMemory {
     /// first frame.
     pub fn latest_ids(&self) -> Option<&SegmentMap> {
         self.recent.latest_ids()
+    }
+
+    /// The ids of the latest frame if its pose was unknown, `[height, width]`, 0 for none: its predictions.
+    pub fn unplaced_ids(&self) -> Option<&SegmentMap> {
+        self.recent.unplaced_ids()
+    }
+
+    /// Says that the next frame was taken at another time than the latest one, as in a later run with the same map. If
+    /// its pose is unknown, its masks do not get the ids of the latest frame's masks at the same pixels.
+    pub fn interrupt(&mut self) {
+        self.recent.interrupt();
     }
 
     /// Removes the Gaussians of surfaces that are gone, and the ones unseen for longest if there are too many. Returns

@@ -154,3 +154,25 @@ fn a_saved_memory_is_corrected_in_the_same_way_and_keeps_its_keyframes() {
     let again = SplatMemory::load(&path, MemorySettings::default()).unwrap();
     assert_eq!(again.remapped_ids(), memory.remapped_ids());
 }
+
+#[test]
+fn ids_of_frames_without_a_pose_turn_out_to_be_those_of_the_map() {
+    let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
+    new_ids(&mut memory, 6);
+    see(&mut memory, Pose::IDENTITY, &anchor(0, &[]), &stripes(&[1, 2, 3]));
+    memory.interrupt();
+    assert!(memory.latest_ids().is_none(), "the latest frame was taken at another time");
+    let unplaced = stripes(&[4, 5, 6]);
+    memory.record_unplaced(&unplaced).unwrap();
+    memory.record_shown(&unplaced);
+    assert_eq!(memory.latest_ids(), Some(&unplaced));
+
+    // Found again: two things are those of the map, the third is another one.
+    let frame = frame(Pose::IDENTITY);
+    let recall = memory.recall(&frame);
+    let update = memory.update(recall, &stripes(&[1, 2, 6]), &BTreeSet::new()).unwrap();
+    assert_eq!(pairs(&update.remapped), [(4, 1), (5, 2)]);
+    assert_eq!(memory.remapped_ids().len(), 2);
+    let recall = memory.recall(&frame);
+    assert!(memory.update(recall, &stripes(&[1, 2, 6]), &BTreeSet::new()).unwrap().remapped.is_empty());
+}

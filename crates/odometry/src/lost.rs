@@ -23,6 +23,10 @@ const NEW_PART_AFTER: u32 = 90;
 /// A lost camera may have moved this far, metres, at once and per second.
 const REACH: (f64, f64) = (0.5, 1.5);
 
+/// A camera that can be anywhere needs this many features that agree: with a whole map to choose from, corners of rooms
+/// look alike.
+const MIN_INLIERS_ANYWHERE: usize = 24;
+
 /// Time between frames without timestamps, seconds.
 const FRAME_TIME: f64 = 1.0 / 30.0;
 
@@ -108,7 +112,8 @@ impl Lost {
             |keyframe| is_near(&keyframe.world_from_key, reach + 1.0),
             u64::from(self.frames),
         )?;
-        is_near(&found.world_from_camera, reach).then_some(found)
+        let is_clear = last.is_some() || found.inliers >= MIN_INLIERS_ANYWHERE;
+        (is_clear && is_near(&found.world_from_camera, reach)).then_some(found)
     }
 }
 

@@ -21,7 +21,7 @@ pub use objects_file::ObjectsFile;
 pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
 pub use page::Page;
 pub use poses_file::PosesFile;
-pub use run_output::{FrameRecord, ResultFolder, RunEnd, RunOutput, UpdatedFrame};
+pub use run_output::{ChangesSince, FrameRecord, ResultFolder, RunEnd, RunOutput, UpdatedFrame};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -4,7 +4,7 @@ use crate::OutputError;
 use splatseg_dataset::read_segments_png;
 use splatseg_geometry::{CowImage, FrameAnchor, Pose, RemappedId, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::SplatMemory;
-use splatseg_objects::{ObjectList, ObjectSighting, RemapLog};
+use splatseg_objects::{MapChanges, ObjectList, ObjectSighting, RemapLog};
 use splatseg_odometry::PoseState;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -63,6 +63,17 @@ pub struct RunEnd<'a> {
     /// The ids that turned out to be the same object. Frames are numbered by their place among those passed to
     /// [`RunOutput::add_frame`].
     pub remaps: &'a RemapLog,
+    /// What has changed since the map that the run has loaded, if it has loaded one.
+    pub changes: Option<ChangesSince<'a>>,
+}
+
+/// What has changed since an earlier map.
+#[derive(Clone, Copy, Debug)]
+pub struct ChangesSince<'a> {
+    /// The earlier map, in the same world coordinates as [`RunEnd::memory`].
+    pub before: &'a SplatMemory,
+    /// The changes.
+    pub changes: &'a MapChanges,
 }
 
 impl RunEnd<'_> {

@@ -131,7 +131,14 @@ fn write_run(path: &Path, stops: &[usize], corrections: &[Option<Pose>]) {
         written.iter_mut().for_each(|output| output.update_frame(&frame, &mut folder).unwrap());
     }
     let objects = ObjectList::new(&log, None);
-    let end = RunEnd { scene: "room", objects: &objects, memory: None, pose_corrections: corrections, remaps: &remaps };
+    let end = RunEnd {
+        scene: "room",
+        objects: &objects,
+        memory: None,
+        pose_corrections: corrections,
+        remaps: &remaps,
+        changes: None,
+    };
     written.iter_mut().for_each(|output| output.finish(&end, &mut folder).unwrap());
 }
 

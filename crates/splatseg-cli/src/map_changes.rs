@@ -36,6 +36,7 @@ pub struct DiffArguments {
 
 /// The state of a map before a run.
 pub struct MapBefore {
+    memory: SplatMemory,
     map: ObservedMap,
     keyframes: Vec<u8>,
 }
@@ -51,7 +52,13 @@ impl MapBefore {
         let mut memory = SplatMemory::load(path, memory.clone()).map_err(Failure::input)?;
         let Some(keyframes) = memory.take_keyframes() else { return Ok(None) };
         let views = views(&keyframes, None).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
-        Ok(Some(Self { map: ObservedMap::new(&memory, views), keyframes }))
+        let map = ObservedMap::new(&memory, views);
+        Ok(Some(Self { memory, map, keyframes }))
+    }
+
+    /// The memory.
+    pub const fn memory(&self) -> &SplatMemory {
+        &self.memory
     }
 
     /// Compares it with a later map. `keyframes` are those of the later map.

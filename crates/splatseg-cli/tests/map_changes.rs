@@ -2,6 +2,7 @@
 
 mod support;
 
+use splatseg_dataset::read_segments_png;
 use std::fs;
 use std::path::Path;
 use support::{finish, read_json, splatseg};
@@ -16,6 +17,16 @@ fn visit(which: &str, folder: &Path, options: &[&str]) {
     assert_eq!(ended.code, 0, "{}", ended.err);
 }
 
+/// The first frame was taken before the camera had found its place. Its objects have the same ids as in later frames.
+fn assert_first_frame_has_the_ids_of_the_map(out: &Path) {
+    assert!(read_json(&out.join("summary.json"))["pose_states"]["lost"].as_u64().unwrap() > 0);
+    let ids = |frame: &str| read_segments_png(&out.join(format!("segments/frame-{frame}.png"))).unwrap().areas();
+    let later = ids("000008");
+    for (id, area) in ids("000000") {
+        assert!(area < 300 || id == 0 || later.contains_key(&id), "{id} with {area} pixels is unknown later");
+    }
+}
+
 #[test]
 fn things_that_came_went_and_moved_are_found_by_a_run_and_by_diff() {
     let folder = tempfile::tempdir().unwrap();
@@ -28,6 +39,7 @@ fn things_that_came_went_and_moved_are_found_by_a_run_and_by_diff() {
     let counts = ["gone", "new", "moved"].map(|kind| changes[kind].as_array().unwrap().len());
     assert_eq!(counts, [3, 2, 2], "{counts:?}");
     assert!(changes["unchanged"].as_array().unwrap().len() > 10);
+    assert_first_frame_has_the_ids_of_the_map(&folder.join("after"));
 
     let out = folder.join("changes.json");
     let diff = |before: &Path, after: &Path| {

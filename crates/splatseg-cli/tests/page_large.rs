@@ -88,7 +88,8 @@ fn write_page(folder: &Path) -> usize {
     }
     let objects = ObjectList::new(&log, Some(&memory));
     let (scene, memory_end, remaps) = ("wall of tiles", Some(&memory), RemapLog::default());
-    let end = RunEnd { scene, objects: &objects, memory: memory_end, pose_corrections: &[], remaps: &remaps };
+    let end =
+        RunEnd { scene, objects: &objects, memory: memory_end, pose_corrections: &[], remaps: &remaps, changes: None };
     page.finish(&end, &mut Folder(folder)).unwrap();
     memory.gaussian_count()
 }

@@ -49,6 +49,8 @@ pub(crate) struct RecentFrames {
     far_frames: u8,
     /// The ids of the latest frame, `[height, width]`, if its pose was unknown.
     unplaced: Option<SegmentMap>,
+    /// True if the next frame was taken at another time than the latest one. Not saved: true until the first frame.
+    is_interrupted: bool,
 }
 
 /// The previous frame.
@@ -132,19 +134,30 @@ impl RecentFrames {
         }
         let before = self.previous.as_ref().map(|previous| previous.sketch.map_from_camera);
         let motion = before.map_or(LocalPose::IDENTITY, |before| before.inverse() * sketch.map_from_camera);
-        self.unplaced = None;
+        (self.unplaced, self.is_interrupted) = (None, false);
         self.previous =
             Some(PreviousFrame { sketch, ids: predicted.clone(), motion, is_linked: recall.links_previous });
     }
 
     /// Records the ids of a frame whose pose is unknown.
     pub fn record_unplaced(&mut self, ids: &SegmentMap) {
-        self.unplaced = Some(ids.clone());
+        (self.unplaced, self.is_interrupted) = (Some(ids.clone()), false);
     }
 
-    /// The ids of the latest frame, `[height, width]`.
+    /// Says that the next frame was taken at another time: its image does not continue the latest one.
+    pub fn interrupt(&mut self) {
+        (self.unplaced, self.is_interrupted) = (None, true);
+    }
+
+    /// The ids of the latest frame, `[height, width]`, if its pose was unknown.
+    pub fn unplaced_ids(&self) -> Option<&SegmentMap> {
+        self.unplaced.as_ref()
+    }
+
+    /// The ids of the latest frame, `[height, width]`, unless the next one was taken at another time.
     pub fn latest_ids(&self) -> Option<&SegmentMap> {
-        self.unplaced.as_ref().or_else(|| Some(&self.previous.as_ref()?.ids))
+        let previous = || self.previous.as_ref().filter(|_| !self.is_interrupted);
+        self.unplaced.as_ref().or_else(|| Some(&previous()?.ids))
     }
 
     /// Returns the ids that must not be forgotten even if no Gaussian has them, in increasing order.

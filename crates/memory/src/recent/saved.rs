@@ -74,7 +74,7 @@ impl RecentFrames {
         let previous = previous.map(|previous| previous.restored(highest)).transpose()?;
         let contradicting = contradicting.into_iter().map(SavedSketch::restored).collect::<Result<_, _>>()?;
         let unplaced = unplaced.map(|ids| ids.restored(highest)).transpose()?;
-        Ok(Self { previous, contradicting, far_frames, unplaced })
+        Ok(Self { previous, contradicting, far_frames, unplaced, is_interrupted: false })
     }
 }
 

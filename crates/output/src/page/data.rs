@@ -1,5 +1,6 @@
 //! The page's data about a run, read by `viewer/src/run.js`.
 
+use super::changes::ChangesData;
 use super::map::MapData;
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -32,6 +33,9 @@ pub struct RunData<'a> {
     pub up: Vec3,
     /// The objects, by increasing id.
     pub objects: Vec<ObjectData>,
+    /// What has changed since the loaded map; missing if none was loaded.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub changes: Option<ChangesData>,
     /// The map; missing if the method has no memory.
     pub map: Option<MapData>,
 }

@@ -2,8 +2,9 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use serde::Serialize;
+use splatseg_geometry::SegmentId;
 use splatseg_memory::SplatMemory;
 
 /// Maximum number of drawn Gaussians: a laptop can still rotate them smoothly.
@@ -32,11 +33,13 @@ pub struct MapData {
     ids: String,
 }
 
-/// Returns the map of a memory.
-pub fn map_data(memory: &SplatMemory) -> MapData {
+/// Returns the map of a memory's wanted objects, relative to an origin in world coordinates.
+pub fn map_data(memory: &SplatMemory, origin: DVec3, is_wanted: impl Fn(SegmentId) -> bool) -> MapData {
     let (balls, ids, colors) = (memory.balls(), memory.segment_ids(), memory.colors());
-    let total = balls.len();
-    let drawn: Vec<usize> = evenly(total, MAX_POINTS).filter(|index| balls.means[*index].is_finite()).collect();
+    let wanted: Vec<usize> = (0..balls.len()).filter(|index| is_wanted(ids[*index])).collect();
+    let total = wanted.len();
+    let is_finite = |index: &usize| balls.means[*index].is_finite();
+    let drawn: Vec<usize> = evenly(total, MAX_POINTS).map(|place| wanted[place]).filter(is_finite).collect();
     // Fewer points must cover the same surfaces.
     let growth = (total as f32 / drawn.len().max(1) as f32).sqrt();
     let min = drawn.iter().map(|index| balls.means[*index]).reduce(Vec3::min).unwrap_or_default();
@@ -51,7 +54,7 @@ pub fn map_data(memory: &SplatMemory) -> MapData {
     MapData {
         count: drawn.len(),
         total,
-        min,
+        min: min + (memory.origin() - origin).as_vec3(),
         size,
         positions: words(drawn.iter().flat_map(place)),
         max_radius,

@@ -10,6 +10,7 @@
 //! | `viewer/run.js` | cameras, objects and map: [`data::RunData`] as JSON |
 //! | `viewer/frames-000.js` … | ids of the pixels ([`ids`]) of 64 frames each, loaded on demand |
 
+mod changes;
 mod data;
 mod ids;
 mod map;
@@ -21,6 +22,7 @@ use crate::error::saved_state;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput, UpdatedFrame, segment_color};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use changes::ChangesData;
 use data::{CameraData, ObjectData, RunData};
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
@@ -238,7 +240,8 @@ impl RunOutput for Page {
             cameras: &self.cameras,
             up: self.up.direction(),
             objects: end.objects.objects.iter().map(|object| self.object(object)).collect(),
-            map: end.memory.map(map::map_data),
+            changes: end.changes.map(|changes| ChangesData::new(&changes, origin)),
+            map: end.memory.map(|memory| map::map_data(memory, origin, |_| true)),
         };
         let file = "viewer/run.js";
         folder.write(file, format!("var splatsegRun={};\n", json(file, &data)?).as_bytes())?;

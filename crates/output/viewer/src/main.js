@@ -1,5 +1,6 @@
 // Connects the page's parts: they share the shown frame and the selected object.
 
+import { ChangeList } from "./change_list.js";
 import { counted } from "./element.js";
 import { FrameIds } from "./frame_ids.js";
 import { MapView } from "./map_view.js";
@@ -51,6 +52,7 @@ function mapView() {
 
 const map = mapView();
 const list = new ObjectList(run.objects, (id) => select(id === selected ? 0 : id, "seek"));
+const changes = run.changes && new ChangeList(run, { go: goToChange });
 const info = new ObjectInfo(run, { goTo: show, center: map ? (id) => map.center(id) : null });
 const picture = new Picture(run, new FrameIds(run.framesPerChunk, run.remapped), {
   onPick: select,
@@ -86,6 +88,18 @@ function select(id, seek) {
   }
 }
 
+/** Shows a change: what is gone in the map before, the rest in the map as it is now. */
+function goToChange({ before, after }) {
+  showTime(after ? "after" : "before");
+  select(after && run.byId.has(after.id) ? after.id : 0, "seek");
+  map?.centerOn((after ?? before).box);
+}
+
+function showTime(time) {
+  byElementId("time").value = time;
+  map?.showTime(time);
+}
+
 /** `index.html#frame=12&object=7` opens at the 13th frame with object 7 selected. */
 async function follow() {
   const wanted = (name) => Number(new RegExp(`${name}=(\\d+)`).exec(location.hash)?.[1] ?? 0);
@@ -95,9 +109,11 @@ async function follow() {
 }
 
 // For the browser's console: `splatsegPage.select(7)`.
-window.splatsegPage = { run, map, show, select };
+window.splatsegPage = { run, map, show, select, changes };
 describeRun();
 byElementId("colors").addEventListener("change", (event) => map?.showColors(event.target.value));
+byElementId("time").addEventListener("change", (event) => showTime(event.target.value));
+byElementId("boxes").addEventListener("change", (event) => map?.showChanges(event.target.checked));
 byElementId("path").addEventListener("change", (event) => map?.showPath(event.target.checked));
 byElementId("follow").addEventListener("change", (event) => map?.follow(event.target.checked));
 byElementId("reset").addEventListener("click", () => {

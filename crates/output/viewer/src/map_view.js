@@ -5,6 +5,7 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
+import { changesOf } from "./change_list.js";
 import { Splats } from "./splats.js";
 
 const FIELD_OF_VIEW_DEGREES = 50;
@@ -26,7 +27,11 @@ export class MapView {
   constructor(run, onPick) {
     this.#run = run;
     this.renderer = new WebGLRenderer({ canvas: this.#canvas, antialias: false });
-    this.splats = new Splats(run.map, run.byId);
+    const changes = changesOf(run.changes);
+    const added = new Set(changes.flatMap(({ after }) => after?.id ?? []));
+    this.splats = new Splats(run.map, run.byId, added);
+    const removed = new Map(changes.flatMap(({ before }) => (before ? [[before.id, before]] : [])));
+    this.before = run.changes && new Splats(run.changes.map_before, removed);
     this.camera = new PerspectiveCamera(FIELD_OF_VIEW_DEGREES, 1, 0.02, 1000);
     this.camera.up.fromArray(run.up);
     this.controls = new OrbitControls(this.camera, this.#canvas);
@@ -34,6 +39,7 @@ export class MapView {
     this.controls.addEventListener("change", () => this.draw());
     this.#addLines();
     this.#scene.add(this.splats.points);
+    if (this.before) this.#addChanges(changes);
     this.#listen(onPick);
     this.extent = this.splats.extent();
     this.reset();
@@ -108,13 +114,26 @@ export class MapView {
 
   /** `true` or `object`. */
   showColors(which) {
-    this.splats.uniforms.trueColors.value = which === "true" ? 1 : 0;
+    for (const splats of this.#allSplats()) splats.uniforms.trueColors.value = which === "true" ? 1 : 0;
+    this.draw();
+  }
+
+  /** The map as it is now, `after`, or `before` the changes. */
+  showTime(time) {
+    this.splats.showAdded(time === "after");
+    if (this.before) this.before.points.visible = time === "before";
+    this.draw();
+  }
+
+  /** Shows or hides the boxes of the changes. */
+  showChanges(wanted) {
+    for (const lines of this.changes ?? []) lines.visible = wanted;
     this.draw();
   }
 
   /** Highlights an object, or none. */
   mark(id) {
-    this.splats.uniforms.selected.value = id;
+    for (const splats of this.#allSplats()) splats.uniforms.selected.value = id;
     const box = id ? this.#boxOf(id) : null;
     this.box.visible = box !== null;
     if (box) this.box.matrix.copy(box);
@@ -123,7 +142,15 @@ export class MapView {
 
   /** Centres the view on an object, at a distance of at most about three times its size. */
   center(id) {
-    const box = this.#boxOf(id);
+    this.#centerOn(this.#boxOf(id));
+  }
+
+  /** Centres the view on a box of the run's data. */
+  centerOn(box) {
+    this.#centerOn(this.#matrixOf(box));
+  }
+
+  #centerOn(box) {
     if (!box) return;
     const middle = new Vector3().setFromMatrixPosition(box);
     const size = Math.max(...new Vector3().setFromMatrixScale(box).toArray(), 0.1);
@@ -135,7 +162,11 @@ export class MapView {
   }
 
   #boxOf(id) {
-    const given = this.#run.byId.get(id)?.box;
+    return this.#matrixOf(this.#run.byId.get(id)?.box);
+  }
+
+  /** From the unit box to a box of the run's data; `null` without one. */
+  #matrixOf(given) {
     if (!given) return null;
     const center = given.center.map((coordinate, axis) => coordinate - this.#run.origin[axis]);
     const size = new Vector3(...given.size);
@@ -152,10 +183,31 @@ export class MapView {
     this.#viewChanged();
   }
 
+  #allSplats() {
+    return this.before ? [this.splats, this.before] : [this.splats];
+  }
+
+  /** The Gaussians at old places, and a box around each place; lines lead from old places to new ones. */
+  #addChanges(changes) {
+    this.before.points.visible = false;
+    this.#scene.add(this.before.points);
+    const places = { gone: [], new: [], moved: [] };
+    for (const { kind, before, after } of changes) {
+      const matrices = [before, after].flatMap((place) => (place ? [this.#matrixOf(place.box)] : []));
+      for (const matrix of matrices) places[kind].push(...unitBoxOf(matrix));
+      if (matrices.length === 2) {
+        for (const matrix of matrices) places[kind].push(...new Vector3().setFromMatrixPosition(matrix).toArray());
+      }
+    }
+    this.changes = Object.entries(places).map(([kind, positions]) => Object.assign(lines(positions, 0), { name: kind }));
+    for (const drawn of this.changes) {
+      drawn.frustumCulled = false;
+      drawn.renderOrder = 1;
+      this.#scene.add(drawn);
+    }
+  }
+
   #addLines() {
-    // Lines show through the map: a room's walls would otherwise hide a path inside it.
-    const material = (color) => new LineMaterial({ color, linewidth: LINE_PIXELS, depthTest: false, transparent: true });
-    const lines = (positions, color) => new LineSegments2(new LineSegmentsGeometry().setPositions(positions), material(color));
     const steps = [];
     for (let frame = 1; frame < this.#run.frameCount; frame++) {
       steps.push(...this.#run.poseOf(frame - 1).position, ...this.#run.poseOf(frame).position);
@@ -207,7 +259,8 @@ export class MapView {
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
-    this.splats.uniforms.pixels.value = this.#pixelsPerMetre(this.renderer.domElement.height);
+    const pixels = this.#pixelsPerMetre(this.renderer.domElement.height);
+    for (const splats of this.#allSplats()) splats.uniforms.pixels.value = pixels;
     this.draw();
   }
 
@@ -217,10 +270,25 @@ export class MapView {
     this.renderer.setClearColor(ground);
     // The shader already writes sRGB.
     const { r, g, b } = ground.clone().convertLinearToSRGB();
-    this.splats.uniforms.ground.value = new Vector3(r, g, b);
+    for (const splats of this.#allSplats()) splats.uniforms.ground.value = new Vector3(r, g, b);
+    for (const drawn of this.changes ?? []) drawn.material.color.setStyle(style.getPropertyValue(`--${drawn.name}`).trim());
     this.box.material.color.setStyle(style.getPropertyValue("--ink").trim());
     this.draw();
   }
+}
+
+/** Lines that show through the map: a room's walls would otherwise hide a path inside it. */
+function lines(positions, color) {
+  const material = new LineMaterial({ color, linewidth: LINE_PIXELS, depthTest: false, transparent: true });
+  return new LineSegments2(new LineSegmentsGeometry().setPositions(positions), material);
+}
+
+/** The edges of the unit box after a transform. */
+function unitBoxOf(matrix) {
+  const edges = unitBox();
+  const corner = new Vector3();
+  for (let start = 0; start < edges.length; start += 3) corner.fromArray(edges, start).applyMatrix4(matrix).toArray(edges, start);
+  return edges;
 }
 
 /** The twelve edges of the box from -0.5 to 0.5. */

@@ -17,6 +17,8 @@ export class Run {
     /** Origin of the coordinates of poses and map, world coordinates. */
     this.origin = data.origin;
     this.map = data.map;
+    /** What has changed since the loaded map; null without one. */
+    this.changes = data.changes ?? null;
     this.objects = data.objects;
     this.byId = new Map(data.objects.map((object) => [object.id, object]));
     this.poses = floatsOf(data.poses);

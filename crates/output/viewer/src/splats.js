@@ -16,15 +16,18 @@ const VERTEX = `
   uniform float pixels; // of an extent of one metre at a distance of one metre
   uniform float selected;
   uniform float trueColors;
+  uniform float showAdded;
   uniform vec3 ground;
   attribute float radius;
   attribute float object;
+  attribute float added;
   attribute vec3 objectColor;
   attribute vec3 trueColor;
   varying vec3 tint;
   void main() {
     vec4 seen = modelViewMatrix * vec4(position, 1.0);
     gl_Position = projectionMatrix * seen;
+    if (added > showAdded) gl_Position = vec4(0.0, 0.0, 2.0, 1.0); // outside of the view
     gl_PointSize = clamp(2.0 * radius * pixels / max(-seen.z, 1e-3), ${MIN_PIXELS.toFixed(1)}, 400.0);
     tint = mix(objectColor, trueColor, trueColors);
     if (selected > 0.0 && object != selected) tint = mix(vec3(dot(tint, vec3(0.3, 0.6, 0.1))), ground, 0.72);
@@ -39,24 +42,33 @@ const FRAGMENT = `
   }`;
 
 export class Splats {
-  /** `map` is the run's map, `byId` its objects. */
-  constructor(map, byId) {
+  /** `map` is the run's map, `byId` its objects; those of the set `added` can be hidden. */
+  constructor(map, byId, added = new Set()) {
     this.count = map.count;
     this.positions = positionsOf(map);
     this.radii = Float32Array.from(wordsOf(map.radii), (part) => (part / 65535) * map.max_radius * RADIUS_IN_SIGMA);
     this.ids = idsOf(map.ids);
+    this.added = Uint8Array.from(this.ids, (id) => Number(added.has(id)));
     const objectColors = new Uint8Array(3 * this.count);
     this.ids.forEach((id, index) => objectColors.set(byId.get(id)?.color ?? NO_OBJECT, 3 * index));
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new BufferAttribute(this.positions, 3));
     geometry.setAttribute("radius", new BufferAttribute(this.radii, 1));
     geometry.setAttribute("object", new BufferAttribute(Float32Array.from(this.ids), 1));
+    geometry.setAttribute("added", new BufferAttribute(this.added, 1));
     geometry.setAttribute("objectColor", new BufferAttribute(objectColors, 3, true));
     geometry.setAttribute("trueColor", new BufferAttribute(bytesOf(map.colors), 3, true));
-    this.uniforms = { pixels: { value: 1 }, selected: { value: 0 }, trueColors: { value: 0 }, ground: { value: null } };
+    this.uniforms = {
+      pixels: { value: 1 }, selected: { value: 0 }, trueColors: { value: 0 }, showAdded: { value: 1 }, ground: { value: null },
+    };
     const material = new ShaderMaterial({ uniforms: this.uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT });
     this.points = new Points(geometry, material);
     this.points.frustumCulled = false;
+  }
+
+  /** Shows or hides the added objects. */
+  showAdded(wanted) {
+    this.uniforms.showAdded.value = Number(wanted);
   }
 
   /**
@@ -68,6 +80,7 @@ export class Splats {
     let nearest = { depth: Infinity, id: 0 };
     const m = matrix;
     for (let index = 0; index < this.count; index++) {
+      if (this.added[index] > this.uniforms.showAdded.value) continue;
       const [px, py, pz] = [this.positions[3 * index], this.positions[3 * index + 1], this.positions[3 * index + 2]];
       const depth = m[3] * px + m[7] * py + m[11] * pz + m[15];
       if (depth < 0.02 || depth >= nearest.depth) continue;

@@ -42,8 +42,8 @@ use splatseg::summary::Summary;
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{FrameSource, FrameStream, GroundTruth, Scene, open_scene};
 use splatseg_files::read_file;
-use splatseg_objects::ObjectList;
-use splatseg_output::{ResultFolder, RunEnd, RunOutput};
+use splatseg_objects::{MapChanges, ObjectList};
+use splatseg_output::{ChangesSince, ResultFolder, RunEnd, RunOutput};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -205,8 +205,10 @@ fn execute_with(
     let start_up = started.elapsed();
     let frames = FrameLoop { signals: &signals, strict_input: run.strict_input, saving };
     let mut ended = frames.run(pipeline.run(stream), written, counts);
-    finish_outputs(job, scene.as_ref(), &pipeline, &mut ended);
-    write_changes(before.as_ref(), &pipeline, &mut ended);
+    let changes = before.as_ref().and_then(|before| write_changes(before, &pipeline, &mut ended));
+    let changes = before.as_ref().zip(changes.as_ref());
+    let changes = changes.map(|(before, changes)| ChangesSince { before: before.memory(), changes });
+    finish_outputs(job, scene.as_ref(), &pipeline, &mut ended, changes);
     let summary = report::finish(job, ended, (started, start_up), &pipeline, memory_file.as_ref())?;
     // The run is complete, so its saved state is no longer needed.
     let _ = saved_run::remove(&job.out);
@@ -214,7 +216,13 @@ fn execute_with(
 }
 
 /// Brings the results of earlier frames up to date, and writes the outputs that need the whole run.
-fn finish_outputs(job: &RunJob, scene: &dyn Scene, pipeline: &Pipeline, ended: &mut LoopOutcome) {
+fn finish_outputs(
+    job: &RunJob,
+    scene: &dyn Scene,
+    pipeline: &Pipeline,
+    ended: &mut LoopOutcome,
+    changes: Option<ChangesSince<'_>>,
+) {
     if ended.written.frames == 0 {
         return;
     }
@@ -229,15 +237,16 @@ fn finish_outputs(job: &RunJob, scene: &dyn Scene, pipeline: &Pipeline, ended: &
         memory: pipeline.memory(),
         pose_corrections: &history.pose_corrections(&pipeline.keyframe_poses()),
         remaps: history.remaps(),
+        changes,
     };
     ended.written.for_each_output(|output, folder| output.finish(&end, folder));
 }
 
-/// Writes what has changed since a loaded map.
-fn write_changes(before: Option<&MapBefore>, pipeline: &Pipeline, ended: &mut LoopOutcome) {
-    let Some(((before, memory), keyframes)) = before.zip(pipeline.memory()).zip(pipeline.keyframes()) else { return };
+/// Writes what has changed since a loaded map. Returns `None` if that is unknown.
+fn write_changes(before: &MapBefore, pipeline: &Pipeline, ended: &mut LoopOutcome) -> Option<MapChanges> {
+    let (memory, keyframes) = pipeline.memory().zip(pipeline.keyframes())?;
     if ended.written.frames == 0 {
-        return;
+        return None;
     }
     match before.changes(memory, &keyframes).and_then(|changes| Ok((map_changes::json(&changes)?, changes))) {
         Ok((bytes, changes)) => {
@@ -246,8 +255,12 @@ fn write_changes(before: Option<&MapBefore>, pipeline: &Pipeline, ended: &mut Lo
             } else if let Some(counts) = map_changes::lines(&changes).first() {
                 say_error!("since the loaded map: {counts}; see {CHANGES}");
             }
+            Some(changes)
         }
-        Err(error) => say_error!("the changes since the loaded map are unknown: {error}"),
+        Err(error) => {
+            say_error!("the changes since the loaded map are unknown: {error}");
+            None
+        }
     }
 }
 

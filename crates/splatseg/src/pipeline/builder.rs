@@ -196,6 +196,9 @@ impl<'a> PipelineBuilder<'a> {
             Some(path) => {
                 let mut memory = SplatMemory::load(path, settings.clone())?;
                 self.keyframes = memory.take_keyframes();
+                if self.saved_poses.is_none() {
+                    memory.interrupt();
+                }
                 memory
             }
             None => SplatMemory::new(settings.clone(), self.settings.run.seed, &mut self.progress)

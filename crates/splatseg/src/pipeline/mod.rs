@@ -160,6 +160,11 @@ impl Pipeline {
         time: Duration,
     ) -> Result<FrameResult, PipelineError> {
         let mut result = result?;
+        let recognised = &result.output.update.remapped;
+        if !recognised.is_empty() {
+            self.poses.remap(recognised);
+        }
+        self.unreported.extend(recognised);
         result.remapped = std::mem::take(&mut self.unreported);
         self.poses.set_segments(&result.output.segments);
         if result.pose.state != PoseState::Given || result.pose.quality.is_some() {
@@ -255,6 +260,7 @@ fn process(
     });
     let output = output.map_err(|source| PipelineError::Method { frame: name(), source: Box::new(source) })?;
     times.add("segment", time);
+    objects.remap(&output.update.remapped);
     let objects = objects.record(&output);
     Ok(FrameResult { output, objects, times, pose, anchor, remapped: Vec::new() })
 }

@@ -115,14 +115,27 @@ impl FastSamSplat {
             for id in second.pixels_mut().iter_mut().filter(|id| taken.contains(id)) {
                 *id = 0;
             }
-            let masks: Vec<&Mask> = unmatched.iter().map(|index| masks[*index]).collect();
-            let again = match_segments(&second, &masks, self.settings.min_match_f_score);
+            let rest: Vec<&Mask> = unmatched.iter().map(|index| masks[*index]).collect();
+            let again = match_segments(&second, &rest, self.settings.min_match_f_score);
             unmatched.iter().zip(again).for_each(|(index, id)| matched[*index] = id);
+            self.keep_unplaced_ids(masks, &mut matched);
         }
         let ids = matched.into_iter().map(|id| id.map_or_else(|| self.memory.new_segment(), Ok));
         let ids: Vec<SegmentId> = ids.collect::<Result<_, _>>()?;
         let unexpected = unmatched.into_iter().map(|index| ids[index]).collect();
         Ok(Identified { ids, unexpected })
+    }
+
+    /// Gives masks without an id that of the previous frame, if its pose was unknown.
+    fn keep_unplaced_ids(&self, masks: &[&Mask], matched: &mut [Option<SegmentId>]) {
+        let size = masks.first().map(|mask| (mask.width(), mask.height()));
+        let Some(unplaced) = self.memory.unplaced_ids().filter(|ids| Some(ids.size()) == size) else { return };
+        let taken: BTreeSet<SegmentId> = matched.iter().flatten().copied().collect();
+        let unplaced = unplaced.clone().map(|id| if taken.contains(id) { 0 } else { *id });
+        let unmatched: Vec<usize> = (0..masks.len()).filter(|index| matched[*index].is_none()).collect();
+        let masks: Vec<&Mask> = unmatched.iter().map(|index| masks[*index]).collect();
+        let linked = match_segments(&unplaced, &masks, self.settings.min_match_f_score);
+        unmatched.into_iter().zip(linked).for_each(|(index, id)| matched[index] = id);
     }
 
     /// Returns the unexpected predictions that fusion leaves too little of, because the memory is sure of another
