@@ -17,6 +17,7 @@
 //! | `search.rs` | a start when the motion model fails |
 //! | `keyframes/` | the keyframes of the whole map, in little memory |
 //! | `relocalisation/` | recognises the place that a frame shows |
+//! | `relocaliser.rs` | where single frames were taken, in a saved map |
 //! | `lost.rs` | the search for a lost camera, and new parts of the map |
 //! | `keyframe_map.rs`, `loop_closing.rs`, `graph/` | relative poses of keyframes, loops, the correction of all poses |
 //! | `se3.rs` | rigid motions as six numbers |
@@ -38,6 +39,7 @@ mod prior;
 mod pyramid;
 mod reference;
 mod relocalisation;
+mod relocaliser;
 mod saved;
 mod saved_keyframes;
 mod se3;
@@ -49,5 +51,6 @@ mod tracked_poses;
 pub use odometry::Odometry;
 pub use pose_source::{GivenPoses, PoseSource, PoseSourceError};
 pub use pose_state::{CameraPose, PoseQuality, PoseState};
+pub use relocaliser::{LocatedFrame, Relocaliser};
 pub use saved_keyframes::{KeyframeView, keyframe_views};
 pub use tracked_poses::{PoseMode, TrackedPoses};

@@ -7,6 +7,7 @@ use super::devices::DevicesArguments;
 use super::eval::EvalArguments;
 use super::export::ExportArguments;
 use super::inspect::InspectArguments;
+use super::locate::LocateArguments;
 use super::map_changes::DiffArguments;
 use super::options::SettingsOptions;
 use super::run::SavedRun;
@@ -67,6 +68,8 @@ pub enum Command {
     Export(ExportArguments),
     /// Compare two saved memories of a place: what is gone, new, moved, unchanged or was not looked at
     Diff(DiffArguments),
+    /// Find where single frames were taken, in the coordinates of a saved memory
+    Locate(Box<LocateArguments>),
     /// List the devices that networks can run on, and test each one
     Devices(DevicesArguments),
     /// List every setting with its default, allowed values and meaning

@@ -15,6 +15,7 @@ mod export;
 mod failure;
 mod input_paths;
 mod inspect;
+mod locate;
 mod manifest;
 mod map_changes;
 mod options;
@@ -57,6 +58,7 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Command::Inspect(inspect) => inspect::inspect(&inspect),
         Command::Export(export) => export::export(&export),
         Command::Diff(diff) => map_changes::diff(&diff),
+        Command::Locate(locate) => locate::locate(&locate),
         Command::Devices(arguments) => devices::devices(&arguments, program),
         Command::Settings(arguments) => settings::settings(&arguments),
     }?;

@@ -45,12 +45,7 @@ impl MapBefore {
     /// Loads a saved memory. `None` if it has no keyframes: it was saved by an earlier version, and does not tell what was
     /// looked at.
     pub fn load(path: &Path) -> Result<Option<Self>, Failure> {
-        let mut layers = SettingsLayers::default();
-        layers.add_saved_memory(path).map_err(Failure::input)?;
-        let settings = layers.resolve().map_err(Failure::input)?;
-        let Some(memory) = settings.method.memory() else { return Ok(None) };
-        let mut memory = SplatMemory::load(path, memory.clone()).map_err(Failure::input)?;
-        let Some(keyframes) = memory.take_keyframes() else { return Ok(None) };
+        let Some((memory, keyframes)) = load_with_keyframes(path)? else { return Ok(None) };
         let views = views(&keyframes, None).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
         let map = ObservedMap::new(&memory, views);
         Ok(Some(Self { memory, map, keyframes }))
@@ -66,6 +61,16 @@ impl MapBefore {
         let views = views(keyframes, Some(&self.keyframes)).map_err(Failure::runtime)?;
         Ok(MapChanges::between(&self.map, &ObservedMap::new(after, views)))
     }
+}
+
+/// Loads a saved memory and its keyframes, bytes for `splatseg_odometry`. `None` if it has no keyframes.
+pub fn load_with_keyframes(path: &Path) -> Result<Option<(SplatMemory, Vec<u8>)>, Failure> {
+    let mut layers = SettingsLayers::default();
+    layers.add_saved_memory(path).map_err(Failure::input)?;
+    let settings = layers.resolve().map_err(Failure::input)?;
+    let Some(memory) = settings.method.memory() else { return Ok(None) };
+    let mut memory = SplatMemory::load(path, memory.clone()).map_err(Failure::input)?;
+    Ok(memory.take_keyframes().map(|keyframes| (memory, keyframes)))
 }
 
 fn views(keyframes: &[u8], earlier: Option<&[u8]>) -> Result<Vec<DepthView>, splatseg_odometry::PoseSourceError> {

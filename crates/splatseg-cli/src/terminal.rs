@@ -30,6 +30,13 @@ pub fn print_line(text: &str) {
     record_output_error(written);
 }
 
+/// Prints lines that end with line breaks to standard output, as [`print_line`].
+pub fn print_text(text: &str) {
+    let mut output = std::io::stdout().lock();
+    let written = output.write_all(escape(text).as_bytes()).and_then(|()| output.flush());
+    record_output_error(written);
+}
+
 /// Prints a line to standard error. Errors are ignored.
 pub fn print_error_line(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", escape(text));
