@@ -245,7 +245,7 @@ fn memory_of(state: &State) -> PyResult<&SplatMemory> {
 
 fn step_result(
     py: Python<'_>,
-    FrameResult { output, objects, times, pose, anchor: _, remapped }: FrameResult,
+    FrameResult { output, objects, times, pose, anchor: _, remapped, events: _ }: FrameResult,
     time: Duration,
 ) -> PyResult<Step> {
     let ids = to_array(py, output.segments.clone())?;

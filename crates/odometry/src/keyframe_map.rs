@@ -172,6 +172,20 @@ impl KeyframeMap {
         }
     }
 
+    /// The parts of all keyframes, dropped ones too.
+    pub(crate) fn parts(&self) -> BTreeMap<KeyframeId, u32> {
+        let mut parts: BTreeMap<KeyframeId, u32> =
+            self.store.iter().map(|keyframe| (keyframe.id, keyframe.part)).collect();
+        let dropped = self.store.replaced.iter();
+        parts.extend(dropped.filter_map(|(id, (kept, _))| Some((*id, self.store.get(*kept)?.part))));
+        parts
+    }
+
+    /// Number of parts.
+    pub(crate) fn part_count(&self) -> usize {
+        self.store.iter().map(|keyframe| keyframe.part).collect::<BTreeSet<u32>>().len()
+    }
+
     /// The poses of all keyframes.
     pub(crate) fn poses(&self) -> BTreeMap<KeyframeId, Pose> {
         self.store.poses()

@@ -8,6 +8,7 @@
 //! | --- | --- |
 //! | `pose_source.rs` | the trait, and poses that come with the frames |
 //! | `tracked_poses.rs` | poses that are tracked, always or where they are missing, or refined |
+//! | `pose_event.rs` | what else is found out: loops, new parts of the map, a camera that was found |
 //! | `odometry.rs` | a frame in, its pose out; choice of keyframes; loss and return |
 //! | `pyramid.rs` | a frame at several resolutions |
 //! | `reference.rs` | the points of a keyframe, with planes and image gradients |
@@ -33,6 +34,7 @@ mod loop_closing;
 mod lost;
 mod movers;
 mod odometry;
+mod pose_event;
 mod pose_source;
 mod pose_state;
 mod prior;
@@ -49,6 +51,7 @@ mod sums;
 mod tracked_poses;
 
 pub use odometry::Odometry;
+pub use pose_event::{PoseEvent, PoseEventCounts};
 pub use pose_source::{GivenPoses, PoseSource, PoseSourceError};
 pub use pose_state::{CameraPose, PoseQuality, PoseState};
 pub use relocaliser::{LocatedFrame, Relocaliser};

@@ -1,6 +1,6 @@
 //! The camera's pose for each frame.
 
-use crate::CameraPose;
+use crate::{CameraPose, PoseEvent};
 use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, RemappedId, SegmentMap};
 use std::collections::BTreeMap;
 use thiserror::Error;
@@ -31,11 +31,21 @@ pub trait PoseSource: Send {
         None
     }
 
+    /// Returns what the latest frame has told about the camera and the map.
+    fn take_events(&mut self) -> Vec<PoseEvent> {
+        Vec::new()
+    }
+
     /// Receives the ids that the method has found to be the same object.
     fn remap(&mut self, _remapped: &[RemappedId]) {}
 
     /// The present poses of all keyframes, camera to world.
     fn keyframe_poses(&self) -> BTreeMap<KeyframeId, Pose> {
+        BTreeMap::new()
+    }
+
+    /// The part of the map that each keyframe is in, from 0: where parts are relative to each other is not known.
+    fn keyframe_parts(&self) -> BTreeMap<KeyframeId, u32> {
         BTreeMap::new()
     }
 

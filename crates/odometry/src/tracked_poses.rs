@@ -5,7 +5,7 @@ use crate::lost::{Lost, Search};
 use crate::odometry::TrackedFrame;
 use crate::saved::SavedPoses;
 use crate::saved_keyframes;
-use crate::{CameraPose, Odometry, PoseSource, PoseSourceError, PoseState};
+use crate::{CameraPose, Odometry, PoseEvent, PoseSource, PoseSourceError, PoseState};
 use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, RemappedId, SegmentMap};
 use splatseg_settings::choices;
 use std::collections::BTreeMap;
@@ -42,6 +42,8 @@ pub struct TrackedPoses {
     /// Index of the next frame in its source.
     index: usize,
     correction: Option<MapCorrection>,
+    /// What the latest frame has told.
+    events: Vec<PoseEvent>,
 }
 
 impl TrackedPoses {
@@ -57,6 +59,7 @@ impl TrackedPoses {
             has_given: false,
             index: 0,
             correction: None,
+            events: Vec::new(),
         }
     }
 
@@ -133,9 +136,14 @@ impl TrackedPoses {
             state: PoseState::Lost,
             quality: None,
         };
+        let (lost_frames, was_loaded) = (self.lost.frames as usize, last.is_none());
         match self.lost.search(&mut self.map, frame, last) {
             Search::Lost => lost(last),
             Search::Found(odometry, pose) => {
+                self.events.push(match was_loaded {
+                    true => PoseEvent::FoundInLoadedMap { lost_frames },
+                    false => PoseEvent::FoundAgain { lost_frames },
+                });
                 let movers = std::mem::take(&mut self.odometry.movers);
                 self.odometry = Odometry { movers, ..*odometry };
                 self.map.part =
@@ -143,6 +151,7 @@ impl TrackedPoses {
                 pose
             }
             Search::NewPart => {
+                self.events.push(PoseEvent::NewPart { lost_frames, was_loaded });
                 let start = self.map.start_of_part();
                 self.map.begin_part();
                 self.odometry.next_keyframe = self.map.store.next;
@@ -164,9 +173,15 @@ impl TrackedPoses {
             self.add_made_keyframe(frame);
             return found;
         }
+        let parts = self.map.part_count();
         let Some(correction) = self.map.check_loops() else { return found };
         self.odometry.correct(&correction);
         let world_from_camera = self.odometry.last_pose().unwrap_or(found.world_from_camera);
+        self.events.push(PoseEvent::LoopClosed {
+            moved: world_from_camera.translation().distance(found.world_from_camera.translation()),
+            keyframes: correction.new_from_old.len(),
+            joined_parts: self.map.part_count() < parts,
+        });
         self.correction = Some(correction);
         CameraPose { world_from_camera, ..found }
     }
@@ -220,12 +235,20 @@ impl PoseSource for TrackedPoses {
         self.correction.take()
     }
 
+    fn take_events(&mut self) -> Vec<PoseEvent> {
+        std::mem::take(&mut self.events)
+    }
+
     fn remap(&mut self, remapped: &[RemappedId]) {
         self.odometry.remap(remapped);
     }
 
     fn keyframe_poses(&self) -> BTreeMap<KeyframeId, Pose> {
         self.map.poses()
+    }
+
+    fn keyframe_parts(&self) -> BTreeMap<KeyframeId, u32> {
+        self.map.parts()
     }
 
     fn keyframes(&self) -> Option<Vec<u8>> {

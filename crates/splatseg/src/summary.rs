@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use splatseg_geometry::RemappedId;
 use splatseg_memory::MAX_16_BIT_ID;
 use splatseg_objects::ObjectSighting;
-use splatseg_odometry::PoseState;
+use splatseg_odometry::{PoseEventCounts, PoseState};
 use splatseg_tracking::TrackErrorCounts;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -22,6 +22,11 @@ pub struct Summary {
     pub skipped_frames: usize,
     /// Frames by the state of the camera's pose.
     pub pose_states: PoseStateCounts,
+    /// How often a lost camera was found in the map, a loop was closed, and a new part of the map began or was joined
+    /// with the rest.
+    pub pose_events: PoseEventCounts,
+    /// Frames in parts of the map that were never joined with the rest: their poses are right relative to each other only.
+    pub unjoined_frames: usize,
     /// Median deviation of the measured depth from the surfaces that the camera was tracked against, in units of a
     /// Kinect's deviation; null if no frame was tracked.
     pub pose_residual: Option<f32>,
@@ -172,6 +177,10 @@ pub struct RunCounts {
     pub skipped_frames: usize,
     /// Frames by the state of the camera's pose.
     pub pose_states: PoseStateCounts,
+    /// What the source of poses has found out.
+    pub pose_events: PoseEventCounts,
+    /// Frames in parts of the map that were never joined with the rest; known at the end.
+    pub unjoined_frames: usize,
     /// Residual of each tracked frame; see [`PoseQuality::residual`](splatseg_odometry::PoseQuality::residual).
     pub pose_residuals: Vec<f32>,
     /// Distinct ids in results.
@@ -199,6 +208,7 @@ impl RunCounts {
         let time = result.times.without_segmenter();
         self.frames += 1;
         self.pose_states.add(result.pose.state);
+        result.events.iter().for_each(|event| self.pose_events.add(event));
         self.pose_residuals.extend(result.pose.quality.map(|quality| quality.residual));
         self.times += &result.times;
         self.track_errors += result.output.track_errors;

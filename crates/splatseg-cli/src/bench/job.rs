@@ -164,7 +164,15 @@ fn result_or_empty(
             let (objects, times) = (Vec::new(), StageTimes::default());
             Ok((
                 frame,
-                FrameResult { output, objects, times, pose, anchor: FrameAnchor::default(), remapped: Vec::new() },
+                FrameResult {
+                    output,
+                    objects,
+                    times,
+                    pose,
+                    anchor: FrameAnchor::default(),
+                    remapped: Vec::new(),
+                    events: Vec::new(),
+                },
             ))
         }
         Err(error) => Err(error.to_string()),

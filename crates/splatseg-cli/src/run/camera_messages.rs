@@ -1,6 +1,7 @@
 //! Messages about the source of the camera's poses.
 
-use splatseg::odometry::{CameraPose, PoseMode, PoseState};
+use crate::terminal::counted;
+use splatseg::odometry::{CameraPose, PoseEvent, PoseMode, PoseState};
 use splatseg::summary::RunCounts;
 
 /// From this many frames on, the residuals are judged.
@@ -10,8 +11,8 @@ const MIN_FRAMES: usize = 30;
 /// camera's intrinsics or its depth are probably wrong. Kinect videos have 1 to 2.
 const MAX_RESIDUAL: f32 = 3.0;
 
-/// Maximum number of messages about lost tracking.
-const MAX_MESSAGES: usize = 10;
+/// Maximum number of messages about the camera.
+const MAX_MESSAGES: usize = 30;
 
 /// Describes the source of the poses of a scene, at the start of a run.
 pub fn described(mode: PoseMode, has_poses: bool) -> &'static str {
@@ -26,29 +27,82 @@ pub fn described(mode: PoseMode, has_poses: bool) -> &'static str {
     }
 }
 
-/// Follows the state of the camera's poses during a run.
+/// Follows the camera during a run.
 #[derive(Debug, Default)]
 pub struct CameraMessages {
+    /// True if a map was loaded in which the camera has not been found yet.
+    is_unplaced: bool,
     state: Option<PoseState>,
     messages: usize,
 }
 
 impl CameraMessages {
-    /// Records a frame. Returns a message if tracking was lost or has resumed.
-    pub fn add(&mut self, frame: &str, pose: &CameraPose) -> Option<String> {
-        let before = self.state.replace(pose.state);
-        let message = match (before, pose.state) {
-            (Some(PoseState::Lost), PoseState::Lost) => return None,
-            (_, PoseState::Lost) => format!("frame {frame}: tracking of the camera is lost; the map does not change"),
-            (Some(PoseState::Lost), _) => format!("frame {frame}: the camera's pose is known again"),
-            _ => return None,
-        };
-        self.messages += 1;
-        match self.messages {
-            ..=MAX_MESSAGES => Some(message),
-            _ => None,
-        }
+    /// Creates messages for a run. `has_loaded_map` is true if it starts with a saved map.
+    pub fn new(has_loaded_map: bool) -> Self {
+        Self { is_unplaced: has_loaded_map, ..Self::default() }
     }
+
+    /// Records a frame. Returns messages if tracking was lost or has resumed, and about what was found out with the frame.
+    /// `joined_ids` is the number of ids that turned out to be the same object as others.
+    pub fn add(&mut self, frame: &str, pose: &CameraPose, events: &[PoseEvent], joined_ids: usize) -> Vec<String> {
+        let before = self.state.replace(pose.state);
+        let mut messages: Vec<String> = events.iter().filter_map(|event| described_event(event, joined_ids)).collect();
+        match (before, pose.state) {
+            (None, PoseState::Lost) if self.is_unplaced => {
+                messages
+                    .push("the camera's place in the loaded map is searched for; the map does not change".to_owned());
+            }
+            (Some(PoseState::Lost), PoseState::Lost) => {}
+            (_, PoseState::Lost) => messages.push("tracking of the camera is lost; the map does not change".to_owned()),
+            (Some(PoseState::Lost), _) if events.is_empty() => {
+                messages.push("the camera's pose is known again".to_owned());
+            }
+            _ => {}
+        }
+        self.is_unplaced &= pose.state == PoseState::Lost;
+        let left = MAX_MESSAGES.saturating_sub(self.messages);
+        self.messages += messages.len();
+        let is_last = messages.len() >= left && left > 0;
+        let mut messages: Vec<String> =
+            messages.into_iter().take(left).map(|message| format!("frame {frame}: {message}")).collect();
+        if is_last {
+            messages.push("there are no further messages about the camera".to_owned());
+        }
+        messages
+    }
+
+    /// A message for the end of the run: the camera was never found in the loaded map.
+    pub fn at_end(&self) -> Option<&'static str> {
+        let is_searching = self.is_unplaced && self.state == Some(PoseState::Lost);
+        is_searching.then_some("the camera's place in the loaded map was not found in any frame")
+    }
+}
+
+fn described_event(event: &PoseEvent, joined_ids: usize) -> Option<String> {
+    Some(match *event {
+        PoseEvent::FoundAgain { lost_frames } => {
+            format!("the camera was found again in the map, after {}", counted(lost_frames, "frame"))
+        }
+        PoseEvent::FoundInLoadedMap { lost_frames } => {
+            format!("the camera's place in the loaded map was found, after {}", counted(lost_frames, "frame"))
+        }
+        PoseEvent::NewPart { lost_frames, was_loaded } => {
+            let map = if was_loaded { "the loaded map" } else { "the map" };
+            let frames = counted(lost_frames, "frame");
+            format!("the camera was not found in {map} for {frames}: a new part of the map begins")
+        }
+        PoseEvent::LoopClosed { keyframes, joined_parts: true, .. } => {
+            let (keyframes, ids) = (counted(keyframes, "keyframe"), counted(joined_ids, "id"));
+            format!("a new part of the map was joined with the rest: {keyframes} moved, {ids} joined with others")
+        }
+        PoseEvent::LoopClosed { moved, keyframes, joined_parts: false } => {
+            let (keyframes, ids) = (counted(keyframes, "keyframe"), counted(joined_ids, "id"));
+            let moved = 100.0 * moved;
+            format!("loop closed: the camera moved by {moved:.1} cm; {keyframes} corrected, {ids} joined with others")
+        }
+        // `PoseEvent` may get more kinds.
+        _ => return None,
+    })
 }
 
 /// Returns a warning if the depth fits the tracked camera badly in most frames.
@@ -60,4 +114,60 @@ pub fn misfit(counts: &RunCounts) -> Option<String> {
              unit of the depth, and whether it is registered to the colour"
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatseg_geometry::Pose;
+
+    fn pose(state: PoseState) -> CameraPose {
+        CameraPose { world_from_camera: Pose::IDENTITY, state, quality: None }
+    }
+
+    #[test]
+    fn each_event_has_a_line() {
+        let mut messages = CameraMessages::new(false);
+        let mut add = |state, events: &[PoseEvent]| messages.add("7", &pose(state), events, 3);
+        assert!(add(PoseState::Tracked, &[]).is_empty());
+        assert_eq!(add(PoseState::Lost, &[]), ["frame 7: tracking of the camera is lost; the map does not change"]);
+        assert!(add(PoseState::Lost, &[]).is_empty());
+        assert_eq!(add(PoseState::Tracked, &[]), ["frame 7: the camera's pose is known again"]);
+        add(PoseState::Lost, &[]);
+        let found = add(PoseState::Tracked, &[PoseEvent::FoundAgain { lost_frames: 12 }]);
+        assert_eq!(found, ["frame 7: the camera was found again in the map, after 12 frames"]);
+        let closed = |joined_parts| PoseEvent::LoopClosed { moved: 0.034, keyframes: 41, joined_parts };
+        assert_eq!(
+            add(PoseState::Tracked, &[closed(false)]),
+            ["frame 7: loop closed: the camera moved by 3.4 cm; 41 keyframes corrected, 3 ids joined with others"]
+        );
+        assert_eq!(
+            add(PoseState::Tracked, &[closed(true)]),
+            ["frame 7: a new part of the map was joined with the rest: 41 keyframes moved, 3 ids joined with others"]
+        );
+        assert_eq!(
+            add(PoseState::Tracked, &[PoseEvent::NewPart { lost_frames: 90, was_loaded: false }]),
+            ["frame 7: the camera was not found in the map for 90 frames: a new part of the map begins"]
+        );
+        assert_eq!(messages.at_end(), None);
+    }
+
+    #[test]
+    fn a_camera_that_is_not_found_in_a_loaded_map_is_reported_at_the_end() {
+        let mut messages = CameraMessages::new(true);
+        let first = messages.add("0", &pose(PoseState::Lost), &[], 0);
+        assert!(first.len() == 1 && first[0].contains("is searched for"), "{first:?}");
+        assert!(messages.at_end().unwrap().contains("was not found"));
+        let found = messages.add("1", &pose(PoseState::Tracked), &[PoseEvent::FoundInLoadedMap { lost_frames: 1 }], 0);
+        assert_eq!(found, ["frame 1: the camera's place in the loaded map was found, after 1 frame"]);
+        assert_eq!(messages.at_end(), None);
+    }
+
+    #[test]
+    fn messages_end_and_say_so() {
+        let mut messages = CameraMessages::new(false);
+        let states = [PoseState::Tracked, PoseState::Lost];
+        let all: Vec<String> = (0..100).flat_map(|k| messages.add("0", &pose(states[k % 2]), &[], 0)).collect();
+        assert!(all.len() == MAX_MESSAGES + 1 && all.last().unwrap().contains("no further messages"), "{all:?}");
+    }
 }

@@ -4,8 +4,10 @@
 use super::saved_run::SavedFrame;
 use splatseg_geometry::{KeyframeId, Pose, SegmentId};
 use splatseg_objects::{ObjectList, RemapLog};
+use splatseg_odometry::PoseState;
 use splatseg_output::FrameRecord;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 /// The written frames, in order. A frame's position is its place among them.
 #[derive(Debug, Default)]
@@ -26,6 +28,8 @@ pub struct WrittenFrame {
     pub index: usize,
     /// Name of its result files, without folder and extension.
     pub file_name: String,
+    /// True if the camera's pose was known.
+    has_pose: bool,
     /// The ids of its objects when it was written.
     ids: Vec<SegmentId>,
 }
@@ -49,6 +53,7 @@ impl FrameHistory {
             number,
             index: frame.index,
             file_name: frame.file_name.clone(),
+            has_pose: frame.pose_state != PoseState::Lost,
             ids: frame.objects.iter().map(|object| object.id).collect(),
         });
     }
@@ -67,15 +72,29 @@ impl FrameHistory {
         })
     }
 
+    /// Number of frames that are in another part of the map than the first one. `parts` are those of the keyframes.
+    pub fn unjoined_frames(&self, parts: &BTreeMap<KeyframeId, u32>) -> usize {
+        let Some(first) = parts.values().min() else { return 0 };
+        let in_other_part = |keyframe| parts.get(keyframe).is_some_and(|part| part != first);
+        let ranges = self.ranges().filter(|(keyframe, ..)| in_other_part(keyframe));
+        let frames = ranges.flat_map(|(.., range)| self.frames.get(range).unwrap_or_default());
+        frames.filter(|frame| frame.has_pose).count()
+    }
+
+    /// The keyframes in use, each with its pose at the time and the positions of its frames.
+    fn ranges(&self) -> impl Iterator<Item = (&KeyframeId, &Pose, Range<usize>)> {
+        let ends = self.anchors.iter().skip(1).map(|(start, ..)| *start).chain([self.frames.len()]);
+        self.anchors.iter().zip(ends).map(|((start, keyframe, pose), end)| (keyframe, pose, *start..end))
+    }
+
     /// For each frame, the correction of its pose: new world coordinates from old ones. `None` if its keyframe has not
     /// moved.
     pub fn pose_corrections(&self, keyframe_poses: &BTreeMap<KeyframeId, Pose>) -> Vec<Option<Pose>> {
         let mut corrections = vec![None; self.frames.len()];
-        let ends = self.anchors.iter().skip(1).map(|(start, ..)| *start).chain([self.frames.len()]);
-        for ((start, keyframe, before), end) in self.anchors.iter().zip(ends) {
+        for (keyframe, before, range) in self.ranges() {
             let Some(now) = keyframe_poses.get(keyframe).filter(|now| *now != before) else { continue };
             let correction = *now * before.inverse();
-            corrections.get_mut(*start..end).unwrap_or_default().fill(Some(correction));
+            corrections.get_mut(range).unwrap_or_default().fill(Some(correction));
         }
         corrections
     }
@@ -107,7 +126,6 @@ mod tests {
     use glam::DVec3;
     use splatseg_geometry::RemappedId;
     use splatseg_objects::{BoundingBox, ObjectLog, ObjectSighting};
-    use splatseg_odometry::PoseState;
 
     fn at(x: f64) -> Pose {
         Pose::from_translation(DVec3::new(x, 0.0, 0.0))
@@ -149,6 +167,8 @@ mod tests {
         let poses = BTreeMap::from([(0, at(0.0)), (1, at(1.5))]);
         assert_eq!(history.pose_corrections(&poses), [None, None, Some(at(0.5)), None]);
         assert_eq!(history.pose_corrections(&BTreeMap::new()), [None; 4]);
+        assert_eq!(history.unjoined_frames(&BTreeMap::from([(0, 0), (1, 1)])), 2);
+        assert_eq!(history.unjoined_frames(&BTreeMap::from([(0, 1), (1, 1)])), 0);
         let mut list = ObjectList::new(&ObjectLog::default(), None);
         history.count_joined(&mut list);
         assert!(list.objects.is_empty());

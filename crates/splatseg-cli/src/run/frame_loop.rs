@@ -20,6 +20,8 @@ pub struct FrameLoop<'a> {
     pub signals: &'a StopSignals,
     /// If true, the first frame that cannot be used ends the run.
     pub strict_input: bool,
+    /// True if the run starts with a saved map.
+    pub has_loaded_map: bool,
     /// Options for saving the state of the run, if enabled.
     pub saving: Option<StateSaving>,
 }
@@ -58,8 +60,8 @@ pub enum EarlyEnd {
 
 /// The outcome of one frame.
 enum Step {
-    /// The frame has a result. `message` is set if the state of the camera's pose has changed.
-    Done { message: Option<String> },
+    /// The frame has a result. `messages` are about the camera.
+    Done { messages: Vec<String> },
     /// The frame was skipped. `message` is set for the first frame with this kind of reason.
     Skipped { message: Option<String>, error: String },
     /// The run ends.
@@ -81,7 +83,8 @@ impl FrameLoop<'_> {
         written: WriterOutcome,
         mut counts: RunCounts,
     ) -> LoopOutcome {
-        let mut reports = Reports::default();
+        let camera = CameraMessages::new(self.has_loaded_map);
+        let mut reports = Reports { camera, ..Reports::default() };
         let writer = ResultWriter::start(written);
         let mut done = self.saving.as_ref().map_or(0, |saving| saving.state.next);
         let mut progress = Progress::new(frames.frames_left());
@@ -97,7 +100,7 @@ impl FrameLoop<'_> {
                 Err(error) => Step::Skipped { message: reports.skipped.add_unusable(&error), error: error.to_string() },
             };
             match step {
-                Step::Done { message } => message.iter().for_each(|message| progress.warn(message)),
+                Step::Done { messages } => messages.iter().for_each(|message| progress.warn(message)),
                 Step::Skipped { error, .. } if self.strict_input => break Some(EarlyEnd::UnusableFrame(error)),
                 Step::Skipped { message, .. } => {
                     counts.skipped_frames += 1;
@@ -112,7 +115,8 @@ impl FrameLoop<'_> {
             }
         };
         progress.finish();
-        reports.skipped.messages().chain(misfit(&counts)).for_each(|message| progress.warn(&message));
+        let not_found = reports.camera.at_end().map(str::to_owned);
+        reports.skipped.messages().chain(not_found).chain(misfit(&counts)).for_each(|message| progress.warn(&message));
         LoopOutcome { counts, written: writer.finish(), early }
     }
 
@@ -131,6 +135,7 @@ impl FrameLoop<'_> {
             frames: counts.frames,
             skipped_frames: counts.skipped_frames,
             track_errors: counts.track_errors,
+            pose_events: counts.pose_events,
             ..saving.state.clone()
         };
         let path = saving.staging.join(state.memory_file());
@@ -159,9 +164,9 @@ fn record_result(
     let number = counts.frames;
     counts.add(&result, memory.map_or(0, SplatMemory::gaussian_count));
     let (file_name, pose_state) = (file_name(frame.name()), result.pose.state);
-    let message = reports.camera.add(frame.name(), &result.pose);
+    let messages = reports.camera.add(frame.name(), &result.pose, &result.events, result.remapped.len());
     let (segments, objects) = (result.output.segments, result.objects);
     let (anchor, remapped) = (result.anchor, result.remapped);
     let record = FrameRecord { number, index, file_name, pose_state, frame, segments, objects, anchor, remapped };
-    if writer.write(record) { Step::Done { message } } else { Step::End(EarlyEnd::Unwritable) }
+    if writer.write(record) { Step::Done { messages } } else { Step::End(EarlyEnd::Unwritable) }
 }

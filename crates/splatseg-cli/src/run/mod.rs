@@ -203,7 +203,12 @@ fn execute_with(
     let saving = (run.save_every > 0).then_some(saving);
     let (written, counts) = resumed::start(job, folder, outputs)?;
     let start_up = started.elapsed();
-    let frames = FrameLoop { signals: &signals, strict_input: run.strict_input, saving };
+    let frames = FrameLoop {
+        signals: &signals,
+        strict_input: run.strict_input,
+        has_loaded_map: job.load_memory.is_some(),
+        saving,
+    };
     let mut ended = frames.run(pipeline.run(stream), written, counts);
     let changes = before.as_ref().and_then(|before| write_changes(before, &pipeline, &mut ended));
     let changes = before.as_ref().zip(changes.as_ref());
@@ -231,6 +236,7 @@ fn finish_outputs(
     update_frames(&mut ended.written, &history, &images, &mut ended.counts);
     let mut objects = ObjectList::new(pipeline.objects(), pipeline.memory());
     history.count_joined(&mut objects);
+    ended.counts.unjoined_frames = history.unjoined_frames(&pipeline.keyframe_parts());
     let end = RunEnd {
         scene: &job.scene.display().to_string(),
         objects: &objects,

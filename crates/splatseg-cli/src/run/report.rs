@@ -100,6 +100,8 @@ fn summary(
         resumed_frames: counts.resumed_frames,
         skipped_frames: counts.skipped_frames,
         pose_states: counts.pose_states,
+        pose_events: counts.pose_events,
+        unjoined_frames: counts.unjoined_frames,
         pose_residual: counts.pose_residual(),
         segments: counts.ids.len(),
         joined_ids: counts.joined_ids,
@@ -163,6 +165,12 @@ pub fn report(job: &RunJob, summary: &Summary) -> String {
                 place.display()
             ));
         }
+    }
+    if summary.unjoined_frames > 0 {
+        text.push_str(&format!(
+            "\n{} in parts of the map that were never joined with the rest: where they are relative to it is not known",
+            counted(summary.unjoined_frames, "frame")
+        ));
     }
     if summary.joined_ids > 0 {
         let joined = counted(summary.joined_ids, "id");

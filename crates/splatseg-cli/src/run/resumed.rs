@@ -54,6 +54,7 @@ pub fn start(
         resumed_frames: saved.state.frames,
         skipped_frames: saved.state.skipped_frames,
         track_errors: saved.state.track_errors,
+        pose_events: saved.state.pose_events,
         rgb_id_images: saved.frames.iter().filter(|frame| needs_rgb(&frame.objects)).count(),
         ..RunCounts::default()
     };

@@ -15,7 +15,7 @@ use splatseg_files::read_file;
 use splatseg_files::write_atomically;
 use splatseg_geometry::{KeyframeId, Pose, RemappedId};
 use splatseg_objects::{ObjectLog, ObjectSighting};
-use splatseg_odometry::PoseState;
+use splatseg_odometry::{PoseEventCounts, PoseState};
 use splatseg_output::{FrameRecord, RunOutput};
 use splatseg_tracking::TrackErrorCounts;
 use std::collections::btree_map::Entry;
@@ -57,6 +57,8 @@ pub struct RunState {
     pub skipped_frames: usize,
     /// Errors of the tracker so far.
     pub track_errors: TrackErrorCounts,
+    /// What the source of poses has found out so far.
+    pub pose_events: PoseEventCounts,
     /// The settings of the run.
     pub settings: Value,
     /// The names of the run's outputs.
@@ -73,6 +75,7 @@ impl RunState {
             frames: 0,
             skipped_frames: 0,
             track_errors: TrackErrorCounts::default(),
+            pose_events: PoseEventCounts::default(),
             settings: serde_json::to_value(settings).map_err(Failure::runtime)?,
             outputs: outputs.iter().map(|output| output.name().to_owned()).collect(),
         })

@@ -150,7 +150,16 @@ impl<'a> PipelineBuilder<'a> {
             poses.restore(state)?;
         }
         let (clock, objects, unreported) = (StageClock::new(), self.objects, Vec::new());
-        Ok(Pipeline { segmenter, poses, method, segment_ahead, clock, objects, unreported })
+        Ok(Pipeline {
+            segmenter,
+            poses,
+            method,
+            segment_ahead,
+            clock,
+            objects,
+            unreported,
+            unreported_events: Vec::new(),
+        })
     }
 
     /// Builds only the segmenter.

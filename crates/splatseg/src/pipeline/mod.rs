@@ -21,7 +21,7 @@ use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, Pose, RemappedId, 
 use splatseg_memory::{SplatFileError, SplatMemory};
 use splatseg_models::fastsam::FastSamError;
 use splatseg_objects::{ObjectLog, ObjectSighting};
-use splatseg_odometry::{CameraPose, PoseMode, PoseSource, PoseState, TrackedPoses};
+use splatseg_odometry::{CameraPose, PoseEvent, PoseMode, PoseSource, PoseState, TrackedPoses};
 use splatseg_segmenter::{Segmenter, SegmenterError};
 use splatseg_tracking::{FrameOutput, Method};
 use stage_times::StageClock;
@@ -39,6 +39,8 @@ pub struct Pipeline {
     objects: ObjectLog,
     /// Ids found to be the same object by frames without a result.
     unreported: Vec<RemappedId>,
+    /// Events of frames without a result.
+    unreported_events: Vec<PoseEvent>,
 }
 
 /// The result for one frame.
@@ -56,6 +58,8 @@ pub struct FrameResult {
     pub anchor: FrameAnchor,
     /// Ids of earlier frames that turned out to be the same object, since the previous result.
     pub remapped: Vec<RemappedId>,
+    /// What the pose source has found out since the previous result: loops, a lost camera that was found.
+    pub events: Vec<PoseEvent>,
 }
 
 /// The masks of a frame, and the segmenter's time.
@@ -81,6 +85,7 @@ impl Pipeline {
             clock: StageClock::new(),
             objects: ObjectLog::default(),
             unreported: Vec::new(),
+            unreported_events: Vec::new(),
         }
     }
 
@@ -150,6 +155,7 @@ impl Pipeline {
         }
         self.method.set_anchor(&anchor);
         self.unreported.extend(remapped);
+        self.unreported_events.extend(self.poses.take_events());
         Placed { pose, anchor }
     }
 
@@ -166,6 +172,7 @@ impl Pipeline {
         }
         self.unreported.extend(recognised);
         result.remapped = std::mem::take(&mut self.unreported);
+        result.events = std::mem::take(&mut self.unreported_events);
         self.poses.set_segments(&result.output.segments);
         if result.pose.state != PoseState::Given || result.pose.quality.is_some() {
             result.times.add("pose", time);
@@ -216,6 +223,11 @@ impl Pipeline {
         self.poses.keyframe_poses()
     }
 
+    /// The part of the map that each keyframe is in, as in [`PoseSource::keyframe_parts`].
+    pub fn keyframe_parts(&self) -> BTreeMap<KeyframeId, u32> {
+        self.poses.keyframe_parts()
+    }
+
     /// Log of every object seen so far.
     pub fn objects(&self) -> &ObjectLog {
         &self.objects
@@ -262,5 +274,5 @@ fn process(
     times.add("segment", time);
     objects.remap(&output.update.remapped);
     let objects = objects.record(&output);
-    Ok(FrameResult { output, objects, times, pose, anchor, remapped: Vec::new() })
+    Ok(FrameResult { output, objects, times, pose, anchor, remapped: Vec::new(), events: Vec::new() })
 }
