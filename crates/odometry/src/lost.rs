@@ -5,7 +5,7 @@ use crate::keyframe_map::KeyframeMap;
 use crate::keyframes::{StoredKeyframe, apart};
 use crate::loop_closing::edge;
 use crate::odometry::TrackedFrame;
-use crate::relocalisation::{Query, Recognised};
+use crate::relocalisation::{MIN_INLIERS_ANYWHERE, Query, Recognised};
 use crate::{CameraPose, Odometry, PoseState};
 use splatseg_geometry::Pose;
 use std::time::Duration;
@@ -22,10 +22,6 @@ const NEW_PART_AFTER: u32 = 90;
 
 /// A lost camera may have moved this far, metres, at once and per second.
 const REACH: (f64, f64) = (0.5, 1.5);
-
-/// A camera that can be anywhere needs this many features that agree: with a whole map to choose from, corners of rooms
-/// look alike.
-const MIN_INLIERS_ANYWHERE: usize = 24;
 
 /// Time between frames without timestamps, seconds.
 const FRAME_TIME: f64 = 1.0 / 30.0;

@@ -4,7 +4,7 @@ use crate::PoseSourceError;
 use crate::keyframes::KeyframeStore;
 use crate::keyframes::apart;
 use crate::odometry::TrackedFrame;
-use crate::relocalisation::Query;
+use crate::relocalisation::{MIN_INLIERS_ANYWHERE, Query};
 use crate::saved_keyframes::parsed;
 use splatseg_geometry::{CameraFrame, KeyframeId, Pose};
 
@@ -53,6 +53,9 @@ impl Relocaliser {
             return None;
         }
         let found = query.recognise(&self.store, |_| true, SEED)?;
+        if found.inliers < MIN_INLIERS_ANYWHERE {
+            return None;
+        }
         Some(LocatedFrame {
             world_from_camera: found.world_from_camera,
             keyframe: found.keyframe,
