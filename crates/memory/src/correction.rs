@@ -9,23 +9,15 @@
 //!   been shown side by side in one frame. The older id stays.
 
 use crate::SplatMemory;
-use crate::growth::RADIUS_PER_SPACING;
+use crate::doubles::{Corrected, Double};
+use crate::map::SplatMap;
 use crate::origin::change_of_origin;
-use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 use splatseg_geometry::{FrameAnchor, KeyframeId, LocalPose, MapCorrection, RemappedId, SegmentId, SegmentMap};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Gaussians of keyframes that are closer than this in number were never apart.
-const MIN_KEYFRAMES_APART: KeyframeId = 8;
-
-/// Two Gaussians show the same surface if they are closer than this share of the larger one's spacing...
-const MAX_DISTANCE_PER_SPACING: f32 = 0.75;
-/// ...within these limits, metres: what remains of the drift, and what is surely another thing.
-const DISTANCE_LIMITS: (f32, f32) = (0.03, 0.08);
-
-/// A correction that brings two Gaussians closer by less than this, metres, says nothing about them.
-const MIN_APPROACH: f32 = 0.01;
+/// Number of Gaussians that are moved at a time.
+const BLOCK: usize = 2048;
 
 /// Minimum overlap of two ids that are merged, over the surface that is there twice.
 const MIN_IOU: f32 = 0.5;
@@ -84,13 +76,6 @@ impl ShownTogether {
     }
 }
 
-/// A later Gaussian on the surface of an earlier one.
-#[derive(Clone, Copy)]
-struct Double {
-    later: usize,
-    earlier: usize,
-}
-
 /// How much two ids overlap, square metres.
 struct Overlap {
     ids: RemappedId,
@@ -117,7 +102,12 @@ impl SplatMemory {
         if correction.joined.is_empty() || !self.store.can_merge() {
             return Vec::new();
         }
-        let doubles = self.doubles(&before);
+        let SplatMap { balls, anchors, .. } = &self.map;
+        let corrected = Corrected { before: &before, means: &balls.means, radii: &balls.radii, anchors };
+        let doubles = corrected.doubles();
+        if doubles.is_empty() {
+            return Vec::new();
+        }
         let remapped = self.same_objects(&doubles);
         self.rename(&remapped);
         self.absorb(&doubles);
@@ -135,52 +125,20 @@ impl SplatMemory {
             .iter()
             .map(|(id, motion)| (*id, change_of_origin(motion, self.origin, self.origin)))
             .collect();
-        let means = self.map.balls.means.par_iter_mut().zip(&self.map.anchors).with_min_len(1024);
-        means.for_each(|(mean, anchor)| {
-            if let Some(motion) = motions.get(anchor) {
-                *mean = motion.to_world(*mean);
+        let means = self.map.balls.means.par_chunks_mut(BLOCK).zip(self.map.anchors.par_chunks(BLOCK));
+        means.for_each(|(mut means, anchors)| {
+            // Gaussians of a keyframe mostly follow each other.
+            for run in anchors.chunk_by(|one, other| one == other) {
+                let (of_run, rest) = means.split_at_mut(run.len());
+                if let Some(motion) = motions.get(&run[0]) {
+                    of_run.iter_mut().for_each(|mean| *mean = motion.to_world(*mean));
+                }
+                means = rest;
             }
         });
         if let Some(motion) = motions.get(&self.anchor.keyframe) {
             self.recent.transform(motion);
         }
-    }
-
-    /// Pairs of Gaussians of one surface. `before` are their positions before the correction.
-    fn doubles(&self, before: &[Vec3]) -> Vec<Double> {
-        let (means, radii, anchors) = (&self.map.balls.means, &self.map.balls.radii, &self.map.anchors);
-        let cell = |place: Vec3| (place / DISTANCE_LIMITS.1).floor().as_ivec3();
-        let mut order: Vec<(IVec3, usize)> =
-            means.iter().enumerate().map(|(index, mean)| (cell(*mean), index)).collect();
-        order.par_sort_unstable_by_key(|(cell, index)| (cell.to_array(), *index));
-        let in_cell = |cell: IVec3| {
-            let start = order.partition_point(|(other, _)| other.to_array() < cell.to_array());
-            order[start..].iter().take_while(move |(other, _)| *other == cell).map(|(_, index)| *index)
-        };
-        let moved = |index: usize| before[index].distance_squared(means[index]) > MIN_APPROACH * MIN_APPROACH * 0.25;
-        let nearest = |later: usize| -> Option<Double> {
-            let mut best: Option<(f32, usize)> = None;
-            let centre = cell(means[later]);
-            for offset in (-1..=1).flat_map(|z| (-1..=1).flat_map(move |y| (-1..=1).map(move |x| IVec3::new(x, y, z))))
-            {
-                for earlier in in_cell(centre + offset) {
-                    if anchors[earlier].saturating_add(MIN_KEYFRAMES_APART) > anchors[later]
-                        || !(moved(earlier) || moved(later))
-                    {
-                        continue;
-                    }
-                    let spacing = radii[earlier].max(radii[later]) / RADIUS_PER_SPACING;
-                    let limit = (MAX_DISTANCE_PER_SPACING * spacing).clamp(DISTANCE_LIMITS.0, DISTANCE_LIMITS.1);
-                    let distance = means[earlier].distance(means[later]);
-                    let approach = before[earlier].distance(before[later]) - distance;
-                    if distance <= limit && approach >= MIN_APPROACH && best.is_none_or(|(least, _)| distance < least) {
-                        best = Some((distance, earlier));
-                    }
-                }
-            }
-            best.map(|(_, earlier)| Double { later, earlier })
-        };
-        (0..means.len()).into_par_iter().with_min_len(512).filter_map(nearest).collect()
     }
 
     /// The ids of a doubled surface that are the same object.
@@ -255,9 +213,6 @@ impl SplatMemory {
 
     /// Adds later Gaussians to the earlier ones on the same surface.
     fn absorb(&mut self, doubles: &[Double]) {
-        if doubles.is_empty() {
-            return;
-        }
         let mut keep = vec![true; self.map.len()];
         for Double { later, earlier } in doubles {
             // An earlier Gaussian may itself be absorbed: then this one stays.

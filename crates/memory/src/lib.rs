@@ -10,6 +10,7 @@ mod belief;
 mod borders;
 mod correction;
 mod depth_completion;
+mod doubles;
 mod error;
 mod evidence;
 mod features;

@@ -101,6 +101,24 @@ fn ids_that_were_shown_side_by_side_are_never_merged() {
 }
 
 #[test]
+fn a_part_of_the_map_moves_to_the_rest_and_its_ids_are_merged() {
+    // The part begins right after the last keyframe of the rest, far beside it, and turned.
+    const NEXT: KeyframeId = 1;
+    let turn = glam::DQuat::from_rotation_y(2.0);
+    let part = Pose::from_quaternion(DVec3::new(50.0, 0.0, 3.0), turn).unwrap();
+    let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
+    new_ids(&mut memory, 6);
+    see(&mut memory, Pose::IDENTITY, &anchor(0, &[]), &stripes(&[1, 2, 3]));
+    let single = memory.gaussian_count();
+    see(&mut memory, part, &anchor(NEXT, &[0]), &stripes(&[4, 5, 6]));
+    let correction = MapCorrection { new_from_old: BTreeMap::from([(NEXT, part.inverse())]), joined: vec![(0, NEXT)] };
+    assert_eq!(pairs(&memory.correct(&correction)), [(4, 1), (5, 2), (6, 3)]);
+    let means = memory.balls().means.iter().map(|mean| memory.origin() + mean.as_dvec3());
+    assert!(means.clone().all(|mean| (mean.z - 2.0).abs() < 0.01 && mean.x.abs() < 1.5), "all of it is one wall");
+    assert!(memory.gaussian_count() < single * 5 / 4, "{} {single}", memory.gaussian_count());
+}
+
+#[test]
 fn neighbours_are_not_merged_although_the_correction_is_off() {
     // Six things of 35 cm beside each other; what remains of the drift is 4 cm along the wall.
     let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
