@@ -2,7 +2,7 @@
 
 use crate::graph::{Edge, EdgeKind, PoseGraph, information};
 use crate::keyframes::{KeyframeStore, StoredKeyframe, apart};
-use crate::loop_closing::{LoopCandidate, LoopCheck};
+use crate::loop_closing::{ClosedLoop, LoopCandidate, LoopCheck};
 use crate::odometry::MadeKeyframe;
 use crate::pyramid::Pyramid;
 use splatseg_geometry::{FrameAnchor, KeyframeId, MapCorrection, Pose};
@@ -35,6 +35,8 @@ pub(crate) struct KeyframeMap {
     pub(crate) checks: VecDeque<LoopCheck>,
     /// Loops that wait for another one that confirms them.
     pub(crate) candidates: VecDeque<LoopCandidate>,
+    /// A loop for which the map is yet to be corrected.
+    pub(crate) closed: Option<ClosedLoop>,
 }
 
 impl KeyframeMap {
@@ -42,17 +44,20 @@ impl KeyframeMap {
     pub(crate) fn add_tracked(&mut self, keyframe: StoredKeyframe, link: Option<Edge>) {
         let id = keyframe.id;
         self.add(keyframe, link);
-        self.checks.extend([LoopCheck::Neighbours(id), LoopCheck::Appearance(id)]);
+        self.ask_for_checks(id);
         self.find_uncertain();
     }
 
     /// Adds a keyframe, with its pose relative to another one if that is known.
     pub(crate) fn add(&mut self, keyframe: StoredKeyframe, link: Option<Edge>) {
         self.latest = Some(keyframe.id);
+        let mut link = link;
         if let Some((dropped, kept)) = self.store.add(keyframe)
             && let Some((_, kept_from_dropped)) = self.store.replaced.get(&dropped)
         {
             self.graph.replace(dropped, kept, kept_from_dropped);
+            let waiting = self.candidates.iter_mut().map(|candidate| &mut candidate.edge);
+            waiting.chain(&mut link).for_each(|edge| edge.replace(dropped, kept, kept_from_dropped));
         }
         if let Some(edge) = link.filter(|edge| self.store.get(edge.from).is_some()) {
             self.graph.add(edge);

@@ -1,6 +1,7 @@
 //! Recognises places that the camera returns to, and corrects the poses of all keyframes.
 //!
-//! Each new keyframe is compared twice, in the two frames after it, so that no frame takes long:
+//! Each new keyframe is compared twice, in the two frames after it, and the map is corrected in the next one, so that no
+//! frame takes long:
 //!
 //! - with earlier keyframes that should show the same place, as far as the poses are right: it is aligned with them;
 //! - with all keyframes that are a long way back, by appearance.
@@ -10,8 +11,9 @@
 
 use crate::graph::{Edge, EdgeKind, information};
 use crate::keyframe_map::KeyframeMap;
-use crate::keyframes::{StoredKeyframe, apart, distance};
-use crate::relocalisation::{Query, Recognised};
+use crate::keyframes::{StoredKeyframe, apart, distance, hamming};
+use crate::relocalisation::{MAX_DIFFERENCE, Query, Recognised};
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{KeyframeId, MapCorrection, Pose};
 use std::collections::BTreeMap;
@@ -40,6 +42,20 @@ const MAX_WAIT: KeyframeId = 6;
 /// Parts of the map are joined only by places with this many features that agree.
 const MIN_INLIERS_OF_PARTS: usize = 18;
 
+/// Beyond this number the oldest searches for loops are given up: a camera in a hurry makes a keyframe of each frame, which
+/// asks for two searches.
+const MAX_CHECKS: usize = 8;
+
+/// Searches wait for a frame that does not become a keyframe, unless there are more than this: those of one keyframe.
+const MAX_WAITING_CHECKS: usize = 2;
+
+/// An alignment may have slid by this much, metres: similar features farther apart say nothing.
+const LARGEST_SLIDE: f32 = 0.5;
+/// Features are the same if they are this close, metres: at once, and per square metre of the squared depth.
+const SAME_FEATURE: (f32, f32) = (0.035, 0.008);
+/// At least this many features must be the same.
+const MIN_SAME_FEATURES: usize = 8;
+
 /// Loops that change a pose by less than this, metres and radians, do not correct the map.
 const MIN_CHANGE: (f64, f64) = (0.01, 0.006);
 
@@ -57,29 +73,54 @@ pub(crate) enum LoopCheck {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct LoopCandidate {
-    edge: Edge,
+    pub(crate) edge: Edge,
     /// The motion that would bring the newer keyframe to its recognised place.
     correction: Pose,
 }
 
+/// A loop that has been closed. The map is corrected in another frame than it was found, so that no frame takes long.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ClosedLoop {
+    /// Pairs of an earlier keyframe and a later one, the latest last.
+    joined: Vec<(KeyframeId, KeyframeId)>,
+    /// The motion of the later keyframe's part of the map, if that was another one.
+    part_motion: Option<Pose>,
+}
+
 impl KeyframeMap {
-    /// Does one search for loops, if any is due. Returns the correction of the map if a loop was closed.
+    /// Asks for the searches for loops of a new keyframe.
+    pub(crate) fn ask_for_checks(&mut self, id: KeyframeId) {
+        self.checks.extend([LoopCheck::Neighbours(id), LoopCheck::Appearance(id)]);
+        self.checks.drain(..self.checks.len().saturating_sub(MAX_CHECKS));
+    }
+
+    /// True if searches for loops cannot wait for a frame that does not become a keyframe.
+    pub(crate) fn is_behind(&self) -> bool {
+        self.checks.len() > MAX_WAITING_CHECKS
+    }
+
+    /// Does one search for loops, if any is due, or corrects the map if the last one has closed a loop. Returns the
+    /// correction.
     pub(crate) fn check_loops(&mut self) -> Option<MapCorrection> {
-        let check = self.checks.pop_front()?;
-        let before = self.store.poses();
-        let joined = match check {
+        if let Some(closed) = self.closed.take() {
+            return self.corrected(closed);
+        }
+        let (check, edges) = (self.checks.pop_front()?, self.graph.edges.len());
+        self.closed = match check {
             LoopCheck::Neighbours(id) => self.align_neighbours(id),
             LoopCheck::Appearance(id) => self.search(id),
         };
-        let (_, newest) = *joined.last()?;
-        let correction = self.corrected(&before, newest, joined);
-        self.find_uncertain();
-        correction
+        if self.graph.edges.len() > edges {
+            // Not only after a correction: a saved state does not contain which poses are uncertain.
+            self.find_uncertain();
+        }
+        None
     }
 
     /// Aligns a keyframe with earlier ones nearby. Returns the pairs that fit but whose poses do not.
-    fn align_neighbours(&mut self, id: KeyframeId) -> Vec<(KeyframeId, KeyframeId)> {
-        let Some(new) = self.store.get(id) else { return Vec::new() };
+    fn align_neighbours(&mut self, id: KeyframeId) -> Option<ClosedLoop> {
+        let new = self.store.get(id)?;
         let lengths = self.graph.path_lengths(id);
         let is_due = |other: &&StoredKeyframe| {
             let is_far = lengths.get(&other.id).is_some_and(|length| *length >= MIN_PATH);
@@ -92,10 +133,11 @@ impl KeyframeMap {
             .map(|other| (distance(&other.world_from_key, &new.world_from_key), other))
             .collect();
         near.sort_by(|one, other| one.0.total_cmp(&other.0).then(one.1.id.cmp(&other.1.id)));
-        let Some(query) = Query::of_keyframe(new) else { return Vec::new() };
+        let query = Query::of_keyframe(new)?;
         let mut edges = Vec::new();
         for (_, other) in near.into_iter().take(NEIGHBOURS) {
             let found = query.align(other, &new.world_from_key).filter(Recognised::is_sure);
+            let found = found.filter(|found| features_agree(new, other, &found.key_from_camera));
             edges.extend(
                 found.filter(|found| is_possible(found, new, lengths[&other.id])).map(|found| edge(&found, id)),
             );
@@ -105,26 +147,26 @@ impl KeyframeMap {
             let (distance, angle) = apart(&measured, &self.store.get(id)?.world_from_key);
             (distance > MIN_CHANGE.0 || angle > MIN_CHANGE.1).then_some((edge.from, id))
         };
-        let joined = edges.iter().filter_map(misfit).collect();
+        let joined: Vec<(KeyframeId, KeyframeId)> = edges.iter().filter_map(misfit).collect();
         edges.into_iter().for_each(|edge| self.graph.add(edge));
-        joined
+        (!joined.is_empty()).then_some(ClosedLoop { joined, part_motion: None })
     }
 
     /// Searches for a keyframe's place by appearance. Returns the confirmed pairs.
-    fn search(&mut self, id: KeyframeId) -> Vec<(KeyframeId, KeyframeId)> {
-        let Some(new) = self.store.get(id) else { return Vec::new() };
+    fn search(&mut self, id: KeyframeId) -> Option<ClosedLoop> {
+        let new = self.store.get(id)?;
         let lengths = self.graph.path_lengths(id);
         let path = |other: KeyframeId| lengths.get(&other).copied().unwrap_or(f64::INFINITY);
-        let Some(query) = Query::of_keyframe(new) else { return Vec::new() };
+        let query = Query::of_keyframe(new)?;
         let is_far = |other: &StoredKeyframe| path(other.id) >= MIN_PATH_OF_APPEARANCE;
-        let Some(found) = query.recognise(&self.store, is_far, u64::from(id)) else { return Vec::new() };
+        let found = query.recognise(&self.store, is_far, u64::from(id))?;
         let is_same_part = self.store.get(found.keyframe).is_some_and(|other| other.part == new.part);
         let is_possible = match is_same_part {
             true => is_possible(&found, new, path(found.keyframe)),
             false => found.inliers >= MIN_INLIERS_OF_PARTS,
         };
         if !is_possible {
-            return Vec::new();
+            return None;
         }
         let correction = found.world_from_camera * new.world_from_key.inverse();
         let position = new.world_from_key;
@@ -136,26 +178,23 @@ impl KeyframeMap {
         });
         let Some(first) = confirmed.and_then(|index| self.candidates.remove(index)) else {
             self.candidates.push_back(LoopCandidate { edge, correction });
-            return Vec::new();
+            return None;
         };
-        if !is_same_part {
-            self.join_parts(id, edge.from, &correction);
-        }
         let joined = vec![(first.edge.from, first.edge.to), (edge.from, edge.to)];
         self.graph.add(first.edge);
         self.graph.add(edge);
-        joined
+        Some(ClosedLoop { joined, part_motion: (!is_same_part).then_some(correction) })
     }
 
     /// Moves the part of the map with keyframe `new` to that with `old`.
-    fn join_parts(&mut self, new: KeyframeId, old: KeyframeId, correction: &Pose) {
-        let part_of = |id: KeyframeId| self.store.get(id).map(|keyframe| keyframe.part);
+    fn join_parts(&mut self, new: KeyframeId, old: KeyframeId, motion: &Pose) {
+        let part_of = |id: KeyframeId| self.store.get(self.store.kept(id)).map(|keyframe| keyframe.part);
         let (Some(from), Some(into)) = (part_of(new), part_of(old)) else { return };
         let moved: Vec<KeyframeId> =
             self.store.iter().filter(|keyframe| keyframe.part == from).map(|keyframe| keyframe.id).collect();
         for id in moved {
             if let Some(keyframe) = self.store.get_mut(id) {
-                (keyframe.part, keyframe.world_from_key) = (into, *correction * keyframe.world_from_key);
+                (keyframe.part, keyframe.world_from_key) = (into, *motion * keyframe.world_from_key);
             }
         }
         if self.part == from {
@@ -163,22 +202,20 @@ impl KeyframeMap {
         }
     }
 
-    /// Computes the poses of all keyframes anew. Returns how they have moved since `before`, unless they hardly have.
-    fn corrected(
-        &mut self,
-        before: &BTreeMap<KeyframeId, Pose>,
-        newest: KeyframeId,
-        joined: Vec<(KeyframeId, KeyframeId)>,
-    ) -> Option<MapCorrection> {
-        let has_joined_parts = self.store.poses() != *before;
-        let optimised = self.graph.optimised(&self.store, newest);
+    /// Computes the poses of all keyframes anew. Returns how they have moved, unless they hardly have.
+    fn corrected(&mut self, ClosedLoop { joined, part_motion }: ClosedLoop) -> Option<MapCorrection> {
+        let (before, (old, newest)) = (self.store.poses(), *joined.last()?);
+        if let Some(motion) = &part_motion {
+            self.join_parts(newest, old, motion);
+        }
+        let optimised = self.graph.optimised(&self.store, self.store.kept(newest));
         let is_moved = |(id, pose): (&KeyframeId, &Pose)| {
             before.get(id).is_some_and(|before| {
                 let (distance, angle) = apart(before, pose);
                 distance > MIN_CHANGE.0 || angle > MIN_CHANGE.1
             })
         };
-        if !has_joined_parts && !optimised.iter().any(is_moved) {
+        if part_motion.is_none() && !optimised.iter().any(is_moved) {
             return None;
         }
         for (id, pose) in optimised {
@@ -203,6 +240,23 @@ impl KeyframeMap {
 fn is_possible(found: &Recognised, new: &StoredKeyframe, path: f64) -> bool {
     let (distance, angle) = apart(&found.world_from_camera, &new.world_from_key);
     distance <= DRIFT.0 + DRIFT.1 * path && angle <= TURN_DRIFT.0 + TURN_DRIFT.1 * path
+}
+
+/// True if similar features of two keyframes are at the same places. An alignment that starts far off may slide along a
+/// wall or a floor to a place where depth and image fit nearly as well.
+fn features_agree(new: &StoredKeyframe, other: &StoredKeyframe, other_from_new: &Pose) -> bool {
+    let local = other_from_new.relative_to(DVec3::ZERO);
+    let (mut same, mut all) = (0, 0);
+    for feature in &new.features {
+        let similar = other.features.iter().map(|other| (hamming(&feature.descriptor, &other.descriptor), other));
+        let Some((difference, most_similar)) = similar.min_by_key(|(difference, _)| *difference) else { continue };
+        let apart = local.to_world(feature.place()).distance(most_similar.place());
+        if difference <= MAX_DIFFERENCE && apart <= LARGEST_SLIDE {
+            let depth = feature.place().z;
+            (all, same) = (all + 1, same + usize::from(apart <= SAME_FEATURE.0 + SAME_FEATURE.1 * depth * depth));
+        }
+    }
+    same >= MIN_SAME_FEATURES && 2 * same > all
 }
 
 /// The relative pose that a recognised place measures.

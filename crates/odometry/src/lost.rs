@@ -101,15 +101,19 @@ impl Lost {
         let elapsed = timestamp.zip(self.since).and_then(|(now, since)| now.checked_sub(since));
         let elapsed = elapsed.map_or(f64::from(self.frames) * FRAME_TIME, |elapsed| elapsed.as_secs_f64());
         let reach = REACH.0 + REACH.1 * elapsed;
-        let is_near = |pose: &Pose, reach: f64| last.is_none_or(|last| apart(last, pose).0 <= reach);
+        // How far away the other parts of the map are is not known.
+        let is_near = |part: u32, pose: &Pose, reach: f64| {
+            last.is_none_or(|last| part != map.part || apart(last, pose).0 <= reach)
+        };
         // A keyframe shows the same place from up to a metre away.
         let found = query.recognise(
             &map.store,
-            |keyframe| is_near(&keyframe.world_from_key, reach + 1.0),
+            |keyframe| is_near(keyframe.part, &keyframe.world_from_key, reach + 1.0),
             u64::from(self.frames),
         )?;
         let is_clear = last.is_some() || found.inliers >= MIN_INLIERS_ANYWHERE;
-        (is_clear && is_near(&found.world_from_camera, reach)).then_some(found)
+        let part = map.store.get(found.keyframe)?.part;
+        (is_clear && is_near(part, &found.world_from_camera, reach)).then_some(found)
     }
 }
 

@@ -4,7 +4,7 @@ use crate::PoseSourceError;
 use crate::graph::{Edge, PoseGraph};
 use crate::keyframe_map::KeyframeMap;
 use crate::keyframes::{CompactView, KeyframeStore, MAX_STORED, StoredFeature, StoredKeyframe};
-use crate::loop_closing::{LoopCandidate, LoopCheck};
+use crate::loop_closing::{ClosedLoop, LoopCandidate, LoopCheck};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::{Deserialize, Serialize};
@@ -32,6 +32,9 @@ pub(crate) struct SavedKeyframes {
     edges: Vec<Edge>,
     checks: Vec<LoopCheck>,
     candidates: Vec<LoopCandidate>,
+    /// Files of earlier versions lack it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    closed: Option<ClosedLoop>,
 }
 
 /// Saved form of [`StoredKeyframe`].
@@ -78,6 +81,7 @@ impl SavedKeyframes {
             edges: map.graph.edges.clone(),
             checks: map.checks.iter().copied().collect(),
             candidates: map.candidates.iter().cloned().collect(),
+            closed: map.closed.clone(),
         }
     }
 
@@ -111,6 +115,7 @@ impl SavedKeyframes {
             latest,
             checks: self.checks.into(),
             candidates: self.candidates.into(),
+            closed: self.closed,
             ..KeyframeMap::default()
         };
         map.find_uncertain();

@@ -171,7 +171,9 @@ impl TrackedPoses {
         self.lost = Lost { since: frame.timestamp, ..Lost::default() };
         if self.odometry.made.is_some() {
             self.add_made_keyframe(frame);
-            return found;
+            if !self.map.is_behind() {
+                return found;
+            }
         }
         let parts = self.map.part_count();
         let Some(correction) = self.map.check_loops() else { return found };

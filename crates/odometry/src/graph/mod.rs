@@ -25,8 +25,8 @@ const HUBER: f64 = 3.0;
 
 const ITERATIONS: usize = 12;
 
-/// Steps below this are the last, metres and radians.
-const CONVERGED: f64 = 1e-5;
+/// Steps below this are the last, metres and radians: what remains after them is far less.
+const CONVERGED: f64 = 1e-4;
 
 /// How far a keyframe is away in a graph: a turn by a radian counts as this many metres.
 const METRES_PER_RADIAN: f64 = 0.5;
@@ -47,6 +47,19 @@ impl Edge {
     /// An edge that was measured by tracking. `hessian` is the information of the alignment.
     pub(crate) fn tracked(from: KeyframeId, to: KeyframeId, measured: Pose, hessian: Option<&Matrix6>) -> Self {
         Self { from, to, measured, information: information(hessian), kind: EdgeKind::Tracked }
+    }
+
+    /// Attaches the edge of a dropped keyframe to the one that replaces it.
+    pub(crate) fn replace(&mut self, dropped: KeyframeId, kept: KeyframeId, kept_from_dropped: &Pose) {
+        if self.from == dropped {
+            (self.from, self.measured) = (kept, *kept_from_dropped * self.measured);
+            // The error is a twist in the coordinates of `from`.
+            let dropped_from_kept = adjoint(&kept_from_dropped.inverse());
+            self.information =
+                product(&product(&transposed(&dropped_from_kept), &self.information), &dropped_from_kept);
+        } else if self.to == dropped {
+            (self.to, self.measured) = (kept, self.measured * kept_from_dropped.inverse());
+        }
     }
 }
 
@@ -104,13 +117,7 @@ impl PoseGraph {
 
     /// Attaches the edges of a dropped keyframe to the one that replaces it.
     pub(crate) fn replace(&mut self, dropped: KeyframeId, kept: KeyframeId, kept_from_dropped: &Pose) {
-        for edge in &mut self.edges {
-            if edge.from == dropped {
-                (edge.from, edge.measured) = (kept, *kept_from_dropped * edge.measured);
-            } else if edge.to == dropped {
-                (edge.to, edge.measured) = (kept, edge.measured * kept_from_dropped.inverse());
-            }
-        }
+        self.edges.iter_mut().for_each(|edge| edge.replace(dropped, kept, kept_from_dropped));
         // One edge per pair is enough, so that their number stays bounded.
         let mut known = BTreeSet::new();
         self.edges.retain(|edge| {
@@ -250,6 +257,12 @@ fn blocks(translations: DMat3, mixed: DMat3, rotations: DMat3) -> Matrix6 {
             (false, false) => part(&rotations, row - 3, column - 3),
         })
     })
+}
+
+/// The matrix that takes twists to other coordinates.
+fn adjoint(new_from_old: &Pose) -> Matrix6 {
+    let rotation = new_from_old.rotation();
+    blocks(rotation, skew(new_from_old.translation()) * rotation, rotation)
 }
 
 fn skew(axis: DVec3) -> DMat3 {

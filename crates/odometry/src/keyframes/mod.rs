@@ -125,6 +125,11 @@ impl KeyframeStore {
         self.by_id.values().filter_map(|slot| self.at(*slot))
     }
 
+    /// The keyframe itself, or the one that replaces it if it was dropped.
+    pub(crate) fn kept(&self, id: KeyframeId) -> KeyframeId {
+        self.replaced.get(&id).map_or(id, |(kept, _)| *kept)
+    }
+
     pub(crate) fn len(&self) -> usize {
         self.by_id.len()
     }

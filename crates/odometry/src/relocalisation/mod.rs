@@ -27,7 +27,7 @@ const MAX_FEATURES: usize = 350;
 const MIN_FEATURES: usize = 40;
 
 /// Descriptors of the same place differ in at most this many of their 256 bits.
-const MAX_DIFFERENCE: u32 = 64;
+pub(crate) const MAX_DIFFERENCE: u32 = 64;
 
 /// Number of places that are tried.
 const CANDIDATES: usize = 4;
@@ -155,7 +155,8 @@ impl Query {
                     best[slot] = Some(Match { feature: number as u16, posting, difference });
                 }
             });
-            touched.sort_unstable();
+            // By number, not by slot: a map that was saved and loaded has other slots.
+            touched.sort_unstable_by_key(|slot| store.at(*slot as u16).map(|keyframe| keyframe.id));
             matches.extend(touched.into_iter().filter_map(|slot| best[slot].take()));
         }
         matches
@@ -249,10 +250,11 @@ fn candidates<'a>(store: &'a KeyframeStore, matches: &[Match]) -> Vec<&'a Stored
     for found in matches {
         counts[usize::from(found.posting.slot)] += 1;
     }
-    let mut order: Vec<usize> = (0..counts.len()).filter(|slot| counts[*slot] >= 4).collect();
-    order.sort_by_key(|slot| (std::cmp::Reverse(counts[*slot]), *slot));
+    let keyframes = (0..counts.len()).filter_map(|slot| Some((counts[slot], store.at(slot as u16)?)));
+    let mut order: Vec<(usize, &StoredKeyframe)> = keyframes.filter(|(count, _)| *count >= 4).collect();
+    order.sort_by_key(|(count, keyframe)| (std::cmp::Reverse(*count), keyframe.id));
     let mut chosen: Vec<&StoredKeyframe> = Vec::new();
-    for keyframe in order.into_iter().filter_map(|slot| store.at(slot as u16)) {
+    for (_, keyframe) in order {
         let is_other = |other: &&StoredKeyframe| {
             other.part != keyframe.part || distance(&other.world_from_key, &keyframe.world_from_key) >= OTHER_PLACE
         };
