@@ -5,7 +5,7 @@ use crate::keyframe_map::KeyframeMap;
 use crate::keyframes::{StoredKeyframe, apart};
 use crate::loop_closing::edge;
 use crate::odometry::TrackedFrame;
-use crate::relocalisation::{MIN_INLIERS_ANYWHERE, Query, Recognised};
+use crate::relocalisation::{MIN_INLIERS_LOST, Query, Recognised};
 use crate::{CameraPose, Odometry, PoseState};
 use splatseg_geometry::Pose;
 use std::time::Duration;
@@ -111,8 +111,8 @@ impl Lost {
             |keyframe| is_near(keyframe.part, &keyframe.world_from_key, reach + 1.0),
             u64::from(self.frames),
         )?;
-        let is_clear = last.is_some() || found.inliers >= MIN_INLIERS_ANYWHERE;
         let part = map.store.get(found.keyframe)?.part;
+        let is_clear = found.inliers >= MIN_INLIERS_LOST;
         (is_clear && is_near(part, &found.world_from_camera, reach)).then_some(found)
     }
 }

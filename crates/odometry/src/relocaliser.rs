@@ -4,7 +4,7 @@ use crate::PoseSourceError;
 use crate::keyframes::KeyframeStore;
 use crate::keyframes::apart;
 use crate::odometry::TrackedFrame;
-use crate::relocalisation::{MIN_INLIERS_ANYWHERE, Query};
+use crate::relocalisation::{MIN_INLIERS_LOST, Query};
 use crate::saved_keyframes::parsed;
 use splatseg_geometry::{CameraFrame, KeyframeId, Pose};
 
@@ -53,7 +53,7 @@ impl Relocaliser {
             return None;
         }
         let found = query.recognise(&self.store, |_| true, SEED)?;
-        if found.inliers < MIN_INLIERS_ANYWHERE {
+        if found.inliers < MIN_INLIERS_LOST {
             return None;
         }
         Some(LocatedFrame {

@@ -45,8 +45,8 @@ const MATCHES_PER_FEATURE: usize = 3;
 
 /// A place is accepted only if this many features agree...
 const MIN_INLIERS: usize = 12;
-/// ...or this many if the camera can be anywhere: with a whole map to choose from, corners of rooms look alike...
-pub(crate) const MIN_INLIERS_ANYWHERE: usize = 24;
+/// ...or this many if nothing else is known of where the camera is: corners of rooms look alike...
+pub(crate) const MIN_INLIERS_LOST: usize = 24;
 /// ...and at least this many times as many as at any other place.
 const MIN_RATIO: f64 = 1.4;
 
