@@ -20,6 +20,7 @@ use crate::sums::{BLOCK, Sums};
 use glam::{DVec3, Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 use splatseg_geometry::{LocalPose, Pose};
+use std::collections::BTreeMap;
 
 /// Degrees of freedom of the t-distribution.
 const FREEDOM: f32 = 5.0;
@@ -215,22 +216,45 @@ impl Alignment<'_> {
     fn add_up(&self, points: &[ReferencePoint], camera: &Camera, scales: &Scales) -> Sums {
         let mut sums = Sums::default();
         for point in points {
-            let in_camera = camera.rotation * point.position + camera.translation;
-            if in_camera.z < 0.05 {
-                continue;
-            }
-            let intrinsics = &self.frame.intrinsics;
-            let inverse = 1.0 / in_camera.z;
-            let column = intrinsics.fx * in_camera.x * inverse + intrinsics.cx;
-            let row = intrinsics.fy * in_camera.y * inverse + intrinsics.cy;
-            let (width, height) = self.frame.grey.size();
-            if !(column >= 1.0 && row >= 1.0 && column < width as f32 - 2.0 && row < height as f32 - 2.0) {
-                continue;
-            }
-            sums.counts.visible += 1.0;
-            let covered = self.add_geometry(point, camera, (column, row), scales, &mut sums);
-            if self.uses_image && !covered && point.gradient != Vec3::ZERO {
-                self.add_image(point, (column, row), scales, &mut sums);
+            self.add_point(point, camera, scales, &mut sums);
+        }
+        sums
+    }
+
+    fn add_point(&self, point: &ReferencePoint, camera: &Camera, scales: &Scales, sums: &mut Sums) {
+        let in_camera = camera.rotation * point.position + camera.translation;
+        if in_camera.z < 0.05 {
+            return;
+        }
+        let intrinsics = &self.frame.intrinsics;
+        let inverse = 1.0 / in_camera.z;
+        let column = intrinsics.fx * in_camera.x * inverse + intrinsics.cx;
+        let row = intrinsics.fy * in_camera.y * inverse + intrinsics.cy;
+        let (width, height) = self.frame.grey.size();
+        if !(column >= 1.0 && row >= 1.0 && column < width as f32 - 2.0 && row < height as f32 - 2.0) {
+            return;
+        }
+        sums.counts.visible += 1.0;
+        let covered = self.add_geometry(point, camera, (column, row), scales, sums);
+        if self.uses_image && !covered && point.gradient != Vec3::ZERO {
+            self.add_image(point, (column, row), scales, sums);
+        }
+    }
+
+    /// Sums at a pose over the points with the same key, all with the same weight.
+    pub(crate) fn keyed_sums<K: Ord>(
+        &self,
+        key_from_camera: &Pose,
+        scales: &Scales,
+        key: impl Fn(&ReferencePoint) -> K,
+    ) -> BTreeMap<K, Sums> {
+        let camera = Camera::new(key_from_camera);
+        let mut sums: BTreeMap<K, Sums> = BTreeMap::new();
+        // Neighbours mostly have the same key.
+        for run in self.points.chunk_by(|one, other| key(one) == key(other)) {
+            let sums = sums.entry(key(&run[0])).or_default();
+            for point in run {
+                self.add_point(&ReferencePoint { weight: 1.0, ..*point }, &camera, scales, sums);
             }
         }
         sums

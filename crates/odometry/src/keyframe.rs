@@ -5,17 +5,15 @@ use crate::prior::MotionPrior;
 use crate::pyramid::{GreyFrame, Pyramid};
 use crate::reference::{ReferencePoint, select_points};
 use crate::segment_runs::SegmentRuns;
-use glam::{DVec3, Vec2, Vec3};
+use crate::sums::Sums;
 use splatseg_geometry::{KeyframeId, Pose, RemappedId, SegmentId};
+use std::collections::BTreeMap;
 
 /// Maximum number of Gauss-Newton steps by level from the finest, the last one for all coarser levels.
 const ITERATIONS: [usize; 3] = [5, 6, 10];
 
 /// Fixed scales, for comparing poses.
 const SCORING: Scales = Scales { distance: 1.5, grey: 8.0, gain: 1.0, offset: 0.0 };
-
-/// Residuals count for at most this many deviations when segments are judged.
-const MAX_RELATIVE: f32 = 6.0;
 
 /// A frame with its pose. Everything else follows from it.
 #[derive(Clone, Debug, PartialEq)]
@@ -91,9 +89,7 @@ impl Reference {
             let iterations = ITERATIONS[number.min(ITERATIONS.len() - 1)];
             (pose, last) = self.alignment(frame, number, prior).align(pose, &mut scales, iterations);
         }
-        let scoring = Scales { gain: scales.gain, offset: scales.offset, ..SCORING };
-        let counts = self.alignment(frame, 0, prior).fit(&pose, &scoring).counts;
-        Aligned { world_from_camera: self.world_from_key * pose, fit: last, scales, counts }
+        self.aligned(frame, prior, (pose, last), scales)
     }
 
     /// How well a pose fits at the coarsest level, 0 to 1.
@@ -103,35 +99,47 @@ impl Reference {
         self.alignment(frame, number, prior).fit(&pose, &SCORING).counts.agreement(self.points[number].len())
     }
 
-    /// Calls `record` with the segment of each point and the squares of its residuals in an aligned frame, distance and
-    /// luminance, in units of their deviations. Points that something nearer covers are left out.
-    pub(crate) fn squared_residuals(&self, frame: &Pyramid, aligned: &Aligned, mut record: impl FnMut(SegmentId, f32)) {
-        let camera_from_key = (aligned.world_from_camera.inverse() * self.world_from_key).relative_to(DVec3::ZERO);
-        let (level, scales) = (&frame.levels[0], &aligned.scales);
-        let (last_column, last_row) = (level.depth.width() as f32 - 1.0, level.depth.height() as f32 - 1.0);
-        for point in &self.points[0] {
-            let expected = camera_from_key.to_world(point.position);
-            let Some(pixel) = level.intrinsics.project(expected) else { continue };
-            if !(pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < last_column && pixel.y < last_row) {
-                continue;
-            }
-            let nearest = ((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
-            let depth = level.depth[nearest];
-            if depth > 0.0 {
-                let measured = level.intrinsics.unproject(Vec2::new(nearest.0 as f32, nearest.1 as f32), depth);
-                let distance = (camera_from_key.rotation() * point.normal).dot(measured - expected);
-                let relative = distance * point.certainty / scales.distance.max(1.0);
-                // Towards the camera something else may be in the way.
-                if relative >= MAX_RELATIVE {
-                    continue;
-                }
-                record(point.segment, relative.max(-MAX_RELATIVE).powi(2));
-            }
-            if frame.has_contrast && point.gradient != Vec3::ZERO {
-                let difference = level.grey_at(pixel) - (scales.gain * point.grey + scales.offset);
-                record(point.segment, (difference / scales.grey).clamp(-MAX_RELATIVE, MAX_RELATIVE).powi(2));
-            }
-        }
+    /// True if the points belong to more than one segment.
+    pub(crate) fn has_segments(&self) -> bool {
+        self.points.first().is_some_and(|points| points.iter().any(|point| point.segment != points[0].segment))
+    }
+
+    /// Sums of each segment and part of the frame at an aligned frame's pose, as if nothing moved by itself. The parts
+    /// are `columns` × `rows` rectangles of the keyframe.
+    pub(crate) fn segment_sums(
+        &self,
+        frame: &Pyramid,
+        aligned: &Aligned,
+        (columns, rows): (usize, usize),
+    ) -> BTreeMap<(SegmentId, usize), Sums> {
+        let pose = self.world_from_key.inverse() * aligned.world_from_camera;
+        let prior = MotionPrior { predicted: pose, deviation: 1.0 };
+        let (width, height) = frame.levels[0].depth.size();
+        let part = |pixel: usize| columns * (rows * (pixel / width) / height) + columns * (pixel % width) / width;
+        let alignment = self.alignment(frame, 0, &prior);
+        alignment.keyed_sums(&pose, &aligned.scales, |point| (point.segment, part(point.pixel as usize)))
+    }
+
+    /// Aligns a frame again at the finest level, after weights have changed.
+    pub(crate) fn align_again(&self, frame: &Pyramid, aligned: &Aligned, prior: &MotionPrior) -> Aligned {
+        let key_from_world = self.world_from_key.inverse();
+        let prior = &prior.in_coordinates(&key_from_world);
+        let mut scales = aligned.scales;
+        let start = key_from_world * aligned.world_from_camera;
+        let found = self.alignment(frame, 0, prior).align(start, &mut scales, ITERATIONS[0]);
+        self.aligned(frame, prior, found, scales)
+    }
+
+    fn aligned(
+        &self,
+        frame: &Pyramid,
+        prior: &MotionPrior,
+        (pose, fit): (Pose, Option<Fit>),
+        scales: Scales,
+    ) -> Aligned {
+        let scoring = Scales { gain: scales.gain, offset: scales.offset, ..SCORING };
+        let counts = self.alignment(frame, 0, prior).fit(&pose, &scoring).counts;
+        Aligned { world_from_camera: self.world_from_key * pose, fit, scales, counts }
     }
 
     fn alignment<'a>(&'a self, frame: &'a Pyramid, number: usize, prior: &'a MotionPrior) -> Alignment<'a> {

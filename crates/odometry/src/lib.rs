@@ -14,6 +14,7 @@
 //! | `reference.rs` | the points of a keyframe, with planes and image gradients |
 //! | `alignment.rs`, `sums.rs`, `linear.rs` | residuals, weights and the system |
 //! | `prior.rs` | the motion model |
+//! | `motion_test.rs` | which segments moved by themselves in one frame |
 //! | `movers.rs` | weights of segments that move by themselves |
 //! | `search.rs` | a start when the motion model fails |
 //! | `keyframes/` | the keyframes of the whole map, in little memory |
@@ -32,6 +33,7 @@ mod keyframes;
 mod linear;
 mod loop_closing;
 mod lost;
+mod motion_test;
 mod movers;
 mod odometry;
 mod pose_event;

@@ -105,13 +105,13 @@ impl Odometry {
             return self.start(grey, pyramid, initial, *timestamp);
         };
         let prior = last.prior(*timestamp, motion);
-        let Some((index, reference, aligned)) = self.find(pyramid, &last, &prior) else {
+        let Some((index, mut reference, aligned)) = self.find(pyramid, &last, &prior) else {
             self.last = Some(last.lost());
             return CameraPose { world_from_camera: last.world_from_camera, state: PoseState::Lost, quality: None };
         };
+        let aligned = self.movers.judge(&mut reference, pyramid, aligned, &prior);
         let quality = quality(&aligned, &reference);
         self.last = Some(last.after(&aligned.world_from_camera, &prior, *timestamp));
-        self.movers.record(&reference, pyramid, &aligned);
         (self.active, self.reference) = (index, Some(reference));
         self.choose_keyframe(grey, pyramid, &aligned, quality.overlap);
         CameraPose { world_from_camera: aligned.world_from_camera, state: PoseState::Tracked, quality: Some(quality) }

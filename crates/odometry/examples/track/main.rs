@@ -1,9 +1,12 @@
 //! Tracks the camera through a scene with poses, and compares the result with them.
 //!
-//! `cargo run --release -p splatseg-odometry --example track -- SCENE [WIDTHxHEIGHT] [FIRST] [MAX_FRAMES] [FROM+COUNT]`
+//! `cargo run --release -p splatseg-odometry --example track -- SCENE [WIDTHxHEIGHT] [FIRST] [MAX_FRAMES] [FROM+COUNT]
+//! [IDS] [FX]`
 //!
-//! With `FROM+COUNT`, the lens is covered for that many frames: they are black and without depth. `-` stands for a
-//! default.
+//! `-` stands for a default. With `FROM+COUNT`, the lens is covered for that many frames: they are black and without
+//! depth. `IDS` are the segments that tracking is told after each frame: `none`, `truth` (the true ids), `walls` (the
+//! true ids, but one for walls, floor and ceiling of the synthetic room) or `grid` (12 cells of the image). `FX` replaces
+//! the focal length, pixels of the stored images.
 //!
 //! Prints losses, corrections, the error of the trajectory (after the best rigid alignment of the first frame only),
 //! loops that were found and missed, and times per frame. Every 2,000 frames it prints times, keyframes and memory since
@@ -12,6 +15,7 @@
 mod cost;
 mod cover;
 mod loops;
+mod segments;
 
 use cost::{Cost, Costs};
 use loops::TruePath;
@@ -41,6 +45,7 @@ struct Run {
     path: TruePath,
     /// Frames with a covered lens.
     covered: Range<usize>,
+    ids: String,
     /// Frames since the camera was lost that show a part of the map.
     mapped_views: usize,
 }
@@ -53,7 +58,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     settings.resize = argument(1).map(|size| size.parse()).transpose()?;
     let first: usize = argument(2).map_or(Ok(0), |first| first.parse())?;
     let count: usize = argument(3).map_or(Ok(usize::MAX), |count| count.parse())?;
-    let frames = FrameStream::open(open_scene(scene, &settings)?, &settings, GroundTruth::Skip)?;
+    settings.fx = argument(6).map(|focal| focal.parse()).transpose()?;
+    let frames = FrameStream::open(open_scene(scene, &settings)?, &settings, GroundTruth::Read)?;
     let mut run = Run {
         poses: TrackedPoses::new(PoseMode::Track),
         tracked: Vec::new(),
@@ -61,6 +67,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         costs: Costs::default(),
         path: TruePath::default(),
         covered: argument(4).map_or(Ok(0..0), |text| cover::covered_frames(text))?,
+        ids: argument(5).cloned().unwrap_or_default(),
         mapped_views: 0,
     };
     for (number, streamed) in frames.skip(first).take(count).enumerate() {
@@ -84,6 +91,9 @@ impl Run {
         // On a thread of the pool, as the pipeline does.
         let (found, cost) = Cost::of(|| rayon::scope(|_| self.poses.pose(&frame, Some(&truth))));
         let found = found?;
+        if let Some(segments) = segments::segments(&self.ids, streamed.ground_truth.as_ref(), frame.depth().size()) {
+            self.poses.set_segments(&segments);
+        }
         let name = frame.name();
         let correction = self.poses.take_correction();
         if let Some(correction) = &correction {
@@ -153,6 +163,8 @@ impl Run {
             print(" after the cover", &|number| number >= self.covered.start);
         }
         print("", &|_| true);
+        let poses = self.tracked.iter().map(|frame| frame.key_from_camera);
+        println!("hash of the poses: {:016x}", segments::hash(poses));
         let bytes = self.poses.keyframes().map_or(0, |bytes| bytes.len());
         println!("saved keyframes: {:.1} kB each", bytes as f64 / 1e3 / keyframes.len().max(1) as f64);
     }

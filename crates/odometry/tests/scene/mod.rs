@@ -44,8 +44,34 @@ pub fn corner() -> Vec<Plane> {
     vec![plane(Vec3::new(1.0, 0.0, 0.6), 1.8), plane(Vec3::new(-0.7, 0.0, 1.0), 2.0), plane(Vec3::Y, 1.1)]
 }
 
+/// A textured board that faces against z.
+#[derive(Clone, Copy)]
+pub struct Board {
+    pub center: Vec3,
+    /// Half its width and height, metres.
+    pub half: Vec2,
+}
+
+impl Board {
+    /// Where a ray hits the board: the distance along it, and the luminance there.
+    fn hit(&self, origin: Vec3, direction: Vec3) -> Option<(f32, u8)> {
+        let along = (self.center.z - origin.z) / direction.z;
+        let away = origin + direction * along - self.center;
+        let is_hit = along > 0.1 && away.x.abs() <= self.half.x && away.y.abs() <= self.half.y;
+        is_hit.then(|| (along, grey(Texture::Blotches, away)))
+    }
+}
+
 /// Renders planes from a pose. Depth beyond 8 m is missing.
+#[allow(dead_code, reason = "not every test uses this function")]
 pub fn render(planes: &[Plane], pose: &Pose) -> CameraFrame<'static> {
+    render_with(planes, &[], pose).0
+}
+
+/// Renders planes and boards from a pose. Depth beyond 8 m is missing. The second image has the number of the board in
+/// each pixel, from 1, or 0.
+#[allow(dead_code, reason = "not every test uses boards")]
+pub fn render_with(planes: &[Plane], boards: &[Board], pose: &Pose) -> (CameraFrame<'static>, Image<u32>) {
     let hit = |column: usize, row: usize| {
         let ray = CAMERA.unproject(Vec2::new(column as f32, row as f32), 1.0);
         let direction = (pose.rotation() * ray.as_dvec3()).as_vec3();
@@ -54,14 +80,21 @@ pub fn render(planes: &[Plane], pose: &Pose) -> CameraFrame<'static> {
             let along = (plane.distance - plane.normal.dot(origin)) / plane.normal.dot(direction);
             (along > 0.1).then_some((along, plane.texture))
         });
-        let (depth, texture) = hits.min_by(|one, other| one.0.total_cmp(&other.0))?;
-        (depth <= 8.0).then(|| (depth, grey(texture, origin + direction * depth)))
+        let plane = hits.min_by(|one, other| one.0.total_cmp(&other.0));
+        let plane = plane.map(|(depth, texture)| (depth, grey(texture, origin + direction * depth), 0));
+        let boards = boards.iter().zip(1..).filter_map(|(board, number)| {
+            let (depth, grey) = board.hit(origin, direction)?;
+            Some((depth, grey, number))
+        });
+        let nearest = boards.chain(plane).min_by(|one, other| one.0.total_cmp(&other.0));
+        nearest.filter(|(depth, ..)| *depth <= 8.0)
     };
     let hits = Image::from_fn(CAMERA.width, CAMERA.height, hit);
     // What is too far for the depth sensor has the grey of a flat surface.
-    let color = hits.map(|hit| [hit.map_or(FLAT, |(_, grey)| grey); 3]);
-    let depth = hits.map(|hit| hit.map_or(0.0, |(depth, _)| depth));
-    CameraFrame::new("frame", color, depth, CAMERA).unwrap()
+    let color = hits.map(|hit| [hit.map_or(FLAT, |(_, grey, _)| grey); 3]);
+    let depth = hits.map(|hit| hit.map_or(0.0, |(depth, ..)| depth));
+    let numbers = hits.map(|hit| hit.map_or(0, |(_, _, number)| number));
+    (CameraFrame::new("frame", color, depth, CAMERA).unwrap(), numbers)
 }
 
 /// A pose on a gentle path to the right, forward and around, `time` in frames.
