@@ -11,7 +11,7 @@
 //! Both have weights from a t-distribution with [`FREEDOM`] degrees of freedom, as in DVO (Kerl, Sturm and Cremers, IROS
 //! 2013). The prior is a Gaussian around the pose that the motion model predicts.
 
-use crate::linear::{Eigen, Matrix6};
+use crate::linear::{Eigen, Factor, Matrix6};
 use crate::prior::{MotionPrior, scaled, unscaled};
 use crate::pyramid::Level;
 use crate::reference::ReferencePoint;
@@ -258,6 +258,28 @@ impl Alignment<'_> {
             }
         }
         sums
+    }
+
+    /// What a pose's residuals say about the focal length, once the pose is free to follow: the information about its
+    /// logarithm, and the derivative of the cost.
+    pub(crate) fn focal_fit(&self, key_from_camera: &Pose, scales: &Scales) -> Option<(f64, f64)> {
+        let camera = Camera::new(key_from_camera);
+        let mut sums = Sums::default();
+        for point in self.points {
+            // A longer focal length moves points towards the axis, those of the keyframe and those of the frame.
+            let inwards = |point: Vec3| Vec3::new(-point.x, -point.y, 0.0);
+            let in_camera = camera.rotation * point.position + camera.translation;
+            sums.stretch = camera.inverse * inwards(in_camera) - inwards(point.position);
+            self.add_point(point, &camera, scales, &mut sums);
+        }
+        let (mixed, twice, once) = sums.focal();
+        let mut total = Sums::default();
+        total.add(&sums);
+        let factor = Factor::new(&scaled_matrix(&total.hessian()), WEAK_INFORMATION)?;
+        let mixed = unscaled(&mixed);
+        let solved = factor.solve(&mixed);
+        let product = |other: &Twist| solved.iter().zip(other).map(|(one, other)| one * other).sum::<f64>();
+        Some((twice - product(&mixed), once - product(&unscaled(&total.gradient()))))
     }
 
     /// Adds a point's distance. Returns true if the frame sees another surface there.

@@ -120,6 +120,13 @@ impl Reference {
         alignment.keyed_sums(&pose, &aligned.scales, |point| (point.segment, part(point.pixel as usize)))
     }
 
+    /// What an aligned frame says about the focal length; see [`Alignment::focal_fit`].
+    pub(crate) fn focal_fit(&self, frame: &Pyramid, aligned: &Aligned) -> Option<(f64, f64)> {
+        let pose = self.world_from_key.inverse() * aligned.world_from_camera;
+        let prior = MotionPrior { predicted: pose, deviation: 1.0 };
+        self.alignment(frame, 0, &prior).focal_fit(&pose, &aligned.scales)
+    }
+
     /// Aligns a frame again at the finest level, after weights have changed.
     pub(crate) fn align_again(&self, frame: &Pyramid, aligned: &Aligned, prior: &MotionPrior) -> Aligned {
         let key_from_world = self.world_from_key.inverse();

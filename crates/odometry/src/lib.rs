@@ -16,6 +16,7 @@
 //! | `prior.rs` | the motion model |
 //! | `motion_test.rs` | which segments moved by themselves in one frame |
 //! | `movers.rs` | weights of segments that move by themselves |
+//! | `plausibility.rs` | doubts about the focal length and the unit of depth |
 //! | `search.rs` | a start when the motion model fails |
 //! | `keyframes/` | the keyframes of the whole map, in little memory |
 //! | `relocalisation/` | recognises the place that a frame shows |
@@ -36,6 +37,7 @@ mod lost;
 mod motion_test;
 mod movers;
 mod odometry;
+mod plausibility;
 mod pose_event;
 mod pose_source;
 mod pose_state;

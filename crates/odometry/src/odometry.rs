@@ -4,6 +4,7 @@ use crate::graph::Edge;
 use crate::keyframe::{Aligned, Keyframe, Reference};
 use crate::linear::Eigen;
 use crate::movers::Movers;
+use crate::plausibility::FocalEstimate;
 use crate::prior::{LastFrame, MAX_ERROR, MotionPrior};
 use crate::pyramid::{GreyFrame, Pyramid};
 use crate::se3;
@@ -50,6 +51,7 @@ pub struct Odometry {
     pub(crate) reference: Option<Reference>,
     pub(crate) last: Option<LastFrame>,
     pub(crate) movers: Movers,
+    pub(crate) focal: FocalEstimate,
     /// True if the latest frame became a keyframe that waits for its segments.
     pub(crate) awaits_segments: bool,
     /// Number of the next keyframe.
@@ -112,6 +114,11 @@ impl Odometry {
         let aligned = self.movers.judge(&mut reference, pyramid, aligned, &prior);
         let quality = quality(&aligned, &reference);
         self.last = Some(last.after(&aligned.world_from_camera, &prior, *timestamp));
+        if self.focal.wants_frame()
+            && let Some(fit) = reference.focal_fit(pyramid, &aligned)
+        {
+            self.focal.add(fit);
+        }
         (self.active, self.reference) = (index, Some(reference));
         self.choose_keyframe(grey, pyramid, &aligned, quality.overlap);
         CameraPose { world_from_camera: aligned.world_from_camera, state: PoseState::Tracked, quality: Some(quality) }
@@ -124,8 +131,8 @@ impl Odometry {
 
     /// As [`Self::set`].
     pub(crate) fn set_frame(&mut self, frame: &TrackedFrame, world_from_camera: &Pose) {
-        let (movers, next_keyframe) = (std::mem::take(&mut self.movers), self.next_keyframe);
-        *self = Self { movers, next_keyframe, ..Self::default() };
+        let (movers, focal, next_keyframe) = (std::mem::take(&mut self.movers), self.focal, self.next_keyframe);
+        *self = Self { movers, focal, next_keyframe, ..Self::default() };
         self.start(&frame.grey, &frame.pyramid, world_from_camera, frame.timestamp);
     }
 
@@ -172,6 +179,11 @@ impl Odometry {
             let segments = keyframe.segments.insert(SegmentRuns::new(segments));
             reference.set_segments(segments);
         }
+    }
+
+    /// A sentence about a wrong focal length, if the tracked frames say so.
+    pub(crate) fn focal_doubt(&self) -> Option<String> {
+        self.focal.doubt(&self.keyframes.back()?.frame.intrinsics)
     }
 
     /// The latest pose.

@@ -62,6 +62,12 @@ pub trait PoseSource: Send {
         Ok(())
     }
 
+    /// What the tracked frames say against the camera's focal length or the unit of its depth, a sentence each. Empty if
+    /// nothing is conspicuous.
+    fn doubts(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// Returns the state that [`Self::restore`] needs to continue with the next frame, as JSON. `None` if there is no
     /// state.
     fn save(&self) -> Option<Vec<u8>> {

@@ -5,6 +5,7 @@ use crate::keyframe::Keyframe;
 use crate::lost::{Lost, Probation};
 use crate::movers::Movers;
 use crate::odometry::MAX_KEYFRAMES;
+use crate::plausibility::FocalEstimate;
 use crate::prior::LastFrame;
 use crate::pyramid::GreyFrame;
 use crate::saved_keyframes::{SavedKeyframes, SavedStoredKeyframe};
@@ -34,6 +35,7 @@ struct SavedOdometry {
     active: usize,
     last: Option<LastFrame>,
     movers: Movers,
+    focal: FocalEstimate,
     awaits_segments: bool,
     next_keyframe: KeyframeId,
 }
@@ -112,25 +114,36 @@ impl SavedProbation {
 
 impl SavedOdometry {
     fn of(odometry: &Odometry) -> Self {
-        let Odometry { keyframes, active, last, movers, awaits_segments, next_keyframe, .. } = odometry;
+        let Odometry { keyframes, active, last, movers, focal, awaits_segments, next_keyframe, .. } = odometry;
         Self {
             keyframes: keyframes.iter().map(SavedKeyframe::of).collect(),
             active: *active,
             last: *last,
             movers: movers.clone(),
+            focal: *focal,
             awaits_segments: *awaits_segments,
             next_keyframe: *next_keyframe,
         }
     }
 
     fn restored(self) -> Result<Odometry, String> {
-        let Self { keyframes, active, last, movers, awaits_segments, next_keyframe } = self;
+        let Self { keyframes, active, last, movers, focal, awaits_segments, next_keyframe } = self;
         if keyframes.len() > MAX_KEYFRAMES || active >= keyframes.len().max(1) {
             let count = keyframes.len();
             return Err(format!("keyframe {active} of {count} is in use, expected at most {MAX_KEYFRAMES} keyframes"));
         }
         let keyframes = keyframes.into_iter().map(SavedKeyframe::restored).collect::<Result<_, _>>()?;
-        Ok(Odometry { keyframes, active, reference: None, last, movers, awaits_segments, next_keyframe, made: None })
+        Ok(Odometry {
+            keyframes,
+            active,
+            reference: None,
+            last,
+            movers,
+            focal,
+            awaits_segments,
+            next_keyframe,
+            made: None,
+        })
     }
 }
 

@@ -18,6 +18,11 @@ pub(crate) struct Sums {
     products: [f32; 21],
     /// Σ information · J r.
     residuals: [f32; 6],
+    /// How far a point seems to move per change of the focal length's logarithm; zero while that is not asked for.
+    pub(crate) stretch: Vec3,
+    /// Σ information · J s, Σ information · s² and Σ information · s r, with the derivative s with respect to the focal
+    /// length's logarithm.
+    focal: [f64; 8],
     /// The same two in double precision, over blocks.
     total_products: [f64; 21],
     total_residuals: [f64; 6],
@@ -40,6 +45,19 @@ impl Sums {
             }
             self.residuals[index] += weighted * residual;
         }
+        if self.stretch != Vec3::ZERO {
+            let stretch = translation.dot(self.stretch);
+            let weighted = f64::from(stretch * information);
+            row.iter().chain([&stretch, &residual]).zip(&mut self.focal).for_each(|(factor, sum)| {
+                *sum += weighted * f64::from(*factor);
+            });
+        }
+    }
+
+    /// Derivatives of the cost with respect to the focal length's logarithm: with the pose, twice with itself, once.
+    pub(crate) fn focal(&self) -> (Twist, f64, f64) {
+        let [x, y, z, a, b, c, twice, once] = self.focal;
+        ([x, y, z, a, b, c], twice, once)
     }
 
     /// Adds the sums of a block.

@@ -3,6 +3,7 @@
 use crate::keyframe_map::KeyframeMap;
 use crate::lost::{Lost, Search};
 use crate::odometry::TrackedFrame;
+use crate::plausibility::UsualDepth;
 use crate::saved::SavedPoses;
 use crate::saved_keyframes;
 use crate::{CameraPose, Odometry, PoseEvent, PoseSource, PoseSourceError, PoseState};
@@ -44,6 +45,7 @@ pub struct TrackedPoses {
     correction: Option<MapCorrection>,
     /// What the latest frame has told.
     events: Vec<PoseEvent>,
+    depth: UsualDepth,
 }
 
 impl TrackedPoses {
@@ -60,6 +62,7 @@ impl TrackedPoses {
             index: 0,
             correction: None,
             events: Vec::new(),
+            depth: UsualDepth::default(),
         }
     }
 
@@ -145,7 +148,7 @@ impl TrackedPoses {
                     false => PoseEvent::FoundAgain { lost_frames },
                 });
                 let movers = std::mem::take(&mut self.odometry.movers);
-                self.odometry = Odometry { movers, ..*odometry };
+                self.odometry = Odometry { movers, focal: self.odometry.focal, ..*odometry };
                 self.map.part =
                     self.map.latest.and_then(|id| self.map.store.get(id)).map_or(0, |keyframe| keyframe.part);
                 pose
@@ -207,6 +210,9 @@ impl TrackedPoses {
 
 impl PoseSource for TrackedPoses {
     fn pose(&mut self, frame: &CameraFrame<'_>, given: Option<&Pose>) -> Result<CameraPose, PoseSourceError> {
+        if given.is_none() || matches!(self.mode, PoseMode::Track | PoseMode::Refine) {
+            self.depth.add(frame);
+        }
         Ok(match (self.mode, given) {
             (PoseMode::Given | PoseMode::Auto, Some(pose)) => self.given(frame, pose),
             (PoseMode::Given, None) => return Err(PoseSourceError::Missing { frame: frame.name().to_owned() }),
@@ -263,6 +269,10 @@ impl PoseSource for TrackedPoses {
         self.odometry.next_keyframe = map.store.next;
         self.map = map;
         Ok(())
+    }
+
+    fn doubts(&self) -> Vec<String> {
+        self.depth.doubt().into_iter().chain(self.odometry.focal_doubt()).collect()
     }
 
     fn save(&self) -> Option<Vec<u8>> {

@@ -116,7 +116,9 @@ impl FrameLoop<'_> {
         };
         progress.finish();
         let not_found = reports.camera.at_end().map(str::to_owned);
-        reports.skipped.messages().chain(not_found).chain(misfit(&counts)).for_each(|message| progress.warn(&message));
+        let doubts = frames.pose_doubts();
+        let at_end = reports.skipped.messages().chain(not_found).chain(misfit(&counts)).chain(doubts);
+        at_end.for_each(|message| progress.warn(&message));
         LoopOutcome { counts, written: writer.finish(), early }
     }
 

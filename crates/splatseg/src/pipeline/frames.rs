@@ -46,6 +46,11 @@ impl<'p, S: FrameSource> Frames<'p, S> {
         self.pipeline.pose_state()
     }
 
+    /// Doubts about the camera after the latest frame; see [`Pipeline::pose_doubts`].
+    pub fn pose_doubts(&self) -> Vec<String> {
+        self.pipeline.pose_doubts()
+    }
+
     /// Number of frames to come, including unusable ones. `None` if the end of the source is not known.
     pub fn frames_left(&self) -> Option<usize> {
         Some(self.source.frames_left()? + usize::from(self.next.is_some()))

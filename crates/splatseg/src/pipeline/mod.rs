@@ -217,6 +217,12 @@ impl Pipeline {
         self.poses.save()
     }
 
+    /// What the tracked frames say against the camera's focal length or the unit of its depth, a sentence each; see
+    /// [`PoseSource::doubts`].
+    pub fn pose_doubts(&self) -> Vec<String> {
+        self.poses.doubts()
+    }
+
     /// The present poses of the keyframes of the source of poses, camera to world. Each frame's pose is attached to one of
     /// them: see [`FrameResult::anchor`].
     pub fn keyframe_poses(&self) -> BTreeMap<KeyframeId, Pose> {
