@@ -93,7 +93,7 @@ impl TruePath {
             }
             let has_edge = |edge: &&Edge| edge.to == *id && self.path_between(edge) >= MIN_PATH;
             all += 1;
-            with_edge += usize::from(loops.iter().any(|edge| has_edge(edge)));
+            with_edge += usize::from(loops.iter().any(has_edge));
             tied += usize::from(is_tied(&edges, *id, &same));
         }
         let share = |count: usize| 100.0 * count as f64 / f64::from(all.max(1) as u32);
