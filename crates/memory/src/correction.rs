@@ -173,30 +173,37 @@ impl SplatMemory {
         found.into_iter().map(|overlap| overlap.ids).collect()
     }
 
-    /// The ids of the latest frame, if its pose was unknown, that turn out to be others in this frame. `predicted` contains
-    /// the id of each pixel. Only ids without Gaussians change: the map knows nothing about them yet.
-    pub(crate) fn recognised(&self, predicted: &SegmentMap) -> Vec<RemappedId> {
-        let Some(unplaced) = self.recent.unplaced_ids().filter(|ids| ids.size() == predicted.size()) else {
+    /// Merges the ids of the latest frame, if its pose was unknown, with those that a frame whose pose is known shows
+    /// instead. `segments` contains its id of each pixel, `[height, width]`, 0 for none. Must be called before
+    /// [`Self::update`]. Only ids without Gaussians change: the map knows nothing about them yet. Returns the changed ids.
+    pub fn recognise(&mut self, segments: &SegmentMap) -> Vec<RemappedId> {
+        let remapped = self.recognised(segments);
+        self.rename(&remapped);
+        remapped
+    }
+
+    fn recognised(&self, segments: &SegmentMap) -> Vec<RemappedId> {
+        let Some(unplaced) = self.recent.unplaced_ids().filter(|ids| ids.size() == segments.size()) else {
             return Vec::new();
         };
         let mut overlaps: BTreeMap<(SegmentId, SegmentId), usize> = BTreeMap::new();
-        for (from, into) in unplaced.pixels().iter().zip(predicted.pixels()) {
+        for (from, into) in unplaced.pixels().iter().zip(segments.pixels()) {
             *overlaps.entry((*from, *into)).or_default() += 1;
         }
-        let (of_unplaced, of_predicted) = (unplaced.areas(), predicted.areas());
+        let (of_unplaced, of_shown) = (unplaced.areas(), segments.areas());
         let mapped: BTreeSet<SegmentId> = self.segment_ids().into_iter().collect();
         let is_same = |&((from, into), area): &((SegmentId, SegmentId), usize)| {
             let is_candidate = from != 0 && into != 0 && from != into && !mapped.contains(&from);
             let is_overlap = |union: usize| area as f32 > MIN_IOU * union as f32;
             is_candidate
-                && is_overlap(of_unplaced[&from] + of_predicted[&into] - area)
+                && is_overlap(of_unplaced[&from] + of_shown[&into] - area)
                 && !self.together.contains(from, into)
         };
         let same = overlaps.into_iter().filter(is_same);
         same.map(|((from, into), _)| RemappedId { from, into }).collect()
     }
 
-    pub(crate) fn rename(&mut self, remapped: &[RemappedId]) {
+    fn rename(&mut self, remapped: &[RemappedId]) {
         if remapped.is_empty() {
             return;
         }

@@ -61,7 +61,8 @@ pub struct FrameUpdate {
     /// Ids predicted for the first time. An id that belonged to another object before stands for the new object from
     /// this frame on.
     pub new_segments: Vec<SegmentId>,
-    /// Ids of the frames before this one, whose poses were unknown, that turned out to be ids of the map.
+    /// Ids of the frames before this one, whose poses were unknown, that turned out to be ids of the map: see
+    /// [`SplatMemory::recognise`].
     pub remapped: Vec<RemappedId>,
     /// Extent of the learning.
     pub learning: LearningExtent,
@@ -185,10 +186,8 @@ impl SplatMemory {
         contradicted: &BTreeSet<SegmentId>,
     ) -> Result<FrameUpdate, MemoryError> {
         self.check_predictions(&recall, predicted)?;
-        let remapped = self.recognised(predicted);
-        self.rename(&remapped);
-        let new_segments = self.segments.record_sightings(predicted);
-        let mut update = FrameUpdate { new_segments, remapped, ..FrameUpdate::default() };
+        let mut update =
+            FrameUpdate { new_segments: self.segments.record_sightings(predicted), ..FrameUpdate::default() };
         if self.is_astray(&recall) {
             self.recent.record(&recall, predicted, &self.settings);
             self.frames = self.frames.saturating_add(1);

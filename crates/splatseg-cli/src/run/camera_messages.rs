@@ -46,16 +46,18 @@ impl CameraMessages {
     /// `joined_ids` is the number of ids that turned out to be the same object as others.
     pub fn add(&mut self, frame: &str, pose: &CameraPose, events: &[PoseEvent], joined_ids: usize) -> Vec<String> {
         let before = self.state.replace(pose.state);
-        let mut messages: Vec<String> = events.iter().filter_map(|event| described_event(event, joined_ids)).collect();
+        let mut messages: Vec<(&str, String)> =
+            events.iter().filter_map(|event| Some(("", described_event(event, joined_ids)?))).collect();
         match (before, pose.state) {
             (None, PoseState::Lost) if self.is_unplaced => {
-                messages
-                    .push("the camera's place in the loaded map is searched for; the map does not change".to_owned());
+                messages.push(("", "the camera's place in the loaded map is searched for".to_owned()));
             }
             (Some(PoseState::Lost), PoseState::Lost) => {}
-            (_, PoseState::Lost) => messages.push("tracking of the camera is lost; the map does not change".to_owned()),
+            (_, PoseState::Lost) => {
+                messages.push(("warning: ", "tracking of the camera is lost; the map does not change".to_owned()));
+            }
             (Some(PoseState::Lost), _) if events.is_empty() => {
-                messages.push("the camera's pose is known again".to_owned());
+                messages.push(("", "the camera's pose is known again".to_owned()));
             }
             _ => {}
         }
@@ -64,7 +66,7 @@ impl CameraMessages {
         self.messages += messages.len();
         let is_last = messages.len() >= left && left > 0;
         let mut messages: Vec<String> =
-            messages.into_iter().take(left).map(|message| format!("frame {frame}: {message}")).collect();
+            messages.into_iter().take(left).map(|(kind, message)| format!("{kind}frame {frame}: {message}")).collect();
         if is_last {
             messages.push("there are no further messages about the camera".to_owned());
         }
@@ -92,17 +94,20 @@ fn described_event(event: &PoseEvent, joined_ids: usize) -> Option<String> {
             format!("the camera was not found in {map} for {frames}: a new part of the map begins")
         }
         PoseEvent::LoopClosed { keyframes, joined_parts: true, .. } => {
-            let (keyframes, ids) = (counted(keyframes, "keyframe"), counted(joined_ids, "id"));
-            format!("a new part of the map was joined with the rest: {keyframes} moved, {ids} joined with others")
+            let (keyframes, ids) = (counted(keyframes, "keyframe"), joined(joined_ids));
+            format!("a new part of the map was joined with the rest: {keyframes} moved{ids}")
         }
         PoseEvent::LoopClosed { moved, keyframes, joined_parts: false } => {
-            let (keyframes, ids) = (counted(keyframes, "keyframe"), counted(joined_ids, "id"));
-            let moved = 100.0 * moved;
-            format!("loop closed: the camera moved by {moved:.1} cm; {keyframes} corrected, {ids} joined with others")
+            let (keyframes, ids, moved) = (counted(keyframes, "keyframe"), joined(joined_ids), 100.0 * moved);
+            format!("loop closed: the camera moved by {moved:.1} cm; {keyframes} corrected{ids}")
         }
         // `PoseEvent` may get more kinds.
         _ => return None,
     })
+}
+
+fn joined(ids: usize) -> String {
+    if ids == 0 { String::new() } else { format!(", {} joined with others", counted(ids, "id")) }
 }
 
 /// Returns a warning if the depth fits the tracked camera badly in most frames.

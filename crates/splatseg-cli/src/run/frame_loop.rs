@@ -100,7 +100,7 @@ impl FrameLoop<'_> {
                 Err(error) => Step::Skipped { message: reports.skipped.add_unusable(&error), error: error.to_string() },
             };
             match step {
-                Step::Done { messages } => messages.iter().for_each(|message| progress.warn(message)),
+                Step::Done { messages } => messages.iter().for_each(|message| progress.say(message)),
                 Step::Skipped { error, .. } if self.strict_input => break Some(EarlyEnd::UnusableFrame(error)),
                 Step::Skipped { message, .. } => {
                     counts.skipped_frames += 1;

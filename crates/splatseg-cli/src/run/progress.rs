@@ -38,7 +38,12 @@ impl Progress {
 
     /// Prints a warning above the bar.
     pub fn warn(&self, text: &str) {
-        self.bar.suspend(|| say_error!("warning: {text}"));
+        self.say(&format!("warning: {text}"));
+    }
+
+    /// Prints a message above the bar.
+    pub fn say(&self, text: &str) {
+        self.bar.suspend(|| say_error!("{text}"));
     }
 
     /// Removes the bar.

@@ -7,7 +7,7 @@ use crate::{TrackErrorCounts, TrackingError};
 use splatseg_geometry::{
     FrameAnchor, MapCorrection, Mask, RemappedId, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId, SegmentMap,
 };
-use splatseg_memory::{MemoryKind, MemorySettings, Recall, SplatMemory};
+use splatseg_memory::{FrameUpdate, MemoryKind, MemorySettings, Recall, SplatMemory};
 use splatseg_settings::{Allowed, settings};
 use std::collections::BTreeSet;
 
@@ -185,15 +185,20 @@ impl Method for FastSamSplat {
 
         let stage = tracing::debug_span!(target: STAGE_TARGET, "fuse").entered();
         let expected = &recall.expected().segments;
-        let predicted = painted_parts(expected.size(), ids.iter().copied().zip(&found.parts));
+        let mut predicted = painted_parts(expected.size(), ids.iter().copied().zip(&found.parts));
         let fused = self.memory.fuse(&recall, &predicted)?;
-        let contradicted = self.contradicted(&unexpected, &predicted, &fused);
+        let mut contradicted = self.contradicted(&unexpected, &predicted, &fused);
         let mut segments = without_contradicted(fused, expected, &contradicted).without_small(self.settings.min_area);
         let scores = ids.iter().copied().zip(found.scores).collect();
         let confidence = confidence(&segments, &scores, Some(recall.expected()));
         drop(stage);
 
-        let update = self.memory.update(recall, &predicted, &contradicted)?;
+        let remapped = self.memory.recognise(&segments);
+        for RemappedId { from, into } in &remapped {
+            contradicted.remove(from);
+            predicted.pixels_mut().iter_mut().filter(|id| *id == from).for_each(|id| *id = *into);
+        }
+        let update = FrameUpdate { remapped, ..self.memory.update(recall, &predicted, &contradicted)? };
         self.memory.record_shown(&segments);
         if !self.settings.show_tentative {
             let ids = segments.areas().into_keys();

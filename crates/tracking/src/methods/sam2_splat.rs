@@ -166,7 +166,9 @@ impl Method for Sam2Splat {
 
         self.track_new_objects(&mut tracks, masks)?;
         let shown = Shown::new(frame, tracks, Some(recall.expected()));
+        let remapped = self.memory.recognise(&shown.segments);
         let update = self.memory.update(recall, &shown.segments, &BTreeSet::new())?;
+        let update = FrameUpdate { remapped, ..update };
         self.memory.record_shown(&shown.segments);
         self.drop_forgotten(&update.forgotten, &shown.masks);
         Ok(shown.output(TrackErrorCounts::of(&errors), update))
