@@ -22,6 +22,9 @@ const BLOCK: usize = 2048;
 /// Minimum overlap of two ids that are merged, over the surface that is there twice.
 const MIN_IOU: f32 = 0.5;
 
+/// Minimum overlap of two ids of one thing in consecutive frames: small things move by half their size in a fast turn.
+const MIN_IOU_OF_FRAMES: f32 = 0.33;
+
 /// The overlap must be at least this share of the smaller segment's area.
 const MIN_SHARE: f32 = 0.3;
 
@@ -192,15 +195,21 @@ impl SplatMemory {
         }
         let (of_unplaced, of_shown) = (unplaced.areas(), segments.areas());
         let mapped: BTreeSet<SegmentId> = self.segment_ids().into_iter().collect();
-        let is_same = |&((from, into), area): &((SegmentId, SegmentId), usize)| {
-            let is_candidate = from != 0 && into != 0 && from != into && !mapped.contains(&from);
-            let is_overlap = |union: usize| area as f32 > MIN_IOU * union as f32;
-            is_candidate
-                && is_overlap(of_unplaced[&from] + of_shown[&into] - area)
-                && !self.together.contains(from, into)
+        let iou = |&((from, into), area): &((SegmentId, SegmentId), usize)| {
+            area as f32 / (of_unplaced[&from] + of_shown[&into] - area) as f32
         };
-        let same = overlaps.into_iter().filter(is_same);
-        same.map(|((from, into), _)| RemappedId { from, into }).collect()
+        let mut same: Vec<_> = overlaps
+            .into_iter()
+            .filter(|((from, into), _)| *from != 0 && *into != 0 && from != into && !mapped.contains(from))
+            .filter(|overlap| iou(overlap) >= MIN_IOU_OF_FRAMES)
+            .filter(|((from, into), _)| !self.together.contains(*from, *into))
+            .collect();
+        same.sort_by(|one, other| iou(other).total_cmp(&iou(one)).then(one.cmp(other)));
+        let (mut from_used, mut into_used) = (BTreeSet::new(), BTreeSet::new());
+        same.retain(|((from, into), _)| {
+            !from_used.contains(from) && into_used.insert(*into) && from_used.insert(*from)
+        });
+        same.into_iter().map(|((from, into), _)| RemappedId { from, into }).collect()
     }
 
     fn rename(&mut self, remapped: &[RemappedId]) {

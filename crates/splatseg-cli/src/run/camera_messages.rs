@@ -135,7 +135,10 @@ mod tests {
         let mut messages = CameraMessages::new(false);
         let mut add = |state, events: &[PoseEvent]| messages.add("7", &pose(state), events, 3);
         assert!(add(PoseState::Tracked, &[]).is_empty());
-        assert_eq!(add(PoseState::Lost, &[]), ["frame 7: tracking of the camera is lost; the map does not change"]);
+        assert_eq!(
+            add(PoseState::Lost, &[]),
+            ["warning: frame 7: tracking of the camera is lost; the map does not change"]
+        );
         assert!(add(PoseState::Lost, &[]).is_empty());
         assert_eq!(add(PoseState::Tracked, &[]), ["frame 7: the camera's pose is known again"]);
         add(PoseState::Lost, &[]);
