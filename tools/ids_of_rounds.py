@@ -31,12 +31,15 @@ def ids_of_objects(frames):
     return {label: ids[label].most_common(1)[0][0] for label, frames in shown.items() if frames >= MIN_FRAMES}
 
 
+def numbered(path):
+    return int(path.stem.split("-")[-1])
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", type=Path)
     parser.add_argument("out", type=Path)
     arguments = parser.parse_args()
-    numbered = lambda path: int(path.stem.split("-")[-1])  # noqa: E731
     truth = {numbered(path): path for path in (arguments.scene / "instance-filt").glob("*.png")}
     predicted = {numbered(path): path for path in (arguments.out / "segments").glob("*.png")}
     pairs = [(truth[number], predicted[number]) for number in sorted(truth.keys() & predicted.keys())]
