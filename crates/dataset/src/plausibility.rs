@@ -1,10 +1,11 @@
 //! Warnings about input that is valid but unlikely to be correct, once per scene and kind, with the file and likely
 //! cause.
 
-use crate::{DatasetError, FramePart, RecordedFrame, Scene};
+use crate::{DatasetError, FramePart, RecordedFrame};
 use glam::DVec3;
 use splatseg_geometry::{CameraFrame, Intrinsics};
 use std::collections::BTreeSet;
+use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 /// A camera farther than this from the origin is not on Earth, metres.
@@ -40,27 +41,26 @@ pub(crate) struct Plausibility {
 }
 
 impl Plausibility {
-    /// Checks the next frame, as read, and warns about unlikely values.
+    /// Checks the next frame, as read, and warns about unlikely values. `place` names the file of a part of it.
     ///
     /// # Errors
     /// [`DatasetError::Field`] if the camera position is impossible.
     pub(crate) fn check(
         &mut self,
-        scene: &dyn Scene,
-        index: usize,
         recorded: &RecordedFrame,
+        place: &dyn Fn(FramePart) -> PathBuf,
     ) -> Result<(), DatasetError> {
         let position = recorded.world_from_camera.map(|pose| pose.translation());
         if let Some(position) = position.filter(|position| position.abs().max_element() > MAX_DISTANCE_M) {
             return Err(DatasetError::Field {
-                path: scene.file_of(index, FramePart::Pose),
+                path: place(FramePart::Pose),
                 field: "camera position".to_owned(),
                 found: format!("({:e}, {:e}, {:e})", position.x, position.y, position.z),
                 expected: format!("metres, at most {MAX_DISTANCE_M:e} from the origin"),
             });
         }
         for (part, text) in self.warnings(&recorded.frame, position) {
-            warn_once(format!("{}: {text}", scene.file_of(index, part).display()));
+            warn_once(format!("{}: {text}", place(part).display()));
         }
         Ok(())
     }
@@ -106,12 +106,15 @@ fn mean_depth(frame: &CameraFrame<'_>) -> Option<f32> {
     Some((sum / count as f64) as f32)
 }
 
-/// Checks a scene's intrinsics and warns about unlikely values. `index` is the first good frame.
+/// Checks a scene's intrinsics and warns about unlikely values. `place` names their file.
 ///
 /// # Errors
 /// [`DatasetError::Field`] if the focal lengths are impossible.
-pub(crate) fn check_intrinsics(scene: &dyn Scene, index: usize, intrinsics: &Intrinsics) -> Result<(), DatasetError> {
-    let path = || scene.file_of(index, FramePart::Intrinsics);
+pub(crate) fn check_intrinsics(
+    intrinsics: &Intrinsics,
+    place: &dyn Fn(FramePart) -> PathBuf,
+) -> Result<(), DatasetError> {
+    let path = || place(FramePart::Intrinsics);
     let Intrinsics { fx, fy, width, height, .. } = *intrinsics;
     let focal = [fx / width as f32, fy / height as f32];
     if focal.iter().any(|focal| !POSSIBLE_FOCAL.contains(focal)) {

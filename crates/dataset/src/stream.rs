@@ -1,13 +1,10 @@
 //! Streams of a scene's frames, in order, read ahead in the background.
 
-use crate::files::MemoryRequirement;
-use crate::plausibility::{Plausibility, check_intrinsics};
+use crate::frame_checks::{FrameChecks, sizes_differ};
 use crate::{
-    CorrectedPose, DatasetError, DatasetSettings, FrameReadError, FrameSource, Framing, RecordedFrame, Scene,
-    SceneDescription, StreamedFrame,
+    CorrectedPose, DatasetError, DatasetSettings, FrameReadError, FrameSource, Framing, Scene, SceneDescription,
+    StreamedFrame,
 };
-use splatseg_geometry::{CameraFrame, Intrinsics};
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -18,10 +15,6 @@ const WAITING_FRAMES: usize = 2;
 const WAITING_BYTES: usize = 64 << 20;
 /// Bytes per pixel of colour, depth and labels.
 const FRAME_BYTES_PER_PIXEL: usize = 3 + 4 + 4;
-/// Memory used by a run of twenty frames per pixel of a frame, bytes: `graph` and the evidence memory, measured from
-/// 0.08 to 2 megapixels.
-const RUN_BYTES_PER_PIXEL: u64 = 250;
-
 /// Maximum number of frames of a [`FrameStream`] in memory at once, however long the video: two that wait, one being
 /// read, and one held by the caller. Fewer wait if frames are large.
 pub const MAX_FRAMES_IN_MEMORY: usize = WAITING_FRAMES + 2;
@@ -93,7 +86,7 @@ impl FrameStream {
                 Err(error) if error.source.affects_all_frames() => return Err(*error.source),
                 Ok(streamed) => {
                     job.check_intrinsics(*index)?;
-                    description.add_first_frame(scene.as_ref(), &streamed, job.original_size);
+                    description.add_first_frame(scene.as_ref(), &streamed, job.checks.original_size);
                     first.push(Ok(streamed));
                     break;
                 }
@@ -184,13 +177,8 @@ impl Drop for FrameStream {
 /// State of the background thread.
 struct ReadingJob {
     scene: Arc<dyn Scene>,
-    framing: Framing,
+    checks: FrameChecks,
     ground_truth: GroundTruth,
-    /// Size of the first good frame, before framing.
-    original_size: Option<(usize, usize)>,
-    /// Intrinsics of the first frame, before framing.
-    original_intrinsics: Option<Intrinsics>,
-    plausibility: Plausibility,
     /// Indices of the selected frames, increasing.
     selected: Vec<usize>,
     /// The first frame whose corrections have not been returned.
@@ -201,11 +189,8 @@ impl ReadingJob {
     fn new(scene: &Arc<dyn Scene>, framing: Framing, ground_truth: GroundTruth) -> Self {
         Self {
             scene: Arc::clone(scene),
-            framing,
+            checks: FrameChecks::new(framing),
             ground_truth,
-            original_size: None,
-            original_intrinsics: None,
-            plausibility: Plausibility::default(),
             selected: Vec::new(),
             unknown_from: 0,
         }
@@ -221,10 +206,7 @@ impl ReadingJob {
 
     /// Checks the intrinsics of the first good frame, frame `index`.
     fn check_intrinsics(&self, index: usize) -> Result<(), DatasetError> {
-        match &self.original_intrinsics {
-            Some(intrinsics) => check_intrinsics(self.scene.as_ref(), index, intrinsics),
-            None => Ok(()),
-        }
+        self.checks.check_intrinsics(&|part| self.scene.file_of(index, part))
     }
 
     fn read(&mut self, index: usize) -> FrameResult {
@@ -237,29 +219,18 @@ impl ReadingJob {
 
     fn try_read(&mut self, index: usize) -> Result<StreamedFrame, DatasetError> {
         let recorded = self.scene.read_recorded(index)?;
-        let frame = &recorded.frame;
-        let size = (frame.width(), frame.height());
-        match self.original_size {
-            Some(expected) if expected != size => {
-                return Err(sizes_differ(frame, "frame", size, expected, "the first frame"));
-            }
-            Some(_) => {}
-            None => self.require_memory(size)?,
-        }
+        let size = self.checks.check_size(&recorded.frame, self.scene.name())?;
         let ground_truth = match self.ground_truth {
             GroundTruth::Read => self.scene.read_ground_truth(index)?,
             GroundTruth::Skip => None,
         };
         if let Some(labels) = ground_truth.as_ref().filter(|labels| labels.size() != size) {
-            return Err(sizes_differ(frame, "ground truth", labels.size(), size, "its frame"));
+            return Err(sizes_differ(&recorded.frame, "ground truth", labels.size(), size, "its frame"));
         }
-        self.plausibility.check(self.scene.as_ref(), index, &recorded)?;
-        let intrinsics = *frame.intrinsics();
-        let ground_truth = ground_truth.map(|labels| self.framing.apply_to_labels(labels)).transpose()?;
-        let RecordedFrame { frame, world_from_camera } = recorded;
-        let frame = self.framing.apply(frame)?;
-        self.original_size = Some(size);
-        self.original_intrinsics.get_or_insert(intrinsics);
+        let ground_truth = ground_truth.map(|labels| self.checks.framing.apply_to_labels(labels));
+        let scene = &self.scene;
+        let (frame, world_from_camera) = self.checks.framed(recorded, &|part| scene.file_of(index, part))?;
+        let ground_truth = ground_truth.transpose()?;
         let corrections = self.corrections(index);
         Ok(StreamedFrame { index, frame, world_from_camera, corrections, ground_truth })
     }
@@ -271,28 +242,6 @@ impl ReadingJob {
         self.unknown_from = index + 1;
         corrections
     }
-
-    /// Checks that a run with frames of size `(width, height)` can stay within the memory limit.
-    fn require_memory(&self, size: (usize, usize)) -> Result<(), DatasetError> {
-        self.framing.check(size)?;
-        let requirement = MemoryRequirement {
-            what: "run on frames",
-            size: self.framing.resized(size),
-            bytes_per_pixel: RUN_BYTES_PER_PIXEL,
-            remedy: "make frames smaller with --resize or dataset.max_pixels, or raise --memory-limit",
-        };
-        requirement.check(Path::new(self.scene.name()))
-    }
-}
-
-fn sizes_differ(
-    frame: &CameraFrame<'_>,
-    what: &'static str,
-    found: (usize, usize),
-    expected: (usize, usize),
-    expected_from: &'static str,
-) -> DatasetError {
-    DatasetError::SizesDiffer { path: frame.name().into(), what, found, expected, expected_from }
 }
 
 #[cfg(test)]

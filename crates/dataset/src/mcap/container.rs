@@ -7,6 +7,7 @@ use super::chunks::Chunk;
 use super::text_lengths;
 use crate::DatasetError;
 use crate::files::{RandomAccessFile, open_file};
+use crate::ros_topics::contents::MessagePlace;
 use mcap::records::{Record, op};
 use splatseg_files::MemoryLimit;
 use std::fs::File;
@@ -28,16 +29,6 @@ const MAX_RECORD_BYTES: u64 = 272 << 20;
 const READ_BUFFER_BYTES: usize = 1 << 20;
 /// Number of unpacked chunks kept: images of two topics may be in two chunks, and a second thread may use two others.
 const CACHED_CHUNKS: usize = 4;
-
-/// Location of a message's data.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct MessagePlace {
-    /// Index of the compressed chunk; `None` for uncompressed data in the file.
-    chunk: Option<u32>,
-    /// Offset in the unpacked chunk, or in the file.
-    offset: u64,
-    len: u64,
-}
 
 /// A message found while scanning.
 pub(super) struct FoundMessage<'a> {

@@ -1,8 +1,9 @@
 //! Summary of a recording's contents, for inspection.
 
 use super::container::McapFile;
-use super::contents::{Content, Contents};
+use super::recorded_topics::RecordedTopics;
 use super::{McapScene, RECORDING};
+use crate::ros_topics::contents::Content;
 use crate::{DatasetError, DatasetSettings, LeftOut, Scene};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -62,12 +63,13 @@ impl McapSummary {
     /// error.
     pub fn read(path: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
         let path = RECORDING.find(path)?;
-        let mut contents = Contents::new(&path);
-        let file = McapFile::scan(&path, &mut contents)?;
+        let mut recorded = RecordedTopics::new(&path);
+        let file = McapFile::scan(&path, &mut recorded)?;
+        let RecordedTopics { mut contents, without_channel, .. } = recorded;
         contents.sort();
         let mut damage = file.damage().to_vec();
-        if contents.without_channel > 0 {
-            damage.push(format!("{}: {} messages belong to no topic", path.display(), contents.without_channel));
+        if without_channel > 0 {
+            damage.push(format!("{}: {} messages belong to no topic", path.display(), without_channel));
         }
         let topics = contents.topics.iter().map(|topic| McapTopic {
             name: topic.name.clone(),

@@ -1,12 +1,10 @@
-//! Frames of a recording: pairs of colour and depth, with a camera pose if there is one.
+//! Frames: pairs of colour and depth, with a camera pose if there is one.
 
 use super::cameras::{Calibration, Camera};
 use super::clock::Recorded;
-use super::container::MessagePlace;
-use super::contents::{Content, Contents, Images, StampedPlace, Topic};
+use super::contents::{Content, Contents, Images, MessagePlace, StampedPlace, Topic};
 use super::frame_names::bare_frame;
-use super::poses::Poses;
-use super::topics::{Choice, NoPoses, PoseChoice};
+use super::choice::{Choice, NoPoses, PoseChoice};
 use super::transforms::{Instant, Rigid, Route, Tolerance};
 use crate::plausibility::warn_once;
 use crate::recorded_poses::PoseCoverage;
@@ -22,23 +20,23 @@ const NANOSECONDS_PER_MS: f64 = 1e6;
 
 /// A frame whose images have not been read yet.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct PairedFrame {
+pub(crate) struct PairedFrame {
     /// Stamp of the colour image, nanoseconds.
-    pub(super) stamp: i64,
+    pub(crate) stamp: i64,
     /// Recording time of the colour image.
-    pub(super) recorded: Recorded,
-    pub(super) color: MessagePlace,
-    pub(super) depth: MessagePlace,
-    pub(super) pose: Option<Pose>,
+    pub(crate) recorded: Recorded,
+    pub(crate) color: MessagePlace,
+    pub(crate) depth: MessagePlace,
+    pub(crate) pose: Option<Pose>,
     /// Indices of the colour and depth camera in the lists of their topics.
-    pub(super) cameras: (usize, usize),
+    pub(crate) cameras: (usize, usize),
 }
 
 /// The cameras of a topic, each valid from some time on.
 #[derive(Debug)]
-pub(super) struct Cameras {
-    pub(super) topic: String,
-    pub(super) list: Vec<Camera>,
+pub(crate) struct Cameras {
+    pub(crate) topic: String,
+    pub(crate) list: Vec<Camera>,
     /// The messages that describe them.
     starts: Vec<StampedPlace>,
     /// True if their stamps are increasing and match those of the images.
@@ -47,7 +45,7 @@ pub(super) struct Cameras {
 
 impl Cameras {
     /// Returns the cameras described by a topic, for the images of topic `images`.
-    pub(super) fn new(topic: &Topic, images: &Topic, path: &Path) -> Result<Self, DatasetError> {
+    pub(crate) fn new(topic: &Topic, images: &Topic, path: &Path) -> Result<Self, DatasetError> {
         let list: &[(StampedPlace, Calibration)] = match &topic.content {
             Content::Calibrations { list, .. } => list,
             _ => &[],
@@ -63,14 +61,14 @@ impl Cameras {
     }
 
     /// Replaces the intrinsics. `of_size` returns them for images of a size, `(width, height)`.
-    pub(super) fn replace_intrinsics(&mut self, of_size: impl Fn((usize, usize)) -> Intrinsics) {
+    pub(crate) fn replace_intrinsics(&mut self, of_size: impl Fn((usize, usize)) -> Intrinsics) {
         for camera in &mut self.list {
             camera.intrinsics = of_size((camera.intrinsics.width, camera.intrinsics.height));
         }
     }
 
     /// Returns the camera of an image. Before the first camera info, its camera is used.
-    fn at(&self, image: &StampedPlace) -> usize {
+    pub(crate) fn at(&self, image: &StampedPlace) -> usize {
         let is_before = |start: &StampedPlace| match self.in_order {
             true => start.stamp <= image.stamp,
             // The clock was set back, or a stamp is wrong.
@@ -82,44 +80,67 @@ impl Cameras {
 
 /// Source of colour camera poses.
 #[derive(Debug)]
-pub(super) enum PoseSource<'a> {
+pub(crate) enum PoseSource {
     /// Transforms from the camera's frame to the world frame.
     Tree(Route),
-    /// Poses of a body, and the transform from camera to body.
-    Topic(&'a Poses, Rigid),
+    /// Index of a topic with poses of a body, and the transform from camera to body.
+    Topic(usize, Rigid),
     /// Frames have no poses.
     None,
 }
 
+impl PoseSource {
+    /// Returns the pose of the camera at an instant; `None` if it is unknown.
+    pub(crate) fn at(&self, contents: &Contents, at: Instant, tolerance: Tolerance) -> Option<Pose> {
+        let rigid = match self {
+            Self::Tree(route) => contents.tree.transform(route, at, tolerance)?,
+            Self::Topic(topic, body_from_camera) => {
+                contents.poses(*topic)?.timeline.at(at, tolerance)?.after(body_from_camera)
+            }
+            Self::None => return None,
+        };
+        rigid.to_pose().ok()
+    }
+
+    /// Returns true if a stream has come to this time, so that nothing is missing for interpolating at it.
+    pub(crate) fn reaches(&self, contents: &Contents, stamp: i64) -> bool {
+        match self {
+            Self::Tree(route) => contents.tree.reaches(route, stamp),
+            Self::Topic(topic, _) => {
+                contents.poses(*topic).is_some_and(|poses| poses.timeline.newest() >= Some(stamp))
+            }
+            Self::None => true,
+        }
+    }
+}
+
 /// The frames of a recording.
-pub(super) struct Frames {
+pub(crate) struct Frames {
     /// In time order.
-    pub(super) list: Vec<PairedFrame>,
-    pub(super) poses: PoseCoverage,
-    pub(super) left_out: Vec<LeftOut>,
+    pub(crate) list: Vec<PairedFrame>,
+    pub(crate) poses: PoseCoverage,
+    pub(crate) left_out: Vec<LeftOut>,
 }
 
 /// Builds frames from the chosen topics.
-pub(super) struct FrameMaker<'a> {
-    pub(super) path: &'a Path,
-    pub(super) contents: &'a Contents,
-    pub(super) settings: &'a DatasetSettings,
-    pub(super) choice: Choice<'a>,
+pub(crate) struct FrameMaker<'a> {
+    pub(crate) path: &'a Path,
+    pub(crate) contents: &'a Contents,
+    pub(crate) settings: &'a DatasetSettings,
+    pub(crate) choice: Choice<'a>,
 }
 
 impl<'a> FrameMaker<'a> {
-    pub(super) fn tolerance(&self) -> Tolerance {
-        let nanoseconds = |milliseconds: f64| (milliseconds * NANOSECONDS_PER_MS) as i64;
-        let (nearest, gap) = (self.settings.max_time_difference_ms, self.settings.max_pose_gap_ms);
-        Tolerance { nearest: nanoseconds(nearest), gap: nanoseconds(gap) }
+    pub(crate) fn tolerance(&self) -> Tolerance {
+        tolerance(self.settings)
     }
 
-    pub(super) fn error(&self, field: &str, found: String, expected: String) -> DatasetError {
+    pub(crate) fn error(&self, field: &str, found: String, expected: String) -> DatasetError {
         DatasetError::Field { path: self.path.to_owned(), field: field.to_owned(), found, expected }
     }
 
     /// Returns the source of the poses, and its description.
-    pub(super) fn pose_source(&self) -> Result<(PoseSource<'a>, String), DatasetError> {
+    pub(crate) fn pose_source(&self) -> Result<(PoseSource, String), DatasetError> {
         let tree = &self.contents.tree;
         let camera = self.choice.color.1.frame.as_str();
         match self.choice.pose {
@@ -129,7 +150,7 @@ impl<'a> FrameMaker<'a> {
                 let world = self.settings.world_frame.as_deref().map_or(root, bare_frame);
                 let route = tree.route(camera, world).filter(|_| tree.has(camera));
                 let route = route.ok_or_else(|| {
-                    let frames = super::topics::listed(tree.frames().into_iter().map(str::to_owned).collect());
+                    let frames = super::choice::listed(tree.frames().into_iter().map(str::to_owned).collect());
                     let expected = format!("a frame connected to {camera:?} by /tf; frames: {frames}");
                     self.error("dataset.world_frame", format!("{world:?}"), expected)
                 })?;
@@ -152,29 +173,18 @@ impl<'a> FrameMaker<'a> {
                     }
                 };
                 let text = format!("{} ({}) in {}, {of}", topic.name, topic.type_name, poses.world);
-                Ok((PoseSource::Topic(poses, fixed.unwrap_or(Rigid::IDENTITY)), text))
+                let source = self.contents.index_of(topic).map_or(PoseSource::None, |index| {
+                    PoseSource::Topic(index, fixed.unwrap_or(Rigid::IDENTITY))
+                });
+                Ok((source, text))
             }
             PoseChoice::None(reason) => Ok((PoseSource::None, no_poses_text(reason, camera))),
         }
     }
 
-    fn pose_at(&self, source: &PoseSource<'_>, image: &StampedPlace) -> Option<Pose> {
-        let at = Instant { stamp: image.stamp, recorded: image.recorded };
-        let rigid = match source {
-            PoseSource::Tree(route) => self.contents.tree.transform(route, at, self.tolerance())?,
-            PoseSource::Topic(poses, body_from_camera) => {
-                poses.timeline.at(at, self.tolerance())?.after(body_from_camera)
-            }
-            PoseSource::None => return None,
-        };
-        rigid.to_pose().ok()
-    }
-
     /// Pairs colour and depth images by time, in time order.
     fn pairs(&self) -> Vec<(StampedPlace, StampedPlace)> {
         let (color, depth) = (&self.choice.color.1.timeline, &self.choice.depth.1.timeline);
-        // `associate` excludes pairs exactly at the limit, which should be included here.
-        let limit = self.settings.max_time_difference_ms * 1e-3 + 1e-9;
         let mut pairs = Vec::with_capacity(color.len());
         for stretch in &color.stretches {
             // Contains one entry if the clock is never set back.
@@ -185,17 +195,9 @@ impl<'a> FrameMaker<'a> {
                 }
             }
             for (index, color) in by_depth {
-                let Some((first, depth)) = color.first().map(|first| first.stamp).zip(depth.stretches.get(index))
-                else {
-                    continue;
-                };
-                let seconds = |list: &[StampedPlace]| -> Vec<f64> {
-                    list.iter().map(|place| place.stamp.saturating_sub(first) as f64 * 1e-9).collect()
-                };
-                let found = associate(&seconds(&color), &seconds(&depth.messages), limit);
-                pairs.extend(found.into_iter().filter_map(|(color_index, depth_index)| {
-                    color.get(color_index).copied().zip(depth.messages.get(depth_index).copied())
-                }));
+                if let Some(depth) = depth.stretches.get(index) {
+                    pairs.extend(paired(&color, &depth.messages, self.settings.max_time_difference_ms));
+                }
             }
         }
         pairs
@@ -205,9 +207,9 @@ impl<'a> FrameMaker<'a> {
     ///
     /// # Errors
     /// If no colour image has a depth image, or there is a source of poses and no frame has one.
-    pub(super) fn frames(
+    pub(crate) fn frames(
         &self,
-        source: &PoseSource<'_>,
+        source: &PoseSource,
         cameras: (&Cameras, &Cameras),
     ) -> Result<Frames, DatasetError> {
         let ((color_topic, color), (depth_topic, depth)) = (self.choice.color, self.choice.depth);
@@ -219,7 +221,7 @@ impl<'a> FrameMaker<'a> {
             recorded: color.recorded,
             color: color.place,
             depth: depth.place,
-            pose: self.pose_at(source, color),
+            pose: source.at(self.contents, color.instant(), self.tolerance()),
             cameras: (cameras.0.at(color), cameras.1.at(depth)),
         };
         let list: Vec<PairedFrame> = pairs.iter().map(frame).collect();
@@ -253,7 +255,7 @@ impl<'a> FrameMaker<'a> {
     }
 
     /// Warns if the clock was set back, and about poses and transforms with wrong stamps.
-    fn warn_of_clock(&self, source: &PoseSource<'_>) {
+    fn warn_of_clock(&self, source: &PoseSource) {
         let (topic, images) = self.choice.color;
         let path = self.path.display();
         let set_back = images.timeline.stretches.len().saturating_sub(1);
@@ -263,7 +265,7 @@ impl<'a> FrameMaker<'a> {
         }
         let misfits = match source {
             PoseSource::Tree(route) => self.contents.tree.misfits(route),
-            PoseSource::Topic(poses, _) => poses.timeline.misfits,
+            PoseSource::Topic(topic, _) => self.contents.poses(*topic).map_or(0, |poses| poses.timeline.misfits),
             PoseSource::None => 0,
         };
         if misfits > 0 {
@@ -274,7 +276,7 @@ impl<'a> FrameMaker<'a> {
     }
 
     /// Returns the transform from depth camera to colour camera coordinates; `None` if their frames are the same.
-    pub(super) fn color_from_depth(&self) -> Result<Option<Rigid>, DatasetError> {
+    pub(crate) fn color_from_depth(&self) -> Result<Option<Rigid>, DatasetError> {
         let (color, depth) = (&self.choice.color.1.frame, &self.choice.depth.1.frame);
         if color == depth {
             return Ok(None);
@@ -289,6 +291,33 @@ impl<'a> FrameMaker<'a> {
             self.error("frames of the cameras", found, expected.to_owned())
         })
     }
+}
+
+/// Returns the tolerances for poses that the settings give.
+pub(crate) fn tolerance(settings: &DatasetSettings) -> Tolerance {
+    let nanoseconds = |milliseconds: f64| (milliseconds * NANOSECONDS_PER_MS) as i64;
+    let (nearest, gap) = (settings.max_time_difference_ms, settings.max_pose_gap_ms);
+    Tolerance { nearest: nanoseconds(nearest), gap: nanoseconds(gap) }
+}
+
+/// Pairs images of two lists, each in time order, that are at most `limit_ms` milliseconds apart: the closest first.
+/// Returns the pairs in time order.
+pub(crate) fn paired(
+    color: &[StampedPlace],
+    depth: &[StampedPlace],
+    limit_ms: f64,
+) -> Vec<(StampedPlace, StampedPlace)> {
+    let Some(first) = color.first().map(|first| first.stamp) else { return Vec::new() };
+    // `associate` excludes pairs exactly at the limit, which should be included here.
+    let limit = limit_ms * 1e-3 + 1e-9;
+    let seconds = |list: &[StampedPlace]| -> Vec<f64> {
+        list.iter().map(|place| place.stamp.saturating_sub(first) as f64 * 1e-9).collect()
+    };
+    let found = associate(&seconds(color), &seconds(depth), limit);
+    let pair = |(color_index, depth_index): (usize, usize)| {
+        color.get(color_index).copied().zip(depth.get(depth_index).copied())
+    };
+    found.into_iter().filter_map(pair).collect()
 }
 
 /// Returns true if a message's stamp matches those of the images, to within seconds. A camera info has the stamp of its

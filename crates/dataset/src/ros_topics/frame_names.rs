@@ -1,16 +1,16 @@
 //! Names of coordinate frames and topics.
 
 /// Removes the leading slash of ROS 1 from a frame's name.
-pub(super) fn bare_frame(name: &str) -> &str {
+pub(crate) fn bare_frame(name: &str) -> &str {
     name.strip_prefix('/').unwrap_or(name)
 }
 
 /// Replaces control characters in a name from a file, because messages are one line.
-pub(super) fn one_line(name: &str) -> String {
+pub(crate) fn one_line(name: &str) -> String {
     name.replace(char::is_control, "\u{fffd}")
 }
 
 /// Returns a frame's name in one line, without the leading slash of ROS 1.
-pub(super) fn frame_name(name: &str) -> String {
+pub(crate) fn frame_name(name: &str) -> String {
     one_line(bare_frame(name))
 }

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// A camera info, without its header.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Calibration {
+pub(crate) struct Calibration {
     width: u32,
     height: u32,
     model: String,
@@ -22,13 +22,13 @@ pub(super) struct Calibration {
 
 /// A camera whose image is undistorted before it is used.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Camera {
-    pub(super) intrinsics: Intrinsics,
-    pub(super) distortion: Distortion,
+pub(crate) struct Camera {
+    pub(crate) intrinsics: Intrinsics,
+    pub(crate) distortion: Distortion,
 }
 
 impl Calibration {
-    pub(super) fn new(info: &CameraInfo) -> Self {
+    pub(crate) fn new(info: &CameraInfo) -> Self {
         let (k, p, roi) = (&info.k, &info.p, &info.roi);
         let binning = [info.binning_x, info.binning_y].map(|binning| f64::from(binning.max(1)));
         // Adjusted for the region of interest and binning, as in ROS's `image_geometry`.
@@ -48,18 +48,18 @@ impl Calibration {
     }
 
     /// Returns its size in memory, bytes.
-    pub(super) fn memory(&self) -> u64 {
+    pub(crate) fn memory(&self) -> u64 {
         (size_of::<Self>() + self.model.len() + 8 * self.coefficients.len()) as u64
     }
 
     /// Returns the image size, `(width, height)`.
-    pub(super) fn size(&self) -> (usize, usize) {
+    pub(crate) fn size(&self) -> (usize, usize) {
         (self.width as usize, self.height as usize)
     }
 
     /// Returns the camera of the original images, or of images that were rectified before recording. `path` is named in
     /// errors.
-    pub(super) fn camera(&self, is_rectified: bool, path: &Path) -> Result<Camera, DatasetError> {
+    pub(crate) fn camera(&self, is_rectified: bool, path: &Path) -> Result<Camera, DatasetError> {
         let uses_projection = is_rectified && self.rectified[0] > 0.0;
         let [fx, fy, cx, cy] = (if uses_projection { self.rectified } else { self.raw }).map(|number| number as f32);
         let (width, height) = self.size();
@@ -78,7 +78,7 @@ impl Calibration {
 
 impl Camera {
     /// Returns true if both cameras have the same pixel grid.
-    pub(super) fn is_same(&self, other: &Self) -> bool {
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
         let close = |left: f32, right: f32| (left - right).abs() < 1e-2;
         let (a, b) = (&self.intrinsics, &other.intrinsics);
         (a.width, a.height) == (b.width, b.height)
@@ -91,13 +91,13 @@ impl Camera {
 
 /// Undistortion map of the last camera used. Usually there is only one.
 #[derive(Debug, Default)]
-pub(super) struct UndistortionCache {
+pub(crate) struct UndistortionCache {
     last: Mutex<Option<(Camera, Option<Arc<Undistortion>>)>>,
 }
 
 impl UndistortionCache {
     /// Returns the map of a camera; `None` if its lens does not distort. `path` is named in errors.
-    pub(super) fn get(&self, camera: &Camera, path: &Path) -> Result<Option<Arc<Undistortion>>, DatasetError> {
+    pub(crate) fn get(&self, camera: &Camera, path: &Path) -> Result<Option<Arc<Undistortion>>, DatasetError> {
         if camera.distortion == Distortion::None {
             return Ok(None);
         }

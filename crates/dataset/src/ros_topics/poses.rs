@@ -10,7 +10,7 @@ use splatseg_ros::{
 
 /// Message types with a pose.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum PoseType {
+pub(crate) enum PoseType {
     Odometry,
     Pose,
     PoseWithCovariance,
@@ -19,23 +19,23 @@ pub(super) enum PoseType {
 
 /// The poses of a topic.
 #[derive(Debug)]
-pub(super) struct Poses {
+pub(crate) struct Poses {
     kind: PoseType,
     /// Coordinate frame of the poses.
-    pub(super) world: String,
+    pub(crate) world: String,
     /// Frame that the poses describe, if the messages name it.
-    pub(super) body: Option<String>,
+    pub(crate) body: Option<String>,
     /// In file order, until they are sorted.
-    pub(super) samples: Vec<Sample>,
-    pub(super) timeline: Timeline<Sample>,
+    pub(crate) samples: Vec<Sample>,
+    pub(crate) timeline: Timeline<Sample>,
 }
 
 impl Poses {
-    pub(super) fn new(kind: PoseType) -> Self {
+    pub(crate) fn new(kind: PoseType) -> Self {
         Self { kind, world: String::new(), body: None, samples: Vec::new(), timeline: Timeline::default() }
     }
 
-    pub(super) fn record(
+    pub(crate) fn record(
         &mut self,
         (data, recorded): (&[u8], Recorded),
         stamp_of: impl Fn(Time) -> i64,
@@ -48,6 +48,16 @@ impl Poses {
         let Some(transform) = rigid else { return Ok(0) };
         self.samples.push(Sample { stamp: stamp_of(header.stamp), recorded, transform });
         Ok(2 * size_of::<Sample>() as u64)
+    }
+}
+
+impl Poses {
+    /// Sorts the poses of a stream that were recorded since the last call into the others, and forgets old ones.
+    pub(crate) fn arrive(&mut self) {
+        for sample in std::mem::take(&mut self.samples) {
+            self.timeline.arrive(sample);
+        }
+        self.timeline.trim_history();
     }
 }
 
@@ -76,12 +86,12 @@ impl PoseType {
     }
 }
 
-pub(super) fn rigid_of_pose(pose: &PoseMessage) -> Option<Rigid> {
+pub(crate) fn rigid_of_pose(pose: &PoseMessage) -> Option<Rigid> {
     let (position, turn) = (&pose.position, &pose.orientation);
     Rigid::new(DVec3::new(position.x, position.y, position.z), DQuat::from_xyzw(turn.x, turn.y, turn.z, turn.w))
 }
 
-pub(super) fn rigid_of_transform(transform: &TransformStamped) -> Option<Rigid> {
+pub(crate) fn rigid_of_transform(transform: &TransformStamped) -> Option<Rigid> {
     let (shift, turn) = (&transform.transform.translation, &transform.transform.rotation);
     Rigid::new(DVec3::new(shift.x, shift.y, shift.z), DQuat::from_xyzw(turn.x, turn.y, turn.z, turn.w))
 }

@@ -1,15 +1,13 @@
-//! Contents of a recording: its topics, and the times and locations of the relevant messages.
+//! Contents of a recording or stream: its topics, and the times and locations of the relevant messages.
 
 use super::cameras::Calibration;
 use super::clock::{Order, Recorded, Stamped, Timeline};
-use super::container::{FoundMessage, MessagePlace, RecordSink};
 use super::corrections::PathPoses;
 use super::frame_names::{frame_name, one_line};
 use super::images::{ImageKind, compressed_kind, raw_kind};
 use super::poses::{PoseType, Poses, rigid_of_transform};
-use super::transforms::{Sample, TransformTree};
+use super::transforms::{Instant, Sample, TransformTree};
 use crate::DatasetError;
-use mcap::records::Channel;
 use splatseg_files::{MemoryLimit, display_bytes};
 use splatseg_ros::{CameraInfo, CdrError, CompressedImage, Image, TfMessage, Time, from_cdr};
 use std::collections::BTreeMap;
@@ -18,29 +16,47 @@ use std::path::{Path, PathBuf};
 /// Divisor of the memory limit that gives the limit of the list of messages.
 const MEMORY_PART: u64 = 4;
 /// Memory per topic, in addition to its names.
-const TOPIC_BYTES: u64 = 512;
+pub(crate) const TOPIC_BYTES: u64 = 512;
+
+/// Location of a message's data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct MessagePlace {
+    /// Index of the compressed chunk; `None` for uncompressed data in the file, and for messages of a stream.
+    pub(crate) chunk: Option<u32>,
+    /// Offset in the unpacked chunk, or in the file; the number of a message of a stream.
+    pub(crate) offset: u64,
+    pub(crate) len: u64,
+}
+
+/// A message of a topic.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TopicMessage<'a> {
+    pub(crate) data: &'a [u8],
+    pub(crate) recorded: Recorded,
+    pub(crate) place: MessagePlace,
+}
 
 /// A topic.
 #[derive(Debug)]
-pub(super) struct Topic {
-    pub(super) name: String,
+pub(crate) struct Topic {
+    pub(crate) name: String,
     /// Message type, e.g. `sensor_msgs/msg/Image`.
-    pub(super) type_name: String,
+    pub(crate) type_name: String,
     /// Message encoding: `cdr` for ROS 2.
-    pub(super) encoding: String,
-    pub(super) messages: u64,
+    pub(crate) encoding: String,
+    pub(crate) messages: u64,
     /// First and last recording time of a message, nanoseconds.
-    pub(super) recorded: Option<(u64, u64)>,
+    pub(crate) recorded: Option<(u64, u64)>,
     /// True if a recording time was earlier than that of the message before.
     goes_back: bool,
     /// Number of unreadable messages, and the error of the first.
-    pub(super) unreadable: Option<(u64, String)>,
-    pub(super) content: Content,
+    pub(crate) unreadable: Option<(u64, String)>,
+    pub(crate) content: Content,
 }
 
 /// Data kept from the messages of a topic.
 #[derive(Debug)]
-pub(super) enum Content {
+pub(crate) enum Content {
     Images(Images),
     Calibrations { frame: String, list: Vec<(StampedPlace, Calibration)> },
     Poses(Poses),
@@ -51,10 +67,16 @@ pub(super) enum Content {
 
 /// Location of a message, with its stamp, nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct StampedPlace {
-    pub(super) stamp: i64,
-    pub(super) recorded: Recorded,
-    pub(super) place: MessagePlace,
+pub(crate) struct StampedPlace {
+    pub(crate) stamp: i64,
+    pub(crate) recorded: Recorded,
+    pub(crate) place: MessagePlace,
+}
+
+impl StampedPlace {
+    pub(crate) fn instant(&self) -> Instant {
+        Instant { stamp: self.stamp, recorded: self.recorded }
+    }
 }
 
 impl Stamped for StampedPlace {
@@ -69,53 +91,44 @@ impl Stamped for StampedPlace {
 
 /// The images of a topic.
 #[derive(Debug, Default)]
-pub(super) struct Images {
+pub(crate) struct Images {
     /// True if they are image files (`CompressedImage`).
-    pub(super) is_compressed: bool,
+    pub(crate) is_compressed: bool,
     /// Kind of the first image; `None` before it.
-    pub(super) kind: Option<ImageKind>,
+    pub(crate) kind: Option<ImageKind>,
     /// Encoding or format of the first image.
-    pub(super) encoding: String,
+    pub(crate) encoding: String,
     /// Coordinate frame of the first image.
-    pub(super) frame: String,
+    pub(crate) frame: String,
     /// In file order, until they are sorted.
-    pub(super) list: Vec<StampedPlace>,
-    pub(super) timeline: Timeline<StampedPlace>,
+    pub(crate) list: Vec<StampedPlace>,
+    pub(crate) timeline: Timeline<StampedPlace>,
 }
 
-/// Contents of a whole recording.
+/// Contents of a whole recording, or of a stream so far.
 #[derive(Debug)]
-pub(super) struct Contents {
+pub(crate) struct Contents {
     path: PathBuf,
     /// In the order of their first channels.
-    pub(super) topics: Vec<Topic>,
-    pub(super) tree: TransformTree,
-    /// Message type of each schema.
-    schemas: BTreeMap<u16, String>,
-    /// Index of each channel's topic.
-    channels: BTreeMap<u16, usize>,
+    pub(crate) topics: Vec<Topic>,
+    pub(crate) tree: TransformTree,
     /// Index of the topic with each name and type.
     known: BTreeMap<(String, String), usize>,
-    /// Number of messages of undeclared channels.
-    pub(super) without_channel: u64,
     /// Number of messages so far.
     messages: i64,
-    pub(super) order: Order,
+    pub(crate) order: Order,
     /// Memory used by the lists so far, and their limit, bytes.
     memory: u64,
     limit: u64,
 }
 
 impl Contents {
-    pub(super) fn new(path: &Path) -> Self {
+    pub(crate) fn new(path: &Path) -> Self {
         Self {
             path: path.to_owned(),
             topics: Vec::new(),
             tree: TransformTree::default(),
-            schemas: BTreeMap::new(),
-            channels: BTreeMap::new(),
             known: BTreeMap::new(),
-            without_channel: 0,
             messages: 0,
             order: Order::default(),
             memory: 0,
@@ -123,8 +136,13 @@ impl Contents {
         }
     }
 
+    /// Creates the contents of a stream, whose transforms are limited. `name` is that of the stream, for messages.
+    pub(crate) fn streamed(name: &Path) -> Self {
+        Self { tree: TransformTree::streamed(), ..Self::new(name) }
+    }
+
     /// Sorts everything by time, once all messages have been read.
-    pub(super) fn sort(&mut self) {
+    pub(crate) fn sort(&mut self) {
         // A single message says nothing about the clock.
         let clock_stands_still =
             |topic: &Topic| topic.messages > 1 && topic.recorded.is_some_and(|(first, last)| first == last);
@@ -146,7 +164,7 @@ impl Contents {
     }
 
     /// Finds a topic by name, with or without the leading slash.
-    pub(super) fn find(&self, name: &str) -> Option<&Topic> {
+    pub(crate) fn find(&self, name: &str) -> Option<&Topic> {
         let bare = |name: &str| name.trim_start_matches('/').to_owned();
         self.topics.iter().find(|topic| topic.name == name).or_else(|| {
             let wanted = bare(name);
@@ -154,8 +172,78 @@ impl Contents {
         })
     }
 
+    /// Returns the index of the topic with a name and type, if it is known.
+    pub(crate) fn known_topic(&self, name: &str, type_name: &str) -> Option<usize> {
+        self.known.get(&(one_line(name), full_type_name(&one_line(type_name)))).copied()
+    }
+
+    /// Returns the index of the topic with a name and type, which is added if it is new.
+    ///
+    /// # Errors
+    /// If the list of topics takes too much memory.
+    pub(crate) fn topic(&mut self, name: &str, type_name: &str, encoding: &str) -> Result<usize, DatasetError> {
+        let key = (one_line(name), full_type_name(&one_line(type_name)));
+        if let Some(topic) = self.known.get(&key) {
+            return Ok(*topic);
+        }
+        self.add_memory(2 * (key.0.len() + key.1.len()) as u64 + TOPIC_BYTES)?;
+        let (name, type_name) = key.clone();
+        let content = if encoding == "cdr" { Content::for_topic(&name, &type_name) } else { Content::Other };
+        let (encoding, messages, index) = (one_line(encoding), 0, self.topics.len());
+        let (recorded, goes_back, unreadable) = (None, false, None);
+        self.topics.push(Topic { name, type_name, encoding, messages, recorded, goes_back, unreadable, content });
+        self.known.insert(key, index);
+        Ok(index)
+    }
+
+    /// Records a message of a topic. `log_time` is its recording time, nanoseconds.
+    ///
+    /// # Errors
+    /// If the list of messages takes too much memory. A message that cannot be read is counted.
+    pub(crate) fn message(
+        &mut self,
+        topic: usize,
+        (log_time, place): (u64, MessagePlace),
+        data: &[u8],
+    ) -> Result<(), DatasetError> {
+        let Some(topic) = self.topics.get_mut(topic) else { return Ok(()) };
+        self.messages += 1;
+        let recorded = Recorded { log_time: i64::try_from(log_time).unwrap_or(i64::MAX), number: self.messages };
+        topic.count(log_time);
+        match topic.content.record(&topic.name, &TopicMessage { data, recorded, place }, &mut self.tree) {
+            Ok(kept) => self.add_memory(kept),
+            Err(error) => {
+                topic.count_unreadable(&error);
+                Ok(())
+            }
+        }
+    }
+
+    /// Records a message of a stream's topic. It is not sorted into the others yet.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub(crate) fn record(&mut self, topic: usize, message: &TopicMessage<'_>) -> Result<(), CdrError> {
+        let Some(topic) = self.topics.get_mut(topic) else { return Ok(()) };
+        let recorded = topic.content.record(&topic.name, message, &mut self.tree);
+        recorded.map(drop).inspect_err(|error| topic.count_unreadable(error))
+    }
+
+    /// Returns the index of one of its topics.
+    pub(crate) fn index_of(&self, topic: &Topic) -> Option<usize> {
+        self.topics.iter().position(|other| std::ptr::eq(other, topic))
+    }
+
+    /// Returns the poses of the topic with an index.
+    pub(crate) fn poses(&self, topic: usize) -> Option<&Poses> {
+        match &self.topics.get(topic)?.content {
+            Content::Poses(poses) => Some(poses),
+            _ => None,
+        }
+    }
+
     /// Adds `bytes` to the memory used by the lists. Errors if it exceeds the limit.
-    fn add_memory(&mut self, bytes: u64) -> Result<(), DatasetError> {
+    pub(crate) fn add_memory(&mut self, bytes: u64) -> Result<(), DatasetError> {
         self.memory = self.memory.saturating_add(bytes);
         if self.memory <= self.limit {
             return Ok(());
@@ -177,65 +265,18 @@ fn full_type_name(name: &str) -> String {
     }
 }
 
-impl RecordSink for Contents {
-    fn schema(&mut self, id: u16, name: &str) -> Result<(), DatasetError> {
-        if !self.schemas.contains_key(&id) {
-            self.add_memory(name.len() as u64 + TOPIC_BYTES)?;
-            self.schemas.insert(id, full_type_name(&one_line(name)));
-        }
-        Ok(())
-    }
-
-    fn channel(&mut self, channel: Channel) -> Result<(), DatasetError> {
-        if self.channels.contains_key(&channel.id) {
-            return Ok(());
-        }
-        let type_name = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-        let key = (one_line(&channel.topic), type_name);
-        if let Some(topic) = self.known.get(&key) {
-            self.channels.insert(channel.id, *topic);
-            return Ok(());
-        }
-        self.add_memory(2 * (key.0.len() + key.1.len()) as u64 + TOPIC_BYTES)?;
-        let (name, type_name) = key.clone();
-        let content =
-            if channel.message_encoding == "cdr" { Content::for_topic(&name, &type_name) } else { Content::Other };
-        let (encoding, messages) = (one_line(&channel.message_encoding), 0);
-        self.topics.push(Topic {
-            name,
-            type_name,
-            encoding,
-            messages,
-            recorded: None,
-            goes_back: false,
-            unreadable: None,
-            content,
-        });
-        self.channels.insert(channel.id, self.topics.len() - 1);
-        self.known.insert(key, self.topics.len() - 1);
-        Ok(())
-    }
-
-    fn message(&mut self, message: &FoundMessage<'_>) -> Result<(), DatasetError> {
-        let Some(topic) = self.channels.get(&message.channel).and_then(|index| self.topics.get_mut(*index)) else {
-            self.without_channel += 1;
-            return Ok(());
-        };
-        topic.messages += 1;
+impl Topic {
+    /// Counts a message. `log_time` is its recording time, nanoseconds.
+    fn count(&mut self, log_time: u64) {
         self.messages += 1;
-        let time = message.log_time;
-        topic.goes_back |= topic.recorded.is_some_and(|(_, last)| time < last);
-        let log_time = i64::try_from(time).unwrap_or(i64::MAX);
-        let recorded = Recorded { log_time, number: self.messages };
-        topic.recorded = Some(topic.recorded.map_or((time, time), |(first, last)| (first.min(time), last.max(time))));
-        match topic.content.record(&topic.name, (message, recorded), &mut self.tree) {
-            Ok(kept) => self.add_memory(kept),
-            Err(error) => {
-                let (count, _) = topic.unreadable.get_or_insert_with(|| (0, error.to_string()));
-                *count += 1;
-                Ok(())
-            }
-        }
+        self.goes_back |= self.recorded.is_some_and(|(_, last)| log_time < last);
+        let first_and_last = self.recorded.map(|(first, last)| (first.min(log_time), last.max(log_time)));
+        self.recorded = Some(first_and_last.unwrap_or((log_time, log_time)));
+    }
+
+    fn count_unreadable(&mut self, error: &CdrError) {
+        let (count, _) = self.unreadable.get_or_insert_with(|| (0, error.to_string()));
+        *count += 1;
     }
 }
 
@@ -260,16 +301,17 @@ impl Content {
     fn record(
         &mut self,
         topic: &str,
-        (message, recorded): (&FoundMessage<'_>, Recorded),
+        message: &TopicMessage<'_>,
         tree: &mut TransformTree,
     ) -> Result<u64, CdrError> {
+        let recorded = message.recorded;
         let stamp_of = |stamp: Time| match stamp.nanoseconds() {
             // Some drivers do not set the stamp.
             0 => recorded.log_time,
             stamp => stamp,
         };
         match self {
-            Self::Images(images) => images.record(topic, (message, recorded), stamp_of),
+            Self::Images(images) => images.record(topic, message, stamp_of),
             Self::Calibrations { frame, list } => {
                 let info: CameraInfo = from_cdr(message.data)?;
                 let calibration = Calibration::new(&info);
@@ -306,7 +348,7 @@ impl Images {
     fn record(
         &mut self,
         topic: &str,
-        (message, recorded): (&FoundMessage<'_>, Recorded),
+        message: &TopicMessage<'_>,
         stamp_of: impl Fn(Time) -> i64,
     ) -> Result<u64, CdrError> {
         let (header, kind, encoding) = if self.is_compressed {
@@ -321,7 +363,11 @@ impl Images {
             self.encoding = one_line(encoding).chars().take(60).collect();
             self.frame = frame_name(&header.frame_id);
         }
-        self.list.push(StampedPlace { stamp: stamp_of(header.stamp), recorded, place: message.place });
+        self.list.push(StampedPlace {
+            stamp: stamp_of(header.stamp),
+            recorded: message.recorded,
+            place: message.place,
+        });
         Ok(2 * size_of::<StampedPlace>() as u64)
     }
 }

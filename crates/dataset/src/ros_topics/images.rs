@@ -10,15 +10,15 @@ use splatseg_ros::{CompressedImage, Image as RawImage};
 use std::path::Path;
 
 /// Supported colour encodings, for messages.
-pub(super) const COLOR_ENCODINGS: &str =
+pub(crate) const COLOR_ENCODINGS: &str =
     "rgb8, bgr8, rgba8, bgra8, mono8, yuv422 (uyvy), yuv422_yuy2 (yuyv), or CompressedImage with JPEG or PNG";
 /// Supported depth encodings, for messages.
-pub(super) const DEPTH_ENCODINGS: &str =
+pub(crate) const DEPTH_ENCODINGS: &str =
     "16UC1, mono16, 32FC1, or CompressedImage with PNG of 16 bits or compressedDepth";
 
 /// Kind of an image, according to its encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum ImageKind {
+pub(crate) enum ImageKind {
     Color,
     /// Grey: used as colour if there is no other, but often infrared.
     Grey,
@@ -50,7 +50,7 @@ fn color_encoding(encoding: &str) -> Option<ColorEncoding> {
 }
 
 /// Returns the kind of a `sensor_msgs/msg/Image`.
-pub(super) fn raw_kind(topic: &str, encoding: &str) -> ImageKind {
+pub(crate) fn raw_kind(topic: &str, encoding: &str) -> ImageKind {
     match encoding {
         "mono8" => ImageKind::Grey,
         "16UC1" | "32FC1" => ImageKind::Depth,
@@ -62,7 +62,7 @@ pub(super) fn raw_kind(topic: &str, encoding: &str) -> ImageKind {
 }
 
 /// Returns the kind of a `sensor_msgs/msg/CompressedImage`.
-pub(super) fn compressed_kind(topic: &str, message: &CompressedImage<'_>) -> ImageKind {
+pub(crate) fn compressed_kind(topic: &str, message: &CompressedImage<'_>) -> ImageKind {
     if is_compressed_depth(message.format) {
         return ImageKind::Depth;
     }
@@ -85,7 +85,7 @@ fn is_compressed_depth(format: &str) -> bool {
 }
 
 /// Decodes a colour image. `path` is named in errors.
-pub(super) fn raw_color(message: &RawImage<'_>, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
+pub(crate) fn raw_color(message: &RawImage<'_>, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
     let encoding = color_encoding(message.encoding)
         .ok_or_else(|| unknown_encoding(path, COLOR_IMAGE, message.encoding, COLOR_ENCODINGS))?;
     let (width, row_bytes) = match encoding {
@@ -113,7 +113,7 @@ pub(super) fn raw_color(message: &RawImage<'_>, path: &Path) -> Result<Image<[u8
 }
 
 /// Decodes a depth image, metres. `path` is named in errors.
-pub(super) fn raw_depth(message: &RawImage<'_>, path: &Path) -> Result<Image<f32>, DatasetError> {
+pub(crate) fn raw_depth(message: &RawImage<'_>, path: &Path) -> Result<Image<f32>, DatasetError> {
     let width = message.width as usize;
     let is_big_endian = message.is_bigendian != 0;
     let mut pixels = Vec::new();
@@ -140,12 +140,12 @@ pub(super) fn raw_depth(message: &RawImage<'_>, path: &Path) -> Result<Image<f32
 }
 
 /// Decodes a compressed colour image. `path` is named in errors.
-pub(super) fn compressed_color(message: &CompressedImage<'_>, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
+pub(crate) fn compressed_color(message: &CompressedImage<'_>, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
     decode_color(path, message.data)
 }
 
 /// Decodes a compressed depth image, metres. `path` is named in errors.
-pub(super) fn compressed_depth(message: &CompressedImage<'_>, path: &Path) -> Result<Image<f32>, DatasetError> {
+pub(crate) fn compressed_depth(message: &CompressedImage<'_>, path: &Path) -> Result<Image<f32>, DatasetError> {
     if is_compressed_depth(message.format) {
         return decode_compressed_depth(path, message.format, message.data);
     }

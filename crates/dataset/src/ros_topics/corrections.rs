@@ -5,7 +5,7 @@ use super::contents::{Content, Topic};
 use super::frame_names::{bare_frame, frame_name};
 use super::frames::{FrameMaker, PairedFrame};
 use super::poses::rigid_of_pose;
-use super::topics::{NO_POSES, PoseChoice, listed};
+use super::choice::{NO_POSES, PoseChoice, listed};
 use super::transforms::Rigid;
 use crate::DatasetError;
 use crate::corrections::CorrectionList;
@@ -28,7 +28,7 @@ struct PathPose {
 
 /// The poses in the messages of a topic.
 #[derive(Debug, Default)]
-pub(super) struct PathPoses {
+pub(crate) struct PathPoses {
     /// Coordinate frame of the paths.
     world: String,
     /// In file order.
@@ -38,7 +38,7 @@ pub(super) struct PathPoses {
 
 impl PathPoses {
     /// Records the poses of a message that have changed. Returns the memory they use, bytes.
-    pub(super) fn record(&mut self, data: &[u8], recorded: Recorded) -> Result<u64, CdrError> {
+    pub(crate) fn record(&mut self, data: &[u8], recorded: Recorded) -> Result<u64, CdrError> {
         let path: NavPath = from_cdr(data)?;
         let stamped = path.poses.iter().map(|pose| (pose.header.stamp.nanoseconds(), rigid_of_pose(&pose.pose)));
         let stamped: BTreeMap<i64, Rigid> =
@@ -71,7 +71,7 @@ impl<'a> FrameMaker<'a> {
     ///
     /// # Errors
     /// If the topic named in the settings has no paths with times.
-    pub(super) fn corrections(&self, frames: &[PairedFrame]) -> Result<(CorrectionList, Option<String>), DatasetError> {
+    pub(crate) fn corrections(&self, frames: &[PairedFrame]) -> Result<(CorrectionList, Option<String>), DatasetError> {
         let nothing = |why: String| Ok((CorrectionList::default(), Some(format!("corrected poses: none: {why}"))));
         let (topic, path) = match self.path_topics()?.as_slice() {
             [] => return Ok((CorrectionList::default(), None)),

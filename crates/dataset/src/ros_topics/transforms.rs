@@ -7,47 +7,47 @@ use std::collections::BTreeMap;
 
 /// A rigid transform from one frame to another, in the precision of the recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Rigid {
-    pub(super) translation: DVec3,
+pub(crate) struct Rigid {
+    pub(crate) translation: DVec3,
     /// Unit quaternion.
-    pub(super) rotation: DQuat,
+    pub(crate) rotation: DQuat,
 }
 
 impl Rigid {
-    pub(super) const IDENTITY: Self = Self { translation: DVec3::ZERO, rotation: DQuat::IDENTITY };
+    pub(crate) const IDENTITY: Self = Self { translation: DVec3::ZERO, rotation: DQuat::IDENTITY };
 
     /// Creates a transform; `None` for NaN, infinity, or a quaternion of length zero.
-    pub(super) fn new(translation: DVec3, rotation: DQuat) -> Option<Self> {
+    pub(crate) fn new(translation: DVec3, rotation: DQuat) -> Option<Self> {
         let length = rotation.length();
         let usable = translation.is_finite() && length.is_finite() && length > 1e-6;
         usable.then(|| Self { translation, rotation: rotation * length.recip() })
     }
 
     /// Composes two transforms: `a_from_b.after(b_from_c)` is `a_from_c`.
-    pub(super) fn after(&self, inner: &Self) -> Self {
+    pub(crate) fn after(&self, inner: &Self) -> Self {
         Self {
             translation: self.rotation * inner.translation + self.translation,
             rotation: (self.rotation * inner.rotation).normalize(),
         }
     }
 
-    pub(super) fn inverse(&self) -> Self {
+    pub(crate) fn inverse(&self) -> Self {
         let rotation = self.rotation.inverse();
         Self { translation: -(rotation * self.translation), rotation }
     }
 
-    pub(super) fn to_pose(self) -> Result<Pose, PoseError> {
+    pub(crate) fn to_pose(self) -> Result<Pose, PoseError> {
         Pose::from_quaternion(self.translation, self.rotation)
     }
 }
 
 /// A transform at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Sample {
+pub(crate) struct Sample {
     /// Nanoseconds.
-    pub(super) stamp: i64,
-    pub(super) recorded: Recorded,
-    pub(super) transform: Rigid,
+    pub(crate) stamp: i64,
+    pub(crate) recorded: Recorded,
+    pub(crate) transform: Rigid,
 }
 
 impl Stamped for Sample {
@@ -64,11 +64,11 @@ impl Stamped for Sample {
 
 /// A time in a recording.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Instant {
+pub(crate) struct Instant {
     /// Stamp by the clock of the messages, nanoseconds.
-    pub(super) stamp: i64,
+    pub(crate) stamp: i64,
     /// Recording time, to distinguish repeated stamps.
-    pub(super) recorded: Recorded,
+    pub(crate) recorded: Recorded,
 }
 
 impl Stamped for Instant {
@@ -83,16 +83,16 @@ impl Stamped for Instant {
 
 /// Tolerances for looking up a transform by time, nanoseconds.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Tolerance {
+pub(crate) struct Tolerance {
     /// Maximum distance from the nearest measurement, if there is none on the other side.
-    pub(super) nearest: i64,
+    pub(crate) nearest: i64,
     /// Maximum distance between two measurements for interpolating between them.
-    pub(super) gap: i64,
+    pub(crate) gap: i64,
 }
 
 /// Returns the transform at a time: interpolated between two measurements, otherwise the nearest one; `None` if they
 /// are too far away. `samples` must be in time order.
-pub(super) fn at_time(samples: &[Sample], stamp: i64, tolerance: Tolerance) -> Option<Rigid> {
+pub(crate) fn at_time(samples: &[Sample], stamp: i64, tolerance: Tolerance) -> Option<Rigid> {
     let after = samples.partition_point(|sample| sample.stamp < stamp);
     let next = samples.get(after);
     if let Some(exact) = next.filter(|next| next.stamp == stamp) {
@@ -117,7 +117,7 @@ pub(super) fn at_time(samples: &[Sample], stamp: i64, tolerance: Tolerance) -> O
 
 impl Timeline<Sample> {
     /// Returns the transform at an instant, as found by [`at_time`].
-    pub(super) fn at(&self, instant: Instant, tolerance: Tolerance) -> Option<Rigid> {
+    pub(crate) fn at(&self, instant: Instant, tolerance: Tolerance) -> Option<Rigid> {
         at_time(&self.stretch_of(&instant)?.messages, instant.stamp, tolerance)
     }
 }
@@ -135,17 +135,25 @@ struct Edge {
     moves: bool,
     /// Transform of several equal samples: some drivers broadcast it repeatedly instead of using `/tf_static`.
     repeated: Option<Rigid>,
+    /// For streams: the first sample.
+    first: Option<Rigid>,
 }
+
+/// Maximum number of frames of a stream that have a parent, and of bytes in the name of one.
+const MAX_FRAMES: usize = 512;
+const MAX_NAME_BYTES: usize = 256;
 
 /// All frames, each with its parent.
 #[derive(Clone, Debug, Default)]
-pub(super) struct TransformTree {
+pub(crate) struct TransformTree {
     edges: BTreeMap<String, Edge>,
+    /// True for a stream: a limited number of frames.
+    is_streamed: bool,
 }
 
 /// A route through the tree.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Route {
+pub(crate) struct Route {
     /// Frames whose transforms to their parents lead up from the start.
     up: Vec<String>,
     /// Frames whose transforms lead down to the end, topmost last.
@@ -154,20 +162,61 @@ pub(super) struct Route {
 
 impl TransformTree {
     /// Adds a transform from `child` to `parent`. A frame keeps its first parent.
-    pub(super) fn add(&mut self, parent: &str, child: &str, sample: Sample, is_fixed: bool) {
+    pub(crate) fn add(&mut self, parent: &str, child: &str, sample: Sample, is_fixed: bool) {
         if let Some(edge) = self.edges.get_mut(child) {
             if edge.parent == parent {
                 if is_fixed { edge.fixed = Some(sample.transform) } else { edge.samples.push(sample) }
             }
             return;
         }
+        let is_too_much = self.edges.len() >= MAX_FRAMES || parent.len().max(child.len()) > MAX_NAME_BYTES;
+        if self.is_streamed && is_too_much {
+            return;
+        }
         let (fixed, samples) = if is_fixed { (Some(sample.transform), Vec::new()) } else { (None, vec![sample]) };
         let (timeline, parent) = (Timeline::default(), parent.to_owned());
-        self.edges.insert(child.to_owned(), Edge { parent, fixed, samples, timeline, moves: false, repeated: None });
+        let edge = Edge { parent, fixed, samples, timeline, moves: false, repeated: None, first: None };
+        self.edges.insert(child.to_owned(), edge);
+    }
+
+    /// Creates the tree of a stream, of limited size.
+    pub(crate) fn streamed() -> Self {
+        Self { edges: BTreeMap::new(), is_streamed: true }
+    }
+
+    /// Sorts the transforms of a stream that were added since the last call into the others, and forgets old ones.
+    pub(crate) fn arrive(&mut self) {
+        for edge in self.edges.values_mut().filter(|edge| !edge.samples.is_empty()) {
+            for sample in std::mem::take(&mut edge.samples) {
+                let transform = sample.transform;
+                edge.timeline.arrive(sample);
+                if let Some(first) = edge.first {
+                    edge.moves |= first != transform;
+                    edge.repeated = Some(first).filter(|_| !edge.moves);
+                }
+                edge.first.get_or_insert(transform);
+            }
+            edge.timeline.trim_history();
+        }
+    }
+
+    /// Forgets the moving transforms of a stream that were received before message number `number`.
+    pub(crate) fn restart(&mut self, number: i64) {
+        for edge in self.edges.values_mut() {
+            edge.timeline.restart(number);
+            (edge.first, edge.repeated) = (None, None);
+        }
+    }
+
+    /// Returns true if transforms of a stream at a time or later are known along a route, so that nothing is missing
+    /// for interpolating at that time.
+    pub(crate) fn reaches(&self, route: &Route, stamp: i64) -> bool {
+        let mut edges = route.up.iter().chain(&route.down).map(|frame| self.edges.get(frame));
+        edges.all(|edge| edge.is_some_and(|edge| edge.fixed.is_some() || edge.timeline.newest() >= Some(stamp)))
     }
 
     /// Sorts all transforms by time.
-    pub(super) fn sort(&mut self, order: Order) {
+    pub(crate) fn sort(&mut self, order: Order) {
         for edge in self.edges.values_mut() {
             edge.timeline = Timeline::new(std::mem::take(&mut edge.samples), order);
             let mut samples = edge.timeline.stretches.iter().flat_map(|stretch| &stretch.messages);
@@ -178,18 +227,18 @@ impl TransformTree {
     }
 
     /// Returns the number of transforms along a route whose stamps do not fit those of their neighbours.
-    pub(super) fn misfits(&self, route: &Route) -> usize {
+    pub(crate) fn misfits(&self, route: &Route) -> usize {
         let edges = route.up.iter().chain(&route.down).filter_map(|frame| self.edges.get(frame));
         edges.map(|edge| edge.timeline.misfits).sum()
     }
 
     /// Returns true if a frame has a parent or is one.
-    pub(super) fn has(&self, frame: &str) -> bool {
+    pub(crate) fn has(&self, frame: &str) -> bool {
         self.edges.contains_key(frame) || self.edges.values().any(|edge| edge.parent == frame)
     }
 
     /// Returns all frames, sorted.
-    pub(super) fn frames(&self) -> Vec<&str> {
+    pub(crate) fn frames(&self) -> Vec<&str> {
         let mut frames: Vec<&str> =
             self.edges.iter().flat_map(|(child, edge)| [child.as_str(), edge.parent.as_str()]).collect();
         frames.sort_unstable();
@@ -198,7 +247,7 @@ impl TransformTree {
     }
 
     /// Returns a frame and its ancestors, the root last. Stops if frames form a cycle.
-    pub(super) fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
+    pub(crate) fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<&'a str> {
         let mut chain = vec![frame];
         while let Some(edge) = chain.last().and_then(|last| self.edges.get(*last)) {
             if chain.len() > self.edges.len() || chain.contains(&edge.parent.as_str()) {
@@ -210,7 +259,7 @@ impl TransformTree {
     }
 
     /// Returns the route from one frame to another, if both are in the same tree.
-    pub(super) fn route(&self, from: &str, to: &str) -> Option<Route> {
+    pub(crate) fn route(&self, from: &str, to: &str) -> Option<Route> {
         let (up, down) = (self.ancestors(from), self.ancestors(to));
         let (top, meeting) =
             up.iter().enumerate().find_map(|(index, frame)| Some((index, down.iter().position(|f| f == frame)?)))?;
@@ -219,7 +268,7 @@ impl TransformTree {
     }
 
     /// Returns true if any transform on the route changes over time.
-    pub(super) fn is_moving(&self, route: &Route) -> bool {
+    pub(crate) fn is_moving(&self, route: &Route) -> bool {
         route
             .up
             .iter()
@@ -228,13 +277,13 @@ impl TransformTree {
     }
 
     /// Returns the transform along a route on which nothing moves.
-    pub(super) fn fixed_transform(&self, route: &Route) -> Option<Rigid> {
+    pub(crate) fn fixed_transform(&self, route: &Route) -> Option<Rigid> {
         let anytime = Tolerance { nearest: i64::MAX, gap: i64::MAX };
         self.transform(route, Instant { stamp: 0, recorded: Recorded::default() }, anytime)
     }
 
     /// Returns the transform along the route at an instant, `to_from_from`. `None` if a part of it is unknown then.
-    pub(super) fn transform(&self, route: &Route, at: Instant, tolerance: Tolerance) -> Option<Rigid> {
+    pub(crate) fn transform(&self, route: &Route, at: Instant, tolerance: Tolerance) -> Option<Rigid> {
         let to_top = |frames: &[String]| {
             frames
                 .iter()

@@ -4,10 +4,11 @@
 //! are divided into stretches. Within a stretch the clock does not go back. Across stretches nothing is paired or
 //! interpolated. A clock set forward leaves a gap, as if the recorder had paused.
 
+use super::stream_clock::StreamClock;
 use std::cmp::Ordering;
 
 /// Stamps that go back by less than this are messages recorded slightly out of order, nanoseconds.
-const OUT_OF_ORDER: i64 = 1_000_000_000;
+pub(crate) const OUT_OF_ORDER: i64 = 1_000_000_000;
 
 /// Costs of leaving out a message and of starting a stretch. A new stretch is worthwhile if it saves four messages.
 /// A shorter run of deviating stamps counts as wrong.
@@ -23,15 +24,15 @@ const REACH: usize = 11;
 
 /// Recording time of a message.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Recorded {
+pub(crate) struct Recorded {
     /// Time by the recorder's clock, nanoseconds.
-    pub(super) log_time: i64,
+    pub(crate) log_time: i64,
     /// Number of the message in the file.
-    pub(super) number: i64,
+    pub(crate) number: i64,
 }
 
 /// A message with a stamp.
-pub(super) trait Stamped {
+pub(crate) trait Stamped {
     /// True to keep the last of several messages with the same stamp, which may correct the others. Otherwise the
     /// first.
     const KEEPS_LAST: bool = false;
@@ -42,7 +43,7 @@ pub(super) trait Stamped {
 
 /// Selects the time in [`Recorded`] for comparing messages of several topics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum Order {
+pub(crate) enum Order {
     /// The log time. The recorder's clock never goes back.
     #[default]
     LogTime,
@@ -51,7 +52,7 @@ pub(super) enum Order {
 }
 
 impl Order {
-    pub(super) fn of(self, recorded: Recorded) -> i64 {
+    pub(crate) fn of(self, recorded: Recorded) -> i64 {
         match self {
             Self::LogTime => recorded.log_time,
             Self::Number => recorded.number,
@@ -61,33 +62,35 @@ impl Order {
 
 /// A stretch of messages during which the clock was not set back, sorted by stamp, all stamps different.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Stretch<T> {
+pub(crate) struct Stretch<T> {
     /// At least one.
-    pub(super) messages: Vec<T>,
+    pub(crate) messages: Vec<T>,
     /// Latest recording time.
-    last_recorded: i64,
+    pub(crate) last_recorded: i64,
 }
 
 /// The messages of a topic, divided into stretches.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Timeline<T> {
-    order: Order,
-    pub(super) stretches: Vec<Stretch<T>>,
+pub(crate) struct Timeline<T> {
+    pub(crate) order: Order,
+    pub(crate) stretches: Vec<Stretch<T>>,
     /// Number of messages whose stamps do not fit those of their neighbours.
-    pub(super) misfits: usize,
+    pub(crate) misfits: usize,
     /// Number of messages with the same stamp as another.
-    pub(super) duplicates: usize,
+    pub(crate) duplicates: usize,
+    /// For messages that arrive one by one.
+    pub(crate) clock: StreamClock<T>,
 }
 
 impl<T> Default for Timeline<T> {
     fn default() -> Self {
-        Self { order: Order::default(), stretches: Vec::new(), misfits: 0, duplicates: 0 }
+        Self { order: Order::default(), stretches: Vec::new(), misfits: 0, duplicates: 0, clock: StreamClock::default() }
     }
 }
 
 impl<T: Stamped> Timeline<T> {
     /// Divides the messages of a topic, given in file order, into stretches.
-    pub(super) fn new(messages: Vec<T>, order: Order) -> Self {
+    pub(crate) fn new(messages: Vec<T>, order: Order) -> Self {
         let kept = fitting(&messages);
         let misfits = kept.iter().filter(|kept| kept.is_none()).count();
         let fitting = messages.len() - misfits;
@@ -101,26 +104,26 @@ impl<T: Stamped> Timeline<T> {
         }
         let stretches: Vec<Stretch<T>> = groups.into_iter().map(|group| Stretch::new(group, order)).collect();
         let duplicates = fitting - stretches.iter().map(|stretch| stretch.messages.len()).sum::<usize>();
-        Self { order, stretches, misfits, duplicates }
+        Self { order, stretches, misfits, duplicates, clock: StreamClock::default() }
     }
 
-    pub(super) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.stretches.is_empty()
     }
 
     /// Returns the number of messages.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.stretches.iter().map(|stretch| stretch.messages.len()).sum()
     }
 
     /// Returns the stretch that matches a message of another topic.
-    pub(super) fn stretch_of(&self, message: &impl Stamped) -> Option<&Stretch<T>> {
+    pub(crate) fn stretch_of(&self, message: &impl Stamped) -> Option<&Stretch<T>> {
         self.stretches.get(self.index_of_stretch(message)?)
     }
 
     /// Returns the index of that stretch: of those recorded at about the same time, the one with the most similar
     /// stamps.
-    pub(super) fn index_of_stretch(&self, message: &impl Stamped) -> Option<usize> {
+    pub(crate) fn index_of_stretch(&self, message: &impl Stamped) -> Option<usize> {
         let time = self.order.of(message.recorded());
         // First stretch that does not end before.
         let next = self.stretches.partition_point(|stretch| stretch.last_recorded < time);

@@ -13,22 +13,22 @@ const TRANSPORTS: [&str; 2] = ["/compressedDepth", "/compressed"];
 const TF: &str = "/tf";
 const TF_STATIC: &str = "/tf_static";
 /// Value of the setting `pose` for a recording whose poses are not used.
-pub(super) const NO_POSES: &str = "none";
+pub(crate) const NO_POSES: &str = "none";
 
 /// The topics used.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Choice<'a> {
-    pub(super) color: (&'a Topic, &'a Images),
-    pub(super) depth: (&'a Topic, &'a Images),
-    pub(super) color_info: &'a Topic,
+pub(crate) struct Choice<'a> {
+    pub(crate) color: (&'a Topic, &'a Images),
+    pub(crate) depth: (&'a Topic, &'a Images),
+    pub(crate) color_info: &'a Topic,
     /// Equal to `color_info` if the depth camera has no camera info but the frame of the colour camera.
-    pub(super) depth_info: &'a Topic,
-    pub(super) pose: PoseChoice<'a>,
+    pub(crate) depth_info: &'a Topic,
+    pub(crate) pose: PoseChoice<'a>,
 }
 
 /// Source of poses.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum PoseChoice<'a> {
+pub(crate) enum PoseChoice<'a> {
     /// The transform tree.
     Tree,
     /// A topic with poses.
@@ -39,7 +39,7 @@ pub(super) enum PoseChoice<'a> {
 
 /// Reason why a recording's frames have no poses.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum NoPoses<'a> {
+pub(crate) enum NoPoses<'a> {
     /// The settings say so.
     Chosen,
     /// No topic has poses, and the frame of the colour images does not move in this one.
@@ -49,10 +49,10 @@ pub(super) enum NoPoses<'a> {
 }
 
 /// Chooses among the topics of a recording.
-pub(super) struct Chooser<'a> {
-    pub(super) path: &'a Path,
-    pub(super) contents: &'a Contents,
-    pub(super) settings: &'a DatasetSettings,
+pub(crate) struct Chooser<'a> {
+    pub(crate) path: &'a Path,
+    pub(crate) contents: &'a Contents,
+    pub(crate) settings: &'a DatasetSettings,
 }
 
 impl<'a> Chooser<'a> {
@@ -61,7 +61,7 @@ impl<'a> Chooser<'a> {
     /// # Errors
     /// [`DatasetError::Field`] lists the topics if several are suitable, none is (except for poses, which are optional),
     /// or the requested one is not.
-    pub(super) fn choose(&self) -> Result<Choice<'a>, DatasetError> {
+    pub(crate) fn choose(&self) -> Result<Choice<'a>, DatasetError> {
         let color = self.color()?;
         let depth = self.depth(color.1)?;
         let color_info = match &self.settings.camera_info {
@@ -278,7 +278,7 @@ fn without_transports<'a>(topics: impl Iterator<Item = (&'a Topic, &'a Images)>)
 }
 
 /// Lists the first few names and the number of the others.
-pub(super) fn listed(names: Vec<String>) -> String {
+pub(crate) fn listed(names: Vec<String>) -> String {
     let more = names.len().saturating_sub(2 * NAMES_IN_MESSAGES);
     let first = names.into_iter().take(2 * NAMES_IN_MESSAGES).collect::<Vec<_>>().join(", ");
     match (first.is_empty(), more) {

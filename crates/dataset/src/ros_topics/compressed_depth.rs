@@ -17,7 +17,7 @@ const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 const MAX_PARTS: u32 = 11;
 
 /// Decodes a compressed depth image, metres. `format` is that of the message; `path` is named in errors.
-pub(super) fn decode_compressed_depth(path: &Path, format: &str, data: &[u8]) -> Result<Image<f32>, DatasetError> {
+pub(crate) fn decode_compressed_depth(path: &Path, format: &str, data: &[u8]) -> Result<Image<f32>, DatasetError> {
     let Some((parameters, stored)) = data.split_at_checked(PARAMETER_BYTES) else {
         return Err(wrong(path, format!("{} bytes", data.len()), "12 bytes of parameters and an image"));
     };

@@ -1,0 +1,20 @@
+//! Frames from the topics of ROS 2, recorded (`mcap/`) or as they arrive (`live/`).
+//!
+//! `contents.rs` keeps from each message what is needed, `choice.rs` chooses topics by settings or because they are the
+//! only suitable ones. `clock.rs` sorts the messages of a whole recording by time, `stream_clock.rs` those of a stream.
+//! `frames.rs` pairs colour with depth and finds the pose of a frame in `transforms.rs` or `poses.rs`. `reader.rs` decodes
+//! (`images.rs`, `compressed_depth.rs`) and undistorts images, and registers depth to colour if necessary.
+
+pub(crate) mod cameras;
+pub(crate) mod choice;
+pub(crate) mod clock;
+mod compressed_depth;
+pub(crate) mod contents;
+mod corrections;
+mod frame_names;
+pub(crate) mod frames;
+mod images;
+mod poses;
+pub(crate) mod reader;
+pub(crate) mod stream_clock;
+pub(crate) mod transforms;

@@ -1,0 +1,195 @@
+//! Timelines of topics of which the messages arrive one by one.
+//!
+//! A recording is divided into stretches with all of it at hand (`clock.rs`). Here the future is unknown. So a message
+//! whose stamp is far from those before is held until the next ones decide: if [`CONFIRMING`] in a row agree, the clock
+//! was set, otherwise the stamp was wrong. The timeline has one stretch, the current one.
+
+use super::clock::{OUT_OF_ORDER, Order, Stamped, Stretch, Timeline};
+
+/// Stamps that are ahead by more than this are held, nanoseconds.
+const GAP: i64 = 10_000_000_000;
+/// Number of messages that agree that a clock was set. As many as make a stretch of a recording.
+const CONFIRMING: usize = 4;
+/// Stamps of a history may be older than its newest by this, nanoseconds.
+const HISTORY: i64 = 10_000_000_000;
+/// Maximum number of messages of a history: ten seconds at 200 per second.
+const MAX_HISTORY: usize = 2048;
+
+/// The clock of a topic.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct StreamClock<T> {
+    newest: Option<i64>,
+    /// Messages with other stamps, fewer than [`CONFIRMING`], each about the time of the one before.
+    held: Vec<T>,
+}
+
+impl<T> Default for StreamClock<T> {
+    fn default() -> Self {
+        Self { newest: None, held: Vec::new() }
+    }
+}
+
+/// What follows from a message.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Arrival<T> {
+    /// The messages that were added: none while one is held.
+    pub(crate) added: Vec<T>,
+    /// Messages whose stamps turned out to be wrong.
+    pub(crate) misfits: Vec<T>,
+    /// Messages with the stamp of another.
+    pub(crate) repeated: Vec<T>,
+    /// If the clock was set back: the messages before, which were removed, and the number of the first one after.
+    pub(crate) set_back: Option<(Vec<T>, i64)>,
+}
+
+/// What a clock says about a message: the messages to add, those whose stamps are wrong, and whether it was set back.
+type Reading<T> = (Vec<T>, Vec<T>, bool);
+
+impl<T: Stamped> StreamClock<T> {
+    fn read(&mut self, message: T) -> Reading<T> {
+        let stamp = message.stamp();
+        let newest = *self.newest.get_or_insert(stamp);
+        if follows(newest, stamp) {
+            self.newest = Some(newest.max(stamp));
+            return (vec![message], std::mem::take(&mut self.held), false);
+        }
+        let agrees = self.held.last().is_some_and(|held| follows(held.stamp(), stamp));
+        let misfits = if agrees { Vec::new() } else { std::mem::take(&mut self.held) };
+        self.held.push(message);
+        if self.held.len() < CONFIRMING {
+            return (Vec::new(), misfits, false);
+        }
+        let confirmed = std::mem::take(&mut self.held);
+        self.newest = latest(&confirmed);
+        (confirmed, misfits, self.newest < Some(newest))
+    }
+}
+
+fn latest<T: Stamped>(messages: &[T]) -> Option<i64> {
+    messages.iter().map(Stamped::stamp).max()
+}
+
+/// Returns true if a stamp may be the next after those up to `newest`.
+fn follows(newest: i64, stamp: i64) -> bool {
+    (newest.saturating_sub(OUT_OF_ORDER)..=newest.saturating_add(GAP)).contains(&stamp)
+}
+
+impl<T: Stamped + Copy> Timeline<T> {
+    /// Adds a message, or holds it.
+    pub(crate) fn arrive(&mut self, message: T) -> Arrival<T> {
+        let (fitting, misfits, is_set_back) = self.clock.read(message);
+        self.misfits += misfits.len();
+        let first = fitting.iter().map(|message| message.recorded().number).min().unwrap_or_default();
+        let set_back = is_set_back.then(|| (self.take_all(), first));
+        let (mut added, mut repeated) = (Vec::new(), Vec::new());
+        for message in fitting {
+            let of_it = if self.insert(message) { &mut added } else { &mut repeated };
+            of_it.push(message);
+        }
+        Arrival { added, misfits, repeated, set_back }
+    }
+
+    /// Inserts a message in order. Returns false if there is one with its stamp, of which one is kept.
+    fn insert(&mut self, message: T) -> bool {
+        let recorded = self.order.of(message.recorded());
+        let Some(stretch) = self.stretches.first_mut() else {
+            self.order = Order::Number;
+            let last_recorded = self.order.of(message.recorded());
+            self.stretches.push(Stretch { messages: vec![message], last_recorded });
+            return true;
+        };
+        stretch.last_recorded = stretch.last_recorded.max(recorded);
+        let place = stretch.messages.partition_point(|other| other.stamp() < message.stamp());
+        match stretch.messages.get_mut(place) {
+            Some(same) if same.stamp() == message.stamp() => {
+                if T::KEEPS_LAST {
+                    *same = message;
+                }
+                self.duplicates += 1;
+                false
+            }
+            _ => {
+                stretch.messages.insert(place, message);
+                true
+            }
+        }
+    }
+
+    /// Returns the messages in time order, without those held.
+    pub(crate) fn messages(&self) -> &[T] {
+        self.stretches.first().map_or(&[], |stretch| &stretch.messages)
+    }
+
+    /// Returns the latest stamp so far, nanoseconds.
+    pub(crate) fn newest(&self) -> Option<i64> {
+        self.clock.newest
+    }
+
+    /// Removes and returns all messages that are not held.
+    pub(crate) fn take_all(&mut self) -> Vec<T> {
+        std::mem::take(&mut self.stretches).into_iter().flat_map(|stretch| stretch.messages).collect()
+    }
+
+    /// Removes and returns the messages held.
+    pub(crate) fn take_held(&mut self) -> Vec<T> {
+        std::mem::take(&mut self.clock.held)
+    }
+
+    /// Removes and returns messages that are not held.
+    pub(crate) fn take_if(&mut self, is_taken: impl Fn(&T) -> bool) -> Vec<T> {
+        let Some(stretch) = self.stretches.first_mut() else { return Vec::new() };
+        let (taken, kept) = std::mem::take(&mut stretch.messages).into_iter().partition(is_taken);
+        stretch.messages = kept;
+        if stretch.messages.is_empty() {
+            self.stretches.clear();
+        }
+        taken
+    }
+
+    /// Removes and returns the message with a number, held or not.
+    pub(crate) fn take_number(&mut self, number: i64) -> Vec<T> {
+        let is_it = |message: &T| message.recorded().number == number;
+        let mut taken = self.take_if(is_it);
+        let (held, kept) = self.take_held().into_iter().partition(is_it);
+        self.clock.held = kept;
+        taken.extend::<Vec<T>>(held);
+        taken
+    }
+
+    /// Removes and returns all messages received before number `number`. If none are left but some are held, these are
+    /// added, as they contradict nothing any more.
+    pub(crate) fn restart(&mut self, number: i64) -> Vec<T> {
+        let is_before = |message: &T| message.recorded().number < number;
+        let mut removed = self.take_if(is_before);
+        let (before, held) = self.take_held().into_iter().partition::<Vec<T>, _>(is_before);
+        removed.extend(before);
+        if self.is_empty() {
+            self.clock.newest = latest(&held);
+            for message in held {
+                if !self.insert(message) && !T::KEEPS_LAST {
+                    removed.push(message);
+                }
+            }
+        } else {
+            self.clock = StreamClock { newest: latest(self.messages()), held };
+        }
+        removed
+    }
+
+    /// Forgets messages that are too old or too many, in large steps.
+    pub(crate) fn trim_history(&mut self) {
+        let Some(newest) = self.clock.newest else { return };
+        let Some(stretch) = self.stretches.first_mut() else { return };
+        let is_old = |message: &T, by: i64| message.stamp() < newest.saturating_sub(by);
+        let messages = &mut stretch.messages;
+        if messages.first().is_some_and(|first| is_old(first, 2 * HISTORY)) {
+            messages.drain(..messages.partition_point(|message| is_old(message, HISTORY)));
+        }
+        if messages.len() >= 2 * MAX_HISTORY {
+            messages.drain(..messages.len() - MAX_HISTORY);
+        }
+        if messages.is_empty() {
+            self.stretches.clear();
+        }
+    }
+}
