@@ -30,11 +30,7 @@ impl FrameChecks {
     ///
     /// # Errors
     /// If it differs from that of the first good frame, or a run with such frames would exceed the memory limit.
-    pub(crate) fn check_size(
-        &self,
-        frame: &CameraFrame<'_>,
-        source: &str,
-    ) -> Result<(usize, usize), DatasetError> {
+    pub(crate) fn check_size(&self, frame: &CameraFrame<'_>, source: &str) -> Result<(usize, usize), DatasetError> {
         let size = (frame.width(), frame.height());
         match self.original_size {
             Some(expected) if expected != size => {

@@ -2,8 +2,9 @@
 //! ground truth.
 //!
 //! [`open_scene`] detects a scene's format. [`FrameStream`] reads its frames ahead in the background, selected, resized
-//! and cropped as [`DatasetSettings`] specifies. A [`Preset`] holds the settings of a benchmark. To add a format,
-//! implement [`Scene`] in a new file or folder and add one row to the table in `formats.rs`.
+//! and cropped as [`DatasetSettings`] specifies. [`FrameMatcher`] makes frames of ROS 2 messages while they arrive. A
+//! [`Preset`] holds the settings of a benchmark. To add a format, implement [`Scene`] in a new file or folder and add one
+//! row to the table in `formats.rs`.
 
 mod archive;
 mod corrections;
@@ -16,6 +17,7 @@ mod frame_checks;
 mod frame_source;
 mod framing;
 mod listing;
+mod live;
 mod mcap;
 mod mvpd;
 mod own_camera;
@@ -45,6 +47,7 @@ pub use error::{DatasetError, FrameReadError};
 pub use formats::{Format, FormatNameError, open_scene, supported_formats};
 pub use frame_source::{CorrectedPose, FrameSource, StreamedFrame};
 pub use framing::{Framing, ImageSize, ImageSizeTextError};
+pub use live::{DropCounts, FrameMatcher, MatchCounts, MatchLimits, MatchedFrame};
 pub use mcap::{McapFrames, McapScene, McapSummary, McapTopic};
 pub use mvpd::{MvpdScene, MvpdVideo, MvpdVideos};
 pub use plain_folder::{FolderScene, ListedPose, read_pose_list};

@@ -180,7 +180,8 @@ impl Scene for McapScene {
             (Some(frame), FramePart::Depth) => self.place(&self.reader.depth.topic, frame),
             (Some(frame), FramePart::Pose) => self.place("pose", frame),
             (_, FramePart::Intrinsics) => {
-                let place = PathBuf::from(format!("{}: {}", self.file.path().display(), self.reader.color.cameras.topic));
+                let place =
+                    PathBuf::from(format!("{}: {}", self.file.path().display(), self.reader.color.cameras.topic));
                 camera_place(self.reader.own_camera.as_ref(), &place)
             }
             (None, _) => self.file.path().to_owned(),

@@ -21,12 +21,7 @@ pub(super) struct RecordedTopics {
 
 impl RecordedTopics {
     pub(super) fn new(path: &Path) -> Self {
-        Self {
-            contents: Contents::new(path),
-            schemas: BTreeMap::new(),
-            channels: BTreeMap::new(),
-            without_channel: 0,
-        }
+        Self { contents: Contents::new(path), schemas: BTreeMap::new(), channels: BTreeMap::new(), without_channel: 0 }
     }
 }
 

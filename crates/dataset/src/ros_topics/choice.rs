@@ -222,7 +222,7 @@ impl<'a> Chooser<'a> {
             if name == NO_POSES {
                 return Ok(PoseChoice::None(NoPoses::Chosen));
             }
-            if [TF, TF_STATIC].iter().any(|tf| tf.trim_start_matches('/') == name.trim_start_matches('/')) {
+            if is_tree(name) {
                 return Ok(PoseChoice::Tree);
             }
             let topic = self.contents.find(name);
@@ -255,6 +255,11 @@ impl<'a> Chooser<'a> {
             })),
         }
     }
+}
+
+/// Returns true if a value of the setting `pose` is the transform tree.
+pub(crate) fn is_tree(name: &str) -> bool {
+    [TF, TF_STATIC].iter().any(|tf| tf.trim_start_matches('/') == name.trim_start_matches('/'))
 }
 
 /// Returns the name of the topic with the raw images.

@@ -84,7 +84,13 @@ pub(crate) struct Timeline<T> {
 
 impl<T> Default for Timeline<T> {
     fn default() -> Self {
-        Self { order: Order::default(), stretches: Vec::new(), misfits: 0, duplicates: 0, clock: StreamClock::default() }
+        Self {
+            order: Order::default(),
+            stretches: Vec::new(),
+            misfits: 0,
+            duplicates: 0,
+            clock: StreamClock::default(),
+        }
     }
 }
 

@@ -298,12 +298,7 @@ impl Content {
     }
 
     /// Records a message. Returns the memory it uses, bytes.
-    fn record(
-        &mut self,
-        topic: &str,
-        message: &TopicMessage<'_>,
-        tree: &mut TransformTree,
-    ) -> Result<u64, CdrError> {
+    fn record(&mut self, topic: &str, message: &TopicMessage<'_>, tree: &mut TransformTree) -> Result<u64, CdrError> {
         let recorded = message.recorded;
         let stamp_of = |stamp: Time| match stamp.nanoseconds() {
             // Some drivers do not set the stamp.

@@ -1,11 +1,11 @@
 //! Corrected paths in a recording (`nav_msgs/msg/Path`), as a SLAM system publishes them when it closes a loop.
 
+use super::choice::{NO_POSES, PoseChoice, listed};
 use super::clock::Recorded;
 use super::contents::{Content, Topic};
 use super::frame_names::{bare_frame, frame_name};
 use super::frames::{FrameMaker, PairedFrame};
 use super::poses::rigid_of_pose;
-use super::choice::{NO_POSES, PoseChoice, listed};
 use super::transforms::Rigid;
 use crate::DatasetError;
 use crate::corrections::CorrectionList;

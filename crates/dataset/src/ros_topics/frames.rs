@@ -1,10 +1,10 @@
 //! Frames: pairs of colour and depth, with a camera pose if there is one.
 
 use super::cameras::{Calibration, Camera};
+use super::choice::{Choice, NoPoses, PoseChoice};
 use super::clock::Recorded;
 use super::contents::{Content, Contents, Images, MessagePlace, StampedPlace, Topic};
 use super::frame_names::bare_frame;
-use super::choice::{Choice, NoPoses, PoseChoice};
 use super::transforms::{Instant, Rigid, Route, Tolerance};
 use crate::plausibility::warn_once;
 use crate::recorded_poses::PoseCoverage;
@@ -106,9 +106,7 @@ impl PoseSource {
     pub(crate) fn reaches(&self, contents: &Contents, stamp: i64) -> bool {
         match self {
             Self::Tree(route) => contents.tree.reaches(route, stamp),
-            Self::Topic(topic, _) => {
-                contents.poses(*topic).is_some_and(|poses| poses.timeline.newest() >= Some(stamp))
-            }
+            Self::Topic(topic, _) => contents.poses(*topic).is_some_and(|poses| poses.timeline.newest() >= Some(stamp)),
             Self::None => true,
         }
     }
@@ -173,9 +171,10 @@ impl<'a> FrameMaker<'a> {
                     }
                 };
                 let text = format!("{} ({}) in {}, {of}", topic.name, topic.type_name, poses.world);
-                let source = self.contents.index_of(topic).map_or(PoseSource::None, |index| {
-                    PoseSource::Topic(index, fixed.unwrap_or(Rigid::IDENTITY))
-                });
+                let source = self
+                    .contents
+                    .index_of(topic)
+                    .map_or(PoseSource::None, |index| PoseSource::Topic(index, fixed.unwrap_or(Rigid::IDENTITY)));
                 Ok((source, text))
             }
             PoseChoice::None(reason) => Ok((PoseSource::None, no_poses_text(reason, camera))),
@@ -207,11 +206,7 @@ impl<'a> FrameMaker<'a> {
     ///
     /// # Errors
     /// If no colour image has a depth image, or there is a source of poses and no frame has one.
-    pub(crate) fn frames(
-        &self,
-        source: &PoseSource,
-        cameras: (&Cameras, &Cameras),
-    ) -> Result<Frames, DatasetError> {
+    pub(crate) fn frames(&self, source: &PoseSource, cameras: (&Cameras, &Cameras)) -> Result<Frames, DatasetError> {
         let ((color_topic, color), (depth_topic, depth)) = (self.choice.color, self.choice.depth);
         let (color, depth) = (&color.timeline, &depth.timeline);
         let limit_ms = self.settings.max_time_difference_ms;

@@ -119,10 +119,8 @@ impl FrameReader {
         frame: &PairedFrame,
         messages: &MessageSource<impl Fn(MessagePlace) -> Result<D, DatasetError>, impl Fn(&str) -> PathBuf>,
     ) -> Result<RegisteredImages, DatasetError> {
-        let (color, color_camera) =
-            Self::read_image(&self.color, messages, (frame.color, frame.cameras.0), &COLOR)?;
-        let (depth, depth_camera) =
-            Self::read_image(&self.depth, messages, (frame.depth, frame.cameras.1), &DEPTH)?;
+        let (color, color_camera) = Self::read_image(&self.color, messages, (frame.color, frame.cameras.0), &COLOR)?;
+        let (depth, depth_camera) = Self::read_image(&self.depth, messages, (frame.depth, frame.cameras.1), &DEPTH)?;
         let camera = color_camera.intrinsics;
         let Some(Registration { color_from_depth }) = self.registration else {
             require_registered(&color, &depth, &(messages.place)(&self.depth.topic))?;
@@ -143,11 +141,7 @@ impl FrameReader {
 }
 
 impl ImageSource {
-    fn new(
-        (topic, images): (&Topic, &Images),
-        info: &Topic,
-        path: &Path,
-    ) -> Result<Self, DatasetError> {
+    fn new((topic, images): (&Topic, &Images), info: &Topic, path: &Path) -> Result<Self, DatasetError> {
         Ok(Self {
             topic: topic.name.clone(),
             is_compressed: images.is_compressed,

@@ -4,7 +4,7 @@
 //! whose stamp is far from those before is held until the next ones decide: if [`CONFIRMING`] in a row agree, the clock
 //! was set, otherwise the stamp was wrong. The timeline has one stretch, the current one.
 
-use super::clock::{OUT_OF_ORDER, Order, Stamped, Stretch, Timeline};
+use super::clock::{OUT_OF_ORDER, Order, Recorded, Stamped, Stretch, Timeline};
 
 /// Stamps that are ahead by more than this are held, nanoseconds.
 const GAP: i64 = 10_000_000_000;
@@ -38,12 +38,33 @@ pub(crate) struct Arrival<T> {
     pub(crate) misfits: Vec<T>,
     /// Messages with the stamp of another.
     pub(crate) repeated: Vec<T>,
-    /// If the clock was set back: the messages before, which were removed, and the number of the first one after.
-    pub(crate) set_back: Option<(Vec<T>, i64)>,
+    /// If the clock was set back: the messages before, which were removed, and where it was set back.
+    pub(crate) set_back: Option<(Vec<T>, SetBack)>,
 }
 
-/// What a clock says about a message: the messages to add, those whose stamps are wrong, and whether it was set back.
-type Reading<T> = (Vec<T>, Vec<T>, bool);
+/// The place in a stream at which a clock was set back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SetBack {
+    /// When the first message after it was received.
+    recorded: Recorded,
+    /// Stamp of that message, and the latest stamp before, nanoseconds.
+    stamp: i64,
+    before: i64,
+}
+
+impl SetBack {
+    /// Returns true if a message of any topic has a stamp by the clock before. Messages of other topics that were sent
+    /// after it may have been received shortly before.
+    fn outdates(&self, message: &impl Stamped) -> bool {
+        let (stamp, recorded) = (message.stamp(), message.recorded());
+        let is_shortly_before = recorded.log_time >= self.recorded.log_time.saturating_sub(OUT_OF_ORDER);
+        let is_like_after = stamp.abs_diff(self.stamp) < stamp.abs_diff(self.before);
+        recorded.number < self.recorded.number && !(is_shortly_before && is_like_after)
+    }
+}
+
+/// What a clock says about a message: the messages to add, those whose stamps are wrong, and where it was set back.
+type Reading<T> = (Vec<T>, Vec<T>, Option<SetBack>);
 
 impl<T: Stamped> StreamClock<T> {
     fn read(&mut self, message: T) -> Reading<T> {
@@ -51,17 +72,19 @@ impl<T: Stamped> StreamClock<T> {
         let newest = *self.newest.get_or_insert(stamp);
         if follows(newest, stamp) {
             self.newest = Some(newest.max(stamp));
-            return (vec![message], std::mem::take(&mut self.held), false);
+            return (vec![message], std::mem::take(&mut self.held), None);
         }
         let agrees = self.held.last().is_some_and(|held| follows(held.stamp(), stamp));
         let misfits = if agrees { Vec::new() } else { std::mem::take(&mut self.held) };
         self.held.push(message);
         if self.held.len() < CONFIRMING {
-            return (Vec::new(), misfits, false);
+            return (Vec::new(), misfits, None);
         }
         let confirmed = std::mem::take(&mut self.held);
         self.newest = latest(&confirmed);
-        (confirmed, misfits, self.newest < Some(newest))
+        let first = confirmed.first().filter(|_| self.newest < Some(newest));
+        let set_back = first.map(|first| SetBack { recorded: first.recorded(), stamp: first.stamp(), before: newest });
+        (confirmed, misfits, set_back)
     }
 }
 
@@ -77,10 +100,9 @@ fn follows(newest: i64, stamp: i64) -> bool {
 impl<T: Stamped + Copy> Timeline<T> {
     /// Adds a message, or holds it.
     pub(crate) fn arrive(&mut self, message: T) -> Arrival<T> {
-        let (fitting, misfits, is_set_back) = self.clock.read(message);
+        let (fitting, misfits, set_back) = self.clock.read(message);
         self.misfits += misfits.len();
-        let first = fitting.iter().map(|message| message.recorded().number).min().unwrap_or_default();
-        let set_back = is_set_back.then(|| (self.take_all(), first));
+        let set_back = set_back.map(|at| (self.take_all(), at));
         let (mut added, mut repeated) = (Vec::new(), Vec::new());
         for message in fitting {
             let of_it = if self.insert(message) { &mut added } else { &mut repeated };
@@ -156,10 +178,10 @@ impl<T: Stamped + Copy> Timeline<T> {
         taken
     }
 
-    /// Removes and returns all messages received before number `number`. If none are left but some are held, these are
-    /// added, as they contradict nothing any more.
-    pub(crate) fn restart(&mut self, number: i64) -> Vec<T> {
-        let is_before = |message: &T| message.recorded().number < number;
+    /// Removes and returns all messages from before the clock of another topic was set back. If none are left but some
+    /// are held, these are added, as they contradict nothing any more.
+    pub(crate) fn restart(&mut self, at: &SetBack) -> Vec<T> {
+        let is_before = |message: &T| at.outdates(message);
         let mut removed = self.take_if(is_before);
         let (before, held) = self.take_held().into_iter().partition::<Vec<T>, _>(is_before);
         removed.extend(before);
@@ -191,5 +213,81 @@ impl<T: Stamped + Copy> Timeline<T> {
         if messages.is_empty() {
             self.stretches.clear();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND: i64 = 1_000_000_000;
+
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    struct Message {
+        stamp: i64,
+        number: i64,
+    }
+
+    impl Stamped for Message {
+        fn stamp(&self) -> i64 {
+            self.stamp
+        }
+
+        fn recorded(&self) -> Recorded {
+            Recorded { log_time: self.number * SECOND / 10, number: self.number }
+        }
+    }
+
+    /// Feeds stamps in tenths of a second. Returns the timeline, and the results of all arrivals: the number of misfits
+    /// and of repeated messages, and where the clock was set back.
+    fn fed(stamps: impl IntoIterator<Item = i64>) -> (Timeline<Message>, usize, usize, Vec<SetBack>) {
+        let (mut timeline, mut misfits, mut repeated, mut set_back) = (Timeline::default(), 0, 0, Vec::new());
+        for (stamp, number) in stamps.into_iter().zip(1..) {
+            let arrival = timeline.arrive(Message { stamp: stamp.saturating_mul(SECOND / 10), number });
+            misfits += arrival.misfits.len();
+            repeated += arrival.repeated.len();
+            set_back.extend(arrival.set_back.map(|(_, at)| at));
+        }
+        (timeline, misfits, repeated, set_back)
+    }
+
+    fn stamps(timeline: &Timeline<Message>) -> Vec<i64> {
+        timeline.messages().iter().map(|message| message.stamp / (SECOND / 10)).collect()
+    }
+
+    #[test]
+    fn a_wrong_stamp_is_left_out_and_disorder_sorted() {
+        let (timeline, misfits, repeated, set_back) = fed([100, 102, 101, 5, 103, i64::MAX, 103, 900, 104]);
+        assert_eq!(stamps(&timeline), [100, 101, 102, 103, 104]);
+        assert_eq!((misfits, repeated, set_back.len()), (3, 1, 0));
+    }
+
+    #[test]
+    fn four_messages_that_agree_set_the_clock() {
+        let (timeline, misfits, _, set_back) = fed((500..520).chain(10..13));
+        assert_eq!((timeline.messages().len(), misfits, set_back.len()), (20, 0, 0));
+        let (timeline, _, _, set_back) = fed((500..520).chain(10..14));
+        assert_eq!((stamps(&timeline), set_back.len()), (vec![10, 11, 12, 13], 1));
+        let (timeline, _, _, set_back) = fed((500..520).chain(1000..1004));
+        assert_eq!((timeline.messages().len(), set_back.len()), (24, 0), "a gap");
+    }
+
+    #[test]
+    fn only_what_is_from_before_is_forgotten() {
+        let at = fed((500..520).chain(10..14)).3[0];
+        // Slower than the topic whose clock was set back, so that its last message is held.
+        let (mut timeline, ..) = fed((500..519).chain([9, 11]));
+        assert_eq!(timeline.restart(&at).len(), 19);
+        assert_eq!((stamps(&timeline), timeline.newest()), (vec![9, 11], Some(11 * SECOND / 10)));
+    }
+
+    #[test]
+    fn a_history_is_limited() {
+        let (mut timeline, ..) = fed(0..300);
+        timeline.trim_history();
+        assert_eq!(stamps(&timeline), (199..300).collect::<Vec<_>>());
+        let (mut timeline, ..) = fed((0..5000).map(|_| 7));
+        timeline.trim_history();
+        assert_eq!(timeline.messages().len(), 1);
     }
 }

@@ -1,6 +1,7 @@
 //! The tree of coordinate frames in `/tf` and `/tf_static`, and lookup of transforms by time.
 
 use super::clock::{Order, Recorded, Stamped, Timeline};
+use super::stream_clock::SetBack;
 use glam::{DQuat, DVec3};
 use splatseg_geometry::{Pose, PoseError};
 use std::collections::BTreeMap;
@@ -200,10 +201,10 @@ impl TransformTree {
         }
     }
 
-    /// Forgets the moving transforms of a stream that were received before message number `number`.
-    pub(crate) fn restart(&mut self, number: i64) {
+    /// Forgets the moving transforms of a stream from before a clock was set back.
+    pub(crate) fn restart(&mut self, at: &SetBack) {
         for edge in self.edges.values_mut() {
-            edge.timeline.restart(number);
+            edge.timeline.restart(at);
             (edge.first, edge.repeated) = (None, None);
         }
     }
