@@ -1,7 +1,11 @@
 //! Messages matched into frames while they arrive: the same frames as from a recording, and what is late or wrong.
 
+#[path = "support/messages.rs"]
+mod messages;
 mod support;
 
+use glam::{DQuat, DVec3};
+use messages::{Received, messages};
 use splatseg_dataset::{
     DatasetSettings, FrameMatcher, MatchLimits, McapScene, RecordedFrame, Scene, StreamedFrame, open_scene,
 };
@@ -9,8 +13,9 @@ use splatseg_geometry::RgbdFrame;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use support::mcap::{FRAME_NS, McapWriter, OPTICAL, START, camera_transform, depth_bytes, header, info, raw};
-use support::messages::{Received, messages};
+use support::mcap::{
+    FRAME_NS, McapWriter, OPTICAL, START, camera_transform, depth_bytes, header, info, raw, transform,
+};
 use support::recording::{jpeg_bytes, recording};
 
 const MS: i64 = 1_000_000;
@@ -189,6 +194,64 @@ fn images_with_different_stamps_are_paired_as_in_a_recording() {
     }
     let matcher = same_as_recorded(&times);
     assert_eq!((matcher.counts().frames, matcher.counts().dropped.unpaired), (17, 6), "{}", matcher.counts());
+}
+
+#[test]
+fn depth_of_another_camera_is_registered_and_lenses_are_taken_out() {
+    let camera = *frames_of_a_room(1)[0].intrinsics();
+    let mut writer = McapWriter::new();
+    for (child, x) in [("color", 0.0), ("depth", 0.02)] {
+        let mount = transform(START, "base", child, DVec3::new(x, 0.0, 0.1), DQuat::from_rotation_z(0.1));
+        writer.write("/tf_static", &mount, START);
+    }
+    for (frame, index) in frames_of_a_room(5).iter().zip(0..) {
+        let (stamp, received) = (START + index * FRAME_NS, START + index * FRAME_NS + 20 * MS);
+        for (topic, frame_id, camera) in [("/color", "color", camera), ("/depth", "depth", camera.resized(8, 6))] {
+            let mut info = info(stamp, frame_id, &camera);
+            info.d = vec![-0.2, 0.05, 0.001, 0.0, 0.0];
+            writer.write(&format!("{topic}/camera_info"), &info, received);
+        }
+        let pixels = frame.color().pixels().as_flattened();
+        writer.write("/color/image_raw", &raw(stamp, "color", "rgb8", (16, 12), pixels), received);
+        let units: Vec<u8> = (0..48u16).flat_map(|place| (1500 + 10 * place).to_le_bytes()).collect();
+        writer.write("/depth/image_raw", &raw(stamp, "depth", "16UC1", (8, 6), &units), received);
+        writer.write("/tf", &camera_transform(stamp + 5 * MS, "map", "base", frame), received + 60 * MS);
+    }
+    let bytes = writer.finish();
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("a.mcap"), &bytes).unwrap();
+    let scene = McapScene::open(folder.path(), &DatasetSettings::default()).unwrap();
+    assert!(scene.sources()[1].ends_with(", registered to colour here"));
+    assert_eq!((scene.frame_count(), scene.read_frame(0).unwrap().width()), (5, 8));
+    let (frames, _) = matched(&messages(&bytes), &DatasetSettings::default(), no_frame_is_dropped());
+    assert_same(&frames, &scene);
+}
+
+/// Real images of 640x480 pixels.
+#[test]
+fn a_real_recording_gives_the_same_frames_as_a_stream() {
+    let test = "a_real_recording_gives_the_same_frames_as_a_stream";
+    let Some(path) = support::shared_data(test, "redkitchen_dense") else { return };
+    let kitchen = open_scene(path, &DatasetSettings::default()).unwrap();
+    let mut writer = McapWriter::new();
+    for index in 0..12i64 {
+        let frame = kitchen.read_frame(index as usize).unwrap();
+        let (stamp, size) = (START + index * FRAME_NS / 3, frame.color().size());
+        writer.write("/camera/camera_info", &info(stamp, OPTICAL, frame.intrinsics()), stamp + 30 * MS);
+        let depth = depth_bytes(&frame);
+        writer.write("/camera/depth", &raw(stamp + 6 * MS, OPTICAL, "16UC1", size, &depth), stamp + 31 * MS);
+        let pixels = frame.color().pixels().as_flattened();
+        writer.write("/camera/image", &raw(stamp, OPTICAL, "rgb8", size, pixels), stamp + 32 * MS);
+        writer.write("/tf", &camera_transform(stamp + 3 * MS, "world", OPTICAL, &frame), stamp + 33 * MS);
+    }
+    let bytes = writer.finish();
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("a.mcap"), &bytes).unwrap();
+    let settings = settings("/camera/image", "/camera/depth", "/tf").with(|s| s.world_frame = Some("world".to_owned()));
+    let scene = McapScene::open(folder.path(), &settings).unwrap();
+    let (frames, matcher) = matched(&messages(&bytes), &settings, no_frame_is_dropped());
+    assert_same(&frames, &scene);
+    assert_eq!((frames.len(), matcher.counts().dropped.total()), (12, 0));
 }
 
 #[test]

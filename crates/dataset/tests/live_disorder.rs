@@ -1,7 +1,10 @@
 //! Streams in any disorder: what is fed is counted once, memory is bounded, and time goes back only with the clock.
 
+#[path = "support/messages.rs"]
+mod messages;
 mod support;
 
+use messages::{Received, messages};
 use proptest::prelude::*;
 use splatseg_dataset::{DatasetSettings, FrameMatcher, MatchLimits};
 use splatseg_geometry::RgbdFrame;
@@ -9,7 +12,6 @@ use splatseg_ros::{Odometry, TfMessage, TransformStamped, to_cdr};
 use std::sync::OnceLock;
 use std::time::Duration;
 use support::mcap::{FRAME_NS, McapWriter, OPTICAL, START, header, transform, write_frames};
-use support::messages::{Received, messages};
 use support::recording::recording;
 
 const LIMITS: MatchLimits = MatchLimits {

@@ -2,7 +2,6 @@
 #![allow(dead_code)] // Each test file uses a part.
 
 pub mod mcap;
-pub mod messages;
 pub mod mvpd;
 pub mod recording;
 pub mod sens;
