@@ -3,27 +3,6 @@
 use crate::{Header, Interface, Message};
 use serde::{Deserialize, Serialize};
 
-/// Declares a message whose fields are messages, strings or numbers.
-macro_rules! message {
-    (
-        $(#[doc = $doc:literal])+
-        $name:ident $(: $extra:ident)?, $interface:literal, $fields:literal, [$($uses:ident),*] {
-            $($(#[doc = $field_doc:literal])+ $field:ident: $type:ty,)+
-        }
-    ) => {
-        $(#[doc = $doc])+
-        #[derive(Clone, Debug, $($extra,)? PartialEq, Serialize, Deserialize)]
-        pub struct $name {
-            $($(#[doc = $field_doc])+ pub $field: $type,)+
-        }
-
-        impl Message for $name {
-            const INTERFACE: Interface =
-                Interface { name: $interface, fields: $fields, uses: &[$(&$uses::INTERFACE),*] };
-        }
-    };
-}
-
 message! {
     /// A vector (`geometry_msgs/msg/Vector3`).
     Vector3: Default, "geometry_msgs/msg/Vector3", "float64 x\nfloat64 y\nfloat64 z\n", [] {

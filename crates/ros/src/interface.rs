@@ -41,13 +41,36 @@ impl Interface {
     }
 }
 
+/// Declares a message whose fields are messages, strings or numbers.
+macro_rules! message {
+    (
+        $(#[doc = $doc:literal])+
+        $name:ident $(: $extra:ident)?, $interface:literal, $fields:literal, [$($uses:ident),*] {
+            $($(#[doc = $field_doc:literal])+ $field:ident: $type:ty,)+
+        }
+    ) => {
+        $(#[doc = $doc])+
+        #[derive(Clone, Debug, $($extra,)? PartialEq, Serialize, Deserialize)]
+        pub struct $name {
+            $($(#[doc = $field_doc])+ pub $field: $type,)+
+        }
+
+        impl Message for $name {
+            const INTERFACE: Interface =
+                Interface { name: $interface, fields: $fields, uses: &[$(&$uses::INTERFACE),*] };
+        }
+    };
+}
+
 #[cfg(test)]
 mod tests {
-    use crate::{MarkerArray, Message, Odometry};
+    use crate::{Detection3dArray, DiagnosticArray, MarkerArray, Message, Odometry};
 
     #[test]
     fn a_schema_defines_every_type_once() {
-        for schema in [Odometry::INTERFACE.schema(), MarkerArray::INTERFACE.schema()] {
+        let interfaces =
+            [Odometry::INTERFACE, MarkerArray::INTERFACE, Detection3dArray::INTERFACE, DiagnosticArray::INTERFACE];
+        for schema in interfaces.map(|interface| interface.schema()) {
             let defined: Vec<&str> = schema.lines().filter_map(|line| line.strip_prefix("MSG: ")).collect();
             for line in schema.lines().filter(|line| line.contains('/') && !line.starts_with("MSG: ")) {
                 let used = line.split([' ', '[']).next().unwrap();
