@@ -12,6 +12,7 @@ mod objects_file;
 mod overlay;
 mod page;
 mod poses_file;
+pub mod ros_messages;
 mod run_output;
 
 pub use coco::CocoFile;

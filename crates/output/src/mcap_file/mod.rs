@@ -16,17 +16,14 @@
 //! Ids and poses are final in all messages, also in those of frames before the run found out that two ids are the same
 //! object, or that earlier poses were wrong.
 
-mod frame_messages;
-mod object_messages;
 mod recording;
 mod scene_update;
 
 use crate::error::saved_state;
+use crate::ros_messages::{self, CameraPose, IdPixels, PointBytes, ShownObject};
 use crate::run_output::written_ids;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
-use frame_messages::{CameraPose, IdPixels};
 use glam::DVec3;
-use object_messages::{PointBytes, ShownObject};
 use recording::Recording;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Intrinsics, RemappedId, SegmentId};
@@ -37,12 +34,6 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::PathBuf;
 
-/// The coordinate frame of camera poses and objects.
-const WORLD: &str = "world";
-/// The coordinate frame of the map, if its origin is not the world's.
-const MAP: &str = "splatseg_map";
-/// The optical frame of the camera: x right, y down, z forward.
-const CAMERA: &str = "camera";
 /// Interval between frames without timestamps, nanoseconds: 30 frames per second.
 const FRAME_INTERVAL: i64 = 33_333_333;
 /// Up to this number of objects, each message with boxes repeats all earlier boxes, because a viewer that jumps to a
@@ -112,7 +103,7 @@ impl McapFile {
         let points = PointBytes::of(memory);
         if memory.origin() != DVec3::ZERO {
             let stamp = Time::from_nanoseconds(*first);
-            recording.write("/tf_static", *first, &frame_messages::map_origin(stamp, memory.origin()))?;
+            recording.write("/tf_static", *first, &ros_messages::map_origin(stamp, memory.origin()))?;
         }
         recording.write("/splatseg/points", *first, &points.message(Time::from_nanoseconds(*first))?)?;
         let times = self.seen.first_times(end.remaps);
@@ -179,11 +170,11 @@ fn write_frame(
 ) -> io::Result<()> {
     let (time, stamp) = (frame.time, Time::from_nanoseconds(frame.time));
     if let Some(pose) = pose {
-        recording.write("/tf", time, &frame_messages::camera_pose(stamp, pose))?;
+        recording.write("/tf", time, &ros_messages::camera_pose(stamp, pose))?;
     }
-    recording.write("/splatseg/camera_info", time, &frame_messages::camera_info(stamp, &frame.camera)?)?;
-    recording.write("/splatseg/overlay", time, &frame_messages::overlay(stamp, overlay))?;
-    recording.write("/splatseg/segments", time, &frame_messages::id_image(stamp, size, ids)?)
+    recording.write("/splatseg/camera_info", time, &ros_messages::camera_info(stamp, &frame.camera)?)?;
+    recording.write("/splatseg/overlay", time, &ros_messages::overlay(stamp, overlay))?;
+    recording.write("/splatseg/segments", time, &ros_messages::id_image(stamp, size, ids)?)
 }
 
 /// Writes the boxes of objects, which are sorted by time: one message per time, with the objects first seen then and,
@@ -194,7 +185,7 @@ fn write_boxes(recording: &mut Recording, shown: &[ShownObject]) -> io::Result<(
         let (Some(object), until) = (new.first(), before + new.len()) else { continue };
         let objects = if until <= MAX_REPEATED { shown.get(..until).unwrap_or(new) } else { new };
         recording.write_scene_update("/splatseg/boxes", object.first_seen, &scene_update::scene_update(objects))?;
-        recording.write("/splatseg/markers", object.first_seen, &object_messages::markers(objects))?;
+        recording.write("/splatseg/markers", object.first_seen, &ros_messages::markers(objects))?;
         before = until;
     }
     Ok(())

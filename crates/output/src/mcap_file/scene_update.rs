@@ -1,7 +1,6 @@
 //! Boxes of objects as Foxglove messages: <https://docs.foxglove.dev/docs/sdk/schemas/scene-update>, as JSON.
 
-use super::WORLD;
-use super::object_messages::{BOX_OPACITY, ShownObject, TEXT_HEIGHT};
+use crate::ros_messages::{BOX_OPACITY, ShownObject, TEXT_HEIGHT, WORLD};
 use glam::Quat;
 use serde::Serialize;
 use serde_json::{Value, json};

@@ -22,19 +22,21 @@ pub(super) fn number(value: usize) -> io::Result<u32> {
 
 /// Pose of the camera, world from camera.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(super) struct CameraPose {
+pub struct CameraPose {
     at: DVec3,
     turn: DQuat,
 }
 
 impl CameraPose {
-    pub(super) fn new(world_from_camera: &Pose) -> Self {
+    /// Converts a pose.
+    pub fn new(world_from_camera: &Pose) -> Self {
         let turn = DQuat::from_mat3(&world_from_camera.rotation()).normalize();
         Self { at: world_from_camera.translation(), turn }
     }
 
     /// The pose after a correction: new world coordinates from old ones, `None` if there is none.
-    pub(super) fn corrected(self, new_from_old: Option<&Pose>) -> Self {
+    #[must_use]
+    pub fn corrected(self, new_from_old: Option<&Pose>) -> Self {
         let Some(motion) = new_from_old else { return self };
         let turn = DQuat::from_mat3(&motion.rotation()) * self.turn;
         Self { at: motion.rotation() * self.at + motion.translation(), turn: turn.normalize() }
@@ -42,7 +44,7 @@ impl CameraPose {
 }
 
 /// The message of a camera's pose.
-pub(super) fn camera_pose(stamp: Time, CameraPose { at, turn }: CameraPose) -> TfMessage {
+pub fn camera_pose(stamp: Time, CameraPose { at, turn }: CameraPose) -> TfMessage {
     let transform = Transform {
         translation: Vector3 { x: at.x, y: at.y, z: at.z },
         rotation: Quaternion { x: turn.x, y: turn.y, z: turn.z, w: turn.w },
@@ -52,14 +54,17 @@ pub(super) fn camera_pose(stamp: Time, CameraPose { at, turn }: CameraPose) -> T
 }
 
 /// The message of the map's origin in the world.
-pub(super) fn map_origin(stamp: Time, origin: DVec3) -> TfMessage {
+pub fn map_origin(stamp: Time, origin: DVec3) -> TfMessage {
     let TfMessage { mut transforms } = camera_pose(stamp, CameraPose { at: origin, turn: DQuat::IDENTITY });
     transforms.iter_mut().for_each(|transform| MAP.clone_into(&mut transform.child_frame_id));
     TfMessage { transforms }
 }
 
 /// The message of the camera's intrinsics, without distortion.
-pub(super) fn camera_info(stamp: Time, camera: &Intrinsics) -> io::Result<CameraInfo> {
+///
+/// # Errors
+/// If a size does not fit into 32 bits.
+pub fn camera_info(stamp: Time, camera: &Intrinsics) -> io::Result<CameraInfo> {
     let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(f64::from);
     Ok(CameraInfo {
         header: in_camera(stamp),
@@ -77,12 +82,12 @@ pub(super) fn camera_info(stamp: Time, camera: &Intrinsics) -> io::Result<Camera
 }
 
 /// The message of an overlay; `jpeg` is a JPEG file.
-pub(super) fn overlay(stamp: Time, jpeg: &[u8]) -> CompressedImage<'_> {
+pub fn overlay(stamp: Time, jpeg: &[u8]) -> CompressedImage<'_> {
     CompressedImage { header: in_camera(stamp), format: "jpeg", data: jpeg }
 }
 
 /// The pixels of an id image, little-endian.
-pub(super) struct IdPixels {
+pub struct IdPixels {
     /// ROS name of the pixel format.
     encoding: &'static str,
     bytes_per_pixel: usize,
@@ -91,7 +96,7 @@ pub(super) struct IdPixels {
 
 impl IdPixels {
     /// Pixels of 16 bits if all ids fit, otherwise of 32.
-    pub(super) fn new(segments: &SegmentMap) -> Self {
+    pub fn new(segments: &SegmentMap) -> Self {
         let pixels = segments.pixels().iter();
         if pixels.clone().all(|id| *id <= MAX_16_BIT_ID) {
             let bytes = pixels.flat_map(|id| (*id as u16).to_le_bytes()).collect();
@@ -103,7 +108,10 @@ impl IdPixels {
 }
 
 /// The message of an id image of `(width, height)` pixels.
-pub(super) fn id_image(stamp: Time, (width, height): (usize, usize), pixels: &IdPixels) -> io::Result<Image<'_>> {
+///
+/// # Errors
+/// If a size does not fit into 32 bits.
+pub fn id_image(stamp: Time, (width, height): (usize, usize), pixels: &IdPixels) -> io::Result<Image<'_>> {
     Ok(Image {
         header: in_camera(stamp),
         height: number(height)?,

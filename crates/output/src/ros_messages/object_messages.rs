@@ -8,8 +8,9 @@ use splatseg_geometry::SegmentId;
 use splatseg_memory::SplatMemory;
 use splatseg_objects::{Object, OrientedBox};
 use splatseg_ros::{
-    ColorRgba, Header, Marker, MarkerArray, Point, PointCloud2, PointField, PoseMessage, Quaternion, Time, Vector3,
-    marker_type,
+    BoundingBox3d, ColorRgba, Detection3d, Detection3dArray, Header, Marker, MarkerArray, ObjectHypothesis,
+    ObjectHypothesisWithPose, Point, PointCloud2, PointField, PoseMessage, PoseWithCovariance, Quaternion, Time,
+    Vector3, marker_type,
 };
 use std::io;
 
@@ -18,25 +19,27 @@ const NO_OBJECT: [u8; 3] = [128; 3];
 /// Bytes of a point: x, y, z, colour, id, and colour once more.
 const POINT_BYTES: usize = 24;
 /// Opacity of the boxes: their contents stay visible.
-pub(super) const BOX_OPACITY: f32 = 0.35;
+pub(crate) const BOX_OPACITY: f32 = 0.35;
 /// Height of the ids' digits, metres.
-pub(super) const TEXT_HEIGHT: f32 = 0.08;
+pub(crate) const TEXT_HEIGHT: f32 = 0.08;
 
 /// An object that has a box.
-pub(super) struct ShownObject {
-    pub(super) id: SegmentId,
-    /// Nanoseconds.
-    pub(super) first_seen: i64,
+pub struct ShownObject {
+    /// Its lasting id.
+    pub id: SegmentId,
+    /// When it was first seen, nanoseconds.
+    pub first_seen: i64,
     /// Number of frames that show it.
-    pub(super) frames: usize,
+    pub frames: usize,
     /// Its id, followed by its label if it has one.
-    pub(super) text: String,
-    pub(super) oriented_box: OrientedBox,
+    pub text: String,
+    /// Its box, world coordinates.
+    pub oriented_box: OrientedBox,
 }
 
 impl ShownObject {
-    /// `None` for an object without a shape.
-    pub(super) fn new(first_seen: i64, object: &Object) -> Option<Self> {
+    /// Returns an object of a run's list; `None` if it has no shape. `first_seen` is in nanoseconds.
+    pub fn new(first_seen: i64, object: &Object) -> Option<Self> {
         let text = match &object.label {
             Some(label) => format!("{} {label}", object.id),
             None => object.id.to_string(),
@@ -46,13 +49,13 @@ impl ShownObject {
     }
 
     /// Red, green and blue, 0 to 1.
-    pub(super) fn color(&self) -> [f32; 3] {
+    pub fn color(&self) -> [f32; 3] {
         segment_color(self.id).map(|channel| f32::from(channel) / 255.0)
     }
 }
 
 /// The points of a map, encoded for a message.
-pub(super) struct PointBytes {
+pub struct PointBytes {
     /// Coordinate frame of the points.
     frame_id: &'static str,
     bytes: Vec<u8>,
@@ -60,7 +63,7 @@ pub(super) struct PointBytes {
 
 impl PointBytes {
     /// The centres of a memory's Gaussians, in the colours of their objects.
-    pub(super) fn of(memory: &SplatMemory) -> Self {
+    pub fn of(memory: &SplatMemory) -> Self {
         let (means, ids) = (&memory.balls().means, memory.segment_ids());
         let mut bytes = Vec::with_capacity(POINT_BYTES * means.len());
         for (mean, id) in means.iter().zip(ids).filter(|(mean, _)| mean.is_finite()) {
@@ -79,7 +82,10 @@ impl PointBytes {
     /// The message. `rgb` is a 32-bit integer stored as a float, the ROS convention. Rerun does not support that, but
     /// makes each field a component of its points: it reads their colours from a field `colors` with red in the highest
     /// byte.
-    pub(super) fn message(&self, stamp: Time) -> io::Result<PointCloud2<'_>> {
+    ///
+    /// # Errors
+    /// If a size does not fit into 32 bits.
+    pub fn message(&self, stamp: Time) -> io::Result<PointCloud2<'_>> {
         let field =
             |(name, datatype): (&str, u8), offset| PointField { name: name.to_owned(), offset, datatype, count: 1 };
         let fields = [
@@ -105,8 +111,30 @@ impl PointBytes {
 }
 
 /// Markers for the box and the id of each object.
-pub(super) fn markers(objects: &[ShownObject]) -> MarkerArray<'static> {
+pub fn markers(objects: &[ShownObject]) -> MarkerArray<'static> {
     MarkerArray { markers: objects.iter().flat_map(|object| [box_marker(object), id_marker(object)]).collect() }
+}
+
+/// The boxes of objects, with the lasting id of each as text. An object with a label has it as its class.
+pub fn detections<'a>(header: &Header, objects: impl Iterator<Item = &'a Object>) -> Detection3dArray {
+    let detection = |object: &Object| {
+        let OrientedBox { center, size, rotation } = object.shape.as_ref()?.oriented_box;
+        let (turn, size) = (rotation.as_dquat(), size.as_dvec3());
+        let center = PoseMessage {
+            position: Point { x: center.x, y: center.y, z: center.z },
+            orientation: Quaternion { x: turn.x, y: turn.y, z: turn.z, w: turn.w },
+        };
+        let score = object.confidence.map_or(1.0, f64::from);
+        let hypothesis = ObjectHypothesis { class_id: object.label.clone().unwrap_or_default(), score };
+        let pose = PoseWithCovariance { pose: center.clone(), ..PoseWithCovariance::default() };
+        Some(Detection3d {
+            header: header.clone(),
+            results: vec![ObjectHypothesisWithPose { hypothesis, pose }],
+            bbox: BoundingBox3d { center, size: Vector3 { x: size.x, y: size.y, z: size.z } },
+            id: object.id.to_string(),
+        })
+    };
+    Detection3dArray { header: header.clone(), detections: objects.filter_map(detection).collect() }
 }
 
 fn box_marker(object: &ShownObject) -> Marker<'static> {
