@@ -1,5 +1,6 @@
 //! The topics chosen for a stream.
 
+use super::coordinate_frames::CoordinateFrames;
 use super::matched_frame::STREAM;
 use crate::ros_topics::choice::{Choice, Chooser, NoPoses, PoseChoice};
 use crate::ros_topics::contents::{Content, Contents, Images, Topic};
@@ -19,6 +20,7 @@ pub(super) struct Chosen {
     pub(super) reader: Arc<FrameReader>,
     /// Descriptions of the sources, one line each.
     pub(super) sources: Vec<String>,
+    pub(super) coordinate_frames: CoordinateFrames,
 }
 
 impl Chosen {
@@ -39,12 +41,14 @@ impl Chosen {
         }
         let maker = FrameMaker { path, contents, settings, choice };
         let (poses, pose_text) = maker.pose_source()?;
+        let camera = choice.color.1.frame.clone();
+        let coordinate_frames = CoordinateFrames { camera, world: maker.world_frame() };
         let reader = Arc::new(FrameReader::new(&maker)?);
         let sources = reader.sources(&choice).into_iter().chain([format!("poses: {pose_text}")]).collect();
         let index = |topic: &Topic| contents.index_of(topic).unwrap_or(usize::MAX);
         let (color, depth) = (index(choice.color.0), index(choice.depth.0));
         let infos = [choice.color_info, choice.depth_info].map(index);
-        Ok(Self { color, depth, infos, poses, reader, sources })
+        Ok(Self { color, depth, infos, poses, reader, sources, coordinate_frames })
     }
 
     /// Returns true if the messages of a topic are used.

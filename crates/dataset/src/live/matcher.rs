@@ -1,6 +1,7 @@
 //! Matching of a stream's messages into frames: what a caller sees, and what becomes of each message.
 
 use super::chosen::Chosen;
+use super::coordinate_frames::CoordinateFrames;
 use super::counts::{DropCounts, MatchCounts};
 use super::limits::MatchLimits;
 use super::matched_frame::{FramesInCommon, MatchedFrame, STREAM};
@@ -143,6 +144,11 @@ impl FrameMatcher {
         Some(frame)
     }
 
+    /// Returns the number of complete frames that wait to be taken.
+    pub fn complete_frames(&self) -> usize {
+        self.complete.len()
+    }
+
     /// Decides about everything that waits as if nothing more came, e.g. at the end of a recording. Images without a
     /// partner are dropped.
     pub fn flush(&mut self) {
@@ -171,6 +177,11 @@ impl FrameMatcher {
     /// Returns the topics used, one line each, as for recordings. Empty until they are chosen.
     pub fn sources(&self) -> &[String] {
         self.chosen.as_ref().map_or(&[], |chosen| &chosen.sources)
+    }
+
+    /// Returns the names of the coordinate frames; `None` until topics are chosen.
+    pub fn coordinate_frames(&self) -> Option<&CoordinateFrames> {
+        self.chosen.as_ref().map(|chosen| &chosen.coordinate_frames)
     }
 
     /// Returns why no topics have been chosen, at the last attempt: something is missing or ambiguous. `None` once they

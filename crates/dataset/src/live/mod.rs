@@ -18,6 +18,7 @@
 //! Corrected paths (`nav_msgs/msg/Path`) are not used yet.
 
 mod chosen;
+mod coordinate_frames;
 mod counts;
 mod limits;
 mod matched_frame;
@@ -25,6 +26,7 @@ mod matcher;
 mod matching;
 mod waiting;
 
+pub use coordinate_frames::CoordinateFrames;
 pub use counts::{DropCounts, MatchCounts};
 pub use limits::MatchLimits;
 pub use matched_frame::MatchedFrame;

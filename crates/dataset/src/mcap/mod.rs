@@ -6,10 +6,12 @@
 
 mod chunks;
 mod container;
+mod messages;
 mod recorded_topics;
 mod summary;
 mod text_lengths;
 
+pub use messages::{RecordedMessage, read_messages};
 pub use summary::{McapFrames, McapSummary, McapTopic};
 
 use crate::corrections::CorrectionList;

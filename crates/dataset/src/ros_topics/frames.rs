@@ -143,9 +143,7 @@ impl<'a> FrameMaker<'a> {
         let camera = self.choice.color.1.frame.as_str();
         match self.choice.pose {
             PoseChoice::Tree => {
-                let ancestors = tree.ancestors(camera);
-                let root = ancestors.last().copied().unwrap_or(camera);
-                let world = self.settings.world_frame.as_deref().map_or(root, bare_frame);
+                let world = self.tree_world(camera);
                 let route = tree.route(camera, world).filter(|_| tree.has(camera));
                 let route = route.ok_or_else(|| {
                     let frames = super::choice::listed(tree.frames().into_iter().map(str::to_owned).collect());
@@ -178,6 +176,21 @@ impl<'a> FrameMaker<'a> {
                 Ok((source, text))
             }
             PoseChoice::None(reason) => Ok((PoseSource::None, no_poses_text(reason, camera))),
+        }
+    }
+
+    /// Returns the world frame if poses come from `/tf`: the one that the settings name, or the root above the camera.
+    fn tree_world<'n>(&'n self, camera: &'n str) -> &'n str {
+        let named = self.settings.world_frame.as_deref().map(bare_frame);
+        named.or_else(|| self.contents.tree.ancestors(camera).last().copied()).unwrap_or(camera)
+    }
+
+    /// Returns the name of the frame that poses are in; `None` if there are none, or they do not name it.
+    pub(crate) fn world_frame(&self) -> Option<String> {
+        match self.choice.pose {
+            PoseChoice::Tree => Some(self.tree_world(&self.choice.color.1.frame).to_owned()),
+            PoseChoice::Topic(_, poses) => Some(poses.world.clone()).filter(|world| !world.is_empty()),
+            PoseChoice::None(_) => None,
         }
     }
 
