@@ -7,6 +7,7 @@ use super::devices::DevicesArguments;
 use super::eval::EvalArguments;
 use super::export::ExportArguments;
 use super::inspect::InspectArguments;
+use super::live::LiveArguments;
 use super::locate::LocateArguments;
 use super::map_changes::DiffArguments;
 use super::options::SettingsOptions;
@@ -53,6 +54,8 @@ pub enum Command {
     Demo(DemoArguments),
     /// Segment a recorded RGB-D video
     Run(Box<RunArguments>),
+    /// Segment a stream while it arrives, here a recording that is played: the newest frame wins, the map is kept
+    Live(Box<LiveArguments>),
     /// Score predictions, of this program or any other, against a scene's ground truth
     Eval(Box<EvalArguments>),
     /// Compare methods: scenes × methods × seeds, with tables and a report

@@ -15,6 +15,7 @@ mod export;
 mod failure;
 mod input_paths;
 mod inspect;
+mod live;
 mod locate;
 mod manifest;
 mod map_changes;
@@ -58,6 +59,7 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Command::Inspect(inspect) => inspect::inspect(&inspect),
         Command::Export(export) => export::export(&export),
         Command::Diff(diff) => map_changes::diff(&diff),
+        Command::Live(live) => live::live(&live, program),
         Command::Locate(locate) => locate::locate(&locate),
         Command::Devices(arguments) => devices::devices(&arguments, program),
         Command::Settings(arguments) => settings::settings(&arguments),

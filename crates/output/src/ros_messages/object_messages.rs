@@ -10,7 +10,7 @@ use splatseg_objects::{Object, OrientedBox};
 use splatseg_ros::{
     BoundingBox3d, ColorRgba, Detection3d, Detection3dArray, Header, Marker, MarkerArray, ObjectHypothesis,
     ObjectHypothesisWithPose, Point, PointCloud2, PointField, PoseMessage, PoseWithCovariance, Quaternion, Time,
-    Vector3, marker_type,
+    Vector3, action, marker_type,
 };
 use std::io;
 
@@ -18,6 +18,9 @@ use std::io;
 const NO_OBJECT: [u8; 3] = [128; 3];
 /// Bytes of a point: x, y, z, colour, id, and colour once more.
 const POINT_BYTES: usize = 24;
+/// Namespaces of the markers.
+const BOXES: &str = "boxes";
+const IDS: &str = "ids";
 /// Opacity of the boxes: their contents stay visible.
 pub(crate) const BOX_OPACITY: f32 = 0.35;
 /// Height of the ids' digits, metres.
@@ -62,21 +65,17 @@ pub struct PointBytes {
 }
 
 impl PointBytes {
-    /// The centres of a memory's Gaussians, in the colours of their objects.
+    /// The centres of a memory's Gaussians, in the colours of their objects. They are in the frame [`MAP`] if the map's
+    /// origin is not the world's.
     pub fn of(memory: &SplatMemory) -> Self {
-        let (means, ids) = (&memory.balls().means, memory.segment_ids());
-        let mut bytes = Vec::with_capacity(POINT_BYTES * means.len());
-        for (mean, id) in means.iter().zip(ids).filter(|(mean, _)| mean.is_finite()) {
-            bytes.extend(mean.to_array().into_iter().flat_map(f32::to_le_bytes));
-            let [red, green, blue] = if id == 0 { NO_OBJECT } else { segment_color(id) };
-            // The low byte of the colour comes first.
-            bytes.extend([blue, green, red, 0]);
-            bytes.extend(id.to_le_bytes());
-            bytes.extend(u32::from_be_bytes([red, green, blue, 255]).to_le_bytes());
-        }
         // ROS viewers take 32-bit points only.
         let frame_id = if memory.origin() == DVec3::ZERO { WORLD } else { MAP };
-        Self { frame_id, bytes }
+        Self { frame_id, bytes: point_bytes(memory, DVec3::ZERO) }
+    }
+
+    /// As [`Self::of`], in [`WORLD`]. Far from its origin, points are less exact.
+    pub fn in_world(memory: &SplatMemory) -> Self {
+        Self { frame_id: WORLD, bytes: point_bytes(memory, memory.origin()) }
     }
 
     /// The message. `rgb` is a 32-bit integer stored as a float, the ROS convention. Rerun does not support that, but
@@ -110,9 +109,37 @@ impl PointBytes {
     }
 }
 
-/// Markers for the box and the id of each object.
-pub fn markers(objects: &[ShownObject]) -> MarkerArray<'static> {
-    MarkerArray { markers: objects.iter().flat_map(|object| [box_marker(object), id_marker(object)]).collect() }
+/// Encodes the centres of Gaussians, moved by `offset`.
+fn point_bytes(memory: &SplatMemory, offset: DVec3) -> Vec<u8> {
+    let (means, ids) = (&memory.balls().means, memory.segment_ids());
+    let mut bytes = Vec::with_capacity(POINT_BYTES * means.len());
+    for (mean, id) in means.iter().zip(ids).filter(|(mean, _)| mean.is_finite()) {
+        let mean = (mean.as_dvec3() + offset).as_vec3();
+        bytes.extend(mean.to_array().into_iter().flat_map(f32::to_le_bytes));
+        let [red, green, blue] = if id == 0 { NO_OBJECT } else { segment_color(id) };
+        // The low byte of the colour comes first.
+        bytes.extend([blue, green, red, 0]);
+        bytes.extend(id.to_le_bytes());
+        bytes.extend(u32::from_be_bytes([red, green, blue, 255]).to_le_bytes());
+    }
+    bytes
+}
+
+/// Markers for the box and the id of each object, and deletions of the markers of the objects `gone`.
+pub fn markers(objects: &[ShownObject], gone: &[SegmentId]) -> MarkerArray<'static> {
+    let deletion = |id: &SegmentId, namespace: &str| Marker {
+        ns: namespace.to_owned(),
+        id: marker_id(*id),
+        action: action::DELETE,
+        ..Marker::default()
+    };
+    let deleted = gone.iter().flat_map(|id| [BOXES, IDS].map(|namespace| deletion(id, namespace)));
+    let added = objects.iter().flat_map(|object| [box_marker(object), id_marker(object)]);
+    MarkerArray { markers: deleted.chain(added).collect() }
+}
+
+fn marker_id(id: SegmentId) -> i32 {
+    i32::try_from(id).unwrap_or(i32::MAX)
 }
 
 /// The boxes of objects, with the lasting id of each as text. An object with a label has it as its class.
@@ -141,7 +168,7 @@ fn box_marker(object: &ShownObject) -> Marker<'static> {
     let turn = object.oriented_box.rotation.as_dquat();
     let size = object.oriented_box.size.as_dvec3();
     let [r, g, b] = object.color();
-    let mut marker = marker(object, "boxes", marker_type::CUBE);
+    let mut marker = marker(object, BOXES, marker_type::CUBE);
     marker.pose.orientation = Quaternion { x: turn.x, y: turn.y, z: turn.z, w: turn.w };
     marker.scale = Vector3 { x: size.x, y: size.y, z: size.z };
     marker.color = ColorRgba { r, g, b, a: BOX_OPACITY };
@@ -149,7 +176,7 @@ fn box_marker(object: &ShownObject) -> Marker<'static> {
 }
 
 fn id_marker(object: &ShownObject) -> Marker<'static> {
-    let mut marker = marker(object, "ids", marker_type::TEXT_VIEW_FACING);
+    let mut marker = marker(object, IDS, marker_type::TEXT_VIEW_FACING);
     marker.scale.z = f64::from(TEXT_HEIGHT);
     marker.color = ColorRgba { r: 1.0, g: 1.0, b: 1.0, a: 1.0 };
     marker.text.clone_from(&object.text);
@@ -162,7 +189,7 @@ fn marker(object: &ShownObject, namespace: &str, kind: i32) -> Marker<'static> {
     Marker {
         header: Header { stamp: Time::from_nanoseconds(object.first_seen), frame_id: WORLD.to_owned() },
         ns: namespace.to_owned(),
-        id: i32::try_from(object.id).unwrap_or(i32::MAX),
+        id: marker_id(object.id),
         kind,
         pose: PoseMessage {
             position: Point { x: center.x, y: center.y, z: center.z },

@@ -25,6 +25,8 @@ impl FileKind {
     /// A saved memory.
     pub const MEMORY: Self =
         Self { option: "--save-memory", content: "the memory", name: "a saved memory", start: b"ply" };
+    /// The map of a live session.
+    pub const MAP: Self = Self { option: "--map", content: "the map", name: "a saved memory", start: b"ply" };
     /// A COCO file with all masks.
     pub const COCO: Self = Self {
         option: "--save-coco",

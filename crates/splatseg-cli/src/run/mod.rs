@@ -19,7 +19,7 @@ pub mod saved_run;
 mod skipped_frames;
 mod stop_signals;
 
-pub use extra_file::FileKind;
+pub use extra_file::{ExtraFile, FileKind};
 pub use report::report;
 pub use saved_run::SavedRun;
 pub use stop_signals::StopSignals;
@@ -30,7 +30,6 @@ use super::manifest::SUMMARY;
 use super::map_changes::{self, MapBefore};
 use super::output_folder::{OutputFolder, OverwritePolicy};
 use super::{Failure, devices};
-use extra_file::ExtraFile;
 use final_ids::{FrameImages, update_frames};
 use frame_loop::{FrameLoop, LoopOutcome, StateSaving};
 use progress::codebook_bar;
@@ -271,7 +270,7 @@ fn write_changes(before: &MapBefore, pipeline: &Pipeline, ended: &mut LoopOutcom
 }
 
 /// Sets the number of threads of the process. It cannot change after the first job.
-fn use_threads(threads: usize) -> Result<(), Failure> {
+pub fn use_threads(threads: usize) -> Result<(), Failure> {
     let built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     match built {
         Err(_) if [0, rayon::current_num_threads()].contains(&threads) => Ok(()),

@@ -1,0 +1,25 @@
+//! Objects from a stream of ROS 2 messages while they arrive.
+//!
+//! [`LiveStream`] is fed with messages from any thread and gives the newest complete frame. [`LiveSession`] processes
+//! these frames, publishes results through an [`Outlet`] and saves the map. There is no transport in this crate.
+
+mod error;
+mod outlet;
+mod requests;
+mod results;
+mod saved_map;
+mod session;
+mod status;
+mod stream;
+
+pub use error::LiveError;
+pub use outlet::{Outlet, Output, Silent};
+pub use requests::{LiveRequest, Requests};
+pub use saved_map::SavedMap;
+pub use session::{BuildPipeline, LiveOptions, LiveSession};
+pub use status::LiveStatus;
+pub use stream::LiveStream;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

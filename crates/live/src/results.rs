@@ -1,0 +1,134 @@
+//! The messages of a session's results.
+
+use crate::saved_map::objects;
+use crate::{Outlet, Output};
+use splatseg::Pipeline;
+use splatseg::pipeline::FrameResult;
+use splatseg_dataset::CoordinateFrames;
+use splatseg_geometry::{Image, SegmentId};
+use splatseg_objects::SeenObjects;
+use splatseg_odometry::PoseState;
+use splatseg_output::draw_overlay;
+use splatseg_output::ros_messages::{
+    CAMERA, CameraPose, IdPixels, PointBytes, ShownObject, WORLD, camera_pose, detections, id_image, markers, overlay,
+};
+use splatseg_ros::{Header, Time, to_cdr};
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+/// Child frame of the transform with the tracked pose. The camera's own frame may have a parent already.
+const TRACKED_CAMERA: &str = "splatseg_camera";
+const JPEG_QUALITY: u8 = 80;
+
+/// Makes and publishes messages.
+#[derive(Debug, Default)]
+pub(crate) struct Results {
+    frames: CoordinateFrames,
+    /// Objects in the latest markers.
+    marked: BTreeSet<SegmentId>,
+}
+
+/// A frame with its result.
+pub(crate) struct ResultFrame<'a> {
+    pub(crate) result: &'a FrameResult,
+    /// The colour image, if an overlay is wanted.
+    pub(crate) color: Option<&'a Image<[u8; 3]>>,
+    pub(crate) stamp: Duration,
+}
+
+impl Results {
+    /// Sets the names of the coordinate frames.
+    pub(crate) fn set_frames(&mut self, frames: CoordinateFrames) {
+        self.frames = frames;
+    }
+
+    /// The world frame; `world` if the stream names none.
+    fn world(&self) -> &str {
+        self.frames.world.as_deref().unwrap_or(WORLD)
+    }
+
+    /// Publishes the messages of a frame: its ids and overlay on its stamp, and its pose if it is tracked.
+    pub(crate) fn publish_frame(&self, frame: &ResultFrame<'_>, outlet: &mut dyn Outlet) {
+        let segments = &frame.result.output.segments;
+        let named = |name: &str| if name.is_empty() { CAMERA.to_owned() } else { name.to_owned() };
+        if outlet.wants(Output::Ids) {
+            let pixels = IdPixels::new(segments);
+            if let Ok(mut message) = id_image(time(frame.stamp), segments.size(), &pixels) {
+                message.header.frame_id = named(&self.frames.camera);
+                send(outlet, Output::Ids, to_cdr(&message));
+            }
+        }
+        if let Some(jpeg) = frame.color.and_then(|color| overlay_jpeg(color, frame.result)) {
+            let mut message = overlay(time(frame.stamp), &jpeg);
+            message.header.frame_id = named(&self.frames.camera);
+            send(outlet, Output::Overlay, to_cdr(&message));
+        }
+        if frame.result.pose.state == PoseState::Tracked && outlet.wants(Output::Transform) {
+            let mut message = camera_pose(time(frame.stamp), CameraPose::new(&frame.result.pose.world_from_camera));
+            for transform in &mut message.transforms {
+                transform.header.frame_id = self.world().to_owned();
+                transform.child_frame_id = TRACKED_CAMERA.to_owned();
+            }
+            send(outlet, Output::Transform, to_cdr(&message));
+        }
+    }
+
+    /// Publishes all objects, with the stamp of the latest frame.
+    pub(crate) fn publish_objects(
+        &mut self,
+        pipeline: &Pipeline,
+        seen: &SeenObjects,
+        stamp: Duration,
+        outlet: &mut dyn Outlet,
+    ) {
+        if !outlet.wants(Output::Objects) && !outlet.wants(Output::Markers) {
+            return;
+        }
+        let list = objects(pipeline, seen);
+        let header = Header { stamp: time(stamp), frame_id: self.world().to_owned() };
+        if outlet.wants(Output::Objects) {
+            send(outlet, Output::Objects, to_cdr(&detections(&header, list.objects.iter())));
+        }
+        if outlet.wants(Output::Markers) {
+            let stamp = time(stamp).nanoseconds();
+            let shown: Vec<ShownObject> =
+                list.objects.iter().filter_map(|object| ShownObject::new(stamp, object)).collect();
+            let ids: BTreeSet<SegmentId> = shown.iter().map(|object| object.id).collect();
+            let mut message = markers(&shown, &self.marked.difference(&ids).copied().collect::<Vec<_>>());
+            message.markers.iter_mut().for_each(|marker| marker.header = header.clone());
+            send(outlet, Output::Markers, to_cdr(&message));
+            self.marked = ids;
+        }
+    }
+
+    /// Publishes the map as points.
+    pub(crate) fn publish_points(&self, pipeline: &Pipeline, stamp: Duration, outlet: &mut dyn Outlet) {
+        let Some(memory) = pipeline.memory().filter(|_| outlet.wants(Output::Points)) else { return };
+        if let Ok(mut message) = PointBytes::in_world(memory).message(time(stamp)) {
+            self.world().clone_into(&mut message.header.frame_id);
+            send(outlet, Output::Points, to_cdr(&message));
+        }
+    }
+}
+
+fn time(stamp: Duration) -> Time {
+    Time::from_nanoseconds(i64::try_from(stamp.as_nanos()).unwrap_or(i64::MAX))
+}
+
+/// Publishes a message; the types published here can all be encoded.
+pub(crate) fn send(outlet: &mut dyn Outlet, output: Output, message: Result<Vec<u8>, splatseg_ros::CdrError>) {
+    match message {
+        Ok(message) => outlet.publish(output, message),
+        Err(error) => tracing::warn!("{}: {error}", output.topic()),
+    }
+}
+
+fn overlay_jpeg(color: &Image<[u8; 3]>, result: &FrameResult) -> Option<Vec<u8>> {
+    let drawn = draw_overlay(color, &result.output.segments).ok()?;
+    let bytes: Vec<u8> = drawn.pixels().iter().flatten().copied().collect();
+    let (width, height) = (u32::try_from(drawn.width()).ok()?, u32::try_from(drawn.height()).ok()?);
+    let mut encoded = Vec::new();
+    let mut encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut encoded, JPEG_QUALITY);
+    encoder.encode(&bytes, width, height, image::ExtendedColorType::Rgb8).ok()?;
+    Some(encoded)
+}

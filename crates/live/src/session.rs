@@ -1,0 +1,321 @@
+//! The loop of a session: the newest frame, its result, what is due besides.
+
+use crate::requests::PendingRequest;
+use crate::results::{ResultFrame, Results, send};
+use crate::saved_map::objects;
+use crate::{LiveError, LiveRequest, LiveStatus, LiveStream, Outlet, Output, Requests, SavedMap};
+use splatseg::Pipeline;
+use splatseg::pipeline::{FrameResult, PipelineError};
+use splatseg_dataset::{MatchedFrame, StreamedFrame};
+use splatseg_memory::SplatMemory;
+use splatseg_objects::{FrameStamp, SeenObjects};
+use splatseg_ros::{Header, Time, to_cdr};
+use std::collections::VecDeque;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::mpsc::Receiver;
+use std::time::{Duration, Instant};
+
+/// Longest time without looking at requests and signals.
+const WAIT: Duration = Duration::from_millis(100);
+/// Number of times of frames that are kept for the rate.
+const KEPT_TIMES: usize = 120;
+const SECOND: Duration = Duration::from_secs(1);
+
+/// How often a session publishes and saves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LiveOptions {
+    /// Interval between messages with all objects.
+    pub objects_interval: Duration,
+    /// Interval between messages with the map's points.
+    pub points_interval: Duration,
+    /// Interval between states.
+    pub status_interval: Duration,
+    /// Where the map is saved, if it is.
+    pub saved_map: Option<SavedMap>,
+    /// Interval between saves.
+    pub save_interval: Duration,
+}
+
+impl Default for LiveOptions {
+    fn default() -> Self {
+        Self {
+            objects_interval: Duration::from_millis(500),
+            points_interval: Duration::from_secs(2),
+            status_interval: SECOND,
+            saved_map: None,
+            save_interval: Duration::from_secs(30),
+        }
+    }
+}
+
+/// Makes a pipeline, with a saved map if a path is given.
+pub type BuildPipeline = Box<dyn FnMut(Option<&Path>) -> Result<Pipeline, PipelineError> + Send>;
+
+/// A pipeline on a stream.
+pub struct LiveSession {
+    pipeline: Pipeline,
+    build: BuildPipeline,
+    stream: Arc<LiveStream>,
+    outlet: Box<dyn Outlet>,
+    options: LiveOptions,
+    results: Results,
+    seen: SeenObjects,
+    status: LiveStatus,
+    /// When the latest frames were done.
+    times: VecDeque<Instant>,
+    latest_stamp: Duration,
+    due: Due,
+    requests: (Requests, Receiver<PendingRequest>),
+}
+
+/// When things were last done.
+struct Due {
+    objects: Instant,
+    points: Instant,
+    status: Instant,
+    saved: Instant,
+    /// Frames with a result at the last save.
+    saved_frames: usize,
+}
+
+impl LiveSession {
+    /// Creates a session. `build` makes its pipeline, now with the map `load`, and again when a request needs a new one.
+    ///
+    /// # Errors
+    /// As `build`.
+    pub fn new(
+        mut build: BuildPipeline,
+        load: Option<&Path>,
+        (stream, outlet): (Arc<LiveStream>, Box<dyn Outlet>),
+        options: LiveOptions,
+    ) -> Result<Self, PipelineError> {
+        let now = Instant::now();
+        Ok(Self {
+            pipeline: build(load)?,
+            build,
+            stream,
+            outlet,
+            options,
+            results: Results::default(),
+            seen: SeenObjects::default(),
+            status: LiveStatus::default(),
+            times: VecDeque::new(),
+            latest_stamp: Duration::ZERO,
+            due: Due { objects: now, points: now, status: now, saved: now, saved_frames: 0 },
+            requests: Requests::channel(),
+        })
+    }
+
+    /// Returns a sender of requests, for other threads.
+    pub fn requests(&self) -> Requests {
+        self.requests.0.clone()
+    }
+
+    /// The state after the latest frame.
+    pub fn status(&self) -> &LiveStatus {
+        &self.status
+    }
+
+    /// The pipeline.
+    pub fn pipeline(&self) -> &Pipeline {
+        &self.pipeline
+    }
+
+    /// Processes frames until the stream ends or `is_stopped` returns true, which is called between frames and ten times a
+    /// second. Then everything is published once more, and the map is saved.
+    ///
+    /// # Errors
+    /// If the method fails, or the map cannot be saved at the end. A save in between that fails is a problem in the
+    /// status.
+    pub fn run(&mut self, is_stopped: &mut dyn FnMut() -> bool) -> Result<(), LiveError> {
+        let ended = self.process(is_stopped);
+        self.publish_all();
+        let saved = if self.options.saved_map.is_some() && self.has_unsaved() { self.save() } else { Ok(()) };
+        ended.and(saved)
+    }
+
+    fn process(&mut self, is_stopped: &mut dyn FnMut() -> bool) -> Result<(), LiveError> {
+        while !is_stopped() {
+            match self.stream.wait(WAIT) {
+                Some(_) if self.status.is_paused => self.status.paused_frames += 1,
+                Some(frame) => self.use_frame(frame)?,
+                None if self.stream.is_over() => break,
+                None => self.status.problem = self.stream.undecided(),
+            }
+            self.answer_requests();
+            self.do_what_is_due();
+        }
+        Ok(())
+    }
+
+    /// Processes a frame. One that cannot be used becomes the problem in the status.
+    fn use_frame(&mut self, frame: MatchedFrame) -> Result<(), LiveError> {
+        let (received, started) = (frame.received(), Instant::now());
+        let streamed = match frame.read() {
+            Ok(streamed) => streamed,
+            Err(error) => {
+                self.skip(error.to_string());
+                return Ok(());
+            }
+        };
+        let StreamedFrame { frame, world_from_camera, .. } = streamed;
+        let stamp = frame.timestamp().unwrap_or(received);
+        let file_stamp = FrameStamp {
+            number: self.status.frames,
+            name: Some(frame.name().to_owned()),
+            file: None,
+            time_s: Some(stamp.as_secs_f64()),
+        };
+        let size = (frame.width(), frame.height());
+        let color = self.outlet.wants(Output::Overlay).then(|| frame.color().clone().into_owned());
+        let result = match world_from_camera {
+            Some(pose) => self.pipeline.step(&frame.at(pose)),
+            None => self.pipeline.step_unposed(frame),
+        };
+        match result {
+            Ok(result) => {
+                self.seen.remap(&result.remapped);
+                self.seen.record(&file_stamp, size, &result.objects);
+                self.record(&result, received, started);
+                self.latest_stamp = stamp;
+                if let Some(frames) = self.stream.coordinate_frames() {
+                    self.results.set_frames(frames);
+                }
+                let frame = ResultFrame { result: &result, color: color.as_ref(), stamp };
+                self.results.publish_frame(&frame, self.outlet.as_mut());
+                Ok(())
+            }
+            Err(error @ (PipelineError::Segmenter { .. } | PipelineError::Pose { .. })) => {
+                self.skip(error.to_string());
+                Ok(())
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    fn skip(&mut self, problem: String) {
+        self.status.skipped += 1;
+        self.status.problem = Some(problem);
+    }
+
+    fn record(&mut self, result: &FrameResult, received: Duration, started: Instant) {
+        let status = &mut self.status;
+        status.frames += 1;
+        status.problem = None;
+        status.visible_objects = result.objects.len();
+        status.pose = Some(result.pose.state);
+        status.frame_time = started.elapsed();
+        status.age = LiveStream::now().saturating_sub(received);
+        self.times.push_back(Instant::now());
+        if self.times.len() > KEPT_TIMES {
+            self.times.pop_front();
+        }
+    }
+
+    fn do_what_is_due(&mut self) {
+        let passed = |before: Instant, interval: Duration| before.elapsed() >= interval;
+        let has_frames = self.status.frames > 0;
+        if has_frames && passed(self.due.objects, self.options.objects_interval) {
+            self.publish_objects();
+        }
+        if has_frames && passed(self.due.points, self.options.points_interval) {
+            self.due.points = Instant::now();
+            self.results.publish_points(&self.pipeline, self.latest_stamp, self.outlet.as_mut());
+        }
+        if passed(self.due.status, self.options.status_interval) {
+            self.show_status();
+        }
+        let is_saving = self.options.saved_map.is_some() && self.has_unsaved();
+        if is_saving
+            && passed(self.due.saved, self.options.save_interval)
+            && let Err(error) = self.save()
+        {
+            self.status.problem = Some(error.to_string());
+        }
+    }
+
+    fn publish_all(&mut self) {
+        if self.status.frames > 0 {
+            self.publish_objects();
+            self.results.publish_points(&self.pipeline, self.latest_stamp, self.outlet.as_mut());
+        }
+        self.show_status();
+    }
+
+    fn publish_objects(&mut self) {
+        self.due.objects = Instant::now();
+        self.results.publish_objects(&self.pipeline, &self.seen, self.latest_stamp, self.outlet.as_mut());
+    }
+
+    fn show_status(&mut self) {
+        self.due.status = Instant::now();
+        let recent = self.times.iter().filter(|time| time.elapsed() < SECOND).count();
+        self.status.rate_hz = recent as f32;
+        self.status.counts = self.stream.counts();
+        self.status.gaussians = self.pipeline.memory().map_or(0, SplatMemory::gaussian_count);
+        self.status.objects = self.seen.objects().len();
+        if self.outlet.wants(Output::Diagnostics) {
+            let now = i64::try_from(LiveStream::now().as_nanos()).unwrap_or(i64::MAX);
+            let header = Header { stamp: Time::from_nanoseconds(now), frame_id: String::new() };
+            send(self.outlet.as_mut(), Output::Diagnostics, to_cdr(&self.status.diagnostics(header)));
+        }
+        self.outlet.show(&self.status);
+    }
+
+    fn has_unsaved(&self) -> bool {
+        self.status.frames > self.due.saved_frames
+    }
+
+    fn save(&mut self) -> Result<(), LiveError> {
+        self.due.saved = Instant::now();
+        let files = self.options.saved_map.as_ref().ok_or(LiveError::NoFile)?;
+        files.save(&self.pipeline, &self.seen)?;
+        self.due.saved_frames = self.status.frames;
+        Ok(())
+    }
+
+    fn answer_requests(&mut self) {
+        while let Ok((request, answer)) = self.requests.1.try_recv() {
+            let done = self.execute(request).map_err(|error| error.to_string());
+            // Whoever has asked may have stopped waiting.
+            let _ = answer.try_send(done);
+        }
+    }
+
+    fn execute(&mut self, request: LiveRequest) -> Result<String, LiveError> {
+        match request {
+            LiveRequest::Save => {
+                self.save()?;
+                let path = self.options.saved_map.as_ref().map(|files| files.map().display().to_string());
+                Ok(format!("saved {} objects to {}", self.seen.objects().len(), path.unwrap_or_default()))
+            }
+            LiveRequest::Load(path) => {
+                let saved = self.options.saved_map.as_ref().map(|files| files.map().to_owned());
+                let path = path.or(saved).ok_or(LiveError::NoFile)?;
+                self.replace_map(Some(&path))?;
+                Ok(format!("loaded {}", path.display()))
+            }
+            LiveRequest::Reset => {
+                self.replace_map(None)?;
+                Ok("forgot everything".to_owned())
+            }
+            LiveRequest::Pause(is_paused) => {
+                self.status.is_paused = is_paused;
+                Ok(if is_paused { "paused" } else { "running" }.to_owned())
+            }
+        }
+    }
+
+    /// Starts again with another map, or an empty one. If it cannot be loaded, the present one stays.
+    fn replace_map(&mut self, path: Option<&Path>) -> Result<(), LiveError> {
+        self.pipeline = (self.build)(path)?;
+        self.seen = SeenObjects::default();
+        Ok(())
+    }
+
+    /// Returns the objects so far, as in `objects.json`.
+    pub fn objects(&self) -> splatseg_objects::ObjectList {
+        objects(&self.pipeline, &self.seen)
+    }
+}

@@ -1,0 +1,148 @@
+//! The stream's messages, fed by threads that receive them.
+
+use splatseg_dataset::{
+    CoordinateFrames, DatasetError, DatasetSettings, FrameMatcher, MatchCounts, MatchLimits, MatchedFrame,
+};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
+
+/// Longest time between two looks at the clock while waiting for a frame: poses may be waited for no longer.
+const CLOCK_CHECK: Duration = Duration::from_millis(20);
+
+/// Number of complete frames that may wait in a stream without drops.
+const WITHOUT_DROPS: usize = 1024;
+
+/// A [`FrameMatcher`] that several threads share: some feed it, one takes frames.
+#[derive(Debug)]
+pub struct LiveStream {
+    state: Mutex<State>,
+    clock: Clock,
+    has_news: Condvar,
+    has_room: Condvar,
+}
+
+/// The clock by which a stream waits for poses and partners of images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Clock {
+    /// That of the system: the newest frame wins.
+    System,
+    /// The times of the messages: no frame is dropped, and whoever feeds them waits.
+    Messages,
+}
+
+#[derive(Debug)]
+struct State {
+    matcher: FrameMatcher,
+    is_over: bool,
+    /// Time of receipt of the latest message.
+    received: Duration,
+}
+
+impl LiveStream {
+    /// Creates a stream; see [`FrameMatcher`] for how topics are chosen.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn new(settings: &DatasetSettings, limits: MatchLimits) -> Result<Self, DatasetError> {
+        Self::with_clock(settings, limits, Clock::System)
+    }
+
+    /// Creates a stream in which no complete frame is dropped: [`Self::feed_at`] waits until the frames so far are taken.
+    /// What waits for poses does so by the times of the messages, so the same messages give the same frames.
+    ///
+    /// # Errors
+    /// If a setting is out of range.
+    pub fn without_drops(settings: &DatasetSettings) -> Result<Self, DatasetError> {
+        let limits = MatchLimits { complete: WITHOUT_DROPS, ..MatchLimits::default() };
+        Self::with_clock(settings, limits, Clock::Messages)
+    }
+
+    fn with_clock(settings: &DatasetSettings, limits: MatchLimits, clock: Clock) -> Result<Self, DatasetError> {
+        let matcher = FrameMatcher::new(settings, limits)?;
+        let state = Mutex::new(State { matcher, is_over: false, received: Duration::ZERO });
+        Ok(Self { state, clock, has_news: Condvar::new(), has_room: Condvar::new() })
+    }
+
+    /// Returns the time since the Unix epoch.
+    pub fn now() -> Duration {
+        SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default()
+    }
+
+    /// Takes in a message that has just been received: `data` in CDR, of type `type_name`, e.g. `sensor_msgs/msg/Image`.
+    /// It is copied only if it is an image that may be used.
+    pub fn feed(&self, topic: &str, type_name: &str, data: &[u8]) {
+        self.feed_at((topic, type_name), data, Self::now());
+    }
+
+    /// As [`Self::feed`], with the topic, its type, and the time of receipt since the Unix epoch. Messages after the end
+    /// of the stream are ignored.
+    pub fn feed_at(&self, (topic, type_name): (&str, &str), data: &[u8], received: Duration) {
+        let mut state = self.lock();
+        if state.is_over {
+            return;
+        }
+        state.matcher.feed(topic, type_name, data, received);
+        state.received = received;
+        self.has_news.notify_one();
+        while self.clock == Clock::Messages && state.matcher.complete_frames() > 0 && !state.is_over {
+            state = self.has_room.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// Ends the stream: frames that are complete can still be taken, and no more will come.
+    pub fn end(&self) {
+        let mut state = self.lock();
+        state.matcher.flush();
+        state.is_over = true;
+        self.has_news.notify_all();
+        self.has_room.notify_all();
+    }
+
+    /// Waits for the next complete frame, for `timeout` at most.
+    pub fn wait(&self, timeout: Duration) -> Option<MatchedFrame> {
+        let until = Instant::now() + timeout;
+        let mut state = self.lock();
+        loop {
+            let now = if self.clock == Clock::System { Self::now() } else { state.received };
+            if let Some(frame) = state.matcher.take(now) {
+                self.has_room.notify_all();
+                return Some(frame);
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            if state.is_over || left.is_zero() {
+                return None;
+            }
+            let waited = self.has_news.wait_timeout(state, left.min(CLOCK_CHECK));
+            state = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// Returns true if the stream has ended.
+    pub fn is_over(&self) -> bool {
+        self.lock().is_over
+    }
+
+    /// Returns what has become of the messages so far.
+    pub fn counts(&self) -> MatchCounts {
+        self.lock().matcher.counts()
+    }
+
+    /// Returns the topics used, one line each; empty until they are chosen.
+    pub fn sources(&self) -> Vec<String> {
+        self.lock().matcher.sources().to_vec()
+    }
+
+    /// Returns why no topics are chosen yet; `None` once they are, and before the first attempt.
+    pub fn undecided(&self) -> Option<String> {
+        self.lock().matcher.undecided().map(ToString::to_string)
+    }
+
+    /// Returns the names of the coordinate frames; `None` until topics are chosen.
+    pub fn coordinate_frames(&self) -> Option<CoordinateFrames> {
+        self.lock().matcher.coordinate_frames().cloned()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

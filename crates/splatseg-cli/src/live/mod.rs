@@ -1,0 +1,162 @@
+//! `splatseg live`: a stream while it arrives.
+
+mod player;
+mod terminal_outlet;
+
+use crate::input_paths::InputPaths;
+use crate::options::SettingsOptions;
+use crate::output_folder::OverwritePolicy;
+use crate::run::{ExtraFile, FileKind, StopSignals, use_threads};
+use crate::{Failure, devices};
+use clap::Args;
+use player::{Pace, play};
+use splatseg::pipeline::LoadedNetworks;
+use splatseg::{Pipeline, Settings};
+use splatseg_dataset::{MatchLimits, McapScene};
+use splatseg_live::{BuildPipeline, LiveError, LiveOptions, LiveSession, LiveStream, SavedMap};
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+use terminal_outlet::TerminalOutlet;
+
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  \
+    splatseg live kitchen.mcap --map home.ply\n  \
+    splatseg live kitchen.mcap --map home.ply --speed 0.5 --poses track\n  \
+    splatseg live kitchen.mcap --map home.ply --every-frame\n\n\
+    Ctrl-C or SIGTERM ends it after the present frame; the map is saved then, and every --save-interval seconds. Started\n\
+    again with the same map, it goes on: a tracked camera first has to find its place in it.")]
+pub struct LiveArguments {
+    /// A recording of ROS 2 messages (MCAP), or a folder with one
+    pub source: PathBuf,
+    /// File of the map: loaded if it exists, and saved. The list of objects is beside it: FILE.objects.json
+    #[arg(long, value_name = "FILE.ply")]
+    pub map: Option<PathBuf>,
+    /// Seconds between two saves of the map
+    #[arg(long, value_name = "S", default_value_t = 30.0)]
+    pub save_interval: f64,
+    /// Play the recording this many times as fast
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    pub speed: f64,
+    /// Use every frame, however long it takes, as `run` does
+    #[arg(long, conflicts_with = "speed")]
+    pub every_frame: bool,
+    #[arg(long, value_name = "METHOD")]
+    pub method: Option<String>,
+    #[command(flatten)]
+    pub options: SettingsOptions,
+}
+
+impl LiveArguments {
+    fn settings(&self) -> Result<Settings, Failure> {
+        let mut layers = self.options.layers([("method", self.method.as_ref())])?;
+        if let Some(map) = self.existing_map() {
+            layers.add_saved_memory(map).map_err(Failure::input)?;
+        }
+        layers.resolve().map_err(Failure::input)
+    }
+
+    fn existing_map(&self) -> Option<&Path> {
+        self.map.as_deref().filter(|map| map.exists())
+    }
+
+    /// Checks the numbers and paths.
+    fn check(&self, settings: &Settings) -> Result<(), Failure> {
+        let in_range = |option: &str, value: f64, range: std::ops::RangeInclusive<f64>| {
+            if range.contains(&value) {
+                return Ok(());
+            }
+            let (least, most) = range.into_inner();
+            Err(Failure::input(format!("{option}: found {value}, expected {least} to {most}")))
+        };
+        in_range("--speed", self.speed, 0.01..=100.0)?;
+        in_range("--save-interval", self.save_interval, 0.1..=86_400.0)?;
+        if !McapScene::is_recording(&self.source) {
+            let path = self.source.display();
+            return Err(Failure::input(format!(
+                "{path}: not a recording of ROS 2 messages (MCAP), nor a folder with one"
+            )));
+        }
+        if let Some(map) = &self.map {
+            if settings.method.memory().is_none() {
+                let method = settings.method.name().name();
+                return Err(Failure::input(format!("{}: the method {method} has no map to save", map.display())));
+            }
+            let mut inputs = InputPaths::of(settings);
+            inputs.add_scene(&self.source);
+            inputs.check_output_file(map)?;
+            ExtraFile::prepare(map, FileKind::MAP, OverwritePolicy::Replace)?;
+        }
+        Ok(())
+    }
+}
+
+/// Executes `splatseg live`.
+pub fn live(arguments: &LiveArguments, program: &[OsString]) -> Result<(), Failure> {
+    let settings = arguments.settings()?;
+    arguments.check(&settings)?;
+    devices::check(settings.device(), program)?;
+    use_threads(settings.run.threads)?;
+    settings.run.memory_limit.enforce();
+    let signals = StopSignals::listen().map_err(Failure::runtime)?;
+    let dataset = &settings.dataset;
+    let stream = if arguments.every_frame {
+        LiveStream::without_drops(dataset)
+    } else {
+        LiveStream::new(dataset, MatchLimits::default())
+    };
+    let stream = Arc::new(stream.map_err(Failure::input)?);
+    let options = LiveOptions {
+        saved_map: arguments.map.clone().map(SavedMap::new),
+        save_interval: Duration::from_secs_f64(arguments.save_interval),
+        ..LiveOptions::default()
+    };
+    let outlet = Box::new(TerminalOutlet::new());
+    let ends = (Arc::clone(&stream), outlet as Box<_>);
+    let session = LiveSession::new(builder(settings), arguments.existing_map(), ends, options);
+    let mut session = session.map_err(Failure::input)?;
+    let pace = if arguments.every_frame { Pace::EveryFrame } else { Pace::Speed(arguments.speed) };
+    let player = play(arguments.source.clone(), Arc::clone(&stream), pace)?;
+    let ended = session.run(&mut || signals.received().is_some());
+    stream.end();
+    // After a signal the player may still be reading, and is not waited for.
+    let played = if signals.received().is_none() { player.join() } else { Ok(Ok(())) };
+    report(arguments, &session, &stream);
+    ended.map_err(|error| match error {
+        LiveError::Pipeline(error) => Failure::runtime(error),
+        error => Failure::runtime(error),
+    })?;
+    played.map_err(|_| Failure::runtime("playing the recording failed"))?.map_err(Failure::input)?;
+    match (session.status().frames, stream.undecided()) {
+        (0, Some(undecided)) => Err(Failure::input(undecided)),
+        (0, None) if signals.received().is_none() => {
+            Err(Failure::input(format!("{}: none of the frames could be used", arguments.source.display())))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Builds pipelines that share their networks.
+fn builder(settings: Settings) -> BuildPipeline {
+    let networks = Arc::new(LoadedNetworks::default());
+    Box::new(move |map| {
+        let mut builder = Pipeline::builder(&settings).networks(&networks);
+        if let Some(map) = map {
+            builder = builder.saved_memory(map);
+        }
+        builder.build()
+    })
+}
+
+/// Prints what was done.
+fn report(arguments: &LiveArguments, session: &LiveSession, stream: &LiveStream) {
+    for source in stream.sources() {
+        say_error!("  {source}");
+    }
+    let status = session.status();
+    say!("{} frames, {} objects; {}", status.frames, status.objects, stream.counts());
+    if let Some(map) = arguments.map.as_ref().filter(|_| status.frames > 0) {
+        say!("map: {}; objects: {}", map.display(), SavedMap::new(map.clone()).objects().display());
+    }
+}

@@ -1,0 +1,48 @@
+//! The state of a live session on the terminal.
+
+use crate::terminal::escape;
+use indicatif::{ProgressBar, ProgressStyle};
+use splatseg_live::{LiveStatus, Outlet, Output};
+use std::io::IsTerminal;
+use std::time::{Duration, Instant};
+
+/// Time between two lines, if standard error is not a terminal.
+const BETWEEN_LINES: Duration = Duration::from_secs(10);
+
+/// Shows the state: one line that changes on a terminal, otherwise a line every ten seconds.
+pub struct TerminalOutlet {
+    bar: ProgressBar,
+    latest: Option<Instant>,
+    is_terminal: bool,
+}
+
+impl TerminalOutlet {
+    pub fn new() -> Self {
+        let style = ProgressStyle::with_template("{wide_msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
+        let bar = ProgressBar::no_length().with_style(style);
+        Self { bar, latest: None, is_terminal: std::io::stderr().is_terminal() }
+    }
+}
+
+impl Outlet for TerminalOutlet {
+    fn wants(&self, _: Output) -> bool {
+        false
+    }
+
+    fn publish(&mut self, _: Output, _: Vec<u8>) {}
+
+    fn show(&mut self, status: &LiveStatus) {
+        if self.is_terminal {
+            self.bar.set_message(escape(&status.to_string()).into_owned());
+        } else if self.latest.is_none_or(|latest| latest.elapsed() >= BETWEEN_LINES) {
+            self.latest = Some(Instant::now());
+            say_error!("{status}");
+        }
+    }
+}
+
+impl Drop for TerminalOutlet {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
