@@ -206,7 +206,7 @@ impl LiveSession {
         status.visible_objects = result.objects.len();
         status.pose = Some(result.pose.state);
         status.frame_time = started.elapsed();
-        status.age = LiveStream::now().saturating_sub(received);
+        status.age = self.stream.time_since(received);
         self.times.push_back(Instant::now());
         if self.times.len() > KEPT_TIMES {
             self.times.pop_front();

@@ -117,6 +117,12 @@ impl LiveStream {
         }
     }
 
+    /// Returns the time since a message was received, as given to [`Self::feed_at`]. Zero if the times of messages are the
+    /// clock.
+    pub fn time_since(&self, received: Duration) -> Duration {
+        if self.clock == Clock::System { Self::now().saturating_sub(received) } else { Duration::ZERO }
+    }
+
     /// Returns true if the stream has ended.
     pub fn is_over(&self) -> bool {
         self.lock().is_over

@@ -12,8 +12,8 @@ use clap::Args;
 use player::{Pace, play};
 use splatseg::pipeline::LoadedNetworks;
 use splatseg::{Pipeline, Settings};
-use splatseg_dataset::{MatchLimits, McapScene};
-use splatseg_live::{BuildPipeline, LiveError, LiveOptions, LiveSession, LiveStream, SavedMap};
+use splatseg_dataset::{DatasetSettings, MatchLimits, McapScene};
+use splatseg_live::{BuildPipeline, LiveOptions, LiveSession, LiveStream, SavedMap};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -70,6 +70,12 @@ impl LiveArguments {
             let (least, most) = range.into_inner();
             Err(Failure::input(format!("{option}: found {value}, expected {least} to {most}")))
         };
+        let (dataset, default) = (&settings.dataset, DatasetSettings::default());
+        if (dataset.start, dataset.stride, dataset.max_frames) != (default.start, default.stride, default.max_frames) {
+            return Err(Failure::input(
+                "--start, --stride and --max-frames are not used here: a stream has no numbered frames",
+            ));
+        }
         in_range("--speed", self.speed, 0.01..=100.0)?;
         in_range("--save-interval", self.save_interval, 0.1..=86_400.0)?;
         if !McapScene::is_recording(&self.source) {
@@ -122,11 +128,10 @@ pub fn live(arguments: &LiveArguments, program: &[OsString]) -> Result<(), Failu
     stream.end();
     // After a signal the player may still be reading, and is not waited for.
     let played = if signals.received().is_none() { player.join() } else { Ok(Ok(())) };
-    report(arguments, &session, &stream);
-    ended.map_err(|error| match error {
-        LiveError::Pipeline(error) => Failure::runtime(error),
-        error => Failure::runtime(error),
-    })?;
+    if session.status().frames > 0 {
+        report(arguments, &session, &stream);
+    }
+    ended.map_err(Failure::runtime)?;
     played.map_err(|_| Failure::runtime("playing the recording failed"))?.map_err(Failure::input)?;
     match (session.status().frames, stream.undecided()) {
         (0, Some(undecided)) => Err(Failure::input(undecided)),
@@ -156,7 +161,7 @@ fn report(arguments: &LiveArguments, session: &LiveSession, stream: &LiveStream)
     }
     let status = session.status();
     say!("{} frames, {} objects; {}", status.frames, status.objects, stream.counts());
-    if let Some(map) = arguments.map.as_ref().filter(|_| status.frames > 0) {
+    if let Some(map) = &arguments.map {
         say!("map: {}; objects: {}", map.display(), SavedMap::new(map.clone()).objects().display());
     }
 }

@@ -1,0 +1,180 @@
+//! A session on the messages of a small recording: what it publishes, saves and answers.
+
+use splatseg::settings::SettingsLayers;
+use splatseg::{Pipeline, Settings};
+use splatseg_dataset::{DatasetSettings, read_messages};
+use splatseg_live::{
+    BuildPipeline, LiveOptions, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, SavedMap,
+};
+use splatseg_objects::ObjectList;
+use splatseg_ros::{Detection3dArray, DiagnosticArray, Image, MarkerArray, PointCloud2, from_cdr};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// Everything published, in order.
+type Published = Arc<Mutex<Vec<(Output, Vec<u8>)>>>;
+
+struct Collector {
+    published: Published,
+    shown: Arc<Mutex<Vec<LiveStatus>>>,
+}
+
+impl Outlet for Collector {
+    fn wants(&self, output: Output) -> bool {
+        output != Output::Overlay
+    }
+
+    fn publish(&mut self, output: Output, message: Vec<u8>) {
+        self.published.lock().unwrap().push((output, message));
+    }
+
+    fn show(&mut self, status: &LiveStatus) {
+        self.shown.lock().unwrap().push(status.clone());
+    }
+}
+
+struct Setting {
+    stream: Arc<LiveStream>,
+    published: Published,
+    shown: Arc<Mutex<Vec<LiveStatus>>>,
+    session: LiveSession,
+}
+
+fn recording() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../dataset/tests/data/mcap/room.mcap")
+}
+
+fn setting(options: LiveOptions, load: Option<&Path>) -> Setting {
+    let mut dataset = DatasetSettings::default();
+    dataset.world_frame = Some("map".to_owned());
+    let stream = Arc::new(LiveStream::without_drops(&dataset).unwrap());
+    let (published, shown) = (Published::default(), Arc::default());
+    let outlet = Collector { published: Arc::clone(&published), shown: Arc::clone(&shown) };
+    let settings: Settings = SettingsLayers::default().resolve().unwrap();
+    let build: BuildPipeline = Box::new(move |map| match map {
+        Some(map) => Pipeline::builder(&settings).saved_memory(map).build(),
+        None => Pipeline::builder(&settings).build(),
+    });
+    let session = LiveSession::new(build, load, (Arc::clone(&stream), Box::new(outlet)), options).unwrap();
+    Setting { stream, published, shown, session }
+}
+
+/// Feeds a stream with the recording.
+fn feed(stream: &LiveStream) {
+    read_messages(&recording(), &mut |message| {
+        stream.feed_at((message.topic, message.type_name), message.data, message.recorded);
+        Ok(())
+    })
+    .unwrap();
+}
+
+/// Plays the recording into a session until its end.
+fn play(setting: &mut Setting) {
+    let stream = Arc::clone(&setting.stream);
+    std::thread::scope(|scope| {
+        scope.spawn(move || {
+            feed(&stream);
+            stream.end();
+        });
+        setting.session.run(&mut || false).unwrap();
+    });
+}
+
+#[test]
+fn messages_agree_with_the_saved_objects() {
+    let folder = tempfile::tempdir().unwrap();
+    let saved = SavedMap::new(folder.path().join("home.ply"));
+    let mut setting = setting(LiveOptions { saved_map: Some(saved.clone()), ..LiveOptions::default() }, None);
+    play(&mut setting);
+    assert_eq!((setting.session.status().frames, setting.session.status().skipped), (4, 0));
+
+    let list: ObjectList = serde_json::from_slice(&std::fs::read(saved.objects()).unwrap()).unwrap();
+    assert!(list.objects.len() > 5, "{}", list.objects.len());
+    let published = setting.published.lock().unwrap();
+    let latest = |wanted| published.iter().rev().find(|(output, _)| *output == wanted).unwrap().1.as_slice();
+    let objects: Detection3dArray = from_cdr(latest(Output::Objects)).unwrap();
+    assert_eq!(objects.header.frame_id, "map");
+    let with_boxes: Vec<_> =
+        list.objects.iter().filter_map(|object| Some((object.id, object.shape.as_ref()?))).collect();
+    assert_eq!(objects.detections.len(), with_boxes.len());
+    for (detection, (id, shape)) in objects.detections.iter().zip(with_boxes) {
+        assert_eq!(detection.id, id.to_string());
+        let (center, size) = (&detection.bbox.center.position, &detection.bbox.size);
+        assert_eq!([center.x, center.y, center.z], shape.oriented_box.center.to_array());
+        assert_eq!([size.x, size.y, size.z], shape.oriented_box.size.as_dvec3().to_array());
+    }
+    let markers: MarkerArray<'_> = from_cdr(latest(Output::Markers)).unwrap();
+    assert_eq!(markers.markers.iter().filter(|marker| marker.action == 0).count(), 2 * objects.detections.len());
+    let points: PointCloud2<'_> = from_cdr(latest(Output::Points)).unwrap();
+    assert_eq!(points.width as usize, setting.session.pipeline().memory().unwrap().gaussian_count());
+
+    let ids: Vec<_> = published.iter().filter(|(output, _)| *output == Output::Ids).collect();
+    assert_eq!(ids.len(), 4);
+    for (_, message) in ids {
+        let image: Image<'_> = from_cdr(message).unwrap();
+        assert_eq!((image.width, image.height, image.encoding), (320, 240, "16UC1"));
+        assert_eq!(image.header.frame_id, "camera_color_optical_frame");
+        assert!(image.data.chunks_exact(2).any(|id| id != [0, 0]));
+    }
+    let diagnostics: DiagnosticArray = from_cdr(latest(Output::Diagnostics)).unwrap();
+    assert_eq!(diagnostics.status[0].message, "running");
+    assert_eq!(setting.shown.lock().unwrap().last().unwrap().counts.frames, 4);
+}
+
+#[test]
+fn a_session_goes_on_with_its_saved_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let saved = SavedMap::new(folder.path().join("home.ply"));
+    let options = LiveOptions { saved_map: Some(saved.clone()), ..LiveOptions::default() };
+    let mut first = setting(options.clone(), None);
+    play(&mut first);
+    let before = first.session.objects().objects.len();
+    let mut second = setting(options, Some(saved.map()));
+    play(&mut second);
+    let after = second.session.objects().objects.len();
+    // The same four frames show little that is new.
+    assert!(after <= before + 3, "{before} objects, then {after}");
+}
+
+#[test]
+fn requests_are_answered_between_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let saved = SavedMap::new(folder.path().join("home.ply"));
+    let mut setting = setting(LiveOptions { saved_map: Some(saved.clone()), ..LiveOptions::default() }, None);
+    let (requests, stream) = (setting.session.requests(), Arc::clone(&setting.stream));
+    let is_done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let send = |request| requests.send(request, Duration::from_secs(20));
+            let answers = [send(LiveRequest::Load(None)), {
+                feed(&stream);
+                send(LiveRequest::Save)
+            }];
+            let later =
+                [LiveRequest::Pause(true), LiveRequest::Pause(false), LiveRequest::Reset, LiveRequest::Load(None)];
+            let later = later.map(send);
+            // Ends the session before anything here can panic.
+            is_done.store(true, Ordering::SeqCst);
+            let missing = answers[0].clone().unwrap_err();
+            assert!(missing.contains("home.ply"), "{missing}");
+            assert!(answers[1].clone().unwrap().contains("home.ply"));
+            let [paused, running, reset, loaded] = later.map(Result::unwrap);
+            assert_eq!([paused, running, reset], ["paused", "running", "forgot everything"]);
+            assert!(loaded.contains("home.ply"));
+        });
+        setting.session.run(&mut || is_done.load(Ordering::SeqCst)).unwrap();
+    });
+    assert!(saved.map().exists());
+}
+
+#[test]
+fn bytes_that_are_no_messages_are_counted() {
+    let setting = setting(LiveOptions::default(), None);
+    for (topic, type_name) in [("/a", "sensor_msgs/msg/Image"), ("", ""), ("/tf", "tf2_msgs/msg/TFMessage")] {
+        setting.stream.feed(topic, type_name, &[0xff; 40]);
+    }
+    assert_eq!(setting.stream.counts().messages, 3);
+    assert!(setting.stream.wait(Duration::from_millis(1)).is_none());
+}

@@ -1,0 +1,88 @@
+//! `splatseg live`.
+
+mod support;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use support::{Ended, finish, read_json, splatseg};
+
+fn recording() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../dataset/tests/data/mcap/room.mcap")
+}
+
+fn live(source: &Path, more: &[&str]) -> Ended {
+    finish(splatseg().arg("live").arg(source).args(["--threads", "2", "--world-frame", "map"]).args(more))
+}
+
+#[test]
+fn every_frame_gives_the_map_of_a_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let [of_stream, of_run, out] = ["stream.ply", "run.ply", "out"].map(|name| folder.path().join(name));
+    let ended = live(&recording(), &["--every-frame", "--map", of_stream.to_str().unwrap()]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    assert!(ended.out.contains("4 frames, "), "{}", ended.out);
+    let mut command = splatseg();
+    command.arg("run").arg(recording()).arg("--out").arg(&out).arg("--save-memory").arg(&of_run);
+    let ended = finish(command.args(["--threads", "2", "--world-frame", "map"]));
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    assert!(fs::read(&of_stream).unwrap() == fs::read(&of_run).unwrap(), "the maps differ");
+    let ids = |path: &Path| -> Vec<u64> {
+        let list = read_json(path);
+        list["objects"].as_array().unwrap().iter().map(|object| object["id"].as_u64().unwrap()).collect()
+    };
+    assert_eq!(ids(&folder.path().join("stream.objects.json")), ids(&out.join("objects.json")));
+}
+
+#[test]
+fn a_map_is_continued_and_nothing_else_is_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let [map, text] = ["home.ply", "notes.txt"].map(|name| folder.path().join(name));
+    let map_text = map.to_str().unwrap();
+    for _ in 0..2 {
+        let ended = live(&recording(), &["--every-frame", "--map", map_text]);
+        assert_eq!(ended.code, 0, "{}", ended.err);
+    }
+    fs::write(&text, "mine").unwrap();
+    let ended = live(&recording(), &["--map", text.to_str().unwrap()]);
+    assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+    assert_eq!(fs::read_to_string(&text).unwrap(), "mine");
+}
+
+#[test]
+fn wrong_input_is_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let none = folder.path().join("none.mcap");
+    let broken = folder.path().join("broken.mcap");
+    fs::write(&broken, "not a recording").unwrap();
+    for (source, more) in [
+        (&none, vec![]),
+        (&broken, vec![]),
+        (&recording(), vec!["--speed", "0"]),
+        (&recording(), vec!["--stride", "2"]),
+        (&recording(), vec!["--save-interval", "nan"]),
+        (&recording(), vec!["--method", "fastsam", "--map", "map.ply"]),
+        (&folder.path().to_owned(), vec![]),
+    ] {
+        let ended = live(source, &more);
+        assert_eq!(ended.code, 2, "{more:?}: {}", ended.err);
+        let errors = ended.err.lines().filter(|line| line.starts_with("error: ")).count();
+        assert_eq!(errors, 1, "{}", ended.err);
+    }
+}
+
+/// A stream with nothing in it ends soon after SIGTERM.
+#[cfg(unix)]
+#[test]
+fn sigterm_ends_it_within_two_seconds() {
+    let mut command = std::process::Command::new(assert_cmd::cargo::cargo_bin!("splatseg"));
+    let command = command.arg("live").arg(recording()).args(["--speed", "0.01", "--threads", "2"]);
+    let mut child = command.stderr(std::process::Stdio::null()).spawn().unwrap();
+    std::thread::sleep(Duration::from_secs(1));
+    let sent = std::process::Command::new("kill").arg(child.id().to_string()).status().unwrap();
+    assert!(sent.success());
+    let started = Instant::now();
+    let status = child.wait().unwrap();
+    assert!(started.elapsed() < Duration::from_secs(2), "{:?}", started.elapsed());
+    assert_eq!(status.code(), Some(0));
+}
