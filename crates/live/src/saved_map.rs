@@ -47,7 +47,7 @@ impl SavedMap {
 
 /// Returns the objects of a pipeline with their sightings.
 pub(crate) fn objects(pipeline: &Pipeline, seen: &SeenObjects) -> ObjectList {
-    let mut list = ObjectList::new(pipeline.objects(), pipeline.memory());
+    let mut list = pipeline.object_list();
     list.add_sightings(seen);
     list
 }

@@ -122,6 +122,11 @@ impl LiveSession {
         &self.pipeline
     }
 
+    /// The pipeline, e.g. to name its objects between two calls of [`Self::run`].
+    pub fn pipeline_mut(&mut self) -> &mut Pipeline {
+        &mut self.pipeline
+    }
+
     /// Processes frames until the stream ends or `is_stopped` returns true, which is called between frames and ten times a
     /// second. Then everything is published once more, and the map is saved.
     ///

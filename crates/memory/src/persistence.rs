@@ -52,6 +52,15 @@ pub enum LoadMemoryError {
     },
 }
 
+/// What other parts of a pipeline know about a map, saved with it: UTF-8 text that only they can read.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Attached<'a> {
+    /// The camera's keyframes; [`SplatMemory::take_keyframes`] returns them after loading.
+    pub keyframes: Option<&'a [u8]>,
+    /// The names of objects; [`SplatMemory::take_names`] returns them after loading.
+    pub names: Option<&'a [u8]>,
+}
+
 impl SplatMemory {
     /// Writes the memory to a PLY file that splat viewers open, replacing any file at `path`.
     ///
@@ -61,14 +70,14 @@ impl SplatMemory {
     /// # Errors
     /// If the file cannot be written, or the kind of memory has no file format. No partial file is left.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), SplatFileError> {
-        self.save_with_keyframes(path, None)
+        self.save_with(path, Attached::default())
     }
 
-    /// As [`Self::save`], with the camera's keyframes: bytes that [`Self::take_keyframes`] returns after loading.
+    /// As [`Self::save`], with what other parts of a pipeline know about the map.
     ///
     /// # Errors
     /// As [`Self::save`].
-    pub fn save_with_keyframes(&self, path: impl AsRef<Path>, keyframes: Option<&[u8]>) -> Result<(), SplatFileError> {
+    pub fn save_with(&self, path: impl AsRef<Path>, attached: Attached<'_>) -> Result<(), SplatFileError> {
         let no_format = || SplatFileError::NoFormat { path: path.as_ref().to_owned() };
         let content = self.store.content().ok_or_else(no_format)?;
         let segment_ids = self.segment_ids();
@@ -84,7 +93,8 @@ impl SplatMemory {
             anchors,
             together: self.together.saved(),
             remapped: self.remapped.iter().map(|(from, into)| (*from, *into)).collect(),
-            keyframes: keyframes.map_or_else(String::new, |bytes| String::from_utf8_lossy(bytes).into_owned()),
+            keyframes: text(attached.keyframes),
+            names: text(attached.names),
         };
         let view = SplatFileView {
             origin: self.origin,
@@ -118,10 +128,10 @@ impl SplatMemory {
             let recent = RecentFrames::restored(saved.recent, segments.highest())?;
             map.anchors = restored_anchors(&saved.anchors, map.len())?;
             let together = ShownTogether::restored(saved.together);
-            Ok((segments, recent, together, saved.remapped, saved.keyframes))
+            Ok((segments, recent, together, saved.remapped, (saved.keyframes, saved.names)))
         });
         let damaged = |found| LoadMemoryError::ShortTerm { path: path.display().to_string(), found };
-        let (segments, recent, together, remapped, keyframes) = restored.map_err(damaged)?;
+        let (segments, recent, together, remapped, (keyframes, names)) = restored.map_err(damaged)?;
         let (path, found, expected) = (path.display().to_string(), content.kind(), settings.kind);
         if found != expected {
             return Err(LoadMemoryError::Kind { path, found: found.name(), expected: expected.name() });
@@ -142,6 +152,7 @@ impl SplatMemory {
         (memory.recent, memory.together) = (recent, together);
         memory.remapped = remapped.into_iter().collect();
         memory.keyframes = (!keyframes.is_empty()).then(|| keyframes.into_bytes());
+        memory.names = (!names.is_empty()).then(|| names.into_bytes());
         Ok(memory)
     }
 
@@ -149,6 +160,15 @@ impl SplatMemory {
     pub fn take_keyframes(&mut self) -> Option<Vec<u8>> {
         self.keyframes.take()
     }
+
+    /// The names of objects that a loaded file contains; `None` if there are none, or they were taken already.
+    pub fn take_names(&mut self) -> Option<Vec<u8>> {
+        self.names.take()
+    }
+}
+
+fn text(bytes: Option<&[u8]>) -> String {
+    bytes.map_or_else(String::new, |bytes| String::from_utf8_lossy(bytes).into_owned())
 }
 
 /// The keyframe of each of `count` Gaussians. Files without them have one keyframe.

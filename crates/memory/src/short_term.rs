@@ -32,6 +32,9 @@ pub(crate) struct ShortTermMemory {
     /// The camera's keyframes, in a form of their own.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub keyframes: String,
+    /// The names of objects, in a form of their own.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub names: String,
 }
 
 impl ShortTermMemory {

@@ -46,6 +46,8 @@ pub struct SplatMemory {
     pub(crate) remapped: BTreeMap<SegmentId, SegmentId>,
     /// The keyframes that a loaded file contains.
     pub(crate) keyframes: Option<Vec<u8>>,
+    /// The names of objects that a loaded file contains.
+    pub(crate) names: Option<Vec<u8>>,
     warned_of_limit: bool,
 }
 
@@ -113,6 +115,7 @@ impl SplatMemory {
             together: ShownTogether::default(),
             remapped: BTreeMap::new(),
             keyframes: None,
+            names: None,
             warned_of_limit: false,
         }
     }

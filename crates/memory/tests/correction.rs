@@ -4,7 +4,7 @@ use glam::DVec3;
 use splatseg_geometry::{
     FrameAnchor, Image, Intrinsics, KeyframeId, MapCorrection, Pose, RemappedId, RgbdFrame, SegmentId, SegmentMap,
 };
-use splatseg_memory::{MemorySettings, SplatMemory};
+use splatseg_memory::{Attached, MemorySettings, SplatMemory};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -160,10 +160,12 @@ fn surfaces_are_gone_only_if_the_pose_is_certain() {
 fn a_saved_memory_is_corrected_in_the_same_way_and_keeps_its_keyframes() {
     let folder = tempfile::tempdir().unwrap();
     let (path, mut memory) = (folder.path().join("map.ply"), seen_twice());
-    memory.save_with_keyframes(&path, Some(b"{\"keyframes\":[]}")).unwrap();
+    let attached = Attached { keyframes: Some(b"{\"keyframes\":[]}"), names: Some(b"[\"mug\"]") };
+    memory.save_with(&path, attached).unwrap();
     let mut loaded = SplatMemory::load(&path, MemorySettings::default()).unwrap();
     assert_eq!(loaded.take_keyframes().unwrap(), b"{\"keyframes\":[]}");
     assert_eq!(loaded.take_keyframes(), None);
+    assert_eq!((loaded.take_names().unwrap(), loaded.take_names()), (b"[\"mug\"]".to_vec(), None));
     loaded.set_anchor(&anchor(AGAIN, &[0]));
     assert_eq!(loaded.correct(&correction()), memory.correct(&correction()));
     assert_eq!(loaded.balls(), memory.balls());

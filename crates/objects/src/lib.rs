@@ -5,7 +5,10 @@
 
 mod changes;
 mod csv;
+mod kept_views;
 mod list;
+mod names;
+mod object_view;
 mod remap_log;
 mod seen;
 mod shape;
@@ -13,7 +16,10 @@ mod sightings;
 mod vertex_ids;
 
 pub use changes::{ChangedObject, DepthView, MapChanges, MovedObject, ObservedMap, PlaceSight, UnchangedObject};
+pub use kept_views::KeptViews;
 pub use list::{BestView, Conventions, FrameStamp, Object, ObjectList, ObjectState};
+pub use names::{NameError, ObjectName, ObjectNames};
+pub use object_view::ObjectView;
 pub use remap_log::RemapLog;
 pub use seen::{SeenObjects, Sightings};
 pub use shape::{AxisAlignedBox, ObjectShape, OrientedBox, object_shapes};

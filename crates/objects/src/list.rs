@@ -1,6 +1,6 @@
 //! The content of `objects.json`: every object of a run. `docs/OBJECTS.md` describes each key for users.
 
-use crate::{BoundingBox, ObjectLog, ObjectShape, SeenObjects, object_shapes};
+use crate::{BoundingBox, ObjectLog, ObjectNames, ObjectShape, SeenObjects, object_shapes};
 use serde::{Deserialize, Serialize};
 use serde_json::ser::Formatter;
 use splatseg_geometry::SegmentId;
@@ -52,7 +52,7 @@ pub struct Conventions {
 pub struct Object {
     /// Its id: the value of its pixels in `segments/*.png`.
     pub id: SegmentId,
-    /// Its label, for programs that name objects. A run leaves it null.
+    /// Its label, if it was named; see [`ObjectList::add_names`].
     pub label: Option<String>,
     /// Its state in the final memory; null if the method has no memory.
     pub state: Option<ObjectState>,
@@ -166,6 +166,13 @@ impl ObjectList {
             object.confidence = Some(sightings.confidence());
             object.color = object.color.or(sightings.best_view.color);
             object.best_view = Some(sightings.best_view.clone());
+        }
+    }
+
+    /// Adds the label of each object that has one.
+    pub fn add_names(&mut self, names: &ObjectNames) {
+        for object in self.objects.iter_mut().filter(|_| !names.is_empty()) {
+            object.label = names.label(object.id).map(str::to_owned);
         }
     }
 

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 /// A view must beat the best one so far by this factor, so that an approaching object does not get a new best view in
 /// every frame.
-const CLEARLY_BETTER: f64 = 1.2;
+pub(crate) const CLEARLY_BETTER: f64 = 1.2;
 /// Score factor of a view in which the image border cuts the object.
 const CUT_VIEW: f64 = 0.25;
 
@@ -122,7 +122,8 @@ impl SeenObjects {
     }
 }
 
-fn score(sighting: &ObjectSighting, size: (usize, usize)) -> f64 {
+/// How well a frame shows an object: its pixels times confidence. Views cut by the image border count a quarter.
+pub(crate) fn score(sighting: &ObjectSighting, size: (usize, usize)) -> f64 {
     let whole = sighting.area as f64 * f64::from(sighting.confidence);
     if is_cut(&sighting.bounding_box, size) { CUT_VIEW * whole } else { whole }
 }

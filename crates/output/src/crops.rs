@@ -4,16 +4,12 @@ use crate::{OutputError, ResultFolder, segment_color};
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 use splatseg_geometry::{CowImage, Image, SegmentId, SegmentMap};
-use splatseg_objects::BoundingBox;
+use splatseg_objects::{BoundingBox, ObjectView};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Maximum side of a crop, pixels; larger crops are scaled down.
 const MAX_SIDE: usize = 256;
-/// Margin around the object, as a share of the longer side of its box...
-const MARGIN: f64 = 0.15;
-/// ...but at least this, pixels.
-const MIN_MARGIN: usize = 4;
 /// Brightness of the surroundings, percent of the original.
 const SURROUNDINGS_PERCENT: u32 = 45;
 const JPEG_QUALITY: u8 = 85;
@@ -29,17 +25,6 @@ pub(crate) struct Crop {
     image: Image<[u8; 3]>,
 }
 
-/// The part of an image that a crop shows, and the crop's size.
-#[derive(Clone, Copy, Debug)]
-struct Window {
-    left: usize,
-    top: usize,
-    width: usize,
-    height: usize,
-    /// `(width, height)` of the crop.
-    size: (usize, usize),
-}
-
 impl Crop {
     /// Cuts object `id` out of a frame. `color` and `segments` are `[height, width]`. `None` if their sizes differ or
     /// `inner`, the box around the object, is empty or not inside them.
@@ -49,18 +34,8 @@ impl Crop {
         id: SegmentId,
         inner: &BoundingBox,
     ) -> Option<Self> {
-        let window = Window::around(inner, color.size()).filter(|_| color.size() == segments.size())?;
-        let (width, height) = window.size;
-        let mut image = Image::filled(width, height, [0; 3]);
-        let mut inside = Image::filled(width, height, false);
-        for row in 0..height {
-            for column in 0..width {
-                let (mean, share) = window.mean_of(color, segments, id, (column, row));
-                image[(column, row)] = mean;
-                inside[(column, row)] = share >= 0.5;
-            }
-        }
-        highlight(&mut image, &inside, segment_color(id));
+        let ObjectView { mut image, mask } = ObjectView::cut(color, segments, id, inner, MAX_SIDE)?;
+        highlight(&mut image, &mask, segment_color(id));
         Some(Self { image })
     }
 
@@ -80,47 +55,6 @@ impl Crop {
             )
             .map_err(|source| OutputError::Encode { path: PathBuf::from(file), source })?;
         Ok(encoded)
-    }
-}
-
-impl Window {
-    /// The window around a box, with a margin; `None` if the box is empty or not in the image.
-    fn around(inner: &BoundingBox, (width, height): (usize, usize)) -> Option<Self> {
-        let margin = (MARGIN * inner.width.max(inner.height) as f64).round() as usize;
-        let margin = margin.max(MIN_MARGIN);
-        let (left, top) = (inner.x.saturating_sub(margin), inner.y.saturating_sub(margin));
-        let right = inner.x.checked_add(inner.width)?;
-        let bottom = inner.y.checked_add(inner.height)?;
-        if inner.width == 0 || inner.height == 0 || right > width || bottom > height {
-            return None;
-        }
-        let (shown_width, shown_height) = ((right + margin).min(width) - left, (bottom + margin).min(height) - top);
-        let longest = shown_width.max(shown_height);
-        let scaled = |side: usize| if longest > MAX_SIDE { (side * MAX_SIDE / longest).max(1) } else { side };
-        let size = (scaled(shown_width), scaled(shown_height));
-        Some(Self { left, top, width: shown_width, height: shown_height, size })
-    }
-
-    /// The mean colour of the image pixels under a pixel of the crop, and the share of them that show `id`.
-    fn mean_of(
-        &self,
-        color: &CowImage<'_, [u8; 3]>,
-        segments: &SegmentMap,
-        id: SegmentId,
-        (column, row): (usize, usize),
-    ) -> ([u8; 3], f32) {
-        let range =
-            |start: usize, at: usize, from: usize, to: usize| start + at * from / to..start + (at + 1) * from / to;
-        let (mut sum, mut count, mut shown) = ([0u32; 3], 0u32, 0u32);
-        for y in range(self.top, row, self.height, self.size.1) {
-            for x in range(self.left, column, self.width, self.size.0) {
-                sum.iter_mut().zip(color[(x, y)]).for_each(|(sum, channel)| *sum += u32::from(channel));
-                count += 1;
-                shown += u32::from(segments[(x, y)] == id);
-            }
-        }
-        let count = count.max(1);
-        (sum.map(|sum| ((sum + count / 2) / count) as u8), shown as f32 / count as f32)
     }
 }
 

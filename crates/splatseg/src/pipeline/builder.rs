@@ -1,10 +1,11 @@
 //! Builds a pipeline from settings.
 
-use super::{LoadedNetworks, Pipeline, PipelineError, StageClock};
+use super::named_map::take_names;
+use super::{LoadedNetworks, Naming, Pipeline, PipelineError, StageClock};
 use crate::settings::{Settings, TrackerSettings};
 use splatseg_dataset::Scene;
 use splatseg_memory::{MemorySettings, SplatMemory};
-use splatseg_objects::ObjectLog;
+use splatseg_objects::{KeptViews, ObjectLog};
 use splatseg_odometry::{PoseSource, TrackedPoses};
 use splatseg_segmenter::Segmenter;
 use splatseg_simulators::{GroundTruthPrompts, SceneGroundTruth};
@@ -27,6 +28,7 @@ pub struct PipelineBuilder<'a> {
     keyframes: Option<Vec<u8>>,
     pub(crate) networks: Arc<LoadedNetworks>,
     objects: ObjectLog,
+    naming: Naming,
     progress: Box<dyn FnMut(f32) + 'a>,
 }
 
@@ -45,6 +47,7 @@ impl<'a> PipelineBuilder<'a> {
             keyframes: None,
             networks: Arc::default(),
             objects: ObjectLog::default(),
+            naming: Naming::default(),
             progress: Box::new(|_| {}),
         }
     }
@@ -119,6 +122,13 @@ impl<'a> PipelineBuilder<'a> {
         self
     }
 
+    /// Keeps the best view of each object, for [`Pipeline::name_objects`]: at most 224 × 224 pixels each, and 64 MiB in all.
+    #[must_use]
+    pub fn keep_views(mut self) -> Self {
+        self.naming.views = Some(KeptViews::default());
+        self
+    }
+
     /// Sets a callback for the fraction done while a codebook is computed, which takes up to a few seconds. Only a
     /// feature memory has a codebook.
     #[must_use]
@@ -159,6 +169,7 @@ impl<'a> PipelineBuilder<'a> {
             objects,
             unreported,
             unreported_events: Vec::new(),
+            naming: self.naming,
         })
     }
 
@@ -205,6 +216,7 @@ impl<'a> PipelineBuilder<'a> {
             Some(path) => {
                 let mut memory = SplatMemory::load(path, settings.clone())?;
                 self.keyframes = memory.take_keyframes();
+                self.naming.names = take_names(&mut memory, path)?;
                 if self.saved_poses.is_none() {
                     memory.interrupt();
                 }

@@ -6,6 +6,7 @@ use splatseg_memory::LoadMemoryError;
 use splatseg_models::checkpoint::CheckpointError;
 use splatseg_models::device::DeviceError;
 use splatseg_models::sam2::Sam2Error;
+use splatseg_objects::NameError;
 use splatseg_odometry::PoseSourceError;
 use splatseg_segmenter::SegmenterError;
 use splatseg_settings::SettingError;
@@ -56,6 +57,14 @@ pub enum PipelineError {
     /// A saved memory could not be loaded.
     #[error(transparent)]
     Memory(#[from] LoadMemoryError),
+    /// The names of objects in a saved memory cannot be used.
+    #[error("{}: {source}", path.display())]
+    Names {
+        /// The saved memory.
+        path: PathBuf,
+        /// The error.
+        source: NameError,
+    },
     /// A saved memory was given, but the method has no memory.
     #[error("{}: the method {method} has no splat memory to load", path.display())]
     NoMemory {

@@ -4,13 +4,14 @@ use super::{FrameResult, Pipeline, PipelineError, Segmented, UnusableFrame};
 use super::{in_thread_pool, process, segment, timed};
 use splatseg_dataset::{FrameReadError, FrameSource, StreamedFrame};
 use splatseg_geometry::{Pose, RgbdFrame, SegmentMap};
-use splatseg_memory::SplatMemory;
+use splatseg_memory::{Attached, SplatFileError, SplatMemory};
+use std::path::Path;
 
 /// Iterator over the results of a [`FrameSource`].
 ///
 /// Segmenting ahead changes the time of the results and nothing else: the segmenter does not depend on the method.
 pub struct Frames<'p, S> {
-    pipeline: &'p mut Pipeline,
+    pub(super) pipeline: &'p mut Pipeline,
     source: S,
     next: Option<NextFrame>,
 }
@@ -39,6 +40,20 @@ impl<'p, S: FrameSource> Frames<'p, S> {
     /// The splat memory after the latest frame, if the method has one.
     pub fn memory(&self) -> Option<&SplatMemory> {
         self.pipeline.memory()
+    }
+
+    /// Saves the memory after the latest frame for a run that continues later: with the names of all objects, and without
+    /// keyframes, which are part of [`Self::pose_state`].
+    ///
+    /// # Errors
+    /// As [`SplatMemory::save`]; `Ok(false)` if the method has no memory.
+    pub fn save_memory(&self, path: impl AsRef<Path>) -> Result<bool, SplatFileError> {
+        let Some(memory) = self.memory() else { return Ok(false) };
+        let names = self.pipeline.names();
+        // Forgotten objects keep their labels in the list of the whole run.
+        let names = (!names.is_empty()).then(|| names.to_bytes());
+        memory.save_with(path, Attached { keyframes: None, names: names.as_deref() })?;
+        Ok(true)
     }
 
     /// State of the source of poses after the latest frame; see [`Pipeline::pose_state`].
@@ -87,7 +102,7 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
                 || Some(segment(segmenter.as_mut(), &ahead.as_ref()?.as_ref().ok()?.frame)),
             )
         });
-        let result = pipeline.finish(result, pose_time);
+        let result = pipeline.finish(&frame, result, pose_time);
         *next = ahead.map(|frame| (frame, segmented_ahead));
         Some(Ok(Processed { index, frame, ground_truth, result }))
     }

@@ -6,19 +6,24 @@
 mod builder;
 mod error;
 mod frames;
+mod named_map;
+mod naming;
 mod networks;
 mod stage_times;
 
 pub use builder::PipelineBuilder;
 pub use error::{PipelineError, UnusableFrame};
 pub use frames::{Frames, Processed};
+pub use named_map::NamedMap;
+pub use naming::{NameObjectsError, ObjectToName};
 pub use networks::LoadedNetworks;
 pub use stage_times::StageTimes;
 
 use crate::Settings;
+use naming::Naming;
 use splatseg_dataset::FrameSource;
 use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, Pose, RemappedId, RgbdFrame, ScoredMask};
-use splatseg_memory::{SplatFileError, SplatMemory};
+use splatseg_memory::{Attached, SplatFileError, SplatMemory};
 use splatseg_models::fastsam::FastSamError;
 use splatseg_objects::{ObjectLog, ObjectSighting};
 use splatseg_odometry::{CameraPose, PoseEvent, PoseMode, PoseSource, PoseState, TrackedPoses};
@@ -41,6 +46,7 @@ pub struct Pipeline {
     unreported: Vec<RemappedId>,
     /// Events of frames without a result.
     unreported_events: Vec<PoseEvent>,
+    naming: Naming,
 }
 
 /// The result for one frame.
@@ -86,6 +92,7 @@ impl Pipeline {
             objects: ObjectLog::default(),
             unreported: Vec::new(),
             unreported_events: Vec::new(),
+            naming: Naming::default(),
         }
     }
 
@@ -141,7 +148,7 @@ impl Pipeline {
             let segmented = segment(segmenter.as_mut(), frame);
             process(method.as_mut(), clock, objects, frame, placed, segmented)
         });
-        self.finish(result, time)
+        self.finish(frame, result, time)
     }
 
     /// Passes what the source of poses has found out with the latest frame to the method.
@@ -152,6 +159,7 @@ impl Pipeline {
         if !remapped.is_empty() {
             self.poses.remap(&remapped);
             self.objects.remap(&remapped);
+            self.naming.remap(&remapped);
         }
         self.method.set_anchor(&anchor);
         self.unreported.extend(remapped);
@@ -159,9 +167,10 @@ impl Pipeline {
         Placed { pose, anchor }
     }
 
-    /// Passes a frame's segments to the source of poses, and adds the time for the pose.
+    /// Passes a frame's segments to the source of poses, keeps views of its objects, and adds the time for the pose.
     fn finish(
         &mut self,
+        frame: &RgbdFrame,
         result: Result<FrameResult, PipelineError>,
         time: Duration,
     ) -> Result<FrameResult, PipelineError> {
@@ -169,7 +178,9 @@ impl Pipeline {
         let recognised = &result.output.update.remapped;
         if !recognised.is_empty() {
             self.poses.remap(recognised);
+            self.naming.remap(recognised);
         }
+        self.naming.record(frame, &result.output, &result.objects);
         self.unreported.extend(recognised);
         result.remapped = std::mem::take(&mut self.unreported);
         result.events = std::mem::take(&mut self.unreported_events);
@@ -201,13 +212,15 @@ impl Pipeline {
         self.poses.keyframes()
     }
 
-    /// Saves the memory with the camera's keyframes, by which a later run finds its place in the map.
+    /// Saves the memory with the names of objects and the camera's keyframes, by which a later run finds its place in the
+    /// map.
     ///
     /// # Errors
     /// As [`SplatMemory::save`]; `Ok(false)` if the method has no memory.
     pub fn save_memory(&self, path: impl AsRef<Path>) -> Result<bool, SplatFileError> {
         let Some(memory) = self.memory() else { return Ok(false) };
-        memory.save_with_keyframes(path, self.poses.keyframes().as_deref())?;
+        let (keyframes, names) = (self.poses.keyframes(), self.saved_names());
+        memory.save_with(path, Attached { keyframes: keyframes.as_deref(), names: names.as_deref() })?;
         Ok(true)
     }
 

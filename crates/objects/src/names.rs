@@ -1,0 +1,301 @@
+//! Names of objects: a label and an embedding each.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD as BASE64;
+use serde::{Deserialize, Serialize};
+use splatseg_geometry::{RemappedId, SegmentId};
+use std::collections::{BTreeMap, BTreeSet};
+use thiserror::Error;
+
+/// Maximum length of a label, bytes.
+const MAX_LABEL_BYTES: usize = 1000;
+/// Maximum size of all labels and embeddings together, bytes.
+const MAX_BYTES: usize = 1 << 25;
+
+/// What an object is called.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ObjectName {
+    /// A word or a few, e.g. `mug`.
+    pub label: Option<String>,
+    /// The object as a vector, e.g. CLIP's embedding of its image; may be empty. All others have one length.
+    pub embedding: Vec<f32>,
+}
+
+/// An unusable name or embedding.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum NameError {
+    /// The embedding has another length than those of other objects.
+    #[error("the embedding has {found} numbers, but those of the named objects have {expected}")]
+    Length {
+        /// Its length.
+        found: usize,
+        /// Length of the others.
+        expected: usize,
+    },
+    /// A number of the embedding is NaN or infinite.
+    #[error("the embedding's number {index} is {found}, expected a finite number")]
+    NotFinite {
+        /// Its position, from 0.
+        index: usize,
+        /// The number.
+        found: String,
+    },
+    /// The label cannot be used.
+    #[error("the label {found:?} has {problem}")]
+    Label {
+        /// Its start.
+        found: String,
+        /// What is wrong.
+        problem: &'static str,
+    },
+    /// The labels and embeddings of all objects are too large.
+    #[error("the names of all objects take more than {} MiB", MAX_BYTES >> 20)]
+    TooLarge,
+    /// Saved names are damaged.
+    #[error("the saved names of objects are damaged: {0}")]
+    Damaged(String),
+}
+
+/// The names of objects.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ObjectNames {
+    names: BTreeMap<SegmentId, Named>,
+    /// Length of the embeddings; `None` without any.
+    dimension: Option<usize>,
+    /// Number of objects with embeddings.
+    embeddings: usize,
+    /// Size of all labels and embeddings.
+    bytes: usize,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Named {
+    name: ObjectName,
+    /// Score of the view that it was named from.
+    score: f64,
+}
+
+/// A name in a file.
+#[derive(Serialize, Deserialize)]
+struct SavedName {
+    id: SegmentId,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    label: Option<String>,
+    /// Little-endian `f32`s in Base64.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    embedding: String,
+    score: f64,
+}
+
+impl ObjectName {
+    fn bytes(&self) -> usize {
+        self.label.as_ref().map_or(0, String::len) + size_of_val(self.embedding.as_slice())
+    }
+
+    fn is_empty(&self) -> bool {
+        self.label.is_none() && self.embedding.is_empty()
+    }
+
+    /// The name with its label trimmed, `None` if that leaves nothing.
+    fn checked(mut self) -> Result<Self, NameError> {
+        self.label = self.label.map(|label| label.trim().to_owned()).filter(|label| !label.is_empty());
+        if let Some(label) = &self.label {
+            let wrong = |problem| {
+                let found = label.chars().take(20).collect();
+                Err(NameError::Label { found, problem })
+            };
+            if label.len() > MAX_LABEL_BYTES {
+                return wrong("more than 1000 bytes");
+            }
+            if label.chars().any(char::is_control) {
+                return wrong("control characters");
+            }
+        }
+        check_finite(&self.embedding)?;
+        Ok(self)
+    }
+}
+
+impl ObjectNames {
+    /// True if no object was named.
+    pub fn is_empty(&self) -> bool {
+        self.names.is_empty()
+    }
+
+    /// The label of an object.
+    pub fn label(&self, id: SegmentId) -> Option<&str> {
+        self.names.get(&id)?.name.label.as_deref()
+    }
+
+    /// Every label, by increasing id.
+    pub fn labels(&self) -> impl Iterator<Item = (SegmentId, &str)> {
+        self.names.iter().filter_map(|(id, named)| Some((*id, named.name.label.as_deref()?)))
+    }
+
+    /// The embedding of an object; empty if it has none.
+    pub fn embedding(&self, id: SegmentId) -> &[f32] {
+        self.names.get(&id).map_or(&[], |named| &named.name.embedding)
+    }
+
+    /// Score of the view from which an object was named.
+    pub(crate) fn score(&self, id: SegmentId) -> Option<f64> {
+        self.names.get(&id).map(|named| named.score)
+    }
+
+    /// Names an object, from a view with this score. Replaces its earlier name. A label is trimmed, and an empty one is
+    /// none.
+    ///
+    /// # Errors
+    /// If label or embedding cannot be used: [`NameError`]. The object then keeps its earlier name.
+    pub fn set(&mut self, id: SegmentId, name: ObjectName, score: f64) -> Result<(), NameError> {
+        let name = name.checked()?;
+        if !name.embedding.is_empty() {
+            self.check_length(&name.embedding)?;
+        }
+        let replaced = self.names.get(&id).map_or(0, |named| named.name.bytes());
+        if self.bytes - replaced + name.bytes() > MAX_BYTES {
+            return Err(NameError::TooLarge);
+        }
+        self.insert(id, Named { name, score });
+        Ok(())
+    }
+
+    fn insert(&mut self, id: SegmentId, named: Named) {
+        self.remove(id);
+        if !named.name.embedding.is_empty() {
+            self.dimension = Some(named.name.embedding.len());
+            self.embeddings += 1;
+        }
+        self.bytes += named.name.bytes();
+        self.names.insert(id, named);
+    }
+
+    fn check_length(&self, embedding: &[f32]) -> Result<(), NameError> {
+        match self.dimension.filter(|expected| *expected != embedding.len()) {
+            Some(expected) => Err(NameError::Length { found: embedding.len(), expected }),
+            None => Ok(()),
+        }
+    }
+
+    fn remove(&mut self, id: SegmentId) -> Option<Named> {
+        let named = self.names.remove(&id)?;
+        self.bytes -= named.name.bytes();
+        self.embeddings -= usize::from(!named.name.embedding.is_empty());
+        if self.embeddings == 0 {
+            self.dimension = None;
+        }
+        Some(named)
+    }
+
+    /// Drops the name of an object, e.g. because its id now stands for another object.
+    pub fn forget(&mut self, id: SegmentId) {
+        self.remove(id);
+    }
+
+    /// Drops the names of all objects but these.
+    pub fn keep_only(&mut self, ids: &BTreeSet<SegmentId>) {
+        let others: Vec<SegmentId> = self.names.keys().filter(|id| !ids.contains(id)).copied().collect();
+        others.into_iter().for_each(|id| self.forget(id));
+    }
+
+    /// Drops the embeddings of all objects but these. Labels stay, for the list of all objects of a run.
+    pub fn keep_embeddings_of(&mut self, ids: &BTreeSet<SegmentId>) {
+        let with_embedding = |named: &Named| !named.name.embedding.is_empty();
+        let others = self.names.iter().filter(|(id, named)| with_embedding(named) && !ids.contains(*id));
+        let others: Vec<SegmentId> = others.map(|(id, _)| *id).collect();
+        for id in others {
+            if let Some(mut named) = self.remove(id) {
+                named.name.embedding = Vec::new();
+                self.insert(id, named);
+            }
+        }
+    }
+
+    /// Gives the names of ids that turned out to be other ids' objects to those. Of two names, the one from the better
+    /// view stays, and one without label and embedding never does.
+    pub fn remap(&mut self, remapped: &[RemappedId]) {
+        for RemappedId { from, into } in remapped.iter().filter(|remapped| remapped.from != remapped.into) {
+            let Some(other) = self.remove(*from) else { continue };
+            let rank = |named: &Named| (!named.name.is_empty(), named.score);
+            if self.names.get(into).is_none_or(|kept| rank(&other) > rank(kept)) {
+                self.insert(*into, other);
+            }
+        }
+    }
+
+    /// The objects with embeddings and the cosine of the angle between theirs and this one, -1 to 1: most similar first,
+    /// equally similar ones by id. A vector of zeros has similarity 0 to all.
+    ///
+    /// # Errors
+    /// [`NameError::Length`] if the objects' embeddings have another length, [`NameError::NotFinite`].
+    pub fn find(&self, embedding: &[f32]) -> Result<Vec<(SegmentId, f32)>, NameError> {
+        check_finite(embedding)?;
+        self.check_length(embedding)?;
+        let named = self.names.iter().filter(|(_, named)| !named.name.embedding.is_empty());
+        let mut found: Vec<(SegmentId, f32)> =
+            named.map(|(id, named)| (*id, cosine(embedding, &named.name.embedding))).collect();
+        found.sort_by(|(one_id, one), (other_id, other)| other.total_cmp(one).then(one_id.cmp(other_id)));
+        Ok(found)
+    }
+
+    /// The objects whose label contains the text, upper or lower case, by increasing id.
+    pub fn find_label(&self, text: &str) -> Vec<SegmentId> {
+        let text = text.to_lowercase();
+        self.labels().filter(|(_, label)| label.to_lowercase().contains(&text)).map(|(id, _)| id).collect()
+    }
+
+    /// The names as UTF-8 text, for a file.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let saved = |(id, Named { name, score }): (&SegmentId, &Named)| {
+            let numbers: Vec<u8> = name.embedding.iter().flat_map(|number| number.to_le_bytes()).collect();
+            SavedName { id: *id, label: name.label.clone(), embedding: BASE64.encode(numbers), score: *score }
+        };
+        // Numbers and texts can always be written.
+        serde_json::to_vec(&self.names.iter().map(saved).collect::<Vec<_>>()).unwrap_or_default()
+    }
+
+    /// The names from the text of a file.
+    ///
+    /// # Errors
+    /// [`NameError::Damaged`], or what [`Self::set`] refuses.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, NameError> {
+        let saved: Vec<SavedName> =
+            serde_json::from_slice(bytes).map_err(|error| NameError::Damaged(error.to_string()))?;
+        let mut names = Self::default();
+        for SavedName { id, label, embedding, score } in saved {
+            let wrong = |problem: &str| NameError::Damaged(format!("object {id} {problem}"));
+            if id == 0 || names.names.contains_key(&id) {
+                return Err(wrong("occurs twice or is no object"));
+            }
+            if !(score.is_finite() && score >= 0.0) {
+                return Err(wrong("has a view with an impossible score"));
+            }
+            let numbers = BASE64.decode(embedding).map_err(|_| wrong("has an embedding that is not Base64"))?;
+            let (numbers, rest) = numbers.as_chunks();
+            if !rest.is_empty() {
+                return Err(wrong("has half a number in its embedding"));
+            }
+            let embedding = numbers.iter().map(|number| f32::from_le_bytes(*number)).collect();
+            names.set(id, ObjectName { label, embedding }, score)?;
+        }
+        Ok(names)
+    }
+}
+
+fn check_finite(embedding: &[f32]) -> Result<(), NameError> {
+    match embedding.iter().enumerate().find(|(_, number)| !number.is_finite()) {
+        Some((index, number)) => Err(NameError::NotFinite { index, found: number.to_string() }),
+        None => Ok(()),
+    }
+}
+
+/// The cosine of the angle between two vectors, 0 if one has no length. Summed in order, so that it is the same
+/// everywhere.
+fn cosine(one: &[f32], other: &[f32]) -> f32 {
+    let dot = |one: &[f32], other: &[f32]| -> f64 {
+        one.iter().zip(other).map(|(one, other)| f64::from(*one) * f64::from(*other)).sum()
+    };
+    let lengths = (dot(one, one) * dot(other, other)).sqrt();
+    if lengths > 0.0 { (dot(one, other) / lengths) as f32 } else { 0.0 }
+}

@@ -1,0 +1,67 @@
+//! A saved memory with the names of its objects, without a pipeline.
+
+use super::PipelineError;
+use crate::settings::SettingsLayers;
+use splatseg_geometry::SegmentId;
+use splatseg_memory::SplatMemory;
+use splatseg_objects::{NameError, ObjectList, ObjectLog, ObjectNames};
+use std::path::{Path, PathBuf};
+
+/// A saved memory and the names that [`Pipeline::name_objects`](super::Pipeline::name_objects) gave its objects.
+pub struct NamedMap {
+    /// The memory.
+    pub memory: SplatMemory,
+    /// The names; none if the file has none.
+    pub names: ObjectNames,
+}
+
+impl NamedMap {
+    /// Loads the file of a saved memory, of any kind. Needs no segmenter and no weights.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or it or its names are damaged.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, PipelineError> {
+        let path = path.as_ref();
+        let mut layers = SettingsLayers::default();
+        layers.add_saved_memory(path)?;
+        let settings = layers.resolve()?;
+        let no_memory = || PipelineError::NoMemory { path: path.to_owned(), method: settings.method.name().name() };
+        let memory_settings = settings.method.memory().ok_or_else(no_memory)?;
+        let mut memory = SplatMemory::load(path, memory_settings.clone())?;
+        let names = take_names(&mut memory, path)?;
+        Ok(Self { memory, names })
+    }
+
+    /// The objects of the map with their labels, by increasing id. No frame has shown them.
+    pub fn object_list(&self) -> ObjectList {
+        let mut list = ObjectList::new(&ObjectLog::default(), Some(&self.memory));
+        list.add_names(&self.names);
+        list
+    }
+
+    /// The objects most similar to an embedding, as in [`ObjectNames::find`].
+    ///
+    /// # Errors
+    /// As [`ObjectNames::find`].
+    pub fn find(&self, embedding: &[f32]) -> Result<Vec<(SegmentId, f32)>, NameError> {
+        let (mut found, present) = (self.names.find(embedding)?, self.memory.carried_ids());
+        found.retain(|(id, _)| present.contains(id));
+        Ok(found)
+    }
+
+    /// The objects whose label contains the text, as in [`ObjectNames::find_label`].
+    pub fn find_label(&self, text: &str) -> Vec<SegmentId> {
+        let (mut found, present) = (self.names.find_label(text), self.memory.carried_ids());
+        found.retain(|id| present.contains(id));
+        found
+    }
+}
+
+/// Takes the names of a memory that was loaded from `path`.
+pub(super) fn take_names(memory: &mut SplatMemory, path: &Path) -> Result<ObjectNames, PipelineError> {
+    let damaged = |source| PipelineError::Names { path: PathBuf::from(path), source };
+    memory
+        .take_names()
+        .map_or_else(|| Ok(ObjectNames::default()), |bytes| ObjectNames::from_bytes(&bytes))
+        .map_err(damaged)
+}
