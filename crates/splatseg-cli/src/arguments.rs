@@ -6,6 +6,7 @@ use super::bench::BenchArguments;
 use super::devices::DevicesArguments;
 use super::eval::EvalArguments;
 use super::export::ExportArguments;
+use super::find::FindArguments;
 use super::inspect::InspectArguments;
 use super::live::LiveArguments;
 use super::locate::LocateArguments;
@@ -71,6 +72,8 @@ pub enum Command {
     Export(ExportArguments),
     /// Compare two saved memories of a place: what is gone, new, moved, unchanged or was not looked at
     Diff(DiffArguments),
+    /// Find objects of a saved memory by their names
+    Find(FindArguments),
     /// Find where single frames were taken, in the coordinates of a saved memory
     Locate(Box<LocateArguments>),
     /// List the devices that networks can run on, and test each one

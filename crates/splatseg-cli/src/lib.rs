@@ -13,6 +13,7 @@ mod eval_mesh;
 mod eval_trajectory;
 mod export;
 mod failure;
+mod find;
 mod input_paths;
 mod inspect;
 mod live;
@@ -59,6 +60,7 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Command::Inspect(inspect) => inspect::inspect(&inspect),
         Command::Export(export) => export::export(&export),
         Command::Diff(diff) => map_changes::diff(&diff),
+        Command::Find(find) => find::find(&find),
         Command::Live(live) => live::live(&live, program),
         Command::Locate(locate) => locate::locate(&locate),
         Command::Devices(arguments) => devices::devices(&arguments, program),

@@ -155,7 +155,8 @@ pub fn lines(changes: &MapChanges) -> Vec<String> {
     lines
 }
 
-fn described(shape: &ObjectShape) -> String {
+/// Size and position of an object.
+pub fn described(shape: &ObjectShape) -> String {
     let [x, y, z] = shape.oriented_box.size.to_array();
     format!("{x:.2} x {y:.2} x {z:.2} m at {}", position(shape))
 }

@@ -131,7 +131,7 @@ impl FrameLoop<'_> {
         writer: &ResultWriter,
         progress: &Progress,
     ) {
-        let Some((saving, memory)) = self.saving.as_ref().zip(frames.memory()) else { return };
+        let Some(saving) = &self.saving else { return };
         let state = RunState {
             next: done,
             frames: counts.frames,
@@ -141,8 +141,9 @@ impl FrameLoop<'_> {
             ..saving.state.clone()
         };
         let path = saving.staging.join(state.memory_file());
-        match memory.save(&path) {
-            Ok(()) => writer.save_state(state, path, frames.pose_state()),
+        match frames.save_memory(&path) {
+            Ok(true) => writer.save_state(state, path, frames.pose_state()),
+            Ok(false) => {}
             Err(error) => progress.warn(&format!("the state of the run could not be saved: {error}")),
         }
     }

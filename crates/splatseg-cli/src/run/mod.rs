@@ -41,7 +41,7 @@ use splatseg::summary::Summary;
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{FrameSource, FrameStream, GroundTruth, Scene, open_scene};
 use splatseg_files::read_file;
-use splatseg_objects::{MapChanges, ObjectList};
+use splatseg_objects::MapChanges;
 use splatseg_output::{ChangesSince, ResultFolder, RunEnd, RunOutput};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -233,7 +233,7 @@ fn finish_outputs(
     let history = std::mem::take(&mut ended.written.history);
     let images = FrameImages { scene, framing: job.settings.dataset.framing() };
     update_frames(&mut ended.written, &history, &images, &mut ended.counts);
-    let mut objects = ObjectList::new(pipeline.objects(), pipeline.memory());
+    let mut objects = pipeline.object_list();
     history.count_joined(&mut objects);
     ended.counts.unjoined_frames = history.unjoined_frames(&pipeline.keyframe_parts());
     let end = RunEnd {
