@@ -1,18 +1,18 @@
 //! A method with its segmenter, run frame by frame.
 
-use crate::arrays::{color_image, depth_image, numbers, to_array, to_masks, to_rows};
+use crate::arrays::{color_image, depth_image, numbers, to_array, to_color_array, to_masks, to_plain_array, to_rows};
 use crate::errors::{runtime_error, value_error};
 use crate::segmenter::PythonSegmenter;
 use crate::settings::{add_file, layers, resolve, settings_error};
-use numpy::{PyArray1, PyArray2};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::ThreadPool;
 use splatseg::memory::SplatMemory;
-use splatseg::objects::{FrameStamp, ObjectList, SeenObjects};
+use splatseg::objects::{FrameStamp, ObjectName, SeenObjects};
 use splatseg::odometry::PoseState;
-use splatseg::pipeline::{FrameResult, PipelineError};
+use splatseg::pipeline::{FrameResult, NameObjectsError, ObjectToName, PipelineError};
 use splatseg::settings::SettingsLayers;
 use splatseg::{CameraFrame, Intrinsics, Mask, Pose, SegmentId};
 use splatseg_files::MemoryLimit;
@@ -55,13 +55,14 @@ type Step = (
 #[pymethods]
 impl Pipeline {
     #[new]
-    #[pyo3(signature = (settings, segmenter=None, config=None, saved_memory=None))]
+    #[pyo3(signature = (settings, segmenter=None, config=None, saved_memory=None, keep_views=false))]
     fn new(
         py: Python<'_>,
         settings: &Bound<'_, PyDict>,
         segmenter: Option<Py<PyAny>>,
         config: Option<PathBuf>,
         saved_memory: Option<PathBuf>,
+        keep_views: bool,
     ) -> PyResult<Self> {
         let mut all = SettingsLayers::default();
         if let Some(path) = &config {
@@ -86,6 +87,9 @@ impl Pipeline {
             }
             if let Some(path) = &saved_memory {
                 builder = builder.saved_memory(path);
+            }
+            if keep_views {
+                builder = builder.keep_views();
             }
             builder.build()
         };
@@ -138,11 +142,41 @@ impl Pipeline {
         let mut guard = self.lock()?;
         let state = &mut *guard;
         py.detach(move || {
-            let mut list = ObjectList::new(state.pipeline.objects(), state.pipeline.memory());
+            let mut list = state.pipeline.object_list();
             list.add_sightings(&state.seen);
             list.to_json()
         })
         .map_err(runtime_error)
+    }
+
+    /// Names objects with a callable `(rgb, mask, JSON of the object) -> (label, embedding)`; returns for how many it was
+    /// called.
+    fn name_objects(&self, py: Python<'_>, callable: Py<PyAny>) -> PyResult<usize> {
+        let mut guard = self.lock()?;
+        let state = &mut *guard;
+        let named = py.detach(move || {
+            state.pipeline.name_objects(|object| Ok(Python::attach(|py| name_of(py, &callable, object))?))
+        });
+        named.map_err(|error| match error {
+            NameObjectsError::Namer { .. } => raised(py, &error).unwrap_or_else(|| runtime_error(&error)),
+            _ => value_error(&error),
+        })
+    }
+
+    /// The objects most similar to an embedding, with the similarity.
+    fn find(&self, embedding: PyReadonlyArray1<'_, f32>) -> PyResult<Vec<(SegmentId, f32)>> {
+        self.lock()?.pipeline.find(&embedding.as_array().to_vec()).map_err(value_error)
+    }
+
+    /// The objects whose label contains a text.
+    fn find_label(&self, text: &str) -> PyResult<Vec<SegmentId>> {
+        Ok(self.lock()?.pipeline.find_label(text))
+    }
+
+    /// Drops all names.
+    fn clear_names(&self) -> PyResult<()> {
+        self.lock()?.pipeline.clear_names();
+        Ok(())
     }
 
     /// Saves the memory.
@@ -279,16 +313,36 @@ fn step_result(
     Ok((ids, confidence, sightings.collect(), masks, stages, matrix, state, remapped))
 }
 
+/// The name that a callable gives an object.
+fn name_of(
+    py: Python<'_>,
+    callable: &Py<PyAny>,
+    ObjectToName { object, view }: ObjectToName<'_>,
+) -> PyResult<ObjectName> {
+    let size = view.image.size();
+    let rgb = to_color_array(py, view.image.pixels(), size)?;
+    let mask = to_plain_array(py, view.mask.pixels(), size)?;
+    let object = serde_json::to_string(object).map_err(runtime_error)?;
+    let named = callable.bind(py).call1((rgb, mask, object))?;
+    let (label, embedding): (Option<String>, PyReadonlyArray1<'_, f32>) = named.extract()?;
+    Ok(ObjectName { label, embedding: embedding.as_array().to_vec() })
+}
+
 /// The exception raised by a segmenter in Python, or the error as `RuntimeError`.
 fn pipeline_error(py: Python<'_>, error: &PipelineError) -> PyErr {
-    let mut source: Option<&(dyn Error + 'static)> = Some(error);
+    raised(py, error).unwrap_or_else(|| runtime_error(error))
+}
+
+/// The Python exception that caused an error.
+fn raised(py: Python<'_>, error: &(dyn Error + 'static)) -> Option<PyErr> {
+    let mut source = Some(error);
     while let Some(inner) = source {
         if let Some(raised) = inner.downcast_ref::<PyErr>() {
-            return raised.clone_ref(py);
+            return Some(raised.clone_ref(py));
         }
         source = inner.source();
     }
-    runtime_error(error)
+    None
 }
 
 /// The camera with a 3×3 matrix.

@@ -46,6 +46,20 @@ def test_compare_methods(tmp_path):
     assert (tmp_path / "plot.png").stat().st_size > 5000
 
 
+def test_name_objects(tmp_path):
+    module = example("name_objects")
+    pipeline = module.main()
+    named = [entry for entry in pipeline.objects() if entry.label]
+    assert named and {entry.label for entry in named} <= set(module.COLORS)
+    found = pipeline.find(named[0].label, top=100)
+    assert named[0].id in [entry.object.id for entry in found]
+    pipeline.save(tmp_path / "map.ply")
+    loaded = ss.FastSamSplat.load(tmp_path / "map.ply")
+    assert [entry.object.id for entry in loaded.find(named[0].label, top=100)] == [entry.object.id for entry in found]
+    with pytest.raises(ValueError, match="4 numbers"):
+        loaded.find([1, 2, 3, 4])
+
+
 def test_open3d_odometry():
     pytest.importorskip("open3d", exc_type=ImportError)
     module = example("open3d_odometry")

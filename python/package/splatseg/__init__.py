@@ -22,7 +22,7 @@ from ._splatseg import __version__, segment_color
 from .evaluation import Scores, evaluate
 from .frame import Frame
 from .memory import Memory
-from .objects import BestView, FrameStamp, Object, ObjectSighting, Shape
+from .objects import BestView, FoundObject, FrameStamp, Object, ObjectSighting, Shape
 from .pipeline import FastSamSplat, Pipeline, Sam2Splat
 from .result import StepResult
 from .sam2 import Sam2, Tracks
@@ -34,6 +34,7 @@ __all__ = [
     "BestView",
     "FastSam",
     "FastSamSplat",
+    "FoundObject",
     "Frame",
     "FrameStamp",
     "Graph",

@@ -83,6 +83,8 @@ class Object:
 
     id: int
     """Its id."""
+    label: str | None
+    """Its label from :meth:`Pipeline.name_objects`."""
     state: str | None
     """``remembered``, ``tentative`` (seen once, may be a mistake) or ``forgotten``; ``None`` without a memory."""
     frames: int
@@ -111,11 +113,22 @@ class Object:
         return self.shape.axis_aligned_box if self.shape is not None else None
 
 
+@dataclass(frozen=True)
+class FoundObject:
+    """An object that :meth:`Pipeline.find` has found."""
+
+    object: Object
+    """The object."""
+    similarity: float | None
+    """Cosine similarity of its embedding, from -1 to 1; ``None`` if it was found by its label."""
+
+
 def parse(entry: dict[str, Any]) -> Object:
     """Parses an object of ``objects.json``."""
     shape, view = entry["shape"], entry["best_view"]
     return Object(
         id=entry["id"],
+        label=entry["label"],
         state=entry["state"],
         frames=entry["frames"],
         first_seen=_stamp(entry["first_frame"]),

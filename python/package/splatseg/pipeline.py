@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _splatseg
 from .memory import Memory
-from .objects import Object, ObjectSighting, parse
+from .objects import FoundObject, Object, ObjectSighting, parse
 from .result import StepResult
 from .segmenters import Segmenter
 
 Masks = NDArray[np.bool_] | NDArray[np.integer]
 SegmenterLike = str | Segmenter | Callable[[NDArray[np.uint8], NDArray[np.float32]], Masks | tuple[Masks, ArrayLike]]
+
+Name = str | ArrayLike | tuple[str | None, ArrayLike | None] | None
 
 
 class Pipeline:
@@ -30,7 +32,7 @@ class Pipeline:
 
     ``method`` is one of ``fastsam-splat``, ``fastsam``, ``fastspam``, ``sam2``, ``sam2-splat``. ``config`` is a TOML
     file or the ``summary.json`` of a run; keywords override its settings. All other keywords are settings, see
-    ``splatseg settings``.
+    ``splatseg settings``. ``keep_views`` keeps the best view of each object for :meth:`name_objects`, at most 64 MiB.
 
     Raises ``TypeError`` for unknown settings, ``ValueError`` for invalid values and files.
     """
@@ -43,9 +45,10 @@ class Pipeline:
         segmenter: SegmenterLike | None = None,
         *,
         config: str | os.PathLike[str] | None = None,
+        keep_views: bool = False,
         **settings: Any,
     ) -> None:
-        self._start(method, segmenter, config, settings, None)
+        self._start(method, segmenter, config, settings, None, keep_views)
 
     def _start(
         self,
@@ -54,6 +57,7 @@ class Pipeline:
         config: str | os.PathLike[str] | None,
         settings: dict[str, Any],
         saved_memory: str | os.PathLike[str] | None,
+        keep_views: bool,
     ) -> None:
         settings = {**settings, "method": method if method is not None else self._method}
         function = None
@@ -65,7 +69,7 @@ class Pipeline:
             function = segmenter
         elif segmenter is not None:
             settings["segmenter"] = segmenter
-        self._pipeline = _splatseg.Pipeline(settings, function, config, saved_memory)
+        self._pipeline = _splatseg.Pipeline(settings, function, config, saved_memory, keep_views)
 
     @classmethod
     def load(
@@ -75,14 +79,15 @@ class Pipeline:
         segmenter: SegmenterLike | None = None,
         *,
         config: str | os.PathLike[str] | None = None,
+        keep_views: bool = False,
         **settings: Any,
     ) -> Pipeline:
-        """Creates a pipeline that continues with a saved memory and its ids.
+        """Creates a pipeline that continues with a saved memory, its ids and names.
 
         Raises ``ValueError`` if the file is damaged or does not fit the settings.
         """
         pipeline = cls.__new__(cls)
-        pipeline._start(method, segmenter, config, settings, path)
+        pipeline._start(method, segmenter, config, settings, path, keep_views)
         return pipeline
 
     def step(
@@ -128,6 +133,38 @@ class Pipeline:
     def objects(self) -> list[Object]:
         """Every object seen so far or in the memory, by increasing id, with its shape in the world."""
         return [parse(entry) for entry in json.loads(self._pipeline.objects())["objects"]]
+
+    def name_objects(self, fn: Callable[[NDArray[np.uint8], NDArray[np.bool_], Object], Name]) -> int:
+        """Names objects with ``fn(rgb, mask, object)``, e.g. a CLIP network; returns for how many it was called.
+
+        ``rgb``: the best view so far, uint8 ``(height, width, 3)``, sRGB, at most 224 pixels wide and high. ``mask``: the
+        object's pixels in it, bool ``(height, width)``. It returns a label, an embedding (a vector whose length is the same
+        for all), a pair of both, or ``None``. It is called for objects without a name, and again for those whose best view
+        has become clearly better. :meth:`objects` has the labels, :meth:`save` saves the names.
+
+        Exceptions of ``fn`` are passed on; names given before stay. Raises ``ValueError`` for an unusable name and
+        without ``keep_views=True``.
+        """
+        return self._pipeline.name_objects(
+            lambda rgb, mask, entry: _label_and_embedding(fn(rgb, mask, parse(json.loads(entry))))
+        )
+
+    def find(self, what: str | ArrayLike, top: int = 5) -> list[FoundObject]:
+        """The named objects that are still there and fit best, at most ``top``.
+
+        ``what`` is a text that the label contains, in upper or lower case, or an embedding: then the most similar come
+        first. Raises ``ValueError`` if the embedding has another length than those of the objects.
+        """
+        if isinstance(what, str):
+            found: list[tuple[int, float | None]] = [(id, None) for id in self._pipeline.find_label(what)]
+        else:
+            found = list(self._pipeline.find(_vector(what)))
+        entries = {entry.id: entry for entry in self.objects()} if found else {}
+        return [FoundObject(entries[id], similarity) for id, similarity in found[: max(top, 0)] if id in entries]
+
+    def clear_names(self) -> None:
+        """Drops all names, e.g. before a loaded map is named with another network."""
+        self._pipeline.clear_names()
 
     @property
     def memory(self) -> Memory:
@@ -181,9 +218,10 @@ class FastSamSplat(Pipeline):
         segmenter: SegmenterLike | None = None,
         *,
         config: str | os.PathLike[str] | None = None,
+        keep_views: bool = False,
         **settings: Any,
     ) -> None:
-        super().__init__(None, segmenter, config=config, **settings)
+        super().__init__(None, segmenter, config=config, keep_views=keep_views, **settings)
 
 
 class Sam2Splat(Pipeline):
@@ -201,6 +239,26 @@ class Sam2Splat(Pipeline):
         segmenter: SegmenterLike | None = None,
         *,
         config: str | os.PathLike[str] | None = None,
+        keep_views: bool = False,
         **settings: Any,
     ) -> None:
-        super().__init__(None, segmenter, config=config, tracker_weights=weights, **settings)
+        super().__init__(
+            None, segmenter, config=config, keep_views=keep_views, tracker_weights=weights, **settings
+        )
+
+
+def _label_and_embedding(name: Name) -> tuple[str | None, NDArray[np.float32]]:
+    """The label and the embedding that a function has returned."""
+    label, embedding = None, name
+    if name is None or isinstance(name, str):
+        label, embedding = name, None
+    elif isinstance(name, tuple) and len(name) == 2 and (name[0] is None or isinstance(name[0], str)):
+        label, embedding = name
+    return label, np.empty(0, np.float32) if embedding is None else _vector(embedding)
+
+
+def _vector(embedding: ArrayLike) -> NDArray[np.float32]:
+    vector = np.ascontiguousarray(embedding, dtype=np.float32)
+    if vector.ndim != 1:
+        raise ValueError(f"the embedding has shape {vector.shape}, expected a vector, e.g. (512,)")
+    return vector
