@@ -10,8 +10,8 @@ use splatseg_geometry::{Image, SegmentMap};
 /// Frames are reduced to this width, pixels. In a frame of width 640, a click is then off by up to a pixel.
 const MAX_WIDTH: usize = 320;
 
-/// Reduces an id image to at most [`MAX_WIDTH`] columns, taking the id at the centre of each new pixel.
-pub fn reduced(ids: &SegmentMap) -> SegmentMap {
+/// Reduces an id image to at most 320 columns, taking the id at the centre of each new pixel.
+pub fn reduce_ids(ids: &SegmentMap) -> SegmentMap {
     let (width, height) = ids.size();
     if width <= MAX_WIDTH {
         return ids.clone();
@@ -22,8 +22,9 @@ pub fn reduced(ids: &SegmentMap) -> SegmentMap {
     })
 }
 
-/// Encodes ids as described above.
-pub fn encoded(ids: &SegmentMap) -> Vec<u8> {
+/// Encodes ids, row-major, as triples of LEB128 numbers: the number of pixels equal to the pixel above (0 above the first
+/// row), the number of following pixels with one other id, and that id.
+pub fn encode_ids(ids: &SegmentMap) -> Vec<u8> {
     let (width, pixels) = (ids.width(), ids.pixels());
     let is_as_above = |index: usize| pixels[index] == if index < width { 0 } else { pixels[index - width] };
     let mut bytes = Vec::new();
@@ -89,25 +90,25 @@ mod tests {
                 Image::filled(width, height, 0),
                 Image::filled(width, height, 65535),
             ] {
-                assert_eq!(decoded(&encoded(&ids), width, height), ids);
+                assert_eq!(decoded(&encode_ids(&ids), width, height), ids);
             }
         }
-        assert_eq!(encoded(&Image::filled(0, 0, 0)), [] as [u8; 0]);
+        assert_eq!(encode_ids(&Image::filled(0, 0, 0)), [] as [u8; 0]);
     }
 
     #[test]
     fn upright_borders_cost_nothing_after_the_first_row() {
         let stripes = Image::from_fn(320, 240, |column, _| (column / 32) as SegmentId);
-        assert!(encoded(&stripes).len() < 40);
+        assert!(encode_ids(&stripes).len() < 40);
     }
 
     #[test]
     fn large_frames_are_reduced_to_the_middles_of_pixels() {
         let ids = Image::from_fn(960, 720, |column, row| (1000 * row + column) as SegmentId);
-        let small = reduced(&ids);
+        let small = reduce_ids(&ids);
         assert_eq!(small.size(), (320, 240));
         assert_eq!((small[(0, 0)], small[(319, 239)]), (1001, 718_958));
-        assert_eq!(reduced(&Image::filled(321, 1, 7)).size(), (320, 1));
-        assert_eq!(reduced(&small), small);
+        assert_eq!(reduce_ids(&Image::filled(321, 1, 7)).size(), (320, 1));
+        assert_eq!(reduce_ids(&small), small);
     }
 }

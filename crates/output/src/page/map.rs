@@ -10,8 +10,8 @@ use splatseg_memory::SplatMemory;
 /// Maximum number of drawn Gaussians: a laptop can still rotate them smoothly.
 pub const MAX_POINTS: usize = 100_000;
 
-/// The Gaussians, in base64: little-endian 16-bit numbers, and colours of three bytes.
-#[derive(Clone, Debug, Serialize)]
+/// The Gaussians of a map for the page, in base64: little-endian 16-bit numbers, and colours of three bytes.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MapData {
     /// Number of drawn Gaussians.
     count: usize,

@@ -17,6 +17,10 @@ mod map;
 mod sightings;
 mod up;
 
+pub use ids::{encode_ids, reduce_ids};
+pub use map::{MapData, map_data};
+pub use up::UpEstimate;
+
 use crate::crops::WaitingCrops;
 use crate::error::saved_state;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput, UpdatedFrame, segment_color};
@@ -32,11 +36,13 @@ use splatseg_memory::SplatMemory;
 use splatseg_objects::{Object, ObjectSighting};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use up::UpEstimate;
 
 const HTML: &str = include_str!("../../viewer/page.html");
 const STYLE: &str = include_str!("../../viewer/page.css");
-const SCRIPT: &str = include_str!("../../viewer/viewer.min.js");
+/// Script of the page of a run and of the page that watches one, with three.js.
+pub const VIEWER_SCRIPT: &str = include_str!("../../viewer/viewer.min.js");
+/// The elements that load the data and the script of a finished run.
+const RUN_SCRIPTS: &str = "<script src=\"viewer/run.js\"></script>\n<script src=\"viewer/viewer.js\"></script>";
 
 /// Numbers per pose: position, then rotation as a quaternion.
 const POSE_NUMBERS: usize = 7;
@@ -179,8 +185,8 @@ impl RunOutput for Page {
         self.add_pose(record);
         self.names.push(record.file_name.clone());
         self.add_sightings(frame, &record.objects, &record.remapped);
-        let small = ids::reduced(&record.segments);
-        self.chunk.push((small.width(), small.height(), STANDARD.encode(ids::encoded(&small))));
+        let small = ids::reduce_ids(&record.segments);
+        self.chunk.push((small.width(), small.height(), STANDARD.encode(ids::encode_ids(&small))));
         if self.chunk.len() == FRAMES_PER_CHUNK { self.write_chunk(folder) } else { Ok(()) }
     }
 
@@ -245,10 +251,16 @@ impl RunOutput for Page {
         };
         let file = "viewer/run.js";
         folder.write(file, format!("var splatsegRun={};\n", json(file, &data)?).as_bytes())?;
-        folder.write("viewer/viewer.js", SCRIPT.as_bytes())?;
+        folder.write("viewer/viewer.js", VIEWER_SCRIPT.as_bytes())?;
         // Written last, so that an existing page has everything it needs.
         folder.write("index.html", HTML.replace("{{style}}", STYLE).as_bytes())
     }
+}
+
+/// Returns the page for watching a run while it goes on: without data, it gets them from its server. `script` is the URL
+/// of [`VIEWER_SCRIPT`], in characters that need no escape in HTML.
+pub fn live_page(script: &str) -> String {
+    HTML.replace(RUN_SCRIPTS, &format!("<script src=\"{script}\"></script>")).replace("{{style}}", STYLE)
 }
 
 /// A value as JSON, which is JavaScript; `file` is named in errors.

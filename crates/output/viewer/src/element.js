@@ -1,5 +1,18 @@
 // Elements of the page. Data is inserted as text, never as HTML.
 
+export const byElementId = (id) => document.getElementById(id);
+
+/** Shows a text at a place for notes. */
+export function note(place, text) {
+  byElementId(place).textContent = text;
+  byElementId(place).hidden = false;
+}
+
+/** An object's id and name. */
+export function nameOf(id, object) {
+  return object?.label ? `#${id} ${object.label}` : `#${id}`;
+}
+
 /** An element with attributes, properties such as `textContent`, and children. */
 export function element(name, properties = {}, children = []) {
   const made = Object.assign(document.createElement(name), properties);

@@ -75,7 +75,7 @@ export class FrameIds {
  * Decodes the ids that `page/ids.rs` encodes: repeatedly, the number of pixels equal to the pixel above, the number of
  * following pixels with one other id, and that id.
  */
-function decode(bytes, width, height) {
+export function decode(bytes, width, height) {
   let at = 0;
   const number = () => {
     let value = 0;

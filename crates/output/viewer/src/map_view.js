@@ -13,6 +13,8 @@ const FIELD_OF_VIEW_DEGREES = 50;
 const CLICK_PIXELS = 4;
 const CAMERA_COLOR = 0xf25c05;
 const LINE_PIXELS = 2;
+/** The view is widened when the map has grown by this factor, so that it does not move all the time. */
+const REFIT_GROWTH = 1.1;
 
 export class MapView {
   #run;
@@ -22,6 +24,10 @@ export class MapView {
   #follow = false;
   #frame = 0;
   #drawing = false;
+  /** True while the camera's pose is unknown. */
+  #lost = false;
+  /** True once the user has turned or moved the view. */
+  #touched = false;
 
   /** Throws if the browser has no WebGL. `onPick` is called with the id that was clicked, 0 for none. */
   constructor(run, onPick) {
@@ -37,6 +43,7 @@ export class MapView {
     this.controls = new OrbitControls(this.camera, this.#canvas);
     this.controls.zoomToCursor = true;
     this.controls.addEventListener("change", () => this.draw());
+    this.controls.addEventListener("start", () => (this.#touched = true));
     this.#addLines();
     this.#scene.add(this.splats.points);
     if (this.before) this.#addChanges(changes);
@@ -68,8 +75,8 @@ export class MapView {
     const up = new Vector3(...this.#run.up);
     const forward = new Vector3();
     const quaternion = new Quaternion();
-    for (let frame = 0; frame < this.#run.frameCount; frame++) {
-      forward.add(new Vector3(0, 0, 1).applyQuaternion(quaternion.fromArray(this.#run.poseOf(frame).quaternion)));
+    for (const rotation of this.#run.rotations()) {
+      forward.add(new Vector3(0, 0, 1).applyQuaternion(quaternion.fromArray(rotation)));
     }
     forward.addScaledVector(up, -forward.dot(up));
     if (forward.length() < 1e-6) forward.set(up.y, up.z, up.x);
@@ -81,10 +88,46 @@ export class MapView {
     this.#viewChanged();
   }
 
+  /** Shows a newer map in the place of this one. */
+  replaceMap(map) {
+    const old = this.splats;
+    this.splats = new Splats(map, this.#run.byId);
+    for (const [name, uniform] of Object.entries(old.uniforms)) this.splats.uniforms[name].value = uniform.value;
+    this.#scene.remove(old.points);
+    this.#scene.add(this.splats.points);
+    old.dispose();
+    const before = this.extent.radius;
+    this.extent = this.splats.extent();
+    if (!this.#touched && !this.#follow && this.extent.radius > REFIT_GROWTH * before) this.#refit(before);
+    else this.#resize();
+  }
+
+  /** Shows the whole of a map that has grown, from the same direction. */
+  #refit(before) {
+    const { middle, radius } = this.extent;
+    const back = this.camera.position.clone().sub(this.controls.target).multiplyScalar(radius / before);
+    this.controls.target.fromArray(middle);
+    this.camera.position.fromArray(middle).add(back);
+    this.#viewChanged();
+  }
+
+  /** Shows the camera's path as it is now. */
+  updatePath() {
+    const { path } = this;
+    // The number of pieces is fixed in a geometry.
+    path.geometry.dispose();
+    path.geometry = new LineSegmentsGeometry().setPositions(this.#run.pathSteps());
+    this.draw();
+  }
+
   /** Shows the camera's pose at a frame. */
   showFrame(frame) {
     this.#frame = frame;
-    const { position, quaternion } = this.#run.poseOf(frame);
+    const pose = this.#run.poseOf(frame);
+    this.#lost = pose === null;
+    this.#showFrustum();
+    if (this.#lost) return this.draw();
+    const { position, quaternion } = pose;
     const { width, height, fx, fy, cx, cy } = this.#run.cameraOf(frame);
     const depth = 0.16 * this.extent.radius;
     // Pixel centres have integer coordinates: the image begins half a pixel before the first centre.
@@ -101,15 +144,19 @@ export class MapView {
   /** Makes the view follow the camera or stop following it. */
   follow(wanted) {
     this.#follow = wanted;
-    this.frustum.visible = this.path.visible && !wanted;
-    if (wanted) this.#lookAsCamera();
+    this.#showFrustum();
+    if (wanted && !this.#lost) this.#lookAsCamera();
     else this.draw();
   }
 
   showPath(wanted) {
     this.path.visible = wanted;
-    this.frustum.visible = wanted && !this.#follow;
+    this.#showFrustum();
     this.draw();
+  }
+
+  #showFrustum() {
+    this.frustum.visible = this.path.visible && !this.#follow && !this.#lost;
   }
 
   /** `true` or `object`. */
@@ -208,11 +255,7 @@ export class MapView {
   }
 
   #addLines() {
-    const steps = [];
-    for (let frame = 1; frame < this.#run.frameCount; frame++) {
-      steps.push(...this.#run.poseOf(frame - 1).position, ...this.#run.poseOf(frame).position);
-    }
-    this.path = lines(steps, CAMERA_COLOR);
+    this.path = lines(this.#run.pathSteps(), CAMERA_COLOR);
     this.frustum = lines([], CAMERA_COLOR);
     this.box = lines(unitBox(), 0xffffff);
     this.box.matrixAutoUpdate = false;

@@ -18,17 +18,36 @@ export class ObjectList {
   #rows = new Map();
   #ids = new Set();
   #selected = 0;
+  #onPick;
 
   /** `onPick` is called with the id of the chosen object. */
   constructor(objects, onPick) {
-    this.#objects = objects;
-    for (const object of objects) this.#rows.set(object.id, row(object, onPick));
+    this.#onPick = onPick;
+    this.#add(objects);
     this.#filter.addEventListener("input", () => this.#show());
     this.#present.addEventListener("change", () => this.#show());
     this.#order.addEventListener("change", () => this.#sort());
     this.#list.addEventListener("keydown", (event) => this.#move(event));
     this.#sort();
     this.#show();
+  }
+
+  /** Shows these objects in the place of those before. */
+  update(objects) {
+    const ids = new Set(objects.map(({ id }) => id));
+    for (const id of [...this.#rows.keys()].filter((id) => !ids.has(id))) this.#rows.delete(id);
+    this.#add(objects);
+    this.#sort();
+    this.#show();
+  }
+
+  #add(objects) {
+    this.#objects = objects;
+    for (const object of objects) {
+      const known = this.#rows.get(object.id);
+      if (known) describe(known, object);
+      else this.#rows.set(object.id, row(object, this.#onPick));
+    }
   }
 
   /** Sets the ids of the objects in the current frame. */
@@ -53,7 +72,9 @@ export class ObjectList {
   #sort() {
     const order = ORDERS[this.#order.value];
     const sorted = [...this.#objects].sort((left, right) => order(left, right) || left.id - right.id);
-    this.#list.replaceChildren(...sorted.map((object) => this.#rows.get(object.id)));
+    const rows = sorted.map((object) => this.#rows.get(object.id));
+    const isSame = rows.length === this.#list.children.length && rows.every((row, place) => row === this.#list.children[place]);
+    if (!isSame) this.#list.replaceChildren(...rows);
   }
 
   #show() {
@@ -88,11 +109,19 @@ function row(object, onPick) {
     swatch(object),
     ...picture,
     element("span", { className: "id", textContent: `#${object.id}` }),
-    element("span", { className: "label", textContent: object.label ?? "" }),
-    element("span", { className: "count", textContent: counted(object.frames, "frame") }),
+    element("span", { className: "label" }),
+    element("span", { className: "count" }),
   ]);
   button.dataset.object = object.id;
   button.setAttribute("aria-pressed", "false");
   button.addEventListener("click", () => onPick(object.id));
-  return element("li", {}, [button]);
+  const made = element("li", {}, [button]);
+  describe(made, object);
+  return made;
+}
+
+/** Writes an object's label and number of frames into its row. */
+function describe(row, object) {
+  row.querySelector(".label").textContent = object.label ?? "";
+  row.querySelector(".count").textContent = counted(object.frames, "frame");
 }

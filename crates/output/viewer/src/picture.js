@@ -1,59 +1,68 @@
 // The frame's overlay, with the selected object highlighted.
 
+import { byElementId } from "./element.js";
+
 /** Colours of the pixels outside the selected object and of its border: red, green, blue, opacity. */
 const DIMMED = [0, 0, 0, 150];
 const BORDER = [255, 255, 255, 255];
 
 export class Picture {
-  #run;
-  #frameIds;
-  #image = document.getElementById("picture");
-  #marks = document.getElementById("marks");
-  #box = document.getElementById("frame-picture");
-  #frame = -1;
+  #image = byElementId("picture");
+  #marks = byElementId("marks");
+  #box = byElementId("frame-picture");
+  #tag = byElementId("tag");
+  #actions;
+  #frame = null;
   #object = 0;
   #ids = null;
+  /** Where the pointer is, pixels in the window; null if it is not on the picture. */
+  #pointer = null;
 
-  /** `onPick` is called with the id that was clicked, 0 for none; `onIds` with the ids in a new frame, as a set. */
-  constructor(run, frameIds, { onPick, onIds, onError }) {
-    this.#run = run;
-    this.#frameIds = frameIds;
-    this.onIds = onIds;
-    this.onError = onError;
-    this.#marks.addEventListener("click", (event) => onPick(this.#idAt(event)));
-    this.#marks.addEventListener("pointermove", (event) => {
-      const id = this.#idAt(event);
-      this.#marks.title = id ? `object ${id}` : "";
+  /**
+   * `actions`: `nameOf(id)` is the name of an object; `onPick(id)` is called with the id that was clicked, 0 for none;
+   * `onIds(ids)` with the ids in a new frame, as a set; `onError(text)`.
+   */
+  constructor(actions) {
+    this.#actions = actions;
+    this.#marks.addEventListener("click", (event) => actions.onPick(this.#idAt(event)));
+    this.#marks.addEventListener("pointermove", ({ clientX, clientY }) => {
+      this.#pointer = { clientX, clientY };
+      this.#showTag();
     });
-    this.#image.addEventListener("error", () => onError(`${this.#file(this.#frame)} cannot be shown`));
+    this.#marks.addEventListener("pointerleave", () => {
+      this.#pointer = null;
+      this.#showTag();
+    });
+    this.#image.addEventListener("error", () => actions.onError(`${this.#frame?.url} cannot be shown`));
   }
 
-  /** Shows a frame. Resolves when its ids are loaded. */
+  /** Shows a frame: `{ camera, url, text, ids() }`. Resolves when its ids, `{ width, height, ids }`, are loaded. */
   async show(frame) {
-    const camera = this.#run.cameraOf(frame);
+    const { camera } = frame;
     this.#box.style.aspectRatio = `${camera.width} / ${camera.height}`;
     this.#box.style.maxWidth = `calc(var(--picture-height) * ${camera.width / camera.height})`;
     this.#frame = frame;
-    this.#image.src = this.#file(frame);
-    this.#image.alt = `frame ${this.#run.names[frame]} with its objects`;
+    this.#image.src = frame.url;
+    this.#image.alt = frame.text;
     try {
-      const ids = await this.#frameIds.of(frame);
+      const ids = await frame.ids();
       if (frame !== this.#frame) return;
       this.#ids = ids;
     } catch (error) {
       if (frame !== this.#frame) return;
       this.#ids = null;
-      this.onError(error.message);
+      this.#actions.onError(error.message);
     }
     this.#draw();
-    this.onIds(new Set(this.#ids?.ids));
+    this.#showTag();
+    this.#actions.onIds(new Set(this.#ids?.ids));
   }
 
   /** Loads a frame's picture. Resolves when it is loaded or has failed to load. */
   async preload(frame) {
     const image = new Image();
-    image.src = this.#file(frame);
-    await Promise.allSettled([image.decode(), this.#frameIds.of(frame)]);
+    image.src = frame.url;
+    await Promise.allSettled([image.decode(), frame.ids()]);
   }
 
   /** Highlights an object, or none. */
@@ -62,8 +71,17 @@ export class Picture {
     this.#draw();
   }
 
-  #file(frame) {
-    return `overlay/${encodeURIComponent(this.#run.names[frame])}.jpg`;
+  /** Shows the name of the object under the pointer. */
+  #showTag() {
+    const id = this.#pointer ? this.#idAt(this.#pointer) : 0;
+    this.#tag.hidden = id === 0;
+    if (id === 0) return;
+    const { left, top, width } = this.#box.getBoundingClientRect();
+    const [x, y] = [this.#pointer.clientX - left, this.#pointer.clientY - top];
+    this.#tag.textContent = this.#actions.nameOf(id);
+    this.#tag.style.left = x > width / 2 ? "" : `${x + 12}px`;
+    this.#tag.style.right = x > width / 2 ? `${width - x + 12}px` : "";
+    this.#tag.style.top = `${Math.max(0, y - 28)}px`;
   }
 
   #idAt(event) {

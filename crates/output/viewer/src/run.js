@@ -39,4 +39,18 @@ export class Run {
     const position = this.poses.subarray(start, start + 3);
     return { position, quaternion: this.poses.subarray(start + 3, start + POSE_NUMBERS) };
   }
+
+  /** Ends of the pieces of the camera's path: six coordinates per piece. */
+  pathSteps() {
+    const steps = [];
+    for (let frame = 1; frame < this.frameCount; frame++) {
+      steps.push(...this.poseOf(frame - 1).position, ...this.poseOf(frame).position);
+    }
+    return steps;
+  }
+
+  /** Rotations of the camera in all frames. */
+  rotations() {
+    return this.names.map((_, frame) => this.poseOf(frame).quaternion);
+  }
 }

@@ -66,6 +66,12 @@ export class Splats {
     this.points.frustumCulled = false;
   }
 
+  /** Releases the memory of the GPU. */
+  dispose() {
+    this.points.geometry.dispose();
+    this.points.material.dispose();
+  }
+
   /** Shows or hides the added objects. */
   showAdded(wanted) {
     this.uniforms.showAdded.value = Number(wanted);

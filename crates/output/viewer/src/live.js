@@ -1,0 +1,163 @@
+// The page of a run that goes on. Its data come through a websocket, as `page_messages.rs` writes them.
+
+import { byElementId, counted, nameOf, note } from "./element.js";
+import { decode } from "./frame_ids.js";
+import { LiveRun } from "./live_run.js";
+import { LiveStatus } from "./live_status.js";
+import { listenToControls } from "./map_controls.js";
+import { MapView } from "./map_view.js";
+import { ObjectInfo } from "./object_info.js";
+import { ObjectList } from "./object_list.js";
+import { Picture } from "./picture.js";
+
+/** Answer to each message. The server sends no more than three without one. */
+const SHOWN = "shown";
+/** First and longest pause before another attempt to connect, milliseconds. */
+const PAUSES_MS = [500, 5000];
+/** The server sends something every second. After this time without, the connection is taken to be lost. */
+const SILENCE_MS = 6000;
+/** A picture may take this long; browsers put it off while the page is hidden. */
+const PICTURE_MS = 1000;
+
+class LivePage {
+  #run = new LiveRun();
+  #status = new LiveStatus();
+  #map = null;
+  #selected = 0;
+  #url = null;
+  #list = new ObjectList([], (id) => this.#select(id === this.#selected ? 0 : id));
+  #info = new ObjectInfo(this.#run, { center: (id) => this.#map?.center(id) });
+  #picture = new Picture({
+    nameOf: (id) => nameOf(id, this.#run.byId.get(id)),
+    onPick: (id) => this.#select(id),
+    onIds: (ids) => this.#list.showFrame(ids),
+    onError: () => {},
+  });
+
+  constructor() {
+    document.documentElement.classList.add("live");
+    byElementId("map-hint").textContent = "The map appears here as it grows.";
+    listenToControls(() => this.#map, () => {});
+    document.addEventListener("keydown", (event) => event.key === "Escape" && this.#select(0));
+    this.#connect(PAUSES_MS[0]);
+    // For the browser's console and tests.
+    window.splatsegPage = { run: this.#run, map: () => this.#map, select: (id) => this.#select(id) };
+  }
+
+  #connect(pause) {
+    const url = new URL(`live${location.search}`, location.href);
+    url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
+    const socket = new WebSocket(url);
+    socket.binaryType = "arraybuffer";
+    let next = pause;
+    let silence = 0;
+    const listen = () => {
+      clearTimeout(silence);
+      silence = setTimeout(() => socket.close(), SILENCE_MS);
+    };
+    listen();
+    socket.addEventListener("open", () => {
+      next = PAUSES_MS[0];
+      this.#status.connect();
+    });
+    // One after the other: a later picture must not overtake an earlier one.
+    let work = Promise.resolve();
+    socket.addEventListener("message", ({ data }) => {
+      listen();
+      work = work.then(() => this.#receive(data)).catch((error) => note("video-note", error.message));
+      work.then(() => socket.readyState === WebSocket.OPEN && socket.send(SHOWN));
+    });
+    socket.addEventListener("close", () => {
+      clearTimeout(silence);
+      this.#status.lose();
+      setTimeout(() => this.#connect(Math.min(2 * next, PAUSES_MS[1])), next);
+    });
+  }
+
+  #receive(data) {
+    if (typeof data !== "string") return this.#showFrame(data);
+    const message = JSON.parse(data);
+    const show = { hello: () => this.#greet(message), status: () => this.#status.setRate(message.rate) };
+    show.objects = () => this.#showObjects(message.objects);
+    show.map = () => this.#showMap(message);
+    return show[message.kind]?.();
+  }
+
+  #greet(message) {
+    this.#run.greet(message);
+    document.title = `${message.scene || "live"} – splatseg`;
+    byElementId("scene").textContent = message.scene || "splatseg";
+    byElementId("facts").textContent = `splatseg ${message.version}`;
+    this.#map?.updatePath();
+  }
+
+  /** A frame's bytes: the length of its JSON, the JSON, a JPEG file, the ids. */
+  async #showFrame(bytes) {
+    const length = new DataView(bytes).getUint32(0, true);
+    const frame = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 4, length)));
+    const jpeg = new Blob([new Uint8Array(bytes, 4 + length, frame.jpeg)], { type: "image/jpeg" });
+    const { width, height } = frame;
+    const ids = { width, height, ids: decode(new Uint8Array(bytes, 4 + length + frame.jpeg), width, height) };
+    const url = URL.createObjectURL(jpeg);
+    const image = Object.assign(new Image(), { src: url });
+    // Decoded first, so that the picture does not flicker.
+    await Promise.race([image.decode(), new Promise((resolve) => setTimeout(resolve, PICTURE_MS))]);
+    this.#run.addFrame(frame);
+    const text = `frame ${frame.name} with its objects`;
+    await this.#picture.show({ camera: frame.camera, url, text, ids: async () => ids });
+    if (this.#url) URL.revokeObjectURL(this.#url);
+    this.#url = url;
+    this.#status.setFrame(frame);
+    this.#map?.updatePath();
+    this.#map?.showFrame(frame.number);
+    byElementId("video-note").hidden = frame.lines.length === 0;
+    byElementId("video-note").textContent = frame.lines.join("\n");
+    document.documentElement.dataset.frame = String(frame.number);
+  }
+
+  #showObjects(objects) {
+    this.#run.setObjects(objects);
+    this.#status.setObjects(objects.length);
+    this.#list.update(this.#run.objects);
+    if (this.#selected) this.#select(this.#run.byId.has(this.#selected) ? this.#selected : 0);
+  }
+
+  #showMap({ map, up }) {
+    this.#run.map = map;
+    if (map.count === 0) return;
+    if (this.#map) {
+      this.#map.replaceMap(map);
+    } else {
+      this.#run.up = up;
+      this.#createMap();
+    }
+    byElementId("facts").textContent = `${counted(map.total, "Gaussian")} · splatseg ${this.#run.version}`;
+    document.documentElement.dataset.gaussians = String(map.total);
+  }
+
+  #createMap() {
+    try {
+      this.#map = new MapView(this.#run, (id) => this.#select(id));
+      byElementId("map-hint").textContent = "Drag to orbit, right-drag to move, scroll to zoom, click an object.";
+      if (this.#run.cameraOf()) this.#map.showFrame(0);
+    } catch (error) {
+      byElementId("map").parentElement.classList.add("flat");
+      note("map-note", `The map cannot be shown in 3D: ${error.message}`);
+    }
+  }
+
+  /** Selects an object, 0 for none. */
+  #select(id) {
+    this.#selected = id;
+    document.documentElement.dataset.object = String(id);
+    this.#list.mark(id);
+    this.#info.show(id);
+    this.#picture.mark(id);
+    this.#map?.mark(id);
+  }
+}
+
+/** Watches the run of the server that this page comes from. */
+export function watch() {
+  new LivePage();
+}

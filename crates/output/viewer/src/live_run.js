@@ -1,0 +1,77 @@
+// A run that goes on: what is known of it so far.
+
+import { floatsOf } from "./bytes.js";
+
+/** Maximum number of places of the camera. Beyond it, every second one is removed. */
+const MAX_PLACES = 8192;
+/** Maximum number of rotations of the camera for the first view of the map. */
+const MAX_ROTATIONS = 512;
+
+export class LiveRun {
+  scene = "";
+  version = "";
+  /** Origin of the coordinates of poses and map, world coordinates. */
+  origin = [0, 0, 0];
+  up = [0, 0, 1];
+  map = null;
+  changes = null;
+  objects = [];
+  byId = new Map();
+  frameCount = 0;
+  /** Frames have no names here that parts of the page could go to. */
+  names = [];
+  #camera = null;
+  #pose = null;
+  /** Places of the camera, `[x, y, z]`; null where it was lost. */
+  #places = [];
+  #rotations = [];
+
+  /** Starts again with a server's first message. */
+  greet({ scene, version, origin, path }) {
+    [this.scene, this.version, this.origin] = [scene, version, origin];
+    const numbers = floatsOf(path);
+    this.#places = Array.from({ length: numbers.length / 3 }, (_, place) => {
+      const point = [...numbers.subarray(3 * place, 3 * place + 3)];
+      return point.every(Number.isFinite) ? point : null;
+    });
+  }
+
+  /** Records a frame's camera. */
+  addFrame({ number, camera, pose }) {
+    this.frameCount = number + 1;
+    this.#camera = camera;
+    this.#pose = pose && { position: pose.slice(0, 3), quaternion: pose.slice(3) };
+    this.#places.push(this.#pose?.position ?? null);
+    if (this.#places.length > MAX_PLACES) this.#places = this.#places.filter((_, place) => place % 2 === 0);
+    if (pose) this.#rotations.push(this.#pose.quaternion);
+    if (this.#rotations.length > MAX_ROTATIONS) this.#rotations = this.#rotations.filter((_, place) => place % 2 === 0);
+  }
+
+  setObjects(objects) {
+    this.objects = objects.map((object) => ({ ...object, seen: [] }));
+    this.byId = new Map(this.objects.map((object) => [object.id, object]));
+  }
+
+  /** The newest camera's intrinsics. */
+  cameraOf() {
+    return this.#camera;
+  }
+
+  /** The newest pose; null if the camera is lost. */
+  poseOf() {
+    return this.#pose;
+  }
+
+  pathSteps() {
+    const steps = [];
+    for (let place = 1; place < this.#places.length; place++) {
+      const [from, to] = [this.#places[place - 1], this.#places[place]];
+      if (from && to) steps.push(...from, ...to);
+    }
+    return steps;
+  }
+
+  rotations() {
+    return this.#rotations;
+  }
+}

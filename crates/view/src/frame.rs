@@ -1,0 +1,50 @@
+//! Frames as shown to viewers.
+
+use splatseg_geometry::{Image, Intrinsics, SegmentId, SegmentMap};
+use splatseg_objects::OrientedBox;
+use std::time::Duration;
+
+/// A frame with its result.
+#[derive(Clone, Debug)]
+pub struct ViewFrame {
+    /// Number of the frame in the video, from 0.
+    pub number: usize,
+    /// Name of the frame.
+    pub name: String,
+    /// Time of the frame, if its source has a clock.
+    pub timestamp: Option<Duration>,
+    /// Colour, sRGB, `[height, width]`.
+    pub color: Image<[u8; 3]>,
+    /// Id of the object at each pixel, 0 for none, `[height, width]`.
+    pub segments: SegmentMap,
+    /// Intrinsics of the camera.
+    pub intrinsics: Intrinsics,
+    /// All objects found so far, not only those in this frame.
+    pub objects: Vec<ViewObject>,
+    /// State of the run.
+    pub status: ViewStatus,
+}
+
+/// An object in the list of a [`ViewFrame`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct ViewObject {
+    /// Its id.
+    pub id: SegmentId,
+    /// Its name, if it has one.
+    pub label: Option<String>,
+    /// The tightest box around it, world coordinates; `None` if it is not in the map.
+    pub oriented_box: Option<OrientedBox>,
+    /// Number of frames that show it.
+    pub frames: usize,
+}
+
+/// State of a run in a [`ViewFrame`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ViewStatus {
+    /// Number of frames of the source that were not processed.
+    pub dropped: u64,
+    /// Time from taking the picture to its result; `None` for a recording.
+    pub delay: Option<Duration>,
+    /// Further lines to show, e.g. warnings.
+    pub lines: Vec<String>,
+}

@@ -1,0 +1,237 @@
+//! State shared by the caller, the encoder and the viewers of the page.
+
+use crate::camera_path::CameraPath;
+use crate::counts::{Counters, count};
+use crate::foxglove::MessageHub;
+use crate::page_messages;
+use crate::slots::{PageMessage, PageSlot, lock};
+use crate::{Token, ViewFrame, ViewLimits};
+use glam::{DVec3, Vec3};
+use splatseg_geometry::Pose;
+use splatseg_memory::SplatMemory;
+use splatseg_output::{MapData, UpEstimate, map_data};
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use tungstenite::Message;
+
+/// The rate of frames is measured over this time.
+const RATE_TIME: Duration = Duration::from_secs(5);
+/// Coordinates sent as 32-bit floats are relative to an origin on a grid of this spacing, metres, unless the run begins
+/// closer than [`MAX_DISTANCE`] to the world's own.
+const GRID: f64 = 16.0;
+const MAX_DISTANCE: f64 = 128.0;
+/// Maps are made in at most this part of the caller's time.
+const MAX_MAP_SHARE: u32 = 50;
+
+/// Everything that threads share.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    pub(crate) token: Token,
+    pub(crate) scene: String,
+    /// Tells Foxglove after a reconnection whether the server is the same.
+    pub(crate) session: String,
+    pub(crate) host_names: Vec<String>,
+    pub(crate) limits: ViewLimits,
+    pub(crate) counters: Counters,
+    pub(crate) pages: PageHub,
+    pub(crate) messages: MessageHub,
+    stopping: AtomicBool,
+}
+
+impl Shared {
+    pub(crate) fn new(token: Token, scene: String, host_names: Vec<String>, limits: ViewLimits) -> Self {
+        Self {
+            token,
+            scene,
+            session: SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos().to_string(),
+            host_names,
+            limits,
+            counters: Counters::default(),
+            pages: PageHub::default(),
+            messages: MessageHub::default(),
+            stopping: AtomicBool::new(false),
+        }
+    }
+
+    pub(crate) fn is_stopping(&self) -> bool {
+        self.stopping.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn stop(&self) {
+        self.stopping.store(true, Ordering::Relaxed);
+        // The encoder looks at the flag with the lock held, so it is now either waiting or will see it.
+        drop(lock(&self.pages.state));
+        self.pages.work.notify_all();
+    }
+
+    pub(crate) fn viewers(&self) -> usize {
+        self.pages.viewers() + self.messages.viewers()
+    }
+}
+
+/// A frame with the pose of its camera, `None` if that is lost.
+#[derive(Debug)]
+pub(crate) struct PlacedFrame {
+    pub(crate) frame: ViewFrame,
+    pub(crate) world_from_camera: Option<Pose>,
+}
+
+/// Work for the encoder.
+#[derive(Debug)]
+pub(crate) enum Work {
+    Frame(Box<PlacedFrame>),
+    Map(Box<MapData>, Vec3),
+    /// Nothing new for a while.
+    Idle,
+    Stop,
+}
+
+/// The newest results, and the slots of the viewers.
+#[derive(Debug, Default)]
+pub(crate) struct PageHub {
+    state: Mutex<State>,
+    work: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    viewers: Vec<Arc<PageSlot>>,
+    frame: Option<Box<PlacedFrame>>,
+    map: Option<Box<MapData>>,
+    /// The latest message of each kind, for viewers that come later.
+    latest: [Option<Message>; PageMessage::COUNT],
+    path: CameraPath,
+    up: UpEstimate,
+    origin: Option<DVec3>,
+    published: VecDeque<Instant>,
+    next_map: Option<Instant>,
+}
+
+impl State {
+    fn origin_near(&mut self, place: DVec3) -> DVec3 {
+        let near =
+            || if place.abs().max_element() <= MAX_DISTANCE { DVec3::ZERO } else { (place / GRID).round() * GRID };
+        *self.origin.get_or_insert_with(near)
+    }
+
+    /// Frames per second over the last seconds.
+    fn rate(&self) -> f32 {
+        let (Some(first), Some(last)) = (self.published.front(), self.published.back()) else { return 0.0 };
+        if last.elapsed() > RATE_TIME {
+            return 0.0;
+        }
+        let seconds = (*last - *first).as_secs_f32();
+        if seconds > 0.0 { (self.published.len() - 1) as f32 / seconds } else { 0.0 }
+    }
+}
+
+impl PageHub {
+    pub(crate) fn viewers(&self) -> usize {
+        lock(&self.state).viewers.len()
+    }
+
+    /// Records a frame's pose and time. Returns true if somebody watches.
+    pub(crate) fn record(&self, world_from_camera: Option<&Pose>) -> bool {
+        let now = Instant::now();
+        let mut state = lock(&self.state);
+        if let Some(pose) = world_from_camera {
+            state.up.add(pose);
+            state.origin_near(pose.translation());
+        }
+        state.path.add(world_from_camera.map(Pose::translation));
+        state.published.push_back(now);
+        while state.published.front().is_some_and(|time| now - *time > RATE_TIME) {
+            state.published.pop_front();
+        }
+        !state.viewers.is_empty()
+    }
+
+    /// Puts a frame in the encoder's slot.
+    pub(crate) fn put_frame(&self, frame: PlacedFrame, counters: &Counters) {
+        let old = lock(&self.state).frame.replace(Box::new(frame));
+        self.work.notify_one();
+        if old.is_some() {
+            count(&counters.frames_skipped);
+        }
+    }
+
+    /// True if somebody watches and a map is due.
+    pub(crate) fn wants_map(&self) -> bool {
+        let state = lock(&self.state);
+        !state.viewers.is_empty() && state.next_map.is_none_or(|time| Instant::now() >= time)
+    }
+
+    /// Makes the map and puts it in the encoder's slot.
+    pub(crate) fn put_map(&self, memory: &SplatMemory, interval: Duration) {
+        let start = Instant::now();
+        let origin = lock(&self.state).origin_near(memory.origin());
+        let map = Box::new(map_data(memory, origin, |_| true));
+        let pause = interval.max(start.elapsed() * MAX_MAP_SHARE);
+        let old = {
+            let mut state = lock(&self.state);
+            state.next_map = Some(start + pause);
+            state.map.replace(map)
+        };
+        self.work.notify_one();
+        drop(old);
+    }
+
+    /// Waits for work, at most for this long.
+    pub(crate) fn next_work(&self, time: Duration, is_stopping: impl Fn() -> bool) -> Work {
+        let nothing = |state: &mut State| !is_stopping() && state.frame.is_none() && state.map.is_none();
+        let waited = self.work.wait_timeout_while(lock(&self.state), time, nothing);
+        let (mut state, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        if is_stopping() {
+            return Work::Stop;
+        }
+        if let Some(frame) = state.frame.take() {
+            return Work::Frame(frame);
+        }
+        let up = state.up.direction();
+        state.map.take().map_or(Work::Idle, |map| Work::Map(map, up))
+    }
+
+    /// Origin of coordinates, and frames per second.
+    pub(crate) fn origin_and_rate(&self) -> (DVec3, f32) {
+        let state = lock(&self.state);
+        (state.origin.unwrap_or_default(), state.rate())
+    }
+
+    /// Gives a message to all viewers, also to those that come later.
+    pub(crate) fn send(&self, kind: PageMessage, message: &Message, counters: &Counters) {
+        let mut state = lock(&self.state);
+        if let Some(latest) = state.latest.get_mut(kind as usize) {
+            *latest = Some(message.clone());
+        }
+        for viewer in &state.viewers {
+            if viewer.put(kind, message.clone()) && kind == PageMessage::Frame {
+                count(&counters.frames_dropped);
+            }
+        }
+    }
+
+    /// Adds a viewer with everything it has missed. `None` if there are too many.
+    pub(crate) fn join(&self, scene: &str, max: usize) -> Option<Arc<PageSlot>> {
+        let mut state = lock(&self.state);
+        if state.viewers.len() >= max {
+            return None;
+        }
+        let slot = Arc::new(PageSlot::default());
+        let origin = state.origin.unwrap_or_default();
+        slot.put(PageMessage::Hello, page_messages::hello(scene, origin, &state.path.encoded(origin)));
+        for kind in [PageMessage::Objects, PageMessage::Frame, PageMessage::Map] {
+            if let Some(Some(message)) = state.latest.get(kind as usize) {
+                slot.put(kind, message.clone());
+            }
+        }
+        state.viewers.push(Arc::clone(&slot));
+        Some(slot)
+    }
+
+    /// Removes a viewer.
+    pub(crate) fn leave(&self, slot: &Arc<PageSlot>) {
+        lock(&self.state).viewers.retain(|viewer| !Arc::ptr_eq(viewer, slot));
+    }
+}

@@ -1,0 +1,40 @@
+//! A run in the browser and in Foxglove while it goes on.
+//!
+//! [`ViewServer`] serves one TCP port. A browser gets the page of a run (map, video with ids, list of objects), updated as
+//! frames arrive. Foxglove gets the messages of [`ViewServer::publish_message`]. A random token is part of the link, and
+//! nothing is served without it. Viewers cannot change anything.
+//!
+//! `publish_*` never waits for a viewer. The newest frame waits in a slot until the encoding thread takes it, and each
+//! viewer has slots of its own.
+
+mod camera_path;
+mod channel;
+mod connection;
+mod counts;
+mod encoder;
+mod error;
+mod foxglove;
+mod foxglove_viewer;
+mod frame;
+mod hub;
+mod options;
+mod page_messages;
+mod page_viewer;
+mod request;
+mod response;
+mod server;
+mod slots;
+mod timed_stream;
+mod token;
+
+pub use channel::{Channel, ChannelId};
+pub use counts::ViewCounts;
+pub use error::ViewError;
+pub use frame::{ViewFrame, ViewObject, ViewStatus};
+pub use options::{Reach, ViewLimits, ViewOptions};
+pub use server::ViewServer;
+pub use token::{Token, TokenError};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -1,0 +1,126 @@
+//! The messages that the page reads in `live.js` of the viewer.
+//!
+//! Text messages are JSON objects with a `kind`. A frame is binary: the length of its JSON (32 bits, little-endian), the
+//! JSON, a JPEG file, and the ids.
+
+use crate::hub::PlacedFrame;
+use crate::{ViewFrame, ViewObject};
+use glam::{DQuat, DVec3, Vec3};
+use image::codecs::jpeg::JpegEncoder;
+use image::{ExtendedColorType, ImageError, RgbImage, imageops};
+use serde_json::{Value, json};
+use splatseg_geometry::{Image, ImageSizeError, Pose, SegmentMap};
+use splatseg_output::{MapData, OutputError, draw_overlay, encode_ids, reduce_ids, segment_color};
+use thiserror::Error;
+use tungstenite::Message;
+
+/// Maximum width of a picture, pixels.
+const MAX_WIDTH: usize = 640;
+const JPEG_QUALITY: u8 = 80;
+
+/// A frame cannot be shown.
+#[derive(Debug, Error)]
+pub(crate) enum EncodeError {
+    #[error(transparent)]
+    Overlay(#[from] OutputError),
+    #[error(transparent)]
+    Jpeg(#[from] ImageError),
+    #[error(transparent)]
+    Size(#[from] ImageSizeError),
+    #[error("the colour image is too large")]
+    TooLarge,
+}
+
+fn text(value: &Value) -> Message {
+    Message::text(value.to_string())
+}
+
+/// The first message: `path` has the camera's places so far, relative to `origin`.
+pub(crate) fn hello(scene: &str, origin: DVec3, path: &str) -> Message {
+    let version = env!("CARGO_PKG_VERSION");
+    text(&json!({ "kind": "hello", "version": version, "scene": scene, "origin": origin, "path": path }))
+}
+
+/// Sent every second, so that the page notices a lost connection.
+pub(crate) fn status(frames_per_second: f32, viewers: usize) -> Message {
+    text(&json!({ "kind": "status", "rate": frames_per_second, "viewers": viewers }))
+}
+
+/// The list of objects.
+pub(crate) fn objects(objects: &[ViewObject]) -> Message {
+    let object = |object: &ViewObject| {
+        json!({
+            "id": object.id,
+            "color": segment_color(object.id),
+            "label": object.label,
+            "box": object.oriented_box,
+            "frames": object.frames,
+        })
+    };
+    text(&json!({ "kind": "objects", "objects": objects.iter().map(object).collect::<Vec<Value>>() }))
+}
+
+/// The map; `up` points up in world coordinates.
+pub(crate) fn map(map: &MapData, up: Vec3) -> Message {
+    text(&json!({ "kind": "map", "up": up, "map": map }))
+}
+
+/// A frame with its result, at most [`MAX_WIDTH`] pixels wide. Poses are relative to `origin`.
+pub(crate) fn frame(placed: &PlacedFrame, origin: DVec3, frames_per_second: f32) -> Result<Message, EncodeError> {
+    let PlacedFrame { frame, world_from_camera } = placed;
+    let (color, segments) = small(frame)?;
+    let overlay = draw_overlay(&color, &segments)?;
+    let mut jpeg = Vec::new();
+    let pixels: &[u8] = overlay.pixels().as_flattened();
+    JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode(
+        pixels,
+        overlay.width() as u32,
+        overlay.height() as u32,
+        ExtendedColorType::Rgb8,
+    )?;
+    let ids = reduce_ids(&segments);
+    let header = json!({
+        "kind": "frame",
+        "number": frame.number,
+        "name": frame.name,
+        "time": frame.timestamp.map(|time| time.as_secs_f64()),
+        "pose": world_from_camera.as_ref().map(|pose| pose_numbers(pose, origin)),
+        "camera": frame.intrinsics,
+        "jpeg": jpeg.len(),
+        "width": ids.width(),
+        "height": ids.height(),
+        "rate": frames_per_second,
+        "dropped": frame.status.dropped,
+        "delay": frame.status.delay.map(|delay| delay.as_secs_f64()),
+        "lines": frame.status.lines,
+    })
+    .to_string();
+    let length = u32::try_from(header.len()).map_err(|_| EncodeError::TooLarge)?;
+    let bytes = [&length.to_le_bytes(), header.as_bytes(), &jpeg, &encode_ids(&ids)].concat();
+    Ok(Message::binary(bytes))
+}
+
+/// Centre of the camera relative to `origin`, and rotation from camera to world as a quaternion x, y, z, w.
+fn pose_numbers(pose: &Pose, origin: DVec3) -> [f64; 7] {
+    let [x, y, z] = (pose.translation() - origin).to_array();
+    let [a, b, c, d] = DQuat::from_mat3(&pose.rotation()).normalize().to_array();
+    [x, y, z, a, b, c, d]
+}
+
+/// The images of a frame, reduced to at most [`MAX_WIDTH`] columns.
+fn small(frame: &ViewFrame) -> Result<(Image<[u8; 3]>, SegmentMap), EncodeError> {
+    let (width, height) = frame.color.size();
+    if width <= MAX_WIDTH || frame.segments.size() != (width, height) {
+        return Ok((frame.color.clone(), frame.segments.clone()));
+    }
+    let (columns, rows) = (MAX_WIDTH, (height * MAX_WIDTH).div_ceil(width));
+    let size = |side: usize| u32::try_from(side).map_err(|_| EncodeError::TooLarge);
+    let pixels = frame.color.pixels().as_flattened().to_vec();
+    let large = RgbImage::from_raw(size(width)?, size(height)?, pixels).ok_or(EncodeError::TooLarge)?;
+    let reduced = imageops::thumbnail(&large, size(columns)?, size(rows)?);
+    let color = Image::from_pixels(columns, rows, reduced.pixels().map(|pixel| pixel.0).collect())?;
+    let segments = Image::from_fn(columns, rows, |column, row| {
+        frame.segments[((2 * column + 1) * width / (2 * columns), (2 * row + 1) * height / (2 * rows))]
+    });
+    Ok((color, segments))
+}

@@ -1,0 +1,138 @@
+//! The server.
+
+use crate::connection::{self, Connections};
+use crate::encoder;
+use crate::hub::{PlacedFrame, Shared};
+use crate::{Channel, ChannelId, Reach, Token, ViewCounts, ViewError, ViewFrame, ViewOptions};
+use splatseg_geometry::Pose;
+use splatseg_memory::SplatMemory;
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener};
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+/// Time for viewers to leave when the server stops.
+const END_TIME: Duration = Duration::from_millis(500);
+
+/// A server for viewers of a run. It stops when dropped.
+#[derive(Debug)]
+pub struct ViewServer {
+    shared: Arc<Shared>,
+    connections: Arc<Connections>,
+    address: SocketAddr,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl ViewServer {
+    /// Opens the port and starts the threads.
+    ///
+    /// # Errors
+    /// [`ViewError`] if the port is in use, or if its address can be reached from other computers and
+    /// [`ViewOptions::reach`] does not allow that.
+    pub fn start(options: ViewOptions) -> Result<Self, ViewError> {
+        let ViewOptions { address, reach, token, scene, host_names, limits } = options;
+        if reach == Reach::Loopback && !address.ip().to_canonical().is_loopback() {
+            return Err(ViewError::NotLoopback(address));
+        }
+        let token = token.map_or_else(Token::random, Ok)?;
+        let listen = |source: io::Error| ViewError::Listen { address, source };
+        let listener = TcpListener::bind(address).map_err(listen)?;
+        listener.set_nonblocking(true).map_err(listen)?;
+        let address = listener.local_addr().map_err(listen)?;
+        let shared = Arc::new(Shared::new(token, scene, host_names, limits));
+        let connections = Arc::new(Connections::default());
+        let mut server = Self { shared, connections, address, threads: Vec::new() };
+        let (shared, connections) = (Arc::clone(&server.shared), Arc::clone(&server.connections));
+        server.spawn("splatseg-accept", move || connection::accept(&listener, &shared, &connections))?;
+        let shared = Arc::clone(&server.shared);
+        server.spawn("splatseg-encode", move || encoder::run(&shared))?;
+        Ok(server)
+    }
+
+    fn spawn(&mut self, name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), ViewError> {
+        let thread = thread::Builder::new().name(name.to_owned()).spawn(work).map_err(ViewError::Thread)?;
+        self.threads.push(thread);
+        Ok(())
+    }
+
+    /// The address that the server listens on, with its port.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// The link for a browser, with the token. If the server listens on all addresses, it has the one of this computer.
+    pub fn link(&self) -> String {
+        format!("http://{}/?token={}", self.shown_address(), self.shared.token.as_str())
+    }
+
+    /// The link for Foxglove ("Open connection", "Foxglove WebSocket"), with the token.
+    pub fn foxglove_link(&self) -> String {
+        format!("ws://{}/?token={}", self.shown_address(), self.shared.token.as_str())
+    }
+
+    fn shown_address(&self) -> SocketAddr {
+        let ip = match self.address.ip() {
+            IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
+            IpAddr::V6(ip) if ip.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
+            ip => ip,
+        };
+        SocketAddr::new(ip, self.address.port())
+    }
+
+    /// Publishes a frame with the pose of its camera; `None` if that is lost. `frame` is called only if somebody watches
+    /// the page. The pose is always recorded, for the camera's path. Does not wait.
+    pub fn publish_frame(&self, world_from_camera: Option<&Pose>, frame: impl FnOnce() -> ViewFrame) {
+        if self.shared.pages.record(world_from_camera) {
+            let placed = PlacedFrame { frame: frame(), world_from_camera: world_from_camera.copied() };
+            self.shared.pages.put_frame(placed, &self.shared.counters);
+        }
+    }
+
+    /// Publishes the map if somebody watches the page and the last one is old enough
+    /// ([`ViewLimits::map_interval`](crate::ViewLimits)). Does not wait; making the map takes milliseconds.
+    pub fn publish_map(&self, memory: &SplatMemory) {
+        if self.shared.pages.wants_map() {
+            self.shared.pages.put_map(memory, self.shared.limits.map_interval);
+        }
+    }
+
+    /// Adds a channel for Foxglove.
+    pub fn add_channel(&self, channel: Channel) -> ChannelId {
+        self.shared.messages.add_channel(channel)
+    }
+
+    /// True if a message of a channel would reach or be kept for somebody. Otherwise it need not be made.
+    pub fn wants_message(&self, channel: ChannelId) -> bool {
+        self.shared.messages.wants(channel)
+    }
+
+    /// Publishes a message in CDR with its time in nanoseconds. Does not wait.
+    pub fn publish_message(&self, channel: ChannelId, message: Vec<u8>, time: u64) {
+        self.shared.messages.publish(channel, message.into(), time, &self.shared.counters);
+    }
+
+    /// Number of viewers.
+    pub fn viewers(&self) -> usize {
+        self.shared.viewers()
+    }
+
+    /// Counts since the start.
+    pub fn counts(&self) -> ViewCounts {
+        self.shared.counters.snapshot()
+    }
+}
+
+impl Drop for ViewServer {
+    fn drop(&mut self) {
+        self.shared.stop();
+        self.connections.end(END_TIME);
+        for thread in self.threads.drain(..) {
+            if thread.join().is_err() {
+                tracing::error!("a thread of the viewer panicked");
+            }
+        }
+        // Accepted just before the end.
+        self.connections.end(END_TIME);
+    }
+}
