@@ -36,6 +36,11 @@ impl CameraPath {
         self.frames += 1;
     }
 
+    /// Number of frames so far.
+    pub(crate) fn frames(&self) -> usize {
+        self.frames
+    }
+
     /// The points relative to an origin: three 32-bit floats each, little-endian, in base64. NaN where it was lost.
     pub(crate) fn encoded(&self, origin: DVec3) -> String {
         let point = |place: &Option<DVec3>| place.map_or([f32::NAN; 3], |place| (place - origin).as_vec3().to_array());

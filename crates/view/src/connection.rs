@@ -185,11 +185,13 @@ fn attend(
 ) -> Result<(), tungstenite::Error> {
     let mut heard = Instant::now();
     while !shared.is_stopping() {
+        let owed = viewer.owes_answer();
         if let Some(message) = viewer.next() {
-            socket.get_mut().allow(shared.limits.viewer_time);
-            if !viewer.owes_answer() {
+            if !owed {
+                // The time for an answer begins now.
                 heard = Instant::now();
             }
+            socket.get_mut().allow(shared.limits.viewer_time);
             socket.send(message)?;
         } else {
             viewer.wait(ATTEND_INTERVAL);
@@ -197,10 +199,11 @@ fn attend(
         socket.get_mut().set_polling(true)?;
         for _ in 0..MAX_MESSAGES {
             match socket.read() {
+                // Answered by the library. They do not count as a sign of life, since nobody needs to read the answer.
+                Ok(Message::Ping(_) | Message::Close(_)) => {}
                 Ok(message) => {
                     heard = Instant::now();
-                    let is_control = matches!(message, Message::Ping(_) | Message::Close(_));
-                    if !is_control && !viewer.receive(&message) {
+                    if !viewer.receive(&message) {
                         count(&shared.counters.bad_messages);
                     }
                 }

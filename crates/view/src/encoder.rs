@@ -11,10 +11,12 @@ const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 /// Minimum interval between lists of objects.
 const OBJECTS_INTERVAL: Duration = Duration::from_millis(400);
 
-/// What was sent last, so that nothing is sent twice.
+/// The last messages, so that nothing is sent twice.
 #[derive(Default)]
 struct Sent {
     objects: Vec<ViewObject>,
+    /// A newer list that is not due yet.
+    newer_objects: Option<Vec<ViewObject>>,
     /// When the list of objects was sent.
     objects_time: Option<Instant>,
     map: Option<Box<MapData>>,
@@ -30,12 +32,13 @@ pub(crate) fn run(shared: &Shared) {
             Work::Frame(placed) => send_frame(shared, *placed, &mut sent),
             Work::Map(map, up) => {
                 if sent.map.as_ref() != Some(&map) {
-                    let message = page_messages::map(&map, up);
+                    let (origin, _) = shared.pages.origin_and_rate();
+                    let message = page_messages::map(&map, up, origin);
                     shared.pages.send(PageMessage::Map, &message, &shared.counters);
                     sent.map = Some(map);
                 }
             }
-            Work::Idle => {}
+            Work::Idle => send_objects(shared, &mut sent),
             Work::Stop => return,
         }
         if Instant::now() >= next_status {
@@ -53,10 +56,18 @@ fn send_frame(shared: &Shared, placed: PlacedFrame, sent: &mut Sent) {
         Ok(message) => shared.pages.send(PageMessage::Frame, &message, &shared.counters),
         Err(error) => tracing::warn!("frame {} cannot be shown: {error}", placed.frame.name),
     }
-    let is_due = sent.objects_time.is_none_or(|time| time.elapsed() >= OBJECTS_INTERVAL);
-    if is_due && placed.frame.objects != sent.objects {
-        sent.objects = placed.frame.objects;
+    sent.newer_objects = Some(placed.frame.objects);
+    send_objects(shared, sent);
+}
+
+/// Sends the newest list of objects if it is due and differs.
+fn send_objects(shared: &Shared, sent: &mut Sent) {
+    if sent.objects_time.is_some_and(|time| time.elapsed() < OBJECTS_INTERVAL) {
+        return;
+    }
+    if let Some(objects) = sent.newer_objects.take().filter(|objects| *objects != sent.objects) {
+        shared.pages.send(PageMessage::Objects, &page_messages::objects(&objects), &shared.counters);
+        sent.objects = objects;
         sent.objects_time = Some(Instant::now());
-        shared.pages.send(PageMessage::Objects, &page_messages::objects(&sent.objects), &shared.counters);
     }
 }

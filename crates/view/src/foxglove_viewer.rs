@@ -74,7 +74,8 @@ impl Viewer for FoxgloveViewer<'_> {
         let Some(request) = parse_request(text) else { return false };
         let other = if let Request::Other(name) = &request { format!("{name} is not offered") } else { String::new() };
         let done = self.perform(request);
-        if !done {
+        // A viewer with more mistakes than it reads answers gets one of them.
+        if !done && !self.queue.has_text() {
             let text = if other.is_empty() { "a subscription or its channel is unknown or in use" } else { &other };
             self.queue.push(Queued::Text(error_status(text)));
         }

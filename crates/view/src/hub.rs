@@ -30,7 +30,7 @@ const MAX_MAP_SHARE: u32 = 50;
 pub(crate) struct Shared {
     pub(crate) token: Token,
     pub(crate) scene: String,
-    /// Tells Foxglove after a reconnection whether the server is the same.
+    /// Tells viewers after a reconnection whether the server is the same.
     pub(crate) session: String,
     pub(crate) host_names: Vec<String>,
     pub(crate) limits: ViewLimits,
@@ -74,6 +74,8 @@ impl Shared {
 /// A frame with the pose of its camera, `None` if that is lost.
 #[derive(Debug)]
 pub(crate) struct PlacedFrame {
+    /// Its place among all frames, also those that nobody watched.
+    pub(crate) index: usize,
     pub(crate) frame: ViewFrame,
     pub(crate) world_from_camera: Option<Pose>,
 }
@@ -132,20 +134,21 @@ impl PageHub {
         lock(&self.state).viewers.len()
     }
 
-    /// Records a frame's pose and time. Returns true if somebody watches.
-    pub(crate) fn record(&self, world_from_camera: Option<&Pose>) -> bool {
+    /// Records a frame's pose and time. Returns the frame's index if somebody watches.
+    pub(crate) fn record(&self, world_from_camera: Option<&Pose>) -> Option<usize> {
         let now = Instant::now();
         let mut state = lock(&self.state);
         if let Some(pose) = world_from_camera {
             state.up.add(pose);
             state.origin_near(pose.translation());
         }
+        let index = state.path.frames();
         state.path.add(world_from_camera.map(Pose::translation));
         state.published.push_back(now);
         while state.published.front().is_some_and(|time| now - *time > RATE_TIME) {
             state.published.pop_front();
         }
-        !state.viewers.is_empty()
+        (!state.viewers.is_empty()).then_some(index)
     }
 
     /// Puts a frame in the encoder's slot.
@@ -213,14 +216,14 @@ impl PageHub {
     }
 
     /// Adds a viewer with everything it has missed. `None` if there are too many.
-    pub(crate) fn join(&self, scene: &str, max: usize) -> Option<Arc<PageSlot>> {
+    pub(crate) fn join(&self, scene: &str, session: &str, max: usize) -> Option<Arc<PageSlot>> {
         let mut state = lock(&self.state);
         if state.viewers.len() >= max {
             return None;
         }
         let slot = Arc::new(PageSlot::default());
         let origin = state.origin.unwrap_or_default();
-        slot.put(PageMessage::Hello, page_messages::hello(scene, origin, &state.path.encoded(origin)));
+        slot.put(PageMessage::Hello, page_messages::hello(scene, session, origin, &state.path));
         for kind in [PageMessage::Objects, PageMessage::Frame, PageMessage::Map] {
             if let Some(Some(message)) = state.latest.get(kind as usize) {
                 slot.put(kind, message.clone());

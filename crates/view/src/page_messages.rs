@@ -3,6 +3,7 @@
 //! Text messages are JSON objects with a `kind`. A frame is binary: the length of its JSON (32 bits, little-endian), the
 //! JSON, a JPEG file, and the ids.
 
+use crate::camera_path::CameraPath;
 use crate::hub::PlacedFrame;
 use crate::{ViewFrame, ViewObject};
 use glam::{DQuat, DVec3, Vec3};
@@ -35,10 +36,17 @@ fn text(value: &Value) -> Message {
     Message::text(value.to_string())
 }
 
-/// The first message: `path` has the camera's places so far, relative to `origin`.
-pub(crate) fn hello(scene: &str, origin: DVec3, path: &str) -> Message {
-    let version = env!("CARGO_PKG_VERSION");
-    text(&json!({ "kind": "hello", "version": version, "scene": scene, "origin": origin, "path": path }))
+/// The first message: `path` has the camera's places so far, relative to `origin`. `session` differs between servers.
+pub(crate) fn hello(scene: &str, session: &str, origin: DVec3, path: &CameraPath) -> Message {
+    text(&json!({
+        "kind": "hello",
+        "version": env!("CARGO_PKG_VERSION"),
+        "scene": scene,
+        "session": session,
+        "origin": origin,
+        "path": path.encoded(origin),
+        "frames": path.frames(),
+    }))
 }
 
 /// Sent every second, so that the page notices a lost connection.
@@ -60,14 +68,14 @@ pub(crate) fn objects(objects: &[ViewObject]) -> Message {
     text(&json!({ "kind": "objects", "objects": objects.iter().map(object).collect::<Vec<Value>>() }))
 }
 
-/// The map; `up` points up in world coordinates.
-pub(crate) fn map(map: &MapData, up: Vec3) -> Message {
-    text(&json!({ "kind": "map", "up": up, "map": map }))
+/// The map, relative to `origin`; `up` points up in world coordinates.
+pub(crate) fn map(map: &MapData, up: Vec3, origin: DVec3) -> Message {
+    text(&json!({ "kind": "map", "up": up, "origin": origin, "map": map }))
 }
 
 /// A frame with its result, at most [`MAX_WIDTH`] pixels wide. Poses are relative to `origin`.
 pub(crate) fn frame(placed: &PlacedFrame, origin: DVec3, frames_per_second: f32) -> Result<Message, EncodeError> {
-    let PlacedFrame { frame, world_from_camera } = placed;
+    let PlacedFrame { index, frame, world_from_camera } = placed;
     let (color, segments) = small(frame)?;
     let overlay = draw_overlay(&color, &segments)?;
     let mut jpeg = Vec::new();
@@ -81,9 +89,11 @@ pub(crate) fn frame(placed: &PlacedFrame, origin: DVec3, frames_per_second: f32)
     let ids = reduce_ids(&segments);
     let header = json!({
         "kind": "frame",
+        "index": index,
         "number": frame.number,
         "name": frame.name,
         "time": frame.timestamp.map(|time| time.as_secs_f64()),
+        "origin": origin,
         "pose": world_from_camera.as_ref().map(|pose| pose_numbers(pose, origin)),
         "camera": frame.intrinsics,
         "jpeg": jpeg.len(),

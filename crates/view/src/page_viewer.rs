@@ -26,7 +26,7 @@ impl<'a> PageViewer<'a> {
     /// A new viewer; `None` if there are too many.
     pub(crate) fn join(shared: &'a Shared) -> Option<Self> {
         let room = shared.limits.viewers.saturating_sub(shared.messages.viewers());
-        Some(Self { shared, slot: shared.pages.join(&shared.scene, room)?, under_way: 0 })
+        Some(Self { shared, slot: shared.pages.join(&shared.scene, &shared.session, room)?, under_way: 0 })
     }
 }
 

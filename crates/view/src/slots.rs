@@ -108,6 +108,11 @@ impl MessageQueue {
         dropped
     }
 
+    /// True if a text waits.
+    pub(crate) fn has_text(&self) -> bool {
+        !lock(&self.waiting).texts.is_empty()
+    }
+
     /// Takes the next message: texts first, so that a channel is announced before its data.
     pub(crate) fn take(&self) -> Option<Queued> {
         let mut waiting = lock(&self.waiting);

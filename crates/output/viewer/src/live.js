@@ -16,7 +16,7 @@ const SHOWN = "shown";
 const PAUSES_MS = [500, 5000];
 /** The server sends something every second. After this time without, the connection is taken to be lost. */
 const SILENCE_MS = 6000;
-/** A picture may take this long; browsers put it off while the page is hidden. */
+/** Decoding a picture may take this long, milliseconds. */
 const PICTURE_MS = 1000;
 
 class LivePage {
@@ -84,6 +84,8 @@ class LivePage {
   }
 
   #greet(message) {
+    // Another run: nothing of the earlier one holds.
+    if (this.#run.session && this.#run.session !== message.session) return location.reload();
     this.#run.greet(message);
     document.title = `${message.scene || "live"} – splatseg`;
     byElementId("scene").textContent = message.scene || "splatseg";
@@ -100,8 +102,8 @@ class LivePage {
     const ids = { width, height, ids: decode(new Uint8Array(bytes, 4 + length + frame.jpeg), width, height) };
     const url = URL.createObjectURL(jpeg);
     const image = Object.assign(new Image(), { src: url });
-    // Decoded first, so that the picture does not flicker.
-    await Promise.race([image.decode(), new Promise((resolve) => setTimeout(resolve, PICTURE_MS))]);
+    // Decoded first, so that the picture does not flicker. Browsers put that off while the page is hidden.
+    if (!document.hidden) await Promise.race([image.decode(), new Promise((resolve) => setTimeout(resolve, PICTURE_MS))]);
     this.#run.addFrame(frame);
     const text = `frame ${frame.name} with its objects`;
     await this.#picture.show({ camera: frame.camera, url, text, ids: async () => ids });
@@ -122,8 +124,9 @@ class LivePage {
     if (this.#selected) this.#select(this.#run.byId.has(this.#selected) ? this.#selected : 0);
   }
 
-  #showMap({ map, up }) {
+  #showMap({ map, up, origin }) {
     this.#run.map = map;
+    this.#run.origin = origin;
     if (map.count === 0) return;
     if (this.#map) {
       this.#map.replaceMap(map);

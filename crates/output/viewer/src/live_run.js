@@ -10,6 +10,8 @@ const MAX_ROTATIONS = 512;
 export class LiveRun {
   scene = "";
   version = "";
+  /** Differs between servers. */
+  session = "";
   /** Origin of the coordinates of poses and map, world coordinates. */
   origin = [0, 0, 0];
   up = [0, 0, 1];
@@ -24,11 +26,13 @@ export class LiveRun {
   #pose = null;
   /** Places of the camera, `[x, y, z]`; null where it was lost. */
   #places = [];
+  /** Number of frames whose places were in the server's first message. */
+  #greeted = 0;
   #rotations = [];
 
   /** Starts again with a server's first message. */
-  greet({ scene, version, origin, path }) {
-    [this.scene, this.version, this.origin] = [scene, version, origin];
+  greet({ scene, session, version, origin, path, frames }) {
+    [this.scene, this.session, this.version, this.origin, this.#greeted] = [scene, session, version, origin, frames];
     const numbers = floatsOf(path);
     this.#places = Array.from({ length: numbers.length / 3 }, (_, place) => {
       const point = [...numbers.subarray(3 * place, 3 * place + 3)];
@@ -37,11 +41,13 @@ export class LiveRun {
   }
 
   /** Records a frame's camera. */
-  addFrame({ number, camera, pose }) {
+  addFrame({ index, number, camera, origin, pose }) {
     this.frameCount = number + 1;
     this.#camera = camera;
     this.#pose = pose && { position: pose.slice(0, 3), quaternion: pose.slice(3) };
-    this.#places.push(this.#pose?.position ?? null);
+    this.origin = origin;
+    // The first frame may be older than the server's first message.
+    if (index >= this.#greeted) this.#places.push(this.#pose?.position ?? null);
     if (this.#places.length > MAX_PLACES) this.#places = this.#places.filter((_, place) => place % 2 === 0);
     if (pose) this.#rotations.push(this.#pose.quaternion);
     if (this.#rotations.length > MAX_ROTATIONS) this.#rotations = this.#rotations.filter((_, place) => place % 2 === 0);

@@ -13,8 +13,8 @@ const FIELD_OF_VIEW_DEGREES = 50;
 const CLICK_PIXELS = 4;
 const CAMERA_COLOR = 0xf25c05;
 const LINE_PIXELS = 2;
-/** The view is widened when the map has grown by this factor, so that it does not move all the time. */
-const REFIT_GROWTH = 1.1;
+/** The view is widened once the map has grown or moved by this part of its radius, so that it does not move all the time. */
+const REFIT_GROWTH = 0.1;
 
 export class MapView {
   #run;
@@ -28,6 +28,8 @@ export class MapView {
   #lost = false;
   /** True once the user has turned or moved the view. */
   #touched = false;
+  /** The extent that the view was last fitted to. */
+  #fitted = null;
 
   /** Throws if the browser has no WebGL. `onPick` is called with the id that was clicked, 0 for none. */
   constructor(run, onPick) {
@@ -81,6 +83,8 @@ export class MapView {
     forward.addScaledVector(up, -forward.dot(up));
     if (forward.length() < 1e-6) forward.set(up.y, up.z, up.x);
     forward.normalize();
+    this.#touched = false;
+    this.#fitted = this.extent;
     const { middle, radius } = this.extent;
     this.camera.fov = FIELD_OF_VIEW_DEGREES;
     this.controls.target.fromArray(middle);
@@ -96,16 +100,20 @@ export class MapView {
     this.#scene.remove(old.points);
     this.#scene.add(this.splats.points);
     old.dispose();
-    const before = this.extent.radius;
     this.extent = this.splats.extent();
-    if (!this.#touched && !this.#follow && this.extent.radius > REFIT_GROWTH * before) this.#refit(before);
+    const { middle, radius } = this.#fitted;
+    const moved = new Vector3(...middle).distanceTo(new Vector3(...this.extent.middle));
+    const growth = Math.max(moved, this.extent.radius - radius) / radius;
+    if (!this.#touched && !this.#follow && growth > REFIT_GROWTH) this.#refit();
     else this.#resize();
   }
 
   /** Shows the whole of a map that has grown, from the same direction. */
-  #refit(before) {
+  #refit() {
     const { middle, radius } = this.extent;
-    const back = this.camera.position.clone().sub(this.controls.target).multiplyScalar(radius / before);
+    const wider = radius / this.#fitted.radius;
+    const back = this.camera.position.clone().sub(this.controls.target).multiplyScalar(wider);
+    this.#fitted = this.extent;
     this.controls.target.fromArray(middle);
     this.camera.position.fromArray(middle).add(back);
     this.#viewChanged();
