@@ -160,8 +160,9 @@ impl Request {
 /// may resolve to this computer (DNS rebinding), so that its pages could otherwise read what is served here.
 fn is_known_host(host: &str, names: &[String]) -> bool {
     if let Some((address, port)) = host.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
-        let is_port = port.strip_prefix(':').is_none_or(|port| port.bytes().all(|byte| byte.is_ascii_digit()));
-        return is_port && address.parse::<std::net::Ipv6Addr>().is_ok();
+        let is_port = |port: &str| port.bytes().all(|byte| byte.is_ascii_digit());
+        let is_end = port.is_empty() || port.strip_prefix(':').is_some_and(is_port);
+        return is_end && address.parse::<std::net::Ipv6Addr>().is_ok();
     }
     let name = host.split_once(':').map_or(host, |(name, _)| name);
     let is = |known: &str| name.eq_ignore_ascii_case(known);

@@ -23,7 +23,8 @@ pub fn reduce_ids(ids: &SegmentMap) -> SegmentMap {
 }
 
 /// Encodes ids, row-major, as triples of LEB128 numbers: the number of pixels equal to the pixel above (0 above the first
-/// row), the number of following pixels with one other id, and that id.
+/// row), the number of following pixels with one other id, and that id. The last triple ends after its first number if no
+/// other id follows.
 pub fn encode_ids(ids: &SegmentMap) -> Vec<u8> {
     let (width, pixels) = (ids.width(), ids.pixels());
     let is_as_above = |index: usize| pixels[index] == if index < width { 0 } else { pixels[index - width] };

@@ -1,0 +1,175 @@
+//! The messages of the page, as its script reads them.
+
+use crate::client::{WebSocket, frame, pose_at, start, wait_until};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use serde_json::{Value, json};
+use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
+use splatseg_geometry::SegmentId;
+use splatseg_memory::{MemorySettings, SplatMemory};
+use splatseg_view::{ViewFrame, ViewLimits, ViewServer};
+use std::collections::BTreeSet;
+use std::time::{Duration, Instant};
+
+fn number(value: &Value) -> usize {
+    usize::try_from(value.as_u64().unwrap()).unwrap()
+}
+
+fn leb128(bytes: &mut impl Iterator<Item = u8>) -> Option<usize> {
+    let (mut value, mut shift) = (0, 0);
+    loop {
+        let byte = bytes.next()?;
+        value |= usize::from(byte & 0x7f) << shift;
+        shift += 7;
+        if byte & 0x80 == 0 {
+            return Some(value);
+        }
+    }
+}
+
+/// Decodes ids: runs equal to the row above, and runs of another id.
+fn ids(bytes: &[u8], width: usize, height: usize) -> Vec<SegmentId> {
+    let mut bytes = bytes.iter().copied();
+    let mut ids: Vec<SegmentId> = Vec::new();
+    while let Some(above) = leb128(&mut bytes) {
+        for _ in 0..above {
+            ids.push(ids.len().checked_sub(width).map_or(0, |above| ids[above]));
+        }
+        // The last run may be one of pixels equal to those above.
+        let Some(run) = leb128(&mut bytes) else { break };
+        let id = leb128(&mut bytes).unwrap();
+        ids.extend(std::iter::repeat_n(id as SegmentId, run));
+    }
+    assert_eq!(ids.len(), width * height);
+    ids
+}
+
+fn watched(server: &ViewServer) -> WebSocket {
+    let before = server.viewers();
+    let page = WebSocket::page(server);
+    wait_until("the page is counted", || server.viewers() > before);
+    page
+}
+
+#[test]
+fn a_frame_arrives_with_picture_ids_and_pose() {
+    let server = start(ViewLimits::default());
+    let mut page = watched(&server);
+    let (hello, _) = page.page_message("hello").unwrap();
+    assert_eq!((&hello["scene"], &hello["path"], &hello["frames"]), (&json!("a scene"), &json!(""), &json!(0)));
+    let sent = frame(5, 64, 48);
+    let expected = sent.segments.pixels().to_vec();
+    server.publish_frame(Some(&pose_at(1.0, 2.0, 3.0)), || sent);
+    let (header, rest) = page.page_message("frame").unwrap();
+    assert_eq!(header["number"], 5);
+    assert_eq!(header["name"], "frame 5");
+    assert_eq!(header["time"], 0.5);
+    assert_eq!(header["pose"], json!([1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0]));
+    assert_eq!((&header["dropped"], &header["lines"]), (&json!(3), &json!(["a warning"])));
+    let (jpeg, coded) = rest.split_at(number(&header["jpeg"]));
+    let picture = image::load_from_memory(jpeg).unwrap();
+    assert_eq!((picture.width(), picture.height()), (64, 48));
+    assert_eq!(ids(coded, number(&header["width"]), number(&header["height"])), expected);
+}
+
+#[test]
+fn the_list_of_objects_arrives() {
+    let server = start(ViewLimits::default());
+    let mut page = watched(&server);
+    server.publish_frame(None, || frame(5, 32, 24));
+    let (objects, _) = page.page_message("objects").unwrap();
+    let mug = &objects["objects"][0];
+    assert_eq!((&mug["id"], &mug["label"], &mug["frames"]), (&json!(7), &json!("mug"), &json!(6)));
+}
+
+#[test]
+fn large_frames_are_reduced() {
+    let server = start(ViewLimits::default());
+    let mut page = watched(&server);
+    server.publish_frame(None, || frame(0, 1280, 720));
+    let (header, rest) = page.page_message("frame").unwrap();
+    assert_eq!(header["pose"], Value::Null, "the camera is lost");
+    let (jpeg, coded) = rest.split_at(number(&header["jpeg"]));
+    let picture = image::load_from_memory(jpeg).unwrap();
+    assert_eq!((picture.width(), picture.height()), (640, 360));
+    let (width, height) = (number(&header["width"]), number(&header["height"]));
+    assert_eq!((width, height), (320, 180));
+    let ids = ids(coded, width, height);
+    assert!(ids.chunks(width).all(|row| row[..80].iter().all(|id| *id == 7) && row[80..].iter().all(|id| *id == 0)));
+}
+
+#[test]
+fn without_viewers_nothing_is_made() {
+    let server = start(ViewLimits::default());
+    let start = Instant::now();
+    for index in 0..10_000 {
+        server.publish_frame(Some(&pose_at(f64::from(index), 0.0, 0.0)), || unreachable!("nobody watches"));
+    }
+    assert!(start.elapsed() < Duration::from_secs(1), "{:?} for 10,000 frames", start.elapsed());
+}
+
+#[test]
+fn a_page_that_comes_later_gets_the_path_and_the_latest_frame() {
+    let server = start(ViewLimits::default());
+    server.publish_frame(Some(&pose_at(1.0, 0.0, 0.0)), || unreachable!("nobody watches"));
+    let mut first = watched(&server);
+    server.publish_frame(None, || frame(1, 32, 24));
+    server.publish_frame(Some(&pose_at(3.0, 0.0, 0.0)), || frame(2, 32, 24));
+    while first.page_message("frame").unwrap().0["number"] != 2 {}
+    let mut second = watched(&server);
+    let (hello, _) = second.page_message("hello").unwrap();
+    let bytes = STANDARD.decode(hello["path"].as_str().unwrap()).unwrap();
+    let x: Vec<f32> = bytes.chunks(12).map(|point| f32::from_le_bytes(point[..4].try_into().unwrap())).collect();
+    assert_eq!((x[0], x[1].is_nan(), x[2], x.len()), (1.0, true, 3.0, 3));
+    let (header, _) = second.page_message("frame").unwrap();
+    assert_eq!((&header["number"], &header["index"], &hello["frames"]), (&json!(2), &json!(2), &json!(3)));
+}
+
+#[test]
+fn far_from_the_worlds_origin_coordinates_stay_exact() {
+    let server = start(ViewLimits::default());
+    let mut early = watched(&server);
+    assert_eq!(early.page_message("hello").unwrap().0["origin"], json!([0.0, 0.0, 0.0]));
+    let far = [512_345.25, 5_400_001.5, 210.125];
+    server.publish_frame(Some(&pose_at(far[0], far[1], far[2])), || frame(0, 32, 24));
+    let (header, _) = early.page_message("frame").unwrap();
+    for (axis, world) in far.iter().enumerate() {
+        let (origin, local) = (header["origin"][axis].as_f64().unwrap(), header["pose"][axis].as_f64().unwrap());
+        assert_eq!(origin + local, *world);
+        assert!(local.abs() <= 16.0 && local == f64::from(local as f32), "axis {axis}: {local}");
+    }
+}
+
+#[test]
+fn the_map_comes_when_it_is_due_and_has_changed() {
+    let settings = SyntheticSettings { frames: 2, width: 64, height: 48, ..SyntheticSettings::default() };
+    let scene = SyntheticScene::new(settings).unwrap();
+    let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
+    let (room, ids) = (scene.read_frame(0).unwrap(), scene.read_ground_truth(0).unwrap().unwrap());
+    let largest = ids.pixels().iter().copied().max().unwrap();
+    while memory.new_segment().unwrap() < largest {}
+    memory.update(memory.recall(&room), &ids, &BTreeSet::new()).unwrap();
+
+    let interval = Duration::from_millis(100);
+    let server = start(ViewLimits { map_interval: interval, ..ViewLimits::default() });
+    let mut page = watched(&server);
+    // The second is not due, the third is the same.
+    server.publish_map(&memory);
+    server.publish_map(&memory);
+    let (map, _) = page.page_message("map").unwrap();
+    assert_eq!(map["map"]["total"], memory.gaussian_count());
+    std::thread::sleep(3 * interval);
+    server.publish_map(&memory);
+    server.publish_frame(None, || ViewFrame { name: "after the map".to_owned(), ..frame(1, 32, 24) });
+    let mut maps = 0;
+    let start = Instant::now();
+    while start.elapsed() < Duration::from_millis(1500) {
+        let (kind, payload) = page.next().unwrap();
+        page.send(crate::client::TEXT, b"shown");
+        maps += usize::from(kind == crate::client::TEXT && payload.starts_with(br#"{"kind":"map""#));
+    }
+    assert_eq!(maps, 0, "the same map is not sent again");
+    memory.update(memory.recall(&scene.read_frame(1).unwrap()), &ids, &BTreeSet::new()).unwrap();
+    server.publish_map(&memory);
+    assert_eq!(page.page_message("map").unwrap().0["map"]["total"], memory.gaussian_count());
+}

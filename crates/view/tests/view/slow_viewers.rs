@@ -1,0 +1,96 @@
+//! Viewers that stop reading: they delay nobody.
+
+use crate::client::{BINARY, TEXT, WebSocket, frame, pose_at, start, wait_until};
+use splatseg_ros::PoseStamped;
+use splatseg_view::{Channel, ViewLimits};
+use std::thread;
+use std::time::{Duration, Instant};
+
+const FRAMES: usize = 80;
+const INTERVAL: Duration = Duration::from_millis(25);
+
+/// Numbers of the frames that a page receives, up to the last one.
+fn watch(mut page: WebSocket) -> Vec<u64> {
+    let mut numbers = Vec::new();
+    while numbers.last() != Some(&(FRAMES as u64 - 1)) {
+        let Some((header, _)) = page.page_message("frame") else { break };
+        numbers.push(header["number"].as_u64().unwrap());
+    }
+    numbers
+}
+
+#[test]
+fn one_of_ten_viewers_stops_reading() {
+    let server = start(ViewLimits { viewer_time: Duration::from_secs(1), ..ViewLimits::default() });
+    let stopped = WebSocket::page(&server);
+    let readers: Vec<WebSocket> = (0..9).map(|_| WebSocket::page(&server)).collect();
+    wait_until("all are counted", || server.viewers() == 10);
+    let readers: Vec<_> = readers.into_iter().map(|page| thread::spawn(move || watch(page))).collect();
+    let mut times = Vec::new();
+    for number in 0..FRAMES {
+        let made = frame(number, 320, 240);
+        let start = Instant::now();
+        server.publish_frame(Some(&pose_at(number as f64, 0.0, 0.0)), || made);
+        times.push(start.elapsed());
+        thread::sleep(INTERVAL);
+    }
+    times.sort_unstable();
+    assert!(times[FRAMES / 2] < Duration::from_millis(1), "typical time to publish: {:?}", times[FRAMES / 2]);
+    assert!(times[FRAMES - 1] < Duration::from_millis(200), "longest time to publish: {:?}", times[FRAMES - 1]);
+    for reader in readers {
+        let numbers = reader.join().unwrap();
+        assert!(numbers.is_sorted_by(|earlier, later| earlier < later), "{numbers:?}");
+        assert_eq!(numbers.last(), Some(&(FRAMES as u64 - 1)), "the last frame arrives");
+        assert!(numbers.len() > FRAMES / 4, "only {} of {FRAMES} frames", numbers.len());
+    }
+    wait_until("the stopped viewer is disconnected", || server.counts().viewers_dropped == 1);
+    assert!(server.counts().frames_dropped > 0, "frames for the stopped viewer are counted");
+    drop(stopped);
+}
+
+#[test]
+fn a_foxglove_viewer_that_stops_reading_loses_the_oldest_messages_and_then_its_connection() {
+    let server = start(ViewLimits { viewer_time: Duration::from_secs(1), ..ViewLimits::default() });
+    let channel = server.add_channel(Channel::of::<PoseStamped>("/large"));
+    let subscription = br#"{"op":"subscribe","subscriptions":[{"id":1,"channelId":1}]}"#;
+    let mut stopped = WebSocket::open(&server, "foxglove.sdk.v1").0;
+    stopped.send(TEXT, subscription);
+    wait_until("the subscription is known", || server.wants_message(channel));
+    let mut times = Vec::new();
+    for time in 0..120 {
+        let message = vec![1; 1 << 20];
+        let start = Instant::now();
+        server.publish_message(channel, message, time);
+        times.push(start.elapsed());
+    }
+    times.sort_unstable();
+    assert!(times[60] < Duration::from_millis(1), "typical time to publish: {:?}", times[60]);
+    assert!(server.counts().messages_dropped > 0);
+    wait_until("the stopped viewer is disconnected", || server.viewers() == 0);
+    assert_eq!(server.counts().viewers_dropped, 1);
+    assert!(!server.wants_message(channel));
+    // Another one is served.
+    let mut reader = WebSocket::open(&server, "foxglove.sdk.v1").0;
+    reader.send(TEXT, subscription);
+    wait_until("the subscription is known", || server.wants_message(channel));
+    server.publish_message(channel, vec![9], 500);
+    while reader.next().unwrap() != (BINARY, [&[1, 1, 0, 0, 0], &500_u64.to_le_bytes()[..], &[9]].concat()) {}
+}
+
+#[test]
+fn a_page_that_confirms_nothing_is_sent_three_messages() {
+    let server = start(ViewLimits { viewer_time: Duration::from_secs(1), ..ViewLimits::default() });
+    let mut page = WebSocket::page(&server);
+    wait_until("the page is counted", || server.viewers() == 1);
+    for number in 0..20 {
+        server.publish_frame(None, || frame(number, 32, 24));
+        thread::sleep(Duration::from_millis(20));
+    }
+    let mut messages = 0;
+    while page.next().is_some() {
+        messages += 1;
+    }
+    assert_eq!(messages, 3);
+    wait_until("the page is disconnected", || server.viewers() == 0);
+    assert_eq!(server.counts().viewers_dropped, 1);
+}
