@@ -19,7 +19,9 @@ def objects_table(pipeline: Pipeline) -> str:
     objects = sorted(pipeline.objects(), key=lambda entry: (-entry.frames, entry.id))
     rows = "".join(_row(entry) for entry in objects[:_MOST_ROWS])
     more = f"<p>and {len(objects) - _MOST_ROWS} more</p>" if len(objects) > _MOST_ROWS else ""
-    head = "".join(f"<th>{name}</th>" for name in ("", "id", "label", "state", "frames", "confidence", "centroid, m", "size, m"))
+    head = "".join(
+        f"<th>{name}</th>" for name in ("", "id", "label", "state", "frames", "confidence", "centroid, m", "size, m")
+    )
     title = html.escape(repr(pipeline).strip("<>"))
     return f"<p><b>{title}, {len(objects)} objects</b></p><table><tr>{head}</tr>{rows}</table>{more}"
 

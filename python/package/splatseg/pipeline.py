@@ -242,9 +242,7 @@ class Sam2Splat(Pipeline):
         keep_views: bool = False,
         **settings: Any,
     ) -> None:
-        super().__init__(
-            None, segmenter, config=config, keep_views=keep_views, tracker_weights=weights, **settings
-        )
+        super().__init__(None, segmenter, config=config, keep_views=keep_views, tracker_weights=weights, **settings)
 
 
 def _label_and_embedding(name: Name) -> tuple[str | None, NDArray[np.float32]]:
