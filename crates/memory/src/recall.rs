@@ -1,9 +1,9 @@
 //! The memory as seen by one frame's camera.
 
 use crate::removal::{FrameTrust, Sight, VisibleBalls, sights};
-use crate::{GrowthRule, MemoryKind, MemorySettings, SegmentBelief};
+use crate::{GrowthRule, MemoryKind, MemorySettings, SegmentBelief, SplatMemory};
 use rayon::prelude::*;
-use splatseg_geometry::{CowImage, Image, LocalPose, Pose, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_geometry::{CowImage, Image, LocalPose, Pose, RgbdFrame, STAGE_TARGET, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera, TileWeights, View};
 
 /// Pixels of a tile.
@@ -185,6 +185,35 @@ impl<'f> Recall<'f> {
             }
         });
         map
+    }
+}
+
+impl SplatMemory {
+    /// Renders the segments that the memory expects `frame` to show.
+    pub fn recall<'f>(&self, frame: &'f RgbdFrame<'_>) -> Recall<'f> {
+        let _stage = tracing::debug_span!(target: STAGE_TARGET, "decode").entered();
+        let jump = if self.follows_jumps() { self.recent.jump(frame, self.origin, &self.settings) } else { None };
+        let reported = frame.world_from_camera();
+        let before_jump = jump.map_or(*reported, |jump| jump.inverse() * *reported);
+        let (pose, map_from_camera) = (before_jump.relative_to(self.origin), reported.relative_to(self.origin));
+        let trust = self.recent.trust(frame, &pose, &self.settings);
+        let camera = self.camera(frame, &pose);
+        let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile(tile, surface);
+        let mut recall = Recall::new(&self.map.balls, read_tile, frame, &camera, trust, &self.settings);
+        (recall.map_from_camera, recall.viewed_from, recall.jump) = (map_from_camera, pose, jump);
+        if self.settings.kind == MemoryKind::Evidence {
+            self.recent.expect(&mut recall, &self.settings);
+        }
+        recall
+    }
+
+    /// Camera of a frame at `pose`, with the blending limits of the kind of memory.
+    fn camera(&self, frame: &RgbdFrame<'_>, pose: &LocalPose) -> Camera {
+        let mut camera = Camera::new(*frame.intrinsics(), pose);
+        if self.settings.kind == MemoryKind::Evidence {
+            camera.limits = crate::evidence::limits(camera.limits);
+        }
+        camera
     }
 }
 

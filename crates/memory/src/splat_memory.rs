@@ -5,7 +5,6 @@ use crate::evidence::EvidenceStore;
 use crate::features::FeatureStore;
 use crate::growth::new_gaussians;
 use crate::map::SplatMap;
-use crate::recall::TileSurface;
 use crate::recent::RecentFrames;
 use crate::removal::{FrameTrust, Sight, longest_unseen, record_sights, sights};
 use crate::segment_store::SegmentStore;
@@ -13,8 +12,8 @@ use crate::segments::{Segments, Settled};
 use crate::{Codebook, GrowthRule, LearningExtent, MAX_SEGMENT_ID, MemoryError, MemoryKind, MemorySettings, Recall};
 use glam::DVec3;
 use rayon::prelude::*;
-use splatseg_geometry::{FrameAnchor, KeyframeId, RemappedId, RgbdFrame, STAGE_TARGET, SegmentId, SegmentMap};
-use splatseg_render::{Balls, Camera, TileWeights};
+use splatseg_geometry::{FrameAnchor, KeyframeId, RemappedId, STAGE_TARGET, SegmentId, SegmentMap};
+use splatseg_render::Balls;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Frames between two counts of the ids that Gaussians show, unless some were removed: features take long to decode.
@@ -118,33 +117,6 @@ impl SplatMemory {
             names: None,
             warned_of_limit: false,
         }
-    }
-
-    /// Renders the segments that the memory expects `frame` to show.
-    pub fn recall<'f>(&self, frame: &'f RgbdFrame<'_>) -> Recall<'f> {
-        let _stage = tracing::debug_span!(target: STAGE_TARGET, "decode").entered();
-        let jump = if self.follows_jumps() { self.recent.jump(frame, self.origin, &self.settings) } else { None };
-        let reported = frame.world_from_camera();
-        let before_jump = jump.map_or(*reported, |jump| jump.inverse() * *reported);
-        let (pose, map_from_camera) = (before_jump.relative_to(self.origin), reported.relative_to(self.origin));
-        let trust = self.recent.trust(frame, &pose, &self.settings);
-        let camera = self.camera(frame, &pose);
-        let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile(tile, surface);
-        let mut recall = Recall::new(&self.map.balls, read_tile, frame, &camera, trust, &self.settings);
-        (recall.map_from_camera, recall.viewed_from, recall.jump) = (map_from_camera, pose, jump);
-        if self.settings.kind == MemoryKind::Evidence {
-            self.recent.expect(&mut recall, &self.settings);
-        }
-        recall
-    }
-
-    /// Camera of a frame at `pose`, with the blending limits of the kind of memory.
-    fn camera(&self, frame: &RgbdFrame<'_>, pose: &splatseg_geometry::LocalPose) -> Camera {
-        let mut camera = Camera::new(*frame.intrinsics(), pose);
-        if self.settings.kind == MemoryKind::Evidence {
-            camera.limits = crate::evidence::limits(camera.limits);
-        }
-        camera
     }
 
     /// Returns an id for a new segment, to be used by a prediction of the current frame.
@@ -323,7 +295,7 @@ impl SplatMemory {
     }
 
     /// True if the map follows when the poses jump. The paper's does not, and tracked poses only jump with a correction.
-    fn follows_jumps(&self) -> bool {
+    pub(crate) fn follows_jumps(&self) -> bool {
         self.settings.growth_rule() != GrowthRule::Paper && self.gaussian_count() > 0 && !self.anchor.is_tracked
     }
 

@@ -45,7 +45,7 @@ pub fn find(arguments: &FindArguments) -> Result<(), Failure> {
     match text_encoder {
         Some(encoder) => {
             let embedding = encoded(encoder, text)?;
-            let found = map.find(&embedding).map_err(|error| wrong(&error.to_string()))?;
+            let found = map.names.find(&embedding).map_err(|error| wrong(&error.to_string()))?;
             if found.is_empty() {
                 return Err(wrong("its objects have labels, but no embeddings"));
             }
@@ -53,7 +53,7 @@ pub fn find(arguments: &FindArguments) -> Result<(), Failure> {
             print(&map, similar);
         }
         None => {
-            let found = map.find_label(text);
+            let found = map.names.find_label(text);
             match found.len() {
                 0 => say!("no label contains {text:?}; {}", known_labels(&map.names)),
                 count => say!("{} with {text:?} in the label", counted(count, "object")),

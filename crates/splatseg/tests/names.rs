@@ -58,7 +58,7 @@ fn names_are_given_once_saved_and_loaded() {
     loaded.save_memory(&again).unwrap();
     assert!(NamedMap::load(&again).unwrap().names == *pipeline.names());
     let saved = NamedMap::load(&map).unwrap();
-    assert_eq!(saved.find_label("red"), pipeline.find_label("red"));
+    assert_eq!(saved.names.find_label("red"), pipeline.find_label("red"));
     assert!(NamedMap::load(&without).unwrap().names.is_empty());
 }
 

@@ -2,16 +2,15 @@
 
 use super::PipelineError;
 use crate::settings::SettingsLayers;
-use splatseg_geometry::SegmentId;
 use splatseg_memory::SplatMemory;
-use splatseg_objects::{NameError, ObjectList, ObjectLog, ObjectNames};
+use splatseg_objects::ObjectNames;
 use std::path::{Path, PathBuf};
 
 /// A saved memory and the names that [`Pipeline::name_objects`](super::Pipeline::name_objects) gave its objects.
 pub struct NamedMap {
     /// The memory.
     pub memory: SplatMemory,
-    /// The names; none if the file has none.
+    /// The names of the objects in the memory; none if the file has none.
     pub names: ObjectNames,
 }
 
@@ -28,32 +27,10 @@ impl NamedMap {
         let no_memory = || PipelineError::NoMemory { path: path.to_owned(), method: settings.method.name().name() };
         let memory_settings = settings.method.memory().ok_or_else(no_memory)?;
         let mut memory = SplatMemory::load(path, memory_settings.clone())?;
-        let names = take_names(&mut memory, path)?;
+        let mut names = take_names(&mut memory, path)?;
+        // The state of a stopped run also has the names of objects that it has forgotten.
+        names.keep_only(&memory.carried_ids());
         Ok(Self { memory, names })
-    }
-
-    /// The objects of the map with their labels, by increasing id. No frame has shown them.
-    pub fn object_list(&self) -> ObjectList {
-        let mut list = ObjectList::new(&ObjectLog::default(), Some(&self.memory));
-        list.add_names(&self.names);
-        list
-    }
-
-    /// The objects most similar to an embedding, as in [`ObjectNames::find`].
-    ///
-    /// # Errors
-    /// As [`ObjectNames::find`].
-    pub fn find(&self, embedding: &[f32]) -> Result<Vec<(SegmentId, f32)>, NameError> {
-        let (mut found, present) = (self.names.find(embedding)?, self.memory.carried_ids());
-        found.retain(|(id, _)| present.contains(id));
-        Ok(found)
-    }
-
-    /// The objects whose label contains the text, as in [`ObjectNames::find_label`].
-    pub fn find_label(&self, text: &str) -> Vec<SegmentId> {
-        let (mut found, present) = (self.names.find_label(text), self.memory.carried_ids());
-        found.retain(|id| present.contains(id));
-        found
     }
 }
 

@@ -122,7 +122,10 @@ impl Pipeline {
         mut namer: impl FnMut(ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + Sync>>,
     ) -> Result<usize, NameObjectsError> {
         let views = self.naming.views.as_ref().ok_or(NameObjectsError::NoViews)?;
-        if views.to_name(&self.naming.names).next().is_none() {
+        let is_carried = |id: &SegmentId| self.memory().is_none_or(|memory| memory.is_carried(*id));
+        let to_name: BTreeSet<SegmentId> = views.to_name(&self.naming.names).filter(is_carried).collect();
+        // The list of objects takes milliseconds, and mostly there is nothing to name.
+        if to_name.is_empty() {
             return Ok(0);
         }
         let objects = self.object_list().objects;
@@ -134,7 +137,6 @@ impl Pipeline {
             names.keep_embeddings_of(&present);
         }
         let views = views.as_ref().ok_or(NameObjectsError::NoViews)?;
-        let to_name: BTreeSet<SegmentId> = views.to_name(names).collect();
         let mut calls = 0;
         for object in objects.iter().filter(|object| object.state != Some(ObjectState::Forgotten)) {
             let id = object.id;
