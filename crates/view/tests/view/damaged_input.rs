@@ -7,7 +7,7 @@ use proptest::test_runner::{Config, TestCaseError, TestRunner};
 use splatseg_view::ViewLimits;
 use std::io::{Read, Write};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 const CASES: u32 = 200;
 
@@ -139,23 +139,23 @@ fn random_bytes_in_a_websocket_end_only_their_connection() {
 
 #[test]
 fn slow_requests_do_not_block_others() {
-    let limits = ViewLimits { request_time: Duration::from_millis(500), ..ViewLimits::default() };
+    let limits = ViewLimits { request_time: Duration::from_secs(2), ..ViewLimits::default() };
     let server = start(limits);
     let mut slow: Vec<_> = (0..40).map(|_| connect(server.address())).collect();
-    let start = Instant::now();
-    let mut position = 0;
+    let (mut position, mut served) = (0, 0);
     let request = valid_request();
     // A byte at a time: each read succeeds, and the whole takes too long.
-    while start.elapsed() < Duration::from_millis(800) {
+    while server.counts().bad_requests == 0 {
         for tcp in &mut slow {
             let _ = tcp.write_all(&request[position..=position]);
         }
         position += 1;
-        let before = Instant::now();
         assert!(is_serving(&server));
-        assert!(before.elapsed() < Duration::from_millis(400), "{:?}", before.elapsed());
-        thread::sleep(Duration::from_millis(40));
+        // Served while all the others were still under way.
+        served += usize::from(server.counts().bad_requests == 0);
+        thread::sleep(Duration::from_millis(100));
     }
+    assert!(served > 0);
     wait_until("all are counted", || server.counts().bad_requests == 40);
 }
 

@@ -101,11 +101,9 @@ fn large_frames_are_reduced() {
 #[test]
 fn without_viewers_nothing_is_made() {
     let server = start(ViewLimits::default());
-    let start = Instant::now();
     for index in 0..10_000 {
         server.publish_frame(Some(&pose_at(f64::from(index), 0.0, 0.0)), || unreachable!("nobody watches"));
     }
-    assert!(start.elapsed() < Duration::from_secs(1), "{:?} for 10,000 frames", start.elapsed());
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Viewers that stop reading: they delay nobody.
 
-use crate::client::{BINARY, TEXT, WebSocket, frame, pose_at, start, wait_until};
+use crate::client::{BINARY, PATIENCE, TEXT, WebSocket, frame, pose_at, start, wait_until};
 use splatseg_ros::PoseStamped;
 use splatseg_view::{Channel, ViewLimits};
 use std::thread;
@@ -21,29 +21,26 @@ fn watch(mut page: WebSocket) -> Vec<u64> {
 
 #[test]
 fn one_of_ten_viewers_stops_reading() {
-    let server = start(ViewLimits { viewer_time: Duration::from_secs(1), ..ViewLimits::default() });
+    // Whoever waited for the stopped viewer would wait until the test gives up.
+    let server = start(ViewLimits { viewer_time: 6 * PATIENCE, ..ViewLimits::default() });
     let stopped = WebSocket::page(&server);
     let readers: Vec<WebSocket> = (0..9).map(|_| WebSocket::page(&server)).collect();
     wait_until("all are counted", || server.viewers() == 10);
     let readers: Vec<_> = readers.into_iter().map(|page| thread::spawn(move || watch(page))).collect();
-    let mut times = Vec::new();
+    let start = Instant::now();
     for number in 0..FRAMES {
-        let made = frame(number, 320, 240);
-        let start = Instant::now();
-        server.publish_frame(Some(&pose_at(number as f64, 0.0, 0.0)), || made);
-        times.push(start.elapsed());
+        server.publish_frame(Some(&pose_at(number as f64, 0.0, 0.0)), || frame(number, 320, 240));
         thread::sleep(INTERVAL);
     }
-    times.sort_unstable();
-    assert!(times[FRAMES / 2] < Duration::from_millis(1), "typical time to publish: {:?}", times[FRAMES / 2]);
-    assert!(times[FRAMES - 1] < Duration::from_millis(200), "longest time to publish: {:?}", times[FRAMES - 1]);
     for reader in readers {
         let numbers = reader.join().unwrap();
         assert!(numbers.is_sorted_by(|earlier, later| earlier < later), "{numbers:?}");
         assert_eq!(numbers.last(), Some(&(FRAMES as u64 - 1)), "the last frame arrives");
         assert!(numbers.len() > FRAMES / 4, "only {} of {FRAMES} frames", numbers.len());
     }
-    wait_until("the stopped viewer is disconnected", || server.counts().viewers_dropped == 1);
+    assert!(start.elapsed() < 3 * PATIENCE, "{:?}", start.elapsed());
+    // The readers have left by themselves.
+    assert!(server.viewers() >= 1 && server.counts().viewers_dropped == 0, "the stopped viewer is still there");
     assert!(server.counts().frames_dropped > 0, "frames for the stopped viewer are counted");
     drop(stopped);
 }
@@ -56,15 +53,9 @@ fn a_foxglove_viewer_that_stops_reading_loses_the_oldest_messages_and_then_its_c
     let mut stopped = WebSocket::open(&server, "foxglove.sdk.v1").0;
     stopped.send(TEXT, subscription);
     wait_until("the subscription is known", || server.wants_message(channel));
-    let mut times = Vec::new();
     for time in 0..120 {
-        let message = vec![1; 1 << 20];
-        let start = Instant::now();
-        server.publish_message(channel, message, time);
-        times.push(start.elapsed());
+        server.publish_message(channel, vec![1; 1 << 20], time);
     }
-    times.sort_unstable();
-    assert!(times[60] < Duration::from_millis(1), "typical time to publish: {:?}", times[60]);
     assert!(server.counts().messages_dropped > 0);
     wait_until("the stopped viewer is disconnected", || server.viewers() == 0);
     assert_eq!(server.counts().viewers_dropped, 1);
