@@ -4,6 +4,7 @@
 //! these frames, publishes results through an [`Outlet`] and saves the map. There is no transport in this crate.
 
 mod error;
+mod latest_times;
 mod outlet;
 mod requests;
 mod results;
@@ -11,14 +12,17 @@ mod saved_map;
 mod session;
 mod status;
 mod stream;
+mod view_outlet;
 
 pub use error::LiveError;
-pub use outlet::{Outlet, Output, Silent};
+pub use latest_times::LatestTimes;
+pub use outlet::{LiveFrame, Outlet, Output, Silent};
 pub use requests::{LiveRequest, Requests};
 pub use saved_map::SavedMap;
 pub use session::{BuildPipeline, LiveOptions, LiveSession};
 pub use status::LiveStatus;
 pub use stream::LiveStream;
+pub use view_outlet::ViewOutlet;
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -1,9 +1,14 @@
 //! Where the results of a session go.
 
 use crate::LiveStatus;
+use splatseg::Pipeline;
+use splatseg::pipeline::FrameResult;
+use splatseg_geometry::{Image as Pixels, Intrinsics};
+use splatseg_objects::ObjectList;
 use splatseg_ros::{
     CompressedImage, Detection3dArray, DiagnosticArray, Image, MarkerArray, Message, PointCloud2, TfMessage,
 };
+use std::time::Duration;
 
 /// A kind of message that a session publishes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -42,6 +47,11 @@ impl Output {
         }
     }
 
+    /// The topic for a node with a full name, e.g. `/splatseg`.
+    pub fn topic_of(self, node: &str) -> String {
+        self.topic().replacen('~', node, 1)
+    }
+
     /// The type of the messages, e.g. `sensor_msgs/msg/Image`.
     pub fn type_name(self) -> &'static str {
         match self {
@@ -61,6 +71,27 @@ impl Output {
     }
 }
 
+/// A frame with its result.
+#[derive(Clone, Copy)]
+pub struct LiveFrame<'a> {
+    /// Its number, counted from 0 over the frames with a result.
+    pub number: usize,
+    /// Its name.
+    pub name: &'a str,
+    /// Time of the image, since the Unix epoch unless its source has another clock.
+    pub stamp: Duration,
+    /// The colour image, sRGB, `[height, width]`; `None` unless somebody watches or wants [`Output::Overlay`].
+    pub color: Option<&'a Pixels<[u8; 3]>>,
+    /// Intrinsics of the camera.
+    pub intrinsics: Intrinsics,
+    /// What was found.
+    pub result: &'a FrameResult,
+    /// The pipeline after the frame, with the map.
+    pub pipeline: &'a Pipeline,
+    /// The state after the frame.
+    pub status: &'a LiveStatus,
+}
+
 /// A receiver of a session's results. Its functions are called between two frames, so they must return at once.
 pub trait Outlet: Send {
     /// Returns true if someone wants messages of a kind. Otherwise they are not made.
@@ -71,6 +102,17 @@ pub trait Outlet: Send {
 
     /// Shows the state of the session, about once a second.
     fn show(&mut self, status: &LiveStatus);
+
+    /// Returns true if someone watches: [`LiveFrame::color`] and [`Self::show_objects`] are for them.
+    fn is_watched(&self) -> bool {
+        false
+    }
+
+    /// Shows a frame, before its messages are published. Called for every frame.
+    fn show_frame(&mut self, _frame: &LiveFrame<'_>) {}
+
+    /// Shows all objects of the map, as often as [`Output::Objects`] is published, if someone watches.
+    fn show_objects(&mut self, _objects: &ObjectList) {}
 }
 
 /// An outlet that wants nothing.
@@ -85,4 +127,33 @@ impl Outlet for Silent {
     fn publish(&mut self, _: Output, _: Vec<u8>) {}
 
     fn show(&mut self, _: &LiveStatus) {}
+}
+
+/// Several outlets as one. Each gets what it wants.
+impl Outlet for Vec<Box<dyn Outlet>> {
+    fn wants(&self, output: Output) -> bool {
+        self.iter().any(|outlet| outlet.wants(output))
+    }
+
+    fn publish(&mut self, output: Output, message: Vec<u8>) {
+        for outlet in self.iter_mut().filter(|outlet| outlet.wants(output)) {
+            outlet.publish(output, message.clone());
+        }
+    }
+
+    fn show(&mut self, status: &LiveStatus) {
+        self.iter_mut().for_each(|outlet| outlet.show(status));
+    }
+
+    fn is_watched(&self) -> bool {
+        self.iter().any(|outlet| outlet.is_watched())
+    }
+
+    fn show_frame(&mut self, frame: &LiveFrame<'_>) {
+        self.iter_mut().for_each(|outlet| outlet.show_frame(frame));
+    }
+
+    fn show_objects(&mut self, objects: &ObjectList) {
+        self.iter_mut().filter(|outlet| outlet.is_watched()).for_each(|outlet| outlet.show_objects(objects));
+    }
 }

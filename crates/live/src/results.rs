@@ -1,7 +1,7 @@
 //! The messages of a session's results.
 
 use crate::saved_map::objects;
-use crate::{Outlet, Output};
+use crate::{LiveFrame, Outlet, Output};
 use splatseg::Pipeline;
 use splatseg::pipeline::FrameResult;
 use splatseg_dataset::CoordinateFrames;
@@ -28,14 +28,6 @@ pub(crate) struct Results {
     marked: BTreeSet<SegmentId>,
 }
 
-/// A frame with its result.
-pub(crate) struct ResultFrame<'a> {
-    pub(crate) result: &'a FrameResult,
-    /// The colour image, if an overlay is wanted.
-    pub(crate) color: Option<&'a Image<[u8; 3]>>,
-    pub(crate) stamp: Duration,
-}
-
 impl Results {
     /// Sets the names of the coordinate frames.
     pub(crate) fn set_frames(&mut self, frames: CoordinateFrames) {
@@ -48,7 +40,7 @@ impl Results {
     }
 
     /// Publishes the messages of a frame: its ids and overlay on its stamp, and its pose if it is tracked.
-    pub(crate) fn publish_frame(&self, frame: &ResultFrame<'_>, outlet: &mut dyn Outlet) {
+    pub(crate) fn publish_frame(&self, frame: &LiveFrame<'_>, outlet: &mut dyn Outlet) {
         let segments = &frame.result.output.segments;
         let named = |name: &str| if name.is_empty() { CAMERA.to_owned() } else { name.to_owned() };
         if outlet.wants(Output::Ids) {
@@ -58,7 +50,8 @@ impl Results {
                 send(outlet, Output::Ids, to_cdr(&message));
             }
         }
-        if let Some(jpeg) = frame.color.and_then(|color| overlay_jpeg(color, frame.result)) {
+        let color = frame.color.filter(|_| outlet.wants(Output::Overlay));
+        if let Some(jpeg) = color.and_then(|color| overlay_jpeg(color, frame.result)) {
             let mut message = overlay(time(frame.stamp), &jpeg);
             message.header.frame_id = named(&self.frames.camera);
             send(outlet, Output::Overlay, to_cdr(&message));
@@ -81,10 +74,11 @@ impl Results {
         stamp: Duration,
         outlet: &mut dyn Outlet,
     ) {
-        if !outlet.wants(Output::Objects) && !outlet.wants(Output::Markers) {
+        if !outlet.wants(Output::Objects) && !outlet.wants(Output::Markers) && !outlet.is_watched() {
             return;
         }
         let list = objects(pipeline, seen);
+        outlet.show_objects(&list);
         let header = Header { stamp: time(stamp), frame_id: self.world().to_owned() };
         if outlet.wants(Output::Objects) {
             send(outlet, Output::Objects, to_cdr(&detections(&header, list.objects.iter())));

@@ -1,16 +1,16 @@
 //! The loop of a session: the newest frame, its result, what is due besides.
 
+use crate::latest_times::LatestTimes;
 use crate::requests::PendingRequest;
-use crate::results::{ResultFrame, Results, send};
+use crate::results::{Results, send};
 use crate::saved_map::objects;
-use crate::{LiveError, LiveRequest, LiveStatus, LiveStream, Outlet, Output, Requests, SavedMap};
+use crate::{LiveError, LiveFrame, LiveRequest, LiveStatus, LiveStream, Outlet, Output, Requests, SavedMap};
 use splatseg::Pipeline;
 use splatseg::pipeline::{FrameResult, PipelineError};
 use splatseg_dataset::{MatchedFrame, StreamedFrame};
 use splatseg_memory::SplatMemory;
 use splatseg_objects::{FrameStamp, SeenObjects};
 use splatseg_ros::{Header, Time, to_cdr};
-use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
@@ -18,8 +18,6 @@ use std::time::{Duration, Instant};
 
 /// Longest time without looking at requests and signals.
 const WAIT: Duration = Duration::from_millis(100);
-/// Number of times of frames that are kept for the rate.
-const KEPT_TIMES: usize = 120;
 const SECOND: Duration = Duration::from_secs(1);
 
 /// How often a session publishes and saves.
@@ -62,8 +60,7 @@ pub struct LiveSession {
     results: Results,
     seen: SeenObjects,
     status: LiveStatus,
-    /// When the latest frames were done.
-    times: VecDeque<Instant>,
+    times: LatestTimes,
     latest_stamp: Duration,
     due: Due,
     requests: (Requests, Receiver<PendingRequest>),
@@ -100,7 +97,7 @@ impl LiveSession {
             results: Results::default(),
             seen: SeenObjects::default(),
             status: LiveStatus::default(),
-            times: VecDeque::new(),
+            times: LatestTimes::default(),
             latest_stamp: Duration::ZERO,
             due: Due { objects: now, points: now, status: now, saved: now, saved_frames: 0 },
             requests: Requests::channel(),
@@ -115,6 +112,11 @@ impl LiveSession {
     /// The state after the latest frame.
     pub fn status(&self) -> &LiveStatus {
         &self.status
+    }
+
+    /// Times of the latest frames.
+    pub fn latest_times(&self) -> &LatestTimes {
+        &self.times
     }
 
     /// The pipeline.
@@ -173,7 +175,9 @@ impl LiveSession {
             time_s: Some(stamp.as_secs_f64()),
         };
         let size = (frame.width(), frame.height());
-        let color = self.outlet.wants(Output::Overlay).then(|| frame.color().clone().into_owned());
+        let is_shown = self.outlet.is_watched() || self.outlet.wants(Output::Overlay);
+        let color = is_shown.then(|| frame.color().clone().into_owned());
+        let intrinsics = *frame.intrinsics();
         let result = match world_from_camera {
             Some(pose) => self.pipeline.step(&frame.at(pose)),
             None => self.pipeline.step_unposed(frame),
@@ -187,7 +191,17 @@ impl LiveSession {
                 if let Some(frames) = self.stream.coordinate_frames() {
                     self.results.set_frames(frames);
                 }
-                let frame = ResultFrame { result: &result, color: color.as_ref(), stamp };
+                let frame = LiveFrame {
+                    number: file_stamp.number,
+                    name: file_stamp.name.as_deref().unwrap_or_default(),
+                    stamp,
+                    color: color.as_ref(),
+                    intrinsics,
+                    result: &result,
+                    pipeline: &self.pipeline,
+                    status: &self.status,
+                };
+                self.outlet.show_frame(&frame);
                 self.results.publish_frame(&frame, self.outlet.as_mut());
                 Ok(())
             }
@@ -212,10 +226,8 @@ impl LiveSession {
         status.pose = Some(result.pose.state);
         status.frame_time = started.elapsed();
         status.age = self.stream.time_since(received);
-        self.times.push_back(Instant::now());
-        if self.times.len() > KEPT_TIMES {
-            self.times.pop_front();
-        }
+        status.counts = self.stream.counts();
+        self.times.record(status.frame_time, status.age);
     }
 
     fn do_what_is_due(&mut self) {
@@ -255,8 +267,7 @@ impl LiveSession {
 
     fn show_status(&mut self) {
         self.due.status = Instant::now();
-        let recent = self.times.iter().filter(|time| time.elapsed() < SECOND).count();
-        self.status.rate_hz = recent as f32;
+        self.status.rate_hz = self.times.since(SECOND) as f32;
         self.status.counts = self.stream.counts();
         self.status.gaussians = self.pipeline.memory().map_or(0, SplatMemory::gaussian_count);
         self.status.objects = self.seen.objects().len();

@@ -12,7 +12,7 @@ pub enum ViewError {
     #[error("{0} can be reached from other computers; that must be allowed explicitly")]
     NotLoopback(SocketAddr),
     /// The port cannot be opened.
-    #[error("cannot listen on {address}")]
+    #[error("cannot listen on {address}: {source}")]
     Listen {
         /// The address.
         address: SocketAddr,
@@ -20,7 +20,7 @@ pub enum ViewError {
         source: io::Error,
     },
     /// A thread cannot be started.
-    #[error("cannot start a thread of the viewer")]
+    #[error("cannot start a thread of the viewer: {0}")]
     Thread(#[source] io::Error),
     /// The system has no random numbers for the token.
     #[error("no random numbers for the token: {0}")]

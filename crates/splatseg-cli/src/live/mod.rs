@@ -13,8 +13,10 @@ use player::{Pace, play};
 use splatseg::pipeline::LoadedNetworks;
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{DatasetSettings, MatchLimits, McapScene};
-use splatseg_live::{BuildPipeline, LiveOptions, LiveSession, LiveStream, SavedMap};
+use splatseg_live::{BuildPipeline, LiveOptions, LiveSession, LiveStream, Outlet, SavedMap, ViewOutlet};
+use splatseg_view::{Reach, ViewOptions};
 use std::ffi::OsString;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -24,7 +26,8 @@ use terminal_outlet::TerminalOutlet;
 #[command(after_long_help = "Examples:\n  \
     splatseg live kitchen.mcap --map home.ply\n  \
     splatseg live kitchen.mcap --map home.ply --speed 0.5 --poses track\n  \
-    splatseg live kitchen.mcap --map home.ply --every-frame\n\n\
+    splatseg live kitchen.mcap --map home.ply --every-frame\n  \
+    splatseg live kitchen.mcap --view\n\n\
     Ctrl-C or SIGTERM ends it after the present frame; the map is saved then, and every --save-interval seconds. Started\n\
     again with the same map, it goes on: a tracked camera first has to find its place in it.")]
 pub struct LiveArguments {
@@ -42,6 +45,15 @@ pub struct LiveArguments {
     /// Use every frame, however long it takes, as `run` does
     #[arg(long, conflicts_with = "speed")]
     pub every_frame: bool,
+    /// Show it in the browser and in Foxglove. An address that is given may be one that other computers reach
+    #[arg(
+        long,
+        value_name = "ADDRESS:PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "127.0.0.1:8765"
+    )]
+    pub view: Option<SocketAddr>,
     #[arg(long, value_name = "METHOD")]
     pub method: Option<String>,
     #[command(flatten)]
@@ -118,8 +130,7 @@ pub fn live(arguments: &LiveArguments, program: &[OsString]) -> Result<(), Failu
         save_interval: Duration::from_secs_f64(arguments.save_interval),
         ..LiveOptions::default()
     };
-    let outlet = Box::new(TerminalOutlet::new());
-    let ends = (Arc::clone(&stream), outlet as Box<_>);
+    let ends = (Arc::clone(&stream), outlet(arguments)?);
     let session = LiveSession::new(builder(settings), arguments.existing_map(), ends, options);
     let mut session = session.map_err(Failure::input)?;
     let pace = if arguments.every_frame { Pace::EveryFrame } else { Pace::Speed(arguments.speed) };
@@ -142,6 +153,21 @@ pub fn live(arguments: &LiveArguments, program: &[OsString]) -> Result<(), Failu
     }
 }
 
+/// The terminal and, with `--view`, a server for viewers, whose links are printed.
+fn outlet(arguments: &LiveArguments) -> Result<Box<dyn Outlet>, Failure> {
+    let mut outlets: Vec<Box<dyn Outlet>> = vec![Box::new(TerminalOutlet::new())];
+    if let Some(address) = arguments.view {
+        // Whoever names an address that others can reach wants it to be reached.
+        let reach = if address.ip().is_loopback() { Reach::Loopback } else { Reach::Network };
+        let scene = arguments.source.display().to_string();
+        let view = ViewOutlet::start(ViewOptions { address, reach, scene, ..ViewOptions::default() });
+        let view = view.map_err(Failure::input)?;
+        say_error!("view:     {}\nFoxglove: {}", view.server().link(), view.server().foxglove_link());
+        outlets.push(Box::new(view));
+    }
+    Ok(Box::new(outlets))
+}
+
 /// Builds pipelines that share their networks.
 fn builder(settings: Settings) -> BuildPipeline {
     let networks = Arc::new(LoadedNetworks::default());
@@ -161,6 +187,7 @@ fn report(arguments: &LiveArguments, session: &LiveSession, stream: &LiveStream)
     }
     let status = session.status();
     say!("{} frames, {} objects; {}", status.frames, status.objects, stream.counts());
+    say!("{}", session.latest_times());
     if let Some(map) = &arguments.map {
         say!("map: {}; objects: {}", map.display(), SavedMap::new(map.clone()).objects().display());
     }

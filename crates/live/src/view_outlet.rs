@@ -1,0 +1,115 @@
+//! A session in the browser and in Foxglove.
+
+use crate::{LiveFrame, LiveStatus, LiveStream, Outlet, Output};
+use splatseg_geometry::Image as Pixels;
+use splatseg_objects::ObjectList;
+use splatseg_odometry::PoseState;
+use splatseg_ros::{CompressedImage, Detection3dArray, DiagnosticArray, Image, MarkerArray, PointCloud2, TfMessage};
+use splatseg_view::{Channel, ChannelId, ViewError, ViewFrame, ViewObject, ViewOptions, ViewServer, ViewStatus};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Name of the node in the topics shown to Foxglove.
+const NODE: &str = "/splatseg";
+
+/// Shows a session to viewers: the page of [`ViewServer`], and each [`Output`] as a channel for Foxglove.
+#[derive(Debug)]
+pub struct ViewOutlet {
+    server: ViewServer,
+    channels: BTreeMap<Output, ChannelId>,
+    objects: Vec<ViewObject>,
+    /// Time of the latest frame.
+    stamp: Option<Duration>,
+}
+
+impl ViewOutlet {
+    /// Starts the server.
+    ///
+    /// # Errors
+    /// As [`ViewServer::start`].
+    pub fn start(options: ViewOptions) -> Result<Self, ViewError> {
+        let server = ViewServer::start(options)?;
+        let channels = Output::ALL.map(|output| (output, server.add_channel(channel(output)))).into();
+        Ok(Self { server, channels, objects: Vec::new(), stamp: None })
+    }
+
+    /// The server, e.g. for its links.
+    pub fn server(&self) -> &ViewServer {
+        &self.server
+    }
+}
+
+fn channel(output: Output) -> Channel {
+    let topic = output.topic_of(NODE);
+    let channel = match output {
+        Output::Objects => Channel::of::<Detection3dArray>(&topic),
+        Output::Markers => Channel::of::<MarkerArray<'_>>(&topic),
+        Output::Ids => Channel::of::<Image<'_>>(&topic),
+        Output::Overlay => Channel::of::<CompressedImage<'_>>(&topic),
+        Output::Points => Channel::of::<PointCloud2<'_>>(&topic),
+        Output::Transform => Channel::of::<TfMessage>(&topic),
+        Output::Diagnostics => Channel::of::<DiagnosticArray>(&topic),
+    };
+    if output.is_latched() { channel.latched() } else { channel }
+}
+
+impl Outlet for ViewOutlet {
+    fn wants(&self, output: Output) -> bool {
+        self.channels.get(&output).is_some_and(|channel| self.server.wants_message(*channel))
+    }
+
+    fn publish(&mut self, output: Output, message: Vec<u8>) {
+        let time = self.stamp.unwrap_or_else(LiveStream::now);
+        if let Some(channel) = self.channels.get(&output) {
+            self.server.publish_message(*channel, message, u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
+        }
+    }
+
+    fn show(&mut self, _: &LiveStatus) {}
+
+    fn is_watched(&self) -> bool {
+        self.server.viewers() > 0
+    }
+
+    fn show_frame(&mut self, frame: &LiveFrame<'_>) {
+        self.stamp = Some(frame.stamp);
+        let pose = &frame.result.pose;
+        let known = (pose.state != PoseState::Lost).then_some(&pose.world_from_camera);
+        self.server.publish_frame(known, || view_frame(frame, &self.objects));
+        if let Some(memory) = frame.pipeline.memory() {
+            self.server.publish_map(memory);
+        }
+    }
+
+    fn show_objects(&mut self, objects: &ObjectList) {
+        let shown = objects.objects.iter().map(|object| ViewObject {
+            id: object.id,
+            label: object.label.clone(),
+            oriented_box: object.shape.as_ref().map(|shape| shape.oriented_box),
+            frames: object.frames,
+        });
+        self.objects = shown.collect();
+    }
+}
+
+fn view_frame(frame: &LiveFrame<'_>, objects: &[ViewObject]) -> ViewFrame {
+    let segments = &frame.result.output.segments;
+    let (width, height) = segments.size();
+    let lost = (frame.result.pose.state == PoseState::Lost)
+        .then(|| "The camera's pose is lost: turn it to a place that it has seen.".to_owned());
+    ViewFrame {
+        number: frame.number,
+        name: frame.name.to_owned(),
+        timestamp: Some(frame.stamp),
+        // The first viewer may have come after the image was read; the next frame has it.
+        color: frame.color.cloned().unwrap_or_else(|| Pixels::from_fn(width, height, |_, _| [0; 3])),
+        segments: segments.clone(),
+        intrinsics: frame.intrinsics,
+        objects: objects.to_vec(),
+        status: ViewStatus {
+            dropped: frame.status.counts.dropped.total(),
+            delay: Some(frame.status.age),
+            lines: lost.into_iter().chain(frame.status.problem.clone()).collect(),
+        },
+    }
+}
