@@ -7,8 +7,9 @@
 
 use super::patch_grid::PatchGrid;
 use super::patches::Patch;
-use super::plane::normal;
-use glam::Vec3;
+use super::plane::least_spread;
+use glam::DVec3;
+use std::collections::BTreeMap;
 
 /// A patch is disputed if the object's share of it, relative to the object's median share, is below this. Two thirds
 /// means twice as many votes for the object as for all others.
@@ -29,39 +30,89 @@ pub(super) fn undisputed(patches: &[Patch]) -> Vec<Patch> {
     let mut shares: Vec<f32> = patches.iter().map(|patch| patch.share).collect();
     shares.sort_unstable_by(f32::total_cmp);
     let least = shares.get(shares.len() / 2).map_or(0.0, |median| MIN_SHARE * median);
-    let (mut own, mut disputed): (Vec<Patch>, Vec<Patch>) = patches.iter().partition(|patch| patch.share >= least);
-    let reach = disputed.iter().map(|patch| REACH * patch.side).fold(0.0, f32::max);
+    let (mut own, disputed): (Vec<Patch>, Vec<Patch>) = patches.iter().partition(|patch| patch.share >= least);
+    let mut disputed: Vec<Disputed> = disputed.into_iter().map(Disputed::new).collect();
+    let mut first_new = 0;
     for _ in 0..ROUNDS {
-        let grid = PatchGrid::new(&own, reach);
-        let (added, left): (Vec<Patch>, Vec<Patch>) =
-            disputed.iter().partition(|patch| is_in_plane(patch, &own, &grid));
+        find_neighbours(&mut disputed, &own[first_new..]);
+        first_new = own.len();
+        let (added, left): (Vec<Disputed>, Vec<Disputed>) = disputed.into_iter().partition(Disputed::is_in_plane);
         disputed = left;
-        if added.is_empty() || disputed.is_empty() {
-            own.extend(added);
+        own.extend(added.into_iter().map(|disputed| disputed.patch));
+        if own.len() == first_new || disputed.is_empty() {
             break;
         }
-        own.extend(added);
     }
     own
 }
 
-/// True if a patch lies in the plane of the surface beside it.
-fn is_in_plane(patch: &Patch, surface: &[Patch], grid: &PatchGrid) -> bool {
-    let reach = REACH * patch.side;
-    let mut near = Vec::new();
-    grid.near(patch.mean, &mut near);
-    near.retain(|index| surface[*index].mean.distance_squared(patch.mean) <= reach * reach);
-    if near.len() < MIN_NEIGHBOURS {
-        return false;
+/// A disputed patch, and the surface beside it as found so far.
+struct Disputed {
+    patch: Patch,
+    /// Number of patches within reach.
+    neighbours: usize,
+    /// Sum of their offsets from the patch, in its sides.
+    offsets: DVec3,
+    /// Sum of the outer products of these offsets, by rows.
+    products: [DVec3; 3],
+    /// False if no neighbours were found since the last test.
+    is_changed: bool,
+}
+
+impl Disputed {
+    fn new(patch: Patch) -> Self {
+        Self { patch, neighbours: 0, offsets: DVec3::ZERO, products: [DVec3::ZERO; 3], is_changed: false }
     }
-    let middle = near.iter().map(|index| surface[*index].mean).sum::<Vec3>() / near.len() as f32;
-    let normal = normal(near.iter().map(|index| ((surface[*index].mean - middle) / patch.side, 1.0)));
-    normal.dot(patch.mean - middle).abs() <= OFF_PLANE * patch.side
+
+    /// Adds the patches within reach; `near` are indices into `surface`.
+    fn add_neighbours(&mut self, near: &[usize], surface: &[Patch]) {
+        let (patch, before) = (self.patch, self.neighbours);
+        let reach = REACH * patch.side;
+        let offsets = near.iter().map(|index| surface[*index].mean - patch.mean);
+        for offset in offsets.filter(|offset| offset.length_squared() <= reach * reach) {
+            let offset = (offset / patch.side).as_dvec3();
+            self.neighbours += 1;
+            self.offsets += offset;
+            self.products.iter_mut().zip(offset.to_array()).for_each(|(row, part)| *row += part * offset);
+        }
+        self.is_changed |= self.neighbours > before;
+    }
+
+    /// True if the patch lies in the plane of the surface beside it.
+    fn is_in_plane(&self) -> bool {
+        if !self.is_changed || self.neighbours < MIN_NEIGHBOURS {
+            return false;
+        }
+        let middle = self.offsets / self.neighbours as f64;
+        let mut spread = self.products;
+        spread.iter_mut().zip(middle.to_array()).for_each(|(row, part)| *row -= part * self.offsets);
+        least_spread(spread.map(DVec3::as_vec3)).dot(middle.as_vec3()).abs() <= OFF_PLANE
+    }
+}
+
+/// Adds the patches of `surface` to the neighbours of the disputed ones. Each size of disputed patches has its own
+/// grid, so that a few large ones, added from afar, do not make the cells of all others large.
+fn find_neighbours(disputed: &mut [Disputed], surface: &[Patch]) {
+    let mut sizes: BTreeMap<i32, Vec<&mut Disputed>> = BTreeMap::new();
+    for disputed in disputed {
+        disputed.is_changed = false;
+        sizes.entry(disputed.patch.side.log2().floor() as i32).or_default().push(disputed);
+    }
+    let mut near = Vec::new();
+    for disputed in sizes.into_values() {
+        let reach = disputed.iter().map(|disputed| REACH * disputed.patch.side).fold(0.0, f32::max);
+        let grid = PatchGrid::new(surface, reach);
+        for disputed in disputed {
+            grid.near(disputed.patch.mean, &mut near);
+            disputed.add_neighbours(&near, surface);
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Vec3;
 
     /// A patch of 2 cm.
     fn patch(place: Vec3, share: f32) -> Patch {
