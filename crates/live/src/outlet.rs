@@ -103,6 +103,11 @@ pub trait Outlet: Send {
     /// Shows the state of the session, about once a second.
     fn show(&mut self, status: &LiveStatus);
 
+    /// The time for messages that belong to no frame, if it is not that of the system.
+    fn clock(&self) -> Option<Duration> {
+        None
+    }
+
     /// Returns true if someone watches: [`LiveFrame::color`] and [`Self::show_objects`] are for them.
     fn is_watched(&self) -> bool {
         false
@@ -143,6 +148,10 @@ impl Outlet for Vec<Box<dyn Outlet>> {
 
     fn show(&mut self, status: &LiveStatus) {
         self.iter_mut().for_each(|outlet| outlet.show(status));
+    }
+
+    fn clock(&self) -> Option<Duration> {
+        self.iter().find_map(|outlet| outlet.clock())
     }
 
     fn is_watched(&self) -> bool {

@@ -1,11 +1,14 @@
 //! Requests to a running session, from other threads.
 
+use crate::LiveSession;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
 /// Number of requests that may wait.
 const WAITING: usize = 8;
+/// An error of whoever has asked.
+const LATE: &str = "the session has not answered in time";
 
 /// Something that a session is asked to do between two frames.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,8 +27,13 @@ pub enum LiveRequest {
 #[derive(Clone, Debug)]
 pub struct Requests(SyncSender<PendingRequest>);
 
-/// A request, and where its answer goes: what was done, or the error.
-pub(crate) type PendingRequest = (LiveRequest, SyncSender<Result<String, String>>);
+/// What waits for the session between two frames.
+pub(crate) enum PendingRequest {
+    /// A request, and where its answer goes: what was done, or the error.
+    Execute(LiveRequest, SyncSender<Result<String, String>>),
+    /// A look at the session.
+    Look(Box<dyn FnOnce(&LiveSession) + Send>),
+}
 
 impl Requests {
     pub(crate) fn channel() -> (Self, Receiver<PendingRequest>) {
@@ -39,7 +47,26 @@ impl Requests {
     /// A sentence: the request failed, or the session is busy or has ended.
     pub fn send(&self, request: LiveRequest, timeout: Duration) -> Result<String, String> {
         let (answer, answered) = sync_channel(1);
-        self.0.try_send((request, answer)).map_err(|_| "the session is busy or has ended".to_owned())?;
-        answered.recv_timeout(timeout).unwrap_or_else(|_| Err("the session has not answered in time".to_owned()))
+        self.put(PendingRequest::Execute(request, answer))?;
+        answered.recv_timeout(timeout).unwrap_or_else(|_| Err(LATE.to_owned()))
+    }
+
+    /// Looks at the session between two frames, and waits for what `look` returns, for `timeout` at most.
+    ///
+    /// # Errors
+    /// A sentence: the session is busy or has ended.
+    pub fn look<T: Send + 'static>(
+        &self,
+        look: impl FnOnce(&LiveSession) -> T + Send + 'static,
+        timeout: Duration,
+    ) -> Result<T, String> {
+        let (answer, answered) = sync_channel(1);
+        // Whoever has asked may have stopped waiting.
+        self.put(PendingRequest::Look(Box::new(move |session| drop(answer.try_send(look(session))))))?;
+        answered.recv_timeout(timeout).map_err(|_| LATE.to_owned())
+    }
+
+    fn put(&self, request: PendingRequest) -> Result<(), String> {
+        self.0.try_send(request).map_err(|_| "the session is busy or has ended".to_owned())
     }
 }

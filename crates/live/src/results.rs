@@ -6,13 +6,13 @@ use splatseg::Pipeline;
 use splatseg::pipeline::FrameResult;
 use splatseg_dataset::CoordinateFrames;
 use splatseg_geometry::{Image, SegmentId};
-use splatseg_objects::SeenObjects;
+use splatseg_objects::{Object, SeenObjects};
 use splatseg_odometry::PoseState;
 use splatseg_output::draw_overlay;
 use splatseg_output::ros_messages::{
     CAMERA, CameraPose, IdPixels, PointBytes, ShownObject, WORLD, camera_pose, detections, id_image, markers, overlay,
 };
-use splatseg_ros::{Header, Time, to_cdr};
+use splatseg_ros::{Detection3dArray, Header, Time, to_cdr};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -79,20 +79,29 @@ impl Results {
         }
         let list = objects(pipeline, seen);
         outlet.show_objects(&list);
-        let header = Header { stamp: time(stamp), frame_id: self.world().to_owned() };
         if outlet.wants(Output::Objects) {
-            send(outlet, Output::Objects, to_cdr(&detections(&header, list.objects.iter())));
+            send(outlet, Output::Objects, to_cdr(&self.detections(stamp, list.objects.iter())));
         }
         if outlet.wants(Output::Markers) {
-            let stamp = time(stamp).nanoseconds();
+            let nanoseconds = time(stamp).nanoseconds();
             let shown: Vec<ShownObject> =
-                list.objects.iter().filter_map(|object| ShownObject::new(stamp, object)).collect();
+                list.objects.iter().filter_map(|object| ShownObject::new(nanoseconds, object)).collect();
             let ids: BTreeSet<SegmentId> = shown.iter().map(|object| object.id).collect();
             let mut message = markers(&shown, &self.marked.difference(&ids).copied().collect::<Vec<_>>());
+            let header = Header { stamp: time(stamp), frame_id: self.world().to_owned() };
             message.markers.iter_mut().for_each(|marker| marker.header = header.clone());
             send(outlet, Output::Markers, to_cdr(&message));
             self.marked = ids;
         }
+    }
+
+    /// The boxes of objects, in the world frame.
+    pub(crate) fn detections<'a>(
+        &self,
+        stamp: Duration,
+        objects: impl Iterator<Item = &'a Object>,
+    ) -> Detection3dArray {
+        detections(&Header { stamp: time(stamp), frame_id: self.world().to_owned() }, objects)
     }
 
     /// Publishes the map as points.

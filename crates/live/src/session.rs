@@ -9,8 +9,8 @@ use splatseg::Pipeline;
 use splatseg::pipeline::{FrameResult, PipelineError};
 use splatseg_dataset::{MatchedFrame, StreamedFrame};
 use splatseg_memory::SplatMemory;
-use splatseg_objects::{FrameStamp, SeenObjects};
-use splatseg_ros::{Header, Time, to_cdr};
+use splatseg_objects::{FrameStamp, Object, ObjectList, SeenObjects};
+use splatseg_ros::{Detection3dArray, Header, Time, to_cdr};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
@@ -272,7 +272,7 @@ impl LiveSession {
         self.status.gaussians = self.pipeline.memory().map_or(0, SplatMemory::gaussian_count);
         self.status.objects = self.seen.objects().len();
         if self.outlet.wants(Output::Diagnostics) {
-            let now = i64::try_from(LiveStream::now().as_nanos()).unwrap_or(i64::MAX);
+            let now = i64::try_from(self.outlet.clock().unwrap_or_else(LiveStream::now).as_nanos()).unwrap_or(i64::MAX);
             let header = Header { stamp: Time::from_nanoseconds(now), frame_id: String::new() };
             send(self.outlet.as_mut(), Output::Diagnostics, to_cdr(&self.status.diagnostics(header)));
         }
@@ -292,10 +292,15 @@ impl LiveSession {
     }
 
     fn answer_requests(&mut self) {
-        while let Ok((request, answer)) = self.requests.1.try_recv() {
-            let done = self.execute(request).map_err(|error| error.to_string());
-            // Whoever has asked may have stopped waiting.
-            let _ = answer.try_send(done);
+        while let Ok(pending) = self.requests.1.try_recv() {
+            match pending {
+                PendingRequest::Execute(request, answer) => {
+                    let done = self.execute(request).map_err(|error| error.to_string());
+                    // Whoever has asked may have stopped waiting.
+                    let _ = answer.try_send(done);
+                }
+                PendingRequest::Look(look) => look(self),
+            }
         }
     }
 
@@ -331,7 +336,13 @@ impl LiveSession {
     }
 
     /// Returns the objects so far, as in `objects.json`.
-    pub fn objects(&self) -> splatseg_objects::ObjectList {
+    pub fn objects(&self) -> ObjectList {
         objects(&self.pipeline, &self.seen)
+    }
+
+    /// Returns the chosen objects, as in the messages of [`Output::Objects`].
+    pub fn detections(&self, is_chosen: impl Fn(&Object) -> bool) -> Detection3dArray {
+        let list = self.objects();
+        self.results.detections(self.latest_stamp, list.objects.iter().filter(|object| is_chosen(object)))
     }
 }

@@ -133,6 +133,11 @@ impl LiveStream {
         self.lock().matcher.counts()
     }
 
+    /// Returns true if messages of a topic may be used; see [`FrameMatcher::wants`].
+    pub fn wants(&self, topic: &str, type_name: &str) -> bool {
+        self.lock().matcher.wants(topic, type_name)
+    }
+
     /// Returns the topics used, one line each; empty until they are chosen.
     pub fn sources(&self) -> Vec<String> {
         self.lock().matcher.sources().to_vec()

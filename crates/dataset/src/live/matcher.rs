@@ -179,6 +179,27 @@ impl FrameMatcher {
         self.chosen.as_ref().map_or(&[], |chosen| &chosen.sources)
     }
 
+    /// Returns true if messages of a topic may be used: once topics are chosen, of these and of transforms; before, of all
+    /// topics of suitable types, but of images only those that the settings name, if they name both.
+    pub fn wants(&self, topic: &str, type_name: &str) -> bool {
+        if let Some(index) = self.contents.known_topic(topic, type_name)
+            && let Some(known) = self.contents.topics.get(index)
+            && let Some(chosen) = &self.chosen
+        {
+            return chosen.uses(index, known);
+        }
+        let is_open = self.chosen.is_none();
+        match Content::for_topic(topic, type_name) {
+            Content::Path(_) | Content::Other => false,
+            Content::Transforms { .. } => true,
+            Content::Images(_) => {
+                let names = [&self.settings.color, &self.settings.depth];
+                is_open && names.iter().any(|name| name.as_deref().is_none_or(|name| name == topic))
+            }
+            Content::Calibrations { .. } | Content::Poses(_) => is_open,
+        }
+    }
+
     /// Returns the names of the coordinate frames; `None` until topics are chosen.
     pub fn coordinate_frames(&self) -> Option<&CoordinateFrames> {
         self.chosen.as_ref().map(|chosen| &chosen.coordinate_frames)

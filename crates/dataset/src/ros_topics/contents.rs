@@ -282,7 +282,7 @@ impl Topic {
 
 impl Content {
     /// Selects the content kept from a topic by its name and type.
-    fn for_topic(name: &str, type_name: &str) -> Self {
+    pub(crate) fn for_topic(name: &str, type_name: &str) -> Self {
         match type_name {
             "sensor_msgs/msg/Image" => Self::Images(Images::default()),
             "sensor_msgs/msg/CompressedImage" => Self::Images(Images { is_compressed: true, ..Images::default() }),

@@ -1,0 +1,145 @@
+//! What `splatseg live` and `splatseg ros2` have in common: settings, the map, viewers.
+
+use super::terminal_outlet::TerminalOutlet;
+use crate::Failure;
+use crate::input_paths::InputPaths;
+use crate::options::SettingsOptions;
+use crate::output_folder::OverwritePolicy;
+use crate::run::{ExtraFile, FileKind};
+use clap::Args;
+use splatseg::pipeline::LoadedNetworks;
+use splatseg::{Pipeline, Settings};
+use splatseg_dataset::DatasetSettings;
+use splatseg_live::{BuildPipeline, LiveOptions, LiveSession, LiveStream, Outlet, SavedMap, ViewOutlet};
+use splatseg_view::{Reach, ViewOptions};
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+#[derive(Debug, Args)]
+pub struct SessionOptions {
+    /// File of the map: loaded if it exists, and saved. The list of objects is beside it: FILE.objects.json
+    #[arg(long, value_name = "FILE.ply")]
+    pub map: Option<PathBuf>,
+    /// Seconds between two saves of the map
+    #[arg(long, value_name = "S", default_value_t = 30.0)]
+    pub save_interval: f64,
+    /// Show it in the browser and in Foxglove. An address that is given may be one that other computers reach
+    #[arg(
+        long,
+        value_name = "ADDRESS:PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "127.0.0.1:8765"
+    )]
+    pub view: Option<SocketAddr>,
+    #[arg(long, value_name = "METHOD")]
+    pub method: Option<String>,
+    #[command(flatten)]
+    pub options: SettingsOptions,
+}
+
+impl SessionOptions {
+    /// The settings, with those of the saved map.
+    pub fn settings(&self) -> Result<Settings, Failure> {
+        let mut layers = self.options.layers([("method", self.method.as_ref())])?;
+        if let Some(map) = self.existing_map() {
+            layers.add_saved_memory(map).map_err(Failure::input)?;
+        }
+        layers.resolve().map_err(Failure::input)
+    }
+
+    fn existing_map(&self) -> Option<&Path> {
+        self.map.as_deref().filter(|map| map.exists())
+    }
+
+    /// Checks the numbers and paths. `source` is the input, if it is a file.
+    pub fn check(&self, settings: &Settings, source: Option<&Path>) -> Result<(), Failure> {
+        let (dataset, default) = (&settings.dataset, DatasetSettings::default());
+        if (dataset.start, dataset.stride, dataset.max_frames) != (default.start, default.stride, default.max_frames) {
+            return Err(Failure::input(
+                "--start, --stride and --max-frames are not used here: a stream has no numbered frames",
+            ));
+        }
+        in_range("--save-interval", self.save_interval, 0.1..=86_400.0)?;
+        if let Some(map) = &self.map {
+            if settings.method.memory().is_none() {
+                let method = settings.method.name().name();
+                return Err(Failure::input(format!("{}: the method {method} has no map to save", map.display())));
+            }
+            let mut inputs = InputPaths::of(settings);
+            if let Some(source) = source {
+                inputs.add_scene(source);
+            }
+            inputs.check_output_file(map)?;
+            ExtraFile::prepare(map, FileKind::MAP, OverwritePolicy::Replace)?;
+        }
+        Ok(())
+    }
+
+    /// Creates the session. Its results go to the terminal, to viewers, and to `outlets`.
+    pub fn session(
+        &self,
+        settings: Settings,
+        stream: &Arc<LiveStream>,
+        mut outlets: Vec<Box<dyn Outlet>>,
+        scene: &str,
+    ) -> Result<LiveSession, Failure> {
+        let options = LiveOptions {
+            saved_map: self.map.clone().map(SavedMap::new),
+            save_interval: Duration::from_secs_f64(self.save_interval),
+            ..LiveOptions::default()
+        };
+        if let Some(address) = self.view {
+            outlets.push(Box::new(view(address, scene)?));
+        }
+        outlets.push(Box::new(TerminalOutlet::new()));
+        let ends: (_, Box<dyn Outlet>) = (Arc::clone(stream), Box::new(outlets));
+        LiveSession::new(builder(settings), self.existing_map(), ends, options).map_err(Failure::input)
+    }
+
+    /// Prints what was done.
+    pub fn report(&self, session: &LiveSession, stream: &LiveStream) {
+        for source in stream.sources() {
+            say_error!("  {source}");
+        }
+        let status = session.status();
+        say!("{} frames, {} objects; {}", status.frames, status.objects, stream.counts());
+        say!("{}", session.latest_times());
+        if let Some(map) = &self.map {
+            say!("map: {}; objects: {}", map.display(), SavedMap::new(map.clone()).objects().display());
+        }
+    }
+}
+
+/// Checks a number.
+pub fn in_range(option: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), Failure> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    let (least, most) = range.into_inner();
+    Err(Failure::input(format!("{option}: found {value}, expected {least} to {most}")))
+}
+
+/// A server for viewers, whose links are printed.
+fn view(address: SocketAddr, scene: &str) -> Result<ViewOutlet, Failure> {
+    // Whoever names an address that others can reach wants it to be reached.
+    let reach = if address.ip().is_loopback() { Reach::Loopback } else { Reach::Network };
+    let options = ViewOptions { address, reach, scene: scene.to_owned(), ..ViewOptions::default() };
+    let view = ViewOutlet::start(options).map_err(Failure::input)?;
+    say_error!("view:     {}\nFoxglove: {}", view.server().link(), view.server().foxglove_link());
+    Ok(view)
+}
+
+/// Builds pipelines that share their networks.
+fn builder(settings: Settings) -> BuildPipeline {
+    let networks = Arc::new(LoadedNetworks::default());
+    Box::new(move |map| {
+        let mut builder = Pipeline::builder(&settings).networks(&networks);
+        if let Some(map) = map {
+            builder = builder.saved_memory(map);
+        }
+        builder.build()
+    })
+}
