@@ -99,6 +99,25 @@ fn recordings_of_other_programs_give_the_same_frames_as_a_stream() {
 }
 
 #[test]
+fn a_consumer_that_waited_before_the_first_message_gets_the_same_poses() {
+    let messages = messages(&fs::read(data("room.mcap")).unwrap());
+    let poses = |is_waiting: bool| {
+        let mut matcher = FrameMatcher::new(&DatasetSettings::default(), no_frame_is_dropped()).unwrap();
+        if is_waiting {
+            let first = messages[0].at;
+            assert!(matcher.take(first - Duration::from_secs(10)).is_none() && matcher.take(first).is_none());
+        }
+        messages.iter().for_each(|message| feed(&mut matcher, message));
+        matcher.flush();
+        let frames = take_all(&mut matcher, Duration::ZERO);
+        (frames.iter().map(|frame| frame.world_from_camera).collect::<Vec<_>>(), matcher.sources().to_vec())
+    };
+    let (expected, sources) = poses(false);
+    assert!(expected.iter().any(Option::is_some));
+    assert_eq!(poses(true), (expected, sources));
+}
+
+#[test]
 fn a_consumer_that_is_always_ready_misses_nothing() {
     let settings = settings("camera/color/image_raw/compressed", "aligned_depth_to_color", "/tf").with(|s| {
         s.depth = Some("/camera/aligned_depth_to_color/image_raw/compressedDepth".to_owned());

@@ -84,7 +84,8 @@ fn published(endpoints: &Endpoints, stream: &LiveStream) -> BTreeMap<(String, St
         if endpoints.is_own(data.key) || !stream.wants(name, &type_name) {
             continue;
         }
-        let reliable = matches!(data.reliability, Some(Reliability::Reliable { .. }));
+        // Policies that a publisher does not name have the values of DDS 1.4, table 2.2.3: writers are reliable.
+        let reliable = data.reliability != Some(Reliability::BestEffort);
         let latched = data.durability.is_some_and(|durability| durability >= Durability::TransientLocal);
         let is_image = type_name.ends_with("Image");
         let depth = if is_image { IMAGES } else { OTHERS };

@@ -134,8 +134,11 @@ impl FrameMatcher {
     /// Returns the next complete frame, the newest unless [`MatchLimits::complete`] lets more wait. `received` is the
     /// time, as in [`Self::feed`].
     pub fn take(&mut self, received: Duration) -> Option<MatchedFrame> {
-        self.pass_time(received);
-        self.match_frames(false);
+        // Nothing waits before the first message.
+        if self.counts.messages > 0 {
+            self.pass_time(received);
+            self.match_frames(false);
+        }
         let mut frame = self.complete.pop_front()?;
         self.forget(&frame);
         frame.index = usize::try_from(self.counts.frames).unwrap_or(usize::MAX);
@@ -194,7 +197,8 @@ impl FrameMatcher {
             Content::Transforms { .. } => true,
             Content::Images(_) => {
                 let names = [&self.settings.color, &self.settings.depth];
-                is_open && names.iter().any(|name| name.as_deref().is_none_or(|name| name == topic))
+                let is_this = |name: &str| name.trim_start_matches('/') == topic.trim_start_matches('/');
+                is_open && names.iter().any(|name| name.as_deref().is_none_or(is_this))
             }
             Content::Calibrations { .. } | Content::Poses(_) => is_open,
         }
