@@ -213,6 +213,11 @@ class Peer:
         return DataReader(self.participant, Topic(self.participant, f"rt{name}", kind), qos=qos(**quality))
 
 
+def taken(reader):
+    """Messages that have arrived, without the notes that a writer is gone."""
+    return [message for message in reader.take(100) if isinstance(message, IdlStruct)]
+
+
 def qos(reliable=True, latched=False, depth=5):
     reliability = Policy.Reliability.Reliable(duration(milliseconds=100)) if reliable else Policy.Reliability.BestEffort
     durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile

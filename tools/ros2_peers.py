@@ -152,11 +152,11 @@ def watch(arguments):
     latencies, latest, status = [], None, None
     end = time.monotonic() + arguments.seconds
     while time.monotonic() < end:
-        for message in ids.take(100):
+        for message in types.taken(ids):
             stamp = message.header.stamp
             latencies.append((time.time_ns() - stamp.sec * 10**9 - stamp.nanosec) / 1e6)
-        latest = (objects.take(10) or [latest])[-1]
-        status = (diagnostics.take(10) or [status])[-1]
+        latest = (types.taken(objects) or [latest])[-1]
+        status = (types.taken(diagnostics) or [status])[-1]
         time.sleep(0.001)
     if latencies:
         median, late, longest = numpy.percentile(latencies, [50, 95, 100])
