@@ -97,7 +97,7 @@ def cyclone(arguments):
         prepared.append([(writer, types.Serialized(message, at)) for writer, message, at in messages])
     print(f"{len(prepared)} frames", flush=True)
     time.sleep(2)
-    for messages, stamp in paced(prepared, arguments.rate):
+    for messages, stamp in paced(prepared * arguments.repeat, arguments.rate):
         for writer, message in messages:
             writer.write(message.at(stamp))
     time.sleep(2)
@@ -133,7 +133,7 @@ def rclpy(arguments):
         prepared.append([info, *images])
     print(f"{len(prepared)} frames", flush=True)
     time.sleep(2)
-    for messages, (seconds, nanoseconds) in paced(prepared, arguments.rate):
+    for messages, (seconds, nanoseconds) in paced(prepared * arguments.repeat, arguments.rate):
         for publisher, message in zip(publishers, messages, strict=True):
             message.header.frame_id = OPTICAL
             message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanoseconds
@@ -215,6 +215,7 @@ def main():
         peer.add_argument("scene", type=Path, help="folder with frame-000000.color.jpg and so on")
         peer.add_argument("--rate", type=float, default=10, help="frames per second")
         peer.add_argument("--frames", type=int, help="at most this many")
+        peer.add_argument("--repeat", type=int, default=1, help="publish them this many times")
         peer.add_argument("--width", type=int, help="resize the images to this width")
         peer.add_argument("--best-effort", action="store_true", help="offer images and camera info as best effort")
     reader = commands.add_parser("watch")

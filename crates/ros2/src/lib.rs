@@ -17,10 +17,12 @@ mod requests;
 mod service;
 mod sim_time;
 mod subscriptions;
+#[cfg(test)]
+mod tests;
 
 pub use domain::{DiscoveryRange, Domain};
 pub use error::Ros2Error;
 pub use names::NodeName;
-pub use node::Ros2Node;
+pub use node::{Report, Ros2Node};
 pub use outlet::Ros2Outlet;
 pub use parameters::ParameterValue;
