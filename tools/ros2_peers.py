@@ -41,7 +41,11 @@ def frames(scene, count, width):
             image, depth = image.resize(size), depth.resize(size, Picture.Resampling.NEAREST)
         depth = numpy.asarray(depth).astype("<u2")
         # 65535 stands for no depth in 7-Scenes.
-        yield numpy.asarray(image), numpy.where(depth == 65535, 0, depth).astype("<u2"), numpy.loadtxt(f"{stem}.pose.txt")
+        yield (
+            numpy.asarray(image),
+            numpy.where(depth == 65535, 0, depth).astype("<u2"),
+            numpy.loadtxt(f"{stem}.pose.txt"),
+        )
 
 
 def intrinsics(scene, scale):
@@ -160,8 +164,10 @@ def watch(arguments):
         time.sleep(0.001)
     if latencies:
         median, late, longest = numpy.percentile(latencies, [50, 95, 100])
-        print(f"{len(latencies)} id images; from stamp to receipt: median {median:.0f} ms, 95 % {late:.0f} ms, "
-              f"longest {longest:.0f} ms")
+        print(
+            f"{len(latencies)} id images; from stamp to receipt: median {median:.0f} ms, 95 % {late:.0f} ms, "
+            f"longest {longest:.0f} ms"
+        )
     if status:
         print("; ".join(f"{value.key} {value.value}" for value in status.status[0].values))
     if latest and arguments.objects:

@@ -7,6 +7,7 @@ mod arrays;
 mod command;
 mod errors;
 mod evaluation;
+mod live;
 mod pictures;
 mod pipeline;
 mod sam2;
@@ -23,6 +24,8 @@ mod _splatseg {
     use super::command::run_command;
     #[pymodule_export]
     use super::evaluation::evaluate;
+    #[pymodule_export]
+    use super::live::Live;
     #[pymodule_export]
     use super::pictures::{overlay_png, segment_color};
     #[pymodule_export]

@@ -21,6 +21,7 @@ from . import rerun
 from ._splatseg import __version__, segment_color
 from .evaluation import Scores, evaluate
 from .frame import Frame
+from .live import Live
 from .memory import Memory
 from .objects import BestView, FoundObject, FrameStamp, Object, ObjectSighting, Shape
 from .pipeline import FastSamSplat, Pipeline, Sam2Splat
@@ -38,6 +39,7 @@ __all__ = [
     "Frame",
     "FrameStamp",
     "Graph",
+    "Live",
     "Memory",
     "Object",
     "ObjectSighting",
