@@ -6,6 +6,7 @@
 mod error;
 mod latest_times;
 mod outlet;
+mod recorder;
 mod requests;
 mod results;
 mod saved_map;

@@ -1,8 +1,11 @@
 //! The stream's messages, fed by threads that receive them.
 
+use crate::recorder::Recorder;
 use splatseg_dataset::{
     CoordinateFrames, DatasetError, DatasetSettings, FrameMatcher, MatchCounts, MatchLimits, MatchedFrame,
 };
+use std::io;
+use std::path::Path;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -13,7 +16,6 @@ const CLOCK_CHECK: Duration = Duration::from_millis(20);
 const WITHOUT_DROPS: usize = 1024;
 
 /// A [`FrameMatcher`] that several threads share: some feed it, one takes frames.
-#[derive(Debug)]
 pub struct LiveStream {
     state: Mutex<State>,
     clock: Clock,
@@ -30,9 +32,9 @@ enum Clock {
     Messages,
 }
 
-#[derive(Debug)]
 struct State {
     matcher: FrameMatcher,
+    recorder: Option<Recorder>,
     is_over: bool,
     /// Time of receipt of the latest message.
     received: Duration,
@@ -59,8 +61,29 @@ impl LiveStream {
 
     fn with_clock(settings: &DatasetSettings, limits: MatchLimits, clock: Clock) -> Result<Self, DatasetError> {
         let matcher = FrameMatcher::new(settings, limits)?;
-        let state = Mutex::new(State { matcher, is_over: false, received: Duration::ZERO });
+        let state = Mutex::new(State { matcher, recorder: None, is_over: false, received: Duration::ZERO });
         Ok(Self { state, clock, has_news: Condvar::new(), has_room: Condvar::new() })
+    }
+
+    /// Records what is used from now on: the images of the frames that are taken, and all poses and calibrations. A session
+    /// that is fed with them without drops uses the same frames. The file appears at `path` only after
+    /// [`Self::finish_recording`].
+    ///
+    /// # Errors
+    /// If no file can be written there.
+    pub fn record(&self, path: &Path) -> io::Result<()> {
+        let recorder = Recorder::create(path)?;
+        self.lock().recorder = Some(recorder);
+        Ok(())
+    }
+
+    /// Ends the recording, if there is one.
+    ///
+    /// # Errors
+    /// If the file could not be written.
+    pub fn finish_recording(&self) -> io::Result<()> {
+        let recorder = self.lock().recorder.take();
+        recorder.map_or(Ok(()), Recorder::finish)
     }
 
     /// Returns the time since the Unix epoch.
@@ -81,7 +104,11 @@ impl LiveStream {
         if state.is_over {
             return;
         }
-        state.matcher.feed(topic, type_name, data, received);
+        let State { matcher, recorder, .. } = &mut *state;
+        if let Some(recorder) = recorder.as_mut().filter(|_| matcher.wants(topic, type_name)) {
+            recorder.receive((topic, type_name), data, received);
+        }
+        matcher.feed(topic, type_name, data, received);
         state.received = received;
         self.has_news.notify_one();
         while self.clock == Clock::Messages && state.matcher.complete_frames() > 0 && !state.is_over {
@@ -105,6 +132,9 @@ impl LiveStream {
         loop {
             let now = if self.clock == Clock::System { Self::now() } else { state.received };
             if let Some(frame) = state.matcher.take(now) {
+                if let Some(recorder) = &mut state.recorder {
+                    recorder.use_frame(&frame);
+                }
                 self.has_room.notify_all();
                 return Some(frame);
             }

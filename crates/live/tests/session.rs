@@ -2,7 +2,7 @@
 
 use splatseg::settings::SettingsLayers;
 use splatseg::{Pipeline, Settings};
-use splatseg_dataset::{DatasetSettings, read_messages};
+use splatseg_dataset::{DatasetSettings, MatchLimits, read_messages};
 use splatseg_live::{
     BuildPipeline, LiveOptions, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, SavedMap,
 };
@@ -177,4 +177,48 @@ fn bytes_that_are_no_messages_are_counted() {
     }
     assert_eq!(setting.stream.counts().messages, 3);
     assert!(setting.stream.wait(Duration::from_millis(1)).is_none());
+}
+
+#[test]
+fn a_recording_of_what_was_used_gives_the_same_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let [live, replayed] = ["live.ply", "replayed.ply"].map(|name| SavedMap::new(folder.path().join(name)));
+    let (used, mut dataset) = (folder.path().join("used.mcap"), DatasetSettings::default());
+    dataset.world_frame = Some("map".to_owned());
+    let run = |stream: LiveStream, file: &Path, saved: &SavedMap, record: Option<&Path>| {
+        let stream = Arc::new(stream);
+        if let Some(path) = record {
+            stream.record(path).unwrap();
+        }
+        let settings: Settings = SettingsLayers::default().resolve().unwrap();
+        let build: BuildPipeline = Box::new(move |_| Pipeline::builder(&settings).build());
+        let options = LiveOptions { saved_map: Some(saved.clone()), ..LiveOptions::default() };
+        let ends: (_, Box<dyn Outlet>) = (Arc::clone(&stream), Box::new(splatseg_live::Silent));
+        let mut session = LiveSession::new(build, None, ends, options).unwrap();
+        let feed = || {
+            read_messages(file, &mut |message| {
+                stream.feed_at((message.topic, message.type_name), message.data, message.recorded);
+                Ok(())
+            })
+            .unwrap();
+            stream.end();
+        };
+        std::thread::scope(|scope| {
+            if record.is_some() {
+                // Before the session looks, so that frames are dropped.
+                feed();
+            } else {
+                scope.spawn(feed);
+            }
+            session.run(&mut || false).unwrap();
+        });
+        stream.finish_recording().unwrap();
+        session.status().frames
+    };
+    let limits = MatchLimits { complete: 2, pose_wait: Duration::from_secs(5), ..MatchLimits::default() };
+    let frames = run(LiveStream::new(&dataset, limits).unwrap(), &recording(), &live, Some(&used));
+    assert_eq!(frames, 2, "the newest of four frames");
+    assert_eq!(run(LiveStream::without_drops(&dataset).unwrap(), &used, &replayed, None), 2);
+    let bytes = |saved: &SavedMap| std::fs::read(saved.map()).unwrap();
+    assert!(bytes(&live) == bytes(&replayed));
 }

@@ -1,5 +1,9 @@
 //! Definitions of message types, for the schemas in recordings.
 
+use crate::{
+    CameraInfo, CompressedImage, Image, Odometry, PoseStamped, PoseWithCovarianceStamped, TfMessage, TransformStamped,
+};
+
 /// The definition of a message type.
 #[derive(Clone, Copy, Debug)]
 pub struct Interface {
@@ -18,6 +22,22 @@ pub trait Message {
 }
 
 impl Interface {
+    /// Returns the definition of a type that a camera, its poses or its calibration may have, e.g.
+    /// `sensor_msgs/msg/Image`.
+    pub fn of_camera(name: &str) -> Option<Self> {
+        let all = [
+            Image::INTERFACE,
+            CompressedImage::INTERFACE,
+            CameraInfo::INTERFACE,
+            TfMessage::INTERFACE,
+            Odometry::INTERFACE,
+            PoseStamped::INTERFACE,
+            PoseWithCovarianceStamped::INTERFACE,
+            TransformStamped::INTERFACE,
+        ];
+        all.into_iter().find(|interface| interface.name == name)
+    }
+
     /// Returns the definition followed by the definitions of all types used in it, as in recordings (`ros2msg`).
     pub fn schema(&self) -> String {
         let mut schema = self.fields.to_owned();

@@ -50,6 +50,11 @@ impl MatchedFrame {
         self.frame.stamp
     }
 
+    /// Returns the topic of its colour image and the message, in CDR, and those of its depth image.
+    pub fn images(&self) -> [(&str, &[u8]); 2] {
+        [(&self.reader.color.topic, &self.color), (&self.reader.depth.topic, &self.depth)]
+    }
+
     /// Returns when the second of its images was received, as passed to [`FrameMatcher::feed`](crate::FrameMatcher::feed).
     pub fn received(&self) -> Duration {
         self.received

@@ -18,6 +18,7 @@
 
 mod recording;
 mod scene_update;
+mod stream_recording;
 
 use crate::error::saved_state;
 use crate::ros_messages::{self, CameraPose, IdPixels, PointBytes, ShownObject};
@@ -33,6 +34,7 @@ use splatseg_ros::Time;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::PathBuf;
+pub use stream_recording::StreamRecording;
 
 /// Interval between frames without timestamps, nanoseconds: 30 frames per second.
 const FRAME_INTERVAL: i64 = 33_333_333;

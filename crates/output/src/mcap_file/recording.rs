@@ -6,7 +6,7 @@ use mcap::write::NoSeek;
 use mcap::{McapError, WriteOptions, Writer};
 use serde::Serialize;
 use splatseg_files::AtomicFile;
-use splatseg_ros::{Message, to_cdr};
+use splatseg_ros::{Interface, Message, to_cdr};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
@@ -21,7 +21,7 @@ pub(super) const START: &[u8] = b"\x89MCAP0\r\n\x01\x10\0\0\0\0\0\0\0\0\0\0\0\x0
 pub(super) struct Recording {
     writer: Writer<NoSeek<AtomicFile>>,
     /// Channel id of each topic that has messages.
-    channels: BTreeMap<&'static str, u16>,
+    channels: BTreeMap<String, u16>,
 }
 
 /// Description of a message type.
@@ -74,9 +74,17 @@ impl Recording {
         self.write_bytes(topic, schema, time, &data)
     }
 
+    /// Writes a message of a camera that is in CDR already. Messages of other types are left out.
+    pub(super) fn write_cdr(&mut self, topic: &str, type_name: &str, time: i64, data: &[u8]) -> io::Result<()> {
+        let Some(interface) = Interface::of_camera(type_name) else { return Ok(()) };
+        let schema =
+            || Schema { name: interface.name, encoding: "ros2msg", text: interface.schema(), message_encoding: "cdr" };
+        self.write_bytes(topic, schema, time, data)
+    }
+
     fn write_bytes<'a>(
         &mut self,
-        topic: &'static str,
+        topic: &str,
         schema: impl FnOnce() -> Schema<'a>,
         time: i64,
         data: &[u8],
@@ -89,7 +97,7 @@ impl Recording {
                 let metadata = BTreeMap::new();
                 let id = id.and_then(|id| self.writer.add_channel(id, topic, schema.message_encoding, &metadata));
                 let id = id.map_err(io_error)?;
-                self.channels.insert(topic, id);
+                self.channels.insert(topic.to_owned(), id);
                 id
             }
         };

@@ -70,6 +70,7 @@ pub fn live(arguments: &LiveArguments, program: &[OsString]) -> Result<(), Failu
     let stream = Arc::new(stream.map_err(Failure::input)?);
     let scene = arguments.source.display().to_string();
     let mut session = arguments.session.session(settings, &stream, Vec::new(), &scene)?;
+    arguments.session.start_recording(&stream)?;
     let pace = if arguments.every_frame { Pace::EveryFrame } else { Pace::Speed(arguments.speed) };
     let player = play(arguments.source.clone(), Arc::clone(&stream), pace)?;
     let ended = session.run(&mut || signals.received().is_some());
@@ -79,6 +80,7 @@ pub fn live(arguments: &LiveArguments, program: &[OsString]) -> Result<(), Failu
     if session.status().frames > 0 {
         arguments.session.report(&session, &stream);
     }
+    arguments.session.finish_recording(&stream)?;
     ended.map_err(Failure::runtime)?;
     played.map_err(|_| Failure::runtime("playing the recording failed"))?.map_err(Failure::input)?;
     match (session.status().frames, stream.undecided()) {

@@ -70,6 +70,7 @@ pub fn ros2(arguments: &Ros2Arguments, program: &[OsString]) -> Result<(), Failu
     let outlet = node.outlet().map_err(Failure::runtime)?;
     let full_name = node.full_name();
     let mut session = arguments.session.session(settings, &stream, vec![Box::new(outlet)], &full_name)?;
+    arguments.session.start_recording(&stream)?;
     say_error!("node {full_name}, domain {}, visible to {}", domain.id, domain.range);
     if domain.range == DiscoveryRange::Localhost {
         say_error!("nodes of other computers: --discovery-range subnet");
@@ -82,6 +83,7 @@ pub fn ros2(arguments: &Ros2Arguments, program: &[OsString]) -> Result<(), Failu
     if session.status().frames > 0 {
         arguments.session.report(&session, &stream);
     }
+    arguments.session.finish_recording(&stream)?;
     ended.map_err(Failure::runtime)
 }
 

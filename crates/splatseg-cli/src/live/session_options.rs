@@ -25,6 +25,9 @@ pub struct SessionOptions {
     /// Seconds between two saves of the map
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     pub save_interval: f64,
+    /// Record what is used of the stream; `live FILE.mcap --every-frame` then gives the same map
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
     /// Show it in the browser and in Foxglove. An address that is given may be one that other computers reach
     #[arg(
         long,
@@ -75,6 +78,26 @@ impl SessionOptions {
             inputs.check_output_file(map)?;
             ExtraFile::prepare(map, FileKind::MAP, OverwritePolicy::Replace)?;
         }
+        match &self.record {
+            Some(file) if file.symlink_metadata().is_ok() => {
+                Err(Failure::input(format!("{}: exists: choose another file for --record", file.display())))
+            }
+            Some(file) => ExtraFile::prepare(file, FileKind::RECORDING, OverwritePolicy::Keep).map(drop),
+            None => Ok(()),
+        }
+    }
+
+    /// Starts the recording, if there is to be one.
+    pub fn start_recording(&self, stream: &LiveStream) -> Result<(), Failure> {
+        let Some(file) = &self.record else { return Ok(()) };
+        stream.record(file).map_err(|error| Failure::input(format!("{}: {error}", file.display())))
+    }
+
+    /// Ends the recording, if there is one.
+    pub fn finish_recording(&self, stream: &LiveStream) -> Result<(), Failure> {
+        let Some(file) = &self.record else { return Ok(()) };
+        stream.finish_recording().map_err(|error| Failure::runtime(format!("{}: {error}", file.display())))?;
+        say!("recording: {}", file.display());
         Ok(())
     }
 

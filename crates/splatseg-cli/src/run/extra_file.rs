@@ -41,6 +41,8 @@ impl FileKind {
         name: "a recording by splatseg",
         start: McapFile::START,
     };
+    /// What a live session used of its stream.
+    pub const RECORDING: Self = Self { option: "--record", ..Self::MCAP };
 
     /// Returns true if the file at `path` has the first bytes of this kind.
     pub fn is_kind_of(&self, path: &Path) -> bool {
