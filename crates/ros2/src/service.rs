@@ -26,7 +26,7 @@ impl Service {
     pub(crate) fn new(endpoints: &Endpoints, name: &str, type_name: &str, answer: Answer) -> Result<Self, Ros2Error> {
         let [requests, replies] = dds_service(name);
         let dds_type = dds_type(type_name);
-        let part = |part: &str| format!("{}{part}_", dds_type);
+        let part = |part: &str| format!("{dds_type}{part}_");
         let requests = endpoints.dds_reader(requests, part("Request"), Quality::RELIABLE)?;
         let replies = endpoints.dds_writer(replies, part("Response"), Quality::RELIABLE)?;
         Ok(Self { name: name.to_owned(), requests, replies, answer })
