@@ -86,3 +86,24 @@ fn sigterm_ends_it_within_two_seconds() {
     assert!(started.elapsed() < Duration::from_secs(2), "{:?}", started.elapsed());
     assert_eq!(status.code(), Some(0));
 }
+
+#[test]
+fn wrong_names_and_domains_of_a_node_are_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let taken = folder.path().join("taken.mcap");
+    fs::write(&taken, "mine").unwrap();
+    for (arguments, expected) in [
+        (vec!["--domain-id", "102"], "ROS_DOMAIN_ID: found \"102\", expected 0 to 101"),
+        (vec!["--discovery-range", "everywhere"], "ROS_AUTOMATIC_DISCOVERY_RANGE: found \"EVERYWHERE\""),
+        (vec!["--name", "1a"], "/ 1a: not a namespace and a name"),
+        (vec!["--namespace", "robot"], "robot splatseg: not a namespace"),
+        (vec!["--stride", "2"], "--stride"),
+        (vec!["--method", "fastsam", "--map", "home.ply"], "has no map to save"),
+        (vec!["--record", taken.to_str().unwrap()], "exists: choose another file for --record"),
+    ] {
+        let ended = finish(splatseg().arg("ros2").args(&arguments));
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{arguments:?}: {}", ended.err);
+        assert!(ended.err.contains(expected), "{arguments:?}: {}", ended.err);
+    }
+    assert_eq!(fs::read_to_string(&taken).unwrap(), "mine");
+}
