@@ -1,6 +1,8 @@
 """Display in notebooks, supervision and Rerun."""
 
 import struct
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -62,6 +64,33 @@ def test_rerun(tmp_path, room):
         "/world/map",
     }
     assert expected | {"/world/boxes"} <= entities(tmp_path / "test.rrd")
+
+
+def test_a_slow_viewer_delays_no_frame(tmp_path, room, monkeypatch):
+    rr = pytest.importorskip("rerun")
+    pipeline = ss.FastSamSplat(segmenter="graph")
+    stream = rr.RecordingStream("test")
+    stream.save(tmp_path / "test.rrd")
+    # The viewer takes the first frame, and nothing more until all others have come.
+    may_go_on, log_frame, frames = threading.Event(), ss.rerun._log_frame, []
+
+    def slow(result, frame, recording):
+        frames.append(frame)
+        log_frame(result, frame, recording)
+        assert may_go_on.wait(20)
+
+    monkeypatch.setattr(ss.rerun, "_log_frame", slow)
+    with ss.rerun.Logger(stream) as logger:
+        for frame in room:
+            logger.log(step(pipeline, frame), pipeline)
+            while not frames:
+                time.sleep(0.001)
+        may_go_on.set()
+    assert frames == [0, len(room) - 1] and logger.dropped == len(room) - 2
+    stream.flush()
+    del stream
+    assert {"/world/camera/image/ids", "/world/map", "/world/boxes"} <= entities(tmp_path / "test.rrd")
+
 
 
 def test_view(tmp_path):

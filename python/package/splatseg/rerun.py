@@ -8,19 +8,30 @@
     for f in ss.open_scene("kitchen"):
         r = seg.step(f.rgb, f.depth, K=f.K, camera_to_world=f.camera_to_world, timestamp=f.timestamp)
         ss.rerun.log(r, seg)
+
+With a live camera, log on another thread, so that a slow viewer delays no frame::
+
+    with ss.rerun.Logger() as logger:
+        ...
+        logger.log(r, seg)
 """
 
 from __future__ import annotations
 
+import threading
+import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import _splatseg
 
 if TYPE_CHECKING:
     import rerun
 
+    from .objects import Shape
     from .pipeline import Pipeline
     from .result import StepResult
 
@@ -36,9 +47,15 @@ def log(
 
     Logs to ``recording``, by default Rerun's current recording. Ids have the same colours as in overlays.
     """
+    frame = pipeline.frames - 1 if pipeline is not None else None
+    _log_frame(result, frame, recording)
+    if pipeline is not None and frame is not None and frame % _MAP_EVERY == 0:
+        log_map(pipeline, recording=recording)
+
+
+def _log_frame(result: StepResult, frame: int | None, recording: rerun.RecordingStream | None) -> None:
     import rerun as rr
 
-    frame = pipeline.frames - 1 if pipeline is not None else None
     if frame is not None:
         rr.set_time("frame", sequence=frame, recording=recording)
     if result.timestamp is not None:
@@ -67,31 +84,105 @@ def log(
         ),
         recording=recording,
     )
-    if pipeline is not None and frame is not None and frame % _MAP_EVERY == 0:
-        log_map(pipeline, recording=recording)
 
 
 def log_map(pipeline: Pipeline, *, recording: rerun.RecordingStream | None = None) -> None:
     """Logs the map as points in their objects' colours, and a box with its id for each object."""
-    import rerun as rr
+    if shown := _Map.of(pipeline):
+        shown.log(recording)
 
-    if not pipeline._pipeline.has_memory:
-        return
-    memory = pipeline.memory
-    ids = memory.segment_ids
-    shown_ids, of_point = np.unique(ids, return_inverse=True)
-    palette = [_splatseg.segment_color(int(id)) if id else (128, 128, 128) for id in shown_ids]
-    colors = np.array(palette, dtype=np.uint8).reshape(-1, 3)[of_point]
-    points = rr.Points3D(memory.means, colors=colors, radii=memory.radii)
-    rr.log("world/map", points, recording=recording)
-    entries = [entry for entry in pipeline.objects() if entry.state == "remembered"]
-    shown = [(entry.id, entry.shape) for entry in entries if entry.shape is not None]
-    boxes = rr.Boxes3D(
-        centers=[shape.center for _, shape in shown],
-        sizes=[shape.size for _, shape in shown],
-        quaternions=[rr.Quaternion(xyzw=shape.rotation) for _, shape in shown],
-        colors=[_splatseg.segment_color(id) for id, _ in shown],
-        labels=[str(id) for id, _ in shown],
-        show_labels=False,
-    )
-    rr.log("world/boxes", boxes, recording=recording)
+
+@dataclass(frozen=True)
+class _Map:
+    """What is shown of a map."""
+
+    means: NDArray[np.float32]
+    radii: NDArray[np.float32]
+    ids: NDArray[np.uint32]
+    shapes: list[tuple[int, Shape]]
+
+    @classmethod
+    def of(cls, pipeline: Pipeline) -> _Map | None:
+        if not pipeline._pipeline.has_memory:
+            return None
+        memory = pipeline.memory
+        entries = [entry for entry in pipeline.objects() if entry.state == "remembered"]
+        shapes = [(entry.id, entry.shape) for entry in entries if entry.shape is not None]
+        return cls(memory.means, memory.radii, memory.segment_ids, shapes)
+
+    def log(self, recording: rerun.RecordingStream | None) -> None:
+        import rerun as rr
+
+        shown_ids, of_point = np.unique(self.ids, return_inverse=True)
+        palette = [_splatseg.segment_color(int(id)) if id else (128, 128, 128) for id in shown_ids]
+        colors = np.array(palette, dtype=np.uint8).reshape(-1, 3)[of_point]
+        rr.log("world/map", rr.Points3D(self.means, colors=colors, radii=self.radii), recording=recording)
+        boxes = rr.Boxes3D(
+            centers=[shape.center for _, shape in self.shapes],
+            sizes=[shape.size for _, shape in self.shapes],
+            quaternions=[rr.Quaternion(xyzw=shape.rotation) for _, shape in self.shapes],
+            colors=[_splatseg.segment_color(id) for id, _ in self.shapes],
+            labels=[str(id) for id, _ in self.shapes],
+            show_labels=False,
+        )
+        rr.log("world/boxes", boxes, recording=recording)
+
+
+class Logger:
+    """Logs frames like :func:`log`, on a thread of its own. The newest frame replaces one that was not logged yet.
+
+    The map is logged every ``map_interval`` seconds, while the viewer keeps up. ``recording`` is by default Rerun's current
+    recording. ``dropped`` counts the frames that were replaced.
+    """
+
+    def __init__(self, recording: rerun.RecordingStream | None = None, *, map_interval: float = 2.0) -> None:
+        import rerun as rr
+
+        self.dropped = 0
+        self._recording = recording or rr.get_data_recording()
+        self._map_interval, self._map_logged = map_interval, -float("inf")
+        self._news = threading.Condition()
+        self._frame: tuple[StepResult, int | None] | None = None
+        self._map: _Map | None = None
+        self._is_busy = self._is_over = False
+        self._thread = threading.Thread(target=self._run, name="rerun", daemon=True)
+        self._thread.start()
+
+    def log(self, result: StepResult, pipeline: Pipeline | None = None) -> None:
+        """Passes a frame on, and at times the map of ``pipeline``, and returns at once."""
+        now = time.monotonic()
+        shown = None
+        if pipeline is not None and not self._is_busy and now - self._map_logged >= self._map_interval:
+            self._map_logged, shown = now, _Map.of(pipeline)
+        with self._news:
+            self.dropped += self._frame is not None
+            self._frame = (result, pipeline.frames - 1 if pipeline is not None else None)
+            self._map = shown or self._map
+            self._news.notify()
+
+    def close(self) -> None:
+        """Logs what is left, and ends the thread."""
+        with self._news:
+            self._is_over = True
+            self._news.notify()
+        self._thread.join()
+
+    def __enter__(self) -> Logger:  # noqa: PYI034 (Self needs Python 3.11)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        while True:
+            with self._news:
+                self._is_busy = False
+                self._news.wait_for(lambda: self._frame is not None or self._is_over)
+                frame, self._frame = self._frame, None
+                shown, self._map = self._map, None
+                self._is_busy = True
+            if frame is None:
+                return
+            _log_frame(*frame, self._recording)
+            if shown is not None:
+                shown.log(self._recording)
