@@ -159,7 +159,12 @@ mod tests {
             }).collect();
             let found = find_motion(&pairs, seed).unwrap();
             let (distance, angle) = se3::size(&(truth.inverse() * found.pose));
-            prop_assert!(found.inliers >= 30 && distance < 0.01 && angle < 0.01, "{} {distance} {angle}", found.inliers);
+            let agrees = |pair: &PointPair| found.pose.to_world(pair.here).as_vec3().distance(pair.there) <= pair.tolerance();
+            prop_assert!(pairs.iter().step_by(3).all(agrees), "{} {distance} {angle}", found.inliers);
+            // A wrong pair that happens to agree moves the result, too.
+            if found.inliers == 30 {
+                prop_assert!(distance < 0.01 && angle < 0.01, "{distance} {angle}");
+            }
         }
     }
 
