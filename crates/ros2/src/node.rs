@@ -20,6 +20,9 @@ const DISCOVERY: Duration = Duration::from_millis(200);
 /// Longest time that a message waits if its arrival goes unnoticed, and that the end of the node takes.
 const LONGEST_WAIT: Duration = Duration::from_millis(50);
 
+/// Time after which it is reported that nothing is published that the session may use.
+const NOTHING_YET: Duration = Duration::from_secs(5);
+
 /// Told what the node does, a sentence each: topics that it subscribes to, and problems.
 pub type Report = Box<dyn Fn(&str) + Send>;
 
@@ -92,6 +95,8 @@ impl Ros2Node {
             outlet: self.outlet.clone(),
             stream,
             subscriptions: Subscriptions::new(),
+            nothing_since: Some(Instant::now()),
+            domain: self.domain,
             report,
         };
         let is_over = || Arc::clone(&self.is_over);
@@ -150,6 +155,9 @@ struct Topics {
     outlet: Option<Arc<Shared>>,
     stream: Arc<LiveStream>,
     subscriptions: Subscriptions,
+    /// Since when nothing has been subscribed to; `None` once there is something, or it is reported.
+    nothing_since: Option<Instant>,
+    domain: Domain,
     report: Report,
 }
 
@@ -178,6 +186,13 @@ impl Topics {
         match self.subscriptions.update(&self.endpoints, &self.stream) {
             Ok(changes) => changes.iter().for_each(|change| (self.report)(change)),
             Err(error) => (self.report)(&error.to_string()),
+        }
+        if !self.subscriptions.is_empty() {
+            self.nothing_since = None;
+        } else if self.nothing_since.is_some_and(|since| since.elapsed() >= NOTHING_YET) {
+            self.nothing_since = None;
+            let (others, Domain { id, range }) = (Subscriptions::other_topics(&self.endpoints), self.domain);
+            (self.report)(&format!("no camera yet: {others} in domain {id}, on {range}"));
         }
         if let Some(outlet) = &self.outlet {
             outlet.update_wanted(&self.endpoints, &self.name);

@@ -3,9 +3,10 @@
 use crate::Ros2Error;
 use crate::endpoints::{Endpoints, Quality, Reader};
 use crate::names::{topic_of, type_of};
+use rustdds::discovery::PublicationBuiltinTopicData;
 use rustdds::policy::{Durability, Reliability};
 use splatseg_live::LiveStream;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::task::Waker;
 
 /// Messages kept of a topic with images, and of one with other messages.
@@ -13,6 +14,8 @@ const IMAGES: i32 = 5;
 const OTHERS: i32 = 100;
 /// Maximum number of messages taken from a topic before the others have their turn.
 const TURN: usize = 32;
+/// Maximum number of topics that are named where none is suitable.
+const NAMED: usize = 10;
 
 /// Readers of all topics that may be used; once the session has chosen some, of these.
 pub(crate) struct Subscriptions {
@@ -51,6 +54,27 @@ impl Subscriptions {
             self.readers.insert((name, type_name), (reader, quality));
         }
         Ok(changes)
+    }
+
+    /// True if nothing is subscribed to.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.readers.is_empty()
+    }
+
+    /// Says which topics other nodes publish, e.g. `found /chatter (std_msgs/msg/String)`.
+    pub(crate) fn other_topics(endpoints: &Endpoints) -> String {
+        let writers = endpoints.participant().discovered_writers();
+        let others = writers.iter().map(|writer| &writer.publication_topic_data);
+        let topic = |data: &PublicationBuiltinTopicData| {
+            Some(format!("{} ({})", topic_of(&data.topic_name)?, type_of(&data.type_name)?))
+        };
+        let topics: BTreeSet<String> = others.filter(|data| !endpoints.is_own(data.key)).filter_map(topic).collect();
+        let (count, first) = (topics.len(), topics.into_iter().take(NAMED).collect::<Vec<_>>());
+        match count {
+            0 => "no other node publishes".to_owned(),
+            count if count > NAMED => format!("found {} and {} more topics", first.join(", "), count - NAMED),
+            _ => format!("found {}", first.join(", ")),
+        }
     }
 
     /// Feeds the session with what has arrived. Returns true if there may be more.
