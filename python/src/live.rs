@@ -6,16 +6,14 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PyBytes, PyDict};
-use splatseg::Settings;
-use splatseg::pipeline::LoadedNetworks;
 use splatseg::settings::SettingsLayers;
 use splatseg_dataset::MatchLimits;
 use splatseg_live::{
-    BuildPipeline, LiveError, LiveOptions, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, Requests,
-    SavedMap,
+    LiveError, LiveOptions, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, Requests, SavedMap,
+    build_with,
 };
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -107,7 +105,7 @@ impl Live {
         let results = Arc::<SharedResults>::default();
         let outlet: Box<dyn Outlet> = Box::new(PythonOutlet(Arc::clone(&results)));
         let ends = (Arc::clone(&stream), outlet);
-        let session = py.detach(|| LiveSession::new(builder(settings), load.as_deref(), ends, options));
+        let session = py.detach(|| LiveSession::new(build_with(settings), load.as_deref(), ends, options));
         let mut session = session.map_err(value_error)?;
         let (requests, is_over) = (session.requests(), Arc::new(AtomicBool::new(false)));
         let of_thread = Arc::clone(&is_over);
@@ -206,16 +204,4 @@ impl Live {
 
 fn name(output: Output) -> String {
     format!("{output:?}").to_lowercase()
-}
-
-/// Builds pipelines that share their networks.
-fn builder(settings: Settings) -> BuildPipeline {
-    let networks = Arc::new(LoadedNetworks::default());
-    Box::new(move |map: Option<&Path>| {
-        let mut builder = splatseg::Pipeline::builder(&settings).networks(&networks);
-        if let Some(map) = map {
-            builder = builder.saved_memory(map);
-        }
-        builder.build()
-    })
 }

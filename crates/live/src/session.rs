@@ -5,8 +5,8 @@ use crate::requests::PendingRequest;
 use crate::results::{Results, send};
 use crate::saved_map::objects;
 use crate::{LiveError, LiveFrame, LiveRequest, LiveStatus, LiveStream, Outlet, Output, Requests, SavedMap};
-use splatseg::Pipeline;
-use splatseg::pipeline::{FrameResult, PipelineError};
+use splatseg::pipeline::{FrameResult, LoadedNetworks, PipelineError};
+use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{MatchedFrame, StreamedFrame};
 use splatseg_memory::SplatMemory;
 use splatseg_objects::{FrameStamp, Object, ObjectList, SeenObjects};
@@ -49,6 +49,18 @@ impl Default for LiveOptions {
 
 /// Makes a pipeline, with a saved map if a path is given.
 pub type BuildPipeline = Box<dyn FnMut(Option<&Path>) -> Result<Pipeline, PipelineError> + Send>;
+
+/// Makes pipelines with these settings, which share their networks.
+pub fn build_with(settings: Settings) -> BuildPipeline {
+    let networks = Arc::new(LoadedNetworks::default());
+    Box::new(move |map| {
+        let mut builder = Pipeline::builder(&settings).networks(&networks);
+        if let Some(map) = map {
+            builder = builder.saved_memory(map);
+        }
+        builder.build()
+    })
+}
 
 /// A pipeline on a stream.
 pub struct LiveSession {

@@ -63,10 +63,12 @@ class SplatsegNode(Node):
 
     def destroy_node(self) -> None:
         """Ends the session, which saves the map, and the node."""
-        self.live.close()
-        self._is_over.set()
-        self._thread.join()
-        super().destroy_node()
+        try:
+            self.live.close()
+        finally:
+            self._is_over.set()
+            self._thread.join()
+            super().destroy_node()
 
     def _class(self, type_name: str) -> Any | None:
         kind = message_class(type_name)

@@ -7,10 +7,9 @@ use crate::options::SettingsOptions;
 use crate::output_folder::OverwritePolicy;
 use crate::run::{ExtraFile, FileKind};
 use clap::Args;
-use splatseg::pipeline::LoadedNetworks;
-use splatseg::{Pipeline, Settings};
+use splatseg::Settings;
 use splatseg_dataset::DatasetSettings;
-use splatseg_live::{BuildPipeline, LiveOptions, LiveSession, LiveStream, Outlet, SavedMap, ViewOutlet};
+use splatseg_live::{LiveOptions, LiveSession, LiveStream, Outlet, SavedMap, ViewOutlet, build_with};
 use splatseg_view::{Reach, ViewOptions};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -119,7 +118,7 @@ impl SessionOptions {
         }
         outlets.push(Box::new(TerminalOutlet::new()));
         let ends: (_, Box<dyn Outlet>) = (Arc::clone(stream), Box::new(outlets));
-        LiveSession::new(builder(settings), self.existing_map(), ends, options).map_err(Failure::input)
+        LiveSession::new(build_with(settings), self.existing_map(), ends, options).map_err(Failure::input)
     }
 
     /// Prints what was done.
@@ -153,16 +152,4 @@ fn view(address: SocketAddr, scene: &str) -> Result<ViewOutlet, Failure> {
     let view = ViewOutlet::start(options).map_err(Failure::input)?;
     say_error!("view:     {}\nFoxglove: {}", view.server().link(), view.server().foxglove_link());
     Ok(view)
-}
-
-/// Builds pipelines that share their networks.
-fn builder(settings: Settings) -> BuildPipeline {
-    let networks = Arc::new(LoadedNetworks::default());
-    Box::new(move |map| {
-        let mut builder = Pipeline::builder(&settings).networks(&networks);
-        if let Some(map) = map {
-            builder = builder.saved_memory(map);
-        }
-        builder.build()
-    })
 }
