@@ -71,8 +71,12 @@ def formula(name, shape):
         offset, scale = 0, math.sqrt(3 / math.prod(shape[1:]))
     elif leaf == "weight":
         offset, scale = 1, 0.1
-    elif leaf == "bias":
+    elif leaf == "running_var":
+        offset, scale = 1, 0.1
+    elif leaf in ("bias", "running_mean"):
         offset, scale = 0, 0.05
+    elif leaf in ("latents", "latents_2d"):
+        offset, scale = 0, 1
     else:
         offset, scale = 0, 0.02
     values = offset + scale * uniform(name, numpy.arange(math.prod(shape)))

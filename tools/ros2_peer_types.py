@@ -1,5 +1,6 @@
 """Messages of ROS 2 as types of Cyclone DDS, for `ros2_peers.py`. Fields are those of the .msg files."""
 
+import os
 from dataclasses import dataclass
 
 from cyclonedds.domain import DomainParticipant
@@ -204,7 +205,7 @@ class Peer:
     """Readers and writers of ROS 2 topics."""
 
     def __init__(self):
-        self.participant = DomainParticipant(0)
+        self.participant = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
 
     def writer(self, name, kind, **quality):
         return DataWriter(self.participant, Topic(self.participant, f"rt{name}", kind), qos=qos(**quality))

@@ -79,6 +79,12 @@ def paced(items, rate):
         time.sleep(max(0, due - time.monotonic()))
 
 
+def repeated(prepared, arguments):
+    """Frames in the order in which they are published."""
+    for time_around in range(arguments.repeat):
+        yield from reversed(prepared) if arguments.back_and_forth and time_around % 2 else prepared
+
+
 def cyclone(arguments):
     import ros2_peer_types as types
 
@@ -101,7 +107,7 @@ def cyclone(arguments):
         prepared.append([(writer, types.Serialized(message, at)) for writer, message, at in messages])
     print(f"{len(prepared)} frames", flush=True)
     time.sleep(2)
-    for messages, stamp in paced(prepared * arguments.repeat, arguments.rate):
+    for messages, stamp in paced(repeated(prepared, arguments), arguments.rate):
         for writer, message in messages:
             writer.write(message.at(stamp))
     time.sleep(2)
@@ -137,7 +143,7 @@ def rclpy(arguments):
         prepared.append([info, *images])
     print(f"{len(prepared)} frames", flush=True)
     time.sleep(2)
-    for messages, (seconds, nanoseconds) in paced(prepared * arguments.repeat, arguments.rate):
+    for messages, (seconds, nanoseconds) in paced(repeated(prepared, arguments), arguments.rate):
         for publisher, message in zip(publishers, messages, strict=True):
             message.header.frame_id = OPTICAL
             message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanoseconds
@@ -222,6 +228,7 @@ def main():
         peer.add_argument("--rate", type=float, default=10, help="frames per second")
         peer.add_argument("--frames", type=int, help="at most this many")
         peer.add_argument("--repeat", type=int, default=1, help="publish them this many times")
+        peer.add_argument("--back-and-forth", action="store_true", help="every second time in reverse, without a jump")
         peer.add_argument("--width", type=int, help="resize the images to this width")
         peer.add_argument("--best-effort", action="store_true", help="offer images and camera info as best effort")
     reader = commands.add_parser("watch")

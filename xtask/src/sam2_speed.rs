@@ -124,6 +124,7 @@ impl Weights for RandomWeights {
         let fan_in: usize = shape.iter().skip(1).product();
         let (mean, spread) = match (name.rsplit('.').next(), shape.len()) {
             (Some("weight" | "gamma"), 1) => (1.0, 0.1),
+            (Some("running_var"), _) => (1.0, 0.1),
             (Some("weight"), _) => (0.0, (3.0 / fan_in as f32).sqrt()),
             _ => (0.0, 0.02),
         };

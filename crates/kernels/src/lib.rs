@@ -6,6 +6,7 @@
 //! | [`instructions`] | choice of the instruction set, made once for all loops of the workspace |
 //! | [`gemm`] | matrix products: packing, the microkernel, linear layers |
 //! | [`convolution`] | 2D convolution: direct, and Winograd's algorithm |
+//! | [`depthwise`] | depthwise convolution of channels-last maps |
 //! | [`feature_map`] | for small networks: maps that keep their padding, and their convolutions |
 //! | [`attention`] | softmax attention: global, windowed, and axial; rotary position encoding; pooling |
 //! | [`activation`], [`layer_norm`] | element-wise steps between layers |
@@ -22,6 +23,7 @@ pub mod activation;
 pub mod aligned;
 pub mod attention;
 pub mod convolution;
+pub mod depthwise;
 pub mod exp;
 pub mod feature_map;
 pub mod gemm;

@@ -4,31 +4,16 @@
 mod sam2_golden;
 
 use burn::tensor::{Device, Tensor, TensorData};
-use sam2_golden::{FormulaWeights, Golden, Within, assert_close, fnv1a64, uniform};
+use sam2_golden::{FormulaWeights, Golden, VIDEO_SIDE as SIDE, Within, assert_close, formula_video_frame};
 use splatseg_geometry::{Click, Mask, Prompt};
 use splatseg_models::sam2::{ObjectMask, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
 use std::path::Path;
 
-const SIDE: usize = 128;
 const FRAMES: usize = 5;
 const OBJECTS: usize = 3;
 
-/// The formula's frame t, normalised.
 fn input(t: usize) -> Tensor<4> {
-    let (coarse, fine) = (fnv1a64("input.coarse"), fnv1a64(&format!("input.fine.{t}")));
-    let cells = SIDE / 16;
-    let mut values = Vec::with_capacity(3 * SIDE * SIDE);
-    for channel in 0..3 {
-        for y in 0..SIDE {
-            for x in 0..SIDE {
-                let (row, column) = ((y + 2 * t) / 16 % cells, (x + 4 * t) / 16 % cells);
-                let cell = uniform(coarse, (channel * cells + row) * cells + column);
-                let noise = uniform(fine, (channel * SIDE + y) * SIDE + x);
-                values.push((1.5 * cell + 0.5 * noise) as f32);
-            }
-        }
-    }
-    Tensor::from_data(TensorData::new(values, [1, 3, SIDE, SIDE]), &Device::flex())
+    Tensor::from_data(TensorData::new(formula_video_frame(t), [1, 3, SIDE, SIDE]), &Device::flex())
 }
 
 fn network(folder: &Path) -> Sam2Network {

@@ -43,7 +43,7 @@ pub struct RememberedMaps<'a> {
     /// `[tokens, memory]`, without position encodings.
     pub values: &'a [f32],
     /// Number of tokens at the end that have no position.
-    pub pointer_tokens: usize,
+    pub unplaced_tokens: usize,
 }
 
 /// The memory of one object, packed for any number of queries.
@@ -118,11 +118,11 @@ impl AxialKeys {
         out
     }
 
-    fn pack(&self, RememberedMaps { keys, values, pointer_tokens }: RememberedMaps) -> PackedMaps {
+    fn pack(&self, RememberedMaps { keys, values, unplaced_tokens }: RememberedMaps) -> PackedMaps {
         let (width, rows) = (self.memory_dim, self.instructions.rows());
         let tokens = self.side * self.side;
         let count = keys.len() / width;
-        let maps = (count - pointer_tokens) / tokens;
+        let maps = (count - unplaced_tokens) / tokens;
         let group = self.instructions.axial_group();
         let mut packed_keys = vec![0.0; maps * tokens * width];
         packed_keys.par_chunks_mut((maps * width).max(1)).enumerate().for_each(|(place, out)| {
@@ -148,11 +148,11 @@ impl AxialKeys {
             })
             .collect();
         let (mut pointer_keys, mut pointer_values) = (Vec::new(), Vec::new());
-        let pointers = (count - pointer_tokens) * width;
-        pack_rows(keys[pointers..].chunks_exact(width), pointer_tokens, width, rows, &mut pointer_keys);
+        let pointers = (count - unplaced_tokens) * width;
+        pack_rows(keys[pointers..].chunks_exact(width), unplaced_tokens, width, rows, &mut pointer_keys);
         pack_columns(|| values[pointers..].chunks_exact(width), width, rows, &mut pointer_values);
         let values = row_values.concat();
-        PackedMaps { maps, keys: packed_keys, values, pointers: pointer_tokens, pointer_keys, pointer_values }
+        PackedMaps { maps, keys: packed_keys, values, pointers: unplaced_tokens, pointer_keys, pointer_values }
     }
 
     fn attend_panel(&self, queries: &[f32], memory: &PackedMaps, out: &mut [f32], scratch: &mut Scratch) {
@@ -238,7 +238,7 @@ mod tests {
                     bias[channel] + terms.sum::<f32>()
                 };
                 let mut key: Vec<f32> = (0..HIDDEN).map(sum).collect();
-                if token < tokens - memory.pointer_tokens {
+                if token < tokens - memory.unplaced_tokens {
                     rotate(&mut key, &angles[token % (SIDE * SIDE) * HIDDEN / 2..][..HIDDEN / 2], HIDDEN / 2);
                 }
                 key
@@ -265,10 +265,10 @@ mod tests {
         let (weight, bias) = (noise(MEMORY * HIDDEN, 1), noise(HIDDEN, 2));
         let queries = noise(37 * HIDDEN, 3);
         let angles = rotary_angles(SIDE, HIDDEN);
-        for (maps, pointer_tokens) in [(0, 3), (1, 0), (2, 1), (4, 5), (7, 4), (11, 20)] {
-            let len = (maps * SIDE * SIDE + pointer_tokens) * MEMORY;
+        for (maps, unplaced_tokens) in [(0, 3), (1, 0), (2, 1), (4, 5), (7, 4), (11, 20)] {
+            let len = (maps * SIDE * SIDE + unplaced_tokens) * MEMORY;
             let (keys, values) = (noise(len, 4), noise(len, 5));
-            let memory = RememberedMaps { keys: &keys, values: &values, pointer_tokens };
+            let memory = RememberedMaps { keys: &keys, values: &values, unplaced_tokens };
             let expected = expected(&queries, &weight, &bias, memory);
             for instructions in Instructions::available() {
                 let found = AxialKeys::new(&weight, &bias, &angles, SIDE, instructions).attend(&queries, memory);

@@ -1,8 +1,9 @@
-//! Configurations of SAM 2.1.
+//! Configurations of SAM 2.1, and of EdgeTAM, which keeps its interface at less work (Zhou et al. 2025).
 
+use super::encoder::repvit;
 use super::{Sam2Error, Weights};
 
-/// The published sizes, and a miniature for tests.
+/// The published networks, and a miniature for tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Sam2Size {
@@ -16,6 +17,46 @@ pub enum Sam2Size {
     BasePlus,
     /// `sam2.1_hiera_large`: 224 M parameters.
     Large,
+    /// `edgetam`: 14 M parameters.
+    EdgeTam,
+}
+
+/// The image encoder's trunk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum TrunkConfig {
+    /// That of SAM 2.1.
+    Hiera(HieraConfig),
+    /// That of EdgeTAM.
+    RepVit(RepVitConfig),
+}
+
+/// Hyper-parameters of EdgeTAM's trunk, RepViT (Wang et al. 2024; `repvit_m1` in timm).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RepVitConfig {
+    /// Channels of each stage.
+    pub channels: [usize; 4],
+    /// Number of blocks of each stage, without the one that reduces the map.
+    pub depths: [usize; 4],
+}
+
+/// Number of tokens to which EdgeTAM's perceiver compresses the memory of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PerceiverConfig {
+    /// Tokens that see the whole map, and have no position.
+    pub latents: usize,
+    /// Side of the square of tokens that see a part of the map each.
+    pub side: usize,
+}
+
+impl TrunkConfig {
+    /// Channels of each stage.
+    pub fn channels(&self) -> [usize; 4] {
+        match self {
+            Self::Hiera(config) => [0, 1, 2, 3].map(|stage| config.embed_dim << stage),
+            Self::RepVit(config) => config.channels,
+        }
+    }
 }
 
 /// Hyper-parameters of the trunk, Hiera (official `sam2/configs/sam2.1/*.yaml`).
@@ -35,25 +76,27 @@ pub struct HieraConfig {
     pub pos_embed_size: usize,
 }
 
-/// Parameters that differ between the sizes of SAM 2.1.
+/// Parameters that differ between the networks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sam2Config {
     /// The size.
     pub size: Sam2Size,
     /// The image encoder's trunk.
-    pub trunk: HieraConfig,
+    pub trunk: TrunkConfig,
     /// Channels of the feature maps, of prompts and of object pointers.
     pub hidden_dim: usize,
     /// Channels of the spatial memory.
     pub memory_dim: usize,
+    /// Number of layers of memory attention.
+    pub memory_attention_layers: usize,
     /// Hidden channels of memory attention's feed-forward layers.
     pub memory_feed_forward_dim: usize,
+    /// The compression of memories; `None` if whole maps are remembered.
+    pub perceiver: Option<PerceiverConfig>,
     /// Published side of the square network input, in pixels.
     pub image_size: usize,
 }
 
-/// Number of layers of memory attention.
-pub(super) const MEMORY_ATTENTION_LAYERS: usize = 4;
 /// Official `num_maskmem`: besides the conditioning frames, attention sees up to one less than this of the frames just
 /// before.
 pub(super) const NUM_MASK_MEMORIES: usize = 7;
@@ -76,20 +119,29 @@ const fn trunk(
 }
 
 const fn published(size: Sam2Size, trunk: HieraConfig) -> Sam2Config {
-    Sam2Config { size, trunk, hidden_dim: 256, memory_dim: 64, memory_feed_forward_dim: 2048, image_size: 1024 }
+    Sam2Config {
+        size,
+        trunk: TrunkConfig::Hiera(trunk),
+        hidden_dim: 256,
+        memory_dim: 64,
+        memory_attention_layers: 4,
+        memory_feed_forward_dim: 2048,
+        perceiver: None,
+        image_size: 1024,
+    }
 }
 
 impl Sam2Config {
-    /// All sizes.
+    /// All sizes of SAM 2.1.
     pub const ALL: [Self; 5] = [
         Self {
             size: Sam2Size::Mini,
             // The miniature has two global blocks.
-            trunk: trunk(16, 2, [1, 2, 4, 2], [4, 6, 6], 14),
             hidden_dim: 64,
             memory_dim: 16,
             memory_feed_forward_dim: 128,
             image_size: 256,
+            ..published(Sam2Size::Mini, trunk(16, 2, [1, 2, 4, 2], [4, 6, 6], 14))
         },
         published(Sam2Size::Tiny, trunk(96, 1, [1, 2, 7, 2], [5, 7, 9], 7)),
         published(Sam2Size::Small, trunk(96, 1, [1, 2, 11, 2], [7, 10, 13], 7)),
@@ -103,16 +155,57 @@ impl Sam2Config {
     /// Recognises the configuration of a checkpoint by the names and shapes of its tensors.
     ///
     /// # Errors
-    /// If the trunk's first embedding is missing, or no size has this number of blocks and channels.
+    /// If the trunk's first embedding is missing, or no network has this number of blocks and channels.
     pub fn from_weights(weights: &dyn Weights) -> Result<Self, Sam2Error> {
+        if weights.shape(repvit::FIRST_TENSOR).is_some() {
+            return Self::edge_tam(weights);
+        }
         let name = "image_encoder.trunk.patch_embed.proj.bias";
-        let shape = weights.shape(name).ok_or_else(|| Sam2Error::MissingTensor { name: name.into() })?;
-        let embed_dim = shape.first().copied().unwrap_or(0);
-        let is_block = |block: usize| weights.shape(&format!("image_encoder.trunk.blocks.{block}.norm1.weight"));
-        let blocks = (0..).take_while(|block| is_block(*block).is_some()).count();
-        Self::ALL
-            .into_iter()
-            .find(|config| config.trunk.embed_dim == embed_dim && config.trunk.stages.iter().sum::<usize>() == blocks)
-            .ok_or(Sam2Error::UnknownConfiguration { blocks, embed_dim })
+        let embed_dim = first_axis(weights, name)?;
+        let blocks = count(|block| format!("image_encoder.trunk.blocks.{block}.norm1.weight"), weights);
+        let is_found = |config: &Self| {
+            let TrunkConfig::Hiera(trunk) = config.trunk else { return false };
+            trunk.embed_dim == embed_dim && trunk.stages.iter().sum::<usize>() == blocks
+        };
+        Self::ALL.into_iter().find(is_found).ok_or(Sam2Error::UnknownConfiguration { blocks, embed_dim })
     }
+
+    /// The side of the network input must be a multiple of this, in pixels.
+    pub fn image_size_unit(&self) -> usize {
+        self.perceiver.map_or(2 * FEATURE_STRIDE, |perceiver| perceiver.side.next_multiple_of(2) * FEATURE_STRIDE)
+    }
+
+    /// EdgeTAM, of the size that the tensors have.
+    fn edge_tam(weights: &dyn Weights) -> Result<Self, Sam2Error> {
+        let squared = first_axis(weights, "spatial_perceiver.latents_2d")?;
+        let side = squared.isqrt();
+        if side * side != squared {
+            return Err(Sam2Error::TensorShape {
+                name: "spatial_perceiver.latents_2d".into(),
+                found: weights.shape("spatial_perceiver.latents_2d").unwrap_or_default(),
+                expected: vec![side * side],
+            });
+        }
+        Ok(Self {
+            size: Sam2Size::EdgeTam,
+            trunk: TrunkConfig::RepVit(repvit::configuration(weights)?),
+            hidden_dim: first_axis(weights, "memory_attention.norm.bias")?,
+            memory_dim: first_axis(weights, "memory_encoder.out_proj.bias")?,
+            memory_attention_layers: count(|layer| format!("memory_attention.layers.{layer}.norm1.bias"), weights),
+            memory_feed_forward_dim: first_axis(weights, "memory_attention.layers.0.linear1.bias")?,
+            perceiver: Some(PerceiverConfig { latents: first_axis(weights, "spatial_perceiver.latents")?, side }),
+            image_size: 1024,
+        })
+    }
+}
+
+/// Length of the first axis of a tensor.
+pub(super) fn first_axis(weights: &dyn Weights, name: &str) -> Result<usize, Sam2Error> {
+    let shape = weights.shape(name).ok_or_else(|| Sam2Error::MissingTensor { name: name.into() })?;
+    Ok(shape.first().copied().unwrap_or(0))
+}
+
+/// Number of consecutive indices from 0 for which there is a tensor.
+pub(super) fn count(name: impl Fn(usize) -> String, weights: &dyn Weights) -> usize {
+    (0..).take_while(|index| weights.shape(&name(*index)).is_some()).count()
 }

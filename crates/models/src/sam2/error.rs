@@ -1,4 +1,4 @@
-//! Errors of SAM 2.1.
+//! Errors of SAM 2.1 and EdgeTAM.
 
 use thiserror::Error;
 
@@ -23,7 +23,7 @@ pub enum Sam2Error {
         expected: Vec<usize>,
     },
     /// The checkpoint contains a tensor that is not part of the network.
-    #[error("tensor `{name}` is not part of SAM 2.1")]
+    #[error("tensor `{name}` is not part of the network")]
     UnexpectedTensor {
         /// The tensor's name.
         name: String,
@@ -61,7 +61,7 @@ pub enum Sam2Error {
         /// The value found.
         found: String,
         /// The allowed values.
-        expected: &'static str,
+        expected: String,
     },
     /// Frames of one video differ in size.
     #[error("the frame has {}x{} pixels, but the video began with {}x{}", found.0, found.1, expected.0, expected.1)]

@@ -1,4 +1,5 @@
-//! SAM 2.1: promptable segmentation of images and videos (Ravi et al. 2024).
+//! SAM 2.1: promptable segmentation of images and videos (Ravi et al. 2024), and EdgeTAM (Zhou et al. 2025), which has
+//! the same interface at less work: a convolutional trunk, memories of a few tokens, and half of the attention.
 //!
 //! The modules follow the paper's figure: `encoder` (a frame to features), `memory` (an object's memory, and attention
 //! to it), `prompt` (clicks, boxes and masks), `heads` (features and prompts to masks). [`Sam2Network`] combines them;
@@ -19,7 +20,7 @@ mod settings;
 mod video_state;
 mod weights;
 
-pub use config::{HieraConfig, Sam2Config, Sam2Size};
+pub use config::{HieraConfig, PerceiverConfig, RepVitConfig, Sam2Config, Sam2Size, TrunkConfig};
 pub use error::Sam2Error;
 pub use heads::ObjectMask;
 pub use network::{FeatureMaps, Sam2Network};

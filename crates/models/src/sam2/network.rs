@@ -12,7 +12,7 @@ use splatseg_geometry::CowImage;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 
-/// SAM 2.1 with its weights. It has no state: one network serves any number of videos.
+/// SAM 2.1 or EdgeTAM with its weights. It has no state: one network serves any number of videos.
 #[derive(Clone, Debug)]
 pub struct Sam2Network {
     config: Sam2Config,
@@ -45,15 +45,16 @@ impl Sam2Network {
     /// faster, at the cost of thin structures. Position embeddings are interpolated as in the official code.
     ///
     /// # Errors
-    /// If `image_size` is not a positive multiple of 32, or a tensor is missing, unexpected, or of another shape.
+    /// If `image_size` is not a positive multiple of [`Sam2Config::image_size_unit`], or a tensor is missing, unexpected, or of another shape.
     pub fn load(weights: &dyn Weights, image_size: Option<usize>, device: &Device) -> Result<Self, Sam2Error> {
         let config = Sam2Config::from_weights(weights)?;
         let image_size = image_size.unwrap_or(config.image_size);
-        if image_size == 0 || !image_size.is_multiple_of(32) || image_size > 4096 {
+        let unit = config.image_size_unit();
+        if image_size == 0 || !image_size.is_multiple_of(unit) || image_size > 4096 {
             return Err(Sam2Error::Setting {
                 field: "image_size",
                 found: image_size.to_string(),
-                expected: "a multiple of 32 up to 4096",
+                expected: format!("a multiple of {unit} up to 4096"),
             });
         }
         let side = image_size / FEATURE_STRIDE;
@@ -65,7 +66,7 @@ impl Sam2Network {
             device: device.clone(),
             image_encoder: ImageEncoder::load(&reader, &config, image_size)?,
             heads: SamHeads::load(&reader, config.hidden_dim, image_size, side)?,
-            memory_encoder: MemoryEncoder::load(&reader, config.hidden_dim, config.memory_dim)?,
+            memory_encoder: MemoryEncoder::load(&reader, &config, side)?,
             assembly: Assembly::load(&reader, &config, side)?,
             memory_attention: MemoryAttention::load(&reader, &config, side)?,
             no_memory: reader.tensor("no_mem_embed", [1, 1, config.hidden_dim])?,

@@ -60,7 +60,7 @@ impl Sam2PredictorSettings {
     /// Returns the settings if all are in range.
     pub(super) fn validated(self) -> Result<Self, Sam2Error> {
         let setting =
-            |field, found: usize| Sam2Error::Setting { field, found: found.to_string(), expected: "at least 1" };
+            |field, found: usize| Sam2Error::Setting { field, found: found.to_string(), expected: "at least 1".into() };
         match self {
             Self { objects_per_chunk: 0, .. } => Err(setting("objects_per_chunk", 0)),
             Self { max_cond_frames_in_attn: Some(0), .. } => Err(setting("max_cond_frames_in_attn", 0)),

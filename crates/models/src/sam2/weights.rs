@@ -1,6 +1,7 @@
 //! Access to the network's weights, and the reader with which blocks load them.
 
 use super::Sam2Error;
+use super::config::first_axis;
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::transfer::upload;
 use burn::tensor::{Device, Tensor};
@@ -44,6 +45,16 @@ impl<'a> WeightReader<'a> {
     /// The device on which tensors are created.
     pub fn device(&self) -> &Device {
         self.device
+    }
+
+    /// Length of a tensor's first axis.
+    pub fn first_axis(&self, name: &str) -> Result<usize, Sam2Error> {
+        first_axis(self.source, &format!("{}{name}", self.prefix))
+    }
+
+    /// Counts a tensor as read that the network does not need.
+    pub fn ignore(&self, name: &str) {
+        self.read.borrow_mut().insert(format!("{}{name}", self.prefix));
     }
 
     /// Reads the elements of a tensor, row-major.

@@ -114,7 +114,11 @@ pub fn assert_close(what: &str, found: &[f32], expected: &[f32], within: Within)
 }
 
 /// Weights given by a formula of name and index (the reference data's README).
-pub struct FormulaWeights(BTreeMap<String, Vec<usize>>);
+pub struct FormulaWeights {
+    shapes: BTreeMap<String, Vec<usize>>,
+    /// Factors of the tensors whose names have a part.
+    factors: Vec<(String, f32)>,
+}
 
 impl FormulaWeights {
     /// Weights of the names and shapes in `manifest_<size>.json`.
@@ -125,11 +129,14 @@ impl FormulaWeights {
             let shape = entry[1].as_array().unwrap().iter().map(|size| size.as_u64().unwrap() as usize).collect();
             (entry[0].as_str().unwrap().to_owned(), shape)
         };
-        Self(manifest["tensors"].as_array().unwrap().iter().map(entry).collect())
+        let factor =
+            |entry: &serde_json::Value| (entry[0].as_str().unwrap().to_owned(), entry[1].as_f64().unwrap() as f32);
+        let factors = manifest["factors"].as_array().into_iter().flatten().map(factor).collect();
+        Self { shapes: manifest["tensors"].as_array().unwrap().iter().map(entry).collect(), factors }
     }
 
     pub fn shapes_mut(&mut self) -> &mut BTreeMap<String, Vec<usize>> {
-        &mut self.0
+        &mut self.shapes
     }
 }
 
@@ -156,7 +163,9 @@ pub fn formula_element(name: &str, shape: &[usize], index: usize) -> f32 {
         _ if name == "sam_mask_decoder.pred_obj_score_head.layers.2.bias" => (3.0, 0.05),
         "weight" if shape.len() >= 2 => (0.0, (3.0 / fan_in as f64).sqrt()),
         "weight" => (1.0, 0.1),
-        "bias" => (0.0, 0.05),
+        "running_var" => (1.0, 0.1),
+        "bias" | "running_mean" => (0.0, 0.05),
+        "latents" | "latents_2d" => (0.0, 1.0),
         _ => (0.0, 0.02),
     };
     (offset + scale * uniform(fnv1a64(name), index)) as f32
@@ -164,11 +173,11 @@ pub fn formula_element(name: &str, shape: &[usize], index: usize) -> f32 {
 
 impl Weights for FormulaWeights {
     fn names(&self) -> Vec<String> {
-        self.0.keys().cloned().collect()
+        self.shapes.keys().cloned().collect()
     }
 
     fn shape(&self, name: &str) -> Option<Vec<usize>> {
-        self.0.get(name).cloned()
+        self.shapes.get(name).cloned()
     }
 
     fn read(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Sam2Error> {
@@ -176,12 +185,35 @@ impl Weights for FormulaWeights {
             return Err(refusal(name));
         }
         let count: usize = shape.iter().product();
-        Ok((0..count).map(|index| formula_element(name, shape, index)).collect())
+        let factor: f32 =
+            self.factors.iter().filter(|(part, _)| name.contains(part)).map(|(_, factor)| factor).product();
+        Ok((0..count).map(|index| formula_element(name, shape, index) * factor).collect())
     }
 }
 
 fn refusal(name: &str) -> Sam2Error {
     Sam2Error::UnreadableTensor { name: name.to_owned(), reason: "not there, or of another shape".to_owned() }
+}
+
+/// Side of the formula's video.
+pub const VIDEO_SIDE: usize = 128;
+
+/// Frame t of the formula's video, normalised, `[3, VIDEO_SIDE, VIDEO_SIDE]`.
+pub fn formula_video_frame(t: usize) -> Vec<f32> {
+    let (coarse, fine) = (fnv1a64("input.coarse"), fnv1a64(&format!("input.fine.{t}")));
+    let cells = VIDEO_SIDE / 16;
+    let mut values = Vec::with_capacity(3 * VIDEO_SIDE * VIDEO_SIDE);
+    for channel in 0..3 {
+        for y in 0..VIDEO_SIDE {
+            for x in 0..VIDEO_SIDE {
+                let (row, column) = ((y + 2 * t) / 16 % cells, (x + 4 * t) / 16 % cells);
+                let cell = uniform(coarse, (channel * cells + row) * cells + column);
+                let noise = uniform(fine, (channel * VIDEO_SIDE + y) * VIDEO_SIDE + x);
+                values.push((1.5 * cell + 0.5 * noise) as f32);
+            }
+        }
+    }
+    values
 }
 
 /// The formula's input frame t, `[3, 1024, 1024]`.

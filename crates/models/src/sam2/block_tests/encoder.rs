@@ -1,7 +1,7 @@
 use super::*;
-use crate::sam2::encoder::ImageFeatures;
 use crate::sam2::encoder::fpn_neck::FpnNeck;
 use crate::sam2::encoder::position_encoding;
+use crate::sam2::encoder::{ImageFeatures, Trunk};
 use crate::sam2::resize::{normalise, resize_frame};
 use crate::sam2::weights::WeightReader;
 
@@ -13,7 +13,7 @@ fn image_encoder() {
     let input = network.input(&frame(&folder, 0));
     assert_close("input", &values(input.clone()), &golden.floats("input"), Within::Absolute(1e-6));
     assert_eq!(normalise(&resize_frame(&frame(&folder, 0), SIDE)), values(input.clone()));
-    let trunk = &network.image_encoder.trunk;
+    let Trunk::Hiera(trunk) = &network.image_encoder.trunk else { panic!("not Hiera") };
     assert_close("patch_embed", &values(trunk.embed_patches(input.clone())), &golden.floats("patch_embed"), CLOSE);
     assert_close("pos_embed", &values(trunk.pos_embed().clone()), &golden.floats("pos_embed_full"), CLOSE);
     let stages = trunk.forward(input, |block, map| {
@@ -23,7 +23,7 @@ fn image_encoder() {
     let (weights, here) = (golden::mini_weights(&folder), device());
     let read = Default::default();
     let reader = WeightReader::new(&weights, &read, &here).child("image_encoder.neck");
-    let channels = [0, 1, 2, 3].map(|stage| network.config().trunk.embed_dim << stage);
+    let channels = network.config().trunk.channels();
     let (_, finest) = FpnNeck::load(&reader, channels, network.config().hidden_dim).unwrap();
     for (level, weights) in finest.into_iter().enumerate() {
         let map = weights.on(&here).forward(stages[level].clone());

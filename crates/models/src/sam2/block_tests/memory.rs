@@ -86,13 +86,13 @@ fn memory_attention() {
             .map(|((_, _, distance), pointer)| DistantPointer { pointer, distance: *distance })
             .collect();
         let assembled = network.assembly.assemble(&spatial, &pointers);
-        let (memory_values, memory_keys, pointer_tokens) = match &assembled {
-            AssembledMemory::Host(memory) => (memory.values.clone(), memory.keys.clone(), memory.pointer_tokens),
+        let (memory_values, memory_keys, unplaced_tokens) = match &assembled {
+            AssembledMemory::Host(memory) => (memory.values.clone(), memory.keys.clone(), memory.unplaced_tokens),
             AssembledMemory::Device(memory) => {
-                (values(memory.values.clone()), values(memory.keys.clone()), memory.pointer_tokens)
+                (values(memory.values.clone()), values(memory.keys.clone()), memory.unplaced_tokens)
             }
         };
-        assert_eq!(pointer_tokens, golden.ints(&format!("{bank}.num_obj_ptr_tokens"))[0], "{bank}");
+        assert_eq!(unplaced_tokens, golden.ints(&format!("{bank}.num_obj_ptr_tokens"))[0], "{bank}");
         let expected = golden.floats(&format!("{bank}.memory"));
         assert_close(&format!("{bank}.memory"), &memory_values, &expected, Within::Absolute(0.0));
         let position = golden.floats(&format!("{bank}.memory_pos"));

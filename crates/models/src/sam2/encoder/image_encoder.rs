@@ -2,9 +2,10 @@
 
 use super::fpn_neck::FpnNeck;
 use super::hiera::Hiera;
+use super::repvit::RepVit;
 use crate::sam2::layers::{Linear, LinearWeights};
 use crate::sam2::weights::WeightReader;
-use crate::sam2::{Sam2Config, Sam2Error};
+use crate::sam2::{Sam2Config, Sam2Error, TrunkConfig};
 use burn::tensor::Tensor;
 
 /// Features of a frame, the input to the rest of the network.
@@ -18,10 +19,35 @@ pub(crate) struct ImageFeatures {
     pub s1: Tensor<4>,
 }
 
+/// The trunk: from an image to four maps.
+#[derive(Clone, Debug)]
+pub(crate) enum Trunk {
+    Hiera(Hiera),
+    RepVit(RepVit),
+}
+
+impl Trunk {
+    fn load(reader: &WeightReader, config: &TrunkConfig, image_size: usize) -> Result<Self, Sam2Error> {
+        Ok(match config {
+            TrunkConfig::Hiera(config) => Self::Hiera(Hiera::load(reader, config, image_size)?),
+            TrunkConfig::RepVit(config) => Self::RepVit(RepVit::load(reader, config)?),
+        })
+    }
+
+    /// Returns the four maps of a normalised image `[1, 3, side, side]`, finest first, `[side / 4, side / 4, channels]`
+    /// to `[side / 32, side / 32, channels]`.
+    pub fn forward(&self, image: Tensor<4>) -> [Tensor<3>; 4] {
+        match self {
+            Self::Hiera(trunk) => trunk.forward(image, |_, _| {}),
+            Self::RepVit(trunk) => trunk.forward(image),
+        }
+    }
+}
+
 /// The image encoder.
 #[derive(Clone, Debug)]
 pub(crate) struct ImageEncoder {
-    pub trunk: Hiera,
+    pub trunk: Trunk,
     pub neck: FpnNeck,
     /// The neck's level 0 and the decoder's `conv_s0` combined: nothing else uses that level.
     s0: Linear,
@@ -33,8 +59,8 @@ impl ImageEncoder {
     /// Loads the encoder for a square input with a side of `image_size` pixels.
     pub fn load(reader: &WeightReader, config: &Sam2Config, image_size: usize) -> Result<Self, Sam2Error> {
         let hidden = config.hidden_dim;
-        let channels = [0, 1, 2, 3].map(|stage| config.trunk.embed_dim << stage);
-        let trunk = Hiera::load(&reader.child("image_encoder.trunk"), &config.trunk, image_size)?;
+        let channels = config.trunk.channels();
+        let trunk = Trunk::load(&reader.child("image_encoder.trunk"), &config.trunk, image_size)?;
         let (neck, [level0, level1]) = FpnNeck::load(&reader.child("image_encoder.neck"), channels, hidden)?;
         let decoder = reader.child("sam_mask_decoder");
         let s0 = level0.then(&LinearWeights::load_pointwise(&decoder.child("conv_s0"), hidden, hidden / 8)?);
@@ -44,8 +70,7 @@ impl ImageEncoder {
 
     /// Computes the features of a normalised image, `[1, 3, side, side]`.
     pub fn forward(&self, image: Tensor<4>) -> ImageFeatures {
-        let [stage0, stage1, stage2, stage3] = self.trunk.forward(image, |_, _| {});
-        self.features([stage0, stage1, stage2, stage3])
+        self.features(self.trunk.forward(image))
     }
 
     /// Computes the features from the trunk's stages, finest first.

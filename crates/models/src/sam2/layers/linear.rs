@@ -26,13 +26,32 @@ impl LinearWeights {
     /// Loads `weight` (`[out, in]`) and `bias`.
     pub fn load(reader: &WeightReader, inputs: usize, outputs: usize) -> Result<Self, Sam2Error> {
         let weight = reader.floats("weight", &[outputs, inputs])?;
-        Ok(Self { weight: transposed(&weight, inputs), bias: reader.floats("bias", &[outputs])? })
+        Ok(Self::from_rows(&weight, reader.floats("bias", &[outputs])?))
     }
 
     /// Loads a convolution with kernel size 1, which is equivalent.
     pub fn load_pointwise(reader: &WeightReader, inputs: usize, outputs: usize) -> Result<Self, Sam2Error> {
         let weight = reader.floats("weight", &[outputs, inputs, 1, 1])?;
-        Ok(Self { weight: transposed(&weight, inputs), bias: reader.floats("bias", &[outputs])? })
+        Ok(Self::from_rows(&weight, reader.floats("bias", &[outputs])?))
+    }
+
+    /// Creates a layer from `weight` `[out, in]`, row-major.
+    pub fn from_rows(weight: &[f32], bias: Vec<f32>) -> Self {
+        Self { weight: transposed(weight, weight.len() / bias.len()), bias }
+    }
+
+    /// Loads `weight` (`[out, in]`) of a layer without bias.
+    pub fn load_unbiased(reader: &WeightReader, inputs: usize, outputs: usize) -> Result<Self, Sam2Error> {
+        Ok(Self::from_rows(&reader.floats("weight", &[outputs, inputs])?, vec![0.0; outputs]))
+    }
+
+    /// Splits the outputs into two halves.
+    pub fn split(&self) -> [Self; 2] {
+        let outputs = self.bias.len();
+        [0, outputs / 2].map(|first| Self {
+            weight: self.weight.chunks_exact(outputs).flat_map(|row| row[first..][..outputs / 2].to_vec()).collect(),
+            bias: self.bias[first..][..outputs / 2].to_vec(),
+        })
     }
 
     /// Combines `self` and then `next` into one layer.

@@ -2,11 +2,13 @@
 //! over the last dimension.
 
 mod attention;
+mod convolution;
 pub(crate) mod host;
 mod linear;
 mod rotation;
 
 pub(crate) use attention::multi_head;
+pub(crate) use convolution::{Conv2d, ConvShape};
 pub(crate) use linear::{Linear, LinearWeights, Mlp, activate, forward_chain};
 pub(crate) use rotation::Rotation;
 pub(crate) use splatseg_kernels::Activation;
@@ -15,8 +17,7 @@ use crate::device::is_cpu;
 use crate::sam2::Sam2Error;
 use crate::sam2::weights::WeightReader;
 use burn::tensor::Tensor;
-use burn::tensor::module::{conv2d, layer_norm as normalise};
-use burn::tensor::ops::ConvOptions;
+use burn::tensor::module::layer_norm as normalise;
 use host::{HostValues, from_host, host};
 use splatseg_kernels::layer_norm;
 
@@ -62,47 +63,6 @@ pub(crate) struct HostNorm {
 impl HostNorm {
     pub fn as_kernel(&self) -> layer_norm::LayerNorm<'_> {
         layer_norm::LayerNorm { weight: self.weight.as_slice(), bias: self.bias.as_slice(), epsilon: self.epsilon }
-    }
-}
-
-/// A convolution of channels-last maps.
-#[derive(Clone, Debug)]
-pub(crate) struct Conv2d {
-    /// `[out, in / groups, k, k]`.
-    weight: Tensor<4>,
-    bias: Tensor<1>,
-    stride: usize,
-    padding: usize,
-    groups: usize,
-}
-
-/// The hyper-parameters of a [`Conv2d`].
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct ConvShape {
-    pub inputs: usize,
-    pub outputs: usize,
-    pub kernel: usize,
-    pub stride: usize,
-    pub padding: usize,
-    pub groups: usize,
-}
-
-impl Conv2d {
-    pub fn load(reader: &WeightReader, shape: ConvShape) -> Result<Self, Sam2Error> {
-        let ConvShape { inputs, outputs, kernel, stride, padding, groups } = shape;
-        let weight = reader.tensor("weight", [outputs, inputs / groups, kernel, kernel])?;
-        Ok(Self { weight, bias: reader.tensor("bias", [outputs])?, stride, padding, groups })
-    }
-
-    /// `[objects, height, width, in]` to `[objects, height / stride, width / stride, out]`.
-    pub fn forward(&self, input: Tensor<4>) -> Tensor<4> {
-        self.forward_planes(input.permute([0, 3, 1, 2])).permute([0, 2, 3, 1])
-    }
-
-    /// Like [`Self::forward`], for channels-first maps `[objects, in, height, width]`.
-    pub fn forward_planes(&self, input: Tensor<4>) -> Tensor<4> {
-        let options = ConvOptions::new([self.stride; 2], [self.padding; 2], [1, 1], self.groups);
-        conv2d(input, self.weight.clone(), Some(self.bias.clone()), options)
     }
 }
 

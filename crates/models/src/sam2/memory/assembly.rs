@@ -26,12 +26,13 @@ pub(crate) enum AssembledMemory {
 /// Memory of one object on the CPU.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct HostMemory {
-    /// `[tokens, memory]`: the memories, then the object pointers split into tokens.
+    /// `[tokens, memory]`: the maps, then what has no place in a map, which includes the object pointers, split into
+    /// tokens.
     pub values: Vec<f32>,
     /// `[tokens, memory]`: the values plus position encodings.
     pub keys: Vec<f32>,
-    /// Number of pointer tokens, at the end.
-    pub pointer_tokens: usize,
+    /// Number of tokens at the end that have no place in a map.
+    pub unplaced_tokens: usize,
 }
 
 /// Memory of one object on another device.
@@ -41,8 +42,8 @@ pub(crate) struct DeviceMemory {
     pub values: Tensor<3>,
     /// `[1, tokens, memory]`.
     pub keys: Tensor<3>,
-    /// Number of pointer tokens, at the end.
-    pub pointer_tokens: usize,
+    /// Number of tokens at the end that have no place in a map.
+    pub unplaced_tokens: usize,
 }
 
 /// A remembered frame of one object.
@@ -64,13 +65,16 @@ pub(crate) struct DistantPointer<'a> {
 /// Assembles memories: holds the encodings of positions and times.
 #[derive(Clone, Debug)]
 pub(crate) struct Assembly {
-    /// Position encoding of a map, `[side · side, memory]`.
+    /// Number of tokens at the beginning of each memory that have no place in a map.
+    unplaced: usize,
+    /// Position encoding of a remembered map, `[side · side, memory]`.
     map_position: Vec<f32>,
     /// `[7, memory]`.
     temporal: Vec<f32>,
     /// Sum of both for every row of the temporal encoding, `[side · side, memory]`; empty on the CPU.
     positions: Vec<Tensor<2>>,
-    pointer_position: Linear,
+    /// EdgeTAM's pointers have no encoding of time.
+    pointer_position: Option<Linear>,
     hidden_dim: usize,
     memory_dim: usize,
     device: Device,
@@ -81,12 +85,13 @@ impl Assembly {
     pub fn load(reader: &WeightReader, config: &Sam2Config, side: usize) -> Result<Self, Sam2Error> {
         let (hidden_dim, memory_dim) = (config.hidden_dim, config.memory_dim);
         let device = reader.device().clone();
-        let map_position = sine_2d(side, side, memory_dim);
+        let memory_side = config.perceiver.map_or(side, |perceiver| perceiver.side);
+        let map_position = sine_2d(memory_side, memory_side, memory_dim);
         let temporal = reader.floats("maskmem_tpos_enc", &[NUM_MASK_MEMORIES, 1, 1, memory_dim])?;
         let position = |row: &[f32]| {
             let sums =
                 map_position.chunks_exact(memory_dim).flat_map(|token| token.iter().zip(row).map(|(a, b)| a + b));
-            upload(sums.collect(), [side * side, memory_dim], &device)
+            upload(sums.collect(), [memory_side * memory_side, memory_dim], &device)
         };
         let positions =
             if is_cpu(&device) { Vec::new() } else { temporal.chunks_exact(memory_dim).map(position).collect() };
@@ -94,39 +99,54 @@ impl Assembly {
             positions,
             map_position,
             temporal,
-            pointer_position: Linear::load(&reader.child("obj_ptr_tpos_proj"), hidden_dim, memory_dim)?,
+            unplaced: config.perceiver.map_or(0, |perceiver| perceiver.latents),
+            pointer_position: match config.perceiver {
+                None => Some(Linear::load(&reader.child("obj_ptr_tpos_proj"), hidden_dim, memory_dim)?),
+                Some(_) => None,
+            },
             hidden_dim,
             memory_dim,
             device,
         })
     }
 
-    /// Assembles an object's memory: frames first, then pointers, each in the order given.
+    /// Assembles an object's memory: frames first, then pointers, each in the order given. Tokens without a place in a
+    /// map come after all maps.
     pub fn assemble(&self, frames: &[SpatialMemory], pointers: &[DistantPointer]) -> AssembledMemory {
-        let pointer_tokens = pointers.len() * (self.hidden_dim / self.memory_dim);
-        if self.positions.is_empty() {
-            return AssembledMemory::Host(self.assemble_on_host(frames, pointers, pointer_tokens));
+        if is_cpu(&self.device) {
+            return AssembledMemory::Host(self.assemble_on_host(frames, pointers));
         }
-        AssembledMemory::Device(Box::new(self.assemble_on_device(frames, pointers, pointer_tokens)))
+        AssembledMemory::Device(Box::new(self.assemble_on_device(frames, pointers)))
     }
 
-    fn assemble_on_host(
-        &self,
-        frames: &[SpatialMemory],
-        pointers: &[DistantPointer],
-        pointer_tokens: usize,
-    ) -> HostMemory {
+    /// Number of tokens without a place in a map.
+    fn unplaced_tokens(&self, frames: &[SpatialMemory], pointers: &[DistantPointer]) -> usize {
+        frames.len() * self.unplaced + pointers.len() * (self.hidden_dim / self.memory_dim)
+    }
+
+    fn assemble_on_host(&self, frames: &[SpatialMemory], pointers: &[DistantPointer]) -> HostMemory {
         let (mut values, mut keys) = (Vec::new(), Vec::new());
-        for frame in frames {
+        let features = |frame: &SpatialMemory| {
             let RememberedMap::Host(features) = frame.features else { unreachable!("{ONE_DEVICE}") };
-            let features = floats(features);
-            let temporal = &self.temporal[frame.temporal_row * self.memory_dim..][..self.memory_dim];
+            floats(features)
+        };
+        let frames_with_features: Vec<(&SpatialMemory, Vec<f32>)> =
+            frames.iter().map(|frame| (frame, features(frame))).collect();
+        let temporal =
+            |frame: &SpatialMemory| &self.temporal[frame.temporal_row * self.memory_dim..][..self.memory_dim];
+        for (frame, features) in &frames_with_features {
+            let features = &features[self.unplaced * self.memory_dim..];
             let tokens = features.chunks_exact(self.memory_dim);
             for (token, position) in tokens.zip(self.map_position.chunks_exact(self.memory_dim)) {
                 let sum = |((value, spatial), temporal): ((&f32, &f32), &f32)| value + (spatial + temporal);
-                keys.extend(token.iter().zip(position).zip(temporal).map(sum));
+                keys.extend(token.iter().zip(position).zip(temporal(frame)).map(sum));
             }
-            values.extend_from_slice(&features);
+            values.extend_from_slice(features);
+        }
+        for (frame, features) in &frames_with_features {
+            let features = &features[..self.unplaced * self.memory_dim];
+            keys.extend(features.iter().zip(temporal(frame).iter().cycle()).map(|(value, temporal)| value + temporal));
+            values.extend_from_slice(features);
         }
         let positions = self.pointer_positions(pointers).map(host).unwrap_or_default();
         for (pointer, position) in pointers.iter().zip(positions.chunks_exact(self.memory_dim)) {
@@ -134,20 +154,27 @@ impl Assembly {
             values.extend_from_slice(pointer);
             keys.extend(pointer.iter().zip(position.iter().cycle()).map(|(value, position)| value + position));
         }
-        HostMemory { values, keys, pointer_tokens }
+        HostMemory { values, keys, unplaced_tokens: self.unplaced_tokens(frames, pointers) }
     }
 
-    fn assemble_on_device(
-        &self,
-        frames: &[SpatialMemory],
-        pointers: &[DistantPointer],
-        pointer_tokens: usize,
-    ) -> DeviceMemory {
+    fn assemble_on_device(&self, frames: &[SpatialMemory], pointers: &[DistantPointer]) -> DeviceMemory {
         let (mut values, mut keys) = (Vec::new(), Vec::new());
+        let features = |frame: &SpatialMemory| match frame.features {
+            RememberedMap::Device(features) => (**features).clone(),
+            RememberedMap::Host(_) => unreachable!("{ONE_DEVICE}"),
+        };
         for frame in frames {
-            let RememberedMap::Device(features) = frame.features else { unreachable!("{ONE_DEVICE}") };
-            values.push((**features).clone());
-            keys.push((**features).clone() + self.positions[frame.temporal_row].clone());
+            let features = features(frame);
+            let placed = features.dims()[0] - self.unplaced;
+            let features = features.narrow(0, self.unplaced, placed);
+            keys.push(features.clone() + self.positions[frame.temporal_row].clone());
+            values.push(features);
+        }
+        for frame in frames.iter().filter(|_| self.unplaced > 0) {
+            let features = features(frame).narrow(0, 0, self.unplaced);
+            let temporal = self.temporal[frame.temporal_row * self.memory_dim..][..self.memory_dim].to_vec();
+            keys.push(features.clone() + upload(temporal, [1, self.memory_dim], &self.device));
+            values.push(features);
         }
         if let Some(positions) = self.pointer_positions(pointers) {
             let rows = pointers.iter().map(|pointer| match pointer.pointer {
@@ -160,7 +187,7 @@ impl Assembly {
             keys.push((pieces + positions.unsqueeze_dim(1)).flatten(0, 1));
         }
         let [values, keys] = [values, keys].map(|parts| Tensor::cat(parts, 0).unsqueeze());
-        DeviceMemory { values, keys, pointer_tokens }
+        DeviceMemory { values, keys, unplaced_tokens: self.unplaced_tokens(frames, pointers) }
     }
 
     /// Encodes the pointers' distances, `[pointers, memory]`; `None` if there are no pointers.
@@ -168,7 +195,10 @@ impl Assembly {
         if pointers.is_empty() {
             return None;
         }
+        let Some(projection) = &self.pointer_position else {
+            return Some(Tensor::zeros([pointers.len(), self.memory_dim], &self.device));
+        };
         let sines = pointers.iter().flat_map(|pointer| sine_1d(pointer.distance, self.hidden_dim)).collect();
-        Some(self.pointer_position.forward(upload(sines, [pointers.len(), self.hidden_dim], &self.device)))
+        Some(projection.forward(upload(sines, [pointers.len(), self.hidden_dim], &self.device)))
     }
 }

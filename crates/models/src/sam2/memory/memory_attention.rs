@@ -3,7 +3,6 @@
 
 use super::assembly::{AssembledMemory, DeviceMemory, HostMemory};
 use crate::device::is_cpu;
-use crate::sam2::config::MEMORY_ATTENTION_LAYERS;
 use crate::sam2::encoder::position_encoding::sine_2d;
 use crate::sam2::layers::host::{HostValues, from_host};
 use crate::sam2::layers::{Activation, LayerNorm, Linear, LinearWeights, Rotation, forward_chain, multi_head};
@@ -53,12 +52,26 @@ pub(crate) struct MemoryAttention {
     norm: LayerNorm,
     /// Position encoding of the feature map times its weight, `[1, tokens, hidden]`.
     position: Tensor<3>,
-    /// Rotation of the tokens of the feature map and of remembered maps.
-    rotation: Rotation,
+    rotations: Rotations,
+}
+
+/// Rotations of tokens by their places.
+#[derive(Clone, Debug)]
+struct Rotations {
+    /// Of the feature map, whose tokens are the queries.
+    map: Rotation,
+    /// Of remembered maps, which may be smaller.
+    memory: Rotation,
 }
 
 impl Layer {
-    fn load(reader: &WeightReader, config: &Sam2Config, rotation: &Rotation, side: usize) -> Result<Self, Sam2Error> {
+    /// Loads a layer that attends to remembered maps of `memory_side` × `memory_side` tokens.
+    fn load(
+        reader: &WeightReader,
+        config: &Sam2Config,
+        rotations: &Rotations,
+        memory_side: usize,
+    ) -> Result<Self, Sam2Error> {
         let (hidden, memory) = (config.hidden_dim, config.memory_dim);
         let norm = |name: &str| LayerNorm::load(&reader.child(name), hidden, EPSILON);
         let linear = |name: &str, inputs, outputs| Linear::load(&reader.child(name), inputs, outputs);
@@ -74,7 +87,7 @@ impl Layer {
             norm2: norm("norm2")?,
             cross_queries: linear("cross_attn_image.q_proj", hidden, hidden)?,
             cross_keys: if is_cpu(reader.device()) {
-                CrossKeys::Axial(cross_keys.axial_keys(rotation.angles(), side))
+                CrossKeys::Axial(cross_keys.axial_keys(rotations.memory.angles(), memory_side))
             } else {
                 CrossKeys::Linear(cross_keys.on(reader.device()))
             },
@@ -87,9 +100,9 @@ impl Layer {
 
     /// `[objects or 1, tokens, hidden]` and one memory per object to `[objects, tokens, hidden]`. Results shared by all
     /// objects are computed once.
-    fn forward(&self, map: Tensor<3>, memories: &[AssembledMemory], rotation: &Rotation) -> Tensor<3> {
-        let map = self.attend_to_self(map, rotation);
-        let map = self.attend_to_memories(map, memories, rotation);
+    fn forward(&self, map: Tensor<3>, memories: &[AssembledMemory], rotations: &Rotations) -> Tensor<3> {
+        let map = self.attend_to_self(map, &rotations.map);
+        let map = self.attend_to_memories(map, memories, rotations);
         let layers = [(&self.linear1, Activation::Relu), (&self.linear2, Activation::None)];
         forward_chain(Some(&self.norm3), &layers, map.clone(), Some(map))
     }
@@ -102,12 +115,12 @@ impl Layer {
         self.self_out.forward_added(attended, map)
     }
 
-    fn attend_to_memories(&self, map: Tensor<3>, memories: &[AssembledMemory], rotation: &Rotation) -> Tensor<3> {
+    fn attend_to_memories(&self, map: Tensor<3>, memories: &[AssembledMemory], rotations: &Rotations) -> Tensor<3> {
         let [_, tokens, hidden] = map.dims();
-        let queries = rotation.apply(self.cross_queries.forward_normed(&self.norm2, map.clone()));
+        let queries = rotations.map.apply(self.cross_queries.forward_normed(&self.norm2, map.clone()));
         let attended = match &self.cross_keys {
             CrossKeys::Axial(keys) => attend_on_host(keys, queries, memories),
-            CrossKeys::Linear(keys) => attend_on_device(keys, queries, memories, rotation),
+            CrossKeys::Linear(keys) => attend_on_device(keys, queries, memories, &rotations.memory),
         };
         let map = map.expand([memories.len(), tokens, hidden]);
         self.cross_values_out.forward_added(attended, map)
@@ -120,11 +133,11 @@ fn attend_on_host(keys: &AxialKeys, queries: Tensor<3>, memories: &[AssembledMem
     let ([query_objects, tokens, hidden], device) = (queries.dims(), queries.device());
     let queries = HostValues::from_tensor(queries);
     let attended = memories.iter().enumerate().flat_map(|(object, memory)| {
-        let AssembledMemory::Host(HostMemory { values, keys: memory_keys, pointer_tokens }) = memory else {
+        let AssembledMemory::Host(HostMemory { values, keys: memory_keys, unplaced_tokens }) = memory else {
             unreachable!("memories are on the device of the network")
         };
         let start = if query_objects == 1 { 0 } else { object * tokens * hidden };
-        let memory = RememberedMaps { keys: memory_keys, values, pointer_tokens: *pointer_tokens };
+        let memory = RememberedMaps { keys: memory_keys, values, unplaced_tokens: *unplaced_tokens };
         keys.attend(&queries.as_slice()[start..start + tokens * hidden], memory)
     });
     from_host(attended.collect(), [memories.len(), tokens, keys.memory_dim()], &device)
@@ -136,18 +149,18 @@ fn attend_on_device(keys: &Linear, queries: Tensor<3>, memories: &[AssembledMemo
     let mut by_length: BTreeMap<[usize; 2], Vec<(usize, &DeviceMemory)>> = BTreeMap::new();
     for (object, memory) in memories.iter().enumerate() {
         let AssembledMemory::Device(memory) = memory else { unreachable!("memories are on the device of the network") };
-        by_length.entry([memory.keys.dims()[1], memory.pointer_tokens]).or_default().push((object, memory));
+        by_length.entry([memory.keys.dims()[1], memory.unplaced_tokens]).or_default().push((object, memory));
     }
     let mut attended: Vec<Option<Tensor<3>>> = vec![None; memories.len()];
-    for ([length, pointer_tokens], group) in by_length {
+    for ([length, unplaced_tokens], group) in by_length {
         let all = |part: fn(&DeviceMemory) -> &Tensor<3>| {
             Tensor::cat(group.iter().map(|(_, memory)| part(memory).clone()).collect(), 0)
         };
         let projected = keys.forward(all(|memory| &memory.keys));
-        let in_maps = length - pointer_tokens;
+        let in_maps = length - unplaced_tokens;
         let mut rotated = vec![rotation.apply(projected.clone().narrow(1, 0, in_maps))];
-        if pointer_tokens > 0 {
-            rotated.push(projected.narrow(1, in_maps, pointer_tokens));
+        if unplaced_tokens > 0 {
+            rotated.push(projected.narrow(1, in_maps, unplaced_tokens));
         }
         let queries = if query_objects == 1 {
             queries.clone().expand([group.len(), tokens, hidden])
@@ -167,15 +180,17 @@ impl MemoryAttention {
     pub fn load(reader: &WeightReader, config: &Sam2Config, side: usize) -> Result<Self, Sam2Error> {
         let hidden = config.hidden_dim;
         let attention = reader.child("memory_attention");
-        let rotation = Rotation::new(side, hidden, reader.device());
+        let memory_side = config.perceiver.map_or(side, |perceiver| perceiver.side);
+        let rotation = |side| Rotation::new(side, hidden, reader.device());
+        let rotations = Rotations { map: rotation(side), memory: rotation(memory_side) };
         let position = upload(sine_2d(side, side, hidden), [1, side * side, hidden], reader.device());
         Ok(Self {
-            layers: (0..MEMORY_ATTENTION_LAYERS)
-                .map(|layer| Layer::load(&attention.child(format!("layers.{layer}")), config, &rotation, side))
+            layers: (0..config.memory_attention_layers)
+                .map(|layer| Layer::load(&attention.child(format!("layers.{layer}")), config, &rotations, memory_side))
                 .collect::<Result<_, _>>()?,
             norm: LayerNorm::load(&attention.child("norm"), hidden, EPSILON)?,
             position: position * POSITION_WEIGHT,
-            rotation,
+            rotations,
         })
     }
 
@@ -189,7 +204,7 @@ impl MemoryAttention {
     ) -> Tensor<3> {
         let mut map = embedding + self.position.clone();
         for (index, layer) in self.layers.iter().enumerate() {
-            map = layer.forward(map, memories, &self.rotation);
+            map = layer.forward(map, memories, &self.rotations);
             observe(index, &map);
         }
         self.norm.forward(map)

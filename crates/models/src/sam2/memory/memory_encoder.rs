@@ -1,10 +1,11 @@
 //! The memory encoder: converts a frame's features and a mask to a memory (official `memory_encoder.py`).
 
-use crate::sam2::Sam2Error;
+use super::perceiver::Perceiver;
 use crate::sam2::layers::host::from_host;
 use crate::sam2::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear, LinearWeights, activate, forward_chain};
 use crate::sam2::resize::{Size, resize_bilinear};
 use crate::sam2::weights::WeightReader;
+use crate::sam2::{Sam2Config, Sam2Error};
 use crate::transfer::upload;
 use burn::tensor::activation::sigmoid;
 use burn::tensor::module::interpolate;
@@ -105,12 +106,16 @@ pub(crate) struct MemoryEncoder {
     feature_projection: Linear,
     fuser: Vec<ConvNextBlock>,
     out_projection: Linear,
-    /// Added to the memory of a frame without the object, `[1, 1, memory]`.
-    no_object: Tensor<3>,
+    /// Added to the memory of a frame without the object, `[1, 1, memory]`; EdgeTAM adds nothing.
+    no_object: Option<Tensor<3>>,
+    /// Compresses memories.
+    perceiver: Option<Perceiver>,
 }
 
 impl MemoryEncoder {
-    pub fn load(reader: &WeightReader, hidden: usize, memory_dim: usize) -> Result<Self, Sam2Error> {
+    /// Loads the encoder for a feature map of `side` × `side` tokens.
+    pub fn load(reader: &WeightReader, config: &Sam2Config, side: usize) -> Result<Self, Sam2Error> {
+        let (hidden, memory_dim) = (config.hidden_dim, config.memory_dim);
         let encoder = reader.child("memory_encoder");
         let mask = encoder.child("mask_downsampler.encoder");
         let halving = |index: usize| {
@@ -128,7 +133,14 @@ impl MemoryEncoder {
                 .map(|block| ConvNextBlock::load(&encoder.child(format!("fuser.layers.{block}")), hidden))
                 .collect::<Result<_, _>>()?,
             out_projection: Linear::load_pointwise(&encoder.child("out_proj"), hidden, memory_dim)?,
-            no_object: reader.tensor("no_obj_embed_spatial", [1, memory_dim])?.unsqueeze(),
+            no_object: match config.perceiver {
+                None => Some(reader.tensor::<2>("no_obj_embed_spatial", [1, memory_dim])?.unsqueeze()),
+                Some(_) => None,
+            },
+            perceiver: config
+                .perceiver
+                .map(|shape| Perceiver::load(&reader.child("spatial_perceiver"), shape, memory_dim, side))
+                .transpose()?,
         })
     }
 
@@ -140,7 +152,8 @@ impl MemoryEncoder {
         self.feature_projection.forward(embedding).reshape([1, side, side, hidden])
     }
 
-    /// Computes memories of objects, `[objects, side · side, memory]`, from features from [`Self::project_features`]
+    /// Computes memories of objects, `[objects, tokens, memory]`, one token per token of the map unless it is
+    /// compressed, from features from [`Self::project_features`]
     /// and masks `[objects, 16 side, 16 side]` after [`MaskForMemory::apply`].
     pub fn forward(&self, features: Tensor<4>, masks: Tensor<3>, object_scores: &[f32]) -> Tensor<3> {
         let mut map = features + self.downsample_masks(masks);
@@ -151,12 +164,16 @@ impl MemoryEncoder {
         let map = self.out_projection.forward(map);
         let channels = map.dims()[3];
         let memories = map.reshape([objects, height * width, channels]);
+        if let Some(perceiver) = &self.perceiver {
+            return perceiver.forward(memories);
+        }
+        let Some(no_object) = &self.no_object else { return memories };
         let absent: Vec<f32> = object_scores.iter().map(|score| f32::from(*score <= 0.0)).collect();
         if absent.iter().all(|absent| *absent == 0.0) {
             return memories;
         }
         let absent = upload(absent, [objects, 1, 1], &memories.device());
-        memories + absent * self.no_object.clone()
+        memories + absent * no_object.clone()
     }
 
     /// `[objects, 16 side, 16 side]` to `[objects, side, side, hidden]`.

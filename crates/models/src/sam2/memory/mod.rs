@@ -6,6 +6,7 @@ mod assembly;
 mod memory_attention;
 mod memory_bank;
 mod memory_encoder;
+mod perceiver;
 mod remembered;
 
 pub(crate) use assembly::{AssembledMemory, Assembly};
