@@ -1,9 +1,13 @@
 #!/usr/bin/env python3
-"""Compares the speed of splatseg's SAM 2.1 with the official PyTorch code, one after the other on the same machine.
+"""Compares the speed of splatseg's SAM 2.1 or EdgeTAM with the official PyTorch code, one after the other on the same
+machine.
 
     pip install torch torchvision sam2        # in a virtual environment
     cargo build --release --package xtask
     python tools/compare_sam2.py crates/models/tests/data/sam2 --size base_plus --objects 1 5 20
+    PYTHONPATH=EdgeTAM python tools/compare_sam2.py crates/models/tests/data/edgetam --size edgetam --image-size 512
+
+EdgeTAM is a clone of https://github.com/facebookresearch/EdgeTAM (and needs `pip install timm`).
 
 Weights are random, because speed does not depend on them. Both track the same number of objects, prompted with masks on
 the first frame, until the memory is full (7 frames). The result is the minimum over the later frames, to reduce the
@@ -31,15 +35,29 @@ def official(arguments, objects):
     torch.set_num_threads(arguments.threads)
     torch.manual_seed(0)
     side = arguments.image_size
-    config = f"configs/sam2.1/sam2.1_hiera_{CONFIGS[arguments.size]}.yaml"
     device = arguments.device
-    predictor = build_sam2_video_predictor(
-        config,
-        ckpt_path=None,
-        device=device,
-        hydra_overrides_extra=[f"++model.image_size={side}"],
-        vos_optimized=arguments.compile,
-    )
+    overrides = [f"++model.image_size={side}"]
+    if arguments.size == "edgetam":
+        import sam2.modeling.backbones.timm as backbone
+        import timm
+
+        backbone.create_model = lambda name, pretrained, **options: timm.create_model(name, pretrained=False, **options)
+        overrides.append(f"++model.memory_attention.layer.cross_attention.q_sizes=[{side // 16},{side // 16}]")
+        predictor = build_sam2_video_predictor(
+            "configs/edgetam.yaml", ckpt_path=None, device=device, hydra_overrides_extra=overrides
+        )
+        let_several_objects_pass()
+        if arguments.compile:
+            compile_parts(predictor)
+    else:
+        config = f"configs/sam2.1/sam2.1_hiera_{CONFIGS[arguments.size]}.yaml"
+        predictor = build_sam2_video_predictor(
+            config,
+            ckpt_path=None,
+            device=device,
+            hydra_overrides_extra=overrides,
+            vos_optimized=arguments.compile,
+        )
     predictor.fill_hole_area = 0
     wait = torch.cuda.synchronize if device.startswith("cuda") else lambda: None
     images = torch.randn(arguments.frames, 3, side, side, device=device)
@@ -75,6 +93,37 @@ def official(arguments, objects):
     print(json.dumps(result))
 
 
+def let_several_objects_pass():
+    """Mends a line of EdgeTAM's perceiver, which fails with more than one object: its tensor has no such view."""
+    import inspect
+    import textwrap
+
+    import sam2.modeling.perceiver as module
+
+    source = textwrap.dedent(inspect.getsource(module.PerceiverResampler.forward_2d))
+    mended = source.replace(".view(-1, 1, C)", ".reshape(-1, 1, C)")
+    if mended == source:
+        raise SystemExit("EdgeTAM's perceiver has changed")
+    exec(mended, vars(module))  # noqa: S102 (the official code with one word changed)
+    module.PerceiverResampler.forward_2d = module.forward_2d
+
+
+def compile_parts(predictor):
+    """Compiles what `vos_optimized` compiles in SAM 2.1, which EdgeTAM's version lacks."""
+    import torch
+
+    parts = (
+        predictor.image_encoder,
+        predictor.memory_encoder,
+        predictor.memory_attention,
+        predictor.spatial_perceiver,
+        predictor.sam_prompt_encoder,
+        predictor.sam_mask_decoder,
+    )
+    for part in parts:
+        part.forward = torch.compile(part.forward)
+
+
 def last_json(command):
     out = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
     return json.loads(out.strip().splitlines()[-1])
@@ -83,7 +132,7 @@ def last_json(command):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("manifests", type=Path, help="folder of manifest_SIZE.json")
-    parser.add_argument("--size", choices=CONFIGS, default="base_plus")
+    parser.add_argument("--size", choices=[*CONFIGS, "edgetam"], default="base_plus")
     parser.add_argument("--image-size", type=int, default=1024)
     parser.add_argument("--objects", type=int, nargs="+", default=[1, 5, 20])
     parser.add_argument("--frames", type=int, default=9)

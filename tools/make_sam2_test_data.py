@@ -69,9 +69,7 @@ def formula(name, shape):
         offset, scale = 3, 0.05
     elif leaf == "weight" and len(shape) >= 2:
         offset, scale = 0, math.sqrt(3 / math.prod(shape[1:]))
-    elif leaf == "weight":
-        offset, scale = 1, 0.1
-    elif leaf == "running_var":
+    elif leaf in ("weight", "running_var"):
         offset, scale = 1, 0.1
     elif leaf in ("bias", "running_mean"):
         offset, scale = 0, 0.05
