@@ -1,27 +1,27 @@
 //! Linear layers: tokens times weights packed once.
 
-use super::{DEPTH_BLOCK, pack_columns, pack_rows};
+use super::pack_columns;
+use super::row_product::{RowProduct, tile_rows};
 use crate::Activation;
 use crate::instructions::{Instructions, LANES};
 use crate::layer_norm::LayerNorm;
 use rayon::prelude::*;
 use std::cell::RefCell;
 
-/// Tokens per job: their panels of a block of the inner dimension stay in the second-level cache of a core.
-const TOKEN_BLOCK: usize = 96;
+/// Maximum number of tokens per job: between layers they stay in the second-level cache of a core.
+const MAX_TOKEN_BLOCK: usize = 96;
 
 thread_local! {
     /// Buffers that a thread keeps from one layer to the next.
     static BUFFERS: RefCell<Buffers> =
-        const { RefCell::new(Buffers { panels: Vec::new(), sums: Vec::new(), tokens: Vec::new() }) };
+        const { RefCell::new(Buffers { tokens: Vec::new(), next: Vec::new() }) };
 }
 
 struct Buffers {
-    /// Packed tokens.
-    panels: Vec<f32>,
-    sums: Vec<f32>,
     /// Tokens between layers.
     tokens: Vec<f32>,
+    /// Tokens after the layer.
+    next: Vec<f32>,
 }
 
 /// The parameters of a linear layer, packed for the microkernel.
@@ -29,7 +29,7 @@ struct Buffers {
 pub struct PackedLinear {
     inputs: usize,
     outputs: usize,
-    /// Block by block of the inner dimension, panels of columns.
+    /// Panels of columns.
     weights: Vec<f32>,
     bias: Vec<f32>,
     instructions: Instructions,
@@ -46,9 +46,7 @@ impl PackedLinear {
         assert_eq!(inputs * outputs, weight.len(), "weights of a linear layer");
         let width = instructions.columns();
         let mut weights = Vec::with_capacity(inputs * outputs.next_multiple_of(width));
-        for block in weight.chunks(DEPTH_BLOCK * outputs) {
-            pack_columns(|| block.chunks_exact(outputs), outputs, width, &mut weights);
-        }
+        pack_columns(|| weight.chunks_exact(outputs), outputs, width, &mut weights);
         Self { inputs, outputs, weights, bias: bias.to_vec(), instructions }
     }
 
@@ -62,49 +60,28 @@ impl PackedLinear {
         LinearChain { norm: None, layers: &[(self, Activation::None)] }.forward(tokens, None)
     }
 
-    /// Sums of products as tiles, `[column panels, row panels, rows, columns]`.
+    /// Multiplies `tokens` `[count, inputs]`, adds bias and applies the activation. `write` receives an offset in
+    /// `[count, outputs]` and at most [`LANES`] consecutive outputs of a token.
     #[inline(always)]
-    fn sum(&self, tokens: &[f32], panels: &mut Vec<f32>, sums: &mut Vec<f32>) {
-        let (rows, columns) = (self.instructions.rows(), self.instructions.columns());
-        let count = tokens.len() / self.inputs;
-        sums.clear();
-        sums.resize(count.next_multiple_of(rows) * self.outputs.next_multiple_of(columns), 0.0);
-        let mut weights = self.weights.as_slice();
-        for start in (0..self.inputs).step_by(DEPTH_BLOCK) {
-            let depth = DEPTH_BLOCK.min(self.inputs - start);
-            panels.clear();
-            let tokens = tokens.chunks_exact(self.inputs).map(|token| &token[start..start + depth]);
-            pack_rows(tokens, count, depth, rows, panels);
-            let (block, rest) = weights.split_at(depth * self.outputs.next_multiple_of(columns));
-            self.instructions.add_product(panels, block, depth, sums);
-            weights = rest;
-        }
-    }
-
-    /// Adds bias, applies the activation, and converts tiles to rows. `write` receives an offset in `[count, outputs]`
-    /// and at most [`LANES`] consecutive outputs of a token.
-    #[inline(always)]
-    fn finish(&self, sums: &mut [f32], count: usize, activation: Activation, mut write: impl FnMut(usize, &mut [f32])) {
-        let (rows, columns) = (self.instructions.rows(), self.instructions.columns());
-        let tiles = sums.chunks_exact_mut(count.next_multiple_of(rows) * columns);
-        for (tile, (sums, bias)) in tiles.zip(self.bias.chunks(columns)).enumerate() {
-            for (row, sums) in sums.chunks_exact_mut(columns).take(count).enumerate() {
-                let start = row * self.outputs + tile * columns;
-                for (part, (lanes, bias)) in
-                    sums.as_chunks_mut::<LANES>().0.iter_mut().zip(bias.chunks(LANES)).enumerate()
-                {
-                    if let Ok(bias) = <&[f32; LANES]>::try_from(bias) {
-                        (0..LANES).for_each(|lane| lanes[lane] += bias[lane]);
-                        activation.apply(lanes);
-                        write(start + part * LANES, lanes);
-                    } else {
-                        lanes.iter_mut().zip(bias).for_each(|(lane, bias)| *lane += bias);
-                        activation.apply(lanes);
-                        write(start + part * LANES, &mut lanes[..bias.len()]);
-                    }
+    fn run(&self, tokens: &[f32], activation: Activation, mut write: impl FnMut(usize, &mut [f32])) {
+        let [depth, outputs] = self.dims();
+        self.instructions.run_tiled(RowProduct::new(
+            tokens,
+            &self.weights,
+            [depth, outputs],
+            #[inline(always)]
+            |token: usize, first: usize, sums: &mut [f32]| {
+                let bias = &self.bias[first..first + sums.len()];
+                if let (Ok(sums), Ok(bias)) = (<&mut [f32; LANES]>::try_from(&mut *sums), <&[f32; LANES]>::try_from(bias)) {
+                    (0..LANES).for_each(|lane| sums[lane] += bias[lane]);
+                    activation.apply(sums);
+                } else {
+                    sums.iter_mut().zip(bias).for_each(|(sum, bias)| *sum += bias);
+                    activation.apply(sums);
                 }
-            }
-        }
+                write(token * outputs + first, sums);
+            },
+        ));
     }
 }
 
@@ -124,54 +101,72 @@ impl LinearChain<'_> {
     pub fn forward(&self, tokens: &[f32], residual: Option<&[f32]>) -> Vec<f32> {
         let (first, last) = (self.layers[0].0, self.layers[self.layers.len() - 1].0);
         let [inputs, outputs] = [first.inputs, last.outputs];
-        let mut out = vec![0.0; tokens.len() / inputs * outputs];
-        let jobs = out.par_chunks_mut(TOKEN_BLOCK * outputs).zip(tokens.par_chunks(TOKEN_BLOCK * inputs));
+        let count = tokens.len() / inputs;
+        let mut out = vec![0.0; count * outputs];
+        let block = token_block(count, tile_rows(last.instructions.rows()));
+        let jobs = out.par_chunks_mut(block * outputs).zip(tokens.par_chunks(block * inputs));
         jobs.enumerate().with_max_len(1).for_each(|(job, (out, tokens))| {
-            let residual = residual.map(|residual| &residual[job * TOKEN_BLOCK * outputs..][..out.len()]);
-            BUFFERS.with_borrow_mut(|buffers| {
-                last.instructions.run(
-                    #[inline(always)]
-                    || self.run(tokens, residual, buffers, out),
-                );
-            });
+            let residual = residual.map(|residual| &residual[job * block * outputs..][..out.len()]);
+            BUFFERS.with_borrow_mut(|buffers| self.run(tokens, residual, buffers, out));
         });
         out
     }
 
     /// Runs a block of tokens through all layers.
-    #[inline(always)]
-    fn run(
-        &self,
-        tokens: &[f32],
-        residual: Option<&[f32]>,
-        Buffers { panels, sums, tokens: hidden }: &mut Buffers,
-        out: &mut [f32],
-    ) {
+    fn run(&self, tokens: &[f32], residual: Option<&[f32]>, buffers: &mut Buffers, out: &mut [f32]) {
+        let Buffers { tokens: hidden, next } = buffers;
         let count = tokens.len() / self.layers[0].0.inputs;
         if let Some(norm) = &self.norm {
             hidden.clear();
             hidden.extend_from_slice(tokens);
-            norm.apply(hidden);
+            self.layers[0].0.instructions.run(
+                #[inline(always)]
+                || norm.apply(hidden),
+            );
         }
         for (index, (layer, activation)) in self.layers.iter().enumerate() {
             let tokens = if index == 0 && self.norm.is_none() { tokens } else { hidden.as_slice() };
-            layer.sum(tokens, panels, sums);
             if index + 1 < self.layers.len() {
-                hidden.resize(count * layer.outputs, 0.0);
-                layer.finish(sums, count, *activation, |at, values| {
-                    hidden[at..at + values.len()].copy_from_slice(values)
-                });
-            } else {
-                layer.finish(sums, count, *activation, |at, values| {
+                next.resize(count * layer.outputs, 0.0);
+                layer.run(
+                    tokens,
+                    *activation,
+                    #[inline(always)]
+                    |at, values| copy(values, &mut next[at..at + values.len()]),
+                );
+                std::mem::swap(hidden, next);
+                continue;
+            }
+            layer.run(
+                tokens,
+                *activation,
+                #[inline(always)]
+                |at, values| {
                     if let Some(residual) = residual {
                         let residual = &residual[at..at + values.len()];
                         values.iter_mut().zip(residual).for_each(|(value, residual)| *value += residual);
                     }
-                    out[at..at + values.len()].copy_from_slice(values);
-                });
-            }
+                    copy(values, &mut out[at..at + values.len()]);
+                },
+            );
         }
     }
+}
+
+/// Copies a whole vector without a call.
+#[inline(always)]
+fn copy(values: &[f32], out: &mut [f32]) {
+    match (<&[f32; LANES]>::try_from(values), <&mut [f32; LANES]>::try_from(&mut *out)) {
+        (Ok(values), Ok(out)) => *out = *values,
+        _ => out.copy_from_slice(values),
+    }
+}
+
+/// Tokens per job: as many jobs for each thread, and whole tiles of `rows`. Tokens do not affect each other, so results
+/// do not depend on it.
+fn token_block(count: usize, rows: usize) -> usize {
+    let jobs = count.div_ceil(MAX_TOKEN_BLOCK).next_multiple_of(rayon::current_num_threads());
+    count.div_ceil(jobs.max(1)).next_multiple_of(rows).max(rows)
 }
 
 #[cfg(test)]

@@ -5,10 +5,13 @@
 //! keeps its tile in registers (Goto and van de Geijn, *Anatomy of high-performance matrix multiplication*, 2008). The
 //! inner dimension is cut into blocks of [`DEPTH_BLOCK`], whose panels fit the first-level cache. The blocks and the
 //! order within them are fixed, so a result does not depend on the number of threads.
+//!
+//! Linear layers pack their weights once, and read tokens in place (`row_product`).
 
 mod linear;
 mod microkernel;
 mod packing;
+mod row_product;
 
 pub use linear::{LinearChain, PackedLinear};
 pub use packing::{pack_columns, pack_rows};
