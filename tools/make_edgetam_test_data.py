@@ -133,15 +133,17 @@ def follow(predictor, kind, first=0, correct_frame=None):
     for _ in predictor.propagate_in_video(state, start_frame_idx=first if correct_frame is None else correct_frame + 1):
         pass
 
+    # EfficientTAM's predictor has one for each object.
+    kept = state["output_dict"] if "output_dict" in state else state["output_dict_per_obj"][0]
+
     def outputs(key):
         def of(t):
-            return state["output_dict"]["cond_frame_outputs" if t == first else "non_cond_frame_outputs"][t][key][0]
+            return kept["cond_frame_outputs" if t == first else "non_cond_frame_outputs"][t][key][0]
 
         return torch.stack([of(t) for t in range(first, FRAMES)]).float()
 
     tensors = {"low_res_logits": outputs("pred_masks")[:, 0], "obj_ptr": outputs("obj_ptr")}
-    if "object_score_logits" in state["output_dict"]["cond_frame_outputs"][first]:
-        tensors["object_score_logits"] = outputs("object_score_logits")[:, 0]
+    tensors["object_score_logits"] = outputs("object_score_logits")[:, 0]
     return tensors | {"memory": outputs("maskmem_features")}
 
 
@@ -179,7 +181,7 @@ def main():
     for name, tensors in videos.items():
         save_file({key: tensor.contiguous().numpy() for key, tensor in tensors.items()}, folder / f"{name}.safetensors")
         print(name, {key: tuple(tensor.shape) for key, tensor in tensors.items()})
-        print("object scores", tensors.get("object_score_logits", torch.zeros(1)).flatten().tolist())
+        print("object scores", tensors["object_score_logits"].flatten().tolist())
         print("share of the image in each mask", (tensors["low_res_logits"] > 0).float().mean(dim=(2, 3)).tolist())
         logits = tensors["low_res_logits"]
         print("objects' logits differ by at most", (logits - logits[:, :1]).abs().amax(dim=(2, 3)).tolist())

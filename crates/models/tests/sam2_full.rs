@@ -34,7 +34,8 @@ fn encoder(size: &str) {
     let golden = Golden::open(&folder, &format!("full_{size}_encoder"));
     let network = Sam2Network::load(&FormulaWeights::from_manifest(&folder, size), None, &device()).unwrap();
     let maps = network.encode(input(0));
-    for (name, map) in [("fpn2", maps.embedding), ("s0", maps.s0), ("s1", maps.s1)] {
+    let [s0, s1] = maps.fine.unwrap();
+    for (name, map) in [("fpn2", maps.embedding), ("s0", s0), ("s1", s1)] {
         let values: Vec<f32> = map.permute([0, 3, 1, 2]).into_data().try_into_vec().unwrap();
         let stride = golden.ints(&format!("{name}.stride"))[0];
         let slice: Vec<f32> = values.iter().copied().step_by(stride).collect();

@@ -91,10 +91,19 @@ impl Scratch {
     }
 }
 
+/// A number added to the scores of the first keys.
+#[derive(Clone, Copy)]
+pub(super) struct Boost {
+    /// Number of keys.
+    pub keys: usize,
+    pub logit: f32,
+}
+
 /// Attention of one head: writes `softmax(queries · keysᵀ / √width) · values` for `count` queries, with row i of the
 /// result at `out[i * out_stride..]`.
 pub(super) fn attend<'a>(
     memory: &PackedKeysAndValues,
+    boost: Option<Boost>,
     count: usize,
     query: impl Fn(usize) -> &'a [f32],
     out: &mut [f32],
@@ -129,6 +138,10 @@ pub(super) fn attend<'a>(
             scores.resize(padded * columns, 0.0);
             instructions.add_product(key_panels, queries, memory.width, scores);
             let scores = &mut scores[..keys * columns];
+            if let Some(boost) = boost {
+                let boosted = boost.keys.saturating_sub(start).min(keys) * columns;
+                scores[..boosted].iter_mut().for_each(|score| *score += boost.logit * std::f32::consts::LOG2_E);
+            }
             instructions.run(
                 #[inline(always)]
                 || update_softmax(scores, states, weighted),
@@ -169,7 +182,9 @@ pub(super) fn write_result(weighted: &[f32], states: &[RunningSoftmax], rows: Re
 
 /// Attention for several problems (objects), each with `heads` heads: one (queries, keys, values) per problem. All
 /// problems have the same number of queries and the same widths. Returns `[problems, queries, heads · value width]`.
-pub fn multi_head_attention(problems: &[[HeadRows; 3]], heads: usize) -> Vec<f32> {
+///
+/// `boost` is a number of keys, and what is added to their scores; they are the first ones.
+pub fn multi_head_attention(problems: &[[HeadRows; 3]], heads: usize, boost: Option<(usize, f32)>) -> Vec<f32> {
     let Some([queries, _, values]) = problems.first() else { return Vec::new() };
     let (count, out_stride) = (queries.count, heads * values.width);
     let instructions = Instructions::best();
@@ -196,7 +211,8 @@ pub fn multi_head_attention(problems: &[[HeadRows; 3]], heads: usize) -> Vec<f32
         for head in 0..heads {
             let query = |row: usize| problems[problem][0].row(head, start + row);
             let out = &mut out[head * values.width..];
-            attend(&memories[problem * heads + head], count, query, out, out_stride, scratch);
+            let boost = boost.map(|(keys, logit)| Boost { keys, logit });
+            attend(&memories[problem * heads + head], boost, count, query, out, out_stride, scratch);
         }
     });
     out

@@ -82,7 +82,7 @@ fn attend_in_window(
         let key = |index: usize| &token(index)[keys.clone()];
         memory.pack(scratch.instructions, window * window, key, |index| &token(index)[values.clone()]);
         let query = |index: usize| &query(index)[at.clone()];
-        attend(memory, query_rows * query_columns, query, &mut out[at.start..], channels, scratch);
+        attend(memory, None, query_rows * query_columns, query, &mut out[at.start..], channels, scratch);
     }
     out
 }

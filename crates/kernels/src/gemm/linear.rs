@@ -72,7 +72,9 @@ impl PackedLinear {
             #[inline(always)]
             |token: usize, first: usize, sums: &mut [f32]| {
                 let bias = &self.bias[first..first + sums.len()];
-                if let (Ok(sums), Ok(bias)) = (<&mut [f32; LANES]>::try_from(&mut *sums), <&[f32; LANES]>::try_from(bias)) {
+                if let (Ok(sums), Ok(bias)) =
+                    (<&mut [f32; LANES]>::try_from(&mut *sums), <&[f32; LANES]>::try_from(bias))
+                {
                     (0..LANES).for_each(|lane| sums[lane] += bias[lane]);
                     activation.apply(sums);
                 } else {

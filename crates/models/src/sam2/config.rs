@@ -1,6 +1,6 @@
-//! Configurations of SAM 2.1, and of EdgeTAM, which keeps its interface at less work (Zhou et al. 2025).
+//! Configurations of SAM 2.1, and of EdgeTAM and EfficientTAM, which keep its interface at less work.
 
-use super::encoder::repvit;
+use super::encoder::{repvit, vit};
 use super::{Sam2Error, Weights};
 
 /// The published networks, and a miniature for tests.
@@ -19,6 +19,21 @@ pub enum Sam2Size {
     Large,
     /// `edgetam`: 14 M parameters.
     EdgeTam,
+    /// `efficienttam_s` (34 M parameters) or `efficienttam_ti` (18 M), with any pooling of the memory.
+    EfficientTam,
+}
+
+/// Reduction of remembered maps before memory attention. EfficientTAM is trained with one of them; its checkpoints do
+/// not tell which.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MemoryPooling {
+    /// None: `efficienttam_s`, `efficienttam_ti`, and SAM 2.1.
+    #[default]
+    None,
+    /// 2 × 2 tokens become one that counts four times: `efficienttam_s_1`, `efficienttam_ti_1`.
+    Weighted,
+    /// 2 × 2 tokens become one, to whose key ln 4 is added in every channel: `efficienttam_s_2`, `efficienttam_ti_2`.
+    Shifted,
 }
 
 /// The image encoder's trunk.
@@ -29,6 +44,21 @@ pub enum TrunkConfig {
     Hiera(HieraConfig),
     /// That of EdgeTAM.
     RepVit(RepVitConfig),
+    /// That of EfficientTAM.
+    Vit(VitConfig),
+}
+
+/// Hyper-parameters of EfficientTAM's trunk, a plain ViT (Xiong et al. 2024; official `vitdet.py`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct VitConfig {
+    /// Channels.
+    pub embed_dim: usize,
+    /// Attention heads, one for every 64 channels.
+    pub num_heads: usize,
+    /// Number of blocks. Every third attends to the whole map, the others within windows.
+    pub blocks: usize,
+    /// Side of the position embedding, in tokens.
+    pub pos_embed_size: usize,
 }
 
 /// Hyper-parameters of EdgeTAM's trunk, RepViT (Wang et al. 2024; `repvit_m1` in timm).
@@ -47,16 +77,6 @@ pub struct PerceiverConfig {
     pub latents: usize,
     /// Side of the square of tokens that see a part of the map each.
     pub side: usize,
-}
-
-impl TrunkConfig {
-    /// Channels of each stage.
-    pub fn channels(&self) -> [usize; 4] {
-        match self {
-            Self::Hiera(config) => [0, 1, 2, 3].map(|stage| config.embed_dim << stage),
-            Self::RepVit(config) => config.channels,
-        }
-    }
 }
 
 /// Hyper-parameters of the trunk, Hiera (official `sam2/configs/sam2.1/*.yaml`).
@@ -93,6 +113,8 @@ pub struct Sam2Config {
     pub memory_feed_forward_dim: usize,
     /// The compression of memories; `None` if whole maps are remembered.
     pub perceiver: Option<PerceiverConfig>,
+    /// True for SAM 2.1, whose memory tells when an object pointer was seen and where there was no object.
+    pub has_memory_of_absence: bool,
     /// Published side of the square network input, in pixels.
     pub image_size: usize,
 }
@@ -127,6 +149,7 @@ const fn published(size: Sam2Size, trunk: HieraConfig) -> Sam2Config {
         memory_attention_layers: 4,
         memory_feed_forward_dim: 2048,
         perceiver: None,
+        has_memory_of_absence: true,
         image_size: 1024,
     }
 }
@@ -158,7 +181,10 @@ impl Sam2Config {
     /// If the trunk's first embedding is missing, or no network has this number of blocks and channels.
     pub fn from_weights(weights: &dyn Weights) -> Result<Self, Sam2Error> {
         if weights.shape(repvit::FIRST_TENSOR).is_some() {
-            return Self::edge_tam(weights);
+            return Self::edge_tam(weights)?.checked();
+        }
+        if weights.shape(vit::FIRST_TENSOR).is_some() {
+            return Self::efficient_tam(weights)?.checked();
         }
         let name = "image_encoder.trunk.patch_embed.proj.bias";
         let embed_dim = first_axis(weights, name)?;
@@ -172,31 +198,74 @@ impl Sam2Config {
 
     /// The side of the network input must be a multiple of this, in pixels.
     pub fn image_size_unit(&self) -> usize {
-        self.perceiver.map_or(2 * FEATURE_STRIDE, |perceiver| perceiver.side.next_multiple_of(2) * FEATURE_STRIDE)
+        match (self.trunk, self.perceiver) {
+            (TrunkConfig::Vit(_), _) => 2 * FEATURE_STRIDE,
+            // Whole parts of the map, and a whole stage at half of its resolution.
+            (_, Some(perceiver)) if perceiver.side % 2 == 1 => 2 * perceiver.side * FEATURE_STRIDE,
+            (_, Some(perceiver)) => perceiver.side * FEATURE_STRIDE,
+            (_, None) => 2 * FEATURE_STRIDE,
+        }
     }
 
     /// EdgeTAM, of the size that the tensors have.
     fn edge_tam(weights: &dyn Weights) -> Result<Self, Sam2Error> {
         let squared = first_axis(weights, "spatial_perceiver.latents_2d")?;
-        let side = squared.isqrt();
-        if side * side != squared {
-            return Err(Sam2Error::TensorShape {
-                name: "spatial_perceiver.latents_2d".into(),
-                found: weights.shape("spatial_perceiver.latents_2d").unwrap_or_default(),
-                expected: vec![side * side],
-            });
+        let perceiver =
+            PerceiverConfig { latents: first_axis(weights, "spatial_perceiver.latents")?, side: squared.isqrt() };
+        if perceiver.side.pow(2) != squared {
+            return Err(unusual(format!("spatial_perceiver.latents_2d has {squared} rows, which is no square")));
         }
+        let trunk = TrunkConfig::RepVit(repvit::configuration(weights)?);
+        Self::descendant(weights, Sam2Size::EdgeTam, trunk, Some(perceiver))
+    }
+
+    /// EfficientTAM, of the size that the tensors have.
+    fn efficient_tam(weights: &dyn Weights) -> Result<Self, Sam2Error> {
+        Self::descendant(weights, Sam2Size::EfficientTam, TrunkConfig::Vit(vit::configuration(weights)?), None)
+    }
+
+    fn descendant(
+        weights: &dyn Weights,
+        size: Sam2Size,
+        trunk: TrunkConfig,
+        perceiver: Option<PerceiverConfig>,
+    ) -> Result<Self, Sam2Error> {
         Ok(Self {
-            size: Sam2Size::EdgeTam,
-            trunk: TrunkConfig::RepVit(repvit::configuration(weights)?),
+            size,
+            trunk,
             hidden_dim: first_axis(weights, "memory_attention.norm.bias")?,
             memory_dim: first_axis(weights, "memory_encoder.out_proj.bias")?,
             memory_attention_layers: count(|layer| format!("memory_attention.layers.{layer}.norm1.bias"), weights),
             memory_feed_forward_dim: first_axis(weights, "memory_attention.layers.0.linear1.bias")?,
-            perceiver: Some(PerceiverConfig { latents: first_axis(weights, "spatial_perceiver.latents")?, side }),
+            perceiver,
+            has_memory_of_absence: false,
             image_size: 1024,
         })
     }
+
+    /// Checks numbers that were read from a checkpoint.
+    fn checked(self) -> Result<Self, Sam2Error> {
+        let Self { hidden_dim, memory_dim, memory_attention_layers: layers, .. } = self;
+        if hidden_dim == 0 || !hidden_dim.is_multiple_of(64) || memory_dim == 0 || !memory_dim.is_multiple_of(4) {
+            return Err(unusual(format!("memory attention has {hidden_dim} channels, and memories have {memory_dim}")));
+        }
+        if !hidden_dim.is_multiple_of(memory_dim) || layers == 0 || self.memory_feed_forward_dim == 0 {
+            return Err(unusual(format!("{layers} layers attend with {hidden_dim} channels to {memory_dim}")));
+        }
+        let is_usual = match (self.trunk, self.perceiver) {
+            (TrunkConfig::RepVit(trunk), Some(perceiver)) => {
+                let has_channels = trunk.channels.iter().all(|channels| *channels > 0) && trunk.channels[0] % 2 == 0;
+                has_channels && perceiver.latents > 0 && (1..=256).contains(&perceiver.side)
+            }
+            (TrunkConfig::Vit(trunk), _) => trunk.num_heads > 0 && trunk.blocks > 0 && trunk.pos_embed_size > 0,
+            _ => true,
+        };
+        if is_usual { Ok(self) } else { Err(unusual("its image encoder has an empty layer".into())) }
+    }
+}
+
+fn unusual(reason: String) -> Sam2Error {
+    Sam2Error::UnusualShape { reason }
 }
 
 /// Length of the first axis of a tensor.

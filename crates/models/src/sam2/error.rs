@@ -1,4 +1,4 @@
-//! Errors of SAM 2.1 and EdgeTAM.
+//! Errors of SAM 2.1, EdgeTAM and EfficientTAM.
 
 use thiserror::Error;
 
@@ -38,6 +38,12 @@ pub enum Sam2Error {
         blocks: usize,
         /// Channels of the first trunk block.
         embed_dim: usize,
+    },
+    /// The shapes of the tensors do not make a network.
+    #[error("this is no EdgeTAM or EfficientTAM: {reason}")]
+    UnusualShape {
+        /// What is unusual.
+        reason: String,
     },
     /// A tensor could not be read.
     #[error("tensor `{name}` cannot be read: {reason}")]

@@ -1,5 +1,6 @@
-//! SAM 2.1: promptable segmentation of images and videos (Ravi et al. 2024), and EdgeTAM (Zhou et al. 2025), which has
-//! the same interface at less work: a convolutional trunk, memories of a few tokens, and half of the attention.
+//! SAM 2.1: promptable segmentation of images and videos (Ravi et al. 2024), and two networks with the same interface at
+//! less work: EdgeTAM (Zhou et al. 2025) has a convolutional trunk, memories of a few tokens, and half of the attention;
+//! EfficientTAM (Xiong et al. 2024) has a small plain ViT, and may pool its memories.
 //!
 //! The modules follow the paper's figure: `encoder` (a frame to features), `memory` (an object's memory, and attention
 //! to it), `prompt` (clicks, boxes and masks), `heads` (features and prompts to masks). [`Sam2Network`] combines them;
@@ -20,7 +21,9 @@ mod settings;
 mod video_state;
 mod weights;
 
-pub use config::{HieraConfig, PerceiverConfig, RepVitConfig, Sam2Config, Sam2Size, TrunkConfig};
+pub use config::{
+    HieraConfig, MemoryPooling, PerceiverConfig, RepVitConfig, Sam2Config, Sam2Size, TrunkConfig, VitConfig,
+};
 pub use error::Sam2Error;
 pub use heads::ObjectMask;
 pub use network::{FeatureMaps, Sam2Network};

@@ -5,14 +5,14 @@ use super::heads::SamHeads;
 use super::memory::{Assembly, MemoryAttention, MemoryEncoder};
 use super::resize::{normalise, resize_frame};
 use super::weights::WeightReader;
-use super::{Sam2Config, Sam2Error, Weights, config::FEATURE_STRIDE};
+use super::{MemoryPooling, Sam2Config, Sam2Error, Sam2Size, Weights, config::FEATURE_STRIDE};
 use crate::transfer::upload;
 use burn::tensor::{Device, Tensor};
 use splatseg_geometry::CowImage;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 
-/// SAM 2.1 or EdgeTAM with its weights. It has no state: one network serves any number of videos.
+/// SAM 2.1, EdgeTAM or EfficientTAM with its weights. It has no state: one network serves any number of videos.
 #[derive(Clone, Debug)]
 pub struct Sam2Network {
     config: Sam2Config,
@@ -32,10 +32,9 @@ pub struct Sam2Network {
 pub struct FeatureMaps {
     /// `[1, side / 16, side / 16, hidden]`.
     pub embedding: Tensor<4>,
-    /// For the mask decoder, `[1, side / 4, side / 4, hidden / 8]`.
-    pub s0: Tensor<4>,
-    /// For the mask decoder, `[1, side / 8, side / 8, hidden / 4]`.
-    pub s1: Tensor<4>,
+    /// For the mask decoder, `[1, side / 4, side / 4, hidden / 8]` and `[1, side / 8, side / 8, hidden / 4]`; `None`
+    /// for EfficientTAM.
+    pub fine: Option<[Tensor<4>; 2]>,
 }
 
 impl Sam2Network {
@@ -80,6 +79,22 @@ impl Sam2Network {
         }
     }
 
+    /// Pools remembered maps as the network was trained to, which its checkpoint does not tell.
+    ///
+    /// # Errors
+    /// If the network is not EfficientTAM and `pooling` is not [`MemoryPooling::None`].
+    pub fn with_memory_pooling(mut self, pooling: MemoryPooling) -> Result<Self, Sam2Error> {
+        if pooling != MemoryPooling::None && self.config.size != Sam2Size::EfficientTam {
+            return Err(Sam2Error::Setting {
+                field: "memory_pooling",
+                found: format!("{pooling:?}").to_lowercase(),
+                expected: "none, for only EfficientTAM is trained with another".into(),
+            });
+        }
+        self.memory_attention.pooling = pooling;
+        Ok(self)
+    }
+
     /// The network's size and hyper-parameters.
     pub fn config(&self) -> &Sam2Config {
         &self.config
@@ -103,10 +118,11 @@ impl Sam2Network {
 
     /// Computes the feature maps of an input, `[1, 3, side, side]`, for uses other than video.
     pub fn encode(&self, input: Tensor<4>) -> FeatureMaps {
-        let ImageFeatures { embedding, s0, s1 } = self.encode_image(input);
+        let ImageFeatures { embedding, fine } = self.encode_image(input);
         let [_, _, hidden] = embedding.dims();
         let side = self.image_size / FEATURE_STRIDE;
-        FeatureMaps { embedding: embedding.reshape([1, side, side, hidden]), s0, s1 }
+        let fine = fine.map(|fine| [fine.s0, fine.s1]);
+        FeatureMaps { embedding: embedding.reshape([1, side, side, hidden]), fine }
     }
 
     /// Computes the features of an input, `[1, 3, side, side]`.

@@ -1,7 +1,7 @@
 use super::*;
 use crate::sam2::encoder::fpn_neck::FpnNeck;
 use crate::sam2::encoder::position_encoding;
-use crate::sam2::encoder::{ImageFeatures, Trunk};
+use crate::sam2::encoder::{FineFeatures, ImageEncoder, ImageFeatures, Trunk};
 use crate::sam2::resize::{normalise, resize_frame};
 use crate::sam2::weights::WeightReader;
 
@@ -13,7 +13,8 @@ fn image_encoder() {
     let input = network.input(&frame(&folder, 0));
     assert_close("input", &values(input.clone()), &golden.floats("input"), Within::Absolute(1e-6));
     assert_eq!(normalise(&resize_frame(&frame(&folder, 0), SIDE)), values(input.clone()));
-    let Trunk::Hiera(trunk) = &network.image_encoder.trunk else { panic!("not Hiera") };
+    let ImageEncoder::Pyramid(encoder) = &network.image_encoder else { panic!("not a pyramid") };
+    let Trunk::Hiera(trunk) = &encoder.trunk else { panic!("not Hiera") };
     assert_close("patch_embed", &values(trunk.embed_patches(input.clone())), &golden.floats("patch_embed"), CLOSE);
     assert_close("pos_embed", &values(trunk.pos_embed().clone()), &golden.floats("pos_embed_full"), CLOSE);
     let stages = trunk.forward(input, |block, map| {
@@ -23,13 +24,14 @@ fn image_encoder() {
     let (weights, here) = (golden::mini_weights(&folder), device());
     let read = Default::default();
     let reader = WeightReader::new(&weights, &read, &here).child("image_encoder.neck");
-    let channels = network.config().trunk.channels();
+    let channels = [16, 32, 64, 128];
     let (_, finest) = FpnNeck::load(&reader, channels, network.config().hidden_dim).unwrap();
     for (level, weights) in finest.into_iter().enumerate() {
         let map = weights.on(&here).forward(stages[level].clone());
         assert_planes(&golden, &format!("fpn{level}"), map.unsqueeze(), CLOSE);
     }
-    let ImageFeatures { embedding, s0, s1 } = network.image_encoder.features(stages);
+    let ImageFeatures { embedding, fine } = encoder.features(stages);
+    let FineFeatures { s0, s1 } = fine.unwrap();
     assert_planes(&golden, "fpn2", embedding.reshape([1, 16, 16, 64]), CLOSE);
     assert_planes(&golden, "s0", s0, CLOSE);
     assert_planes(&golden, "s1", s1, CLOSE);

@@ -1,12 +1,11 @@
 use super::*;
-use crate::sam2::encoder::ImageFeatures;
+use crate::sam2::encoder::{FineFeatures, ImageFeatures};
 use crate::sam2::heads::{DecodedMasks, MaskChoice, fill_holes};
 
 fn decoder_features(golden: &Golden) -> ImageFeatures {
     ImageFeatures {
         embedding: channels_last(golden, "image_embeddings").reshape([1, 256, 64]),
-        s0: channels_last(golden, "s0"),
-        s1: channels_last(golden, "s1"),
+        fine: Some(FineFeatures { s0: channels_last(golden, "s0"), s1: channels_last(golden, "s1") }),
     }
 }
 

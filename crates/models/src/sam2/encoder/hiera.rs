@@ -90,17 +90,17 @@ impl Hiera {
 
 /// The hyper-parameters of a [`Block`].
 #[derive(Clone, Copy, Debug)]
-struct BlockShape {
-    inputs: usize,
-    outputs: usize,
-    heads: usize,
+pub(super) struct BlockShape {
+    pub inputs: usize,
+    pub outputs: usize,
+    pub heads: usize,
     /// Side of the attention windows; `None` if the block attends to the whole map.
-    window: Option<usize>,
+    pub window: Option<usize>,
 }
 
 /// One transformer block (official `MultiScaleBlock`). A block that increases the number of channels halves the map.
 #[derive(Clone, Debug)]
-struct Block {
+pub(super) struct Block {
     shape: BlockShape,
     norm1: LayerNorm,
     qkv: Linear,
@@ -114,7 +114,7 @@ struct Block {
 }
 
 impl Block {
-    fn load(reader: &WeightReader, shape: BlockShape) -> Result<Self, Sam2Error> {
+    pub fn load(reader: &WeightReader, shape: BlockShape) -> Result<Self, Sam2Error> {
         let BlockShape { inputs, outputs, .. } = shape;
         let shortcut = (inputs != outputs).then(|| Linear::load(&reader.child("proj"), inputs, outputs)).transpose()?;
         Ok(Self {
@@ -129,7 +129,7 @@ impl Block {
         })
     }
 
-    fn forward(&self, map: Tensor<3>) -> Tensor<3> {
+    pub fn forward(&self, map: Tensor<3>) -> Tensor<3> {
         let qkv = self.qkv.forward_normed(&self.norm1, map.clone());
         let shortcut = match &self.shortcut {
             None => map,
@@ -170,7 +170,7 @@ impl Block {
                 let queries = rows(queries, query_stride, tokens / (pooling * pooling));
                 let keys = rows(&qkv[channels..], 3 * channels, tokens);
                 let values = rows(&qkv[2 * channels..], 3 * channels, tokens);
-                multi_head_attention(&[[queries, keys, values]], heads)
+                multi_head_attention(&[[queries, keys, values]], heads, None)
             }
         };
         from_host(out, [height / pooling, width / pooling, channels], &device)

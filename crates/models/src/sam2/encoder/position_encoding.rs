@@ -47,12 +47,25 @@ pub fn random_fourier(x: f32, y: f32, gaussian: &[f32]) -> Vec<f32> {
 /// The trunk's position embedding for a square map of `side` tokens, `[side · side, channels]`: `background`
 /// (`[channels, size, size]`) enlarged by bicubic interpolation, plus `window` (`[channels, tile, tile]`) repeated.
 pub fn windowed_embedding(background: &[f32], window: &[f32], channels: usize, side: usize) -> Vec<f32> {
-    let size = (background.len() / channels).isqrt();
     let tile = (window.len() / channels).isqrt();
+    let mut embedding = enlarged_embedding(background, channels, side);
+    for (token, values) in embedding.chunks_exact_mut(channels).enumerate() {
+        let (row, column) = (token / side, token % side);
+        for (channel, value) in values.iter_mut().enumerate() {
+            *value += window[(channel * tile + row % tile) * tile + column % tile];
+        }
+    }
+    embedding
+}
+
+/// A position embedding `[channels, size, size]`, enlarged by bicubic interpolation to a square map of `side` tokens,
+/// `[side · side, channels]`.
+pub fn enlarged_embedding(background: &[f32], channels: usize, side: usize) -> Vec<f32> {
+    let size = (background.len() / channels).isqrt();
     let taps: Vec<_> = (0..side).map(|position| bicubic_taps(position, size, side)).collect();
     let mut embedding = Vec::with_capacity(side * side * channels);
-    for (row, row_taps) in taps.iter().enumerate() {
-        for (column, column_taps) in taps.iter().enumerate() {
+    for row_taps in &taps {
+        for column_taps in &taps {
             for channel in 0..channels {
                 let plane = &background[channel * size * size..];
                 let mut value = 0.0;
@@ -61,7 +74,7 @@ pub fn windowed_embedding(background: &[f32], window: &[f32], channels: usize, s
                     let along: f32 = column_taps.iter().map(|(source, weight)| line[*source] * weight).sum();
                     value += along * row_weight;
                 }
-                embedding.push(value + window[(channel * tile + row % tile) * tile + column % tile]);
+                embedding.push(value);
             }
         }
     }

@@ -96,9 +96,15 @@ impl MaskDecoder {
     pub fn decode(&self, [tokens, image]: [Tensor<3>; 2], features: &ImageFeatures) -> DecodedMasks {
         let [objects, pixels, hidden] = image.dims();
         let side = pixels.isqrt();
-        let map = self.upscale1.forward(image.reshape([objects, side, side, hidden])) + features.s1.clone();
-        let map = activate(Activation::Gelu, self.upscale_norm.forward(map));
-        let map = activate(Activation::Gelu, self.upscale2.forward(map) + features.s0.clone());
+        let fine = features.fine.as_ref();
+        let with = |map: Tensor<4>, fine: Option<&Tensor<4>>| match fine {
+            Some(fine) => map + fine.clone(),
+            None => map,
+        };
+        let map = self.upscale1.forward(image.reshape([objects, side, side, hidden]));
+        let map = self.upscale_norm.forward(with(map, fine.map(|fine| &fine.s1)));
+        let map = self.upscale2.forward(activate(Activation::Gelu, map));
+        let map = activate(Activation::Gelu, with(map, fine.map(|fine| &fine.s0)));
         let map = map.reshape([objects, 16 * pixels, hidden / 8]);
 
         let mask_tokens = tokens.clone().narrow(1, 2, MASKS);

@@ -123,6 +123,14 @@ impl Linear {
         Ok(LinearWeights::load_pointwise(reader, inputs, outputs)?.on(reader.device()))
     }
 
+    /// Number of input channels.
+    pub fn inputs(&self) -> usize {
+        match self {
+            Self::Packed(packed) => packed.dims()[0],
+            Self::Tensors(tensors) => tensors.weight.dims()[0],
+        }
+    }
+
     fn packed(&self) -> Option<&PackedLinear> {
         match self {
             Self::Packed(packed) => Some(packed),

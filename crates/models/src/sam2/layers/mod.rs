@@ -7,7 +7,7 @@ pub(crate) mod host;
 mod linear;
 mod rotation;
 
-pub(crate) use attention::multi_head;
+pub(crate) use attention::{multi_head, multi_head_boosted};
 pub(crate) use convolution::{Conv2d, ConvShape};
 pub(crate) use linear::{Linear, LinearWeights, Mlp, activate, forward_chain};
 pub(crate) use rotation::Rotation;

@@ -9,6 +9,7 @@ use splatseg_kernels::attention::{rotary_angles, rotate};
 /// The rotation of every token of a square map.
 #[derive(Clone, Debug)]
 pub(crate) struct Rotation {
+    side: usize,
     /// Cosine and sine, `[side · side, channels / 2]`.
     angles: Vec<[f32; 2]>,
     /// On devices other than the CPU: cosines and sines, `[1, side · side, channels / 2, 1]`.
@@ -24,7 +25,12 @@ impl Rotation {
             upload(values, [1, side * side, channels / 2, 1], device)
         };
         let tables = (!is_cpu(device)).then(|| [table(0), table(1)]);
-        Self { angles, tables }
+        Self { side, angles, tables }
+    }
+
+    /// Side of the map, in tokens.
+    pub fn side(&self) -> usize {
+        self.side
     }
 
     /// Cosine and sine, `[side · side, channels / 2]`.

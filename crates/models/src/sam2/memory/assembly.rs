@@ -73,7 +73,7 @@ pub(crate) struct Assembly {
     temporal: Vec<f32>,
     /// Sum of both for every row of the temporal encoding, `[side · side, memory]`; empty on the CPU.
     positions: Vec<Tensor<2>>,
-    /// EdgeTAM's pointers have no encoding of time.
+    /// Only SAM 2.1's pointers have an encoding of time.
     pointer_position: Option<Linear>,
     hidden_dim: usize,
     memory_dim: usize,
@@ -100,9 +100,9 @@ impl Assembly {
             map_position,
             temporal,
             unplaced: config.perceiver.map_or(0, |perceiver| perceiver.latents),
-            pointer_position: match config.perceiver {
-                None => Some(Linear::load(&reader.child("obj_ptr_tpos_proj"), hidden_dim, memory_dim)?),
-                Some(_) => None,
+            pointer_position: match config.has_memory_of_absence {
+                true => Some(Linear::load(&reader.child("obj_ptr_tpos_proj"), hidden_dim, memory_dim)?),
+                false => None,
             },
             hidden_dim,
             memory_dim,

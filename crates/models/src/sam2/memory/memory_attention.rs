@@ -2,12 +2,13 @@
 //! `sam/transformer.py` for the rotary attention).
 
 use super::assembly::{AssembledMemory, DeviceMemory, HostMemory};
+use super::pooled_attention::attend_pooled;
 use crate::device::is_cpu;
 use crate::sam2::encoder::position_encoding::sine_2d;
 use crate::sam2::layers::host::{HostValues, from_host};
 use crate::sam2::layers::{Activation, LayerNorm, Linear, LinearWeights, Rotation, forward_chain, multi_head};
 use crate::sam2::weights::WeightReader;
-use crate::sam2::{Sam2Config, Sam2Error};
+use crate::sam2::{MemoryPooling, Sam2Config, Sam2Error};
 use crate::transfer::upload;
 use burn::tensor::Tensor;
 use splatseg_kernels::attention::{AxialKeys, RememberedMaps};
@@ -27,22 +28,15 @@ struct Layer {
     self_out: Linear,
     norm2: LayerNorm,
     cross_queries: Linear,
-    cross_keys: CrossKeys,
+    cross_keys: Linear,
+    /// On the CPU, the same with the rotation of remembered maps.
+    axial_keys: Option<AxialKeys>,
     /// The value and output projections combined: softmax weights sum to 1, so projecting the weighted mean of the few
     /// memory channels equals averaging the many projected ones.
     cross_values_out: Linear,
     norm3: LayerNorm,
     linear1: Linear,
     linear2: Linear,
-}
-
-/// The projection of memories to keys.
-#[derive(Clone, Debug)]
-enum CrossKeys {
-    /// On the CPU: includes the rotation.
-    Axial(AxialKeys),
-    /// On other devices.
-    Linear(Linear),
 }
 
 /// Memory attention.
@@ -53,6 +47,8 @@ pub(crate) struct MemoryAttention {
     /// Position encoding of the feature map times its weight, `[1, tokens, hidden]`.
     position: Tensor<3>,
     rotations: Rotations,
+    /// How remembered maps are pooled.
+    pub pooling: MemoryPooling,
 }
 
 /// Rotations of tokens by their places.
@@ -86,11 +82,8 @@ impl Layer {
             self_out: linear("self_attn.out_proj", hidden, hidden)?,
             norm2: norm("norm2")?,
             cross_queries: linear("cross_attn_image.q_proj", hidden, hidden)?,
-            cross_keys: if is_cpu(reader.device()) {
-                CrossKeys::Axial(cross_keys.axial_keys(rotations.memory.angles(), memory_side))
-            } else {
-                CrossKeys::Linear(cross_keys.on(reader.device()))
-            },
+            axial_keys: is_cpu(reader.device()).then(|| cross_keys.axial_keys(rotations.memory.angles(), memory_side)),
+            cross_keys: cross_keys.on(reader.device()),
             cross_values_out: cross_values.then(&cross_out).on(reader.device()),
             norm3: norm("norm3")?,
             linear1: linear("linear1", hidden, config.memory_feed_forward_dim)?,
@@ -100,9 +93,15 @@ impl Layer {
 
     /// `[objects or 1, tokens, hidden]` and one memory per object to `[objects, tokens, hidden]`. Results shared by all
     /// objects are computed once.
-    fn forward(&self, map: Tensor<3>, memories: &[AssembledMemory], rotations: &Rotations) -> Tensor<3> {
+    fn forward(
+        &self,
+        map: Tensor<3>,
+        memories: &[AssembledMemory],
+        rotations: &Rotations,
+        pooling: MemoryPooling,
+    ) -> Tensor<3> {
         let map = self.attend_to_self(map, &rotations.map);
-        let map = self.attend_to_memories(map, memories, rotations);
+        let map = self.attend_to_memories(map, memories, rotations, pooling);
         let layers = [(&self.linear1, Activation::Relu), (&self.linear2, Activation::None)];
         forward_chain(Some(&self.norm3), &layers, map.clone(), Some(map))
     }
@@ -115,12 +114,19 @@ impl Layer {
         self.self_out.forward_added(attended, map)
     }
 
-    fn attend_to_memories(&self, map: Tensor<3>, memories: &[AssembledMemory], rotations: &Rotations) -> Tensor<3> {
+    fn attend_to_memories(
+        &self,
+        map: Tensor<3>,
+        memories: &[AssembledMemory],
+        rotations: &Rotations,
+        pooling: MemoryPooling,
+    ) -> Tensor<3> {
         let [_, tokens, hidden] = map.dims();
         let queries = rotations.map.apply(self.cross_queries.forward_normed(&self.norm2, map.clone()));
-        let attended = match &self.cross_keys {
-            CrossKeys::Axial(keys) => attend_on_host(keys, queries, memories),
-            CrossKeys::Linear(keys) => attend_on_device(keys, queries, memories, &rotations.memory),
+        let attended = match (&self.axial_keys, pooling) {
+            (Some(keys), MemoryPooling::None) => attend_on_host(keys, queries, memories),
+            (None, MemoryPooling::None) => attend_on_device(&self.cross_keys, queries, memories, &rotations.memory),
+            _ => attend_pooled(&self.cross_keys, queries, memories, &rotations.memory, pooling),
         };
         let map = map.expand([memories.len(), tokens, hidden]);
         self.cross_values_out.forward_added(attended, map)
@@ -191,6 +197,7 @@ impl MemoryAttention {
             norm: LayerNorm::load(&attention.child("norm"), hidden, EPSILON)?,
             position: position * POSITION_WEIGHT,
             rotations,
+            pooling: MemoryPooling::None,
         })
     }
 
@@ -204,7 +211,7 @@ impl MemoryAttention {
     ) -> Tensor<3> {
         let mut map = embedding + self.position.clone();
         for (index, layer) in self.layers.iter().enumerate() {
-            map = layer.forward(map, memories, &self.rotations);
+            map = layer.forward(map, memories, &self.rotations, self.pooling);
             observe(index, &map);
         }
         self.norm.forward(map)

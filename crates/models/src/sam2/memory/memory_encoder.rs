@@ -106,7 +106,7 @@ pub(crate) struct MemoryEncoder {
     feature_projection: Linear,
     fuser: Vec<ConvNextBlock>,
     out_projection: Linear,
-    /// Added to the memory of a frame without the object, `[1, 1, memory]`; EdgeTAM adds nothing.
+    /// Added to the memory of a frame without the object, `[1, 1, memory]`; only SAM 2.1 has it.
     no_object: Option<Tensor<3>>,
     /// Compresses memories.
     perceiver: Option<Perceiver>,
@@ -133,9 +133,9 @@ impl MemoryEncoder {
                 .map(|block| ConvNextBlock::load(&encoder.child(format!("fuser.layers.{block}")), hidden))
                 .collect::<Result<_, _>>()?,
             out_projection: Linear::load_pointwise(&encoder.child("out_proj"), hidden, memory_dim)?,
-            no_object: match config.perceiver {
-                None => Some(reader.tensor::<2>("no_obj_embed_spatial", [1, memory_dim])?.unsqueeze()),
-                Some(_) => None,
+            no_object: match config.has_memory_of_absence {
+                true => Some(reader.tensor::<2>("no_obj_embed_spatial", [1, memory_dim])?.unsqueeze()),
+                false => None,
             },
             perceiver: config
                 .perceiver

@@ -7,6 +7,7 @@ mod memory_attention;
 mod memory_bank;
 mod memory_encoder;
 mod perceiver;
+mod pooled_attention;
 mod remembered;
 
 pub(crate) use assembly::{AssembledMemory, Assembly};
