@@ -51,9 +51,16 @@ MINI_OVERRIDES = SHARED | {
 }
 
 
-# So that objects are there in some frames, and absent in others.
-SCORE_BIAS = "pred_obj_score_head.layers.2.bias"
-FACTORS = [[part, 1 if part == SCORE_BIAS else factor] for part, factor in edgetam.FACTORS]
+# Objects are there in some frames, and absent in others. With four layers of attention, factors like EdgeTAM's would
+# amplify the rounding of memories to bfloat16 from frame to frame.
+CHANGED = {
+    "pred_obj_score_head.layers.2.bias": 1.2,
+    "cross_attn_image.q_proj.weight": 1,
+    "cross_attn_image.k_proj.weight": 1,
+    "cross_attn_image.v_proj.weight": 2,
+    "cross_attn_image.out_proj.weight": 2,
+}
+FACTORS = [[part, CHANGED.get(part, factor)] for part, factor in edgetam.FACTORS]
 
 
 def network(name, overrides):
