@@ -83,10 +83,13 @@ impl Sam2Predictor {
             object.points.clear();
         }
         let ids = self.objects_to_track();
+        let attention = &self.network.clone().memory_attention;
+        let prepared = (!ids.is_empty()).then(|| attention.prepare(features.embedding.clone()));
         let mut masks = Vec::with_capacity(ids.len());
         for ids in ids.chunks(self.settings.objects_per_chunk) {
             let memories = ids.iter().map(|id| self.assemble(*id)).collect::<Vec<_>>();
-            let embeddings = self.network.memory_attention.forward(features.embedding.clone(), &memories, |_, _| {});
+            let Some(prepared) = &prepared else { break };
+            let embeddings = attention.forward(prepared, &memories, |_, _| {});
             let points = vec![Vec::new(); ids.len()];
             let out = self.network.heads.forward(embeddings, &features, &points, None, MaskChoice::BestOfThree);
             self.state.object_passes += ids.len();

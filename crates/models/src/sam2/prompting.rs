@@ -140,7 +140,8 @@ impl Sam2Predictor {
         }
         let embeddings = if has_memory {
             let memories = prompts.iter().map(|(id, _)| self.assemble(*id)).collect::<Vec<_>>();
-            self.network.memory_attention.forward(features.embedding.clone(), &memories, |_, _| {})
+            let attention = &self.network.memory_attention;
+            attention.forward(&attention.prepare(features.embedding.clone()), &memories, |_, _| {})
         } else {
             features.embedding.clone() + self.network.no_memory.clone()
         };

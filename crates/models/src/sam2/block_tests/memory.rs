@@ -101,7 +101,7 @@ fn memory_attention() {
 
         let current = tensor::<2>(&golden, &format!("{bank}.curr")).unsqueeze();
         // The same memory twice: objects must not affect each other.
-        let out = attention.forward(current, &[assembled.clone(), assembled], |layer, map| {
+        let out = attention.forward(&attention.prepare(current), &[assembled.clone(), assembled], |layer, map| {
             let name = format!("{bank}.layer{layer}");
             if golden.has(&name) {
                 assert_close(&name, &values(map.clone().narrow(0, 1, 1)), &golden.floats(&name), CLOSE);

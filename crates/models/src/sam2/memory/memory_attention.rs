@@ -51,6 +51,10 @@ pub(crate) struct MemoryAttention {
     pub pooling: MemoryPooling,
 }
 
+/// The features of a frame after the part of memory attention that is the same for all objects.
+#[derive(Clone, Debug)]
+pub(crate) struct PreparedFeatures(Tensor<3>);
+
 /// Rotations of tokens by their places.
 #[derive(Clone, Debug)]
 struct Rotations {
@@ -91,17 +95,7 @@ impl Layer {
         })
     }
 
-    /// `[objects or 1, tokens, hidden]` and one memory per object to `[objects, tokens, hidden]`. Results shared by all
-    /// objects are computed once.
-    fn forward(
-        &self,
-        map: Tensor<3>,
-        memories: &[AssembledMemory],
-        rotations: &Rotations,
-        pooling: MemoryPooling,
-    ) -> Tensor<3> {
-        let map = self.attend_to_self(map, &rotations.map);
-        let map = self.attend_to_memories(map, memories, rotations, pooling);
+    fn feed_forward(&self, map: Tensor<3>) -> Tensor<3> {
         let layers = [(&self.linear1, Activation::Relu), (&self.linear2, Activation::None)];
         forward_chain(Some(&self.norm3), &layers, map.clone(), Some(map))
     }
@@ -114,6 +108,7 @@ impl Layer {
         self.self_out.forward_added(attended, map)
     }
 
+    /// `[objects or 1, tokens, hidden]` and one memory per object to `[objects, tokens, hidden]`.
     fn attend_to_memories(
         &self,
         map: Tensor<3>,
@@ -201,17 +196,30 @@ impl MemoryAttention {
         })
     }
 
-    /// Conditions the features of a frame, `[1, tokens, hidden]`, on each object's memory: `[objects, tokens, hidden]`.
-    /// `observe` is called with every layer's output.
+    /// Prepares the features of a frame, `[1, tokens, hidden]`, with what is the same for all objects: they attend to
+    /// themselves for the first time.
+    pub fn prepare(&self, embedding: Tensor<3>) -> PreparedFeatures {
+        let map = embedding + self.position.clone();
+        PreparedFeatures(
+            self.layers.first().map_or(map.clone(), |first| first.attend_to_self(map, &self.rotations.map)),
+        )
+    }
+
+    /// Conditions prepared features on each object's memory: `[objects, tokens, hidden]`. `observe` is called with every
+    /// layer's output.
     pub fn forward(
         &self,
-        embedding: Tensor<3>,
+        prepared: &PreparedFeatures,
         memories: &[AssembledMemory],
         mut observe: impl FnMut(usize, &Tensor<3>),
     ) -> Tensor<3> {
-        let mut map = embedding + self.position.clone();
+        let mut map = prepared.0.clone();
         for (index, layer) in self.layers.iter().enumerate() {
-            map = layer.forward(map, memories, &self.rotations, self.pooling);
+            if index > 0 {
+                map = layer.attend_to_self(map, &self.rotations.map);
+            }
+            map = layer.attend_to_memories(map, memories, &self.rotations, self.pooling);
+            map = layer.feed_forward(map);
             observe(index, &map);
         }
         self.norm.forward(map)

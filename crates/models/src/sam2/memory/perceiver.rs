@@ -81,15 +81,20 @@ impl Attention {
     /// Tokens `[problems, n, channels]` attend to `others` `[problems, m, channels]`, of which keys and values have the
     /// positions `position` added, and add what they find.
     fn forward(&self, tokens: Tensor<3>, others: Tensor<3>, position: Option<&Tensor<3>>) -> Tensor<3> {
-        let queries = self.queries.forward_normed(&self.norm, tokens.clone());
-        let [keys, values] = [&self.keys, &self.values].map(|linear| {
+        let projected = |linear: &Linear| {
             let projected = linear.forward(others.clone());
             match position {
                 Some(position) => projected + position.clone(),
                 None => projected,
             }
-        });
-        self.out.forward_added(multi_head(queries, keys, values, 1), tokens)
+        };
+        let values = projected(&self.values);
+        // There is nothing to choose from.
+        if values.dims()[1] == 1 {
+            return self.out.forward_added(values, tokens);
+        }
+        let queries = self.queries.forward_normed(&self.norm, tokens.clone());
+        self.out.forward_added(multi_head(queries, projected(&self.keys), values, 1), tokens)
     }
 }
 
