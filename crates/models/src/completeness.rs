@@ -45,10 +45,12 @@ pub fn missing_tensors(checkpoint: &Checkpoint) -> Option<Vec<Missing>> {
             let config = fastsam::FastSamConfig::from_checkpoint(checkpoint).ok()?;
             fastsam::FastSamNetwork::load(&audit, config, &Device::flex()).is_ok()
         }
-        Architecture::Sam2 { .. } => match Sam2Network::load(&audit, None, &Device::flex()) {
-            Ok(_) | Err(Sam2Error::UnexpectedTensor { .. }) => true,
-            Err(_) => false,
-        },
+        Architecture::Sam2 { .. } | Architecture::EdgeTam { .. } | Architecture::EfficientTam { .. } => {
+            match Sam2Network::load(&audit, None, &Device::flex()) {
+                Ok(_) | Err(Sam2Error::UnexpectedTensor { .. }) => true,
+                Err(_) => false,
+            }
+        }
         Architecture::Unknown => false,
     };
     let missing = audit.missing.into_inner();

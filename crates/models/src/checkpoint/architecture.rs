@@ -28,6 +28,16 @@ pub enum Architecture {
         /// Blocks of the image encoder.
         blocks: usize,
     },
+    /// EdgeTAM.
+    EdgeTam {
+        /// Channels of the first stage of the image encoder; 48 in the published one.
+        width: usize,
+    },
+    /// EfficientTAM.
+    EfficientTam {
+        /// Channels of the image encoder: 384 in `efficienttam_s`, 192 in `efficienttam_ti`.
+        width: usize,
+    },
     /// Something else.
     Unknown,
 }
@@ -35,7 +45,10 @@ pub enum Architecture {
 impl Architecture {
     /// Recognises the network of a checkpoint.
     pub(super) fn from_checkpoint(checkpoint: &Checkpoint) -> Self {
-        yolo_v8_seg(checkpoint).or_else(|| sam2(checkpoint)).unwrap_or(Self::Unknown)
+        yolo_v8_seg(checkpoint)
+            .or_else(|| descendant_of_sam2(checkpoint))
+            .or_else(|| sam2(checkpoint))
+            .unwrap_or(Self::Unknown)
     }
 }
 
@@ -84,6 +97,18 @@ fn sam2(checkpoint: &Checkpoint) -> Option<Architecture> {
     Some(Architecture::Sam2 { size, is_2_1, width, blocks })
 }
 
+fn descendant_of_sam2(checkpoint: &Checkpoint) -> Option<Architecture> {
+    checkpoint.info("maskmem_tpos_enc")?;
+    if checkpoint.info("spatial_perceiver.latents").is_some() {
+        let width =
+            first_axis::<4>(checkpoint, "image_encoder.trunk.body.stages_0.blocks.0.token_mixer.conv.c.weight")?;
+        return Some(Architecture::EdgeTam { width });
+    }
+    checkpoint.info("image_encoder.neck.convs.0.conv_1x1.weight")?;
+    let width = first_axis::<4>(checkpoint, "image_encoder.trunk.patch_embed.proj.weight")?;
+    Some(Architecture::EfficientTam { width })
+}
+
 impl fmt::Display for Architecture {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -106,6 +131,11 @@ impl fmt::Display for Architecture {
                     None => write!(formatter, " of no published size: width {width}, {blocks} blocks"),
                 }
             }
+            Self::EdgeTam { width: 48 } => formatter.write_str("EdgeTAM"),
+            Self::EdgeTam { width } => write!(formatter, "EdgeTAM of no published size: width {width}"),
+            Self::EfficientTam { width: 384 } => formatter.write_str("EfficientTAM-S"),
+            Self::EfficientTam { width: 192 } => formatter.write_str("EfficientTAM-Ti"),
+            Self::EfficientTam { width } => write!(formatter, "EfficientTAM of no published size: width {width}"),
             Self::Unknown => formatter.write_str("unknown"),
         }
     }

@@ -2,6 +2,7 @@
 
 use super::encoder::{repvit, vit};
 use super::{Sam2Error, Weights};
+use splatseg_settings::choices;
 
 /// The published networks, and a miniature for tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -23,17 +24,17 @@ pub enum Sam2Size {
     EfficientTam,
 }
 
-/// Reduction of remembered maps before memory attention. EfficientTAM is trained with one of them; its checkpoints do
-/// not tell which.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum MemoryPooling {
-    /// None: `efficienttam_s`, `efficienttam_ti`, and SAM 2.1.
-    #[default]
-    None,
-    /// 2 × 2 tokens become one that counts four times: `efficienttam_s_1`, `efficienttam_ti_1`.
-    Weighted,
-    /// 2 × 2 tokens become one, to whose key ln 4 is added in every channel: `efficienttam_s_2`, `efficienttam_ti_2`.
-    Shifted,
+choices! {
+    /// Reduction of remembered maps before memory attention. EfficientTAM is trained with one of them; its checkpoints
+    /// do not tell which.
+    pub enum MemoryPooling, default None {
+        /// None: `efficienttam_s`, `efficienttam_ti`, and the other networks
+        None = "none",
+        /// 2 × 2 tokens become one that counts four times: `efficienttam_s_1`, `efficienttam_ti_1`
+        Weighted = "weighted",
+        /// 2 × 2 tokens become one, to whose key ln 4 is added in every channel: `efficienttam_s_2`, `efficienttam_ti_2`
+        Shifted = "shifted",
+    }
 }
 
 /// The image encoder's trunk.

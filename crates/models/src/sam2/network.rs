@@ -87,7 +87,7 @@ impl Sam2Network {
         if pooling != MemoryPooling::None && self.config.size != Sam2Size::EfficientTam {
             return Err(Sam2Error::Setting {
                 field: "memory_pooling",
-                found: format!("{pooling:?}").to_lowercase(),
+                found: pooling.to_string(),
                 expected: "none, for only EfficientTAM is trained with another".into(),
             });
         }

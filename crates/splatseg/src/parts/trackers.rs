@@ -15,7 +15,7 @@ use toml::Table;
 choices! {
     /// The trackers.
     pub enum TrackerName, default Sam2 {
-        /// SAM 2.1; needs tracker_weights
+        /// SAM 2.1, EdgeTAM or EfficientTAM; needs tracker_weights
         Sam2 = "sam2",
         /// The scene's ground truth with errors at set rates, for comparing methods
         Sim = "sim",
@@ -88,7 +88,8 @@ impl TrackerSettings {
         match self {
             Self::Sam2 { tracker_weights, sam2 } => {
                 let path = tracker_weights.as_deref().unwrap_or(Path::new(""));
-                let network = parts.networks.sam2(path, sam2.image_size, parts.settings.run.device)?;
+                let network =
+                    parts.networks.sam2(path, sam2.image_size, sam2.memory_pooling, parts.settings.run.device)?;
                 let sam2 = sam2.resolved(parts.settings.method.prompts_lost_objects());
                 Ok(Box::new(Sam2Tracker::new(network, sam2)?))
             }
@@ -104,7 +105,7 @@ impl TrackerSettings {
 const NO_CHECKPOINT: MissingFile = MissingFile {
     chosen: "tracker = sam2",
     key: "tracker_weights",
-    what: "a checkpoint of SAM 2.1, e.g. --tracker-weights sam2.1_hiera_base_plus.pt",
+    what: "a checkpoint of SAM 2.1, EdgeTAM or EfficientTAM, e.g. --tracker-weights edgetam.pt",
 };
 
 /// Registers the choice of a tracker, and the settings of each.
@@ -113,7 +114,8 @@ pub(crate) fn register(registry: &mut Registry) {
     registry
         .add(vec![choice::<TrackerName>("tracker", "The tracker of the methods `sam2` and `sam2-splat`.")], &[tracked]);
     let with_sam2 = [tracked, ("tracker", &["sam2"][..])];
-    let weights = "Checkpoint of SAM 2.1: Meta's `sam2.1_hiera_*.pt` as published, or a `.safetensors`.";
+    let weights = "Checkpoint of SAM 2.1, EdgeTAM or EfficientTAM: `sam2.1_hiera_*.pt`, `edgetam.pt` or \
+                   `efficienttam_*.pt` as published, or a `.safetensors`. The network is recognised.";
     registry.add(vec![file("tracker_weights", weights)], &with_sam2);
     registry.add(Sam2TrackerSettings::fields(), &with_sam2);
     registry.add(SimTrackerSettings::fields(), &[tracked, ("tracker", &["sim"])]);

@@ -4,7 +4,7 @@ use super::PipelineError;
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::device::DeviceName;
 use splatseg_models::fastsam::{FastSamPredictor, FastSamPredictorSettings};
-use splatseg_models::sam2::Sam2Network;
+use splatseg_models::sam2::{MemoryPooling, Sam2Network};
 use splatseg_segmenter::{AffinityNetwork, SegmenterError};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -15,7 +15,7 @@ use std::sync::{Mutex, PoisonError};
 pub struct LoadedNetworks {
     affinity: Latest<(Option<PathBuf>, DeviceName), AffinityNetwork>,
     fastsam: Latest<(PathBuf, FastSamPredictorSettings, DeviceName), FastSamPredictor>,
-    sam2: Latest<(PathBuf, Option<usize>, DeviceName), Sam2Network>,
+    sam2: Latest<(PathBuf, Option<usize>, MemoryPooling, DeviceName), Sam2Network>,
 }
 
 /// The network that was loaded last, and its key.
@@ -76,7 +76,7 @@ impl LoadedNetworks {
         })
     }
 
-    /// Returns SAM 2.1 with the weights of a checkpoint, for the given image size.
+    /// Returns SAM 2.1, EdgeTAM or EfficientTAM with the weights of a checkpoint, for the given image size.
     ///
     /// # Errors
     /// If it cannot be loaded.
@@ -84,11 +84,13 @@ impl LoadedNetworks {
         &self,
         weights: &Path,
         image_size: Option<usize>,
+        pooling: MemoryPooling,
         device: DeviceName,
     ) -> Result<Sam2Network, PipelineError> {
-        self.sam2.get((weights.to_owned(), image_size, device), |(weights, image_size, device)| {
+        self.sam2.get((weights.to_owned(), image_size, pooling, device), |(weights, image_size, pooling, device)| {
             let checkpoint = Checkpoint::open(weights)?;
             Sam2Network::load(&checkpoint, *image_size, &device.open()?)
+                .and_then(|network| network.with_memory_pooling(*pooling))
                 .map_err(|source| PipelineError::Sam2 { path: weights.clone(), source: Box::new(source) })
         })
     }

@@ -1,19 +1,23 @@
-//! SAM 2.1 as a tracker.
+//! SAM 2.1, EdgeTAM and EfficientTAM as trackers.
 
 use crate::{Tracker, TrackerError};
 use rayon::prelude::*;
 use splatseg_geometry::{CameraFrame, Mask, Prompt, SegmentId};
-use splatseg_models::sam2::{ObjectMask, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
-use splatseg_settings::{Allowed, settings};
+use splatseg_models::sam2::{MemoryPooling, ObjectMask, Sam2Network, Sam2Predictor, Sam2PredictorSettings};
+use splatseg_settings::{Allowed, Choice, settings};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 settings! {
-    /// Settings of SAM 2.1 and of [`Sam2Tracker`].
+    /// Settings of SAM 2.1, EdgeTAM and EfficientTAM, and of [`Sam2Tracker`].
     #[derive(Copy)]
     pub struct Sam2TrackerSettings in "sam2" {
-        /// Side of the square to which frames are resized, pixels. If left out: 1024, as published.
+        /// Side of the square to which frames are resized, pixels. If left out: 1024, as published. EdgeTAM needs a
+        /// multiple of 256.
         image_size: Option<usize> = None, Allowed::Multiple { of: 32, min: 32, max: 2048 };
+        /// How EfficientTAM was trained to pool its memories, which its checkpoint does not tell: `weighted` for
+        /// `efficienttam_*_1.pt`, `shifted` for `efficienttam_*_2.pt`.
+        memory_pooling: MemoryPooling = MemoryPooling::None, Allowed::Names(MemoryPooling::NAMES);
         /// Number of objects processed by the network together. More objects need more memory; results are the same.
         objects_per_chunk: usize = 4, Allowed::between(1.0, 256.0);
         /// Holes of at most this many pixels are filled, counted in masks at a quarter of `image_size`. 0: none.
@@ -65,7 +69,7 @@ impl Sam2TrackerSettings {
     }
 }
 
-/// SAM 2.1 on the frames' colour images; depth is not used.
+/// SAM 2.1, EdgeTAM or EfficientTAM on the frames' colour images; depth is not used.
 ///
 /// A mask prompt that is too thin for the network's resolution is skipped; its result is an empty mask.
 #[derive(Debug)]
@@ -76,7 +80,8 @@ pub struct Sam2Tracker {
 }
 
 impl Sam2Tracker {
-    /// Creates a tracker. The network, created with [`Sam2TrackerSettings::image_size`], may be shared.
+    /// Creates a tracker. The network, created with [`Sam2TrackerSettings::image_size`] and [`Sam2TrackerSettings::memory_pooling`], may be
+    /// shared.
     ///
     /// # Errors
     /// [`TrackerError::Sam2`] if a setting is out of range.
