@@ -6,6 +6,7 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pulp::{Arch, Simd, WithSimd};
 use splatseg_kernels::convolution::{ConvolutionShape, PackedConvolution};
+use splatseg_kernels::depthwise::DepthwiseConvolution;
 use splatseg_kernels::feature_map::{FeatureMap, MapConvolution};
 use splatseg_kernels::gemm::{LinearChain, PackedLinear};
 use splatseg_kernels::{Activation, Instructions};
@@ -22,9 +23,22 @@ const CONVOLUTIONS: [(usize, usize, usize, usize, usize); 7] = [
     (1280, 640, 1, 1, 40),
 ];
 
-/// (tokens, inputs, outputs).
-const LINEAR_LAYERS: [(usize, usize, usize); 4] =
-    [(65_536, 96, 96), (65_536, 96, 288), (16_384, 192, 768), (4096, 384, 1536)];
+/// (tokens, inputs, outputs); the first three are of EdgeTAM's trunk at 512 pixels.
+const LINEAR_LAYERS: [(usize, usize, usize); 8] = [
+    (16_384, 48, 96),
+    (16_384, 96, 48),
+    (4096, 96, 192),
+    (4096, 16, 64),
+    (65_536, 96, 96),
+    (65_536, 96, 288),
+    (16_384, 192, 768),
+    (4096, 384, 1536),
+];
+
+/// Depthwise layers of EdgeTAM's trunk at 512 pixels, and of the memory encoder: (channels, kernel, stride, height and
+/// width of the input).
+const DEPTHWISE: [(usize, usize, usize, usize); 4] =
+    [(48, 3, 1, 128), (48, 3, 2, 128), (192, 3, 1, 32), (256, 7, 1, 32)];
 
 /// Layers of a small network: (inputs, outputs, stride, height and width of the output).
 const MAP_CONVOLUTIONS: [(usize, usize, usize, usize, usize); 7] = [
@@ -96,6 +110,20 @@ fn linear_layers(criterion: &mut Criterion) {
     }
 }
 
+fn depthwise(criterion: &mut Criterion) {
+    for (channels, kernel, stride, size) in DEPTHWISE {
+        let mut group =
+            criterion.benchmark_group(format!("depthwise {channels}, {kernel}x{kernel}/{stride}, {size}x{size}"));
+        let outputs = channels * (size / stride).pow(2);
+        group.sample_size(50).throughput(Throughput::Elements((2 * outputs * kernel * kernel) as u64));
+        let (weight, bias) = (noise(channels * kernel * kernel), noise(channels));
+        let layer = DepthwiseConvolution::new(&weight, &bias, kernel, stride, Instructions::best());
+        let (input, mut output) = (noise(channels * size * size), vec![0.0; outputs]);
+        group.bench_function("forward", |bencher| bencher.iter(|| layer.forward(&input, [size; 2], &mut output)));
+        group.finish();
+    }
+}
+
 /// Independent sums in registers: measures peak speed without memory limits.
 struct MultiplyAdds(usize);
 
@@ -147,5 +175,5 @@ fn peak(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, peak, convolutions, map_convolutions, linear_layers);
+criterion_group!(benches, peak, convolutions, map_convolutions, linear_layers, depthwise);
 criterion_main!(benches);
