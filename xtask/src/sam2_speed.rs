@@ -1,4 +1,4 @@
-//! Times of SAM 2.1 with random weights, whose values do not affect the speed. `tools/compare_sam2.py` compares them
+//! Times of SAM 2.1, EdgeTAM and EfficientTAM with random weights, whose values do not affect the speed. `tools/compare_sam2.py` compares them
 //! with the official code.
 
 use crate::device::{moved, parse_device};
@@ -13,13 +13,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Time SAM 2.1 with random weights; prints one line of JSON
+/// Time SAM 2.1, EdgeTAM or EfficientTAM with random weights; prints one line of JSON
 ///
 /// Times the image encoder and every frame tracked after the first, in seconds. RAYON_NUM_THREADS sets the number of
 /// threads.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Names and shapes of the weights: crates/models/tests/data/sam2/manifest_SIZE.json
+    /// Names and shapes of the weights: crates/models/tests/data/{sam2,edgetam,efficienttam}/manifest_SIZE.json
     manifest: PathBuf,
     /// Width and height of the network's input
     #[arg(long, default_value_t = 1024)]
@@ -123,8 +123,7 @@ impl Weights for RandomWeights {
         }
         let fan_in: usize = shape.iter().skip(1).product();
         let (mean, spread) = match (name.rsplit('.').next(), shape.len()) {
-            (Some("weight" | "gamma"), 1) => (1.0, 0.1),
-            (Some("running_var"), _) => (1.0, 0.1),
+            (Some("weight" | "gamma" | "running_var"), 1) => (1.0, 0.1),
             (Some("weight"), _) => (0.0, (3.0 / fan_in as f32).sqrt()),
             _ => (0.0, 0.02),
         };

@@ -110,10 +110,9 @@ impl DepthwiseConvolution {
     fn pixels<S: Simd, const COUNT: usize, const FUSED: bool>(&self, simd: S, pixels: &Pixels, output: &mut [f32]) {
         let channels = self.channels;
         let (bias, tail) = S::as_simd_f32s(&self.bias);
-        let vectors = bias.len();
         let whole = channels - tail.len();
-        for vector in 0..vectors {
-            let mut sums = [bias[vector]; COUNT];
+        for (vector, bias) in bias.iter().enumerate() {
+            let mut sums = [*bias; COUNT];
             for (tap_row, line) in pixels.lines {
                 for tap in pixels.taps.clone() {
                     let weights = &self.weights[(tap_row * self.kernel + tap) * channels..][..channels];

@@ -199,12 +199,11 @@ impl Sam2Config {
 
     /// The side of the network input must be a multiple of this, in pixels.
     pub fn image_size_unit(&self) -> usize {
-        match (self.trunk, self.perceiver) {
-            (TrunkConfig::Vit(_), _) => 2 * FEATURE_STRIDE,
+        match self.perceiver {
+            None => 2 * FEATURE_STRIDE,
             // Whole parts of the map, and a whole stage at half of its resolution.
-            (_, Some(perceiver)) if perceiver.side % 2 == 1 => 2 * perceiver.side * FEATURE_STRIDE,
-            (_, Some(perceiver)) => perceiver.side * FEATURE_STRIDE,
-            (_, None) => 2 * FEATURE_STRIDE,
+            Some(perceiver) if perceiver.side % 2 == 1 => 2 * perceiver.side * FEATURE_STRIDE,
+            Some(perceiver) => perceiver.side * FEATURE_STRIDE,
         }
     }
 
@@ -214,7 +213,7 @@ impl Sam2Config {
         let perceiver =
             PerceiverConfig { latents: first_axis(weights, "spatial_perceiver.latents")?, side: squared.isqrt() };
         if perceiver.side.pow(2) != squared {
-            return Err(unusual(format!("spatial_perceiver.latents_2d has {squared} rows, which is no square")));
+            return Err(unusual(format!("spatial_perceiver.latents_2d has {squared} rows, expected a square number")));
         }
         let trunk = TrunkConfig::RepVit(repvit::configuration(weights)?);
         Self::descendant(weights, Sam2Size::EdgeTam, trunk, Some(perceiver))
@@ -251,7 +250,9 @@ impl Sam2Config {
             return Err(unusual(format!("memory attention has {hidden_dim} channels, and memories have {memory_dim}")));
         }
         if !hidden_dim.is_multiple_of(memory_dim) || layers == 0 || self.memory_feed_forward_dim == 0 {
-            return Err(unusual(format!("{layers} layers attend with {hidden_dim} channels to {memory_dim}")));
+            return Err(unusual(format!(
+                "memory attention has {layers} layers, {hidden_dim} channels, and memories of {memory_dim} channels"
+            )));
         }
         let is_usual = match (self.trunk, self.perceiver) {
             (TrunkConfig::RepVit(trunk), Some(perceiver)) => {

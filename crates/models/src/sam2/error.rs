@@ -40,7 +40,7 @@ pub enum Sam2Error {
         embed_dim: usize,
     },
     /// The shapes of the tensors do not make a network.
-    #[error("this is no EdgeTAM or EfficientTAM: {reason}")]
+    #[error("the shapes of the tensors fit neither EdgeTAM nor EfficientTAM: {reason}")]
     UnusualShape {
         /// What is unusual.
         reason: String,

@@ -50,8 +50,8 @@ pub(crate) struct PyramidEncoder {
 /// The trunk: from an image to four maps.
 #[derive(Clone, Debug)]
 pub(crate) enum Trunk {
-    Hiera(Hiera),
-    RepVit(RepVit),
+    Hiera(Box<Hiera>),
+    RepVit(Box<RepVit>),
 }
 
 impl ImageEncoder {
@@ -61,9 +61,9 @@ impl ImageEncoder {
         let (trunk, channels) = match &config.trunk {
             TrunkConfig::Hiera(config) => {
                 let channels = [0, 1, 2, 3].map(|stage| config.embed_dim << stage);
-                (Trunk::Hiera(Hiera::load(&trunk, config, image_size)?), channels)
+                (Trunk::Hiera(Box::new(Hiera::load(&trunk, config, image_size)?)), channels)
             }
-            TrunkConfig::RepVit(config) => (Trunk::RepVit(RepVit::load(&trunk, config)?), config.channels),
+            TrunkConfig::RepVit(config) => (Trunk::RepVit(Box::new(RepVit::load(&trunk, config)?)), config.channels),
             TrunkConfig::Vit(vit) => {
                 return Ok(Self::Vit(Box::new(VitEncoder::load(reader, vit, config.hidden_dim, image_size)?)));
             }
