@@ -68,7 +68,7 @@ def kills(arguments, home):
             node.kill()
             node.wait()
             listed = json.loads(home.with_suffix(".objects.json").read_text())["objects"]
-            command = [arguments.splatseg, "diff", home, home]
+            command = [arguments.splatseg, "export", home, "--out", home.with_name(f"objects{number}.ply")]
             read = subprocess.run(command, check=False, capture_output=True)
             good += read.returncode == 0
             print(f"{number + 1}: {len(listed)} objects, map read with status {read.returncode}", flush=True)
