@@ -31,40 +31,23 @@ import timm
 import torch
 from hydra import compose, initialize_config_module
 from hydra.utils import instantiate
-from make_sam2_size_test_data import override
+from make_sam2_size_test_data import OVERRIDES, override
 from make_sam2_test_data import CORRECTED_FRAME, FRAMES, SIZE, components, formula, frame, write_manifest
 from omegaconf import OmegaConf
 from safetensors.numpy import save_file
 
 SIDE = SIZE // 16
-# As build_sam2_video_predictor sets them.
-PREDICTOR = {
-    "_target_": "sam2.sam2_video_predictor.SAM2VideoPredictor",
-    "++sam_mask_decoder_extra_args.dynamic_multimask_via_stability": "true",
-    "++sam_mask_decoder_extra_args.dynamic_multimask_stability_delta": 0.05,
-    "++sam_mask_decoder_extra_args.dynamic_multimask_stability_thresh": 0.98,
-    "+binarize_mask_from_pts_for_mem_enc": "true",
-    "+fill_hole_area": 0,
-}
+# The widths of SAM 2.1's miniature, and what build_sam2_video_predictor sets.
 MINI = {
+    name: value
+    for name, value in OVERRIDES.items()
+    if ".trunk." not in name and not name.endswith("cross_attention.feat_sizes")
+} | {
     "image_size": SIZE,
-    "image_encoder.neck.position_encoding.num_pos_feats": 64,
-    "image_encoder.neck.d_model": 64,
     "image_encoder.neck.backbone_channel_list": "[48,40,24,16]",
-    "memory_attention.d_model": 64,
-    "memory_attention.layer.dim_feedforward": 128,
-    "memory_attention.layer.d_model": 64,
-    "memory_attention.layer.self_attention.embedding_dim": 64,
     "memory_attention.layer.self_attention.feat_sizes": f"[{SIDE},{SIDE}]",
-    "memory_attention.layer.cross_attention.embedding_dim": 64,
     "memory_attention.layer.cross_attention.q_sizes": f"[{SIDE},{SIDE}]",
     "memory_attention.layer.cross_attention.k_sizes": "[4,4]",
-    "memory_attention.layer.cross_attention.kv_in_dim": 16,
-    "memory_encoder.out_dim": 16,
-    "+memory_encoder.in_dim": 64,
-    "memory_encoder.position_encoding.num_pos_feats": 16,
-    "+memory_encoder.mask_downsampler.embed_dim": 64,
-    "memory_encoder.fuser.layer.dim": 64,
     "spatial_perceiver.dim": 16,
     "spatial_perceiver.dim_head": 16,
     "spatial_perceiver.num_latents": 6,
@@ -157,7 +140,7 @@ def main():
     folder.mkdir(exist_ok=True)
     hydra.core.global_hydra.GlobalHydra.instance().clear()  # importing sam2 has set one up
     write_manifest(folder / "manifest_edgetam.json", network({}, {}))
-    predictor = network(PREDICTOR | MINI, MINI_TRUNK)
+    predictor = network(MINI, MINI_TRUNK)
     (folder / "manifest_edgetam_mini.json").write_text(json.dumps({"factors": FACTORS}))
     write_manifest(folder / "manifest_edgetam_mini.json", predictor)
     predictor.load_state_dict({name: parameter(name, tensor) for name, tensor in predictor.state_dict().items()})

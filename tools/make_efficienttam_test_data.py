@@ -26,7 +26,7 @@ import make_edgetam_test_data as edgetam
 import torch
 from hydra import compose, initialize_config_module
 from hydra.utils import instantiate
-from make_edgetam_test_data import BOX, CLICKS, MASK, MINI, PREDICTOR, SIDE, follow, parameter, stacked
+from make_edgetam_test_data import BOX, CLICKS, MASK, MINI, SIDE, follow, parameter, stacked
 from make_sam2_size_test_data import override
 from make_sam2_test_data import CORRECTED_FRAME, FRAMES, SIZE, components, frame, write_manifest
 from omegaconf import OmegaConf
@@ -34,7 +34,7 @@ from safetensors.numpy import save_file
 
 SHARED = {
     name: value
-    for name, value in (PREDICTOR | MINI).items()
+    for name, value in MINI.items()
     if not name.startswith(("image_encoder", "spatial_perceiver")) and not name.endswith(("q_sizes", "k_sizes"))
 }
 MINI_OVERRIDES = SHARED | {

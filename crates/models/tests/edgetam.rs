@@ -5,7 +5,7 @@ mod formula_video;
 mod sam2_golden;
 
 use burn::tensor::Device;
-use formula_video::{FRAMES, check, folder, follow, input, mini, official, prompts};
+use formula_video::{FRAMES, check, check_embedding, folder, follow, follow_corrected, input, mini, official, prompts};
 use sam2_golden::{FormulaWeights, Golden, VIDEO_SIDE, Within, assert_close};
 use splatseg_models::sam2::{
     PerceiverConfig, RepVitConfig, Sam2Error, Sam2Network, Sam2Predictor, Sam2PredictorSettings, Sam2Size, TrunkConfig,
@@ -19,9 +19,7 @@ fn masks_boxes_and_clicks_are_followed_as_officially() {
     let Some(network) = mini(NETWORK, "masks_boxes_and_clicks_are_followed_as_officially") else { return };
     let golden = Golden::open(&folder(NETWORK), "video");
     assert_eq!(golden.floats("low_res_logits")[2 * 3 * 1024], -1024.0, "the object is not absent in the reference");
-    let embedding = network.encode(input(0)).embedding.permute([0, 3, 1, 2]);
-    let embedding: Vec<f32> = embedding.into_data().try_into_vec().unwrap();
-    assert_close("embedding", &embedding, &golden.floats("embedding"), Within::OfMax(1e-5));
+    check_embedding(&golden, &network);
     for objects_per_chunk in [1, 8] {
         let settings = Sam2PredictorSettings { objects_per_chunk, ..official() };
         follow(&golden, network.clone(), settings, None, |t, predictor| {
@@ -36,13 +34,10 @@ fn masks_boxes_and_clicks_are_followed_as_officially() {
     }
 }
 
-/// With the official defaults, small holes are filled, and a corrected frame is remembered but does not condition.
 #[test]
 fn corrections_in_a_stream_are_remembered_as_officially() {
     let Some(network) = mini(NETWORK, "corrections_in_a_stream_are_remembered_as_officially") else { return };
-    let golden = Golden::open(&folder(NETWORK), "stream");
-    assert!(golden.floats("low_res_logits").contains(&0.1), "no hole is filled in the reference");
-    follow(&golden, network, Sam2PredictorSettings::official(FRAMES), Some(2), |_, _| {});
+    follow_corrected(NETWORK, network);
 }
 
 #[test]

@@ -5,8 +5,8 @@ mod formula_video;
 mod sam2_golden;
 
 use burn::tensor::Device;
-use formula_video::{FRAMES, folder, follow, input, mini, official};
-use sam2_golden::{FormulaWeights, Golden, Within, assert_close};
+use formula_video::{check_embedding, folder, follow, follow_corrected, mini, official};
+use sam2_golden::{FormulaWeights, Golden};
 use splatseg_models::sam2::{
     MemoryPooling, Sam2Error, Sam2Network, Sam2PredictorSettings, Sam2Size, TrunkConfig, VitConfig,
 };
@@ -17,9 +17,7 @@ const NETWORK: &str = "efficienttam";
 fn masks_boxes_and_clicks_are_followed_as_officially() {
     let Some(network) = mini(NETWORK, "masks_boxes_and_clicks_are_followed_as_officially") else { return };
     let golden = Golden::open(&folder(NETWORK), "video");
-    let embedding = network.encode(input(0)).embedding.permute([0, 3, 1, 2]);
-    let embedding: Vec<f32> = embedding.into_data().try_into_vec().unwrap();
-    assert_close("embedding", &embedding, &golden.floats("embedding"), Within::OfMax(1e-5));
+    check_embedding(&golden, &network);
     for objects_per_chunk in [1, 8] {
         let settings = Sam2PredictorSettings { objects_per_chunk, ..official() };
         follow(&golden, network.clone(), settings, None, |_, _| {});
@@ -29,9 +27,7 @@ fn masks_boxes_and_clicks_are_followed_as_officially() {
 #[test]
 fn corrections_in_a_stream_are_remembered_as_officially() {
     let Some(network) = mini(NETWORK, "corrections_in_a_stream_are_remembered_as_officially") else { return };
-    let golden = Golden::open(&folder(NETWORK), "stream");
-    assert!(golden.floats("low_res_logits").contains(&0.1), "no hole is filled in the reference");
-    follow(&golden, network, Sam2PredictorSettings::official(FRAMES), Some(2), |_, _| {});
+    follow_corrected(NETWORK, network);
 }
 
 /// The references differ in all frames that see more than one memory, by far more than the tolerance.

@@ -1,5 +1,4 @@
 //! The formula's video with three prompted objects, and its comparison with a reference.
-#![allow(dead_code)] // Each test file uses a part.
 
 use crate::sam2_golden::test_device::{self, device};
 use crate::sam2_golden::{FormulaWeights, Golden, VIDEO_SIDE, Within, assert_close, formula_video_frame};
@@ -60,6 +59,22 @@ pub fn check(golden: &Golden, frame: usize, [object, objects]: [usize; 2], mask:
     let score = part("object_score_logits", 1);
     assert_close(&what("score"), &[mask.object_score], &score, Within::Absolute(2e-3));
     assert_close(&what("pointer"), &mask.pointer, &part("obj_ptr", 64), Within::Absolute(1e-3));
+}
+
+/// Compares the features of the first frame.
+#[track_caller]
+pub fn check_embedding(golden: &Golden, network: &Sam2Network) {
+    let embedding = network.encode(input(0)).embedding.permute([0, 3, 1, 2]);
+    let embedding: Vec<f32> = embedding.into_data().try_into_vec().unwrap();
+    assert_close("embedding", &embedding, &golden.floats("embedding"), Within::OfMax(1e-5));
+}
+
+/// Tracks the three objects with the official defaults, which fill small holes. The first is corrected on frame 2, which is
+/// remembered but does not condition.
+pub fn follow_corrected(network_name: &str, network: Sam2Network) {
+    let golden = Golden::open(&folder(network_name), "stream");
+    assert!(golden.floats("low_res_logits").contains(&0.1), "no hole is filled in the reference");
+    follow(&golden, network, Sam2PredictorSettings::official(FRAMES), Some(2), |_, _| {});
 }
 
 /// Tracks the three objects, which are prompted on the first frame, and compares all masks. The first object is
