@@ -35,6 +35,11 @@ const LINEAR_LAYERS: [(usize, usize, usize); 8] = [
     (4096, 384, 1536),
 ];
 
+/// Feed-forward parts of EdgeTAM's memory attention at 512 pixels, and of its memory encoder: (tokens, inputs, hidden
+/// features, activation).
+const FEED_FORWARD: [(usize, usize, usize, Activation); 2] =
+    [(1024, 256, 2048, Activation::Relu), (1024, 256, 1024, Activation::Gelu)];
+
 /// Depthwise layers of EdgeTAM's trunk at 512 pixels, and of the memory encoder: (channels, kernel, stride, height and
 /// width of the input).
 const DEPTHWISE: [(usize, usize, usize, usize); 4] =
@@ -110,6 +115,21 @@ fn linear_layers(criterion: &mut Criterion) {
     }
 }
 
+fn feed_forward(criterion: &mut Criterion) {
+    for (tokens, features, hidden, activation) in FEED_FORWARD {
+        let mut group = criterion.benchmark_group(format!("feed-forward {tokens}x{features}-{hidden}-{features}"));
+        group.sample_size(20).throughput(Throughput::Elements((4 * tokens * features * hidden) as u64));
+        let weights = noise(features * hidden);
+        let first = PackedLinear::new(&weights, &noise(hidden), Instructions::best());
+        let second = PackedLinear::new(&weights, &noise(features), Instructions::best());
+        let tokens = noise(tokens * features);
+        let layers = [(&first, activation), (&second, Activation::None)];
+        let chain = LinearChain { norm: None, layers: &layers };
+        group.bench_function("forward", |bencher| bencher.iter(|| chain.forward(black_box(&tokens), None)));
+        group.finish();
+    }
+}
+
 fn depthwise(criterion: &mut Criterion) {
     for (channels, kernel, stride, size) in DEPTHWISE {
         let mut group =
@@ -161,7 +181,8 @@ fn peak(criterion: &mut Criterion) {
     let arch = Arch::new();
     let operations = 2 * CHAINS * REPEATS * arch.dispatch(Lanes);
     let mut group = criterion.benchmark_group("peak");
-    for threads in [1, rayon::current_num_threads()] {
+    let all = rayon::current_num_threads();
+    for threads in (1..=all).step_by((all - 1).max(1)) {
         group.throughput(Throughput::Elements((operations * threads) as u64));
         group.bench_function(format!("{threads} threads"), |bencher| {
             bencher.iter(|| {
@@ -175,5 +196,5 @@ fn peak(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, peak, convolutions, map_convolutions, linear_layers, depthwise);
+criterion_group!(benches, peak, convolutions, map_convolutions, linear_layers, feed_forward, depthwise);
 criterion_main!(benches);

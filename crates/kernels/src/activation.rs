@@ -1,6 +1,6 @@
 //! Activation functions.
 
-use crate::exp::{erf, exp};
+use crate::exp::{exp, normal_cdf};
 use crate::instructions::{Instructions, LANES};
 use rayon::prelude::*;
 
@@ -65,8 +65,7 @@ fn silu(values: &mut [f32]) {
 #[inline(always)]
 fn gelu(values: &mut [f32]) {
     for value in values {
-        let x = *value;
-        *value = 0.5 * x * (1.0 + erf(x * core::f32::consts::FRAC_1_SQRT_2));
+        *value *= normal_cdf(*value);
     }
 }
 

@@ -23,6 +23,14 @@ impl AlignedVec {
     }
 }
 
+impl From<&[f32]> for AlignedVec {
+    fn from(values: &[f32]) -> Self {
+        let mut aligned = Self::zeros(values.len());
+        aligned.copy_from_slice(values);
+        aligned
+    }
+}
+
 impl Deref for AlignedVec {
     type Target = [f32];
 

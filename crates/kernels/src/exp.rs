@@ -1,4 +1,4 @@
-//! Exponentials and the error function, written so that a loop over them becomes vector code.
+//! Exponentials and the normal distribution, written so that a loop over them becomes vector code.
 //!
 //! [`exp`](exp()) and [`exp2`] are for the networks and differ only in how they reduce their argument. [`exp_negative`]
 //! computes blending weights. It uses separate products and sums, which give the same bits on every processor and are
@@ -62,26 +62,33 @@ pub fn exp_negative(x: f32) -> f32 {
     series * f32::from_bits(127u32.wrapping_sub(n) << 23)
 }
 
-/// The error function within 4 units in the last place: a ratio of polynomials in x² fitted on [-4, 4], with the
-/// coefficients of Eigen and XLA. Outside, erf is ±1 in single precision.
+/// Φ(x), the cumulative distribution function of the normal distribution, with an error of at most 2e-7.
+///
+/// `(Φ(x) - 1/2) / x` as a polynomial in x², fitted on [-5.2, 5.2] so that the largest error of Φ is smallest. It is
+/// written in `u`, which is x² mapped to [-1, 1]: there its terms hardly cancel. It has no division, which takes as long
+/// as all of its steps. Beyond 5.2, Φ stays at its value there.
 #[inline(always)]
-pub fn erf(x: f32) -> f32 {
-    let x = if x > 4.0 { 4.0 } else { x };
-    let x = if x < -4.0 { -4.0 } else { x };
-    let square = x * x;
-    let mut p = -2.726_142_3e-10;
-    p = f32::mul_add(p, square, 2.770_681_4e-8);
-    p = f32::mul_add(p, square, -2.101_024e-6);
-    p = f32::mul_add(p, square, -5.692_506_4e-5);
-    p = f32::mul_add(p, square, -7.349_906_3e-4);
-    p = f32::mul_add(p, square, -2.954_6e-3);
-    p = f32::mul_add(p, square, -1.609_603_3e-2);
-    let mut q = -1.456_607_2e-5;
-    q = f32::mul_add(q, square, -2.133_740_6e-4);
-    q = f32::mul_add(q, square, -1.682_827e-3);
-    q = f32::mul_add(q, square, -7.373_329e-3);
-    q = f32::mul_add(q, square, -1.426_473_9e-2);
-    x * p / q
+pub fn normal_cdf(x: f32) -> f32 {
+    // Comparisons rather than `clamp`, to keep NaN.
+    let x = if x > 5.2 { 5.2 } else { x };
+    let x = if x < -5.2 { -5.2 } else { x };
+    let u = f32::mul_add(x * x, 2.0 / (5.2 * 5.2), -1.0);
+    let mut p = 2.023_896_8e-4;
+    p = f32::mul_add(p, u, -5.622_904e-4);
+    p = f32::mul_add(p, u, 6.007_602e-4);
+    p = f32::mul_add(p, u, -9.785_158e-4);
+    p = f32::mul_add(p, u, 2.662_442e-3);
+    p = f32::mul_add(p, u, -5.067_367_6e-3);
+    p = f32::mul_add(p, u, 8.010_09e-3);
+    p = f32::mul_add(p, u, -1.235_336e-2);
+    p = f32::mul_add(p, u, 1.813_392_3e-2);
+    p = f32::mul_add(p, u, -2.476_345e-2);
+    p = f32::mul_add(p, u, 3.196_232_4e-2);
+    p = f32::mul_add(p, u, -3.992_54e-2);
+    p = f32::mul_add(p, u, 5.002_611e-2);
+    p = f32::mul_add(p, u, -6.774_381e-2);
+    p = f32::mul_add(p, u, 0.135_949_98);
+    f32::mul_add(p, x, 0.5)
 }
 
 #[cfg(test)]

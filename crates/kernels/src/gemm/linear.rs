@@ -2,14 +2,14 @@
 
 use super::pack_columns;
 use super::row_product::{RowProduct, tile_rows};
-use crate::Activation;
 use crate::instructions::{Instructions, LANES};
 use crate::layer_norm::LayerNorm;
+use crate::{Activation, AlignedVec};
 use rayon::prelude::*;
 use std::cell::RefCell;
 
 /// Maximum number of tokens per job: between layers they stay in the second-level cache of a core.
-const MAX_TOKEN_BLOCK: usize = 96;
+const MAX_TOKEN_BLOCK: usize = 192;
 
 thread_local! {
     /// Buffers that a thread keeps from one layer to the next.
@@ -29,8 +29,8 @@ struct Buffers {
 pub struct PackedLinear {
     inputs: usize,
     outputs: usize,
-    /// Panels of columns.
-    weights: Vec<f32>,
+    /// Panels of columns. On 64-byte boundaries, loading a vector of them touches one cache line.
+    weights: AlignedVec,
     bias: Vec<f32>,
     instructions: Instructions,
 }
@@ -45,8 +45,9 @@ impl PackedLinear {
         let inputs = weight.len() / outputs;
         assert_eq!(inputs * outputs, weight.len(), "weights of a linear layer");
         let width = instructions.columns();
-        let mut weights = Vec::with_capacity(inputs * outputs.next_multiple_of(width));
-        pack_columns(|| weight.chunks_exact(outputs), outputs, width, &mut weights);
+        let mut panels = Vec::with_capacity(inputs * outputs.next_multiple_of(width));
+        pack_columns(|| weight.chunks_exact(outputs), outputs, width, &mut panels);
+        let weights = AlignedVec::from(panels.as_slice());
         Self { inputs, outputs, weights, bias: bias.to_vec(), instructions }
     }
 
@@ -60,8 +61,18 @@ impl PackedLinear {
         LinearChain { norm: None, layers: &[(self, Activation::None)] }.forward(tokens, None)
     }
 
+    /// [`forward`](Self::forward) on the calling thread, to `out` `[count, outputs]`.
+    pub(crate) fn forward_into(&self, tokens: &[f32], out: &mut [f32]) {
+        self.run(
+            tokens,
+            Activation::None,
+            #[inline(always)]
+            |at, values| copy(values, &mut out[at..at + values.len()]),
+        );
+    }
+
     /// Multiplies `tokens` `[count, inputs]`, adds bias and applies the activation. `write` receives an offset in
-    /// `[count, outputs]` and at most [`LANES`] consecutive outputs of a token.
+    /// `[count, outputs]` and consecutive outputs of a token.
     #[inline(always)]
     fn run(&self, tokens: &[f32], activation: Activation, mut write: impl FnMut(usize, &mut [f32])) {
         let [depth, outputs] = self.dims();
@@ -72,14 +83,15 @@ impl PackedLinear {
             #[inline(always)]
             |token: usize, first: usize, sums: &mut [f32]| {
                 let bias = &self.bias[first..first + sums.len()];
-                if let (Ok(sums), Ok(bias)) =
-                    (<&mut [f32; LANES]>::try_from(&mut *sums), <&[f32; LANES]>::try_from(bias))
-                {
+                let (vectors, rest) = sums.as_chunks_mut::<LANES>();
+                let (vector_biases, rest_bias) = bias.as_chunks::<LANES>();
+                for (sums, bias) in vectors.iter_mut().zip(vector_biases) {
                     (0..LANES).for_each(|lane| sums[lane] += bias[lane]);
                     activation.apply(sums);
-                } else {
-                    sums.iter_mut().zip(bias).for_each(|(sum, bias)| *sum += bias);
-                    activation.apply(sums);
+                }
+                if !rest.is_empty() {
+                    rest.iter_mut().zip(rest_bias).for_each(|(sum, bias)| *sum += bias);
+                    activation.apply(rest);
                 }
                 write(token * outputs + first, sums);
             },
@@ -155,12 +167,16 @@ impl LinearChain<'_> {
     }
 }
 
-/// Copies a whole vector without a call.
+/// Copies whole vectors without a call.
 #[inline(always)]
 fn copy(values: &[f32], out: &mut [f32]) {
-    match (<&[f32; LANES]>::try_from(values), <&mut [f32; LANES]>::try_from(&mut *out)) {
-        (Ok(values), Ok(out)) => *out = *values,
-        _ => out.copy_from_slice(values),
+    let (vectors, rest) = values.as_chunks::<LANES>();
+    let (out_vectors, out_rest) = out.as_chunks_mut::<LANES>();
+    for (out, vector) in out_vectors.iter_mut().zip(vectors) {
+        *out = *vector;
+    }
+    for (out, value) in out_rest.iter_mut().zip(rest) {
+        *out = *value;
     }
 }
 

@@ -1,7 +1,7 @@
 //! Products of rows that are read in place with packed columns. Rows need no packing, which with few channels takes as
 //! long as the product, and a finished tile goes to its destination from registers.
 
-use crate::instructions::{LANES, TileKernel, multiply_add};
+use crate::instructions::{TileKernel, multiply_add};
 use pulp::Simd;
 
 /// Elements of the largest tile.
@@ -28,7 +28,7 @@ pub(super) struct RowProduct<'a, F> {
 impl<'a, F: FnMut(usize, usize, &mut [f32])> RowProduct<'a, F> {
     /// The products of all `rows` `[count, depth]` with all panels of `columns` `[panels, depth, columns of a tile]`,
     /// which have `outputs` columns in all. `finish`, which must be inlined, receives a row, a first column, and the
-    /// sums of at most [`LANES`] columns from there.
+    /// sums of the columns of a panel from there.
     pub fn new(rows: &'a [f32], columns: &'a [f32], [depth, outputs]: [usize; 2], finish: F) -> Self {
         Self { rows, columns, depth, outputs, finish }
     }
@@ -60,17 +60,18 @@ impl<F: FnMut(usize, usize, &mut [f32])> RowProduct<'_, F> {
             for (group, rows) in self.rows.chunks(ROWS * depth).enumerate() {
                 let count = rows.len() / depth;
                 // The last group may lack rows: its last one is computed again in their place.
-                let lines: [&[f32]; ROWS] = std::array::from_fn(|row| &rows[row.min(count - 1) * depth..][..depth]);
+                let mut lines = [rows; ROWS];
+                for (row, line) in lines.iter_mut().enumerate() {
+                    *line = &rows[row.min(count - 1) * depth..];
+                }
                 // Half of a tile is enough for few columns.
                 if VECTORS == 2 && used <= S::F32_LANES {
-                    sum::<S, ROWS, VECTORS, 1, FUSED>(simd, &lines, columns, &mut tile);
+                    sum::<S, ROWS, VECTORS, 1, FUSED>(simd, lines, depth, columns, &mut tile);
                 } else {
-                    sum::<S, ROWS, VECTORS, VECTORS, FUSED>(simd, &lines, columns, &mut tile);
+                    sum::<S, ROWS, VECTORS, VECTORS, FUSED>(simd, lines, depth, columns, &mut tile);
                 }
                 for (row, sums) in tile.chunks_exact_mut(width).take(count).enumerate() {
-                    for (part, sums) in sums[..used].chunks_mut(LANES).enumerate() {
-                        (self.finish)(group * ROWS + row, first + part * LANES, sums);
-                    }
+                    (self.finish)(group * ROWS + row, first, &mut sums[..used]);
                 }
             }
         }
@@ -81,12 +82,15 @@ impl<F: FnMut(usize, usize, &mut [f32])> RowProduct<'_, F> {
 #[inline(always)]
 fn sum<S: Simd, const ROWS: usize, const VECTORS: usize, const USED: usize, const FUSED: bool>(
     simd: S,
-    lines: &[&[f32]; ROWS],
+    mut lines: [&[f32]; ROWS],
+    depth: usize,
     columns: &[S::f32s],
     tile: &mut [f32; MAX_TILE],
 ) {
-    let depth = lines[0].len();
-    let lines: [&[f32]; ROWS] = std::array::from_fn(|row| &lines[row][..depth]);
+    // With `array::from_fn` the compiler checks bounds in the loop below.
+    for line in &mut lines {
+        *line = &line[..depth];
+    }
     let columns = &columns.as_chunks::<VECTORS>().0[..depth];
     let mut sums = [[simd.splat_f32s(0.0); USED]; ROWS];
     for k in 0..depth {
