@@ -47,8 +47,11 @@ impl LayerNorm<'_> {
 /// Sum of `term` over a row, computed in lanes.
 #[inline(always)]
 fn sum(row: &[f32], term: impl Fn(f32) -> f32) -> f32 {
-    let mut lanes = [0.0; LANES];
     let (blocks, rest) = row.as_chunks::<LANES>();
+    if blocks.is_empty() {
+        return rest.iter().map(|value| term(*value)).sum();
+    }
+    let mut lanes = [0.0; LANES];
     for block in blocks {
         (0..LANES).for_each(|lane| lanes[lane] += term(block[lane]));
     }

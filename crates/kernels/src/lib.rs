@@ -7,10 +7,11 @@
 //! | [`gemm`] | matrix products: packing, the microkernel, linear layers |
 //! | [`convolution`] | 2D convolution: direct, and Winograd's algorithm |
 //! | [`depthwise`] | depthwise convolution of channels-last maps |
+//! | [`patch_convolution`] | convolution of channels-last maps with few channels, with its norm and activation |
 //! | [`feature_map`] | for small networks: maps that keep their padding, and their convolutions |
 //! | [`attention`] | softmax attention: global, windowed, and axial; rotary position encoding; pooling |
 //! | [`activation`], [`layer_norm`] | element-wise steps between layers |
-//! | [`exp`](mod@exp) | exponentials and the error function |
+//! | [`exp`](mod@exp) | exponentials and the normal distribution |
 //! | [`inner_products`] | inner products that are bit-identical on every processor, and searches for the largest |
 //! | [`aligned`] | vectors aligned to cache lines |
 //!
@@ -30,6 +31,7 @@ pub mod gemm;
 pub mod inner_products;
 pub mod instructions;
 pub mod layer_norm;
+pub mod patch_convolution;
 
 pub use activation::Activation;
 pub use aligned::AlignedVec;

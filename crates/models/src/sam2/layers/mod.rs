@@ -3,12 +3,14 @@
 
 mod attention;
 mod convolution;
+mod halving;
 pub(crate) mod host;
 mod linear;
 mod rotation;
 
 pub(crate) use attention::{multi_head, multi_head_boosted};
 pub(crate) use convolution::{Conv2d, ConvShape};
+pub(crate) use halving::Halving;
 pub(crate) use linear::{Linear, LinearWeights, Mlp, activate, forward_chain};
 pub(crate) use rotation::Rotation;
 pub(crate) use splatseg_kernels::Activation;

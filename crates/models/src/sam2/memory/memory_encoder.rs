@@ -2,7 +2,7 @@
 
 use super::perceiver::Perceiver;
 use crate::sam2::layers::host::from_host;
-use crate::sam2::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear, LinearWeights, activate, forward_chain};
+use crate::sam2::layers::{Activation, Conv2d, ConvShape, Halving, LayerNorm, Linear, LinearWeights, forward_chain};
 use crate::sam2::resize::{Size, resize_bilinear};
 use crate::sam2::weights::WeightReader;
 use crate::sam2::{Sam2Config, Sam2Error};
@@ -101,7 +101,7 @@ impl ConvNextBlock {
 #[derive(Clone, Debug)]
 pub(crate) struct MemoryEncoder {
     /// Each layer halves the mask's size.
-    halvings: Vec<(Conv2d, LayerNorm)>,
+    halvings: Vec<Halving>,
     mask_projection: Linear,
     feature_projection: Linear,
     fuser: Vec<ConvNextBlock>,
@@ -122,8 +122,7 @@ impl MemoryEncoder {
             let [inputs, outputs] = [MASK_CHANNELS[index], MASK_CHANNELS[index + 1]];
             let shape = ConvShape { inputs, outputs, kernel: 3, stride: 2, padding: 1, groups: 1 };
             // Indices 3i and 3i + 1: a convolution and a norm; 3i + 2 is an activation without weights.
-            let conv = Conv2d::load(&mask.child(3 * index), shape)?;
-            Ok((conv, LayerNorm::load(&mask.child(3 * index + 1), outputs, EPSILON)?))
+            Halving::load(&mask, 3 * index, shape, EPSILON)
         };
         Ok(Self {
             halvings: (0..4).map(halving).collect::<Result<_, _>>()?,
@@ -178,10 +177,7 @@ impl MemoryEncoder {
 
     /// `[objects, 16 side, 16 side]` to `[objects, side, side, hidden]`.
     pub fn downsample_masks(&self, masks: Tensor<3>) -> Tensor<4> {
-        let mut map = masks.unsqueeze_dim(3);
-        for (conv, norm) in &self.halvings {
-            map = activate(Activation::Gelu, norm.forward(conv.forward(map)));
-        }
+        let map = self.halvings.iter().fold(masks.unsqueeze_dim(3), |map, halving| halving.forward(map));
         self.mask_projection.forward(map)
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::sam2::Sam2Error;
 use crate::sam2::encoder::position_encoding::random_fourier;
-use crate::sam2::layers::{Activation, Conv2d, ConvShape, LayerNorm, Linear, activate};
+use crate::sam2::layers::{ConvShape, Halving, Linear};
 use crate::sam2::weights::WeightReader;
 use crate::transfer::upload;
 use burn::tensor::{Device, Tensor};
@@ -58,10 +58,7 @@ pub(crate) struct PromptEncoder {
 /// Encodes mask logits as an embedding at the feature map's size.
 #[derive(Clone, Debug)]
 struct MaskEncoder {
-    conv1: Conv2d,
-    norm1: LayerNorm,
-    conv2: Conv2d,
-    norm2: LayerNorm,
+    halvings: [Halving; 2],
     project: Linear,
 }
 
@@ -80,10 +77,10 @@ impl PromptEncoder {
             ],
             not_a_point: embedding("not_a_point_embed")?,
             mask: MaskEncoder {
-                conv1: Conv2d::load(&mask.child("0"), halve(1, MASK_CHANNELS / 4))?,
-                norm1: LayerNorm::load(&mask.child("1"), MASK_CHANNELS / 4, EPSILON)?,
-                conv2: Conv2d::load(&mask.child("3"), halve(MASK_CHANNELS / 4, MASK_CHANNELS))?,
-                norm2: LayerNorm::load(&mask.child("4"), MASK_CHANNELS, EPSILON)?,
+                halvings: [
+                    Halving::load(&mask, 0, halve(1, MASK_CHANNELS / 4), EPSILON)?,
+                    Halving::load(&mask, 3, halve(MASK_CHANNELS / 4, MASK_CHANNELS), EPSILON)?,
+                ],
                 project: Linear::load_pointwise(&mask.child("6"), MASK_CHANNELS, hidden_dim)?,
             },
             no_mask: reader.tensor("no_mask_embed.weight", [1, hidden_dim])?.unsqueeze(),
@@ -122,8 +119,7 @@ impl PromptEncoder {
     pub fn embed_masks(&self, logits: Tensor<3>) -> Tensor<3> {
         let [objects, height, width] = logits.dims();
         let map = logits.reshape([objects, height, width, 1]);
-        let map = activate(Activation::Gelu, self.mask.norm1.forward(self.mask.conv1.forward(map)));
-        let map = activate(Activation::Gelu, self.mask.norm2.forward(self.mask.conv2.forward(map)));
+        let map = self.mask.halvings.iter().fold(map, |map, halving| halving.forward(map));
         self.mask.project.forward(map).reshape([objects, height / 4 * (width / 4), self.hidden_dim])
     }
 
