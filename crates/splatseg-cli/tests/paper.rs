@@ -175,6 +175,50 @@ fn a_dry_run_lists_every_row_and_writes_nothing() {
     assert!(!ended.out.contains("cannot be measured yet"), "{}", ended.out);
 }
 
+/// Writes a file that is recognised as EdgeTAM, with zeros and without most of its tensors.
+fn write_edgetam(path: &Path) {
+    let shapes: [(&str, &[usize]); 3] = [
+        ("maskmem_tpos_enc", &[7, 1, 1, 64]),
+        ("spatial_perceiver.latents", &[256, 64]),
+        ("image_encoder.trunk.body.stages_0.blocks.0.token_mixer.conv.c.weight", &[48, 1, 3, 3]),
+    ];
+    let mut header = serde_json::Map::new();
+    let mut bytes = 0;
+    for (name, shape) in shapes {
+        let end = bytes + 4 * shape.iter().product::<usize>();
+        header.insert(name.to_owned(), json!({"dtype": "F32", "shape": shape, "data_offsets": [bytes, end]}));
+        bytes = end;
+    }
+    let header = Value::Object(header).to_string();
+    let file = [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &vec![0; bytes]].concat();
+    fs::write(path, file).unwrap();
+}
+
+#[test]
+fn a_tracker_that_the_paper_does_not_use_adds_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let (weights, out) = (folder.path().join("weights"), folder.path().join("out"));
+    fs::create_dir(&weights).unwrap();
+    write_edgetam(&weights.join("my edgetam.safetensors"));
+    let arguments = ["--weights-dir", weights.to_str().unwrap(), "--dry-run"];
+    let ended = bench_paper(&out, &arguments);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    for line in [
+        "not in the paper: EdgeTAM, ",
+        // The paper's rows keep their network.
+        "  SAM2, detections            needs ScanNet, weights of FastSAM, weights of SAM 2.1; missing: ",
+        "  SAM2-Splat, detections, my edgetam needs ScanNet, weights of FastSAM; missing: ScanNet, weights of FastSAM; ",
+        "  SAM2-Splat, ground truth, my edgetam needs ScanNet; missing: ScanNet; ",
+        "  SAM2, detections, my edgetam needs MVPd, weights of FastSAM; missing: MVPd, weights of FastSAM; ",
+        "34 of the rows cannot be measured yet",
+    ] {
+        assert!(ended.out.lines().any(|found| found.starts_with(line)), "{line}\n{}", ended.out);
+    }
+    let ended = bench_paper(&out, &[&arguments[..], &["--tracker", "sim"]].concat());
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    assert!(!ended.out.contains("edgetam"), "{}", ended.out);
+}
+
 #[test]
 fn without_inputs_their_sources_are_listed() {
     let folder = tempfile::tempdir().unwrap();

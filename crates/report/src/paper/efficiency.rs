@@ -8,7 +8,7 @@ use crate::{Measurement, Origin};
 /// A measured row of the efficiency table.
 #[derive(Clone, Debug)]
 pub struct EfficiencyRow {
-    /// Its name in [`EFFICIENCY`].
+    /// Its name in [`EFFICIENCY`], or that of a row that the paper does not have.
     pub name: String,
     /// Index of the measured variant in the benchmark on ScanNet-MV.
     pub variant: Option<usize>,
@@ -18,7 +18,7 @@ pub struct EfficiencyRow {
     pub obstacle: Option<String>,
 }
 
-/// The table: for each method our row, then the paper's.
+/// The table: for each method our row, then the paper's; at the end our rows that the paper does not have.
 pub(super) fn table(results: &PaperResults<'_>) -> PublishedTable {
     let mut rows = Vec::new();
     for published in &EFFICIENCY {
@@ -27,13 +27,15 @@ pub(super) fn table(results: &PaperResults<'_>) -> PublishedTable {
         );
         rows.push(of_the_paper(published));
     }
+    let is_published = |row: &EfficiencyRow| EFFICIENCY.iter().any(|published| published.name == row.name);
+    rows.extend(results.efficiency.iter().filter(|row| !is_published(row)).map(|row| measured(results, row)));
     let machines: Vec<&str> = results.scannet.map(|benchmark| benchmark.machines()).unwrap_or_default();
     let ours = if machines.is_empty() { "nothing was measured".to_owned() } else { machines.join("; ") };
     PublishedTable {
         title: "Efficiency".to_owned(),
         notes: vec![
             "Frames per second of the whole method, with reading but without scoring and drawing. Millions of numbers: \
-             the parameters of FastSAM, or of SAM 2.1 without the FastSAM that prompts it, and the memory at the end of \
+             the parameters of FastSAM, or of the tracker without the FastSAM that prompts it, and the memory at the end of \
              a video, mean over the videos."
                 .to_owned(),
             "Our Gaussians have 7 numbers (position, radius, colour) plus the numbers for segments: 8 of votes, or one \

@@ -40,7 +40,8 @@ pub struct BenchArguments {
     /// of splits, of which `test` is used; if the split contains the authors' empty_videos.json, only the videos it accepts
     #[arg(long, value_name = "DIR")]
     pub mvpd: Option<PathBuf>,
-    /// For --preset paper: folder with the checkpoints of FastSAM and SAM 2.1, under any name
+    /// For --preset paper: folder with the checkpoints of FastSAM and SAM 2.1, under any name; checkpoints
+    /// of EdgeTAM and EfficientTAM add rows
     #[arg(long, value_name = "DIR")]
     pub weights_dir: Option<PathBuf>,
     /// For --preset paper: only list every row with its inputs, missing inputs and their sources, and the estimated time

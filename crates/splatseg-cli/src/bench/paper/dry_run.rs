@@ -10,6 +10,7 @@ use crate::bench::{job, machine};
 use crate::terminal::counted;
 use splatseg::settings::MethodName;
 use splatseg_dataset::{DatasetSettings, open_scene};
+use splatseg_models::checkpoint::Architecture;
 use splatseg_report::paper::PaperTable;
 use std::path::Path;
 
@@ -23,15 +24,20 @@ const MVPD_FRAMES: usize = 174_100;
 
 /// Returns a method's time per frame with the paper's networks, seconds, for use where no better estimate is known.
 /// Measured by `tools/compare_onnxruntime.py` and `tools/compare_sam2.py`. FastSAM-x: 1.8 s at 640x640, times 1.92 for the
-/// pixels of 1024x768. SAM 2.1 base_plus: 39 s with 20 objects; each further object adds 1.6 to 2.5 s. The feature memory:
-/// 0.1 s.
-fn reference_seconds(method: MethodName, has_detections: bool) -> f64 {
+/// pixels of 1024x768. SAM 2.1 base_plus: 39 s with 20 objects; each further object adds 1.6 to 2.5 s. EdgeTAM: 8 s
+/// with 20 objects, EfficientTAM-S: 30 s. The feature memory: 0.1 s.
+fn reference_seconds(method: MethodName, has_detections: bool, tracker: Option<&Architecture>) -> f64 {
+    let tracked = match tracker {
+        None => 39.0,
+        Some(Architecture::EdgeTam { .. }) => 8.0,
+        Some(_) => 30.0,
+    };
     let detections = if has_detections { 3.5 } else { 0.0 };
     match method {
         MethodName::Fastsam | MethodName::Fastspam => detections,
         MethodName::FastsamSplat => detections + 0.1,
-        MethodName::Sam2 => detections + 39.0,
-        _ => detections + 39.1,
+        MethodName::Sam2 => detections + tracked,
+        _ => detections + tracked + 0.1,
     }
 }
 
@@ -114,8 +120,8 @@ impl PaperBenchmark {
             say!("{unknown} of the rows cannot be measured yet; their times are for the published data sets.");
         }
         say!(
-            "Rough times are for {REFERENCE_MACHINE}, with FastSAM-x and SAM 2.1 base_plus and 20 objects in view: another \
-             machine, a GPU or other checkpoints can be many times faster or slower."
+            "Rough times are for {REFERENCE_MACHINE}, with FastSAM-x, SAM 2.1 base_plus (or the row's own tracker) and \
+             20 objects in view: another machine, a GPU or other checkpoints can be many times faster or slower."
         );
         Ok(())
     }
@@ -142,7 +148,7 @@ impl PaperBenchmark {
         data: Option<&PlannedData>,
         arguments: &BenchArguments,
     ) -> Result<(String, Option<f64>), Failure> {
-        let name = format!("  {:<28}", row.name);
+        let name = format!("  {:<27} ", row.name);
         let Some(variant) = &row.variant else {
             let text = "the paper's row; score predictions with `splatseg eval`";
             return Ok((format!("{name}{text}"), Some(0.0)));
@@ -154,12 +160,13 @@ impl PaperBenchmark {
         let index = data.and_then(|data| Some((data, data.plan.variants.iter().position(|other| other == variant)?)));
         let Some((data, index)) = index.filter(|_| lacks.is_empty()) else {
             let frames = if row.table.is_of_mvpd() { MVPD_FRAMES } else { SCANNET_MV_FRAMES };
+            let tracker = row.tracker.as_ref().map(|tracker| &tracker.network);
             let has_detections = needs.contains(&super::Input::FastSam);
-            let time = reference_seconds(variant.method, has_detections) * frames as f64;
+            let time = reference_seconds(variant.method, has_detections, tracker) * frames as f64;
             let time = format!("{} for the whole data set ({})", duration(time), Source::Reference.text());
             return Ok((format!("{name}{needed}; missing: {}; {time}", lacks.join(", ")), None));
         };
-        let done = data.estimate(index, &arguments.out.join(DataSet::of(row.table).folder()), arguments)?;
+        let done = data.estimate(row, index, &arguments.out.join(DataSet::of(row.table).folder()), arguments)?;
         let shared = data.plan.entries.iter().filter(|entry| entry.variant == index);
         let is_shared = shared.clone().all(|entry| data.plan.jobs[entry.job].variant != index);
         let seconds = if is_shared { 0.0 } else { done.seconds };
@@ -177,7 +184,13 @@ impl PaperBenchmark {
 
 impl PlannedData {
     /// Estimates the remaining time of a variant, for the results that are not in its folder.
-    fn estimate(&self, variant: usize, folder: &Path, arguments: &BenchArguments) -> Result<Estimate, Failure> {
+    fn estimate(
+        &self,
+        row: &PlannedRow,
+        variant: usize,
+        folder: &Path,
+        arguments: &BenchArguments,
+    ) -> Result<Estimate, Failure> {
         let entries = self.plan.entries.iter().filter(|entry| entry.variant == variant);
         let (mut left, mut speeds) = (0, Vec::new());
         let mut first: Option<&BenchJob> = None;
@@ -203,7 +216,8 @@ impl PlannedData {
             return Ok(of_frame(1.0 / speed, Source::Sample));
         }
         let settings = &self.plan.variant_settings(variant);
-        let seconds = reference_seconds(settings.method.name(), settings.method.uses_segmenter());
+        let tracker = row.tracker.as_ref().map(|tracker| &tracker.network);
+        let seconds = reference_seconds(settings.method.name(), settings.method.uses_segmenter(), tracker);
         Ok(of_frame(seconds, Source::Reference))
     }
 
@@ -251,7 +265,7 @@ mod tests {
 
     #[test]
     fn the_slowest_rows_are_those_of_sam2() {
-        let seconds = |name: &str, detections| reference_seconds(by_name(name).unwrap().0, detections);
+        let seconds = |name: &str, detections| reference_seconds(by_name(name).unwrap().0, detections, None);
         assert!(seconds("FastSAM", true) < seconds("FastSAM-Splat", true));
         assert!(seconds("FastSAM-Splat", true) < seconds("SAM2, ground truth", false));
         assert!(seconds("SAM2, detections", true) < seconds("SAM2-Splat, detections", true));

@@ -1,5 +1,6 @@
 //! Finds the inputs of the paper's tables: scenes and checkpoints in the user's folders.
 
+use super::other_trackers::OtherTracker;
 use crate::Failure;
 use splatseg_dataset::{DatasetSettings, MvpdVideos, open_scene};
 use splatseg_files::read_file;
@@ -65,6 +66,8 @@ pub struct Inputs {
     pub fastsam: Option<PathBuf>,
     /// SAM 2.1's checkpoint.
     pub sam2: Option<PathBuf>,
+    /// Trackers that the paper does not use.
+    pub other_trackers: Vec<OtherTracker>,
     /// Differences from the paper's inputs.
     pub notes: Vec<String>,
     /// Inputs that were not found.
@@ -164,6 +167,7 @@ impl Inputs {
             }
             self.sam2 = Some(path);
         }
+        self.other_trackers = OtherTracker::among(&found);
         Ok(())
     }
 }

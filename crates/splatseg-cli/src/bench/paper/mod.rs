@@ -5,6 +5,7 @@
 
 mod dry_run;
 mod inputs;
+mod other_trackers;
 mod rows;
 
 use super::arguments::BenchArguments;
@@ -12,6 +13,7 @@ use super::plan::{Plan, SceneEntry, Subject, Variant, scenes};
 use crate::Failure;
 use crate::options::{DatasetOptions, PresetName, SettingsOptions};
 use inputs::{Input, Inputs, MissingInput};
+use other_trackers::OtherTracker;
 use rows::PlannedRow;
 use splatseg::settings::SettingsLayers;
 use splatseg_models::checkpoint::Checkpoint;
@@ -97,7 +99,12 @@ impl PaperBenchmark {
             let is_missing = |input: &Input| inputs.missing.iter().any(|missing| missing.input == *input);
             row.needs().into_iter().filter(is_missing).collect::<Vec<_>>()
         };
-        let rows = rows::all().into_iter().map(|row| {
+        // A command line's own tracker takes the place of all networks.
+        if !uses(&scannet.layers, "tracker", "sam2") {
+            inputs.other_trackers.clear();
+        }
+        inputs.notes.extend(inputs.other_trackers.iter().map(OtherTracker::note));
+        let rows = rows::all(&inputs.other_trackers).into_iter().map(|row| {
             let lacks = lacks(&row);
             (row, lacks)
         });
@@ -171,27 +178,30 @@ impl PaperBenchmark {
         })
     }
 
-    /// Returns our rows of the efficiency table.
+    /// Returns our rows of the efficiency table: those of the paper, and the optional ones.
     fn efficiency(&self, rows: &[PaperRow]) -> Vec<EfficiencyRow> {
-        let measured = |name: &str| rows.iter().find(|row| row.table == PaperTable::Methods && row.name == name);
-        let row = |row: &PaperRow| EfficiencyRow {
+        let methods = || rows.iter().zip(&self.rows).filter(|(row, _)| row.table == PaperTable::Methods);
+        let published = EFFICIENCY.iter().filter_map(|published| methods().find(|(row, _)| row.name == published.name));
+        let optional = methods().filter(|(_, (planned, _))| planned.tracker.is_some() && !planned.is_prompted());
+        let row = |(row, (planned, _)): (&PaperRow, &(PlannedRow, Vec<Input>))| EfficiencyRow {
             name: row.name.clone(),
             variant: row.variant,
-            backbone_parameters: self.backbone_parameters(&row.name),
+            backbone_parameters: self.backbone_parameters(planned),
             obstacle: row.obstacle.clone(),
         };
-        EFFICIENCY.iter().filter_map(|published| measured(published.name).map(row)).collect()
+        published.chain(optional).map(row).collect()
     }
 
-    /// Returns the number of parameters of a method's network, SAM 2.1 or FastSAM.
-    fn backbone_parameters(&self, name: &str) -> Option<usize> {
-        let (part, network, key) = match name {
+    /// Returns the number of parameters of a method's network: that of the tracker, or FastSAM.
+    fn backbone_parameters(&self, row: &PlannedRow) -> Option<usize> {
+        let (part, network, key) = match row.name.as_str() {
             name if name.starts_with("SAM2") => ("tracker", "sam2", "tracker_weights"),
             _ => ("segmenter", "fastsam", "weights"),
         };
         let layers = &self.scannet.layers;
-        let weights = layers.get(key).and_then(toml::Value::as_str).filter(|_| uses(layers, part, network))?;
-        Checkpoint::open(Path::new(weights)).ok().map(|checkpoint| checkpoint.parameters())
+        let of_all = layers.get(key).and_then(toml::Value::as_str).filter(|_| uses(layers, part, network));
+        let weights = row.tracker.as_ref().map(|tracker| tracker.weights.as_path()).or(of_all.map(Path::new))?;
+        Checkpoint::open(weights).ok().map(|checkpoint| checkpoint.parameters())
     }
 
     fn missing_inputs(&self) -> Vec<String> {

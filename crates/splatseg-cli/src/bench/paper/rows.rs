@@ -1,6 +1,7 @@
 //! The rows of the paper's tables, as variants of a benchmark.
 
 use super::inputs::Input;
+use super::other_trackers::OtherTracker;
 use crate::bench::plan::Variant;
 use splatseg::settings::MethodName;
 use splatseg_report::paper::{CATEGORIES, CLICKS, CurvePoint, FEATURE_DIMS, MVPD, PaperTable, SCANNET_MV, vsq_columns};
@@ -25,22 +26,48 @@ pub struct PlannedRow {
     pub published: [Option<f64>; 8],
     /// The row's point in a curve, see [`splatseg_report::paper::PaperRow::point`].
     pub point: Option<CurvePoint>,
+    /// The tracker, if it is not the paper's.
+    pub tracker: Option<OtherTracker>,
 }
 
 impl PlannedRow {
+    /// Returns true if the row's tracker is prompted with ground truth.
+    pub fn is_prompted(&self) -> bool {
+        self.variant.as_ref().is_some_and(|variant| variant.changes.iter().any(|change| change == GROUND_TRUTH))
+    }
+
     /// Returns the inputs of the row: the data set, and the weights of the networks that the method uses.
     pub fn needs(&self) -> Vec<Input> {
         let Some(variant) = &self.variant else { return Vec::new() };
         let data = if self.table.is_of_mvpd() { Input::Mvpd } else { Input::Scenes };
-        let prompted = variant.changes.iter().any(|change| change == GROUND_TRUTH);
         let tracked = matches!(variant.method, MethodName::Sam2 | MethodName::Sam2Splat);
-        let networks = [(!prompted, Input::FastSam), (tracked, Input::Sam2)];
+        let networks = [(!self.is_prompted(), Input::FastSam), (tracked && self.tracker.is_none(), Input::Sam2)];
         [data].into_iter().chain(networks.into_iter().filter(|(used, _)| *used).map(|(_, input)| input)).collect()
     }
 }
 
-/// Returns all rows, table by table.
-pub fn all() -> Vec<PlannedRow> {
+/// Returns all rows, table by table, and the optional rows of trackers that the paper does not use.
+pub fn all(trackers: &[OtherTracker]) -> Vec<PlannedRow> {
+    let mut rows = of_the_paper();
+    rows.extend(trackers.iter().flat_map(optional));
+    rows
+}
+
+/// Returns the rows of a tracker that the paper does not use.
+fn optional(tracker: &OtherTracker) -> Vec<PlannedRow> {
+    let tracked = ["SAM2, detections", "SAM2, ground truth", "SAM2-Splat, detections", "SAM2-Splat, ground truth"];
+    let on_mvpd = ["SAM2, detections", "SAM2-Splat, detections"];
+    let names = tracked.map(|name| (PaperTable::Methods, name)).into_iter();
+    let names = names.chain(on_mvpd.map(|name| (PaperTable::Mvpd, name)));
+    let row = |(table, name): (PaperTable, &str)| {
+        let run = by_name(name).map(|(method, changes)| (method, [changes, tracker.changes()].concat()));
+        let row = row(table, &format!("{name}, {}", tracker.name()), run, [None; 8]);
+        PlannedRow { tracker: Some(tracker.clone()), ..row }
+    };
+    names.map(row).collect()
+}
+
+fn of_the_paper() -> Vec<PlannedRow> {
     let mut rows: Vec<PlannedRow> =
         SCANNET_MV.iter().map(|(name, cells)| row(PaperTable::Methods, name, by_name(name), cells.map(Some))).collect();
     rows.extend(FEATURE_DIMS.map(|(dims, vsq, stq)| {
@@ -105,18 +132,25 @@ fn row(
         let changes = std::iter::once(PAPER_SETTINGS.to_owned()).chain(changes).collect();
         Variant { method, changes }
     });
-    PlannedRow { table, name: name.to_owned(), variant, published, point: None }
+    PlannedRow { table, name: name.to_owned(), variant, published, point: None, tracker: None }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use splatseg_models::checkpoint::Architecture;
+    use std::path::PathBuf;
 
     #[test]
     fn every_row_is_a_method_with_settings_that_exist() {
-        let rows = all();
-        // ScanNet-MV, D, categories, clicks with detections and ground truth, MVPd with SAM2 and SAM2-Splat.
-        assert_eq!(rows.len(), 7 + 5 + 5 + 6 + 9 + 2);
+        let edgetam = OtherTracker {
+            weights: PathBuf::from("my weights/edgetam.pt"),
+            network: Architecture::EdgeTam { width: 48 },
+        };
+        let rows = all(&[edgetam]);
+        // ScanNet-MV, D, categories, clicks with detections and ground truth, MVPd with SAM2 and SAM2-Splat; the four
+        // and two rows of EdgeTAM.
+        assert_eq!(rows.len(), 7 + 5 + 5 + 6 + 9 + 2 + 4 + 2);
         for row in &rows {
             let Some(variant) = &row.variant else { continue };
             let mut layers = splatseg::settings::SettingsLayers::default();
@@ -134,7 +168,7 @@ mod tests {
 
     #[test]
     fn no_re_prompting_is_the_row_of_sam2() {
-        let rows = all();
+        let rows = all(&[]);
         let of = |name: &str| rows.iter().find(|row| row.name == name).unwrap();
         assert_eq!(of("none (SAM2)").variant, of("SAM2, detections").variant);
         assert_eq!(of("none (SAM2)").published[4..6], of("SAM2, detections").published[4..6]);
@@ -142,12 +176,17 @@ mod tests {
 
     #[test]
     fn rows_need_the_networks_that_they_use() {
-        let needs =
-            |name: &str, table| all().into_iter().find(|row| row.name == name && row.table == table).unwrap().needs();
+        let trackers =
+            [OtherTracker { weights: PathBuf::from("e.pt"), network: Architecture::EfficientTam { width: 192 } }];
+        let needs = |name: &str, table| {
+            all(&trackers).into_iter().find(|row| row.name == name && row.table == table).unwrap().needs()
+        };
         assert_eq!(needs("FastSAM-Splat", PaperTable::Methods), [Input::Scenes, Input::FastSam]);
         assert_eq!(needs("SAM2-Splat, ground truth", PaperTable::Methods), [Input::Scenes, Input::Sam2]);
         assert_eq!(needs("3, ground truth", PaperTable::Clicks), [Input::Scenes, Input::Sam2]);
         assert_eq!(needs("SAM2-Splat, detections", PaperTable::Mvpd), [Input::Mvpd, Input::FastSam, Input::Sam2]);
         assert_eq!(needs("OV2Seg, Swin-base", PaperTable::Mvpd), []);
+        assert_eq!(needs("SAM2-Splat, detections, e", PaperTable::Mvpd), [Input::Mvpd, Input::FastSam]);
+        assert_eq!(needs("SAM2, ground truth, e", PaperTable::Methods), [Input::Scenes]);
     }
 }
