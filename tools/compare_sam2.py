@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""Compares the speed of splatseg's SAM 2.1 or EdgeTAM with the official PyTorch code, one after the other on the same
-machine.
+"""Compares the speed of splatseg's SAM 2.1, EdgeTAM or EfficientTAM with the official PyTorch code, one after the other
+on the same machine.
 
     pip install torch torchvision sam2        # in a virtual environment
     cargo build --release --package xtask
     python tools/compare_sam2.py crates/models/tests/data/sam2 --size base_plus --objects 1 5 20
     PYTHONPATH=EdgeTAM python tools/compare_sam2.py crates/models/tests/data/edgetam --size edgetam --image-size 512
 
-EdgeTAM is a clone of https://github.com/facebookresearch/EdgeTAM (and needs `pip install timm`).
+EdgeTAM is a clone of https://github.com/facebookresearch/EdgeTAM (and needs `pip install timm`). EfficientTAM is one of
+https://github.com/yformer/EfficientTAM: --size efficienttam_s or efficienttam_ti, at 512 or 1024 pixels.
 
 Weights are random, because speed does not depend on them. Both track the same number of objects, prompted with masks on
 the first frame, until the memory is full (7 frames). The result is the minimum over the later frames, to reduce the
@@ -30,34 +31,15 @@ CONFIGS = {"tiny": "t", "small": "s", "base_plus": "b+", "large": "l"}
 def official(arguments, objects):
     """Seconds per call of the official code, and its peak memory, in a separate process."""
     import torch
-    from sam2.build_sam import build_sam2_video_predictor
 
     torch.set_num_threads(arguments.threads)
     torch.manual_seed(0)
     side = arguments.image_size
     device = arguments.device
-    overrides = [f"++model.image_size={side}"]
-    if arguments.size == "edgetam":
-        import sam2.modeling.backbones.timm as backbone
-        import timm
-
-        backbone.create_model = lambda name, pretrained, **options: timm.create_model(name, pretrained=False, **options)
-        overrides.append(f"++model.memory_attention.layer.cross_attention.q_sizes=[{side // 16},{side // 16}]")
-        predictor = build_sam2_video_predictor(
-            "configs/edgetam.yaml", ckpt_path=None, device=device, hydra_overrides_extra=overrides
-        )
-        let_several_objects_pass()
-        if arguments.compile:
-            compile_parts(predictor)
+    if arguments.size.startswith("efficienttam"):
+        predictor, module = official_efficienttam(arguments)
     else:
-        config = f"configs/sam2.1/sam2.1_hiera_{CONFIGS[arguments.size]}.yaml"
-        predictor = build_sam2_video_predictor(
-            config,
-            ckpt_path=None,
-            device=device,
-            hydra_overrides_extra=overrides,
-            vos_optimized=arguments.compile,
-        )
+        predictor, module = official_sam2(arguments)
     predictor.fill_hole_area = 0
     wait = torch.cuda.synchronize if device.startswith("cuda") else lambda: None
     images = torch.randn(arguments.frames, 3, side, side, device=device)
@@ -70,8 +52,6 @@ def official(arguments, objects):
             encoder.append(time.perf_counter() - started)
     tracked = []
     if objects:
-        import sam2.sam2_video_predictor as module
-
         module.load_video_frames = lambda **_: (images, side, side)
         state = predictor.init_state(video_path="")
         for index in range(objects):
@@ -93,6 +73,47 @@ def official(arguments, objects):
     print(json.dumps(result))
 
 
+def official_efficienttam(arguments):
+    """The official predictor of EfficientTAM, and its module. Without CUDA it takes no other size than a configuration's."""
+    import efficient_track_anything.efficienttam_video_predictor as module
+    from efficient_track_anything.build_efficienttam import build_efficienttam_video_predictor
+
+    suffix = "" if arguments.image_size == 1024 else f"_{arguments.image_size}x{arguments.image_size}"
+    config = f"configs/efficienttam/{arguments.size}{suffix}.yaml"
+    predictor = build_efficienttam_video_predictor(config, ckpt_path=None, device=arguments.device)
+    if arguments.compile:
+        compile_parts(predictor)
+    return predictor, module
+
+
+def official_sam2(arguments):
+    """The official predictor of SAM 2.1 or EdgeTAM, and its module."""
+    import sam2.sam2_video_predictor as module
+    from sam2.build_sam import build_sam2_video_predictor
+
+    side = arguments.image_size
+    overrides = [f"++model.image_size={side}"]
+    config = "configs/edgetam.yaml"
+    options = {}
+    if arguments.size == "edgetam":
+        import sam2.modeling.backbones.timm as backbone
+        import timm
+
+        backbone.create_model = lambda name, pretrained, **options: timm.create_model(name, pretrained=False, **options)
+        overrides.append(f"++model.memory_attention.layer.cross_attention.q_sizes=[{side // 16},{side // 16}]")
+    else:
+        config = f"configs/sam2.1/sam2.1_hiera_{CONFIGS[arguments.size]}.yaml"
+        options = {"vos_optimized": arguments.compile}
+    predictor = build_sam2_video_predictor(
+        config, ckpt_path=None, device=arguments.device, hydra_overrides_extra=overrides, **options
+    )
+    if arguments.size == "edgetam":
+        let_several_objects_pass()
+        if arguments.compile:
+            compile_parts(predictor)
+    return predictor, module
+
+
 def let_several_objects_pass():
     """Mends a line of EdgeTAM's perceiver, which fails with more than one object: its tensor has no such view."""
     import inspect
@@ -109,19 +130,13 @@ def let_several_objects_pass():
 
 
 def compile_parts(predictor):
-    """Compiles what `vos_optimized` compiles in SAM 2.1, which EdgeTAM's version lacks."""
+    """Compiles what `vos_optimized` compiles in SAM 2.1, which EdgeTAM's version lacks, and EfficientTAM's without CUDA."""
     import torch
 
-    parts = (
-        predictor.image_encoder,
-        predictor.memory_encoder,
-        predictor.memory_attention,
-        predictor.spatial_perceiver,
-        predictor.sam_prompt_encoder,
-        predictor.sam_mask_decoder,
-    )
-    for part in parts:
-        part.forward = torch.compile(part.forward)
+    names = "image_encoder memory_encoder memory_attention spatial_perceiver sam_prompt_encoder sam_mask_decoder"
+    for part in (getattr(predictor, name, None) for name in names.split()):
+        if part is not None:
+            part.forward = torch.compile(part.forward)
 
 
 def last_json(command):
@@ -132,7 +147,7 @@ def last_json(command):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("manifests", type=Path, help="folder of manifest_SIZE.json")
-    parser.add_argument("--size", choices=[*CONFIGS, "edgetam"], default="base_plus")
+    parser.add_argument("--size", choices=[*CONFIGS, "edgetam", "efficienttam_s", "efficienttam_ti"], default="base_plus")
     parser.add_argument("--image-size", type=int, default=1024)
     parser.add_argument("--objects", type=int, nargs="+", default=[1, 5, 20])
     parser.add_argument("--frames", type=int, default=9)
