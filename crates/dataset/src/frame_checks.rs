@@ -1,4 +1,4 @@
-//! What every frame goes through before it is used: checks of its size and plausibility, and framing.
+//! Steps for every frame before it is used: checks of its size and plausibility, and framing.
 
 use crate::files::MemoryRequirement;
 use crate::plausibility::{Plausibility, check_intrinsics};

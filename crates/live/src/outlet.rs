@@ -84,7 +84,7 @@ pub struct LiveFrame<'a> {
     pub color: Option<&'a Pixels<[u8; 3]>>,
     /// Intrinsics of the camera.
     pub intrinsics: Intrinsics,
-    /// What was found.
+    /// The result.
     pub result: &'a FrameResult,
     /// The pipeline after the frame, with the map.
     pub pipeline: &'a Pipeline,

@@ -27,7 +27,7 @@ pub enum LiveRequest {
 #[derive(Clone, Debug)]
 pub struct Requests(SyncSender<PendingRequest>);
 
-/// What waits for the session between two frames.
+/// Requests that wait for the session between two frames.
 pub(crate) enum PendingRequest {
     /// A request, and where its answer goes: what was done, or the error.
     Execute(LiveRequest, SyncSender<Result<String, String>>),

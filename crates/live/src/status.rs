@@ -37,7 +37,7 @@ pub struct LiveStatus {
     pub gaussians: usize,
     /// State of the latest pose; `None` before the first frame.
     pub pose: Option<PoseState>,
-    /// What has become of the messages.
+    /// Counts of messages, by use or reason for dropping.
     pub counts: MatchCounts,
 }
 

@@ -50,7 +50,7 @@ impl LiveStream {
     }
 
     /// Creates a stream in which no complete frame is dropped: [`Self::feed_at`] waits until the frames so far are taken.
-    /// What waits for poses does so by the times of the messages, so the same messages give the same frames.
+    /// Frames wait for poses by the times of the messages, so the same messages give the same frames.
     ///
     /// # Errors
     /// If a setting is out of range.

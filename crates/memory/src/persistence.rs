@@ -52,7 +52,7 @@ pub enum LoadMemoryError {
     },
 }
 
-/// What other parts of a pipeline know about a map, saved with it: UTF-8 text that only they can read.
+/// State of other parts of a pipeline about a map, saved with it: UTF-8 text that only they can read.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Attached<'a> {
     /// The camera's keyframes; [`SplatMemory::take_keyframes`] returns them after loading.

@@ -12,7 +12,7 @@ const MAX_LABEL_BYTES: usize = 1000;
 /// Maximum size of all labels and embeddings together, bytes.
 const MAX_BYTES: usize = 1 << 25;
 
-/// What an object is called.
+/// An object's name.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ObjectName {
     /// A word or a few, e.g. `mug`.
@@ -46,7 +46,7 @@ pub enum NameError {
     Label {
         /// Its start.
         found: String,
-        /// What is wrong.
+        /// The problem.
         problem: &'static str,
     },
     /// The labels and embeddings of all objects are too large.

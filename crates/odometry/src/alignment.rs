@@ -260,7 +260,7 @@ impl Alignment<'_> {
         sums
     }
 
-    /// What a pose's residuals say about the focal length, once the pose is free to follow: the information about its
+    /// Evidence of a pose's residuals about the focal length, once the pose is free to follow: the information about its
     /// logarithm, and the derivative of the cost.
     pub(crate) fn focal_fit(&self, key_from_camera: &Pose, scales: &Scales) -> Option<(f64, f64)> {
         let camera = Camera::new(key_from_camera);

@@ -120,7 +120,7 @@ impl Reference {
         alignment.keyed_sums(&pose, &aligned.scales, |point| (point.segment, part(point.pixel as usize)))
     }
 
-    /// What an aligned frame says about the focal length; see [`Alignment::focal_fit`].
+    /// Evidence of an aligned frame about the focal length; see [`Alignment::focal_fit`].
     pub(crate) fn focal_fit(&self, frame: &Pyramid, aligned: &Aligned) -> Option<(f64, f64)> {
         let pose = self.world_from_key.inverse() * aligned.world_from_camera;
         let prior = MotionPrior { predicted: pose, deviation: 1.0 };

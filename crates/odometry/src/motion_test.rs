@@ -45,7 +45,7 @@ pub(crate) struct MotionTest {
     systems: BTreeMap<(SegmentId, usize), System>,
 }
 
-/// What one frame says about its segments.
+/// Evidence of one frame about its segments.
 pub(crate) struct Motions {
     /// How much each segment contradicts the pose of those that stand still: half a squared deviation for each direction
     /// that noise explains.

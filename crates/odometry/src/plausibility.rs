@@ -1,4 +1,4 @@
-//! What the tracked frames say against the camera's intrinsics and its unit of depth.
+//! Doubts of the tracked frames about the camera's intrinsics and its unit of depth.
 
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{CameraFrame, Intrinsics};

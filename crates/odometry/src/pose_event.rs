@@ -1,4 +1,4 @@
-//! What a source of poses finds out about the camera and the map.
+//! Events that a source of poses reports about the camera and the map.
 
 use serde::{Deserialize, Serialize};
 

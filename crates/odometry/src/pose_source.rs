@@ -62,7 +62,7 @@ pub trait PoseSource: Send {
         Ok(())
     }
 
-    /// What the tracked frames say against the camera's focal length or the unit of its depth, a sentence each. Empty if
+    /// Doubts of the tracked frames about the camera's focal length or the unit of its depth, a sentence each. Empty if
     /// nothing is conspicuous.
     fn doubts(&self) -> Vec<String> {
         Vec::new()

@@ -43,7 +43,7 @@ pub struct TrackedPoses {
     /// Index of the next frame in its source.
     index: usize,
     correction: Option<MapCorrection>,
-    /// What the latest frame has told.
+    /// Events of the latest frame.
     events: Vec<PoseEvent>,
     depth: UsualDepth,
 }

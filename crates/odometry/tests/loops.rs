@@ -13,7 +13,7 @@ const DEPTH_ERROR: f64 = 0.05;
 
 type Posed = (CameraFrame<'static>, Pose);
 
-/// What a step of a run gave.
+/// Result of a step of a run.
 #[derive(Debug, PartialEq)]
 struct Step {
     pose: CameraPose,

@@ -63,11 +63,11 @@ pub struct RunEnd<'a> {
     /// The ids that turned out to be the same object. Frames are numbered by their place among those passed to
     /// [`RunOutput::add_frame`].
     pub remaps: &'a RemapLog,
-    /// What has changed since the map that the run has loaded, if it has loaded one.
+    /// Changes since the map that the run has loaded, if it has loaded one.
     pub changes: Option<ChangesSince<'a>>,
 }
 
-/// What has changed since an earlier map.
+/// Changes since an earlier map.
 #[derive(Clone, Copy, Debug)]
 pub struct ChangesSince<'a> {
     /// The earlier map, in the same world coordinates as [`RunEnd::memory`].

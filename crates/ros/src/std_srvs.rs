@@ -21,6 +21,6 @@ pub struct SetBoolRequest {
 pub struct SuccessResponse {
     /// True if the service did what was requested.
     pub success: bool,
-    /// What was done, or the error.
+    /// Description of the result, or the error.
     pub message: String,
 }

@@ -51,7 +51,7 @@ pub(crate) struct Endpoints {
     announced: Arc<Mutex<Announced>>,
 }
 
-/// What other nodes are told: which node the readers and writers belong to.
+/// Announcement to other nodes: the node that the readers and writers belong to.
 struct Announced {
     writer: Writer,
     name: NodeName,

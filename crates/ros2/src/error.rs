@@ -11,7 +11,7 @@ pub enum Ros2Error {
     Network {
         /// The domain.
         domain_id: u16,
-        /// What RustDDS says.
+        /// Message of RustDDS.
         reason: String,
     },
     /// A name of a node or namespace that ROS 2 does not allow.
@@ -27,7 +27,7 @@ pub enum Ros2Error {
         variable: &'static str,
         /// Its value.
         found: String,
-        /// What is allowed.
+        /// The allowed values.
         expected: &'static str,
     },
 }

@@ -147,7 +147,7 @@ fn answer(mut services: Vec<Service>, is_over: &AtomicBool) {
     }
 }
 
-/// What the thread for topics works with.
+/// State of the thread for topics.
 struct Topics {
     endpoints: Endpoints,
     name: String,

@@ -23,7 +23,7 @@ pub struct Ros2Outlet {
     thread: Option<JoinHandle<()>>,
 }
 
-/// What the session, the publishing thread and discovery share.
+/// State shared by the session, the publishing thread and discovery.
 pub(crate) struct Shared {
     state: Mutex<State>,
     has_news: Condvar,

@@ -59,7 +59,8 @@ impl Service {
     }
 }
 
-/// What the reply has to name. Fast DDS names the client's reader there and leaves the number unknown.
+/// Returns the identity that the reply has to name. Fast DDS names the client's reader in it, and leaves the number
+/// unknown.
 fn identity(request: &DeserializedCacheChange<RawCdr>) -> SampleIdentity {
     let own = SampleIdentity { writer_guid: request.writer_guid(), sequence_number: request.sequence_number };
     match request.related_sample_identity() {

@@ -1,4 +1,4 @@
-//! What has changed between two maps of a place: `splatseg diff`, and `changes.json` of a run with a loaded memory.
+//! Changes between two maps of a place: `splatseg diff`, and `changes.json` of a run with a loaded memory.
 
 use super::Failure;
 use super::terminal::counted;

@@ -1,4 +1,4 @@
-//! What has changed between two visits of a room.
+//! Changes between two visits of a room.
 
 mod support;
 

@@ -177,7 +177,7 @@ pub struct RunCounts {
     pub skipped_frames: usize,
     /// Frames by the state of the camera's pose.
     pub pose_states: PoseStateCounts,
-    /// What the source of poses has found out.
+    /// Events of the source of poses.
     pub pose_events: PoseEventCounts,
     /// Frames in parts of the map that were never joined with the rest; known at the end.
     pub unjoined_frames: usize,

@@ -17,7 +17,7 @@ const MEASURE_INTERVAL: usize = 5;
 /// Frames during which the camera counts as lost, to show how that looks.
 const LOST: std::ops::Range<usize> = 100..110;
 
-/// What the demo knows of the room's objects.
+/// The room's objects, as the demo knows them.
 #[derive(Default)]
 struct Seen {
     objects: BTreeMap<SegmentId, ViewObject>,

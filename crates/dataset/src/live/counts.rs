@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// What has become of the messages of a stream. Each message is counted once:
+/// Counts of a stream's messages. Each message is counted once:
 /// `messages = images + taken_in + ignored + damaged`, and
 /// `images = 2 × (frames + unreadable) + dropped.total() + waiting`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -76,7 +76,7 @@ pub struct FrameMatcher {
     pub(super) depth_is_ahead: bool,
 }
 
-/// What has become of a message.
+/// Use of a message, or the reason for dropping it.
 enum Use {
     Image,
     TakenIn,

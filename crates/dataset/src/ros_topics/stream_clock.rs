@@ -29,7 +29,7 @@ impl<T> Default for StreamClock<T> {
     }
 }
 
-/// What follows from a message.
+/// Effects of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Arrival<T> {
     /// The messages that were added: none while one is held.
@@ -63,7 +63,7 @@ impl SetBack {
     }
 }
 
-/// What a clock says about a message: the messages to add, those whose stamps are wrong, and where it was set back.
+/// Effects of a message on the stream: the messages to add, those whose stamps are wrong, and where it was set back.
 type Reading<T> = (Vec<T>, Vec<T>, Option<SetBack>);
 
 impl<T: Stamped> StreamClock<T> {

@@ -67,7 +67,7 @@ pub enum ChangeKind {
 pub struct TrueChange {
     /// Id of the thing in the ground truth of both visits.
     pub id: SegmentId,
-    /// What happened.
+    /// The kind of change.
     pub kind: ChangeKind,
     /// Its centre before; `None` for a new thing.
     pub before: Option<Vec3>,

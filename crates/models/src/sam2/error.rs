@@ -42,7 +42,7 @@ pub enum Sam2Error {
     /// The shapes of the tensors do not make a network.
     #[error("the shapes of the tensors fit neither EdgeTAM nor EfficientTAM: {reason}")]
     UnusualShape {
-        /// What is unusual.
+        /// The size that does not fit.
         reason: String,
     },
     /// A tensor could not be read.

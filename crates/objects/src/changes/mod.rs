@@ -1,4 +1,4 @@
-//! What has changed between two maps of a place: the content of `changes.json`. `docs/MAP_CHANGES.md` describes each key
+//! Changes between two maps of a place: the content of `changes.json`. `docs/MAP_CHANGES.md` describes each key
 //! for users.
 //!
 //! An object is gone only if the later run looked through its place, and new only if the earlier run did. The views of

@@ -17,7 +17,7 @@ const SIDE: (f32, f32) = (0.15, 0.05);
 /// See [`SIDE`]; in these units.
 const MAX_DEVIATION: f32 = 1.2;
 
-/// What a thing looks like wherever it is.
+/// Appearance of a thing, independent of its place.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Appearance {
     /// Shares of chromaticities, by bin. They do not change with brightness.

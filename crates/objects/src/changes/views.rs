@@ -1,4 +1,4 @@
-//! What the keyframes of a map saw at a place: a surface, nothing, or they did not look.
+//! Evidence of a map's keyframes about a place: they saw a surface, saw nothing, or did not look.
 
 use glam::DVec3;
 use splatseg_geometry::{Image, Intrinsics, Pose};
@@ -6,7 +6,7 @@ use splatseg_geometry::{Image, Intrinsics, Pose};
 /// A measured surface is at a point if it is within this distance of it, metres, or within the share of the depth.
 const MARGIN: (f32, f32) = (0.05, 0.025);
 
-/// What was seen at a point.
+/// Evidence about a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlaceSight {
     /// A surface is there.
@@ -29,7 +29,7 @@ pub struct DepthView {
 }
 
 impl DepthView {
-    /// What the view shows at a point, world coordinates, metres. Its neighbours must agree that a place is empty.
+    /// Returns the view's evidence about a point, world coordinates, metres. Its neighbours must agree that a place is empty.
     fn sight(&self, point: DVec3) -> PlaceSight {
         let point = self.world_from_camera.to_camera(point);
         let Some(pixel) = self.intrinsics.project(point) else { return PlaceSight::Unobserved };
@@ -56,7 +56,7 @@ impl DepthView {
     }
 }
 
-/// What most views show at a point, world coordinates, metres.
+/// Returns the evidence of most views about a point, world coordinates, metres.
 pub(super) fn sight(views: &[DepthView], point: DVec3) -> PlaceSight {
     let (mut seen, mut empty) = (0usize, 0usize);
     for view in views {

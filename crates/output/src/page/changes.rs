@@ -8,7 +8,7 @@ use splatseg_geometry::SegmentId;
 use splatseg_objects::{ChangedObject, MapChanges, OrientedBox};
 use std::collections::BTreeSet;
 
-/// What has changed, read by `viewer/src/change_list.js`.
+/// Changes of the map, read by `viewer/src/change_list.js`.
 #[derive(Debug, Serialize)]
 pub struct ChangesData {
     gone: Vec<PlaceData>,

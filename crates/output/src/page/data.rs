@@ -33,7 +33,7 @@ pub struct RunData<'a> {
     pub up: Vec3,
     /// The objects, by increasing id.
     pub objects: Vec<ObjectData>,
-    /// What has changed since the loaded map; missing if none was loaded.
+    /// Changes since the loaded map; missing if none was loaded.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub changes: Option<ChangesData>,
     /// The map; missing if the method has no memory.

@@ -1,4 +1,4 @@
-//! What `splatseg live` and `splatseg ros2` have in common: settings, the map, viewers.
+//! Options that `splatseg live` and `splatseg ros2` share: settings, the map, viewers.
 
 use super::terminal_outlet::TerminalOutlet;
 use crate::Failure;

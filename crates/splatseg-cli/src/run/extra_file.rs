@@ -41,7 +41,7 @@ impl FileKind {
         name: "a recording by splatseg",
         start: McapFile::START,
     };
-    /// What a live session used of its stream.
+    /// The part of the stream that a live session used.
     pub const RECORDING: Self = Self { option: "--record", ..Self::MCAP };
 
     /// Returns true if the file at `path` has the first bytes of this kind.

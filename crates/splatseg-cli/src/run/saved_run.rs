@@ -57,7 +57,7 @@ pub struct RunState {
     pub skipped_frames: usize,
     /// Errors of the tracker so far.
     pub track_errors: TrackErrorCounts,
-    /// What the source of poses has found out so far.
+    /// Events of the source of poses so far.
     pub pose_events: PoseEventCounts,
     /// The settings of the run.
     pub settings: Value,

@@ -64,7 +64,7 @@ pub struct FrameResult {
     pub anchor: FrameAnchor,
     /// Ids of earlier frames that turned out to be the same object, since the previous result.
     pub remapped: Vec<RemappedId>,
-    /// What the pose source has found out since the previous result: loops, a lost camera that was found.
+    /// Events of the pose source since the previous result: loops, a lost camera that was found.
     pub events: Vec<PoseEvent>,
 }
 
@@ -230,7 +230,7 @@ impl Pipeline {
         self.poses.save()
     }
 
-    /// What the tracked frames say against the camera's focal length or the unit of its depth, a sentence each; see
+    /// Doubts of the tracked frames about the camera's focal length or the unit of its depth, a sentence each; see
     /// [`PoseSource::doubts`].
     pub fn pose_doubts(&self) -> Vec<String> {
         self.poses.doubts()
