@@ -6,7 +6,7 @@ use super::Failure;
 use super::options::TopicOptions;
 use clap::Args;
 use splatseg_dataset::McapScene;
-use splatseg_models::checkpoint::{Checkpoint, CheckpointError, Dtype, Format, printable};
+use splatseg_models::checkpoint::{Architecture, Checkpoint, CheckpointError, Dtype, Format, printable};
 use splatseg_models::completeness::missing_tensors;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -113,7 +113,11 @@ const LISTED: usize = 10;
 
 fn print_missing(checkpoint: &Checkpoint, all: bool) {
     let Some(missing) = missing_tensors(checkpoint) else {
-        say!("missing        unknown: splatseg runs FastSAM and SAM 2.1 only");
+        let reason = match checkpoint.architecture() {
+            Architecture::Unknown => "splatseg runs FastSAM, SAM 2.1, EdgeTAM and EfficientTAM only",
+            _ => "the tensors from which the network's size is read are missing or damaged",
+        };
+        say!("missing        unknown: {reason}");
         return;
     };
     if missing.is_empty() {

@@ -5,7 +5,7 @@ mod support;
 use serde_json::json;
 use std::fs;
 use std::path::{Path, PathBuf};
-use support::{Ended, finish, splatseg};
+use support::{Ended, FASTSAM_WEIGHTS, RECOGNISED_AS_EDGETAM, finish, splatseg, write_zeros};
 
 fn inspect(file: &Path, more: &[&str]) -> Ended {
     finish(splatseg().arg("inspect").arg(file).args(more))
@@ -35,7 +35,7 @@ fn shows_the_contents_of_a_file() {
         "architecture   unknown",
         "tensors        2 (1 float32, 1 float16)",
         "parameters     6",
-        "missing        unknown: splatseg runs FastSAM and SAM 2.1 only",
+        "missing        unknown: splatseg runs FastSAM, SAM 2.1, EdgeTAM and EfficientTAM only",
         "  linear.weight float32 [2, 3]",
     ] {
         assert!(ended.out.lines().any(|found| found == line), "{line}\n{}", ended.out);
@@ -136,6 +136,37 @@ fn never_overwrites() {
     assert!(ended.err.contains("out.safetensors: already exists"), "{}", ended.err);
     assert_eq!(fs::read_to_string(&out).unwrap(), "precious");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
+/// Trackers are recognised by some of their tensors; the others may be missing, and the file may be another network's.
+#[test]
+fn damaged_and_foreign_trackers_are_one_line_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_zeros(&path("incomplete.safetensors"), &RECOGNISED_AS_EDGETAM);
+    let stem = ("image_encoder.trunk.body.stem.conv1.c.weight", &[24, 3, 3, 3][..]);
+    write_zeros(&path("empty-stages.safetensors"), &[&RECOGNISED_AS_EDGETAM[..], &[stem]].concat());
+    let whole = fs::read(path("incomplete.safetensors")).unwrap();
+    fs::write(path("cut.safetensors"), &whole[..whole.len() / 2]).unwrap();
+    fs::copy(FASTSAM_WEIGHTS, path("fastsam.safetensors")).unwrap();
+    let scene = "synthetic:frames=1,width=64,height=48";
+    for (name, message) in [
+        ("incomplete.safetensors", "not a checkpoint of SAM 2.1, EdgeTAM or EfficientTAM"),
+        ("empty-stages.safetensors", "tensor `spatial_perceiver.latents_2d` is missing"),
+        ("cut.safetensors", ""),
+        ("fastsam.safetensors", "not a checkpoint of SAM 2.1, EdgeTAM or EfficientTAM"),
+    ] {
+        let mut run = splatseg();
+        run.args(["run", scene, "--method", "sam2-splat", "--segmenter", "oracle", "--tracker-weights"])
+            .arg(path(name));
+        let ended = finish(run.arg("--out").arg(path("out")));
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+        assert!(ended.err.contains(name) && ended.err.contains(message), "{}", ended.err);
+    }
+    let ended = inspect(&path("incomplete.safetensors"), &[]);
+    for line in ["architecture   EdgeTAM", "missing        unknown: the tensors from which"] {
+        assert!(ended.out.lines().any(|found| found.starts_with(line)), "{line}\n{}", ended.out);
+    }
 }
 
 #[test]

@@ -10,7 +10,7 @@ use splatseg_dataset::{DatasetSettings, open_scene};
 use standins::write_standins;
 use std::fs;
 use std::path::{Path, PathBuf};
-use support::{Ended, finish, read_json, splatseg};
+use support::{Ended, RECOGNISED_AS_EDGETAM, finish, read_json, splatseg, write_zeros};
 
 fn bench_paper(out: &Path, more: &[&str]) -> Ended {
     finish(splatseg().args(["bench", "--preset", "paper", "--out"]).arg(out).args(more))
@@ -175,31 +175,12 @@ fn a_dry_run_lists_every_row_and_writes_nothing() {
     assert!(!ended.out.contains("cannot be measured yet"), "{}", ended.out);
 }
 
-/// Writes a file that is recognised as EdgeTAM, with zeros and without most of its tensors.
-fn write_edgetam(path: &Path) {
-    let shapes: [(&str, &[usize]); 3] = [
-        ("maskmem_tpos_enc", &[7, 1, 1, 64]),
-        ("spatial_perceiver.latents", &[256, 64]),
-        ("image_encoder.trunk.body.stages_0.blocks.0.token_mixer.conv.c.weight", &[48, 1, 3, 3]),
-    ];
-    let mut header = serde_json::Map::new();
-    let mut bytes = 0;
-    for (name, shape) in shapes {
-        let end = bytes + 4 * shape.iter().product::<usize>();
-        header.insert(name.to_owned(), json!({"dtype": "F32", "shape": shape, "data_offsets": [bytes, end]}));
-        bytes = end;
-    }
-    let header = Value::Object(header).to_string();
-    let file = [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &vec![0; bytes]].concat();
-    fs::write(path, file).unwrap();
-}
-
 #[test]
 fn a_tracker_that_the_paper_does_not_use_adds_rows() {
     let folder = tempfile::tempdir().unwrap();
     let (weights, out) = (folder.path().join("weights"), folder.path().join("out"));
     fs::create_dir(&weights).unwrap();
-    write_edgetam(&weights.join("my edgetam.safetensors"));
+    write_zeros(&weights.join("my edgetam.safetensors"), &RECOGNISED_AS_EDGETAM);
     let arguments = ["--weights-dir", weights.to_str().unwrap(), "--dry-run"];
     let ended = bench_paper(&out, &arguments);
     assert_eq!(ended.code, 0, "{}", ended.err);

@@ -179,7 +179,7 @@ impl Sam2Config {
     /// Recognises the configuration of a checkpoint by the names and shapes of its tensors.
     ///
     /// # Errors
-    /// If the trunk's first embedding is missing, or no network has this number of blocks and channels.
+    /// If the trunk's first layer is missing, or no network has this number of blocks and channels.
     pub fn from_weights(weights: &dyn Weights) -> Result<Self, Sam2Error> {
         if weights.shape(repvit::FIRST_TENSOR).is_some() {
             return Self::edge_tam(weights)?.checked();
@@ -188,7 +188,7 @@ impl Sam2Config {
             return Self::efficient_tam(weights)?.checked();
         }
         let name = "image_encoder.trunk.patch_embed.proj.bias";
-        let embed_dim = first_axis(weights, name)?;
+        let embed_dim = first_axis(weights, name).map_err(|_| Sam2Error::OtherNetwork)?;
         let blocks = count(|block| format!("image_encoder.trunk.blocks.{block}.norm1.weight"), weights);
         let is_found = |config: &Self| {
             let TrunkConfig::Hiera(trunk) = config.trunk else { return false };

@@ -28,6 +28,9 @@ pub enum Sam2Error {
         /// The tensor's name.
         name: String,
     },
+    /// The checkpoint is of another network.
+    #[error("not a checkpoint of SAM 2.1, EdgeTAM or EfficientTAM: the first layer of the image encoder is missing")]
+    OtherNetwork,
     /// The trunk matches no published configuration.
     #[error(
         "no SAM 2.1 has an image encoder with {blocks} blocks and {embed_dim} channels in the first (tiny: 12 and 96, \

@@ -5,7 +5,7 @@
 pub mod nearly_full;
 
 use assert_cmd::Command;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -21,6 +21,27 @@ pub const FEATURES: [&str; 6] =
 /// Weights of FastSAM n, trained by `training/` on rendered rooms.
 pub const FASTSAM_WEIGHTS: &str =
     concat!(env!("CARGO_MANIFEST_DIR"), "/../models/tests/data/fastsam/fastsam_rooms_n.safetensors");
+
+/// Tensors by which EdgeTAM is recognised; the network needs many more.
+pub const RECOGNISED_AS_EDGETAM: [(&str, &[usize]); 3] = [
+    ("maskmem_tpos_enc", &[7, 1, 1, 64]),
+    ("spatial_perceiver.latents", &[256, 64]),
+    ("image_encoder.trunk.body.stages_0.blocks.0.token_mixer.conv.c.weight", &[48, 1, 3, 3]),
+];
+
+/// Writes a state dict of tensors that are zero.
+pub fn write_zeros(path: &Path, tensors: &[(&str, &[usize])]) {
+    let mut header = serde_json::Map::new();
+    let mut bytes = 0;
+    for (name, shape) in tensors {
+        let end = bytes + 4 * shape.iter().product::<usize>();
+        header.insert((*name).to_owned(), json!({"dtype": "F32", "shape": shape, "data_offsets": [bytes, end]}));
+        bytes = end;
+    }
+    let header = Value::Object(header).to_string();
+    let file = [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &vec![0; bytes]].concat();
+    fs::write(path, file).unwrap();
+}
 
 /// Returns the `splatseg` command.
 pub fn splatseg() -> Command {
