@@ -4,7 +4,7 @@ use crate::instructions::{Instructions, TileKernel, multiply_add};
 use pulp::Simd;
 use rayon::prelude::*;
 
-/// Output pixels of a row that are computed together, so that each weight is loaded once for them.
+/// Output pixels of a row that are computed together.
 const PIXELS: usize = 8;
 
 /// Pixels per task where channels are averaged or scaled.
@@ -64,82 +64,108 @@ struct Row<'a> {
     output: &'a mut [f32],
 }
 
-/// Some neighbouring output pixels: their first column, and the input rows and columns that they need.
-struct Pixels<'a> {
-    /// For each row of the kernel that is inside, its index and the input row `[width, channels]`.
-    lines: &'a [(usize, &'a [f32])],
-    first: usize,
-    /// Columns of the kernel that are inside for all of them.
-    taps: std::ops::Range<usize>,
-}
-
 impl TileKernel for Row<'_> {
     #[inline(always)]
-    fn run<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(self, simd: S) {
+    fn run<S: Simd, const ROWS: usize, const VECTORS: usize, const FUSED: bool>(mut self, simd: S) {
         let DepthwiseConvolution { channels, kernel, stride, .. } = *self.convolution;
-        let ([height, width], padding) = (self.size, kernel / 2);
-        let line = |tap: usize| {
-            let row = (self.row * stride + tap).checked_sub(padding).filter(|row| *row < height)?;
-            Some((tap, &self.input[row * width * channels..][..width * channels]))
-        };
-        let lines: Vec<(usize, &[f32])> = (0..kernel).filter_map(line).collect();
-        let out_width = self.output.len() / channels;
-        let mut first = 0;
-        while first < out_width {
-            // The first column and the last columns may need padding: they are computed one by one.
-            let begins_inside = first * stride >= padding;
-            let last = (first + PIXELS - 1) * stride + kernel - 1;
-            let inside = begins_inside && last < width + padding && first + PIXELS <= out_width;
-            let count = if inside { PIXELS } else { 1 };
-            let begin = first * stride;
-            let taps = padding.saturating_sub(begin)..kernel.min((width + padding).saturating_sub(begin));
-            let pixels = Pixels { lines: &lines, first, taps };
-            let output = &mut self.output[first * channels..][..count * channels];
-            if inside {
-                self.convolution.pixels::<S, PIXELS, FUSED>(simd, &pixels, output);
-            } else {
-                self.convolution.pixels::<S, 1, FUSED>(simd, &pixels, output);
-            }
-            first += count;
+        let has_window = self.output.len() >= PIXELS * channels && channels.is_multiple_of(S::F32_LANES);
+        match (has_window, kernel, stride) {
+            (true, 3, 1) => self.windows::<S, 3, 1, FUSED>(simd),
+            (true, 3, 2) => self.windows::<S, 3, 2, FUSED>(simd),
+            (true, 7, 1) => self.windows::<S, 7, 1, FUSED>(simd),
+            _ => self.pixels::<S, FUSED>(simd),
         }
     }
 }
 
-impl DepthwiseConvolution {
+impl<'a> Row<'a> {
+    /// For each row of the kernel that is inside the map, its index and the input row `[width, channels]`.
     #[inline(always)]
-    fn pixels<S: Simd, const COUNT: usize, const FUSED: bool>(&self, simd: S, pixels: &Pixels, output: &mut [f32]) {
-        let channels = self.channels;
-        let (bias, tail) = S::as_simd_f32s(&self.bias);
-        let whole = channels - tail.len();
-        for (vector, bias) in bias.iter().enumerate() {
-            let mut sums = [*bias; COUNT];
-            for (tap_row, line) in pixels.lines {
-                for tap in pixels.taps.clone() {
-                    let weights = &self.weights[(tap_row * self.kernel + tap) * channels..][..channels];
-                    let weight = S::as_simd_f32s(weights).0[vector];
-                    let column = pixels.first * self.stride + tap - self.kernel / 2;
+    fn lines(&self) -> impl Iterator<Item = (usize, &'a [f32])> + use<'a> {
+        let DepthwiseConvolution { channels, kernel, stride, .. } = *self.convolution;
+        let (input, [height, width], begin) = (self.input, self.size, self.row * stride);
+        let first = (kernel / 2).saturating_sub(begin);
+        let end = kernel.min((height + kernel / 2).saturating_sub(begin));
+        (first..end).map(move |tap| (tap, &input[(begin + tap - kernel / 2) * width * channels..][..width * channels]))
+    }
+
+    /// Computes [`PIXELS`] pixels at a time: every input is loaded once for all of them, and a row of weights stays in
+    /// registers. Channels fill whole vectors.
+    #[inline(always)]
+    fn windows<S: Simd, const KERNEL: usize, const STRIDE: usize, const FUSED: bool>(&mut self, simd: S) {
+        let out_width = self.output.len() / self.convolution.channels;
+        for start in (0..out_width).step_by(PIXELS) {
+            // The last window may overlap the one before.
+            let first = start.min(out_width - PIXELS);
+            let end = (first + PIXELS - 1) * STRIDE + KERNEL;
+            if first * STRIDE >= KERNEL / 2 && end <= self.size[1] + KERNEL / 2 {
+                self.window::<S, KERNEL, STRIDE, FUSED, false>(simd, first);
+            } else {
+                self.window::<S, KERNEL, STRIDE, FUSED, true>(simd, first);
+            }
+        }
+    }
+
+    /// Computes [`PIXELS`] pixels from `first` on, which need padding at the sides only if `PADDED`.
+    #[inline(always)]
+    fn window<S: Simd, const KERNEL: usize, const STRIDE: usize, const FUSED: bool, const PADDED: bool>(
+        &mut self,
+        simd: S,
+        first: usize,
+    ) {
+        let (channels, width) = (self.convolution.channels, self.size[1]);
+        for (vector, bias) in S::as_simd_f32s(&self.convolution.bias).0.iter().enumerate() {
+            let mut sums = [*bias; PIXELS];
+            for (tap_row, line) in self.lines() {
+                let weights = &self.convolution.weights[tap_row * KERNEL * channels..][..KERNEL * channels];
+                let mut taps = [*bias; KERNEL];
+                for (tap, weights) in taps.iter_mut().zip(weights.chunks_exact(channels)) {
+                    *tap = S::as_simd_f32s(weights).0[vector];
+                }
+                for column in 0..(PIXELS - 1) * STRIDE + KERNEL {
+                    let x = (first * STRIDE + column).wrapping_sub(KERNEL / 2);
+                    if PADDED && x >= width {
+                        continue;
+                    }
+                    let value = S::as_simd_f32s(&line[x * channels..][..channels]).0[vector];
                     for (pixel, sum) in sums.iter_mut().enumerate() {
-                        let values = &line[(column + pixel * self.stride) * channels..][..channels];
-                        *sum = multiply_add::<S, FUSED>(simd, weight, S::as_simd_f32s(values).0[vector], *sum);
+                        let tap = column.wrapping_sub(pixel * STRIDE);
+                        if tap < KERNEL {
+                            *sum = multiply_add::<S, FUSED>(simd, taps[tap], value, *sum);
+                        }
                     }
                 }
             }
-            for (output, sum) in output.chunks_exact_mut(channels).zip(sums) {
+            for (output, sum) in self.output[first * channels..].chunks_exact_mut(channels).zip(sums) {
                 S::as_mut_simd_f32s(output).0[vector] = sum;
             }
         }
-        for channel in whole..channels {
-            for pixel in 0..COUNT {
-                let mut sum = self.bias[channel];
-                for (tap_row, line) in pixels.lines {
-                    for tap in pixels.taps.clone() {
-                        let weight = self.weights[(tap_row * self.kernel + tap) * channels + channel];
-                        let column = (pixels.first + pixel) * self.stride + tap - self.kernel / 2;
-                        let value = line[column * channels + channel];
-                        sum = if FUSED { weight.mul_add(value, sum) } else { weight * value + sum };
+    }
+
+    /// Computes one pixel after the other, for any kernel and number of channels.
+    #[inline(always)]
+    fn pixels<S: Simd, const FUSED: bool>(&mut self, simd: S) {
+        let DepthwiseConvolution { channels, kernel, stride, .. } = *self.convolution;
+        for x in 0..self.output.len() / channels {
+            let begin = x * stride;
+            let taps =
+                (kernel / 2).saturating_sub(begin)..kernel.min((self.size[1] + kernel / 2).saturating_sub(begin));
+            self.output[x * channels..][..channels].copy_from_slice(&self.convolution.bias);
+            for (tap_row, line) in self.lines() {
+                for tap in taps.clone() {
+                    let weights = &self.convolution.weights[(tap_row * kernel + tap) * channels..][..channels];
+                    let values = &line[(begin + tap - kernel / 2) * channels..][..channels];
+                    let output = &mut self.output[x * channels..][..channels];
+                    let ((weights, weight_tail), (values, value_tail)) =
+                        (S::as_simd_f32s(weights), S::as_simd_f32s(values));
+                    let (sums, sum_tail) = S::as_mut_simd_f32s(output);
+                    for ((sum, weight), value) in sums.iter_mut().zip(weights).zip(values) {
+                        *sum = multiply_add::<S, FUSED>(simd, *weight, *value, *sum);
+                    }
+                    for ((sum, weight), value) in sum_tail.iter_mut().zip(weight_tail).zip(value_tail) {
+                        *sum = if FUSED { weight.mul_add(*value, *sum) } else { weight * value + *sum };
                     }
                 }
-                output[pixel * channels + channel] = sum;
             }
         }
     }
@@ -216,9 +242,16 @@ mod tests {
     #[test]
     fn equals_the_definition() {
         for instructions in Instructions::available() {
-            for (channels, kernel, stride, size) in
-                [(48, 3, 1, [9, 21]), (24, 3, 2, [12, 20]), (5, 3, 2, [7, 7]), (33, 7, 1, [8, 30]), (16, 7, 1, [3, 2])]
-            {
+            for (channels, kernel, stride, size) in [
+                (48, 3, 1, [9, 21]),
+                (24, 3, 2, [12, 20]),
+                (32, 3, 2, [12, 40]),
+                (5, 3, 2, [7, 7]),
+                (33, 7, 1, [8, 30]),
+                (32, 7, 1, [9, 30]),
+                (16, 7, 1, [3, 2]),
+                (16, 5, 1, [6, 20]),
+            ] {
                 let (weight, bias) = (noise(channels * kernel * kernel, 1), noise(channels, 2));
                 let input = noise(size[0] * size[1] * channels, 3);
                 let convolution = DepthwiseConvolution::new(&weight, &bias, kernel, stride, instructions);
