@@ -10,7 +10,7 @@ const WAITING: usize = 8;
 /// An error of whoever has asked.
 const LATE: &str = "the session has not answered in time";
 
-/// Something that a session is asked to do between two frames.
+/// A request to a session, carried out between two frames.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LiveRequest {
     /// Save the map and the list of objects.

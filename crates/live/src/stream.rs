@@ -26,7 +26,7 @@ pub struct LiveStream {
 /// The clock by which a stream waits for poses and partners of images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Clock {
-    /// That of the system: the newest frame wins.
+    /// The system clock: the newest frame wins.
     System,
     /// The times of the messages: no frame is dropped, and whoever feeds them waits.
     Messages,

@@ -266,7 +266,7 @@ impl ObjectNames {
         for SavedName { id, label, embedding, score } in saved {
             let wrong = |problem: &str| NameError::Damaged(format!("object {id} {problem}"));
             if id == 0 || names.names.contains_key(&id) {
-                return Err(wrong("occurs twice or is no object"));
+                return Err(wrong("occurs twice, or its id is 0"));
             }
             if !(score.is_finite() && score >= 0.0) {
                 return Err(wrong("has a view with an impossible score"));

@@ -41,11 +41,11 @@ choices! {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum TrunkConfig {
-    /// That of SAM 2.1.
+    /// The trunk of SAM 2.1.
     Hiera(HieraConfig),
-    /// That of EdgeTAM.
+    /// The trunk of EdgeTAM.
     RepVit(RepVitConfig),
-    /// That of EfficientTAM.
+    /// The trunk of EfficientTAM.
     Vit(VitConfig),
 }
 

@@ -4,7 +4,7 @@
 //! [IDS] [FX]`
 //!
 //! `-` stands for a default. With `FROM+COUNT`, the lens is covered for that many frames: they are black and without
-//! depth. `IDS` are the segments that tracking is told after each frame: `none`, `truth` (the true ids), `walls` (the
+//! depth. `IDS` are the segments passed to tracking after each frame: `none`, `truth` (the true ids), `walls` (the
 //! true ids, but one for walls, floor and ceiling of the synthetic room) or `grid` (12 cells of the image). `FX` replaces
 //! the focal length, pixels of the stored images.
 //!
