@@ -1,4 +1,4 @@
-"""Makes the golden data of the affinity segmenter: inputs and log-odds of two small images.
+"""Makes the golden data of the affinity segmenter: inputs and log-odds of four small images.
 
     python training/make_test_data.py WEIGHTS.safetensors crates/segmenter/tests/data/affinity.safetensors
 
@@ -15,7 +15,7 @@ import torch.nn.functional as F
 from safetensors.torch import load_file, save_file
 from splatseg_training.inputs import inputs
 
-SIZES = [(48, 64), (50, 70), (3, 5)]
+SIZES = [(48, 64), (50, 70), (33, 65), (3, 5)]  # 33 × 65: odd at every level
 
 
 def forward(weights, x):
@@ -46,7 +46,9 @@ def forward(weights, x):
         skip = stages.pop()
         level = len(stages)
         lateral = layer(f"l{level + 1}", x, activation=identity)
-        x = skip + F.interpolate(lateral, size=skip.shape[2:], mode="bilinear", align_corners=False)
+        # Exactly twice the size: an odd size is cropped, not stretched.
+        doubled = F.interpolate(lateral, scale_factor=2, mode="bilinear", align_corners=False)
+        x = skip + doubled[:, :, : skip.shape[2], : skip.shape[3]]
         for index in range(count(f"d{level}.{{}}")):
             x = layer(f"d{level}.{index}", x)
     return layer("head", x, activation=identity)

@@ -70,7 +70,13 @@ class AffinityNet(nn.Module):
 
 
 def _resized(small, like):
-    return F.interpolate(small, size=like.shape[2:], mode="bilinear", align_corners=False)
+    """`small`, enlarged by exactly 2 and cropped to the size of `like`.
+
+    Layers of stride 2 halve sizes and round up. With `size=like.shape[2:]`, odd sizes would be stretched.
+    """
+    height, width = like.shape[2:]
+    doubled = F.interpolate(small, scale_factor=2, mode="bilinear", align_corners=False)
+    return doubled[:, :, :height, :width]
 
 
 def load(path):

@@ -81,6 +81,18 @@ def test_export_equals_the_network(tmp_path):
     assert (expected - actual).abs().max() < 0.01 * expected.abs().max()
 
 
+def test_an_odd_size_is_not_stretched():
+    """Away from the padding, a cut-off row and column move nothing."""
+    net = random_net()
+    net.pool = torch.nn.Identity()  # the mean of the whole image would change a little everywhere
+    net.pool.forward = torch.zeros_like
+    x = torch.randn(1, 8, 320, 352)
+    whole, cut = net(x), net(x[:, :, :318, :350])
+    assert cut.shape[2:] == (159, 175)
+    difference = (whole[:, :, :159, :175] - cut).abs()
+    assert difference[:, :, :40, :56].max() < 1e-4 * whole.abs().max() < difference.max()
+
+
 def forward(tensors, x):
     """The exported network, computed as in the Rust program."""
     t = {name: tensor.float() for name, tensor in tensors.items()}
@@ -99,8 +111,8 @@ def forward(tensors, x):
     y = levels[4] + conv(levels[4].mean((2, 3), keepdim=True), "pool")
     for level in (3, 2, 1, 0):
         up = conv(y, f"l{level + 1}", active=False)
-        up = torch.nn.functional.interpolate(up, size=levels[level].shape[2:], mode="bilinear", align_corners=False)
-        y = levels[level] + up
+        up = torch.nn.functional.interpolate(up, scale_factor=2, mode="bilinear", align_corners=False)
+        y = levels[level] + up[:, :, : levels[level].shape[2], : levels[level].shape[3]]
         for block in range(1 if level > 1 else 2):
             y = conv(y, f"d{level}.{block}")
     return conv(y, "head", active=False)

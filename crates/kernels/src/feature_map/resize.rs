@@ -7,6 +7,10 @@ use rayon::prelude::*;
 /// Enlarges `small` to the size of `map` by bilinear interpolation and adds it to `map`, like PyTorch's `interpolate`
 /// with `mode="bilinear", align_corners=False`.
 ///
+/// Along an axis where `small` has half as many pixels as `map`, rounded up, as after a layer of stride 2, the factor is
+/// exactly 2. An odd size thus ends half a coarse pixel early (`interpolate` with `scale_factor=2`, then cropped),
+/// instead of being stretched.
+///
 /// # Panics
 /// If the maps have different numbers of channels, or one of them is empty.
 pub fn add_upsampled(small: &FeatureMap, map: &mut FeatureMap, instructions: Instructions) {
@@ -48,7 +52,8 @@ struct Sample {
 
 /// Returns the sampling positions that resize `from` values to `to` values.
 fn samples(from: usize, to: usize) -> Vec<Sample> {
-    let scale = from as f32 / to as f32;
+    // A layer of stride 2 makes `from` pixels of 2 · from - 1 as well as of 2 · from, from the same places.
+    let scale = if from == to.div_ceil(2) { 0.5 } else { from as f32 / to as f32 };
     (0..to)
         .map(|index| {
             let place = ((index as f32 + 0.5) * scale - 0.5).max(0.0);

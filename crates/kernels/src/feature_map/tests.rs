@@ -167,6 +167,26 @@ fn upsampling_is_bilinear() {
 }
 
 #[test]
+fn an_odd_size_is_doubled_like_the_even_one() {
+    let small = noise_map(3, 4, 6, 5);
+    let enlarged = |height: usize, width: usize| {
+        let mut map = FeatureMap::zeros(3, height, width);
+        add_upsampled(&small, &mut map, Instructions::best());
+        map
+    };
+    let even = enlarged(8, 12);
+    for (height, width) in [(7, 12), (8, 11), (7, 11)] {
+        let odd = enlarged(height, width);
+        for (channel, row) in (0..3).flat_map(|channel| (0..height).map(move |row| (channel, row))) {
+            assert_eq!(odd.row(channel, row), &even.row(channel, row)[..width], "{width}x{height}, row {row}");
+        }
+    }
+    // Other sizes are stretched to the whole map.
+    let third = enlarged(12, 18);
+    assert_eq!((third.row(0, 0)[0], third.row(2, 11)[17]), (small.row(0, 0)[0], small.row(2, 3)[5]));
+}
+
+#[test]
 fn means_exclude_padding() {
     let mut map = FeatureMap::zeros(2, 2, 3);
     map.rows_mut().zip([3.0, -5.0]).for_each(|(rows, value)| rows.for_each(|row| row.fill(value)));

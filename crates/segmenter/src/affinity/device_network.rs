@@ -101,9 +101,13 @@ impl Stage<DeviceLayer> {
 
 impl PathStep<DeviceLayer> {
     fn forward(&self, coarse: Tensor<4>, fine: Tensor<4>) -> Tensor<4> {
-        let [_, _, height, width] = fine.dims();
+        let [_, channels, height, width] = fine.dims();
+        let lateral = self.lateral.convolution.forward(coarse);
+        let [_, _, coarse_height, coarse_width] = lateral.dims();
         let options = InterpolateOptions::new(InterpolateMode::Bilinear).with_align_corners(false);
-        let enlarged = interpolate(self.lateral.convolution.forward(coarse), options.with_output_size([height, width]));
+        // Exactly twice the size, cropped: an odd size must not be stretched, as in `add_upsampled`.
+        let doubled = interpolate(lateral, options.with_output_size([2 * coarse_height, 2 * coarse_width]));
+        let enlarged = doubled.slice([0..1, 0..channels, 0..height, 0..width]);
         self.layers.iter().fold(fine + enlarged, |map, layer| layer.convolution.forward(map))
     }
 }

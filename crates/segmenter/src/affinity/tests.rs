@@ -11,7 +11,7 @@ use splatseg_geometry::{CameraFrame, CowImage, Image, Intrinsics};
 use splatseg_models::device::DeviceName;
 use std::path::Path;
 
-const SIZES: [(usize, usize); 3] = [(64, 48), (70, 50), (5, 3)];
+const SIZES: [(usize, usize); 4] = [(64, 48), (70, 50), (65, 33), (5, 3)];
 
 struct Golden(Vec<u8>);
 
