@@ -56,7 +56,7 @@ def main():
         "fy": matrix[1, 1] / 2,
         "cx": (matrix[0, 2] + 0.5) / 2 - 0.5,
         "cy": (matrix[1, 2] + 0.5) / 2 - 0.5,
-        "depth_units_per_metre": 1000,
+        "depth_scale": 1000,
     }
     (folder / "camera.json").write_text(json.dumps(camera, indent=2) + "\n")
 

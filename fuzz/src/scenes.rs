@@ -103,7 +103,7 @@ pub fn replica(folder: &Path) {
 /// Plain folders: one with a lens and poses by time, one with matrices.
 pub fn folder(folder: &Path) {
     let camera = json!({
-        "width": 24, "height": 16, "fx": 20.0, "fy": 20.0, "cx": 12.0, "cy": 8.0, "depth_units_per_metre": 1000.0,
+        "width": 24, "height": 16, "fx": 20.0, "fy": 20.0, "cx": 12.0, "cy": 8.0, "depth_scale": 1000.0,
     });
     let mut with_lens = camera.clone();
     with_lens["distortion_model"] = json!("rational_polynomial");

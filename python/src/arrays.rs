@@ -9,6 +9,7 @@ use numpy::{
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
+use splatseg::dataset::DatasetSettings;
 use splatseg::memory::MAX_SEGMENT_ID;
 use splatseg::{Image, Mask};
 
@@ -91,8 +92,9 @@ pub fn depth_image(value: &Bound<'_, PyAny>, depth_scale: Option<f64>) -> PyResu
     const TYPES: &str = "float32 metres (or uint16, with depth_scale in units per metre)";
     const SHAPE: &str = "(height, width)";
     let array = checked(value, "depth", TYPES, SHAPE, is_image)?;
-    if let Some(scale) = depth_scale.filter(|scale| !(scale.is_finite() && *scale > 0.0)) {
-        return Err(value_error(format!("depth_scale is {scale}, expected units per metre, e.g. 1000")));
+    let scales = DatasetSettings::DEPTH_SCALES;
+    if let Some(scale) = depth_scale.filter(|scale| !scales.accepts_number(*scale)) {
+        return Err(value_error(format!("depth_scale is {scale}, expected {scales} units per metre, e.g. 1000")));
     }
     let scale = depth_scale.unwrap_or(1.0);
     if is_of::<f32>(&array) {

@@ -369,8 +369,14 @@ pub fn pose(matrix: &Bound<'_, PyAny>) -> PyResult<Pose> {
     Pose::from_row_major(entries).map_err(|error| wrong(&error))
 }
 
+/// The last time of messages in ROS 2.
+const LAST_TIME: Duration = Duration::from_secs(i32::MAX as u64);
+
 /// A time in seconds.
 fn time(seconds: f64) -> PyResult<Duration> {
-    Duration::try_from_secs_f64(seconds)
-        .map_err(|_| value_error(format!("timestamp is {seconds}, expected seconds, 0 or more")))
+    let time = Duration::try_from_secs_f64(seconds).ok().filter(|time| *time <= LAST_TIME);
+    time.ok_or_else(|| {
+        let expected = "seconds, from 0 to 2147483647 (before 2038), not another unit";
+        value_error(format!("timestamp is {seconds}, expected {expected}"))
+    })
 }

@@ -143,6 +143,7 @@ def bad_frames(frame):
         ({"depth": depth.T}, ValueError, "depth is not contiguous"),
         ({"depth": depth.astype(np.uint16)}, TypeError, "depth is an array of uint16"),
         ({"depth": depth, "depth_scale": -1}, ValueError, "depth_scale is -1"),
+        ({"depth": depth, "depth_scale": 1e38}, ValueError, "depth_scale is 1"),
         ({"depth": depth[None]}, ValueError, r"depth has shape \(1, 72, 96\)"),
         ({"K": frame.K[:2]}, ValueError, r"K has shape \(2, 3\)"),
         ({"K": np.eye(3) * 0}, ValueError, "K is"),
@@ -154,6 +155,7 @@ def bad_frames(frame):
         ({"camera_to_world": "no pose"}, TypeError, "camera_to_world"),
         ({"timestamp": -1.0}, ValueError, "timestamp is -1"),
         ({"timestamp": float("nan")}, ValueError, "timestamp is NaN"),
+        ({"timestamp": 1.7e18}, ValueError, "not another unit"),
         ({"timestamp": "now"}, TypeError, "timestamp"),
     ]
 

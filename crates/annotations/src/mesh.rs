@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use splatseg_dataset::DatasetError;
-use splatseg_files::{MemoryLimit, read_file};
+use splatseg_files::{MemoryLimit, read_file, text_of};
 use splatseg_geometry::SegmentId;
 use std::path::Path;
 
@@ -94,10 +94,10 @@ pub fn read_mesh_vertices(path: &Path) -> Result<Vec<DVec3>, DatasetError> {
 /// # Errors
 /// If the file cannot be read, a line is not such a number, or the number of lines is not `count`.
 pub fn read_vertex_instances(path: &Path, count: usize, void: &[u64]) -> Result<Vec<SegmentId>, DatasetError> {
-    // Nine digits and the end of the line.
-    let limit = (count as u64).saturating_mul(11).saturating_add(16);
+    // Nine digits and the end of the line, in UTF-16.
+    let limit = (count as u64).saturating_mul(22).saturating_add(32);
     let bytes = read_file(path, limit).map_err(|source| DatasetError::Io { path: path.to_owned(), source })?;
-    let text = String::from_utf8_lossy(&bytes);
+    let text = text_of(bytes).map_err(|error| wrong(path, "content", error, "UTF-8 text"))?;
     let expected = "label * 1000 + instance, at most 4294967295";
     let instance = |(index, line): (usize, &str)| {
         let number: SegmentId =
@@ -115,9 +115,11 @@ pub fn read_vertex_instances(path: &Path, count: usize, void: &[u64]) -> Result<
 fn layout(path: &Path, bytes: &[u8]) -> Result<VertexLayout, DatasetError> {
     let expected = "a binary little-endian PLY whose first element is vertex, with x, y and z";
     let bad = |field: &str, found: &str| wrong(path, field, excerpt(found), expected);
-    const END: &[u8] = b"end_header\n";
     let head = bytes.get(..bytes.len().min(MAX_HEADER_BYTES)).unwrap_or_default();
-    let end = head.windows(END.len()).position(|window| window == END).ok_or_else(|| bad("header", "no end_header"))?;
+    // Lines end in LF or CR LF.
+    let place = |end: &[u8]| Some((head.windows(end.len()).position(|window| window == end)?, end.len()));
+    let ends = [b"\nend_header\n".as_slice(), b"\nend_header\r\n"];
+    let (end, end_len) = ends.into_iter().filter_map(place).min().ok_or_else(|| bad("header", "no end_header"))?;
     let text = String::from_utf8_lossy(head.get(..end).unwrap_or_default());
     let mut lines = text.lines().map(str::trim_end).filter(|line| !line.starts_with("comment"));
     for expected_line in ["ply", "format binary_little_endian 1.0"] {
@@ -140,7 +142,7 @@ fn layout(path: &Path, bytes: &[u8]) -> Result<VertexLayout, DatasetError> {
         stride += kind.bytes();
     }
     match axes {
-        [Some(x), Some(y), Some(z)] => Ok(VertexLayout { count, stride, axes: [x, y, z], start: end + END.len() }),
+        [Some(x), Some(y), Some(z)] => Ok(VertexLayout { count, stride, axes: [x, y, z], start: end + end_len }),
         _ => Err(bad("header", "no x, y and z of type float or double")),
     }
 }
@@ -157,4 +159,56 @@ fn wrong(path: &Path, field: impl Into<String>, found: impl ToString, expected: 
 /// Returns the beginning of a line, for messages.
 fn excerpt(line: &str) -> String {
     line.chars().take(60).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    fn ply(end: &str) -> Vec<u8> {
+        let lines = [
+            "ply",
+            "format binary_little_endian 1.0",
+            "comment with end_header in it",
+            "element vertex 2",
+            "property float x",
+            "property float y",
+            "property float z",
+            "property uchar red",
+            "element face 0",
+            "property list uchar int vertex_indices",
+            "end_header",
+        ];
+        let mut bytes: Vec<u8> = lines.iter().flat_map(|line| [*line, end].concat().into_bytes()).collect();
+        for vertex in [[1.0f32, 2.0, 3.0], [10.0, -13.0, 0.5]] {
+            vertex.iter().for_each(|number| bytes.extend(number.to_le_bytes()));
+            bytes.push(b'\n');
+        }
+        bytes
+    }
+
+    #[test]
+    fn header_lines_may_end_in_cr_lf() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mesh.ply");
+        for end in ["\n", "\r\n"] {
+            fs::write(&path, ply(end)).unwrap();
+            let expected = [DVec3::new(1.0, 2.0, 3.0), DVec3::new(10.0, -13.0, 0.5)];
+            assert_eq!(read_mesh_vertices(&path).unwrap(), expected, "{end:?}");
+        }
+        fs::write(&path, ply("\r")).unwrap();
+        assert!(read_mesh_vertices(&path).unwrap_err().to_string().contains("no end_header"));
+    }
+
+    #[test]
+    fn labels_of_other_systems_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("instances.txt");
+        let text = "\u{FEFF}3001\r\n999\r\n4000002\r\n";
+        for bytes in [text.as_bytes().to_vec(), text.encode_utf16().flat_map(u16::to_le_bytes).collect()] {
+            fs::write(&path, bytes).unwrap();
+            assert_eq!(read_vertex_instances(&path, 3, &[]).unwrap(), [3001, 0, 4_000_002]);
+        }
+    }
 }

@@ -1,6 +1,7 @@
 //! Decoding of images from files that may be damaged, truncated, or have a false size in their header.
 
 use crate::DatasetError;
+use crate::depth_scale::DepthScale;
 use crate::files::{MemoryRequirement, read_file};
 use image::error::{DecodingError, ImageFormatHint};
 use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
@@ -30,15 +31,9 @@ pub(crate) const DEPTH_IMAGE: &str = "depth image";
 /// Name of segment images in errors.
 pub(crate) const SEGMENT_IMAGE: &str = "segment image";
 
-/// Depth images of most data sets are in millimetres.
-pub(crate) const MILLIMETRES: f32 = 1000.0;
-
 /// Colour types in a PNG header.
 const GREY: u8 = 0;
 const RGB: u8 = 2;
-
-/// Depth value that Kinect drivers write for missing measurements, like 0.
-const NO_MEASUREMENT: u16 = u16::MAX;
 
 /// Reads the bytes of an image file.
 pub(crate) fn read_image_file(path: &Path, what: &'static str) -> Result<Vec<u8>, DatasetError> {
@@ -66,10 +61,9 @@ pub(crate) fn read_color(path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
     decode_color(path, &read_image_file(path, COLOR_IMAGE)?)
 }
 
-/// Reads a depth image, `[height, width]`, in metres from a 16-bit grey PNG with `units_per_metre`. 0 and 65535 mean
-/// missing depth and become 0.
-pub(crate) fn read_depth(path: &Path, units_per_metre: f32) -> Result<Image<f32>, DatasetError> {
-    decode_depth(path, &read_image_file(path, DEPTH_IMAGE)?, units_per_metre)
+/// Reads a depth image, `[height, width]`, in metres from a 16-bit grey PNG. 0 and 65535 mean missing depth and become 0.
+pub(crate) fn read_depth(path: &Path, scale: DepthScale) -> Result<Image<f32>, DatasetError> {
+    decode_depth(path, &read_image_file(path, DEPTH_IMAGE)?, scale)
 }
 
 /// Reads a segment map, `[height, width]`, from a PNG in either form written by `splatseg run`: 8- or 16-bit grey with
@@ -122,9 +116,9 @@ pub(crate) fn decode_color(path: &Path, bytes: &[u8]) -> Result<Image<[u8; 3]>, 
 }
 
 /// Like [`read_depth`], but from a file's bytes.
-pub(crate) fn decode_depth(path: &Path, bytes: &[u8], units_per_metre: f32) -> Result<Image<f32>, DatasetError> {
+pub(crate) fn decode_depth(path: &Path, bytes: &[u8], scale: DepthScale) -> Result<Image<f32>, DatasetError> {
     let stored = decode_grey16(path, DEPTH_IMAGE, bytes)?;
-    Ok(stored.map(|stored| metres(*stored, units_per_metre)))
+    Ok(stored.map(|stored| scale.metres(*stored)))
 }
 
 /// Decodes the values of a 16-bit grey PNG, `[height, width]`. `what` names the image in errors.
@@ -138,11 +132,6 @@ pub(crate) fn decode_grey16(path: &Path, what: &'static str, bytes: &[u8]) -> Re
     Ok(Image::from_fn(pixels.width() as usize, pixels.height() as usize, |column, row| {
         pixels.get_pixel(column as u32, row as u32).0[0]
     }))
-}
-
-/// Converts a stored depth to metres, 0 if it means "no measurement".
-pub(crate) fn metres(stored: u16, units_per_metre: f32) -> f32 {
-    if stored == NO_MEASUREMENT { 0.0 } else { f32::from(stored) / units_per_metre }
 }
 
 /// Like [`read_labels`], but from a file's bytes.

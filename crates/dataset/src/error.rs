@@ -266,6 +266,19 @@ pub enum DatasetError {
         /// Underlying error.
         source: FrameError,
     },
+    /// The unit of depth leaves nothing of it.
+    #[error(
+        "{}: all depth is below {:.1} mm: check the unit of the depth (dataset.depth_scale, --depth-scale: stored units per \
+         metre, 1000 for millimetres)",
+        path.display(),
+        (farthest * 1000.0).max(0.1)
+    )]
+    NoDepthLeft {
+        /// The depth image.
+        path: PathBuf,
+        /// The largest depth, metres.
+        farthest: f32,
+    },
     /// A field of a file has an invalid value.
     #[error("{}: {field}: found {found}, expected {expected}", path.display())]
     Field {
@@ -366,7 +379,7 @@ pub enum DatasetError {
 impl DatasetError {
     /// Returns true if the error applies to every frame of a scene.
     pub(crate) fn affects_all_frames(&self) -> bool {
-        matches!(self, Self::Setting(_) | Self::MemoryLimit { .. })
+        matches!(self, Self::Setting(_) | Self::MemoryLimit { .. } | Self::NoDepthLeft { .. })
     }
 }
 

@@ -1,5 +1,6 @@
 //! The formats: names, the table of how each is opened, and detection of a path's format. A new format is added here.
 
+use crate::depth_scale::require_no_depth_scale;
 use crate::own_camera::OwnCamera;
 use crate::synthetic::{self, SyntheticScene};
 use crate::{DatasetError, DatasetSettings, Scene};
@@ -147,6 +148,7 @@ const FORMATS: &[FormatEntry] = &[
         looks_like: synthetic::looks_like,
         is_whole: |_| true,
         open: |path, settings| {
+            require_no_depth_scale(settings, Format::Synthetic.name())?;
             let scene = SyntheticScene::new(path.to_string_lossy().parse()?)?;
             Ok(Arc::new(scene.with_camera(OwnCamera::from_settings(settings)?)))
         },

@@ -1,7 +1,9 @@
 //! Steps for every frame before it is used: checks of its size and plausibility, and framing.
 
+use crate::depth_scale::DepthUnitCheck;
 use crate::files::MemoryRequirement;
 use crate::plausibility::{Plausibility, check_intrinsics};
+use crate::stamps::require_possible;
 use crate::{DatasetError, FramePart, Framing, RecordedFrame};
 use splatseg_geometry::{CameraFrame, Intrinsics, Pose};
 use std::path::{Path, PathBuf};
@@ -18,12 +20,14 @@ pub(crate) struct FrameChecks {
     pub(crate) original_size: Option<(usize, usize)>,
     /// Intrinsics of the first frame, before framing.
     original_intrinsics: Option<Intrinsics>,
+    depth_unit: DepthUnitCheck,
     plausibility: Plausibility,
 }
 
 impl FrameChecks {
     pub(crate) fn new(framing: Framing) -> Self {
-        Self { framing, original_size: None, original_intrinsics: None, plausibility: Plausibility::default() }
+        let (depth_unit, plausibility) = (DepthUnitCheck::default(), Plausibility::default());
+        Self { framing, original_size: None, original_intrinsics: None, depth_unit, plausibility }
     }
 
     /// Returns the size `(width, height)` of the next frame. `source` is the name of its scene.
@@ -45,12 +49,14 @@ impl FrameChecks {
     /// Checks and frames the next frame. `place` names the file of a part of it.
     ///
     /// # Errors
-    /// If its pose is impossible, or nothing would be left of it.
+    /// If its pose is impossible, or nothing would be left of it or of its depth.
     pub(crate) fn framed(
         &mut self,
         recorded: RecordedFrame,
         place: &dyn Fn(FramePart) -> PathBuf,
     ) -> Result<(CameraFrame<'static>, Option<Pose>), DatasetError> {
+        require_possible(recorded.frame.timestamp(), || place(FramePart::Depth))?;
+        self.depth_unit.check(&recorded, place)?;
         self.plausibility.check(&recorded, place)?;
         let RecordedFrame { frame, world_from_camera } = recorded;
         let (size, intrinsics) = ((frame.width(), frame.height()), *frame.intrinsics());

@@ -9,6 +9,7 @@
 mod archive;
 mod corrections;
 mod decode;
+mod depth_scale;
 mod description;
 mod error;
 mod files;
@@ -35,6 +36,7 @@ mod scannet;
 mod scene;
 mod settings;
 mod sevenscenes;
+mod stamps;
 mod stream;
 mod synthetic;
 mod text;

@@ -8,6 +8,7 @@
 //! - A scene **has no poses** if it has no source of poses at all. A source without any usable pose is an error on opening,
 //!   because it is more likely to be a mistake than meant.
 
+use crate::stamps::time_range;
 use crate::{DatasetError, LeftOut};
 use splatseg_geometry::{Pose, PoseError};
 use std::path::{Path, PathBuf};
@@ -33,15 +34,14 @@ pub(crate) fn tracked(
 
 /// Returns the error for a list of poses, none of which was measured near an image. Both lists of times are in seconds.
 pub(crate) fn no_common_time(path: &Path, pose_times: &[f64], image_times: &[f64]) -> DatasetError {
-    let range = |times: &[f64]| {
-        let [low, high] = [f64::min, f64::max].map(|end| times.iter().copied().reduce(end).unwrap_or(0.0));
-        format!("{low:.3} to {high:.3} s")
-    };
     DatasetError::Field {
         path: path.to_owned(),
         field: "times of the poses".to_owned(),
-        found: if pose_times.is_empty() { "no pose".to_owned() } else { range(pose_times) },
-        expected: format!("those of the images, {}; without this file, the scene has no poses", range(image_times)),
+        found: if pose_times.is_empty() { "no pose".to_owned() } else { time_range(pose_times) },
+        expected: format!(
+            "those of the images, {}; without this file, the scene has no poses",
+            time_range(image_times)
+        ),
     }
 }
 

@@ -6,12 +6,13 @@
 //! `{"camera": {"w", "h", "fx", "fy", "cx", "cy", "scale"}}`, with `scale` depth units per metre.
 
 use crate::decode::{read_color, read_depth};
-use crate::files::{is_there, read_file};
+use crate::depth_scale::DepthScale;
+use crate::files::is_there;
 use crate::listing::{NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files};
 use crate::own_camera::{OwnCamera, camera_place};
 use crate::recorded_poses::{LOST, PoseCoverage, tracked};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
-use crate::text::{read_text, shortened};
+use crate::text::{read_json, read_text_with_numbers, shortened};
 use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 use serde::Deserialize;
 use splatseg_geometry::{Intrinsics, Pose, SegmentMap};
@@ -47,7 +48,7 @@ struct CameraParams {
     fy: f32,
     cx: f32,
     cy: f32,
-    scale: f32,
+    scale: f64,
 }
 
 /// A Replica scene in the layout of NICE-SLAM. It has no ground truth segments.
@@ -65,13 +66,13 @@ pub struct ReplicaScene {
     poses: PoseCoverage,
     own_camera: Option<OwnCamera>,
     intrinsics: Intrinsics,
-    units_per_metre: f32,
+    depth_scale: DepthScale,
     left_out: Vec<LeftOut>,
 }
 
 impl ReplicaScene {
     /// Lists the frames of a scene's folder, sorted by number, and reads its trajectory and camera. Uses only `fx` to
-    /// `cy` of `settings`.
+    /// `cy` and `depth_scale` of `settings`.
     ///
     /// # Errors
     /// If the folder has no colour or no depth images, or the trajectory or camera file is damaged.
@@ -88,11 +89,10 @@ impl ReplicaScene {
         let path = folder.join(TRAJECTORY);
         let trajectory = if is_there(&path) { Some(read_trajectory(&path)?) } else { None };
         let own_camera = OwnCamera::from_settings(settings)?;
-        let (intrinsics, units_per_metre) = read_camera(folder)?;
+        let (intrinsics, depth_scale) = read_camera(folder, settings)?;
         let left_out = left_out_beside(&frames, &images, &[(images.clone(), DEPTH)]);
         let (name, folder, poses) = (folder_name(folder), folder.to_owned(), PoseCoverage::NONE);
-        let mut scene =
-            Self { name, folder, frames, trajectory, poses, own_camera, intrinsics, units_per_metre, left_out };
+        let mut scene = Self { name, folder, frames, trajectory, poses, own_camera, intrinsics, depth_scale, left_out };
         scene.poses = scene.coverage();
         Ok(scene)
     }
@@ -163,7 +163,7 @@ pub(crate) fn looks_like(path: &Path) -> bool {
 }
 
 fn read_trajectory(path: &Path) -> Result<Vec<[f64; 16]>, DatasetError> {
-    let text = read_text(path, "camera trajectory", MAX_TRAJECTORY_BYTES)?;
+    let text = read_text_with_numbers(path, "camera trajectory", MAX_TRAJECTORY_BYTES)?;
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let pose = |(index, line): (usize, &str)| {
         let mut matrix = [0.0; 16];
@@ -185,28 +185,19 @@ fn read_trajectory(path: &Path) -> Result<Vec<[f64; 16]>, DatasetError> {
     lines.map(pose).collect()
 }
 
-/// Reads the camera and the number of depth units per metre.
-fn read_camera(folder: &Path) -> Result<(Intrinsics, f32), DatasetError> {
+/// Reads the camera and the unit of depth.
+fn read_camera(folder: &Path, settings: &DatasetSettings) -> Result<(Intrinsics, DepthScale), DatasetError> {
     let own = folder.join(CAMERA_FILE);
     let shared = folder.canonicalize().ok().and_then(|full| Some(full.parent()?.join(CAMERA_FILE)));
     let (params, path) = match [Some(own.clone()), shared].into_iter().flatten().find(|path| path.is_file()) {
         Some(path) => {
-            let bytes = read_file(&path, "camera file", MAX_CAMERA_FILE_BYTES)?;
-            let file: CameraFile =
-                serde_json::from_slice(&bytes).map_err(|source| DatasetError::Json { path: path.clone(), source })?;
+            let file: CameraFile = read_json(&path, "camera file", MAX_CAMERA_FILE_BYTES)?;
             (file.camera, path)
         }
         None => (PUBLISHED, own),
     };
     let CameraParams { w, h, fx, fy, cx, cy, scale } = params;
-    if !(scale.is_finite() && scale > 0.0) {
-        return Err(DatasetError::Field {
-            path,
-            field: "camera.scale".to_owned(),
-            found: scale.to_string(),
-            expected: "a positive number of depth units per metre".to_owned(),
-        });
-    }
+    let scale = DepthScale::stated(scale, (&path, "camera.scale"), settings)?;
     let camera = Intrinsics { fx, fy, cx, cy, width: w, height: h };
     Ok((camera.validated().map_err(|source| DatasetError::Intrinsics { path, source })?, scale))
 }
@@ -228,7 +219,7 @@ impl Scene for ReplicaScene {
         let file = entry(&self.frames, index, &self.name)?;
         let pose = self.pose(index, file)?;
         let depth_path = self.depth_path(file);
-        let depth = read_depth(&depth_path, self.units_per_metre)?;
+        let depth = read_depth(&depth_path, self.depth_scale)?;
         let color = read_color(&file.path)?;
         require_registered(&color, &depth, &depth_path)?;
         let intrinsics = match self.own_camera {

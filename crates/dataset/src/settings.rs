@@ -32,6 +32,10 @@ settings! {
         cx: Option<f64> = None, Allowed::between(-1e6, 1e6);
         /// With `fx`: row of the principal point, pixels; the image centre if left out.
         cy: Option<f64> = None, Allowed::between(-1e6, 1e6);
+        /// Stored units of depth per metre, as in Open3D: 1000 for millimetres, 5000 for TUM RGB-D. If left out, that of the
+        /// recording or its format: millimetres, if nothing else is known. Depth stored as numbers with a fraction is in
+        /// metres, and is divided by this value, too.
+        depth_scale: Option<f64> = None, DatasetSettings::DEPTH_SCALES;
         /// For 7-Scenes as published: warp the depth from its own camera into the colour camera, and convert the poses,
         /// which are those of the depth camera. Otherwise depth must already be registered to colour.
         register_depth: bool = false, Allowed::Switch;
@@ -68,6 +72,10 @@ settings! {
 }
 
 impl DatasetSettings {
+    /// Values of [`depth_scale`](Self::depth_scale). Others are mistakes: all 16-bit depth would be below 7 cm, or all above
+    /// a kilometre.
+    pub const DEPTH_SCALES: Allowed = Allowed::between(0.001, 1e6);
+
     /// Returns the indices of the frames used from a scene with `frame_count` frames, in increasing order.
     ///
     /// # Errors

@@ -4,7 +4,8 @@
 //! The published sequences have no intrinsics, and their depth is not registered to colour. Prepared ones may have
 //! registered depth and a `camera-intrinsics.txt` (3x3).
 
-use crate::decode::{MILLIMETRES, read_color, read_depth};
+use crate::decode::{read_color, read_depth};
+use crate::depth_scale::DepthScale;
 use crate::listing::{
     NamePattern, NumberedFile, fits, folder_name, has_numbered_files, left_out_beside, names_in, numbered_files,
     pose_coverage,
@@ -44,6 +45,7 @@ pub struct SevenScenesScene {
     frames: Vec<NumberedFile>,
     intrinsics: Option<PinholeMatrix>,
     own_camera: Option<OwnCamera>,
+    depth_scale: DepthScale,
     poses: PoseCoverage,
     /// Offset between the cameras if depth must be warped, metres.
     registration: Option<f32>,
@@ -51,8 +53,8 @@ pub struct SevenScenesScene {
 }
 
 impl SevenScenesScene {
-    /// Lists the frames of a sequence's folder, sorted by number. Uses only `fx` to `cy`, `register_depth` and
-    /// `depth_offset_m` of `settings`.
+    /// Lists the frames of a sequence's folder, sorted by number. Uses only `fx` to `cy`, `depth_scale`,
+    /// `register_depth` and `depth_offset_m` of `settings`.
     ///
     /// # Errors
     /// If the folder cannot be read, contains no frames or only sequence folders, or its intrinsics are damaged.
@@ -86,7 +88,8 @@ impl SevenScenesScene {
         let left_out = left_out_beside(&frames, folder, &others);
         let poses = pose_coverage(&frames, folder, POSE);
         let (name, folder) = (folder_name(folder), folder.to_owned());
-        Ok(Self { name, folder, frames, intrinsics, own_camera, poses, registration, left_out })
+        let depth_scale = DepthScale::MILLIMETRES.or_of(settings);
+        Ok(Self { name, folder, frames, intrinsics, own_camera, depth_scale, poses, registration, left_out })
     }
 
     fn part_of(&self, file: &NumberedFile, pattern: NamePattern) -> PathBuf {
@@ -142,7 +145,7 @@ impl Scene for SevenScenesScene {
         let depth_path = self.part_of(file, DEPTH);
         // Pose first: it is quick to read and the most likely to be damaged.
         let mut pose = read_pose(&self.part_of(file, POSE))?;
-        let mut depth = read_depth(&depth_path, MILLIMETRES)?;
+        let mut depth = read_depth(&depth_path, self.depth_scale)?;
         let color = read_color(&file.path)?;
         let camera = self.color_camera(color.size())?;
         if let Some(offset_m) = self.registration {

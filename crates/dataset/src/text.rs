@@ -1,9 +1,11 @@
-//! Text files with matrices: camera poses and intrinsics.
+//! Text files: numbers, such as camera poses and intrinsics, and JSON.
 
 use crate::DatasetError;
 use crate::files::read_file;
 use crate::plausibility::warn_once;
 use crate::recorded_poses::tracked;
+use serde::de::DeserializeOwned;
+use splatseg_files::{TextError, has_decimal_commas, is_number_with_comma, text_of, utf8_bytes};
 use splatseg_geometry::{Intrinsics, Pose};
 use std::path::Path;
 
@@ -84,21 +86,65 @@ impl PinholeMatrix {
 fn read_numbers(path: &Path, what: &'static str) -> Result<Vec<f64>, DatasetError> {
     let expected = "numbers separated by spaces";
     let wrong = |found: String| DatasetError::Text { path: path.to_owned(), what, found, expected };
-    read_text(path, what, MAX_TEXT_BYTES)?
+    read_text_with_numbers(path, what, MAX_TEXT_BYTES)?
         .split_whitespace()
         .map(|word| word.parse().map_err(|_| wrong(shortened(word))))
         .collect()
 }
 
-/// Reads a text file of at most `limit` bytes. `what` names its content in errors.
-pub(crate) fn read_text(path: &Path, what: &'static str, limit: u64) -> Result<String, DatasetError> {
-    String::from_utf8(read_file(path, what, limit)?).map_err(|_| not_text(path, what))
+/// Reads a text file with numbers, of at most `limit` bytes. `what` names its content in errors.
+///
+/// # Errors
+/// Also if the numbers have decimal commas, since commas may separate numbers.
+pub(crate) fn read_text_with_numbers(path: &Path, what: &'static str, limit: u64) -> Result<String, DatasetError> {
+    let text = text_of(read_file(path, what, limit)?).map_err(|error| not_text(path, what, error))?;
+    text.lines().enumerate().try_for_each(|(index, line)| require_decimal_points(path, index, line))?;
+    Ok(text)
+}
+
+/// Reads a file of at most `limit` bytes as UTF-8, which lines may violate. `what` names its content in errors.
+pub(crate) fn read_lines_of_text(path: &Path, what: &'static str, limit: u64) -> Result<Vec<u8>, DatasetError> {
+    utf8_bytes(read_file(path, what, limit)?).map_err(|error| not_text(path, what, error))
+}
+
+/// Reads a JSON file of at most `limit` bytes. `what` names its content in errors.
+pub(crate) fn read_json<T: DeserializeOwned>(path: &Path, what: &'static str, limit: u64) -> Result<T, DatasetError> {
+    let text = text_of(read_file(path, what, limit)?).map_err(|error| not_text(path, what, error))?;
+    parse_json(path, &text)
+}
+
+/// Parses the text of a JSON file.
+pub(crate) fn parse_json<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T, DatasetError> {
+    serde_json::from_str(text).map_err(|source| {
+        let index = source.line().saturating_sub(1);
+        let line = text.lines().nth(index).unwrap_or_default();
+        let is_separator = |letter: char| letter.is_whitespace() || "{}[]:".contains(letter);
+        let mut words = line.split(is_separator).map(|word| word.trim_end_matches(','));
+        match source.is_syntax() && words.any(is_number_with_comma) {
+            true => decimal_commas(path, index, line),
+            false => DatasetError::Json { path: path.to_owned(), source },
+        }
+    })
+}
+
+/// Refuses a line with decimal commas. `index` is its number from 0.
+pub(crate) fn require_decimal_points(path: &Path, index: usize, line: &str) -> Result<(), DatasetError> {
+    let is_comment = || line.trim_start().starts_with('#');
+    if has_decimal_commas(line) && !is_comment() { Err(decimal_commas(path, index, line)) } else { Ok(()) }
+}
+
+fn decimal_commas(path: &Path, index: usize, line: &str) -> DatasetError {
+    DatasetError::Field {
+        path: path.to_owned(),
+        field: format!("line {}", index + 1),
+        found: format!("decimal commas in {}", shortened(line.trim())),
+        expected: "decimal points".to_owned(),
+    }
 }
 
 /// Returns the error for a file that is not text. `what` names its content.
-pub(crate) fn not_text(path: &Path, what: &'static str) -> DatasetError {
-    let (path, found) = (path.to_owned(), "bytes that are not text".to_owned());
-    DatasetError::Text { path, what, found, expected: "UTF-8" }
+pub(crate) fn not_text(path: &Path, what: &'static str, error: TextError) -> DatasetError {
+    DatasetError::Text { path: path.to_owned(), what, found: error.to_string(), expected: "UTF-8" }
 }
 
 /// Returns the beginning of a text, in quotes, for messages.

@@ -29,8 +29,7 @@ fn refused(folder: &Path) -> String {
     error.replace(&folder.display().to_string(), "SCENE")
 }
 
-const CAMERA: &str =
-    r#"{"width": 24, "height": 16, "fx": 20, "fy": 21, "cx": 11.5, "cy": 7.5, "depth_units_per_metre": 5000}"#;
+const CAMERA: &str = r#"{"width": 24, "height": 16, "fx": 20, "fy": 21, "cx": 11.5, "cy": 7.5, "depth_scale": 5000}"#;
 
 /// Writes a folder with frames of these names and this `poses.txt`; depth is 2 m.
 fn folder(names: &[&str], poses: &str) -> tempfile::TempDir {
@@ -259,13 +258,20 @@ fn invalid_cameras_are_reported() {
         unknown.starts_with("SCENE/camera.json: unknown key \"f_x\", did you mean fx: the keys are width, "),
         "{unknown}"
     );
-    assert!(told("depth_units_per_metre", "depth_unit_per_meter").contains("did you mean depth_units_per_metre: "));
-    assert!(told("depth_units_per_metre", "zzz").contains("unknown key \"zzz\": the keys are"));
+    for similar in ["depth_scales", "DepthScale", "depth_unit_per_meter"] {
+        assert!(told("depth_scale", similar).contains("did you mean depth_scale: "), "{similar}");
+    }
+    let twice = told("5000", r#"5000, "depth_units_per_metre": 5000"#);
+    assert!(twice.contains("duplicate field `depth_scale`"), "{twice}");
+    assert!(told("depth_scale", "zzz").contains("unknown key \"zzz\": the keys are"));
     assert!(told("\"fx\": 20, ", "").contains("missing field `fx`"));
     assert!(told("\"fx\": 20", "\"fx\": 20, \"fx\": 21").contains("duplicate field `fx`"));
     assert!(told("\"fx\": 20", "\"fx\": NaN").contains("SCENE/camera.json: "));
     assert!(told("\"fx\": 20", "\"fx\": -20").contains("focal lengths must be positive"));
-    assert!(told("5000", "0").contains("depth_units_per_metre: found 0, expected a positive number"));
+    for (wrong, found) in [("0", "0.0"), ("1e38", "1e38"), ("-5000", "-5000.0")] {
+        let expected = format!("depth_scale: found {found}, expected 0.001 to 1000000 stored units per metre");
+        assert!(told("5000", wrong).contains(&expected), "{}", told("5000", wrong));
+    }
     assert!(told("5000", "1e99").starts_with("SCENE/camera.json: "));
     let lens = |text: &str| told("5000", &format!("5000, {text}"));
     assert!(lens(r#""distortion_model": "brown""#).contains("distortion model: found \"brown\", expected plumb_bob"));
@@ -422,4 +428,45 @@ proptest! {
             prop_assert!(scene.frame_count() > 0);
         }
     }
+}
+
+#[test]
+fn names_and_poses_may_have_times_in_any_unit() {
+    let names =
+        |factor: u64| [1_305_031_102_100u64, 1_305_031_102_133, 1_305_031_102_167].map(|ms| (ms * factor).to_string());
+    for factor in [1, 1000, 1_000_000] {
+        let names = names(factor);
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        for times in
+            [["1305031102.1", "1305031102.133", "1305031102.167"], ["1305031102100", "1305031102133", "1305031102167"]]
+        {
+            let folder = folder(&names, &tum_lines(&times));
+            let expected = [(names[0], 1.0), (names[1], 2.0), (names[2], 3.0)];
+            assert_eq!(frames(open(folder.path()).as_ref()), named(&expected), "{names:?} {times:?}");
+            let time = open(folder.path()).read_frame(1).unwrap().timestamp().unwrap();
+            assert!((time.as_secs_f64() - 1_305_031_102.133).abs() < 1e-6, "{time:?}");
+        }
+    }
+    let told = refused(folder(&["a"], &tum_lines(&["8e18"])).path());
+    assert!(told.starts_with("SCENE/poses.txt: line 1: found the time 8e18, which is after 2038"), "{told}");
+}
+
+#[test]
+fn files_of_other_systems_are_read_or_named() {
+    let folder = folder(&["a"], &tum_lines(&["0"]));
+    let write = |name: &str, bytes: Vec<u8>| fs::write(folder.path().join(name), bytes).unwrap();
+    let utf16 = |text: &str| format!("\u{FEFF}{text}").encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<u8>>();
+    let camera = *open(folder.path()).read_frame(0).unwrap().intrinsics();
+    write("poses.txt", utf16("0 1 0 0 0 0 0 1\r\n"));
+    for text in [utf16(CAMERA), format!("\u{FEFF}{CAMERA}").into_bytes()] {
+        write("camera.json", text);
+        assert_eq!(*open(folder.path()).read_frame(0).unwrap().intrinsics(), camera);
+    }
+    write("camera.json", CAMERA.replace("11.5", "11,5").into_bytes());
+    let told = refused(folder.path());
+    assert!(told.starts_with("SCENE/camera.json: line 1: found decimal commas in "), "{told}");
+    write("camera.json", CAMERA.into());
+    write("poses.txt", b"# time tx, ty\n0 1,5 0 0 0 0 0 1\n".to_vec());
+    let told = refused(folder.path());
+    assert!(told.starts_with("SCENE/poses.txt: line 2: found decimal commas in \"0 1,5 0"), "{told}");
 }

@@ -6,8 +6,7 @@ use splatseg_dataset::{DatasetSettings, FolderScene, Scene};
 use std::fs;
 use support::{write_color, write_png16};
 
-const CAMERA: &str =
-    r#"{"width": 24, "height": 16, "fx": 20, "fy": 21, "cx": 11.5, "cy": 7.5, "depth_units_per_metre": 5000}"#;
+const CAMERA: &str = r#"{"width": 24, "height": 16, "fx": 20, "fy": 21, "cx": 11.5, "cy": 7.5, "depth_scale": 5000}"#;
 
 /// Opens a folder with the images 0 to 5, cameras at x = 0 to 5, no depth image 2, and these corrections.
 fn opened(corrections: Option<&str>) -> Result<FolderScene, String> {

@@ -86,6 +86,7 @@ fn recordings_of_other_programs_give_the_same_frames_as_a_stream() {
     let none = DatasetSettings::default();
     for (name, settings) in [
         ("room.mcap", none.clone()),
+        ("room.mcap", none.clone().with(|settings| settings.depth_scale = Some(2000.0))),
         ("bag/bag.mcap", none),
         ("encodings.mcap", settings("/png", "/depth/compressed_rvl", "tf_static")),
     ] {

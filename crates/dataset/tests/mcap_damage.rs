@@ -191,7 +191,8 @@ fn a_recording_without_matching_parts_is_an_error() {
     });
     let error = open(&bytes, &DatasetSettings::default()).unwrap_err();
     let expected = "a.mcap: frames: found 2 images of /camera/image_raw and 3 of /camera/depth: 1 pairs within 20 ms, none \
-                    with a pose, expected colour and depth at the same times, with poses: see \
+                    with a pose; colour 1700000003.000 to 1700000003.100 s, \
+                    depth 1700000000.000 to 1700000003.000 s, expected colour and depth at the same times, with poses: see \
                     dataset.max_time_difference_ms and dataset.max_pose_gap_ms; --pose none uses no poses";
     assert!(error.starts_with(expected), "{error}");
     let settings = DatasetSettings::default().with(|s| s.color = Some("/camera/image_raw/compressed".to_owned()));

@@ -121,7 +121,9 @@ fn frames_without_depth_are_left_out_and_those_without_a_pose_have_none() {
     fs::write(folder.path().join("groundtruth.txt"), "1 0 0 0 0 0 0 1\n2.5 0 0 0 0 0 0 1\n").unwrap();
     assert!(refused().ends_with(&format!("times of the poses: found 1.000 to 2.500 s, {expected}")), "{}", refused());
     fs::write(folder.path().join("depth.txt"), "1.5 depth/1.png\n").unwrap();
-    assert!(matches!(TumScene::open(folder.path(), &DatasetSettings::default()), Err(DatasetError::NoFrames { .. })));
+    let expected = "depth.txt: times of the depth images: found 1.500 to 1.500 s, expected times less than 0.02 s from those of \
+                    the colour images, 1305031102.175 to 1305031102.242 s (";
+    assert!(refused().contains(expected), "{}", refused());
 }
 
 fn opening_fails(name: &str, text: &[u8]) -> String {
@@ -131,6 +133,93 @@ fn opening_fails(name: &str, text: &[u8]) -> String {
     let error = TumScene::open(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
     assert!(error.contains(name), "the file is named: {error}");
     error
+}
+
+/// Writes the times of a sequence in another unit, with or without the fraction that is left.
+fn in_unit(folder: &Path, name: &str, per_second: f64, is_whole: bool) {
+    let path = folder.join(name);
+    let converted =
+        fs::read_to_string(&path).unwrap().lines().fold(String::new(), |text, line| match line.split_once(' ') {
+            Some((time, rest)) if !line.starts_with('#') => {
+                let (seconds, fraction) = time.split_once('.').unwrap();
+                // Exact, unlike the product.
+                let nanoseconds = format!("{seconds}{fraction:0<9}").parse::<u64>().unwrap();
+                let divisor = (1e9 / per_second) as u64;
+                let rest_of_time = nanoseconds % divisor;
+                let point = if is_whole { String::new() } else { format!(".{:03}", rest_of_time * 1000 / divisor) };
+                text + &format!("{}{point} {rest}\n", nanoseconds / divisor)
+            }
+            _ => text + line + "\n",
+        });
+    fs::write(path, converted).unwrap();
+}
+
+#[test]
+fn times_in_other_units_are_read() {
+    let expected = tempfile::tempdir().unwrap();
+    write_tum(expected.path());
+    let expected = open(expected.path());
+    for lists in [&["rgb.txt", "depth.txt", "groundtruth.txt"][..], &["rgb.txt", "depth.txt"], &["groundtruth.txt"]] {
+        for (per_second, is_whole) in [(1e9, true), (1e6, true), (1e6, false), (1e3, true), (1e3, false)] {
+            let folder = tempfile::tempdir().unwrap();
+            write_tum(folder.path());
+            lists.iter().for_each(|list| in_unit(folder.path(), list, per_second, is_whole));
+            let scene = open(folder.path());
+            assert_eq!((scene.frame_count(), scene.without_pose()), (3, &[][..]), "{per_second} {lists:?}");
+            for index in 0..3 {
+                let (read, written) = (scene.read_frame(index).unwrap(), expected.read_frame(index).unwrap());
+                assert_eq!(read.world_from_camera(), written.world_from_camera(), "{per_second} {lists:?}");
+                let times = [read, written].map(|frame| frame.timestamp().unwrap().as_secs_f64());
+                assert!((times[0] - times[1]).abs() <= 1.0 / per_second + 1e-6, "{per_second}: {times:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn impossible_times_are_refused_with_their_line() {
+    let told = opening_fails("rgb.txt", b"5000000000.5 rgb/1.png\n1.5 rgb/2.png\n2.0 rgb/3.png\n");
+    assert!(told.contains("rgb.txt: line 1: found the time 5000000000.5, which is after 2038"), "{told}");
+    let told = opening_fails("groundtruth.txt", b"1.0 0 0 0 0 0 0 1\n8e18 0 0 0 0 0 0 1\n1.1 0 0 0 0 0 0 1\n");
+    assert!(told.contains("groundtruth.txt: line 2: found the time 8e18, which is after 2038"), "{told}");
+}
+
+#[test]
+fn lists_of_other_systems_are_read_or_named() {
+    let expected = tempfile::tempdir().unwrap();
+    write_tum(expected.path());
+    let expected = open(expected.path()).read_frame(1).unwrap();
+    let convert: [fn(&str) -> Vec<u8>; 3] = [
+        |text| format!("\u{FEFF}{text}").replace('\n', "\r\n").into_bytes(),
+        |text| format!("\u{FEFF}{text}").encode_utf16().flat_map(u16::to_le_bytes).collect(),
+        |text| format!("\u{FEFF}{text}").encode_utf16().flat_map(u16::to_be_bytes).collect(),
+    ];
+    for convert in convert {
+        let folder = tempfile::tempdir().unwrap();
+        write_tum(folder.path());
+        fs::write(folder.path().join("camera-intrinsics.txt"), convert("52.5 0 31.5\n0 52.5 23.5\n0 0 1\n")).unwrap();
+        for list in ["rgb.txt", "depth.txt", "groundtruth.txt"] {
+            // Without comments the mark is at the first time.
+            let text = fs::read_to_string(folder.path().join(list)).unwrap();
+            let lines = text.lines().filter(|line| !line.starts_with('#')).map(|line| format!("{line}\n"));
+            fs::write(folder.path().join(list), convert(&lines.collect::<String>())).unwrap();
+        }
+        let read = open(folder.path()).read_frame(1).unwrap();
+        assert_eq!((read.world_from_camera(), read.timestamp()), (expected.world_from_camera(), expected.timestamp()));
+        assert_eq!(read.intrinsics().cx, 31.5);
+    }
+    for (name, text) in [
+        ("rgb.txt", "1305031102,175304 rgb/1.png\n"),
+        ("groundtruth.txt", "1305031102,2 0,5 1,5 0,25 0,0 0,0 0,0 1,0\n"),
+        ("camera-intrinsics.txt", "525,5 0 319,5\n0 525,5 239,5\n0 0 1\n"),
+    ] {
+        let told = opening_fails(name, text.as_bytes());
+        assert!(told.contains("line 1: found decimal commas in "), "{told}");
+    }
+    assert!(
+        opening_fails("rgb.txt", b"1\0.\x005\0 \0a\0")
+            .contains("found UTF-16 without a byte order mark, expected UTF-8")
+    );
 }
 
 #[test]

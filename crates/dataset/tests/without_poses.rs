@@ -55,8 +55,7 @@ fn write_folder(folder: &Path) {
         write(folder, &format!("color/{index}.jpg"), jpeg_bytes(frame.color()));
         write(folder, &format!("depth/{index}.png"), png_depth_bytes(frame.depth(), 1000.0));
     }
-    let camera =
-        r#"{"width": 64, "height": 48, "fx": 58, "fy": 58, "cx": 31.5, "cy": 23.5, "depth_units_per_metre": 1000}"#;
+    let camera = r#"{"width": 64, "height": 48, "fx": 58, "fy": 58, "cx": 31.5, "cy": 23.5, "depth_scale": 1000}"#;
     write(folder, "camera.json", camera);
 }
 

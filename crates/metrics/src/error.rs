@@ -64,13 +64,20 @@ pub enum MetricsError {
     },
     /// No pose of an estimated trajectory has a time close enough to that of a true pose.
     #[error(
-        "none of the {estimated} estimated poses is within {max_seconds_apart} s of one of the {true_poses} true poses"
+        "none of the {estimated} estimated poses is within {max_seconds_apart} s of one of the {true_poses} true poses: \
+         they are from {}, the true ones from {}",
+        range_text(*estimated_seconds),
+        range_text(*true_seconds)
     )]
     NoPosePairs {
         /// Number of true poses.
         true_poses: usize,
         /// Number of estimated poses.
         estimated: usize,
+        /// First and last time of the true poses, seconds; `None` if there are none.
+        true_seconds: Option<(f64, f64)>,
+        /// First and last time of the estimated poses, seconds; `None` if there are none.
+        estimated_seconds: Option<(f64, f64)>,
         /// Maximum time between the poses of a pair, seconds.
         max_seconds_apart: f64,
     },
@@ -82,4 +89,9 @@ pub enum MetricsError {
         /// Settings of the dataset.
         expected: ScoreSettings,
     },
+}
+
+/// Formats first and last time, seconds.
+fn range_text(range: Option<(f64, f64)>) -> String {
+    range.map_or_else(|| "no time".to_owned(), |(first, last)| format!("{first:.3} to {last:.3} s"))
 }

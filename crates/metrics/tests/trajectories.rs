@@ -64,6 +64,13 @@ fn trajectories_without_common_times_are_refused() {
         let error = score_trajectory(&truth, &estimate, &settings).unwrap_err();
         assert!(matches!(error, MetricsError::NoPosePairs { .. }));
         assert!(error.to_string().contains("within 0.01 s"), "{error}");
+        let from = |poses: &[StampedPose]| {
+            poses
+                .first()
+                .map_or("no time".to_owned(), |StampedPose { seconds, .. }| format!("{seconds:.3} to {seconds:.3} s"))
+        };
+        let ranges = format!("they are from {}, the true ones from {}", from(&estimate), from(&truth));
+        assert!(error.to_string().ends_with(&ranges), "{error}");
     }
 }
 

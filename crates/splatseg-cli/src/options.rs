@@ -44,6 +44,8 @@ pub struct CameraOptions {
     pub cx: Option<String>,
     #[arg(long, value_name = "PX", allow_negative_numbers = true)]
     pub cy: Option<String>,
+    #[arg(long, value_name = "UNITS")]
+    pub depth_scale: Option<String>,
 }
 
 /// Options that select the topics of a recording.
@@ -132,6 +134,7 @@ impl DatasetOptions {
             ("dataset.fy", self.camera.fy.as_ref()),
             ("dataset.cx", self.camera.cx.as_ref()),
             ("dataset.cy", self.camera.cy.as_ref()),
+            ("dataset.depth_scale", self.camera.depth_scale.as_ref()),
         ];
         add_given(layers, options)?;
         self.topics.add_to(layers)

@@ -90,6 +90,42 @@ fn a_recording_without_calibration_needs_a_focal_length() {
 }
 
 #[test]
+fn the_unit_of_depth_is_one_option_for_every_format() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, out) = (folder.path().join("clip"), folder.path().join("out"));
+    copied_scene(&scene, 2);
+    let config = folder.path().join("own.toml");
+    fs::write(&config, "\u{FEFF}dataset.depth_scale = 2000\r\n").unwrap();
+    let small = ["--resize", "80x60", "--overwrite", "--no-page"];
+    let depth_line = |options: &[&str]| {
+        let ended = run(&scene, &out, &[&small, options].concat());
+        assert_eq!(ended.code, 0, "{}", ended.err);
+        lines_with(&ended.err, "depth of the first frame")[0].to_owned()
+    };
+    let own = depth_line(&[]);
+    assert_eq!(depth_line(&["--depth-scale", "1000"]), own);
+    let halved = depth_line(&["--depth-scale", "2000"]);
+    assert_ne!(halved, own);
+    assert_eq!(depth_line(&["--config", config.to_str().unwrap()]), halved);
+    for (options, expected) in [
+        (["--depth-scale", "1e38"], "dataset.depth_scale is 1e38, expected 0.001 to 1000000"),
+        (["--depth-scale", "nan"], "dataset.depth_scale is nan, expected "),
+        (
+            ["--depth-scale", "1000000"],
+            "dataset.depth_scale, --depth-scale: stored units per metre, 1000 for millimetres",
+        ),
+    ] {
+        let ended = run(&scene, &out, &[&small[..], &options].concat());
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+        assert!(ended.err.contains(expected), "{}", ended.err);
+    }
+    fs::write(&config, "[dataset]\nfx = 525,5\n").unwrap();
+    let ended = run(&scene, &out, &["--config", config.to_str().unwrap()]);
+    assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+    assert!(ended.err.contains("525,5 has a decimal comma, expected 525.5"), "{}", ended.err);
+}
+
+#[test]
 fn large_frames_are_reduced_or_refused_before_they_take_memory() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");

@@ -6,6 +6,7 @@
 use super::part::Part;
 use super::segmentation::{Counts, Segmentation};
 use serde::de::{DeserializeSeed, Deserializer, Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use splatseg_files::without_mark;
 use splatseg_geometry::{RleError, RunLengths};
 use std::borrow::Cow;
 use std::fmt;
@@ -88,6 +89,7 @@ struct List<'a, E> {
 impl<E> List<'_, E> {
     /// Parses a file. If it contains no list, returns a description of its content.
     fn parse(&mut self, text: &[u8]) -> Result<Option<String>, serde_json::Error> {
+        let text = without_mark(text);
         let mut parser = serde_json::Deserializer::from_slice(text);
         let begins_list_or_object = matches!(text.trim_ascii_start().first(), Some(b'[' | b'{') | None);
         let found = if begins_list_or_object {

@@ -4,7 +4,7 @@ use super::segmentation::{Counts, Segmentation};
 use crate::{AnnotationError, PredictionChoice, SelectedFrames};
 use serde::Deserialize;
 use serde_json::Value;
-use splatseg_files::{MemoryLimit, display_bytes, read_file};
+use splatseg_files::{MemoryLimit, display_bytes, read_file, without_mark};
 use splatseg_geometry::{RunLengths, SegmentId};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -35,7 +35,7 @@ pub fn read_document(path: &Path) -> Result<Value, AnnotationError> {
     let wrong = |text: String| AnnotationError::at(path, text);
     let text = read_file(path, MAX_BYTES).map_err(|error| wrong(error.to_string()))?;
     check_memory(&text, MemoryLimit::in_force()).map_err(wrong)?;
-    serde_json::from_slice(&text).map_err(|error| wrong(format!("is not JSON: {error}")))
+    serde_json::from_slice(without_mark(&text)).map_err(|error| wrong(format!("is not JSON: {error}")))
 }
 
 /// Reads the masks of a document, by frame name. A track lists one mask for each selected frame, in order.

@@ -24,8 +24,9 @@ mod video_path;
 pub use listing::{MvpdVideo, MvpdVideos};
 pub(crate) use video_path::{looks_like, parts};
 
-use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, SEGMENT_IMAGE};
+use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, SEGMENT_IMAGE};
 use crate::decode::{decode_color, decode_depth, decode_panoptic, encoded_size};
+use crate::depth_scale::DepthScale;
 use crate::own_camera::{OwnCamera, camera_place};
 use crate::recorded_poses::{PoseCoverage, tracked};
 use crate::scene::{FramePart, FrameParts, entry, require_registered};
@@ -68,6 +69,7 @@ pub struct MvpdScene {
     masks: BTreeMap<String, Mask>,
     poses: PoseCoverage,
     own_camera: Option<OwnCamera>,
+    depth_scale: DepthScale,
     /// Annotation file, for messages.
     annotations: PathBuf,
 }
@@ -82,7 +84,7 @@ struct Mask {
 
 impl MvpdScene {
     /// Opens one video of a split's folder or of a scene's archive. See [`Format::Mvpd`] for the syntax of paths. Uses
-    /// only `fx` to `cy` of `settings`.
+    /// only `fx` to `cy` and `depth_scale` of `settings`.
     ///
     /// # Errors
     /// If the annotations or their archive are missing or damaged, all depth images are missing, the video does not
@@ -126,7 +128,8 @@ impl MvpdScene {
         } else {
             PoseCoverage::new(views.len(), [(missing, "without a pose in the annotations".to_owned())])
         };
-        Ok(Self { files, views, masks, poses, own_camera, name, annotations: source })
+        let depth_scale = DepthScale::MILLIMETRES.or_of(settings);
+        Ok(Self { files, views, masks, poses, own_camera, depth_scale, name, annotations: source })
     }
 
     fn member(&self, folder: &str, file: &str) -> String {
@@ -215,7 +218,7 @@ impl Scene for MvpdScene {
         let (color_path, depth_path) = (self.files.path_of(&color_file), self.files.path_of(&depth_file));
         let stated = view.pose.map(|(at, turn)| Pose::from_quaternion(at, turn * BLENDER_FROM_OURS));
         let pose = stated.map(|pose| tracked(pose, || color_path.clone())).transpose()?.flatten();
-        let depth = decode_depth(&depth_path, &self.files.read(&depth_file, DEPTH_IMAGE)?, MILLIMETRES)?;
+        let depth = decode_depth(&depth_path, &self.files.read(&depth_file, DEPTH_IMAGE)?, self.depth_scale)?;
         let color = decode_color(&color_path, &self.files.read(&color_file, COLOR_IMAGE)?)?;
         require_registered(&color, &depth, &depth_path)?;
         let intrinsics = match self.own_camera {

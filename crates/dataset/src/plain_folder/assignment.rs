@@ -1,6 +1,6 @@
 //! Assignment of poses to the colour images of a plain folder: by time if both have times, otherwise in order.
 
-use super::names::{Images, seconds_of};
+use super::names::Images;
 use super::poses::ListedPose;
 use super::{COLOR_FOLDER, MAX_SECONDS_APART};
 use crate::DatasetError;
@@ -47,12 +47,12 @@ pub(super) fn poses_of(
 /// Returns the error for a list of poses that cannot be assigned by time because of some images or lines without one;
 /// `None` if no image is named by time, or no pose has a time.
 fn time_missing(color: &Images, poses: &[ListedPose], path: &Path) -> Option<DatasetError> {
-    let named_by_time = color.images.iter().any(|image| seconds_of(&image.stem).is_some());
+    let named_by_time = color.images.iter().any(|image| image.seconds.is_some());
     if !named_by_time || poses.is_empty() {
         return None;
     }
     let counts = format!("{} poses for {} images", poses.len(), color.images.len());
-    let (place, field, found) = match color.images.iter().find(|image| seconds_of(&image.stem).is_none()) {
+    let (place, field, found) = match color.images.iter().find(|image| image.seconds.is_none()) {
         Some(image) => (image.path.as_path(), "name", shortened(&image.stem)),
         None => (path, "poses", "no times".to_owned()),
     };

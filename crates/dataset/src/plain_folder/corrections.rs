@@ -5,7 +5,7 @@ use super::names::Images;
 use super::poses::{Line, listed_pose};
 use crate::DatasetError;
 use crate::corrections::CorrectionList;
-use crate::text::read_text;
+use crate::text::read_text_with_numbers;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -23,7 +23,7 @@ pub(super) fn read_corrections(
     color: &Images,
     frames: &[FolderFrame],
 ) -> Result<CorrectionList, DatasetError> {
-    let text = read_text(path, "list of corrections", MAX_BYTES)?;
+    let text = read_text_with_numbers(path, "list of corrections", MAX_BYTES)?;
     let positions: BTreeMap<&str, usize> =
         color.images.iter().enumerate().map(|(position, image)| (image.stem.as_str(), position)).collect();
     // Position of each frame among the colour images.

@@ -21,7 +21,7 @@ use crate::{CorrectedPose, DatasetError, DatasetSettings, Format, RecordedFrame,
 use assignment::poses_of;
 use camera_file::FolderCamera;
 use corrections::read_corrections;
-use names::{Images, seconds_of};
+use names::Images;
 pub use poses::{ListedPose, read_pose_list};
 use splatseg_geometry::SegmentMap;
 use std::collections::BTreeMap;
@@ -72,7 +72,7 @@ pub struct FolderScene {
 
 impl FolderScene {
     /// Lists a folder's images and reads its camera and all poses. Frames without depth are skipped. Uses only `fx` to
-    /// `cy` of `settings`.
+    /// `cy` and `depth_scale` of `settings`.
     ///
     /// # Errors
     /// If a part is missing or damaged, no frame has colour and depth, the poses cannot be assigned to the colour images,
@@ -81,7 +81,7 @@ impl FolderScene {
         settings.validate()?;
         let own_camera = OwnCamera::from_settings(settings)?;
         let (color, depth) = list_images(folder)?;
-        let camera = CameraSource::of(folder, own_camera)?;
+        let camera = CameraSource::of(folder, own_camera, settings)?;
         let path = folder.join(POSES);
         let has_list = is_there(&path);
         let poses =
@@ -92,7 +92,7 @@ impl FolderScene {
         let (camera, size_from) = match camera {
             CameraSource::File(camera) => (camera, CAMERA_FILE),
             CameraSource::Settings(own) => {
-                (FolderCamera::without_file(own.intrinsics(size_of_images(&frames)?)), "the first image")
+                (FolderCamera::without_file(own.intrinsics(size_of_images(&frames)?), settings), "the first image")
             }
         };
         let path = folder.join(CORRECTIONS);
@@ -140,12 +140,12 @@ enum CameraSource {
 }
 
 impl CameraSource {
-    fn of(folder: &Path, own: Option<OwnCamera>) -> Result<Self, DatasetError> {
+    fn of(folder: &Path, own: Option<OwnCamera>, settings: &DatasetSettings) -> Result<Self, DatasetError> {
         let path = folder.join(CAMERA_FILE);
         match (is_there(&path), own) {
-            (true, None) => Ok(Self::File(FolderCamera::read(&path)?)),
+            (true, None) => Ok(Self::File(FolderCamera::read(&path, settings)?)),
             (true, Some(own)) => {
-                let mut camera = FolderCamera::read(&path)?;
+                let mut camera = FolderCamera::read(&path, settings)?;
                 camera.intrinsics = own.intrinsics((camera.intrinsics.width, camera.intrinsics.height));
                 Ok(Self::File(camera))
             }
@@ -204,7 +204,7 @@ fn frames_of(color: &Images, depth: &Images, poses: &[Option<ListedPose>]) -> (V
             without_depth += 1;
             continue;
         };
-        let seconds = seconds_of(&image.stem).or(pose.and_then(|pose| pose.seconds));
+        let seconds = image.seconds.or(pose.and_then(|pose| pose.seconds));
         frames.push(FolderFrame {
             name: image.stem.clone(),
             timestamp: seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
@@ -271,7 +271,7 @@ impl Scene for FolderScene {
 
     fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let frame = entry(&self.frames, index, &self.name)?;
-        let mut depth = read_depth(&frame.depth, self.camera.units_per_metre)?;
+        let mut depth = read_depth(&frame.depth, self.camera.depth_scale)?;
         let mut color = read_color(&frame.color)?;
         self.require_camera_size(&frame.color, color.size())?;
         require_registered(&color, &depth, &frame.depth)?;

@@ -2,17 +2,21 @@
 
 use crate::DatasetError;
 use crate::listing::all_names_in;
+use crate::stamps::{Stamp, TimeScale, TimeUnit};
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
-/// Digits of a time in nanoseconds since 1970, as in ROS file names.
-const NANOSECOND_DIGITS: usize = 19;
+/// Digits of a time since 1970 in other units than seconds. ROS names files by nanoseconds.
+const DIGITS: [(usize, TimeUnit); 3] =
+    [(13, TimeUnit::Milliseconds), (16, TimeUnit::Microseconds), (19, TimeUnit::Nanoseconds)];
 
 /// An image and its name without the extension.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct NamedImage {
     pub(super) stem: String,
     pub(super) path: PathBuf,
+    /// Its time in seconds, if its name is one.
+    pub(super) seconds: Option<f64>,
 }
 
 /// The images of a folder.
@@ -43,7 +47,7 @@ impl Images {
                 && fits(ending)
                 && !name.starts_with('.')
             {
-                images.push(NamedImage { stem: stem.to_owned(), path: folder.join(name) });
+                images.push(NamedImage { stem: stem.to_owned(), path: folder.join(name), seconds: None });
             }
         }
         images.sort_by(|a, b| by_name(&a.stem, &b.stem));
@@ -55,6 +59,7 @@ impl Images {
                 expected: "one file of this name".to_owned(),
             });
         }
+        set_times(folder, &mut images)?;
         let mut images = Self { images, unreadable };
         if let Some(times) = images.times() {
             let mut timed: Vec<(f64, NamedImage)> = times.into_iter().zip(images.images).collect();
@@ -66,7 +71,7 @@ impl Images {
 
     /// Returns the times in seconds, if all stems are times.
     pub(super) fn times(&self) -> Option<Vec<f64>> {
-        self.images.iter().map(|image| seconds_of(&image.stem)).collect()
+        self.images.iter().map(|image| image.seconds).collect()
     }
 }
 
@@ -74,14 +79,34 @@ fn file_name(image: &NamedImage) -> String {
     image.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Parses a time in seconds: digits with a decimal point between them, or 19 digits, which are nanoseconds.
-pub(super) fn seconds_of(text: &str) -> Option<f64> {
+/// Sets the times of the images whose names are times.
+fn set_times(folder: &Path, images: &mut [NamedImage]) -> Result<(), DatasetError> {
+    let stamps: Vec<_> = images.iter().map(|image| stamp_of(&image.stem)).collect();
+    let with_point = stamps.iter().flatten().filter(|(_, unit)| unit.is_none()).map(|(stamp, _)| *stamp);
+    let found = TimeScale::of(&with_point.collect::<Vec<_>>(), None);
+    let scale = |unit: Option<TimeUnit>| unit.map_or(found, TimeScale::known);
+    if let Some((stamp, unit)) = stamps.iter().flatten().next() {
+        scale(*unit).tell(folder, stamp);
+    }
+    for (image, stamp) in images.iter_mut().zip(stamps) {
+        let seconds = |(stamp, unit)| scale(unit).seconds(stamp, (&image.path, "name"));
+        image.seconds = stamp.map(seconds).transpose()?;
+    }
+    Ok(())
+}
+
+/// Parses a time: digits with a decimal point between them, in a unit that is not known; or as many digits as a time since
+/// 1970 in a shorter unit than seconds has.
+fn stamp_of(text: &str) -> Option<(Stamp, Option<TimeUnit>)> {
     let is_digits = |part: &str| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit());
     if let Some((whole, fraction)) = text.split_once('.') {
-        return if is_digits(whole) && is_digits(fraction) { text.parse().ok() } else { None };
+        return if is_digits(whole) && is_digits(fraction) { Some((Stamp::parse(text)?, None)) } else { None };
     }
-    let nanoseconds = (text.len() == NANOSECOND_DIGITS && is_digits(text)).then(|| text.parse::<u64>().ok())??;
-    Some(std::time::Duration::from_nanos(nanoseconds).as_secs_f64())
+    let (_, unit) = DIGITS.into_iter().find(|(digits, _)| *digits == text.len() && is_digits(text))?;
+    let stamp = Stamp::parse(text)?;
+    // Numbers of frames may have leading zeros, but not so many digits as nanoseconds.
+    let is_time = unit == TimeUnit::Nanoseconds || TimeUnit::since_1970(stamp) == Some(unit);
+    is_time.then_some((stamp, Some(unit)))
 }
 
 /// Compares names, treating numbers in them as numbers: `frame_9`, then `frame_10`.
@@ -132,12 +157,28 @@ mod tests {
     }
 
     #[test]
-    fn times_have_a_point_or_19_digits() {
-        assert_eq!(seconds_of("1305031102.175304"), Some(1_305_031_102.175_304));
-        assert_eq!(seconds_of("1305031102175304000"), Some(1_305_031_102.175_304));
-        for other in ["12", "000012", "1e3.0", "-1.5", "1.", ".5", "1.2.3", "a1.5", "", "130503110217530400", "9.x"] {
-            assert_eq!(seconds_of(other), None, "{other}");
+    fn times_have_a_point_or_the_digits_of_a_time_since_1970() {
+        let seconds = |name: &str| {
+            let mut images = vec![NamedImage { stem: name.to_owned(), path: name.into(), seconds: None }];
+            set_times(Path::new("color"), &mut images).map(|()| images[0].seconds).map_err(|error| error.to_string())
+        };
+        for (name, time) in [
+            ("1305031102.175304", 1_305_031_102.175_304),
+            ("1305031102175304000", 1_305_031_102.175_304),
+            ("1305031102175304", 1_305_031_102.175_304),
+            ("1305031102175", 1_305_031_102.175),
+            ("1305031102175.304", 1_305_031_102.175_304),
+            ("0000000012500000000", 12.5),
+            ("0.5", 0.5),
+        ] {
+            assert_eq!(seconds(name), Ok(Some(time)), "{name}");
         }
+        let others = ["12", "000012", "1e3.0", "-1.5", "1.", ".5", "1.2.3", "a1.5", "", "130503110217530400", "9.x"];
+        for other in others.into_iter().chain(["0000000000123", "0000000000000123"]) {
+            assert_eq!(seconds(other), Ok(None), "{other}");
+        }
+        let told = seconds("9305031102175304000").unwrap_err();
+        assert!(told.contains("name: found the time 9305031102175304000, which is after 2038"), "{told}");
     }
 
     proptest! {

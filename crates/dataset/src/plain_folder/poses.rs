@@ -1,9 +1,9 @@
 //! Reading of text files with poses, such as `poses.txt` in a plain folder: TUM RGB-D lines, or 4x4 matrices.
 
-use super::names::seconds_of;
 use crate::DatasetError;
 use crate::recorded_poses::tracked;
-use crate::text::{read_text, shortened};
+use crate::stamps::{Stamp, TimeScale};
+use crate::text::{read_text_with_numbers, shortened};
 use glam::{DQuat, DVec3};
 use splatseg_geometry::{Pose, PoseError};
 use std::path::Path;
@@ -92,17 +92,21 @@ impl<'a> Line<'a> {
 /// # Errors
 /// If the file cannot be read or has more than 64 MiB, or a line is not such a pose; names the line.
 pub fn read_pose_list(path: &Path) -> Result<Vec<ListedPose>, DatasetError> {
-    let text = read_text(path, "list of poses", MAX_BYTES)?;
+    let text = read_text_with_numbers(path, "list of poses", MAX_BYTES)?;
     let mut lines = text.lines().enumerate().filter_map(Line::new).peekable();
     let Some(first) = lines.peek() else { return Ok(Vec::new()) };
     let layout = Layout::of(first.words.len()).ok_or_else(|| {
         let expected = "8 numbers (time tx ty tz qx qy qz qw), 16 (a 4x4 matrix) or 4 (a row of a 4x4 matrix)";
         first.wrong(path, expected)
     })?;
-    let mut poses = Vec::new();
+    let (mut poses, mut stamps) = (Vec::new(), Vec::new());
     while let Some(line) = lines.next() {
         poses.push(match layout {
-            Layout::Tum => tum_pose(path, &line)?,
+            Layout::Tum => {
+                let (stamp, pose) = tum_pose(path, &line)?;
+                stamps.push(stamp);
+                pose
+            }
             Layout::MatrixInLine => matrix_pose(path, line.number, line.numbers(path)?)?,
             Layout::MatrixInFourLines => {
                 let mut rows = vec![line.numbers::<4>(path)?];
@@ -120,17 +124,28 @@ pub fn read_pose_list(path: &Path) -> Result<Vec<ListedPose>, DatasetError> {
             }
         });
     }
+    set_times(path, &mut poses, &stamps)?;
     Ok(poses)
 }
 
-fn tum_pose(path: &Path, line: &Line<'_>) -> Result<ListedPose, DatasetError> {
-    let [seconds, tx, ty, tz, qx, qy, qz, qw] = line.numbers(path)?;
-    let seconds = line.words.first().and_then(|word| seconds_of(word)).unwrap_or(seconds);
-    if !seconds.is_finite() {
-        return Err(line.wrong(path, "a time in seconds first"));
+/// Sets the times of poses once all are known, because only together they tell their unit. `stamps` is empty for matrices.
+fn set_times(path: &Path, poses: &mut [ListedPose], stamps: &[Stamp]) -> Result<(), DatasetError> {
+    let Some(first) = stamps.first() else { return Ok(()) };
+    let times = TimeScale::of(stamps, None);
+    times.tell(path, first);
+    for (pose, stamp) in poses.iter_mut().zip(stamps) {
+        pose.seconds = Some(times.seconds(*stamp, (path, &format!("line {}", pose.line)))?);
     }
+    Ok(())
+}
+
+/// Reads a pose and its time as written.
+fn tum_pose(path: &Path, line: &Line<'_>) -> Result<(Stamp, ListedPose), DatasetError> {
+    let [_, tx, ty, tz, qx, qy, qz, qw] = line.numbers(path)?;
+    let stamp = line.words.first().and_then(|word| Stamp::parse(word));
+    let stamp = stamp.ok_or_else(|| line.wrong(path, "a time in seconds first"))?;
     let world_from_camera = listed_pose(path, line, [tx, ty, tz, qx, qy, qz, qw])?;
-    Ok(ListedPose { seconds: Some(seconds), world_from_camera, line: line.number })
+    Ok((stamp, ListedPose { seconds: None, world_from_camera, line: line.number }))
 }
 
 /// Returns the pose of a line with a position and a quaternion, or none if tracking was lost.

@@ -5,7 +5,8 @@
 //! `a / (n − b)` metres, with `a` and `b` among the parameters; 0 is missing.
 
 use crate::DatasetError;
-use crate::decode::{DEPTH_IMAGE, MAX_PIXELS, MILLIMETRES, decode_grey16, metres, require_decoding_memory};
+use crate::decode::{DEPTH_IMAGE, MAX_PIXELS, decode_grey16, require_decoding_memory};
+use crate::depth_scale::DepthScale;
 use splatseg_geometry::Image;
 use std::path::Path;
 
@@ -16,8 +17,14 @@ const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// Maximum number of 3-bit parts in a 32-bit number.
 const MAX_PARTS: u32 = 11;
 
-/// Decodes a compressed depth image, metres. `format` is that of the message; `path` is named in errors.
-pub(crate) fn decode_compressed_depth(path: &Path, format: &str, data: &[u8]) -> Result<Image<f32>, DatasetError> {
+/// Decodes a compressed depth image, metres. `format` is that of the message; `path` is named in errors. Without `scale`,
+/// whole numbers are millimetres.
+pub(crate) fn decode_compressed_depth(
+    path: &Path,
+    format: &str,
+    data: &[u8],
+    scale: Option<DepthScale>,
+) -> Result<Image<f32>, DatasetError> {
     let Some((parameters, stored)) = data.split_at_checked(PARAMETER_BYTES) else {
         return Err(wrong(path, format!("{} bytes", data.len()), "12 bytes of parameters and an image"));
     };
@@ -34,9 +41,12 @@ pub(crate) fn decode_compressed_depth(path: &Path, format: &str, data: &[u8]) ->
     };
     let encoding = format.split(';').next().unwrap_or_default().trim();
     if encoding.eq_ignore_ascii_case("32FC1") {
-        return Ok(numbers.map(|number| if *number == 0 { 0.0 } else { a / (f32::from(*number) - b) }));
+        let scale = scale.unwrap_or(DepthScale::METRES);
+        let stored = |number: u16| if number == 0 { 0.0 } else { a / (f32::from(number) - b) };
+        return Ok(numbers.map(|number| scale.metres_of_float(stored(*number))));
     }
-    Ok(numbers.map(|number| metres(*number, MILLIMETRES)))
+    let scale = scale.unwrap_or(DepthScale::MILLIMETRES);
+    Ok(numbers.map(|number| scale.metres(*number)))
 }
 
 fn wrong(path: &Path, found: String, expected: &str) -> DatasetError {
@@ -158,7 +168,7 @@ mod tests {
         let (a, b) = (100.0 * 101.0, 1.0 - 100.0 * 101.0 / 10.0);
         let stored: Vec<u16> = [0.5f32, 2.0, 7.5].iter().map(|z| (a / z + b) as u16).chain([0]).collect();
         let data = message([a, b], &encode_rvl(&stored, 2));
-        let depth = decode_compressed_depth(Path::new("a"), "32FC1; compressedDepth rvl", &data).unwrap();
+        let depth = decode_compressed_depth(Path::new("a"), "32FC1; compressedDepth rvl", &data, None).unwrap();
         for (found, expected) in depth.pixels().iter().zip([0.5, 2.0, 7.5, 0.0]) {
             assert!((found - expected).abs() < 0.01, "{found} {expected}");
         }
@@ -169,26 +179,26 @@ mod tests {
         let huge = [u32::MAX.to_le_bytes(), 3u32.to_le_bytes()].concat();
         for image in [&huge[..], &huge[..5], b"", &[0; 8], &[1, 0, 0, 0, 1, 0, 0, 0]] {
             let result =
-                decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth rvl", &message([0.0; 2], image));
+                decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth rvl", &message([0.0; 2], image), None);
             assert!(result.is_err() || result.unwrap().pixels().is_empty());
         }
-        assert!(decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth", &[0; 11]).is_err());
-        assert!(decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth jxl", &[9; 60]).is_err());
+        assert!(decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth", &[0; 11], None).is_err());
+        assert!(decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth jxl", &[9; 60], None).is_err());
     }
 
     proptest! {
         #[test]
         fn rvl_is_read_back(numbers in prop::collection::vec(prop_oneof![Just(0u16), any::<u16>(), 900u16..1100], 1..200)) {
             let data = message([0.0; 2], &encode_rvl(&numbers, numbers.len() as u32));
-            let depth = decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth rvl", &data).unwrap();
-            let expected: Vec<f32> = numbers.iter().map(|number| metres(*number, MILLIMETRES)).collect();
+            let depth = decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth rvl", &data, None).unwrap();
+            let expected: Vec<f32> = numbers.iter().map(|number| DepthScale::MILLIMETRES.metres(*number)).collect();
             prop_assert_eq!(depth.pixels(), &expected[..]);
         }
 
         #[test]
         fn any_bytes_end(data in prop::collection::vec(any::<u8>(), 0..200), width in 0u8..40, height in 0u8..40) {
             let image = [&[width, 0, 0, 0, height, 0, 0, 0], &data[..]].concat();
-            let _ = decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth rvl", &message([0.0; 2], &image));
+            let _ = decode_compressed_depth(Path::new("a"), "16UC1; compressedDepth rvl", &message([0.0; 2], &image), None);
         }
     }
 }

@@ -2,12 +2,13 @@
 
 use super::cameras::{Calibration, Camera};
 use super::choice::{Choice, NoPoses, PoseChoice};
-use super::clock::Recorded;
+use super::clock::{Recorded, Stamped, Timeline};
 use super::contents::{Content, Contents, Images, MessagePlace, StampedPlace, Topic};
 use super::frame_names::bare_frame;
 use super::transforms::{Instant, Rigid, Route, Tolerance};
 use crate::plausibility::warn_once;
 use crate::recorded_poses::PoseCoverage;
+use crate::stamps::time_range;
 use crate::tum::associate;
 use crate::{DatasetError, DatasetSettings, LeftOut};
 use splatseg_geometry::{Intrinsics, Pose};
@@ -238,13 +239,14 @@ impl<'a> FrameMaker<'a> {
         let has_source = !matches!(source, PoseSource::None);
         if list.is_empty() || has_source && without_pose == list.len() {
             let found = format!(
-                "{} images of {} and {} of {}: {} pairs within {limit_ms} ms{}",
+                "{} images of {} and {} of {}: {} pairs within {limit_ms} ms{}; {}",
                 color.len(),
                 color_topic.name,
                 depth.len(),
                 depth_topic.name,
                 pairs.len(),
-                if list.is_empty() { "" } else { ", none with a pose" }
+                if list.is_empty() { "" } else { ", none with a pose" },
+                self.spans_text(source)
             );
             let expected = "colour and depth at the same times, with poses: see dataset.max_time_difference_ms and \
                             dataset.max_pose_gap_ms; --pose none uses no poses";
@@ -260,6 +262,17 @@ impl<'a> FrameMaker<'a> {
         let poses =
             if has_source { PoseCoverage::new(list.len(), [(without_pose, reason)]) } else { PoseCoverage::NONE };
         Ok(Frames { list, poses, left_out })
+    }
+
+    /// Returns the times of the images and of poses from a topic, for messages.
+    fn spans_text(&self, source: &PoseSource) -> String {
+        let (color, depth) = (&self.choice.color.1.timeline, &self.choice.depth.1.timeline);
+        let poses = match source {
+            PoseSource::Topic(topic, _) => self.contents.poses(*topic).map(|poses| span_text(&poses.timeline)),
+            PoseSource::Tree(_) | PoseSource::None => None,
+        };
+        let poses = poses.map_or_else(String::new, |poses| format!(", poses {poses}"));
+        format!("colour {}, depth {}{poses}", span_text(color), span_text(depth))
     }
 
     /// Warns if the clock was set back, and about poses and transforms with wrong stamps.
@@ -348,6 +361,12 @@ fn no_poses_text(reason: NoPoses<'_>, camera: &str) -> String {
         }
         NoPoses::NotInTree => format!("{missing}, and {camera:?} is not in /tf"),
     }
+}
+
+/// Returns the first and last stamp of a topic, for messages.
+fn span_text<T: Stamped>(timeline: &Timeline<T>) -> String {
+    let stamps = timeline.stretches.iter().flat_map(|stretch| &stretch.messages);
+    time_range(&stamps.map(|message| message.stamp() as f64 * 1e-9).collect::<Vec<_>>())
 }
 
 fn misfit_text(topic: &str) -> String {

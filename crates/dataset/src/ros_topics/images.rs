@@ -2,9 +2,8 @@
 
 use super::compressed_depth::decode_compressed_depth;
 use crate::DatasetError;
-use crate::decode::{
-    COLOR_IMAGE, DEPTH_IMAGE, MAX_PIXELS, MILLIMETRES, decode_color, decode_depth, metres, require_decoding_memory,
-};
+use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MAX_PIXELS, decode_color, decode_depth, require_decoding_memory};
+use crate::depth_scale::DepthScale;
 use splatseg_geometry::Image;
 use splatseg_ros::{CompressedImage, Image as RawImage};
 use std::path::Path;
@@ -112,26 +111,33 @@ pub(crate) fn raw_color(message: &RawImage<'_>, path: &Path) -> Result<Image<[u8
     image_of(message, pixels, path)
 }
 
-/// Decodes a depth image, metres. `path` is named in errors.
-pub(crate) fn raw_depth(message: &RawImage<'_>, path: &Path) -> Result<Image<f32>, DatasetError> {
+/// Decodes a depth image, metres. `path` is named in errors. Without `scale`, whole numbers are millimetres and others
+/// metres.
+pub(crate) fn raw_depth(
+    message: &RawImage<'_>,
+    scale: Option<DepthScale>,
+    path: &Path,
+) -> Result<Image<f32>, DatasetError> {
     let width = message.width as usize;
     let is_big_endian = message.is_bigendian != 0;
     let mut pixels = Vec::new();
     match message.encoding {
         "16UC1" | "mono16" => {
+            let scale = scale.unwrap_or(DepthScale::MILLIMETRES);
             for row in rows(message, width.saturating_mul(2), DEPTH_IMAGE, path)? {
                 let number = |bytes: &[u8; 2]| {
                     if is_big_endian { u16::from_be_bytes(*bytes) } else { u16::from_le_bytes(*bytes) }
                 };
-                pixels.extend(row.as_chunks().0.iter().map(|bytes| metres(number(bytes), MILLIMETRES)));
+                pixels.extend(row.as_chunks().0.iter().map(|bytes| scale.metres(number(bytes))));
             }
         }
         "32FC1" => {
+            let scale = scale.unwrap_or(DepthScale::METRES);
             for row in rows(message, width.saturating_mul(4), DEPTH_IMAGE, path)? {
                 let number = |bytes: &[u8; 4]| {
                     if is_big_endian { f32::from_be_bytes(*bytes) } else { f32::from_le_bytes(*bytes) }
                 };
-                pixels.extend(row.as_chunks().0.iter().map(number));
+                pixels.extend(row.as_chunks().0.iter().map(|bytes| scale.metres_of_float(number(bytes))));
             }
         }
         other => return Err(unknown_encoding(path, DEPTH_IMAGE, other, DEPTH_ENCODINGS)),
@@ -144,12 +150,16 @@ pub(crate) fn compressed_color(message: &CompressedImage<'_>, path: &Path) -> Re
     decode_color(path, message.data)
 }
 
-/// Decodes a compressed depth image, metres. `path` is named in errors.
-pub(crate) fn compressed_depth(message: &CompressedImage<'_>, path: &Path) -> Result<Image<f32>, DatasetError> {
+/// Decodes a compressed depth image, metres. `path` is named in errors. For `scale`, see [`raw_depth`].
+pub(crate) fn compressed_depth(
+    message: &CompressedImage<'_>,
+    scale: Option<DepthScale>,
+    path: &Path,
+) -> Result<Image<f32>, DatasetError> {
     if is_compressed_depth(message.format) {
-        return decode_compressed_depth(path, message.format, message.data);
+        return decode_compressed_depth(path, message.format, message.data, scale);
     }
-    decode_depth(path, message.data, MILLIMETRES)
+    decode_depth(path, message.data, scale.unwrap_or(DepthScale::MILLIMETRES))
 }
 
 /// Returns the rows of an image, `row_bytes` each, without padding.
@@ -263,14 +273,19 @@ mod tests {
 
     #[test]
     fn depth_is_metres_in_both_byte_orders() {
-        let depth = raw_depth(&raw("16UC1", (3, 1), 6, &[0xE8, 3, 0, 0, 0xFF, 0xFF]), Path::new("a")).unwrap();
+        let depth = raw_depth(&raw("16UC1", (3, 1), 6, &[0xE8, 3, 0, 0, 0xFF, 0xFF]), None, Path::new("a")).unwrap();
         assert_eq!(depth.pixels(), [1.0, 0.0, 0.0]);
         let mut swapped = raw("16UC1", (1, 1), 2, &[3, 0xE8]);
         swapped.is_bigendian = 1;
-        assert_eq!(raw_depth(&swapped, Path::new("a")).unwrap().pixels(), [1.0]);
+        assert_eq!(raw_depth(&swapped, None, Path::new("a")).unwrap().pixels(), [1.0]);
         let stored = [1.5f32, 2.5].map(f32::to_le_bytes).concat();
         let padded = [&stored[..4], &[0; 4], &stored[4..]].concat();
-        assert_eq!(raw_depth(&raw("32FC1", (1, 2), 8, &padded), Path::new("a")).unwrap().pixels(), [1.5, 2.5]);
+        let scale = Some(DepthScale::of_format(5000.0));
+        assert_eq!(raw_depth(&raw("16UC1", (1, 1), 2, &[0xC4, 9]), scale, Path::new("a")).unwrap().pixels(), [0.5]);
+        let thousandths = Some(DepthScale::MILLIMETRES);
+        let floats = raw_depth(&raw("32FC1", (1, 2), 8, &padded), thousandths, Path::new("a")).unwrap();
+        assert_eq!(floats.pixels(), [0.0015, 0.0025]);
+        assert_eq!(raw_depth(&raw("32FC1", (1, 2), 8, &padded), None, Path::new("a")).unwrap().pixels(), [1.5, 2.5]);
     }
 
     #[test]
@@ -294,7 +309,7 @@ mod tests {
             let error = raw_color(&message, Path::new("a")).unwrap_err().to_string();
             assert!(error.starts_with(text), "{error}");
         }
-        let error = raw_depth(&raw("rgb8", (1, 1), 3, &[0; 3]), Path::new("a")).unwrap_err().to_string();
+        let error = raw_depth(&raw("rgb8", (1, 1), 3, &[0; 3]), None, Path::new("a")).unwrap_err().to_string();
         assert!(error.starts_with("a: depth image, encoding: found \"rgb8\", expected 16UC1"), "{error}");
     }
 

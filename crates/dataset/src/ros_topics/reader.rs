@@ -7,6 +7,7 @@ use super::frames::{Cameras, FrameMaker, PairedFrame};
 use super::images;
 use super::transforms::Rigid;
 use crate::DatasetError;
+use crate::depth_scale::DepthScale;
 use crate::own_camera::OwnCamera;
 use crate::register::{CameraPair, register_depth};
 use crate::resample::{ImageMap, resample_color};
@@ -37,6 +38,8 @@ pub(crate) struct ImageSource {
     pub(crate) topic: String,
     is_compressed: bool,
     pub(crate) cameras: Cameras,
+    /// Unit of depth; that of the encoding if `None`.
+    depth_scale: Option<DepthScale>,
     undistortion: UndistortionCache,
 }
 
@@ -62,6 +65,7 @@ impl FrameReader {
         let own_camera = OwnCamera::from_settings(maker.settings)?;
         let mut color = ImageSource::new(choice.color, choice.color_info, path)?;
         let mut depth = ImageSource::new(choice.depth, choice.depth_info, path)?;
+        depth.depth_scale = DepthScale::from_settings(maker.settings);
         if let Some(camera) = own_camera {
             replace_camera(&camera, choice, (&mut color, &mut depth));
         }
@@ -96,9 +100,9 @@ impl FrameReader {
             source: error.into(),
         };
         let image = if source.is_compressed {
-            (decode.compressed)(&from_cdr(&data).map_err(damaged)?, &path)?
+            (decode.compressed)(&from_cdr(&data).map_err(damaged)?, source.depth_scale, &path)?
         } else {
-            (decode.raw)(&from_cdr(&data).map_err(damaged)?, &path)?
+            (decode.raw)(&from_cdr(&data).map_err(damaged)?, source.depth_scale, &path)?
         };
         let camera = entry(&source.cameras.list, camera, &source.cameras.topic)?;
         let expected = (camera.intrinsics.width, camera.intrinsics.height);
@@ -146,6 +150,7 @@ impl ImageSource {
             topic: topic.name.clone(),
             is_compressed: images.is_compressed,
             cameras: Cameras::new(info, topic, path)?,
+            depth_scale: None,
             undistortion: UndistortionCache::default(),
         })
     }
@@ -169,15 +174,15 @@ type Undistort<T> = fn(&Undistortion, &Image<T>, &Path) -> Result<Image<T>, Data
 /// Functions for reading images of one kind.
 struct ImageDecoder<T: Clone + 'static> {
     what: &'static str,
-    raw: fn(&RawImage<'_>, &Path) -> Result<Image<T>, DatasetError>,
-    compressed: fn(&CompressedImage<'_>, &Path) -> Result<Image<T>, DatasetError>,
+    raw: fn(&RawImage<'_>, Option<DepthScale>, &Path) -> Result<Image<T>, DatasetError>,
+    compressed: fn(&CompressedImage<'_>, Option<DepthScale>, &Path) -> Result<Image<T>, DatasetError>,
     undistort: Undistort<T>,
 }
 
 const COLOR: ImageDecoder<[u8; 3]> = ImageDecoder {
     what: crate::decode::COLOR_IMAGE,
-    raw: images::raw_color,
-    compressed: images::compressed_color,
+    raw: |message, _, path| images::raw_color(message, path),
+    compressed: |message, _, path| images::compressed_color(message, path),
     undistort: |map, image, path| map.color(image, path),
 };
 const DEPTH: ImageDecoder<f32> = ImageDecoder {

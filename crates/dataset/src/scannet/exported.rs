@@ -4,7 +4,8 @@
 
 use super::labels::InstanceLabels;
 use super::{Camera, Cameras};
-use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MILLIMETRES, image_size, read_color, read_depth};
+use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, image_size, read_color, read_depth};
+use crate::depth_scale::DepthScale;
 use crate::files::is_there;
 use crate::listing::{
     NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files, pose_coverage,
@@ -34,14 +35,15 @@ pub struct ScannetScene {
     folder: PathBuf,
     frames: Vec<NumberedFile>,
     cameras: Cameras,
+    depth_scale: DepthScale,
     poses: PoseCoverage,
     labels: Option<InstanceLabels>,
     left_out: Vec<LeftOut>,
 }
 
 impl ScannetScene {
-    /// Lists the frames of a scene's folder, sorted by number, and reads its cameras. Uses only `fx` to `cy` of
-    /// `settings`.
+    /// Lists the frames of a scene's folder, sorted by number, and reads its cameras. Uses only `fx` to `cy` and
+    /// `depth_scale` of `settings`.
     ///
     /// # Errors
     /// If the folder cannot be read, colour or depth images are missing, there is a folder of poses without any, an
@@ -65,7 +67,8 @@ impl ScannetScene {
         let poses = pose_coverage(&frames, &folder.join("pose"), POSE);
         let cameras = read_cameras(folder, settings)?;
         let labels = InstanceLabels::in_folder(folder, &name)?;
-        Ok(Self { name, folder: folder.to_owned(), frames, cameras, poses, labels, left_out })
+        let (folder, depth_scale) = (folder.to_owned(), DepthScale::MILLIMETRES.or_of(settings));
+        Ok(Self { name, folder, frames, cameras, depth_scale, poses, labels, left_out })
     }
 
     fn depth_path(&self, file: &NumberedFile) -> PathBuf {
@@ -129,7 +132,7 @@ impl Scene for ScannetScene {
         let file = entry(&self.frames, index, &self.name)?;
         // Pose first: it is quick to read and the most likely to be damaged.
         let pose = read_pose(&self.pose_path(file))?;
-        let depth = read_depth(&self.depth_path(file), MILLIMETRES)?;
+        let depth = read_depth(&self.depth_path(file), self.depth_scale)?;
         let (intrinsics, color) = self.cameras.color_at_depth(read_color(&file.path)?, depth.size())?;
         let name = file.stem.clone();
         FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: pose }.into_frame()

@@ -4,7 +4,8 @@ use super::labels::InstanceLabels;
 use super::sens_file::{ColorCompression, DepthCompression, SensFile, SensHeader};
 use super::{Camera, Cameras};
 use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MAX_DEFLATE_RATIO, MAX_PIXELS};
-use crate::decode::{decode_color, metres, require_decoding_memory};
+use crate::decode::{decode_color, require_decoding_memory};
+use crate::depth_scale::DepthScale;
 use crate::own_camera::OwnCamera;
 use crate::plausibility::warn_once;
 use crate::recorded_poses::{LOST, PoseCoverage, tracked};
@@ -33,6 +34,7 @@ pub struct SensScene {
     name: String,
     file: SensFile,
     cameras: Cameras,
+    depth_scale: DepthScale,
     poses: PoseCoverage,
     labels: Option<InstanceLabels>,
     left_out: Vec<LeftOut>,
@@ -40,7 +42,7 @@ pub struct SensScene {
 
 impl SensScene {
     /// Opens a recording, or the only one in a folder, by reading its header and locating its frames. Uses only `fx` to
-    /// `cy` of `settings`.
+    /// `cy` and `depth_scale` of `settings`.
     ///
     /// # Errors
     /// If there is no recording or there are several, its first frame is incomplete, its header is not version 4 or
@@ -71,7 +73,9 @@ impl SensScene {
         let name = path.file_stem().map_or_else(|| "scene".to_owned(), |stem| stem.to_string_lossy().into_owned());
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let labels = InstanceLabels::beside(folder, path.file_stem().unwrap_or_default())?;
-        Ok(Self { name, file, cameras, poses, labels, left_out })
+        let depth_shift = f64::from(file.header().depth_shift);
+        let depth_scale = DepthScale::stated(depth_shift, (&path, "depth shift"), settings)?;
+        Ok(Self { name, file, cameras, depth_scale, poses, labels, left_out })
     }
 
     fn no_such_frame(&self, index: usize) -> DatasetError {
@@ -118,7 +122,7 @@ fn color_of(bytes: &[u8], header: &SensHeader, path: &Path) -> Result<Image<[u8;
 }
 
 /// Decodes the depth image of a frame, metres. `path` is that of the frame, for errors.
-fn depth_of(bytes: &[u8], header: &SensHeader, path: &Path) -> Result<Image<f32>, DatasetError> {
+fn depth_of(bytes: &[u8], header: &SensHeader, scale: DepthScale, path: &Path) -> Result<Image<f32>, DatasetError> {
     require_plausible_depth(bytes.len() as u64, header, path)?;
     let (width, height) = header.depth_size;
     let expected = 2 * width * height;
@@ -143,7 +147,7 @@ fn depth_of(bytes: &[u8], header: &SensHeader, path: &Path) -> Result<Image<f32>
             wrong_bytes(2 * width * index + row.len())?;
         }
         let (values, _) = row.as_chunks::<2>();
-        pixels.extend(values.iter().map(|value| metres(u16::from_le_bytes(*value), header.depth_units_per_metre)));
+        pixels.extend(values.iter().map(|value| scale.metres(u16::from_le_bytes(*value))));
     }
     // One extra byte is enough to detect excess data, without unpacking all of it.
     wrong_bytes(expected + stored.take(1).read_to_end(&mut Vec::new()).map_err(damaged)?)?;
@@ -198,7 +202,7 @@ impl Scene for SensScene {
         let header = self.file.read_frame_header(index)?.ok_or_else(|| self.no_such_frame(index))?;
         let pose = tracked(Pose::from_row_major(header.world_from_camera.map(f64::from)), || path.clone())?;
         let stored = self.file.read_images(index)?.ok_or_else(|| self.no_such_frame(index))?;
-        let depth = depth_of(&stored.depth, self.file.header(), &path)?;
+        let depth = depth_of(&stored.depth, self.file.header(), self.depth_scale, &path)?;
         let color = color_of(&stored.color, self.file.header(), &path)?;
         let (intrinsics, color) = self.cameras.color_at_depth(color, depth.size())?;
         let (name, timestamp) = (self.frame_name(index), header.timestamp);

@@ -53,7 +53,8 @@ pub(super) struct SensHeader {
     pub(super) color_size: (usize, usize),
     /// `(width, height)` of the depth images.
     pub(super) depth_size: (usize, usize),
-    pub(super) depth_units_per_metre: f32,
+    /// Stored units of depth per metre, as stated.
+    pub(super) depth_shift: f32,
 }
 
 /// Location of a frame's data.
@@ -241,10 +242,6 @@ impl FirstPass<'_> {
             1 => DepthCompression::Zlib,
             other => return Err(self.wrong("depth compression", other, "0 (raw) or 1 (zlib)")),
         };
-        let units = raw.depth_units_per_metre;
-        if !(units.is_finite() && units > 0.0) {
-            return Err(self.wrong("depth shift", units, "a positive number of units per metre"));
-        }
         let header = SensHeader {
             color_intrinsics: raw.color_intrinsics,
             depth_intrinsics: raw.depth_intrinsics,
@@ -252,7 +249,7 @@ impl FirstPass<'_> {
             depth_compression,
             color_size: self.image_size("colour size", raw.color_size)?,
             depth_size: self.image_size("depth size", raw.depth_size)?,
-            depth_units_per_metre: units,
+            depth_shift: raw.depth_shift,
         };
         Ok((header, raw.frame_count))
     }
@@ -293,7 +290,7 @@ struct RawHeader {
     depth_compression: i32,
     color_size: (u32, u32),
     depth_size: (u32, u32),
-    depth_units_per_metre: f32,
+    depth_shift: f32,
     frame_count: u64,
 }
 
@@ -311,7 +308,7 @@ impl RawHeader {
             depth_compression: i32::from_le_bytes(fields.take()?),
             color_size: (fields.u32()?, fields.u32()?),
             depth_size: (fields.u32()?, fields.u32()?),
-            depth_units_per_metre: f32::from_le_bytes(fields.take()?),
+            depth_shift: f32::from_le_bytes(fields.take()?),
             frame_count: fields.u64()?,
         })
     }

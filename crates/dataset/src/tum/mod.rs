@@ -1,29 +1,31 @@
 //! TUM RGB-D (Sturm et al., IROS 2012): `rgb.txt` and `depth.txt` list images (`time file`, seconds), and
 //! `groundtruth.txt` contains the camera trajectory (`time tx ty tz qx qy qz qw`, camera-to-world). Lines that start
-//! with `#` are comments.
+//! with `#` are comments. Times in other units than seconds are recognised (see `stamps.rs`).
 //!
 //! Colour and depth are paired as in the benchmark's `associate.py`: the two closest times first, less than 0.02 s
 //! apart. A frame's pose is the one measured **nearest** to its colour image, within 0.02 s. It is not interpolated, as
 //! in the published evaluations; the trajectory has at least 100 poses per second. Colour images without a partner are
 //! skipped and counted. Frames may have no pose, and `groundtruth.txt` may be missing.
 //!
-//! Depth is a 16-bit PNG with 5000 units per metre, registered to colour. Lens distortion is ignored.
+//! Depth is a 16-bit PNG with 5000 units per metre, unless the settings say otherwise, registered to colour. Lens distortion is ignored.
 
 mod associate;
 mod lists;
 
 use crate::decode::{read_color, read_depth};
+use crate::depth_scale::DepthScale;
 use crate::files::is_there;
 use crate::listing::folder_name;
 use crate::own_camera::{OwnCamera, camera_place};
 use crate::plausibility::warn_once;
 use crate::recorded_poses::{LOST, PoseCoverage, no_common_time, tracked};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
+use crate::stamps::no_pairs;
 use crate::text::{PinholeMatrix, shortened};
 use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 pub(crate) use associate::associate;
 pub(crate) use associate::nearest as nearest_time;
-use lists::{ListedFile, TimedPose, read_file_list, read_trajectory};
+use lists::{FileList, ListedFile, TimedPose, read_file_list, read_trajectory};
 use splatseg_geometry::{Intrinsics, Pose, SegmentMap};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -37,7 +39,7 @@ const COLOR_LIST: &str = "rgb.txt";
 const DEPTH_LIST: &str = "depth.txt";
 const TRAJECTORY: &str = "groundtruth.txt";
 const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
-const UNITS_PER_METRE: f32 = 5000.0;
+const DEPTH_SCALE: DepthScale = DepthScale::of_format(5000.0);
 /// Maximum time between an image and a pose or another image paired with it, seconds.
 const MAX_SECONDS_APART: f64 = 0.02;
 
@@ -79,13 +81,14 @@ pub struct TumScene {
     intrinsics: Option<PinholeMatrix>,
     assumed_camera: Intrinsics,
     own_camera: Option<OwnCamera>,
+    depth_scale: DepthScale,
     poses: PoseCoverage,
     left_out: Vec<LeftOut>,
 }
 
 impl TumScene {
     /// Reads the lists in a sequence's folder and pairs colour, depth and poses, in time order. Uses only `fx` to `cy`
-    /// of `settings`.
+    /// and `depth_scale` of `settings`.
     ///
     /// # Errors
     /// If a list of images is missing, a list is damaged or contains a colour image twice, no colour can be paired with
@@ -93,15 +96,18 @@ impl TumScene {
     pub fn open(folder: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
         settings.validate()?;
         let own_camera = OwnCamera::from_settings(settings)?;
-        let (color, unreadable_color) = read_file_list(folder, COLOR_LIST, "list of colour images")?;
-        let (depth, unreadable_depth) = read_file_list(folder, DEPTH_LIST, "list of depth images")?;
+        let FileList { files: color, unreadable: unreadable_color, times } =
+            read_file_list(folder, COLOR_LIST, "list of colour images", None)?;
+        let FileList { files: depth, unreadable: unreadable_depth, .. } =
+            read_file_list(folder, DEPTH_LIST, "list of depth images", Some(&times))?;
         let unreadable = unreadable_color + unreadable_depth;
         let path = folder.join(TRAJECTORY);
-        let trajectory = if is_there(&path) { Some(read_trajectory(&path)?) } else { None };
+        let trajectory = if is_there(&path) { Some(read_trajectory(&path, &times)?) } else { None };
         let frames = frames_of(&color, &depth, trajectory.as_deref().unwrap_or_default());
         if frames.is_empty() {
-            let expected = "colour and depth within 0.02 seconds of each other";
-            return Err(DatasetError::NoFrames { path: folder.to_owned(), expected });
+            let (color, depth) = (times_of(&color), times_of(&depth));
+            let (color_list, depth_list) = (folder.join(COLOR_LIST), folder.join(DEPTH_LIST));
+            return Err(no_pairs((&color_list, &color), (&depth_list, &depth), MAX_SECONDS_APART));
         }
         let poses = match trajectory {
             None => PoseCoverage::NONE,
@@ -136,7 +142,8 @@ impl TumScene {
         }
         let assumed_camera = published.unwrap_or(ROS_DEFAULT);
         let folder = folder.to_owned();
-        Ok(Self { name, folder, frames, intrinsics, assumed_camera, own_camera, poses, left_out })
+        let depth_scale = DEPTH_SCALE.or_of(settings);
+        Ok(Self { name, folder, frames, intrinsics, assumed_camera, own_camera, depth_scale, poses, left_out })
     }
 
     fn camera(&self, size: (usize, usize)) -> Result<Intrinsics, DatasetError> {
@@ -166,9 +173,13 @@ fn coverage(path: &Path, frames: &[TumFrame], trajectory: &[TimedPose]) -> Resul
     ))
 }
 
+/// The times of a list of images, seconds.
+fn times_of(list: &[ListedFile]) -> Vec<f64> {
+    list.iter().map(|file| file.seconds).collect()
+}
+
 /// Pairs colour, depth and poses by time, in time order.
 fn frames_of(color: &[ListedFile], depth: &[ListedFile], trajectory: &[TimedPose]) -> Vec<TumFrame> {
-    let times = |list: &[ListedFile]| list.iter().map(|file| file.seconds).collect::<Vec<f64>>();
     let pose_times: Vec<f64> = trajectory.iter().map(|pose| pose.seconds).collect();
     let frame = |(color_index, depth_index): (usize, usize)| {
         let (color, depth) = (&color[color_index], &depth[depth_index]);
@@ -181,7 +192,7 @@ fn frames_of(color: &[ListedFile], depth: &[ListedFile], trajectory: &[TimedPose
             pose: pose.and_then(|pose| trajectory.get(pose)).copied(),
         }
     };
-    associate(&times(color), &times(depth), MAX_SECONDS_APART).into_iter().map(frame).collect()
+    associate(&times_of(color), &times_of(depth), MAX_SECONDS_APART).into_iter().map(frame).collect()
 }
 
 /// Returns the required parts of a sequence, each with true if the folder has it.
@@ -217,7 +228,7 @@ impl Scene for TumScene {
         // The benchmark uses the same camera axes.
         let stated = frame.pose.map(|pose| Pose::from_quaternion(pose.position, pose.rotation));
         let pose = stated.map(|pose| tracked(pose, || self.file_of(index, FramePart::Pose))).transpose()?.flatten();
-        let depth = read_depth(&frame.depth, UNITS_PER_METRE)?;
+        let depth = read_depth(&frame.depth, self.depth_scale)?;
         let color = read_color(&frame.color)?;
         require_registered(&color, &depth, &frame.depth)?;
         let (name, intrinsics) = (frame.name.clone(), self.camera(color.size())?);

@@ -24,6 +24,15 @@ pub enum SplatFileError {
         /// The requested file.
         path: PathBuf,
     },
+    /// The lines of the header have the ends of another system, so other bytes have changed, too.
+    #[error(
+        "{}: the lines of the header end in CR LF: the file was copied as text, which damages it; copy it as binary",
+        path.display()
+    )]
+    CopiedAsText {
+        /// The requested file.
+        path: PathBuf,
+    },
     /// The file does not begin like a PLY file.
     #[error("{}: not a PLY file: the first line is {found:?}, expected \"ply\"", path.display())]
     NotPly {

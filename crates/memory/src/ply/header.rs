@@ -133,6 +133,9 @@ fn read_text(reader: &mut impl BufRead, path: &Path) -> Result<Vec<u8>, SplatFil
         // Other files may have no line ends: read only their first bytes.
         if start == 0 {
             (&mut reader).take(4).read_until(b'\n', &mut bytes).map_err(SplatFileError::io(path, "read"))?;
+            if bytes == b"ply\r" {
+                return Err(SplatFileError::CopiedAsText { path: path.to_owned() });
+            }
             if bytes != b"ply\n" {
                 let found = shown(&String::from_utf8_lossy(&bytes));
                 return Err(SplatFileError::NotPly { path: path.to_owned(), found });

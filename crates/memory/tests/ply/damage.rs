@@ -12,7 +12,7 @@ fn a_file_cut_off_anywhere_is_an_error() {
         let header = header_length(&bytes);
         for length in 0..bytes.len() {
             match (length, load(&bytes[..length]).unwrap_err()) {
-                (0..4, SplatFileError::NotPly { .. }) => (),
+                (0..4, SplatFileError::NotPly { .. } | SplatFileError::CopiedAsText { .. }) => (),
                 (4.., SplatFileError::Header { .. }) if length < header => (),
                 (_, SplatFileError::Length { found, expected, .. }) if length >= header => {
                     assert_eq!((found, expected), (length as u64, bytes.len() as u64));
@@ -73,6 +73,9 @@ fn other_files_are_named_for_what_they_are() {
     let message = |result: Result<SplatFile, SplatFileError>| result.unwrap_err().to_string();
     assert!(message(load(b"PNG and more")).contains("not a PLY"));
     assert!(message(load(b"")).contains("not a PLY"));
+    let as_text =
+        saved(&sample(MemoryKind::Evidence, 3)).split(|byte| *byte == b'\n').collect::<Vec<_>>().join(&b"\r\n"[..]);
+    assert!(message(load(&as_text)).contains("the file was copied as text"));
     for kind in KINDS {
         let with_header = |from, to| with_header(kind, from, to);
         assert!(message(with_header("binary_little_endian", "binary_big_endian")).contains("binary_big_endian 1.0"));

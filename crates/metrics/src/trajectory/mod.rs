@@ -106,7 +106,13 @@ pub fn score_trajectory(
         .collect();
     if pairs.is_empty() {
         let (true_poses, estimated) = (truth.len(), estimate.len());
-        return Err(MetricsError::NoPosePairs { true_poses, estimated, max_seconds_apart: settings.max_seconds_apart });
+        return Err(MetricsError::NoPosePairs {
+            true_poses,
+            estimated,
+            true_seconds: time_range(truth),
+            estimated_seconds: time_range(estimate),
+            max_seconds_apart: settings.max_seconds_apart,
+        });
     }
     let steps = pairs.array_windows().map(|[one, next]| one.truth.translation().distance(next.truth.translation()));
     Ok(TrajectoryScore {
@@ -115,6 +121,12 @@ pub fn score_trajectory(
         ate: absolute_error(&pairs),
         rpe: relative_error(&pairs, settings.rpe_frames),
     })
+}
+
+/// The first and last time of poses, seconds.
+fn time_range(poses: &[StampedPose]) -> Option<(f64, f64)> {
+    let times = || poses.iter().map(|pose| pose.seconds);
+    Some((times().reduce(f64::min)?, times().reduce(f64::max)?))
 }
 
 /// A true and an estimated pose of the same moment.

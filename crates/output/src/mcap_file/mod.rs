@@ -199,6 +199,12 @@ impl RunOutput for McapFile {
     }
 
     fn add_frame(&mut self, record: &FrameRecord, _: &mut dyn ResultFolder) -> Result<(), OutputError> {
+        // ROS counts seconds with 32 bits.
+        if let Some(time) = record.frame.timestamp().filter(|time| time.as_secs() > i32::MAX as u64) {
+            let name = record.frame.name();
+            let wrong = format!("frame {name}: its time of {time:?} is after 2038, where times in ROS 2 end");
+            return Err(self.error(io::Error::new(io::ErrorKind::InvalidInput, wrong)));
+        }
         self.seen.add(record);
         Ok(())
     }

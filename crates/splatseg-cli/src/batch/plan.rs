@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use splatseg::Settings;
 use splatseg::settings::SettingsLayers;
-use splatseg_files::{MemoryLimit, read_file};
+use splatseg_files::{MemoryLimit, read_file, text_of};
 use splatseg_metrics::ScoreSettings;
 use splatseg_output::write_atomically;
 use std::collections::BTreeMap;
@@ -153,7 +153,7 @@ fn listed_scenes(given: &[PathBuf]) -> Result<Vec<String>, Failure> {
         }
         let wrong = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", path.display()));
         let list = read_file(path, MAX_LIST_BYTES).map_err(|error| wrong(&error))?;
-        let list = String::from_utf8(list).map_err(|error| wrong(&error))?;
+        let list = text_of(list).map_err(|error| wrong(&error))?;
         scenes.extend(list.lines().map(str::trim).filter(|line| !line.is_empty()).map(str::to_owned));
     }
     if scenes.is_empty() {

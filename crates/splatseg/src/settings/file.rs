@@ -1,7 +1,7 @@
 //! Reads settings from TOML files and from `summary.json`.
 
 use super::SettingsError;
-use splatseg_files::read_file;
+use splatseg_files::{is_number_with_comma, read_file, text_of};
 use splatseg_settings::Allowed;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -32,12 +32,12 @@ impl SettingsFile {
             line,
             message: message.trim().replace('\n', " "),
         };
+        let text = text_of(bytes).map_err(|error| syntax(None, &format!("has {error}, expected UTF-8 text")))?;
         if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json")) {
             let document =
-                serde_json::from_slice(&bytes).map_err(|error| syntax(None, &format!("is not JSON: {error}")))?;
+                serde_json::from_str(&text).map_err(|error| syntax(None, &format!("is not JSON: {error}")))?;
             return from_summary(document).map_err(|message| syntax(None, &message));
         }
-        let text = String::from_utf8(bytes).map_err(|_| syntax(None, "is not UTF-8 text, expected TOML"))?;
         let line_of = |offset: usize| text.bytes().take(offset).filter(|byte| *byte == b'\n').count() + 1;
         let toml_error = |error: &toml::de::Error| {
             let span = error.span().unwrap_or_default();
@@ -45,7 +45,13 @@ impl SettingsFile {
             let is_number =
                 !found.is_empty() && found.bytes().all(|byte| byte.is_ascii_digit() || b"+-_".contains(&byte));
             let too_large = format!("{found} is out of range, the largest whole number is {}", Allowed::MAX_WHOLE);
-            syntax(Some(line_of(span.start)), if is_number { &too_large } else { error.message() })
+            let line = line_of(span.start);
+            let mut words = text.lines().nth(line - 1).unwrap_or_default().split([' ', '\t', '=']);
+            let commas = words
+                .find(|word| is_number_with_comma(word))
+                .map(|number| format!("{number} has a decimal comma, expected {}", number.replace(',', ".")));
+            let message = if is_number { &too_large } else { error.message() };
+            syntax(Some(line), commas.as_deref().unwrap_or(message))
         };
         let table = text.parse().map_err(|error| toml_error(&error))?;
         let mut lines = BTreeMap::new();

@@ -3,7 +3,7 @@
 use super::other_trackers::OtherTracker;
 use crate::Failure;
 use splatseg_dataset::{DatasetSettings, MvpdVideos, open_scene};
-use splatseg_files::read_file;
+use splatseg_files::{read_file, text_of};
 use splatseg_models::checkpoint::{Architecture, Checkpoint};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -184,7 +184,7 @@ fn scenes(folder: &Path, missing: &mut Vec<MissingInput>) -> Result<Vec<PathBuf>
         paths.extend(entries(&folder.join("scans"))?);
     }
     let split = read_file(&folder.join(VALIDATION_SPLIT), MAX_SPLIT_BYTES).ok();
-    let split = split.and_then(|bytes| String::from_utf8(bytes).ok());
+    let split = split.and_then(|bytes| text_of(bytes).ok());
     let wanted: Option<BTreeSet<&str>> =
         split.as_deref().map(|text| text.lines().map(str::trim).filter(|name| !name.is_empty()).collect());
     let name = |path: &Path| path.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();

@@ -1,0 +1,153 @@
+//! The unit of stored depth.
+
+use crate::{DatasetError, DatasetSettings, FramePart, RecordedFrame};
+use splatseg_settings::SettingError;
+use std::path::{Path, PathBuf};
+
+/// Depth value that Kinect drivers write for missing measurements, like 0.
+const NO_MEASUREMENT: u16 = u16::MAX;
+
+/// Depth below this is shown as `0.00 m`, and no depth camera measures it, metres.
+const LEAST_DEPTH_M: f32 = 0.005;
+
+/// A frame is judged if one in this many of its pixels has depth: a covered lens measures noise.
+const MIN_SHARE: usize = 100;
+
+/// Stored units per metre of depth: a stored value divided by it is in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct DepthScale(f32);
+
+impl DepthScale {
+    /// The unit of most data sets.
+    pub(crate) const MILLIMETRES: Self = Self(1000.0);
+    /// Depth that is stored as numbers with fractions.
+    pub(crate) const METRES: Self = Self(1.0);
+
+    /// Creates the unit of a format.
+    pub(crate) const fn of_format(units_per_metre: f32) -> Self {
+        Self(units_per_metre)
+    }
+
+    /// Returns the unit that a file states, or that of the settings if they have one, which replaces it.
+    ///
+    /// # Errors
+    /// [`DatasetError::Field`] with the file's `path` and `field` if the file's value is impossible.
+    pub(crate) fn stated(
+        units_per_metre: f64,
+        (path, field): (&Path, &str),
+        settings: &DatasetSettings,
+    ) -> Result<Self, DatasetError> {
+        match Self::from_settings(settings) {
+            Some(own) => Ok(own),
+            None if DatasetSettings::DEPTH_SCALES.accepts_number(units_per_metre) => Ok(Self(units_per_metre as f32)),
+            None => Err(DatasetError::Field {
+                path: path.to_owned(),
+                field: field.to_owned(),
+                found: format!("{units_per_metre:?}"),
+                expected: format!(
+                    "{} stored units per metre: 1000 where depth is in millimetres",
+                    DatasetSettings::DEPTH_SCALES
+                ),
+            }),
+        }
+    }
+
+    /// Returns the unit of the settings; `None` if they have none. They must be valid.
+    pub(crate) fn from_settings(settings: &DatasetSettings) -> Option<Self> {
+        settings.depth_scale.map(|units_per_metre| Self(units_per_metre as f32))
+    }
+
+    /// Returns the unit of the settings, otherwise this one.
+    pub(crate) fn or_of(self, settings: &DatasetSettings) -> Self {
+        Self::from_settings(settings).unwrap_or(self)
+    }
+
+    /// Converts a stored depth to metres; 0 if it means "no measurement".
+    pub(crate) fn metres(self, stored: u16) -> f32 {
+        if stored == NO_MEASUREMENT { 0.0 } else { f32::from(stored) / self.0 }
+    }
+
+    /// Converts depth that is stored as a number with a fraction to metres.
+    pub(crate) fn metres_of_float(self, stored: f32) -> f32 {
+        stored / self.0
+    }
+}
+
+/// Refuses the setting for a scene without stored depth.
+///
+/// # Errors
+/// [`SettingError`] if `dataset.depth_scale` is set.
+pub(crate) fn require_no_depth_scale(settings: &DatasetSettings, format: &str) -> Result<(), SettingError> {
+    settings.depth_scale.map_or(Ok(()), |found| {
+        Err(SettingError {
+            key: "dataset.depth_scale".to_owned(),
+            found: found.to_string(),
+            expected: format!("no value for the format {format}, whose depth is not stored"),
+        })
+    })
+}
+
+/// Check of the first frame with depth: a unit by which all depth becomes nothing is refused.
+#[derive(Debug, Default)]
+pub(crate) struct DepthUnitCheck {
+    is_done: bool,
+}
+
+impl DepthUnitCheck {
+    /// Checks the next frame. `place` names the file of a part of it.
+    ///
+    /// # Errors
+    /// [`DatasetError::NoDepthLeft`] if it is the first with depth, and that is nearer than any camera can measure.
+    pub(crate) fn check(
+        &mut self,
+        recorded: &RecordedFrame,
+        place: &dyn Fn(FramePart) -> PathBuf,
+    ) -> Result<(), DatasetError> {
+        if self.is_done {
+            return Ok(());
+        }
+        let pixels = recorded.frame.depth().pixels();
+        let measured = pixels.iter().copied().filter(|depth| *depth > 0.0);
+        let (count, farthest) =
+            measured.fold((0, 0.0), |(count, farthest): (usize, f32), depth| (count + 1, depth.max(farthest)));
+        if count <= pixels.len() / MIN_SHARE {
+            return Ok(());
+        }
+        if farthest < LEAST_DEPTH_M {
+            return Err(DatasetError::NoDepthLeft { path: place(FramePart::Depth), farthest });
+        }
+        self.is_done = true;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_replace_the_unit_of_files_and_formats() {
+        let none = DatasetSettings::default();
+        let own = DatasetSettings { depth_scale: Some(5000.0), ..none.clone() };
+        let of_file = |value, settings| DepthScale::stated(value, (Path::new("camera.json"), "depth_scale"), settings);
+        assert_eq!(of_file(1000.0, &none).unwrap().metres(1500), 1.5);
+        assert_eq!(of_file(1000.0, &own).unwrap().metres(1500), 0.3);
+        assert_eq!(DepthScale::MILLIMETRES.or_of(&own).metres(5000), 1.0);
+        assert_eq!(DepthScale::METRES.or_of(&none).metres_of_float(1.25), 1.25);
+        assert_eq!(DepthScale::MILLIMETRES.metres(u16::MAX), 0.0);
+    }
+
+    #[test]
+    fn impossible_units_are_errors_that_name_the_file() {
+        for wrong in [0.0, -1.0, 1e38, 1e300, f64::NAN, f64::INFINITY] {
+            let error = DepthScale::stated(wrong, (Path::new("a.json"), "depth_scale"), &DatasetSettings::default());
+            let told = error.unwrap_err().to_string();
+            assert!(
+                told.starts_with(&format!("a.json: depth_scale: found {wrong:?}, expected 0.001 to 1000000")),
+                "{told}"
+            );
+            let settings = DatasetSettings { depth_scale: Some(wrong), ..DatasetSettings::default() };
+            assert!(settings.validate().unwrap_err().to_string().starts_with("dataset.depth_scale is "));
+        }
+    }
+}
