@@ -3,7 +3,7 @@
 use crate::depth_scale::require_no_depth_scale;
 use crate::own_camera::OwnCamera;
 use crate::synthetic::{self, SyntheticScene};
-use crate::{DatasetError, DatasetSettings, Scene};
+use crate::{DatasetError, DatasetSettings, DepthRegistration, Scene};
 use crate::{FolderScene, McapScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
 use crate::{mcap, mvpd, plain_folder, replica, scannet, sevenscenes, tum};
 use splatseg_settings::{Choice, SettingError, choices};
@@ -220,12 +220,13 @@ fn incomplete(entry: &FormatEntry, path: &Path) -> Option<(f64, DatasetError)> {
 }
 
 fn open(entry: &FormatEntry, path: &Path, settings: &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetError> {
-    if settings.register_depth && entry.format != Format::SevenScenes {
+    let registers = matches!(entry.format, Format::SevenScenes | Format::Mcap);
+    if settings.register_depth == DepthRegistration::True && !registers {
         return Err(SettingError {
             key: "dataset.register_depth".to_owned(),
             found: "true".to_owned(),
             expected: format!(
-                "false for {}, whose format is {}: only 7scenes has depth that is not registered",
+                "auto or false for {}, whose format is {}: only 7scenes and mcap have depth that is not registered",
                 path.display(),
                 entry.format
             ),

@@ -9,6 +9,7 @@
 mod archive;
 mod corrections;
 mod decode;
+mod depth_registration;
 mod depth_scale;
 mod description;
 mod error;
@@ -44,6 +45,7 @@ mod tum;
 mod undistort;
 
 pub use decode::{read_color_image, read_segments_png};
+pub use depth_registration::DepthRegistration;
 pub use description::SceneDescription;
 pub use error::{DatasetError, FrameReadError};
 pub use formats::{Format, FormatNameError, open_scene, supported_formats};

@@ -1,6 +1,6 @@
 //! Selection and framing of a scene's frames.
 
-use crate::{Format, Framing, ImageSize};
+use crate::{DepthRegistration, Format, Framing, ImageSize};
 use splatseg_settings::{Allowed, Choice, SettingError, settings};
 
 settings! {
@@ -36,10 +36,13 @@ settings! {
         /// recording or its format: millimetres, if nothing else is known. Depth stored as numbers with a fraction is in
         /// metres, and is divided by this value, too.
         depth_scale: Option<f64> = None, DatasetSettings::DEPTH_SCALES;
-        /// For 7-Scenes as published: warp the depth from its own camera into the colour camera, and convert the poses,
-        /// which are those of the depth camera. Otherwise depth must already be registered to colour.
-        register_depth: bool = false, Allowed::Switch;
-        /// With `register_depth`: offset of the colour camera to the right of the depth camera, metres. The default is
+        /// Register depth to colour. `true`, for 7-Scenes as published: warp the depth from its own camera into the colour
+        /// camera, and convert the poses, which are those of the depth camera. `true`, for MCAP: undistort each image by
+        /// its own camera info, and warp depth from its frame and camera into those of colour. `false`: the pixels of depth
+        /// are those of colour already. `auto`: for MCAP as the camera infos say, with a warning where they are ambiguous;
+        /// otherwise `false`.
+        register_depth: DepthRegistration = DepthRegistration::Auto, Allowed::Names(DepthRegistration::NAMES);
+        /// For 7-Scenes with `register_depth`: offset of the colour camera to the right of the depth camera, metres. The default is
         /// that of the Kinect that recorded 7-Scenes.
         depth_offset_m: f32 = 0.025, Allowed::between(-1.0, 1.0), only "dataset.register_depth = true";
         /// MCAP: topic of the colour images; if left out, the only suitable one.
@@ -58,7 +61,8 @@ settings! {
         /// MCAP: the world frame in /tf; if left out, the topmost ancestor of the camera's frame.
         world_frame: Option<String> = None, Allowed::Text("the name of a frame");
         /// MCAP: the frame whose poses the topic gives, connected to the camera by /tf_static; if left out, the one
-        /// named in its messages, otherwise the colour camera's.
+        /// named in its messages, otherwise the colour camera's. With /tf, whose frames nothing connects to the camera: the
+        /// frame whose poses are taken for the camera's.
         pose_frame: Option<String> = None, Allowed::Text("the name of a frame");
         /// MCAP: topic with corrected paths (`nav_msgs/msg/Path`), of the same frame as the poses, or `none`; if left out,
         /// the only such topic.

@@ -16,7 +16,7 @@ use crate::recorded_poses::PoseCoverage;
 use crate::register::{CameraPair, register_depth};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, read_pose};
-use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
+use crate::{DatasetError, DatasetSettings, DepthRegistration, Format, RecordedFrame, Scene};
 use glam::{DVec3, Vec3};
 use splatseg_geometry::{Intrinsics, LocalPose, SegmentMap};
 use std::path::{Path, PathBuf};
@@ -61,6 +61,7 @@ impl SevenScenesScene {
     pub fn open(folder: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
         settings.validate()?;
         let own_camera = OwnCamera::from_settings(settings)?;
+        let registers = settings.register_depth == DepthRegistration::True;
         let frames = numbered_files(folder, COLOR)?;
         if frames.is_empty() {
             let sequences = sequence_folders(folder);
@@ -79,11 +80,11 @@ impl SevenScenesScene {
             warn_once(format!(
                 "{}: no {INTRINSICS_FILE}: assuming the colour camera of the published 7-Scenes (focal length 525){}",
                 folder.display(),
-                if settings.register_depth { "" } else { "; their depth needs register_depth = true" }
+                if registers { "" } else { "; their depth needs --register-depth" }
             ));
             None
         };
-        let registration = settings.register_depth.then_some(settings.depth_offset_m);
+        let registration = registers.then_some(settings.depth_offset_m);
         let others = [(folder.to_owned(), DEPTH), (folder.to_owned(), POSE)];
         let left_out = left_out_beside(&frames, folder, &others);
         let poses = pose_coverage(&frames, folder, POSE);

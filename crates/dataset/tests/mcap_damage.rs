@@ -114,7 +114,7 @@ fn missing_parts_are_reported() {
     assert_eq!(
         error,
         "a.mcap: camera info of colour (/camera/image_raw/compressed): found none, expected a topic of \
-         sensor_msgs/msg/CameraInfo beside it, or with its frame; --camera-info chooses one"
+         sensor_msgs/msg/CameraInfo beside it, or with its frame; --camera-info chooses one, or --fx describes the camera"
     );
     let error = without(Parts { depth: false, ..ALL });
     assert!(

@@ -2,7 +2,7 @@
 
 mod support;
 
-use splatseg_dataset::{DatasetError, DatasetSettings, Scene, SevenScenesScene, open_scene};
+use splatseg_dataset::{DatasetError, DatasetSettings, DepthRegistration, Scene, SevenScenesScene, open_scene};
 use std::fs;
 use support::*;
 
@@ -54,7 +54,7 @@ fn published_depth_is_warped_into_the_colour_camera() {
     write_sevenscenes(folder.path(), 1);
     fs::remove_file(folder.path().join("camera-intrinsics.txt")).unwrap();
     write_png16(&folder.path().join("frame-000000.depth.png"), (64, 48), |_, _| 2000);
-    let settings = DatasetSettings::default().with(|settings| settings.register_depth = true);
+    let settings = DatasetSettings::default().with(|settings| settings.register_depth = DepthRegistration::True);
     let frame = open_scene(folder.path(), &settings).unwrap().read_frame(0).unwrap();
     // The depth camera's first column is at x = (0 - 32.05) / 58.5 * 2 m; its colour pixel is 3 to the right.
     assert_eq!((frame.depth()[(1, 20)], frame.depth()[(5, 20)], frame.depth()[(32, 24)]), (0.0, 2.0, 2.0));

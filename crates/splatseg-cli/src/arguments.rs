@@ -23,6 +23,7 @@ use splatseg::Settings;
 use splatseg::settings::{
     Entry, MethodName, MethodPreset, SegmenterName, SettingsLayers, TrackerName, describe, entries,
 };
+use splatseg_dataset::DepthRegistration;
 use splatseg_odometry::PoseMode;
 use splatseg_settings::{Allowed, Choice};
 use std::ffi::OsString;
@@ -172,7 +173,7 @@ impl RunArguments {
 impl Arguments {
     /// Parses a command line. Prints help and usage errors.
     pub fn parse(arguments: Vec<OsString>) -> Parsed {
-        let matches = with_settings(Self::command(), &entries()).try_get_matches_from(arguments);
+        let matches = with_settings(Self::command(), &entries()).try_get_matches_from(with_joined_values(arguments));
         match matches.and_then(|matches| Self::from_arg_matches(&matches)) {
             Ok(arguments) => Parsed::Arguments(Box::new(arguments)),
             Err(error) if error.use_stderr() => {
@@ -186,6 +187,20 @@ impl Arguments {
             }
         }
     }
+}
+
+/// Joins `--register-depth` and its value, which may be left out: `--register-depth SCENE` and `--register-depth false`.
+fn with_joined_values(arguments: Vec<OsString>) -> Vec<OsString> {
+    const OPTION: &str = "--register-depth";
+    let mut joined: Vec<OsString> = Vec::with_capacity(arguments.len());
+    for argument in arguments {
+        let value = argument.to_str().filter(|value| DepthRegistration::from_name(value).is_some());
+        match (value, joined.last_mut()) {
+            (Some(value), Some(last)) if last == OPTION => *last = format!("{OPTION}={value}").into(),
+            _ => joined.push(argument),
+        }
+    }
+    joined
 }
 
 /// Completes the arguments that stand for settings: an argument without help gets its help and allowed values from the
@@ -222,7 +237,33 @@ fn possible_values(entry: &Entry) -> Vec<PossibleValue> {
         ("", "segmenter", _) => with_help::<SegmenterName>(),
         ("", "poses", _) => with_help::<PoseMode>(),
         ("", "tracker", _) => with_help::<TrackerName>(),
+        ("dataset", "register_depth", _) => with_help::<DepthRegistration>(),
         (_, _, Allowed::Names(names)) => names.iter().map(|name| PossibleValue::new(*name)).collect(),
         _ => Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_value_of_register_depth_may_be_left_out_or_follow() {
+        let parsed = |words: &str| {
+            let words = ["splatseg", "run"].into_iter().chain(words.split(' ')).map(OsString::from).collect();
+            match Arguments::parse(words) {
+                Parsed::Arguments(arguments) => match arguments.command {
+                    Command::Run(run) => (run.scene.display().to_string(), run.options.dataset.topics.register_depth),
+                    _ => panic!("another command"),
+                },
+                _ => panic!("not parsed"),
+            }
+        };
+        let of = |value: &str| ("SCENE".to_owned(), Some(value.to_owned()));
+        assert_eq!(parsed("SCENE --out o"), ("SCENE".to_owned(), None));
+        assert_eq!(parsed("--register-depth SCENE --out o"), of("true"));
+        assert_eq!(parsed("SCENE --out o --register-depth"), of("true"));
+        assert_eq!(parsed("--register-depth false SCENE --out o"), of("false"));
+        assert_eq!(parsed("SCENE --register-depth=auto --out o"), of("auto"));
     }
 }

@@ -3,7 +3,7 @@
 mod recording;
 
 use super::Failure;
-use super::options::TopicOptions;
+use super::options::{CameraOptions, TopicOptions};
 use clap::Args;
 use splatseg_dataset::McapScene;
 use splatseg_models::checkpoint::{Architecture, Checkpoint, CheckpointError, Dtype, Format, printable};
@@ -13,7 +13,7 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 pub struct InspectArguments {
-    /// A checkpoint (.pt from Ultralytics or Meta, or .safetensors) or a recording (.mcap, or a folder with one)
+    /// A checkpoint (.pt from Ultralytics or Meta, or .safetensors) or a recording (.mcap, .mcap.zstd, or a folder with one)
     pub file: PathBuf,
     /// Also write the checkpoint as a .safetensors file, without a pickle; an existing file is not replaced
     #[arg(long, value_name = "FILE.safetensors")]
@@ -21,6 +21,8 @@ pub struct InspectArguments {
     /// Also list every tensor with its type and shape
     #[arg(long)]
     pub tensors: bool,
+    #[command(flatten)]
+    pub camera: CameraOptions,
     #[command(flatten)]
     pub topics: TopicOptions,
 }

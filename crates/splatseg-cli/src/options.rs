@@ -25,8 +25,6 @@ pub struct DatasetOptions {
     pub start: Option<String>,
     #[arg(long, value_name = "N")]
     pub max_frames: Option<String>,
-    #[arg(long)]
-    pub register_depth: bool,
     #[command(flatten)]
     pub camera: CameraOptions,
     #[command(flatten)]
@@ -48,7 +46,21 @@ pub struct CameraOptions {
     pub depth_scale: Option<String>,
 }
 
-/// Options that select the topics of a recording.
+impl CameraOptions {
+    /// Adds the options that were given to the layers.
+    fn add_to(&self, layers: &mut SettingsLayers) -> Result<(), Failure> {
+        let options = [
+            ("dataset.fx", self.fx.as_ref()),
+            ("dataset.fy", self.fy.as_ref()),
+            ("dataset.cx", self.cx.as_ref()),
+            ("dataset.cy", self.cy.as_ref()),
+            ("dataset.depth_scale", self.depth_scale.as_ref()),
+        ];
+        add_given(layers, options)
+    }
+}
+
+/// Options that select the topics of a recording, and say how they fit together.
 #[derive(Clone, Debug, Default, Args)]
 pub struct TopicOptions {
     #[arg(long, value_name = "TOPIC")]
@@ -61,14 +73,20 @@ pub struct TopicOptions {
     pub pose: Option<String>,
     #[arg(long, value_name = "FRAME")]
     pub world_frame: Option<String>,
+    #[arg(long, value_name = "FRAME")]
+    pub pose_frame: Option<String>,
+    // The value may also follow as a word of its own: see `with_joined_values`.
+    #[arg(long, value_name = "WHETHER", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    pub register_depth: Option<String>,
     #[arg(long, value_name = "MS")]
     pub max_time_difference_ms: Option<String>,
 }
 
 impl TopicOptions {
     /// Returns the dataset settings with these options.
-    pub fn settings(&self) -> Result<DatasetSettings, Failure> {
+    pub fn settings(&self, camera: &CameraOptions) -> Result<DatasetSettings, Failure> {
         let mut layers = SettingsLayers::default();
+        camera.add_to(&mut layers)?;
         self.add_to(&mut layers)?;
         Ok(layers.resolve_shared().map_err(Failure::input)?.dataset)
     }
@@ -81,6 +99,8 @@ impl TopicOptions {
             ("dataset.camera_info", self.camera_info.as_ref()),
             ("dataset.pose", self.pose.as_ref()),
             ("dataset.world_frame", self.world_frame.as_ref()),
+            ("dataset.pose_frame", self.pose_frame.as_ref()),
+            ("dataset.register_depth", self.register_depth.as_ref()),
             ("dataset.max_time_difference_ms", self.max_time_difference_ms.as_ref()),
         ];
         add_given(layers, options)
@@ -121,7 +141,6 @@ impl DatasetOptions {
             ];
             add_given(layers, settings)?;
         }
-        let register_depth = self.register_depth.then(|| "true".to_owned());
         let options = [
             ("dataset.format", self.format.as_ref()),
             ("dataset.stride", self.stride.as_ref()),
@@ -129,14 +148,9 @@ impl DatasetOptions {
             ("dataset.crop_border", self.crop_border.as_ref()),
             ("dataset.start", self.start.as_ref()),
             ("dataset.max_frames", self.max_frames.as_ref()),
-            ("dataset.register_depth", register_depth.as_ref()),
-            ("dataset.fx", self.camera.fx.as_ref()),
-            ("dataset.fy", self.camera.fy.as_ref()),
-            ("dataset.cx", self.camera.cx.as_ref()),
-            ("dataset.cy", self.camera.cy.as_ref()),
-            ("dataset.depth_scale", self.camera.depth_scale.as_ref()),
         ];
         add_given(layers, options)?;
+        self.camera.add_to(layers)?;
         self.topics.add_to(layers)
     }
 

@@ -15,7 +15,7 @@ use std::sync::Arc;
 pub(super) struct Chosen {
     pub(super) color: usize,
     pub(super) depth: usize,
-    infos: [usize; 2],
+    infos: [Option<usize>; 2],
     pub(super) poses: PoseSource,
     pub(super) reader: Arc<FrameReader>,
     /// Descriptions of the sources, one line each.
@@ -40,14 +40,15 @@ impl Chosen {
             });
         }
         let maker = FrameMaker { path, contents, settings, choice };
+        // First what may fail for lack of a message, so that nothing is warned of before topics are chosen.
+        let reader = Arc::new(FrameReader::new(&maker)?);
         let (poses, pose_text) = maker.pose_source()?;
         let camera = choice.color.1.frame.clone();
         let coordinate_frames = CoordinateFrames { camera, world: maker.world_frame() };
-        let reader = Arc::new(FrameReader::new(&maker)?);
         let sources = reader.sources(&choice).into_iter().chain([format!("poses: {pose_text}")]).collect();
         let index = |topic: &Topic| contents.index_of(topic).unwrap_or(usize::MAX);
         let (color, depth) = (index(choice.color.0), index(choice.depth.0));
-        let infos = [choice.color_info, choice.depth_info].map(index);
+        let infos = [choice.color_info, choice.depth_info].map(|info| info.map(index));
         Ok(Self { color, depth, infos, poses, reader, sources, coordinate_frames })
     }
 
@@ -55,7 +56,7 @@ impl Chosen {
     pub(super) fn uses(&self, index: usize, topic: &Topic) -> bool {
         match topic.content {
             Content::Images(_) => self.color == index || self.depth == index,
-            Content::Calibrations { .. } => self.infos.contains(&index),
+            Content::Calibrations { .. } => self.infos.contains(&Some(index)),
             Content::Poses(_) => matches!(self.poses, PoseSource::Topic(poses, _) if poses == index),
             Content::Transforms { .. } => true,
             Content::Path(_) | Content::Other => false,
@@ -68,10 +69,8 @@ impl Chosen {
     /// If one of them is invalid.
     pub(super) fn renew_reader(&mut self, contents: &Contents, settings: &DatasetSettings) -> Result<(), DatasetError> {
         let topics = || Some((images(contents, self.color)?, images(contents, self.depth)?));
-        let [color_info, depth_info] = self.infos.map(|index| contents.topics.get(index));
-        let (Some((color, depth)), Some(color_info), Some(depth_info)) = (topics(), color_info, depth_info) else {
-            return Ok(());
-        };
+        let [color_info, depth_info] = self.infos.map(|index| contents.topics.get(index?));
+        let Some((color, depth)) = topics() else { return Ok(()) };
         // Reading images does not depend on the poses.
         let pose = PoseChoice::None(NoPoses::Chosen);
         let choice = Choice { color, depth, color_info, depth_info, pose };

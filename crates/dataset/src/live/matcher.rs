@@ -7,6 +7,7 @@ use super::limits::MatchLimits;
 use super::matched_frame::{FramesInCommon, MatchedFrame, STREAM};
 use super::waiting::{Pair, WaitingImage, WaitingImages};
 use crate::frame_checks::FrameChecks;
+use crate::own_camera::OwnCamera;
 use crate::ros_topics::clock::{Recorded, Timeline};
 use crate::ros_topics::contents::{Content, Contents, MessagePlace, StampedPlace, TopicMessage};
 use crate::{DatasetError, DatasetSettings};
@@ -283,8 +284,8 @@ impl FrameMatcher {
             _ => None,
         };
         let Some(mut list) = list_of(&mut self.contents) else { return Use::Ignored };
-        let path = Path::new(STREAM);
-        let is_usable = list.last().is_none_or(|(_, info)| [false, true].iter().any(|r| info.camera(*r, path).is_ok()));
+        let own = OwnCamera::from_settings(&self.settings).ok().flatten();
+        let is_usable = list.last().is_none_or(|(_, info)| info.is_usable(own));
         if !is_usable {
             list.pop();
         }

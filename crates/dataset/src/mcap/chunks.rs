@@ -24,7 +24,7 @@ enum Compression {
 /// Location of a chunk in the file, and the expected size and CRC of its content.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Chunk {
-    /// Offset of its stored bytes, from the start of the file.
+    /// Offset of its stored bytes, from the start of the file or recording.
     pub(super) offset: u64,
     /// Number of stored bytes.
     pub(super) stored: u64,
@@ -58,6 +58,11 @@ impl Chunk {
             crc: header.uncompressed_crc,
             compression,
         })
+    }
+
+    /// Returns the chunk of a file that begins at an offset in its recording.
+    pub(super) fn moved(self, start: u64) -> Self {
+        Self { offset: self.offset.saturating_add(start), ..self }
     }
 
     /// Returns true if its content is stored uncompressed.

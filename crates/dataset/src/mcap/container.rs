@@ -1,15 +1,21 @@
-//! Reading of an MCAP file: all records once in order, then single messages again.
+//! Reading of MCAP files: all records once in order, then single messages again.
+//!
+//! A recording is one file, or several into which it was split. Offsets count from the start of the first one. Messages
+//! that rosbag2 has compressed one by one are unpacked here.
 //!
 //! The format is specified at <https://mcap.dev/spec>. The summary at the end is not used: a truncated recording has
 //! none, and images must be found by the stamp in them, which is not in any index.
 
 use super::chunks::Chunk;
-use super::text_lengths;
+use super::recording_parts::{OpenPart, RecordingParts};
+use super::{text_lengths, zstd};
 use crate::DatasetError;
-use crate::files::{RandomAccessFile, open_file};
+use crate::files::RandomAccessFile;
+use crate::ros_topics::choice::listed;
 use crate::ros_topics::contents::MessagePlace;
 use mcap::records::{Record, op};
-use splatseg_files::MemoryLimit;
+use splatseg_files::{MemoryLimit, display_bytes};
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::ops::{Deref, Range};
@@ -29,6 +35,14 @@ const MAX_RECORD_BYTES: u64 = 272 << 20;
 const READ_BUFFER_BYTES: usize = 1 << 20;
 /// Number of unpacked chunks kept: images of two topics may be in two chunks, and a second thread may use two others.
 const CACHED_CHUNKS: usize = 4;
+/// The messages of a file may unpack to this many times its size, and always to the second number of bytes.
+const MAX_RATIO: u64 = 256;
+const ALWAYS_UNPACKED_BYTES: u64 = 4 << 30;
+
+/// Returns the maximum size of a record outside chunks, and of an unpacked message, bytes.
+fn max_record_bytes() -> u64 {
+    MAX_RECORD_BYTES.min(MemoryLimit::in_force() / 2)
+}
 
 /// A message found while scanning.
 pub(super) struct FoundMessage<'a> {
@@ -41,18 +55,23 @@ pub(super) struct FoundMessage<'a> {
 
 /// Receiver of a file's records, in order.
 pub(super) trait RecordSink {
+    /// Called before the records of each file: ids of schemas and channels are those of a file.
+    fn start_file(&mut self);
     fn schema(&mut self, id: u16, name: &str) -> Result<(), DatasetError>;
     fn channel(&mut self, channel: mcap::records::Channel) -> Result<(), DatasetError>;
     fn message(&mut self, message: &FoundMessage<'_>) -> Result<(), DatasetError>;
 }
 
-/// An MCAP file whose records have been scanned.
+/// A recording whose records have been scanned.
 #[derive(Debug)]
 pub(super) struct McapFile {
     path: PathBuf,
-    file: RandomAccessFile,
+    /// Each with its offset in the recording, increasing.
+    files: Vec<(u64, RandomAccessFile)>,
     /// The compressed chunks.
     chunks: Vec<Chunk>,
+    /// How rosbag2 has compressed it, in addition to chunks: its files, its messages.
+    packed: (bool, bool),
     cache: Mutex<Vec<(u32, Arc<Vec<u8>>)>>,
     /// Damage to the file, one line each.
     damage: Vec<String>,
@@ -73,28 +92,60 @@ impl Deref for MessageData {
 }
 
 impl McapFile {
-    /// Reads all records of a file into `sink`. Skips damaged parts.
+    /// Reads all records of a recording into `sink`. Skips damaged parts.
     ///
     /// # Errors
-    /// If the file cannot be read, is not an MCAP file, or the sink fails.
-    pub(super) fn scan(path: &Path, sink: &mut impl RecordSink) -> Result<Self, DatasetError> {
-        let mut scan = Scan::new(path, sink)?;
-        scan.read_all()?;
-        let (chunks, mut damage) = (scan.chunks, scan.damage);
-        if scan.damaged_chunks > 1 {
-            damage.push(format!("{}: {} more chunks are damaged", path.display(), scan.damaged_chunks - 1));
+    /// If a file cannot be read, is not an MCAP file, or the sink fails.
+    pub(super) fn scan(recording: &RecordingParts, sink: &mut impl RecordSink) -> Result<Self, DatasetError> {
+        let (mut files, mut chunks, mut damage, mut packed) = (Vec::new(), Vec::new(), Vec::new(), (false, false));
+        if !recording.missing.is_empty() {
+            let numbers: Vec<String> = recording.missing.iter().map(u64::to_string).collect();
+            let (path, numbers) = (recording.path.display(), listed(numbers));
+            damage.push(format!("{path}: the files with these numbers are missing: {numbers}"));
         }
-        let file = RandomAccessFile::new(open_file(path)?);
-        Ok(Self { path: path.to_owned(), file, chunks, cache: Mutex::default(), damage })
+        let mut start = 0;
+        for path in &recording.files {
+            sink.start_file();
+            let part = OpenPart::new(path)?;
+            packed.0 |= part.was_packed;
+            damage.extend(part.damage.clone());
+            let (bytes, mut scan) = (part.bytes, Scan::new(path, part, (start, std::mem::take(&mut chunks)), sink));
+            scan.read_all()?;
+            packed.1 |= scan.unpacked_bytes > 0;
+            scan.report_all();
+            damage.append(&mut scan.damage);
+            chunks = scan.chunks;
+            files.push((start, RandomAccessFile::new(scan.reader.into_inner())));
+            start = start.saturating_add(bytes);
+        }
+        Ok(Self { path: recording.path.clone(), files, chunks, packed, cache: Mutex::default(), damage })
     }
 
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Returns the damage to the file, one line each.
+    /// Returns the damage to the files, one line each.
     pub(super) fn damage(&self) -> &[String] {
         &self.damage
+    }
+
+    /// Returns how rosbag2 has compressed it; `None` if it has not.
+    pub(super) fn compression(&self) -> Option<&'static str> {
+        match self.packed {
+            (false, false) => None,
+            (true, false) => Some("zstd, each file"),
+            (false, true) => Some("zstd, each message"),
+            (true, true) => Some("zstd, each file and each message"),
+        }
+    }
+
+    /// Reads bytes at an offset in the recording.
+    fn read_at(&self, offset: u64, len: u64) -> std::io::Result<Vec<u8>> {
+        let index = self.files.partition_point(|(start, _)| *start <= offset);
+        let part = index.checked_sub(1).and_then(|index| self.files.get(index));
+        let (start, file) = part.ok_or(std::io::ErrorKind::UnexpectedEof)?;
+        file.read(offset - start, len)
     }
 
     /// Reads the data of a message.
@@ -103,12 +154,26 @@ impl McapFile {
     /// If the file cannot be read, or has changed since it was opened.
     pub(super) fn read(&self, place: MessagePlace) -> Result<MessageData, DatasetError> {
         let io_error = |source| DatasetError::Io { path: self.path.clone(), source };
-        let Some(chunk) = place.chunk else {
-            let bytes = self.file.read(place.offset, place.len).map_err(io_error)?;
-            return Ok(MessageData { range: 0..bytes.len(), bytes: Arc::new(bytes) });
+        let stored = match place.chunk {
+            None => {
+                let bytes = self.read_at(place.offset, place.len).map_err(io_error)?;
+                MessageData { range: 0..bytes.len(), bytes: Arc::new(bytes) }
+            }
+            Some(chunk) => {
+                let start = place.offset as usize;
+                MessageData { bytes: self.unpacked(chunk)?, range: start..start + place.len as usize }
+            }
         };
-        let start = place.offset as usize;
-        Ok(MessageData { bytes: self.unpacked(chunk)?, range: start..start + place.len as usize })
+        if !stored.starts_with(zstd::MAGIC) {
+            return Ok(stored);
+        }
+        let bytes = zstd::unpack_message(&stored, max_record_bytes()).map_err(|found| DatasetError::Field {
+            path: self.path.clone(),
+            field: "compressed message".to_owned(),
+            found,
+            expected: "the same content as when the recording was opened".to_owned(),
+        })?;
+        Ok(MessageData { range: 0..bytes.len(), bytes: Arc::new(bytes) })
     }
 
     /// Returns the content of a chunk. Other threads wait while it is unpacked, because they most likely want the same
@@ -126,7 +191,7 @@ impl McapFile {
             cache.push(entry);
         } else {
             let chunk = self.chunks.get(index as usize).ok_or_else(|| changed("no such chunk".to_owned()))?;
-            let stored = self.file.read(chunk.offset, chunk.stored);
+            let stored = self.read_at(chunk.offset, chunk.stored);
             let stored = stored.map_err(|source| DatasetError::Io { path: self.path.clone(), source })?;
             let content = Arc::new(chunk.unpack(stored).map_err(changed)?);
             if cache.len() >= CACHED_CHUNKS {
@@ -144,31 +209,50 @@ struct Scan<'a, S> {
     reader: BufReader<File>,
     /// Size of the file.
     bytes: u64,
-    /// Offset of the next record.
+    /// Offset of the file in the recording.
+    start: u64,
+    /// Offset of the next record in the file.
     position: u64,
     sink: &'a mut S,
     chunks: Vec<Chunk>,
     damage: Vec<String>,
     damaged_chunks: usize,
+    /// Number of compressed messages that cannot be unpacked, and why the first cannot.
+    damaged_messages: Option<(u64, String)>,
+    /// Size of all messages that were unpacked one by one.
+    unpacked_bytes: u64,
     has_all_messages: bool,
 }
 
 impl<'a, S: RecordSink> Scan<'a, S> {
-    fn new(path: &'a Path, sink: &'a mut S) -> Result<Self, DatasetError> {
-        let file = open_file(path)?;
-        let bytes = file.metadata().map_err(|source| DatasetError::Io { path: path.to_owned(), source })?.len();
-        let reader = BufReader::with_capacity(READ_BUFFER_BYTES, file);
-        Ok(Self {
+    /// Prepares scanning a file that begins at `start` in a recording with `chunks` before it.
+    fn new(path: &'a Path, part: OpenPart, (start, chunks): (u64, Vec<Chunk>), sink: &'a mut S) -> Self {
+        Self {
             path,
-            reader,
-            bytes,
+            reader: BufReader::with_capacity(READ_BUFFER_BYTES, part.file),
+            bytes: part.bytes,
+            start,
             position: 0,
             sink,
-            chunks: Vec::new(),
+            chunks,
             damage: Vec::new(),
             damaged_chunks: 0,
+            damaged_messages: None,
+            unpacked_bytes: 0,
             has_all_messages: false,
-        })
+        }
+    }
+
+    /// Adds lines about what is damaged more than once.
+    fn report_all(&mut self) {
+        let path = self.path.display();
+        if self.damaged_chunks > 1 {
+            self.damage.push(format!("{path}: {} more chunks are damaged", self.damaged_chunks - 1));
+        }
+        if let Some((count, first)) = &self.damaged_messages {
+            let what = if *count == 1 { "message is" } else { "messages are" };
+            self.damage.push(format!("{path}: {count} compressed {what} damaged and left out: {first}"));
+        }
     }
 
     fn io_error(&self, source: std::io::Error) -> DatasetError {
@@ -221,9 +305,9 @@ impl<'a, S: RecordSink> Scan<'a, S> {
             // The summary follows. It repeats the topics and adds those without messages.
             op::DATA_END => self.has_all_messages = true,
             op::CHUNK => self.read_chunk(content, len)?,
-            op::SCHEMA | op::CHANNEL | op::MESSAGE if len <= MAX_RECORD_BYTES.min(MemoryLimit::in_force() / 2) => {
+            op::SCHEMA | op::CHANNEL | op::MESSAGE if len <= max_record_bytes() => {
                 let bytes = self.read_bytes(len)?;
-                self.process_record(code, &bytes, (None, content))?;
+                self.process_record(code, &bytes, (None, self.start + content))?;
             }
             op::SCHEMA | op::CHANNEL | op::MESSAGE => {
                 self.damage.push(format!(
@@ -285,9 +369,9 @@ impl<'a, S: RecordSink> Scan<'a, S> {
             }
         };
         let base = if chunk.is_plain() {
-            (None, chunk.offset)
+            (None, self.start + chunk.offset)
         } else {
-            self.chunks.push(chunk);
+            self.chunks.push(chunk.moved(self.start));
             (u32::try_from(self.chunks.len() - 1).ok(), 0)
         };
         self.process_records(&content, base)
@@ -312,6 +396,36 @@ impl<'a, S: RecordSink> Scan<'a, S> {
         Ok(())
     }
 
+    /// Returns a message as it was before rosbag2 compressed it; `None` if it is damaged.
+    ///
+    /// # Errors
+    /// If all messages together would unpack to far more than those of recordings do.
+    fn unpacked_message<'m>(&mut self, stored: Cow<'m, [u8]>) -> Result<Option<Cow<'m, [u8]>>, DatasetError> {
+        if !stored.starts_with(zstd::MAGIC) {
+            return Ok(Some(stored));
+        }
+        match zstd::unpack_message(&stored, max_record_bytes()) {
+            Ok(data) => {
+                self.unpacked_bytes = self.unpacked_bytes.saturating_add(data.len() as u64);
+                let limit = self.bytes.saturating_mul(MAX_RATIO).saturating_add(ALWAYS_UNPACKED_BYTES);
+                if self.unpacked_bytes > limit {
+                    return Err(DatasetError::Field {
+                        path: self.path.to_owned(),
+                        field: "compressed messages".to_owned(),
+                        found: format!("more than {} in a file of {}", display_bytes(limit), display_bytes(self.bytes)),
+                        expected: "a recording, which no compression makes that small".to_owned(),
+                    });
+                }
+                Ok(Some(Cow::Owned(data)))
+            }
+            Err(what) => {
+                let (count, _) = self.damaged_messages.get_or_insert((0, what));
+                *count += 1;
+                Ok(None)
+            }
+        }
+    }
+
     /// Processes a record whose content begins at `place`.
     fn process_record(&mut self, code: u8, body: &[u8], place: (Option<u32>, u64)) -> Result<(), DatasetError> {
         if !matches!(code, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
@@ -328,6 +442,7 @@ impl<'a, S: RecordSink> Scan<'a, S> {
                 let skipped = (body.len() - data.len()) as u64;
                 let place = MessagePlace { chunk: place.0, offset: place.1 + skipped, len: data.len() as u64 };
                 let (channel, log_time) = (header.channel_id, header.log_time);
+                let Some(data) = self.unpacked_message(data)? else { return Ok(()) };
                 self.sink.message(&FoundMessage { channel, log_time, place, data: &data })
             }
             Ok(_) => Ok(()),

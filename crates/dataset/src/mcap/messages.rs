@@ -1,8 +1,9 @@
 //! The messages of a recording one after the other, to play it like a stream.
 
-use super::RECORDING;
 use super::container::{FoundMessage, McapFile, RecordSink};
+use super::recording_parts::RecordingParts;
 use crate::DatasetError;
+use crate::plausibility::warn_once;
 use mcap::records::Channel;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -26,14 +27,18 @@ pub struct RecordedMessage<'a> {
 ///
 /// # Errors
 /// If there is no recording or there are several, the file is not an MCAP file, or `receive` returns an error. Damaged
-/// parts are left out.
+/// parts are left out, with a warning.
 pub fn read_messages(
     path: &Path,
     receive: &mut dyn FnMut(&RecordedMessage<'_>) -> Result<(), DatasetError>,
 ) -> Result<(), DatasetError> {
-    let path = RECORDING.find(path)?;
+    let recording = RecordingParts::find(path)?;
     let mut player = Player { receive, schemas: BTreeMap::new(), channels: BTreeMap::new() };
-    McapFile::scan(&path, &mut player).map(|_| ())
+    let file = McapFile::scan(&recording, &mut player)?;
+    for text in file.damage() {
+        warn_once(text.clone());
+    }
+    Ok(())
 }
 
 /// Passes on the messages of a file.
@@ -46,6 +51,11 @@ struct Player<'a> {
 }
 
 impl RecordSink for Player<'_> {
+    fn start_file(&mut self) {
+        self.schemas.clear();
+        self.channels.clear();
+    }
+
     fn schema(&mut self, id: u16, name: &str) -> Result<(), DatasetError> {
         self.schemas.entry(id).or_insert_with(|| name.to_owned());
         Ok(())

@@ -8,8 +8,10 @@ mod chunks;
 mod container;
 mod messages;
 mod recorded_topics;
+mod recording_parts;
 mod summary;
 mod text_lengths;
+mod zstd;
 
 pub use messages::{RecordedMessage, read_messages};
 pub use summary::{McapFrames, McapSummary, McapTopic};
@@ -18,7 +20,6 @@ use crate::corrections::CorrectionList;
 use crate::own_camera::camera_place;
 use crate::plausibility::warn_once;
 use crate::recorded_poses::PoseCoverage;
-use crate::recording_file::RecordingFile;
 use crate::ros_topics::choice::{Choice, Chooser};
 use crate::ros_topics::contents::Contents;
 use crate::ros_topics::frames::{FrameMaker, Frames, PairedFrame};
@@ -27,6 +28,7 @@ use crate::scene::{FramePart, FrameParts, LeftOut, entry};
 use crate::{CorrectedPose, DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 use container::McapFile;
 use recorded_topics::RecordedTopics;
+use recording_parts::RecordingParts;
 use splatseg_geometry::SegmentMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -34,11 +36,10 @@ use std::time::Duration;
 
 /// Layout of a recording, for messages.
 pub(crate) const LAYOUT: &str = "a file recording.mcap with ROS 2 messages: colour and depth images, camera infos, and \
-                                 transforms (/tf) or poses; or a folder with one, as rosbag2 writes it";
+                                 transforms (/tf) or poses; or a folder with one, as rosbag2 writes it, also compressed \
+                                 with zstd";
 
-const RECORDING: RecordingFile = RecordingFile { extension: "mcap", expected: "a file <recording>.mcap" };
-
-/// A recording of ROS 2 messages in an MCAP file.
+/// A recording of ROS 2 messages in an MCAP file, or in several into which rosbag2 has split it.
 ///
 /// Frames are those of the colour camera, undistorted and named by number. If depth is not registered to colour and has
 /// fewer pixels per degree, frames are downscaled to the resolution of depth.
@@ -63,15 +64,15 @@ impl McapScene {
     /// camera info is invalid, no frame has colour and depth, or there is a source of poses and no frame has one. A
     /// recording without any source of poses has frames without poses.
     pub fn open(path: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
-        let path = RECORDING.find(path)?;
-        let mut recorded = RecordedTopics::new(&path);
-        let file = McapFile::scan(&path, &mut recorded)?;
+        let recording = RecordingParts::find(path)?;
+        let mut recorded = RecordedTopics::new(&recording.path);
+        let file = McapFile::scan(&recording, &mut recorded)?;
         let mut contents = recorded.contents;
         contents.sort();
         for text in file.damage() {
             warn_once(text.clone());
         }
-        Self::from_contents(file, &contents, settings)
+        Self::from_contents((recording.name(), file), &contents, settings)
     }
 
     /// Returns true if a path has the name of a recording, or is a folder containing some.
@@ -79,8 +80,12 @@ impl McapScene {
         looks_like(path)
     }
 
-    /// Builds the scene from a scanned recording.
-    fn from_contents(file: McapFile, contents: &Contents, settings: &DatasetSettings) -> Result<Self, DatasetError> {
+    /// Builds the scene from a scanned recording and its name.
+    fn from_contents(
+        (name, file): (String, McapFile),
+        contents: &Contents,
+        settings: &DatasetSettings,
+    ) -> Result<Self, DatasetError> {
         let path = file.path().to_owned();
         let choice = Chooser { path: &path, contents, settings }.choose()?;
         warn_of_unreadable(&path, &choice);
@@ -92,7 +97,6 @@ impl McapScene {
         let sources = reader.sources(&choice).into_iter().chain([format!("poses: {pose_text}")]);
         let (corrections, correction_text) = maker.corrections(&frames)?;
         let sources = sources.chain(correction_text).collect();
-        let name = path.file_stem().map_or_else(|| "recording".to_owned(), |stem| stem.to_string_lossy().into_owned());
         Ok(Self { name, file, frames, poses, reader, left_out, sources, corrections })
     }
 
@@ -105,7 +109,8 @@ impl McapScene {
 
 /// Warns about messages of the chosen topics that cannot be read.
 fn warn_of_unreadable(path: &Path, choice: &Choice<'_>) {
-    for topic in [choice.color.0, choice.depth.0, choice.color_info, choice.depth_info] {
+    let images = [choice.color.0, choice.depth.0];
+    for topic in images.into_iter().chain(choice.color_info).chain(choice.depth_info) {
         if let Some((count, first)) = &topic.unreadable {
             warn_once(format!("{}: {}: {count} messages cannot be read: {first}", path.display(), topic.name));
         }
@@ -114,7 +119,7 @@ fn warn_of_unreadable(path: &Path, choice: &Choice<'_>) {
 
 /// Returns true if a path is a recording or a folder containing some.
 pub(crate) fn looks_like(path: &Path) -> bool {
-    RECORDING.looks_like(path)
+    RecordingParts::looks_like(path)
 }
 
 impl Scene for McapScene {

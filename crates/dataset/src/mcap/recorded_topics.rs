@@ -26,6 +26,11 @@ impl RecordedTopics {
 }
 
 impl RecordSink for RecordedTopics {
+    fn start_file(&mut self) {
+        self.schemas.clear();
+        self.channels.clear();
+    }
+
     fn schema(&mut self, id: u16, name: &str) -> Result<(), DatasetError> {
         if !self.schemas.contains_key(&id) {
             self.contents.add_memory(name.len() as u64 + TOPIC_BYTES)?;

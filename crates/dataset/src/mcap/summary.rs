@@ -1,8 +1,9 @@
 //! Summary of a recording's contents, for inspection.
 
+use super::McapScene;
 use super::container::McapFile;
 use super::recorded_topics::RecordedTopics;
-use super::{McapScene, RECORDING};
+use super::recording_parts::RecordingParts;
 use crate::ros_topics::contents::Content;
 use crate::{DatasetError, DatasetSettings, LeftOut, Scene};
 use std::path::{Path, PathBuf};
@@ -11,8 +12,12 @@ use std::time::Duration;
 /// Summary of a recording's contents and of the parts that would be used.
 #[derive(Debug)]
 pub struct McapSummary {
-    /// The file.
+    /// The file, or the folder of a recording in several files.
     pub path: PathBuf,
+    /// Number of files.
+    pub files: usize,
+    /// How rosbag2 has compressed it, e.g. `zstd, each message`; `None` if it has not.
+    pub compression: Option<&'static str>,
     /// Topics, in order of appearance.
     pub topics: Vec<McapTopic>,
     /// Damage to the file, one line each.
@@ -62,9 +67,11 @@ impl McapSummary {
     /// If there is no recording, or the file is not MCAP or cannot be read. A recording without usable frames is not an
     /// error.
     pub fn read(path: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
-        let path = RECORDING.find(path)?;
+        let recording = RecordingParts::find(path)?;
+        let path = recording.path.clone();
         let mut recorded = RecordedTopics::new(&path);
-        let file = McapFile::scan(&path, &mut recorded)?;
+        let file = McapFile::scan(&recording, &mut recorded)?;
+        let (files, compression) = (recording.files.len(), file.compression());
         let RecordedTopics { mut contents, without_channel, .. } = recorded;
         contents.sort();
         let mut damage = file.damage().to_vec();
@@ -86,12 +93,12 @@ impl McapSummary {
             unreadable: topic.unreadable.clone(),
         });
         let topics = topics.collect();
-        let scene = McapScene::from_contents(file, &contents, settings).map(|scene| McapFrames {
+        let scene = McapScene::from_contents((recording.name(), file), &contents, settings).map(|scene| McapFrames {
             sources: scene.sources().to_vec(),
             count: scene.frame_count(),
             without_pose: scene.without_pose().to_vec(),
             left_out: scene.left_out().to_vec(),
         });
-        Ok(Self { path, topics, damage, scene })
+        Ok(Self { path, files, compression, topics, damage, scene })
     }
 }

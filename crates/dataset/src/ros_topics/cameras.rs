@@ -1,7 +1,9 @@
 //! Cameras described by camera info messages.
 
 use crate::DatasetError;
+use crate::own_camera::OwnCamera;
 use crate::undistort::Undistortion;
+use glam::{DVec2, dvec2};
 use splatseg_geometry::{Distortion, Intrinsics};
 use splatseg_ros::CameraInfo;
 use std::path::Path;
@@ -18,6 +20,17 @@ pub(crate) struct Calibration {
     raw: [f64; 4],
     /// fx, fy, cx, cy of the rectified image; zeros if unknown.
     rectified: [f64; 4],
+}
+
+/// What is known about images from elsewhere than their camera info.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ImageFacts {
+    /// True if they were rectified before recording.
+    pub(crate) is_rectified: bool,
+    /// Size of the first image, `(width, height)`, if it can be read.
+    pub(crate) size: Option<(usize, usize)>,
+    /// The camera of the settings.
+    pub(crate) own: Option<OwnCamera>,
 }
 
 /// A camera whose image is undistorted before it is used.
@@ -52,41 +65,114 @@ impl Calibration {
         (size_of::<Self>() + self.model.len() + 8 * self.coefficients.len()) as u64
     }
 
-    /// Returns the image size, `(width, height)`.
-    pub(crate) fn size(&self) -> (usize, usize) {
-        (self.width as usize, self.height as usize)
+    /// Returns the image size, `(width, height)`, or that of the images where the camera info has none.
+    fn size(&self, images: ImageFacts) -> (usize, usize) {
+        let stated = (self.width as usize, self.height as usize);
+        if stated.0 == 0 || stated.1 == 0 { images.size.unwrap_or(stated) } else { stated }
     }
 
-    /// Returns the camera of the original images, or of images that were rectified before recording. `path` is named in
-    /// errors.
-    pub(crate) fn camera(&self, is_rectified: bool, path: &Path) -> Result<Camera, DatasetError> {
-        let uses_projection = is_rectified && self.rectified[0] > 0.0;
-        let [fx, fy, cx, cy] = (if uses_projection { self.rectified } else { self.raw }).map(|number| number as f32);
-        let (width, height) = self.size();
-        let intrinsics = Intrinsics { fx, fy, cx, cy, width, height }
-            .validated()
-            .map_err(|source| DatasetError::Intrinsics { path: path.to_owned(), source })?;
-        let distortion = if is_rectified {
-            Distortion::None
-        } else {
-            Distortion::from_coefficients(&self.model, &self.coefficients)
-                .map_err(|error| DatasetError::Other { scene: path.display().to_string(), source: error.into() })?
+    /// Returns the camera with K, or with P.
+    fn pinhole(&self, uses_p: bool, images: ImageFacts) -> Intrinsics {
+        let [fx, fy, cx, cy] = (if uses_p { self.rectified } else { self.raw }).map(|number| number as f32);
+        let (width, height) = self.size(images);
+        Intrinsics { fx, fy, cx, cy, width, height }
+    }
+
+    /// Returns true if K is not that of a camera, and P is: some drivers fill in only P.
+    pub(crate) fn has_only_p(&self, images: ImageFacts) -> bool {
+        self.pinhole(false, images).validated().is_err() && self.pinhole(true, images).validated().is_ok()
+    }
+
+    /// Returns true if it describes a camera, alone or with that of the settings.
+    pub(crate) fn is_usable(&self, own: Option<OwnCamera>) -> bool {
+        // The size of images may not be known yet.
+        let facts = |is_rectified| ImageFacts { is_rectified, size: Some((1, 1)), own };
+        [false, true].iter().any(|is_rectified| self.camera(facts(*is_rectified), Path::new("")).is_ok())
+    }
+
+    /// Returns the camera of images. Its intrinsics are those of the settings if they give any, otherwise P for images
+    /// that were rectified before recording, otherwise K, or P if there is no K. `path` is named in errors.
+    ///
+    /// # Errors
+    /// If the intrinsics or the model of the lens are invalid.
+    pub(crate) fn camera(&self, images: ImageFacts, path: &Path) -> Result<Camera, DatasetError> {
+        let has_k = self.pinhole(false, images).validated().is_ok();
+        let uses_p = images.is_rectified && self.rectified[0] > 0.0 || self.has_only_p(images);
+        let stated = self.pinhole(uses_p, images);
+        let intrinsics = images.own.map_or(stated, |own| own.intrinsics((stated.width, stated.height)));
+        let intrinsics =
+            intrinsics.validated().map_err(|source| DatasetError::Intrinsics { path: path.to_owned(), source })?;
+        let distortion = match Distortion::from_coefficients(&self.model, &self.coefficients) {
+            _ if images.is_rectified => Distortion::None,
+            Ok(distortion) => distortion,
+            // Such a camera info is damaged as a whole.
+            Err(_) if images.own.is_some() && !has_k => Distortion::None,
+            Err(error) => {
+                return Err(DatasetError::Other { scene: path.display().to_string(), source: error.into() });
+            }
         };
         Ok(Camera { intrinsics, distortion })
     }
+
+    /// Describes K and P, for messages.
+    pub(crate) fn text(&self) -> String {
+        let text = |[fx, fy, cx, cy]: [f64; 4]| format!("fx {fx}, fy {fy}, cx {cx}, cy {cy}");
+        format!("K has {}, P has {}", text(self.raw), text(self.rectified))
+    }
 }
 
+/// Number of places along each side of an image at which lenses are compared.
+const COMPARED_PLACES: usize = 9;
+
 impl Camera {
-    /// Returns true if both cameras have the same pixel grid.
-    pub(crate) fn is_same(&self, other: &Self) -> bool {
-        let close = |left: f32, right: f32| (left - right).abs() < 1e-2;
-        let (a, b) = (&self.intrinsics, &other.intrinsics);
-        (a.width, a.height) == (b.width, b.height)
-            && close(a.fx, b.fx)
-            && close(a.fy, b.fy)
-            && close(a.cx, b.cx)
-            && close(a.cy, b.cy)
+    /// Returns how far apart two cameras without their lenses see the corners of an image, pixels of `self`. A camera of
+    /// another resolution is scaled.
+    pub(crate) fn grid_distance(&self, other: &Self) -> f64 {
+        let own = self.intrinsics;
+        let other = other.intrinsics.resized(own.width, own.height);
+        let end = |side: usize| side.saturating_sub(1) as f32;
+        let corners = [(0.0, 0.0), (end(own.width), 0.0), (0.0, end(own.height)), (end(own.width), end(own.height))];
+        let distance = |(x, y): (f32, f32)| {
+            let (ray_x, ray_y) = ((x - own.cx) / own.fx, (y - own.cy) / own.fy);
+            f64::from((ray_x * other.fx + other.cx - x).hypot(ray_y * other.fy + other.cy - y))
+        };
+        largest(corners.into_iter().map(distance))
     }
+
+    /// Returns how far apart two lenses move a pixel of an image of `self`, at most, pixels.
+    pub(crate) fn lens_distance(&self, other: &Self) -> f64 {
+        if self.distortion == other.distortion {
+            return 0.0;
+        }
+        let Intrinsics { fx, fy, cx, cy, width, height } = self.intrinsics;
+        let focal = dvec2(fx.into(), fy.into());
+        let last = (COMPARED_PLACES - 1) as f64;
+        let at = |column: usize, row: usize| {
+            let place = dvec2(column as f64, row as f64) / last * dvec2(width as f64, height as f64);
+            (place - dvec2(cx.into(), cy.into())) / focal
+        };
+        let distance =
+            |point: DVec2| ((self.distortion.distort(point) - other.distortion.distort(point)) * focal).length();
+        let rows = |column: usize| (0..COMPARED_PLACES).map(move |row| (column, row));
+        largest((0..COMPARED_PLACES).flat_map(rows).map(|(column, row)| distance(at(column, row))))
+    }
+
+    /// Returns true if two images have about the same shape.
+    pub(crate) fn has_shape_of(&self, other: &Self) -> bool {
+        has_shape((self.intrinsics.width, self.intrinsics.height), (other.intrinsics.width, other.intrinsics.height))
+    }
+}
+
+/// Returns true if two sizes, `(width, height)`, are those of one image at different resolutions.
+pub(crate) fn has_shape(one: (usize, usize), other: (usize, usize)) -> bool {
+    let (across, down) = (one.0 as f64 / other.0 as f64, one.1 as f64 / other.1 as f64);
+    // Half a pixel of rounding along the short side.
+    (across / down - 1.0).abs() <= 1.0 / one.1.min(other.1).min(one.0).min(other.0).max(1) as f64
+}
+
+/// Returns the largest of some numbers; infinity if one is NaN.
+fn largest(numbers: impl Iterator<Item = f64>) -> f64 {
+    numbers.map(|number| if number.is_nan() { f64::INFINITY } else { number }).fold(0.0, f64::max)
 }
 
 /// Undistortion map of the last camera used. Usually there is only one.

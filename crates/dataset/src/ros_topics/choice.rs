@@ -1,15 +1,22 @@
 //! Choice of a recording's topics: those named in the settings, otherwise the only suitable ones.
 
 use super::contents::{Content, Contents, Images, Topic};
-use super::frame_names::bare_frame;
+use super::frames::calibrations;
 use super::images::{COLOR_ENCODINGS, DEPTH_ENCODINGS, ImageKind};
 use super::poses::Poses;
+use super::world::tree_poses;
 use crate::error::NAMES_IN_MESSAGES;
-use crate::{DatasetError, DatasetSettings};
+use crate::own_camera::OwnCamera;
+use crate::plausibility::warn_once;
+use crate::{DatasetError, DatasetSettings, DepthRegistration};
 use std::path::Path;
 
 /// Suffixes of compressed versions of an image topic.
 const TRANSPORTS: [&str; 2] = ["/compressedDepth", "/compressed"];
+/// What to do without a camera info of colour, or of depth.
+const COLOR_INFO_REMEDY: &str = "--camera-info chooses one, or --fx describes the camera";
+const DEPTH_INFO_REMEDY: &str = "--set dataset.depth_camera_info=TOPIC chooses one, or --register-depth false takes the \
+                                 pixels of depth for those of colour";
 const TF: &str = "/tf";
 const TF_STATIC: &str = "/tf_static";
 /// Value of the setting `pose` for a recording whose poses are not used.
@@ -20,9 +27,11 @@ pub(crate) const NO_POSES: &str = "none";
 pub(crate) struct Choice<'a> {
     pub(crate) color: (&'a Topic, &'a Images),
     pub(crate) depth: (&'a Topic, &'a Images),
-    pub(crate) color_info: &'a Topic,
-    /// Equal to `color_info` if the depth camera has no camera info but the frame of the colour camera.
-    pub(crate) depth_info: &'a Topic,
+    /// `None` if the settings alone describe the camera.
+    pub(crate) color_info: Option<&'a Topic>,
+    /// Equal to `color_info` if the depth camera has no camera info but the frame of the colour camera. `None` if depth
+    /// is taken as that of the colour camera.
+    pub(crate) depth_info: Option<&'a Topic>,
     pub(crate) pose: PoseChoice<'a>,
 }
 
@@ -34,18 +43,16 @@ pub(crate) enum PoseChoice<'a> {
     /// A topic with poses.
     Topic(&'a Topic, &'a Poses),
     /// None.
-    None(NoPoses<'a>),
+    None(NoPoses),
 }
 
 /// Reason why a recording's frames have no poses.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum NoPoses<'a> {
+pub(crate) enum NoPoses {
     /// The settings say so.
     Chosen,
-    /// No topic has poses, and the frame of the colour images does not move in this one.
-    Stationary(&'a str),
-    /// No topic has poses, and the frame of the colour images is not in `/tf`.
-    NotInTree,
+    /// No topic has poses of the camera, and it does not move in `/tf`.
+    NotFound,
 }
 
 /// Chooses among the topics of a recording.
@@ -64,16 +71,24 @@ impl<'a> Chooser<'a> {
     pub(crate) fn choose(&self) -> Result<Choice<'a>, DatasetError> {
         let color = self.color()?;
         let depth = self.depth(color.1)?;
+        self.warn_of_eight_bits(depth.0);
+        let is_described = self.settings.fx.is_some();
         let color_info = match &self.settings.camera_info {
-            Some(name) => self.info_named("camera_info", name)?,
-            None => self.info_of(color)?.ok_or_else(|| self.no_info("colour", color.0, "--camera-info"))?,
+            Some(name) => Some(self.info_named("camera_info", name)?),
+            None => match self.info_of(color)? {
+                None if !is_described => return Err(self.no_info("colour", color.0, COLOR_INFO_REMEDY)),
+                info => info,
+            },
         };
+        let follows_color = depth.1.frame == color.1.frame
+            || self.settings.register_depth == DepthRegistration::False
+            || color_info.is_none();
         let depth_info = match &self.settings.depth_camera_info {
-            Some(name) => self.info_named("depth_camera_info", name)?,
+            Some(name) => Some(self.info_named("depth_camera_info", name)?),
             None => match self.info_of(depth)? {
-                Some(info) => info,
-                None if depth.1.frame == color.1.frame => color_info,
-                None => return Err(self.no_info("depth", depth.0, "--set dataset.depth_camera_info=TOPIC")),
+                None if follows_color => color_info,
+                None => return Err(self.no_info("depth", depth.0, DEPTH_INFO_REMEDY)),
+                info => info,
             },
         };
         Ok(Choice { color, depth, color_info, depth_info, pose: self.pose(color.1)? })
@@ -114,13 +129,22 @@ impl<'a> Chooser<'a> {
         if candidates.is_empty() {
             candidates = of_kind(ImageKind::Grey);
         }
+        // A JPEG that does not say what it was made of, beside depth of the same images.
+        let bases = self.images().filter(|(_, images)| images.kind == Some(ImageKind::Depth));
+        let bases: Vec<&str> = bases.map(|(topic, _)| without_transport(&topic.name)).collect();
+        candidates.retain(|(topic, _)| !bases.contains(&without_transport(&topic.name)));
         self.only(&candidates, "topics of colour images", "--color")
             .ok_or_else(|| self.no_images("colour images", COLOR_ENCODINGS))?
     }
 
     fn depth(&self, color: &Images) -> Result<(&'a Topic, &'a Images), DatasetError> {
         if let Some(name) = &self.settings.depth {
-            return self.image_named("depth", name);
+            let (topic, images) = self.image_named("depth", name)?;
+            if images.kind == Some(ImageKind::EightBitDepth) {
+                let found = format!("{name:?}, whose images have 8 bits ({})", images.encoding.trim());
+                return Err(self.error("dataset.depth", found, "a topic with depth of 16 or 32 bits"));
+            }
+            return Ok((topic, images));
         }
         let mut candidates =
             without_transports(self.images().filter(|(_, images)| images.kind == Some(ImageKind::Depth)));
@@ -131,6 +155,23 @@ impl<'a> Chooser<'a> {
         }
         self.only(&candidates, "topics of depth images", "--depth")
             .ok_or_else(|| self.no_images("depth images", DEPTH_ENCODINGS))?
+    }
+
+    /// Warns about depth of 8 bits beside the depth that is used.
+    fn warn_of_eight_bits(&self, used: &Topic) {
+        let is_beside = |(topic, images): &(&Topic, &Images)| {
+            let is_shallow = matches!(images.kind, Some(ImageKind::EightBitDepth | ImageKind::Color | ImageKind::Grey));
+            is_shallow && without_transport(&topic.name) == without_transport(&used.name)
+        };
+        for (topic, images) in self.images().filter(is_beside) {
+            warn_once(format!(
+                "{}: {} has depth of 8 bits ({}), which has lost its precision: {} is used",
+                self.path.display(),
+                topic.name,
+                images.encoding.trim(),
+                used.name
+            ));
+        }
     }
 
     /// Returns the only candidate, or an error that lists several; `None` if there are none.
@@ -188,25 +229,36 @@ impl<'a> Chooser<'a> {
     }
 
     /// Returns the camera info of images: the one next to them, or else the only one with their frame; `None` if there
-    /// is none.
+    /// is none. One without a usable camera is taken only if there is no other.
     fn info_of(&self, (topic, images): (&'a Topic, &'a Images)) -> Result<Option<&'a Topic>, DatasetError> {
         let base = without_transport(&topic.name);
         let folder = base.rsplit_once('/').map_or("", |(folder, _)| folder);
         let beside = format!("{folder}/camera_info");
-        if let Some((topic, _)) = self.infos().find(|(topic, _)| topic.name == beside) {
+        let own = OwnCamera::from_settings(self.settings).ok().flatten();
+        let is_usable = |topic: &Topic| calibrations(topic).iter().any(|(_, calibration)| calibration.is_usable(own));
+        let beside = self.infos().map(|(topic, _)| topic).find(|topic| topic.name == beside);
+        if let Some(topic) = beside.filter(|topic| is_usable(topic)) {
             return Ok(Some(topic));
         }
-        let same_frame: Vec<_> = self.infos().filter(|(_, frame)| *frame == images.frame).collect();
+        let same_frame: Vec<_> =
+            self.infos().filter(|(topic, frame)| *frame == images.frame && is_usable(topic)).collect();
         let field = format!("topics of camera infos of {}", topic.name);
-        self.only(&same_frame, &field, "--camera-info").transpose().map(|found| found.map(|(topic, _)| topic))
+        let found = self.only(&same_frame, &field, "--camera-info").transpose()?.map(|(topic, _)| topic);
+        if let (Some(beside), Some(found)) = (beside, found)
+            && let Some((_, first)) = calibrations(beside).first()
+        {
+            let path = self.path.display();
+            warn_once(format!("{path}: {}: {}: {} is used instead", beside.name, first.text(), found.name));
+        }
+        Ok(found.or(beside))
     }
 
-    fn no_info(&self, what: &str, topic: &Topic, flag: &str) -> DatasetError {
+    fn no_info(&self, what: &str, topic: &Topic, remedy: &str) -> DatasetError {
         let names: Vec<String> = self.infos().map(|(topic, frame)| format!("{} (frame {frame})", topic.name)).collect();
         let found =
             if names.is_empty() { "none".to_owned() } else { format!("none with its frame, but {}", listed(names)) };
         let expected = "a topic of sensor_msgs/msg/CameraInfo beside it, or with its frame";
-        self.error(format!("camera info of {what} ({})", topic.name), found, format!("{expected}; {flag} chooses one"))
+        self.error(format!("camera info of {what} ({})", topic.name), found, format!("{expected}; {remedy}"))
     }
 
     fn pose_topics(&self) -> impl Iterator<Item = (&'a Topic, &'a Poses)> {
@@ -217,7 +269,6 @@ impl<'a> Chooser<'a> {
     }
 
     fn pose(&self, color: &'a Images) -> Result<PoseChoice<'a>, DatasetError> {
-        let tree = &self.contents.tree;
         if let Some(name) = &self.settings.pose {
             if name == NO_POSES {
                 return Ok(PoseChoice::None(NoPoses::Chosen));
@@ -233,15 +284,10 @@ impl<'a> Chooser<'a> {
                 self.error("dataset.pose", format!("{name:?}"), expected)
             });
         }
-        let root = self
-            .settings
-            .world_frame
-            .as_deref()
-            .map(bare_frame)
-            .or_else(|| tree.ancestors(&color.frame).last().copied());
-        let route = root.and_then(|root| tree.route(&color.frame, root));
-        let is_requested = self.settings.world_frame.is_some() && tree.has(&color.frame);
-        if is_requested || route.is_some_and(|route| tree.is_moving(&route)) {
+        let tree = &self.contents.tree;
+        let found = tree_poses(self.contents, self.settings, &color.frame);
+        let is_requested = self.settings.world_frame.is_some() && tree.has(found.body);
+        if is_requested || found.moves(tree) {
             return Ok(PoseChoice::Tree);
         }
         let candidates: Vec<_> = self.pose_topics().collect();
@@ -249,10 +295,7 @@ impl<'a> Chooser<'a> {
             Some(only) => only.map(|(topic, poses)| PoseChoice::Topic(topic, poses)),
             // Poses are wanted, so their lack is an error.
             None if self.settings.world_frame.is_some() => Ok(PoseChoice::Tree),
-            None => Ok(PoseChoice::None(match tree.ancestors(&color.frame).last().copied() {
-                Some(root) if root != color.frame => NoPoses::Stationary(root),
-                _ => NoPoses::NotInTree,
-            })),
+            None => Ok(PoseChoice::None(NoPoses::NotFound)),
         }
     }
 }

@@ -49,6 +49,17 @@ pub(crate) fn decode_compressed_depth(
     Ok(numbers.map(|number| scale.metres(*number)))
 }
 
+/// Returns the image after the parameters.
+pub(crate) fn image_part(data: &[u8]) -> &[u8] {
+    data.get(PARAMETER_BYTES..).unwrap_or_default()
+}
+
+/// Returns the size stated before RVL data, `(width, height)`.
+pub(crate) fn rvl_size(stored: &[u8]) -> Option<(usize, usize)> {
+    let side = |at: usize| Some(u32::from_le_bytes(*stored.get(at..)?.first_chunk()?) as usize);
+    side(0).zip(side(4))
+}
+
 fn wrong(path: &Path, found: String, expected: &str) -> DatasetError {
     let field = "compressed depth image".to_owned();
     DatasetError::Field { path: path.to_owned(), field, found, expected: expected.to_owned() }

@@ -4,9 +4,10 @@ use super::cameras::Calibration;
 use super::clock::{Order, Recorded, Stamped, Timeline};
 use super::corrections::PathPoses;
 use super::frame_names::{frame_name, one_line};
-use super::images::{ImageKind, compressed_kind, raw_kind};
+use super::images::{ImageKind, compressed_kind, compressed_size, raw_kind};
 use super::poses::{PoseType, Poses, rigid_of_transform};
-use super::transforms::{Instant, Sample, TransformTree};
+use super::transform_tree::TransformTree;
+use super::transforms::{Instant, Sample};
 use crate::DatasetError;
 use splatseg_files::{MemoryLimit, display_bytes};
 use splatseg_ros::{CameraInfo, CdrError, CompressedImage, Image, TfMessage, Time, from_cdr};
@@ -15,6 +16,8 @@ use std::path::{Path, PathBuf};
 
 /// Divisor of the memory limit that gives the limit of the list of messages.
 const MEMORY_PART: u64 = 4;
+/// Number of compressed images whose size is read if that of those before cannot be.
+const SIZE_TRIES: usize = 8;
 /// Memory per topic, in addition to its names.
 pub(crate) const TOPIC_BYTES: u64 = 512;
 
@@ -100,6 +103,8 @@ pub(crate) struct Images {
     pub(crate) encoding: String,
     /// Coordinate frame of the first image.
     pub(crate) frame: String,
+    /// Size of the first image, `(width, height)`, as far as it can be read.
+    pub(crate) size: Option<(usize, usize)>,
     /// In file order, until they are sorted.
     pub(crate) list: Vec<StampedPlace>,
     pub(crate) timeline: Timeline<StampedPlace>,
@@ -346,11 +351,16 @@ impl Images {
         message: &TopicMessage<'_>,
         stamp_of: impl Fn(Time) -> i64,
     ) -> Result<u64, CdrError> {
+        let needs_size = self.size.is_none() && self.list.len() < SIZE_TRIES;
         let (header, kind, encoding) = if self.is_compressed {
             let image: CompressedImage<'_> = from_cdr(message.data)?;
+            if needs_size {
+                self.size = compressed_size(&image);
+            }
             (image.header.clone(), compressed_kind(topic, &image), image.format)
         } else {
             let image: Image<'_> = from_cdr(message.data)?;
+            self.size.get_or_insert((image.width as usize, image.height as usize));
             (image.header, raw_kind(topic, image.encoding), image.encoding)
         };
         if self.kind.is_none() {

@@ -7,6 +7,7 @@ use super::frame_names::{bare_frame, frame_name};
 use super::frames::{FrameMaker, PairedFrame};
 use super::poses::rigid_of_pose;
 use super::transforms::Rigid;
+use super::world::tree_poses;
 use crate::DatasetError;
 use crate::corrections::CorrectionList;
 use splatseg_ros::{CdrError, NavPath, from_cdr};
@@ -37,6 +38,11 @@ pub(crate) struct PathPoses {
 }
 
 impl PathPoses {
+    /// Returns true if no message had poses with times.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.poses.is_empty()
+    }
+
     /// Records the poses of a message that have changed. Returns the memory they use, bytes.
     pub(crate) fn record(&mut self, data: &[u8], recorded: Recorded) -> Result<u64, CdrError> {
         let path: NavPath = from_cdr(data)?;
@@ -91,8 +97,7 @@ impl<'a> FrameMaker<'a> {
         let world_from_path = if path.world.is_empty() || path.world == world {
             Some(Rigid::IDENTITY)
         } else {
-            let route = tree.route(&path.world, world).filter(|route| !tree.is_moving(route));
-            route.and_then(|route| tree.fixed_transform(&route))
+            tree.fixed_transform(&path.world, world)
         };
         let Some(world_from_path) = world_from_path else {
             return nothing(format!("{} is in {}, the poses are in {world}", topic.name, path.world));
@@ -131,12 +136,7 @@ impl<'a> FrameMaker<'a> {
     fn world_of_poses(&self) -> Option<&str> {
         let camera = self.choice.color.1.frame.as_str();
         match self.choice.pose {
-            PoseChoice::Tree => self
-                .settings
-                .world_frame
-                .as_deref()
-                .map(bare_frame)
-                .or_else(|| self.contents.tree.ancestors(camera).last().copied()),
+            PoseChoice::Tree => Some(tree_poses(self.contents, self.settings, camera).world),
             PoseChoice::Topic(_, poses) => Some(&poses.world),
             PoseChoice::None(_) => None,
         }
@@ -147,10 +147,7 @@ impl<'a> FrameMaker<'a> {
     fn path_body(&self) -> (&str, Rigid) {
         let tree = &self.contents.tree;
         let camera = self.choice.color.1.frame.as_str();
-        let fixed = |body: &str| {
-            let route = tree.route(camera, body).filter(|route| !tree.is_moving(route))?;
-            tree.fixed_transform(&route)
-        };
+        let fixed = |body: &str| tree.fixed_transform(camera, body);
         let named = self.settings.pose_frame.as_deref().map(bare_frame).or(match self.choice.pose {
             PoseChoice::Topic(_, poses) => Some(poses.body.as_deref().unwrap_or(camera)),
             _ => None,

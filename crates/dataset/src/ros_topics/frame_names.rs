@@ -1,8 +1,8 @@
 //! Names of coordinate frames and topics.
 
-/// Removes the leading slash of ROS 1 from a frame's name.
+/// Removes leading slashes, as of ROS 1, from a frame's name.
 pub(crate) fn bare_frame(name: &str) -> &str {
-    name.strip_prefix('/').unwrap_or(name)
+    name.trim_start_matches('/')
 }
 
 /// Replaces control characters in a name from a file, because messages are one line.

@@ -1,23 +1,31 @@
 //! Frames: pairs of colour and depth, with a camera pose if there is one.
 
-use super::cameras::{Calibration, Camera};
+use super::cameras::{Calibration, Camera, ImageFacts};
 use super::choice::{Choice, NoPoses, PoseChoice};
 use super::clock::{Recorded, Stamped, Timeline};
 use super::contents::{Content, Contents, Images, MessagePlace, StampedPlace, Topic};
 use super::frame_names::bare_frame;
-use super::transforms::{Instant, Rigid, Route, Tolerance};
+use super::transform_tree::{Purpose, Route};
+use super::transforms::{Instant, Rigid, Tolerance};
+use super::world::{TreePoses, no_poses_text, tree_poses};
+use crate::own_camera::OwnCamera;
 use crate::plausibility::warn_once;
 use crate::recorded_poses::PoseCoverage;
 use crate::stamps::time_range;
 use crate::tum::associate;
 use crate::{DatasetError, DatasetSettings, LeftOut};
-use splatseg_geometry::{Intrinsics, Pose};
+use splatseg_geometry::{Distortion, Intrinsics, Pose};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Maximum time of a camera info before the first image or after the last, nanoseconds.
 const INFO_SLACK: i64 = 10_000_000_000;
 const NANOSECONDS_PER_MS: f64 = 1e6;
+/// Names of frames that have x forward (REP 103), besides those that end in `link`.
+const LINK_FRAMES: [&str; 5] = ["base_footprint", "base", "body", "chassis", "robot"];
+/// Angle of a transform that may turn a link into an optical frame, radians. It is 120 degrees for a camera that looks
+/// ahead.
+const OPTICAL_TURN: f64 = 0.8;
 
 /// A frame whose images have not been read yet.
 #[derive(Clone, Copy, Debug)]
@@ -33,10 +41,16 @@ pub(crate) struct PairedFrame {
     pub(crate) cameras: (usize, usize),
 }
 
+/// Name of the camera of the settings in descriptions.
+const OWN_CAMERA: &str = "dataset.fx, fy, cx and cy";
+/// Name of a depth camera that nothing describes.
+const UNKNOWN_CAMERA: &str = "as colour's";
+
 /// The cameras of a topic, each valid from some time on.
 #[derive(Debug)]
 pub(crate) struct Cameras {
     pub(crate) topic: String,
+    /// Empty if nothing describes them.
     pub(crate) list: Vec<Camera>,
     /// The messages that describe them.
     starts: Vec<StampedPlace>,
@@ -45,20 +59,81 @@ pub(crate) struct Cameras {
 }
 
 impl Cameras {
-    /// Returns the cameras described by a topic, for the images of topic `images`.
-    pub(crate) fn new(topic: &Topic, images: &Topic, path: &Path) -> Result<Self, DatasetError> {
-        let list: &[(StampedPlace, Calibration)] = match &topic.content {
-            Content::Calibrations { list, .. } => list,
-            _ => &[],
-        };
-        // Names of undistorted images in drivers and image_proc: image_rect, image_rect_raw, image_rect_color.
-        let is_rectified = images.name.contains("image_rect");
+    /// Returns the cameras of images: described by a topic, or by the settings alone. Camera infos without a usable camera
+    /// are left out if there are others.
+    ///
+    /// # Errors
+    /// If no camera info has a usable camera, or the lens of one is not supported.
+    pub(crate) fn new(
+        info: Option<&Topic>,
+        images: (&Topic, &Images),
+        own: Option<OwnCamera>,
+        path: &Path,
+    ) -> Result<Self, DatasetError> {
+        let facts = image_facts(images, own);
+        let Some(topic) = info else { return Self::of_settings(facts, path) };
         let place = format!("{}: {}", path.display(), topic.name);
-        let cameras = list.iter().map(|(_, calibration)| calibration.camera(is_rectified, Path::new(&place)));
-        let list_of_cameras = cameras.collect::<Result<Vec<_>, _>>()?;
-        let starts: Vec<StampedPlace> = list.iter().map(|(place, _)| *place).collect();
-        let in_order = starts.is_sorted_by_key(|start| start.stamp) && starts.iter().all(|start| fits(start, images));
-        Ok(Self { topic: topic.name.clone(), list: list_of_cameras, starts, in_order })
+        let (mut list, mut starts, mut unusable) = (Vec::new(), Vec::new(), None);
+        for (start, calibration) in calibrations(topic) {
+            match calibration.camera(facts, Path::new(&place)) {
+                Ok(camera) => {
+                    list.push(camera);
+                    starts.push(*start);
+                }
+                Err(DatasetError::Intrinsics { .. }) => {
+                    let (count, _) = unusable.get_or_insert((0, calibration));
+                    *count += 1;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        match unusable {
+            Some((_, first)) if list.is_empty() => {
+                let expected =
+                    "the focal lengths and principal point of a camera: give them with --fx (--fy, --cx, --cy)";
+                return Err(DatasetError::Field {
+                    path: place.into(),
+                    field: "camera info".to_owned(),
+                    found: first.text(),
+                    expected: expected.to_owned(),
+                });
+            }
+            Some((count, first)) => {
+                warn_once(format!("{place}: {count} camera infos are left out, as {}", first.text()));
+            }
+            None => {}
+        }
+        let only_p = |(_, calibration): &&(StampedPlace, Calibration)| calibration.has_only_p(facts);
+        if let (None, Some((_, first))) = (own, calibrations(topic).iter().find(only_p)) {
+            warn_once(format!(
+                "{place}: {}: P is used as the camera's intrinsics; --fx (--fy, --cx, --cy) gives other ones",
+                first.text()
+            ));
+        }
+        let in_order = starts.is_sorted_by_key(|start: &StampedPlace| start.stamp)
+            && starts.iter().all(|start| fits(start, images.1));
+        Ok(Self { topic: topic.name.clone(), list, starts, in_order })
+    }
+
+    /// Returns the camera of the settings, for images that nothing else describes; no camera if there is none.
+    fn of_settings(facts: ImageFacts, path: &Path) -> Result<Self, DatasetError> {
+        let list = match facts.own {
+            None => Vec::new(),
+            Some(own) => {
+                let size = facts.size.unwrap_or_default();
+                let intrinsics = own.intrinsics(size).validated();
+                let intrinsics =
+                    intrinsics.map_err(|source| DatasetError::Intrinsics { path: path.to_owned(), source })?;
+                vec![Camera { intrinsics, distortion: Distortion::None }]
+            }
+        };
+        let topic = if facts.own.is_some() { OWN_CAMERA } else { UNKNOWN_CAMERA };
+        Ok(Self { topic: topic.to_owned(), list, starts: Vec::new(), in_order: true })
+    }
+
+    /// Returns cameras that nothing describes.
+    pub(crate) fn unknown() -> Self {
+        Self { topic: UNKNOWN_CAMERA.to_owned(), list: Vec::new(), starts: Vec::new(), in_order: true }
     }
 
     /// Replaces the intrinsics. `of_size` returns them for images of a size, `(width, height)`.
@@ -138,31 +213,31 @@ impl<'a> FrameMaker<'a> {
         DatasetError::Field { path: self.path.to_owned(), field: field.to_owned(), found, expected }
     }
 
-    /// Returns the source of the poses, and its description.
+    /// Returns the source of the poses, and its description. Warns about contradictory transforms, and poses of another
+    /// body that are taken for the camera's.
+    ///
+    /// # Errors
+    /// If poses are to come from `/tf`, which does not connect the camera to a world.
     pub(crate) fn pose_source(&self) -> Result<(PoseSource, String), DatasetError> {
         let tree = &self.contents.tree;
         let camera = self.choice.color.1.frame.as_str();
         match self.choice.pose {
-            PoseChoice::Tree => {
-                let world = self.tree_world(camera);
-                let route = tree.route(camera, world).filter(|_| tree.has(camera));
-                let route = route.ok_or_else(|| {
-                    let frames = super::choice::listed(tree.frames().into_iter().map(str::to_owned).collect());
-                    let expected = format!("a frame connected to {camera:?} by /tf; frames: {frames}");
-                    self.error("dataset.world_frame", format!("{world:?}"), expected)
-                })?;
-                let text = format!("/tf, from {camera} to {world}");
-                Ok((PoseSource::Tree(route), text))
-            }
+            PoseChoice::Tree => self.tree_source(camera),
             PoseChoice::Topic(topic, poses) => {
                 let named = self.settings.pose_frame.as_deref().map(bare_frame).or(poses.body.as_deref());
-                let route =
-                    named.and_then(|body| tree.route(camera, body).filter(|_| body == camera || tree.has(camera)));
-                let fixed = route.filter(|route| !tree.is_moving(route)).and_then(|route| tree.fixed_transform(&route));
+                let fixed = named
+                    .filter(|body| *body == camera || tree.has(camera))
+                    .and_then(|body| tree.fixed_transform(camera, body));
+                if let (Some(body), Some(_)) = (named, fixed) {
+                    self.warn_of_contradictions(tree.route(camera, body, Purpose::Fixed).as_ref());
+                }
+                let turn = fixed.map_or(0.0, |fixed| fixed.apart(&Rigid::IDENTITY).1);
+                self.hint_at_link_frame(named.filter(|body| *body == camera || fixed.is_some()), camera, turn);
                 let of = match (named, fixed) {
                     (Some(body), Some(_)) if body == camera => format!("of the camera, {camera}"),
                     (Some(body), Some(_)) => format!("of {body}, with /tf_static from {camera}"),
                     (Some(body), None) => {
+                        self.warn_of_other_body(&topic.name, body, camera);
                         format!("of {body}, assumed to be the camera: /tf_static does not connect {camera} to it")
                     }
                     (None, _) => {
@@ -176,20 +251,94 @@ impl<'a> FrameMaker<'a> {
                     .map_or(PoseSource::None, |index| PoseSource::Topic(index, fixed.unwrap_or(Rigid::IDENTITY)));
                 Ok((source, text))
             }
-            PoseChoice::None(reason) => Ok((PoseSource::None, no_poses_text(reason, camera))),
+            PoseChoice::None(NoPoses::Chosen) => Ok((PoseSource::None, "none (dataset.pose)".to_owned())),
+            PoseChoice::None(NoPoses::NotFound) => {
+                Ok((PoseSource::None, no_poses_text(self.contents, self.settings, camera)))
+            }
         }
     }
 
-    /// Returns the world frame if poses come from `/tf`: the one that the settings name, or the root above the camera.
-    fn tree_world<'n>(&'n self, camera: &'n str) -> &'n str {
-        let named = self.settings.world_frame.as_deref().map(bare_frame);
-        named.or_else(|| self.contents.tree.ancestors(camera).last().copied()).unwrap_or(camera)
+    /// Returns the source of poses in `/tf`, and its description.
+    fn tree_source(&self, camera: &str) -> Result<(PoseSource, String), DatasetError> {
+        let tree = &self.contents.tree;
+        let listed = |frames: Vec<&str>| super::choice::listed(frames.into_iter().map(str::to_owned).collect());
+        let TreePoses { body, world, route, remark, candidates } = tree_poses(self.contents, self.settings, camera);
+        if self.settings.world_frame.is_none() && !candidates.is_empty() {
+            let found = format!("{camera:?}, relative to which these move: {}", listed(candidates));
+            let expected = "a parent in /tf in which it moves: name the world with --world-frame, or use --pose /tf_static \
+                            for a stationary camera";
+            return Err(self.error("frame of the colour images", found, expected.to_owned()));
+        }
+        let Some(route) = route else {
+            let frames = listed(tree.frames());
+            let (field, found) = match self.settings.world_frame {
+                Some(_) => ("dataset.world_frame", format!("{world:?}")),
+                None => ("frame of the colour images", format!("{camera:?}")),
+            };
+            let expected = match (tree.has(body), self.settings.world_frame.is_some()) {
+                (true, true) => format!("a frame connected to {body:?} by /tf; frames: {frames}"),
+                _ => format!(
+                    "a frame in /tf: record /tf_static, or take the poses of a frame for the camera's with --pose-frame; \
+                     frames: {frames}"
+                ),
+            };
+            return Err(self.error(field, found, expected));
+        };
+        if let Some(remark) = remark {
+            warn_once(format!("{}: {remark}", self.path.display()));
+        }
+        self.warn_of_contradictions(Some(&route));
+        self.hint_at_link_frame(Some(body).filter(|body| *body == camera), camera, tree.largest_fixed_turn(&route));
+        if body != camera {
+            self.warn_of_other_body("/tf", body, camera);
+            return Ok((PoseSource::Tree(route), format!("/tf, from {body}, assumed to be the camera, to {world}")));
+        }
+        Ok((PoseSource::Tree(route), format!("/tf, from {camera} to {world}")))
+    }
+
+    /// Hints that the camera's frame may have x forward instead of z, by its name alone: it is that of a link, and no
+    /// transform turns it as an optical frame is turned. `connected` is a frame with poses that is connected to it.
+    fn hint_at_link_frame(&self, connected: Option<&str>, camera: &str, largest_turn: f64) {
+        let name = camera.rsplit('/').next().unwrap_or_default().to_ascii_lowercase();
+        let is_link = name.ends_with("link") || LINK_FRAMES.contains(&name.as_str());
+        if connected.is_some() && is_link && !name.contains("optical") && largest_turn < OPTICAL_TURN {
+            warn_once(format!(
+                "{}: the images are in {camera}, whose name is that of a link (x forward), not of an optical frame (z \
+                 forward): if its poses have x forward, say so with --pose-convention",
+                self.path.display()
+            ));
+        }
+    }
+
+    /// Warns about frames with several parents and about transforms that are static and moving, along a route.
+    fn warn_of_contradictions(&self, route: Option<&Route>) {
+        for line in route.into_iter().flat_map(|route| self.contents.tree.contradictions(route)) {
+            warn_once(format!("{}: {line}", self.path.display()));
+        }
+    }
+
+    /// Warns about contradictory transforms between the frames of depth and colour.
+    pub(super) fn warn_of_fixed_contradictions(&self) {
+        let (color, depth) = (&self.choice.color.1.frame, &self.choice.depth.1.frame);
+        self.warn_of_contradictions(self.contents.tree.route(depth, color, Purpose::Fixed).as_ref());
+    }
+
+    /// Warns that the poses of another body are taken for the camera's.
+    fn warn_of_other_body(&self, topic: &str, body: &str, camera: &str) {
+        warn_once(format!(
+            "{}: {topic} has poses of {body}, and no transform connects {camera} to it: they are taken for the camera's; \
+             record /tf_static, name another frame with --pose-frame, or say with --pose-convention that {body} has x \
+             forward",
+            self.path.display()
+        ));
     }
 
     /// Returns the name of the frame that poses are in; `None` if there are none, or they do not name it.
     pub(crate) fn world_frame(&self) -> Option<String> {
         match self.choice.pose {
-            PoseChoice::Tree => Some(self.tree_world(&self.choice.color.1.frame).to_owned()),
+            PoseChoice::Tree => {
+                Some(tree_poses(self.contents, self.settings, &self.choice.color.1.frame).world.to_owned())
+            }
             PoseChoice::Topic(_, poses) => Some(poses.world.clone()).filter(|world| !world.is_empty()),
             PoseChoice::None(_) => None,
         }
@@ -295,22 +444,19 @@ impl<'a> FrameMaker<'a> {
             ));
         }
     }
+}
 
-    /// Returns the transform from depth camera to colour camera coordinates; `None` if their frames are the same.
-    pub(crate) fn color_from_depth(&self) -> Result<Option<Rigid>, DatasetError> {
-        let (color, depth) = (&self.choice.color.1.frame, &self.choice.depth.1.frame);
-        if color == depth {
-            return Ok(None);
-        }
-        let tree = &self.contents.tree;
-        let route = tree.route(depth, color).filter(|route| !tree.is_moving(route));
-        let transform = route.and_then(|route| tree.fixed_transform(&route));
-        transform.map(Some).ok_or_else(|| {
-            let found = format!("depth in frame {depth:?}, colour in frame {color:?}");
-            let expected =
-                "a fixed transform between them in /tf_static, or depth that is registered to colour (--depth)";
-            self.error("frames of the cameras", found, expected.to_owned())
-        })
+/// Returns what is known about the images of a topic. `own` is the camera of the settings, if it is theirs.
+pub(crate) fn image_facts((topic, images): (&Topic, &Images), own: Option<OwnCamera>) -> ImageFacts {
+    // Names of undistorted images in drivers and image_proc: image_rect, image_rect_raw, image_rect_color.
+    ImageFacts { is_rectified: topic.name.contains("image_rect"), size: images.size, own }
+}
+
+/// Returns the camera infos of a topic that differ.
+pub(crate) fn calibrations(topic: &Topic) -> &[(StampedPlace, Calibration)] {
+    match &topic.content {
+        Content::Calibrations { list, .. } => list,
+        _ => &[],
     }
 }
 
@@ -343,24 +489,15 @@ pub(crate) fn paired(
 
 /// Returns true if a message's stamp matches those of the images, to within seconds. A camera info has the stamp of its
 /// image.
-fn fits(message: &StampedPlace, images: &Topic) -> bool {
-    let Content::Images(Images { timeline, .. }) = &images.content else { return true };
-    timeline.stretches.iter().any(|stretch| {
+fn fits(message: &StampedPlace, images: &Images) -> bool {
+    if images.timeline.is_empty() {
+        return true;
+    }
+    images.timeline.stretches.iter().any(|stretch| {
         let ends =
             [stretch.messages.first(), stretch.messages.last()].map(|end| end.map_or(message.stamp, |end| end.stamp));
         message.stamp >= ends[0].saturating_sub(INFO_SLACK) && message.stamp <= ends[1].saturating_add(INFO_SLACK)
     })
-}
-
-fn no_poses_text(reason: NoPoses<'_>, camera: &str) -> String {
-    let missing = "none: no topic has poses";
-    match reason {
-        NoPoses::Chosen => "none (dataset.pose)".to_owned(),
-        NoPoses::Stationary(root) => {
-            format!("{missing}, and {camera} does not move in {root}; for a stationary camera use --pose /tf_static")
-        }
-        NoPoses::NotInTree => format!("{missing}, and {camera:?} is not in /tf"),
-    }
 }
 
 /// Returns the first and last stamp of a topic, for messages.

@@ -1,8 +1,10 @@
 //! Decoding of image messages.
 
-use super::compressed_depth::decode_compressed_depth;
+use super::compressed_depth::{decode_compressed_depth, image_part, rvl_size};
 use crate::DatasetError;
-use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MAX_PIXELS, decode_color, decode_depth, require_decoding_memory};
+use crate::decode::{
+    COLOR_IMAGE, DEPTH_IMAGE, MAX_PIXELS, decode_color, decode_depth, encoded_size, require_decoding_memory,
+};
 use crate::depth_scale::DepthScale;
 use splatseg_geometry::Image;
 use splatseg_ros::{CompressedImage, Image as RawImage};
@@ -15,6 +17,10 @@ pub(crate) const COLOR_ENCODINGS: &str =
 pub(crate) const DEPTH_ENCODINGS: &str =
     "16UC1, mono16, 32FC1, or CompressedImage with PNG of 16 bits or compressedDepth";
 
+/// First bytes of every PNG, and the place of its bit depth.
+const PNG_START: &[u8] = b"\x89PNG";
+const BIT_DEPTH_AT: usize = 24;
+
 /// Kind of an image, according to its encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ImageKind {
@@ -22,6 +28,8 @@ pub(crate) enum ImageKind {
     /// Grey: used as colour if there is no other, but often infrared.
     Grey,
     Depth,
+    /// Depth that was converted to 8 bits, as by a JPEG: most of its precision is lost, so it is not used.
+    EightBitDepth,
     /// Unsupported.
     Other,
 }
@@ -70,12 +78,28 @@ pub(crate) fn compressed_kind(topic: &str, message: &CompressedImage<'_>) -> Ima
     match message.format.split(';').next().unwrap_or_default().trim() {
         _ if !is_file => ImageKind::Other,
         "mono8" => ImageKind::Grey,
-        "16UC1" => ImageKind::Depth,
-        "mono16" if topic.contains("depth") => ImageKind::Depth,
+        "16UC1" | "32FC1" => depth_kind(message.data),
+        "mono16" if topic.contains("depth") => depth_kind(message.data),
         "mono16" => ImageKind::Other,
         // Bit depth and colour type of a PNG.
         _ if message.data.starts_with(b"\x89PNG") && message.data.get(24..26) == Some(&[16, 0]) => ImageKind::Depth,
         _ => ImageKind::Color,
+    }
+}
+
+/// Returns the kind of an image file that was made of depth.
+fn depth_kind(data: &[u8]) -> ImageKind {
+    let is_deep = data.starts_with(PNG_START) && data.get(BIT_DEPTH_AT).is_none_or(|bits| *bits == 16);
+    if is_deep { ImageKind::Depth } else { ImageKind::EightBitDepth }
+}
+
+/// Returns the size of a compressed image, `(width, height)`, if its header can be read.
+pub(crate) fn compressed_size(message: &CompressedImage<'_>) -> Option<(usize, usize)> {
+    let data = if is_compressed_depth(message.format) { image_part(message.data) } else { message.data };
+    if data.starts_with(b"\xFF\xD8") || data.starts_with(PNG_START) {
+        encoded_size(Path::new(""), COLOR_IMAGE, data).ok()
+    } else {
+        is_compressed_depth(message.format).then(|| rvl_size(data)).flatten()
     }
 }
 
@@ -324,5 +348,10 @@ mod tests {
         assert_eq!(kind("h264", b"\0\0\0\x01"), ImageKind::Other);
         assert_eq!(kind("16UC1; compressedDepth", b""), ImageKind::Depth);
         assert_eq!(kind("16UC1; png compressed ", b"\x89PNG"), ImageKind::Depth);
+        let png = |bits: u8| [b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01".as_slice(), &[bits, 0]].concat();
+        assert_eq!(kind("16UC1; png compressed ", &png(16)), ImageKind::Depth);
+        assert_eq!(kind("16UC1; png compressed ", &png(8)), ImageKind::EightBitDepth);
+        assert_eq!(kind("16UC1; jpeg compressed mono8", b"\xFF\xD8\xFF"), ImageKind::EightBitDepth);
+        assert_eq!(kind("32FC1; jpeg compressed mono8", b"\xFF\xD8\xFF"), ImageKind::EightBitDepth);
     }
 }

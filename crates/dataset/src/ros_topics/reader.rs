@@ -1,18 +1,19 @@
 //! Reading of a frame's images: decoding, undistortion, and registration of depth to colour.
 
-use super::cameras::{Camera, UndistortionCache};
+use super::cameras::{Camera, UndistortionCache, has_shape};
 use super::choice::Choice;
 use super::contents::{Images, MessagePlace, Topic};
 use super::frames::{Cameras, FrameMaker, PairedFrame};
 use super::images;
-use super::transforms::Rigid;
-use crate::DatasetError;
+use super::registration::{Alignment, Decision, decide};
 use crate::depth_scale::DepthScale;
 use crate::own_camera::OwnCamera;
+use crate::plausibility::warn_once;
 use crate::register::{CameraPair, register_depth};
 use crate::resample::{ImageMap, resample_color};
 use crate::scene::{entry, require_registered};
 use crate::undistort::Undistortion;
+use crate::{DatasetError, DepthRegistration};
 use glam::DVec3;
 use splatseg_geometry::{Image, Intrinsics, Pose};
 use splatseg_ros::{CompressedImage, Image as RawImage, from_cdr};
@@ -29,7 +30,7 @@ pub(crate) struct FrameReader {
     pub(crate) own_camera: Option<OwnCamera>,
     pub(crate) color: ImageSource,
     pub(crate) depth: ImageSource,
-    registration: Option<Registration>,
+    alignment: Alignment,
 }
 
 /// Images of a topic, and the cameras that took them.
@@ -43,12 +44,6 @@ pub(crate) struct ImageSource {
     undistortion: UndistortionCache,
 }
 
-/// Transform for registering depth to the colour camera.
-#[derive(Clone, Copy, Debug)]
-struct Registration {
-    color_from_depth: Pose,
-}
-
 /// Gives the data of messages, and describes messages of a topic for errors.
 pub(crate) struct MessageSource<Data, Place> {
     pub(crate) data: Data,
@@ -56,39 +51,61 @@ pub(crate) struct MessageSource<Data, Place> {
 }
 
 impl FrameReader {
-    /// Prepares reading the topics chosen by `maker`, with the cameras described so far.
+    /// Prepares reading the topics chosen by `maker`, with the cameras described so far. Warns about camera infos that
+    /// contradict each other.
     ///
     /// # Errors
     /// If a camera info or a setting is invalid, or depth is in another frame and nothing connects them.
     pub(crate) fn new(maker: &FrameMaker<'_>) -> Result<Self, DatasetError> {
         let (choice, path) = (&maker.choice, maker.path);
         let own_camera = OwnCamera::from_settings(maker.settings)?;
-        let mut color = ImageSource::new(choice.color, choice.color_info, path)?;
-        let mut depth = ImageSource::new(choice.depth, choice.depth_info, path)?;
-        depth.depth_scale = DepthScale::from_settings(maker.settings);
-        if let Some(camera) = own_camera {
-            replace_camera(&camera, choice, (&mut color, &mut depth));
+        let color = Cameras::new(choice.color_info, choice.color, own_camera, path)?;
+        let mut depth = depth_cameras(maker, own_camera)?;
+        let Decision { alignment, warning } = decide(maker, own_camera, (&color, &depth))?;
+        if let Some(warning) = warning {
+            warn_once(format!("{}: {warning}", path.display()));
         }
-        let registration = registration(maker, &color, &depth)?;
-        Ok(Self { own_camera, color, depth, registration })
+        if let (Some(_), Alignment::SameCamera, Some(camera)) = (own_camera, alignment, color.list.first()) {
+            let camera = camera.intrinsics;
+            depth.replace_intrinsics(|(width, height)| camera.resized(width, height));
+        }
+        let source = |(topic, images): (&Topic, &Images), cameras| ImageSource {
+            topic: topic.name.clone(),
+            is_compressed: images.is_compressed,
+            cameras,
+            depth_scale: DepthScale::from_settings(maker.settings),
+            undistortion: UndistortionCache::default(),
+        };
+        let (color, depth) = (source(choice.color, color), source(choice.depth, depth));
+        Ok(Self { own_camera, color, depth, alignment })
     }
 
     /// Describes the images, for people. `choice` is that of [`Self::new`].
     pub(crate) fn sources(&self, choice: &Choice<'_>) -> [String; 2] {
-        let registered = if self.registration.is_some() { ", registered to colour here" } else { "" };
+        let size = |source: &ImageSource| {
+            let camera = source.cameras.list.first()?.intrinsics;
+            Some((camera.width, camera.height))
+        };
+        let is_resized = || size(&self.color).zip(size(&self.depth)).is_some_and(|(color, depth)| color != depth);
+        let aligned = match self.alignment {
+            Alignment::Registered { .. } => ", registered to colour here",
+            Alignment::SameCamera if is_resized() => ", registered to colour here",
+            Alignment::SameCamera => "",
+            Alignment::AsColor => ", taken as registered to colour",
+        };
         [
             source_text("colour", choice.color, &self.color.cameras.topic),
-            source_text("depth", choice.depth, &self.depth.cameras.topic) + registered,
+            source_text("depth", choice.depth, &self.depth.cameras.topic) + aligned,
         ]
     }
 
-    /// Reads and undistorts an image of a frame. Also returns its camera.
-    fn read_image<'s, T, D>(
-        source: &'s ImageSource,
+    /// Decodes an image of a frame. Also returns its place, for errors.
+    fn decode<T, D>(
+        source: &ImageSource,
         messages: &MessageSource<impl Fn(MessagePlace) -> Result<D, DatasetError>, impl Fn(&str) -> PathBuf>,
-        (message, camera): (MessagePlace, usize),
+        message: MessagePlace,
         decode: &ImageDecoder<T>,
-    ) -> Result<(Image<T>, &'s Camera), DatasetError>
+    ) -> Result<(Image<T>, PathBuf), DatasetError>
     where
         T: Clone + 'static,
         D: Deref<Target = [u8]>,
@@ -104,6 +121,21 @@ impl FrameReader {
         } else {
             (decode.raw)(&from_cdr(&data).map_err(damaged)?, source.depth_scale, &path)?
         };
+        Ok((image, path))
+    }
+
+    /// Reads and undistorts an image of a frame. Also returns its camera.
+    fn read_image<'s, T, D>(
+        source: &'s ImageSource,
+        messages: &MessageSource<impl Fn(MessagePlace) -> Result<D, DatasetError>, impl Fn(&str) -> PathBuf>,
+        (message, camera): (MessagePlace, usize),
+        decode: &ImageDecoder<T>,
+    ) -> Result<(Image<T>, &'s Camera), DatasetError>
+    where
+        T: Clone + 'static,
+        D: Deref<Target = [u8]>,
+    {
+        let (image, path) = Self::decode(source, messages, message, decode)?;
         let camera = entry(&source.cameras.list, camera, &source.cameras.topic)?;
         let expected = (camera.intrinsics.width, camera.intrinsics.height);
         if image.size() != expected {
@@ -117,6 +149,46 @@ impl FrameReader {
         Ok((image, camera))
     }
 
+    /// Reads the depth of a frame, and returns its camera and the transform to that of colour; `None` for the pixels of
+    /// colour.
+    fn read_depth<D: Deref<Target = [u8]>>(
+        &self,
+        frame: &PairedFrame,
+        messages: &MessageSource<impl Fn(MessagePlace) -> Result<D, DatasetError>, impl Fn(&str) -> PathBuf>,
+        color_camera: &Camera,
+    ) -> Result<(Image<f32>, Option<(Intrinsics, Pose)>), DatasetError> {
+        let color_size = (color_camera.intrinsics.width, color_camera.intrinsics.height);
+        if self.alignment == Alignment::AsColor {
+            let (depth, path) = Self::decode(&self.depth, messages, frame.depth, &DEPTH)?;
+            let size = depth.size();
+            if !has_shape(size, color_size) {
+                let (what, found, expected_from) = (DEPTH.what, size, "its colour image");
+                return Err(DatasetError::SizesDiffer { path, what, found, expected: color_size, expected_from });
+            }
+            let intrinsics = if size == color_size {
+                color_camera.intrinsics
+            } else {
+                color_camera.intrinsics.resized(size.0, size.1)
+            };
+            let camera = Camera { intrinsics, distortion: color_camera.distortion };
+            // One map serves both, as they usually have one size.
+            let source = if size == color_size { &self.color } else { &self.depth };
+            let depth = match source.undistortion.get(&camera, &path)? {
+                Some(map) => (DEPTH.undistort)(&map, &depth, &path)?,
+                None => depth,
+            };
+            return Ok((depth, (size != color_size).then_some((intrinsics, Pose::IDENTITY))));
+        }
+        let (depth, camera) = Self::read_image(&self.depth, messages, (frame.depth, frame.cameras.1), &DEPTH)?;
+        let intrinsics = camera.intrinsics;
+        let warp = match self.alignment {
+            Alignment::Registered { color_from_depth } => Some((intrinsics, color_from_depth)),
+            _ if depth.size() != color_size => Some((intrinsics, Pose::IDENTITY)),
+            _ => None,
+        };
+        Ok((depth, warp))
+    }
+
     /// Reads registered colour and depth images, and their camera.
     pub(crate) fn read<D: Deref<Target = [u8]>>(
         &self,
@@ -124,15 +196,15 @@ impl FrameReader {
         messages: &MessageSource<impl Fn(MessagePlace) -> Result<D, DatasetError>, impl Fn(&str) -> PathBuf>,
     ) -> Result<RegisteredImages, DatasetError> {
         let (color, color_camera) = Self::read_image(&self.color, messages, (frame.color, frame.cameras.0), &COLOR)?;
-        let (depth, depth_camera) = Self::read_image(&self.depth, messages, (frame.depth, frame.cameras.1), &DEPTH)?;
+        let (depth, warp) = self.read_depth(frame, messages, color_camera)?;
         let camera = color_camera.intrinsics;
-        let Some(Registration { color_from_depth }) = self.registration else {
+        let Some((depth_camera, color_from_depth)) = warp else {
             require_registered(&color, &depth, &(messages.place)(&self.depth.topic))?;
             return Ok((color, depth, camera));
         };
-        let target = target_camera(&camera, &depth_camera.intrinsics);
+        let target = target_camera(&camera, &depth_camera);
         let cameras = CameraPair {
-            depth: depth_camera.intrinsics,
+            depth: depth_camera,
             color: target,
             color_from_depth: color_from_depth.relative_to(DVec3::ZERO),
         };
@@ -144,24 +216,21 @@ impl FrameReader {
     }
 }
 
-impl ImageSource {
-    fn new((topic, images): (&Topic, &Images), info: &Topic, path: &Path) -> Result<Self, DatasetError> {
-        Ok(Self {
-            topic: topic.name.clone(),
-            is_compressed: images.is_compressed,
-            cameras: Cameras::new(info, topic, path)?,
-            depth_scale: None,
-            undistortion: UndistortionCache::default(),
-        })
-    }
-}
-
-/// Replaces the intrinsics of the colour camera, and those of depth that is registered to it.
-fn replace_camera(own: &OwnCamera, choice: &Choice<'_>, (color, depth): (&mut ImageSource, &mut ImageSource)) {
-    color.cameras.replace_intrinsics(|size| own.intrinsics(size));
-    let first = color.cameras.list.first().map(|camera| camera.intrinsics);
-    if let (Some(camera), true) = (first, choice.color.1.frame == choice.depth.1.frame) {
-        depth.cameras.replace_intrinsics(|(width, height)| camera.resized(width, height));
+/// Returns the cameras of depth; none if its camera info is unusable and depth may be that of the colour camera.
+fn depth_cameras(maker: &FrameMaker<'_>, own: Option<OwnCamera>) -> Result<Cameras, DatasetError> {
+    let choice = &maker.choice;
+    let may_follow = choice.color.1.frame == choice.depth.1.frame
+        || own.is_some()
+        || maker.settings.register_depth == DepthRegistration::False;
+    let cameras = Cameras::new(choice.depth_info, choice.depth, None, maker.path);
+    match (cameras, choice.depth_info) {
+        (Err(error), Some(depth_info)) if may_follow => {
+            if choice.color_info.is_none_or(|info| !std::ptr::eq(info, depth_info)) {
+                warn_once(format!("{error}; depth is taken as that of the colour camera"));
+            }
+            Ok(Cameras::unknown())
+        }
+        (cameras, _) => cameras,
     }
 }
 
@@ -191,27 +260,6 @@ const DEPTH: ImageDecoder<f32> = ImageDecoder {
     compressed: images::compressed_depth,
     undistort: |map, image, path| map.depth(image, path),
 };
-
-/// Returns the registration of depth; `None` if it is registered already.
-fn registration(
-    maker: &FrameMaker<'_>,
-    color: &ImageSource,
-    depth: &ImageSource,
-) -> Result<Option<Registration>, DatasetError> {
-    let color_from_depth = maker.color_from_depth()?;
-    let same_camera = match (color.cameras.list.first(), depth.cameras.list.first()) {
-        (Some(color), Some(depth)) => color.is_same(depth),
-        _ => true,
-    };
-    match color_from_depth {
-        None if same_camera => Ok(None),
-        transform => transform
-            .unwrap_or(Rigid::IDENTITY)
-            .to_pose()
-            .map(|color_from_depth| Some(Registration { color_from_depth }))
-            .map_err(|source| DatasetError::Pose { path: maker.path.to_owned(), source }),
-    }
-}
 
 /// Returns the colour camera, downscaled if its pixels are smaller than those of the depth camera.
 fn target_camera(color: &Intrinsics, depth: &Intrinsics) -> Intrinsics {

@@ -45,6 +45,18 @@ impl McapWriter {
         writer.write_to_known_channel(&header, bytes).unwrap();
     }
 
+    /// Writes a message of a type without its definition.
+    pub fn write_as(&mut self, topic: &str, type_name: &str, bytes: &[u8], log_time: i64) {
+        let writer = &mut self.writer;
+        let channel_id = *self.channels.entry(topic.to_owned()).or_insert_with(|| {
+            let schema = writer.add_schema(type_name, "ros2msg", b"").unwrap();
+            writer.add_channel(schema, topic, "cdr", &BTreeMap::new()).unwrap()
+        });
+        let (log_time, publish_time) = (log_time as u64, log_time as u64);
+        let header = MessageHeader { channel_id, sequence: 0, log_time, publish_time };
+        writer.write_to_known_channel(&header, bytes).unwrap();
+    }
+
     pub fn finish(mut self) -> Vec<u8> {
         self.writer.finish().unwrap();
         self.writer.into_inner().into_inner()

@@ -5,6 +5,8 @@ pub mod mcap;
 pub mod mvpd;
 pub mod recording;
 pub mod sens;
+pub mod two_ways;
+pub mod warnings;
 
 use image::{ExtendedColorType, ImageEncoder};
 use proptest::sample::Index;

@@ -15,9 +15,12 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
         let message = "--convert and --tensors are for checkpoints, this is a recording";
         return Err(Failure::input(format!("{}: {message}", arguments.file.display())));
     }
-    let summary = McapSummary::read(&arguments.file, &arguments.topics.settings()?).map_err(Failure::input)?;
+    let summary =
+        McapSummary::read(&arguments.file, &arguments.topics.settings(&arguments.camera)?).map_err(Failure::input)?;
     say!("file           {}", summary.path.display());
-    say!("kind           MCAP");
+    let files = if summary.files == 1 { String::new() } else { format!(" in {} files", summary.files) };
+    let compression = summary.compression.map_or_else(String::new, |how| format!(", compressed ({how})"));
+    say!("kind           MCAP{files}{compression}");
     print_times(&summary.topics);
     say!("topics         {}", summary.topics.len());
     for topic in summary.topics.iter().take(LISTED) {

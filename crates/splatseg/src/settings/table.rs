@@ -95,6 +95,8 @@ fn check_value(entry: &Entry, value: &Value) -> Result<(), SettingsError> {
     let field = &entry.field;
     let is_allowed = match (&field.allowed, value) {
         (Allowed::Switch, Value::Boolean(_)) => true,
+        // A choice that used to be a switch.
+        (Allowed::Names(names), Value::Boolean(value)) => names.contains(&value.to_string().as_str()),
         (Allowed::Text(_), Value::String(text)) => (field.is_text_of)(text),
         (Allowed::Names(names), Value::String(name)) => {
             if names.contains(&name.as_str()) {
