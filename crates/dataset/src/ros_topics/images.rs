@@ -342,15 +342,16 @@ mod tests {
         assert_eq!(raw_kind("/ir/image_raw", "mono16"), ImageKind::Other);
         assert_eq!(raw_kind("/depth/image_raw", "mono16"), ImageKind::Depth);
         assert_eq!(raw_kind("/a", "bayer_rggb8"), ImageKind::Other);
+        let png = |bits: u8| [b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01".as_slice(), &[bits, 0]].concat();
+        let (deep, shallow) = (png(16), png(8));
         let kind = |format, data| compressed_kind("/a", &CompressedImage { format, data, ..Default::default() });
         assert_eq!(kind("rgb8; jpeg compressed bgr8", b"\xFF\xD8\xFF"), ImageKind::Color);
         assert_eq!(kind("mono8; jpeg compressed ", b"\xFF\xD8\xFF"), ImageKind::Grey);
         assert_eq!(kind("h264", b"\0\0\0\x01"), ImageKind::Other);
         assert_eq!(kind("16UC1; compressedDepth", b""), ImageKind::Depth);
         assert_eq!(kind("16UC1; png compressed ", b"\x89PNG"), ImageKind::Depth);
-        let png = |bits: u8| [b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01".as_slice(), &[bits, 0]].concat();
-        assert_eq!(kind("16UC1; png compressed ", &png(16)), ImageKind::Depth);
-        assert_eq!(kind("16UC1; png compressed ", &png(8)), ImageKind::EightBitDepth);
+        assert_eq!(kind("16UC1; png compressed ", &deep), ImageKind::Depth);
+        assert_eq!(kind("16UC1; png compressed ", &shallow), ImageKind::EightBitDepth);
         assert_eq!(kind("16UC1; jpeg compressed mono8", b"\xFF\xD8\xFF"), ImageKind::EightBitDepth);
         assert_eq!(kind("32FC1; jpeg compressed mono8", b"\xFF\xD8\xFF"), ImageKind::EightBitDepth);
     }
