@@ -28,57 +28,6 @@ const MIN_IOU_OF_FRAMES: f32 = 0.33;
 /// The overlap must be at least this share of the smaller segment's area.
 const MIN_SHARE: f32 = 0.3;
 
-/// Pairs of ids that were shown side by side in one frame.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct ShownTogether(BTreeMap<SegmentId, BTreeSet<SegmentId>>);
-
-impl ShownTogether {
-    /// Records the ids that a frame shows.
-    pub fn record(&mut self, segments: &SegmentMap) {
-        let ids: Vec<SegmentId> = segments.areas().into_keys().filter(|id| *id != 0).collect();
-        for (index, id) in ids.iter().enumerate() {
-            if let Some(later) = ids.get(index + 1..).filter(|later| !later.is_empty()) {
-                self.0.entry(*id).or_default().extend(later);
-            }
-        }
-    }
-
-    fn contains(&self, one: SegmentId, other: SegmentId) -> bool {
-        self.0.get(&one.min(other)).is_some_and(|later| later.contains(&one.max(other)))
-    }
-
-    /// Forgets an id.
-    pub fn remove(&mut self, id: SegmentId) {
-        self.0.remove(&id);
-        self.0.values_mut().for_each(|later| {
-            later.remove(&id);
-        });
-    }
-
-    /// Transfers what is known about an id to another one.
-    fn rename(&mut self, RemappedId { from, into }: RemappedId) {
-        let mut others = self.0.remove(&from).unwrap_or_default();
-        for (id, later) in &mut self.0 {
-            if later.remove(&from) {
-                others.insert(*id);
-            }
-        }
-        for other in others.into_iter().filter(|other| *other != into) {
-            self.0.entry(into.min(other)).or_default().insert(into.max(other));
-        }
-    }
-
-    /// The pairs to be saved: for each id the larger ones.
-    pub fn saved(&self) -> Vec<(SegmentId, Vec<SegmentId>)> {
-        self.0.iter().map(|(id, later)| (*id, later.iter().copied().collect())).collect()
-    }
-
-    /// Restores [`Self::saved`].
-    pub fn restored(saved: Vec<(SegmentId, Vec<SegmentId>)>) -> Self {
-        Self(saved.into_iter().map(|(id, later)| (id, later.into_iter().collect())).collect())
-    }
-}
-
 /// How much two ids overlap, square metres.
 struct Overlap {
     ids: RemappedId,

@@ -26,6 +26,7 @@ mod segment_store;
 mod segments;
 mod settings;
 mod short_term;
+mod shown_together;
 mod splat_memory;
 
 pub use belief::SegmentBelief;

@@ -1,12 +1,12 @@
 //! Saving a memory after one run and continuing it in another.
 
-use crate::correction::ShownTogether;
 use crate::evidence::EvidenceStore;
 use crate::features::{FeatureStore, SegmentCodes};
 use crate::recent::RecentFrames;
 use crate::segment_store::SegmentStore;
 use crate::segments::{SavedSegment, Segments};
 use crate::short_term::ShortTermMemory;
+use crate::shown_together::ShownTogether;
 use crate::splat_memory::largest_id;
 use crate::{MemoryError, MemorySettings, SplatContent, SplatFile, SplatFileError, SplatFileView, SplatMemory};
 use splatseg_geometry::{KeyframeId, SegmentId};
@@ -68,7 +68,8 @@ impl SplatMemory {
     /// itself.
     ///
     /// # Errors
-    /// If the file cannot be written, or the kind of memory has no file format. No partial file is left.
+    /// If the file cannot be written, the kind of memory has no file format, or a part is larger than [`Self::load`] reads.
+    /// No partial file is left.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), SplatFileError> {
         self.save_with(path, Attached::default())
     }
@@ -87,15 +88,18 @@ impl SplatMemory {
         let carried: Vec<bool> = live.iter().map(|segment| segment.carried).collect();
         let anchors = &self.map.anchors;
         let anchors = anchors.chunk_by(|one, other| one == other).map(|run| (run[0], run.len() as u64)).collect();
+        let (together, crowded) = self.together.saved();
         let short_term = ShortTermMemory {
             ids: self.segments.saved_ids(),
             recent: self.recent.saved(),
             anchors,
-            together: self.together.saved(),
+            together,
+            crowded,
             remapped: self.remapped.iter().map(|(from, into)| (*from, *into)).collect(),
             keyframes: text(attached.keyframes),
             names: text(attached.names),
         };
+        let short_term = short_term.to_bytes();
         let view = SplatFileView {
             origin: self.origin,
             map: &self.map,
@@ -105,7 +109,7 @@ impl SplatMemory {
             sightings: &sightings,
             carried: &carried,
             frames: self.frames,
-            short_term: &short_term.to_bytes(),
+            short_term: &short_term,
         };
         view.save(path.as_ref())
     }
@@ -127,7 +131,7 @@ impl SplatMemory {
             let segments = Segments::restored(&live, saved.ids.clone(), largest_id(&settings))?;
             let recent = RecentFrames::restored(saved.recent, segments.highest())?;
             map.anchors = restored_anchors(&saved.anchors, map.len())?;
-            let together = ShownTogether::restored(saved.together);
+            let together = ShownTogether::restored((saved.together, saved.crowded));
             Ok((segments, recent, together, saved.remapped, (saved.keyframes, saved.names)))
         });
         let damaged = |found| LoadMemoryError::ShortTerm { path: path.display().to_string(), found };

@@ -9,7 +9,7 @@ use crate::segments::SavedIds;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{KeyframeId, SegmentId};
 
-/// Maximum length of the text that a memory writes.
+/// Maximum length of the text, when it is written and when it is read.
 pub(crate) const MAX_BYTES: u64 = 1 << 28;
 
 /// State saved besides the Gaussians. Unknown fields, from files of earlier versions, are ignored.
@@ -26,6 +26,9 @@ pub(crate) struct ShortTermMemory {
     /// Ids that were shown side by side: for each the larger ones.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub together: Vec<(SegmentId, Vec<SegmentId>)>,
+    /// Ids that were shown beside too many others to list them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub crowded: Vec<SegmentId>,
     /// Ids that turned out to be older ones' objects, with those.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub remapped: Vec<(SegmentId, SegmentId)>,

@@ -1,6 +1,5 @@
 //! The memory itself: its state, and the steps of each frame.
 
-use crate::correction::ShownTogether;
 use crate::evidence::EvidenceStore;
 use crate::features::FeatureStore;
 use crate::growth::new_gaussians;
@@ -9,6 +8,7 @@ use crate::recent::RecentFrames;
 use crate::removal::{FrameTrust, Sight, longest_unseen, record_sights, sights};
 use crate::segment_store::SegmentStore;
 use crate::segments::{Segments, Settled};
+use crate::shown_together::ShownTogether;
 use crate::{Codebook, GrowthRule, LearningExtent, MAX_SEGMENT_ID, MemoryError, MemoryKind, MemorySettings, Recall};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -290,7 +290,7 @@ impl SplatMemory {
         }
         self.segments.set_held(self.recent.held_ids());
         let settled = self.segments.settle();
-        settled.lost.iter().for_each(|id| self.together.remove(*id));
+        self.together.remove(&settled.lost);
         settled
     }
 

@@ -101,6 +101,24 @@ fn ids_that_were_shown_side_by_side_are_never_merged() {
 }
 
 #[test]
+fn thousands_of_ids_in_view_give_a_small_map_that_can_be_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, mut memory) = (folder.path().join("map.ply"), seen_twice());
+    memory.save(&path).unwrap();
+    let before = std::fs::metadata(&path).unwrap().len();
+    for first in [4, 10_000, 20_000, 30_000, 40_000] {
+        memory.record_shown(&SegmentMap::from_fn(80, 60, |column, row| first + (column + 80 * row) as SegmentId));
+    }
+    memory.save(&path).unwrap();
+    let added = std::fs::metadata(&path).unwrap().len() - before;
+    assert!(added < 200_000, "{added} bytes for 24,000 ids");
+    // Those of a crowded frame are not merged, whatever they were shown beside.
+    let mut loaded = SplatMemory::load(&path, MemorySettings::default()).unwrap();
+    loaded.set_anchor(&anchor(AGAIN, &[0]));
+    assert!(loaded.correct(&correction()).is_empty() && memory.correct(&correction()).is_empty());
+}
+
+#[test]
 fn a_part_of_the_map_moves_to_the_rest_and_its_ids_are_merged() {
     // The part begins right after the last keyframe of the rest, far beside it, and turned.
     const NEXT: KeyframeId = 1;

@@ -149,6 +149,26 @@ pub enum SplatFileError {
         /// Maximum number of segments.
         max: u64,
     },
+    /// The state besides the Gaussians is longer than is read or written.
+    #[error("{}: {found} bytes of state besides the Gaussians, expected at most {max}", path.display())]
+    ShortTerm {
+        /// The file.
+        path: PathBuf,
+        /// Length of the state, bytes.
+        found: u64,
+        /// Maximum length, bytes.
+        max: u64,
+    },
+    /// The header to be written is longer than is read.
+    #[error("{}: not saved: a header of {found} bytes, expected at most {max}", path.display())]
+    HeaderLength {
+        /// The file.
+        path: PathBuf,
+        /// Length of the header, bytes.
+        found: u64,
+        /// Maximum length, bytes.
+        max: u64,
+    },
     /// The codebook in the file is invalid.
     #[error("{}: {source}", path.display())]
     Codebook {

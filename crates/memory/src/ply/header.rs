@@ -3,7 +3,6 @@
 use super::VERSION;
 use super::error::SplatFileError;
 use super::layout::{Layout, Sizes};
-use crate::short_term::MAX_BYTES;
 use glam::DVec3;
 use splatseg_geometry::Pose;
 use std::fmt::Write;
@@ -28,7 +27,23 @@ pub struct Header {
 }
 
 /// Formats the header of a file.
-pub fn format(sizes: &Sizes, origin: DVec3) -> String {
+///
+/// # Errors
+/// If [`read`] would refuse it.
+pub fn checked(sizes: &Sizes, origin: DVec3, path: &Path) -> Result<String, SplatFileError> {
+    sizes.check(path)?;
+    let text = format(sizes, origin);
+    let (found, max) = (text.len() as u64, MAX_HEADER_BYTES);
+    if found > max {
+        return Err(SplatFileError::HeaderLength { path: path.to_owned(), found, max });
+    }
+    if !is_possible_origin(origin) {
+        return Err(origin_error(origin_comment(origin).trim_end(), path));
+    }
+    Ok(text)
+}
+
+fn format(sizes: &Sizes, origin: DVec3) -> String {
     let (kind, segments) = (sizes.layout.kind().name(), sizes.segments);
     let mut text = String::from("ply\nformat binary_little_endian 1.0\n");
     // Writing to a string cannot fail.
@@ -58,9 +73,15 @@ fn read_origin(lines: &[&str], path: &Path) -> Result<DVec3, SplatFileError> {
     };
     let numbers: Option<Vec<f64>> = numbers.split(' ').map(|number| number.parse().ok()).collect();
     let origin = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok()).map(DVec3::from_array);
-    let is_possible = |origin: &DVec3| origin.abs().cmple(DVec3::splat(Pose::MAX_DISTANCE)).all();
-    let expected = || format!("three numbers up to {:e}", Pose::MAX_DISTANCE);
-    origin.filter(is_possible).ok_or_else(|| header_error(path, line, &expected()))
+    origin.filter(|origin| is_possible_origin(*origin)).ok_or_else(|| origin_error(line, path))
+}
+
+fn is_possible_origin(origin: DVec3) -> bool {
+    origin.abs().cmple(DVec3::splat(Pose::MAX_DISTANCE)).all()
+}
+
+fn origin_error(line: &str, path: &Path) -> SplatFileError {
+    header_error(path, line, &format!("three numbers up to {:e}", Pose::MAX_DISTANCE))
 }
 
 /// Reads the header and leaves `reader` at the first vertex.
@@ -91,7 +112,7 @@ pub fn read(reader: &mut impl BufRead, path: &Path) -> Result<Header, SplatFileE
         }
     }
     let sizes = Sizes { gaussians, segments, layout, short_term };
-    sizes.check_segments(path)?;
+    sizes.check(path)?;
     Ok(Header { sizes, origin, bytes })
 }
 
@@ -117,7 +138,7 @@ fn read_announcement(announced: &str, path: &Path) -> Result<(Layout, u64, u64),
         _ => None,
     };
     let read = layout.zip(counts).map(|(layout, (segments, short_term))| (layout, segments, short_term));
-    read.filter(|(.., short_term)| *short_term <= MAX_BYTES).ok_or_else(|| {
+    read.ok_or_else(|| {
         let expected = "version, kind evidence, segments and short_term, or version, kind features, feature_dim, codes, \
                         segments and short_term";
         header_error(path, announced, expected)

@@ -2,6 +2,7 @@
 
 use super::error::SplatFileError;
 use super::{SplatContentView, SplatFileView};
+use crate::short_term::MAX_BYTES;
 use crate::{MAX_SEGMENT_ID, MemoryKind, Votes};
 use std::path::Path;
 
@@ -101,13 +102,18 @@ impl Sizes {
         }
     }
 
-    /// Returns an error if there are more segments than possible.
-    pub fn check_segments(&self, path: &Path) -> Result<(), SplatFileError> {
+    /// Returns an error if there are more segments than possible, or too much besides the Gaussians. Checked by the reader
+    /// and by the writer, so that every file that is written can be read.
+    pub fn check(&self, path: &Path) -> Result<(), SplatFileError> {
         let (found, max) = (self.segments, self.layout.max_segments());
-        if found <= max {
-            return Ok(());
+        if found > max {
+            return Err(SplatFileError::Segments { path: path.to_owned(), found, max });
         }
-        Err(SplatFileError::Segments { path: path.to_owned(), found, max })
+        let (found, max) = (self.short_term, MAX_BYTES);
+        if found > max {
+            return Err(SplatFileError::ShortTerm { path: path.to_owned(), found, max });
+        }
+        Ok(())
     }
 
     /// Describes the content for error messages.

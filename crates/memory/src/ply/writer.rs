@@ -11,10 +11,10 @@ use std::path::Path;
 pub fn save(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileError> {
     let sizes = Sizes::of(view);
     check_lengths(view, path)?;
-    sizes.check_segments(path)?;
+    let header = header::checked(&sizes, view.origin, path)?;
     trailer::check_ids(view.ids, &sizes, path)?;
     let mut file = AtomicFile::create(path).map_err(SplatFileError::io(path, "create a temporary file beside it"))?;
-    write_file(view, &sizes, path, &mut file)?;
+    write_file(view, (&sizes, &header), path, &mut file)?;
     file.commit().map_err(SplatFileError::io(path, "rename the temporary file"))
 }
 
@@ -47,12 +47,12 @@ fn check_lengths(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileE
 
 fn write_file(
     view: &SplatFileView<'_>,
-    sizes: &Sizes,
+    (sizes, header): (&Sizes, &str),
     path: &Path,
     file: &mut AtomicFile,
 ) -> Result<(), SplatFileError> {
     let mut output = Output::new(file, path);
-    output.write(header::format(sizes, view.origin).as_bytes())?;
+    output.write(header.as_bytes())?;
     let mut chunk = Vec::with_capacity(CHUNK_BYTES + sizes.layout.record_bytes() as usize);
     for index in 0..view.map.len() {
         record::encode(view, index, path, &mut chunk)?;
