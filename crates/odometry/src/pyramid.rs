@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use splatseg_geometry::{CameraFrame, Image, Intrinsics};
 
 /// Levels are added while the coarsest one is at least this wide and high twice over, pixels.
-const MIN_SIDE: usize = 24;
+pub(crate) const MIN_SIDE: usize = 24;
 
 /// Depths of neighbours that differ by more than this fraction belong to different surfaces.
 const SAME_SURFACE: f32 = 0.05;

@@ -3,11 +3,12 @@
 use crate::PoseSourceError;
 use crate::graph::{Edge, PoseGraph};
 use crate::keyframe_map::KeyframeMap;
-use crate::keyframes::{CompactView, KeyframeStore, MAX_STORED, StoredFeature, StoredKeyframe};
+use crate::keyframes::{CompactView, KeyframeStore, MAX_PIXELS, MAX_STORED, MAX_WIDTH, StoredFeature, StoredKeyframe};
 use crate::loop_closing::{ClosedLoop, LoopCandidate, LoopCheck};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::{Deserialize, Serialize};
+use splatseg_files::{MemoryLimit, display_bytes};
 use splatseg_geometry::{Image, Intrinsics, KeyframeId, Pose};
 
 /// Numbers of a feature: three coordinates and a descriptor, bytes.
@@ -15,9 +16,6 @@ const FEATURE_BYTES: usize = 6 + 32;
 
 /// A keyframe has at most this many features.
 const MAX_FEATURES: usize = 1000;
-
-/// Longest side of a keyframe's image, pixels.
-const MAX_SIDE: usize = 4096;
 
 /// Saved form of [`KeyframeMap`].
 #[derive(Serialize, Deserialize)]
@@ -70,15 +68,18 @@ pub(crate) fn parsed(bytes: &[u8]) -> Result<KeyframeMap, String> {
 }
 
 impl SavedKeyframes {
+    /// Keyframes that [`SavedStoredKeyframe::restored`] would refuse are left out.
     pub(crate) fn of(map: &KeyframeMap) -> Self {
+        let is_saved = |keyframe: &&StoredKeyframe| keyframe.view.has_possible_size();
+        let is_known = |id: KeyframeId| map.store.get(id).as_ref().is_some_and(is_saved);
         Self {
             session: map.session,
             part: map.part,
             next: map.store.next,
             latest: map.latest,
-            keyframes: map.store.iter().map(SavedStoredKeyframe::of).collect(),
+            keyframes: map.store.iter().filter(is_saved).map(SavedStoredKeyframe::of).collect(),
             replaced: map.store.replaced.iter().map(|(id, (kept, pose))| (*id, *kept, *pose)).collect(),
-            edges: map.graph.edges.clone(),
+            edges: map.graph.edges.iter().filter(|edge| is_known(edge.from) && is_known(edge.to)).cloned().collect(),
             checks: map.checks.iter().copied().collect(),
             candidates: map.candidates.iter().cloned().collect(),
             closed: map.closed.clone(),
@@ -147,16 +148,17 @@ impl SavedStoredKeyframe {
         let Self { id, world_from_key, part, session, given_frame, intrinsics, grey, depth, features } = self;
         let damaged = |what: &str| format!("keyframe {id}: {what} cannot be read");
         let intrinsics = intrinsics.validated().map_err(|error| format!("keyframe {id}: {error}"))?;
-        if intrinsics.width > MAX_SIDE || intrinsics.height > MAX_SIDE {
-            let (width, height) = (intrinsics.width, intrinsics.height);
-            return Err(format!("keyframe {id}: {width}x{height} pixels, expected at most {MAX_SIDE} per side"));
-        }
         let bytes = |text: &str, what| STANDARD.decode(text).map_err(|_| damaged(what));
         let features = bytes(&features, "features")?;
         if !features.len().is_multiple_of(FEATURE_BYTES) || features.len() > MAX_FEATURES * FEATURE_BYTES {
             return Err(damaged("features"));
         }
         let view = CompactView { intrinsics, grey: bytes(&grey, "luminance")?, depth: bytes(&depth, "depth")? };
+        if !view.has_possible_size() {
+            let (width, height) = (intrinsics.width, intrinsics.height);
+            let expected = format!("at most {MAX_WIDTH} columns and {MAX_PIXELS} pixels in all");
+            return Err(format!("keyframe {id}: {width}x{height} pixels, expected {expected}"));
+        }
         view.pyramid().ok_or_else(|| damaged("image"))?;
         let features = features.chunks_exact(FEATURE_BYTES).map(stored_feature).collect();
         Ok(StoredKeyframe { id, world_from_key, part, session, view, features, given_frame })
@@ -186,7 +188,7 @@ pub struct KeyframeView {
 /// `earlier` are bytes from [`PoseSource::keyframes`](crate::PoseSource::keyframes).
 ///
 /// # Errors
-/// [`PoseSourceError::State`] if the bytes are damaged.
+/// [`PoseSourceError::State`] if the bytes are damaged, or the views would take more than the memory limit.
 pub fn keyframe_views(keyframes: &[u8], earlier: Option<&[u8]>) -> Result<Vec<KeyframeView>, PoseSourceError> {
     let map = |bytes| parsed(bytes).map_err(PoseSourceError::State);
     let earlier = earlier.map(map).transpose()?;
@@ -194,6 +196,9 @@ pub fn keyframe_views(keyframes: &[u8], earlier: Option<&[u8]>) -> Result<Vec<Ke
         let same = earlier.as_ref().and_then(|earlier| earlier.store.get(keyframe.id));
         same.is_some_and(|same| same.view == keyframe.view && same.session == keyframe.session)
     };
+    let map = map(keyframes)?;
+    let others = || map.store.iter().filter(|keyframe| !is_known(keyframe));
+    require_memory(others()).map_err(PoseSourceError::State)?;
     let view = |keyframe: &StoredKeyframe| {
         Some(KeyframeView {
             id: keyframe.id,
@@ -202,5 +207,16 @@ pub fn keyframe_views(keyframes: &[u8], earlier: Option<&[u8]>) -> Result<Vec<Ke
             depth: keyframe.view.depth()?,
         })
     };
-    Ok(map(keyframes)?.store.iter().filter(|keyframe| !is_known(keyframe)).filter_map(view).collect())
+    Ok(others().filter_map(view).collect())
+}
+
+/// Checks that the depth of keyframes fits into the memory limit.
+fn require_memory<'a>(keyframes: impl Iterator<Item = &'a StoredKeyframe>) -> Result<(), String> {
+    let bytes = |keyframe: &StoredKeyframe| 4 * keyframe.view.intrinsics.width * keyframe.view.intrinsics.height;
+    let (needed, limit) = (keyframes.map(|keyframe| bytes(keyframe) as u64).sum(), MemoryLimit::in_force());
+    if needed <= limit {
+        return Ok(());
+    }
+    let (needed, limit) = (display_bytes(needed), display_bytes(limit));
+    Err(format!("the views of the keyframes take {needed}, but the memory limit is {limit}: raise memory_limit"))
 }

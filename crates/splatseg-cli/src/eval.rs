@@ -3,13 +3,12 @@
 use super::Failure;
 use super::eval_mesh::eval_mesh;
 use super::eval_trajectory::eval_trajectory;
-use super::options::{DatasetOptions, ScoreOptions};
+use super::options::{DatasetOptions, ScoreOptions, memory_limit};
 use super::output_folder::OverwritePolicy;
 use super::terminal::counted;
 use clap::Args;
 use serde::Serialize;
 use splatseg::evaluation::{EvaluationOptions, Ids, MissingCounts, MissingFrames, RunSummary, evaluate};
-use splatseg::settings::SettingsLayers;
 use splatseg_dataset::open_scene;
 use splatseg_files::MemoryLimit;
 use splatseg_metrics::{RawCounts, Scores, VideoScore, Void};
@@ -99,11 +98,7 @@ pub struct EvalArguments {
 impl EvalArguments {
     /// Returns the limit for the command's memory.
     pub fn memory_limit(&self) -> Result<MemoryLimit, Failure> {
-        let mut layers = SettingsLayers::default();
-        if let Some(text) = &self.memory_limit {
-            layers.add_text("memory_limit", text);
-        }
-        Ok(layers.resolve_shared().map_err(Failure::input)?.run.memory_limit)
+        memory_limit(self.memory_limit.as_ref())
     }
 }
 

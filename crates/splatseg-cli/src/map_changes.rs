@@ -1,6 +1,7 @@
 //! Changes between two maps of a place: `splatseg diff`, and `changes.json` of a run with a loaded memory.
 
 use super::Failure;
+use super::options::memory_limit;
 use super::terminal::counted;
 use clap::Args;
 use splatseg::settings::SettingsLayers;
@@ -32,6 +33,8 @@ pub struct DiffArguments {
     /// Replace an existing file
     #[arg(long)]
     pub overwrite: bool,
+    #[arg(long, value_name = "SIZE")]
+    pub memory_limit: Option<String>,
 }
 
 /// The state of a map before a run.
@@ -85,6 +88,7 @@ fn views(keyframes: &[u8], earlier: Option<&[u8]>) -> Result<Vec<DepthView>, spl
 
 /// Compares two saved maps.
 pub fn diff(arguments: &DiffArguments) -> Result<(), Failure> {
+    memory_limit(arguments.memory_limit.as_ref())?.enforce();
     let out = arguments.out.as_ref();
     if let Some(out) = out.filter(|out| out.exists() && !arguments.overwrite) {
         return Err(Failure::input(format!("{}: exists already; --overwrite replaces it", out.display())));

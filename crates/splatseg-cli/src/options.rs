@@ -4,6 +4,7 @@ use super::Failure;
 use clap::Args;
 use splatseg::settings::SettingsLayers;
 use splatseg_dataset::{DatasetSettings, Preset};
+use splatseg_files::MemoryLimit;
 use splatseg_metrics::{Protocol, ScoreSettings, Void};
 use std::path::PathBuf;
 
@@ -242,6 +243,18 @@ impl SettingsOptions {
         }
         Ok(layers)
     }
+}
+
+/// The setting `memory_limit` of a command that has no other settings.
+///
+/// # Errors
+/// If the text is not a size.
+pub fn memory_limit(text: Option<&String>) -> Result<MemoryLimit, Failure> {
+    let mut layers = SettingsLayers::default();
+    if let Some(text) = text {
+        layers.add_text("memory_limit", text);
+    }
+    Ok(layers.resolve_shared().map_err(Failure::input)?.run.memory_limit)
 }
 
 /// Options for scoring.

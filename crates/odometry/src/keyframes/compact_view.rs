@@ -3,15 +3,18 @@
 //! Values are predicted from their left neighbours, and the differences compressed (Deflate). Depth is stored as inverse
 //! depth, in steps of half of a Kinect's deviation, which is nearly constant in that unit.
 
-use crate::pyramid::{Level, Pyramid};
+use crate::pyramid::{Level, MIN_SIDE, Pyramid};
 use flate2::Compression;
 use flate2::read::DeflateDecoder;
 use flate2::write::DeflateEncoder;
 use splatseg_geometry::{Image, Intrinsics};
 use std::io::{Read, Write};
 
-/// Maximum width, pixels.
-const MAX_WIDTH: usize = 200;
+/// Maximum width, pixels. Only images that are too low to be halved are wider.
+pub(crate) const MAX_WIDTH: usize = 200;
+
+/// Maximum number of pixels. Portrait images of 200 columns have up to 655 rows.
+pub(crate) const MAX_PIXELS: usize = 1 << 17;
 
 /// Step of the inverse depth, 1/m.
 const INVERSE_STEP: f32 = 0.0008;
@@ -30,7 +33,7 @@ pub(crate) struct CompactView {
 }
 
 impl CompactView {
-    /// Compresses a frame at a resolution of at most [`MAX_WIDTH`] columns.
+    /// Compresses a frame at the finest resolution of at most [`MAX_WIDTH`] columns and [`MAX_PIXELS`] pixels.
     pub(crate) fn new(pyramid: &Pyramid) -> Self {
         let level = &pyramid.levels[coarse_level(pyramid)];
         let grey = level.grey.pixels().iter().map(|grey| (grey / GREY_STEP + 0.5) as u16);
@@ -39,6 +42,12 @@ impl CompactView {
             _ => 0,
         });
         Self { intrinsics: level.intrinsics, grey: compressed(grey), depth: compressed(depth) }
+    }
+
+    /// True for the sizes that [`Self::new`] gives, except for images thousands of times as long as wide: their coarsest
+    /// resolution is still too large. Views of other sizes are neither saved nor read.
+    pub(crate) fn has_possible_size(&self) -> bool {
+        is_possible_size(self.intrinsics.width, self.intrinsics.height)
     }
 
     /// The view at several resolutions. `None` if the bytes are damaged.
@@ -57,9 +66,17 @@ impl CompactView {
     }
 }
 
+fn is_possible_size(width: usize, height: usize) -> bool {
+    let is_narrow = width <= MAX_WIDTH || height / 2 < MIN_SIDE;
+    is_narrow && width.checked_mul(height).is_some_and(|pixels| pixels <= MAX_PIXELS)
+}
+
 /// Number of the finest level that is compressed.
 pub(crate) fn coarse_level(pyramid: &Pyramid) -> usize {
-    let level = pyramid.levels.iter().position(|level| level.grey.width() <= MAX_WIDTH);
+    let level = pyramid.levels.iter().position(|level| {
+        let (width, height) = level.grey.size();
+        width <= MAX_WIDTH && width * height <= MAX_PIXELS
+    });
     level.unwrap_or(pyramid.levels.len() - 1)
 }
 
@@ -106,4 +123,40 @@ fn decompressed(bytes: &[u8], width: usize, height: usize) -> Option<Image<u16>>
     }
     // More bytes belong to another image.
     bytes.next().is_none().then(|| Image::from_pixels(width, height, values).ok())?
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn view(width: usize, height: usize) -> CompactView {
+        let intrinsics = Intrinsics { fx: 500.0, fy: 500.0, cx: 10.0, cy: 10.0, width, height };
+        let (grey, depth) = (Image::filled(width, height, 90.0), Image::filled(width, height, 2.0));
+        CompactView::new(&Pyramid::from_level(Level { grey, depth, intrinsics }))
+    }
+
+    #[test]
+    fn views_of_all_cameras_have_possible_sizes() {
+        let sizes =
+            [(640, 480), (480, 640), (1280, 400), (400, 1600), (2600, 40), (40, 2600), (30, 30), (801, 96), (1, 1)];
+        for (width, height) in sizes {
+            let view = view(width, height);
+            let Intrinsics { width: kept, height: rows, .. } = view.intrinsics;
+            assert!(view.has_possible_size(), "{width}x{height}: {kept}x{rows}");
+            assert_eq!(view.depth().unwrap().size(), (kept, rows));
+        }
+        assert_eq!(view(480, 640).intrinsics.height, 160);
+    }
+
+    #[test]
+    fn other_sizes_are_impossible() {
+        for (width, height) in
+            [(4096, 4096), (201, 48), (200, 656), (400, 300), (3000, 47), (1, 1 << 20), (usize::MAX, 2)]
+        {
+            assert!(!is_possible_size(width, height), "{width}x{height}");
+        }
+        for (width, height) in [(200, 655), (201, 47), (160, 120), (120, 160)] {
+            assert!(is_possible_size(width, height), "{width}x{height}");
+        }
+    }
 }

@@ -8,7 +8,7 @@ mod compact_view;
 mod features;
 mod index;
 
-pub(crate) use compact_view::{CompactView, coarse_pyramid};
+pub(crate) use compact_view::{CompactView, MAX_PIXELS, MAX_WIDTH, coarse_pyramid};
 pub(crate) use features::{Descriptor, Feature, Random, detect, hamming};
 pub(crate) use index::{FeatureIndex, Posting};
 
