@@ -1,4 +1,7 @@
 //! Connections: accepted, checked, and answered or turned into viewers, each on a thread of its own.
+//!
+//! Connections that have not shown the token have a pool of their own: if it is full, a new one takes the place of the
+//! oldest. So nobody without the token keeps out those with one, who show it at once.
 
 use crate::counts::count;
 use crate::foxglove_viewer::FoxgloveViewer;
@@ -9,16 +12,21 @@ use crate::response;
 use crate::slots::lock;
 use crate::timed_stream::TimedStream;
 use std::collections::BTreeMap;
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{self, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 use tungstenite::protocol::{Role, WebSocketConfig};
-use tungstenite::{Message, WebSocket};
+use tungstenite::{Bytes, Message, WebSocket};
 
-/// Connections in addition to the viewers: requests for the page.
+/// Connections in addition to the viewers that have shown the token: requests for the page.
 const MORE_CONNECTIONS: usize = 32;
+/// Connections that have not shown the token.
+const MAX_STRANGERS: usize = 64;
+/// The same, with those that were ended and whose threads are about to notice.
+const MAX_ENDING_STRANGERS: usize = 2 * MAX_STRANGERS;
 /// Interval between looks for new connections.
 const ACCEPT_INTERVAL: Duration = Duration::from_millis(20);
 /// A viewer is looked after at least this often.
@@ -28,14 +36,68 @@ const MAX_MESSAGE: usize = 64 << 10;
 /// Messages of a viewer that are read before it is sent something again.
 const MAX_MESSAGES: usize = 32;
 const READ_BUFFER: usize = 4 << 10;
+/// A viewer is asked for a sign of life this often in the time in which it must give one.
+const PINGS: u32 = 3;
 
 /// The open connections.
 #[derive(Debug, Default)]
 pub(crate) struct Connections {
-    open: Mutex<BTreeMap<u64, TcpStream>>,
+    /// By number, in the order of their coming.
+    open: Mutex<BTreeMap<u64, Open>>,
+}
+
+/// An open connection.
+#[derive(Debug)]
+struct Open {
+    tcp: TcpStream,
+    stage: Stage,
+}
+
+/// What is known of a connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    /// It has not shown the token.
+    Stranger,
+    /// It had to make room for another one before it had shown the token.
+    Ended,
+    /// It has shown the token.
+    Known,
 }
 
 impl Connections {
+    /// Adds a connection. Too many without the token cost the oldest of them its place.
+    fn add(&self, number: u64, tcp: TcpStream) -> io::Result<()> {
+        let mut open = lock(&self.open);
+        let strangers = open.values().filter(|other| other.stage != Stage::Known).count();
+        if strangers >= MAX_ENDING_STRANGERS {
+            return Err(io::Error::other("too many connections without the token"));
+        }
+        let waiting = open.values().filter(|other| other.stage == Stage::Stranger).count();
+        if waiting >= MAX_STRANGERS
+            && let Some(oldest) = open.values_mut().find(|other| other.stage == Stage::Stranger)
+        {
+            oldest.stage = Stage::Ended;
+            // It may have ended by itself.
+            let _ = oldest.tcp.shutdown(Shutdown::Both);
+        }
+        open.insert(number, Open { tcp, stage: Stage::Stranger });
+        Ok(())
+    }
+
+    /// Records that a connection has shown the token. Returns false if there are `most` of these already.
+    fn admit(&self, number: u64, most: usize) -> bool {
+        let mut open = lock(&self.open);
+        let has_room = open.values().filter(|other| other.stage == Stage::Known).count() < most;
+        if let (true, Some(connection)) = (has_room, open.get_mut(&number)) {
+            connection.stage = Stage::Known;
+        }
+        has_room
+    }
+
+    fn remove(&self, number: u64) {
+        lock(&self.open).remove(&number);
+    }
+
     /// Ends all connections, and waits for their threads, at most for this long.
     pub(crate) fn end(&self, time: Duration) {
         let deadline = Instant::now() + time;
@@ -44,9 +106,9 @@ impl Connections {
             if open.is_empty() || Instant::now() > deadline {
                 return;
             }
-            for tcp in open.values() {
+            for connection in open.values() {
                 // It may have ended by itself.
-                let _ = tcp.shutdown(Shutdown::Both);
+                let _ = connection.tcp.shutdown(Shutdown::Both);
             }
             drop(open);
             thread::sleep(Duration::from_millis(2));
@@ -74,30 +136,23 @@ pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>, connections: 
 
 /// Starts the thread of a connection.
 fn start(tcp: TcpStream, number: u64, shared: &Arc<Shared>, connections: &Arc<Connections>) -> io::Result<()> {
-    let copy = tcp.try_clone()?;
-    {
-        let mut open = lock(&connections.open);
-        if open.len() >= shared.limits.viewers + MORE_CONNECTIONS {
-            return Err(io::Error::other("too many connections"));
-        }
-        open.insert(number, copy);
-    }
+    connections.add(number, tcp.try_clone()?)?;
     let (thread_shared, thread_connections) = (Arc::clone(shared), Arc::clone(connections));
     let answer = move || {
-        if let Err(error) = handle(tcp, &thread_shared) {
+        if let Err(error) = handle(tcp, number, &thread_shared, &thread_connections) {
             tracing::debug!("a viewer's connection ended: {error}");
         }
-        lock(&thread_connections.open).remove(&number);
+        thread_connections.remove(number);
     };
     let started = thread::Builder::new().name("splatseg-viewer".to_owned()).spawn(answer);
     if started.is_err() {
-        lock(&connections.open).remove(&number);
+        connections.remove(number);
     }
     started.map(drop)
 }
 
 /// Answers one request.
-fn handle(tcp: TcpStream, shared: &Shared) -> io::Result<()> {
+fn handle(tcp: TcpStream, number: u64, shared: &Shared, connections: &Connections) -> io::Result<()> {
     let mut stream = TimedStream::new(tcp, shared.limits.request_time)?;
     let request = match read_request(&mut stream) {
         Ok(request) => request,
@@ -111,6 +166,10 @@ fn handle(tcp: TcpStream, shared: &Shared) -> io::Result<()> {
     if let Err(refusal) = request.check(shared) {
         count(&shared.counters.refused);
         return reply(stream, shared, &response::refusal(refusal));
+    }
+    if !connections.admit(number, shared.limits.viewers + MORE_CONNECTIONS) {
+        count(&shared.counters.refused);
+        return reply(stream, shared, &response::too_many_viewers());
     }
     let Request { path, upgrade, rest, .. } = request;
     match upgrade {
@@ -177,22 +236,57 @@ pub(crate) trait Viewer {
     fn owes_answer(&self) -> bool;
 }
 
+/// The proof that a viewer reads: it returns what is in a ping. Nothing else that it sends shows that.
+struct SignOfLife {
+    interval: Duration,
+    next_ping: Instant,
+    /// The content of the ping that is not answered yet, and its time.
+    awaited: Option<(Bytes, Instant)>,
+}
+
+impl SignOfLife {
+    fn new(time: Duration) -> Self {
+        Self { interval: time / PINGS, next_ping: Instant::now(), awaited: None }
+    }
+
+    /// Returns a ping if it is time for one. Its content cannot be guessed.
+    fn ping(&mut self) -> Option<Message> {
+        let now = Instant::now();
+        if self.awaited.is_some() || now < self.next_ping {
+            return None;
+        }
+        let content = Bytes::copy_from_slice(&RandomState::new().build_hasher().finish().to_le_bytes());
+        (self.next_ping, self.awaited) = (now + self.interval, Some((content.clone(), now)));
+        Some(Message::Ping(content))
+    }
+
+    fn receive_pong(&mut self, content: &Bytes) {
+        self.awaited.take_if(|(awaited, _)| awaited == content);
+    }
+
+    fn is_missing(&self, time: Duration) -> bool {
+        self.awaited.as_ref().is_some_and(|(_, since)| since.elapsed() > time)
+    }
+}
+
 /// Sends and receives until the viewer leaves or the server stops.
 fn attend(
     socket: &mut WebSocket<TimedStream>,
     shared: &Shared,
     viewer: &mut dyn Viewer,
 ) -> Result<(), tungstenite::Error> {
-    let mut heard = Instant::now();
+    let time = shared.limits.viewer_time;
+    let (mut heard, mut life) = (Instant::now(), SignOfLife::new(time));
     while !shared.is_stopping() {
         let owed = viewer.owes_answer();
-        if let Some(message) = viewer.next() {
+        if let Some(message) = life.ping() {
+            send(socket, message, time)?;
+        } else if let Some(message) = viewer.next() {
             if !owed {
                 // The time for an answer begins now.
                 heard = Instant::now();
             }
-            socket.get_mut().allow(shared.limits.viewer_time);
-            socket.send(message)?;
+            send(socket, message, time)?;
         } else {
             viewer.wait(ATTEND_INTERVAL);
         }
@@ -201,6 +295,7 @@ fn attend(
             match socket.read() {
                 // Answered by the library. They do not count as a sign of life, since nobody needs to read the answer.
                 Ok(Message::Ping(_) | Message::Close(_)) => {}
+                Ok(Message::Pong(content)) => life.receive_pong(&content),
                 Ok(message) => {
                     heard = Instant::now();
                     if !viewer.receive(&message) {
@@ -213,7 +308,12 @@ fn attend(
             }
         }
         socket.get_mut().set_polling(false)?;
-        if viewer.owes_answer() && heard.elapsed() > shared.limits.viewer_time {
+        if socket.get_mut().take_blocked() {
+            // The library keeps its answers to pings. Nothing more is read until they have left.
+            socket.get_mut().allow(time);
+            socket.flush()?;
+        }
+        if life.is_missing(time) || viewer.owes_answer() && heard.elapsed() > time {
             return Err(io::Error::from(io::ErrorKind::TimedOut).into());
         }
     }
@@ -222,4 +322,9 @@ fn attend(
     let _ = socket.close(None);
     let _ = socket.flush();
     Ok(())
+}
+
+fn send(socket: &mut WebSocket<TimedStream>, message: Message, time: Duration) -> Result<(), tungstenite::Error> {
+    socket.get_mut().allow(time);
+    socket.send(message)
 }

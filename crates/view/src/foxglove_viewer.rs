@@ -5,19 +5,14 @@ use crate::foxglove::{Request, error_status, message_data, parse_request};
 use crate::hub::Shared;
 use crate::slots::{MessageQueue, Queued};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
-use tungstenite::{Bytes, Message};
-
-/// A viewer is asked for a sign of life this many times before it is given up.
-const PINGS: u32 = 3;
+use std::time::Duration;
+use tungstenite::Message;
 
 /// A viewer that is sent the messages of its subscriptions.
 #[derive(Debug)]
 pub(crate) struct FoxgloveViewer<'a> {
     shared: &'a Shared,
     queue: Arc<MessageQueue>,
-    next_ping: Instant,
-    owes_pong: bool,
 }
 
 impl<'a> FoxgloveViewer<'a> {
@@ -25,7 +20,7 @@ impl<'a> FoxgloveViewer<'a> {
     pub(crate) fn join(shared: &'a Shared) -> Option<Self> {
         let room = shared.limits.viewers.saturating_sub(shared.pages.viewers());
         let queue = shared.messages.join(&shared.session, room)?;
-        Some(Self { shared, queue, next_ping: Instant::now(), owes_pong: false })
+        Some(Self { shared, queue })
     }
 
     /// Performs a request. Returns false if any part of it is wrong.
@@ -52,11 +47,6 @@ impl Drop for FoxgloveViewer<'_> {
 
 impl Viewer for FoxgloveViewer<'_> {
     fn next(&mut self) -> Option<Message> {
-        if Instant::now() >= self.next_ping {
-            self.next_ping = Instant::now() + self.shared.limits.viewer_time / PINGS;
-            self.owes_pong = true;
-            return Some(Message::Ping(Bytes::new()));
-        }
         Some(match self.queue.take()? {
             Queued::Text(text) => Message::text(text),
             Queued::Data { subscription, time, data } => Message::binary(message_data(subscription, time, &data)),
@@ -68,9 +58,7 @@ impl Viewer for FoxgloveViewer<'_> {
     }
 
     fn receive(&mut self, message: &Message) -> bool {
-        // Anything shows that the viewer is alive.
-        self.owes_pong = false;
-        let Message::Text(text) = message else { return matches!(message, Message::Pong(_)) };
+        let Message::Text(text) = message else { return false };
         let Some(request) = parse_request(text) else { return false };
         let other = if let Request::Other(name) = &request { format!("{name} is not offered") } else { String::new() };
         let done = self.perform(request);
@@ -83,6 +71,6 @@ impl Viewer for FoxgloveViewer<'_> {
     }
 
     fn owes_answer(&self) -> bool {
-        self.owes_pong
+        false
     }
 }

@@ -38,11 +38,13 @@ pub struct ViewOptions {
 /// Limits of a [`ViewServer`](crate::ViewServer).
 #[derive(Clone, Copy, Debug)]
 pub struct ViewLimits {
-    /// Number of viewers at a time. Default: 32.
+    /// Number of viewers at a time. Default: 32. There may be 32 more connections that have shown the token, and 64 that
+    /// have not: a new one of these takes the place of the oldest.
     pub viewers: usize,
     /// Time for a request to arrive, and for its response to leave. Default: 5 s.
     pub request_time: Duration,
-    /// A viewer that takes or answers nothing for this long is disconnected. Default: 10 s.
+    /// A viewer that takes nothing, does not confirm what it was sent, or does not answer pings for this long is
+    /// disconnected. Default: 10 s.
     pub viewer_time: Duration,
     /// Interval between maps; longer if making one takes more than 2 % of it. Default: 2 s.
     pub map_interval: Duration,

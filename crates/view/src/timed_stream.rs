@@ -14,6 +14,8 @@ pub(crate) struct TimedStream {
     tcp: TcpStream,
     deadline: Instant,
     is_polling: bool,
+    /// True if a write was not possible while polling.
+    is_blocked: bool,
 }
 
 impl TimedStream {
@@ -22,7 +24,7 @@ impl TimedStream {
         tcp.set_nonblocking(false)?;
         // A frame should leave at once.
         tcp.set_nodelay(true)?;
-        Ok(Self { tcp, deadline: Instant::now() + time, is_polling: false })
+        Ok(Self { tcp, deadline: Instant::now() + time, is_polling: false, is_blocked: false })
     }
 
     /// Sets the deadline.
@@ -34,6 +36,11 @@ impl TimedStream {
     pub(crate) fn set_polling(&mut self, wanted: bool) -> io::Result<()> {
         self.is_polling = wanted;
         self.tcp.set_nonblocking(wanted)
+    }
+
+    /// Returns true if a write was not possible while polling, since the last call.
+    pub(crate) fn take_blocked(&mut self) -> bool {
+        std::mem::take(&mut self.is_blocked)
     }
 
     /// Ends the connection so that what was written last still arrives: closing with unread bytes would discard it.
@@ -68,7 +75,9 @@ impl Read for TimedStream {
 impl Write for TimedStream {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if self.is_polling {
-            return self.tcp.write(bytes);
+            let written = self.tcp.write(bytes);
+            self.is_blocked |= written.as_ref().is_err_and(|error| error.kind() == io::ErrorKind::WouldBlock);
+            return written;
         }
         self.tcp.set_write_timeout(Some(self.time_left()?))?;
         self.tcp.write(bytes).map_err(as_time_out)

@@ -3,7 +3,7 @@
 use crate::client::{PATIENCE, TOKEN, WebSocket, connect, is_serving, request, start, status, wait_until};
 use splatseg_ros::PoseStamped;
 use splatseg_view::{Channel, Reach, Token, ViewError, ViewLimits, ViewOptions, ViewServer};
-use std::io::Write;
+use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
@@ -129,4 +129,34 @@ fn a_dropped_server_ends_within_a_second() {
     }
     assert!(start.elapsed() < PATIENCE);
     assert!(TcpStream::connect(address).is_err(), "the port is closed");
+}
+
+#[test]
+fn connections_without_the_token_lock_nobody_out() {
+    let server = start(ViewLimits { request_time: 6 * PATIENCE, ..ViewLimits::default() });
+    let mut page = WebSocket::page(&server);
+    let mut strangers = Vec::new();
+    for number in 0..300 {
+        let mut stranger = connect(server.address());
+        // Some say nothing, some begin a request.
+        if number % 2 == 0 {
+            // The server may have ended it already.
+            let _ = stranger.write_all(b"GET /?token=0123456789abcdeg HTTP/1.1\r\n");
+        }
+        strangers.push(stranger);
+    }
+    let begin = Instant::now();
+    assert!(is_serving(&server), "the page");
+    let mut other = WebSocket::open(&server, "foxglove.sdk.v1").0;
+    wait_until("both viewers are counted", || server.viewers() == 2);
+    assert!(page.next().is_some() && other.next().is_some(), "viewers stay");
+    assert!(begin.elapsed() < PATIENCE, "{:?}", begin.elapsed());
+    // The newest of the others are still heard.
+    strangers[298].write_all(b"Host: localhost\r\n\r\n").unwrap();
+    let mut answer = [0; 12];
+    strangers[298].read_exact(&mut answer).unwrap();
+    assert_eq!(&answer, b"HTTP/1.1 403");
+    let mut oldest = Vec::new();
+    let _ = strangers[1].read_to_end(&mut oldest);
+    assert!(oldest.is_empty(), "the oldest were disconnected");
 }

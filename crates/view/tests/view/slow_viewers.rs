@@ -1,6 +1,6 @@
 //! Viewers that stop reading: they delay nobody.
 
-use crate::client::{BINARY, PATIENCE, TEXT, WebSocket, frame, pose_at, start, wait_until};
+use crate::client::{BINARY, PATIENCE, PING, PONG, TEXT, WebSocket, frame, pose_at, start, wait_until};
 use splatseg_ros::PoseStamped;
 use splatseg_view::{Channel, ViewLimits};
 use std::thread;
@@ -84,4 +84,38 @@ fn a_page_that_confirms_nothing_is_sent_three_messages() {
     assert_eq!(messages, 3);
     wait_until("the page is disconnected", || server.viewers() == 0);
     assert_eq!(server.counts().viewers_dropped, 1);
+}
+
+#[test]
+fn a_viewer_that_sends_everything_and_reads_nothing_is_disconnected() {
+    for subprotocol in ["", "foxglove.sdk.v1"] {
+        let server = start(ViewLimits { viewer_time: Duration::from_secs(1), ..ViewLimits::default() });
+        let mut deaf = WebSocket::open(&server, subprotocol).0;
+        wait_until("the viewer is counted", || server.viewers() == 1);
+        deaf.tcp.set_write_timeout(Some(Duration::from_millis(300))).unwrap();
+        let begin = Instant::now();
+        let mut is_heard = true;
+        while server.viewers() == 1 {
+            assert!(begin.elapsed() < PATIENCE, "{subprotocol}: it is still there");
+            // Each of them alone would not do. What arrives in part must not be followed by anything.
+            is_heard = is_heard && deaf.send(PING, &[7; 100]) && deaf.send(PONG, &[]) && deaf.send(TEXT, b"shown");
+            server.publish_frame(None, || frame(0, 64, 48));
+            thread::sleep(Duration::from_millis(1));
+        }
+        assert_eq!(server.counts().viewers_dropped, 1, "{subprotocol}");
+    }
+}
+
+#[test]
+fn a_viewer_that_answers_pings_only_stays() {
+    let server = start(ViewLimits { viewer_time: Duration::from_millis(300), ..ViewLimits::default() });
+    let mut quiet = WebSocket::open(&server, "foxglove.sdk.v1").0;
+    quiet.tcp.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+    let begin = Instant::now();
+    while begin.elapsed() < Duration::from_secs(2) {
+        if let Some((PING, content)) = quiet.receive() {
+            quiet.send(PONG, &content);
+        }
+    }
+    assert_eq!((server.viewers(), server.counts().viewers_dropped), (1, 0));
 }
