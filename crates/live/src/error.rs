@@ -27,6 +27,14 @@ pub enum LiveError {
     /// The method has no map to save.
     #[error("the method {0} has no map to save")]
     NoMap(String),
+    /// The session has ended with an error, and its map cannot be saved.
+    #[error("{ended}; the map is not saved: {saved}")]
+    Unsaved {
+        /// The error that ended the session.
+        ended: Box<LiveError>,
+        /// The error of saving.
+        saved: Box<LiveError>,
+    },
     /// There is no file for the map.
     #[error("no file for the map is set")]
     NoFile,

@@ -21,7 +21,7 @@ pub use outlet::{LiveFrame, Outlet, Output, Silent};
 pub use requests::{LiveRequest, Requests};
 pub use saved_map::SavedMap;
 pub use session::{BuildPipeline, LiveOptions, LiveSession, build_with};
-pub use status::LiveStatus;
+pub use status::{LiveStatus, SaveStatus};
 pub use stream::LiveStream;
 pub use view_outlet::ViewOutlet;
 

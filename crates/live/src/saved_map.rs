@@ -8,7 +8,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Files of a map: the map itself, `home.ply`, and its objects, `home.objects.json`. Each is replaced atomically, so a
-/// killed session leaves the files of the save before.
+/// session that is killed, or a power cut, leaves the files of the save before.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SavedMap {
     map: PathBuf,
@@ -28,6 +28,11 @@ impl SavedMap {
     /// The file of the objects.
     pub fn objects(&self) -> PathBuf {
         self.map.with_extension("objects.json")
+    }
+
+    /// True if both files exist.
+    pub fn exists(&self) -> bool {
+        self.map.is_file() && self.objects().is_file()
     }
 
     /// Saves a pipeline's map and objects.

@@ -4,7 +4,9 @@ use crate::latest_times::LatestTimes;
 use crate::requests::PendingRequest;
 use crate::results::{Results, send};
 use crate::saved_map::objects;
-use crate::{LiveError, LiveFrame, LiveRequest, LiveStatus, LiveStream, Outlet, Output, Requests, SavedMap};
+use crate::{
+    LiveError, LiveFrame, LiveRequest, LiveStatus, LiveStream, Outlet, Output, Requests, SaveStatus, SavedMap,
+};
 use splatseg::pipeline::{FrameResult, LoadedNetworks, PipelineError};
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{MatchedFrame, StreamedFrame};
@@ -100,6 +102,7 @@ impl LiveSession {
         options: LiveOptions,
     ) -> Result<Self, PipelineError> {
         let now = Instant::now();
+        let saving = options.saved_map.as_ref().map(|_| SaveStatus::default());
         Ok(Self {
             pipeline: build(load)?,
             build,
@@ -108,7 +111,7 @@ impl LiveSession {
             options,
             results: Results::default(),
             seen: SeenObjects::default(),
-            status: LiveStatus::default(),
+            status: LiveStatus { saving, ..LiveStatus::default() },
             times: LatestTimes::default(),
             latest_stamp: Duration::ZERO,
             due: Due { objects: now, points: now, status: now, saved: now, saved_frames: 0 },
@@ -142,16 +145,19 @@ impl LiveSession {
     }
 
     /// Processes frames until the stream ends or `is_stopped` returns true, which is called between frames and ten times a
-    /// second. Then everything is published once more, and the map is saved.
+    /// second. Then the map is saved, and everything is published once more.
     ///
     /// # Errors
-    /// If the method fails, or the map cannot be saved at the end. A save in between that fails is a problem in the
-    /// status.
+    /// If the method fails, or the map cannot be saved at the end. A save in between that fails is in the status until one
+    /// works ([`LiveStatus::saving`]).
     pub fn run(&mut self, is_stopped: &mut dyn FnMut() -> bool) -> Result<(), LiveError> {
         let ended = self.process(is_stopped);
+        let saved = if self.has_unsaved() || self.has_lost_files() { self.save() } else { Ok(()) };
         self.publish_all();
-        let saved = if self.options.saved_map.is_some() && self.has_unsaved() { self.save() } else { Ok(()) };
-        ended.and(saved)
+        match (ended, saved) {
+            (Err(ended), Err(saved)) => Err(LiveError::Unsaved { ended: Box::new(ended), saved: Box::new(saved) }),
+            (ended, saved) => ended.and(saved),
+        }
     }
 
     fn process(&mut self, is_stopped: &mut dyn FnMut() -> bool) -> Result<(), LiveError> {
@@ -255,12 +261,9 @@ impl LiveSession {
         if passed(self.due.status, self.options.status_interval) {
             self.show_status();
         }
-        let is_saving = self.options.saved_map.is_some() && self.has_unsaved();
-        if is_saving
-            && passed(self.due.saved, self.options.save_interval)
-            && let Err(error) = self.save()
-        {
-            self.status.problem = Some(error.to_string());
+        if self.has_unsaved() && passed(self.due.saved, self.options.save_interval) {
+            // What is wrong is in the status.
+            let _ = self.save();
         }
     }
 
@@ -291,16 +294,28 @@ impl LiveSession {
         self.outlet.show(&self.status);
     }
 
+    /// True if there is a file for the map, and frames that it does not contain.
     fn has_unsaved(&self) -> bool {
-        self.status.frames > self.due.saved_frames
+        self.options.saved_map.is_some() && self.status.frames > self.due.saved_frames
+    }
+
+    /// True if somebody has removed what was saved.
+    fn has_lost_files(&self) -> bool {
+        self.due.saved_frames > 0 && self.options.saved_map.as_ref().is_some_and(|files| !files.exists())
     }
 
     fn save(&mut self) -> Result<(), LiveError> {
-        self.due.saved = Instant::now();
         let files = self.options.saved_map.as_ref().ok_or(LiveError::NoFile)?;
-        files.save(&self.pipeline, &self.seen)?;
-        self.due.saved_frames = self.status.frames;
-        Ok(())
+        let saved = files.save(&self.pipeline, &self.seen);
+        // From the end of it: a slow disk must not take all of the time.
+        self.due.saved = Instant::now();
+        let status = self.status.saving.get_or_insert_default();
+        status.problem = saved.as_ref().err().map(ToString::to_string);
+        if saved.is_ok() {
+            status.saved_frames = Some(self.status.frames);
+            self.due.saved_frames = self.status.frames;
+        }
+        saved
     }
 
     fn answer_requests(&mut self) {

@@ -23,6 +23,8 @@ pub struct LiveStatus {
     pub is_paused: bool,
     /// Why frames are not used, or none come.
     pub problem: Option<String>,
+    /// Whether the map is on the disk; `None` if it is not to be saved.
+    pub saving: Option<SaveStatus>,
     /// Frames with a result in the last second.
     pub rate_hz: f32,
     /// Time for the latest frame, from its receipt to its result.
@@ -41,14 +43,32 @@ pub struct LiveStatus {
     pub counts: MatchCounts,
 }
 
+/// Whether a session's map is on the disk.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct SaveStatus {
+    /// Frames with a result when the map and its objects were last saved; `None` if this session has saved nothing.
+    pub saved_frames: Option<usize>,
+    /// Why the latest attempt has failed; `None` if it has not.
+    pub problem: Option<String>,
+}
+
 impl LiveStatus {
+    /// Everything that is wrong now: the problem with the frames, and that of saving the map.
+    pub fn problems(&self) -> Vec<String> {
+        let unsaved = self.saving.as_ref().and_then(|saving| saving.problem.as_ref());
+        let unsaved = unsaved.map(|problem| format!("the map is not saved: {problem}"));
+        self.problem.iter().cloned().chain(unsaved).collect()
+    }
+
     /// Returns the message for `/diagnostics`.
     pub fn diagnostics(&self, header: Header) -> DiagnosticArray {
-        let (level, message) = match (&self.problem, self.pose) {
-            (Some(problem), _) => (DiagnosticStatus::ERROR, problem.clone()),
-            (None, None) => (DiagnosticStatus::STALE, "waiting for frames".to_owned()),
+        let problems = self.problems();
+        let (level, message) = match self.pose {
+            _ if !problems.is_empty() => (DiagnosticStatus::ERROR, problems.join("; ")),
+            None => (DiagnosticStatus::STALE, "waiting for frames".to_owned()),
             _ if self.is_paused => (DiagnosticStatus::STALE, "paused".to_owned()),
-            (None, Some(PoseState::Lost)) => (DiagnosticStatus::WARN, "the camera's pose is lost".to_owned()),
+            Some(PoseState::Lost) => (DiagnosticStatus::WARN, "the camera's pose is lost".to_owned()),
             _ if self.age > OLD => (DiagnosticStatus::WARN, "results are old".to_owned()),
             _ => (DiagnosticStatus::OK, "running".to_owned()),
         };
@@ -70,7 +90,12 @@ impl LiveStatus {
             ("images dropped: other", (dropped.total() - dropped.busy - dropped.unpaired - dropped.late).to_string()),
             ("frames without a pose", self.counts.without_pose.to_string()),
         ];
-        let values = values.map(|(key, value)| KeyValue { key: key.to_owned(), value }).to_vec();
+        let saved = self
+            .saving
+            .as_ref()
+            .map(|saving| ("frames in the saved map", saving.saved_frames.unwrap_or(0).to_string()));
+        let values = values.into_iter().chain(saved);
+        let values = values.map(|(key, value)| KeyValue { key: key.to_owned(), value }).collect();
         let name = "splatseg".to_owned();
         let status = DiagnosticStatus { level, name, message, hardware_id: String::new(), values };
         DiagnosticArray { header, status: vec![status] }
@@ -84,9 +109,11 @@ fn milliseconds(time: Duration) -> String {
 impl fmt::Display for LiveStatus {
     /// Writes one line for a terminal.
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if let Some(problem) = &self.problem {
-            return write!(formatter, "{problem}");
+        let problems = self.problems();
+        if self.problem.is_some() {
+            return formatter.write_str(&problems.join("; "));
         }
+        problems.iter().try_for_each(|problem| write!(formatter, "{problem}; "))?;
         let Some(pose) = self.pose else { return write!(formatter, "waiting for frames; {}", self.counts) };
         let (visible, objects) = (self.visible_objects, self.objects);
         write!(
@@ -103,5 +130,33 @@ impl fmt::Display for LiveStatus {
             write!(formatter, "; paused")?;
         }
         write!(formatter, "; {}", self.counts)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn level_and_message(status: &LiveStatus) -> (u8, String) {
+        let diagnostics = status.diagnostics(Header { stamp: Default::default(), frame_id: String::new() });
+        (diagnostics.status[0].level, diagnostics.status[0].message.clone())
+    }
+
+    #[test]
+    fn no_problem_hides_another() {
+        let full = SaveStatus { saved_frames: Some(3), problem: Some("home.ply: no space".to_owned()) };
+        let unsaved = "the map is not saved: home.ply: no space";
+        let mut status =
+            LiveStatus { frames: 9, pose: Some(PoseState::Given), saving: Some(full), ..Default::default() };
+        assert_eq!(level_and_message(&status), (DiagnosticStatus::ERROR, unsaved.to_owned()));
+        assert!(status.to_string().starts_with(&format!("{unsaved}; 0.0 frames/s")), "{status}");
+        status.problem = Some("frame 7 is damaged".to_owned());
+        assert_eq!(level_and_message(&status).1, format!("frame 7 is damaged; {unsaved}"));
+        assert_eq!(status.to_string(), format!("frame 7 is damaged; {unsaved}"));
+        status.is_paused = true;
+        status.problem = None;
+        assert_eq!(level_and_message(&status).1, unsaved);
+        status.saving = Some(SaveStatus { saved_frames: Some(9), problem: None });
+        assert_eq!(level_and_message(&status), (DiagnosticStatus::STALE, "paused".to_owned()));
     }
 }

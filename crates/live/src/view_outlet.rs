@@ -65,7 +65,9 @@ impl Outlet for ViewOutlet {
         }
     }
 
-    fn show(&mut self, _: &LiveStatus) {}
+    fn show(&mut self, status: &LiveStatus) {
+        self.server.set_notes(status.problems());
+    }
 
     fn is_watched(&self) -> bool {
         self.server.viewers() > 0
@@ -109,7 +111,7 @@ fn view_frame(frame: &LiveFrame<'_>, objects: &[ViewObject]) -> ViewFrame {
         status: ViewStatus {
             dropped: frame.status.counts.dropped.total(),
             delay: Some(frame.status.age),
-            lines: lost.into_iter().chain(frame.status.problem.clone()).collect(),
+            lines: lost.into_iter().collect(),
         },
     }
 }

@@ -222,3 +222,61 @@ fn a_recording_of_what_was_used_gives_the_same_map() {
     let bytes = |saved: &SavedMap| std::fs::read(saved.map()).unwrap();
     assert!(bytes(&live) == bytes(&replayed));
 }
+
+/// The messages of `/diagnostics`, in order.
+fn diagnoses(published: &Published) -> Vec<String> {
+    let published = published.lock().unwrap();
+    let diagnostics = published.iter().filter(|(output, _)| *output == Output::Diagnostics);
+    diagnostics.map(|(_, bytes)| from_cdr::<DiagnosticArray>(bytes).unwrap().status[0].message.clone()).collect()
+}
+
+#[test]
+fn a_map_that_cannot_be_saved_is_said_until_it_can() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("disk");
+    let saved = SavedMap::new(place.join("home.ply"));
+    let (save_interval, status_interval) = (Duration::from_millis(1), Duration::ZERO);
+    let options = LiveOptions { saved_map: Some(saved.clone()), save_interval, status_interval, ..Default::default() };
+    let mut setting = setting(options, None);
+    let (stream, shown) = (Arc::clone(&setting.stream), Arc::clone(&setting.shown));
+    // A message at a time: the folder appears once a save has failed, before the last frames.
+    let problem_is = |is_wanted: bool| {
+        let latest = shown.lock().unwrap().last().and_then(|status| status.saving.clone());
+        latest.is_some_and(|saving| saving.problem.is_some() == is_wanted)
+    };
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            read_messages(&recording(), &mut |message| {
+                stream.feed_at((message.topic, message.type_name), message.data, message.recorded);
+                if problem_is(true) && !place.exists() {
+                    std::fs::create_dir(&place).unwrap();
+                }
+                Ok(())
+            })
+            .unwrap();
+            stream.end();
+        });
+        // The recording is short: most frames come when the stream ends. Then the first save fails.
+        let ended = setting.session.run(&mut || false);
+        assert_eq!(ended.is_err(), !place.exists(), "{ended:?}");
+    });
+    let unsaved = |message: &String| message.starts_with("the map is not saved: ") && message.contains("home.ply");
+    let messages = diagnoses(&setting.published);
+    assert!(messages.iter().any(unsaved), "{messages:?}");
+    if !place.exists() {
+        assert!(unsaved(messages.last().unwrap()), "{messages:?}");
+        assert!(problem_is(true) && setting.session.status().saving.as_ref().unwrap().saved_frames.is_none());
+        std::fs::create_dir(&place).unwrap();
+    }
+    // What was not saved is saved at the end of the next part.
+    setting.session.run(&mut || true).unwrap();
+    assert!(saved.exists());
+    let status = setting.session.status();
+    assert_eq!((status.frames, status.saving.as_ref().unwrap().saved_frames), (4, Some(4)));
+    let messages = diagnoses(&setting.published);
+    assert!(!unsaved(messages.last().unwrap()), "{messages:?}");
+    // What somebody removes is saved again.
+    std::fs::remove_file(saved.objects()).unwrap();
+    setting.session.run(&mut || true).unwrap();
+    assert!(saved.exists());
+}

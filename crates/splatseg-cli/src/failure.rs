@@ -29,6 +29,18 @@ impl Failure {
         Self::Runtime(error.to_string())
     }
 
+    /// Combines results: one failure with the text of all, so that none hides another. It is an invalid input only if all
+    /// are.
+    pub fn all(results: impl IntoIterator<Item = Result<(), Self>>) -> Result<(), Self> {
+        let failures: Vec<Self> = results.into_iter().filter_map(Result::err).collect();
+        let text = failures.iter().map(Self::to_string).collect::<Vec<_>>().join("; ");
+        match failures.iter().map(Self::exit_code).min() {
+            None => Ok(()),
+            Some(2) => Err(Self::Input(text)),
+            Some(_) => Err(Self::Runtime(text)),
+        }
+    }
+
     /// Returns the exit code of the command.
     pub fn exit_code(&self) -> u8 {
         match self {
@@ -44,5 +56,20 @@ impl fmt::Display for Failure {
         match self {
             Self::Input(text) | Self::Runtime(text) | Self::Interrupted { text, .. } => formatter.write_str(text),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn several_failures_are_one_line() {
+        let all =
+            |results: Vec<Result<(), Failure>>| Failure::all(results).map_err(|all| (all.exit_code(), all.to_string()));
+        assert_eq!(all(vec![Ok(()), Ok(())]), Ok(()));
+        let (input, runtime) = (|| Err(Failure::input("a")), || Err(Failure::runtime("b")));
+        assert_eq!(all(vec![input(), Ok(()), runtime()]), Err((1, "a; b".to_owned())));
+        assert_eq!(all(vec![input(), input()]), Err((2, "a; a".to_owned())));
     }
 }

@@ -107,3 +107,35 @@ fn wrong_names_and_domains_of_a_node_are_one_line() {
     }
     assert_eq!(fs::read_to_string(&taken).unwrap(), "mine");
 }
+
+/// As [`live`], with the size of files limited to `kib` KiB: larger ones fail as on a full disk.
+#[cfg(unix)]
+fn live_with_small_files(kib: usize, more: &[&str]) -> Ended {
+    let mut shell = assert_cmd::Command::new("bash");
+    shell.args(["-c", &format!("ulimit -f {kib}; exec \"$@\""), "bash"]);
+    shell.arg(assert_cmd::cargo::cargo_bin!("splatseg")).arg("live").arg(recording());
+    finish(shell.args(["--every-frame", "--threads", "2", "--world-frame", "map"]).args(more))
+}
+
+#[cfg(unix)]
+#[test]
+fn on_a_full_disk_every_file_that_is_not_there_is_named_and_no_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let [map, used] = ["home.ply", "used.mcap"].map(|name| folder.path().join(name));
+    let options = ["--map", map.to_str().unwrap(), "--record", used.to_str().unwrap(), "--save-interval", "0.1"];
+    let ended = live_with_small_files(40, &options);
+    assert_eq!(ended.code, 1, "{}", ended.err);
+    assert!(ended.err.contains("warning: the map is not saved: ") && ended.err.contains("home.ply"), "{}", ended.err);
+    let last = ended.err.lines().last().unwrap();
+    assert!(last.starts_with("error: ") && last.contains("home.ply") && last.contains("used.mcap"), "{last}");
+    assert!(!ended.out.contains("home") && !ended.out.contains("used"), "{}", ended.out);
+    assert!(ended.out.contains("4 frames, "), "{}", ended.out);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "no part of a file is left");
+    // An earlier map stays, and is not said to be this one.
+    let whole = live(&recording(), &["--every-frame", "--map", map.to_str().unwrap()]);
+    assert!(whole.code == 0 && whole.out.contains("map: "), "{}", whole.err);
+    let before = fs::read(&map).unwrap();
+    let ended = live_with_small_files(40, &options[..2]);
+    assert_eq!(ended.code, 1, "{}", ended.err);
+    assert!(fs::read(&map).unwrap() == before && !ended.out.contains("map: "), "{}", ended.out);
+}

@@ -44,7 +44,7 @@ pub(crate) fn run(shared: &Shared) {
         if Instant::now() >= next_status {
             next_status = Instant::now() + STATUS_INTERVAL;
             let (_, rate) = shared.pages.origin_and_rate();
-            let message = page_messages::status(rate, shared.viewers());
+            let message = page_messages::status(rate, shared.viewers(), &shared.pages.notes());
             shared.pages.send(PageMessage::Status, &message, &shared.counters);
         }
     }

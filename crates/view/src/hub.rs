@@ -109,6 +109,7 @@ struct State {
     origin: Option<DVec3>,
     published: VecDeque<Instant>,
     next_map: Option<Instant>,
+    notes: Vec<String>,
 }
 
 impl State {
@@ -194,6 +195,15 @@ impl PageHub {
         }
         let up = state.up.direction();
         state.map.take().map_or(Work::Idle, |map| Work::Map(map, up))
+    }
+
+    /// Sets what the page says besides the lines of the latest frame.
+    pub(crate) fn set_notes(&self, notes: Vec<String>) {
+        lock(&self.state).notes = notes;
+    }
+
+    pub(crate) fn notes(&self) -> Vec<String> {
+        lock(&self.state).notes.clone()
     }
 
     /// Origin of coordinates, and frames per second.

@@ -49,9 +49,9 @@ pub(crate) fn hello(scene: &str, session: &str, origin: DVec3, path: &CameraPath
     }))
 }
 
-/// Sent every second, so that the page notices a lost connection.
-pub(crate) fn status(frames_per_second: f32, viewers: usize) -> Message {
-    text(&json!({ "kind": "status", "rate": frames_per_second, "viewers": viewers }))
+/// Sent every second, so that the page notices a lost connection. `notes` are lines about the run.
+pub(crate) fn status(frames_per_second: f32, viewers: usize, notes: &[String]) -> Message {
+    text(&json!({ "kind": "status", "rate": frames_per_second, "viewers": viewers, "notes": notes }))
 }
 
 /// The list of objects.

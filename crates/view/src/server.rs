@@ -89,6 +89,12 @@ impl ViewServer {
         }
     }
 
+    /// Sets what the page says besides the lines of the latest frame, e.g. what is wrong. It comes within a second, also if
+    /// there are no new frames.
+    pub fn set_notes(&self, notes: Vec<String>) {
+        self.shared.pages.set_notes(notes);
+    }
+
     /// Publishes the map if somebody watches the page and the last one is old enough
     /// ([`ViewLimits::map_interval`](crate::ViewLimits)). Does not wait; making the map takes milliseconds.
     pub fn publish_map(&self, memory: &SplatMemory) {

@@ -25,6 +25,9 @@ class LivePage {
   #map = null;
   #selected = 0;
   #url = null;
+  /** Lines about the run, and about the newest frame. */
+  #notes = [];
+  #lines = [];
   #list = new ObjectList([], (id) => this.#select(id === this.#selected ? 0 : id));
   #info = new ObjectInfo(this.#run, { center: (id) => this.#map?.center(id) });
   #picture = new Picture({
@@ -77,7 +80,7 @@ class LivePage {
   #receive(data) {
     if (typeof data !== "string") return this.#showFrame(data);
     const message = JSON.parse(data);
-    const show = { hello: () => this.#greet(message), status: () => this.#status.setRate(message.rate) };
+    const show = { hello: () => this.#greet(message), status: () => this.#showStatus(message) };
     show.objects = () => this.#showObjects(message.objects);
     show.map = () => this.#showMap(message);
     return show[message.kind]?.();
@@ -91,6 +94,18 @@ class LivePage {
     byElementId("scene").textContent = message.scene || "splatseg";
     byElementId("facts").textContent = `splatseg ${message.version}`;
     this.#map?.updatePath();
+  }
+
+  #showStatus({ rate, notes }) {
+    this.#status.setRate(rate);
+    this.#notes = notes;
+    this.#showLines();
+  }
+
+  #showLines() {
+    const lines = [...this.#notes, ...this.#lines];
+    byElementId("video-note").hidden = lines.length === 0;
+    byElementId("video-note").textContent = lines.join("\n");
   }
 
   /** A frame's bytes: the length of its JSON, the JSON, a JPEG file, the ids. */
@@ -112,8 +127,8 @@ class LivePage {
     this.#status.setFrame(frame);
     this.#map?.updatePath();
     this.#map?.showFrame(frame.number);
-    byElementId("video-note").hidden = frame.lines.length === 0;
-    byElementId("video-note").textContent = frame.lines.join("\n");
+    this.#lines = frame.lines;
+    this.#showLines();
     document.documentElement.dataset.frame = String(frame.number);
   }
 

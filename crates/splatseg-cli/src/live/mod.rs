@@ -6,7 +6,8 @@ pub mod ros2;
 mod session_options;
 mod terminal_outlet;
 
-use crate::run::{StopSignals, use_threads};
+use crate::run::StopSignals;
+use crate::system_limits::{no_thread, use_threads};
 use crate::{Failure, devices};
 use clap::Args;
 use player::{Pace, play};
@@ -60,7 +61,7 @@ pub fn live(arguments: &LiveArguments, program: &[OsString]) -> Result<(), Failu
     devices::check(settings.device(), program)?;
     use_threads(settings.run.threads)?;
     settings.run.memory_limit.enforce();
-    let signals = StopSignals::listen().map_err(Failure::runtime)?;
+    let signals = StopSignals::listen().map_err(|error| no_thread("listens for signals", &error))?;
     let dataset = &settings.dataset;
     let stream = if arguments.every_frame {
         LiveStream::without_drops(dataset)
@@ -77,12 +78,11 @@ pub fn live(arguments: &LiveArguments, program: &[OsString]) -> Result<(), Failu
     stream.end();
     // After a signal the player may still be reading, and is not waited for.
     let played = if signals.received().is_none() { player.join() } else { Ok(Ok(())) };
-    if session.status().frames > 0 {
-        arguments.session.report(&session, &stream);
-    }
-    arguments.session.finish_recording(&stream)?;
-    ended.map_err(Failure::runtime)?;
-    played.map_err(|_| Failure::runtime("playing the recording failed"))?.map_err(Failure::input)?;
+    let played = match played {
+        Ok(played) => played.map_err(Failure::input),
+        Err(_) => Err(Failure::runtime("playing the recording failed")),
+    };
+    arguments.session.finish(&session, &stream, ended, played)?;
     match (session.status().frames, stream.undecided()) {
         (0, Some(undecided)) => Err(Failure::input(undecided)),
         (0, None) if signals.received().is_none() => {

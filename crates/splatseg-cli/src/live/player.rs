@@ -1,6 +1,7 @@
 //! Plays a recording like a camera.
 
 use crate::Failure;
+use crate::system_limits::no_thread;
 use splatseg_dataset::{DatasetError, read_messages};
 use splatseg_live::LiveStream;
 use std::path::PathBuf;
@@ -48,5 +49,5 @@ pub fn play(
         stream.end();
         played
     };
-    Builder::new().name("player".to_owned()).spawn(work).map_err(Failure::runtime)
+    Builder::new().name("player".to_owned()).spawn(work).map_err(|error| no_thread("plays the recording", &error))
 }

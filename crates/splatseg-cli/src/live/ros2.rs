@@ -1,7 +1,8 @@
 //! `splatseg ros2`: a ROS 2 node without ROS.
 
 use super::session_options::SessionOptions;
-use crate::run::{StopSignals, use_threads};
+use crate::run::StopSignals;
+use crate::system_limits::{no_thread, use_threads};
 use crate::{Failure, devices};
 use clap::Args;
 use serde_json::Value;
@@ -62,7 +63,7 @@ pub fn ros2(arguments: &Ros2Arguments, program: &[OsString]) -> Result<(), Failu
     devices::check(settings.device(), program)?;
     use_threads(settings.run.threads)?;
     settings.run.memory_limit.enforce();
-    let signals = StopSignals::listen().map_err(Failure::runtime)?;
+    let signals = StopSignals::listen().map_err(|error| no_thread("listens for signals", &error))?;
     let stream = Arc::new(LiveStream::new(&settings.dataset, MatchLimits::default()).map_err(Failure::input)?);
     let parameters = parameters(&settings);
     let mut node = Ros2Node::join(domain, name).map_err(Failure::runtime)?;
@@ -80,11 +81,7 @@ pub fn ros2(arguments: &Ros2Arguments, program: &[OsString]) -> Result<(), Failu
     let ended = session.run(&mut || signals.received().is_some());
     drop(node);
     stream.end();
-    if session.status().frames > 0 {
-        arguments.session.report(&session, &stream);
-    }
-    arguments.session.finish_recording(&stream)?;
-    ended.map_err(Failure::runtime)
+    arguments.session.finish(&session, &stream, ended, Ok(()))
 }
 
 /// The settings as parameters, by the names of their keys. Those that are not set are left out.

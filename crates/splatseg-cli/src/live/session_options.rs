@@ -9,7 +9,7 @@ use crate::run::{ExtraFile, FileKind};
 use clap::Args;
 use splatseg::Settings;
 use splatseg_dataset::DatasetSettings;
-use splatseg_live::{LiveOptions, LiveSession, LiveStream, Outlet, SavedMap, ViewOutlet, build_with};
+use splatseg_live::{LiveError, LiveOptions, LiveSession, LiveStream, Outlet, SavedMap, ViewOutlet, build_with};
 use splatseg_view::{Reach, ViewOptions};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -93,11 +93,32 @@ impl SessionOptions {
     }
 
     /// Ends the recording, if there is one.
-    pub fn finish_recording(&self, stream: &LiveStream) -> Result<(), Failure> {
+    fn finish_recording(&self, stream: &LiveStream) -> Result<(), Failure> {
         let Some(file) = &self.record else { return Ok(()) };
-        stream.finish_recording().map_err(|error| Failure::runtime(format!("{}: {error}", file.display())))?;
+        stream
+            .finish_recording()
+            .map_err(|error| Failure::runtime(format!("{}: the recording is not saved: {error}", file.display())))?;
         say!("recording: {}", file.display());
         Ok(())
+    }
+
+    /// Ends a session: prints what was done, and ends the recording. `ended` is the session's result, `played` that of
+    /// its source.
+    ///
+    /// # Errors
+    /// Everything that went wrong.
+    pub fn finish(
+        &self,
+        session: &LiveSession,
+        stream: &LiveStream,
+        ended: Result<(), LiveError>,
+        played: Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        if session.status().frames > 0 {
+            self.report(session, stream);
+        }
+        let recorded = self.finish_recording(stream);
+        Failure::all([ended.map_err(Failure::runtime), played, recorded])
     }
 
     /// Creates the session. Its results go to the terminal, to viewers, and to `outlets`.
@@ -121,16 +142,25 @@ impl SessionOptions {
         LiveSession::new(build_with(settings), self.existing_map(), ends, options).map_err(Failure::input)
     }
 
-    /// Prints what was done.
-    pub fn report(&self, session: &LiveSession, stream: &LiveStream) {
+    /// Prints what was done. Names only files that contain it.
+    fn report(&self, session: &LiveSession, stream: &LiveStream) {
         for source in stream.sources() {
             say_error!("  {source}");
         }
         let status = session.status();
         say!("{} frames, {} objects; {}", status.frames, status.objects, stream.counts());
         say!("{}", session.latest_times());
-        if let Some(map) = &self.map {
-            say!("map: {}; objects: {}", map.display(), SavedMap::new(map.clone()).objects().display());
+        let (Some(map), Some(saving)) = (&self.map, &status.saving) else { return };
+        let files = SavedMap::new(map.clone());
+        let is_there = |path: &Path| path.is_file().then(|| path.display().to_string());
+        let (map, objects) = (is_there(files.map()), is_there(&files.objects()));
+        match (saving.saved_frames, &saving.problem, map.zip(objects)) {
+            (Some(_), None, Some((map, objects))) => say!("map: {map}; objects: {objects}"),
+            (Some(saved), Some(_), Some((map, objects))) => {
+                say!("map: {map}; objects: {objects}: as of frame {saved} of {}", status.frames);
+            }
+            // The error says what is not there.
+            _ => {}
         }
     }
 }

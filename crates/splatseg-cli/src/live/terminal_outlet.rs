@@ -9,18 +9,21 @@ use std::time::{Duration, Instant};
 /// Time between two lines, if standard error is not a terminal.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
-/// Shows the state: one line that changes on a terminal, otherwise a line every ten seconds.
+/// Shows the state: one line that changes on a terminal, otherwise a line every ten seconds. That the map cannot be saved
+/// any more is said at once, and that it can be again.
 pub struct TerminalOutlet {
     bar: ProgressBar,
     latest: Option<Instant>,
     is_terminal: bool,
+    /// Why the map is not saved, as it was said last.
+    unsaved: Option<String>,
 }
 
 impl TerminalOutlet {
     pub fn new() -> Self {
         let style = ProgressStyle::with_template("{wide_msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
         let bar = ProgressBar::no_length().with_style(style);
-        Self { bar, latest: None, is_terminal: std::io::stderr().is_terminal() }
+        Self { bar, latest: None, is_terminal: std::io::stderr().is_terminal(), unsaved: None }
     }
 }
 
@@ -32,6 +35,14 @@ impl Outlet for TerminalOutlet {
     fn publish(&mut self, _: Output, _: Vec<u8>) {}
 
     fn show(&mut self, status: &LiveStatus) {
+        let unsaved = status.saving.as_ref().and_then(|saving| saving.problem.clone());
+        if unsaved != self.unsaved {
+            self.bar.suspend(|| match &unsaved {
+                Some(problem) => say_error!("warning: the map is not saved: {problem}"),
+                None => say_error!("the map is saved again"),
+            });
+            self.unsaved = unsaved;
+        }
         if self.is_terminal {
             self.bar.set_message(escape(&status.to_string()).into_owned());
         } else if self.latest.is_none_or(|latest| latest.elapsed() >= BETWEEN_LINES) {

@@ -171,3 +171,14 @@ fn the_map_comes_when_it_is_due_and_has_changed() {
     server.publish_map(&memory);
     assert_eq!(page.page_message("map").unwrap().0["map"]["total"], memory.gaussian_count());
 }
+
+#[test]
+fn notes_come_without_frames() {
+    let server = start(ViewLimits::default());
+    let mut page = WebSocket::page(&server);
+    assert_eq!(page.page_message("status").unwrap().0["notes"], serde_json::json!([]));
+    server.set_notes(vec!["the map is not saved".to_owned()]);
+    wait_until("the note comes", || {
+        page.page_message("status").unwrap().0["notes"] == serde_json::json!(["the map is not saved"])
+    });
+}
