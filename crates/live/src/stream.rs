@@ -46,23 +46,23 @@ impl LiveStream {
     /// # Errors
     /// If a setting is out of range.
     pub fn new(settings: &DatasetSettings, limits: MatchLimits) -> Result<Self, DatasetError> {
-        Self::with_clock(settings, limits, Clock::System)
+        Ok(Self::with_clock(FrameMatcher::new(settings, limits)?, Clock::System))
     }
 
     /// Creates a stream in which no complete frame is dropped: [`Self::feed_at`] waits until the frames so far are taken.
-    /// Frames wait for poses by the times of the messages, so the same messages give the same frames.
+    /// Frames wait for poses by the times of the messages, so the same messages give the same frames. Nothing is dropped
+    /// either if a clock is set back.
     ///
     /// # Errors
     /// If a setting is out of range.
     pub fn without_drops(settings: &DatasetSettings) -> Result<Self, DatasetError> {
         let limits = MatchLimits { complete: WITHOUT_DROPS, ..MatchLimits::default() };
-        Self::with_clock(settings, limits, Clock::Messages)
+        Ok(Self::with_clock(FrameMatcher::new(settings, limits)?.keeping_frames(), Clock::Messages))
     }
 
-    fn with_clock(settings: &DatasetSettings, limits: MatchLimits, clock: Clock) -> Result<Self, DatasetError> {
-        let matcher = FrameMatcher::new(settings, limits)?;
+    fn with_clock(matcher: FrameMatcher, clock: Clock) -> Self {
         let state = Mutex::new(State { matcher, recorder: None, is_over: false, received: Duration::ZERO });
-        Ok(Self { state, clock, has_news: Condvar::new(), has_room: Condvar::new() })
+        Self { state, clock, has_news: Condvar::new(), has_room: Condvar::new() }
     }
 
     /// Records what is used from now on: the images of the frames that are taken, and all poses and calibrations. A session

@@ -37,7 +37,8 @@ const MAX_CALIBRATIONS: usize = 16;
 ///
 /// Frames are given in time order. The newest wins: a complete frame replaces one that was not taken yet
 /// ([`MatchLimits::complete`]). Time goes back only if the clock of the colour images was set back: then all that waits
-/// is dropped. Memory is bounded, whatever is fed.
+/// is dropped, unless the matcher is [`keeping_frames`](FrameMatcher::keeping_frames). Memory is bounded, whatever is
+/// fed.
 ///
 /// ```
 /// use splatseg_dataset::{DatasetSettings, FrameMatcher, MatchLimits};
@@ -75,6 +76,8 @@ pub struct FrameMatcher {
     pub(super) paired: Option<(i64, i64)>,
     /// True if the clock of the depth images was set back, and that of the colour images not yet.
     pub(super) depth_is_ahead: bool,
+    /// True if frames from before a clock was set back are kept.
+    pub(super) keeps_frames: bool,
 }
 
 /// Use of a message, or the reason for dropping it.
@@ -113,7 +116,15 @@ impl FrameMatcher {
             last_received: None,
             paired: None,
             depth_is_ahead: false,
+            keeps_frames: false,
         })
+    }
+
+    /// Keeps the frames from before a clock was set back: they are completed with what is known by then. For a consumer
+    /// that must not miss frames, e.g. of a recording; others need what is now.
+    #[must_use]
+    pub fn keeping_frames(self) -> Self {
+        Self { keeps_frames: true, ..self }
     }
 
     /// Takes in a message: `data` in CDR, of type `type_name` (e.g. `sensor_msgs/msg/Image`), received at `received` by
@@ -254,6 +265,9 @@ impl FrameMatcher {
 
     /// Sorts a recorded message into the others of its topic.
     fn sort_in(&mut self, index: usize, data: &[u8], received: Duration) -> Use {
+        if self.keeps_frames && self.is_set_back(index) {
+            self.match_frames(true);
+        }
         match self.contents.topics.get_mut(index).map(|topic| &mut topic.content) {
             Some(Content::Images(images)) => {
                 let Some(place) = images.list.pop() else { return Use::Damaged };
@@ -274,6 +288,18 @@ impl FrameMatcher {
                 Use::TakenIn
             }
             _ => Use::Ignored,
+        }
+    }
+
+    /// True if the message that was recorded last, of this topic, confirms that its clock was set back.
+    fn is_set_back(&self, index: usize) -> bool {
+        match self.contents.topics.get(index).map(|topic| &topic.content) {
+            Some(Content::Images(images)) => {
+                images.list.last().is_some_and(|image| images.timeline.is_set_back_by(image))
+            }
+            Some(Content::Poses(poses)) => poses.are_set_back(),
+            Some(Content::Transforms { .. }) => self.contents.tree.are_set_back(),
+            _ => false,
         }
     }
 

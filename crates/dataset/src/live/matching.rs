@@ -220,7 +220,7 @@ impl FrameMatcher {
         (self.paired, self.depth_is_ahead) = (None, false);
         let pairs: Vec<Pair> = self.pairs.drain(..).collect();
         self.drop_images(pairs.into_iter().flat_map(|pair| [pair.color, pair.depth]), |dropped| &mut dropped.set_back);
-        while !self.complete.is_empty() {
+        while !self.complete.is_empty() && !self.keeps_frames {
             self.drop_complete(|dropped| &mut dropped.set_back);
         }
         let depth = self.chosen.as_ref().map(|chosen| chosen.depth);

@@ -76,6 +76,12 @@ impl Link {
         self.timeline.trim_history();
     }
 
+    /// Returns true if a transform that was added since the last call of [`Self::arrive`] is from after the clock was set
+    /// back.
+    pub(crate) fn is_set_back(&self) -> bool {
+        self.samples.iter().any(|sample| self.timeline.is_set_back_by(sample))
+    }
+
     /// Forgets the moving transforms of a stream from before a clock was set back.
     pub(crate) fn restart(&mut self, at: &SetBack) {
         self.timeline.restart(at);

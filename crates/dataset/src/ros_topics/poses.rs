@@ -52,6 +52,11 @@ impl Poses {
 }
 
 impl Poses {
+    /// Returns true if [`Self::arrive`] would forget the poses before, because the clock was set back.
+    pub(crate) fn are_set_back(&self) -> bool {
+        self.samples.iter().any(|sample| self.timeline.is_set_back_by(sample))
+    }
+
     /// Sorts the poses of a stream that were recorded since the last call into the others, and forgets old ones.
     pub(crate) fn arrive(&mut self) {
         for sample in std::mem::take(&mut self.samples) {

@@ -67,6 +67,17 @@ impl SetBack {
 type Reading<T> = (Vec<T>, Vec<T>, Option<SetBack>);
 
 impl<T: Stamped> StreamClock<T> {
+    /// Returns true if this message would set the clock back.
+    fn is_set_back_by(&self, message: &T) -> bool {
+        let stamp = message.stamp();
+        let agrees = self.held.last().is_some_and(|held| follows(held.stamp(), stamp));
+        let newest = self.newest.unwrap_or(stamp);
+        agrees
+            && self.held.len() + 1 >= CONFIRMING
+            && !follows(newest, stamp)
+            && latest(&self.held).max(Some(stamp)) < Some(newest)
+    }
+
     fn read(&mut self, message: T) -> Reading<T> {
         let stamp = message.stamp();
         let newest = *self.newest.get_or_insert(stamp);
@@ -98,6 +109,12 @@ fn follows(newest: i64, stamp: i64) -> bool {
 }
 
 impl<T: Stamped + Copy> Timeline<T> {
+    /// Returns true if [`Self::arrive`] would remove all messages before, because this one confirms that the clock was set
+    /// back.
+    pub(crate) fn is_set_back_by(&self, message: &T) -> bool {
+        self.clock.is_set_back_by(message)
+    }
+
     /// Adds a message, or holds it.
     pub(crate) fn arrive(&mut self, message: T) -> Arrival<T> {
         let (fitting, misfits, set_back) = self.clock.read(message);
@@ -243,7 +260,10 @@ mod tests {
     fn fed(stamps: impl IntoIterator<Item = i64>) -> (Timeline<Message>, usize, usize, Vec<SetBack>) {
         let (mut timeline, mut misfits, mut repeated, mut set_back) = (Timeline::default(), 0, 0, Vec::new());
         for (stamp, number) in stamps.into_iter().zip(1..) {
-            let arrival = timeline.arrive(Message { stamp: stamp.saturating_mul(SECOND / 10), number });
+            let message = Message { stamp: stamp.saturating_mul(SECOND / 10), number };
+            let is_expected = timeline.is_set_back_by(&message);
+            let arrival = timeline.arrive(message);
+            assert_eq!(arrival.set_back.is_some(), is_expected, "it is known before");
             misfits += arrival.misfits.len();
             repeated += arrival.repeated.len();
             set_back.extend(arrival.set_back.map(|(_, at)| at));

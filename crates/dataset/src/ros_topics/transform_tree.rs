@@ -93,6 +93,11 @@ impl TransformTree {
         }
     }
 
+    /// Returns true if [`Self::arrive`] would forget the transforms before, because the clock was set back.
+    pub(crate) fn are_set_back(&self) -> bool {
+        self.links.values().flatten().any(Link::is_set_back)
+    }
+
     /// Sorts the transforms of a stream that were added since the last call into the others, and forgets old ones.
     pub(crate) fn arrive(&mut self) {
         self.links.values_mut().flatten().for_each(Link::arrive);
