@@ -50,7 +50,8 @@ pub fn evaluate(
     let dataset = layers(settings, Some("dataset"))?.over_dataset(&base).map_err(settings_error)?;
     // After Ctrl-C, nothing waits for this thread; it runs to its end.
     let (sender, mut receiver) = sync_channel(1);
-    std::thread::spawn(move || drop(sender.send(scored(&gt, &dataset, &predictions, &options))));
+    let work = move || drop(sender.send(scored(&gt, &dataset, &predictions, &options)));
+    std::thread::Builder::new().name("splatseg-eval".to_owned()).spawn(work).map_err(runtime_error)?;
     loop {
         let waiting = &mut receiver;
         match py.detach(move || waiting.recv_timeout(POLL)) {

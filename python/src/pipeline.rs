@@ -2,10 +2,11 @@
 
 use crate::arrays::{color_image, depth_image, numbers, to_array, to_color_array, to_masks, to_plain_array, to_rows};
 use crate::errors::{runtime_error, value_error};
-use crate::segmenter::PythonSegmenter;
+use crate::segmenter::{PythonSegmenter, SharedCallable};
 use crate::settings::{add_file, layers, resolve, settings_error};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::exceptions::PyRuntimeError;
+use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::ThreadPool;
@@ -28,6 +29,8 @@ pub struct Pipeline {
     /// Its own thread pool, if `threads` is given.
     threads: Option<ThreadPool>,
     settings: String,
+    /// The segmenter, if it is a callable of Python.
+    segmenter: Option<SharedCallable>,
 }
 
 struct State {
@@ -80,10 +83,11 @@ impl Pipeline {
             0 => None,
             count => Some(rayon::ThreadPoolBuilder::new().num_threads(count).build().map_err(runtime_error)?),
         };
+        let segmenter = segmenter.map(SharedCallable::new);
         let build = || {
             let mut builder = splatseg::Pipeline::builder(&settings);
-            if let Some(callable) = segmenter {
-                builder = builder.segmenter(Box::new(PythonSegmenter::new(callable)));
+            if let Some(callable) = &segmenter {
+                builder = builder.segmenter(Box::new(PythonSegmenter::new(callable.clone())));
             }
             if let Some(path) = &saved_memory {
                 builder = builder.saved_memory(path);
@@ -96,7 +100,17 @@ impl Pipeline {
         let pipeline = py.detach(|| in_pool(threads.as_ref(), build));
         let pipeline = pipeline.map_err(value_error)?;
         let settings = serde_json::to_string(&settings).map_err(runtime_error)?;
-        Ok(Self { state: Mutex::new(State { pipeline, seen: SeenObjects::default(), frames: 0 }), threads, settings })
+        let state = Mutex::new(State { pipeline, seen: SeenObjects::default(), frames: 0 });
+        Ok(Self { state, threads, settings, segmenter })
+    }
+
+    /// Shows Python's garbage collector what the pipeline refers to: a segmenter may refer to its pipeline.
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        self.segmenter.as_ref().map_or(Ok(()), |segmenter| segmenter.traverse(&visit))
+    }
+
+    fn __clear__(&self) {
+        self.segmenter.iter().for_each(SharedCallable::clear);
     }
 
     /// The settings as JSON.

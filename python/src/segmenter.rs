@@ -6,26 +6,60 @@ use crate::pipeline::intrinsics;
 use crate::settings::{layers, resolve};
 use numpy::{PyArray1, PyArray3};
 use pyo3::exceptions::PyRuntimeError;
+use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use splatseg::segmenter::SegmenterError;
 use splatseg::{CameraFrame, Intrinsics, Mask, ScoredMask};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// A callable of Python that a pipeline and its segmenter share. The pipeline shows it to Python's garbage collector,
+/// which finds no references inside the library.
+#[derive(Clone)]
+pub struct SharedCallable(Arc<Mutex<Option<Py<PyAny>>>>);
+
+impl SharedCallable {
+    pub fn new(callable: Py<PyAny>) -> Self {
+        Self(Arc::new(Mutex::new(Some(callable))))
+    }
+
+    /// Shows the callable to the garbage collector.
+    pub fn traverse(&self, visit: &PyVisit<'_>) -> Result<(), PyTraverseError> {
+        // The lock is only held while a reference is copied. An object that is not shown is not freed.
+        match self.0.try_lock() {
+            Ok(callable) => visit.call(&*callable),
+            Err(_) => Ok(()),
+        }
+    }
+
+    /// Drops the callable. A pipeline that the garbage collector frees is not used any more.
+    pub fn clear(&self) {
+        let callable = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
+        // Dropped without the lock: that may run any code.
+        drop(callable);
+    }
+
+    fn get(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let callable = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let callable = callable.as_ref().map(|callable| callable.clone_ref(py));
+        callable.ok_or_else(|| PyRuntimeError::new_err("the segmenter was freed"))
+    }
+}
 
 /// A callable `(rgb, depth) -> masks` as a segmenter.
 pub struct PythonSegmenter {
-    callable: Py<PyAny>,
+    callable: SharedCallable,
 }
 
 impl PythonSegmenter {
-    pub fn new(callable: Py<PyAny>) -> Self {
+    pub fn new(callable: SharedCallable) -> Self {
         Self { callable }
     }
 
     fn call(&self, py: Python<'_>, frame: &CameraFrame) -> PyResult<Vec<ScoredMask>> {
         let rgb = to_color_array(py, frame.color().pixels(), frame.color().size())?;
         let depth = to_plain_array(py, frame.depth().pixels(), frame.depth().size())?;
-        let returned = self.callable.bind(py).call1((rgb, depth))?;
+        let returned = self.callable.get(py)?.into_bound(py).call1((rgb, depth))?;
         match returned.cast::<PyTuple>() {
             Ok(pair) if pair.len() == 2 => scored(frame, &pair.get_item(0)?, Some(&pair.get_item(1)?)),
             Ok(tuple) => Err(value_error(format!(

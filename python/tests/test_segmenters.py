@@ -1,5 +1,8 @@
 """Segmenters: Python's for the library, and the library's for Python."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 import splatseg as ss
@@ -48,6 +51,26 @@ def test_a_function_gets_the_frame(room):
     np.testing.assert_array_equal(rgb, frame.rgb)
     np.testing.assert_array_equal(depth, frame.depth)
     assert (rgb.dtype, depth.dtype) == (np.uint8, np.float32)
+
+
+def test_a_segmenter_that_refers_to_its_pipeline_is_freed(room):
+    class Own:
+        def __init__(self):
+            self.pipeline = ss.FastSamSplat(segmenter=self)
+
+        def __call__(self, rgb, depth):
+            # Its own pipeline is at hand, e.g. for the frame's number.
+            return np.full(depth.shape, 1 + (self.pipeline is None), np.uint8)
+
+    owns = [Own() for _ in range(3)]
+    for own in owns:
+        step(own.pipeline, room[0])
+        gc.collect()
+        assert len(step(own.pipeline, room[1]).objects) == 1, "what is in use stays"
+    freed = [weakref.ref(own) for own in owns]
+    del own, owns
+    gc.collect()
+    assert [reference() for reference in freed] == [None] * 3
 
 
 class OwnError(Exception):
