@@ -3,7 +3,7 @@
 use crate::WriteIdsError;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use splatseg_files::write_atomically;
+use splatseg_files::write_unsynced;
 use splatseg_geometry::{SegmentId, SegmentMap};
 use std::path::Path;
 
@@ -37,5 +37,5 @@ pub fn write_segments_png(path: &Path, segments: &SegmentMap) -> Result<(), Writ
     PngEncoder::new(&mut encoded)
         .write_image(&bytes, segments.width() as u32, segments.height() as u32, kind)
         .map_err(|source| WriteIdsError::Encode { path: path.to_owned(), source })?;
-    write_atomically(path, &encoded).map_err(|source| WriteIdsError::Io { path: path.to_owned(), source })
+    write_unsynced(path, &encoded).map_err(|source| WriteIdsError::Io { path: path.to_owned(), source })
 }

@@ -1,11 +1,21 @@
 //! Files that appear complete or not at all.
 
+use std::ffi::OsStr;
 use std::fs::File;
-use std::io::{BufWriter, Result, Write};
+use std::io::{BufWriter, ErrorKind, Result, Write};
 use std::path::{Path, PathBuf};
 use tempfile::TempPath;
 
+/// Beginning of the names of temporary files.
+const PREFIX: &str = ".writing-";
+/// Random characters at the end of these names.
+const RANDOM_CHARS: usize = 6;
+/// Characters of the destination's name in these names. Names may have 255 bytes.
+const NAME_CHARS: usize = 50;
+
 /// A buffered file that is renamed to its destination on commit.
+///
+/// It is locked while it is open, so that [`remove_leftovers`] knows those of programs that were killed.
 #[derive(Debug)]
 pub struct AtomicFile {
     // Declared first, so that it is closed before the temporary file is removed.
@@ -21,32 +31,49 @@ impl AtomicFile {
     /// If no file can be created in that folder.
     pub fn create(path: impl Into<PathBuf>) -> Result<Self> {
         let path = path.into();
-        let folder = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let prefix = temporary_prefix(&path);
         let mut builder = tempfile::Builder::new();
-        builder.prefix(".writing-");
+        builder.prefix(&prefix).rand_bytes(RANDOM_CHARS);
         // Temporary files are private by default; the result gets the mode of any new file (less the umask).
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let (file, temporary) = builder.tempfile_in(folder)?.into_parts();
+        let (file, temporary) = builder.tempfile_in(folder_of(&path))?.into_parts();
+        // Some network file systems have no locks. What a killed program leaves there stays.
+        let _ = file.try_lock();
         Ok(Self { file: BufWriter::new(file), temporary, path })
     }
 
-    /// Renames the file to its destination, replacing any existing file.
+    /// Renames the file to its destination, replacing any existing file. Returns when both the content and the name are on
+    /// the disk: after a power cut there is the old file or the new one.
     ///
     /// # Errors
     /// If the last bytes cannot be written or the file cannot be renamed.
     pub fn commit(self) -> Result<()> {
-        self.file.into_inner().map_err(|error| error.into_error())?;
-        self.temporary.persist(self.path).map_err(|error| error.error)
+        let file = self.file.into_inner().map_err(|error| error.into_error())?;
+        sync(&file)?;
+        self.temporary.persist(&self.path).map_err(|error| error.error)?;
+        sync_folder(folder_of(&self.path))
     }
 
-    /// Renames the file to its destination unless that exists.
+    /// As [`AtomicFile::commit`], but does not wait for the disk: after a power cut within the next half minute the file
+    /// may be empty. For files of which there are many; [`sync_file_system`] waits for all of them.
+    ///
+    /// # Errors
+    /// As [`AtomicFile::commit`].
+    pub fn commit_unsynced(self) -> Result<()> {
+        let _file = self.file.into_inner().map_err(|error| error.into_error())?;
+        self.temporary.persist(&self.path).map_err(|error| error.error)
+    }
+
+    /// As [`AtomicFile::commit`], unless the destination exists.
     ///
     /// # Errors
     /// As [`AtomicFile::commit`], and [`AlreadyExists`](std::io::ErrorKind::AlreadyExists) if the destination exists.
     pub fn commit_new(self) -> Result<()> {
-        self.file.into_inner().map_err(|error| error.into_error())?;
-        self.temporary.persist_noclobber(self.path).map_err(|error| error.error)
+        let file = self.file.into_inner().map_err(|error| error.into_error())?;
+        sync(&file)?;
+        self.temporary.persist_noclobber(&self.path).map_err(|error| error.error)?;
+        sync_folder(folder_of(&self.path))
     }
 }
 
@@ -60,7 +87,7 @@ impl Write for AtomicFile {
     }
 }
 
-/// Writes `bytes` to `path` as an [`AtomicFile`], replacing any existing file.
+/// Writes `bytes` to `path` as an [`AtomicFile`], replacing any existing file, and waits for the disk.
 ///
 /// # Errors
 /// If the folder does not exist or the file cannot be written.
@@ -68,6 +95,81 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
     let mut file = AtomicFile::create(path)?;
     file.write_all(bytes)?;
     file.commit()
+}
+
+/// As [`write_atomically`], but does not wait for the disk; see [`AtomicFile::commit_unsynced`].
+///
+/// # Errors
+/// As [`write_atomically`].
+pub fn write_unsynced(path: &Path, bytes: &[u8]) -> Result<()> {
+    let mut file = AtomicFile::create(path)?;
+    file.write_all(bytes)?;
+    file.commit_unsynced()
+}
+
+/// Removes what killed programs have left of writing to `path`: temporary files for it that nobody has open. Returns how
+/// many were removed. What cannot be removed stays.
+pub fn remove_leftovers(path: &Path) -> usize {
+    let prefix = temporary_prefix(path);
+    let is_leftover = |name: &OsStr| {
+        let random = name.to_str().and_then(|name| name.strip_prefix(&prefix));
+        random.is_some_and(|random| {
+            random.len() == RANDOM_CHARS && random.bytes().all(|byte| byte.is_ascii_alphanumeric())
+        })
+    };
+    let entries = std::fs::read_dir(folder_of(path)).into_iter().flatten().flatten();
+    let found = entries.filter(|entry| is_leftover(&entry.file_name())).map(|entry| entry.path());
+    let is_free = |path: &PathBuf| {
+        let is_file = path.symlink_metadata().is_ok_and(|metadata| metadata.is_file());
+        is_file && File::open(path).is_ok_and(|file| file.try_lock().is_ok())
+    };
+    found.filter(is_free).filter(|path| std::fs::remove_file(path).is_ok()).count()
+}
+
+/// Waits until everything that was written to the file system of `folder` is on the disk. Does nothing on systems other
+/// than Linux.
+///
+/// # Errors
+/// If the folder cannot be opened, or the disk reports an error.
+pub fn sync_file_system(folder: &Path) -> Result<()> {
+    #[cfg(target_os = "linux")]
+    {
+        let folder = File::open(folder)?;
+        ignore_unsupported(rustix::fs::syncfs(&folder).map_err(Into::into))
+    }
+    #[cfg(not(target_os = "linux"))]
+    {
+        let _ = folder;
+        Ok(())
+    }
+}
+
+/// Waits until the names of a folder's files are on the disk. Only Unix systems can open a folder.
+fn sync_folder(folder: &Path) -> Result<()> {
+    if cfg!(unix) { sync(&File::open(folder)?) } else { Ok(()) }
+}
+
+fn sync(file: &File) -> Result<()> {
+    ignore_unsupported(file.sync_all())
+}
+
+/// Some file systems cannot wait for a disk, e.g. because they have none.
+fn ignore_unsupported(result: Result<()>) -> Result<()> {
+    match result {
+        Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
+        result => result,
+    }
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Beginning of the name of a temporary file for `path`, up to the random characters.
+fn temporary_prefix(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name: String = name.chars().take(NAME_CHARS).collect();
+    format!("{PREFIX}{name}-")
 }
 
 #[cfg(test)]
@@ -124,5 +226,43 @@ mod tests {
         fs::write(&plain, b"").unwrap();
         let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
         assert_eq!(mode(&ours), mode(&plain));
+    }
+
+    #[test]
+    fn unsynced_files_replace_others_too_and_file_systems_can_be_synced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        write_atomically(&path, b"old").unwrap();
+        write_unsynced(&path, b"new").unwrap();
+        assert_eq!((fs::read(&path).unwrap(), names(folder.path()).len()), (b"new".to_vec(), 1));
+        sync_file_system(folder.path()).unwrap();
+    }
+
+    #[test]
+    fn only_what_killed_programs_left_of_a_file_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.ply");
+        let open = AtomicFile::create(&path).unwrap();
+        for name in [".writing-map.ply-aB3dE6", ".writing-other.ply-aB3dE6", ".writing-map.ply-mine.txt", "map.ply"] {
+            fs::write(folder.path().join(name), b"part").unwrap();
+        }
+        fs::create_dir(folder.path().join(".writing-map.ply-folder")).unwrap();
+        assert_eq!(remove_leftovers(&path), 1);
+        assert_eq!(remove_leftovers(&path), 0);
+        let mut left = names(folder.path());
+        left.sort_unstable();
+        assert_eq!(left.len(), 5, "{left:?}");
+        assert!(!left.contains(&".writing-map.ply-aB3dE6".to_owned()), "{left:?}");
+        open.commit().unwrap();
+        assert_eq!(names(folder.path()).len(), 4);
+    }
+
+    #[test]
+    fn names_of_any_length_can_be_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("\u{e9}".repeat(127));
+        write_atomically(&path, b"text").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"text");
+        assert_eq!(remove_leftovers(Path::new("/does/not/exist/map.ply")), 0);
     }
 }

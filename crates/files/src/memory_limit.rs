@@ -26,7 +26,9 @@ const UNITS: [(&str, f64); 8] = [
 /// The limit in force, bytes; 0 if not set.
 static IN_FORCE: AtomicU64 = AtomicU64::new(0);
 
-/// The maximum memory of the program, written `4GB`, `512MiB` or, for the machine's available memory, `auto`.
+/// The most memory that the program takes to read one input file, written `4GB`, `512MiB` or, for the machine's available
+/// memory, `auto`. What a file claims to need is compared with it before memory is allocated. It does not limit what the
+/// program has in all, e.g. its map.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MemoryLimit {
     /// The machine's available memory.
@@ -46,7 +48,7 @@ impl MemoryLimit {
     pub const EXPECTED: &str = "a size such as 4GB or 512MiB, or auto";
 
     /// The limit in bytes; for `auto`, the currently available memory. On Linux that is `MemAvailable` of
-    /// `/proc/meminfo`, or the limit of the control group if it is lower; elsewhere it is 4 GB.
+    /// `/proc/meminfo`, or the limit of the control group or of the address space if it is lower; elsewhere it is 4 GB.
     pub fn bytes(self) -> u64 {
         match self {
             Self::Auto => available_bytes(),
@@ -144,7 +146,18 @@ pub fn display_bytes(bytes: u64) -> String {
 
 fn available_bytes() -> u64 {
     let machine = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| available_in(&text));
-    [machine, control_group_limit()].into_iter().flatten().min().unwrap_or(FALLBACK_BYTES)
+    [machine, control_group_limit(), address_space_limit()].into_iter().flatten().min().unwrap_or(FALLBACK_BYTES)
+}
+
+/// The limit of the process's address space (`ulimit -v`), bytes; `None` if there is none, and on systems other than Linux.
+pub fn address_space_limit() -> Option<u64> {
+    address_space_in(&std::fs::read_to_string("/proc/self/limits").ok()?)
+}
+
+/// The address space in `/proc/self/limits`, bytes.
+fn address_space_in(limits: &str) -> Option<u64> {
+    let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
+    line.split_whitespace().next()?.parse().ok()
 }
 
 /// `MemAvailable` of `/proc/meminfo`, bytes.
@@ -210,6 +223,9 @@ mod tests {
     fn the_system_says_what_is_available() {
         assert_eq!(available_in("MemTotal: 9 kB\nMemAvailable:   2000 kB\n"), Some(2_048_000));
         assert_eq!(available_in("MemTotal: 9 kB\n"), None);
+        let limits = "Max cpu time  unlimited  unlimited  seconds\nMax address space  2000000  unlimited  bytes\n";
+        assert_eq!(address_space_in(limits), Some(2_000_000));
+        assert_eq!(address_space_in("Max address space  unlimited  unlimited  bytes\n"), None);
         let files = limit_files("0::/user.slice/job");
         let expected = ["user.slice/job/memory.max", "user.slice/memory.max", "memory.max"];
         assert_eq!(files, expected.map(|file| Path::new("/sys/fs/cgroup").join(file)));

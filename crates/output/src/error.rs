@@ -50,12 +50,20 @@ pub enum OutputError {
 }
 
 /// Writes `bytes` to `path`, replacing any existing file. A reader sees the old file or the new one, never a partial
-/// file (see [`splatseg_files`]). The folder must exist.
+/// file (see [`splatseg_files`]), also after a power cut. The folder must exist.
 ///
 /// # Errors
 /// [`OutputError::Io`] names the path; the old file stays as it was.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     splatseg_files::write_atomically(path, bytes).map_err(|source| OutputError::Io { path: path.to_owned(), source })
+}
+
+/// As [`write_atomically`], but does not wait for the disk (see [`splatseg_files::AtomicFile::commit_unsynced`]).
+///
+/// # Errors
+/// As [`write_atomically`].
+pub fn write_unsynced(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
+    splatseg_files::write_unsynced(path, bytes).map_err(|source| OutputError::Io { path: path.to_owned(), source })
 }
 
 /// The state of the output that writes `file`, as JSON.

@@ -16,7 +16,7 @@ pub mod ros_messages;
 mod run_output;
 
 pub use coco::CocoFile;
-pub use error::{OutputError, write_atomically};
+pub use error::{OutputError, write_atomically, write_unsynced};
 pub use mcap_file::{McapFile, StreamRecording};
 pub use objects_file::ObjectsFile;
 pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};

@@ -1,7 +1,7 @@
 //! Segments drawn over their image, for viewing.
 
 use crate::digits::{DIGIT_HEIGHT, decimal_digits, text_pixels, text_width};
-use crate::{OutputError, write_atomically};
+use crate::{OutputError, write_unsynced};
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 use splatseg_geometry::{CowImage, Image, SegmentId, SegmentMap, flood_fill};
@@ -43,7 +43,7 @@ pub fn draw_overlay(color: &CowImage<'_, [u8; 3]>, segments: &SegmentMap) -> Res
     Ok(draw(color.clone().into_owned(), segments))
 }
 
-/// Writes [`draw_overlay`] as a JPEG, atomically. The folder must exist.
+/// Writes [`draw_overlay`] as a JPEG, atomically, without waiting for the disk. The folder must exist.
 ///
 /// # Errors
 /// [`OutputError`] names the path; no partial file is left.
@@ -58,7 +58,7 @@ pub fn write_overlay_jpeg(
     JpegEncoder::new_with_quality(&mut encoded, JPEG_QUALITY)
         .encode(&bytes, overlay.width() as u32, overlay.height() as u32, ExtendedColorType::Rgb8)
         .map_err(|source| OutputError::Encode { path: path.to_owned(), source })?;
-    write_atomically(path, &encoded)
+    write_unsynced(path, &encoded)
 }
 
 fn draw(mut image: Image<[u8; 3]>, segments: &SegmentMap) -> Image<[u8; 3]> {

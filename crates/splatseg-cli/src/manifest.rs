@@ -6,7 +6,7 @@
 
 use super::Failure;
 use serde::{Deserialize, Serialize};
-use splatseg_files::write_atomically;
+use splatseg_files::{remove_leftovers, write_atomically};
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Result, Write};
@@ -37,31 +37,48 @@ struct Header {
 #[derive(Debug)]
 pub struct Manifest {
     file: File,
+    listed: BTreeSet<String>,
 }
 
 impl Manifest {
     /// Starts a new list in a folder, replacing any earlier one.
     pub fn start(folder: &Path) -> Result<Self> {
+        Self::with(folder, BTreeSet::new())
+    }
+
+    /// Continues the list of a folder, in which these files are listed. It is written again without repetitions and without
+    /// the line that a killed process has left incomplete.
+    pub fn resume(folder: &Path, listed: &BTreeSet<String>) -> Result<Self> {
+        Self::with(folder, listed.clone())
+    }
+
+    fn with(folder: &Path, listed: BTreeSet<String>) -> Result<Self> {
         let path = folder.join(MANIFEST);
         let header = Header { splatseg: env!("CARGO_PKG_VERSION").to_owned() };
-        write_atomically(&path, format!("{}\n", serde_json::to_string(&header)?).as_bytes())?;
-        Ok(Self { file: OpenOptions::new().append(true).open(path)? })
+        let text = format!("{}\n{}", serde_json::to_string(&header)?, lines(listed.iter())?);
+        remove_leftovers(&path);
+        write_atomically(&path, text.as_bytes())?;
+        Ok(Self { file: OpenOptions::new().append(true).open(path)?, listed })
     }
 
-    /// Continues the list of a folder.
-    pub fn resume(folder: &Path) -> Result<Self> {
-        Ok(Self { file: OpenOptions::new().append(true).open(folder.join(MANIFEST))? })
-    }
-
-    /// Lists files. They may be moved into place only after this.
+    /// Lists files, those that are not listed yet. They may be moved into place only after this.
     pub fn add(&mut self, files: &[&str]) -> Result<()> {
-        let mut lines = String::new();
-        for file in files {
-            lines += &serde_json::to_string(file)?;
-            lines.push('\n');
-        }
-        self.file.write_all(lines.as_bytes())
+        let is_new = |file: &&&str| !self.listed.contains(**file);
+        let new: Vec<String> = files.iter().filter(is_new).map(|file| (*file).to_owned()).collect();
+        self.file.write_all(lines(new.iter())?.as_bytes())?;
+        self.listed.extend(new);
+        Ok(())
     }
+}
+
+/// A line for each file.
+fn lines<'a>(files: impl Iterator<Item = &'a String>) -> Result<String> {
+    let mut lines = String::new();
+    for file in files {
+        lines += &serde_json::to_string(file)?;
+        lines.push('\n');
+    }
+    Ok(lines)
 }
 
 /// Returns the files that a folder's manifest lists, or none if there is no manifest. Lines that are not paths of results,
@@ -126,6 +143,21 @@ mod tests {
         manifest.file.write_all(b"\"segments/1.pn").unwrap();
         let listed: Vec<String> = listed_files(folder.path()).unwrap().into_iter().collect();
         assert_eq!(listed, ["overlay/a b\n.jpg", "segments/0.png", "summary.json"]);
+    }
+
+    #[test]
+    fn a_resumed_list_has_each_file_once_and_no_part_of_a_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut manifest = Manifest::start(folder.path()).unwrap();
+        manifest.add(&["segments/0.png", "segments/1.png"]).unwrap();
+        manifest.add(&["segments/1.png", "index.html"]).unwrap();
+        manifest.file.write_all(b"\"segments/2.pn").unwrap();
+        drop(manifest);
+        let mut manifest = Manifest::resume(folder.path(), &listed_files(folder.path()).unwrap()).unwrap();
+        manifest.add(&["segments/1.png", "segments/2.png"]).unwrap();
+        let text = std::fs::read_to_string(folder.path().join(MANIFEST)).unwrap();
+        let lines: Vec<&str> = text.lines().skip(1).collect();
+        assert_eq!(lines, ["\"index.html\"", "\"segments/0.png\"", "\"segments/1.png\"", "\"segments/2.png\""]);
     }
 
     #[test]

@@ -9,8 +9,9 @@ use super::manifest::{EXTRA_FOLDERS, MANIFEST, Manifest, RESULT_FILES, RESULT_FO
 use super::run::saved_run::{self, SavedRun};
 use splatseg_annotations::write_segments_png;
 use splatseg_dataset::padded_number;
+use splatseg_files::sync_file_system;
 use splatseg_geometry::{CowImage, SegmentMap};
-use splatseg_output::{FrameRecord, OutputError, ResultFolder, write_atomically, write_overlay_jpeg};
+use splatseg_output::{FrameRecord, OutputError, ResultFolder, write_atomically, write_overlay_jpeg, write_unsynced};
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
 use std::io::ErrorKind;
@@ -94,7 +95,7 @@ impl OutputFolder {
         let created = CreatedFolders::create(path).map_err(unusable)?;
         let staging = Staging::create(path)?;
         let manifest = match existing {
-            OverwritePolicy::Resume => Some(Manifest::resume(path).map_err(unusable)?),
+            OverwritePolicy::Resume => Some(Manifest::resume(path, &earlier).map_err(unusable)?),
             _ => None,
         };
         Ok(Self { path: path.to_owned(), earlier, manifest, staging, _created: created })
@@ -172,16 +173,23 @@ impl OutputFolder {
         fs::rename(place(&self.staging.path, file), place(&self.path, file)).map_err(|source| self.error(file, source))
     }
 
-    /// Writes the summary of the run. There must be results.
+    /// Writes the summary of the run, once all other results are on the disk. There must be results.
     ///
     /// # Errors
     /// If it cannot be written.
     pub fn write_summary(&mut self, text: &str) -> Result<(), OutputError> {
+        let synced = self.sync();
         // If this fails, there was no reserve.
         let _ = fs::remove_file(self.staging.path.join(RESERVE));
         write_atomically(&self.staging.path.join(SUMMARY), text.as_bytes())
             .map_err(|error| self.error_in_place(SUMMARY, error))?;
-        self.put_in_place(&[SUMMARY])
+        self.put_in_place(&[SUMMARY])?;
+        synced.and(self.sync())
+    }
+
+    /// Waits until all results are on the disk.
+    fn sync(&self) -> Result<(), OutputError> {
+        sync_file_system(&self.path).map_err(|source| OutputError::Io { path: self.path.clone(), source })
     }
 
     /// Removes the earlier run's files, and creates folders for the new ones.
@@ -229,7 +237,7 @@ impl OutputFolder {
 
 impl ResultFolder for OutputFolder {
     fn write(&mut self, file: &str, bytes: &[u8]) -> Result<(), OutputError> {
-        write_atomically(&place(&self.staging.path, file), bytes).map_err(|error| self.error_in_place(file, error))?;
+        write_unsynced(&place(&self.staging.path, file), bytes).map_err(|error| self.error_in_place(file, error))?;
         if let Some(folder) = place(&self.path, file).parent() {
             fs::create_dir_all(folder).map_err(|source| self.error(file, source))?;
         }

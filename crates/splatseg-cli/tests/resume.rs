@@ -51,10 +51,49 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     }
     let mut found = BTreeMap::new();
     collect(folder, folder, &mut found);
-    // Lists a file twice if it was written twice.
     found.remove(Path::new("manifest.jsonl")).unwrap();
     found.remove(Path::new("summary.json")).unwrap();
     found
+}
+
+/// Returns the files that the manifest lists, sorted.
+fn listed(out: &Path) -> Vec<String> {
+    let mut lines: Vec<String> =
+        fs::read_to_string(out.join("manifest.jsonl")).unwrap().lines().map(str::to_owned).collect();
+    lines.sort_unstable();
+    lines
+}
+
+#[test]
+fn a_run_killed_before_its_first_state_starts_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let (whole, out, memory) = (folder.path().join("whole"), folder.path().join("out"), folder.path().join("map.ply"));
+    assert_eq!(run(&whole, &[]).code, 0);
+    let saving = ["--save-every", "1000", "--save-memory", memory.to_str().unwrap()];
+    stop_at(3, "-KILL", &out, &saving);
+    // Also of a run that was killed while it wrote.
+    let leftovers = [".writing-manifest.jsonl-aB3dE6", ".splatseg-resume/.writing-state.json-aB3dE6"];
+    for (file, text) in leftovers.map(|file| (file, "part")).into_iter().chain([("notes.txt", "mine")]) {
+        fs::write(out.join(file), text).unwrap();
+    }
+    fs::write(folder.path().join(".writing-map.ply-aB3dE6"), "part").unwrap();
+    let ended = run(&out, &[&["--resume"][..], &saving].concat());
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    assert!(ended.err.contains("out: stopped before its state was saved: it starts anew"), "{}", ended.err);
+    assert_eq!(fs::read_to_string(out.join("notes.txt")).unwrap(), "mine");
+    fs::remove_file(out.join("notes.txt")).unwrap();
+    let (expected, found) = (files(&whole), files(&out));
+    assert!(found == expected, "{:?}", found.keys().find(|file| expected.get(*file) != found.get(*file)));
+    assert_eq!(listed(&out), listed(&whole));
+    let beside = fs::read_dir(folder.path()).unwrap().count();
+    assert_eq!(beside, 3, "nothing else is left beside the folders and the map");
+    // Files of others are not replaced.
+    let other = folder.path().join("other");
+    stop_at(3, "-KILL", &other, &saving[..2]);
+    fs::write(other.join("index.html"), "mine").unwrap();
+    let ended = run(&other, &["--resume"]);
+    assert!(ended.code == 2 && ended.err.contains("index.html: is in the way"), "{}", ended.err);
+    assert_eq!(fs::read_to_string(other.join("index.html")).unwrap(), "mine");
 }
 
 #[test]
@@ -87,6 +126,7 @@ fn a_resumed_run_writes_the_same_bytes() {
         assert_eq!(ended.code, 0, "{}", ended.err);
         assert!(ended.err.contains("going on after frame"), "{}", ended.err);
 
+        assert_eq!(listed(&out), listed(&whole), "each file is listed once");
         let (expected, found) = (files(&whole), files(&out));
         assert_eq!(found.keys().collect::<Vec<_>>(), expected.keys().collect::<Vec<_>>());
         for (path, bytes) in &expected {

@@ -2,7 +2,7 @@
 
 use crate::Failure;
 use crate::output_folder::{CreatedFolders, OverwritePolicy};
-use splatseg_files::AtomicFile;
+use splatseg_files::{AtomicFile, remove_leftovers};
 use splatseg_output::{CocoFile, McapFile};
 use std::fs::File;
 use std::io::Read;
@@ -76,6 +76,7 @@ impl ExtraFile {
         }
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let created = CreatedFolders::create(folder);
+        remove_leftovers(path);
         // The test file is dropped at once, which removes it.
         match created.and_then(|created| AtomicFile::create(path).map(|_| created)) {
             Ok(created) => Ok(Self { path: path.to_owned(), _created: created }),

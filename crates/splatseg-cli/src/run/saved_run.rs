@@ -4,15 +4,16 @@
 //! frame so far, a similar file and a state file for each output, and `state.json`. `state.json` is replaced last and
 //! determines the files that belong to the state. The frames' images are in the folder of results. Lines are only
 //! appended, so that the time of a save does not grow with the run. Lines after the saved state are dropped on resuming.
+//!
+//! Before `state.json` is replaced, all these files are on the disk. So a power cut loses no more than a kill.
 
 use crate::Failure;
-use crate::manifest::place;
+use crate::manifest::{MANIFEST, SUMMARY, place};
 use crate::output_folder::{file_name, result_files};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use splatseg::Settings;
-use splatseg_files::read_file;
-use splatseg_files::write_atomically;
+use splatseg_files::{read_file, sync_file_system, write_atomically, write_unsynced};
 use splatseg_geometry::{KeyframeId, Pose, RemappedId};
 use splatseg_objects::{ObjectLog, ObjectSighting};
 use splatseg_odometry::{PoseEventCounts, PoseState};
@@ -144,6 +145,15 @@ impl SavedRun {
     /// Returns the file with the settings of the stopped run in `out`, if there is one.
     pub fn settings_file(out: &Path) -> Option<PathBuf> {
         Some(out.join(FOLDER).join(STATE)).filter(|path| path.is_file())
+    }
+
+    /// Returns true if `out` has results of a run that was stopped before its first state was saved. It can only start
+    /// again.
+    pub fn has_only_begun(out: &Path) -> bool {
+        let is_saving = out.join(FOLDER).is_dir();
+        // A run that ends by itself writes a summary.
+        let was_killed = out.join(MANIFEST).is_file() && !out.join(SUMMARY).exists();
+        Self::settings_file(out).is_none() && (is_saving || was_killed)
     }
 
     /// Opens the stopped run in `out`, if there is one that can be resumed.
@@ -313,7 +323,9 @@ impl StateWriter {
             Some(saved) => {
                 for entry in fs::read_dir(&folder)? {
                     let path = entry?.path();
-                    if path.extension().is_some_and(|extension| LINES.ends_with(&*extension.to_string_lossy())) {
+                    if path.file_name().is_some_and(|file| is_leftover(&file.to_string_lossy())) {
+                        fs::remove_file(&path)?;
+                    } else if path.extension().is_some_and(|extension| LINES.ends_with(&*extension.to_string_lossy())) {
                         cut_lines(&path, saved.state.frames)?;
                     }
                 }
@@ -354,9 +366,11 @@ impl StateWriter {
         let mut current = BTreeSet::from([state.memory_file()]);
         fs::rename(memory, self.folder.join(state.memory_file()))?;
         for (name, kept) in outputs {
-            write_atomically(&self.folder.join(state.output_file(name)), kept)?;
+            write_unsynced(&self.folder.join(state.output_file(name)), kept)?;
             current.insert(state.output_file(name));
         }
+        // Everything that the state refers to, with the frames' images.
+        sync_file_system(&self.folder)?;
         write_atomically(&self.folder.join(STATE), &serde_json::to_vec_pretty(state)?)?;
         for entry in fs::read_dir(&self.folder)? {
             let file = entry?.file_name();
@@ -395,11 +409,17 @@ pub fn remove(out: &Path) -> std::io::Result<()> {
     };
     for entry in entries {
         let file = entry?.file_name();
-        if file.to_str().is_some_and(|file| file == STATE || file.ends_with(LINES) || is_state_file(file)) {
+        let is_ours = |file: &str| file == STATE || file.ends_with(LINES) || is_state_file(file) || is_leftover(file);
+        if file.to_str().is_some_and(is_ours) {
             fs::remove_file(folder.join(file))?;
         }
     }
     fs::remove_dir(&folder)
+}
+
+/// Returns true for the name of a file that a killed run has left incomplete.
+fn is_leftover(file: &str) -> bool {
+    file.starts_with(".writing-")
 }
 
 /// Returns true if a file of this name belongs to one state: `memory-120.ply`, `page-120.json`.
