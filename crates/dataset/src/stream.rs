@@ -105,7 +105,10 @@ impl FrameStream {
         let reader = std::thread::Builder::new()
             .name("frame reader".to_owned())
             .spawn(move || job.run(&rest, &sender))
-            .map_err(|source| DatasetError::Io { path: scene.name().into(), source })?;
+            .map_err(|error| {
+                let reason = format!("the thread that reads frames cannot be started: {error}");
+                DatasetError::Io { path: scene.name().into(), source: std::io::Error::new(error.kind(), reason) }
+            })?;
         Ok(Self {
             first: first.into_iter(),
             receiver: Some(receiver),

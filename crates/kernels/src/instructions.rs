@@ -1,6 +1,8 @@
 //! Vector instruction sets: compiling loops for each of them, and choosing one at run time.
 
 use pulp::{Simd, WithSimd};
+use std::ffi::OsString;
+use std::fmt;
 use std::sync::OnceLock;
 
 /// Lanes of the widest vector of `f32`. Loops over slices work in chunks of this length.
@@ -24,6 +26,38 @@ pub enum Instructions {
     Neon(pulp::aarch64::Neon),
     /// The baseline of the target, without fused multiply-add.
     Portable,
+}
+
+/// The environment variable that selects a set.
+const VARIABLE: &str = "SPLATSEG_INSTRUCTIONS";
+
+/// The environment variable `SPLATSEG_INSTRUCTIONS` names no set that this machine supports.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InstructionsError {
+    /// Its value.
+    found: String,
+    /// The names of the sets that this machine supports.
+    expected: Vec<&'static str>,
+}
+
+impl fmt::Display for InstructionsError {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { found, expected } = self;
+        let expected = expected.join(", ");
+        write!(formatter, "{VARIABLE} is {found:?}, expected one that this machine supports: {expected}")
+    }
+}
+
+impl std::error::Error for InstructionsError {}
+
+/// The set with the name in the environment variable; `None` if it is not set, or empty.
+fn chosen(available: &[Instructions], wanted: Option<OsString>) -> Result<Option<Instructions>, InstructionsError> {
+    let Some(wanted) = wanted.filter(|wanted| !wanted.is_empty()) else { return Ok(None) };
+    let set = available.iter().find(|set| wanted == set.name()).copied();
+    set.map(Some).ok_or_else(|| InstructionsError {
+        found: wanted.to_string_lossy().into_owned(),
+        expected: available.iter().map(|set| set.name()).collect(),
+    })
 }
 
 /// Work that [`Instructions::run`] compiles for every instruction set. Every function it calls must be
@@ -107,15 +141,23 @@ impl Instructions {
 
     /// Returns the best set that this machine supports. For measurements, the environment variable
     /// `SPLATSEG_INSTRUCTIONS` (`avx512`, `avx2`, `neon` or `portable`) selects another supported set. Results are the
-    /// same with AVX2 and AVX-512.
+    /// same with AVX2 and AVX-512. Other values of the variable are ignored: [`Self::check_choice`] reports them.
     #[inline]
     pub fn best() -> Self {
         static BEST: OnceLock<Instructions> = OnceLock::new();
         *BEST.get_or_init(|| {
-            let wanted = std::env::var("SPLATSEG_INSTRUCTIONS").unwrap_or_default();
             let available = Self::available();
-            available.iter().find(|set| set.name() == wanted).or(available.first()).copied().unwrap_or(Self::Portable)
+            let best = available.first().copied().unwrap_or(Self::Portable);
+            chosen(&available, std::env::var_os(VARIABLE)).ok().flatten().unwrap_or(best)
         })
+    }
+
+    /// Checks the environment variable `SPLATSEG_INSTRUCTIONS`.
+    ///
+    /// # Errors
+    /// If it names no set that this machine supports.
+    pub fn check_choice() -> Result<(), InstructionsError> {
+        chosen(&Self::available(), std::env::var_os(VARIABLE)).map(drop)
     }
 
     /// Name in `SPLATSEG_INSTRUCTIONS`.
@@ -185,5 +227,24 @@ impl Instructions {
             Self::Neon(simd) => Simd::vectorize(simd, Tiled::<K, 6, 4, true>(kernel)),
             Self::Portable => Simd::vectorize(pulp::Scalar128b, Tiled::<K, 4, 4, false>(kernel)),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_supported_sets_can_be_chosen() {
+        let sets = Instructions::available();
+        let name = |wanted: &str| chosen(&sets, Some(wanted.into())).map(|set| set.map(Instructions::name));
+        assert_eq!((name("portable"), name("")), (Ok(Some("portable")), Ok(None)));
+        assert_eq!(chosen(&sets, None).unwrap().map(Instructions::name), None);
+        let error = name("sse9").unwrap_err().to_string();
+        assert!(
+            error.starts_with("SPLATSEG_INSTRUCTIONS is \"sse9\", expected one that this machine supports: "),
+            "{error}"
+        );
+        assert!(error.ends_with("portable"), "{error}");
     }
 }

@@ -35,4 +35,4 @@ pub mod patch_convolution;
 
 pub use activation::Activation;
 pub use aligned::AlignedVec;
-pub use instructions::{Instructions, Vectorize};
+pub use instructions::{Instructions, InstructionsError, Vectorize};

@@ -88,6 +88,14 @@ pub enum Command {
     Settings(SettingsArguments),
 }
 
+impl Command {
+    /// True for the commands that have threads, but no setting for their number.
+    pub fn has_fixed_threads(&self) -> bool {
+        use Command::{Diff, Eval, Export, Find, Inspect, Locate};
+        matches!(self, Diff(_) | Eval(_) | Export(_) | Find(_) | Inspect(_) | Locate(_))
+    }
+}
+
 #[derive(Debug, Args)]
 pub struct DemoArguments {
     /// Folder for the video and the results

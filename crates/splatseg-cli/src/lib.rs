@@ -24,10 +24,12 @@ mod options;
 mod output_folder;
 mod run;
 mod settings;
+mod system_limits;
 
 use arguments::{Arguments, Command, Parsed};
 use failure::Failure;
 use std::ffi::OsString;
+use system_limits::{check_environment, survive_file_size_limit, use_threads};
 
 /// Executes a command line, which starts with the program's name. The process must be used for this command only.
 /// Returns the exit code: 0 done, 1 failed, 2 invalid usage or input, 130, 143 or 129 interrupted by a signal.
@@ -50,6 +52,11 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Parsed::Wrong { code } => return Ok(code),
     };
     start_log();
+    survive_file_size_limit();
+    check_environment()?;
+    if arguments.command.has_fixed_threads() {
+        use_threads(0)?;
+    }
     match arguments.command {
         Command::Demo(demo) => demo::demo(&demo),
         Command::Run(run) => run::run(&run, program),

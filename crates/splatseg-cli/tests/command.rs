@@ -305,6 +305,41 @@ fn bad_usage_exits_with_2_and_names_the_option() {
 }
 
 #[test]
+fn a_system_that_allows_too_little_is_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, map) = (folder.path().join("out"), folder.path().join("map.ply"));
+    let (out, map) = (out.to_str().unwrap(), map.to_str().unwrap());
+    let room = "synthetic:frames=2,width=32,height=24,objects=2";
+    assert_eq!(finish(splatseg().args(["run", room, "--out", out, "--save-memory", map])).0, 0);
+    for (name, value, expected) in [
+        ("RAYON_NUM_THREADS", "100000", "RAYON_NUM_THREADS is \"100000\", expected a number from 0 to 512"),
+        ("RAYON_NUM_THREADS", "many", "RAYON_NUM_THREADS is \"many\", expected"),
+        ("SPLATSEG_INSTRUCTIONS", "sse9", "SPLATSEG_INSTRUCTIONS is \"sse9\", expected one that this machine supports"),
+    ] {
+        for command in [&["run", room, "--overwrite", "--out", out][..], &["diff", map, map], &["settings"]] {
+            let (code, text) = finish(splatseg().env(name, value).args(command));
+            assert_eq!((code, text.lines().count()), (2, 1), "{command:?}: {text}");
+            assert!(text.contains(expected), "{text}");
+        }
+    }
+    let (code, text) = finish(splatseg().env("RAYON_NUM_THREADS", "2").args(["diff", map, map]));
+    assert!(code == 2 && text.contains("has no keyframes besides"), "{text}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn too_little_address_space_is_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut shell = Command::new("bash");
+    shell.args(["-c", "ulimit -v 2000000; exec \"$@\"", "bash"]).arg(assert_cmd::cargo::cargo_bin!("splatseg"));
+    let (code, text) = finish(shell.args(["run", "synthetic:frames=2", "--threads", "512", "--out"]).arg(&out));
+    assert_eq!((code, text.lines().count()), (1, 1), "{text}");
+    assert!(text.contains("limited to 2.0 GB (ulimit -v), but 512 threads need 4.2 GB and more"), "{text}");
+    assert!(!out.exists());
+}
+
+#[test]
 fn the_demo_needs_no_input() {
     let folder = tempfile::tempdir().unwrap();
     let mut command = splatseg();

@@ -16,6 +16,7 @@ pub use worker::work;
 
 use super::Failure;
 use super::run::StopSignals;
+use super::system_limits::no_thread;
 use super::terminal::counted;
 use plan::Plan;
 use splatseg_files::read_file;
@@ -41,7 +42,7 @@ pub fn batch(arguments: &BatchArguments, program: &[OsString]) -> Result<(), Fai
         Some(path) => failed_scenes(path)?,
         None => {
             say_error!("{}, {} done before", counted(plan.scenes.len(), "scene"), plan.scenes.len() - plan.jobs.len());
-            let signals = StopSignals::listen().map_err(Failure::runtime)?;
+            let signals = StopSignals::listen().map_err(|error| no_thread("listens for signals", &error))?;
             pool::Pool { program, plan: &plan, signals: &signals }.run()?
         }
     };

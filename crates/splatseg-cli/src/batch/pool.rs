@@ -5,6 +5,7 @@ use super::tables::FailedScene;
 use super::worker::Answer;
 use crate::Failure;
 use crate::run::StopSignals;
+use crate::system_limits::no_thread;
 use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::fs::File;
@@ -12,6 +13,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread::Builder;
 use std::time::{Duration, Instant};
 
 /// Interval between checks for signals.
@@ -66,7 +68,14 @@ impl Pool<'_> {
         });
         let ended = std::thread::scope(|scope| {
             let shared = &shared;
-            let threads: Vec<_> = (0..workers).map(|place| scope.spawn(move || self.work(place, shared))).collect();
+            let start = |place| {
+                let started = Builder::new().spawn_scoped(scope, move || self.work(place, shared));
+                started.map_err(|error| {
+                    lock(shared).waiting.clear();
+                    no_thread("starts a worker", &error)
+                })
+            };
+            let threads = (0..workers).map(start).collect::<Result<Vec<_>, _>>()?;
             self.watch(shared, || threads.iter().all(std::thread::ScopedJoinHandle::is_finished));
             threads
                 .into_iter()

@@ -2,6 +2,7 @@
 
 use super::plan::BenchJob;
 use crate::Failure;
+use crate::system_limits::no_thread;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -35,7 +36,7 @@ impl Workers {
         let results: Vec<Mutex<Option<Result<T, String>>>> = jobs.iter().map(|_| Mutex::new(None)).collect();
         std::thread::scope(|scope| {
             for pool in &pools {
-                scope.spawn(|| {
+                let work = || {
                     while let Some((job, place)) = {
                         let index = next.fetch_add(1, Ordering::Relaxed);
                         jobs.get(index).zip(results.get(index))
@@ -44,9 +45,12 @@ impl Workers {
                         let result = done.unwrap_or_else(|_| Err("the program panicked".to_owned()));
                         *place.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
                     }
-                });
+                };
+                let started = std::thread::Builder::new().spawn_scoped(scope, work);
+                started.map_err(|error| no_thread("runs jobs", &error))?;
             }
-        });
+            Ok(())
+        })?;
         let taken = |place: Mutex<Option<_>>| place.into_inner().unwrap_or_else(PoisonError::into_inner);
         Ok(results.into_iter().map(|place| taken(place).unwrap_or_else(|| Err("was not run".to_owned()))).collect())
     }

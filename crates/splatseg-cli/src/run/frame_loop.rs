@@ -6,7 +6,9 @@ use super::result_writer::{ResultWriter, WriterOutcome};
 use super::saved_run::RunState;
 use super::skipped_frames::SkippedFrames;
 use super::stop_signals::{StopSignal, StopSignals};
+use crate::Failure;
 use crate::output_folder::file_name;
+use crate::system_limits::no_thread;
 use splatseg::pipeline::{Frames, PipelineError, Processed};
 use splatseg::summary::RunCounts;
 use splatseg_dataset::FrameSource;
@@ -77,15 +79,18 @@ struct Reports {
 
 impl FrameLoop<'_> {
     /// Processes every frame and writes its results.
+    ///
+    /// # Errors
+    /// If the thread that writes them cannot be started.
     pub fn run(
         &self,
         mut frames: Frames<'_, impl FrameSource>,
         written: WriterOutcome,
         mut counts: RunCounts,
-    ) -> LoopOutcome {
+    ) -> Result<LoopOutcome, Failure> {
         let camera = CameraMessages::new(self.has_loaded_map);
         let mut reports = Reports { camera, ..Reports::default() };
-        let writer = ResultWriter::start(written);
+        let writer = ResultWriter::start(written).map_err(|error| no_thread("writes the results", &error))?;
         let mut done = self.saving.as_ref().map_or(0, |saving| saving.state.next);
         let mut progress = Progress::new(frames.frames_left());
         let early = loop {
@@ -119,7 +124,7 @@ impl FrameLoop<'_> {
         let doubts = frames.pose_doubts();
         let at_end = reports.skipped.messages().chain(not_found).chain(misfit(&counts)).chain(doubts);
         at_end.for_each(|message| progress.warn(&message));
-        LoopOutcome { counts, written: writer.finish(), early }
+        Ok(LoopOutcome { counts, written: writer.finish(), early })
     }
 
     /// Saves the state after the first `done` frames of the scene, if enabled.

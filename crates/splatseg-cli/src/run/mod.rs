@@ -29,6 +29,7 @@ use super::input_paths::{InputPaths, real_path};
 use super::manifest::SUMMARY;
 use super::map_changes::{self, MapBefore};
 use super::output_folder::{OutputFolder, OverwritePolicy};
+use super::system_limits::{no_thread, use_threads};
 use super::{Failure, devices};
 use final_ids::{FrameImages, update_frames};
 use frame_loop::{FrameLoop, LoopOutcome, StateSaving};
@@ -98,14 +99,18 @@ pub fn run(arguments: &RunArguments, program: &[OsString]) -> Result<(), Failure
         say!("{}: the run is complete already", arguments.out.display());
         return Ok(());
     }
+    let existing = match &resume {
+        Some(_) => OverwritePolicy::Resume,
+        None if arguments.resume && SavedRun::has_only_begun(&arguments.out) => {
+            say_error!("{}: stopped before its state was saved: it starts anew", arguments.out.display());
+            OverwritePolicy::Replace
+        }
+        None => OverwritePolicy::from_flag(arguments.overwrite),
+    };
     let job = RunJob {
         scene: arguments.scene.clone(),
         out: arguments.out.clone(),
-        existing: if resume.is_some() {
-            OverwritePolicy::Resume
-        } else {
-            OverwritePolicy::from_flag(arguments.overwrite)
-        },
+        existing,
         settings: arguments.settings()?,
         save_memory: arguments.save_memory.clone(),
         load_memory: arguments.load_memory.clone(),
@@ -184,7 +189,7 @@ fn execute_with(
     let _folders = (prepare(&job.save_coco, FileKind::COCO)?, prepare(&job.save_mcap, FileKind::MCAP)?);
     use_threads(job.settings.run.threads)?;
     job.settings.run.memory_limit.enforce();
-    let signals = StopSignals::listen().map_err(Failure::runtime)?;
+    let signals = StopSignals::listen().map_err(|error| no_thread("listens for signals", &error))?;
     let dataset = &job.settings.dataset;
     let scene = open_scene(&job.scene, dataset).map_err(Failure::input)?;
     let stream = FrameStream::open_at(Arc::clone(&scene), dataset, GroundTruth::Skip, state.next);
@@ -208,7 +213,7 @@ fn execute_with(
         has_loaded_map: job.load_memory.is_some(),
         saving,
     };
-    let mut ended = frames.run(pipeline.run(stream), written, counts);
+    let mut ended = frames.run(pipeline.run(stream), written, counts)?;
     let changes = before.as_ref().and_then(|before| write_changes(before, &pipeline, &mut ended));
     let changes = before.as_ref().zip(changes.as_ref());
     let changes = changes.map(|(before, changes)| ChangesSince { before: before.memory(), changes });
@@ -266,15 +271,6 @@ fn write_changes(before: &MapBefore, pipeline: &Pipeline, ended: &mut LoopOutcom
             say_error!("the changes since the loaded map are unknown: {error}");
             None
         }
-    }
-}
-
-/// Sets the number of threads of the process. It cannot change after the first job.
-pub fn use_threads(threads: usize) -> Result<(), Failure> {
-    let built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-    match built {
-        Err(_) if [0, rayon::current_num_threads()].contains(&threads) => Ok(()),
-        built => built.map_err(Failure::runtime),
     }
 }
 

@@ -62,10 +62,14 @@ pub enum Saving {
 
 impl ResultWriter {
     /// Starts the thread.
-    pub fn start(written: WriterOutcome) -> Self {
+    ///
+    /// # Errors
+    /// If the system has no more threads. Nothing was written then.
+    pub fn start(written: WriterOutcome) -> std::io::Result<Self> {
         let (sender, receiver) = sync_channel(WAITING);
-        let thread = std::thread::spawn(move || written.write_all(&receiver));
-        Self { sender, thread }
+        let work = move || written.write_all(&receiver);
+        let thread = std::thread::Builder::new().name("result writer".to_owned()).spawn(work)?;
+        Ok(Self { sender, thread })
     }
 
     /// Queues a frame, and waits while the queue is full. Returns false if no more frames can be written.

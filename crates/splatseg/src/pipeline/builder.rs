@@ -4,6 +4,7 @@ use super::named_map::take_names;
 use super::{LoadedNetworks, Naming, Pipeline, PipelineError, StageClock};
 use crate::settings::{Settings, TrackerSettings};
 use splatseg_dataset::Scene;
+use splatseg_kernels::Instructions;
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_objects::{KeptViews, ObjectLog};
 use splatseg_odometry::{PoseSource, TrackedPoses};
@@ -142,7 +143,7 @@ impl<'a> PipelineBuilder<'a> {
     /// # Errors
     /// If a setting is out of range, a file cannot be read, or the scene has no ground truth where it is needed.
     pub fn build(mut self) -> Result<Pipeline, PipelineError> {
-        self.settings.validate()?;
+        self.check()?;
         let segmenter = match self.segmenter.take() {
             Some(segmenter) => segmenter,
             None => self.make_segmenter()?,
@@ -178,7 +179,7 @@ impl<'a> PipelineBuilder<'a> {
     /// # Errors
     /// As [`Self::build`].
     pub fn build_segmenter(self) -> Result<Box<dyn Segmenter>, PipelineError> {
-        self.settings.validate()?;
+        self.check()?;
         self.make_segmenter()
     }
 
@@ -187,8 +188,13 @@ impl<'a> PipelineBuilder<'a> {
     /// # Errors
     /// As [`Self::build`].
     pub fn build_tracker(mut self) -> Result<Option<Box<dyn Tracker>>, PipelineError> {
-        self.settings.validate()?;
+        self.check()?;
         self.settings.method.tracker().map(|tracker| self.make_tracker(tracker)).transpose()
+    }
+
+    fn check(&self) -> Result<(), PipelineError> {
+        Instructions::check_choice()?;
+        Ok(self.settings.validate()?)
     }
 
     fn make_segmenter(&self) -> Result<Box<dyn Segmenter>, PipelineError> {

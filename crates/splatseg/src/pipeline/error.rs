@@ -2,6 +2,7 @@
 
 use crate::settings::SettingsError;
 use splatseg_dataset::FrameReadError;
+use splatseg_kernels::InstructionsError;
 use splatseg_memory::LoadMemoryError;
 use splatseg_models::checkpoint::CheckpointError;
 use splatseg_models::device::DeviceError;
@@ -25,6 +26,9 @@ pub enum PipelineError {
     /// A setting is out of range.
     #[error(transparent)]
     Setting(#[from] SettingError),
+    /// The environment variable `SPLATSEG_INSTRUCTIONS` cannot be used.
+    #[error(transparent)]
+    Instructions(#[from] InstructionsError),
     /// A setting needs the ground truth of a scene, and no scene was given.
     #[error("{0} needs a scene with ground truth, but the pipeline has no scene")]
     NoScene(&'static str),

@@ -68,8 +68,9 @@ settings! {
         save_every: usize = 0, Allowed::between(0.0, 1e9);
         /// Number of threads; 0: one per core. Results do not depend on it.
         threads: usize = 0, Allowed::between(0.0, 512.0);
-        /// Maximum memory of the program, e.g. `4GB`; `auto`: the memory available on the machine. Input that needs
-        /// more is refused. Results do not depend on it.
+        /// The most memory that reading one input file may take, e.g. `4GB`; `auto`: the memory available on the machine. A
+        /// file that claims to need more is refused. It does not limit the program in all: its map grows with what is seen,
+        /// up to `memory.max_gaussians`. Results do not depend on it.
         memory_limit: MemoryLimit = MemoryLimit::Auto, Allowed::Text(MemoryLimit::EXPECTED);
     }
 }
