@@ -2,6 +2,7 @@
 
 use crate::depth_scale::require_no_depth_scale;
 use crate::own_camera::OwnCamera;
+use crate::pose_convention::ConvertedPoses;
 use crate::synthetic::{self, SyntheticScene};
 use crate::{DatasetError, DatasetSettings, DepthRegistration, Scene};
 use crate::{FolderScene, McapScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
@@ -245,7 +246,12 @@ fn open(entry: &FormatEntry, path: &Path, settings: &DatasetSettings) -> Result<
         }
         .into());
     }
-    (entry.open)(path, settings)
+    let (scene, format) = ((entry.open)(path, settings)?, settings.pose_format());
+    // 7-Scenes converts poses before it moves them to the colour camera.
+    if format.is_default() || entry.format == Format::SevenScenes {
+        return Ok(scene);
+    }
+    Ok(Arc::new(ConvertedPoses { scene, format }))
 }
 
 /// Returns one line per supported format: its name and layout.

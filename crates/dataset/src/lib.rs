@@ -25,6 +25,7 @@ mod mvpd;
 mod own_camera;
 mod plain_folder;
 mod plausibility;
+mod pose_convention;
 mod preset;
 mod recorded_poses;
 mod recording_file;
@@ -55,6 +56,7 @@ pub use live::{CoordinateFrames, DropCounts, FrameMatcher, MatchCounts, MatchLim
 pub use mcap::{McapFrames, McapScene, McapSummary, McapTopic, RecordedMessage, read_messages};
 pub use mvpd::{MvpdScene, MvpdVideo, MvpdVideos};
 pub use plain_folder::{FolderScene, ListedPose, read_pose_list};
+pub use pose_convention::{PoseConvention, QuaternionOrder};
 pub use preset::{Preset, PresetNameError};
 pub use replica::ReplicaScene;
 pub use result_names::{padded_number, unpadded_number};

@@ -1,6 +1,8 @@
 //! Selection and framing of a scene's frames.
 
+use crate::pose_convention::{PoseConvention, QuaternionOrder};
 use crate::{DepthRegistration, Format, Framing, ImageSize};
+use splatseg_geometry::PoseFormat;
 use splatseg_settings::{Allowed, Choice, SettingError, settings};
 
 settings! {
@@ -45,6 +47,12 @@ settings! {
         /// For 7-Scenes with `register_depth`: offset of the colour camera to the right of the depth camera, metres. The default is
         /// that of the Kinect that recorded 7-Scenes.
         depth_offset_m: f32 = 0.025, Allowed::between(-1.0, 1.0), only "dataset.register_depth = true";
+        /// What the recorded poses are, in every format: a run warns if the images fit another choice.
+        pose_convention: PoseConvention = PoseConvention::CameraToWorld, Allowed::Names(PoseConvention::NAMES);
+        /// Order of the numbers in the quaternions of recorded poses.
+        quaternion_order: QuaternionOrder = QuaternionOrder::Xyzw, Allowed::Names(QuaternionOrder::NAMES);
+        /// Unit of the positions in recorded poses, metres: 0.01 for centimetres, 0.001 for millimetres.
+        pose_scale: f64 = 1.0, Allowed::between(1e-6, 1e6);
         /// MCAP: topic of the colour images; if left out, the only suitable one.
         color: Option<String> = None, Allowed::Text("a topic");
         /// MCAP: topic of the depth images; if left out, the only suitable one, or the only one in the colour camera's
@@ -110,6 +118,13 @@ impl DatasetSettings {
             ("corrections", &self.corrections),
         ];
         given.into_iter().find_map(|(name, value)| Some((name, value.as_deref()?)))
+    }
+
+    /// Returns how recorded poses are stated.
+    pub fn pose_format(&self) -> PoseFormat {
+        let (is_inverse, axes) = self.pose_convention.parts();
+        let w_first = self.quaternion_order == QuaternionOrder::Wxyz;
+        PoseFormat { w_first, scale: self.pose_scale, is_inverse, axes }
     }
 
     /// Returns how every frame is resized and cropped.

@@ -18,7 +18,7 @@ use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, read_pose};
 use crate::{DatasetError, DatasetSettings, DepthRegistration, Format, RecordedFrame, Scene};
 use glam::{DVec3, Vec3};
-use splatseg_geometry::{Intrinsics, LocalPose, SegmentMap};
+use splatseg_geometry::{Intrinsics, LocalPose, PoseFormat, SegmentMap};
 use std::path::{Path, PathBuf};
 
 /// Layout of a 7-Scenes folder, for messages.
@@ -47,6 +47,7 @@ pub struct SevenScenesScene {
     own_camera: Option<OwnCamera>,
     depth_scale: DepthScale,
     poses: PoseCoverage,
+    pose_format: PoseFormat,
     /// Offset between the cameras if depth must be warped, metres.
     registration: Option<f32>,
     left_out: Vec<LeftOut>,
@@ -54,7 +55,7 @@ pub struct SevenScenesScene {
 
 impl SevenScenesScene {
     /// Lists the frames of a sequence's folder, sorted by number. Uses only `fx` to `cy`, `depth_scale`,
-    /// `register_depth` and `depth_offset_m` of `settings`.
+    /// `register_depth`, `depth_offset_m` and those about poses of `settings`.
     ///
     /// # Errors
     /// If the folder cannot be read, contains no frames or only sequence folders, or its intrinsics are damaged.
@@ -88,9 +89,21 @@ impl SevenScenesScene {
         let others = [(folder.to_owned(), DEPTH), (folder.to_owned(), POSE)];
         let left_out = left_out_beside(&frames, folder, &others);
         let poses = pose_coverage(&frames, folder, POSE);
+        let pose_format = settings.pose_format();
         let (name, folder) = (folder_name(folder), folder.to_owned());
         let depth_scale = DepthScale::MILLIMETRES.or_of(settings);
-        Ok(Self { name, folder, frames, intrinsics, own_camera, depth_scale, poses, registration, left_out })
+        Ok(Self {
+            name,
+            folder,
+            frames,
+            intrinsics,
+            own_camera,
+            depth_scale,
+            poses,
+            pose_format,
+            registration,
+            left_out,
+        })
     }
 
     fn part_of(&self, file: &NumberedFile, pattern: NamePattern) -> PathBuf {
@@ -145,7 +158,7 @@ impl Scene for SevenScenesScene {
         let file = entry(&self.frames, index, &self.name)?;
         let depth_path = self.part_of(file, DEPTH);
         // Pose first: it is quick to read and the most likely to be damaged.
-        let mut pose = read_pose(&self.part_of(file, POSE))?;
+        let mut pose = read_pose(&self.part_of(file, POSE))?.map(|stated| self.pose_format.pose(&stated));
         let mut depth = read_depth(&depth_path, self.depth_scale)?;
         let color = read_color(&file.path)?;
         let camera = self.color_camera(color.size())?;

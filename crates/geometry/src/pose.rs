@@ -182,6 +182,12 @@ impl Pose {
         Self { rotation, translation: -(rotation * self.translation) }
     }
 
+    /// Returns the pose with its position multiplied by a finite factor: the same pose in another unit of length.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
+        Self { translation: self.translation * factor, ..*self }
+    }
+
     /// Returns the pose relative to `origin` (world coordinates, metres), with the world's axes. `origin` should be
     /// near the camera, since the result is in single precision.
     pub fn relative_to(&self, origin: DVec3) -> LocalPose {

@@ -6,6 +6,7 @@ use crate::ros_topics::frames::PairedFrame;
 use crate::ros_topics::reader::{FrameReader, MessageSource};
 use crate::scene::FrameParts;
 use crate::{DatasetError, FramePart, FrameReadError, StreamedFrame};
+use splatseg_geometry::PoseFormat;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -18,6 +19,8 @@ pub(super) const STREAM: &str = "live";
 #[derive(Debug)]
 pub(super) struct FramesInCommon {
     pub(super) checks: Mutex<FrameChecks>,
+    /// How the poses of the stream are stated.
+    pub(super) pose_format: PoseFormat,
     /// Number of frames that could not be read, and of those among them without a pose.
     pub(super) unreadable: AtomicU64,
     pub(super) unreadable_without_pose: AtomicU64,
@@ -88,7 +91,8 @@ impl MatchedFrame {
         let place = |topic: &str| PathBuf::from(format!("{STREAM}: {topic} at {:.3} s", frame.stamp as f64 * 1e-9));
         let (color, depth, intrinsics) = self.reader.read(frame, &MessageSource { data, place })?;
         let timestamp = u64::try_from(frame.stamp).ok().map(Duration::from_nanos);
-        let (name, world_from_camera) = (self.index.to_string(), frame.pose);
+        let name = self.index.to_string();
+        let world_from_camera = frame.pose.map(|stated| self.common.pose_format.pose(&stated));
         let recorded = FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera }.into_frame()?;
         let part = |part| match part {
             FramePart::Depth => place(&self.reader.depth.topic),

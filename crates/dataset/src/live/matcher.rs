@@ -97,6 +97,7 @@ impl FrameMatcher {
         settings.validate()?;
         let common = FramesInCommon {
             checks: Mutex::new(FrameChecks::new(settings.framing())),
+            pose_format: settings.pose_format(),
             unreadable: AtomicU64::new(0),
             unreadable_without_pose: AtomicU64::new(0),
         };
