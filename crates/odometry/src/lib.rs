@@ -16,7 +16,8 @@
 //! | `prior.rs` | the motion model |
 //! | `motion_test.rs` | which segments moved by themselves in one frame |
 //! | `movers.rs` | weights of segments that move by themselves |
-//! | `plausibility.rs` | doubts about the focal length and the unit of depth |
+//! | `plausibility.rs` | doubts about the focal length |
+//! | `input_checks/` | whether given poses and units fit what the frames show |
 //! | `search.rs` | a start when the motion model fails |
 //! | `keyframes/` | the keyframes of the whole map, in little memory |
 //! | `relocalisation/` | recognises the place that a frame shows |
@@ -28,6 +29,7 @@
 
 mod alignment;
 mod graph;
+mod input_checks;
 mod keyframe;
 mod keyframe_map;
 mod keyframes;
@@ -54,6 +56,7 @@ mod segment_runs;
 mod sums;
 mod tracked_poses;
 
+pub use input_checks::{DoubtKind, InputDoubt};
 pub use odometry::Odometry;
 pub use pose_event::{PoseEvent, PoseEventCounts};
 pub use pose_source::{GivenPoses, PoseSource, PoseSourceError};

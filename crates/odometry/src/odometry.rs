@@ -313,7 +313,7 @@ fn is_tracked(aligned: &Aligned, reference: &Reference) -> bool {
 
 /// True if a frame shows the place of a keyframe although nothing is known about the camera's motion. Depth and image
 /// must both agree: a wrong pose is worse than none.
-fn is_found_again(aligned: &Aligned, reference: &Reference) -> bool {
+pub(crate) fn is_found_again(aligned: &Aligned, reference: &Reference) -> bool {
     let agrees = |inliers: Option<f32>| inliers.is_none_or(|share| share >= MIN_INLIERS_OF_RETURN);
     let inliers = aligned.counts.inliers();
     overlap(aligned, reference) >= MIN_VISIBLE_OF_RETURN && inliers[0].is_some() && inliers.into_iter().all(agrees)
@@ -323,17 +323,23 @@ fn overlap(aligned: &Aligned, reference: &Reference) -> f32 {
     aligned.counts.visible / reference.size().max(1) as f32
 }
 
-fn quality(aligned: &Aligned, reference: &Reference) -> PoseQuality {
+/// Standard deviations of an aligned frame's position relative to its keyframe, metres, and rotation, radians. Infinite if
+/// they are not known.
+pub(crate) fn deviations(aligned: &Aligned) -> (f64, f64) {
     let variances = aligned.fit.as_ref().map(|fit| Eigen::new(&fit.hessian).variances());
     let deviation = |from: usize| {
-        let variance = variances.map(|variances| variances[from..from + 3].iter().sum::<f64>());
-        variance.map_or(f32::INFINITY, |variance| variance.sqrt() as f32)
+        variances.map_or(f64::INFINITY, |variances| variances[from..from + 3].iter().sum::<f64>().sqrt())
     };
+    (deviation(0), deviation(3))
+}
+
+fn quality(aligned: &Aligned, reference: &Reference) -> PoseQuality {
+    let (position, rotation) = deviations(aligned);
     PoseQuality {
         overlap: overlap(aligned, reference),
         inliers: aligned.counts.mean_inliers(),
         residual: aligned.scales.distance,
-        position_deviation: deviation(0),
-        rotation_deviation: deviation(3),
+        position_deviation: position as f32,
+        rotation_deviation: rotation as f32,
     }
 }

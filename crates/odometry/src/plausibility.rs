@@ -1,7 +1,7 @@
-//! Doubts of the tracked frames about the camera's intrinsics and its unit of depth.
+//! Doubts of the tracked frames about the camera's focal length.
 
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{CameraFrame, Intrinsics};
+use splatseg_geometry::Intrinsics;
 
 /// One in this many frames is asked about the focal length.
 pub(crate) const FOCAL_STRIDE: u32 = 4;
@@ -19,15 +19,6 @@ const MIN_ERROR: f64 = 0.06;
 
 /// The error must be this many times its deviation. Frames that are aligned with the same keyframe share errors.
 const MIN_DEVIATIONS: f64 = 8.0;
-
-/// Plausible median depth in rooms, metres.
-const USUAL_DEPTH: std::ops::RangeInclusive<f32> = 0.3..=15.0;
-
-/// The unit of depth is judged by this many frames.
-const DEPTH_FRAMES: usize = 30;
-
-/// A frame's depth is judged by every Nth pixel: a prime, so that all columns count.
-const DEPTH_SAMPLING: usize = 97;
 
 /// The estimate of the focal length's error over all frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -77,40 +68,9 @@ impl FocalEstimate {
     }
 }
 
-/// Median depths of the first tracked frames.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct UsualDepth(Vec<f32>);
-
-impl UsualDepth {
-    /// Adds a frame, unless there are enough.
-    pub(crate) fn add(&mut self, frame: &CameraFrame<'_>) {
-        if self.0.len() < DEPTH_FRAMES {
-            let depths = frame.depth().pixels().iter().step_by(DEPTH_SAMPLING).copied();
-            self.0.extend(median(depths.filter(|depth| *depth > 0.0).collect()));
-        }
-    }
-
-    /// A sentence about a wrong unit of depth, if depth is not that of a room.
-    pub(crate) fn doubt(&self) -> Option<String> {
-        let found = median(self.0.clone()).filter(|depth| !USUAL_DEPTH.contains(depth))?;
-        Some(format!(
-            "the median depth is {found:.2} m, expected {} to {} m in a room: check the unit of the depth, for tracking \
-             relies on it",
-            USUAL_DEPTH.start(),
-            USUAL_DEPTH.end()
-        ))
-    }
-}
-
-fn median(mut values: Vec<f32>) -> Option<f32> {
-    values.sort_by(f32::total_cmp);
-    values.get(values.len() / 2).copied()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatseg_geometry::Image;
 
     const CAMERA: Intrinsics = Intrinsics { fx: 250.0, fy: 250.0, cx: 15.5, cy: 11.5, width: 32, height: 24 };
 
@@ -128,18 +88,5 @@ mod tests {
         assert_eq!(estimate(20, 0.026).doubt(&CAMERA), None, "a Kinect with the right intrinsics");
         assert_eq!(estimate(3, 0.1).doubt(&CAMERA), None);
         assert_eq!(FocalEstimate::default().doubt(&CAMERA), None);
-    }
-
-    #[test]
-    fn depth_in_a_wrong_unit_is_doubted() {
-        let doubt = |depth: f32| {
-            let (color, depth) = (Image::filled(32, 24, [9; 3]), Image::filled(32, 24, depth));
-            let mut usual = UsualDepth::default();
-            usual.add(&CameraFrame::new("frame", color, depth, CAMERA).unwrap());
-            usual.doubt()
-        };
-        assert_eq!((doubt(0.0), doubt(2.0)), (None, None));
-        assert!(doubt(20.0).unwrap().starts_with("the median depth is 20.00 m, expected 0.3 to 15 m"));
-        assert!(doubt(0.2).unwrap().contains("check the unit"));
     }
 }

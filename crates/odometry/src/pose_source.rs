@@ -1,6 +1,6 @@
 //! The camera's pose for each frame.
 
-use crate::{CameraPose, PoseEvent};
+use crate::{CameraPose, InputDoubt, PoseEvent};
 use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, RemappedId, SegmentMap};
 use std::collections::BTreeMap;
 use thiserror::Error;
@@ -62,9 +62,19 @@ pub trait PoseSource: Send {
         Ok(())
     }
 
-    /// Doubts of the tracked frames about the camera's focal length or the unit of its depth, a sentence each. Empty if
-    /// nothing is conspicuous.
+    /// Doubts of the tracked frames about the camera's focal length, a sentence each. Empty if nothing is conspicuous.
     fn doubts(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// Returns the contradictions that the latest frame has revealed between what came with the frames and what they show,
+    /// each once.
+    fn take_input_doubts(&mut self) -> Vec<InputDoubt> {
+        Vec::new()
+    }
+
+    /// Returns, after the last frame, contradictions that more frames would have been awaited for.
+    fn take_last_input_doubts(&mut self) -> Vec<InputDoubt> {
         Vec::new()
     }
 

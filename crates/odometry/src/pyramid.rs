@@ -28,12 +28,43 @@ pub(crate) struct GreyFrame {
 
 impl GreyFrame {
     pub(crate) fn new(frame: &CameraFrame<'_>) -> Self {
-        let stored = |depth: &f32| {
-            let steps = depth / DEPTH_STEP + 0.5;
-            if steps <= f32::from(u16::MAX) { steps as u16 } else { 0 }
-        };
-        Self { grey: frame.color().map(luminance), depth: frame.depth().map(stored), intrinsics: *frame.intrinsics() }
+        let depth = frame.depth().map(|depth| stored(*depth));
+        Self { grey: frame.color().map(luminance), depth, intrinsics: *frame.intrinsics() }
     }
+}
+
+impl GreyFrame {
+    /// A frame whose width and height are divided by `step`, with its depth multiplied by `factor`. Luminance is the mean of
+    /// a block, depth its first measurement from the centre on.
+    pub(crate) fn reduced(frame: &CameraFrame<'_>, step: usize, factor: f32) -> Self {
+        let step = step.clamp(1, frame.width().min(frame.height()));
+        let (width, height) = (frame.width() / step, frame.height() / step);
+        let grey = Image::from_fn(width, height, |column, row| {
+            let rows = row * step..(row + 1) * step;
+            let block = rows.map(|row| &frame.color().row(row)[column * step..(column + 1) * step]);
+            let sum: usize = block.flatten().map(|color| usize::from(luminance(color))).sum();
+            (sum / (step * step)) as u8
+        });
+        let depth = Image::from_fn(width, height, |column, row| {
+            let from_centre = (0..step * step).map(|number| (number + step * step / 2) % (step * step));
+            let depths = from_centre.map(|number| {
+                stored(frame.depth()[(column * step + number % step, row * step + number / step)] * factor)
+            });
+            depths.into_iter().find(|depth| *depth > 0).unwrap_or(0)
+        });
+        let camera = frame.intrinsics();
+        let share = 1.0 / step as f32;
+        let centre = |place: f32| (place + 0.5) * share - 0.5;
+        let (cx, cy) = (centre(camera.cx), centre(camera.cy));
+        let intrinsics = Intrinsics { fx: camera.fx * share, fy: camera.fy * share, cx, cy, width, height };
+        Self { grey, depth, intrinsics }
+    }
+}
+
+/// Depth in units of [`DEPTH_STEP`], 0 where missing or too far.
+fn stored(depth: f32) -> u16 {
+    let steps = depth / DEPTH_STEP + 0.5;
+    if steps <= f32::from(u16::MAX) { steps as u16 } else { 0 }
 }
 
 /// A frame at several resolutions, the finest first. Each level is half as wide and high as the one before.

@@ -1,13 +1,13 @@
 //! Poses that are tracked: always, where they are missing, or to refine given ones. Keyframes of all frames are kept.
 
+use crate::input_checks::{InputChecks, InputDoubt};
 use crate::keyframe_map::KeyframeMap;
 use crate::lost::{Lost, Search};
 use crate::odometry::TrackedFrame;
-use crate::plausibility::UsualDepth;
 use crate::saved::SavedPoses;
 use crate::saved_keyframes;
 use crate::{CameraPose, Odometry, PoseEvent, PoseSource, PoseSourceError, PoseState};
-use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, RemappedId, SegmentMap};
+use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, PoseFormat, RemappedId, SegmentMap};
 use splatseg_settings::choices;
 use std::collections::BTreeMap;
 
@@ -45,7 +45,7 @@ pub struct TrackedPoses {
     correction: Option<MapCorrection>,
     /// Events of the latest frame.
     events: Vec<PoseEvent>,
-    depth: UsualDepth,
+    checks: InputChecks,
 }
 
 impl TrackedPoses {
@@ -62,8 +62,16 @@ impl TrackedPoses {
             index: 0,
             correction: None,
             events: Vec::new(),
-            depth: UsualDepth::default(),
+            checks: InputChecks::new(PoseFormat::default()),
         }
+    }
+
+    /// Tells how the given poses were read, so that doubts about them can name what to change. By default they were not
+    /// converted.
+    #[must_use]
+    pub fn with_pose_format(mut self, format: PoseFormat) -> Self {
+        self.checks = InputChecks::new(format);
+        self
     }
 
     /// Uses a pose that came with the frame.
@@ -210,17 +218,17 @@ impl TrackedPoses {
 
 impl PoseSource for TrackedPoses {
     fn pose(&mut self, frame: &CameraFrame<'_>, given: Option<&Pose>) -> Result<CameraPose, PoseSourceError> {
-        if given.is_none() || matches!(self.mode, PoseMode::Track | PoseMode::Refine) {
-            self.depth.add(frame);
-        }
-        Ok(match (self.mode, given) {
+        self.checks.add(frame, given.filter(|_| self.mode != PoseMode::Track));
+        let found = match (self.mode, given) {
             (PoseMode::Given | PoseMode::Auto, Some(pose)) => self.given(frame, pose),
             (PoseMode::Given, None) => return Err(PoseSourceError::Missing { frame: frame.name().to_owned() }),
             (PoseMode::Auto, None) if self.has_given => self.bridged(frame),
             (PoseMode::Auto, None) => self.tracked(frame, &Pose::IDENTITY),
             (PoseMode::Track, given) => self.tracked(frame, given.unwrap_or(&Pose::IDENTITY)),
             (PoseMode::Refine, given) => self.refined(frame, given),
-        })
+        };
+        self.checks.add_placed(frame, &found);
+        Ok(found)
     }
 
     fn set_segments(&mut self, segments: &SegmentMap) {
@@ -272,7 +280,15 @@ impl PoseSource for TrackedPoses {
     }
 
     fn doubts(&self) -> Vec<String> {
-        self.depth.doubt().into_iter().chain(self.odometry.focal_doubt()).collect()
+        self.odometry.focal_doubt().into_iter().collect()
+    }
+
+    fn take_input_doubts(&mut self) -> Vec<InputDoubt> {
+        self.checks.take()
+    }
+
+    fn take_last_input_doubts(&mut self) -> Vec<InputDoubt> {
+        self.checks.take_last()
     }
 
     fn save(&self) -> Option<Vec<u8>> {
