@@ -5,7 +5,7 @@ use crate::errors::{runtime_error, value_error};
 use crate::segmenter::{PythonSegmenter, SharedCallable};
 use crate::settings::{add_file, layers, resolve, settings_error};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
-use pyo3::exceptions::PyRuntimeError;
+use pyo3::exceptions::{PyRuntimeError, PyUserWarning};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -15,9 +15,11 @@ use splatseg::objects::{FrameStamp, ObjectName, SeenObjects};
 use splatseg::odometry::PoseState;
 use splatseg::pipeline::{FrameResult, NameObjectsError, ObjectToName, PipelineError};
 use splatseg::settings::SettingsLayers;
+use splatseg::geometry::PoseFormat;
 use splatseg::{CameraFrame, Intrinsics, Mask, Pose, SegmentId};
 use splatseg_files::MemoryLimit;
 use std::error::Error;
+use std::ffi::CString;
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::{Duration, Instant};
@@ -31,6 +33,8 @@ pub struct Pipeline {
     settings: String,
     /// The segmenter, if it is a callable of Python.
     segmenter: Option<SharedCallable>,
+    /// How the poses passed to `step` are stated.
+    pose_format: PoseFormat,
 }
 
 struct State {
@@ -99,9 +103,10 @@ impl Pipeline {
         };
         let pipeline = py.detach(|| in_pool(threads.as_ref(), build));
         let pipeline = pipeline.map_err(value_error)?;
+        let pose_format = settings.dataset.pose_format();
         let settings = serde_json::to_string(&settings).map_err(runtime_error)?;
         let state = Mutex::new(State { pipeline, seen: SeenObjects::default(), frames: 0 });
-        Ok(Self { state, threads, settings, segmenter })
+        Ok(Self { state, threads, settings, segmenter, pose_format })
     }
 
     /// Shows Python's garbage collector what the pipeline refers to: a segmenter may refer to its pipeline.
@@ -140,6 +145,7 @@ impl Pipeline {
     ) -> PyResult<Step> {
         let (color, depth) = (color_image(rgb, "rgb")?, depth_image(depth, depth_scale)?);
         let (camera, pose) = (intrinsics(k, color.size())?, camera_to_world.map(pose).transpose()?);
+        let pose = pose.map(|stated| self.pose_format.pose(&stated));
         let mut guard = self.lock()?;
         let state = &mut *guard;
         let name = name.unwrap_or_else(|| format!("{:06}", state.frames));
@@ -293,9 +299,13 @@ fn memory_of(state: &State) -> PyResult<&SplatMemory> {
 
 fn step_result(
     py: Python<'_>,
-    FrameResult { output, objects, times, pose, anchor: _, remapped, events: _ }: FrameResult,
+    FrameResult { output, objects, times, pose, anchor: _, remapped, events: _, doubts }: FrameResult,
     time: Duration,
 ) -> PyResult<Step> {
+    for doubt in doubts {
+        let text = CString::new(doubt.text).map_err(runtime_error)?;
+        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 2)?;
+    }
     let ids = to_array(py, output.segments.clone())?;
     let confidence = to_array(py, output.confidence)?;
     let masks = |masks: &[(SegmentId, Mask)]| {

@@ -242,6 +242,7 @@ impl LiveSession {
         status.problem = None;
         status.visible_objects = result.objects.len();
         status.pose = Some(result.pose.state);
+        status.doubts.extend(result.doubts.iter().map(|doubt| doubt.text.clone()));
         status.frame_time = started.elapsed();
         status.age = self.stream.time_since(received);
         status.counts = self.stream.counts();
@@ -358,6 +359,7 @@ impl LiveSession {
     /// Starts again with another map, or an empty one. If it cannot be loaded, the present one stays.
     fn replace_map(&mut self, path: Option<&Path>) -> Result<(), LiveError> {
         self.pipeline = (self.build)(path)?;
+        self.status.doubts.clear();
         self.seen = SeenObjects::default();
         Ok(())
     }

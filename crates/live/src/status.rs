@@ -25,6 +25,8 @@ pub struct LiveStatus {
     pub problem: Option<String>,
     /// Whether the map is on the disk; `None` if it is not to be saved.
     pub saving: Option<SaveStatus>,
+    /// Contradictions between what came with the frames and what they show, a sentence each.
+    pub doubts: Vec<String>,
     /// Frames with a result in the last second.
     pub rate_hz: f32,
     /// Time for the latest frame, from its receipt to its result.
@@ -68,6 +70,7 @@ impl LiveStatus {
             _ if !problems.is_empty() => (DiagnosticStatus::ERROR, problems.join("; ")),
             None => (DiagnosticStatus::STALE, "waiting for frames".to_owned()),
             _ if self.is_paused => (DiagnosticStatus::STALE, "paused".to_owned()),
+            _ if !self.doubts.is_empty() => (DiagnosticStatus::WARN, self.doubts.join("; ")),
             Some(PoseState::Lost) => (DiagnosticStatus::WARN, "the camera's pose is lost".to_owned()),
             _ if self.age > OLD => (DiagnosticStatus::WARN, "results are old".to_owned()),
             _ => (DiagnosticStatus::OK, "running".to_owned()),
@@ -128,6 +131,9 @@ impl fmt::Display for LiveStatus {
         }
         if self.is_paused {
             write!(formatter, "; paused")?;
+        }
+        for doubt in &self.doubts {
+            write!(formatter, "; warning: {doubt}")?;
         }
         write!(formatter, "; {}", self.counts)
     }

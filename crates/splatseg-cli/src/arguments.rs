@@ -141,7 +141,8 @@ pub struct RunArguments {
     /// Continue with a saved memory and its ids
     #[arg(long, value_name = "FILE.ply")]
     pub load_memory: Option<PathBuf>,
-    /// End the run at the first frame that cannot be used, with exit code 2, instead of skipping it
+    /// End the run with exit code 2 at the first frame that cannot be used, instead of skipping it, and when frames
+    /// contradict what came with them, such as poses or units, instead of warning
     #[arg(long)]
     pub strict_input: bool,
     #[arg(long, value_name = "N")]

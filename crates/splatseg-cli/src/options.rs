@@ -29,7 +29,20 @@ pub struct DatasetOptions {
     #[command(flatten)]
     pub camera: CameraOptions,
     #[command(flatten)]
+    pub poses: RecordedPoseOptions,
+    #[command(flatten)]
     pub topics: TopicOptions,
+}
+
+/// Options that say what recorded poses are.
+#[derive(Clone, Debug, Default, Args)]
+pub struct RecordedPoseOptions {
+    #[arg(long, value_name = "CONVENTION")]
+    pub pose_convention: Option<String>,
+    #[arg(long, value_name = "ORDER")]
+    pub quaternion_order: Option<String>,
+    #[arg(long, value_name = "METRES")]
+    pub pose_scale: Option<String>,
 }
 
 /// Options that describe the camera of a recording.
@@ -149,6 +162,9 @@ impl DatasetOptions {
             ("dataset.crop_border", self.crop_border.as_ref()),
             ("dataset.start", self.start.as_ref()),
             ("dataset.max_frames", self.max_frames.as_ref()),
+            ("dataset.pose_convention", self.poses.pose_convention.as_ref()),
+            ("dataset.quaternion_order", self.poses.quaternion_order.as_ref()),
+            ("dataset.pose_scale", self.poses.pose_scale.as_ref()),
         ];
         add_given(layers, options)?;
         self.camera.add_to(layers)?;

@@ -99,3 +99,24 @@ fn a_benchmark_compares_sources_of_poses() {
     let table = fs::read_to_string(out.join("results.csv")).unwrap();
     assert!(table.contains("poses=track") && table.lines().count() >= 3, "{table}");
 }
+
+#[test]
+fn poses_that_do_not_fit_the_images_are_told_with_the_setting_that_mends_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = Path::new("synthetic:frames=30,width=160,height=120,objects=8,speed=0.3");
+    let wrong = ["--segmenter", "oracle", "--pose-convention", "opengl"];
+    let ended = run(scene, &folder.path().join("warned"), &wrong);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    let warning = "warning: the given poses do not fit the images, but they do as camera-to-world poses";
+    assert!(ended.err.contains(warning), "{}", ended.err);
+    assert!(ended.err.contains("dataset.pose_convention = camera-to-world"), "{}", ended.err);
+
+    let strict = run(scene, &folder.path().join("strict"), &[&wrong[..], &["--strict-input"]].concat());
+    assert_eq!(strict.code, 2, "{}", strict.err);
+    assert!(strict.err.contains("(strict_input ends the run)"), "{}", strict.err);
+
+    let right = run(scene, &folder.path().join("right"), &["--segmenter", "oracle", "--strict-input"]);
+    assert_eq!(right.code, 0, "{}", right.err);
+    let refused = run(scene, &folder.path().join("refused"), &["--pose-convention", "left-handed"]);
+    assert!(refused.code == 2 && refused.err.contains("dataset.pose_convention"), "{}", refused.err);
+}

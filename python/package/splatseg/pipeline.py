@@ -106,7 +106,10 @@ class Pipeline:
         ``rgb``: uint8 ``(height, width, 3)``, C-contiguous, RGB. ``depth``: float32 or float64 z-depth in metres
         ``(height, width)`` of the same pixels, 0 or NaN where nothing was measured; with ``depth_scale`` in units per
         metre (1000 for millimetres) also uint16. ``K``: the camera matrix, 3x3, pixels. ``camera_to_world``: the pose,
-        4x4, metres, camera axes x right, y down, z forward; without it the camera is tracked. ``timestamp``: seconds.
+        4x4, metres, camera axes x right, y down, z forward, unless the pipeline was made with ``dataset.pose_convention``
+        and kin (poses of a scene opened with them are converted already); without it the camera is tracked.
+        ``timestamp``: seconds. Input that contradicts itself, e.g. poses that do not fit the images, causes a
+        ``UserWarning``.
 
         The GIL is released during the computation. Invalid arguments raise ``TypeError`` or ``ValueError`` with the
         found and the expected value, and leave the memory unchanged. Exceptions of the segmenter are passed on.

@@ -12,7 +12,7 @@ use splatseg_dataset::{FrameStream, GroundTruth, open_scene};
 use splatseg_geometry::{FrameAnchor, Mask, RgbdFrame, SegmentMap};
 use splatseg_memory::SplatMemory;
 use splatseg_metrics::{FramePrediction, InstanceScorer, Protocol, ScoreSettings, VideoScore, VideoScorer};
-use splatseg_odometry::CameraPose;
+use splatseg_odometry::{CameraPose, InputDoubt};
 use splatseg_report::{Series, Thumbnail};
 use splatseg_tracking::{FrameOutput, TrackErrorCounts};
 use std::collections::BTreeMap;
@@ -135,11 +135,25 @@ pub fn run(path: &Path, inputs: &JobInputs) -> Result<JobResult, String> {
         let (frame, result) = result_or_empty(processed, &mut recorder)?;
         // The method's time excludes scoring and drawing.
         time += started.elapsed();
+        tell(&result.doubts, inputs)?;
         recorder.record(position, &frame, &result, frames.memory())?;
     }
+    tell(&pipeline.take_last_doubts(), inputs)?;
     let mesh = inputs.mesh.as_ref().zip(pipeline.memory());
     let mesh = mesh.map(|(mesh, memory)| mesh.score(memory)).transpose()?;
     Ok(JobResult { mesh, ..recorder.finish(inputs, pipeline.memory(), time)? })
+}
+
+/// Warns about input that contradicts itself, which is an error with `strict_input`.
+fn tell(doubts: &[InputDoubt], inputs: &JobInputs) -> Result<(), String> {
+    for doubt in doubts {
+        let text = format!("{}: {}", inputs.scene, doubt.text);
+        if inputs.settings.run.strict_input {
+            return Err(text);
+        }
+        tracing::warn!("{text}");
+    }
+    Ok(())
 }
 
 /// A frame to score.
@@ -172,6 +186,7 @@ fn result_or_empty(
                     anchor: FrameAnchor::default(),
                     remapped: Vec::new(),
                     events: Vec::new(),
+                    doubts: Vec::new(),
                 },
             ))
         }

@@ -9,6 +9,7 @@ use super::stop_signals::{StopSignal, StopSignals};
 use crate::Failure;
 use crate::output_folder::file_name;
 use crate::system_limits::no_thread;
+use splatseg::odometry::InputDoubt;
 use splatseg::pipeline::{Frames, PipelineError, Processed};
 use splatseg::summary::RunCounts;
 use splatseg_dataset::FrameSource;
@@ -20,7 +21,7 @@ use std::path::PathBuf;
 pub struct FrameLoop<'a> {
     /// Signals that stop the run.
     pub signals: &'a StopSignals,
-    /// If true, the first frame that cannot be used ends the run.
+    /// If true, the first frame that cannot be used ends the run, and so does input that contradicts itself.
     pub strict_input: bool,
     /// True if the run starts with a saved map.
     pub has_loaded_map: bool,
@@ -54,6 +55,8 @@ pub enum EarlyEnd {
     Signal(StopSignal),
     /// A frame cannot be used, with `strict_input`.
     UnusableFrame(String),
+    /// What came with the frames contradicts what they show, with `strict_input`.
+    Contradiction(String),
     /// The method failed.
     Method(String),
     /// No more images can be written.
@@ -62,8 +65,8 @@ pub enum EarlyEnd {
 
 /// The outcome of one frame.
 enum Step {
-    /// The frame has a result. `messages` are about the camera.
-    Done { messages: Vec<String> },
+    /// The frame has a result. `messages` are about the camera, `doubts` about the input.
+    Done { messages: Vec<String>, doubts: Vec<InputDoubt> },
     /// The frame was skipped. `message` is set for the first frame with this kind of reason.
     Skipped { message: Option<String>, error: String },
     /// The run ends.
@@ -105,7 +108,12 @@ impl FrameLoop<'_> {
                 Err(error) => Step::Skipped { message: reports.skipped.add_unusable(&error), error: error.to_string() },
             };
             match step {
-                Step::Done { messages } => messages.iter().for_each(|message| progress.say(message)),
+                Step::Done { messages, doubts } => {
+                    messages.iter().for_each(|message| progress.say(message));
+                    if let Some(contradiction) = self.tell(&doubts, &progress) {
+                        break Some(contradiction);
+                    }
+                }
                 Step::Skipped { error, .. } if self.strict_input => break Some(EarlyEnd::UnusableFrame(error)),
                 Step::Skipped { message, .. } => {
                     counts.skipped_frames += 1;
@@ -120,11 +128,21 @@ impl FrameLoop<'_> {
             }
         };
         progress.finish();
+        let early = early.or_else(|| self.tell(&frames.take_last_doubts(), &progress));
         let not_found = reports.camera.at_end().map(str::to_owned);
         let doubts = frames.pose_doubts();
         let at_end = reports.skipped.messages().chain(not_found).chain(misfit(&counts)).chain(doubts);
         at_end.for_each(|message| progress.warn(&message));
         Ok(LoopOutcome { counts, written: writer.finish(), early })
+    }
+
+    /// Warns about doubtful input, which ends the run with `strict_input`.
+    fn tell(&self, doubts: &[InputDoubt], progress: &Progress) -> Option<EarlyEnd> {
+        match doubts.first() {
+            Some(first) if self.strict_input => return Some(EarlyEnd::Contradiction(first.text.clone())),
+            _ => doubts.iter().for_each(|doubt| progress.warn(&doubt.text)),
+        }
+        None
     }
 
     /// Saves the state after the first `done` frames of the scene, if enabled.
@@ -173,8 +191,9 @@ fn record_result(
     counts.add(&result, memory.map_or(0, SplatMemory::gaussian_count));
     let (file_name, pose_state) = (file_name(frame.name()), result.pose.state);
     let messages = reports.camera.add(frame.name(), &result.pose, &result.events, result.remapped.len());
+    let doubts = result.doubts;
     let (segments, objects) = (result.output.segments, result.objects);
     let (anchor, remapped) = (result.anchor, result.remapped);
     let record = FrameRecord { number, index, file_name, pose_state, frame, segments, objects, anchor, remapped };
-    if writer.write(record) { Step::Done { messages } } else { Step::End(EarlyEnd::Unwritable) }
+    if writer.write(record) { Step::Done { messages, doubts } } else { Step::End(EarlyEnd::Unwritable) }
 }

@@ -72,7 +72,7 @@ impl EarlyEnd {
     fn reason(&self) -> String {
         match self {
             Self::Signal(signal) => format!("interrupted by {}", signal.name),
-            Self::UnusableFrame(error) => format!("{error} (strict_input ends the run)"),
+            Self::UnusableFrame(error) | Self::Contradiction(error) => format!("{error} (strict_input ends the run)"),
             Self::Method(error) => error.clone(),
             Self::Unwritable => "ended because no more images can be written".to_owned(),
         }
@@ -82,7 +82,7 @@ impl EarlyEnd {
         let reason = self.reason();
         match self {
             Self::Signal(signal) => Failure::Interrupted { code: signal.exit_code(), text: format!("{reason} {kept}") },
-            Self::UnusableFrame(_) => Failure::input(format!("{reason}, {kept}")),
+            Self::UnusableFrame(_) | Self::Contradiction(_) => Failure::input(format!("{reason}, {kept}")),
             Self::Method(_) | Self::Unwritable => Failure::runtime(format!("{reason}: ended {kept}")),
         }
     }

@@ -138,6 +138,11 @@ impl<'a> PipelineBuilder<'a> {
         self
     }
 
+    /// Poses as the settings choose them.
+    fn tracked_poses(&self) -> TrackedPoses {
+        TrackedPoses::new(self.settings.run.poses).with_pose_format(self.settings.dataset.pose_format())
+    }
+
     /// Builds the pipeline.
     ///
     /// # Errors
@@ -153,7 +158,7 @@ impl<'a> PipelineBuilder<'a> {
             None => self.make_method()?,
         };
         let segment_ahead = self.settings.run.segment_ahead;
-        let mut poses = self.poses.take().unwrap_or_else(|| Box::new(TrackedPoses::new(self.settings.run.poses)));
+        let mut poses = self.poses.take().unwrap_or_else(|| Box::new(self.tracked_poses()));
         if let Some(keyframes) = &self.keyframes {
             poses.load_keyframes(keyframes)?;
         }
@@ -170,6 +175,7 @@ impl<'a> PipelineBuilder<'a> {
             objects,
             unreported,
             unreported_events: Vec::new(),
+            unreported_doubts: Vec::new(),
             naming: self.naming,
         })
     }

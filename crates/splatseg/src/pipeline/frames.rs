@@ -5,6 +5,7 @@ use super::{in_thread_pool, process, segment, timed};
 use splatseg_dataset::{FrameReadError, FrameSource, StreamedFrame};
 use splatseg_geometry::{Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{Attached, SplatFileError, SplatMemory};
+use splatseg_odometry::InputDoubt;
 use std::path::Path;
 
 /// Iterator over the results of a [`FrameSource`].
@@ -64,6 +65,11 @@ impl<'p, S: FrameSource> Frames<'p, S> {
     /// Doubts about the camera after the latest frame; see [`Pipeline::pose_doubts`].
     pub fn pose_doubts(&self) -> Vec<String> {
         self.pipeline.pose_doubts()
+    }
+
+    /// Contradictions that no result has told; see [`Pipeline::take_last_doubts`].
+    pub fn take_last_doubts(&mut self) -> Vec<InputDoubt> {
+        self.pipeline.take_last_doubts()
     }
 
     /// Number of frames to come, including unusable ones. `None` if the end of the source is not known.

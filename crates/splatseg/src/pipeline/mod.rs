@@ -26,7 +26,7 @@ use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, Pose, RemappedId, 
 use splatseg_memory::{Attached, SplatFileError, SplatMemory};
 use splatseg_models::fastsam::FastSamError;
 use splatseg_objects::{ObjectLog, ObjectSighting};
-use splatseg_odometry::{CameraPose, PoseEvent, PoseMode, PoseSource, PoseState, TrackedPoses};
+use splatseg_odometry::{CameraPose, InputDoubt, PoseEvent, PoseMode, PoseSource, PoseState, TrackedPoses};
 use splatseg_segmenter::{Segmenter, SegmenterError};
 use splatseg_tracking::{FrameOutput, Method};
 use stage_times::StageClock;
@@ -46,6 +46,8 @@ pub struct Pipeline {
     unreported: Vec<RemappedId>,
     /// Events of frames without a result.
     unreported_events: Vec<PoseEvent>,
+    /// Doubts about the input from frames without a result.
+    unreported_doubts: Vec<InputDoubt>,
     naming: Naming,
 }
 
@@ -66,6 +68,9 @@ pub struct FrameResult {
     pub remapped: Vec<RemappedId>,
     /// Events of the pose source since the previous result: loops, a lost camera that was found.
     pub events: Vec<PoseEvent>,
+    /// Contradictions between what came with the frames and what they show that were noticed since the previous result,
+    /// each once.
+    pub doubts: Vec<InputDoubt>,
 }
 
 /// The masks of a frame, and the segmenter's time.
@@ -92,6 +97,7 @@ impl Pipeline {
             objects: ObjectLog::default(),
             unreported: Vec::new(),
             unreported_events: Vec::new(),
+            unreported_doubts: Vec::new(),
             naming: Naming::default(),
         }
     }
@@ -164,6 +170,7 @@ impl Pipeline {
         self.method.set_anchor(&anchor);
         self.unreported.extend(remapped);
         self.unreported_events.extend(self.poses.take_events());
+        self.unreported_doubts.extend(self.poses.take_input_doubts());
         Placed { pose, anchor }
     }
 
@@ -184,6 +191,7 @@ impl Pipeline {
         self.unreported.extend(recognised);
         result.remapped = std::mem::take(&mut self.unreported);
         result.events = std::mem::take(&mut self.unreported_events);
+        result.doubts = std::mem::take(&mut self.unreported_doubts);
         self.poses.set_segments(&result.output.segments);
         if result.pose.state != PoseState::Given || result.pose.quality.is_some() {
             result.times.add("pose", time);
@@ -230,10 +238,16 @@ impl Pipeline {
         self.poses.save()
     }
 
-    /// Doubts of the tracked frames about the camera's focal length or the unit of its depth, a sentence each; see
-    /// [`PoseSource::doubts`].
+    /// Doubts of the tracked frames about the camera's focal length, a sentence each; see [`PoseSource::doubts`].
     pub fn pose_doubts(&self) -> Vec<String> {
         self.poses.doubts()
+    }
+
+    /// Returns, after the last frame, contradictions between what came with the frames and what they show that no result
+    /// has told, because more frames were awaited.
+    pub fn take_last_doubts(&mut self) -> Vec<InputDoubt> {
+        let unreported = std::mem::take(&mut self.unreported_doubts);
+        unreported.into_iter().chain(self.poses.take_last_input_doubts()).collect()
     }
 
     /// The present poses of the keyframes of the source of poses, camera to world. Each frame's pose is attached to one of
@@ -293,5 +307,6 @@ fn process(
     times.add("segment", time);
     objects.remap(&output.update.remapped);
     let objects = objects.record(&output);
-    Ok(FrameResult { output, objects, times, pose, anchor, remapped: Vec::new(), events: Vec::new() })
+    let (remapped, events, doubts) = (Vec::new(), Vec::new(), Vec::new());
+    Ok(FrameResult { output, objects, times, pose, anchor, remapped, events, doubts })
 }

@@ -61,7 +61,8 @@ settings! {
         page: bool = true, Allowed::Switch;
         /// Seed of all random numbers.
         seed: u64 = 0, Allowed::between(0.0, Allowed::MAX_WHOLE as f64);
-        /// Ends the run at the first frame that cannot be used, instead of skipping it.
+        /// Ends the run at the first frame that cannot be used, instead of skipping it, and when the frames contradict
+        /// what came with them, such as poses or units, instead of warning.
         strict_input: bool = false, Allowed::Switch;
         /// Number of frames between saves of the run's state, for `--resume`; 0: never saved. Only `fastsam-splat` can
         /// be resumed. Results do not depend on it.
