@@ -100,10 +100,10 @@ mod tests {
 
     #[test]
     fn it_is_written_as_a_name_and_read_as_a_switch_too() {
-        for value in DepthRegistration::ALL.iter().copied() {
-            let text = serde_json::to_string(&value).unwrap();
+        for value in DepthRegistration::ALL {
+            let text = serde_json::to_string(value).unwrap();
             assert_eq!(text, format!("\"{value}\""));
-            assert_eq!(serde_json::from_str::<DepthRegistration>(&text).unwrap(), value);
+            assert_eq!(serde_json::from_str::<DepthRegistration>(&text).unwrap(), *value);
         }
         let read = |text: &str| serde_json::from_str::<DepthRegistration>(text);
         assert_eq!(

@@ -327,9 +327,8 @@ fn overlap(aligned: &Aligned, reference: &Reference) -> f32 {
 /// they are not known.
 pub(crate) fn deviations(aligned: &Aligned) -> (f64, f64) {
     let variances = aligned.fit.as_ref().map(|fit| Eigen::new(&fit.hessian).variances());
-    let deviation = |from: usize| {
-        variances.map_or(f64::INFINITY, |variances| variances[from..from + 3].iter().sum::<f64>().sqrt())
-    };
+    let deviation =
+        |from: usize| variances.map_or(f64::INFINITY, |variances| variances[from..from + 3].iter().sum::<f64>().sqrt());
     (deviation(0), deviation(3))
 }
 

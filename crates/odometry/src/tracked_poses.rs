@@ -7,7 +7,9 @@ use crate::odometry::TrackedFrame;
 use crate::saved::SavedPoses;
 use crate::saved_keyframes;
 use crate::{CameraPose, Odometry, PoseEvent, PoseSource, PoseSourceError, PoseState};
-use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, PoseFormat, RemappedId, SegmentMap};
+use splatseg_geometry::{
+    CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, PoseFormat, RemappedId, SegmentMap,
+};
 use splatseg_settings::choices;
 use std::collections::BTreeMap;
 

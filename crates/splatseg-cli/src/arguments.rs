@@ -73,7 +73,7 @@ pub enum Command {
     #[command(hide = true)]
     BatchWorker,
     /// Show the contents of a checkpoint (network, tensors, parameters) or a recording (topics and the ones used)
-    Inspect(InspectArguments),
+    Inspect(Box<InspectArguments>),
     /// Write the objects of a saved memory as PLY files, for viewers and other programs
     Export(ExportArguments),
     /// Compare two saved memories of a place: what is gone, new, moved, unchanged or was not looked at

@@ -156,7 +156,7 @@ impl FrameReader {
         frame: &PairedFrame,
         messages: &MessageSource<impl Fn(MessagePlace) -> Result<D, DatasetError>, impl Fn(&str) -> PathBuf>,
         color_camera: &Camera,
-    ) -> Result<(Image<f32>, Option<(Intrinsics, Pose)>), DatasetError> {
+    ) -> Result<DepthFrame, DatasetError> {
         let color_size = (color_camera.intrinsics.width, color_camera.intrinsics.height);
         if self.alignment == Alignment::AsColor {
             let (depth, path) = Self::decode(&self.depth, messages, frame.depth, &DEPTH)?;
@@ -237,14 +237,20 @@ fn depth_cameras(maker: &FrameMaker<'_>, own: Option<OwnCamera>) -> Result<Camer
 /// Registered colour and depth images, and their camera.
 pub(crate) type RegisteredImages = (Image<[u8; 3]>, Image<f32>, Intrinsics);
 
+/// Depth, and its camera and the transform to that of colour, if it still has to be registered.
+type DepthFrame = (Image<f32>, Option<(Intrinsics, Pose)>);
+
+/// A decoded image message.
+type Decoded<T> = Result<Image<T>, DatasetError>;
+
 /// Function that undistorts an image. The path is named in errors.
 type Undistort<T> = fn(&Undistortion, &Image<T>, &Path) -> Result<Image<T>, DatasetError>;
 
 /// Functions for reading images of one kind.
 struct ImageDecoder<T: Clone + 'static> {
     what: &'static str,
-    raw: fn(&RawImage<'_>, Option<DepthScale>, &Path) -> Result<Image<T>, DatasetError>,
-    compressed: fn(&CompressedImage<'_>, Option<DepthScale>, &Path) -> Result<Image<T>, DatasetError>,
+    raw: fn(&RawImage<'_>, Option<DepthScale>, &Path) -> Decoded<T>,
+    compressed: fn(&CompressedImage<'_>, Option<DepthScale>, &Path) -> Decoded<T>,
     undistort: Undistort<T>,
 }
 

@@ -97,7 +97,7 @@ impl<'a> EdgeFrame<'a> {
 fn nearer<T>((one, one_depth): (T, f32), (other, other_depth): (T, f32)) -> Option<(T, f32)> {
     let (near, far) = (one_depth.min(other_depth), one_depth.max(other_depth));
     let is_edge = far > near * (1.0 + MIN_CHANGE);
-    is_edge.then(|| if one_depth < other_depth { (one, one_depth) } else { (other, other_depth) })
+    is_edge.then_some(if one_depth < other_depth { (one, one_depth) } else { (other, other_depth) })
 }
 
 fn along_rows(frame: &CameraFrame<'_>, unit: usize) -> Vec<DepthEdge> {
