@@ -66,7 +66,8 @@ settings! {
         /// MCAP: source of the poses: `/tf`, `/tf_static` for a stationary camera, a topic with odometry or poses, or
         /// `none`. If left out, /tf if it moves the camera, otherwise the only such topic, otherwise none.
         pose: Option<String> = None, Allowed::Text("a topic");
-        /// MCAP: the world frame in /tf; if left out, the topmost ancestor of the camera's frame.
+        /// MCAP: the world frame in /tf; if left out, the topmost ancestor of the camera's frame, or a world below a camera
+        /// that is on top.
         world_frame: Option<String> = None, Allowed::Text("the name of a frame");
         /// MCAP: the frame whose poses the topic gives, connected to the camera by /tf_static; if left out, the one
         /// named in its messages, otherwise the colour camera's. With /tf, whose frames nothing connects to the camera: the

@@ -94,3 +94,51 @@ fn a_cut_off_recording_is_used_with_a_warning() {
     assert_eq!(ended.err.matches(warning).count(), 1, "{}", ended.err);
     assert!(ended.err.contains("format mcap, 1 frame;"), "{}", ended.err);
 }
+
+/// Writes the messages of `room.mcap` compressed as a whole.
+fn packed_room(folder: &Path) -> PathBuf {
+    let bytes = fs::read(data("room.mcap")).unwrap();
+    // A zstd frame with blocks that are stored as they are.
+    let mut packed = [&[0x28, 0xB5, 0x2F, 0xFD, 0xA0][..], &u32::try_from(bytes.len()).unwrap().to_le_bytes()].concat();
+    let blocks: Vec<&[u8]> = bytes.chunks(100_000).collect();
+    for (index, block) in blocks.iter().enumerate() {
+        let header = u32::try_from(block.len()).unwrap() << 3 | u32::from(index + 1 == blocks.len());
+        packed.extend(&header.to_le_bytes()[..3]);
+        packed.extend(*block);
+    }
+    let path = folder.join("room_0.mcap.zstd");
+    fs::write(&path, packed).unwrap();
+    fs::write(folder.join("metadata.yaml"), "").unwrap();
+    path
+}
+
+#[test]
+fn a_compressed_recording_is_inspected_and_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("bag");
+    fs::create_dir(&bag).unwrap();
+    packed_room(&bag);
+    let ended = inspect(&bag, &[]);
+    assert_eq!((ended.code, ended.err.as_str()), (0, ""));
+    assert!(ended.out.contains("kind           MCAP, compressed (zstd, each file)"), "{}", ended.out);
+    assert!(ended.out.contains("frames         4"), "{}", ended.out);
+    let ended = run(&bag, &folder.path().join("out"), &["--max-frames", "1"]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    assert!(ended.err.contains("room_0: format mcap, 4 frames, 1 used"), "{}", ended.err);
+}
+
+#[test]
+fn options_say_whether_depth_is_registered() {
+    let sources = |more: &[&str]| {
+        let ended = inspect(&data("room.mcap"), more);
+        assert_eq!(ended.code, 0, "{}", ended.err);
+        ended.out.lines().find(|line| line.contains("  depth: ")).unwrap().to_owned()
+    };
+    assert!(sources(&[]).ends_with("camera_info"));
+    assert!(sources(&["--register-depth", "auto"]).ends_with("camera_info"));
+    assert!(sources(&["--register-depth"]).ends_with("camera_info, registered to colour here"));
+    assert!(sources(&["--register-depth=true"]).ends_with(", registered to colour here"));
+    assert!(sources(&["--register-depth", "false"]).ends_with(", taken as registered to colour"));
+    let ended = inspect(&data("room.mcap"), &["--register-depth=perhaps"]);
+    assert!(ended.code == 2 && ended.err.contains("auto, true, false"), "{}", ended.err);
+}

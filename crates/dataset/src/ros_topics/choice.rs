@@ -1,7 +1,7 @@
 //! Choice of a recording's topics: those named in the settings, otherwise the only suitable ones.
 
+use super::camera_list::calibrations;
 use super::contents::{Content, Contents, Images, Topic};
-use super::frames::calibrations;
 use super::images::{COLOR_ENCODINGS, DEPTH_ENCODINGS, ImageKind};
 use super::poses::Poses;
 use super::world::tree_poses;

@@ -5,6 +5,7 @@
 //! `frames.rs` pairs colour with depth and finds the pose of a frame in `transforms.rs` or `poses.rs`. `reader.rs` decodes
 //! (`images.rs`, `compressed_depth.rs`) and undistorts images, and registers depth to colour if necessary.
 
+mod camera_list;
 pub(crate) mod cameras;
 pub(crate) mod choice;
 pub(crate) mod clock;

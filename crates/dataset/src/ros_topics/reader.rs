@@ -1,9 +1,10 @@
 //! Reading of a frame's images: decoding, undistortion, and registration of depth to colour.
 
+use super::camera_list::Cameras;
 use super::cameras::{Camera, UndistortionCache, has_shape};
 use super::choice::Choice;
 use super::contents::{Images, MessagePlace, Topic};
-use super::frames::{Cameras, FrameMaker, PairedFrame};
+use super::frames::{FrameMaker, PairedFrame};
 use super::images;
 use super::registration::{Alignment, Decision, decide};
 use crate::depth_scale::DepthScale;

@@ -5,9 +5,10 @@
 //! that of another one to a fraction of a pixel, so depth with the size and K of colour is taken as registered even if it
 //! names another frame. Whatever is ambiguous is told once, with the setting that decides otherwise.
 
+use super::camera_list::{Cameras, calibrations, image_facts};
 use super::cameras::Camera;
 use super::choice::Choice;
-use super::frames::{Cameras, FrameMaker, calibrations, image_facts};
+use super::frames::FrameMaker;
 use super::transforms::Rigid;
 use crate::own_camera::OwnCamera;
 use crate::{DatasetError, DepthRegistration};
