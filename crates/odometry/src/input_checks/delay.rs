@@ -13,12 +13,12 @@ use std::time::Duration;
 /// Delays that are tried: the smallest one, in intervals between frames, and the factor from one to the next.
 const SMALLEST: f64 = 0.05;
 /// See [`SMALLEST`].
-const STEP: f64 = 1.15;
+const STEP: f64 = 1.18;
 /// Number of delays of each sign, up to four intervals.
-const DELAYS: i32 = 32;
+const DELAYS: i32 = 27;
 
 /// Edges used of each frame, about.
-const EDGES: usize = 200;
+const EDGES: usize = 120;
 /// The delay is measured in this many frames in which the camera moves...
 const FRAMES: usize = 24;
 /// ...of at most this many...
@@ -31,6 +31,9 @@ const MIN_FRAMES: usize = 12;
 const MOTION: std::ops::RangeInclusive<f32> = 1.0..=80.0;
 /// Edges that a delay would move farther than this are left out, units.
 const MAX_SHIFT: f32 = 40.0;
+
+/// Most edges are farther away than this, metres.
+const NEAREST: f64 = 0.3;
 
 /// A delay is told if it explains at least this share of the contrast at edges...
 const MIN_GAIN: f64 = 0.12;
@@ -150,9 +153,16 @@ impl FrameContrast {
 /// Contrast at the edges of a frame's depth for each delay. `motion` is that of the camera since the frame before. `None`
 /// if there are no edges, or they hardly move.
 fn contrasts(frame: &CameraFrame<'_>, motion: &Twist, interval: Option<f64>) -> Option<FrameContrast> {
+    let camera = frame.intrinsics();
+    let length = |from: usize| motion[from..from + 3].iter().map(|part| part * part).sum::<f64>().sqrt();
+    // Nothing nearer than this moves far enough: no need to look for edges.
+    let most = (length(3) * 2.0 + length(0) / NEAREST) as f32 * camera.fx / (camera.width as f32 / 320.0);
+    if most < *MOTION.start() {
+        return None;
+    }
     let edges = EdgeFrame::new(frame, EDGES)?;
     let unit = edges.unit as f32;
-    let flows: Vec<Vec2> = edges.edges.iter().map(|edge| flow(edge, frame.intrinsics(), motion)).collect();
+    let flows: Vec<Vec2> = edges.edges.iter().map(|edge| flow(edge, camera, motion)).collect();
     let median_motion = median(flows.iter().map(|flow| f64::from(flow.length() / unit)).collect())? as f32;
     if !MOTION.contains(&median_motion) {
         return None;

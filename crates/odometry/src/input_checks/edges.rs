@@ -11,8 +11,11 @@ const MIN_CHANGE: f32 = 0.08;
 /// ...between measurements at most this far apart, units: beside near surfaces, sensors measure nothing.
 const MAX_GAP: usize = 8;
 
+/// Every Nth row and column is searched, in units.
+const LINES: usize = 2;
+
 /// A frame with fewer edges says nothing.
-const MIN_EDGES: usize = 40;
+const MIN_EDGES: usize = 30;
 
 /// Changes of colour above this count the same.
 const MAX_CONTRAST: f32 = 14.0;
@@ -96,13 +99,13 @@ impl<'a> EdgeFrame<'a> {
 /// The nearer one of two neighbouring measurements, if there is an edge between them.
 fn nearer<T>((one, one_depth): (T, f32), (other, other_depth): (T, f32)) -> Option<(T, f32)> {
     let (near, far) = (one_depth.min(other_depth), one_depth.max(other_depth));
-    let is_edge = far > near * (1.0 + MIN_CHANGE);
+    let is_edge = far > near * (1.0 + MIN_CHANGE) && far.is_finite();
     is_edge.then_some(if one_depth < other_depth { (one, one_depth) } else { (other, other_depth) })
 }
 
 fn along_rows(frame: &CameraFrame<'_>, unit: usize) -> Vec<DepthEdge> {
     let mut edges = Vec::new();
-    for row in (0..frame.height()).step_by(unit) {
+    for row in (0..frame.height()).step_by(LINES * unit) {
         let mut last: Option<(usize, f32)> = None;
         for (column, depth) in frame.depth().row(row).iter().copied().enumerate().filter(|(_, depth)| *depth > 0.0) {
             let before = last.replace((column, depth));
@@ -118,13 +121,13 @@ fn along_rows(frame: &CameraFrame<'_>, unit: usize) -> Vec<DepthEdge> {
 
 fn along_columns(frame: &CameraFrame<'_>, unit: usize) -> Vec<DepthEdge> {
     let mut edges = Vec::new();
-    let mut last: Vec<Option<(usize, f32)>> = vec![None; frame.width().div_ceil(unit)];
+    let mut last: Vec<Option<(usize, f32)>> = vec![None; frame.width().div_ceil(LINES * unit)];
     for row in 0..frame.height() {
-        let depths = frame.depth().row(row).iter().copied().step_by(unit);
+        let depths = frame.depth().row(row).iter().copied().step_by(LINES * unit);
         for ((number, depth), last) in depths.enumerate().zip(&mut last).filter(|((_, depth), _)| *depth > 0.0) {
             let before = last.replace((row, depth)).filter(|(before, _)| row - before <= MAX_GAP * unit);
             if let Some((row, depth)) = before.and_then(|before| nearer(before, (row, depth))) {
-                let place = Vec2::new((number * unit) as f32, row as f32);
+                let place = Vec2::new((number * LINES * unit) as f32, row as f32);
                 edges.push(DepthEdge { place, depth, is_along_row: false });
             }
         }
@@ -154,7 +157,7 @@ mod tests {
     fn edges_are_those_of_the_near_surface() {
         let frame = square();
         let found = EdgeFrame::new(&frame, 1000).unwrap();
-        assert_eq!(found.edges.len(), 2 * 30 + 2 * 40);
+        assert_eq!(found.edges.len(), 2 * 15 + 2 * 20);
         let is_border = |edge: &DepthEdge| match edge.is_along_row {
             true => [20.0, 59.0].contains(&edge.place.x),
             false => [15.0, 44.0].contains(&edge.place.y),

@@ -86,7 +86,7 @@ impl InputChecks {
     /// Checks the next frame, with the pose that came with it unless poses are tracked anyway.
     pub(crate) fn add(&mut self, frame: &CameraFrame<'_>, given: Option<&Pose>) {
         let doubt = given.and_then(|given| self.poses.add(frame, given));
-        self.find(doubt);
+        self.find_by_poses(doubt);
         let doubt = self.depth.add(frame);
         self.find(doubt);
         self.registration.add(frame);
@@ -114,13 +114,18 @@ impl InputChecks {
     /// Returns the doubts that frames have raised which were too few to tell before the last one.
     pub(crate) fn take_last(&mut self) -> Vec<InputDoubt> {
         let doubt = self.poses.last_doubt();
-        self.find(doubt);
+        self.find_by_poses(doubt);
         let doubt = self.depth.doubt();
         self.find(doubt);
         if !self.is_compared {
             self.compare();
         }
         self.take()
+    }
+
+    /// Records a doubt of the given poses, unless it is known.
+    fn find_by_poses(&mut self, doubt: Option<InputDoubt>) {
+        self.find(doubt.filter(|doubt| doubt.kind != DoubtKind::DepthUnit || !self.depth.is_told()));
     }
 
     fn find(&mut self, doubt: Option<InputDoubt>) {

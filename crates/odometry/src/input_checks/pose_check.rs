@@ -18,7 +18,7 @@ const MAX_PAIRS: usize = 12;
 /// Poses that no reading explains are judged by at least this many.
 const MIN_UNEXPLAINED_PAIRS: usize = 8;
 
-/// Pairs are sought in every frame until [`MAX_PAIRS`] are found, or after this many attempts.
+/// Pairs are sought in every frame until poses explain [`MIN_PAIRS`], [`MAX_PAIRS`] are found, or after this many attempts.
 const FIRST_ATTEMPTS: usize = 30;
 /// After that, a pair is sought after this many frames.
 const LATER_STRIDE: usize = 64;
@@ -111,8 +111,9 @@ impl PoseCheck {
             }
             Some(seen) if seen.size() >= MIN_MOTION => {
                 self.add_pair([earlier.stated, stated], seen);
+                let doubt = self.doubt(false);
                 self.start(small.as_ref(), stated, number);
-                self.doubt(false)
+                doubt
             }
             _ => {
                 self.start(small.as_ref(), stated, number);
@@ -158,6 +159,9 @@ impl PoseCheck {
         }
         let pairs: Vec<Pair> = self.pairs.iter().copied().collect();
         let given = FormatFit::new(&pairs, self.format);
+        if given.error <= MAX_UNEXPLAINED {
+            self.attempts = FIRST_ATTEMPTS;
+        }
         let doubt = wrong_unit(&pairs, &given).or_else(|| wrong_reading(&pairs, &given, is_last));
         self.is_told = doubt.is_some();
         doubt
@@ -271,6 +275,13 @@ fn unexplained(pairs: &[Pair], given: &FormatFit) -> Option<InputDoubt> {
     Some(InputDoubt { kind: DoubtKind::Poses, text })
 }
 
+/// The measured unit of positions, or the usual one that it is about.
+fn usual_scale(best: &PoseFormat, given: &PoseFormat) -> String {
+    let ratio = best.scale / given.scale;
+    let unit = POSE_UNITS.into_iter().find(|unit| (ratio / unit).ln().abs() < SAME_UNIT.ln());
+    rounded(unit.map_or(best.scale, |unit| given.scale * unit))
+}
+
 /// What poses are, as far as it differs from how they are read.
 fn described(best: &PoseFormat, given: &PoseFormat) -> String {
     let mut parts = Vec::new();
@@ -282,7 +293,7 @@ fn described(best: &PoseFormat, given: &PoseFormat) -> String {
         parts.push(format!("{} poses", best.convention()));
     }
     if best.scale != given.scale {
-        parts.push(format!("positions in units of {} m", rounded(best.scale)));
+        parts.push(format!("positions in units of {} m", usual_scale(best, given)));
     }
     parts.join(" and ")
 }
@@ -299,9 +310,7 @@ fn settings(best: &PoseFormat, given: &PoseFormat) -> String {
         parts.push(format!("dataset.pose_convention = {name} (--pose-convention {name})"));
     }
     if best.scale != given.scale {
-        let ratio = best.scale / given.scale;
-        let unit = POSE_UNITS.into_iter().find(|unit| (ratio / unit).ln().abs() < SAME_UNIT.ln());
-        let scale = rounded(unit.map_or(best.scale, |unit| given.scale * unit));
+        let scale = usual_scale(best, given);
         parts.push(format!("dataset.pose_scale = {scale} (--pose-scale {scale})"));
     }
     parts.join(" and ")

@@ -7,18 +7,18 @@ use glam::Vec2;
 use splatseg_geometry::CameraFrame;
 
 /// Scales that are tried are powers of this, about the principal point: those of two cameras side by side.
-const SCALE: f32 = 1.055;
+const SCALE: f32 = 1.08;
 /// The largest power, and the smallest one with the other sign.
-const POWERS: i32 = 9;
+const POWERS: i32 = 6;
 /// Shifts that are tried, in steps of this many pixels of an image of 320 pixels, by columns and rows...
 const STEPS: (f32, f32) = (2.0, 4.0);
 /// ...and their number to each side.
 const SHIFTS: (i32, i32) = (8, 2);
 
 /// Edges used of each frame, about.
-const EDGES: usize = 120;
+const EDGES: usize = 80;
 /// Registration is judged by this many frames...
-const FRAMES: usize = 6;
+const FRAMES: usize = 5;
 /// ...at most one in this many, so that they differ...
 const STRIDE: usize = 4;
 /// ...and by at least this many at the end.

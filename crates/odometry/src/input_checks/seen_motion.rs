@@ -9,7 +9,7 @@ use crate::se3;
 use splatseg_geometry::{CameraFrame, Pose};
 
 /// Frames are reduced until they are at most this wide, pixels.
-const MAX_WIDTH: usize = 200;
+const MAX_WIDTH: usize = 120;
 
 /// A median depth in this range is left as it is, metres. Otherwise depth is scaled to [`USUAL_MEDIAN`], so that motion is
 /// seen even if the unit of depth is wrong by a factor of a thousand.
@@ -18,7 +18,7 @@ const USUAL_MEDIANS: std::ops::RangeInclusive<f32> = 0.6..=5.0;
 const USUAL_MEDIAN: f32 = 2.0;
 
 /// A frame with fewer points says nothing.
-const MIN_POINTS: usize = 200;
+const MIN_POINTS: usize = 150;
 
 /// The deviation of a seen motion may be at most this share of it...
 const MAX_DEVIATION: f64 = 0.15;

@@ -39,7 +39,7 @@ pub(super) fn median_depth(frame: &CameraFrame<'_>) -> Option<f32> {
     let pixels = frame.depth().pixels();
     // Small images have few pixels.
     let sampling = DEPTH_SAMPLING.min(pixels.len().div_ceil(100)).max(1);
-    median(pixels.iter().step_by(sampling).copied().filter(|depth| *depth > 0.0).collect())
+    median(pixels.iter().step_by(sampling).copied().filter(|depth| *depth > 0.0 && depth.is_finite()).collect())
 }
 
 fn median(mut values: Vec<f32>) -> Option<f32> {
@@ -110,6 +110,11 @@ impl UsualDepth {
             USUAL_DEPTH.end()
         );
         Some(InputDoubt { kind: DoubtKind::DepthUnit, text })
+    }
+
+    /// True if a unit of depth has been doubted.
+    pub(super) fn is_told(&self) -> bool {
+        self.is_told
     }
 
     /// Keeps silent about a unit of depth that has been doubted already.
