@@ -3,7 +3,7 @@
 use crate::alignment::{Alignment, Counts, Fit, Scales};
 use crate::prior::MotionPrior;
 use crate::pyramid::{GreyFrame, Pyramid};
-use crate::reference::{ReferencePoint, select_points};
+use crate::reference::{DepthNoise, ReferencePoint, select_points};
 use crate::segment_runs::SegmentRuns;
 use crate::sums::Sums;
 use splatseg_geometry::{KeyframeId, Pose, RemappedId, SegmentId};
@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 /// Maximum number of Gauss-Newton steps by level from the finest, the last one for all coarser levels.
 const ITERATIONS: [usize; 3] = [5, 6, 10];
 
-/// Fixed scales, for comparing poses.
+/// Scales for comparing poses, of a sensor like a Kinect.
 const SCORING: Scales = Scales { distance: 1.5, grey: 8.0, gain: 1.0, offset: 0.0 };
 
 /// A frame with its pose. Everything else follows from it.
@@ -31,6 +31,8 @@ pub(crate) struct Reference {
     pub(crate) world_from_key: Pose,
     /// Points by level, the finest first.
     points: Vec<Vec<ReferencePoint>>,
+    /// Noise of the keyframe's depth.
+    pub(crate) noise: DepthNoise,
 }
 
 /// A frame aligned with a keyframe.
@@ -38,15 +40,17 @@ pub(crate) struct Aligned {
     pub(crate) world_from_camera: Pose,
     pub(crate) fit: Option<Fit>,
     pub(crate) scales: Scales,
-    /// Counts at the finest level, with fixed scales.
+    /// Counts at the finest level, with scales that depend on nothing but the keyframe's sensor.
     pub(crate) counts: Counts,
 }
 
 impl Reference {
     pub(crate) fn new(pyramid: &Pyramid, world_from_key: Pose) -> Self {
         let width = pyramid.levels[0].depth.width();
+        let noise = DepthNoise::of(pyramid);
         let levels = pyramid.levels.iter().enumerate();
-        Self { world_from_key, points: levels.map(|(number, level)| select_points(level, number, width)).collect() }
+        let points = levels.map(|(number, level)| select_points(level, number, width, noise)).collect();
+        Self { world_from_key, points, noise }
     }
 
     /// Number of points at the finest level.
@@ -96,7 +100,12 @@ impl Reference {
     pub(crate) fn score(&self, frame: &Pyramid, world_from_camera: &Pose, prior: &MotionPrior) -> f32 {
         let number = self.points.len().min(frame.levels.len()) - 1;
         let pose = self.world_from_key.inverse() * *world_from_camera;
-        self.alignment(frame, number, prior).fit(&pose, &SCORING).counts.agreement(self.points[number].len())
+        self.alignment(frame, number, prior).fit(&pose, &self.scoring()).counts.agreement(self.points[number].len())
+    }
+
+    /// Scales for comparing poses: those of the keyframe's sensor.
+    fn scoring(&self) -> Scales {
+        Scales { distance: SCORING.distance * self.noise.allowance(), ..SCORING }
     }
 
     /// True if the points belong to more than one segment.
@@ -144,7 +153,7 @@ impl Reference {
         (pose, fit): (Pose, Option<Fit>),
         scales: Scales,
     ) -> Aligned {
-        let scoring = Scales { gain: scales.gain, offset: scales.offset, ..SCORING };
+        let scoring = Scales { gain: scales.gain, offset: scales.offset, ..self.scoring() };
         let counts = self.alignment(frame, 0, prior).fit(&pose, &scoring).counts;
         Aligned { world_from_camera: self.world_from_key * pose, fit, scales, counts }
     }

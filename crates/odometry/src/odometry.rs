@@ -337,7 +337,8 @@ fn quality(aligned: &Aligned, reference: &Reference) -> PoseQuality {
     PoseQuality {
         overlap: overlap(aligned, reference),
         inliers: aligned.counts.mean_inliers(),
-        residual: aligned.scales.distance,
+        uses_image: aligned.counts.inliers()[1].is_some(),
+        residual: aligned.scales.distance / reference.noise.relative(),
         position_deviation: position as f32,
         rotation_deviation: rotation as f32,
     }

@@ -1,5 +1,6 @@
-//! Doubts of the tracked frames about the camera's focal length.
+//! Doubts of the tracked frames about the camera's focal length and its exposure.
 
+use crate::{CameraPose, PoseState};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::Intrinsics;
 
@@ -19,6 +20,11 @@ const MIN_ERROR: f64 = 0.06;
 
 /// The error must be this many times its deviation. Frames that are aligned with the same keyframe share errors.
 const MIN_DEVIATIONS: f64 = 8.0;
+
+/// Frames that were tracked by depth alone are reported if there are this many...
+const MIN_DEPTH_ALONE: usize = 8;
+/// ...and they are this share of the tracked ones.
+const DEPTH_ALONE_SHARE: f32 = 0.2;
 
 /// The estimate of the focal length's error over all frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -68,9 +74,41 @@ impl FocalEstimate {
     }
 }
 
+/// Tracked frames, and how many of them had an image that could be used.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ImageUse {
+    tracked: usize,
+    by_depth_alone: usize,
+}
+
+impl ImageUse {
+    /// Adds a frame.
+    pub(crate) fn add(&mut self, pose: &CameraPose) {
+        if let (PoseState::Tracked, Some(quality)) = (pose.state, &pose.quality) {
+            self.tracked += 1;
+            self.by_depth_alone += usize::from(!quality.uses_image);
+        }
+    }
+
+    /// A sentence about images that show too little, if there are many.
+    pub(crate) fn doubt(&self) -> Option<String> {
+        let Self { tracked, by_depth_alone } = *self;
+        let is_much = by_depth_alone >= MIN_DEPTH_ALONE && by_depth_alone as f32 >= DEPTH_ALONE_SHARE * tracked as f32;
+        is_much.then(|| {
+            format!(
+                "the image was too dark, or had too little contrast, to track the camera in {by_depth_alone} of {tracked} \
+                 tracked frames: their poses are from depth alone and drift, by centimetres within a few metres; check the \
+                 light and the exposure"
+            )
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::PoseQuality;
+    use splatseg_geometry::Pose;
 
     const CAMERA: Intrinsics = Intrinsics { fx: 250.0, fy: 250.0, cx: 15.5, cy: 11.5, width: 32, height: 24 };
 
@@ -88,5 +126,31 @@ mod tests {
         assert_eq!(estimate(20, 0.026).doubt(&CAMERA), None, "a Kinect with the right intrinsics");
         assert_eq!(estimate(3, 0.1).doubt(&CAMERA), None);
         assert_eq!(FocalEstimate::default().doubt(&CAMERA), None);
+    }
+
+    #[test]
+    fn many_frames_without_an_image_are_reported() {
+        let doubt = |with_image: usize, without: usize| {
+            let quality = |uses_image| PoseQuality {
+                overlap: 1.0,
+                inliers: 1.0,
+                residual: 1.0,
+                uses_image,
+                position_deviation: 0.01,
+                rotation_deviation: 0.01,
+            };
+            let pose = |uses_image| CameraPose {
+                world_from_camera: Pose::IDENTITY,
+                state: PoseState::Tracked,
+                quality: Some(quality(uses_image)),
+            };
+            let mut images = ImageUse::default();
+            (0..with_image).for_each(|_| images.add(&pose(true)));
+            (0..without).for_each(|_| images.add(&pose(false)));
+            (0..50).for_each(|_| images.add(&CameraPose::given(Pose::IDENTITY)));
+            images.doubt()
+        };
+        assert_eq!((doubt(0, 0), doubt(9, 7), doubt(90, 10)), (None, None, None));
+        assert!(doubt(30, 10).unwrap().contains("in 10 of 40 tracked frames"));
     }
 }

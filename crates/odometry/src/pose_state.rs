@@ -34,8 +34,11 @@ pub struct PoseQuality {
     /// Share of the measurements that agree with the keyframe, 0 to 1: the mean of depth and image, where both can be
     /// judged.
     pub inliers: f32,
-    /// Deviation of the measured depth from the keyframe's surfaces, in units of a Kinect's deviation.
+    /// Deviation of the measured depth from the keyframe's surfaces, in units of the noise within the keyframe, or of a
+    /// Kinect's if that is more.
     pub residual: f32,
+    /// False if the image was too dark, or had too little contrast, to confirm the pose: it is from depth alone.
+    pub uses_image: bool,
     /// Standard deviation of the camera's position relative to its keyframe, metres.
     pub position_deviation: f32,
     /// Standard deviation of the camera's rotation relative to its keyframe, radians.

@@ -13,13 +13,20 @@ const SAME_SURFACE: f32 = 0.05;
 /// An image whose luminance deviates less than this from its mean shows nothing.
 const MIN_CONTRAST: f32 = 4.0;
 
+/// Images with a smaller mean luminance are dark: they are brightened to it, so that the limits for images hold, which are
+/// on the scale of 0 to 255.
+const DARK: f32 = 40.0;
+
+/// Images are not brightened by more than this.
+const MAX_BRIGHTENING: f32 = 16.0;
+
 /// Unit of stored depth, metres: far below any sensor's noise.
 const DEPTH_STEP: f32 = 0.000_25;
 
 /// The part of a frame that odometry uses, in three bytes per pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct GreyFrame {
-    /// Luminance, `[height, width]`.
+    /// Luminance, `[height, width]`, brightened where the image is dark.
     pub(crate) grey: Image<u8>,
     /// z-depth in units of [`DEPTH_STEP`], `[height, width]`; 0 where missing or beyond 16 m.
     pub(crate) depth: Image<u16>,
@@ -29,7 +36,7 @@ pub(crate) struct GreyFrame {
 impl GreyFrame {
     pub(crate) fn new(frame: &CameraFrame<'_>) -> Self {
         let depth = frame.depth().map(|depth| stored(*depth));
-        Self { grey: frame.color().map(luminance), depth, intrinsics: *frame.intrinsics() }
+        Self { grey: brightened(&frame.color().map(luminance)), depth, intrinsics: *frame.intrinsics() }
     }
 }
 
@@ -39,11 +46,11 @@ impl GreyFrame {
     pub(crate) fn reduced(frame: &CameraFrame<'_>, step: usize, factor: f32) -> Self {
         let step = step.clamp(1, frame.width().min(frame.height()));
         let (width, height) = (frame.width() / step, frame.height() / step);
-        let grey = Image::from_fn(width, height, |column, row| {
+        let luminance = Image::from_fn(width, height, |column, row| {
             let rows = row * step..(row + 1) * step;
             let block = rows.map(|row| &frame.color().row(row)[column * step..(column + 1) * step]);
-            let sum: usize = block.flatten().map(|color| usize::from(luminance(color))).sum();
-            (sum / (step * step)) as u8
+            let sum: u64 = block.flatten().map(|color| u64::from(luminance(color))).sum();
+            (sum / (step * step) as u64) as u32
         });
         let depth = Image::from_fn(width, height, |column, row| {
             let from_centre = (0..step * step).map(|number| (number + step * step / 2) % (step * step));
@@ -57,7 +64,7 @@ impl GreyFrame {
         let centre = |place: f32| (place + 0.5) * share - 0.5;
         let (cx, cy) = (centre(camera.cx), centre(camera.cy));
         let intrinsics = Intrinsics { fx: camera.fx * share, fy: camera.fy * share, cx, cy, width, height };
-        Self { grey, depth, intrinsics }
+        Self { grey: brightened(&luminance), depth, intrinsics }
     }
 }
 
@@ -157,10 +164,22 @@ fn deviation(image: &Image<f32>) -> f32 {
     (image.pixels().iter().map(|value| (value - mean) * (value - mean)).sum::<f32>() / count).sqrt()
 }
 
-/// Luminance of an sRGB colour (Rec. 601 weights, in 1/256).
-fn luminance(color: &[u8; 3]) -> u8 {
+/// Rounds luminance in 1/256 to 8 bits. Dark images are brightened before.
+fn brightened(luminance: &Image<u32>) -> Image<u8> {
+    let grey = luminance.map(|luminance| ((luminance + 128) >> 8) as u8);
+    let sum: u64 = grey.pixels().iter().map(|grey| u64::from(*grey)).sum();
+    let mean = sum as f32 / grey.pixels().len().max(1) as f32;
+    if mean >= DARK {
+        return grey;
+    }
+    let factor = (DARK / mean).min(MAX_BRIGHTENING) / 256.0;
+    luminance.map(|luminance| (*luminance as f32 * factor + 0.5).min(255.0) as u8)
+}
+
+/// Luminance of an sRGB colour (Rec. 601 weights), in 1/256.
+fn luminance(color: &[u8; 3]) -> u32 {
     let [red, green, blue] = color.map(u32::from);
-    ((77 * red + 150 * green + 29 * blue + 128) >> 8) as u8
+    77 * red + 150 * green + 29 * blue
 }
 
 /// Blurs with the kernel 1 2 1 in both directions; the outermost pixels stay as they are.

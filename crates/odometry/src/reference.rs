@@ -1,6 +1,6 @@
-//! Points of a keyframe that later frames are aligned with.
+//! Points of a keyframe that later frames are aligned with, and the noise of its depth.
 
-use crate::pyramid::Level;
+use crate::pyramid::{Level, Pyramid};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use splatseg_geometry::SegmentId;
@@ -20,6 +20,13 @@ const SAME_SURFACE: f32 = 0.04;
 
 /// Where the depth deviates from the plane by more than this many of the sensor's deviations, there is no plane.
 const MAX_ROUGHNESS: f32 = 2.5;
+
+/// The noise of a sensor is measured in windows whose centres are this far apart, pixels.
+const NOISE_STRIDE: usize = 2;
+
+/// Surfaces are rough, too: noise below this many of a Kinect's deviations is that of a Kinect. Kinects and time-of-flight
+/// cameras have 0.3 to 1 in most frames, and up to 2.1 in some.
+const USUAL_NOISE: f32 = 2.0;
 
 /// Share of a window that must be on the centre's surface.
 const MIN_WINDOW_SHARE: f32 = 0.5;
@@ -57,15 +64,54 @@ pub(crate) fn depth_deviation(depth: f32) -> f32 {
     0.0012 + 0.0019 * beyond * beyond
 }
 
+/// Noise of a frame's depth within the frame, in units of a Kinect's deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct DepthNoise(f32);
+
+impl DepthNoise {
+    /// Measures the noise: the median deviation from planes that are fitted to small windows, at the resolution at which
+    /// all pixels are points. Finer windows do not see noise that neighbours share, coarser ones see the shape of things.
+    pub(crate) fn of(pyramid: &Pyramid) -> Self {
+        let is_coarse = |level: &Level| level.depth.pixels().len() <= MAX_POINTS;
+        let last = pyramid.levels.len().saturating_sub(1);
+        let number = pyramid.levels.iter().position(is_coarse).unwrap_or(last);
+        let Some(level) = pyramid.levels.get(number) else { return Self(1.0) };
+        let (width, height) = level.depth.size();
+        let places = (0..height).step_by(NOISE_STRIDE);
+        let places = places.flat_map(|row| (0..width).step_by(NOISE_STRIDE).map(move |column| (column, row)));
+        let usable =
+            places.filter(|place| (0.0..MAX_DEPTH).contains(&level.depth[*place]) && level.depth[*place] > 0.0);
+        let fits = usable.filter_map(|(column, row)| fit_plane(level, number, column, row));
+        let mut found: Vec<f32> = fits.map(|fit| fit.deviation()).collect();
+        found.sort_unstable_by(f32::total_cmp);
+        Self(found.get(found.len() / 2).copied().unwrap_or(1.0))
+    }
+
+    /// The noise in units of a Kinect's deviation, 1 if it is less.
+    pub(crate) fn relative(self) -> f32 {
+        self.0.max(1.0)
+    }
+
+    /// Factor for limits that are meant for a Kinect: 1 for a sensor as good.
+    pub(crate) fn allowance(self) -> f32 {
+        (self.0 / USUAL_NOISE).max(1.0)
+    }
+}
+
 /// Selects points of one level of a keyframe: in each cell of a grid the one with the strongest image gradient among
 /// those with a surface. `number` is the level's number, 0 for the finest.
-pub(crate) fn select_points(level: &Level, number: usize, finest_width: usize) -> Vec<ReferencePoint> {
+pub(crate) fn select_points(
+    level: &Level,
+    number: usize,
+    finest_width: usize,
+    noise: DepthNoise,
+) -> Vec<ReferencePoint> {
     let (width, height) = level.depth.size();
     let cell = cell_side(width, height);
     let rows = height.div_ceil(cell);
     let of_row = |row: usize| -> Vec<ReferencePoint> {
         let columns = (0..width.div_ceil(cell)).map(|column| (column * cell, row * cell));
-        columns.filter_map(|corner| best_in_cell(level, (number, finest_width), corner, cell)).collect()
+        columns.filter_map(|corner| best_in_cell(level, (number, finest_width), noise, corner, cell)).collect()
     };
     let rows: Vec<Vec<ReferencePoint>> = (0..rows).into_par_iter().with_min_len(4).map(of_row).collect();
     rows.into_iter().flatten().collect()
@@ -76,7 +122,13 @@ fn cell_side(width: usize, height: usize) -> usize {
     (1..).find(|side| width.div_ceil(*side) * height.div_ceil(*side) <= MAX_POINTS).unwrap_or(1)
 }
 
-fn best_in_cell(level: &Level, number: (usize, usize), corner: (usize, usize), cell: usize) -> Option<ReferencePoint> {
+fn best_in_cell(
+    level: &Level,
+    number: (usize, usize),
+    noise: DepthNoise,
+    corner: (usize, usize),
+    cell: usize,
+) -> Option<ReferencePoint> {
     let (width, height) = level.depth.size();
     let mut best: Option<(f32, usize, usize)> = None;
     for row in corner.1.max(1)..(corner.1 + cell).min(height - 1) {
@@ -91,7 +143,7 @@ fn best_in_cell(level: &Level, number: (usize, usize), corner: (usize, usize), c
         }
     }
     let (_, column, row) = best?;
-    reference_point(level, number, column, row)
+    reference_point(level, number, noise, (column, row))
 }
 
 /// Change of the luminance per pixel, by central differences.
@@ -105,12 +157,17 @@ fn image_gradient(level: &Level, column: usize, row: usize) -> Vec2 {
 fn reference_point(
     level: &Level,
     (number, finest_width): (usize, usize),
-    column: usize,
-    row: usize,
+    noise: DepthNoise,
+    (column, row): (usize, usize),
 ) -> Option<ReferencePoint> {
     let camera = &level.intrinsics;
     let ray = Vec3::new((column as f32 - camera.cx) / camera.fx, (row as f32 - camera.cy) / camera.fy, 1.0);
-    let (plane, samples) = fit_plane(level, number, column, row)?;
+    let fit = fit_plane(level, number, column, row)?;
+    let limit = MAX_ROUGHNESS * noise.allowance() * fit.expected;
+    if fit.variance > limit * limit {
+        return None;
+    }
+    let PlaneFit { plane, samples, .. } = fit;
     // The plane is {p : plane · p = 1}.
     let inverse_depth = plane.dot(ray);
     let normal = -plane.normalize();
@@ -146,9 +203,28 @@ fn plane_deviation(depth: f32, cosine: f32, focal_length: f32, samples: f32) -> 
     (variance * (1.0 + 4.0 / samples)).sqrt()
 }
 
+/// A plane in a window of depth.
+struct PlaneFit {
+    /// The plane is {p : plane · p = 1}.
+    plane: Vec3,
+    /// Number of pixels.
+    samples: f32,
+    /// Variance of the inverse depth around the plane, relative to that of the window's centre.
+    variance: f32,
+    /// Deviation of a Kinect's inverse depth, relative to that of the window's centre.
+    expected: f32,
+}
+
+impl PlaneFit {
+    /// Deviation from the plane in units of a Kinect's.
+    fn deviation(&self) -> f32 {
+        self.variance.max(0.0).sqrt() / self.expected
+    }
+}
+
 /// Fits a plane {p : plane · p = 1} to the pixels around one that lie on the same surface. On a plane the inverse depth
-/// is linear in the pixel's coordinates. Returns the plane, and the number of pixels.
-fn fit_plane(level: &Level, number: usize, column: usize, row: usize) -> Option<(Vec3, f32)> {
+/// is linear in the pixel's coordinates.
+fn fit_plane(level: &Level, number: usize, column: usize, row: usize) -> Option<PlaneFit> {
     let camera = &level.intrinsics;
     let radius = WINDOW_RADIUS[number.min(WINDOW_RADIUS.len() - 1)];
     let (width, height) = level.depth.size();
@@ -186,13 +262,58 @@ fn fit_plane(level: &Level, number: usize, column: usize, row: usize) -> Option<
     let products = Vec3::new(xd, yd, d);
     let slopes = moments.inverse() * products;
     let variance = (dd - slopes.dot(products)) / count;
-    let expected = MAX_ROUGHNESS * depth_deviation(1.0 / centre) * centre;
-    if variance > expected * expected {
-        return None;
-    }
     let slopes = slopes * centre;
     // 1/z = a (u - column) + b (v - row) + c, with u = fx x + cx and v = fy y + cy for the ray (x, y, 1).
     let at_origin = centre + slopes.z + slopes.x * (camera.cx - column as f32) + slopes.y * (camera.cy - row as f32);
     let plane = Vec3::new(slopes.x * camera.fx, slopes.y * camera.fy, at_origin);
-    plane.is_finite().then_some((plane, count))
+    let expected = depth_deviation(1.0 / centre) * centre;
+    plane.is_finite().then_some(PlaneFit { plane, samples: count, variance, expected })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatseg_geometry::{Image, Intrinsics};
+
+    /// A number from -1 to 1 for a place in a grid.
+    fn hashed(column: usize, row: usize) -> f32 {
+        let mixed = ((column * 73_856_093) ^ (row * 19_349_663)).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40;
+        (mixed % 2001) as f32 / 1000.0 - 1.0
+    }
+
+    /// Noise that neighbours share, with a deviation of about 1: a grid of random numbers `side` pixels apart,
+    /// interpolated.
+    fn smooth(column: usize, row: usize, side: usize) -> f32 {
+        let (left, top) = (column / side, row / side);
+        let (across, down) = ((column % side) as f32 / side as f32, (row % side) as f32 / side as f32);
+        let above = hashed(left, top) * (1.0 - across) + hashed(left + 1, top) * across;
+        let below = hashed(left, top + 1) * (1.0 - across) + hashed(left + 1, top + 1) * across;
+        2.5 * (above * (1.0 - down) + below * down)
+    }
+
+    /// The noise of a slanted wall about 2 m away; `noise` is added to the depth, metres.
+    fn noise_of(focal: f32, noise: impl Fn(usize, usize) -> f32) -> DepthNoise {
+        let camera = Intrinsics { fx: focal, fy: focal, cx: 159.5, cy: 119.5, width: 320, height: 240 };
+        let wall = |column: usize, row: usize| {
+            let ray = Vec3::new((column as f32 - 159.5) / 260.0, (row as f32 - 119.5) / 260.0, 1.0);
+            1.0 / Vec3::new(0.1, -0.15, 0.5).dot(ray)
+        };
+        let depth = Image::from_fn(320, 240, |column, row| wall(column, row) + noise(column, row));
+        DepthNoise::of(&Pyramid::from_level(Level { grey: Image::filled(320, 240, 9.0), depth, intrinsics: camera }))
+    }
+
+    #[test]
+    fn noise_is_that_of_the_sensor_whatever_its_focal_length() {
+        for focal in [200.0, 260.0, 320.0] {
+            let exact = noise_of(focal, |_, _| 0.0);
+            assert_eq!((exact.relative(), exact.allowance()), (1.0, 1.0));
+            // Two, four and eight centimetres, of which windows see a part.
+            let found = [0.02, 0.04, 0.08].map(|metres| {
+                noise_of(focal, |column, row| metres * smooth(column, row, 9)).relative() * depth_deviation(2.0)
+            });
+            for (found, metres) in found.into_iter().zip([0.02, 0.04, 0.08]) {
+                assert!((0.3 * metres..metres).contains(&found), "{found} m instead of {metres}");
+            }
+        }
+    }
 }

@@ -4,6 +4,7 @@ use crate::input_checks::{InputChecks, InputDoubt};
 use crate::keyframe_map::KeyframeMap;
 use crate::lost::{Lost, Search};
 use crate::odometry::TrackedFrame;
+use crate::plausibility::ImageUse;
 use crate::saved::SavedPoses;
 use crate::saved_keyframes;
 use crate::{CameraPose, Odometry, PoseEvent, PoseSource, PoseSourceError, PoseState};
@@ -48,6 +49,7 @@ pub struct TrackedPoses {
     /// Events of the latest frame.
     events: Vec<PoseEvent>,
     checks: InputChecks,
+    images: ImageUse,
 }
 
 impl TrackedPoses {
@@ -65,6 +67,7 @@ impl TrackedPoses {
             correction: None,
             events: Vec::new(),
             checks: InputChecks::new(PoseFormat::default()),
+            images: ImageUse::default(),
         }
     }
 
@@ -230,6 +233,7 @@ impl PoseSource for TrackedPoses {
             (PoseMode::Refine, given) => self.refined(frame, given),
         };
         self.checks.add_placed(frame, &found);
+        self.images.add(&found);
         Ok(found)
     }
 
@@ -282,7 +286,7 @@ impl PoseSource for TrackedPoses {
     }
 
     fn doubts(&self) -> Vec<String> {
-        self.odometry.focal_doubt().into_iter().collect()
+        self.odometry.focal_doubt().into_iter().chain(self.images.doubt()).collect()
     }
 
     fn take_input_doubts(&mut self) -> Vec<InputDoubt> {

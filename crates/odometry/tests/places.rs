@@ -42,6 +42,23 @@ fn the_image_follows_a_camera_along_a_textured_wall() {
 }
 
 #[test]
+fn the_image_follows_a_camera_in_the_dark() {
+    // Of 255 steps of brightness, these images have ten.
+    let dark = |frame: CameraFrame<'static>| {
+        let color = frame.color().map(|color| color.map(|value| (f32::from(value) * 0.05).round() as u8));
+        frame_of(color, frame.depth().clone().into_owned())
+    };
+    let planes = wall(Texture::Blotches);
+    let mut odometry = Odometry::new();
+    let found: Vec<CameraPose> = (0..60)
+        .map(|number| odometry.track(&dark(render(&planes, &path(f64::from(number)))), &path(0.0), None))
+        .collect();
+    assert!(found[1..].iter().all(|pose| pose.quality.unwrap().uses_image));
+    let (metres, radians) = worst(&found, path);
+    assert!(metres < 0.012 && radians < 0.008, "{metres} m, {radians} rad");
+}
+
+#[test]
 fn along_a_wall_without_texture_the_camera_comes_to_rest() {
     let found = track(&wall(Texture::Flat), 60, path);
     // The distance from the wall and two rotations are measured; motion along the wall is not.
@@ -106,6 +123,8 @@ fn black() -> Image<[u8; 3]> {
 fn in_the_dark_depth_holds_the_camera() {
     let poses = track_damaged(|frame| frame_of(black(), frame.depth().clone().into_owned()));
     assert!(poses.iter().all(|pose| pose.state == PoseState::Tracked));
+    let says_so = |pose: &CameraPose| !pose.quality.unwrap().uses_image;
+    assert!(poses[20..50].iter().all(says_so) && !poses[1..20].iter().any(says_so));
 }
 
 #[test]

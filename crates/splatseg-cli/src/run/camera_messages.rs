@@ -7,8 +7,8 @@ use splatseg::summary::RunCounts;
 /// From this many frames on, the residuals are judged.
 const MIN_FRAMES: usize = 30;
 
-/// Median deviation of the measured depth from the tracked surfaces, in units of a Kinect's deviation, above which the
-/// camera's intrinsics or its depth are probably wrong. Kinect videos have 1 to 2.
+/// Median deviation of the measured depth from the tracked surfaces, in units of the noise within a frame, above which the
+/// camera's intrinsics or its depth are probably wrong. Videos of good and of noisy cameras have 1 to 2.4.
 const MAX_RESIDUAL: f32 = 3.0;
 
 /// Maximum number of messages about the camera.
@@ -115,8 +115,8 @@ pub fn misfit(counts: &RunCounts) -> Option<String> {
     let residual = counts.pose_residual().filter(|_| counts.pose_residuals.len() >= MIN_FRAMES)?;
     (residual > MAX_RESIDUAL).then(|| {
         format!(
-            "the depth of consecutive frames differs by {residual:.1} times a Kinect's noise: check the focal length, the \
-             unit of the depth, and whether it is registered to the colour"
+            "the depth of consecutive frames differs by {residual:.1} times the noise within a frame: check the focal length, \
+             the unit of the depth, and whether it is registered to the colour"
         )
     })
 }
